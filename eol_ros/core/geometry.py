@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sizes of the table, in metres, and the lattice of its blocks.
+
+World frame `table`: origin at the platform's centre, x right, y away from the front edge, z up.
+The paper prints the rim as 960 cm; the sum of its own parts is 96.0 cm, and that is what stands here.
+"""
+
+import numpy as np
+
+ROWS = 5
+COLS = 5
+N_BLOCKS = ROWS * COLS
+BLOCK_SIDE_M = 0.084
+BLOCK_MASS_KG = 0.250
+SPRING_M = 0.090
+PITCH_M = BLOCK_SIDE_M + SPRING_M  # 0.174
+RIM_SIDE_M = 5 * BLOCK_SIDE_M + 6 * SPRING_M  # 0.960
+PLATFORM_SIDE_M = 1.40
+RIM_REACH_M = (PLATFORM_SIDE_M - RIM_SIDE_M) / 2  # how far the rim can move before it meets the edge
+
+
+def rest_lattice() -> np.ndarray:
+    """Return the block centres at rest, shape (25, 2) in metres; row 0 is nearest (lowest y)."""
+    column, row = np.meshgrid(np.arange(COLS), np.arange(ROWS))
+    x = (column - (COLS - 1) / 2) * PITCH_M
+    y = (row - (ROWS - 1) / 2) * PITCH_M
+    return np.stack([x.ravel(), y.ravel()], axis=1)
+
+
+def neighbours(block: int, diagonal: bool = False) -> list[int]:
+    """Return the ids of the 4 (or, with `diagonal`, 8) lattice neighbours of `block`."""
+    row, column = divmod(block, COLS)
+    found = []
+    for r in range(max(row - 1, 0), min(row + 2, ROWS)):
+        for c in range(max(column - 1, 0), min(column + 2, COLS)):
+            steps = abs(r - row) + abs(c - column)
+            if steps == 1 or (diagonal and steps == 2):
+                found.append(r * COLS + c)
+    return found

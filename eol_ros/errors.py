@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The errors a user can cause or meet: one line that says what, where, and what to do."""
+
+import os
+
+
+class EolError(Exception):
+    """Root of every expected error; printed as one line, never as a traceback."""
+
+    exit_code = 1
+
+
+class UsageError(EolError):
+    """The command line asks for something that cannot be done."""
+
+    exit_code = 2
+
+
+class DeviceMissing(EolError):
+    """A camera, board, sound card, file or folder that is needed is not there."""
+
+    exit_code = os.EX_UNAVAILABLE
+
+
+class ConfigError(EolError):
+    """A scene, calibration, corpus or physics file says something wrong."""
+
+    exit_code = os.EX_CONFIG
