@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Read and write sound files through libsndfile: any format, rate and number of channels."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import soundfile
+
+from eol_ros.errors import ConfigError, DeviceMissing
+
+BLOCK = 1 << 16  # samples read at a time: a long file never needs all its channels in memory at once
+SHORTEST_S = 0.01  # shorter than this is no sound to make grains of
+
+
+@dataclass(frozen=True)
+class Sound:
+    """One channel of sound: the mean of all channels of a file."""
+
+    path: str
+    samples: np.ndarray  # (n,) float32, full scale = 1
+    rate: int  # samples per second
+    channels: int  # how many the file has
+    notes: tuple[str, ...] = ()  # what was wrong with the file yet could be lived with
+
+    @property
+    def duration_s(self) -> float:
+        """Length in seconds."""
+        return len(self.samples) / self.rate
+
+
+def read_mono(path, rate: int | None = None) -> Sound:
+    """Read a file as one channel, at its own rate or resampled (polyphase) to `rate`.
+
+    A file that breaks off is read as far as it goes and says so in `notes`. Raises DeviceMissing if
+    there is no file and ConfigError if it is not sound, holds none, or is shorter than 10 ms.
+    """
+    path = Path(path)
+    samples, own_rate, channels, notes = _read(path)
+    bad = ~np.isfinite(samples)
+    if bad.any():
+        samples[bad] = 0
+        notes.append(f'{path}: {int(bad.sum())} samples are not numbers; silence stands in for them')
+    if len(samples) < SHORTEST_S * own_rate:
+        raise ConfigError(
+            f'{path}: {len(samples)} samples at {own_rate} Hz are too short for a grain; '
+            f'give a sound of at least {SHORTEST_S * 1e3:.0f} ms'
+        )
+    if rate is not None and rate != own_rate:
+        samples, own_rate = resample(samples, own_rate, rate), rate
+    return Sound(str(path), samples, own_rate, channels, tuple(notes))
+
+
+def resample(samples: np.ndarray, rate_from: int, rate_to: int) -> np.ndarray:
+    """Return (n,) float32 at another rate by an anti-aliased polyphase filter."""
+    from scipy.signal import resample_poly  # 60 MB, needed only where rates differ
+
+    return resample_poly(samples, rate_to, rate_from).astype(np.float32)
+
+
+def write(path, samples: np.ndarray, rate: int, subtype: str | None = None) -> None:
+    """Write (n,) or (n, channels) to a file whose ending names the format."""
+    try:
+        soundfile.write(path, samples, rate, subtype=subtype)
+    except (soundfile.LibsndfileError, OSError, ValueError, TypeError) as error:
+        raise ConfigError(f'{path}: cannot write this sound ({error})') from None
+
+
+def _read(path: Path) -> tuple[np.ndarray, int, int, list[str]]:
+    if not path.is_file():
+        raise DeviceMissing(f'{path}: no such sound file; give the path of a recording')
+    notes: list[str] = []
+    try:
+        with soundfile.SoundFile(path) as sound:
+            parts = []
+            try:
+                while len(block := sound.read(BLOCK, dtype='float32', always_2d=True)):
+                    parts.append(block.mean(axis=1, dtype=np.float32))
+            except soundfile.LibsndfileError:
+                pass  # broken off in the middle: what was read before stands
+            count = sum(map(len, parts))
+            if count < sound.frames:
+                notes.append(
+                    f'{path}: breaks off after {count / sound.samplerate:.2f} s of '
+                    f'{sound.frames / sound.samplerate:.2f} s; only what is there is used'
+                )
+            rate, channels = sound.samplerate, sound.channels
+    except (soundfile.LibsndfileError, TypeError) as error:
+        raise ConfigError(
+            f'{path}: not a sound that libsndfile reads ({_reason(error)}); '
+            'give WAV, FLAC, OGG, AIFF or MP3'
+        ) from None
+    samples = np.concatenate(parts) if parts else np.zeros(0, np.float32)
+    return samples, rate, channels, notes
+
+
+def _reason(error: Exception) -> str:
+    return str(getattr(error, 'error_string', error)).strip().rstrip('.')
