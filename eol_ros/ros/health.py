@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a node says how it is: `/diagnostics` for every ROS tool, and a heartbeat for bringup.
+
+The same status goes both ways once a second: as a `DiagnosticStatus` (REP 107), and as one JSON line to
+the inherited pipe that EOL_HEALTH_FD names. It is written by the executor, so a node whose executor
+hangs falls silent, and that is how bringup notices.
+"""
+
+import json
+import os
+import time
+from typing import TYPE_CHECKING, Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from std_msgs.msg import Header
+
+from eol_ros.ros.stamps import now_ns, to_msg
+
+if TYPE_CHECKING:
+    from eol_ros.ros.node import EolNode
+
+OK, WARN, ERROR, STARTING = 0, 1, 2, 3
+WORDS = ('ok', 'WARN', 'ERROR', 'starting')
+PERIOD_S = 1.0
+
+
+class Health:
+    """Status of one node: a level, a sentence for people, a rate of work, and values."""
+
+    def __init__(self, node: 'EolNode'):
+        self.values: dict[str, Any] = {}
+        self.level, self.text = STARTING, 'starting'
+        self._name = node.get_name()
+        self._node = node
+        self._publisher = node.publisher('/diagnostics')
+        self._ticks = self._reported_ticks = 0
+        self._rate = 0.0
+        self._expected: tuple[str, float] | None = None
+        self._last_tick_s = self._reported_s = time.monotonic()
+        fd = os.environ.get('EOL_HEALTH_FD')
+        self._fd = int(fd) if fd else None
+        node.create_timer(PERIOD_S, self.report)
+
+    def tick(self, count: int = 1) -> None:
+        """Count one unit of work; the rate in the status is of these."""
+        self._ticks += count
+        self._last_tick_s = time.monotonic()
+
+    def expects(self, what: str, within_s: float = 2.0) -> None:
+        """Warn by itself whenever no tick has come for `within_s`: "no images for 3 s"."""
+        self._expected = (what, within_s)
+
+    def ok(self, text: str) -> None:
+        """All is well: say what is being done."""
+        self._set(OK, text)
+
+    def warn(self, text: str) -> None:
+        """Something is missing, and the node goes on without it."""
+        self._set(WARN, text)
+
+    def error(self, text: str) -> None:
+        """The node cannot do its work; a person must act."""
+        self._set(ERROR, text)
+
+    def _set(self, level: int, text: str) -> None:
+        changed = level != self.level
+        self.level, self.text = level, text
+        if changed:  # tell at once, do not wait for the next second
+            log = self._node.get_logger()
+            (log.info, log.warning, log.error)[level](text)
+            self.report()
+
+    def status(self) -> dict[str, Any]:
+        """Return the status as plain data."""
+        now = time.monotonic()
+        span = now - self._reported_s
+        if span > 0.5 * PERIOD_S:  # a change of state reports in between: too short to count in
+            self._rate = (self._ticks - self._reported_ticks) / span
+            self._reported_ticks, self._reported_s = self._ticks, now
+        level, text = self.level, self.text
+        if self._expected and level == OK:
+            what, within_s = self._expected
+            silent_s = now - self._last_tick_s
+            if silent_s > within_s:
+                level, text = WARN, f'no {what} for {silent_s:.0f} s'
+        return {
+            'node': self._name,
+            'level': level,
+            'text': text,
+            'rate': round(self._rate, 2),
+            'pid': os.getpid(),
+            'values': self.values,
+        }
+
+    def report(self) -> None:
+        """Send the status both ways."""
+        status = self.status()
+        if self._fd is not None:
+            try:
+                os.write(self._fd, (json.dumps(status, default=str) + '\n').encode())
+            except (BlockingIOError, BrokenPipeError):
+                pass  # a stuck or dead reader must not stop the show
+        row = DiagnosticStatus(
+            level=bytes([status['level']]),
+            name=f'eol: {self._name}',
+            message=status['text'],
+            hardware_id=str(status['pid']),
+        )
+        row.values = [KeyValue(key='rate_hz', value=str(status['rate']))]
+        row.values += [KeyValue(key=k, value=str(v)) for k, v in self.values.items()]
+        header = Header(stamp=to_msg(now_ns()))
+        self._publisher.publish(DiagnosticArray(header=header, status=[row]))

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The only place with rclpy.init, the executor, signals and exit codes."""
+
+import argparse
+import dataclasses
+import faulthandler
+import gc
+import importlib
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from eol_ros import scene as scenes
+from eol_ros.errors import EolError
+from eol_ros.ros import network
+from eol_ros.settings import NODES
+
+
+def runner(node_class: Any) -> Callable[..., int]:
+    """Return the `main` of a node module."""
+
+    def main(argv: Sequence[str] | None = None) -> int:
+        return run([node_class.NAME], argv)
+
+    return main
+
+
+def node_class(name: str) -> Any:
+    """Return the class of node `name`; only that node's module is imported."""
+    module = importlib.import_module(f'eol_ros.nodes.{name}')
+    return next(
+        c for c in vars(module).values() if isinstance(c, type) and getattr(c, 'NAME', '') == name
+    )
+
+
+def _describe(name: str) -> str:
+    lines = [f'settings of {name} (in the scene, or --ros-args -p NAME:=VALUE):']
+    for f in dataclasses.fields(NODES[name]):
+        unit = f.metadata.get('unit', '')
+        lines.append(f'  {f.name:20} {f.default!r:14} {f.metadata.get("doc", "")}'
+                     + (f' [{unit}]' if unit else ''))
+    return '\n'.join(lines)
+
+
+def run(names: Sequence[str], argv: Sequence[str] | None = None) -> int:
+    """Run nodes `names` in one process until SIGINT or SIGTERM; return the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    split = words.index('--ros-args') if '--ros-args' in words else len(words)
+    parser = argparse.ArgumentParser(
+        prog=f'python -m eol_ros.nodes.{names[0]}',
+        epilog='\n\n'.join(_describe(n) for n in names),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--scene', metavar='FILE', help='take the settings from this scene')
+    args = parser.parse_args(words[:split])
+    faulthandler.enable()
+    try:
+        scene = scenes.load(args.scene) if args.scene else scenes.Scene.alone(*names)
+        return _spin(names, scene, words[split:])
+    except EolError as error:
+        print(f'{"+".join(names)}: {error}', file=sys.stderr, flush=True)
+        return error.exit_code
+
+
+def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int:
+    stop = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda n, _frame: stop.append(n))
+    network.configure(scene.network, bool(network.IMAGE_NODES & set(names)))
+    if scene.domain is not None:
+        os.environ['ROS_DOMAIN_ID'] = str(scene.domain)
+
+    import rclpy
+    from rclpy.experimental.events_executor import EventsExecutor
+    from rclpy.signals import SignalHandlerOptions
+
+    rclpy.init(args=ros_args, signal_handler_options=SignalHandlerOptions.NO)
+    executor = EventsExecutor()  # half the cost of the default one
+    nodes: list[Any] = []
+    try:
+        for name in names:
+            if stop:
+                break
+            node = node_class(name)(scene.settings(name), scene=scene)
+            nodes.append(node)
+            executor.add_node(node)
+        gc.collect()
+        gc.freeze()  # what lives now lives to the end: keep it out of every later collection
+        while not stop:
+            executor.spin_once(timeout_sec=0.2)
+    finally:
+        for node in reversed(nodes):
+            node.close()
+        executor.shutdown(timeout_sec=1.0)
+        for node in nodes:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0

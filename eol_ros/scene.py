@@ -1,0 +1,376 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scene file to checked settings: every error at once, with file, line and column.
+
+A scene names the nodes that run and what differs from their defaults:
+
+    scene: lights
+    network: local            # or lan
+    include: table.yaml       # values there stand unless this file says otherwise
+    nodes:
+      camera: {device: auto}
+      tracker: {}
+    together: [[camera, tracker]]
+"""
+
+import dataclasses
+import difflib
+import os
+import sys
+import types
+import typing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from eol_ros.errors import ConfigError
+from eol_ros.settings import IMAGE_SOURCES, NEEDS, NODES
+
+_KEYS = ('scene', 'include', 'network', 'domain', 'nodes', 'together')
+_WORDS = {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'text'}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What runs: nodes with their settings, and how they are wired to the world."""
+
+    name: str
+    nodes: dict[str, Any]
+    network: str = 'local'
+    domain: int | None = None
+    together: tuple[tuple[str, ...], ...] = ()
+    path: Path | None = None
+    text: str = ''  # of the file and its includes, as it goes into a bag
+
+    @classmethod
+    def alone(cls, *names: str) -> 'Scene':
+        """Return the scene of nodes that somebody starts by hand, with default settings."""
+        return cls('+'.join(names), {name: NODES[name]() for name in names})
+
+    def settings(self, name: str) -> Any:
+        """Return the settings of node `name`; a node the scene does not name has its defaults."""
+        return self.nodes[name] if name in self.nodes else NODES[name]()
+
+
+@dataclass(frozen=True, order=True)
+class Mistake:
+    """One thing wrong in a scene; line and column count from 1."""
+
+    file: str
+    line: int
+    column: int
+    where: str
+    what: str
+
+    def __str__(self) -> str:
+        where = f'{self.where}: ' if self.where else ''
+        return f'{self.file}:{self.line}:{self.column} error {where}{self.what}'
+
+
+class SceneError(ConfigError):
+    """All mistakes of a scene."""
+
+    def __init__(self, mistakes: list[Mistake]):
+        self.mistakes = sorted(mistakes)
+        count = len(mistakes)
+        lines = [str(m) for m in self.mistakes]
+        lines.append(f'{count} error{"s" if count > 1 else ""}. Nothing was started.')
+        super().__init__('\n'.join(lines))
+
+
+@dataclass
+class _Place:
+    """A YAML value with where it stands."""
+
+    value: Any
+    file: str
+    line: int
+    column: int
+    keys: dict[str, '_Place'] = field(default_factory=dict)  # of a mapping: where each key stands
+
+
+class _Reader:
+    """Reads one scene and gathers its mistakes."""
+
+    def __init__(self) -> None:
+        self.mistakes: list[Mistake] = []
+        self.texts: list[str] = []
+
+    def wrong(self, place: _Place, where: str, what: str) -> None:
+        self.mistakes.append(Mistake(place.file, place.line, place.column, where, what))
+
+    def read(self, path: Path, seen: tuple[Path, ...] = ()) -> _Place:
+        """Return the mapping in `path`, its includes merged below it."""
+        name = str(path)
+        start = _Place({}, name, 1, 1)
+        try:
+            text = path.read_text(encoding='utf-8')
+            tree = yaml.compose(text, Loader=yaml.SafeLoader)
+        except OSError as error:
+            self.wrong(start, '', f'{error.strerror}')
+            return start
+        except UnicodeDecodeError:
+            self.wrong(start, '', 'not a text file in UTF-8')
+            return start
+        except yaml.MarkedYAMLError as error:
+            mark = error.problem_mark or error.context_mark
+            if mark:
+                start = _Place({}, name, mark.line + 1, mark.column + 1)
+            self.wrong(start, '', f'not YAML: {error.problem or error.context}')
+            return start
+        except yaml.YAMLError as error:
+            self.wrong(start, '', f'not YAML: {str(error).splitlines()[0]}')
+            return start
+        self.texts.append(f'# {path.name}\n{text}')
+        top = self._convert(tree, name) if tree else start
+        if not isinstance(top.value, dict):
+            self.wrong(top, '', 'a scene is a mapping with the keys ' + ', '.join(_KEYS))
+            return start
+        if 'include' in top.value:
+            self._include(top, path, seen + (path.resolve(),))
+        return top
+
+    def _include(self, top: _Place, path: Path, seen: tuple[Path, ...]) -> None:
+        place = top.value['include']
+        if not isinstance(place.value, str):
+            self.wrong(place, 'include', f'{place.value!r} is not a file name')
+            return
+        other = path.parent / place.value
+        if other.resolve() in seen:
+            self.wrong(place, 'include', f'{place.value} includes itself')
+        elif not other.is_file():
+            self.wrong(place, 'include', f'{place.value}: no such file beside {path.name}')
+        else:
+            _merge(top, self.read(other, seen))
+
+    def _convert(self, node: yaml.Node, name: str) -> _Place:
+        mark = node.start_mark
+        place = _Place(None, name, mark.line + 1, mark.column + 1)
+        if isinstance(node, yaml.MappingNode):
+            place.value = {}
+            for key_node, value_node in node.value:
+                key = self._convert(key_node, name)
+                if not isinstance(key.value, str):
+                    self.wrong(key, '', f'key {key.value!r} is not a name')
+                    continue
+                if key.value in place.value:
+                    self.wrong(key, key.value, 'stands twice')
+                place.value[key.value] = self._convert(value_node, name)
+                place.keys[key.value] = key
+        elif isinstance(node, yaml.SequenceNode):
+            place.value = [self._convert(item, name) for item in node.value]
+        else:
+            try:
+                place.value = yaml.SafeLoader('').construct_object(node)
+            except (yaml.YAMLError, ValueError) as error:
+                self.wrong(place, '', f'{node.value!r}: {str(error).splitlines()[0]}')
+        return place
+
+    def unknown(self, place: _Place, where: str, key: str, valid: typing.Iterable[str]) -> None:
+        near = difflib.get_close_matches(key, list(valid), 1, 0.6)
+        hint = f'. Did you mean {near[0]}?' if near else f'; there are {", ".join(valid)}'
+        kind = 'node' if where.startswith('nodes.') else 'key'
+        self.wrong(place.keys[key], where, f'no such {kind}{hint}')
+
+    def node(self, name: str, place: _Place) -> Any:
+        """Return the settings of node `name`."""
+        fields = {f.name: f for f in dataclasses.fields(NODES[name])}
+        if place.value is None:  # `camera:` with nothing behind it: all defaults
+            return NODES[name]()
+        if not isinstance(place.value, dict):
+            self.wrong(place, name, 'not a mapping of settings, such as {device: auto}')
+            return NODES[name]()
+        values = {}
+        for key, item in place.value.items():
+            where = f'{name}.{key}'
+            if key not in fields:
+                self.unknown(place, where, key, fields)
+                continue
+            try:
+                value = check_value(fields[key], _bare(item))
+            except ConfigError as error:
+                self.wrong(item, where, str(error))
+                continue
+            kind = fields[key].metadata.get('path')
+            if kind and value:
+                full = (Path(item.file).parent / Path(value).expanduser()).resolve()
+                if full.exists():
+                    value = str(full)
+                elif kind is True:
+                    self.wrong(item, where, f'{value}: no such file or folder')
+            values[key] = value
+        return NODES[name](**values)
+
+
+def _bare(place: _Place) -> Any:
+    if isinstance(place.value, list):
+        return [_bare(item) for item in place.value]
+    if isinstance(place.value, dict):
+        return {key: _bare(item) for key, item in place.value.items()}
+    return place.value
+
+
+def _merge(top: _Place, below: _Place) -> None:
+    """Take from `below` what `top` does not say; mappings are merged key by key."""
+    for key, place in below.value.items():
+        mine = top.value.get(key)
+        if mine is None:
+            top.value[key] = place
+            top.keys[key] = below.keys[key]
+        elif isinstance(mine.value, dict) and isinstance(place.value, dict):
+            _merge(mine, place)
+        elif mine.value is None and isinstance(place.value, dict):
+            top.value[key] = place
+
+
+def _range(meta: typing.Mapping[str, Any]) -> str:
+    low, high, unit = meta.get('min'), meta.get('max'), meta.get('unit', '')
+    words = ''
+    if low is not None and high is not None:
+        words = f'{low:g} to {high:g}'
+    elif low is not None:
+        words = f'at least {low:g}'
+    elif high is not None:
+        words = f'at most {high:g}'
+    return ' '.join(w for w in (words, unit) if w)
+
+
+def check_value(field_: dataclasses.Field, value: Any) -> Any:
+    """Return `value` as the type of the setting; raise ConfigError that says what is asked for."""
+    kind, meta = field_.type, field_.metadata
+    if typing.get_origin(kind) is tuple:
+        if not isinstance(value, (list, tuple)):
+            raise ConfigError(f'{value!r} is not a list')
+        item_type = typing.get_args(kind)[0]
+        item_field = dataclasses.field(metadata=meta)
+        item_field.type = item_type
+        return tuple(check_value(item_field, item) for item in value)
+    if isinstance(kind, types.UnionType):
+        if value is None and type(None) in typing.get_args(kind):
+            return None
+        kind = next(t for t in typing.get_args(kind) if t is not type(None))
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    asked = _range(meta)
+    if type(value) is not kind:
+        shown = 'nothing' if value is None else repr(value)
+        asked = f' ({asked})' if asked else ''
+        raise ConfigError(f'{shown} is not {_WORDS.get(kind, kind)}{asked}')  # type: ignore[arg-type]
+    if meta.get('choices') and value not in meta['choices']:
+        near = difflib.get_close_matches(str(value), meta['choices'], 1, 0.6)
+        hint = f'. Did you mean {near[0]}?' if near else ''
+        raise ConfigError(f'{value!r} is not one of {", ".join(meta["choices"])}{hint}')
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        low, high = meta.get('min'), meta.get('max')
+        inside = (low is None or value >= low) and (high is None or value <= high)
+        if not inside:  # also refuses NaN
+            raise ConfigError(f'{value:g} is out of range ({asked})')
+    return value
+
+
+def shipped() -> dict[str, Path]:
+    """Return the scenes that ship, by name: from a checkout, an environment or a ROS workspace."""
+    prefixes = [sys.prefix, *os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)]
+    folders = [Path(__file__).resolve().parents[1] / 'config']
+    folders += [Path(p) / 'share' / 'eol_ros' / 'config' for p in prefixes if p]
+    for folder in folders:
+        if folder.is_dir():
+            return {path.stem: path for path in sorted(folder.glob('*.yaml'))}
+    return {}
+
+
+def find(name: str) -> Path:
+    """Return the file of scene `name`: a path, or the name of one that ships."""
+    path = Path(name)
+    ours = shipped()
+    if path.is_file():
+        return path
+    if name in ours:
+        return ours[name]
+    near = difflib.get_close_matches(path.stem, ours, 1, 0.6)
+    hint = f'Did you mean {near[0]}?' if near else f'There ship {", ".join(ours)}.'
+    raise ConfigError(f'{name}: no such scene. {hint}')
+
+
+def load(name: str | Path) -> Scene:
+    """Return the scene of a file or a shipped name; raise SceneError with all mistakes."""
+    path = find(str(name))
+    reader = _Reader()
+    top = reader.read(path)
+    values = top.value
+    for key in values:
+        if key not in _KEYS:
+            reader.unknown(top, key, key, _KEYS)
+    nodes = _nodes(reader, top)
+    network = _choice(reader, values, 'network', ('local', 'lan'), 'local')
+    domain = values.get('domain')
+    if domain is not None and (type(domain.value) is not int or not 0 <= domain.value <= 101):
+        reader.wrong(domain, 'domain', f'{domain.value!r} is not a whole number from 0 to 101')
+    title = values.get('scene')
+    together = _together(reader, values.get('together'), nodes)
+    if reader.mistakes:
+        raise SceneError(reader.mistakes)
+    return Scene(
+        str(title.value) if title else path.stem,
+        nodes,
+        network,
+        domain.value if domain else None,
+        together,
+        path.resolve(),
+        '\n'.join(reader.texts),
+    )
+
+
+def _choice(
+    reader: _Reader, values: dict[str, _Place], key: str, valid: tuple[str, ...], default: str
+) -> str:
+    place = values.get(key)
+    if place is None:
+        return default
+    if place.value not in valid:
+        reader.wrong(place, key, f'{place.value!r} is not one of {", ".join(valid)}')
+        return default
+    return str(place.value)
+
+
+def _nodes(reader: _Reader, top: _Place) -> dict[str, Any]:
+    place = top.value.get('nodes')
+    if place is None or not isinstance(place.value, dict) or not place.value:
+        if not reader.mistakes:
+            reader.wrong(place or top, 'nodes', 'names no node; a scene needs at least one')
+        return {}
+    nodes = {}
+    for name, item in place.value.items():
+        if name not in NODES:
+            reader.unknown(place, f'nodes.{name}', name, NODES)
+        else:
+            nodes[name] = reader.node(name, item)
+    sources = [name for name in IMAGE_SOURCES if name in nodes]
+    for extra in sources[1:]:
+        reader.wrong(place.keys[extra], f'nodes.{extra}', f'{sources[0]} gives the images already')
+    for name in nodes:
+        topic, givers = NEEDS.get(name, ('', ()))
+        if givers and not any(giver in place.value for giver in givers):
+            what = f'takes {topic}, which no node here gives: add {" or ".join(givers)}'
+            reader.wrong(place.keys[name], f'nodes.{name}', what)
+    return {name: nodes[name] for name in NODES if name in nodes}  # in data order
+
+
+def _together(
+    reader: _Reader, place: _Place | None, nodes: dict[str, Any]
+) -> tuple[tuple[str, ...], ...]:
+    if place is None:
+        return ()
+    groups = _bare(place)
+    if not isinstance(groups, list) or not all(isinstance(g, list) and g for g in groups):
+        reader.wrong(place, 'together', 'not a list of lists of nodes, such as [[camera, tracker]]')
+        return ()
+    seen: set[str] = set()
+    for name in [name for group in groups for name in group]:
+        if name not in nodes:
+            reader.wrong(place, 'together', f'{name}: not a node of this scene')
+        elif name in seen:
+            reader.wrong(place, 'together', f'{name} stands twice')
+        seen.add(name)
+    return tuple(tuple(group) for group in groups)

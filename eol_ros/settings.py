@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What can be set, node by node: the one list that scene files, ROS parameters and docs are made from.
+
+Plain frozen dataclasses without heavy imports, so that a scene can be checked before anything is
+started. A field made with `setting(...)` carries its unit, its range and its meaning.
+"""
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any
+
+
+def setting(
+    default: Any,
+    doc: str,
+    unit: str = '',
+    min: float | None = None,
+    max: float | None = None,
+    choices: tuple[str, ...] | None = None,
+    live: bool = False,
+    path: bool | str = False,
+) -> Any:
+    """Return a dataclass field that knows how to be checked and explained.
+
+    `live`: may change while the node runs. `path`: names a file or folder, relative to the scene file;
+    with 'maybe' it is one only if such a file is there.
+    A tuple default makes a list setting; its items are checked one by one.
+    """
+    return field(
+        default=default,
+        metadata={
+            'doc': doc,
+            'unit': unit,
+            'min': min,
+            'max': max,
+            'choices': choices,
+            'live': live,
+            'path': path,
+        },
+    )
+
+
+@dataclass(frozen=True)
+class TwinSettings:
+    fps: float = setting(60.0, 'images a second', 'Hz', 1, 240)
+    width: int = setting(1280, 'image width', 'px', 320, 4096)
+    height: int = setting(800, 'image height', 'px', 200, 4096)
+    hands: str = setting('visitors', 'who moves the rim', choices=('visitors', 'nobody'), live=True)
+    seed: int = setting(1, 'of the hands, the friction of each block and the image noise', '', 0)
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    device: str = setting('auto', 'stable camera name, /dev path, or a file that OpenCV opens', path='maybe')
+    fps: float = setting(60.0, 'images a second; 0 takes a file as it says', 'Hz', 0, 240)
+    width: int = setting(1280, 'image width', 'px', 160, 4096)
+    height: int = setting(800, 'image height', 'px', 100, 4096)
+    exposure_us: int = setting(3000, 'manual exposure', 'us', 50, 16000)
+    loop: bool = setting(True, 'start a file again at its end')
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    calibration: str = setting('', "calibration file; empty: the twin's ideal camera", path=True)
+    preview_hz: float = setting(10.0, 'JPEG pictures for people', 'Hz', 0.1, 30, live=True)
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    stop_mps: float = setting(0.006, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
+    stop_s: float = setting(0.08, 'time over which that speed is measured', 's', 0.05, 0.25)
+    anchor_s: float = setting(0.2, 'rest before a start is compared with', 's', 0.05, 0.25)
+    false_alarms_per_hour: float = setting(
+        1.0, 'starts of blocks at rest, all together, that noise may cause', '1/h', 1e-3, 1e5, live=True
+    )
+    cascade_gap_s: float = setting(0.05, 'pause that still joins two slips', 's', 0, 1, live=True)
+
+
+@dataclass(frozen=True)
+class LedsSettings:
+    port: str = setting('auto', 'serial port by stable name, auto, or twin for the simulated board')
+    frame_hz: float = setting(100.0, 'light levels sent while anything glows', 'Hz', 10, 500)
+
+
+@dataclass(frozen=True)
+class GrainsSettings:
+    sound: str = setting('', 'audio file; empty: the procedural ice recording', path=True)
+    radius: float = setting(0.03, 'reach of a block', 'm', 0.001, 1, live=True)
+
+
+@dataclass(frozen=True)
+class SoundSettings:
+    device: str = setting('auto', 'sound card by name, auto, or wav for a file')
+    sample_rate: int = setting(48000, 'of the output', 'Hz', 8000, 192000)
+    channels: int = setting(2, 'of the output', '', 1, 64)
+    block_size: int = setting(256, 'samples a callback', '', 32, 4096)
+
+
+@dataclass(frozen=True)
+class MontageSettings:
+    pairs: str = setting('', 'folder with pairs.csv; empty: the drawn default set', path=True)
+    period_s: float = setting(0.5, 'time between changes while anything moves', 's', 0.34, 60)
+
+
+@dataclass(frozen=True)
+class PanelSettings:
+    host: str = setting('127.0.0.1', 'address to serve on')
+    port: int = setting(8080, 'port to serve on', '', 0, 65535)
+
+
+@dataclass(frozen=True)
+class RecorderSettings:
+    images: str = setting(
+        'around_slips',
+        'what is kept of the pictures',
+        choices=('all', 'around_slips', 'preview', 'none'),
+    )
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    bag: str = setting('', 'bag folder or .mcap file', path=True)
+    rate: float = setting(1.0, 'speed of the replay', '', 0.01, 100)
+    loop: bool = setting(False, 'begin again at the end')
+
+
+# Data order: a node stands after those whose topics it takes.
+NODES: dict[str, type] = {
+    'twin': TwinSettings,
+    'camera': CameraSettings,
+    'replay': ReplaySettings,
+    'tracker': TrackerSettings,
+    'motion': MotionSettings,
+    'leds': LedsSettings,
+    'grains': GrainsSettings,
+    'sound': SoundSettings,
+    'montage': MontageSettings,
+    'panel': PanelSettings,
+    'recorder': RecorderSettings,
+}
+
+# What a node cannot do without: one of the nodes that give it, in this scene or on another machine.
+NEEDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    'tracker': ('camera/image_raw', ('twin', 'camera', 'replay')),
+    'motion': ('blocks', ('tracker', 'replay')),
+    'grains': ('blocks', ('tracker', 'replay')),
+    'leds': ('slips', ('motion', 'replay')),
+    'montage': ('slips', ('motion', 'replay')),
+    'sound': ('grain_triggers', ('grains', 'replay')),
+}
+IMAGE_SOURCES = ('twin', 'camera', 'replay')
+
+
+def live_fields(settings: type) -> set[str]:
+    """Return the names of the settings that may change while the node runs."""
+    return {f.name for f in dataclasses.fields(settings) if f.metadata.get('live')}
