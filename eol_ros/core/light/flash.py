@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flashes of the 25 white LEDs: a slip lights its block at once, then the light dies away.
+
+The whole field flashes at most three times in any second, whatever the blocks do (WCAG 2.2, success
+criterion 2.3.1, level A). A flash is there a pair of opposing changes of relative luminance of 10 %
+or more. The limit never delays or dims a slip; it lengthens the decay of what already shines:
+
+    fall   light decays with its time constant, exp(-t / decay_s)
+    hold   light sinks by no more than HOLD_FALL_PER_S, so slowly that it makes no opposing change
+           of 10 % before the next fall may begin
+
+A slip that meets falling light puts the whole field into hold for MIN_PERIOD_S. Each fall of 10 %
+or more, in any one block and in the sum of any of them, shares some moment with a `fall`, and two
+of those are MIN_PERIOD_S apart from the end of one to the start of the next; so four such falls
+take more than a second, however one counts them.
+"""
+
+import math
+
+import numpy as np
+
+from eol_ros.core.geometry import N_BLOCKS
+
+FLASHES_PER_S = 3
+FLASH_DEPTH = 0.1  # of the greatest luminance: what counts as a change (WCAG 2.2)
+MIN_PERIOD_S = 1.001 / FLASHES_PER_S  # the thousandth keeps four falls out of a closed second
+HOLD_FALL_PER_S = 0.8 * FLASH_DEPTH / MIN_PERIOD_S  # 0.24 of full light a second
+DARK = 0.5 / 255  # rounds to level 0 on the wire
+
+
+class FlashField:
+    """The light of all blocks, a pure function of the slips and the times it is asked for.
+
+    `decay_s` is the time constant of a fall, `peak` the level in 0..1 that a slip sets.
+    `limited=False` lifts the limit of three flashes a second.
+    """
+
+    def __init__(
+        self, decay_s: float, peak: float = 1.0, limited: bool = True, n_blocks: int = N_BLOCKS
+    ):
+        if not decay_s > 0:
+            raise ValueError(f'decay_s is {decay_s}; it must be positive')
+        if not 0 <= peak <= 1:
+            raise ValueError(f'peak is {peak}; it must lie in 0..1')
+        self.decay_s = decay_s
+        self.peak = peak
+        self.limited = limited
+        self.lengthened = 0  # falls that had to wait, for the health report
+        self._level = np.zeros(n_blocks)
+        self._now_s = -math.inf
+        self._fall_at_s = -math.inf  # when the present fall began, or the next one may
+        self._fell_s = -math.inf  # when light was last seen falling
+
+    def slip(self, now_s: float, block: int) -> None:
+        """Light `block` at `now_s`; the field stops falling until the limit allows it again."""
+        self._advance(now_s)
+        self._level[block] = max(self._level[block], self.peak)
+        if self.limited and self._fall_at_s < self._now_s:  # not in hold already
+            self._fall_at_s = max(self._now_s, self._fell_s + MIN_PERIOD_S)
+            self.lengthened += self._fall_at_s > self._now_s
+
+    def levels(self, now_s: float) -> np.ndarray:
+        """Return the light of each block at `now_s`, shape (n_blocks,), 0..1 of full luminance."""
+        self._advance(now_s)
+        return self._level.copy()
+
+    def level_bytes(self, now_s: float) -> bytes:
+        """Return the light of each block at `now_s` as the wire carries it, a byte 0..255 each."""
+        return np.rint(self.levels(now_s) * 255).astype(np.uint8).tobytes()
+
+    @property
+    def dark(self) -> bool:
+        """True when nothing glows any more."""
+        return not self._level.any()
+
+    def _advance(self, now_s: float) -> None:
+        """Carry the levels on to `now_s`; times that run backwards are taken as no time at all."""
+        now_s = max(now_s, self._now_s)
+        if not self.dark:
+            fall_from_s = max(self._now_s, min(self._fall_at_s, now_s))
+            held_s = fall_from_s - self._now_s
+            fell_s = now_s - fall_from_s
+            if held_s > 0:
+                np.maximum(self._level - HOLD_FALL_PER_S * held_s, 0.0, out=self._level)
+            if fell_s > 0 and self._level.any():
+                visible_s = self.decay_s * math.log(self._level.max() / DARK)
+                self._fell_s = fall_from_s + min(fell_s, visible_s)
+                self._level *= math.exp(-fell_s / self.decay_s)
+            self._level[self._level < DARK] = 0.0
+        self._now_s = now_s

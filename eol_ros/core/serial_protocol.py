@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The language of the serial line between host and board: packets and the messages in them.
+
+A packet on the wire is `00 | COBS(kind, sequence, body, crc) | 00`; the byte 00 appears nowhere
+else, so a reader finds its feet again at the next 00 whatever happened before. COBS: Cheshire and
+Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Trans. Networking 7 (1999) 159. The checksum is
+CRC-16 with polynomial 0x1021 and start value 0xFFFF (its value for b'123456789' is 0x29B1) over
+kind, sequence and body. All integers are little-endian. docs/serial.md says the same for people.
+"""
+
+import binascii
+import struct
+from dataclasses import astuple, dataclass
+from typing import Any, ClassVar, NamedTuple
+
+from eol_ros.core.geometry import N_BLOCKS
+
+VERSION = 1
+MAX_BODY = 48
+MAX_PACKET = MAX_BODY + 4  # kind, sequence, body, crc
+MAX_ENCODED = MAX_PACKET + 1  # COBS adds one byte to fewer than 255
+ALL_BLOCKS = (1 << N_BLOCKS) - 1
+STRENGTH_UNIT = 0.01  # m/s^2 a count of Tap.strength on the wire
+
+_HEAD = struct.Struct('<BB')
+_CRC = struct.Struct('<H')
+
+
+class ProtocolError(ValueError):
+    """A message that cannot be put into a packet, or a body that is not what its kind says."""
+
+
+@dataclass(frozen=True)
+class Hello:
+    """Host to board, first of all, until it answers: the version that the host speaks."""
+
+    KIND: ClassVar[int] = 0x01
+    BODY: ClassVar[struct.Struct] = struct.Struct('<B')
+    version: int = VERSION
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Host to board: the level of each white LED, and the image that caused it.
+
+    `stamp_us` is the low 32 bits of the image's stamp in microseconds, 0 for none.
+    """
+
+    KIND: ClassVar[int] = 0x02
+    BODY: ClassVar[struct.Struct] = struct.Struct(f'<I{N_BLOCKS}s')
+    stamp_us: int
+    white: bytes
+
+
+@dataclass(frozen=True)
+class Flash:
+    """Host to board: light one block to `peak` at once; it dies by itself within `decay_ms`.
+
+    `decay_ms` is the time constant of the decay, as in `eol_ros.core.light.flash`.
+    """
+
+    KIND: ClassVar[int] = 0x03
+    BODY: ClassVar[struct.Struct] = struct.Struct('<IBBH')
+    stamp_us: int
+    block: int
+    peak: int
+    decay_ms: int
+
+
+@dataclass(frozen=True)
+class Infrared:
+    """Host to board: bit b of `mask` is the infrared LED of block b."""
+
+    KIND: ClassVar[int] = 0x04
+    BODY: ClassVar[struct.Struct] = struct.Struct('<I')
+    mask: int = ALL_BLOCKS
+
+
+@dataclass(frozen=True)
+class Ping:
+    """Host to board: I am here; answer with your clock."""
+
+    KIND: ClassVar[int] = 0x05
+    BODY: ClassVar[struct.Struct] = struct.Struct('<I')
+    host_us: int
+
+
+@dataclass(frozen=True)
+class Welcome:
+    """Board to host, answer to Hello: what it is. `name` is ASCII, filled up with zeros."""
+
+    KIND: ClassVar[int] = 0x81
+    BODY: ClassVar[struct.Struct] = struct.Struct('<BB16s')
+    version: int
+    blocks: int
+    name: bytes
+
+
+@dataclass(frozen=True)
+class Pong:
+    """Board to host, answer to Ping: `host_us` as it came, its clock at that moment, counters."""
+
+    KIND: ClassVar[int] = 0x85
+    BODY: ClassVar[struct.Struct] = struct.Struct('<IIIH')
+    host_us: int
+    board_us: int
+    good: int
+    bad: int
+
+
+@dataclass(frozen=True)
+class Tap:
+    """Board to host: an accelerometer felt a knock at `board_us`; `strength` in 0.01 m/s^2."""
+
+    KIND: ClassVar[int] = 0x86
+    BODY: ClassVar[struct.Struct] = struct.Struct('<IBH')
+    board_us: int
+    block: int
+    strength: int
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Board to host: it cannot speak `host_version`; it stays dark. It speaks `version`."""
+
+    KIND: ClassVar[int] = 0x87
+    BODY: ClassVar[struct.Struct] = struct.Struct('<BB')
+    version: int
+    host_version: int
+
+
+Message = Hello | Levels | Flash | Infrared | Ping | Welcome | Pong | Tap | Refused
+MESSAGES: dict[int, Any] = {
+    m.KIND: m for m in (Hello, Levels, Flash, Infrared, Ping, Welcome, Pong, Tap, Refused)
+}
+
+
+class Received(NamedTuple):
+    """One good packet: its sequence number 0..255 and the message in it."""
+
+    sequence: int
+    message: Message
+
+
+def crc16(data: bytes) -> int:
+    """Return the CRC-16 of `data`, polynomial 0x1021, start 0xFFFF, not reflected."""
+    return binascii.crc_hqx(data, 0xFFFF)
+
+
+def cobs_encode(data: bytes) -> bytes:
+    """Return `data` without any zero byte, one byte longer for each 254 begun."""
+    out = bytearray()
+    for run in data.split(b'\0'):
+        while len(run) >= 254:
+            out += b'\xff' + run[:254]
+            run = run[254:]
+        out.append(len(run) + 1)
+        out += run
+    return bytes(out)
+
+
+def cobs_decode(data: bytes) -> bytes:
+    """Return what `cobs_encode` was given; ProtocolError where no encoder can have made `data`."""
+    out, at = bytearray(), 0
+    while at < len(data):
+        code = data[at]
+        run = data[at + 1 : at + code]
+        if code == 0 or len(run) != code - 1 or 0 in run:
+            raise ProtocolError(f'bad COBS run of {code} at byte {at} of {len(data)}')
+        out += run
+        at += code
+        if code < 255 and at < len(data):
+            out.append(0)
+    if not data:
+        raise ProtocolError('empty packet')
+    # A full run at the very end is followed by an empty one in this encoder and by none in others.
+    return bytes(out)
+
+
+def encode(message: Message, sequence: int) -> bytes:
+    """Return the packet of `message` with its delimiters; `sequence` counts modulo 256."""
+    try:
+        body = message.BODY.pack(*astuple(message))
+    except struct.error as error:
+        raise ProtocolError(f'{message}: {error}') from error
+    packet = _HEAD.pack(message.KIND, sequence & 0xFF) + body
+    return b'\0' + cobs_encode(packet + _CRC.pack(crc16(packet))) + b'\0'
+
+
+class Decoder:
+    """Bytes as they come in, messages out; whatever is damaged is counted and left behind.
+
+    `good`: packets read. `damaged`: bad COBS, checksum or length. `oversized`: longer than any
+    packet. `unknown`: whole, but of a kind that this version does not know. `lost`: gaps in the
+    sequence.
+    """
+
+    def __init__(self) -> None:
+        self.good = self.damaged = self.oversized = self.unknown = self.lost = 0
+        self._pending = bytearray()
+        self._skipping = False
+        self._sequence: int | None = None
+
+    @property
+    def bad(self) -> int:
+        """Everything that was not a packet of ours."""
+        return self.damaged + self.oversized + self.unknown
+
+    def feed(self, data: bytes) -> list[Received]:
+        """Take in `data`, cut anywhere, and return the messages that are now complete."""
+        found = []
+        *ended, rest = bytes(data).split(b'\0')
+        for part in ended:
+            self._take(part)
+            if self._pending and not self._skipping:
+                received = self._read(bytes(self._pending))
+                if received is not None:
+                    found.append(received)
+            self._pending.clear()
+            self._skipping = False
+        self._take(rest)
+        return found
+
+    def _take(self, part: bytes) -> None:
+        if self._skipping:
+            return
+        self._pending += part
+        if len(self._pending) > MAX_ENCODED:
+            self.oversized += 1
+            self._skipping = True
+            self._pending.clear()
+
+    def _read(self, encoded: bytes) -> Received | None:
+        try:
+            packet = cobs_decode(encoded)
+        except ProtocolError:
+            self.damaged += 1
+            return None
+        if len(packet) < 4 or crc16(packet[:-2]) != _CRC.unpack(packet[-2:])[0]:
+            self.damaged += 1
+            return None
+        kind, sequence = _HEAD.unpack_from(packet)
+        if self._sequence is not None:
+            self.lost += (sequence - self._sequence - 1) & 0xFF
+        self._sequence = sequence
+        if kind not in MESSAGES:
+            self.unknown += 1
+            return None
+        body = packet[2:-2]
+        if len(body) != MESSAGES[kind].BODY.size:
+            self.damaged += 1
+            return None
+        self.good += 1
+        return Received(sequence, MESSAGES[kind](*MESSAGES[kind].BODY.unpack(body)))
