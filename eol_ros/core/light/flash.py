@@ -83,7 +83,7 @@ class FlashField:
             if held_s > 0:
                 np.maximum(self._level - HOLD_FALL_PER_S * held_s, 0.0, out=self._level)
             if fell_s > 0 and self._level.any():
-                visible_s = self.decay_s * math.log(self._level.max() / DARK)
+                visible_s = self.decay_s * math.log(float(np.max(self._level)) / DARK)
                 self._fell_s = fall_from_s + min(fell_s, visible_s)
                 self._level *= math.exp(-fell_s / self.decay_s)
             self._level[self._level < DARK] = 0.0

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The host's side of the line, against the fake board on a real pty."""
+
+import threading
+import time
+
+import pytest
+
+from eol_ros.devices.backoff import Backoff
+from eol_ros.devices.board import Board
+from eol_ros.devices.fake_board import FakeBoard
+from eol_ros.devices.serial_ports import Port, find_port
+from eol_ros.errors import DeviceMissing
+
+
+def eventually(condition, timeout_s=5.0):
+    until = time.monotonic() + timeout_s
+    while not condition() and time.monotonic() < until:
+        time.sleep(0.005)
+    return condition()
+
+
+class Host:
+    """A Board with its taps and states kept, and short pauses."""
+
+    def __init__(self, port):
+        self.taps, self.states = [], []
+        self.board = Board(port, self.taps.append, self.states.append, backoff=Backoff(0.05, 0.2))
+
+    def __enter__(self):
+        self.board.start()
+        return self
+
+    def __exit__(self, *_):
+        self.board.close()
+
+
+@pytest.fixture
+def fake(tmp_path):
+    with FakeBoard(str(tmp_path / 'board')) as fake:
+        yield fake
+
+
+@pytest.fixture
+def host(fake):
+    with Host(fake.link) as host:
+        assert eventually(lambda: host.board.ready), host.states
+        yield host
+
+
+def test_meets_the_board(host, fake):
+    assert host.board.state.text == f'board fake on {fake.link}, 25 blocks'
+    assert host.board.sent >= 1
+
+
+def test_levels_arrive_as_sent(host, fake):
+    sequence = host.board.show(bytes(range(25)), 0x1_2345_6789)
+
+    assert eventually(lambda: fake.levels() == list(range(25)))
+    arrival = next(a for a in reversed(fake.log) if a.kind == 'Levels')
+    assert (arrival.sequence, arrival.stamp_us) == (sequence, 0x2345_6789)
+
+
+def test_infrared_and_flash_reach_the_board(host, fake):
+    host.board.infrared(False)
+    host.board.flash(3, 255, 400)
+
+    assert eventually(lambda: fake.infrared_mask == 0 and fake.levels()[3] > 100)
+    assert not host.board.infrared_on
+
+
+def test_a_tap_is_stamped_with_the_time_of_the_knock(host, fake):
+    assert eventually(lambda: len(host.board.round_trip_ms) >= 9)
+    before = time.monotonic()
+    fake.tap(17, 6.5)
+    after = time.monotonic()
+
+    assert eventually(lambda: host.taps)
+    tap = host.taps[0]
+    assert (tap.block, tap.strength) == (17, pytest.approx(6.5))
+    assert before - 5 * tap.time.sigma_s - 1e-3 < tap.time.time_s < after + 5 * tap.time.sigma_s
+    assert tap.time.sigma_s < 0.02
+
+
+def test_an_unplugged_board_is_met_again_and_shown_what_it_missed(host, fake):
+    host.board.infrared(0b11)
+    fake.fault('unplug')
+
+    assert eventually(lambda: not host.board.ready)
+    assert host.board.show(b'\x40' * 25, 5) is None
+    fake.fault('reboot')
+    fake.fault('plug')
+    assert eventually(lambda: host.board.ready)
+    assert eventually(lambda: fake.levels() == [0x40] * 25 and fake.infrared_mask == 0b11)
+    assert host.board.connections == 2
+    kinds = [s.kind for s in host.states]
+    assert kinds[0] == 'ready' and kinds[-1] == 'ready'
+    assert {'lost', 'looking'} >= set(kinds[1:-1]) != set()
+    assert all('trying again in' in s.text for s in host.states[1:-1])
+
+
+def test_a_silent_board_counts_as_lost(host, fake, monkeypatch):
+    monkeypatch.setattr('eol_ros.devices.board.SILENT_AFTER_S', 0.3)
+    fake.fault('mute')
+
+    assert eventually(lambda: host.board.state.kind == 'lost')
+    assert 'silent' in host.board.state.text
+    fake.fault('unmute')
+    assert eventually(lambda: host.board.ready)
+
+
+def test_noise_truncation_and_oversize_cost_a_packet_and_nothing_else(host, fake):
+    for fault in ('noise', 'truncate', 'oversize'):
+        fake.fault(fault)
+        fake.tap(0, 1.0)
+    fake.tap(24, 1.0)
+
+    assert eventually(lambda: host.taps and host.taps[-1].block == 24)
+    assert host.board.ready
+    assert host.board.decoder.damaged + host.board.decoder.oversized >= 3
+
+
+def test_another_version_is_one_clear_line(tmp_path):
+    for version, cure in ((0, 'update the firmware'), (7, 'update eol_ros')):
+        with FakeBoard(version=version) as fake, Host(fake.port) as host:
+            assert eventually(lambda: host.states)
+            state = host.states[0]
+            assert state.kind == 'refused'
+            assert f'speaks protocol version {version}, this program 1' in state.text
+            assert cure in state.text
+
+
+def test_a_port_that_never_answers_is_not_a_board(monkeypatch):
+    monkeypatch.setattr('eol_ros.devices.board.HELLO_FOR_S', 0.3)
+    with FakeBoard() as fake:
+        fake.fault('mute')
+        with Host(fake.port) as host:
+            assert eventually(lambda: host.states)
+            assert 'nothing on' in host.states[0].text
+
+
+def test_a_missing_port_is_looked_for_until_it_is_there(tmp_path):
+    link = str(tmp_path / 'later')
+    with Host(link) as host:
+        assert eventually(lambda: host.states)
+        assert f'{link} is not there' in host.states[0].text
+        with FakeBoard(link):
+            assert eventually(lambda: host.board.ready)
+
+
+def test_a_board_in_use_is_said_to_be(host, fake):
+    with Host(fake.link) as second:
+        assert eventually(lambda: second.states)
+        assert 'in use by another program' in second.states[0].text
+
+
+def test_a_line_that_nobody_reads_never_blocks(host, fake, monkeypatch):
+    asleep = threading.Event()
+    monkeypatch.setattr(fake, '_take', lambda *_: asleep.wait(10))
+    host.board.show(bytes(25), 0)
+    began = time.monotonic()
+    results = [host.board.show(b'\xff' * 25, k) for k in range(3000)]
+
+    took_s = time.monotonic() - began
+    asleep.set()
+
+    assert took_s < 5
+    assert None in results
+    assert host.board.dropped > 0
+
+
+def test_back_off_grows_and_starts_anew():
+    backoff = Backoff()
+    pauses = [backoff.failed() for _ in range(7)]
+    backoff.succeeded()
+
+    assert pauses == [1, 2, 4, 8, 16, 30, 30]
+    assert backoff.failed() == 1
+
+
+PORTS = [
+    Port('/dev/serial/by-id/usb-Teensy_1234', '/dev/ttyACM0', 'Teensy'),
+    Port('/dev/serial/by-id/usb-FTDI_99', '/dev/ttyUSB0', 'FTDI'),
+]
+
+
+def test_ports_are_found_by_stable_name():
+    assert find_port('Teensy', PORTS) == PORTS[0].name
+    assert find_port('auto', PORTS[:1]) == PORTS[0].name
+
+
+@pytest.mark.parametrize(
+    ('wanted', 'ports', 'words'),
+    [
+        ('auto', [], 'no serial board found'),
+        ('auto', PORTS, '2 serial ports fit'),
+        ('Arduino', PORTS, "no serial port has 'Arduino'"),
+        ('/dev/nowhere', PORTS, '/dev/nowhere is not there'),
+    ],
+)
+def test_ports_that_cannot_be_found_are_explained(wanted, ports, words):
+    with pytest.raises(DeviceMissing, match=words):
+        find_port(wanted, ports)

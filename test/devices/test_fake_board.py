@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The fake board, spoken to byte by byte, without the host's own class."""
+
+import os
+import select
+import subprocess
+import sys
+import time
+import tty
+
+import pytest
+
+from eol_ros.core import serial_protocol as p
+from eol_ros.devices.fake_board import Arrival, FakeBoard, latency_s
+from eol_ros.errors import UsageError
+
+
+class Line:
+    """The host's end of a pty, raw."""
+
+    def __init__(self, port):
+        self.fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(self.fd)
+        self.decoder, self.inbox, self.sequence = p.Decoder(), [], 0
+
+    def say(self, message):
+        os.write(self.fd, p.encode(message, self.sequence))
+        self.sequence += 1
+
+    def gone(self):
+        try:
+            self.say(p.Ping(1))
+        except OSError:
+            return True
+        return False
+
+    def hear(self, kind, timeout_s=2.0):
+        until = time.monotonic() + timeout_s
+        while time.monotonic() < until:
+            for at, message in enumerate(self.inbox):
+                if isinstance(message, kind):
+                    return self.inbox.pop(at)
+            if select.select([self.fd], [], [], 0.05)[0]:
+                self.inbox += [r.message for r in self.decoder.feed(os.read(self.fd, 4096))]
+        return None
+
+
+@pytest.fixture
+def board():
+    with FakeBoard() as board:
+        yield board
+
+
+@pytest.fixture
+def line(board):
+    line = Line(board.port)
+    yield line
+    os.close(line.fd)
+
+
+def eventually(condition, timeout_s=2.0):
+    until = time.monotonic() + timeout_s
+    while not condition() and time.monotonic() < until:
+        time.sleep(0.005)
+    return condition()
+
+
+def test_says_who_it_is(line):
+    line.say(p.Hello())
+
+    assert line.hear(p.Welcome) == p.Welcome(p.VERSION, 25, b'fake'.ljust(16, b'\0'))
+
+
+def test_refuses_another_version(line):
+    line.say(p.Hello(version=9))
+
+    assert line.hear(p.Refused) == p.Refused(p.VERSION, 9)
+
+
+def test_shows_levels_and_notes_when_they_came(board, line):
+    white = bytes(range(25))
+    before_ns = time.time_ns()
+    line.say(p.Levels(before_ns // 1000 & 0xFFFFFFFF, white))
+
+    assert eventually(lambda: board.levels() == list(white))
+    arrival = board.log[-1]
+    assert (arrival.kind, arrival.sequence) == ('Levels', 0)
+    assert before_ns < arrival.time_ns < time.time_ns()
+    assert 0 <= latency_s(arrival) < 2
+
+
+@pytest.mark.parametrize('late_us', [0, 1500, 40_000])
+def test_latency_is_right_over_the_wrap_of_the_stamp(late_us):
+    stamp_us = 17 * 2**32 - 1000
+
+    arrival = Arrival((stamp_us + late_us) * 1000, 'Levels', 0, stamp_us % 2**32)
+
+    assert latency_s(arrival) == pytest.approx(late_us * 1e-6)
+
+
+def test_fades_a_flash_by_itself(board, line):
+    line.say(p.Flash(0, 6, 200, 100))
+
+    assert eventually(lambda: board.levels()[6] > 100)
+    assert eventually(lambda: 0 < board.levels()[6] < 20)
+
+
+def test_goes_dark_when_the_host_is_gone(board, line, monkeypatch):
+    monkeypatch.setattr('eol_ros.devices.fake_board.DARK_AFTER_S', 0.1)
+    line.say(p.Levels(0, b'\xff' * 25))
+    eventually(lambda: board.log)
+    time.sleep(0.15)
+
+    assert board.levels() == [0] * 25
+
+
+def test_switches_infrared(board, line):
+    line.say(p.Infrared(0b101))
+
+    assert eventually(lambda: board.infrared_mask == 0b101)
+
+
+def test_answers_pings_with_its_own_running_clock(board, line):
+    line.say(p.Ping(11))
+    first = line.hear(p.Pong)
+    time.sleep(0.1)
+    line.say(p.Ping(12))
+    second = line.hear(p.Pong)
+
+    assert (first.host_us, second.host_us) == (11, 12)
+    assert 0.1e6 <= (second.board_us - first.board_us) % 2**32 < 2e6
+    assert second.good == 2
+
+
+def test_reports_taps(board, line):
+    board.tap(13, 2.5)
+
+    tap = line.hear(p.Tap)
+    assert (tap.block, tap.strength) == (13, 250)
+
+
+@pytest.mark.parametrize(('fault', 'heard'), [('noise', 2), ('truncate', 1), ('oversize', 2)])
+def test_spoils_one_packet_when_told(board, line, fault, heard):
+    board.fault(fault)
+    board.tap(1, 1.0)
+    board.tap(2, 1.0)
+
+    assert len([t for t in (line.hear(p.Tap), line.hear(p.Tap, 0.2)) if t]) == heard
+    assert line.decoder.bad >= 1
+
+
+def test_an_unplugged_board_is_back_under_its_stable_name(tmp_path):
+    link = str(tmp_path / 'board')
+    with FakeBoard(link) as board:
+        line = Line(link)
+        board.fault('unplug')
+
+        assert not os.path.exists(link)
+        assert eventually(lambda: line.gone())
+        os.close(line.fd)
+        board.fault('plug')
+        line = Line(link)
+        line.say(p.Hello())
+        assert line.hear(p.Welcome)
+        os.close(line.fd)
+    assert not os.path.lexists(link)
+
+
+def test_mute_is_silent(board, line):
+    board.fault('mute')
+    line.say(p.Ping(1))
+
+    assert line.hear(p.Pong, 0.2) is None
+
+
+def test_an_unknown_fault_is_named():
+    with pytest.raises(UsageError, match='explode'):
+        FakeBoard().fault('explode')
+
+
+def test_runs_as_a_program(tmp_path):
+    link, log = tmp_path / 'board', tmp_path / 'log.csv'
+    command = [sys.executable, '-m', 'eol_ros.devices.fake_board']
+    options = ['--link', str(link), '--taps', '50', '--for', '3', '--log', str(log)]
+    program = subprocess.Popen(command + options, stdout=subprocess.PIPE, text=True)
+    try:
+        assert program.stdout.readline().strip() == str(link)
+        line = Line(link)
+        line.say(p.Hello())
+        assert line.hear(p.Welcome)
+        assert line.hear(p.Tap).strength == 500
+        os.close(line.fd)
+    finally:
+        program.terminate()
+        program.wait(5)
+        program.stdout.close()
+
+    assert 'Hello' in log.read_text()
+
+
+def test_a_wrong_script_is_one_line():
+    command = [sys.executable, '-m', 'eol_ros.devices.fake_board', '--faults', 'unplug']
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20)
+
+    assert done.returncode == 2
+    assert done.stderr == "fake_board: --faults 'unplug': write FAULT@SECONDS, like unplug@5\n"
