@@ -100,12 +100,20 @@ class SoundSettings:
 class MontageSettings:
     pairs: str = setting('', 'folder with pairs.csv; empty: the drawn default set', path=True)
     period_s: float = setting(0.5, 'time between changes while anything moves', 's', 0.34, 60)
+    fade_s: float = setting(0.0, 'cross-fade from pair to pair; 0 cuts', 's', 0, 60)
+    lead_s: float = setting(0.06, 'told to the walls this long before the change', 's', 0, 1)
+    seed: int = setting(1, 'of the order of the pairs', '', 0)
 
 
 @dataclass(frozen=True)
 class PanelSettings:
-    host: str = setting('127.0.0.1', 'address to serve on')
-    port: int = setting(8080, 'port to serve on', '', 0, 65535)
+    host: str = setting('127.0.0.1', 'address to serve on; 0.0.0.0 opens it to the network')
+    port: int = setting(8080, 'port to serve on; 0 takes any free one', '', 0, 65535)
+    pin: str = setting('', 'asked for every control; needed when the panel is open to the network')
+    visitors: bool = setting(False, 'let everybody push the virtual table without the PIN')
+    names: tuple[str, ...] = setting((), 'further host names under which browsers may reach it')
+    viewers: int = setting(100, 'browsers at the same time', '', 1, 1000)
+    terrain_seed: int = setting(1, 'of the landscape on the covers of the virtual table', '', 0)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The artist's folder of pictures: `pairs.csv` and the files it names, watched for changes.
+
+`pairs.csv` has one pair a line: left, right, caption, credit (the last two may be empty); a header
+line with these names is welcome, `;` works as well as `,`. A pair whose picture is missing or
+broken is skipped and named; the others go on.
+"""
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from eol_ros.core.montage.drawing import draw_all
+from eol_ros.devices import cache
+from eol_ros.errors import DeviceMissing
+
+LIST = 'pairs.csv'
+PICTURES = {
+    '.svg': 'image/svg+xml',
+    '.png': 'image/png',
+    '.jpg': 'image/jpeg',
+    '.jpeg': 'image/jpeg',
+    '.webp': 'image/webp',
+}
+_ENDS = {'.jpg': b'\xff\xd9', '.jpeg': b'\xff\xd9', '.png': b'IEND'}  # absent: the file is cut off
+_DRAWN_SEED = 1
+_DRAWN_EDITION = 'drawn-1'  # another name whenever the drawings change
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two pictures that are shown together, as paths relative to the folder, with `/`."""
+
+    left: str
+    right: str
+    caption: str = ''
+    credit: str = ''
+
+
+def default_folder() -> Path:
+    """Return the folder of the drawn pairs, drawn on first use."""
+    folder = cache.folder(_DRAWN_EDITION)
+    if not (folder / LIST).exists():
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator='\n')
+        table.writerow(('left', 'right', 'caption', 'credit'))
+        for pair in draw_all(_DRAWN_SEED):
+            names = f'{pair.name}-left.svg', f'{pair.name}-right.svg'
+            for name, svg in zip(names, (pair.left_svg, pair.right_svg), strict=True):
+                (folder / name).write_text(svg, encoding='utf-8')
+            table.writerow((*names, pair.caption, 'Echoes of the Land'))
+        part = folder / f'{LIST}.part'
+        part.write_text(text.getvalue(), encoding='utf-8')
+        part.replace(folder / LIST)  # the list comes last and whole: a half-drawn set is never used
+    return folder
+
+
+class MediaFolder:
+    """Pairs of a folder, read again whenever something in it changes.
+
+    Raises DeviceMissing when at the start there is no folder, no list, or no pair to show.
+    """
+
+    def __init__(self, path: str | Path = ''):
+        self.path = Path(path) if path else default_folder()
+        self.pairs: list[Pair] = []
+        self.skipped: list[str] = []
+        self._good: dict[tuple[str, int, int], str] = {}
+        self._seen: tuple = ()
+        self.refresh()
+        if not self.pairs:
+            why = f': {"; ".join(self.skipped)}' if self.skipped else f' in its {LIST}'
+            raise DeviceMissing(f'{self.path}: no pair of pictures{why}')
+
+    def refresh(self) -> bool:
+        """Look at the folder again; return whether the pairs are other ones now.
+
+        An emptied folder keeps the last pairs, so that the walls never go dark for a mistake.
+        """
+        try:
+            listed = self._listed()
+        except DeviceMissing as error:
+            if not self.pairs:
+                raise
+            self._seen, self.skipped = (), [str(error)]
+            return False
+        state = self._state(listed)
+        if state == self._seen:
+            return False
+        self._seen = state
+        pairs, skipped = self._read(listed)
+        self.skipped = skipped
+        if not pairs or pairs == self.pairs:
+            return False
+        self.pairs = pairs
+        return True
+
+    def open_picture(self, name: str) -> Path | None:
+        """Return the file of a picture that some pair shows, or None for any other name."""
+        if any(name in (pair.left, pair.right) for pair in self.pairs):
+            return self.path / name
+        return None
+
+    def _state(self, listed: list[Pair]) -> tuple:
+        """Return time and size of the list and of everything it names, to notice a change by."""
+        names = {LIST, *(n for p in listed for n in (p.left, p.right))}
+        return tuple(sorted((name, *_stamp(self.path / name)) for name in names))
+
+    def _listed(self) -> list[Pair]:
+        list_file = self.path / LIST
+        if not self.path.is_dir():
+            raise DeviceMissing(f'{self.path}: no such folder of pictures')
+        try:
+            text = list_file.read_text(encoding='utf-8-sig')
+        except FileNotFoundError:
+            raise DeviceMissing(
+                f'{self.path}: no {LIST} in it; write one pair a line: left,right,caption,credit'
+            ) from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise DeviceMissing(f'{list_file}: not a text file in UTF-8 ({error})') from None
+        first = text.partition('\n')[0]
+        mark = ';' if first.count(';') > first.count(',') else ','
+        table = csv.reader(io.StringIO(text), delimiter=mark)
+        rows = [[cell.strip() for cell in row] for row in table]
+        rows = [row for row in rows if any(row) and not row[0].startswith('#')]
+        if rows and [cell.lower() for cell in rows[0][:2]] == ['left', 'right']:
+            rows = rows[1:]
+        filled = [(row + ['', '', '', ''])[:4] for row in rows]
+        return [Pair(left.replace('\\', '/'), right.replace('\\', '/'), *words)
+                for left, right, *words in filled]
+
+    def _read(self, listed: list[Pair]) -> tuple[list[Pair], list[str]]:
+        pairs, skipped = [], []
+        for pair in listed:
+            wrong = [w for w in (self._wrong(pair.left), self._wrong(pair.right)) if w]
+            skipped += [w for w in wrong if w not in skipped]
+            if not wrong:
+                pairs.append(pair)
+        return pairs, skipped
+
+    def _wrong(self, name: str) -> str:
+        """Return what is wrong with a picture, or an empty string."""
+        if not name:
+            return 'a pair lacks its left or right picture'
+        path = self.path / name
+        if not path.resolve().is_relative_to(self.path.resolve()):
+            return f'{name}: outside the folder'
+        if path.suffix.lower() not in PICTURES:
+            return f'{name}: not one of {" ".join(PICTURES)}'
+        if not path.is_file():
+            return f'{name}: missing'
+        key = (name, *_stamp(path))
+        if key not in self._good:
+            self._good[key] = _broken(path)
+        return f'{name}: {self._good[key]}' if self._good[key] else ''
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    try:
+        status = path.stat()
+    except OSError:
+        return 0, -1
+    return status.st_mtime_ns, status.st_size
+
+
+def _broken(path: Path) -> str:
+    """Decode the picture once; return what is wrong with it, or an empty string."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        return f'cannot be read ({error.strerror})'
+    kind = path.suffix.lower()
+    if kind == '.svg':
+        try:
+            root = ElementTree.fromstring(data)
+        except ElementTree.ParseError as error:
+            return f'not an SVG picture ({error})'
+        return '' if root.tag.endswith('svg') else 'not an SVG picture'
+    import cv2  # only for photographs: the drawn set needs none of its memory
+    import numpy as np
+
+    if _ENDS.get(kind, b'') not in data[-64:]:
+        return 'cut off before its end'
+    pixels = np.frombuffer(data, np.uint8)
+    image = cv2.imdecode(pixels, cv2.IMREAD_REDUCED_COLOR_8) if len(data) else None
+    return '' if image is not None else 'not a picture'

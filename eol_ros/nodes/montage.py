@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Chooses the pair on the two walls: shuffles while anything moves, freezes when all is still."""
+
+import sys
+
+import numpy as np
+from eol_msgs.msg import Control, Slip, Wall
+
+from eol_ros.core.montage.shuffle import Flip, Shuffle
+from eol_ros.devices.media_folder import MediaFolder
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.run import runner
+from eol_ros.ros.stamps import NS, now_ns, to_msg
+
+RELOAD_S = 1.0
+BEAT_CHECK_S = 0.01
+
+
+class MontageNode(EolNode):
+    """slips -> wall. An empty `left` and `right` means black: the work sleeps."""
+
+    NAME = 'montage'
+
+    def __init__(self, settings, **kwargs):
+        super().__init__(settings, **kwargs)
+        s = self.settings
+        self.folder = MediaFolder(s.pairs)
+        rng = np.random.default_rng(s.seed)
+        self.shuffle = Shuffle(len(self.folder.pairs), s.period_s, rng, s.lead_s)
+        self.asleep = False
+        self.wall = Wall()
+        self.wall.header.stamp = to_msg(now_ns())
+        self.pub = self.publisher('wall')
+        self.subscribe('slips', self.on_slip)
+        self.subscribe('control', self.on_control)
+        self.beat = self.create_timer(BEAT_CHECK_S, self.on_beat)
+        self.beat.cancel()
+        self.create_timer(RELOAD_S, self.on_reload)
+        self.show(self.shuffle.show(now_ns() / NS))
+        self.report()
+
+    def on_slip(self, slip: Slip) -> None:
+        self.shuffle.slip(slip.block, slip.kind == Slip.START, now_ns() / NS)
+        if self.wall.moving != bool(self.shuffle.moving):
+            self.wall.header.stamp = slip.header.stamp
+        self.on_beat()
+
+    def on_beat(self) -> None:
+        flip = None if self.asleep else self.shuffle.update(now_ns() / NS)
+        if flip:
+            self.show(flip)
+        elif self.wall.moving != bool(self.shuffle.moving):
+            self.send()
+        self.beat.reset() if self.shuffle.moving else self.beat.cancel()
+
+    def show(self, flip: Flip) -> None:
+        self.health.tick()
+        pairs = self.folder.pairs
+        pair, wall = pairs[flip.pair], self.wall
+        wall.change += 1
+        wall.flip = to_msg(round(flip.time_s * NS))
+        wall.left, wall.right = pair.left, pair.right
+        wall.caption, wall.credit = pair.caption, pair.credit
+        wall.ahead = [name for n in flip.coming for name in (pairs[n].left, pairs[n].right)]
+        self.send()
+
+    def send(self) -> None:
+        self.wall.moving = bool(self.shuffle.moving)
+        self.pub.publish(self.wall)
+
+    def on_control(self, control: Control) -> None:
+        if control.target not in ('', self.NAME) or control.command not in ('sleep', 'wake'):
+            return
+        self.asleep = control.command == 'sleep'
+        self.wall.header.stamp = control.header.stamp
+        if self.asleep:
+            self.wall.change += 1
+            self.wall.left = self.wall.right = self.wall.caption = self.wall.credit = ''
+            self.wall.flip = to_msg(now_ns())
+            self.send()
+        else:
+            self.show(self.shuffle.show(now_ns() / NS))
+        self.report()
+
+    def on_reload(self) -> None:
+        if self.folder.refresh():
+            self.shuffle.replace(len(self.folder.pairs))
+            if not self.asleep:
+                self.show(self.shuffle.show(now_ns() / NS))
+        self.report()
+
+    def report(self) -> None:
+        count, skipped = len(self.folder.pairs), self.folder.skipped
+        self.health.values.update(pairs=count, skipped=len(skipped), changes=self.wall.change)
+        if skipped:
+            self.health.warn(f'{count} pairs; skipped {"; ".join(skipped[:3])}')
+        else:
+            self.health.ok(f'{count} pairs' + (', asleep' if self.asleep else ''))
+
+
+main = runner(MontageNode)
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The drawn pairs: well-formed, seeded, within the sheet, two halves of one land."""
+
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from eol_ros.core.montage.drawing import combinations, draw_pair
+from eol_ros.core.montage.drawing_sheet import HEIGHT, PALETTES, WIDTH, Sheet, jagged
+
+SVG = '{http://www.w3.org/2000/svg}'
+
+
+def luminance(colour: str) -> float:
+    """Relative luminance of #rrggbb, WCAG 2.1."""
+    c = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    c = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    return float(c @ [0.2126, 0.7152, 0.0722])
+
+
+def test_combinations_are_distinct_and_even():
+    walk = combinations(24)
+    assert len(set(walk)) == 24
+    assert all(a[0] != b[0] and a[1] != b[1] for a, b in pairwise(walk))
+    for side in (0, 1):
+        names = [w[side] for w in walk]
+        assert {names.count(n) for n in names} == {4}
+    with pytest.raises(ValueError, match='1 to 36'):
+        combinations(37)
+
+
+@pytest.mark.parametrize(('number', 'names'), list(enumerate(combinations()))[::5])
+def test_a_pair_is_wellformed_seeded_and_inside(number, names):
+    pair = draw_pair(number, names, seed=1)
+    assert pair == draw_pair(number, names, seed=1)
+    assert pair.left_svg != draw_pair(number, names, seed=2).left_svg
+    for text in (pair.left_svg, pair.right_svg):
+        root = ElementTree.fromstring(text)
+        assert root.get('viewBox') == f'0 0 {WIDTH} {HEIGHT}'
+        shapes = list(root.iter(f'{SVG}polygon')) + list(root.iter(f'{SVG}polyline'))
+        assert len(shapes) > 60
+        points = np.array(
+            [p.split(',') for s in shapes for p in s.get('points').split()], dtype=float
+        )
+        assert np.all(np.isfinite(points))
+        inside = (points > [-60, -60]) & (points < [WIDTH + 60, HEIGHT + 60])
+        assert np.mean(inside.all(axis=1)) > 0.97
+        assert 'script' not in text and 'href' not in text  # a picture, nothing that acts or loads
+
+
+def test_both_halves_share_sun_and_sky():
+    pair = draw_pair(3, combinations()[3], seed=1)
+    suns = []
+    for text in (pair.left_svg, pair.right_svg):
+        circle = next(ElementTree.fromstring(text).iter(f'{SVG}circle'))
+        suns.append((circle.get('cx'), circle.get('cy'), circle.get('r'), circle.get('fill')))
+    assert suns[0] == suns[1]
+
+
+def test_a_change_of_pair_is_no_flash():
+    """WCAG counts a change of 10 % of relative luminance; sky and earth stay far below it."""
+    skies = [luminance(c) for p in PALETTES for c in (*p.sky, *p.hills, *p.layers)]
+    assert max(skies) - min(skies) < 0.12
+    for palette in PALETTES:
+        light, dark = luminance(palette.line), luminance(palette.sky[1])
+        assert (light + 0.05) / (dark + 0.05) > 4.5
+
+
+def test_a_broken_sheet_steps_at_the_fault_only():
+    whole = Sheet(PALETTES[0], np.random.default_rng(1), broken=False)
+    broken = Sheet(PALETTES[0], np.random.default_rng(1), broken=True)
+    assert whole.ground(1500) == whole.ground(100) == broken.ground(100) < broken.ground(1500)
+
+
+def test_jagged_keeps_its_ends():
+    points = jagged(np.random.default_rng(0), (3.0, 4.0), (400.0, 90.0), 20)
+    assert points[0] == (3.0, 4.0) and points[-1] == pytest.approx((400.0, 90.0))

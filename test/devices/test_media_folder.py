@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of pictures, with everything wrong in it that artists' folders have."""
+
+import os
+
+import cv2
+import numpy as np
+import pytest
+
+from eol_ros.devices import media_folder
+from eol_ros.devices.media_folder import LIST, MediaFolder, Pair
+from eol_ros.errors import DeviceMissing
+
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><rect width="4" height="3"/></svg>'
+
+
+def picture(path, shade=90):
+    cv2.imwrite(str(path), np.full((60, 80, 3), shade, np.uint8))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in ('a.jpg', 'b.png', 'c.webp', 'd.JPG'):
+        picture(tmp_path / name)
+    (tmp_path / 'e.svg').write_text(SVG)
+    (tmp_path / LIST).write_text('left,right,caption,credit\na.jpg,b.png,One,Ann\nc.webp,e.svg\n')
+    return tmp_path
+
+
+def touch_list(folder, text):
+    (folder / LIST).write_text(text)
+    os.utime(folder / LIST, ns=(1, 1 + len(text)))  # another time even within the clock's step
+
+
+def test_reads_pairs_in_order(folder):
+    media = MediaFolder(folder)
+    assert media.pairs == [Pair('a.jpg', 'b.png', 'One', 'Ann'), Pair('c.webp', 'e.svg')]
+    assert media.skipped == []
+    assert media.refresh() is False
+
+
+@pytest.mark.parametrize('text', [
+    'a.jpg,b.png\n',
+    'Left;Right;Caption\na.jpg;b.png;x, y\n',
+    '\ufeffleft,right\r\na.jpg,b.png\r\n\r\n',
+    '# mine\na.jpg , b.png\n',
+])
+def test_reads_what_spreadsheets_write(folder, text):
+    touch_list(folder, text)
+    assert [(p.left, p.right) for p in MediaFolder(folder).pairs] == [('a.jpg', 'b.png')]
+
+
+def test_skips_and_names_what_is_wrong(folder):
+    whole = (folder / 'a.jpg').read_bytes()
+    (folder / 'cut.jpg').write_bytes(whole[: len(whole) // 2])
+    (folder / 'cut.png').write_bytes((folder / 'b.png').read_bytes()[:-20])
+    (folder / 'words.png').write_text('not a picture IEND')
+    (folder / 'bad.svg').write_text('<svg><rect></svg>')
+    (folder / 'empty.jpg').write_bytes(b'')
+    (folder / 'film.mp4').write_bytes(b'x')
+    names = ['gone.jpg', 'cut.jpg', 'cut.png', 'words.png', 'bad.svg', 'empty.jpg', 'film.mp4', '',
+             '../secret.png', '/etc/passwd.png']
+    (folder.parent / 'secret.png').write_bytes((folder / 'b.png').read_bytes())
+    touch_list(folder, 'a.jpg,b.png\n' + ''.join(f'a.jpg,{n}\n' for n in names))
+    media = MediaFolder(folder)
+    assert len(media.pairs) == 1
+    assert len(media.skipped) == len(names)
+    text = '; '.join(media.skipped)
+    for word in ('gone.jpg: missing', 'cut.jpg: cut off', 'cut.png: cut off', 'not a picture',
+                 'bad.svg: not an SVG', 'film.mp4: not one of', '../secret.png: outside the folder',
+                 '/etc/passwd.png: outside the folder', 'lacks its left or right'):
+        assert word in text
+    assert media.open_picture('../secret.png') is None
+    assert media.open_picture('cut.jpg') is None
+    assert media.open_picture('a.jpg') == folder / 'a.jpg'
+
+
+@pytest.mark.parametrize(('make', 'words'), [
+    (lambda f: f / 'nowhere', 'no such folder'),
+    (lambda f: (f / LIST).unlink() or f, 'write one pair a line'),
+    (lambda f: touch_list(f, '') or f, 'no pair of pictures'),
+    (lambda f: touch_list(f, 'x.jpg,y.jpg') or f, 'x.jpg: missing; y.jpg: missing'),
+    (lambda f: (f / LIST).write_bytes(b'\xff\xfe\x00a') and f, 'UTF-8'),
+])
+def test_nothing_to_show_is_one_clear_line(folder, make, words):
+    with pytest.raises(DeviceMissing, match=words) as caught:
+        MediaFolder(make(folder))
+    assert caught.value.exit_code == 69 and '\n' not in str(caught.value)
+
+
+def test_hot_reload_takes_new_repaired_and_removed_pictures(folder):
+    media = MediaFolder(folder)
+    touch_list(folder, 'a.jpg,b.png\na.jpg,new.png\n')
+    assert media.refresh() is True and media.skipped == ['new.png: missing']
+    assert len(media.pairs) == 1
+    picture(folder / 'new.png')
+    assert media.refresh() is True and len(media.pairs) == 2 and media.skipped == []
+    (folder / 'b.png').unlink()
+    assert media.refresh() is True and media.pairs == [Pair('a.jpg', 'new.png')]
+    touch_list(folder, '')
+    assert media.refresh() is False and media.pairs == [Pair('a.jpg', 'new.png')]
+    (folder / LIST).unlink()
+    assert media.refresh() is False and 'no pairs.csv' in media.skipped[0]
+
+
+def test_default_set_is_drawn_once_and_whole(tmp_path, monkeypatch):
+    monkeypatch.setenv('EOL_CACHE', str(tmp_path))
+    media = MediaFolder()
+    assert len(media.pairs) >= 24 and media.skipped == []
+    before = (media.path / LIST).stat().st_mtime_ns
+    monkeypatch.setattr(media_folder, 'draw_all', lambda seed: pytest.fail('drawn twice'))
+    assert MediaFolder().pairs == media.pairs
+    assert (media.path / LIST).stat().st_mtime_ns == before
