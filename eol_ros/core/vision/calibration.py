@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The camera's calibration: distorted pixels to metres on the plane of the blocks' covers, and back.
+
+Lens model: pinhole with the plumb_bob distortion (k1, k2, p1, p2, k3) of ROS camera_info and OpenCV
+(Brown, *Decentering distortion of lenses*, 1966). The homography maps table metres to undistorted
+pixels of the camera matrix. Only points are undistorted, never images.
+"""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from eol_ros.errors import ConfigError
+
+IDEAL_PX_PER_M = 545.0
+IDEAL_FOCAL_PX = 1000.0  # with 545 px/m: the camera hangs 1.835 m above the covers
+_UNDISTORT_ROUNDS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """One camera above one table.
+
+    Pixels: u right, v down, centres at integers. Table: metres, x right, y away.
+
+    Args:
+        image_width, image_height: pixels of the images it is for.
+        camera_matrix: (3, 3).
+        distortion_coefficients: (5,) k1, k2, p1, p2, k3.
+        homography: (3, 3), table metres (at cover height) to undistorted pixels.
+        cover_height_m: height of the block covers above the platform.
+        date: ISO date of the calibration.
+        residual_px, residual_mm: RMS of what the calibration could not explain, per axis.
+
+    Raises:
+        ConfigError: a matrix of the wrong shape, not finite, or without inverse.
+    """
+
+    image_width: int
+    image_height: int
+    camera_matrix: np.ndarray
+    distortion_coefficients: np.ndarray
+    homography: np.ndarray
+    cover_height_m: float = 0.0
+    date: str = ''
+    residual_px: float = 0.0
+    residual_mm: float = 0.0
+    _inverse: np.ndarray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self):
+        for name, shape in (('camera_matrix', (3, 3)), ('homography', (3, 3)),
+                            ('distortion_coefficients', (5,))):
+            value = np.asarray(getattr(self, name), float)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise ConfigError(f'calibration: {name} has shape {value.shape} or values that are '
+                                  f'not finite; it must be {shape}')
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+        if self.image_width < 8 or self.image_height < 8:
+            raise ConfigError(f'calibration: image size {self.image_width} x {self.image_height} '
+                              'is not the size of a picture')
+        if min(self.camera_matrix[0, 0], self.camera_matrix[1, 1]) <= 0:
+            raise ConfigError('calibration: the focal length in camera_matrix must be positive')
+        centre = np.array([0.0, 0.0, 1.0]) @ self.homography.T
+        if abs(np.linalg.det(self.homography)) < 1e-9 or abs(centre[2]) < 1e-9:
+            raise ConfigError('calibration: homography has no inverse')
+        object.__setattr__(self, '_inverse', np.linalg.inv(self.homography))
+
+    @classmethod
+    def ideal(cls, width: int = 1280, height: int = 800,
+              px_per_m: float | None = None) -> 'Calibration':
+        """Return a camera straight above the table, without distortion, the table in the middle.
+
+        1280 x 800 gives 545 px/m: the platform's 140 cm nearly fill the 800 rows.
+        """
+        scale = px_per_m or IDEAL_PX_PER_M * min(width / 1280, height / 800)
+        focal = IDEAL_FOCAL_PX * scale / IDEAL_PX_PER_M
+        u0, v0 = (width - 1) / 2, (height - 1) / 2
+        camera = np.array([[focal, 0, u0], [0, focal, v0], [0, 0, 1.0]])
+        homography = np.array([[scale, 0, u0], [0, -scale, v0], [0, 0, 1.0]])
+        return cls(width, height, camera, np.zeros(5), homography)
+
+    def check_image(self, image: np.ndarray) -> None:
+        """Raise ConfigError unless `image` is 8-bit grey of this calibration's size."""
+        size = (self.image_height, self.image_width)
+        if image.ndim != 2 or image.dtype != np.uint8 or image.shape != size:
+            raise ConfigError(
+                f'image is {"x".join(map(str, image.shape[1::-1]))} {image.dtype} with '
+                f'{image.ndim} axes; the calibration is for {size[1]}x{size[0]} uint8 grey: use the '
+                'calibration of this camera, or set the camera to that size')
+
+    def undistort(self, px) -> np.ndarray:
+        """Return undistorted pixels, (n, 2), of distorted pixels (n, 2)."""
+        px = np.asarray(px, float).reshape(-1, 2)
+        if not self.distortion_coefficients.any() or not len(px):
+            return px.copy()
+        return cv2.undistortPoints(px[:, None], self.camera_matrix, self.distortion_coefficients,
+                                   R=np.eye(3), P=self.camera_matrix,
+                                   criteria=_UNDISTORT_ROUNDS)[:, 0]
+
+    def distort(self, px) -> np.ndarray:
+        """Return distorted pixels, (n, 2), of undistorted pixels (n, 2)."""
+        px = np.asarray(px, float).reshape(-1, 2)
+        k1, k2, p1, p2, k3 = self.distortion_coefficients
+        if not self.distortion_coefficients.any():
+            return px.copy()
+        camera = self.camera_matrix
+        y = (px[:, 1] - camera[1, 2]) / camera[1, 1]
+        x = (px[:, 0] - camera[0, 2] - camera[0, 1] * y) / camera[0, 0]
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        return np.stack([camera[0, 0] * xd + camera[0, 1] * yd + camera[0, 2],
+                         camera[1, 1] * yd + camera[1, 2]], axis=1)
+
+    def to_table(self, px) -> np.ndarray:
+        """Return table metres, (n, 2), of image pixels (n, 2); NaN stays NaN."""
+        return project(self._inverse, self.undistort(px))
+
+    def to_pixels(self, xy) -> np.ndarray:
+        """Return image pixels, (n, 2), of table metres (n, 2)."""
+        return self.distort(project(self.homography, np.asarray(xy, float).reshape(-1, 2)))
+
+    def yaw_to_table(self, px, theta) -> np.ndarray:
+        """Return yaw (n,) in table axes of squares seen at `px` (n, 2) with image angle `theta` (n,).
+
+        Both axes of the square are carried over, because tilt shears it; theta is counter-clockwise
+        with u right and v up.
+        """
+        return self.poses_to_table(px, theta, 20.0)[:, 2]
+
+    def poses_to_table(self, px, theta, side_px) -> np.ndarray:
+        """Return x, y, yaw, (n, 3), of squares fitted in the image.
+
+        The middles of the four edges are carried over, not the centre: under tilt or distortion the
+        centre of the picture of a square is not the picture of its centre (0.05 px at 5 degrees).
+        """
+        px = np.asarray(px, float).reshape(-1, 2)
+        theta = np.broadcast_to(np.asarray(theta, float), len(px))
+        half = np.broadcast_to(np.asarray(side_px, float), len(px)) / 2
+        right = np.stack([np.cos(theta), -np.sin(theta)], axis=1) * half[:, None]
+        away = np.stack([-np.sin(theta), -np.cos(theta)], axis=1) * half[:, None]
+        east, north, west, south = self.to_table(
+            np.concatenate([px + right, px + away, px - right, px - away])).reshape(4, -1, 2)
+        centre = (east + north + west + south) / 4
+        x_axis, y_axis = east - west, north - south
+        # the y axis turned back by a right angle, so that both speak of the same direction
+        both = x_axis + np.stack([y_axis[:, 1], -y_axis[:, 0]], axis=1)
+        return np.column_stack([centre, np.arctan2(both[:, 1], both[:, 0])])
+
+    def side_px(self, px, side_m: float) -> np.ndarray:
+        """Return the image side (n,) of a square of `side_m` whose centre is seen at `px` (n, 2)."""
+        px = np.asarray(px, float).reshape(-1, 2)
+        centre = self.to_table(px)
+        step = np.array([[side_m / 2, 0], [0, side_m / 2]])
+        ends = [self.to_pixels(centre + sign * s) for s in step for sign in (1, -1)]
+        across, along = ends[0] - ends[1], ends[2] - ends[3]
+        area = np.abs(across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0])
+        return np.sqrt(area)
+
+    def px_per_m(self) -> float:
+        """Return the scale at the table's centre in pixels per metre."""
+        return float(self.side_px(self.to_pixels([[0.0, 0.0]]), 0.084)[0] / 0.084)
+
+
+def project(homography: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return `points` (n, 2) mapped by a (3, 3) homography."""
+    w = points @ homography[2, :2] + homography[2, 2]
+    return (points @ homography[:2, :2].T + homography[:2, 2]) / w[:, None]

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inner loops of the twin's camera: covers, arms, sensor noise. All arrays are float32 unless said."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+_STEPS = 4096
+_REACH = 5.0  # standard deviations after which an edge is fully on or off
+_PHI = np.array([0.5 * math.erfc(-(i * 2 * _REACH / _STEPS - _REACH) / math.sqrt(2.0))
+                 for i in range(_STEPS + 2)], np.float32)
+
+
+@njit(inline='always', fastmath=True)
+def _phi(table, x):
+    """Return the normal distribution function at `x`, interpolated (error below 2e-7)."""
+    place = (x + _REACH) * (_STEPS / (2 * _REACH))
+    if place <= 0.0:
+        return 0.0
+    if place >= _STEPS:
+        return 1.0
+    i = int(place)
+    return table[i] + (table[i + 1] - table[i]) * (place - i)
+
+
+@njit(cache=True)
+def restore(work, static, windows, n):
+    """Copy `static` back into `work` inside the first `n` windows (row0, row1, col0, col1)."""
+    for i in range(n):
+        for r in range(windows[i, 0], windows[i, 1]):
+            for c in range(windows[i, 2], windows[i, 3]):
+                work[r, c] = static[r, c]
+
+
+@njit(cache=True)
+def _window(windows, i, shape, u0, u1, v0, v1):
+    windows[i, 0] = min(max(int(math.floor(v0)), 0), shape[0])
+    windows[i, 1] = min(max(int(math.ceil(v1)) + 1, 0), shape[0])
+    windows[i, 2] = min(max(int(math.floor(u0)), 0), shape[1])
+    windows[i, 3] = min(max(int(math.ceil(u1)) + 1, 0), shape[1])
+
+
+@njit(inline='always', fastmath=True)
+def _grain(tile, x, y):
+    """Return `tile` (T, T) at x, y in 0..1, bilinear."""
+    size = tile.shape[0] - 1
+    tu = min(max(x * size, 0.0), size - 0.001)
+    tv = min(max(y * size, 0.0), size - 0.001)
+    iu, iv = int(tu), int(tv)
+    fu, fv = tu - iu, tv - iv
+    return ((1 - fv) * ((1 - fu) * tile[iv, iu] + fu * tile[iv, iu + 1])
+            + fv * ((1 - fu) * tile[iv + 1, iu] + fu * tile[iv + 1, iu + 1]))
+
+
+@njit(cache=True, fastmath=True)
+def draw_blocks(work, platform, vignette, corners, level, core, core_px, halo, halo_px, texture,
+                psf_px, owner, weight, windows, n):
+    """Add quadrilateral covers to `work`; return the new number of dirty windows.
+
+    A cover is a flat quadrilateral seen through a Gaussian of `psf_px` and a square pixel. The pixel's
+    box adds its variance 1/12 to the Gaussian's: exact to the third moment along every direction, so
+    edges stay where they are at any angle and any sub-pixel place.
+
+    corners (p, 4, 2) px in turn round the square, one entry for each position that a block takes during
+    the exposure; owner (p,) its block, weight (p,) its share of the exposure. Per block: level, core,
+    halo (k,), texture (k, T, T) relative, or (0, 0, 0) for smooth covers.
+    """
+    size = texture.shape[1]
+    blur = math.sqrt(psf_px * psf_px + 1.0 / 12.0)
+    nx = np.empty(4)
+    ny = np.empty(4)
+    off = np.empty(4)
+    for p in range(corners.shape[0]):
+        b = owner[p]
+        cu = cv = 0.0
+        for k in range(4):
+            cu += corners[p, k, 0] / 4
+            cv += corners[p, k, 1] / 4
+        reach = 0.0
+        for k in range(4):
+            ax, ay = corners[p, k, 0], corners[p, k, 1]
+            ex, ey = corners[p, (k + 1) % 4, 0] - ax, corners[p, (k + 1) % 4, 1] - ay
+            length = math.sqrt(ex * ex + ey * ey)
+            nu, nv = -ey / length, ex / length
+            if (cu - ax) * nu + (cv - ay) * nv < 0:
+                nu, nv = -nu, -nv
+            nx[k], ny[k], off[k] = nu, nv, nu * ax + nv * ay
+            reach = max(reach, math.sqrt((ax - cu) ** 2 + (ay - cv) ** 2))
+        pad = reach + 4.5 * blur
+        if halo[b] > 0:
+            pad = max(pad, 2.7 * halo_px)
+        _window(windows, n, work.shape, cu - pad, cu + pad, cv - pad, cv + pad)
+        r0, r1, c0, c1 = windows[n]
+        n += 1
+        far = _REACH * blur
+        core_reach = 20.0 * core_px * core_px if core[b] > 0 else -1.0
+        for r in range(r0, r1):
+            for c in range(c0, c1):
+                rr = (c - cu) ** 2 + (r - cv) ** 2
+                light = 0.0
+                if halo[b] > 0:
+                    light = halo[b] * math.exp(-0.5 * rr / (halo_px * halo_px))
+                a0 = nx[0] * c + ny[0] * r - off[0]
+                a1 = nx[1] * c + ny[1] * r - off[1]
+                a2 = nx[2] * c + ny[2] * r - off[2]
+                a3 = nx[3] * c + ny[3] * r - off[3]
+                if a0 > -far and a1 > -far and a2 > -far and a3 > -far:
+                    cover = 1.0
+                    if a0 < far or a1 < far or a2 < far or a3 < far:
+                        cover = ((_phi(_PHI, a0 / blur) + _phi(_PHI, a2 / blur) - 1.0)
+                                 * (_phi(_PHI, a1 / blur) + _phi(_PHI, a3 / blur) - 1.0))
+                    glow = level[b]
+                    if size > 0:
+                        glow *= 1.0 + _grain(texture[b], a0 / (a0 + a2), a1 / (a1 + a3))
+                    if rr < core_reach:
+                        glow += core[b] * math.exp(-0.5 * rr / (core_px * core_px))
+                    light += cover * (vignette[r, c] * glow - platform[r, c])
+                work[r, c] += weight[p] * light
+    return n
+
+
+@njit(cache=True, fastmath=True)
+def draw_arms(work, vignette, arms, level, psf_px, windows, n):
+    """Cover `work` with capsules `arms` (k, 5): u0, v0, u1, v1, radius px; return the dirty count."""
+    blur = max(psf_px, 1.0)
+    for a in range(arms.shape[0]):
+        u0, v0, u1, v1, radius = arms[a]
+        pad = radius + 4.5 * blur
+        _window(windows, n, work.shape, min(u0, u1) - pad, max(u0, u1) + pad,
+                min(v0, v1) - pad, max(v0, v1) + pad)
+        r0, r1, c0, c1 = windows[n]
+        n += 1
+        du, dv = u1 - u0, v1 - v0
+        length2 = max(du * du + dv * dv, 1e-9)
+        outer = (radius + 4.5 * blur) ** 2
+        beside = outer * length2
+        for r in range(r0, r1):
+            for c in range(c0, c1):
+                aside = (c - u0) * dv - (r - v0) * du
+                if aside * aside > beside:
+                    continue
+                t = ((c - u0) * du + (r - v0) * dv) / length2
+                t = min(max(t, 0.0), 1.0)
+                d2 = (c - u0 - t * du) ** 2 + (r - v0 - t * dv) ** 2
+                if d2 >= outer:
+                    continue
+                cover = _phi(_PHI, (radius - math.sqrt(d2)) / blur)
+                shade = level[a] * (1.0 - 0.5 * min(d2 / (radius * radius), 1.0)) * vignette[r, c]
+                work[r, c] += cover * (shade - work[r, c])
+    return n
+
+
+@njit(inline='always')
+def _mix(seed, image, row):
+    """Return 64 well-mixed bits of three counters (splitmix64 finaliser, Steele et al. 2014)."""
+    z = (np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15)
+         + np.uint64(image) * np.uint64(0xD1B54A32D192ED03)
+         + np.uint64(row) * np.uint64(0x8CB92BA72F3D8DD7))
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@njit(cache=True, fastmath=True)
+def sense(work, noise, noise_step, read, gain, seed, image, out):
+    """Write the sensor's 8-bit answer to `work` into `out`: variance read^2 + gain * signal, clipped.
+
+    `noise` is a long row of int8 normal deviates of unit `noise_step`; every image row starts in it at
+    a place drawn from (seed, image, row), so two images share no noise pattern.
+    """
+    height, width = work.shape
+    span = np.uint64(len(noise) - width)
+    read2 = np.float32(read * read)
+    slope = np.float32(gain)
+    unit = np.float32(noise_step)
+    for r in range(height):
+        start = np.int64(_mix(seed, image, r) % span)
+        row = work[r]
+        deviates = noise[start:start + width]
+        line = out[r]
+        for c in range(width):
+            light = max(row[c], np.float32(0.0))
+            seen = light + np.sqrt(read2 + slope * light) * unit * np.float32(deviates[c])
+            seen = min(max(seen + np.float32(0.5), np.float32(0.0)), np.float32(255.0))
+            line[c] = np.uint8(np.int32(seen))
