@@ -269,6 +269,20 @@ def check_value(field_: dataclasses.Field, value: Any) -> Any:
     return value
 
 
+def plain(scene: Scene) -> dict[str, Any]:
+    """Return the scene as the plain data that `load` reads again, every setting written out."""
+    data: dict[str, Any] = {'scene': scene.name, 'network': scene.network}
+    if scene.domain is not None:
+        data['domain'] = scene.domain
+    data['nodes'] = {
+        name: {k: list(v) if isinstance(v, tuple) else v
+               for k, v in dataclasses.asdict(settings).items()}
+        for name, settings in scene.nodes.items()
+    }
+    data['together'] = [list(group) for group in scene.together]
+    return data
+
+
 def shipped() -> dict[str, Path]:
     """Return the scenes that ship, by name: from a checkout, an environment or a ROS workspace."""
     prefixes = [sys.prefix, *os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)]

@@ -45,6 +45,13 @@ class TwinSettings:
     fps: float = setting(60.0, 'images a second', 'Hz', 1, 240)
     width: int = setting(1280, 'image width', 'px', 320, 4096)
     height: int = setting(800, 'image height', 'px', 200, 4096)
+    exposure_us: int = setting(3000, 'of the virtual camera; motion blurs over it', 'us', 50, 16000)
+    noise: str = setting(
+        'L2', 'noise of the virtual camera', choices=('none', 'L0', 'L1', 'L2', 'L3', 'L4')
+    )
+    clutter: str = setting(
+        'clean', 'arms, reflections and dirt in view', choices=('clean', 'ordinary', 'hard', 'brutal')
+    )
     hands: str = setting('visitors', 'who moves the rim', choices=('visitors', 'nobody'), live=True)
     seed: int = setting(1, 'of the hands, the friction of each block and the image noise', '', 0)
 
@@ -63,6 +70,9 @@ class CameraSettings:
 class TrackerSettings:
     calibration: str = setting('', "calibration file; empty: the twin's ideal camera", path=True)
     preview_hz: float = setting(10.0, 'JPEG pictures for people', 'Hz', 0.1, 30, live=True)
+    trust_start: bool = setting(
+        True, 'when the tracker starts, the rim is turned by less than 45 degrees'
+    )
 
 
 @dataclass(frozen=True)
@@ -118,18 +128,36 @@ class PanelSettings:
 
 @dataclass(frozen=True)
 class RecorderSettings:
+    folder: str = setting(
+        'bags', 'where bags are made, one folder a run; here if the scene has none', path='maybe'
+    )
     images: str = setting(
         'around_slips',
-        'what is kept of the pictures',
+        'what is kept of the pictures; preview: one JPEG a display_period_s',
         choices=('all', 'around_slips', 'preview', 'none'),
     )
+    before_s: float = setting(0.25, 'pictures kept before a slip, 60 MB a second', 's', 0, 5)
+    after_s: float = setting(0.25, 'pictures kept after a slip', 's', 0, 60)
+    images_max_gb: float = setting(20.0, 'raw pictures in a run; no more after that', 'GB', 0)
+    display_period_s: float = setting(
+        1.0, 'one preview and one sound meter per so long; 0 keeps all', 's', 0, 60
+    )
+    split_minutes: float = setting(60.0, 'a new file after so long', 'min', 0.05, 1440)
+    split_gb: float = setting(4.0, 'a new file after so much', 'GB', 0.001, 1000)
+    min_free_gb: float = setting(2.0, 'recording stops when the disk has less free', 'GB', 0)
 
 
 @dataclass(frozen=True)
 class ReplaySettings:
     bag: str = setting('', 'bag folder or .mcap file', path=True)
+    topics: tuple[str, ...] = setting(
+        (), 'topics to play; empty: the pictures, or the blocks where the bag has no pictures'
+    )
     rate: float = setting(1.0, 'speed of the replay', '', 0.01, 100)
+    fast: bool = setting(False, 'as fast as the readers take it, whatever rate says')
     loop: bool = setting(False, 'begin again at the end')
+    start_s: float = setting(0.0, 'where to begin, from the first message', 's', 0)
+    clock: bool = setting(False, 'publish the recorded time on /clock')
 
 
 # Data order: a node stands after those whose topics it takes.

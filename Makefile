@@ -1,0 +1,42 @@
+# `make help` lists the targets; each does its own set-up.
+SHELL := /bin/sh
+PY := .venv/bin/python
+SCENE ?= rehearsal
+.DEFAULT_GOAL := help
+
+help:  ## this list
+	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
+
+setup:  ## .venv with everything that a run needs
+	@tools/setup_env.sh
+
+run: setup  ## bring a scene to life (SCENE=rehearsal); Ctrl-C stops it
+	@$(PY) -m eol_ros.bringup $(SCENE) $(ARGS)
+
+test: setup-test  ## all tests, with real DDS, pty, PortAudio and Chromium where they are
+	$(PY) -m pytest -n 2 --dist loadfile test
+
+quick: setup-test  ## the tests of the pure core, in seconds
+	$(PY) -m pytest -q -m 'not slow' test/core
+
+lint: setup-test  ## ruff and mypy
+	$(PY) -m ruff check .
+	$(PY) -m mypy
+
+docs: setup-test  ## write the generated parts of the docs anew
+	$(PY) tools/generate_docs.py
+
+soak: setup-test  ## the long ones: hours of rehearsal, kills and floods
+	$(PY) -m pytest -m soak --override-ini addopts= test
+
+bench: setup-test  ## the graph's figures
+	$(PY) -m eol_ros bench graph
+
+clean:  ## remove what was made here, but no bag
+	rm -rf .venv build install log *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+setup-test:
+	@tools/setup_env.sh test
+
+.PHONY: help setup setup-test run test quick lint docs soak bench clean

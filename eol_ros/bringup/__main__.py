@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m eol_ros.bringup [SCENE]`: bring the installation to life."""
+
+import argparse
+import dataclasses
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import yaml
+
+from eol_ros import cli
+from eol_ros import scene as scenes
+from eol_ros.bringup import plan, status
+from eol_ros.bringup.diary import Diary, folder
+from eol_ros.bringup.supervisor import Supervisor
+from eol_ros.errors import UsageError
+
+HELP = 'Start a scene, watch its nodes, start them again when they die; stop with Ctrl-C.'
+EXAMPLES = [
+    'python -m eol_ros.bringup',
+    'python -m eol_ros.bringup museum',
+    'python -m eol_ros.bringup my/scene.yaml --for 60 --bag /data/bags',
+    'python -m eol_ros.bringup museum --only camera,tracker',
+]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('scene', nargs='?', default='rehearsal', help='file, or one that ships')
+    parser.add_argument('--for', dest='seconds', type=float, metavar='SECONDS',
+                        help='stop this long after all is OK')
+    parser.add_argument('--bag', metavar='DIR', help='record into this folder')
+    parser.add_argument('--only', metavar='NODES', help='start these alone, parted by commas')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the scene; return the exit code."""
+    if args.seconds is not None and not args.seconds > 0:
+        raise UsageError(f'--for {args.seconds:g}: not a time above 0 s')
+    scene = scenes.load(args.scene)
+    if args.only:
+        scene = plan.only(scene, [name for name in args.only.split(',') if name])
+    if args.bag:
+        if 'recorder' not in scene.nodes:
+            raise UsageError(f'--bag {args.bag}: scene {scene.name} has no recorder')
+        bag = str(Path(args.bag).expanduser().resolve())
+        recorder = dataclasses.replace(scene.nodes['recorder'], folder=bag)
+        scene = dataclasses.replace(scene, nodes={**scene.nodes, 'recorder': recorder})
+    server = status.listen(plan.domain(scene))
+    with tempfile.TemporaryDirectory(prefix='eol-run-') as run_folder, server:
+        file = Path(run_folder) / f'{scene.name}.yaml'
+        file.write_text(yaml.safe_dump(scenes.plain(scene), sort_keys=False))
+        diary = Diary(folder())
+        say(f'{scene.name}: {", ".join(scene.nodes)}')
+        diary.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
+        supervisor = Supervisor(
+            scene.name, plan.processes(scene, file), server, diary, say
+        )
+        return supervisor.run(args.seconds)
+
+
+def say(text: str) -> None:
+    """Print a line for people."""
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except (BrokenPipeError, OSError):  # the terminal has gone; the show goes on
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+
+
+def main() -> int:
+    """Run the command line."""
+    return cli.run_verb(sys.modules[__name__], 'python -m eol_ros.bringup', sys.argv[1:])
+
+
+if __name__ == '__main__':
+    sys.exit(main())

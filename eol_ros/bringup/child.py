@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One child process: how it is started so that it never outlives us, and what it tells us."""
+
+import contextlib
+import ctypes
+import json
+import os
+import signal
+import subprocess
+from typing import Any
+
+from eol_ros.bringup.plan import Process
+from eol_ros.bringup.policy import Policy
+
+_PR_SET_PDEATHSIG = 1
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+def _die_with(parent: int) -> None:
+    """Run in the child before exec: the kernel sends SIGTERM when the parent is gone."""
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # it died before the call above
+        os._exit(1)
+
+
+class Child:
+    """A process of the graph, with its heartbeat and its output."""
+
+    def __init__(self, process: Process):
+        self.process = process
+        self.policy = Policy()
+        self.popen: subprocess.Popen[bytes] | None = None
+        self.start_at_s: float | None = 0.0  # when to start it; None: it runs, or is finished
+        self.status: dict[str, dict[str, Any]] = {}
+        self.health_fd = self.output_fd = -1
+        self.stopping = False
+        self.code: int | None = None
+        self._rest = {'health': b'', 'output': b''}
+
+    def start(self, now_s: float) -> None:
+        """Start it."""
+        health_out, health_in = os.pipe()
+        output_out, output_in = os.pipe()
+        environment = {**os.environ, **self.process.environment, 'EOL_HEALTH_FD': str(health_in)}
+        parent = os.getpid()
+        self.popen = subprocess.Popen(
+            self.process.command,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=output_in,
+            stderr=output_in,
+            pass_fds=(health_in,),
+            start_new_session=True,  # Ctrl-C reaches us alone; we stop the children in order
+            preexec_fn=lambda: _die_with(parent),
+        )
+        os.close(health_in)
+        os.close(output_in)
+        for fd in (health_out, output_out):
+            os.set_blocking(fd, False)
+        self.health_fd, self.output_fd = health_out, output_out
+        self._rest = {'health': b'', 'output': b''}
+        self.policy.start(now_s)
+        self.start_at_s, self.code = None, None
+        self.status = {
+            node: {'node': node, 'level': 3, 'text': 'starting', 'rate': 0.0, 'values': {},
+                   'pid': self.popen.pid}
+            for node in self.process.nodes
+        }
+
+    def signal(self, number: int) -> None:
+        """Send a signal, if it still runs."""
+        if self.popen is not None and self.popen.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                self.popen.send_signal(number)
+
+    def alive(self) -> bool:
+        """Tell whether it runs."""
+        return self.popen is not None and self.popen.poll() is None
+
+    def beats(self, now_s: float) -> list[dict[str, Any]]:
+        """Return the statuses that have come over the pipe."""
+        found = []
+        for line in self._lines('health', self.health_fd):
+            with contextlib.suppress(ValueError, KeyError):
+                status = json.loads(line)
+                self.status[status['node']] = status
+                found.append(status)
+        if found:
+            self.policy.beat(now_s)
+        return found
+
+    def output(self) -> list[str]:
+        """Return the whole lines it has printed."""
+        return [line.decode(errors='replace') for line in self._lines('output', self.output_fd)]
+
+    def _lines(self, kind: str, fd: int) -> list[bytes]:
+        if fd < 0:
+            return []
+        data = self._rest[kind]
+        with contextlib.suppress(BlockingIOError):
+            while chunk := os.read(fd, 65536):
+                data += chunk
+        *lines, rest = data.split(b'\n')
+        self._rest[kind] = rest[-65536:]
+        return lines
+
+    def bury(self) -> int:
+        """Take the exit code and close the pipes."""
+        assert self.popen is not None
+        self.code = self.popen.wait()
+        for fd in (self.health_fd, self.output_fd):
+            if fd >= 0:
+                os.close(fd)
+        self.health_fd = self.output_fd = -1
+        self.popen = None
+        return self.code

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is kept of a run in words: a rotated log of every line, and a diary for people."""
+
+import datetime
+import logging
+import logging.handlers
+import os
+from pathlib import Path
+
+_SIZE = 5_000_000
+_FILES = 10
+
+
+def folder() -> Path:
+    """Return where logs lie: $EOL_STATE, else $XDG_STATE_HOME/eol_ros, else ~/.local/state/eol_ros."""
+    root = os.environ.get('EOL_STATE')
+    if not root:
+        root = os.path.join(os.environ.get('XDG_STATE_HOME') or '~/.local/state', 'eol_ros')
+    path = Path(root).expanduser()
+    path.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+class Diary:
+    """`eol.log`: all output of all nodes, 10 files of 5 MB. `diary.txt`: a line per start, fault, stop."""
+
+    def __init__(self, where: Path):
+        self._log = logging.Logger('eol')
+        lines = logging.handlers.RotatingFileHandler(
+            where / 'eol.log', maxBytes=_SIZE, backupCount=_FILES - 1
+        )
+        lines.setFormatter(logging.Formatter('%(asctime)s %(message)s'))
+        self._log.addHandler(lines)
+        self._diary = logging.handlers.RotatingFileHandler(
+            where / 'diary.txt', maxBytes=_SIZE, backupCount=1
+        )
+
+    def line(self, text: str) -> None:
+        """Keep a line that a node printed."""
+        self._log.info(text)
+
+    def entry(self, text: str) -> None:
+        """Keep what a person would want to read later."""
+        now = datetime.datetime.now().strftime('%Y-%m-%d %H:%M:%S')
+        self._diary.emit(logging.makeLogRecord({'msg': f'{now}  {text}'}))
+        self._log.info(text)

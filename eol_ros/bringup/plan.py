@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scene to processes: which run, in which order, with which environment. Pure."""
+
+import difflib
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from eol_ros.errors import UsageError
+from eol_ros.ros import network
+from eol_ros.scene import Scene
+
+# One thread for each library: the graph has its own processes, two cores are shared by all of them.
+_ENVIRONMENT = {
+    'OMP_NUM_THREADS': '1',
+    'OPENBLAS_NUM_THREADS': '1',
+    'NUMBA_NUM_THREADS': '1',
+    'OPENCV_FOR_THREADS_NUM': '1',
+    'MALLOC_ARENA_MAX': '2',
+    'PYTHONUNBUFFERED': '1',
+    'PYTHONFAULTHANDLER': '1',
+}
+
+
+@dataclass(frozen=True)
+class Process:
+    """One process to start: its nodes, its command and what it adds to the environment."""
+
+    nodes: tuple[str, ...]
+    command: tuple[str, ...]
+    environment: dict[str, str]
+
+    @property
+    def name(self) -> str:
+        return '+'.join(self.nodes)
+
+
+def only(scene: Scene, names: Sequence[str]) -> Scene:
+    """Return the part of `scene` that consists of `names`; raise UsageError for others."""
+    for name in names:
+        if name not in scene.nodes:
+            near = difflib.get_close_matches(name, scene.nodes, 1, 0.5)
+            hint = f'Did you mean {near[0]}?' if near else f'It has {", ".join(scene.nodes)}.'
+            raise UsageError(f'--only {name}: scene {scene.name} has no such node. {hint}')
+    groups = tuple(tuple(n for n in group if n in names) for group in scene.together)
+    return replace(
+        scene,
+        nodes={name: scene.nodes[name] for name in scene.nodes if name in names},
+        together=tuple(group for group in groups if len(group) > 1),
+    )
+
+
+def processes(scene: Scene, file: Path) -> list[Process]:
+    """Return the processes of `scene` in data order; the nodes read their settings from `file`."""
+    grouped = {name: group for group in scene.together for name in group}
+    done: set[str] = set()
+    found = []
+    for name in scene.nodes:
+        if name in done:
+            continue
+        nodes = grouped.get(name, (name,))
+        done.update(nodes)
+        images = bool(network.IMAGE_NODES & set(nodes))
+        environment = {**_ENVIRONMENT, **network.environment(scene.network, images)}
+        if scene.domain is not None:
+            environment['ROS_DOMAIN_ID'] = str(scene.domain)
+        command = (sys.executable, '-m', 'eol_ros.nodes', *nodes, '--scene', str(file))
+        found.append(Process(tuple(nodes), command, environment))
+    return found
+
+
+def domain(scene: Scene) -> int:
+    """Return the DDS domain that the scene runs on."""
+    if scene.domain is not None:
+        return scene.domain
+    text = os.environ.get('ROS_DOMAIN_ID', '0') or '0'
+    if not text.isdigit():
+        raise UsageError(f'ROS_DOMAIN_ID is {text!r}, not a whole number from 0 to 101')
+    return int(text)

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The running graph answers for itself: an abstract Unix socket, one per DDS domain.
+
+The kernel frees its name when the process ends, however it ends, so it is also the lock that keeps a
+second bringup off the same domain.
+"""
+
+import contextlib
+import json
+import socket
+from typing import Any
+
+from eol_ros.errors import DeviceMissing, UsageError
+
+WORDS = ('ok', 'WARN', 'ERROR', 'starting', 'down')
+DOWN = 4
+
+
+def _address(domain: int) -> str:
+    return f'\0eol_ros-domain-{domain}'
+
+
+def listen(domain: int) -> socket.socket:
+    """Return the listening socket of `domain`; raise UsageError when a graph runs there already."""
+    server = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        server.bind(_address(domain))
+    except OSError:
+        server.close()
+        running = ''
+        with contextlib.suppress(DeviceMissing):
+            status = ask(domain)
+            running = f' (scene {status["scene"]}, process {status["pid"]})'
+        raise UsageError(
+            f'a graph runs on domain {domain} already{running}: '
+            'stop it, or choose another domain with ROS_DOMAIN_ID'
+        ) from None
+    server.listen(16)
+    server.setblocking(False)
+    return server
+
+
+def ask(domain: int, timeout_s: float = 2.0) -> dict[str, Any]:
+    """Return the status of the graph on `domain`; raise DeviceMissing when none runs."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+        client.settimeout(timeout_s)
+        try:
+            client.connect(_address(domain))
+            parts = []
+            while part := client.recv(65536):
+                parts.append(part)
+        except OSError:
+            raise DeviceMissing(
+                f'no graph runs on domain {domain}: start one with `make run`'
+            ) from None
+    return json.loads(b''.join(parts))
+
+
+def answer(server: socket.socket, status: dict[str, Any]) -> None:
+    """Send `status` to everybody who waits."""
+    text = json.dumps(status, default=str).encode()
+    while True:
+        try:
+            client, _ = server.accept()
+        except BlockingIOError:
+            return
+        with client, contextlib.suppress(OSError):
+            client.settimeout(0.2)
+            client.sendall(text)
+
+
+def table(status: dict[str, Any]) -> str:
+    """Return the status as a table that stays put."""
+    run_s = int(status['running_s'])
+    days, rest = divmod(run_s, 86400)
+    age = f'{days} d ' if days else ''
+    age += f'{rest // 3600:02d}:{rest % 3600 // 60:02d}:{rest % 60:02d}'
+    worst = max((row['level'] for row in status['nodes']), default=0)
+    words = 'all good' if worst == 0 else f'worst: {WORDS[worst]}'
+    lines = [f'{status["scene"]}  running {age}  restarts {status["restarts"]}  {words}',
+             f'{"NODE":10}{"STATE":10}{"RATE":>9}  NOTE']
+    for row in status['nodes']:
+        rate = f'{row["rate"]:.1f} Hz' if row['rate'] else '-'
+        lines.append(f'{row["node"]:10}{WORDS[row["level"]]:10}{rate:>9}  {row["text"]}')
+    return '\n'.join(lines)

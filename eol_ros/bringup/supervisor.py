@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Starts the processes of a scene, watches their heartbeats, starts them again, stops them in order."""
+
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from eol_ros.bringup import status
+from eol_ros.bringup.child import Child
+from eol_ros.bringup.diary import Diary
+from eol_ros.bringup.plan import Process
+from eol_ros.settings import IMAGE_SOURCES
+
+FINAL = (2, 69, 78)  # a node that ends so at the start will not do better when started again
+STOP_STEPS = ((signal.SIGINT, 4.0), (signal.SIGTERM, 1.0), (signal.SIGKILL, 1.0))
+
+
+class Supervisor:
+    """All processes of one run."""
+
+    def __init__(
+        self,
+        scene: str,
+        processes: Sequence[Process],
+        server: socket.socket,
+        diary: Diary,
+        say: Callable[[str], None],
+    ):
+        self.scene = scene
+        self.children = [Child(process) for process in processes]
+        self._server, self._diary, self._say = server, diary, say
+        self._asked_to_stop = False
+        self._told: dict[str, tuple[int, str]] = {}
+        self._began_s = time.monotonic()
+        self.all_ok_s: float | None = None  # seconds from the start to all ok
+        self._wake, self._waker = os.pipe()
+        for fd in (self._wake, self._waker):
+            os.set_blocking(fd, False)
+
+    def run(self, seconds: float | None = None) -> int:
+        """Run until asked to stop, or for `seconds` once all is ok; return the exit code."""
+        signal.set_wakeup_fd(self._waker, warn_on_full_buffer=False)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+        signal.signal(signal.SIGCHLD, lambda *_: None)  # only to wake the loop
+        clean_shared_memory()
+        self._began_s = time.monotonic()
+        code = 0
+        try:
+            while not self._asked_to_stop:
+                now = time.monotonic()
+                ended = self._step(now)
+                if ended is not None:
+                    code = ended
+                    break
+                since = None if self.all_ok_s is None else now - self._began_s - self.all_ok_s
+                if seconds is not None and since is not None and since >= seconds:
+                    break
+                self._wait()
+        finally:
+            self._stop()
+        restarts = sum(child.policy.restarts for child in self.children)
+        age = int(time.monotonic() - self._began_s)
+        self._note(f'stopped, {age // 3600:02d}:{age % 3600 // 60:02d}:{age % 60:02d}, '
+                   f'{restarts} restarts')
+        return code
+
+    def stop(self) -> None:
+        """Ask the loop to end."""
+        self._asked_to_stop = True
+
+    def describe(self) -> dict[str, Any]:
+        """Return the state of everything as plain data."""
+        rows = [row for child in self.children for row in child.status.values()]
+        return {
+            'scene': self.scene,
+            'pid': os.getpid(),
+            'running_s': round(time.monotonic() - self._began_s, 1),
+            'all_ok_s': self.all_ok_s,
+            'restarts': sum(child.policy.restarts for child in self.children),
+            'nodes': rows,
+        }
+
+    def _on_signal(self, _number: int, _stack: Any) -> None:
+        self._asked_to_stop = True
+
+    def _note(self, text: str) -> None:
+        self._diary.entry(f'{self.scene}: {text}')
+        self._say(text)
+
+    def _wait(self) -> None:
+        fds = [self._wake, self._server.fileno()]
+        fds += [fd for c in self.children for fd in (c.health_fd, c.output_fd) if fd >= 0]
+        ready, _, _ = select.select(fds, [], [], 0.1)
+        if self._wake in ready:
+            os.read(self._wake, 4096)
+
+    def _step(self, now: float) -> int | None:
+        """Look after every child once; return an exit code when the run is over."""
+        for child in self.children:
+            self._listen(child, now)
+            if child.popen is not None and child.popen.poll() is not None:
+                ended = self._bury(child, now)
+                if ended is not None:
+                    return ended
+            elif child.alive() and child.policy.hung(now):
+                self._note(f'{child.process.name} is silent: it is started again')
+                child.signal(signal.SIGKILL)
+            elif child.popen is None and child.start_at_s is not None and now >= child.start_at_s:
+                child.start(now)
+        if self.all_ok_s is None:
+            rows = [row for child in self.children for row in child.status.values()]
+            if len(rows) >= len(self.children) and all(row['level'] == 0 for row in rows):
+                self.all_ok_s = round(now - self._began_s, 2)
+                self._note(f'all OK after {self.all_ok_s:.1f} s')
+        status.answer(self._server, self.describe())
+        return None
+
+    def _listen(self, child: Child, now: float) -> None:
+        for row in child.beats(now):
+            told = self._told.get(row['node'], (3, ''))[0]
+            self._told[row['node']] = (row['level'], row['text'])
+            if row['level'] != told:
+                self._note(f'{row["node"]:9} {status.WORDS[row["level"]]}: {row["text"]}')
+        for line in child.output():
+            self._diary.line(f'{child.process.name}: {line}')
+            if not line.startswith(('[INFO]', '[WARN]', '[ERROR]', '[DEBUG]')):
+                self._say(f'{child.process.name} | {line}')
+
+    def _bury(self, child: Child, now: float) -> int | None:
+        self._listen(child, now)
+        code = child.bury()
+        never_ran = child.policy.beat_s is None or all(
+            row['level'] == 3 for row in child.status.values()
+        )
+        name = child.process.name
+        if code == 0:
+            self._note(f'{name} has finished')
+            child.start_at_s = None
+            if set(child.process.nodes) & set(IMAGE_SOURCES):
+                return 0  # its input has come to an end, and so has the run
+            for row in child.status.values():
+                row.update(level=0, text='finished', rate=0.0)
+            return None
+        if code in FINAL and never_ran and child.policy.restarts == 0:
+            self._note(f'{name} cannot start (exit code {code})')
+            return code
+        wait = child.policy.died(now)
+        how = f'killed by {signal.Signals(-code).name}' if code < 0 else f'exit code {code}'
+        red = ', for the third time within a minute' if child.policy.red() else ''
+        self._note(f'{name} has died ({how}){red}; again in {wait:.0f} s')
+        for row in child.status.values():
+            row.update(level=status.DOWN, text=f'{how}; again in {wait:.0f} s', rate=0.0)
+        for node in child.process.nodes:
+            self._told[node] = (status.DOWN, '')
+        child.start_at_s = now + wait
+        return None
+
+    def _stop(self) -> None:
+        """Stop everything: the recorder last, so that it keeps what the others say at the end."""
+        last = [c for c in self.children if 'recorder' in c.process.nodes]
+        first = [c for c in self.children if c not in last]
+        for group in (first, last):
+            for number, patience_s in STOP_STEPS:
+                for child in group:
+                    child.signal(number)
+                deadline = time.monotonic() + patience_s
+                while any(c.alive() for c in group) and time.monotonic() < deadline:
+                    for child in self.children:
+                        self._listen(child, time.monotonic())
+                    self._wait()
+                if not any(child.alive() for child in group):
+                    break
+        for child in self.children:
+            if child.popen is not None:
+                self._listen(child, time.monotonic())
+                child.bury()
+
+
+def clean_shared_memory() -> None:
+    """Remove what killed DDS processes have left in shared memory; live segments stay."""
+    try:
+        left = any(name.startswith('fastrtps_') for name in os.listdir('/dev/shm'))
+    except OSError:
+        return
+    tool = Path(sys.executable).with_name('fastdds')
+    if left and tool.exists():
+        subprocess.run([tool, 'shm', 'clean'], capture_output=True, timeout=20, check=False)

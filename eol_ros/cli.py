@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`eol VERB`: parsing only. Each verb is a module of `eol_ros.verbs`, imported when it is asked for."""
+
+import argparse
+import difflib
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+from eol_ros.errors import EolError, UsageError
+
+VERBS = {
+    'run': 'start a scene (= python -m eol_ros.bringup)',
+    'check': 'check a scene, and say every mistake at once',
+    'status': 'say how the running graph is',
+    'devices': 'list cameras, boards, sound cards and screens',
+    'topics': 'list the topics of the running graph',
+    'echo': 'print the messages of a topic',
+    'replay': 'play a bag',
+    'report': 'figures and numbers from a bag',
+    'track': 'follow the blocks in images, a film or a bag',
+    'calibrate': 'pixels to metres',
+    'corpus': 'cut a sound into grains and describe them',
+    'render': 'play the grains of a bag or a list into a sound file',
+    'walls': 'open the two walls full screen',
+    'covers': 'cut a landscape into the covers of the blocks',
+    'simulate': 'solve a scene of springs and blocks',
+    'lattice': 'run the earthquake automaton',
+    'bench': 'error against run time, speed against peers',
+    'warm': 'compile and prepare what the first run would wait for',
+}
+
+
+def _overview() -> str:
+    lines = ['usage: eol VERB [...]', '', 'Echoes of the Land as a ROS 2 graph.', '']
+    lines += [f'  {verb:10} {text}' for verb, text in VERBS.items()]
+    return '\n'.join([*lines, '', '`eol VERB --help` explains a verb, with examples.'])
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one verb; return its exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    if not words or words[0] in ('-h', '--help', 'help'):
+        print(_overview())
+        return 0
+    verb = words[0]
+    if verb not in VERBS:
+        near = difflib.get_close_matches(verb, VERBS, 1, 0.5)
+        hint = f'Did you mean {near[0]}?' if near else f'There are {", ".join(VERBS)}.'
+        print(f'eol: {verb}: no such verb. {hint}', file=sys.stderr)
+        return UsageError.exit_code
+    module = importlib.import_module(f'eol_ros.verbs.{verb}')
+    return run_verb(module, f'eol {verb}', words[1:])
+
+
+def run_verb(module, prog: str, words: Sequence[str]) -> int:
+    """Parse `words` for the verb in `module` and run it; an expected error is one line."""
+    examples = '\n'.join(f'  {line}' for line in module.EXAMPLES)
+    parser = argparse.ArgumentParser(
+        prog=prog,
+        description=module.HELP,
+        epilog=f'examples:\n{examples}',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    module.add_arguments(parser)
+    args = parser.parse_args(words)
+    try:
+        return int(module.run(args) or 0)
+    except EolError as error:
+        print(f'{prog}: {error}' if '\n' not in str(error) else error, file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print(f'{prog}: stopped', file=sys.stderr)
+        return 0
+    except BrokenPipeError:  # the reader of our stdout has gone, as `| head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol check: is this scene right?"""
+
+import dataclasses
+import json
+import sys
+
+from eol_ros import scene as scenes
+
+HELP = 'Check a scene and say every mistake at once, with file, line and column.'
+EXAMPLES = ['eol check museum', 'eol check config/museum.yaml --json']
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('scene', nargs='?', default='rehearsal', help='file, or one that ships')
+    parser.add_argument('--json', action='store_true', help='the checked scene, or the mistakes')
+
+
+def run(args):
+    """Print what would run, or raise with all mistakes."""
+    try:
+        scene = scenes.load(args.scene)
+    except scenes.SceneError as error:
+        if not args.json:
+            raise
+        print(json.dumps({'ok': False, 'mistakes': [dataclasses.asdict(m) for m in error.mistakes]}))
+        return error.exit_code
+    if args.json:
+        print(json.dumps({'ok': True, **scenes.plain(scene)}, indent=2))
+        return 0
+    print(f'{scene.path}: {scene.name}, {len(scene.nodes)} nodes, network {scene.network}')
+    for name, settings in scene.nodes.items():
+        changed = [
+            f'{f.name}={getattr(settings, f.name)!r}'
+            for f in dataclasses.fields(settings)
+            if getattr(settings, f.name) != f.default
+        ]
+        print(f'  {name:9} {", ".join(changed) or "as it ships"}')
+    print('no mistakes', file=sys.stderr)
+    return 0

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol status: how is the running graph?"""
+
+import json
+import os
+import time
+
+from eol_ros.bringup import status
+from eol_ros.errors import DeviceMissing
+
+HELP = 'Say how the running graph is; exit code 0 all ok, 1 a warning, 2 an error, 69 none runs.'
+EXAMPLES = ['eol status', 'eol status --watch', 'eol status --json']
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('--watch', action='store_true', help='draw it anew each second')
+    parser.add_argument('--json', action='store_true', help='as one JSON object')
+    parser.add_argument('--domain', type=int, default=int(os.environ.get('ROS_DOMAIN_ID') or 0))
+
+
+def run(args):
+    """Print the table."""
+    while args.watch:
+        try:
+            text = status.table(status.ask(args.domain))
+        except DeviceMissing as error:
+            text = str(error)
+        print(f'\033[2J\033[H{text}', flush=True)
+        time.sleep(1.0)
+    answer = status.ask(args.domain)
+    print(json.dumps(answer, indent=2) if args.json else status.table(answer))
+    worst = max((row['level'] for row in answer['nodes']), default=0)
+    return min(worst, 2)

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One ament_python package: pip and colcon read the same file."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+RUNTIME = [
+    'ros-jazzy-rclpy[fastrtps]==7.1.6',
+    'ros-jazzy-common-interfaces',
+    'numpy>=1.26',
+    'scipy>=1.11',
+    'numba>=0.60',
+    'opencv-python-headless>=4.8',
+    'pyserial>=3.5',
+    'sounddevice>=0.4.6',
+    'soundfile>=0.12',
+    'mcap>=1.2',
+    'zstandard>=0.22',
+    'aiohttp>=3.8',
+    'pyyaml>=6.0',
+    'rich>=13',
+]
+SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5']
+TEST = [
+    'pytest>=8', 'pytest-timeout>=2', 'pytest-xdist>=3', 'hypothesis>=6', 'ruff>=0.6', 'mypy>=1.10',
+    'rosbags>=0.10',
+]
+
+setup(
+    name='eol_ros',
+    version='0.1.0',
+    packages=find_packages(include=['eol_ros', 'eol_ros.*']),
+    package_data={'eol_ros.web': ['static/*', 'static/*/*']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/eol_ros']),
+        ('share/eol_ros', ['package.xml']),
+        ('share/eol_ros/config', glob('config/*.yaml')),
+    ],
+    python_requires='>=3.10,<3.14',
+    install_requires=RUNTIME,
+    extras_require={'science': SCIENCE, 'test': TEST + SCIENCE},
+    zip_safe=False,
+    description='Echoes of the Land as a ROS 2 node graph',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': ['eol = eol_ros.cli:main', 'bringup = eol_ros.bringup.__main__:main']
+        + [
+            f'{node} = eol_ros.nodes.{node}:main'
+            for node in (
+                'twin', 'camera', 'replay', 'tracker', 'motion', 'leds', 'grains', 'sound',
+                'montage', 'panel', 'recorder',
+            )
+        ],
+    },
+)

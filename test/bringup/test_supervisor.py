@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The supervisor over real processes that speak the heartbeat and misbehave in every known way."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from eol_ros.bringup import policy, status
+from eol_ros.bringup.diary import Diary
+from eol_ros.bringup.plan import Process
+from eol_ros.bringup.supervisor import Supervisor
+from eol_ros.errors import UsageError
+
+BEAT = '''
+import json, os, signal, sys, time
+fd = int(os.environ['EOL_HEALTH_FD'])
+def beat(name, level=0):
+    os.write(fd, (json.dumps({'node': name, 'level': level, 'text': 'fine', 'rate': 60.0,
+                              'values': {}, 'pid': os.getpid()}) + chr(10)).encode())
+signal.signal(signal.SIGINT, lambda *_: (print('bye', flush=True), sys.exit(0)))
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+'''
+STEADY = BEAT + '''
+while True:
+    beat(sys.argv[1]); time.sleep(0.1)
+'''
+STUBBORN = BEAT + '''
+signal.signal(signal.SIGINT, signal.SIG_IGN); signal.signal(signal.SIGTERM, signal.SIG_IGN)
+while True:
+    beat(sys.argv[1]); time.sleep(0.1)
+'''
+FINAL = 'import sys; print("tracker: no such file"); sys.exit(78)'
+
+
+def process(name, script):
+    return Process((name,), (sys.executable, '-c', script, name), {})
+
+
+@pytest.fixture
+def start(tmp_path):
+    """A supervisor over the given processes, and the lines it says."""
+    servers = []
+
+    def go(*processes):
+        server = status.listen(7000 + os.getpid() % 1000 + len(servers))
+        servers.append(server)
+        lines = []
+        supervisor = Supervisor('test', processes, server, Diary(tmp_path), lines.append)
+        return supervisor, lines
+
+    yield go
+    for server in servers:
+        server.close()
+
+
+def until(condition, timeout_s=10.0):
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, 'it did not happen in time'
+        time.sleep(0.02)
+
+
+def in_background(work):
+    errors = []
+
+    def run():
+        try:
+            work()
+        except BaseException as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    return thread, errors
+
+
+def test_all_ok_then_a_clean_stop(start):
+    supervisor, lines = start(process('twin', STEADY), process('recorder', STEADY))
+
+    code = supervisor.run(seconds=0.3)
+
+    assert code == 0
+    assert supervisor.all_ok_s is not None
+    assert any(line.startswith('all OK after') for line in lines)
+    byes = [line.split()[0] for line in lines if line.endswith('| bye')]
+    assert byes == ['twin', 'recorder']  # the recorder goes last
+
+
+def test_a_killed_process_comes_back_alone(start):
+    supervisor, lines = start(process('twin', STEADY), process('tracker', STEADY))
+    pids = {}
+
+    def work():
+        try:
+            until(lambda: supervisor.all_ok_s is not None)
+            pids['before'] = [c.popen.pid for c in supervisor.children]
+            os.kill(pids['before'][1], signal.SIGKILL)
+            until(lambda: supervisor.children[1].policy.restarts == 1
+                  and supervisor.children[1].policy.beat_s)
+            pids['after'] = [c.popen.pid for c in supervisor.children]
+        finally:
+            supervisor.stop()
+
+    thread, errors = in_background(work)
+    supervisor.run()
+    thread.join()
+
+    assert not errors
+    assert pids['after'][0] == pids['before'][0]
+    assert pids['after'][1] != pids['before'][1]
+    assert 'tracker has died (killed by SIGKILL); again in 1 s' in lines
+
+
+def test_a_hung_process_is_started_again(start, monkeypatch):
+    monkeypatch.setattr(policy, 'SILENT_S', 0.5)
+    supervisor, lines = start(process('twin', STEADY))
+
+    def work():
+        try:
+            until(lambda: supervisor.all_ok_s is not None)
+            os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
+            until(lambda: supervisor.children[0].policy.restarts == 1
+                  and supervisor.children[0].policy.beat_s)
+        finally:
+            supervisor.stop()
+
+    thread, errors = in_background(work)
+    supervisor.run()
+    thread.join()
+
+    assert not errors
+    assert 'twin is silent: it is started again' in lines
+
+
+@pytest.mark.parametrize('code', [2, 69, 78])
+def test_what_cannot_start_ends_the_run_with_its_code(start, code):
+    script = FINAL.replace('78', str(code))
+    supervisor, lines = start(process('twin', STEADY), process('tracker', script))
+
+    assert supervisor.run() == code
+    assert 'tracker | tracker: no such file' in lines
+    assert not any(child.alive() for child in supervisor.children)
+
+
+def test_a_source_that_ends_ends_the_run(start):
+    script = BEAT + "beat('replay'); time.sleep(0.3)"
+    supervisor, lines = start(process('replay', script), process('tracker', STEADY))
+
+    assert supervisor.run() == 0
+    assert 'replay has finished' in lines
+
+
+def test_a_stubborn_process_is_killed_in_the_end(start, monkeypatch):
+    from eol_ros.bringup import supervisor as module
+
+    steps = tuple((number, 0.3) for number, _ in module.STOP_STEPS)
+    monkeypatch.setattr(module, 'STOP_STEPS', steps)
+    supervisor, _ = start(process('twin', STUBBORN))
+
+    assert supervisor.run(seconds=0.1) == 0
+    assert supervisor.children[0].code == -signal.SIGKILL
+
+
+def test_garbage_on_the_pipe_is_no_heartbeat(start):
+    script = BEAT + "os.write(fd, b'\\xff\\x00{]\\n[]\\n{}\\n'); beat('twin')\nwhile 1: time.sleep(.1)"
+    supervisor, _ = start(process('twin', script))
+
+    assert supervisor.run(seconds=0.1) == 0
+
+
+def test_no_orphan_when_bringup_is_killed(tmp_path):
+    script = tmp_path / 'parent.py'
+    script.write_text(f'''
+import sys, time
+from eol_ros.bringup.child import Child
+from eol_ros.bringup.plan import Process
+child = Child(Process(('twin',), (sys.executable, '-c', {STEADY!r}, 'twin'), {{}}))
+child.start(0.0)
+print(child.popen.pid, flush=True)
+time.sleep(60)
+''')
+    parent = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
+    pid = int(parent.stdout.readline())
+    time.sleep(0.5)
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    parent.stdout.close()
+
+    def gone():
+        try:
+            with open(f'/proc/{pid}/stat') as stat:
+                return stat.read().rsplit(')', 1)[1].split()[0] == 'Z'  # a zombie only looks alive
+        except FileNotFoundError:
+            return True
+
+    until(gone)
+
+
+def test_status_over_the_socket_and_one_graph_per_domain(start):
+    supervisor, _ = start(process('twin', STEADY))
+    domain = 7000 + os.getpid() % 1000
+    answers = []
+
+    def work():
+        try:
+            until(lambda: supervisor.all_ok_s is not None)
+            answers.append(status.ask(domain))
+            with pytest.raises(UsageError, match='a graph runs on domain .* scene test'):
+                status.listen(domain)
+        finally:
+            supervisor.stop()
+
+    thread, errors = in_background(work)
+    supervisor.run()
+    thread.join()
+
+    assert not errors
+    assert [(row['node'], row['level']) for row in answers[0]['nodes']] == [('twin', 0)]
+    assert 'twin' in status.table(answers[0]) and '60.0 Hz' in status.table(answers[0])
+    json.dumps(answers[0])

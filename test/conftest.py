@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all tests share: a DDS domain of their own, folders of their own, and no silent skip in CI."""
+
+import os
+import sys
+import tempfile
+
+import pytest
+
+from eol_ros.ros import network
+
+# Set before any test imports rclpy: every worker process has a domain of its own.
+_worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
+os.environ['ROS_DOMAIN_ID'] = str(1 + (os.getppid() * 7 + _worker * 31) % 100)
+os.environ['EOL_STATE'] = tempfile.mkdtemp(prefix='eol-test-state-')
+for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'NUMBA_NUM_THREADS'):
+    os.environ.setdefault(_name, '1')
+network.configure('local', images=True)
+
+
+@pytest.fixture(scope='session')
+def python():
+    """The interpreter under test."""
+    return sys.executable
+
+
+@pytest.fixture
+def ros():
+    """rclpy, started for one test."""
+    import rclpy
+
+    rclpy.init()
+    yield rclpy
+    rclpy.try_shutdown()
+
+
+def pytest_runtest_makereport(item, call):
+    """Where EOL_NO_SKIP is set, as in CI, a skipped test counts as a failure."""
+    if os.environ.get('EOL_NO_SKIP') and call.excinfo and call.excinfo.errisinstance(
+        pytest.skip.Exception
+    ):
+        reason = str(call.excinfo.value)
+        call.excinfo = pytest.ExceptionInfo.from_exc_info(
+            _failed(f'skipped where nothing may be skipped: {reason}')
+        )
+
+
+def _failed(text):
+    try:
+        pytest.fail(text, pytrace=False)
+    except BaseException:
+        return sys.exc_info()

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The door to ROS over real DDS."""
+
+import json
+import os
+import time
+import xml.dom.minidom
+
+import numpy as np
+import pytest
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.parameter import Parameter
+
+from eol_ros.errors import ConfigError
+from eol_ros.ros import network
+from eol_ros.ros.images import ImagePublisher, image_from_cdr
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.stamps import to_msg, to_ns
+from eol_ros.ros.topics import QOS, TOPICS
+from eol_ros.settings import NEEDS, NODES, MontageSettings
+
+
+class ProbeNode(EolNode):
+    NAME = 'montage'
+
+
+def spin(node, until, timeout_s=10.0):
+    executor = EventsExecutor()
+    executor.add_node(node)
+    deadline = time.monotonic() + timeout_s
+    while not until() and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.05)
+    executor.remove_node(node)
+
+
+def test_image_round_trip(ros):
+    node = ProbeNode(MontageSettings())
+    publisher = ImagePublisher(node, 'camera/image_raw')
+    got = []
+    node.subscribe('camera/image_raw', got.append, raw=True)
+    image = np.random.default_rng(3).integers(0, 256, (800, 1280), dtype=np.uint8)
+    stamp = 1_700_000_000_123_456_789
+    spin(node, lambda: publisher.subscribers() > 0)
+    publisher.publish(stamp, image)
+    small = image[:101, :77].copy()
+    publisher.publish(stamp + 1, small)
+    spin(node, lambda: len(got) == 2)
+
+    first, second = (image_from_cdr(raw) for raw in got)
+
+    assert first[0] == stamp and np.array_equal(first[1], image)
+    assert second[0] == stamp + 1 and np.array_equal(second[1], small)
+
+
+def test_raw_image_is_what_rclpy_reads(ros):
+    from rclpy.serialization import deserialize_message, serialize_message
+    from sensor_msgs.msg import Image
+
+    message = Image(height=3, width=5, encoding='mono8', step=5, data=bytes(range(15)))
+    message.header.stamp = to_msg(5_000_000_007)
+    message.header.frame_id = 'camera_optical'
+    stamp, pixels = image_from_cdr(serialize_message(message))
+
+    assert stamp == 5_000_000_007
+    assert pixels.tobytes() == bytes(range(15))
+    assert deserialize_message(serialize_message(message), Image) == message
+
+    message.encoding = 'rgb8'
+    with pytest.raises(ValueError, match='rgb8.*not mono8'):
+        image_from_cdr(serialize_message(message))
+
+
+@pytest.mark.parametrize('ns', [0, 1, 999_999_999, 1_000_000_000, 1_795_000_000_123_456_789])
+def test_stamps(ns):
+    assert to_ns(to_msg(ns)) == ns
+
+
+def test_health_goes_both_ways(ros, monkeypatch):
+    out, into = os.pipe()
+    monkeypatch.setenv('EOL_HEALTH_FD', str(into))
+    node = ProbeNode(MontageSettings())
+    seen = []
+    node.subscribe('/diagnostics', seen.append)
+    node.health.values['pairs'] = 24
+    spin(node, lambda: False, 1.2)
+    node.health.warn('no picture on the right')
+    spin(node, lambda: any(m.status[0].level == b'\x01' for m in seen))
+    lines = [json.loads(line) for line in os.read(out, 65536).splitlines()]
+
+    assert [line['level'] for line in lines][0] == 3  # starting
+    assert lines[-1]['level'] == 1 and lines[-1]['text'] == 'no picture on the right'
+    assert lines[-1]['values'] == {'pairs': 24}
+    row = seen[-1].status[0]
+    assert (row.name, row.message) == ('eol: montage', 'no picture on the right')
+    assert any(kv.key == 'pairs' and kv.value == '24' for kv in row.values)
+
+
+def test_silence_is_told(ros):
+    node = ProbeNode(MontageSettings())
+    node.health.expects('slips', within_s=0.2)
+    node.health.tick()
+    node.health.ok('fine')
+
+    assert node.health.status()['level'] == 0
+
+    time.sleep(0.3)
+
+    assert node.health.status()['level'] == 1
+    assert node.health.status()['text'].startswith('no slips for')
+
+
+def test_settings_are_parameters(ros):
+    node = ProbeNode(MontageSettings())
+    live = [p for p in ('period_s',) if node.describe_parameter(p).read_only is False]
+    result = node.set_parameters([Parameter('period_s', value=0.1)])[0]
+
+    assert node.get_parameter('period_s').value == 0.5
+    if live:
+        assert not result.successful and '0.34 to 60 s' in result.reason
+        assert node.set_parameters([Parameter('period_s', value=1)])[0].successful
+        assert node.settings.period_s == 1.0
+    else:
+        assert not result.successful and 'read-only' in result.reason
+
+
+def test_command_line_parameters_are_checked(ros):
+    good = ProbeNode(MontageSettings(), parameter_overrides=[Parameter('period_s', value=2)])
+
+    assert good.settings.period_s == 2.0
+    with pytest.raises(ConfigError, match='no such setting'):
+        ProbeNode(MontageSettings(), parameter_overrides=[Parameter('perod_s', value=2.0)])
+    with pytest.raises(ConfigError, match='out of range'):
+        ProbeNode(MontageSettings(), parameter_overrides=[Parameter('period_s', value=0.0)])
+
+
+def test_topic_table():
+    for row in TOPICS.values():
+        assert row.message_class().__name__ == row.type_name.split('/')[-1]
+        assert QOS[row.qos].depth >= 10
+        for node in (*row.gives, *row.takes):
+            assert node in NODES or node == 'every node'
+    for node, (topic, givers) in NEEDS.items():
+        assert node in TOPICS[topic].takes
+        assert set(givers) <= set(TOPICS[topic].gives)
+
+
+@pytest.mark.parametrize('kind', ['local', 'lan'])
+def test_profile(kind):
+    text = network.profile(kind, images=True)
+    xml.dom.minidom.parseString(text)
+
+    assert ('127.0.0.1' in text) == (kind == 'local')
+    assert str(64 << 20) in text
+
+
+def test_a_profile_of_the_user_stays(monkeypatch):
+    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', '/etc/mine.xml')
+
+    assert 'FASTRTPS_DEFAULT_PROFILES_FILE' not in network.environment('local')

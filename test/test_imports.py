@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The house stands as drawn: who may import what."""
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1] / 'eol_ros'
+ROS = {'rclpy', 'rcl_interfaces', 'rosidl_runtime_py', 'ament_index_python', '_rclpy'}
+BASE = {'numpy'}
+ALLOWED = {
+    'core': BASE | {'scipy', 'numba'},
+    'core/vision': BASE | {'scipy', 'numba', 'cv2'},
+    'devices': BASE | {'scipy', 'cv2', 'serial', 'sounddevice', 'soundfile', 'mcap', 'yaml', 'zstandard',
+                       'numba', 'pythonosc', '_sounddevice'},
+    'ros': BASE | ROS | {'yaml'},
+    'nodes': BASE | ROS,
+    'web': BASE | {'aiohttp'},
+    'bringup': {'yaml'},
+    'scene.py': {'yaml'},
+    'settings.py': set(),
+    'errors.py': set(),
+    'cli.py': {'rich'},
+}
+# Which of our own parts a part may use: arrows point down.
+BELOW = {
+    'core': {'core', 'settings', 'errors'},
+    'devices': {'core', 'devices', 'settings', 'errors'},
+    'ros': {'core', 'ros', 'settings', 'errors', 'scene', 'nodes'},
+    'nodes': {'core', 'devices', 'ros', 'nodes', 'web', 'settings', 'errors', 'scene'},
+    'web': {'core', 'devices', 'web', 'settings', 'errors'},
+    'bringup': {'bringup', 'scene', 'settings', 'errors', 'ros', 'cli'},
+    'analysis': {'core', 'devices', 'analysis', 'settings', 'errors', 'scene'},
+}
+MODULES = sorted(ROOT.rglob('*.py'))
+
+
+def imports(path):
+    """Yield (line, dotted name) of every import, at the top and inside functions."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            if node.module == 'eol_ros':
+                for alias in node.names:
+                    yield node.lineno, f'eol_ros.{alias.name}'
+            else:
+                yield node.lineno, node.module
+
+
+def rule(table, path):
+    """Return the entry of the innermost folder (or the file) that has one."""
+    place = path.relative_to(ROOT).as_posix()
+    while place and place != '.':
+        if place in table:
+            return table[place]
+        place = Path(place).parent.as_posix()
+    return None
+
+
+def name(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize('path', MODULES, ids=name)
+def test_outside_imports(path):
+    allowed = rule(ALLOWED, path)
+    if allowed is None:
+        allowed = None if name(path).startswith(('verbs', 'bench', 'analysis')) else set()
+    for line, module in imports(path):
+        top = module.split('.')[0]
+        if top in sys.stdlib_module_names or top == 'eol_ros':
+            continue
+        message = top.endswith('_msgs') or top == 'builtin_interfaces' or top in ROS
+        if message:
+            ours = name(path).split('/')[0]
+            assert ours in ('ros', 'nodes'), f'{name(path)}:{line} imports {module}'
+        elif allowed is not None:
+            assert top in allowed, f'{name(path)}:{line} imports {module}'
+
+
+@pytest.mark.parametrize('path', MODULES, ids=name)
+def test_inner_imports(path):
+    below = rule(BELOW, path)
+    for line, module in imports(path):
+        if below is not None and module.startswith('eol_ros.'):
+            part = module.split('.')[1]
+            assert part in below, f'{name(path)}:{line} imports {module}'
+
+
+@pytest.mark.parametrize('path', MODULES, ids=name)
+def test_size_and_names(path):
+    assert not {'utils', 'helpers', 'common', 'misc'} & set(name(path)[:-3].split('/'))
+    lines = path.read_text().splitlines()
+    assert len(lines) <= 400
+    if name(path).startswith('nodes/'):
+        assert len(lines) <= 110
+    assert lines[0] == '# SPDX-License-Identifier: Apache-2.0'
+
+
+def test_core_is_pure():
+    """No files, clocks, threads, logging or global random numbers in core."""
+    barred = {'os', 'io', 'time', 'datetime', 'threading', 'logging', 'random', 'pathlib',
+              'subprocess', 'socket', 'asyncio', 'tempfile'}
+    for path in (ROOT / 'core').rglob('*.py'):
+        text = path.read_text()
+        for line, module in imports(path):
+            assert module.split('.')[0] not in barred, f'{name(path)}:{line} imports {module}'
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Call):
+                called = ast.unparse(node.func)
+                assert called not in ('open', 'print'), f'{name(path)}:{node.lineno} {called}'
+                drawn = called.startswith('np.random.') and '(' not in called
+                seeded = called.split('.')[-1] in (
+                    'default_rng', 'Generator', 'PCG64', 'SeedSequence', 'Philox')
+                assert not drawn or (seeded and node.args), f'{name(path)}:{node.lineno} {called}'

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+import tempfile
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eol_ros import scene as scenes
+from eol_ros.errors import ConfigError
+from eol_ros.settings import NODES
+
+FUZZ = Path(tempfile.mkdtemp(prefix='eol-fuzz-'))
+
+
+def write(folder, text, name='s.yaml'):
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def mistakes(path):
+    with pytest.raises(scenes.SceneError) as caught:
+        scenes.load(path)
+    return [(m.line, m.column, m.where, m.what) for m in caught.value.mistakes]
+
+
+@pytest.mark.parametrize('name', scenes.shipped())
+def test_shipped_scenes_are_right(name):
+    scene = scenes.load(name)
+
+    assert scene.name == name
+    assert list(scene.nodes) == [n for n in NODES if n in scene.nodes]  # in data order
+
+
+def test_every_mistake_at_its_place(tmp_path):
+    path = write(tmp_path, '''scene: x
+nodes:
+  camera: {exposure_us: fast, widht: 3}
+  trakcer: {}
+  motion:
+  montage: {period_s: 0.1, pairs: nope}
+  twin: [1]
+network: wan
+domain: 400
+together: [[camera, sound]]
+bags: 1
+include: other.yaml
+''')
+
+    found = mistakes(path)
+
+    assert [(line, column, where) for line, column, where, _ in found] == [
+        (3, 3, 'nodes.camera'),
+        (3, 25, 'camera.exposure_us'),
+        (3, 31, 'camera.widht'),
+        (4, 3, 'nodes.trakcer'),
+        (5, 3, 'nodes.motion'),
+        (6, 23, 'montage.period_s'),
+        (6, 35, 'montage.pairs'),
+        (7, 9, 'twin'),
+        (8, 10, 'network'),
+        (9, 9, 'domain'),
+        (10, 11, 'together'),
+        (11, 1, 'bags'),
+        (12, 10, 'include'),
+    ]
+    words = ' '.join(what for *_, what in found)
+    for hint in ('Did you mean width?', 'Did you mean tracker?', '0.34 to 60 s', 'no such file'):
+        assert hint in words
+
+
+def test_mistakes_come_with_file_and_count(tmp_path):
+    path = write(tmp_path, 'nodes: {twin: {fps: high}}\n')
+
+    with pytest.raises(scenes.SceneError) as caught:
+        scenes.load(path)
+
+    assert caught.value.exit_code == 78
+    assert str(caught.value) == (
+        f"{path}:1:21 error twin.fps: 'high' is not a number (1 to 240 Hz)\n"
+        '1 error. Nothing was started.'
+    )
+
+
+def test_whole_number_is_a_number(tmp_path):
+    scene = scenes.load(write(tmp_path, 'nodes: {twin: {fps: 120}}'))
+
+    assert scene.nodes['twin'].fps == 120.0
+    assert isinstance(scene.nodes['twin'].fps, float)
+
+
+@pytest.mark.parametrize('value', ['.nan', '.inf', '-1', 'true', '"60"', '[60]', '{a: 1}', '~'])
+def test_not_a_rate(tmp_path, value):
+    assert [w for *_, w, _ in mistakes(write(tmp_path, f'nodes: {{twin: {{fps: {value}}}}}'))] == [
+        'twin.fps'
+    ]
+
+
+@pytest.mark.parametrize(
+    'text, where',
+    [
+        ('', (1, 1)),
+        ('[1, 2]', (1, 1)),
+        ('nodes: {twin: {', (1, 16)),
+        ('nodes:\n\t- x', (2, 1)),
+        ('nodes: {}', (1, 8)),
+        ('nodes: {twin: {}, twin: {}}', (1, 19)),
+        ('nodes: {sound: {}, twin: {}}', (1, 9)),
+        ('nodes: {twin: {}, camera: {}}', (1, 19)),
+    ],
+)
+def test_broken_files(tmp_path, text, where):
+    assert mistakes(write(tmp_path, text))[0][:2] == where
+
+
+def test_include_is_merged_below(tmp_path):
+    write(tmp_path, 'network: lan\nnodes: {twin: {fps: 30, seed: 7}, tracker: {}}', 'base.yaml')
+    path = write(tmp_path, 'include: base.yaml\nnodes: {twin: {fps: 90}}')
+
+    scene = scenes.load(path)
+
+    assert (scene.network, scene.nodes['twin'].fps, scene.nodes['twin'].seed) == ('lan', 90.0, 7)
+    assert 'tracker' in scene.nodes
+    assert 'base.yaml' in scene.text and 'seed: 7' in scene.text  # a bag gets the whole of it
+
+
+def test_mistake_in_an_include_is_named_there(tmp_path):
+    base = write(tmp_path, 'nodes:\n  twin: {fps: -3}', 'base.yaml')
+    path = write(tmp_path, 'include: base.yaml')
+
+    with pytest.raises(scenes.SceneError) as caught:
+        scenes.load(path)
+
+    assert f'{base}:2:15 error twin.fps' in str(caught.value)
+
+
+def test_include_of_itself(tmp_path):
+    assert 'includes itself' in mistakes(write(tmp_path, 'include: s.yaml'))[0][3]
+
+
+def test_paths_are_relative_to_the_scene(tmp_path):
+    (tmp_path / 'ice.wav').write_bytes(b'')
+    scene = scenes.load(write(tmp_path, 'nodes: {replay: {}, grains: {sound: ice.wav}}'.replace(
+        'replay: {}', f'replay: {{bag: {tmp_path}}}')))
+
+    assert scene.nodes['grains'].sound == str(tmp_path / 'ice.wav')
+
+
+def test_unknown_scene_has_a_hint():
+    with pytest.raises(ConfigError, match='Did you mean museum'):
+        scenes.load('musuem')
+
+
+@given(st.dictionaries(st.sampled_from([*NODES, 'x', 'scene']), st.none() | st.integers() | st.text()
+                       | st.dictionaries(st.text(), st.floats() | st.text())))
+def test_never_falls_over(nodes):
+    path = write(FUZZ, yaml.safe_dump({'nodes': nodes}, allow_unicode=True))
+    try:
+        scenes.load(path)
+    except ConfigError as error:
+        assert str(path) in str(error)
+
+
+def test_plain_is_read_back_the_same(tmp_path):
+    scene = scenes.load('rehearsal')
+    again = scenes.load(write(tmp_path, yaml.safe_dump(scenes.plain(scene))))
+
+    assert again.nodes == scene.nodes
