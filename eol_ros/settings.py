@@ -63,7 +63,10 @@ class CameraSettings:
     width: int = setting(1280, 'image width', 'px', 160, 4096)
     height: int = setting(800, 'image height', 'px', 100, 4096)
     exposure_us: int = setting(3000, 'manual exposure', 'us', 50, 16000)
+    gain: float = setting(-1.0, "sensor gain in the driver's own unit; -1 leaves it", '', -1, 1000)
+    format: str = setting('auto', 'of a live camera', choices=('auto', 'GREY', 'MJPG'))
     loop: bool = setting(True, 'start a file again at its end')
+    calibration: str = setting('', 'calibration file for camera_info; empty: none', path=True)
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class TrackerSettings:
 
 @dataclass(frozen=True)
 class MotionSettings:
-    stop_mps: float = setting(0.006, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
+    stop_mps: float = setting(0.001, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
     stop_s: float = setting(0.08, 'time over which that speed is measured', 's', 0.05, 0.25)
     anchor_s: float = setting(0.2, 'rest before a start is compared with', 's', 0.05, 0.25)
     false_alarms_per_hour: float = setting(
@@ -90,6 +93,12 @@ class MotionSettings:
 class LedsSettings:
     port: str = setting('auto', 'serial port by stable name, auto, or twin for the simulated board')
     frame_hz: float = setting(100.0, 'light levels sent while anything glows', 'Hz', 10, 500)
+    baud: int = setting(1_000_000, 'speed of the serial line', '', 9600, 4_000_000)
+    decay_s: float = setting(0.35, 'time constant of a flash', 's', 0.02, 10, live=True)
+    peak: float = setting(1.0, 'light of a flash', '', 0, 1, live=True)
+    flash_limit: bool = setting(True, 'at most three flashes of the whole field a second')
+    flash_limit_off_because: str = setting('', 'written reason, needed to switch the limit off')
+    board_log: str = setting('', 'with port: twin, a CSV of each arrival on the wire', path=True)
 
 
 @dataclass(frozen=True)

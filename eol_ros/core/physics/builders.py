@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes by name: the paper's table, the Brown plate, the Burridge-Knopoff train, N x M of each.
+
+All return plain mappings, so that what is built can be saved, read and changed.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from eol_ros.core.geometry import BLOCK_MASS_KG, BLOCK_SIDE_M, PITCH_M, SPRING_M
+
+STIFFNESS = 40.0  # N/m, a small extension spring; a choice, to be measured on the real table
+MU_STATIC = 0.9  # grit on grit; a choice, to be measured on the real table
+MU_KINETIC = 0.65
+NATURAL_M = 0.06  # natural length of a spring installed at 9 cm: pre-tension 1.2 N
+GRAVITY = 9.81
+
+
+def offsets(n: int, size_m: float, seed: int, along_x: bool = False) -> list[list[float]]:
+    """Return n starting offsets, uniform in +-size_m, the same for the same seed."""
+    drawn = np.random.default_rng(seed).uniform(-size_m, size_m, (n, 2))
+    if along_x:
+        drawn[:, 1] = 0.0
+    return drawn.tolist()
+
+
+def _scene(
+    n: int, between: list, to_frame: list, drive: dict, duration_s: float, **more: Any
+) -> dict:
+    scene = {
+        'n': n,
+        'mass': BLOCK_MASS_KG,
+        'mu_s': MU_STATIC,
+        'mu_k': MU_KINETIC,
+        'g': GRAVITY,
+        'geometric': False,
+        'dim1': False,
+        'springs_between_blocks': between,
+        'springs_to_frame': to_frame,
+        'drive': drive,
+        'u0': [[0.0, 0.0]] * n,
+        'v0': 'zero',
+        'T': duration_s,
+    }
+    unknown = set(more) - set(scene) - {'weakening', 'rotation'}
+    if unknown:
+        raise TypeError(f'a scene has no {sorted(unknown)}')
+    return scene | more
+
+
+def _lattice_springs(rows: int, columns: int, k: float) -> list[dict]:
+    springs = []
+    for i in range(rows * columns):
+        if i % columns < columns - 1:
+            springs.append(_spring(i, k, [1.0, 0.0], j=i + 1))
+        if i < (rows - 1) * columns:
+            springs.append(_spring(i, k, [0.0, 1.0], j=i + columns))
+    return springs
+
+
+def _spring(i: int, k: float, direction: list[float], **end: Any) -> dict:
+    return {'i': i, **end, 'k': k, 'L0': NATURAL_M, 'dir': direction, 'Lnom': SPRING_M}
+
+
+def _plate_spring(i: int, k: float, at: tuple[float, float]) -> dict:
+    return {'i': i, 'k': k, 'L0': 0.0, 'dir': [0.0, 0.0], 'Lnom': 0.0, 'anchor': list(at)}
+
+
+def _centres(rows: int, columns: int) -> list[tuple[float, float]]:
+    return [
+        ((i % columns - (columns - 1) / 2) * PITCH_M, (i // columns - (rows - 1) / 2) * PITCH_M)
+        for i in range(rows * columns)
+    ]
+
+
+def table(
+    drive: dict,
+    duration_s: float,
+    rows: int = 5,
+    columns: int = 5,
+    k: float = STIFFNESS,
+    **more: Any,
+) -> dict:
+    """Return the paper's table: the outer blocks are tied to the rim, corners by two springs."""
+    to_frame = []
+    reach = BLOCK_SIDE_M / 2 + SPRING_M
+    for i, (x, y) in enumerate(_centres(rows, columns)):
+        row, column = divmod(i, columns)
+        sides = [
+            (column == 0, -1.0, 0.0),
+            (column == columns - 1, 1.0, 0.0),
+            (row == 0, 0.0, -1.0),
+            (row == rows - 1, 0.0, 1.0),
+        ]
+        for there, dx, dy in sides:
+            if there:
+                anchor = [x + reach * dx, y + reach * dy]
+                to_frame.append(_spring(i, k, [dx, dy], anchor=anchor))
+    springs = _lattice_springs(rows, columns, k)
+    return _scene(rows * columns, springs, to_frame, drive, duration_s, **more)
+
+
+def plate(
+    drive: dict,
+    duration_s: float,
+    rows: int = 5,
+    columns: int = 5,
+    k_plate: float = 20.0,
+    k_between: float = 40.0,
+    **more: Any,
+) -> dict:
+    """Return the plate of Brown, Scholz and Rundle (1991): every block is tied to it from above."""
+    to_frame = [_plate_spring(i, k_plate, at) for i, at in enumerate(_centres(rows, columns))]
+    springs = _lattice_springs(rows, columns, k_between)
+    return _scene(rows * columns, springs, to_frame, drive, duration_s, **more)
+
+
+def train(
+    drive: dict,
+    duration_s: float,
+    n: int = 5,
+    k_plate: float = 20.0,
+    k_between: float = 40.0,
+    **more: Any,
+) -> dict:
+    """Return the train of Burridge and Knopoff (1967): a row along x, tied to the plate.
+
+    `weakening={'speed': v}` gives the friction of Carlson and Langer (1989):
+    mu_k / (1 + |v| / speed).
+    """
+    return plate(drive, duration_s, 1, n, k_plate, k_between, **{'dim1': True, **more})
+
+
+def single(drive: dict, duration_s: float, k: float = STIFFNESS, **more: Any) -> dict:
+    """Return one block pulled along x by one linear spring."""
+    return _scene(
+        1, [], [_plate_spring(0, k, (0.0, 0.0))], drive, duration_s, **{'dim1': True, **more}
+    )

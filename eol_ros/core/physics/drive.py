@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the rim moves: pose (x, y, phi) against time, and the displacement of points fixed to it.
+
+An anchor at A in the rim's frame is displaced by u = c(t) + (R(phi(t)) - 1) A.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from eol_ros.errors import ConfigError
+
+NONE, VELOCITY, CIRCLE, POSES = range(4)
+KINDS = {'none': NONE, 'constant_velocity': VELOCITY, 'circle_and_rotation': CIRCLE, 'poses': POSES}
+PARAMETERS = {
+    'constant_velocity': ('vx', 'vy'),
+    'circle_and_rotation': ('R', 'w', 'phi0', 'w2'),
+}
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A drive in the form the solvers take.
+
+    `par` holds (vx, vy, 0, 0) or (R, w, phi0, w2); `knots` (p+1,) s and `cubics` (p, 3, 4) are
+    the piecewise cubic of `poses`: coefficients of 1, s, s^2, s^3, s the time since the knot.
+    Before the first knot and after the last the pose is held.
+    """
+
+    kind: int
+    par: np.ndarray
+    knots: np.ndarray
+    cubics: np.ndarray
+
+    @classmethod
+    def make(cls, kind: str, *par: float) -> 'Drive':
+        """Return a drive of a kind with plain parameters."""
+        four = np.zeros(4)
+        four[: len(par)] = par
+        return cls(KINDS[kind], four, np.zeros(1), np.zeros((0, 3, 4)))
+
+    @classmethod
+    def through(cls, rows: np.ndarray, rates: np.ndarray | None = None) -> 'Drive':
+        """Return the cubic Hermite drive through `rows` (p+1, 4): t, x, y, phi.
+
+        `rates` (p+1, 3) are the velocities there; without them each is the slope of the parabola
+        through the pose and its neighbours (one-sided at the ends; two rows: a straight line).
+        """
+        t, q = rows[:, 0], rows[:, 1:]
+        if rates is None:
+            rates = np.gradient(q, t, axis=0, edge_order=2 if len(t) > 2 else 1)
+        h = np.diff(t)[:, None]
+        slope = np.diff(q, axis=0) / h
+        c2 = (3 * slope - 2 * rates[:-1] - rates[1:]) / h
+        c3 = (rates[:-1] + rates[1:] - 2 * slope) / h**2
+        return cls(POSES, np.zeros(4), t.copy(), np.stack([q[:-1], rates[:-1], c2, c3], axis=2))
+
+    @classmethod
+    def from_mapping(cls, given: Any) -> 'Drive':
+        """Check {"kind", "par"} and return the drive; raises ConfigError."""
+        if not isinstance(given, Mapping) or 'kind' not in given:
+            raise ConfigError(f'drive is {given!r:.60}: {{"kind", "par"}} is wanted')
+        for key in given:
+            if key not in ('kind', 'par'):
+                raise ConfigError(f"drive has the unknown key '{key}'; it wants kind and par")
+        kind = given['kind']
+        if kind not in KINDS:
+            raise ConfigError(f"drive kind '{kind}' is not known: {', '.join(KINDS)} are")
+        par = given.get('par')
+        if kind == 'none':
+            return cls.make(kind)
+        if isinstance(par, Mapping):
+            names = PARAMETERS.get(kind, ())
+            if set(par) != set(names):
+                wanted = ', '.join(names) or 'rows t, x, y, phi'
+                raise ConfigError(f'drive par of {kind} wants {wanted}')
+            par = [par[name] for name in names]
+        try:
+            values = np.asarray(par, dtype=float)
+        except (TypeError, ValueError):
+            raise ConfigError(f'drive par is {par!r:.60}: numbers are wanted') from None
+        if not np.all(np.isfinite(values)):
+            raise ConfigError(f'drive par of {kind} holds a number that is not finite')
+        if kind == 'poses':
+            if values.ndim != 2 or values.shape[1] != 4 or len(values) < 2:
+                raise ConfigError('drive par of poses wants two or more rows t, x, y, phi')
+            if np.any(np.diff(values[:, 0]) <= 0):
+                raise ConfigError('drive par of poses wants rising times')
+            return cls.through(values)
+        names = PARAMETERS[kind]
+        if values.shape != (len(names),):
+            raise ConfigError(f'drive par of {kind} wants {", ".join(names)}')
+        return cls.make(kind, *values)
+
+    @property
+    def along_x(self) -> bool:
+        """True if the rim only ever moves along x."""
+        if self.kind == CIRCLE:
+            return not (self.par[0] * self.par[1] or self.par[2] * self.par[3])
+        if self.kind == POSES:
+            return not np.any(self.cubics[:, 1:])
+        return self.kind == NONE or self.par[1] == 0.0
+
+    @property
+    def still(self) -> bool:
+        """True if the rim never moves (a constant pose may still be off centre)."""
+        if self.kind == CIRCLE:
+            return not (self.par[0] * self.par[1] or self.par[2] * self.par[3])
+        if self.kind == POSES:
+            return not np.any(self.cubics[:, :, 1:])
+        return self.kind == NONE or not np.any(self.par[:2])
+
+    def pose(self, t: float | np.ndarray) -> np.ndarray:
+        """Return (x, y, phi) at `t`, shape t.shape + (3,)."""
+        t = np.asarray(t, float)
+        if self.kind == VELOCITY:
+            return np.stack([self.par[0] * t, self.par[1] * t, 0 * t], axis=-1)
+        if self.kind == CIRCLE:
+            r, w, phi0, w2 = self.par
+            angle = w * t
+            return np.stack(
+                [r * np.sin(angle), 2 * r * np.sin(angle / 2) ** 2, phi0 * np.sin(w2 * t)], axis=-1
+            )
+        if self.kind == POSES:
+            held = np.clip(t, self.knots[0], self.knots[-1])
+            piece = np.clip(np.searchsorted(self.knots, held, 'right') - 1, 0, len(self.cubics) - 1)
+            s = (held - self.knots[piece])[..., None]
+            c = self.cubics[piece]
+            return c[..., 0] + s * (c[..., 1] + s * (c[..., 2] + s * c[..., 3]))
+        return np.zeros(t.shape + (3,))
+
+    def displacement(self, t: float, anchors: np.ndarray) -> np.ndarray:
+        """Return the displacement (a, 2) at `t` of the rim's points `anchors` (a, 2)."""
+        x, y, phi = self.pose(t)
+        s, c = np.sin(phi), -2 * np.sin(phi / 2) ** 2
+        ax, ay = anchors[:, 0], anchors[:, 1]
+        return np.stack([x + c * ax - s * ay, y + s * ax + c * ay], axis=1)

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scene of a spring-block simulation: what is given, checked once, held as arrays.
+
+The keys are those of the JSON files (docs/numerics.md); SI units. Springs between blocks pull along
+`dir`, a unit vector from block i to block j (or to the anchor); `Lnom` is their length in the rest
+lattice between the points where they are fixed, `L0` their natural length.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+
+from eol_ros.core.physics.drive import Drive
+from eol_ros.errors import ConfigError
+
+KEYS = (
+    'n',
+    'mass',
+    'mu_s',
+    'mu_k',
+    'g',
+    'geometric',
+    'dim1',
+    'springs_between_blocks',
+    'springs_to_frame',
+    'drive',
+    'u0',
+    'v0',
+    'T',
+)
+OPTIONAL = ('weakening', 'rotation')
+WEAKENING_KEYS = ('speed',)
+ROTATION_KEYS = ('width',)
+BETWEEN = ('i', 'j', 'k', 'L0', 'dir', 'Lnom')
+TO_FRAME = ('i', 'k', 'L0', 'dir', 'Lnom', 'anchor')
+MAX_BLOCKS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Springs:
+    """Springs as arrays over s: ends, stiffness `k` (N/m), natural length (m), rest vector (m)."""
+
+    i: np.ndarray
+    j: np.ndarray  # the other block; empty for springs to the rim
+    k: np.ndarray
+    natural: np.ndarray
+    rest: np.ndarray  # (s, 2): Lnom * dir
+    anchor: np.ndarray  # (s, 2): where it is fixed to the rim, rim frame; empty between blocks
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A checked scene; arrays over the blocks have n rows. Raises nothing: see `from_mapping`."""
+
+    n: int
+    mass: np.ndarray  # (n,) kg
+    mu_s: np.ndarray  # (n,)
+    mu_k: np.ndarray  # (n,)
+    g: float  # m/s^2
+    geometric: bool
+    dim1: bool  # blocks run on rails along x: y is held
+    between: Springs
+    to_frame: Springs
+    drive: Drive
+    u0: np.ndarray  # (n, 2) m
+    v0: np.ndarray  # (n, 2) m/s
+    duration_s: float
+    weakening_speed: float = 0.0  # m/s; 0: kinetic friction does not depend on speed
+    rotation_width: float = 0.0  # m, side of a block that may turn; 0: blocks do not turn
+    source: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def static_limit(self) -> np.ndarray:
+        """The force (N) at which each block breaks loose, shape (n,)."""
+        return self.mu_s * self.mass * self.g
+
+    @property
+    def kinetic_force(self) -> np.ndarray:
+        """The friction (N) on each sliding block, shape (n,)."""
+        return self.mu_k * self.mass * self.g
+
+
+def from_mapping(given: Mapping[str, Any]) -> Scene:
+    """Check what a JSON file says and return the scene.
+
+    Raises ConfigError, one line with the key, what was found there and what is wanted.
+    """
+    if not isinstance(given, Mapping):
+        raise ConfigError(f'a physics scene is an object with the keys {", ".join(KEYS)}')
+    _keys('the scene', given, KEYS, OPTIONAL)
+    n = _whole('n', given['n'], 1, MAX_BLOCKS)
+    mass = _per_block('mass', given['mass'], n, positive=True)
+    mu_s = _per_block('mu_s', given['mu_s'], n)
+    mu_k = _per_block('mu_k', given['mu_k'], n)
+    wrong = np.flatnonzero(mu_k > mu_s)
+    if len(wrong):
+        b = wrong[0]
+        raise ConfigError(
+            f'mu_k = {mu_k[b]:g} of block {b} is above mu_s = {mu_s[b]:g}: '
+            'kinetic friction cannot exceed static friction'
+        )
+    geometric = _flag('geometric', given['geometric'])
+    between = _springs('springs_between_blocks', given, n, BETWEEN, geometric)
+    to_frame = _springs('springs_to_frame', given, n, TO_FRAME, geometric)
+    dim1 = _flag('dim1', given['dim1'])
+    u0 = _vectors('u0', given['u0'], n)
+    v0 = np.zeros((n, 2)) if given['v0'] == 'zero' else _vectors('v0', given['v0'], n)
+    if dim1 and np.any(v0[:, 1]):
+        raise ConfigError('v0 has speeds along y, and dim1 lets the blocks move along x only')
+    weakening, rotation = _options(given, geometric, dim1)
+    return Scene(
+        n,
+        mass,
+        mu_s,
+        mu_k,
+        _number('g', given['g'], least=0.0),
+        geometric,
+        dim1,
+        between,
+        to_frame,
+        Drive.from_mapping(given['drive']),
+        u0,
+        v0,
+        _number('T', given['T'], least=0.0),
+        weakening,
+        rotation,
+        given,
+    )
+
+
+def _options(given: Mapping[str, Any], geometric: bool, dim1: bool) -> tuple[float, float]:
+    weakening = rotation = 0.0
+    if given.get('weakening') is not None:
+        _keys('weakening', given['weakening'], WEAKENING_KEYS)
+        weakening = _number('weakening.speed', given['weakening']['speed'], above=0.0)
+        if geometric:
+            raise ConfigError('weakening is for linear springs along x: set geometric false')
+    if given.get('rotation') is not None:
+        _keys('rotation', given['rotation'], ROTATION_KEYS)
+        rotation = _number('rotation.width', given['rotation']['width'], above=0.0)
+        if not geometric or dim1:
+            raise ConfigError('rotation needs geometric true and dim1 false')
+    return weakening, rotation
+
+
+def _keys(where: str, given: Any, wanted: Sequence[str], optional: Sequence[str] = ()) -> None:
+    if not isinstance(given, Mapping):
+        raise ConfigError(
+            f'{where} is {_show(given)}: an object with {", ".join(wanted)} is wanted'
+        )
+    for key in wanted:
+        if key not in given:
+            raise ConfigError(f"{where} lacks the key '{key}'; it wants {', '.join(wanted)}")
+    for key in given:
+        if key not in wanted and key not in optional:
+            near = get_close_matches(str(key), [*wanted, *optional], 1)
+            hint = f"; did you mean '{near[0]}'?" if near else ''
+            raise ConfigError(f"{where} has the unknown key '{key}'{hint}")
+
+
+def _show(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + '...'
+
+
+def _number(key: str, value: Any, least: float | None = None, above: float | None = None) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise ConfigError(f'{key} is {_show(value)}: a number is wanted')
+    value = float(value)
+    if not np.isfinite(value):
+        raise ConfigError(f'{key} is {value}: a finite number is wanted')
+    if least is not None and value < least:
+        raise ConfigError(f'{key} is {value:g}: {least:g} or more is wanted')
+    if above is not None and value <= above:
+        raise ConfigError(f'{key} is {value:g}: more than {above:g} is wanted')
+    return value
+
+
+def _whole(key: str, value: Any, least: int, most: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise ConfigError(f'{key} is {_show(value)}: a whole number is wanted')
+    if not least <= value <= most:
+        raise ConfigError(f'{key} is {value}: {least} to {most} is wanted')
+    return int(value)
+
+
+def _flag(key: str, value: Any) -> bool:
+    if not isinstance(value, bool | np.bool_):
+        raise ConfigError(f'{key} is {_show(value)}: true or false is wanted')
+    return bool(value)
+
+
+def _array(key: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
+    words = ' x '.join(map(str, shape))
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ConfigError(f'{key} is {_show(value)}: {words} numbers are wanted') from None
+    if array.shape != shape:
+        found = ' x '.join(map(str, array.shape)) or 'a single number'
+        raise ConfigError(f'{key} has {found}: {words} numbers are wanted')
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        raise ConfigError(
+            f'{key}{bad[0].tolist()} is {array[tuple(bad[0])]}: a finite number is wanted'
+        )
+    return array
+
+
+def _per_block(key: str, value: Any, n: int, positive: bool = False) -> np.ndarray:
+    if isinstance(value, list | tuple | np.ndarray):
+        array = _array(key, value, (n,))
+    else:
+        array = np.full(n, _number(key, value))
+    wrong = np.flatnonzero(array <= 0 if positive else array < 0)
+    if len(wrong):
+        wanted = 'more than 0' if positive else '0 or more'
+        raise ConfigError(f'{key} is {array[wrong[0]]:g} for block {wrong[0]}: {wanted} is wanted')
+    return array
+
+
+def _vectors(key: str, value: Any, n: int) -> np.ndarray:
+    if isinstance(value, str):
+        raise ConfigError(f"{key} is '{value}': n pairs [x, y] are wanted")
+    return _array(key, value, (n, 2))
+
+
+def _springs(
+    key: str, given: Mapping[str, Any], n: int, wanted: Sequence[str], geometric: bool
+) -> Springs:
+    rows = given[key]
+    if not isinstance(rows, list | tuple):
+        raise ConfigError(f'{key} is {_show(rows)}: a list of springs is wanted')
+    i, j, k, natural, rest, anchor = [], [], [], [], [], []
+    for s, row in enumerate(rows):
+        here = f'{key}[{s}]'
+        _keys(here, row, wanted)
+        i.append(_block(f'{here}.i', row['i'], n))
+        k.append(_number(f'{here}.k', row['k'], least=0.0))
+        natural.append(_number(f'{here}.L0', row['L0'], least=0.0))
+        direction = _array(f'{here}.dir', row['dir'], (2,))
+        length = _number(f'{here}.Lnom', row['Lnom'], least=0.0)
+        rest.append(length * direction)
+        if 'j' in wanted:
+            j.append(_block(f'{here}.j', row['j'], n))
+            if j[-1] == i[-1]:
+                raise ConfigError(f'{here} ties block {i[-1]} to itself')
+        else:
+            anchor.append(_array(f'{here}.anchor', row['anchor'], (2,)))
+        if geometric and natural[-1] > 0 and not np.any(rest[-1]):
+            raise ConfigError(f'{here} has no direction: with L0 > 0 it wants dir and Lnom')
+    return Springs(
+        np.array(i, np.int64),
+        np.array(j, np.int64),
+        np.array(k, float),
+        np.array(natural, float),
+        np.array(rest, float).reshape(-1, 2),
+        np.array(anchor, float).reshape(-1, 2),
+    )
+
+
+def _block(key: str, value: Any, n: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise ConfigError(f'{key} is {_show(value)}: the number of a block is wanted')
+    if not 0 <= value < n:
+        raise ConfigError(f'{key} is {value}, a block that is not there: 0 to {n - 1} are')
+    return int(value)

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Time stepping after Moreau and Jean: half a drift, the velocity with its friction, half a drift.
+
+Jean, Comput. Methods Appl. Mech. Eng. 177 (1999), with theta = 1/2 for the positions and the forces
+taken at the middle of the step. First order in the step, because events fall between steps:
+a preview and an independent check, and honest about nothing finer.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from eol_ros.core.physics.drive import CIRCLE, POSES, VELOCITY
+
+
+@njit(cache=True)
+def rim_pose(kind, par, knots, cubics, t):
+    """Return x, y, phi of the rim at t; the compiled twin of `Drive.pose`."""
+    if kind == VELOCITY:
+        return par[0] * t, par[1] * t, 0.0
+    if kind == CIRCLE:
+        half = math.sin(0.5 * par[1] * t)
+        return (
+            par[0] * math.sin(par[1] * t),
+            2.0 * par[0] * half * half,
+            par[2] * math.sin(par[3] * t),
+        )
+    if kind == POSES:
+        last = len(cubics) - 1
+        s = min(max(t, knots[0]), knots[last + 1])
+        p = 0
+        while p < last and knots[p + 1] <= s:
+            p += 1
+        s -= knots[p]
+        c = cubics[p]
+        return (
+            c[0, 0] + s * (c[0, 1] + s * (c[0, 2] + s * c[0, 3])),
+            c[1, 0] + s * (c[1, 1] + s * (c[1, 2] + s * c[1, 3])),
+            c[2, 0] + s * (c[2, 1] + s * (c[2, 2] + s * c[2, 3])),
+        )
+    return 0.0, 0.0, 0.0
+
+
+@njit(cache=True)
+def place_anchors(ends, n, anchors, x, y, phi):
+    """Write the displacements of the rim's anchors behind those of the n blocks in `ends`."""
+    sine = math.sin(phi)
+    half = math.sin(0.5 * phi)
+    cosine_1 = -2.0 * half * half
+    for a in range(len(anchors)):
+        ax, ay = anchors[a, 0], anchors[a, 1]
+        ends[n + a, 0] = x + cosine_1 * ax - sine * ay
+        ends[n + a, 1] = y + sine * ax + cosine_1 * ay
+
+
+@njit(cache=True)
+def spring_forces(ends, force, first, second, k, natural, rest, geometric):
+    """Write the force of all springs on all ends (blocks and anchors) into `force`."""
+    force[:] = 0.0
+    for s in range(len(k)):
+        i, j = first[s], second[s]
+        dx = ends[j, 0] - ends[i, 0]
+        dy = ends[j, 1] - ends[i, 1]
+        stiff = k[s]
+        if geometric:
+            dx += rest[s, 0]
+            dy += rest[s, 1]
+            if natural[s] > 0.0:
+                length = math.sqrt(dx * dx + dy * dy)
+                stiff = stiff * (1.0 - natural[s] / length) if length > 0.0 else 0.0
+        fx, fy = stiff * dx, stiff * dy
+        force[i, 0] += fx
+        force[i, 1] += fy
+        force[j, 0] -= fx
+        force[j, 1] -= fy
+
+
+@njit(cache=True)
+def step_many(
+    ends,
+    v,
+    moving,
+    force,
+    work,
+    counts,
+    t0,
+    steps,
+    h,
+    n,
+    first,
+    second,
+    k,
+    natural,
+    rest,
+    anchors,
+    mass,
+    static,
+    kinetic,
+    geometric,
+    rail,
+    weakening,
+    kind,
+    par,
+    knots,
+    cubics,
+    log_t,
+    log_block,
+    log_start,
+    logged,
+):
+    """Take `steps` steps of h from t0, in place; return how many events were logged.
+
+    `ends` (n + a, 2), `v` (n, 2), `moving` (n,) bool; `work`: drive work and friction heat (J);
+    `counts[0]` counts slips begun. When the log is full, newer events are counted, not written.
+    """
+    before = np.empty((len(anchors), 2))
+    for step in range(steps):
+        t = t0 + step * h
+        x, y, phi = rim_pose(kind, par, knots, cubics, t)
+        place_anchors(ends, n, anchors, x, y, phi)
+        before[:] = ends[n:]
+        for i in range(n):
+            if moving[i]:
+                ends[i, 0] += 0.5 * h * v[i, 0]
+                ends[i, 1] += 0.5 * h * v[i, 1]
+        x, y, phi = rim_pose(kind, par, knots, cubics, t + 0.5 * h)
+        place_anchors(ends, n, anchors, x, y, phi)
+        spring_forces(ends, force, first, second, k, natural, rest, geometric)
+        x, y, phi = rim_pose(kind, par, knots, cubics, t + h)
+        place_anchors(ends, n, anchors, x, y, phi)
+        for a in range(len(anchors)):
+            work[0] -= force[n + a, 0] * (ends[n + a, 0] - before[a, 0])
+            if not rail:
+                work[0] -= force[n + a, 1] * (ends[n + a, 1] - before[a, 1])
+        for i in range(n):
+            fx = force[i, 0]
+            fy = 0.0 if rail else force[i, 1]
+            if not moving[i]:
+                if fx * fx + fy * fy <= static[i] * static[i]:
+                    continue
+                moving[i] = True
+                counts[0] += 1
+                if logged < len(log_t):
+                    log_t[logged] = t + 0.5 * h
+                    log_block[logged] = i
+                    log_start[logged] = 1
+                logged += 1
+            vx = v[i, 0] + h * fx / mass[i]
+            vy = v[i, 1] + h * fy / mass[i]
+            speed = math.sqrt(vx * vx + vy * vy)
+            hold = kinetic[i]
+            if weakening > 0.0:
+                hold /= 1.0 + speed / weakening
+            loss = h * hold / mass[i]
+            old_x, old_y = v[i, 0], v[i, 1]
+            if speed > loss:
+                v[i, 0] = vx * (1.0 - loss / speed)
+                v[i, 1] = vy * (1.0 - loss / speed)
+            else:
+                v[i, 0] = 0.0
+                v[i, 1] = 0.0
+                if fx * fx + fy * fy <= static[i] * static[i]:
+                    moving[i] = False
+                    if logged < len(log_t):
+                        log_t[logged] = t + 0.5 * h
+                        log_block[logged] = i
+                        log_start[logged] = 0
+                    logged += 1
+            ends[i, 0] += 0.5 * h * v[i, 0]
+            ends[i, 1] += 0.5 * h * v[i, 1]
+            # what friction took: force work over the path less the gain of kinetic energy
+            gain = 0.5 * mass[i] * (v[i, 0] ** 2 + v[i, 1] ** 2 - old_x**2 - old_y**2)
+            mean_x = 0.5 * (old_x + v[i, 0])
+            mean_y = 0.5 * (old_y + v[i, 1])
+            work[1] += h * (fx * mean_x + fy * mean_y) - gain
+    return logged

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The clock of a camera that is not there: exposures at absolute deadlines, late ones counted."""
+
+import threading
+import time
+from collections.abc import Callable
+
+NS = 1_000_000_000
+
+
+class VirtualCamera:
+    """Calls `expose(index, stamp_ns)` for each image and `deliver()` when its exposure ends.
+
+    Exposure i is centred on start + i * period, so the rate never drifts, and `stamp_ns` is that
+    instant in system time. The image is made ahead and delivered when the exposure ends, as a
+    global shutter does. When making takes too long, whole images are skipped and counted in
+    `missed`. Both calls come from one thread of this object; what they raise is kept in `fault`.
+    """
+
+    def __init__(
+        self,
+        rate_hz: float,
+        exposure_s: float,
+        expose: Callable[[int, int], None],
+        deliver: Callable[[], None],
+    ) -> None:
+        self.missed = 0
+        self.fault: BaseException | None = None
+        self._rate_hz, self._half_ns = rate_hz, int(0.5 * exposure_s * NS)
+        self._expose, self._deliver = expose, deliver
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='virtual camera', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop and wait for the thread."""
+        self._stop.set()
+        self._thread.join(2.0)
+
+    def _run(self) -> None:
+        try:
+            self._loop()
+        except Exception as error:
+            self.fault = error
+
+    def _loop(self) -> None:
+        period_ns = NS / self._rate_hz
+        start_ns = time.monotonic_ns() + int(period_ns)
+        index = image = 0
+        to_system_ns = time.time_ns() - time.monotonic_ns()
+        while not self._stop.is_set():
+            middle_ns = start_ns + round(image * period_ns)
+            offset_ns = time.time_ns() - time.monotonic_ns()
+            if abs(offset_ns - to_system_ns) > NS // 1000:  # somebody set the system clock
+                to_system_ns = offset_ns
+            self._expose(index, middle_ns + to_system_ns)
+            left_ns = middle_ns + self._half_ns - time.monotonic_ns()
+            if left_ns > 0 and self._stop.wait(left_ns / NS):
+                return
+            self._deliver()
+            index += 1
+            image += 1
+            behind = int((time.monotonic_ns() - start_ns) / period_ns) - image
+            if behind > 0:
+                self.missed += behind
+                image += behind

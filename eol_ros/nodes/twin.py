@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated table, its hands and its virtual camera: drives the graph with no hardware."""
+
+import sys
+
+import numpy as np
+from eol_msgs.msg import RimCommand, Truth
+from sensor_msgs.msg import CameraInfo
+
+from eol_ros.core.physics.hands import Commands, Rim, Visitors
+from eol_ros.core.physics.live import LiveTable
+from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.renderer import Renderer, RenderOptions
+from eol_ros.devices.virtual_camera import VirtualCamera
+from eol_ros.ros.images import ImagePublisher
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.run import runner
+from eol_ros.ros.stamps import NS, to_msg
+
+LONGEST_STEP_S = 0.1  # a machine that slept does not make up for it
+
+
+class TwinNode(EolNode):
+    """rim_command -> camera/image_raw, camera/camera_info, truth."""
+
+    NAME = 'twin'
+
+    def __init__(self, settings, **kwargs):
+        super().__init__(settings, **kwargs)
+        s = self.settings
+        calibration = Calibration.ideal(s.width, s.height)
+        exposure_s = s.exposure_us * 1e-6
+        options = RenderOptions(
+            noise=s.noise, clutter=s.clutter, exposure_s=exposure_s, rate_hz=s.fps
+        )
+        self.renderer = Renderer(options, calibration, s.seed)
+        self.table, self.rim = LiveTable(s.seed), Rim()
+        self.visitors, self.commands = Visitors(s.seed), Commands()
+        self.image = np.empty((s.height, s.width), np.uint8)
+        self.stamp_ns = 0
+        self.time_s = 0.0  # of the simulation: 0 at the first image
+        self.images = ImagePublisher(self, 'camera/image_raw')
+        self.truth = self.publisher('truth')
+        self.info = self.publisher('camera/camera_info')
+        self.info.publish(_camera_info(calibration))
+        self.subscribe('rim_command', self.on_rim_command)
+        self.film(0, 1e-4)  # compiles what is not compiled yet, before the clock runs
+        self.camera = VirtualCamera(s.fps, exposure_s, self.expose, self.deliver)
+        self.create_timer(0.5, self.check)
+        self.health.expects('images')
+        self.health.ok(f'{s.width}x{s.height} at {s.fps:g} images/s, hands: {s.hands}')
+
+    def on_rim_command(self, command: RimCommand) -> None:
+        velocity = command.vx, command.vy, command.yaw_rate
+        self.commands.take(self.time_s, command.source, velocity, command.hold)
+
+    def expose(self, index: int, stamp_ns: int) -> None:
+        """Move hands, rim and table to `stamp_ns`, and film them."""
+        span_s = (stamp_ns - self.stamp_ns) / NS if self.stamp_ns else 1 / self.settings.fps
+        self.stamp_ns = stamp_ns
+        self.film(index, min(max(span_s, 1e-4), LONGEST_STEP_S))
+
+    def film(self, index: int, span_s: float) -> None:
+        begin_s, self.time_s = self.time_s, self.time_s + span_s
+        hands = np.zeros(3)
+        if self.settings.hands == 'visitors':
+            hands = self.visitors.velocity(self.time_s, self.rim.pose)
+        self.rim.advance(span_s, hands, self.commands.velocity(self.time_s))
+        table = self.table
+        table.advance(begin_s, self.time_s, self.rim.pose, self.rim.velocity)
+        self.renderer.render(
+            table.x, table.y, table.yaw, index, self.image, velocity=table.velocity
+        )
+
+    def deliver(self) -> None:
+        """Publish the image and what was true."""
+        self.images.publish(self.stamp_ns, self.image)
+        table, truth = self.table, Truth()
+        truth.header.stamp, truth.header.frame_id = to_msg(self.stamp_ns), 'table'
+        truth.rim_x, truth.rim_y, truth.rim_yaw = table.rim_pose.tolist()
+        truth.x, truth.y, truth.yaw = table.x, table.y, table.yaw
+        truth.moving = table.moving.tolist()
+        truth.slips, truth.energy_residual = table.slips, table.energy_residual
+        self.truth.publish(truth)
+        self.health.tick()
+        self.health.values['slips'] = table.slips
+        self.health.values['missed'] = self.camera.missed
+
+    def check(self) -> None:
+        if self.camera.fault:
+            raise self.camera.fault
+
+    def close(self) -> None:
+        self.camera.close()
+
+
+def _camera_info(calibration: Calibration) -> CameraInfo:
+    info = CameraInfo(width=calibration.image_width, height=calibration.image_height)
+    info.header.frame_id = 'camera_optical'
+    info.distortion_model = 'plumb_bob'
+    info.d = calibration.distortion_coefficients.tolist()
+    info.k = calibration.camera_matrix.ravel()
+    info.r = np.eye(3).ravel()
+    info.p = np.hstack([calibration.camera_matrix, np.zeros((3, 1))]).ravel()
+    return info
+
+
+main = runner(TwinNode)
+if __name__ == '__main__':
+    sys.exit(main())
