@@ -81,7 +81,7 @@ class Child:
         """Return the statuses that have come over the pipe."""
         found = []
         for line in self._lines('health', self.health_fd):
-            with contextlib.suppress(ValueError, KeyError):
+            with contextlib.suppress(ValueError, KeyError, TypeError):
                 status = json.loads(line)
                 self.status[status['node']] = status
                 found.append(status)

@@ -211,7 +211,7 @@ def test_status_over_the_socket_and_one_graph_per_domain(start):
         try:
             until(lambda: supervisor.all_ok_s is not None)
             answers.append(status.ask(domain))
-            with pytest.raises(UsageError, match='a graph runs on domain .* scene test'):
+            with pytest.raises(UsageError, match='a graph runs on domain .* .scene test'):
                 status.listen(domain)
         finally:
             supervisor.stop()
