@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One continuous landscape, cut into the covers of the blocks.
+
+Heights are sampled on one grid over the whole lattice; neighbouring covers take the same samples along
+their common edge, so the cut fits to the bit. Arrays are indexed [row (y away), column (x right)].
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eol_ros.core.geometry import BLOCK_SIDE_M, COLS, ROWS
+from eol_ros.errors import UsageError
+
+
+@dataclass(frozen=True)
+class CoverShape:
+    """Sizes of a printed cover, in millimetres (the unit of STL files)."""
+
+    side_mm: float = BLOCK_SIDE_M * 1e3
+    wall_mm: float = 1.6  # thickness of sides and roof
+    skirt_mm: float = 12.0  # from the lower rim to the lowest point of the landscape
+    relief_mm: float = 26.0  # from the lowest to the highest point of the landscape
+
+    def check(self) -> 'CoverShape':
+        """Return self, or raise UsageError when no such cover can stand."""
+        if min(self.side_mm, self.wall_mm, self.skirt_mm) <= 0 or self.relief_mm < 0:
+            raise UsageError('side, wall and skirt must be above 0 mm, relief 0 mm or more')
+        if self.wall_mm * 2 >= self.side_mm:
+            raise UsageError(f'wall {self.wall_mm:g} mm leaves no room inside {self.side_mm:g} mm')
+        if self.wall_mm >= self.skirt_mm:
+            raise UsageError(f'skirt {self.skirt_mm:g} mm must exceed the wall {self.wall_mm:g} mm')
+        return self
+
+
+def landscape(seed: int, rows: int = ROWS, cols: int = COLS, cells: int = 32) -> np.ndarray:
+    """Return heights 0..1 on the grid of `rows` x `cols` covers of `cells` x `cells` squares each.
+
+    Ridged multifractal noise (Musgrave in Ebert et al., Texturing and Modeling, 3rd ed. 2003, ch. 16)
+    over a warped plane, with a flat sea where it lies low. Shape (rows * cells + 1, cols * cells + 1).
+    """
+    rng = np.random.default_rng(seed)
+    y, x = np.meshgrid(
+        np.arange(rows * cells + 1) / cells, np.arange(cols * cells + 1) / cells, indexing='ij'
+    )
+    warp_x = _noise(rng, x / 2.6, y / 2.6)
+    warp_y = _noise(rng, x / 2.6, y / 2.6)
+    x, y = x + 0.9 * warp_x, y + 0.9 * warp_y
+    height = 0.9 * _noise(rng, x / 3.1, y / 3.1)
+    weight = np.ones_like(height)
+    for octave in range(6):
+        scale = 2.1**octave / 2.2
+        ridge = (1 - np.abs(_noise(rng, x * scale, y * scale))) ** 2
+        height += 0.62**octave * ridge * weight * 0.8
+        weight = np.clip(ridge * weight * 1.4, 0, 1)
+    height -= np.quantile(height, 0.12)  # an eighth of the land lies under water
+    sea = np.maximum(height, 0.0)
+    return sea / max(float(sea.max()), 1e-12)
+
+
+def _noise(rng: np.random.Generator, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return gradient noise in about -1..1 at (x, y) (Perlin, SIGGRAPH 2002)."""
+    x = x - np.floor(x.min())
+    y = y - np.floor(y.min())
+    ix, iy = x.astype(int), y.astype(int)
+    angle = rng.uniform(0, 2 * np.pi, (iy.max() + 2, ix.max() + 2))
+    gx, gy = np.cos(angle), np.sin(angle)
+    fx, fy = x - ix, y - iy
+
+    def corner(dy: int, dx: int) -> np.ndarray:
+        return gx[iy + dy, ix + dx] * (fx - dx) + gy[iy + dy, ix + dx] * (fy - dy)
+
+    sx, sy = (f * f * f * (f * (f * 6 - 15) + 10) for f in (fx, fy))
+    low = corner(0, 0) * (1 - sx) + corner(0, 1) * sx
+    high = corner(1, 0) * (1 - sx) + corner(1, 1) * sx
+    return 1.5 * (low * (1 - sy) + high * sy)
+
+
+def fit(heights: np.ndarray, rows: int, cols: int, cells: int) -> np.ndarray:
+    """Return any height map (rows top to bottom, as a picture) as 0..1 heights on the covers' grid."""
+    source = np.asarray(heights, float)[::-1]
+    if source.ndim != 2 or min(source.shape) < 2:
+        raise UsageError(f'a height map is a picture of 2 x 2 or more, not {source.shape}')
+    v = np.linspace(0, source.shape[0] - 1, rows * cells + 1)
+    u = np.linspace(0, source.shape[1] - 1, cols * cells + 1)
+    iv = np.minimum(v.astype(int), source.shape[0] - 2)
+    iu = np.minimum(u.astype(int), source.shape[1] - 2)
+    fv, fu = (v - iv)[:, None], (u - iu)[None, :]
+    top = source[iv][:, iu] * (1 - fu) + source[iv][:, iu + 1] * fu
+    low = source[iv + 1][:, iu] * (1 - fu) + source[iv + 1][:, iu + 1] * fu
+    grid = top * (1 - fv) + low * fv
+    span = float(np.ptp(grid))
+    return (grid - grid.min()) / span if span > 0 else np.zeros_like(grid)
+
+
+def tile(heights: np.ndarray, row: int, col: int, cells: int) -> np.ndarray:
+    """Return the samples of one cover, edges included, shape (cells + 1, cells + 1)."""
+    return heights[row * cells : (row + 1) * cells + 1, col * cells : (col + 1) * cells + 1]
+
+
+def cover_mesh(heights: np.ndarray, shape: CoverShape) -> np.ndarray:
+    """Return one cover as triangles, shape (n, 3, 3) in mm, counter-clockwise from outside.
+
+    `heights` (cells + 1, cells + 1) in 0..1. The cover is a hollow cap, open below, centred on z = 0 at
+    its lower rim: landscape on top, straight sides, and a roof inside that follows the landscape at
+    one wall's thickness, so that light shines through it evenly.
+    """
+    shape.check()
+    cells = heights.shape[0] - 1
+    outer = _surface(shape.side_mm, shape.skirt_mm + shape.relief_mm * heights)
+    inside = shape.side_mm - 2 * shape.wall_mm
+    shrink = inside / shape.side_mm
+    at = (np.arange(cells + 1) / cells - 0.5) * shrink + 0.5  # inner samples in units of the side
+    roof = _resample(shape.skirt_mm + shape.relief_mm * heights, at) - shape.wall_mm
+    inner = _surface(inside, roof)
+
+    loop = _border(cells)
+    outer_rim, inner_rim = (p[loop] * [1, 1, 0] for p in (outer, inner))
+    return np.concatenate([
+        _grid_triangles(outer, cells, up=True),
+        _grid_triangles(inner, cells, up=False),
+        _band(outer_rim, outer[loop]),
+        _band(inner[loop], inner_rim),
+        _band(inner_rim, outer_rim),
+    ])
+
+
+def volume_mm3(triangles: np.ndarray) -> float:
+    """Return the volume a closed mesh encloses, by the divergence theorem."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    return float(np.einsum('ij,ij->', a, np.cross(b, c)) / 6)
+
+
+def hillshade(heights: np.ndarray, contours: int = 14) -> np.ndarray:
+    """Return the landscape as a picture (rows top to bottom, uint8): light from the upper left."""
+    steep_y, steep_x = np.gradient(heights * 22)
+    light = (0.62 + 0.55 * (steep_x * 0.7 - steep_y * 0.7)) / np.sqrt(1 + steep_x**2 + steep_y**2)
+    grey = np.clip(0.2 + 0.62 * light + 0.2 * heights, 0.05, 1)
+    level = np.floor(heights * contours)
+    line = np.zeros_like(grey, bool)
+    line[:-1] |= level[1:] != level[:-1]
+    line[:, :-1] |= level[:, 1:] != level[:, :-1]
+    grey = np.where(line, grey * 0.72, grey)
+    grey = np.where(heights <= 0, 0.1, grey)
+    return (255 * grey[::-1]).astype(np.uint8)
+
+
+def _surface(side_mm: float, z: np.ndarray) -> np.ndarray:
+    cells = z.shape[0] - 1
+    axis = (np.arange(cells + 1) / cells - 0.5) * side_mm
+    x, y = np.meshgrid(axis, axis)
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3)
+
+
+def _resample(z: np.ndarray, at: np.ndarray) -> np.ndarray:
+    cells = z.shape[0] - 1
+    i = np.minimum((at * cells).astype(int), cells - 1)
+    f = at * cells - i
+    rows = z[i] * (1 - f)[:, None] + z[i + 1] * f[:, None]
+    return rows[:, i] * (1 - f) + rows[:, i + 1] * f
+
+
+def _grid_triangles(points: np.ndarray, cells: int, up: bool) -> np.ndarray:
+    corner = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
+    index = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], 2).reshape(-1, 3)
+    return points[index if up else index[:, ::-1]]
+
+
+def _border(cells: int) -> np.ndarray:
+    """Return the indices of the border, counter-clockwise seen from above."""
+    corner = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    return np.concatenate(
+        [corner[0, :-1], corner[:-1, -1], corner[-1, :0:-1], corner[:0:-1, 0]]
+    )
+
+
+def _band(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Join two loops of equal length; facing outwards when `low` runs counter-clockwise below."""
+    low_next, high_next = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
+    first = np.stack([low, low_next, high_next], axis=1)
+    second = np.stack([low, high_next, high], axis=1)
+    return np.concatenate([first, second])

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The covers: one landscape, cut to the bit, each piece closed; trimesh judges independently."""
+
+import numpy as np
+import pytest
+
+from eol_ros.core import terrain
+from eol_ros.core.terrain import CoverShape
+from eol_ros.errors import UsageError
+
+CELLS = 12
+
+
+def test_the_landscape_is_seeded_and_has_sea_and_summit():
+    land = terrain.landscape(1, cells=CELLS)
+    assert land.shape == (5 * CELLS + 1, 5 * CELLS + 1)
+    assert np.array_equal(land, terrain.landscape(1, cells=CELLS))
+    assert not np.array_equal(land, terrain.landscape(2, cells=CELLS))
+    assert land.min() == 0 and land.max() == 1
+    assert 0.08 < np.mean(land == 0) < 0.16
+    assert np.abs(np.diff(land, axis=0)).max() < 0.5  # continuous: no cliff from sample to sample
+
+
+@pytest.mark.parametrize('seed', range(1, 6))
+def test_finer_sampling_is_the_same_land(seed):
+    coarse = terrain.landscape(seed, cells=16)
+    fine = terrain.landscape(seed, cells=32)[::2, ::2]
+    assert np.corrcoef(coarse.ravel(), fine.ravel())[0, 1] > 0.99
+
+
+def test_neighbouring_edges_match_to_the_bit():
+    land = terrain.landscape(3, cells=CELLS)
+    shape = CoverShape()
+    top = {}
+    for row in range(5):
+        for col in range(5):
+            mesh = terrain.cover_mesh(terrain.tile(land, row, col, CELLS), shape)
+            top[row, col] = np.unique(mesh.astype('<f4').reshape(-1, 3), axis=0)
+    half = np.float32(shape.side_mm / 2)
+    for (row, col), points in top.items():
+        if col < 4:
+            edge = points[(points[:, 0] == half) & (points[:, 2] > 0)][:, 1:]
+            other = top[row, col + 1]
+            assert np.array_equal(edge, other[(other[:, 0] == -half) & (other[:, 2] > 0)][:, 1:])
+        if row < 4:
+            edge = points[(points[:, 1] == half) & (points[:, 2] > 0)][:, [0, 2]]
+            other = top[row + 1, col]
+            match = other[(other[:, 1] == -half) & (other[:, 2] > 0)][:, [0, 2]]
+            assert np.array_equal(edge, match)
+
+
+@pytest.mark.parametrize('shape', [CoverShape(), CoverShape(60, 3, 5, 40), CoverShape(84, 0.8, 2, 0)])
+def test_each_cover_is_watertight(shape):
+    trimesh = pytest.importorskip('trimesh')
+    land = terrain.landscape(1, cells=CELLS)
+    triangles = terrain.cover_mesh(terrain.tile(land, 2, 3, CELLS), shape)
+    mesh = trimesh.Trimesh(*_indexed(triangles.astype('<f4')))
+    assert mesh.is_watertight and mesh.is_winding_consistent and mesh.euler_number == 2
+    assert mesh.volume > 0
+    assert mesh.volume == pytest.approx(terrain.volume_mm3(triangles), rel=1e-5)
+    assert mesh.bounds[1][:2] == pytest.approx([shape.side_mm / 2] * 2)
+
+
+def test_volumes_add_up_to_the_whole_landscape():
+    """Solid covers (wall filled) would sum to the prism sum of the whole; the hollow ones to less."""
+    land = terrain.landscape(4, cells=CELLS)
+    shape = CoverShape()
+    z = shape.skirt_mm + shape.relief_mm * land
+    step = shape.side_mm / CELLS
+    # Each square is split along its a-c diagonal: corners a and c count twice.
+    a, b, c, d = z[:-1, :-1], z[:-1, 1:], z[1:, 1:], z[1:, :-1]
+    solid = float(np.sum(2 * a + b + 2 * c + d)) * step**2 / 6
+    total = 0.0
+    for row in range(5):
+        for col in range(5):
+            heights = terrain.tile(land, row, col, CELLS)
+            mesh = terrain.cover_mesh(heights, shape)
+            hollow = terrain.volume_mm3(mesh)
+            inner = terrain.volume_mm3(_filled(mesh, CELLS))
+            total += hollow + inner
+    assert total == pytest.approx(solid, rel=1e-9)
+
+
+def test_any_picture_fits_and_bad_ones_are_refused():
+    ramp = np.tile(np.arange(50.0), (30, 1))
+    fitted = terrain.fit(ramp, 5, 5, 4)
+    assert fitted.shape == (21, 21)
+    assert fitted[0] == pytest.approx(np.linspace(0, 1, 21))
+    up = terrain.fit(np.arange(30.0)[:, None] * np.ones(9), 5, 5, 4)
+    assert up[0, 0] == 1 and up[-1, 0] == 0  # the picture's top row lies furthest away
+    assert np.array_equal(terrain.fit(np.ones((3, 3)), 2, 2, 2), np.zeros((5, 5)))
+    with pytest.raises(UsageError, match='2 x 2'):
+        terrain.fit(np.ones((1, 9)), 5, 5, 4)
+
+
+@pytest.mark.parametrize('shape', [
+    CoverShape(side_mm=0), CoverShape(wall_mm=50), CoverShape(skirt_mm=1), CoverShape(relief_mm=-1),
+])
+def test_impossible_covers_are_refused(shape):
+    with pytest.raises(UsageError):
+        terrain.cover_mesh(np.zeros((3, 3)), shape)
+
+
+def test_hillshade_is_a_picture_with_the_far_edge_on_top():
+    land = np.zeros((11, 11))
+    land[-1] = 1.0
+    picture = terrain.hillshade(land)
+    assert picture.dtype == np.uint8 and picture.shape == (11, 11)
+    assert picture[0].mean() > picture[-1].mean()
+
+
+def _indexed(triangles):
+    points, index = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    return points, index.reshape(-1, 3)
+
+
+def _filled(mesh, cells):
+    """Return the closed body of the hollow: the inner surfaces turned outwards, plus its floor."""
+    n = 2 * cells * cells
+    inner = mesh[n : 2 * n][:, ::-1]
+    wall = mesh[2 * n + 8 * cells : 2 * n + 16 * cells][:, ::-1]
+    rim = wall[wall[:, :, 2].max(axis=1) >= 0]
+    low = np.unique(rim.reshape(-1, 3)[rim.reshape(-1, 3)[:, 2] == 0], axis=0)
+    x0, y0 = low[:, :2].min(axis=0)
+    x1, y1 = low[:, :2].max(axis=0)
+    a, b, c, d = [x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]
+    floor = np.array([[a, c, b], [a, d, c]], float)
+    return np.concatenate([inner, wall, floor])
