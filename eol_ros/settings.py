@@ -84,7 +84,7 @@ class MotionSettings:
     stop_s: float = setting(0.08, 'time over which that speed is measured', 's', 0.05, 0.25)
     anchor_s: float = setting(0.2, 'rest before a start is compared with', 's', 0.05, 0.25)
     false_alarms_per_hour: float = setting(
-        1.0, 'starts of blocks at rest, all together, that noise may cause', '1/h', 1e-3, 1e5, live=True
+        1.0, 'starts that noise may cause, all blocks together', '1/h', 1e-3, 1e5, live=True
     )
     cascade_gap_s: float = setting(0.05, 'pause that still joins two slips', 's', 0, 1, live=True)
 
@@ -103,8 +103,56 @@ class LedsSettings:
 
 @dataclass(frozen=True)
 class GrainsSettings:
-    sound: str = setting('', 'audio file; empty: the procedural ice recording', path=True)
-    radius: float = setting(0.03, 'reach of a block', 'm', 0.001, 1, live=True)
+    sound: str = setting(
+        '',
+        'audio file, folder of audio files, or corpus JSON; empty: the procedural ice recording',
+        path=True,
+        live=True,
+    )
+    segment: str = setting(
+        'chop', 'how it is cut', choices=('chop', 'onset', 'gate', 'none', 'labels'), live=True
+    )
+    grain_s: float = setting(0.25, 'length of a grain, with onset its greatest', 's', 0.02, 60, live=True)
+    overlap: float = setting(0.0, 'share of a grain that the next one repeats', '', 0, 0.9, live=True)
+    x_axis: str = setting('centroid_mean_hz', 'descriptor from left to right', live=True)
+    y_axis: str = setting('periodicity_mean', 'descriptor from near to far', live=True)
+    layout: str = setting('even', 'places in the space', choices=('raw', 'rank', 'even'), live=True)
+    blend: float = setting(1.0, '0: as measured, 1: as the layout says', '', 0, 1, live=True)
+    space_m: float = setting(
+        1.2, 'side of the square of the table that the space covers', 'm', 0.1, 10, live=True
+    )
+    mode: str = setting(
+        'fence', 'a touched grain sounds once, or a moving block rumbles', choices=('fence', 'bow'), live=True
+    )
+    choose: str = setting(
+        'all', 'which grains within reach', choices=('all', 'nearest', 'k'), live=True
+    )
+    k: int = setting(3, 'with choose: k, the nearest so many', '', 1, 100, live=True)
+    radius: float = setting(0.06, 'reach of a block', 'm', 0.001, 1, live=True)
+    leave_ratio: float = setting(
+        1.2, 'a grain is armed again beyond the reach times this', '', 1, 10, live=True
+    )
+    rearm_at_rest: bool = setting(True, 'and also when the block comes to rest', live=True)
+    refractory_s: float = setting(0.2, 'no grain sounds again sooner', 's', 0, 60, live=True)
+    block_cap: int = setting(20, 'grains that one block may sound in a second', '1/s', 0, 1000, live=True)
+    total_cap: int = setting(200, 'grains that all may sound in a second', '1/s', 0, 10000, live=True)
+    bow_period_s: float = setting(0.08, 'with mode: bow, from grain to grain', 's', 0.01, 10, live=True)
+    bow_jitter: float = setting(0.5, 'of that time, as a share', '', 0, 1, live=True)
+    start_mps: float = setting(0.015, 'a block this fast moves', 'm/s', 0, 1, live=True)
+    stop_mps: float = setting(0.006, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
+    rest_s: float = setting(0.08, 'after this time', 's', 0, 1, live=True)
+    gain: float = setting(1.0, 'of a grain at full speed', '', 0, 8, live=True)
+    gain_floor: float = setting(0.15, 'of a grain at no speed, as a share', '', 0, 1, live=True)
+    gain_curve: float = setting(0.5, 'power by which gain follows speed', '', 0, 4, live=True)
+    full_mps: float = setting(0.25, 'speed of full gain', 'm/s', 0.001, 10, live=True)
+    pan_width: float = setting(0.8, 'how far the edge of the space is panned', '', -1, 1, live=True)
+    rate: float = setting(1.0, 'speed of reading', '', 0.0625, 16, live=True)
+    rate_jitter_st: float = setting(0.5, 'of that speed, in semitones either way', 'st', 0, 24, live=True)
+    attack_s: float = setting(0.005, 'rise of a grain', 's', 0.002, 10, live=True)
+    release_s: float = setting(0.06, 'fall of a grain', 's', 0.002, 10, live=True)
+    edge_jitter: float = setting(0.3, 'of rise and fall, as a share', '', 0, 1, live=True)
+    swap_s: float = setting(1.0, 'in which a new corpus rises', 's', 0, 60, live=True)
+    seed: int = setting(1, 'of the ice recording and of all jitter', '', 0, live=True)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,423 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The camera on real files from real encoders, and on a driver with a script of mishaps."""
+
+import time
+from collections import Counter
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from eol_ros.devices.backoff import Backoff
+from eol_ros.devices.camera import AHEAD, Camera
+from eol_ros.devices.camera_ports import CameraPort, find_camera, list_cameras
+from eol_ros.devices.camera_sources import LiveCamera, VideoFile, is_file, source_of
+from eol_ros.devices.fake_camera import FakeDriver, Mishap, number_of
+from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.settings import CameraSettings
+
+W, H = 320, 200
+
+
+def eventually(condition, timeout_s=8.0):
+    until = time.monotonic() + timeout_s
+    while not condition() and time.monotonic() < until:
+        time.sleep(0.005)
+    return condition()
+
+
+def pictures(n):
+    """A bright square that goes its way over a noisy ground."""
+    rng = np.random.default_rng(3)
+    images = rng.normal(20, 3, (n, H, W)).clip(0, 255).astype(np.uint8)
+    for k, image in enumerate(images):
+        image[60:106, 10 + 4 * k : 56 + 4 * k] = 200
+    return images
+
+
+def write(path, images, fourcc, fps=60.0):
+    colour = images[0].ndim == 3
+    writer = cv2.VideoWriter(
+        str(path), cv2.VideoWriter_fourcc(*fourcc), fps, (W, H), isColor=colour
+    )
+    assert writer.isOpened()
+    for image in images:
+        writer.write(image)
+    writer.release()
+    return str(path)
+
+
+class Watcher:
+    """A Camera whose images and states are kept."""
+
+    def __init__(self, source, slow_s=0.0, **options):
+        self.images, self.stamps, self.states, self.slow_s = [], [], [], slow_s
+        self.camera = Camera(
+            source, self.take, self.states.append, backoff=Backoff(0.05, 0.1), **options
+        )
+
+    def take(self, stamp_ns, image):
+        self.stamps.append(stamp_ns)
+        self.images.append(image.copy())
+        time.sleep(self.slow_s)
+
+    def kinds(self):
+        return [s.kind for s in self.states]
+
+    def __enter__(self):
+        self.camera.start()
+        return self
+
+    def __exit__(self, *_):
+        self.camera.close()
+
+
+def settings(device='fake', **more):
+    return CameraSettings(**{'device': device, 'width': W, 'height': H, 'fps': 200.0} | more)
+
+
+def live(driver, **more):
+    return LiveCamera(settings(**more), driver.open, find=lambda name: name)
+
+
+# Files
+
+
+@pytest.mark.parametrize(
+    ('name', 'fourcc', 'worst'),
+    [('a.avi', 'MJPG', 40), ('a.mkv', 'FFV1', 0), ('b.avi', 'FFV1', 0), ('a.mp4', 'mp4v', 40)],
+)
+def test_a_file_of_any_encoder_comes_back_whole_and_in_order(tmp_path, name, fourcc, worst):
+    images = pictures(30)
+    path = write(tmp_path / name, images, fourcc)
+    with Watcher(VideoFile(settings(path)), loop=False) as seen:
+        assert eventually(lambda: seen.camera.state.kind == 'ended')
+
+    assert len(seen.images) == 30
+    assert all(i.shape == (H, W) and i.dtype == np.uint8 for i in seen.images)
+    apart = [np.abs(a.astype(int) - b) for a, b in zip(seen.images, images)]
+    assert max(a.max() for a in apart) <= worst
+    assert max(a.mean() for a in apart) <= (2.5 if worst else 0)
+
+
+def test_a_numbered_series_of_pictures_is_a_file_too(tmp_path):
+    images = pictures(5)
+    for k, image in enumerate(images):
+        cv2.imwrite(str(tmp_path / f'p{k:03}.png'), image)
+    with Watcher(source_of(settings(str(tmp_path / 'p%03d.png'))), loop=False) as seen:
+        assert eventually(lambda: seen.camera.state.kind == 'ended')
+
+    np.testing.assert_array_equal(seen.images, images)
+
+
+def test_stamps_of_a_file_are_exactly_a_period_apart_and_near_now(tmp_path):
+    path = write(tmp_path / 'a.avi', pictures(20), 'MJPG')
+    before_ns = time.time_ns()
+    with Watcher(VideoFile(settings(path, fps=80.0)), loop=False) as seen:
+        assert eventually(lambda: seen.camera.state.kind == 'ended')
+
+    assert set(np.diff(seen.stamps)) == {12_500_000}
+    assert before_ns <= seen.stamps[0] <= seen.stamps[-1] <= time.time_ns()
+    assert time.time_ns() - before_ns >= 19 * 12_500_000
+
+
+def test_a_file_goes_at_its_own_rate_when_the_scene_says_zero(tmp_path):
+    path = write(tmp_path / 'a.avi', pictures(6), 'MJPG', fps=50.0)
+    with Watcher(VideoFile(settings(path, fps=0.0)), loop=False) as seen:
+        assert eventually(lambda: seen.camera.state.kind == 'ended')
+
+    assert set(np.diff(seen.stamps)) == {20_000_000}
+
+
+def test_a_loop_begins_again_without_a_gap(tmp_path):
+    path = write(tmp_path / 'a.mkv', pictures(7), 'FFV1')
+    with Watcher(VideoFile(settings(path)), loop=True) as seen:
+        assert eventually(lambda: len(seen.images) >= 30)
+
+    for k, image in enumerate(seen.images):
+        np.testing.assert_array_equal(image, seen.images[k % 7])
+    assert len(np.unique(np.array(seen.images[:7]).reshape(7, -1), axis=0)) == 7
+    assert seen.camera.opened == 1
+
+
+def test_a_slow_reader_of_a_file_loses_nothing(tmp_path):
+    images = pictures(3 * AHEAD)
+    path = write(tmp_path / 'a.mkv', images, 'FFV1')
+    with Watcher(VideoFile(settings(path)), slow_s=0.012, loop=False) as seen:
+        assert eventually(lambda: seen.camera.state.kind == 'ended')
+
+    np.testing.assert_array_equal(seen.images, images)
+    assert seen.camera.dropped == 0
+
+
+def test_a_file_that_breaks_off_says_where(tmp_path):
+    path = write(tmp_path / 'a.avi', pictures(30), 'MJPG')
+    whole = (tmp_path / 'a.avi').read_bytes()
+    (tmp_path / 'a.avi').write_bytes(whole[: len(whole) // 2])
+    with Watcher(VideoFile(settings(path)), loop=False) as seen:
+        assert eventually(lambda: seen.camera.state.kind == 'ended')
+
+    assert 5 < len(seen.images) < 25
+    assert f'breaks off after {len(seen.images)} of 30 images' in seen.camera.state.text
+
+
+def colour_square(n):
+    images = [np.full((H, W, 3), 20, np.uint8) for _ in range(n)]
+    for image in images:
+        image[50:100, 50:100] = (0, 0, 255)
+    return images
+
+
+@pytest.mark.parametrize(
+    ('make', 'error', 'words'),
+    [
+        (lambda d: str(d / 'none.avi'), DeviceMissing, 'there is no file'),
+        (lambda d: write_text(d / 'x.avi'), ConfigError, 'cannot open'),
+        (lambda d: write(d / 'c.avi', colour_square(3), 'MJPG'), ConfigError, 'in colour'),
+        (lambda d: write(d / 'c.mkv', colour_square(3), 'FFV1'), ConfigError, 'in colour'),
+        (lambda d: write_size(d / 's.avi'), ConfigError, 'is 640x400, the scene says 320x200'),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_one_clear_line(tmp_path, make, error, words):
+    path = make(tmp_path)
+    with pytest.raises(error, match=words) as caught:
+        Camera(VideoFile(settings(path)), lambda *_: None).start()
+
+    assert '\n' not in str(caught.value)
+    assert path in str(caught.value)
+
+
+def write_text(path):
+    path.write_text('not a video\n' * 100)
+    return str(path)
+
+
+def write_size(path):
+    images = [cv2.resize(i, (640, 400)) for i in pictures(2)]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*'MJPG'), 60, (640, 400), False)
+    for image in images:
+        writer.write(image)
+    writer.release()
+    return str(path)
+
+
+def test_grey_stored_in_colour_channels_is_grey(tmp_path):
+    images = pictures(5)
+    path = write(tmp_path / 'g.mkv', [np.repeat(i[..., None], 3, 2) for i in images], 'FFV1')
+    with Watcher(VideoFile(settings(path)), loop=False) as seen:
+        assert eventually(lambda: seen.camera.state.kind == 'ended')
+
+    np.testing.assert_array_equal(seen.images, images)
+
+
+def test_a_name_is_told_from_a_file():
+    assert is_file('films/table.avi') and is_file('table.avi') and is_file('p%03d.png')
+    assert not is_file('auto') and not is_file('/dev/video0') and not is_file('OV9281')
+
+
+# A live camera
+
+
+def test_a_live_camera_gives_its_images(tmp_path):
+    driver = FakeDriver()
+    with Watcher(live(driver)) as seen:
+        assert eventually(lambda: len(seen.images) >= 20)
+
+    numbers = [number_of(i) for i in seen.images]
+    assert min(np.diff(numbers)) > 0
+    assert seen.states[0].text == 'fake at 200 images/s'
+
+
+@pytest.mark.parametrize('name', ['GREY', 'MJPG'])
+def test_either_format_will_do(name):
+    driver = FakeDriver(formats=[name])
+    with Watcher(live(driver)) as seen:
+        assert eventually(lambda: len(seen.images) >= 3)
+
+    assert seen.images[0].shape == (H, W)
+    assert number_of(seen.images[1]) > number_of(seen.images[0])
+
+
+def test_the_stamp_is_the_drivers_less_half_the_exposure():
+    driver = FakeDriver()
+    with Watcher(live(driver, exposure_us=4000)) as seen:
+        assert eventually(lambda: len(seen.images) >= 10)
+        arrived_ns = time.time_ns()
+
+    # The driver's stamp is half a millisecond before the grab returns.
+    assert seen.camera.source.odd_stamps == 0
+    assert seen.stamps[-1] < arrived_ns - 2_400_000
+    assert min(np.diff(seen.stamps)) > 0
+
+
+def test_exposure_is_set_after_the_format_and_read_back():
+    driver = FakeDriver(exposure_steps=7)
+    source = live(driver, exposure_us=3000)
+    source.open()
+
+    order = driver.set_order
+    assert order.index(cv2.CAP_PROP_EXPOSURE) > order.index(cv2.CAP_PROP_FOURCC)
+    assert source.exposure_us == 2800
+    assert source.notes == ['exposure 2800 us, not the 3000 asked for']
+
+
+def test_a_camera_without_manual_exposure_says_so():
+    source = live(FakeDriver(manual_exposure=False))
+    source.open()
+
+    assert source.notes == ['the camera keeps its automatic exposure: expect blur']
+
+
+def test_a_slow_reader_of_a_live_camera_sees_the_newest():
+    driver = FakeDriver()
+    with Watcher(live(driver), slow_s=0.05) as seen:
+        assert eventually(lambda: len(seen.images) >= 8)
+        behind = driver.number - number_of(seen.images[-1])
+
+    assert seen.camera.dropped > 20
+    assert behind < 30
+    assert min(np.diff([number_of(i) for i in seen.images[1:]])) > 2
+
+
+def test_a_repeated_buffer_is_handed_over_once():
+    driver = FakeDriver(script=[Mishap(k, 'repeat') for k in (5, 6, 9)])
+    with Watcher(live(driver)) as seen:
+        assert eventually(lambda: len(seen.images) >= 12)
+
+    assert max(Counter(seen.stamps).values()) == 1
+    assert seen.camera.source.repeated == 3
+    assert not {5, 6, 9} & {number_of(i) for i in seen.images}
+
+
+def test_a_stall_is_noticed_after_three_image_times_and_passes():
+    driver = FakeDriver(script=[Mishap(10, 'stall', 0.2)])
+    with Watcher(live(driver)) as seen:
+        assert eventually(lambda: 'stalled' in seen.kinds())
+        assert eventually(lambda: seen.kinds()[-1] == 'streaming')
+
+    assert driver.opened == 1
+    assert 'for 3 image times' in next(s.text for s in seen.states if s.kind == 'stalled')
+
+
+def test_an_unplugged_camera_is_opened_again_and_set_again():
+    driver = FakeDriver(script=[Mishap(10, 'unplug', 0.12)], exposure_steps=1)
+    with Watcher(live(driver)) as seen:
+        assert eventually(lambda: 'lost' in seen.kinds())
+        assert eventually(lambda: seen.kinds()[-1] == 'streaming')
+        count = len(seen.images)
+        assert eventually(lambda: len(seen.images) > count + 3)
+
+    assert seen.camera.opened == 2
+    assert driver.opened >= 3  # while it was away, too
+    assert driver.set_order.count(cv2.CAP_PROP_EXPOSURE) == 2
+    lost = next(s for s in seen.states if s.kind == 'lost')
+    assert 'trying again in' in lost.text
+
+
+@pytest.mark.parametrize('jump', [3600.0, -3600.0, 0.2, -0.05])
+def test_a_driver_clock_that_jumps_is_not_believed(jump):
+    driver = FakeDriver(script=[Mishap(10, 'jump', jump)])
+    with Watcher(live(driver)) as seen:
+        assert eventually(lambda: len(seen.images) >= 40)
+        now_ns = time.time_ns()
+
+    ahead = np.array(seen.stamps) - now_ns
+    assert ahead.max() < 0
+    assert ahead.min() > -5e9
+    assert seen.camera.source.odd_stamps > 0
+
+
+def test_broken_pictures_mean_a_new_start():
+    driver = FakeDriver(formats=['MJPG'], script=[Mishap(5, 'break')])
+    with Watcher(live(driver)) as seen:
+        assert eventually(lambda: len(seen.images) >= 8 and seen.camera.opened == 2)
+
+    assert 'broken JPEG' in next(s.text for s in seen.states if s.kind == 'lost')
+
+
+@pytest.mark.parametrize(
+    ('driver', 'words'),
+    [
+        (FakeDriver(formats=['YUYV']), "gives 'YUYV' pictures, not GREY or MJPG"),
+        (FakeDriver(width=640), 'gives 640x200 pictures, the scene says 320x200'),
+    ],
+)
+def test_a_camera_of_another_kind_is_one_clear_line(driver, words):
+    with Watcher(live(driver)) as seen:
+        assert eventually(lambda: seen.states)
+
+    assert seen.states[0].kind == 'wrong'
+    assert words in seen.states[0].text
+
+
+def test_an_absent_camera_is_looked_for(monkeypatch):
+    present = SimpleNamespace(here=False)
+
+    def find(name):
+        if not present.here:
+            raise DeviceMissing('no camera found')
+        return '/dev/video9'
+
+    source = LiveCamera(settings('auto'), FakeDriver().open, find)
+    with Watcher(source) as seen:
+        assert eventually(lambda: 'lost' in seen.kinds())
+        present.here = True
+        assert eventually(lambda: len(seen.images) > 3)
+
+    assert seen.camera.source.name == '/dev/video9'
+
+
+def test_close_releases_the_camera():
+    driver = FakeDriver()
+    with Watcher(live(driver)) as seen:
+        assert eventually(lambda: seen.images)
+
+    assert driver.released.is_set()
+
+
+# Names
+
+
+def test_cameras_are_listed_by_stable_name(tmp_path):
+    system, by_id = tmp_path / 'sys', tmp_path / 'by-id'
+    by_id.mkdir()
+    for k, index in ((0, '0'), (1, '1'), (2, '0')):
+        (system / f'video{k}').mkdir(parents=True)
+        (system / f'video{k}' / 'name').write_text(f'Cam {k}\n')
+        (system / f'video{k}' / 'index').write_text(f'{index}\n')
+    (by_id / 'usb-OV9281_77-video-index0').symlink_to('/dev/video2')
+    (by_id / 'usb-OV9281_77-video-index1').symlink_to('/dev/video1')
+
+    found = list_cameras(by_id, system)
+
+    assert [(c.name, c.description) for c in found] == [
+        ('/dev/video0', 'Cam 0'),
+        (str(by_id / 'usb-OV9281_77-video-index0'), 'Cam 2'),
+    ]
+
+
+CAMERAS = [
+    CameraPort('/dev/v4l/by-id/usb-OV9281_1', '/dev/video0', 'Global shutter'),
+    CameraPort('/dev/v4l/by-id/usb-Web_2', '/dev/video2', 'Web camera'),
+]
+
+
+def test_cameras_are_found_by_part_of_their_name():
+    assert find_camera('OV9281', CAMERAS) == CAMERAS[0].name
+    assert find_camera('Web camera', CAMERAS) == CAMERAS[1].name
+    assert find_camera('auto', CAMERAS[:1]) == CAMERAS[0].name
+
+
+@pytest.mark.parametrize(
+    ('wanted', 'cameras', 'words'),
+    [
+        ('auto', [], 'no camera found'),
+        ('auto', CAMERAS, '2 cameras fit'),
+        ('IMX', CAMERAS, "no camera has 'IMX'"),
+        ('/dev/video77', CAMERAS, '/dev/video77 is not there'),
+    ],
+)
+def test_cameras_that_cannot_be_found_are_explained(wanted, cameras, words):
+    with pytest.raises(DeviceMissing, match=words):
+        find_camera(wanted, cameras)
