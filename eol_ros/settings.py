@@ -101,6 +101,19 @@ class LedsSettings:
     board_log: str = setting('', 'with port: twin, a CSV of each arrival on the wire', path=True)
 
 
+# What a grain can be placed by; core/sound/descriptors.py defines them.
+DESCRIPTORS = (
+    'centroid_mean_hz',
+    'periodicity_mean',
+    'pitch_hz',
+    'flatness',
+    'rolloff95_hz',
+    'rms_db',
+    'loudness_lufs',
+    'duration_s',
+)
+
+
 @dataclass(frozen=True)
 class GrainsSettings:
     sound: str = setting(
@@ -112,17 +125,25 @@ class GrainsSettings:
     segment: str = setting(
         'chop', 'how it is cut', choices=('chop', 'onset', 'gate', 'none', 'labels'), live=True
     )
-    grain_s: float = setting(0.25, 'length of a grain, with onset its greatest', 's', 0.02, 60, live=True)
-    overlap: float = setting(0.0, 'share of a grain that the next one repeats', '', 0, 0.9, live=True)
-    x_axis: str = setting('centroid_mean_hz', 'descriptor from left to right', live=True)
-    y_axis: str = setting('periodicity_mean', 'descriptor from near to far', live=True)
+    grain_s: float = setting(
+        0.25, 'length of a grain, with onset its greatest', 's', 0.02, 60, live=True
+    )
+    overlap: float = setting(
+        0.0, 'share of a grain that the next one repeats', '', 0, 0.9, live=True
+    )
+    x_axis: str = setting(
+        'centroid_mean_hz', 'descriptor from left to right', choices=DESCRIPTORS, live=True
+    )
+    y_axis: str = setting(
+        'periodicity_mean', 'descriptor from near to far', choices=DESCRIPTORS, live=True
+    )
     layout: str = setting('even', 'places in the space', choices=('raw', 'rank', 'even'), live=True)
     blend: float = setting(1.0, '0: as measured, 1: as the layout says', '', 0, 1, live=True)
     space_m: float = setting(
         1.2, 'side of the square of the table that the space covers', 'm', 0.1, 10, live=True
     )
     mode: str = setting(
-        'fence', 'a touched grain sounds once, or a moving block rumbles', choices=('fence', 'bow'), live=True
+        'fence', 'a touched grain sounds once, or moving blocks rumble', choices=('fence', 'bow'), live=True
     )
     choose: str = setting(
         'all', 'which grains within reach', choices=('all', 'nearest', 'k'), live=True
@@ -134,9 +155,15 @@ class GrainsSettings:
     )
     rearm_at_rest: bool = setting(True, 'and also when the block comes to rest', live=True)
     refractory_s: float = setting(0.2, 'no grain sounds again sooner', 's', 0, 60, live=True)
-    block_cap: int = setting(20, 'grains that one block may sound in a second', '1/s', 0, 1000, live=True)
-    total_cap: int = setting(200, 'grains that all may sound in a second', '1/s', 0, 10000, live=True)
-    bow_period_s: float = setting(0.08, 'with mode: bow, from grain to grain', 's', 0.01, 10, live=True)
+    block_cap: int = setting(
+        20, 'grains that one block may sound in a second', '1/s', 0, 1000, live=True
+    )
+    total_cap: int = setting(
+        200, 'grains that all may sound in a second', '1/s', 0, 10000, live=True
+    )
+    bow_period_s: float = setting(
+        0.08, 'with mode: bow, from grain to grain', 's', 0.01, 10, live=True
+    )
     bow_jitter: float = setting(0.5, 'of that time, as a share', '', 0, 1, live=True)
     start_mps: float = setting(0.015, 'a block this fast moves', 'm/s', 0, 1, live=True)
     stop_mps: float = setting(0.006, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
@@ -147,7 +174,9 @@ class GrainsSettings:
     full_mps: float = setting(0.25, 'speed of full gain', 'm/s', 0.001, 10, live=True)
     pan_width: float = setting(0.8, 'how far the edge of the space is panned', '', -1, 1, live=True)
     rate: float = setting(1.0, 'speed of reading', '', 0.0625, 16, live=True)
-    rate_jitter_st: float = setting(0.5, 'of that speed, in semitones either way', 'st', 0, 24, live=True)
+    rate_jitter_st: float = setting(
+        0.5, 'of that speed, in semitones either way', 'st', 0, 24, live=True
+    )
     attack_s: float = setting(0.005, 'rise of a grain', 's', 0.002, 10, live=True)
     release_s: float = setting(0.06, 'fall of a grain', 's', 0.002, 10, live=True)
     edge_jitter: float = setting(0.3, 'of rise and fall, as a share', '', 0, 1, live=True)

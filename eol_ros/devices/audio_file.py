@@ -9,7 +9,9 @@ import soundfile
 
 from eol_ros.errors import ConfigError, DeviceMissing
 
-BLOCK = 1 << 16  # samples read at a time: a long file never needs all its channels in memory at once
+BLOCK = (
+    1 << 16
+)  # samples read at a time: a long file never needs all its channels in memory at once
 SHORTEST_S = 0.01  # shorter than this is no sound to make grains of
 
 
@@ -40,7 +42,9 @@ def read_mono(path, rate: int | None = None) -> Sound:
     bad = ~np.isfinite(samples)
     if bad.any():
         samples[bad] = 0
-        notes.append(f'{path}: {int(bad.sum())} samples are not numbers; silence stands in for them')
+        notes.append(
+            f'{path}: {int(bad.sum())} samples are not numbers; silence stands in for them'
+        )
     if len(samples) < SHORTEST_S * own_rate:
         raise ConfigError(
             f'{path}: {len(samples)} samples at {own_rate} Hz are too short for a grain; '

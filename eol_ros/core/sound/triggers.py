@@ -27,7 +27,9 @@ def playable(triggers: np.ndarray, n_grains: int) -> np.ndarray:
     negative or above `MAX_GAIN`, its rate is outside `MIN_RATE`..`MAX_RATE`, its pan outside -1..1
     or an edge of its envelope negative.
     """
-    good = (triggers['grain'] >= 0) & (triggers['grain'] < n_grains) & np.isfinite(triggers['time_s'])
+    good = (
+        (triggers['grain'] >= 0) & (triggers['grain'] < n_grains) & np.isfinite(triggers['time_s'])
+    )
     good &= (triggers['gain'] >= 0) & (triggers['gain'] <= MAX_GAIN)
     good &= (triggers['rate'] >= MIN_RATE) & (triggers['rate'] <= MAX_RATE)
     good &= (triggers['pan'] >= -1) & (triggers['pan'] <= 1)

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The corpus: every grain of the sound with its descriptors and its place in the space."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eol_ros.settings import DESCRIPTORS
+
+GRAIN = np.dtype(
+    [('file', 'i4'), ('start_s', 'f8'), ('duration_s', 'f8')]
+    + [(name, 'f8') for name in DESCRIPTORS[:-1]]
+    + [('x', 'f8'), ('y', 'f8')]
+)
+AXES = ('centroid_mean_hz', 'periodicity_mean')  # of the paper: x, y
+
+
+@dataclass(frozen=True)
+class Source:
+    """One sound file that grains were cut from."""
+
+    path: str
+    sample_rate: int  # Hz
+    duration_s: float
+    sha256: str  # of the file's bytes
+
+
+@dataclass(frozen=True)
+class Corpus:
+    """Sources and their grains.
+
+    `grains` is (n,) GRAIN: `file` indexes `sources`; `pitch_hz` is NaN where there is none; `x`,
+    `y` lie in 0..1, or are NaN for a grain that has no place because it is silent.
+    """
+
+    sources: tuple[Source, ...]
+    grains: np.ndarray
+    x_name: str = AXES[0]
+    y_name: str = AXES[1]
+    digest: str = ''  # SHA-256 of audio and settings
+    notes: tuple[str, ...] = ()  # what was wrong with the sources yet could be lived with
+
+    def __len__(self) -> int:
+        return len(self.grains)
+
+    @property
+    def sample_rate(self) -> int:
+        """Rate of the first source, Hz."""
+        return self.sources[0].sample_rate
+
+    @property
+    def placed(self) -> np.ndarray:
+        """Which grains have a place in the space, shape (n,) bool."""
+        return np.isfinite(self.grains['x']) & np.isfinite(self.grains['y'])
+
+    def values(self, name: str) -> np.ndarray:
+        """Return one descriptor of every grain, shape (n,)."""
+        if name not in DESCRIPTORS:
+            raise KeyError(name)
+        return self.grains[name]
+
+    def with_places(self, xy: np.ndarray) -> 'Corpus':
+        """Return the same corpus with its grains at `xy` (n, 2)."""
+        grains = self.grains.copy()
+        grains['x'], grains['y'] = xy.T
+        return replace(self, grains=grains)
+
+
+def table_bounds(side_m: float) -> tuple[float, float, float, float]:
+    """Return the square that the space covers: x min, y min, x max, y max in metres."""
+    return (-side_m / 2, -side_m / 2, side_m / 2, side_m / 2)

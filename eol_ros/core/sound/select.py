@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which grain sounds when: 25 blocks wander over the space and touch what lies within reach.
+
+The rule, image by image. A block *moves* from the image in which its speed reaches `start_mps`
+(and its step stands out from the noise of the measurement) until it has been slower than
+`stop_mps` for `rest_s`. A moving block reaches the grains within `radius`: all of them, the
+nearest, or the k nearest. In mode `fence` a grain that it reaches sounds if it is armed for this
+block, and is then disarmed. It is armed again once the moving block is farther than `radius *
+leave_ratio`, or (`rearm_at_rest`) when the block comes to rest, so that the next slip sounds from
+its first image on. In mode `bow` a moving block sounds one of the grains in its reach every
+`bow_period_s`. No grain sounds twice within `refractory_s`, no block more than `block_cap` times
+and all blocks no more than `total_cap` times in any second; what a cap holds back is dropped, not
+saved.
+
+Everything follows from the sequence of images alone: chance is a hash of seed, stamp, block and
+grain.
+"""
+
+from collections import deque
+
+import numpy as np
+
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.sound.corpus import Corpus, table_bounds
+from eol_ros.core.sound.triggers import MAX_RATE, MIN_RATE, TRIGGER
+from eol_ros.settings import GrainsSettings
+
+FORGET_S = 0.25  # a block unseen for longer starts anew
+NOISE_SIGMAS = 5.0  # a step below this many standard deviations of a step is not motion
+
+
+class Selector:
+    """Turns block positions into triggers; `settings` may be replaced between two images."""
+
+    def __init__(self, settings: GrainsSettings, corpus: Corpus | None = None):
+        self.settings = settings
+        self.capped = 0  # triggers that a cap has dropped since the start
+        self._reset()
+        self._swapped_s = -np.inf
+        self._grains = np.zeros(0, np.int64)
+        self._armed = np.ones((N_BLOCKS, 0), bool)
+        self._sounded_s = np.zeros(0)
+        if corpus is not None:
+            self.load(corpus, fade=False)
+
+    def _reset(self) -> None:
+        self._time_s = -np.inf
+        self._at = np.full((N_BLOCKS, 2), np.nan)
+        self._seen_s = np.full(N_BLOCKS, -np.inf)
+        self._fast_s = np.full(N_BLOCKS, -np.inf)
+        self._bow_s = np.full(N_BLOCKS, -np.inf)
+        self.moving = np.zeros(N_BLOCKS, bool)
+        self.speed = np.zeros(N_BLOCKS)
+        self._second: deque[tuple[float, int]] = deque()
+        self._in_second = [0] * N_BLOCKS
+
+    def load(self, corpus: Corpus, fade: bool = True) -> None:
+        """Take another corpus; with `fade` its grains rise from silence over `swap_s`."""
+        self._grains = np.nonzero(corpus.placed)[0]
+        self._durations = corpus.grains['duration_s'][self._grains]
+        self._sounded_s = np.full(len(self._grains), -np.inf)
+        self._armed = np.ones((N_BLOCKS, len(self._grains)), bool)
+        places = corpus.grains[self._grains]
+        self._places = np.stack([places['x'], places['y']])
+        if fade and np.isfinite(self._time_s):
+            self._swapped_s = self._time_s
+            busy = np.nonzero(self.moving)[0]  # what they stand in was not touched by this motion
+            self._armed[busy] = self._distances(busy) > self._leave_m
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Region of the table that the space covers: x min, y min, x max, y max in metres."""
+        return table_bounds(self.settings.space_m)
+
+    def update(
+        self, time_s: float, x: np.ndarray, y: np.ndarray, seen: np.ndarray, sigma_m: np.ndarray
+    ) -> np.ndarray:
+        """Take one image, each (25,), positions in metres; return its triggers (n,) TRIGGER."""
+        if time_s == self._time_s:
+            return np.zeros(0, TRIGGER)
+        if time_s < self._time_s:  # a bag begins again
+            self._reset()
+            self._sounded_s[:] = self._swapped_s = -np.inf
+            self._armed[:] = True
+        self._time_s = time_s
+        stopped = self._follow(time_s, np.stack([x, y], axis=1), np.asarray(seen, bool), sigma_m)
+        if self.settings.rearm_at_rest:
+            self._armed[stopped] = True
+        while self._second and time_s - self._second[0][0] >= 1.0:
+            self._in_second[self._second.popleft()[1]] -= 1
+        rows = np.nonzero(self.moving & seen)[0]
+        if not len(rows) or not len(self._grains):
+            return np.zeros(0, TRIGGER)
+        far = self._distances(rows)
+        reached = self._reached(far)
+        pick = self._bow if self.settings.mode == 'bow' else self._fence
+        return self._triggers(time_s, pick(time_s, rows, far, reached))
+
+    def _follow(self, time_s, at, seen, sigma_m) -> np.ndarray:
+        """Update speed and motion of every block; return which came to rest."""
+        s = self.settings
+        dt = time_s - self._seen_s
+        known = seen & (dt <= FORGET_S) & np.isfinite(at).all(axis=1)
+        step = np.hypot(*(at - self._at).T)
+        with np.errstate(invalid='ignore', divide='ignore'):
+            speed = np.where(known, step / dt, 0.0)
+            clear = step >= NOISE_SIGMAS * np.sqrt(2) * np.asarray(sigma_m, float)
+        fast = known & np.where(self.moving, speed >= s.stop_mps, (speed >= s.start_mps) & clear)
+        self._fast_s[fast] = time_s
+        moving = fast | (self.moving & (time_s - self._fast_s < s.rest_s))
+        stopped = self.moving & ~moving
+        started = moving & ~self.moving
+        self._bow_s[started] = time_s
+        self.moving = moving
+        self.speed = np.where(seen, speed, self.speed)
+        self._at[seen] = at[seen]
+        self._seen_s[seen] = time_s
+        return stopped
+
+    @property
+    def _leave_m(self) -> float:
+        return self.settings.radius * self.settings.leave_ratio
+
+    def _distances(self, rows: np.ndarray) -> np.ndarray:
+        """Return (rows, grains) metres on the table."""
+        left, low, right, high = self.bounds
+        x = left + self._places[0] * (right - left)
+        y = low + self._places[1] * (high - low)
+        at = self._at[rows]
+        return np.sqrt((x - at[:, :1]) ** 2 + (y - at[:, 1:]) ** 2)
+
+    def _reached(self, far: np.ndarray) -> np.ndarray:
+        """Return which grains each block reaches, as `choose` says; ties go to the lower number."""
+        near = far <= self.settings.radius
+        count = {'all': 0, 'nearest': 1, 'k': self.settings.k}[self.settings.choose]
+        if 0 < count < far.shape[1]:
+            first = np.argsort(far, axis=1, kind='stable')[:, :count]
+            among = np.zeros_like(near)
+            np.put_along_axis(among, first, True, axis=1)
+            near &= among
+        return near
+
+    def _fence(self, time_s, rows, far, reached):
+        """Return (distance, block, grain column) of every grain that is newly touched."""
+        self._armed[rows] |= far > self._leave_m
+        row, column = np.nonzero(reached & self._armed[rows])
+        order = np.lexsort((column, rows[row], far[row, column]))
+        found = []
+        for i, j in zip(row[order].tolist(), column[order].tolist()):
+            block = int(rows[i])
+            if time_s - self._sounded_s[j] < self.settings.refractory_s:
+                continue
+            self._armed[block, j] = False
+            if self._allowed(time_s, block):
+                self._sounded_s[j] = time_s
+                found.append((block, j))
+        return found
+
+    def _bow(self, time_s, rows, far, reached):
+        """Return (block, grain column) of every moving block whose time has come."""
+        s = self.settings
+        ready = time_s - self._sounded_s >= s.refractory_s
+        found = []
+        for i, block in enumerate(rows.tolist()):
+            if time_s < self._bow_s[block]:
+                continue
+            choice = np.nonzero(reached[i] & ready)[0]
+            if not len(choice):
+                continue
+            u = chance(s.seed, time_s, block, 0, salt=np.arange(2))
+            self._bow_s[block] = time_s + s.bow_period_s * (1 + s.bow_jitter * (2 * u[0] - 1))
+            j = int(choice[int(u[1] * len(choice))])
+            if self._allowed(time_s, block):
+                self._sounded_s[j] = time_s
+                ready[j] = s.refractory_s <= 0
+                found.append((block, j))
+        return found
+
+    def _allowed(self, time_s: float, block: int) -> bool:
+        """Count a trigger against the caps of the last second; False if it must be dropped."""
+        s = self.settings
+        if len(self._second) >= s.total_cap or self._in_second[block] >= s.block_cap:
+            self.capped += 1
+            return False
+        self._second.append((time_s, block))
+        self._in_second[block] += 1
+        return True
+
+    def _triggers(self, time_s: float, found: list[tuple[int, int]]) -> np.ndarray:
+        s = self.settings
+        out = np.zeros(len(found), TRIGGER)
+        if not found:
+            return out
+        block, column = np.array(found).T
+        grain = self._grains[column]
+        u = 2 * chance(s.seed, time_s, block[:, None], grain[:, None], np.arange(2, 5)) - 1
+        rate = s.rate * 2 ** (s.rate_jitter_st * u[:, 0] / 12)
+        loud = np.clip(self.speed[block] / s.full_mps, 0, 1) ** s.gain_curve
+        rise = np.clip((time_s - self._swapped_s) / s.swap_s, 0, 1) if s.swap_s else 1.0
+        out['time_s'], out['grain'], out['block'] = time_s, grain, block
+        out['gain'] = s.gain * np.maximum(loud, s.gain_floor) * np.sin(np.pi / 2 * rise)
+        out['rate'] = np.clip(rate, MIN_RATE, MAX_RATE)
+        half = self.settings.space_m / 2
+        out['pan'] = np.clip(s.pan_width * self._at[block, 0] / half, -1, 1)
+        attack = s.attack_s * (1 + s.edge_jitter * u[:, 1])
+        release = s.release_s * (1 + s.edge_jitter * u[:, 2])
+        room = self._durations[column] / out['rate']
+        squeeze = np.minimum(1, room / np.maximum(attack + release, 1e-9))
+        out['attack_s'], out['release_s'] = attack * squeeze, release * squeeze
+        return out
+
+
+def chance(seed: int, time_s: float, block, grain, salt) -> np.ndarray:
+    """Return numbers 0 <= u < 1 that depend on nothing but the arguments (broadcast together).
+
+    splitmix64 (Steele, Lea, Flood 2014, "Fast splittable pseudorandom number generators", fig. 19).
+    """
+    with np.errstate(over='ignore'):
+        z = np.full((1,), seed, np.uint64)
+        for word in (np.float64(time_s).view(np.uint64), block, grain, salt):
+            z = z + np.asarray(word).astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
+            z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            z = z ^ (z >> np.uint64(31))
+    return (z >> np.uint64(11)) * 2.0**-53
