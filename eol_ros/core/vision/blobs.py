@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Find the lit squares of one image and measure them to a few thousandths of a pixel.
+
+Each image is scanned as a whole, so there is no window out of which a block could fall. Squares are
+fitted where they are predicted and where light is left unexplained (see edges, scan).
+"""
+
+import numpy as np
+
+from eol_ros.core.vision import edges, scan
+from eol_ros.errors import ConfigError
+
+BLOB = np.dtype([('u', 'f8'), ('v', 'f8'), ('theta', 'f8'), ('side_px', 'f8'),
+                 ('visibility', 'f4'), ('sigma_px', 'f4'), ('quality', 'f4')])
+
+SIDES_PX = (16.0, 160.0)  # squares that can be blocks while their size is not yet known
+_BLUR_PX = 1.25  # edges of a lens in focus, pixel included
+_MOST_REGIONS = 96
+_LABELS = 20000
+
+
+class BlobFinder:
+    """Finds and measures squares, image after image.
+
+    What it learns on the way (size of the squares over the image, brightness, background) is a function
+    of the images seen and of nothing else, so that a replay gives the same numbers.
+
+    Args:
+        settings: unused by the finder itself except `blur_px`, the edge blur, when it has one.
+        calibration: gives the expected size of a block anywhere in the image; None learns it.
+    """
+
+    def __init__(self, settings=None, calibration=None):
+        self.blur_px = float(getattr(settings, 'blur_px', _BLUR_PX))
+        self.calibration = calibration
+        self._size = None  # side_px over the image: constant, per u, per v
+        self._shape = None
+        self._scratch = edges.workspace()
+        self._fitted = np.zeros((_MOST_REGIONS, edges.FIELDS))
+        self._found = np.zeros((_MOST_REGIONS, 6))
+        self._contrast = 0.0
+        self._turn = 0
+        self.floor = 1.0
+
+    def find(self, image: np.ndarray, predicted=None) -> np.ndarray:
+        """Return the squares in `image` (h, w) uint8 as a BLOB array, predicted ones first.
+
+        Args:
+            predicted: (k, 3) u, v, theta where blocks are expected, good to a few px.
+
+        Raises:
+            ConfigError: not an 8-bit grey image.
+        """
+        if image.ndim != 2 or image.dtype != np.uint8:
+            raise ConfigError(f'image has shape {image.shape} and type {image.dtype}; blocks are '
+                              'found in 8-bit grey images: set the camera to grey (mono8)')
+        if image.shape != self._shape:
+            self._begin(image.shape)
+        scan.sample(image, self._grid)
+        scan.backgrounds(self._grid, self._tiles, self._turn % 8 if self._turn else 0,
+                         8 if self._turn else 1)
+        self._turn += 1
+        kept = np.zeros((0, edges.FIELDS))
+        if predicted is not None and len(predicted):
+            predicted = np.asarray(predicted, float).reshape(-1, 3)
+            near = predicted[np.isfinite(predicted).all(axis=1)]
+            if self._size is not None or self.calibration is not None:
+                kept = self._apart(kept, self._fit(image, near, search=0), 0.30)
+        for _ in range(2):
+            scan.erase(self._grid, self._tiles, np.column_stack(
+                [kept[:, :3], kept[:, edges.HALF] + scan.STEP]))
+            starts = self._unexplained()
+            if not len(starts):
+                break
+            before = len(kept)
+            kept = self._apart(kept, self._fit(image, starts, search=2), 0.55)
+            self._learn(kept)
+            if before or len(kept) == before:
+                break
+        self._learn(kept)
+        blobs = np.zeros(len(kept), BLOB)
+        blobs['u'], blobs['v'], blobs['theta'] = kept[:, edges.U], kept[:, edges.V], kept[:, edges.THETA]
+        blobs['side_px'] = 2 * kept[:, edges.HALF]
+        blobs['visibility'] = np.minimum(kept[:, edges.VISIBLE], 1.0)
+        blobs['sigma_px'] = kept[:, edges.SIGMA]
+        blobs['quality'] = kept[:, edges.QUALITY]
+        return blobs
+
+    def _begin(self, shape) -> None:
+        """Prepare for images of another size."""
+        if min(shape) < 64:
+            raise ConfigError(f'image of {shape[1]}x{shape[0]} px is too small to show the table')
+        self._shape = shape
+        rows, cols = (shape[0] - 2) // scan.STEP, (shape[1] - 2) // scan.STEP
+        self._grid = np.zeros((rows, cols), np.uint8)
+        self._tiles = np.zeros((-(-rows // scan.TILE), -(-cols // scan.TILE)), np.uint8)
+        self._label = np.zeros((rows, cols), np.int32)
+        self._parent = np.zeros(_LABELS, np.int32)
+        self._stats = np.zeros((_LABELS, 9))
+        self._size, self._contrast, self._turn = None, 0.0, 0
+
+    def _expected(self, uv: np.ndarray) -> np.ndarray:
+        """Return the half side in px (n,) of a block at `uv` (n, 2); needs a calibration or a size."""
+        if self.calibration is not None:
+            return self.calibration.side_px(uv, 0.084) / 2
+        middle = np.array(self._shape[::-1]) / 2
+        return (self._size[0] + (uv - middle) @ self._size[1:]) / 2
+
+    def _fit(self, image, starts, search) -> np.ndarray:
+        """Return fitted squares (n, FIELDS) from `starts` (n, 3) or (n, 4) with their half side."""
+        starts = starts[:_MOST_REGIONS]
+        if not len(starts):
+            return np.zeros((0, edges.FIELDS))
+        half_sigma = 0.25
+        if starts.shape[1] == 3:
+            half = self._expected(starts[:, :2])
+        else:
+            half, half_sigma = starts[:, 3], 0.05 * float(np.median(starts[:, 3]))
+        out = self._fitted[:len(starts)]
+        edges.fit_squares(image, np.column_stack([starts[:, :3], half]), self.blur_px, half_sigma,
+                          search, *self._scratch, out)
+        off = np.abs(out[:, edges.HALF] / half - 1)
+        moved = np.hypot(*(out[:, :2] - starts[:, :2]).T)
+        good = ((out[:, edges.SIGMA] < 0.7) & (off < (0.06 if half_sigma == 0.25 else 0.25))
+                & (moved < half) & np.isfinite(out).all(axis=1)
+                & (out[:, edges.CONTRAST] > 0.12 * self._contrast))
+        out[~good, edges.VISIBLE] = 0.0
+        return out
+
+    def _apart(self, kept, more, least_visible) -> np.ndarray:
+        """Return `kept` and those of `more` that are visible enough and stand on their own ground."""
+        for row in more[np.argsort(-more[:, edges.QUALITY], kind='stable')]:
+            if row[edges.VISIBLE] < least_visible:
+                continue
+            if len(kept):
+                near = np.hypot(*(kept[:, :2] - row[:2]).T).min()
+                if near < 1.4 * row[edges.HALF]:
+                    continue
+            kept = np.vstack([kept, row])
+        return kept
+
+    def _unexplained(self) -> np.ndarray:
+        """Return starts of squares, (n, 3) or, while their size is unknown, (n, 4)."""
+        contrast = self._contrast
+        if not contrast:
+            contrast = scan.bright_level(self._grid, 0.02) - float(np.median(self._tiles))
+        over = max(0.3 * contrast, edges.MIN_CONTRAST)
+        known = self._size is not None or self.calibration is not None
+        if known:
+            middle = np.array([self._shape[::-1]]) / 2
+            area = (2 * self._expected(middle)[0] / scan.STEP) ** 2
+            least, most = 0.35 * area, 2.2 * area
+        else:
+            least, most = ((side / scan.STEP) ** 2 for side in SIDES_PX)
+        n = scan.regions(self._grid, self._tiles, over, least, most, self._label, self._parent,
+                         self._stats, self._found)
+        found = self._found[:n]
+        if known:
+            return found[:, :3].copy()
+        # a square fills between half (at 45 degrees) and all of the box around it
+        box = found[:, 4] * found[:, 5]
+        area = found[:, 3] * scan.STEP ** 2
+        ratio = found[:, 4] / found[:, 5]
+        square = (area > 0.42 * box) & (ratio > 0.7) & (ratio < 1.43)
+        found, area = found[square], area[square]
+        if not len(found):
+            return np.zeros((0, 4))
+        usual = np.median(area)
+        alike = (area > 0.6 * usual) & (area < 1.6 * usual)
+        half = np.sqrt(area[alike]) / 2
+        return np.column_stack([found[alike, :3], half])
+
+    def _learn(self, kept) -> None:
+        """Renew what is known of size and brightness from squares seen whole."""
+        whole = kept[(kept[:, edges.VISIBLE] > 0.9) & (kept[:, edges.QUALITY] > 0.7)]
+        if len(whole) < 4:
+            return
+        self._contrast = float(np.median(whole[:, edges.CONTRAST]))
+        if self.calibration is not None:
+            return
+        side = 2 * whole[:, edges.HALF]
+        usual = np.median(side)
+        alike = np.abs(side / usual - 1) < 0.06
+        if alike.sum() < 4:
+            return
+        uv = whole[alike, :2] - np.array(self._shape[::-1]) / 2
+        columns = np.column_stack([np.ones(len(uv)), uv])
+        # a plane, held flat by a prior of 1 % over 300 px so that few blocks cannot tip it
+        normal = columns.T @ columns
+        normal[1, 1] += len(uv) * 300.0 ** 2 * 0.1
+        normal[2, 2] += len(uv) * 300.0 ** 2 * 0.1
+        plane = np.linalg.solve(normal, columns.T @ (side[alike] - usual))
+        plane[0] += usual
+        if self._size is None:
+            self._size = plane
+        else:
+            self._size += 0.1 * (plane - self._size)
