@@ -28,7 +28,6 @@ VERBS = {
     'simulate': 'solve a scene of springs and blocks',
     'lattice': 'run the earthquake automaton',
     'bench': 'error against run time, speed against peers',
-    'warm': 'compile and prepare what the first run would wait for',
 }
 
 

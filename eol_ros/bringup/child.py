@@ -13,6 +13,7 @@ from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import Policy
 
 _PR_SET_PDEATHSIG = 1
+_LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[DEBUG]')
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
@@ -36,6 +37,7 @@ class Child:
         self.stopping = False
         self.code: int | None = None
         self._rest = {'health': b'', 'output': b''}
+        self._in_traceback = False
 
     def start(self, now_s: float) -> None:
         """Start it."""
@@ -92,6 +94,14 @@ class Child:
     def output(self) -> list[str]:
         """Return the whole lines it has printed."""
         return [line.decode(errors='replace') for line in self._lines('output', self.output_fd)]
+
+    def for_people(self, line: str) -> bool:
+        """Tell whether a line belongs on the terminal: no log, no traceback but its last line."""
+        if line.startswith('Traceback ('):
+            self._in_traceback = True
+        elif self._in_traceback and not line.startswith(' '):
+            self._in_traceback = False
+        return not self._in_traceback and not line.startswith(_LOG_LINES)
 
     def _lines(self, kind: str, fd: int) -> list[bytes]:
         if fd < 0:

@@ -12,7 +12,7 @@ _FILES = 10
 
 
 def folder() -> Path:
-    """Return where logs lie: $EOL_STATE, else $XDG_STATE_HOME/eol_ros, else ~/.local/state/eol_ros."""
+    """Return where logs lie: $EOL_STATE, else eol_ros in $XDG_STATE_HOME or ~/.local/state."""
     root = os.environ.get('EOL_STATE')
     if not root:
         root = os.path.join(os.environ.get('XDG_STATE_HOME') or '~/.local/state', 'eol_ros')
@@ -22,7 +22,7 @@ def folder() -> Path:
 
 
 class Diary:
-    """`eol.log`: all output of all nodes, 10 files of 5 MB. `diary.txt`: a line per start, fault, stop."""
+    """`eol.log`: all that nodes print, 10 files of 5 MB; `diary.txt`: starts, faults, stops."""
 
     def __init__(self, where: Path):
         self._log = logging.Logger('eol')

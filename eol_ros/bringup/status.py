@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The running graph answers for itself: an abstract Unix socket, one per DDS domain.
 
-The kernel frees its name when the process ends, however it ends, so it is also the lock that keeps a
-second bringup off the same domain.
+The kernel frees its name when the process ends, however it ends, so it is also the lock that
+keeps a second bringup off the same domain.
 """
 
 import contextlib

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Starts the processes of a scene, watches their heartbeats, starts them again, stops them in order."""
+"""Starts the processes of a scene, watches their heartbeats, restarts them, stops them in order."""
 
 import os
 import select
@@ -16,6 +16,7 @@ from eol_ros.bringup import status
 from eol_ros.bringup.child import Child
 from eol_ros.bringup.diary import Diary
 from eol_ros.bringup.plan import Process
+from eol_ros.bringup.policy import START_S
 from eol_ros.settings import IMAGE_SOURCES
 
 FINAL = (2, 69, 78)  # a node that ends so at the start will not do better when started again
@@ -60,8 +61,12 @@ class Supervisor:
                 if ended is not None:
                     code = ended
                     break
-                since = None if self.all_ok_s is None else now - self._began_s - self.all_ok_s
-                if seconds is not None and since is not None and since >= seconds:
+                age = now - self._began_s
+                if seconds is not None and self.all_ok_s is None and age > START_S:
+                    self._note(f'not all OK within {START_S:.0f} s: {self._not_ok()}')
+                    code = 1
+                    break
+                if seconds is not None and age - (self.all_ok_s or age) >= seconds:
                     break
                 self._wait()
         finally:
@@ -94,6 +99,10 @@ class Supervisor:
     def _note(self, text: str) -> None:
         self._diary.entry(f'{self.scene}: {text}')
         self._say(text)
+
+    def _not_ok(self) -> str:
+        rows = [row for child in self.children for row in child.status.values() if row['level']]
+        return ', '.join(f'{row["node"]} ({row["text"]})' for row in rows)
 
     def _wait(self) -> None:
         fds = [self._wake, self._server.fileno()]
@@ -131,7 +140,7 @@ class Supervisor:
                 self._note(f'{row["node"]:9} {status.WORDS[row["level"]]}: {row["text"]}')
         for line in child.output():
             self._diary.line(f'{child.process.name}: {line}')
-            if not line.startswith(('[INFO]', '[WARN]', '[ERROR]', '[DEBUG]')):
+            if child.for_people(line):
                 self._say(f'{child.process.name} | {line}')
 
     def _bury(self, child: Child, now: float) -> int | None:

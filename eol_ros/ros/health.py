@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a node says how it is: `/diagnostics` for every ROS tool, and a heartbeat for bringup.
 
-The same status goes both ways once a second: as a `DiagnosticStatus` (REP 107), and as one JSON line to
-the inherited pipe that EOL_HEALTH_FD names. It is written by the executor, so a node whose executor
-hangs falls silent, and that is how bringup notices.
+The same status goes both ways once a second: as a `DiagnosticStatus` (REP 107), and as one JSON
+line to the inherited pipe that EOL_HEALTH_FD names. It is written by the executor, so a node whose
+executor hangs falls silent, and that is how bringup notices.
 """
 
 import json

@@ -2,8 +2,8 @@
 """mono8 images to and from the wire without a copy too many.
 
 Assigning an array to `Image.data` costs 47 ms a megabyte, because rclpy checks each byte. So the
-message is packed once as CDR (OMG DDS-XTypes 1.3, 7.4.3; little-endian plain CDR), and for each image
-only the stamp and the pixels are written into it.
+message is packed once as CDR (OMG DDS-XTypes 1.3, 7.4.3; little-endian plain CDR), and for each
+image only the stamp and the pixels are written into it.
 """
 
 import struct

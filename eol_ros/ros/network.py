@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The DDS transport: shared memory large enough for images, and UDP that stays on this machine.
 
-Fast DDS's default segment loses half of 1 MB images. `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` is no
-barrier: a peer that lists our address gets in; a UDP whitelist of the loopback interface is one.
+Fast DDS's default segment loses half of 1 MB images. `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` is
+no barrier: a peer that lists our address gets in; a UDP whitelist of the loopback interface is one.
 """
 
 import os
@@ -61,9 +61,9 @@ def environment(network: str = 'local', images: bool = False) -> dict[str, str]:
 
     A profile that the user has named in FASTRTPS_DEFAULT_PROFILES_FILE is left as it is.
     """
-    if os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', '').find('eol-dds-') < 0:
-        if os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE'):
-            return {'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}
+    theirs = os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', '')
+    if theirs and 'eol-dds-' not in theirs:
+        return {'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}
     folder = Path(tempfile.gettempdir()) / f'eol-dds-{os.getuid()}'
     folder.mkdir(mode=0o700, exist_ok=True)
     file = folder / f'{network}-{"images" if images else "small"}.xml'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node that every node of the graph is: settings as parameters, topics from the table, health."""
+"""What every node of the graph is: settings as parameters, topics from the table, health."""
 
 import dataclasses
 from collections.abc import Callable

@@ -224,3 +224,33 @@ def test_status_over_the_socket_and_one_graph_per_domain(start):
     assert [(row['node'], row['level']) for row in answers[0]['nodes']] == [('twin', 0)]
     assert 'twin' in status.table(answers[0]) and '60.0 Hz' in status.table(answers[0])
     json.dumps(answers[0])
+
+
+def test_a_fault_shows_its_last_line_and_keeps_the_rest_in_the_log(start, tmp_path):
+    supervisor, lines = start(process('twin', 'import time\nraise RuntimeError("no ice")'))
+
+    def work():
+        try:
+            until(lambda: supervisor.children[0].policy.restarts == 1)
+        finally:
+            supervisor.stop()
+
+    thread, errors = in_background(work)
+    supervisor.run()
+    thread.join()
+
+    assert not errors
+    shown = [line for line in lines if '|' in line]
+    assert shown[0] == 'twin | RuntimeError: no ice'
+    assert 'Traceback (most recent call last)' in (tmp_path / 'eol.log').read_text()
+
+
+def test_a_run_for_a_time_that_never_is_ok_fails(start, monkeypatch):
+    from eol_ros.bringup import supervisor as module
+
+    monkeypatch.setattr(module, 'START_S', 1.0)
+    script = BEAT + "\nwhile True:\n    beat('twin', 1); time.sleep(0.1)"
+    supervisor, lines = start(process('twin', script))
+
+    assert supervisor.run(seconds=0.1) == 1
+    assert 'not all OK within 1 s: twin (fine)' in lines

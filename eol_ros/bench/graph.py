@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol bench graph: the whole graph as processes, measured from outside.
+
+Images a second and images lost; latency from an image's stamp (mid-exposure) to what each stage
+says, bytes of the LED packet on the pty included; processor and memory of each node; start-up time.
+The same for every scene that ships shows what each leaves out.
+"""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from eol_ros.bench.running import Film, Graph, latencies, stand_in
+
+HELP = 'Measure the running graph: images, latency, processor, memory, start-up, per scene.'
+EXAMPLES = [
+    'eol bench graph --seconds 30 --json',
+    'eol bench graph --scenes rehearsal --seconds 60',
+]
+STAGES = ('blocks', 'slips', 'led_commands', 'grain_triggers')
+SCENES = ('rehearsal', 'museum', 'lights', 'instrument', 'playback')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('--seconds', type=float, default=30.0, help='measured, per scene')
+    parser.add_argument('--scenes', default=','.join(SCENES), help='parted by commas')
+    parser.add_argument('--fast', type=float, default=120.0, metavar='FPS',
+                        help='rate of the file-fed camera run; 0 leaves it out')
+    parser.add_argument('--json', action='store_true')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, print."""
+    results: dict[str, Any] = {'cores': os.cpu_count(), 'load': os.getloadavg()[0], 'scenes': {}}
+    with tempfile.TemporaryDirectory(prefix='eol-bench-') as place:
+        folder = Path(place)
+        film = Film(folder)
+        bag = None
+        for name in args.scenes.split(','):
+            print(f'{name}: {args.seconds:g} s', file=sys.stderr, flush=True)
+            scene = stand_in(name, folder, film, bag)
+            results['scenes'][name] = measure(scene, folder / f'bags-{name}', args.seconds)
+            if name == 'rehearsal':
+                bag = next(iter(sorted((folder / f'bags-{name}').iterdir())), None)
+        if args.fast:
+            print(f'file-fed camera at {args.fast:g}/s', file=sys.stderr, flush=True)
+            scene = film.scene(args.fast)
+            results['file_camera'] = measure(scene, None, min(args.seconds, 30.0))
+    print(json.dumps(results, indent=2) if args.json else table(results))
+    return 0
+
+
+def measure(scene: Path, bags: Path | None, seconds: float) -> dict[str, Any]:
+    """Return the figures of one scene."""
+    with Graph(scene, bags) as graph:
+        all_ok_s = graph.wait_until_ok()
+        time.sleep(2.0)  # what starting has heaped up is not measured
+        graph.mark()
+        time.sleep(seconds)
+        figures = graph.figures()
+    stages = {topic: latencies(graph.watch.seen[topic], graph.begin_ns) for topic in STAGES}
+    stages['led_bytes'] = graph.led_latencies()
+    return {
+        'all_ok_s': all_ok_s,
+        **figures,
+        'latency_ms': {stage: row for stage, row in stages.items() if row},
+    }
+
+
+def table(results: dict[str, Any]) -> str:
+    """Return the figures for people."""
+    lines = []
+    runs = dict(results['scenes'])
+    if 'file_camera' in results:
+        runs['file camera'] = results['file_camera']
+    for name, row in runs.items():
+        lines.append(
+            f'\n{name}: all OK after {row["all_ok_s"]:.1f} s, {row["processes"]} processes, '
+            f'{row["pss_mb"]:.0f} MB, {row["cpu_percent"]:.0f} % of one core'
+        )
+        lines.append(f'  images {row["images_per_s"]:.2f}/s, lost {row["lost"]}')
+        for stage, ms in row['latency_ms'].items():
+            lines.append(f'  stamp -> {stage:15} p50 {ms["p50"]:6.1f}  p99 {ms["p99"]:6.1f}  '
+                         f'max {ms["max"]:6.1f} ms  ({ms["count"]})')
+        for node, use in row['nodes'].items():
+            lines.append(f'  {node:10} {use["cpu_percent"]:5.1f} %  {use["pss_mb"]:6.1f} MB  '
+                         f'{use["text"]}')
+    return '\n'.join(lines).strip()

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Look at a running graph from outside: which stamps came when, on which topic."""
+
+import os
+import struct
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Iterable
+
+from eol_ros.ros import network
+from eol_ros.ros.stamps import NS
+
+
+class Watch:
+    """Keeps (stamp, arrival) in nanoseconds of every message of `topics` on `domain`.
+
+    It runs in a thread with a DDS context of its own, so that one program can watch several graphs
+    one after the other.
+    """
+
+    def __init__(self, topics: Iterable[str], domain: int, keep: Iterable[str] = ()):
+        network.configure('local')
+        import rclpy
+        from rclpy.experimental.events_executor import EventsExecutor
+        from rclpy.node import Node
+
+        from eol_ros.ros.node import NAMESPACE
+        from eol_ros.ros.topics import QOS, TOPICS
+
+        self.seen: dict[str, list[tuple[int, int]]] = defaultdict(list)
+        self.raw: dict[str, list[bytes]] = defaultdict(list)
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self._node = Node(f'watch_{os.getpid()}', namespace=NAMESPACE, context=self._context)
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        kept = set(keep)
+        for topic in topics:
+            row = TOPICS[topic]
+            self._node.create_subscription(
+                row.message_class(), topic, self._taker(topic, topic in kept), QOS[row.qos],
+                raw=True,
+            )
+        self._going = True
+        self._thread = threading.Thread(target=self._spin, name='watch', daemon=True)
+        self._thread.start()
+
+    def _taker(self, topic, keep):
+        seen, raws = self.seen[topic], self.raw[topic]
+
+        def take(raw: bytes) -> None:
+            seconds, nanoseconds = struct.unpack_from('<iI', raw, 4)  # the header's stamp
+            seen.append((seconds * NS + nanoseconds, time.time_ns()))
+            if keep:
+                raws.append(raw)
+
+        return take
+
+    def _spin(self) -> None:
+        while self._going:
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def messages(self, topic: str) -> list:
+        """Return the messages of a topic named in `keep`."""
+        from rclpy.serialization import deserialize_message
+
+        from eol_ros.ros.topics import TOPICS
+
+        kind = TOPICS[topic].message_class()
+        return [deserialize_message(raw, kind) for raw in self.raw[topic]]
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._going = False
+        self._thread.join()
+        self._executor.shutdown(timeout_sec=1.0)
+        self._node.destroy_node()
+        self._context.try_shutdown()
