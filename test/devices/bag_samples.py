@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Small bags of standard messages, packed by hand, for the tests."""
+
+import struct
+from pathlib import Path
+
+from eol_ros.devices.bag_file import BagTopic
+from eol_ros.devices.bag_writer import BagWriter
+
+HASH = 'RIHS01_6963084842a9b04494d6b2941d11444708d892da2f4b09843b9c43f42a7f6881'
+TEXT_HASH = 'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18'
+QOS = """\
+- history: keep_last
+  depth: 60
+  reliability: reliable
+  durability: volatile
+  deadline: {sec: 9223372036, nsec: 854775807}
+  lifespan: {sec: 9223372036, nsec: 854775807}
+  liveliness: automatic
+  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
+  avoid_ros_namespace_conventions: false
+"""
+POINT = BagTopic('/eol/point', 'geometry_msgs/msg/Point',
+                 'float64 x\nfloat64 y\nfloat64 z\n', HASH, QOS)
+TEXT = BagTopic('/eol/text', 'std_msgs/msg/String', 'string data\n', TEXT_HASH, QOS)
+T0 = 1_700_000_000_000_000_000
+
+
+def point(x: float, y: float = 0.0, z: float = 0.0) -> bytes:
+    return b'\0\1\0\0' + struct.pack('<3d', x, y, z)
+
+
+def text(words: str) -> bytes:
+    data = words.encode() + b'\0'
+    return b'\0\1\0\0' + struct.pack('<I', len(data)) + data
+
+
+def write_bag(folder: Path, count: int = 100, **options) -> BagWriter:
+    """Return an open bag of `count` points, 10 ms apart, and a text with each tenth."""
+    about = {'scene': 'scene: test', 'seeds': '{twin: 7}'}
+    bag = BagWriter(folder, [POINT, TEXT], about, **options)
+    for i in range(count):
+        now = T0 + i * 10_000_000
+        bag.write('/eol/point', point(i, -i), now, now - 500, i + 1)
+        if i % 10 == 0:
+            bag.write('/eol/text', text(f'word {i}'), now + 1, T0, i // 10 + 1)
+    return bag

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reading whole bags, cut ones, and things that are not bags."""
+
+import pytest
+from bag_samples import POINT, T0, point, write_bag
+
+from eol_ros.devices.bag_reader import BagReader
+from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.errors import ConfigError, DeviceMissing
+
+
+@pytest.fixture
+def run(tmp_path):
+    write_bag(tmp_path / 'run', split_s=0.25).close()
+    return tmp_path / 'run'
+
+
+def test_reading_a_folder(run):
+    bag = BagReader(run)
+    assert bag.counts == {'/eol/point': 100, '/eol/text': 10}
+    assert bag.duration_s == pytest.approx(0.99)
+    assert bag.about == {'scene': 'scene: test', 'seeds': '{twin: 7}'}
+    assert bag.cut_short == []
+    times = [m.log_ns for m in bag.messages()]
+    assert len(times) == 110
+    assert times == sorted(times)
+
+
+def test_reading_a_span(run):
+    bag = BagReader(run)
+    span = list(bag.messages(['/eol/point'], T0 + 200_000_000, T0 + 600_000_000))
+    assert [m.sequence for m in span] == list(range(21, 61))
+
+
+def test_topics_are_found_without_their_namespace(run):
+    bag = BagReader(run)
+    assert bag.find('point') == bag.find('/eol/point') == '/eol/point'
+    with pytest.raises(ConfigError, match='no topic pint .* /eol/point'):
+        bag.find('pint')
+
+
+@pytest.mark.parametrize('share', [0.3, 0.5, 0.8, 0.999])
+def test_a_file_cut_anywhere_gives_all_that_is_whole(tmp_path, share):
+    bag = BagWriter(tmp_path / 'run', [POINT], {'scene': 'x'})
+    for i in range(200):
+        bag.write('/eol/point', point(i), T0 + i, T0, i + 1)
+        if i % 10 == 9:
+            bag.flush()
+    bag.close()
+    path = tmp_path / 'run' / 'run_0.mcap'
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+    cut = BagReader(path)
+    got = [m.sequence for m in cut.messages()]
+    assert got == list(range(1, len(got) + 1))
+    assert len(got) % 10 == 0
+    assert len(got) >= 200 * (share - 0.25)
+    assert cut.about == {'scene': 'x'}
+    assert 'run_0.mcap was cut short' in cut.cut_short[0]
+
+
+def test_a_byte_gone_wrong_ends_the_reading_there_and_is_not_passed_on(tmp_path):
+    bag = BagWriter(tmp_path / 'run', [POINT], {})
+    for i in range(100):
+        bag.write('/eol/point', point(i * 0.1), T0 + i, T0, i + 1)
+        if i % 10 == 9:
+            bag.flush()
+    bag.abandon()
+    path = tmp_path / 'run' / 'run_0.mcap.part'
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0x40
+    path.write_bytes(data)
+    values = [m.data for m in BagReader(path).messages()]
+    assert values == [point(i * 0.1) for i in range(len(values))]
+    assert 0 < len(values) < 100
+
+
+def test_a_damaged_chunk_of_a_whole_file_is_said(run):
+    path = run / 'run_0.mcap'
+    data = bytearray(path.read_bytes())
+    at = data.index(b'zstd') + 30
+    data[at : at + 40] = b'\xff' * 40
+    path.write_bytes(data)
+    with pytest.raises(ConfigError, match='run_0.mcap: damaged'):
+        list(BagReader(run).messages())
+
+
+def test_what_is_not_a_bag(tmp_path):
+    with pytest.raises(DeviceMissing, match='no such bag'):
+        BagReader(tmp_path / 'absent')
+    (tmp_path / 'notes.txt').write_text('hello there, not a bag')
+    with pytest.raises(ConfigError, match="not a bag: begins with b'hello th'"):
+        BagReader(tmp_path / 'notes.txt')
+    (tmp_path / 'empty.mcap').write_bytes(b'')
+    with pytest.raises(ConfigError, match='not a bag'):
+        BagReader(tmp_path / 'empty.mcap')
+    (tmp_path / 'folder').mkdir()
+    with pytest.raises(ConfigError, match='without .mcap files'):
+        BagReader(tmp_path / 'folder')
+    (tmp_path / 'folder' / 'metadata.yaml').write_text('scene: x')
+    with pytest.raises(ConfigError, match='not the metadata of a rosbag2 folder'):
+        BagReader(tmp_path / 'folder')
+
+
+def test_a_folder_of_bags_stands_for_its_newest(tmp_path):
+    for name, count in (('b', 3), ('a', 7)):
+        write_bag(tmp_path / name, count).close()
+    assert BagReader(tmp_path).counts['/eol/point'] == 7
+
+
+def test_a_file_that_the_metadata_names_and_that_is_gone(run):
+    (run / 'run_1.mcap').unlink()
+    with pytest.raises(DeviceMissing, match='run_1.mcap is named in metadata.yaml'):
+        BagReader(run)

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recording through the queue and the thread: nothing lost, full and read-only disks said."""
+
+import errno
+import json
+import os
+import time
+from types import SimpleNamespace
+
+import pytest
+from bag_samples import POINT, T0, TEXT, point, text, write_bag
+
+from eol_ros.devices import bag_recording
+from eol_ros.devices.bag_reader import BagReader
+from eol_ros.devices.bag_recording import Recording
+from eol_ros.devices.bag_selection import Item, Slipping
+from eol_ros.errors import DeviceMissing
+from eol_ros.settings import RecorderSettings
+
+SETTINGS = RecorderSettings(images='all', min_free_gb=0.0)
+
+
+def start(root, settings=SETTINGS, **options) -> Recording:
+    return Recording(root, 'my scene', [POINT, TEXT], {'scene': 'x'}, settings, **options)
+
+
+def feed(recording, count, first=0, step_ns=1_000_000):
+    for i in range(first, first + count):
+        recording.take(Item('/eol/point', point(i), T0 + i * step_ns, T0, i + 1))
+
+
+def eventually(condition, seconds=10.0):
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.02)
+    assert condition()
+
+
+def test_all_that_is_taken_is_in_the_bag(tmp_path):
+    recording = start(tmp_path)
+    feed(recording, 5000)
+    recording.close()
+    bag = BagReader(recording.folder)
+    assert [m.sequence for m in bag.messages()] == list(range(1, 5001))
+    assert recording.message_count == 5000
+    assert recording.folder.name.startswith('my-scene_2')
+
+
+def test_what_was_lost_is_in_the_metadata(tmp_path):
+    recording = start(tmp_path)
+    feed(recording, 10)
+    feed(recording, 10, first=13)
+    recording.close()
+    bag = BagReader(recording.folder)
+    assert json.loads(bag.gaps['lost_before_recorder']) == {'/eol/point': 3}
+    assert json.loads(bag.gaps['received']) == {'/eol/point': 20}
+    assert bag.about == {'scene': 'x'}
+    assert recording.lost == 3
+
+
+def test_a_disk_that_is_too_slow_drops_and_counts(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_recording, 'QUEUE_BYTES', 2000)
+    recording = start(tmp_path)
+    with recording._ready:  # the writing thread stands still
+        for i in range(100):
+            recording.take(Item('/eol/point', point(i), T0 + i, T0, i + 1))
+    recording.close()
+    kept = recording.message_count
+    assert 0 < kept < 100
+    assert recording.dropped['/eol/point'] == 100 - kept
+    gaps = BagReader(recording.folder).gaps
+    assert json.loads(gaps['dropped_in_recorder']) == {'/eol/point': 100 - kept}
+
+
+def test_pictures_around_slips(tmp_path):
+    settings = RecorderSettings(before_s=0.1, after_s=0.1, min_free_gb=0.0)
+    recording = start(tmp_path, settings, images='/eol/text')
+    for i in range(300):
+        now = T0 + i * 10_000_000
+        if i == 100:
+            recording.slip(Slipping(1, True, now))
+        if i == 150:
+            recording.slip(Slipping(1, False, now))
+        recording.take(Item('/eol/text', text('picture'), now, now, i))
+        recording.take(Item('/eol/point', point(i), now, now, i))
+    recording.close()
+    bag = BagReader(recording.folder)
+    assert [m.sequence for m in bag.messages(['/eol/text'])] == list(range(90, 161))
+    assert bag.counts['/eol/point'] == 300
+
+
+def test_pictures_end_at_their_budget_and_the_rest_goes_on(tmp_path):
+    size = len(text('picture'))
+    settings = RecorderSettings(images='all', images_max_gb=10.5 * size / 1e9, min_free_gb=0.0)
+    recording = start(tmp_path, settings, images='/eol/text')
+    for i in range(30):
+        recording.take(Item('/eol/text', text('picture'), T0 + i, T0, i))
+        recording.take(Item('/eol/point', point(i), T0 + i, T0, i))
+    recording.close()
+    assert BagReader(recording.folder).counts == {'/eol/text': 10, '/eol/point': 30}
+
+
+def test_recording_stops_before_the_disk_is_full_and_goes_on_when_there_is_room(
+    tmp_path, monkeypatch
+):
+    free = [10e9]
+    monkeypatch.setattr(
+        bag_recording.shutil, 'disk_usage', lambda path: SimpleNamespace(free=free[0])
+    )
+    monkeypatch.setattr(bag_recording, 'FLUSH_S', 0.02)
+    monkeypatch.setattr(bag_recording, 'RETRY_S', 0.02)
+    recording = start(tmp_path, RecorderSettings(images='all', min_free_gb=5.0))
+    feed(recording, 100)
+    eventually(lambda: recording.message_count == 100)
+    free[0] = 1e9
+    eventually(lambda: recording.trouble)
+    assert '1.00 GB free' in recording.trouble
+    assert 'recorder.min_free_gb' in recording.trouble
+    first = recording.folder
+    assert sorted(p.suffix for p in first.iterdir()) == ['.mcap', '.yaml']
+    free[0] = 10e9
+    eventually(lambda: not recording.trouble)
+    feed(recording, 50)
+    recording.close()
+    assert recording.folder != first
+    assert BagReader(recording.folder).counts['/eol/point'] == 50
+    assert recording.message_count == 150
+
+
+def test_a_disk_that_is_full_at_the_start_is_waited_for(tmp_path):
+    recording = start(tmp_path, RecorderSettings(min_free_gb=1e9))
+    assert 'recording stops below 1e+09 GB' in recording.trouble
+    recording.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_refuses_a_write_pauses_the_recording(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_recording, 'FLUSH_S', 0.02)
+    recording = start(tmp_path)
+    feed(recording, 100)
+    eventually(lambda: recording.message_count == 100)
+
+    def refuse():
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(recording._writer, 'flush', refuse)
+    eventually(lambda: recording.trouble)
+    assert 'No space left on device' in recording.trouble
+    recording.close()
+
+
+@pytest.mark.skipif(not os.path.exists('/dev/full'), reason='needs /dev/full')
+def test_a_truly_full_device_is_survived(tmp_path):
+    recording = start(tmp_path)
+    writer = recording._writer
+    os.dup2(os.open('/dev/full', os.O_WRONLY), writer._file.file.fileno())
+    feed(recording, 1000)
+    eventually(lambda: recording.trouble)
+    assert 'No space left on device' in recording.trouble
+    recording.close()
+
+
+def test_a_root_that_cannot_be_written_is_said(tmp_path):
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(DeviceMissing, match='cannot be written'):
+        start(tmp_path / 'file' / 'bags')
+
+
+def test_an_earlier_bag_is_repaired_at_the_start(tmp_path):
+    bag = write_bag(tmp_path / 'old')
+    bag.flush()
+    bag.abandon()
+    recording = start(tmp_path)
+    eventually(lambda: recording.repaired)
+    assert recording.repaired == ['old_0.mcap.part: 110 messages saved']
+    recording.close()
+    assert (tmp_path / 'old' / 'old_0.mcap').exists()

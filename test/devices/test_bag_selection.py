@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which pictures are kept, and how losses are counted."""
+
+import struct
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eol_ros.devices.bag_selection import (
+    NS,
+    AroundSlips,
+    Gaps,
+    Item,
+    Slipping,
+    StampGaps,
+    Thinning,
+    stamp_ns,
+)
+
+STEP = NS // 60
+
+
+def picture(i: int) -> Item:
+    return Item('image', b'', i * STEP, i * STEP, i)
+
+
+def kept(slips: dict[int, Slipping], count: int, before_s=0.1, after_s=0.05) -> list[int]:
+    ring, numbers = AroundSlips(before_s, after_s), []
+    for i in range(count):
+        if i in slips:
+            numbers += [p.sequence for p in ring.slip(slips[i])]
+        numbers += [p.sequence for p in ring.image(picture(i))]
+    return numbers
+
+
+def test_pictures_before_during_and_after_a_slip_are_kept():
+    news = {60: Slipping(1, True, 60 * STEP), 90: Slipping(1, False, 90 * STEP)}
+    assert kept(news, 200) == list(range(54, 94))
+
+
+def test_two_slips_that_overlap_are_one_stretch():
+    news = {
+        60: Slipping(1, True, 60 * STEP),
+        70: Slipping(2, True, 70 * STEP),
+        80: Slipping(1, False, 80 * STEP),
+        100: Slipping(2, False, 100 * STEP),
+    }
+    assert kept(news, 200) == list(range(54, 104))
+
+
+def test_a_slip_that_never_stops_is_over_after_ten_seconds():
+    numbers = kept({0: Slipping(1, True, 0)}, 700)
+    assert numbers == list(range(601))
+
+
+def test_nothing_is_kept_while_nothing_slips_and_the_ring_stays_small():
+    ring = AroundSlips(0.25, 0.25)
+    for i in range(1000):
+        assert list(ring.image(picture(i))) == []
+    assert len(list(ring.slip(Slipping(1, True, 999 * STEP)))) == 16
+
+
+def test_thinning_lets_one_a_second_through():
+    thin = Thinning(1.0)
+    passed = [i for i in range(600) if thin.keep(Item('meter', b'', i * NS // 10, 0, i))]
+    assert len(passed) == 60
+    other = Item('preview', b'', 599 * NS // 10, 0, 0)
+    assert thin.keep(other)
+
+
+def test_thinning_does_not_catch_up_after_a_pause():
+    thin = Thinning(1.0)
+    times = [0.0, 0.5, 1.0, 10.0, 10.5, 11.0]
+    passed = [t for t in times if thin.keep(Item('meter', b'', int(t * NS), 0, 0))]
+    assert passed == [0.0, 1.0, 10.0, 11.0]
+
+
+@given(st.sets(st.integers(2, 200), max_size=50))
+def test_every_missing_sequence_number_is_counted(missing):
+    gaps = Gaps()
+    for number in range(1, 202):
+        if number not in missing:
+            gaps.take('t', number)
+    assert gaps.lost['t'] == len(missing)
+    assert gaps.received['t'] == 201 - len(missing)
+
+
+def test_a_restarted_publisher_has_lost_nothing():
+    gaps = Gaps()
+    for number in (5, 6, 7, 1, 2, 4):
+        gaps.take('t', number)
+    assert gaps.lost['t'] == 1
+    gaps.take('u', 0)
+    gaps.take('u', 0)
+    assert gaps.lost['u'] == 0
+
+
+@given(st.sets(st.integers(20, 99), max_size=20), st.integers(0, 3))
+def test_holes_in_the_rhythm_of_stamps_are_counted(missing, seed):
+    gaps = StampGaps()
+    for i in range(101):
+        if i not in missing:
+            jitter = (i * 7919 + seed * 104729) % (STEP // 5)
+            gaps.take(NS + i * STEP + jitter)
+    assert gaps.missing == len(missing)
+
+
+def test_a_replay_that_loops_has_no_gap():
+    gaps = StampGaps()
+    for _ in range(3):
+        for i in range(1, 30):
+            gaps.take(i * STEP)
+    assert gaps.missing == 0
+
+
+def test_the_stamp_of_a_serialised_message():
+    data = b'\0\1\0\0' + struct.pack('<iI', 1_700_000_000, 123)
+    assert stamp_ns(data) == 1_700_000_000 * NS + 123
