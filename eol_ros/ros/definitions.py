@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bag needs to know of a message type: its definition with all it refers to, and its hash.
+
+Both are read from the `share` folders that ROS packages install, so they are those of the very
+types that are on the wire.
+"""
+
+import functools
+import json
+import os
+import re
+import sys
+from pathlib import Path
+
+import yaml
+from rclpy.qos import QoSProfile
+
+from eol_ros.errors import ConfigError
+from eol_ros.ros.topics import QOS, TOPICS
+
+_SEPARATOR = '=' * 80
+_PRIMITIVES = {
+    'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring',
+    'int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'int64', 'uint64',
+}
+# A field is `type name`, a constant `TYPE NAME=value`; both may follow with a comment.
+_FIELD = re.compile(r'^\s*(?P<type>[A-Za-z]\w*(?:/\w+)?)(?P<rest>\S*)\s+[a-z]\w*\s*(?!\s*=)')
+
+
+def share_file(type_name: str, suffix: str) -> Path:
+    """Return the installed file of `package/msg/Name`; raise ConfigError when there is none."""
+    package, kind, name = type_name.split('/')
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    for prefix in filter(None, prefixes):
+        path = Path(prefix) / 'share' / package / kind / f'{name}{suffix}'
+        if path.is_file():
+            return path
+    raise ConfigError(
+        f'{type_name}: no definition in share/{package} of {", ".join(filter(None, prefixes))}; '
+        f'install the package {package}'
+    )
+
+
+def field_types(type_name: str, text: str) -> list[str]:
+    """Return the message types of the fields of definition `text`, in order, as pkg/msg/Name."""
+    package, found = type_name.split('/')[0], []
+    for line in text.splitlines():
+        match = _FIELD.match(line.split('#')[0])
+        if match is None or match['type'] in _PRIMITIVES:
+            continue
+        parts = match['type'].split('/')
+        other = f'{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}'
+        if other not in found:
+            found.append(other)
+    return found
+
+
+@functools.cache
+def definition(type_name: str) -> str:
+    """Return the `ros2msg` schema of `package/msg/Name`: itself, then all it refers to.
+
+    Format of https://mcap.dev/spec/registry#ros2msg: each further type behind a line of 80 `=` and
+    a line `MSG: package/Name`.
+    """
+    waiting, done = [type_name], {type_name}
+    parts: list[str] = []
+    while waiting:
+        current = waiting.pop(0)
+        text = share_file(current, '.msg').read_text(encoding='utf-8')
+        package, _, name = current.split('/')
+        parts.append(text if not parts else f'{_SEPARATOR}\nMSG: {package}/{name}\n{text}')
+        for other in field_types(current, text):
+            if other not in done:
+                done.add(other)
+                waiting.append(other)
+    return '\n'.join(part.rstrip('\n') for part in parts) + '\n'
+
+
+@functools.cache
+def type_hash(type_name: str) -> str:
+    """Return the RIHS01 hash of `package/msg/Name` (REP 2011, REP 2016)."""
+    data = json.loads(share_file(type_name, '.json').read_text(encoding='utf-8'))
+    return next(h['hash_string'] for h in data['type_hashes'] if h['type_name'] == type_name)
+
+
+def qos_text(profile: QoSProfile) -> str:
+    """Return a one-item YAML list, as rosbag2's metadata version 9 says a publisher's QoS."""
+    forever = {'sec': 9223372036, 'nsec': 854775807}
+    data = {
+        'history': profile.history.name.lower(),
+        'depth': profile.depth,
+        'reliability': profile.reliability.name.lower(),
+        'durability': profile.durability.name.lower(),
+        'deadline': forever,
+        'lifespan': forever,
+        'liveliness': 'automatic',
+        'liveliness_lease_duration': forever,
+        'avoid_ros_namespace_conventions': False,
+    }
+    return yaml.dump([data], Dumper=_Plain, sort_keys=False)
+
+
+class _Plain(yaml.SafeDumper):
+    """Writes every map out instead of pointing back to an equal one."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def describe(topic: str) -> dict[str, str]:
+    """Return type, definition, hash and QoS of a topic of the table, as a bag stores them."""
+    row = TOPICS[topic]
+    return {
+        'type': row.type_name,
+        'definition': definition(row.type_name),
+        'type_hash': type_hash(row.type_name),
+        'qos': qos_text(QOS[row.qos]),
+    }

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Definitions and hashes of installed types, against what rosbags works out by itself."""
+
+import pytest
+import yaml
+
+from eol_ros.errors import ConfigError
+from eol_ros.ros.definitions import definition, describe, field_types, qos_text, type_hash
+from eol_ros.ros.topics import QOS, TOPICS
+
+OTHERS = {'sensor_msgs/msg/PointCloud2', 'std_msgs/msg/Empty', 'rosgraph_msgs/msg/Clock'}
+TYPES = sorted({row.type_name for row in TOPICS.values()} | OTHERS)
+
+
+@pytest.mark.parametrize('name', TYPES)
+def test_the_definition_has_the_hash_that_rosbags_computes_from_it(name):
+    typesys = pytest.importorskip('rosbags.typesys')
+    store = typesys.get_typestore(typesys.Stores.EMPTY)
+    store.register(typesys.get_types_from_msg(definition(name), name))
+    assert store.hash_rihs01(name) == type_hash(name)
+
+
+@pytest.mark.parametrize('name', TYPES)
+def test_mcap_ros2_understands_the_definition(name):
+    dynamic = pytest.importorskip('mcap_ros2._dynamic')
+    assert name in dynamic.generate_dynamic(name, definition(name))
+
+
+def test_types_that_fields_refer_to():
+    text = '''
+# geometry_msgs/Point not_a_field
+uint8 KIND=1            # a constant
+string WORD="a b"
+std_msgs/Header header  # of the message
+Point[4] corners
+eol_msgs/Block[<=25] blocks
+float64[] x
+'''
+    assert field_types('geometry_msgs/msg/Made', text) == [
+        'std_msgs/msg/Header', 'geometry_msgs/msg/Point', 'eol_msgs/msg/Block'
+    ]
+
+
+def test_qos_is_what_rosbag2_writes():
+    [qos] = yaml.safe_load(qos_text(QOS['latched']))
+    assert (qos['history'], qos['reliability'], qos['durability']) == (
+        'keep_last', 'reliable', 'transient_local'
+    )
+    metadata = pytest.importorskip('rosbags.rosbag2.metadata')
+    [parsed] = metadata.parse_qos(qos_text(QOS['latched']))
+    assert (parsed.durability.name, parsed.depth) == ('TRANSIENT_LOCAL', 10)
+
+
+def test_describe_and_unknown_types():
+    assert describe('blocks')['type'] == 'eol_msgs/msg/Blocks'
+    with pytest.raises(ConfigError, match='install the package no_such_msgs'):
+        definition('no_such_msgs/msg/Thing')
