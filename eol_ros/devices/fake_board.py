@@ -99,10 +99,11 @@ class FakeBoard:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def tap(self, block: int, strength: float) -> None:
-        """Knock on `block` so hard, in m/s^2, that its accelerometer reports it."""
+    def tap(self, block: int, strength: float, ago_s: float = 0.0) -> None:
+        """Knock on `block` so hard, in m/s^2, that its accelerometer reports it as `ago_s` old."""
         counts = min(round(strength / protocol.STRENGTH_UNIT), 0xFFFF)
-        self._send(protocol.Tap(self.clock_us(), block, counts))
+        felt_us = (self.clock_us() - round(ago_s * 1e6)) & 0xFFFFFFFF
+        self._send(protocol.Tap(felt_us, block, counts))
 
     def clock_us(self) -> int:
         """Return what the board's 32-bit microsecond clock shows."""

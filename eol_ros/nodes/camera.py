@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A camera or a video file in, stamped mono8 images out."""
+
+import sys
+
+from sensor_msgs.msg import CameraInfo
+
+from eol_ros.devices.camera import Camera, State
+from eol_ros.devices.camera_sources import source_of
+from eol_ros.ros.images import ImagePublisher
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.run import runner
+from eol_ros.ros.stamps import now_ns, to_msg
+
+
+class CameraNode(EolNode):
+    NAME = 'camera'
+
+    def __init__(self, settings, **kwargs):
+        super().__init__(settings, **kwargs)
+        self.images = ImagePublisher(self, 'camera/image_raw')
+        self.info = self.publisher('camera/camera_info')
+        if self.settings.calibration:
+            self.info.publish(_camera_info(self.settings.calibration))
+        source = source_of(self.settings)
+        self.camera = Camera(source, self.on_image, self.on_state, self.settings.loop)
+        self.create_timer(1.0, self.tell)
+        self.camera.start()
+
+    def on_image(self, stamp_ns: int, image) -> None:
+        self.images.publish(stamp_ns, image)
+        self.health.tick()
+
+    def on_state(self, state: State) -> None:
+        report = {
+            'streaming': self.health.ok,
+            'ended': self.health.ok,
+            'wrong': self.health.error,
+        }
+        report.get(state.kind, self.health.warn)(state.text)
+
+    def tell(self) -> None:
+        camera, values = self.camera, self.health.values
+        values.update(
+            images=camera.delivered,
+            dropped=camera.dropped,
+            stalls=camera.stalls,
+            opened=camera.opened,
+        )
+        if camera.source.live:
+            values.update(
+                odd_stamps=camera.source.odd_stamps,
+                repeated=camera.source.repeated,
+                exposure_us=camera.source.exposure_us,
+            )
+        else:
+            values['late_ms'] = round(camera.late_ms, 1)
+
+    def close(self) -> None:
+        self.camera.close()
+
+
+def _camera_info(path: str) -> CameraInfo:
+    from eol_ros.devices import calibration_file
+
+    calibration = calibration_file.load(path)
+    matrix = calibration.camera_matrix
+    info = CameraInfo(
+        width=calibration.image_width,
+        height=calibration.image_height,
+        distortion_model='plumb_bob',
+        d=[float(v) for v in calibration.distortion_coefficients],
+        k=[float(v) for v in matrix.ravel()],
+        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p=[float(v) for row in matrix for v in (*row, 0.0)],
+    )
+    info.header.stamp, info.header.frame_id = to_msg(now_ns()), 'camera_optical'
+    return info
+
+
+main = runner(CameraNode)
+
+if __name__ == '__main__':
+    sys.exit(main())

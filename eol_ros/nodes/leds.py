@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Slips in, light on the blocks at once; the blocks' own taps out.
+
+The packet with the light of a slip is written inside the callback that brings the slip, and carries
+the stamp of its image; the packets of the decay that follow carry none.
+"""
+
+import sys
+
+from eol_msgs.msg import BlockTap, Control, LedCommand, Slip, Truth
+
+from eol_ros.devices.board import State
+from eol_ros.devices.lights import Lights, Sent, Tap
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.run import runner
+from eol_ros.ros.stamps import to_msg, to_ns
+
+CLUTTER_S = 1.5  # the tracker looks at the table without infrared for this long
+
+
+class LedsNode(EolNode):
+    """slips, control (and truth, with the twin's board) -> led_commands, block_taps."""
+
+    NAME = 'leds'
+
+    def __init__(self, settings, **kwargs):
+        super().__init__(settings, **kwargs)
+        self.lights = Lights(self.settings, self.on_tap, self.on_state)
+        self.commands = self.publisher('led_commands')
+        self.taps = self.publisher('block_taps')
+        self.frames = self.create_timer(1 / self.settings.frame_hz, self.on_frame)
+        self.frames.cancel()
+        self.infrared_back = self.create_timer(CLUTTER_S, lambda: self.infrared(True))
+        self.infrared_back.cancel()
+        self.create_timer(1.0, lambda: self.health.values.update(self.lights.values()))
+        self.subscribe('slips', self.on_slip)
+        self.subscribe('control', self.on_control)
+        if self.lights.twin:
+            self.subscribe('truth', self.on_truth)
+        self.lights.start()
+
+    def on_settings(self, new) -> None:
+        self.lights.field.decay_s, self.lights.field.peak = new.decay_s, new.peak
+
+    def on_slip(self, slip: Slip) -> None:
+        if slip.kind == Slip.START:
+            self.tell(self.lights.slip(slip.block, to_ns(slip.header.stamp)))
+            self.health.tick()
+            self.frames.reset()
+
+    def on_frame(self) -> None:
+        self.tell(self.lights.frame())
+        if self.lights.field.dark:
+            self.frames.cancel()
+
+    def infrared(self, on: bool) -> None:
+        self.infrared_back.cancel()
+        self.tell(self.lights.infrared(on))
+
+    def tell(self, sent: Sent | None) -> None:
+        if sent is None:  # the line is down: health says so
+            return
+        command = LedCommand(sequence=sent.sequence, infrared=sent.infrared)
+        command.header.stamp, command.sent = to_msg(sent.stamp_ns), to_msg(sent.sent_ns)
+        command.white[:] = list(sent.white)
+        self.commands.publish(command)
+
+    def on_truth(self, truth: Truth) -> None:
+        self.lights.truth(to_ns(truth.header.stamp), truth.moving)
+
+    def on_tap(self, tap: Tap) -> None:
+        message = BlockTap(block=tap.block, strength=tap.strength, sigma=tap.sigma_s)
+        message.header.stamp, message.board_time_us = to_msg(tap.stamp_ns), tap.board_us
+        self.taps.publish(message)
+
+    def on_control(self, control: Control) -> None:
+        if control.target not in ('', self.NAME):
+            return
+        if control.command in ('sleep', 'wake'):
+            self.lights.asleep = control.command == 'sleep'
+        elif control.command == 'test':
+            self.tell(self.lights.test())
+            self.frames.reset()
+        elif control.command == 'learn_clutter':
+            self.infrared(False)
+            self.infrared_back.reset()
+
+    def on_state(self, state: State) -> None:
+        report = {'ready': self.health.ok, 'refused': self.health.error}
+        report.get(state.kind, self.health.warn)(state.text)
+
+    def close(self) -> None:
+        self.lights.close()
+
+
+main = runner(LedsNode)
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The camera node over real DDS, on files from real encoders."""
+
+import subprocess
+import sys
+import time
+
+import cv2
+import numpy as np
+import pytest
+from rclpy.executors import SingleThreadedExecutor
+
+from eol_ros.core.vision.calibration import Calibration
+from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.nodes.camera import CameraNode
+from eol_ros.ros.images import image_from_cdr
+from eol_ros.ros.node import EolNode
+from eol_ros.settings import CameraSettings, TrackerSettings
+
+
+class Reader(EolNode):
+    NAME = 'tracker'
+
+    def __init__(self):
+        super().__init__(TrackerSettings())
+        self.raw, self.infos, self.states = [], [], []
+        self.subscribe('camera/image_raw', self.raw.append, raw=True)
+        self.subscribe('camera/camera_info', self.infos.append)
+        self.subscribe('/diagnostics', self.on_diagnostics)
+
+    def on_diagnostics(self, array):
+        self.states += [s.message for s in array.status if s.name == 'eol: camera']
+
+
+def film(path, fourcc, n=30, size=(640, 400)):
+    rng = np.random.default_rng(5)
+    images = rng.normal(20, 3, (n, size[1], size[0])).clip(0, 255).astype(np.uint8)
+    for k, image in enumerate(images):
+        image[60:106, 10 + 4 * k : 56 + 4 * k] = 200
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*fourcc), 60, size, False)
+    for image in images:
+        writer.write(image)
+    writer.release()
+    return images
+
+
+def settings(path, **more):
+    return CameraSettings(
+        **{'device': str(path), 'width': 640, 'height': 400, 'fps': 120.0, 'loop': False} | more
+    )
+
+
+@pytest.fixture
+def graph(ros):
+    reader, executor, made = Reader(), SingleThreadedExecutor(), []
+    executor.add_node(reader)
+
+    def run(camera_settings, until, timeout_s=15.0):
+        # A reader that is there before the first image, as the tracker is in a scene.
+        camera = CameraNode(camera_settings)
+        made.append(camera)
+        executor.add_node(camera)
+        deadline = time.monotonic() + timeout_s
+        while not until(reader, camera) and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.02)
+        return reader, camera
+
+    yield run
+    for camera in made:
+        camera.close()
+    executor.shutdown()
+    for node in [*made, reader]:
+        node.destroy_node()
+
+
+def test_a_lossless_file_arrives_bit_for_bit(graph, tmp_path):
+    images = film(tmp_path / 'f.mkv', 'FFV1')
+    reader, _ = graph(settings(tmp_path / 'f.mkv', loop=True), lambda r, c: len(r.raw) >= 40)
+
+    got = [image_from_cdr(raw) for raw in reader.raw]
+    first = next(k for k in range(30) if np.array_equal(got[0][1], images[k]))
+    for k, (_, image) in enumerate(got):
+        np.testing.assert_array_equal(image, images[(first + k) % 30])
+    stamps = np.array([stamp for stamp, _ in got])
+    # Twice 120 a second: whole nanoseconds, so a third of them are one longer.
+    assert set(np.diff(stamps)) <= {8_333_333, 8_333_334}
+
+
+def test_no_image_of_a_jpeg_film_at_120_a_second_is_lost(graph, tmp_path):
+    film(tmp_path / 'f.avi', 'MJPG', n=60)
+    reader, camera = graph(settings(tmp_path / 'f.avi', loop=True), lambda r, c: len(r.raw) >= 240)
+
+    stamps = np.array([image_from_cdr(raw)[0] for raw in reader.raw])
+    assert np.diff(stamps).max() <= 8_333_334
+    assert camera.camera.dropped == 0
+
+
+def test_the_end_of_a_film_is_told(graph, tmp_path):
+    film(tmp_path / 'f.avi', 'MJPG', n=10)
+    reader, _ = graph(
+        settings(tmp_path / 'f.avi'), lambda r, c: any('at its end' in s for s in r.states)
+    )
+
+    assert any('at its end' in s for s in reader.states)
+
+
+def test_the_calibration_goes_out_as_camera_info(graph, tmp_path):
+    from eol_ros.devices import calibration_file
+
+    film(tmp_path / 'f.avi', 'MJPG', n=10)
+    calibration = Calibration.ideal(640, 400)
+    calibration_file.save(calibration, tmp_path / 'c.yaml')
+    reader, _ = graph(
+        settings(tmp_path / 'f.avi', calibration=str(tmp_path / 'c.yaml')),
+        lambda r, c: r.infos,
+    )
+
+    (info,) = reader.infos
+    assert (info.width, info.height) == (640, 400)
+    np.testing.assert_array_equal(info.k, calibration.camera_matrix.ravel())
+    assert info.distortion_model == 'plumb_bob'
+    assert info.header.frame_id == 'camera_optical'
+
+
+def test_an_absent_camera_warns_and_looks_on(graph):
+    reader, _ = graph(
+        settings('/dev/video77'), lambda r, c: any('trying again' in s for s in r.states)
+    )
+
+    assert any('camera /dev/video77 is not there' in s for s in reader.states)
+
+
+@pytest.mark.parametrize(
+    ('name', 'error'), [('none.avi', DeviceMissing), ('text.avi', ConfigError)]
+)
+def test_a_file_that_cannot_be_used_stops_the_node(ros, tmp_path, name, error):
+    (tmp_path / 'text.avi').write_text('no film')
+    with pytest.raises(error):
+        CameraNode(settings(tmp_path / name))
+
+
+@pytest.mark.slow
+def test_run_alone_it_ends_with_one_line_and_the_right_code(tmp_path):
+    command = [sys.executable, '-m', 'eol_ros.nodes.camera', '--ros-args', '-p']
+    done = subprocess.run(
+        [*command, f'device:={tmp_path}/none.avi'], capture_output=True, text=True, timeout=30
+    )
+
+    assert done.returncode == 69
+    assert done.stderr.strip() == f'camera: camera.device: there is no file {tmp_path}/none.avi'

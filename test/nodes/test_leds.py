@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The leds node over real DDS, with the twin's board on a real pty."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from eol_msgs.msg import BlockTap, Control, LedCommand, Slip, Truth
+from rclpy.executors import SingleThreadedExecutor
+
+from eol_ros.devices.fake_board import FakeBoard, latency_s
+from eol_ros.errors import ConfigError
+from eol_ros.nodes.leds import LedsNode
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.stamps import now_ns, to_msg, to_ns
+from eol_ros.settings import LedsSettings
+
+
+class Around(EolNode):
+    """The nodes around leds, in one: it gives slips and truth and keeps what comes."""
+
+    NAME = 'motion'
+
+    def __init__(self, settings):
+        super().__init__(settings)
+        self.commands, self.taps, self.states = [], [], []
+        self.slips, self.truth = self.publisher('slips'), self.publisher('truth')
+        self.control = self.publisher('control')
+        self.subscribe('led_commands', self.commands.append)
+        self.subscribe('block_taps', self.taps.append)
+        self.subscribe('/diagnostics', self.on_diagnostics)
+
+    def on_diagnostics(self, array):
+        self.states += [(s.level[0], s.message) for s in array.status if s.name == 'eol: leds']
+
+    def slip(self, block, kind=Slip.START):
+        message = Slip(kind=kind, block=block)
+        message.header.stamp = to_msg(now_ns())
+        self.slips.publish(message)
+        return to_ns(message.header.stamp)
+
+
+class Rig:
+    def __init__(self, **settings):
+        from eol_ros.settings import MotionSettings
+
+        self.leds = LedsNode(LedsSettings(**settings))
+        self.around = Around(MotionSettings())
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.leds)
+        self.executor.add_node(self.around)
+        self.until(
+            lambda: (
+                self.around.slips.get_subscription_count()
+                and self.leds.commands.get_subscription_count()
+                and self.leds.taps.get_subscription_count()
+            )
+        )
+
+    def until(self, condition, timeout_s=10.0):
+        deadline = time.monotonic() + timeout_s
+        while not condition() and time.monotonic() < deadline:
+            self.executor.spin_once(timeout_sec=0.02)
+        return condition()
+
+    def close(self):
+        self.leds.close()
+        self.executor.shutdown()
+        for node in (self.leds, self.around):
+            node.destroy_node()
+
+
+@pytest.fixture
+def make_rig(ros):
+    rigs = []
+
+    def make(**settings):
+        rigs.append(Rig(**settings))
+        return rigs[-1]
+
+    yield make
+    for rig in rigs:
+        rig.close()
+
+
+@pytest.fixture
+def rig(make_rig):
+    rig = make_rig(port='twin', decay_s=0.1)
+    assert rig.until(lambda: rig.leds.lights.board.ready)
+    return rig
+
+
+def test_a_slip_is_light_on_the_wire_with_the_stamp_of_its_image(rig):
+    fake = rig.leds.lights.twin.fake
+    stamp_ns = rig.around.slip(7)
+
+    assert rig.until(lambda: rig.around.commands)
+    command = rig.around.commands[0]
+    assert to_ns(command.header.stamp) == stamp_ns
+    assert command.white[7] == 255 and np.count_nonzero(command.white) == 1
+    assert command.infrared
+    assert to_ns(command.sent) > stamp_ns
+    assert rig.until(lambda: any(a.stamp_us for a in list(fake.log)))
+    arrived = next(a for a in fake.log if a.stamp_us)
+    assert arrived.stamp_us == stamp_ns // 1000 % 2**32
+    assert arrived.sequence == command.sequence
+    assert 0 < latency_s(arrived) < 5
+
+
+def test_the_light_dies_away_and_then_the_line_is_quiet(rig):
+    rig.around.slip(3)
+    assert rig.until(lambda: rig.around.commands)
+    assert rig.until(lambda: rig.leds.lights.field.dark)
+    rig.until(lambda: False, 0.3)
+    levels = [c.white[3] for c in rig.around.commands]
+    count = len(levels)
+    rig.until(lambda: False, 0.3)
+
+    assert levels[0] == 255 and levels[-1] == 0
+    assert max(np.diff(np.array(levels, int))) <= 0
+    assert 20 < count == len(rig.around.commands)
+    assert rig.leds.lights.twin.fake.levels() == [0] * 25
+
+
+def test_a_stop_makes_no_light(rig):
+    rig.around.slip(5, Slip.STOP)
+    rig.until(lambda: False, 0.3)
+
+    assert rig.around.commands == []
+
+
+def test_blocks_of_the_twin_that_break_away_are_felt(rig):
+    assert rig.until(lambda: rig.leds.lights.board.sync.ready)
+    assert rig.until(lambda: rig.around.truth.get_subscription_count())
+    stamp_ns, moving = now_ns(), [False] * 25
+    for k in range(4):
+        moving[11] = k >= 2
+        truth = Truth(moving=moving)
+        truth.header.stamp = to_msg(stamp_ns + k * 16_000_000)
+        time.sleep(0.016)
+        rig.around.truth.publish(truth)
+
+    assert rig.until(lambda: rig.around.taps)
+    rig.until(lambda: False, 0.1)
+    (tap,) = rig.around.taps
+    assert (tap.block, tap.strength) == (11, pytest.approx(2.45))
+    broke_away_ns = stamp_ns + 24_000_000  # the middle between the second image and the third
+    assert abs(to_ns(tap.header.stamp) - broke_away_ns) < 10e6
+    assert 0.016 / 12**0.5 <= tap.sigma < 0.03
+
+
+def test_infrared_goes_off_while_the_tracker_learns(rig, monkeypatch):
+    fake = rig.leds.lights.twin.fake
+    rig.around.control.publish(Control(command='learn_clutter'))
+
+    assert rig.until(lambda: fake.infrared_mask == 0)
+    assert rig.until(lambda: rig.around.commands)
+    assert not rig.around.commands[0].infrared
+    assert rig.until(lambda: fake.infrared_mask != 0)
+    assert rig.around.commands[-1].infrared
+
+
+def test_asleep_it_stays_dark_and_a_test_lights_all(rig):
+    rig.around.control.publish(Control(command='sleep', target='leds'))
+    assert rig.until(lambda: rig.leds.lights.asleep)
+    rig.around.slip(1)
+    rig.until(lambda: False, 0.2)
+    assert not any(any(c.white) for c in rig.around.commands)
+
+    rig.around.control.publish(Control(command='test', target='leds'))
+    assert rig.until(lambda: any(all(c.white) for c in rig.around.commands))
+
+
+def test_the_run_goes_on_without_the_board_and_with_it_again(make_rig, tmp_path):
+    link = str(tmp_path / 'board')
+    with FakeBoard(link) as fake:
+        rig = make_rig(port=link)
+        assert rig.until(lambda: rig.leds.lights.board.ready)
+        fake.fault('unplug')
+        assert rig.until(lambda: any(level == 1 for level, _ in rig.around.states))
+        rig.around.slip(2)
+        rig.until(lambda: False, 0.2)
+        fake.fault('plug')
+        assert rig.until(lambda: rig.leds.lights.board.ready)
+        rig.around.slip(4)
+
+        assert rig.until(lambda: fake.levels()[4] > 0)
+        warned = [text for level, text in rig.around.states if level == 1]
+        assert 'lost' in warned[0] and 'trying again in' in warned[0]
+        assert rig.until(lambda: rig.around.states[-1][0] == 0)
+
+
+def test_a_board_of_another_version_is_an_error_in_one_line(make_rig):
+    with FakeBoard(version=9) as fake:
+        rig = make_rig(port=fake.port)
+        assert rig.until(lambda: any(level == 2 for level, _ in rig.around.states))
+
+    text = next(text for level, text in rig.around.states if level == 2)
+    assert 'speaks protocol version 9, this program 1: update eol_ros' in text
+
+
+def test_the_limit_goes_off_only_with_a_reason(ros, make_rig):
+    with pytest.raises(ConfigError, match='needs a written reason'):
+        LedsNode(LedsSettings(port='twin', flash_limit=False))
+    rig = make_rig(port='twin', flash_limit=False, flash_limit_off_because='a film of one slip')
+    assert rig.leds.lights.values()['flash_limit'] == 'off: a film of one slip'
+
+
+def test_it_imports_nothing_heavy():
+    code = (
+        'import sys, eol_ros.nodes.leds, eol_ros.devices.twin_board; '
+        "print(*{'cv2', 'numba', 'scipy', 'sounddevice', 'aiohttp'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)
+
+    assert done.stdout.split() == [], done.stderr
+    assert done.returncode == 0
+
+
+def test_messages_are_what_the_table_says(rig):
+    rig.around.slip(0)
+
+    assert rig.until(lambda: rig.around.commands)
+    assert isinstance(rig.around.commands[0], LedCommand)
+    assert rig.leds.taps.msg_type is BlockTap
