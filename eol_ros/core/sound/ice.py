@@ -10,7 +10,6 @@ dark and periodic. Sizes follow a Pareto law because the work's own cascades do.
 import numpy as np
 from scipy.signal import butter, lfilter, sosfilt
 
-RECIPE = 1  # counts up whenever the same seed gives another sound
 EVENTS_PER_S = 1.25
 
 

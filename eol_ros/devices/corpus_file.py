@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The corpus on disk: JSON, CSV, Audacity labels, hand-moved grains, and the cache by content.
+
+Light on purpose: no scipy, no libsndfile. Whoever only plays a corpus made before needs
+nothing else; `corpus_build` makes one.
+"""
+
+import csv
+import hashlib
+import json
+import math
+import os
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
+from eol_ros.devices import cache
+from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.settings import GrainsSettings
+
+VERSION = 1  # of the JSON
+ICE_RECIPE = 1  # counts up whenever the same seed gives another ice recording
+ANALYSIS = 1  # counts up whenever the same sound gives other grains or descriptors
+SOUNDS = {'.wav', '.flac', '.ogg', '.oga', '.opus', '.aif', '.aiff', '.mp3', '.caf', '.au', '.w64'}
+DIGITS = 9  # significant, in JSON and CSV
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a corpus is made: the settings of `grains` of these names, and what `eol corpus` adds."""
+
+    segment: str = 'chop'
+    grain_s: float = 0.25
+    overlap: float = 0.0
+    x_axis: str = 'centroid_mean_hz'
+    y_axis: str = 'periodicity_mean'
+    layout: str = 'even'
+    blend: float = 1.0
+    onset_threshold: float = 1.5
+    gate_on_db: float = -40.0
+    gate_off_db: float = -50.0
+    silence_db: float = -70.0
+    labels: str = ''  # label track; empty: the one beside the sound
+
+    @classmethod
+    def of(cls, settings: GrainsSettings) -> 'Options':
+        """Return those that the settings of the node name."""
+        names = {f.name for f in fields(settings)}
+        return cls(**{f.name: getattr(settings, f.name) for f in fields(cls) if f.name in names})
+
+
+def ice_file(seed: int) -> Path:
+    """Return where the procedural ice recording of this seed is kept once made."""
+    return cache.folder('ice') / f'ice-{ICE_RECIPE}-{seed}.wav'
+
+
+def sounds_of(path: Path) -> list[Path]:
+    """Return the sound files that `path` means: itself, or those of a folder in order of name."""
+    if path.is_dir():
+        found = sorted(p for p in path.iterdir() if p.suffix.lower() in SOUNDS)
+        if not found:
+            raise ConfigError(
+                f'{path}: no sound file in this folder; put WAV, FLAC or OGG files there'
+            )
+        return found
+    if not path.is_file():
+        raise DeviceMissing(f'{path}: no such sound file; give the path of a recording')
+    return [path]
+
+
+def beside(sound: Path, ending: str) -> Path:
+    """Return the companion of a sound: `ice.wav` -> `ice.moved.csv`, `ice.labels.txt`."""
+    return sound.with_name(f'{sound.stem}.{ending}')
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, hex."""
+    digest = hashlib.sha256()
+    with open(path, 'rb') as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def label_file(sound: Path, options: Options) -> Path | None:
+    """Return the label track that the sound is cut at, if it is to be cut at one."""
+    if options.segment != 'labels':
+        return None
+    return Path(options.labels) if options.labels else beside(sound, 'labels.txt')
+
+
+def digest(sounds: list[Path], options: Options) -> str:
+    """Return the SHA-256 that stands for a corpus: what it is made of and how."""
+    parts: list = [VERSION, ANALYSIS, asdict(options)]
+    for sound in sounds:
+        parts.append(sha256(sound))
+        for companion in (beside(sound, 'moved.csv'), label_file(sound, options)):
+            if companion is not None and companion.is_file():
+                parts.append([companion.suffix, sha256(companion)])
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def cached(sounds: list[Path], options: Options) -> Corpus | None:
+    """Return the corpus of these sounds if it has been made before."""
+    if not all(s.is_file() for s in sounds):
+        return None
+    path = cached_path(sounds, digest(sounds, options))
+    try:
+        return load(path) if path.is_file() else None
+    except ConfigError:
+        return None  # spoilt: it is made again
+
+
+def cached_path(sounds: list[Path], key: str) -> Path:
+    """Return where the corpus with digest `key` of the sounds at these very places is kept."""
+    words = [key, *(str(s.resolve()) for s in sounds)]
+    return cache.folder('corpus') / f'{hashlib.sha256(json.dumps(words).encode()).hexdigest()}.json'
+
+
+def save(corpus: Corpus, path: Path) -> None:
+    """Write a corpus as JSON; `load` reads it back."""
+    files = [asdict(s) for s in corpus.sources]
+    base = path.resolve().parent
+    for row in files:
+        if Path(row['path']).is_relative_to(base):  # both can be carried elsewhere together
+            row['path'] = str(Path(row['path']).relative_to(base))
+    rows = []
+    for grain in corpus.grains:
+        row = {'file': files[grain['file']]['path']}
+        row.update((name, _plain(grain[name])) for name in GRAIN.names[1:])
+        rows.append(row)
+    head = {
+        'version': VERSION,
+        'sample_rate': corpus.sample_rate,
+        'digest': corpus.digest,
+        'x_name': corpus.x_name,
+        'y_name': corpus.y_name,
+        'notes': list(corpus.notes),
+        'files': files,
+    }
+    lines = [f'{json.dumps(k)}: {json.dumps(v)},' for k, v in head.items()]
+    body = ',\n'.join(json.dumps(row) for row in rows)  # one grain a line, for people and for diff
+    _write(path, '{\n' + '\n'.join(lines) + '\n"grains": [\n' + body + '\n]}\n')
+
+
+def load(path: Path) -> Corpus:
+    """Read a corpus; raises ConfigError if it is none, DeviceMissing if its sound is gone."""
+    try:
+        data = json.loads(Path(path).read_text())
+    except FileNotFoundError:
+        raise DeviceMissing(
+            f'{path}: no such corpus; make it with: eol corpus SOUND --out {path}'
+        ) from None
+    except (OSError, ValueError) as error:
+        raise ConfigError(f'{path}: not a corpus ({error})') from None
+    if not isinstance(data, dict) or 'grains' not in data or 'files' not in data:
+        raise ConfigError(f'{path}: not a corpus (no "files" and "grains" in it)')
+    if data.get('version') != VERSION:
+        raise ConfigError(
+            f'{path}: corpus of version {data.get("version")!r}, this program reads {VERSION}; '
+            'make it again with: eol corpus'
+        )
+    try:
+        base = Path(path).resolve().parent
+        sources = tuple(Source(**{**row, 'path': str(base / row['path'])}) for row in data['files'])
+        number = {row['path']: i for i, row in enumerate(data['files'])}
+        grains = np.zeros(len(data['grains']), GRAIN)
+        for i, row in enumerate(data['grains']):
+            values = [math.nan if row.get(n) is None else float(row[n]) for n in GRAIN.names[1:]]
+            grains[i] = (number[row['file']], *values)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ConfigError(f'{path}: a file or grain is not as it should be ({error!r})') from None
+    _check(path, sources, grains)
+    names = (data.get('x_name', ''), data.get('y_name', ''))
+    return Corpus(sources, grains, *names, data.get('digest', ''), tuple(data.get('notes', ())))
+
+
+def _check(path, sources, grains) -> None:
+    if not len(sources) or not len(grains):
+        raise ConfigError(f'{path}: the corpus is empty')
+    for source in sources:
+        if not Path(source.path).is_file():
+            raise DeviceMissing(
+                f'{path}: its sound {source.path} is gone; put it back or run eol corpus'
+            )
+    lengths = np.array([s.duration_s for s in sources])[grains['file']]
+    ends = grains['start_s'] + grains['duration_s']
+    bad = ~((grains['start_s'] >= 0) & (grains['duration_s'] > 0) & (ends <= lengths + 1e-3))
+    bad |= ((grains['x'] < 0) | (grains['x'] > 1)) | ((grains['y'] < 0) | (grains['y'] > 1))
+    if bad.any():
+        i = int(np.argmax(bad))
+        raise ConfigError(
+            f'{path}: grain {i} lies outside its sound or outside the space '
+            f'({grains[i]["start_s"]:g} s + {grains[i]["duration_s"]:g} s of {lengths[i]:g} s, '
+            f'x {grains[i]["x"]:g}, y {grains[i]["y"]:g})'
+        )
+    if not np.isfinite(grains['x'] + grains['y']).any():
+        raise ConfigError(f'{path}: no grain has a place; all are silent')
+
+
+def save_csv(corpus: Corpus, path: Path) -> None:
+    """Write one line per grain, with the same names as the JSON."""
+    lines = [','.join(('file', *GRAIN.names[1:]))]
+    for grain in corpus.grains:
+        name = corpus.sources[grain['file']].path
+        values = [_plain(grain[n]) for n in GRAIN.names[1:]]
+        lines.append(','.join([_quoted(name), *('' if v is None else repr(v) for v in values)]))
+    _write(path, '\n'.join(lines) + '\n')
+
+
+def save_labels(corpus: Corpus, path: Path, source: int = 0) -> None:
+    """Write the grains of one sound as an Audacity label track."""
+    rows = [(i, g) for i, g in enumerate(corpus.grains) if g['file'] == source]
+    text = [f'{g["start_s"]:.6f}\t{g["start_s"] + g["duration_s"]:.6f}\t{i}' for i, g in rows]
+    _write(path, '\n'.join(text) + '\n')
+
+
+def load_labels(path: Path) -> np.ndarray:
+    """Read an Audacity label track: (n, 2) start and end in seconds, in order."""
+    try:
+        lines = Path(path).read_text().splitlines()
+    except (OSError, ValueError) as error:
+        raise DeviceMissing(f'{path}: no such label file ({_why(error)})') from None
+    found = []
+    for number, line in enumerate(lines, 1):
+        if not line.strip() or line.startswith('\\'):  # a backslash: the frequencies of a label
+            continue
+        try:
+            start, end = (float(word.replace(',', '.')) for word in line.split('\t')[:2])
+        except ValueError:
+            raise ConfigError(
+                f'{path}:{number}: {line[:40]!r} is not START<tab>END<tab>TEXT in seconds'
+            ) from None
+        if not 0 <= start < end < math.inf:
+            raise ConfigError(
+                f'{path}:{number}: a label must end after it starts ({start:g}, {end:g})'
+            )
+        found.append((start, end))
+    if not found:
+        raise ConfigError(f'{path}: no labels in it')
+    return np.array(sorted(found))
+
+
+def load_moved(sound: Path) -> np.ndarray:
+    """Read what was moved by hand: (n, 3) moment in the sound in s, x, y."""
+    path = beside(sound, 'moved.csv')
+    if not path.is_file():
+        return np.zeros((0, 3))
+    found = []
+    with open(path, newline='') as file:
+        for number, row in enumerate(csv.reader(file), 1):
+            if not row or row[0].strip() in ('', 'time_s'):
+                continue
+            try:
+                time_s, x, y = (float(word) for word in row)
+            except ValueError:
+                raise ConfigError(f'{path}:{number}: {row} is not time_s,x,y') from None
+            if not (0 <= x <= 1 and 0 <= y <= 1):
+                raise ConfigError(f'{path}:{number}: x and y must lie in 0..1 (found {x:g}, {y:g})')
+            found.append((time_s, x, y))
+    return np.array(found).reshape(-1, 3)
+
+
+def move(corpus: Corpus, grain: int, x: float, y: float) -> Path:
+    """Note beside the sound that the grain now lies at x, y; return that file.
+
+    A grain is known by a moment in its sound, so that the note survives another cut of it.
+    """
+    if not 0 <= grain < len(corpus):
+        raise ConfigError(f'grain {grain}: the corpus has grains 0 to {len(corpus) - 1}')
+    if not (0 <= x <= 1 and 0 <= y <= 1):
+        raise ConfigError(f'{x:g}, {y:g}: x and y must lie in 0..1')
+    row = corpus.grains[grain]
+    sound = Path(corpus.sources[row['file']].path)
+    start, end = row['start_s'], row['start_s'] + row['duration_s']
+    kept = [m for m in load_moved(sound) if not start <= m[0] < end]
+    kept.append(np.array([(start + end) / 2, x, y]))
+    path = beside(sound, 'moved.csv')
+    lines = [','.join(repr(_plain(v)) for v in m) for m in sorted(kept, key=lambda m: m[0])]
+    _write(path, 'time_s,x,y\n' + '\n'.join(lines) + '\n')
+    return path
+
+
+def _plain(value) -> float | None:
+    return float(f'{value:.{DIGITS}g}') if math.isfinite(value) else None
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace('"', '""') + '"' if set(text) & set(',"\n') else text
+
+
+def _write(path: Path, text: str) -> None:
+    """Write all or nothing: a reader never meets half a file."""
+    part = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        part.write_text(text)
+        os.replace(part, path)
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot be written ({_why(error)})') from None
+
+
+def _why(error: Exception) -> str:
+    return str(getattr(error, 'strerror', None) or error)

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The 25 blocks in; the corpus, and a trigger for every grain that a moving block touches, out."""
+
+import sys
+from pathlib import Path
+
+from eol_ros.core.sound.corpus import Corpus
+from eol_ros.core.sound.select import Selector
+from eol_ros.devices.corpus_loader import CorpusLoader, wish_of
+from eol_ros.errors import EolError
+from eol_ros.ros.blocks import blocks_from_cdr
+from eol_ros.ros.grains import corpus_to_msg, trigger_to_msg
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.run import runner
+from eol_ros.ros.stamps import now_ns
+
+
+class GrainsNode(EolNode):
+    NAME = 'grains'
+
+    def __init__(self, settings, **kwargs):
+        super().__init__(settings, **kwargs)
+        self.selector = Selector(self.settings)
+        self.corpus: Corpus | None = None
+        self.sequence = 0
+        self.triggers = self.publisher('grain_triggers')
+        self.corpora = self.publisher('corpus')
+        self.loader = CorpusLoader()
+        self.wish = wish_of(self.settings)
+        self.health.expects('blocks')
+        ready = self.loader.at_once(self.wish)
+        if ready is not None:  # before the first image: a replay must find the corpus in place
+            self.show(ready)
+        else:
+            self.loader.ask(self.wish)
+        self.create_timer(0.1, self.on_timer)
+        self.subscribe('blocks', self.on_blocks, raw=True)
+
+    def on_settings(self, new) -> None:
+        if wish_of(new) != self.wish:
+            self.wish = wish_of(new)
+            self.loader.ask(self.wish)
+        told = (self.selector.settings.space_m, self.selector.settings.radius)
+        self.selector.settings = new
+        if self.corpus is not None and told != (new.space_m, new.radius):
+            self.corpora.publish(self.message(self.corpus))
+
+    def on_timer(self) -> None:
+        outcome = self.loader.take()
+        if isinstance(outcome, Corpus):
+            self.show(outcome)
+        elif isinstance(outcome, EolError) and self.corpus is None:
+            self.health.error(str(outcome))
+        elif isinstance(outcome, EolError):
+            self.health.warn(f'{outcome}; the sound before it plays on')
+
+    def show(self, corpus: Corpus) -> None:
+        self.corpus = corpus
+        self.selector.load(corpus)
+        self.corpora.publish(self.message(corpus))
+        for note in corpus.notes:
+            self.get_logger().warning(note)
+        self.health.values['grains'] = len(corpus)
+        self.health.ok(f'{int(corpus.placed.sum())} grains of {Path(corpus.sources[0].path).name}')
+
+    def on_blocks(self, raw: bytes) -> None:
+        try:
+            message = blocks_from_cdr(raw)
+        except ValueError as error:
+            return self.health.error(str(error))
+        self.health.tick()
+        blocks = message.blocks
+        seen = blocks['seen'] & (message.state == 1)  # Blocks.TRACKING
+        time_s = message.stamp_ns * 1e-9
+        found = self.selector.update(time_s, blocks['x'], blocks['y'], seen, blocks['sigma'])
+        for row in found:
+            self.triggers.publish(trigger_to_msg(message.stamp_ns, self.sequence, row))
+            self.sequence += 1
+        self.health.values.update(triggers=self.sequence, capped=self.selector.capped)
+
+    def message(self, corpus: Corpus):
+        return corpus_to_msg(now_ns(), corpus, self.selector.bounds, self.settings.radius)
+
+    def close(self) -> None:
+        self.loader.close()
+
+
+main = runner(GrainsNode)
+
+if __name__ == '__main__':
+    sys.exit(main())
