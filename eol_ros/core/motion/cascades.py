@@ -2,8 +2,8 @@
 """Slips joined in time and neighbourhood.
 
 Two slips belong together when their blocks are the same or touch in the lattice, corners included,
-and the later onset falls before the earlier slip's end plus a short gap. A cascade is a connected set;
-its nucleus is the block of the earliest onset, its area counts blocks, its size counts slips.
+and the later onset falls before the earlier slip's end plus a short gap. A cascade is a connected
+set; its nucleus is the block of the earliest onset, its area counts blocks, its size counts slips.
 """
 
 from dataclasses import dataclass, field
@@ -66,8 +66,8 @@ class Cascades:
     ) -> tuple[list[int], list[CascadeEvent]]:
         """Return the cascade number of each event, and the cascades that this image closes.
 
-        A slip that bridges two open cascades makes them one, under the lower number; starts that were
-        told the higher number before are named again, with the right one, by their stops.
+        A slip that bridges two open cascades makes them one, under the lower number; starts that
+        were told the higher number before are named again, with the right one, by their stops.
         """
         numbers = [self._place(event) for event in events]
         closed = []

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Slips of the blocks: START against an anchor, STOP by speed, all thresholds from measured noise.
 
-Vectorised over the 25 blocks; a pure function of the sequence of samples. Nothing here is counted in
-images: windows are times and thresholds are m or m/s, so that 60 and 120 images/s agree.
+Vectorised over the 25 blocks; a pure function of the sequence of samples. Nothing here is counted
+in images: windows are times and thresholds are m or m/s, so that 60 and 120 images/s agree.
 """
 
 from dataclasses import dataclass
@@ -20,6 +20,8 @@ RING = 64  # samples kept: 0.27 s at 240 images/s, 1.07 s at 60
 LEARN_S = 20.0  # memory of the noise
 FLOOR_M = 1e-6  # no camera measures better than a micrometre
 HIDDEN_S = 0.25  # a moving block out of sight for longer has stopped, as far as anyone knows
+BEFORE_IMAGES = 4  # that the onset of a START rests on, the crossing one included
+LATER_IMAGES = 2  # more, that the onset of its STOP rests on
 GAP_S = 0.5  # a break in the images longer than this starts everything anew
 
 
@@ -63,6 +65,8 @@ class SlipDetector:
         self.samples = np.zeros(N_BLOCKS)  # that the variance rests on
         self.seen_s = np.full(N_BLOCKS, -np.inf)
         self.slip = np.zeros(N_BLOCKS, np.int64)
+        self.fresh = np.zeros(N_BLOCKS, np.int64)  # images until the onset is looked at again
+        self.rest_sigma = np.zeros(N_BLOCKS)
         self.onset_s = np.zeros(N_BLOCKS)
         self.onset_sigma_s = np.zeros(N_BLOCKS)
         self.start = np.zeros((2, N_BLOCKS))
@@ -78,8 +82,9 @@ class SlipDetector:
     ) -> list[SlipEvent]:
         """Take one image's blocks and return what it decides, earliest onset first.
 
-        x, y: (25,) m. seen: (25,) bool. sigma: (25,) m, the tracker's own opinion of each sample; only
-        its ratio to the usual one counts. An image that is not newer than the last one is passed over.
+        x, y: (25,) m. seen: (25,) bool. sigma: (25,) m, the tracker's own opinion of each sample;
+        only its ratio to the usual one counts. An image that is not newer than the last one is
+        passed over.
         """
         if not stamp_s > self.last_s:
             return []
@@ -159,15 +164,18 @@ class SlipDetector:
             self.count += 1
             self.slip[block] = self.count
             self.start[:, block] = anchor[:, block]
-            self._find_onset(block, deviation[block] * np.sqrt(1.0 + 1.0 / n[block]), 4)
+            self.rest_sigma[block] = deviation[block] * np.sqrt(1.0 + 1.0 / n[block])
+            self.fresh[block] = LATER_IMAGES
+            self._find_onset(block, BEFORE_IMAGES)
             self.top_mps[block] = 0.0
             speed = self._speed(self._recent(self.period_s * 1.5))[0][block]
             self.top_mps[block] = speed
             events.append(self._event(START, block, self.last_s, speed))
         self.moving |= starting
+        self.still[starting] = False  # the place it left is no anchor for where it comes to rest
         return events
 
-    def _find_onset(self, block: int, sigma_m: float, samples: int) -> None:
+    def _find_onset(self, block: int, samples: int) -> None:
         """Set onset of `block` from its last `samples` good samples."""
         order = (self.head - 1 - np.arange(RING)) % RING
         order = order[self.good[block, order] & (self.last_s - self.times[order] < 0.2)][:samples]
@@ -175,9 +183,26 @@ class SlipDetector:
         offset = self.place[:, block, order] - self.start[:, block, None]
         direction = offset[:, -1] / max(float(np.hypot(*offset[:, -1])), 1e-12)
         times = self.times[order] - self.last_s
-        t0, spread = onset(times, direction @ offset, sigma_m, self.period_s)
+        t0, spread = onset(times, direction @ offset, self.rest_sigma[block], self.period_s)
         self.onset_s[block] = self.last_s + t0
         self.onset_sigma_s[block] = spread
+
+    def _find_end(self, block: int, rest: np.ndarray, sigma_m: float) -> float:
+        """When `block` came to its place of rest: its onset, looked at backwards."""
+        order = (self.head - 1 - np.arange(RING)) % RING
+        order = order[self.good[block, order] & (self.times[order] > self.onset_s[block])]
+        offset = self.place[:, block, order] - rest[:, None]
+        far = np.hypot(*offset)
+        out = np.flatnonzero(far > 5.0 * sigma_m)
+        if not out.size:
+            return float(self.onset_s[block])
+        first = max(out[0] - 3, 0)
+        part = slice(first, out[0] + 1)
+        direction = offset[:, out[0]] / far[out[0]]
+        back, _ = onset(
+            -self.times[order[part]], direction @ offset[:, part], sigma_m, self.period_s
+        )
+        return -back
 
     def _recent(self, window_s: float) -> np.ndarray:
         """Good samples of the last `window_s`, mask (25, RING)."""
@@ -196,18 +221,29 @@ class SlipDetector:
         self, stamp_s: float, deviation: np.ndarray, starting: np.ndarray
     ) -> list[SlipEvent]:
         """Follow the moving blocks: greatest speed, and which of them have come to rest."""
+        due = self.moving & ~starting & (self.fresh > 0) & self.good[:, self.head - 1]
+        self.fresh[due] -= 1
+        for block in np.flatnonzero(due & (self.fresh == 0)):
+            self._find_onset(block, BEFORE_IMAGES + LATER_IMAGES)
         now, _ = self._speed(self._recent(self.period_s * 2.5))
         self.top_mps = np.where(self.moving, np.maximum(self.top_mps, now), self.top_mps)
         window = self._recent(self.settings.stop_s)
+        n = np.maximum(window.sum(1), 1)
         speed, lever = self._speed(window)
-        slow = speed < np.maximum(self.settings.stop_mps, 3.0 * deviation * lever)
-        full = window.sum(1) * self.period_s >= 0.75 * self.settings.stop_s
+        middle = (self.place * window).sum(2) / n
+        away = np.hypot(*np.where(window, self.place - middle[:, :, None], 0.0)).max(1)
+        slowest = self.settings.stop_mps
+        slow = speed < np.maximum(slowest, 3.5 * deviation * lever)
+        slow &= away < np.maximum(0.5 * slowest * self.settings.stop_s, 4.5 * deviation)
+        full = n * self.period_s >= 0.75 * self.settings.stop_s
         begun = stamp_s - self.onset_s >= self.settings.stop_s
-        rest = self.moving & slow & full & begun & (window.sum(1) >= 3) & ~starting
+        rest = self.moving & slow & full & begun & (n >= 3) & ~starting
         gone = self.moving & (stamp_s - self.seen_s > HIDDEN_S) & ~starting
         events = []
         if rest.any():
-            ended = np.min(np.where(window, self.times, np.inf), axis=1)
+            ended = np.full(N_BLOCKS, stamp_s)
+            for block in np.flatnonzero(rest):
+                ended[block] = self._find_end(block, middle[:, block], deviation[block])
             events = self._stop(rest, stamp_s, ended)
             self.still |= rest[:, None] & window
         if gone.any():

@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which light is which block, through arms, false lights and darkness.
+
+Seen blocks are followed by prediction and assignment; hidden ones are carried along by their
+neighbours; lights that come out again are given back only when one answer is clear. Blocks are tied
+by springs and cannot pass one another, so the order of the lattice is a fact that heals every
+mistake: an audit compares the order on each image, and acts with patience. After a total loss the
+lattice is read from nothing; a square lattice looks the same after a quarter turn, and where time
+and speed leave that open it is said (`ambiguous`), not guessed in silence.
+"""
+
+import numpy as np
+
+from eol_ros.core.geometry import N_BLOCKS, rest_lattice
+from eol_ros.core.vision.lattice_follow import (
+    CANDIDATES,
+    carry,
+    follow,
+    remember,
+    return_hidden,
+    suspect_swaps,
+)
+from eol_ros.core.vision.lattice_read import read_lattice
+from eol_ros.core.vision.lattice_solve import folds, rotate_cell, turn
+
+SEARCHING, TRACKING, LOST = 0, 1, 2
+FEW = 4  # fewer seen blocks than this, for a while, and the lattice is lost
+LOST_S = 0.05
+AUDIT_S = 0.1  # how often the whole lattice is read anew, when there is reason to
+AGREE = 3  # so many readings must say the same before ids change
+TURN_RATE = 2.2  # rad/s, fastest that visitors turn the rim
+JUMP_S = 0.25  # a break in the images longer than this ends all following
+QUARTER = np.pi / 2
+
+
+def wrap_quarter(angle: np.ndarray | float) -> np.ndarray | float:
+    """Return `angle` modulo a quarter turn, in [-pi/4, pi/4)."""
+    return (angle + np.pi / 4) % QUARTER - np.pi / 4
+
+
+class Lattice:
+    """Keeps the 25 identities: a pure function of the sequence of detections.
+
+    After each `update`: xy (25, 2) m, yaw (25,) rad unwrapped, seen (25,), sigma (25,) m, index
+    (25,) of the detection or -1, state, ambiguous, angle (of the whole lattice, rad).
+    """
+
+    def __init__(self, trust_start: bool = True):
+        self.rest = rest_lattice()
+        self.trust_start = trust_start
+        self.xy = np.full((N_BLOCKS, 2), np.nan)
+        self.velocity = np.zeros((N_BLOCKS, 2))
+        self.yaw = np.zeros(N_BLOCKS)
+        self.seen = np.zeros(N_BLOCKS, bool)
+        self.sigma = np.full(N_BLOCKS, np.inf)
+        self.index = np.full(N_BLOCKS, -1)
+        self.seen_s = np.full(N_BLOCKS, -np.inf)
+        self.state = SEARCHING
+        self.ambiguous = False
+        self.angle = 0.0
+        self.known_s = -np.inf  # when the lattice angle was last followed by at least one block
+        self.enough_s = -np.inf  # when enough blocks were last seen
+        self.last_s = -np.inf
+        self.audit_s = -np.inf
+        self.swaps = np.zeros((N_BLOCKS, N_BLOCKS))
+        self.opinion = np.full(N_BLOCKS, -1)  # the last audit's reading, as ids of detections
+        self.agreed = 0
+        self.candidate_xy = np.full((CANDIDATES, 2), np.nan)
+        self.candidate_born = np.full(CANDIDATES, np.inf)
+        self.candidate_seen = np.full(CANDIDATES, -np.inf)
+        self.candidate_index = np.full(CANDIDATES, -1)
+
+    def update(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray) -> None:
+        """Take the detections of one image: xy (n, 2) m, yaw (n,) rad modulo 90 deg, sigma (n,)
+        m."""
+        step = stamp_s - self.last_s
+        if not 0.0 < step < JUMP_S:
+            step = 1.0 / 60.0
+            self.velocity[:] = 0.0
+        self.last_s = stamp_s
+        if self.state == TRACKING:
+            self._follow(stamp_s, step, xy, yaw, sigma)
+        if self.state != TRACKING:
+            self._search(stamp_s, xy, yaw, sigma)
+
+    def turn_ids(self, quarters: int) -> None:
+        """Rename all blocks: the lattice really stands `quarters` x 90 degrees further round."""
+        if quarters % 4:
+            to = np.array([rotate_cell(b, quarters) for b in range(N_BLOCKS)])
+            order = np.argsort(to)
+            for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s'):
+                setattr(self, name, getattr(self, name)[order])
+            self.swaps[:] = 0.0
+            self.agreed = 0
+            self.angle += quarters * QUARTER
+            self.yaw += quarters * QUARTER
+            turns = np.round((self.angle - self._start_angle()) / (2 * np.pi)) * 2 * np.pi
+            self.angle -= turns
+            self.yaw -= turns
+        self.ambiguous = False
+
+    def _start_angle(self) -> float:
+        return 0.0
+
+    def expected(self, ahead_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return where all blocks should be `ahead_s` after the last image: (25, 2) m and (25,)
+        rad."""
+        return self.xy + self.velocity * ahead_s, self.yaw
+
+    def _follow(
+        self, stamp_s: float, step: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray
+    ) -> None:
+        before = self.xy.copy()
+        was = self.seen
+        self.index = follow(self.xy, self.velocity, was, step, xy)
+        held = self.index >= 0
+        self.xy[held] = xy[self.index[held]]
+        carry(before, was, self.xy, held, self.velocity, self.sigma, step)
+        remember(
+            stamp_s, xy, self.index, self.candidate_xy, self.candidate_born,
+            self.candidate_seen, self.candidate_index,
+        )  # fmt: skip
+        back = return_hidden(
+            stamp_s, self.xy, self.index, self.sigma, self.seen_s, self.angle,
+            self.candidate_xy, self.candidate_born, self.candidate_seen, self.candidate_index,
+        )  # fmt: skip
+        if back.any():
+            self.xy[back] = xy[self.index[back]]
+            self.velocity[back] = 0.0
+        seen = self.index >= 0
+        same = seen & was
+        if step > 0:
+            moved = (self.xy - before) / step
+            self.velocity[same] += 0.7 * (moved[same] - self.velocity[same])
+        self.seen = seen
+        self.seen_s[seen] = stamp_s
+        self.sigma[seen] = sigma[self.index[seen]]
+        self._swap_audit(stamp_s, step)
+        self._turn_yaws(yaw)
+        self._whole_audit(stamp_s, xy, yaw)
+        count = int(self.seen.sum())
+        if count:
+            self.known_s = stamp_s
+        if count >= FEW:
+            self.enough_s = stamp_s
+        elif stamp_s - self.enough_s > LOST_S:
+            self._lose()
+
+    def _turn_yaws(self, yaw: np.ndarray) -> None:
+        """Unwrap the yaw of the seen blocks; let the hidden ones turn with the lattice."""
+        seen = self.seen
+        if not seen.any():
+            return
+        change = np.asarray(wrap_quarter(yaw[self.index[seen]] - self.yaw[seen]))
+        self.yaw[seen] += change
+        if seen.sum() >= FEW:
+            found = turn(self.rest, self.xy, seen)
+            by = (found - self.angle + np.pi) % (2 * np.pi) - np.pi
+        else:
+            by = float(np.median(change))
+        self.angle += by
+        self.yaw[~seen] += by
+
+    def _swap_audit(self, stamp_s: float, step: float) -> None:
+        """Exchange two neighbours when, for long enough, the lattice says they stand crosswise."""
+        pair = suspect_swaps(self.xy, self.seen, self.angle, step, self.swaps)
+        while pair >= 0:
+            self._exchange(pair // N_BLOCKS, pair % N_BLOCKS)
+            pair = suspect_swaps(self.xy, self.seen, self.angle, 0.0, self.swaps)
+
+    def _exchange(self, a: int, b: int) -> None:
+        for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s'):
+            array = getattr(self, name)
+            array[[a, b]] = array[[b, a]]
+        self.swaps[[a, b], :] = 0.0
+        self.swaps[:, [a, b]] = 0.0
+
+    def _whole_audit(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray) -> None:
+        """Read the lattice from nothing and adopt the reading when it keeps explaining more."""
+        waiting = np.isfinite(self.candidate_born) & (stamp_s - self.candidate_born > AUDIT_S)
+        hidden = N_BLOCKS - int(self.seen.sum())
+        reason = (hidden and waiting.any()) or folds(self.xy, self.seen)
+        if not reason:
+            self.agreed = 0
+            return
+        if stamp_s - self.audit_s < AUDIT_S:
+            return
+        self.audit_s = stamp_s
+        index, angle, sure = read_lattice(xy, yaw, self.xy, True)
+        if not sure:
+            self.agreed = 0
+            return
+        index = self._nearest_turn(index, angle)[0]
+        more = (index >= 0).sum() - self.seen.sum()
+        worse = self._misfit(xy, self.index)
+        better = self._misfit(xy, index)
+        both = (index >= 0) & (self.index >= 0)
+        if (
+            (np.array_equal(index[both], self.index[both])
+            and more <= 0)
+            or better > (0.7 * worse if more <= 0 else 1.5 * worse + 1e-4)
+            or more < 0
+        ):
+            self.agreed = 0
+            return
+        named = self._named(index)
+        self.agreed = self.agreed + 1 if np.array_equal(named, self.opinion) else 1
+        self.opinion = named
+        if self.agreed >= AGREE:
+            self.agreed = 0
+            self._adopt(stamp_s, index, xy, yaw)
+
+    def _named(self, index: np.ndarray) -> np.ndarray:
+        """Say a reading in terms of the present ids, so that readings of two images can agree."""
+        owner = {int(i): b for b, i in enumerate(self.index) if i >= 0}
+        return np.array([owner.get(int(i), -1) for i in index])
+
+    def _misfit(self, xy: np.ndarray, index: np.ndarray) -> float:
+        """Mean squared departure from a lattice that may stretch and shear, m^2."""
+        held = index >= 0
+        if held.sum() < 6:
+            return np.inf
+        basis = np.column_stack([np.ones(held.sum()), self.rest[held]])
+        place = xy[index[held]]
+        fit, *_ = np.linalg.lstsq(basis, place, rcond=None)
+        return float(((basis @ fit - place) ** 2).sum(1).mean())
+
+    def _nearest_turn(self, index: np.ndarray, angle: float) -> tuple[np.ndarray, float, float]:
+        """Turn a reading by quarters to the lattice angle believed in: (index, angle, rest of
+        turn)."""
+        quarters = int(np.round((self.angle - angle) / QUARTER))
+        turned = np.full(N_BLOCKS, -1)
+        for block in range(N_BLOCKS):
+            turned[rotate_cell(block, quarters % 4)] = index[block]
+        angle = angle + quarters * QUARTER
+        return turned, angle, angle - self.angle
+
+    def _search(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray) -> None:
+        known = self.state == LOST
+        self.index = np.full(N_BLOCKS, -1)
+        self.seen = np.zeros(N_BLOCKS, bool)
+        if known:
+            self.sigma = np.minimum(self.sigma + 0.005, 0.5)
+        index, angle, sure = read_lattice(xy, yaw, np.where(known, self.xy, self.rest), known)
+        if not sure:
+            self.agreed = 0
+            return
+        index, angle, off = self._nearest_turn(index, angle)
+        self.agreed += 1
+        if self.agreed < AGREE and (index < 0).any():
+            return
+        self.agreed = 0
+        if known:
+            blind_s = stamp_s - self.known_s
+            self.ambiguous |= QUARTER - abs(off) <= TURN_RATE * blind_s
+        else:
+            self.ambiguous = not self.trust_start
+        self.angle = angle
+        self.yaw[:] = angle
+        self.state = TRACKING
+        self.enough_s = stamp_s
+        self._adopt(stamp_s, index, xy, yaw)
+        self.sigma[self.seen] = sigma[self.index[self.seen]]
+
+    def _adopt(self, stamp_s: float, index: np.ndarray, xy: np.ndarray, yaw: np.ndarray) -> None:
+        """Take a reading of the lattice as the truth; hidden blocks go where their fellows say."""
+        self.index = index
+        self.seen = index >= 0
+        self.velocity[:] = 0.0
+        self.swaps[:] = 0.0
+        place = xy[index[self.seen]]
+        self.xy[self.seen] = place
+        basis = np.column_stack([np.ones(N_BLOCKS), self.rest])
+        fit, *_ = np.linalg.lstsq(basis[self.seen], place, rcond=None)
+        self.xy[~self.seen] = basis[~self.seen] @ fit
+        self.sigma[~self.seen] = 0.02
+        near = self.angle + np.asarray(wrap_quarter(yaw[index[self.seen]] - self.angle))
+        self.yaw[self.seen] = near
+        self.yaw[~self.seen] = self.angle
+        self.seen_s[self.seen] = stamp_s
+        self.known_s = stamp_s
+
+    def break_off(self, stamp_s: float) -> None:
+        """An image that cannot be used: nothing is seen, and what was known begins to age."""
+        self.last_s = stamp_s
+        self.seen = np.zeros(N_BLOCKS, bool)
+        self.index = np.full(N_BLOCKS, -1)
+        if self.state == TRACKING and stamp_s - self.enough_s > LOST_S:
+            self._lose()
+
+    def rests(self) -> bool:
+        """Whether no seen block moves faster than a millimetre a second."""
+        return bool(self.seen.any() and np.abs(self.velocity[self.seen]).max() < 1e-3)
+
+    def _lose(self) -> None:
+        self.state = LOST
+        self.agreed = 0
+        self.velocity[:] = 0.0

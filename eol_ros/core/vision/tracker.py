@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From one image to 25 named poses in metres: a pure function of the sequence of images.
+
+Live node, `eol track` and the tests run this same class, so that what is measured offline is what
+hangs in the museum, to the bit.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.vision.blobs import BLOB, BlobFinder
+from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING, Lattice
+from eol_ros.core.vision.watch import Watch
+from eol_ros.settings import TrackerSettings
+
+CALIBRATING, FAULT = 3, 4
+STATES = ('searching', 'tracking', 'lost', 'calibrating', 'fault')
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """All blocks in one image, as in eol_msgs/Blocks; arrays by block id.
+
+    px (25, 2) and world (25, 2) in m hold for hidden blocks too (`seen` false), carried by their
+    fellows; both are NaN while the state is searching or fault, world also while calibrating. yaw
+    (25,) rad, unwrapped. sigma_m, visibility (25,). why: one line when the state is not tracking.
+    """
+
+    stamp_s: float
+    px: np.ndarray
+    yaw: np.ndarray
+    world: np.ndarray
+    seen: np.ndarray
+    sigma_m: np.ndarray
+    visibility: np.ndarray
+    state: int
+    symmetry_ambiguous: bool
+    why: str = ''
+
+
+class Tracker:
+    """Keeps the 25 blocks of one camera.
+
+    calibration: of this camera; None starts with pixels and nominal metres of the size of the
+    squares. finder: what finds squares in an image; anything with `find(image, predicted)`.
+    """
+
+    def __init__(
+        self,
+        settings: TrackerSettings,
+        calibration: Calibration | None,
+        finder: BlobFinder | None = None,
+    ):
+        self.settings = settings
+        self.calibration = calibration
+        self.finder = finder if finder is not None else BlobFinder(settings, calibration)
+        self.lattice = Lattice(settings.trust_start)
+        self.watch = Watch(calibration)
+        self.visibility = np.zeros(N_BLOCKS, np.float32)
+        self.last_s = -np.inf
+        self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
+
+    def warm_up(self) -> None:
+        """Compile or load all compiled code, on throw-away state, before the first image comes."""
+        calibration = self.calibration or Calibration.ideal()
+        shape = calibration.image_height, calibration.image_width
+        y, x = np.mgrid[: shape[0], : shape[1]].astype(np.int16)
+        image = np.full(shape, 12, np.uint8)
+        for u, v in calibration.to_pixels(rest_lattice()):
+            image[(abs(x - u) < 20) & (abs(y - v) < 20)] = 200
+        spare = Tracker(self.settings, calibration)
+        for k in range(40):
+            if k > 20:  # a block goes, and comes back
+                image[:, : shape[1] // 2] = 12 if k < 30 else image[:, ::-1][:, : shape[1] // 2]
+            spare.update(k / 60, image)
+
+    def update(self, stamp_s: float, image: np.ndarray) -> Tracked:
+        """Take the next image, (h, w) uint8, stamped mid-exposure; never raises for a bad image."""
+        fault = self.watch.fault(stamp_s, image)
+        if fault:
+            self.lattice.break_off(stamp_s)
+            self.blobs = self.blobs[:0]
+            return self._answer(stamp_s, FAULT, fault)
+        if self.calibration is None:
+            return self._answer(stamp_s, SEARCHING, 'no square found yet')
+        lattice = self.lattice
+        self.blobs = blobs = self.finder.find(image, self._predicted(stamp_s))
+        px = np.column_stack([blobs['u'], blobs['v']])
+        pose = self.calibration.poses_to_table(px, blobs['theta'], blobs['side_px'])
+        scale = BLOCK_SIDE_M / np.maximum(blobs['side_px'], 1.0)
+        sigma = blobs['sigma_px'] * scale
+        lattice.update(stamp_s, pose[:, :2], pose[:, 2], sigma)
+        self.watch.rests(lattice.state == TRACKING and lattice.rests())
+        seen = lattice.seen
+        self.visibility = np.zeros(N_BLOCKS, np.float32)
+        self.visibility[seen] = blobs['visibility'][lattice.index[seen]]
+        self.last_s = stamp_s
+        why = {SEARCHING: f'{len(blobs)} lights, not yet a lattice', LOST: 'blocks out of sight'}
+        return self._answer(stamp_s, lattice.state, why.get(lattice.state, ''), px)
+
+    def _predicted(self, stamp_s: float) -> np.ndarray | None:
+        """Where squares are expected, (k, 3) u, v, theta, for the finder."""
+        if self.lattice.state != TRACKING or self.calibration is None:
+            return None
+        ahead = stamp_s - self.last_s
+        xy, yaw = self.lattice.expected(ahead if 0 < ahead < 0.1 else 0.0)
+        return np.column_stack([self.calibration.to_pixels(xy), yaw])
+
+    def _answer(
+        self, stamp_s: float, state: int, why: str, blobs_px: np.ndarray | None = None
+    ) -> Tracked:
+        lattice = self.lattice
+        px = np.full((N_BLOCKS, 2), np.nan)
+        world = np.full((N_BLOCKS, 2), np.nan)
+        seen = np.zeros(N_BLOCKS, bool)
+        if state not in (SEARCHING, FAULT) and self.calibration is not None:
+            world = lattice.xy.copy()
+            px = self.calibration.to_pixels(world)
+            seen = lattice.seen.copy()
+            if blobs_px is not None:
+                px[seen] = blobs_px[lattice.index[seen]]
+        return Tracked(
+            stamp_s,
+            px,
+            lattice.yaw.copy(),
+            world,
+            seen,
+            lattice.sigma.copy(),
+            np.where(seen, self.visibility, np.float32(0)),
+            state,
+            bool(lattice.ambiguous),
+            why,
+        )

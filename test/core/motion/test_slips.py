@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+import dataclasses
+
+import numpy as np
+import pytest
+
+from eol_ros.core.geometry import N_BLOCKS, rest_lattice
+from eol_ros.core.motion.slips import START, STOP, SlipDetector
+from eol_ros.settings import MotionSettings
+
+SEEN = np.ones(N_BLOCKS, bool)
+
+
+def slide(time_s, begin_s, acceleration=2.5, length_m=0.02):
+    """Path of a block that is pulled and then braked, equally hard."""
+    half = np.sqrt(length_m / acceleration)
+    t = np.clip(time_s - begin_s, 0, 2 * half)
+    return np.where(
+        t < half, acceleration / 2 * t**2, length_m - acceleration / 2 * (2 * half - t) ** 2
+    )
+
+
+def watch(paths, fps, noise_m, seconds, settings=None, seed=0, seen=None):
+    """Run a detector over `paths`: block -> displacement along x of time; return its events."""
+    random = np.random.default_rng(seed)
+    detector = SlipDetector(settings or MotionSettings())
+    rest = rest_lattice()
+    events = []
+    for k in range(round(seconds * fps)):
+        t = k / fps
+        place = rest + random.normal(0, noise_m, rest.shape)
+        for block, path in paths.items():
+            place[block, 0] += path(t)
+        mask = SEEN if seen is None else seen(t)
+        events += detector.update(t, place[:, 0], place[:, 1], mask)
+    return events
+
+
+@pytest.mark.parametrize('fps', [60, 120])
+@pytest.mark.parametrize('noise_m', [4e-6, 64e-6])
+def test_one_slip_is_one_start_and_one_stop(fps, noise_m):
+    events = watch({7: lambda t: slide(t, 2.003)}, fps, noise_m, 3.0)
+    assert [(e.kind, e.block, e.slip) for e in events] == [(START, 7, 1), (STOP, 7, 1)]
+    start, stop = events
+    assert start.onset_s == pytest.approx(2.003, abs=0.006)
+    assert 0 < start.stamp_s - 2.003 < 0.04
+    assert abs(start.onset_s - 2.003) < 6 * start.onset_sigma_s + 1e-3
+    assert stop.distance_m == pytest.approx(0.02, abs=6 * noise_m)
+    assert stop.duration_s == pytest.approx(2 * np.sqrt(0.02 / 2.5), abs=0.02)
+    assert stop.speed_mps == pytest.approx(np.sqrt(0.02 * 2.5), rel=0.2)
+
+
+@pytest.mark.parametrize('fps', [60, 120])
+def test_a_slow_slide_is_not_cut_in_pieces(fps):
+    path = lambda t: 0.015 * np.clip(t - 2.0, 0, 2.0)  # noqa: E731
+    events = watch({3: path}, fps, 64e-6, 5.0)
+    assert [e.kind for e in events] == [START, STOP]
+    assert events[1].duration_s == pytest.approx(2.0, abs=0.05)
+
+
+def test_noise_alone_moves_nothing():
+    assert watch({}, 60, 40e-6, 20.0) == []
+
+
+@pytest.mark.slow
+def test_false_alarms_come_as_often_as_stated():
+    settings = dataclasses.replace(MotionSettings(), false_alarms_per_hour=3600.0)
+    events = watch({}, 60, 40e-6, 120.0, settings)
+    starts = sum(e.kind == START for e in events)
+    assert 120 / 1.5 < starts < 120 * 1.5
+
+
+def test_noise_differs_from_block_to_block():
+    random = np.random.default_rng(3)
+    detector = SlipDetector(MotionSettings())
+    noise = np.linspace(2e-6, 200e-6, N_BLOCKS)
+    for k in range(600):
+        place = rest_lattice() + random.normal(0, 1, (N_BLOCKS, 2)) * noise[:, None]
+        assert detector.update(k / 60, place[:, 0], place[:, 1], SEEN) == []
+    assert np.sqrt(detector.variance) == pytest.approx(noise, rel=0.15)
+
+
+def test_a_block_that_moves_out_of_sight_stops_where_it_was_last_seen():
+    def seen(t):
+        mask = SEEN.copy()
+        mask[7] = t < 2.1
+        return mask
+
+    events = watch({7: lambda t: 0.1 * max(t - 2.0, 0)}, 60, 1e-5, 4.0, seen=seen)
+    assert [e.kind for e in events] == [START, STOP]
+    assert events[1].onset_s + events[1].duration_s == pytest.approx(2.1, abs=0.02)
+    assert events[1].stamp_s == pytest.approx(2.35, abs=0.05)
+
+
+def test_a_sample_that_the_tracker_trusts_less_counts_less():
+    detector = SlipDetector(MotionSettings())
+    random = np.random.default_rng(1)
+    sigma = np.full(N_BLOCKS, 1e-5)
+    events = []
+    for k in range(300):
+        place = rest_lattice() + random.normal(0, 1e-5, (N_BLOCKS, 2))
+        if k == 200:
+            place[4] += 3e-4  # drawn aside by an arm, and said so
+            sigma = np.where(np.arange(N_BLOCKS) == 4, 3e-4, 1e-5)
+        elif k > 200:
+            sigma = np.full(N_BLOCKS, 1e-5)
+        events += detector.update(k / 60, place[:, 0], place[:, 1], SEEN, sigma)
+    assert events == []
+
+
+def test_a_clock_that_stops_or_runs_backwards_makes_no_slips():
+    detector = SlipDetector(MotionSettings())
+    rest = rest_lattice()
+    random = np.random.default_rng(2)
+    stamps = [*np.arange(120) / 60, *[2.0] * 30, *(1.0 + np.arange(30) / 60)]
+    stamps += [*(-50 + np.arange(120) / 60), *(1e6 + np.arange(120) / 60)]
+    for stamp in stamps:
+        place = rest + random.normal(0, 1e-5, rest.shape)
+        assert detector.update(stamp, place[:, 0], place[:, 1], SEEN) == []
+    assert detector.samples.min() > 60  # and it works on, on the new clock
+
+
+def test_no_position_is_no_movement():
+    detector = SlipDetector(MotionSettings())
+    nothing = np.full(N_BLOCKS, np.nan)
+    for k in range(60):
+        assert detector.update(k / 60, nothing, nothing, SEEN) == []
