@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is plugged into this machine, each with the line that names it in a scene."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from eol_ros.devices.camera_ports import CameraPort, list_cameras
+from eol_ros.devices.serial_ports import Port, list_ports
+
+DRM = Path('/sys/class/drm')
+KINDS = ('camera', 'board', 'sound card', 'screen')
+
+
+@dataclass(frozen=True)
+class Found:
+    """One device: what it is, its stable name, a few words, its line for a scene (or none)."""
+
+    kind: str
+    name: str
+    description: str
+    scene_line: str
+
+
+def find_all(
+    cameras: Callable[[], Sequence[CameraPort]] = list_cameras,
+    boards: Callable[[], Sequence[Port]] = list_ports,
+    sounddevice: Callable[[], Any] | None = None,
+    drm: Path = DRM,
+) -> tuple[list[Found], list[str]]:
+    """Return all devices found, and remarks on what could not be looked at."""
+    found = [
+        Found('camera', c.name, c.description, _line('camera', 'device', c.name)) for c in cameras()
+    ]
+    found += [
+        Found('board', p.name, p.description, _line('leds', 'port', p.name)) for p in boards()
+    ]
+    remarks = []
+    try:
+        found += _sound_cards((sounddevice or _sounddevice)())
+    except (ImportError, OSError):
+        remarks.append('sound cards: PortAudio is not installed (sudo apt install libportaudio2)')
+    return found + _screens(drm), remarks
+
+
+def _line(node: str, key: str, name: str) -> str:
+    return f'{node}: {{{key}: {json.dumps(name, ensure_ascii=False)}}}'
+
+
+def _sounddevice() -> Any:
+    import sounddevice
+
+    return sounddevice
+
+
+def _sound_cards(sounddevice: Any) -> list[Found]:
+    apis = sounddevice.query_hostapis()
+    found = []
+    for card in sounddevice.query_devices():
+        channels = card['max_output_channels']
+        if channels < 1:
+            continue
+        rate, api = card['default_samplerate'], apis[card['hostapi']]['name']
+        words = f'{channels} channels, {rate:.0f} Hz, {api}'
+        found.append(
+            Found('sound card', card['name'], words, _line('sound', 'device', card['name']))
+        )
+    return found
+
+
+def _screens(drm: Path) -> list[Found]:
+    found = []
+    for connector in sorted(drm.glob('card*-*')):
+        try:
+            connected = (connector / 'status').read_text().strip() == 'connected'
+            modes = (connector / 'modes').read_text().split()
+        except OSError:
+            continue
+        if connected:
+            name = connector.name.partition('-')[2]
+            found.append(Found('screen', name, modes[0] if modes else 'no mode', ''))
+    return found

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+import json
+
+import pytest
+import yaml
+
+from eol_ros.cli import main
+from eol_ros.devices import inventory
+from eol_ros.devices.camera_ports import CameraPort
+from eol_ros.devices.inventory import Found, find_all
+from eol_ros.devices.serial_ports import Port
+from eol_ros.settings import NODES
+
+CAMERA = CameraPort('/dev/v4l/by-id/usb-OV9281_1-video-index0', '/dev/video0', 'OV9281')
+BOARD = Port('/dev/serial/by-id/usb-Teensy_12', '/dev/ttyACM0', 'Teensy')
+
+
+class Sound:
+    """sounddevice with two cards, one of them for recording only."""
+
+    @staticmethod
+    def query_hostapis():
+        return [{'name': 'ALSA'}]
+
+    @staticmethod
+    def query_devices():
+        card = {'hostapi': 0, 'default_samplerate': 48000.0}
+        return [
+            card | {'name': 'USB Audio: "main"', 'max_output_channels': 2},
+            card | {'name': 'Microphone', 'max_output_channels': 0},
+        ]
+
+
+@pytest.fixture
+def drm(tmp_path):
+    for name, status, modes in (
+        ('card0-HDMI-A-1', 'connected', '1920x1080\n1280x720\n'),
+        ('card0-DP-1', 'disconnected', ''),
+    ):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / 'status').write_text(status + '\n')
+        (tmp_path / name / 'modes').write_text(modes)
+    return tmp_path
+
+
+def no_portaudio():
+    raise OSError('PortAudio library not found')
+
+
+def test_all_kinds_are_found(drm):
+    found, remarks = find_all(lambda: [CAMERA], lambda: [BOARD], lambda: Sound, drm)
+
+    assert [(f.kind, f.name) for f in found] == [
+        ('camera', CAMERA.name),
+        ('board', BOARD.name),
+        ('sound card', 'USB Audio: "main"'),
+        ('screen', 'HDMI-A-1'),
+    ]
+    assert remarks == []
+
+
+def test_each_line_is_what_a_scene_takes(drm):
+    found, _ = find_all(lambda: [CAMERA], lambda: [BOARD], lambda: Sound, drm)
+    for device in found:
+        if device.scene_line:
+            ((node, values),) = yaml.safe_load(device.scene_line).items()
+            settings = NODES[node](**values)
+            assert device.name in vars(settings).values()
+
+
+def test_without_portaudio_the_rest_is_still_listed(drm):
+    found, remarks = find_all(lambda: [CAMERA], list, no_portaudio, drm)
+
+    assert [f.kind for f in found] == ['camera', 'screen']
+    assert 'sudo apt install libportaudio2' in remarks[0]
+
+
+def test_the_verb_on_this_machine(capsys):
+    assert main(['devices', '--json']) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert all(set(d) == set(Found.__annotations__) for d in report['devices'])
+
+
+def test_the_verb_for_people(capsys, monkeypatch):
+    found = [Found('camera', 'cam', 'OV9281', 'camera: {device: "cam"}')]
+    monkeypatch.setattr(inventory, 'find_all', lambda: (found, ['a remark']))
+
+    assert main(['devices']) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith('cameras\n  cam  OV9281\n      camera: {device: "cam"}\nboards: none')
+    assert err == 'a remark\n'
