@@ -99,7 +99,7 @@ class Child:
         """Tell whether a line belongs on the terminal: no log, no traceback but its last line."""
         if line.startswith('Traceback ('):
             self._in_traceback = True
-        elif self._in_traceback and not line.startswith(' '):
+        elif self._in_traceback and line and not line.startswith(' '):
             self._in_traceback = False
         return not self._in_traceback and not line.startswith(_LOG_LINES)
 

@@ -67,7 +67,12 @@ class Health:
         self.level, self.text = level, text
         if changed:  # tell at once, do not wait for the next second
             log = self._node.get_logger()
-            (log.info, log.warning, log.error)[level](text)
+            if level == OK:  # a call each: rclpy ties the severity to the place of the call
+                log.info(text)
+            elif level == WARN:
+                log.warning(text)
+            else:
+                log.error(text)
             self.report()
 
     def status(self) -> dict[str, Any]:
