@@ -121,10 +121,16 @@ def cached_path(sounds: list[Path], key: str) -> Path:
 
 def save(corpus: Corpus, path: Path) -> None:
     """Write a corpus as JSON; `load` reads it back."""
+    _write(path, as_json(corpus, path.resolve().parent))
+
+
+def as_json(corpus: Corpus, base: Path | None = None) -> str:
+    """Return the JSON of a corpus; sounds in or below the folder `base` are named relative to it."""
     files = [asdict(s) for s in corpus.sources]
-    base = path.resolve().parent
     for row in files:
-        if Path(row['path']).is_relative_to(base):  # both can be carried elsewhere together
+        if base and Path(row['path']).is_relative_to(
+            base
+        ):  # so both can be carried elsewhere
             row['path'] = str(Path(row['path']).relative_to(base))
     rows = []
     for grain in corpus.grains:
@@ -142,7 +148,7 @@ def save(corpus: Corpus, path: Path) -> None:
     }
     lines = [f'{json.dumps(k)}: {json.dumps(v)},' for k, v in head.items()]
     body = ',\n'.join(json.dumps(row) for row in rows)  # one grain a line, for people and for diff
-    _write(path, '{\n' + '\n'.join(lines) + '\n"grains": [\n' + body + '\n]}\n')
+    return '{\n' + '\n'.join(lines) + '\n"grains": [\n' + body + '\n]}\n'
 
 
 def load(path: Path) -> Corpus:

@@ -32,7 +32,7 @@ def trigger_to_msg(stamp_ns: int, sequence: int, row: np.void) -> GrainTrigger:
 def corpus_to_msg(
     stamp_ns: int, corpus: Corpus, bounds: Sequence[float], radius_m: float
 ) -> CorpusMessage:
-    """Return the message of a corpus that covers `bounds` (x min, y min, x max, y max in metres)."""
+    """Return the message of a corpus over `bounds`: x min, y min, x max, y max in metres."""
     grains = corpus.grains
     values = np.stack([grains[name] for name in DESCRIPTORS], axis=1)
     message = CorpusMessage(

@@ -26,7 +26,7 @@ from eol_ros.core.sound.triggers import MAX_RATE, MIN_RATE, TRIGGER
 from eol_ros.settings import GrainsSettings
 
 FORGET_S = 0.25  # a block unseen for longer starts anew
-NOISE_SIGMAS = 5.0  # a step below this many standard deviations of a step is not motion
+NOISE_SIGMAS = 6.0  # a step below this many standard deviations of a step is not motion
 
 
 class Selector:

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A picture of a corpus: what was measured, and the space that the blocks play."""
+
+from pathlib import Path
+
+import numpy as np
+
+from eol_ros.core.sound.corpus import Corpus
+from eol_ros.errors import ConfigError, DeviceMissing
+
+
+def draw(corpus: Corpus, path: Path) -> None:
+    """Write PNG, SVG or PDF: descriptors as measured on the left, places in the space on the right.
+
+    Colour is loudness, size is duration, a ring marks a grain with a clear pitch.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise DeviceMissing('pictures need matplotlib: pip install matplotlib') from None
+    grains = corpus.grains[corpus.placed]
+    x, y = grains[corpus.x_name], grains[corpus.y_name]
+    loud = grains['loudness_lufs']
+    size = np.clip(60 * grains['duration_s'] / np.median(grains['duration_s']), 8, 300)
+    size *= min(1.0, 300 / len(grains)) ** 0.5
+    figure = Figure(figsize=(13, 6.2), layout='constrained', facecolor='#10141a')
+    FigureCanvasAgg(figure)
+    names = f'{Path(corpus.sources[0].path).name}'
+    if len(corpus.sources) > 1:
+        names += f' and {len(corpus.sources) - 1} more'
+    silent = len(corpus) - len(grains)
+    figure.suptitle(
+        f'{names}: {len(grains)} grains placed, {silent} silent', color='white', fontsize=12
+    )
+    left, right = figure.subplots(1, 2)
+    low, high = np.percentile(loud, [2, 98])
+    pitched = np.isfinite(grains['pitch_hz'])
+    for axes, across, up in ((left, x, y), (right, grains['x'], grains['y'])):
+        dots = axes.scatter(
+            across, up, s=size, c=loud, cmap='viridis', vmin=low, vmax=max(high, low + 1e-9),
+            edgecolors=np.where(pitched, 'white', 'none'), linewidths=0.7,
+        )  # fmt: skip
+        axes.set_facecolor('#161c25')
+        axes.set_xlabel(corpus.x_name, color='white')
+        axes.set_ylabel(corpus.y_name, color='white')
+        axes.tick_params(colors='#9aa7b5')
+        for edge in axes.spines.values():
+            edge.set_color('#3a4654')
+    left.set_title('as measured', color='white', fontsize=10)
+    if corpus.x_name.endswith('_hz') and len(grains):
+        left.set_xscale('log')
+    if corpus.y_name.endswith('_hz') and len(grains):
+        left.set_yscale('log')
+    right.set_title('the space, as the blocks reach it', color='white', fontsize=10)
+    right.set(xlim=(0, 1), ylim=(0, 1), aspect='equal')
+    bar = figure.colorbar(dots, ax=(left, right), shrink=0.8)
+    bar.set_label('loudness, LUFS', color='white')
+    bar.ax.tick_params(colors='#9aa7b5')
+    try:
+        figure.savefig(path, dpi=110, facecolor=figure.get_facecolor())
+    except (OSError, ValueError) as error:
+        raise ConfigError(f'{path}: the picture cannot be written ({error})') from None

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol corpus: cut sounds into grains, describe and lay them out; look at the space; move one."""
+
+import dataclasses
+import hashlib
+import json
+import sys
+import time
+from pathlib import Path
+
+from eol_ros.errors import UsageError
+from eol_ros.settings import DESCRIPTORS
+
+HELP = 'Cut sounds into grains, describe them and lay them out for the blocks to play.'
+EXAMPLES = [
+    'eol corpus iceberg.wav --out iceberg.json',
+    'eol corpus field/*.flac --grain 0.1 --overlap 0.5 --x pitch_hz --y loudness_lufs --out f.json',
+    'eol corpus door.ogg --segment onset --csv door.csv --labels-out door.labels.txt',
+    'eol corpus door.ogg --segment labels --labels door.labels.txt --out door.json',
+    'eol corpus                               (the procedural ice recording)',
+    'eol corpus show iceberg.json --out iceberg.png',
+    'eol corpus move iceberg.json 17 0.5 0.25',
+]
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument(
+        'words',
+        nargs='*',
+        metavar='AUDIO',
+        help='sound files or folders; or show JSON; or move ...',
+    )
+    add = parser.add_argument
+    add('--segment', choices=('chop', 'onset', 'gate', 'none', 'labels'), default='chop')
+    add('--grain', type=float, default=0.25, metavar='S', help='length; with onset the greatest')
+    add('--overlap', type=float, nargs='?', const=0.5, default=0.0, metavar='SHARE',
+        help='of a grain that the next one repeats (0.5 if no number is given)')  # fmt: skip
+    add('--labels', metavar='FILE', default='', help='Audacity label track to cut at')
+    add('--onset-threshold', type=float, default=1.5, metavar='T')
+    add('--gate-on', type=float, default=-40.0, metavar='DB', help='a grain begins above')
+    add('--gate-off', type=float, default=-50.0, metavar='DB', help='and ends below')
+    add('--silence', type=float, default=-70.0, metavar='DB', help='quieter grains get no place')
+    add('--x', choices=DESCRIPTORS, default=DESCRIPTORS[0], metavar='NAME', help=_NAMES)
+    add('--y', choices=DESCRIPTORS, default=DESCRIPTORS[1], metavar='NAME')
+    add('--layout', choices=('raw', 'rank', 'even'), default='even')
+    add('--blend', type=float, default=1.0, metavar='0..1', help='0: as measured, 1: the layout')
+    add('--seed', type=int, default=1, help='of the ice recording, where no sound is given')
+    add('--out', metavar='FILE', help='corpus JSON; with show, the picture')
+    add('--csv', metavar='FILE', help='one line per grain')
+    add('--labels-out', metavar='FILE', help='the grains as an Audacity label track')
+    add('--json', action='store_true', help='the corpus to stdout')
+
+
+_NAMES = 'one of ' + ', '.join(DESCRIPTORS)
+
+
+def run(args):
+    """Make, show or change a corpus."""
+    if args.words[:1] == ['show']:
+        return _show(args)
+    if args.words[:1] == ['move']:
+        return _move(args)
+    return _make(args)
+
+
+def _make(args):
+    from eol_ros.devices import corpus_build, corpus_file
+
+    options = _options(args)
+    if args.words:
+        sounds = [s for word in args.words for s in corpus_file.sounds_of(Path(word))]
+    else:
+        sounds = [corpus_build.make_ice(args.seed)]
+    if args.labels and len(sounds) > 1:
+        raise UsageError('--labels is for one sound; with several, put NAME.labels.txt beside each')
+    began = time.perf_counter()
+    corpus = corpus_build.build_cached(sounds, options, _Progress('describing the grains'))
+    took_s = time.perf_counter() - began
+    for note in corpus.notes:
+        print(f'eol corpus: {note}', file=sys.stderr)
+    if args.out:
+        corpus_file.save(corpus, Path(args.out))
+    if args.csv:
+        corpus_file.save_csv(corpus, Path(args.csv))
+    if args.labels_out:
+        corpus_file.save_labels(corpus, Path(args.labels_out))
+    if args.json:
+        print(corpus_file.as_json(corpus), end='')
+    else:
+        _summary(corpus)
+    length_s = sum(s.duration_s for s in corpus.sources)
+    print(f'{length_s:.1f} s of sound in {took_s:.2f} s', file=sys.stderr)
+    if not (args.out or args.json or args.csv or args.labels_out):
+        print('nothing written; --out FILE keeps the corpus', file=sys.stderr)
+    return 0
+
+
+def _options(args):
+    from eol_ros.devices.corpus_file import Options
+
+    for name, value, low, high in (
+        ('--grain', args.grain, 0.02, 60),
+        ('--overlap', args.overlap, 0, 0.9),
+        ('--blend', args.blend, 0, 1),
+        ('--onset-threshold', args.onset_threshold, 0.1, 100),
+        ('--gate-on', args.gate_on, -120, 0),
+        ('--gate-off', args.gate_off, -120, args.gate_on),
+        ('--silence', args.silence, -200, 0),
+    ):
+        if not low <= value <= high:
+            raise UsageError(f'{name} {value:g}: must lie in {low:g}..{high:g}')
+    if args.labels and args.segment != 'labels':
+        raise UsageError('--labels is read only with --segment labels')
+    return Options(
+        segment=args.segment,
+        grain_s=args.grain,
+        overlap=args.overlap,
+        x_axis=args.x,
+        y_axis=args.y,
+        layout=args.layout,
+        blend=args.blend,
+        onset_threshold=args.onset_threshold,
+        gate_on_db=args.gate_on,
+        gate_off_db=args.gate_off,
+        silence_db=args.silence,
+        labels=args.labels,
+    )
+
+
+def _summary(corpus):
+    import numpy as np
+
+    placed = corpus.placed
+    print(f'{len(corpus)} grains, {int(placed.sum())} placed, {int((~placed).sum())} silent')
+    print(f'{"":18}{"least":>12}{"10 %":>12}{"middle":>12}{"90 %":>12}{"most":>12}')
+    for name in DESCRIPTORS:
+        values = corpus.values(name)[placed]
+        values = values[np.isfinite(values)]
+        cells = np.percentile(values, [0, 10, 50, 90, 100]) if len(values) else []
+        print(f'{name:18}' + ''.join(f'{v:12.4g}' for v in cells))
+
+
+def _show(args):
+    from eol_ros.devices import corpus_build, corpus_file
+
+    words = args.words[1:]
+    if len(words) > 1:
+        raise UsageError('show takes one corpus JSON or sound')
+    if words and words[0].endswith('.json'):
+        corpus = corpus_file.load(Path(words[0]))
+    else:
+        sounds = [Path(words[0])] if words else [corpus_build.make_ice(args.seed)]
+        sounds = [s for sound in sounds for s in corpus_file.sounds_of(sound)]
+        corpus = corpus_build.build_cached(sounds, _options(args), _Progress('describing'))
+    from eol_ros.analysis.corpus_space import draw
+
+    out = Path(args.out or f'{Path(corpus.sources[0].path).stem}.png')
+    draw(corpus, out)
+    print(out)
+    return 0
+
+
+def _move(args):
+    from eol_ros.devices import corpus_file
+
+    try:
+        path, grain, x, y = args.words[1:]
+        grain, x, y = int(grain), float(x), float(y)
+    except ValueError:
+        raise UsageError('move takes: CORPUS.json GRAIN X Y') from None
+    corpus = corpus_file.load(Path(path))
+    kept = corpus_file.move(corpus, grain, x, y)
+    corpus.grains['x'][grain], corpus.grains['y'][grain] = x, y
+    key = hashlib.sha256(f'{corpus.digest} {grain} {x!r} {y!r}'.encode()).hexdigest()
+    corpus_file.save(dataclasses.replace(corpus, digest=key), Path(path))
+    print(json.dumps({'grain': grain, 'x': x, 'y': y, 'kept_in': str(kept)}))
+    return 0
+
+
+class _Progress:
+    """Share done, 0..1: a bar on a terminal, a line every tenth elsewhere; silent if quick."""
+
+    def __init__(self, words):
+        self.words, self.began, self.tenth, self.bar = words, time.monotonic(), 0, None
+
+    def __call__(self, share):
+        if time.monotonic() - self.began < 1.0:
+            return
+        if sys.stderr.isatty():
+            if self.bar is None:
+                from rich.console import Console
+                from rich.progress import Progress
+
+                self.bar = Progress(console=Console(stderr=True), transient=True)
+                self.task = self.bar.add_task(self.words, total=1.0)
+                self.bar.start()
+            self.bar.update(self.task, completed=share)
+            if share >= 1.0:
+                self.bar.stop()
+        elif int(10 * share) > self.tenth:
+            self.tenth = int(10 * share)
+            print(f'{self.words}: {10 * self.tenth} %', file=sys.stderr, flush=True)
