@@ -62,6 +62,7 @@ class Recording:
         self.dropped: Counter[str] = Counter()
         self.repaired: list[str] = []
         self.image_bytes = 0
+        self._budget_spent = False
         self._name = re.sub(r'[^\w+-]+', '-', name) or 'run'
         self._topics, self._about, self._settings = tuple(topics), dict(about), settings
         self._images, self._rhythm = images, {topic: StampGaps() for topic in rhythm}
@@ -114,6 +115,16 @@ class Recording:
     def lost(self) -> int:
         """Messages that were sent and are not in the bag though they should be."""
         return sum(self._gaps.lost.values()) + sum(self.dropped.values())
+
+    @property
+    def queued_mb(self) -> float:
+        """What waits to be written now."""
+        return round(self._queued_bytes / 1e6, 1)
+
+    @property
+    def image_budget_spent(self) -> bool:
+        """Whether `images_max_gb` of raw pictures are kept, and no more will be."""
+        return self._budget_spent
 
     def gaps(self) -> dict[str, str]:
         """Return what was lost, per topic, as it goes into the metadata of the bag."""
@@ -181,6 +192,8 @@ class Recording:
             if self.image_bytes + len(item.data) <= self._settings.images_max_gb * GB:
                 self.image_bytes += len(item.data)
                 yield item
+            else:
+                self._budget_spent = True
 
     def _guarded(self, action, *args) -> None:
         """Do it; on a refusing disk leave the file as it is and go on without."""

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every topic in, raw; an MCAP bag out. The writing is done in a thread of its own."""
+
+import sys
+import time
+from pathlib import Path
+
+from eol_msgs.msg import Slip
+from rclpy.serialization import deserialize_message
+
+from eol_ros.devices.bag_file import BagTopic
+from eol_ros.devices.bag_recording import Recording
+from eol_ros.devices.bag_selection import Item, Slipping
+from eol_ros.devices.cdr import counter
+from eol_ros.ros.definitions import describe
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.run import runner
+from eol_ros.ros.run_record import about
+from eol_ros.ros.topics import TOPICS
+
+IMAGES, PREVIEW, SAMPLES = 'camera/image_raw', 'camera/image/compressed', 'sound_samples'
+COUNTERS = {'blocks': 'image', 'grain_triggers': 'sequence'}  # fields that count up by one
+
+
+class RecorderNode(EolNode):
+    NAME = 'recorder'
+
+    def __init__(self, settings, **kwargs):
+        super().__init__(settings, **kwargs)
+        topics = [t for t in TOPICS if self._wanted(t)]
+        described = {t: BagTopic(self.resolve_topic_name(t), **describe(t)) for t in topics}
+        self.recording = Recording(
+            Path(self.settings.folder).expanduser(),
+            self.scene.name,
+            list(described.values()),
+            about(self.scene),
+            self.settings,
+            images=self.resolve_topic_name(IMAGES),
+            rhythm=[described[t].name for t in (IMAGES, 'blocks') if t in described],
+            thinned=[described[t].name for t in (PREVIEW, 'sound_meter') if t in described],
+        )
+        for topic, bag_topic in described.items():
+            self.subscribe(topic, self._taker(topic, bag_topic), raw=True)
+        self._last = 0
+        self.create_timer(1.0, self.tell)
+        self.tell()
+
+    def _wanted(self, topic: str) -> bool:
+        """What exists only because somebody subscribes is recorded only where asked for."""
+        if topic == SAMPLES:
+            return False
+        images = self.settings.images
+        return {IMAGES: images in ('all', 'around_slips'), PREVIEW: images == 'preview'}.get(
+            topic, True
+        )
+
+    def _taker(self, topic, bag_topic):
+        name, take, sequence = bag_topic.name, self.recording.take, None
+        if topic in COUNTERS:
+            sequence = counter(bag_topic.type, bag_topic.definition, COUNTERS[topic])
+
+        def keep(raw: bytes) -> None:
+            now = time.time_ns()
+            take(Item(name, raw, now, now, sequence(raw) if sequence else 0))
+            if topic == 'slips':
+                slip = deserialize_message(raw, Slip)
+                self.recording.slip(Slipping(slip.slip, slip.kind == Slip.START, now))
+
+        return keep
+
+    def tell(self) -> None:
+        recording, health = self.recording, self.health
+        while recording.repaired:
+            self.get_logger().info(recording.repaired.pop(0))
+        count = recording.message_count
+        health.tick(count - self._last)
+        self._last = count
+        health.values.update(
+            messages=count, lost=recording.lost, bag=str(recording.folder or ''),
+            images_gb=round(recording.image_bytes / 1e9, 3), queue_mb=recording.queued_mb,
+        )  # fmt: skip
+        if recording.trouble:
+            health.error(f'not recording: {recording.trouble}')
+        elif recording.dropped:
+            health.warn(f'the disk is too slow: {sum(recording.dropped.values())} messages dropped')
+        elif recording.image_budget_spent:
+            health.ok(f'recording without pictures: {self.settings.images_max_gb:g} GB are full')
+        else:
+            health.ok(f'recording into {recording.folder}')
+
+    def close(self) -> None:
+        self.recording.close()
+
+
+main = runner(RecorderNode)
+
+if __name__ == '__main__':
+    sys.exit(main())
