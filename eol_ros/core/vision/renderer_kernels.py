@@ -53,7 +53,7 @@ def _grain(tile, x, y):
             + fv * ((1 - fu) * tile[iv + 1, iu] + fu * tile[iv + 1, iu + 1]))
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, error_model='numpy')
 def draw_blocks(work, platform, vignette, corners, level, core, core_px, halo, halo_px, texture,
                 psf_px, owner, weight, windows, n):
     """Add quadrilateral covers to `work`; return the new number of dirty windows.
@@ -120,7 +120,7 @@ def draw_blocks(work, platform, vignette, corners, level, core, core_px, halo, h
     return n
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, error_model='numpy')
 def draw_arms(work, vignette, arms, level, psf_px, windows, n):
     """Cover `work` with capsules `arms` (k, 5): u0, v0, u1, v1, radius px; return the dirty count."""
     blur = max(psf_px, 1.0)
@@ -162,7 +162,7 @@ def _mix(seed, image, row):
     return z ^ (z >> np.uint64(31))
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, error_model='numpy')
 def sense(work, noise, noise_step, read, gain, seed, image, out):
     """Write the sensor's 8-bit answer to `work` into `out`: variance read^2 + gain * signal, clipped.
 

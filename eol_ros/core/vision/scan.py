@@ -58,7 +58,7 @@ def bright_level(grid, share):
     return level
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, error_model='numpy')
 def erase(grid, tiles, squares):
     """Put background in place of every square (n, 4): u, v, theta, half side in px."""
     for s in range(squares.shape[0]):
@@ -82,7 +82,7 @@ def _root(parent, i):
     return i
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, error_model='numpy')
 def regions(grid, tiles, over, least, most, label, parent, stats, found):
     """Join neighbouring samples that exceed their background by `over`; describe what is block-like.
 
