@@ -98,7 +98,7 @@ class LedsSettings:
     peak: float = setting(1.0, 'light of a flash', '', 0, 1, live=True)
     flash_limit: bool = setting(True, 'at most three flashes of the whole field a second')
     flash_limit_off_because: str = setting('', 'written reason, needed to switch the limit off')
-    board_log: str = setting('', 'with port: twin, a CSV of each arrival on the wire', path=True)
+    board_log: str = setting('', 'with port: twin, a CSV of each arrival on the wire')
 
 
 # What a grain can be placed by; core/sound/descriptors.py defines them.

@@ -250,7 +250,7 @@ class Board:
             if ready:
                 data = os.read(self._fd, READ_BYTES)
                 if not data:
-                    raise LineLost(errno.ENODEV, 'the port is gone')
+                    raise LineLost(errno.ENODEV, f'the board is gone from {self._port}')
                 found = [r.message for r in self.decoder.feed(data)]
                 if found:
                     return found

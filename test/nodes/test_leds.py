@@ -188,7 +188,7 @@ def test_the_run_goes_on_without_the_board_and_with_it_again(make_rig, tmp_path)
 
         assert rig.until(lambda: fake.levels()[4] > 0)
         warned = [text for level, text in rig.around.states if level == 1]
-        assert 'lost' in warned[0] and 'trying again in' in warned[0]
+        assert ('lost' in warned[0] or 'gone' in warned[0]) and 'trying again in' in warned[0]
         assert rig.until(lambda: rig.around.states[-1][0] == 0)
 
 
