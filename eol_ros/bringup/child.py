@@ -34,7 +34,7 @@ class Child:
         self.start_at_s: float | None = 0.0  # when to start it; None: it runs, or is finished
         self.status: dict[str, dict[str, Any]] = {}
         self.health_fd = self.output_fd = -1
-        self.stopping = False
+        self.killed = False  # by us, because it was silent
         self.code: int | None = None
         self._rest = {'health': b'', 'output': b''}
         self._in_traceback = False
@@ -62,7 +62,7 @@ class Child:
         self.health_fd, self.output_fd = health_out, output_out
         self._rest = {'health': b'', 'output': b''}
         self.policy.start(now_s)
-        self.start_at_s, self.code = None, None
+        self.start_at_s, self.code, self.killed = None, None, False
         self.status = {
             node: {'node': node, 'level': 3, 'text': 'starting', 'rate': 0.0, 'values': {},
                    'pid': self.popen.pid}

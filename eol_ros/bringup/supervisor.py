@@ -119,8 +119,9 @@ class Supervisor:
                 ended = self._bury(child, now)
                 if ended is not None:
                     return ended
-            elif child.alive() and child.policy.hung(now):
+            elif child.alive() and not child.killed and child.policy.hung(now):
                 self._note(f'{child.process.name} is silent: it is started again')
+                child.killed = True
                 child.signal(signal.SIGKILL)
             elif child.popen is None and child.start_at_s is not None and now >= child.start_at_s:
                 child.start(now)
