@@ -54,6 +54,7 @@ class Rig:
         self.until(
             lambda: (
                 self.around.slips.get_subscription_count()
+                and self.around.control.get_subscription_count()
                 and self.leds.commands.get_subscription_count()
                 and self.leds.taps.get_subscription_count()
             )
