@@ -28,7 +28,7 @@ CUT = (
     'segment',
     'grain_s',
     'overlap',
-    'onset_threshold',
+    'onset_db',
     'gate_on_db',
     'gate_off_db',
     'silence_db',
@@ -185,7 +185,7 @@ def _cut(heard, options: Options, times: np.ndarray | None) -> np.ndarray:
     if o.segment == 'chop':
         cuts = segments.chop(len(samples), rate, o.grain_s, o.overlap)
     elif o.segment == 'onset':
-        cuts = segments.onset_cut(samples, rate, o.grain_s, o.onset_threshold)
+        cuts = segments.onset_cut(samples, rate, o.grain_s, o.onset_db)
     elif o.segment == 'gate':
         cuts = segments.gate(samples, rate, o.gate_on_db, o.gate_off_db)
     elif o.segment == 'labels':

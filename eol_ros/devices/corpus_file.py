@@ -38,7 +38,7 @@ class Options:
     y_axis: str = 'periodicity_mean'
     layout: str = 'even'
     blend: float = 1.0
-    onset_threshold: float = 1.5
+    onset_db: float = 4.0
     gate_on_db: float = -40.0
     gate_off_db: float = -50.0
     silence_db: float = -70.0
@@ -125,12 +125,12 @@ def save(corpus: Corpus, path: Path) -> None:
 
 
 def as_json(corpus: Corpus, base: Path | None = None) -> str:
-    """Return the JSON of a corpus; sounds in or below the folder `base` are named relative to it."""
+    """Return the JSON of a corpus; sounds below the folder `base` are named relative to it."""
     files = [asdict(s) for s in corpus.sources]
     for row in files:
         if base and Path(row['path']).is_relative_to(
             base
-        ):  # so both can be carried elsewhere
+        ):  # both may move house
             row['path'] = str(Path(row['path']).relative_to(base))
     rows = []
     for grain in corpus.grains:

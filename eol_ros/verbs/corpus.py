@@ -37,7 +37,7 @@ def add_arguments(parser):
     add('--overlap', type=float, nargs='?', const=0.5, default=0.0, metavar='SHARE',
         help='of a grain that the next one repeats (0.5 if no number is given)')  # fmt: skip
     add('--labels', metavar='FILE', default='', help='Audacity label track to cut at')
-    add('--onset-threshold', type=float, default=1.5, metavar='T')
+    add('--onset', type=float, default=4.0, metavar='DB', help='rise that begins a grain')
     add('--gate-on', type=float, default=-40.0, metavar='DB', help='a grain begins above')
     add('--gate-off', type=float, default=-50.0, metavar='DB', help='and ends below')
     add('--silence', type=float, default=-70.0, metavar='DB', help='quieter grains get no place')
@@ -103,7 +103,7 @@ def _options(args):
         ('--grain', args.grain, 0.02, 60),
         ('--overlap', args.overlap, 0, 0.9),
         ('--blend', args.blend, 0, 1),
-        ('--onset-threshold', args.onset_threshold, 0.1, 100),
+        ('--onset', args.onset, 0.1, 60),
         ('--gate-on', args.gate_on, -120, 0),
         ('--gate-off', args.gate_off, -120, args.gate_on),
         ('--silence', args.silence, -200, 0),
@@ -120,7 +120,7 @@ def _options(args):
         y_axis=args.y,
         layout=args.layout,
         blend=args.blend,
-        onset_threshold=args.onset_threshold,
+        onset_db=args.onset,
         gate_on_db=args.gate_on,
         gate_off_db=args.gate_off,
         silence_db=args.silence,

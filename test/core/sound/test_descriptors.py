@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Descriptors against what the formulas say by hand, and against librosa and essentia."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eol_ros.core.sound import segments
+from eol_ros.core.sound.descriptors import HOP, YIN_FRAME, YIN_SPAN, analyse, frame_starts, yin
+from eol_ros.core.sound.loudness import k_weighting, lufs
+
+SAMPLES = Path('/usr/share/sonic-pi/samples')
+RECORDINGS = (
+    'ambi_choir', 'ambi_swoosh', 'bass_drop_c', 'drum_cymbal_closed', 'elec_twang', 'guit_em9',
+    'loop_amen', 'loop_electric', 'misc_crow', 'perc_snap', 'tabla_tun1', 'vinyl_scratch',
+)  # fmt: skip
+
+
+def one(samples, rate, **options):
+    grains, silent = analyse(
+        np.asarray(samples, np.float32), rate, np.array([[0, len(samples)]]), **options
+    )
+    return grains[0], bool(silent[0])
+
+
+def tone(hz, rate=48000, seconds=0.5, level=0.5):
+    return level * np.sin(2 * np.pi * hz * np.arange(round(seconds * rate)) / rate)
+
+
+@pytest.mark.parametrize('hz', [82.4, 220, 440, 1234.5, 3000])
+def test_a_tone_has_its_pitch_and_is_periodic(hz):
+    grain, silent = one(tone(hz), 48000)
+    assert not silent
+    assert grain['pitch_hz'] == pytest.approx(hz, rel=2e-3)
+    assert grain['periodicity_mean'] > 0.99
+    assert grain['rms_db'] == pytest.approx(20 * np.log10(0.5 / np.sqrt(2)), abs=0.05)
+    assert grain['flatness'] < 1e-3
+
+
+def test_centroid_of_a_tone_on_a_bin_is_its_frequency():
+    hz = 48000 / 1024 * 100  # the Hann window spreads it evenly over three bins
+    assert one(tone(hz), 48000)[0]['centroid_mean_hz'] == pytest.approx(hz, rel=1e-4)
+
+
+def test_white_noise_is_flat_aperiodic_and_centred():
+    noise = 0.1 * np.random.default_rng(1).standard_normal(96000)
+    grain, _ = one(noise, 48000)
+    assert grain['centroid_mean_hz'] == pytest.approx(12000, rel=0.02)
+    assert grain['rolloff95_hz'] == pytest.approx(0.95 * 24000, rel=0.01)
+    assert 0.5 < grain['flatness'] < 0.6  # exp(-Euler's constant) = 0.561 for an exponential law
+    assert grain['periodicity_mean'] < 0.3 and np.isnan(grain['pitch_hz'])
+
+
+def test_silence_is_silent_and_faint_sound_can_be():
+    grain, silent = one(np.zeros(9600), 48000)
+    assert silent and np.isnan(grain['centroid_mean_hz']) and grain['periodicity_mean'] == 0
+    faint = 1e-4 * np.random.default_rng(1).standard_normal(9600)
+    assert one(faint, 48000)[1] is True
+    assert one(faint, 48000, silence_db=-90)[1] is False
+
+
+@pytest.mark.parametrize('n', [2, 500, 1023, 1024, 1500, 2047, 2048, 2049])
+def test_short_grains_have_numbers_too(n):
+    grain, silent = one(tone(2000, seconds=1)[5 : 5 + n] + 0.1, 48000)
+    assert not silent
+    for name in ('centroid_mean_hz', 'periodicity_mean', 'flatness', 'rolloff95_hz', 'rms_db'):
+        assert np.isfinite(grain[name]), name
+
+
+def test_a_grain_does_not_hear_its_neighbours():
+    random = np.random.default_rng(2)
+    quiet = 0.01 * random.standard_normal(12000)
+    loud = np.concatenate([0.9 * random.standard_normal(12000), quiet, np.ones(12000)])
+    alone, _ = analyse(quiet.astype(np.float32), 48000, np.array([[0, 12000]]))
+    among, _ = analyse(loud.astype(np.float32), 48000, np.array([[12000, 24000]]))
+    for name in ('centroid_mean_hz', 'periodicity_mean', 'flatness', 'rolloff95_hz', 'rms_db'):
+        assert among[name][0] == pytest.approx(alone[name][0], rel=1e-9), name
+
+
+def test_frames_lie_inside_their_grain():
+    cuts = np.array([[0, 1000], [1000, 4000], [4000, 6048], [6048, 8097]])
+    starts, owner = frame_starts(cuts, 2048)
+    assert owner.tolist() == [0, 1, 1, 1, 1, 2, 3]
+    for start, grain in zip(starts[1:], owner[1:]):
+        assert cuts[grain, 0] <= start and start + 2048 <= cuts[grain, 1]
+    assert np.diff(starts[1:5]).tolist() == [HOP] * 3
+
+
+def naive_yin(frame, rate):
+    """de Cheveigne & Kawahara, equations 6 and 8, summed as they are printed."""
+    lags = np.arange(YIN_FRAME - YIN_SPAN + 1)
+    d = np.array([sum((frame[:YIN_SPAN] - frame[t : t + YIN_SPAN]) ** 2) for t in lags])
+    normal = np.ones(len(lags))
+    for t in lags[1:]:
+        normal[t] = d[t] * t / d[1 : t + 1].sum()
+    first, last = max(2, int(rate / 4000)), min(1023, int(np.ceil(rate / 40)))
+    t = next(
+        (
+            t
+            for t in range(first, last + 1)
+            if normal[t] < 0.15 and normal[t] <= normal[t - 1] and normal[t] <= normal[t + 1]
+        ),
+        None,
+    )
+    if t is None:
+        t = first + int(np.argmin(normal[first : last + 1]))
+    a, b, c = normal[t - 1 : t + 2]
+    shift = 0.5 * (a - c) / (a - 2 * b + c) if a - 2 * b + c > 0 else 0.0
+    shift = min(max(shift, -1), 1)
+    return min(max(1 - (b - 0.25 * (a - c) * shift), 0), 1), t + shift
+
+
+def test_yin_by_transform_is_yin_by_sum():
+    random = np.random.default_rng(4)
+    frames = random.standard_normal((8, YIN_FRAME))
+    frames[0] = tone(333, 44100)[:YIN_FRAME]
+    frames[1] = 1e-3 * frames[1] + tone(97, 44100)[:YIN_FRAME]
+    frames[2] = np.cumsum(frames[2])
+    frames[3] = np.sign(tone(250, 44100)[:YIN_FRAME]) + 0.3 * frames[3]
+    periodicity, lag = yin(frames, 44100)
+    expected = [naive_yin(frame, 44100) for frame in frames]
+    np.testing.assert_allclose(periodicity, [p for p, _ in expected], atol=1e-9)
+    np.testing.assert_allclose(lag, [t for _, t in expected], atol=1e-6)
+
+
+# ITU-R BS.1770-4, tables 1 and 2: b0 b1 b2 a1 a2 at 48 kHz.
+SHELF = (1.53512485958697, -2.69169618940638, 1.19839281085285, -1.69065929318241, 0.73248077421585)
+HIGH_PASS = (1.0, -2.0, 1.0, -1.99004745483398, 0.99007225036621)
+
+
+def test_k_weighting_is_the_printed_one():
+    sections = k_weighting(48000)
+    for section, printed in zip(sections, (SHELF, HIGH_PASS)):
+        np.testing.assert_allclose(np.delete(section, 3), printed, rtol=1e-8)
+
+
+@pytest.mark.parametrize('rate', [44100, 48000, 96000, 192000])
+def test_loudness_of_the_reference_tone(rate):
+    """BS.1770: 997 Hz at full scale in one channel is -3.01 LUFS, at any rate."""
+    grain, _ = one(tone(997, rate, 2.0, level=1.0), rate)
+    assert grain['loudness_lufs'] == pytest.approx(-3.01, abs=0.03)
+
+
+def test_loudness_formula():
+    assert lufs(np.array(1.0)) == pytest.approx(-0.691)
+
+
+def test_progress_rises_to_one():
+    told = []
+    noise = np.random.default_rng(0).standard_normal(48000).astype(np.float32)
+    analyse(noise, 48000, segments.chop(48000, 48000, 0.1), progress=told.append)
+    assert told == sorted(told) and told[-1] == 1.0
+
+
+@pytest.fixture(scope='module', params=RECORDINGS)
+def recording(request):
+    from eol_ros.devices.audio_file import read_mono
+
+    path = SAMPLES / f'{request.param}.flac'
+    if not path.is_file():
+        pytest.skip(f'{path} is not there: apt-get install sonic-pi-samples')
+    sound = read_mono(path)
+    sound.samples.flags.writeable = False
+    cuts = segments.chop(len(sound.samples), sound.rate, 0.25)
+    cuts = cuts[cuts[:, 1] - cuts[:, 0] >= YIN_FRAME]
+    if not len(cuts):
+        cuts = segments.whole(len(sound.samples))
+    return sound.samples, sound.rate, cuts, *analyse(sound.samples, sound.rate, cuts)
+
+
+@pytest.mark.slow
+def test_spectrum_of_real_recordings_as_librosa_has_it(recording):
+    librosa = pytest.importorskip('librosa', reason='oracle: pip install librosa')
+    samples, rate, cuts, grains, silent = recording
+    frame = {'n_fft': 1024, 'hop_length': 256, 'center': False}
+    for (a, b), grain in zip(cuts[~silent], grains[~silent]):
+        part = samples[a:b]
+        magnitude = np.abs(librosa.stft(part, **frame))
+        if (magnitude.sum(axis=0) < 1e-10).any():
+            continue  # librosa counts empty frames, the definition skips them
+        centroid = librosa.feature.spectral_centroid(S=magnitude, sr=rate).mean()
+        assert grain['centroid_mean_hz'] == pytest.approx(centroid, rel=1e-3)
+        assert grain['centroid_mean_hz'] == pytest.approx(centroid, rel=1e-4)
+        flatness = librosa.feature.spectral_flatness(S=magnitude).mean()
+        assert grain['flatness'] == pytest.approx(flatness, rel=1e-3)
+        rolloff = librosa.feature.spectral_rolloff(S=magnitude, sr=rate, roll_percent=0.95).mean()
+        assert grain['rolloff95_hz'] == pytest.approx(rolloff, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_periodicity_of_real_recordings_as_essentia_has_it(recording):
+    essentia = pytest.importorskip('essentia.standard', reason='oracle: pip install essentia')
+    samples, rate, cuts, grains, silent = recording
+    pitch_yin = essentia.PitchYin(
+        frameSize=YIN_FRAME, sampleRate=rate, minFrequency=40, maxFrequency=4000, tolerance=0.15
+    )
+    theirs, ours = [], []
+    for (a, b), grain in zip(cuts[~silent], grains[~silent]):
+        part = samples[a:b]
+        frames = [part[i : i + YIN_FRAME].copy() for i in range(0, len(part) - YIN_FRAME + 1, HOP)]
+        if frames:
+            theirs.append(np.mean([pitch_yin(frame)[1] for frame in frames]))
+            ours.append(grain['periodicity_mean'])
+    if not theirs:
+        pytest.skip('no frame of 2048 samples in this recording')
+    assert np.abs(np.subtract(ours, theirs)).mean() <= 0.02
+    if len(ours) >= 5:
+        assert np.corrcoef(ours, theirs)[0, 1] >= 0.98
