@@ -6,9 +6,26 @@ import time
 from collections.abc import Callable, Collection
 
 from eol_ros.devices.bag_reader import BagMessage, BagReader
+from eol_ros.errors import ConfigError
 
 LATE_S = 0.5  # further behind than this, the clock is set anew instead of hurrying after it
 NAP_S = 0.1  # longest wait before stop and pause are looked at again
+
+
+def choose(bag: BagReader, asked: Collection[str], favourites: Collection[str]) -> list[str]:
+    """Return the full names of the topics `asked`, or of the first favourite that the bag has.
+
+    Raises ConfigError when there is none.
+    """
+    if asked:
+        return [bag.find(name) for name in asked]
+    for name in favourites:
+        if bag.counts.get(name):
+            return [name]
+    raise ConfigError(
+        f'{bag.path}: neither {" nor ".join(favourites)} in it; say which topics to play, there '
+        f'are {", ".join(t for t, n in bag.counts.items() if n) or "none"}'
+    )
 
 
 class BagPlayer:

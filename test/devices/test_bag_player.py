@@ -4,8 +4,9 @@
 import pytest
 from bag_samples import write_bag
 
-from eol_ros.devices.bag_player import BagPlayer
+from eol_ros.devices.bag_player import BagPlayer, choose
 from eol_ros.devices.bag_reader import BagReader
+from eol_ros.errors import ConfigError
 
 POINTS, TEXTS = '/eol/point', '/eol/text'
 
@@ -109,3 +110,10 @@ def test_far_behind_the_clock_is_set_anew(bag):
     steps = [b[0] - a[0] for a, b in zip(clock.given, clock.given[1:], strict=False)]
     assert steps[49] == pytest.approx(5.0)
     assert steps[51:] == pytest.approx([0.01] * 48)
+
+
+def test_which_topics_are_played(bag):
+    assert choose(bag, ['point', '/eol/text'], []) == [POINTS, TEXTS]
+    assert choose(bag, [], ['/eol/pictures', TEXTS, POINTS]) == [TEXTS]
+    with pytest.raises(ConfigError, match='neither /a nor /b in it.*there are /eol/point'):
+        choose(bag, [], ['/a', '/b'])

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A visit to the running graph from the command line: one node, until Ctrl-C, SIGTERM or done."""
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from eol_ros.ros import network
+
+
+class Session:
+    """`node` is on the graph; `run` lets it work."""
+
+    def __init__(self, node: Any, executor: Any):
+        self.node = node
+        self.stopped = False
+        self._executor = executor
+        executor.add_node(node)
+
+    def run(self, until: Callable[[], bool], seconds: float | None = None) -> bool:
+        """Spin until `until()` holds, the time is over, or a signal comes; return `until()`."""
+        end = None if seconds is None else time.monotonic() + seconds
+        while not self.stopped and not until():
+            if end is not None and time.monotonic() >= end:
+                break
+            self._executor.spin_once(timeout_sec=0.05)
+        return until()
+
+    def stop(self, *_signal: Any) -> None:
+        """End `run`."""
+        self.stopped = True
+
+
+@contextmanager
+def session(
+    make: Callable[[], Any] | None = None, reach: str = 'local', images: bool = False
+) -> Iterator[Session]:
+    """Start rclpy with transport `reach` (local, lan), and the node that `make` makes."""
+    network.configure(reach, images)
+    import rclpy
+    from rclpy.experimental.events_executor import EventsExecutor
+    from rclpy.node import Node
+    from rclpy.signals import SignalHandlerOptions
+
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = None
+    executor = EventsExecutor()
+    before = {}
+    try:
+        node = make() if make else Node(f'eol_cli_{os.getpid()}', namespace='eol')
+        visit = Session(node, executor)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            before[number] = signal.signal(number, visit.stop)
+        yield visit
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if node is not None:
+            if hasattr(node, 'close'):
+                node.close()
+            executor.remove_node(node)
+            node.destroy_node()
+        executor.shutdown(timeout_sec=1.0)
+        rclpy.try_shutdown()

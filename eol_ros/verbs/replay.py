@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol replay: play a bag into the graph."""
+
+import contextlib
+import json
+import select
+import sys
+from pathlib import Path
+
+from eol_ros.errors import UsageError
+
+HELP = 'Play a bag: the recorded bytes at the recorded times. Space pauses, Ctrl-C stops.'
+EXAMPLES = [
+    'eol replay bags                                # the newest bag in bags/',
+    'eol replay bags/rehearsal_2026-11-21_10-00-00 --rate 0.25',
+    'eol replay run_0.mcap --only camera/image_raw --loop',
+    'eol replay bags --only all --start 120',
+    'eol replay bags --list --json',
+]
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('bag', help='bag folder, .mcap file, or a folder of bags for its newest')
+    speed = parser.add_mutually_exclusive_group()
+    speed.add_argument('--rate', type=float, default=1.0, help='speed; 0.5 is half (default 1)')
+    speed.add_argument('--fast', action='store_true', help='as fast as the readers acknowledge')
+    parser.add_argument('--loop', action='store_true', help='begin again at the end')
+    parser.add_argument('--start', type=float, default=0.0, metavar='S', help='begin S seconds in')
+    parser.add_argument('--only', metavar='TOPICS',
+                        help='these, parted by commas, or all (default: the pictures, else blocks)')
+    parser.add_argument('--clock', action='store_true', help='publish the recorded time on /clock')
+    parser.add_argument('--wait', type=float, default=3.0, metavar='S',
+                        help='wait so long for a first reader (default 3)')
+    parser.add_argument('--lan', action='store_true', help='reach other machines too')
+    parser.add_argument('--list', action='store_true', help='say what is in the bag and end')
+    parser.add_argument('--json', action='store_true', help='with --list: as one JSON object')
+
+
+def run(args):
+    """Play it, or list it."""
+    from eol_ros.devices.bag_reader import BagReader
+
+    if not args.rate > 0:
+        raise UsageError(f'--rate {args.rate:g}: not a speed above 0')
+    if args.start < 0 or args.wait < 0:
+        raise UsageError('--start and --wait count seconds from 0')
+    bag = BagReader(args.bag)
+    for line in bag.cut_short:
+        print(line, file=sys.stderr)
+    if args.list:
+        _list(bag, args.json)
+        return 0
+    if args.start and args.start > bag.duration_s:
+        raise UsageError(f'--start {args.start:g}: the bag has {bag.duration_s:.1f} s')
+    topics = ()
+    if args.only:
+        full = [t for t, n in bag.counts.items() if n]
+        topics = tuple(full if args.only == 'all' else map(bag.find, args.only.split(',')))
+    return _play(args, topics)
+
+
+def _play(args, topics) -> int:
+    from eol_ros.ros.run import node_class
+    from eol_ros.ros.session import session
+    from eol_ros.settings import ReplaySettings
+
+    settings = ReplaySettings(
+        bag=str(Path(args.bag)), topics=topics, rate=args.rate, fast=args.fast, loop=args.loop,
+        start_s=args.start, clock=args.clock, wait_s=args.wait,
+    )  # fmt: skip
+    reach = 'lan' if args.lan else 'local'
+    replay = node_class('replay')
+    with session(lambda: replay(settings), reach, images=True) as visit, _keys() as key:
+        node = visit.node
+        print(f'{node.bag.path}: {", ".join(node.names)}', file=sys.stderr)
+
+        def over() -> bool:
+            if key() == ' ':
+                node.player.pause()
+            _show(node)
+            return node.state == 'over'
+
+        visit.run(over)
+        if sys.stderr.isatty():
+            print(file=sys.stderr)
+        print(f'{node.player.played} messages played', file=sys.stderr)
+    return 0
+
+
+def _show(node) -> None:
+    if sys.stderr.isatty():
+        state = 'paused' if node.player.paused else node.state
+        text = f'{node.player.position_s:8.1f} of {node.bag.duration_s:.1f} s  {state}'
+        print(f'\r{text:60}', end='', file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def _keys():
+    """Yield a function that returns the key pressed since the last call, without waiting."""
+    if not sys.stdin.isatty():
+        yield lambda: ''
+        return
+    import termios
+    import tty
+
+    before = termios.tcgetattr(sys.stdin)
+    tty.setcbreak(sys.stdin)
+    try:
+        yield lambda: sys.stdin.read(1) if select.select([sys.stdin], [], [], 0)[0] else ''
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+
+
+def _list(bag, as_json: bool) -> None:
+    if as_json:
+        rows = {
+            t.name: {'type': t.type, 'messages': bag.counts[t.name]} for t in bag.topics.values()
+        }
+        answer = {
+            'bag': str(bag.path), 'start_ns': bag.start_ns, 'duration_s': bag.duration_s,
+            'topics': rows, 'about': bag.about, 'gaps': bag.gaps, 'cut_short': bag.cut_short,
+        }  # fmt: skip
+        print(json.dumps(answer, indent=2))
+        return
+    print(f'{bag.path}  {bag.duration_s:.1f} s')
+    for topic in bag.topics.values():
+        print(f'{bag.counts[topic.name]:10}  {topic.name:32} {topic.type}')
+    for name, value in bag.gaps.items():
+        print(f'{name}: {value}')

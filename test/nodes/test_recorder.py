@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder over real DDS: what was published is what is in the bag, byte for byte."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import yaml
+from eol_msgs.msg import Blocks, GrainTrigger, Slip
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.serialization import serialize_message
+
+from eol_ros.devices.bag_reader import BagReader
+from eol_ros.errors import DeviceMissing
+from eol_ros.nodes.recorder import RecorderNode
+from eol_ros.ros.images import ImagePublisher
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.stamps import now_ns, to_msg
+from eol_ros.settings import MotionSettings, RecorderSettings
+
+
+class Giver(EolNode):
+    """Publishes what the test wants recorded."""
+
+    NAME = 'motion'
+
+    def __init__(self):
+        super().__init__(MotionSettings())
+        self.blocks, self.slips = self.publisher('blocks'), self.publisher('slips')
+        self.triggers = self.publisher('grain_triggers')
+        self.images = ImagePublisher(self, 'camera/image_raw')
+        self.sent = {'/eol/blocks': [], '/eol/slips': [], '/eol/grain_triggers': []}
+
+    def give(self, publisher, message):
+        message.header.stamp, message.header.frame_id = to_msg(now_ns()), 'table'
+        raw = bytes(serialize_message(message))  # sent as it is: padding differs from call to call
+        self.sent[publisher.topic_name].append(raw)
+        publisher.publish(raw)
+
+
+class Rig:
+    def __init__(self, *nodes):
+        self.executor, self.nodes = EventsExecutor(), nodes
+        for node in nodes:
+            self.executor.add_node(node)
+
+    def spin(self, until, seconds=15.0):
+        end = time.monotonic() + seconds
+        while not until() and time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.02)
+        assert until()
+
+    def close(self):
+        for node in self.nodes:
+            node.close()
+            self.executor.remove_node(node)
+            node.destroy_node()
+        self.executor.shutdown(timeout_sec=1.0)
+
+
+def matched(giver):
+    publishers = [giver.blocks, giver.slips, giver.triggers]
+    return all(p.get_subscription_count() for p in publishers)
+
+
+def record(tmp_path, **settings):
+    return RecorderNode(RecorderSettings(folder=str(tmp_path), min_free_gb=0.0, **settings))
+
+
+@pytest.mark.slow
+def test_the_bag_holds_the_bytes_that_were_published(ros, tmp_path):
+    recorder, giver = record(tmp_path, images='all'), Giver()
+    rig = Rig(recorder, giver)
+    rig.spin(lambda: matched(giver) and giver.images.subscribers())
+    images = np.random.default_rng(1).integers(0, 30, (40, 800, 1280), dtype=np.uint8)
+    for i in range(40):
+        giver.images.publish(now_ns(), images[i])
+        giver.give(giver.blocks, Blocks(image=i))
+        giver.give(giver.slips, Slip(slip=i, kind=1 + i % 2))
+        if i not in (7, 8):  # two triggers never reach the recorder
+            giver.give(giver.triggers, GrainTrigger(sequence=i))
+        rig.spin(lambda: True)
+    rig.spin(lambda: recorder.recording.message_count >= 158 and not recorder.recording.queued_mb)
+    rig.close()
+    bag = BagReader(tmp_path)
+    for topic, sent in giver.sent.items():
+        assert [m.data for m in bag.messages([topic])] == sent, topic
+    pictures = [m.data[-1024000:] for m in bag.messages(['/eol/camera/image_raw'])]
+    assert pictures == [image.tobytes() for image in images]
+    assert json.loads(bag.gaps['lost_before_recorder']) == {'/eol/grain_triggers': 2}
+    assert bag.topics['/eol/blocks'].type == 'eol_msgs/msg/Blocks'
+
+
+@pytest.mark.slow
+def test_without_pictures_the_recorder_does_not_even_take_them(ros, tmp_path):
+    recorder, giver = record(tmp_path, images='none'), Giver()
+    rig = Rig(recorder, giver)
+    rig.spin(lambda: matched(giver))
+    assert giver.images.subscribers() == 0
+    rig.close()
+    bag = BagReader(tmp_path)
+    assert '/eol/camera/image_raw' not in bag.topics
+    assert '/eol/sound_samples' not in bag.topics
+
+
+@pytest.mark.slow
+def test_pictures_are_kept_around_a_slip(ros, tmp_path):
+    recorder = record(tmp_path, images='around_slips', before_s=0.2, after_s=0.2)
+    giver = Giver()
+    rig = Rig(recorder, giver)
+    rig.spin(lambda: matched(giver) and giver.images.subscribers())
+    image, stamps, slip_ns = np.zeros((80, 100), np.uint8), [], 0
+    for i in range(60):
+        stamps.append(now_ns())
+        giver.images.publish(stamps[-1], image)
+        if i == 30:
+            slip_ns = stamps[-1]
+            giver.give(giver.slips, Slip(slip=1, kind=Slip.START))
+            giver.give(giver.slips, Slip(slip=1, kind=Slip.STOP))
+        end = time.monotonic() + 0.025
+        rig.spin(lambda end=end: time.monotonic() >= end)
+    rig.close()
+    times = [m.log_ns for m in BagReader(tmp_path).messages(['/eol/camera/image_raw'])]
+    assert 8 <= len(times) <= 40
+    assert min(times) >= slip_ns - 0.21e9
+    assert max(times) <= slip_ns + 0.6e9
+
+
+@pytest.mark.slow
+def test_kill_leaves_a_readable_bag_and_the_next_start_repairs_it(tmp_path):
+    command = [sys.executable, '-m', 'eol_ros.nodes.recorder', '--ros-args',
+               '-p', f'folder:={tmp_path}', '-p', 'images:=none', '-p', 'min_free_gb:=0.0']
+
+    def start():
+        return subprocess.Popen(command, stderr=subprocess.DEVNULL, env=os.environ)
+
+    def eventually(condition, seconds=30.0):
+        end = time.monotonic() + seconds
+        while not condition() and time.monotonic() < end:
+            time.sleep(0.1)
+        assert condition()
+
+    def messages():
+        parts = list(tmp_path.glob('*/*.mcap.part'))
+        return bool(parts) and sum(BagReader(parts[0]).counts.values()) >= 2
+
+    first = start()
+    eventually(messages)  # its own health, once a second
+    first.send_signal(signal.SIGKILL)
+    first.wait()
+    [part] = tmp_path.glob('*/*.mcap.part')
+    saved = [m.data for m in BagReader(part).messages()]
+    second = start()
+    eventually(lambda: not part.exists())
+    second.send_signal(signal.SIGTERM)
+    assert second.wait(timeout=10) == 0
+    whole = BagReader(part.with_suffix(''))
+    assert [m.data for m in whole.messages()] == saved
+    assert yaml.safe_load(whole.about['versions'])['mcap']
+    assert not list(tmp_path.glob('*/*.part'))
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(ros, tmp_path):
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(DeviceMissing, match='cannot be written'):
+        record(tmp_path / 'file' / 'bags')
+
+
+@pytest.mark.slow
+def test_the_recorder_imports_nothing_heavy():
+    code = (
+        'import sys, eol_ros.nodes.recorder; '
+        'print(sorted({"numba", "cv2", "scipy", "sounddevice", "aiohttp"} & set(sys.modules)))'
+    )
+    out = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == '[]'
