@@ -243,6 +243,7 @@ class ReplaySettings:
     fast: bool = setting(False, 'as fast as the readers take it, whatever rate says')
     loop: bool = setting(False, 'begin again at the end')
     start_s: float = setting(0.0, 'where to begin, from the first message', 's', 0)
+    wait_s: float = setting(60.0, 'longest wait for a first reader', 's', 0)
     clock: bool = setting(False, 'publish the recorded time on /clock')
 
 
