@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a simulation gives back, and what it may cost."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds of the work: no simulation runs on for ever."""
+
+    events: int = 4_000_000
+    steps: int = 20_000_000
+
+
+@dataclass(frozen=True)
+class Energy:
+    """The books of a run, in joules; what friction takes is heat."""
+
+    work_J: float  # noqa: N815 the unit is the name
+    kinetic_J: float  # noqa: N815 change since the start
+    elastic_J: float  # noqa: N815 change since the start
+    friction_J: float  # noqa: N815
+
+    @property
+    def residual_J(self) -> float:  # noqa: N802
+        """What the books miss."""
+        return self.work_J - self.kinetic_J - self.elastic_J - self.friction_J
+
+
+@dataclass
+class Run:
+    """Samples (k,), (k, n, 2), events (e,), and how it went."""
+
+    path: str
+    status: str
+    t: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    event_t: np.ndarray
+    event_block: np.ndarray
+    event_start: np.ndarray  # 1 breaks loose, 0 sticks
+    steps: int
+    t_reached: float
+    energy: Energy | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def sample_times(duration_s: float, sample_s: float) -> np.ndarray:
+    """Return 0, sample_s, 2 sample_s ... and the end."""
+    if duration_s <= 0:
+        return np.zeros(1)
+    count = int(np.floor(duration_s / sample_s * (1 + 1e-12)))
+    times = np.arange(count + 1) * sample_s
+    if duration_s - times[-1] > 1e-9 * duration_s:
+        times = np.append(times, duration_s)
+    times[-1] = min(times[-1], duration_s)
+    return times

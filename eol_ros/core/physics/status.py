@@ -1,0 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a simulation ended."""
+
+OK, STEP_LIMIT, EVENT_LIMIT, NOT_FINITE, STALLED = range(5)
+WORDS = ('ok', 'step limit', 'event limit', 'not finite', 'stalled')
