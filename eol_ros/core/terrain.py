@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One continuous landscape, cut into the covers of the blocks.
 
-Heights are sampled on one grid over the whole lattice; neighbouring covers take the same samples along
-their common edge, so the cut fits to the bit. Arrays are indexed [row (y away), column (x right)].
+Heights are sampled on one grid over the whole lattice; neighbouring covers take the same samples
+along their common edge, so the cut fits to the bit. Arrays are indexed [row (y away), column (x
+right)].
 """
 
 from dataclasses import dataclass
@@ -36,8 +37,9 @@ class CoverShape:
 def landscape(seed: int, rows: int = ROWS, cols: int = COLS, cells: int = 32) -> np.ndarray:
     """Return heights 0..1 on the grid of `rows` x `cols` covers of `cells` x `cells` squares each.
 
-    Ridged multifractal noise (Musgrave in Ebert et al., Texturing and Modeling, 3rd ed. 2003, ch. 16)
-    over a warped plane, with a flat sea where it lies low. Shape (rows * cells + 1, cols * cells + 1).
+    Ridged multifractal noise (Musgrave in Ebert et al., Texturing and Modeling, 3rd ed. 2003, ch.
+    16) over a warped plane, with a flat sea where it lies low. Shape (rows * cells + 1, cols *
+    cells + 1).
     """
     rng = np.random.default_rng(seed)
     y, x = np.meshgrid(
@@ -77,7 +79,7 @@ def _noise(rng: np.random.Generator, x: np.ndarray, y: np.ndarray) -> np.ndarray
 
 
 def fit(heights: np.ndarray, rows: int, cols: int, cells: int) -> np.ndarray:
-    """Return any height map (rows top to bottom, as a picture) as 0..1 heights on the covers' grid."""
+    """Return a height map (rows top to bottom, as a picture) as 0..1 on the covers' grid."""
     source = np.asarray(heights, float)[::-1]
     if source.ndim != 2 or min(source.shape) < 2:
         raise UsageError(f'a height map is a picture of 2 x 2 or more, not {source.shape}')
@@ -101,9 +103,9 @@ def tile(heights: np.ndarray, row: int, col: int, cells: int) -> np.ndarray:
 def cover_mesh(heights: np.ndarray, shape: CoverShape) -> np.ndarray:
     """Return one cover as triangles, shape (n, 3, 3) in mm, counter-clockwise from outside.
 
-    `heights` (cells + 1, cells + 1) in 0..1. The cover is a hollow cap, open below, centred on z = 0 at
-    its lower rim: landscape on top, straight sides, and a roof inside that follows the landscape at
-    one wall's thickness, so that light shines through it evenly.
+    `heights` (cells + 1, cells + 1) in 0..1. The cover is a hollow cap, open below, its lower rim
+    centred on the origin: landscape on top, straight sides, and a roof inside that follows the
+    landscape at one wall's thickness, so that light shines through it evenly.
     """
     shape.check()
     cells = heights.shape[0] - 1

@@ -8,6 +8,7 @@ broken is skipped and named; the others go on.
 
 import csv
 import io
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -155,6 +156,29 @@ class MediaFolder:
         if key not in self._good:
             self._good[key] = _broken(path)
         return f'{name}: {self._good[key]}' if self._good[key] else ''
+
+
+class LazyMedia:
+    """The same folder for who only hands out pictures; opened when the first is asked for."""
+
+    def __init__(self, path: str = ''):
+        self._path = path
+        self._folder: MediaFolder | None = None
+        self._looked_s = -1.0
+
+    def open_picture(self, name: str) -> Path | None:
+        """Return the file of a picture that some pair shows, or None."""
+        try:
+            if self._folder is None:
+                self._folder = MediaFolder(self._path)
+            found = self._folder.open_picture(name)
+            if found is None and time.monotonic() - self._looked_s > 1.0:
+                self._looked_s = time.monotonic()
+                self._folder.refresh()
+                found = self._folder.open_picture(name)
+            return found
+        except DeviceMissing:
+            return None
 
 
 def _stamp(path: Path) -> tuple[int, int]:

@@ -49,7 +49,9 @@ def test_neighbouring_edges_match_to_the_bit():
             assert np.array_equal(edge, match)
 
 
-@pytest.mark.parametrize('shape', [CoverShape(), CoverShape(60, 3, 5, 40), CoverShape(84, 0.8, 2, 0)])
+@pytest.mark.parametrize(
+    'shape', [CoverShape(), CoverShape(60, 3, 5, 40), CoverShape(84, 0.8, 2, 0)]
+)
 def test_each_cover_is_watertight(shape):
     trimesh = pytest.importorskip('trimesh')
     land = terrain.landscape(1, cells=CELLS)
@@ -62,7 +64,7 @@ def test_each_cover_is_watertight(shape):
 
 
 def test_volumes_add_up_to_the_whole_landscape():
-    """Solid covers (wall filled) would sum to the prism sum of the whole; the hollow ones to less."""
+    """Walls and hollows of all covers together fill the whole landscape's prism sum."""
     land = terrain.landscape(4, cells=CELLS)
     shape = CoverShape()
     z = shape.skirt_mm + shape.relief_mm * land

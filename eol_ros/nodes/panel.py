@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shows the graph to browsers, and takes what people ask for there."""
+
+import sys
+
+import numpy as np
+
+from eol_ros.core import terrain
+from eol_ros.devices.media_folder import LazyMedia
+from eol_ros.nodes.panel_bridge import PanelBridge
+from eol_ros.ros.blocks import blocks_from_cdr
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.run import runner
+from eol_ros.web import notices, wire
+from eol_ros.web.server import WebServer
+
+FOLLOW_S = 0.1  # so soon a stream begins after somebody looks
+STREAMS = {  # channel: topic, handed over as CDR bytes, packet for the pages
+    'blocks': ('blocks', True, lambda raw: _blocks(blocks_from_cdr(raw))),
+    'truth': ('truth', False, lambda m: wire.truth(
+        notices.seconds(m.header.stamp), (m.rim_x, m.rim_y, m.rim_yaw), np.array([m.x, m.y, m.yaw]),
+        m.moving)),
+    'image': ('camera/image/compressed', False, lambda m: wire.image(
+        notices.seconds(m.header.stamp), m.data)),
+    'meter': ('sound_meter', False, lambda m: wire.meter(
+        notices.seconds(m.header.stamp), m.wave_min, m.wave_max, m.spectrum_db, notices.meter(m))),
+    'sound': ('sound_samples', False, lambda m: wire.sound(
+        notices.seconds(m.header.stamp), m.sample_rate, m.channels, m.first, m.data)),
+    'leds': ('led_commands', False, lambda m: wire.leds(
+        notices.seconds(m.header.stamp), m.white, m.infrared)),
+    'slips': ('slips', False, lambda m: wire.text(notices.slip(m))),
+    'triggers': ('grain_triggers', False, lambda m: wire.text(notices.trigger(m))),
+}  # fmt: skip
+
+
+class PanelNode(EolNode):
+    """All topics -> web pages; streams are subscribed to only while somebody looks."""
+
+    NAME = 'panel'
+
+    def __init__(self, settings, **kwargs):
+        super().__init__(settings, **kwargs)
+        montage = self.scene.settings('montage')
+        self.media = LazyMedia(montage.pairs)
+        say = self.get_logger().warning
+        self.server = WebServer(
+            self.settings, PanelBridge(self), say, picture=self.media.open_picture)
+        self.documents = self.server.routes.documents
+        self.day, self.nodes, self.open_streams = notices.Day(), {}, {}
+        self.subscribe('wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s)))
+        self.subscribe('corpus', self.on_corpus)
+        self.subscribe('cascades', self.on_cascade)
+        self.subscribe('control', self.on_control)
+        self.subscribe('camera/camera_info', lambda m: self.tell(
+            'camera', {'t': 'camera', 'width': m.width, 'height': m.height}))
+        self.subscribe('/diagnostics', self.on_diagnostics)
+        heights = terrain.landscape(self.settings.terrain_seed)
+        self.documents['terrain'] = (heights * 65535).astype('<u2').tobytes()
+        self.server.start()
+        self.create_timer(FOLLOW_S, self.follow)
+        self.create_timer(1.0, self.report)
+        self.report()
+
+    def follow(self) -> None:
+        """Open the streams that somebody looks at, close the others."""
+        demand = self.server.hub.demand
+        for channel in demand - set(self.open_streams):
+            topic, raw, packet = STREAMS[channel]
+            self.open_streams[channel] = self.subscribe(
+                topic, lambda m, c=channel, p=packet: self.server.hub.put(c, p(m)), raw=raw)
+        for channel in set(self.open_streams) - demand:
+            self.destroy_subscription(self.open_streams.pop(channel))
+
+    def tell(self, name: str, notice: dict) -> None:
+        self.health.tick()
+        self.server.hub.put('notices', wire.text(notice), sticky=name)
+
+    def on_corpus(self, message) -> None:
+        self.documents['corpus'] = wire.text(notices.corpus(message)).encode()
+        self.tell('corpus', {'t': 'corpus', 'digest': message.digest, 'radius': message.radius})
+
+    def on_cascade(self, message) -> None:
+        self.day.add(message)
+        self.tell('cascades', self.day.notice())
+
+    def on_control(self, message) -> None:
+        if message.command in ('mute', 'unmute'):
+            self.tell('mute', {'t': 'mute', 'on': message.command == 'mute'})
+        elif message.command == 'test':
+            self.server.hub.put('notices', wire.text({'t': 'test'}))
+
+    def on_diagnostics(self, message) -> None:
+        for status in message.status:
+            if status.name.startswith('eol: '):
+                notice = notices.health(status)
+                self.nodes[notice['node']] = notice
+                self.tell(f'health {notice["node"]}', notice)
+        self.documents['status'] = wire.text(self.nodes).encode()
+
+    def report(self) -> None:
+        viewers = len(self.server.hub.viewers)
+        skew_ms = round(self.server.routes.skew_ms, 1)
+        self.health.values.update(viewers=viewers, wall_skew_ms=skew_ms)
+        self.health.ok(f'{self.server.address}, {viewers} viewers')
+
+    def close(self) -> None:
+        self.server.stop()
+
+
+def _blocks(message) -> bytes:
+    return wire.blocks(
+        message.stamp_ns * 1e-9, message.state, message.symmetry_ambiguous, message.blocks)
+
+
+main = runner(PanelNode)
+
+if __name__ == '__main__':
+    sys.exit(main())

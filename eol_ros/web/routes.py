@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is answered to which address, and to whom."""
+
+import asyncio
+import hashlib
+import json
+import mimetypes
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from aiohttp import WSCloseCode, WSMsgType, web
+
+from eol_ros.errors import EolError
+from eol_ros.web import guard
+from eol_ros.web.controls import CONTROLS
+from eol_ros.web.hub import Hub, Viewer
+from eol_ros.web.visitor import Visitor
+
+STATIC = Path(__file__).parent / 'static'
+PAGES = {
+    '/': 'panel.html',
+    '/table': 'table.html',
+    '/wall/left': 'wall.html',
+    '/wall/right': 'wall.html',
+}
+MAX_BODY = 4096
+MAX_MESSAGE = 4096
+CHANGE_TIMEOUT_S = 2.0
+
+mimetypes.add_type('text/javascript', '.js')
+mimetypes.add_type('application/json', '.json')
+
+
+class Routes:
+    """The handlers. `documents` are what pages fetch: `/terrain`, `/corpus`, `/status`."""
+
+    def __init__(
+        self,
+        settings: Any,
+        hub: Hub,
+        bridge: Any,
+        say: Callable[[str], None],
+        picture: Callable[[str], Path | None] = lambda name: None,
+    ):
+        self.settings, self.hub, self.bridge, self.say = settings, hub, bridge, say
+        self.picture = picture
+        self.pin = guard.PinGate(settings.pin)
+        self.open = not guard.is_loopback(settings.host)
+        self.documents: dict[str, bytes] = {}
+        self.skew_ms = 0.0
+        self._flips: dict[str, tuple[int, float]] = {}
+        self._sockets: set[web.WebSocketResponse] = set()
+        self._files = {
+            path.relative_to(STATIC).as_posix(): _File(path)
+            for path in sorted(STATIC.rglob('*'))
+            if path.is_file()
+        }
+
+    def application(self) -> web.Application:
+        """Return the aiohttp application."""
+        app = web.Application(middlewares=[self._gate], client_max_size=MAX_BODY)
+        for address, page in PAGES.items():
+            app.router.add_get(address, self._page(page))
+        app.router.add_get('/static/{name:.+}', self._static)
+        app.router.add_get('/media/{name:.+}', self._media)
+        for name in ('terrain', 'corpus', 'status'):
+            app.router.add_get(f'/{name}', self._document(name))
+        app.router.add_get('/live', self._live)
+        app.router.add_post('/pin', self._check_pin)
+        app.router.add_post('/control/{name}', self._control)
+        return app
+
+    async def close(self) -> None:
+        """Say goodbye to every viewer."""
+        closing = [s.close(code=WSCloseCode.GOING_AWAY) for s in self._sockets]
+        await asyncio.wait_for(asyncio.gather(*closing, return_exceptions=True), 2.0)
+
+    @web.middleware
+    async def _gate(self, request: web.Request, handler: Any) -> web.StreamResponse:
+        """Refuse foreign hosts and origins; put the headers on everything."""
+        host, origin = request.headers.get('Host', ''), request.headers.get('Origin')
+        try:
+            if not guard.host_allowed(host, self.open, self.settings.names):
+                self.say(f'refused host: {host[:60]!r} (panel.names allows further ones)')
+                response: web.StreamResponse = _error(403, 'this host name is not served')
+            elif not guard.same_origin(origin, host):
+                self.say(f'refused origin: {origin[:60]!r} from {request.remote}')
+                response = _error(403, 'requests from other sites are refused')
+            else:
+                response = await handler(request)
+        except web.HTTPException as error:
+            response = _error(error.status, error.reason)
+        if not response.prepared:
+            for name, value in guard.HEADERS.items():
+                response.headers.setdefault(name, value)
+        return response
+
+    def _page(self, page: str) -> Any:
+        async def handler(request: web.Request) -> web.Response:
+            return self._files[page].response(request)
+
+        return handler
+
+    async def _static(self, request: web.Request) -> web.Response:
+        file = self._files.get(request.match_info['name'])
+        return file.response(request) if file else _error(404, 'no such file')
+
+    def _document(self, name: str) -> Any:
+        async def handler(request: web.Request) -> web.Response:
+            body = self.documents.get(name)
+            if body is None:
+                return _error(404, f'no {name} yet')
+            kind = 'application/octet-stream' if name == 'terrain' else 'application/json'
+            return web.Response(body=body, content_type=kind, headers={'Cache-Control': 'no-store'})
+
+        return handler
+
+    async def _media(self, request: web.Request) -> web.StreamResponse:
+        name = request.match_info['name']
+        path = await asyncio.get_running_loop().run_in_executor(None, self.picture, name)
+        if path is None or not path.is_file():
+            return _error(404, 'no such picture')
+        response = web.FileResponse(path)
+        # A picture acts on nothing, whatever an SVG file says.
+        response.headers['Content-Security-Policy'] = (
+            "default-src 'none'; style-src 'unsafe-inline'"
+        )
+        response.headers['Cache-Control'] = 'max-age=5'
+        return response
+
+    def _pin_state(self, request: web.Request, given: str | None = None) -> str:
+        if given is None:
+            given = request.headers.get('X-Pin', '')
+        return self.pin.check(given, request.remote or '', time.monotonic())
+
+    async def _check_pin(self, request: web.Request) -> web.Response:
+        state = self._pin_state(request)
+        return web.json_response({'ok': True}) if state == 'ok' else self._refusal(request, state)
+
+    def _refusal(self, request: web.Request, state: str) -> web.Response:
+        if state == 'locked':
+            self.say(f'PIN: too many wrong ones from {request.remote}')
+            return _error(429, 'too many wrong PINs, wait a minute')
+        return _error(401, 'the PIN is asked for')
+
+    async def _control(self, request: web.Request) -> web.Response:
+        control = CONTROLS.get(request.match_info['name'])
+        if control is None:
+            return _error(404, f'controls are: {", ".join(CONTROLS)}')
+        if (state := self._pin_state(request)) != 'ok':
+            return self._refusal(request, state)
+        try:
+            body = json.loads(await request.text() or '{}')
+        except (ValueError, RecursionError):
+            return _error(400, 'the request is not JSON')
+        try:
+            fields = control.read(body)
+        except EolError as error:
+            return _error(400, str(error))
+        source = f'panel {request.remote}'
+        if control.settings:
+            values = {key: fields[name] for key, name in control.settings.items()}
+            why = await self._change(control.target, values)
+            if why:
+                return _error(409, why)
+            for key, value in values.items():
+                self.bridge.control('set', control.target, key, json.dumps(value), source)
+        elif control.command == 'play':
+            self.bridge.play(fields['grain'])
+        else:
+            self.bridge.control(
+                control.command, control.target, control.key, control.value(fields), source
+            )
+        return web.json_response({'ok': True})
+
+    async def _change(self, node: str, values: dict[str, Any]) -> str:
+        loop = asyncio.get_running_loop()
+        answer: asyncio.Future[str] = loop.create_future()
+
+        def done(why: str) -> None:
+            loop.call_soon_threadsafe(lambda: answer.done() or answer.set_result(why))
+
+        self.bridge.change(node, values, done)
+        try:
+            return await asyncio.wait_for(answer, CHANGE_TIMEOUT_S)
+        except asyncio.TimeoutError:
+            return f'{node} does not answer'
+
+    async def _live(self, request: web.Request) -> web.StreamResponse:
+        if len(self.hub.viewers) >= self.settings.viewers:
+            self.say(f'too many viewers: {self.settings.viewers} are connected (panel.viewers)')
+            return _error(503, 'too many viewers')
+        socket = web.WebSocketResponse(heartbeat=10.0, max_msg_size=MAX_MESSAGE, compress=False)
+        if not socket.can_prepare(request).ok:
+            return _error(400, 'a WebSocket is spoken here')
+        socket.headers.update(guard.HEADERS)
+        await socket.prepare(request)
+        viewer = self.hub.join()
+        visitor = Visitor(self, viewer, request)
+        self._sockets.add(socket)
+        sender = asyncio.create_task(_send(socket, viewer, visitor.hello()))
+        try:
+            async for message in socket:
+                if message.type == WSMsgType.TEXT:
+                    why = visitor.take(message.data)
+                elif message.type == WSMsgType.ERROR:
+                    break
+                else:
+                    why = 'only text is taken'
+                if why:
+                    self.say(f'refused message: {why} (from {request.remote})')
+                    await socket.close(
+                        code=WSCloseCode.POLICY_VIOLATION, message=why.encode()[:100]
+                    )
+                    break
+            if socket.close_code == WSCloseCode.MESSAGE_TOO_BIG:
+                self.say(
+                    f'refused message: longer than {MAX_MESSAGE} bytes (from {request.remote})'
+                )
+        finally:
+            sender.cancel()
+            self._sockets.discard(socket)
+            self.hub.leave(viewer)
+            visitor.leave()
+        return socket
+
+    def flipped(self, side: str, change: int, time_ms: float) -> None:
+        """A wall says when it changed; with both sides of one change, their skew is known."""
+        self._flips[side] = (change, time_ms)
+        left, right = self._flips.get('left'), self._flips.get('right')
+        if left and right and left[0] == right[0]:
+            self.skew_ms = abs(left[1] - right[1])
+
+    def pin_state(self, request: web.Request, given: str) -> str:
+        """Return what the gate says to a PIN that came over the WebSocket."""
+        return self._pin_state(request, given)
+
+
+async def _send(socket: web.WebSocketResponse, viewer: Viewer, hello: str) -> None:
+    """Send what waits for a viewer; a slow one waits here, alone."""
+    try:
+        await socket.send_str(hello)
+        while True:
+            for payload in await viewer.take():
+                if isinstance(payload, str):
+                    await socket.send_str(payload)
+                else:
+                    await socket.send_bytes(payload)
+    except (ConnectionError, RuntimeError):
+        return  # the browser went away; the reader notices by itself
+
+
+class _File:
+    """One static file, held in memory."""
+
+    def __init__(self, path: Path):
+        self.body = path.read_bytes()
+        self.kind = mimetypes.guess_type(path.name)[0] or 'application/octet-stream'
+        self.etag = f'"{hashlib.sha256(self.body).hexdigest()[:16]}"'
+
+    def response(self, request: web.Request) -> web.Response:
+        headers = {'ETag': self.etag, 'Cache-Control': 'no-cache'}
+        if request.headers.get('If-None-Match') == self.etag:
+            return web.Response(status=304, headers=headers)
+        charset = 'utf-8' if self.kind.startswith(('text/', 'application/json')) else None
+        return web.Response(
+            body=self.body, content_type=self.kind, charset=charset, headers=headers
+        )
+
+
+def _error(status: int, why: str) -> web.Response:
+    return web.json_response({'error': why}, status=status)
+
+
+def describe() -> str:
+    """Return the route table as Markdown, for docs/web.md."""
+    rows = ['| route | what |', '| --- | --- |']
+    for control in CONTROLS.values():
+        takes = ', '.join(f'`{item.name}`' for item in control.takes)
+        rows.append(
+            f'| `POST /control/{control.name}` | {control.doc}'
+            + (f'; takes {takes} |' if takes else ' |')
+        )
+    return '\n'.join(rows)

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The server: one thread with one event loop beside the node's executor.
+
+It knows no ROS. What it wants from the graph goes through a `Bridge`; what the graph has for
+viewers comes through `Hub.put`.
+"""
+
+import asyncio
+import errno
+import logging
+import resource
+import socket
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from aiohttp import web
+
+from eol_ros.errors import DeviceMissing, EolError
+from eol_ros.web import guard, wire
+from eol_ros.web.hub import Hub
+from eol_ros.web.routes import Routes
+
+TICK_S = 1.0
+SPARE_CONNECTIONS = 128  # pages and pictures beside the viewers' sockets
+
+
+class Bridge(Protocol):
+    """What the server asks of the graph; every method may be called from the server's thread."""
+
+    def control(self, command: str, target: str, key: str, value: str, source: str) -> None:
+        """Publish a request of a person."""
+
+    def change(self, node: str, values: dict[str, Any], done: Callable[[str], None]) -> None:
+        """Set live settings; `done` is called with an empty text or with why not."""
+
+    def rim(self, source: str, velocity: tuple[float, float, float], hold_s: float) -> None:
+        """Push the rim of the twin."""
+
+    def play(self, grain: int) -> None:
+        """Sound one grain."""
+
+
+class _Lines(logging.Handler):
+    """Turns whatever the HTTP library reports into one line."""
+
+    def __init__(self, say: Callable[[str], None]):
+        super().__init__(logging.WARNING)
+        self._say = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        cause = record.exc_info[1] if record.exc_info else None
+        text = record.getMessage().splitlines()[0]
+        self._say(f'{text}: {cause!r}' if cause else text)
+
+
+class WebServer:
+    """Serves the pages from `start` to `stop`.
+
+    Raises ConfigError when it would stand open without a PIN, DeviceMissing when the address cannot
+    be had.
+    """
+
+    def __init__(
+        self, settings: Any, bridge: Bridge, say: Callable[[str], None] = print, **pages: Any
+    ):
+        guard.check_settings(settings.host, settings.pin)
+        self.hub = Hub()
+        self.settings = settings
+        self._say = say
+        self._said: dict[str, float] = {}
+        self.routes = Routes(settings, self.hub, bridge, self.say, **pages)
+        self._socket = _listen(settings.host, settings.port)
+        self.port = self._socket.getsockname()[1]
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._run, name='web', daemon=True)
+        self._ready = threading.Event()
+        self._failure: BaseException | None = None
+
+    @property
+    def address(self) -> str:
+        """Where a browser finds the panel."""
+        host = self.settings.host
+        if host in ('0.0.0.0', '::'):
+            host = socket.gethostname()
+        return f'http://[{host}]:{self.port}' if ':' in host else f'http://{host}:{self.port}'
+
+    def say(self, text: str) -> None:
+        """Report one line; the same kind of line at most every 5 s."""
+        kind, now = text.partition(':')[0], time.monotonic()
+        if now - self._said.get(kind, -1e9) >= 5.0:
+            self._said[kind] = now
+            self._say(text)
+
+    def start(self) -> None:
+        """Serve from now on."""
+        self._thread.start()
+        self._ready.wait(10.0)
+        if self._failure:
+            raise DeviceMissing(f'panel: cannot serve: {self._failure}')
+
+    def stop(self) -> None:
+        """Close every connection and end the thread."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._stopping.set)
+            self._thread.join(5.0)
+        self._socket.close()
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._serve())
+        except BaseException as error:
+            self._failure = error
+            if not isinstance(error, EolError):
+                self.say(f'web server: {error!r}')
+        finally:
+            self._ready.set()
+            self._loop.close()
+
+    async def _serve(self) -> None:
+        self._stopping = asyncio.Event()
+        self.hub.attach(self._loop)
+        self._loop.set_exception_handler(self._on_loop_error)
+        log = logging.Logger('eol.web')
+        log.addHandler(_Lines(self.say))
+        runner = web.AppRunner(
+            self.routes.application(),
+            access_log=None,
+            logger=log,
+            keepalive_timeout=15.0,
+            shutdown_timeout=1.0,
+        )
+        await runner.setup()
+        most = self.settings.viewers + SPARE_CONNECTIONS
+        _allow_files(most + 256)
+        server = await self._loop.create_server(
+            _Limited(runner.server, most, self.say), sock=self._socket, backlog=256
+        )
+        ticking = self._loop.create_task(self._tick())
+        self._ready.set()
+        await self._stopping.wait()
+        ticking.cancel()
+        server.close()
+        await self.routes.close()
+        await runner.cleanup()
+
+    async def _tick(self) -> None:
+        """Tell all viewers that we live, and how old what they look at is."""
+        while True:
+            await asyncio.sleep(TICK_S)
+            if self.hub.viewers:
+                tick = {'t': 'tick', 'now': time.time(), 'viewers': len(self.hub.viewers)}
+                self.hub.put('notices', wire.text(tick))
+
+    def _on_loop_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        self.say(f'web: {context.get("exception") or context.get("message")}')
+
+
+class _Limited:
+    """Accepts connections up to a number; the rest are closed at once, without a word."""
+
+    def __init__(self, server: Any, most: int, say: Callable[[str], None]):
+        self._server, self._most, self._say = server, most, say
+
+    def __call__(self) -> asyncio.Protocol:
+        if len(self._server.connections) >= self._most:
+            self._say(f'too many connections: more than {self._most} at once, the rest are refused')
+            return _Refusal()
+        return self._server()
+
+
+class _Refusal(asyncio.Protocol):
+    def connection_made(self, transport: Any) -> None:
+        transport.abort()
+
+
+def _allow_files(count: int) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft != resource.RLIM_INFINITY and soft < count:
+        most = count if hard == resource.RLIM_INFINITY else min(count, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """Return a bound socket; raises DeviceMissing in one line."""
+    try:
+        family, kind, proto, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+    except OSError as error:
+        raise DeviceMissing(f'panel.host: {host}: {error.strerror or error}') from None
+    sock = socket.socket(family, kind, proto)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    sock.setblocking(False)
+    try:
+        sock.bind(address)
+        sock.listen(256)
+    except OSError as error:
+        sock.close()
+        if error.errno == errno.EADDRINUSE:
+            raise DeviceMissing(
+                f'panel.port: {port} on {host} is taken; stop the other program or set another port'
+            ) from None
+        raise DeviceMissing(f'panel: {host}:{port}: {error.strerror}') from None
+    return sock

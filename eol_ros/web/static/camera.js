@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: Apache-2.0
+// The live infrared picture with the outlines, ids and states of the blocks over it.
+
+import { fit, fontPx, INK, MOVE, QUIET, THREAD } from './paint.js';
+import { say } from './i18n.js';
+
+const BLOCK_M = 0.084;
+
+export class CameraView {
+  constructor(card) {
+    this.canvas = card.querySelector('canvas');
+    this.histogram = card.querySelector('#histogram');
+    this.slider = card.querySelector('#threshold');
+    this.row = card.querySelector('#threshold-row');
+    this.buttons = [...card.querySelectorAll('[data-view]')];
+    this.size = { width: 1280, height: 800 };
+    this.outlines = true;
+    this.level = Number(this.slider.value);
+    for (const button of this.buttons) button.onclick = () => this.show(button.dataset.view);
+    this.slider.oninput = () => {
+      this.level = Number(this.slider.value);
+      this.slider.nextElementSibling.value = this.level;
+      this.dirty = true;
+    };
+    this.slider.oninput();
+    const toggle = card.querySelector('#outlines');
+    this.toggleOutlines = () => {
+      this.outlines = !this.outlines;
+      toggle.setAttribute('aria-pressed', this.outlines);
+      this.dirty = true;
+    };
+    toggle.onclick = this.toggleOutlines;
+    this.onview = () => {};
+    this.show('source');
+  }
+
+  show(view) {
+    this.view = view;
+    for (const button of this.buttons) button.setAttribute('aria-pressed', button.dataset.view === view);
+    this.row.hidden = view !== 'threshold';
+    this.canvas.dataset.view = view;
+    this.dirty = true;
+    this.onview(view);
+  }
+
+  async take({ data, stamp }) {
+    if (this.view === 'off' || this.decoding) return; // newest wins: one at a time
+    this.decoding = true;
+    try {
+      const picture = await createImageBitmap(new Blob([new Uint8Array(data, 16)], { type: 'image/jpeg' }));
+      if (this.picture) this.picture.close();
+      this.picture = picture;
+      this.stamp = stamp;
+      this.canvas.dataset.images = Number(this.canvas.dataset.images || 0) + 1;
+      this.dirty = true;
+    } catch {
+      // a picture cut off on its way: the next one comes in 0.1 s
+    }
+    this.decoding = false;
+  }
+
+  blocks(blocks, moving) {
+    this.seen = blocks;
+    this.moving = moving;
+    this.dirty = true;
+  }
+
+  draw() {
+    if (!this.dirty) return;
+    this.dirty = false;
+    const { brush, w, h } = fit(this.canvas);
+    brush.fillStyle = '#000';
+    brush.fillRect(0, 0, w, h);
+    if (this.view !== 'off' && this.picture) {
+      if (this.view === 'threshold') this.drawThreshold(brush, w, h);
+      else brush.drawImage(this.picture, 0, 0, w, h);
+    }
+    if (this.view === 'off') {
+      brush.fillStyle = QUIET;
+      brush.font = `300 ${fontPx(1)}px system-ui`;
+      brush.textAlign = 'center';
+      brush.fillText(say('picture_off'), w / 2, 2 * fontPx(1));
+    }
+    if (this.outlines && this.seen) this.drawBlocks(brush, w, h);
+  }
+
+  drawThreshold(brush, w, h) {
+    const small = (this.small ??= new OffscreenCanvas(1, 1));
+    small.width = this.picture.width;
+    small.height = this.picture.height;
+    const pen = small.getContext('2d', { willReadFrequently: true });
+    pen.drawImage(this.picture, 0, 0);
+    const pixels = pen.getImageData(0, 0, small.width, small.height);
+    const data = new Uint32Array(pixels.data.buffer);
+    const counts = new Uint32Array(256);
+    for (let i = 0; i < data.length; i++) {
+      const grey = data[i] & 255;
+      counts[grey]++;
+      data[i] = grey >= this.level ? 0xffffffff : 0xff000000;
+    }
+    pen.putImageData(pixels, 0, 0);
+    brush.drawImage(small, 0, 0, w, h);
+    this.drawHistogram(counts);
+  }
+
+  drawHistogram(counts) {
+    const brush = this.histogram.getContext('2d');
+    const { width, height } = this.histogram;
+    brush.clearRect(0, 0, width, height);
+    const most = Math.log1p(Math.max(...counts));
+    for (let i = 0; i < 256; i++) {
+      const tall = (height * Math.log1p(counts[i])) / most;
+      brush.fillStyle = i >= this.level ? INK : '#5d6972';
+      brush.fillRect(i, height - tall, 1, tall);
+    }
+    brush.fillStyle = THREAD;
+    brush.fillRect(this.level, 0, 1, height);
+  }
+
+  drawBlocks(brush, w, h) {
+    const { rows } = this.seen;
+    const k = w / this.size.width;
+    const side = BLOCK_M * pixelsPerMetre(rows) * k;
+    const size = Math.max(fontPx(0.72), 9);
+    brush.textAlign = 'center';
+    brush.textBaseline = 'middle';
+    for (let id = 0; id < 25; id++) {
+      const at = id * 8;
+      const [u, v, seen] = [rows[at + 3] * k, rows[at + 4] * k, rows[at + 7]];
+      if (!Number.isFinite(u + v)) continue;
+      brush.save();
+      brush.translate(u, v);
+      brush.strokeStyle = this.moving[id] ? MOVE : seen ? INK : QUIET;
+      brush.lineWidth = this.moving[id] ? 2.5 : 1.2;
+      brush.setLineDash(seen ? [] : [3, 3]);
+      brush.save();
+      brush.rotate(-rows[at + 2]);
+      brush.strokeRect(-side / 2, -side / 2, side, side);
+      brush.restore();
+      brush.font = `400 ${size}px ui-monospace, monospace`;
+      brush.lineWidth = 3;
+      brush.setLineDash([]);
+      brush.strokeStyle = '#000c';
+      brush.strokeText(id, side / 2 + size * 0.8, -side / 2);
+      brush.fillStyle = this.moving[id] ? MOVE : seen ? INK : QUIET;
+      brush.fillText(id, side / 2 + size * 0.8, -side / 2);
+      brush.restore();
+    }
+  }
+}
+
+// From the blocks themselves: pixels against metres over the widest pair.
+function pixelsPerMetre(rows) {
+  let [metres, pixels] = [0, 0];
+  for (let i = 0; i < 24; i++) {
+    const [a, b] = [i * 8, 24 * 8];
+    const far = Math.hypot(rows[a] - rows[b], rows[a + 1] - rows[b + 1]);
+    if (far > metres) {
+      metres = far;
+      pixels = Math.hypot(rows[a + 3] - rows[b + 3], rows[a + 4] - rows[b + 4]);
+    }
+  }
+  return metres > 0.05 ? pixels / metres : 545;
+}

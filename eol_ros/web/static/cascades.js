@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+// Cascades of today: how many reached at least an area A, both axes logarithmic.
+
+import { EDGE, fit, fontPx, INK, QUIET, THREAD } from './paint.js';
+import { say } from './i18n.js';
+
+export class CascadeView {
+  constructor(card) {
+    this.canvas = card.querySelector('canvas');
+    this.count = card.querySelector('#cascade-count');
+    this.last = card.querySelector('#last-cascade');
+    this.dirty = true;
+  }
+
+  take(day) {
+    this.day = day;
+    this.dirty = true;
+  }
+
+  draw() {
+    if (!this.dirty) return;
+    this.dirty = false;
+    const areas = this.day ? this.day.areas : [];
+    const total = areas.reduce((sum, n) => sum + n, 0);
+    const largest = areas.reduce((most, n, area) => (n ? area : most), 0);
+    this.count.textContent = say('cascade_words', { total, largest });
+    this.canvas.dataset.total = total;
+    this.drawLaw(areas, total);
+    const newest = this.day && this.day.recent[this.day.recent.length - 1];
+    if (newest) {
+      const [onset, nucleus, area, size, duration] = newest;
+      const time = new Date(onset * 1000).toLocaleTimeString(document.documentElement.lang);
+      this.last.textContent = say('last_cascade', { time, nucleus, area, size, duration: duration.toFixed(2) });
+    }
+  }
+
+  drawLaw(areas, total) {
+    const { brush, w, h } = fit(this.canvas);
+    const size = fontPx(0.74);
+    const [left, right, top, low] = [size * 3.4, size, size, h - size * 2.6];
+    const decades = Math.max(Math.ceil(Math.log10(Math.max(total, 2))), 1);
+    const x = (area) => left + ((w - left - right) * Math.log10(area)) / Math.log10(30);
+    const y = (count) => low - ((low - top) * Math.log10(count)) / decades;
+    brush.font = `300 ${size}px system-ui`;
+    brush.fillStyle = QUIET;
+    brush.strokeStyle = EDGE;
+    brush.lineWidth = 1;
+    brush.textBaseline = 'middle';
+    brush.textAlign = 'right';
+    for (let d = 0; d <= decades; d++) {
+      line(brush, left, y(10 ** d), w - right, y(10 ** d));
+      brush.fillText(String(10 ** d), left - 6, y(10 ** d));
+    }
+    brush.textAlign = 'center';
+    brush.textBaseline = 'top';
+    for (const area of [1, 2, 5, 10, 25]) {
+      line(brush, x(area), top, x(area), low);
+      brush.fillText(area, x(area), low + 4);
+    }
+    brush.fillText(say('law_x'), (left + w - right) / 2, low + 4 + size * 1.15);
+    brush.save();
+    brush.translate(size * 0.9, (top + low) / 2);
+    brush.rotate(-Math.PI / 2);
+    brush.textBaseline = 'middle';
+    brush.fillText('N(\u2265A)', 0, 0);
+    brush.restore();
+    if (!total) return;
+    let above = total;
+    const points = [];
+    for (let area = 1; area <= 25 && above > 0; area++) {
+      points.push([x(area), y(above)]);
+      above -= areas[area];
+    }
+    brush.strokeStyle = THREAD;
+    brush.lineWidth = 1.6;
+    brush.beginPath();
+    points.forEach(([px, py], i) => {
+      if (i) brush.lineTo(px, points[i - 1][1]);
+      brush.lineTo(px, py);
+    });
+    brush.stroke();
+    brush.fillStyle = INK;
+    for (const [px, py] of points) {
+      brush.beginPath();
+      brush.arc(px, py, 2.4, 0, 7);
+      brush.fill();
+    }
+  }
+}
+
+function line(brush, x0, y0, x1, y1) {
+  brush.beginPath();
+  brush.moveTo(x0, y0);
+  brush.lineTo(x1, y1);
+  brush.stroke();
+}

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// Hands on the rim: mouse, fingers and keys become velocities of the rim.
+//
+// A held point is pulled to the pointer as by a short stiff spring. One finger off the centre turns the
+// rim as it would on a table: of all motions that bring the point along, the one of least effort,
+// |v|^2 + (rho w)^2 with rho the rim's radius of gyration. Two fingers fix both place and angle.
+
+const GAIN = 14; // 1/s, how fast the held point follows
+const RHO = 0.39; // m, of a thin square of 0.96 m: side / sqrt(6)
+const KEY_MPS = 0.1;
+const KEY_RADPS = 0.35;
+const PERIOD_MS = 16;
+
+export class Hands {
+  constructor(canvas, link, toTable) {
+    this.canvas = canvas;
+    this.link = link;
+    this.toTable = toTable; // client x, y -> metres
+    this.pose = [0, 0, 0];
+    this.fingers = new Map(); // id -> {x, y: where the pointer is, grip: point in the rim's own frame}
+    this.keys = new Set();
+    this.still = true;
+    canvas.onpointerdown = (event) => this.down(event);
+    canvas.onpointermove = (event) => this.move(event);
+    for (const name of ['pointerup', 'pointercancel', 'lostpointercapture']) {
+      canvas.addEventListener(name, (event) => this.up(event));
+    }
+    canvas.oncontextmenu = (event) => event.preventDefault();
+    addEventListener('keydown', (event) => this.key(event, true));
+    addEventListener('keyup', (event) => this.key(event, false));
+    addEventListener('blur', () => this.keys.clear());
+    setInterval(() => this.push(), PERIOD_MS);
+  }
+
+  get holding() {
+    return this.fingers.size + this.keys.size > 0;
+  }
+
+  inRim(x, y) {
+    const [rx, ry, yaw] = this.pose;
+    const [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+    return [c * (x - rx) + s * (y - ry), -s * (x - rx) + c * (y - ry)];
+  }
+
+  down(event) {
+    if (this.fingers.size >= 2) return;
+    const [x, y] = this.toTable(event.clientX, event.clientY);
+    this.canvas.setPointerCapture(event.pointerId);
+    this.fingers.set(event.pointerId, { x, y, grip: this.inRim(x, y), turn: event.button === 2 || event.shiftKey });
+    this.canvas.classList.add('held');
+  }
+
+  move(event) {
+    const finger = this.fingers.get(event.pointerId);
+    if (finger) [finger.x, finger.y] = this.toTable(event.clientX, event.clientY);
+  }
+
+  up(event) {
+    this.fingers.delete(event.pointerId);
+    if (!this.fingers.size) this.canvas.classList.remove('held');
+  }
+
+  key(event, pressed) {
+    const known = ['arrowleft', 'arrowright', 'arrowup', 'arrowdown', 'q', 'e', 'shift'];
+    const name = event.key.toLowerCase();
+    if (event.ctrlKey || event.metaKey || event.altKey || !known.includes(name)) return;
+    if (/INPUT/.test(event.target.tagName)) return;
+    if (pressed) this.keys.add(name);
+    else this.keys.delete(name);
+    if (name !== 'shift') event.preventDefault();
+  }
+
+  // The velocity that the hands want now, [vx, vy, yaw rate].
+  velocity() {
+    const [v, w] = [[0, 0], [0]];
+    const fingers = [...this.fingers.values()];
+    const [rx, ry, yaw] = this.pose;
+    const [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+    const arms = fingers.map(({ grip: [gx, gy] }) => [c * gx - s * gy, s * gx + c * gy]);
+    const pulls = fingers.map((f, i) => [f.x - rx - arms[i][0], f.y - ry - arms[i][1]]);
+    if (fingers.length === 1) {
+      const [[ax, ay]] = arms;
+      const [[px, py]] = pulls;
+      const along = -px * ay + py * ax;
+      w[0] = fingers[0].turn ? along / Math.max(ax * ax + ay * ay, 0.01) : along / (RHO * RHO + ax * ax + ay * ay);
+      if (!fingers[0].turn) [v[0], v[1]] = [px + w[0] * ay, py - w[0] * ax];
+    } else if (fingers.length === 2) {
+      const [a, b] = arms;
+      const now = Math.atan2(b[1] - a[1], b[0] - a[0]);
+      const want = Math.atan2(fingers[1].y - fingers[0].y, fingers[1].x - fingers[0].x);
+      w[0] = Math.atan2(Math.sin(want - now), Math.cos(want - now));
+      const middle = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
+      v[0] = (pulls[0][0] + pulls[1][0]) / 2 + w[0] * middle[1];
+      v[1] = (pulls[0][1] + pulls[1][1]) / 2 - w[0] * middle[0];
+    }
+    const fast = this.keys.has('shift') ? 2.5 : 1;
+    const held = (name) => (this.keys.has(name) ? fast : 0);
+    return [
+      v[0] * GAIN + KEY_MPS * (held('arrowright') - held('arrowleft')),
+      v[1] * GAIN + KEY_MPS * (held('arrowup') - held('arrowdown')),
+      w[0] * GAIN + KEY_RADPS * (held('q') - held('e')),
+    ];
+  }
+
+  push() {
+    if (!this.holding && this.still) return;
+    const velocity = this.velocity();
+    this.still = !this.holding;
+    this.link.send({ rim: this.still ? [0, 0, 0] : velocity.map((value) => Number(value.toFixed(5))) });
+    this.pushed = (this.pushed || 0) + 1;
+  }
+}

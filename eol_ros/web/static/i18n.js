@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// Words in the reader's language: flat JSON files, the same keys in each.
+
+export const LANGUAGES = { en: 'English', 'zh-Hant': '中文' };
+let words = {};
+
+export function language() {
+  const saved = localStorage.getItem('language');
+  if (saved in LANGUAGES) return saved;
+  return navigator.language.toLowerCase().startsWith('zh') ? 'zh-Hant' : 'en';
+}
+
+export async function speak(name) {
+  localStorage.setItem('language', name);
+  words = await (await fetch(`/static/lang/${name}.json`)).json();
+  document.documentElement.lang = name;
+  for (const element of document.querySelectorAll('[data-say]')) element.textContent = say(element.dataset.say);
+  for (const element of document.querySelectorAll('[data-label]')) {
+    element.setAttribute('aria-label', say(element.dataset.label));
+    if (element.tagName !== 'CANVAS') element.title = say(element.dataset.label);
+  }
+  document.dispatchEvent(new Event('language'));
+}
+
+// The words of a key, its {places} filled.
+export function say(key, places = {}) {
+  const text = words[key] ?? key;
+  return text.replace(/\{(\w+)\}/g, (_, name) => places[name] ?? '');
+}

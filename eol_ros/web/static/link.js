@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+// The live connection: packets and notices in, wants and hands out; reconnects by itself and knows
+// how old what it has is. Packets are laid out in eol_ros/web/wire.py.
+
+const KINDS = ['', 'blocks', 'truth', 'image', 'meter', 'sound', 'leds'];
+const RETRY_S = [1, 2, 4, 8, 10];
+
+export class Link extends EventTarget {
+  constructor(wants = []) {
+    super();
+    this.wanted = wants;
+    this.viewer = 0;
+    this.mayPush = false;
+    this.pinNeeded = false;
+    this.trusted = false;
+    this.pin = '';
+    this.heard = {}; // performance.now() of the newest packet of each kind; 'any' of whatever
+    this.offsets = []; // [round trip, server clock minus ours], s
+    this.offset = 0;
+    this.tries = 0;
+    this.open();
+    setInterval(() => this.ping(), 4000);
+    document.addEventListener('visibilitychange', () => this.tellWants());
+  }
+
+  open() {
+    const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
+    this.socket = new WebSocket(`${scheme}://${location.host}/live`);
+    this.socket.binaryType = 'arraybuffer';
+    this.socket.onopen = () => {
+      this.tries = 0;
+      this.offsets = [];
+      this.tellWants();
+      if (this.pin) this.send({ pin: this.pin });
+      for (const wait of [0, 60, 150, 300, 600]) setTimeout(() => this.ping(), wait);
+      this.emit('up');
+    };
+    this.socket.onmessage = (event) => this.take(event.data);
+    this.socket.onclose = () => {
+      const wait = RETRY_S[Math.min(this.tries++, RETRY_S.length - 1)];
+      this.emit('down');
+      setTimeout(() => this.open(), wait * 1000);
+    };
+  }
+
+  emit(name, detail) {
+    this.dispatchEvent(new CustomEvent(name, { detail }));
+  }
+
+  on(name, handler) {
+    this.addEventListener(name, (event) => handler(event.detail));
+    return this;
+  }
+
+  send(message) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+
+  want(channels) {
+    this.wanted = channels;
+    this.tellWants();
+  }
+
+  // A hidden page asks for nothing but what must go on: the sound that somebody listens to.
+  tellWants() {
+    const hidden = document.visibilityState === 'hidden';
+    this.send({ wants: hidden ? this.wanted.filter((name) => name === 'sound') : this.wanted });
+  }
+
+  ping() {
+    this.send({ ping: performance.now() });
+  }
+
+  // Seconds since the epoch on the server's clock.
+  now() {
+    return (performance.timeOrigin + performance.now()) / 1000 + this.offset;
+  }
+
+  // Seconds since anything (or one kind) was heard; Infinity when never.
+  age(kind = 'any') {
+    return this.heard[kind] === undefined ? Infinity : (performance.now() - this.heard[kind]) / 1000;
+  }
+
+  take(data) {
+    const here = performance.now();
+    this.heard.any = here;
+    if (typeof data === 'string') {
+      const notice = JSON.parse(data);
+      if (notice.t === 'pong') this.learnClock(notice, here);
+      if (notice.t === 'hello') {
+        Object.assign(this, { viewer: notice.viewer, mayPush: notice.push, pinNeeded: notice.pin });
+        this.trusted = !notice.pin;
+        if (!this.offsets.length) this.offset = notice.now - (performance.timeOrigin + here) / 1000;
+      }
+      if (notice.t === 'trust') Object.assign(this, { trusted: notice.ok, mayPush: notice.push });
+      this.heard[notice.t] = here;
+      this.emit(notice.t, notice);
+      return;
+    }
+    const view = new DataView(data);
+    const kind = KINDS[view.getUint8(0)];
+    if (!kind) return;
+    this.heard[kind] = here;
+    this.emit(kind, { view, data, stamp: view.getFloat64(8, true) });
+  }
+
+  learnClock(pong, here) {
+    const trip = (here - pong.ping) / 1000;
+    const middle = (performance.timeOrigin + (here + pong.ping) / 2) / 1000;
+    this.offsets.push([trip, pong.now - middle]);
+    if (this.offsets.length > 16) this.offsets.shift();
+    this.offset = this.offsets.reduce((best, o) => (o[0] < best[0] ? o : best))[1];
+    this.trip = trip;
+  }
+
+  // Ask for a control; answers {ok} or {error}.
+  async control(name, body = {}) {
+    try {
+      const answer = await fetch(`/control/${name}`, {
+        method: 'POST',
+        headers: { 'Content-Type': 'application/json', 'X-Pin': this.pin },
+        body: JSON.stringify(body),
+      });
+      return { status: answer.status, ...(await answer.json()) };
+    } catch {
+      return { status: 0, error: 'no connection' };
+    }
+  }
+
+  async enter(pin) {
+    const answer = await fetch('/pin', { method: 'POST', headers: { 'X-Pin': pin } });
+    if (answer.ok) {
+      this.pin = pin;
+      this.send({ pin });
+    }
+    return answer.status;
+  }
+}
+
+export function readBlocks({ view, data, stamp }) {
+  return { stamp, state: view.getUint8(1), ambiguous: view.getUint8(2), rows: new Float32Array(data, 16, 200) };
+}
+
+export function readTruth({ data, stamp }) {
+  const body = new Float32Array(data, 16, 78);
+  return {
+    stamp,
+    rim: body.subarray(0, 3),
+    x: body.subarray(3, 28),
+    y: body.subarray(28, 53),
+    yaw: body.subarray(53, 78),
+    moving: new Uint8Array(data, 16 + 312, 25),
+  };
+}
+
+export function readMeter({ view, data, stamp }) {
+  const count = view.getUint16(1, true);
+  const bands = view.getUint16(3, true);
+  const at = 16;
+  const figures = JSON.parse(new TextDecoder().decode(new Uint8Array(data, at + 2 * count + bands)));
+  return {
+    stamp,
+    low: new Int8Array(data, at, count),
+    high: new Int8Array(data, at + count, count),
+    bands: new Int8Array(data, at + 2 * count, bands),
+    ...figures,
+  };
+}
+
+export function readLeds({ view, data, stamp }) {
+  return { stamp, infrared: view.getUint8(1), white: new Uint8Array(data, 16, 25) };
+}

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+// Coordinates, light field and nodes: what is told in rows and squares.
+
+import { fit, fontPx, MOVE } from './paint.js';
+import { readLeds } from './link.js';
+import { say } from './i18n.js';
+
+const MARKS = { ok: '\u2713', warn: '\u25b2', error: '\u2716', silent: '\u25cb' };
+const SILENT_S = 3;
+
+export class CoordinateList {
+  constructor(card) {
+    this.sum = card.querySelector('#moving-count');
+    this.rows = Array.from({ length: 25 }, (_, id) => {
+      const row = card.querySelector('tbody').insertRow();
+      row.insertCell().textContent = id;
+      for (let i = 0; i < 4; i++) row.insertCell();
+      return row;
+    });
+    this.before = null;
+  }
+
+  // Ten times a second is as fast as digits can be read.
+  take(blocks, moving) {
+    if (this.before && blocks.stamp - this.before.stamp < 0.1) return;
+    const span = this.before ? blocks.stamp - this.before.stamp : Infinity;
+    let count = 0;
+    for (let id = 0; id < 25; id++) {
+      const at = id * 8;
+      const [x, y, yaw] = blocks.rows.subarray(at, at + 3);
+      const old = this.before ? this.before.rows : blocks.rows;
+      const speed = Math.hypot(x - old[at], y - old[at + 1]) / span;
+      const cells = this.rows[id].cells;
+      cells[1].textContent = millimetres(x);
+      cells[2].textContent = millimetres(y);
+      cells[3].textContent = ((yaw * 180) / Math.PI).toFixed(1);
+      cells[4].textContent = moving[id] ? (speed * 1000).toFixed(1) : '0.0';
+      this.rows[id].className = moving[id] ? 'moving' : blocks.rows[at + 7] ? '' : 'unseen';
+      count += moving[id] ? 1 : 0;
+    }
+    this.sum.textContent = say('moving_words', { count });
+    this.before = { stamp: blocks.stamp, rows: blocks.rows.slice() };
+  }
+}
+
+function millimetres(metres) {
+  return Number.isFinite(metres) ? (metres * 1000).toFixed(1) : '-';
+}
+
+export class LightField {
+  constructor(card) {
+    this.canvas = card.querySelector('canvas');
+    this.words = card.querySelector('#light-sum');
+    this.levels = new Uint8Array(25);
+    this.dirty = true;
+  }
+
+  take(packet) {
+    const { white, infrared } = readLeds(packet);
+    this.levels = white;
+    this.infrared = infrared;
+    this.dirty = true;
+  }
+
+  draw() {
+    if (!this.dirty) return;
+    this.dirty = false;
+    const { brush, w, h } = fit(this.canvas);
+    const pitch = Math.min(w, h) / 5;
+    let lit = 0;
+    brush.textAlign = 'center';
+    brush.textBaseline = 'middle';
+    brush.font = `400 ${fontPx(0.72)}px ui-monospace, monospace`;
+    for (let id = 0; id < 25; id++) {
+      const [row, column] = [Math.floor(id / 5), id % 5];
+      const [x, y] = [column * pitch, (4 - row) * pitch];
+      const level = this.levels[id] / 255;
+      if (level > 0.02) lit++;
+      const shade = (c) => Math.round(c[0] + (c[1] - c[0]) * level ** 0.6);
+      brush.fillStyle = `rgb(${shade([24, 255])},${shade([30, 248])},${shade([36, 228])})`;
+      brush.fillRect(x + pitch * 0.06, y + pitch * 0.06, pitch * 0.88, pitch * 0.88);
+      brush.fillStyle = level > 0.35 ? '#14181c' : '#a3aba9';
+      brush.fillText(id, x + pitch / 2, y + pitch / 2);
+    }
+    this.words.textContent = say('light_words', { count: lit });
+  }
+}
+
+export class NodeList {
+  constructor(card, faults) {
+    this.list = card.querySelector('ul');
+    this.sum = card.querySelector('#node-sum');
+    this.faults = faults;
+    this.nodes = new Map();
+  }
+
+  take(status) {
+    const old = this.nodes.get(status.node);
+    this.nodes.set(status.node, { ...status, heard: performance.now() });
+    if (old && old.level === 'ok' && status.level !== 'ok') {
+      this.faults.textContent = `${status.node}: ${say(`level_${status.level}`)}. ${status.text}`;
+    }
+    this.draw();
+  }
+
+  draw() {
+    const now = performance.now();
+    const names = [...this.nodes.keys()].sort();
+    if (this.list.children.length !== names.length) {
+      this.list.replaceChildren(...names.map(() => {
+        const item = document.createElement('li');
+        for (const part of ['mark', 'name', 'state value', 'why value']) {
+          const span = document.createElement('span');
+          span.className = part;
+          if (part === 'mark') span.setAttribute('aria-hidden', 'true');
+          item.append(span);
+        }
+        return item;
+      }));
+    }
+    let good = 0;
+    names.forEach((name, i) => {
+      const { heard, level, text, rate } = this.nodes.get(name);
+      const silent = (now - heard) / 1000;
+      const shown = silent > SILENT_S ? 'silent' : level;
+      if (shown === 'ok') good++;
+      const item = this.list.children[i];
+      item.dataset.level = shown;
+      item.dataset.node = name;
+      const words = [MARKS[shown], name, say(`level_${shown}`)];
+      const hz = rate >= 0.5 ? `${rate.toFixed(rate < 10 ? 1 : 0)} Hz, ` : '';
+      words.push(shown === 'silent' ? say('silent_for', { seconds: silent.toFixed(0) }) : hz + text);
+      words.forEach((word, k) => {
+        if (item.children[k].textContent !== word) item.children[k].textContent = word;
+      });
+    });
+    this.sum.textContent = say('nodes_words', { good, all: names.length });
+  }
+}

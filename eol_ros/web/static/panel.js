@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: Apache-2.0
+// The monitor: wires the live connection to the views, and people's wishes to the routes.
+
+import { Listener } from './audio.js';
+import { CameraView } from './camera.js';
+import { CascadeView } from './cascades.js';
+import { LANGUAGES, language, say, speak } from './i18n.js';
+import { Link, readBlocks } from './link.js';
+import { CoordinateList, LightField, NodeList } from './lists.js';
+import { SoundView } from './soundview.js';
+import { SpaceView } from './space.js';
+
+const STALE_S = 2.5;
+const $ = (id) => document.getElementById(id);
+
+await speak(language());
+const link = new Link([]);
+window.eol = { link }; // for tests and the curious
+const moving = new Uint8Array(25);
+const drawn = { slips: [], starts: 0 };
+window.eol.drawn = drawn;
+
+const camera = new CameraView($('camera'));
+const space = new SpaceView($('space'), act);
+const sound = new SoundView($('sound'));
+const cascades = new CascadeView($('cascades'));
+const coordinates = new CoordinateList($('coords'));
+const lights = new LightField($('lights'));
+const nodes = new NodeList($('nodes'), $('faults'));
+const listener = new Listener(link);
+window.eol.listener = listener;
+
+function wants() {
+  const channels = ['blocks', 'slips', 'triggers', 'meter', 'leds'];
+  if (camera.view !== 'off') channels.push('image');
+  if (listener.on) channels.push('sound');
+  link.want(channels);
+}
+camera.onview = wants;
+wants();
+
+link.on('blocks', (packet) => {
+  const blocks = readBlocks(packet);
+  camera.blocks(blocks, moving);
+  space.blocks(blocks, moving);
+  coordinates.take(blocks, moving);
+  const seen = blocks.rows.filter((value, i) => i % 8 === 7 && value).length;
+  $('camera-state').textContent = say('camera_words', { seen, state: say(`tracker_${blocks.state}`) });
+});
+link.on('slip', (slip) => {
+  moving[slip.block] = slip.start ? 1 : 0;
+  if (slip.start) drawn.slips.push(slip.stamp);
+});
+link.on('up', () => moving.fill(0));
+link.on('image', (packet) => camera.take(packet));
+link.on('camera', (size) => Object.assign(camera.size, size));
+link.on('meter', (packet) => sound.take(packet));
+link.on('leds', (packet) => lights.take(packet));
+link.on('trigger', ({ grain }) => space.hit(grain));
+link.on('cascades', (day) => cascades.take(day));
+link.on('health', (status) => nodes.take(status));
+link.on('corpus', async () => {
+  const answer = await fetch('/corpus');
+  if (!answer.ok) return;
+  const corpus = await answer.json();
+  space.setCorpus(corpus);
+  $('corpus-name').textContent = say('corpus_words', { name: corpus.name, count: corpus.x.length });
+  $('radius').value = corpus.radius;
+  $('radius').nextElementSibling.value = `${Math.round(corpus.radius * 1000)} mm`;
+});
+link.on('trust', ({ ok }) => lock(!ok));
+link.on('hello', ({ pin }) => {
+  $('pin-form').hidden = !pin;
+  lock(pin && !link.pin);
+});
+link.on('mute', ({ on }) => {
+  for (const name of ['mute', 'unmute']) {
+    document.querySelector(`[data-control=${name}]`).setAttribute('aria-pressed', (name === 'mute') === on);
+  }
+});
+link.on('wall', ({ left, right }) => {
+  const asleep = !left && !right;
+  for (const name of ['sleep', 'wake']) {
+    document.querySelector(`[data-control=${name}]`).setAttribute('aria-pressed', (name === 'sleep') === asleep);
+  }
+  $('live').dataset.asleep = asleep;
+});
+
+// What people ask for
+
+function lock(locked) {
+  for (const element of document.querySelectorAll('[data-control], #radius, #keep-threshold')) element.disabled = locked;
+}
+
+async function act(name, body = {}) {
+  const answer = await link.control(name, body);
+  $('answer').className = answer.error ? 'legend bad' : 'legend';
+  $('answer').textContent = answer.error ? `${say(name)}: ${answer.error}` : `${say(name)}: ${say('done')}`;
+  if (answer.error && (name === 'move' || name === 'axes')) link.emit('corpus'); // show what really is
+  return answer;
+}
+
+for (const button of document.querySelectorAll('[data-control]')) button.onclick = () => act(button.dataset.control);
+$('radius').oninput = () => ($('radius').nextElementSibling.value = `${Math.round($('radius').value * 1000)} mm`);
+$('radius').onchange = () => act('radius', { value: Number($('radius').value) });
+$('keep-threshold').onclick = () => act('threshold', { value: camera.level });
+$('pin-form').onsubmit = async (event) => {
+  event.preventDefault();
+  const status = await link.enter($('pin').value);
+  $('answer').textContent = say(status === 200 ? 'unlocked' : status === 429 ? 'pin_locked' : 'pin_wrong');
+  $('answer').className = status === 200 ? 'legend' : 'legend bad';
+  $('pin').value = '';
+};
+$('listen').onclick = async () => {
+  if (listener.on) await listener.stop();
+  else await listener.start();
+  $('listen').setAttribute('aria-pressed', listener.on);
+  wants();
+};
+for (const [name, words] of Object.entries(LANGUAGES)) {
+  const button = document.createElement('button');
+  button.textContent = words;
+  button.lang = name;
+  button.dataset.language = name;
+  button.onclick = () => speak(name);
+  $('languages').append(button);
+}
+function markLanguage() {
+  for (const button of $('languages').children) {
+    button.setAttribute('aria-pressed', button.lang === document.documentElement.lang);
+  }
+  redraw();
+  nodes.draw();
+}
+document.addEventListener('language', markLanguage);
+markLanguage();
+
+addEventListener('keydown', (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT/.test(event.target.tagName)) return;
+  const views = { s: 'source', t: 'threshold', n: 'off' };
+  if (views[event.key]) camera.show(views[event.key]);
+  if (event.key === 'o') camera.toggleOutlines();
+  if (event.key === 'l') $('listen').click();
+  if (event.key === 'm') {
+    const muted = document.querySelector('[data-control=mute]').getAttribute('aria-pressed') === 'true';
+    act(muted ? 'unmute' : 'mute');
+  }
+});
+
+// Silence must be seen
+
+const STREAMS = { camera: ['image', 'blocks'], coords: ['blocks'], sound: ['meter'] };
+setInterval(() => {
+  const age = link.age();
+  const stale = age > STALE_S;
+  document.body.classList.toggle('stale', stale);
+  $('stalebar').hidden = !stale;
+  $('live').hidden = stale;
+  if (stale) {
+    $('stalebar').textContent = Number.isFinite(age) ? say('no_data', { seconds: age.toFixed(0) }) : say('no_connection');
+  }
+  for (const card of document.querySelectorAll('.card')) {
+    const kinds = (STREAMS[card.id] || []).filter((kind) => kind !== 'image' || camera.view !== 'off');
+    const ages = kinds.map((kind) => link.age(kind));
+    const oldest = Math.max(0, ...ages);
+    const old = oldest > STALE_S && performance.now() > 4000;
+    card.classList.toggle('old', old);
+    card.dataset.old = Number.isFinite(oldest) && oldest > 0 ? say('no_data', { seconds: oldest.toFixed(0) }) : say('no_data_yet');
+    if (stale && !old) card.dataset.old = $('stalebar').textContent;
+  }
+  nodes.draw();
+  if (listener.on && listener.latency !== null) {
+    $('listen').textContent = say('listening', { latency: Math.round(listener.latency * 1000) });
+  } else $('listen').textContent = say('listen');
+}, 250);
+
+function redraw() {
+  for (const view of [camera, space, cascades, lights]) view.dirty = true;
+  sound.dirty = Boolean(sound.meter);
+}
+addEventListener('resize', redraw);
+
+function draw(now) {
+  for (const view of [camera, space, sound, cascades, lights]) view.draw(now);
+  if (drawn.slips.length) {
+    drawn.latest = drawn.slips.map((stamp) => link.now() - stamp);
+    drawn.latencies = (drawn.latencies || []).concat(drawn.latest).slice(-2000);
+    drawn.starts += drawn.slips.length;
+    drawn.slips = [];
+  }
+  requestAnimationFrame(draw);
+}
+requestAnimationFrame(draw);

@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+// The descriptor space: every grain, the moving blocks as squares, their reach as circles.
+
+import { calm, fit, fontPx, INK, MOVE, QUIET, scale, THREAD } from './paint.js';
+import { say } from './i18n.js';
+
+const FLASH_S = 0.5;
+const PAD = 0.05;
+
+export class SpaceView {
+  constructor(card, act) {
+    this.canvas = card.querySelector('canvas');
+    this.legend = card.querySelector('#grain');
+    this.menus = { x: card.querySelector('#axis-x'), y: card.querySelector('#axis-y'), colour: card.querySelector('#axis-colour') };
+    this.act = act;
+    this.flashes = new Map();
+    this.picked = -1;
+    this.menus.colour.onchange = () => this.recolour();
+    for (const axis of ['x', 'y']) {
+      this.menus[axis].onchange = () => act('axes', { x: this.menus.x.value, y: this.menus.y.value });
+    }
+    this.canvas.onpointermove = (event) => this.hover(event);
+    this.canvas.onpointerleave = () => this.dragging || this.pick(-1);
+    this.canvas.onpointerdown = (event) => this.grab(event);
+    this.canvas.onpointerup = (event) => this.release(event);
+    this.canvas.onkeydown = (event) => this.key(event);
+  }
+
+  setCorpus(corpus) {
+    this.corpus = corpus;
+    const options = (chosen) =>
+      corpus.descriptors.map((name) => new Option(name.replaceAll('_', ' '), name, false, name === chosen));
+    this.menus.x.replaceChildren(...options(corpus.x_name));
+    this.menus.y.replaceChildren(...options(corpus.y_name));
+    const colour = this.menus.colour.value || corpus.descriptors[0];
+    this.menus.colour.replaceChildren(...options(colour));
+    this.canvas.dataset.grains = corpus.x.length;
+    this.recolour();
+  }
+
+  recolour() {
+    const column = this.corpus.descriptors.indexOf(this.menus.colour.value);
+    const values = this.corpus.values[column] ?? this.corpus.x;
+    const order = values.map((_, i) => i).sort((a, b) => values[a] - values[b]);
+    this.colours = [];
+    order.forEach((grain, rank) => (this.colours[grain] = scale(rank / Math.max(values.length - 1, 1))));
+    this.dirty = true;
+  }
+
+  blocks(blocks, moving) {
+    this.seen = blocks;
+    this.moving = moving;
+    this.dirty = true;
+  }
+
+  hit(grain) {
+    this.flashes.set(grain, performance.now());
+    this.canvas.dataset.hits = Number(this.canvas.dataset.hits || 0) + 1;
+    this.dirty = true;
+  }
+
+  at(x, y) {
+    const { w, h } = this.box;
+    return [w * (PAD + (1 - 2 * PAD) * x), h * (1 - PAD - (1 - 2 * PAD) * y)];
+  }
+
+  back(px, py) {
+    const { w, h } = this.box;
+    const within = (v) => Math.min(Math.max(v, 0), 1);
+    return [within((px / w - PAD) / (1 - 2 * PAD)), within((1 - PAD - py / h) / (1 - 2 * PAD))];
+  }
+
+  nearest(px, py, within = 22) {
+    let [best, least] = [-1, within];
+    for (let i = 0; this.corpus && i < this.corpus.x.length; i++) {
+      const [x, y] = this.at(this.corpus.x[i], this.corpus.y[i]);
+      const far = Math.hypot(x - px, y - py);
+      if (far < least) [best, least] = [i, far];
+    }
+    return best;
+  }
+
+  pick(grain) {
+    if (grain === this.picked) return;
+    this.picked = grain;
+    this.dirty = true;
+    if (grain < 0) return;
+    const { corpus } = this;
+    const column = corpus.descriptors.indexOf(this.menus.colour.value);
+    const value = column >= 0 ? `${this.menus.colour.value.replaceAll('_', ' ')} ${round(corpus.values[column][grain])}` : '';
+    this.legend.textContent = say('grain_words', {
+      grain, start: corpus.start[grain].toFixed(2), duration: corpus.duration[grain].toFixed(2), value,
+    });
+  }
+
+  hover(event) {
+    if (!this.corpus) return;
+    if (this.dragging) {
+      const moved = Math.hypot(event.offsetX - this.dragging.px, event.offsetY - this.dragging.py);
+      if (moved > 6) this.dragging.moved = true;
+      if (this.dragging.moved) this.put(this.picked, ...this.back(event.offsetX, event.offsetY));
+      return;
+    }
+    this.pick(this.nearest(event.offsetX, event.offsetY));
+  }
+
+  grab(event) {
+    if (!this.corpus) return;
+    const grain = this.nearest(event.offsetX, event.offsetY);
+    if (grain < 0) return;
+    this.pick(grain);
+    this.canvas.setPointerCapture(event.pointerId);
+    this.dragging = { px: event.offsetX, py: event.offsetY, moved: false };
+  }
+
+  release() {
+    const { dragging } = this;
+    this.dragging = null;
+    if (!dragging) return;
+    if (dragging.moved) this.send();
+    else this.play(this.picked);
+  }
+
+  put(grain, x, y) {
+    this.corpus.x[grain] = x;
+    this.corpus.y[grain] = y;
+    this.dirty = true;
+  }
+
+  send() {
+    const { corpus, picked } = this;
+    this.act('move', { grain: picked, x: corpus.x[picked], y: corpus.y[picked] });
+  }
+
+  play(grain) {
+    if (grain >= 0) this.act('play', { grain });
+  }
+
+  // Arrows walk to the next grain in their direction, Enter plays it, Shift + arrows move it.
+  key(event) {
+    const step = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+    if (!this.corpus || !this.corpus.x.length) return;
+    if (event.key === 'Enter' || event.key === ' ') this.play(this.picked);
+    else if (step && event.shiftKey && this.picked >= 0) {
+      const within = (v) => Math.min(Math.max(v, 0), 1);
+      this.put(this.picked, within(this.corpus.x[this.picked] + step[0] * 0.01), within(this.corpus.y[this.picked] + step[1] * 0.01));
+      clearTimeout(this.soon);
+      this.soon = setTimeout(() => this.send(), 400);
+    } else if (step) this.pick(this.walk(step));
+    else return;
+    event.preventDefault();
+  }
+
+  walk([dx, dy]) {
+    const { x, y } = this.corpus;
+    if (this.picked < 0) return 0;
+    let [best, least] = [this.picked, Infinity];
+    for (let i = 0; i < x.length; i++) {
+      const [ax, ay] = [x[i] - x[this.picked], y[i] - y[this.picked]];
+      const along = ax * dx + ay * dy;
+      const aside = Math.abs(ax * dy - ay * dx);
+      if (along > 1e-6 && along + 2 * aside < least) [best, least] = [i, along + 2 * aside];
+    }
+    return best;
+  }
+
+  draw(now) {
+    if (!this.dirty && !this.flashes.size) return;
+    this.dirty = false;
+    const { brush, w, h } = fit(this.canvas);
+    this.box = { w, h };
+    brush.fillStyle = '#0d1115';
+    brush.fillRect(0, 0, w, h);
+    const { corpus } = this;
+    if (!corpus) return;
+    this.drawAxes(brush, w, h);
+    const dot = Math.max(Math.min(w, h) / 170, 1.6);
+    for (let i = 0; i < corpus.x.length; i++) {
+      const [x, y] = this.at(corpus.x[i], corpus.y[i]);
+      brush.fillStyle = this.colours[i];
+      brush.beginPath();
+      brush.arc(x, y, dot, 0, 7);
+      brush.fill();
+    }
+    if (this.picked >= 0) this.ring(brush, this.picked, dot * 3.4, INK, 1);
+    for (const [grain, since] of this.flashes) {
+      const age = (now - since) / 1000 / FLASH_S;
+      if (age >= 1 || grain >= corpus.x.length) this.flashes.delete(grain);
+      else if (calm.matches) this.ring(brush, grain, dot * 3, THREAD, 1);
+      else this.ring(brush, grain, dot * (2 + 4 * age), THREAD, 1 - age, dot * 1.8 * (1 - age));
+    }
+    this.drawBlocks(brush);
+  }
+
+  ring(brush, grain, r, colour, alpha, dot = 0) {
+    const [x, y] = this.at(this.corpus.x[grain], this.corpus.y[grain]);
+    brush.globalAlpha = Math.max(alpha, 0);
+    brush.strokeStyle = brush.fillStyle = colour;
+    brush.lineWidth = 1.6;
+    brush.beginPath();
+    brush.arc(x, y, r, 0, 7);
+    brush.stroke();
+    if (dot) {
+      brush.beginPath();
+      brush.arc(x, y, dot, 0, 7);
+      brush.fill();
+    }
+    brush.globalAlpha = 1;
+  }
+
+  drawAxes(brush, w, h) {
+    const size = fontPx(0.76);
+    brush.strokeStyle = '#1b2229';
+    brush.lineWidth = 1;
+    brush.beginPath();
+    for (let i = 0; i <= 4; i++) {
+      const [x0, y0] = this.at(i / 4, i / 4);
+      brush.moveTo(x0, 0);
+      brush.lineTo(x0, h);
+      brush.moveTo(0, y0);
+      brush.lineTo(w, y0);
+    }
+    brush.stroke();
+    brush.fillStyle = QUIET;
+    brush.font = `300 ${size}px system-ui`;
+    brush.textAlign = 'right';
+    brush.textBaseline = 'bottom';
+    brush.fillText(`${this.corpus.x_name.replaceAll('_', ' ')} \u2192`, w - 6, h - 3);
+    brush.textAlign = 'left';
+    brush.textBaseline = 'top';
+    brush.fillText(`\u2191 ${this.corpus.y_name.replaceAll('_', ' ')}`, 6, 4);
+  }
+
+  drawBlocks(brush) {
+    if (!this.seen) return;
+    const [x0, y0, x1, y1] = this.corpus.bounds;
+    const { rows } = this.seen;
+    const perM = (this.box.w * (1 - 2 * PAD)) / (x1 - x0);
+    const tallM = (this.box.h * (1 - 2 * PAD)) / (y1 - y0);
+    for (let id = 0; id < 25; id++) {
+      const [bx, by] = [(rows[id * 8] - x0) / (x1 - x0), (rows[id * 8 + 1] - y0) / (y1 - y0)];
+      if (!Number.isFinite(bx + by)) continue;
+      const [x, y] = this.at(bx, by);
+      const live = this.moving[id];
+      brush.strokeStyle = live ? MOVE : '#5d6972';
+      brush.lineWidth = live ? 2 : 1;
+      const half = live ? 7 : 4;
+      brush.strokeRect(x - half, y - half, 2 * half, 2 * half);
+      if (live) {
+        brush.beginPath();
+        brush.ellipse(x, y, this.corpus.radius * perM, this.corpus.radius * tallM, 0, 0, 7);
+        brush.stroke();
+      }
+    }
+  }
+}
+
+function round(value) {
+  if (!Number.isFinite(value)) return '';
+  return Math.abs(value) >= 100 ? value.toFixed(0) : value.toPrecision(3);
+}

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+// The virtual table: push it with mouse, fingers or keys, see and hear it answer.
+
+import { Listener } from './audio.js';
+import { Hands } from './hands.js';
+import { LANGUAGES, language, say, speak } from './i18n.js';
+import { Link, readBlocks, readLeds, readTruth } from './link.js';
+import { TableDrawing } from './tabledraw.js';
+import { land } from './terrain.js';
+import { WallView } from './wallview.js';
+
+const STALE_S = 2.5;
+const $ = (id) => document.getElementById(id);
+
+await speak(language());
+const link = new Link([]);
+const listener = new Listener(link);
+const drawing = new TableDrawing($('table'));
+const hands = new Hands($('table'), link, (x, y) => drawing.toTable(x, y));
+const walls = ['left', 'right'].map((side) => new WallView($(side), side, link));
+const counts = { drawings: 0, slips: 0, flashes: 0, flips: 0, packets: 0, cascade: 0 };
+window.eol = { link, listener, hands, drawing, counts, walls, state: () => state };
+let state = null;
+let leds = new Uint8Array(25);
+let ledsAt = 0;
+
+drawing.resize();
+land(Math.min(Math.max(Math.round(0.09 * drawing.perM), 64), 320)).then((picture) => drawing.setLand(picture));
+
+function wants() {
+  link.want(['truth', 'blocks', 'slips', 'leds', ...(listener.on ? ['sound'] : [])]);
+}
+wants();
+
+link.on('truth', (packet) => {
+  state = readTruth(packet);
+  hands.pose = state.rim;
+  counts.packets++;
+  if (counts.packets === 1) link.want(['truth', 'slips', 'leds', ...(listener.on ? ['sound'] : [])]);
+});
+link.on('blocks', (packet) => {
+  if (link.age('truth') < STALE_S) return; // what the twin tells is newer than what the camera saw
+  const { rows } = readBlocks(packet);
+  const column = (i) => Float32Array.from({ length: 25 }, (_, id) => rows[id * 8 + i]);
+  state = { x: column(0), y: column(1), yaw: column(2), moving: state ? state.moving : new Uint8Array(25) };
+});
+link.on('slip', (slip) => {
+  if (state && !state.rim) state.moving[slip.block] = slip.start ? 1 : 0;
+  if (!slip.start) return;
+  drawing.slip(slip.block, slip.cascade, performance.now());
+  counts.slips++;
+});
+link.on('leds', (packet) => {
+  const { white } = readLeds(packet);
+  if (white.some((level, id) => level > leds[id] + 40)) counts.flashes++;
+  leds = white;
+  ledsAt = performance.now();
+});
+link.on('cascades', (day) => {
+  const newest = day.recent[day.recent.length - 1];
+  counts.cascade = newest ? newest[2] : 0;
+});
+for (const wall of walls) wall.onflip = () => counts.flips++;
+link.on('hello', ({ pin, push }) => ($('pin-form').hidden = !pin || push));
+link.on('trust', ({ push }) => ($('pin-form').hidden = push));
+$('pin-form').onsubmit = async (event) => {
+  event.preventDefault();
+  await link.enter($('pin').value);
+  $('pin').value = '';
+};
+
+$('listen').onclick = async () => {
+  if (listener.on) await listener.stop();
+  else await listener.start();
+  wants();
+  tell();
+};
+for (const [name, words] of Object.entries(LANGUAGES)) {
+  const button = document.createElement('button');
+  button.textContent = words;
+  button.lang = name;
+  button.onclick = () => speak(name).then(tell);
+  $('languages').append(button, ' ');
+}
+
+function tell() {
+  const age = link.age();
+  const stale = age > STALE_S;
+  $('words').classList.toggle('stale', stale);
+  $('words').textContent = stale
+    ? Number.isFinite(age) ? say('no_data', { seconds: age.toFixed(0) }) : say('no_connection')
+    : !link.mayPush ? say('table_locked')
+      : link.age('truth') > STALE_S ? say('table_none')
+        : counts.cascade ? say('table_cascade', { area: counts.cascade }) : '';
+  $('listen').setAttribute('aria-pressed', listener.on);
+  $('listen').textContent = listener.on && listener.latency !== null
+    ? say('table_sound', { latency: Math.round(listener.latency * 1000) }) : say('table_sound_on');
+  $('table').style.filter = stale ? 'grayscale(1) brightness(.5)' : '';
+  for (const button of $('languages').children) {
+    button.setAttribute('aria-pressed', button.lang === document.documentElement.lang);
+  }
+}
+setInterval(tell, 250);
+tell();
+
+const DARK = new Uint8Array(25);
+function draw(now) {
+  drawing.draw(now, state, now - ledsAt < 1000 ? leds : DARK);
+  counts.drawings++;
+  requestAnimationFrame(draw);
+}
+requestAnimationFrame(draw);
+addEventListener('resize', () => drawing.resize());

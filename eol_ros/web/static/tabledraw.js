@@ -1,0 +1,250 @@
+// SPDX-License-Identifier: Apache-2.0
+// The table seen from above, in metres: sandpaper, rim, springs, 25 pieces of one land, light, cascades.
+
+import { calm, MOVE, THREAD } from './paint.js';
+
+export const PLATFORM_M = 1.4;
+const RIM_M = 0.96;
+const BLOCK_M = 0.084;
+const SPRING_M = 0.09;
+const PITCH_M = BLOCK_M + SPRING_M;
+const BAR_M = 0.022;
+const WAVE_S = 1.1;
+
+export class TableDrawing {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.brush = canvas.getContext('2d');
+    this.glow = glowSprite();
+    this.waves = []; // {block, since}
+    this.joins = []; // {from, to, since}
+  }
+
+  setLand(land) {
+    this.land = land;
+  }
+
+  resize() {
+    const ratio = Math.min(devicePixelRatio || 1, 2);
+    const w = Math.round(this.canvas.clientWidth * ratio);
+    const h = Math.round(this.canvas.clientHeight * ratio);
+    if (w === this.w && h === this.h) return;
+    this.canvas.width = this.w = w;
+    this.canvas.height = this.h = h;
+    this.ratio = ratio;
+    const room = 0.055 * h + 26 * ratio;
+    this.perM = Math.min(w * 0.98, h - 2 * room) / PLATFORM_M;
+    this.sand = sandpaper(Math.round(PLATFORM_M * this.perM));
+  }
+
+  toTable(clientX, clientY) {
+    const box = this.canvas.getBoundingClientRect();
+    const x = (clientX - box.left) * this.ratio;
+    const y = (clientY - box.top) * this.ratio;
+    return [(x - this.w / 2) / this.perM, (this.h / 2 - y) / this.perM];
+  }
+
+  slip(block, cascade, now) {
+    this.waves.push({ block, since: now });
+    if (this.lastSlip && this.lastSlip.cascade === cascade && this.lastSlip.block !== block) {
+      this.joins.push({ from: this.lastSlip.block, to: block, since: now });
+    }
+    this.lastSlip = { block, cascade };
+    if (this.waves.length > 200) this.waves.shift();
+    if (this.joins.length > 200) this.joins.shift();
+  }
+
+  draw(now, state, leds) {
+    this.resize();
+    const { brush, w, h, perM } = this;
+    brush.setTransform(1, 0, 0, 1, 0, 0);
+    brush.clearRect(0, 0, w, h);
+    const half = (PLATFORM_M * perM) / 2;
+    brush.drawImage(this.sand, w / 2 - half, h / 2 - half, 2 * half, 2 * half);
+    if (!state) return;
+    brush.setTransform(perM, 0, 0, -perM, w / 2, h / 2); // metres, y away
+    if (state.rim) this.drawSprings(state);
+    if (state.rim) this.drawRim(state.rim);
+    for (let id = 0; id < 25; id++) this.drawBlock(id, state, leds[id] / 255);
+    this.drawLight(state, leds);
+    this.drawCascade(now, state);
+  }
+
+  drawRim([x, y, yaw]) {
+    const { brush } = this;
+    const outer = RIM_M / 2 + BAR_M;
+    brush.save();
+    brush.translate(x, y);
+    brush.rotate(yaw);
+    brush.fillStyle = '#0008';
+    frame(brush, 0.006, -0.01, outer, RIM_M / 2);
+    const steel = brush.createLinearGradient(-outer, outer, outer, -outer);
+    steel.addColorStop(0, '#c9ccc9');
+    steel.addColorStop(0.5, '#7d8487');
+    steel.addColorStop(1, '#4a5054');
+    brush.fillStyle = steel;
+    frame(brush, 0, 0, outer, RIM_M / 2);
+    brush.restore();
+  }
+
+  drawSprings(state) {
+    const { brush } = this;
+    const point = (id, dx, dy) => {
+      const [c, s] = [Math.cos(state.yaw[id]), Math.sin(state.yaw[id])];
+      const r = BLOCK_M / 2;
+      return [state.x[id] + r * (c * dx - s * dy), state.y[id] + r * (s * dx + c * dy)];
+    };
+    const [rx, ry, yaw] = state.rim;
+    const onRim = (u, v) => [rx + Math.cos(yaw) * u - Math.sin(yaw) * v, ry + Math.sin(yaw) * u + Math.cos(yaw) * v];
+    brush.lineWidth = 0.0022;
+    for (let id = 0; id < 25; id++) {
+      const [row, column] = [Math.floor(id / 5), id % 5];
+      const [u, v] = [(column - 2) * PITCH_M, (row - 2) * PITCH_M];
+      if (column < 4) this.spring(point(id, 1, 0), point(id + 1, -1, 0));
+      if (row < 4) this.spring(point(id, 0, 1), point(id + 5, 0, -1));
+      if (column === 0) this.spring(onRim(-RIM_M / 2, v), point(id, -1, 0));
+      if (column === 4) this.spring(point(id, 1, 0), onRim(RIM_M / 2, v));
+      if (row === 0) this.spring(onRim(u, -RIM_M / 2), point(id, 0, -1));
+      if (row === 4) this.spring(point(id, 0, 1), onRim(u, RIM_M / 2));
+    }
+  }
+
+  // A coil seen from the side; its colour tells the strain: blue short, ember long.
+  spring([x0, y0], [x1, y1]) {
+    const { brush } = this;
+    const long = Math.hypot(x1 - x0, y1 - y0);
+    const strain = Math.max(-1, Math.min(1, (long - SPRING_M) / 0.012));
+    const mix = (a, b) => Math.round(a + (b - a) * Math.abs(strain));
+    brush.strokeStyle = strain > 0
+      ? `rgb(${mix(150, 255)},${mix(154, 138)},${mix(150, 92)})`
+      : `rgb(${mix(150, 110)},${mix(154, 190)},${mix(150, 220)})`;
+    const [ux, uy] = [(x1 - x0) / long, (y1 - y0) / long];
+    const turns = 9;
+    const wide = 0.006;
+    brush.beginPath();
+    brush.moveTo(x0, y0);
+    for (let i = 0; i <= 2 * turns; i++) {
+      const t = 0.12 + (0.76 * i) / (2 * turns);
+      const side = i === 0 || i === 2 * turns ? 0 : i % 2 ? wide : -wide;
+      brush.lineTo(x0 + ux * long * t - uy * side, y0 + uy * long * t + ux * side);
+    }
+    brush.lineTo(x1, y1);
+    brush.stroke();
+  }
+
+  drawBlock(id, state, light) {
+    const { brush, land } = this;
+    const half = BLOCK_M / 2;
+    brush.save();
+    brush.translate(state.x[id], state.y[id]);
+    brush.fillStyle = '#0009';
+    brush.fillRect(-half + 0.004, -half - 0.007, BLOCK_M, BLOCK_M);
+    brush.rotate(state.yaw[id]);
+    if (land) {
+      const tile = land.width / 5;
+      brush.scale(1, -1);
+      brush.drawImage(land, (id % 5) * tile, (4 - Math.floor(id / 5)) * tile, tile, tile, -half, -half, BLOCK_M, BLOCK_M);
+      brush.scale(1, -1);
+    } else {
+      brush.fillStyle = '#8b8a7c';
+      brush.fillRect(-half, -half, BLOCK_M, BLOCK_M);
+    }
+    if (light > 0.02) {
+      brush.globalAlpha = Math.min(light, 1) * 0.8;
+      brush.fillStyle = '#fffaf0';
+      brush.fillRect(-half, -half, BLOCK_M, BLOCK_M);
+      brush.globalAlpha = 1;
+    }
+    brush.lineWidth = state.moving[id] ? 0.0036 : 0.0012;
+    brush.strokeStyle = state.moving[id] ? MOVE : '#0b0d10';
+    brush.strokeRect(-half, -half, BLOCK_M, BLOCK_M);
+    brush.restore();
+  }
+
+  drawLight(state, leds) {
+    const { brush } = this;
+    brush.globalCompositeOperation = 'lighter';
+    for (let id = 0; id < 25; id++) {
+      const level = leds[id] / 255;
+      if (level <= 0.02) continue;
+      brush.globalAlpha = level * 0.75;
+      const r = BLOCK_M * 2.1;
+      brush.drawImage(this.glow, state.x[id] - r, state.y[id] - r, 2 * r, 2 * r);
+    }
+    brush.globalAlpha = 1;
+    brush.globalCompositeOperation = 'source-over';
+  }
+
+  drawCascade(now, state) {
+    const { brush } = this;
+    const age = (item) => (now - item.since) / 1000 / WAVE_S;
+    this.waves = this.waves.filter((wave) => age(wave) < 1);
+    this.joins = this.joins.filter((join) => age(join) < 1.6);
+    brush.strokeStyle = THREAD;
+    for (const join of this.joins) {
+      brush.globalAlpha = Math.max(1 - age(join) / 1.6, 0) * 0.9;
+      brush.lineWidth = 0.005;
+      brush.beginPath();
+      brush.moveTo(state.x[join.from], state.y[join.from]);
+      brush.lineTo(state.x[join.to], state.y[join.to]);
+      brush.stroke();
+    }
+    if (!calm.matches) {
+      for (const wave of this.waves) {
+        const t = age(wave);
+        brush.globalAlpha = (1 - t) ** 2 * 0.6;
+        brush.lineWidth = 0.0025;
+        brush.beginPath();
+        brush.arc(state.x[wave.block], state.y[wave.block], BLOCK_M * (0.75 + 1.5 * t), 0, 7);
+        brush.stroke();
+      }
+    }
+    brush.globalAlpha = 1;
+  }
+}
+
+function frame(brush, x, y, outer, inner) {
+  brush.beginPath();
+  brush.rect(x - outer, y - outer, 2 * outer, 2 * outer);
+  brush.rect(x + inner, y - inner, -2 * inner, 2 * inner);
+  brush.fill('evenodd');
+}
+
+function glowSprite() {
+  const sprite = new OffscreenCanvas(128, 128);
+  const brush = sprite.getContext('2d');
+  const light = brush.createRadialGradient(64, 64, 4, 64, 64, 64);
+  light.addColorStop(0, 'rgba(255,250,235,.95)');
+  light.addColorStop(0.35, 'rgba(255,236,200,.34)');
+  light.addColorStop(1, 'rgba(255,220,170,0)');
+  brush.fillStyle = light;
+  brush.fillRect(0, 0, 128, 128);
+  return sprite;
+}
+
+// 120 grit: a dark ground with fine even grain, the same at each start.
+function sandpaper(size) {
+  const canvas = new OffscreenCanvas(Math.max(size, 1), Math.max(size, 1));
+  const brush = canvas.getContext('2d');
+  const tile = new OffscreenCanvas(128, 128);
+  const pen = tile.getContext('2d');
+  const picture = pen.createImageData(128, 128);
+  let seed = 7;
+  for (let i = 0; i < picture.data.length; i += 4) {
+    seed = (seed * 1103515245 + 12345) % 2147483648;
+    const grain = 21 + ((seed >> 16) % 15);
+    picture.data.set([grain + 4, grain + 1, grain - 2, 255], i);
+  }
+  pen.putImageData(picture, 0, 0);
+  brush.fillStyle = brush.createPattern(tile, 'repeat');
+  brush.fillRect(0, 0, size, size);
+  const dim = brush.createRadialGradient(size / 2, size / 2, size * 0.2, size / 2, size / 2, size * 0.75);
+  dim.addColorStop(0, 'rgba(0,0,0,0)');
+  dim.addColorStop(1, 'rgba(0,0,0,.62)');
+  brush.fillStyle = dim;
+  brush.fillRect(0, 0, size, size);
+  brush.strokeStyle = '#3a3d3c';
+  brush.lineWidth = 1.5;
+  brush.strokeRect(1, 1, size - 2, size - 2);
+  return canvas;
+}
