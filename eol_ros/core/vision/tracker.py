@@ -10,11 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.motion.slips import START, SlipDetector
+from eol_ros.core.motion.symmetry import Coincidence
 from eol_ros.core.vision.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.calibration import Calibration
 from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING, Lattice
+from eol_ros.core.vision.self_calibration import SelfCalibration, nominal
 from eol_ros.core.vision.watch import Watch
-from eol_ros.settings import TrackerSettings
+from eol_ros.settings import MotionSettings, TrackerSettings
 
 CALIBRATING, FAULT = 3, 4
 STATES = ('searching', 'tracking', 'lost', 'calibrating', 'fault')
@@ -62,6 +65,22 @@ class Tracker:
         self.visibility = np.zeros(N_BLOCKS, np.float32)
         self.last_s = -np.inf
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
+        self.learning: SelfCalibration | None = None
+        self.coincidence = Coincidence()
+        self.onsets: SlipDetector | None = None  # while the turn of the lattice is in question
+        self.confirmed = False  # taps have agreed with the turn since the lattice was found
+
+    def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
+        """Take a knock of a block's accelerometer: it counts a fixed time after its stamp."""
+        self.coincidence.tap(stamp_s, block, sigma_s)
+
+    def side_px(self) -> float:
+        """Return the side of a block in the middle of the last image, 0 when none was found."""
+        return float(np.median(self.blobs['side_px'])) if len(self.blobs) else 0.0
+
+    def cover_height_m(self) -> float:
+        """Return the height of what is measured above the platform."""
+        return self.calibration.cover_height_m if self.calibration is not None else 0.0
 
     def warm_up(self) -> None:
         """Compile or load all compiled code, on throw-away state, before the first image comes."""
@@ -84,22 +103,69 @@ class Tracker:
             self.lattice.break_off(stamp_s)
             self.blobs = self.blobs[:0]
             return self._answer(stamp_s, FAULT, fault)
-        if self.calibration is None:
-            return self._answer(stamp_s, SEARCHING, 'no square found yet')
         lattice = self.lattice
         self.blobs = blobs = self.finder.find(image, self._predicted(stamp_s))
+        if self.calibration is None:
+            if len(blobs) < 9:
+                return self._answer(stamp_s, SEARCHING, f'{len(blobs)} squares: no scale yet')
+            self.calibration = nominal(image.shape, self.side_px())
+            self.learning = SelfCalibration(image.shape)
         px = np.column_stack([blobs['u'], blobs['v']])
         pose = self.calibration.poses_to_table(px, blobs['theta'], blobs['side_px'])
         scale = BLOCK_SIDE_M / np.maximum(blobs['side_px'], 1.0)
         sigma = blobs['sigma_px'] * scale
         lattice.update(stamp_s, pose[:, :2], pose[:, 2], sigma)
         self.watch.rests(lattice.state == TRACKING and lattice.rests())
+        self._turn(stamp_s)
         seen = lattice.seen
         self.visibility = np.zeros(N_BLOCKS, np.float32)
         self.visibility[seen] = blobs['visibility'][lattice.index[seen]]
         self.last_s = stamp_s
         why = {SEARCHING: f'{len(blobs)} lights, not yet a lattice', LOST: 'blocks out of sight'}
+        if self.learning is not None and lattice.state == TRACKING:
+            learning = self.learning
+            self._learn(px)
+            if self.learning is not None:
+                return self._answer(stamp_s, CALIBRATING, learning.why, px)
         return self._answer(stamp_s, lattice.state, why.get(lattice.state, ''), px)
+
+    def _learn(self, px: np.ndarray) -> None:
+        """Calibrate by the blocks themselves, as soon as all of them rest in full view."""
+        lattice = self.lattice
+        good = bool(lattice.seen.all() and self.visibility.min() > 0.8 and lattice.rests())
+        ordered = px[lattice.index] if good else np.zeros((N_BLOCKS, 2))
+        assert self.learning is not None and self.calibration is not None
+        found = self.learning.add(ordered, good)
+        if found is not None:
+            lattice.move(found.to_table(self.calibration.to_pixels(lattice.xy)))
+            self.calibration, self.learning = found, None
+
+    def _turn(self, stamp_s: float) -> None:
+        """Settle by the blocks' taps which way round the lattice lies, while that is open."""
+        lattice = self.lattice
+        if lattice.state != TRACKING:
+            self.onsets, self.confirmed = None, False
+            return
+        wanted = lattice.ambiguous or (
+            not self.confirmed and self.coincidence.listening(stamp_s)
+        )
+        if not wanted:
+            self.onsets = None
+            self.coincidence.update(stamp_s)
+            return
+        if self.onsets is None:
+            self.onsets = SlipDetector(MotionSettings())
+            self.coincidence.forget()
+        x, y = lattice.xy.T
+        for event in self.onsets.update(stamp_s, x, y, lattice.seen, lattice.sigma):
+            if event.kind == START:
+                self.coincidence.onset(event.onset_s, event.block, event.onset_sigma_s)
+        self.coincidence.update(stamp_s)
+        quarters = self.coincidence.answer(known=not lattice.ambiguous)
+        if quarters is not None:
+            lattice.turn_ids(quarters)
+            self.confirmed, self.onsets = True, None
+            self.coincidence.forget()
 
     def _predicted(self, stamp_s: float) -> np.ndarray | None:
         """Where squares are expected, (k, 3) u, v, theta, for the finder."""
@@ -119,6 +185,8 @@ class Tracker:
         if state not in (SEARCHING, FAULT) and self.calibration is not None:
             world = lattice.xy.copy()
             px = self.calibration.to_pixels(world)
+            if state == CALIBRATING or self.learning is not None:
+                world[:] = np.nan
             seen = lattice.seen.copy()
             if blobs_px is not None:
                 px[seen] = blobs_px[lattice.index[seen]]

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the tracker sees, drawn over the images: a film, or a picture of the last image."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
+from eol_ros.core.vision.tracker import STATES, TRACKING, Tracked
+from eol_ros.errors import ConfigError
+
+SEEN, CARRIED, MOVING, TEXT = (120, 230, 120), (90, 150, 240), (255, 255, 255), (230, 230, 230)
+FINE = 4  # bits of sub-pixel that OpenCV draws with
+
+
+class Overlay:
+    """Draws and writes; the ending of `path` says film (.mp4, .avi) or picture (.png, .jpg)."""
+
+    def __init__(self, path: str, fps: float, shape: tuple[int, ...]):
+        self.path = path
+        ending = Path(path).suffix.lower()
+        self.film = None
+        self.last: np.ndarray | None = None
+        if ending in ('.mp4', '.avi', '.mkv'):
+            code = cv2.VideoWriter.fourcc(*('MJPG' if ending == '.avi' else 'mp4v'))
+            self.film = cv2.VideoWriter(path, code, fps or 60.0, (shape[1], shape[0]))
+            if not self.film.isOpened():
+                raise ConfigError(f'{path}: cannot write a film there')
+        elif ending not in ('.png', '.jpg', '.jpeg'):
+            raise ConfigError(f'{path}: an overlay is .mp4 or .avi, or a picture: .png, .jpg')
+
+    def add(self, image: np.ndarray, tracked: Tracked, moving: np.ndarray, side_px: float) -> None:
+        """Take one image (h, w) uint8 and what was made of it; moving (25,) bool."""
+        self.last = draw(image, tracked, moving, side_px)
+        if self.film is not None:
+            self.film.write(self.last)
+
+    def close(self) -> None:
+        """Finish the file."""
+        if self.film is not None:
+            self.film.release()
+        elif self.last is not None and not cv2.imwrite(self.path, self.last):
+            raise ConfigError(f'{self.path}: cannot write a picture there')
+
+
+def draw(image: np.ndarray, tracked: Tracked, moving: np.ndarray, side_px: float) -> np.ndarray:
+    """Return `image` in colour with squares, ids and state on it."""
+    # Darker than the original, so that what is drawn stands out from the lit covers.
+    picture = cv2.cvtColor((image * np.float32(0.6)).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+    half = side_px / 2 if side_px > 0 else 545.0 * BLOCK_SIDE_M / 2
+    for block in range(N_BLOCKS):
+        u, v = tracked.px[block]
+        if not np.isfinite(u):
+            continue
+        seen = bool(tracked.seen[block])
+        colour = MOVING if seen and moving[block] else SEEN if seen else CARRIED
+        turn = tracked.yaw[block] + np.pi / 4 + np.arange(4) * np.pi / 2
+        reach = half * np.sqrt(2) * (1.0 if seen else 0.8)
+        corners = np.column_stack([u + reach * np.cos(turn), v - reach * np.sin(turn)])
+        points = np.round(corners * 2**FINE).astype(np.int32)
+        cv2.polylines(picture, [points], True, colour, 2 if seen else 1, cv2.LINE_AA, FINE)
+        _text(picture, str(block), (int(u) - 9, int(v) + 6), colour)
+    words = STATES[tracked.state]
+    if tracked.symmetry_ambiguous and tracked.state == TRACKING:
+        words += ', turn open'
+    count = int(tracked.seen.sum())
+    _text(picture, f'{tracked.stamp_s:9.3f} s  {words}  {count}/25', (12, 26), TEXT)
+    if tracked.why:
+        _text(picture, tracked.why, (12, 52), TEXT)
+    return picture
+
+
+def _text(picture: np.ndarray, words: str, place: tuple[int, int], colour) -> None:
+    cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.55, (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.55, colour, 1, cv2.LINE_AA)

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol track: the tracker and the motion node over recorded images, to the bit as they run live."""
+
+import json
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from eol_ros.errors import ConfigError
+
+HELP = 'Follow the 25 blocks through a .npy stack, a film, a folder of pictures or a bag.'
+EXAMPLES = [
+    'eol track images.npy --fps 60 --out answer.npz --json',
+    'eol track film.mp4 --calibration table.yaml --out answer.npz',
+    'eol track bags/2026-11-21 --out answer.npz --overlay seen.mp4',
+]
+SLIP = [
+    ('slip', 'u4'), ('block', 'u1'), ('onset_s', 'f8'), ('onset_sigma_s', 'f8'),
+    ('start_stamp_s', 'f8'), ('stop_stamp_s', 'f8'), ('duration_s', 'f8'), ('distance_m', 'f8'),
+    ('speed_mps', 'f8'), ('x', 'f8'), ('y', 'f8'), ('cascade', 'u4'), ('tapped', '?'),
+]  # fmt: skip
+CASCADE = [
+    ('cascade', 'u4'), ('onset_s', 'f8'), ('duration_s', 'f8'), ('nucleus', 'u1'), ('area', 'u1'),
+    ('size', 'u2'), ('distance_m', 'f8'), ('blocks', '?', 25),
+]  # fmt: skip
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('frames', metavar='FRAMES', help='.npy stack, film, folder or bag')
+    parser.add_argument('--fps', type=float, help='images a second (default: of the film, or 60)')
+    parser.add_argument(
+        '--calibration', metavar='C.yaml',
+        help='of this camera; without one, it is learnt from the still blocks',
+    )  # fmt: skip
+    parser.add_argument('--out', metavar='ANS.npz', help='where the answer goes')
+    parser.add_argument('--overlay', metavar='OUT.mp4', help='film, or picture, with what was seen')
+    parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
+
+
+def run(args) -> int:
+    """Track, write, tell."""
+    from eol_ros.core.motion.motion import Motion
+    from eol_ros.core.vision.tracker import STATES, TRACKING, Tracker
+    from eol_ros.devices.image_source import open_source
+    from eol_ros.settings import MotionSettings, TrackerSettings
+    from eol_ros.verbs.progress import track
+
+    source = open_source(args.frames, args.fps)
+    if args.out and not Path(args.out).absolute().parent.is_dir():
+        raise ConfigError(f'{args.out}: there is no such folder')
+    tracker = Tracker(TrackerSettings(), _calibration(args.calibration))
+    tracker.warm_up()
+    motion = Motion(MotionSettings())
+    for tap in source.taps:
+        tracker.tap(*tap)
+        motion.tap(*tap)
+    overlay, rows, spent = None, [], []
+    starts, slips, cascades, told = {}, [], [], set()
+    for stamp_s, image in track(source.read(), 'tracking', total=source.count):
+        begun = time.perf_counter()
+        tracked = tracker.update(stamp_s, image)
+        spent.append(time.perf_counter() - begun)
+        rows.append(tracked)
+        if tracked.why not in told and tracked.state != TRACKING:
+            told.add(tracked.why)
+            print(f'{stamp_s:.3f} s: {STATES[tracked.state]}: {tracked.why}', file=sys.stderr)
+        x, y = tracked.world.T
+        seen = tracked.seen & (tracked.state == TRACKING)
+        new, closed = motion.update(stamp_s, x, y, seen, tracked.sigma_m)
+        for slip in new:
+            _gather(starts, slips, slip)
+        cascades += closed
+        if args.overlay:
+            if overlay is None:
+                from eol_ros.devices.overlay import Overlay
+
+                overlay = Overlay(args.overlay, source.fps, image.shape)
+            overlay.add(image, tracked, motion.detector.moving, tracker.side_px())
+    for note in source.notes:
+        print(note, file=sys.stderr)
+    if overlay is not None:
+        overlay.close()
+    if not rows:
+        raise ConfigError(f'{args.frames}: no image in it')
+    slips += [_row(start, None) for start in starts.values()]  # still moving when the images ended
+    answer = _answer(rows, slips, cascades, tracker.cover_height_m())
+    if args.out:
+        np.savez_compressed(args.out, **answer)
+    ms = np.array(spent) * 1e3
+    summary = {
+        'frames': len(rows),
+        'ms_median': round(float(np.median(ms)), 4),
+        'ms_p99': round(float(np.percentile(ms, 99)), 4),
+        'coverage': round(float(answer['visible'].mean()), 6),
+        'slips': len(slips),
+        'cascades': len(cascades),
+        'states': {STATES[s]: n for s, n in sorted(Counter(r.state for r in rows).items())},
+        'ambiguous': int(sum(r.symmetry_ambiguous for r in rows)),
+    }
+    if args.json:
+        print(json.dumps(summary))
+    else:
+        print('\n'.join(f'{k:10} {v}' for k, v in summary.items()))
+    return 0
+
+
+def _calibration(path):
+    if not path:
+        return None
+    from eol_ros.devices import calibration_file
+
+    return calibration_file.load(path)
+
+
+def _gather(starts: dict, slips: list, slip) -> None:
+    """Join the START and the STOP of a slip to one row."""
+    from eol_ros.core.motion.slips import START
+
+    if slip.event.kind == START:
+        starts[slip.event.slip] = slip
+    else:
+        slips.append(_row(starts.pop(slip.event.slip), slip))
+
+
+def _row(start, stop) -> tuple:
+    event = (stop or start).event
+    return (
+        event.slip, event.block, event.onset_s, event.onset_sigma_s, start.event.stamp_s,
+        event.stamp_s if stop else np.nan, event.duration_s if stop else np.nan,
+        event.distance_m, event.speed_mps, event.x, event.y, (stop or start).cascade,
+        bool(stop and stop.tapped),
+    )  # fmt: skip
+
+
+def _answer(rows: list, slips: list, cascades: list, height_m: float) -> dict:
+    """Return the arrays of the answer file; see docs."""
+    seen = np.array([r.seen for r in rows])
+    px = np.array([r.px for r in rows])
+    world = np.array([r.world for r in rows])
+    table = np.array(sorted(slips, key=lambda row: (row[2], row[1])), SLIP)
+    falls = np.zeros(len(cascades), CASCADE)
+    for k, c in enumerate(cascades):
+        blocks = np.isin(np.arange(25), c.blocks)
+        falls[k] = (
+            c.cascade, c.onset_s, c.duration_s, c.nucleus, c.area, c.size, c.distance_m, blocks,
+        )  # fmt: skip
+    return {
+        'time': np.array([r.stamp_s for r in rows]),
+        'px': np.where(seen[..., None], px, np.nan),
+        'yaw': np.array([np.where(np.isfinite(r.px[:, 0]), r.yaw, np.nan) for r in rows]),
+        'world': np.concatenate([world, np.full((*world.shape[:2], 1), height_m)], axis=2),
+        'visible': seen,
+        'visibility': np.array([r.visibility for r in rows]),
+        'sigma': np.array([r.sigma_m for r in rows]),
+        'state': np.array([r.state for r in rows], np.uint8),
+        'ambiguous': np.array([r.symmetry_ambiguous for r in rows]),
+        'onset': np.column_stack([table['onset_s'], table['block']]).reshape(-1, 2),
+        'slips': table,
+        'cascades': falls,
+    }

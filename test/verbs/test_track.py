@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from eol_ros import cli
+from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.motion.motion import Motion
+from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.tracker import Tracker
+from eol_ros.settings import MotionSettings, TrackerSettings
+
+pytestmark = pytest.mark.slow
+COUNT, FPS, BEGIN_S = 75, 60.0, 0.905
+
+
+def truth(k):
+    """Places of all blocks in image k: at rest, then block 7 slips 15 mm."""
+    xy = rest_lattice()
+    since = max(k / FPS - BEGIN_S, 0.0)
+    xy[7, 0] += min(1.25 * since**2, 0.015)
+    return xy
+
+
+@pytest.fixture(scope='module')
+def stack(tmp_path_factory):
+    renderer = Renderer(RenderOptions(), Calibration.ideal(), 5)
+    images = np.zeros((COUNT, 800, 1280), np.uint8)
+    for k in range(COUNT):
+        xy = truth(k)
+        images[k] = renderer.render(xy[:, 0], xy[:, 1], np.zeros(25), k)
+        if 60 <= k < 66:
+            images[k, 180:330, 420:480] = 14
+    path = tmp_path_factory.mktemp('track') / 'images.npy'
+    np.save(path, images)
+    return path
+
+
+@pytest.fixture(scope='module')
+def answer(stack):
+    out = stack.with_name('answer.npz')
+    assert cli.main(['track', str(stack), '--out', str(out), '--fps', '60']) == 0
+    return np.load(out)
+
+
+def test_shapes_and_what_they_mean(answer):
+    assert answer['px'].shape == (COUNT, 25, 2)
+    assert answer['yaw'].shape == answer['visible'].shape == (COUNT, 25)
+    assert answer['world'].shape == (COUNT, 25, 3)
+    assert answer['state'].shape == (COUNT,)
+    assert np.array_equal(answer['time'], np.arange(COUNT) / 60)
+    assert np.array_equal(np.isnan(answer['px'][..., 0]), ~answer['visible'])
+
+
+def test_pixels_and_ids_are_right_from_the_first_image(answer):
+    ideal = Calibration.ideal()
+    for k in range(COUNT):
+        seen = answer['visible'][k]
+        off = answer['px'][k][seen] - ideal.to_pixels(truth(k))[seen]
+        assert np.abs(off).max() < 0.05
+    assert answer['visible'][:60].all()
+
+
+def test_hidden_blocks_are_not_reported(answer):
+    hidden = ~answer['visible'][61:65].any(0)
+    assert set(np.flatnonzero(hidden)) == {15, 20}
+
+
+def test_metres_come_from_the_moment_it_has_calibrated_itself(answer):
+    state = answer['state']
+    first = int(np.argmax(state == 1))
+    assert 0 < first < 40
+    assert (state[:first] == 3).all()
+    assert np.isnan(answer['world'][:first, :, :2]).all()
+    for k in range(first, COUNT):
+        seen = answer['visible'][k]
+        assert np.allclose(answer['world'][k, seen, :2], truth(k)[seen], atol=2e-4)
+
+
+def test_the_slip_is_found(answer):
+    (onset,) = answer['onset']
+    assert onset[1] == 7
+    assert onset[0] == pytest.approx(BEGIN_S, abs=0.005)
+    assert answer['slips']['distance_m'][0] == pytest.approx(0.015, abs=2e-4)
+    assert list(answer['cascades']['nucleus']) == [7]
+
+
+def test_json_film_and_picture(stack, tmp_path, capsys):
+    film = tmp_path / 'seen.mp4'
+    short = tmp_path / 'short.npy'
+    np.save(short, np.load(stack)[:12])
+    assert cli.main(['track', str(short), '--overlay', str(film), '--json']) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary['frames'] == 12
+    assert summary['coverage'] == 1.0
+    assert 0 < summary['ms_median'] <= summary['ms_p99']
+    capture = cv2.VideoCapture(str(film))
+    ok, image = capture.read()
+    assert ok
+    assert image.shape == (800, 1280, 3)
+    assert (image.max(axis=2) - image.min(axis=2)).max() > 60  # something coloured is drawn
+    picture = tmp_path / 'seen.png'
+    assert cli.main(['track', str(short), '--overlay', str(picture)]) == 0
+    assert cv2.imread(str(picture)).shape == (800, 1280, 3)
+
+
+def test_same_as_the_live_classes_to_the_bit(stack, answer):
+    tracker, motion = Tracker(TrackerSettings(), None), Motion(MotionSettings())
+    starts = []
+    for k, image in enumerate(np.load(stack)):
+        tracked = tracker.update(k / FPS, image)
+        assert tracked.yaw.tobytes() == answer['yaw'][k].tobytes()
+        assert tracked.world.tobytes() == answer['world'][k, :, :2].tobytes()
+        x, y = tracked.world.T
+        slips, _ = motion.update(
+            k / FPS, x, y, tracked.seen & (tracked.state == 1), tracked.sigma_m
+        )
+        starts += [s.event.stamp_s for s in slips if s.event.kind == 1]
+    assert starts == list(answer['slips']['start_stamp_s'])
+
+
+def test_folder_and_film_give_the_same_ids(stack, tmp_path):
+    images = np.load(stack)[:10]
+    folder = tmp_path / 'pictures'
+    folder.mkdir()
+    film = cv2.VideoWriter(
+        str(tmp_path / 'film.avi'), cv2.VideoWriter.fourcc(*'FFV1'), 60, (1280, 800), False
+    )
+    for k, image in enumerate(images):
+        cv2.imwrite(str(folder / f'{k:04d}.png'), image)
+        film.write(image)
+    film.release()
+    results = []
+    for source in (folder, tmp_path / 'film.avi'):
+        out = tmp_path / 'out.npz'
+        assert cli.main(['track', str(source), '--out', str(out)]) == 0
+        results.append(np.load(out)['px'])
+    assert np.array_equal(results[0], results[1])
+
+
+@pytest.mark.parametrize(
+    ('make', 'code', 'words'),
+    [
+        (lambda p: None, 69, 'no such file'),
+        (lambda p: np.save(p, np.zeros((3, 80, 80))), 78, 'uint8'),
+        (lambda p: p.write_bytes(b'\x93NUMPY\x01\x00broken'), 78, 'cut short'),
+    ],
+)
+def test_a_bad_file_is_one_line(tmp_path, capsys, make, code, words):
+    path = tmp_path / 'images.npy'
+    make(path)
+    assert cli.main(['track', str(path)]) == code
+    error = capsys.readouterr().err.strip()
+    assert words in error
+    assert len(error.splitlines()) == 1
+
+
+def test_a_film_that_ends_in_the_middle_of_an_image(stack, tmp_path, capsys):
+    whole = tmp_path / 'whole.avi'
+    film = cv2.VideoWriter(
+        str(whole), cv2.VideoWriter.fourcc(*'MJPG'), 60, (1280, 800), False
+    )
+    for image in np.load(stack)[:12]:
+        film.write(image)
+    film.release()
+    cut = tmp_path / 'cut.avi'
+    cut.write_bytes(whole.read_bytes()[: int(whole.stat().st_size * 0.6)])
+    out = tmp_path / 'out.npz'
+    code = cli.main(['track', str(cut), '--out', str(out)])
+    assert code in (0, 78)
+    error = capsys.readouterr().err
+    if code == 0:
+        assert 0 < len(np.load(out)['state']) < 12
+    assert str(cut) in error
+    assert 'Traceback' not in error
+
+
+def test_other_bad_wishes(stack, tmp_path, capsys):
+    assert cli.main(['track', str(stack), '--fps', '0']) == 2
+    assert cli.main(['track', str(stack), '--out', str(tmp_path / 'no' / 'a.npz')]) == 78
+    empty = tmp_path / 'empty'
+    empty.mkdir()
+    assert cli.main(['track', str(empty)]) == 69
+    assert cli.main(['track', str(stack), '--overlay', str(tmp_path / 'seen.gif')]) == 78
