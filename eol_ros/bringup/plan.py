@@ -19,6 +19,7 @@ _ENVIRONMENT = {
     'NUMBA_NUM_THREADS': '1',
     'OPENCV_FOR_THREADS_NUM': '1',
     'MALLOC_ARENA_MAX': '2',
+    'MALLOC_MMAP_THRESHOLD_': '524288',  # images go back to the system, the heap stays whole
     'PYTHONUNBUFFERED': '1',
     'PYTHONFAULTHANDLER': '1',
 }

@@ -9,8 +9,8 @@ import os
 import tempfile
 from pathlib import Path
 
-BIG_SEGMENT = 64 << 20  # processes that publish images: 64 of them
-SMALL_SEGMENT = 4 << 20
+BIG_SEGMENT = 32 << 20  # processes that publish images: 31 of them, more than the QoS keeps
+SMALL_SEGMENT = 2 << 20
 MAX_MESSAGE = 2 << 20
 IMAGE_NODES = {'twin', 'camera', 'replay'}
 

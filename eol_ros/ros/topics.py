@@ -44,7 +44,7 @@ def _qos(depth: int, reliable: bool = True, latched: bool = False) -> QoSProfile
 
 
 QOS: dict[str, QoSProfile] = {
-    'images': _qos(30),  # 1 MB each: 30 bridge half a second of a busy reader
+    'images': _qos(20),  # 1 MB each: 20 bridge a third of a second of a busy reader
     'stream': _qos(60),  # small, one per image or per event
     'preview': _qos(10, reliable=False),
     'meter': _qos(10, reliable=False),
