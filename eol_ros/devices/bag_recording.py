@@ -117,6 +117,11 @@ class Recording:
         return sum(self._gaps.lost.values()) + sum(self.dropped.values())
 
     @property
+    def received(self) -> Counter[str]:
+        """Messages that came out of the queue so far, per topic."""
+        return Counter(self._gaps.received)
+
+    @property
     def queued_mb(self) -> float:
         """What waits to be written now."""
         return round(self._queued_bytes / 1e6, 1)

@@ -149,10 +149,19 @@ class Decoder:
             for name, values in self._message(layout.tree, raw, top=True).items():
                 columns.setdefault(name, []).append(values)
         if not rows:
-            empty = self.dtype(self.root)
-            return {n: np.empty(0, empty[n]) for n in empty.names or ()}
+            return self._empty(self.root)
         order = np.argsort(np.concatenate(rows), kind='stable')
         return {name: _joined(parts)[order] for name, parts in columns.items()}
+
+    def _empty(self, kind: str) -> dict[str, np.ndarray]:
+        columns = {}
+        for field in self.types[kind]:
+            if field.type == 'std_msgs/Header' and field.count is None:
+                columns.update(self._empty(field.type))
+            else:
+                slot = np.dtype([self._slot(field)])
+                columns[field.name] = np.empty(0, slot)[field.name]
+        return columns
 
     def offset(self, name: str, data: bytes) -> int:
         """Return where the top-level field `name` lies in the message `data`."""
@@ -163,6 +172,8 @@ class Decoder:
         self, messages: Sequence[bytes]
     ) -> Iterator[tuple[_Layout, np.ndarray, np.ndarray]]:
         sizes = np.array([len(m) for m in messages], int)
+        if sizes.min(initial=HEADER) < HEADER:
+            raise ConfigError(f'{self.type}: a message of {sizes.min()} bytes')
         for size in np.unique(sizes):
             left = np.flatnonzero(sizes == size)
             raw = np.frombuffer(b''.join([messages[i] for i in left]), 'u1').reshape(-1, size)
