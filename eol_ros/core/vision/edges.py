@@ -21,6 +21,9 @@ TAPS = 22  # pixels of a profile at 45 degrees
 LINES = 384  # profiles of one square, padded to whole vectors; a wide one is read on every second line
 SIDE_LINES = 88
 CORNER = 1.4  # blurs left out at each end of a side, where two edges mix
+EDGE = 2.4  # blurs from the edge over which the light inside counts as one level
+ROUGH = 0.1  # share of the texture's variance that is new from pixel to pixel
+UNLIKE = 1.0  # of the variance from line to line, what differs between level zone and edge
 FLAT = 2.1  # blurs from the edge at which light counts as inside or outside
 MIN_CONTRAST = 8.0  # grey levels
 SETTLED_PX = 0.03  # a last step below this leaves no error that counts
@@ -29,13 +32,13 @@ U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL = range(FIELDS)
 
 # Fields of the profiles, one after the other in one flat array: with distances that the compiler
 # knows, it can tell that they do not overlap and turns every loop over profiles into vector code.
-(_FIRST, _T, _NU, _NV, _VALID, _IN, _OUT, _OFFSET, _WEIGHT, _A, _B, _C, _D) = (
-    k * LINES for k in range(13))
+(_FIRST, _T, _NU, _NV, _VALID, _IN, _OUT, _OFFSET, _WEIGHT, _A, _B, _C, _D,
+ _E) = (k * LINES for k in range(14))
 
 
 def workspace() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return scratch arrays of fit_squares, so that a live image allocates nothing."""
-    return (np.zeros(TAPS * LINES, np.float32), np.zeros(13 * LINES, np.float32),
+    return (np.zeros(TAPS * LINES, np.float32), np.zeros(14 * LINES, np.float32),
             np.zeros(6, np.int64))
 
 
@@ -110,7 +113,8 @@ def _padded(n):
 def _zones(pixels, work, n, taps, slope, lean, limit, flat, squares):
     """Sum each profile's pixels inside and outside: counts to A and C, sums to B and D.
 
-    With `squares`, sums of squared distances to the levels in IN and OUT instead. Pixels further than
+    With `squares`, sums of squared distances to the levels in IN and OUT instead, and to E the squared
+    changes from pixel to pixel inside. Pixels further than
     `limit` along the side are left out: around the corner stands another edge.
     """
     f_slope, f_lean = np.float32(slope), np.float32(lean)
@@ -121,12 +125,15 @@ def _zones(pixels, work, n, taps, slope, lean, limit, flat, squares):
         work[_B + i] = zero
         work[_C + i] = zero
         work[_D + i] = zero
+        work[_E + i] = zero
     for k in range(taps):
         ahead = f_slope * np.float32(k)
         at = k * LINES
         if squares:
+            before = at - LINES if k > 0 else at
             for i in range(n):
                 d = work[_FIRST + i] + ahead
+                change = pixels[at + i] - pixels[before + i]
                 near = one if abs(work[_T + i] + d * f_lean) <= f_limit else zero
                 x_in, x_out = pixels[at + i] - work[_IN + i], pixels[at + i] - work[_OUT + i]
                 w_in = near if d < -f_flat else zero
@@ -135,6 +142,7 @@ def _zones(pixels, work, n, taps, slope, lean, limit, flat, squares):
                 work[_B + i] += w_in * x_in * x_in
                 work[_C + i] += w_out
                 work[_D + i] += w_out * x_out * x_out
+                work[_E + i] += w_in * change * change
         else:
             for i in range(n):
                 d = work[_FIRST + i] + ahead
@@ -152,7 +160,8 @@ def _levels(pixels, work, ends, slope, lean, limit, flat, spread, histogram):
     """Measure the light inside and outside along every profile, and judge which ones show an edge.
 
     Fills IN and OUT and clears VALID of profiles that show no edge like the others.
-    spread (2,): variance of one pixel inside and outside. Returns (contrast, level inside) of the
+    spread (4,): variance of one pixel inside and outside, the parts of them that are texture, which
+    unlike noise is alike from pixel to pixel. Returns (contrast, level inside) of the
     whole block, or zeros where there is none.
     """
     n, taps = ends[4], ends[5]
@@ -197,15 +206,19 @@ def _levels(pixels, work, ends, slope, lean, limit, flat, spread, histogram):
         if abs(work[_IN + i] - mean_in) > 0.5 * contrast:
             work[_VALID + i] = 0.0
     _zones(pixels, work, padded, taps, slope, lean, limit, flat, True)
-    v_in = v_out = k_in = k_out = 0.0
+    v_in = v_out = k_in = k_out = changes = 0.0
     for i in range(n):
         valid = work[_VALID + i]
         v_in += valid * work[_B + i]
         v_out += valid * work[_D + i]
         k_in += valid * (work[_A + i] - 1)
+        changes += valid * work[_E + i]
         k_out += valid * (work[_C + i] - 1)
     spread[0] = max(v_in / max(k_in, 1.0), 0.25)
     spread[1] = max(v_out / max(k_out, 1.0), 0.25)
+    # the innermost pixel has no neighbour, so there are as many changes as degrees of freedom
+    spread[2] = max(spread[0] - max(0.55 * changes / max(k_in, 1.0), spread[1]), 0.0)
+    spread[3] = 0.0
     return contrast, mean_in
 
 
@@ -252,6 +265,8 @@ def _share_levels(work, ends, spread):
                     seen += (smooth - mean) ** 2
                     expected += spread[zone] / max(pixels, 1.0)
         keep = max(1.0 - 1.25 * expected / seen, 0.0) if seen > 0 else 0.0
+        # light that differs from line to line differs as well from the level zone to the edge
+        spread[2 + zone] += UNLIKE * max(seen - 1.25 * expected, 0.0) / count
         for i in range(n):
             if work[_VALID + i] > 0:
                 work[column + i] = mean + keep * (work[_B + i] - mean)
@@ -262,18 +277,22 @@ def _offsets(pixels, work, ends, slope, lean, limit, blur, spread):
     """Answer for every profile how far its edge lies outside the present square, and how surely.
 
     One step of maximum likelihood for a Gaussian-blurred step between known levels, each pixel
-    weighted by its own variance. exp and erf are polynomials (Abramowitz and Stegun 7.1.26), so that
+    weighted by its own variance: noise grows with the share of light from the cover, texture with its
+    square, so that a speckled cover is measured by the outer foot of its edge. exp and erf are polynomials (Abramowitz and Stegun 7.1.26), so that
     the loop over profiles becomes vector code.
     """
     n, taps = _padded(ends[4]), ends[5]
     scale = np.float32(1.0 / blur)
-    v_out, v_more = np.float32(spread[1]), np.float32(spread[0] - spread[1])
+    v_out = np.float32(spread[1])
+    v_more = np.float32(max(spread[0] - spread[2], spread[1]) - spread[1])
+    t_in, t_out = np.float32(spread[2]), np.float32(spread[3])
+    rough = np.float32(ROUGH) * t_in
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     edge = np.float32(limit)
     f_lean = np.float32(lean)
     for i in range(n):
-        work[_A + i] = zero
-        work[_B + i] = zero
+        for field in (_A, _B, _C, _D, _E):
+            work[field + i] = zero
     for k in range(taps):
         ahead = np.float32(slope) * np.float32(k)
         at = k * LINES
@@ -296,15 +315,22 @@ def _offsets(pixels, work, ends, slope, lean, limit, blur, spread):
             cover = one - tail if x < zero else tail
             outer = work[_OUT + i]
             rest = pixels[at + i] - outer - (work[_IN + i] - outer) * cover
-            w = e / (v_out + v_more * cover)
+            bare = one - cover
+            w = one / (v_out + cover * (v_more + cover * rough) + bare * bare * t_out)
             w = w if abs(work[_T + i] + d * f_lean) < edge else zero
-            work[_A + i] += w * rest
-            work[_B + i] += w * e
+            close = w if size < np.float32(EDGE) else zero
+            work[_A + i] += w * e * rest
+            work[_B + i] += w * e * e
+            work[_C + i] += close * e * cover
+            work[_D + i] += close * cover * cover
+            work[_E + i] += close * cover * rest
+    stiff = one / max(t_in, np.float32(1e-3))
     for i in range(n):
         slant = (work[_IN + i] - work[_OUT + i]) * scale * np.float32(0.39894228)  # grey per px
-        bottom = work[_B + i] + np.float32(1e-12)
+        share = work[_C + i] / (work[_D + i] + stiff)
+        bottom = work[_B + i] - share * work[_C + i] + np.float32(1e-9)
         safe = slant if slant > one else one
-        work[_OFFSET + i] = work[_A + i] / (bottom * safe)
+        work[_OFFSET + i] = (work[_A + i] - share * work[_E + i]) / (bottom * safe)
         work[_WEIGHT + i] = work[_VALID + i] * bottom * safe * safe
 
 
@@ -536,7 +562,7 @@ def fit_squares(image, starts, blur, half_sigma, search, pixels, work, ends, out
     a = np.zeros((4, 4))
     step = np.zeros(4)
     shares = np.zeros(4)
-    spread = np.zeros(2)
+    spread = np.zeros(4)
     histogram = np.zeros(128)
     second = np.zeros(FIELDS)
     for s in range(starts.shape[0]):
