@@ -88,4 +88,4 @@ def arrange(
         return raw
     by_rank = np.stack([ranked(raw[:, 0]), ranked(raw[:, 1])], axis=1)
     target = even(by_rank) if layout == 'even' else by_rank
-    return raw + blend * (target - raw)
+    return (1 - blend) * raw + blend * target

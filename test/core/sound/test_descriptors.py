@@ -196,7 +196,7 @@ def test_periodicity_of_real_recordings_as_essentia_has_it(recording):
         frameSize=YIN_FRAME, sampleRate=rate, minFrequency=40, maxFrequency=4000, tolerance=0.15
     )
     theirs, ours = [], []
-    for (a, b), grain in zip(cuts[~silent], grains[~silent]):
+    for (a, b), grain in list(zip(cuts[~silent], grains[~silent]))[:16]:
         part = samples[a:b]
         frames = [part[i : i + YIN_FRAME].copy() for i in range(0, len(part) - YIN_FRAME + 1, HOP)]
         if frames:

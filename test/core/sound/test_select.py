@@ -1,0 +1,394 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The selector against a second reading of the same rule, block by block and grain by grain."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
+from eol_ros.core.sound.select import FORGET_S, NOISE_SIGMAS, Selector, chance
+from eol_ros.settings import GrainsSettings
+
+FPS = 60.0
+STILL = GrainsSettings(
+    rate_jitter_st=0, edge_jitter=0, swap_s=0, block_cap=1000, total_cap=10000, refractory_s=0
+)
+EVERYONE = np.ones(25, bool)
+
+
+def space(places, duration_s=0.25):
+    grains = np.zeros(len(places), GRAIN)
+    grains['x'], grains['y'] = np.asarray(places, float).T
+    grains['duration_s'] = duration_s
+    return Corpus((Source('a.wav', 48000, 99.0, ''),), grains)
+
+
+class Oracle:
+    """The rule as the docstring of `select` tells it, with no array, no cleverness."""
+
+    def __init__(self, settings, places):
+        self.s = settings
+        half = settings.space_m / 2
+        self.grains = [(2 * half * x - half, 2 * half * y - half) for x, y in places]
+        self.last = [None] * 25  # (time, x, y) of the image in which the block was last seen
+        self.moving = [False] * 25
+        self.fast = [-math.inf] * 25
+        self.bow = [-math.inf] * 25
+        self.disarmed = set()
+        self.sounded = {}
+        self.history = []
+
+    def image(self, t, x, y, seen, sigma):
+        s = self.s
+        for b in range(25):
+            speed = step = 0.0
+            measured = False
+            if seen[b]:
+                if self.last[b] is not None and t - self.last[b][0] <= FORGET_S:
+                    step = math.hypot(x[b] - self.last[b][1], y[b] - self.last[b][2])
+                    speed = step / (t - self.last[b][0])
+                    measured = True
+                self.last[b] = (t, x[b], y[b])
+            was = self.moving[b]
+            if was:
+                fast = measured and speed >= s.stop_mps
+            else:
+                noise = NOISE_SIGMAS * math.sqrt(2) * sigma[b]
+                fast = measured and speed >= s.start_mps and step >= noise
+            if fast:
+                self.fast[b] = t
+            self.moving[b] = fast or (was and t - self.fast[b] < s.rest_s)
+            if self.moving[b] and not was:
+                self.bow[b] = t
+            if was and not self.moving[b] and s.rearm_at_rest:
+                self.disarmed = {(k, g) for k, g in self.disarmed if k != b}
+        out = []
+        candidates = []
+        for b in range(25):
+            if not (self.moving[b] and seen[b]):
+                continue
+            far = [math.sqrt((gx - x[b]) ** 2 + (gy - y[b]) ** 2) for gx, gy in self.grains]
+            for g, d in enumerate(far):
+                if d > s.radius * s.leave_ratio:
+                    self.disarmed.discard((b, g))
+            order = sorted(range(len(far)), key=lambda g: (far[g], g))
+            order = order[: {'all': len(far), 'nearest': 1, 'k': s.k}[s.choose]]
+            near = [g for g in order if far[g] <= s.radius]
+            if s.mode == 'fence':
+                candidates += [(far[g], b, g) for g in near if (b, g) not in self.disarmed]
+            elif t >= self.bow[b]:
+                ready = sorted(g for g in near if self.rested(t, g))
+                if ready:
+                    u, v = chance(s.seed, t, b, 0, np.arange(2))
+                    self.bow[b] = t + s.bow_period_s * (1 + s.bow_jitter * (2 * u - 1))
+                    g = ready[int(v * len(ready))]
+                    if self.allowed(t, b):
+                        out.append((b, g))
+                        self.sounded[g] = t
+        for _, b, g in sorted(candidates):
+            if self.rested(t, g):
+                self.disarmed.add((b, g))
+                if self.allowed(t, b):
+                    out.append((b, g))
+                    self.sounded[g] = t
+        return out
+
+    def rested(self, t, g):
+        return g not in self.sounded or t - self.sounded[g] >= self.s.refractory_s
+
+    def allowed(self, t, b):
+        second = [k for when, k in self.history if t - when < 1.0]
+        if len(second) >= self.s.total_cap or second.count(b) >= self.s.block_cap:
+            return False
+        self.history.append((t, b))
+        return True
+
+
+def walk(random, images):
+    """Positions (images, 25, 2): rests, slips, drifts and jumps, of all sizes that matter."""
+    pace = random.choice([0, 0, 1e-5, 3e-4, 2e-3, 2e-2], (images, 25, 1))
+    steps = pace * random.standard_normal((images, 25, 2))
+    drift = np.repeat(random.normal(0, 0.004, (1, 25, 2)), images, axis=0)
+    drift[random.random((images, 25)) < 0.5] = 0
+    return random.uniform(-0.5, 0.5, (25, 2)) + np.cumsum(steps + drift, axis=0)
+
+
+def compare(seed, images, n_grains):
+    """Run both over one random scene of 25 trajectories; return how many triggers there were."""
+    random = np.random.default_rng(seed)
+    settings = GrainsSettings(
+        mode=str(random.choice(['fence', 'fence', 'bow'])),
+        choose=str(random.choice(['all', 'nearest', 'k'])),
+        k=int(random.integers(1, 5)),
+        radius=float(random.uniform(0.02, 0.4)),
+        leave_ratio=float(random.choice([1.0, 1.2, 2.0])),
+        rearm_at_rest=bool(random.random() < 0.5),
+        refractory_s=float(random.choice([0.0, 0.05, 0.3])),
+        block_cap=int(random.choice([0, 1, 3, 1000])),
+        total_cap=int(random.choice([5, 40, 10000])),
+        rest_s=float(random.choice([0.0, 0.02, 0.08])),
+        bow_period_s=float(random.choice([0.02, 0.06])),
+        seed=int(seed % 7),
+    )
+    places = random.random((n_grains, 2))
+    selector, oracle = Selector(settings, space(places)), Oracle(settings, places)
+    xy = walk(random, images)
+    stamps = np.cumsum(random.choice([1 / FPS, 2 / FPS, 0.3], images, p=[0.9, 0.08, 0.02]))
+    seen = random.random((images, 25)) < random.choice([1.0, 0.8])
+    sigma = random.choice([0.0, 2e-5, 1e-3], 25)
+    count = 0
+    for t, at, there in zip(stamps, xy, seen):
+        x, y = at.T
+        found = selector.update(float(t), x, y, there, sigma)
+        expected = oracle.image(float(t), x.tolist(), y.tolist(), there.tolist(), sigma.tolist())
+        got = list(zip(found['block'].tolist(), found['grain'].tolist()))
+        assert got == expected, (seed, settings, t)
+        count += len(got)
+    return count
+
+
+def test_agrees_with_the_oracle():
+    assert sum(compare(seed, images=25, n_grains=12) for seed in range(24)) > 100
+
+
+@pytest.mark.slow
+def test_agrees_with_the_oracle_on_1e5_trajectories():
+    scenes = 100_000 // 25
+    assert sum(compare(1000 + seed, images=7, n_grains=4) for seed in range(scenes)) > 5_000
+
+
+def run(settings, places, path, block=12, images=None, sigma=0.0):
+    """Move one block along `path` (n, 2); return its triggers."""
+    selector = Selector(settings, space(places))
+    at = rest_lattice() + 5.0  # the others are far away
+    found = []
+    for i, place in enumerate(path):
+        at[block] = place
+        found.append(selector.update(i / FPS, *at.T.copy(), EVERYONE, np.full(25, sigma)))
+    return np.concatenate(found)
+
+
+def line(start, end, images):
+    return np.linspace(start, end, images)
+
+
+CENTRE = [(0.5, 0.5)]
+THROUGH = line((-0.1, 0), (0.1, 0), 30)
+REST = np.repeat([[0.1, 0.0]], 20, axis=0)
+
+
+def test_a_passing_block_sounds_a_grain_once_on_the_way_in():
+    found = run(STILL, CENTRE, THROUGH)
+    assert found['grain'].tolist() == [0] and found['block'].tolist() == [12]
+    entered = np.argmax(np.hypot(*THROUGH.T) <= STILL.radius)
+    assert found['time_s'][0] == entered / FPS
+
+
+def test_there_and_back_sounds_twice_and_trembling_at_the_edge_once():
+    assert len(run(STILL, CENTRE, np.concatenate([THROUGH, THROUGH[::-1]]))) == 2
+    edge = STILL.radius + 0.004 * np.sin(np.arange(200))  # within the hysteresis
+    assert len(run(STILL, CENTRE, np.stack([edge, 0 * edge], axis=1))) == 1
+
+
+def test_a_block_that_rests_in_reach_is_silent_until_it_slips():
+    rest = np.zeros((60, 2)) + 0.01
+    assert len(run(STILL, CENTRE, rest, sigma=1e-4)) == 0
+    slip = np.concatenate(
+        [rest, line((0.01, 0.01), (0.02, 0.01), 5), np.repeat([[0.02, 0.01]], 30, 0)]
+    )
+    assert len(run(STILL, CENTRE, slip)) == 1
+    again = np.concatenate([slip, slip[::-1]])
+    assert len(run(STILL, CENTRE, again)) == 2
+    fenced = dataclasses.replace(STILL, rearm_at_rest=False)
+    assert len(run(fenced, CENTRE, again)) == 1
+
+
+def test_noise_is_not_motion():
+    random = np.random.default_rng(0)
+    sigma = 5e-4  # steps of 40 mm/s, above start_mps
+    path = sigma * random.standard_normal((2000, 2))
+    assert len(run(STILL, CENTRE, path, sigma=sigma)) == 0
+    assert len(run(STILL, CENTRE, path, sigma=0.0)) > 0
+
+
+def test_unseen_blocks_do_nothing():
+    selector = Selector(STILL, space(CENTRE))
+    for i, place in enumerate(THROUGH):
+        at = np.tile(place, (25, 1))
+        seen = np.zeros(25, bool)
+        assert not len(selector.update(i / FPS, *at.T, seen, np.zeros(25)))
+
+
+def test_nearest_and_k():
+    places = [(0.5, 0.5), (0.51, 0.5), (0.55, 0.5)]
+    path = line((0.0, 0.002), (0.0, 0.0), 3)
+    for choose, k, expected in [('all', 1, [0, 1, 2]), ('nearest', 1, [0]), ('k', 2, [0, 1])]:
+        settings = dataclasses.replace(STILL, choose=choose, k=k, radius=0.1)
+        assert run(settings, places, path)['grain'].tolist() == expected
+
+
+def test_bow_rumbles_while_moving_and_only_then():
+    settings = dataclasses.replace(STILL, mode='bow', bow_period_s=0.1, bow_jitter=0, radius=0.5)
+    random = np.random.default_rng(1)
+    path = np.concatenate([line((-0.1, 0), (0.1, 0), 120), REST, REST, REST])
+    found = run(settings, random.random((50, 2)), path)
+    times = found['time_s']
+    assert len(found) == pytest.approx(2.0 / 0.1, abs=4)
+    assert times.max() <= 120 / FPS + settings.rest_s + 1 / FPS
+    assert np.diff(times).min() >= 0.1 - 1e-9
+    assert len(np.unique(found['grain'])) > 5
+
+
+def test_caps_hold_in_any_second():
+    places = np.random.default_rng(2).random((400, 2))
+    settings = dataclasses.replace(STILL, block_cap=5, total_cap=12, radius=0.1)
+    selector = Selector(settings, space(places))
+    found = []
+    for i in range(240):
+        at = rest_lattice() + 0.1 * np.array([np.sin(i / 20), np.cos(i / 17)])
+        found.append(selector.update(i / FPS, *at.T, EVERYONE, np.zeros(25)))
+    found = np.concatenate(found)
+    for t in np.unique(found['time_s']):
+        second = found[(found['time_s'] > t - 1) & (found['time_s'] <= t)]
+        assert len(second) <= 12
+        assert np.bincount(second['block']).max() <= 5
+    assert selector.capped > 100 and len(found) > 30
+
+
+def test_no_grain_repeats_within_the_refractory_time():
+    settings = dataclasses.replace(STILL, refractory_s=0.4, radius=0.2)
+    places = np.random.default_rng(3).random((30, 2))
+    selector = Selector(settings, space(places))
+    found = []
+    for i in range(300):
+        at = rest_lattice() + 0.2 * np.array([np.sin(i / 10), np.cos(i / 7)])
+        found.append(selector.update(i / FPS, *at.T, EVERYONE, np.zeros(25)))
+    found = np.concatenate(found)
+    for grain in np.unique(found['grain']):
+        times = found['time_s'][found['grain'] == grain]
+        assert np.diff(times).min(initial=1) >= 0.4 - 1e-9
+
+
+def test_faster_is_louder_and_place_is_pan():
+    slow, fast = (run(STILL, CENTRE, line((-0.1, 0), (0.1, 0), n))['gain'][0] for n in (100, 20))
+    assert STILL.gain_floor <= slow < fast <= 1
+    speed = 0.2 / 99 * FPS
+    assert slow == pytest.approx((speed / STILL.full_mps) ** STILL.gain_curve, rel=1e-5)
+    right = run(STILL, [(0.75, 0.5)], line((0.2, 0), (0.4, 0), 30))
+    assert right['pan'][0] == pytest.approx(STILL.pan_width * right_x(right) / 0.6, abs=1e-6)
+
+
+def right_x(found):
+    return 0.2 + 0.2 / 29 * round(found['time_s'][0] * FPS)
+
+
+def test_jitter_stays_in_its_range_and_comes_from_the_seed():
+    settings = dataclasses.replace(STILL, rate_jitter_st=2, edge_jitter=0.5, rate=1.5, radius=0.3)
+    places = np.random.default_rng(4).random((300, 2))
+    path = line((-0.5, 0), (0.5, 0.1), 120)
+    found = run(settings, places, path)
+    assert len(found) > 50
+    octaves = np.log2(found['rate'] / 1.5)
+    assert np.abs(octaves).max() <= 2 / 12 + 1e-6 and np.abs(octaves).max() > 1.5 / 12
+    assert abs(octaves.mean()) < 0.03
+    attack = found['attack_s'] / settings.attack_s
+    assert 0.5 - 1e-5 <= attack.min() < 0.7 and 1.3 < attack.max() <= 1.5 + 1e-5
+    np.testing.assert_array_equal(found, run(settings, places, path))
+    other = run(dataclasses.replace(settings, seed=2), places, path)
+    assert (other['rate'] != found['rate']).any()
+    np.testing.assert_array_equal(other['grain'], found['grain'])
+
+
+def test_edges_fit_into_a_short_grain():
+    selector = Selector(STILL, space(CENTRE, duration_s=0.03))
+    for i, place in enumerate(THROUGH):
+        at = rest_lattice() + 5
+        at[3] = place
+        for row in selector.update(i / FPS, *at.T, EVERYONE, np.zeros(25)):
+            assert row['attack_s'] + row['release_s'] <= 0.03 + 1e-6
+            return
+    pytest.fail('no trigger')
+
+
+def test_every_setting_can_change_between_two_images():
+    selector = Selector(STILL, space(np.random.default_rng(5).random((100, 2))))
+    random = np.random.default_rng(6)
+    for i in range(200):
+        selector.settings = GrainsSettings(
+            mode=str(random.choice(['fence', 'bow'])),
+            choose=str(random.choice(['all', 'nearest', 'k'])),
+            k=int(random.integers(1, 100)),
+            radius=float(random.uniform(0.001, 1)),
+            space_m=float(random.uniform(0.1, 3)),
+            block_cap=int(random.integers(0, 30)),
+            total_cap=int(random.integers(0, 30)),
+            swap_s=float(random.choice([0, 1])),
+        )
+        at = rest_lattice() + 0.1 * np.array([np.sin(i / 10), np.cos(i / 7)])
+        selector.update(i / FPS, *at.T, EVERYONE, np.zeros(25))
+
+
+def test_a_new_corpus_rises_from_silence():
+    places = np.random.default_rng(7).random((400, 2))
+    settings = dataclasses.replace(STILL, swap_s=1.0)
+    selector = Selector(settings, space(places))
+    gains = []
+    for i in range(240):
+        if i == 120:
+            selector.load(space(places[:350]))
+        at = rest_lattice() + 0.1 * np.array([np.sin(i / 20), np.cos(i / 20)])
+        found = selector.update(i / FPS, *at.T, EVERYONE, np.zeros(25))
+        gains.append(found['gain'].max(initial=0))
+        assert (found['grain'] < (400 if i < 120 else 350)).all()
+    full = max(gains[60:120])
+    assert max(gains[120:126]) < 0.2 * full
+    assert max(gains[180:]) == pytest.approx(full, rel=0.05)
+
+
+def test_a_bag_that_begins_again_gives_the_same_again():
+    places = np.random.default_rng(8).random((50, 2))
+    selector = Selector(dataclasses.replace(GrainsSettings(), radius=0.1), space(places))
+    rounds = []
+    for _ in range(2):
+        found = []
+        for i in range(100):
+            at = rest_lattice() + 0.1 * np.array([np.sin(i / 10), np.cos(i / 7)])
+            found.append(selector.update(1 + i / FPS, *at.T, EVERYONE, np.zeros(25)))
+        rounds.append(np.concatenate(found))
+    assert len(rounds[0]) > 20
+    np.testing.assert_array_equal(*rounds)
+
+
+def test_an_image_told_twice_counts_once():
+    selector = Selector(STILL, space(CENTRE))
+    count = 0
+    for i, place in enumerate(THROUGH):
+        for _ in range(2):
+            at = rest_lattice() + 5
+            at[3] = place
+            count += len(selector.update(i / FPS, *at.T, EVERYONE, np.zeros(25)))
+    assert count == 1
+
+
+def test_silent_grains_are_never_reached():
+    found = run(STILL, [(np.nan, np.nan), (0.5, 0.5)], THROUGH)
+    assert found['grain'].tolist() == [1]
+
+
+def test_without_a_corpus_nothing_sounds():
+    selector = Selector(STILL)
+    for i, place in enumerate(THROUGH):
+        at = np.tile(place, (25, 1))
+        assert not len(selector.update(i / FPS, *at.T, EVERYONE, np.zeros(25)))
+
+
+def test_chance_is_uniform_and_depends_on_each_argument():
+    u = chance(1, 12.5, np.arange(100)[:, None], np.arange(100)[None], 3).ravel()
+    assert (u >= 0).all() and (u < 1).all()
+    assert np.histogram(u, 10, (0, 1))[0].std() < 60  # 1000 each, sd 30
+    base = chance(1, 12.5, 2, 3, 4)
+    for other in [(2, 12.5, 2, 3, 4), (1, 12.6, 2, 3, 4), (1, 12.5, 3, 3, 4), (1, 12.5, 2, 4, 4)]:
+        assert chance(*other) != base
