@@ -9,9 +9,7 @@ import soundfile
 
 from eol_ros.errors import ConfigError, DeviceMissing
 
-BLOCK = (
-    1 << 16
-)  # samples read at a time: a long file never needs all its channels in memory at once
+BLOCK = 1 << 13  # samples read at a time; where a file breaks off, the last such block is lost
 SHORTEST_S = 0.01  # shorter than this is no sound to make grains of
 
 

@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -161,7 +162,7 @@ def _analysed(sound: Path, options: Options, progress):
         with np.load(path) as kept:
             rate, duration_s = int(kept['rate']), float(kept['duration_s'])
             grains, silent, notes = kept['grains'], kept['silent'], kept['notes'].tolist()
-    except (OSError, ValueError, KeyError, EOFError):  # absent or spoilt: done anew
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):  # absent or spoilt: done anew
         from eol_ros.core.sound.descriptors import analyse
         from eol_ros.devices.audio_file import read_mono
 

@@ -1,0 +1,372 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A corpus made, kept, moved by hand, found again, and refused when it is spoilt."""
+
+import csv
+import json
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eol_ros.core.sound.corpus import GRAIN
+from eol_ros.core.sound.ice import ice
+from eol_ros.devices import audio_file, corpus_build, corpus_file
+from eol_ros.devices.corpus_build import build, build_cached
+from eol_ros.devices.corpus_file import Options
+from eol_ros.devices.corpus_loader import CorpusLoader
+from eol_ros.errors import ConfigError, DeviceMissing, EolError
+
+RATE = 16000
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv('EOL_CACHE', str(tmp_path / 'cache'))
+
+
+@pytest.fixture(scope='session')
+def _ice(tmp_path_factory):
+    path = tmp_path_factory.mktemp('sound') / 'floe.wav'
+    audio_file.write(path, ice(4.0, RATE, seed=5), RATE, 'PCM_16')
+    return path
+
+
+@pytest.fixture
+def sound(_ice, tmp_path):
+    return Path(shutil.copy(_ice, tmp_path / 'floe.wav'))
+
+
+def same(a, b):
+    assert a.sources == b.sources
+    assert (a.x_name, a.y_name, a.digest, a.notes) == (b.x_name, b.y_name, b.digest, b.notes)
+    for name in GRAIN.names:
+        np.testing.assert_allclose(a.grains[name], b.grains[name], rtol=1e-8, err_msg=name)
+
+
+def test_json_there_and_back(sound, tmp_path):
+    corpus = build([sound], Options())
+    assert len(corpus) == 16 and corpus.placed.all() and corpus.sample_rate == RATE
+    corpus_file.save(corpus, tmp_path / 'c.json')
+    same(corpus, corpus_file.load(tmp_path / 'c.json'))
+    data = json.loads((tmp_path / 'c.json').read_text())
+    assert data['sample_rate'] == RATE
+    assert data['grains'][3]['file'] == 'floe.wav' and data['grains'][3]['start_s'] == 0.75
+    assert set(data['grains'][3]) == {
+        'file', 'start_s', 'duration_s', 'centroid_mean_hz', 'periodicity_mean', 'pitch_hz',
+        'flatness', 'rolloff95_hz', 'rms_db', 'loudness_lufs', 'x', 'y',
+    }  # fmt: skip
+
+
+def test_json_and_sound_can_be_carried_elsewhere(sound, tmp_path):
+    corpus_file.save(build([sound], Options()), tmp_path / 'c.json')
+    new = tmp_path / 'elsewhere'
+    new.mkdir()
+    for name in ('c.json', 'floe.wav'):
+        shutil.move(tmp_path / name, new / name)
+    assert corpus_file.load(new / 'c.json').sources[0].path == str(new / 'floe.wav')
+
+
+def test_csv_has_the_numbers_of_the_json(sound, tmp_path):
+    corpus = build([sound], Options())
+    corpus_file.save_csv(corpus, tmp_path / 'c.csv')
+    with open(tmp_path / 'c.csv', newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(corpus)
+    for row, grain in zip(rows, corpus.grains):
+        assert row['file'] == str(sound)
+        for name in GRAIN.names[1:]:
+            value = float(row[name]) if row[name] else np.nan
+            np.testing.assert_allclose(value, grain[name], rtol=1e-8)
+
+
+def test_labels_out_and_in_give_the_same_grains(sound, tmp_path):
+    corpus = build([sound], Options(grain_s=0.3))
+    corpus_file.save_labels(corpus, corpus_file.beside(sound, 'labels.txt'))
+    again = build([sound], Options(segment='labels'))
+    for name in set(GRAIN.names) - {'x', 'y'}:
+        np.testing.assert_allclose(again.grains[name], corpus.grains[name], atol=1e-6, err_msg=name)
+    elsewhere = tmp_path / 'hand.txt'
+    elsewhere.write_text('0.5\t0.75\tcrack\n\\\t100.0\t2000.0\n1,5\t2\tgroan\n')  # as Audacity can
+    by_hand = build([sound], Options(segment='labels', labels=str(elsewhere)))
+    assert by_hand.grains['start_s'].tolist() == [0.5, 1.5]
+    assert by_hand.grains['duration_s'].tolist() == [0.25, 0.5]
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('0.5 0.7 no tabs\n', r'hand\.txt:1: .* is not START<tab>END'),
+        ('0\t1\tok\n2\t1\tback\n', r'hand\.txt:2: a label must end after'),
+        ('0\tnan\tx\n', r'hand\.txt:1'),
+        ('\n', 'no labels'),
+    ],
+)
+def test_bad_labels(sound, tmp_path, text, said):
+    path = tmp_path / 'hand.txt'
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=said):
+        build([sound], Options(segment='labels', labels=str(path)))
+
+
+def test_absent_labels(sound):
+    with pytest.raises(DeviceMissing, match=r'floe\.labels\.txt: no such label file'):
+        build([sound], Options(segment='labels'))
+
+
+def test_several_sounds_of_any_rate(sound, tmp_path):
+    other = tmp_path / 'other.flac'
+    audio_file.write(other, np.stack([ice(2.0, 44100, 6)] * 2, axis=1), 44100, 'PCM_16')
+    corpus = build([sound, other], Options())
+    assert [s.sample_rate for s in corpus.sources] == [RATE, 44100]
+    assert corpus.grains['file'].tolist() == [0] * 16 + [1] * 8
+    alone = build([other], Options())
+    np.testing.assert_allclose(
+        corpus.grains['centroid_mean_hz'][16:], alone.grains['centroid_mean_hz']
+    )
+    assert corpus_file.sounds_of(tmp_path) == [sound, other]
+
+
+@pytest.mark.parametrize('segment', ['chop', 'onset', 'gate', 'none'])
+def test_each_cut_makes_a_corpus_inside_the_sound(sound, segment):
+    corpus = build([sound], Options(segment=segment, overlap=0.3 if segment == 'chop' else 0))
+    ends = corpus.grains['start_s'] + corpus.grains['duration_s']
+    assert (corpus.grains['start_s'] >= 0).all() and (ends <= 4.0 + 1e-9).all()
+    assert ((corpus.grains['x'] >= 0) & (corpus.grains['x'] <= 1)).all()
+
+
+def test_silent_grains_have_no_place(tmp_path):
+    path = tmp_path / 'half.wav'
+    wave = np.concatenate([ice(1.0, RATE, 3), np.zeros(RATE, np.float32)])
+    audio_file.write(path, wave, RATE, 'FLOAT')
+    corpus = build([path], Options())
+    assert corpus.placed.tolist() == [True] * 4 + [False] * 4
+    corpus_file.save(corpus, tmp_path / 'c.json')
+    assert corpus_file.load(tmp_path / 'c.json').placed.sum() == 4
+
+
+def test_a_silent_sound_is_refused(tmp_path):
+    audio_file.write(tmp_path / 'a.wav', np.zeros(RATE), RATE)
+    with pytest.raises(ConfigError, match='all 4 grains are silent'):
+        build([tmp_path / 'a.wav'], Options())
+    with pytest.raises(ConfigError, match='cutting it by gate leaves no grain'):
+        build([tmp_path / 'a.wav'], Options(segment='gate'))
+
+
+def test_an_empty_folder_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match='no sound file in this folder'):
+        corpus_file.sounds_of(tmp_path)
+
+
+def test_moved_by_hand_survives_another_analysis(sound, tmp_path):
+    corpus = build([sound], Options())
+    kept = corpus_file.move(corpus, 5, 0.9, 0.1)
+    assert kept == tmp_path / 'floe.moved.csv'
+    corpus_file.move(corpus, 9, 0.2, 0.3)
+    corpus_file.move(corpus, 5, 0.8, 0.2)  # moved again: the last place counts
+    again = build([sound], Options())
+    assert tuple(again.grains[5][['x', 'y']]) == (0.8, 0.2)
+    assert tuple(again.grains[9][['x', 'y']]) == (0.2, 0.3)
+    others = np.setdiff1d(np.arange(16), [5, 9])
+    for name in ('x', 'y'):
+        np.testing.assert_array_equal(again.grains[name][others], corpus.grains[name][others])
+    assert again.digest != corpus.digest
+    shorter = build([sound], Options(grain_s=0.1))  # another cut: the grain at that moment
+    moved = np.nonzero((shorter.grains['x'] == 0.8) & (shorter.grains['y'] == 0.2))[0]
+    start = shorter.grains['start_s'][moved]
+    assert len(moved) == 1 and start <= 5.5 * 0.25 <= start + 0.1
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'), [('1,2\n', r':1: .* is not time_s,x,y'), ('t\n', ':1'), ('1,2,0.5\n', '0..1')]
+)
+def test_bad_moves(sound, text, said):
+    corpus_file.beside(sound, 'moved.csv').write_text(text)
+    with pytest.raises(ConfigError, match=said):
+        build([sound], Options())
+
+
+def test_moves_that_cannot_be(sound):
+    corpus = build([sound], Options())
+    for grain, x, y in [(16, 0.5, 0.5), (-1, 0.5, 0.5), (0, 1.5, 0.5), (0, 0.5, float('nan'))]:
+        with pytest.raises(ConfigError):
+            corpus_file.move(corpus, grain, x, y)
+
+
+def count_analyses(monkeypatch):
+    from eol_ros.core.sound import descriptors
+
+    calls, real = [], descriptors.analyse
+    monkeypatch.setattr(descriptors, 'analyse', lambda *a, **k: calls.append(1) or real(*a, **k))
+    return calls
+
+
+def test_the_cache_goes_by_content(sound, tmp_path, monkeypatch):
+    calls = count_analyses(monkeypatch)
+    first = build_cached([sound], Options())
+    os.utime(sound, (1, 1))
+    same(first, build_cached([sound], Options()))
+    copy = Path(shutil.copy(sound, tmp_path / 'copy.wav'))
+    assert build_cached([copy], Options()).sources[0].path == str(copy)
+    build_cached([sound], Options(layout='raw'))  # laid out anew, not analysed anew
+    assert len(calls) == 1
+    build_cached([sound], Options(grain_s=0.2))
+    assert len(calls) == 2
+    wave = audio_file.read_mono(sound)
+    audio_file.write(sound, wave.samples[::-1], RATE, 'PCM_16')
+    other = build_cached([sound], Options())
+    assert len(calls) == 3 and other.digest != first.digest
+
+
+def test_a_spoilt_cache_is_made_again(sound, tmp_path, monkeypatch):
+    calls = count_analyses(monkeypatch)
+    first = build_cached([sound], Options())
+    for path in (tmp_path / 'cache').rglob('*.*'):
+        path.write_bytes(path.read_bytes()[:50])
+    same(first, build_cached([sound], Options()))
+    assert len(calls) == 2
+
+
+def spoil(sound, tmp_path, change):
+    path = tmp_path / 'c.json'
+    corpus_file.save(build([sound], Options()), path)
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+    return path
+
+
+@pytest.mark.parametrize(
+    ('change', 'error', 'said'),
+    [
+        (lambda d: d.update(version=99), ConfigError, 'version 99, this program reads 1'),
+        (lambda d: d.pop('version'), ConfigError, 'version None'),
+        (lambda d: d.pop('grains'), ConfigError, 'not a corpus'),
+        (lambda d: d.update(grains=[]), ConfigError, 'empty'),
+        (lambda d: d['grains'][2].update(file='no.wav'), ConfigError, 'not as it should be'),
+        (lambda d: d['grains'][2].update(start_s='soon'), ConfigError, 'not as it should be'),
+        (lambda d: d['grains'][2].update(start_s=3.9), ConfigError, 'grain 2 lies outside'),
+        (lambda d: d['grains'][2].update(start_s=None), ConfigError, 'grain 2 lies outside'),
+        (lambda d: d['grains'][2].update(duration_s=0), ConfigError, 'grain 2 lies outside'),
+        (lambda d: d['grains'][2].update(x=1.5), ConfigError, 'grain 2 lies outside'),
+        (lambda d: [g.update(x=None) for g in d['grains']], ConfigError, 'no grain has a place'),
+        (
+            lambda d: d['files'][0].update(sample_rate=None, extra=1),
+            ConfigError,
+            'not as it should',
+        ),
+        (lambda d: d['files'][0].update(path='gone.wav'), ConfigError, 'not as it should be'),
+    ],
+)
+def test_a_spoilt_corpus_is_refused(sound, tmp_path, change, error, said):
+    with pytest.raises(error, match=said):
+        corpus_file.load(spoil(sound, tmp_path, change))
+
+
+def test_a_corpus_whose_sound_is_gone(sound, tmp_path):
+    path = spoil(sound, tmp_path, lambda d: None)
+    sound.unlink()
+    with pytest.raises(DeviceMissing, match=r'floe\.wav is gone'):
+        corpus_file.load(path)
+
+
+@pytest.mark.parametrize('text', ['', '{', '[]', '3', '{"grains": 1, "files": 2, "version": 1}'])
+def test_what_is_no_corpus(tmp_path, text):
+    (tmp_path / 'c.json').write_text(text)
+    with pytest.raises(ConfigError, match=r'c\.json'):
+        corpus_file.load(tmp_path / 'c.json')
+    with pytest.raises(DeviceMissing, match='make it with: eol corpus'):
+        corpus_file.load(tmp_path / 'no.json')
+
+
+def test_a_place_that_cannot_be_written(sound, tmp_path):
+    corpus = build([sound], Options())
+    with pytest.raises(ConfigError, match='cannot be written'):
+        corpus_file.save(corpus, tmp_path / 'no' / 'c.json')
+
+
+def test_notes_about_the_sound_stay_with_the_corpus(tmp_path):
+    wave = ice(1.0, RATE, 4)
+    wave[5] = np.nan
+    audio_file.write(tmp_path / 'a.wav', wave, RATE, 'FLOAT')
+    for _ in range(2):
+        assert 'not numbers' in build_cached([tmp_path / 'a.wav'], Options()).notes[0]
+
+
+@pytest.mark.slow
+def test_made_apart_is_the_same_and_leaves_no_weight(sound):
+    code = (
+        'import sys, numpy as np\n'
+        'from eol_ros.devices import corpus_build\n'
+        'from eol_ros.devices.corpus_file import Options\n'
+        f'c = corpus_build.apart({str(sound)!r}, Options(), 1)\n'
+        'heavy = {"scipy", "soundfile", "numba", "matplotlib"} & set(sys.modules)\n'
+        'print(len(c), sorted(heavy), float(c.grains["x"].sum()))\n'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    x = float(build_cached([sound], Options()).grains['x'].sum())
+    assert done.stdout.split() == ['16', '[]', str(x)]
+
+
+@pytest.mark.slow
+def test_the_ice_recording_is_made_on_first_use(monkeypatch):
+    monkeypatch.setattr(corpus_build, 'ICE_S', 2.0)
+    path = corpus_build.make_ice(3)
+    before = path.stat().st_mtime_ns
+    assert corpus_build.make_ice(3) == path == corpus_file.ice_file(3)
+    assert path.stat().st_mtime_ns == before
+    assert audio_file.read_mono(path).duration_s == 2.0
+
+
+def wait(loader, seconds=20.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        outcome = loader.take()
+        if outcome is not None:
+            return outcome
+        time.sleep(0.01)
+    pytest.fail('the loader did not answer')
+
+
+@pytest.mark.slow
+def test_the_newest_wish_wins(sound, tmp_path):
+    loader = CorpusLoader()
+    wishes = [(str(sound), Options(grain_s=g), 0) for g in (0.1, 0.2, 0.4)]
+    for wish in wishes:
+        assert loader.at_once(wish) is None
+        loader.ask(wish)
+    assert len(wait(loader)) == 10
+    assert loader.take() is None
+    assert len(loader.at_once(wishes[2])) == 10
+    loader.ask((str(tmp_path / 'no.wav'), Options(), 0))
+    assert isinstance(wait(loader), DeviceMissing)
+    (tmp_path / 'bad.wav').write_text('no sound')
+    loader.ask((str(tmp_path / 'bad.wav'), Options(), 0))
+    outcome = wait(loader)
+    assert isinstance(outcome, EolError) and 'bad.wav: not a sound' in str(outcome)
+    loader.ask((str(sound), replace(Options(), grain_s=0.05), 0))
+    loader.close()
+    assert not [t for t in threading.enumerate() if t.name == 'corpus']
+
+
+REAL = Path('/usr/share/sonic-pi/samples')
+
+
+@pytest.mark.slow
+def test_a_corpus_of_real_recordings():
+    names = ('ambi_sauna', 'ambi_swoosh', 'loop_amen', 'guit_harmonics')
+    sounds = [REAL / f'{name}.flac' for name in names]
+    if not sounds[0].is_file():
+        pytest.skip('apt-get install sonic-pi-samples')
+    corpus = build(sounds, Options(grain_s=0.2))
+    assert len(corpus) > 60 and corpus.placed.mean() > 0.9
+    sauna = corpus.grains[corpus.grains['file'] == 0]
+    harmonics = corpus.grains[corpus.grains['file'] == 3]
+    assert np.median(sauna['periodicity_mean']) < 0.5 < np.median(harmonics['periodicity_mean'])
+    assert len(np.unique(corpus.grains[['x', 'y']][corpus.placed])) == corpus.placed.sum()
