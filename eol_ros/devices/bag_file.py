@@ -35,6 +35,7 @@ from mcap.records import (
 MAGIC = b'\x89MCAP0\r\n'
 LIBRARY = 'eol_ros'
 CHUNK_BYTES = 1 << 20  # what a killed writer can lose at most
+BIG_BYTES = 1 << 16  # such messages, pictures, get a chunk each: who wants the rest skips them
 ZSTD_LEVEL = 1
 _MESSAGE = struct.Struct('<BQHIQQ')  # opcode, length, channel, sequence, log time, publish time
 
@@ -57,6 +58,26 @@ class BagTopic:
         return {'offered_qos_profiles': self.qos, 'topic_type_hash': self.type_hash}
 
 
+class _Chunk:
+    """Messages that are compressed together, and where each channel's lie in it."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.start_ns = self.end_ns = 0
+        self.offsets: dict[int, list[tuple[int, int]]] = {}
+
+    def add(
+        self, channel: int, data: bytes, log_ns: int, publish_ns: int, sequence: int
+    ) -> None:
+        self.start_ns = min(self.start_ns, log_ns) if self.offsets else log_ns
+        self.end_ns = max(self.end_ns, log_ns)
+        self.offsets.setdefault(channel, []).append((log_ns, len(self.data)))
+        self.data += _MESSAGE.pack(
+            Opcode.MESSAGE, 22 + len(data), channel, sequence & 0xFFFFFFFF, log_ns, publish_ns
+        )
+        self.data += data
+
+
 class BagFile:
     """Writes one MCAP file; every method may raise OSError.
 
@@ -71,38 +92,34 @@ class BagFile:
         self.start_ns = 0
         self.end_ns = 0
         self._compressor = zstandard.ZstdCompressor(level=level)
-        self._chunk = bytearray()
-        self._chunk_span: tuple[int, int] | None = None
-        self._offsets: dict[int, list[tuple[int, int]]] = {}
+        self._chunk = _Chunk()
         self._chunk_index: list[ChunkIndex] = []
         self._metadata_index: list[MetadataIndex] = []
         self._schemas, self._channels = _describe(topics)
-        for record in (*self._schemas, *self._channels):
-            self._chunk += _packed(record)
         self.file = open(path, 'xb')  # noqa: SIM115 - closed in close()
         self.file.write(MAGIC + _packed(Header('ros2', LIBRARY)))
+        for record in (*self._schemas, *self._channels):
+            self.file.write(_packed(record))
 
     @property
     def size_bytes(self) -> int:
         """Bytes of the file so far, with the chunk in progress uncompressed."""
-        return self.file.tell() + len(self._chunk)
+        return self.file.tell() + len(self._chunk.data)
 
     def write(
         self, channel: int, data: bytes, log_ns: int, publish_ns: int, sequence: int = 0
     ) -> None:
         """Add one message, stamped with reception and sending time in ns since the epoch."""
-        first, last = self._chunk_span or (log_ns, log_ns)
-        self._chunk_span = min(first, log_ns), max(last, log_ns)
-        self._offsets.setdefault(channel, []).append((log_ns, len(self._chunk)))
-        self._chunk += _MESSAGE.pack(
-            Opcode.MESSAGE, 22 + len(data), channel, sequence & 0xFFFFFFFF, log_ns, publish_ns
-        )
-        self._chunk += data
+        big = len(data) >= BIG_BYTES
+        chunk = _Chunk() if big else self._chunk
+        chunk.add(channel, data, log_ns, publish_ns, sequence)
         self.start_ns = min(self.start_ns, log_ns) if self.message_count else log_ns
         self.end_ns = max(self.end_ns, log_ns)
         self.counts[channel - 1] += 1
         self.message_count += 1
-        if len(self._chunk) >= CHUNK_BYTES:
+        if big:
+            self._write_chunk(chunk)
+        elif len(chunk.data) >= CHUNK_BYTES:
             self._end_chunk()
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
@@ -155,30 +172,33 @@ class BagFile:
 
     def abandon(self) -> None:
         """Let go of the file as it is, without an end; what was flushed can be recovered."""
-        self._chunk.clear()
+        self._chunk = _Chunk()
         try:
             self.file.close()
         except OSError:
             pass  # the disk refuses the rest: that is why it is abandoned
 
     def _end_chunk(self) -> None:
-        if self._chunk_span is None:
-            return
-        data = self._compressor.compress(self._chunk)
-        first, last = self._chunk_span
-        chunk = Chunk(
-            compression='zstd',
-            data=data,
-            message_start_time=first,
-            message_end_time=last,
-            uncompressed_crc=zlib.crc32(self._chunk),
-            uncompressed_size=len(self._chunk),
-        )
+        chunk, self._chunk = self._chunk, _Chunk()
+        if chunk.offsets:
+            self._write_chunk(chunk)
+
+    def _write_chunk(self, chunk: '_Chunk') -> None:
+        data = self._compressor.compress(chunk.data)
         at = self.file.tell()
-        record = _packed(chunk)
+        record = _packed(
+            Chunk(
+                compression='zstd',
+                data=data,
+                message_start_time=chunk.start_ns,
+                message_end_time=chunk.end_ns,
+                uncompressed_crc=zlib.crc32(chunk.data),
+                uncompressed_size=len(chunk.data),
+            )
+        )
         self.file.write(record)
         index_at, places = self.file.tell(), {}
-        for channel, records in self._offsets.items():
+        for channel, records in chunk.offsets.items():
             places[channel] = self.file.tell()
             self.file.write(_packed(MessageIndex(channel, sorted(records))))
         self._chunk_index.append(
@@ -187,14 +207,13 @@ class BagFile:
                 chunk_start_offset=at,
                 compression='zstd',
                 compressed_size=len(data),
-                message_start_time=first,
-                message_end_time=last,
+                message_start_time=chunk.start_ns,
+                message_end_time=chunk.end_ns,
                 message_index_length=self.file.tell() - index_at,
                 message_index_offsets=places,
-                uncompressed_size=len(self._chunk),
+                uncompressed_size=len(chunk.data),
             )
         )
-        self._chunk, self._chunk_span, self._offsets = bytearray(), None, {}
 
     def _statistics(self) -> Statistics:
         return Statistics(

@@ -134,3 +134,15 @@ def test_a_folder_that_cannot_be_made_is_said(tmp_path):
     (tmp_path / 'file').write_text('')
     with pytest.raises(DeviceMissing, match='cannot be written.*--bag DIR'):
         BagWriter(tmp_path / 'file' / 'run', [POINT], {})
+
+
+def test_pictures_lie_apart_from_the_small_messages(tmp_path):
+    file = BagFile(tmp_path / 'a.mcap', [POINT, TEXT])
+    for i in range(20):
+        file.write(2, text('x' * 200_000), T0 + 2 * i, T0)
+        file.write(1, point(i), T0 + 2 * i + 1, T0)
+    file.close()
+    with open(tmp_path / 'a.mcap', 'rb') as stream:
+        chunks = make_reader(stream).get_summary().chunk_indexes
+    assert [list(c.message_index_offsets) for c in chunks] == [[2]] * 20 + [[1]]
+    assert [m.log_ns - T0 for m in BagReader(tmp_path / 'a.mcap').messages()] == list(range(40))

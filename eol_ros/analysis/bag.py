@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag as arrays: `open_bag(path).table('blocks')`, and CSV. No ROS needed.
+
+    from eol_ros.analysis.bag import open_bag
+    blocks = open_bag('bags').table('blocks')
+    x = blocks['blocks']['x']          # (n, 25), m
+    t = blocks['stamp']                # datetime64[ns], mid-exposure
+"""
+
+import csv
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eol_ros.devices.bag_reader import BagReader
+from eol_ros.devices.cdr import Decoder
+from eol_ros.errors import UsageError
+
+BATCH = 4096  # messages decoded at a time
+
+
+class Table(np.ndarray):
+    """A structured array, one row a message, that knows the meaning and unit of its fields.
+
+    `log_time` and `publish_time` are those of the recorder, `stamp` is the message's own; all are
+    datetime64[ns]. `comments` maps dotted field names to what the definition says of them.
+    """
+
+    topic: str
+    comments: dict[str, str]
+
+    def __array_finalize__(self, other: Any) -> None:
+        """Keep topic and comments in views and slices."""
+        self.topic = getattr(other, 'topic', '')
+        self.comments = getattr(other, 'comments', {})
+
+    def rows(self) -> Iterator[list]:
+        """Yield the header, then rows of plain values.
+
+        A message with an array of messages, such as Blocks, becomes one row for each of them.
+        Other arrays become one column per item, or text parted by spaces where their lengths vary.
+        """
+        spread = next((n for n in self.dtype.names or () if _records(self[n])), None)
+        one = [n for n in self.dtype.names or () if n != spread]
+        yield list(itertools.chain.from_iterable(_titles(n, self[n]) for n in one)) + (
+            [f'{spread}.{n}' for n in _inner(self[spread]).names or ()] if spread else []
+        )
+        for row in self:
+            left = list(itertools.chain.from_iterable(_cells(row[n]) for n in one))
+            if not spread:
+                yield left
+                continue
+            for item in row[spread]:
+                yield left + list(itertools.chain.from_iterable(_cells(v) for v in item))
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write `rows()` as CSV; times in seconds since the epoch with nine decimals."""
+        with open(path, 'w', newline='', encoding='utf-8') as file:
+            csv.writer(file, lineterminator='\n').writerows(self.rows())
+
+
+class Bag(BagReader):
+    """A bag whose topics can be read as tables; see BagReader for what else it knows."""
+
+    def table(
+        self, topic: str, start_s: float = 0.0, end_s: float | None = None
+    ) -> Table:
+        """Return the messages of `topic` received in [start_s, end_s), from the start of the bag.
+
+        topic: with or without `/eol/`. Raises ConfigError where the bag has no such topic.
+        """
+        name = self.find(topic)
+        about = self.topics[name]
+        decoder = Decoder(about.type, about.definition)
+        start_ns = self.start_ns + round(start_s * 1e9)
+        end_ns = None if end_s is None else self.start_ns + round(end_s * 1e9)
+        parts = []
+        messages = self.messages([name], start_ns, end_ns)
+        while batch := list(itertools.islice(messages, BATCH)):
+            times = {
+                'log_time': np.array([m.log_ns for m in batch], 'datetime64[ns]'),
+                'publish_time': np.array([m.publish_ns for m in batch], 'datetime64[ns]'),
+            }
+            parts.append(times | decoder.table([m.data for m in batch]))
+        if not parts:
+            none = np.empty(0, 'datetime64[ns]')
+            parts = [{'log_time': none, 'publish_time': none} | decoder.table([])]
+        columns = {field: _joined([part[field] for part in parts]) for field in parts[0]}
+        kinds = [(n, c.dtype, c.shape[1:]) for n, c in columns.items()]
+        table = np.empty(len(columns['log_time']), kinds).view(Table)
+        for field, values in columns.items():
+            table[field] = values
+        table.topic, table.comments = name, decoder.comments
+        return table
+
+
+def open_bag(path: str | Path) -> Bag:
+    """Return the bag at `path`: a bag folder, an .mcap file, or a folder of bags for its newest."""
+    return Bag(path)
+
+
+def seconds(times: np.ndarray) -> np.ndarray:
+    """Return datetime64[ns] as float seconds since the epoch, good to 0.2 us."""
+    return times.astype('i8') * 1e-9
+
+
+def topic_names(bag: BagReader, asked: str | None) -> list[str]:
+    """Return the full names of the topics `asked`, parted by commas; None: all with messages.
+
+    Raises ConfigError for one that is not there, UsageError for an empty list.
+    """
+    if asked is None:
+        return [name for name, count in bag.counts.items() if count]
+    names = [bag.find(name.strip()) for name in asked.split(',') if name.strip()]
+    if not names:
+        raise UsageError(f'{asked!r}: names no topic')
+    return names
+
+
+def _joined(parts: list[np.ndarray]) -> np.ndarray:
+    if len({p.shape[1:] for p in parts}) == 1:
+        return np.concatenate(parts)  # strings take the longest width
+    total = np.empty(sum(len(p) for p in parts), object)
+    for i, row in enumerate(itertools.chain.from_iterable(parts)):
+        total[i] = row
+    return total
+
+
+def _inner(values: np.ndarray) -> np.dtype:
+    if values.dtype.names:
+        return values.dtype
+    return next((v.dtype for v in values if isinstance(v, np.ndarray)), np.dtype('u1'))
+
+
+def _records(values: np.ndarray) -> bool:
+    """Whether a column holds arrays of messages."""
+    if values.dtype.names:
+        return values.ndim > 1
+    return values.dtype == object and _inner(values).names is not None
+
+
+def _titles(name: str, values: np.ndarray) -> list[str]:
+    if values.dtype.names:
+        inner = itertools.chain.from_iterable(_titles(n, values[n]) for n in values.dtype.names)
+        return [f'{name}.{title}' for title in inner]
+    if values.ndim > 1:
+        return [f'{name}[{i}]' for i in range(values.shape[1])]
+    return [name]
+
+
+def _cells(value: Any) -> list:
+    if isinstance(value, np.void):
+        return list(itertools.chain.from_iterable(_cells(v) for v in value))
+    if isinstance(value, (np.datetime64, np.timedelta64)):
+        ns = int(value.astype('i8'))
+        return [f'{ns // 10**9}.{ns % 10**9:09d}']
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        return [' '.join(str(v) for v in value)]
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return [value.item() if isinstance(value, np.generic) else value]

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag as tables and CSV, without ROS."""
+
+import csv
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from eol_ros.analysis.bag import open_bag, seconds, topic_names
+from eol_ros.devices.bag_file import BagTopic
+from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.errors import ConfigError, UsageError
+
+T0 = 1_700_000_000_000_000_000
+DEFINITION = '''\
+# Things seen.
+std_msgs/Header header   # stamp: mid-exposure
+uint8 state              # one of many
+made_msgs/Thing[] things
+float32[] wave
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+================================================================================
+MSG: made_msgs/Thing
+float64 x       # m
+uint8 id        # 0..2
+'''
+THINGS = BagTopic('/eol/things', 'made_msgs/msg/Things', DEFINITION)
+
+
+def things(i, count=3, wave=2):
+    head = struct.pack('<iII6s', T0 // 10**9 + i, 5, 6, b'table\0')
+    body = head + struct.pack('<B', i % 4)
+    body += bytes(-len(body) % 4) + struct.pack('<I', count)
+    for k in range(count):
+        body += bytes(-len(body) % 8) + struct.pack('<dB', i + k / 10, k)
+    body += bytes(-len(body) % 4) + struct.pack(f'<I{wave}f', wave, *range(wave))
+    return b'\0\1\0\0' + body
+
+
+def made(folder, rows):
+    bag = BagWriter(folder, [THINGS], {'scene': 'x'})
+    for i, row in enumerate(rows):
+        bag.write('/eol/things', row, T0 + i * 10**9, T0 + i * 10**9 - 7, i)
+    bag.close()
+    return open_bag(folder)
+
+
+def test_a_table_has_a_row_a_message(tmp_path):
+    table = made(tmp_path / 'run', [things(i) for i in range(10)]).table('things')
+    assert table.dtype.names == (
+        'log_time', 'publish_time', 'stamp', 'frame_id', 'state', 'things', 'wave'
+    )
+    assert table['things']['x'].shape == (10, 3)
+    assert table['things']['x'][7].tolist() == [7.0, 7.1, 7.2]
+    assert table['wave'].shape == (10, 2)
+    assert table['stamp'][3] - table['stamp'][2] == np.timedelta64(1, 's')
+    assert seconds(table['log_time'])[0] == pytest.approx(1.7e9)
+    assert (table['log_time'] - table['publish_time']).astype(int).tolist() == [7] * 10
+    assert set(table['frame_id']) == {'table'}
+
+
+def test_meaning_and_unit_come_along(tmp_path):
+    table = made(tmp_path / 'run', [things(0)]).table('things')[:1]
+    assert table.comments['things.x'] == 'm'
+    assert table.comments['stamp'] == 'stamp: mid-exposure'
+    assert table.topic == '/eol/things'
+
+
+def test_spans(tmp_path):
+    bag = made(tmp_path / 'run', [things(i) for i in range(10)])
+    assert bag.table('things', 2.0, 5.0)['things']['x'][:, 0].tolist() == [2.0, 3.0, 4.0]
+    assert len(bag.table('things', 100.0)) == 0
+    assert bag.table('things', 100.0).dtype.names[2:5] == ('stamp', 'frame_id', 'state')
+
+
+def test_messages_of_many_shapes_keep_their_order(tmp_path):
+    rows = [things(i, count=i % 3, wave=i % 2) for i in range(12)]
+    table = made(tmp_path / 'run', rows).table('things')
+    assert [len(t) for t in table['things']] == [i % 3 for i in range(12)]
+    assert [len(w) for w in table['wave']] == [i % 2 for i in range(12)]
+    assert [t['x'].tolist() for t in table['things']] == [
+        [i + k / 10 for k in range(i % 3)] for i in range(12)
+    ]
+
+
+def test_more_messages_than_one_batch(tmp_path, monkeypatch):
+    monkeypatch.setattr('eol_ros.analysis.bag.BATCH', 7)
+    rows = [things(i, wave=2 if i < 30 else 3) for i in range(50)]
+    table = made(tmp_path / 'run', rows).table('things')
+    assert table['things']['x'][:, 0].tolist() == list(range(50))
+    assert [len(w) for w in table['wave']] == [2] * 30 + [3] * 20
+
+
+def test_csv_has_a_row_for_each_of_an_array(tmp_path):
+    table = made(tmp_path / 'run', [things(i) for i in range(4)]).table('things')
+    table.to_csv(tmp_path / 'things.csv')
+    with open(tmp_path / 'things.csv', newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 12
+    assert rows[4]['things.x'] == '1.1'
+    assert rows[4]['things.id'] == '1'
+    assert rows[4]['stamp'] == '1700000001.000000005'
+    assert rows[4]['wave[1]'] == '1.0'
+
+
+def test_topic_names(tmp_path):
+    bag = made(tmp_path / 'run', [things(0)])
+    assert topic_names(bag, None) == ['/eol/things']
+    assert topic_names(bag, 'things, /eol/things') == ['/eol/things'] * 2
+    with pytest.raises(ConfigError, match='no topic thing'):
+        topic_names(bag, 'thing')
+    with pytest.raises(UsageError):
+        topic_names(bag, ' ,')
+
+
+@pytest.mark.slow
+def test_no_ros_is_imported(tmp_path):
+    made(tmp_path / 'run', [things(0)])
+    code = (
+        'import sys; from eol_ros.analysis.bag import open_bag; '
+        f'print(len(open_bag({str(tmp_path)!r}).table("things"))); '
+        'print([m for m in sys.modules if m.startswith("rclpy") or m.endswith("_msgs")])'
+    )
+    out = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert out.stdout.split('\n')[:2] == ['1', '[]']
