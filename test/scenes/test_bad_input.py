@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A user's mistake gets one clear line and the right exit code, never a traceback."""
+
+import os
+import socket
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
+
+
+def bringup(*words, cwd=None):
+    domain = 60 + os.getpid() % 40
+    return subprocess.run(
+        [sys.executable, '-m', 'eol_ros.bringup', *words], cwd=cwd, timeout=90,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)}, capture_output=True, text=True,
+    )
+
+
+def scene(folder, nodes):
+    path = folder / 'scene.yaml'
+    path.write_text(f'nodes:\n{nodes}')
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    'words, code, hint',
+    [
+        (['musuem'], 78, 'Did you mean museum?'),
+        (['no/such.yaml'], 78, 'no such scene'),
+        (['lights', '--only', 'trakcer'], 2, 'Did you mean tracker?'),
+        (['lights', '--bag', '/tmp'], 2, 'has no recorder'),
+        (['--for', '-3'], 2, 'not a time above 0 s'),
+        (['--fro', '3'], 2, 'unrecognized arguments'),
+    ],
+)
+def test_command_line(words, code, hint):
+    result = bringup(*words)
+
+    assert result.returncode == code, result.stderr
+    assert hint in result.stderr
+    assert 'Traceback' not in result.stderr
+
+
+def test_scene_mistakes_start_nothing(tmp_path):
+    result = bringup(scene(tmp_path, '  twin: {fsp: 60}\n  trakcer: {}\n'))
+
+    assert result.returncode == 78
+    assert 'scene.yaml:2:10 error twin.fsp: no such key. Did you mean fps?' in result.stderr
+    assert result.stderr.rstrip().endswith('2 errors. Nothing was started.')
+
+
+def stopped_by(folder, nodes, *words):
+    """Run a scene that cannot start; return its exit code and what it says."""
+    result = bringup(scene(folder, nodes), '--for', '1', *words)
+    assert 'Traceback' not in result.stderr, result.stderr
+    return result.returncode, result.stderr
+
+
+def test_port_of_the_panel_is_taken(tmp_path):
+    with socket.socket() as taken:
+        taken.bind(('127.0.0.1', 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        code, words = stopped_by(tmp_path, f'  panel: {{port: {port}}}\n')
+
+    assert code == 69
+    assert str(port) in words
+
+
+def test_media_folder_is_empty(tmp_path):
+    media = tmp_path / 'media'
+    media.mkdir()
+    code, words = stopped_by(
+        tmp_path, f'  twin: {{}}\n  tracker: {{}}\n  motion: {{}}\n  montage: {{pairs: {media}}}\n'
+    )
+
+    assert code in (69, 78)
+    assert str(media) in words
+
+
+def test_sound_is_no_sound(tmp_path):
+    (tmp_path / 'ice.wav').write_text('not a sound')
+    code, words = stopped_by(
+        tmp_path, '  twin: {}\n  tracker: {}\n  grains: {sound: ice.wav}\n'
+    )
+
+    assert code in (69, 78)
+    assert 'ice.wav' in words
+
+
+def test_film_is_no_film(tmp_path):
+    (tmp_path / 'film.avi').write_text('not a film')
+    code, words = stopped_by(tmp_path, '  camera: {device: film.avi}\n  tracker: {}\n')
+
+    assert code in (69, 78)
+    assert 'film.avi' in words
+
+
+def test_bag_is_no_bag(tmp_path):
+    (tmp_path / 'run.mcap').write_text('not a bag')
+    code, words = stopped_by(tmp_path, '  replay: {bag: run.mcap}\n  tracker: {}\n')
+
+    assert code in (69, 78)
+    assert 'run.mcap' in words
+
+
+def test_bag_folder_is_a_file(tmp_path):
+    (tmp_path / 'bags').write_text('')
+    code, words = stopped_by(
+        tmp_path, '  twin: {}\n  recorder: {}\n', '--bag', str(tmp_path / 'bags')
+    )
+
+    assert code in (69, 78)
+    assert 'bags' in words

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole work as its user starts it: every node a process, real DDS, a real pty, a real bag."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from eol_ros import scene as scenes
+from eol_ros.bench.running import Graph, stand_in
+from eol_ros.bringup import status
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(420)]
+EVERY = ('truth', 'blocks', 'slips', 'led_commands', 'grain_triggers', 'wall', 'cascades')
+
+
+def rehearsal(folder, **changes):
+    """Write a rehearsal scene that needs no sound card and no fixed port; return its path."""
+    path = stand_in('rehearsal', folder, film=None, bag=None)
+    values = yaml.safe_load(path.read_text())
+    values['nodes']['sound']['device'] = 'wav'
+    for node, settings in changes.items():
+        values['nodes'][node].update(settings)
+    path.write_text(yaml.safe_dump(values, sort_keys=False))
+    return path
+
+
+def until(condition, timeout_s):
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, 'it did not happen in time'
+        time.sleep(0.1)
+
+
+def orphans(pids):
+    """Return which of `pids` still run; a zombie only looks alive."""
+    alive = []
+    for pid in pids:
+        try:
+            state = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0]
+        except OSError:
+            continue
+        if state != 'Z':
+            alive.append(pid)
+    return alive
+
+
+@pytest.fixture(scope='module')
+def run(tmp_path_factory):
+    """One rehearsal of some seconds with all images kept; what it left behind."""
+    folder = tmp_path_factory.mktemp('rehearsal')
+    path = rehearsal(folder, recorder={'images': 'all'})
+    bags = folder / 'bags'
+    graph = Graph(path, bags, EVERY, keep=('truth', 'blocks', 'slips', 'wall'))
+    try:
+        graph.wait_until_ok()
+        graph.mark()
+        until(lambda: graph.watch.seen['slips'] and graph.watch.seen['grain_triggers'], 60)
+        time.sleep(6)
+        figures = graph.figures()
+        pids = list(graph._pids())
+        led_stamps = {a.stamp_us for a in graph.board.log if a.stamp_us}
+        begin = time.monotonic()
+    finally:
+        code = graph.stop()
+    stop_s = time.monotonic() - begin
+    return {'graph': graph, 'figures': figures, 'pids': pids, 'code': code, 'stop_s': stop_s,
+            'bag': next(bags.iterdir()), 'led_stamps': led_stamps}
+
+
+def test_it_stops_clean_and_leaves_nothing(run):
+    assert run['code'] == 0
+    assert run['stop_s'] < 10
+    assert orphans(run['pids']) == []
+
+
+def test_no_image_is_lost(run):
+    assert run['figures']['lost']['tracker'] == 0
+    assert run['figures']['lost'].get('recorder', 0) == 0
+
+
+def test_the_stamp_of_the_image_passes_unchanged(run):
+    seen = run['graph'].watch.seen
+    images = {stamp for stamp, _ in seen['truth']}
+    blocks = {stamp for stamp, _ in seen['blocks']}
+
+    assert blocks <= images | {min(blocks)}
+    for topic in ('slips', 'led_commands', 'grain_triggers', 'cascades'):
+        stamps = {stamp for stamp, _ in seen[topic] if stamp > min(images)}
+        assert stamps, topic
+        if topic != 'led_commands':  # a fading flash is a light of its own time
+            assert stamps <= images, topic
+    wire = {stamp // 1000 % 2**32 for stamp in images}
+    assert run['led_stamps'] & wire
+
+
+def test_blocks_are_where_the_twin_has_them(run):
+    watch = run['graph'].watch
+    truth = {(m.header.stamp.sec, m.header.stamp.nanosec): m for m in watch.messages('truth')}
+    errors = []
+    for blocks in watch.messages('blocks'):
+        true = truth.get((blocks.header.stamp.sec, blocks.header.stamp.nanosec))
+        if true is not None and blocks.state == blocks.TRACKING:
+            for block in blocks.blocks:
+                if block.seen:
+                    errors.append(np.hypot(block.x - true.x[block.id], block.y - true.y[block.id]))
+
+    assert len(errors) > 25 * 100
+    assert np.median(errors) < 0.1e-3
+    assert np.quantile(errors, 0.99) < 1e-3
+
+
+def test_the_walls_shuffle_while_blocks_move(run):
+    walls = run['graph'].watch.messages('wall')
+
+    assert any(wall.moving for wall in walls)
+    flips = sorted(w.flip.sec + w.flip.nanosec * 1e-9 for w in walls if w.moving)
+    assert np.all(np.diff(flips) > 0.34 - 1e-3)
+
+
+def test_the_bag_holds_everything(run):
+    from eol_ros.analysis import open_bag
+
+    bag = open_bag(run['bag'])
+    topics = set(bag.topics())
+
+    for topic in ('blocks', 'slips', 'truth', 'grain_triggers', 'led_commands', 'corpus',
+                  'camera/image_raw'):
+        assert f'/eol/{topic}' in topics
+    stamps = [s for s, _ in run['graph'].watch.seen['blocks']]
+    recorded = bag.table('blocks')
+    assert len(recorded) >= 25 * len(stamps) * 0.9 or len(recorded) >= 0.9 * len(stamps)
+
+
+def test_replay_is_exact(run):
+    from eol_ros.analysis.retrack import retrack
+
+    result = retrack(run['bag'])
+
+    assert result.images > 300
+    assert result.differences == []
+
+
+def test_kill_each_node_in_turn(tmp_path):
+    path = rehearsal(tmp_path, recorder={'images': 'none'})
+    with Graph(path, tmp_path / 'bags') as graph:
+        graph.wait_until_ok()
+        for name in scenes.load(path).nodes:
+            before = {row['node']: row['pid'] for row in graph.status()['nodes']}
+            os.kill(before[name], signal.SIGKILL)
+
+            def back(name=name, pid=before[name]):
+                row = graph.node(name)
+                return row['pid'] != pid and row['level'] in (0, 1) and row['text'] != 'starting'
+
+            until(back, 20 if name in ('twin', 'tracker', 'sound') else 10)
+            after = {row['node']: row['pid'] for row in graph.status()['nodes']}
+            assert {n for n in before if before[n] != after[n]} == {name}
+        count = len(graph.watch.seen['blocks'])
+        until(lambda: len(graph.watch.seen['blocks']) > count + 60, 10)
+        assert graph.stop() == 0
+    from eol_ros.analysis import open_bag
+
+    for bag in (tmp_path / 'bags').iterdir():
+        assert '/eol/blocks' in open_bag(bag).topics()
+
+
+def test_lights_start_and_import_only_what_they_need(tmp_path):
+    path = stand_in('lights', tmp_path, film=_film(tmp_path), bag=None)
+    with Graph(path) as graph:
+        graph.wait_until_ok()
+        pids = graph._pids()
+        libraries = {}
+        for pid, names in pids.items():
+            libraries['+'.join(names)] = Path(f'/proc/{pid}/maps').read_text()
+        assert graph.stop() == 0
+
+    assert len(pids) <= 5
+    for name, maps in libraries.items():
+        for library in ('portaudio', 'sndfile', 'aiohttp', '_cffi_backend'):
+            assert library not in maps, (name, library)
+        if name != 'tracker':
+            assert 'llvmlite' not in maps, name
+        if name not in ('tracker', 'camera'):
+            assert '/cv2/' not in maps, name
+
+
+def _film(folder):
+    from eol_ros.bench.running import Film
+
+    return Film(folder, seconds=2.0)
+
+
+def test_second_graph_on_a_domain_is_refused_in_one_line(tmp_path):
+    domain = 60 + os.getpid() % 40
+    server = status.listen(domain)
+    try:
+        result = subprocess.run(
+            [sys.executable, '-m', 'eol_ros.bringup', 'lights'],
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)}, capture_output=True, text=True,
+        )
+    finally:
+        server.close()
+
+    assert result.returncode == 2
+    assert len(result.stderr.splitlines()) == 1
+    assert f'a graph runs on domain {domain} already' in result.stderr
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_it_starts(tmp_path, number):
+    path = tmp_path / 's.yaml'
+    path.write_text('nodes: {twin: {}, tracker: {}, motion: {}}')
+    graph = Graph(path)
+    time.sleep(0.7)
+    graph.process.send_signal(number)
+    try:
+        assert graph.process.wait(15) == 0
+    finally:
+        graph.stop()
+    assert 'Traceback' not in graph.log.read_text()

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every verb explains itself, and its examples are real command lines."""
+
+import importlib
+import shlex
+import subprocess
+import sys
+from argparse import ArgumentParser
+
+import pytest
+
+from eol_ros import cli
+from eol_ros.verbs import bench
+
+
+def test_every_verb_is_there():
+    for verb in cli.VERBS:
+        module = importlib.import_module(f'eol_ros.verbs.{verb}')
+        assert module.HELP and module.EXAMPLES and module.run
+
+
+@pytest.mark.parametrize('verb', cli.VERBS)
+def test_examples_parse(verb):
+    module = importlib.import_module(f'eol_ros.verbs.{verb}')
+    parser = ArgumentParser()
+    module.add_arguments(parser)
+    for example in module.EXAMPLES:
+        words = shlex.split(example.split(' > ')[0].split(' | ')[0])
+        start = 2 if words[0] == 'eol' else 3  # eol VERB ..., python -m MODULE ...
+        parser.parse_args(words[start:])
+
+
+@pytest.mark.parametrize('name', bench.names())
+def test_every_benchmark_explains_itself(name, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        cli.main(['bench', name, '--help'])
+
+    assert stopped.value.code == 0
+    assert 'examples:' in capsys.readouterr().out
+
+
+def test_unknown_verb(capsys):
+    assert cli.main(['replya']) == 2
+    assert 'Did you mean replay?' in capsys.readouterr().err
+
+
+def test_overview_names_every_verb(capsys):
+    assert cli.main([]) == 0
+    text = capsys.readouterr().out
+    assert all(verb in text for verb in cli.VERBS)
+
+
+def test_light_verbs_are_light():
+    """`eol check` and `eol status` must not pull in what they do not need."""
+    script = (
+        'import sys; from eol_ros import cli; cli.main(["check", "rehearsal"]);'
+        'print([m for m in ("numpy", "rclpy", "cv2", "numba", "aiohttp", "rich", "scipy")'
+        ' if m in sys.modules], file=sys.stderr)'
+    )
+    result = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True)
+
+    assert result.stderr.splitlines()[-1] == '[]'
