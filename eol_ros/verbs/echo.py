@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol echo: print the messages of a topic, without a ROS install."""
+
+import json
+import sys
+import time
+
+from eol_ros.errors import DeviceMissing, UsageError
+
+HELP = 'Print the messages of a topic as YAML, as `ros2 topic echo` does, or their rate.'
+EXAMPLES = [
+    'eol echo slips',
+    'eol echo blocks --once',
+    'eol echo camera/image_raw --hz',
+    'eol echo cascades --json >> cascades.jsonl',
+    'eol echo slips --lan                           # from another machine',
+]
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('topic', help='with or without /eol/')
+    parser.add_argument('--once', action='store_true', help='one message, then end')
+    parser.add_argument('--hz', action='store_true', help='their rate, each second, like topic hz')
+    parser.add_argument('--json', action='store_true', help='one JSON object a line')
+    parser.add_argument('--full', action='store_true', help='all of long arrays and texts')
+    parser.add_argument('--timeout', type=float, metavar='S',
+                        help='give up (exit code 69) when S seconds bring no message')
+    parser.add_argument('--lan', action='store_true', help='look on the network, not only here')
+
+
+def run(args):
+    """Print until stopped."""
+    if args.once and args.hz:
+        raise UsageError('--once and --hz: a rate needs more than one message')
+    if args.timeout is not None and not args.timeout > 0:
+        raise UsageError(f'--timeout {args.timeout:g}: not a time above 0 s')
+    from eol_ros.ros.echo import Rate, full_name, listen, to_json, to_yaml
+    from eol_ros.ros.session import session
+
+    topic, rate, heard = full_name(args.topic), Rate(), [0]
+
+    def hear(message) -> None:
+        heard[0] += 1
+        if args.once and heard[0] > 1:
+            return
+        if args.hz:
+            rate.tick(time.monotonic())
+        elif args.json:
+            print(to_json(message), flush=True)
+        else:
+            print(f'{to_yaml(message, args.full)}---', flush=True)
+
+    with session(reach='lan' if args.lan else 'local') as visit:
+        listen(visit.node, topic, hear)
+        before, deadline = -1, _Deadline(args.timeout)
+        while not visit.stopped:
+            visit.run(lambda: args.once and heard[0] > 0, 1.0)
+            if args.once and heard[0]:
+                break
+            if args.hz and heard[0] != before:
+                print(json.dumps(rate.numbers()) if args.json else rate.text(), flush=True)
+            elif heard[0] == 0 and before < 0 and not visit.node.count_publishers(topic):
+                print(f'{topic}: nobody publishes it now; waiting', file=sys.stderr)
+            deadline.check(topic, heard[0])
+            before = heard[0]
+    return 0
+
+
+class _Deadline:
+    """Raises DeviceMissing when nothing has come for too long."""
+
+    def __init__(self, seconds):
+        self._seconds, self._count, self._since = seconds, 0, time.monotonic()
+
+    def check(self, topic: str, count: int) -> None:
+        if count != self._count:
+            self._count, self._since = count, time.monotonic()
+        elif self._seconds is not None and time.monotonic() - self._since > self._seconds:
+            raise DeviceMissing(f'{topic}: no message for {self._seconds:g} s; does the graph run?')

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages as text."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from eol_msgs.msg import Cascade, SoundMeter, Truth
+
+from eol_ros.ros.echo import Rate, full_name, plain, to_json, to_yaml
+
+
+def test_yaml_is_that_of_ros2_topic_echo():
+    message = Cascade(cascade=3, nucleus=12, blocks=[12, 13], distance=0.5)
+    message.header.stamp.sec, message.header.frame_id = 7, 'table'
+    assert to_yaml(message) == (
+        'header:\n  stamp:\n    sec: 7\n    nanosec: 0\n  frame_id: table\n'
+        'cascade: 3\nonset:\n  sec: 0\n  nanosec: 0\nduration: 0.0\nnucleus: 12\narea: 0\n'
+        'size: 0\nblocks:\n- 12\n- 13\ndistance: 0.5\n'
+    )
+
+
+def test_long_arrays_end_in_dots_unless_all_is_asked_for():
+    message = SoundMeter(wave_min=np.linspace(-1, 0, 1024, dtype=np.float32))
+    short = yaml.safe_load(to_yaml(message))['wave_min']
+    assert len(short) == 129
+    assert short[-1] == '...'
+    assert yaml.safe_load(to_yaml(message, full=True))['wave_min'] == message.wave_min.tolist()
+
+
+def test_fixed_arrays_bytes_and_nested_messages():
+    truth = Truth()
+    truth.moving[3] = True
+    assert plain(truth)['moving'][:5] == [False, False, False, True, False]
+    status = DiagnosticStatus(level=b'\2', values=[KeyValue(key='a', value='ü')])
+    assert plain(status)['level'] == '\2'
+    assert 'value: ü' in to_yaml(status)
+
+
+def test_json_has_no_nan():
+    line = to_json(Cascade(distance=float('nan'), duration=float('inf')))
+    assert '\n' not in line
+    data = json.loads(line)
+    assert (data['distance'], data['duration']) == (None, None)
+
+
+def test_rate():
+    rate = Rate()
+    assert rate.text() == 'no new messages'
+    for i in range(61):
+        rate.tick(i / 60)
+    assert rate.numbers()['rate_hz'] == pytest.approx(60)
+    assert rate.text().startswith('average rate: 60.000\n\tmin: 0.017s max: 0.017s std dev: 0.000')
+
+
+def test_names():
+    assert full_name('slips') == '/eol/slips'
+    assert full_name('diagnostics') == '/diagnostics'
+    assert full_name('/else/where') == '/else/where'

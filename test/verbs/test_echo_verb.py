@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`eol echo`, `eol topics` and `eol replay` as programs, on one graph."""
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import yaml
+from eol_msgs.msg import Cascade, Slip
+from rclpy.serialization import serialize_message
+
+from eol_ros.devices.bag_file import BagTopic
+from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.ros.definitions import describe
+
+T0 = 1_700_000_000_000_000_000
+
+
+def eol(*words):
+    return subprocess.Popen(
+        [sys.executable, '-m', 'eol_ros', *words],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ,
+    )  # fmt: skip
+
+
+def end(child, seconds=20):
+    out, err = child.communicate(timeout=seconds)
+    return child.returncode, out, err
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    """Three seconds: 100 slips a second, one cascade a second."""
+    path = tmp_path_factory.mktemp('bags') / 'run'
+    topics = [BagTopic(f'/eol/{t}', **describe(t)) for t in ('slips', 'cascades')]
+    writer = BagWriter(path, topics, {'seeds': '{}'})
+    for i in range(300):
+        now = T0 + i * 10_000_000
+        writer.write('/eol/slips', bytes(serialize_message(Slip(slip=i, block=i % 25))), now, now)
+        if i % 100 == 50:
+            raw = bytes(serialize_message(Cascade(cascade=i // 100, blocks=[1, 2])))
+            writer.write('/eol/cascades', raw, now, now)
+    writer.close()
+    return path
+
+
+@pytest.fixture(scope='module')
+def graph(bag):
+    """The bag, playing for ever."""
+    child = eol('replay', str(bag), '--only', 'all', '--loop', '--wait', '0')
+    yield child
+    child.send_signal(signal.SIGTERM)
+    code, _, err = end(child)
+    assert code == 0, err
+    assert 'messages played' in err
+
+
+@pytest.mark.slow
+def test_echo_once_prints_one_message_as_yaml(graph):
+    code, out, err = end(eol('echo', 'slips', '--once'))
+    assert code == 0, err
+    first, rest = out.split('---\n')
+    message = yaml.safe_load(first)
+    assert rest == ''
+    assert list(message)[:3] == ['header', 'kind', 'slip']
+    assert message['block'] == message['slip'] % 25
+
+
+@pytest.mark.slow
+def test_echo_json_and_rate(graph):
+    lines, rate = eol('echo', '/eol/slips', '--json'), eol('echo', 'slips', '--hz', '--json')
+    got = [json.loads(lines.stdout.readline())['slip'] for _ in range(50)]
+    assert all(b == (a + 1) % 300 for a, b in itertools.pairwise(got))
+    numbers = [json.loads(rate.stdout.readline()) for _ in range(3)]
+    assert 50 < numbers[-1]['rate_hz'] < 150
+    for child in (lines, rate):
+        child.send_signal(signal.SIGINT)
+        assert end(child)[0] == 0
+
+
+@pytest.mark.slow
+def test_topics_are_listed_with_who_gives_and_takes(graph):
+    code, out, _ = end(eol('topics', '--json'))
+    assert code == 0
+    rows = {row['topic']: row for row in json.loads(out)}
+    assert rows['/eol/slips']['type'] == 'eol_msgs/msg/Slip'
+    assert rows['/eol/slips']['publishers'] == 1
+    assert rows['/eol/cascades']['doc']
+
+
+@pytest.mark.slow
+def test_what_nobody_publishes_is_said(graph):
+    code, out, err = end(eol('echo', '/no/such', '--once'))
+    assert (code, out) == (69, '')
+    assert err.count('\n') == 1
+    assert '/eol/slips' in err
+    code, out, err = end(eol('echo', 'wall', '--once', '--timeout', '1'))
+    assert (code, out) == (69, '')
+    assert 'no message for 1 s' in err
+
+
+@pytest.mark.slow
+def test_replay_of_what_is_no_bag(tmp_path, bag):
+    (tmp_path / 'note.txt').write_text('not a bag at all')
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes((bag / 'run_0.mcap').read_bytes()[:3000])
+    for words, code, said in (
+        ((str(tmp_path / 'none'),), 69, 'no such bag'),
+        ((str(tmp_path / 'note.txt'),), 78, 'not a bag'),
+        ((str(bag), '--only', 'wal'), 78, 'no topic wal'),
+        ((str(bag), '--rate', '0'), 2, '--rate 0'),
+        ((str(bag), '--start', '9'), 2, 'the bag has 3.0 s'),
+        ((str(bag),), 78, 'say which topics to play'),
+    ):
+        got, out, err = end(eol('replay', *words))
+        assert (got, out) == (code, ''), err
+        assert said in err
+        assert err.count('\n') == 1
+    got, _, err = end(eol('replay', str(cut), '--list'))
+    assert got == 0
+    assert 'cut.mcap was cut short' in err
+
+
+@pytest.mark.slow
+def test_the_list_of_a_bag(bag):
+    code, out, _ = end(eol('replay', str(bag), '--list', '--json'))
+    answer = json.loads(out)
+    assert code == 0
+    assert answer['topics']['/eol/slips'] == {'type': 'eol_msgs/msg/Slip', 'messages': 300}
+    assert answer['duration_s'] == pytest.approx(2.99)
+
+
+@pytest.mark.slow
+def test_replay_ends_at_the_end(bag):
+    begin = time.monotonic()
+    code, _, err = end(eol('replay', str(bag), '--only', 'all', '--rate', '10', '--wait', '0'))
+    assert code == 0
+    assert '303 messages played' in err
+    assert time.monotonic() - begin > 0.29
