@@ -44,15 +44,18 @@ class PanelNode(EolNode):
         self.media = LazyMedia(montage.pairs)
         say = self.get_logger().warning
         self.server = WebServer(
-            self.settings, PanelBridge(self), say, picture=self.media.open_picture)
+            self.settings, PanelBridge(self), say, picture=self.media.open_picture
+        )
         self.documents = self.server.routes.documents
         self.day, self.nodes, self.open_streams = notices.Day(), {}, {}
         self.subscribe('wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s)))
         self.subscribe('corpus', self.on_corpus)
         self.subscribe('cascades', self.on_cascade)
         self.subscribe('control', self.on_control)
-        self.subscribe('camera/camera_info', lambda m: self.tell(
-            'camera', {'t': 'camera', 'width': m.width, 'height': m.height}))
+        self.subscribe(
+            'camera/camera_info',
+            lambda m: self.tell('camera', {'t': 'camera', 'width': m.width, 'height': m.height}),
+        )
         self.subscribe('/diagnostics', self.on_diagnostics)
         heights = terrain.landscape(self.settings.terrain_seed)
         self.documents['terrain'] = (heights * 65535).astype('<u2').tobytes()
@@ -67,7 +70,8 @@ class PanelNode(EolNode):
         for channel in demand - set(self.open_streams):
             topic, raw, packet = STREAMS[channel]
             self.open_streams[channel] = self.subscribe(
-                topic, lambda m, c=channel, p=packet: self.server.hub.put(c, p(m)), raw=raw)
+                topic, lambda m, c=channel, p=packet: self.server.hub.put(c, p(m)), raw=raw
+            )
         for channel in set(self.open_streams) - demand:
             self.destroy_subscription(self.open_streams.pop(channel))
 
@@ -109,7 +113,8 @@ class PanelNode(EolNode):
 
 def _blocks(message) -> bytes:
     return wire.blocks(
-        message.stamp_ns * 1e-9, message.state, message.symmetry_ambiguous, message.blocks)
+        message.stamp_ns * 1e-9, message.state, message.symmetry_ambiguous, message.blocks
+    )
 
 
 main = runner(PanelNode)

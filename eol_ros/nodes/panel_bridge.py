@@ -42,8 +42,11 @@ class PanelBridge:
             return done(f'{node} does not run')
         parameters = [Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
         future = client.call_async(SetParameters.Request(parameters=parameters))
-        future.add_done_callback(lambda f: done(
-            '; '.join(r.reason or 'refused' for r in f.result().results if not r.successful)))
+        future.add_done_callback(
+            lambda f: done(
+                '; '.join(r.reason or 'refused' for r in f.result().results if not r.successful)
+            )
+        )
 
     def rim(self, source: str, velocity: tuple[float, float, float], hold_s: float) -> None:
         """Publish a hand on the rim."""
@@ -54,7 +57,14 @@ class PanelBridge:
 
     def play(self, grain: int) -> None:
         """Publish one trigger that no block caused."""
-        message = GrainTrigger(sequence=next(self._sequence) % 2**32, grain=grain, block=NO_BLOCK,
-                               gain=1.0, rate=1.0, attack=0.005, release=0.02)
+        message = GrainTrigger(
+            sequence=next(self._sequence) % 2**32,
+            grain=grain,
+            block=NO_BLOCK,
+            gain=1.0,
+            rate=1.0,
+            attack=0.005,
+            release=0.02,
+        )
         message.header.stamp = to_msg(now_ns())
         self._triggers.publish(message)

@@ -24,6 +24,7 @@ from eol_ros.web.routes import Routes
 
 TICK_S = 1.0
 SPARE_CONNECTIONS = 128  # pages and pictures beside the viewers' sockets
+BATCH = 32  # accepted in one go, so the limit may be exceeded by as many
 
 
 class Bridge(Protocol):
@@ -136,7 +137,7 @@ class WebServer:
         most = self.settings.viewers + SPARE_CONNECTIONS
         _allow_files(most + 256)
         server = await self._loop.create_server(
-            _Limited(runner.server, most, self.say), sock=self._socket, backlog=256
+            _Limited(runner.server, most, self.say), sock=self._socket, backlog=BATCH
         )
         ticking = self._loop.create_task(self._tick())
         self._ready.set()

@@ -33,7 +33,7 @@ export class CoordinateList {
       const cells = this.rows[id].cells;
       cells[1].textContent = millimetres(x);
       cells[2].textContent = millimetres(y);
-      cells[3].textContent = ((yaw * 180) / Math.PI).toFixed(1);
+      cells[3].textContent = digits((yaw * 180) / Math.PI);
       cells[4].textContent = moving[id] ? (speed * 1000).toFixed(1) : '0.0';
       this.rows[id].className = moving[id] ? 'moving' : blocks.rows[at + 7] ? '' : 'unseen';
       count += moving[id] ? 1 : 0;
@@ -44,7 +44,11 @@ export class CoordinateList {
 }
 
 function millimetres(metres) {
-  return Number.isFinite(metres) ? (metres * 1000).toFixed(1) : '-';
+  return digits(metres * 1000);
+}
+
+function digits(value) {
+  return Number.isFinite(value) ? (Math.abs(value) < 0.05 ? 0 : value).toFixed(1) : '-';
 }
 
 export class LightField {

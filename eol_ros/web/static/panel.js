@@ -68,6 +68,7 @@ link.on('corpus', async () => {
   $('radius').value = corpus.radius;
   $('radius').nextElementSibling.value = `${Math.round(corpus.radius * 1000)} mm`;
 });
+link.on('tick', ({ viewers }) => ($('visitors').textContent = say('visitors', { count: viewers })));
 link.on('trust', ({ ok }) => lock(!ok));
 link.on('hello', ({ pin }) => {
   $('pin-form').hidden = !pin;

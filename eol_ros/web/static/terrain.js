@@ -30,7 +30,7 @@ export async function land(tile) {
       const at = y * (side + 1) + x;
       const h = map[at];
       const [dx, dy] = [(map[at + 1] - h) * relief, (map[at + side + 1] - h) * relief];
-      const light = (0.72 + 0.6 * (dx * 0.75 - dy * 0.55)) / Math.hypot(1, dx, dy);
+      const light = (0.9 + 0.62 * (dx * 0.75 - dy * 0.55)) / Math.hypot(1, dx, dy);
       let colour = shade(h);
       let bright = h > 0 ? light : 1;
       if (h > 0 && Math.floor(h * CONTOURS) !== Math.floor(map[at + 1] * CONTOURS)) bright *= 0.8;
@@ -44,7 +44,7 @@ export async function land(tile) {
   return canvas;
 }
 
-const TINTS = [[0, [22, 52, 62]], [0.001, [70, 84, 74]], [0.3, [128, 126, 104]], [0.6, [176, 164, 138]], [1, [240, 234, 220]]];
+const TINTS = [[0, [30, 74, 88]], [0.001, [92, 108, 94]], [0.3, [150, 146, 120]], [0.6, [196, 184, 156]], [1, [250, 244, 230]]];
 
 function shade(h) {
   let i = 1;

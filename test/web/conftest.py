@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A server with a bridge that writes down what it is asked, and no graph behind it."""
+
+import dataclasses
+
+import pytest
+
+from eol_ros.settings import PanelSettings
+from eol_ros.web.server import WebServer
+
+
+class Notebook:
+    """A Bridge that only remembers."""
+
+    def __init__(self):
+        self.calls = []
+        self.answer = ''
+
+    def control(self, *args):
+        self.calls.append(('control', *args))
+
+    def change(self, node, values, done):
+        self.calls.append(('change', node, values))
+        done(self.answer)
+
+    def rim(self, *args):
+        self.calls.append(('rim', *args))
+
+    def play(self, grain):
+        self.calls.append(('play', grain))
+
+
+@pytest.fixture
+def serve():
+    """Return a function that starts a server; all are stopped at the end."""
+    servers = []
+
+    def start(picture=lambda name: None, **settings):
+        chosen = dataclasses.replace(PanelSettings(), port=0, **settings)
+        lines = []
+        server = WebServer(chosen, Notebook(), lines.append, picture=picture)
+        server.lines = lines
+        server.bridge = server.routes.bridge
+        server.start()
+        servers.append(server)
+        return server
+
+    yield start
+    for server in servers:
+        server.stop()

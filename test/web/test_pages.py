@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The static pages: both languages whole, nothing from elsewhere, nothing the policy forbids."""
+
+import json
+import re
+
+import pytest
+
+from eol_ros.web.routes import STATIC
+
+WORDS = {p.stem: json.loads(p.read_text('utf-8')) for p in (STATIC / 'lang').glob('*.json')}
+TEXTS = {p.name: p.read_text('utf-8') for p in STATIC.glob('*.*')}
+
+
+def test_languages_match_key_by_key_and_place_by_place():
+    assert set(WORDS) == {'en', 'zh-Hant'}
+    english, chinese = WORDS['en'], WORDS['zh-Hant']
+    assert list(english) == list(chinese)
+    for key, text in english.items():
+        places = sorted(re.findall(r'\{(\w+)\}', text))
+        assert places == sorted(re.findall(r'\{(\w+)\}', chinese[key])), key
+        assert text.strip() and chinese[key].strip()
+
+
+def test_every_word_said_is_in_the_list_and_every_word_listed_is_said():
+    pages = ''.join(text for name, text in TEXTS.items() if name.endswith('.html'))
+    scripts = ''.join(text for name, text in TEXTS.items() if name.endswith('.js'))
+    in_pages = set(re.findall(r'data-(?:say|label)="(\w+)"', pages))
+    in_scripts = set(re.findall(r"say\(\s*'(\w+)'", scripts))
+    listed = set(WORDS['en'])
+    assert in_pages | in_scripts <= listed
+    # Said by a choice or by the name of a state or of a control:
+    quoted = set(re.findall(r"'(\w+)'", scripts))
+    built = {w for w in listed if w.startswith(('level_', 'tracker_'))}
+    assert listed - in_pages - in_scripts - quoted - built == set()
+
+
+@pytest.mark.parametrize('name', sorted(n for n in TEXTS if n.endswith(('.html', '.css', '.js'))))
+def test_nothing_comes_from_elsewhere_and_no_inline_code(name):
+    text = TEXTS[name]
+    assert not re.search(r'https?://|//cdn|@import|url\(', text)
+    if name.endswith('.html'):
+        assert not re.search(r'<script(?![^>]*\bsrc=)', text)
+        assert not re.search(r'\son\w+=|\sstyle=|javascript:', text)
+        for path in re.findall(r'(?:src|href)="/static/([^"]+)"', text):
+            assert (STATIC / path).is_file()
+    if name.endswith('.js'):
+        assert 'innerHTML' not in text and 'eval(' not in text
+        for path in re.findall(r"from '\./([^']+)'", text):
+            assert (STATIC / path).is_file()
+
+
+def luminance(colour):
+    if len(colour) == 4:
+        colour = '#' + ''.join(c * 2 for c in colour[1:])
+    parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    parts = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2]
+
+
+def test_contrast_is_at_least_four_and_a_half():
+    """WCAG 2.1, 1.4.3, for each colour of words on each ground of the panel."""
+    colours = dict(re.findall(r'--(\w+): (#\w{6});', TEXTS['style.css']))
+    for ground in (colours['ground'], colours['card'], '#1a2027'):
+        for word in ('ink', 'quiet', 'thread', 'move', 'water', 'ok', 'warn', 'error'):
+            light, dark = luminance(colours[word]), luminance(ground)
+            assert (max(light, dark) + 0.05) / (min(light, dark) + 0.05) >= 4.5, (word, ground)
+    assert (luminance('#ffffff') + 0.05) / (luminance('#55595c') + 0.05) >= 4.5  # the stale bar

@@ -1,0 +1,439 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The server as browsers, programs and attackers meet it."""
+
+import asyncio
+import contextlib
+import json
+import socket
+import time
+import urllib.error
+import urllib.request
+
+import aiohttp
+import pytest
+
+from eol_ros.core import terrain
+from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.web.controls import CONTROLS
+from eol_ros.web.routes import MAX_MESSAGE, describe
+from eol_ros.web.server import BATCH, SPARE_CONNECTIONS
+
+
+def ask(server, path, body=None, **headers):
+    """Return status, headers and text of a request; a body makes it a POST."""
+    request = urllib.request.Request(
+        f'http://127.0.0.1:{server.port}{path}',
+        data=None if body is None else body.encode(),
+        headers={k.replace('_', '-'): v for k, v in headers.items()},
+    )
+    try:
+        with urllib.request.urlopen(request, timeout=5) as answer:
+            return answer.status, answer.headers, answer.read().decode('utf-8', 'replace')
+    except urllib.error.HTTPError as error:
+        return error.code, error.headers, error.read().decode()
+
+
+def raw(server, text):
+    """Send bytes as they are and return what comes back."""
+    with socket.create_connection(('127.0.0.1', server.port), 5) as sock:
+        sock.sendall(text)
+        sock.settimeout(5)
+        return sock.recv(65536)
+
+
+def live(server, talk, **options):
+    """Run `talk(websocket)` with a WebSocket client."""
+
+    async def session():
+        async with aiohttp.ClientSession() as client:
+            url = f'http://127.0.0.1:{server.port}/live'
+            async with client.ws_connect(url, **options) as ws:
+                return await asyncio.wait_for(talk(ws), 8)
+
+    return asyncio.run(session())
+
+
+async def notice(ws, kind):
+    """Return the next notice of a kind."""
+    while True:
+        message = await ws.receive(timeout=5)
+        assert message.type == aiohttp.WSMsgType.TEXT, message
+        data = json.loads(message.data)
+        if data['t'] == kind:
+            return data
+
+
+async def closed(ws):
+    """Return the code with which the server closes."""
+    while True:
+        message = await ws.receive(timeout=5)
+        if message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED):
+            return ws.close_code
+
+
+@pytest.mark.parametrize('path', ['/', '/table', '/wall/left', '/wall/right', '/static/link.js'])
+def test_pages_come_with_the_policy(serve, path):
+    status, headers, text = ask(serve(), path)
+    assert status == 200 and len(text) > 200
+    assert headers['Content-Security-Policy'].startswith("default-src 'none'")
+    assert headers['X-Content-Type-Options'] == 'nosniff'
+    server = serve()
+    assert ask(server, path, If_None_Match=headers['ETag'])[0] == 304
+
+
+@pytest.mark.parametrize(
+    'path',
+    [
+        '/static/../server.py',
+        '/static/%2e%2e/server.py',
+        '/static/..%2f..%2fsettings.py',
+        '/static//etc/passwd',
+        '/media/../../etc/passwd',
+        '/media/%2e%2e/%2e%2e/etc/passwd',
+        '/media/etc/passwd',
+        '/wall/..',
+        '/nothing',
+        '/static/',
+        '/corpus',
+    ],
+)
+def test_what_is_not_offered_is_not_found(serve, path):
+    answer = raw(
+        serve(), f'GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n'.encode()
+    )
+    assert answer.startswith(b'HTTP/1.1 404') and b'root:' not in answer and b'SPDX' not in answer
+
+
+def test_pictures_only_of_pairs_and_powerless(serve, tmp_path):
+    (tmp_path / 'a.svg').write_text('<svg xmlns="http://www.w3.org/2000/svg"><script/></svg>')
+    server = serve(picture={'a.svg': tmp_path / 'a.svg', 'gone.png': tmp_path / 'gone.png'}.get)
+    status, headers, _ = ask(server, '/media/a.svg')
+    assert status == 200 and headers['Content-Type'] == 'image/svg+xml'
+    assert 'script-src' not in headers['Content-Security-Policy']
+    assert headers['Content-Security-Policy'].startswith("default-src 'none'")
+    assert ask(server, '/media/gone.png')[0] == ask(server, '/media/b.svg')[0] == 404
+
+
+def test_foreign_hosts_and_origins_are_refused_in_one_line(serve):
+    server = serve()
+    assert ask(server, '/', Host='evil.example')[0] == 403
+    assert ask(server, '/control/wake', '{}', Origin='http://evil.example')[0] == 403
+    with pytest.raises(aiohttp.WSServerHandshakeError) as caught:
+        live(server, closed, origin='http://evil.example')
+    assert caught.value.status == 403
+    assert server.bridge.calls == []
+    assert len(server.lines) == 2 and all('\n' not in line for line in server.lines)
+    own = f'http://127.0.0.1:{server.port}'
+    assert ask(server, '/control/wake', '{}', Origin=own)[0] == 200
+
+
+def test_each_control_reaches_the_graph(serve):
+    server = serve()
+    bodies = {
+        'radius': {'value': 0.05},
+        'threshold': {'value': 90},
+        'play': {'grain': 7},
+        'axes': {'x': 'centroid_mean_hz', 'y': 'loudness'},
+        'move': {'grain': 3, 'x': 0.5, 'y': 1},
+    }
+    for name in CONTROLS:
+        status, _, text = ask(server, f'/control/{name}', json.dumps(bodies.get(name, {})))
+        assert (status, json.loads(text)) == (200, {'ok': True}), name
+    calls = server.bridge.calls
+    for name in ('sleep', 'wake', 'mute', 'unmute', 'test'):
+        assert ('control', name, '', '', '', 'panel 127.0.0.1') in calls
+    assert ('change', 'grains', {'radius': 0.05}) in calls
+    assert ('control', 'set', 'grains', 'radius', '0.05', 'panel 127.0.0.1') in calls
+    assert ('change', 'grains', {'x_axis': 'centroid_mean_hz', 'y_axis': 'loudness'}) in calls
+    assert ('play', 7) in calls
+    assert ('control', 'set', 'grains', 'place', '[3, 0.5, 1.0]', 'panel 127.0.0.1') in calls
+
+
+def test_the_graph_says_no(serve):
+    server = serve()
+    server.bridge.answer = 'grains does not run'
+    status, _, text = ask(server, '/control/radius', '{"value": 0.05}')
+    assert (status, json.loads(text)) == (409, {'error': 'grains does not run'})
+    assert not [c for c in server.bridge.calls if c[0] == 'control']
+
+
+@pytest.mark.parametrize(
+    ('name', 'body', 'words'),
+    [
+        ('radius', '', 'value: missing'),
+        ('radius', '{"value": "wide"}', 'not a number'),
+        ('radius', '{"value": true}', 'not a number'),
+        ('radius', '{"value": NaN}', 'not a number'),
+        ('radius', '{"value": 9}', 'not within 0.001 to 1'),
+        ('radius', '{"value": 0.1, "more": 1}', 'more: radius takes'),
+        ('play', '{"grain": 1.5}', 'not a whole number'),
+        ('axes', '{"x": "a b", "y": "c"}', 'is not a name'),
+        ('sleep', '[]', 'a JSON object'),
+        ('sleep', '{', 'not JSON'),
+        ('sleep', '[' * 4000, 'not JSON'),
+        ('dance', '{}', 'controls are: sleep'),
+    ],
+)
+def test_bad_requests_are_told_what_is_wrong(serve, name, body, words):
+    server = serve()
+    status, _, text = ask(server, f'/control/{name}', body)
+    assert status in (400, 404) and words in json.loads(text)['error']
+    assert server.bridge.calls == []
+
+
+def test_a_long_body_and_a_wrong_method(serve):
+    server = serve()
+    assert ask(server, '/control/sleep', 'x' * 10000)[0] == 413
+    assert ask(server, '/control/sleep')[0] == 405
+    assert ask(server, '/', '{}')[0] == 405
+
+
+def test_open_to_the_network_every_control_asks_for_the_pin(serve):
+    server = serve(host='0.0.0.0', pin='4711')
+    for name in CONTROLS:
+        assert ask(server, f'/control/{name}', '{}')[0] == 401
+    assert ask(server, '/wall/left')[0] == 200  # walls stay read-only and open
+    assert ask(server, '/control/sleep', '{}', X_Pin='4711')[0] == 200
+    for _ in range(5):
+        assert ask(server, '/pin', '', X_Pin='0000')[0] == 401
+    assert ask(server, '/control/sleep', '{}', X_Pin='4711')[0] == 429
+    assert server.bridge.calls == [('control', 'sleep', '', '', '', 'panel 127.0.0.1')]
+    with pytest.raises(ConfigError):
+        serve(host='0.0.0.0')
+
+
+def test_hands_on_the_rim_need_trust_and_are_bounded(serve):
+    server = serve(host='0.0.0.0', pin='4711')
+
+    async def talk(ws):
+        assert (await notice(ws, 'hello'))['push'] is False
+        await ws.send_str('{"rim": [0.1, 0, 0]}')
+        await ws.send_str('{"pin": "0000"}')
+        assert (await notice(ws, 'trust'))['ok'] is False
+        await ws.send_str('{"rim": [0.1, 0, 0]}')
+        await ws.send_str('{"pin": "4711"}')
+        assert (await notice(ws, 'trust'))['push'] is True
+        await ws.send_str('{"rim": [30, 40, 1]}')
+        await ws.send_str('{"ping": 1}')
+        await notice(ws, 'pong')
+
+    live(server, talk)
+    time.sleep(0.1)
+    (_, source, velocity, hold_s), last = server.bridge.calls
+    assert velocity == pytest.approx((0.36, 0.48, 0.012)) and 0 < hold_s <= 1
+    assert last == ('rim', source, (0.0, 0.0, 0.0), hold_s)  # gone: the hand lets go
+
+
+def test_visitors_may_be_let_in_without_the_pin(serve):
+    server = serve(host='0.0.0.0', pin='4711', visitors=True)
+
+    async def talk(ws):
+        assert (await notice(ws, 'hello'))['push'] is True
+        await ws.send_str('{"rim": [0.1, 0, 0]}')
+        await ws.send_str('{"ping": 1}')
+        await notice(ws, 'pong')
+
+    live(server, talk)
+    assert server.bridge.calls[0][2] == (0.1, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    'message',
+    [
+        'hello',
+        '[]',
+        '{}',
+        '{"rim": [1, 2]}',
+        '{"rim": [1, 2, null]}',
+        '{"rim": [NaN, 0, 0]}',
+        '{"rim": [0,0,0], "wants": []}',
+        '{"wants": "blocks"}',
+        '{"wants": [1]}',
+        '{"pin": 4711}',
+        '{"flipped": ["up", 1, 2]}',
+        '{"__class__": 1}',
+        '{"rim": [1e999, 0, 0]}',
+        '[' * 3000,
+    ],
+)
+def test_malformed_messages_end_the_connection_in_one_line(serve, message):
+    server = serve()
+
+    async def talk(ws):
+        await ws.send_str(message)
+        return await closed(ws)
+
+    assert live(server, talk) == aiohttp.WSCloseCode.POLICY_VIOLATION
+    assert len(server.lines) == 1 and server.lines[0].startswith('refused message')
+    assert server.bridge.calls == []
+    assert ask(server, '/')[0] == 200
+
+
+def test_binary_and_oversized_messages_end_the_connection(serve):
+    server = serve()
+
+    async def binary(ws):
+        await ws.send_bytes(b'\0' * 10)
+        return await closed(ws)
+
+    async def large(ws):
+        await ws.send_str('x' * (MAX_MESSAGE + 1))
+        return await closed(ws)
+
+    assert live(server, binary) == aiohttp.WSCloseCode.POLICY_VIOLATION
+    assert live(server, large) == aiohttp.WSCloseCode.MESSAGE_TOO_BIG
+    assert ask(server, '/')[0] == 200
+
+
+def test_a_flood_of_messages_ends_the_connection(serve):
+    server = serve()
+
+    async def talk(ws):
+        for _ in range(2000):
+            await ws.send_str('{"wants":["blocks"]}')
+        return await closed(ws)
+
+    # The sender may meet the closed door before it reads why: both are refusals.
+    with contextlib.suppress(ConnectionError, aiohttp.ClientError):
+        assert live(server, talk) == aiohttp.WSCloseCode.POLICY_VIOLATION
+    assert 'too many at once' in server.lines[0]
+
+
+def test_garbage_instead_of_http_is_one_line_at_most(serve):
+    server = serve()
+    for text in (
+        b'\x16\x03\x01\x02\x00\x01\x00',
+        b'GET / HTTP/9.9\r\n\r\n',
+        b'\0' * 9000,
+        b'A' * 70000,
+    ):
+        try:
+            raw(server, text + b'\r\n\r\n')
+        except (ConnectionError, TimeoutError):
+            pass
+    assert ask(server, '/')[0] == 200
+    assert all('\n' not in line and 'Traceback' not in line for line in server.lines)
+
+
+def test_one_viewer_more_than_allowed_is_refused(serve):
+    server = serve(viewers=2)
+
+    async def crowd():
+        async with aiohttp.ClientSession() as client:
+            url = f'http://127.0.0.1:{server.port}/live'
+            first = [await client.ws_connect(url) for _ in range(2)]
+            with pytest.raises(aiohttp.WSServerHandshakeError) as caught:
+                await client.ws_connect(url)
+            assert caught.value.status == 503
+            await first[0].close()
+            await asyncio.sleep(0.1)
+            await (await client.ws_connect(url)).close()
+            await first[1].close()
+
+    asyncio.run(crowd())
+    assert [line.partition(':')[0] for line in server.lines] == ['too many viewers']
+
+
+@pytest.mark.slow
+def test_a_thousand_connections_fall_back_and_nothing_falls_over(serve):
+    server = serve(viewers=100)
+    held, refused = [], 0
+    try:
+        for _ in range(1000):
+            sock = socket.socket()
+            sock.settimeout(2)
+            try:
+                sock.connect(('127.0.0.1', server.port))
+                held.append(sock)
+            except OSError:
+                refused += 1
+                sock.close()
+        time.sleep(0.5)
+        alive = 0
+        for sock in held:
+            sock.setblocking(False)
+            try:
+                alive += sock.recv(1) != b''
+            except BlockingIOError:
+                alive += 1
+            except ConnectionError:
+                pass
+        assert 100 <= alive <= 100 + SPARE_CONNECTIONS + BATCH
+    finally:
+        for sock in held:
+            sock.close()
+    time.sleep(0.3)
+    assert ask(server, '/')[0] == 200
+    assert [line.partition(':')[0] for line in server.lines] == ['too many connections']
+
+
+def test_streams_flow_only_to_who_asks_and_end_with_the_server(serve):
+    server = serve()
+
+    async def talk(ws):
+        await notice(ws, 'hello')
+        await ws.send_str('{"wants": ["blocks"]}')
+        while server.hub.demand != {'blocks'}:
+            await asyncio.sleep(0.01)
+        server.hub.put('image', b'no')
+        server.hub.put('blocks', b'yes')
+        message = await ws.receive(timeout=5)
+        assert (message.type, message.data) == (aiohttp.WSMsgType.BINARY, b'yes')
+        await ws.send_str('{"ping": 12.5}')
+        pong = await notice(ws, 'pong')
+        assert pong['ping'] == 12.5 and abs(pong['now'] - time.time()) < 1
+        tick = await notice(ws, 'tick')
+        assert tick['viewers'] == 1
+        server.stop()
+        return await closed(ws)
+
+    assert live(server, talk) == aiohttp.WSCloseCode.GOING_AWAY
+    assert server.lines == []
+
+
+def test_the_skew_of_the_walls_is_of_one_change(serve):
+    server = serve()
+
+    async def talk(ws):
+        for side, change, at_ms in (
+            ('left', 4, 1000.0),
+            ('right', 3, 1900.0),
+            ('right', 4, 1007.5),
+        ):
+            await ws.send_str(json.dumps({'flipped': [side, change, at_ms]}))
+        await ws.send_str('{"ping": 1}')
+        await notice(ws, 'pong')
+
+    live(server, talk)
+    assert server.routes.skew_ms == 7.5
+
+
+def test_a_taken_port_and_a_wrong_address_are_one_line_with_code_69(serve):
+    server = serve()
+    with pytest.raises(DeviceMissing, match=f'{server.port} on 127.0.0.1 is taken') as caught:
+        from eol_ros.settings import PanelSettings
+        from eol_ros.web.server import WebServer
+
+        WebServer(PanelSettings(port=server.port), server.bridge)
+    assert caught.value.exit_code == 69
+    with pytest.raises(DeviceMissing):
+        serve(host='192.0.2.1', pin='4711')
+    with pytest.raises(DeviceMissing):
+        serve(host='no.such.host.invalid', pin='4711')
+
+
+def test_documents_are_handed_out(serve):
+    server = serve()
+    heights = terrain.landscape(1)
+    server.routes.documents['terrain'] = (heights * 65535).astype('<u2').tobytes()
+    url = f'http://127.0.0.1:{server.port}/terrain'
+    with urllib.request.urlopen(url, timeout=5) as answer:
+        assert len(answer.read()) == 2 * 161 * 161  # what static/terrain.js expects
+    server.routes.documents['status'] = b'{"a": 1}'
+    assert json.loads(ask(server, '/status')[2]) == {'a': 1}
+
+
+def test_the_table_of_routes_names_every_control():
+    text = describe()
+    for name in CONTROLS:
+        assert f'`POST /control/{name}`' in text

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Packets, read back with the struct module alone."""
+
+import json
+import struct
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from eol_ros.web import notices, wire
+
+
+def head(packet):
+    kind, own, stamp = struct.unpack_from('<B7sd', packet)
+    return kind, own, stamp
+
+
+def test_blocks_packet():
+    names = ('x', 'y', 'yaw', 'u', 'v', 'sigma', 'visibility', 'seen')
+    rows = np.zeros(25, [(n, 'f8') for n in names])
+    for i, name in enumerate(names):
+        rows[name] = np.arange(25) + i / 8
+    packet = wire.blocks(1.75e9 + 0.25, 1, True, rows)
+    assert head(packet) == (1, b'\x01\x01' + bytes(5), 1.75e9 + 0.25)
+    body = np.frombuffer(packet, '<f4', offset=16).reshape(25, 8)
+    assert np.array_equal(body, np.arange(25)[:, None] + np.arange(8) / 8)
+
+
+def test_truth_packet_is_where_the_page_looks():
+    pose = np.arange(75.0).reshape(3, 25)
+    packet = wire.truth(5.0, (0.1, 0.2, 0.3), pose, [i % 2 == 0 for i in range(25)])
+    assert np.frombuffer(packet, '<f4', 3, 16) == pytest.approx([0.1, 0.2, 0.3])
+    assert np.array_equal(np.frombuffer(packet, '<f4', 75, 28), pose.ravel())
+    assert list(packet[16 + 312 :]) == [1, 0] * 12 + [1]
+
+
+def test_meter_packet_survives_silence_and_nonsense():
+    low, high = np.full(1024, -0.5), np.full(1024, 2.0)
+    bands = np.array([-np.inf, np.nan, -300.0, -60.2, 0.0] + [-90.0] * 123)
+    packet = wire.meter(1.0, low, high, bands, {'peak_dbfs': float('-inf'), 'voices': 3})
+    kind, own, _ = head(packet)
+    assert kind == 4 and struct.unpack_from('<HH', own) == (1024, 128)
+    body = np.frombuffer(packet, 'i1', 2048 + 128, 16)
+    assert set(body[:1024]) == {-64} and set(body[1024:2048]) == {127}
+    assert list(body[2048:2053]) == [-127, -127, -127, -60, 0]
+    assert json.loads(packet[16 + 2176 :]) == {'peak_dbfs': None, 'voices': 3}
+
+
+def test_sound_packet_clips_and_keeps_the_order():
+    samples = np.array([0.0, 1.0, -1.0, 3.0, np.nan, 0.5], '<f4')
+    packet = wire.sound(2.5, 48000, 2, 10**12, samples.tobytes())
+    kind, own, stamp = head(packet)
+    assert (kind, stamp, own[0]) == (5, 2.5, 2)
+    assert struct.unpack_from('<I', own, 3) == (48000,)
+    assert struct.unpack_from('<Q', packet, 16) == (10**12,)
+    assert list(np.frombuffer(packet, '<i2', offset=24)) == [0, 32767, -32767, 32767, 0, 16383]
+
+
+def test_leds_packet():
+    packet = wire.leds(1.0, np.arange(25, dtype=np.uint8) * 10, True)
+    assert head(packet)[:2] == (6, b'\x01' + bytes(6))
+    assert list(packet[16:]) == [10 * i for i in range(25)]
+
+
+def test_text_is_json_for_every_browser():
+    text = wire.text({'a': float('nan'), 'b': [float('inf'), 1 / 3], 'c': {'d': '冰'}})
+    assert 'NaN' not in text and 'Infinity' not in text
+    assert json.loads(text) == {'a': None, 'b': [None, 0.333333], 'c': {'d': '冰'}}
+
+
+def stamp(seconds):
+    return SimpleNamespace(sec=int(seconds), nanosec=int((seconds % 1) * 1e9))
+
+
+def cascade(onset_s, area):
+    return SimpleNamespace(
+        onset=stamp(onset_s), nucleus=3, area=area, size=area + 1, duration=0.5, blocks=[3, 4]
+    )
+
+
+def test_the_day_counts_areas_and_begins_anew_at_midnight():
+    import datetime
+
+    noon = datetime.datetime(2026, 11, 21, 12).timestamp()
+    day = notices.Day()
+    for i, area in enumerate([1, 1, 2, 25, 1]):
+        day.add(cascade(noon + i, area))
+    notice = day.notice()
+    assert notice['date'] == '2026-11-21' and sum(notice['areas']) == 5
+    assert [notice['areas'][a] for a in (1, 2, 25)] == [3, 1, 1]
+    assert len(notice['recent']) == 5 and notice['recent'][-1][2] == 1
+    day.add(cascade(noon + 86400, 4))
+    assert sum(day.notice()['areas']) == 1 and day.notice()['date'] == '2026-11-22'
+
+
+def test_corpus_values_become_columns():
+    message = SimpleNamespace(
+        name='ice',
+        digest='d',
+        radius=0.06,
+        x=[0, 1],
+        y=[0, 1],
+        x_name='a',
+        y_name='b',
+        start=[0.0, 1.0],
+        duration=[1.0, 1.0],
+        bounds=[-1, -1, 1, 1],
+        descriptors=['a', 'b', 'c'],
+        values=[1, 2, 3, 4, 5, 6],
+    )
+    assert notices.corpus(message)['values'] == [[1, 4], [2, 5], [3, 6]]
+
+
+def test_health_takes_the_level_as_ros_gives_it():
+    pair = SimpleNamespace(key='rate_hz', value='59.9')
+    status = SimpleNamespace(level=b'\x01', name='eol: tracker', message='dim', values=[pair])
+    notice = notices.health(status)
+    assert (notice['node'], notice['level'], notice['rate']) == ('tracker', 'warn', 59.9)
