@@ -17,6 +17,11 @@ SIDES_PX = (16.0, 160.0)  # squares that can be blocks while their size is not y
 _BLUR_PX = 1.25  # edges of a lens in focus, pixel included
 _MOST_REGIONS = 96
 _LABELS = 20000
+_HALF_SIGMA_PX = 0.25  # how well the size of a block is known beforehand
+_MOST_SIGMA_PX = 0.3  # a square less sure than this is not reported
+# least share of edges that agree, of the worst side, and least quality
+_PREDICTED = (0.30, 0.0, 0.08)
+_NEW = (0.60, 0.30, 0.40)
 
 
 class BlobFinder:
@@ -37,10 +42,10 @@ class BlobFinder:
         self._shape = None
         self._scratch = edges.workspace()
         self._fitted = np.zeros((_MOST_REGIONS, edges.FIELDS))
+        self._kept = np.zeros((_MOST_REGIONS, edges.FIELDS))
         self._found = np.zeros((_MOST_REGIONS, 6))
         self._contrast = 0.0
         self._turn = 0
-        self.floor = 1.0
 
     def find(self, image: np.ndarray, predicted=None) -> np.ndarray:
         """Return the squares in `image` (h, w) uint8 as a BLOB array, predicted ones first.
@@ -60,24 +65,24 @@ class BlobFinder:
         scan.backgrounds(self._grid, self._tiles, self._turn % 8 if self._turn else 0,
                          8 if self._turn else 1)
         self._turn += 1
-        kept = np.zeros((0, edges.FIELDS))
-        if predicted is not None and len(predicted):
+        n = 0
+        if predicted is not None and len(predicted) and self._known():
             predicted = np.asarray(predicted, float).reshape(-1, 3)
             near = predicted[np.isfinite(predicted).all(axis=1)]
-            if self._size is not None or self.calibration is not None:
-                kept = self._apart(kept, self._fit(image, near, search=0), 0.30)
+            n = self._keep(self._fit(image, near, search=0), n, *_PREDICTED)
         for _ in range(2):
-            scan.erase(self._grid, self._tiles, np.column_stack(
-                [kept[:, :3], kept[:, edges.HALF] + scan.STEP]))
+            before = n
+            scan.erase(self._grid, self._tiles, self._kept[:n], scan.STEP)
             starts = self._unexplained()
             if not len(starts):
                 break
-            before = len(kept)
-            kept = self._apart(kept, self._fit(image, starts, search=2), 0.55)
-            self._learn(kept)
-            if before or len(kept) == before:
+            n = self._keep(self._fit(image, starts, search=2), n, *_NEW)
+            if before or n == before:
                 break
-        self._learn(kept)
+            self._learn(self._kept[:n], 1.0)  # a first look: now look again with the right size
+        kept = self._kept[:n]
+        if self._turn % 8 == 0 or self._size is None:
+            self._learn(kept, 0.3)
         blobs = np.zeros(len(kept), BLOB)
         blobs['u'], blobs['v'], blobs['theta'] = kept[:, edges.U], kept[:, edges.V], kept[:, edges.THETA]
         blobs['side_px'] = 2 * kept[:, edges.HALF]
@@ -99,6 +104,9 @@ class BlobFinder:
         self._stats = np.zeros((_LABELS, 9))
         self._size, self._contrast, self._turn = None, 0.0, 0
 
+    def _known(self) -> bool:
+        return self._size is not None or self.calibration is not None
+
     def _expected(self, uv: np.ndarray) -> np.ndarray:
         """Return the half side in px (n,) of a block at `uv` (n, 2); needs a calibration or a size."""
         if self.calibration is not None:
@@ -111,7 +119,7 @@ class BlobFinder:
         starts = starts[:_MOST_REGIONS]
         if not len(starts):
             return np.zeros((0, edges.FIELDS))
-        half_sigma = 0.25
+        half_sigma = _HALF_SIGMA_PX
         if starts.shape[1] == 3:
             half = self._expected(starts[:, :2])
         else:
@@ -121,23 +129,20 @@ class BlobFinder:
                           search, *self._scratch, out)
         off = np.abs(out[:, edges.HALF] / half - 1)
         moved = np.hypot(*(out[:, :2] - starts[:, :2]).T)
-        good = ((out[:, edges.SIGMA] < 0.7) & (off < (0.06 if half_sigma == 0.25 else 0.25))
-                & (moved < half) & np.isfinite(out).all(axis=1)
-                & (out[:, edges.CONTRAST] > 0.12 * self._contrast))
+        # a hand may stand where a block should; it is dimmer, or its edges are not all there
+        dim = out[:, edges.CONTRAST] < 0.5 * self._contrast
+        good = ((out[:, edges.SIGMA] < _MOST_SIGMA_PX) & (moved < half)
+                & (off < (0.06 if half_sigma == _HALF_SIGMA_PX else 0.25))
+                & (out[:, edges.CONTRAST] > 0.2 * self._contrast)
+                & ~(dim & (out[:, edges.VISIBLE] < 0.8)))
         out[~good, edges.VISIBLE] = 0.0
         return out
 
-    def _apart(self, kept, more, least_visible) -> np.ndarray:
-        """Return `kept` and those of `more` that are visible enough and stand on their own ground."""
-        for row in more[np.argsort(-more[:, edges.QUALITY], kind='stable')]:
-            if row[edges.VISIBLE] < least_visible:
-                continue
-            if len(kept):
-                near = np.hypot(*(kept[:, :2] - row[:2]).T).min()
-                if near < 1.4 * row[edges.HALF]:
-                    continue
-            kept = np.vstack([kept, row])
-        return kept
+    def _keep(self, fits, n, least_visible, least_worst, least_quality) -> int:
+        """Append to the squares kept in this image; return their new number."""
+        order = np.argsort(-fits[:, edges.QUALITY], kind='stable')
+        return edges.keep_apart(fits, order, self._kept, n, least_visible, least_worst,
+                                least_quality)
 
     def _unexplained(self) -> np.ndarray:
         """Return starts of squares, (n, 3) or, while their size is unknown, (n, 4)."""
@@ -145,8 +150,7 @@ class BlobFinder:
         if not contrast:
             contrast = scan.bright_level(self._grid, 0.02) - float(np.median(self._tiles))
         over = max(0.3 * contrast, edges.MIN_CONTRAST)
-        known = self._size is not None or self.calibration is not None
-        if known:
+        if self._known():
             middle = np.array([self._shape[::-1]]) / 2
             area = (2 * self._expected(middle)[0] / scan.STEP) ** 2
             least, most = 0.35 * area, 2.2 * area
@@ -155,7 +159,7 @@ class BlobFinder:
         n = scan.regions(self._grid, self._tiles, over, least, most, self._label, self._parent,
                          self._stats, self._found)
         found = self._found[:n]
-        if known:
+        if self._known():
             return found[:, :3].copy()
         # a square fills between half (at 45 degrees) and all of the box around it
         box = found[:, 4] * found[:, 5]
@@ -170,8 +174,8 @@ class BlobFinder:
         half = np.sqrt(area[alike]) / 2
         return np.column_stack([found[alike, :3], half])
 
-    def _learn(self, kept) -> None:
-        """Renew what is known of size and brightness from squares seen whole."""
+    def _learn(self, kept, share: float) -> None:
+        """Renew a share of what is known of size and brightness from squares seen whole."""
         whole = kept[(kept[:, edges.VISIBLE] > 0.9) & (kept[:, edges.QUALITY] > 0.7)]
         if len(whole) < 4:
             return
@@ -194,4 +198,4 @@ class BlobFinder:
         if self._size is None:
             self._size = plane
         else:
-            self._size += 0.1 * (plane - self._size)
+            self._size += share * (plane - self._size)

@@ -27,18 +27,18 @@ UNLIKE = 1.0  # of the variance from line to line, what differs between level zo
 FLAT = 2.1  # blurs from the edge at which light counts as inside or outside
 MIN_CONTRAST = 8.0  # grey levels
 SETTLED_PX = 0.03  # a last step below this leaves no error that counts
-FIELDS = 9  # of one fitted square
-U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL = range(FIELDS)
+FIELDS = 10  # of one fitted square
+U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST = range(FIELDS)
 
 # Fields of the profiles, one after the other in one flat array: with distances that the compiler
 # knows, it can tell that they do not overlap and turns every loop over profiles into vector code.
 (_FIRST, _T, _NU, _NV, _VALID, _IN, _OUT, _OFFSET, _WEIGHT, _A, _B, _C, _D,
- _E) = (k * LINES for k in range(14))
+ _E, _F) = (k * LINES for k in range(15))
 
 
 def workspace() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return scratch arrays of fit_squares, so that a live image allocates nothing."""
-    return (np.zeros(TAPS * LINES, np.float32), np.zeros(14 * LINES, np.float32),
+    return (np.zeros(TAPS * LINES, np.float32), np.zeros(15 * LINES, np.float32),
             np.zeros(6, np.int64))
 
 
@@ -113,8 +113,8 @@ def _padded(n):
 def _zones(pixels, work, n, taps, slope, lean, limit, flat, squares):
     """Sum each profile's pixels inside and outside: counts to A and C, sums to B and D.
 
-    With `squares`, sums of squared distances to the levels in IN and OUT instead, and to E the squared
-    changes from pixel to pixel inside. Pixels further than
+    With `squares`, sums of squared distances to the levels in IN and OUT instead; to E the squared
+    changes from pixel to pixel inside, to F the changes inside and outside. Pixels further than
     `limit` along the side are left out: around the corner stands another edge.
     """
     f_slope, f_lean = np.float32(slope), np.float32(lean)
@@ -126,6 +126,7 @@ def _zones(pixels, work, n, taps, slope, lean, limit, flat, squares):
         work[_C + i] = zero
         work[_D + i] = zero
         work[_E + i] = zero
+        work[_F + i] = zero
     for k in range(taps):
         ahead = f_slope * np.float32(k)
         at = k * LINES
@@ -143,6 +144,7 @@ def _zones(pixels, work, n, taps, slope, lean, limit, flat, squares):
                 work[_C + i] += w_out
                 work[_D + i] += w_out * x_out * x_out
                 work[_E + i] += w_in * change * change
+                work[_F + i] += (w_in + w_out) * change
         else:
             for i in range(n):
                 d = work[_FIRST + i] + ahead
@@ -160,8 +162,9 @@ def _levels(pixels, work, ends, slope, lean, limit, flat, spread, histogram):
     """Measure the light inside and outside along every profile, and judge which ones show an edge.
 
     Fills IN and OUT and clears VALID of profiles that show no edge like the others.
-    spread (4,): variance of one pixel inside and outside, the parts of them that are texture, which
-    unlike noise is alike from pixel to pixel. Returns (contrast, level inside) of the
+    spread (5,): variance of one pixel inside and outside, the parts of them that are texture, which
+    unlike noise is alike from pixel to pixel, and the fall of light over the width of an edge that the
+    flats beside it show, as a share of the contrast. Returns (contrast, level inside) of the
     whole block, or zeros where there is none.
     """
     n, taps = ends[4], ends[5]
@@ -206,19 +209,22 @@ def _levels(pixels, work, ends, slope, lean, limit, flat, spread, histogram):
         if abs(work[_IN + i] - mean_in) > 0.5 * contrast:
             work[_VALID + i] = 0.0
     _zones(pixels, work, padded, taps, slope, lean, limit, flat, True)
-    v_in = v_out = k_in = k_out = changes = 0.0
+    v_in = v_out = k_in = k_out = changes = trend = 0.0
     for i in range(n):
         valid = work[_VALID + i]
         v_in += valid * work[_B + i]
         v_out += valid * work[_D + i]
         k_in += valid * (work[_A + i] - 1)
         changes += valid * work[_E + i]
+        trend += valid * work[_F + i]
         k_out += valid * (work[_C + i] - 1)
     spread[0] = max(v_in / max(k_in, 1.0), 0.25)
     spread[1] = max(v_out / max(k_out, 1.0), 0.25)
     # the innermost pixel has no neighbour, so there are as many changes as degrees of freedom
     spread[2] = max(spread[0] - max(0.55 * changes / max(k_in, 1.0), spread[1]), 0.0)
     spread[3] = 0.0
+    # a lamp's glow falls on and on, a cover has an edge between two flats
+    spread[4] = -trend / max(k_in + k_out, 1.0) / slope * 2 * flat / contrast
     return contrast, mean_in
 
 
@@ -546,9 +552,33 @@ def _fit(image, square, expected, half_sigma, searches, blur, pixels, work, ends
     square[SIGMA] = math.sqrt(variance * 0.5 * (a[0, 0] + a[1, 1]))
     both_ways = min(max(shares[0], shares[2]), max(shares[1], shares[3]))
     off = (half - expected) / (3.0 * half_sigma + 0.04 * expected)
-    square[QUALITY] = share * both_ways * math.exp(-0.5 * off * off)
+    sharp = 1.0 - min(max(2.5 * (spread[4] - 0.15), 0.0), 1.0)
+    square[QUALITY] = share * both_ways * math.exp(-0.5 * off * off) * sharp
+    square[WORST] = min(min(shares[0], shares[1]), min(shares[2], shares[3]))
     square[CONTRAST] = contrast
     square[LEVEL] = level
+
+
+@njit(cache=True)
+def keep_apart(fits, order, kept, n, least_visible, least_worst, least_quality):
+    """Append to `kept` those of `fits` that are good enough and stand on their own ground.
+
+    order: the fits, best first; n: squares kept so far. Returns their new number.
+    """
+    for i in order:
+        if (n == len(kept) or not fits[i, VISIBLE] >= least_visible
+                or not fits[i, WORST] >= least_worst or not fits[i, QUALITY] >= least_quality):
+            continue
+        free = True
+        for j in range(n):
+            du, dv = kept[j, U] - fits[i, U], kept[j, V] - fits[i, V]
+            if du * du + dv * dv < (1.4 * fits[i, HALF]) ** 2:
+                free = False
+                break
+        if free:
+            kept[n] = fits[i]
+            n += 1
+    return n
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -557,12 +587,12 @@ def fit_squares(image, starts, blur, half_sigma, search, pixels, work, ends, out
 
     search: rounds of rough search before the fit (0 when the start is good to 2 px; a fit that comes
     out poor then searches once itself). out (n, FIELDS): u, v, theta, half, agreeing share of the
-    edges, sigma px, quality, contrast, level inside. A share of 0 means no square there.
+    edges, sigma px, quality, contrast, level inside, agreeing share of the worst side. A share of 0 means no square there.
     """
     a = np.zeros((4, 4))
     step = np.zeros(4)
     shares = np.zeros(4)
-    spread = np.zeros(4)
+    spread = np.zeros(5)
     histogram = np.zeros(128)
     second = np.zeros(FIELDS)
     for s in range(starts.shape[0]):

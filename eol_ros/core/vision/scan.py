@@ -59,11 +59,11 @@ def bright_level(grid, share):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def erase(grid, tiles, squares):
-    """Put background in place of every square (n, 4): u, v, theta, half side in px."""
+def erase(grid, tiles, squares, margin):
+    """Put background in place of every square (n, >= 4): u, v, theta, half side, px, and a margin."""
     for s in range(squares.shape[0]):
         u, v = (squares[s, 0] - 1) / STEP, (squares[s, 1] - 1) / STEP
-        half = squares[s, 3] / STEP
+        half = (squares[s, 3] + margin) / STEP
         c, sn = math.cos(squares[s, 2]), math.sin(squares[s, 2])
         reach = half * (abs(c) + abs(sn))
         for r in range(max(int(v - reach), 0), min(int(v + reach) + 2, grid.shape[0])):
@@ -93,7 +93,17 @@ def regions(grid, tiles, over, least, most, label, parent, stats, found):
     rows, cols = grid.shape
     n = 0
     limit = len(parent)
+    first, last = rows, -1  # rows with any light
     for r in range(rows):
+        bright = 0
+        for tile in range(tiles.shape[1]):
+            level = tiles[r // TILE, tile] + over
+            for c in range(tile * TILE, min(tile * TILE + TILE, cols)):
+                bright += 1 if grid[r, c] > level else 0
+        if bright == 0:
+            label[r, :] = -1
+            continue
+        first, last = min(first, r), r
         for c in range(cols):
             if grid[r, c] <= tiles[r // TILE, c // TILE] + over:
                 label[r, c] = -1
@@ -118,7 +128,7 @@ def regions(grid, tiles, over, least, most, label, parent, stats, found):
         for k in range(9):
             stats[i, k] = 0.0
         stats[i, 5], stats[i, 7] = 1e9, 1e9
-    for r in range(rows):
+    for r in range(first, last + 1):
         for c in range(cols):
             if label[r, c] < 0:
                 continue
@@ -131,7 +141,7 @@ def regions(grid, tiles, over, least, most, label, parent, stats, found):
             stats[i, 6] = max(stats[i, 6], r)
             stats[i, 7] = min(stats[i, 7], c)
             stats[i, 8] = max(stats[i, 8], c)
-    for r in range(rows):  # the fourfold moment tells the angle of a square
+    for r in range(first, last + 1):  # the fourfold moment tells the angle of a square
         for c in range(cols):
             i = label[r, c]
             if i >= 0 and least <= stats[i, 0] <= most:
