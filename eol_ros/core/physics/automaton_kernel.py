@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The inner loop of the automaton, in integers.
+
+Stress is held as integers relative to a drive `g` that all sites share, so that raising all of them
+is one addition. Integer sums do not depend on their order: a layer may be worked off in any order,
+on any machine, with the same result to the last bit.
+
+The next event starts at the greatest stress. Finding it is the work of a queue of two parts
+(Grassberger 1994 held all sites in boxes; here there is one box): a bucket of all sites at or above
+`floor`, kept as a maximum tree (binary heap). Whoever rises into the bucket is pushed; an entry
+whose site has changed since is dropped when it comes up. When the bucket is empty a sweep of the
+lattice fills it anew, with a floor so much lower that sweeps and pushes cost about the same.
+
+Lattice: rows of L sites with one sink before each and a row of sinks above and below, flat; a sink
+lies so deep that it never topples, which makes the open boundary free of tests.
+"""
+
+import numpy as np
+from numba import int64, njit, uintp
+
+SINK = -(1 << 62)
+REBASE = 1 << 60  # the drive is folded into the sites before it nears the depth of the sinks
+SINK_EVERY = 256  # events after which the sinks are emptied
+SHARE_BITS = 32  # of the multiplier of the fixed-point path
+OK, INEXACT = 0, 1
+
+
+@njit(inline='always')
+def _push(keys, sites, count, key, site):
+    k = count
+    while k > 0:
+        up = (k - 1) >> 1
+        if keys[uintp(up)] >= key:
+            break
+        keys[uintp(k)] = keys[uintp(up)]
+        sites[uintp(k)] = sites[uintp(up)]
+        k = up
+    keys[uintp(k)] = key
+    sites[uintp(k)] = site
+
+
+@njit(inline='always')
+def _pop(keys, sites, count):
+    """Remove the root of a heap that has `count` entries afterwards."""
+    key, site, k = keys[uintp(count)], sites[uintp(count)], 0
+    while True:
+        down = 2 * k + 1
+        if down >= count:
+            break
+        if down + 1 < count and keys[uintp(down + 1)] > keys[uintp(down)]:
+            down += 1
+        if keys[uintp(down)] <= key:
+            break
+        keys[uintp(k)] = keys[uintp(down)]
+        sites[uintp(k)] = sites[uintp(down)]
+        k = down
+    keys[uintp(k)] = key
+    sites[uintp(k)] = site
+
+
+@njit(cache=True)
+def _maximum(stress):
+    top = stress[0]
+    for k in range(stress.size):
+        top = max(top, stress[k])
+    return top
+
+
+@njit(cache=True)
+def _empty_sinks(stress, side):
+    stride = side + 1
+    for k in range(stride):
+        stress[k] = SINK
+        stress[stress.size - 1 - k] = SINK
+    for row in range(side + 2):
+        stress[row * stride] = SINK
+
+
+@njit(cache=True)
+def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations, firsts):
+    """Run `sizes.size` events on `stress` in place; return (status, events done).
+
+    stress: (n,) int64, padded as the module says, in units in which the threshold is `one`.
+    A toppling site gives each neighbour floor(stress * share / 2^32) if `divisor` is 0, else
+    exactly stress / divisor * share; INEXACT is returned before the event in which a remainder
+    would be lost, with `stress` in disorder: the caller has kept a copy. sizes: (events,) int64.
+    areas, durations, firsts: the same, or of length 0 where they are not wanted. `bucketed` False
+    looks for the maximum by a sweep each time: the plain way, to check by.
+    """
+    n, stride = stress.size, side + 1
+    near = np.empty(4 * n + 8, np.int32)  # sites that may topple in the next layer, with repeats
+    now = np.empty(n, np.int32)
+    gifts = np.empty(n, np.int64)
+    room = n // 4 + 64
+    keys, sites = np.empty(room + 2, np.int64), np.empty(room + 2, np.int32)
+    seen = np.full(n if areas.size else 1, -1, np.int64)
+    low = (int64(1) << SHARE_BITS) - 1
+    count, refill, floor = 0, True, int64(0)
+    depth = max(int64(1), int64(one) // 64)
+    drive = int64(0)
+    filled_at, toppled_since = 0, 0
+    for event in range(sizes.size):
+        if event % SINK_EVERY == 0:
+            _empty_sinks(stress, side)
+        candidates = 0
+        if bucketed:
+            while True:
+                if refill or count == 0:
+                    mean = (toppled_since + 1.0) / (event - filled_at + 1.0)
+                    wanted = min(max(8, int(0.045 * n / np.sqrt(mean))), room // 2)
+                    filled_at, toppled_since, refill = event, 0, False
+                    top = _maximum(stress)
+                    while True:
+                        floor = top - depth
+                        found = 0
+                        for k in range(n):
+                            now[uintp(found)] = k
+                            found += stress[k] >= floor
+                        if found <= room // 2 or depth <= 1:
+                            break
+                        depth //= 2
+                    if 2 * found > room:  # more equals than the bucket holds: take them all, now
+                        floor, refill = top, True
+                        while stress[now[0]] != top:
+                            now[0] += 1
+                        found = 1
+                    if 2 * found < wanted and depth < one:
+                        depth = depth * 3 // 2 + 1
+                    elif found > 2 * wanted:
+                        depth = max(int64(1), depth * 2 // 3)
+                    count = 0
+                    for k in range(found):
+                        _push(keys, sites, count, stress[now[k]], now[k])
+                        count += 1
+                theta, site = keys[0], sites[0]
+                count -= 1
+                _pop(keys, sites, count)
+                if stress[uintp(site)] == theta:
+                    break
+            first = site
+            near[0] = site
+            candidates = 1
+            if refill:
+                candidates, count = 0, 0
+                for k in range(n):
+                    near[uintp(candidates)] = k
+                    candidates += stress[k] == theta
+                first = near[0]
+            while count > 0 and keys[0] == theta:
+                near[uintp(candidates)] = sites[0]
+                first = min(first, sites[0]) if stress[uintp(sites[0])] == theta else first
+                candidates += 1
+                count -= 1
+                _pop(keys, sites, count)
+        else:
+            theta = _maximum(stress)
+            floor = theta
+            for k in range(n):
+                near[uintp(candidates)] = k
+                candidates += stress[k] == theta
+            first = near[0]
+        drive = one - theta
+        size = area = duration = 0
+        while True:
+            toppling = 0
+            for k in range(candidates):
+                j = uintp(near[uintp(k)])
+                value = stress[j]
+                if value >= theta:
+                    now[uintp(toppling)] = j
+                    full = value + drive
+                    if divisor:
+                        if full % divisor:
+                            return INEXACT, event
+                        gifts[uintp(toppling)] = full // divisor * share
+                    else:
+                        gifts[uintp(toppling)] = (full >> SHARE_BITS) * share + (
+                            ((full & low) * share) >> SHARE_BITS
+                        )
+                    stress[j] = -drive
+                    toppling += 1
+                elif bucketed and value >= floor:
+                    if count == room:
+                        count, refill = 0, True
+                    _push(keys, sites, count, value, int64(j))
+                    count += 1
+            if toppling == 0:
+                break
+            duration += 1
+            size += toppling
+            if areas.size:
+                for k in range(toppling):
+                    area += seen[now[k]] != event
+                    seen[now[k]] = event
+            candidates = 0
+            for k in range(toppling):
+                gift = gifts[uintp(k)]
+                j = uintp(now[uintp(k)]) - uintp(1)
+                value = stress[j] + gift
+                stress[j] = value
+                near[uintp(candidates)] = j
+                candidates += value >= floor
+                j = uintp(now[uintp(k)]) + uintp(1)
+                value = stress[j] + gift
+                stress[j] = value
+                near[uintp(candidates)] = j
+                candidates += value >= floor
+                j = uintp(now[uintp(k)]) - uintp(stride)
+                value = stress[j] + gift
+                stress[j] = value
+                near[uintp(candidates)] = j
+                candidates += value >= floor
+                j = uintp(now[uintp(k)]) + uintp(stride)
+                value = stress[j] + gift
+                stress[j] = value
+                near[uintp(candidates)] = j
+                candidates += value >= floor
+        toppled_since += size
+        sizes[event] = size
+        if areas.size:
+            areas[event] = area
+            durations[event] = duration
+            row, column = divmod(int64(first), int64(stride))
+            firsts[event] = (row - 1) * side + column - 1
+        if drive > REBASE:
+            for k in range(n):
+                stress[k] += drive
+            drive = int64(0)
+            refill = True
+    for k in range(n):
+        stress[k] += drive
+    _empty_sinks(stress, side)
+    return OK, sizes.size

@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The automaton against its rule written out in fractions, event for event."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from eol_ros.core.physics.automaton import Automaton, ExactAutomaton, LongLattice
+from eol_ros.core.physics.oslo import OsloPile
+from eol_ros.errors import ConfigError
+
+pytestmark = pytest.mark.slow  # numba compiles, unless it has before
+NAMES = ('size', 'area', 'duration', 'first')
+
+
+def by_the_rule(stress, alpha, count):
+    """The rule, line by line, in Fraction. Returns rows of NAMES, and the stress at the end."""
+    side = len(stress)
+    f = {(i, j): Fraction(stress[i, j]) for i in range(side) for j in range(side)}
+    rows = []
+    for _ in range(count):
+        top = max(f.values())
+        for site in f:
+            f[site] += 1 - top
+        sizes, areas, layers, first = 0, set(), 0, None
+        while layer := [s for s in sorted(f) if f[s] >= 1]:
+            first = layer[0] if first is None else first
+            old = {s: f[s] for s in layer}
+            for s in layer:
+                f[s] = Fraction(0)
+            for (i, j), v in old.items():
+                for near in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)):
+                    if near in f:
+                        f[near] += alpha * v
+            sizes += len(layer)
+            areas |= set(layer)
+            layers += 1
+        rows.append((sizes, len(areas), layers, first[0] * side + first[1]))
+    return np.array(rows), np.array([[f[i, j] for j in range(side)] for i in range(side)])
+
+
+def table(events):
+    return np.stack([getattr(events, name) for name in NAMES], axis=1)
+
+
+@pytest.mark.parametrize(
+    ('side', 'alpha', 'count', 'seed'),
+    [
+        (8, Fraction(1, 5), 400, 1),
+        (6, Fraction(1, 4), 150, 2),
+        (7, Fraction(3, 20), 300, 3),
+        (5, Fraction(2, 9), 300, 4),
+        (1, Fraction(1, 5), 5, 5),
+        (2, Fraction(0), 12, 6),
+        (10, Fraction(1, 10), 600, 7),
+    ],
+)
+def test_exact_arithmetic_is_the_rule_event_for_event(side, alpha, count, seed):
+    start = np.random.default_rng(seed).integers(0, 100_000, (side, side))
+    expected, rest = by_the_rule(start * Fraction(1, 100_000), alpha, count)
+    automaton = ExactAutomaton(start, 100_000, alpha)
+    cut = count // 3  # in two runs, across the change of arithmetic
+    found = np.vstack([table(automaton.run(cut)), table(automaton.run(count - cut))])
+
+    np.testing.assert_array_equal(found, expected)
+    assert (automaton.stress == rest).all()
+
+
+def test_exact_arithmetic_begins_in_64_bits_and_goes_on_in_long_integers():
+    start = np.random.default_rng(1).integers(0, 100_000, (12, 12))
+    automaton = ExactAutomaton(start, 100_000, Fraction(1, 5))
+    automaton.run(10)
+
+    assert automaton.arithmetic == 'exact, 64 bits'
+    automaton.run(400)
+    assert automaton.arithmetic == 'exact, long integers'
+
+
+def test_exact_ties_topple_together():
+    """A symmetric start stays symmetric: four sites start as one."""
+    quarter = np.array([[10, 700], [700, 20]])
+    start = np.block([[quarter, quarter[:, ::-1]], [quarter[::-1], quarter[::-1, ::-1]]])
+    expected, _ = by_the_rule(start * Fraction(1, 1000), Fraction(1, 5), 60)
+    automaton = ExactAutomaton(start, 1000, Fraction(1, 5))
+    found = table(automaton.run(60))
+
+    np.testing.assert_array_equal(found, expected)
+    assert (found[:, 0] % 4 == 0).all()
+    assert (automaton.stress == automaton.stress[::-1]).all()
+
+
+def test_a_lattice_of_equals_is_one_event():
+    """More equals than the queue has room for."""
+    for queue in ('bucket', 'sweep'):
+        automaton = Automaton(np.full((40, 40), 0.5), 0.2, queue)
+        events = automaton.run(50, full=True)
+        assert (events.area[0], events.first[0]) == (1600, 0)
+
+
+@pytest.mark.parametrize('alpha', [0.25, 0.125])
+def test_fixed_point_is_the_rule_where_it_need_not_round(alpha):
+    """Coarse stress and alpha a power of two: 50 bits hold the first events exactly."""
+    start = np.random.default_rng(2).integers(0, 1024, (20, 20)) / 1024
+    expected, _ = by_the_rule(start, Fraction(alpha), 40)
+
+    np.testing.assert_array_equal(table(Automaton(start, alpha).run(40, full=True)), expected)
+
+
+def test_fixed_point_follows_the_rule_until_a_tie():
+    start = np.random.default_rng(3).random((10, 10))
+    expected, _ = by_the_rule(start, Fraction(1, 5), 400)
+
+    np.testing.assert_array_equal(table(Automaton(start, 0.2).run(400, full=True)), expected)
+
+
+@pytest.mark.parametrize(
+    ('side', 'alpha', 'count'),
+    [
+        (16, 0.2, 20_000),
+        (35, 0.25, 3000),
+        (50, 0.15, 50_000),
+        (5, 0.25, 20_000),
+        (3, 0.0, 500),
+        (1, 0.2, 20),
+        (90, 0.2, 4000),
+    ],
+)
+def test_the_bucket_finds_what_a_sweep_finds(side, alpha, count):
+    one, other = (Automaton.random(side, alpha, 3, queue) for queue in ('bucket', 'sweep'))
+    for _ in range(2):
+        np.testing.assert_array_equal(
+            table(one.run(count, full=True)), table(other.run(count, full=True))
+        )
+
+    np.testing.assert_array_equal(one.stress, other.stress)
+
+
+def test_runs_are_the_same_to_the_bit_however_they_are_cut():
+    whole = Automaton.random(30, 0.2, 9)
+    parts = Automaton.random(30, 0.2, 9)
+    expected = whole.run(5000)
+    found = np.concatenate([parts.run(n).size for n in (1, 255, 256, 4488)])
+
+    np.testing.assert_array_equal(found, expected.size)
+    np.testing.assert_array_equal(whole.stress, parts.stress)
+
+
+def test_no_site_is_left_at_its_threshold():
+    automaton = Automaton.random(40, 0.25, 4)
+    for _ in range(20):
+        automaton.run(500)
+        assert automaton.stress.min() >= 0
+        assert automaton.stress.max() < 1
+
+
+def test_stress_is_conserved_but_for_what_the_boundary_takes():
+    """alpha 1/4, exact: the drive puts in L^2 (1 - top) an event, only rim sites lose."""
+    start = np.random.default_rng(8).integers(0, 1000, (9, 9))
+    automaton = ExactAutomaton(start, 1000, Fraction(1, 4))
+    for _ in range(30):
+        before = automaton.stress
+        events = automaton.run(1)
+        gain = automaton.stress.sum() - before.sum() - 81 * (1 - before.max())
+        assert gain <= 0
+        inner = before.copy()
+        inner[1:-1, 1:-1] = 0
+        if events.size[0] == 1 and divmod(events.first[0], 9)[0] in range(1, 8):
+            column = events.first[0] % 9
+            assert gain == (0 if 0 < column < 8 else -Fraction(1, 4))
+
+
+def test_long_integers_fold_the_drive_without_a_change(monkeypatch):
+    start = np.random.default_rng(8).integers(0, 1000, (4, 4))
+    plain = LongLattice(4, Fraction(1, 5), start, 1000).run(300)
+    monkeypatch.setattr(LongLattice, 'FOLD', 1)
+
+    np.testing.assert_array_equal(
+        table(plain), table(LongLattice(4, Fraction(1, 5), start, 1000).run(300))
+    )
+
+
+@pytest.mark.parametrize(('side', 'low', 'high'), [(35, 5.0, 5.8), (16, 3.0, 4.2)])
+def test_mean_size_is_the_known_one(side, low, high):
+    """L 35, alpha 0.2: 5.4 (measured by a full scan in floating point, 4e6 events of warm-up)."""
+    automaton = Automaton.random(side, 0.2, 1)
+    automaton.run(3_000_000)
+
+    assert low < automaton.run(1_000_000).size.mean() < high
+
+
+@pytest.mark.parametrize(
+    ('make', 'words'),
+    [
+        (lambda: Automaton.random(0, 0.2, 1), 'lattice size 0'),
+        (lambda: Automaton.random(8, 0.26, 1), 'alpha 0.26 is not between'),
+        (lambda: Automaton.random(8, -0.1, 1), 'alpha -0.1'),
+        (lambda: Automaton(np.ones((3, 3)), 0.2), 'below its threshold'),
+        (lambda: Automaton(np.full((3, 3), np.nan), 0.2), 'below its threshold'),
+        (lambda: Automaton(np.zeros((3, 4)), 0.2), 'square'),
+        (lambda: Automaton(np.zeros((3, 3)), 0.2, 'pile'), "queue 'pile'"),
+        (lambda: ExactAutomaton(np.zeros((3, 3)), 10, Fraction(1, 5)), 'whole numbers'),
+        (lambda: ExactAutomaton(np.full((3, 3), 10), 10, Fraction(1, 5)), 'lie in 0..9'),
+        (lambda: OsloPile(0, 1), 'size 0'),
+    ],
+)
+def test_impossible_lattices_are_refused(make, words):
+    with pytest.raises(ConfigError, match=words):
+        make()
+
+
+# The rice pile
+
+
+def pile_by_the_rule(pile, count):
+    """Oslo's rule on plain lists, one site at a time in any order (the pile is abelian)."""
+    side, seed = pile.side, pile.seed
+    slope, uses = [0] * side, [0] * side
+    limit = [pile.limit_of(seed, i, 0) for i in range(side)]
+    sizes = []
+    for _ in range(count):
+        slope[0] += 1
+        size = 0
+        while high := [i for i in range(side) if slope[i] > limit[i]]:
+            i = high[-1]
+            size += 1
+            slope[i] -= 1 if i == side - 1 else 2
+            if i > 0:
+                slope[i - 1] += 1
+            if i < side - 1:
+                slope[i + 1] += 1
+            uses[i] += 1
+            limit[i] = pile.limit_of(seed, i, uses[i])
+        sizes.append(size)
+    return sizes, slope
+
+
+def test_the_pile_is_its_rule():
+    pile = OsloPile(12, seed=3)
+    sizes, slope = pile_by_the_rule(pile, 800)
+
+    assert pile.run(800).size.tolist() == sizes
+    assert pile.slope.tolist() == slope
+
+
+def test_every_grain_walks_off_the_pile():
+    """In the steady state a grain in means L topplings: the mean size is L."""
+    for side in (8, 64):
+        pile = OsloPile(side, seed=1)
+        pile.run(20 * side * side)
+        sizes = pile.run(200_000).size
+        blocks = sizes.reshape(50, -1).mean(axis=1)
+        assert abs(sizes.mean() - side) < 5 * blocks.std(ddof=1) / 50**0.5 + 0.01 * side
+
+
+def test_the_pile_stands_between_its_slopes():
+    """Mean height over L is 1.7 or so (Frette et al. 1996; Christensen et al. 1996)."""
+    pile = OsloPile(64, seed=2)
+    pile.run(200_000)
+
+    assert set(pile.slope.tolist()) <= {0, 1, 2}
+    assert 1.55 < pile.slope.sum() / 64 < 1.8
