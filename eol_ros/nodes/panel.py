@@ -3,34 +3,16 @@
 
 import sys
 
-import numpy as np
-
 from eol_ros.core import terrain
 from eol_ros.devices.media_folder import LazyMedia
 from eol_ros.nodes.panel_bridge import PanelBridge
-from eol_ros.ros.blocks import blocks_from_cdr
+from eol_ros.nodes.panel_streams import STREAMS
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.web import notices, wire
 from eol_ros.web.server import WebServer
 
 FOLLOW_S = 0.1  # so soon a stream begins after somebody looks
-STREAMS = {  # channel: topic, handed over as CDR bytes, packet for the pages
-    'blocks': ('blocks', True, lambda raw: _blocks(blocks_from_cdr(raw))),
-    'truth': ('truth', False, lambda m: wire.truth(
-        notices.seconds(m.header.stamp), (m.rim_x, m.rim_y, m.rim_yaw), np.array([m.x, m.y, m.yaw]),
-        m.moving)),
-    'image': ('camera/image/compressed', False, lambda m: wire.image(
-        notices.seconds(m.header.stamp), m.data)),
-    'meter': ('sound_meter', False, lambda m: wire.meter(
-        notices.seconds(m.header.stamp), m.wave_min, m.wave_max, m.spectrum_db, notices.meter(m))),
-    'sound': ('sound_samples', False, lambda m: wire.sound(
-        notices.seconds(m.header.stamp), m.sample_rate, m.channels, m.first, m.data)),
-    'leds': ('led_commands', False, lambda m: wire.leds(
-        notices.seconds(m.header.stamp), m.white, m.infrared)),
-    'slips': ('slips', False, lambda m: wire.text(notices.slip(m))),
-    'triggers': ('grain_triggers', False, lambda m: wire.text(notices.trigger(m))),
-}  # fmt: skip
 
 
 class PanelNode(EolNode):
@@ -109,12 +91,6 @@ class PanelNode(EolNode):
 
     def close(self) -> None:
         self.server.stop()
-
-
-def _blocks(message) -> bytes:
-    return wire.blocks(
-        message.stamp_ns * 1e-9, message.state, message.symmetry_ambiguous, message.blocks
-    )
 
 
 main = runner(PanelNode)
