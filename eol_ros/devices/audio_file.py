@@ -9,7 +9,8 @@ import soundfile
 
 from eol_ros.errors import ConfigError, DeviceMissing
 
-BLOCK = 1 << 13  # samples read at a time; where a file breaks off, the last such block is lost
+BLOCK = 1 << 20  # samples read at a time: a long file never needs all its channels in memory
+LAST = 1 << 12  # where a file breaks off, this many samples at most are lost before the break
 SHORTEST_S = 0.01  # shorter than this is no sound to make grains of
 
 
@@ -74,14 +75,14 @@ def _read(path: Path) -> tuple[np.ndarray, int, int, list[str]]:
     notes: list[str] = []
     try:
         with soundfile.SoundFile(path) as sound:
-            parts = []
-            try:
-                while len(block := sound.read(BLOCK, dtype='float32', always_2d=True)):
-                    parts.append(block.mean(axis=1, dtype=np.float32))
-            except soundfile.LibsndfileError:
-                pass  # broken off in the middle: what was read before stands
+            # Between two reads soundfile seeks, and a seek within MP3 is not exact: take it in one.
+            block = sound.frames if sound.format == 'MPEG' else BLOCK
+            parts = [*_blocks(sound, block)]
             count = sum(map(len, parts))
             if count < sound.frames:
+                with soundfile.SoundFile(path) as again:
+                    parts += _blocks(again, LAST, count)
+                count = sum(map(len, parts))
                 notes.append(
                     f'{path}: breaks off after {count / sound.samplerate:.2f} s of '
                     f'{sound.frames / sound.samplerate:.2f} s; only what is there is used'
@@ -94,6 +95,19 @@ def _read(path: Path) -> tuple[np.ndarray, int, int, list[str]]:
         ) from None
     samples = np.concatenate(parts) if parts else np.zeros(0, np.float32)
     return samples, rate, channels, notes
+
+
+def _blocks(sound: soundfile.SoundFile, size: int, start: int = 0) -> list[np.ndarray]:
+    """Return the mean of the channels from `start` on, as far as it can be read."""
+    parts = []
+    try:
+        if start:
+            sound.seek(start)
+        while len(block := sound.read(size, dtype='float32', always_2d=True)):
+            parts.append(block.mean(axis=1, dtype=np.float32))
+    except soundfile.LibsndfileError:
+        pass  # broken off: what was read before stands
+    return parts
 
 
 def _reason(error: Exception) -> str:

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+import dataclasses
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+
+from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.sound.corpus import DESCRIPTORS
+from eol_ros.core.sound.ice import ice
+from eol_ros.core.sound.select import Selector
+from eol_ros.devices import audio_file
+from eol_ros.devices.corpus_build import build_cached
+from eol_ros.devices.corpus_file import Options
+from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.nodes.grains import GrainsNode
+from eol_ros.ros.blocks import RECORD, pack_blocks
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.stamps import to_ns
+from eol_ros.scene import Scene
+from eol_ros.settings import GrainsSettings
+
+START_NS = 1_700_000_000_123_456_789
+pytestmark = pytest.mark.slow
+
+
+class Probe(EolNode):
+    NAME = 'probe'
+
+    def __init__(self):
+        super().__init__(GrainsSettings(), scene=Scene('probe', {}))
+        self.blocks = self.publisher('blocks')
+        self.triggers, self.corpora = [], []
+        self.subscribe('grain_triggers', self.triggers.append)
+        self.subscribe('corpus', self.corpora.append)
+
+
+class Stage:
+    """A grains node, a probe and an executor."""
+
+    def __init__(self, settings):
+        self.node, self.probe = GrainsNode(settings), Probe()
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.probe)
+
+    def until(self, what, seconds=20.0):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.02)
+            if what():
+                return
+        pytest.fail('it did not come about')
+
+    def close(self):
+        self.node.close()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.probe.destroy_node()
+
+
+@pytest.fixture
+def sounds(tmp_path, monkeypatch):
+    monkeypatch.setenv('EOL_CACHE', str(tmp_path / 'cache'))
+    for name, seed in (('floe', 1), ('shelf', 2)):
+        audio_file.write(tmp_path / f'{name}.wav', ice(6.0, 16000, seed), 16000, 'PCM_16')
+    return tmp_path / 'floe.wav', tmp_path / 'shelf.wav'
+
+
+@pytest.fixture
+def stage(ros, sounds):
+    made = []
+
+    def make(**settings):
+        made.append(Stage(GrainsSettings(sound=str(sounds[0]), radius=0.1, **settings)))
+        stage = made[-1]
+        stage.until(lambda: stage.probe.corpora and stage.probe.blocks.get_subscription_count())
+        return stage
+
+    yield make
+    for one in made:
+        one.close()
+
+
+def image(k):
+    """The 25 blocks in image k: half a second of motion in every second."""
+    blocks = np.zeros(25, RECORD)
+    moved = 0.12 * (k // 60 + min(k % 60, 30) / 30)
+    blocks['x'], blocks['y'] = (rest_lattice() + [0.5 * np.sin(moved * 6), 0.1 * moved]).T
+    blocks['sigma'], blocks['seen'] = 2e-5, True
+    blocks['seen'][k % 25] = k % 3 > 0
+    return START_NS + k * 16_666_667, blocks
+
+
+def play(stage, images, state=1):
+    for k in images:
+        stamp_ns, blocks = image(k)
+        stage.probe.blocks.publish(pack_blocks(stamp_ns, state, False, k, blocks))
+        stage.executor.spin_once(timeout_sec=0.005)
+    count = -1
+    while count != len(stage.probe.triggers):
+        count = len(stage.probe.triggers)
+        for _ in range(20):
+            stage.executor.spin_once(timeout_sec=0.01)
+
+
+def test_the_corpus_is_told_whole(stage, sounds):
+    stage = stage()
+    message, corpus = stage.probe.corpora[0], build_cached([sounds[0]], Options())
+    assert message.files == [str(sounds[0])] and message.sample_rate == 16000
+    assert message.digest == corpus.digest and message.name == 'floe.wav'
+    assert list(message.start) == corpus.grains['start_s'].tolist()
+    assert list(message.duration) == corpus.grains['duration_s'].tolist()
+    np.testing.assert_allclose(message.x, corpus.grains['x'], rtol=1e-6)
+    assert message.descriptors == list(DESCRIPTORS)
+    values = np.reshape(message.values, (len(corpus), len(DESCRIPTORS)))
+    np.testing.assert_allclose(values[:, 1], corpus.grains['periodicity_mean'], rtol=1e-6)
+    assert (message.x_name, message.y_name) == DESCRIPTORS[:2]
+    assert list(message.bounds) == [-0.6, -0.6, 0.6, 0.6]
+    assert message.radius == pytest.approx(0.1)
+
+
+def test_triggers_are_those_of_the_selector_with_the_stamp_of_the_image(stage, sounds):
+    stage = stage()
+    play(stage, range(150))
+    selector = Selector(stage.node.settings, build_cached([sounds[0]], Options()))
+    expected = []
+    for k in range(150):
+        stamp_ns, b = image(k)
+        rows = selector.update(stamp_ns * 1e-9, b['x'], b['y'], b['seen'], b['sigma'])
+        expected += [(stamp_ns, row) for row in rows]
+    assert len(expected) > 30
+    assert len(stage.probe.triggers) == len(expected)
+    for n, (message, (stamp_ns, row)) in enumerate(zip(stage.probe.triggers, expected)):
+        assert to_ns(message.header.stamp) == stamp_ns and message.sequence == n
+        got = (message.grain, message.block, message.gain, message.rate, message.pan,
+               message.attack, message.release)  # fmt: skip
+        names = ('grain', 'block', 'gain', 'rate', 'pan', 'attack_s', 'release_s')
+        assert got == tuple(row[name] for name in names)
+
+
+def test_two_runs_over_the_same_images_are_equal(stage, sounds):
+    runs = []
+    for _ in range(2):
+        one = stage(rate_jitter_st=3.0)
+        play(one, range(90))
+        runs.append(
+            [(t.grain, t.block, t.gain, t.rate, t.header.stamp) for t in one.probe.triggers]
+        )
+        one.close()
+    assert len(runs[0]) > 20 and runs[0] == runs[1]
+
+
+def test_nothing_sounds_while_the_tracker_does_not_know_who_is_who(stage):
+    stage = stage()
+    play(stage, range(60), state=0)
+    assert not stage.probe.triggers
+
+
+def test_settings_change_while_it_runs(stage, sounds):
+    stage = stage()
+
+    def put(**values):
+        parameters = [Parameter(k, value=v) for k, v in values.items()]
+        return [r.successful for r in stage.node.set_parameters(parameters)]
+
+    assert put(radius=0.001, gain=0.5) == [True, True]
+    stage.until(lambda: len(stage.probe.corpora) > 1)
+    assert stage.probe.corpora[-1].radius == pytest.approx(0.001)
+    play(stage, range(30))
+    few = len(stage.probe.triggers)
+    put(radius=0.2)
+    play(stage, range(30, 90))
+    assert len(stage.probe.triggers) > few + 20
+    assert max(t.gain for t in stage.probe.triggers) <= 0.5
+    assert put(radius=-1.0) == [False] and put(mode='loud') == [False]
+    assert put(gain=float('nan')) == [False]
+    assert stage.node.settings.radius == 0.2
+
+
+def test_another_sound_while_it_runs(stage, sounds):
+    stage = stage()
+    stage.node.set_parameters([Parameter('sound', value=str(sounds[1]))])
+    stage.until(lambda: stage.probe.corpora[-1].name == 'shelf.wav')
+    told = len(stage.probe.corpora)
+    stage.node.set_parameters([Parameter('sound', value=str(sounds[1].with_name('no.wav')))])
+    stage.until(lambda: stage.node.health.level == 1)
+    assert 'no such sound file' in stage.node.health.text
+    assert 'plays on' in stage.node.health.text
+    play(stage, range(60))
+    assert stage.probe.triggers and len(stage.probe.corpora) == told
+
+
+def test_a_sound_that_is_not_there_or_none(ros, sounds, tmp_path):
+    for name, error in (('no.wav', DeviceMissing), ('no.json', DeviceMissing)):
+        with pytest.raises(error):
+            GrainsNode(GrainsSettings(sound=str(tmp_path / name)))
+    (tmp_path / 'bad.json').write_text('{}')
+    with pytest.raises(ConfigError):
+        GrainsNode(GrainsSettings(sound=str(tmp_path / 'bad.json')))
+
+
+def test_the_node_stays_light(sounds):
+    """It loads neither scipy, numba, OpenCV nor libsndfile, also when a corpus must be made."""
+    code = (
+        'import sys, time, rclpy\n'
+        'from eol_ros.nodes.grains import GrainsNode\n'
+        'from eol_ros.settings import GrainsSettings\n'
+        'rclpy.init()\n'
+        f'node = GrainsNode(GrainsSettings(sound={str(sounds[0])!r}))\n'
+        'while node.corpus is None:\n'
+        '    time.sleep(0.05)\n'
+        '    node.on_timer()\n'
+        'print(sorted({"scipy", "numba", "cv2", "soundfile", "sounddevice"} & set(sys.modules)))\n'
+        'node.close()\n'
+        'rclpy.shutdown()\n'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == '[]', done.stderr
+
+
+def test_every_setting_is_live():
+    for field in dataclasses.fields(GrainsSettings):
+        assert field.metadata['live'], field.name
