@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calibrations as YAML, in the form that ROS gives camera_info, plus what ties camera and table.
+
+A camera_info file of the ROS camera_calibration tool is read as well; it lacks `homography`, and that
+is said.
+"""
+
+import datetime
+import math
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from eol_ros.core.vision.calibration import Calibration
+from eol_ros.errors import ConfigError, DeviceMissing
+
+_SIZE = ('image_width', 'image_height')
+_MATRICES = {'camera_matrix': (3, 3), 'distortion_coefficients': (1, 5), 'homography': (3, 3)}
+_NUMBERS = ('cover_height_m', 'residual_px', 'residual_mm')
+
+
+def save(path: str | Path, calibration: Calibration, camera_name: str = 'eol') -> None:
+    """Write `calibration` to `path`, whole or not at all.
+
+    Raises:
+        DeviceMissing: the folder is absent or cannot be written.
+    """
+    path = Path(path)
+    content = {
+        'image_width': int(calibration.image_width),
+        'image_height': int(calibration.image_height),
+        'camera_name': camera_name,
+        'camera_matrix': _matrix(calibration.camera_matrix),
+        'distortion_model': 'plumb_bob',
+        'distortion_coefficients': _matrix(calibration.distortion_coefficients[None]),
+        'homography': _matrix(calibration.homography),
+        'cover_height_m': float(calibration.cover_height_m),
+        'date': calibration.date,
+        'residual_px': float(calibration.residual_px),
+        'residual_mm': float(calibration.residual_mm),
+    }
+    text = ('# Pixels: u right, v down. homography: table metres (x right, y away, at cover height)\n'
+            '# to undistorted pixels of camera_matrix. Written by `eol calibrate`.\n'
+            + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
+    part = path.with_name(path.name + '.part')
+    try:
+        part.write_text(text)
+        part.replace(path)
+    except OSError as error:
+        raise DeviceMissing(f'{path}: cannot write the calibration ({error.strerror}); '
+                            'choose a folder that exists and can be written') from None
+
+
+def load(path: str | Path) -> Calibration:
+    """Return the calibration in `path`.
+
+    Raises:
+        DeviceMissing: no such file.
+        ConfigError: not YAML, or a field absent or wrong; all are named at once.
+    """
+    path = Path(path)
+    try:
+        content = yaml.safe_load(path.read_text())
+    except FileNotFoundError:
+        raise DeviceMissing(f'{path}: no such calibration file; make one with `eol calibrate`'
+                            ) from None
+    except OSError as error:
+        raise DeviceMissing(f'{path}: cannot read the calibration ({error.strerror})') from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        where = getattr(error, 'problem_mark', None)
+        place = f':{where.line + 1}:{where.column + 1}' if where else ''
+        raise ConfigError(f'{path}{place}: not a YAML file: {_first_line(error)}') from None
+    if not isinstance(content, dict):
+        raise ConfigError(f'{path}: holds {type(content).__name__}, not the fields of a calibration')
+    wrong: list[str] = []
+    fields: dict = {}
+    for name in _SIZE:
+        value = content.get(name)
+        if isinstance(value, bool) or not isinstance(value, int) or not 8 <= value <= 20000:
+            wrong.append(f'{name} is {value!r}, not a number of pixels')
+        fields[name] = value
+    model = content.get('distortion_model', 'plumb_bob')
+    if model != 'plumb_bob':
+        wrong.append(f'distortion_model is {model!r}; only plumb_bob is known')
+    for name, shape in _MATRICES.items():
+        fields[name] = _read_matrix(content, name, shape, wrong)
+    for name in _NUMBERS:
+        value = content.get(name, 0.0)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) \
+                or not math.isfinite(value):
+            wrong.append(f'{name} is {value!r}, not a number')
+        fields[name] = value
+    if wrong:
+        raise ConfigError(f'{path}: ' + '; '.join(wrong))
+    date = content.get('date', '')
+    fields['date'] = date.isoformat() if isinstance(date, datetime.date) else str(date)
+    fields['distortion_coefficients'] = fields['distortion_coefficients'][0]
+    try:
+        return Calibration(**fields)
+    except ConfigError as error:
+        raise ConfigError(f'{path}: {error}') from None
+
+
+def _matrix(values: np.ndarray) -> dict:
+    return {'rows': values.shape[0], 'cols': values.shape[1],
+            'data': [float(v) for v in values.ravel()]}
+
+
+def _read_matrix(content: dict, name: str, shape: tuple[int, int], wrong: list[str]):
+    """Return the matrix `name`, or note what is wrong with it."""
+    value = content.get(name)
+    if value is None:
+        hint = (': a camera_info file knows the lens but not the table; run `eol calibrate` with it'
+                if name == 'homography' else '')
+        wrong.append(f'{name} is absent{hint}')
+        return None
+    if not isinstance(value, dict) or not isinstance(value.get('data'), list):
+        wrong.append(f'{name} must have rows, cols and data')
+        return None
+    data = value['data']
+    if (value.get('rows'), value.get('cols')) != shape or len(data) != shape[0] * shape[1]:
+        wrong.append(f"{name} has {value.get('rows')} rows, {value.get('cols')} cols and "
+                     f'{len(data)} values, not {shape[0]} x {shape[1]}')
+        return None
+    try:
+        return np.array([float(v) for v in data]).reshape(shape)
+    except (TypeError, ValueError):
+        wrong.append(f'{name} holds something that is not a number')
+        return None
+
+
+def _first_line(error: Exception) -> str:
+    return (getattr(error, 'problem', None) or str(error)).splitlines()[0]
