@@ -65,6 +65,10 @@ class Table(np.ndarray):
 class Bag(BagReader):
     """A bag whose topics can be read as tables; see BagReader for what else it knows."""
 
+    def decoder(self, name: str) -> Decoder:
+        """Return the decoder of the full topic name."""
+        return Decoder(self.topics[name].type, self.topics[name].definition)
+
     def table(
         self, topic: str, start_s: float = 0.0, end_s: float | None = None
     ) -> Table:
@@ -73,8 +77,7 @@ class Bag(BagReader):
         topic: with or without `/eol/`. Raises ConfigError where the bag has no such topic.
         """
         name = self.find(topic)
-        about = self.topics[name]
-        decoder = Decoder(about.type, about.definition)
+        decoder = self.decoder(name)
         start_ns = self.start_ns + round(start_s * 1e9)
         end_ns = None if end_s is None else self.start_ns + round(end_s * 1e9)
         parts = []
