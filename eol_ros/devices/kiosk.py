@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Browser windows that fill a screen each, with a throw-away profile, and come back when lost."""
+
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from eol_ros.devices.backoff import Backoff
+from eol_ros.errors import DeviceMissing, UsageError
+
+BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
+FLAGS = (
+    '--noerrdialogs',
+    '--no-first-run',
+    '--no-default-browser-check',
+    '--disable-session-crashed-bubble',
+    '--disable-component-update',
+    '--disable-background-networking',
+    '--disable-sync',
+    '--disable-pinch',
+    '--overscroll-history-navigation=0',
+    '--autoplay-policy=no-user-gesture-required',
+)
+SETTLED_S = 20.0  # a window that lived this long failed anew, not again
+
+
+@dataclass(frozen=True)
+class Screen:
+    """A screen of the desktop, in its pixels."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+    name: str = ''
+
+    @classmethod
+    def parse(cls, text: str) -> 'Screen':
+        """Return the screen of `1920x1080+1920+0`."""
+        match = re.fullmatch(r'(\d+)x(\d+)\+(\d+)\+(\d+)', text)
+        if not match:
+            raise UsageError(f'{text!r} is not a screen; write WIDTHxHEIGHT+X+Y')
+        width, height, x, y = (int(part) for part in match.groups())
+        return cls(x, y, width, height)
+
+
+def screens() -> list[Screen]:
+    """Return the connected screens from left to right, by xrandr; empty where that cannot tell."""
+    try:
+        text = subprocess.run(
+            ['xrandr', '--query'], capture_output=True, text=True, timeout=5, check=True
+        ).stdout
+    except (OSError, subprocess.SubprocessError):
+        return []
+    return read_xrandr(text)
+
+
+def read_xrandr(text: str) -> list[Screen]:
+    """Return the active screens in the output of `xrandr --query`, from left to right."""
+    found = re.findall(r'^(\S+) connected (?:primary )?(\d+)x(\d+)\+(\d+)\+(\d+)', text, re.M)
+    rows = [Screen(int(x), int(y), int(w), int(h), name) for name, w, h, x, y in found]
+    return sorted(rows, key=lambda s: (s.x, s.y))
+
+
+def find_browser(name: str = '') -> str:
+    """Return the path of the browser; raises DeviceMissing."""
+    for each in (name,) if name else BROWSERS:
+        path = shutil.which(each)
+        if path:
+            return path
+    if name:
+        raise DeviceMissing(f'{name}: no such browser')
+    raise DeviceMissing('no Chromium found: apt install chromium, or name one with --browser')
+
+
+class Window:
+    """One full-screen browser window; `keep` brings it back when it is gone."""
+
+    def __init__(self, browser: str, url: str, screen: Screen, full_screen: bool = True):
+        self.url, self.screen = url, screen
+        self._profile = Path(tempfile.mkdtemp(prefix='eol-wall-'))
+        self._command = [
+            browser,
+            f'--user-data-dir={self._profile}',
+            f'--window-position={screen.x},{screen.y}',
+            f'--window-size={screen.width},{screen.height}',
+            *(('--kiosk',) if full_screen else ()),
+            *FLAGS,
+            f'--app={url}',
+        ]
+        self._backoff = Backoff()
+        self._process: subprocess.Popen | None = None
+        self._due_s = 0.0
+        self._since_s = 0.0
+        self.starts = 0
+
+    def keep(self, now_s: float) -> str:
+        """Start the window when it is due; return what happened, or an empty text."""
+        if self._process is not None:
+            code = self._process.poll()
+            if code is None:
+                return ''
+            self._process = None
+            if now_s - self._since_s > SETTLED_S:
+                self._backoff.succeeded()
+            wait_s = self._backoff.failed()
+            self._due_s = now_s + wait_s
+            return f'{self.url}: the window is gone (code {code}); again in {wait_s:g} s'
+        if now_s < self._due_s:
+            return ''
+        try:
+            self._process = subprocess.Popen(
+                self._command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )  # fmt: skip
+        except OSError as error:
+            raise DeviceMissing(f'{self._command[0]}: {error.strerror}') from None
+        self._since_s = now_s
+        self.starts += 1
+        place = self.screen
+        return f'{self.url}: on {place.width}x{place.height} at {place.x},{place.y}'
+
+    def close(self) -> None:
+        """Close the window and throw its profile away."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.terminate()
+            try:
+                self._process.wait(5)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait(5)
+        for _ in range(5):  # a browser's children may write for a moment longer
+            shutil.rmtree(self._profile, ignore_errors=True)
+            if not self._profile.exists():
+                break
+            time.sleep(0.2)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol covers: the landscape on the blocks, to print."""
+
+import json
+import sys
+from pathlib import Path
+
+from eol_ros.core.terrain import CoverShape
+from eol_ros.errors import UsageError
+from eol_ros.verbs.progress import track
+
+HELP = 'Cut one continuous landscape into covers for the blocks: a watertight STL file each, in mm.'
+EXAMPLES = [
+    'eol covers --out covers',
+    'eol covers --out covers --seed 7 --relief 40 --wall 2',
+    'eol covers --out covers --heightmap island.png --json',
+]
+SIZES = CoverShape()
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('--out', metavar='DIR', required=True, help='folder for the files')
+    parser.add_argument('--seed', type=int, default=1, help="of the landscape; 1 is the panel's")
+    parser.add_argument('--rows', type=int, default=5)
+    parser.add_argument('--cols', type=int, default=5)
+    parser.add_argument('--heightmap', metavar='FILE', help='grey picture, white is high')
+    parser.add_argument('--cells', type=int, default=84, help='squares along a side (84: 1 mm)')
+    parser.add_argument('--side', type=float, default=SIZES.side_mm, help='of a cover, mm')
+    parser.add_argument('--wall', type=float, default=SIZES.wall_mm, help='thickness, mm')
+    parser.add_argument('--skirt', type=float, default=SIZES.skirt_mm, help='below the land, mm')
+    parser.add_argument('--relief', type=float, default=SIZES.relief_mm, help='of the land, mm')
+    parser.add_argument('--json', action='store_true', help='list the files on stdout')
+
+
+def run(args):
+    """Write the covers and a picture of the whole; name them on stdout."""
+    from eol_ros.core import terrain
+    from eol_ros.devices import picture_file, stl_file
+
+    shape = CoverShape(args.side, args.wall, args.skirt, args.relief).check()
+    for name, most in (('rows', 50), ('cols', 50), ('cells', 512)):
+        if not 1 <= getattr(args, name) <= most:
+            raise UsageError(f'--{name} {getattr(args, name)}: 1 to {most}')
+    if args.seed < 0:
+        raise UsageError(f'--seed {args.seed}: 0 or more')
+    out = Path(args.out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f'--out {out}: {error.strerror}') from None
+    if args.heightmap:
+        heights = terrain.fit(
+            picture_file.load_grey(args.heightmap), args.rows, args.cols, args.cells
+        )
+    else:
+        heights = terrain.landscape(args.seed, args.rows, args.cols, args.cells)
+    covers = []
+    places = [(row, col) for row in range(args.rows) for col in range(args.cols)]
+    for row, col in track(places, 'covers'):
+        mesh = terrain.cover_mesh(terrain.tile(heights, row, col, args.cells), shape)
+        path = out / f'cover-{row * args.cols + col:02d}.stl'
+        stl_file.save(path, mesh, f'Echoes of the Land, row {row}, column {col}')
+        covers.append(
+            {
+                'file': str(path),
+                'row': row,
+                'column': col,
+                'facets': len(mesh),
+                'plastic_cm3': round(terrain.volume_mm3(mesh) / 1e3, 2),
+            }
+        )
+    picture = out / 'covers.png'
+    picture_file.save(picture, terrain.hillshade(heights))
+    if args.json:
+        print(json.dumps({'picture': str(picture), 'covers': covers}, indent=2))
+    else:
+        print(*(cover['file'] for cover in covers), picture, sep='\n')
+    plastic = sum(cover['plastic_cm3'] for cover in covers)
+    print(
+        f'{len(covers)} covers of {shape.side_mm:g} mm, {plastic:.0f} cm3 of plastic',
+        file=sys.stderr,
+    )
+    return 0

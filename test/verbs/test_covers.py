@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol covers: files as a slicer reads them."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from eol_ros.cli import main
+from eol_ros.devices import stl_file
+
+
+def test_writes_watertight_covers_that_fit(tmp_path, capsys):
+    trimesh = pytest.importorskip('trimesh')
+    assert main(['covers', '--out', str(tmp_path), '--cells', '10', '--json']) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert len(listed['covers']) == 25 and cv2.imread(listed['picture']) is not None
+    meshes = {}
+    for cover in listed['covers']:
+        mesh = trimesh.load_mesh(cover['file'])
+        assert mesh.is_watertight and mesh.is_winding_consistent
+        assert len(mesh.faces) == cover['facets']
+        assert mesh.volume / 1e3 == pytest.approx(cover['plastic_cm3'], abs=0.01)
+        assert mesh.extents[:2] == pytest.approx([84, 84])
+        meshes[cover['row'], cover['column']] = stl_file.load(cover['file']).reshape(-1, 3)
+    for (row, col), points in meshes.items():
+        if col < 4:
+            east = points[points[:, 0] == 42.0][:, 1:]
+            west = meshes[row, col + 1]
+            west = west[west[:, 0] == -42.0][:, 1:]
+            assert np.array_equal(np.unique(east, axis=0), np.unique(west, axis=0))
+
+
+def test_a_height_map_of_ones_own_and_sizes(tmp_path, capsys):
+    picture = tmp_path / 'ramp.png'
+    cv2.imwrite(str(picture), np.tile(np.linspace(0, 65535, 40).astype(np.uint16), (30, 1)))
+    out = tmp_path / 'out'
+    sizes = '--rows 1 --cols 2 --cells 4 --side 60 --skirt 5 --relief 30'.split()
+    assert main(['covers', '--out', str(out), '--heightmap', str(picture), *sizes]) == 0
+    names = capsys.readouterr().out.split()
+    assert [n.rsplit('/', 1)[1] for n in names] == ['cover-00.stl', 'cover-01.stl', 'covers.png']
+    left, right = (stl_file.load(n) for n in names[:2])
+    assert left[..., 2].max() == pytest.approx(20, abs=0.01)  # half of the ramp
+    assert right[..., 2].max() == pytest.approx(35)
+
+
+@pytest.mark.parametrize(
+    ('words', 'code', 'says'),
+    [
+        (['--wall', '60'], 2, 'no room'),
+        (['--cells', '0'], 2, '--cells 0: 1 to 512'),
+        (['--rows', '99'], 2, '--rows 99'),
+        (['--seed', '-1'], 2, '--seed -1'),
+        (['--heightmap', 'nowhere.png'], 69, 'nowhere.png: no such file'),
+        (['--heightmap', __file__], 69, 'not a picture'),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path, capsys, words, code, says):
+    assert main(['covers', '--out', str(tmp_path / 'o'), *words]) == code
+    text = capsys.readouterr().err
+    assert says in text and text.count('\n') == 1
+
+
+def test_the_folder_cannot_be_made(tmp_path, capsys):
+    (tmp_path / 'file').write_text('')
+    assert main(['covers', '--out', str(tmp_path / 'file')]) == 2
+    assert '--out' in capsys.readouterr().err
