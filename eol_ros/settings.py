@@ -165,7 +165,7 @@ class GrainsSettings:
         0.08, 'with mode: bow, from grain to grain', 's', 0.01, 10, live=True
     )
     bow_jitter: float = setting(0.5, 'of that time, as a share', '', 0, 1, live=True)
-    start_mps: float = setting(0.015, 'a block this fast moves', 'm/s', 0, 1, live=True)
+    start_mps: float = setting(0.008, 'a block this fast moves', 'm/s', 0, 1, live=True)
     stop_mps: float = setting(0.006, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
     rest_s: float = setting(0.08, 'after this time', 's', 0, 1, live=True)
     gain: float = setting(1.0, 'of a grain at full speed', '', 0, 8, live=True)
@@ -186,10 +186,30 @@ class GrainsSettings:
 
 @dataclass(frozen=True)
 class SoundSettings:
-    device: str = setting('auto', 'sound card by name, auto, or wav for a file')
+    device: str = setting('auto', 'sound card by name or part of it, auto, or wav for a file')
     sample_rate: int = setting(48000, 'of the output', 'Hz', 8000, 192000)
-    channels: int = setting(2, 'of the output', '', 1, 64)
+    channels: int = setting(2, 'loudspeakers in a row, left to right', '', 1, 64)
     block_size: int = setting(256, 'samples a callback', '', 32, 4096)
+    latency_s: float = setting(0.04, 'from the stamp of an image to its sound', 's', 0, 1, live=True)
+    gain_db: float = setting(-6.0, 'master gain', 'dB', -90, 24, live=True)
+    reading: str = setting(
+        'cubic', 'between samples', choices=('cubic', 'linear'), live=True
+    )
+    voices: int = setting(512, 'grains at the same time; more take the quietest away', '', 1, 4096)
+    ceiling_db: float = setting(-1.0, 'no sample exceeds it', 'dBFS', -40, 0)
+    loudness_lufs: float = setting(
+        -18.0, 'mean of 30 s that the governor holds', 'LUFS', -60, 0, live=True
+    )
+    governor_db: float = setting(6.0, 'what the governor may take away', 'dB', 0, 40, live=True)
+    fade_in_s: float = setting(2.0, 'at the start and after a mute', 's', 0, 60)
+    fade_out_s: float = setting(0.5, 'at the end and to a mute', 's', 0, 10)
+    wav: str = setting(
+        '', 'file where there is no card; empty: sound-DATE.wav beside the bags'
+    )
+    wav_limit_s: float = setting(3600.0, 'longest such file', 's', 1)
+    meter_hz: float = setting(20.0, 'sound_meter messages', 'Hz', 1, 60)
+    osc_out: str = setting('', 'host:port that hears of triggers and slips by OSC')
+    osc_in: int = setting(0, 'UDP port that takes settings by OSC; 0 for none', '', 0, 65535)
 
 
 @dataclass(frozen=True)
