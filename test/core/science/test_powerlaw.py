@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eol_ros.core.science import powerlaw
+from eol_ros.core.science.powerlaw import FitError, fit, histogram, sample
+
+
+def rng(seed=1):
+    return np.random.default_rng(seed)
+
+
+def test_a_fit_by_hand():
+    """Three numbers, 1..2 only: P(1) = 1 / (1 + 2^-tau), so tau = log2(n1 / n2)."""
+    found = fit(np.array([0, 80, 20]), 1, 2)
+
+    assert found.tau == pytest.approx(math.log2(4))
+    assert found.b_value == pytest.approx(1)
+    assert found.ks == pytest.approx(0, abs=1e-12)
+    assert found.log_likelihood == pytest.approx(80 * math.log(0.8) + 20 * math.log(0.2))
+    # Fisher: the variance of log s is 0.8 * 0.2 * log(2)^2
+    assert found.error == pytest.approx(1 / math.sqrt(100 * 0.16 * math.log(2) ** 2))
+
+
+@given(tau=st.floats(0.3, 3.5), seed=st.integers(0, 99), x_min=st.sampled_from([1, 2, 7]))
+@settings(max_examples=12, deadline=None)
+def test_a_truncated_law_is_found_again(tau, seed, x_min):
+    numbers = sample(tau, x_min, 400, 20_000, rng(seed))
+    found = fit(histogram(numbers), x_min, 400)
+
+    assert numbers.min() >= x_min and numbers.max() <= 400
+    assert abs(found.tau - tau) < 5 * found.error
+    assert found.ks < 2.0 / math.sqrt(20_000)
+
+
+@pytest.mark.slow
+def test_bias_and_coverage_of_the_truncated_fit():
+    """1e5 events, 100 times: bias below 0.005, the 95 % interval covers 88 % at least."""
+    for tau, x_max in ((1.8, 400), (1.25, 1000), (1.5, 25)):
+        fits = [
+            fit(histogram(sample(tau, 1, x_max, 100_000, rng(k))), 1, x_max) for k in range(100)
+        ]
+        off = np.array([f.tau - tau for f in fits])
+        inside = np.abs(off) < 1.96 * np.array([f.error for f in fits])
+
+        assert abs(off.mean()) < 0.002
+        assert inside.mean() >= 0.88
+
+
+@pytest.mark.slow
+def test_an_unlimited_law_is_found_again():
+    for tau, x_min in ((1.6, 1), (2.5, 3), (3.2, 1)):
+        found = fit(histogram(np.minimum(sample(tau, x_min, None, 50_000, rng(3)), 10**7)), x_min)
+        assert abs(found.tau - tau) < 4 * found.error + 0.005
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings('ignore')
+def test_powerlaw_agrees_where_there_is_no_upper_limit():
+    """The package of Alstott, Bullmore and Plenz (PLoS ONE 9 (2014) e85777) as oracle."""
+    oracle = pytest.importorskip('powerlaw')
+    for tau, x_min in ((2.2, 1), (2.8, 4)):
+        numbers = sample(tau, x_min, None, 5000, rng(7))
+        ours = fit(histogram(numbers), x_min)
+        theirs = oracle.Fit(
+            numbers, xmin=x_min, discrete=True, verbose=False, estimate_discrete=False
+        )
+        assert ours.tau == pytest.approx(theirs.power_law.alpha, abs=2e-3)
+        assert ours.error == pytest.approx(theirs.power_law.sigma, rel=0.5)
+
+
+def test_a_fit_that_forgets_the_limit_is_too_steep():
+    numbers = sample(1.5, 1, 25, 20_000, rng(2))
+    knowing, forgetting = fit(histogram(numbers), 1, 25), fit(histogram(numbers), 1)
+
+    assert abs(knowing.tau - 1.5) < 4 * knowing.error
+    assert forgetting.tau > 1.6
+    assert knowing.log_likelihood > forgetting.log_likelihood + 100
+
+
+def test_the_best_lower_end_is_where_the_law_begins():
+    numbers = sample(2.0, 8, 2000, 20_000, rng(4))
+    noise = rng(5).integers(1, 8, 8000)
+    found = powerlaw.choose_x_min(histogram(np.concatenate([numbers, noise])), 2000)
+
+    assert 7 <= found.x_min <= 12
+    assert abs(found.tau - 2.0) < 5 * found.error
+
+
+def test_dependent_events_get_a_wider_error():
+    draws = sample(1.8, 1, 400, 5000, rng(6))
+    clumped = np.repeat(np.sort(draws).reshape(100, 50)[rng(6).permutation(100)].ravel(), 4)
+    alone, together = (fit(histogram(n), 1, 400) for n in (draws, clumped))
+
+    assert powerlaw.block_error(draws, alone, rng()) == pytest.approx(alone.error, rel=0.4)
+    assert powerlaw.block_error(clumped, together, rng(), blocks=25) > 3 * together.error
+
+
+def test_p_value_tells_a_law_from_another():
+    law = fit(histogram(sample(1.8, 1, 200, 2000, rng(8))), 1, 200)
+    other = fit(histogram(rng(8).geometric(0.1, 2000).clip(1, 200)), 1, 200)
+
+    assert powerlaw.p_value(law, rng(), 50) > 0.05
+    assert powerlaw.p_value(other, rng(), 50) == 0
+
+
+def test_exceedance():
+    counts = histogram(np.array([1, 1, 2, 5]))
+
+    assert powerlaw.exceedance(counts).tolist() == [1, 1, 0.5, 0.25, 0.25, 0.25]
+
+
+@pytest.mark.parametrize(
+    ('numbers', 'arguments', 'words'),
+    [
+        ([2] * 18, {}, 'too few events'),
+        ([3] * 500, {}, 'all 500 events have one size'),
+        ([1, 2] * 50, {'x_min': 0}, 'begins at 1'),
+        ([1, 2] * 50, {'x_min': 5, 'x_max': 5}, 'has a length'),
+        ([1] * 2000 + [1000], {'x_max': 1001}, None),
+        ([99] * 5000 + [100], {'x_max': 100}, 'no tau between'),
+        ([1.5] * 50, {}, 'whole number'),
+        ([-1] * 50, {}, 'whole number'),
+    ],
+)
+def test_what_carries_no_fit_is_refused(numbers, arguments, words):
+    if words is None:
+        assert fit(histogram(np.array(numbers)), **arguments).tau > 5
+        return
+    with pytest.raises(FitError, match=words):
+        fit(histogram(np.array(numbers)), **arguments)
