@@ -36,7 +36,7 @@ def test_a_height_map_of_ones_own_and_sizes(tmp_path, capsys):
     picture = tmp_path / 'ramp.png'
     cv2.imwrite(str(picture), np.tile(np.linspace(0, 65535, 40).astype(np.uint16), (30, 1)))
     out = tmp_path / 'out'
-    sizes = '--rows 1 --cols 2 --cells 4 --side 60 --skirt 5 --relief 30'.split()
+    sizes = ['--rows=1', '--cols=2', '--cells=4', '--side=60', '--skirt=5', '--relief=30']
     assert main(['covers', '--out', str(out), '--heightmap', str(picture), *sizes]) == 0
     names = capsys.readouterr().out.split()
     assert [n.rsplit('/', 1)[1] for n in names] == ['cover-00.stl', 'cover-01.stl', 'covers.png']

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The montage node over real DDS: slips in, walls out."""
+
+import itertools
+import subprocess
+import sys
+import time
+
+import pytest
+from eol_msgs.msg import Control, Slip, Wall
+from rclpy.executors import SingleThreadedExecutor
+
+from eol_ros.errors import DeviceMissing
+from eol_ros.nodes.montage import MontageNode
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.stamps import now_ns, to_msg, to_ns
+from eol_ros.settings import MontageSettings, MotionSettings
+
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><rect width="4" height="3"/></svg>'
+
+
+class Around(EolNode):
+    NAME = 'motion'
+
+    def __init__(self):
+        super().__init__(MotionSettings())
+        self.walls, self.states = [], []
+        self.slips, self.control = self.publisher('slips'), self.publisher('control')
+        self.subscribe('wall', self.walls.append)
+        self.subscribe('/diagnostics', self.on_diagnostics)
+
+    def on_diagnostics(self, array):
+        self.states += [(s.level[0], s.message) for s in array.status if s.name == 'eol: montage']
+
+    def slip(self, block, kind):
+        message = Slip(kind=kind, block=block)
+        message.header.stamp = to_msg(now_ns())
+        self.slips.publish(message)
+        return message.header.stamp
+
+    def order(self, command, target=''):
+        self.control.publish(Control(command=command, target=target))
+
+
+class Rig:
+    def __init__(self, **settings):
+        self.montage = MontageNode(MontageSettings(**settings))
+        self.around = Around()
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.montage)
+        self.executor.add_node(self.around)
+        self.until(lambda: self.around.slips.get_subscription_count() and self.around.walls
+                   and self.around.control.get_subscription_count())
+
+    def until(self, what, seconds=10.0):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.01)
+            if what():
+                return
+        pytest.fail('it did not come about')
+
+    def run(self, seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.01)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for i in range(4):
+        for side in 'lr':
+            (tmp_path / f'{i}{side}.svg').write_text(SVG)
+    (tmp_path / 'pairs.csv').write_text(''.join(f'{i}l.svg,{i}r.svg,words {i}\n' for i in range(4)))
+    return tmp_path
+
+
+@pytest.fixture
+def rig(ros, folder):
+    made = Rig(pairs=str(folder), period_s=0.34, lead_s=0.05)
+    yield made
+    made.montage.close()
+
+
+def changes(walls):
+    """Return the first message of each change."""
+    return [w for i, w in enumerate(walls) if i == 0 or w.change != walls[i - 1].change]
+
+
+def test_a_first_pair_stands_before_anything_moves(rig):
+    wall = rig.around.walls[0]
+    assert wall.left[0] == wall.right[0] and wall.left.endswith('l.svg')
+    assert wall.caption == f'words {wall.left[0]}' and not wall.moving
+    names = {f'{i}{side}.svg' for i in range(4) for side in 'lr'}
+    assert len(wall.ahead) == 16 and set(wall.ahead) <= names
+
+
+@pytest.mark.slow
+def test_shuffles_while_a_block_moves_and_freezes_with_the_last(rig):
+    around = rig.around
+    rig.run(0.4)
+    begun = around.slip(3, Slip.START)
+    around.slip(4, Slip.START)
+    rig.run(0.8)
+    around.slip(3, Slip.STOP)
+    rig.run(0.7)
+    ended = around.slip(4, Slip.STOP)
+    rig.until(lambda: not around.walls[-1].moving)
+    count = len(around.walls)
+    rig.run(0.8)
+    assert len(around.walls) == count  # frozen
+    assert around.walls[-1].header.stamp == ended
+    moved = [w for w in changes(around.walls)[1:] if w.moving]
+    assert all(w.header.stamp == begun for w in moved)
+    flips = [to_ns(w.flip) * 1e-9 for w in moved]
+    assert len(flips) >= 4
+    gaps = [b - a for a, b in itertools.pairwise(flips)]
+    assert min(gaps) >= 0.34 - 1e-6
+    assert flips[0] - (begun.sec + begun.nanosec * 1e-9) < 0.5
+    for now, following in itertools.pairwise(moved):
+        assert now.ahead[:2] == [following.left, following.right]
+
+
+@pytest.mark.slow
+def test_sleeps_black_and_wakes(rig):
+    around = rig.around
+    around.order('sleep', target='sound')
+    rig.run(0.3)
+    assert around.walls[-1].left
+    around.order('sleep')
+    rig.until(lambda: not around.walls[-1].left and not around.walls[-1].right)
+    around.slip(1, Slip.START)
+    rig.run(0.8)
+    assert not around.walls[-1].left
+    around.slip(1, Slip.STOP)
+    around.order('wake')
+    rig.until(lambda: around.walls[-1].left)
+
+
+@pytest.mark.slow
+def test_hot_reload_names_what_it_skips_and_keeps_the_walls(rig, folder):
+    (folder / '2l.svg').write_text('broken')
+    rig.until(lambda: any('2l.svg: not an SVG' in text for _, text in rig.around.states))
+    assert rig.around.states[-1][0] == 1  # a warning
+    (folder / 'pairs.csv').unlink()
+    rig.until(lambda: any('no pairs.csv' in text for _, text in rig.around.states))
+    assert isinstance(rig.around.walls[-1], Wall) and rig.around.walls[-1].left
+
+
+def test_an_empty_folder_is_one_clear_line(ros, tmp_path):
+    with pytest.raises(DeviceMissing, match=r'no pairs\.csv in it; write one pair a line'):
+        MontageNode(MontageSettings(pairs=str(tmp_path)))
+
+
+@pytest.mark.slow
+def test_too_fast_a_change_is_refused_with_code_78():
+    done = subprocess.run(
+        [sys.executable, '-m', 'eol_ros.nodes.montage', '--ros-args', '-p', 'period_s:=0.1'],
+        capture_output=True, text=True, timeout=30,
+    )  # fmt: skip
+    assert done.returncode == 78 and 'Traceback' not in done.stderr
+    assert '0.34' in done.stderr and len(done.stderr.strip().splitlines()) == 1

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The panel node over real DDS: from the graph to a WebSocket, from people to the graph."""
+
+import asyncio
+import json
+import struct
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+
+import aiohttp
+import numpy as np
+import pytest
+from eol_msgs.msg import Cascade, Corpus, SoundMeter, SoundSamples, Wall
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import CompressedImage
+
+from eol_ros.nodes.panel import PanelNode
+from eol_ros.nodes.panel_streams import STREAMS
+from eol_ros.ros.blocks import RECORD, pack_blocks
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.stamps import now_ns, to_msg
+from eol_ros.settings import GrainsSettings, PanelSettings
+from eol_ros.web.hub import CHANNELS
+
+GIVES = ('wall', 'cascades', 'corpus', 'blocks', 'camera/image/compressed', 'sound_meter',
+         'sound_samples', 'slips')  # fmt: skip
+
+
+class Around(EolNode):
+    """Stands in for all other nodes; its name is grains, so that settings can be changed."""
+
+    NAME = 'grains'
+
+    def __init__(self):
+        super().__init__(GrainsSettings())
+        self.gives = {name: self.publisher(name) for name in GIVES}
+        self.controls, self.rims, self.triggers = [], [], []
+        self.subscribe('control', self.controls.append)
+        self.subscribe('rim_command', self.rims.append)
+        self.subscribe('grain_triggers', self.triggers.append)
+
+
+class Rig:
+    def __init__(self):
+        self.panel, self.around = PanelNode(PanelSettings(port=0)), Around()
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.panel)
+        self.executor.add_node(self.around)
+        self.url = f'http://127.0.0.1:{self.panel.server.port}'
+        self.stopping = False
+        self.thread = threading.Thread(target=self._spin, daemon=True)
+        self.thread.start()
+
+    def _spin(self):
+        while not self.stopping:
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def readers(self, topic):
+        return self.around.gives[topic].get_subscription_count()
+
+    def close(self):
+        self.stopping = True
+        self.thread.join(5)
+        self.panel.close()
+
+
+@pytest.fixture
+def rig(ros):
+    made = Rig()
+    until(lambda: made.readers('wall') and made.readers('cascades') and made.readers('corpus'))
+    yield made
+    made.close()
+
+
+def until(what, seconds=10.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if what():
+            return
+        time.sleep(0.02)
+    pytest.fail('it did not come about')
+
+
+def live(rig, talk):
+    async def session():
+        async with aiohttp.ClientSession() as client, client.ws_connect(f'{rig.url}/live') as ws:
+            return await asyncio.wait_for(talk(ws), 15)
+
+    return asyncio.run(session())
+
+
+async def notice(ws, kind, where=lambda n: True):
+    while True:
+        message = await ws.receive(timeout=8)
+        if message.type == aiohttp.WSMsgType.TEXT:
+            data = json.loads(message.data)
+            if data['t'] == kind and where(data):
+                return data
+
+
+async def packet(ws, kind):
+    while True:
+        message = await ws.receive(timeout=8)
+        if message.type == aiohttp.WSMsgType.BINARY and message.data[0] == kind:
+            return message.data
+
+
+def test_every_stream_has_its_topic_and_its_channel():
+    assert set(STREAMS) == CHANNELS
+
+
+@pytest.mark.slow
+def test_streams_run_only_while_somebody_looks(rig):
+    streams = ('blocks', 'camera/image/compressed', 'sound_meter', 'sound_samples', 'slips')
+    assert not any(rig.readers(topic) for topic in streams)
+
+    async def talk(ws):
+        await ws.send_str('{"wants": ["blocks", "image"]}')
+        await asyncio.to_thread(until, lambda: rig.readers('blocks'))
+        await asyncio.to_thread(until, lambda: rig.readers('camera/image/compressed'))
+        assert not rig.readers('sound_samples') and not rig.readers('slips')
+        rows = np.zeros(25, RECORD)
+        rows['x'], rows['seen'] = np.arange(25) / 100, True
+        stamp_ns = now_ns()
+        rig.around.gives['blocks'].publish(pack_blocks(stamp_ns, 1, False, 7, rows))
+        data = await packet(ws, 1)
+        assert struct.unpack_from('<d', data, 8)[0] == pytest.approx(stamp_ns * 1e-9, abs=1e-6)
+        assert np.frombuffer(data, '<f4', offset=16)[8 * 3] == pytest.approx(0.03)
+        image = CompressedImage(format='jpeg')
+        image.data.frombytes(b'\xff\xd8jpeg')
+        rig.around.gives['camera/image/compressed'].publish(image)
+        assert (await packet(ws, 3))[16:] == b'\xff\xd8jpeg'
+        await ws.send_str('{"wants": []}')
+        await asyncio.to_thread(until, lambda: not rig.readers('blocks'))
+
+    live(rig, talk)
+    until(lambda: not any(rig.readers(topic) for topic in streams))
+
+
+@pytest.mark.slow
+def test_sound_and_meter_reach_the_page(rig):
+    async def talk(ws):
+        await ws.send_str('{"wants": ["sound", "meter"]}')
+        for topic in ('sound_samples', 'sound_meter'):
+            await asyncio.to_thread(until, lambda topic=topic: rig.readers(topic))
+        samples = SoundSamples(sample_rate=48000, channels=2, first=96)
+        samples.data.frombytes(np.array([0.5, -0.5] * 64, '<f4').tobytes())
+        meter = SoundMeter(voices=3, peak_dbfs=-6.0, wave_min=[-0.5] * 1024, wave_max=[0.5] * 1024,
+                           spectrum_db=[-60.0] * 128)  # fmt: skip
+        rig.around.gives['sound_samples'].publish(samples)
+        data = await packet(ws, 5)
+        assert list(np.frombuffer(data, '<i2', 4, 24)) == [16383, -16383] * 2
+        rig.around.gives['sound_meter'].publish(meter)
+        data = await packet(ws, 4)
+        assert json.loads(data[16 + 2176 :])['voices'] == 3
+
+    live(rig, talk)
+
+
+@pytest.mark.slow
+def test_a_latecomer_is_told_wall_day_and_health(rig):
+    rig.around.gives['wall'].publish(Wall(change=9, left='a.svg', right='b.svg', ahead=['c', 'd']))
+    for area in (1, 1, 3):
+        cascade = Cascade(area=area, size=area, blocks=[1])
+        cascade.onset = to_msg(now_ns())
+        rig.around.gives['cascades'].publish(cascade)
+    until(lambda: sum(rig.panel.day.notice()['areas']) == 3)
+
+    async def talk(ws):
+        wall = await notice(ws, 'wall')
+        assert (wall['change'], wall['left'], wall['ahead']) == (9, 'a.svg', ['c', 'd'])
+        day = await notice(ws, 'cascades')
+        assert day['areas'][1] == 2 and day['areas'][3] == 1
+        status = await notice(ws, 'health', lambda n: n['node'] == 'panel')
+        assert status['level'] == 'ok' and rig.url in status['text']
+
+    until(lambda: {'panel', 'grains'} <= set(rig.panel.nodes))
+    live(rig, talk)
+    with urllib.request.urlopen(f'{rig.url}/status', timeout=5) as answer:
+        assert set(json.load(answer)) >= {'panel', 'grains'}
+
+
+@pytest.mark.slow
+def test_the_corpus_is_fetched_whole(rig):
+    corpus = Corpus(name='ice', digest='d', files=['a'], file=[0, 0], start=[0.0, 1.0],
+                    duration=[1.0, 1.0], x=[0.25, 0.5], y=[0.75, 1.0], radius=0.06,
+                    bounds=[-0.6, -0.6, 0.6, 0.6], descriptors=['a', 'b'],
+                    values=[1.0, 2.0, 3.0, 4.0])  # fmt: skip
+    rig.around.gives['corpus'].publish(corpus)
+    until(lambda: 'corpus' in rig.panel.documents)
+    with urllib.request.urlopen(f'{rig.url}/corpus', timeout=5) as answer:
+        data = json.load(answer)
+    assert data['x'] == [0.25, 0.5] and data['values'] == [[1, 3], [2, 4]]
+
+
+@pytest.mark.slow
+def test_what_people_ask_reaches_the_graph(rig):
+    async def post(client, name, body):
+        async with client.post(f'{rig.url}/control/{name}', data=json.dumps(body)) as answer:
+            return answer.status, await answer.json()
+
+    async def talk(ws):
+        async with aiohttp.ClientSession() as client:
+            assert (await post(client, 'sleep', {}))[0] == 200
+            assert (await post(client, 'play', {'grain': 12}))[0] == 200
+            ready = rig.panel.server.routes.bridge._clients['grains'].service_is_ready
+            await asyncio.to_thread(until, ready)
+            assert (await post(client, 'radius', {'value': 0.125}))[0] == 200
+            status, answer = await post(client, 'threshold', {'value': 90})
+            assert status == 409 and 'tracker does not run' in answer['error']
+        await ws.send_str('{"rim": [0.1, -0.2, 0.3]}')
+        await asyncio.to_thread(until, lambda: rig.around.rims)
+
+    live(rig, talk)
+    until(lambda: len(rig.around.controls) >= 2 and len(rig.around.rims) >= 2)
+    until(lambda: rig.around.triggers)
+    assert rig.around.controls[0].command == 'sleep'
+    changed = rig.around.controls[1]
+    assert (changed.command, changed.target, changed.key, changed.value) == (
+        'set', 'grains', 'radius', '0.125')  # fmt: skip
+    assert rig.around.settings.radius == 0.125
+    assert (rig.around.triggers[0].grain, rig.around.triggers[0].block) == (12, 255)
+    push, release = rig.around.rims[0], rig.around.rims[-1]
+    assert (push.vx, push.vy, push.yaw_rate) == (0.1, -0.2, 0.3) and 0 < push.hold <= 1
+    assert (release.vx, release.vy, release.yaw_rate) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.slow
+def test_a_taken_port_is_one_line_and_code_69(rig):
+    port = rig.panel.server.port
+    done = subprocess.run(
+        [sys.executable, '-m', 'eol_ros.nodes.panel', '--ros-args', '-p', f'port:={port}'],
+        capture_output=True, text=True, timeout=30,
+    )  # fmt: skip
+    assert done.returncode == 69 and f'{port} on 127.0.0.1 is taken' in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_open_without_a_pin_is_one_line_and_code_78():
+    done = subprocess.run(
+        [sys.executable, '-m', 'eol_ros.nodes.panel', '--ros-args', '-p', "host:='0.0.0.0'"],
+        capture_output=True, text=True, timeout=30,
+    )  # fmt: skip
+    assert done.returncode == 78 and 'panel.pin' in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
