@@ -7,7 +7,7 @@ fitted where they are predicted and where light is left unexplained (see edges, 
 
 import numpy as np
 
-from eol_ros.core.vision import edges, scan
+from eol_ros.core.vision import edges, profiles, scan
 from eol_ros.errors import ConfigError
 
 BLOB = np.dtype([('u', 'f8'), ('v', 'f8'), ('theta', 'f8'), ('side_px', 'f8'),
@@ -27,8 +27,8 @@ _NEW = (0.60, 0.30, 0.40)
 class BlobFinder:
     """Finds and measures squares, image after image.
 
-    What it learns on the way (size of the squares over the image, brightness, background) is a function
-    of the images seen and of nothing else, so that a replay gives the same numbers.
+    What it learns on the way (size of the squares over the image, brightness, background) is a
+    function of the images seen and of nothing else, so that a replay gives the same numbers.
 
     Args:
         settings: unused by the finder itself except `blur_px`, the edge blur, when it has one.
@@ -40,7 +40,7 @@ class BlobFinder:
         self.calibration = calibration
         self._size = None  # side_px over the image: constant, per u, per v
         self._shape = None
-        self._scratch = edges.workspace()
+        self._scratch = profiles.workspace()
         self._fitted = np.zeros((_MOST_REGIONS, edges.FIELDS))
         self._kept = np.zeros((_MOST_REGIONS, edges.FIELDS))
         self._found = np.zeros((_MOST_REGIONS, 6))
@@ -84,7 +84,8 @@ class BlobFinder:
         if self._turn % 8 == 0 or self._size is None:
             self._learn(kept, 0.3)
         blobs = np.zeros(len(kept), BLOB)
-        blobs['u'], blobs['v'], blobs['theta'] = kept[:, edges.U], kept[:, edges.V], kept[:, edges.THETA]
+        blobs['u'], blobs['v'] = kept[:, edges.U], kept[:, edges.V]
+        blobs['theta'] = kept[:, edges.THETA]
         blobs['side_px'] = 2 * kept[:, edges.HALF]
         blobs['visibility'] = np.minimum(kept[:, edges.VISIBLE], 1.0)
         blobs['sigma_px'] = kept[:, edges.SIGMA]
@@ -108,7 +109,7 @@ class BlobFinder:
         return self._size is not None or self.calibration is not None
 
     def _expected(self, uv: np.ndarray) -> np.ndarray:
-        """Return the half side in px (n,) of a block at `uv` (n, 2); needs a calibration or a size."""
+        """Return the half side in px (n,) of a block at `uv` (n, 2), once it is known."""
         if self.calibration is not None:
             return self.calibration.side_px(uv, 0.084) / 2
         middle = np.array(self._shape[::-1]) / 2
@@ -149,7 +150,7 @@ class BlobFinder:
         contrast = self._contrast
         if not contrast:
             contrast = scan.bright_level(self._grid, 0.02) - float(np.median(self._tiles))
-        over = max(0.3 * contrast, edges.MIN_CONTRAST)
+        over = max(0.3 * contrast, profiles.MIN_CONTRAST)
         if self._known():
             middle = np.array([self._shape[::-1]]) / 2
             area = (2 * self._expected(middle)[0] / scan.STEP) ** 2

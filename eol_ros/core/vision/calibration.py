@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The camera's calibration: distorted pixels to metres on the plane of the blocks' covers, and back.
+"""The camera's calibration: pixels to metres on the plane of the blocks' covers, and back.
 
 Lens model: pinhole with the plumb_bob distortion (k1, k2, p1, p2, k3) of ROS camera_info and OpenCV
 (Brown, *Decentering distortion of lenses*, 1966). The homography maps table metres to undistorted
@@ -87,8 +87,8 @@ class Calibration:
         if image.ndim != 2 or image.dtype != np.uint8 or image.shape != size:
             raise ConfigError(
                 f'image is {"x".join(map(str, image.shape[1::-1]))} {image.dtype} with '
-                f'{image.ndim} axes; the calibration is for {size[1]}x{size[0]} uint8 grey: use the '
-                'calibration of this camera, or set the camera to that size')
+                f'{image.ndim} axes; the calibration is for {size[1]}x{size[0]} uint8 grey: use '
+                'the calibration of this camera, or set the camera to that size')
 
     def undistort(self, px) -> np.ndarray:
         """Return undistorted pixels, (n, 2), of distorted pixels (n, 2)."""
@@ -124,7 +124,7 @@ class Calibration:
         return self.distort(project(self.homography, np.asarray(xy, float).reshape(-1, 2)))
 
     def yaw_to_table(self, px, theta) -> np.ndarray:
-        """Return yaw (n,) in table axes of squares seen at `px` (n, 2) with image angle `theta` (n,).
+        """Return yaw (n,) in table axes of squares at `px` (n, 2) with image angle `theta` (n,).
 
         Both axes of the square are carried over, because tilt shears it; theta is counter-clockwise
         with u right and v up.
@@ -151,7 +151,7 @@ class Calibration:
         return np.column_stack([centre, np.arctan2(both[:, 1], both[:, 0])])
 
     def side_px(self, px, side_m: float) -> np.ndarray:
-        """Return the image side (n,) of a square of `side_m` whose centre is seen at `px` (n, 2)."""
+        """Return the image side (n,) of a square of `side_m` centred at `px` (n, 2)."""
         px = np.asarray(px, float).reshape(-1, 2)
         centre = self.to_table(px)
         step = np.array([[side_m / 2, 0], [0, side_m / 2]])

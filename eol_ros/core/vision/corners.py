@@ -6,30 +6,31 @@ import math
 import numpy as np
 from numba import njit
 
-from eol_ros.core.vision import edges
+from eol_ros.core.vision import profiles
 
 
 @njit(cache=True)
 def side_lines(image, squares, blur, pixels, work, ends, out):
     """Fit a line to each side of `squares` (n, >= 4): u, v, theta, half side.
 
-    out (n, 4, 3): distance of the side from the centre in px, its turn against the square in rad, and
-    the share of its profiles that agree. A tilted camera makes the four differ.
+    out (n, 4, 3): distance of the side from the centre in px, its turn against the square in rad,
+    and the share of its profiles that agree. A tilted camera makes the four differ.
     """
     spread = np.zeros(5)
     histogram = np.zeros(128)
     for s in range(squares.shape[0]):
         u, v, theta, half = squares[s, 0], squares[s, 1], squares[s, 2], squares[s, 3]
         out[s] = 0.0
-        edges._gather(image, u, v, theta, half, blur, pixels, work, ends)
+        profiles.gather(image, u, v, theta, half, blur, pixels, work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
-        limit = half - edges.CORNER * blur
-        contrast, _ = edges._levels(pixels, work, ends, slope, lean, limit, edges.FLAT * blur, spread,
+        limit = half - profiles.CORNER * blur
+        contrast, _ = profiles.levels(pixels, work, ends, slope, lean, limit, profiles.FLAT * blur,
+        spread,
                                     histogram)
         if contrast == 0.0:
             continue
-        edges._share_levels(work, ends, spread)
-        edges._offsets(pixels, work, ends, slope, lean, limit, blur, spread)
+        profiles.share_levels(work, ends, spread)
+        profiles.offsets(pixels, work, ends, slope, lean, limit, blur, spread)
         for side in range(4):
             begin, end = ends[side], ends[side + 1]
             a = b = 0.0  # offset = a + b t
@@ -38,9 +39,9 @@ def side_lines(image, squares, blur, pixels, work, ends, out):
             for _ in range(5):
                 s0 = s1 = s2 = y0 = y1 = rest2 = total = used = 0.0
                 for i in range(begin, end):
-                    t, y = work[edges._T + i], work[edges._OFFSET + i]
+                    t, y = work[profiles.T + i], work[profiles.OFFSET + i]
                     rest = y - a - b * t
-                    w = work[edges._WEIGHT + i]
+                    w = work[profiles.WEIGHT + i]
                     if w <= 0 or abs(rest) >= width:
                         continue
                     tukey = (1 - (rest / width) ** 2) ** 2
@@ -74,7 +75,7 @@ def corners(image: np.ndarray, blobs: np.ndarray, blur_px: float = 1.25) -> np.n
     squares = np.column_stack([blobs['u'], blobs['v'], blobs['theta'], blobs['side_px'] / 2])
     lines = np.zeros((len(squares), 4, 3))
     for _ in range(2):  # the second time from nearer
-        side_lines(image, squares, blur_px, *edges.workspace(), lines)
+        side_lines(image, squares, blur_px, *profiles.workspace(), lines)
         squares[:, 3] = np.where(lines[:, :, 2].min(axis=1) > 0.5, lines[:, :, 0].mean(axis=1),
                                  squares[:, 3])
     angle = squares[:, 2, None] + np.arange(4) * np.pi / 2 + lines[:, :, 1]

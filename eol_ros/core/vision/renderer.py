@@ -119,7 +119,7 @@ class Renderer:
         return out
 
     def arms(self, image_index: int, more=None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the capsules (k, 5) in metres that cover the table in this image, and their greys."""
+        """Return capsules (k, 5) in metres that cover the table in this image, and greys (k,)."""
         capsules, grey = self.clutter.arms(image_index)
         if more is not None and len(more):
             more = np.asarray(more, float).reshape(-1, 5)

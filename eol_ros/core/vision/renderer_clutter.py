@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands between the virtual camera and a clean picture, in four levels from clean to brutal."""
+"""What spoils the virtual camera's picture, in four levels from clean to brutal."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -45,8 +45,8 @@ LEVELS = {
         vignette=0.15, core=90, texture=0.06, flash_share=0.03, weak=1, weak_level=0.8,
         k1=-0.08, tilt_rad=np.radians(2)),
     'hard': ClutterLevel(
-        arms=3, arm_share=0.6, reflections=5, reflection_level=(60, 150), hot_pixels=60, gradient=25,
-        vignette=0.30, core=160, core_px=7, texture=0.15, flash_share=0.08, weak=3, weak_level=0.6,
+        arms=3, arm_share=0.6, reflections=5, reflection_level=(60, 150), hot_pixels=60,
+        gradient=25, vignette=0.30, core=160, core_px=7, texture=0.15, flash_share=0.08, weak=3, weak_level=0.6,
         k1=-0.12, tilt_rad=np.radians(4)),
     'brutal': ClutterLevel(
         arms=4, arm_share=0.8, arm_level=(60, 140), reflections=10, reflection_level=(80, 230),
@@ -74,7 +74,7 @@ def clutter_calibration(level: str, width: int = 1280, height: int = 800) -> Cal
 
 
 class Clutter:
-    """The static picture of one clutter level, and what moves in it as functions of the image index.
+    """The static picture of one clutter level, and what moves in it as the image index grows.
 
     Args:
         level: name in LEVELS.

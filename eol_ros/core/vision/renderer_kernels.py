@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inner loops of the twin's camera: covers, arms, sensor noise. All arrays are float32 unless said."""
+"""Inner loops of the twin's camera: covers, arms, sensor noise, on float32 images."""
 
 import math
 
@@ -58,13 +58,13 @@ def draw_blocks(work, platform, vignette, corners, level, core, core_px, halo, h
                 psf_px, owner, weight, windows, n):
     """Add quadrilateral covers to `work`; return the new number of dirty windows.
 
-    A cover is a flat quadrilateral seen through a Gaussian of `psf_px` and a square pixel. The pixel's
-    box adds its variance 1/12 to the Gaussian's: exact to the third moment along every direction, so
-    edges stay where they are at any angle and any sub-pixel place.
+    A cover is a flat quadrilateral seen through a Gaussian of `psf_px` and a square pixel. The
+    pixel's box adds its variance 1/12 to the Gaussian's: exact to the third moment along every
+    direction, so edges stay where they are at any angle and any sub-pixel place.
 
-    corners (p, 4, 2) px in turn round the square, one entry for each position that a block takes during
-    the exposure; owner (p,) its block, weight (p,) its share of the exposure. Per block: level, core,
-    halo (k,), texture (k, T, T) relative, or (0, 0, 0) for smooth covers.
+    corners (p, 4, 2) px in turn round the square, one entry for each position that a block takes
+    during the exposure; owner (p,) its block, weight (p,) its share of the exposure. Per block:
+    level, core, halo (k,), texture (k, T, T) relative, or (0, 0, 0) for smooth covers.
     """
     size = texture.shape[1]
     blur = math.sqrt(psf_px * psf_px + 1.0 / 12.0)
@@ -122,7 +122,7 @@ def draw_blocks(work, platform, vignette, corners, level, core, core_px, halo, h
 
 @njit(cache=True, fastmath=True, error_model='numpy')
 def draw_arms(work, vignette, arms, level, psf_px, windows, n):
-    """Cover `work` with capsules `arms` (k, 5): u0, v0, u1, v1, radius px; return the dirty count."""
+    """Cover `work` with capsules `arms` (k, 5), u0, v0, u1, v1, radius px; return the windows."""
     blur = max(psf_px, 1.0)
     for a in range(arms.shape[0]):
         u0, v0, u1, v1, radius = arms[a]
@@ -164,10 +164,10 @@ def _mix(seed, image, row):
 
 @njit(cache=True, fastmath=True, error_model='numpy')
 def sense(work, noise, noise_step, read, gain, seed, image, out):
-    """Write the sensor's 8-bit answer to `work` into `out`: variance read^2 + gain * signal, clipped.
+    """Write what an 8-bit sensor of variance read^2 + gain * signal makes of `work`.
 
-    `noise` is a long row of int8 normal deviates of unit `noise_step`; every image row starts in it at
-    a place drawn from (seed, image, row), so two images share no noise pattern.
+    `noise` is a long row of int8 normal deviates of unit `noise_step`; every image row starts in
+    it at a place drawn from (seed, image, row), so two images share no noise pattern.
     """
     height, width = work.shape
     span = np.uint64(len(noise) - width)

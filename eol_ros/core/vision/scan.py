@@ -60,7 +60,7 @@ def bright_level(grid, share):
 
 @njit(cache=True, fastmath=True, error_model='numpy')
 def erase(grid, tiles, squares, margin):
-    """Put background in place of every square (n, >= 4): u, v, theta, half side, px, and a margin."""
+    """Put background in place of squares (n, >= 4), u, v, theta, half, grown by a margin."""
     for s in range(squares.shape[0]):
         u, v = (squares[s, 0] - 1) / STEP, (squares[s, 1] - 1) / STEP
         half = (squares[s, 3] + margin) / STEP
@@ -84,7 +84,7 @@ def _root(parent, i):
 
 @njit(cache=True, fastmath=True, error_model='numpy')
 def regions(grid, tiles, over, least, most, label, parent, stats, found):
-    """Join neighbouring samples that exceed their background by `over`; describe what is block-like.
+    """Join neighbouring samples that exceed their background by `over`, and describe them.
 
     label (rows, cols) int32, parent (m,) int32 and stats (m, 9) float64 are scratch. Regions of
     `least` to `most` samples go to found (k, 6): u, v px, angle of a square of that shape, samples,
