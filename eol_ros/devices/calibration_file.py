@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibrations as YAML, in the form that ROS gives camera_info, plus what ties camera and table.
 
-A camera_info file of the ROS camera_calibration tool is read as well; it lacks `homography`, and that
-is said.
+A camera_info file of the ROS camera_calibration tool lacks `homography`, and that is said.
 """
 
 import datetime
@@ -40,7 +39,7 @@ def save(path: str | Path, calibration: Calibration, camera_name: str = 'eol') -
         'residual_px': float(calibration.residual_px),
         'residual_mm': float(calibration.residual_mm),
     }
-    text = ('# Pixels: u right, v down. homography: table metres (x right, y away, at cover height)\n'
+    text = ('# Pixels: u right, v down. homography: table metres (x right, y away, cover height)\n'
             '# to undistorted pixels of camera_matrix. Written by `eol calibrate`.\n'
             + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
     part = path.with_name(path.name + '.part')
@@ -72,7 +71,7 @@ def load(path: str | Path) -> Calibration:
         place = f':{where.line + 1}:{where.column + 1}' if where else ''
         raise ConfigError(f'{path}{place}: not a YAML file: {_first_line(error)}') from None
     if not isinstance(content, dict):
-        raise ConfigError(f'{path}: holds {type(content).__name__}, not the fields of a calibration')
+        raise ConfigError(f'{path}: holds {type(content).__name__}, not a calibration')
     wrong: list[str] = []
     fields: dict = {}
     for name in _SIZE:

@@ -38,8 +38,8 @@ class BlobFinder:
     def __init__(self, settings=None, calibration=None):
         self.blur_px = float(getattr(settings, 'blur_px', _BLUR_PX))
         self.calibration = calibration
-        self._size = None  # side_px over the image: constant, per u, per v
-        self._shape = None
+        self._size: np.ndarray | None = None  # side_px over the image: constant, per u, per v
+        self._shape = (0, 0)
         self._scratch = profiles.workspace()
         self._fitted = np.zeros((_MOST_REGIONS, edges.FIELDS))
         self._kept = np.zeros((_MOST_REGIONS, edges.FIELDS))
@@ -112,6 +112,7 @@ class BlobFinder:
         """Return the half side in px (n,) of a block at `uv` (n, 2), once it is known."""
         if self.calibration is not None:
             return self.calibration.side_px(uv, 0.084) / 2
+        assert self._size is not None
         middle = np.array(self._shape[::-1]) / 2
         return (self._size[0] + (uv - middle) @ self._size[1:]) / 2
 

@@ -14,6 +14,7 @@ from numba import njit
 REACH_PX = 6.5  # of a profile at least, along the normal, to both sides of its edge
 TAPS = 22  # pixels of a profile at 45 degrees
 LINES = 384  # profiles of one square, in whole vectors
+SIDE_LINES = 88  # of one side; a wider one is read on every second line
 CORNER = 1.4  # blurs left out at each end of a side, where two edges mix
 EDGE = 2.4  # blurs from the edge over which the light inside counts as one level
 ROUGH = 0.1  # share of the texture's variance that is new from pixel to pixel

@@ -46,7 +46,8 @@ LEVELS = {
         k1=-0.08, tilt_rad=np.radians(2)),
     'hard': ClutterLevel(
         arms=3, arm_share=0.6, reflections=5, reflection_level=(60, 150), hot_pixels=60,
-        gradient=25, vignette=0.30, core=160, core_px=7, texture=0.15, flash_share=0.08, weak=3, weak_level=0.6,
+        gradient=25, vignette=0.30, core=160, core_px=7, texture=0.15, flash_share=0.08, weak=3,
+        weak_level=0.6,
         k1=-0.12, tilt_rad=np.radians(4)),
     'brutal': ClutterLevel(
         arms=4, arm_share=0.8, arm_level=(60, 140), reflections=10, reflection_level=(80, 230),
