@@ -1,0 +1,361 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The mixer: one compiled loop over all sounding grains, the same live and offline.
+
+`voice_rows` turns triggers into voices, `Mixer.push` puts them into the ring, `render` makes the
+next frames. Nothing in it allocates, waits or calls Python, so a sound card may call it directly.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from eol_ros.core.sound import clock
+from eol_ros.core.sound.envelope import (
+    add_fall,
+    add_flat,
+    add_rise,
+    fade_out,
+    read_cubic,
+    read_linear,
+)
+from eol_ros.core.sound.limiter import ONE, condition, limit
+from eol_ros.core.sound.loudness import k_weighting
+from eol_ros.core.sound.mixer_layout import (
+    CHUNK,
+    FOREVER,
+    GUARD,
+    RING,
+    VOICE,
+    Memory,
+    allocate,
+    fence,
+    memory,
+    samples,
+)
+from eol_ros.core.sound.pan import pan
+from eol_ros.core.sound.triggers import playable
+
+EDGE_S = 0.002  # the shortest edge: anything steeper is heard as a click
+STEAL_S = 0.002  # a voice that makes room for another fades out in this time
+LOOK_AHEAD_S = 0.003
+LIMITER_RELEASE_S = 0.08
+DC_HZ = 7.0
+AHEAD_S = 30.0  # a trigger further in the future comes from another clock
+
+
+class Bank:
+    """The sound of one corpus in memory: what its grains are read from.
+
+    `sounds` are float32 arrays (n,) at the mixer's rate, `file` (g,) indexes them, `start` and
+    `duration` (g,) are in seconds. A grain that reaches beyond its sound is cut at its end.
+    """
+
+    def __init__(self, sounds: Sequence[np.ndarray], file, start, duration, sample_rate: float):
+        self.sample_rate = sample_rate
+        sizes = [len(s) for s in sounds]
+        self._samples = np.zeros(sum(sizes) + GUARD * (len(sizes) + 1), np.float32)
+        begins = np.empty(len(sizes), np.int64)
+        at = GUARD
+        for i, sound in enumerate(sounds):
+            self._samples[at : at + len(sound)] = sound
+            begins[i] = at
+            at += len(sound) + GUARD
+        file = np.asarray(file, np.int64)
+        first = np.round(np.asarray(start, float) * sample_rate).astype(np.int64)
+        length = np.round(np.asarray(duration, float) * sample_rate).astype(np.int64)
+        room = np.array(sizes, np.int64)[file] - first
+        self.length = np.clip(length, 0, np.maximum(room, 0))  # (g,) samples
+        self.address = self._samples.ctypes.data + 4 * (begins[file] + first)  # (g,) of sample 0
+
+    def __len__(self) -> int:
+        return len(self.length)
+
+
+def voice_rows(triggers: np.ndarray, bank: Bank, channels: int) -> np.ndarray:
+    """Return the voices (m,) VOICE of those `triggers` (n,) TRIGGER that can play, in order."""
+    good = playable(triggers, len(bank))
+    good[good] &= bank.length[triggers['grain'][good]] >= 4
+    t = triggers[good]
+    v = np.zeros(len(t), VOICE)
+    v['time_s'] = t['time_s']
+    v['rate'] = t['rate']
+    v['source'] = bank.address[t['grain']]
+    v['length'] = ((bank.length[t['grain']] - 1) / v['rate']).astype(np.int64) + 1
+    last = v['length'] - 1
+    least = EDGE_S * bank.sample_rate
+    attack = np.maximum(t['attack_s'].astype(float) * bank.sample_rate, least)
+    release = np.maximum(t['release_s'].astype(float) * bank.sample_rate, least)
+    squeeze = np.minimum(1.0, last / (attack + release))  # edges longer than the grain share it
+    v['attack'] = np.maximum(1, np.floor(attack * squeeze))
+    v['release'] = np.maximum(1, np.floor(release * squeeze))
+    v['steal'] = FOREVER
+    v['channel_a'], v['channel_b'], a, b = pan(t['pan'], channels)
+    v['gain_a'], v['gain_b'] = a * t['gain'], b * t['gain']
+    return v[v['length'] >= 4]
+
+
+@njit(cache=True, nogil=True)
+def _mix(m, begin, end, origin):
+    """Add all voices to the mix for the frames begin..end; the mix begins at frame `origin`."""
+    s = m.state[0]
+    mix, scratch, voices, order = m.mix, m.scratch, m.voices, m.order
+    cubic, steal_frames = s.cubic, s.steal_frames
+    for i in range(s.voices):
+        v = voices[order[i]]
+        last = v.length - 1
+        n = max(begin - v.start, 1)  # its first and its last sample are zero by definition
+        stop = min(end - v.start, last)
+        if v.steal != FOREVER:
+            stop = min(stop, v.steal + steal_frames - v.start)
+        if n >= stop:
+            continue
+        if v.rate == 1.0:
+            row = samples(v.source + 4 * n, stop - n)
+        else:
+            row = scratch[: stop - n]
+            reach = int(v.rate * (last + 1)) + 4
+            if cubic:
+                read_cubic(row, samples(v.source - 4, reach), 1.0, v.rate, n)
+            else:
+                read_linear(row, samples(v.source, reach), 0.0, v.rate, n)
+        if stop > v.steal - v.start:
+            fade_out(scratch, row, v.steal + steal_frames - v.start - n, steal_frames)
+            row = scratch[: stop - n]
+        at = n + v.start - origin
+        a, b = mix[v.channel_a, at : at + row.size], mix[v.channel_b, at : at + row.size]
+        if n < v.attack:
+            k = min(v.attack, stop) - n
+            add_rise(a[:k], b[:k], row[:k], n, v.attack, v.gain_a, v.gain_b)
+            a, b, row, n = a[k:], b[k:], row[k:], n + k
+        if n < stop and n < last - v.release:
+            k = min(last - v.release, stop) - n
+            add_flat(a[:k], b[:k], row[:k], v.gain_a, v.gain_b)
+            a, b, row, n = a[k:], b[k:], row[k:], n + k
+        if n < stop:
+            add_fall(a, b, row, last - n, v.release, v.gain_a, v.gain_b)
+
+
+@njit(cache=True)
+def _end(s, v):
+    """Return the frame at which voice `v` has ended."""
+    return min(v.start + v.length, v.steal + s.steal_frames)
+
+
+@njit(cache=True)
+def _level(v, frame):
+    """Return how loud `v` can still become after `frame`: its gain, or less in its release."""
+    left = v.start + v.length - 1 - frame
+    return (v.gain_a + v.gain_b) * min(1.0, left / v.release)
+
+
+@njit(cache=True)
+def _make_room(m, frame):
+    """If all voices are in use at `frame`, fade out the one with the least left to say."""
+    s = m.state[0]
+    alive, quietest, least = 0, -1, np.inf
+    for i in range(s.voices):
+        v = m.voices[m.order[i]]
+        if v.steal == FOREVER and _end(s, v) > frame:
+            alive += 1
+            level = _level(v, frame)
+            if level < least:
+                least, quietest = level, i
+    if alive >= s.max_voices:
+        m.voices[m.order[quietest]].steal = frame
+        s.stolen += 1
+
+
+@njit(cache=True)
+def _sweep(m, frame):
+    """Forget the voices that have ended by `frame`; the others keep their order."""
+    s = m.state[0]
+    kept = gone = 0
+    for i in range(s.voices):
+        row = m.order[i]
+        if _end(s, m.voices[row]) > frame:
+            m.order[kept] = row
+            kept += 1
+        else:
+            m.ended[gone] = row
+            gone += 1
+    m.order[kept : s.voices] = m.ended[:gone]
+    s.voices = kept
+
+
+@njit(cache=True)
+def _ingest(m):
+    """Take triggers from the ring and sort them in by start; equal starts keep their order."""
+    s = m.state[0]
+    head = s.ring_head
+    fence()
+    for _ in range(s.ingest):
+        if s.ring_tail == head or s.pending == RING:
+            break
+        v = m.ring[s.ring_tail % RING]
+        v.start = clock.frame_at(s, v.time_s) - s.look_ahead
+        if v.start > s.frame + AHEAD_S * s.sample_rate:
+            s.dropped += 1
+            s.ring_tail += 1
+            continue
+        i = s.pending
+        while i > 0 and m.pending[i - 1].start > v.start:
+            m.pending[i] = m.pending[i - 1]
+            i -= 1
+        m.pending[i] = v
+        s.pending += 1
+        s.triggers += 1
+        fence()
+        s.ring_tail += 1
+
+
+@njit(cache=True)
+def _begin(m, until):
+    """Start what is due before frame `until` and mix all voices up to there."""
+    s = m.state[0]
+    origin = done = s.frame
+    used = 0
+    while used < s.pending and m.pending[used].start < until:
+        v = m.pending[used]
+        used += 1
+        if v.start < origin:
+            v.start = origin
+            s.late += 1
+        if s.voices == s.capacity:  # room may come free up to here: mix so far, then look
+            _mix(m, done, v.start, origin)
+            done = v.start
+            _sweep(m, done)
+            if s.voices == s.capacity:
+                s.dropped += 1
+                continue
+        if s.voices >= s.max_voices:
+            _make_room(m, v.start)
+        m.voices[m.order[s.voices]] = v
+        s.voices += 1
+    if used:
+        for i in range(s.pending - used):
+            m.pending[i] = m.pending[i + used]
+        s.pending -= used
+    _mix(m, done, until, origin)
+    _sweep(m, until)
+
+
+@njit(cache=True, nogil=True)
+def render(address, out):
+    """Make the next frames of the mixer at `address` into `out` (frames, channels) f4."""
+    m = memory(address)
+    s = m.state[0]
+    _ingest(m)
+    at = 0
+    while at < out.shape[0]:
+        n = min(CHUNK, out.shape[0] - at)
+        m.mix[:, :n] = 0
+        _begin(m, s.frame + n)
+        condition(m, n)
+        limit(m, out, at, n)
+        k = 0
+        while k < n:
+            i = (s.frame + k) % s.history
+            span = min(n - k, s.history - i)
+            m.past[i : i + span] = out[at + k : at + k + span]
+            k += span
+        s.frame += n
+        at += n
+
+
+class Mixer:
+    """A mixer with its memory. One thread pushes, one thread renders; neither waits."""
+
+    def __init__(
+        self,
+        sample_rate: float = 48000,
+        channels: int = 2,
+        max_voices: int = 512,
+        cubic: bool = True,
+        gain_db: float = -6.0,
+        ceiling_db: float = -1.0,
+        loudness_lufs: float = -18.0,
+        governor_db: float = 6.0,
+        epoch_s: float = 0.0,
+    ):
+        look_ahead = int(round(LOOK_AHEAD_S * sample_rate))
+        history = 1 << int(np.ceil(np.log2(1.3 * sample_rate)))
+        self.memory: Memory
+        self.memory, self._table = allocate(channels, 2 * max_voices, look_ahead, history)
+        self.address = int(self._table.ctypes.data)
+        self.sample_rate, self.channels = sample_rate, channels
+        s = self.state = self.memory.state
+        s['sample_rate'], s['max_voices'], s['ingest'] = sample_rate, max_voices, RING // 16
+        s['steal_frames'] = round(STEAL_S * sample_rate)
+        s['ceiling'] = 10 ** (ceiling_db / 20) * (1 - 1e-6)  # room for the rounding to float32
+        s['release'] = 1 - np.exp(-1 / (LIMITER_RELEASE_S * sample_rate))
+        s['dc_pole'] = 1 - 2 * np.pi * DC_HZ / sample_rate
+        for gain in ('limiter', 'limiter_least', 'held', 'governor', 'fade', 'fade_wish'):
+            s[gain] = 1
+        self.memory.box[:] = ONE
+        s['box_sum'] = ONE * self.memory.box.size
+        s['clock_period'] = 1 / sample_rate
+        s['epoch'] = epoch_s
+        self.memory.weights[:] = k_weighting(sample_rate)[:, [0, 1, 2, 4, 5]].ravel()
+        self.set(cubic=cubic, gain_db=gain_db, loudness_lufs=loudness_lufs, governor_db=governor_db)
+        s['gain'] = s['gain_wish']
+
+    @property
+    def look_ahead(self) -> int:
+        """Frames by which the limiter delays; triggers start that much earlier to be in time."""
+        return int(self.state['look_ahead'][0])
+
+    def set(self, cubic=None, gain_db=None, loudness_lufs=None, governor_db=None) -> None:
+        """Change what may change while it sounds; the gain glides."""
+        s = self.state
+        if cubic is not None:
+            s['cubic'] = bool(cubic)
+        if gain_db is not None:
+            s['gain_wish'] = 10 ** (gain_db / 20)
+        if loudness_lufs is not None:
+            s['loudness'] = loudness_lufs
+        if governor_db is not None:
+            s['governor_range'] = governor_db
+
+    def fade(self, to: float, seconds: float, at_once_from: float | None = None) -> None:
+        """Fade the master to 0 or 1 in `seconds`; `at_once_from` jumps there first."""
+        s = self.state
+        s['fade_step'] = 1.0 if seconds <= 0 else 1 / (seconds * self.sample_rate)
+        if at_once_from is not None:
+            s['fade'] = at_once_from
+        s['fade_wish'] = to
+
+    def recent(self, frames: int) -> np.ndarray:
+        """Return the newest `frames` of the output, (frames, channels) f4; zeros before."""
+        s = self.state
+        past = self.memory.past
+        end = int(s['frame'][0])
+        frames = min(frames, len(past) * 3 // 4)  # the rest may be overwritten meanwhile
+        return past[np.arange(end - frames, end) % len(past)]
+
+    def time_of(self, frame: int) -> float:
+        """Return when `frame` sounds, on the engine's time axis, seconds."""
+        return float(clock.time_of(self.state[0], frame))
+
+    def push(self, rows: np.ndarray) -> int:
+        """Put voices (n,) VOICE into the ring; return how many fitted. The rest is dropped."""
+        s = self.state
+        head = int(s['ring_head'][0])
+        n = min(len(rows), RING - (head - int(s['ring_tail'][0])))
+        self.memory.ring[(head + np.arange(n)) % RING] = rows[:n]
+        publish(s, head + n)
+        s['dropped'] += len(rows) - n
+        return n
+
+    def render(self, frames: int) -> np.ndarray:
+        """Return the next `frames` frames, (frames, channels) f4."""
+        out = np.empty((frames, self.channels), np.float32)
+        render(self.address, out)
+        return out
+
+
+@njit(cache=True)
+def publish(state, head):
+    """Let the reader of the ring see what was written to it before."""
+    fence()
+    state[0].ring_head = head

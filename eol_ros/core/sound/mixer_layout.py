@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The memory of the mixer: flat arrays that a compiled callback reaches through one address.
+
+A sound card calls back from a thread that must never wait for Python. So everything that the mixer
+knows lies in numpy arrays whose addresses stand in one table of int64; compiled code gets the
+address of that table and views the arrays in place, and Python reads the same arrays.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import carray, njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+CHUNK = 512  # frames mixed in one go: two channels of it and a scratch row stay in the L1 cache
+GUARD = 4  # zeros before and after each sound, so that interpolation never reads outside
+RING = 4096  # triggers on their way to the callback
+WINDOWS = 300  # of 100 ms: the 30 s that the loudness governor looks back
+LOADS = 512  # callbacks whose load is remembered
+FOREVER = 2**62
+
+VOICE = np.dtype(
+    [
+        ('time_s', 'f8'),  # when it is to begin, on the engine's time axis
+        ('start', 'i8'),  # the same as a frame number
+        ('length', 'i8'),  # frames from the first zero of its envelope to the last
+        ('attack', 'i8'),  # frames of the rising edge
+        ('release', 'i8'),  # frames of the falling edge
+        ('steal', 'i8'),  # frame at which a fade-out for others begins; FOREVER if none
+        ('source', 'i8'),  # address of the float32 samples that it reads
+        ('position', 'f8'),  # where in the source it begins, samples
+        ('rate', 'f8'),  # source samples a frame
+        ('channel_a', 'i8'),  # the two loudspeakers between which it stands
+        ('channel_b', 'i8'),
+        ('gain_a', 'f4'),
+        ('gain_b', 'f4'),
+    ],
+    align=True,
+)
+
+STATE = np.dtype(
+    [
+        # fixed at the start
+        ('sample_rate', 'f8'),
+        ('channels', 'i8'),
+        ('max_voices', 'i8'),
+        ('capacity', 'i8'),  # voices with those that are fading out
+        ('ingest', 'i8'),  # triggers taken from the ring in one call at most
+        ('steal_frames', 'i8'),  # of the fade-out of a voice that makes room
+        ('look_ahead', 'i8'),  # frames that the limiter delays by
+        ('history', 'i8'),  # frames of output that are remembered
+        ('ceiling', 'f8'),  # the limiter's
+        ('release', 'f8'),  # of the limiter: share of the way to 1 made in a frame
+        ('dc_pole', 'f8'),
+        ('loudness', 'f8'),  # LUFS that the governor holds
+        ('governor_range', 'f8'),  # dB that it may take away
+        # wishes: Python writes, the callback reads
+        ('cubic', 'i8'),
+        ('gain_wish', 'f8'),
+        ('fade_wish', 'f8'),  # 0 silent, 1 open
+        ('fade_step', 'f8'),  # share of a fade made in a frame
+        ('ring_head', 'i8'),
+        ('card', 'i8'),  # 1 while a sound card may render; one that is given up hears silence
+        # the callback's own
+        ('ring_tail', 'i8'),
+        ('frame', 'i8'),  # frames made so far
+        ('voices', 'i8'),
+        ('pending', 'i8'),
+        ('gain', 'f8'),
+        ('fade', 'f8'),
+        ('governor', 'f8'),  # gain now
+        ('governor_step', 'f8'),
+        ('governor_db', 'f8'),
+        ('lufs', 'f8'),
+        ('window_fill', 'i8'),
+        ('window_next', 'i8'),
+        ('limiter', 'f8'),  # gain now
+        ('limiter_least', 'f8'),  # gain since somebody asked
+        ('held', 'f8'),
+        ('box_sum', 'i8'),
+        ('settled', 'i8'),  # frames since the limiter last had to work
+        ('queue_first', 'i8'),
+        ('queue_count', 'i8'),
+        # counters
+        ('triggers', 'i8'),
+        ('late', 'i8'),
+        ('dropped', 'i8'),
+        ('stolen', 'i8'),
+        ('underruns', 'i8'),
+        ('callbacks', 'i8'),
+        # the clock, see clock.py
+        ('epoch', 'f8'),  # where the engine's time axis begins, seconds of the system clock
+        ('clock_time', 'f8'),
+        ('clock_next', 'f8'),
+        ('clock_frame', 'f8'),
+        ('clock_period', 'f8'),
+        ('clock_since', 'f8'),
+        ('clock_locks', 'i8'),
+        ('clock_error', 'f8'),
+    ],
+    align=True,
+)
+
+
+class Memory(NamedTuple):
+    """The arrays of one mixer, in the order of its table."""
+
+    state: np.ndarray  # (1,) STATE
+    voices: np.ndarray  # (capacity,) VOICE, what sounds
+    ring: np.ndarray  # (RING,) VOICE, from Python to the callback
+    pending: np.ndarray  # (RING,) VOICE, taken from the ring, sorted by start
+    order: np.ndarray  # (capacity,) i8, rows of `voices`: those that sound, then the free ones
+    ended: np.ndarray  # (capacity,) i8, room to sort `order` in
+    mix: np.ndarray  # (max(2, channels), CHUNK) f4, sum of the voices
+    scratch: np.ndarray  # (CHUNK,) f4, one voice
+    delay: np.ndarray  # (channels, look_ahead + CHUNK) f4, the limiter's
+    queue_gain: np.ndarray  # (look_ahead + 2,) f8, of its sliding minimum
+    queue_frame: np.ndarray  # (look_ahead + 2,) i8
+    box: np.ndarray  # (look_ahead + 1,) i8, of its smoothing, gains in units of 2^-40
+    filters: np.ndarray  # (channels, 7) f8: DC block x, y; K weighting, two states a stage; energy
+    weights: np.ndarray  # (10,) f8, K weighting: b0 b1 b2 a1 a2 of both stages
+    windows: np.ndarray  # (WINDOWS,) f8, energies of the last 30 s
+    past: np.ndarray  # (history, channels) f4, ring of what was put out
+    loads: np.ndarray  # (LOADS,) f8, ring of the share of its time that a callback took
+    timespec: np.ndarray  # (2,) i8, for the clock
+
+
+@intrinsic
+def pointer(typing_context, address):
+    """Turn an int64 into a pointer, which numba has no word for."""
+
+    def codegen(context, builder, signature, args):
+        return builder.inttoptr(args[0], cgutils.voidptr_t)
+
+    return types.voidptr(types.int64), codegen
+
+
+@intrinsic
+def fence(typing_context):
+    """Order the memory accesses before and after it: the ring has one writer and one reader."""
+
+    def codegen(context, builder, signature, args):
+        builder.fence('acq_rel')
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
+@njit(cache=True)
+def samples(address, count):
+    """View `count` float32 at `address`."""
+    return carray(pointer(address), count, np.float32)
+
+
+@njit(cache=True)
+def memory(address):
+    """View the arrays whose table stands at `address`."""
+    t = carray(pointer(address), 18, np.int64)
+    state = carray(pointer(t[0]), 1, STATE)
+    s = state[0]
+    c, look_ahead = s.channels, s.look_ahead
+    return Memory(
+        state,
+        carray(pointer(t[1]), s.capacity, VOICE),
+        carray(pointer(t[2]), RING, VOICE),
+        carray(pointer(t[3]), RING, VOICE),
+        carray(pointer(t[4]), s.capacity, np.int64),
+        carray(pointer(t[5]), s.capacity, np.int64),
+        carray(pointer(t[6]), (max(2, c), CHUNK), np.float32),
+        carray(pointer(t[7]), CHUNK, np.float32),
+        carray(pointer(t[8]), (c, look_ahead + CHUNK), np.float32),
+        carray(pointer(t[9]), look_ahead + 2, np.float64),
+        carray(pointer(t[10]), look_ahead + 2, np.int64),
+        carray(pointer(t[11]), look_ahead + 1, np.int64),
+        carray(pointer(t[12]), (c, 7), np.float64),
+        carray(pointer(t[13]), 10, np.float64),
+        carray(pointer(t[14]), WINDOWS, np.float64),
+        carray(pointer(t[15]), (s.history, c), np.float32),
+        carray(pointer(t[16]), LOADS, np.float64),
+        carray(pointer(t[17]), 2, np.int64),
+    )
+
+
+def allocate(
+    channels: int, capacity: int, look_ahead: int, history: int
+) -> tuple[Memory, np.ndarray]:
+    """Return the zeroed arrays of a mixer and the table of their addresses, (18,) int64."""
+    arrays = Memory(
+        np.zeros(1, STATE),
+        np.zeros(capacity, VOICE),
+        np.zeros(RING, VOICE),
+        np.zeros(RING, VOICE),
+        np.arange(capacity),
+        np.zeros(capacity, np.int64),
+        np.zeros((max(2, channels), CHUNK), np.float32),
+        np.zeros(CHUNK, np.float32),
+        np.zeros((channels, look_ahead + CHUNK), np.float32),
+        np.zeros(look_ahead + 2),
+        np.zeros(look_ahead + 2, np.int64),
+        np.zeros(look_ahead + 1, np.int64),
+        np.zeros((channels, 7)),
+        np.zeros(10),
+        np.zeros(WINDOWS),
+        np.zeros((history, channels), np.float32),
+        np.zeros(LOADS),
+        np.zeros(2, np.int64),
+    )
+    s = arrays.state
+    s['channels'], s['capacity'] = channels, capacity
+    s['look_ahead'], s['history'] = look_ahead, history
+    return arrays, np.array([a.ctypes.data for a in arrays], np.int64)

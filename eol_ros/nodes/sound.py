@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Grain triggers in; sound out, and a meter that shows it."""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+from eol_ros.core.sound.meter import Meter
+from eol_ros.core.sound.mixer import Mixer, voice_rows
+from eol_ros.devices.sound_bank import BankLoader
+from eol_ros.devices.soundcard import Player
+from eol_ros.errors import EolError
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.run import runner
+from eol_ros.ros.sound import corpus_grains, meter_message, samples_message, trigger_row
+from eol_ros.ros.stamps import NS, now_ns
+
+FADES = {'mute': 0.0, 'sleep': 0.0, 'unmute': 1.0, 'wake': 1.0}
+
+
+class SoundNode(EolNode):
+    NAME = 'sound'
+
+    def __init__(self, settings, **kwargs):
+        super().__init__(settings, **kwargs)
+        s = self.settings
+        self.epoch_ns = now_ns() // NS * NS
+        self.mixer = Mixer(
+            s.sample_rate, s.channels, s.voices, ceiling_db=s.ceiling_db, gain_db=s.gain_db,
+            epoch_s=self.epoch_ns // NS,
+        )
+        self.on_settings(s)
+        self.meter, self.loader, self.bank = Meter(self.mixer), BankLoader(s.sample_rate), None
+        wav = s.wav or Path(self.scene.settings('recorder').folder) / time.strftime(
+            'sound-%Y%m%d-%H%M%S.wav'
+        )
+        self.player = Player(self.mixer, s.device, s.block_size, wav, s.wav_limit_s, s.fade_in_s)
+        self.meters, self.samples = self.publisher('sound_meter'), self.publisher('sound_samples')
+        self.sent = 0
+        self.unheard = 0
+        self.trouble = 'waiting for the corpus'
+        self.create_timer(1 / s.meter_hz, self.on_timer)
+        self.subscribe('corpus', self.on_corpus)
+        self.subscribe('control', self.on_control)
+        self.subscribe('grain_triggers', self.on_trigger)
+
+    def on_settings(self, new) -> None:
+        self.mixer.set(new.reading == 'cubic', new.gain_db, new.loudness_lufs, new.governor_db)
+
+    def on_corpus(self, message) -> None:
+        if self.loader.ask(message.digest, *corpus_grains(message)):
+            self.trouble = f'loading {message.name}'
+            self.bank = None  # from now on triggers name grains of the new one
+
+    def on_control(self, message) -> None:
+        if message.target in ('', self.NAME) and message.command in FADES:
+            to = FADES[message.command]
+            self.mixer.fade(to, self.settings.fade_in_s if to else self.settings.fade_out_s)
+
+    def on_trigger(self, message) -> None:
+        self.health.tick()
+        if self.bank is None:
+            self.unheard += 1
+            return
+        row = trigger_row(message, self.epoch_ns, self.settings.latency_s)
+        voices = voice_rows(row, self.bank, self.mixer.channels)
+        self.mixer.push(voices)
+        self.mixer.state['dropped'] += 1 - len(voices)
+
+    def on_timer(self) -> None:
+        news = self.loader.take()
+        if isinstance(news, EolError):
+            self.trouble = str(news)
+        elif news is not None:
+            self.bank, self.trouble = news, ''
+        player, state, s = self.player, self.mixer.state[0], self.settings
+        reading = self.meter.read()
+        self.meters.publish(
+            meter_message(
+                reading, self.epoch_ns, state, device=player.output.name,
+                sample_rate=s.sample_rate, block_size=s.block_size, latency=s.latency_s,
+            )
+        )
+        frame = int(state['frame'])
+        if self.samples.get_subscription_count() and frame > self.sent:
+            block = self.mixer.recent(frame - self.sent)
+            first = frame - len(block)
+            stamp_ns = self.epoch_ns + round(self.mixer.time_of(first) * NS)
+            self.samples.publish(samples_message(block, first, stamp_ns, s.sample_rate))
+        self.sent = frame
+        self.health.values.update(
+            voices=reading.voices, load=round(reading.load, 3),
+            peak_dbfs=round(reading.peak_dbfs, 1),
+            unheard=self.unheard, losses=player.losses, relocks=int(state['clock_locks']),
+            **{k: int(state[k]) for k in ('triggers', 'underruns', 'late', 'dropped', 'stolen')},
+        )
+        text = '; '.join(t for t in (player.text, self.trouble) if t)
+        level = 'warn' if self.trouble and player.level == 'ok' else player.level
+        getattr(self.health, level)(text)
+        if player.stuck:  # only a new process frees what the driver holds
+            self.health.report()
+            os.execv(sys.executable, sys.orig_argv)
+
+    def close(self) -> None:
+        self.player.close(self.settings.fade_out_s)
+
+
+main = runner(SoundNode)
+
+if __name__ == '__main__':
+    sys.exit(main())

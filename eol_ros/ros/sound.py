@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the sound node takes and gives, as arrays and as messages."""
+
+from array import array
+from typing import Any
+
+import numpy as np
+from eol_msgs.msg import Corpus, GrainTrigger, SoundMeter, SoundSamples
+
+from eol_ros.core.sound.meter import Reading
+from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.ros.stamps import to_msg, to_ns
+
+NOBODY = 255  # GrainTrigger.block of a trigger that no block caused
+
+
+def trigger_row(message: GrainTrigger, epoch_ns: int, latency_s: float) -> np.ndarray:
+    """Return the trigger as (1,) TRIGGER, its time `latency_s` after the stamp, since the epoch."""
+    row = np.empty(1, TRIGGER)
+    time_s = (to_ns(message.header.stamp) - epoch_ns) * 1e-9 + latency_s
+    block = -1 if message.block == NOBODY else message.block
+    row[0] = (
+        time_s,
+        min(message.grain, 2**31 - 1),
+        message.gain,
+        message.rate,
+        message.pan,
+        message.attack,
+        message.release,
+        block,
+    )
+    return row
+
+
+def corpus_grains(message: Corpus) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray]:
+    """Return the files, and per grain its file (g,), start (g,) and duration (g,) in seconds."""
+    return (
+        list(message.files),
+        np.array(message.file, np.int64),
+        np.array(message.start),
+        np.array(message.duration),
+    )
+
+
+def meter_message(reading: Reading, epoch_ns: int, state: np.void, **fields: Any) -> SoundMeter:
+    """Return the message of a reading; `state` is the mixer's, `fields` the rest."""
+    message = SoundMeter(
+        voices=reading.voices,
+        load=reading.load,
+        peak_dbfs=reading.peak_dbfs,
+        rms_dbfs=reading.rms_dbfs,
+        limiter_db=reading.limiter_db,
+        governor_db=reading.governor_db,
+        wave_min=array('f', reading.wave_min.astype(np.float32).tobytes()),
+        wave_max=array('f', reading.wave_max.astype(np.float32).tobytes()),
+        spectrum_db=array('f', reading.spectrum_db.tobytes()),
+        **{k: int(state[k]) for k in ('triggers', 'underruns', 'late', 'dropped', 'stolen')},
+        **fields,
+    )
+    message.header.stamp = to_msg(epoch_ns + round(reading.time_s * 1e9))
+    return message
+
+
+def samples_message(
+    frames: np.ndarray, first: int, stamp_ns: int, sample_rate: int
+) -> SoundSamples:
+    """Return the message of output `frames` (n, channels) f4 that begin at frame `first`."""
+    message = SoundSamples(
+        sample_rate=sample_rate,
+        channels=frames.shape[1],
+        first=first,
+        data=array('B', frames.astype('<f4').tobytes()),
+    )
+    message.header.stamp = to_msg(stamp_ns)
+    return message

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The mixer written again, slowly and in double precision, to test the fast one against."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from eol_ros.core.sound.triggers import TRIGGER
+
+
+def reference(triggers, sounds, grains, sample_rate, frames, gain, cubic=True, shift=0):
+    """Return (frames, 2) f8; `grains` is a list of (file, first sample, samples)."""
+    out = np.zeros((frames + shift, 2))
+    for t in triggers:
+        file, first, size = grains[t['grain']]
+        rate = float(t['rate'])
+        source = np.concatenate([np.zeros(4), sounds[file].astype(float), np.zeros(4)])
+        length = int((size - 1) / rate) + 1
+        n = np.arange(length)
+        p = n * rate
+        i = np.floor(p).astype(int)
+        f = p - i
+        at = i + first + 4
+        a, b, c, d = (source[at + k] for k in (-1, 0, 1, 2))
+        if rate == 1:
+            y = b
+        elif cubic:
+            y = b + f / 2 * (c - a + f * (2 * a - 5 * b + 4 * c - d + f * (3 * (b - c) + d - a)))
+        else:
+            y = (1 - f) * b + f * c
+        edges = [max(float(t[k]) * sample_rate, 0.002 * sample_rate)
+                 for k in ('attack_s', 'release_s')]
+        squeeze = min(1, (length - 1) / sum(edges))
+        rise, fall = (max(1, int(e * squeeze)) for e in edges)
+        y = y * (0.5 - 0.5 * np.cos(np.pi * np.minimum(n / rise, 1)))
+        y = y * (0.5 - 0.5 * np.cos(np.pi * np.minimum(n[::-1] / fall, 1)))
+        angle = (float(t['pan']) + 1) * np.pi / 4
+        start = int(np.floor(t['time_s'] * sample_rate + 0.5)) + shift
+        y = y[: len(out) - start, None] * float(t['gain']) * gain
+        out[start : start + len(y)] += y * [np.cos(angle), np.sin(angle)]
+    pole = 1 - 2 * np.pi * 7 / sample_rate
+    return lfilter([1, -1], [1, -pole], out, axis=0)[shift:]
+
+
+def snr_db(found, wanted):
+    """Return the ratio of `wanted` to the difference, dB."""
+    return 10 * np.log10((wanted**2).sum() / ((found - wanted) ** 2).sum())
+
+
+def score(rng, count, span_s, n_grains, rate=1.0, gain=0.05):
+    """Return `count` random triggers (count,) TRIGGER sorted by time."""
+    t = np.zeros(count, TRIGGER)
+    t['time_s'] = np.sort(rng.uniform(0, span_s, count))
+    t['grain'] = rng.integers(0, n_grains, count)
+    t['gain'], t['rate'] = gain, rate
+    t['pan'] = rng.uniform(-1, 1, count)
+    t['attack_s'] = rng.uniform(0, 0.1, count)
+    t['release_s'] = rng.uniform(0, 0.1, count)
+    return t

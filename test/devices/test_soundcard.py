@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+import wave
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jack import FS, PERIOD, plugged
+
+from eol_ros.core.sound.mixer import Bank, Mixer, voice_rows
+from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.devices.soundcard import Card, Player, cards, find
+from eol_ros.devices.wav_sink import WavSink
+from eol_ros.errors import DeviceMissing
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture
+def card(monkeypatch):
+    yield from plugged(monkeypatch)
+
+
+@pytest.fixture
+def card_for_others(monkeypatch):
+    yield from plugged(monkeypatch, here=False)
+
+
+def bank():
+    sine = 0.5 * np.sin(2 * np.pi * 440 * np.arange(FS) / FS)
+    return Bank([sine.astype('f4')], [0], [0.0], [0.2], FS)
+
+
+def triggers(times):
+    t = np.zeros(len(times), TRIGGER)
+    t['time_s'], t['gain'], t['rate'] = times, 0.3, 1
+    return t
+
+
+def new_mixer(**options):
+    return Mixer(FS, epoch_s=int(time.time()), gain_db=0, **options)
+
+
+def now(mixer):
+    return time.time() - mixer.state['epoch'][0]
+
+
+def wait_for(condition, seconds):
+    deadline = time.monotonic() + seconds
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return condition()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('compiled', [True, False])
+def test_plays_on_a_real_stream_at_the_time_that_was_asked(card, compiled):
+    mixer, sound = new_mixer(), bank()
+    stream = Card(mixer, 'auto', PERIOD, compiled)
+    try:
+        assert stream.name == 'system'
+        assert wait_for(lambda: mixer.state['frame'][0] > FS // 2, 5)
+        begin_s = now(mixer) + 0.2
+        mixer.push(voice_rows(triggers([begin_s]), sound, 2))
+        assert wait_for(lambda: now(mixer) > begin_s + 0.1, 2)
+        frame = int(mixer.state['frame'][0])
+        heard = mixer.recent(FS // 2)
+        first = frame - len(heard) + int(np.flatnonzero(heard[:, 0])[0])
+        assert abs(mixer.time_of(first) - begin_s) < 3e-3  # what the clock says of a busy machine
+        s = mixer.state[0]
+        assert (s['triggers'], s['late'], s['dropped']) == (1, 0, 0)
+        assert abs(s['frame'] / FS - s['callbacks'] * PERIOD / FS) < 1e-9
+    finally:
+        assert stream.close()
+
+
+@pytest.mark.slow
+def test_a_busy_python_thread_does_not_starve_the_compiled_callback(card):
+    """Python's lock is held all the time; the frames must flow at the pace of the card."""
+    mixer = new_mixer()
+    stream = Card(mixer, 'auto', PERIOD)
+    stop = threading.Event()
+
+    def busy():
+        x = 0
+        while not stop.is_set():
+            x += 1
+
+    worker = threading.Thread(target=busy)
+    try:
+        worker.start()
+        time.sleep(0.5)
+        before, frame = time.monotonic(), int(mixer.state['frame'][0])
+        time.sleep(2)
+        frames = int(mixer.state['frame'][0]) - frame
+        assert frames / (time.monotonic() - before) == pytest.approx(FS, rel=0.02)
+    finally:
+        stop.set()
+        worker.join()
+        stream.close()
+
+
+@pytest.mark.slow
+def test_a_lost_card_is_noticed_and_taken_again(card_for_others, tmp_path):
+    """In a process of its own: a driver that hangs cannot be got rid of in this one."""
+    card = card_for_others
+    code = f'''
+    import sys, time
+    sys.path[:0] = [{str(HERE)!r}, {str(HERE.parents[1])!r}]
+    from jack import Jack
+    from test_soundcard import new_mixer, wait_for
+    from eol_ros.devices.soundcard import Player
+    jack = Jack({card.name!r})
+    mixer = new_mixer()
+    player = Player(mixer, 'auto', 256, {str(tmp_path / 'x.wav')!r}, fade_in_s=0.1)
+    print(player.level, player.on_card, flush=True)
+    sys.stdin.readline()  # the card is pulled out
+    t = time.monotonic()
+    assert wait_for(lambda: not player.on_card, 5)
+    print('lost', time.monotonic() - t, flush=True)
+    frame = int(mixer.state['frame'][0])
+    time.sleep(0.5)
+    print('flows', int(mixer.state['frame'][0]) > frame + 10000, player.level, flush=True)
+    sys.stdin.readline()  # and put in again
+    t = time.monotonic()
+    assert wait_for(lambda: player.on_card or player.stuck, 10)
+    print('back', time.monotonic() - t, player.on_card, player.stuck, player.text, flush=True)
+    player.close(0.1)
+    '''
+    child = subprocess.Popen(
+        [sys.executable, '-c', textwrap.dedent(code)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )
+    try:
+        assert child.stdout.readline().split() == ['ok', 'True']
+        card.stop()
+        child.stdin.write('\n')
+        child.stdin.flush()
+        lost = child.stdout.readline().split()
+        assert lost[0] == 'lost'
+        assert float(lost[1]) <= 1.0
+        assert child.stdout.readline().split() == ['flows', 'True', 'warn']
+        card.start()
+        child.stdin.write('\n')
+        child.stdin.flush()
+        back = child.stdout.readline().split()
+        assert back[0] == 'back'
+        assert float(back[1]) <= 5.0
+        assert 'True' in back[2:4]  # on the card, or the node must start a new process for it
+    finally:
+        child.kill()
+        child.wait()
+
+
+@pytest.mark.slow
+def test_without_a_card_the_sound_goes_to_a_file_and_says_so(monkeypatch, tmp_path):
+    def nothing(*_):
+        raise DeviceMissing('there is no sound card')
+
+    monkeypatch.setattr('eol_ros.devices.soundcard.find', nothing)
+    mixer, sound = new_mixer(), bank()
+    player = Player(mixer, 'auto', PERIOD, tmp_path / 'out.wav', fade_in_s=0)
+    assert (player.level, player.on_card) == ('warn', False)
+    assert 'no sound card' in player.text
+    assert 'out.wav' in player.text
+    mixer.push(voice_rows(triggers([now(mixer) + 0.1]), sound, 2))
+    assert wait_for(lambda: mixer.state['frame'][0] > FS // 2, 5)
+    player.close(0.05)
+    with wave.open(str(tmp_path / 'out.wav')) as file:
+        assert (file.getframerate(), file.getnchannels(), file.getsampwidth()) == (FS, 2, 2)
+        pcm = np.frombuffer(file.readframes(file.getnframes()), '<i2')
+    assert file.getnframes() >= FS // 2
+    assert np.abs(pcm).max() / 32767 == pytest.approx(0.5 * 0.3 * 0.5**0.5, rel=0.02)
+
+
+@pytest.mark.slow
+def test_file_keeps_real_time_stops_at_its_limit_and_never_overwrites(tmp_path):
+    path = tmp_path / 'a.wav'
+    path.write_bytes(b'of another run')
+    mixer = new_mixer()
+    sink = WavSink(mixer, path, PERIOD, limit_s=0.5)
+    begun = time.monotonic()
+    time.sleep(1.0)
+    frames, taken_s = int(mixer.state['frame'][0]), time.monotonic() - begun
+    assert sink.full
+    assert sink.close()
+    assert frames / FS == pytest.approx(taken_s, abs=0.1)
+    assert path.read_bytes() == b'of another run'
+    with wave.open(str(tmp_path / 'a-1.wav')) as file:
+        assert file.getnframes() / FS == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.slow
+def test_a_folder_that_cannot_be_written_is_said_and_lived_with(tmp_path):
+    (tmp_path / 'file').write_text('')
+    player = Player(new_mixer(), 'wav', PERIOD, tmp_path / 'file' / 'x.wav')
+    assert player.output.name == 'nothing'
+    assert player.level == 'warn'
+    assert 'cannot write' in player.text
+    player.close(0)
+
+
+@pytest.mark.slow
+def test_names_of_cards(card):
+    assert [c['name'] for c in cards()] == ['system']
+    assert find('SYS') == find('system') == find('auto')
+    with pytest.raises(DeviceMissing, match='there are: system'):
+        find('Scarlett')
+    with pytest.raises(DeviceMissing, match='has 2 channels, the scene asks for 8'):
+        find('system', 8)
+    with pytest.raises(DeviceMissing, match='44100'):
+        Card(Mixer(44100), 'system', PERIOD)
