@@ -17,7 +17,7 @@ import numpy as np
 
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.devices import cache
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.settings import GrainsSettings
 
 VERSION = 1  # of the JSON
@@ -75,6 +75,18 @@ def beside(sound: Path, ending: str) -> Path:
     return sound.with_name(f'{sound.stem}.{ending}')
 
 
+def times(sound: str, options: Options, seed: int) -> list[tuple[str, int]]:
+    """Return name and time of change, ns, of every file that the corpus of `sound` is made of."""
+    path = Path(sound) if sound else ice_file(seed)
+    try:
+        sounds = sounds_of(path)
+    except EolError:
+        return []
+    files = [(s, beside(s, 'moved.csv'), label_file(s, options)) for s in sounds]
+    found = [p for row in files for p in row if p is not None and p.exists()]
+    return [(str(p), p.stat().st_mtime_ns) for p in found]
+
+
 def sha256(path: Path) -> str:
     """Return the SHA-256 of a file's bytes, hex."""
     digest = hashlib.sha256()
@@ -128,9 +140,7 @@ def as_json(corpus: Corpus, base: Path | None = None) -> str:
     """Return the JSON of a corpus; sounds below the folder `base` are named relative to it."""
     files = [asdict(s) for s in corpus.sources]
     for row in files:
-        if base and Path(row['path']).is_relative_to(
-            base
-        ):  # both may move house
+        if base and Path(row['path']).is_relative_to(base):  # both may move house
             row['path'] = str(Path(row['path']).relative_to(base))
     rows = []
     for grain in corpus.grains:

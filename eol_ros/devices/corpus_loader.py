@@ -27,6 +27,7 @@ class CorpusLoader:
         self._outcome: Corpus | EolError | None = None
         self._child: subprocess.Popen | None = None
         self._thread: threading.Thread | None = None
+        self._seen: list[tuple[str, int]] | None = None
 
     def at_once(self, wish: Wish) -> Corpus | None:
         """Return the corpus without waiting, or None if it must be made first.
@@ -44,6 +45,13 @@ class CorpusLoader:
             if self._thread is None:
                 self._thread = threading.Thread(target=self._work, name='corpus', daemon=True)
                 self._thread.start()
+
+    def changed(self, wish: Wish) -> bool:
+        """Whether a file that the corpus is made of has changed since this was last asked."""
+        sound, options, seed = wish
+        seen = corpus_file.times(sound, options, seed)
+        before, self._seen = self._seen, seen
+        return before is not None and before != seen
 
     def take(self) -> Corpus | EolError | None:
         """Return the corpus last asked for, or why it cannot be had, once; else None."""

@@ -14,6 +14,8 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import now_ns
 
+LEAD_S = 1.0  # a new corpus is told this long before its grains are, for the sound to be read in
+
 
 class GrainsNode(EolNode):
     NAME = 'grains'
@@ -33,7 +35,7 @@ class GrainsNode(EolNode):
             self.show(ready)
         else:
             self.loader.ask(self.wish)
-        self.create_timer(0.1, self.on_timer)
+        self.create_timer(0.2, self.on_timer)
         self.subscribe('blocks', self.on_blocks, raw=True)
 
     def on_settings(self, new) -> None:
@@ -46,9 +48,12 @@ class GrainsNode(EolNode):
             self.corpora.publish(self.message(self.corpus))
 
     def on_timer(self) -> None:
+        if self.loader.changed(self.wish):  # a grain moved by hand, another sound of the same name
+            self.loader.ask(self.wish)
         outcome = self.loader.take()
         if isinstance(outcome, Corpus):
-            self.show(outcome)
+            if self.corpus is None or not outcome.same_as(self.corpus):
+                self.show(outcome)
         elif isinstance(outcome, EolError) and self.corpus is None:
             self.health.error(str(outcome))
         elif isinstance(outcome, EolError):
@@ -56,7 +61,8 @@ class GrainsNode(EolNode):
 
     def show(self, corpus: Corpus) -> None:
         self.corpus = corpus
-        self.selector.load(corpus)
+        since_s = self.selector.load(corpus, LEAD_S)
+        self.since_ns = now_ns() if since_s < 0 else round(since_s * 1e9)
         self.corpora.publish(self.message(corpus))
         for note in corpus.notes:
             self.get_logger().warning(note)
@@ -79,7 +85,7 @@ class GrainsNode(EolNode):
         self.health.values.update(triggers=self.sequence, capped=self.selector.capped)
 
     def message(self, corpus: Corpus):
-        return corpus_to_msg(now_ns(), corpus, self.selector.bounds, self.settings.radius)
+        return corpus_to_msg(self.since_ns, corpus, self.selector.bounds, self.settings.radius)
 
     def close(self) -> None:
         self.loader.close()

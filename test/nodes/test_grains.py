@@ -13,7 +13,7 @@ from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.corpus import DESCRIPTORS
 from eol_ros.core.sound.ice import ice
 from eol_ros.core.sound.select import Selector
-from eol_ros.devices import audio_file
+from eol_ros.devices import audio_file, corpus_file
 from eol_ros.devices.corpus_build import build_cached
 from eol_ros.devices.corpus_file import Options
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -193,6 +193,18 @@ def test_another_sound_while_it_runs(stage, sounds):
     assert 'plays on' in stage.node.health.text
     play(stage, range(60))
     assert stage.probe.triggers and len(stage.probe.corpora) == told
+
+
+def test_a_grain_moved_by_hand_while_it_runs(stage, sounds):
+    stage = stage()
+    play(stage, range(3))
+    corpus_file.move(stage.node.corpus, 7, 0.125, 0.875)
+    stage.until(lambda: len(stage.probe.corpora) > 1)
+    moved = stage.probe.corpora[-1]
+    assert (moved.x[7], moved.y[7]) == (0.125, 0.875)
+    assert moved.digest != stage.probe.corpora[0].digest
+    # Its grains are named from a second after the last image on, so that they can be read in.
+    assert to_ns(moved.header.stamp) == pytest.approx(image(2)[0] + 1_000_000_000, abs=1000)
 
 
 def test_a_sound_that_is_not_there_or_none(ros, sounds, tmp_path):

@@ -26,6 +26,7 @@ from eol_ros.core.sound.triggers import MAX_RATE, MIN_RATE, TRIGGER
 from eol_ros.settings import GrainsSettings
 
 FORGET_S = 0.25  # a block unseen for longer starts anew
+LONGEST_LEAD_S = 60.0  # a switch farther ahead is left over from before the stamps began again
 NOISE_SIGMAS = 6.0  # a step below this many standard deviations of a step is not motion
 
 
@@ -40,8 +41,9 @@ class Selector:
         self._grains = np.zeros(0, np.int64)
         self._armed = np.ones((N_BLOCKS, 0), bool)
         self._sounded_s = np.zeros(0)
+        self._next: tuple[float, Corpus] | None = None
         if corpus is not None:
-            self.load(corpus, fade=False)
+            self._take(corpus)
 
     def _reset(self) -> None:
         self._time_s = -np.inf
@@ -54,15 +56,27 @@ class Selector:
         self._second: deque[tuple[float, int]] = deque()
         self._in_second = [0] * N_BLOCKS
 
-    def load(self, corpus: Corpus, fade: bool = True) -> None:
-        """Take another corpus; with `fade` its grains rise from silence over `swap_s`."""
+    def load(self, corpus: Corpus, lead_s: float = 0.0) -> float:
+        """Take another corpus; return the stamp from which on triggers name its grains.
+
+        That is `lead_s` after the last image, so that whoever sounds them can have it at hand by
+        then; the first corpus is taken at once (-inf). From there its grains rise over `swap_s`.
+        """
+        if not len(self._grains) or not np.isfinite(self._time_s):
+            self._take(corpus)
+            return -np.inf
+        self._next = (self._time_s + lead_s, corpus)
+        return self._next[0]
+
+    def _take(self, corpus: Corpus) -> None:
+        self._next = None
         self._grains = np.nonzero(corpus.placed)[0]
         self._durations = corpus.grains['duration_s'][self._grains]
         self._sounded_s = np.full(len(self._grains), -np.inf)
         self._armed = np.ones((N_BLOCKS, len(self._grains)), bool)
         places = corpus.grains[self._grains]
         self._places = np.stack([places['x'], places['y']])
-        if fade and np.isfinite(self._time_s):
+        if np.isfinite(self._time_s):
             self._swapped_s = self._time_s
             busy = np.nonzero(self.moving)[0]  # what they stand in was not touched by this motion
             self._armed[busy] = self._distances(busy) > self._leave_m
@@ -83,6 +97,8 @@ class Selector:
             self._sounded_s[:] = self._swapped_s = -np.inf
             self._armed[:] = True
         self._time_s = time_s
+        if self._next is not None and not time_s < self._next[0] <= time_s + LONGEST_LEAD_S:
+            self._take(self._next[1])
         stopped = self._follow(time_s, np.stack([x, y], axis=1), np.asarray(seen, bool), sigma_m)
         if self.settings.rearm_at_rest:
             self._armed[stopped] = True

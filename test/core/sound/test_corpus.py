@@ -31,6 +31,12 @@ def test_new_places_leave_the_old_corpus_alone():
     assert new.placed.all() and not old.placed.all()
 
 
+def test_same_as_sees_a_moved_grain():
+    assert corpus().same_as(corpus())
+    assert not corpus().same_as(corpus().with_places(np.zeros((3, 2))))
+    assert not corpus().same_as(corpus(4))
+
+
 def test_bounds_are_the_square_in_the_middle_of_the_table():
     assert table_bounds(1.2) == (-0.6, -0.6, 0.6, 0.6)
 

@@ -338,14 +338,31 @@ def test_a_new_corpus_rises_from_silence():
     gains = []
     for i in range(240):
         if i == 120:
-            selector.load(space(places[:350]))
+            assert selector.load(space(places[:350]), lead_s=6 / FPS) == pytest.approx(125 / FPS)
         at = rest_lattice() + 0.1 * np.array([np.sin(i / 20), np.cos(i / 20)])
         found = selector.update(i / FPS, *at.T, EVERYONE, np.zeros(25))
         gains.append(found['gain'].max(initial=0))
-        assert (found['grain'] < (400 if i < 120 else 350)).all()
-    full = max(gains[60:120])
-    assert max(gains[120:126]) < 0.2 * full
+        assert (found['grain'] < (400 if i < 125 else 350)).all()
+    full = max(gains[60:125])
+    assert 0 < max(gains[125:131]) < 0.2 * full
     assert max(gains[180:]) == pytest.approx(full, rel=0.05)
+
+
+def test_a_first_corpus_is_there_at_once_and_a_later_one_in_time():
+    selector = Selector(STILL)
+    assert selector.load(space(CENTRE), lead_s=1.0) == -np.inf
+    assert len(through(selector, 100.0)) == 1
+    selector.load(space([(0.9, 0.9)]), lead_s=1e-9)
+    assert not len(through(selector, 5.0))  # the stamps began again: no wait until 100 s
+
+
+def through(selector, start_s):
+    found = []
+    for i, place in enumerate(THROUGH):
+        at = rest_lattice() + 5
+        at[3] = place
+        found.append(selector.update(start_s + i / FPS, *at.T, EVERYONE, np.zeros(25)))
+    return np.concatenate(found)
 
 
 def test_a_bag_that_begins_again_gives_the_same_again():
