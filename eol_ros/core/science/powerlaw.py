@@ -133,8 +133,9 @@ def block_error(
     taus = []
     for _ in range(repeats):
         drawn = rng.integers(0, blocks, blocks)
-        if (count := block_counts[drawn].sum()) > 0:
-            taus.append(law.solve(float(block_logs[drawn].sum() / count)))
+        count = float(block_counts[drawn].sum())
+        if count > 0:
+            taus.append(law.solve(float(block_logs[drawn].sum()) / count))
     return float(np.std(taus, ddof=1))
 
 

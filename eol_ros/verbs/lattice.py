@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`eol lattice`: run the earthquake automaton, or the rice pile; which law do its sizes follow?"""
+
+import argparse
+import json
+import sys
+import time
+
+HELP = 'run the earthquake automaton (or a rice pile) and fit the law of its sizes'
+EXAMPLES = [
+    'eol lattice --size 64 --alpha 0.2 --events 200000 --warmup 1000000 --json',
+    'eol lattice --size 12 --alpha 1/5 --events 500 --out events.npz',
+    'eol lattice --model oslo --size 64 --events 100000 --warmup 20000',
+]
+DENOMINATOR = 100_000  # of the numerators in a --start file
+CHUNK = 1 << 15
+EXACT_EVENTS, FIXED_EVENTS = 2000, 1_000_000
+EXACT_CHUNK = 100
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument(
+        '--model', default='ofc', choices=('ofc', 'oslo'), help='ofc: the automaton'
+    )
+    parser.add_argument('--size', type=int, metavar='L', help='sites along a side (64)')
+    parser.add_argument(
+        '--alpha',
+        default='0.2',
+        metavar='A',
+        help='share that each neighbour gets, 0..0.25; written as a fraction (1/5) '
+        'it is taken exactly',
+    )
+    parser.add_argument('--events', type=int, metavar='N', help='recorded (1000000; exact: 2000)')
+    parser.add_argument('--warmup', type=int, default=0, metavar='W', help='events before that (0)')
+    parser.add_argument('--seed', type=int, default=1, metavar='S', help='of the start (1)')
+    parser.add_argument(
+        '--start',
+        metavar='FILE.npy',
+        help=f'(L, L) whole numbers, stress times {DENOMINATOR}; taken exactly',
+    )
+    parser.add_argument(
+        '--arithmetic',
+        default='auto',
+        choices=('auto', 'fixed', 'exact'),
+        help='auto: exact with a fraction or a start file, else fixed point',
+    )
+    parser.add_argument(
+        '--queue',
+        default='bucket',
+        choices=('bucket', 'sweep'),
+        help='how the next event is found (same events, other speed)',
+    )
+    parser.add_argument('--fit', default='', metavar='FROM:TO', help='sizes that tau is fitted on')
+    parser.add_argument('--out', metavar='FILE.npz', help='write size, area, duration, first')
+    parser.add_argument('--json', action='store_true', help='the result as JSON')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Warm up, run, fit, print."""
+    import numpy as np
+
+    from eol_ros.core.physics.automaton import Events
+    from eol_ros.errors import UsageError
+
+    lattice, exact = _lattice(args)
+    count = args.events if args.events is not None else (EXACT_EVENTS if exact else FIXED_EVENTS)
+    if count < 1 or args.warmup < 0:
+        raise UsageError(f'--events {count} --warmup {args.warmup}: at least 1 and 0 are wanted')
+    full = bool(args.out)
+    fit_range = _fit_range(args.fit, lattice.side)
+    _smallest(args).run(1, full)  # compiles now, not in the time that is told
+    chunk = EXACT_CHUNK if exact else CHUNK
+    _advance(lattice, args.warmup, chunk, 'warming up', False)
+    parts, seconds = _advance(lattice, count, chunk, 'running', full)
+    events = (
+        Events.joined(parts)
+        if full
+        else Events(np.concatenate([p.size for p in parts]), *(np.zeros(0, np.int64),) * 3)
+    )
+    if full:
+        _save(args.out, events)
+    report = {
+        'model': args.model,
+        'size': lattice.side,
+        **({'alpha': args.alpha} if args.model == 'ofc' else {}),
+        'seed': args.seed,
+        'warmup': args.warmup,
+        'events': count,
+        'arithmetic': lattice.arithmetic,
+        'topplings_per_s': float(events.size.sum() / seconds),
+        'events_per_s': count / seconds,
+        **_law(events.size, fit_range),
+    }
+    print(json.dumps(report) if args.json else _words(report))
+    return 0
+
+
+def _lattice(args):
+    """Return the lattice that is asked for, and whether its arithmetic is exact."""
+    from fractions import Fraction
+
+    import numpy as np
+
+    from eol_ros.core.physics.automaton import Automaton, ExactAutomaton, check
+    from eol_ros.core.physics.oslo import OsloPile
+    from eol_ros.errors import UsageError
+
+    if args.model == 'oslo':
+        if args.start or args.arithmetic == 'exact':
+            raise UsageError(
+                '--model oslo begins with an empty pile of whole numbers: '
+                'leave out --start and --arithmetic'
+            )
+        return OsloPile(args.size or 64, args.seed), False
+    try:
+        alpha = Fraction(args.alpha)
+    except (ValueError, ZeroDivisionError):
+        raise UsageError(
+            f'--alpha {args.alpha}: write a number like 0.2, or a fraction like 1/5'
+        ) from None
+    exact = args.arithmetic == 'exact' or (
+        args.arithmetic == 'auto' and bool('/' in args.alpha or args.start)
+    )
+    numerators = _start(args.start) if args.start else None
+    if numerators is not None and args.size not in (None, len(numerators)):
+        raise UsageError(f'--size {args.size}: {args.start} has {len(numerators)} sites a side')
+    side = len(numerators) if numerators is not None else args.size or 64
+    check(side, alpha)
+    if exact:
+        if numerators is None:
+            rng = np.random.default_rng(args.seed)
+            numerators = rng.integers(0, DENOMINATOR, (side, side))
+        return ExactAutomaton(numerators, DENOMINATOR, alpha), True
+    if numerators is not None:
+        return Automaton(numerators / DENOMINATOR, float(alpha), args.queue), False
+    return Automaton.random(side, float(alpha), args.seed, args.queue), False
+
+
+def _smallest(args):
+    import numpy as np
+
+    from eol_ros.core.physics.automaton import Automaton
+    from eol_ros.core.physics.oslo import OsloPile
+
+    return OsloPile(1, 1) if args.model == 'oslo' else Automaton(np.zeros((1, 1)), 0.2, args.queue)
+
+
+def _start(path: str):
+    import numpy as np
+
+    from eol_ros.errors import ConfigError, DeviceMissing
+
+    try:
+        numbers = np.load(path, allow_pickle=False)
+    except FileNotFoundError:
+        raise DeviceMissing(f'--start: there is no file {path}') from None
+    except (OSError, ValueError, EOFError) as error:
+        raise ConfigError(f'--start {path}: not a .npy file ({error})') from None
+    if not isinstance(numbers, np.ndarray) or numbers.ndim != 2:
+        raise ConfigError(f'--start {path}: a square of whole numbers is wanted')
+    return numbers
+
+
+def _fit_range(text: str, side: int) -> tuple[int, int]:
+    """Return the sizes to fit on: small ones follow the lattice, the greatest its boundary."""
+    from eol_ros.errors import UsageError
+
+    if not text:
+        return 2, min(200, max(20, side * side // 6))
+    low, _, high = text.partition(':')
+    try:
+        return int(low), int(high)
+    except ValueError:
+        raise UsageError(f'--fit {text}: write two sizes, like 2:200') from None
+
+
+def _advance(lattice, count: int, chunk: int, words: str, full: bool):
+    """Run `count` events; return them in parts, and the processor seconds of the runs alone."""
+    from eol_ros.verbs.progress import track
+
+    parts, seconds = [], 0.0
+    steps = [min(chunk, count - begun) for begun in range(0, count, chunk)]
+    for step in track(steps, words) if count > chunk else steps:
+        began = time.thread_time()
+        part = lattice.run(step, full)
+        seconds += time.thread_time() - began
+        parts.append(part)
+    return parts, max(seconds, 1e-9)
+
+
+def _law(sizes, fit_range: tuple[int, int]) -> dict:
+    import numpy as np
+
+    from eol_ros.core.science import powerlaw
+
+    counts = powerlaw.histogram(sizes)
+    exceedance = powerlaw.exceedance(counts)
+    top = len(counts) - 1
+    shown = {*range(1, min(top, 100) + 1), *np.geomspace(1, max(top, 1), 80).astype(int).tolist()}
+    shown |= {m * 10**k for k in range(10) for m in (1, 2, 3, 5)} | {top}
+    law = {
+        'mean_size': float(sizes.mean()),
+        'max_size': top,
+        'ccdf': {str(s): float(exceedance[s]) for s in sorted(shown) if 1 <= s <= top},
+        'tau': None,
+        'tau_error': None,
+        'b_value': None,
+        'fit': f'{fit_range[0]}:{fit_range[1]}',
+    }
+    try:
+        found = powerlaw.fit(counts, *fit_range)
+        error = powerlaw.block_error(sizes, found, np.random.default_rng(0))
+        law |= {'tau': found.tau, 'tau_error': error, 'b_value': found.b_value, 'ks': found.ks}
+    except powerlaw.FitError as reason:
+        law['no_fit'] = str(reason)
+    return law
+
+
+def _save(path: str, events) -> None:
+    import numpy as np
+
+    from eol_ros.errors import DeviceMissing
+
+    try:
+        with open(path, 'wb') as file:
+            np.savez_compressed(
+                file,
+                size=events.size,
+                area=events.area,
+                duration=events.duration,
+                first=events.first,
+            )
+    except OSError as error:
+        raise DeviceMissing(f'--out {path}: {error.strerror}') from None
+    print(f'{len(events.size)} events written to {path}', file=sys.stderr)
+
+
+def _words(report: dict) -> str:
+    lines = [
+        f'{report["events"]} events on {report["model"]} of size {report["size"]}, '
+        f'{report["arithmetic"]}: {report["topplings_per_s"] / 1e6:.3g} million topplings a '
+        f'second, {report["events_per_s"]:.3g} events a second',
+        f'size: mean {report["mean_size"]:.4g}, greatest {report["max_size"]}',
+    ]
+    if report['tau'] is None:
+        lines.append(f'no law: {report["no_fit"]}')
+    else:
+        lines.append(
+            f'density of sizes {report["fit"]}: tau = {report["tau"]:.3f} +- '
+            f'{report["tau_error"]:.3f}; N(>= s) falls with b = {report["b_value"]:.3f}'
+        )
+    return '\n'.join(lines)

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+import json
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from eol_ros.cli import main
+from eol_ros.core.physics.automaton import ExactAutomaton
+
+pytestmark = pytest.mark.slow  # numba
+
+
+def lattice(capsys, *words):
+    code = main(['lattice', *map(str, words)])
+    out = capsys.readouterr()
+    return code, out.out, out.err
+
+
+def test_the_json_is_what_was_promised(capsys):
+    words = ('--size', 24, '--alpha', 0.2, '--events', 60_000, '--warmup', 100_000, '--json')
+    code, out, _ = lattice(capsys, *words)
+    report = json.loads(out)
+
+    assert code == 0
+    assert {
+        'topplings_per_s',
+        'events_per_s',
+        'mean_size',
+        'max_size',
+        'ccdf',
+        'tau',
+        'tau_error',
+    } <= set(report)
+    assert report['topplings_per_s'] == pytest.approx(
+        report['events_per_s'] * report['mean_size'], rel=1e-6
+    )
+    assert report['ccdf']['1'] == 1
+    falling = list(report['ccdf'].values())
+    assert falling == sorted(falling, reverse=True)
+    assert falling[-1] > 0 and int(list(report['ccdf'])[-1]) == report['max_size']
+    assert 1.6 < report['tau'] < 2.2
+    assert 0 < report['tau_error'] < 0.1
+    assert report['b_value'] == pytest.approx(report['tau'] - 1)
+
+
+def test_a_fraction_is_taken_exactly(capsys, tmp_path):
+    out = tmp_path / 'events.npz'
+    words = ('--size', 7, '--alpha', '1/5', '--events', 120, '--seed', 4, '--out', out, '--json')
+    code, text, err = lattice(capsys, *words)
+    start = np.random.default_rng(4).integers(0, 100_000, (7, 7))
+    expected = ExactAutomaton(start, 100_000, Fraction(1, 5)).run(120)
+
+    assert code == 0
+    assert '120 events written' in err
+    assert json.loads(text)['arithmetic'].startswith('exact')
+    with np.load(out) as found:
+        for name in ('size', 'area', 'duration', 'first'):
+            np.testing.assert_array_equal(found[name], getattr(expected, name))
+
+
+def test_a_start_file_is_taken_exactly_and_whole(capsys, tmp_path):
+    start = np.random.default_rng(9).integers(0, 100_000, (6, 6))
+    np.save(tmp_path / 's.npy', start)
+    out = tmp_path / 'e.npz'
+    words = ('--start', tmp_path / 's.npy', '--alpha', 0.2, '--events', 50, '--out', out)
+    code, _, _ = lattice(capsys, *words)
+
+    assert code == 0
+    expected = ExactAutomaton(start, 100_000, Fraction(1, 5)).run(50)
+    with np.load(out) as found:
+        np.testing.assert_array_equal(found['size'], expected.size)
+
+
+def test_warm_up_is_part_of_the_same_run(capsys, tmp_path):
+    sizes = []
+    for warmup, events in ((0, 3000), (2000, 1000)):
+        out = tmp_path / f'{warmup}.npz'
+        lattice(capsys, '--size', 16, '--events', events, '--warmup', warmup, '--out', out)
+        with np.load(out) as found:
+            sizes.append(found['size'])
+
+    np.testing.assert_array_equal(sizes[0][2000:], sizes[1])
+
+
+def test_the_queues_agree(capsys):
+    texts = []
+    for queue in ('bucket', 'sweep'):
+        words = ('--size', 20, '--events', 5000, '--queue', queue, '--json')
+        texts.append(json.loads(lattice(capsys, *words)[1])['ccdf'])
+
+    assert texts[0] == texts[1]
+
+
+def test_the_rice_pile(capsys):
+    words = ('--model', 'oslo', '--size', 16, '--events', 40_000, '--warmup', 5000, '--json')
+    code, out, _ = lattice(capsys, *words)
+    report = json.loads(out)
+
+    assert code == 0
+    assert report['mean_size'] == pytest.approx(16, rel=0.05)
+    assert 'alpha' not in report
+
+
+def test_too_few_events_are_told_instead_of_fitted(capsys):
+    words = ('--size', 6, '--alpha', '1/5', '--events', 20)
+    code, out, _ = lattice(capsys, *words)
+
+    assert code == 0
+    assert 'no law: too few events' in out
+
+
+@pytest.mark.parametrize(
+    ('words', 'code', 'message'),
+    [
+        (('--alpha', 'x'), 2, 'write a number like 0.2, or a fraction like 1/5'),
+        (('--alpha', '1/0'), 2, 'write a number'),
+        (('--alpha', '0.3'), 78, 'not between 0 and 1/4'),
+        (('--size', -4), 78, 'lattice size -4'),
+        (('--events', 0), 2, 'at least 1'),
+        (('--fit', '2-9'), 2, 'like 2:200'),
+        (('--start', 'none.npy'), 69, 'there is no file none.npy'),
+        (('--model', 'oslo', '--arithmetic', 'exact'), 2, 'leave out'),
+        (('--out', '/nowhere/x.npz', '--size', 4, '--events', 5), 69, 'No such file'),
+    ],
+)
+def test_mistakes_are_one_line(capsys, words, code, message):
+    found, _, err = lattice(capsys, *words)
+    line = err.strip().splitlines()[-1]
+
+    assert found == code
+    assert line.startswith('eol lattice: ') and message in line
+
+
+def test_a_start_file_that_is_none(capsys, tmp_path):
+    (tmp_path / 'a.npy').write_text('hello')
+    np.save(tmp_path / 'b.npy', np.zeros((3, 3)))
+    np.save(tmp_path / 'c.npy', np.zeros((3, 4), int))
+    np.save(tmp_path / 'd.npy', np.full((3, 3), 100_000))
+    for name, message in (
+        ('a', 'not a .npy'),
+        ('b', 'whole numbers'),
+        ('c', 'square'),
+        ('d', 'lie in 0..99999'),
+    ):
+        code, _, err = lattice(capsys, '--start', tmp_path / f'{name}.npy')
+        assert code == 78 and message in err, name
+
+
+def test_the_bench_measures(capsys, monkeypatch):
+    from eol_ros.bench import lattice as bench
+
+    monkeypatch.setattr(bench, 'ROWS', ((16, 0.2, 1000),))
+    assert main(['bench', 'lattice', '--seconds', '0.2', '--json']) == 0
+    report = json.loads(capsys.readouterr().out)
+    (row,) = report['rows']
+    assert row['bucket_mtop_s'] > row['numpy_mtop_s'] > 0
+    assert all(r['same_until'] > 10 for r in report['exact'])
