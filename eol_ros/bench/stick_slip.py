@@ -111,7 +111,8 @@ class Moment:
 
 
 class Table:
-    """The moving table; `begun` and `ended` list (time_s, block) of every slip so far.
+    """The moving table; `begun` lists (onset_s, block) of every slip so far, `slips` the ended
+    ones.
 
     rough: 1 for ordinary visitors, more for rougher ones. fine: steps of 0.26 ms, for onset times.
     """
@@ -135,6 +136,7 @@ class Table:
         self.until_s = 1.0
         self.image = 0
         self.slips: list[tuple[float, float, int, float]] = []  # onset, end, block, distance
+        self.begun: list[tuple[float, int]] = []
         self._from = self.xy.copy()
 
     def step(self) -> Moment:
@@ -149,6 +151,7 @@ class Table:
         _integrate(self.xy, self.v, self.yaw, self.stuck, self.onset, self.end, self.mu, before,
                    self.rim, self.offsets, now, span, self.steps)  # fmt: skip
         for i in np.flatnonzero(self.onset != old):
+            self.begun.append((self.onset[i], int(i)))
             if was[i]:
                 self._from[i] = start[i]
         for i in np.flatnonzero(self.stuck & (~was | (self.onset != old))):
@@ -233,6 +236,11 @@ class Onlooker:
         true = np.concatenate([shown, np.full(len(false), -1)])
         order = r.permutation(len(true))
         return Detections(xy[order], yaw[order], np.full(len(true), self.noise_m), true[order])
+
+    def listen(self, begun: list[tuple[float, int]]) -> list[tuple[float, int]]:
+        """Return the taps (stamp_s, block) of slips that began so: 3 % are lost, 8 ms of jitter."""
+        r = self.random
+        return [(on + r.normal(0, 0.008), b) for on, b in begun if r.random() > 0.03]
 
     def _arms(self, moment: Moment) -> np.ndarray:
         r = self.random

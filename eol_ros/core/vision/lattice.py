@@ -118,7 +118,7 @@ class Lattice:
         self.index = follow(self.xy, self.velocity, was, step, xy)
         held = self.index >= 0
         self.xy[held] = xy[self.index[held]]
-        carry(before, was, self.xy, held, self.velocity, self.sigma, step)
+        carry(before, self.xy, held, self.rest, self.angle, self.velocity, self.sigma, step)
         remember(
             stamp_s, xy, self.index, self.candidate_xy, self.candidate_born,
             self.candidate_seen, self.candidate_index,

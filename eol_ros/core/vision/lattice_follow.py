@@ -5,15 +5,19 @@ import numpy as np
 from numba import njit
 
 from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
-from eol_ros.core.vision.lattice_solve import MAX_SPACING_M, MIN_SPACING_M, assign, match, strain
+from eol_ros.core.vision.lattice_solve import MIN_SPACING_M, assign, match, strain
 
 CANDIDATES = 32  # lights that are remembered without being a block
+STICK_M = 0.014  # mu_s m g / (4 k): friction holds a block this far from where its springs want it
+RIM_DOUBT_M = 0.05  # the rim is not seen
 FOLLOW_M = 0.012  # a followed block is found within this of its prediction, at rest
+THROWN_M = 0.04  # and within this when it was hit, if the light is nobody else's
 NEAR_M = 0.010  # a hidden block this close to where it went is itself
-FAR_M = 0.10  # and beyond this it is not
+BEND_M = 0.08  # neighbours stand this close to where the lattice wants them, nearly always
+FAR_M = 0.08  # and beyond this it is not
 SOON_S = 0.025  # a light must last before it can be a block: near its place,
 LATER_S = 0.06  # and elsewhere
-LONG_S = 0.4  # a light that lasts so long may take the better of two doubtful places
+LONG_S = 0.5  # a light that lasts so long may take the better of two doubtful places
 PATIENCE_S = 0.1  # a swap must be better for so long
 
 
@@ -35,72 +39,125 @@ def follow(xy, velocity, seen, step, points):
             n += 1
     found = match(expected[:n], gate[:n], points)
     index = np.full(N_BLOCKS, -1, np.int64)
+    free = np.ones(points.shape[0], np.bool_)
+    missed = 0
     for k in range(n):
         index[blocks[k]] = found[k]
+        if found[k] >= 0:
+            free[found[k]] = False
+        else:
+            missed += 1
+    left = np.flatnonzero(free)
+    if missed == 0 or left.size == 0:
+        return index
+    # A knock throws a block further than it can be predicted: look around for those that are left.
+    again = np.flatnonzero(found < 0)
+    wide = np.full(again.size, THROWN_M)
+    found = match(expected[again], wide, points[left])
+    for k in range(again.size):
+        if found[k] >= 0:
+            index[blocks[again[k]]] = left[found[k]]
     return index
 
 
 @njit(cache=True)
-def carry(before, was, xy, held, velocity, sigma, step):
-    """Move each hidden block with the rigid motion of the seen ones about it, nearest first.
+def carry(before, xy, held, rest, angle, velocity, sigma, step):
+    """Let the hidden blocks follow their neighbours as springs and friction make them.
 
-    before, xy (25, 2): places in the last and in this image; was, held (25,): seen in them. Changes
-    xy, velocity and sigma of the blocks that are not held.
+    A block sticks until its springs pull it harder than friction holds it: so it is never further
+    than STICK_M from the middle of its four neighbours. Where a neighbour is the rim, the lattice
+    continued (an affine fit of what is seen) stands for it. Changes xy, velocity and sigma of
+    blocks not held.
+
+    before (25, 2): places in the last image. held (25,): seen in this one. rest (25, 2).
     """
+    if held.sum() < 6:
+        _drift(before, xy, held, velocity, sigma, step)
+        return
+    fit = _affine(rest, xy, held)
+    ca = np.cos(angle) * PITCH_M
+    sa = np.sin(angle) * PITCH_M
+    for sweep in range(12):
+        for h in range(N_BLOCKS):
+            if held[h]:
+                continue
+            row = h // COLS
+            column = h % COLS
+            ex = ey = doubt = 0.0
+            for k in range(4):
+                dc = 1 if k == 0 else (-1 if k == 1 else 0)
+                dr = 1 if k == 2 else (-1 if k == 3 else 0)
+                c = column + dc
+                r = row + dr
+                if 0 <= c < COLS and 0 <= r < ROWS:
+                    j = r * COLS + c
+                    px = xy[j, 0]
+                    py = xy[j, 1]
+                    if not held[j]:
+                        doubt += sigma[j] ** 2
+                else:
+                    gx = (c - 2) * PITCH_M
+                    gy = (r - 2) * PITCH_M
+                    px = fit[0, 0] + fit[1, 0] * gx + fit[2, 0] * gy
+                    py = fit[0, 1] + fit[1, 1] * gx + fit[2, 1] * gy
+                    doubt += RIM_DOUBT_M**2
+                ex += 0.25 * (px - ca * dc + sa * dr)
+                ey += 0.25 * (py - sa * dc - ca * dr)
+            ox = xy[h, 0] - ex
+            oy = xy[h, 1] - ey
+            far = np.hypot(ox, oy)
+            if far > STICK_M:
+                xy[h, 0] = ex + ox * STICK_M / far
+                xy[h, 1] = ey + oy * STICK_M / far
+            if sweep == 11:
+                # Under an arm it may stick or slide whenever its fellows move, unseen.
+                moved = 0.0
+                for j in range(N_BLOCKS):
+                    if held[j] and abs(j // COLS - row) < 2 and abs(j % COLS - column) < 2:
+                        path = np.hypot(xy[j, 0] - before[j, 0], xy[j, 1] - before[j, 1])
+                        moved = max(moved, path)
+                velocity[h, 0] = (xy[h, 0] - before[h, 0]) / step
+                velocity[h, 1] = (xy[h, 1] - before[h, 1]) / step
+                most = np.sqrt((0.8 * STICK_M) ** 2 + doubt / 9.0)
+                grown = sigma[h] + 0.5 * moved + 0.0005 * step
+                sigma[h] = max(min(grown, most), min(sigma[h], 2 * most))
+
+
+@njit(cache=True)
+def _drift(before, xy, held, velocity, sigma, step):
+    """With hardly anything in sight, hidden blocks go along with the mean of what is."""
+    n = max(held.sum(), 1)
+    mx = my = 0.0
+    for j in range(N_BLOCKS):
+        if held[j]:
+            mx += (xy[j, 0] - before[j, 0]) / n
+            my += (xy[j, 1] - before[j, 1]) / n
     for h in range(N_BLOCKS):
-        if held[h]:
-            continue
-        total = ax = ay = bx = by = 0.0
-        for j in range(N_BLOCKS):
-            if held[j] and was[j]:
-                dx = before[j, 0] - before[h, 0]
-                dy = before[j, 1] - before[h, 1]
-                w = np.exp(-(dx * dx + dy * dy) / (2 * 0.2 * 0.2))
-                total += w
-                ax += w * before[j, 0]
-                ay += w * before[j, 1]
-                bx += w * xy[j, 0]
-                by += w * xy[j, 1]
-        if total < 1e-3:
-            sigma[h] = min(sigma[h] + 0.3 * step, 0.5)
+        if not held[h]:
+            xy[h, 0] += mx
+            xy[h, 1] += my
             velocity[h] = 0.0
-            continue
-        ax /= total
-        ay /= total
-        bx /= total
-        by /= total
-        dot = 1e-6
-        cross = 0.0
-        spread = 0.0
-        for j in range(N_BLOCKS):
-            if held[j] and was[j]:
-                dx = before[j, 0] - before[h, 0]
-                dy = before[j, 1] - before[h, 1]
-                w = np.exp(-(dx * dx + dy * dy) / (2 * 0.2 * 0.2))
-                px = before[j, 0] - ax
-                py = before[j, 1] - ay
-                qx = xy[j, 0] - bx
-                qy = xy[j, 1] - by
-                dot += w * (px * qx + py * qy)
-                cross += w * (px * qy - py * qx)
-                mx = xy[j, 0] - before[j, 0] - (bx - ax)
-                my = xy[j, 1] - before[j, 1] - (by - ay)
-                spread += w * (mx * mx + my * my)
-        angle = np.arctan2(cross, dot)
-        c = np.cos(angle)
-        s = np.sin(angle)
-        rx = before[h, 0] - ax
-        ry = before[h, 1] - ay
-        nx = bx + c * rx - s * ry
-        ny = by + s * rx + c * ry
-        moved = np.hypot(nx - before[h, 0], ny - before[h, 1])
-        xy[h, 0] = nx
-        xy[h, 1] = ny
-        velocity[h, 0] = (nx - before[h, 0]) / step
-        velocity[h, 1] = (ny - before[h, 1]) / step
-        # A block under an arm may stick while its fellows slide, so trust fades with their path.
-        grown = np.sqrt(sigma[h] ** 2 + spread / total)
-        sigma[h] = min(grown + 0.25 * moved + 0.0002 * step, 0.5)
+            sigma[h] = min(sigma[h] + 0.3 * step + 0.5 * np.hypot(mx, my), 0.5)
+
+
+@njit(cache=True)
+def _affine(rest, xy, held):
+    """Least squares xy = [1, rest] fit over the held blocks; returns (3, 2)."""
+    normal = np.zeros((3, 3))
+    right = np.zeros((3, 2))
+    basis = np.ones(3)
+    for i in range(N_BLOCKS):
+        if held[i]:
+            basis[1] = rest[i, 0]
+            basis[2] = rest[i, 1]
+            for a in range(3):
+                for b in range(3):
+                    normal[a, b] += basis[a] * basis[b]
+                for b in range(2):
+                    right[a, b] += basis[a] * xy[i, b]
+    for a in range(3):
+        normal[a, a] += 1e-9
+    return np.linalg.solve(normal, right)
 
 
 @njit(cache=True)
@@ -177,34 +234,30 @@ def return_hidden(stamp_s, xy, index, sigma, seen_s, angle, place, born, last, a
             near = off < NEAR_M + min(sigma[i], 0.01)
             if off > FAR_M or (stamp_s - born[k] < LATER_S and not near):
                 continue
-            if not spaced(i, place[k], xy, seen):
+            if not fits(i, place[k], xy, seen, ca, sa):
                 continue
-            s2 = min(max(sigma[i], 0.004), 0.03) ** 2
-            bend = strain(i, place[k], xy, seen, ca, sa, -1)
-            if bend == np.inf:
-                bend = off * off
-            price[a, b] = off * off / s2 + bend / 0.03**2
-    cost = np.full((h, m + h), 400.0)
+            price[a, b] = off
+    cost = np.full((h, m + h), FAR_M)
     for a in range(h):
         for b in range(m):
             cost[a, b] = price[a, b]
     column = assign(cost)
     for a in range(h):
         b = column[a]
-        if b >= m or price[a, b] >= 400.0:
+        if b >= m or price[a, b] >= FAR_M:
             continue
         k = lights[b]
-        if stamp_s - born[k] < LONG_S:
-            rival = np.inf  # another home for this light, or another light for this home
-            for other in range(h):
-                if other != a:
-                    rival = min(rival, price[other, b])
-            for other in range(m):
-                if other != b:
-                    rival = min(rival, price[a, other])
-            if rival < price[a, b] + 12.0:
-                continue
         i = hidden[a]
+        rival = np.inf  # another home for this light, or another light for this home
+        for other in range(h):
+            j = hidden[other]
+            if j != i:
+                rival = min(rival, np.hypot(xy[j, 0] - place[k, 0], xy[j, 1] - place[k, 1]))
+        for other in range(m):
+            if other != b:
+                rival = min(rival, price[a, other])
+        if price[a, b] > (0.5 if stamp_s - born[k] < LONG_S else 0.8) * rival:
+            continue
         index[i] = at[k]
         born[k] = np.inf
         back[i] = True
@@ -212,17 +265,24 @@ def return_hidden(stamp_s, xy, index, sigma, seen_s, angle, place, born, last, a
 
 
 @njit(cache=True)
-def spaced(block, place, xy, seen):
-    """Whether `place` keeps a possible distance from the seen 4-neighbours of `block`."""
+def fits(block, place, xy, seen, ca, sa):
+    """Whether `place` stands about where each seen 4-neighbour of `block` wants it."""
     row = block // COLS
     column = block % COLS
     for k in range(4):
-        r = row + (1 if k == 0 else (-1 if k == 1 else 0))
-        c = column + (1 if k == 2 else (-1 if k == 3 else 0))
+        dc = 1 if k == 0 else (-1 if k == 1 else 0)
+        dr = 1 if k == 2 else (-1 if k == 3 else 0)
+        r = row + dr
+        c = column + dc
         if 0 <= r < ROWS and 0 <= c < COLS and seen[r * COLS + c]:
             j = r * COLS + c
-            d = np.hypot(xy[j, 0] - place[0], xy[j, 1] - place[1])
-            if d < MIN_SPACING_M or d > MAX_SPACING_M:
+            dx = place[0] - xy[j, 0]
+            dy = place[1] - xy[j, 1]
+            if dx * dx + dy * dy < MIN_SPACING_M * MIN_SPACING_M:
+                return False
+            ex = dx + PITCH_M * (ca * dc - sa * dr)
+            ey = dy + PITCH_M * (sa * dc + ca * dr)
+            if ex * ex + ey * ey > BEND_M * BEND_M:
                 return False
     return True
 
@@ -247,21 +307,29 @@ def suspect_swaps(xy, seen, angle, step, clock):
             if not (0 <= r < ROWS and 0 <= c < COLS):
                 continue
             b = r * COLS + c
-            if not (seen[a] and seen[b]):
+            if not (seen[a] or seen[b]):
                 clock[a, b] = 0.0
                 continue
-            now = strain(a, xy[a], xy, seen, ca, sa, b) + strain(b, xy[b], xy, seen, ca, sa, a)
-            then = strain(a, xy[b], xy, seen, ca, sa, b) + strain(b, xy[a], xy, seen, ca, sa, a)
+            now = then = 0.0
+            if seen[a]:
+                now += strain(a, xy[a], xy, seen, ca, sa, b)
+                then += strain(b, xy[a], xy, seen, ca, sa, a)
+            if seen[b]:
+                now += strain(b, xy[b], xy, seen, ca, sa, a)
+                then += strain(a, xy[b], xy, seen, ca, sa, b)
             dx = (c - column) * PITCH_M
             dy = (r - row) * PITCH_M
             wx = ca * dx - sa * dy
             wy = sa * dx + ca * dy
             gx = xy[b, 0] - xy[a, 0]
             gy = xy[b, 1] - xy[a, 1]
-            if now < np.inf and then < np.inf:
+            if seen[a] and seen[b] and now < np.inf and then < np.inf:
                 now += (gx - wx) ** 2 + (gy - wy) ** 2
                 then += (gx + wx) ** 2 + (gy + wy) ** 2
-            if then < 0.7 * now:
+            crosswise = then < 0.7 * now
+            if not (seen[a] and seen[b]):  # one light, two homes: only where it is plainly wrong
+                crosswise = now < np.inf and now > BEND_M * BEND_M and then < 0.3 * now
+            if crosswise:
                 clock[a, b] += step
                 if clock[a, b] >= PATIENCE_S:
                     clock[a, b] = 0.0

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
-from eol_ros.core.motion.slips import START, SlipDetector
-from eol_ros.core.motion.symmetry import Coincidence
 from eol_ros.core.vision.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING, Lattice
+from eol_ros.core.vision.identity import Identity
+from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.self_calibration import SelfCalibration, nominal
 from eol_ros.core.vision.watch import Watch
-from eol_ros.settings import MotionSettings, TrackerSettings
+from eol_ros.settings import TrackerSettings
 
 CALIBRATING, FAULT = 3, 4
 STATES = ('searching', 'tracking', 'lost', 'calibrating', 'fault')
@@ -60,19 +59,17 @@ class Tracker:
         self.settings = settings
         self.calibration = calibration
         self.finder = finder if finder is not None else BlobFinder(settings, calibration)
-        self.lattice = Lattice(settings.trust_start)
+        self.identity = Identity(settings.trust_start)
+        self.lattice = self.identity.lattice
         self.watch = Watch(calibration)
         self.visibility = np.zeros(N_BLOCKS, np.float32)
         self.last_s = -np.inf
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
         self.learning: SelfCalibration | None = None
-        self.coincidence = Coincidence()
-        self.onsets: SlipDetector | None = None  # while the turn of the lattice is in question
-        self.confirmed = False  # taps have agreed with the turn since the lattice was found
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
         """Take a knock of a block's accelerometer: it counts a fixed time after its stamp."""
-        self.coincidence.tap(stamp_s, block, sigma_s)
+        self.identity.tap(stamp_s, block, sigma_s)
 
     def side_px(self) -> float:
         """Return the side of a block in the middle of the last image, 0 when none was found."""
@@ -114,9 +111,8 @@ class Tracker:
         pose = self.calibration.poses_to_table(px, blobs['theta'], blobs['side_px'])
         scale = BLOCK_SIDE_M / np.maximum(blobs['side_px'], 1.0)
         sigma = blobs['sigma_px'] * scale
-        lattice.update(stamp_s, pose[:, :2], pose[:, 2], sigma)
+        self.identity.update(stamp_s, pose[:, :2], pose[:, 2], sigma)
         self.watch.rests(lattice.state == TRACKING and lattice.rests())
-        self._turn(stamp_s)
         seen = lattice.seen
         self.visibility = np.zeros(N_BLOCKS, np.float32)
         self.visibility[seen] = blobs['visibility'][lattice.index[seen]]
@@ -139,33 +135,6 @@ class Tracker:
         if found is not None:
             lattice.move(found.to_table(self.calibration.to_pixels(lattice.xy)))
             self.calibration, self.learning = found, None
-
-    def _turn(self, stamp_s: float) -> None:
-        """Settle by the blocks' taps which way round the lattice lies, while that is open."""
-        lattice = self.lattice
-        if lattice.state != TRACKING:
-            self.onsets, self.confirmed = None, False
-            return
-        wanted = lattice.ambiguous or (
-            not self.confirmed and self.coincidence.listening(stamp_s)
-        )
-        if not wanted:
-            self.onsets = None
-            self.coincidence.update(stamp_s)
-            return
-        if self.onsets is None:
-            self.onsets = SlipDetector(MotionSettings())
-            self.coincidence.forget()
-        x, y = lattice.xy.T
-        for event in self.onsets.update(stamp_s, x, y, lattice.seen, lattice.sigma):
-            if event.kind == START:
-                self.coincidence.onset(event.onset_s, event.block, event.onset_sigma_s)
-        self.coincidence.update(stamp_s)
-        quarters = self.coincidence.answer(known=not lattice.ambiguous)
-        if quarters is not None:
-            lattice.turn_ids(quarters)
-            self.confirmed, self.onsets = True, None
-            self.coincidence.forget()
 
     def _predicted(self, stamp_s: float) -> np.ndarray | None:
         """Where squares are expected, (k, 3) u, v, theta, for the finder."""

@@ -119,8 +119,10 @@ def test_hidden_block_is_carried_by_its_neighbours_and_trusted_less(settled):
         xy = np.delete(rest + [0.001 * (k + 1), 0], hidden, axis=0)
         settled.update(0.2 + k / 60, xy, np.zeros(24), np.full(24, 1e-4))
         assert not settled.seen[hidden]
-    assert np.allclose(settled.xy[hidden], rest[hidden] + [0.06, 0], atol=1e-3)
-    assert settled.sigma[hidden] > 0.01
+    # friction may hold it back as far as its springs allow, no further
+    behind = 0.06 - settled.xy[hidden, 0]
+    assert 0 <= behind < 0.015
+    assert 0.7 * behind < settled.sigma[hidden] < 0.03
     assert (settled.sigma[settled.seen] < 2e-4).all()
 
 

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol bench identity: who stays who under arms, false lights and darkness, against two usual ways.
+
+Simulated detections of a stick-slip table (eol_ros.bench.stick_slip). A failure lasts when labels
+stay wrong for 2 s; then the tracker is told the truth and goes on. It was declared when the
+tracker said that the turn of the lattice is open, or that the blocks are lost.
+"""
+
+import argparse
+import json
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from eol_ros.core.geometry import N_BLOCKS
+
+HELP = 'Identity failures per simulated hour, ours against nearest neighbour and Hungarian.'
+EXAMPLES = [
+    'eol bench identity --hours 0.5 --json',
+    'eol bench identity --fps 120 --rough 1.4 --permanent 3',
+    'eol bench identity --hours 10 --methods lattice --seed 7',
+]
+LASTING_S = 2.0
+METHODS = ('lattice', 'nearest', 'hungarian')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('--hours', type=float, default=0.25, help='simulated')
+    parser.add_argument('--fps', type=float, default=60.0)
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--rough', type=float, default=1.0, help='visitors; 1.4 is very rough')
+    parser.add_argument('--permanent', type=int, default=0, help='lamps that never go away')
+    parser.add_argument('--losses', type=float, default=30.0, help='times of darkness an hour')
+    parser.add_argument('--no-taps', action='store_true', help='accelerometers are silent')
+    parser.add_argument('--methods', default=','.join(METHODS))
+    parser.add_argument('--json', action='store_true')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, print."""
+    trackers = {name: _make(name) for name in args.methods.split(',')}
+    scores = measure(
+        trackers, args.hours, args.fps, args.seed, args.rough, args.permanent, args.losses,
+        not args.no_taps,
+    )  # fmt: skip
+    if args.json:
+        print(json.dumps(scores, indent=2))
+        return 0
+    keys = list(next(iter(scores.values())))
+    print(f'{"":34}' + ''.join(f'{name:>14}' for name in scores))
+    for key in keys:
+        print(f'{key:34}' + ''.join(f'{scores[name][key]:14.6g}' for name in scores))
+    return 0
+
+
+class Slots:
+    """The usual way: 25 slots, each follows the detection that is nearest, or cheapest in all.
+
+    Gates and memory are tuned on this simulator; `hungarian` predicts with constant velocity.
+    """
+
+    GATE_M = 0.06
+
+    def __init__(self, hungarian: bool):
+        self.hungarian = hungarian
+        self.ambiguous = False
+
+    def begin(self, xy: np.ndarray) -> None:
+        self.xy, self.velocity = xy.copy(), np.zeros_like(xy)
+        self.last_s = -1.0
+
+    def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
+        """A camera-only tracker hears nothing."""
+
+    def update(self, moment: Any, seen: Any) -> np.ndarray:
+        """Return the detection of each slot (25,), -1 for none."""
+        from scipy.optimize import linear_sum_assignment
+
+        expected = self.xy + self.velocity if self.hungarian else self.xy.copy()
+        index = np.full(N_BLOCKS, -1)
+        if len(seen.xy):
+            far = np.hypot(*(expected[:, None] - seen.xy[None]).transpose(2, 0, 1))
+            if self.hungarian:
+                rows, columns = linear_sum_assignment(np.minimum(far, self.GATE_M) ** 2)
+                near = far[rows, columns] < self.GATE_M
+                index[rows[near]] = columns[near]
+            else:
+                for k in np.argsort(far, axis=None):
+                    row, column = divmod(int(k), far.shape[1])
+                    if far[row, column] >= self.GATE_M:
+                        break
+                    if index[row] < 0 and not (index == column).any():
+                        index[row] = column
+        held = index >= 0
+        self.velocity *= 0.5  # coasts a little, then waits where it is
+        self.velocity[held] = seen.xy[index[held]] - self.xy[held]
+        self.xy = expected
+        self.xy[held] = seen.xy[index[held]]
+        return index
+
+
+class Ours:
+    """The tracker's own identity, fed with detections instead of images."""
+
+    def begin(self, xy: np.ndarray) -> None:
+        from eol_ros.core.vision.identity import Identity
+        from eol_ros.core.vision.lattice_solve import turn
+
+        self.identity = Identity()
+        lattice = self.identity.lattice
+        lattice.angle = float(turn(lattice.rest, xy, np.ones(N_BLOCKS, bool)))
+
+    @property
+    def ambiguous(self) -> bool:
+        lattice = self.identity.lattice
+        return bool(lattice.ambiguous or lattice.state != 1)
+
+    def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
+        self.identity.tap(stamp_s, block, sigma_s)
+
+    def update(self, moment: Any, seen: Any) -> np.ndarray:
+        """Return the detection of each block (25,), -1 for none."""
+        self.identity.update(moment.stamp_s, seen.xy, seen.yaw, seen.sigma)
+        lattice = self.identity.lattice
+        return lattice.index if lattice.state == 1 else np.full(N_BLOCKS, -1)
+
+
+def _make(name: str) -> Any:
+    return Ours() if name == 'lattice' else Slots(name == 'hungarian')
+
+
+class Score:
+    """What one tracker did."""
+
+    def __init__(self) -> None:
+        self.shown = self.missed = self.wrong = self.switches = self.hidden = self.ghosts = 0
+        self.lasting = self.undeclared = self.open_images = 0
+        self.last = np.full(N_BLOCKS, -1)
+        self.wrong_since = np.inf
+        self.spent = 0.0
+        self.switch_times: list[float] = []
+
+    def add(self, now: float, true: np.ndarray, index: np.ndarray, declared: bool) -> bool:
+        """Take one image: `true` names each detection. Return whether a failure has lasted."""
+        shown = true[true >= 0]
+        blocks = np.flatnonzero(index >= 0)
+        names = true[index[blocks]]
+        got = np.full(N_BLOCKS, -1)
+        got[names[names >= 0]] = blocks[names >= 0]
+        mine = got[shown]
+        bad = (mine >= 0) & (mine != shown)
+        changed = (mine >= 0) & (self.last[shown] >= 0) & (self.last[shown] != mine)
+        self.shown += shown.size
+        self.hidden += N_BLOCKS - shown.size
+        self.missed += int((mine < 0).sum())
+        self.wrong += int(bad.sum())
+        self.ghosts += int((names < 0).sum())
+        self.switches += int(changed.sum())
+        if changed.any():
+            self.switch_times.append(now)
+        self.open_images += declared
+        self.last[shown[mine >= 0]] = mine[mine >= 0]
+        if bad.any():
+            self.wrong_since = min(self.wrong_since, now)
+        elif shown.size:
+            self.wrong_since = np.inf
+        if now - self.wrong_since <= LASTING_S:
+            return False
+        self.lasting += 1
+        self.undeclared += not declared
+        self.wrong_since = np.inf
+        self.last[:] = -1
+        return True
+
+    def figures(self, hours: float, images: int) -> dict[str, float]:
+        return {
+            'switches_per_hour': self.switches / hours,
+            'mislabelled_percent': 100 * self.wrong / self.shown,
+            'missed_percent': 100 * self.missed / self.shown,
+            'lasting_failures_per_hour': self.lasting / hours,
+            'undeclared_per_hour': self.undeclared / hours,
+            'false_lights_taken_for_blocks': self.ghosts / max(self.hidden, 1),
+            'hidden_percent': 100 * self.hidden / (self.hidden + self.shown),
+            'turn_open_percent': 100 * self.open_images / images,
+            'us_per_image': 1e6 * self.spent / images,
+        }
+
+
+def measure(
+    trackers: dict[str, Any],
+    hours: float,
+    fps: float,
+    seed: int,
+    rough: float = 1.0,
+    permanent: int = 0,
+    losses_per_hour: float = 30.0,
+    taps: bool = True,
+    scores: dict[str, Score] | None = None,
+) -> dict[str, dict[str, float]]:
+    """Run all `trackers` over the same simulated hours and return their figures."""
+    from eol_ros.bench.stick_slip import Onlooker, Table
+
+    table = Table(seed, fps, rough)
+    onlooker = Onlooker(seed, permanent=permanent, losses_per_hour=losses_per_hour)
+    scores = scores if scores is not None else {}
+    scores.update({name: Score() for name in trackers})
+    images = round(hours * 3600 * fps)
+    for tracker in trackers.values():
+        tracker.begin(table.xy)
+    heard = 0
+    for k in range(images):
+        moment = table.step()
+        seen = onlooker.look(moment)
+        knocks = onlooker.listen(table.begun[heard:])
+        heard = len(table.begun)
+        for name, tracker in trackers.items():
+            if taps:
+                for stamp_s, block in knocks:
+                    tracker.tap(stamp_s, block, 0.008)
+            begun = time.perf_counter()
+            index = tracker.update(moment, seen)
+            score = scores[name]
+            score.spent += time.perf_counter() - begun
+            if score.add(moment.stamp_s, seen.true, index, tracker.ambiguous):
+                tracker.begin(moment.xy)
+        if images >= 10 and k % (images // 10) == 0 and k:
+            print(f'{100 * k // images} %', file=sys.stderr, flush=True)
+    return {name: score.figures(hours, images) for name, score in scores.items()}

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lattice and taps together: 25 names, and an answer to which way round the lattice lies."""
+
+import numpy as np
+
+from eol_ros.core.motion.slips import START, SlipDetector
+from eol_ros.core.motion.symmetry import Coincidence
+from eol_ros.core.vision.lattice import TRACKING, Lattice
+from eol_ros.settings import MotionSettings
+
+
+class Identity:
+    """The lattice, and what the blocks' accelerometers say about its turn.
+
+    Taps count a fixed time after their stamp, so that their arrival does not matter. Without taps
+    nothing here costs anything but while the turn is open.
+    """
+
+    def __init__(self, trust_start: bool = True):
+        self.lattice = Lattice(trust_start)
+        self.coincidence = Coincidence()
+        self.onsets: SlipDetector | None = None  # while the turn of the lattice is in question
+        self.confirmed = False  # taps have agreed with the turn since the lattice was found
+
+    def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
+        """Take a knock that the accelerometer of `block` felt."""
+        self.coincidence.tap(stamp_s, block, sigma_s)
+
+    def update(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray) -> None:
+        """Take the detections of one image; see Lattice.update."""
+        lattice = self.lattice
+        lattice.update(stamp_s, xy, yaw, sigma)
+        if lattice.state != TRACKING:
+            self.onsets, self.confirmed = None, False
+            self.coincidence.update(stamp_s)
+            return
+        asked = not self.confirmed and self.coincidence.listening(stamp_s)
+        if not (lattice.ambiguous or asked):
+            self.onsets = None
+            self.coincidence.update(stamp_s)
+            return
+        if self.onsets is None:
+            self.onsets = SlipDetector(MotionSettings())
+            self.coincidence.forget()
+        x, y = lattice.xy.T
+        for event in self.onsets.update(stamp_s, x, y, lattice.seen, lattice.sigma):
+            if event.kind == START:
+                self.coincidence.onset(event.onset_s, event.block, event.onset_sigma_s)
+        self.coincidence.update(stamp_s)
+        quarters = self.coincidence.answer(known=not lattice.ambiguous)
+        if quarters is not None:
+            lattice.turn_ids(quarters)
+            self.confirmed, self.onsets = True, None
+            self.coincidence.forget()
