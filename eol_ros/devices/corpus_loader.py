@@ -27,7 +27,8 @@ class CorpusLoader:
         self._outcome: Corpus | EolError | None = None
         self._child: subprocess.Popen | None = None
         self._thread: threading.Thread | None = None
-        self._seen: list[tuple[str, int]] | None = None
+        self._seen: tuple[Wish, list[tuple[str, int]]] | None = None
+        self._asked = 0
 
     def at_once(self, wish: Wish) -> Corpus | None:
         """Return the corpus without waiting, or None if it must be made first.
@@ -41,6 +42,7 @@ class CorpusLoader:
         """Begin to load; an older wish is given up."""
         with self._lock:
             self._wish, self._outcome = wish, None
+            self._asked += 1
             self._stop_child()
             if self._thread is None:
                 self._thread = threading.Thread(target=self._work, name='corpus', daemon=True)
@@ -49,9 +51,9 @@ class CorpusLoader:
     def changed(self, wish: Wish) -> bool:
         """Whether a file that the corpus is made of has changed since this was last asked."""
         sound, options, seed = wish
-        seen = corpus_file.times(sound, options, seed)
+        seen = (wish, corpus_file.times(sound, options, seed))
         before, self._seen = self._seen, seen
-        return before is not None and before != seen
+        return before is not None and before[0] == wish and before[1] != seen[1]
 
     def take(self) -> Corpus | EolError | None:
         """Return the corpus last asked for, or why it cannot be had, once; else None."""
@@ -62,7 +64,7 @@ class CorpusLoader:
     def close(self) -> None:
         """Give up whatever is being made."""
         with self._lock:
-            self._wish = None
+            self._wish, self._asked = None, self._asked + 1
             self._stop_child()
             thread = self._thread
         if thread is not None:
@@ -75,21 +77,21 @@ class CorpusLoader:
     def _work(self) -> None:
         while True:
             with self._lock:
-                wish = self._wish
+                wish, number = self._wish, self._asked
                 if wish is None:
                     self._thread = None
                     return
-            outcome = self._load(wish)
+            outcome = self._load(wish, number)
             with self._lock:
                 self._child = None
-                if wish is self._wish:
+                if number == self._asked:
                     self._wish, self._outcome = None, outcome
 
-    def _load(self, wish: Wish) -> Corpus | EolError:
+    def _load(self, wish: Wish, number: int) -> Corpus | EolError:
         def started(child: subprocess.Popen) -> None:
             with self._lock:
                 self._child = child
-                if wish is not self._wish:
+                if number != self._asked:
                     child.kill()
 
         try:

@@ -344,6 +344,9 @@ def test_the_newest_wish_wins(sound, tmp_path):
     assert len(wait(loader)) == 10
     assert loader.take() is None
     assert len(loader.at_once(wishes[2])) == 10
+    loader.ask(wishes[1])
+    loader.ask(wishes[1])  # the very same again
+    assert len(wait(loader)) == 20
     loader.ask((str(tmp_path / 'no.wav'), Options(), 0))
     assert isinstance(wait(loader), DeviceMissing)
     (tmp_path / 'bad.wav').write_text('no sound')
