@@ -28,6 +28,9 @@ stamp="$venv/.ready-$key-$extra"
 messages=$(cat msg_defs/eol_msgs/CMakeLists.txt msg_defs/eol_msgs/pyproject.toml \
     msg_defs/eol_msgs/package.xml msg_defs/eol_msgs/msg/*.msg | cksum | tr ' ' '-')
 message_stamp="$venv/.messages-$messages"
+if [ -z "$extra" ] && ls "$venv/.ready-$key-"* >/dev/null 2>&1; then
+    stamp=$(ls "$venv/.ready-$key-"* | head -n 1)  # what any extra has installed is enough
+fi
 [ -e "$stamp" ] && [ -e "$message_stamp" ] && exit 0
 
 if ! [ -x "$venv/bin/python" ]; then
