@@ -131,3 +131,30 @@ def _read_matrix(content: dict, name: str, shape: tuple[int, int], wrong: list[s
 
 def _first_line(error: Exception) -> str:
     return (getattr(error, 'problem', None) or str(error)).splitlines()[0]
+
+
+def load_lens(path: str | Path) -> tuple[int, int, np.ndarray, np.ndarray]:
+    """Return width, height, camera matrix (3, 3) and distortion (5,) of a camera_info file.
+
+    Raises:
+        DeviceMissing, ConfigError: as `load`.
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text())
+    except OSError as error:
+        raise DeviceMissing(f'{path}: cannot read the lens ({error.strerror})') from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f'{path}: not a YAML file: {_first_line(error)}') from None
+    wrong: list[str] = []
+    if not isinstance(content, dict):
+        raise ConfigError(f'{path}: holds {type(content).__name__}, not a camera_info')
+    size = [content.get(name) for name in _SIZE]
+    if not all(isinstance(value, int) and value >= 8 for value in size):
+        wrong.append(f'image size is {size[0]!r} x {size[1]!r}')
+    if content.get('distortion_model', 'plumb_bob') != 'plumb_bob':
+        wrong.append(f"distortion_model is {content['distortion_model']!r}, not plumb_bob")
+    camera = _read_matrix(content, 'camera_matrix', (3, 3), wrong)
+    lens = _read_matrix(content, 'distortion_coefficients', (1, 5), wrong)
+    if wrong or camera is None or lens is None:
+        raise ConfigError(f'{path}: ' + '; '.join(wrong))
+    return size[0], size[1], camera, lens[0]

@@ -34,9 +34,11 @@ class Board:
         """
         number = getattr(cv2.aruco, self.dictionary, None)
         if number is None:
-            raise ConfigError(f'{self.dictionary!r} is not an ArUco dictionary; DICT_4X4_100 is one')
+            raise ConfigError(f'{self.dictionary!r} is not an ArUco dictionary; '
+                              'DICT_4X4_100 is one')
         if not 0 < self.marker_m < self.square_m or min(self.columns, self.rows) < 3:
-            raise ConfigError('a board needs at least 3x3 squares, and markers smaller than squares')
+            raise ConfigError('a board needs at least 3x3 squares, and markers smaller than '
+                              'its squares')
         return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m,
                                       cv2.aruco.getPredefinedDictionary(number))
 
@@ -55,8 +57,10 @@ def find(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
 
 def from_board(images: list[np.ndarray], board: Board, cover_height_m: float = 0.0,
                focal_px: float | None = None) -> Solution:
-    """Calibrate on pictures of a board. In the first one it lies flat on the platform, its rows along
-    x, its centre at (x_m, y_m). With five or more others, held at all angles, the lens is solved too.
+    """Calibrate on pictures of a board.
+
+    In the first one it lies flat on the platform, its rows along x, its centre at (x_m, y_m). With
+    four or more others, held at all angles, the lens is solved too.
 
     Raises:
         ConfigError: the board is not seen in the first picture, or pictures of different size.
@@ -74,8 +78,8 @@ def from_board(images: list[np.ndarray], board: Board, cover_height_m: float = 0
             views.append((px, ids))
         elif number == 0:
             raise ConfigError(f'the first picture shows {len(ids)} corners of the board, '
-                              f'{_LEAST_CORNERS} are needed: lay it flat, light it evenly, and give '
-                              'its true --board sizes')
+                              f'{_LEAST_CORNERS} are needed: lay it flat, light it evenly, '
+                              'and give its true --board sizes')
     start = nominal(width, height, focal_px)
     if len(views) >= _LENS_VIEWS:
         flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3

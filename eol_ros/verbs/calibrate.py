@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol calibrate: from pictures of the table to the file that turns pixels into metres."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from eol_ros.errors import ConfigError, DeviceMissing, UsageError
+
+HELP = 'Calibrate the camera on the resting blocks, on known points, or on a ChArUco board.'
+EXAMPLES = [
+    'eol calibrate blocks still.png --out table.yaml --picture residual.png',
+    'eol calibrate blocks bags/2026-11-21 --lens camera_info.yaml --out table.yaml',
+    'eol calibrate points corners.csv --size 1280x800 --out table.yaml',
+    'eol calibrate board flat.png held1.png held2.png held3.png held4.png --out table.yaml',
+    'eol calibrate print board.png',
+]
+_VIEWS = 8  # pictures taken out of a long source
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('way', choices=['blocks', 'points', 'board', 'print'],
+                        help='what the camera sees; `print` writes a board to be printed')
+    parser.add_argument('sources', nargs='+', metavar='FILE',
+                        help='pictures, a film, a .npy stack, a folder or a bag; for `points` a '
+                             'CSV of u,v,x,y a line: pixels, then metres (x right, y away)')
+    parser.add_argument('--out', metavar='C.yaml', help='where the calibration goes')
+    parser.add_argument('--picture', metavar='P.png', help='picture of what is left unexplained')
+    parser.add_argument('--lens', metavar='YAML', help='camera_info file, whose lens is kept')
+    parser.add_argument('--focal', type=float, metavar='PX',
+                        help='focal length in px, where no --lens is known')
+    parser.add_argument('--cover-height', type=float, default=0.0, metavar='M',
+                        help='covers above the platform, in metres')
+    parser.add_argument('--size', metavar='WxH', help='image size, for points without --lens')
+    parser.add_argument('--board', default='11x8', metavar='CxR', help='squares of the board')
+    parser.add_argument('--square', type=float, default=0.06, metavar='M', help='side of a square')
+    parser.add_argument('--marker', type=float, default=0.045, metavar='M', help='side of a marker')
+    parser.add_argument('--dictionary', default='DICT_4X4_100', help='of the markers')
+    parser.add_argument('--at', type=float, nargs=2, default=(0.0, 0.0), metavar=('X', 'Y'),
+                        help="the board's centre on the table in the first picture, in metres")
+    parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
+
+
+def run(args) -> int:
+    """Solve, tell, and write what is good."""
+    if args.way == 'print':
+        return _print(args)
+    image = None
+    if args.way == 'points':
+        solution = _points(args)
+    else:
+        images = _images(args.sources)
+        image = images[0]
+        solution = (_blocks if args.way == 'blocks' else _board)(args, images)
+    solution = replace(solution, calibration=replace(solution.calibration, date=_today()))
+    _tell(args, solution)
+    if args.picture:
+        from eol_ros.devices import calibration_picture
+
+        calibration_picture.save(args.picture, solution, image)
+    refusal = solution.refusal()
+    if refusal:
+        raise ConfigError(f'calibration refused: {refusal}')
+    if args.out:
+        from eol_ros.devices import calibration_file
+
+        calibration_file.save(args.out, solution.calibration)
+        print(f'written to {args.out}', file=sys.stderr)
+    return 0
+
+
+def _blocks(args, images):
+    from eol_ros.core.vision.blobs import BlobFinder
+    from eol_ros.core.vision.calibrate import from_blocks, name_blocks
+    from eol_ros.core.vision.corners import corners
+    from eol_ros.verbs.progress import track
+
+    views, reason = [], ''
+    for image in track(images, 'finding blocks'):
+        blobs = BlobFinder().find(image)
+        try:
+            views.append((name_blocks(blobs), corners(image, blobs)))
+        except ConfigError as error:
+            reason = str(error)
+    if not views:
+        raise ConfigError(f'no picture shows all blocks at rest: {reason}')
+    return from_blocks(views, _start(args, images[0].shape), args.cover_height,
+                       lens=not args.lens)
+
+
+def _board(args, images):
+    from eol_ros.core.vision.calibrate_board import from_board
+
+    return from_board(images, _board_of(args), args.cover_height, args.focal)
+
+
+def _board_of(args):
+    from eol_ros.core.vision.calibrate_board import Board
+
+    columns, rows = _pair(args.board, '--board')
+    return Board(columns, rows, args.square, args.marker, args.dictionary, *args.at)
+
+
+def _print(args) -> int:
+    import cv2
+
+    if not cv2.imwrite(args.sources[0], _board_of(args).picture()):
+        raise DeviceMissing(f'{args.sources[0]}: cannot write the board; name a .png')
+    print(f'print it so that one square is {args.square * 1e3:g} mm wide', file=sys.stderr)
+    return 0
+
+
+def _points(args):
+    from eol_ros.core.vision.calibrate import from_points
+
+    path = args.sources[0]
+    try:
+        rows = np.loadtxt(path, delimiter=',', comments='#', ndmin=2)
+    except OSError:
+        raise DeviceMissing(f'{path}: there is no such file') from None
+    except ValueError as error:
+        raise ConfigError(f'{path}: not numbers u,v,x,y: {error}') from None
+    if rows.shape[1] != 4:
+        raise ConfigError(f'{path}: has {rows.shape[1]} columns; each line is u,v,x,y')
+    if not args.lens and not args.size:
+        raise UsageError('points need the image size: --size 1280x800 or --lens camera_info.yaml')
+    shape = _pair(args.size, '--size')[::-1] if args.size else None
+    return from_points(rows[:, :2], rows[:, 2:], _start(args, shape), args.cover_height)
+
+
+def _start(args, shape):
+    """Return a calibration of that image size with what is known of the lens."""
+    from eol_ros.core.vision.calibrate import nominal
+    from eol_ros.devices.calibration_file import load_lens
+
+    if not args.lens:
+        return nominal(shape[1], shape[0], args.focal)
+    width, height, camera, lens = load_lens(args.lens)
+    if shape is not None and shape != (height, width):
+        raise ConfigError(f'{args.lens}: is for images of {width}x{height}, these are '
+                          f'{shape[1]}x{shape[0]}: use the lens of this camera at this size')
+    return replace(nominal(width, height), camera_matrix=camera, distortion_coefficients=lens)
+
+
+def _images(sources) -> list[np.ndarray]:
+    """Return up to _VIEWS grey images out of all sources, evenly spread."""
+    import cv2
+
+    from eol_ros.devices.image_source import PICTURES, open_source
+
+    images: list[np.ndarray] = []
+    for path in sources:
+        if Path(path).suffix.lower() in PICTURES:
+            if not Path(path).exists():
+                raise DeviceMissing(f'{path}: there is no such file')
+            image = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+            if image is None:
+                raise ConfigError(f'{path}: not a picture that can be read')
+            images.append(image)
+            continue
+        source = open_source(path)
+        every = max(source.count // _VIEWS, 1)
+        images += [image.copy() for k, (_, image) in enumerate(source.read())
+                   if k % every == 0][:_VIEWS]
+    if not images:
+        raise ConfigError('no image in ' + ', '.join(sources))
+    if len({image.shape for image in images}) > 1:
+        raise ConfigError('the pictures differ in size: use pictures of one camera')
+    return images
+
+
+def _pair(text, name) -> tuple[int, int]:
+    parts = text.lower().split('x')
+    if len(parts) != 2 or not all(p.isdigit() and int(p) > 2 for p in parts):
+        raise UsageError(f'{name} {text}: two numbers like 1280x800 are needed')
+    return int(parts[0]), int(parts[1])
+
+
+def _today() -> str:
+    import datetime
+
+    return datetime.date.today().isoformat()
+
+
+def _tell(args, solution) -> None:
+    """Residuals to stdout as JSON, or to a person as a few lines."""
+    done = solution.calibration
+    each = solution.by_name()
+    if args.json:
+        print(json.dumps({
+            'residual_px': done.residual_px, 'residual_mm': done.residual_mm,
+            'refused': solution.refusal(), 'points': len(solution.px),
+            'corner_sigma_mm': [None if np.isnan(s) else float(s) for s in solution.corner_mm],
+            'each': {name: {'px': px, 'mm': mm} for name, (px, mm) in each.items()}}))
+        return
+    print(f'residual {done.residual_px:.3f} px = {done.residual_mm:.3f} mm RMS per axis, '
+          f'{len(solution.px)} points')
+    worst = sorted(each.items(), key=lambda item: -item[1][0])[:5]
+    print('worst: ' + ', '.join(f'{n} {px:.3f} px {mm:.3f} mm' for n, (px, mm) in worst))
+    if np.isfinite(solution.corner_mm).any():
+        print("platform's corners known to "
+              + ', '.join(f'{s:.2f}' for s in solution.corner_mm) + ' mm')
+    else:
+        print("four points fit any table: give more to know how far this can be trusted")
