@@ -81,7 +81,7 @@ class TrackerSettings:
 @dataclass(frozen=True)
 class MotionSettings:
     stop_mps: float = setting(0.001, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
-    stop_s: float = setting(0.08, 'time over which that speed is measured', 's', 0.05, 0.25)
+    stop_s: float = setting(0.1, 'time over which that speed is measured', 's', 0.05, 0.25)
     anchor_s: float = setting(0.2, 'rest before a start is compared with', 's', 0.05, 0.25)
     false_alarms_per_hour: float = setting(
         1.0, 'starts that noise may cause, all blocks together', '1/h', 1e-3, 1e5, live=True

@@ -7,6 +7,7 @@ import threading
 
 import cv2
 import numpy as np
+from eol_msgs.msg import BlockTap
 from sensor_msgs.msg import CompressedImage
 
 from eol_ros.core.geometry import N_BLOCKS
@@ -16,7 +17,7 @@ from eol_ros.ros.blocks import RECORD, pack_blocks
 from eol_ros.ros.images import image_from_cdr
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
-from eol_ros.ros.stamps import to_msg
+from eol_ros.ros.stamps import to_msg, to_ns
 
 
 class TrackerNode(EolNode):
@@ -35,7 +36,11 @@ class TrackerNode(EolNode):
         self.painter = threading.Thread(target=self._paint, daemon=True)
         self.painter.start()
         self.health.expects('images')
+        self.subscribe('block_taps', self.on_tap)
         self.subscribe('camera/image_raw', self.on_image, raw=True)
+
+    def on_tap(self, tap: BlockTap) -> None:
+        self.tracker.tap(to_ns(tap.header.stamp) * 1e-9, tap.block, tap.sigma)
 
     def on_image(self, raw: bytes) -> None:
         try:

@@ -11,11 +11,11 @@ times closer.
 import numpy as np
 
 ACCELERATION_MPS2 = 2.5  # what Coulomb friction gives: (mu_s - mu_k) g
-ACCELERATION_SPREAD = 2.0  # m/s^2, standard deviation of that guess
-# The springs relax as the block goes: a cos(w t) with w^2 = stiffness / mass, between a block whose
-# neighbours go along (0) and one held by four springs (640 1/s^2). The path departs from a parabola
-# by the share (w t)^2 / 12 of itself.
-RELAX_PER_S2 = 320.0
+ACCELERATION_SPREAD = 1.0  # m/s^2, standard deviation of that guess
+# Springs relax as the block goes, or pull harder as the rim and its fellows go on: the path departs
+# from a parabola by a share of itself that grows with time.
+GROWTH_PER_S = 3.0
+DOUBT_PER_S = 5.0
 GRID = 64
 
 
@@ -44,10 +44,9 @@ def _belief(
     t0: np.ndarray, times_s: np.ndarray, path_m: np.ndarray, sigma_m: float
 ) -> np.ndarray:
     """Posterior of the onset on the grid `t0`, the acceleration integrated out; sums to 1."""
-    square = np.maximum(times_s[None, :] - t0[:, None], 0.0) ** 2
-    share = np.minimum(RELAX_PER_S2 * square / 12.0, 0.5)
-    shape = 0.5 * square * (1.0 - share)
-    error = sigma_m**2 + (0.6 * share * path_m) ** 2  # the stiffness itself is a guess
+    since = np.maximum(times_s[None, :] - t0[:, None], 0.0)
+    shape = 0.5 * since**2 * (1.0 + GROWTH_PER_S * since)
+    error = sigma_m**2 + (DOUBT_PER_S * since * path_m) ** 2
     weight = 1.0 / error
     prior = 1.0 / ACCELERATION_SPREAD**2
     information = (shape**2 * weight).sum(1) + prior

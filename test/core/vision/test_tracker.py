@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+import dataclasses
+
+import numpy as np
+import pytest
+
+from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING
+from eol_ros.core.vision.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.tracker import CALIBRATING, FAULT, Tracker
+from eol_ros.settings import TrackerSettings
+
+pytestmark = pytest.mark.slow
+
+
+def turned(xy, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return xy @ np.array([[c, s], [-s, c]])
+
+
+@pytest.fixture(scope='module')
+def stills():
+    """70 images of a table at rest, each with its own noise."""
+    renderer = Renderer(RenderOptions(), Calibration.ideal(), 2)
+    x, y = rest_lattice().T
+    return [renderer.render(x, y, np.zeros(25), k).copy() for k in range(70)]
+
+
+@pytest.fixture
+def tracker():
+    return Tracker(TrackerSettings(), Calibration.ideal())
+
+
+def feed(tracker, images, start=0):
+    return [tracker.update((start + k) / 60, image) for k, image in enumerate(images)]
+
+
+def test_first_image_is_enough(tracker, stills):
+    tracked = tracker.update(0.0, stills[0])
+    assert tracked.state == TRACKING
+    assert tracked.seen.all()
+    assert np.allclose(tracked.world, rest_lattice(), atol=5e-5)
+    assert np.allclose(tracked.px, Calibration.ideal().to_pixels(rest_lattice()), atol=0.03)
+    assert np.allclose(tracked.yaw, 0, atol=2e-3)
+    assert (tracked.sigma_m < 1e-4).all()
+    assert (tracked.visibility > 0.9).all()
+
+
+def test_follows_a_turning_and_moving_table(tracker):
+    renderer = Renderer(RenderOptions(), Calibration.ideal(), 2)
+    for k in range(60):
+        angle = 0.02 * k
+        xy = turned(rest_lattice(), angle) + [0.002 * k, 0]
+        tracked = tracker.update(k / 60, renderer.render(*xy.T, np.full(25, angle), k))
+        assert tracked.seen.all()
+        assert np.allclose(tracked.world, xy, atol=2e-4)
+        assert np.allclose(tracked.yaw, angle, atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ('image', 'words'),
+    [
+        (np.zeros((800, 1280), np.uint8), 'black'),
+        (np.full((800, 1280), 255, np.uint8), 'white'),
+        (np.zeros((480, 640), np.uint8), '640x480'),
+        (np.zeros((800, 1280, 3), np.uint8), 'grey'),
+        (np.zeros((800, 1280), np.uint16), 'uint16'),
+    ],
+)
+def test_an_unusable_image_is_a_fault_in_one_line_and_no_pose(tracker, stills, image, words):
+    feed(tracker, stills[:3])
+    tracked = tracker.update(0.1, image)
+    assert tracked.state == FAULT
+    assert words in tracked.why
+    assert '\n' not in tracked.why
+    assert not tracked.seen.any()
+    assert np.isnan(tracked.world).all()
+    assert np.isnan(tracked.px).all()
+    back = tracker.update(0.12, stills[4])
+    assert back.state == TRACKING
+    assert back.seen.all()
+    assert np.allclose(back.world, rest_lattice(), atol=1e-4)
+
+
+def test_noise_without_blocks_is_no_lattice(tracker):
+    random = np.random.default_rng(0)
+    for k in range(5):
+        noise = np.clip(random.normal(14, 3, (800, 1280)), 0, 255).astype(np.uint8)
+        tracked = tracker.update(k / 60, noise)
+        assert tracked.state == SEARCHING
+        assert not tracked.seen.any()
+        assert np.isnan(tracked.world).all()
+
+
+def test_a_frozen_image_is_a_fault_but_a_still_table_is_not(tracker, stills):
+    live = feed(tracker, stills)
+    assert {t.state for t in live} == {TRACKING}
+    frozen = feed(tracker, [stills[-1]] * 60, 70)
+    assert frozen[5].state == TRACKING
+    assert frozen[-1].state == FAULT
+    assert 'frozen' in frozen[-1].why
+    assert tracker.update(130 / 60 + 0.1, stills[0]).state in (TRACKING, LOST)
+
+
+def test_a_picture_without_noise_may_stand_still(tracker, stills):
+    assert {t.state for t in feed(tracker, [stills[0]] * 120)} == {TRACKING}
+
+
+def test_stamps_that_stop_jump_and_run_backwards(tracker, stills):
+    stamps = [0, 1 / 60, 1 / 60, 1 / 60, 100.0, 100.02, 3.0, 3.02, -7.0, 1e9, 1e9]
+    for k, stamp in enumerate(stamps):
+        tracked = tracker.update(stamp, stills[k])
+        assert tracked.state == TRACKING
+        assert tracked.seen.all()
+        assert np.allclose(tracked.world, rest_lattice(), atol=1e-4)
+
+
+@pytest.mark.parametrize('scale', [0.4, 2.5])
+def test_a_calibration_of_another_camera_gives_no_pose(stills, scale):
+    ideal = Calibration.ideal()
+    other = dataclasses.replace(
+        ideal, homography=ideal.homography @ np.diag([1 / scale, 1 / scale, 1])
+    )
+    for tracked in feed(Tracker(TrackerSettings(), other), stills[:5]):
+        assert tracked.state != TRACKING
+        assert not tracked.seen.any()
+        assert tracked.why
+
+
+def test_without_calibration_pixels_come_at_once_and_metres_after_rest(stills):
+    tracker = Tracker(TrackerSettings(), None)
+    answers = feed(tracker, stills)
+    assert answers[0].state == CALIBRATING
+    assert answers[0].seen.all()
+    assert np.isnan(answers[0].world).all()
+    assert answers[-1].state == TRACKING
+    assert np.allclose(answers[-1].world, rest_lattice(), atol=1e-4)
+    for tracked in answers:
+        assert np.allclose(tracked.px, Calibration.ideal().to_pixels(rest_lattice()), atol=0.03)
+
+
+def test_blocks_that_rest_off_their_lattice_are_no_measure():
+    xy = rest_lattice()
+    xy[[3, 8, 11, 20]] += [[0.04, 0], [0.03, 0.02], [-0.03, 0.02], [0.02, 0.04]]
+    renderer = Renderer(RenderOptions(), Calibration.ideal(), 2)
+    tracker = Tracker(TrackerSettings(), None)
+    images = [renderer.render(*xy.T, np.zeros(25), k).copy() for k in range(45)]
+    last = feed(tracker, images)[-1]
+    assert last.state == CALIBRATING
+    assert 'off their lattice' in last.why
+    assert np.isnan(last.world).all()
+
+
+def test_darkness_then_light_says_that_the_turn_is_open(tracker, stills):
+    feed(tracker, stills[:3])
+    random = np.random.default_rng(1)
+    dark = np.clip(random.normal(14, 2, (800, 1280)), 0, 255).astype(np.uint8)
+    lost = feed(tracker, [dark] * 90, 3)[-1]
+    assert lost.state == LOST
+    assert not lost.seen.any()
+    again = feed(tracker, stills[:6], 93)[-1]
+    assert again.state == TRACKING
+    assert again.symmetry_ambiguous
+    assert np.allclose(again.world, rest_lattice(), atol=1e-4)
+
+
+def test_same_images_same_answer_to_the_bit(stills):
+    def run():
+        tracker = Tracker(TrackerSettings(), Calibration.ideal())
+        tracker.warm_up()
+        answers = feed(tracker, stills[:20])
+        return b''.join(
+            a.tobytes() for t in answers for a in (t.world, t.px, t.yaw, t.sigma_m, t.visibility)
+        )
+
+    assert run() == run()
