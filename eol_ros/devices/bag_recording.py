@@ -6,6 +6,7 @@ dropped and counted; when it is full or gone, recording pauses, says so, and beg
 it can. Nothing is ever deleted.
 """
 
+import atexit
 import json
 import os
 import re
@@ -79,7 +80,8 @@ class Recording:
         self._open()
         self._repairer = threading.Thread(target=self._repair, name='bag-repair', daemon=True)
         self._repairer.start()
-        self._thread = threading.Thread(target=self._run, name='bag-writer')
+        self._thread = threading.Thread(target=self._run, name='bag-writer', daemon=True)
+        atexit.register(self.close)  # whoever forgets to close still gets a whole bag
         self._thread.start()
 
     def take(self, item: Item) -> None:
@@ -99,7 +101,8 @@ class Recording:
             self._ready.notify()
 
     def close(self) -> None:
-        """Write what is queued, finish the file, end the threads."""
+        """Write what is queued, finish the file, end the thread; a second call does nothing."""
+        atexit.unregister(self.close)
         with self._ready:
             self._closing = True
             self._ready.notify()

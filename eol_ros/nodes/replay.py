@@ -41,7 +41,7 @@ class ReplayNode(EolNode):
         for line in self.bag.cut_short:
             self.get_logger().warning(line)
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._play, name='replay')
+        self._thread = threading.Thread(target=self._play, name='replay', daemon=True)
         self._thread.start()
         self.create_timer(1.0, self.tell)
 

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures through the real nodes into a bag; the bag's pictures give the bag's results again."""
+
+import time
+
+import numpy as np
+import pytest
+
+from eol_ros.analysis.bag import open_bag
+from eol_ros.analysis.retrack import images, retrack
+from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.vision.calibration import Calibration
+from eol_ros.errors import ConfigError
+
+STEP_NS = 16_666_667
+T0 = 1_700_000_000_000_000_000
+
+
+def scene_of_blocks(count=150):
+    """Yield (25, 2) positions in m and (25,) yaws: at rest, then three blocks slip, then rest."""
+    at = rest_lattice().astype(float)
+    yaw = np.zeros(25)
+    for i in range(count):
+        if 80 <= i < 88:
+            at[12] += [0.0015, 0.0006]
+        if 84 <= i < 96:
+            at[13] += [0.0012, 0.0]
+            yaw[13] += 0.004
+        if 90 <= i < 95:
+            at[7] -= [0.0, 0.002]
+        yield at.copy(), yaw.copy()
+
+
+@pytest.fixture(scope='module')
+def run(tmp_path_factory):
+    """A bag of 150 pictures and all that tracker, motion and grains made of them."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
+    from eol_ros.core.vision.renderer import Renderer
+    from eol_ros.nodes.grains import GrainsNode
+    from eol_ros.nodes.motion import MotionNode
+    from eol_ros.nodes.recorder import RecorderNode
+    from eol_ros.nodes.tracker import TrackerNode
+    from eol_ros.ros.images import ImagePublisher
+    from eol_ros.ros.node import EolNode
+    from eol_ros.scene import Scene
+    from eol_ros.settings import NODES, MontageSettings, RecorderSettings
+
+    class Camera(EolNode):
+        NAME = 'montage'
+
+    root = tmp_path_factory.mktemp('bags')
+    rclpy.init()
+    names = ('tracker', 'motion', 'grains', 'recorder')
+    scene = Scene('test', {n: NODES[n]() for n in names})
+    recorder = RecorderNode(
+        RecorderSettings(folder=str(root), images='all', min_free_gb=0.0), scene=scene
+    )
+    nodes = [recorder]
+    for kind in (GrainsNode, MotionNode, TrackerNode):
+        nodes.append(kind(scene.settings(kind.NAME), scene=scene))
+    camera = Camera(MontageSettings())
+    publisher = ImagePublisher(camera, 'camera/image_raw')
+    executor = SingleThreadedExecutor()
+    for node in (*nodes, camera):
+        executor.add_node(node)
+
+    def spin(until, seconds=60.0):
+        end = time.monotonic() + seconds
+        while not until() and time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.02)
+        assert until()
+
+    try:
+        grains, motion, tracker = nodes[1:]
+        spin(lambda: publisher.subscribers() == 2
+             and tracker.blocks.get_subscription_count() == 3
+             and motion.slips.get_subscription_count() >= 1
+             and grains.triggers.get_subscription_count() >= 1
+             and grains.corpus is not None)
+        renderer = Renderer(calibration=Calibration.ideal(), seed=5)
+        for i, (at, yaw) in enumerate(scene_of_blocks()):
+            picture = renderer.render(at[:, 0], at[:, 1], yaw, i)
+            publisher.publish(T0 + i * STEP_NS, picture)
+            spin(lambda i=i: recorder.recording.received['/eol/blocks'] == i + 1)
+        end = time.monotonic() + 0.3
+        spin(lambda: time.monotonic() > end)
+    finally:
+        for node in nodes:
+            node.close()
+        for node in (*nodes, camera):
+            node.destroy_node()
+        executor.shutdown(timeout_sec=1.0)
+        rclpy.try_shutdown()
+    return open_bag(root)
+
+
+@pytest.mark.slow
+def test_pictures_give_the_recorded_results_to_the_last_bit(run):
+    result = retrack(run)
+    assert result.notes == []
+    assert set(result.topics) == {'blocks', 'slips', 'cascades', 'grain_triggers'}
+    for check in result.topics.values():
+        assert check.equal, check
+    assert result.topics['blocks'].recorded == 150
+    assert result.topics['slips'].recorded == 6
+    assert result.topics['cascades'].recorded >= 1
+    assert result.topics['grain_triggers'].recorded >= 1
+    assert result.equal
+
+
+@pytest.mark.slow
+def test_a_result_that_was_tampered_with_is_found(run, monkeypatch):
+    table = run.table
+
+    def tampered(topic, *span):
+        rows = table(topic, *span)
+        if topic == 'slips':
+            rows['x'][3] = np.nextafter(rows['x'][3], 9.0)
+        return rows
+
+    monkeypatch.setattr(run, 'table', tampered)
+    result = retrack(run)
+    assert not result.equal
+    assert result.topics['slips'].different == 1
+    assert result.topics['slips'].first.startswith('number 3: x ')
+
+
+@pytest.mark.slow
+def test_the_pictures_are_those_that_were_sent(run):
+    from eol_ros.core.vision.renderer import Renderer
+
+    renderer = Renderer(calibration=Calibration.ideal(), seed=5)
+    for i, ((stamp_ns, image), (at, yaw)) in enumerate(
+        zip(images(run), scene_of_blocks(5), strict=False)
+    ):
+        assert stamp_ns == T0 + i * STEP_NS
+        assert np.array_equal(image, renderer.render(at[:, 0], at[:, 1], yaw, i))
+
+
+def test_a_bag_without_blocks_is_said(tmp_path):
+    from eol_ros.devices.bag_file import BagTopic
+    from eol_ros.devices.bag_writer import BagWriter
+
+    BagWriter(tmp_path / 'run', [BagTopic('/eol/blocks', 'x/msg/X', 'uint8 a\n')], {}).close()
+    with pytest.raises(ConfigError, match='no blocks in it'):
+        retrack(open_bag(tmp_path))
