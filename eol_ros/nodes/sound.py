@@ -16,6 +16,7 @@ from eol_ros.ros.run import runner
 from eol_ros.ros.sound import corpus_grains, meter_message, samples_message, trigger_row
 from eol_ros.ros.stamps import NS, now_ns
 
+COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
 FADES = {'mute': 0.0, 'sleep': 0.0, 'unmute': 1.0, 'wake': 1.0}
 
 
@@ -32,13 +33,11 @@ class SoundNode(EolNode):
         )
         self.on_settings(s)
         self.meter, self.loader, self.bank = Meter(self.mixer), BankLoader(s.sample_rate), None
-        wav = s.wav or Path(self.scene.settings('recorder').folder) / time.strftime(
-            'sound-%Y%m%d-%H%M%S.wav'
-        )
+        folder = Path(self.scene.settings('recorder').folder)
+        wav = s.wav or folder / time.strftime('sound-%Y%m%d-%H%M%S.wav')
         self.player = Player(self.mixer, s.device, s.block_size, wav, s.wav_limit_s, s.fade_in_s)
         self.meters, self.samples = self.publisher('sound_meter'), self.publisher('sound_samples')
-        self.sent = 0
-        self.unheard = 0
+        self.sent = self.unheard = 0
         self.trouble = 'waiting for the corpus'
         self.create_timer(1 / s.meter_hz, self.on_timer)
         self.subscribe('corpus', self.on_corpus)
@@ -93,7 +92,7 @@ class SoundNode(EolNode):
             voices=reading.voices, load=round(reading.load, 3),
             peak_dbfs=round(reading.peak_dbfs, 1),
             unheard=self.unheard, losses=player.losses, relocks=int(state['clock_locks']),
-            **{k: int(state[k]) for k in ('triggers', 'underruns', 'late', 'dropped', 'stolen')},
+            **{k: int(state[k]) for k in COUNTERS},
         )
         text = '; '.join(t for t in (player.text, self.trouble) if t)
         level = 'warn' if self.trouble and player.level == 'ok' else player.level

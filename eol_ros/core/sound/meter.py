@@ -28,7 +28,7 @@ class Spectrum:
     """Levels in bands of equal width in pitch, from one Hann-windowed transform."""
 
     def __init__(self, sample_rate: float, bands: int = BANDS):
-        self._window = np.hanning(FFT + 1)[:-1]
+        self._window = np.hanning(FFT + 1)[:-1].astype(np.float32)
         top = min(HIGH_HZ, sample_rate / 2)
         self.edges_hz = np.geomspace(LOW_HZ, top, bands + 1)
         self.centres_hz = np.sqrt(self.edges_hz[:-1] * self.edges_hz[1:])
@@ -46,11 +46,11 @@ class Spectrum:
         A full-scale sine reads about 0 dB in its band (the Hann window's scatter of 1.5 bins summed
         back), silence reads -120 dB.
         """
-        piece = np.zeros(FFT)
+        piece = np.zeros(FFT, np.float32)
         newest = mono[-FFT:]
         piece[FFT - len(newest) :] = newest
         power = np.abs(np.fft.rfft(piece * self._window)) ** 2
-        power *= 4 / (self._window.sum() ** 2) / 1.5
+        power *= 4 / (FFT / 2) ** 2 / 1.5
         total = np.concatenate([[0.0], np.cumsum(power)])
         first, last = np.minimum(self._first, len(power)), np.minimum(self._last, len(power))
         band = total[last] - total[first]
@@ -94,7 +94,8 @@ class Meter:
         last = mixer.recent(int(mixer.sample_rate))
         new = last[-max(1, frame - self._frame) :]
         self._frame = frame
-        loudest = last[:, np.argmax(np.abs(last).max(axis=0))]  # a sum could cancel
+        columns = [np.ascontiguousarray(column) for column in last.T]
+        loudest = max(columns, key=lambda c: max(-c.min(), c.max()))  # a sum could cancel
         wave_min, wave_max = waveform(loudest)
         limiter = float(s['limiter_least'][0])
         s['limiter_least'] = 1.0

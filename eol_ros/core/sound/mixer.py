@@ -299,6 +299,8 @@ class Mixer:
         self.memory.weights[:] = k_weighting(sample_rate)[:, [0, 1, 2, 4, 5]].ravel()
         self.set(cubic=cubic, gain_db=gain_db, loudness_lufs=loudness_lufs, governor_db=governor_db)
         s['gain'] = s['gain_wish']
+        publish(s, 0)  # whatever is compiled is so before it is needed
+        self.render(0)
 
     @property
     def look_ahead(self) -> int:
@@ -329,13 +331,16 @@ class Mixer:
         """Return the newest `frames` of the output, (frames, channels) f4; zeros before."""
         s = self.state
         past = self.memory.past
-        end = int(s['frame'][0])
         frames = min(frames, len(past) * 3 // 4)  # the rest may be overwritten meanwhile
-        return past[np.arange(end - frames, end) % len(past)]
+        end = int(s['frame'][0]) % len(past)
+        if frames <= end:
+            return past[end - frames : end].copy()
+        return np.concatenate([past[end - frames :], past[:end]])
 
     def time_of(self, frame: int) -> float:
         """Return when `frame` sounds, on the engine's time axis, seconds."""
-        return float(clock.time_of(self.state[0], frame))
+        s = self.state[0]
+        return float(s['clock_time'] + (frame - s['clock_frame']) * s['clock_period'])
 
     def push(self, rows: np.ndarray) -> int:
         """Put voices (n,) VOICE into the ring; return how many fitted. The rest is dropped."""

@@ -11,18 +11,14 @@ from eol_ros.core.sound.mixer_layout import RING
 FEED = RING // 16  # what the mixer takes in one call
 
 
-def play(
-    mixer: Mixer, triggers: np.ndarray, bank: Bank, frames: int, block_size: int = 512
-) -> Iterator[np.ndarray]:
+def play(mixer: Mixer, rows: np.ndarray, frames: int, block_size: int = 512) -> Iterator:
     """Yield `frames` frames in blocks (block_size, channels) f4; the last may be shorter.
 
-    `triggers` (n,) TRIGGER count their time from the first frame; one at t sounds from frame
+    `rows` (n,) VOICE count their time from the first frame; one at t sounds from frame
     round(t * sample_rate) on, exactly. The mixer must be new: its limiter's delay is run in before
     the first frame, so that a live stream and a file have the same samples at the same times.
     """
-    rows = voice_rows(triggers, bank, mixer.channels)
     rows = rows[np.argsort(rows['time_s'], kind='stable')]
-    mixer.state['dropped'] += len(triggers) - len(rows)
     due = np.floor(rows['time_s'] * mixer.sample_rate + 0.5) - mixer.look_ahead
     mixer.state['frame'] = -mixer.look_ahead
     fed, done = 0, -mixer.look_ahead
@@ -41,14 +37,11 @@ def play(
         done = end
 
 
-def render_all(mixer: Mixer, triggers: np.ndarray, bank: Bank, frames: int, block_size: int = 512):
-    """Return what `play` yields as one array, (frames, channels) f4."""
-    blocks = list(play(mixer, triggers, bank, frames, block_size))
+def render_all(
+    mixer: Mixer, triggers: np.ndarray, bank: Bank, frames: int, block_size: int = 512
+) -> np.ndarray:
+    """Return (frames, channels) f4 of `triggers` (n,) TRIGGER; those refused count as dropped."""
+    rows = voice_rows(triggers, bank, mixer.channels)
+    mixer.state['dropped'] += len(triggers) - len(rows)
+    blocks = list(play(mixer, rows, frames, block_size))
     return np.concatenate(blocks) if blocks else np.zeros((0, mixer.channels), np.float32)
-
-
-def duration_s(triggers: np.ndarray, bank: Bank, channels: int = 2) -> float:
-    """Return when the last grain has ended, seconds."""
-    rows = voice_rows(triggers, bank, channels)
-    ends = rows['time_s'] + rows['length'] / bank.sample_rate
-    return float(ends.max()) if len(rows) else 0.0

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol render: triggers to a sound file, the samples that a live run gives for them."""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+from eol_ros.errors import ConfigError, UsageError
+
+HELP = 'Play the grain triggers of a bag or a CSV into a sound file, faster than real time.'
+EXAMPLES = [
+    'eol render bags/2026-11-21 --out afternoon.wav',
+    'eol render triggers.csv --corpus corpus.json --out x.flac --json',
+    'eol render bags --corpus other.json --out other.wav --scene config/museum.yaml',
+]
+TAIL_S = 0.5  # after the last grain: the DC block and the limiter come to rest
+BLOCK = 4096
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('source', metavar='BAG|TRIGGERS.csv', help='what to play')
+    parser.add_argument('--corpus', metavar='C.json', help='its grains (default: those of the bag)')
+    parser.add_argument('--out', metavar='X.wav', required=True, help='wav, flac, ogg ...')
+    parser.add_argument('--scene', metavar='FILE', help='take the settings of sound from here')
+    parser.add_argument('--seconds', type=float, help='length (default: to the end)')
+    parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
+
+
+def run(args) -> int:
+    """Read, render, write, tell."""
+    import numpy as np
+
+    from eol_ros import scene
+    from eol_ros.core.sound.mixer import Mixer
+    from eol_ros.core.sound.offline import play
+    from eol_ros.settings import SoundSettings
+    from eol_ros.verbs.progress import track
+
+    settings = scene.load(args.scene).settings('sound') if args.scene else SoundSettings()
+    if args.seconds is not None and not 0 < args.seconds < 1e6:
+        raise UsageError(f'--seconds {args.seconds}: give a length above zero')
+    rows, count, banks = _voices(args, settings)
+    rate = settings.sample_rate
+    end_s = float((rows['time_s'] + rows['length'] / rate).max()) if len(rows) else 0.0
+    frames = math.ceil((args.seconds or end_s + TAIL_S) * rate)
+    mixer = Mixer(
+        rate, settings.channels, settings.voices, settings.reading == 'cubic', settings.gain_db,
+        settings.ceiling_db, settings.loudness_lufs, settings.governor_db,
+    )  # fmt: skip
+    peak, energy = 0.0, 0.0
+    with _writer(args.out, settings) as file:
+        blocks = play(mixer, rows, frames, BLOCK)
+        for block in track(blocks, 'rendering', total=math.ceil(frames / BLOCK)):
+            file.write(block)
+            peak = max(peak, float(np.abs(block).max()))
+            energy += float(np.square(block, dtype=np.float64).sum())
+    del banks  # the voices read them to the end
+    state = mixer.state[0]
+    figures = {
+        'out': args.out,
+        'seconds': frames / rate,
+        'sample_rate': rate,
+        'channels': settings.channels,
+        'triggers': count,
+        'dropped': count - len(rows) + int(state['dropped']),
+        'stolen': int(state['stolen']),
+        'peak_dbfs': _decibels(peak),
+        'rms_dbfs': _decibels(math.sqrt(energy / max(1, frames * settings.channels))),
+        'limiter_least_db': _decibels(float(state['limiter_least'])),
+    }
+    if args.json:
+        print(json.dumps(figures))
+    else:
+        print(f'{args.out}: {figures["seconds"]:.1f} s, {count} grains')
+        print(
+            f'peak {figures["peak_dbfs"]:.1f} dBFS, {figures["dropped"]} dropped, '
+            f'{figures["stolen"]} faded early',
+            file=sys.stderr,
+        )
+    return 0
+
+
+def _decibels(amplitude: float) -> float:
+    return round(20 * math.log10(max(amplitude, 1e-6)), 2)
+
+
+def _voices(args, settings):
+    """Return the voices, how many triggers there were, and the banks that the voices read."""
+    import numpy as np
+
+    from eol_ros.core.sound.mixer import voice_rows
+
+    if Path(args.source).suffix.lower() == '.csv':
+        from eol_ros.devices.trigger_file import load_triggers
+
+        if not args.corpus:
+            raise UsageError(f'{args.source}: a CSV names no sound; add --corpus C.json')
+        triggers = load_triggers(args.source)
+        bank = _bank(args.corpus, settings.sample_rate)
+        return voice_rows(triggers, bank, settings.channels), len(triggers), [bank]
+    from eol_ros.analysis.bag import open_bag
+
+    bag = open_bag(args.source)
+    triggers, times = _bag_triggers(bag)
+    if args.corpus:
+        bank = _bank(args.corpus, settings.sample_rate)
+        return voice_rows(triggers, bank, settings.channels), len(triggers), [bank]
+    corpora = bag.table('corpus')
+    if not len(corpora):
+        raise ConfigError(f'{args.source}: no corpus in this bag; add --corpus C.json')
+    digests = [''.join(d) for d in corpora['digest']]
+    news = [i for i, d in enumerate(digests) if not i or d != digests[i - 1]]
+    begins = corpora['log_time'][news]
+    rows, banks = [], []
+    for k, i in enumerate(news):  # each trigger speaks of the corpus that was there when it came
+        from_ = begins[k] if k else times.min(initial=begins[0])
+        until = begins[k + 1] if k + 1 < len(news) else None
+        mine = (times >= from_) & ((times < until) if until is not None else True)
+        banks.append(_bag_bank(corpora[i], settings.sample_rate))
+        rows.append(voice_rows(triggers[mine], banks[-1], settings.channels))
+    return np.concatenate(rows), len(triggers), banks
+
+
+def _bag_triggers(bag):
+    """Return the triggers of a bag, their time from its start, and when they were recorded."""
+    import numpy as np
+
+    from eol_ros.core.sound.triggers import TRIGGER
+
+    table = bag.table('grain_triggers')
+    triggers = np.zeros(len(table), TRIGGER)
+    triggers['time_s'] = (table['stamp'].astype('i8') - bag.start_ns) * 1e-9
+    for mine, theirs in (
+        ('grain', 'grain'), ('gain', 'gain'), ('rate', 'rate'), ('pan', 'pan'),
+        ('attack_s', 'attack'), ('release_s', 'release'), ('block', 'block'),
+    ):  # fmt: skip
+        triggers[mine] = table[theirs]
+    return triggers, table['log_time']
+
+
+def _bag_bank(row, sample_rate: int):
+    import numpy as np
+
+    from eol_ros.devices.sound_bank import load_bank
+
+    files = [str(f) for f in np.atleast_1d(row['files'])]
+    return load_bank(
+        files, np.asarray(row['file'], np.int64), np.asarray(row['start'], float),
+        np.asarray(row['duration'], float), sample_rate,
+    )  # fmt: skip
+
+
+def _bank(path: str, sample_rate: int):
+    from eol_ros.devices.corpus_file import load
+    from eol_ros.devices.sound_bank import load_bank
+
+    corpus = load(Path(path))
+    grains = corpus.grains
+    files = [source.path for source in corpus.sources]
+    return load_bank(
+        files, grains['file'], grains['start_s'], grains['duration_s'], sample_rate
+    )
+
+
+def _writer(path: str, settings):
+    """Open the file to write; 32-bit float where the format has it, so that no bit is lost."""
+    import soundfile
+
+    kind = Path(path).suffix.lstrip('.').upper()
+    if kind not in soundfile.available_formats():
+        raise UsageError(f'{path}: the ending names the format; give .wav, .flac or .ogg')
+    subtype = 'FLOAT' if soundfile.check_format(kind, 'FLOAT') else None
+    try:
+        return soundfile.SoundFile(
+            path, 'w', settings.sample_rate, settings.channels, subtype=subtype
+        )
+    except (soundfile.LibsndfileError, OSError) as error:
+        raise ConfigError(f'{path}: cannot be written ({error})') from None

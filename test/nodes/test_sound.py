@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+import time
+import wave
+from array import array
+
+import numpy as np
+import pytest
+import soundfile
+from eol_msgs.msg import Control, Corpus, GrainTrigger
+from rclpy.executors import SingleThreadedExecutor
+
+from eol_ros.nodes.sound import SoundNode
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.stamps import now_ns, to_msg, to_ns
+from eol_ros.scene import Scene
+from eol_ros.settings import MotionSettings, SoundSettings
+
+FS = 48000
+
+
+class Probe(EolNode):
+    NAME = 'probe'
+
+    def __init__(self):
+        super().__init__(MotionSettings(), scene=Scene('probe', {}))
+        self.corpus = self.publisher('corpus')
+        self.triggers = self.publisher('grain_triggers')
+        self.control = self.publisher('control')
+        self.meters, self.samples = [], []
+        self.subscribe('sound_meter', self.meters.append)
+
+
+@pytest.fixture
+def graph(ros, tmp_path):
+    """A sound node that writes a file, a probe, and a function that turns the executor."""
+    settings = SoundSettings(device='wav', wav=str(tmp_path / 'out.wav'), fade_in_s=0.0)
+    node, probe = SoundNode(settings), Probe()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    executor.add_node(probe)
+
+    def turn(until, seconds=10.0):
+        deadline = time.monotonic() + seconds
+        while not until() and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.02)
+        return until()
+
+    assert turn(lambda: node.count_publishers('/eol/grain_triggers') and probe.meters)
+    closed = []
+    yield node, probe, turn, lambda: closed or closed.append(node.close())
+    if not closed:
+        node.close()
+    executor.shutdown()
+
+
+def corpus_of(tmp_path, name='tone', hz=440.0):
+    tone = 0.5 * np.sin(2 * np.pi * hz * np.arange(FS) / FS)
+    soundfile.write(tmp_path / f'{name}.wav', tone.astype('f4'), FS, subtype='FLOAT')
+    return Corpus(
+        name=name, digest=name, sample_rate=FS, files=[str(tmp_path / f'{name}.wav')],
+        file=array('I', [0, 0]), start=array('d', [0.0, 0.5]), duration=array('d', [0.2, 0.2]),
+    )  # fmt: skip
+
+
+def trigger(ns, **fields):
+    values = {'gain': 0.5, 'rate': 1.0, 'attack': 0.005, 'release': 0.05}
+    message = GrainTrigger(**{**values, **fields})
+    message.header.stamp = to_msg(ns)
+    return message
+
+
+@pytest.mark.slow
+def test_a_trigger_sounds_and_shows(graph, tmp_path):
+    node, probe, turn, close = graph
+    assert 'waiting for the corpus' in node.health.text
+    probe.corpus.publish(corpus_of(tmp_path))
+    assert turn(lambda: node.bank is not None)
+    stamp_ns = now_ns()
+    probe.triggers.publish(trigger(stamp_ns))
+    assert turn(lambda: any(m.voices for m in probe.meters))
+    assert turn(lambda: probe.meters[-1].voices == 0)
+    assert turn(lambda: probe.meters[-1].rms_dbfs == -120)
+    meter = probe.meters[-1]
+    assert (meter.triggers, meter.late, meter.dropped) == (1, 0, 0)
+    assert (len(meter.wave_min), len(meter.wave_max), len(meter.spectrum_db)) == (1024, 1024, 128)
+    assert abs(to_ns(meter.header.stamp) - now_ns()) < 1e9
+    assert max(m.peak_dbfs for m in probe.meters) == pytest.approx(
+        20 * np.log10(0.5 * 0.5 * 0.5**0.5) - 6, abs=0.2
+    )
+    loud = max(probe.meters, key=lambda m: m.peak_dbfs)
+    bands = np.geomspace(20, 20000, 129)
+    band = int(np.argmax(loud.spectrum_db))
+    assert bands[band] / 1.06 < 440 < bands[band + 1] * 1.06
+    assert 'writing' in node.health.text
+    close()
+    with wave.open(str(tmp_path / 'out.wav')) as file:
+        pcm = np.frombuffer(file.readframes(file.getnframes()), '<i2').reshape(-1, 2)
+    assert np.abs(pcm).max() > 1000
+
+
+@pytest.mark.slow
+def test_bad_triggers_no_corpus_lost_audio_and_mute(graph, tmp_path):
+    node, probe, turn, _ = graph
+    probe.triggers.publish(trigger(now_ns()))
+    assert turn(lambda: node.unheard == 1)  # there is no corpus yet
+    probe.corpus.publish(corpus_of(tmp_path))
+    assert turn(lambda: node.bank is not None)
+    for bad in ({'gain': float('nan')}, {'grain': 2**32 - 1}, {'rate': 0.0}, {'pan': 7.0}):
+        probe.triggers.publish(trigger(now_ns(), **bad))
+    assert turn(lambda: node.mixer.state['dropped'][0] == 4)
+    probe.control.publish(Control(command='mute', target='sound'))
+    assert turn(lambda: node.mixer.state['fade'][0] == 0)
+    probe.control.publish(Control(command='unmute'))
+    assert turn(lambda: node.mixer.state['fade'][0] == 1)
+    gone = corpus_of(tmp_path, 'gone')
+    gone.files = [str(tmp_path / 'nowhere.wav')]
+    probe.corpus.publish(gone)
+    assert turn(lambda: 'nowhere.wav' in node.health.text)
+    assert node.health.level == 1  # WARN, and it goes on
+    probe.corpus.publish(corpus_of(tmp_path, 'other', 1000))
+    assert turn(lambda: node.bank is not None and node.health.level == 0)
+
+
+@pytest.mark.slow
+def test_samples_are_published_while_somebody_listens(graph, tmp_path):
+    node, probe, turn, _ = graph
+    assert not probe.samples
+    probe.subscribe('sound_samples', probe.samples.append)
+    probe.corpus.publish(corpus_of(tmp_path))
+    assert turn(lambda: node.bank is not None and len(probe.samples) > 3)
+    probe.triggers.publish(trigger(now_ns()))
+    count = len(probe.samples)
+    assert turn(lambda: len(probe.samples) > count + 8)
+    parts = [np.frombuffer(bytes(m.data), '<f4').reshape(-1, m.channels) for m in probe.samples]
+    assert np.abs(np.concatenate(parts)).max() > 0.05
+    for a, b, part in zip(probe.samples, probe.samples[1:], parts):
+        assert b.first == a.first + len(part)  # without a gap

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+import json
+
+import numpy as np
+import pytest
+import soundfile
+from eol_msgs.msg import Corpus as CorpusMessage
+from eol_msgs.msg import GrainTrigger
+from rclpy.serialization import serialize_message
+
+from eol_ros import cli
+from eol_ros.core.sound.mixer import Bank, Mixer, voice_rows
+from eol_ros.core.sound.triggers import COLUMNS
+from eol_ros.devices.bag_file import BagTopic
+from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.trigger_file import load_triggers
+from eol_ros.ros.definitions import definition, type_hash
+from eol_ros.ros.stamps import to_msg
+
+FS = 48000
+T0 = 1_700_000_000_000_000_000
+
+
+@pytest.fixture
+def sound(tmp_path):
+    noise = np.random.default_rng(1).uniform(-0.5, 0.5, 2 * FS).astype('f4')
+    soundfile.write(tmp_path / 'sea.wav', noise, FS, subtype='FLOAT')
+    return tmp_path / 'sea.wav', noise
+
+
+@pytest.fixture
+def corpus(tmp_path, sound):
+    code = cli.main(['corpus', str(sound[0]), '--grain', '0.2', '--out', str(tmp_path / 'c.json')])
+    assert code == 0
+    return tmp_path / 'c.json'
+
+
+@pytest.fixture
+def triggers(tmp_path):
+    rng = np.random.default_rng(2)
+    lines = [','.join(COLUMNS)]
+    for t in np.sort(rng.uniform(0, 1, 30)):
+        values = rng.uniform([0.1, 0.5, -1, 0, 0], [0.3, 2, 1, 0.05, 0.1])
+        numbers = [float(t), int(rng.integers(0, 10)), *map(float, values)]
+        lines.append(','.join(map(repr, numbers)))
+    (tmp_path / 't.csv').write_text('\n'.join(lines) + '\n')
+    return tmp_path / 't.csv'
+
+
+def eol(capsys, *words):
+    capsys.readouterr()
+    code = cli.main(['render', *map(str, words)])
+    return code, *capsys.readouterr()
+
+
+@pytest.mark.slow
+def test_a_csv_gives_the_samples_of_a_live_run(capsys, tmp_path, sound, corpus, triggers):
+    """Live: a mixer fed as time goes by, in the blocks of a sound card, with latency."""
+    words = ('--corpus', corpus, '--out', tmp_path / 'x.wav', '--json')
+    code, out, err = eol(capsys, triggers, *words)
+    assert code == 0, err
+    figures = json.loads(out)
+    assert (figures['triggers'], figures['dropped'], figures['stolen']) == (30, 0, 0)
+    file, rate = soundfile.read(tmp_path / 'x.wav', dtype='float32')
+    assert rate == FS
+    assert figures['seconds'] == pytest.approx(len(file) / FS)
+    assert 20 * np.log10(np.abs(file).max()) == pytest.approx(figures['peak_dbfs'], abs=0.01)
+
+    starts = np.round(np.arange(10) * 0.2, 9)
+    bank = Bank([sound[1]], np.zeros(10, int), starts, np.full(10, 0.2), FS)
+    mixer, latency = Mixer(FS), FS // 10
+    rows = voice_rows(load_triggers(triggers), bank, 2)
+    stamps = rows['time_s'].copy()
+    rows['time_s'] += latency / FS
+    heard, given = [], 0
+    while len(heard) * 256 < len(file) + latency + 256:
+        known = np.searchsorted(stamps, len(heard) * 256 / FS)
+        mixer.push(rows[given:known])
+        given = known
+        heard.append(mixer.render(256))
+    assert mixer.state['late'][0] == 0
+    live = np.concatenate(heard)[latency:][: len(file)]
+    assert np.array_equal(live, file)
+
+
+@pytest.mark.slow
+def test_a_bag_brings_its_own_corpus(capsys, tmp_path, sound, triggers, corpus):
+    wanted = load_triggers(triggers)
+    topics = [
+        BagTopic(f'/eol/{name}', kind, definition(kind), type_hash(kind), '')
+        for name, kind in (
+            ('corpus', 'eol_msgs/msg/Corpus'), ('grain_triggers', 'eol_msgs/msg/GrainTrigger'),
+        )
+    ]  # fmt: skip
+    bag = BagWriter(tmp_path / 'bag', topics, {})
+    grains = CorpusMessage(
+        name='sea', digest='1', sample_rate=FS, files=[str(sound[0])], file=[0] * 10,
+        start=[0.2 * k for k in range(10)], duration=[0.2] * 10,
+    )  # fmt: skip
+    bag.write('/eol/corpus', serialize_message(grains), T0, T0, 1)
+    for k, row in enumerate(wanted):
+        ns = T0 + round(float(row['time_s']) * 1e9)
+        message = GrainTrigger(
+            sequence=k, grain=int(row['grain']), gain=float(row['gain']), rate=float(row['rate']),
+            pan=float(row['pan']), attack=float(row['attack_s']), release=float(row['release_s']),
+        )  # fmt: skip
+        message.header.stamp = to_msg(ns)
+        bag.write('/eol/grain_triggers', serialize_message(message), ns + 20_000_000, ns, k + 1)
+    bag.close()
+    assert eol(capsys, tmp_path / 'bag', '--out', tmp_path / 'bag.wav')[0] == 0
+    assert eol(capsys, triggers, '--corpus', corpus, '--out', tmp_path / 'csv.wav')[0] == 0
+    ours, csv = (soundfile.read(tmp_path / f'{n}.wav', dtype='float32')[0] for n in ('bag', 'csv'))
+    size = min(len(ours), len(csv))
+    assert ours[:size].any()
+    assert np.array_equal(ours[:size], csv[:size])
+
+
+@pytest.mark.slow
+def test_what_a_user_may_get_wrong_is_one_line(capsys, tmp_path, corpus, triggers):
+    out = tmp_path / 'x.wav'
+    bad = tmp_path / 'bad.csv'
+    cases = [
+        ((triggers, '--out', out), 2, 'add --corpus'),
+        ((triggers, '--corpus', corpus, '--out', tmp_path / 'x.xyz'), 2, 'names the format'),
+        ((triggers, '--corpus', corpus, '--out', tmp_path / 'no' / 'x.wav'), 78, 'written'),
+        ((triggers, '--corpus', tmp_path / 'no.json', '--out', out), 69, 'no such corpus'),
+        ((tmp_path / 'no.csv', '--corpus', corpus, '--out', out), 69, 'No such file'),
+        ((triggers, '--corpus', corpus, '--out', out, '--seconds', '-1'), 2, 'above zero'),
+        ((bad, '--corpus', corpus, '--out', out), 78, "bad.csv:3 gain is 'loud'"),
+    ]
+    bad.write_text('time_s,grain,gain\n0,1,1\n1,2,loud\n')
+    for words, code, text in cases:
+        found = eol(capsys, *words)
+        assert found[0] == code, found
+        assert text in found[2]
+        assert found[2].count('\n') == 1
+
+
+@pytest.mark.slow
+def test_refused_triggers_are_counted_and_nothing_is_silence(capsys, tmp_path, corpus):
+    odd = tmp_path / 'odd.csv'
+    odd.write_text('time_s,grain,gain\n0,999,1\n0.1,1,nan\n0.2,1,-3\n')
+    code, out, _ = eol(capsys, odd, '--corpus', corpus, '--out', tmp_path / 'x.wav', '--json')
+    assert code == 0
+    assert json.loads(out)['dropped'] == 3
+    assert not soundfile.read(tmp_path / 'x.wav')[0].any()
+
+
+def test_columns_may_be_left_out(tmp_path):
+    (tmp_path / 't.csv').write_text('time_s,grain,note\n0.5,3,hello\n\n1.5,4,x\n')
+    rows = load_triggers(tmp_path / 't.csv')
+    assert rows['grain'].tolist() == [3, 4]
+    assert (rows['gain'] == 1).all()
+    assert (rows['block'] == -1).all()
