@@ -115,7 +115,7 @@ class Automaton:
             self.side,
             ONE,
             self._share,
-            0,
+            None,
             self.queue == 'bucket',
             events.size,
             events.area,

@@ -41,19 +41,27 @@ def _push(keys, sites, count, key, site):
 
 @njit(inline='always')
 def _pop(keys, sites, count):
-    """Remove the root of a heap that has `count` entries afterwards."""
+    """Remove the root of a heap that has `count` entries afterwards.
+
+    The hole goes down to the bottom without asking whether the last entry fits: it nearly never
+    does, and the question would be a branch that is guessed wrong half of the time.
+    """
     key, site, k = keys[uintp(count)], sites[uintp(count)], 0
-    while True:
-        down = 2 * k + 1
-        if down >= count:
-            break
-        if down + 1 < count and keys[uintp(down + 1)] > keys[uintp(down)]:
-            down += 1
-        if keys[uintp(down)] <= key:
-            break
+    keys[uintp(count)] = SINK
+    down = 1
+    while down < count:
+        down += keys[uintp(down + 1)] > keys[uintp(down)]
         keys[uintp(k)] = keys[uintp(down)]
         sites[uintp(k)] = sites[uintp(down)]
         k = down
+        down = 2 * k + 1
+    while k > 0:
+        up = (k - 1) >> 1
+        if keys[uintp(up)] >= key:
+            break
+        keys[uintp(k)] = keys[uintp(up)]
+        sites[uintp(k)] = sites[uintp(up)]
+        k = up
     keys[uintp(k)] = key
     sites[uintp(k)] = site
 
@@ -81,7 +89,7 @@ def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations,
     """Run `sizes.size` events on `stress` in place; return (status, events done).
 
     stress: (n,) int64, padded as the module says, in units in which the threshold is `one`.
-    A toppling site gives each neighbour floor(stress * share / 2^32) if `divisor` is 0, else
+    A toppling site gives each neighbour floor(stress * share / 2^32) if `divisor` is None, else
     exactly stress / divisor * share; INEXACT is returned before the event in which a remainder
     would be lost, with `stress` in disorder: the caller has kept a copy. sizes: (events,) int64.
     areas, durations, firsts: the same, or of length 0 where they are not wanted. `bucketed` False
@@ -169,7 +177,7 @@ def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations,
                 if value >= theta:
                     now[uintp(toppling)] = j
                     full = value + drive
-                    if divisor:
+                    if divisor is not None:
                         if full % divisor:
                             return INEXACT, event
                         gifts[uintp(toppling)] = full // divisor * share
