@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Camera images in, the 25 blocks out; a JPEG for people while somebody looks."""
 
-import queue
 import sys
-import threading
 
-import cv2
 import numpy as np
 from eol_msgs.msg import BlockTap
 from sensor_msgs.msg import CompressedImage
@@ -13,6 +10,7 @@ from sensor_msgs.msg import CompressedImage
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.calibration import Calibration
 from eol_ros.core.vision.tracker import STATES, TRACKING, Tracked, Tracker
+from eol_ros.devices.preview import Preview
 from eol_ros.ros.blocks import RECORD, pack_blocks
 from eol_ros.ros.images import image_from_cdr
 from eol_ros.ros.node import EolNode
@@ -30,11 +28,8 @@ class TrackerNode(EolNode):
         self.images = 0
         self.record = np.zeros(N_BLOCKS, RECORD)
         self.blocks = self.publisher('blocks')
-        self.preview = self.publisher('camera/image/compressed')
-        self.next_preview_ns = 0
-        self.pictures: queue.Queue = queue.Queue(maxsize=1)  # a picture late is a picture dropped
-        self.painter = threading.Thread(target=self._paint, daemon=True)
-        self.painter.start()
+        self.pictures = self.publisher('camera/image/compressed')
+        self.preview = Preview(self._show)
         self.health.expects('images')
         self.subscribe('block_taps', self.on_tap)
         self.subscribe('camera/image_raw', self.on_image, raw=True)
@@ -52,10 +47,9 @@ class TrackerNode(EolNode):
         self.images += 1
         self.health.tick()
         self._tell(tracked)
-        if stamp_ns >= self.next_preview_ns or self.next_preview_ns - stamp_ns > 60e9:
-            self.next_preview_ns = stamp_ns + int(0.95e9 / self.settings.preview_hz)
-            if self.preview.get_subscription_count() and not self.pictures.full():
-                self.pictures.put_nowait((stamp_ns, image))
+        looking = self.pictures.get_subscription_count()
+        if looking and self.preview.due(stamp_ns, self.settings.preview_hz):
+            self.preview.take(stamp_ns, image)
 
     def _packed(self, stamp_ns: int, tracked: Tracked) -> bytes:
         record = self.record
@@ -77,19 +71,14 @@ class TrackerNode(EolNode):
         else:
             self.health.warn(f'{STATES[tracked.state]}: {tracked.why}')
 
-    def _paint(self) -> None:
-        while (item := self.pictures.get()) is not None:
-            stamp_ns, image = item
-            message = CompressedImage(format='mono8; jpeg compressed')
-            message.header.stamp, message.header.frame_id = to_msg(stamp_ns), 'camera_optical'
-            done, jpeg = cv2.imencode('.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, 80])
-            if done:
-                message.data.frombytes(jpeg.tobytes())
-                self.preview.publish(message)
+    def _show(self, stamp_ns: int, jpeg: bytes) -> None:
+        message = CompressedImage(format='mono8; jpeg compressed')
+        message.header.stamp, message.header.frame_id = to_msg(stamp_ns), 'camera_optical'
+        message.data.frombytes(jpeg)
+        self.pictures.publish(message)
 
     def close(self) -> None:
-        self.pictures.put(None)
-        self.painter.join(timeout=2.0)
+        self.preview.close()
 
 
 def _calibration(path: str) -> Calibration:

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""JPEG pictures of the images, packed in a thread so that nothing waits for them."""
+
+import queue
+import threading
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+QUALITY = 80
+
+
+class Preview:
+    """Packs images at most `rate_hz` times a second, by their stamps; one that comes late is
+    dropped.
+
+    give(stamp_ns, jpeg bytes) is called from the thread.
+    """
+
+    def __init__(self, give: Callable[[int, bytes], None]):
+        self._give = give
+        self._next_ns = 0
+        self._waiting: queue.Queue = queue.Queue(maxsize=1)
+        self._thread = threading.Thread(target=self._pack, daemon=True)
+        self._thread.start()
+
+    def due(self, stamp_ns: int, rate_hz: float) -> bool:
+        """Whether an image of this stamp is wanted; moves on to the next time if so."""
+        if stamp_ns < self._next_ns and self._next_ns - stamp_ns < 60e9:
+            return False
+        self._next_ns = stamp_ns + int(0.95e9 / rate_hz)
+        return True
+
+    def take(self, stamp_ns: int, image: np.ndarray) -> None:
+        """Take an image (h, w) uint8 that nobody will change."""
+        if not self._waiting.full():
+            self._waiting.put_nowait((stamp_ns, image))
+
+    def close(self) -> None:
+        """End the thread."""
+        self._waiting.put(None)
+        self._thread.join(timeout=2.0)
+
+    def _pack(self) -> None:
+        while (item := self._waiting.get()) is not None:
+            stamp_ns, image = item
+            done, jpeg = cv2.imencode('.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+            if done:
+                self._give(stamp_ns, jpeg.tobytes())
