@@ -5,6 +5,7 @@ import contextlib
 import ctypes
 import json
 import os
+import resource
 import signal
 import subprocess
 from typing import Any
@@ -19,6 +20,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 def _die_with(parent: int) -> None:
     """Run in the child before exec: the kernel sends SIGTERM when the parent is gone."""
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a dump of a stuck node is of no use here
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:  # it died before the call above
         os._exit(1)
@@ -34,7 +36,7 @@ class Child:
         self.start_at_s: float | None = 0.0  # when to start it; None: it runs, or is finished
         self.status: dict[str, dict[str, Any]] = {}
         self.health_fd = self.output_fd = -1
-        self.killed = False  # by us, because it was silent
+        self.hung_s: float | None = None  # since when it is being ended for its silence
         self.code: int | None = None
         self._rest = {'health': b'', 'output': b''}
         self._in_traceback = False
@@ -62,7 +64,7 @@ class Child:
         self.health_fd, self.output_fd = health_out, output_out
         self._rest = {'health': b'', 'output': b''}
         self.policy.start(now_s)
-        self.start_at_s, self.code, self.killed = None, None, False
+        self.start_at_s, self.code, self.hung_s = None, None, None
         self.status = {
             node: {'node': node, 'level': 3, 'text': 'starting', 'rate': 0.0, 'values': {},
                    'pid': self.popen.pid}
@@ -97,9 +99,9 @@ class Child:
 
     def for_people(self, line: str) -> bool:
         """Tell whether a line belongs on the terminal: no log, no traceback but its last line."""
-        if line.startswith('Traceback ('):
+        if line.startswith(('Traceback (', 'Fatal Python error')):
             self._in_traceback = True
-        elif self._in_traceback and line and not line.startswith(' '):
+        elif self._in_traceback and line and not line.startswith((' ', 'Thread ', 'Current thread')):
             self._in_traceback = False
         return not self._in_traceback and not line.startswith(_LOG_LINES)
 

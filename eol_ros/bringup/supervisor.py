@@ -20,6 +20,7 @@ from eol_ros.bringup.policy import START_S
 from eol_ros.settings import IMAGE_SOURCES
 
 FINAL = (2, 69, 78)  # a node that ends so at the start will not do better when started again
+DUMP_S = 0.5  # a hung process may take this long to write down its stacks
 STOP_STEPS = ((signal.SIGINT, 4.0), (signal.SIGTERM, 1.0), (signal.SIGKILL, 1.0))
 
 
@@ -119,10 +120,8 @@ class Supervisor:
                 ended = self._bury(child, now)
                 if ended is not None:
                     return ended
-            elif child.alive() and not child.killed and child.policy.hung(now):
-                self._note(f'{child.process.name} is silent: it is started again')
-                child.killed = True
-                child.signal(signal.SIGKILL)
+            elif child.alive() and child.policy.hung(now):
+                self._end_hung(child, now)
             elif child.popen is None and child.start_at_s is not None and now >= child.start_at_s:
                 child.start(now)
         if self.all_ok_s is None:
@@ -132,6 +131,15 @@ class Supervisor:
                 self._note(f'all OK after {self.all_ok_s:.1f} s')
         status.answer(self._server, self.describe())
         return None
+
+    def _end_hung(self, child: Child, now: float) -> None:
+        """First let it write down where it hangs (faulthandler, on SIGABRT), then kill it."""
+        if child.hung_s is None:
+            child.hung_s = now
+            self._note(f'{child.process.name} is silent: it is started again')
+            child.signal(signal.SIGABRT)
+        elif now - child.hung_s > DUMP_S:
+            child.signal(signal.SIGKILL)
 
     def _listen(self, child: Child, now: float) -> None:
         for row in child.beats(now):

@@ -254,3 +254,27 @@ def test_a_run_for_a_time_that_never_is_ok_fails(start, monkeypatch):
 
     assert supervisor.run(seconds=0.1) == 1
     assert 'not all OK within 1 s: twin (fine)' in lines
+
+
+def test_a_hung_process_says_where(start, monkeypatch, tmp_path):
+    monkeypatch.setattr(policy, 'SILENT_S', 0.5)
+    script = 'import faulthandler; faulthandler.enable()' + BEAT + '''
+def stuck_in_the_ice():
+    time.sleep(100)
+beat('twin'); stuck_in_the_ice()
+'''
+    supervisor, lines = start(process('twin', script))
+
+    def work():
+        try:
+            until(lambda: supervisor.children[0].policy.restarts == 1)
+        finally:
+            supervisor.stop()
+
+    thread, errors = in_background(work)
+    supervisor.run()
+    thread.join()
+
+    assert not errors
+    assert 'stuck_in_the_ice' in (tmp_path / 'eol.log').read_text()
+    assert not any('stuck_in_the_ice' in line for line in lines)
