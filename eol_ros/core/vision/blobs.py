@@ -30,6 +30,8 @@ class BlobFinder:
     What it learns on the way (size of the squares over the image, brightness, background) is a
     function of the images seen and of nothing else, so that a replay gives the same numbers.
 
+    `clutter` may be set to a ClutterMap at any time; its light is then taken off every image.
+
     Args:
         settings: unused by the finder itself except `blur_px`, the edge blur, when it has one.
         calibration: gives the expected size of a block anywhere in the image; None learns it.
@@ -38,6 +40,7 @@ class BlobFinder:
     def __init__(self, settings=None, calibration=None):
         self.blur_px = float(getattr(settings, 'blur_px', _BLUR_PX))
         self.calibration = calibration
+        self.clutter = None
         self._size: np.ndarray | None = None  # side_px over the image: constant, per u, per v
         self._shape = (0, 0)
         self._scratch = profiles.workspace()
@@ -61,6 +64,8 @@ class BlobFinder:
                               'found in 8-bit grey images: set the camera to grey (mono8)')
         if image.shape != self._shape:
             self._begin(image.shape)
+        if self.clutter is not None:
+            image = self.clutter.remove(image)
         scan.sample(image, self._grid)
         scan.backgrounds(self._grid, self._tiles, self._turn % 8 if self._turn else 0,
                          8 if self._turn else 1)

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A map of lamps and reflections, learnt while the blocks' own infrared light is off.
+
+A tracker that commands its LEDs can see what is left without them. The light of a lamp adds to
+that of a cover on which it falls, so the map is taken off the image, but where the sensor is full;
+the smooth ambient light stays, since edges are measured against what is beside them.
+"""
+
+import cv2
+import numpy as np
+
+from eol_ros.core.vision.blobs import BlobFinder
+from eol_ros.errors import ConfigError
+
+_FAINT = 6.0  # grey levels above the ambient light that are left alone
+_AMBIENT_PX = 240  # lamps are smaller than half of this, the ambient light is smoother
+_BLOCKS_LIT = 3  # squares in a dark picture that say it is not dark
+
+
+class ClutterMap:
+    """Static light (h, w) uint8 above the ambient.
+
+    Raises:
+        ConfigError: not an 8-bit grey array.
+    """
+
+    def __init__(self, light: np.ndarray):
+        light = np.ascontiguousarray(light)
+        if light.ndim != 2 or light.dtype != np.uint8:
+            raise ConfigError(f'clutter map has shape {light.shape} and type {light.dtype}; it is '
+                              'an 8-bit grey picture')
+        self.light = light
+        self._clean = np.empty_like(light)
+
+    def remove(self, image: np.ndarray) -> np.ndarray:
+        """Return `image` (h, w) uint8 without the static light; valid until the next call.
+
+        Raises:
+            ConfigError: the map is of another image size.
+        """
+        if image.shape != self.light.shape:
+            raise ConfigError(f'clutter map is {self.light.shape[1]}x{self.light.shape[0]}, '
+                              f'the image {image.shape[1]}x{image.shape[0]}: learn it again '
+                              'with this camera')
+        cv2.subtract(image, self.light, dst=self._clean)
+        self._clean[image == 255] = 255
+        return self._clean
+
+
+class ClutterLearner:
+    """Averages dark images, then tells lamps from ambient light. `images` counts what was taken."""
+
+    def __init__(self) -> None:
+        self.images = 0
+        self._total: np.ndarray | None = None
+
+    def add(self, image: np.ndarray) -> None:
+        """Take one image (h, w) uint8 with all infrared LEDs off."""
+        if self._total is None or self._total.shape != image.shape:
+            self._total, self.images = np.zeros(image.shape, np.float32), 0
+        cv2.accumulate(image, self._total)
+        self.images += 1
+
+    def result(self) -> ClutterMap:
+        """Return the map of what was seen.
+
+        Raises:
+            ConfigError: no image was taken, or blocks were lit in them.
+        """
+        if self._total is None or not self.images:
+            raise ConfigError('no dark image was taken: is the camera running?')
+        mean = self._total / self.images
+        lit = len(BlobFinder().find(np.rint(mean).astype(np.uint8)))
+        if lit >= _BLOCKS_LIT:
+            raise ConfigError(f'{lit} blocks are lit in the dark images: the infrared LEDs did not '
+                              'go off; check the serial line to the blocks')
+        small = cv2.resize(mean, None, fx=0.125, fy=0.125, interpolation=cv2.INTER_AREA)
+        median = cv2.medianBlur(np.rint(small).astype(np.uint8), _AMBIENT_PX // 8 | 1)
+        smooth = cv2.GaussianBlur(median.astype(np.float32), (0, 0), 4)
+        ambient = cv2.resize(smooth, mean.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        # taken off without a step, which the tracker would see as an edge
+        light = np.maximum(mean - ambient - _FAINT, 0)
+        return ClutterMap(np.clip(np.rint(light), 0, 255).astype(np.uint8))
