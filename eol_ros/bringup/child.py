@@ -15,6 +15,7 @@ from eol_ros.bringup.policy import Policy
 
 _PR_SET_PDEATHSIG = 1
 _LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[DEBUG]')
+_INSIDE = (' ', 'Thread 0x', 'Current thread 0x', 'Extension modules:')  # of a traceback
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
@@ -101,7 +102,7 @@ class Child:
         """Tell whether a line belongs on the terminal: no log, no traceback but its last line."""
         if line.startswith(('Traceback (', 'Fatal Python error')):
             self._in_traceback = True
-        elif self._in_traceback and line and not line.startswith((' ', 'Thread ', 'Current thread')):
+        elif self._in_traceback and line and not line.startswith(_INSIDE):
             self._in_traceback = False
         return not self._in_traceback and not line.startswith(_LOG_LINES)
 
