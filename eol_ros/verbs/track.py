@@ -86,6 +86,7 @@ def run(args) -> int:
         overlay.close()
     if not rows:
         raise ConfigError(f'{args.frames}: no image in it')
+    cascades += motion.cascades.finish(rows[-1].stamp_s)
     slips += [_row(start, None) for start in starts.values()]  # still moving when the images ended
     answer = _answer(rows, slips, cascades, tracker.cover_height_m())
     if args.out:

@@ -78,6 +78,12 @@ class Cascades:
             closed.append(_close(cascade, stamp_s))
         return numbers, closed
 
+    def finish(self, stamp_s: float) -> list[CascadeEvent]:
+        """No more images come: return the cascades whose slips have all stopped."""
+        over = [c for c in self.open if all(m.end_s is not None for m in c.members.values())]
+        self.open = [c for c in self.open if c not in over]
+        return [_close(cascade, stamp_s) for cascade in over]
+
     def _place(self, event: SlipEvent) -> int:
         if event.kind != START:
             for cascade in self.open:

@@ -106,7 +106,7 @@ class Tracker:
             if len(blobs) < 9:
                 return self._answer(stamp_s, SEARCHING, f'{len(blobs)} squares: no scale yet')
             self.calibration = nominal(image.shape, self.side_px())
-            self.learning = SelfCalibration(image.shape)
+            self.learning = SelfCalibration(self.calibration)
         px = np.column_stack([blobs['u'], blobs['v']])
         pose = self.calibration.poses_to_table(px, blobs['theta'], blobs['side_px'])
         scale = BLOCK_SIDE_M / np.maximum(blobs['side_px'], 1.0)
@@ -120,18 +120,17 @@ class Tracker:
         why = {SEARCHING: f'{len(blobs)} lights, not yet a lattice', LOST: 'blocks out of sight'}
         if self.learning is not None and lattice.state == TRACKING:
             learning = self.learning
-            self._learn(px)
+            self._learn(image)
             if self.learning is not None:
                 return self._answer(stamp_s, CALIBRATING, learning.why, px)
         return self._answer(stamp_s, lattice.state, why.get(lattice.state, ''), px)
 
-    def _learn(self, px: np.ndarray) -> None:
+    def _learn(self, image: np.ndarray) -> None:
         """Calibrate by the blocks themselves, as soon as all of them rest in full view."""
         lattice = self.lattice
         good = bool(lattice.seen.all() and self.visibility.min() > 0.8 and lattice.rests())
-        ordered = px[lattice.index] if good else np.zeros((N_BLOCKS, 2))
         assert self.learning is not None and self.calibration is not None
-        found = self.learning.add(ordered, good)
+        found = self.learning.add(image, self.blobs[lattice.index] if good else None)
         if found is not None:
             lattice.move(found.to_table(self.calibration.to_pixels(lattice.xy)))
             self.calibration, self.learning = found, None
