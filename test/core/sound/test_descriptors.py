@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import sosfilt
 
 from eol_ros.core.sound import segments
 from eol_ros.core.sound.descriptors import HOP, YIN_FRAME, YIN_SPAN, analyse, frame_starts, yin
@@ -207,3 +208,18 @@ def test_periodicity_of_real_recordings_as_essentia_has_it(recording):
     assert np.abs(np.subtract(ours, theirs)).mean() <= 0.02
     if len(ours) >= 5:
         assert np.corrcoef(ours, theirs)[0, 1] >= 0.98
+
+
+def test_levels_of_a_long_recording_are_those_of_its_pieces():
+    """Loudness and RMS go through the recording in pieces of 2^20 samples."""
+    random = np.random.default_rng(9)
+    n = (1 << 20) + 60_000
+    samples = (random.standard_normal(n) * (1 + np.arange(n) / n)).astype(np.float32)
+    cuts = np.array([[0, 1000], [(1 << 20) - 30_000, (1 << 20) + 30_000], [n - 5000, n]])
+    grains, _ = analyse(samples, 48000, cuts)
+    weighted = sosfilt(k_weighting(48000), samples.astype(float))
+    for (a, b), grain in zip(cuts, grains):
+        assert grain['rms_db'] == pytest.approx(
+            10 * np.log10((samples[a:b].astype(float) ** 2).mean()), abs=1e-6
+        )
+        assert grain['loudness_lufs'] == pytest.approx(lufs((weighted[a:b] ** 2).mean()), abs=1e-6)
