@@ -224,25 +224,24 @@ def test_a_drag_moves_lights_sounds_and_changes_the_pair(graph, browser):
     before = browser.execute_script(
         'return {rim: [...eol.state().rim], x: [...eol.state().x], ...eol.counts}'
     )
-    heard = 0.0
-    mouse(browser, 'mousePressed', 640, 400)
-    for step in range(60):
-        mouse(browser, 'mouseMoved', 640 + 2.5 * step, 400 + 0.8 * step)
-        time.sleep(0.03)
-        heard = max(heard, browser.execute_script('return eol.listener.level || 0'))
-    mouse(browser, 'mouseReleased', 787, 447, 0)
+    now, heard = before, 0.0
 
-    def after():
-        nonlocal heard
+    def look():
+        nonlocal now, heard
         now = browser.execute_script(
             'const {rim, x} = eol.state();'
             'return {rim: [...rim], x: [...x], level: eol.listener.level, ...eol.counts}'
         )
         heard = max(heard, now['level'] or 0)
-        grown = all(now[k] > before[k] for k in ('slips', 'flashes', 'flips'))
-        return now if grown and heard > 0.001 else None
+        return heard > 0.001 and all(now[k] > before[k] for k in ('slips', 'flashes', 'flips'))
 
-    now = until(after, 15, lambda: f'{before} {heard}')
+    mouse(browser, 'mousePressed', 640, 400)
+    for step in range(60):
+        mouse(browser, 'mouseMoved', 640 + 2.5 * step, 400 + 0.8 * step)
+        time.sleep(0.03)
+        look()
+    mouse(browser, 'mouseReleased', 787, 447, 0)
+    until(look, 15, lambda: f'from {before} to {now}, heard {heard}')
     assert now['rim'][0] - before['rim'][0] > 0.15  # 147 px are 0.31 m at 470 px/m
     assert max(b - a for a, b in zip(before['x'], now['x'], strict=True)) > 0.02
     assert complaints(browser) == []

@@ -21,6 +21,8 @@ export class Link extends EventTarget {
     this.open();
     setInterval(() => this.ping(), 4000);
     document.addEventListener('visibilitychange', () => this.tellWants());
+    addEventListener('pagehide', () => this.socket.close()); // a page kept for "back" looks no more
+    addEventListener('pageshow', (event) => event.persisted && this.retry());
   }
 
   open() {
@@ -37,10 +39,16 @@ export class Link extends EventTarget {
     };
     this.socket.onmessage = (event) => this.take(event.data);
     this.socket.onclose = () => {
+      clearTimeout(this.retryTimer);
       const wait = RETRY_S[Math.min(this.tries++, RETRY_S.length - 1)];
       this.emit('down');
-      setTimeout(() => this.open(), wait * 1000);
+      this.retryTimer = setTimeout(() => this.open(), wait * 1000);
     };
+  }
+
+  retry() {
+    clearTimeout(this.retryTimer);
+    if (this.socket.readyState === WebSocket.CLOSED) this.open();
   }
 
   emit(name, detail) {
