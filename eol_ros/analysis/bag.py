@@ -37,6 +37,11 @@ class Table(np.ndarray):
         self.topic = getattr(other, 'topic', '')
         self.comments = getattr(other, 'comments', {})
 
+    def __getitem__(self, key: Any) -> Any:
+        """Return a field as a plain array, rows as a table."""
+        got = super().__getitem__(key)
+        return got.view(np.ndarray) if isinstance(key, str) else got
+
     def rows(self) -> Iterator[list]:
         """Yield the header, then rows of plain values.
 

@@ -139,6 +139,10 @@ def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> N
         if wrong:
             check.different += 1
             check.first = check.first or f'image {theirs["image"]}: {", ".join(wrong)}'
+    if check.recomputed < check.recorded:
+        result.notes.append(
+            f'{check.recorded - check.recomputed} pictures that the tracker saw are not in the bag'
+        )
     result.topics['blocks'] = check
 
 

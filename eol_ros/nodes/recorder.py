@@ -82,7 +82,8 @@ class RecorderNode(EolNode):
         if recording.trouble:
             health.error(f'not recording: {recording.trouble}')
         elif recording.dropped:
-            health.warn(f'the disk is too slow: {sum(recording.dropped.values())} messages dropped')
+            count = sum(recording.dropped.values())
+            health.warn(f'disk or processor too slow: {count} messages dropped')
         elif recording.image_budget_spent:
             health.ok(f'recording without pictures: {self.settings.images_max_gb:g} GB are full')
         else:

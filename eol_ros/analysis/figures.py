@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of a report: each an SVG, a PDF and the CSV of what is drawn."""
+
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eol_ros.analysis.bag import Table, seconds
+from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
+
+# Okabe and Ito's colours, told apart by everyone.
+BLUE, ORANGE, GREEN, GREY = '#0072B2', '#D55E00', '#009E73', '#777777'
+START, STOP = 1, 2
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure: `columns` is what it shows, `paint` draws them on axes."""
+
+    name: str
+    title: str
+    columns: dict[str, np.ndarray]
+    paint: Callable[[Any, dict[str, np.ndarray]], None]
+    note: str
+
+    def draw(self, out: Path) -> str:
+        """Write SVG, PDF and CSV into `out`; return the SVG text without its XML head."""
+        import matplotlib
+
+        matplotlib.use('Agg')
+        from matplotlib import pyplot
+
+        with open(out / f'{self.name}.csv', 'w', newline='', encoding='utf-8') as file:
+            rows = csv.writer(file, lineterminator='\n')
+            rows.writerow(self.columns)
+            rows.writerows(zip(*(c.tolist() for c in self.columns.values()), strict=True))
+        fixed = {'svg.hashsalt': self.name, 'svg.fonttype': 'none', 'font.size': 10}
+        with matplotlib.rc_context(fixed):
+            picture, axes = pyplot.subplots(figsize=(7, 4.2), layout='constrained')
+            self.paint(axes, self.columns)
+            picture.text(0.995, 0.005, self.note, ha='right', fontsize=6, color=GREY)
+            text = io.StringIO()
+            picture.savefig(text, format='svg', metadata={'Date': None})
+            picture.savefig(out / f'{self.name}.pdf', metadata={'CreationDate': None})
+            pyplot.close(picture)
+        (out / f'{self.name}.svg').write_text(text.getvalue(), encoding='utf-8')
+        return text.getvalue()[text.getvalue().index('<svg') :]
+
+
+def of(slips: Table | None, cascades: Table | None, found: dict[str, Any]) -> list[Figure]:
+    """Return the figures that the bag has data for; `found` are the numbers of the report."""
+    note = f'{Path(found["bag"]).name}, {found["duration_s"]:.0f} s'
+    figures = []
+    if cascades is not None:
+        figures.append(_areas(cascades['area'], found['cascades'], note))
+        onsets = np.sort(seconds(cascades['onset']))
+        if len(onsets) > 1:
+            figures.append(
+                _survival('waiting', 'Time between cascades', 's', np.diff(onsets), note)
+            )
+    if slips is not None:
+        starts, stops = slips[slips['kind'] == START], slips[slips['kind'] == STOP]
+        if len(stops):
+            figures.append(
+                _survival('distances', 'Distance of a slip', 'mm', stops['distance'] * 1e3, note)
+            )
+        figures.append(_map(starts['block'], note))
+        figures.append(_activity(seconds(starts['stamp']), note))
+    return figures
+
+
+def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
+    support = np.arange(1, N_BLOCKS + 1)
+    reached = np.array([(areas >= a).sum() for a in support])
+    fitted = np.full(N_BLOCKS, np.nan)
+    if 'tau' in law:
+        inside = support >= law['area_min']
+        weight = support[inside] ** -law['tau']
+        fitted[inside] = law['fitted'] * weight[::-1].cumsum()[::-1] / weight.sum()
+    columns = {'area_blocks': support, 'cascades_at_least': reached, 'fit': fitted}
+
+    def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
+        some = c['cascades_at_least'] > 0
+        axes.loglog(c['area_blocks'][some], c['cascades_at_least'][some], 'o', color=BLUE,
+                    label=f'{law["count"]} cascades')
+        if 'tau' in law:
+            words = f'b = {law["b_value"]:.2f} ± {law["b_error"]:.2f}, A ≥ {law["area_min"]}'
+            axes.loglog(c['area_blocks'], c['fit'], color=ORANGE, label=words)
+        else:
+            axes.plot([], [], ' ', label=law['why'])
+        axes.axvline(N_BLOCKS, color=GREY, linestyle=':', label='A ≤ 25: all blocks')
+        axes.set(xlabel='area A (blocks)', ylabel='cascades of area ≥ A')
+        axes.set_xticks([1, 2, 5, 10, N_BLOCKS], labels=['1', '2', '5', '10', str(N_BLOCKS)])
+        axes.legend()
+
+    return Figure('areas', 'Cascade areas', columns, paint, note)
+
+
+def _survival(name: str, title: str, unit: str, values: np.ndarray, note: str) -> Figure:
+    values = np.sort(values[np.isfinite(values) & (values > 0)])
+    share = 1.0 - np.arange(len(values)) / max(len(values), 1)
+
+    def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
+        x, y = c.values()
+        axes.loglog(x, y, '.', color=BLUE, label=f'{len(x)} events')
+        axes.set(xlabel=f'{title.lower()} ({unit})', ylabel='share at least as large')
+        axes.legend()
+
+    return Figure(name, title, {f'{name}_{unit}': values, 'share': share}, paint, note)
+
+
+def _map(blocks: np.ndarray, note: str) -> Figure:
+    counts = np.bincount(blocks, minlength=N_BLOCKS)[:N_BLOCKS]
+    ids = np.arange(N_BLOCKS)
+    columns = {'block': ids, 'row': ids // COLS, 'column': ids % COLS, 'slips': counts}
+
+    def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
+        grid = c['slips'].reshape(ROWS, COLS)
+        image = axes.imshow(grid, origin='lower', cmap='cividis', vmin=0)
+        for block, count in zip(c['block'], c['slips'], strict=True):
+            bright = count > 0.6 * max(counts.max(), 1)
+            axes.text(block % COLS, block // COLS, f'{block}\n{count}', ha='center', va='center',
+                      color='black' if bright else 'white', fontsize=8)
+        axes.set(xlabel='column (right)', ylabel='row (away)')
+        axes.figure.colorbar(image, label='slips')
+
+    return Figure('blocks', 'Slips of each block (id, count)', columns, paint, note)
+
+
+def _activity(times_s: np.ndarray, note: str) -> Figure:
+    start = times_s.min(initial=np.inf) if len(times_s) else 0.0
+    span = float(np.ptp(times_s)) if len(times_s) else 0.0
+    width = max(1.0, np.ceil(span / 600))
+    edges = np.arange(0, span + 2 * width, width)
+    counts, _ = np.histogram(times_s - start, edges)
+    columns = {'time_s': edges[:-1], 'slips_per_s': counts / width}
+
+    def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
+        axes.step(c['time_s'], c['slips_per_s'], where='post', color=GREEN)
+        axes.set(xlabel='time since the first slip (s)', ylabel='slips per second', ylim=(0, None))
+
+    return Figure('activity', 'Slips over time', columns, paint, note)
