@@ -109,7 +109,7 @@ def test_the_calibration_goes_out_as_camera_info(graph, tmp_path):
 
     film(tmp_path / 'f.avi', 'MJPG', n=10)
     calibration = Calibration.ideal(640, 400)
-    calibration_file.save(calibration, tmp_path / 'c.yaml')
+    calibration_file.save(tmp_path / 'c.yaml', calibration)
     reader, _ = graph(
         settings(tmp_path / 'f.avi', calibration=str(tmp_path / 'c.yaml')),
         lambda r, c: r.infos,

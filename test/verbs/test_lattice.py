@@ -156,3 +156,19 @@ def test_the_bench_measures(capsys, monkeypatch):
     (row,) = report['rows']
     assert row['bucket_mtop_s'] > row['numpy_mtop_s'] > 0
     assert all(r['same_until'] > 10 for r in report['exact'])
+
+
+def test_the_exponents_are_fitted(capsys, monkeypatch):
+    from eol_ros.bench import exponents
+
+    monkeypatch.setattr(exponents, 'AUTOMATA', ((8, 0.2, 1.0, (1, 20)),))
+    assert main(['bench', 'exponents', '--seconds', '600', '--events', '20000', '--json']) == 0
+    rows = {r['model']: r for r in json.loads(capsys.readouterr().out)['rows']}
+    table = rows['table of the paper']
+
+    assert table['status'] == 'ok'
+    assert table['at_least']['1'] == table['events'] > 150
+    assert 1.2 < table['tau'] < 1.9
+    assert table['b_value'] == table['tau'] - 1
+    assert max(int(s) for s in table['area']['at_least']) <= 25
+    assert rows['rice pile of 64']['tau'] > 1

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cascades of a simulation: what moves between one moment of rest and the next."""
+
+import numpy as np
+
+from eol_ros.errors import EolError
+
+
+class NotAtRest(EolError):
+    """Events that do not begin from rest, or that contradict each other."""
+
+
+def cascades(block: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return size (slips) and area (distinct blocks) of each cascade, two (c,) int64.
+
+    block, start: (e,) events in order of time; 1 where the block breaks loose, 0 where it sticks.
+    All blocks stick at first. A cascade lasts as long as any block slides, so what one calls a
+    cascade depends on the speed of the drive: the faster, the more of them run into one. One that
+    is under way at the end is left out.
+    """
+    block, start = np.asarray(block, np.int64), np.asarray(start, bool)
+    if len(block) == 0:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    moving = np.where(start, 1, -1).cumsum()
+    if moving.min() < 0 or moving.max() > len(np.unique(block)):
+        raise NotAtRest('the events do not begin with all blocks at rest')
+    ends = np.flatnonzero(moving == 0) + 1
+    begins = np.concatenate([[0], ends[:-1]])
+    sizes = np.add.reduceat(start[: ends[-1]], begins) if len(ends) else np.zeros(0, np.int64)
+    areas = [len(np.unique(block[b:e][start[b:e]])) for b, e in zip(begins, ends)]
+    return sizes.astype(np.int64), np.array(areas, np.int64)
