@@ -27,7 +27,7 @@ PICTURES = {
 }
 _ENDS = {'.jpg': b'\xff\xd9', '.jpeg': b'\xff\xd9', '.png': b'IEND'}  # absent: the file is cut off
 _DRAWN_SEED = 1
-_DRAWN_EDITION = 'drawn-1'  # another name whenever the drawings change
+_DRAWN_EDITION = 'drawn-2'  # another name whenever the drawings change
 
 
 @dataclass(frozen=True)

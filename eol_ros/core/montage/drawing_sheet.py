@@ -218,7 +218,10 @@ class Sheet:
             bend = waves(rng, x, 0.0 if number == 0 else 17.0, rng.uniform(1100, 2000))
             seam = HORIZON + top + bend
             for xs, ys in self._halves(x, seam):
-                self.polygon([*zip(xs, ys, strict=True), (xs[-1], HEIGHT), (xs[0], HEIGHT)], colour)
+                foot = FAULT_X + FAULT_LEAN * (HEIGHT - HORIZON)  # both halves meet along the fault
+                right = WIDTH if xs[-1] == WIDTH else foot
+                left = 0 if xs[0] == 0 else foot
+                self.polygon([*zip(xs, ys, strict=True), (right, HEIGHT), (left, HEIGHT)], colour)
                 if number:
                     self.line(zip(xs, ys, strict=True), width=1.2, opacity=0.22)
             self._texture(rng, number, HORIZON + top + 26)
