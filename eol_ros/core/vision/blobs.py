@@ -7,6 +7,7 @@ fitted where they are predicted and where light is left unexplained (see edges, 
 
 import numpy as np
 
+from eol_ros.core.geometry import BLOCK_SIDE_M
 from eol_ros.core.vision import edges, profiles, scan
 from eol_ros.errors import ConfigError
 
@@ -41,7 +42,7 @@ class BlobFinder:
         self.blur_px = float(getattr(settings, 'blur_px', _BLUR_PX))
         self.calibration = calibration
         self.clutter = None
-        self._size: np.ndarray | None = None  # side_px over the image: constant, per u, per v
+        self._size: np.ndarray | None = None  # of a side, px: at the middle, per width, per height
         self._shape = (0, 0)
         self._scratch = profiles.workspace()
         self._fitted = np.zeros((_MOST_REGIONS, edges.FIELDS))
@@ -109,17 +110,22 @@ class BlobFinder:
         self._parent = np.zeros(_LABELS, np.int32)
         self._stats = np.zeros((_LABELS, 9))
         self._size, self._contrast, self._turn = None, 0.0, 0
+        if self.calibration is not None:
+            u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(-0.45, 0.45, 7)] * 2))
+            px = np.column_stack([u + 0.5, v + 0.5]) * shape[::-1]
+            half = self.calibration.side_px(px, BLOCK_SIDE_M) / 2
+            self._field = np.linalg.lstsq(_terms(u, v), half, rcond=None)[0]
 
     def _known(self) -> bool:
         return self._size is not None or self.calibration is not None
 
     def _expected(self, uv: np.ndarray) -> np.ndarray:
         """Return the half side in px (n,) of a block at `uv` (n, 2), once it is known."""
+        u, v = (uv / self._shape[::-1] - 0.5).T
         if self.calibration is not None:
-            return self.calibration.side_px(uv, 0.084) / 2
+            return _terms(u, v) @ self._field
         assert self._size is not None
-        middle = np.array(self._shape[::-1]) / 2
-        return (self._size[0] + (uv - middle) @ self._size[1:]) / 2
+        return (self._size[0] + self._size[1] * u + self._size[2] * v) / 2
 
     def _fit(self, image, starts, search) -> np.ndarray:
         """Return fitted squares (n, FIELDS) from `starts` (n, 3) or (n, 4) with their half side."""
@@ -194,15 +200,20 @@ class BlobFinder:
         alike = np.abs(side / usual - 1) < 0.06
         if alike.sum() < 4:
             return
-        uv = whole[alike, :2] - np.array(self._shape[::-1]) / 2
-        columns = np.column_stack([np.ones(len(uv)), uv])
-        # a plane, held flat by a prior of 1 % over 300 px so that few blocks cannot tip it
+        u, v = (whole[alike, :2] / self._shape[::-1] - 0.5).T
+        columns = np.column_stack([np.ones(len(u)), u, v])
+        # a plane, held flat by a prior so that few blocks in one place cannot tip it
         normal = columns.T @ columns
-        normal[1, 1] += len(uv) * 300.0 ** 2 * 0.1
-        normal[2, 2] += len(uv) * 300.0 ** 2 * 0.1
+        normal[1, 1] += 0.005 * len(u)
+        normal[2, 2] += 0.005 * len(u)
         plane = np.linalg.solve(normal, columns.T @ (side[alike] - usual))
         plane[0] += usual
         if self._size is None:
             self._size = plane
         else:
             self._size += share * (plane - self._size)
+
+
+def _terms(u, v) -> np.ndarray:
+    """Return the terms (n, 6) of a quadratic over the image."""
+    return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
