@@ -89,10 +89,9 @@ class SoundNode(EolNode):
             self.samples.publish(samples_message(block, first, stamp_ns, s.sample_rate))
         self.sent = frame
         self.health.values.update(
-            voices=reading.voices, load=round(reading.load, 3),
-            peak_dbfs=round(reading.peak_dbfs, 1),
-            unheard=self.unheard, losses=player.losses, relocks=int(state['clock_locks']),
-            **{k: int(state[k]) for k in COUNTERS},
+            voices=reading.voices, load=round(reading.load, 3), unheard=self.unheard,
+            peak_dbfs=round(reading.peak_dbfs, 1), losses=player.losses,
+            relocks=int(state['clock_locks']), **{k: int(state[k]) for k in COUNTERS},
         )
         text = '; '.join(t for t in (player.text, self.trouble) if t)
         level = 'warn' if self.trouble and player.level == 'ok' else player.level

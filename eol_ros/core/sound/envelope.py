@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading one grain: its samples, and the raised-cosine edges that keep it from clicking.
+"""The raised-cosine edges that keep a grain from clicking, and adding it to the mix under them.
 
 Every output sample depends on its own number in the grain alone, never on where a block of output
 begins; so a render is the same bit for bit however it is cut into blocks.
@@ -64,31 +64,3 @@ def fade_out(out, row, left, frames):
     for k in range(row.size):
         x = np.float32(max(left - k, 0)) / np.float32(frames)
         out[k] = row[k] * edge(min(x, np.float32(1.0))) if left > k else np.float32(0.0)
-
-
-@njit(cache=True, fastmath=FAST)
-def read_linear(out, source, position, rate, first):
-    """Read `source` (n,) f4 at position + rate * (first + k), straight lines between samples."""
-    for k in range(out.size):
-        p = position + rate * (first + k)
-        i = np.int32(p)
-        f = np.float32(p - i)
-        j = np.uint64(np.uint32(i))
-        a = source[j]
-        out[k] = a + f * (source[j + np.uint64(1)] - a)
-
-
-@njit(cache=True, fastmath=FAST)
-def read_cubic(out, source, position, rate, first):
-    """Read like `read_linear` with the cubic through four samples (Catmull and Rom 1974)."""
-    for k in range(out.size):
-        p = position + rate * (first + k)
-        i = np.int32(p)
-        f = np.float32(p - i)
-        j = np.uint64(np.uint32(i))
-        a, b = source[j - np.uint64(1)], source[j]
-        c, d = source[j + np.uint64(1)], source[j + np.uint64(2)]
-        c1 = HALF * (c - a)
-        c2 = a - np.float32(2.5) * b + np.float32(2.0) * c - HALF * d
-        c3 = HALF * (d - a) + np.float32(1.5) * (b - c)
-        out[k] = ((c3 * f + c2) * f + c1) * f + b

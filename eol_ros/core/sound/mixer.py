@@ -16,8 +16,6 @@ from eol_ros.core.sound.envelope import (
     add_flat,
     add_rise,
     fade_out,
-    read_cubic,
-    read_linear,
 )
 from eol_ros.core.sound.limiter import ONE, condition, limit
 from eol_ros.core.sound.loudness import k_weighting
@@ -34,6 +32,7 @@ from eol_ros.core.sound.mixer_layout import (
     samples,
 )
 from eol_ros.core.sound.pan import pan
+from eol_ros.core.sound.taps import read
 from eol_ros.core.sound.triggers import playable
 
 EDGE_S = 0.002  # the shortest edge: anything steeper is heard as a click
@@ -114,11 +113,7 @@ def _mix(m, begin, end, origin):
             row = samples(v.source + 4 * n, stop - n)
         else:
             row = scratch[: stop - n]
-            reach = int(v.rate * (last + 1)) + 4
-            if cubic:
-                read_cubic(row, samples(v.source - 4, reach), 1.0, v.rate, n)
-            else:
-                read_linear(row, samples(v.source, reach), 0.0, v.rate, n)
+            read(row, v.source, v.rate, n, cubic, m.whole, m.fraction)
         if stop > v.steal - v.start:
             fade_out(scratch, row, v.steal + steal_frames - v.start - n, steal_frames)
             row = scratch[: stop - n]

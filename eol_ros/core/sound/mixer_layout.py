@@ -6,7 +6,7 @@ knows lies in numpy arrays whose addresses stand in one table of int64; compiled
 address of that table and views the arrays in place, and Python reads the same arrays.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import carray, njit, types
@@ -29,7 +29,6 @@ VOICE = np.dtype(
         ('release', 'i8'),  # frames of the falling edge
         ('steal', 'i8'),  # frame at which a fade-out for others begins; FOREVER if none
         ('source', 'i8'),  # address of the float32 samples that it reads
-        ('position', 'f8'),  # where in the source it begins, samples
         ('rate', 'f8'),  # source samples a frame
         ('channel_a', 'i8'),  # the two loudspeakers between which it stands
         ('channel_b', 'i8'),
@@ -124,10 +123,11 @@ class Memory(NamedTuple):
     past: np.ndarray  # (history, channels) f4, ring of what was put out
     loads: np.ndarray  # (LOADS,) f8, ring of the share of its time that a callback took
     timespec: np.ndarray  # (2,) i8, for the clock
+    whole: np.ndarray  # (CHUNK,) i4, whole part of the places that are read
+    fraction: np.ndarray  # (CHUNK,) f4, the rest of them
 
 
-@intrinsic
-def pointer(typing_context, address):
+def _pointer(typing_context, address):
     """Turn an int64 into a pointer, which numba has no word for."""
 
     def codegen(context, builder, signature, args):
@@ -136,8 +136,10 @@ def pointer(typing_context, address):
     return types.voidptr(types.int64), codegen
 
 
-@intrinsic
-def fence(typing_context):
+pointer: Any = intrinsic(_pointer)
+
+
+def _fence(typing_context):
     """Order the memory accesses before and after it: the ring has one writer and one reader."""
 
     def codegen(context, builder, signature, args):
@@ -145,6 +147,9 @@ def fence(typing_context):
         return context.get_dummy_value()
 
     return types.void(), codegen
+
+
+fence: Any = intrinsic(_fence)
 
 
 @njit(cache=True)
@@ -156,7 +161,7 @@ def samples(address, count):
 @njit(cache=True)
 def memory(address):
     """View the arrays whose table stands at `address`."""
-    t = carray(pointer(address), 18, np.int64)
+    t = carray(pointer(address), 20, np.int64)
     state = carray(pointer(t[0]), 1, STATE)
     s = state[0]
     c, look_ahead = s.channels, s.look_ahead
@@ -179,13 +184,15 @@ def memory(address):
         carray(pointer(t[15]), (s.history, c), np.float32),
         carray(pointer(t[16]), LOADS, np.float64),
         carray(pointer(t[17]), 2, np.int64),
+        carray(pointer(t[18]), CHUNK, np.int32),
+        carray(pointer(t[19]), CHUNK, np.float32),
     )
 
 
 def allocate(
     channels: int, capacity: int, look_ahead: int, history: int
 ) -> tuple[Memory, np.ndarray]:
-    """Return the zeroed arrays of a mixer and the table of their addresses, (18,) int64."""
+    """Return the zeroed arrays of a mixer and the table of their addresses, (20,) int64."""
     arrays = Memory(
         np.zeros(1, STATE),
         np.zeros(capacity, VOICE),
@@ -205,6 +212,8 @@ def allocate(
         np.zeros((history, channels), np.float32),
         np.zeros(LOADS),
         np.zeros(2, np.int64),
+        np.zeros(CHUNK, np.int32),
+        np.zeros(CHUNK, np.float32),
     )
     s = arrays.state
     s['channels'], s['capacity'] = channels, capacity

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reference import score
 from scipy.signal import sosfilt
 
+from eol_ros.bench.sound_reference import score
 from eol_ros.core.sound.loudness import k_weighting
 from eol_ros.core.sound.mixer import Bank, Mixer
 from eol_ros.core.sound.offline import render_all

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from reference import score
 
+from eol_ros.bench.sound_reference import score
 from eol_ros.core.sound.meter import BANDS, PAIRS, Meter, Spectrum, waveform
 from eol_ros.core.sound.mixer import Bank, Mixer, voice_rows
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from reference import reference, score, snr_db
 
+from eol_ros.bench.sound_reference import reference, score, snr_db
 from eol_ros.core.sound.mixer import STEAL_S, Bank, Mixer, voice_rows
 from eol_ros.core.sound.mixer_layout import RING
 from eol_ros.core.sound.offline import render_all

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mixer written again, slowly and in double precision, to test the fast one against."""
+"""The mixer written again, slowly and in double precision, to hold the fast one against."""
 
 import numpy as np
 from scipy.signal import lfilter
