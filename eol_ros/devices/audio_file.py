@@ -75,14 +75,12 @@ def _read(path: Path) -> tuple[np.ndarray, int, int, list[str]]:
     notes: list[str] = []
     try:
         with soundfile.SoundFile(path) as sound:
+            samples = np.empty(sound.frames, np.float32)
             # Between two reads soundfile seeks, and a seek within MP3 is not exact: take it in one.
-            block = sound.frames if sound.format == 'MPEG' else BLOCK
-            parts = [*_blocks(sound, block)]
-            count = sum(map(len, parts))
+            count = _fill(samples, sound, sound.frames if sound.format == 'MPEG' else BLOCK)
             if count < sound.frames:
                 with soundfile.SoundFile(path) as again:
-                    parts += _blocks(again, LAST, count)
-                count = sum(map(len, parts))
+                    count = _fill(samples, again, LAST, count)
                 notes.append(
                     f'{path}: breaks off after {count / sound.samplerate:.2f} s of '
                     f'{sound.frames / sound.samplerate:.2f} s; only what is there is used'
@@ -93,21 +91,25 @@ def _read(path: Path) -> tuple[np.ndarray, int, int, list[str]]:
             f'{path}: not a sound that libsndfile reads ({_reason(error)}); '
             'give WAV, FLAC, OGG, AIFF or MP3'
         ) from None
-    samples = np.concatenate(parts) if parts else np.zeros(0, np.float32)
-    return samples, rate, channels, notes
+    except (MemoryError, ValueError):
+        raise ConfigError(f'{path}: claims to be longer than memory holds; cut it up') from None
+    return samples[:count], rate, channels, notes
 
 
-def _blocks(sound: soundfile.SoundFile, size: int, start: int = 0) -> list[np.ndarray]:
-    """Return the mean of the channels from `start` on, as far as it can be read."""
-    parts = []
+def _fill(out: np.ndarray, sound: soundfile.SoundFile, size: int, start: int = 0) -> int:
+    """Write the mean of the channels from `start` on, as far as it goes; return how far that is."""
     try:
         if start:
             sound.seek(start)
         while len(block := sound.read(size, dtype='float32', always_2d=True)):
-            parts.append(block.mean(axis=1, dtype=np.float32))
+            end = min(start + len(block), len(out))
+            out[start:end] = block[: end - start].mean(axis=1, dtype=np.float32)
+            if end == len(out):
+                return end
+            start = end
     except soundfile.LibsndfileError:
         pass  # broken off: what was read before stands
-    return parts
+    return start
 
 
 def _reason(error: Exception) -> str:
