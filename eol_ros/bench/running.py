@@ -160,7 +160,7 @@ class Graph:
         tracked = set(self._stamps('blocks'))
         lost = {}
         given = self._stamps('truth')
-        if given:  # the last ones may still be on their way
+        if given and tracked:  # the last ones may still be on their way
             lost['tracker'] = len([s for s in given if s not in tracked and s <= max(tracked)])
         elif len(tracked) > 2:  # a camera keeps its beat: a gap of two periods is a lost image
             gaps = np.diff(sorted(tracked)) / np.median(np.diff(sorted(tracked)))
