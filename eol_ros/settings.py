@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can be set, node by node: the one list that scene files, ROS parameters and docs are made from.
+"""What can be set, node by node: what scene files, ROS parameters and docs are made from.
 
 Plain frozen dataclasses without heavy imports, so that a scene can be checked before anything is
 started. A field made with `setting(...)` carries its unit, its range and its meaning.
@@ -22,8 +22,8 @@ def setting(
 ) -> Any:
     """Return a dataclass field that knows how to be checked and explained.
 
-    `live`: may change while the node runs. `path`: names a file or folder, relative to the scene file;
-    with 'maybe' it is one only if such a file is there.
+    `live`: may change while the node runs. `path`: names a file or folder, relative to the scene
+    file; with 'maybe' it is one only if such a file is there.
     A tuple default makes a list setting; its items are checked one by one.
     """
     return field(
@@ -76,6 +76,11 @@ class TrackerSettings:
     trust_start: bool = setting(
         True, 'when the tracker starts, the rim is turned by less than 45 degrees'
     )
+    blink_block: int = setting(
+        -1, 'block whose infrared light blinks to show which way round all lie; -1: none', '', -1, 24
+    )
+    blink_period_s: float = setting(2.0, 'from blink to blink', 's', 0.5, 60)
+    blink_off_s: float = setting(0.1, 'how long it is dark', 's', 0.05, 0.2)
 
 
 @dataclass(frozen=True)

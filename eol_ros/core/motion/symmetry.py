@@ -14,10 +14,10 @@ from eol_ros.core.geometry import COLS, N_BLOCKS
 LAG_S = 0.25  # evidence is judged this long after its stamp, when all of it has arrived
 WINDOW_S = 0.04  # an onset and a tap further apart are of two slips
 TIMING_S = 0.004  # of clocks and onsets, beside what they say of themselves
-HEARD = 0.9  # share of slips whose tap arrives
-SEEN = 0.85  # share of taps whose slip is seen to begin
+HEARD = 0.95  # share of slips whose tap arrives
+SEEN = 0.88  # share of taps whose slip is seen to begin
 RATE_HZ = 0.7  # slips of one block, a second: how often a tap is there by chance
-MARGIN = 9.0
+MARGIN = 12.0
 SURE_MARGIN = 25.0  # to contradict a turn that was thought known
 
 
@@ -92,10 +92,17 @@ class Coincidence:
         return float(np.log(best))
 
     def _tap_speaks(self, tap: tuple[float, int, float], block: int) -> float:
-        near = any(b == block and abs(t - tap[0]) <= WINDOW_S for t, b, _ in self.onsets)
+        near = any(
+            b == block and abs(t - tap[0]) <= 3.0 * _joint(tap[2], sigma_s)
+            for t, b, sigma_s in self.onsets
+        )
         return 0.0 if near else float(np.log(1.0 - SEEN))
 
 
+def _joint(*sigmas_s: float) -> float:
+    return float(np.sqrt(TIMING_S**2 + sum(s * s for s in sigmas_s)))
+
+
 def _density(apart_s: float, *sigmas_s: float) -> float:
-    sigma = np.sqrt(TIMING_S**2 + sum(s * s for s in sigmas_s))
+    sigma = _joint(*sigmas_s)
     return float(np.exp(-0.5 * (apart_s / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi)))

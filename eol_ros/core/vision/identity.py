@@ -5,6 +5,7 @@ import numpy as np
 
 from eol_ros.core.motion.slips import START, SlipDetector
 from eol_ros.core.motion.symmetry import Coincidence
+from eol_ros.core.vision.blink import Blink
 from eol_ros.core.vision.lattice import TRACKING, Lattice
 from eol_ros.settings import MotionSettings
 
@@ -16,8 +17,9 @@ class Identity:
     nothing here costs anything but while the turn is open.
     """
 
-    def __init__(self, trust_start: bool = True):
+    def __init__(self, trust_start: bool = True, blink: Blink | None = None):
         self.lattice = Lattice(trust_start)
+        self.blink = blink
         self.coincidence = Coincidence()
         self.onsets: SlipDetector | None = None  # while the turn of the lattice is in question
         self.confirmed = False  # taps have agreed with the turn since the lattice was found
@@ -33,7 +35,14 @@ class Identity:
         if lattice.state != TRACKING:
             self.onsets, self.confirmed = None, False
             self.coincidence.update(stamp_s)
+            if self.blink is not None:
+                self.blink.forget()
             return
+        if self.blink is not None and not self.confirmed:
+            quarters = self.blink.update(stamp_s, lattice.xy, lattice.seen)
+            if quarters is not None:
+                self._settle(quarters)
+                return
         asked = not self.confirmed and self.coincidence.listening(stamp_s)
         if not (lattice.ambiguous or asked):
             self.onsets = None
@@ -49,6 +58,9 @@ class Identity:
         self.coincidence.update(stamp_s)
         quarters = self.coincidence.answer(known=not lattice.ambiguous)
         if quarters is not None:
-            lattice.turn_ids(quarters)
-            self.confirmed, self.onsets = True, None
-            self.coincidence.forget()
+            self._settle(quarters)
+
+    def _settle(self, quarters: int) -> None:
+        self.lattice.turn_ids(quarters)
+        self.confirmed, self.onsets = True, None
+        self.coincidence.forget()

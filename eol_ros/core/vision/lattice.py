@@ -28,6 +28,7 @@ FEW = 4  # fewer seen blocks than this, for a while, and the lattice is lost
 LOST_S = 0.05
 AUDIT_S = 0.1  # how often the whole lattice is read anew, when there is reason to
 AGREE = 3  # so many readings must say the same before ids change
+COAST_S = 0.7  # for so long a turning rim is thought to turn on in the dark
 TURN_RATE = 2.2  # rad/s, fastest that visitors turn the rim
 JUMP_S = 0.25  # a break in the images longer than this ends all following
 REST_M, REST_S = 6e-4, 0.1  # a lattice whose blocks stay within this for so long rests
@@ -59,6 +60,7 @@ class Lattice:
         self.state = SEARCHING
         self.ambiguous = False
         self.angle = 0.0
+        self.turn_rate = 0.0  # rad/s, of the lattice, over the last images
         self.known_s = -np.inf  # when the lattice angle was last followed by at least one block
         self.enough_s = -np.inf  # when enough blocks were last seen
         self.last_s = -np.inf
@@ -142,7 +144,7 @@ class Lattice:
         if not (away <= REST_M).all():
             self.rest_xy, self.rest_s = self.xy.copy(), stamp_s
         self._swap_audit(stamp_s, step)
-        self._turn_yaws(yaw)
+        self._turn_yaws(yaw, step)
         self._whole_audit(stamp_s, xy, yaw)
         count = int(self.seen.sum())
         if count:
@@ -152,7 +154,7 @@ class Lattice:
         elif stamp_s - self.enough_s > LOST_S:
             self._lose()
 
-    def _turn_yaws(self, yaw: np.ndarray) -> None:
+    def _turn_yaws(self, yaw: np.ndarray, step: float) -> None:
         """Unwrap the yaw of the seen blocks; let the hidden ones turn with the lattice."""
         seen = self.seen
         if not seen.any():
@@ -165,6 +167,7 @@ class Lattice:
         else:
             by = float(np.median(change))
         self.angle += by
+        self.turn_rate += 0.2 * (by / step - self.turn_rate)
         self.yaw[~seen] += by
 
     def _swap_audit(self, stamp_s: float, step: float) -> None:
@@ -196,7 +199,7 @@ class Lattice:
         if not sure:
             self.agreed = 0
             return
-        index = self._nearest_turn(index, angle)[0]
+        index = self._nearest_turn(index, angle, self.angle)[0]
         more = (index >= 0).sum() - self.seen.sum()
         worse = self._misfit(xy, self.index)
         better = self._misfit(xy, index)
@@ -231,15 +234,16 @@ class Lattice:
         fit, *_ = np.linalg.lstsq(basis, place, rcond=None)
         return float(((basis @ fit - place) ** 2).sum(1).mean())
 
-    def _nearest_turn(self, index: np.ndarray, angle: float) -> tuple[np.ndarray, float, float]:
-        """Turn a reading by quarters to the lattice angle believed in: (index, angle, rest of
-        turn)."""
-        quarters = int(np.round((self.angle - angle) / QUARTER))
+    @staticmethod
+    def _nearest_turn(
+        index: np.ndarray, angle: float, believed: float
+    ) -> tuple[np.ndarray, float]:
+        """Turn a reading by quarters until it is nearest to the angle believed in."""
+        quarters = int(np.round((believed - angle) / QUARTER))
         turned = np.full(N_BLOCKS, -1)
         for block in range(N_BLOCKS):
             turned[rotate_cell(block, quarters % 4)] = index[block]
-        angle = angle + quarters * QUARTER
-        return turned, angle, angle - self.angle
+        return turned, angle + quarters * QUARTER
 
     def _search(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray) -> None:
         known = self.state == LOST
@@ -251,13 +255,16 @@ class Lattice:
         if not sure:
             self.agreed = 0
             return
-        index, angle, off = self._nearest_turn(index, angle)
+        blind_s = stamp_s - self.known_s if known else 0.0
+        # A hand that was turning the rim when the light went will have gone on a little.
+        believed = self.angle + self.turn_rate * min(blind_s, COAST_S)
+        index, angle = self._nearest_turn(index, angle, believed)
+        off = angle - self.angle
         self.agreed += 1
         if self.agreed < AGREE and (index < 0).any():
             return
         self.agreed = 0
         if known:
-            blind_s = stamp_s - self.known_s
             self.ambiguous |= QUARTER - abs(off) <= TURN_RATE * blind_s
         else:
             self.ambiguous = not self.trust_start

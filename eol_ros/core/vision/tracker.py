@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.vision.blink import Blink
 from eol_ros.core.vision.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.calibration import Calibration
 from eol_ros.core.vision.identity import Identity
@@ -59,7 +60,10 @@ class Tracker:
         self.settings = settings
         self.calibration = calibration
         self.finder = finder if finder is not None else BlobFinder(settings, calibration)
-        self.identity = Identity(settings.trust_start)
+        blink = None
+        if settings.blink_block >= 0:
+            blink = Blink(settings.blink_block, settings.blink_period_s, settings.blink_off_s)
+        self.identity = Identity(settings.trust_start, blink)
         self.lattice = self.identity.lattice
         self.watch = Watch(calibration)
         self.visibility = np.zeros(N_BLOCKS, np.float32)
