@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`eol VERB`: parsing only. Each verb is a module of `eol_ros.verbs`, imported when it is asked for."""
+"""`eol VERB`: parsing only. Each verb is a module of `eol_ros.verbs`, imported when asked for."""
 
 import argparse
 import difflib

@@ -50,7 +50,9 @@ class TwinSettings:
         'L2', 'noise of the virtual camera', choices=('none', 'L0', 'L1', 'L2', 'L3', 'L4')
     )
     clutter: str = setting(
-        'clean', 'arms, reflections and dirt in view', choices=('clean', 'ordinary', 'hard', 'brutal')
+        'clean',
+        'arms, reflections and dirt in view',
+        choices=('clean', 'ordinary', 'hard', 'brutal'),
     )
     hands: str = setting('visitors', 'who moves the rim', choices=('visitors', 'nobody'), live=True)
     seed: int = setting(1, 'of the hands, the friction of each block and the image noise', '', 0)
@@ -58,7 +60,9 @@ class TwinSettings:
 
 @dataclass(frozen=True)
 class CameraSettings:
-    device: str = setting('auto', 'stable camera name, /dev path, or a file that OpenCV opens', path='maybe')
+    device: str = setting(
+        'auto', 'stable camera name, /dev path, or a file that OpenCV opens', path='maybe'
+    )
     fps: float = setting(60.0, 'images a second; 0 takes a file as it says', 'Hz', 0, 240)
     width: int = setting(1280, 'image width', 'px', 160, 4096)
     height: int = setting(800, 'image height', 'px', 100, 4096)
@@ -77,7 +81,7 @@ class TrackerSettings:
         True, 'when the tracker starts, the rim is turned by less than 45 degrees'
     )
     blink_block: int = setting(
-        -1, 'block whose infrared light blinks to show which way round all lie; -1: none', '', -1, 24
+        -1, 'block whose infrared light blinks to show which way round all lie', '', -1, 24
     )
     blink_period_s: float = setting(2.0, 'from blink to blink', 's', 0.5, 60)
     blink_off_s: float = setting(0.1, 'how long it is dark', 's', 0.05, 0.2)
@@ -148,7 +152,10 @@ class GrainsSettings:
         1.2, 'side of the square of the table that the space covers', 'm', 0.1, 10, live=True
     )
     mode: str = setting(
-        'fence', 'a touched grain sounds once, or moving blocks rumble', choices=('fence', 'bow'), live=True
+        'fence',
+        'a touched grain sounds once, or moving blocks rumble',
+        choices=('fence', 'bow'),
+        live=True,
     )
     choose: str = setting(
         'all', 'which grains within reach', choices=('all', 'nearest', 'k'), live=True
@@ -195,7 +202,7 @@ class SoundSettings:
     sample_rate: int = setting(48000, 'of the output', 'Hz', 8000, 192000)
     channels: int = setting(2, 'loudspeakers in a row, left to right', '', 1, 64)
     block_size: int = setting(256, 'samples a callback', '', 32, 4096)
-    latency_s: float = setting(0.04, 'from the stamp of an image to its sound', 's', 0, 1, live=True)
+    latency_s: float = setting(0.04, 'from the stamp of an image to sound', 's', 0, 1, live=True)
     gain_db: float = setting(-6.0, 'master gain', 'dB', -90, 24, live=True)
     reading: str = setting(
         'cubic', 'between samples', choices=('cubic', 'linear'), live=True

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests share: a DDS domain of their own, folders of their own, and no silent skip in CI."""
+"""What all tests share: a DDS domain and folders of their own, and no silent skip in CI."""
 
 import os
 import sys

@@ -153,8 +153,11 @@ def test_unknown_scene_has_a_hint():
         scenes.load('musuem')
 
 
-@given(st.dictionaries(st.sampled_from([*NODES, 'x', 'scene']), st.none() | st.integers() | st.text()
-                       | st.dictionaries(st.text(), st.floats() | st.text())))
+VALUES = st.none() | st.integers() | st.text()
+SETTINGS = st.dictionaries(st.text(), st.floats() | st.text())
+
+
+@given(st.dictionaries(st.sampled_from([*NODES, 'x', 'scene']), VALUES | SETTINGS))
 def test_never_falls_over(nodes):
     path = write(FUZZ, yaml.safe_dump({'nodes': nodes}, allow_unicode=True))
     try:

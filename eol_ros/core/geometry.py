@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sizes of the table, in metres, and the lattice of its blocks.
 
-World frame `table`: origin at the platform's centre, x right, y away from the front edge, z up.
-The paper prints the rim as 960 cm; the sum of its own parts is 96.0 cm, and that is what stands here.
+World frame `table`: origin at the platform's centre, x right, y away from the front, z up.
+The paper prints the rim as 960 cm; the sum of its own parts is 96.0 cm, and that stands here.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ SPRING_M = 0.090
 PITCH_M = BLOCK_SIDE_M + SPRING_M  # 0.174
 RIM_SIDE_M = 5 * BLOCK_SIDE_M + 6 * SPRING_M  # 0.960
 PLATFORM_SIDE_M = 1.40
-RIM_REACH_M = (PLATFORM_SIDE_M - RIM_SIDE_M) / 2  # how far the rim can move before it meets the edge
+RIM_REACH_M = (PLATFORM_SIDE_M - RIM_SIDE_M) / 2  # from rest until the rim meets the edge
 
 
 def rest_lattice() -> np.ndarray:

@@ -24,7 +24,8 @@ def run(args):
     except scenes.SceneError as error:
         if not args.json:
             raise
-        print(json.dumps({'ok': False, 'mistakes': [dataclasses.asdict(m) for m in error.mistakes]}))
+        mistakes = [dataclasses.asdict(m) for m in error.mistakes]
+        print(json.dumps({'ok': False, 'mistakes': mistakes}))
         return error.exit_code
     if args.json:
         print(json.dumps({'ok': True, **scenes.plain(scene)}, indent=2))

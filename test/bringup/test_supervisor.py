@@ -168,7 +168,8 @@ def test_a_stubborn_process_is_killed_in_the_end(start, monkeypatch):
 
 
 def test_garbage_on_the_pipe_is_no_heartbeat(start):
-    script = BEAT + "os.write(fd, b'\\xff\\x00{]\\n[]\\n{}\\n'); beat('twin')\nwhile 1: time.sleep(.1)"
+    garbage = "os.write(fd, b'\\xff\\x00{]\\n[]\\n{}\\n'); beat('twin')"
+    script = BEAT + garbage + '\nwhile 1: time.sleep(.1)'
     supervisor, _ = start(process('twin', script))
 
     assert supervisor.run(seconds=0.1) == 0

@@ -87,7 +87,7 @@ def test_health_goes_both_ways(ros, monkeypatch):
     spin(node, lambda: any(m.status[0].level == b'\x01' for m in seen))
     lines = [json.loads(line) for line in os.read(out, 65536).splitlines()]
 
-    assert [line['level'] for line in lines][0] == 3  # starting
+    assert lines[0]['level'] == 3  # starting
     assert lines[-1]['level'] == 1 and lines[-1]['text'] == 'no picture on the right'
     assert lines[-1]['values'] == {'pairs': 24}
     row = seen[-1].status[0]
@@ -150,7 +150,9 @@ def test_profile(kind):
     xml.dom.minidom.parseString(text)
 
     assert ('127.0.0.1' in text) == (kind == 'local')
-    assert str(64 << 20) in text
+    assert f'<segment_size>{network.BIG_SEGMENT}</segment_size>' in text
+    # Every image that the QoS keeps must fit in at once, or the oldest are overwritten unread.
+    assert QOS['images'].depth * 1280 * 800 < network.BIG_SEGMENT
 
 
 def test_a_profile_of_the_user_stays(monkeypatch):
