@@ -13,8 +13,8 @@ from eol_ros.core.sound.loudness import k_weighting, lufs
 
 SAMPLES = Path('/usr/share/sonic-pi/samples')
 RECORDINGS = (
-    'ambi_choir', 'ambi_swoosh', 'bass_drop_c', 'drum_cymbal_closed', 'elec_twang', 'guit_em9',
-    'loop_amen', 'loop_electric', 'misc_crow', 'perc_snap', 'tabla_tun1', 'vinyl_scratch',
+    'ambi_choir', 'ambi_swoosh', 'bass_drop_c', 'drum_cymbal_closed', 'guit_em9', 'loop_amen',
+    'misc_crow', 'vinyl_scratch',
 )  # fmt: skip
 
 
@@ -114,7 +114,7 @@ def naive_yin(frame, rate):
 
 def test_yin_by_transform_is_yin_by_sum():
     random = np.random.default_rng(4)
-    frames = random.standard_normal((8, YIN_FRAME))
+    frames = random.standard_normal((5, YIN_FRAME))
     frames[0] = tone(333, 44100)[:YIN_FRAME]
     frames[1] = 1e-3 * frames[1] + tone(97, 44100)[:YIN_FRAME]
     frames[2] = np.cumsum(frames[2])
@@ -136,7 +136,7 @@ def test_k_weighting_is_the_printed_one():
         np.testing.assert_allclose(np.delete(section, 3), printed, rtol=1e-8)
 
 
-@pytest.mark.parametrize('rate', [44100, 48000, 96000, 192000])
+@pytest.mark.parametrize('rate', [44100, 96000])
 def test_loudness_of_the_reference_tone(rate):
     """BS.1770: 997 Hz at full scale in one channel is -3.01 LUFS, at any rate."""
     grain, _ = one(tone(997, rate, 2.0, level=1.0), rate)
@@ -197,7 +197,7 @@ def test_periodicity_of_real_recordings_as_essentia_has_it(recording):
         frameSize=YIN_FRAME, sampleRate=rate, minFrequency=40, maxFrequency=4000, tolerance=0.15
     )
     theirs, ours = [], []
-    for (a, b), grain in list(zip(cuts[~silent], grains[~silent]))[:16]:
+    for (a, b), grain in list(zip(cuts[~silent], grains[~silent]))[:8]:
         part = samples[a:b]
         frames = [part[i : i + YIN_FRAME].copy() for i in range(0, len(part) - YIN_FRAME + 1, HOP)]
         if frames:

@@ -151,13 +151,13 @@ def compare(seed, images, n_grains):
 
 
 def test_agrees_with_the_oracle():
-    assert sum(compare(seed, images=25, n_grains=12) for seed in range(24)) > 100
+    assert sum(compare(seed, images=25, n_grains=12) for seed in range(16)) > 80
 
 
 @pytest.mark.slow
 def test_agrees_with_the_oracle_on_1e5_trajectories():
     scenes = 100_000 // 25
-    assert sum(compare(1000 + seed, images=7, n_grains=4) for seed in range(scenes)) > 5_000
+    assert sum(compare(1000 + seed, images=6, n_grains=4) for seed in range(scenes)) > 5_000
 
 
 def run(settings, places, path, block=12, images=None, sigma=0.0):
@@ -209,7 +209,7 @@ def test_a_block_that_rests_in_reach_is_silent_until_it_slips():
 def test_noise_is_not_motion():
     random = np.random.default_rng(0)
     sigma = 5e-4  # steps of 40 mm/s, above start_mps
-    path = sigma * random.standard_normal((2000, 2))
+    path = sigma * random.standard_normal((700, 2))
     assert len(run(STILL, CENTRE, path, sigma=sigma)) == 0
     assert len(run(STILL, CENTRE, path, sigma=0.0)) > 0
 
