@@ -7,6 +7,7 @@ hangs in the museum, to the bit.
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
@@ -84,17 +85,24 @@ class Tracker:
         return self.calibration.cover_height_m if self.calibration is not None else 0.0
 
     def warm_up(self) -> None:
-        """Compile or load all compiled code, on throw-away state, before the first image comes."""
+        """Compile or load all compiled code, on throw-away state, before the first image comes.
+
+        A film of the lattice at rest, then moving; a side goes and comes back; all goes and comes.
+        """
         calibration = self.calibration or Calibration.ideal()
-        shape = calibration.image_height, calibration.image_width
-        y, x = np.mgrid[: shape[0], : shape[1]].astype(np.int16)
-        image = np.full(shape, 12, np.uint8)
-        for u, v in calibration.to_pixels(rest_lattice()):
-            image[(abs(x - u) < 20) & (abs(y - v) < 20)] = 200
         spare = Tracker(self.settings, calibration)
-        for k in range(40):
-            if k > 20:  # a block goes, and comes back
-                image[:, : shape[1] // 2] = 12 if k < 30 else image[:, ::-1][:, : shape[1] // 2]
+        shape = calibration.image_height, calibration.image_width
+        half = BLOCK_SIDE_M / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        for k in range(90):
+            image = np.full(shape, 12, np.uint8)
+            moved = rest_lattice() + max(k - 15, 0) * 4e-4
+            for corners in moved[:, None] + half if not 60 <= k < 70 else []:
+                outline = np.rint(calibration.to_pixels(corners) * 16).astype(np.int32)
+                cv2.fillConvexPoly(image, outline, 200, cv2.LINE_AA, 4)
+            if 30 <= k < 45:
+                image[:, : shape[1] // 2] = 12
+            image = cv2.GaussianBlur(image, (0, 0), 1.2)
+            image.flags.writeable = False  # as it comes over the wire: a type of its own
             spare.update(k / 60, image)
 
     def update(self, stamp_s: float, image: np.ndarray) -> Tracked:
