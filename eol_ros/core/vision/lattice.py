@@ -27,6 +27,7 @@ SEARCHING, TRACKING, LOST = 0, 1, 2
 FEW = 4  # fewer seen blocks than this, for a while, and the lattice is lost
 LOST_S = 0.05
 AUDIT_S = 0.1  # how often the whole lattice is read anew, when there is reason to
+MANY = 3  # lights that wait, and hidden blocks that they may be
 AGREE = 3  # so many readings must say the same before ids change
 COAST_S = 0.7  # for so long a turning rim is thought to turn on in the dark
 TURN_RATE = 2.2  # rad/s, fastest that visitors turn the rim
@@ -125,13 +126,15 @@ class Lattice:
             stamp_s, xy, self.index, self.candidate_xy, self.candidate_born,
             self.candidate_seen, self.candidate_index,
         )  # fmt: skip
-        back = return_hidden(
-            stamp_s, self.xy, self.index, self.sigma, self.seen_s, self.angle,
-            self.candidate_xy, self.candidate_born, self.candidate_seen, self.candidate_index,
-        )  # fmt: skip
-        if back.any():
-            self.xy[back] = xy[self.index[back]]
-            self.velocity[back] = 0.0
+        self.seen = held
+        if not self._whole_audit(stamp_s, xy, yaw):
+            back = return_hidden(
+                stamp_s, self.xy, self.index, self.sigma, self.seen_s, self.angle,
+                self.candidate_xy, self.candidate_born, self.candidate_seen, self.candidate_index,
+            )  # fmt: skip
+            if back.any():
+                self.xy[back] = xy[self.index[back]]
+                self.velocity[back] = 0.0
         seen = self.index >= 0
         same = seen & was
         if step > 0:
@@ -145,7 +148,6 @@ class Lattice:
             self.rest_xy, self.rest_s = self.xy.copy(), stamp_s
         self._swap_audit(stamp_s, step)
         self._turn_yaws(yaw, step)
-        self._whole_audit(stamp_s, xy, yaw)
         count = int(self.seen.sum())
         if count:
             self.known_s = stamp_s
@@ -184,21 +186,25 @@ class Lattice:
         self.swaps[[a, b], :] = 0.0
         self.swaps[:, [a, b]] = 0.0
 
-    def _whole_audit(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray) -> None:
-        """Read the lattice from nothing and adopt the reading when it keeps explaining more."""
-        waiting = np.isfinite(self.candidate_born) & (stamp_s - self.candidate_born > AUDIT_S)
+    def _whole_audit(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray) -> bool:
+        """Read the lattice from nothing and adopt the reading when it keeps explaining more.
+
+        With several lights waiting it is asked on every image, and two answers that leave all that
+        is seen as it is are enough; else now and then, with more patience.
+        """
+        age = np.where(self.candidate_index >= 0, stamp_s - self.candidate_born, 0.0)
         hidden = N_BLOCKS - int(self.seen.sum())
-        reason = (hidden and waiting.any()) or folds(self.xy, self.seen)
-        if not reason:
+        many = min(int((age > 0.0).sum()), hidden) >= MANY
+        if not (many or (hidden and (age > AUDIT_S).any()) or folds(self.xy, self.seen)):
             self.agreed = 0
-            return
-        if stamp_s - self.audit_s < AUDIT_S:
-            return
+            return False
+        if stamp_s - self.audit_s < AUDIT_S and not many:
+            return False
         self.audit_s = stamp_s
         index, angle, sure = read_lattice(xy, yaw, self.xy, True)
         if not sure:
             self.agreed = 0
-            return
+            return False
         index = self._nearest_turn(index, angle, self.angle)[0]
         more = (index >= 0).sum() - self.seen.sum()
         worse = self._misfit(xy, self.index)
@@ -211,13 +217,16 @@ class Lattice:
             or more < 0
         ):
             self.agreed = 0
-            return
+            return False
         named = self._named(index)
         self.agreed = self.agreed + 1 if np.array_equal(named, self.opinion) else 1
         self.opinion = named
-        if self.agreed >= AGREE:
-            self.agreed = 0
-            self._adopt(stamp_s, index, xy, yaw)
+        leaves = np.array_equal(index[self.seen], self.index[self.seen])
+        if self.agreed < (2 if many and leaves else AGREE):
+            return False
+        self.agreed = 0
+        self._adopt(stamp_s, index, xy, yaw)
+        return True
 
     def _named(self, index: np.ndarray) -> np.ndarray:
         """Say a reading in terms of the present ids, so that readings of two images can agree."""
@@ -277,9 +286,9 @@ class Lattice:
 
     def _adopt(self, stamp_s: float, index: np.ndarray, xy: np.ndarray, yaw: np.ndarray) -> None:
         """Take a reading of the lattice as the truth; hidden blocks go where their fellows say."""
+        self.velocity[index != self.index] = 0.0
         self.index = index
         self.seen = index >= 0
-        self.velocity[:] = 0.0
         self.swaps[:] = 0.0
         place = xy[index[self.seen]]
         self.xy[self.seen] = place
