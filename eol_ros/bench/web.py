@@ -18,6 +18,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from eol_ros.bench.running import Film, Graph, latencies, stand_in, summary
 from eol_ros.errors import EolError
 
@@ -30,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('--viewers', default='0,1,5,50', help='crowds, parted by commas')
     parser.add_argument('--seconds', type=float, default=15.0, help='per crowd')
+    parser.add_argument('--without', default='recorder', help='nodes left out, parted by commas')
     parser.add_argument('--browser', action='store_true', help='play in Chromium too (selenium)')
     parser.add_argument('--json', action='store_true')
 
@@ -40,8 +43,12 @@ def run(args: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory(prefix='eol-bench-') as place:
         folder = Path(place)
         scene = stand_in('rehearsal', folder, Film(folder), None)
+        values = yaml.safe_load(scene.read_text())
+        for name in args.without.split(','):
+            values['nodes'].pop(name, None)
+        scene.write_text(yaml.safe_dump(values, sort_keys=False))
         with Graph(scene, folder / 'bags') as graph:
-            wait_for(graph, {'twin', 'tracker', 'motion', 'sound', 'panel'})
+            wait_for(graph, {'twin', 'tracker', 'motion', 'panel'})
             url = re.findall(r'http://\S+?(?=,|$)', graph.node('panel')['text'])[0]
             for count in (int(word) for word in args.viewers.split(',')):
                 print(f'{count} viewers: {args.seconds:g} s', file=sys.stderr, flush=True)

@@ -181,7 +181,12 @@ function redraw() {
 }
 addEventListener('resize', redraw);
 
+const DRAW_MS = 30; // eyes that read figures need no more
+let lastDraw = 0;
 function draw(now) {
+  requestAnimationFrame(draw);
+  if (now - lastDraw < DRAW_MS) return;
+  lastDraw = now;
   for (const view of [camera, space, sound, cascades, lights]) view.draw(now);
   if (drawn.slips.length) {
     drawn.latest = drawn.slips.map((stamp) => link.now() - stamp);
@@ -189,6 +194,5 @@ function draw(now) {
     drawn.starts += drawn.slips.length;
     drawn.slips = [];
   }
-  requestAnimationFrame(draw);
 }
 requestAnimationFrame(draw);

@@ -60,7 +60,23 @@ link.on('cascades', (day) => {
   const newest = day.recent[day.recent.length - 1];
   counts.cascade = newest ? newest[2] : 0;
 });
-for (const wall of walls) wall.onflip = () => counts.flips++;
+for (const wall of walls) {
+  wall.onflip = () => counts.flips++;
+  wall.finish = (brush, w, h) => fadeOut(brush, w, h, wall.side === 'left' ? 1 : -1);
+}
+
+// The walls stand back behind the table: dimmed, and fading towards it. Painted into each picture
+// once, so that it costs nothing at each drawing.
+function fadeOut(brush, w, h, way) {
+  const upright = innerWidth / innerHeight < 1.1;
+  const shade = upright ? brush.createLinearGradient(0, h, 0, 0)
+    : way > 0 ? brush.createLinearGradient(w, 0, 0, 0) : brush.createLinearGradient(0, 0, w, 0);
+  shade.addColorStop(0, 'rgba(6,8,9,1)');
+  shade.addColorStop(0.45, 'rgba(6,8,9,.38)');
+  shade.addColorStop(1, 'rgba(6,8,9,.38)');
+  brush.fillStyle = shade;
+  brush.fillRect(0, 0, w, h);
+}
 link.on('hello', ({ pin, push }) => ($('pin-form').hidden = !pin || push));
 link.on('trust', ({ push }) => ($('pin-form').hidden = push));
 $('pin-form').onsubmit = async (event) => {

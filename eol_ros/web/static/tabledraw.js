@@ -9,12 +9,13 @@ const BLOCK_M = 0.084;
 const SPRING_M = 0.09;
 const PITCH_M = BLOCK_M + SPRING_M;
 const BAR_M = 0.022;
+const VIEW_M = PLATFORM_M + 0.06;
 const WAVE_S = 1.1;
 
 export class TableDrawing {
   constructor(canvas) {
     this.canvas = canvas;
-    this.brush = canvas.getContext('2d');
+    this.brush = canvas.getContext('2d', { alpha: false });
     this.glow = glowSprite();
     this.waves = []; // {block, since}
     this.joins = []; // {from, to, since}
@@ -26,14 +27,14 @@ export class TableDrawing {
 
   resize() {
     const ratio = Math.min(devicePixelRatio || 1, 2);
-    const w = Math.round(this.canvas.clientWidth * ratio);
-    const h = Math.round(this.canvas.clientHeight * ratio);
-    if (w === this.w && h === this.h) return;
-    this.canvas.width = this.w = w;
-    this.canvas.height = this.h = h;
+    const room = 0.045 * innerHeight + 24; // for the words above and below
+    const side = Math.max(Math.floor(Math.min(innerWidth, innerHeight - 2 * room)), 100);
+    if (side === this.side && ratio === this.ratio) return;
+    this.side = side;
     this.ratio = ratio;
-    const room = 0.055 * h + 26 * ratio;
-    this.perM = Math.min(w * 0.98, h - 2 * room) / PLATFORM_M;
+    this.canvas.style.width = this.canvas.style.height = `${side}px`;
+    this.canvas.width = this.canvas.height = this.w = this.h = Math.round(side * ratio);
+    this.perM = this.w / VIEW_M;
     this.sand = sandpaper(Math.round(PLATFORM_M * this.perM));
   }
 
@@ -45,11 +46,11 @@ export class TableDrawing {
   }
 
   slip(block, cascade, now) {
-    this.waves.push({ block, since: now });
-    if (this.lastSlip && this.lastSlip.cascade === cascade && this.lastSlip.block !== block) {
-      this.joins.push({ from: this.lastSlip.block, to: block, since: now });
-    }
-    this.lastSlip = { block, cascade };
+    // A slip is drawn as come from the newest slip of its cascade among its eight neighbours.
+    const apart = (other) => Math.max(Math.abs((other % 5) - (block % 5)), Math.abs(Math.floor(other / 5) - Math.floor(block / 5)));
+    const cause = this.waves.findLast((wave) => wave.cascade === cascade && apart(wave.block) === 1);
+    if (cause) this.joins.push({ from: cause.block, to: block, since: now });
+    this.waves.push({ block, cascade, since: now });
     if (this.waves.length > 200) this.waves.shift();
     if (this.joins.length > 200) this.joins.shift();
   }
@@ -58,7 +59,8 @@ export class TableDrawing {
     this.resize();
     const { brush, w, h, perM } = this;
     brush.setTransform(1, 0, 0, 1, 0, 0);
-    brush.clearRect(0, 0, w, h);
+    brush.fillStyle = '#060809';
+    brush.fillRect(0, 0, w, h);
     const half = (PLATFORM_M * perM) / 2;
     brush.drawImage(this.sand, w / 2 - half, h / 2 - half, 2 * half, 2 * half);
     if (!state) return;
@@ -150,7 +152,7 @@ export class TableDrawing {
       brush.fillRect(-half, -half, BLOCK_M, BLOCK_M);
     }
     if (light > 0.02) {
-      brush.globalAlpha = Math.min(light, 1) * 0.8;
+      brush.globalAlpha = Math.min(light, 1) * 0.5;
       brush.fillStyle = '#fffaf0';
       brush.fillRect(-half, -half, BLOCK_M, BLOCK_M);
       brush.globalAlpha = 1;
@@ -167,8 +169,8 @@ export class TableDrawing {
     for (let id = 0; id < 25; id++) {
       const level = leds[id] / 255;
       if (level <= 0.02) continue;
-      brush.globalAlpha = level * 0.75;
-      const r = BLOCK_M * 2.1;
+      brush.globalAlpha = level * 0.5;
+      const r = BLOCK_M * 1.9;
       brush.drawImage(this.glow, state.x[id] - r, state.y[id] - r, 2 * r, 2 * r);
     }
     brush.globalAlpha = 1;

@@ -21,6 +21,7 @@ export class WallView {
     this.pending = null;
     this.lastFlip = -1e9;
     this.onflip = () => {};
+    this.finish = () => {}; // a last stroke over each picture, when it is painted
     new ResizeObserver(() => this.resize()).observe(holder);
     this.holder = holder;
     this.resize();
@@ -84,6 +85,7 @@ export class WallView {
       const w = image.naturalWidth * scale;
       const h = image.naturalHeight * scale;
       brush.drawImage(image, (canvas.width - w) / 2, (canvas.height - h) / 2, w, h);
+      this.finish(brush, canvas.width, canvas.height);
     }
     this.drawn[layer] = name;
   }
