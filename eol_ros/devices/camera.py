@@ -164,34 +164,54 @@ class Camera:
 
     def _hand_over(self) -> None:
         """Hand-over thread: the watchdog, the pace of a file, the call to `deliver`."""
-        due_ns, count, began_ns, epoch_ns = 0, 0, 0, 0
+        pace = Pace(self.source.fps or 60.0)
         while not self._stop.is_set():
-            picture = self._take(WATCHDOG_IMAGES / (self.source.fps or 60.0))
+            period_s = 1 / (self.source.fps or 60.0)
+            patience_s = WATCHDOG_IMAGES * period_s
+            picture = self._take(patience_s if self.source.live else max(patience_s, 0.5))
             if picture is None and self._at_end and not self._waiting:
                 self._tell('ended', f'{self.source.name} is at its end')
                 return
             if picture is None:
-                if self.state.kind == 'streaming' and self.delivered:
-                    self.stalls += 1
-                    self._set_state(
-                        'stalled',
-                        f'no image from {self.source.name} for {WATCHDOG_IMAGES} image times',
-                    )
+                self._miss()
                 continue
             if picture.monotonic_ns is None:
-                now_ns = time.monotonic_ns()
-                due_ns = began_ns + round(count * NS / self.source.fps)
-                if not count or now_ns - due_ns > BEHIND_S * NS:
-                    began_ns, due_ns, count = now_ns, now_ns, 0
-                    epoch_ns = time.time_ns() - now_ns
-                count += 1
-                if due_ns > now_ns and self._stop.wait((due_ns - now_ns) / NS):
+                stamp_ns, go_ns = pace.next(time.monotonic_ns(), time.time_ns())
+                if self._stop.wait(max(0, go_ns - time.monotonic_ns()) / NS):
                     return
-                self.late_ms = (time.monotonic_ns() - due_ns) / 1e6
-                stamp_ns = epoch_ns + due_ns
+                self.late_ms = max(0.0, (time.time_ns() - stamp_ns) / 1e6)
             else:
                 stamp_ns = time.time_ns() - time.monotonic_ns() + picture.monotonic_ns
             if self.state.kind == 'stalled':
                 self._streams()
             self._deliver(stamp_ns, picture.image)
             self.delivered += 1
+
+    def _miss(self) -> None:
+        if self.state.kind == 'streaming' and self.delivered:
+            self.stalls += 1
+            images = f'{WATCHDOG_IMAGES} image times' if self.source.live else 'half a second'
+            self._set_state('stalled', f'no image from {self.source.name} for {images}')
+
+
+class Pace:
+    """When the images of a file at `fps` are due: exactly a period apart.
+
+    One that is late is handed over at once, but the rest not in a burst: readers hold only so many,
+    so what was missed is caught up with at twice the rate. Later than a second, it goes on from
+    now.
+    """
+
+    def __init__(self, fps: float):
+        self._fps = fps
+        self._count = self._began_ns = self._epoch_ns = self._went_ns = 0
+
+    def next(self, now_ns: int, system_ns: int) -> tuple[int, int]:
+        """Return the next image's stamp (system time) and when it may go (time of `now_ns`)."""
+        due_ns = self._began_ns + round(self._count * NS / self._fps)
+        if not self._count or now_ns - due_ns > BEHIND_S * NS:
+            self._count, self._began_ns, due_ns = 0, now_ns, now_ns
+            self._epoch_ns = system_ns - now_ns
+        self._count += 1
+        self._went_ns = max(due_ns, now_ns, self._went_ns + round(0.5 * NS / self._fps))
+        return self._epoch_ns + due_ns, self._went_ns

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eol_ros.devices.backoff import Backoff
-from eol_ros.devices.camera import AHEAD, Camera
+from eol_ros.devices.camera import AHEAD, Camera, Pace
 from eol_ros.devices.camera_ports import CameraPort, find_camera, list_cameras
 from eol_ros.devices.camera_sources import LiveCamera, VideoFile, is_file, source_of
 from eol_ros.devices.fake_camera import FakeDriver, Mishap, number_of
@@ -120,6 +120,31 @@ def test_stamps_of_a_file_are_exactly_a_period_apart_and_near_now(tmp_path):
     assert set(np.diff(seen.stamps)) == {12_500_000}
     assert before_ns <= seen.stamps[0] <= seen.stamps[-1] <= time.time_ns()
     assert time.time_ns() - before_ns >= 19 * 12_500_000
+
+
+def test_a_late_file_catches_up_at_twice_the_rate_and_keeps_its_stamps():
+    pace, now, epoch = Pace(100.0), 5_000_000_000, 90_000_000_000
+    stamps, goes = [], []
+    for k in range(40):
+        if k == 10:
+            now += 100_000_000  # the machine was elsewhere
+        stamp, now = pace.next(now, epoch + now)
+        stamps.append(stamp)
+        goes.append(now)
+
+    assert set(np.diff(stamps)) == {10_000_000}
+    assert stamps[0] == epoch + 5_000_000_000
+    assert set(np.diff(goes[:10])) == set(np.diff(goes[30:])) == {10_000_000}
+    assert set(np.diff(goes[10:20])) == {5_000_000}
+    assert goes[-1] == stamps[-1] - epoch
+
+
+def test_a_file_that_is_much_too_late_goes_on_from_now():
+    pace = Pace(50.0)
+    pace.next(0, 0)
+    stamp, go = pace.next(10_000_000_000, 10_000_000_000)
+
+    assert stamp == go == 10_000_000_000
 
 
 def test_a_file_goes_at_its_own_rate_when_the_scene_says_zero(tmp_path):
