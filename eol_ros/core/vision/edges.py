@@ -202,6 +202,9 @@ def _fit(image, square, expected, half_sigma, searches, blur, pixels, work, ends
         if far < 0.7:
             break
     square[U], square[V], square[THETA], square[HALF] = u, v, theta, half
+    share = min(share * spread[5], 1.0)
+    for side in range(4):
+        shares[side] = min(shares[side] * spread[5], 1.0)
     square[VISIBLE] = share
     square[SIGMA] = math.sqrt(variance * 0.5 * (a[0, 0] + a[1, 1]))
     both_ways = min(max(shares[0], shares[2]), max(shares[1], shares[3]))
@@ -247,7 +250,7 @@ def fit_squares(image, starts, blur, half_sigma, search, pixels, work, ends, out
     a = np.zeros((4, 4))
     step = np.zeros(4)
     shares = np.zeros(4)
-    spread = np.zeros(5)
+    spread = np.zeros(6)
     histogram = np.zeros(128)
     second = np.zeros(FIELDS)
     for s in range(starts.shape[0]):

@@ -155,18 +155,19 @@ def levels(pixels, work, ends, slope, lean, limit, flat, spread, histogram):
     """Measure the light inside and outside along every profile, and judge which ones show an edge.
 
     Fills IN and OUT and clears VALID of profiles that show no edge like the others.
-    spread (5,): variance of one pixel inside and outside, the parts of them that are texture, which
+    spread (6,): variance of one pixel inside and outside, the parts of them that are texture, which
     unlike noise is alike from pixel to pixel, and the fall of light over the width of an edge that
-    the flats beside it show, as a share of the contrast. Returns (contrast, level inside) of the
-    whole block, or zeros where there is none.
+    the flats beside it show, as a share of the contrast; then all lines for each one that is not
+    cut short by a corner. Returns (contrast, level inside) of the block, or zeros.
     """
     n, taps = ends[4], ends[5]
     wide = padded(n)
     _zones(pixels, work, wide, taps, slope, lean, limit, flat, False)
     histogram[:] = 0.0
-    total = 0.0
+    total = short = 0.0
     for i in range(n):
         if work[_A + i] < 2 or work[_C + i] < 2:
+            short += work[VALID + i]
             work[VALID + i] = 0.0
             continue
         work[IN + i] = work[_B + i] / work[_A + i]
@@ -216,6 +217,7 @@ def levels(pixels, work, ends, slope, lean, limit, flat, spread, histogram):
     # the innermost pixel has no neighbour, so there are as many changes as degrees of freedom
     spread[2] = max(spread[0] - max(0.55 * changes / max(k_in, 1.0), spread[1]), 0.0)
     spread[3] = 0.0
+    spread[5] = n / max(n - short, 1.0)
     # a lamp's glow falls on and on, a cover has an edge between two flats
     spread[4] = -trend / max(k_in + k_out, 1.0) / slope * 2 * flat / contrast
     return contrast, mean_in

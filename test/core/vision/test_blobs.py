@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+
+from eol_ros.bench.vision_bound import position_bound_px
+from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.vision.blobs import BlobFinder
+from eol_ros.core.vision.renderer import NOISE_LEVELS, Renderer, RenderOptions
+from eol_ros.core.vision.renderer_clutter import clutter_calibration
+from eol_ros.errors import ConfigError
+
+pytestmark = pytest.mark.slow  # the first run compiles
+
+
+def scene(seed, spread=0.004):
+    rng = np.random.default_rng(seed)
+    return rest_lattice() + rng.normal(0, spread, (25, 2)), rng.uniform(-0.75, 0.75, 25)
+
+
+def paired(blobs, truth, reach=5.0):
+    """Errors (n, 2) of the blobs nearest to each true centre; NaN where none is near."""
+    far = np.hypot(blobs['u'][:, None] - truth[:, 0], blobs['v'][:, None] - truth[:, 1])
+    left = np.full(truth.shape, np.nan)
+    hit = far.min(axis=0) < reach
+    at = far.argmin(axis=0)[hit]
+    left[hit] = np.column_stack([blobs['u'][at], blobs['v'][at]]) - truth[hit]
+    return left
+
+
+@pytest.mark.parametrize('noise', ['L1', 'L2', 'L4'])
+def test_position_comes_near_the_cramer_rao_bound(noise):
+    renderer = Renderer(RenderOptions(noise=noise))
+    finder, rng = BlobFinder(), np.random.default_rng(0)
+    errors, sigma = [], []
+    for k in range(16):
+        xy, yaw = scene(k)
+        truth = renderer.calibration.to_pixels(xy)
+        near = np.column_stack([truth + rng.normal(0, 0.3, truth.shape), yaw])
+        blobs = finder.find(renderer.render(*xy.T, yaw, k), near if k else None)
+        assert len(blobs) == 25
+        errors.append(paired(blobs, truth))
+        sigma.append(blobs['sigma_px'])
+    rms = np.sqrt((np.array(errors) ** 2).mean())
+    assert rms < 1.3 * position_bound_px(*NOISE_LEVELS[noise])
+    assert np.median(sigma) == pytest.approx(rms, rel=0.35)  # it knows how well it knows
+
+
+def test_angle_size_and_visibility():
+    renderer = Renderer(RenderOptions(noise='L2'))
+    xy, yaw = scene(3)
+    blobs = BlobFinder().find(renderer.render(*xy.T, yaw, 0))
+    truth = renderer.calibration.to_pixels(xy)
+    order = [np.hypot(blobs['u'] - u, blobs['v'] - v).argmin() for u, v in truth]
+    turn = (blobs['theta'][order] - yaw + np.pi / 4) % (np.pi / 2) - np.pi / 4
+    assert np.abs(turn).max() < 2e-3
+    assert np.abs(blobs['side_px'] - BLOCK_SIDE_M * 545).max() < 0.2
+    assert blobs['visibility'].min() > 0.95
+    assert blobs['quality'].min() > 0.9
+
+
+@pytest.mark.parametrize('level', ['ordinary', 'hard'])
+def test_clutter_hides_no_block_and_adds_none(level):
+    camera = clutter_calibration(level)
+    whole, errors = 0, []
+    for seed in (11, 22):
+        renderer = Renderer(RenderOptions(clutter=level), camera, seed)
+        finder = BlobFinder(calibration=camera)
+        for k in range(12):
+            xy, yaw = scene(k)
+            yaw = yaw * 0.3
+            truth = camera.to_pixels(xy)
+            visible = renderer.visible_share(*xy.T, yaw, 23 * k)
+            blobs = finder.find(renderer.render(*xy.T, yaw, 23 * k),
+                                np.column_stack([truth, yaw]) if k else None)
+            pose = camera.poses_to_table(np.column_stack([blobs['u'], blobs['v']]),
+                                         blobs['theta'], blobs['side_px'])
+            far = np.hypot(pose[:, None, 0] - xy[:, 0], pose[:, None, 1] - xy[:, 1])
+            assert far.min(axis=1).max() < 0.005  # nothing that is no block
+            assert not (far.min(axis=0)[visible < 0.02] < 0.005).any()
+            assert (far.min(axis=0)[visible > 0.98] < 0.005).all()
+            errors.append(far.min(axis=0)[visible > 0.98] * 545)
+            whole += (visible > 0.98).sum()
+    assert whole > 400
+    rms = np.sqrt((np.concatenate(errors) ** 2).mean() / 2)
+    assert rms < {'ordinary': 0.05, 'hard': 0.1}[level]
+
+
+def test_half_a_block_is_measured_by_its_other_half():
+    renderer = Renderer(RenderOptions(noise='L2'))
+    xy, yaw = rest_lattice(), np.full(25, 0.1)
+    truth = renderer.calibration.to_pixels(xy)
+    near = np.column_stack([truth + 0.4, yaw])
+    arm = [[-0.7, 0.055, 0.7, 0.055, 0.04]]  # lies over the upper part of the middle row
+    visible = renderer.visible_share(*xy.T, yaw, 0, arms=arm)
+    finder = BlobFinder()
+    finder.find(renderer.render(*xy.T, yaw, 0), near)
+    blobs = finder.find(renderer.render(*xy.T, yaw, 1, arms=arm), near)
+    left = paired(blobs, truth)
+    partly = (visible > 0.5) & (visible < 0.98)
+    assert partly.sum() == 5
+    assert np.isfinite(left[partly]).all()
+    assert np.sqrt((left[partly] ** 2).mean()) < 0.25
+    seen = {int(np.hypot(truth[:, 0] - b['u'], truth[:, 1] - b['v']).argmin()): b['visibility']
+            for b in blobs}
+    assert all(seen[k] < 0.9 for k in np.flatnonzero(partly))
+
+
+def test_a_lost_prediction_is_found_by_the_scan():
+    renderer = Renderer(RenderOptions(noise='L2'))
+    xy, yaw = scene(5)
+    image = renderer.render(*xy.T, yaw, 0)
+    truth = renderer.calibration.to_pixels(xy)
+    wrong = np.column_stack([truth, yaw])
+    wrong[:5, 0] += 60.0
+    finder = BlobFinder()
+    finder.find(image)
+    assert np.isfinite(paired(finder.find(image, wrong), truth, 0.1)).all()
+
+
+@pytest.mark.parametrize('image', [
+    np.zeros((800, 1280), np.uint8), np.full((800, 1280), 255, np.uint8),
+    np.random.default_rng(0).normal(60, 20, (800, 1280)).clip(0, 255).astype(np.uint8),
+    (np.indices((800, 1280)).sum(axis=0) // 8).astype(np.uint8)])
+def test_nothing_is_found_where_nothing_is(image):
+    finder = BlobFinder()
+    assert len(finder.find(image)) == 0
+    assert len(finder.find(image, [[640.0, 400.0, 0.0], [np.nan, 1.0, 0.0]])) == 0
+
+
+def test_blocks_out_of_the_picture_do_no_harm():
+    renderer = Renderer(RenderOptions(noise='L2'))
+    xy, yaw = rest_lattice(), np.zeros(25)
+    xy = xy + [0.0, 0.38]  # the upper row is cut by the edge of the image
+    finder = BlobFinder()
+    image = renderer.render(*xy.T, yaw, 0)
+    truth = renderer.calibration.to_pixels(xy)
+    for _ in range(2):
+        blobs = finder.find(image, np.column_stack([truth, yaw]))
+        assert np.isfinite(paired(blobs, truth, 0.5)[:20]).all()
+        assert len(blobs) <= 25
+
+
+def test_the_same_images_give_the_same_numbers():
+    renderer = Renderer(RenderOptions(clutter='hard'), clutter_calibration('hard'), 5)
+    images = []
+    for k in range(20):
+        xy, yaw = scene(k)
+        images.append(renderer.render(*xy.T, yaw * 0.2, 9 * k).copy())
+    first, second = BlobFinder(), BlobFinder()
+    answers = [first.find(i) for i in images]
+    assert all(np.array_equal(a, second.find(i)) for a, i in zip(answers, images))
+
+
+@pytest.mark.parametrize(('image', 'words'), [
+    (np.zeros((800, 1280, 3), np.uint8), 'grey'), (np.zeros((800, 1280), np.uint16), 'uint16'),
+    (np.zeros((20, 30), np.uint8), 'too small')])
+def test_wrong_images_are_refused_with_their_shape(image, words):
+    with pytest.raises(ConfigError, match=words):
+        BlobFinder().find(image)
