@@ -7,104 +7,148 @@ import numpy as np
 from numba import njit
 
 from eol_ros.core.physics.drive import NONE, VELOCITY
+from eol_ros.core.physics.exact1d_closed import (
+    clear_of_limits,
+    lone_ledger,
+    lone_slip,
+    lone_state,
+    march,
+    modes_of,
+    modes_state,
+)
 from eol_ros.core.physics.exact1d_series import (
+    DENSE,
+    GAUSS_W,
+    GAUSS_X,
     ON_LIMIT,
-    advance,
+    Lanes,
     bounds,
     break_root,
+    fill_lanes,
     force_now,
     ledger_step,
     reach_of,
     segment_series,
+    state_at,
     stop_root,
 )
+from eol_ros.core.physics.lattice import LANES
 from eol_ros.core.physics.series import add_exactly, drive_series
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 
+FAR = 1e18  # of the truncation error: the distance after which the origin moves along
+STIFF_AFTER = 24  # steps of one segment before its modes pay
+BY_SERIES, BY_ONE, BY_MODES = 0, 1, 2
+
 
 @njit(cache=True)
-def run(
-    u,
-    v,
-    t_end,
-    order,
-    small,
-    near,
-    first,
-    last,
-    k_near,
-    k_sum,
-    drive,
-    inverse,
-    static,
-    friction,
-    speed,
-    kind,
-    par,
-    knots,
-    cubics,
-    grid,
-    grid_u,
-    grid_v,
-    log_t,
-    log_block,
-    log_start,
-    max_steps,
-    rim_block,
-    rim_k,
-    rim_at,
-    energy,
-    ledger,
-    state,
-):
+def make_lanes(n, order):
+    """Return empty lanes for n blocks."""
+    wide = (n + LANES - 1) // LANES * LANES
+    side = min(DENSE, wide)
+    return Lanes(
+        np.full(n, -1), np.empty(n, np.int64), np.zeros((order + 2, wide)),
+        np.zeros((order + 2, wide)), np.zeros(wide), np.zeros(wide), np.zeros(wide),
+        np.zeros(wide), np.zeros((3, wide)), np.zeros((side, side)), np.zeros(wide),
+        np.zeros(wide), np.zeros(wide),
+    )
+
+
+@njit(cache=True)
+def modes_ledger(mo, m, h, t, speed, u, at, la, x, d, a, energy):
+    """Add the drive work and the friction heat (J) of a step h by modes to `energy`."""
+    modes_state(mo, h, m, x, d, a)
+    for c in range(m):
+        energy[1] += la.friction[c] * abs(x[c])
+    if speed == 0.0:
+        return
+    parts = 1 + int(h * mo.w[m - 1])  # so that a quadrature of 10 points sees every mode
+    parts = min(parts, 100_000)
+    for q in range(parts):
+        for g in range(len(GAUSS_X)):
+            s = h * (q + GAUSS_X[g]) / parts
+            modes_state(mo, s, m, x, d, a)
+            power = 0.0
+            for i in range(at.n):
+                if at.drive[i, 0] != 0.0:
+                    c = la.slot[i]
+                    here = u[i] + (x[c] if c >= 0 else 0.0)
+                    power += at.drive[i, 0] * (speed * (t + s) - here)
+            energy[0] += h / parts * GAUSS_W[g] * power * speed
+
+
+@njit(cache=True)
+def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, state):
     """Advance `u`, `v` (n,) to `t_end` in place; return (status, t, events, steps).
 
-    `grid` (g,) are the times at which `grid_u`, `grid_v` (g, n) are written; `state` (n,) int8
-    comes back 1 for blocks that slide. `drive` (n, 3): what the rim's x, cos - 1 and sin pull with.
+    `grid` is filled at its times; `state` (n,) int8 comes back 1 for blocks that slide.
     """
-    n = len(u)
+    n = at.n
+    la = make_lanes(n, order)
+    slot, slots = la.slot, la.slots
     sign = np.zeros(n)
-    slot = np.full(n, -1)
-    slots = np.empty(n, np.int64)
     m = 0
-    a = np.zeros((order + 2, n))
-    w = np.zeros((order, n))
-    r = np.zeros((order, n if speed > 0.0 else 1))
-    swing, tail = np.empty(n), np.empty(n)
+    wide = len(la.sign)
+    x_out, d_out, a_out = np.zeros(wide), np.zeros(wide), np.zeros(wide)
     cx, cy = np.zeros(order + 2), np.zeros(order + 2)
     cc, cs = np.zeros(order + 2), np.zeros(order + 2)
     work = np.zeros(order + 2)
-    due = np.full(n, -np.inf)  # when a stuck block without sliding neighbours breaks; -inf: unknown
-    plain = kind in (VELOCITY, NONE)
+    due = np.full(n, np.inf)  # when a stuck block without sliding neighbours breaks
+    plain = rim.kind in (VELOCITY, NONE)
+    speed = rim.par[0] if rim.kind == VELOCITY else 0.0
+    closed = plain and at.weakening <= 0.0
     watch = np.zeros(n, np.bool_)  # stuck, and the force on it is not linear in time
     stale = np.ones(n, np.bool_)
-    watched = np.empty(n, np.int64)
-    t, rest = 0.0, 0.0
-    events = steps = sampled = 0
+    watched, forces = np.empty(n, np.int64), np.empty(n)
+    # times and places are local, so that they do not lose digits in a long run: the rim and all
+    # blocks are set back together, by a time that is a power of two, and `base` remembers
+    t, rest, base, back = 0.0, 0.0, 0.0, np.inf
+    if plain and speed != 0.0:
+        back = 2.0 ** math.ceil(math.log2(max(FAR * small / abs(speed), 1e-9)))
+    end = t_end
+    events = steps = sampled = since = 0
     for i in range(n):
-        if v[i] != 0.0 or static[i] == 0.0:
-            sign[i] = np.sign(v[i]) if friction[i] > 0.0 else 0.0
+        if v[i] != 0.0 or at.static[i] == 0.0:
+            sign[i] = np.sign(v[i]) if at.friction[i] > 0.0 else 0.0
             slot[i] = m
             slots[m] = i
             m += 1
     check = True  # look for blocks whose force is beyond the limit now
+    refill = True
     while True:
-        reach, used = drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs)
+        if t >= back:
+            t -= back
+            base += back
+            end = t_end - base
+            for i in range(n):
+                u[i] -= speed * back
+                due[i] -= back
+        reach, used = drive_series(
+            rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs
+        )
         if check:
             check = False
             for i in range(n):
                 if slot[i] >= 0 or not stale[i]:
                     continue
-                f = force_now(i, u, near, first, last, k_near, k_sum, drive, cx[0], cc[0], cs[0])
-                if abs(f) > static[i] * (1.0 + ON_LIMIT):
+                f = force_now(i, u, at, cx[0], cc[0], cs[0])
+                if abs(f) > at.static[i] * (1.0 + ON_LIMIT):
                     sign[i] = np.sign(f)
                     slot[i] = m
                     slots[m] = i
                     m += 1
-                    if events >= len(log_t):
-                        return EVENT_LIMIT, t, events, steps
-                    log_t[events], log_block[events], log_start[events] = t, i, 1
+                    if events >= len(log.t):
+                        return EVENT_LIMIT, base + t, events, steps
+                    log.t[events], log.block[events], log.start[events] = base + t, i, 1
                     events += 1
+                    refill = True
+                    for e in range(at.lo[i], at.lo[i + 1]):
+                        stale[at.near[e]] = True
+        mp = (m + LANES - 1) // LANES * LANES
+        if refill:
+            refill = False
+            since = 0
+            fill_lanes(m, mp, at, sign, la)
         # which stuck blocks to watch, and when the others are due
         next_due = np.inf
         count = 0
@@ -113,228 +157,191 @@ def run(
                 continue
             if stale[i]:
                 stale[i] = False
-                watch[i] = not plain and (
-                    drive[i, 0] != 0.0 or drive[i, 1] != 0.0 or drive[i, 2] != 0.0
-                )
-                for e in range(first[i], last[i]):
-                    if slot[near[e]] >= 0:
+                pulled = at.drive[i, 0] != 0.0 or at.drive[i, 1] != 0.0 or at.drive[i, 2] != 0.0
+                watch[i] = not plain and pulled
+                for e in range(at.lo[i], at.lo[i + 1]):
+                    if slot[at.near[e]] >= 0:
                         watch[i] = True
                 due[i] = np.inf
                 if not watch[i]:
-                    f = force_now(
-                        i, u, near, first, last, k_near, k_sum, drive, cx[0], cc[0], cs[0]
-                    )
-                    rate = drive[i, 0] * cx[1] if kind == VELOCITY else 0.0
+                    f = force_now(i, u, at, cx[0], cc[0], cs[0])
+                    rate = at.drive[i, 0] * speed
                     if rate > 0.0:
-                        due[i] = t + max(0.0, (static[i] - f) / rate)
+                        due[i] = t + max(0.0, (at.static[i] - f) / rate)
                     elif rate < 0.0:
-                        due[i] = t + max(0.0, (-static[i] - f) / rate)
+                        due[i] = t + max(0.0, (-at.static[i] - f) / rate)
             if watch[i]:
                 watched[count] = i
+                forces[count] = force_now(i, u, at, cx[0], cc[0], cs[0])
                 count += 1
             elif due[i] < next_due:
                 next_due = due[i]
-        h = t_end - t
-        ends = True
+        h = min(end - t, reach)
+        ends = h == end - t
         if next_due - t < h:
             h, ends = max(next_due - t, 0.0), False
-        if reach < h:
-            h, ends = reach, False
-        if m > 0:
-            segment_series(
-                order,
-                m,
-                slots,
-                u,
-                v,
-                sign,
-                near,
-                first,
-                last,
-                k_near,
-                k_sum,
-                drive,
-                inverse,
-                friction,
-                speed,
-                cx,
-                cc,
-                cs,
-                used,
-                slot,
-                a,
-                w,
-                r,
+        kind_of, who, by = 0, -1, BY_SERIES
+        if m == 1 and closed and la.friction[0] > 0.0 and la.k_sum[0] > 0.0:
+            motion, stops = lone_slip(slots[0], sign[slots[0]], u, v, t, speed, at)
+            if stops < h:
+                far, _ = lone_state(motion, stops)
+                if clear_of_limits(watched, count, forces, stops, abs(far), slots[0], speed, at):
+                    by, kind_of, who, h, ends = BY_ONE, 2, slots[0], stops, False
+        if by == BY_SERIES and closed and 1 < m <= DENSE and since >= STIFF_AFTER and h > 0.0:
+            modes = modes_of(m, u, v, t, speed, h, at, la)
+            near, kind_of, who = march(
+                modes, m, h, forces, speed, watched, count, at, la, x_out, d_out, a_out
             )
-            near_end = reach_of(order, m, a, small, h)
-            if near_end < h:
-                h, ends = near_end, False
-        if not plain and used == order:
-            most = max(abs(cx[order]), abs(cs[order]), abs(cc[order]))
-            if most > 0.0:
-                near_end = (small / most) ** (1.0 / order)
-                if near_end < h:
-                    h, ends = near_end, False
-        if not h >= 0.0:
-            return NOT_FINITE, t, events, steps
-        kind_of, who, earliest = 0, -1, h
-        if next_due <= t + h:
-            kind_of = 1
-        if m > 0 or count > 0:
-            bounds(order, m, a, h, tail, swing)
-            for c in range(m):
-                i = slots[c]
-                if friction[i] == 0.0:
-                    continue
-                s = sign[i]
-                if s * a[1, c] > 0.0:
-                    low = min(s * a[1, c], s * (a[1, c] + 2.0 * h * a[2, c]))
-                    if low > tail[c]:
+            if near > 0.0 or kind_of > 0:
+                by = BY_MODES
+                if near < h or kind_of > 0:
+                    h, ends = near, False
+            since = 0
+        if by == BY_SERIES:
+            if m > 0:
+                segment_series(order, m, mp, u, v, at, cx, cc, cs, used, la)
+                near = reach_of(order, mp, la.a, small, h)
+                if near < h:
+                    h, ends = near, False
+            if not plain and used == order:
+                most = max(abs(cx[order]), abs(cs[order]), abs(cc[order]))
+                if most > 0.0:
+                    near = (small / most) ** (1.0 / order)
+                    if near < h:
+                        h, ends = near, False
+            if not h >= 0.0:
+                return NOT_FINITE, base + t, events, steps
+            top = h
+            if top > 0.0 and (m > 0 or count > 0):
+                bounds(order, mp, h, la)
+                for c in range(m):
+                    if la.friction[c] == 0.0:
                         continue
-                elif s * a[2, c] > 0.0 and 2.0 * s * a[2, c] * h > tail[c]:
-                    continue
-                x, hit = stop_root(order, a, c, s, earliest, work)
-                if hit or x < earliest:
-                    earliest, kind_of, who = x, 2 if hit else 0, i
-            moved = 0.0
-            for k in range(1, used + 1):
-                moved = max(moved, abs(cx[k]), abs(cc[k]), abs(cs[k]))
-            for p in range(count):
-                j = watched[p]
-                force = force_now(
-                    j, u, near, first, last, k_near, k_sum, drive, cx[0], cc[0], cs[0]
-                )
-                push = 0.0
-                if moved > 0.0:
+                    s, a, share = sign[slots[c]], la.a, h / top
+                    tail = la.tail[c] * share * share  # the bound holds for the shortened step too
+                    if s * a[1, c] > 0.0:
+                        if min(s * a[1, c], s * (a[1, c] + 2.0 * h * a[2, c])) > tail:
+                            continue
+                    elif s * a[2, c] > 0.0 and 2.0 * s * a[2, c] * h > tail:
+                        continue
+                    x, hit = stop_root(order, a, c, s, h, work)
+                    if hit or x < h:
+                        h, ends, kind_of, who = x, False, 2 if hit else 0, slots[c]
+                for p in range(count):
+                    j, share = watched[p], h / top
+                    push = 0.0
                     for k in range(used, 0, -1):
-                        push = (
-                            push
-                            + abs(drive[j, 0] * cx[k] + drive[j, 1] * cc[k] - drive[j, 2] * cs[k])
-                        ) * h
-                for e in range(first[j], last[j]):
-                    s2 = slot[near[e]]
-                    if s2 >= 0:
-                        push += k_near[e] * swing[s2]
-                if abs(force) + push < static[j] * (1.0 - ON_LIMIT):
-                    continue
-                x, hit = break_root(
-                    j,
-                    force,
-                    order,
-                    a,
-                    slot,
-                    near,
-                    first,
-                    last,
-                    k_near,
-                    drive,
-                    cx,
-                    cc,
-                    cs,
-                    used,
-                    static[j],
-                    earliest,
-                    work,
-                )
-                if hit or x < earliest:
-                    earliest, kind_of, who = x, 3 if hit else 0, j
-        h_used = earliest
-        if h_used < h:
-            ends = False
-        if kind_of == 0 and not ends and h_used <= 1e-15 * max(t, 1e-300) and h_used < reach:
-            h_used = max(h_used, 1e-16)  # rounding of t: creep on, bounded by max_steps
-        while sampled < len(grid) and (grid[sampled] <= t + h_used or ends):
-            s = grid[sampled] - t
+                        pull = at.drive[j, 0] * cx[k] + at.drive[j, 1] * cc[k]
+                        push = (push + abs(pull - at.drive[j, 2] * cs[k])) * top
+                    for e in range(at.lo[j], at.lo[j + 1]):
+                        c = slot[at.near[e]]
+                        if c >= 0:
+                            push += at.k_near[e] * la.swing[c]
+                    if abs(forces[p]) + share * push < at.static[j] * (1.0 - ON_LIMIT):
+                        continue
+                    x, hit = break_root(j, forces[p], order, at, cx, cc, cs, used, h, la, work)
+                    if hit or x < h:
+                        h, ends, kind_of, who = x, False, 3 if hit else 0, j
+            if kind_of == 0 and not ends and h < top:
+                h = max(h, 1e-15 * max(t, 1e-3))  # a near miss: creep past it, steps are counted
+        due_now = kind_of == 0 and next_due <= t + h
+        while sampled < len(grid.t) and (grid.t[sampled] - base <= t + h or ends):
+            s = grid.t[sampled] - base - t
             for i in range(n):
-                grid_u[sampled, i] = u[i]
-                grid_v[sampled, i] = 0.0
-            for c in range(m):
-                x = a[order, c]
-                d = 0.0
-                for k in range(order - 1, -1, -1):
-                    d = d * s + x
-                    x = x * s + a[k, c]
-                grid_u[sampled, slots[c]] = x
-                grid_v[sampled, slots[c]] = d
+                grid.u[sampled, i] = u[i] + speed * base
+                grid.v[sampled, i] = 0.0
+            if by == BY_ONE:
+                x, d = lone_state(motion, s)
+                grid.u[sampled, who] += x
+                grid.v[sampled, who] = d
+            elif by == BY_MODES:
+                modes_state(modes, s, m, x_out, d_out, a_out)
+                for c in range(m):
+                    grid.u[sampled, slots[c]] += x_out[c]
+                    grid.v[sampled, slots[c]] = d_out[c]
+            else:
+                state_at(order, mp, s, la, x_out, d_out)
+                for c in range(m):
+                    grid.u[sampled, slots[c]] = x_out[c] + speed * base
+                    grid.v[sampled, slots[c]] = d_out[c]
             sampled += 1
-        if ledger:
-            ledger_step(
-                order,
-                m,
-                slots,
-                slot,
-                a,
-                u,
-                friction,
-                sign,
-                speed,
-                rim_block,
-                rim_k,
-                rim_at,
-                cx,
-                cc,
-                cs,
-                used,
-                h_used,
-                energy,
-            )
-        advance(order, m, slots, a, h_used, u, v)
-        t, rest = add_exactly(t, rest, h_used)
-        if ends:
-            t = t_end
+        if by == BY_ONE:
+            x, _ = lone_state(motion, h)
+            if ledger:
+                lone_ledger(who, motion, h, x, t, speed, u, at, energy)
+            u[who] += x
+            v[who] = 0.0
+        elif by == BY_MODES:
+            if ledger:
+                modes_ledger(modes, m, h, t, speed, u, at, la, x_out, d_out, a_out, energy)
+            modes_state(modes, h, m, x_out, d_out, a_out)
+            for c in range(m):
+                u[slots[c]] += x_out[c]
+                v[slots[c]] = d_out[c]
+                la.a[1, c], la.a[2, c] = d_out[c], 0.5 * a_out[c]
+        else:
+            if ledger:
+                ledger_step(order, m, at, u, cx, cc, cs, used, h, la, energy)
+            state_at(order, mp, h, la, x_out, d_out)
+            for c in range(m):
+                u[slots[c]] = x_out[c]
+                v[slots[c]] = d_out[c]
+        t, rest = add_exactly(t, rest, h)
         steps += 1
+        since += 1
         if m > 0 and not math.isfinite(u[slots[0]] + v[slots[0]]):
-            return NOT_FINITE, t, events, steps
-        if ends and kind_of == 0:
+            return NOT_FINITE, base + t, events, steps
+        if ends and kind_of == 0 and not due_now:
+            t = end
             break
         if steps >= max_steps:
-            return STEP_LIMIT, t, events, steps
-        if kind_of == 0:
+            return STEP_LIMIT, base + t, events, steps
+        if kind_of == 0 and not due_now:
             continue
         # the event, and whatever happens at the same instant, in the order of the blocks
-        reach, used = drive_series(kind, par, knots, cubics, t, 1, cx, cy, cc, cs)
+        drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs)
         fastest = abs(cx[1])
         for c in range(m):
             fastest = max(fastest, abs(v[slots[c]]))
         before = m
         changed = False
         for i in range(n):
-            if events >= len(log_t):
-                return EVENT_LIMIT, t, events, steps
+            if events >= len(log.t):
+                return EVENT_LIMIT, base + t, events, steps
             c = slot[i]
             if c >= 0 and c < before:
-                if friction[i] == 0.0:
+                if at.friction[i] == 0.0:
                     continue
-                stops = i == who and kind_of == 2
-                if not stops and abs(v[i]) <= ON_LIMIT * fastest:
-                    stops = sign[i] * a[2, c] < 0.0 or sign[i] * a[1, c] > 0.0
-                if not stops:
+                halts = i == who and kind_of == 2
+                if not halts and abs(v[i]) <= ON_LIMIT * fastest:
+                    halts = sign[i] * la.a[2, c] < 0.0 or sign[i] * la.a[1, c] > 0.0
+                if not halts:
                     continue
                 v[i] = 0.0
-                f = force_now(i, u, near, first, last, k_near, k_sum, drive, cx[0], cc[0], cs[0])
-                if abs(f) > static[i] * (1.0 + ON_LIMIT):
+                f = force_now(i, u, at, cx[0], cc[0], cs[0])
+                if abs(f) > at.static[i] * (1.0 + ON_LIMIT):
                     sign[i] = np.sign(f)  # turns round: its speed is zero for no time at all
+                    refill = True
                     continue
                 sign[i] = 0.0
                 slot[i] = -2
                 changed = True
-                log_t[events], log_block[events], log_start[events] = t, i, 0
+                log.t[events], log.block[events], log.start[events] = base + t, i, 0
                 events += 1
             elif c == -1:
                 breaks = i == who and kind_of == 3
                 if not breaks:
                     if watch[i]:
-                        if kind_of != 3 and kind_of != 1:
+                        if kind_of == 2:
                             continue
                     elif due[i] > t + ON_LIMIT * max(1.0, t):
                         continue
-                f = force_now(i, u, near, first, last, k_near, k_sum, drive, cx[0], cc[0], cs[0])
-                if not breaks and abs(f) < static[i] * (1.0 - ON_LIMIT):
-                    if not watch[i]:
-                        if due[i] > t * (1.0 + 4e-16):
-                            stale[i] = True
-                            continue
-                    else:
+                f = force_now(i, u, at, cx[0], cc[0], cs[0])
+                if not breaks and abs(f) < at.static[i] * (1.0 - ON_LIMIT):
+                    if watch[i]:
+                        continue
+                    if due[i] > t * (1.0 + 4e-16):
+                        stale[i] = True
                         continue
                 sign[i] = np.sign(f)
                 v[i] = 0.0
@@ -342,9 +349,10 @@ def run(
                 slots[m] = i
                 m += 1
                 changed = True
-                log_t[events], log_block[events], log_start[events] = t, i, 1
+                log.t[events], log.block[events], log.start[events] = base + t, i, 1
                 events += 1
         if changed:
+            refill = True
             kept = 0
             for c in range(m):
                 i = slots[c]
@@ -357,11 +365,12 @@ def run(
                     slot[i] = kept
                     kept += 1
                 if touched:
-                    for e in range(first[i], last[i]):
-                        stale[near[e]] = True
+                    for e in range(at.lo[i], at.lo[i + 1]):
+                        stale[at.near[e]] = True
             m = kept
-        elif kind_of == 1 or kind_of == 3:
+        elif kind_of != 2:
             check = True
     for i in range(n):
         state[i] = 1 if slot[i] >= 0 else 0
-    return OK, t, events, steps
+        u[i] += speed * base
+    return OK, t_end, events, steps

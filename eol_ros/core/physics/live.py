@@ -5,12 +5,17 @@ import numpy as np
 
 from eol_ros.core.geometry import BLOCK_MASS_KG, N_BLOCKS, rest_lattice
 from eol_ros.core.physics import builders
-from eol_ros.core.physics.drive import POSES, Drive
+from eol_ros.core.physics.drive import POSES
+from eol_ros.core.physics.event2d import rules_for
+from eol_ros.core.physics.event2d_kernel import run
+from eol_ros.core.physics.exact1d import length_scale
+from eol_ros.core.physics.lattice import Grid, Rim, room
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import from_mapping
-from eol_ros.core.physics.stepping import place_anchors, step_many
+from eol_ros.core.physics.status import OK
 
-STEP_S = 1 / 4000
+TOLERANCE = 1e-6
+MOST_EVENTS, MOST_STEPS = 2000, 5000  # between two images: some 50 ms of work
 FRICTION_SPREAD = 0.15  # blocks differ by up to this share, as grit and weights do
 OFFSET_M = 0.004  # the blocks are set down by hand
 
@@ -19,76 +24,60 @@ class LiveTable:
     """25 blocks with static and kinetic Coulomb friction, springs, and a rim that is led.
 
     `x`, `y`, `yaw` (25,) are the block centres (m, rad), `velocity` (25, 3) their rates, and
-    `moving` (25,) tells which slide;
-    `slips` counts slips begun, `energy_residual` (J) is what the ledger misses since the start.
+    `moving` (25,) tells which slide; `slips` counts slips begun, `energy_residual` (J) is what the
+    ledger misses since the start. `faults` counts images in which the solver met a limit: then all
+    blocks are stopped where they are, and the show goes on.
     """
 
     def __init__(self, seed: int) -> None:
         random = np.random.default_rng([seed, 0x7461626C])
         share = 1 + FRICTION_SPREAD * random.uniform(-1, 1, N_BLOCKS)
-        scene = builders.table(
-            {'kind': 'none'},
-            0.0,
-            mass=BLOCK_MASS_KG,
-            geometric=True,
-            mu_s=list(builders.MU_STATIC * share),
-            mu_k=list(builders.MU_KINETIC * share),
-            u0=random.uniform(-OFFSET_M, OFFSET_M, (N_BLOCKS, 2)).tolist(),
+        scene = from_mapping(
+            builders.table(
+                {'kind': 'none'},
+                0.0,
+                mass=BLOCK_MASS_KG,
+                geometric=True,
+                mu_s=list(builders.MU_STATIC * share),
+                mu_k=list(builders.MU_KINETIC * share),
+                u0=random.uniform(-OFFSET_M, OFFSET_M, (N_BLOCKS, 2)).tolist(),
+            )
         )
-        checked = from_mapping(scene)
-        self._model = Model.of(checked)
+        self._model = Model.of(scene)
+        self._rules = rules_for(TOLERANCE, length_scale(scene, self._model))
         self._rest = rest_lattice()
-        self._ends = np.concatenate([checked.u0, np.zeros_like(self._model.anchors)])
-        self._v = checked.v0.copy()
-        self._force = np.zeros_like(self._ends)
-        self._work = np.zeros(2)
-        self._counts = np.zeros(1, np.int64)
-        self._log = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int8)
-        self._energy0 = self._energy()
+        self._u, self._v = scene.u0.copy(), scene.v0.copy()
+        self._books, self._counts = np.zeros(2), np.zeros(2, np.int64)
+        self._log = room(MOST_EVENTS)
+        self._grid = Grid(np.zeros(0), np.zeros((0, N_BLOCKS, 2)), np.zeros((0, N_BLOCKS, 2)))
+        self._par, self._knots, self._cubics = np.zeros(4), np.zeros(2), np.zeros((1, 3, 4))
+        self._rim_rate = np.zeros(3)
         self.moving = np.zeros(N_BLOCKS, bool)
         self.rim_pose = np.zeros(3)
-        self._rim_rate = np.zeros(3)
+        self.faults = 0
+        self._energy0 = self._energy()
         self._place()
 
     def advance(self, start_s: float, stop_s: float, pose: np.ndarray, rate: np.ndarray) -> None:
         """Move from `start_s` to `stop_s`; the rim goes to `pose` (3,), arriving at `rate` (3,)."""
-        span = stop_s - start_s
-        steps = max(1, int(np.ceil(span / STEP_S)))
-        rows = np.zeros((2, 4))
-        rows[1, 0] = span
-        rows[0, 1:], rows[1, 1:] = self.rim_pose, pose
-        drive = Drive.through(rows, np.stack([self._rim_rate, rate]))
-        m = self._model
-        step_many(
-            self._ends,
-            self._v,
-            self.moving,
-            self._force,
-            self._work,
-            self._counts,
-            0.0,
-            steps,
-            span / steps,
-            m.n,
-            m.first,
-            m.second,
-            m.k,
-            m.natural,
-            m.rest,
-            m.anchors,
-            m.mass,
-            m.static,
-            m.kinetic,
-            m.geometric,
-            m.rail,
-            m.weakening,
-            POSES,
-            drive.par,
-            drive.knots,
-            drive.cubics,
-            *self._log,
-            0,
+        span = float(stop_s - start_s)
+        way = pose - self.rim_pose
+        if not (self.moving.any() or way.any() or rate.any() or self._rim_rate.any()):
+            return  # all is still: nothing to work out
+        c = self._cubics[0]
+        c[:, 0], c[:, 1] = self.rim_pose, self._rim_rate
+        c[:, 2] = (3 * way / span - 2 * self._rim_rate - rate) / span
+        c[:, 3] = (self._rim_rate + rate - 2 * way / span) / span**2
+        self._knots[1] = span
+        rim = Rim(POSES, self._par, self._knots, self._cubics)
+        status, *_ = run(
+            self._u, self._v, self.moving, span, self._rules, self._model.lattice, rim,
+            self._grid, self._log, MOST_STEPS, self._books, True, self._counts,
         )
+        if status != OK:
+            self.faults += 1
+            self._v[:] = 0.0
+            self.moving[:] = False
         self.rim_pose = np.array(pose, float)
         self._rim_rate = np.array(rate, float)
         self._place()
@@ -101,17 +90,21 @@ class LiveTable:
     @property
     def energy_residual(self) -> float:
         """Drive work less friction heat less the change of energy (J) since the start."""
-        return float(self._work[0] - self._work[1] - (self._energy() - self._energy0))
+        return float(self._books[0] - self._books[1] - (self._energy() - self._energy0))
 
     def _energy(self) -> float:
         m = self._model
-        d = self._ends[m.second] - self._ends[m.first] + m.rest
+        x, y, yaw = self.rim_pose
+        s, c = np.sin(yaw), -2 * np.sin(yaw / 2) ** 2
+        ax, ay = m.anchors[:, 0], m.anchors[:, 1]
+        led = np.stack([x + c * ax - s * ay, y + s * ax + c * ay], axis=1)
+        ends = np.concatenate([self._u, led])
+        d = ends[m.second] - ends[m.first] + m.rest
         held = 0.5 * np.sum(m.k * (np.hypot(d[:, 0], d[:, 1]) - m.natural) ** 2)
         return float(held + m.kinetic_energy(self._v))
 
     def _place(self) -> None:
-        place_anchors(self._ends, N_BLOCKS, self._model.anchors, *self.rim_pose)
-        self.x = self._rest[:, 0] + self._ends[:N_BLOCKS, 0]
-        self.y = self._rest[:, 1] + self._ends[:N_BLOCKS, 1]
+        self.x = self._rest[:, 0] + self._u[:, 0]
+        self.y = self._rest[:, 1] + self._u[:, 1]
         self.yaw = np.zeros(N_BLOCKS)
         self.velocity = np.column_stack([self._v, np.zeros(N_BLOCKS)])

@@ -6,10 +6,12 @@ is point n + a, the a-th anchor.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from eol_ros.core.physics.drive import Drive
+from eol_ros.core.physics.lattice import Lattice, Rim, lattice_of, rim_of
 from eol_ros.core.physics.scene import Scene
 
 
@@ -24,8 +26,6 @@ class Model:
     natural: np.ndarray
     rest: np.ndarray  # (s, 2)
     anchors: np.ndarray  # (a, 2)
-    start: np.ndarray  # (n + 1,): springs of block i are spring[start[i]:start[i + 1]]
-    spring: np.ndarray  # (2 * between + to_frame,)
     mass: np.ndarray
     static: np.ndarray  # (n,) N
     kinetic: np.ndarray  # (n,) N
@@ -43,11 +43,6 @@ class Model:
         between, to_frame = scene.between, scene.to_frame
         first = np.concatenate([between.i, to_frame.i])
         second = np.concatenate([between.j, scene.n + np.arange(len(to_frame.i), dtype=np.int64)])
-        inside = second < scene.n
-        ends = np.concatenate([first, second[inside]])
-        owner = np.concatenate([np.arange(len(first)), np.flatnonzero(inside)])
-        order = np.lexsort((owner, ends))
-        start = np.searchsorted(ends[order], np.arange(scene.n + 1))
         drive = scene.drive
         return cls(
             scene.n,
@@ -57,8 +52,6 @@ class Model:
             np.concatenate([between.natural, to_frame.natural]),
             np.concatenate([between.rest, to_frame.rest]),
             to_frame.anchor,
-            start.astype(np.int64),
-            owner[order].astype(np.int64),
             scene.mass,
             scene.static_limit,
             scene.kinetic_force,
@@ -70,6 +63,16 @@ class Model:
             drive.knots,
             drive.cubics,
         )
+
+    @cached_property
+    def lattice(self) -> Lattice:
+        """The same for the kernels."""
+        return lattice_of(self)
+
+    @cached_property
+    def rim(self) -> Rim:
+        """The drive for the kernels."""
+        return rim_of(self)
 
     def tension(self, u: np.ndarray, t: float) -> np.ndarray:
         """Return the force (s, 2) N of each spring on its first end, for displacements u (n, 2)."""

@@ -34,7 +34,7 @@ MISTAKES = [
     (lambda s: s.update(drive={'kind': 'poses', 'par': [[0, 0, 0, 0], [0, 1, 0, 0]]}), 'rising'),
     (lambda s: s['springs_between_blocks'][7].update(j=25), 'springs_between_blocks[7].j is 25'),
     (lambda s: s['springs_between_blocks'][7].update(j=0, i=0), 'ties block 0 to itself'),
-    (lambda s: s['springs_to_frame'][3].pop('anchor'), "springs_to_frame[3] lacks the key 'anchor'"),
+    (lambda s: s['springs_to_frame'][3].pop('anchor'), "frame[3] lacks the key 'anchor'"),
     (lambda s: s['springs_to_frame'][3].update(k=-4), 'springs_to_frame[3].k is -4'),
     (lambda s: s['u0'].__setitem__(4, [0.0, float('inf')]), 'u0[4, 1] is inf'),
     (lambda s: s.update(v0='fast'), "v0 is 'fast'"),

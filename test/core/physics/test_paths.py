@@ -1,0 +1,368 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The solvers against formulas, against each other, and against an independent event code."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from eol_ros.core.physics import builders, named
+from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.plan import plan, simulate
+from eol_ros.core.physics.run import Limits
+from eol_ros.core.physics.scene import from_mapping
+from eol_ros.errors import UsageError
+
+PULL = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
+NONE = {'kind': 'none'}
+
+
+def solve(scene, **options):
+    return simulate(from_mapping(scene), **options)
+
+
+def single_by_formula(k=40.0, m=0.25, speed=0.02, mu_s=0.9, mu_k=0.65, g=9.81):
+    w = np.sqrt(k / m)
+    static, kinetic = mu_s * m * g, mu_k * m * g
+    slip = 2 / w * (np.pi - np.arctan((static - kinetic) * w / (k * speed)))
+    drop = 2 * (static - kinetic)
+    return static / (k * speed), slip, drop / (k * speed) + slip, drop / k
+
+
+@pytest.mark.parametrize('path, error_s', [('exact', 1e-12), ('event', 1e-10)])
+def test_single_block_keeps_its_clock(path, error_s):
+    run = solve(named.scene('S1'), path=path)
+    first, slip, period, _ = single_by_formula()
+    starts, stops = run.event_t[::2], run.event_t[1::2]
+    assert len(run.event_t) == 64
+    assert starts == pytest.approx(first + period * np.arange(32), abs=error_s * 32)
+    assert stops - starts == pytest.approx(np.full(32, slip), abs=error_s)
+    assert first == pytest.approx(2.7590625)
+    assert period == pytest.approx(1.797429612610788, abs=1e-14)
+
+
+@pytest.mark.parametrize('speed', [1e-4, 0.02, 0.3])
+def test_force_drop_is_the_same_at_any_speed(speed):
+    first, _, period, _ = single_by_formula(speed=speed)
+    drive = {'kind': 'constant_velocity', 'par': [speed, 0.0]}
+    run = solve(builders.single(drive, first + 2.2 * period), sample_s=period)
+    starts = run.event_t[run.event_start == 1]
+    stops = run.event_t[run.event_start == 0]
+    gained = 40.0 * speed * (starts[1] - stops[0])  # all stuck: the force grows with the rim
+    assert gained == pytest.approx(2 * (0.9 - 0.65) * 0.25 * 9.81, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_day_of_one_block_does_not_drift():
+    first, _, period, _ = single_by_formula()
+    run = solve(builders.single(PULL, 1e5), sample_s=1e4)
+    starts = run.event_t[::2]
+    late = starts - (first + period * np.arange(len(starts)))
+    assert len(run.event_t) == 111268
+    assert np.abs(late).max() * 0.02 < 1e-9
+
+
+def test_symmetric_train_is_one_block():
+    for k_between, most in ((0.0, 1e-13), (40.0, 1e-13), (4e5, 1e-11)):
+        two = solve(builders.train(PULL, 20.0, n=2, k_plate=40.0, k_between=k_between))
+        one = solve(builders.single(PULL, 20.0))
+        assert np.abs(two.u[:, 0] - one.u[:, 0]).max() <= most
+        assert np.abs(two.u[:, 0] - two.u[:, 1]).max() <= most
+        assert len(two.event_t) == 2 * len(one.event_t)
+
+
+@pytest.mark.parametrize('build', [builders.table, builders.plate])
+def test_mirror_symmetry_of_simultaneous_breaks(build):
+    run = solve(build(PULL, 10.0))
+    u = run.u[:, :, 0].reshape(-1, 5, 5)
+    assert np.abs(u - u[:, ::-1]).max() <= 1e-12
+    assert len(run.event_t) > 50
+    if build is builders.plate:  # without offsets every block of the plate moves as one
+        assert np.ptp(run.u[:, :, 0], axis=1).max() <= 1e-12
+        assert len(run.event_t) % 50 == 0
+
+
+@pytest.mark.parametrize('name', list(named.NAMED))
+def test_energy_books_close(name):
+    run = solve(named.scene(name))
+    assert run.status == 'ok'
+    assert len(run.event_t) >= 10
+    books = run.energy
+    assert abs(books.residual_J) <= 1e-9 * max(1.0, abs(books.work_J))
+    assert books.friction_J > 0
+
+
+@pytest.mark.parametrize('name', ['S3L', 'S3G', 'S4L', 'S5'])
+def test_repeat_runs_are_identical(name):
+    first, second = solve(named.scene(name)), solve(named.scene(name))
+    assert np.array_equal(first.u, second.u)
+    assert np.array_equal(first.event_t, second.event_t)
+
+
+def test_no_friction_keeps_its_energy_for_ever():
+    offsets = builders.offsets(25, 0.01, 1)
+    scene = from_mapping(builders.table(NONE, 1e8, mu_s=0.0, mu_k=0.0, u0=offsets))
+    run = simulate(scene, sample_s=1e6)
+    model = Model.of(scene)
+    energy = [model.elastic_energy(u, 0) + model.kinetic_energy(v) for u, v in zip(run.u, run.v)]
+    assert run.path == 'modal'
+    assert np.abs(np.array(energy) / energy[0] - 1).max() <= 1e-14
+
+
+def test_no_friction_driven_agrees_with_event_path():
+    scene = builders.table(PULL, 3.0, mu_s=0.0, mu_k=0.0, u0=builders.offsets(25, 0.01, 1))
+    modal, event = solve(scene), solve(scene, path='event', tolerance=1e-12)
+    assert (modal.path, event.path) == ('modal', 'event')
+    assert np.abs(modal.u - event.u).max() < 1e-11
+    assert abs(modal.energy.residual_J) < 1e-12
+
+
+@pytest.mark.parametrize(
+    'scene',
+    [
+        builders.table(NONE, 1e5, u0=builders.offsets(25, 0.001, 1)),
+        builders.table(PULL, 1e5, mu_s=1e9, mu_k=1e9),
+    ],
+)
+def test_what_cannot_move_is_not_worked_out(scene):
+    run = solve(scene, sample_s=1e4)
+    assert run.path == 'rest'
+    assert len(run.event_t) == 0
+    assert np.array_equal(run.u[-1], run.u[0])
+
+
+def test_plan_takes_the_least_that_is_enough():
+    expected = {'S1': 'exact', 'S3L': 'exact', 'S3G': 'event', 'S4L': 'event', 'S5': 'exact'}
+    for name, path in expected.items():
+        assert plan(from_mapping(named.scene(name))) == path
+
+
+def oracle_1d(scene):
+    """Event-driven modes in NumPy, with eigenvectors per segment and brackets on a fine grid."""
+    model = Model.of(scene)
+    n, speed = model.n, model.par[0]
+    stiff, pull = np.zeros((n, n)), np.zeros(n)
+    for i, j, k in zip(model.first, model.second, model.k):
+        stiff[i, i] += k
+        if j < n:
+            stiff[j, j] += k
+            stiff[i, j] -= k
+            stiff[j, i] -= k
+        else:
+            pull[i] += k
+    u, v, t, events = scene.u0[:, 0].copy(), np.zeros(n), 0.0, []
+    sign = np.zeros(n)
+    while t < scene.duration_s:
+        on = sign != 0
+        force = pull * speed * t - stiff @ u
+        if not on.any():
+            rate = pull * speed
+            with np.errstate(divide='ignore'):
+                wait = np.where(rate > 0, (model.static - force) / rate, np.inf)
+            i = int(np.argmin(wait))
+            t += wait[i]
+            if t >= scene.duration_s:
+                break
+            sign[i] = 1.0
+            events.append((t, i, 1))
+            continue
+        mass = np.sqrt(model.mass[on])
+        square, shape = np.linalg.eigh(stiff[np.ix_(on, on)] / np.outer(mass, mass))
+        w = np.sqrt(square)
+        p = shape.T @ ((force[on] - sign[on] * model.kinetic[on]) / mass)
+        r = shape.T @ (pull[on] * speed / mass)
+        d = shape.T @ (v[on] * mass)
+
+        def state(s, on=on, mass=mass, shape=shape, w=w, p=p, r=r, d=d, u=u):
+            x, y = u.copy(), np.zeros(n)
+            c, q = np.cos(w * s), np.sin(w * s)
+            x[on] += shape @ ((p * (1 - c) / w + r * (s - q / w) / w + d * q) / w) / mass
+            y[on] = shape @ (p * q / w + r * (1 - c) / w**2 + d * c) / mass
+            return x, y
+
+        def lowest(s, on=on, t=t):
+            x, y = state(s)
+            f = pull * speed * (t + s) - stiff @ x
+            return np.where(on, sign * y, model.static - np.abs(f))
+
+        step = 0.02 / w.max()
+        a = 1e-9 if (v[on] == 0).any() else 0.0
+        while True:
+            b = a + step
+            low = lowest(b)
+            if low.min() < 0 or t + b > scene.duration_s:
+                break
+            a = b
+        if low.min() >= 0:
+            break
+        roots = {
+            i: brentq(lambda s, i=i: lowest(s)[i], a, b, xtol=1e-16)
+            for i in np.flatnonzero(low < 0)
+        }
+        i = min(roots, key=roots.get)
+        u, v = state(roots[i])
+        t += roots[i]
+        v[i] = 0.0
+        if on[i]:
+            force = pull * speed * t - stiff @ u
+            sign[i] = 0.0 if abs(force[i]) <= model.static[i] else np.sign(force[i])
+            if sign[i] == 0:
+                events.append((t, i, 0))
+        else:
+            sign[i] = np.sign((pull * speed * t - stiff @ u)[i])
+            events.append((t, i, 1))
+    return events
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name, seconds', [('S2', 7.0), ('S3L', 4.5), ('S5', 4.5)])
+def test_exact_path_against_independent_modes(name, seconds):
+    scene = from_mapping(named.scene(name) | {'T': seconds})
+    events = oracle_1d(scene)
+    run = simulate(scene)
+    assert [(b, s) for _, b, s in events] == list(zip(run.event_block, run.event_start))
+    assert run.event_t == pytest.approx([t for t, _, _ in events], abs=1e-10)
+
+
+@settings(
+    max_examples=15,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+@given(
+    n=st.integers(1, 6),
+    k_plate=st.floats(5, 80),
+    k_between=st.floats(5, 80),
+    mu_k=st.floats(0.3, 0.8),
+    seed=st.integers(0, 1000),
+)
+def test_exact_and_event_paths_agree(n, k_plate, k_between, mu_k, seed):
+    scene = builders.train(
+        {'kind': 'constant_velocity', 'par': [0.05, 0.0]}, 4.0, n=n, k_plate=k_plate,
+        k_between=k_between, mu_k=mu_k, u0=builders.offsets(n, 0.01, seed, along_x=True),
+    )  # fmt: skip
+    exact, event = solve(scene, path='exact'), solve(scene, path='event', tolerance=1e-12)
+    assert exact.event_block.tolist() == event.event_block.tolist()
+    assert exact.event_start.tolist() == event.event_start.tolist()
+    assert np.abs(exact.u - event.u).max() < 1e-8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ['S3G', 'S4L', 'S4G'])
+def test_no_event_is_lost_at_loose_tolerance(name):
+    scene = named.scene(name) | {'T': 5.0}
+    fine, loose = solve(scene, tolerance=1e-13), solve(scene, tolerance=1e-4)
+    assert loose.status == 'ok'
+    assert len(loose.event_t) == pytest.approx(len(fine.event_t), abs=0.05 * len(fine.event_t))
+    with pytest.raises(UsageError):
+        solve(scene, tolerance=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name, seconds', [('S3G', 2.2), ('S4L', 0.8), ('S4G', 0.9)])
+def test_event_path_against_scipy(name, seconds):
+    """SciPy's DOP853 over the sliding blocks between our events, and each of these checked."""
+    scene = from_mapping(named.scene(name) | {'T': seconds})
+    model, run = Model.of(scene), simulate(scene, tolerance=1e-13)
+    u, v, t = scene.u0.copy(), np.zeros((scene.n, 2)), 0.0
+    on = np.zeros(scene.n, bool)
+    assert len(run.event_t) > 10
+    for when, block, start in zip(run.event_t, run.event_block, run.event_start):
+        if on.any() and when > t:
+            direction = {i: model.force(u, t)[i] for i in np.flatnonzero(on)}
+
+            def rhs(s, y, on=on, u=u, direction=direction):
+                here = u.copy()
+                here[on], speed = np.split(y.reshape(-1, 2), 2)
+                size = np.linalg.norm(speed, axis=1)[:, None]
+                start_dir = np.array([direction[i] for i in np.flatnonzero(on)])
+                start_dir /= np.linalg.norm(start_dir, axis=1)[:, None]
+                unit = np.where(size > 1e-13, speed / np.maximum(size, 1e-300), start_dir)
+                pull = model.force(here, s)[on] - model.kinetic[on, None] * unit
+                return np.concatenate([speed.ravel(), (pull / model.mass[on, None]).ravel()])
+
+            y = np.concatenate([u[on].ravel(), v[on].ravel()])
+            y = solve_ivp(rhs, (t, when), y, method='DOP853', rtol=1e-11, atol=1e-13).y[:, -1]
+            u[on], v[on] = np.split(y.reshape(-1, 2), 2)
+        t = max(t, when)
+        force = np.linalg.norm(model.force(u, t)[block])
+        if start:
+            assert force == pytest.approx(model.static[block], rel=1e-6)
+        else:
+            assert np.linalg.norm(v[block]) < 2e-3
+            assert force <= model.static[block] * (1 + 1e-6)
+            v[block] = 0.0
+        stuck = np.linalg.norm(model.force(u, t), axis=1)[~on]
+        assert np.all(stuck <= model.static[~on] * (1 + 1e-6)), 'a break was missed'
+        on[block] = bool(start)
+
+
+def test_stepping_converges_to_the_event_path():
+    scene = builders.table(PULL, 4.0, geometric=True, u0=builders.offsets(25, 0.005, 3))
+    reference = solve(scene)
+    errors = [
+        np.abs(solve(scene, path='stepping', step_s=h).u - reference.u).max() for h in (1e-3, 1e-4)
+    ]
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[1] < 1e-3
+
+
+def test_weakening_friction_train():
+    scene = builders.train(PULL, 6.0, weakening={'speed': 0.1}, u0=builders.offsets(5, 0.005, 2, True))
+    exact = solve(scene)
+    steps = solve(scene, path='stepping', step_s=2e-5)
+    assert exact.path == 'exact'
+    assert abs(exact.energy.residual_J) < 1e-10
+    assert np.abs(exact.u - steps.u)[:35].max() < 2e-3
+    plain = solve(scene | {'weakening': None})
+    assert np.abs(exact.u - plain.u).max() > 1e-2
+
+
+EXTREMES = {
+    'no tie between stiff blocks': builders.plate(PULL, 3.0, k_between=2e7),
+    'light blocks': builders.train(PULL, 3.0, mass=2.5e-5, g=9.81e4),
+    'a step of one metre': builders.table(
+        NONE, 2.0, geometric=True, u0=[[1.0 if i == 12 else 0.0, 0.0] for i in range(25)]
+    ),
+    'equal friction': builders.table(
+        PULL, 6.0, geometric=True, mu_s=0.65, mu_k=0.65, u0=builders.offsets(25, 0.005, 3)
+    ),
+    'nothing to do': builders.single(PULL, 0.0),
+    'a rim gone at once': builders.table({'kind': 'constant_velocity', 'par': [5.0, 3.0]}, 0.2),
+    'a loose block': builders.single(NONE, 5.0, k=0.0, v0=[[1.0, 0.0]]),
+    'a loose block in the plane': builders.single(NONE, 5.0, k=0.0, dim1=False, v0=[[1.0, 0.5]]),
+}
+
+
+@pytest.mark.parametrize('name', list(EXTREMES))
+def test_every_extreme_ends_with_a_status(name):
+    run = solve(EXTREMES[name], limits=Limits(events=20000, steps=200_000))
+    assert run.status in ('ok', 'step limit', 'event limit')
+    assert np.all(np.isfinite(run.u))
+    if run.status == 'ok':
+        assert abs(run.energy.residual_J) <= 1e-6 * max(1.0, abs(run.energy.friction_J))
+
+
+def test_limits_are_told():
+    assert solve(named.scene('S3L'), limits=Limits(steps=50)).status == 'step limit'
+    assert solve(named.scene('S3G'), limits=Limits(steps=50)).status == 'step limit'
+    assert solve(named.scene('S3L'), limits=Limits(events=10)).status == 'event limit'
+    assert solve(named.scene('S3G'), limits=Limits(events=10)).status == 'event limit'
+
+
+def test_a_block_that_flies_stops_where_it_must():
+    run = solve(EXTREMES['a loose block in the plane'])
+    speed, brake = np.hypot(1.0, 0.5), 0.65 * 9.81
+    assert run.event_t[0] == pytest.approx(speed / brake, rel=1e-9)
+    assert run.u[-1, 0] == pytest.approx(np.array([1.0, 0.5]) * speed / (2 * brake), rel=1e-9)
+
+
+def test_poses_and_constant_velocity_are_the_same_pull():
+    rows = [[t, 0.02 * t, 0.0, 0.0] for t in (0, 1, 2.5, 7, 10)]
+    scene = named.scene('S3L')
+    by_rows = solve(scene | {'drive': {'kind': 'poses', 'par': rows}, 'T': 5.0})
+    by_speed = solve(scene | {'T': 5.0})
+    assert np.abs(by_rows.u - by_speed.u).max() < 1e-10
