@@ -119,7 +119,10 @@ def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> N
     pictures = images(bag)
     if track:
         pictures = track(pictures, 'tracking', bag.counts['/eol/camera/image_raw'])
-    for stamp_ns, image in pictures:
+    taps = _taps(bag)
+    for log_ns, stamp_ns, image in pictures:
+        while taps and taps[0][0] <= log_ns:
+            tracker.tap(*taps.pop(0)[1:])
         row = row_of.get(stamp_ns)
         if row is None:  # the tracker never saw it
             continue
@@ -146,8 +149,24 @@ def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> N
     result.topics['blocks'] = check
 
 
-def images(bag: Bag) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield (stamp_ns, (h, w) uint8) of every recorded mono8 image."""
+def _taps(bag: Bag) -> list[tuple[int, float, int, float]]:
+    """Return log time in ns, stamp in s, block and sigma in s of every recorded tap."""
+    if '/eol/block_taps' not in bag.topics:
+        return []
+    table = bag.table('block_taps')
+    return list(
+        zip(
+            table['log_time'].astype('i8').tolist(),
+            [ns * 1e-9 for ns in table['stamp'].astype('i8').tolist()],
+            table['block'].tolist(),
+            table['sigma'].tolist(),
+            strict=True,
+        )
+    )
+
+
+def images(bag: Bag) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Yield log time and stamp in ns and the (h, w) uint8 pixels of every recorded mono8 image."""
     name = bag.find('camera/image_raw')
     decoder, place, shape = bag.decoder(name), 0, (0, 0)
     size = -1
@@ -160,7 +179,7 @@ def images(bag: Bag) -> Iterator[tuple[int, np.ndarray]]:
             place, size = decoder.offset('data', message.data), len(message.data)
         seconds, nanoseconds = np.frombuffer(message.data, '<i4', 2, 4).tolist()
         pixels = np.frombuffer(message.data, np.uint8, shape[0] * shape[1], place)
-        yield seconds * 10**9 + nanoseconds, pixels.reshape(shape)
+        yield message.log_ns, seconds * 10**9 + nanoseconds, pixels.reshape(shape)
 
 
 def _inputs(blocks: Table) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
@@ -179,11 +198,7 @@ def _compare_motion(bag: Bag, inputs: list, result: Retracked) -> None:
     if not any('/eol/' + t in bag.topics for t in ('slips', 'cascades')):
         return
     motion = Motion(settings_of(bag, 'motion'))
-    taps = bag.table('block_taps') if '/eol/block_taps' in bag.topics else ()
-    waiting = [
-        (int(t['log_time'].astype('i8')), int(t['stamp'].astype('i8')) * 1e-9, int(t['block']),
-         float(t['sigma'])) for t in taps
-    ]  # fmt: skip
+    waiting = _taps(bag)
     slips, cascades = [], []
     for log_ns, stamp_ns, record, seen in inputs:
         while waiting and waiting[0][0] <= log_ns:

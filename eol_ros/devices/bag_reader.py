@@ -253,7 +253,9 @@ def _mcap_files(path: Path) -> list[Path]:
     if path.is_file():
         return [path]
     files = [p for p in path.iterdir() if re.search(rf'\.mcap({re.escape(PART)})?$', p.name)]
-    missing = sorted(set(_listed(path)) - {p.name for p in files})
+    names = {p.name for p in files}
+    files = [p for p in files if p.name.removesuffix(PART) not in names - {p.name}]
+    missing = sorted(set(_listed(path)) - names)
     if missing:
         raise DeviceMissing(f'{path}: {missing[0]} is named in metadata.yaml and is not there')
     if not files:

@@ -175,6 +175,8 @@ class Recording:
                     self._writer.write,
                     kept.topic, kept.data, kept.log_ns, kept.publish_ns, kept.sequence,
                 )
+            else:
+                self.dropped[kept.topic] += 1
         if isinstance(item, Item):
             with self._ready:
                 self._queued_bytes -= len(item.data)

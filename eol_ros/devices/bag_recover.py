@@ -45,12 +45,16 @@ def repair(part: Path) -> Repaired:
 
     A part without a single readable message is removed, and its folder if nothing else is in it.
     """
+    target = part.with_name(part.name.removesuffix(PART))
+    if target.exists():  # a repair that was cut off before its last step
+        part.unlink()
+        rewrite_metadata(part.parent)
+        return Repaired(part, target, sum(BagReader(target).counts.values()))
     try:
         bag = BagReader(part)
         count = sum(bag.counts.values())
     except ConfigError:  # not even the first bytes were written
         count = 0
-    target = part.with_name(part.name.removesuffix(PART))
     if not count:
         part.unlink()
         if not any(part.parent.iterdir()):

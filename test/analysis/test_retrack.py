@@ -132,7 +132,7 @@ def test_the_pictures_are_those_that_were_sent(run):
     from eol_ros.core.vision.renderer import Renderer
 
     renderer = Renderer(calibration=Calibration.ideal(), seed=5)
-    for i, ((stamp_ns, image), (at, yaw)) in enumerate(
+    for i, ((_, stamp_ns, image), (at, yaw)) in enumerate(
         zip(images(run), scene_of_blocks(5), strict=False)
     ):
         assert stamp_ns == T0 + i * STEP_NS

@@ -86,6 +86,19 @@ def test_a_repair_that_was_cut_off_is_done_again(tmp_path):
     assert not list((tmp_path / 'run').glob('*.repair'))
 
 
+def test_a_repair_that_was_cut_off_at_its_last_step_is_finished(tmp_path):
+    bag = write_bag(tmp_path / 'run')
+    bag.flush()
+    bag.abandon()
+    part = tmp_path / 'run' / 'run_0.mcap.part'
+    before = part.read_bytes()
+    repair_all(tmp_path)
+    part.write_bytes(before)
+    assert BagReader(tmp_path / 'run').counts['/eol/point'] == 100
+    assert [r.message_count for r in repair_all(tmp_path)] == [110]
+    assert not part.exists()
+
+
 def test_nothing_readable_leaves_no_rubbish(tmp_path):
     BagWriter(tmp_path / 'run', [POINT], {}).abandon()
     [done] = repair_all(tmp_path)

@@ -4,6 +4,7 @@
 import itertools
 import json
 import os
+import pty
 import signal
 import subprocess
 import sys
@@ -133,6 +134,25 @@ def test_the_list_of_a_bag(bag):
     assert code == 0
     assert answer['topics']['/eol/slips'] == {'type': 'eol_msgs/msg/Slip', 'messages': 300}
     assert answer['duration_s'] == pytest.approx(2.99)
+
+
+@pytest.mark.slow
+def test_space_pauses_and_goes_on(bag):
+    ours, theirs = pty.openpty()
+    child = subprocess.Popen(
+        [sys.executable, '-m', 'eol_ros', 'replay', str(bag), '--only', 'all', '--wait', '0'],
+        stdin=theirs, stderr=subprocess.PIPE, text=True, env=os.environ,
+    )  # fmt: skip
+    assert '/eol/slips' in child.stderr.readline()
+    os.write(ours, b' ')
+    with pytest.raises(subprocess.TimeoutExpired):
+        child.wait(timeout=6)  # three seconds of bag
+    os.write(ours, b' ')
+    _, err = child.communicate(timeout=30)
+    assert child.returncode == 0
+    assert '303 messages played' in err
+    os.close(ours)
+    os.close(theirs)
 
 
 @pytest.mark.slow
