@@ -83,8 +83,9 @@ def test_impossible_calibrations_are_refused(change, words):
         replace(IDEAL, **change)
 
 
-@pytest.mark.parametrize('image', [np.zeros((400, 640), np.uint8), np.zeros((800, 1280, 3), np.uint8),
-                                   np.zeros((800, 1280), np.uint16)])
+@pytest.mark.parametrize('image', [
+    np.zeros((400, 640), np.uint8), np.zeros((800, 1280, 3), np.uint8),
+    np.zeros((800, 1280), np.uint16)])
 def test_images_of_another_camera_are_refused(image):
     IDEAL.check_image(np.zeros((800, 1280), np.uint8))
     with pytest.raises(ConfigError, match='1280x800'):

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.vision import calibrate
+from eol_ros.core.vision.blobs import BlobFinder
+from eol_ros.core.vision.calibrate_board import Board, from_board
+from eol_ros.core.vision.corners import corners
+from eol_ros.core.vision.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.renderer_clutter import clutter_calibration
+from eol_ros.errors import ConfigError
+
+pytestmark = pytest.mark.slow  # the first run compiles
+GRID = np.stack(np.meshgrid(*[np.linspace(-0.4, 0.4, 5)] * 2), -1).reshape(-1, 2)
+
+
+def still(level='ordinary', seed=0, scatter=0.003):
+    """One image of resting blocks without arms, its poses, and the renderer."""
+    rng = np.random.default_rng(seed)
+    renderer = Renderer(RenderOptions(clutter=level), clutter_calibration(level), 11)
+    xy = rest_lattice() + rng.normal(0, scatter, (25, 2))
+    yaw = rng.normal(0, 0.05, 25)
+    index = next(k for k in range(0, 3000, 30)
+                 if renderer.visible_share(*xy.T, yaw, k).min() == 1 and not
+                 len(renderer.arms(k)[0]))
+    return renderer.render(*xy.T, yaw, index).copy(), np.column_stack([xy, yaw]), renderer
+
+
+def view(image):
+    blobs = BlobFinder().find(image)
+    return calibrate.name_blocks(blobs), corners(image, blobs)
+
+
+def test_corners_are_measured_side_by_side():
+    image, poses, renderer = still()
+    ids, found = view(image)
+    assert np.sqrt(np.nanmean((found - renderer.corners_px(poses)[ids]) ** 2)) < 0.1
+
+
+def test_blocks_alone_give_lens_tilt_and_metres():
+    views, truth = [], clutter_calibration('ordinary')
+    for seed in range(3):
+        image = still(seed=seed)[0]
+        views.append(view(image))
+    solved = calibrate.from_blocks(views, calibrate.nominal(1280, 800), cover_height_m=0.05)
+    camera = solved.calibration
+    assert solved.refusal() == ''
+    assert camera.residual_px < 0.1
+    assert camera.residual_mm == pytest.approx(camera.residual_px / camera.px_per_m() * 1e3)
+    assert camera.cover_height_m == 0.05
+    off = camera.to_table(truth.to_pixels(GRID)) - GRID
+    # the blocks' scatter on the lattice is what is left: 3 mm over 75 places
+    assert np.sqrt((off ** 2).mean()) < 1.5e-3
+    stretch = np.ptp(off[:, 0]) + np.ptp(off[:, 1])
+    assert stretch < 3e-3
+    assert camera.distortion_coefficients[0] == pytest.approx(-0.08, abs=0.02)
+    assert set(solved.by_name()) == {f'block {i}' for i in range(25)}
+    assert (solved.corner_mm > 0).all()
+
+
+def test_what_is_no_calibration_is_refused():
+    ids, found = view(still()[0])
+    bent = found + 4 * np.sin(found / 60)  # no camera sees so
+    solved = calibrate.from_blocks([(ids, bent)], calibrate.nominal(1280, 800))
+    assert 'residual' in solved.refusal()
+
+
+def test_blocks_are_named_by_their_place():
+    image, poses, renderer = still()
+    blobs = BlobFinder().find(image)
+    ids = calibrate.name_blocks(blobs)
+    truth = renderer.calibration.to_pixels(poses[:, :2])
+    assert np.hypot(*(truth[ids] - np.column_stack([blobs['u'], blobs['v']])).T).max() < 1
+    with pytest.raises(ConfigError, match='24 squares'):
+        calibrate.name_blocks(blobs[1:])
+    moved = blobs.copy()
+    moved['u'][3] += 300
+    moved['v'][3] += 250
+    with pytest.raises(ConfigError, match='5 rows of 5'):
+        calibrate.name_blocks(moved)
+
+
+def test_points_give_the_table_exactly():
+    truth = replace(clutter_calibration('hard'), distortion_coefficients=np.zeros(5))
+    xy = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7], [0.1, 0.2]])
+    solved = calibrate.from_points(truth.to_pixels(xy), xy, calibrate.nominal(1280, 800))
+    assert np.abs(solved.calibration.to_table(truth.to_pixels(GRID)) - GRID).max() < 1e-6
+    assert solved.refusal() == ''
+    four = calibrate.from_points(truth.to_pixels(xy[:4]), xy[:4], calibrate.nominal(1280, 800))
+    assert np.isnan(four.corner_mm).all()
+
+
+def test_a_wrong_click_is_named():
+    truth = clutter_calibration('clean')
+    xy = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7], [0, 0], [0.3, 0.3]])
+    px = truth.to_pixels(xy)
+    px[4] += [9.0, 0.0]
+    refusal = calibrate.from_points(px, xy, calibrate.nominal(1280, 800)).refusal()
+    assert 'point 5' in refusal
+
+
+@pytest.mark.parametrize(('xy', 'words'), [
+    (np.zeros((3, 2)), 'at least 4'),
+    (np.column_stack([np.arange(5.0), np.arange(5.0)]), 'one line')])
+def test_points_that_say_too_little(xy, words):
+    with pytest.raises(ConfigError, match=words):
+        calibrate.from_points(xy * 100 + 50, xy, calibrate.nominal(1280, 800))
+
+
+def test_a_raised_plane_is_seen_as_geometry_says():
+    """Oracle: points 60 mm above the platform, projected by K [R t] written out."""
+    angle, far = 0.1, 1000 / 545
+    turn = np.array([[1, 0, 0], [0, -np.cos(angle), -np.sin(angle)],
+                     [0, np.sin(angle), -np.cos(angle)]])
+    start = calibrate.nominal(1280, 800)
+    homography = start.camera_matrix @ np.column_stack([turn[:, :2], [0, 0, far]])
+    raised = calibrate.raise_plane(replace(start, homography=homography / homography[2, 2]), 0.06)
+    world = np.column_stack([GRID, np.full(len(GRID), 0.06)])
+    seen = (world @ turn.T + [0, 0, far]) @ start.camera_matrix.T
+    assert np.abs(raised.to_pixels(GRID) - seen[:, :2] / seen[:, 2:]).max() < 1e-6
+
+
+def pictured(board, camera, turn, place, distortion):
+    """The printed board seen by a pinhole camera with a lens."""
+    flat = board.picture(40)
+    height, width = flat.shape
+    scale = board.square_m / 40
+    # board px -> metres about its centre, x right, y away
+    to_metres = np.array([[scale, 0, -scale * (width - 1) / 2],
+                          [0, -scale, scale * (height - 1) / 2], [0, 0, 1]])
+    pose = np.column_stack([turn[:, :2], place])
+    seen = camera @ pose @ to_metres
+    image = cv2.warpPerspective(flat, seen, (1280, 800), flags=cv2.INTER_AREA, borderValue=120)
+    v, u = np.mgrid[0:800, 0:1280].astype(np.float32)
+    points = np.stack([u.ravel(), v.ravel()], 1)[:, None]
+    source = cv2.undistortPoints(points, camera, distortion, P=camera)
+    mapped = source.reshape(800, 1280, 2)
+    return cv2.remap(image, mapped[..., 0], mapped[..., 1], cv2.INTER_LINEAR, borderValue=120)
+
+
+def test_a_board_gives_lens_and_table():
+    board = Board(9, 7, 0.07, 0.052)
+    camera = np.array([[1040, 0, 630.0], [0, 1040, 405], [0, 0, 1]])
+    lens = np.array([-0.12, 0.02, 0, 0, 0])
+    down = np.diag([1.0, -1, -1])
+    tilts = [(0, 0), (0.35, 0), (-0.35, 0.1), (0, 0.4), (0.1, -0.4), (0.3, 0.3), (-0.25, -0.3)]
+    images = [pictured(board, camera, cv2.Rodrigues(np.array([a, b, 0.05]) if a or b else
+                                                   np.zeros(3))[0] @ down,
+                       np.array([0.02, -0.01, 1.1 if a or b else 1.3]), lens) for a, b in tilts]
+    solved = from_board(images, board)
+    found = solved.calibration
+    assert solved.refusal() == ''
+    assert found.camera_matrix[0, 0] == pytest.approx(1040, rel=0.02)
+    assert found.distortion_coefficients[0] == pytest.approx(-0.12, abs=0.02)
+    truth = replace(found, camera_matrix=camera, distortion_coefficients=lens,
+                    homography=camera @ np.column_stack([down[:, :2], [0.02, -0.01, 1.3]]))
+    off = found.to_table(truth.to_pixels(GRID * 0.6)) - GRID * 0.6
+    assert np.abs(off).max() < 1e-3
+    with pytest.raises(ConfigError, match='first picture shows 0'):
+        from_board([np.zeros((800, 1280), np.uint8)], board)
+    with pytest.raises(ConfigError, match='not an ArUco dictionary'):
+        replace(board, dictionary='DICT_NONE').made()

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+import dataclasses
+
+import numpy as np
+import pytest
+
+from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.vision import renderer_clutter
+from eol_ros.core.vision.blobs import BlobFinder
+from eol_ros.core.vision.clutter import ClutterLearner, ClutterMap
+from eol_ros.core.vision.renderer import Renderer, RenderOptions
+from eol_ros.errors import ConfigError
+
+pytestmark = pytest.mark.slow  # the first run compiles
+
+
+def lit(monkeypatch, seed=1):
+    level = dataclasses.replace(
+        renderer_clutter.LEVELS['clean'], reflections=60, reflection_level=(40, 70),
+        reflection_px=(4, 10), hot_pixels=100, gradient=20)
+    monkeypatch.setitem(renderer_clutter.LEVELS, 'lamps', level)
+    return Renderer(RenderOptions(clutter='lamps', noise='L2'), None, seed)
+
+
+def learn(renderer, images=15, ir=0.0):
+    learner, xy = ClutterLearner(), rest_lattice()
+    for k in range(images):
+        learner.add(renderer.render(*xy.T, np.zeros(25), k, ir=np.full(25, ir)))
+    return learner
+
+
+def test_lamps_are_learnt_and_taken_off(monkeypatch):
+    renderer = lit(monkeypatch)
+    clutter = learn(renderer).result()
+    lamps = renderer.clutter.static - renderer.clutter.platform
+    off = np.abs(clutter.light - np.maximum(lamps - 6, 0))[lamps < 200]
+    assert np.quantile(off, 0.99) < 4
+    assert (clutter.light[lamps < 1] > 0).mean() < 1e-3  # the ambient slope stays
+    rms = {}
+    for name, used in (('with', clutter), ('without', None)):
+        finder, left = BlobFinder(), []
+        finder.clutter = used
+        for k in range(8):
+            xy = rest_lattice() + np.random.default_rng(k).normal(0, 0.01, (25, 2))
+            blobs = finder.find(renderer.render(*xy.T, np.full(25, 0.1), 100 + k))
+            truth = renderer.calibration.to_pixels(xy)
+            far = np.hypot(blobs['u'][:, None] - truth[:, 0], blobs['v'][:, None] - truth[:, 1])
+            assert far.min(axis=1).max() < 2
+            left.append(far.min(axis=0))
+        rms[name] = np.sqrt((np.array(left) ** 2).mean())
+    assert rms['with'] < 0.7 * rms['without']
+
+
+def test_lit_blocks_are_no_clutter(monkeypatch):
+    with pytest.raises(ConfigError, match='25 blocks are lit'):
+        learn(lit(monkeypatch), images=3, ir=1.0).result()
+
+
+def test_what_cannot_be_a_map():
+    with pytest.raises(ConfigError, match='no dark image'):
+        ClutterLearner().result()
+    with pytest.raises(ConfigError, match='8-bit'):
+        ClutterMap(np.zeros((4, 4)))
+    with pytest.raises(ConfigError, match='learn it again'):
+        ClutterMap(np.zeros((40, 60), np.uint8)).remove(np.zeros((80, 120), np.uint8))
+
+
+def test_a_full_sensor_stays_full():
+    image = np.full((10, 10), 255, np.uint8)
+    image[0] = 100
+    clean = ClutterMap(np.full((10, 10), 30, np.uint8)).remove(image)
+    assert (clean[0] == 70).all()
+    assert (clean[1:] == 255).all()

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.clutter import ClutterMap
+from eol_ros.devices import calibration_file, clutter_file
+from eol_ros.errors import ConfigError, DeviceMissing
+
+
+@pytest.fixture
+def camera():
+    return replace(Calibration.ideal(),
+                   distortion_coefficients=np.array([-0.1, 0.01, 1e-3, 2e-3, 0]),
+                   cover_height_m=0.05, date='2026-11-21', residual_px=0.04, residual_mm=0.07)
+
+
+def test_what_is_saved_is_loaded_to_the_bit(tmp_path, camera):
+    calibration_file.save(tmp_path / 'c.yaml', camera)
+    back = calibration_file.load(tmp_path / 'c.yaml')
+    for name in ('camera_matrix', 'distortion_coefficients', 'homography'):
+        assert np.array_equal(getattr(back, name), getattr(camera, name))
+    assert (back.date, back.cover_height_m, back.residual_px, back.residual_mm) == (
+        '2026-11-21', 0.05, 0.04, 0.07)
+    assert [p.name for p in tmp_path.iterdir()] == ['c.yaml']
+
+
+def test_the_form_is_that_of_camera_info(tmp_path, camera):
+    calibration_file.save(tmp_path / 'c.yaml', camera)
+    content = yaml.safe_load((tmp_path / 'c.yaml').read_text())
+    assert content['distortion_model'] == 'plumb_bob'
+    assert content['image_width'] == 1280
+    assert {k: content['camera_matrix'][k] for k in ('rows', 'cols')} == {'rows': 3, 'cols': 3}
+    assert len(content['distortion_coefficients']['data']) == 5
+    width, height, matrix, lens = calibration_file.load_lens(tmp_path / 'c.yaml')
+    assert (width, height) == (1280, 800)
+    assert np.array_equal(matrix, camera.camera_matrix)
+    assert np.array_equal(lens, camera.distortion_coefficients)
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    ({'homography': None}, 'homography is absent'),
+    ({'image_width': 'wide'}, "image_width is 'wide'"),
+    ({'distortion_model': 'equidistant'}, 'only plumb_bob'),
+    ({'camera_matrix': {'rows': 2, 'cols': 2, 'data': [1, 0, 0, 1]}}, '2 rows, 2 cols'),
+    ({'camera_matrix': {'rows': 3, 'cols': 3, 'data': list('abcdefghi')}}, 'not a number'),
+    ({'residual_px': 'good'}, "residual_px is 'good'"),
+    ({'homography': {'rows': 3, 'cols': 3, 'data': [0.0] * 9}}, 'no inverse')])
+def test_what_is_wrong_is_named(tmp_path, camera, change, words):
+    path = tmp_path / 'c.yaml'
+    calibration_file.save(path, camera)
+    content = yaml.safe_load(path.read_text()) | change
+    path.write_text(yaml.safe_dump({k: v for k, v in content.items() if v is not None}))
+    with pytest.raises(ConfigError, match=words) as error:
+        calibration_file.load(path)
+    assert str(path) in str(error.value)
+
+
+def test_all_faults_come_in_one_line(tmp_path):
+    (tmp_path / 'c.yaml').write_text('image_width: 1280\n')
+    with pytest.raises(ConfigError, match='image_height.*camera_matrix.*homography'):
+        calibration_file.load(tmp_path / 'c.yaml')
+
+
+@pytest.mark.parametrize('text', ['image_width: [1', '- 1\n- 2\n', ''])
+def test_what_is_no_calibration_at_all(tmp_path, text):
+    (tmp_path / 'c.yaml').write_text(text)
+    with pytest.raises(ConfigError, match='c.yaml'):
+        calibration_file.load(tmp_path / 'c.yaml')
+
+
+def test_files_and_folders_that_are_not_there(tmp_path, camera):
+    with pytest.raises(DeviceMissing, match='eol calibrate'):
+        calibration_file.load(tmp_path / 'none.yaml')
+    with pytest.raises(DeviceMissing, match='cannot write'):
+        calibration_file.save(tmp_path / 'no' / 'c.yaml', camera)
+
+
+def test_clutter_maps_are_pictures(tmp_path):
+    light = np.random.default_rng(0).integers(0, 255, (40, 60)).astype(np.uint8)
+    clutter_file.save(tmp_path / 'm.png', ClutterMap(light))
+    assert np.array_equal(clutter_file.load(tmp_path / 'm.png').light, light)
+    with pytest.raises(DeviceMissing):
+        clutter_file.load(tmp_path / 'none.png')
+    (tmp_path / 'bad.png').write_text('no picture')
+    with pytest.raises(ConfigError):
+        clutter_file.load(tmp_path / 'bad.png')
