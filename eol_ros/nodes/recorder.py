@@ -20,6 +20,7 @@ from eol_ros.ros.topics import TOPICS
 
 IMAGES, PREVIEW, SAMPLES = 'camera/image_raw', 'camera/image/compressed', 'sound_samples'
 COUNTERS = {'blocks': 'image', 'grain_triggers': 'sequence'}  # fields that count up by one
+DROPS_TOLD_S = 20.0  # after the last; the count stays in the values and in the bag
 
 
 class RecorderNode(EolNode):
@@ -41,7 +42,8 @@ class RecorderNode(EolNode):
         )
         for topic, bag_topic in described.items():
             self.subscribe(topic, self._taker(topic, bag_topic), raw=True)
-        self._last = 0
+        self._last = self._dropped = 0
+        self._dropped_s = 0.0
         self.create_timer(1.0, self.tell)
         self.tell()
 
@@ -77,13 +79,16 @@ class RecorderNode(EolNode):
         self._last = count
         health.values.update(
             messages=count, lost=recording.lost, bag=str(recording.folder or ''),
-            images_gb=round(recording.image_bytes / 1e9, 3), queue_mb=recording.queued_mb,
+            dropped=sum(recording.dropped.values()), queue_mb=recording.queued_mb,
+            images_gb=round(recording.image_bytes / 1e9, 3),
         )  # fmt: skip
+        dropped = sum(recording.dropped.values())
+        if dropped != self._dropped:
+            self._dropped, self._dropped_s = dropped, time.monotonic()
         if recording.trouble:
             health.error(f'not recording: {recording.trouble}')
-        elif recording.dropped:
-            count = sum(recording.dropped.values())
-            health.warn(f'disk or processor too slow: {count} messages dropped')
+        elif dropped and time.monotonic() - self._dropped_s < DROPS_TOLD_S:
+            health.warn(f'disk or processor too slow: {dropped} messages dropped')
         elif recording.image_budget_spent:
             health.ok(f'recording without pictures: {self.settings.images_max_gb:g} GB are full')
         else:
