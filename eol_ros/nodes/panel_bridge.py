@@ -2,7 +2,6 @@
 """The way from the panel's web server into the graph; called from the server's own thread."""
 
 from collections.abc import Callable
-from itertools import count
 from typing import Any
 
 from eol_msgs.msg import Control, GrainTrigger, RimCommand
@@ -23,7 +22,6 @@ class PanelBridge:
         self._controls = node.publisher('control')
         self._rims = node.publisher('rim_command')
         self._triggers = node.publisher('grain_triggers')
-        self._sequence = count()
         self._clients = {
             target: node.create_client(SetParameters, f'{target}/set_parameters')
             for target in {c.target for c in CONTROLS.values() if c.settings}
@@ -58,7 +56,7 @@ class PanelBridge:
     def play(self, grain: int) -> None:
         """Publish one trigger that no block caused."""
         message = GrainTrigger(
-            sequence=next(self._sequence) % 2**32,
+            sequence=0,  # not known: it is outside the count of the node grains
             grain=grain,
             block=NO_BLOCK,
             gain=1.0,

@@ -8,6 +8,7 @@ import socket
 import time
 import urllib.error
 import urllib.request
+from pathlib import Path
 
 import aiohttp
 import pytest
@@ -437,3 +438,8 @@ def test_the_table_of_routes_names_every_control():
     text = describe()
     for name in CONTROLS:
         assert f'`POST /control/{name}`' in text
+
+
+def test_the_documented_routes_are_these():
+    document = Path(__file__).parents[2] / 'docs' / 'web.md'
+    assert describe() in document.read_text('utf-8')
