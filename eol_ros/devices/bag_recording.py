@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run on its way to the disk: bounded queue in, one writing thread, a bag folder out.
 
-Whoever hands messages over never waits. When the disk is too slow the queue fills and messages are
-dropped and counted; when it is full or gone, recording pauses, says so, and begins a new bag when
-it can. Nothing is ever deleted.
+Whoever hands messages over never waits. When disk or processor is too slow the queue fills: first
+pictures are stored uncompressed, then messages are dropped and counted. When the disk is full or
+gone, recording pauses, says so, and begins a new bag when it can. Nothing is ever deleted.
 """
 
 import atexit
@@ -35,6 +35,7 @@ from eol_ros.settings import RecorderSettings
 FLUSH_S = 1.0
 RETRY_S = 10.0
 QUEUE_BYTES = 64 << 20
+HURRY_BYTES = QUEUE_BYTES // 4  # with more than this waiting, pictures are not compressed
 GB = 1e9
 
 
@@ -174,6 +175,7 @@ class Recording:
                 self._guarded(
                     self._writer.write,
                     kept.topic, kept.data, kept.log_ns, kept.publish_ns, kept.sequence,
+                    self._queued_bytes > HURRY_BYTES,
                 )
             else:
                 self.dropped[kept.topic] += 1

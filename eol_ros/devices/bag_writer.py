@@ -135,7 +135,13 @@ class BagWriter:
         return sum(f.message_count for f in self.files) + current
 
     def write(
-        self, topic: str, data: bytes, log_ns: int, publish_ns: int, sequence: int = 0
+        self,
+        topic: str,
+        data: bytes,
+        log_ns: int,
+        publish_ns: int,
+        sequence: int = 0,
+        hurry: bool = False,
     ) -> None:
         """Add one serialised message, stamped with reception and sending time in ns."""
         file = self._file
@@ -145,7 +151,7 @@ class BagWriter:
         ):
             self._close_file()
             file = self._open()
-        file.write(self._channel[topic], data, log_ns, publish_ns, sequence)
+        file.write(self._channel[topic], data, log_ns, publish_ns, sequence, hurry)
 
     def flush(self) -> None:
         """Hand what was written to the operating system: it outlives this process now."""

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 from bag_samples import POINT, T0, TEXT, point, text, write_bag
+from mcap.reader import make_reader
 
 from eol_ros.devices import bag_recording
 from eol_ros.devices.bag_reader import BagReader
@@ -70,6 +71,22 @@ def test_a_disk_that_is_too_slow_drops_and_counts(tmp_path, monkeypatch):
     assert recording.dropped['/eol/point'] == 100 - kept
     gaps = BagReader(recording.folder).gaps
     assert json.loads(gaps['dropped_in_recorder']) == {'/eol/point': 100 - kept}
+
+
+def test_in_a_hurry_pictures_are_stored_uncompressed(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_recording, 'HURRY_BYTES', 300_000)
+    recording = start(tmp_path, images='/eol/text')
+    picture = text('x' * 100_000)
+    with recording._ready:  # ten wait at once; the last few are no longer in a hurry
+        for i in range(10):
+            recording.take(Item('/eol/text', picture, T0 + i, T0, i + 1))
+    recording.close()
+    path = next(recording.folder.glob('*.mcap'))
+    with open(path, 'rb') as file:
+        kinds = [c.compression for c in make_reader(file).get_summary().chunk_indexes]
+    assert kinds[:6] == [''] * 6
+    assert kinds[-2:] == ['zstd'] * 2
+    assert [m.data for m in BagReader(path).messages()] == [picture] * 10
 
 
 def test_pictures_around_slips(tmp_path):
