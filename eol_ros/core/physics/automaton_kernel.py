@@ -22,6 +22,7 @@ SINK = -(1 << 62)
 REBASE = 1 << 60  # the drive is folded into the sites before it nears the depth of the sinks
 SINK_EVERY = 256  # events after which the sinks are emptied
 SHARE_BITS = 32  # of the multiplier of the fixed-point path
+LOW = (1 << SHARE_BITS) - 1
 OK, INEXACT = 0, 1
 
 
@@ -102,7 +103,6 @@ def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations,
     room = n // 4 + 64
     keys, sites = np.empty(room + 2, np.int64), np.empty(room + 2, np.int32)
     seen = np.full(n if areas.size else 1, -1, np.int64)
-    low = (int64(1) << SHARE_BITS) - 1
     count, refill, floor = 0, True, int64(0)
     depth = max(int64(1), int64(one) // 64)
     drive = int64(0)
@@ -183,7 +183,7 @@ def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations,
                         gifts[uintp(toppling)] = full // divisor * share
                     else:
                         gifts[uintp(toppling)] = (full >> SHARE_BITS) * share + (
-                            ((full & low) * share) >> SHARE_BITS
+                            ((full & LOW) * share) >> SHARE_BITS
                         )
                     stress[j] = -drive
                     toppling += 1

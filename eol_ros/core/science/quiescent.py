@@ -22,7 +22,7 @@ def cascades(block: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarr
     if len(block) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     moving = np.where(start, 1, -1).cumsum()
-    if moving.min() < 0 or moving.max() > len(np.unique(block)):
+    if np.min(moving) < 0 or np.max(moving) > len(np.unique(block)):
         raise NotAtRest('the events do not begin with all blocks at rest')
     ends = np.flatnonzero(moving == 0) + 1
     begins = np.concatenate([[0], ends[:-1]])
