@@ -21,7 +21,7 @@ def draw(corpus: Corpus, path: Path) -> None:
         raise DeviceMissing('pictures need matplotlib: pip install matplotlib') from None
     grains = corpus.grains[corpus.placed]
     x, y = grains[corpus.x_name], grains[corpus.y_name]
-    loud = grains['loudness_lufs']
+    loud = np.nan_to_num(grains['loudness_lufs'], nan=-70.0)  # of a corpus made elsewhere
     size = np.clip(60 * grains['duration_s'] / np.median(grains['duration_s']), 8, 300)
     size *= min(1.0, 300 / len(grains)) ** 0.5
     figure = Figure(figsize=(13, 6.2), layout='constrained', facecolor='#10141a')

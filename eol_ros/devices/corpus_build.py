@@ -94,7 +94,7 @@ def build_cached(
         corpus = build(sounds, options, progress)
         path = corpus_file.cached_path(sounds, corpus.digest)
         corpus_file.save(corpus, path)
-        corpus = corpus_file.load(path)  # rounded as every later reader gets it
+        corpus = corpus_file.load(path, trusted=True)  # rounded as every later reader gets it
     return corpus
 
 
@@ -123,8 +123,8 @@ def apart(
     corpus = ready(sound, options, seed)
     if corpus is None:
         sounds = _sounds(sound, seed)
-        order = {'ice': None if sound else seed, 'sounds': [str(s) for s in sounds]}
-        order.update(options=asdict(options), parent=os.getpid())
+        order: dict = {'ice': None if sound else seed, 'sounds': [str(s) for s in sounds]}
+        order |= {'options': asdict(options), 'parent': os.getpid()}
         with subprocess.Popen(
             [sys.executable, '-m', 'eol_ros.devices.corpus_build'],
             stdin=subprocess.PIPE,
@@ -189,7 +189,7 @@ def _cut(heard, options: Options, times: np.ndarray | None) -> np.ndarray:
         cuts = segments.onset_cut(samples, rate, o.grain_s, o.onset_db)
     elif o.segment == 'gate':
         cuts = segments.gate(samples, rate, o.gate_on_db, o.gate_off_db)
-    elif o.segment == 'labels':
+    elif times is not None:
         cuts = segments.from_labels(times, len(samples), rate)
     else:
         cuts = segments.whole(len(samples))

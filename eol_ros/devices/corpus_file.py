@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
+from eol_ros.core.sound.corpus import AXES, COLUMNS, DESCRIPTORS, GRAIN, Corpus, Source
 from eol_ros.devices import cache
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.settings import GrainsSettings
@@ -120,7 +120,7 @@ def cached(sounds: list[Path], options: Options) -> Corpus | None:
         return None
     path = cached_path(sounds, digest(sounds, options))
     try:
-        return load(path) if path.is_file() else None
+        return load(path, trusted=True) if path.is_file() else None
     except ConfigError:
         return None  # spoilt: it is made again
 
@@ -145,7 +145,7 @@ def as_json(corpus: Corpus, base: Path | None = None) -> str:
     rows = []
     for grain in corpus.grains:
         row = {'file': files[grain['file']]['path']}
-        row.update((name, _plain(grain[name])) for name in GRAIN.names[1:])
+        row.update((name, _plain(grain[name])) for name in COLUMNS)
         rows.append(row)
     head = {
         'version': VERSION,
@@ -161,10 +161,15 @@ def as_json(corpus: Corpus, base: Path | None = None) -> str:
     return '{\n' + '\n'.join(lines) + '\n"grains": [\n' + body + '\n]}\n'
 
 
-def load(path: Path) -> Corpus:
-    """Read a corpus; raises ConfigError if it is none, DeviceMissing if its sound is gone."""
+def load(path: Path, trusted: bool = False) -> Corpus:
+    """Read a corpus; raises ConfigError if it is none, DeviceMissing if its sound is gone.
+
+    One that is not `trusted` may have been edited: its digest is taken of the text, and a sound
+    whose content is not what was described is told of in `notes`.
+    """
     try:
-        data = json.loads(Path(path).read_text())
+        text = Path(path).read_text()
+        data = json.loads(text)
     except FileNotFoundError:
         raise DeviceMissing(
             f'{path}: no such corpus; make it with: eol corpus SOUND --out {path}'
@@ -184,13 +189,26 @@ def load(path: Path) -> Corpus:
         number = {row['path']: i for i, row in enumerate(data['files'])}
         grains = np.zeros(len(data['grains']), GRAIN)
         for i, row in enumerate(data['grains']):
-            values = [math.nan if row.get(n) is None else float(row[n]) for n in GRAIN.names[1:]]
+            values = [math.nan if row.get(n) is None else float(row[n]) for n in COLUMNS]
             grains[i] = (number[row['file']], *values)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ConfigError(f'{path}: a file or grain is not as it should be ({error!r})') from None
     _check(path, sources, grains)
-    names = (data.get('x_name', ''), data.get('y_name', ''))
-    return Corpus(sources, grains, *names, data.get('digest', ''), tuple(data.get('notes', ())))
+    names = [data.get(key, axis) for key, axis in zip(('x_name', 'y_name'), AXES)]
+    for name in names:
+        if name not in DESCRIPTORS:
+            raise ConfigError(
+                f'{path}: {name!r} is no descriptor; there are {", ".join(DESCRIPTORS)}'
+            )
+    key, notes = data.get('digest', ''), [str(note) for note in data.get('notes', ())]
+    if not trusted:
+        key = hashlib.sha256(text.encode()).hexdigest()
+        for source in sources:
+            if source.sha256 and sha256(Path(source.path)) != source.sha256:
+                notes.append(
+                    f'{source.path}: has changed since {path} was made; run eol corpus again'
+                )
+    return Corpus(sources, grains, names[0], names[1], key, tuple(dict.fromkeys(notes)))
 
 
 def _check(path, sources, grains) -> None:
@@ -218,10 +236,10 @@ def _check(path, sources, grains) -> None:
 
 def save_csv(corpus: Corpus, path: Path) -> None:
     """Write one line per grain, with the same names as the JSON."""
-    lines = [','.join(('file', *GRAIN.names[1:]))]
+    lines = [','.join(('file', *COLUMNS))]
     for grain in corpus.grains:
         name = corpus.sources[grain['file']].path
-        values = [_plain(grain[n]) for n in GRAIN.names[1:]]
+        values = [_plain(grain[n]) for n in COLUMNS]
         lines.append(','.join([_quoted(name), *('' if v is None else repr(v) for v in values)]))
     _write(path, '\n'.join(lines) + '\n')
 

@@ -54,7 +54,7 @@ def test_json_there_and_back(sound, tmp_path):
     corpus = build([sound], Options())
     assert len(corpus) == 16 and corpus.placed.all() and corpus.sample_rate == RATE
     corpus_file.save(corpus, tmp_path / 'c.json')
-    same(corpus, corpus_file.load(tmp_path / 'c.json'))
+    same(corpus, corpus_file.load(tmp_path / 'c.json', trusted=True))
     data = json.loads((tmp_path / 'c.json').read_text())
     assert data['sample_rate'] == RATE
     assert data['grains'][3]['file'] == 'floe.wav' and data['grains'][3]['start_s'] == 0.75
@@ -261,12 +261,35 @@ def spoil(sound, tmp_path, change):
             ConfigError,
             'not as it should',
         ),
+        (lambda d: d.update(x_name='colour'), ConfigError, "'colour' is no descriptor"),
         (lambda d: d['files'][0].update(path='gone.wav'), ConfigError, 'not as it should be'),
     ],
 )
 def test_a_spoilt_corpus_is_refused(sound, tmp_path, change, error, said):
     with pytest.raises(error, match=said):
         corpus_file.load(spoil(sound, tmp_path, change))
+
+
+def test_a_corpus_of_another_program_needs_the_least(sound, tmp_path):
+    least = {
+        'version': 1,
+        'files': [{'path': 'floe.wav', 'sample_rate': RATE, 'duration_s': 4.0}],
+        'grains': [{'file': 'floe.wav', 'start_s': 1, 'duration_s': 0.5, 'x': 0.5, 'y': 1}],
+    }
+    (tmp_path / 'c.json').write_text(json.dumps(least))
+    corpus = corpus_file.load(tmp_path / 'c.json')
+    assert corpus.placed.all() and np.isnan(corpus.grains['rms_db'][0])
+    assert corpus.x_name == 'centroid_mean_hz' and len(corpus.digest) == 64 and not corpus.notes
+    least['grains'][0]['y'] = 0.25
+    (tmp_path / 'c.json').write_text(json.dumps(least))
+    assert corpus_file.load(tmp_path / 'c.json').digest != corpus.digest
+
+
+def test_a_corpus_whose_sound_has_changed_says_so(sound, tmp_path):
+    path = spoil(sound, tmp_path, lambda d: None)
+    assert not corpus_file.load(path).notes
+    audio_file.write(sound, audio_file.read_mono(sound).samples[::-1], RATE, 'PCM_16')
+    assert 'has changed since' in corpus_file.load(path).notes[0]
 
 
 def test_a_corpus_whose_sound_is_gone(sound, tmp_path):

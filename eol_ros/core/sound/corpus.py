@@ -7,11 +7,8 @@ import numpy as np
 
 from eol_ros.settings import DESCRIPTORS
 
-GRAIN = np.dtype(
-    [('file', 'i4'), ('start_s', 'f8'), ('duration_s', 'f8')]
-    + [(name, 'f8') for name in DESCRIPTORS[:-1]]
-    + [('x', 'f8'), ('y', 'f8')]
-)
+COLUMNS = ('start_s', 'duration_s', *DESCRIPTORS[:-1], 'x', 'y')  # all but the file
+GRAIN = np.dtype([('file', 'i4'), *((name, 'f8') for name in COLUMNS)])
 AXES = ('centroid_mean_hz', 'periodicity_mean')  # of the paper: x, y
 
 
@@ -22,7 +19,7 @@ class Source:
     path: str
     sample_rate: int  # Hz
     duration_s: float
-    sha256: str  # of the file's bytes
+    sha256: str = ''  # of the file's bytes
 
 
 @dataclass(frozen=True)
