@@ -199,6 +199,7 @@ class GrainsSettings:
 @dataclass(frozen=True)
 class SoundSettings:
     device: str = setting('auto', 'sound card by name or part of it, auto, or wav for a file')
+    card_needed: bool = setting(True, 'warn while there is none; false: a WAV file is as good')
     sample_rate: int = setting(48000, 'of the output', 'Hz', 8000, 192000)
     channels: int = setting(2, 'loudspeakers in a row, left to right', '', 1, 64)
     block_size: int = setting(256, 'samples a callback', '', 32, 4096)

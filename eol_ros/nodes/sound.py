@@ -35,7 +35,10 @@ class SoundNode(EolNode):
         self.meter, self.loader, self.bank = Meter(self.mixer), BankLoader(s.sample_rate), None
         folder = Path(self.scene.settings('recorder').folder)
         wav = s.wav or folder / time.strftime('sound-%Y%m%d-%H%M%S.wav')
-        self.player = Player(self.mixer, s.device, s.block_size, wav, s.wav_limit_s, s.fade_in_s)
+        self.player = Player(
+            self.mixer, s.device, s.block_size, wav, s.wav_limit_s, s.fade_in_s,
+            card_needed=s.card_needed,
+        )
         self.meters, self.samples = self.publisher('sound_meter'), self.publisher('sound_samples')
         self.sent = self.unheard = 0
         self.trouble = 'waiting for the corpus'

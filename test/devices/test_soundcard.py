@@ -214,3 +214,14 @@ def test_names_of_cards(card):
         find('system', 8)
     with pytest.raises(DeviceMissing, match='44100'):
         Card(Mixer(44100), 'system', PERIOD)
+
+
+@pytest.mark.parametrize('needed, level', [(True, 'warn'), (False, 'ok')])
+def test_where_no_card_is_needed_a_file_is_as_good(tmp_path, needed, level):
+    wav = tmp_path / 'x.wav'
+    player = Player(new_mixer(), 'no such card', PERIOD, wav, card_needed=needed)
+    try:
+        assert player.level == level
+        assert str(wav) in player.text
+    finally:
+        player.close(0.0)
