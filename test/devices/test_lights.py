@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the blocks really show, read from the board at the other end of the line."""
+
+import time
+
+import numpy as np
+import pytest
+
+from eol_ros.devices.lights import Lights
+from eol_ros.devices.twin_board import TwinBoard
+from eol_ros.errors import ConfigError
+from eol_ros.settings import LedsSettings
+
+
+def eventually(condition, timeout_s=5.0):
+    until = time.monotonic() + timeout_s
+    while not condition() and time.monotonic() < until:
+        time.sleep(0.005)
+    return condition()
+
+
+@pytest.fixture
+def make_lights():
+    made = []
+
+    def make(**settings):
+        made.append(Lights(LedsSettings(port='twin', **settings)))
+        made[-1].start()
+        assert eventually(lambda: made[-1].board.ready)
+        return made[-1]
+
+    yield make
+    for lights in made:
+        lights.close()
+
+
+def storm(lights, seconds=3.0):
+    """A slip of one block every 45 ms; the levels that the board shows, and when."""
+    fake, times, shown, at = lights.twin.fake, [], [], 0.0
+    began = time.monotonic()
+    while (now := time.monotonic() - began) < seconds:
+        if now >= at:
+            lights.slip(12, time.time_ns())
+            at += 0.045
+        else:
+            lights.frame()
+        times.append(now)
+        shown.append(fake.levels()[12] / 255)
+        time.sleep(0.002)
+    return np.array(times), np.array(shown)
+
+
+def changes(times, level):
+    """When the light has turned round by 10 % or more."""
+    found, direction, extreme = [], 0, level[0]
+    for t, value in zip(times, level):
+        if (value - extreme) * direction > 0:
+            extreme = value
+        elif abs(value - extreme) >= 0.1:
+            direction, extreme = (1 if value > extreme else -1), value
+            found.append(t)
+    return np.array(found)
+
+
+@pytest.mark.slow
+def test_a_storm_of_slips_is_no_strobe_on_the_blocks(make_lights):
+    free = changes(
+        *storm(
+            make_lights(
+                decay_s=0.02, flash_limit=False, flash_limit_off_because='to see the difference'
+            )
+        )
+    )
+    held = changes(*storm(make_lights(decay_s=0.02)))
+
+    assert len(free) > 24
+    for t in held:
+        assert ((held >= t) & (held <= t + 1)).sum() // 2 <= 3
+
+
+def test_a_slip_is_shown_and_told(make_lights):
+    lights = make_lights()
+    sent = lights.slip(4, 1_000_000_000)
+
+    assert (sent.stamp_ns, sent.white[4], sent.infrared) == (1_000_000_000, 255, True)
+    assert eventually(lambda: lights.twin.fake.levels()[4] > 0)
+    assert lights.values()['sent'] >= 2
+    lights.asleep = True
+    assert lights.slip(5, 2) is None
+
+
+def test_the_limit_goes_off_only_with_a_reason():
+    with pytest.raises(ConfigError, match='needs a written reason'):
+        Lights(LedsSettings(port='twin', flash_limit=False))
+
+
+def test_the_log_of_the_wire(tmp_path):
+    path = tmp_path / 'wire.csv'
+    lights = Lights(LedsSettings(port='twin', board_log=str(path)))
+    lights.start()
+    assert eventually(lambda: lights.board.ready)
+    lights.slip(0, time.time_ns())
+    assert eventually(lambda: 'wire_packets' in lights.values())
+    lights.close()
+    rows = [line.split(',') for line in path.read_text().split()]
+
+    assert rows[0] == ['time_ns', 'kind', 'sequence', 'stamp_us']
+    assert {'Hello', 'Infrared', 'Levels'} <= {row[1] for row in rows}
+    assert lights.values()['wire_packets'] == 1
+    assert lights.values()['wire_p50_ms'] > 0
+
+
+def test_only_blocks_that_begin_to_move_are_felt():
+    board = TwinBoard()
+    felt = []
+    board.fake.tap = lambda block, strength, ago_s: felt.append((block, ago_s))
+    still, moving = [False] * 25, [k in (3, 9) for k in range(25)]
+    now = time.time_ns()
+    for k, flags in enumerate((moving, still, moving, moving, still)):
+        sigma_s = board.feel(now + k * 20_000_000, flags)
+    board.close()
+
+    assert [block for block, _ in felt] == [3, 9]  # not those that moved when we came
+    assert all(ago_s >= 0.01 for _, ago_s in felt)
+    assert sigma_s == pytest.approx(0.02 / 12**0.5)
