@@ -7,8 +7,11 @@ from scipy.signal import lfilter
 from eol_ros.core.sound.triggers import TRIGGER
 
 
-def reference(triggers, sounds, grains, sample_rate, frames, gain, cubic=True, shift=0):
-    """Return (frames, 2) f8; `grains` is a list of (file, first sample, samples)."""
+def reference(triggers, sounds, grains, sample_rate, frames, gain, cubic=True, shift=0, dc=True):
+    """Return (frames, 2) f8; `grains` is a list of (file, first sample, samples).
+
+    `shift`: frames before the first, `dc`: with the DC block of 7 Hz.
+    """
     out = np.zeros((frames + shift, 2))
     for t in triggers:
         file, first, size = grains[t['grain']]
@@ -37,6 +40,8 @@ def reference(triggers, sounds, grains, sample_rate, frames, gain, cubic=True, s
         start = int(np.floor(t['time_s'] * sample_rate + 0.5)) + shift
         y = y[: len(out) - start, None] * float(t['gain']) * gain
         out[start : start + len(y)] += y * [np.cos(angle), np.sin(angle)]
+    if not dc:
+        return out[shift:]
     pole = 1 - 2 * np.pi * 7 / sample_rate
     return lfilter([1, -1], [1, -pole], out, axis=0)[shift:]
 

@@ -13,7 +13,8 @@ from numba import njit
 from eol_ros.core.sound.envelope import FAST
 
 ONE = 1 << 40  # the gain 1 in the smoothing box: integers add without rounding, so it never drifts
-INAUDIBLE = 1e-7  # -140 dBFS: below it a filter's tail is cut to zero
+INAUDIBLE = 1e-7  # a gain so near to its aim is there
+TAIL = 1e-8  # -160 dBFS: below it the tail of the DC block is cut to zero
 GAIN_S = 0.05  # a change of the master gain is spread over about this long
 
 
@@ -86,7 +87,7 @@ def _filter(row, f, w, gain, governor, step, pole):
         governor += step
         x = governor * raw
         y = x - x1 + pole * y1
-        if x == 0.0 and abs(y) < INAUDIBLE:
+        if x == 0.0 and abs(y) < TAIL:
             y = 0.0
         x1, y1 = x, y
         row[k] = y

@@ -72,7 +72,10 @@ class Bank:
 
 
 def voice_rows(triggers: np.ndarray, bank: Bank, channels: int) -> np.ndarray:
-    """Return the voices (m,) VOICE of those `triggers` (n,) TRIGGER that can play, in order."""
+    """Return the voices (m,) VOICE of those `triggers` (n,) TRIGGER that can play, in order.
+
+    They read the memory of `bank` by its address: keep the bank for as long as they sound.
+    """
     good = playable(triggers, len(bank))
     good[good] &= bank.length[triggers['grain'][good]] >= 4
     t = triggers[good]

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The mixer on a real PortAudio stream over JACK's dummy driver, with Python's lock held all along.
+
+Run as a process of its own for each case: `python -m eol_ros.bench.sound_live '{"block": 256}'`.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+
+FS = 48000
+CASES = (
+    {'block': 256, 'compiled': True, 'busy': True, 'overlap': 400},
+    {'block': 128, 'compiled': True, 'busy': True, 'overlap': 400},
+    {'block': 128, 'compiled': True, 'busy': False, 'overlap': 0},
+    {'block': 256, 'compiled': False, 'busy': True, 'overlap': 400},
+)
+
+
+def measure(case: dict, seconds: float) -> dict:
+    """Run one case in its own process against a JACK server of its own; {} where there is none."""
+    if not shutil.which('jackd'):
+        return {'skipped': 'jackd is not installed'}
+    name = f'eol-bench-{os.getpid()}-{case["block"]}'
+    words = ['jackd', '-R', '-P', '70', '-n', name, '-d', 'dummy', '-r', str(FS)]
+    server = subprocess.Popen(
+        [*words, '-p', str(case['block'])], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        time.sleep(1.5)
+        if server.poll() is not None:
+            return {'skipped': 'jackd does not start'}
+        child = subprocess.run(
+            [sys.executable, '-m', __name__, json.dumps({**case, 'seconds': seconds})],
+            env={**os.environ, 'JACK_DEFAULT_SERVER': name, 'JACK_NO_START_SERVER': '1'},
+            capture_output=True, text=True, timeout=seconds + 60,
+        )  # fmt: skip
+        lines = [line for line in child.stdout.splitlines() if line.startswith('{')]
+        return json.loads(lines[-1]) if lines else {'skipped': child.stderr[-300:]}
+    finally:
+        server.terminate()
+        server.wait(5)
+
+
+def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -> dict:
+    from eol_ros.bench.sound_engine import bank_of, make_score, source
+    from eol_ros.core.sound.mixer import Mixer, voice_rows
+    from eol_ros.devices.soundcard import Card
+
+    epoch = int(time.time())
+    mixer = Mixer(FS, max_voices=1000, epoch_s=epoch)
+    s = make_score(max(overlap, 1), 2.0, False)
+    bank = bank_of(source(), s)
+    rows = voice_rows(s.triggers, bank, 2) if overlap else voice_rows(s.triggers[:0], bank, 2)
+    card = Card(mixer, 'system', block, compiled)
+    stop = threading.Event()
+
+    def hold_the_lock():
+        x = 0
+        while not stop.is_set():
+            x += 1
+
+    worker = threading.Thread(target=hold_the_lock, daemon=True)
+    time.sleep(1.0)  # the card has begun
+    state = mixer.state
+    if busy:
+        worker.start()
+    underruns, frame, begun = int(state['underruns'][0]), int(state['frame'][0]), time.monotonic()
+    assert card.compiled == compiled
+    marks, next_s = [], time.time() - epoch + 0.5
+    voices = 0
+    while time.monotonic() - begun < seconds:
+        if len(rows) and time.time() - epoch > next_s - 0.5:  # the score anew, half a second ahead
+            again = rows.copy()
+            again['time_s'] += next_s
+            for part in np.array_split(again, 4):
+                mixer.push(part)
+                time.sleep(0.02)
+            next_s += s.span_s
+        time.sleep(0.05)
+        voices = max(voices, int(state['voices'][0]))
+        before = int(state['callbacks'][0])
+        mark = (float(state['clock_frame'][0]), float(state['clock_time'][0]))
+        if before == int(state['callbacks'][0]):
+            marks.append(mark)
+    frames, taken = int(state['frame'][0]) - frame, time.monotonic() - begun
+    stop.set()
+    at = np.array(marks[len(marks) // 4 :])
+    line = np.polyfit(at[:, 0] - at[0, 0], at[:, 1] - at[0, 1], 1)
+    off = (at[:, 1] - at[0, 1] - np.polyval(line, at[:, 0] - at[0, 0])) * FS
+    used = min(int(state['callbacks'][0]), mixer.memory.loads.size)
+    return {
+        'block': block, 'compiled': compiled, 'busy_thread': busy, 'overlap': overlap,
+        'seconds': taken, 'underruns': int(state['underruns'][0]) - underruns,
+        'frames_per_second': frames / taken, 'voices_most': voices,
+        'dropped': int(state['dropped'][0]), 'late': int(state['late'][0]),
+        'load_p99': float(np.percentile(mixer.memory.loads[:used], 99)),
+        'stamp_to_sample_sd': float(off.std()), 'stamp_to_sample_worst': float(np.abs(off).max()),
+    }  # fmt: skip
+
+
+if __name__ == '__main__':
+    print(json.dumps(_run(**json.loads(sys.argv[1]))), flush=True)
+    os._exit(0)  # the stream dies with the process; nothing waits for the driver
