@@ -75,7 +75,7 @@ def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledg
     work = np.zeros(2 * size)
     watched, found = np.empty(n, np.int64), np.empty(n, np.int64)
     found_x, found_y, push = np.empty(n), np.empty(n), np.empty(n)
-    fresh = np.zeros(n, np.bool_)
+    fresh, kicked = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
     here, rate = u.copy(), v.copy()
     driven = rim.kind != NONE
     for i in range(n):
@@ -128,6 +128,7 @@ def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledg
                     pl.fresh[c] = False
                     if force > 0.0 and at.friction[i] > 0.0:
                         v[i, 0], v[i, 1] = KICK_MPS * x / force, KICK_MPS * y / force
+                        kicked[i] = True
         h = min(t_end - t, reach)
         ends = h == t_end - t
         near = h
@@ -201,7 +202,10 @@ def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledg
             i = pl.slots[c]
             speed = math.sqrt(v[i, 0] ** 2 + v[i, 1] ** 2)
             if speed >= rules.capture or at.friction[i] == 0.0:
+                kicked[i] = False
                 continue
+            if kicked[i] and speed >= 0.5 * KICK_MPS:
+                continue  # it has yet to gather speed
             x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
             stop_s, dx, dy, now = 0.0, 0.0, 0.0, True
             if speed > 0.0:

@@ -25,17 +25,17 @@ def planar_reach(order, m, pl, relative, small, top):
             size = max(abs(ax[k, c]), abs(ay[k, c]))
             most = max(most, size)
             if pl.fresh[c]:
-                rise = max(rise, size * size / (ax[2, c] ** 2 + ay[2, c] ** 2))
+                rise = max(rise, size / math.sqrt(ax[2, c] ** 2 + ay[2, c] ** 2))
             else:
                 square = ax[1, c] ** 2 + ay[1, c] ** 2
                 if square > 0.0:
-                    drift = max(drift, size * size / square)
+                    drift = max(drift, size / math.sqrt(square))
         if most > 0.0:
             h = min(h, (small / most) ** (1.0 / k))
         if drift > 0.0:
-            h = min(h, (relative / (k * math.sqrt(drift))) ** (1.0 / (k - 1)))
+            h = min(h, (relative / (k * drift)) ** (1.0 / (k - 1)))
         if rise > 0.0:
-            h = min(h, (2.0 * relative / (k * math.sqrt(rise))) ** (1.0 / (k - 2)))
+            h = min(h, (2.0 * relative / (k * rise)) ** (1.0 / (k - 2)))
     return h
 
 
@@ -153,10 +153,10 @@ def break_root(j, fx0, fy0, order, used, h, at, pl, cx, cy, cc, cs, fx, fy, out)
     out[0] = (limit - now) * (limit + now)
     for k in range(2 * degree + 1):
         out[k] /= limit * limit
-    if out[0] <= 0.0:
+    if out[0] <= ON_LIMIT:  # on the limit: it breaks now, or the force is on its way back
         if out[1] < 0.0:
             return 0.0, True
-        out[0] = 1e-300
+        out[0] = ON_LIMIT
     return first_root(out, 2 * degree, h)
 
 

@@ -196,10 +196,11 @@ def break_root(j, force, order, at, cx, cc, cs, used, h, la, work):
         for k in range(1, order + 1):
             work[k] = -work[k]
         work[0] = at.static[j] + side * force
-        if work[0] <= 0.0:
+        least = ON_LIMIT * at.static[j]
+        if work[0] <= least:  # on the limit: it breaks now, or the force is on its way back
             if work[1] < 0.0:
                 return 0.0, True
-            work[0] = 1e-300
+            work[0] = least
         x, hit = first_root(work, order, best)
         if x < best or hit:
             best, found = x, hit

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of `eol bench physics`: error against run time, cost against the number of blocks."""
+
+from pathlib import Path
+
+MARKS = {'exact': ('o', 'C0'), 'event': ('s', 'C1'), 'stepping': ('^', 'C2'), 'scipy': ('d', 'C3'),
+         'mujoco': ('v', 'C4'), 'pymunk': ('P', 'C5')}
+FLOOR_M = 1e-17  # an error of exactly zero is drawn here
+
+
+def draw(result: dict, folder: Path) -> None:
+    """Write physics_error.png and physics_cost.png into `folder`."""
+    import matplotlib
+
+    matplotlib.use('Agg')
+    from matplotlib import pyplot as plt
+
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = [r for r in result['own'] + result['peers'] if 'error_m' in r]
+    names = list(dict.fromkeys(r['scene'] for r in rows))
+    figure, axes = plt.subplots(2, 5, figsize=(15, 6.4), sharey=True, layout='constrained')
+    for axis, name in zip(axes.flat, names):
+        for family, (mark, colour) in MARKS.items():
+            here = [r for r in rows if r['scene'] == name and r['method'].startswith(family)]
+            if here:
+                axis.loglog([r['ms'] for r in here], [max(r['error_m'], FLOOR_M) for r in here],
+                            mark, color=colour, label=family, markersize=6)
+        axis.set_title(name)
+        axis.set_xlabel('processor time, ms')
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=7)
+    for axis in axes[:, 0]:
+        axis.set_ylabel('largest error, m')
+    figure.savefig(folder / 'physics_error.png', dpi=90)
+    plt.close(figure)
+    sizes = [r for r in result['sizes'] if r['events']]
+    figure, axis = plt.subplots(figsize=(6, 4), layout='constrained')
+    axis.loglog([r['n'] for r in sizes], [r['us_per_event'] for r in sizes], 'o-')
+    axis.set_xlabel('blocks')
+    axis.set_ylabel('processor time per event, µs')
+    axis.grid(alpha=0.3, which='both')
+    figure.savefig(folder / 'physics_cost.png', dpi=90)
+    plt.close(figure)
