@@ -185,3 +185,77 @@ def test_other_bad_wishes(stack, tmp_path, capsys):
     empty.mkdir()
     assert cli.main(['track', str(empty)]) == 69
     assert cli.main(['track', str(stack), '--overlay', str(tmp_path / 'seen.gif')]) == 78
+
+
+IMAGE = """std_msgs/Header header
+uint32 height
+uint32 width
+string encoding
+uint8 is_bigendian
+uint32 step
+uint8[] data
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+TAP = """std_msgs/Header header
+uint8 block
+float32 strength
+uint32 board_time_us
+float32 sigma
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+
+
+@pytest.mark.parametrize('encoding', ['mono8', 'rgb8'])
+def test_a_bag_is_tracked_by_its_own_stamps(stack, tmp_path, capsys, encoding):
+    from builtin_interfaces.msg import Time
+    from eol_msgs.msg import BlockTap
+    from rclpy.serialization import serialize_message
+    from sensor_msgs.msg import Image
+
+    from eol_ros.devices.bag_file import BagTopic
+    from eol_ros.devices.bag_writer import BagWriter
+
+    topics = [
+        BagTopic('/eol/camera/image_raw', 'sensor_msgs/msg/Image', IMAGE),
+        BagTopic('/eol/block_taps', 'eol_msgs/msg/BlockTap', TAP),
+    ]
+    bag = BagWriter(tmp_path / 'bag', topics, {})
+    images = np.load(stack)[:8]
+    start_ns = 1_700_000_000_000_000_000
+    stamps = [start_ns + k * 16_666_667 for k in range(8)]
+    for k, (stamp, image) in enumerate(zip(stamps, images)):
+        message = Image(height=800, width=1280, encoding=encoding, step=1280)
+        message.header.stamp = Time(sec=stamp // 10**9, nanosec=stamp % 10**9)
+        message.data.frombytes(image.tobytes())
+        bag.write('/eol/camera/image_raw', serialize_message(message), stamp, stamp, k + 1)
+    tap = BlockTap(block=7, sigma=0.002)
+    tap.header.stamp = Time(sec=stamps[2] // 10**9, nanosec=stamps[2] % 10**9)
+    bag.write('/eol/block_taps', serialize_message(tap), stamps[3], stamps[3], 1)
+    bag.close()
+    out = tmp_path / 'out.npz'
+    code = cli.main(['track', str(tmp_path / 'bag'), '--out', str(out)])
+    if encoding != 'mono8':
+        assert code == 78
+        assert 'not mono8' in capsys.readouterr().err
+        return
+    assert code == 0
+    found = np.load(out)
+    assert list(found['time']) == [ns * 1e-9 for ns in stamps]
+    tracker = Tracker(TrackerSettings(), None)
+    for k, (stamp, image) in enumerate(zip(stamps, images)):
+        tracked = tracker.update(stamp * 1e-9, image)
+        assert tracked.px.tobytes() == found['px'][k].tobytes()

@@ -160,7 +160,7 @@ class SlipDetector:
         self, starting: np.ndarray, anchor: np.ndarray, n: np.ndarray, deviation: np.ndarray
     ) -> list[SlipEvent]:
         events = []
-        for block in np.flatnonzero(starting):
+        for block in np.flatnonzero(starting).tolist():
             self.count += 1
             self.slip[block] = self.count
             self.start[:, block] = anchor[:, block]
@@ -223,7 +223,7 @@ class SlipDetector:
         """Follow the moving blocks: greatest speed, and which of them have come to rest."""
         due = self.moving & ~starting & (self.fresh > 0) & self.good[:, self.head - 1]
         self.fresh[due] -= 1
-        for block in np.flatnonzero(due & (self.fresh == 0)):
+        for block in np.flatnonzero(due & (self.fresh == 0)).tolist():
             self._find_onset(block, BEFORE_IMAGES + LATER_IMAGES)
         now, _ = self._speed(self._recent(self.period_s * 2.5))
         self.top_mps = np.where(self.moving, np.maximum(self.top_mps, now), self.top_mps)
@@ -242,7 +242,7 @@ class SlipDetector:
         events = []
         if rest.any():
             ended = np.full(N_BLOCKS, stamp_s)
-            for block in np.flatnonzero(rest):
+            for block in np.flatnonzero(rest).tolist():
                 ended[block] = self._find_end(block, middle[:, block], deviation[block])
             events = self._stop(rest, stamp_s, ended)
             self.still |= rest[:, None] & window
@@ -252,7 +252,7 @@ class SlipDetector:
 
     def _stop(self, which: np.ndarray, stamp_s: float, ended_s: np.ndarray) -> list[SlipEvent]:
         events = []
-        for block in np.flatnonzero(which):
+        for block in np.flatnonzero(which).tolist():
             events.append(self._event(STOP, block, stamp_s, self.top_mps[block], ended_s[block]))
         self.moving &= ~which
         return events

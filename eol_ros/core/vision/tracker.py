@@ -67,7 +67,7 @@ class Tracker:
         self.identity = Identity(settings.trust_start, blink)
         self.lattice = self.identity.lattice
         self.watch = Watch(calibration)
-        self.visibility = np.zeros(N_BLOCKS, np.float32)
+        self.visibility: np.ndarray = np.zeros(N_BLOCKS, np.float32)
         self.last_s = -np.inf
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
         self.learning: SelfCalibration | None = None
@@ -94,7 +94,7 @@ class Tracker:
         shape = calibration.image_height, calibration.image_width
         half = BLOCK_SIDE_M / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         for k in range(90):
-            image = np.full(shape, 12, np.uint8)
+            image: np.ndarray = np.full(shape, 12, np.uint8)
             moved = rest_lattice() + max(k - 15, 0) * 4e-4
             for corners in moved[:, None] + half if not 60 <= k < 70 else []:
                 outline = np.rint(calibration.to_pixels(corners) * 16).astype(np.int32)
