@@ -71,7 +71,9 @@ class MontageNode(EolNode):
     def on_control(self, control: Control) -> None:
         if control.target not in ('', self.NAME) or control.command not in ('sleep', 'wake'):
             return
-        self.asleep = control.command == 'sleep'
+        if self.asleep == (control.command == 'sleep'):
+            return
+        self.asleep = not self.asleep
         self.wall.header.stamp = control.header.stamp
         if self.asleep:
             self.wall.change += 1

@@ -445,6 +445,57 @@ def test_both_languages(graph, browser):
     assert complaints(browser) == []
 
 
+def test_reduced_motion_stills_flashes_and_waves(graph, browser):
+    address, _ = graph
+    feature = {'name': 'prefers-reduced-motion', 'value': 'reduce'}
+    browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [feature]})
+    try:
+        visit(browser, address, '/table')
+        still = """
+            const {waves, brush} = eol.drawing;
+            eol.drawing.slip(12, 1, performance.now());
+            let arcs = 0;
+            const arc = brush.arc;
+            brush.arc = () => arcs++;
+            eol.drawing.draw(performance.now(), eol.state(), new Uint8Array(25));
+            brush.arc = arc;
+            return [arcs, eol.drawing.waves.length];
+        """
+        until(lambda: browser.execute_script('return eol.counts.packets > 3'), 20)
+        arcs, waves = browser.execute_script(still)
+        assert arcs == 0 and waves > 0
+        browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
+        arcs, waves = browser.execute_script(still)
+        assert arcs == waves > 0
+    finally:
+        browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
+
+
+def test_a_wall_outlives_the_panel_and_takes_it_up_again(graph, browser):
+    address, _ = graph
+    visit(browser, address, '/wall/left', 640, 360)
+    shown = 'return document.getElementById("wall").dataset.picture'
+    name = until(lambda: browser.execute_script(shown), 20)
+    time.sleep(0.3)
+    before = picture(browser)
+    with urllib.request.urlopen(f'{address}/status', timeout=5) as answer:
+        os.kill(int(json.load(answer)['panel']['pid']), signal.SIGKILL)
+    until(lambda: 'panel' not in healthy(address))
+    time.sleep(0.5)
+    assert np.array_equal(picture(browser), before)  # the last pair, and not one word
+    assert browser.execute_script('return document.body.innerText.trim()') == ''
+    until(lambda: 'panel' in healthy(address), 40)
+    # Asked again until it is heard: the new panel may not have met the montage yet.
+    for command, seen in (('sleep', lambda p: p.max() < 8), ('wake', lambda p: p.std() > 5)):
+        request = urllib.request.Request(f'{address}/control/{command}', data=b'{}')
+        end = time.monotonic() + 40
+        while not seen(picture(browser)):
+            assert time.monotonic() < end, command
+            urllib.request.urlopen(request, timeout=5).close()
+            time.sleep(1.5)
+    assert name
+
+
 def test_silence_is_seen_within_three_seconds(graph, browser):
     """Last: the graph is killed under a page that shows it."""
     address, work = graph

@@ -114,6 +114,8 @@ def test_corpus_values_become_columns():
 
 def test_health_takes_the_level_as_ros_gives_it():
     pair = SimpleNamespace(key='rate_hz', value='59.9')
-    status = SimpleNamespace(level=b'\x01', name='eol: tracker', message='dim', values=[pair])
+    status = SimpleNamespace(
+        level=b'\x01', name='eol: tracker', message='dim', values=[pair], hardware_id='12'
+    )
     notice = notices.health(status)
     assert (notice['node'], notice['level'], notice['rate']) == ('tracker', 'warn', 59.9)
