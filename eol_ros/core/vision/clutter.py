@@ -2,8 +2,8 @@
 """A map of lamps and reflections, learnt while the blocks' own infrared light is off.
 
 A tracker that commands its LEDs can see what is left without them. The light of a lamp adds to
-that of a cover on which it falls, so the map is taken off the image, but where the sensor is full;
-the smooth ambient light stays, since edges are measured against what is beside them.
+that of a cover on which it falls, so the map is taken off the image, but where the sensor is full.
+The level of the empty platform stays, and with it the noise of a dark pixel.
 """
 
 import cv2
@@ -12,8 +12,7 @@ import numpy as np
 from eol_ros.core.vision.blobs import BlobFinder
 from eol_ros.errors import ConfigError
 
-_FAINT = 6.0  # grey levels above the ambient light that are left alone
-_AMBIENT_PX = 240  # lamps are smaller than half of this, the ambient light is smoother
+_EMPTY = 0.3  # share of the picture that is certainly free of lamps: its level is the ambient light
 _BLOCKS_LIT = 3  # squares in a dark picture that say it is not dark
 
 
@@ -74,10 +73,5 @@ class ClutterLearner:
         if lit >= _BLOCKS_LIT:
             raise ConfigError(f'{lit} blocks are lit in the dark images: the infrared LEDs did not '
                               'go off; check the serial line to the blocks')
-        small = cv2.resize(mean, None, fx=0.125, fy=0.125, interpolation=cv2.INTER_AREA)
-        median = cv2.medianBlur(np.rint(small).astype(np.uint8), _AMBIENT_PX // 8 | 1)
-        smooth = cv2.GaussianBlur(median.astype(np.float32), (0, 0), 4)
-        ambient = cv2.resize(smooth, mean.shape[::-1], interpolation=cv2.INTER_LINEAR)
-        # taken off without a step, which the tracker would see as an edge
-        light = np.maximum(mean - ambient - _FAINT, 0)
+        light = np.maximum(mean - np.quantile(mean[::4, ::4], _EMPTY), 0)
         return ClutterMap(np.clip(np.rint(light), 0, 255).astype(np.uint8))

@@ -96,13 +96,14 @@ class Renderer:
         poses = np.column_stack([np.asarray(c, float) for c in (x, y, yaw)])
         white = np.asarray(clutter.flashes(image_index) if flash is None else flash, float)
         on = clutter.battery * (1.0 if ir is None else np.asarray(ir, float))
-        level = self.options.block_level * on + _FLASH_LEVEL * white
+        glow = self.options.block_level - self.options.background
+        level = glow * on + _FLASH_LEVEL * white
         core = clutter.level.core * on
         halo = _FLASH_HALO * white
         scale = clutter.scale_px
         placed, owner, weight = self._positions(poses, velocity)
         n = kernels.draw_blocks(
-            work, clutter.platform, clutter.vignette, self.corners_px(placed), level, core,
+            work, clutter.vignette, self.corners_px(placed), level, core,
             clutter.level.core_px * scale, halo, 40.0 * scale, clutter.texture,
             self.options.psf_px, owner, weight, windows, 0)
         capsules, grey = self.arms(image_index, arms)
