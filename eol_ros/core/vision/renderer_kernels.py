@@ -59,8 +59,9 @@ def draw_blocks(work, vignette, corners, level, core, core_px, halo, halo_px, te
     """Add quadrilateral covers to `work`; return the new number of dirty windows.
 
     A cover adds its light to the ambient light, which it sends back as the platform does. It is a
-    flat quadrilateral seen through a Gaussian of `psf_px` and a square pixel. The pixel's box adds its variance 1/12 to the Gaussian's: exact to the third moment along every
-    direction, so edges stay where they are at any angle and any sub-pixel place.
+    flat quadrilateral seen through a Gaussian of `psf_px` and a square pixel. The pixel's box adds
+    its variance 1/12 to the Gaussian's: exact to the third moment along every direction, so edges
+    stay where they are at any angle and any sub-pixel place.
 
     corners (p, 4, 2) px in turn round the square, one entry for each position that a block takes
     during the exposure; owner (p,) its block, weight (p,) its share of the exposure. Per block:
