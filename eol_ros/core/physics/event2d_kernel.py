@@ -25,7 +25,7 @@ from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 
 AFTER_S = 0.1  # for how long what a stop gets wrong goes on to act on the neighbours
 KEPT = 0.1  # of its speed a block keeps at least within a step
-KICK_MPS = 1e-12  # where mu_s = mu_k a block breaks loose with no acceleration at all
+KICK_MPS = 1e-6  # where mu_s = mu_k a block breaks loose with no acceleration at all
 
 
 class Rules(NamedTuple):
