@@ -95,7 +95,7 @@ def _grain_buf(density: float, seconds: float, voices: int) -> bytes:
             (
                 'GrainBuf', 2,
                 [(0, 0), seconds, ('p', 'buf'), 1, (1, 0), 2, (2, 0), -1, voices], [2, 2],
-            ),  # fmt: skip
+            ),
             ('Out', 2, [0, (3, 0), (3, 1)], []),
         ],
     )

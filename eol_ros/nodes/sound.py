@@ -7,10 +7,11 @@ import time
 from pathlib import Path
 
 from eol_ros.core.sound.meter import Meter
-from eol_ros.core.sound.mixer import Mixer, voice_rows
+from eol_ros.core.sound.mixer import Mixer
 from eol_ros.devices.sound_bank import BankLoader
 from eol_ros.devices.soundcard import Player
 from eol_ros.errors import EolError
+from eol_ros.nodes.sound_osc import Osc
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.sound import corpus_grains, meter_message, samples_message, trigger_row
@@ -42,6 +43,7 @@ class SoundNode(EolNode):
         self.meters, self.samples = self.publisher('sound_meter'), self.publisher('sound_samples')
         self.sent = self.unheard = 0
         self.trouble = 'waiting for the corpus'
+        self.osc = Osc(self) if s.osc_out or s.osc_in else None
         self.create_timer(1 / s.meter_hz, self.on_timer)
         self.subscribe('corpus', self.on_corpus)
         self.subscribe('control', self.on_control)
@@ -62,13 +64,13 @@ class SoundNode(EolNode):
 
     def on_trigger(self, message) -> None:
         self.health.tick()
+        if self.osc:
+            self.osc.trigger(message)
         if self.bank is None:
             self.unheard += 1
             return
         row = trigger_row(message, self.epoch_ns, self.settings.latency_s)
-        voices = voice_rows(row, self.bank, self.mixer.channels)
-        self.mixer.push(voices)
-        self.mixer.state['dropped'] += 1 - len(voices)
+        self.mixer.play(row, self.bank)
 
     def on_timer(self) -> None:
         news = self.loader.take()
@@ -78,19 +80,10 @@ class SoundNode(EolNode):
             self.bank, self.trouble = news, ''
         player, state, s = self.player, self.mixer.state[0], self.settings
         reading = self.meter.read()
-        self.meters.publish(
-            meter_message(
-                reading, self.epoch_ns, state, device=player.output.name,
-                sample_rate=s.sample_rate, block_size=s.block_size, latency=s.latency_s,
-            )
-        )
-        frame = int(state['frame'])
-        if self.samples.get_subscription_count() and frame > self.sent:
-            block = self.mixer.recent(frame - self.sent)
-            first = frame - len(block)
-            stamp_ns = self.epoch_ns + round(self.mixer.time_of(first) * NS)
-            self.samples.publish(samples_message(block, first, stamp_ns, s.sample_rate))
-        self.sent = frame
+        self.meters.publish(meter_message(reading, self.epoch_ns, state, player.output.name, s))
+        new, self.sent = int(state['frame']) - self.sent, int(state['frame'])
+        if new > 0 and self.samples.get_subscription_count():
+            self.samples.publish(samples_message(self.mixer, self.sent, new, self.epoch_ns))
         self.health.values.update(
             voices=reading.voices, load=round(reading.load, 3), unheard=self.unheard,
             peak_dbfs=round(reading.peak_dbfs, 1), losses=player.losses,
@@ -104,6 +97,8 @@ class SoundNode(EolNode):
             os.execv(sys.executable, sys.orig_argv)
 
     def close(self) -> None:
+        if self.osc:
+            self.osc.close()
         self.player.close(self.settings.fade_out_s)
 
 

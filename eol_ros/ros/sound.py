@@ -2,14 +2,15 @@
 """What the sound node takes and gives, as arrays and as messages."""
 
 from array import array
-from typing import Any
 
 import numpy as np
 from eol_msgs.msg import Corpus, GrainTrigger, SoundMeter, SoundSamples
 
 from eol_ros.core.sound.meter import Reading
+from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.triggers import TRIGGER
-from eol_ros.ros.stamps import to_msg, to_ns
+from eol_ros.ros.stamps import NS, to_msg, to_ns
+from eol_ros.settings import SoundSettings
 
 NOBODY = 255  # GrainTrigger.block of a trigger that no block caused
 
@@ -42,9 +43,15 @@ def corpus_grains(message: Corpus) -> tuple[list[str], np.ndarray, np.ndarray, n
     )
 
 
-def meter_message(reading: Reading, epoch_ns: int, state: np.void, **fields: Any) -> SoundMeter:
-    """Return the message of a reading; `state` is the mixer's, `fields` the rest."""
+def meter_message(
+    reading: Reading, epoch_ns: int, state: np.void, device: str, settings: SoundSettings
+) -> SoundMeter:
+    """Return the message of a reading; `state` is the mixer's."""
     message = SoundMeter(
+        device=device,
+        sample_rate=settings.sample_rate,
+        block_size=settings.block_size,
+        latency=settings.latency_s,
         voices=reading.voices,
         load=reading.load,
         peak_dbfs=reading.peak_dbfs,
@@ -55,21 +62,20 @@ def meter_message(reading: Reading, epoch_ns: int, state: np.void, **fields: Any
         wave_max=array('f', reading.wave_max.astype(np.float32).tobytes()),
         spectrum_db=array('f', reading.spectrum_db.tobytes()),
         **{k: int(state[k]) for k in ('triggers', 'underruns', 'late', 'dropped', 'stolen')},
-        **fields,
     )
     message.header.stamp = to_msg(epoch_ns + round(reading.time_s * 1e9))
     return message
 
 
-def samples_message(
-    frames: np.ndarray, first: int, stamp_ns: int, sample_rate: int
-) -> SoundSamples:
-    """Return the message of output `frames` (n, channels) f4 that begin at frame `first`."""
+def samples_message(mixer: Mixer, end: int, count: int, epoch_ns: int) -> SoundSamples:
+    """Return the message of the `count` frames of output before frame `end`."""
+    frames = mixer.recent(count, end)
+    first = end - len(frames)
     message = SoundSamples(
-        sample_rate=sample_rate,
-        channels=frames.shape[1],
-        first=first,
+        sample_rate=int(mixer.sample_rate),
+        channels=mixer.channels,
+        first=max(0, first),
         data=array('B', frames.astype('<f4').tobytes()),
     )
-    message.header.stamp = to_msg(stamp_ns)
+    message.header.stamp = to_msg(epoch_ns + round(mixer.time_of(first) * NS))
     return message

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import dataclasses
 import time
 import wave
 from array import array
@@ -9,6 +10,7 @@ import soundfile
 from eol_msgs.msg import Control, Corpus, GrainTrigger
 from rclpy.executors import SingleThreadedExecutor
 
+from eol_ros.devices.osc import OscIn, OscOut
 from eol_ros.nodes.sound import SoundNode
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
@@ -135,3 +137,29 @@ def test_samples_are_published_while_somebody_listens(graph, tmp_path):
     assert np.abs(np.concatenate(parts)).max() > 0.05
     for a, b, part in zip(probe.samples, probe.samples[1:], parts):
         assert b.first == a.first + len(part)  # without a gap
+
+
+@pytest.mark.slow
+def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path):
+    ear, port = OscIn(0), OscIn(0)
+    number = port.port
+    port.close()
+    settings = SoundSettings(
+        device='wav', wav=str(tmp_path / 'o.wav'), osc_out=f'127.0.0.1:{ear.port}', osc_in=number
+    )
+    node = SoundNode(settings)
+    try:
+        node.on_trigger(trigger(now_ns(), grain=7, block=3, pan=-0.5))
+        assert ear.take() == [('/eol/grain', 3, 7, 0.5, 1.0, -0.5)]
+        hand = OscOut(f'127.0.0.1:{number}')
+        for address, value in (('gain_db', -12), ('latency_s', -5.0), ('channels', 4)):
+            hand.send(f'/eol/set/{address}', value)
+        for _ in range(300):
+            node.osc._settings()
+            if node.settings.gain_db == -12:
+                break
+        node.osc._settings()
+        assert node.settings == dataclasses.replace(settings, gain_db=-12.0)
+    finally:
+        node.close()
+        ear.close()

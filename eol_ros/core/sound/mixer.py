@@ -325,12 +325,15 @@ class Mixer:
             s['fade'] = at_once_from
         s['fade_wish'] = to
 
-    def recent(self, frames: int) -> np.ndarray:
-        """Return the newest `frames` of the output, (frames, channels) f4; zeros before."""
+    def recent(self, frames: int, end: int | None = None) -> np.ndarray:
+        """Return `frames` of the output before frame `end` (None: the newest), (frames, channels).
+
+        At most a second or so is remembered; before the first frame there are zeros.
+        """
         s = self.state
         past = self.memory.past
         frames = min(frames, len(past) * 3 // 4)  # the rest may be overwritten meanwhile
-        end = int(s['frame'][0]) % len(past)
+        end = int(s['frame'][0] if end is None else end) % len(past)
         if frames <= end:
             return past[end - frames : end].copy()
         return np.concatenate([past[end - frames :], past[:end]])
@@ -339,6 +342,12 @@ class Mixer:
         """Return when `frame` sounds, on the engine's time axis, seconds."""
         s = self.state[0]
         return float(s['clock_time'] + (frame - s['clock_frame']) * s['clock_period'])
+
+    def play(self, triggers: np.ndarray, bank: Bank) -> None:
+        """Push what can be played of `triggers` (n,) TRIGGER; the rest counts as dropped."""
+        rows = voice_rows(triggers, bank, self.channels)
+        self.push(rows)
+        self.state['dropped'] += len(triggers) - len(rows)
 
     def push(self, rows: np.ndarray) -> int:
         """Put voices (n,) VOICE into the ring; return how many fitted. The rest is dropped."""
