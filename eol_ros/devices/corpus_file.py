@@ -22,7 +22,7 @@ from eol_ros.settings import GrainsSettings
 
 VERSION = 1  # of the JSON
 ICE_RECIPE = 1  # counts up whenever the same seed gives another ice recording
-ANALYSIS = 1  # counts up whenever the same sound gives other grains or descriptors
+ANALYSIS = 2  # counts up whenever the same sound gives other grains or descriptors
 SOUNDS = {'.wav', '.flac', '.ogg', '.oga', '.opus', '.aif', '.aiff', '.mp3', '.caf', '.au', '.w64'}
 DIGITS = 9  # significant, in JSON and CSV
 

@@ -74,6 +74,8 @@ def _make(args):
         sounds = [corpus_build.make_ice(args.seed)]
     if args.labels and len(sounds) > 1:
         raise UsageError('--labels is for one sound; with several, put NAME.labels.txt beside each')
+    if args.labels_out and len(sounds) > 1:
+        raise UsageError('--labels-out is for one sound; take them one by one')
     began = time.perf_counter()
     corpus = corpus_build.build_cached(sounds, options, _Progress('describing the grains'))
     took_s = time.perf_counter() - began

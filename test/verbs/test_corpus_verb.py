@@ -127,6 +127,7 @@ def test_no_sound_means_the_ice(capsys, monkeypatch):
         (['{floe}', '--segment', 'labels'], 69, 'no such label file'),
         (['{floe}', '--labels', 'x'], 2, 'only with --segment labels'),
         (['{floe}', '--out', '{dir}/no/c.json'], 78, 'cannot be written'),
+        (['{floe}', '{floe}', '--labels-out', 'x'], 2, 'is for one sound'),
         (['show', 'no.json'], 69, 'no such corpus'),
         (['show', 'a', 'b'], 2, 'show takes one'),
         (['move', 'no.json', '1', '0', '0'], 69, 'no such corpus'),

@@ -9,10 +9,10 @@ grain shorter than a frame is one frame, filled up with silence.
   skipped; a grain of skipped frames only is silent. The grain gets the plain mean over its
   frames.
 - Periodicity and pitch: YIN (de Cheveigne & Kawahara 2002, eq. 6 and 8, steps 2-5), 2048 samples
-  every 256: difference function over 1024 samples, lags rate/4000 up to rate/40 or 1024, the
-  first local dip of the normalised function below 0.15, else its minimum; parabolic
-  interpolation; periodicity = 1 - dip, mean over frames. Pitch: median of rate/lag over frames of
-  periodicity > 0.8.
+  every 256: difference function over 1024 samples, lags rate/4000 up to rate/40 or 1024; of the
+  dips (local minima) of the normalised function the first below 0.15, else the deepest; parabolic
+  interpolation; periodicity = 1 - its value, 0 without a dip, mean over frames. Pitch: median of
+  rate/lag over frames of periodicity > 0.8.
 - RMS in dB of full scale; loudness after BS.1770-4, both over the grain's own span.
 """
 
@@ -136,8 +136,7 @@ def yin(frames: np.ndarray, rate: int) -> tuple[np.ndarray, np.ndarray]:
     """Return periodicity 0..1 and lag in samples of `frames` (k, 2048), each (k,)."""
     k = len(frames)
     lags = YIN_FRAME - YIN_SPAN
-    # c(t) = sum_j x_j x_(j+t) over the first 1024: circular of length 2048 never wraps up to lag
-    # 1024.
+    # c(t) = sum_j x_j x_(j+t), j < 1024: a circular transform of 2048 does not wrap up to t = 1024.
     head = np.zeros_like(frames)
     head[:, :YIN_SPAN] = frames[:, :YIN_SPAN]
     product = irfft(np.conj(rfft(head)) * rfft(frames), YIN_FRAME)[:, : lags + 1]
@@ -145,25 +144,28 @@ def yin(frames: np.ndarray, rate: int) -> tuple[np.ndarray, np.ndarray]:
     span = energy[:, YIN_SPAN:] - energy[:, :-YIN_SPAN]  # of x_t .. x_(t+1023)
     difference = np.maximum(span[:, :1] + span - 2 * product, 0)
     running = np.cumsum(difference[:, 1:], axis=1)
-    floor = (
-        1e-12 * YIN_SPAN * np.maximum(energy[:, -1:], 1e-20)
-    )  # rounding of a pure tone or silence
+    # Of a pure tone or of silence only rounding is left: the floor makes that 1, not chance.
+    floor = 1e-12 * YIN_SPAN * np.maximum(energy[:, -1:], 1e-20)
     normal = np.ones_like(difference)
     normal[:, 1:] = (difference[:, 1:] * np.arange(1, lags + 1) + floor) / (running + floor)
     shortest = max(2, int(rate / HIGHEST_HZ))
     longest = min(lags - 1, int(np.ceil(rate / LOWEST_HZ)))
     inner = normal[:, shortest : longest + 1]
-    dips = (inner < YIN_TOLERANCE) & (inner <= normal[:, shortest - 1 : longest])
-    dips &= inner <= normal[:, shortest + 1 : longest + 2]
-    at = np.where(dips.any(axis=1), dips.argmax(axis=1), inner.argmin(axis=1)) + shortest
+    dip = inner <= normal[:, shortest - 1 : longest]
+    dip[:, :-1] &= inner[:, :-1] <= inner[:, 1:]
+    if longest < lags - 1:  # where the lags end with the frame, a fall up to there counts
+        dip[:, -1] &= inner[:, -1] <= normal[:, longest + 1]
+    depth = np.where(dip, inner, np.inf)
+    low = depth < YIN_TOLERANCE
+    at = np.where(low.any(axis=1), low.argmax(axis=1), depth.argmin(axis=1)) + shortest
     rows = np.arange(k)
     left, middle, right = normal[rows, at - 1], normal[rows, at], normal[rows, at + 1]
     bend = left - 2 * middle + right
     with np.errstate(divide='ignore', invalid='ignore'):
         shift = np.where(bend > 0, 0.5 * (left - right) / bend, 0.0)
     shift = np.clip(shift, -1, 1)
-    dip = middle - 0.25 * (left - right) * shift
-    return np.clip(1 - dip, 0, 1), at + shift
+    value = np.where(dip.any(axis=1), middle - 0.25 * (left - right) * shift, 1.0)
+    return np.clip(1 - value, 0, 1), at + shift
 
 
 def _mean_square(

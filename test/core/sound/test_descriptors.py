@@ -96,33 +96,35 @@ def naive_yin(frame, rate):
     for t in lags[1:]:
         normal[t] = d[t] * t / d[1 : t + 1].sum()
     first, last = max(2, int(rate / 4000)), min(1023, int(np.ceil(rate / 40)))
-    t = next(
-        (
-            t
-            for t in range(first, last + 1)
-            if normal[t] < 0.15 and normal[t] <= normal[t - 1] and normal[t] <= normal[t + 1]
-        ),
-        None,
-    )
-    if t is None:
-        t = first + int(np.argmin(normal[first : last + 1]))
+    dips = [
+        t
+        for t in range(first, last + 1)
+        if normal[t] <= normal[t - 1] and (t == 1023 or normal[t] <= normal[t + 1])
+    ]
+    if not dips:
+        return 0.0, None
+    t = next((t for t in dips if normal[t] < 0.15), min(dips, key=lambda t: normal[t]))
     a, b, c = normal[t - 1 : t + 2]
     shift = 0.5 * (a - c) / (a - 2 * b + c) if a - 2 * b + c > 0 else 0.0
     shift = min(max(shift, -1), 1)
     return min(max(1 - (b - 0.25 * (a - c) * shift), 0), 1), t + shift
 
 
-def test_yin_by_transform_is_yin_by_sum():
+@pytest.mark.parametrize('rate', [16000, 44100])
+def test_yin_by_transform_is_yin_by_sum(rate):
     random = np.random.default_rng(4)
     frames = random.standard_normal((5, YIN_FRAME))
     frames[0] = tone(333, 44100)[:YIN_FRAME]
     frames[1] = 1e-3 * frames[1] + tone(97, 44100)[:YIN_FRAME]
     frames[2] = np.cumsum(frames[2])
+    frames[4] = np.linspace(-1, 1, YIN_FRAME)  # no dip at all
     frames[3] = np.sign(tone(250, 44100)[:YIN_FRAME]) + 0.3 * frames[3]
-    periodicity, lag = yin(frames, 44100)
-    expected = [naive_yin(frame, 44100) for frame in frames]
-    np.testing.assert_allclose(periodicity, [p for p, _ in expected], atol=1e-9)
-    np.testing.assert_allclose(lag, [t for _, t in expected], atol=1e-6)
+    periodicity, lag = yin(frames, rate)
+    for found, at, (expected, expected_at) in zip(
+        periodicity, lag, [naive_yin(frame, rate) for frame in frames]
+    ):
+        assert found == pytest.approx(expected, abs=1e-9)
+        assert expected_at is None or at == pytest.approx(expected_at, abs=1e-6)
 
 
 # ITU-R BS.1770-4, tables 1 and 2: b0 b1 b2 a1 a2 at 48 kHz.
