@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What others use to find bright spots, each tuned on the first images of what it will see."""
 
+import importlib.util
+import sys
 import time
+import warnings
 
 import cv2
 import numpy as np
@@ -87,13 +90,20 @@ class Trackpy:
     def find(self, image):
         """Return centres (n, 2)."""
         small = cv2.resize(image, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
-        with np.errstate(divide='ignore'):
+        with np.errstate(divide='ignore'), warnings.catch_warnings():
+            warnings.simplefilter('ignore')  # pandas warns of what trackpy does
             found = self.trackpy.locate(small, self.diameter, separation=13, engine='numba')
         found = found[found['mass'] > self.share * found['mass'].nlargest(25).median()]
         return np.column_stack([found['x'], found['y']]) * 4 + 1.5
 
 
-PEERS = (SimpleBlobDetector, ConnectedComponents, Contours, Trackpy)
+def peers() -> tuple:
+    """Return the peers that are installed; trackpy is named where it is not."""
+    found = (SimpleBlobDetector, ConnectedComponents, Contours)
+    if importlib.util.find_spec('trackpy') is None:
+        print('trackpy is left out: pip install trackpy', file=sys.stderr)
+        return found
+    return (*found, Trackpy)
 
 
 def tuned(peer, images, truths):

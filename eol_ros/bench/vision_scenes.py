@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from eol_ros.bench.vision_peers import PEERS, errors, match, timed, tuned
+from eol_ros.bench import vision_peers
+from eol_ros.bench.vision_peers import errors, match, timed, tuned
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.blobs import BlobFinder
 from eol_ros.core.vision.renderer import Renderer, RenderOptions
@@ -110,7 +111,8 @@ def run_film(clutter: str, noise: str, seed: int, images: int, peers: bool = Tru
     tracker.warm_up()
     first = [film.image(k * 7) for k in range(_TUNING)]
     truths = [calibration.to_pixels(pose[:, :2]) for _, pose, _ in first]
-    others = [tuned(peer, [i for i, _, _ in first], truths) for peer in PEERS] if peers else []
+    others = [tuned(peer, [i for i, _, _ in first], truths)
+              for peer in (vision_peers.peers() if peers else ())]
     tallies = {OURS: Tally()} | {peer.name: Tally() for peer in others}
     scale = calibration.px_per_m()
     for index in range(images):
@@ -147,7 +149,7 @@ def run_clean(noise: str, images: int, bound_px: float, seed: int = 1) -> dict:
         scenes.append((xy, yaw, renderer.render(xy[:, 0], xy[:, 1], yaw, k)))
     first, scenes = scenes[:_TUNING], scenes[_TUNING:]
     others = [tuned(peer, [s[2] for s in first], [calibration.to_pixels(s[0]) for s in first])
-              for peer in PEERS]
+              for peer in vision_peers.peers()]
     tallies = {OURS: Tally()} | {peer.name: Tally() for peer in others}
     ones = np.ones(25)
     finder.find(scenes[0][2])
