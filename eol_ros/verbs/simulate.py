@@ -24,7 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--path', default='auto', choices=('auto', 'exact', 'event', 'stepping'), help='the solver'
     )
-    parser.add_argument('--tol', type=float, metavar='T', help='of the event path (1e-9)')
+    parser.add_argument(
+        '--tol', type=float, metavar='T', help='of the event path (1e-9 geometric, 1e-12 linear)'
+    )
     parser.add_argument(
         '--step', type=float, default=1e-4, metavar='S', help='of stepping (1e-4 s)'
     )

@@ -43,7 +43,7 @@ def _scene(
         'v0': 'zero',
         'T': duration_s,
     }
-    unknown = set(more) - set(scene) - {'weakening', 'rotation'}
+    unknown = set(more) - set(scene) - {'weakening'}
     if unknown:
         raise TypeError(f'a scene has no {sorted(unknown)}')
     return scene | more

@@ -15,15 +15,12 @@ DEFAULT_STEP_S = 1e-4
 
 
 def plan(scene: Scene, model: Model | None = None) -> str:
-    """Return the path for a scene: rest, modal, exact, event or stepping.
+    """Return the path for a scene: rest, modal, exact or event.
 
-    rest: no rim moves and no force is above its limit. modal: no friction, linear springs.
-    exact: linear springs and motion along x only. event: everything else that does not turn.
-    stepping: blocks that turn.
+    rest: nothing moves and no force will reach its limit. modal: no friction, linear springs.
+    exact: linear springs and motion along x only. event: everything else.
     """
     model = model or Model.of(scene)
-    if scene.rotation_width > 0:
-        return 'stepping'
     if at_rest(scene, model):
         return 'rest'
     if modal.applies(scene):
@@ -85,8 +82,6 @@ def simulate(
         chosen = 'modal'
     if chosen == 'modal':
         return modal.solve(scene, model, times, ledger)
-    if scene.rotation_width > 0 and chosen != 'stepping':
-        raise UsageError(f'path {chosen}: blocks that turn are only on the path stepping')
     if chosen == 'exact':
         if not along_x(scene):
             raise UsageError(
@@ -102,7 +97,7 @@ def simulate(
             )
         from eol_ros.core.physics import event2d
 
-        tolerance = event2d.TOLERANCE if tolerance is None else tolerance
+        tolerance = event2d.default_tolerance(scene) if tolerance is None else tolerance
         if not event2d.TIGHTEST <= tolerance <= event2d.LOOSEST:
             raise UsageError(
                 f'tolerance {tolerance:g}: {event2d.TIGHTEST:g} to {event2d.LOOSEST:g} is wanted; '

@@ -31,9 +31,8 @@ KEYS = (
     'v0',
     'T',
 )
-OPTIONAL = ('weakening', 'rotation')
+OPTIONAL = ('weakening',)
 WEAKENING_KEYS = ('speed',)
-ROTATION_KEYS = ('width',)
 BETWEEN = ('i', 'j', 'k', 'L0', 'dir', 'Lnom')
 TO_FRAME = ('i', 'k', 'L0', 'dir', 'Lnom', 'anchor')
 MAX_BLOCKS = 1_000_000
@@ -69,7 +68,6 @@ class Scene:
     v0: np.ndarray  # (n, 2) m/s
     duration_s: float
     weakening_speed: float = 0.0  # m/s; 0: kinetic friction does not depend on speed
-    rotation_width: float = 0.0  # m, side of a block that may turn; 0: blocks do not turn
     source: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -110,7 +108,6 @@ def from_mapping(given: Mapping[str, Any]) -> Scene:
     v0 = np.zeros((n, 2)) if given['v0'] == 'zero' else _vectors('v0', given['v0'], n)
     if dim1 and np.any(v0[:, 1]):
         raise ConfigError('v0 has speeds along y, and dim1 lets the blocks move along x only')
-    weakening, rotation = _options(given, geometric, dim1)
     return Scene(
         n,
         mass,
@@ -125,25 +122,18 @@ def from_mapping(given: Mapping[str, Any]) -> Scene:
         u0,
         v0,
         _number('T', given['T'], least=0.0),
-        weakening,
-        rotation,
+        _weakening(given, geometric),
         given,
     )
 
 
-def _options(given: Mapping[str, Any], geometric: bool, dim1: bool) -> tuple[float, float]:
-    weakening = rotation = 0.0
-    if given.get('weakening') is not None:
-        _keys('weakening', given['weakening'], WEAKENING_KEYS)
-        weakening = _number('weakening.speed', given['weakening']['speed'], above=0.0)
-        if geometric:
-            raise ConfigError('weakening is for linear springs along x: set geometric false')
-    if given.get('rotation') is not None:
-        _keys('rotation', given['rotation'], ROTATION_KEYS)
-        rotation = _number('rotation.width', given['rotation']['width'], above=0.0)
-        if not geometric or dim1:
-            raise ConfigError('rotation needs geometric true and dim1 false')
-    return weakening, rotation
+def _weakening(given: Mapping[str, Any], geometric: bool) -> float:
+    if given.get('weakening') is None:
+        return 0.0
+    _keys('weakening', given['weakening'], WEAKENING_KEYS)
+    if geometric:
+        raise ConfigError('weakening is for linear springs along x: set geometric false')
+    return _number('weakening.speed', given['weakening']['speed'], above=0.0)
 
 
 def _keys(where: str, given: Any, wanted: Sequence[str], optional: Sequence[str] = ()) -> None:

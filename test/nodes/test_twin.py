@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The twin over real DDS: images on time, truth that fits them, a rim that obeys."""
+
+import time
+
+import numpy as np
+import pytest
+from eol_msgs.msg import RimCommand
+from rclpy.executors import SingleThreadedExecutor
+
+from eol_ros.core.geometry import BLOCK_SIDE_M
+from eol_ros.core.vision.calibration import Calibration
+from eol_ros.nodes.twin import TwinNode
+from eol_ros.ros.images import image_from_cdr
+from eol_ros.ros.node import EolNode
+from eol_ros.settings import PanelSettings, TwinSettings
+
+
+class Probe(EolNode):
+    NAME = 'panel'
+
+    def __init__(self):
+        super().__init__(PanelSettings())
+        self.images, self.truths, self.infos = {}, {}, []
+        self.subscribe('camera/image_raw', self.on_image, raw=True)
+        self.subscribe('camera/camera_info', self.infos.append)
+        self.subscribe('truth', self.on_truth)
+        self.command = self.publisher('rim_command')
+
+    def on_image(self, raw):
+        stamp, pixels = image_from_cdr(raw)
+        self.images[stamp] = pixels.copy() if len(self.images) < 40 else None
+
+    def on_truth(self, truth):
+        self.truths[truth.header.stamp.sec * 10**9 + truth.header.stamp.nanosec] = truth
+
+
+@pytest.fixture
+def graph(ros):
+    probe = Probe()
+    twin = TwinNode(TwinSettings(hands='nobody', fps=30.0))
+    executor = SingleThreadedExecutor()
+    executor.add_node(probe)
+    executor.add_node(twin)
+
+    def until(done, seconds=20.0):
+        end = time.monotonic() + seconds
+        while not done():
+            assert time.monotonic() < end, 'nothing came'
+            executor.spin_once(timeout_sec=0.05)
+
+    yield probe, twin, until
+    twin.close()
+    executor.shutdown()
+    twin.destroy_node()
+    probe.destroy_node()
+
+
+@pytest.mark.slow
+def test_images_on_the_grid_with_the_truth_in_them(graph):
+    probe, twin, until = graph
+    until(lambda: len(probe.truths) >= 15 and len(probe.images) >= 15 and probe.infos)
+    stamps = sorted(probe.images)
+    steps = np.diff(stamps) / (1e9 / twin.settings.fps)
+    assert np.abs(steps - np.round(steps)).max() < 1e-3
+    both = sorted(set(probe.truths) & set(probe.images))
+    assert len(both) >= 10
+    truth, image = probe.truths[both[0]], probe.images[both[0]]
+    calibration = Calibration.ideal()
+    centres = calibration.to_pixels(np.column_stack([truth.x, truth.y]))
+    half = int(0.3 * BLOCK_SIDE_M * 545)
+    for u, v in np.rint(centres).astype(int):
+        assert image[v - half : v + half, u - half : u + half].mean() > 100
+    assert np.median(image) < 60
+    assert probe.infos[0].k == pytest.approx(calibration.camera_matrix.ravel())
+
+
+@pytest.mark.slow
+def test_a_commanded_rim_drags_the_blocks(graph):
+    probe, _, until = graph
+    until(lambda: len(probe.truths) >= 3)
+    still = probe.truths[min(probe.truths)]
+    assert still.rim_x == 0.0
+
+    def pull():
+        command = RimCommand(source='test', vx=0.25, hold=0.3)
+        probe.command.publish(command)
+        newest = probe.truths[max(probe.truths)]
+        return newest.slips > 0 and newest.rim_x > 0.1
+
+    until(pull)
+    last = probe.truths[max(probe.truths)]
+    assert np.mean(last.x) > np.mean(still.x)
+    assert abs(last.energy_residual) < 1e-5
