@@ -80,6 +80,9 @@ def rig(ros, folder):
     made = Rig(pairs=str(folder), period_s=0.34, lead_s=0.05)
     yield made
     made.montage.close()
+    for node in (made.montage, made.around):  # or its latched walls reach the next test
+        made.executor.remove_node(node)
+        node.destroy_node()
 
 
 def changes(walls):

@@ -65,6 +65,9 @@ class Rig:
         self.stopping = True
         self.thread.join(5)
         self.panel.close()
+        for node in (self.panel, self.around):
+            self.executor.remove_node(node)
+            node.destroy_node()
 
 
 @pytest.fixture
