@@ -67,6 +67,7 @@ class SlipDetector:
         self.slip = np.zeros(N_BLOCKS, np.int64)
         self.fresh = np.zeros(N_BLOCKS, np.int64)  # images until the onset is looked at again
         self.rest_sigma = np.zeros(N_BLOCKS)
+        self.rested_s = np.zeros(N_BLOCKS)  # how long it had been seen at rest before its slip
         self.onset_s = np.zeros(N_BLOCKS)
         self.onset_sigma_s = np.zeros(N_BLOCKS)
         self.start = np.zeros((2, N_BLOCKS))
@@ -164,6 +165,7 @@ class SlipDetector:
             self.count += 1
             self.slip[block] = self.count
             self.start[:, block] = anchor[:, block]
+            self.rested_s[block] = n[block] * self.period_s
             self.rest_sigma[block] = deviation[block] * np.sqrt(1.0 + 1.0 / n[block])
             self.fresh[block] = LATER_IMAGES
             self._find_onset(block, BEFORE_IMAGES)

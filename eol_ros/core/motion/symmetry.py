@@ -17,6 +17,8 @@ TIMING_S = 0.004  # of clocks and onsets, beside what they say of themselves
 HEARD = 0.95  # share of slips whose tap arrives
 SEEN = 0.88  # share of taps whose slip is seen to begin
 RATE_HZ = 0.7  # slips of one block, a second: how often a tap is there by chance
+BURST_S = 0.1  # and how many of them there are about, this near
+MISSEEN = 0.05  # share of onsets that are none, or at another time
 MARGIN = 12.0
 SURE_MARGIN = 25.0  # to contradict a turn that was thought known
 
@@ -85,11 +87,14 @@ class Coincidence:
         return int(order[0]) if lead >= (SURE_MARGIN if known else MARGIN) else None
 
     def _onset_speaks(self, onset: tuple[float, int, float], block: int) -> float:
+        # In a cascade all tap at once, and a tap by chance is nothing rare.
+        about = sum(abs(t - onset[0]) <= BURST_S for t, _, _ in self.taps)
+        rate_hz = max(RATE_HZ, about / (2 * BURST_S * N_BLOCKS))
         best = 1.0 - HEARD
         for stamp_s, name, sigma_s in self.taps:
             if name == block and abs(stamp_s - onset[0]) <= WINDOW_S:
-                best += HEARD * _density(stamp_s - onset[0], sigma_s, onset[2]) / RATE_HZ
-        return float(np.log(best))
+                best += HEARD * _density(stamp_s - onset[0], sigma_s, onset[2]) / rate_hz
+        return float(np.log(MISSEEN + (1.0 - MISSEEN) * best))
 
     def _tap_speaks(self, tap: tuple[float, int, float], block: int) -> float:
         near = any(

@@ -9,6 +9,8 @@ from eol_ros.core.vision.blink import Blink
 from eol_ros.core.vision.lattice import TRACKING, Lattice
 from eol_ros.settings import MotionSettings
 
+RESTED_S = 0.12
+
 
 class Identity:
     """The lattice, and what the blocks' accelerometers say about its turn.
@@ -53,7 +55,8 @@ class Identity:
             self.coincidence.forget()
         x, y = lattice.xy.T
         for event in self.onsets.update(stamp_s, x, y, lattice.seen, lattice.sigma):
-            if event.kind == START:
+            # A block that came out from under an arm on its way began nobody knows when.
+            if event.kind == START and self.onsets.rested_s[event.block] >= RESTED_S:
                 self.coincidence.onset(event.onset_s, event.block, event.onset_sigma_s)
         self.coincidence.update(stamp_s)
         quarters = self.coincidence.answer(known=not lattice.ambiguous)
