@@ -170,11 +170,14 @@ def _analysed(sound: Path, options: Options, progress):
         cuts = _cut(heard, options, times)
         grains, silent = analyse(heard.samples, heard.rate, cuts, options.silence_db, progress)
         rate, duration_s, notes = heard.rate, heard.duration_s, list(heard.notes)
-        with open(part := path.with_name(f'.{os.getpid()}-{path.name}'), 'wb') as file:
-            np.savez(
-                file, rate=rate, duration_s=duration_s, grains=grains, silent=silent, notes=notes
-            )
-        os.replace(part, path)
+        kept = {'rate': rate, 'duration_s': duration_s, 'grains': grains, 'silent': silent}
+        part = path.with_name(f'.{os.getpid()}-{path.name}')
+        try:
+            with open(part, 'wb') as file:
+                np.savez(file, **kept, notes=notes)
+            os.replace(part, path)
+        except OSError as error:
+            raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
     progress(1.0)
     return Source(str(sound.resolve()), rate, duration_s, sha), grains, silent, notes
 

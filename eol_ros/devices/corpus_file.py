@@ -80,19 +80,22 @@ def times(sound: str, options: Options, seed: int) -> list[tuple[str, int]]:
     path = Path(sound) if sound else ice_file(seed)
     try:
         sounds = sounds_of(path)
-    except EolError:
+        files = [(s, beside(s, 'moved.csv'), label_file(s, options)) for s in sounds]
+        found = [p for row in files for p in row if p is not None and p.exists()]
+        return [(str(p), p.stat().st_mtime_ns) for p in found]
+    except (EolError, OSError):  # gone, or going at this moment
         return []
-    files = [(s, beside(s, 'moved.csv'), label_file(s, options)) for s in sounds]
-    found = [p for row in files for p in row if p is not None and p.exists()]
-    return [(str(p), p.stat().st_mtime_ns) for p in found]
 
 
 def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes, hex."""
+    """Return the SHA-256 of a file's bytes, hex; raises DeviceMissing if it cannot be read."""
     digest = hashlib.sha256()
-    with open(path, 'rb') as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
+    try:
+        with open(path, 'rb') as file:
+            while block := file.read(1 << 20):
+                digest.update(block)
+    except OSError as error:
+        raise DeviceMissing(f'{path}: cannot be read ({_why(error)})') from None
     return digest.hexdigest()
 
 

@@ -396,3 +396,24 @@ def test_a_corpus_of_real_recordings():
     harmonics = corpus.grains[corpus.grains['file'] == 3]
     assert np.median(sauna['periodicity_mean']) < 0.5 < np.median(harmonics['periodicity_mean'])
     assert len(np.unique(corpus.grains[['x', 'y']][corpus.placed])) == corpus.placed.sum()
+
+
+def test_a_full_cache_is_one_line(sound, monkeypatch):
+    def full(*_args, **_kwargs):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(np, 'savez', full)
+    with pytest.raises(ConfigError, match='cannot be written .No space left on device.'):
+        build([sound], Options())
+
+
+def test_a_sound_that_goes_away_is_noticed_without_a_fault(sound):
+    loader = CorpusLoader()
+    wish = (str(sound), Options(), 0)
+    assert [loader.changed(wish) for _ in range(2)] == [False, False]
+    corpus_file.beside(sound, 'moved.csv').write_text('time_s,x,y\n')
+    assert [loader.changed(wish) for _ in range(2)] == [True, False]
+    sound.unlink()
+    assert [loader.changed(wish) for _ in range(2)] == [True, False]
+    with pytest.raises(DeviceMissing):
+        corpus_file.sha256(sound)
