@@ -80,7 +80,7 @@ class ReplayNode(EolNode):
         end = time.monotonic() + self.settings.wait_s
         while time.monotonic() < end and not self._stop.wait(0.05):
             if any(p.get_subscription_count() for p in self.publishers_of.values()):
-                self._stop.wait(0.5)  # the other readers are found at about the same time
+                self._stop.wait(1.0)  # they find us a little later than we them, and each other
                 return
 
     def tell(self) -> None:

@@ -15,8 +15,8 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('--json', action='store_true', help='as one JSON list')
     parser.add_argument('--markdown', action='store_true', help='the table of all topics there are')
-    parser.add_argument('--seconds', type=float, default=2.0, metavar='S',
-                        help='look around for so long (default 2)')
+    parser.add_argument('--seconds', type=float, default=5.0, metavar='S',
+                        help='look around for at most so long (default 5)')
     parser.add_argument('--lan', action='store_true', help='look on the network, not only here')
 
 
@@ -29,9 +29,11 @@ def run(args):
     from eol_ros.ros.session import session
 
     with session(reach='lan' if args.lan else 'local') as visit:
-        visit.run(lambda: False, args.seconds)
+        own = {'/parameter_events', '/rosout'}
+        names = visit.node.get_topic_names_and_types
+        if visit.run(lambda: any(name not in own for name, _ in names()), args.seconds):
+            visit.run(lambda: False, 1.0)  # who is there says all it has within a second
         rows = on_the_graph(visit.node)
-    own = {'/parameter_events', '/rosout'}
     if args.json:
         print(json.dumps([row for row in rows if row['topic'] not in own], indent=2))
         return 0

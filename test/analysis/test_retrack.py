@@ -16,7 +16,7 @@ STEP_NS = 16_666_667
 T0 = 1_700_000_000_000_000_000
 
 
-def scene_of_blocks(count=150):
+def scene_of_blocks(count=125):
     """Yield (25, 2) positions in m and (25,) yaws: at rest, then three blocks slip, then rest."""
     at = rest_lattice().astype(float)
     yaw = np.zeros(25)
@@ -33,7 +33,7 @@ def scene_of_blocks(count=150):
 
 @pytest.fixture(scope='module')
 def run(tmp_path_factory):
-    """A bag of 150 pictures and all that tracker, motion and grains made of them."""
+    """A bag of 125 pictures and all that tracker, motion and grains made of them."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
@@ -103,7 +103,7 @@ def test_pictures_give_the_recorded_results_to_the_last_bit(run):
     assert set(result.topics) == {'blocks', 'slips', 'cascades', 'grain_triggers'}
     for check in result.topics.values():
         assert check.equal, check
-    assert result.topics['blocks'].recorded == 150
+    assert result.topics['blocks'].recorded == 125
     assert result.topics['slips'].recorded == 6
     assert result.topics['cascades'].recorded >= 1
     assert result.topics['grain_triggers'].recorded >= 1

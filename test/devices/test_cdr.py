@@ -83,7 +83,7 @@ def plain(value):
     return value.item() if isinstance(value, np.generic) else value
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(made_types())
 def test_any_type_reads_back_what_an_independent_writer_wrote(made):
     dynamic = pytest.importorskip('mcap_ros2._dynamic')
