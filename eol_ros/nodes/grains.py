@@ -54,6 +54,7 @@ class GrainsNode(EolNode):
         if isinstance(outcome, Corpus):
             if self.corpus is None or not outcome.same_as(self.corpus):
                 self.show(outcome)
+            self.health.ok(self.words)  # also when a sound that was gone has come back
         elif isinstance(outcome, EolError) and self.corpus is None:
             self.health.error(str(outcome))
         elif isinstance(outcome, EolError):
@@ -67,7 +68,8 @@ class GrainsNode(EolNode):
         for note in corpus.notes:
             self.get_logger().warning(note)
         self.health.values['grains'] = len(corpus)
-        self.health.ok(f'{int(corpus.placed.sum())} grains of {Path(corpus.sources[0].path).name}')
+        self.words = f'{int(corpus.placed.sum())} grains of {Path(corpus.sources[0].path).name}'
+        self.health.ok(self.words)
 
     def on_blocks(self, raw: bytes) -> None:
         try:

@@ -207,6 +207,16 @@ def test_a_grain_moved_by_hand_while_it_runs(stage, sounds):
     assert to_ns(moved.header.stamp) == pytest.approx(image(2)[0] + 1_000_000_000, abs=1000)
 
 
+def test_a_sound_that_goes_and_comes_back(stage, sounds):
+    stage = stage()
+    away = sounds[0].rename(sounds[0].with_suffix('.away'))
+    stage.until(lambda: stage.node.health.level == 1)
+    away.rename(sounds[0])
+    stage.until(lambda: stage.node.health.level == 0)
+    play(stage, range(30))
+    assert stage.probe.triggers
+
+
 def test_a_sound_that_is_not_there_or_none(ros, sounds, tmp_path):
     for name, error in (('no.wav', DeviceMissing), ('no.json', DeviceMissing)):
         with pytest.raises(error):
