@@ -91,7 +91,7 @@ def test_frames_lie_inside_their_grain():
 def naive_yin(frame, rate):
     """de Cheveigne & Kawahara, equations 6 and 8, summed as they are printed."""
     lags = np.arange(YIN_FRAME - YIN_SPAN + 1)
-    d = np.array([sum((frame[:YIN_SPAN] - frame[t : t + YIN_SPAN]) ** 2) for t in lags])
+    d = np.array([((frame[:YIN_SPAN] - frame[t : t + YIN_SPAN]) ** 2).sum() for t in lags])
     normal = np.ones(len(lags))
     for t in lags[1:]:
         normal[t] = d[t] * t / d[1 : t + 1].sum()
