@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol bench sound: voices per core, error against run time, and real time, beside other engines."""
 
+import itertools
 import json
 import sys
 import tempfile
@@ -9,6 +10,7 @@ from pathlib import Path
 HELP = 'Voices per core of the mixer and of scsynth, csound, pyo; error; underruns in real time.'
 EXAMPLES = ['eol bench sound --json', 'eol bench sound --live 600 --plot docs/img']
 BLOCKS = (64, 128, 256, 512)
+PEER_BLOCKS = (64, 256)
 OVERLAPS = (100, 400)
 ERROR_S = 2.0  # of the score that errors are measured on: the reference is slow
 
@@ -88,16 +90,16 @@ def _peers(sound, seconds: float) -> list[dict]:
                 if exact:
                     short = make_score(100, ERROR_S, varied)
                     frames = int((ERROR_S + 0.3) * FS)
-                    made = play(Path(folder), short)[1][:frames, :2]
+                    made = play(Path(folder), short, 64)[1][:frames, :2]
                     error = -error_db(made, truth(sound, short, cubic, frames, False), 70)
-                for overlap in OVERLAPS:
-                    print(f'{name}: {overlap} grains', file=sys.stderr)
+                for overlap, block in itertools.product(OVERLAPS, PEER_BLOCKS):
+                    print(f'{name}: {overlap} grains, block {block}', file=sys.stderr)
                     score = make_score(overlap, seconds, varied)
-                    spent = min(play(Path(folder), score)[0] for _ in range(2))
+                    spent = min(play(Path(folder), score, block)[0] for _ in range(2))
                     rows.append(
                         {
-                            'name': name, 'overlap': overlap, 'varied': varied, 'cubic': cubic,
-                            'same_score': exact, 'error_db': error,
+                            'name': name, 'overlap': overlap, 'block': block, 'varied': varied,
+                            'cubic': cubic, 'same_score': exact, 'error_db': error,
                             'voices_per_core': score.grain_seconds / spent,
                             'ns_per_voice_sample': spent / (score.grain_seconds * FS) * 1e9,
                         }
@@ -106,7 +108,7 @@ def _peers(sound, seconds: float) -> list[dict]:
 
 
 def _ratios(result) -> dict[str, float]:
-    """Return ours over theirs at 400 grains, block 256: the same speed of reading, cubic."""
+    """Return ours at block 256 over theirs, 400 grains, the same speed of reading."""
     ratios = {}
     for peer in result['peers']:
         if peer.get('overlap') != 400:
@@ -115,7 +117,7 @@ def _ratios(result) -> dict[str, float]:
             if (mine['overlap'], mine['block'], mine['varied']) == (400, 256, peer['varied']):
                 cubic = 'cubic' if mine['cubic'] else 'linear'
                 speed = 'speed 0.5-2' if mine['varied'] else 'speed 1'
-                name = f'{cubic} / {peer["name"]}, {speed}'
+                name = f'{cubic} / {peer["name"]} of block {peer["block"]}, {speed}'
                 ratios[name] = mine['voices_per_core'] / peer['voices_per_core']
     return ratios
 
@@ -145,11 +147,11 @@ def _tell(result) -> None:
         name = f'{r["name"]}, {"0.5-2" if r["varied"] else "1"}'
         error = f'{r["error_db"]:10.1f}' if r['error_db'] is not None else '   another'
         print(
-            f'{name:28}{r["overlap"]:8}{64:7}{r["voices_per_core"]:13.0f}'
+            f'{name:28}{r["overlap"]:8}{r["block"]:7}{r["voices_per_core"]:13.0f}'
             f'{r["ns_per_voice_sample"]:7.2f}{error}'
         )
     for name, ratio in result['ratios'].items():
-        print(f'{name:50}{ratio:6.2f} x')
+        print(f'{name:60}{ratio:6.2f} x')
     print(f'the same bits at any block size: {result["blocks_identical"]}')
     for r in result['live']:
         how = 'compiled' if r['compiled'] else 'python'

@@ -18,6 +18,7 @@ FS = 48000
 CASES = (
     {'block': 256, 'compiled': True, 'busy': True, 'overlap': 400},
     {'block': 128, 'compiled': True, 'busy': True, 'overlap': 400},
+    {'block': 256, 'compiled': True, 'busy': False, 'overlap': 0},
     {'block': 128, 'compiled': True, 'busy': False, 'overlap': 0},
     {'block': 256, 'compiled': False, 'busy': True, 'overlap': 400},
 )

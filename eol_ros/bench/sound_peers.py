@@ -125,18 +125,20 @@ def _bundle(time_s: float, *messages: bytes) -> bytes:
     return struct.pack('>i', len(data)) + data
 
 
-def _scsynth(folder: Path, definition: bytes, bundles: list[bytes], span_s: float) -> float:
+def _scsynth(
+    folder: Path, definition: bytes, bundles: list[bytes], span_s: float, block: int
+) -> float:
     begin = _bundle(
         0.0, _osc('/d_recv', definition), _osc('/b_allocRead', 0, str(folder / 'source.wav'))
     )
     end = _bundle(span_s + 0.4, _osc('/c_set', 0, 0))
     (folder / 'score.osc').write_bytes(begin + b''.join(bundles) + end)
-    options = ['-o', '2', '-i', '0', '-z', '64', '-n', '8192', '-m', '262144', '-w', '256']
+    options = ['-o', '2', '-i', '0', '-z', str(block), '-n', '8192', '-m', '262144', '-w', '256']
     words = ['scsynth', '-N', str(folder / 'score.osc'), '_', str(folder / 'sc.wav'), str(FS)]
     return cpu_of([*words, 'WAV', 'float', *options])
 
 
-def scsynth_play_buf(folder: Path, s: Score) -> tuple[float, np.ndarray]:
+def scsynth_play_buf(folder: Path, s: Score, block: int) -> tuple[float, np.ndarray]:
     """Return CPU seconds and output, one synth a grain; the time of an empty score is taken off."""
     definition = _play_buf()
     bundles = [
@@ -149,18 +151,18 @@ def scsynth_play_buf(folder: Path, s: Score) -> tuple[float, np.ndarray]:
         )
         for t, f, n in zip(s.triggers, s.first, s.size)
     ]  # fmt: skip
-    idle = _scsynth(folder, definition, [], s.span_s)
-    spent = _scsynth(folder, definition, bundles, s.span_s) - idle
+    idle = _scsynth(folder, definition, [], s.span_s, block)
+    spent = _scsynth(folder, definition, bundles, s.span_s, block) - idle
     return spent, soundfile.read(folder / 'sc.wav')[0]
 
 
-def scsynth_grain_buf(folder: Path, s: Score) -> tuple[float, np.ndarray]:
+def scsynth_grain_buf(folder: Path, s: Score, block: int) -> tuple[float, np.ndarray]:
     """Return CPU seconds and output of a cloud of the same density and mean length."""
     mean_s = s.grain_seconds / len(s.first)
     definition = _grain_buf(len(s.first) / s.span_s, mean_s, 2 * s.overlap)
     start = _bundle(0.0, _osc('/s_new', 'grain', -1, 0, 0, 'buf', 0))
-    idle = _scsynth(folder, definition, [], s.span_s)
-    spent = _scsynth(folder, definition, [start], s.span_s) - idle
+    idle = _scsynth(folder, definition, [], s.span_s, block)
+    spent = _scsynth(folder, definition, [start], s.span_s, block) - idle
     return spent, soundfile.read(folder / 'sc.wav')[0]
 
 
@@ -170,7 +172,7 @@ ORCHESTRA = """
 <CsoundSynthesizer>
 <CsInstruments>
 sr = 48000
-ksmps = 64
+ksmps = {block}
 nchnls = 2
 0dbfs = 1
 giSource ftgen 1, 0, 0, 1, "{folder}/source.wav", 0, 0, 1
@@ -192,7 +194,7 @@ e {end}
 """
 
 
-def csound(folder: Path, s: Score) -> tuple[float, np.ndarray]:
+def csound(folder: Path, s: Score, block: int) -> tuple[float, np.ndarray]:
     """Return CPU seconds and output, one i-statement a grain, cubic table reading."""
     angle = (s.triggers['pan'].astype(float) + 1) * np.pi / 4
     lines = '\n'.join(
@@ -202,7 +204,7 @@ def csound(folder: Path, s: Score) -> tuple[float, np.ndarray]:
     )
     spent = []
     for name, score in (('idle', ''), ('full', lines)):
-        text = ORCHESTRA.format(folder=folder, score=score, end=s.span_s + 0.4)
+        text = ORCHESTRA.format(folder=folder, score=score, end=s.span_s + 0.4, block=block)
         (folder / f'{name}.csd').write_text(text)
         words = ['csound', '-d', '-m0', '-W', '-f', '--sample-accurate', '-o']
         spent.append(cpu_of([*words, str(folder / 'cs.wav'), str(folder / f'{name}.csd')]))
@@ -214,25 +216,25 @@ def csound(folder: Path, s: Score) -> tuple[float, np.ndarray]:
 PYO = """
 import sys, time
 from pyo import *
-folder, span, density, length, rate = sys.argv[1], *map(float, sys.argv[2:])
-s = Server(sr=48000, nchnls=2, buffersize=256, duplex=0, audio='offline').boot()
+folder, span, density, length, block = sys.argv[1], *map(float, sys.argv[2:])
+s = Server(sr=48000, nchnls=2, buffersize=int(block), duplex=0, audio='offline').boot()
 s.recordOptions(dur=span, filename=folder + '/pyo.wav', fileformat=0, sampletype=3)
 table = SndTable(folder + '/source.wav')
 if density:
-    cloud = Particle2(table, HannTable(), dens=density, pitch=rate, pos=Noise(mul=table.getSize()
+    cloud = Particle2(table, HannTable(), dens=density, pitch=1, pos=Noise(mul=table.getSize()
         * 0.48, add=table.getSize() * 0.49), dur=length, dev=0, pan=Noise(mul=0.5, add=0.5),
         chnls=2, mul=0.02).out()
 s.start()
 """
 
 
-def pyo(folder: Path, s: Score) -> tuple[float, np.ndarray]:
+def pyo(folder: Path, s: Score, block: int) -> tuple[float, np.ndarray]:
     """Return CPU seconds and output of Particle2, a cloud of the same density and mean length."""
     mean_s = s.grain_seconds / len(s.first)
     spent = []
     for density in (0, len(s.first) / s.span_s):
         words = [sys.executable, '-c', PYO, str(folder), str(s.span_s), str(density), str(mean_s)]
-        spent.append(cpu_of([*words, '1.0']))
+        spent.append(cpu_of([*words, str(block)]))
     return spent[1] - spent[0], soundfile.read(folder / 'pyo.wav')[0]
 
 

@@ -28,16 +28,24 @@ def draw(result: dict, folder: Path) -> None:
                 [r['block'] for r in rows], [r['voices_per_core'] for r in rows], line, marker='o',
                 color='#20507a', label=f'eol_ros, {"cubic" if cubic else "linear"}',
             )  # fmt: skip
-        for p in result['peers']:
-            if p.get('overlap') == 400 and p['varied'] == varied:
-                axis.axhline(p['voices_per_core'], color=colours[p['name']], label=p['name'])
+        for name in names:
+            rows = [
+                p for p in result['peers']
+                if (p['name'], p.get('overlap'), p.get('varied')) == (name, 400, varied)
+            ]  # fmt: skip
+            if rows:
+                axis.plot(
+                    [p['block'] for p in rows], [p['voices_per_core'] for p in rows],
+                    marker='s', color=colours[name], label=name,
+                )  # fmt: skip
         axis.set(
             xscale='log', xlabel='block, samples', xticks=[64, 128, 256, 512], yscale='log',
             title='speed of reading ' + ('0.5 to 2' if varied else '1'),
         )  # fmt: skip
         axis.set_xticklabels(['64', '128', '256', '512'])
         axis.minorticks_off()
-        axis.set_yticks([2000, 5000, 10000, 20000, 40000], ['2k', '5k', '10k', '20k', '40k'])
+        ticks = (1, 2, 5, 10, 20, 40)
+        axis.set_yticks([1000 * t for t in ticks], [f'{t}k' for t in ticks])
         axis.grid(alpha=0.3)
         axis.legend(fontsize=7)
     axes[0].set_ylabel('grains that one core can sound at once')
@@ -56,7 +64,7 @@ def draw(result: dict, folder: Path) -> None:
         x = [r['ns_per_voice_sample'] for r in rows]
         axis.plot(x, [r['error_db'] for r in rows], marker=marker, ls=':', label=label)
     for p in result['peers']:
-        if p.get('overlap') == 400 and p.get('error_db') is not None:
+        if (p.get('overlap'), p.get('block')) == (400, 64) and p['error_db'] is not None:
             axis.plot(
                 p['ns_per_voice_sample'], p['error_db'], '*' if p['varied'] else 'P', ms=10,
                 color=colours[p['name']],

@@ -3,6 +3,7 @@
 
 import threading
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,39 +39,60 @@ def load_bank(
 
 
 class BankLoader:
-    """Loads banks behind the scenes and keeps the last few alive, for voices still read them."""
+    """Loads banks behind the scenes, and knows which one a trigger speaks of.
+
+    A corpus is told some time before triggers name its grains; until then those of the one before
+    are meant. The last few banks are kept, for voices still read them.
+    """
 
     def __init__(self, sample_rate: int):
         self._sample_rate = sample_rate
-        self._kept: list[Bank] = []
         self._lock = threading.Lock()
-        self._wanted = ''
-        self._outcome: tuple[str, Bank | EolError] | None = None
+        self._entries: list[_Entry] = []  # in the order in which they were told
+        self._news: list[EolError | None] = []
 
-    def ask(self, digest: str, *grains) -> bool:
-        """Begin to load the corpus `digest`; return False if it was the last one asked for."""
+    def ask(self, digest: str, from_ns: int, *grains) -> bool:
+        """Begin to load the corpus `digest`, of which triggers speak whose stamp is `from_ns` on.
+
+        Return False if it was the last one asked for.
+        """
         with self._lock:
-            if digest == self._wanted:
+            if self._entries and digest == self._entries[-1].digest:
                 return False
-            self._wanted = digest
-        threading.Thread(target=self._load, args=(digest, grains), daemon=True).start()
+            entry = _Entry(digest, from_ns)
+            self._entries = [*self._entries[1 - KEPT :], entry]
+        threading.Thread(target=self._load, args=(entry, grains), daemon=True).start()
         return True
 
-    def take(self) -> Bank | EolError | None:
-        """Return what came of the last request, once; None while there is no news."""
-        with self._lock:
-            outcome, self._outcome = self._outcome, None
-            if outcome is None or outcome[0] != self._wanted:
-                return None
-            if isinstance(outcome[1], Bank):
-                self._kept = self._kept[1 - KEPT :] + [outcome[1]]
-            return outcome[1]
+    def at(self, stamp_ns: int) -> Bank | None:
+        """Return the bank that a trigger with this stamp speaks of; None while it is not there.
 
-    def _load(self, digest: str, grains) -> None:
+        A stamp before all of them, as a replay has, means the first.
+        """
+        with self._lock:
+            past = [e for e in self._entries if e.from_ns <= stamp_ns] or self._entries[:1]
+            return past[-1].bank if past else None
+
+    def news(self) -> list[EolError | None]:
+        """Return once what came of each request since the last call: None if it was loaded."""
+        with self._lock:
+            news, self._news = self._news, []
+            return news
+
+    def _load(self, entry: '_Entry', grains) -> None:
+        outcome: EolError | None = None
+        bank = None
         try:
-            outcome: Bank | EolError = load_bank(*grains, self._sample_rate)
+            bank = load_bank(*grains, self._sample_rate)
         except EolError as error:
             outcome = error
         with self._lock:
-            if digest == self._wanted:
-                self._outcome = (digest, outcome)
+            entry.bank = bank
+            self._news.append(outcome)
+
+
+@dataclass
+class _Entry:
+    digest: str
+    from_ns: int
+    bank: Bank | None = None

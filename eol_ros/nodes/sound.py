@@ -10,12 +10,11 @@ from eol_ros.core.sound.meter import Meter
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.devices.sound_bank import BankLoader
 from eol_ros.devices.soundcard import Player
-from eol_ros.errors import EolError
 from eol_ros.nodes.sound_osc import Osc
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.sound import corpus_grains, meter_message, samples_message, trigger_row
-from eol_ros.ros.stamps import NS, now_ns
+from eol_ros.ros.stamps import NS, now_ns, to_ns
 
 COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
 FADES = {'mute': 0.0, 'sleep': 0.0, 'unmute': 1.0, 'wake': 1.0}
@@ -33,7 +32,7 @@ class SoundNode(EolNode):
             epoch_s=self.epoch_ns // NS,
         )
         self.on_settings(s)
-        self.meter, self.loader, self.bank = Meter(self.mixer), BankLoader(s.sample_rate), None
+        self.meter, self.banks = Meter(self.mixer), BankLoader(s.sample_rate)
         folder = Path(self.scene.settings('recorder').folder)
         wav = s.wav or folder / time.strftime('sound-%Y%m%d-%H%M%S.wav')
         self.player = Player(
@@ -53,9 +52,9 @@ class SoundNode(EolNode):
         self.mixer.set(new.reading == 'cubic', new.gain_db, new.loudness_lufs, new.governor_db)
 
     def on_corpus(self, message) -> None:
-        if self.loader.ask(message.digest, *corpus_grains(message)):
+        from_ns = to_ns(message.header.stamp)
+        if self.banks.ask(message.digest, from_ns, *corpus_grains(message)):
             self.trouble = f'loading {message.name}'
-            self.bank = None  # from now on triggers name grains of the new one
 
     def on_control(self, message) -> None:
         if message.target in ('', self.NAME) and message.command in FADES:
@@ -66,18 +65,15 @@ class SoundNode(EolNode):
         self.health.tick()
         if self.osc:
             self.osc.trigger(message)
-        if self.bank is None:
+        bank = self.banks.at(to_ns(message.header.stamp))
+        if bank is None:
             self.unheard += 1
             return
-        row = trigger_row(message, self.epoch_ns, self.settings.latency_s)
-        self.mixer.play(row, self.bank)
+        self.mixer.play(trigger_row(message, self.epoch_ns, self.settings.latency_s), bank)
 
     def on_timer(self) -> None:
-        news = self.loader.take()
-        if isinstance(news, EolError):
-            self.trouble = str(news)
-        elif news is not None:
-            self.bank, self.trouble = news, ''
+        for error in self.banks.news():
+            self.trouble = str(error) if error else ''
         player, state, s = self.player, self.mixer.state[0], self.settings
         reading = self.meter.read()
         self.meters.publish(meter_message(reading, self.epoch_ns, state, player.output.name, s))

@@ -112,19 +112,21 @@ def _voices(args, settings):
         raise ConfigError(f'{args.source}: no corpus in this bag; add --corpus C.json')
     digests = [''.join(d) for d in corpora['digest']]
     news = [i for i, d in enumerate(digests) if not i or d != digests[i - 1]]
-    begins = corpora['log_time'][news]
+    begins = corpora['stamp'][news]
     rows, banks = [], []
-    for k, i in enumerate(news):  # each trigger speaks of the corpus that was there when it came
-        from_ = begins[k] if k else times.min(initial=begins[0])
-        until = begins[k + 1] if k + 1 < len(news) else None
-        mine = (times >= from_) & ((times < until) if until is not None else True)
+    for k, i in enumerate(news):  # each trigger speaks of the corpus of its time
+        mine = np.ones(len(times), bool)
+        if k:
+            mine &= times >= begins[k]
+        if k + 1 < len(news):
+            mine &= times < begins[k + 1]
         banks.append(_bag_bank(corpora[i], settings.sample_rate))
         rows.append(voice_rows(triggers[mine], banks[-1], settings.channels))
     return np.concatenate(rows), len(triggers), banks
 
 
 def _bag_triggers(bag):
-    """Return the triggers of a bag, their time from its start, and when they were recorded."""
+    """Return the triggers of a bag, their time from its start, and their stamps."""
     import numpy as np
 
     from eol_ros.core.sound.triggers import TRIGGER
@@ -137,7 +139,7 @@ def _bag_triggers(bag):
         ('attack_s', 'attack'), ('release_s', 'release'), ('block', 'block'),
     ):  # fmt: skip
         triggers[mine] = table[theirs]
-    return triggers, table['log_time']
+    return triggers, table['stamp']
 
 
 def _bag_bank(row, sample_rate: int):

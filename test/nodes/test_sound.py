@@ -11,8 +11,10 @@ from eol_msgs.msg import Control, Corpus, GrainTrigger
 from rclpy.executors import SingleThreadedExecutor
 
 from eol_ros.devices.osc import OscIn, OscOut
+from eol_ros.devices.sound_bank import BankLoader
 from eol_ros.nodes.sound import SoundNode
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.sound import corpus_grains
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, SoundSettings
@@ -76,7 +78,7 @@ def test_a_trigger_sounds_and_shows(graph, tmp_path):
     node, probe, turn, close = graph
     assert 'waiting for the corpus' in node.health.text
     probe.corpus.publish(corpus_of(tmp_path))
-    assert turn(lambda: node.bank is not None)
+    assert turn(lambda: node.banks.at(now_ns()))
     stamp_ns = now_ns()
     probe.triggers.publish(trigger(stamp_ns))
     assert turn(lambda: any(m.voices for m in probe.meters))
@@ -106,7 +108,7 @@ def test_bad_triggers_no_corpus_lost_audio_and_mute(graph, tmp_path):
     probe.triggers.publish(trigger(now_ns()))
     assert turn(lambda: node.unheard == 1)  # there is no corpus yet
     probe.corpus.publish(corpus_of(tmp_path))
-    assert turn(lambda: node.bank is not None)
+    assert turn(lambda: node.banks.at(now_ns()))
     for bad in ({'gain': float('nan')}, {'grain': 2**32 - 1}, {'rate': 0.0}, {'pan': 7.0}):
         probe.triggers.publish(trigger(now_ns(), **bad))
     assert turn(lambda: node.mixer.state['dropped'][0] == 4)
@@ -120,7 +122,25 @@ def test_bad_triggers_no_corpus_lost_audio_and_mute(graph, tmp_path):
     assert turn(lambda: 'nowhere.wav' in node.health.text)
     assert node.health.level == 1  # WARN, and it goes on
     probe.corpus.publish(corpus_of(tmp_path, 'other', 1000))
-    assert turn(lambda: node.bank is not None and node.health.level == 0)
+    assert turn(lambda: node.health.level == 0)
+
+
+@pytest.mark.slow
+def test_a_trigger_speaks_of_the_corpus_of_its_time(tmp_path):
+    banks, now = BankLoader(FS), now_ns()
+    assert banks.at(now) is None
+    assert banks.ask('a', now, *corpus_grains(corpus_of(tmp_path, 'a')))
+    assert not banks.ask('a', now + 5, *corpus_grains(corpus_of(tmp_path, 'a')))
+    while not banks.at(now):
+        time.sleep(0.01)
+    first = banks.at(now)
+    assert banks.at(now - 10**12) is first  # a replay is of long ago
+    banks.ask('b', now + 10**9, *corpus_grains(corpus_of(tmp_path, 'b')))
+    while not banks.at(now + 10**9):
+        time.sleep(0.01)
+    assert banks.at(now + 10**9 - 1) is first
+    assert banks.at(now + 10**9) is not first
+    assert banks.news() == [None, None]
 
 
 @pytest.mark.slow
@@ -129,7 +149,7 @@ def test_samples_are_published_while_somebody_listens(graph, tmp_path):
     assert not probe.samples
     probe.subscribe('sound_samples', probe.samples.append)
     probe.corpus.publish(corpus_of(tmp_path))
-    assert turn(lambda: node.bank is not None and len(probe.samples) > 3)
+    assert turn(lambda: node.banks.at(now_ns()) and len(probe.samples) > 3)
     probe.triggers.publish(trigger(now_ns()))
     count = len(probe.samples)
     assert turn(lambda: len(probe.samples) > count + 8)
