@@ -108,7 +108,7 @@ def peer_rows() -> list[dict]:
         if plan.along_x(scene):
             ours, own = cpu_s(lambda: exact1d.solve(scene, model, times, LIMITS, False), 10)
         else:
-            ours, own = cpu_s(lambda: event2d.solve(scene, model, times, LIMITS, False, 1e-10), 5)
+            ours, own = cpu_s(lambda: event2d.solve(scene, model, times, LIMITS, False, 1e-11), 5)
         rows.append({
             'scene': name, 'method': method, 'seconds': seconds, 'ms': took * 1e3,
             'error_m': error_of(u, truth), 'own_ms': own * 1e3,

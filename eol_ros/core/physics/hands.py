@@ -42,9 +42,9 @@ class Visitors:
 
     def __init__(self, seed: int) -> None:
         self._random = np.random.default_rng([seed, 0x68616E64])
-        self._begin_s: float | None = None
+        self._begin_s = -np.inf
         self._stop_s = 0.0
-        self._pause_s = 0.0
+        self._pause_s = -np.inf
         self._move = np.zeros(3)
         self._turn = 0.0  # radius of a circling gesture, m
         self._heading = 0.0
@@ -55,8 +55,8 @@ class Visitors:
 
         Times must not fall; the schedule is drawn as they pass.
         """
-        if self._begin_s is None or time_s >= self._pause_s:
-            self._next(time_s if self._begin_s is None else self._pause_s, pose)
+        if time_s >= self._pause_s:
+            self._next(self._pause_s if self._count else time_s, pose)
         if time_s >= self._stop_s:
             return np.zeros(3)
         duration = self._stop_s - self._begin_s

@@ -57,6 +57,9 @@ class LiveTable:
         self.faults = 0
         self._energy0 = self._energy()
         self._place()
+        # a run of no time, on copies: compiles or loads the kernel before the clock runs
+        self._solve(self._u.copy(), self._v.copy(), self.moving.copy(), 0.0)
+        self._books[:] = self._counts[:] = 0
 
     def advance(self, start_s: float, stop_s: float, pose: np.ndarray, rate: np.ndarray) -> None:
         """Move from `start_s` to `stop_s`; the rim goes to `pose` (3,), arriving at `rate` (3,)."""
@@ -69,11 +72,7 @@ class LiveTable:
         c[:, 2] = (3 * way / span - 2 * self._rim_rate - rate) / span
         c[:, 3] = (self._rim_rate + rate - 2 * way / span) / span**2
         self._knots[1] = span
-        rim = Rim(POSES, self._par, self._knots, self._cubics)
-        status, *_ = run(
-            self._u, self._v, self.moving, span, self._rules, self._model.lattice, rim,
-            self._grid, self._log, MOST_STEPS, self._books, True, self._counts,
-        )
+        status = self._solve(self._u, self._v, self.moving, span)
         if status != OK:
             self.faults += 1
             self._v[:] = 0.0
@@ -81,6 +80,15 @@ class LiveTable:
         self.rim_pose = np.array(pose, float)
         self._rim_rate = np.array(rate, float)
         self._place()
+
+    def _solve(self, u: np.ndarray, v: np.ndarray, moving: np.ndarray, span: float) -> int:
+        rim = Rim(POSES, self._par, self._knots, self._cubics)
+        lattice = self._model.lattice
+        status, *_ = run(
+            u, v, moving, span, self._rules, lattice, rim, self._grid, self._log, MOST_STEPS,
+            self._books, True, self._counts,
+        )
+        return int(status)
 
     @property
     def slips(self) -> int:
