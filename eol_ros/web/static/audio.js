@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The engine's own samples, played by this browser: packets go into a ring in an AudioWorklet.
 
-const LEAD_S = 0.05; // asked of the ring: enough for the jitter of a network, too short to notice
-
 export class Listener {
   constructor(link) {
     this.link = link;
@@ -22,7 +20,6 @@ export class Listener {
     this.node = new AudioWorkletNode(this.context, 'ring', {
       numberOfInputs: 0,
       outputChannelCount: [2],
-      processorOptions: { lead: LEAD_S },
     });
     this.node.port.onmessage = ({ data }) => this.report(data);
     this.node.connect(this.context.destination);

@@ -20,6 +20,7 @@ export class Hands {
     this.fingers = new Map(); // id -> {x, y: where the pointer is, grip: point in the rim's own frame}
     this.keys = new Set();
     this.still = true;
+    this.pushedAt = 0;
     canvas.onpointerdown = (event) => this.down(event);
     canvas.onpointermove = (event) => this.move(event);
     for (const name of ['pointerup', 'pointercancel', 'lostpointercapture']) {
@@ -52,7 +53,9 @@ export class Hands {
 
   move(event) {
     const finger = this.fingers.get(event.pointerId);
-    if (finger) [finger.x, finger.y] = this.toTable(event.clientX, event.clientY);
+    if (!finger) return;
+    [finger.x, finger.y] = this.toTable(event.clientX, event.clientY);
+    if (performance.now() - this.pushedAt > PERIOD_MS / 2) this.push(); // sooner than the next beat
   }
 
   up(event) {
@@ -107,6 +110,6 @@ export class Hands {
     const velocity = this.velocity();
     this.still = !this.holding;
     this.link.send({ rim: this.still ? [0, 0, 0] : velocity.map((value) => Number(value.toFixed(5))) });
-    this.pushed = (this.pushed || 0) + 1;
+    this.pushedAt = performance.now();
   }
 }
