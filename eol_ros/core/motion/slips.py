@@ -18,6 +18,7 @@ START = 1
 STOP = 2
 RING = 64  # samples kept: 0.27 s at 240 images/s, 1.07 s at 60
 LEARN_S = 20.0  # memory of the noise
+BELIEVED = 10.0  # samples that the tracker's sigma is worth
 FLOOR_M = 1e-6  # no camera measures better than a micrometre
 HIDDEN_S = 0.25  # a moving block out of sight for longer has stopped, as far as anyone knows
 BEFORE_IMAGES = 4  # that the onset of a START rests on, the crossing one included
@@ -100,6 +101,8 @@ class SlipDetector:
         self.last_s = stamp_s
         seen = np.asarray(seen, bool) & np.isfinite(x) & np.isfinite(y)
         now = np.where(seen, np.stack([x, y]), 0.0)
+        if sigma is not None:
+            self._believe(sigma, seen & (self.samples == 0))
         loose = self._looseness(sigma, seen)
         deviation = np.sqrt(np.maximum(self.variance, FLOOR_M**2)) * loose
 
@@ -124,6 +127,14 @@ class SlipDetector:
             events += self._watch(stamp_s, deviation, starting)
         self.seen_s[seen] = stamp_s
         return sorted(events, key=lambda event: (event.kind, event.onset_s))
+
+    def _believe(self, sigma: np.ndarray, new: np.ndarray) -> None:
+        """Begin with the tracker's own sigma: a block that is met moving must not pass for
+        noise."""
+        if new.any():
+            self.variance[new] = np.maximum(sigma[new], FLOOR_M) ** 2
+            self.reported[new] = np.maximum(sigma[new], FLOOR_M)
+            self.samples[new] = BELIEVED
 
     def _looseness(self, sigma: np.ndarray | None, seen: np.ndarray) -> np.ndarray:
         """How much noisier each sample is than usual, >= 1: a block half under an arm is."""

@@ -125,3 +125,20 @@ def test_no_position_is_no_movement():
     nothing = np.full(N_BLOCKS, np.nan)
     for k in range(60):
         assert detector.update(k / 60, nothing, nothing, SEEN) == []
+
+
+def test_a_block_that_is_met_moving_does_not_pass_for_noise():
+    detector = SlipDetector(MotionSettings())
+    random = np.random.default_rng(5)
+    sigma = np.full(N_BLOCKS, 1e-5)
+    events = []
+    for k in range(180):
+        t = k / 60
+        place = rest_lattice() + random.normal(0, 1e-5, (N_BLOCKS, 2))
+        place[:, 0] += 0.3 * min(t, 0.5) + slide(t, 1.5)
+        events += detector.update(t, place[:, 0], place[:, 1], SEEN, sigma)
+    starts = [e for e in events if e.kind == START]
+    assert {e.block for e in starts} == set(range(N_BLOCKS))
+    late = [e.onset_s for e in starts if e.onset_s > 1.0]
+    assert len(late) == N_BLOCKS
+    assert late == pytest.approx([1.5] * N_BLOCKS, abs=0.006)
