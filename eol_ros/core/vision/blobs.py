@@ -21,8 +21,11 @@ _LABELS = 20000
 _HALF_SIGMA_PX = 0.25  # how well the size of a block is known beforehand
 _MOST_SIGMA_PX = 0.3  # a square less sure than this is not reported
 # least share of edges that agree, of the worst side, and least quality
-_PREDICTED = (0.30, 0.0, 0.08)
+_PREDICTED = (0.30, 0.0, 0.10)
 _NEW = (0.60, 0.30, 0.40)
+_REGAINED = (0.35, 0.0, 0.25)
+_LIGHT_LEFT = 25  # samples: a fifth of a block
+_ABOUT = [(du, dv) for du in (-9.0, 0.0, 9.0) for dv in (-9.0, 0.0, 9.0)]
 
 
 class BlobFinder:
@@ -76,6 +79,7 @@ class BlobFinder:
             predicted = np.asarray(predicted, float).reshape(-1, 3)
             near = predicted[np.isfinite(predicted).all(axis=1)]
             n = self._keep(self._fit(image, near, search=0), n, *_PREDICTED)
+            n = self._look_about(image, near, n)
         for _ in range(2):
             before = n
             scan.erase(self._grid, self._tiles, self._kept[:n], scan.STEP)
@@ -115,6 +119,27 @@ class BlobFinder:
             px = np.column_stack([u + 0.5, v + 0.5]) * shape[::-1]
             half = self.calibration.side_px(px, BLOCK_SIDE_M) / 2
             self._field = np.linalg.lstsq(_terms(u, v), half, rcond=None)[0]
+
+    def _look_about(self, image, near, n) -> int:
+        """Try again around predictions (k, 3) that failed and have light left beside them."""
+        if n == len(near):
+            return n
+        away = np.hypot(near[:, None, 0] - self._kept[None, :n, 0],
+                        near[:, None, 1] - self._kept[None, :n, 1])
+        lost = near[away.min(axis=1, initial=np.inf) > 20]
+        if not len(lost):
+            return n
+        scan.erase(self._grid, self._tiles, self._kept[:n], scan.STEP)
+        over = 0.4 * self._contrast
+        rows, cols = (np.rint((lost[:, k] - 1) / scan.STEP).astype(int) for k in (1, 0))
+        starts = []
+        for row, col, start in zip(rows, cols, lost):
+            r, c = max(row - 6, 0), max(col - 6, 0)
+            part = self._grid[r:row + 7, c:col + 7]
+            if part.size and (part > part.min() + max(over, 20)).sum() > _LIGHT_LEFT:
+                starts += [start + [du, dv, 0.0] for du, dv in _ABOUT]
+        return self._keep(self._fit(image, np.array(starts), search=2), n, *_REGAINED) \
+            if starts else n
 
     def _known(self) -> bool:
         return self._size is not None or self.calibration is not None

@@ -210,7 +210,9 @@ def _fit(image, square, expected, half_sigma, searches, blur, pixels, work, ends
     both_ways = min(max(shares[0], shares[2]), max(shares[1], shares[3]))
     off = (half - expected) / (3.0 * half_sigma + 0.04 * expected)
     sharp = 1.0 - min(max(2.5 * (spread[4] - 0.15), 0.0), 1.0)
-    square[QUALITY] = share * both_ways * math.exp(-0.5 * off * off) * sharp
+    # covers do not overlap: light like a cover's just outside says that this is half beside one
+    alone = 1.0 if share > 0.75 else max(1.0 - 5.0 * spread[6], 0.0)
+    square[QUALITY] = share * both_ways * math.exp(-0.5 * off * off) * sharp * alone
     square[WORST] = min(min(shares[0], shares[1]), min(shares[2], shares[3]))
     square[CONTRAST] = contrast
     square[LEVEL] = level
@@ -250,7 +252,7 @@ def fit_squares(image, starts, blur, half_sigma, search, pixels, work, ends, out
     a = np.zeros((4, 4))
     step = np.zeros(4)
     shares = np.zeros(4)
-    spread = np.zeros(6)
+    spread = np.zeros(7)
     histogram = np.zeros(128)
     second = np.zeros(FIELDS)
     for s in range(starts.shape[0]):

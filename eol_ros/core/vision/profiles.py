@@ -155,10 +155,10 @@ def levels(pixels, work, ends, slope, lean, limit, flat, spread, histogram):
     """Measure the light inside and outside along every profile, and judge which ones show an edge.
 
     Fills IN and OUT and clears VALID of profiles that show no edge like the others.
-    spread (6,): variance of one pixel inside and outside, the parts of them that are texture, which
+    spread (7,): variance of one pixel inside and outside, the parts of them that are texture, which
     unlike noise is alike from pixel to pixel, and the fall of light over the width of an edge that
     the flats beside it show, as a share of the contrast; then all lines for each one that is not
-    cut short by a corner. Returns (contrast, level inside) of the block, or zeros.
+    cut short by a corner, and the share of lines with a cover's light on the wrong side. Returns (contrast, level inside) of the block, or zeros.
     """
     n, taps = ends[4], ends[5]
     wide = padded(n)
@@ -199,9 +199,13 @@ def levels(pixels, work, ends, slope, lean, limit, flat, spread, histogram):
     if count < 8.0:
         return 0.0, 0.0
     mean_in /= count
+    glare = 0.0
     for i in range(n):
         if abs(work[IN + i] - mean_in) > 0.5 * contrast:
             work[VALID + i] = 0.0
+        if work[_C + i] >= 2 and work[OUT + i] > mean_in - 0.4 * contrast:
+            glare += 1.0
+    spread[6] = glare / max(n, 1)
     _zones(pixels, work, wide, taps, slope, lean, limit, flat, True)
     v_in = v_out = k_in = k_out = changes = trend = 0.0
     for i in range(n):
