@@ -59,11 +59,13 @@ class Identity:
             if event.kind == START and self.onsets.rested_s[event.block] >= RESTED_S:
                 self.coincidence.onset(event.onset_s, event.block, event.onset_sigma_s)
         self.coincidence.update(stamp_s)
-        quarters = self.coincidence.answer(known=not lattice.ambiguous)
+        known = not lattice.ambiguous
+        quarters = self.coincidence.answer(known)
         if quarters is not None:
-            self._settle(quarters)
+            self._settle(quarters, final=known)
 
-    def _settle(self, quarters: int) -> None:
+    def _settle(self, quarters: int, final: bool = True) -> None:
+        """Turn the ids; what taps settled first is heard again, and must be surer to be final."""
         self.lattice.turn_ids(quarters)
-        self.confirmed, self.onsets = True, None
+        self.confirmed, self.onsets = final, None
         self.coincidence.forget()
