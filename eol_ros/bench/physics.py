@@ -14,6 +14,8 @@ import numpy as np
 
 from eol_ros.bench import physics_peers as peers
 from eol_ros.core.physics import builders, event2d, exact1d, named, plan
+from eol_ros.core.physics.hands import Rim, Visitors
+from eol_ros.core.physics.live import LiveTable
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.run import Limits, sample_times
 from eol_ros.core.physics.scene import Scene, from_mapping
@@ -189,6 +191,23 @@ def size_rows(sizes: tuple[int, ...]) -> list[dict]:
     return rows
 
 
+def live_row(seconds: int = 60, rate_hz: int = 60) -> dict:
+    """Return what the twin's table costs under unattended hands: mean and busiest second."""
+    table, visitors, rim = LiveTable(1), Visitors(1), Rim()
+    spent = np.zeros(seconds)
+    for image in range(seconds * rate_hz):
+        now = (image + 1) / rate_hz
+        rim.advance(1 / rate_hz, visitors.velocity(now, rim.pose), np.zeros(3))
+        begin = time.process_time()
+        table.advance(image / rate_hz, now, rim.pose, rim.velocity)
+        spent[image // rate_hz] += time.process_time() - begin
+    return {
+        'simulated_s': seconds, 'mean_ms_per_s': spent.mean() * 1e3,
+        'busiest_second_ms': spent.max() * 1e3, 'slips': table.slips,
+        'residual_J': table.energy_residual, 'faults': table.faults,
+    }
+
+
 def _reset_peak() -> None:
     try:
         Path('/proc/self/clear_refs').write_text('5')
@@ -204,13 +223,14 @@ def _peak_mb() -> float:
 
 
 def run(args: argparse.Namespace) -> int:
-    result = {'own': [], 'peers': [], 'extremes': [], 'sizes': []}
+    result = {'own': [], 'peers': [], 'extremes': [], 'sizes': [], 'live': []}
     for name in track(list(named.NAMED), 'scenes'):
         result['own'] += own_rows(name, args.quick)
     if not args.quick:
         result['peers'] = peer_rows()
     result['extremes'] = extreme_rows()
     result['sizes'] = size_rows(SIZES[:5] if args.quick else SIZES)
+    result['live'] = [live_row()]
     if args.plots:
         from eol_ros.bench import physics_plots
 

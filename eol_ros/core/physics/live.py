@@ -14,7 +14,7 @@ from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.status import OK
 
-TOLERANCE = 1e-6
+TOLERANCE = 1e-5
 MOST_EVENTS, MOST_STEPS = 2000, 5000  # between two images: some 50 ms of work
 FRICTION_SPREAD = 0.15  # blocks differ by up to this share, as grit and weights do
 OFFSET_M = 0.004  # the blocks are set down by hand
