@@ -47,7 +47,9 @@ export class CameraView {
     if (this.view === 'off' || this.decoding) return; // newest wins: one at a time
     this.decoding = true;
     try {
-      const picture = await createImageBitmap(new Blob([new Uint8Array(data, 16)], { type: 'image/jpeg' }));
+      const jpeg = new Blob([new Uint8Array(data, 16)], { type: 'image/jpeg' });
+      const { width } = this.canvas; // scaled once here, not at each drawing
+      const picture = await createImageBitmap(jpeg, { resizeWidth: Math.max(width, 64), resizeQuality: 'medium' });
       if (this.picture) this.picture.close();
       this.picture = picture;
       this.stamp = stamp;

@@ -43,6 +43,7 @@ export class SpaceView {
     const values = this.corpus.values[column] ?? this.corpus.x;
     const order = values.map((_, i) => i).sort((a, b) => values[a] - values[b]);
     this.colours = [];
+    this.still = null;
     order.forEach((grain, rank) => (this.colours[grain] = scale(rank / Math.max(values.length - 1, 1))));
     this.dirty = true;
   }
@@ -124,6 +125,7 @@ export class SpaceView {
   put(grain, x, y) {
     this.corpus.x[grain] = x;
     this.corpus.y[grain] = y;
+    this.still = null;
     this.dirty = true;
   }
 
@@ -173,15 +175,11 @@ export class SpaceView {
     brush.fillRect(0, 0, w, h);
     const { corpus } = this;
     if (!corpus) return;
-    this.drawAxes(brush, w, h);
     const dot = Math.max(Math.min(w, h) / 170, 1.6);
-    for (let i = 0; i < corpus.x.length; i++) {
-      const [x, y] = this.at(corpus.x[i], corpus.y[i]);
-      brush.fillStyle = this.colours[i];
-      brush.beginPath();
-      brush.arc(x, y, dot, 0, 7);
-      brush.fill();
+    if (!this.still || this.still.width !== this.canvas.width || this.still.height !== this.canvas.height) {
+      this.still = this.drawStill(w, h, dot);
     }
+    brush.drawImage(this.still, 0, 0, w, h);
     if (this.picked >= 0) this.ring(brush, this.picked, dot * 3.4, INK, 1);
     for (const [grain, since] of this.flashes) {
       const age = (now - since) / 1000 / FLASH_S;
@@ -190,6 +188,23 @@ export class SpaceView {
       else this.ring(brush, grain, dot * (2 + 4 * age), THREAD, 1 - age, dot * 1.8 * (1 - age));
     }
     this.drawBlocks(brush);
+  }
+
+  // Axes and grains move only when a person moves them: drawn once, kept.
+  drawStill(w, h, dot) {
+    const still = new OffscreenCanvas(this.canvas.width, this.canvas.height);
+    const brush = still.getContext('2d');
+    brush.scale(still.width / w, still.height / h);
+    this.drawAxes(brush, w, h);
+    const { x, y } = this.corpus;
+    for (let i = 0; i < x.length; i++) {
+      const [px, py] = this.at(x[i], y[i]);
+      brush.fillStyle = this.colours[i];
+      brush.beginPath();
+      brush.arc(px, py, dot, 0, 7);
+      brush.fill();
+    }
+    return still;
   }
 
   ring(brush, grain, r, colour, alpha, dot = 0) {
