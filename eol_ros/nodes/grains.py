@@ -56,7 +56,7 @@ class GrainsNode(EolNode):
                 self.show(outcome)
             self.health.ok(self.words)  # also when a sound that was gone has come back
         elif isinstance(outcome, EolError) and self.corpus is None:
-            self.health.error(str(outcome))
+            raise outcome  # nothing to play: the run ends with the line that says why
         elif isinstance(outcome, EolError):
             self.health.warn(f'{outcome}; the sound before it plays on')
 
