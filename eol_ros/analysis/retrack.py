@@ -126,6 +126,8 @@ def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> N
         row = row_of.get(stamp_ns)
         if row is None:  # the tracker never saw it
             continue
+        if row != check.recomputed:  # it saw one that is not here: from there on it knew more
+            break
         tracked = tracker.update(stamp_ns * 1e-9, image)
         check.recomputed += 1
         mine = np.zeros(N_BLOCKS, BLOCK)
@@ -144,8 +146,10 @@ def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> N
             check.first = check.first or f'image {theirs["image"]}: {", ".join(wrong)}'
     if check.recomputed < check.recorded:
         result.notes.append(
-            f'{check.recorded - check.recomputed} pictures that the tracker saw are not in the bag'
+            f'blocks compared up to image {check.recomputed} of {check.recorded}: the picture of '
+            'the next is not in the bag'
         )
+        check.recorded = check.recomputed
     result.topics['blocks'] = check
 
 

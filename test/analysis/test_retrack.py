@@ -128,6 +128,25 @@ def test_a_result_that_was_tampered_with_is_found(run, monkeypatch):
 
 
 @pytest.mark.slow
+def test_the_proof_ends_where_a_picture_is_missing(run, monkeypatch):
+    messages = run.messages
+
+    def lossy(topics=None, *span):
+        pictures = topics == ['/eol/camera/image_raw']
+        for number, message in enumerate(messages(topics, *span)):
+            if not pictures or number != 60:
+                yield message
+
+    monkeypatch.setattr(run, 'messages', lossy)
+    result = retrack(run)
+    assert result.equal
+    assert result.topics['blocks'].recomputed == 60
+    assert result.notes == [
+        'blocks compared up to image 60 of 125: the picture of the next is not in the bag'
+    ]
+
+
+@pytest.mark.slow
 def test_the_pictures_are_those_that_were_sent(run):
     from eol_ros.core.vision.renderer import Renderer
 
