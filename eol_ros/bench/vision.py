@@ -25,6 +25,8 @@ def add_arguments(parser):
 
 def run(args) -> int:
     """Measure, then print."""
+    import cv2
+
     from eol_ros.bench.vision_bound import position_bound_px
     from eol_ros.bench.vision_scenes import RATE_HZ, run_clean, run_film
     from eol_ros.core.vision.renderer import NOISE_LEVELS
@@ -32,6 +34,7 @@ def run(args) -> int:
     from eol_ros.errors import UsageError
     from eol_ros.verbs.progress import track
 
+    cv2.setNumThreads(1)
     levels = [name for name in args.levels.split(',') if name]
     for name in levels:
         if name not in LEVELS:

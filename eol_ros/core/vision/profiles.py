@@ -156,9 +156,10 @@ def levels(pixels, work, ends, slope, lean, limit, flat, spread, histogram):
 
     Fills IN and OUT and clears VALID of profiles that show no edge like the others.
     spread (7,): variance of one pixel inside and outside, the parts of them that are texture, which
-    unlike noise is alike from pixel to pixel, and the fall of light over the width of an edge that
-    the flats beside it show, as a share of the contrast; then all lines for each one that is not
-    cut short by a corner, and the share of lines with a cover's light on the wrong side. Returns (contrast, level inside) of the block, or zeros.
+    unlike noise is alike from pixel to pixel; the fall of light over the width of an edge that the
+    flats beside it show, as a share of the contrast; all lines for each one that is not cut short
+    by a corner; the share of lines with a cover's light on the wrong side. Returns (contrast, level
+    inside) of the block, or zeros.
     """
     n, taps = ends[4], ends[5]
     wide = padded(n)
