@@ -38,7 +38,7 @@ def reference(triggers, sounds, grains, sample_rate, frames, gain, cubic=True, s
         y = y * (0.5 - 0.5 * np.cos(np.pi * np.minimum(n[::-1] / fall, 1)))
         angle = (float(t['pan']) + 1) * np.pi / 4
         start = int(np.floor(t['time_s'] * sample_rate + 0.5)) + shift
-        y = y[: len(out) - start, None] * float(t['gain']) * gain
+        y = y[: max(0, len(out) - start), None] * float(t['gain']) * gain
         out[start : start + len(y)] += y * [np.cos(angle), np.sin(angle)]
     if not dc:
         return out[shift:]
