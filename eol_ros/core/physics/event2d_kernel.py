@@ -138,6 +138,8 @@ def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledg
             near = slowing_reach(order, m, pl, near, KEPT, work)
             if m == 0:
                 for q in range(count):
+                    if pl.act_k[q] == 0.0:
+                        continue
                     top = max(abs(pl.d.nx[order - 2, q]), abs(pl.d.ny[order - 2, q])) / pl.act_k[q]
                     if top > 0.0:
                         near = min(near, (rules.small / top) ** (1.0 / (order - 2)))

@@ -16,6 +16,7 @@ from numba import njit
 from eol_ros.core.physics.lattice import LANES
 from eol_ros.core.physics.series import FAST
 
+TINY = 1e-28  # squares of lengths and speeds below it are none: a plate's spring may have length 0
 DENSE = 48  # up to so many sliding blocks linear springs stand as a square matrix
 
 
@@ -202,7 +203,7 @@ def root_order(k, lanes, x, y, square, inverse, nx, ny):
             square[k, c] += x[half, c] ** 2 + y[half, c] ** 2
     if k == 0:
         for c in range(lanes):
-            inverse[0, c] = 1.0 / math.sqrt(square[0, c]) if square[0, c] > 0.0 else 0.0
+            inverse[0, c] = 1.0 / math.sqrt(square[0, c]) if square[0, c] > TINY else 0.0
     else:
         for c in range(lanes):
             inverse[k, c] = 0.0

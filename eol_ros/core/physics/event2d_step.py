@@ -164,7 +164,7 @@ def break_root(j, fx0, fy0, order, used, h, at, pl, cx, cy, cc, cs, fx, fy, out)
 def stretch(far, stiff, natural, inverse_length):
     """Return a bound (N) of the change of a spring's force while one end moves by `far`."""
     if natural > 0.0:
-        length = 1.0 / inverse_length - far
+        length = (1.0 / inverse_length if inverse_length > 0.0 else 0.0) - far
         if length <= 0.5 * natural:  # short springs turn faster than they stretch
             return np.inf if length <= 0.0 else stiff * far * (natural / length - 1.0)
     return stiff * far

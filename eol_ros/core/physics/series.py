@@ -130,6 +130,8 @@ def first_root(c, degree, h):
     simple root the steps converge as Newton's. Where the rounds run out (a multiple root or a near
     miss) found is False and x < h is how far the interval is known to be free of roots.
     """
+    if h <= 0.0:
+        return h, False
     bound = 0.0
     power = 1.0
     scale = abs(c[0])

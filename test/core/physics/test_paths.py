@@ -347,6 +347,16 @@ def test_every_extreme_ends_with_a_status(name):
         assert abs(run.energy.residual_J) <= 1e-6 * max(1.0, abs(run.energy.friction_J))
 
 
+def test_zero_length_springs_are_linear_whatever_the_scene_says():
+    offsets = builders.offsets(9, 0.005, 1)
+    linear = builders.plate(PULL, 8.0, 3, 3, k_between=0.0, u0=offsets)
+    geometric = linear | {'geometric': True}
+    a, b = solve(linear, path='event'), solve(geometric)
+    assert len(a.event_t) >= 18
+    assert a.event_block.tolist() == b.event_block.tolist()
+    assert np.abs(a.u - b.u).max() < 1e-9
+
+
 def test_limits_are_told():
     assert solve(named.scene('S3L'), limits=Limits(steps=50)).status == 'step limit'
     assert solve(named.scene('S3G'), limits=Limits(steps=50)).status == 'step limit'

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bench of the solvers: SciPy's own event code is an independent witness, and rows are true."""
+
+import numpy as np
+import pytest
+
+from eol_ros.bench import physics, physics_peers
+from eol_ros.core.physics import named
+from eol_ros.core.physics.plan import simulate
+from eol_ros.core.physics.run import sample_times
+from eol_ros.core.physics.scene import from_mapping
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name, seconds', [('S2', 6.0), ('S3G', 2.5), ('S4L', 0.8)])
+def test_scipy_event_code_agrees(name, seconds):
+    scene = from_mapping(named.scene(name) | {'T': seconds})
+    times = sample_times(seconds, 0.1)
+    run = simulate(scene)
+    u = physics_peers.scipy_events(scene, times, 1e-9)
+    assert len(run.event_t) >= 4
+    assert np.abs(run.u[-1] - run.u[0]).max() > 1e-3
+    assert np.abs(u - run.u).max() < 1e-8
+
+
+@pytest.mark.slow
+def test_own_rows_name_method_time_and_error():
+    rows = {row['method']: row for row in physics.own_rows('S1', quick=True)}
+    assert rows['exact']['events'] == 64
+    assert rows['event 1e-10']['error_m'] < 1e-10
+    assert rows['event 1e-06']['error_m'] > rows['event 1e-12']['error_m']
+    assert rows['stepping 0.0001']['error_m'] < rows['stepping 0.001']['error_m']
+    assert all(row['ms'] > 0 for row in rows.values())
