@@ -6,6 +6,7 @@ from pathlib import Path
 
 from eol_ros.core.sound.corpus import Corpus
 from eol_ros.core.sound.select import Selector
+from eol_ros.devices.corpus_file import move_as_asked
 from eol_ros.devices.corpus_loader import CorpusLoader, wish_of
 from eol_ros.errors import EolError
 from eol_ros.ros.blocks import blocks_from_cdr
@@ -37,6 +38,7 @@ class GrainsNode(EolNode):
             self.loader.ask(self.wish)
         self.create_timer(0.2, self.on_timer)
         self.subscribe('blocks', self.on_blocks, raw=True)
+        self.subscribe('control', self.on_control)
 
     def on_settings(self, new) -> None:
         if wish_of(new) != self.wish:
@@ -46,6 +48,13 @@ class GrainsNode(EolNode):
         self.selector.settings = new
         if self.corpus is not None and told != (new.space_m, new.radius):
             self.corpora.publish(self.message(self.corpus))
+
+    def on_control(self, message) -> None:
+        if message.target == self.NAME and message.key == 'place' and self.corpus is not None:
+            try:
+                move_as_asked(self.corpus, message.value)  # the timer sees the file change
+            except EolError as error:
+                self.get_logger().warning(str(error))
 
     def on_timer(self) -> None:
         if self.loader.changed(self.wish):  # a grain moved by hand, another sound of the same name
