@@ -30,10 +30,17 @@ class Identity:
         """Take a knock that the accelerometer of `block` felt."""
         self.coincidence.tap(stamp_s, block, sigma_s)
 
-    def update(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray) -> None:
+    def update(
+        self,
+        stamp_s: float,
+        xy: np.ndarray,
+        yaw: np.ndarray,
+        sigma: np.ndarray,
+        faint: np.ndarray | None = None,
+    ) -> None:
         """Take the detections of one image; see Lattice.update."""
         lattice = self.lattice
-        lattice.update(stamp_s, xy, yaw, sigma)
+        lattice.update(stamp_s, xy, yaw, sigma, faint)
         if lattice.state != TRACKING:
             self.onsets, self.confirmed = None, False
             self.coincidence.update(stamp_s)

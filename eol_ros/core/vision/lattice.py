@@ -18,6 +18,7 @@ from eol_ros.core.vision.lattice_follow import (
     follow,
     remember,
     return_hidden,
+    stray,
     suspect_swaps,
 )
 from eol_ros.core.vision.lattice_read import read_lattice
@@ -76,16 +77,25 @@ class Lattice:
         self.candidate_seen = np.full(CANDIDATES, -np.inf)
         self.candidate_index = np.full(CANDIDATES, -1)
 
-    def update(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray) -> None:
-        """Take the detections of one image: xy (n, 2) m, yaw (n,) rad modulo 90 deg, sigma (n,)
-        m."""
+    def update(
+        self,
+        stamp_s: float,
+        xy: np.ndarray,
+        yaw: np.ndarray,
+        sigma: np.ndarray,
+        faint: np.ndarray | None = None,
+    ) -> None:
+        """Take the detections of one image: xy (n, 2) m, yaw (n,) rad modulo 90 deg, sigma (n,) m.
+
+        faint (n,) bool: little of the outline is in view, so that it may be something else's.
+        """
         step = stamp_s - self.last_s
         if not 0.0 < step < JUMP_S:
             step = 1.0 / 60.0
             self.velocity[:] = 0.0
         self.last_s = stamp_s
         if self.state == TRACKING:
-            self._follow(stamp_s, step, xy, yaw, sigma)
+            self._follow(stamp_s, step, xy, yaw, sigma, faint)
         if self.state != TRACKING:
             self._search(stamp_s, xy, yaw, sigma)
 
@@ -114,13 +124,24 @@ class Lattice:
         return self.xy + self.velocity * ahead_s, self.yaw
 
     def _follow(
-        self, stamp_s: float, step: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray
+        self,
+        stamp_s: float,
+        step: float,
+        xy: np.ndarray,
+        yaw: np.ndarray,
+        sigma: np.ndarray,
+        faint: np.ndarray | None,
     ) -> None:
         before = self.xy.copy()
         was = self.seen
         self.index = follow(self.xy, self.velocity, was, step, xy)
         held = self.index >= 0
         self.xy[held] = xy[self.index[held]]
+        if faint is not None and faint.any():
+            doubtful = held & faint[self.index]
+            gone = stray(self.xy, held, doubtful, self.rest, self.angle)
+            self.index[gone] = -1
+            held = self.index >= 0
         carry(before, self.xy, held, self.rest, self.angle, self.velocity, self.sigma, step)
         remember(
             stamp_s, xy, self.index, self.candidate_xy, self.candidate_born,

@@ -10,6 +10,7 @@ from eol_ros.core.vision.lattice_solve import MIN_SPACING_M, assign, match, stra
 CANDIDATES = 32  # lights that are remembered without being a block
 STICK_M = 0.014  # mu_s m g / (4 k): friction holds a block this far from where its springs want it
 RIM_DOUBT_M = 0.05  # the rim is not seen
+STRAY_M = 0.03  # and hardly ever so far from it
 FOLLOW_M = 0.012  # a followed block is found within this of its prediction, at rest
 THROWN_M = 0.04  # and within this when it was hit, if the light is nobody else's
 NEAR_M = 0.010  # a hidden block this close to where it went is itself
@@ -121,6 +122,42 @@ def carry(before, xy, held, rest, angle, velocity, sigma, step):
                 most = np.sqrt((0.8 * STICK_M) ** 2 + doubt / 9.0)
                 grown = sigma[h] + 0.5 * moved + 0.0005 * step
                 sigma[h] = max(min(grown, most), min(sigma[h], 2 * most))
+
+
+@njit(cache=True)
+def stray(xy, held, faint, rest, angle):
+    """Which faint blocks (25,) stand where springs and friction would not let them: an arm's edge.
+
+    faint (25,): held, but with little of the outline in view.
+    """
+    away = np.zeros(N_BLOCKS, np.bool_)
+    if held.sum() < 12 or not faint.any():
+        return away
+    fit = _affine(rest, xy, held & ~faint)
+    ca = np.cos(angle) * PITCH_M
+    sa = np.sin(angle) * PITCH_M
+    for h in range(N_BLOCKS):
+        if not faint[h]:
+            continue
+        ex = ey = 0.0
+        for k in range(4):
+            dc = 1 if k == 0 else (-1 if k == 1 else 0)
+            dr = 1 if k == 2 else (-1 if k == 3 else 0)
+            c = h % COLS + dc
+            r = h // COLS + dr
+            j = r * COLS + c
+            if 0 <= c < COLS and 0 <= r < ROWS and held[j] and not faint[j]:
+                px = xy[j, 0]
+                py = xy[j, 1]
+            else:
+                gx = (c - 2) * PITCH_M
+                gy = (r - 2) * PITCH_M
+                px = fit[0, 0] + fit[1, 0] * gx + fit[2, 0] * gy
+                py = fit[0, 1] + fit[1, 1] * gx + fit[2, 1] * gy
+            ex += 0.25 * (px - ca * dc + sa * dr)
+            ey += 0.25 * (py - sa * dc - ca * dr)
+        away[h] = np.hypot(xy[h, 0] - ex, xy[h, 1] - ey) > STRAY_M
+    return away
 
 
 @njit(cache=True)

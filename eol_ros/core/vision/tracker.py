@@ -21,6 +21,8 @@ from eol_ros.core.vision.watch import Watch
 from eol_ros.settings import TrackerSettings
 
 CALIBRATING, FAULT = 3, 4
+HIDDEN = 0.42  # less of the outline than this in view, and the block counts as hidden
+FAINT = 0.6  # and below this it must stand where its neighbours allow
 STATES = ('searching', 'tracking', 'lost', 'calibrating', 'fault')
 
 
@@ -113,7 +115,8 @@ class Tracker:
             self.blobs = self.blobs[:0]
             return self._answer(stamp_s, FAULT, fault)
         lattice = self.lattice
-        self.blobs = blobs = self.finder.find(image, self._predicted(stamp_s))
+        blobs = self.finder.find(image, self._predicted(stamp_s))
+        self.blobs = blobs = blobs[blobs['visibility'] >= HIDDEN]
         if self.calibration is None:
             if len(blobs) < 9:
                 return self._answer(stamp_s, SEARCHING, f'{len(blobs)} squares: no scale yet')
@@ -123,7 +126,8 @@ class Tracker:
         pose = self.calibration.poses_to_table(px, blobs['theta'], blobs['side_px'])
         scale = BLOCK_SIDE_M / np.maximum(blobs['side_px'], 1.0)
         sigma = blobs['sigma_px'] * scale
-        self.identity.update(stamp_s, pose[:, :2], pose[:, 2], sigma)
+        faint = blobs['visibility'] < FAINT
+        self.identity.update(stamp_s, pose[:, :2], pose[:, 2], sigma, faint)
         self.watch.rests(lattice.state == TRACKING and lattice.rests())
         seen = lattice.seen
         self.visibility = np.zeros(N_BLOCKS, np.float32)
