@@ -419,7 +419,10 @@ def test_a_sound_that_goes_away_is_noticed_without_a_fault(sound):
         corpus_file.sha256(sound)
 
 
-@pytest.mark.parametrize('text', ['', '[]', '[1, 2]', '{"a": 1}', '["a", 0, 0]', '[1e9, 0, 0]', '7'])
+WISHES = ['', '[]', '[1, 2]', '{"a": 1}', '["a", 0, 0]', '[1e9, 0, 0]', '7']
+
+
+@pytest.mark.parametrize('text', WISHES)
 def test_a_wish_to_move_that_is_none_is_refused(text):
     with pytest.raises(ConfigError):
         corpus_file.move_as_asked([None, None], text)
