@@ -30,6 +30,7 @@ def turn(address, out, flags):
     step_clock(s, _seconds(m.timespec, CLOCK_REALTIME, s.epoch))
     if flags & OUTPUT_UNDERFLOW:
         s.underruns += 1
+        s.clock_since = 0.0  # frames are missing: let the clock follow quickly again
     render(address, out)
     taken = _seconds(m.timespec, CLOCK_MONOTONIC, 0.0) - begun
     if out.shape[0]:

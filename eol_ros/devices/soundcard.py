@@ -6,6 +6,7 @@ asking for samples, goes on with the file, and takes the card again when it is b
 """
 
 import atexit
+import os
 import threading
 import time
 from pathlib import Path
@@ -102,6 +103,7 @@ def _ordinary(mixer: Mixer):
 
 
 def _portaudio():
+    os.environ.setdefault('JACK_NO_START_SERVER', '1')  # who wants JACK has started it
     try:
         import sounddevice
     except OSError as error:
