@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 
 from eol_ros.core.physics.drive import NONE
-from eol_ros.core.physics.event2d_series import blocks_series, fill_plane, force_on, make_plane
+from eol_ros.core.physics.event2d_lanes import fill_plane, make_plane
+from eol_ros.core.physics.event2d_series import blocks_series, force_on
 from eol_ros.core.physics.event2d_step import (
     break_root,
     planar_ledger,
