@@ -203,7 +203,7 @@ class SoundSettings:
     sample_rate: int = setting(48000, 'of the output', 'Hz', 8000, 192000)
     channels: int = setting(2, 'loudspeakers in a row, left to right', '', 1, 64)
     block_size: int = setting(256, 'samples a callback', '', 32, 4096)
-    latency_s: float = setting(0.04, 'from the stamp of an image to sound', 's', 0, 1, live=True)
+    latency_s: float = setting(0.03, 'from the stamp of an image to sound', 's', 0, 1, live=True)
     gain_db: float = setting(-6.0, 'master gain', 'dB', -90, 24, live=True)
     reading: str = setting(
         'cubic', 'between samples', choices=('cubic', 'linear'), live=True

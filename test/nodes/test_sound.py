@@ -37,7 +37,9 @@ class Probe(EolNode):
 @pytest.fixture
 def graph(ros, tmp_path):
     """A sound node that writes a file, a probe, and a function that turns the executor."""
-    settings = SoundSettings(device='wav', wav=str(tmp_path / 'out.wav'), fade_in_s=0.0)
+    settings = SoundSettings(
+        device='wav', wav=str(tmp_path / 'out.wav'), fade_in_s=0.0, latency_s=0.3
+    )
     node, probe = SoundNode(settings), Probe()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
