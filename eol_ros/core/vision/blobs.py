@@ -7,7 +7,7 @@ fitted where they are predicted and where light is left unexplained (see edges, 
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_SIDE_M
+from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision import edges, profiles, scan
 from eol_ros.errors import ConfigError
 
@@ -18,6 +18,7 @@ SIDES_PX = (16.0, 160.0)  # squares that can be blocks while their size is not y
 _BLUR_PX = 1.25  # edges of a lens in focus, pixel included
 _MOST_REGIONS = 96
 _LABELS = 20000
+_GLANCE = 8  # images between looks for more squares while all 25 are in sight
 _HALF_SIGMA_PX = 0.25  # how well the size of a block is known beforehand
 _MOST_SIGMA_PX = 0.3  # a square less sure than this is not reported
 # least share of edges that agree, of the worst side, and least quality
@@ -80,7 +81,9 @@ class BlobFinder:
             near = predicted[np.isfinite(predicted).all(axis=1)]
             n = self._keep(self._fit(image, near, search=0), n, *_PREDICTED)
             n = self._look_about(image, near, n)
-        for _ in range(2):
+        # all blocks of the table found where they were expected: nothing is left to look for
+        looks = 0 if n >= N_BLOCKS and self._turn % _GLANCE else 2
+        for _ in range(looks):
             before = n
             scan.erase(self._grid, self._tiles, self._kept[:n], scan.STEP)
             starts = self._unexplained()
