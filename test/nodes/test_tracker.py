@@ -73,7 +73,7 @@ def test_images_become_blocks_as_offline_to_the_bit(ros):
         assert [b.yaw for b in message.blocks] == tracked.yaw.tolist()
         assert np.allclose(tracked.world, rest_lattice() + [0.0005 * k, 0.0], atol=1e-4)
     picture = cv2.imdecode(np.array(probe.pictures[0].data, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert picture.shape == (800, 1280)
+    assert picture.shape == (400, 640)
     assert START_NS <= to_ns(probe.pictures[0].header.stamp) <= wanted[-1][0]
     node.close()
     node.destroy_node()

@@ -26,6 +26,14 @@ FAINT = 0.6  # and below this it must stand where its neighbours allow
 STATES = ('searching', 'tracking', 'lost', 'calibrating', 'fault')
 
 
+# Answers lie on grids far finer than any noise (0.1 um, 0.0001 px), so that a bag packs them well.
+M_STEP, PX_STEP, RAD_STEP = 2.0**-23, 2.0**-13, 2.0**-20
+
+
+def _grid(values: np.ndarray, step: float) -> np.ndarray:
+    return np.rint(values / step) * step
+
+
 @dataclass(frozen=True)
 class Tracked:
     """All blocks in one image, as in eol_msgs/Blocks; arrays by block id.
@@ -176,9 +184,9 @@ class Tracker:
                 px[seen] = blobs_px[lattice.index[seen]]
         return Tracked(
             stamp_s,
-            px,
-            lattice.yaw.copy(),
-            world,
+            _grid(px, PX_STEP),
+            _grid(lattice.yaw, RAD_STEP),
+            _grid(world, M_STEP),
             seen,
             lattice.sigma.copy(),
             np.where(seen, self.visibility, np.float32(0)),

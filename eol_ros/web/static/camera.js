@@ -6,6 +6,19 @@ import { say } from './i18n.js';
 
 const BLOCK_M = 0.084;
 
+const PREVIEW_SCALE = 0.5; // of the JPEG against the image whose pixels the blocks are told in
+
+/** Size of the image behind a JPEG, from its start-of-frame segment (ITU T.81, B.2.2); null if none. */
+function imageSize(bytes) {
+  const word = (i) => (bytes[i] << 8) | bytes[i + 1];
+  for (let i = 2; i + 9 < bytes.length && bytes[i] === 0xff; i += 2 + word(i + 2)) {
+    if (bytes[i + 1] >= 0xc0 && bytes[i + 1] <= 0xc3) {
+      return { width: word(i + 7) / PREVIEW_SCALE, height: word(i + 5) / PREVIEW_SCALE };
+    }
+  }
+  return null;
+}
+
 export class CameraView {
   constructor(card) {
     this.canvas = card.querySelector('canvas');
@@ -47,7 +60,9 @@ export class CameraView {
     if (this.view === 'off' || this.decoding) return; // newest wins: one at a time
     this.decoding = true;
     try {
-      const jpeg = new Blob([new Uint8Array(data, 16)], { type: 'image/jpeg' });
+      const bytes = new Uint8Array(data, 16);
+      this.size = imageSize(bytes) ?? this.size;
+      const jpeg = new Blob([bytes], { type: 'image/jpeg' });
       const { width } = this.canvas; // scaled once here, not at each drawing
       const picture = await createImageBitmap(jpeg, { resizeWidth: Math.max(width, 64), resizeQuality: 'medium' });
       if (this.picture) this.picture.close();
