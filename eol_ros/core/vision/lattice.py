@@ -33,6 +33,7 @@ AGREE = 3  # so many readings must say the same before ids change
 COAST_S = 0.7  # for so long a turning rim is thought to turn on in the dark
 TURN_RATE = 2.2  # rad/s, fastest that visitors turn the rim
 JUMP_S = 0.25  # a break in the images longer than this ends all following
+LAMP_S = 0.1  # a light that has been no block for so long is not taken for one on the way
 REST_M, REST_S = 6e-4, 0.1  # a lattice whose blocks stay within this for so long rests
 QUARTER = np.pi / 2
 
@@ -134,7 +135,8 @@ class Lattice:
     ) -> None:
         before = self.xy.copy()
         was = self.seen
-        self.index = follow(self.xy, self.velocity, was, step, xy)
+        lamps = self.candidate_xy[stamp_s - self.candidate_born > LAMP_S]
+        self.index = follow(self.xy, self.velocity, was, step, xy, lamps)
         held = self.index >= 0
         self.xy[held] = xy[self.index[held]]
         if faint is not None and faint.any():

@@ -12,6 +12,7 @@ STICK_M = 0.014  # mu_s m g / (4 k): friction holds a block this far from where 
 RIM_DOUBT_M = 0.05  # the rim is not seen
 STRAY_M = 0.03  # and hardly ever so far from it
 FOLLOW_M = 0.012  # a followed block is found within this of its prediction, at rest
+LAMP_M = 0.005  # a light this near to where a lamp was is that lamp
 THROWN_M = 0.04  # and within this when it was hit, if the light is nobody else's
 NEAR_M = 0.010  # a hidden block this close to where it went is itself
 BEND_M = 0.08  # neighbours stand this close to where the lattice wants them, nearly always
@@ -23,8 +24,18 @@ PATIENCE_S = 0.1  # a swap must be better for so long
 
 
 @njit(cache=True)
-def follow(xy, velocity, seen, step, points):
-    """Find in this image the blocks that were seen in the last one; index (25,) or -1."""
+def follow(xy, velocity, seen, step, points, lamps):
+    """Find in this image the blocks that were seen in the last one; index (25,) or -1.
+
+    lamps (m, 2): lights that are known to be something else.
+    """
+    free = np.ones(points.shape[0], np.bool_)
+    for j in range(points.shape[0]):
+        for k in range(lamps.shape[0]):
+            if np.hypot(points[j, 0] - lamps[k, 0], points[j, 1] - lamps[k, 1]) < LAMP_M:
+                free[j] = False
+    names = np.flatnonzero(free)
+    points = points[names]
     n = 0
     blocks = np.empty(N_BLOCKS, np.int64)
     expected = np.empty((N_BLOCKS, 2))
@@ -43,8 +54,8 @@ def follow(xy, velocity, seen, step, points):
     free = np.ones(points.shape[0], np.bool_)
     missed = 0
     for k in range(n):
-        index[blocks[k]] = found[k]
         if found[k] >= 0:
+            index[blocks[k]] = names[found[k]]
             free[found[k]] = False
         else:
             missed += 1
@@ -57,7 +68,7 @@ def follow(xy, velocity, seen, step, points):
     found = match(expected[again], wide, points[left])
     for k in range(again.size):
         if found[k] >= 0:
-            index[blocks[again[k]]] = left[found[k]]
+            index[blocks[again[k]]] = names[left[found[k]]]
     return index
 
 
