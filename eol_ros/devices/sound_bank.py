@@ -86,6 +86,8 @@ class BankLoader:
             bank = load_bank(*grains, self._sample_rate)
         except EolError as error:
             outcome = error
+        except (OSError, MemoryError, ValueError) as error:  # said, not lost with the thread
+            outcome = EolError(f'the sound of the corpus cannot be read: {error!r}')
         with self._lock:
             entry.bank = bank
             self._news.append(outcome)
