@@ -6,6 +6,7 @@ hangs in the museum, to the bit.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -16,9 +17,11 @@ from eol_ros.core.vision.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.calibration import Calibration
 from eol_ros.core.vision.identity import Identity
 from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING
-from eol_ros.core.vision.self_calibration import SelfCalibration, nominal
 from eol_ros.core.vision.watch import Watch
 from eol_ros.settings import TrackerSettings
+
+if TYPE_CHECKING:
+    from eol_ros.core.vision import self_calibration
 
 CALIBRATING, FAULT = 3, 4
 HIDDEN = 0.42  # less of the outline than this in view, and the block counts as hidden
@@ -80,7 +83,7 @@ class Tracker:
         self.visibility: np.ndarray = np.zeros(N_BLOCKS, np.float32)
         self.last_s = -np.inf
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
-        self.learning: SelfCalibration | None = None
+        self.learning: self_calibration.SelfCalibration | None = None
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
         """Take a knock of a block's accelerometer: it counts a fixed time after its stamp."""
@@ -128,8 +131,10 @@ class Tracker:
         if self.calibration is None:
             if len(blobs) < 9:
                 return self._answer(stamp_s, SEARCHING, f'{len(blobs)} squares: no scale yet')
-            self.calibration = nominal(image.shape, self.side_px())
-            self.learning = SelfCalibration(self.calibration)
+            from eol_ros.core.vision import self_calibration  # and scipy with it: only here
+
+            self.calibration = self_calibration.nominal(image.shape, self.side_px())
+            self.learning = self_calibration.SelfCalibration(self.calibration)
         px = np.column_stack([blobs['u'], blobs['v']])
         pose = self.calibration.poses_to_table(px, blobs['theta'], blobs['side_px'])
         scale = BLOCK_SIDE_M / np.maximum(blobs['side_px'], 1.0)
