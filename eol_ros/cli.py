@@ -27,6 +27,7 @@ VERBS = {
     'covers': 'cut a landscape into the covers of the blocks',
     'simulate': 'solve a scene of springs and blocks',
     'lattice': 'run the earthquake automaton',
+    'warm': 'compile what a first run would wait for',
     'bench': 'error against run time, speed against peers',
 }
 

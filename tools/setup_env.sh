@@ -31,7 +31,19 @@ message_stamp="$venv/.messages-$messages"
 if [ -z "$extra" ] && ls "$venv/.ready-$key-"* >/dev/null 2>&1; then
     stamp=$(ls "$venv/.ready-$key-"* | head -n 1)  # what any extra has installed is enough
 fi
-[ -e "$stamp" ] && [ -e "$message_stamp" ] && exit 0
+# The compiler's cache does not notice a change in a file that another one imports: this does.
+loops=$(cat eol_ros/core/*/*.py eol_ros/devices/sound_callback.py | cksum | tr ' ' '-')
+warm_stamp="$venv/.warm-$loops"
+warm() {
+    [ -e "$warm_stamp" ] && return
+    "$venv/bin/python" -m eol_ros warm --anew
+    rm -f "$venv"/.warm-*
+    touch "$warm_stamp"
+}
+if [ -e "$stamp" ] && [ -e "$message_stamp" ]; then
+    warm
+    exit 0
+fi
 
 if ! [ -x "$venv/bin/python" ]; then
     python=$(find_python)
@@ -73,3 +85,4 @@ if ! "$venv/bin/python" -c 'import sounddevice' >/dev/null 2>&1; then
     say "no PortAudio, sound will go to a WAV file; for a sound card: sudo apt-get install libportaudio2"
 fi
 touch "$stamp"
+warm

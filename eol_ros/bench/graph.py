@@ -64,8 +64,9 @@ def measure(scene: Path, bags: Path | None, seconds: float) -> dict[str, Any]:
         graph.mark()
         time.sleep(seconds)
         figures = graph.figures()
+        led_bytes = graph.led_latencies()
     stages = {topic: latencies(graph.watch.seen[topic], graph.begin_ns) for topic in STAGES}
-    stages['led_bytes'] = graph.led_latencies()
+    stages['led_bytes'] = led_bytes
     return {
         'all_ok_s': all_ok_s,
         **figures,

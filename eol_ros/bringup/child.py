@@ -19,8 +19,9 @@ _INSIDE = (' ', 'Thread 0x', 'Current thread 0x', 'Extension modules:')  # of a 
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
-def _die_with(parent: int) -> None:
+def _prepare(parent: int, nice: int) -> None:
     """Run in the child before exec: the kernel sends SIGTERM when the parent is gone."""
+    os.nice(nice)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a dump of a stuck node is of no use here
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:  # it died before the call above
@@ -56,7 +57,7 @@ class Child:
             stderr=output_in,
             pass_fds=(health_in,),
             start_new_session=True,  # Ctrl-C reaches us alone; we stop the children in order
-            preexec_fn=lambda: _die_with(parent),
+            preexec_fn=lambda: _prepare(parent, self.process.nice),
         )
         os.close(health_in)
         os.close(output_in)

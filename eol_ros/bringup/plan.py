@@ -24,6 +24,9 @@ _ENVIRONMENT = {
     'PYTHONFAULTHANDLER': '1',
 }
 
+# What may wait a little when both cores are wanted: nobody hears or sees it late.
+_NICE = {'recorder': 5, 'panel': 5, 'montage': 2}
+
 
 @dataclass(frozen=True)
 class Process:
@@ -32,6 +35,7 @@ class Process:
     nodes: tuple[str, ...]
     command: tuple[str, ...]
     environment: dict[str, str]
+    nice: int = 0
 
     @property
     def name(self) -> str:
@@ -68,7 +72,8 @@ def processes(scene: Scene, file: Path) -> list[Process]:
         if scene.domain is not None:
             environment['ROS_DOMAIN_ID'] = str(scene.domain)
         command = (sys.executable, '-m', 'eol_ros.nodes', *nodes, '--scene', str(file))
-        found.append(Process(tuple(nodes), command, environment))
+        nice = min(_NICE.get(node, 0) for node in nodes)
+        found.append(Process(tuple(nodes), command, environment, nice))
     return found
 
 

@@ -6,14 +6,16 @@ import time
 from collections.abc import Callable
 
 NS = 1_000_000_000
+SPARE_NS = 2_000_000
 
 
 class VirtualCamera:
     """Calls `expose(index, stamp_ns)` for each image and `deliver()` when its exposure ends.
 
     Exposure i is centred on start + i * period, so the rate never drifts, and `stamp_ns` is that
-    instant in system time. The image is made ahead and delivered when the exposure ends, as a
-    global shutter does. When making takes too long, whole images are skipped and counted in
+    instant in system time. The image is made just ahead, when the readers of the one before it have
+    had the processor, and delivered when the exposure ends, as a global shutter does. When making
+    takes too long, whole images are skipped and counted in
     `missed`. Both calls come from one thread of this object; what they raise is kept in `fault`.
     """
 
@@ -43,19 +45,28 @@ class VirtualCamera:
         except Exception as error:
             self.fault = error
 
+    def _wait_until(self, at_ns: int) -> bool:
+        left_ns = at_ns - time.monotonic_ns()
+        return left_ns > 0 and self._stop.wait(left_ns / NS)
+
     def _loop(self) -> None:
         period_ns = NS / self._rate_hz
         start_ns = time.monotonic_ns() + int(period_ns)
         index = image = 0
+        making_ns = int(period_ns)  # the longest of late: how far ahead an image must be begun
         to_system_ns = time.time_ns() - time.monotonic_ns()
         while not self._stop.is_set():
             middle_ns = start_ns + round(image * period_ns)
             offset_ns = time.time_ns() - time.monotonic_ns()
             if abs(offset_ns - to_system_ns) > NS // 1000:  # somebody set the system clock
                 to_system_ns = offset_ns
+            end_ns = middle_ns + self._half_ns
+            if self._wait_until(end_ns - min(2 * making_ns + SPARE_NS, int(period_ns))):
+                return
+            began_ns = time.monotonic_ns()
             self._expose(index, middle_ns + to_system_ns)
-            left_ns = middle_ns + self._half_ns - time.monotonic_ns()
-            if left_ns > 0 and self._stop.wait(left_ns / NS):
+            making_ns = max(time.monotonic_ns() - began_ns, making_ns * 15 // 16)
+            if self._wait_until(end_ns):
                 return
             self._deliver()
             index += 1

@@ -59,6 +59,7 @@ class TwinNode(EolNode):
         span_s = (stamp_ns - self.stamp_ns) / NS if self.stamp_ns else 1 / self.settings.fps
         self.stamp_ns = stamp_ns
         self.film(index, min(max(span_s, 1e-4), LONGEST_STEP_S))
+        self.packed = self.images.packed(stamp_ns, self.image)
 
     def film(self, index: int, span_s: float) -> None:
         begin_s, self.time_s = self.time_s, self.time_s + span_s
@@ -74,7 +75,7 @@ class TwinNode(EolNode):
 
     def deliver(self) -> None:
         """Publish the image and what was true."""
-        self.images.publish(self.stamp_ns, self.image)
+        self.images.send(self.packed)
         table, truth = self.table, Truth()
         truth.header.stamp, truth.header.frame_id = to_msg(self.stamp_ns), 'table'
         truth.rim_x, truth.rim_y, truth.rim_yaw = table.rim_pose.tolist()

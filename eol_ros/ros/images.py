@@ -32,11 +32,19 @@ class ImagePublisher:
 
     def publish(self, stamp_ns: int, image: np.ndarray) -> None:
         """Publish `image`, shape (height, width) uint8, stamped mid-exposure `stamp_ns`."""
+        self.send(self.packed(stamp_ns, image))
+
+    def send(self, packed: bytes) -> None:
+        """Publish what `packed` has made."""
+        self._publisher.publish(packed)
+
+    def packed(self, stamp_ns: int, image: np.ndarray) -> bytes:
+        """Return the message of `image`, for a sender that must lose no time later."""
         if image.shape != self._shape:
             self._pack(image.shape)
         struct.pack_into('<iI', self._cdr, _HEADER, stamp_ns // NS, stamp_ns % NS)
         np.copyto(self._pixels, image)
-        self._publisher.publish(bytes(self._cdr))
+        return bytes(self._cdr)
 
     def subscribers(self) -> int:
         """Return how many readers there are."""
