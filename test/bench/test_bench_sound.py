@@ -35,13 +35,11 @@ def test_the_mixer_is_measured_and_exact():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', PEERS)
+@pytest.mark.parametrize('name', [name for name, peer in PEERS.items() if peer[3]()])
 def test_the_other_engines_play_our_score(name, tmp_path):
     import soundfile
 
-    play, exact, cubic, there = PEERS[name]
-    if not there():
-        pytest.skip(f'{name} is not installed')
+    play, exact, cubic, _ = PEERS[name]
     sound = source()
     soundfile.write(tmp_path / 'source.wav', sound, FS, subtype='FLOAT')
     score = make_score(2, 1.0, True)
