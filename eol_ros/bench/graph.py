@@ -65,8 +65,12 @@ def measure(scene: Path, bags: Path | None, seconds: float) -> dict[str, Any]:
         time.sleep(seconds)
         figures = graph.figures()
         led_bytes = graph.led_latencies()
+        lived_s = graph.status()['running_s'] - all_ok_s
     stages = {topic: latencies(graph.watch.seen[topic], graph.begin_ns) for topic in STAGES}
     stages['led_bytes'] = led_bytes
+    if bags is not None and bags.exists():
+        size = sum(file.stat().st_size for file in bags.rglob('*.mcap'))
+        figures['bag_gb_per_10_h'] = round(size / lived_s * 36000 / 1e9, 2)
     return {
         'all_ok_s': all_ok_s,
         **figures,
@@ -86,6 +90,8 @@ def table(results: dict[str, Any]) -> str:
             f'{row["pss_mb"]:.0f} MB, {row["cpu_percent"]:.0f} % of one core'
         )
         lines.append(f'  images {row["images_per_s"]:.2f}/s, lost {row["lost"]}')
+        if 'bag_gb_per_10_h' in row:
+            lines.append(f'  bag {row["bag_gb_per_10_h"]:.2f} GB in 10 h')
         for stage, ms in row['latency_ms'].items():
             lines.append(f'  stamp -> {stage:15} p50 {ms["p50"]:6.1f}  p99 {ms["p99"]:6.1f}  '
                          f'max {ms["max"]:6.1f} ms  ({ms["count"]})')

@@ -16,7 +16,7 @@ import yaml
 
 from eol_ros import scene as scenes
 from eol_ros.bringup import status
-from eol_ros.devices.fake_board import FakeBoard, latency_s
+from eol_ros.devices.fake_board import Arrival, latency_s
 from eol_ros.errors import EolError
 from eol_ros.ros.watch import Watch
 
@@ -40,12 +40,17 @@ class Graph:
 
     def __init__(self, scene: Path, bags: Path | None = None, watched=WATCHED, keep=()):
         self.domain = free_domain()
-        self.board: FakeBoard | None = None
+        self.board: subprocess.Popen[str] | None = None
+        self.board_log = scene.with_name(f'{scene.stem}.board.csv')
         values = scenes.plain(scenes.load(scene))
         leds = values['nodes'].get('leds')
         if leds is not None and leds['port'] == 'pty':
-            self.board = FakeBoard().start()
-            leds['port'] = self.board.port
+            self.board = subprocess.Popen(
+                [sys.executable, '-m', 'eol_ros.devices.fake_board', '--log', str(self.board_log)],
+                stdout=subprocess.PIPE, text=True,
+            )
+            assert self.board.stdout is not None
+            leds['port'] = self.board.stdout.readline().strip()
         file = scene.with_name(f'{scene.stem}.running.yaml')
         file.write_text(yaml.safe_dump(values, sort_keys=False))
         command = [sys.executable, '-m', 'eol_ros.bringup', str(file)]
@@ -77,9 +82,9 @@ class Graph:
             raise
         finally:
             self.watch.close()
-            if self.board is not None:
-                self.board.close()
-                self.board = None
+            if self.board is not None and self.board.poll() is None:
+                self.board.send_signal(signal.SIGINT)
+                self.board.communicate(timeout=10)
         return code
 
     def status(self) -> dict[str, Any]:
@@ -171,12 +176,17 @@ class Graph:
                 lost[node] = row['values'][name] - self._begin_values[node].get(name, 0)
         return lost
 
+    def arrivals(self) -> list[Arrival]:
+        """Return the packets that have reached the board."""
+        rows = [line.split(',') for line in self.board_log.read_text().splitlines()[1:]]
+        return [Arrival(int(r[0]), r[1], int(r[2]), int(r[3])) for r in rows if len(r) == 4]
+
     def led_latencies(self) -> dict[str, float] | None:
         """Return the latency from image stamp to the first LED packet with it, on the pty."""
         if self.board is None:
             return None
         first: dict[int, float] = {}
-        for arrival in list(self.board.log):
+        for arrival in self.arrivals():
             if arrival.stamp_us and arrival.time_ns >= self.begin_ns:
                 first.setdefault(arrival.stamp_us, latency_s(arrival))
         return summary([s * 1e3 for s in first.values()])

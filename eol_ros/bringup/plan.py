@@ -25,7 +25,7 @@ _ENVIRONMENT = {
 }
 
 # What may wait a little when both cores are wanted: nobody hears or sees it late.
-_NICE = {'recorder': 5, 'panel': 5, 'montage': 2}
+_NICE = {'recorder': 5, 'panel': 5, 'montage': 5}
 
 
 @dataclass(frozen=True)

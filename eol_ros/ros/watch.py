@@ -58,6 +58,8 @@ class Watch:
         return take
 
     def _spin(self) -> None:
+        # A looker stands back: it must not take a core from what it looks at.
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 5)
         while self._going:
             self._executor.spin_once(timeout_sec=0.1)
 

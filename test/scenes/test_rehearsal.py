@@ -65,7 +65,7 @@ def run(tmp_path_factory):
         time.sleep(6)
         figures = graph.figures()
         pids = list(graph._pids())
-        led_stamps = {a.stamp_us for a in graph.board.log if a.stamp_us}
+        led_stamps = {a.stamp_us for a in graph.arrivals() if a.stamp_us}
         begin = time.monotonic()
     finally:
         code = graph.stop()
