@@ -21,7 +21,7 @@ def ice(seconds: float = 40.0, rate: int = 48000, seed: int = 1) -> np.ndarray:
     count = random.poisson(EVENTS_PER_S * seconds)
     for start in np.sort(random.integers(0, n, count)):
         size = min(random.pareto(1.5) + 1, 20.0)
-        make = random.choice([_groan, _crack, _debris, _boom, _moan], p=KINDS)
+        make = (_groan, _crack, _debris, _boom, _moan)[random.choice(len(KINDS), p=KINDS)]
         event = make(random, rate, size)[: n - start]
         sound[start : start + len(event)] += event
     lean = butter(2, 20 / (rate / 2), 'high', output='sos')  # impulse trains are all of one sign
