@@ -2,6 +2,7 @@
 """Every verb explains itself, and its examples are real command lines."""
 
 import importlib
+import re
 import shlex
 import subprocess
 import sys
@@ -25,7 +26,7 @@ def test_examples_parse(verb):
     parser = ArgumentParser()
     module.add_arguments(parser)
     for example in module.EXAMPLES:
-        words = shlex.split(example.split(' > ')[0].split(' | ')[0])
+        words = shlex.split(re.split(r' >+ | \| ', example)[0], comments=True)
         start = 2 if words[0] == 'eol' else 3  # eol VERB ..., python -m MODULE ...
         parser.parse_args(words[start:])
 

@@ -58,11 +58,14 @@ def only(scene: Scene, names: Sequence[str]) -> Scene:
 
 
 def processes(scene: Scene, file: Path) -> list[Process]:
-    """Return the processes of `scene` in data order; the nodes read their settings from `file`."""
+    """Return the processes of `scene`; the nodes read their settings from `file`.
+
+    They stand in data order, but for the recorder: it begins before there is anything to miss.
+    """
     grouped = {name: group for group in scene.together for name in group}
     done: set[str] = set()
     found = []
-    for name in scene.nodes:
+    for name in sorted(scene.nodes, key=lambda name: name != 'recorder'):
         if name in done:
             continue
         nodes = grouped.get(name, (name,))

@@ -20,6 +20,7 @@ from eol_ros.bringup.policy import START_S
 from eol_ros.settings import IMAGE_SOURCES
 
 FINAL = (2, 69, 78)  # a node that ends so at the start will not do better when started again
+DRAIN_S = 0.3  # from the last image to all that it causes
 DUMP_S = 0.5  # a hung process may take this long to write down its stacks
 STOP_STEPS = ((signal.SIGINT, 4.0), (signal.SIGTERM, 1.0), (signal.SIGKILL, 1.0))
 
@@ -182,10 +183,16 @@ class Supervisor:
         return None
 
     def _stop(self) -> None:
-        """Stop everything: the recorder last, so that it keeps what the others say at the end."""
+        """Stop the sources first, the rest when that has run dry, the recorder last.
+
+        So a bag ends with what its last image caused, and a replay of it gives just that.
+        """
         last = [c for c in self.children if 'recorder' in c.process.nodes]
-        first = [c for c in self.children if c not in last]
-        for group in (first, last):
+        first = [c for c in self.children if set(c.process.nodes) & set(IMAGE_SOURCES)]
+        between = [c for c in self.children if c not in first and c not in last]
+        for group in (first, between, last):
+            if group is between and any(child.alive() for child in between):
+                time.sleep(DRAIN_S)
             for number, patience_s in STOP_STEPS:
                 for child in group:
                     child.signal(number)

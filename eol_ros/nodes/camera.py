@@ -3,14 +3,11 @@
 
 import sys
 
-from sensor_msgs.msg import CameraInfo
-
 from eol_ros.devices.camera import Camera, State
 from eol_ros.devices.camera_sources import source_of
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
-from eol_ros.ros.stamps import now_ns, to_msg
 
 
 class CameraNode(EolNode):
@@ -21,7 +18,11 @@ class CameraNode(EolNode):
         self.images = ImagePublisher(self, 'camera/image_raw')
         self.info = self.publisher('camera/camera_info')
         if self.settings.calibration:
-            self.info.publish(_camera_info(self.settings.calibration))
+            from eol_ros.devices import calibration_file
+            from eol_ros.ros.camera_info import camera_info
+
+            calibration = calibration_file.load(self.settings.calibration)
+            self.info.publish(camera_info(calibration))
         source = source_of(self.settings)
         self.camera = Camera(source, self.on_image, self.on_state, self.settings.loop)
         self.create_timer(1.0, self.tell)
@@ -58,24 +59,6 @@ class CameraNode(EolNode):
 
     def close(self) -> None:
         self.camera.close()
-
-
-def _camera_info(path: str) -> CameraInfo:
-    from eol_ros.devices import calibration_file
-
-    calibration = calibration_file.load(path)
-    matrix = calibration.camera_matrix
-    info = CameraInfo(
-        width=calibration.image_width,
-        height=calibration.image_height,
-        distortion_model='plumb_bob',
-        d=[float(v) for v in calibration.distortion_coefficients],
-        k=[float(v) for v in matrix.ravel()],
-        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        p=[float(v) for row in matrix for v in (*row, 0.0)],
-    )
-    info.header.stamp, info.header.frame_id = to_msg(now_ns()), 'camera_optical'
-    return info
 
 
 main = runner(CameraNode)

@@ -5,13 +5,14 @@ import sys
 
 import numpy as np
 from eol_msgs.msg import RimCommand, Truth
-from sensor_msgs.msg import CameraInfo
 
 from eol_ros.core.physics.hands import Commands, Rim, Visitors
 from eol_ros.core.physics.live import LiveTable
 from eol_ros.core.vision.calibration import Calibration
 from eol_ros.core.vision.renderer import Renderer, RenderOptions
 from eol_ros.devices.virtual_camera import VirtualCamera
+from eol_ros.ros.audience import Audience
+from eol_ros.ros.camera_info import camera_info
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
@@ -42,13 +43,11 @@ class TwinNode(EolNode):
         self.images = ImagePublisher(self, 'camera/image_raw')
         self.truth = self.publisher('truth')
         self.info = self.publisher('camera/camera_info')
-        self.info.publish(_camera_info(calibration))
+        self.info.publish(camera_info(calibration))
         self.subscribe('rim_command', self.on_rim_command)
         self.film(0, 1e-4)  # compiles what is not compiled yet, before the clock runs
-        self.camera = VirtualCamera(s.fps, exposure_s, self.expose, self.deliver)
-        self.create_timer(0.5, self.check)
-        self.health.expects('images')
-        self.health.ok(f'{s.width}x{s.height} at {s.fps:g} images/s, hands: {s.hands}')
+        self.audience, self.camera = Audience(self), None
+        self.create_timer(0.1, self.check)
 
     def on_rim_command(self, command: RimCommand) -> None:
         velocity = command.vx, command.vy, command.yaw_rate
@@ -67,11 +66,9 @@ class TwinNode(EolNode):
         if self.settings.hands == 'visitors':
             hands = self.visitors.velocity(self.time_s, self.rim.pose)
         self.rim.advance(span_s, hands, self.commands.velocity(self.time_s))
-        table = self.table
-        table.advance(begin_s, self.time_s, self.rim.pose, self.rim.velocity)
-        self.renderer.render(
-            table.x, table.y, table.yaw, index, self.image, velocity=table.velocity
-        )
+        t = self.table
+        t.advance(begin_s, self.time_s, self.rim.pose, self.rim.velocity)
+        self.renderer.render(t.x, t.y, t.yaw, index, self.image, velocity=t.velocity)
 
     def deliver(self) -> None:
         """Publish the image and what was true."""
@@ -85,25 +82,20 @@ class TwinNode(EolNode):
         self.truth.publish(truth)
         self.health.tick()
         self.health.values['slips'] = table.slips
-        self.health.values['missed'] = self.camera.missed
+        self.health.values['missed'] = self.camera.missed if self.camera else 0
 
     def check(self) -> None:
-        if self.camera.fault:
+        s = self.settings
+        if self.camera is None and self.audience.ready():
+            self.health.expects('images')
+            self.health.ok(f'{s.width}x{s.height} at {s.fps:g} images/s, hands: {s.hands}')
+            self.camera = VirtualCamera(s.fps, s.exposure_us * 1e-6, self.expose, self.deliver)
+        elif self.camera is not None and self.camera.fault:
             raise self.camera.fault
 
     def close(self) -> None:
-        self.camera.close()
-
-
-def _camera_info(calibration: Calibration) -> CameraInfo:
-    info = CameraInfo(width=calibration.image_width, height=calibration.image_height)
-    info.header.frame_id = 'camera_optical'
-    info.distortion_model = 'plumb_bob'
-    info.d = calibration.distortion_coefficients.tolist()
-    info.k = calibration.camera_matrix.ravel()
-    info.r = np.eye(3).ravel()
-    info.p = np.hstack([calibration.camera_matrix, np.zeros((3, 1))]).ravel()
-    return info
+        if self.camera is not None:
+            self.camera.close()
 
 
 main = runner(TwinNode)

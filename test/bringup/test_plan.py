@@ -16,6 +16,10 @@ def test_only_the_nodes_of_the_scene_are_started():
     assert names(scenes.load('lights')) == ['camera', 'tracker', 'motion', 'leds']
 
 
+def test_the_recorder_begins_first():
+    assert names(scenes.load('rehearsal'))[:3] == ['recorder', 'twin', 'tracker']
+
+
 def test_grouped_nodes_share_a_process(tmp_path):
     path = tmp_path / 's.yaml'
     path.write_text('nodes: {twin: {}, tracker: {}, motion: {}}\ntogether: [[motion, tracker]]')

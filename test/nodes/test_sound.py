@@ -131,8 +131,9 @@ def test_bad_triggers_no_corpus_lost_audio_and_mute(graph, tmp_path):
 def test_a_trigger_speaks_of_the_corpus_of_its_time(tmp_path):
     banks, now = BankLoader(FS), now_ns()
     assert banks.at(now) is None
-    assert banks.ask('a', now, *corpus_grains(corpus_of(tmp_path, 'a')))
-    assert not banks.ask('a', now + 5, *corpus_grains(corpus_of(tmp_path, 'a')))
+    grains = corpus_grains(corpus_of(tmp_path, 'a'))
+    assert banks.ask('a', now, *grains)
+    assert not banks.ask('a', now + 5, *grains)
     news = []
 
     def loaded(count):

@@ -71,7 +71,7 @@ def run(tmp_path_factory):
         code = graph.stop()
     stop_s = time.monotonic() - begin
     return {'graph': graph, 'figures': figures, 'pids': pids, 'code': code, 'stop_s': stop_s,
-            'bag': next(bags.iterdir()), 'led_stamps': led_stamps}
+            'bag': next(p for p in bags.iterdir() if p.is_dir()), 'led_stamps': led_stamps}
 
 
 def test_it_stops_clean_and_leaves_nothing(run):
@@ -120,31 +120,34 @@ def test_the_walls_shuffle_while_blocks_move(run):
     walls = run['graph'].watch.messages('wall')
 
     assert any(wall.moving for wall in walls)
-    flips = sorted(w.flip.sec + w.flip.nanosec * 1e-9 for w in walls if w.moving)
-    assert np.all(np.diff(flips) > 0.34 - 1e-3)
+    # A change of state tells the same pair again: what counts are the changes of picture.
+    flips = {w.change: w.flip.sec + w.flip.nanosec * 1e-9 for w in walls}
+    assert np.all(np.diff(sorted(flips.values())) > 0.34 - 1e-3)
 
 
 def test_the_bag_holds_everything(run):
     from eol_ros.analysis import open_bag
 
     bag = open_bag(run['bag'])
-    topics = set(bag.topics())
+    topics = set(bag.topics)
 
     for topic in ('blocks', 'slips', 'truth', 'grain_triggers', 'led_commands', 'corpus',
                   'camera/image_raw'):
         assert f'/eol/{topic}' in topics
-    stamps = [s for s, _ in run['graph'].watch.seen['blocks']]
-    recorded = bag.table('blocks')
-    assert len(recorded) >= 25 * len(stamps) * 0.9 or len(recorded) >= 0.9 * len(stamps)
+    seen = {stamp for stamp, _ in run['graph'].watch.seen['blocks']}
+    assert len(bag.table('blocks')) >= len(seen)
 
 
 def test_replay_is_exact(run):
+    from eol_ros.analysis import open_bag
     from eol_ros.analysis.retrack import retrack
 
-    result = retrack(run['bag'])
+    result = retrack(open_bag(run['bag']))
 
-    assert result.images > 300
-    assert result.differences == []
+    assert set(result.topics) >= {'blocks', 'slips', 'grain_triggers'}, result.notes
+    assert result.topics['blocks'].recomputed > 300
+    for topic in result.topics.values():
+        assert topic.equal, f'{topic.topic}: {topic.different} differ, first {topic.first}'
 
 
 def test_kill_each_node_in_turn(tmp_path):
@@ -167,8 +170,8 @@ def test_kill_each_node_in_turn(tmp_path):
         assert graph.stop() == 0
     from eol_ros.analysis import open_bag
 
-    for bag in (tmp_path / 'bags').iterdir():
-        assert '/eol/blocks' in open_bag(bag).topics()
+    for bag in (p for p in (tmp_path / 'bags').iterdir() if p.is_dir()):
+        assert '/eol/blocks' in open_bag(bag).topics
 
 
 def test_lights_start_and_import_only_what_they_need(tmp_path):
@@ -183,12 +186,11 @@ def test_lights_start_and_import_only_what_they_need(tmp_path):
 
     assert len(pids) <= 5
     for name, maps in libraries.items():
-        for library in ('portaudio', 'sndfile', 'aiohttp', '_cffi_backend'):
-            assert library not in maps, (name, library)
-        if name != 'tracker':
-            assert 'llvmlite' not in maps, name
+        for library in ('portaudio', 'sndfile', 'aiohttp'):
+            assert library not in maps.lower(), f'{name} has {library}'
+        assert name == 'tracker' or 'llvmlite' not in maps, f'{name} has a compiler'
         if name not in ('tracker', 'camera'):
-            assert '/cv2/' not in maps, name
+            assert '/cv2/' not in maps, f'{name} has OpenCV'
 
 
 def _film(folder):
