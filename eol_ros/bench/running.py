@@ -241,6 +241,8 @@ def stand_in(name: str, folder: Path, film: Film, bag: Path | None) -> Path:
         nodes['camera'].update(device=str(film.file()), loop=True)
     if 'leds' in nodes:
         nodes['leds']['port'] = 'pty'
+    if 'sound' in nodes:
+        nodes['sound']['card_needed'] = False
     if 'panel' in nodes:
         nodes['panel']['port'] = 0
     if 'replay' in nodes:
