@@ -49,6 +49,7 @@ class Health:
     def expects(self, what: str, within_s: float = 2.0) -> None:
         """Warn by itself whenever no tick has come for `within_s`: "no images for 3 s"."""
         self._expected = (what, within_s)
+        self._last_tick_s = time.monotonic()  # the silence counts from here
 
     def ok(self, text: str) -> None:
         """All is well: say what is being done."""
