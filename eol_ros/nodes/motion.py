@@ -36,16 +36,17 @@ class MotionNode(EolNode):
             message = blocks_from_cdr(raw)
         except ValueError as error:
             return self.health.error(str(error))
-        self.health.tick()
-        blocks = message.blocks
+        blocks, stamp_s = message.blocks, message.stamp_ns * 1e-9
         seen = blocks['seen'] & (message.state == 1)  # Blocks.TRACKING
-        slips, cascades = self.motion.update(
-            message.stamp_ns * 1e-9, blocks['x'], blocks['y'], seen, blocks['sigma']
-        )
+        # What begins goes out before anything else is thought of: light and sound wait for it.
+        for slip in self.motion.starts(stamp_s, blocks['x'], blocks['y'], seen, blocks['sigma']):
+            self.slips.publish(_slip_message(message.stamp_ns, slip))
+        slips, cascades = self.motion.stops(stamp_s)
         for slip in slips:
             self.slips.publish(_slip_message(message.stamp_ns, slip))
         for cascade in cascades:
             self.cascades.publish(_cascade_message(message.stamp_ns, cascade))
+        self.health.tick()
         moving = int(self.motion.detector.moving.sum())
         self.health.values.update(moving=moving, slips=self.motion.detector.count)
         self.health.ok(f'{moving} of 25 blocks move' if moving else 'all is still')

@@ -69,7 +69,7 @@ class Cascades:
         A slip that bridges two open cascades makes them one, under the lower number; starts that
         were told the higher number before are named again, with the right one, by their stops.
         """
-        numbers = [self._place(event) for event in events]
+        numbers = self.begun(events)
         closed = []
         # An onset is known only some images after it; wait so long before a cascade is called over.
         wait_s = self.settings.cascade_gap_s + self.settings.stop_s
@@ -77,6 +77,10 @@ class Cascades:
             self.open.remove(cascade)
             closed.append(_close(cascade, stamp_s))
         return numbers, closed
+
+    def begun(self, events: list[SlipEvent]) -> list[int]:
+        """Return the cascade number of each event; no cascade is closed."""
+        return [self._place(event) for event in events]
 
     def finish(self, stamp_s: float) -> list[CascadeEvent]:
         """No more images come: return the cascades whose slips have all stopped."""

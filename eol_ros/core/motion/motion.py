@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eol_ros.core.motion.cascades import CascadeEvent, Cascades
-from eol_ros.core.motion.slips import STOP, SlipDetector, SlipEvent
+from eol_ros.core.motion.slips import SlipDetector, SlipEvent
 from eol_ros.settings import MotionSettings
 
 TAP_LAG_S = 0.1  # a tap counts from the first image this much later than it
@@ -56,21 +56,38 @@ class Motion:
         sigma: np.ndarray | None = None,
     ) -> tuple[list[NumberedSlip], list[CascadeEvent]]:
         """Take one image's blocks; see SlipDetector.update."""
+        begun = self.starts(stamp_s, x, y, seen, sigma)
+        ended, closed = self.stops(stamp_s)
+        return begun + ended, closed
+
+    def starts(
+        self,
+        stamp_s: float,
+        x: np.ndarray,
+        y: np.ndarray,
+        seen: np.ndarray,
+        sigma: np.ndarray | None = None,
+    ) -> list[NumberedSlip]:
+        """Take one image's blocks and return what begins; then `stops` must be called."""
         due = sorted(t for t in self.taps if t[0] + TAP_LAG_S <= stamp_s)
-        self.taps = [t for t in self.taps if t[0] + TAP_LAG_S > stamp_s]
+        if due:
+            self.taps = [t for t in self.taps if t[0] + TAP_LAG_S > stamp_s]
         for tap in due:
             self._fuse(tap)
-        events = [
-            self._with_tap(event) for event in self.detector.update(stamp_s, x, y, seen, sigma)
-        ]
+        events = self.detector.starts(stamp_s, x, y, seen, sigma)
+        numbers = self.cascades.begun(events)
+        return [NumberedSlip(event, number, False) for event, number in zip(events, numbers)]
+
+    def stops(self, stamp_s: float) -> tuple[list[NumberedSlip], list[CascadeEvent]]:
+        """Return the slips and cascades that end with the image given to `starts`."""
+        events = [self._with_tap(event) for event in self.detector.stops()]
         numbers, closed = self.cascades.update(stamp_s, events)
         slips = [
-            NumberedSlip(event, number, event.kind == STOP and event.slip in self.fused)
+            NumberedSlip(event, number, event.slip in self.fused)
             for event, number in zip(events, numbers)
         ]
         for event in events:
-            if event.kind == STOP:
-                self.fused.pop(event.slip, None)
+            self.fused.pop(event.slip, None)
         return slips, closed
 
     def _fuse(self, tap: tuple[float, int, float]) -> None:
@@ -90,7 +107,7 @@ class Motion:
         self.fused[slip] = (float(fused[0]), float(fused[1]))
 
     def _with_tap(self, event: SlipEvent) -> SlipEvent:
-        if event.kind != STOP or event.slip not in self.fused:
+        if event.slip not in self.fused:
             return event
         onset_s, sigma_s = self.fused[event.slip]
         return replace(

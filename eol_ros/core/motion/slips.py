@@ -5,12 +5,13 @@ Vectorised over the 25 blocks; a pure function of the sequence of samples. Nothi
 in images: windows are times and thresholds are m or m/s, so that 60 and 120 images/s agree.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.motion.onset import onset
+from eol_ros.core.motion.onset import onsets
 from eol_ros.core.motion.threshold import exceedance, threshold_sigmas
 from eol_ros.settings import MotionSettings
 
@@ -73,6 +74,9 @@ class SlipDetector:
         self.onset_sigma_s = np.zeros(N_BLOCKS)
         self.start = np.zeros((2, N_BLOCKS))
         self.top_mps = np.zeros(N_BLOCKS)
+        self.owed: list[SlipEvent] = []  # stops that the next call of `stops` returns
+        self.begun = np.zeros(N_BLOCKS, bool)  # in the newest image
+        self.deviation: np.ndarray | None = None  # of the newest image; None: it was passed over
 
     def update(
         self,
@@ -82,19 +86,33 @@ class SlipDetector:
         seen: np.ndarray,
         sigma: np.ndarray | None = None,
     ) -> list[SlipEvent]:
-        """Take one image's blocks and return what it decides, earliest onset first.
+        """Take one image's blocks and return what it decides: starts, then stops, earliest first.
 
         x, y: (25,) m. seen: (25,) bool. sigma: (25,) m, the tracker's own opinion of each sample;
         only its ratio to the usual one counts. An image that is not newer than the last one is
         passed over.
         """
+        return self.starts(stamp_s, x, y, seen, sigma) + self.stops()
+
+    def starts(
+        self,
+        stamp_s: float,
+        x: np.ndarray,
+        y: np.ndarray,
+        seen: np.ndarray,
+        sigma: np.ndarray | None = None,
+    ) -> list[SlipEvent]:
+        """Take one image as `update`, but decide only what begins, which is urgent; then `stops`
+        must be called."""
+        self.owed = []
+        self.begun[:] = False
+        self.deviation = None
         if not stamp_s > self.last_s:
             return []
-        events: list[SlipEvent] = []
         gap = stamp_s - self.last_s
         if gap > GAP_S:
             if np.isfinite(self.last_s):
-                events = self._stop(self.moving, self.last_s, self.seen_s)
+                self.owed = self._stop(self.moving, self.last_s, self.seen_s)
             self.good[:] = self.still[:] = False
         else:
             self.period_s = gap if self.period_s == 0.0 else 0.9 * self.period_s + 0.1 * gap
@@ -121,12 +139,17 @@ class SlipDetector:
         quiet = seen & ~self.moving & ~starting
         self._learn(quiet & (n >= 3), square, n, loose, sigma)
         self._keep(stamp_s, now, seen, quiet)
-        if starting.any():
-            events += self._start(starting, anchor, n, deviation)
-        if self.moving.any():
-            events += self._watch(stamp_s, deviation, starting)
-        self.seen_s[seen] = stamp_s
-        return sorted(events, key=lambda event: (event.kind, event.onset_s))
+        self.deviation, self.begun = deviation, starting
+        return self._start(starting, anchor, n, deviation) if starting.any() else []
+
+    def stops(self) -> list[SlipEvent]:
+        """Return what the image given to `starts` ends, earliest onset first."""
+        events = self.owed
+        if self.deviation is not None:
+            if self.moving.any():
+                events = events + self._watch(self.last_s, self.deviation, self.begun)
+            self.seen_s[self.good[:, self.head - 1]] = self.last_s
+        return sorted(events, key=lambda event: event.onset_s)
 
     def _believe(self, sigma: np.ndarray, new: np.ndarray) -> None:
         """Begin with the tracker's own sigma: a block that is met moving must not pass for
@@ -171,64 +194,106 @@ class SlipDetector:
     def _start(
         self, starting: np.ndarray, anchor: np.ndarray, n: np.ndarray, deviation: np.ndarray
     ) -> list[SlipEvent]:
-        events = []
-        for block in np.flatnonzero(starting).tolist():
-            self.count += 1
-            self.slip[block] = self.count
-            self.start[:, block] = anchor[:, block]
-            self.rested_s[block] = n[block] * self.period_s
-            self.rest_sigma[block] = deviation[block] * np.sqrt(1.0 + 1.0 / n[block])
-            self.fresh[block] = LATER_IMAGES
-            self._find_onset(block, BEFORE_IMAGES)
-            self.top_mps[block] = 0.0
-            speed = self._speed(self._recent(self.period_s * 1.5))[0][block]
-            self.top_mps[block] = speed
-            events.append(self._event(START, block, self.last_s, speed))
+        blocks = np.flatnonzero(starting)
+        self.slip[blocks] = self.count + 1 + np.arange(blocks.size)
+        self.count += blocks.size
+        self.start[:, blocks] = anchor[:, blocks]
+        self.rested_s[blocks] = n[blocks] * self.period_s
+        self.rest_sigma[blocks] = (deviation * np.sqrt(1.0 + 1.0 / np.maximum(n, 1)))[blocks]
+        self.fresh[blocks] = LATER_IMAGES
+        self._find_onsets(blocks, BEFORE_IMAGES)
         self.moving |= starting
         self.still[starting] = False  # the place it left is no anchor for where it comes to rest
-        return events
+        events = []
+        for block in blocks.tolist():
+            self.top_mps[block] = speed = self._step_speed(block)
+            events.append(self._event(START, block, self.last_s, speed))
+        return sorted(events, key=lambda event: event.onset_s)
 
-    def _find_onset(self, block: int, samples: int) -> None:
-        """Set onset of `block` from its last `samples` good samples."""
-        order = (self.head - 1 - np.arange(RING)) % RING
-        order = order[self.good[block, order] & (self.last_s - self.times[order] < 0.2)][:samples]
-        order = order[::-1]
-        offset = self.place[:, block, order] - self.start[:, block, None]
-        direction = offset[:, -1] / max(float(np.hypot(*offset[:, -1])), 1e-12)
-        times = self.times[order] - self.last_s
-        t0, spread = onset(times, direction @ offset, self.rest_sigma[block], self.period_s)
-        self.onset_s[block] = self.last_s + t0
-        self.onset_sigma_s[block] = spread
+    def _step_speed(self, block: int) -> float:
+        """Return the speed of `block` in m/s since the image before, 0 when it was not seen in
+        it."""
+        at = self._samples(block, 2, self.last_s - 1.5 * self.period_s)
+        if len(at) < 2:
+            return 0.0
+        dx, dy = (self.place[:, block, at[0]] - self.place[:, block, at[1]]).tolist()
+        return math.hypot(dx, dy) / float(self.times[at[0]] - self.times[at[1]])
 
-    def _find_end(self, block: int, rest: np.ndarray, sigma_m: float) -> float:
-        """When `block` came to its place of rest: its onset, looked at backwards."""
-        order = (self.head - 1 - np.arange(RING)) % RING
-        order = order[self.good[block, order] & (self.times[order] > self.onset_s[block])]
-        offset = self.place[:, block, order] - rest[:, None]
-        far = np.hypot(*offset)
-        out = np.flatnonzero(far > 5.0 * sigma_m)
-        if not out.size:
-            return float(self.onset_s[block])
-        first = max(out[0] - 3, 0)
-        part = slice(first, out[0] + 1)
-        direction = offset[:, out[0]] / far[out[0]]
-        back, _ = onset(
-            -self.times[order[part]], direction @ offset[:, part], sigma_m, self.period_s
-        )
-        return -back
+    def _samples(self, block: int, most: int, since_s: float) -> list[int]:
+        """Return the places in the ring of up to `most` good samples after `since_s`, newest
+        first."""
+        good, times = self.good[block], self.times
+        found: list[int] = []
+        for back in range(1, RING + 1):
+            at = (self.head - back) % RING
+            if times[at] <= since_s or len(found) == most:
+                break
+            if good[at]:
+                found.append(at)
+        return found
+
+    def _find_onsets(self, blocks: np.ndarray, samples: int) -> None:
+        """Set the onset of each of `blocks` (k,) from its last `samples` good samples."""
+        times = np.zeros((len(blocks), samples))
+        path = np.full((len(blocks), samples), np.nan)
+        for k, block in enumerate(blocks.tolist()):
+            at = self._samples(block, samples, self.last_s - 0.2)[::-1]
+            offset = self.place[:, block, at] - self.start[:, block, None]
+            ahead = offset[:, -1]
+            times[k, -len(at) :] = self.times[at] - self.last_s
+            path[k, -len(at) :] = ahead @ offset / max(math.hypot(*ahead.tolist()), 1e-12)
+        found, spread = onsets(times, path, self.rest_sigma[blocks], self.period_s)
+        self.onset_s[blocks] = self.last_s + found
+        self.onset_sigma_s[blocks] = spread
+
+    def _find_ends(self, blocks: np.ndarray, rest: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
+        """When `blocks` (k,) came to their places of rest (2, k): onsets, looked at backwards."""
+        ends = self.onset_s[blocks]
+        times = np.zeros((len(blocks), BEFORE_IMAGES))
+        path = np.full((len(blocks), BEFORE_IMAGES), np.nan)
+        for k, block in enumerate(blocks.tolist()):
+            at = np.array(self._samples(block, RING, self.onset_s[block]), int)
+            offset = self.place[:, block, at] - rest[:, k, None]
+            far = np.hypot(offset[0], offset[1])
+            out = np.flatnonzero(far > 5.0 * sigma_m[k])
+            if out.size:
+                part = slice(max(out[0] - BEFORE_IMAGES + 1, 0), out[0] + 1)
+                size = part.stop - part.start
+                direction = offset[:, out[0]] / far[out[0]]
+                times[k, -size:] = -self.times[at[part]]
+                path[k, -size:] = direction @ offset[:, part]
+        found = np.flatnonzero(np.isfinite(path[:, -1]))
+        if found.size:
+            back, _ = onsets(times[found], path[found], sigma_m[found], self.period_s)
+            ends[found] = -back
+        return ends
 
     def _recent(self, window_s: float) -> np.ndarray:
-        """Good samples of the last `window_s`, mask (25, RING)."""
-        return self.good & (self.last_s - self.times <= window_s)
+        """Places in the ring of the images of the last `window_s`, (k,), newest first."""
+        order = (self.head - 1 - np.arange(RING)) % RING
+        return order[: np.count_nonzero(self.last_s - self.times <= window_s)]
 
-    def _speed(self, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Least-squares speed over the samples in `mask`, m/s, and its sigma per metre of noise."""
+    def _speed(self, blocks: np.ndarray, window_s: float) -> tuple[np.ndarray, ...]:
+        """Least-squares motion of `blocks` (k,) over their good samples of the last `window_s`.
+
+        Returns speed (k,) in m/s, its sigma per metre of noise, the mean place (2, k), the greatest
+        distance from it, and the number of samples.
+        """
+        at = self._recent(window_s)
+        rows = blocks[:, None]
+        mask, place = self.good[rows, at], self.place[:, rows, at]
         n = np.maximum(mask.sum(1), 1)
-        time = np.where(mask, np.maximum(self.times - self.last_s, -1e3), 0.0)
+        time = np.where(mask, self.times[at] - self.last_s, 0.0)
         lever = np.where(mask, time - (time.sum(1) / n)[:, None], 0.0)
         spread = (lever**2).sum(1)
-        slope = (self.place * lever).sum(2) / np.where(spread > 0, spread, np.inf)
-        return np.hypot(slope[0], slope[1]), 1.0 / np.sqrt(np.where(spread > 0, spread, np.inf))
+        spread[spread <= 0.0] = np.inf
+        slope = (place * lever).sum(2) / spread
+        middle = (place * mask).sum(2) / n
+        away = np.where(mask, place - middle[:, :, None], 0.0)
+        return (
+            np.hypot(slope[0], slope[1]), spread**-0.5, middle,
+            np.hypot(away[0], away[1]).max(1, initial=0.0), n,
+        )  # fmt: skip
 
     def _watch(
         self, stamp_s: float, deviation: np.ndarray, starting: np.ndarray
@@ -236,31 +301,34 @@ class SlipDetector:
         """Follow the moving blocks: greatest speed, and which of them have come to rest."""
         due = self.moving & ~starting & (self.fresh > 0) & self.good[:, self.head - 1]
         self.fresh[due] -= 1
-        for block in np.flatnonzero(due & (self.fresh == 0)).tolist():
-            self._find_onset(block, BEFORE_IMAGES + LATER_IMAGES)
-        now, _ = self._speed(self._recent(self.period_s * 2.5))
-        self.top_mps = np.where(self.moving, np.maximum(self.top_mps, now), self.top_mps)
-        window = self._recent(self.settings.stop_s)
-        n = np.maximum(window.sum(1), 1)
-        speed, lever = self._speed(window)
-        middle = (self.place * window).sum(2) / n
-        away = np.hypot(*np.where(window, self.place - middle[:, :, None], 0.0)).max(1)
-        slowest = self.settings.stop_mps
-        slow = speed < np.maximum(slowest, 3.5 * deviation * lever)
-        slow &= away < np.maximum(0.5 * slowest * self.settings.stop_s, 4.5 * deviation)
-        full = n * self.period_s >= 0.75 * self.settings.stop_s
-        begun = stamp_s - self.onset_s >= self.settings.stop_s
-        rest = self.moving & slow & full & begun & (n >= 3) & ~starting
+        settled = np.flatnonzero(due & (self.fresh == 0))
+        if settled.size:
+            self._find_onsets(settled, BEFORE_IMAGES + LATER_IMAGES)
+        on = np.flatnonzero(self.moving)
+        top = self._speed(on, self.period_s * 2.5)[0]
+        self.top_mps[on] = np.maximum(self.top_mps[on], top)
+        stop_s, slowest = self.settings.stop_s, self.settings.stop_mps
+        speed, lever, middle, away, n = self._speed(on, stop_s)
+        noise = deviation[on]
+        slow = speed < np.maximum(slowest, 3.5 * noise * lever)
+        slow &= away < np.maximum(0.5 * slowest * stop_s, 4.5 * noise)
+        full = n * self.period_s >= 0.75 * stop_s
+        begun = stamp_s - self.onset_s[on] >= stop_s
+        fresh = starting[on]
+        rest = slow & full & begun & (n >= 3) & ~fresh
         gone = self.moving & (stamp_s - self.seen_s > HIDDEN_S) & ~starting
         events = []
         if rest.any():
+            blocks = on[rest]
             ended = np.full(N_BLOCKS, stamp_s)
-            for block in np.flatnonzero(rest).tolist():
-                ended[block] = self._find_end(block, middle[:, block], deviation[block])
-            events = self._stop(rest, stamp_s, ended)
-            self.still |= rest[:, None] & window
+            ended[blocks] = self._find_ends(blocks, middle[:, rest], noise[rest])
+            which = np.zeros(N_BLOCKS, bool)
+            which[blocks] = True
+            events = self._stop(which, stamp_s, ended)
+            at = self._recent(stop_s)
+            self.still[blocks[:, None], at] |= self.good[blocks[:, None], at]
         if gone.any():
-            events += self._stop(gone, stamp_s, self.seen_s)
+            events += self._stop(gone & self.moving, stamp_s, self.seen_s)
         return events
 
     def _stop(self, which: np.ndarray, stamp_s: float, ended_s: np.ndarray) -> list[SlipEvent]:
@@ -273,10 +341,9 @@ class SlipDetector:
     def _event(
         self, kind: int, block: int, stamp_s: float, speed: float, ended_s: float | None = None
     ) -> SlipEvent:
-        newest = (self.head - 1 - np.arange(RING)) % RING
-        newest = newest[self.good[block, newest]]
-        here = self.place[:, block, newest[0]] if newest.size else self.start[:, block]
-        moved = float(np.hypot(*(here - self.start[:, block]))) if kind == STOP else 0.0
+        newest = self._samples(block, 1, -np.inf)
+        here = self.place[:, block, newest[0]] if newest else self.start[:, block]
+        moved = math.hypot(*(here - self.start[:, block]).tolist()) if kind == STOP else 0.0
         lasted = max(float(ended_s - self.onset_s[block]), 0.0) if ended_s is not None else 0.0
         return SlipEvent(
             kind,
