@@ -34,6 +34,27 @@ def ros():
     rclpy.try_shutdown()
 
 
+def matched(*nodes):
+    """Whether all publishers and subscriptions among `nodes` know each other, both ways.
+
+    What is published before the reader has found the writer is lost, even in one process.
+    """
+    givers = [p for node in nodes for p in node.publishers]
+    takers = [s for node in nodes for s in node.subscriptions]
+    return all(
+        p.get_subscription_count() >= sum(s.topic_name == p.topic_name for s in takers)
+        for p in givers
+    ) and all(
+        s.get_publisher_count() >= sum(p.topic_name == s.topic_name for p in givers)
+        for s in takers
+    )
+
+
+@pytest.fixture(name='matched', scope='session')
+def _matched():
+    return matched
+
+
 def pytest_runtest_makereport(item, call):
     """Where EOL_NO_SKIP is set, as in CI, a skipped test counts as a failure."""
     if os.environ.get('EOL_NO_SKIP') and call.excinfo and call.excinfo.errisinstance(

@@ -33,7 +33,7 @@ class Health:
         self._name = node.get_name()
         self._node = node
         self._publisher = node.publisher('/diagnostics')
-        self._ticks = self._reported_ticks = 0
+        self.ticks = self._reported_ticks = 0
         self._rate = 0.0
         self._expected: tuple[str, float] | None = None
         self._last_tick_s = self._reported_s = time.monotonic()
@@ -43,7 +43,7 @@ class Health:
 
     def tick(self, count: int = 1) -> None:
         """Count one unit of work; the rate in the status is of these."""
-        self._ticks += count
+        self.ticks += count
         self._last_tick_s = time.monotonic()
 
     def expects(self, what: str, within_s: float = 2.0) -> None:
@@ -81,8 +81,8 @@ class Health:
         now = time.monotonic()
         span = now - self._reported_s
         if span > 0.5 * PERIOD_S:  # a change of state reports in between: too short to count in
-            self._rate = (self._ticks - self._reported_ticks) / span
-            self._reported_ticks, self._reported_s = self._ticks, now
+            self._rate = (self.ticks - self._reported_ticks) / span
+            self._reported_ticks, self._reported_s = self.ticks, now
         level, text = self.level, self.text
         if self._expected and level == OK:
             what, within_s = self._expected

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from eol_ros.ros import network
+from eol_ros.ros import leave, network
 
 
 class Session:
@@ -58,10 +58,12 @@ def session(
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        if node is not None and hasattr(node, 'close'):
+            node.close()
+        leave.end_in_time()
         if node is not None:
-            if hasattr(node, 'close'):
-                node.close()
             executor.remove_node(node)
             node.destroy_node()
         executor.shutdown(timeout_sec=1.0)
         rclpy.try_shutdown()
+        leave.has_left()

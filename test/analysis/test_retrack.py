@@ -32,7 +32,7 @@ def scene_of_blocks(count=125):
 
 
 @pytest.fixture(scope='module')
-def run(tmp_path_factory):
+def run(tmp_path_factory, matched):
     """A bag of 125 pictures and all that tracker, motion and grains made of them."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
@@ -73,12 +73,8 @@ def run(tmp_path_factory):
         assert until()
 
     try:
-        grains, motion, tracker = nodes[1:]
-        spin(lambda: publisher.subscribers() == 2
-             and tracker.blocks.get_subscription_count() == 3
-             and motion.slips.get_subscription_count() >= 1
-             and grains.triggers.get_subscription_count() >= 1
-             and grains.corpus is not None)
+        grains = nodes[1]
+        spin(lambda: matched(*nodes, camera) and grains.corpus is not None)
         renderer = Renderer(calibration=Calibration.ideal(), seed=5)
         for i, (at, yaw) in enumerate(scene_of_blocks()):
             picture = renderer.render(at[:, 0], at[:, 1], yaw, i)

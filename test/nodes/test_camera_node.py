@@ -61,7 +61,7 @@ def graph(ros):
     reader, executor, made = Reader(), SingleThreadedExecutor(), []
     executor.add_node(reader)
 
-    def run(camera_settings, until, timeout_s=15.0):
+    def run(camera_settings, until, timeout_s=30.0):
         # A reader that is there before the first image, as the tracker is in a scene.
         camera = CameraNode(camera_settings)
         made.append(camera)

@@ -48,7 +48,7 @@ class Stage:
         self.executor.add_node(self.node)
         self.executor.add_node(self.probe)
 
-    def until(self, what, seconds=20.0):
+    def until(self, what, seconds=30.0):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.02)
@@ -72,13 +72,13 @@ def sounds(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def stage(ros, sounds):
+def stage(ros, sounds, matched):
     made = []
 
     def make(**settings):
         made.append(Stage(GrainsSettings(sound=str(sounds[0]), radius=0.1, **settings)))
         stage = made[-1]
-        stage.until(lambda: stage.probe.corpora and stage.probe.blocks.get_subscription_count())
+        stage.until(lambda: stage.probe.corpora and matched(stage.node, stage.probe))
         return stage
 
     yield make
@@ -99,13 +99,10 @@ def image(k):
 def play(stage, images, state=1):
     for k in images:
         stamp_ns, blocks = image(k)
+        ticks = stage.node.health.ticks
         stage.probe.blocks.publish(pack_blocks(stamp_ns, state, False, k, blocks))
-        stage.executor.spin_once(timeout_sec=0.005)
-    count = -1
-    while count != len(stage.probe.triggers):
-        count = len(stage.probe.triggers)
-        for _ in range(20):
-            stage.executor.spin_once(timeout_sec=0.01)
+        stage.until(lambda ticks=ticks: stage.node.health.ticks > ticks)
+        stage.until(lambda: len(stage.probe.triggers) == stage.node.sequence)
 
 
 def test_the_corpus_is_told_whole(stage, sounds):

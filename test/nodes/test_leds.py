@@ -43,7 +43,7 @@ class Around(EolNode):
 
 
 class Rig:
-    def __init__(self, **settings):
+    def __init__(self, matched, **settings):
         from eol_ros.settings import MotionSettings
 
         self.leds = LedsNode(LedsSettings(**settings))
@@ -51,16 +51,9 @@ class Rig:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.leds)
         self.executor.add_node(self.around)
-        self.until(
-            lambda: (
-                self.around.slips.get_subscription_count()
-                and self.around.control.get_subscription_count()
-                and self.leds.commands.get_subscription_count()
-                and self.leds.taps.get_subscription_count()
-            )
-        )
+        assert self.until(lambda: matched(self.leds, self.around))
 
-    def until(self, condition, timeout_s=10.0):
+    def until(self, condition, timeout_s=30.0):
         deadline = time.monotonic() + timeout_s
         while not condition() and time.monotonic() < deadline:
             self.executor.spin_once(timeout_sec=0.02)
@@ -74,11 +67,11 @@ class Rig:
 
 
 @pytest.fixture
-def make_rig(ros):
+def make_rig(ros, matched):
     rigs = []
 
     def make(**settings):
-        rigs.append(Rig(**settings))
+        rigs.append(Rig(matched, **settings))
         return rigs[-1]
 
     yield make
@@ -160,7 +153,7 @@ def test_infrared_goes_off_while_the_tracker_learns(rig, monkeypatch):
     assert rig.until(lambda: rig.around.commands)
     assert not rig.around.commands[0].infrared
     assert rig.until(lambda: fake.infrared_mask != 0)
-    assert rig.around.commands[-1].infrared
+    assert rig.until(lambda: rig.around.commands[-1].infrared)
 
 
 def test_asleep_it_stays_dark_and_a_test_lights_all(rig):

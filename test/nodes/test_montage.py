@@ -43,16 +43,15 @@ class Around(EolNode):
 
 
 class Rig:
-    def __init__(self, **settings):
+    def __init__(self, matched, **settings):
         self.montage = MontageNode(MontageSettings(**settings))
         self.around = Around()
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.montage)
         self.executor.add_node(self.around)
-        self.until(lambda: self.around.slips.get_subscription_count() and self.around.walls
-                   and self.around.control.get_subscription_count())
+        self.until(lambda: matched(self.montage, self.around) and self.around.walls)
 
-    def until(self, what, seconds=10.0):
+    def until(self, what, seconds=30.0):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.01)
@@ -76,8 +75,8 @@ def folder(tmp_path):
 
 
 @pytest.fixture
-def rig(ros, folder):
-    made = Rig(pairs=str(folder), period_s=0.34, lead_s=0.05)
+def rig(ros, folder, matched):
+    made = Rig(matched, pairs=str(folder), period_s=0.34, lead_s=0.05)
     yield made
     made.montage.close()
     for node in (made.montage, made.around):  # or its latched walls reach the next test

@@ -49,7 +49,7 @@ class Rig:
         for node in nodes:
             self.executor.add_node(node)
 
-    def spin(self, until, seconds=15.0):
+    def spin(self, until, seconds=30.0):
         end = time.monotonic() + seconds
         while not until() and time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.02)
@@ -63,20 +63,15 @@ class Rig:
         self.executor.shutdown(timeout_sec=1.0)
 
 
-def matched(giver):
-    publishers = [giver.blocks, giver.slips, giver.triggers]
-    return all(p.get_subscription_count() for p in publishers)
-
-
 def record(tmp_path, **settings):
     return RecorderNode(RecorderSettings(folder=str(tmp_path), min_free_gb=0.0, **settings))
 
 
 @pytest.mark.slow
-def test_the_bag_holds_the_bytes_that_were_published(ros, tmp_path):
+def test_the_bag_holds_the_bytes_that_were_published(ros, matched, tmp_path):
     recorder, giver = record(tmp_path, images='all'), Giver()
     rig = Rig(recorder, giver)
-    rig.spin(lambda: matched(giver) and giver.images.subscribers())
+    rig.spin(lambda: matched(recorder, giver))
 
     def taken():
         counts = recorder.recording.received
@@ -101,10 +96,10 @@ def test_the_bag_holds_the_bytes_that_were_published(ros, tmp_path):
 
 
 @pytest.mark.slow
-def test_without_pictures_the_recorder_does_not_even_take_them(ros, tmp_path):
+def test_without_pictures_the_recorder_does_not_even_take_them(ros, matched, tmp_path):
     recorder, giver = record(tmp_path, images='none'), Giver()
     rig = Rig(recorder, giver)
-    rig.spin(lambda: matched(giver))
+    rig.spin(lambda: matched(recorder, giver))
     assert giver.images.subscribers() == 0
     rig.close()
     bag = BagReader(tmp_path)
@@ -113,11 +108,11 @@ def test_without_pictures_the_recorder_does_not_even_take_them(ros, tmp_path):
 
 
 @pytest.mark.slow
-def test_pictures_are_kept_around_a_slip(ros, tmp_path):
+def test_pictures_are_kept_around_a_slip(ros, matched, tmp_path):
     recorder = record(tmp_path, images='around_slips', before_s=0.2, after_s=0.2)
     giver = Giver()
     rig = Rig(recorder, giver)
-    rig.spin(lambda: matched(giver) and giver.images.subscribers())
+    rig.spin(lambda: matched(recorder, giver))
     image, stamps, slip_ns = np.zeros((80, 100), np.uint8), [], 0
     for i in range(60):
         stamps.append(now_ns())

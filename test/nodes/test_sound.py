@@ -35,7 +35,7 @@ class Probe(EolNode):
 
 
 @pytest.fixture
-def graph(ros, tmp_path):
+def graph(ros, matched, tmp_path):
     """A sound node that writes a file, a probe, and a function that turns the executor."""
     settings = SoundSettings(
         device='wav', wav=str(tmp_path / 'out.wav'), fade_in_s=0.0, latency_s=0.3
@@ -45,18 +45,20 @@ def graph(ros, tmp_path):
     executor.add_node(node)
     executor.add_node(probe)
 
-    def turn(until, seconds=10.0):
+    def turn(until, seconds=30.0):
         deadline = time.monotonic() + seconds
         while not until() and time.monotonic() < deadline:
             executor.spin_once(timeout_sec=0.02)
         return until()
 
-    assert turn(lambda: node.count_publishers('/eol/grain_triggers') and probe.meters)
+    assert turn(lambda: matched(node, probe) and probe.meters)
     closed = []
     yield node, probe, turn, lambda: closed or closed.append(node.close())
     if not closed:
         node.close()
     executor.shutdown()
+    for one in (node, probe):  # else the next test meets their latched corpus
+        one.destroy_node()
 
 
 def corpus_of(tmp_path, name='tone', hz=440.0):
@@ -153,10 +155,11 @@ def test_a_trigger_speaks_of_the_corpus_of_its_time(tmp_path):
 
 
 @pytest.mark.slow
-def test_samples_are_published_while_somebody_listens(graph, tmp_path):
+def test_samples_are_published_while_somebody_listens(graph, matched, tmp_path):
     node, probe, turn, _ = graph
     assert not probe.samples
     probe.subscribe('sound_samples', probe.samples.append)
+    assert turn(lambda: matched(node, probe))
     probe.corpus.publish(corpus_of(tmp_path))
     assert turn(lambda: node.banks.at(now_ns()) and len(probe.samples) > 3)
     probe.triggers.publish(trigger(now_ns()))
@@ -191,4 +194,5 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path):
         assert node.settings == dataclasses.replace(settings, gain_db=-12.0)
     finally:
         node.close()
+        node.destroy_node()
         ear.close()

@@ -39,14 +39,14 @@ def pictures(count):
 
 
 @pytest.mark.slow
-def test_images_become_blocks_as_offline_to_the_bit(ros):
+def test_images_become_blocks_as_offline_to_the_bit(ros, matched):
     node, probe = TrackerNode(TrackerSettings()), Probe()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     executor.add_node(probe)
-    for _ in range(200):
+    for _ in range(600):
         executor.spin_once(timeout_sec=0.05)
-        if probe.images.subscribers() and node.blocks.get_subscription_count():
+        if probe.images.subscribers() and matched(node, probe):
             break
     offline = Tracker(TrackerSettings(), Calibration.ideal())
     wanted = []
@@ -54,11 +54,11 @@ def test_images_become_blocks_as_offline_to_the_bit(ros):
         stamp_ns = START_NS + round(k / 60 * 1e9)
         wanted.append((stamp_ns, offline.update(stamp_ns * 1e-9, image)))
         probe.images.publish(stamp_ns, image)
-        for _ in range(100):
+        for _ in range(600):
             executor.spin_once(timeout_sec=0.05)
             if len(probe.blocks) > k:
                 break
-    for _ in range(40):
+    for _ in range(600):
         if probe.pictures:
             break
         executor.spin_once(timeout_sec=0.05)

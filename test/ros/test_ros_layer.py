@@ -24,7 +24,7 @@ class ProbeNode(EolNode):
     NAME = 'montage'
 
 
-def spin(node, until, timeout_s=10.0):
+def spin(node, until, timeout_s=30.0):
     executor = EventsExecutor()
     executor.add_node(node)
     deadline = time.monotonic() + timeout_s
