@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from eol_ros.bench.sound_reference import reference, score, snr_db
-from eol_ros.core.sound.mixer import Bank, Mixer, render, voice_rows
+from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.mixer import Mixer, render
 from eol_ros.core.sound.mixer_layout import RING
 from eol_ros.core.sound.offline import play
 

@@ -51,7 +51,8 @@ def measure(case: dict, seconds: float) -> dict:
 
 def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -> dict:
     from eol_ros.bench.sound_engine import bank_of, make_score, source
-    from eol_ros.core.sound.mixer import Mixer, voice_rows
+    from eol_ros.core.sound.bank import voice_rows
+    from eol_ros.core.sound.mixer import Mixer
     from eol_ros.devices.soundcard import Card
 
     epoch = int(time.time())
@@ -60,6 +61,7 @@ def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -
     bank = bank_of(source(), s)
     rows = voice_rows(s.triggers, bank, 2) if overlap else voice_rows(s.triggers[:0], bank, 2)
     card = Card(mixer, 'system', block, compiled)
+    card.play()
     stop = threading.Event()
 
     def hold_the_lock():

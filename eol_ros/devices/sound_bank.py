@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The audio of a corpus brought into memory, in a thread of its own: it may take seconds."""
 
+import os
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from eol_ros.core.sound.mixer import Bank
+from eol_ros.core.sound.bank import Bank
 from eol_ros.devices.audio_file import read_mono
 from eol_ros.errors import ConfigError, EolError
 
-KEPT = 3  # banks that voices may still read after a change of the corpus
+KEPT = 3  # corpora that triggers on their way may still speak of
+RETRY_S = 3.0  # after a sound that could not be read
 
 
 def load_bank(
@@ -42,12 +44,14 @@ class BankLoader:
     """Loads banks behind the scenes, and knows which one a trigger speaks of.
 
     A corpus is told some time before triggers name its grains; until then those of the one before
-    are meant. The last few banks are kept, for voices still read them.
+    are meant. One that cannot be read is tried again for as long as it is wanted.
     """
 
     def __init__(self, sample_rate: int):
         self._sample_rate = sample_rate
         self._lock = threading.Lock()
+        self._reading = threading.Lock()  # one at a time: a long recording fills the memory
+        self._closed = threading.Event()
         self._entries: list[_Entry] = []  # in the order in which they were told
         self._news: list[EolError | None] = []
 
@@ -59,9 +63,9 @@ class BankLoader:
         with self._lock:
             if self._entries and digest == self._entries[-1].digest:
                 return False
-            entry = _Entry(digest, from_ns)
+            entry = _Entry(digest, from_ns, grains)
             self._entries = [*self._entries[1 - KEPT :], entry]
-        threading.Thread(target=self._load, args=(entry, grains), daemon=True).start()
+        threading.Thread(target=self._load, args=(entry,), daemon=True).start()
         return True
 
     def at(self, stamp_ns: int) -> Bank | None:
@@ -79,22 +83,44 @@ class BankLoader:
             news, self._news = self._news, []
             return news
 
-    def _load(self, entry: '_Entry', grains) -> None:
-        outcome: EolError | None = None
-        bank = None
-        try:
-            bank = load_bank(*grains, self._sample_rate)
-        except EolError as error:
-            outcome = error
-        except (OSError, MemoryError, ValueError) as error:  # said, not lost with the thread
-            outcome = EolError(f'the sound of the corpus cannot be read: {error!r}')
-        with self._lock:
-            entry.bank = bank
-            self._news.append(outcome)
+    def close(self) -> None:
+        """Try no more."""
+        self._closed.set()
+
+    def _load(self, entry: '_Entry') -> None:
+        told = ''
+        while entry in self._entries and not self._closed.is_set():
+            outcome: EolError | None = None
+            try:
+                with self._reading:
+                    self._read(entry)
+            except EolError as error:
+                outcome = error
+            except (OSError, MemoryError, ValueError) as error:  # said, not lost with the thread
+                outcome = EolError(f'the sound of the corpus cannot be read: {error!r}')
+            with self._lock:
+                if outcome is None or str(outcome) != told:
+                    self._news.append(outcome)
+            if outcome is None:
+                return
+            told = str(outcome)
+            self._closed.wait(RETRY_S)
+
+    def _read(self, entry: '_Entry') -> None:
+        files, *cuts = entry.grains
+        entry.key = [(f, os.stat(f).st_mtime_ns) for f in files if os.path.isfile(f)]
+        entry.key += [cut.tobytes() for cut in cuts]
+        for other in self._entries:  # a grain was moved: the same sound, cut alike
+            if other.bank is not None and other.key == entry.key:
+                entry.bank = other.bank
+                return
+        entry.bank = load_bank(*entry.grains, self._sample_rate)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Entry:
     digest: str
     from_ns: int
+    grains: tuple  # what load_bank takes, but for the rate
     bank: Bank | None = None
+    key: list | None = None  # equal keys, equal banks

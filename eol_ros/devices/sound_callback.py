@@ -6,7 +6,7 @@ from numba import carray, cfunc, njit, types
 
 from eol_ros.core.sound.clock import step_clock
 from eol_ros.core.sound.mixer import render
-from eol_ros.core.sound.mixer_layout import memory, pointer
+from eol_ros.core.sound.mixer_layout import fence, fits, memory, pointer
 
 OUTPUT_UNDERFLOW = 4  # paOutputUnderflow of portaudio.h
 CLOCK_REALTIME, CLOCK_MONOTONIC = 0, 1
@@ -23,7 +23,12 @@ def _seconds(timespec, clock, epoch):
 
 @njit(cache=True, nogil=True)
 def turn(address, out, flags):
-    """Fill `out` (frames, channels) f4 from the mixer at `address`, keep its clock and counters."""
+    """Fill `out` (frames, channels) f4 from the mixer at `address`, keep its clock and counters.
+
+    Return False, and do nothing, if this code was compiled for another layout of the memory.
+    """
+    if not fits(address):
+        return False
     m = memory(address)
     s = m.state[0]
     begun = _seconds(m.timespec, CLOCK_MONOTONIC, 0.0)
@@ -36,6 +41,27 @@ def turn(address, out, flags):
     if out.shape[0]:
         m.loads[s.callbacks % m.loads.size] = taken * s.sample_rate / out.shape[0]
         s.callbacks += 1
+    return True
+
+
+@njit(cache=True, nogil=True)
+def serve(address, out, flags):
+    """A card asks: as `turn`, but silence if the mixer is not the card's (any more).
+
+    `busy` is up before `card` is looked at, so whoever takes `card` down and then finds `busy` down
+    has the mixer for himself.
+    """
+    played = False
+    if fits(address):
+        s = memory(address).state[0]
+        s.busy = 1
+        fence()
+        if s.card:
+            played = turn(address, out, flags)
+        fence()
+        s.busy = 0
+    if not played:
+        out[:] = 0
 
 
 @cfunc(
@@ -47,10 +73,7 @@ def turn(address, out, flags):
 def callback(_inputs, output, frames, _times, flags, table):
     """PaStreamCallback of portaudio.h; `table` is the mixer's table of addresses."""
     address = carray(table, 1, np.int64).ctypes.data
-    s = memory(address).state[0]
-    out = carray(output, (frames, s.channels), np.float32)
-    if s.card:
-        turn(address, out, flags)
-    else:
-        out[:] = 0
+    if fits(address):
+        out = carray(output, (frames, memory(address).state[0].channels), np.float32)
+        serve(address, out, flags)
     return 0  # paContinue

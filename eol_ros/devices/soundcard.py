@@ -6,6 +6,7 @@ asking for samples, goes on with the file, and takes the card again when it is b
 """
 
 import atexit
+import ctypes
 import os
 import threading
 import time
@@ -15,19 +16,20 @@ import numpy as np
 
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.devices.backoff import Backoff
-from eol_ros.devices.sound_callback import OUTPUT_UNDERFLOW, callback, turn
+from eol_ros.devices.sound_callback import OUTPUT_UNDERFLOW, callback, serve
 from eol_ros.devices.wav_sink import WavSink
-from eol_ros.errors import ConfigError, DeviceMissing, EolError
+from eol_ros.errors import ConfigError, DeviceMissing
 
-WATCH_S = 0.2  # between two looks at the card
+WATCH_S = 0.1  # between two looks at the card
 STILL_S = 0.6  # a card that asks for nothing for so long is gone
 RETRY_S = 3.0  # longest wait between two tries to take the card again
-CLOSE_S = 2.0  # a driver that needs longer to close hangs
+GIVE_UP_S = 0.2  # a block takes a few milliseconds at most
+CLOSE_S = 1.0  # a driver that needs longer to close hangs
 INSTALL = 'apt-get install libportaudio2'
 
 
 class Card:
-    """An open PortAudio stream that plays `mixer`; raises DeviceMissing if it cannot be had.
+    """An open PortAudio stream, silent until `play`; raises DeviceMissing if it cannot be had.
 
     `compiled` takes the callback that needs no Python; where sounddevice does not let it in, the
     ordinary callback does the same a little less reliably.
@@ -35,7 +37,8 @@ class Card:
 
     def __init__(self, mixer: Mixer, device: str, block_size: int, compiled: bool = True):
         sd = _portaudio()
-        turn(mixer.address, np.zeros((0, mixer.channels), np.float32), 0)  # compile before
+        mixer.state['card'] = 0
+        serve(mixer.address, np.zeros((0, mixer.channels), np.float32), 0)  # compile before
         number = find(device, mixer.channels)
         options = {
             'samplerate': mixer.sample_rate,
@@ -45,8 +48,7 @@ class Card:
             'dtype': 'float32',
             'latency': 'low',
         }
-        self._state = mixer.state
-        self._state['card'] = 1
+        self._mixer = mixer  # must live for as long as the driver may call
         self.name = sd.query_devices(number)['name']
         self.compiled = compiled
         try:
@@ -69,17 +71,26 @@ class Card:
             ) from None
         self.latency_s = float(self._stream.latency)
 
-    @property
-    def active(self) -> bool:
-        """Whether PortAudio thinks that it plays."""
-        return bool(self._stream.active)
+    def play(self) -> None:
+        """Let the card render the mixer from now on; nobody else may."""
+        self._mixer.state['clock_steady'] = 0
+        self._mixer.state['card'] = 1
 
-    def give_up(self) -> None:
-        """Never touch the mixer again, whatever the driver does."""
-        self._state['card'] = 0
+    def give_up(self) -> bool:
+        """Never touch the mixer again, whatever the driver does; return whether that is so now.
+
+        False if the driver's thread stands still in the middle of a block.
+        """
+        state = self._mixer.state
+        state['card'] = 0
+        deadline = time.monotonic() + GIVE_UP_S
+        while state['busy'][0] and time.monotonic() < deadline:
+            time.sleep(0.001)
+        return not state['busy'][0]
 
     def close(self, timeout_s: float = CLOSE_S) -> bool:
         """Stop; return whether the driver did it in time. One whose device is gone may hang."""
+        self.give_up()
         closing = threading.Thread(
             target=self._stream.close, kwargs={'ignore_errors': True}, daemon=True
         )
@@ -87,17 +98,14 @@ class Card:
         closing.join(timeout_s)
         if closing.is_alive():  # to end PortAudio then, as sounddevice would at exit, aborts
             atexit.unregister(_portaudio()._exit_handler)
+            for kept in (self._mixer, self._stream):  # what the driver may still look at stays
+                ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))
         return not closing.is_alive()
 
 
 def _ordinary(mixer: Mixer):
-    address = mixer.address
-
     def ordinary(out, _frames, _times, status):
-        if mixer.state['card'][0]:
-            turn(address, out, OUTPUT_UNDERFLOW if status.output_underflow else 0)
-        else:
-            out[:] = 0
+        serve(mixer.address, out, OUTPUT_UNDERFLOW if status.output_underflow else 0)
 
     return ordinary
 
@@ -138,7 +146,10 @@ def rescan() -> None:
     """Look for sound cards anew: PortAudio does so only when it starts. No stream may be open."""
     sd = _portaudio()
     sd._terminate()
-    sd._initialize()
+    try:
+        sd._initialize()
+    except sd.PortAudioError as error:
+        raise DeviceMissing(f'PortAudio does not start ({_reason(error)})') from None
 
 
 def find(device: str, channels: int = 1) -> int:
@@ -197,6 +208,7 @@ class Player:
         self._why = ''
         self._retry_s = 0.0
         self.output: Card | WavSink = self._first()
+        atexit.register(self.close, 0.0)  # no thread may render when the interpreter goes
         self._stop = threading.Event()
         self._watcher = threading.Thread(target=self._watch, name='sound watch', daemon=True)
         self._watcher.start()
@@ -231,6 +243,7 @@ class Player:
 
     def close(self, fade_out_s: float = 0.5) -> None:
         """Fade out and stop."""
+        atexit.unregister(self.close)
         self._stop.set()
         self._watcher.join(2 * CLOSE_S)
         self.mixer.fade(0.0, fade_out_s)
@@ -245,13 +258,18 @@ class Player:
         if self.device == 'wav':
             return self._file(self._wav)
         try:
-            return self._take_card()
+            card = self._open()
         except DeviceMissing as error:
-            self._why = str(error)
-            self._retry_s = time.monotonic() + self._backoff.failed()
+            self._missing(error)
             return self._file(self._wav)
+        card.play()
+        return card
 
-    def _take_card(self) -> Card:
+    def _missing(self, error: DeviceMissing) -> None:
+        self._why = str(error)
+        self._retry_s = time.monotonic() + self._backoff.failed()
+
+    def _open(self) -> Card:
         try:
             return Card(self.mixer, self.device, self.block_size, self._compiled)
         except (AttributeError, TypeError):  # another sounddevice, without that door
@@ -266,25 +284,27 @@ class Player:
 
     def _watch(self) -> None:
         seen, moved_s = -1, time.monotonic()
+        looked_s = moved_s
         while not self._stop.wait(WATCH_S):
             now_s = time.monotonic()
             frame = int(self.mixer.state['frame'][0])
-            if frame != seen:
+            if frame != seen or now_s - looked_s > 3 * WATCH_S:  # or nobody ran, not even this
                 seen, moved_s = frame, now_s
+            looked_s = now_s
+            if self.stuck:
+                continue
             if self.on_card:
                 if now_s - moved_s > STILL_S:
                     self._lost()
-                    moved_s = time.monotonic()
-            elif self.device != 'wav' and not self.stuck and now_s > self._retry_s:
+            elif self.device != 'wav' and now_s > self._retry_s:
                 self._look()
-                moved_s = time.monotonic()
 
     def _lost(self) -> None:
         card = self.output
         self.losses += 1
         self._why = f'sound card {card.name} is gone'
-        card.give_up()
-        self.output = self._file(self._wav)
+        if card.give_up():
+            self.output = self._file(self._wav)
         if not card.close():
             self._why += ' and its driver hangs'
             self.stuck = True
@@ -293,13 +313,15 @@ class Player:
         """See whether the card is there; if so, let it take over from the file."""
         try:
             rescan()
-            find(self.device, self.mixer.channels)
-            self.output.close()
-            self.mixer.fade(1.0, self._fade_in_s, at_once_from=0.0)
-            self.output = self._take_card()
-            self._backoff.succeeded()
-        except EolError as error:
-            self._why = str(error)
-            self._retry_s = time.monotonic() + self._backoff.failed()
-            if isinstance(self.output, WavSink) and not self.output.running:
-                self.output = self._file(self._wav)
+            card = self._open()
+        except DeviceMissing as error:
+            self._missing(error)
+            return
+        if not self.output.close():
+            card.close()
+            self._missing(DeviceMissing(f'{self.output.name}: the disk does not answer'))
+            return
+        self.mixer.fade(1.0, self._fade_in_s, at_once_from=0.0)
+        card.play()
+        self.output = card
+        self._backoff.succeeded()

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Grain triggers in; sound out, and a meter that shows it."""
 
-import os
 import sys
 import time
 from pathlib import Path
@@ -10,10 +9,11 @@ from eol_ros.core.sound.meter import Meter
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.devices.sound_bank import BankLoader
 from eol_ros.devices.soundcard import Player
+from eol_ros.errors import EolError
 from eol_ros.nodes.sound_osc import Osc
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
-from eol_ros.ros.sound import corpus_grains, meter_message, samples_message, trigger_row
+from eol_ros.ros.sound import SampleStream, corpus_grains, meter_message, trigger_row
 from eol_ros.ros.stamps import NS, now_ns, to_ns
 
 COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
@@ -32,17 +32,18 @@ class SoundNode(EolNode):
             epoch_s=self.epoch_ns // NS,
         )
         self.on_settings(s)
+        self.osc = Osc(self) if s.osc_out or s.osc_in else None
         self.meter, self.banks = Meter(self.mixer), BankLoader(s.sample_rate)
         folder = Path(self.scene.settings('recorder').folder)
         wav = s.wav or folder / time.strftime('sound-%Y%m%d-%H%M%S.wav')
+        self.meters = self.publisher('sound_meter')
+        self.samples = SampleStream(self, self.mixer, self.epoch_ns)
+        self.unheard = 0
+        self.trouble = 'waiting for the corpus'
         self.player = Player(
             self.mixer, s.device, s.block_size, wav, s.wav_limit_s, s.fade_in_s,
             card_needed=s.card_needed,
         )
-        self.meters, self.samples = self.publisher('sound_meter'), self.publisher('sound_samples')
-        self.sent = self.unheard = 0
-        self.trouble = 'waiting for the corpus'
-        self.osc = Osc(self) if s.osc_out or s.osc_in else None
         self.create_timer(1 / s.meter_hz, self.on_timer)
         self.subscribe('corpus', self.on_corpus)
         self.subscribe('control', self.on_control)
@@ -50,6 +51,8 @@ class SoundNode(EolNode):
 
     def on_settings(self, new) -> None:
         self.mixer.set(new.reading == 'cubic', new.gain_db, new.loudness_lufs, new.governor_db)
+        # Whole frames: the grains then start as far apart as without it, as `eol render` has them.
+        self.latency_s = round(new.latency_s * new.sample_rate) / new.sample_rate
 
     def on_corpus(self, message) -> None:
         from_ns = to_ns(message.header.stamp)
@@ -69,7 +72,7 @@ class SoundNode(EolNode):
         if bank is None:
             self.unheard += 1
             return
-        self.mixer.play(trigger_row(message, self.epoch_ns, self.settings.latency_s), bank)
+        self.mixer.play(trigger_row(message, self.epoch_ns, self.latency_s), bank)
 
     def on_timer(self) -> None:
         for error in self.banks.news():
@@ -77,9 +80,7 @@ class SoundNode(EolNode):
         player, state, s = self.player, self.mixer.state[0], self.settings
         reading = self.meter.read()
         self.meters.publish(meter_message(reading, self.epoch_ns, state, player.output.name, s))
-        new, self.sent = int(state['frame']) - self.sent, int(state['frame'])
-        if new > 0 and self.samples.get_subscription_count():
-            self.samples.publish(samples_message(self.mixer, self.sent, new, self.epoch_ns))
+        self.samples.look()
         self.health.values.update(
             voices=reading.voices, load=round(reading.load, 3), unheard=self.unheard,
             peak_dbfs=round(reading.peak_dbfs, 1), losses=player.losses,
@@ -88,13 +89,13 @@ class SoundNode(EolNode):
         text = '; '.join(t for t in (player.text, self.trouble) if t)
         level = 'warn' if self.trouble and player.level == 'ok' else player.level
         getattr(self.health, level)(text)
-        if player.stuck:  # only a new process frees what the driver holds
-            self.health.report()
-            os.execv(sys.executable, sys.orig_argv)
+        if player.stuck:
+            raise EolError(f'{text}: only a new process gets it back')
 
     def close(self) -> None:
         if self.osc:
             self.osc.close()
+        self.banks.close()
         self.player.close(self.settings.fade_out_s)
 
 

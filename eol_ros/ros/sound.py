@@ -9,9 +9,11 @@ from eol_msgs.msg import Corpus, GrainTrigger, SoundMeter, SoundSamples
 from eol_ros.core.sound.meter import Reading
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import NS, to_msg, to_ns
 from eol_ros.settings import SoundSettings
 
+SAMPLES_HZ = 60.0
 NOBODY = 255  # GrainTrigger.block of a trigger that no block caused
 
 
@@ -67,15 +69,39 @@ def meter_message(
     return message
 
 
-def samples_message(mixer: Mixer, end: int, count: int, epoch_ns: int) -> SoundSamples:
-    """Return the message of the `count` frames of output before frame `end`."""
-    frames = mixer.recent(count, end)
-    first = end - len(frames)
-    message = SoundSamples(
-        sample_rate=int(mixer.sample_rate),
-        channels=mixer.channels,
-        first=max(0, first),
-        data=array('B', frames.astype('<f4').tobytes()),
-    )
-    message.header.stamp = to_msg(epoch_ns + round(mixer.time_of(first) * NS))
-    return message
+class SampleStream:
+    """The output as messages, often enough to be heard at once, and none while nobody listens."""
+
+    def __init__(self, node: EolNode, mixer: Mixer, epoch_ns: int):
+        self._mixer, self._epoch_ns = mixer, epoch_ns
+        self._publisher = node.publisher('sound_samples')
+        self._sent = 0
+        self._timer = node.create_timer(1 / SAMPLES_HZ, self._send)
+        self._timer.cancel()
+
+    def look(self) -> None:
+        """Begin if somebody listens; to be called now and then."""
+        if self._timer.is_canceled() and self._publisher.get_subscription_count():
+            self._sent = int(self._mixer.state['frame'][0])
+            self._timer.reset()
+
+    def _send(self) -> None:
+        new = int(self._mixer.state['frame'][0]) - self._sent
+        if not self._publisher.get_subscription_count():
+            self._timer.cancel()
+        elif new > 0:
+            self._sent += new
+            self._publisher.publish(self._message(self._sent, new))
+
+    def _message(self, end: int, count: int) -> SoundSamples:
+        mixer = self._mixer
+        frames = mixer.recent(count, end)
+        first = end - len(frames)
+        message = SoundSamples(
+            sample_rate=int(mixer.sample_rate),
+            channels=mixer.channels,
+            first=max(0, first),
+            data=array('B', frames.astype('<f4').tobytes()),
+        )
+        message.header.stamp = to_msg(self._epoch_ns + round(mixer.time_of(first) * NS))
+        return message

@@ -90,7 +90,7 @@ def _voices(args, settings):
     """Return the voices, how many triggers there were, and the banks that the voices read."""
     import numpy as np
 
-    from eol_ros.core.sound.mixer import voice_rows
+    from eol_ros.core.sound.bank import voice_rows
 
     if Path(args.source).suffix.lower() == '.csv':
         from eol_ros.devices.trigger_file import load_triggers
@@ -103,7 +103,7 @@ def _voices(args, settings):
     from eol_ros.analysis.bag import open_bag
 
     bag = open_bag(args.source)
-    triggers, times = _bag_triggers(bag)
+    triggers, times = _bag_triggers(bag, settings.sample_rate)
     if args.corpus:
         bank = _bank(args.corpus, settings.sample_rate)
         return voice_rows(triggers, bank, settings.channels), len(triggers), [bank]
@@ -125,15 +125,20 @@ def _voices(args, settings):
     return np.concatenate(rows), len(triggers), banks
 
 
-def _bag_triggers(bag):
-    """Return the triggers of a bag, their time from its start, and their stamps."""
+def _bag_triggers(bag, sample_rate: int):
+    """Return the triggers of a bag, their time from its start, and their stamps.
+
+    Frames are counted from whole seconds on, as where a live run has no card to follow.
+    """
     import numpy as np
 
     from eol_ros.core.sound.triggers import TRIGGER
 
     table = bag.table('grain_triggers')
     triggers = np.zeros(len(table), TRIGGER)
-    triggers['time_s'] = (table['stamp'].astype('i8') - bag.start_ns) * 1e-9
+    second_ns = bag.start_ns // 10**9 * 10**9
+    begin_s = math.floor((bag.start_ns - second_ns) * 1e-9 * sample_rate) / sample_rate
+    triggers['time_s'] = (table['stamp'].astype('i8') - second_ns) * 1e-9 - begin_s
     for mine, theirs in (
         ('grain', 'grain'), ('gain', 'gain'), ('rate', 'rate'), ('pan', 'pan'),
         ('attack_s', 'attack'), ('release_s', 'release'), ('block', 'block'),

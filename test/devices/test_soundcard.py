@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import errno
 import subprocess
 import sys
 import textwrap
@@ -11,7 +12,9 @@ import numpy as np
 import pytest
 from jack import FS, PERIOD, plugged
 
-from eol_ros.core.sound.mixer import Bank, Mixer, voice_rows
+from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.mixer import Mixer
+from eol_ros.core.sound.offline import render_all
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.devices.soundcard import Card, Player, cards, find
 from eol_ros.devices.wav_sink import WavSink
@@ -61,6 +64,7 @@ def wait_for(condition, seconds):
 def test_plays_on_a_real_stream_at_the_time_that_was_asked(card, compiled):
     mixer, sound = new_mixer(), bank()
     stream = Card(mixer, 'auto', PERIOD, compiled)
+    stream.play()
     try:
         assert stream.name == 'system'
         assert wait_for(lambda: mixer.state['frame'][0] > FS // 2, 5)
@@ -83,6 +87,7 @@ def test_a_busy_python_thread_does_not_starve_the_compiled_callback(card):
     """Python's lock is held all the time; the frames must flow at the pace of the card."""
     mixer = new_mixer()
     stream = Card(mixer, 'auto', PERIOD)
+    stream.play()
     stop = threading.Event()
 
     def busy():
@@ -192,6 +197,51 @@ def test_file_keeps_real_time_stops_at_its_limit_and_never_overwrites(tmp_path):
     assert path.read_bytes() == b'of another run'
     with wave.open(str(tmp_path / 'a-1.wav')) as file:
         assert file.getnframes() / FS == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.slow
+def test_the_file_holds_what_its_triggers_are_rendered_to(tmp_path):
+    """Bit for bit, though it was written as time went by: its clock is exact."""
+    mixer, noise = new_mixer(governor_db=0), np.random.default_rng(1)
+    noisy = noise.uniform(-0.5, 0.5, FS).astype('f4')
+    sound = Bank([noisy], [0, 0], [0.0, 0.5], [0.2, 0.2], FS)
+    sink = WavSink(mixer, tmp_path / 'x.wav', PERIOD, limit_s=60)
+    begin_ns = time.time_ns() + 500_000_000
+    stamps = begin_ns + np.sort(noise.integers(0, 10**9, 40))
+    t = triggers((stamps - int(mixer.state['epoch'][0]) * 10**9) * 1e-9)
+    t['grain'], t['rate'] = noise.integers(0, 2, 40), noise.uniform(0.5, 2, 40)
+    mixer.play(t, sound)
+    assert wait_for(lambda: mixer.state['frame'][0] > 2.2 * FS, 20)
+    assert sink.close()
+    assert (mixer.state['triggers'][0], mixer.state['late'][0]) == (40, 0)
+    with wave.open(str(tmp_path / 'x.wav')) as file:
+        pcm = np.frombuffer(file.readframes(file.getnframes()), '<i2').reshape(-1, 2)
+    t['time_s'] = (stamps - begin_ns // 10**9 * 10**9) * 1e-9  # from a whole second on
+    offline = render_all(Mixer(FS, gain_db=0, governor_db=0), t, sound, 3 * FS)
+    wanted = np.round(offline * 32767).astype('<i2')
+    live, offline = (np.flatnonzero(x.any(axis=1))[0] for x in (pcm, wanted))
+    size = min(len(pcm) - live, len(wanted) - offline)
+    assert size > FS
+    assert np.array_equal(pcm[live : live + size], wanted[offline : offline + size])
+
+
+@pytest.mark.slow
+def test_a_full_disk_stops_the_file_and_not_the_show(tmp_path):
+    mixer = new_mixer()
+    sink = WavSink(mixer, None, PERIOD, limit_s=60)
+
+    class Full:
+        def writeframesraw(self, _):
+            raise OSError(errno.ENOSPC, 'No space left on device')
+
+        def close(self):
+            raise OSError(errno.ENOSPC, 'No space left on device')
+
+    sink._file = Full()
+    assert wait_for(lambda: 'No space left' in sink.name, 20)
+    frame = int(mixer.state['frame'][0])
+    assert wait_for(lambda: mixer.state['frame'][0] > frame + FS // 4, 20)
+    assert sink.close()
 
 
 @pytest.mark.slow

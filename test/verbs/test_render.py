@@ -9,7 +9,8 @@ from eol_msgs.msg import GrainTrigger
 from rclpy.serialization import serialize_message
 
 from eol_ros import cli
-from eol_ros.core.sound.mixer import Bank, Mixer, voice_rows
+from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.triggers import COLUMNS
 from eol_ros.devices.bag_file import BagTopic
 from eol_ros.devices.bag_writer import BagWriter

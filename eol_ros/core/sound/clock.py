@@ -13,6 +13,9 @@ from numba import njit
 BANDWIDTH_HZ = 0.5  # when settled
 WIDE_HZ = 8.0  # just after locking, so that the first guess is soon forgotten
 RELOCK_S = 0.02  # an error beyond any jitter: the system clock was set, or the device stood still
+# Added before a frame number is cut to a whole one. A stamp counts nanoseconds, 4.8e-5 frames at
+# 48 kHz: half of that on top lets no rounding error decide between two frames.
+NEAREST = 0.5 + 2.4e-5
 
 
 @njit(cache=True)
@@ -21,7 +24,6 @@ def start_clock(s, now_s):
     s.clock_time = now_s
     s.clock_frame = s.frame
     s.clock_period = 1.0 / s.sample_rate
-    s.clock_next = now_s
     s.clock_since = 0.0
     s.clock_error = 0.0
     s.clock_locks += 1
@@ -30,6 +32,8 @@ def start_clock(s, now_s):
 @njit(cache=True)
 def step_clock(s, now_s):
     """A callback that makes frame `s.frame` and those after it came at `now_s` (seconds)."""
+    if s.clock_steady:
+        return
     if s.clock_locks == 0:
         start_clock(s, now_s)
         return
@@ -53,9 +57,17 @@ def step_clock(s, now_s):
 
 
 @njit(cache=True)
+def set_clock(state, time_s):
+    """From now on the frames of `state` (1,) STATE come at exact times, the next at `time_s`."""
+    s = state[0]
+    start_clock(s, time_s)
+    s.clock_steady = 1
+
+
+@njit(cache=True)
 def frame_at(s, time_s):
     """Return the frame number that sounds at `time_s`, rounded to a whole one."""
-    return int(math.floor(s.clock_frame + (time_s - s.clock_time) / s.clock_period + 0.5))
+    return int(math.floor(s.clock_frame + (time_s - s.clock_time) / s.clock_period + NEAREST))
 
 
 @njit(cache=True)

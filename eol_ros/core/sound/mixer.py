@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The mixer: one compiled loop over all sounding grains, the same live and offline.
 
-`voice_rows` turns triggers into voices, `Mixer.push` puts them into the ring, `render` makes the
-next frames. Nothing in it allocates, waits or calls Python, so a sound card may call it directly.
+`bank.voice_rows` turns triggers into voices, `Mixer.push` puts them into the ring, `render` makes
+the next frames. Nothing in it allocates, waits or calls Python, so a sound card may call it.
 """
-
-from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
 
 from eol_ros.core.sound import clock
+from eol_ros.core.sound.bank import Bank, Lent, voice_rows
 from eol_ros.core.sound.envelope import (
     add_fall,
     add_flat,
@@ -22,79 +21,23 @@ from eol_ros.core.sound.loudness import k_weighting
 from eol_ros.core.sound.mixer_layout import (
     CHUNK,
     FOREVER,
-    GUARD,
     RING,
-    VOICE,
     Memory,
     allocate,
     fence,
+    fits,
     memory,
     samples,
 )
-from eol_ros.core.sound.pan import pan
 from eol_ros.core.sound.taps import read
-from eol_ros.core.sound.triggers import playable
+from eol_ros.errors import ConfigError
 
-EDGE_S = 0.002  # the shortest edge: anything steeper is heard as a click
 STEAL_S = 0.002  # a voice that makes room for another fades out in this time
 LOOK_AHEAD_S = 0.003
 LIMITER_RELEASE_S = 0.08
 DC_HZ = 7.0
 AHEAD_S = 30.0  # a trigger further in the future comes from another clock
-
-
-class Bank:
-    """The sound of one corpus in memory: what its grains are read from.
-
-    `sounds` are float32 arrays (n,) at the mixer's rate, `file` (g,) indexes them, `start` and
-    `duration` (g,) are in seconds. A grain that reaches beyond its sound is cut at its end.
-    """
-
-    def __init__(self, sounds: Sequence[np.ndarray], file, start, duration, sample_rate: float):
-        self.sample_rate = sample_rate
-        sizes = [len(s) for s in sounds]
-        self._samples = np.zeros(sum(sizes) + GUARD * (len(sizes) + 1), np.float32)
-        begins = np.empty(len(sizes), np.int64)
-        at = GUARD
-        for i, sound in enumerate(sounds):
-            self._samples[at : at + len(sound)] = sound
-            begins[i] = at
-            at += len(sound) + GUARD
-        file = np.asarray(file, np.int64)
-        first = np.round(np.asarray(start, float) * sample_rate).astype(np.int64)
-        length = np.round(np.asarray(duration, float) * sample_rate).astype(np.int64)
-        room = np.array(sizes, np.int64)[file] - first
-        self.length = np.clip(length, 0, np.maximum(room, 0))  # (g,) samples
-        self.address = self._samples.ctypes.data + 4 * (begins[file] + first)  # (g,) of sample 0
-
-    def __len__(self) -> int:
-        return len(self.length)
-
-
-def voice_rows(triggers: np.ndarray, bank: Bank, channels: int) -> np.ndarray:
-    """Return the voices (m,) VOICE of those `triggers` (n,) TRIGGER that can play, in order.
-
-    They read the memory of `bank` by its address: keep the bank for as long as they sound.
-    """
-    good = playable(triggers, len(bank))
-    good[good] &= bank.length[triggers['grain'][good]] >= 4
-    t = triggers[good]
-    v = np.zeros(len(t), VOICE)
-    v['time_s'] = t['time_s']
-    v['rate'] = t['rate']
-    v['source'] = bank.address[t['grain']]
-    v['length'] = ((bank.length[t['grain']] - 1) / v['rate']).astype(np.int64) + 1
-    last = v['length'] - 1
-    least = EDGE_S * bank.sample_rate
-    attack = np.maximum(t['attack_s'].astype(float) * bank.sample_rate, least)
-    release = np.maximum(t['release_s'].astype(float) * bank.sample_rate, least)
-    squeeze = np.minimum(1.0, last / (attack + release))  # edges longer than the grain share it
-    v['attack'] = np.maximum(1, np.floor(attack * squeeze))
-    v['release'] = np.maximum(1, np.floor(release * squeeze))
-    v['steal'] = FOREVER
-    v['channel_a'], v['channel_b'], a, b = pan(t['pan'], channels)
-    v['gain_a'], v['gain_b'] = a * t['gain'], b * t['gain']
-    return v[v['length'] >= 4]
+STALE = 'the sound engine was compiled for another version of itself; run: eol warm --anew'
 
 
 @njit(cache=True, nogil=True)
@@ -240,7 +183,12 @@ def _begin(m, until):
 
 @njit(cache=True, nogil=True)
 def render(address, out):
-    """Make the next frames of the mixer at `address` into `out` (frames, channels) f4."""
+    """Make the next frames of the mixer at `address` into `out` (frames, channels) f4.
+
+    Return False, and do nothing, if this code was compiled for another layout of the memory.
+    """
+    if not fits(address):
+        return False
     m = memory(address)
     s = m.state[0]
     _ingest(m)
@@ -259,6 +207,7 @@ def render(address, out):
             k += span
         s.frame += n
         at += n
+    return True
 
 
 class Mixer:
@@ -297,8 +246,10 @@ class Mixer:
         self.memory.weights[:] = k_weighting(sample_rate)[:, [0, 1, 2, 4, 5]].ravel()
         self.set(cubic=cubic, gain_db=gain_db, loudness_lufs=loudness_lufs, governor_db=governor_db)
         s['gain'] = s['gain_wish']
+        self._lent = Lent(round(AHEAD_S * sample_rate))
         publish(s, 0)  # whatever is compiled is so before it is needed
-        self.render(0)
+        if not render(self.address, np.empty((0, channels), np.float32)):
+            raise ConfigError(STALE)
 
     @property
     def look_ahead(self) -> int:
@@ -344,10 +295,17 @@ class Mixer:
         return float(s['clock_time'] + (frame - s['clock_frame']) * s['clock_period'])
 
     def play(self, triggers: np.ndarray, bank: Bank) -> None:
-        """Push what can be played of `triggers` (n,) TRIGGER; the rest counts as dropped."""
+        """Push what can be played of `triggers` (n,) TRIGGER; the rest counts as dropped.
+
+        The bank is kept in memory for as long as its voices may read it.
+        """
         rows = voice_rows(triggers, bank, self.channels)
         self.push(rows)
-        self.state['dropped'] += len(triggers) - len(rows)
+        s = self.state[0]
+        s['dropped'] += len(triggers) - len(rows)
+        if len(rows):
+            self._lent.lend(bank, int(rows['length'].max()), int(s['ring_head']))
+        self._lent.settle(int(s['ring_tail']), int(s['frame']))
 
     def push(self, rows: np.ndarray) -> int:
         """Put voices (n,) VOICE into the ring; return how many fitted. The rest is dropped."""

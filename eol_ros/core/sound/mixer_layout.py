@@ -6,6 +6,7 @@ knows lies in numpy arrays whose addresses stand in one table of int64; compiled
 address of that table and views the arrays in place, and Python reads the same arrays.
 """
 
+import zlib
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,6 +62,7 @@ STATE = np.dtype(
         ('fade_step', 'f8'),  # share of a fade made in a frame
         ('ring_head', 'i8'),
         ('card', 'i8'),  # 1 while a sound card may render; one that is given up hears silence
+        ('busy', 'i8'),  # 1 while a sound card does: nobody else may then
         # the callback's own
         ('ring_tail', 'i8'),
         ('frame', 'i8'),  # frames made so far
@@ -91,14 +93,20 @@ STATE = np.dtype(
         # the clock, see clock.py
         ('epoch', 'f8'),  # where the engine's time axis begins, seconds of the system clock
         ('clock_time', 'f8'),
-        ('clock_next', 'f8'),
         ('clock_frame', 'f8'),
         ('clock_period', 'f8'),
         ('clock_since', 'f8'),
         ('clock_locks', 'i8'),
         ('clock_error', 'f8'),
+        ('clock_steady', 'i8'),  # 1: frames come at exact times, there is nothing to follow
     ],
     align=True,
+)
+
+# Compiled code is kept on disk and looks at the date of its own source only. It begins by comparing
+# this number, so that code of another layout does nothing rather than write anywhere.
+LAYOUT = zlib.crc32(
+    repr((VOICE.descr, STATE.descr, CHUNK, GUARD, RING, WINDOWS, LOADS, FOREVER)).encode()
 )
 
 
@@ -140,10 +148,10 @@ pointer: Any = intrinsic(_pointer)
 
 
 def _fence(typing_context):
-    """Order the memory accesses before and after it: the ring has one writer and one reader."""
+    """Order the memory accesses before and after it, as the other threads see them too."""
 
     def codegen(context, builder, signature, args):
-        builder.fence('acq_rel')
+        builder.fence('seq_cst')
         return context.get_dummy_value()
 
     return types.void(), codegen
@@ -159,9 +167,15 @@ def samples(address, count):
 
 
 @njit(cache=True)
+def fits(address):
+    """Whether this compiled code knows the memory whose table stands at `address`."""
+    return carray(pointer(address), 1, np.int64)[0] == LAYOUT
+
+
+@njit(cache=True)
 def memory(address):
     """View the arrays whose table stands at `address`."""
-    t = carray(pointer(address), 20, np.int64)
+    t = carray(pointer(address), 21, np.int64)[1:]
     state = carray(pointer(t[0]), 1, STATE)
     s = state[0]
     c, look_ahead = s.channels, s.look_ahead
@@ -192,7 +206,7 @@ def memory(address):
 def allocate(
     channels: int, capacity: int, look_ahead: int, history: int
 ) -> tuple[Memory, np.ndarray]:
-    """Return the zeroed arrays of a mixer and the table of their addresses, (20,) int64."""
+    """Return the zeroed arrays of a mixer and its table, (21,) int64: LAYOUT and addresses."""
     arrays = Memory(
         np.zeros(1, STATE),
         np.zeros(capacity, VOICE),
@@ -218,4 +232,4 @@ def allocate(
     s = arrays.state
     s['channels'], s['capacity'] = channels, capacity
     s['look_ahead'], s['history'] = look_ahead, history
-    return arrays, np.array([a.ctypes.data for a in arrays], np.int64)
+    return arrays, np.array([LAYOUT, *(a.ctypes.data for a in arrays)], np.int64)

@@ -5,7 +5,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from eol_ros.core.sound.mixer import Bank, Mixer, voice_rows
+from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.clock import NEAREST
+from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.mixer_layout import RING
 
 FEED = RING // 16  # what the mixer takes in one call
@@ -19,7 +21,7 @@ def play(mixer: Mixer, rows: np.ndarray, frames: int, block_size: int = 512) -> 
     the first frame, so that a live stream and a file have the same samples at the same times.
     """
     rows = rows[np.argsort(rows['time_s'], kind='stable')]
-    due = np.floor(rows['time_s'] * mixer.sample_rate + 0.5) - mixer.look_ahead
+    due = np.floor(rows['time_s'] * mixer.sample_rate + NEAREST) - mixer.look_ahead
     mixer.state['frame'] = -mixer.look_ahead
     fed, done = 0, -mixer.look_ahead
     while done < frames:

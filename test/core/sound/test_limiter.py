@@ -6,8 +6,9 @@ from hypothesis import strategies as st
 from scipy.signal import sosfilt
 
 from eol_ros.bench.sound_reference import score
+from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.loudness import k_weighting
-from eol_ros.core.sound.mixer import Bank, Mixer
+from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import render_all
 from eol_ros.core.sound.triggers import TRIGGER
 

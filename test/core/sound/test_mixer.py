@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
 from eol_ros.bench.sound_reference import reference, score, snr_db
-from eol_ros.core.sound.mixer import STEAL_S, Bank, Mixer, voice_rows
+from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.mixer import STEAL_S, Mixer, render
 from eol_ros.core.sound.mixer_layout import RING
 from eol_ros.core.sound.offline import render_all
 from eol_ros.core.sound.pan import pan
@@ -191,6 +195,37 @@ def test_other_numbers_of_channels(channels):
     out = render_all(quiet(channels=channels), t, bank, FS // 2)
     assert out.shape == (FS // 2, channels)
     assert (np.abs(out).max(axis=0) > 0).all()
+
+
+def test_a_bank_stays_in_memory_for_as_long_as_it_may_be_read():
+    """Voices know addresses only: nobody but the mixer may know that they still read there."""
+    mixer = Mixer(FS, governor_db=0)
+    t = np.zeros(1, TRIGGER)
+    t['gain'], t['rate'], t['time_s'] = 0.5, 1, 20.0  # far ahead: it waits
+    for _ in range(3):
+        bank = Bank([np.ones(FS, 'f4')], [0], [0.0], [0.5], FS)
+        gone = weakref.ref(bank)
+        mixer.play(t, bank)
+        del bank
+    mixer.render(20 * FS)
+    assert gone() is not None
+    assert mixer.state['voices'][0] == 3 and np.abs(mixer.render(FS // 2)).max() > 0.5
+    another = Bank([np.ones(FS, 'f4')], [0], [0.0], [0.5], FS)
+    for _ in range(3):
+        mixer.render(20 * FS)
+        t['time_s'] += 25
+        mixer.play(t, another)
+    gc.collect()
+    assert gone() is None
+
+
+def test_code_of_another_layout_does_nothing():
+    mixer = quiet()
+    state = mixer.state.tobytes()
+    mixer._table[0] += 1
+    out = np.full((64, 2), 7, 'f4')
+    assert not render(mixer.address, out)
+    assert mixer.state.tobytes() == state and (out == 7).all()
 
 
 def test_an_old_corpus_sounds_on_while_the_new_one_begins():

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sound of a corpus in memory, the voices that read it, and how long it must stay there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eol_ros.core.sound.mixer_layout import FOREVER, GUARD, VOICE
+from eol_ros.core.sound.pan import pan
+from eol_ros.core.sound.triggers import playable
+
+EDGE_S = 0.002  # the shortest edge: anything steeper is heard as a click
+
+
+class Bank:
+    """The sound of one corpus in memory: what its grains are read from.
+
+    `sounds` are float32 arrays (n,) at the mixer's rate, `file` (g,) indexes them, `start` and
+    `duration` (g,) are in seconds. A grain that reaches beyond its sound is cut at its end.
+    """
+
+    def __init__(self, sounds: Sequence[np.ndarray], file, start, duration, sample_rate: float):
+        self.sample_rate = sample_rate
+        sizes = [len(s) for s in sounds]
+        self._samples = np.zeros(sum(sizes) + GUARD * (len(sizes) + 1), np.float32)
+        begins = np.empty(len(sizes), np.int64)
+        at = GUARD
+        for i, sound in enumerate(sounds):
+            self._samples[at : at + len(sound)] = sound
+            begins[i] = at
+            at += len(sound) + GUARD
+        file = np.asarray(file, np.int64)
+        first = np.round(np.asarray(start, float) * sample_rate).astype(np.int64)
+        length = np.round(np.asarray(duration, float) * sample_rate).astype(np.int64)
+        room = np.array(sizes, np.int64)[file] - first
+        self.length = np.clip(length, 0, np.maximum(room, 0))  # (g,) samples
+        self.address = self._samples.ctypes.data + 4 * (begins[file] + first)  # (g,) of sample 0
+
+    def __len__(self) -> int:
+        return len(self.length)
+
+
+def voice_rows(triggers: np.ndarray, bank: Bank, channels: int) -> np.ndarray:
+    """Return the voices (m,) VOICE of those `triggers` (n,) TRIGGER that can play, in order.
+
+    They read the memory of `bank` by its address: keep the bank for as long as they sound.
+    """
+    good = playable(triggers, len(bank))
+    good[good] &= bank.length[triggers['grain'][good]] >= 4
+    t = triggers[good]
+    v = np.zeros(len(t), VOICE)
+    v['time_s'] = t['time_s']
+    v['rate'] = t['rate']
+    v['source'] = bank.address[t['grain']]
+    v['length'] = ((bank.length[t['grain']] - 1) / v['rate']).astype(np.int64) + 1
+    last = v['length'] - 1
+    least = EDGE_S * bank.sample_rate
+    attack = np.maximum(t['attack_s'].astype(float) * bank.sample_rate, least)
+    release = np.maximum(t['release_s'].astype(float) * bank.sample_rate, least)
+    squeeze = np.minimum(1.0, last / (attack + release))  # edges longer than the grain share it
+    v['attack'] = np.maximum(1, np.floor(attack * squeeze))
+    v['release'] = np.maximum(1, np.floor(release * squeeze))
+    v['steal'] = FOREVER
+    v['channel_a'], v['channel_b'], a, b = pan(t['pan'], channels)
+    v['gain_a'], v['gain_b'] = a * t['gain'], b * t['gain']
+    return v[v['length'] >= 4]
+
+
+class Lent:
+    """Banks that voices may still read by their address, though nobody else keeps them.
+
+    A trigger waits in the ring, starts at most `ahead` frames after it is taken from there, and
+    sounds no longer than the longest of its bank: only then may the memory go.
+    """
+
+    def __init__(self, ahead: int):
+        self._ahead = ahead
+        self._loans: dict[int, _Loan] = {}
+
+    def __len__(self) -> int:
+        return len(self._loans)
+
+    def lend(self, bank: Bank, longest: int, head: int) -> None:
+        """Voices of up to `longest` frames have been pushed; the ring's head is at `head` now."""
+        loan = self._loans.setdefault(id(bank), _Loan(bank))
+        loan.longest, loan.head, loan.until = max(longest, loan.longest), head, None
+
+    def settle(self, tail: int, frame: int) -> None:
+        """Let go of what can no longer be read; `tail` of the ring and `frame` are now."""
+        for key, loan in list(self._loans.items()):
+            if loan.until is None and tail >= loan.head:
+                loan.until = frame + self._ahead + loan.longest
+            elif loan.until is not None and frame > loan.until:
+                del self._loans[key]
+
+
+@dataclass
+class _Loan:
+    bank: Bank
+    longest: int = 0  # frames
+    head: int = 0  # of the ring, after the last push
+    until: int | None = None  # frame; None while some may still be in the ring
