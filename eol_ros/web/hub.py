@@ -1,57 +1,107 @@
 # SPDX-License-Identifier: Apache-2.0
 """Between the graph and the viewers: each gets what it asked for, newest wins, nobody waits.
 
-Lives in the server's event loop; only `Hub.put` may be called from another thread. A *state*
-channel (blocks, image, meter...) keeps its newest packet per viewer; an *event* channel (slips,
-triggers...) queues, and where a viewer is too slow the oldest go, counted. So a slow viewer costs
-a bounded amount of memory and delays no one.
+Lives in the server's event loop; only `Hub.put` may be called from another thread. A payload is
+framed once and written to every viewer at once, without a task in between. Where a viewer's wire
+is full, a *state* channel (blocks, image, meter...) keeps its newest packet for it, an *event*
+channel (slips, triggers...) the last 256; what goes is counted. So a slow viewer costs a bounded
+amount of memory and delays no one.
 """
 
 import asyncio
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import Protocol
 
-Payload = bytes | str
+from eol_ros.web import wire
 
 STATES = frozenset({'blocks', 'truth', 'image', 'meter', 'leds'})
 EVENTS = frozenset({'slips', 'triggers', 'sound'})
 NOTICES = frozenset({'notices'})  # wall, health, cascades, control, tick: all viewers, always
 CHANNELS = STATES | EVENTS
 QUEUE = 256
+FULL = 65536  # bytes that wait on a wire: more, and its viewer is slow
+RETRY_S = 0.02
+
+
+class Wire(Protocol):
+    """What an asyncio transport can do, as far as a viewer needs it."""
+
+    def write(self, data: bytes) -> None:
+        """Send, or keep what cannot be sent yet."""
+
+    def get_write_buffer_size(self) -> int:
+        """Return how many bytes are kept."""
+
+    def is_closing(self) -> bool:
+        """Return whether nothing more can be sent."""
 
 
 class Viewer:
-    """One connected browser: what it wants, and what waits to be sent to it."""
+    """One connected browser: what it wants, and what waits to be sent to it.
 
-    def __init__(self, number: int):
+    States wait until `pace_s` after the last ones; an event goes at once and takes what waits along.
+    """
+
+    def __init__(self, number: int, line: Wire, loop: asyncio.AbstractEventLoop):
         self.number = number
         self.wants: frozenset[str] = frozenset()
+        self.pace_s = 0.0
         self.dropped = 0
-        self._newest: dict[str, Payload] = {}
-        self._queue: deque[Payload] = deque()
-        self._ready = asyncio.Event()
+        self._line, self._loop = line, loop
+        self._newest: dict[str, bytes] = {}
+        self._queue: deque[bytes] = deque()
+        self._due_s = 0.0
+        self._timer: asyncio.TimerHandle | None = None
 
-    def offer(self, channel: str, payload: Payload) -> None:
-        """Put one payload up for sending."""
+    def tell(self, text: str) -> None:
+        """Send a text to this viewer alone."""
+        self.offer('notices', wire.frame(text))
+
+    def offer(self, channel: str, frame: bytes) -> None:
+        """Send one frame, now or as soon as can be."""
         if channel in STATES:
-            if channel in self._newest:
-                self.dropped += 1
-            self._newest[channel] = payload
+            self.dropped += channel in self._newest
+            self._newest[channel] = frame
+            if self._timer is not None:
+                return
         else:
             if len(self._queue) >= QUEUE:
                 self._queue.popleft()
                 self.dropped += 1
-            self._queue.append(payload)
-        self._ready.set()
+            self._queue.append(frame)
+        self.flush()
 
-    async def take(self) -> list[Payload]:
-        """Wait for something to send and return all of it, events first."""
-        await self._ready.wait()
-        self._ready.clear()
-        payloads = [*self._queue, *self._newest.values()]
+    def flush(self) -> None:
+        """Send what waits, if it may go and the wire takes it."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if self._line.is_closing():
+            return
+        if self._line.get_write_buffer_size() > FULL:
+            return self._again(RETRY_S)
+        now = self._loop.time()
+        if not self._queue and now < self._due_s:
+            return self._again(self._due_s - now)
+        if self._newest:
+            self._due_s = now + self.pace_s
+        frames = [*self._queue, *self._newest.values()]
         self._queue.clear()
         self._newest.clear()
-        return payloads
+        if frames:
+            self._line.write(frames[0] if len(frames) == 1 else b''.join(frames))
+
+    def _again(self, after_s: float) -> None:
+        self._timer = self._loop.call_later(after_s, self.flush)
+
+    def close(self) -> None:
+        """Send nothing more."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._queue.clear()
+        self._newest.clear()
 
 
 class Hub:
@@ -60,7 +110,7 @@ class Hub:
     def __init__(self) -> None:
         self.viewers: set[Viewer] = set()
         self.demand: frozenset[str] = frozenset()
-        self._sticky: dict[str, str] = {}
+        self._sticky: dict[str, bytes] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._count = 0
 
@@ -68,33 +118,37 @@ class Hub:
         """Take note of the loop to run in."""
         self._loop = loop
 
-    def put(self, channel: str, payload: Payload, sticky: str = '') -> None:
+    def put(self, channel: str, payload: bytes | str, sticky: str = '') -> None:
         """Give a payload to all who want `channel`; any thread.
 
         A `sticky` name keeps the payload for viewers who come later, until the next of that name.
         """
         loop = self._loop
         if loop is not None and not loop.is_closed():
-            loop.call_soon_threadsafe(self._spread, channel, payload, sticky)
+            loop.call_soon_threadsafe(self._spread, channel, wire.frame(payload), sticky)
 
-    def _spread(self, channel: str, payload: Payload, sticky: str) -> None:
+    def _spread(self, channel: str, frame: bytes, sticky: str) -> None:
         if sticky:
-            self._sticky[sticky] = str(payload)
+            self._sticky[sticky] = frame
         for viewer in self.viewers:
-            if channel in NOTICES or channel in viewer.wants:
-                viewer.offer(channel, payload)
+            if channel in viewer.wants or channel in NOTICES:
+                viewer.offer(channel, frame)
 
-    def join(self) -> Viewer:
-        """Add a viewer; it is told at once what is known."""
+    def join(self, line: Wire, hello: Callable[[Viewer], str] = lambda viewer: '') -> Viewer:
+        """Add a viewer; it is greeted, and told at once what is known."""
+        assert self._loop is not None
         self._count += 1
-        viewer = Viewer(self._count)
+        viewer = Viewer(self._count, line, self._loop)
+        if text := hello(viewer):
+            viewer.tell(text)
+        for frame in self._sticky.values():
+            viewer.offer('notices', frame)
         self.viewers.add(viewer)
-        for payload in self._sticky.values():
-            viewer.offer('notices', payload)
         return viewer
 
     def leave(self, viewer: Viewer) -> None:
         """Forget a viewer."""
+        viewer.close()
         self.viewers.discard(viewer)
         self._review()
 

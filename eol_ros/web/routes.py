@@ -5,6 +5,7 @@ import asyncio
 import hashlib
 import json
 import mimetypes
+import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from eol_ros.errors import EolError
 from eol_ros.web import guard
 from eol_ros.web.controls import CONTROLS
-from eol_ros.web.hub import Hub, Viewer
+from eol_ros.web.hub import Hub
 from eol_ros.web.visitor import Visitor
 
 STATIC = Path(__file__).parent / 'static'
@@ -28,6 +29,7 @@ PAGES = {
 MAX_BODY = 4096
 MAX_MESSAGE = 4096
 CHANGE_TIMEOUT_S = 2.0
+KERNEL_BUFFER = 131072  # bytes on their way to one viewer: some five pictures
 
 mimetypes.add_type('text/javascript', '.js')
 mimetypes.add_type('application/json', '.json')
@@ -74,6 +76,8 @@ class Routes:
 
     async def close(self) -> None:
         """Say goodbye to every viewer."""
+        for viewer in list(self.hub.viewers):
+            self.hub.leave(viewer)
         closing = [s.close(code=WSCloseCode.GOING_AWAY) for s in self._sockets]
         await asyncio.wait_for(asyncio.gather(*closing, return_exceptions=True), 2.0)
 
@@ -192,17 +196,20 @@ class Routes:
         if len(self.hub.viewers) >= self.settings.viewers:
             self.say(f'too many viewers: {self.settings.viewers} are connected (panel.viewers)')
             return _error(503, 'too many viewers')
-        socket = web.WebSocketResponse(heartbeat=10.0, max_msg_size=MAX_MESSAGE, compress=False)
-        if not socket.can_prepare(request).ok:
+        ws = web.WebSocketResponse(heartbeat=10.0, max_msg_size=MAX_MESSAGE, compress=False)
+        if not ws.can_prepare(request).ok:
             return _error(400, 'a WebSocket is spoken here')
-        socket.headers.update(guard.HEADERS)
-        await socket.prepare(request)
-        viewer = self.hub.join()
-        visitor = Visitor(self, viewer, request)
-        self._sockets.add(socket)
-        sender = asyncio.create_task(_send(socket, viewer, visitor.hello()))
+        ws.headers.update(guard.HEADERS)
+        await ws.prepare(request)
+        line = request.transport
+        if line is None:
+            return ws
+        _keep_short(line)
+        visitor = Visitor(self, request)
+        viewer = self.hub.join(line, visitor.hello)
+        self._sockets.add(ws)
         try:
-            async for message in socket:
+            async for message in ws:
                 if message.type == WSMsgType.TEXT:
                     why = visitor.take(message.data)
                 elif message.type == WSMsgType.ERROR:
@@ -211,20 +218,20 @@ class Routes:
                     why = 'only text is taken'
                 if why:
                     self.say(f'refused message: {why} (from {request.remote})')
-                    await socket.close(
+                    self.hub.leave(viewer)  # nothing may follow the goodbye
+                    await ws.close(
                         code=WSCloseCode.POLICY_VIOLATION, message=why.encode()[:100]
                     )
                     break
-            if socket.close_code == WSCloseCode.MESSAGE_TOO_BIG:
+            if ws.close_code == WSCloseCode.MESSAGE_TOO_BIG:
                 self.say(
                     f'refused message: longer than {MAX_MESSAGE} bytes (from {request.remote})'
                 )
         finally:
-            sender.cancel()
-            self._sockets.discard(socket)
+            self._sockets.discard(ws)
             self.hub.leave(viewer)
             visitor.leave()
-        return socket
+        return ws
 
     def flipped(self, side: str, change: int, time_ms: float) -> None:
         """A wall says when it changed; with both sides of one change, their skew is known."""
@@ -238,18 +245,11 @@ class Routes:
         return self._pin_state(request, given)
 
 
-async def _send(socket: web.WebSocketResponse, viewer: Viewer, hello: str) -> None:
-    """Send what waits for a viewer; a slow one waits here, alone."""
-    try:
-        await socket.send_str(hello)
-        while True:
-            for payload in await viewer.take():
-                if isinstance(payload, str):
-                    await socket.send_str(payload)
-                else:
-                    await socket.send_bytes(payload)
-    except (ConnectionError, RuntimeError):
-        return  # the browser went away; the reader notices by itself
+def _keep_short(line: asyncio.BaseTransport) -> None:
+    """Let the kernel keep little: what waits there is old when it arrives, and cannot be replaced."""
+    sock = line.get_extra_info('socket')
+    if sock is not None:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER)
 
 
 class _File:

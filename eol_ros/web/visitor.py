@@ -18,14 +18,16 @@ FASTEST_RADPS = 2.0
 class Visitor:
     """Reads a viewer's messages: what it wants to see, its PIN, and its hand on the rim."""
 
-    def __init__(self, routes: Any, viewer: Viewer, request: Any):
-        self._routes, self._viewer, self._request = routes, viewer, request
+    def __init__(self, routes: Any, request: Any):
+        self._routes, self._request = routes, request
+        self._viewer: Viewer
         self._budget, self._then = MESSAGES_PER_S, time.monotonic()
         self._pushing = False
         self.trusted = not routes.pin.needed
 
-    def hello(self) -> str:
-        """Return the first message: who the viewer is and what it may do."""
+    def hello(self, viewer: Viewer) -> str:
+        """Take on a viewer; return the first message: who it is and what it may do."""
+        self._viewer = viewer
         return wire.text(
             {
                 't': 'hello',
@@ -70,13 +72,17 @@ class Visitor:
         self._routes.hub.want(self._viewer, value)
         return ''
 
+    def _take_pace(self, value: Any) -> str:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= 1:
+            return 'pace: not a time of 0 to 1 s'
+        self._viewer.pace_s = float(value)
+        return ''
+
     def _take_pin(self, value: Any) -> str:
         if not isinstance(value, str):
             return 'pin: not a text'
         self.trusted = self._routes.pin_state(self._request, value) == 'ok'
-        self._viewer.offer(
-            'notices', wire.text({'t': 'trust', 'ok': self.trusted, 'push': self.may_push})
-        )
+        self._viewer.tell(wire.text({'t': 'trust', 'ok': self.trusted, 'push': self.may_push}))
         return ''
 
     def _take_rim(self, value: Any) -> str:
@@ -101,7 +107,7 @@ class Visitor:
     def _take_ping(self, value: Any) -> str:
         if not isinstance(value, (int, float)) or not math.isfinite(value):
             return 'ping: not a number'
-        self._viewer.offer('notices', wire.text({'t': 'pong', 'ping': value, 'now': time.time()}))
+        self._viewer.tell(wire.text({'t': 'pong', 'ping': value, 'now': time.time()}))
         return ''
 
     def _take_flipped(self, value: Any) -> str:
@@ -112,4 +118,4 @@ class Visitor:
         return 'flipped: not [side, change, time]'
 
 
-_KINDS = ('wants', 'pin', 'rim', 'ping', 'flipped')
+_KINDS = ('wants', 'pace', 'pin', 'rim', 'ping', 'flipped')

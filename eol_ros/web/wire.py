@@ -65,6 +65,17 @@ def leds(stamp_s: float, white: Any, infrared: bool) -> bytes:
     return head(LEDS, stamp_s, bytes([infrared])) + bytes(bytearray(white))
 
 
+def frame(payload: bytes | str) -> bytes:
+    """Return a payload as one whole unmasked WebSocket frame (RFC 6455, 5.2), ready to be sent."""
+    data = payload.encode() if isinstance(payload, str) else payload
+    first = 0x81 if isinstance(payload, str) else 0x82
+    if len(data) < 126:
+        return bytes((first, len(data))) + data
+    if len(data) < 65536:
+        return struct.pack('!BBH', first, 126, len(data)) + data
+    return struct.pack('!BBQ', first, 127, len(data)) + data
+
+
 def text(event: dict[str, Any]) -> str:
     """Return an event as JSON that every browser reads: no NaN, no infinity."""
     return json.dumps(_finite(event), separators=(',', ':'), ensure_ascii=False)

@@ -5,6 +5,7 @@ export class Listener {
   constructor(link) {
     this.link = link;
     this.latency = null; // s, from the time a sample was meant to sound until it does here
+    this.onreport = () => {}; // (latency now)
     link.on('sound', (packet) => this.take(packet));
   }
 
@@ -53,6 +54,7 @@ export class Listener {
       const sounds = this.link.now() + (time - context.currentTime) + output;
       const late = sounds - stamp;
       this.latency = this.latency === null ? late : this.latency + 0.1 * (late - this.latency);
+      this.onreport(late);
     }
   }
 }

@@ -28,6 +28,7 @@ export class CameraView {
     this.buttons = [...card.querySelectorAll('[data-view]')];
     this.size = { width: 1280, height: 800 };
     this.outlines = true;
+    this.labels = new Map();
     this.level = Number(this.slider.value);
     for (const button of this.buttons) button.onclick = () => this.show(button.dataset.view);
     this.slider.oninput = () => {
@@ -79,15 +80,12 @@ export class CameraView {
   blocks(blocks, moving) {
     this.seen = blocks;
     this.moving = moving;
-    this.dirty = true;
   }
 
   draw() {
     if (!this.dirty) return;
     this.dirty = false;
-    const { brush, w, h } = fit(this.canvas);
-    brush.fillStyle = '#000';
-    brush.fillRect(0, 0, w, h);
+    const { brush, w, h } = fit(this.canvas, '#000');
     if (this.view !== 'off' && this.picture) {
       if (this.view === 'threshold') this.drawThreshold(brush, w, h);
       else brush.drawImage(this.picture, 0, 0, w, h);
@@ -103,6 +101,9 @@ export class CameraView {
 
   drawThreshold(brush, w, h) {
     const small = (this.small ??= new OffscreenCanvas(1, 1));
+    const of = `${this.stamp} ${this.level}`;
+    if (this.smallOf === of) return brush.drawImage(small, 0, 0, w, h);
+    this.smallOf = of;
     small.width = this.picture.width;
     small.height = this.picture.height;
     const pen = small.getContext('2d', { willReadFrequently: true });
@@ -139,8 +140,6 @@ export class CameraView {
     const k = w / this.size.width;
     const side = BLOCK_M * pixelsPerMetre(rows) * k;
     const size = Math.max(fontPx(0.72), 9);
-    brush.textAlign = 'center';
-    brush.textBaseline = 'middle';
     for (let id = 0; id < 25; id++) {
       const at = id * 8;
       const [u, v, seen] = [rows[at + 3] * k, rows[at + 4] * k, rows[at + 7]];
@@ -154,15 +153,30 @@ export class CameraView {
       brush.rotate(-rows[at + 2]);
       brush.strokeRect(-side / 2, -side / 2, side, side);
       brush.restore();
-      brush.font = `400 ${size}px ui-monospace, monospace`;
-      brush.lineWidth = 3;
-      brush.setLineDash([]);
-      brush.strokeStyle = '#000c';
-      brush.strokeText(id, side / 2 + size * 0.8, -side / 2);
-      brush.fillStyle = this.moving[id] ? MOVE : seen ? INK : QUIET;
-      brush.fillText(id, side / 2 + size * 0.8, -side / 2);
+      brush.drawImage(this.label(id, brush.strokeStyle, size), side / 2 - 0.2 * size, -side / 2 - size, 2 * size, 2 * size);
       brush.restore();
     }
+  }
+
+  // An id with a dark edge: outlined letters are dear to draw, so each is kept as a picture.
+  label(id, colour, size) {
+    const key = `${id} ${colour} ${size}`;
+    if (this.labels.has(key)) return this.labels.get(key);
+    const ratio = Math.min(devicePixelRatio || 1, 2);
+    const picture = new OffscreenCanvas(Math.ceil(2 * size * ratio), Math.ceil(2 * size * ratio));
+    const brush = picture.getContext('2d');
+    brush.scale(ratio, ratio);
+    brush.font = `400 ${size}px ui-monospace, monospace`;
+    brush.textAlign = 'center';
+    brush.textBaseline = 'middle';
+    brush.lineWidth = 3;
+    brush.strokeStyle = '#000c';
+    brush.strokeText(id, size, size);
+    brush.fillStyle = colour;
+    brush.fillText(id, size, size);
+    if (this.labels.size > 200) this.labels.clear(); // another size of window
+    this.labels.set(key, picture);
+    return picture;
   }
 }
 

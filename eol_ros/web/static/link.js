@@ -6,9 +6,10 @@ const KINDS = ['', 'blocks', 'truth', 'image', 'meter', 'sound', 'leds'];
 const RETRY_S = [1, 2, 4, 8, 10];
 
 export class Link extends EventTarget {
-  constructor(wants = []) {
+  constructor(wants = [], pace = 0) {
     super();
     this.wanted = wants;
+    this.pace = pace; // s between states, when that is enough for the page; events come at once
     this.viewer = 0;
     this.mayPush = false;
     this.pinNeeded = false;
@@ -32,6 +33,7 @@ export class Link extends EventTarget {
     this.socket.onopen = () => {
       this.tries = 0;
       this.offsets = [];
+      if (this.pace) this.send({ pace: this.pace });
       this.tellWants();
       if (this.pin) this.send({ pin: this.pin });
       for (const wait of [0, 60, 150, 300, 600]) setTimeout(() => this.ping(), wait);

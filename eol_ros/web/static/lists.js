@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Coordinates, light field and nodes: what is told in rows and squares.
 
-import { fit, fontPx, MOVE } from './paint.js';
+import { fit, fontPx, write } from './paint.js';
 import { readLeds } from './link.js';
 import { say } from './i18n.js';
 
@@ -31,14 +31,15 @@ export class CoordinateList {
       const old = this.before ? this.before.rows : blocks.rows;
       const speed = Math.hypot(x - old[at], y - old[at + 1]) / span;
       const cells = this.rows[id].cells;
-      cells[1].textContent = millimetres(x);
-      cells[2].textContent = millimetres(y);
-      cells[3].textContent = digits((yaw * 180) / Math.PI);
-      cells[4].textContent = moving[id] ? (speed * 1000).toFixed(1) : '0.0';
-      this.rows[id].className = moving[id] ? 'moving' : blocks.rows[at + 7] ? '' : 'unseen';
+      write(cells[1], millimetres(x));
+      write(cells[2], millimetres(y));
+      write(cells[3], digits((yaw * 180) / Math.PI));
+      write(cells[4], moving[id] ? (speed * 1000).toFixed(1) : '0.0');
+      const state = moving[id] ? 'moving' : blocks.rows[at + 7] ? '' : 'unseen';
+      if (this.rows[id].className !== state) this.rows[id].className = state;
       count += moving[id] ? 1 : 0;
     }
-    this.sum.textContent = say('moving_words', { count });
+    write(this.sum, say('moving_words', { count }));
     this.before = { stamp: blocks.stamp, rows: blocks.rows.slice() };
   }
 }
@@ -86,7 +87,7 @@ export class LightField {
       brush.fillStyle = level > 0.35 ? '#14181c' : '#a3aba9';
       brush.fillText(id, x + pitch / 2, y + pitch / 2);
     }
-    this.words.textContent = say('light_words', { count: lit });
+    write(this.words, say('light_words', { count: lit }));
   }
 }
 
@@ -134,10 +135,8 @@ export class NodeList {
       const words = [MARKS[shown], name, say(`level_${shown}`)];
       const hz = rate >= 0.5 ? `${rate.toFixed(rate < 10 ? 1 : 0)} Hz, ` : '';
       words.push(shown === 'silent' ? say('silent_for', { seconds: silent.toFixed(0) }) : hz + text);
-      words.forEach((word, k) => {
-        if (item.children[k].textContent !== word) item.children[k].textContent = word;
-      });
+      words.forEach((word, k) => write(item.children[k], word));
     });
-    this.sum.textContent = say('nodes_words', { good, all: names.length });
+    write(this.sum, say('nodes_words', { good, all: names.length }));
   }
 }

@@ -11,23 +11,45 @@ export const GROUND = '#0b0d10';
 
 export const calm = matchMedia('(prefers-reduced-motion: reduce)');
 
-// Fit a canvas to its box in device pixels; returns its brush, scaled to CSS pixels, and its size.
-export function fit(canvas) {
+// Sizes are told by the browser when they change: asking for them at each drawing would make it lay
+// the page out anew each time.
+const boxes = new WeakMap();
+const watch = new ResizeObserver((entries) => {
+  for (const { target, contentRect: { width, height } } of entries) boxes.set(target, [width, height]);
+  document.dispatchEvent(new Event('fitted'));
+});
+
+// Fit a canvas to its box in device pixels and empty it; returns its brush, scaled to CSS pixels, and
+// its size. A canvas with a ground is opaque, which spares the screen a blending.
+export function fit(canvas, ground = '') {
+  if (!boxes.has(canvas)) {
+    boxes.set(canvas, [canvas.clientWidth, canvas.clientHeight]);
+    watch.observe(canvas);
+  }
   const ratio = Math.min(window.devicePixelRatio || 1, 2);
-  const w = canvas.clientWidth;
-  const h = canvas.clientHeight;
+  const [w, h] = boxes.get(canvas);
   if (canvas.width !== Math.round(w * ratio) || canvas.height !== Math.round(h * ratio)) {
     canvas.width = Math.round(w * ratio);
     canvas.height = Math.round(h * ratio);
   }
-  const brush = canvas.getContext('2d');
+  const brush = canvas.getContext('2d', { alpha: !ground });
   brush.setTransform(ratio, 0, 0, ratio, 0, 0);
-  brush.clearRect(0, 0, w, h);
+  brush.fillStyle = ground;
+  if (ground) brush.fillRect(0, 0, w, h);
+  else brush.clearRect(0, 0, w, h);
   return { brush, w, h };
 }
 
+let rootPx = 0;
+addEventListener('resize', () => (rootPx = 0));
 export function fontPx(scale = 0.8) {
-  return parseFloat(getComputedStyle(document.documentElement).fontSize) * scale;
+  rootPx ||= parseFloat(getComputedStyle(document.documentElement).fontSize);
+  return rootPx * scale;
+}
+
+// Write a text only where it is another one.
+export function write(element, text) {
+  if (element.textContent !== text) element.textContent = text;
 }
 
 // A colour scale from deep water over bone to ember; t in 0..1.

@@ -7,17 +7,20 @@ import { CascadeView } from './cascades.js';
 import { LANGUAGES, language, say, speak } from './i18n.js';
 import { Link, readBlocks } from './link.js';
 import { CoordinateList, LightField, NodeList } from './lists.js';
+import { write } from './paint.js';
 import { SoundView } from './soundview.js';
 import { SpaceView } from './space.js';
 
 const STALE_S = 2.5;
+const PACE_S = 0.033; // eyes that read figures need no more; a slip comes at once
+const STIR_M = 0.0004; // a fifth of a pixel of the camera
 const $ = (id) => document.getElementById(id);
 
 await speak(language());
-const link = new Link([]);
+const link = new Link([], PACE_S);
 window.eol = { link }; // for tests and the curious
 const moving = new Uint8Array(25);
-const drawn = { slips: [], starts: 0 };
+const drawn = { slips: [], starts: 0, latencies: [] }; // stamps not drawn yet; s from stamp to screen
 window.eol.drawn = drawn;
 
 const camera = new CameraView($('camera'));
@@ -43,13 +46,28 @@ link.on('blocks', (packet) => {
   const blocks = readBlocks(packet);
   camera.blocks(blocks, moving);
   space.blocks(blocks, moving);
+  if (stirred(blocks.rows)) camera.dirty = space.dirty = true;
   coordinates.take(blocks, moving);
   const seen = blocks.rows.filter((value, i) => i % 8 === 7 && value).length;
-  $('camera-state').textContent = say('camera_words', { seen, state: say(`tracker_${blocks.state}`) });
+  write($('camera-state'), say('camera_words', { seen, state: say(`tracker_${blocks.state}`) }));
 });
+// Whether a block has gone far enough to be drawn anew, or has been lost or found.
+let shown = new Float32Array(200);
+function stirred(rows) {
+  for (let at = 0; at < 200; at += 8) {
+    const far = Math.max(Math.abs(rows[at] - shown[at]), Math.abs(rows[at + 1] - shown[at + 1]), Math.abs(rows[at + 2] - shown[at + 2]) * 0.06);
+    if (!(far < STIR_M) || rows[at + 7] !== shown[at + 7]) {
+      shown = rows.slice();
+      return true;
+    }
+  }
+  return false;
+}
 link.on('slip', (slip) => {
   moving[slip.block] = slip.start ? 1 : 0;
+  camera.dirty = space.dirty = true;
   if (slip.start) drawn.slips.push(slip.stamp);
+  ask();
 });
 link.on('up', () => moving.fill(0));
 link.on('image', (packet) => camera.take(packet));
@@ -133,8 +151,6 @@ function markLanguage() {
   redraw();
   nodes.draw();
 }
-document.addEventListener('language', markLanguage);
-markLanguage();
 
 addEventListener('keydown', (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT/.test(event.target.tagName)) return;
@@ -175,24 +191,34 @@ setInterval(() => {
   } else $('listen').textContent = say('listen');
 }, 250);
 
+// Drawing: when something has changed, at most every PACE_S; a slip with the next image of the screen.
+
+const views = [camera, space, sound, cascades, lights];
+setInterval(() => views.some((view) => view.dirty) && ask(), 1000 * PACE_S);
+
+let asked = false;
+function ask() {
+  if (!asked) requestAnimationFrame(draw);
+  asked = true;
+}
+
+const painted = new MessageChannel(); // its messages come when the screen has been painted
+painted.port1.onmessage = ({ data }) => {
+  drawn.starts += data.length;
+  drawn.latencies.push(...data.map((stamp) => link.now() - stamp));
+  drawn.latencies.splice(0, drawn.latencies.length - 4000);
+};
+
+function draw(now) {
+  asked = false;
+  for (const view of views) view.draw(now);
+  if (drawn.slips.length) painted.port2.postMessage(drawn.slips.splice(0));
+}
+
 function redraw() {
   for (const view of [camera, space, cascades, lights]) view.dirty = true;
   sound.dirty = Boolean(sound.meter);
 }
-addEventListener('resize', redraw);
-
-const DRAW_MS = 30; // eyes that read figures need no more
-let lastDraw = 0;
-function draw(now) {
-  requestAnimationFrame(draw);
-  if (now - lastDraw < DRAW_MS) return;
-  lastDraw = now;
-  for (const view of [camera, space, sound, cascades, lights]) view.draw(now);
-  if (drawn.slips.length) {
-    drawn.latest = drawn.slips.map((stamp) => link.now() - stamp);
-    drawn.latencies = (drawn.latencies || []).concat(drawn.latest).slice(-2000);
-    drawn.starts += drawn.slips.length;
-    drawn.slips = [];
-  }
-}
-requestAnimationFrame(draw);
+document.addEventListener('fitted', redraw);
+document.addEventListener('language', markLanguage);
+markLanguage();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Waveform, spectrum on a logarithmic axis, and a dBFS meter with peak hold.
 
-import { EDGE, fit, fontPx, QUIET, WATER } from './paint.js';
+import { EDGE, fit, fontPx, QUIET, WATER, write } from './paint.js';
 import { readMeter } from './link.js';
 import { say } from './i18n.js';
 
@@ -34,16 +34,14 @@ export class SoundView {
     this.drawSpectrum();
     this.drawLevel(now);
     const { sample_rate: rate, voices, underruns, latency } = this.meter;
-    this.state.textContent = say('sound_words', {
+    write(this.state, say('sound_words', {
       rate: rate / 1000, voices, underruns, latency: Math.round(latency * 1000),
-    });
+    }));
   }
 
   drawWave() {
-    const { brush, w, h } = fit(this.wave);
+    const { brush, w, h } = fit(this.wave, '#0d1115');
     const { low, high } = this.meter;
-    brush.fillStyle = '#0d1115';
-    brush.fillRect(0, 0, w, h);
     brush.fillStyle = EDGE;
     brush.fillRect(0, h / 2, w, 1);
     brush.strokeStyle = WATER;
@@ -58,10 +56,8 @@ export class SoundView {
   }
 
   drawSpectrum() {
-    const { brush, w, h } = fit(this.spectrum);
+    const { brush, w, h } = fit(this.spectrum, '#0d1115');
     const { bands } = this.meter;
-    brush.fillStyle = '#0d1115';
-    brush.fillRect(0, 0, w, h);
     const size = fontPx(0.7);
     const base = h - size * 1.4;
     brush.font = `300 ${size}px system-ui`;
@@ -90,6 +86,6 @@ export class SoundView {
     this.peak.style.left = `calc(${place(Math.max(fallen, peak))}% - 2px)`;
     this.level.setAttribute('aria-valuenow', Math.round(Math.max(peak, -60)));
     const rms = Math.max(this.meter.rms_dbfs ?? FLOOR_DB, FLOOR_DB);
-    this.words.textContent = `${say('peak')} ${peak.toFixed(1)}  rms ${rms.toFixed(1)} dBFS`;
+    write(this.words, `${say('peak')} ${peak.toFixed(1)}  rms ${rms.toFixed(1)} dBFS`);
   }
 }

@@ -51,7 +51,6 @@ export class SpaceView {
   blocks(blocks, moving) {
     this.seen = blocks;
     this.moving = moving;
-    this.dirty = true;
   }
 
   hit(grain) {
@@ -167,12 +166,10 @@ export class SpaceView {
   }
 
   draw(now) {
-    if (!this.dirty && !this.flashes.size) return;
-    this.dirty = false;
-    const { brush, w, h } = fit(this.canvas);
+    if (!this.dirty) return;
+    this.dirty = this.flashes.size > 0; // they fade: draw again
+    const { brush, w, h } = fit(this.canvas, '#0d1115');
     this.box = { w, h };
-    brush.fillStyle = '#0d1115';
-    brush.fillRect(0, 0, w, h);
     const { corpus } = this;
     if (!corpus) return;
     const dot = Math.max(Math.min(w, h) / 170, 1.6);

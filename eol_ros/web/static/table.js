@@ -120,10 +120,25 @@ setInterval(tell, 250);
 tell();
 
 const DARK = new Uint8Array(25);
+let drawn = [null, null];
 function draw(now) {
-  drawing.draw(now, state, now - ledsAt < 1000 ? leds : DARK);
-  counts.drawings++;
   requestAnimationFrame(draw);
+  const light = now - ledsAt < 1000 ? leds : DARK;
+  if (!drawing.alive && !stirred(...drawn, state, light)) return;
+  drawing.draw(now, state, light);
+  drawn = [state, light];
+  counts.drawings++;
 }
 requestAnimationFrame(draw);
-addEventListener('resize', () => drawing.resize());
+addEventListener('resize', () => (drawing.dirty = true));
+
+// Whether anything has gone by a tenth of a pixel, or shines otherwise.
+function stirred(before, lightBefore, now, light) {
+  if (before === now && lightBefore === light) return false;
+  if (!before || !now || light.some((level, id) => level !== lightBefore[id])) return true;
+  const far = 0.1 / drawing.perM;
+  const apart = (a, b, scale = 1) => !a || a.some((value, i) => !(Math.abs(value - b[i]) * scale < far));
+  return apart(now.x, before.x) || apart(now.y, before.y) || apart(now.yaw, before.yaw, 0.06)
+    || now.moving.some((moves, id) => moves !== before.moving[id])
+    || Boolean(now.rim && apart(now.rim, before.rim ?? [NaN]));
+}

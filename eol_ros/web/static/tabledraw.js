@@ -11,11 +11,14 @@ const PITCH_M = BLOCK_M + SPRING_M;
 const BAR_M = 0.022;
 const VIEW_M = PLATFORM_M + 0.06;
 const WAVE_S = 1.1;
+const COIL_M = 0.0085; // half the height of a spring's picture
+const TINTS = 8; // shades of strain, each way
 
 export class TableDrawing {
   constructor(canvas) {
     this.canvas = canvas;
     this.brush = canvas.getContext('2d', { alpha: false });
+    this.dirty = true;
     this.glow = glowSprite();
     this.waves = []; // {block, since}
     this.joins = []; // {from, to, since}
@@ -23,6 +26,7 @@ export class TableDrawing {
 
   setLand(land) {
     this.land = land;
+    this.dirty = true;
   }
 
   resize() {
@@ -35,7 +39,9 @@ export class TableDrawing {
     this.canvas.style.width = this.canvas.style.height = `${side}px`;
     this.canvas.width = this.canvas.height = this.w = this.h = Math.round(side * ratio);
     this.perM = this.w / VIEW_M;
-    this.sand = sandpaper(Math.round(PLATFORM_M * this.perM));
+    this.ground = platform(this.w, Math.round(PLATFORM_M * this.perM));
+    this.coils = Array.from({ length: 2 * TINTS + 1 }, (_, i) => coil((i - TINTS) / TINTS, this.perM));
+    this.dirty = true;
   }
 
   toTable(clientX, clientY) {
@@ -58,11 +64,9 @@ export class TableDrawing {
   draw(now, state, leds) {
     this.resize();
     const { brush, w, h, perM } = this;
+    this.dirty = false;
     brush.setTransform(1, 0, 0, 1, 0, 0);
-    brush.fillStyle = '#060809';
-    brush.fillRect(0, 0, w, h);
-    const half = (PLATFORM_M * perM) / 2;
-    brush.drawImage(this.sand, w / 2 - half, h / 2 - half, 2 * half, 2 * half);
+    brush.drawImage(this.ground, 0, 0);
     if (!state) return;
     brush.setTransform(perM, 0, 0, -perM, w / 2, h / 2); // metres, y away
     if (state.rim) this.drawSprings(state);
@@ -70,6 +74,11 @@ export class TableDrawing {
     for (let id = 0; id < 25; id++) this.drawBlock(id, state, leds[id] / 255);
     this.drawLight(state, leds);
     this.drawCascade(now, state);
+  }
+
+  // Whether the next drawing would differ from the last: a table at rest costs nothing.
+  get alive() {
+    return this.dirty || this.waves.length > 0 || this.joins.length > 0;
   }
 
   drawRim([x, y, yaw]) {
@@ -98,7 +107,6 @@ export class TableDrawing {
     };
     const [rx, ry, yaw] = state.rim;
     const onRim = (u, v) => [rx + Math.cos(yaw) * u - Math.sin(yaw) * v, ry + Math.sin(yaw) * u + Math.cos(yaw) * v];
-    brush.lineWidth = 0.0022;
     for (let id = 0; id < 25; id++) {
       const [row, column] = [Math.floor(id / 5), id % 5];
       const [u, v] = [(column - 2) * PITCH_M, (row - 2) * PITCH_M];
@@ -109,29 +117,19 @@ export class TableDrawing {
       if (row === 0) this.spring(onRim(u, -RIM_M / 2), point(id, 0, -1));
       if (row === 4) this.spring(point(id, 0, 1), onRim(u, RIM_M / 2));
     }
+    brush.setTransform(this.perM, 0, 0, -this.perM, this.w / 2, this.h / 2);
   }
 
-  // A coil seen from the side; its colour tells the strain: blue short, ember long.
+  // A coil seen from the side; its colour tells the strain: blue short, ember long. Drawn once for
+  // each shade of strain and then stretched: sixty zigzags at each drawing are dear without a GPU.
   spring([x0, y0], [x1, y1]) {
     const { brush } = this;
     const long = Math.hypot(x1 - x0, y1 - y0);
     const strain = Math.max(-1, Math.min(1, (long - SPRING_M) / 0.012));
-    const mix = (a, b) => Math.round(a + (b - a) * Math.abs(strain));
-    brush.strokeStyle = strain > 0
-      ? `rgb(${mix(150, 255)},${mix(154, 138)},${mix(150, 92)})`
-      : `rgb(${mix(150, 110)},${mix(154, 190)},${mix(150, 220)})`;
     const [ux, uy] = [(x1 - x0) / long, (y1 - y0) / long];
-    const turns = 9;
-    const wide = 0.006;
-    brush.beginPath();
-    brush.moveTo(x0, y0);
-    for (let i = 0; i <= 2 * turns; i++) {
-      const t = 0.12 + (0.76 * i) / (2 * turns);
-      const side = i === 0 || i === 2 * turns ? 0 : i % 2 ? wide : -wide;
-      brush.lineTo(x0 + ux * long * t - uy * side, y0 + uy * long * t + ux * side);
-    }
-    brush.lineTo(x1, y1);
-    brush.stroke();
+    const { perM, w, h } = this;
+    brush.setTransform(perM * ux, -perM * uy, perM * uy, perM * ux, w / 2 + perM * x0, h / 2 - perM * y0);
+    brush.drawImage(this.coils[Math.round(strain * TINTS) + TINTS], 0, -COIL_M, long, 2 * COIL_M);
   }
 
   drawBlock(id, state, light) {
@@ -222,6 +220,38 @@ function glowSprite() {
   brush.fillStyle = light;
   brush.fillRect(0, 0, 128, 128);
   return sprite;
+}
+
+function coil(strain, perM) {
+  const [w, h] = [Math.max(Math.round(SPRING_M * perM), 8), Math.max(Math.round(2 * COIL_M * perM), 4)];
+  const picture = new OffscreenCanvas(w, h);
+  const brush = picture.getContext('2d');
+  const mix = (a, b) => Math.round(a + (b - a) * Math.abs(strain));
+  brush.strokeStyle = strain > 0
+    ? `rgb(${mix(150, 255)},${mix(154, 138)},${mix(150, 92)})`
+    : `rgb(${mix(150, 110)},${mix(154, 190)},${mix(150, 220)})`;
+  brush.lineWidth = 0.0022 * perM;
+  const turns = 9;
+  const wide = 0.006 * perM;
+  brush.beginPath();
+  brush.moveTo(0, h / 2);
+  for (let i = 0; i <= 2 * turns; i++) {
+    const side = i === 0 || i === 2 * turns ? 0 : i % 2 ? wide : -wide;
+    brush.lineTo(w * (0.12 + (0.76 * i) / (2 * turns)), h / 2 + side);
+  }
+  brush.lineTo(w, h / 2);
+  brush.stroke();
+  return picture;
+}
+
+// What stands still under everything: the platform on the dark floor.
+function platform(side, size) {
+  const canvas = new OffscreenCanvas(side, side);
+  const brush = canvas.getContext('2d', { alpha: false });
+  brush.fillStyle = '#060809';
+  brush.fillRect(0, 0, side, side);
+  brush.drawImage(sandpaper(size), Math.round((side - size) / 2), Math.round((side - size) / 2));
+  return canvas;
 }
 
 // 120 grit: a dark ground with fine even grain, the same at each start.

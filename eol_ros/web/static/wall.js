@@ -5,7 +5,7 @@
 import { Link } from './link.js';
 import { WallView } from './wallview.js';
 
-const LOST_S = 60;
+const LOST_S = Number(new URLSearchParams(location.search).get('lost')) || 60; // ?lost=5 to try it
 const side = location.pathname.endsWith('right') ? 'right' : 'left';
 const wall = document.getElementById('wall');
 const caption = document.getElementById('caption');
@@ -16,7 +16,12 @@ const link = new Link([]);
 const view = new WallView(wall, side, link);
 document.title = `${side === 'left' ? 'Left' : 'Right'} wall`;
 
-view.onflip = (next) => {
+const flips = []; // [change, time of the image in which it was shown, ms since the epoch]
+window.eol = { link, view, flips };
+
+view.onflip = (next, now) => {
+  flips.push([next.change, performance.timeOrigin + now]);
+  if (flips.length > 500) flips.shift();
   link.send({ flipped: [side, next.change, link.now() * 1000] });
   const { caption: words, credit } = view.current;
   caption.textContent = [words, credit].filter(Boolean).join('  \u00b7  ');

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The part of `eol bench web` that sits before a screen: a headless Chromium, drawn by software."""
+
+import shutil
+import tempfile
+import time
+from typing import Any
+
+from eol_ros.bench.running import summary
+from eol_ros.errors import DeviceMissing, EolError
+
+FLAGS = (
+    'headless=new no-sandbox disable-gpu no-first-run disable-sync mute-audio'
+    ' disable-background-networking disable-component-update'
+    ' autoplay-policy=no-user-gesture-required window-size=1280,800'
+)
+CASCADES = 3  # kept going in the drawing while its rate is counted
+
+
+def measure_browser(url: str, seconds: float, sound_latency_s: float) -> dict[str, Any]:
+    """Look at the monitor, push the rim of the table, count two walls; return the figures."""
+    try:
+        from selenium import webdriver
+    except ImportError:
+        raise EolError('--browser needs selenium: pip install selenium') from None
+    browser, driver_path = shutil.which('chromium'), shutil.which('chromedriver')
+    if not (browser and driver_path):
+        raise DeviceMissing('--browser needs chromium and chromedriver: apt install chromium-driver')
+    options = webdriver.ChromeOptions()
+    options.binary_location = browser
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        for flag in (*FLAGS.split(), f'user-data-dir={profile}'):
+            options.add_argument(f'--{flag}')
+        driver = webdriver.Chrome(options, webdriver.ChromeService(driver_path))
+        try:
+            driver.set_script_timeout(seconds + 30)
+            return {
+                **_monitor(driver, url, seconds),
+                **_table(driver, url, seconds, sound_latency_s),
+                **_walls(driver, url, seconds / 2),
+            }
+        finally:
+            driver.quit()
+
+
+def _wait(driver: Any, condition: str) -> None:
+    end = time.monotonic() + 30
+    while not driver.execute_script(f'return Boolean(window.eol) && ({condition})'):
+        if time.monotonic() > end:
+            raise EolError(f'the page does not come to: {condition}')
+        time.sleep(0.1)
+
+
+def _monitor(driver: Any, url: str, seconds: float) -> dict[str, Any]:
+    driver.get(url)
+    _wait(driver, 'eol.drawn.starts > 3 && eol.link.offsets.length > 4')
+    driver.execute_script('eol.drawn.latencies.length = 0')
+    time.sleep(seconds)
+    drawn = driver.execute_script('return eol.drawn.latencies')
+    return {'slip_to_drawn_ms': summary([s * 1e3 for s in drawn])}
+
+
+def _table(driver: Any, url: str, seconds: float, sound_latency_s: float) -> dict[str, Any]:
+    driver.get(f'{url}/table')
+    _wait(driver, 'eol.counts.packets > 30 && eol.drawing.land')
+    driver.find_element('id', 'listen').click()
+    _wait(driver, 'eol.listener.latency !== null')
+    time.sleep(3)  # the ring learns how little it may hold
+    played = driver.execute_async_script(_PLAY, seconds * 1e3, CASCADES)
+    heard = [(sound_latency_s + s) * 1e3 for s in played['sounds']]
+    return {
+        'drag_to_rim_ms': summary(played['moved']),
+        'drags_without_answer': played['missed'],
+        'drawings_per_s': round(played['drawings'] / seconds, 1),
+        'slip_to_heard_ms': summary(heard),
+        'sound_starved': played['starved'],
+    }
+
+
+def _walls(driver: Any, url: str, seconds: float) -> dict[str, Any]:
+    """Both walls, a window each: how far apart they show the same change."""
+    first = driver.current_window_handle
+    flips = []
+    driver.get(f'{url}/wall/left')
+    driver.switch_to.new_window('window')
+    second = driver.current_window_handle
+    driver.get(f'{url}/wall/right')
+    for window in (first, second):
+        driver.switch_to.window(window)
+        _wait(driver, 'eol.flips.length > 1')
+    time.sleep(seconds)
+    for window in (first, second):
+        driver.switch_to.window(window)
+        flips.append(dict(driver.execute_script('return eol.flips.slice(2)')))
+    left, right = flips
+    return {'wall_skew_ms': summary([abs(left[n] - right[n]) for n in left.keys() & right.keys()])}
+
+
+# Turns the rim with the link itself at known times, towards its middle, against whatever the
+# visitors do, and waits each time until the rate of turning, as the twin tells it, jumps: visitors
+# begin and end softly. The sound's latency is noted with each report of the audio thread.
+_PLAY = """
+const [length, cascades, done] = arguments;
+const {link, counts, listener, drawing} = eol;
+const moved = [], sounds = [];
+const begin = performance.now();
+const first = counts.drawings, starved = listener.starved;
+let sent = 0, way = 1, missed = 0, before = [];
+link.on('truth', () => {
+  const rim = eol.state().rim[2];
+  before.push(rim);
+  if (before.length > 3) before.shift();
+  const [a, b, c] = before;
+  if (sent && before.length === 3 && way * ((c - b) - (b - a)) > 0.0007) {
+    moved.push(performance.now() - sent);
+    sent = 0;
+  }
+});
+listener.onreport = (latency) => sounds.push(latency);
+const wave = setInterval(() => {
+  for (let k = 0; k < cascades; k++) {
+    drawing.slip(Math.floor(Math.random() * 25), 1e6 + k, performance.now());
+  }
+}, 100);
+const push = setInterval(() => {
+  if (performance.now() - begin > length) {
+    clearInterval(push);
+    clearInterval(wave);
+    done({moved, missed, sounds, drawings: counts.drawings - first,
+      starved: listener.starved - starved});
+    return;
+  }
+  if (sent) missed++;
+  way = eol.state().rim[2] > 0 ? -1 : 1;
+  sent = performance.now();
+  link.send({rim: [0, 0, 1.2 * way]});
+  setTimeout(() => link.send({rim: [0, 0, 0]}), 60);
+}, 280);
+"""
