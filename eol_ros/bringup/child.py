@@ -8,6 +8,7 @@ import os
 import resource
 import signal
 import subprocess
+from pathlib import Path
 from typing import Any
 
 from eol_ros.bringup.plan import Process
@@ -19,9 +20,8 @@ _INSIDE = (' ', 'Thread 0x', 'Current thread 0x', 'Extension modules:')  # of a 
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
-def _prepare(parent: int, nice: int) -> None:
+def _prepare(parent: int) -> None:
     """Run in the child before exec: the kernel sends SIGTERM when the parent is gone."""
-    os.nice(nice)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a dump of a stuck node is of no use here
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:  # it died before the call above
@@ -57,7 +57,7 @@ class Child:
             stderr=output_in,
             pass_fds=(health_in,),
             start_new_session=True,  # Ctrl-C reaches us alone; we stop the children in order
-            preexec_fn=lambda: _prepare(parent, self.process.nice),
+            preexec_fn=lambda: _prepare(parent),
         )
         os.close(health_in)
         os.close(output_in)
@@ -72,6 +72,21 @@ class Child:
                    'pid': self.popen.pid}
             for node in self.process.nodes
         }
+
+    def step_back(self) -> None:
+        """Let others go first from now on, by the `nice` of the process.
+
+        The threads alone would not do: where the kernel groups by session (autogroup, as Debian
+        and Ubuntu ship it) a nice value counts only within a session, and each child has its own.
+        """
+        if self.popen is None or not self.process.nice:
+            return
+        nice = min(os.getpriority(os.PRIO_PROCESS, 0) + self.process.nice, 19)
+        proc = Path('/proc', str(self.popen.pid))
+        with contextlib.suppress(OSError):  # it has just ended, or there is no autogroup
+            for thread in (proc / 'task').iterdir():
+                os.setpriority(os.PRIO_PROCESS, int(thread.name), nice)
+            (proc / 'autogroup').write_text(str(nice))
 
     def signal(self, number: int) -> None:
         """Send a signal, if it still runs."""

@@ -125,11 +125,15 @@ class Supervisor:
                 self._end_hung(child, now)
             elif child.popen is None and child.start_at_s is not None and now >= child.start_at_s:
                 child.start(now)
+                if self.all_ok_s is not None:
+                    child.step_back()
         if self.all_ok_s is None:
             rows = [row for child in self.children for row in child.status.values()]
             if len(rows) >= len(self.children) and all(row['level'] == 0 for row in rows):
                 self.all_ok_s = round(now - self._began_s, 2)
                 self._note(f'all OK after {self.all_ok_s:.1f} s')
+                for child in self.children:  # not earlier: all that start want the processor
+                    child.step_back()
         status.answer(self._server, self.describe())
         return None
 

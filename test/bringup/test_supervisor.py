@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -48,7 +49,7 @@ def start(tmp_path):
     servers = []
 
     def go(*processes):
-        server = status.listen(7000 + os.getpid() % 1000 + len(servers))
+        server = status.listen(1000 + os.getpid() * 10 + len(servers))
         servers.append(server)
         lines = []
         supervisor = Supervisor('test', processes, server, Diary(tmp_path), lines.append)
@@ -59,7 +60,7 @@ def start(tmp_path):
         server.close()
 
 
-def until(condition, timeout_s=10.0):
+def until(condition, timeout_s=30.0):
     deadline = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < deadline, 'it did not happen in time'
@@ -90,6 +91,36 @@ def test_all_ok_then_a_clean_stop(start):
     assert any(line.startswith('all OK after') for line in lines)
     byes = [line.split()[0] for line in lines if line.endswith('| bye')]
     assert byes == ['twin', 'recorder']  # the recorder goes last
+
+
+def test_who_may_wait_steps_back_when_all_is_up(start):
+    polite = Process(('recorder',), (sys.executable, '-c', STEADY, 'recorder'), {}, nice=7)
+    ours = os.getpriority(os.PRIO_PROCESS, 0)
+    back = min(ours + 7, 19)
+    supervisor, _ = start(polite, process('tracker', STEADY))
+
+    def look():
+        until(lambda: supervisor.all_ok_s is not None)
+        pids = [child.popen.pid for child in supervisor.children]
+        until(lambda: os.getpriority(os.PRIO_PROCESS, pids[0]) == back)
+        groups = [Path(f'/proc/{pid}/autogroup') for pid in pids]
+        if groups[0].exists():
+            until(lambda: groups[0].read_text().split()[-1] == str(back))
+        assert os.getpriority(os.PRIO_PROCESS, pids[1]) == ours
+        os.kill(pids[0], signal.SIGKILL)  # and so does the one that comes after it
+        until(lambda: supervisor.children[0].popen and supervisor.children[0].popen.pid != pids[0])
+        until(lambda: os.getpriority(os.PRIO_PROCESS, supervisor.children[0].popen.pid) == back)
+
+    def work():
+        try:
+            look()
+        finally:
+            supervisor.stop()
+
+    thread, errors = in_background(work)
+    supervisor.run()
+    thread.join()
+    assert not errors
 
 
 def test_a_killed_process_comes_back_alone(start):
@@ -205,7 +236,7 @@ time.sleep(60)
 
 def test_status_over_the_socket_and_one_graph_per_domain(start):
     supervisor, _ = start(process('twin', STEADY))
-    domain = 7000 + os.getpid() % 1000
+    domain = 1000 + os.getpid() * 10
     answers = []
 
     def work():
