@@ -36,7 +36,11 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def save_run(path: str | Path, run: Run) -> None:
-    """Write t, u, v, event_t, event_block, event_start of a run; raises DeviceMissing."""
+    """Write t, u, v, event_t, event_block, event_start of a run; raises DeviceMissing.
+
+    Where blocks turn, `yaw` and `spin` as well.
+    """
+    turns = {} if run.yaw is None else {'yaw': run.yaw, 'spin': run.spin}
     try:
         with open(path, 'wb') as file:
             np.savez_compressed(
@@ -47,6 +51,7 @@ def save_run(path: str | Path, run: Run) -> None:
                 event_t=run.event_t,
                 event_block=run.event_block,
                 event_start=run.event_start,
+                **turns,
             )
     except OSError as error:
         raise DeviceMissing(f'{path}: {error.strerror}') from None

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes by name: the paper's table, the Brown plate, the Burridge-Knopoff train, N x M of each.
 
-All return plain mappings, so that what is built can be saved, read and changed.
+`rotation={'side': BLOCK_SIDE_M}` lets the blocks turn; springs then pull at their edges. All return
+plain mappings, so that what is built can be saved, read and changed.
 """
 
 from typing import Any
@@ -43,7 +44,7 @@ def _scene(
         'v0': 'zero',
         'T': duration_s,
     }
-    unknown = set(more) - set(scene) - {'weakening'}
+    unknown = set(more) - set(scene) - {'weakening', 'rotation'}
     if unknown:
         raise TypeError(f'a scene has no {sorted(unknown)}')
     return scene | more
@@ -110,9 +111,21 @@ def plate(
     k_between: float = 40.0,
     **more: Any,
 ) -> dict:
-    """Return the plate of Brown, Scholz and Rundle (1991): every block is tied to it from above."""
-    to_frame = [_plate_spring(i, k_plate, at) for i, at in enumerate(_centres(rows, columns))]
+    """Return the plate of Brown, Scholz and Rundle (1991): every block is tied to it from above.
+
+    With `rotation={'side': w}` each plate spring is two of half its stiffness, at the middles of
+    the left and the right edge: a leaf as wide as the block, which holds its angle too.
+    """
     springs = _lattice_springs(rows, columns, k_between)
+    to_frame = []
+    reach = 0.5 * more['rotation']['side'] if more.get('rotation') else 0.0
+    for i, (x, y) in enumerate(_centres(rows, columns)):
+        if reach:
+            for arm in (-reach, reach):
+                half = _plate_spring(i, 0.5 * k_plate, (x + arm, y))
+                to_frame.append(half | {'arm': [arm, 0.0]})
+        else:
+            to_frame.append(_plate_spring(i, k_plate, (x, y)))
     return _scene(rows * columns, springs, to_frame, drive, duration_s, **more)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from eol_ros.core.physics.drive import NONE
-from eol_ros.core.physics.event2d_lanes import fill_plane, make_plane
+from eol_ros.core.physics.event2d_lanes import Plane, fill_plane, make_plane
 from eol_ros.core.physics.event2d_series import blocks_series, force_on
 from eol_ros.core.physics.event2d_step import (
     break_root,
@@ -20,8 +20,8 @@ from eol_ros.core.physics.event2d_step import (
     stop_in_closed_form,
     suspects,
 )
-from eol_ros.core.physics.exact1d_series import ON_LIMIT
-from eol_ros.core.physics.series import add_exactly, drive_series
+from eol_ros.core.physics.exact1d_series import GAUSS_W, GAUSS_X, ON_LIMIT
+from eol_ros.core.physics.series import add_exactly, drive_series, lean
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 
 AFTER_S = 0.1  # for how long what a stop gets wrong goes on to act on the neighbours
@@ -41,7 +41,7 @@ class Rules(NamedTuple):
     floor: float
 
 
-@njit(cache=True)
+@lean
 def stop_of(i, speed, x, y, u, v, rim_speed, rules, at):
     """Return (time, dx, dy, now): how slow block i comes to rest; `now` if exact enough."""
     limit = at.friction[i] * at.inverse[i]
@@ -61,6 +61,44 @@ def stop_of(i, speed, x, y, u, v, rim_speed, rules, at):
     return stop_s, dx, dy, error < 10.0 * rules.small and jerk * stop_s < 0.2 * room
 
 
+class Desk(NamedTuple):
+    """Room to work in."""
+
+    pl: Plane
+    cx: np.ndarray  # series of the rim's x, y, cos(phi) - 1, sin(phi)
+    cy: np.ndarray
+    cc: np.ndarray
+    cs: np.ndarray
+    gx: np.ndarray
+    gy: np.ndarray
+    work: np.ndarray
+    watched: np.ndarray
+    found: np.ndarray
+    found_x: np.ndarray
+    found_y: np.ndarray
+    push: np.ndarray
+    slack: np.ndarray
+    spare: np.ndarray
+    fresh: np.ndarray  # blocks that begin to slide now
+    kicked: np.ndarray
+    here: np.ndarray
+    rate: np.ndarray
+    gauss: np.ndarray
+
+
+@njit(cache=True)
+def make_desk(at, order):
+    """Return room for a lattice and an order of the series."""
+    n, size = at.n, order + 2
+    return Desk(
+        make_plane(at, order), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size),
+        np.zeros(size), np.zeros(size), np.zeros(2 * size), np.zeros(n, np.int64),
+        np.zeros(n, np.int64), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+        np.zeros(n, np.bool_),
+        np.zeros(n, np.bool_), np.zeros((n, 2)), np.zeros((n, 2)), np.stack((GAUSS_X, GAUSS_W)),
+    )
+
+
 @njit(cache=True)
 def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts):
     """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, t, events, steps).
@@ -68,18 +106,27 @@ def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledg
     `counts` (2,): slips begun, stops at the floor against a pull above mu_k. Events are written in
     the order they are found: a stop may bear a time a little later than a break behind it.
     """
-    order, n = rules.order, at.n
-    pl = make_plane(at, order)
-    size = order + 2
-    gx, gy = np.zeros(size), np.zeros(size)
-    cx, cy, cc, cs = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size)
-    work = np.zeros(2 * size)
-    watched, found = np.empty(n, np.int64), np.empty(n, np.int64)
-    found_x, found_y, push = np.empty(n), np.empty(n), np.empty(n)
-    fresh, kicked = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    here, rate = u.copy(), v.copy()
+    desk = make_desk(at, rules.order)
+    return advance(
+        u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts, desk
+    )
+
+
+@lean
+def advance(
+    u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts, desk
+):
+    """Do what `run` says, in the room that is given."""
+    order, n, pl = rules.order, at.n, desk.pl
+    cx, cy, cc, cs, gx, gy, work = desk.cx, desk.cy, desk.cc, desk.cs, desk.gx, desk.gy, desk.work
+    watched, found, push = desk.watched, desk.found, desk.push
+    slack, spare = desk.slack, desk.spare
+    found_x, found_y = desk.found_x, desk.found_y
+    fresh, kicked, here, rate, gauss = desk.fresh, desk.kicked, desk.here, desk.rate, desk.gauss
     driven = rim.kind != NONE
     for i in range(n):
+        fresh[i] = kicked[i] = False
+        slack[i] = 0.0
         if v[i, 0] != 0.0 or v[i, 1] != 0.0 or at.static[i] == 0.0:
             sliding[i] = True
         elif sliding[i]:
@@ -89,7 +136,7 @@ def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledg
     changed = settle = True
     while True:
         reach, used = drive_series(
-            rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs
+            rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, gx
         )
         if settle:  # blocks whose force is beyond the limit from the start
             settle = False
@@ -106,7 +153,7 @@ def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledg
                     sliding[i] = fresh[i] = changed = True
         if changed:
             changed = False
-            m, count = fill_plane(sliding, driven, at, pl)
+            m, count = fill_plane(sliding, at, pl)
             watching = 0
             for i in range(n):
                 if sliding[i]:
@@ -137,13 +184,6 @@ def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledg
             blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
             near = planar_reach(order, m, pl, rules.relative, rules.small, h)
             near = slowing_reach(order, m, pl, near, KEPT, work)
-            if m == 0:
-                for q in range(count):
-                    if pl.act_k[q] == 0.0:
-                        continue
-                    top = max(abs(pl.d.nx[order - 2, q]), abs(pl.d.ny[order - 2, q])) / pl.act_k[q]
-                    if top > 0.0:
-                        near = min(near, (rules.small / top) ** (1.0 / (order - 2)))
         if used > 3:
             top = max(abs(cx[order]), abs(cy[order]), abs(cc[order]), abs(cs[order]))
             if top > 0.0:
@@ -164,10 +204,7 @@ def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledg
                 turn += power * math.sqrt(cc[q] ** 2 + cs[q] ** 2)
             doubtful = suspects(
                 watching, watched, u, rim_far, turn, cx[0], cy[0], cc[0], cs[0],
-                found, found_x, found_y, push, at.first, at.second, at.k, at.natural, at.rest,
-                at.anchors, at.lo, at.near, at.spring, at.rim_lo, at.rim_spring, at.k_near,
-                at.k_sum, at.drive, at.static, at.geometric, at.rail, pl.slot, pl.swing, pl.place,
-                pl.d.inverse,
+                found, found_x, found_y, push, slack, spare, at, pl,
             )
             for p in range(doubtful):
                 j, x, y = found[p], found_x[p], found_y[p]
@@ -175,19 +212,24 @@ def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledg
                 if force < at.static[j] * (1.0 - ON_LIMIT):
                     continue
                 x, hit = break_root(
-                    j, x, y, order, used, h, at, pl, cx, cy, cc, cs, gx, gy, work
+                    j, x, y, order, used, count, h, rules.small, u, at, pl, cx, cy, cc, cs,
+                    gx, gy, work,
                 )
                 if hit or x < h:
                     h, who, hit_any, ends = x, j, hit, False
             if h < top and not hit_any:
                 h = max(h, 1e-15 * max(1.0, t))  # a near miss: creep past it, steps are counted
         while sampled < len(grid.t) and (grid.t[sampled] <= t + h or ends):
-            grid.u[sampled] = u
-            grid.v[sampled] = v
-            planar_state(order, m, grid.t[sampled] - t, pl, grid.u[sampled], grid.v[sampled])
+            planar_state(order, m, grid.t[sampled] - t, pl, here, rate)
+            for i in range(n):
+                for q in range(2):
+                    grid.u[sampled, i, q] = here[i, q] if sliding[i] else u[i, q]
+                    grid.v[sampled, i, q] = rate[i, q] if sliding[i] else 0.0
             sampled += 1
         if ledger:
-            planar_ledger(order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate)
+            planar_ledger(
+                order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss
+            )
         planar_state(order, m, h, pl, u, v)
         t, left = add_exactly(t, left, h)
         steps += 1
@@ -199,7 +241,7 @@ def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledg
             break
         if steps >= max_steps:
             return STEP_LIMIT, t, events, steps
-        drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs)
+        drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs, gx)
         rim_speed = math.sqrt(cx[1] ** 2 + cy[1] ** 2) + math.sqrt(cc[1] ** 2 + cs[1] ** 2)
         for c in range(m):  # blocks that come to rest
             i = pl.slots[c]
@@ -227,6 +269,9 @@ def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledg
             energy[1] += 0.5 * at.mass[i] * speed * speed + x * dx + y * dy
             u[i, 0] += dx
             u[i, 1] += dy
+            slack[i] = 0.0
+            for q in range(at.lo[i], at.lo[i + 1]):
+                slack[at.near[q]] = 0.0
             if events >= len(log.t):
                 return EVENT_LIMIT, t, events, steps
             log.t[events], log.block[events], log.start[events] = t + stop_s, i, 0

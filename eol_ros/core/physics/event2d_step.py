@@ -4,14 +4,13 @@
 import math
 
 import numpy as np
-from numba import njit
 
-from eol_ros.core.physics.event2d_series import geometric_force, linear_force
-from eol_ros.core.physics.exact1d_series import GAUSS_W, GAUSS_X, ON_LIMIT
-from eol_ros.core.physics.series import FAST, first_root
+from eol_ros.core.physics.event2d_series import force_on, rim_spring_series, to_rim
+from eol_ros.core.physics.exact1d_series import ON_LIMIT
+from eol_ros.core.physics.series import first_root, inlined, lean
 
 
-@njit(cache=True)
+@lean
 def planar_reach(order, m, pl, relative, small, top):
     """Return the step at which the last two terms fall to the tolerances.
 
@@ -22,24 +21,24 @@ def planar_reach(order, m, pl, relative, small, top):
     for k in range(order - 1, order + 1):
         most = drift = rise = 0.0
         for c in range(m):
-            size = max(abs(ax[k, c]), abs(ay[k, c]))
+            size = max(abs(ax[c, k]), abs(ay[c, k]))
             most = max(most, size)
             if pl.fresh[c]:
-                rise = max(rise, size / math.sqrt(ax[2, c] ** 2 + ay[2, c] ** 2))
+                rise = max(rise, size * size / (ax[c, 2] ** 2 + ay[c, 2] ** 2))
             else:
-                square = ax[1, c] ** 2 + ay[1, c] ** 2
+                square = ax[c, 1] ** 2 + ay[c, 1] ** 2
                 if square > 0.0:
-                    drift = max(drift, size / math.sqrt(square))
+                    drift = max(drift, size * size / square)
         if most > 0.0:
             h = min(h, (small / most) ** (1.0 / k))
         if drift > 0.0:
-            h = min(h, (relative / (k * drift)) ** (1.0 / (k - 1)))
+            h = min(h, (relative / (k * math.sqrt(drift))) ** (1.0 / (k - 1)))
         if rise > 0.0:
-            h = min(h, (2.0 * relative / (k * rise)) ** (1.0 / (k - 2)))
+            h = min(h, (2.0 * relative / (k * math.sqrt(rise))) ** (1.0 / (k - 2)))
     return h
 
 
-@njit(cache=True)
+@lean
 def slowing_reach(order, m, pl, h, share, work):
     """Return the step, at most h, within which no block loses more than 1 - `share` of its speed.
 
@@ -48,7 +47,7 @@ def slowing_reach(order, m, pl, h, share, work):
     """
     for c in range(m):
         first = 2 if pl.fresh[c] else 1
-        x0, y0 = pl.w.x[0, c], pl.w.y[0, c]
+        x0, y0 = pl.w.x[c, 0], pl.w.y[c, 0]
         square = x0 * x0 + y0 * y0
         if square == 0.0:
             continue
@@ -56,7 +55,7 @@ def slowing_reach(order, m, pl, h, share, work):
         loss = 0.0
         for k in range(degree, 0, -1):
             q = k + first
-            work[k] = q * (pl.ax[q, c] * x0 + pl.ay[q, c] * y0) / square
+            work[k] = q * (pl.ax[c, q] * x0 + pl.ay[c, q] * y0) / square
             loss = (loss + max(0.0, -work[k])) * h
         if loss < 1.0 - share:
             continue
@@ -65,30 +64,30 @@ def slowing_reach(order, m, pl, h, share, work):
     return h
 
 
-@njit(cache=True, fastmath=FAST)
+@lean
 def planar_swing(order, m, h, pl):
     """Write a bound of how far each block moves within a step h."""
     for c in range(m):
         x = y = 0.0
         for k in range(order, 0, -1):
-            x = (x + abs(pl.ax[k, c])) * h
-            y = (y + abs(pl.ay[k, c])) * h
+            x = (x + abs(pl.ax[c, k])) * h
+            y = (y + abs(pl.ay[c, k])) * h
         pl.swing[c] = math.sqrt(x * x + y * y)
 
 
-@njit(cache=True, fastmath=FAST)
+@lean
 def planar_state(order, m, h, pl, u, v):
     """Write place and velocity of the sliding blocks at h into u and v."""
     for c in range(m):
-        x, y, a, b = pl.ax[order, c], pl.ay[order, c], 0.0, 0.0
+        x, y, a, b = pl.ax[c, order], pl.ay[c, order], 0.0, 0.0
         for q in range(order - 1, -1, -1):
             a, b = a * h + x, b * h + y
-            x, y = x * h + pl.ax[q, c], y * h + pl.ay[q, c]
+            x, y = x * h + pl.ax[c, q], y * h + pl.ay[c, q]
         i = pl.slots[c]
         u[i, 0], u[i, 1], v[i, 0], v[i, 1] = x, y, a, b
 
 
-@njit(cache=True)
+@lean
 def stop_in_closed_form(vx, vy, fx, fy, limit):
     """Return (t, x, y, will): how a block under constant acceleration f < limit comes to rest.
 
@@ -113,24 +112,32 @@ def stop_in_closed_form(vx, vy, fx, fy, limit):
     return t, along * ex - across * ey, along * ey + across * ex, True
 
 
-@njit(cache=True)
-def break_root(j, fx0, fy0, order, used, h, at, pl, cx, cy, cc, cs, fx, fy, out):
+@lean
+def break_root(j, fx0, fy0, order, used, count, h, small, u, at, pl, cx, cy, cc, cs, fx, fy, out):
     """Return (x, found): when the force on the stuck block j next reaches its limit."""
     degree = order - 2 if at.geometric else order
     for k in range(1, degree + 1):
         fx[k] = fy[k] = 0.0
     fx[0], fy[0] = fx0, fy0
     if at.geometric:
-        for rim in range(2):
-            low, high = (at.lo[j], at.lo[j + 1]) if rim == 0 else (at.rim_lo[j], at.rim_lo[j + 1])
-            for q in range(low, high):
-                e = at.spring[q] if rim == 0 else at.rim_spring[q]
-                lane = pl.place[e]
-                if lane >= 0:
-                    side = 1.0 if at.first[e] == j else -1.0
-                    for k in range(1, degree + 1):
-                        fx[k] += side * pl.d.nx[k, lane]
-                        fy[k] += side * pl.d.ny[k, lane]
+        for q in range(at.lo[j], at.lo[j + 1]):
+            lane = pl.place[at.spring[q]]
+            if lane >= 0:
+                side = 1.0 if at.first[at.spring[q]] == j else -1.0
+                for k in range(1, degree + 1):
+                    fx[k] += side * pl.px[lane, k]
+                    fy[k] += side * pl.py[lane, k]
+        for q in range(at.rim_lo[j], at.rim_lo[j + 1]):
+            e = at.rim_spring[q]
+            if used > 0:
+                rim_spring_series(e, count, degree, used, u, at, pl, cx, cy, cc, cs)
+                pl.place[e] = -1  # the lane is lent for a moment
+                top = max(abs(pl.px[count, degree]), abs(pl.py[count, degree])) / at.k[e]
+                if top > 0.0:
+                    h = min(h, (small / top) ** (1.0 / degree))
+                for k in range(1, degree + 1):
+                    fx[k] += pl.px[count, k]
+                    fy[k] += pl.py[count, k]
     else:
         for k in range(1, min(used, degree) + 1):
             fx[k] = at.drive[j, 0] * cx[k] + at.drive[j, 1] * cc[k] - at.drive[j, 2] * cs[k]
@@ -139,20 +146,24 @@ def break_root(j, fx0, fy0, order, used, h, at, pl, cx, cy, cc, cs, fx, fy, out)
             c = pl.slot[at.near[e]]
             if c >= 0:
                 for k in range(1, degree + 1):
-                    fx[k] += at.k_near[e] * pl.ax[k, c]
-                    fy[k] += at.k_near[e] * pl.ay[k, c]
+                    fx[k] += at.k_near[e] * pl.ax[c, k]
+                    fy[k] += at.k_near[e] * pl.ay[c, k]
     if at.rail:
-        fy[1 : degree + 1] = 0.0
-    limit = at.static[j]
+        for k in range(degree + 1):
+            fy[k] = 0.0
+    return limit_root(at.static[j], degree, h, fx, fy, out)
+
+
+@lean
+def limit_root(limit, degree, h, fx, fy, out):
+    """Return (x, found): when the length of the series (fx, fy) reaches `limit`."""
     for k in range(2 * degree + 1):
-        out[k] = 0.0
-    for a in range(degree + 1):
-        for b in range(degree + 1):
-            out[a + b] -= fx[a] * fx[b] + fy[a] * fy[b]
-    now = math.sqrt(fx0 * fx0 + fy0 * fy0)
-    out[0] = (limit - now) * (limit + now)
-    for k in range(2 * degree + 1):
-        out[k] /= limit * limit
+        total = 0.0
+        for a in range(max(0, k - degree), min(k, degree) + 1):
+            total += fx[a] * fx[k - a] + fy[a] * fy[k - a]
+        out[k] = -total / (limit * limit)
+    now = math.sqrt(fx[0] * fx[0] + fy[0] * fy[0])
+    out[0] = (limit - now) * (limit + now) / (limit * limit)
     if out[0] <= ON_LIMIT:  # on the limit: it breaks now, or the force is on its way back
         if out[1] < 0.0:
             return 0.0, True
@@ -160,70 +171,99 @@ def break_root(j, fx0, fy0, order, used, h, at, pl, cx, cy, cc, cs, fx, fy, out)
     return first_root(out, 2 * degree, h)
 
 
-@njit(cache=True)
-def stretch(far, stiff, natural, inverse_length):
-    """Return a bound (N) of the change of a spring's force while one end moves by `far`."""
+@inlined
+def spring_reach(e, dx, dy, far, at):
+    """Return (fx, fy, more, spare) of a spring: force (N), its change while an end moves by `far`,
+
+    and how far (m) an end may move with no more change than its stiffness says.
+    """
+    length, natural = math.sqrt(dx * dx + dy * dy), at.natural[e]
+    stiff = at.k[e] * (1.0 - natural / length) if length > 0.0 else at.k[e]
+    more, spare = at.k[e] * far, np.inf
     if natural > 0.0:
-        length = (1.0 / inverse_length if inverse_length > 0.0 else 0.0) - far
-        if length <= 0.5 * natural:  # short springs turn faster than they stretch
-            return np.inf if length <= 0.0 else stiff * far * (natural / length - 1.0)
-    return stiff * far
+        spare = length - 0.5 * natural
+        if far >= spare:  # short springs turn faster than they stretch
+            length -= far
+            more = np.inf if length <= 0.0 else at.k[e] * far * max(1.0, natural / length - 1.0)
+    return stiff * dx, stiff * dy, more, spare
 
 
-@njit(cache=True)
+@inlined
+def force_and_reach(j, u, rim_far, turn, x, y, co, si, at, pl):
+    """Return (fx, fy, more, spare): of the stuck block j what `spring_reach` says of a spring."""
+    more, spare = 0.0, np.inf
+    if not at.geometric:
+        fx, fy = force_on(j, u, at, x, y, co, si)
+        for q in range(at.lo[j], at.lo[j + 1]):
+            c = pl.slot[at.near[q]]
+            if c >= 0:
+                more += at.k_near[q] * pl.swing[c]
+        return fx, fy, more + rim_far * at.drive[j, 0] + turn * at.arm[j], spare
+    fx = fy = 0.0
+    for q in range(at.lo[j], at.lo[j + 1]):
+        e, i = at.spring[q], at.near[q]
+        side = 1.0 if at.first[e] == j else -1.0
+        dx = u[i, 0] - u[j, 0] + side * at.rest[e, 0]
+        dy = u[i, 1] - u[j, 1] + side * at.rest[e, 1]
+        far = pl.swing[pl.slot[i]] if pl.slot[i] >= 0 else 0.0
+        px, py, rise, room = spring_reach(e, dx, dy, far, at)
+        fx, fy, more, spare = fx + px, fy + py, more + rise, min(spare, room)
+    for q in range(at.rim_lo[j], at.rim_lo[j + 1]):
+        e = at.rim_spring[q]
+        dx, dy = to_rim(e, u[j, 0], u[j, 1], at, x, y, co, si)
+        px, py, rise, room = spring_reach(e, dx, dy, rim_far + turn * at.far, at)
+        fx, fy, more, spare = fx + px, fy + py, more + rise, min(spare, room)
+    return fx, 0.0 if at.rail else fy, more, spare
+
+
+@lean
 def suspects(
-    watching, watched, u, rim_far, turn, x, y, co, si, found, found_x, found_y, push,
-    first, second, k, natural, rest, anchors, lo, near, spring, rim_lo, rim_spring,
-    k_near, k_sum, drive, static, geometric, rail, slot, swing, place, inverse_length,
+    watching, watched, u, rim_far, turn, x, y, co, si, found, at_x, at_y, push, slack, spare,
+    at, pl,
 ):
-    """Write the stuck blocks that may break within a step, their force and its reach (N)."""
-    n, count = len(lo) - 1, 0
+    """Write the stuck blocks that may break within a step, their force and its reach (N).
+
+    `slack` (N) is how far each force is from its limit at least, `spare` (m) how far the ends of
+    its springs may move before that is no longer sure: while they last, forces are not worked out.
+    """
+    count = 0
     for p in range(watching):
         j = watched[p]
-        more = 0.0
-        if geometric:
-            fx, fy = geometric_force(
-                j, u, first, second, k, natural, rest, anchors, lo, near, spring,
-                rim_lo, rim_spring, x, y, co, si,
-            )
-            for q in range(lo[j], lo[j + 1]):
-                if slot[near[q]] >= 0:
-                    e = spring[q]
-                    far = swing[slot[near[q]]]
-                    more += stretch(far, k[e], natural[e], inverse_length[0, place[e]])
-        else:
-            fx, fy = linear_force(j, u, lo, near, k_near, k_sum, drive, x, y, co, si)
-            for q in range(lo[j], lo[j + 1]):
-                if slot[near[q]] >= 0:
-                    more += k_near[q] * swing[slot[near[q]]]
-        if rim_far + turn > 0.0:
-            for q in range(rim_lo[j], rim_lo[j + 1]):
-                e = rim_spring[q]
-                a = second[e] - n
-                far = rim_far + turn * math.sqrt(anchors[a, 0] ** 2 + anchors[a, 1] ** 2)
-                if geometric:
-                    more += stretch(far, k[e], natural[e], inverse_length[0, place[e]])
-                else:
-                    more += k[e] * far
-        if rail:
-            fy = 0.0
-        if math.sqrt(fx * fx + fy * fy) + more >= static[j] * (1.0 - ON_LIMIT):
-            found[count], found_x[count], found_y[count], push[count] = j, fx, fy, more
+        more = rim_far * at.drive[j, 0] + turn * at.arm[j]
+        far = rim_far + turn * at.far if more > 0.0 else 0.0
+        for q in range(at.lo[j], at.lo[j + 1]):
+            c = pl.slot[at.near[q]]
+            if c >= 0:
+                more += at.k_near[q] * pl.swing[c]
+                far = max(far, pl.swing[c])
+        if more < slack[j] and far < spare[j]:
+            slack[j] -= more
+            spare[j] -= far
+            continue
+        fx, fy, more, room = force_and_reach(j, u, rim_far, turn, x, y, co, si, at, pl)
+        slack[j] = at.static[j] * (1.0 - ON_LIMIT) - math.sqrt(fx * fx + fy * fy) - more
+        spare[j] = room - far
+        if slack[j] <= 0.0:
+            found[count], at_x[count], at_y[count], push[count] = j, fx, fy, more
             count += 1
     return count
 
 
-@njit(cache=True)
-def planar_ledger(order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate):
-    """Add the drive work and the friction heat (J) of a step h to `energy`."""
-    here[:] = u
-    for g in range(len(GAUSS_X)):
-        s = GAUSS_X[g] * h
+@lean
+def planar_ledger(order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss):
+    """Add the drive work and the friction heat (J) of a step h to `energy`.
+
+    `gauss` (2, g): nodes and weights on 0..1.
+    """
+    for i in range(at.n):
+        here[i, 0], here[i, 1] = u[i, 0], u[i, 1]
+    for g in range(gauss.shape[1]):
+        s, weight = gauss[0, g] * h, gauss[1, g] * h
         planar_state(order, m, s, pl, here, rate)
         for c in range(m):
             i = pl.slots[c]
             speed = math.sqrt(rate[i, 0] ** 2 + rate[i, 1] ** 2)
-            energy[1] += h * GAUSS_W[g] * at.friction[i] * speed
+            energy[1] += weight * at.friction[i] * speed
         if used == 0:
             continue
         x, xr, y, yr = cx[used], 0.0, cy[used], 0.0
@@ -231,20 +271,19 @@ def planar_ledger(order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, ra
         for q in range(used - 1, -1, -1):
             xr, yr, cor, sir = xr * s + x, yr * s + y, cor * s + co, sir * s + si
             x, y, co, si = x * s + cx[q], y * s + cy[q], co * s + cc[q], si * s + cs[q]
-        for e in range(len(at.k)):
-            if at.second[e] < at.n:
-                continue
-            bx, by = at.anchors[at.second[e] - at.n, 0], at.anchors[at.second[e] - at.n, 1]
-            i = at.first[e]
-            dx = x + co * bx - si * by - here[i, 0]
-            dy = y + si * bx + co * by - here[i, 1]
-            pull = at.k[e]
-            if at.geometric:
-                dx += at.rest[e, 0]
-                dy += at.rest[e, 1]
-                if at.natural[e] > 0.0:
-                    pull *= 1.0 - at.natural[e] / math.sqrt(dx * dx + dy * dy)
-            power = pull * dx * (xr + cor * bx - sir * by)
-            if not at.rail:
-                power += pull * dy * (yr + sir * bx + cor * by)
-            energy[0] += h * GAUSS_W[g] * power
+        for i in range(at.n):
+            for q in range(at.rim_lo[i], at.rim_lo[i + 1]):
+                e = at.rim_spring[q]
+                bx, by = at.anchors[at.second[e] - at.n, 0], at.anchors[at.second[e] - at.n, 1]
+                dx = x + co * bx - si * by - here[i, 0]
+                dy = y + si * bx + co * by - here[i, 1]
+                pull = at.k[e]
+                if at.geometric:
+                    dx += at.rest[e, 0]
+                    dy += at.rest[e, 1]
+                    if at.natural[e] > 0.0:
+                        pull *= 1.0 - at.natural[e] / math.sqrt(dx * dx + dy * dy)
+                power = pull * dx * (xr + cor * bx - sir * by)
+                if not at.rail:
+                    power += pull * dy * (yr + sir * bx + cor * by)
+                energy[0] += weight * power

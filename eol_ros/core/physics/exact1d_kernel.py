@@ -124,7 +124,7 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
                 u[i] -= speed * back
                 due[i] -= back
         reach, used = drive_series(
-            rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs
+            rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, work
         )
         if check:
             check = False
@@ -299,7 +299,7 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
         if kind_of == 0 and not due_now:
             continue
         # the event, and whatever happens at the same instant, in the order of the blocks
-        drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs)
+        drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs, work)
         fastest = abs(cx[1])
         for c in range(m):
             fastest = max(fastest, abs(v[slots[c]]))

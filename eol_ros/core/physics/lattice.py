@@ -37,6 +37,8 @@ class Lattice(NamedTuple):
     rim_spring: np.ndarray
     k_sum: np.ndarray  # (n,)
     drive: np.ndarray  # (n, 3): sum of k, k A_x, k A_y over the springs to the rim
+    arm: np.ndarray  # (n,): sum of k |A| over them
+    far: float  # the greatest |A|
     mass: np.ndarray
     inverse: np.ndarray
     static: np.ndarray
@@ -85,11 +87,14 @@ def lattice_of(model: 'Model') -> Lattice:
     pulls = model.k[rim, None] * np.column_stack([np.ones(rim.sum()), model.anchors])
     drive = np.zeros((n, 3))
     np.add.at(drive, rim_block, pulls)
+    arms = np.hypot(model.anchors[:, 0], model.anchors[:, 1])
     return Lattice(
         n, model.first, model.second, model.k, model.natural, model.rest, model.anchors,
         np.searchsorted(ends[order], np.arange(n + 1)), others[order], both[order], spring[order],
         np.searchsorted(rim_block[rim_order], np.arange(n + 1)), number[rim][rim_order],
         np.bincount(ends, both, n) + np.bincount(rim_block, model.k[rim], n), drive,
+        np.bincount(rim_block, model.k[rim] * arms[model.second[rim] - n], n),
+        float(arms.max(initial=0.0)),
         model.mass, 1.0 / model.mass, model.static, model.kinetic, float(model.weakening),
         bool(model.geometric), bool(model.rail),
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from eol_ros.core.physics.drive import Drive
 from eol_ros.core.physics.lattice import Lattice, Rim, lattice_of, rim_of
-from eol_ros.core.physics.scene import Scene
+from eol_ros.core.physics.scene import Rotation, Scene
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ class Model:
     par: np.ndarray
     knots: np.ndarray
     cubics: np.ndarray
+    rotation: Rotation | None = None
 
     @classmethod
     def of(cls, scene: Scene) -> 'Model':
@@ -62,6 +63,7 @@ class Model:
             drive.par,
             drive.knots,
             drive.cubics,
+            scene.rotation,
         )
 
     @cached_property
@@ -74,10 +76,12 @@ class Model:
         """The drive for the kernels."""
         return rim_of(self)
 
-    def tension(self, u: np.ndarray, t: float) -> np.ndarray:
-        """Return the force (s, 2) N of each spring on its first end, for displacements u (n, 2)."""
-        ends = self._ends(u, t)
-        d = ends[self.second] - ends[self.first]
+    def tension(self, u: np.ndarray, t: float, yaw: np.ndarray | None = None) -> np.ndarray:
+        """Return the force (s, 2) N of each spring on its first end, for displacements u (n, 2).
+
+        `yaw` (n,) turns the blocks, where the scene has rotation.
+        """
+        d = self._along(u, t, yaw)
         if not self.geometric:
             return self.k[:, None] * d
         d = d + self.rest
@@ -93,10 +97,9 @@ class Model:
         np.subtract.at(total, self.second, pull)
         return total[: self.n]
 
-    def elastic_energy(self, u: np.ndarray, t: float) -> float:
+    def elastic_energy(self, u: np.ndarray, t: float, yaw: np.ndarray | None = None) -> float:
         """Return the energy (J) held in the springs."""
-        ends = self._ends(u, t)
-        d = ends[self.second] - ends[self.first]
+        d = self._along(u, t, yaw)
         if not self.geometric:
             if self.rail:
                 d = d[:, :1]
@@ -108,6 +111,20 @@ class Model:
         """Return the energy (J) of motion for velocities v (n, 2)."""
         return float(0.5 * np.sum(self.mass[:, None] * v**2))
 
-    def _ends(self, u: np.ndarray, t: float) -> np.ndarray:
+    def _along(self, u: np.ndarray, t: float, yaw: np.ndarray | None) -> np.ndarray:
         drive = Drive(self.kind, self.par, self.knots, self.cubics)
-        return np.concatenate([u, drive.displacement(t, self.anchors)])
+        ends = np.concatenate([u, drive.displacement(t, self.anchors)])
+        d = ends[self.second] - ends[self.first]
+        if yaw is None or self.rotation is None:
+            return d
+        inner = self.second < self.n
+        d -= turned(self.rotation.arm, yaw[self.first])
+        d[inner] += turned(self.rotation.arm_j[inner], yaw[self.second[inner]])
+        return d
+
+
+def turned(arm: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    """Return by how much points `arm` (s, 2) of blocks are displaced by their yaw (s,)."""
+    c, s = -2 * np.sin(yaw / 2) ** 2, np.sin(yaw)
+    x, y = arm[:, 0], arm[:, 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=1)

@@ -21,6 +21,8 @@ def plan(scene: Scene, model: Model | None = None) -> str:
     exact: linear springs and motion along x only. event: everything else.
     """
     model = model or Model.of(scene)
+    if scene.rotation is not None:
+        return 'event'
     if at_rest(scene, model):
         return 'rest'
     if modal.applies(scene):
@@ -30,7 +32,7 @@ def plan(scene: Scene, model: Model | None = None) -> str:
 
 def along_x(scene: Scene) -> bool:
     """Return True if springs are linear and nothing ever moves or pulls along y."""
-    if scene.geometric:
+    if scene.geometric or scene.rotation is not None:
         return False
     return scene.dim1 or bool(
         scene.drive.along_x and not np.any(scene.u0[:, 1]) and not np.any(scene.v0[:, 1])
@@ -78,7 +80,7 @@ def simulate(
     chosen = plan(scene, model) if path == 'auto' else path
     if chosen == 'rest':
         return _rest(scene, model, times)
-    if chosen == 'exact' and modal.applies(scene):
+    if chosen == 'exact' and scene.rotation is None and modal.applies(scene):
         chosen = 'modal'
     if chosen == 'modal':
         return modal.solve(scene, model, times, ledger)
@@ -103,7 +105,15 @@ def simulate(
                 f'tolerance {tolerance:g}: {event2d.TIGHTEST:g} to {event2d.LOOSEST:g} is wanted; '
                 'looser, events would be lost'
             )
+        if scene.rotation is not None:
+            from eol_ros.core.physics import turning
+
+            return turning.solve(scene, model, times, limits, ledger, tolerance)
         return event2d.solve(scene, model, times, limits, ledger, tolerance)
+    if scene.rotation is not None:
+        from eol_ros.core.physics import turning_step
+
+        return turning_step.solve(scene, model, times, limits, step_s)
     from eol_ros.core.physics import stepping_run
 
     return stepping_run.solve(scene, model, times, limits, step_s)

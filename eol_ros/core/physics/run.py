@@ -44,6 +44,8 @@ class Run:
     steps: int
     t_reached: float
     energy: Energy | None = None
+    yaw: np.ndarray | None = None  # (k, n) rad, where blocks turn
+    spin: np.ndarray | None = None  # (k, n) rad/s
     notes: list[str] = field(default_factory=list)
 
 

@@ -31,9 +31,11 @@ KEYS = (
     'v0',
     'T',
 )
-OPTIONAL = ('weakening',)
+OPTIONAL = ('weakening', 'rotation')
 WEAKENING_KEYS = ('speed',)
+ROTATION_KEYS = ('side',)
 BETWEEN = ('i', 'j', 'k', 'L0', 'dir', 'Lnom')
+ARMS = ('arm', 'arm_j')  # optional, with rotation
 TO_FRAME = ('i', 'k', 'L0', 'dir', 'Lnom', 'anchor')
 MAX_BLOCKS = 1_000_000
 
@@ -48,6 +50,17 @@ class Springs:
     natural: np.ndarray
     rest: np.ndarray  # (s, 2): Lnom * dir
     anchor: np.ndarray  # (s, 2): where it is fixed to the rim, rim frame; empty between blocks
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """Blocks that turn: squares under even pressure; see `turning_series`."""
+
+    side_m: float
+    yaw0: np.ndarray  # (n,) rad
+    spin0: np.ndarray  # (n,) rad/s
+    arm: np.ndarray  # (s, 2) m: where each spring is fixed to its first block, in its frame
+    arm_j: np.ndarray  # (s, 2): to its second; springs between blocks first, then those to the rim
 
 
 @dataclass(frozen=True)
@@ -68,6 +81,7 @@ class Scene:
     v0: np.ndarray  # (n, 2) m/s
     duration_s: float
     weakening_speed: float = 0.0  # m/s; 0: kinetic friction does not depend on speed
+    rotation: Rotation | None = None
     source: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -123,6 +137,7 @@ def from_mapping(given: Mapping[str, Any]) -> Scene:
         v0,
         _number('T', given['T'], least=0.0),
         _weakening(given, geometric),
+        _rotation(given, n, dim1),
         given,
     )
 
@@ -134,6 +149,27 @@ def _weakening(given: Mapping[str, Any], geometric: bool) -> float:
     if geometric:
         raise ConfigError('weakening is for linear springs along x: set geometric false')
     return _number('weakening.speed', given['weakening']['speed'], above=0.0)
+
+
+def _rotation(given: Mapping[str, Any], n: int, dim1: bool) -> Rotation | None:
+    rows = [*given['springs_between_blocks'], *given['springs_to_frame']]
+    option = given.get('rotation')
+    if option is None:
+        if any(key in row for row in rows for key in ARMS):
+            raise ConfigError("a spring has an arm, which wants the key 'rotation' of the scene")
+        return None
+    _keys('rotation', option, ROTATION_KEYS, ('yaw0', 'spin0'))
+    if dim1 or given.get('weakening') is not None:
+        raise ConfigError('rotation is for blocks free in the plane: dim1 false, no weakening')
+    side = _number('rotation.side', option['side'], above=0.0)
+    arms = np.zeros((2, len(rows), 2))
+    for s, row in enumerate(rows):
+        half = 0.5 * side * np.asarray(row['dir'], float)  # the middle of the edge it leaves from
+        arms[0, s] = _array(f'spring {s}.arm', row.get('arm', half), (2,))
+        arms[1, s] = _array(f'spring {s}.arm_j', row.get('arm_j', -half), (2,))
+    start = [_array(f'rotation.{key}', option.get(key, [0.0] * n), (n,))
+             for key in ('yaw0', 'spin0')]
+    return Rotation(side, *start, *arms)
 
 
 def _keys(where: str, given: Any, wanted: Sequence[str], optional: Sequence[str] = ()) -> None:
@@ -227,7 +263,7 @@ def _springs(
     i, j, k, natural, rest, anchor = [], [], [], [], [], []
     for s, row in enumerate(rows):
         here = f'{key}[{s}]'
-        _keys(here, row, wanted)
+        _keys(here, row, wanted, ARMS if 'j' in wanted else ARMS[:1])
         i.append(_block(f'{here}.i', row['i'], n))
         k.append(_number(f'{here}.k', row['k'], least=0.0))
         natural.append(_number(f'{here}.L0', row['L0'], least=0.0))

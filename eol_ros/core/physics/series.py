@@ -8,6 +8,8 @@ located.
 """
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -15,20 +17,37 @@ from numba import njit
 from eol_ros.core.physics.drive import CIRCLE, POSES, VELOCITY
 
 FAST = {'contract', 'reassoc', 'nsz'}
+FUSED = {'contract', 'nsz'}  # sums keep their order: loops over lanes, not over terms, run abreast
+UNCOUNTED: dict[str, Any] = {'_nrt': False}
 ROOT_ROUNDS = 80
 
 
-@njit(cache=True)
-def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs):
+def lean(loop: Callable) -> Callable:
+    """Return the compiled `loop`, which takes arrays and makes none.
+
+    Without the memory runtime no references are counted, an atomic operation each; with dozens of
+    arrays in a tuple, counting would cost as much as the work of a small step.
+    """
+    return njit(cache=True, fastmath=FUSED, **UNCOUNTED)(loop)
+
+
+def inlined(loop: Callable) -> Callable:
+    """Return `loop` as `lean` does, to be made part of its caller.
+
+    A call hands over each array in seven words, so that one of a few flops would be all calling.
+    """
+    return njit(cache=True, fastmath=FUSED, forceinline=True, **UNCOUNTED)(loop)
+
+
+@lean
+def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs, phi):
     """Write the series at `t` of the rim's x, y, cos(phi) - 1 and sin(phi), k = 0..order.
 
     Returns (reach, used): up to which step the series holds (the next knot), and the highest k that
-    is not zero (for a drive with an infinite series: `order`).
+    is not zero (for a drive with an infinite series: `order`). `phi` is room for the angle's own.
     """
-    cx[: order + 1] = 0.0
-    cy[: order + 1] = 0.0
-    cc[: order + 1] = 0.0
-    cs[: order + 1] = 0.0
+    for k in range(order + 1):
+        cx[k] = cy[k] = cc[k] = cs[k] = phi[k] = 0.0
     if kind == VELOCITY:
         cx[0], cx[1] = par[0] * t, par[0]
         cy[0], cy[1] = par[1] * t, par[1]
@@ -47,7 +66,6 @@ def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs):
             f *= w / (k + 1)
         cy[0] = 2.0 * radius * half * half
         if phi0 != 0.0:
-            phi = np.empty(order + 1)
             s, c = math.sin(w2 * t), math.cos(w2 * t)
             f = 1.0
             for k in range(order + 1):
@@ -72,7 +90,6 @@ def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs):
         while p > 0 and knots[p] > t:
             p -= 1
         s = (knots[last + 1] if held else t) - knots[p]
-        phi = np.zeros(order + 1)
         for axis in range(3):
             c0, c1, c2, c3 = (
                 cubics[p, axis, 0],
@@ -96,7 +113,7 @@ def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs):
     return np.inf, 0
 
 
-@njit(cache=True)
+@lean
 def turn_series(phi, degree, order, cc, cs):
     """Write the series of cos(phi) - 1 and sin(phi) for the series `phi` of that degree."""
     s0, c0 = math.sin(phi[0]), math.cos(phi[0])
@@ -112,7 +129,7 @@ def turn_series(phi, degree, order, cc, cs):
         cc[k] = c / k
 
 
-@njit(cache=True)
+@lean
 def value(c, degree, x):
     """Return the polynomial at x."""
     g = c[degree]
@@ -121,7 +138,7 @@ def value(c, degree, x):
     return g
 
 
-@njit(cache=True)
+@lean
 def first_root(c, degree, h):
     """Return (x, found): the first root in (0, h] of a polynomial that is positive at 0.
 
@@ -168,7 +185,7 @@ def first_root(c, degree, h):
     return x, False
 
 
-@njit(cache=True)
+@lean
 def add_exactly(total, rest, step):
     """Return total + step and the new rest of a compensated sum (Kahan)."""
     y = step - rest
