@@ -12,7 +12,7 @@ from eol_ros.core.vision import edges, profiles, scan
 from eol_ros.errors import ConfigError
 
 BLOB = np.dtype([('u', 'f8'), ('v', 'f8'), ('theta', 'f8'), ('side_px', 'f8'),
-                 ('visibility', 'f4'), ('sigma_px', 'f4'), ('quality', 'f4')])
+                 ('visibility', 'f4'), ('sigma_px', 'f4'), ('quality', 'f4'), ('contrast', 'f4')])
 
 SIDES_PX = (16.0, 160.0)  # squares that can be blocks while their size is not yet known
 _BLUR_PX = 1.25  # edges of a lens in focus, pixel included
@@ -20,13 +20,16 @@ _MOST_REGIONS = 96
 _LABELS = 20000
 _GLANCE = 8  # images between looks for more squares while all 25 are in sight
 _HALF_SIGMA_PX = 0.25  # how well the size of a block is known beforehand
+_TIGHT_PX = 0.05  # and with a calibration
 _MOST_SIGMA_PX = 0.3  # a square less sure than this is not reported
 # least share of edges that agree, of the worst side, and least quality
 _PREDICTED = (0.30, 0.0, 0.10)
 _NEW = (0.60, 0.30, 0.40)
 _REGAINED = (0.35, 0.0, 0.25)
-_LIGHT_LEFT = 25  # samples: a fifth of a block
-_ABOUT = [(du, dv) for du in (-9.0, 0.0, 9.0) for dv in (-9.0, 0.0, 9.0)]
+_DIM, _GLARING = 0.65, 1.9  # of the contrast that a block had when it was last seen whole
+_FULLER = 0.2  # by this share a square must be fuller of light than its surroundings
+_AGAIN = 5  # images until a light that was no square is asked again
+_SAME_PX = 10.0
 
 
 class BlobFinder:
@@ -59,7 +62,8 @@ class BlobFinder:
         """Return the squares in `image` (h, w) uint8 as a BLOB array, predicted ones first.
 
         Args:
-            predicted: (k, 3) u, v, theta where blocks are expected, good to a few px.
+            predicted: (k, 3) u, v, theta where blocks are expected, good to a few px; a fourth
+                column says their contrast in grey levels, 0 where that is not known.
 
         Raises:
             ConfigError: not an 8-bit grey image.
@@ -77,19 +81,23 @@ class BlobFinder:
         self._turn += 1
         n = 0
         if predicted is not None and len(predicted) and self._known():
-            predicted = np.asarray(predicted, float).reshape(-1, 3)
-            near = predicted[np.isfinite(predicted).all(axis=1)]
-            n = self._keep(self._fit(image, near, search=0), n, *_PREDICTED)
-            n = self._look_about(image, near, n)
+            predicted = np.asarray(predicted, float)
+            predicted = predicted[np.isfinite(predicted[:, :3]).all(axis=1)]
+            near, own = predicted[:, :3], predicted[:, 3] if predicted.shape[1] > 3 else None
+            n = self._keep(self._fit(image, near, 0, own), n, *_PREDICTED)
+            n = self._look_about(image, near, own, n)
         # all blocks of the table found where they were expected: nothing is left to look for
         looks = 0 if n >= N_BLOCKS and self._turn % _GLANCE else 2
         for _ in range(looks):
             before = n
             scan.erase(self._grid, self._tiles, self._kept[:n], scan.STEP)
             starts = self._unexplained()
+            if predicted is not None:
+                starts = self._not_refused(starts)
             if not len(starts):
                 break
             n = self._keep(self._fit(image, starts, search=2), n, *_NEW)
+            self._refuse(starts, n)
             if before or n == before:
                 break
             self._learn(self._kept[:n], 1.0)  # a first look: now look again with the right size
@@ -103,6 +111,7 @@ class BlobFinder:
         blobs['visibility'] = np.minimum(kept[:, edges.VISIBLE], 1.0)
         blobs['sigma_px'] = kept[:, edges.SIGMA]
         blobs['quality'] = kept[:, edges.QUALITY]
+        blobs['contrast'] = kept[:, edges.CONTRAST]
         return blobs
 
     def _begin(self, shape) -> None:
@@ -117,32 +126,49 @@ class BlobFinder:
         self._parent = np.zeros(_LABELS, np.int32)
         self._stats = np.zeros((_LABELS, 9))
         self._size, self._contrast, self._turn = None, 0.0, 0
+        self._refused = np.zeros((0, 3))  # u, v, and in which image
         if self.calibration is not None:
             u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(-0.45, 0.45, 7)] * 2))
             px = np.column_stack([u + 0.5, v + 0.5]) * shape[::-1]
             half = self.calibration.side_px(px, BLOCK_SIDE_M) / 2
-            self._field = np.linalg.lstsq(_terms(u, v), half, rcond=None)[0]
+            self._field = np.linalg.lstsq(
+                _terms(u, v), np.column_stack([half, self.calibration.shear(px)]), rcond=None)[0]
 
-    def _look_about(self, image, near, n) -> int:
+    def _look_about(self, image, near, own, n) -> int:
         """Try again around predictions (k, 3) that failed and have light left beside them."""
         if n == len(near):
             return n
         away = np.hypot(near[:, None, 0] - self._kept[None, :n, 0],
                         near[:, None, 1] - self._kept[None, :n, 1])
-        lost = near[away.min(axis=1, initial=np.inf) > 20]
+        gone = away.min(axis=1, initial=np.inf) > 20
+        lost = near[gone]
         if not len(lost):
             return n
         scan.erase(self._grid, self._tiles, self._kept[:n], scan.STEP)
-        over = 0.4 * self._contrast
-        rows, cols = (np.rint((lost[:, k] - 1) / scan.STEP).astype(int) for k in (1, 0))
-        starts = []
-        for row, col, start in zip(rows, cols, lost):
-            r, c = max(row - 6, 0), max(col - 6, 0)
-            part = self._grid[r:row + 7, c:col + 7]
-            if part.size and (part > part.min() + max(over, 20)).sum() > _LIGHT_LEFT:
-                starts += [start + [du, dv, 0.0] for du, dv in _ABOUT]
-        return self._keep(self._fit(image, np.array(starts), search=2), n, *_REGAINED) \
-            if starts else n
+        over = np.full(len(lost), max(0.4 * self._contrast, 20.0))
+        if own is not None:
+            own = own[gone]
+            over = np.where(own > 0, 0.55 * own, over)
+        place = np.zeros((len(lost), 3))
+        scan.seek(self._grid, self._tiles, lost, self._expected(lost[:, :2]), over, place)
+        near = place[:, 2] > _FULLER
+        starts = lost[near] + np.column_stack([place[near, :2], np.zeros(near.sum())])
+        return self._keep(self._fit(image, starts, 2, None if own is None else own[near]), n,
+                          *_REGAINED)
+
+    def _not_refused(self, starts: np.ndarray) -> np.ndarray:
+        """Leave out `starts` (k, >= 2) of lights that were tried a moment ago: arms stay arms."""
+        self._refused = self._refused[self._turn - self._refused[:, 2] < _AGAIN]
+        apart = starts[:, None, :2] - self._refused[None, :, :2]
+        return starts[(np.abs(apart).max(axis=2, initial=0.0) > _SAME_PX).all(axis=1)] \
+            if len(self._refused) else starts
+
+    def _refuse(self, starts: np.ndarray, n: int) -> None:
+        """Remember those of `starts` (k, >= 2) that gave no square."""
+        apart = starts[:, None, :2] - self._kept[None, :n, :2]
+        no = (np.abs(apart).max(axis=2, initial=0.0) > _SAME_PX).all(axis=1)
+        new = np.column_stack([starts[no, :2], np.full(no.sum(), self._turn)])
+        self._refused = np.concatenate([self._refused, new])
 
     def _known(self) -> bool:
         return self._size is not None or self.calibration is not None
@@ -151,12 +177,22 @@ class BlobFinder:
         """Return the half side in px (n,) of a block at `uv` (n, 2), once it is known."""
         u, v = (uv / self._shape[::-1] - 0.5).T
         if self.calibration is not None:
-            return _terms(u, v) @ self._field
+            return _terms(u, v) @ self._field[:, 0]
         assert self._size is not None
         return (self._size[0] + self._size[1] * u + self._size[2] * v) / 2
 
-    def _fit(self, image, starts, search) -> np.ndarray:
-        """Return fitted squares (n, FIELDS) from `starts` (n, 3) or (n, 4) with their half side."""
+    def _shears(self, starts: np.ndarray) -> np.ndarray:
+        """Return how lens and tilt shear a square (n, 2) at `starts` (n, >= 2)."""
+        if self.calibration is None:
+            return np.zeros((len(starts), 2))
+        u, v = (starts[:, :2] / self._shape[::-1] - 0.5).T
+        return _terms(u, v) @ self._field[:, 1:]
+
+    def _fit(self, image, starts, search, own=None) -> np.ndarray:
+        """Return fitted squares (n, FIELDS) from `starts` (n, 3) or (n, 4) with their half side.
+
+        own (n,): contrast that each is known to have, 0 where it is not.
+        """
         starts = starts[:_MOST_REGIONS]
         if not len(starts):
             return np.zeros((0, edges.FIELDS))
@@ -165,16 +201,23 @@ class BlobFinder:
             half = self._expected(starts[:, :2])
         else:
             half, half_sigma = starts[:, 3], 0.05 * float(np.median(starts[:, 3]))
+        tight = _TIGHT_PX if self.calibration is not None else 0.0
         out = self._fitted[:len(starts)]
-        edges.fit_squares(image, np.column_stack([starts[:, :3], half]), self.blur_px, half_sigma,
-                          search, *self._scratch, out)
+        edges.fit_squares(image, np.column_stack([starts[:, :3], half]), self._shears(starts),
+                          self.blur_px, half_sigma, tight, search, *self._scratch, out)
         off = np.abs(out[:, edges.HALF] / half - 1)
         moved = np.hypot(*(out[:, :2] - starts[:, :2]).T)
         # a hand may stand where a block should; it is dimmer, or its edges are not all there
-        dim = out[:, edges.CONTRAST] < 0.5 * self._contrast
+        contrast = out[:, edges.CONTRAST]
+        dim = contrast < 0.5 * self._contrast
+        if own is None:
+            out[:, edges.QUALITY] *= out[:, edges.ALONE]
+        else:  # a block known by its brightness may have an arm beside it that is as bright
+            out[:, edges.QUALITY] *= np.where(own > 0, 1.0, out[:, edges.ALONE])
+            dim = np.where(own > 0, (contrast < _DIM * own) | (contrast > _GLARING * own), dim)
         good = ((out[:, edges.SIGMA] < _MOST_SIGMA_PX) & (moved < half)
                 & (off < (0.06 if half_sigma == _HALF_SIGMA_PX else 0.25))
-                & (out[:, edges.CONTRAST] > 0.2 * self._contrast)
+                & (contrast > 0.2 * self._contrast)
                 & ~(dim & (out[:, edges.VISIBLE] < 0.8)))
         out[~good, edges.VISIBLE] = 0.0
         return out

@@ -160,6 +160,28 @@ class Calibration:
         area = np.abs(across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0])
         return np.sqrt(area)
 
+    def shear(self, px) -> np.ndarray:
+        """Return (n, 2) real and imaginary part of what lens and tilt make of squares at `px`.
+
+        With table vectors and picture vectors (v up) as complex numbers the picture of w is
+        a w + b conj(w). A square at picture angle theta keeps its angle and size by `a`; by
+        e = b / conj(a) exp(-2 i theta) it becomes a parallelogram: see profiles.gather.
+        """
+        px = np.asarray(px, float).reshape(-1, 2)
+        centre = self.to_table(px)
+        ends = [self.to_pixels(centre + sign * s) for s in np.eye(2) * 0.02 for sign in (1, -1)]
+        across, along = ends[0] - ends[1], ends[2] - ends[3]
+        one, other = across[:, 0] - 1j * across[:, 1], along[:, 0] - 1j * along[:, 1]
+        ratio = (one + 1j * other) / np.conj(one - 1j * other)
+        return np.column_stack([ratio.real, ratio.imag])
+
+    def packed(self) -> np.ndarray:
+        """Return all numbers of it in one row (28,), as mapping takes them."""
+        camera = self.camera_matrix
+        lens = [camera[0, 0], camera[0, 1], camera[0, 2], camera[1, 1], camera[1, 2]]
+        return np.concatenate([self.homography.ravel(), self._inverse.ravel(), lens,
+                               self.distortion_coefficients])
+
     def px_per_m(self) -> float:
         """Return the scale at the table's centre in pixels per metre."""
         return float(self.side_px(self.to_pixels([[0.0, 0.0]]), 0.084)[0] / 0.084)

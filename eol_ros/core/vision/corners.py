@@ -17,16 +17,15 @@ def side_lines(image, squares, blur, pixels, work, ends, out):
     and the share of its profiles that agree. A tilted camera makes the four differ.
     """
     spread = np.zeros(7)
-    histogram = np.zeros(128)
+    square = np.zeros(2)  # no shear: each side is measured on its own
     for s in range(squares.shape[0]):
         u, v, theta, half = squares[s, 0], squares[s, 1], squares[s, 2], squares[s, 3]
         out[s] = 0.0
-        profiles.gather(image, u, v, theta, half, blur, pixels, work, ends)
+        profiles.gather(image, u, v, theta, half, blur, square, pixels, work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
         limit = half - profiles.CORNER * blur
         contrast, _ = profiles.levels(pixels, work, ends, slope, lean, limit, profiles.FLAT * blur,
-        spread,
-                                    histogram)
+                                      spread)
         if contrast == 0.0:
             continue
         profiles.share_levels(work, ends, spread)

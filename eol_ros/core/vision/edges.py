@@ -16,11 +16,14 @@ import numpy as np
 from numba import njit
 
 from eol_ros.core.vision import profiles
-from eol_ros.core.vision.profiles import CORNER, FLAT, NU, NV, OFFSET, WEIGHT, T, padded
+from eol_ros.core.vision.profiles import CORNER, FIRST, FLAT, NU, NV, OFFSET, WEIGHT, T, padded
 
-SETTLED_PX = 0.03  # a last step below this leaves no error that counts
-FIELDS = 10  # of one fitted square
-U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST = range(FIELDS)
+SETTLED_PX = 0.03  # a last step below this leaves no error that counts,
+SETTLED_SIGMAS = 6.0  # nor one of so many standard deviations: a twentieth of a step is left
+SETTLED_MOST_PX = 0.2  # where the square was expected no further off than this
+WHOLE = 0.9  # share of the edge in sight from which a block needs no help
+FIELDS = 11  # of one fitted square
+U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST, ALONE = range(FIELDS)
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -153,12 +156,21 @@ def _solve4(a, b):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def _fit(image, square, expected, half_sigma, searches, blur, pixels, work, ends, a, step, shares,
-         spread, histogram):
+def _follow(work, n, step):
+    """Count all distances from the edges where they are after `step`."""
+    s0, s1, s2, s3 = (np.float32(step[0]), np.float32(step[1]), np.float32(step[2]),
+                      np.float32(step[3]))
+    for i in range(n):
+        work[FIRST + i] -= work[NU + i] * s0 + work[NV + i] * s1 - work[T + i] * s2 + s3
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
+def _fit(image, square, expected, half_sigma, tight, searches, blur, shear, pixels, work, ends, a,
+         step, shares, spread):
     """Fit one square from `square` (FIELDS,): u, v, theta, half; fill in the other fields."""
     u, v, theta, half = square[U], square[V], square[THETA], square[HALF]
     for _ in range(searches):
-        profiles.gather(image, u, v, theta, half, blur, pixels, work, ends)
+        profiles.gather(image, u, v, theta, half, blur, shear, pixels, work, ends)
         profiles.search(pixels, work, ends, abs(math.cos(theta)))
         share, variance = _agree(work, ends, expected - half, max(half_sigma, 0.02 * half),
                                  9.0, 1.5, 5, a, step, shares)
@@ -174,13 +186,12 @@ def _fit(image, square, expected, half_sigma, searches, blur, pixels, work, ends
     share = 0.0
     variance = 1.0
     contrast = level = 0.0
-    for gather in range(3):
-        profiles.gather(image, u, v, theta, half, blur, pixels, work, ends)
+    for gather in range(4):
+        profiles.gather(image, u, v, theta, half, blur, shear, pixels, work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
         limit = half - CORNER * blur
         contrast, level = profiles.levels(pixels, work, ends, slope, lean, limit, FLAT * blur,
-        spread,
-                                  histogram)
+                                           spread)
         share = 0.0
         if contrast == 0.0:
             return
@@ -193,14 +204,24 @@ def _fit(image, square, expected, half_sigma, searches, blur, pixels, work, ends
                                      0.05, 4 if first else 3, a, step, shares)
             if share == 0.0:
                 return
-            profiles.follow(work, ends[4], step)
+            _follow(work, ends[4], step)
             u, v, theta, half = u + step[0], v + step[1], theta + step[2], half + step[3]
             change = max(abs(step[0]) + abs(step[1]), abs(step[2]) * half)
             far += change
-            if change < SETTLED_PX:
+            sigma = math.sqrt(variance * 0.5 * (a[0, 0] + a[1, 1]))
+            if change < SETTLED_PX or (far < SETTLED_MOST_PX and change < SETTLED_SIGMAS * sigma):
                 break
-        if far < 0.7:
+        if far < 0.2 or (far < 0.7 and share > WHOLE):  # levels were read in the right place
             break
+    free_half = half
+    if tight > 0 and share < WHOLE:
+        # an arm along one side moves it; what is known of the size speaks for the side across
+        slope, lean = abs(math.cos(theta)), -math.tan(theta)
+        profiles.offsets(pixels, work, ends, slope, lean, limit, blur, spread)
+        share, variance = _agree(work, ends, expected - half, tight, 0.6, 0.05, 4, a, step, shares)
+        if share == 0.0:
+            return
+        u, v, theta, half = u + step[0], v + step[1], theta + step[2], half + step[3]
     square[U], square[V], square[THETA], square[HALF] = u, v, theta, half
     share = min(share * spread[5], 1.0)
     for side in range(4):
@@ -208,11 +229,12 @@ def _fit(image, square, expected, half_sigma, searches, blur, pixels, work, ends
     square[VISIBLE] = share
     square[SIGMA] = math.sqrt(variance * 0.5 * (a[0, 0] + a[1, 1]))
     both_ways = min(max(shares[0], shares[2]), max(shares[1], shares[3]))
-    off = (half - expected) / (3.0 * half_sigma + 0.04 * expected)
+    off = (free_half - expected) / (3.0 * half_sigma + 0.04 * expected)
     sharp = 1.0 - min(max(2.5 * (spread[4] - 0.15), 0.0), 1.0)
     # covers do not overlap: light like a cover's just outside says that this is half beside one
     alone = 1.0 if share > 0.75 else max(1.0 - 5.0 * spread[6], 0.0)
-    square[QUALITY] = share * both_ways * math.exp(-0.5 * off * off) * sharp * alone
+    square[QUALITY] = share * both_ways * math.exp(-0.5 * off * off) * sharp
+    square[ALONE] = alone
     square[WORST] = min(min(shares[0], shares[1]), min(shares[2], shares[3]))
     square[CONTRAST] = contrast
     square[LEVEL] = level
@@ -241,29 +263,30 @@ def keep_apart(fits, order, kept, n, least_visible, least_worst, least_quality):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def fit_squares(image, starts, blur, half_sigma, search, pixels, work, ends, out):
+def fit_squares(image, starts, shears, blur, half_sigma, tight, search, pixels, work, ends, out):
     """Fit squares to `image` (h, w) uint8 from `starts` (n, 4): u, v, theta, expected half side.
+
+    shears (n, 2): see profiles.gather.
 
     search: rounds of rough search before the fit (0 when the start is good to 2 px; a fit that
     comes out poor then searches once itself). out (n, FIELDS): u, v, theta, half, agreeing share
-    of the edges, sigma px, quality, contrast, level inside, agreeing share of the worst side. A
-    share of 0 means no square there.
+    of the edges, sigma px, quality, contrast, level inside, agreeing share of the worst side, how
+    certainly no other cover's light stands beside it. A share of 0 means no square there.
     """
     a = np.zeros((4, 4))
     step = np.zeros(4)
     shares = np.zeros(4)
     spread = np.zeros(7)
-    histogram = np.zeros(128)
     second = np.zeros(FIELDS)
     for s in range(starts.shape[0]):
         square = out[s]
         square[:4] = starts[s]
-        _fit(image, square, starts[s, 3], half_sigma, search, blur, pixels, work, ends, a, step,
-             shares, spread, histogram)
+        _fit(image, square, starts[s, 3], half_sigma, tight, search, blur, shears[s], pixels, work,
+             ends, a, step, shares, spread)
         if search == 0 and square[VISIBLE] < 0.75:
             second[:4] = starts[s]
-            _fit(image, second, starts[s, 3], half_sigma, 2, blur, pixels, work, ends, a, step,
-                 shares, spread, histogram)
+            _fit(image, second, starts[s, 3], half_sigma, tight, 2, blur, shears[s], pixels, work,
+                 ends, a, step, shares, spread)
             if second[VISIBLE] > square[VISIBLE] + 0.05:
                 square[:] = second
         square[THETA] -= round(square[THETA] / (math.pi / 2)) * math.pi / 2

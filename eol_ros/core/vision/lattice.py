@@ -119,11 +119,6 @@ class Lattice:
     def _start_angle(self) -> float:
         return 0.0
 
-    def expected(self, ahead_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return where all blocks should be `ahead_s` after the last image: (25, 2) m and (25,)
-        rad."""
-        return self.xy + self.velocity * ahead_s, self.yaw
-
     def _follow(
         self,
         stamp_s: float,

@@ -7,6 +7,8 @@ from numba import njit
 from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
 from eol_ros.core.vision.lattice_solve import MIN_SPACING_M, folds, match, rotate_cell
 
+REACH_CELLS = 0.3  # of the pitch, how near to its place a light beyond a gap must stand
+
 
 @njit(cache=True)
 def common_angle(yaw):
@@ -125,6 +127,35 @@ def _fit_affine(cells, p, use):
 
 
 @njit(cache=True)
+def _reach(p, cell, member):
+    """Take into the patch what lies on its lattice beyond a gap, as under an arm across the table.
+
+    Sets cell (n, 2) and member (n,) of points that the patch, continued, has a free place for.
+    """
+    fit = _fit_affine(cell, p, member)
+    det = fit[1, 0] * fit[2, 1] - fit[1, 1] * fit[2, 0]
+    if abs(det) < 0.3 * PITCH_M * PITCH_M:
+        return
+    for i in range(p.shape[0]):
+        if member[i]:
+            continue
+        dx = p[i, 0] - fit[0, 0]
+        dy = p[i, 1] - fit[0, 1]
+        column = (dx * fit[2, 1] - dy * fit[2, 0]) / det
+        row = (dy * fit[1, 0] - dx * fit[1, 1]) / det
+        c = int(np.rint(column))
+        r = int(np.rint(row))
+        free = abs(column - c) < REACH_CELLS and abs(row - r) < REACH_CELLS
+        for j in range(p.shape[0]):
+            if member[j] and cell[j, 0] == c and cell[j, 1] == r:
+                free = False
+        if free:
+            cell[i, 0] = c
+            cell[i, 1] = r
+            member[i] = True
+
+
+@njit(cache=True)
 def read_lattice(xy, yaw, expected, trust_expected):
     """Find the 5x5 lattice among points, from nothing but squares and spacing.
 
@@ -146,6 +177,7 @@ def read_lattice(xy, yaw, expected, trust_expected):
     cell, member = _grow(p)
     if member.sum() < 6:
         return index, angle, False
+    _reach(p, cell, member)
     low_c = 10**6
     low_r = 10**6
     high_c = -(10**6)

@@ -19,6 +19,7 @@ CORNER = 1.4  # blurs left out at each end of a side, where two edges mix
 EDGE = 2.4  # blurs from the edge over which the light inside counts as one level
 ROUGH = 0.1  # share of the texture's variance that is new from pixel to pixel
 UNLIKE = 1.0  # of the variance from line to line, what differs between level zone and edge
+OTHER = 0.2  # of the contrast, light that is not the platform's
 FLAT = 2.1  # blurs from the edge at which light counts as inside or outside
 MIN_CONTRAST = 8.0  # grey levels
 
@@ -41,8 +42,11 @@ def padded(n):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def gather(image, u, v, theta, half, blur, pixels, work, ends):
+def gather(image, u, v, theta, half, blur, shear, pixels, work, ends):
     """Copy the profiles of all sides into `pixels` (tap, line), running outwards.
+
+    shear (2,): how lens and tilt make the square a parallelogram here: a side of normal angle phi
+    lies `half Re e` further out and leans by `Im e` on t, with e = shear exp(-2 i phi).
 
     Fills first (d of the first tap), t, normal and validity of every line; ends (6,): where each
     side begins, the number of lines in all, and of taps. All sides cross their rows or columns at
@@ -56,6 +60,9 @@ def gather(image, u, v, theta, half, blur, pixels, work, ends):
         ends[side] = at
         angle = theta + side * math.pi / 2
         nu, nv = math.cos(angle), -math.sin(angle)
+        twice_c, twice_s = nu * nu - nv * nv, -2 * nu * nv  # cos and sin of twice the angle
+        out = half * (shear[0] * twice_c + shear[1] * twice_s)
+        lean = shear[1] * twice_c - shear[0] * twice_s
         tu, tv = -math.sin(angle), -math.cos(angle)
         along_row = side % 2 == 0  # sides 0 and 2 are steep: rows cross them
         fast, slow = (nu, nv) if along_row else (nv, nu)
@@ -74,8 +81,9 @@ def gather(image, u, v, theta, half, blur, pixels, work, ends):
             edge = c_fast + (half - slow * (line - c_slow)) / fast
             start = int(math.floor(edge - step * (taps - 1) * 0.5 + 0.5))
             end = start + step * (taps - 1)
-            work[FIRST + i] = fast * (start - edge)
-            work[T + i] = (edge - c_fast) * t_fast + (line - c_slow) * t_slow
+            t = (edge - c_fast) * t_fast + (line - c_slow) * t_slow
+            work[FIRST + i] = fast * (start - edge) - out - lean * t
+            work[T + i] = t
             work[NU + i] = nu
             work[NV + i] = nv
             inside = (0 <= line < slow_size and 0 <= start < fast_size and 0 <= end < fast_size)
@@ -103,16 +111,18 @@ def gather(image, u, v, theta, half, blur, pixels, work, ends):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def _zones(pixels, work, n, taps, slope, lean, limit, flat, squares):
+def _zones(pixels, work, n, taps, slope, lean, limit, flat):
     """Sum each profile's pixels inside and outside: counts to A and C, sums to B and D.
 
-    With `squares`, sums of squared distances to the levels in IN and OUT instead; to E the squared
-    changes from pixel to pixel inside, to F the changes inside and outside. Pixels further than
-    `limit` along the side are left out: around the corner stands another edge.
+    Sums are of differences to the innermost and the outermost pixel, so that their squares, to
+    OFFSET and WEIGHT, keep their digits. To E the squared changes from pixel to pixel inside, to F
+    the changes inside and outside. Pixels further than `limit` along the side are left out: around
+    the corner stands another edge.
     """
     f_slope, f_lean = np.float32(slope), np.float32(lean)
     f_limit, f_flat = np.float32(limit), np.float32(flat)
     zero, one = np.float32(0.0), np.float32(1.0)
+    last = (taps - 1) * LINES
     for i in range(n):
         work[_A + i] = zero
         work[_B + i] = zero
@@ -120,38 +130,64 @@ def _zones(pixels, work, n, taps, slope, lean, limit, flat, squares):
         work[_D + i] = zero
         work[_E + i] = zero
         work[_F + i] = zero
-    for k in range(taps):
+        work[OFFSET + i] = zero
+        work[WEIGHT + i] = zero
+    # the zones lie beside the middle tap, which stands within a pixel of the edge
+    reach = min(max(taps // 2 - int(flat / slope) + 2, 1), taps // 2)
+    for k in range(reach):
         ahead = f_slope * np.float32(k)
         at = k * LINES
-        if squares:
-            before = at - LINES if k > 0 else at
-            for i in range(n):
-                d = work[FIRST + i] + ahead
-                change = pixels[at + i] - pixels[before + i]
-                near = one if abs(work[T + i] + d * f_lean) <= f_limit else zero
-                x_in, x_out = pixels[at + i] - work[IN + i], pixels[at + i] - work[OUT + i]
-                w_in = near if d < -f_flat else zero
-                w_out = near if d > f_flat else zero
-                work[_A + i] += w_in
-                work[_B + i] += w_in * x_in * x_in
-                work[_C + i] += w_out
-                work[_D + i] += w_out * x_out * x_out
-                work[_E + i] += w_in * change * change
-                work[_F + i] += (w_in + w_out) * change
-        else:
-            for i in range(n):
-                d = work[FIRST + i] + ahead
-                near = one if abs(work[T + i] + d * f_lean) <= f_limit else zero
-                w_in = near if d < -f_flat else zero
-                w_out = near if d > f_flat else zero
-                work[_A + i] += w_in
-                work[_B + i] += w_in * pixels[at + i]
-                work[_C + i] += w_out
-                work[_D + i] += w_out * pixels[at + i]
+        before = at - LINES if k > 0 else at
+        for i in range(n):
+            d = work[FIRST + i] + ahead
+            w = one if abs(work[T + i] + d * f_lean) <= f_limit else zero
+            w = w if d < -f_flat else zero
+            change = w * (pixels[at + i] - pixels[before + i])
+            x = w * (pixels[at + i] - pixels[i])
+            work[_A + i] += w
+            work[_B + i] += x
+            work[_E + i] += change * change
+            work[_F + i] += change
+            work[OFFSET + i] += x * x
+    for k in range(taps - reach, taps):
+        ahead = f_slope * np.float32(k)
+        at = k * LINES
+        before = at - LINES
+        for i in range(n):
+            d = work[FIRST + i] + ahead
+            w = one if abs(work[T + i] + d * f_lean) <= f_limit else zero
+            w = w if d > f_flat else zero
+            x = w * (pixels[at + i] - pixels[last + i])
+            work[_C + i] += w
+            work[_D + i] += x
+            work[_F + i] += w * (pixels[at + i] - pixels[before + i])
+            work[WEIGHT + i] += x * x
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def levels(pixels, work, ends, slope, lean, limit, flat, spread, histogram):
+def _quantile(work, n, inner, need):
+    """Return the grey level that `need` valid profiles exceed: of IN - OUT, or OUT (inner 0).
+
+    By halving: counting is vector code, a histogram is not.
+    """
+    low, high = np.float32(0.0), np.float32(256.0)
+    one, zero = np.float32(1.0), np.float32(0.0)
+    sign = inner + inner - one
+    for _ in range(8):
+        middle = np.float32(0.5) * (low + high)
+        above = zero
+        for i in range(n):
+            level = inner * work[IN + i] - sign * work[OUT + i]
+            above += work[VALID + i] if level > middle else zero
+        if above > need:
+            low = middle
+        else:
+            high = middle
+    return float(np.float32(0.5) * (low + high))
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
+def levels(pixels, work, ends, slope, lean, limit, flat, spread):
     """Measure the light inside and outside along every profile, and judge which ones show an edge.
 
     Fills IN and OUT and clears VALID of profiles that show no edge like the others.
@@ -163,68 +199,66 @@ def levels(pixels, work, ends, slope, lean, limit, flat, spread, histogram):
     """
     n, taps = ends[4], ends[5]
     wide = padded(n)
-    _zones(pixels, work, wide, taps, slope, lean, limit, flat, False)
-    histogram[:] = 0.0
-    total = short = 0.0
-    for i in range(n):
-        if work[_A + i] < 2 or work[_C + i] < 2:
-            short += work[VALID + i]
-            work[VALID + i] = 0.0
-            continue
-        work[IN + i] = work[_B + i] / work[_A + i]
-        work[OUT + i] = work[_D + i] / work[_C + i]
-        if work[VALID + i] > 0:
-            total += 1.0
-            step = work[IN + i] - work[OUT + i]
-            if step > 0:
-                histogram[min(int(step / 2), 127)] += 1.0
+    last = (taps - 1) * LINES
+    _zones(pixels, work, wide, taps, slope, lean, limit, flat)
+    zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+    total = short = zero
+    for i in range(wide):
+        a, c = work[_A + i], work[_C + i]
+        full = one if a >= two else zero
+        full = full if c >= two else zero
+        short += (one - full) * work[VALID + i]
+        valid = full * work[VALID + i]
+        work[VALID + i] = valid
+        total += valid
+        work[IN + i] = pixels[i] + work[_B + i] / (a if a > one else one)
+        work[OUT + i] = pixels[last + i] + work[_D + i] / (c if c > one else one)
     if total < 8.0:
         return 0.0, 0.0
-    # the contrast that a quarter of all profiles exceeds: right as long as a quarter is in sight
-    need = total * 0.25
-    place = 127
-    while place > 0 and need > histogram[place]:
-        need -= histogram[place]
-        place -= 1
-    contrast = 2.0 * place + 1.0
+    # the contrast that a quarter of all profiles exceeds: right as long as a quarter is in sight;
+    # and the platform's own light about here: where more stands outside, it may be an arm's edge
+    contrast = _quantile(work, wide, one, np.float32(0.25) * total)
     if contrast < MIN_CONTRAST:
         return 0.0, 0.0
-    mean_in = 0.0
-    count = 0.0
-    for i in range(n):
+    bare = _quantile(work, wide, zero, np.float32(0.75) * total)
+    bare = np.float32(bare + max(OTHER * contrast, 4.0))
+    low, high = np.float32(0.45 * contrast), np.float32(2.0 * contrast)
+    mean_in = count = zero
+    for i in range(wide):
         step = work[IN + i] - work[OUT + i]
-        if step < 0.45 * contrast or step > 2.0 * contrast:
-            work[VALID + i] = 0.0
-        mean_in += work[VALID + i] * work[IN + i]
-        count += work[VALID + i]
+        valid = work[VALID + i] if step >= low else zero
+        valid = valid if step <= high else zero
+        valid = valid if work[OUT + i] <= bare else zero
+        work[VALID + i] = valid
+        mean_in += valid * work[IN + i]
+        count += valid
     if count < 8.0:
         return 0.0, 0.0
     mean_in /= count
-    glare = 0.0
-    for i in range(n):
-        if abs(work[IN + i] - mean_in) > 0.5 * contrast:
-            work[VALID + i] = 0.0
-        if work[_C + i] >= 2 and work[OUT + i] > mean_in - 0.4 * contrast:
-            glare += 1.0
-    spread[6] = glare / max(n, 1)
-    _zones(pixels, work, wide, taps, slope, lean, limit, flat, True)
-    v_in = v_out = k_in = k_out = changes = trend = 0.0
-    for i in range(n):
-        valid = work[VALID + i]
-        v_in += valid * work[_B + i]
-        v_out += valid * work[_D + i]
-        k_in += valid * (work[_A + i] - 1)
+    near, bright = np.float32(0.5 * contrast), np.float32(mean_in - 0.25 * contrast)
+    glare = v_in = v_out = k_in = k_out = changes = trend = zero
+    for i in range(wide):
+        glow = one if work[OUT + i] > bright else zero
+        glare += glow if work[_C + i] >= two else zero
+        valid = work[VALID + i] if abs(work[IN + i] - mean_in) <= near else zero
+        work[VALID + i] = valid
+        off_in, off_out = work[IN + i] - pixels[i], work[OUT + i] - pixels[last + i]
+        v_in += valid * (work[OFFSET + i] - work[_B + i] * off_in)
+        v_out += valid * (work[WEIGHT + i] - work[_D + i] * off_out)
+        k_in += valid * (work[_A + i] - one)
         changes += valid * work[_E + i]
         trend += valid * work[_F + i]
-        k_out += valid * (work[_C + i] - 1)
-    spread[0] = max(v_in / max(k_in, 1.0), 0.25)
-    spread[1] = max(v_out / max(k_out, 1.0), 0.25)
+        k_out += valid * (work[_C + i] - one)
+    inner, outer = max(float(k_in), 1.0), max(float(k_out), 1.0)
+    spread[0] = max(v_in / inner, 0.25)
+    spread[1] = max(v_out / outer, 0.25)
     # the innermost pixel has no neighbour, so there are as many changes as degrees of freedom
-    spread[2] = max(spread[0] - max(0.55 * changes / max(k_in, 1.0), spread[1]), 0.0)
+    spread[2] = max(spread[0] - max(0.55 * changes / inner, spread[1]), 0.0)
     spread[3] = 0.0
-    spread[5] = n / max(n - short, 1.0)
     # a lamp's glow falls on and on, a cover has an edge between two flats
-    spread[4] = -trend / max(k_in + k_out, 1.0) / slope * 2 * flat / contrast
+    spread[4] = -trend / (inner + outer) / slope * 2 * flat / contrast
+    spread[5] = n / max(n - float(short), 1.0)
+    spread[6] = glare / max(n, 1)
     return contrast, mean_in
 
 
@@ -361,12 +395,3 @@ def search(pixels, work, ends, slope):
         if place >= 0 and best > 3 * MIN_CONTRAST:
             work[OFFSET + i] = work[FIRST + i] + slope * place
             work[WEIGHT + i] = 1.0
-
-
-@njit(cache=True, fastmath=True, error_model='numpy')
-def follow(work, n, step):
-    """Count all distances from the edges where they are after `step`."""
-    s0, s1, s2, s3 = (np.float32(step[0]), np.float32(step[1]), np.float32(step[2]),
-                      np.float32(step[3]))
-    for i in range(n):
-        work[FIRST + i] -= work[NU + i] * s0 + work[NV + i] * s1 - work[T + i] * s2 + s3

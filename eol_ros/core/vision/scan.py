@@ -12,6 +12,7 @@ from numba import njit
 
 STEP = 4  # px between samples
 TILE = 16  # samples along the side of a tile of background
+SEEK_PX = 12.0
 AREA, ROW, COL, HIGH, WIDE = range(5)
 
 
@@ -72,6 +73,44 @@ def erase(grid, tiles, squares, margin):
                 y = -(q - u) * sn - (r - v) * c
                 if abs(x) <= half and abs(y) <= half:
                     grid[r, q] = min(grid[r, q], tiles[r // TILE, q // TILE])
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
+def seek(grid, tiles, starts, half, over, found):
+    """Look around `starts` (n, 3), u, v, theta, for where a square of light would fit best.
+
+    half (n,) px of its side, over (n,) grey levels above the background that count as light. Fills
+    found (n, 3): du, dv px in whole samples up to SEEK_PX, and how much fuller of light the square
+    is than a rim around it, 0 where it holds little at all.
+    """
+    rows, cols = grid.shape
+    most = int(SEEK_PX / STEP)
+    for s in range(starts.shape[0]):
+        found[s] = 0.0
+        c, sn = math.cos(starts[s, 2]), math.sin(starts[s, 2])
+        size = half[s] / STEP
+        reach = int((size + 2.0) * (abs(c) + abs(sn))) + 1
+        u0, v0 = (starts[s, 0] - 1) / STEP, (starts[s, 1] - 1) / STEP
+        for dv in range(-most, most + 1):
+            for du in range(-most, most + 1):
+                u, v = u0 + du, v0 + dv
+                inside = lit = rim = glow = 0.0
+                for r in range(max(int(v) - reach, 0), min(int(v) + reach + 1, rows)):
+                    for q in range(max(int(u) - reach, 0), min(int(u) + reach + 1, cols)):
+                        x = abs((q - u) * c - (r - v) * sn)
+                        y = abs((q - u) * sn + (r - v) * c)
+                        far = max(x, y)
+                        bright = grid[r, q] > tiles[r // TILE, q // TILE] + over[s]
+                        if far < size - 0.3:
+                            inside += 1.0
+                            lit += 1.0 if bright else 0.0
+                        elif size + 0.4 < far < size + 1.7:
+                            rim += 1.0
+                            glow += 1.0 if bright else 0.0
+                if inside > 0 and lit > 0.3 * inside:
+                    gain = lit / inside - glow / max(rim, 1.0)
+                    if gain > found[s, 2]:
+                        found[s, 0], found[s, 1], found[s, 2] = du * STEP, dv * STEP, gain
 
 
 @njit(cache=True)

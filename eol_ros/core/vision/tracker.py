@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.vision import mapping
 from eol_ros.core.vision.blink import Blink
 from eol_ros.core.vision.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.calibration import Calibration
@@ -24,17 +25,15 @@ if TYPE_CHECKING:
     from eol_ros.core.vision import self_calibration
 
 CALIBRATING, FAULT = 3, 4
-HIDDEN = 0.42  # less of the outline than this in view, and the block counts as hidden
+HIDDEN = 0.35  # less of the outline than this in view, and the block counts as hidden
+WHOLE = 0.9
 FAINT = 0.6  # and below this it must stand where its neighbours allow
 STATES = ('searching', 'tracking', 'lost', 'calibrating', 'fault')
 
 
 # Answers lie on grids far finer than any noise (0.1 um, 0.0001 px), so that a bag packs them well.
 M_STEP, PX_STEP, RAD_STEP = 2.0**-23, 2.0**-13, 2.0**-20
-
-
-def _grid(values: np.ndarray, step: float) -> np.ndarray:
-    return np.rint(values / step) * step
+STEPS = np.array([M_STEP, PX_STEP, RAD_STEP])
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,8 @@ class Tracker:
         finder: BlobFinder | None = None,
     ):
         self.settings = settings
-        self.calibration = calibration
+        self._take(calibration)
+        self.predicted = np.zeros((N_BLOCKS, 4))
         self.finder = finder if finder is not None else BlobFinder(settings, calibration)
         blink = None
         if settings.blink_block >= 0:
@@ -81,9 +81,14 @@ class Tracker:
         self.lattice = self.identity.lattice
         self.watch = Watch(calibration)
         self.visibility: np.ndarray = np.zeros(N_BLOCKS, np.float32)
+        self.contrast = np.zeros(N_BLOCKS)  # of each block when it was last seen whole, 0: never
         self.last_s = -np.inf
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
         self.learning: self_calibration.SelfCalibration | None = None
+
+    def _take(self, calibration: Calibration | None) -> None:
+        self.calibration = calibration
+        self.packed = calibration.packed() if calibration is not None else np.zeros(28)
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
         """Take a knock of a block's accelerometer: it counts a fixed time after its stamp."""
@@ -133,26 +138,26 @@ class Tracker:
                 return self._answer(stamp_s, SEARCHING, f'{len(blobs)} squares: no scale yet')
             from eol_ros.core.vision import self_calibration  # and scipy with it: only here
 
-            self.calibration = self_calibration.nominal(image.shape, self.side_px())
+            self._take(self_calibration.nominal(image.shape, self.side_px()))
+            assert self.calibration is not None
             self.learning = self_calibration.SelfCalibration(self.calibration)
-        px = np.column_stack([blobs['u'], blobs['v']])
-        pose = self.calibration.poses_to_table(px, blobs['theta'], blobs['side_px'])
-        scale = BLOCK_SIDE_M / np.maximum(blobs['side_px'], 1.0)
-        sigma = blobs['sigma_px'] * scale
+        pose, sigma = mapping.poses(self.packed, blobs, BLOCK_SIDE_M)
         faint = blobs['visibility'] < FAINT
-        self.identity.update(stamp_s, pose[:, :2], pose[:, 2], sigma, faint)
+        self.identity.update(stamp_s, pose[:, :2].copy(), pose[:, 2].copy(), sigma, faint)
         self.watch.rests(lattice.state == TRACKING and lattice.rests())
         seen = lattice.seen
         self.visibility = np.zeros(N_BLOCKS, np.float32)
         self.visibility[seen] = blobs['visibility'][lattice.index[seen]]
+        whole = seen & (self.visibility > WHOLE)
+        self.contrast[whole] = blobs['contrast'][lattice.index[whole]]
         self.last_s = stamp_s
         why = {SEARCHING: f'{len(blobs)} lights, not yet a lattice', LOST: 'blocks out of sight'}
         if self.learning is not None and lattice.state == TRACKING:
             learning = self.learning
             self._learn(image)
             if self.learning is not None:
-                return self._answer(stamp_s, CALIBRATING, learning.why, px)
-        return self._answer(stamp_s, lattice.state, why.get(lattice.state, ''), px)
+                return self._answer(stamp_s, CALIBRATING, learning.why)
+        return self._answer(stamp_s, lattice.state, why.get(lattice.state, ''))
 
     def _learn(self, image: np.ndarray) -> None:
         """Calibrate by the blocks themselves, as soon as all of them rest in full view."""
@@ -162,36 +167,35 @@ class Tracker:
         found = self.learning.add(image, self.blobs[lattice.index] if good else None)
         if found is not None:
             lattice.move(found.to_table(self.calibration.to_pixels(lattice.xy)))
-            self.calibration, self.learning = found, None
+            self._take(found)
+            self.learning = None
 
     def _predicted(self, stamp_s: float) -> np.ndarray | None:
         """Where squares are expected, (k, 3) u, v, theta, for the finder."""
         if self.lattice.state != TRACKING or self.calibration is None:
             return None
         ahead = stamp_s - self.last_s
-        xy, yaw = self.lattice.expected(ahead if 0 < ahead < 0.1 else 0.0)
-        return np.column_stack([self.calibration.to_pixels(xy), yaw])
-
-    def _answer(
-        self, stamp_s: float, state: int, why: str, blobs_px: np.ndarray | None = None
-    ) -> Tracked:
         lattice = self.lattice
-        px = np.full((N_BLOCKS, 2), np.nan)
-        world = np.full((N_BLOCKS, 2), np.nan)
+        mapping.expected(self.packed, lattice.xy, lattice.velocity, lattice.yaw, self.contrast,
+                         ahead if 0 < ahead < 0.1 else 0.0, self.predicted)
+        return self.predicted
+
+    def _answer(self, stamp_s: float, state: int, why: str) -> Tracked:
+        lattice = self.lattice
+        px, world = np.full((2, N_BLOCKS, 2), np.nan)
+        yaw = np.rint(lattice.yaw / RAD_STEP) * RAD_STEP
         seen = np.zeros(N_BLOCKS, bool)
         if state not in (SEARCHING, FAULT) and self.calibration is not None:
-            world = lattice.xy.copy()
-            px = self.calibration.to_pixels(world)
+            seen = lattice.seen.copy()
+            mapping.answer(self.packed, lattice.xy, lattice.yaw, seen, lattice.index, self.blobs,
+                           STEPS, px, yaw, world)
             if state == CALIBRATING or self.learning is not None:
                 world[:] = np.nan
-            seen = lattice.seen.copy()
-            if blobs_px is not None:
-                px[seen] = blobs_px[lattice.index[seen]]
         return Tracked(
             stamp_s,
-            _grid(px, PX_STEP),
-            _grid(lattice.yaw, RAD_STEP),
-            _grid(world, M_STEP),
+            px,
+            yaw,
+            world,
             seen,
             lattice.sigma.copy(),
             np.where(seen, self.visibility, np.float32(0)),

@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from eol_ros.core.vision import mapping
 from eol_ros.core.vision.calibration import Calibration
 from eol_ros.errors import ConfigError
 
@@ -18,7 +19,7 @@ class Watch:
     def __init__(self, calibration: Calibration | None):
         self.calibration = calibration
         self.shape: tuple[int, ...] | None = None
-        self.last = np.zeros(0, np.uint8)
+        self.last = np.zeros((0, 0), np.uint8)  # what was looked at in the last image
         self.since_s = np.inf
         self.same = False
         self.differed = 0  # still images in a row that were not identical
@@ -39,12 +40,14 @@ class Watch:
                 f'{self.shape[1]}x{self.shape[0]}: one camera, one size'
             )
         self.shape = image.shape
-        small = image[::STEP, ::STEP]
-        low, high = int(small.min()), int(small.max())
-        self.same = small.shape == self.last.shape and np.array_equal(small, self.last)
+        size = image.shape[0] // STEP, image.shape[1] // STEP
+        new = self.last.shape != size
+        if new:
+            self.last = np.zeros(size, np.uint8)
+        low, high, same = mapping.glance(image, STEP, self.last)
+        self.same = same and not new
         if not self.same:
             self.since_s = stamp_s
-            self.last = small.copy()
         if high <= BLACK:
             return 'image is black: check lens cap, exposure and the infrared LEDs'
         if low >= 250:

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Between pixels and table for the 25 blocks of a live image: Calibration's formulas, compiled.
+
+25 points cost numpy a hundred small calls an image. `calibration` is here Calibration.packed(): the
+homography, its inverse, fx, skew, cx, fy, cy and k1, k2, p1, p2, k3, in one row.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+_INVERSE = 9
+_FX, _SKEW, _CX, _FY, _CY, _K1, _K2, _P1, _P2, _K3 = range(18, 28)
+_ROUNDS = 40
+_SETTLED = 1e-13  # of the image plane at distance 1
+
+
+@njit(inline='always')
+def _project(c, at, x, y):
+    w = c[at + 6] * x + c[at + 7] * y + c[at + 8]
+    return ((c[at] * x + c[at + 1] * y + c[at + 2]) / w,
+            (c[at + 3] * x + c[at + 4] * y + c[at + 5]) / w)
+
+
+@njit(cache=True)
+def _bent(c):
+    return (c[_K1] != 0.0 or c[_K2] != 0.0 or c[_P1] != 0.0 or c[_P2] != 0.0 or c[_K3] != 0.0)
+
+
+@njit(cache=True)
+def _to_pixel(c, x, y):
+    u, v = _project(c, 0, x, y)
+    if not _bent(c):
+        return u, v
+    y = (v - c[_CY]) / c[_FY]
+    x = (u - c[_CX] - c[_SKEW] * y) / c[_FX]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (c[_K1] + r2 * (c[_K2] + r2 * c[_K3]))
+    xd = x * radial + 2 * c[_P1] * x * y + c[_P2] * (r2 + 2 * x * x)
+    yd = y * radial + c[_P1] * (r2 + 2 * y * y) + 2 * c[_P2] * x * y
+    return c[_FX] * xd + c[_SKEW] * yd + c[_CX], c[_FY] * yd + c[_CY]
+
+
+@njit(cache=True)
+def _to_table(c, u, v):
+    if _bent(c):  # fixed point, as in OpenCV
+        yd = (v - c[_CY]) / c[_FY]
+        xd = (u - c[_CX] - c[_SKEW] * yd) / c[_FX]
+        x, y = xd, yd
+        for _ in range(_ROUNDS):
+            r2 = x * x + y * y
+            radial = 1 + r2 * (c[_K1] + r2 * (c[_K2] + r2 * c[_K3]))
+            nx = (xd - 2 * c[_P1] * x * y - c[_P2] * (r2 + 2 * x * x)) / radial
+            ny = (yd - c[_P1] * (r2 + 2 * y * y) - 2 * c[_P2] * x * y) / radial
+            change = abs(nx - x) + abs(ny - y)
+            x, y = nx, ny
+            if change < _SETTLED:
+                break
+        u, v = c[_FX] * x + c[_SKEW] * y + c[_CX], c[_FY] * y + c[_CY]
+    return _project(c, _INVERSE, u, v)
+
+
+@njit(cache=True)
+def expected(calibration, xy, velocity, yaw, contrast, ahead_s, out):
+    """Fill out (25, 4): u, v, theta and contrast of blocks `ahead_s` after xy, velocity (25, 2)."""
+    for i in range(xy.shape[0]):
+        x, y = xy[i, 0] + velocity[i, 0] * ahead_s, xy[i, 1] + velocity[i, 1] * ahead_s
+        out[i, 0], out[i, 1] = _to_pixel(calibration, x, y)
+        out[i, 2], out[i, 3] = yaw[i], contrast[i]
+
+
+@njit(cache=True)
+def poses(calibration, blobs, side_m):
+    """Return x, y, yaw (n, 3) and sigma (n,) in m of a BLOB array; see poses_to_table."""
+    n = blobs.shape[0]
+    pose, sigma = np.empty((n, 3)), np.empty(n)
+    for i in range(n):
+        u, v, theta = blobs[i].u, blobs[i].v, blobs[i].theta
+        c, s = math.cos(theta) * blobs[i].side_px / 2, math.sin(theta) * blobs[i].side_px / 2
+        ex, ey = _to_table(calibration, u + c, v - s)
+        nx, ny = _to_table(calibration, u - s, v - c)
+        wx, wy = _to_table(calibration, u - c, v + s)
+        sx, sy = _to_table(calibration, u + s, v + c)
+        pose[i, 0], pose[i, 1] = (ex + nx + wx + sx) / 4, (ey + ny + wy + sy) / 4
+        pose[i, 2] = math.atan2(ey - wy - (nx - sx), ex - wx + (ny - sy))
+        sigma[i] = blobs[i].sigma_px * side_m / max(blobs[i].side_px, 1.0)
+    return pose, sigma
+
+
+@njit(cache=True)
+def answer(calibration, xy, yaw, seen, index, blobs, steps, px, turned, world):
+    """Fill px, world (25, 2) and turned (25,): rounded to grids of `steps` (m, px, rad).
+
+    A seen block stands in the picture where its square was found, a hidden one where it is carried.
+    """
+    for i in range(xy.shape[0]):
+        u, v = _to_pixel(calibration, xy[i, 0], xy[i, 1])
+        if seen[i]:
+            u, v = blobs[index[i]].u, blobs[index[i]].v
+        px[i, 0], px[i, 1] = np.rint(u / steps[1]) * steps[1], np.rint(v / steps[1]) * steps[1]
+        turned[i] = np.rint(yaw[i] / steps[2]) * steps[2]
+        for k in range(2):
+            world[i, k] = np.rint(xy[i, k] / steps[0]) * steps[0]
+
+
+@njit(cache=True)
+def glance(image, step, small):
+    """Copy every `step`-th pixel of every `step`-th row to `small`; return (least, most, same)."""
+    low, high, same = 255, 0, True
+    for r in range(small.shape[0]):
+        for c in range(small.shape[1]):
+            value = image[r * step, c * step]
+            low, high = min(low, value), max(high, value)
+            if value != small[r, c]:
+                same = False
+                small[r, c] = value
+    return low, high, same
