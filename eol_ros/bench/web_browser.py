@@ -25,7 +25,7 @@ def measure_browser(url: str, seconds: float, sound_latency_s: float) -> dict[st
         raise EolError('--browser needs selenium: pip install selenium') from None
     browser, driver_path = shutil.which('chromium'), shutil.which('chromedriver')
     if not (browser and driver_path):
-        raise DeviceMissing('--browser needs chromium and chromedriver: apt install chromium-driver')
+        raise DeviceMissing('--browser needs chromium and chromedriver (chromium-driver)')
     options = webdriver.ChromeOptions()
     options.binary_location = browser
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:

@@ -2,8 +2,10 @@
 """Shows the graph to browsers, and takes what people ask for there."""
 
 import sys
+import time
 
 from eol_ros.core import terrain
+from eol_ros.devices.day_file import DayFile
 from eol_ros.devices.media_folder import LazyMedia
 from eol_ros.nodes.panel_bridge import PanelBridge
 from eol_ros.nodes.panel_streams import STREAMS
@@ -29,7 +31,9 @@ class PanelNode(EolNode):
             self.settings, PanelBridge(self), say, picture=self.media.open_picture
         )
         self.documents = self.server.routes.documents
-        self.day, self.nodes, self.open_streams = notices.Day(), {}, {}
+        self.day_file = DayFile(self.scene.name)
+        self.day, self.roster = notices.Day(self.day_file.load()), notices.Roster()
+        self.open_streams = {}
         self.subscribe('wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s)))
         self.subscribe('corpus', self.on_corpus)
         self.subscribe('cascades', self.on_cascade)
@@ -42,6 +46,7 @@ class PanelNode(EolNode):
         heights = terrain.landscape(self.settings.terrain_seed)
         self.documents['terrain'] = (heights * 65535).astype('<u2').tobytes()
         self.server.start()
+        self.tell('cascades', self.day.notice())
         self.create_timer(FOLLOW_S, self.follow)
         self.create_timer(1.0, self.report)
         self.report()
@@ -66,7 +71,7 @@ class PanelNode(EolNode):
         self.tell('corpus', {'t': 'corpus', 'digest': message.digest, 'radius': message.radius})
 
     def on_cascade(self, message) -> None:
-        self.day.add(message)
+        self.day.add(message, time.time())
         self.tell('cascades', self.day.notice())
 
     def on_control(self, message) -> None:
@@ -78,19 +83,24 @@ class PanelNode(EolNode):
     def on_diagnostics(self, message) -> None:
         for status in message.status:
             if status.name.startswith('eol: '):
-                notice = notices.health(status)
-                self.nodes[notice['node']] = notice
+                notice = self.roster.take(status, time.monotonic())
                 self.tell(f'health {notice["node"]}', notice)
-        self.documents['status'] = wire.text(self.nodes).encode()
+        self.documents['status'] = wire.text(self.roster.nodes).encode()
 
     def report(self) -> None:
         viewers = len(self.server.hub.viewers)
         skew_ms = round(self.server.routes.skew_ms, 1)
         self.health.values.update(viewers=viewers, wall_skew_ms=skew_ms)
-        self.health.ok(f'{self.server.address}, {viewers} viewers')
+        if self.day.turn(time.time()):
+            self.tell('cascades', self.day.notice())
+        self.day_file.save(self.day.kept(), time.monotonic())
+        trouble = self.day_file.trouble
+        say = self.health.warn if trouble else self.health.ok
+        say(f'{self.server.address}, {viewers} looking' + (trouble and f'; {trouble}'))
 
     def close(self) -> None:
         self.server.stop()
+        self.day_file.save(self.day.kept(), float('inf'))
 
 
 main = runner(PanelNode)

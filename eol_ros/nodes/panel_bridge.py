@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The way from the panel's web server into the graph; called from the server's own thread."""
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -8,7 +9,6 @@ from eol_msgs.msg import Control, GrainTrigger, RimCommand
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
-from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.web.controls import CONTROLS
 
@@ -18,7 +18,8 @@ NO_BLOCK = 255
 class PanelBridge:
     """Implements `eol_ros.web.server.Bridge` with the publishers and clients of one node."""
 
-    def __init__(self, node: EolNode):
+    def __init__(self, node: Any):
+        self._node = node
         self._controls = node.publisher('control')
         self._rims = node.publisher('rim_command')
         self._triggers = node.publisher('grain_triggers')
@@ -26,6 +27,10 @@ class PanelBridge:
             target: node.create_client(SetParameters, f'{target}/set_parameters')
             for target in {c.target for c in CONTROLS.values() if c.settings}
         }
+
+    def runs(self, node: str) -> bool:
+        """Return whether a node gives signs of life."""
+        return self._node.roster.runs(node, time.monotonic())
 
     def control(self, command: str, target: str, key: str, value: str, source: str) -> None:
         """Publish a request of a person."""

@@ -60,6 +60,7 @@ class Control:
     target: str = ''
     key: str = ''
     settings: dict[str, str] = field(default_factory=dict)
+    answered: bool = False  # the target says in its status what came of it
 
     def read(self, body: Any) -> dict[str, Any]:
         """Return the checked fields of a request; raises UsageError that names what is wrong."""
@@ -95,12 +96,14 @@ CONTROLS: dict[str, Control] = {
             'measure the table with the four corners',
             command='calibrate',
             target='tracker',
+            answered=True,
         ),
         Control(
             'learn_clutter',
             'take what shines now, without blocks, for background',
             command='learn_clutter',
             target='tracker',
+            answered=True,
         ),
         Control(
             'radius',

@@ -40,7 +40,7 @@ class Wire(Protocol):
 class Viewer:
     """One connected browser: what it wants, and what waits to be sent to it.
 
-    States wait until `pace_s` after the last ones; an event goes at once and takes what waits along.
+    States wait until `pace_s` after the last ones; an event goes at once and takes them along.
     """
 
     def __init__(self, number: int, line: Wire, loop: asyncio.AbstractEventLoop):

@@ -76,30 +76,76 @@ def health(status: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-class Day:
-    """The cascades of today: how many of each area, and the newest ones."""
+class Roster:
+    """The nodes that have been heard of, and how they are."""
+
+    SILENT_S = 5.0
 
     def __init__(self) -> None:
-        self._date = datetime.date.min
+        self.nodes: dict[str, dict[str, Any]] = {}
+        self._heard_s: dict[str, float] = {}
+
+    def take(self, status: Any, now_s: float) -> dict[str, Any]:
+        """Note a DiagnosticStatus; return it for pages."""
+        notice = health(status)
+        self.nodes[notice['node']] = notice
+        self._heard_s[notice['node']] = now_s
+        return notice
+
+    def runs(self, node: str, now_s: float) -> bool:
+        """Return whether a node has been heard within 5 s."""
+        return now_s - self._heard_s.get(node, -1e9) < self.SILENT_S
+
+
+class Day:
+    """The cascades of today: how many of each area, and the newest ones.
+
+    Today is the day on which they arrive, by the local clock: a replay of an old bag counts too.
+    """
+
+    def __init__(self, kept: Any = None):
+        self._date = ''
         self._areas = [0] * (N_BLOCKS + 1)
         self._recent: deque[list[Any]] = deque(maxlen=RECENT)
+        if _is_day(kept):
+            self._date, self._areas = kept['date'], list(kept['areas'])
+            self._recent.extend(kept['recent'])
 
-    def add(self, message: Any) -> None:
-        """Count one Cascade message; a new day begins from zero."""
-        onset_s = seconds(message.onset)
-        date = datetime.date.fromtimestamp(onset_s)
-        if date != self._date:
-            self._date, self._areas = date, [0] * (N_BLOCKS + 1)
-            self._recent.clear()
+    def turn(self, now_s: float) -> bool:
+        """Begin from zero when midnight has passed; return whether it has."""
+        date = str(datetime.date.fromtimestamp(now_s))
+        if date == self._date:
+            return False
+        self._date, self._areas = date, [0] * (N_BLOCKS + 1)
+        self._recent.clear()
+        return True
+
+    def add(self, message: Any, now_s: float) -> None:
+        """Count one Cascade message."""
+        self.turn(now_s)
         self._areas[min(message.area, N_BLOCKS)] += 1
         self._recent.append([
-            onset_s, message.nucleus, message.area, message.size, message.duration,
+            seconds(message.onset), message.nucleus, message.area, message.size, message.duration,
             list(message.blocks),
         ])  # fmt: skip
 
+    def kept(self) -> dict[str, Any]:
+        """Return the day so far, as plain data."""
+        return {'date': self._date, 'areas': list(self._areas), 'recent': list(self._recent)}
+
     def notice(self) -> dict[str, Any]:
-        """Return the day so far."""
-        return {
-            't': 'cascades', 'date': str(self._date), 'areas': self._areas,
-            'recent': list(self._recent),
-        }  # fmt: skip
+        """Return the day so far, for pages."""
+        return {'t': 'cascades', **self.kept()}
+
+
+def _is_day(kept: Any) -> bool:
+    """Return whether a file holds a day as `Day.kept` gives it."""
+    return (
+        isinstance(kept, dict)
+        and isinstance(kept.get('date'), str)
+        and isinstance(kept.get('areas'), list)
+        and len(kept['areas']) == N_BLOCKS + 1
+        and all(isinstance(count, int) and count >= 0 for count in kept['areas'])
+        and isinstance(kept.get('recent'), list)
+        and all(isinstance(row, list) and len(row) == 6 for row in kept['recent'])
+    )

@@ -164,6 +164,8 @@ class Routes:
         except EolError as error:
             return _error(400, str(error))
         source = f'panel {request.remote}'
+        if control.target and not self.bridge.runs(control.target):
+            return _error(409, f'{control.target} does not run')
         if control.settings:
             values = {key: fields[name] for key, name in control.settings.items()}
             why = await self._change(control.target, values)
@@ -177,7 +179,8 @@ class Routes:
             self.bridge.control(
                 control.command, control.target, control.key, control.value(fields), source
             )
-        return web.json_response({'ok': True})
+        asked = {'node': control.target} if control.answered else {}
+        return web.json_response({'ok': True, **asked})
 
     async def _change(self, node: str, values: dict[str, Any]) -> str:
         loop = asyncio.get_running_loop()
@@ -246,7 +249,7 @@ class Routes:
 
 
 def _keep_short(line: asyncio.BaseTransport) -> None:
-    """Let the kernel keep little: what waits there is old when it arrives, and cannot be replaced."""
+    """Let the kernel keep little: what waits there grows old and cannot be replaced."""
     sock = line.get_extra_info('socket')
     if sock is not None:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER)

@@ -30,6 +30,9 @@ BATCH = 256  # accepted in one go, so the limit may be exceeded by as many
 class Bridge(Protocol):
     """What the server asks of the graph; every method may be called from the server's thread."""
 
+    def runs(self, node: str) -> bool:
+        """Return whether a node of that name gives signs of life."""
+
     def control(self, command: str, target: str, key: str, value: str, source: str) -> None:
         """Publish a request of a person."""
 

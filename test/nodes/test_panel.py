@@ -13,6 +13,7 @@ import urllib.request
 import aiohttp
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from eol_msgs.msg import Cascade, Corpus, SoundMeter, SoundSamples, Wall
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import CompressedImage
@@ -25,7 +26,7 @@ from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.settings import GrainsSettings, PanelSettings
 from eol_ros.web.hub import CHANNELS
 
-GIVES = ('wall', 'cascades', 'corpus', 'blocks', 'camera/image/compressed', 'sound_meter',
+GIVES = ('wall', 'cascades', 'corpus', '/diagnostics', 'blocks', 'camera/image/compressed', 'sound_meter',
          'sound_samples', 'slips')  # fmt: skip
 
 
@@ -71,14 +72,15 @@ class Rig:
 
 
 @pytest.fixture
-def rig(ros):
+def rig(ros, matched, tmp_path, monkeypatch):
+    monkeypatch.setenv('EOL_STATE', str(tmp_path))
     made = Rig()
-    until(lambda: made.readers('wall') and made.readers('cascades') and made.readers('corpus'))
+    until(lambda: matched(made.panel, made.around))
     yield made
     made.close()
 
 
-def until(what, seconds=10.0):
+def until(what, seconds=30.0):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if what():
@@ -90,23 +92,14 @@ def until(what, seconds=10.0):
 def live(rig, talk):
     async def session():
         async with aiohttp.ClientSession() as client, client.ws_connect(f'{rig.url}/live') as ws:
-            return await asyncio.wait_for(talk(ws), 15)
+            return await asyncio.wait_for(talk(ws), 60)
 
     return asyncio.run(session())
 
 
-async def notice(ws, kind, where=lambda n: True):
-    while True:
-        message = await ws.receive(timeout=8)
-        if message.type == aiohttp.WSMsgType.TEXT:
-            data = json.loads(message.data)
-            if data['t'] == kind and where(data):
-                return data
-
-
 async def packet(ws, kind):
     while True:
-        message = await ws.receive(timeout=8)
+        message = await ws.receive(timeout=30)
         if message.type == aiohttp.WSMsgType.BINARY and message.data[0] == kind:
             return message.data
 
@@ -173,17 +166,38 @@ def test_a_latecomer_is_told_wall_day_and_health(rig):
     until(lambda: sum(rig.panel.day.notice()['areas']) == 3)
 
     async def talk(ws):
-        wall = await notice(ws, 'wall')
+        told = {}
+        while not {'wall', 'cascades', 'health panel'} <= set(told):
+            message = await ws.receive(timeout=30)
+            if message.type == aiohttp.WSMsgType.TEXT:
+                data = json.loads(message.data)
+                told[' '.join((data['t'], data.get('node', ''))).strip()] = data
+        wall, day, status = (told[name] for name in ('wall', 'cascades', 'health panel'))
         assert (wall['change'], wall['left'], wall['ahead']) == (9, 'a.svg', ['c', 'd'])
-        day = await notice(ws, 'cascades')
         assert day['areas'][1] == 2 and day['areas'][3] == 1
-        status = await notice(ws, 'health', lambda n: n['node'] == 'panel')
         assert status['level'] == 'ok' and rig.url in status['text']
 
-    until(lambda: {'panel', 'grains'} <= set(rig.panel.nodes))
+    until(lambda: {'panel', 'grains'} <= set(rig.panel.roster.nodes))
     live(rig, talk)
-    with urllib.request.urlopen(f'{rig.url}/status', timeout=5) as answer:
+    with urllib.request.urlopen(f'{rig.url}/status', timeout=30) as answer:
         assert set(json.load(answer)) >= {'panel', 'grains'}
+
+
+@pytest.mark.slow
+def test_a_restart_forgets_no_cascade_of_the_day(rig):
+    for area in (1, 4):
+        cascade = Cascade(area=area, size=area, blocks=[1], nucleus=area)
+        cascade.onset = to_msg(now_ns())
+        rig.around.gives['cascades'].publish(cascade)
+    until(lambda: sum(rig.panel.day.notice()['areas']) == 2)
+    before = rig.panel.day.notice()
+    rig.panel.close()
+    again = PanelNode(PanelSettings(port=0))
+    try:
+        assert again.day.notice() == before
+    finally:
+        again.close()
+        again.destroy_node()
 
 
 @pytest.mark.slow
@@ -194,7 +208,7 @@ def test_the_corpus_is_fetched_whole(rig):
                     values=[1.0, 2.0, 3.0, 4.0])  # fmt: skip
     rig.around.gives['corpus'].publish(corpus)
     until(lambda: 'corpus' in rig.panel.documents)
-    with urllib.request.urlopen(f'{rig.url}/corpus', timeout=5) as answer:
+    with urllib.request.urlopen(f'{rig.url}/corpus', timeout=30) as answer:
         data = json.load(answer)
     assert data['x'] == [0.25, 0.5] and data['values'] == [[1, 3], [2, 4]]
 
@@ -208,6 +222,12 @@ def test_what_people_ask_reaches_the_graph(rig):
     async def talk(ws):
         async with aiohttp.ClientSession() as client:
             assert (await post(client, 'sleep', {}))[0] == 200
+            status, answer = await post(client, 'play', {'grain': 12})
+            assert status == 409 and 'sound does not run' in answer['error']
+            sound = DiagnosticStatus(name='eol: sound', level=b'\0')
+            rig.around.gives['/diagnostics'].publish(DiagnosticArray(status=[sound]))
+            runs = rig.panel.server.routes.bridge.runs
+            await asyncio.to_thread(until, lambda: runs('sound') and runs('grains'))
             assert (await post(client, 'play', {'grain': 12}))[0] == 200
             ready = rig.panel.server.routes.bridge._clients['grains'].service_is_ready
             await asyncio.to_thread(until, ready)
@@ -236,7 +256,7 @@ def test_a_taken_port_is_one_line_and_code_69(rig):
     port = rig.panel.server.port
     done = subprocess.run(
         [sys.executable, '-m', 'eol_ros.nodes.panel', '--ros-args', '-p', f'port:={port}'],
-        capture_output=True, text=True, timeout=30,
+        capture_output=True, text=True, timeout=60,
     )  # fmt: skip
     assert done.returncode == 69 and f'{port} on 127.0.0.1 is taken' in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
@@ -246,7 +266,7 @@ def test_a_taken_port_is_one_line_and_code_69(rig):
 def test_open_without_a_pin_is_one_line_and_code_78():
     done = subprocess.run(
         [sys.executable, '-m', 'eol_ros.nodes.panel', '--ros-args', '-p', "host:='0.0.0.0'"],
-        capture_output=True, text=True, timeout=30,
+        capture_output=True, text=True, timeout=60,
     )  # fmt: skip
     assert done.returncode == 78 and 'panel.pin' in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

@@ -16,6 +16,7 @@ import pytest
 from eol_ros.core import terrain
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.web.controls import CONTROLS
+from eol_ros.web.hub import FULL
 from eol_ros.web.routes import MAX_MESSAGE, describe
 from eol_ros.web.server import BATCH, SPARE_CONNECTIONS
 
@@ -139,7 +140,8 @@ def test_each_control_reaches_the_graph(serve):
     }
     for name in CONTROLS:
         status, _, text = ask(server, f'/control/{name}', json.dumps(bodies.get(name, {})))
-        assert (status, json.loads(text)) == (200, {'ok': True}), name
+        answered = {'node': 'tracker'} if name in ('calibrate', 'learn_clutter') else {}
+        assert (status, json.loads(text)) == (200, {'ok': True, **answered}), name
     calls = server.bridge.calls
     for name in ('sleep', 'wake', 'mute', 'unmute', 'test'):
         assert ('control', name, '', '', '', 'panel 127.0.0.1') in calls
@@ -156,6 +158,16 @@ def test_the_graph_says_no(serve):
     status, _, text = ask(server, '/control/radius', '{"value": 0.05}')
     assert (status, json.loads(text)) == (409, {'error': 'grains does not run'})
     assert not [c for c in server.bridge.calls if c[0] == 'control']
+
+
+def test_a_node_that_does_not_run_is_named(serve):
+    server = serve()
+    server.bridge.missing = {'tracker', 'sound'}
+    for name, body in (('calibrate', '{}'), ('learn_clutter', '{}'), ('play', '{"grain": 1}')):
+        status, _, text = ask(server, f'/control/{name}', body)
+        assert status == 409 and json.loads(text)['error'].endswith('does not run'), name
+    assert server.bridge.calls == []
+    assert ask(server, '/control/sleep', '{}')[0] == 200
 
 
 @pytest.mark.parametrize(
@@ -251,6 +263,9 @@ def test_visitors_may_be_let_in_without_the_pin(serve):
         '{"wants": "blocks"}',
         '{"wants": [1]}',
         '{"pin": 4711}',
+        '{"pace": -1}',
+        '{"pace": true}',
+        '{"pace": NaN}',
         '{"flipped": ["up", 1, 2]}',
         '{"__class__": 1}',
         '{"rim": [1e999, 0, 0]}',
@@ -390,6 +405,33 @@ def test_streams_flow_only_to_who_asks_and_end_with_the_server(serve):
 
     assert live(server, talk) == aiohttp.WSCloseCode.GOING_AWAY
     assert server.lines == []
+
+
+def test_a_viewer_that_does_not_read_costs_a_bounded_amount_and_then_sees_the_newest(serve):
+    server = serve()
+
+    async def talk(ws):
+        await notice(ws, 'hello')
+        await ws.send_str('{"wants": ["image"]}')
+        while server.hub.demand != {'image'}:
+            await asyncio.sleep(0.01)
+        (viewer,) = server.hub.viewers
+        ws._reader._protocol.transport.pause_reading()
+        for i in range(400):  # 20 MB, and nobody reads
+            server.hub.put('image', i.to_bytes(4, 'big') + bytes(50_000))
+            await asyncio.sleep(0.002)
+        assert viewer._line.get_write_buffer_size() < FULL + 60_000
+        assert viewer.dropped > 100
+        ws._reader._protocol.transport.resume_reading()
+        newest = -1
+        while newest != 399:
+            message = await ws.receive(timeout=5)
+            if message.type == aiohttp.WSMsgType.BINARY:
+                number = int.from_bytes(message.data[:4], 'big')
+                assert number > newest and len(message.data) == 50_004
+                newest = number
+
+    live(server, talk, max_msg_size=0)
 
 
 def test_the_skew_of_the_walls_is_of_one_change(serve):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Packets, read back with the struct module alone."""
 
+import datetime
 import json
 import struct
 from types import SimpleNamespace
@@ -79,19 +80,39 @@ def cascade(onset_s, area):
     )
 
 
-def test_the_day_counts_areas_and_begins_anew_at_midnight():
-    import datetime
+NOON = datetime.datetime(2026, 11, 21, 12).timestamp()
 
-    noon = datetime.datetime(2026, 11, 21, 12).timestamp()
+
+def test_the_day_counts_areas_and_begins_anew_at_midnight():
     day = notices.Day()
     for i, area in enumerate([1, 1, 2, 25, 1]):
-        day.add(cascade(noon + i, area))
+        day.add(cascade(NOON + i, area), NOON + i)
     notice = day.notice()
     assert notice['date'] == '2026-11-21' and sum(notice['areas']) == 5
     assert [notice['areas'][a] for a in (1, 2, 25)] == [3, 1, 1]
     assert len(notice['recent']) == 5 and notice['recent'][-1][2] == 1
-    day.add(cascade(noon + 86400, 4))
+    midnight = datetime.datetime(2026, 11, 22).timestamp()
+    assert not day.turn(midnight - 1) and sum(day.notice()['areas']) == 5
+    assert day.turn(midnight)  # without any cascade
+    assert sum(day.notice()['areas']) == 0 and not day.notice()['recent']
+    day.add(cascade(midnight - 2, 4), midnight + 1)  # counts when it is told, also in a replay
     assert sum(day.notice()['areas']) == 1 and day.notice()['date'] == '2026-11-22'
+
+
+def test_a_day_goes_on_after_a_restart():
+    day = notices.Day()
+    for area in (1, 1, 7):
+        day.add(cascade(NOON, area), NOON)
+    again = notices.Day(json.loads(json.dumps(day.kept())))
+    assert again.notice() == day.notice()
+    assert not again.turn(NOON + 60) and sum(again.notice()['areas']) == 3
+    assert again.turn(NOON + 86400) and sum(again.notice()['areas']) == 0
+    row = [0.0] * 6
+    for broken in (None, [], {}, {'date': 'x', 'areas': [1], 'recent': []},
+                   {'date': 'x', 'areas': [-1] * 26, 'recent': []},
+                   {'date': 'x', 'areas': ['1'] * 26, 'recent': [row]},
+                   {'date': 'x', 'areas': [0] * 26, 'recent': [[1]]}):  # fmt: skip
+        assert sum(notices.Day(broken).notice()['areas']) == 0
 
 
 def test_corpus_values_become_columns():
@@ -119,3 +140,14 @@ def test_health_takes_the_level_as_ros_gives_it():
     )
     notice = notices.health(status)
     assert (notice['node'], notice['level'], notice['rate']) == ('tracker', 'warn', 59.9)
+
+
+def test_the_roster_knows_who_gives_signs_of_life():
+    roster = notices.Roster()
+    status = SimpleNamespace(
+        level=b'\0', name='eol: tracker', message='well', values=[], hardware_id='12'
+    )
+    assert not roster.runs('tracker', 100.0)
+    assert roster.take(status, 100.0)['text'] == 'well'
+    assert roster.runs('tracker', 104.0) and not roster.runs('tracker', 106.0)
+    assert set(roster.nodes) == {'tracker'}

@@ -48,6 +48,14 @@ export class CameraView {
     this.show('source');
   }
 
+  // What the tracker works with, unless somebody is trying another value here.
+  showThreshold(value) {
+    if (!Number.isFinite(Number(value ?? NaN)) || value === this.told) return;
+    this.told = value;
+    this.slider.value = value;
+    this.slider.oninput();
+  }
+
   show(view) {
     this.view = view;
     for (const button of this.buttons) button.setAttribute('aria-pressed', button.dataset.view === view);

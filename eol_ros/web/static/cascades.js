@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cascades of today: how many reached at least an area A, both axes logarithmic.
 
-import { EDGE, fit, fontPx, INK, QUIET, THREAD } from './paint.js';
+import { exceedance, FEWEST, fitLaw } from './law.js';
+import { EDGE, fit, fontPx, INK, QUIET, THREAD, WATER, write } from './paint.js';
 import { say } from './i18n.js';
 
 export class CascadeView {
@@ -9,11 +10,13 @@ export class CascadeView {
     this.canvas = card.querySelector('canvas');
     this.count = card.querySelector('#cascade-count');
     this.last = card.querySelector('#last-cascade');
+    this.law = card.querySelector('#law-words');
     this.dirty = true;
   }
 
   take(day) {
     this.day = day;
+    this.fitted = fitLaw(day.areas);
     this.dirty = true;
   }
 
@@ -23,7 +26,8 @@ export class CascadeView {
     const areas = this.day ? this.day.areas : [];
     const total = areas.reduce((sum, n) => sum + n, 0);
     const largest = areas.reduce((most, n, area) => (n ? area : most), 0);
-    this.count.textContent = say('cascade_words', { total, largest });
+    write(this.count, say('cascade_words', { total, largest }));
+    write(this.law, this.lawWords());
     this.canvas.dataset.total = total;
     this.drawLaw(areas, total);
     const newest = this.day && this.day.recent[this.day.recent.length - 1];
@@ -32,6 +36,14 @@ export class CascadeView {
       const time = new Date(onset * 1000).toLocaleTimeString(document.documentElement.lang);
       this.last.textContent = say('last_cascade', { time, nucleus, area, size, duration: duration.toFixed(2) });
     }
+  }
+
+  lawWords() {
+    const { fitted } = this;
+    if (!fitted) return '';
+    if (fitted.b === undefined) return say('law_few', { count: fitted.few, fewest: FEWEST });
+    const { b, error, from, count } = fitted;
+    return say('law_words', { b: b.toFixed(2), error: error.toFixed(2), from, count });
   }
 
   drawLaw(areas, total) {
@@ -67,9 +79,24 @@ export class CascadeView {
     if (!total) return;
     let above = total;
     const points = [];
+    const law = this.fitted;
     for (let area = 1; area <= 25 && above > 0; area++) {
       points.push([x(area), y(above)]);
       above -= areas[area];
+    }
+    if (law && law.b !== undefined) {
+      const begin = areas.reduce((sum, n, area) => (area >= law.from ? sum + n : sum), 0);
+      brush.strokeStyle = WATER;
+      brush.lineWidth = 2;
+      brush.setLineDash([6, 5]);
+      brush.beginPath();
+      for (let area = law.from; area <= 25; area++) {
+        const height = begin * exceedance(law, area);
+        if (height < 1) break;
+        brush.lineTo(x(area), y(height));
+      }
+      brush.stroke();
+      brush.setLineDash([]);
     }
     brush.strokeStyle = THREAD;
     brush.lineWidth = 1.6;

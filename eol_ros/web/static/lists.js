@@ -92,7 +92,8 @@ export class LightField {
 }
 
 export class NodeList {
-  constructor(card, faults) {
+  constructor(card, faults, summary) {
+    this.summary = summary;
     this.list = card.querySelector('ul');
     this.sum = card.querySelector('#node-sum');
     this.faults = faults;
@@ -137,6 +138,10 @@ export class NodeList {
       words.push(shown === 'silent' ? say('silent_for', { seconds: silent.toFixed(0) }) : hz + text);
       words.forEach((word, k) => write(item.children[k], word));
     });
-    write(this.sum, say('nodes_words', { good, all: names.length }));
+    const words = say('nodes_words', { good, all: names.length });
+    write(this.sum, words);
+    const well = good === names.length;
+    write(this.summary, names.length ? `${MARKS[well ? 'ok' : 'warn']} ${words}` : '');
+    this.summary.dataset.well = well;
   }
 }

@@ -13,6 +13,7 @@ import { SpaceView } from './space.js';
 
 const STALE_S = 2.5;
 const PACE_S = 0.033; // eyes that read figures need no more; a slip comes at once
+const FOLLOW_MS = 60000; // so long the answer of a node is shown beside the buttons
 const STIR_M = 0.0004; // a fifth of a pixel of the camera
 const $ = (id) => document.getElementById(id);
 
@@ -29,7 +30,7 @@ const sound = new SoundView($('sound'));
 const cascades = new CascadeView($('cascades'));
 const coordinates = new CoordinateList($('coords'));
 const lights = new LightField($('lights'));
-const nodes = new NodeList($('nodes'), $('faults'));
+const nodes = new NodeList($('nodes'), $('faults'), $('node-state'));
 const listener = new Listener(link);
 window.eol.listener = listener;
 
@@ -76,7 +77,11 @@ link.on('meter', (packet) => sound.take(packet));
 link.on('leds', (packet) => lights.take(packet));
 link.on('trigger', ({ grain }) => space.hit(grain));
 link.on('cascades', (day) => cascades.take(day));
-link.on('health', (status) => nodes.take(status));
+link.on('health', (status) => {
+  nodes.take(status);
+  follow(status);
+  if (status.node === 'tracker') camera.showThreshold(status.values.threshold);
+});
 link.on('corpus', async () => {
   const answer = await fetch('/corpus');
   if (!answer.ok) return;
@@ -111,10 +116,19 @@ function lock(locked) {
   for (const element of document.querySelectorAll('[data-control], #radius, #keep-threshold')) element.disabled = locked;
 }
 
+// A node that was asked for something longer says in its status what comes of it.
+let asked = null;
+function follow({ node, level, text }) {
+  if (!asked || asked.node !== node || performance.now() > asked.until) return;
+  $('answer').className = level === 'ok' ? 'legend' : 'legend bad';
+  write($('answer'), `${say(asked.name)}: ${say('says', { node, text })}`);
+}
+
 async function act(name, body = {}) {
   const answer = await link.control(name, body);
+  asked = answer.node ? { name, node: answer.node, until: performance.now() + FOLLOW_MS } : null;
   $('answer').className = answer.error ? 'legend bad' : 'legend';
-  $('answer').textContent = answer.error ? `${say(name)}: ${answer.error}` : `${say(name)}: ${say('done')}`;
+  $('answer').textContent = `${say(name)}: ${answer.error ?? say(answer.node ? 'asked' : 'done')}`;
   if (answer.error && (name === 'move' || name === 'axes')) link.emit('corpus'); // show what really is
   return answer;
 }
@@ -196,10 +210,10 @@ setInterval(() => {
 const views = [camera, space, sound, cascades, lights];
 setInterval(() => views.some((view) => view.dirty) && ask(), 1000 * PACE_S);
 
-let asked = false;
+let drawing = false;
 function ask() {
-  if (!asked) requestAnimationFrame(draw);
-  asked = true;
+  if (!drawing) requestAnimationFrame(draw);
+  drawing = true;
 }
 
 const painted = new MessageChannel(); // its messages come when the screen has been painted
@@ -210,7 +224,7 @@ painted.port1.onmessage = ({ data }) => {
 };
 
 function draw(now) {
-  asked = false;
+  drawing = false;
   for (const view of views) view.draw(now);
   if (drawn.slips.length) painted.port2.postMessage(drawn.slips.splice(0));
 }

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The counts of a day in a small file, so that a restart forgets nothing."""
+
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+SAVE_EVERY_S = 5.0
+
+
+class DayFile:
+    """Keeps one JSON object in the state folder, written at most every 5 s.
+
+    The folder is $EOL_STATE, else eol_ros in $XDG_STATE_HOME or ~/.local/state. A file that cannot
+    be read counts as none; one that cannot be written is told in `trouble`, and the show goes on.
+    """
+
+    def __init__(self, name: str):
+        root = os.environ.get('EOL_STATE')
+        if not root:
+            root = os.path.join(os.environ.get('XDG_STATE_HOME') or '~/.local/state', 'eol_ros')
+        plain = re.sub(r'[^\w.-]', '_', name)
+        self.path = Path(root).expanduser() / f'cascades-{plain}.json'
+        self.trouble = ''
+        self._saved: Any = None
+        self._next_s = 0.0
+
+    def load(self) -> Any:
+        """Return what was saved last, or None."""
+        try:
+            return json.loads(self.path.read_text('utf-8'))
+        except (OSError, ValueError):
+            return None
+
+    def save(self, value: Any, now_s: float) -> None:
+        """Write `value` if it is new and the last writing is long enough ago; never half a file."""
+        if value == self._saved or now_s < self._next_s:
+            return
+        part = self.path.with_suffix('.part')
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            part.write_text(json.dumps(value), 'utf-8')
+            part.replace(self.path)
+        except OSError as error:
+            self.trouble = f'{self.path}: {error.strerror}; a restart will forget the day'
+            return
+        self.trouble = ''
+        self._saved, self._next_s = value, now_s + SAVE_EVERY_S
