@@ -9,7 +9,7 @@ import os
 import tempfile
 from pathlib import Path
 
-BIG_SEGMENT = 32 << 20  # processes that publish images: 31 of them, more than the QoS keeps
+BIG_SEGMENT = 20 << 20  # processes that publish images: more of them than the giver keeps
 SMALL_SEGMENT = 2 << 20
 MAX_MESSAGE = 2 << 20
 IMAGE_NODES = {'twin', 'camera', 'replay'}

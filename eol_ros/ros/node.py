@@ -18,7 +18,7 @@ from rclpy.subscription import Subscription
 
 from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
-from eol_ros.ros.topics import QOS, TOPICS
+from eol_ros.ros.topics import GIVER_QOS, QOS, TOPICS
 from eol_ros.scene import Scene, check_value
 
 NAMESPACE = 'eol'
@@ -42,7 +42,8 @@ class EolNode(Node):
         """Return a publisher of `topic` with type and QoS of the table."""
         row = TOPICS[topic]
         return self.create_publisher(
-            row.message_class(), topic, QOS[row.qos], event_callbacks=_loud(self, topic, True)
+            row.message_class(), topic, GIVER_QOS[row.qos],
+            event_callbacks=_loud(self, topic, True),
         )
 
     def subscribe(

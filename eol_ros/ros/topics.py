@@ -51,6 +51,9 @@ QOS: dict[str, QoSProfile] = {
     'latched': _qos(10, latched=True),
     'health': _qos(10),
 }
+# What a giver keeps to send again. DDS threads answer in time even where the reader's Python is
+# busy, so the twelve last images are enough, and 8 MB less for each who gives them.
+GIVER_QOS = QOS | {'images': _qos(12)}
 
 _ROWS = (
     Topic('rim_command', 'eol_msgs/msg/RimCommand', 'stream', ('panel',), ('twin',),
