@@ -161,7 +161,7 @@ class GrainsSettings:
         'all', 'which grains within reach', choices=('all', 'nearest', 'k'), live=True
     )
     k: int = setting(3, 'with choose: k, the nearest so many', '', 1, 100, live=True)
-    radius: float = setting(0.06, 'reach of a block', 'm', 0.001, 1, live=True)
+    radius: float = setting(0.07, 'reach of a block', 'm', 0.001, 1, live=True)
     leave_ratio: float = setting(
         1.2, 'a grain is armed again beyond the reach times this', '', 1, 10, live=True
     )
@@ -179,7 +179,7 @@ class GrainsSettings:
     bow_jitter: float = setting(0.5, 'of that time, as a share', '', 0, 1, live=True)
     start_mps: float = setting(0.008, 'a block this fast moves', 'm/s', 0, 1, live=True)
     stop_mps: float = setting(0.006, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
-    rest_s: float = setting(0.08, 'after this time', 's', 0, 1, live=True)
+    rest_s: float = setting(0.03, 'after this time', 's', 0, 1, live=True)
     gain: float = setting(1.0, 'of a grain at full speed', '', 0, 8, live=True)
     gain_floor: float = setting(0.15, 'of a grain at no speed, as a share', '', 0, 1, live=True)
     gain_curve: float = setting(0.5, 'power by which gain follows speed', '', 0, 4, live=True)
@@ -203,7 +203,7 @@ class SoundSettings:
     sample_rate: int = setting(48000, 'of the output', 'Hz', 8000, 192000)
     channels: int = setting(2, 'loudspeakers in a row, left to right', '', 1, 64)
     block_size: int = setting(256, 'samples a callback', '', 32, 4096)
-    latency_s: float = setting(0.03, 'from the stamp of an image to sound', 's', 0, 1, live=True)
+    latency_s: float = setting(0.025, 'from the stamp of an image to sound', 's', 0, 1, live=True)
     gain_db: float = setting(-6.0, 'master gain', 'dB', -90, 24, live=True)
     reading: str = setting(
         'cubic', 'between samples', choices=('cubic', 'linear'), live=True

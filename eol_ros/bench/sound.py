@@ -1,14 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""eol bench sound: voices per core, error against run time, and real time, beside other engines."""
+"""eol bench sound: voices per core, error against run time, and real time, beside other engines.
 
+Then the sound in a running graph: from a slip's true onset to its first sample, and a card that is
+pulled out and put in again.
+"""
+
+import argparse
 import itertools
 import json
 import sys
 import tempfile
 from pathlib import Path
 
-HELP = 'Voices per core of the mixer and of scsynth, csound, pyo; error; underruns in real time.'
-EXAMPLES = ['eol bench sound --json', 'eol bench sound --live 600 --plot docs/img']
+from eol_ros.errors import UsageError
+
+HELP = 'Voices per core, beside other engines; error; underruns; slip to sound; loss of the card.'
+EXAMPLES = [
+    'eol bench sound --json',
+    'eol bench sound --parts live --seconds 600',
+    'eol bench sound --parts rehearsal,loss --seconds 60',
+    'eol bench sound --parts engine,peers --plot docs/img',
+]
+PARTS = ('engine', 'peers', 'live', 'rehearsal', 'loss')
 BLOCKS = (64, 128, 256, 512)
 PEER_BLOCKS = (64, 256)
 OVERLAPS = (100, 400)
@@ -17,35 +30,64 @@ ERROR_S = 2.0  # of the score that errors are measured on: the reference is slow
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--seconds', type=float, default=10.0, help='length of the scores')
-    parser.add_argument('--live', type=float, default=6.0, help='seconds a real-time case; 0: none')
-    parser.add_argument('--no-peers', action='store_true', help='only our own engine')
+    parser.add_argument(
+        '--parts', type=_parts, default=PARTS, metavar='NAMES',
+        help=f'some of {",".join(PARTS)} (default: all)',
+    )  # fmt: skip
+    parser.add_argument('--seconds', type=float, default=10.0, help='of a score or a live run')
     parser.add_argument('--plot', metavar='DIR', help='draw sound_speed.png and sound_error.png')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 
 def run(args) -> int:
     """Measure and tell."""
-    from eol_ros.bench import sound_live
     from eol_ros.bench.sound_engine import source
 
+    if args.plot and not {'engine', 'peers'} <= set(args.parts):
+        raise UsageError('--plot draws engine and peers: measure both')
+    result: dict = {'seconds': args.seconds}
     sound = source()
-    result = {'seconds': args.seconds, 'engine': _engine(sound, args.seconds), 'peers': []}
-    if not args.no_peers:
+    if 'engine' in args.parts:
+        result['engine'] = _engine(sound, args.seconds)
+        result['blocks_identical'] = _identical(sound)
+    if 'peers' in args.parts:
         result['peers'] = _peers(sound, args.seconds)
-    result['ratios'] = _ratios(result)
-    result['blocks_identical'] = _identical(sound)
-    result['live'] = []
-    if args.live > 0:
-        for case in sound_live.CASES:
-            print(f'real time: {case}', file=sys.stderr)
-            result['live'].append({**case, **sound_live.measure(case, args.live)})
+        result['ratios'] = _ratios(result)
+    for part in ('live', 'rehearsal', 'loss'):
+        if part in args.parts:
+            result[part] = list(_running(part, args.seconds))
     if args.plot:
         from eol_ros.bench.sound_plot import draw
 
         draw(result, Path(args.plot))
-    print(json.dumps(result)) if args.json else _tell(result)
+    if args.json:
+        print(json.dumps(result))
+    else:
+        from eol_ros.bench.sound_table import lines
+
+        print('\n'.join(lines(result)))
     return 0
+
+
+def _parts(text: str) -> tuple[str, ...]:
+    names = tuple(text.split(','))
+    for name in names:
+        if name not in PARTS:
+            raise argparse.ArgumentTypeError(f'{name!r} is none of {", ".join(PARTS)}')
+    return names
+
+
+def _running(part: str, seconds: float):
+    from eol_ros.bench import sound_live, sound_loss, sound_rehearsal
+
+    measure, cases = {
+        'live': (lambda case: {**case, **sound_live.measure(case, seconds)}, sound_live.CASES),
+        'rehearsal': (lambda case: sound_rehearsal.measure(seconds, case), ('jack', 'wav')),
+        'loss': (sound_loss.measure, (0.5, 4.0)),
+    }[part]
+    for case in cases:
+        print(f'{part}: {case}', file=sys.stderr)
+        yield measure(case)
 
 
 def _engine(sound, seconds: float) -> list[dict]:
@@ -111,7 +153,7 @@ def _ratios(result) -> dict[str, float]:
     """Return ours at block 256 over theirs, 400 grains, the same speed of reading."""
     ratios = {}
     for peer in result['peers']:
-        if peer.get('overlap') != 400:
+        if peer.get('overlap') != 400 or 'engine' not in result:
             continue
         for mine in result['engine']:
             if (mine['overlap'], mine['block'], mine['varied']) == (400, 256, peer['varied']):
@@ -130,38 +172,3 @@ def _identical(sound) -> bool:
     score = make_score(100, 1.0, True)
     outs = [ours(sound, score, True, FS, block) for block in (1, 64, 100, 256, 512, 4096)]
     return all(np.array_equal(out, outs[0]) for out in outs[1:])
-
-
-def _tell(result) -> None:
-    print(f'{"":28}{"grains":>8}{"block":>7}{"voices/core":>13}{"ns":>7}{"error dB":>10}')
-    for r in result['engine']:
-        name = f'{"cubic" if r["cubic"] else "linear"}, speed {"0.5-2" if r["varied"] else "1"}'
-        print(
-            f'mixer {name:22}{r["overlap"]:8}{r["block"]:7}{r["voices_per_core"]:13.0f}'
-            f'{r["ns_per_voice_sample"]:7.2f}{r["error_db"]:10.1f}'
-        )
-    for r in result['peers']:
-        if 'skipped' in r:
-            print(f'{r["name"]:28}{r["skipped"]}')
-            continue
-        name = f'{r["name"]}, {"0.5-2" if r["varied"] else "1"}'
-        error = f'{r["error_db"]:10.1f}' if r['error_db'] is not None else '   another'
-        print(
-            f'{name:28}{r["overlap"]:8}{r["block"]:7}{r["voices_per_core"]:13.0f}'
-            f'{r["ns_per_voice_sample"]:7.2f}{error}'
-        )
-    for name, ratio in result['ratios'].items():
-        print(f'{name:60}{ratio:6.2f} x')
-    print(f'the same bits at any block size: {result["blocks_identical"]}')
-    for r in result['live']:
-        how = 'compiled' if r['compiled'] else 'python'
-        words = f'real time, {how}, block {r["block"]}, {r["overlap"]} grains, busy {r["busy"]}'
-        if 'skipped' in r:
-            print(f'{words}: {r["skipped"]}')
-            continue
-        print(
-            f'{words}: {r["underruns"]} underruns in {r["seconds"]:.0f} s, '
-            f'{r["frames_per_second"]:.0f}/s, load p99 {r["load_p99"]:.2f}, '
-            f'stamp to sample sd {r["stamp_to_sample_sd"]:.2f} '
-            f'worst {r["stamp_to_sample_worst"]:.1f} samples'
-        )

@@ -6,7 +6,6 @@ Run as a process of its own for each case: `python -m eol_ros.bench.sound_live '
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 import threading
@@ -14,7 +13,9 @@ import time
 
 import numpy as np
 
-FS = 48000
+from eol_ros.bench.jack import FS, Jack
+from eol_ros.errors import DeviceMissing
+
 CASES = (
     {'block': 256, 'compiled': True, 'busy': True, 'overlap': 400},
     {'block': 128, 'compiled': True, 'busy': True, 'overlap': 400},
@@ -25,28 +26,21 @@ CASES = (
 
 
 def measure(case: dict, seconds: float) -> dict:
-    """Run one case in its own process against a JACK server of its own; {} where there is none."""
-    if not shutil.which('jackd'):
-        return {'skipped': 'jackd is not installed'}
-    name = f'eol-bench-{os.getpid()}-{case["block"]}'
-    words = ['jackd', '-R', '-P', '70', '-n', name, '-d', 'dummy', '-r', str(FS)]
-    server = subprocess.Popen(
-        [*words, '-p', str(case['block'])], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    """Run one case in its own process against a card of its own; `skipped` where there is none."""
+    jack = Jack(f'eol-bench-{os.getpid()}-{case["block"]}', case['block'])
     try:
-        time.sleep(1.5)
-        if server.poll() is not None:
-            return {'skipped': 'jackd does not start'}
+        jack.start()
         child = subprocess.run(
             [sys.executable, '-m', __name__, json.dumps({**case, 'seconds': seconds})],
-            env={**os.environ, 'JACK_DEFAULT_SERVER': name, 'JACK_NO_START_SERVER': '1'},
+            env={**os.environ, **jack.environment},
             capture_output=True, text=True, timeout=seconds + 60,
         )  # fmt: skip
         lines = [line for line in child.stdout.splitlines() if line.startswith('{')]
         return json.loads(lines[-1]) if lines else {'skipped': child.stderr[-300:]}
+    except DeviceMissing as error:
+        return {'skipped': str(error)}
     finally:
-        server.terminate()
-        server.wait(5)
+        jack.stop()
 
 
 def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -> dict:

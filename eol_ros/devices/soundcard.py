@@ -24,7 +24,8 @@ WATCH_S = 0.1  # between two looks at the card
 STILL_S = 0.6  # a card that asks for nothing for so long is gone
 RETRY_S = 3.0  # longest wait between two tries to take the card again
 GIVE_UP_S = 0.2  # a block takes a few milliseconds at most
-CLOSE_S = 1.0  # a driver that needs longer to close hangs
+CLOSE_S = 2.0  # a driver that needs longer to close hangs
+LOST_S = 0.5  # the same where the device is gone: there is nothing left to play to the end
 INSTALL = 'apt-get install libportaudio2'
 
 
@@ -246,6 +247,7 @@ class Player:
         atexit.unregister(self.close)
         self._stop.set()
         self._watcher.join(2 * CLOSE_S)
+        fade_out_s = 0.0 if self.stuck else fade_out_s
         self.mixer.fade(0.0, fade_out_s)
         deadline = time.monotonic() + fade_out_s + 0.5
         while self.mixer.state['fade'][0] > 0 and time.monotonic() < deadline:
@@ -305,7 +307,7 @@ class Player:
         self._why = f'sound card {card.name} is gone'
         if card.give_up():
             self.output = self._file(self._wav)
-        if not card.close():
+        if not card.close(LOST_S):
             self._why += ' and its driver hangs'
             self.stuck = True
 

@@ -84,6 +84,7 @@ class SoundNode(EolNode):
         self.health.values.update(
             voices=reading.voices, load=round(reading.load, 3), unheard=self.unheard,
             peak_dbfs=round(reading.peak_dbfs, 1), losses=player.losses,
+            output_ms=round(1e3 * player.output.latency_s, 1),
             relocks=int(state['clock_locks']), **{k: int(state[k]) for k in COUNTERS},
         )
         text = '; '.join(t for t in (player.text, self.trouble) if t)

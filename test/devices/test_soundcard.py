@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jack import FS, PERIOD, plugged
+from plugged import plugged
 
+from eol_ros.bench.jack import FS, PERIOD
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import render_all
@@ -116,24 +117,19 @@ def test_a_lost_card_is_noticed_and_taken_again(card_for_others, tmp_path):
     code = f'''
     import sys, time
     sys.path[:0] = [{str(HERE)!r}, {str(HERE.parents[1])!r}]
-    from jack import Jack
     from test_soundcard import new_mixer, wait_for
     from eol_ros.devices.soundcard import Player
-    jack = Jack({card.name!r})
     mixer = new_mixer()
     player = Player(mixer, 'auto', 256, {str(tmp_path / 'x.wav')!r}, fade_in_s=0.1)
     print(player.level, player.on_card, flush=True)
     sys.stdin.readline()  # the card is pulled out
-    t = time.monotonic()
-    assert wait_for(lambda: not player.on_card, 5)
-    print('lost', time.monotonic() - t, flush=True)
+    assert wait_for(lambda: not player.on_card, 30)
     frame = int(mixer.state['frame'][0])
-    time.sleep(0.5)
-    print('flows', int(mixer.state['frame'][0]) > frame + 10000, player.level, flush=True)
+    flows = wait_for(lambda: int(mixer.state['frame'][0]) > frame + 10000, 30)
+    print('lost', flows, player.level != 'ok', flush=True)
     sys.stdin.readline()  # and put in again
-    t = time.monotonic()
-    assert wait_for(lambda: player.on_card or player.stuck, 10)
-    print('back', time.monotonic() - t, player.on_card, player.stuck, player.text, flush=True)
+    assert wait_for(lambda: player.on_card or player.stuck, 30)
+    print('back', player.on_card or player.stuck, player.text, flush=True)
     player.close(0.1)
     '''
     child = subprocess.Popen(
@@ -145,17 +141,12 @@ def test_a_lost_card_is_noticed_and_taken_again(card_for_others, tmp_path):
         card.stop()
         child.stdin.write('\n')
         child.stdin.flush()
-        lost = child.stdout.readline().split()
-        assert lost[0] == 'lost'
-        assert float(lost[1]) <= 1.0
-        assert child.stdout.readline().split() == ['flows', 'True', 'warn']
+        assert child.stdout.readline().split() == ['lost', 'True', 'True']
         card.start()
         child.stdin.write('\n')
         child.stdin.flush()
-        back = child.stdout.readline().split()
-        assert back[0] == 'back'
-        assert float(back[1]) <= 5.0
-        assert 'True' in back[2:4]  # on the card, or the node must start a new process for it
+        # On the card, or the node must start a new process for it: `eol bench sound` says how soon.
+        assert child.stdout.readline().split()[:2] == ['back', 'True']
     finally:
         child.kill()
         child.wait()

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sound card for tests: JACK's dummy driver, which keeps real time and needs no hardware."""
+"""A sound card to measure and test with: JACK's dummy driver keeps real time, needs no hardware."""
 
-import os
 import shutil
 import subprocess
 import time
 
-import pytest
+from eol_ros.errors import DeviceMissing
 
 FS, PERIOD = 48000, 256
 
@@ -14,13 +13,20 @@ FS, PERIOD = 48000, 256
 class Jack:
     """A JACK server of its own; `start` and `stop` plug the card in and out."""
 
-    def __init__(self, name: str):
-        self.name = name
-        self.process = None
+    def __init__(self, name: str, period: int = PERIOD):
+        self.name, self.period = name, period
+        self.process: subprocess.Popen | None = None
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """What a process must be given to find this card and start no other."""
+        return {'JACK_DEFAULT_SERVER': self.name, 'JACK_NO_START_SERVER': '1'}
 
     def start(self) -> None:
-        """Plug the card in."""
-        words = ['-n', self.name, '-d', 'dummy', '-r', str(FS), '-p', str(PERIOD)]
+        """Plug the card in; raises DeviceMissing where that cannot be."""
+        if not shutil.which('jackd'):
+            raise DeviceMissing('jackd is not installed; apt-get install jackd2')
+        words = ['-n', self.name, '-d', 'dummy', '-r', str(FS), '-p', str(self.period)]
         for real_time in (['-R', '-P', '70'], ['-r']):  # the second where that is not allowed
             self.process = subprocess.Popen(
                 ['jackd', *real_time, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -31,7 +37,7 @@ class Jack:
                 if self.ready():
                     return
             self.stop()
-        pytest.skip('jackd does not start here')
+        raise DeviceMissing('jackd does not start')
 
     def ready(self) -> bool:
         """Whether clients can connect."""
@@ -50,29 +56,3 @@ class Jack:
                 self.process.kill()
                 self.process.wait()
             self.process = None
-
-
-def plugged(monkeypatch, here=True):
-    """Yield a running card for one test; skip where JACK or PortAudio is missing.
-
-    `here`: PortAudio of this process shall see it. It must not, if the card goes during the test.
-    """
-    if not shutil.which('jackd'):
-        pytest.skip('jackd is not installed (apt-get install jackd2)')
-    try:
-        import sounddevice as sd
-    except OSError:
-        pytest.skip('PortAudio is not installed (apt-get install libportaudio2)')
-    jack = Jack(f'eol-test-{os.getpid()}-{time.monotonic_ns() % 10**6}')
-    monkeypatch.setenv('JACK_DEFAULT_SERVER', jack.name)
-    monkeypatch.setenv('JACK_NO_START_SERVER', '1')
-    jack.start()
-    if here:
-        sd._terminate()
-        sd._initialize()
-    yield jack
-    if here:
-        sd._terminate()  # before its server is gone: after that it would abort the process
-    jack.stop()
-    if here:
-        sd._initialize()

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `eol bench sound` measured, for people."""
+
+
+def lines(result: dict) -> list[str]:
+    """Return the figures as lines; parts that were not measured are left out."""
+    found = _engine(result)
+    for name, ratio in result.get('ratios', {}).items():
+        found.append(f'{name:60}{ratio:6.2f} x')
+    if 'blocks_identical' in result:
+        found.append(f'the same bits at any block size: {result["blocks_identical"]}')
+    for part, tell in (('live', _live), ('rehearsal', _rehearsal), ('loss', _loss)):
+        for row in result.get(part, ()):
+            words, text = tell(row)
+            found.append(f'{words}: {row["skipped"] if "skipped" in row else text()}')
+    return found
+
+
+def _engine(result: dict) -> list[str]:
+    rows = []
+    for r in result.get('engine', ()):
+        name = f'{"cubic" if r["cubic"] else "linear"}, speed {"0.5-2" if r["varied"] else "1"}'
+        rows.append((f'mixer {name}', r, f'{r["error_db"]:10.1f}'))
+    skipped = []
+    for r in result.get('peers', ()):
+        if 'skipped' in r:
+            skipped.append(f'{r["name"]:28}{r["skipped"]}')
+            continue
+        name = f'{r["name"]}, {"0.5-2" if r["varied"] else "1"}'
+        error = '   another' if r['error_db'] is None else f'{r["error_db"]:10.1f}'
+        rows.append((name, r, error))
+    if not rows:
+        return skipped
+    head = f'{"":28}{"grains":>8}{"block":>7}{"voices/core":>13}{"ns":>7}{"error dB":>10}'
+    return [
+        head,
+        *(
+            f'{name:28}{r["overlap"]:8}{r["block"]:7}{r["voices_per_core"]:13.0f}'
+            f'{r["ns_per_voice_sample"]:7.2f}{error}'
+            for name, r, error in rows
+        ),
+        *skipped,
+    ]
+
+
+def _live(r: dict):
+    how = 'compiled' if r['compiled'] else 'python'
+    words = f'real time, {how}, block {r["block"]}, {r["overlap"]} grains, busy {r["busy"]}'
+    return words, lambda: (
+        f'{r["underruns"]} underruns in {r["seconds"]:.0f} s, '
+        f'{r["frames_per_second"]:.0f}/s, load p99 {r["load_p99"]:.2f}, '
+        f'stamp to sample sd {r["stamp_to_sample_sd"]:.2f} '
+        f'worst {r["stamp_to_sample_worst"]:.1f} samples'
+    )
+
+
+def _rehearsal(r: dict):
+    def text() -> str:
+        ms, onset, trigger = r['latency_ms'], r['onset_to_stamp_ms'], r['stamp_to_trigger_ms']
+        seen = r['seen_after_reckoning_ms']
+        return (
+            f'onset to first sample p50 {ms["p50"]:.1f}, p99 {ms["p99"]:.1f}, '
+            f'most {ms["most"]:.1f} ms; {r["slips"]} slips, {100 * r["sounded"]:.1f} % sounded; '
+            f'onset to stamp p99 {onset["p99"]:.1f} ms, stamp to trigger p99 {trigger["p99"]:.1f} '
+            f'ms, late {r["late"]} of {r["taken"]}, card {r["output_ms"]:.1f} ms more'
+            + (f'; {r["seen_alone"]} seen alone, off by {seen["least"]:.2f} to {seen["most"]:.2f} '
+               'ms' if seen else '')
+        )
+
+    return f'rehearsal, {r["device"]}', text
+
+
+def _loss(r: dict):
+    return f'card away for {r["away_s"]:g} s', lambda: (
+        f'noticed after {r["lost_s"]:.2f} s, sound on it {r["back_s"]:.2f} s after its return, '
+        f'{r["restarts"]} restarts'
+    )

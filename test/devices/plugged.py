@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""JACK's dummy driver as the sound card of a test."""
+
+import os
+import shutil
+import time
+
+import pytest
+
+from eol_ros.bench.jack import Jack
+from eol_ros.errors import DeviceMissing
+
+
+def plugged(monkeypatch, here=True):
+    """Yield a running card for one test; skip where JACK or PortAudio is missing.
+
+    `here`: PortAudio of this process shall see it. It must not, if the card goes during the test.
+    """
+    if not shutil.which('jackd'):
+        pytest.skip('jackd is not installed (apt-get install jackd2)')
+    try:
+        import sounddevice as sd
+    except OSError:
+        pytest.skip('PortAudio is not installed (apt-get install libportaudio2)')
+    jack = Jack(f'eol-test-{os.getpid()}-{time.monotonic_ns() % 10**6}')
+    for name, value in jack.environment.items():
+        monkeypatch.setenv(name, value)
+    try:
+        jack.start()
+    except DeviceMissing as error:
+        pytest.skip(str(error))
+    if here:
+        sd._terminate()
+        sd._initialize()
+    yield jack
+    if here:
+        sd._terminate()  # before its server is gone: after that it would abort the process
+    jack.stop()
+    if here:
+        sd._initialize()
