@@ -85,6 +85,14 @@ class TrackerSettings:
     )
     blink_period_s: float = setting(2.0, 'from blink to blink', 's', 0.5, 60)
     blink_off_s: float = setting(0.1, 'how long it is dark', 's', 0.05, 0.2)
+    threshold: float = setting(
+        0.0, 'brightness from which a spot may be a block, 0..255; 0 leaves it to contrast alone',
+        '', 0, 255, live=True,
+    )  # fmt: skip
+    clutter: str = setting(
+        '', 'picture of the lamps (PNG), used from the start and written anew when learnt',
+        path=True,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

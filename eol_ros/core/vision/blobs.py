@@ -9,6 +9,7 @@ import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision import edges, profiles, scan
+from eol_ros.core.vision.calibration import Calibration
 from eol_ros.errors import ConfigError
 
 BLOB = np.dtype([('u', 'f8'), ('v', 'f8'), ('theta', 'f8'), ('side_px', 'f8'),
@@ -38,7 +39,8 @@ class BlobFinder:
     What it learns on the way (size of the squares over the image, brightness, background) is a
     function of the images seen and of nothing else, so that a replay gives the same numbers.
 
-    `clutter` may be set to a ClutterMap at any time; its light is then taken off every image.
+    `clutter` may be set to a ClutterMap at any time; its light is then taken off every image. So
+    may `threshold`, grey levels that the light of a cover must have at least.
 
     Args:
         settings: unused by the finder itself except `blur_px`, the edge blur, when it has one.
@@ -47,10 +49,11 @@ class BlobFinder:
 
     def __init__(self, settings=None, calibration=None):
         self.blur_px = float(getattr(settings, 'blur_px', _BLUR_PX))
+        self._shape = (0, 0)
         self.calibration = calibration
         self.clutter = None
+        self.threshold = float(getattr(settings, 'threshold', 0.0))
         self._size: np.ndarray | None = None  # of a side, px: at the middle, per width, per height
-        self._shape = (0, 0)
         self._scratch = profiles.workspace()
         self._fitted = np.zeros((_MOST_REGIONS, edges.FIELDS))
         self._kept = np.zeros((_MOST_REGIONS, edges.FIELDS))
@@ -127,12 +130,23 @@ class BlobFinder:
         self._stats = np.zeros((_LABELS, 9))
         self._size, self._contrast, self._turn = None, 0.0, 0
         self._refused = np.zeros((0, 3))  # u, v, and in which image
-        if self.calibration is not None:
-            u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(-0.45, 0.45, 7)] * 2))
-            px = np.column_stack([u + 0.5, v + 0.5]) * shape[::-1]
-            half = self.calibration.side_px(px, BLOCK_SIDE_M) / 2
-            self._field = np.linalg.lstsq(
-                _terms(u, v), np.column_stack([half, self.calibration.shear(px)]), rcond=None)[0]
+        self.calibration = self._calibration
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """What the expected sizes come from; may be set at any time."""
+        return self._calibration
+
+    @calibration.setter
+    def calibration(self, calibration: Calibration | None) -> None:
+        self._calibration = calibration
+        if calibration is None or self._shape == (0, 0):
+            return
+        u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(-0.45, 0.45, 7)] * 2))
+        px = np.column_stack([u + 0.5, v + 0.5]) * self._shape[::-1]
+        half = calibration.side_px(px, BLOCK_SIDE_M) / 2
+        self._field = np.linalg.lstsq(
+            _terms(u, v), np.column_stack([half, calibration.shear(px)]), rcond=None)[0]
 
     def _look_about(self, image, near, own, n) -> int:
         """Try again around predictions (k, 3) that failed and have light left beside them."""
@@ -216,6 +230,7 @@ class BlobFinder:
             out[:, edges.QUALITY] *= np.where(own > 0, 1.0, out[:, edges.ALONE])
             dim = np.where(own > 0, (contrast < _DIM * own) | (contrast > _GLARING * own), dim)
         good = ((out[:, edges.SIGMA] < _MOST_SIGMA_PX) & (moved < half)
+                & (out[:, edges.LEVEL] >= self.threshold)
                 & (off < (0.06 if half_sigma == _HALF_SIGMA_PX else 0.25))
                 & (contrast > 0.2 * self._contrast)
                 & ~(dim & (out[:, edges.VISIBLE] < 0.8)))

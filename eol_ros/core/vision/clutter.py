@@ -13,6 +13,7 @@ from eol_ros.core.vision.blobs import BlobFinder
 from eol_ros.errors import ConfigError
 
 _EMPTY = 0.3  # share of the picture that is certainly free of lamps: its level is the ambient light
+_PART = 8  # images of one average: noise below a grey level
 _BLOCKS_LIT = 3  # squares in a dark picture that say it is not dark
 
 
@@ -47,31 +48,42 @@ class ClutterMap:
 
 
 class ClutterLearner:
-    """Averages dark images, then tells lamps from ambient light. `images` counts what was taken."""
+    """Averages dark images, then tells lamps from ambient light. `images` counts what was taken.
+
+    Every eight images have an average of their own, and the least of these counts: the light of a
+    hand that goes by is nobody's lamp.
+    """
 
     def __init__(self) -> None:
         self.images = 0
         self._total: np.ndarray | None = None
+        self._least: np.ndarray | None = None
 
     def add(self, image: np.ndarray) -> None:
         """Take one image (h, w) uint8 with all infrared LEDs off."""
         if self._total is None or self._total.shape != image.shape:
-            self._total, self.images = np.zeros(image.shape, np.float32), 0
+            self._total, self._least, self.images = np.zeros(image.shape, np.float32), None, 0
         cv2.accumulate(image, self._total)
         self.images += 1
+        if self.images % _PART == 0:
+            self._total /= _PART
+            self._least = self._total if self._least is None else np.minimum(
+                self._least, self._total)
+            self._total = np.zeros(image.shape, np.float32)
 
     def result(self) -> ClutterMap:
         """Return the map of what was seen.
 
         Raises:
-            ConfigError: no image was taken, or blocks were lit in them.
+            ConfigError: too few images were taken, or blocks were lit in them.
         """
-        if self._total is None or not self.images:
-            raise ConfigError('no dark image was taken: is the camera running?')
-        mean = self._total / self.images
-        lit = len(BlobFinder().find(np.rint(mean).astype(np.uint8)))
+        if self._least is None:
+            raise ConfigError(f'{self.images} dark images were taken, {_PART} are needed: is the '
+                              'camera running?')
+        light = self._least
+        lit = len(BlobFinder().find(np.rint(light).astype(np.uint8)))
         if lit >= _BLOCKS_LIT:
             raise ConfigError(f'{lit} blocks are lit in the dark images: the infrared LEDs did not '
                               'go off; check the serial line to the blocks')
-        light = np.maximum(mean - np.quantile(mean[::4, ::4], _EMPTY), 0)
+        light = np.maximum(light - np.quantile(light[::4, ::4], _EMPTY), 0)
         return ClutterMap(np.clip(np.rint(light), 0, 255).astype(np.uint8))

@@ -35,6 +35,8 @@ TURN_RATE = 2.2  # rad/s, fastest that visitors turn the rim
 JUMP_S = 0.25  # a break in the images longer than this ends all following
 LAMP_S = 0.1  # a light that has been no block for so long is not taken for one on the way
 REST_M, REST_S = 6e-4, 0.1  # a lattice whose blocks stay within this for so long rests
+UNMOVED, UNMOVED_M = 20, 0.001  # so many blocks, so near to where they were in the light
+TELLING = 5.0  # and so much nearer than after a quarter turn
 QUARTER = np.pi / 2
 
 
@@ -291,16 +293,35 @@ class Lattice:
         if self.agreed < AGREE and (index < 0).any():
             return
         self.agreed = 0
-        if known:
-            self.ambiguous |= QUARTER - abs(off) <= TURN_RATE * blind_s
-        else:
+        if not known:
             self.ambiguous = not self.trust_start
+        elif not self._unmoved(index, xy):
+            self.ambiguous |= QUARTER - abs(off) <= TURN_RATE * blind_s
         self.angle = angle
         self.yaw[:] = angle
         self.state = TRACKING
         self.enough_s = stamp_s
         self._adopt(stamp_s, index, xy, yaw)
         self.sigma[self.seen] = sigma[self.index[self.seen]]
+
+    def _unmoved(self, index: np.ndarray, xy: np.ndarray) -> bool:
+        """Whether all stands as before the darkness, and would not so after a quarter turn.
+
+        Blocks rest some millimetres off their lattice, each its own way: that tells turns apart.
+        """
+        off = np.full(4, np.inf)
+        for quarters in range(4):
+            turned = self._nearest_turn(index, 0.0, quarters * QUARTER)[0]
+            held = turned >= 0
+            if held.sum() < UNMOVED:
+                return False
+            place = xy[turned[held]]
+            before = self.xy[held] - (self.xy[held].mean(0) if quarters else 0.0)
+            for _ in range(quarters):  # where a rim turned so would have taken them
+                before = np.stack([-before[:, 1], before[:, 0]], axis=1)
+            off[quarters] = np.sqrt(
+                ((place - (place.mean(0) if quarters else 0.0) - before) ** 2).mean())
+        return bool(off[0] < UNMOVED_M and off[1:].min() > TELLING * max(off[0], UNMOVED_M / 2))
 
     def _adopt(self, stamp_s: float, index: np.ndarray, xy: np.ndarray, yaw: np.ndarray) -> None:
         """Take a reading of the lattice as the truth; hidden blocks go where their fellows say."""

@@ -32,6 +32,7 @@ class SelfCalibration:
         self.start = start
         self.views: list[np.ndarray] = []
         self.wait = 0
+        self.refused = False
         self.why = 'metres follow when 25 blocks have rested'
 
     def add(self, image: np.ndarray, blobs: np.ndarray | None) -> Calibration | None:
@@ -47,7 +48,7 @@ class SelfCalibration:
         if len(self.views) < IMAGES:
             return None
         view = np.mean(self.views, axis=0)  # NaN where a side was hidden in any of them
-        self.views, self.wait = [], AGAIN
+        self.views, self.wait, self.refused = [], AGAIN, True
         try:
             solution = from_blocks([(np.arange(N_BLOCKS), view)], self.start)
         except ConfigError as error:
@@ -61,5 +62,6 @@ class SelfCalibration:
         elif solution.refusal():
             self.why = solution.refusal()
         else:
+            self.refused = False
             return found
         return None

@@ -5,7 +5,7 @@ Live node, `eol track` and the tests run this same class, so that what is measur
 hangs in the museum, to the bit.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -18,7 +18,9 @@ from eol_ros.core.vision.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.calibration import Calibration
 from eol_ros.core.vision.identity import Identity
 from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING
+from eol_ros.core.vision.requests import CALIBRATE, CLUTTER, THRESHOLD, Requests, unpacked
 from eol_ros.core.vision.watch import Watch
+from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 
 if TYPE_CHECKING:
@@ -27,12 +29,17 @@ if TYPE_CHECKING:
 CALIBRATING, FAULT = 3, 4
 HIDDEN = 0.35  # less of the outline than this in view, and the block counts as hidden
 WHOLE = 0.9
+REST_S = 20.0  # for so long a calibration that was asked for waits for the blocks to rest
+SETTLE_S = 0.3  # after a new calibration; longer than any rest that motion compares with
+LAMP_LEVEL = 5  # grey levels
 FAINT = 0.6  # and below this it must stand where its neighbours allow
 STATES = ('searching', 'tracking', 'lost', 'calibrating', 'fault')
 
 
-# Answers lie on grids far finer than any noise (0.1 um, 0.0001 px), so that a bag packs them well.
-M_STEP, PX_STEP, RAD_STEP = 2.0**-23, 2.0**-13, 2.0**-20
+# Answers lie on grids far finer than any noise (1 um, 0.001 px, 15 urad; a sigma to 2 %), so that a
+# bag packs them well: what is rounded off adds less than 0.1 % to the variance of a still block.
+M_STEP, PX_STEP, RAD_STEP = 2.0**-20, 2.0**-10, 2.0**-16
+SIGMA_STEPS = 64
 STEPS = np.array([M_STEP, PX_STEP, RAD_STEP])
 
 
@@ -57,6 +64,11 @@ class Tracked:
     why: str = ''
 
 
+def _coarse(sigma: np.ndarray) -> np.ndarray:
+    mantissa, exponent = np.frexp(sigma)
+    return np.ldexp(np.rint(mantissa * SIGMA_STEPS) / SIGMA_STEPS, exponent)
+
+
 class Tracker:
     """Keeps the 25 blocks of one camera.
 
@@ -71,6 +83,7 @@ class Tracker:
         finder: BlobFinder | None = None,
     ):
         self.settings = settings
+        self.watch = Watch(calibration)
         self._take(calibration)
         self.predicted = np.zeros((N_BLOCKS, 4))
         self.finder = finder if finder is not None else BlobFinder(settings, calibration)
@@ -79,15 +92,21 @@ class Tracker:
             blink = Blink(settings.blink_block, settings.blink_period_s, settings.blink_off_s)
         self.identity = Identity(settings.trust_start, blink)
         self.lattice = self.identity.lattice
-        self.watch = Watch(calibration)
         self.visibility: np.ndarray = np.zeros(N_BLOCKS, np.float32)
         self.contrast = np.zeros(N_BLOCKS)  # of each block when it was last seen whole, 0: never
         self.last_s = -np.inf
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
         self.learning: self_calibration.SelfCalibration | None = None
+        self.requests = Requests()
+        self.outcome = ''  # of the last request, in one line
+        self.refused = False  # and whether it could not be fulfilled
+        self.asked_s = np.inf  # when a new calibration was asked for
+        self.settled_s = -np.inf  # until then metres are new, and nobody should compare
 
     def _take(self, calibration: Calibration | None) -> None:
         self.calibration = calibration
+        if calibration is not None:
+            self.watch.calibration = calibration
         self.packed = calibration.packed() if calibration is not None else np.zeros(28)
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
@@ -125,6 +144,13 @@ class Tracker:
 
     def update(self, stamp_s: float, image: np.ndarray) -> Tracked:
         """Take the next image, (h, w) uint8, stamped mid-exposure; never raises for a bad image."""
+        for key, text in self.requests.due(stamp_s):
+            self._fulfil(stamp_s, key, text)
+        if self.requests.dark(stamp_s, image):
+            self.lattice.break_off(stamp_s)
+            self.blobs = self.blobs[:0]
+            return self._answer(stamp_s, LOST, 'infrared light is off: learning the lamps')
+        self._enlighten()
         fault = self.watch.fault(stamp_s, image)
         if fault:
             self.lattice.break_off(stamp_s)
@@ -154,21 +180,63 @@ class Tracker:
         why = {SEARCHING: f'{len(blobs)} lights, not yet a lattice', LOST: 'blocks out of sight'}
         if self.learning is not None and lattice.state == TRACKING:
             learning = self.learning
-            self._learn(image)
-            if self.learning is not None:
+            self._learn(stamp_s, image)
+            if self.learning is not None and np.isinf(self.asked_s):
                 return self._answer(stamp_s, CALIBRATING, learning.why)
+        if lattice.state == TRACKING and stamp_s < self.settled_s:
+            return self._answer(stamp_s, CALIBRATING, 'metres are new')
         return self._answer(stamp_s, lattice.state, why.get(lattice.state, ''))
 
-    def _learn(self, image: np.ndarray) -> None:
+    def _fulfil(self, stamp_s: float, key: str, text: str) -> None:
+        """Do what was asked for, from this image on."""
+        if key == THRESHOLD:
+            self.finder.threshold = float(text)
+        elif key == CLUTTER:
+            self.finder.clutter = unpacked(text) if text else None
+        elif key == CALIBRATE and self.calibration is not None and self.learning is None:
+            from eol_ros.core.vision import self_calibration
+
+            shape = self.calibration.image_height, self.calibration.image_width
+            start = self_calibration.nominal(shape, self.calibration.px_per_m() * BLOCK_SIDE_M)
+            start = replace(start, cover_height_m=self.calibration.cover_height_m)
+            self.learning = self_calibration.SelfCalibration(start)
+            self.asked_s = stamp_s
+
+    def _enlighten(self) -> None:
+        """Use what was learnt in a darkness that is over."""
+        try:
+            clutter = self.requests.learnt()
+        except ConfigError as error:
+            self._tell(str(error), True)
+        else:
+            if clutter is not None:
+                self.finder.clutter = clutter
+                share = 100 * float((clutter.light > LAMP_LEVEL).mean())
+                self._tell(f'lamps learnt: they light {share:.1f} % of the picture', False)
+
+    def _tell(self, outcome: str, refused: bool) -> None:
+        self.outcome, self.refused = outcome, refused
+
+    def _learn(self, stamp_s: float, image: np.ndarray) -> None:
         """Calibrate by the blocks themselves, as soon as all of them rest in full view."""
-        lattice = self.lattice
+        lattice, learning = self.lattice, self.learning
+        assert learning is not None and self.calibration is not None
         good = bool(lattice.seen.all() and self.visibility.min() > 0.8 and lattice.rests())
-        assert self.learning is not None and self.calibration is not None
-        found = self.learning.add(image, self.blobs[lattice.index] if good else None)
+        found = learning.add(image, self.blobs[lattice.index] if good else None)
         if found is not None:
             lattice.move(found.to_table(self.calibration.to_pixels(lattice.xy)))
             self._take(found)
+            self.finder.calibration = found
+            self._tell(f'calibrated by the blocks: {found.residual_px:.3f} px, '
+                       f'{found.residual_mm:.2f} mm left', False)
             self.learning = None
+            if np.isfinite(self.asked_s):
+                self.settled_s = stamp_s + SETTLE_S
+        elif np.isfinite(self.asked_s) and (learning.refused or stamp_s - self.asked_s > REST_S):
+            self._tell(f'not calibrated: {learning.why}', True)
+            self.learning = None
+        if self.learning is None:
+            self.asked_s = np.inf
 
     def _predicted(self, stamp_s: float) -> np.ndarray | None:
         """Where squares are expected, (k, 3) u, v, theta, for the finder."""
@@ -197,7 +265,7 @@ class Tracker:
             yaw,
             world,
             seen,
-            lattice.sigma.copy(),
+            _coarse(lattice.sigma),
             np.where(seen, self.visibility, np.float32(0)),
             state,
             bool(lattice.ambiguous),

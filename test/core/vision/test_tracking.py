@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.vision import renderer_clutter
 from eol_ros.core.vision.calibration import Calibration
 from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.renderer import Renderer, RenderOptions
@@ -175,3 +176,118 @@ def test_same_images_same_answer_to_the_bit(stills):
         )
 
     assert run() == run()
+
+
+def night(renderer, seed=1):
+    """A picture with all infrared lights off."""
+    x, y = rest_lattice().T
+    return renderer.render(x, y, np.zeros(25), 1000 + seed, ir=np.zeros(25)).copy()
+
+
+@pytest.fixture(scope='module')
+def scattered():
+    """Pictures of blocks some millimetres off their places: 60 at rest, and 30 in darkness."""
+    with pytest.MonkeyPatch.context() as patch:
+        level = dataclasses.replace(
+            renderer_clutter.LEVELS['clean'], reflections=20, reflection_level=(30, 55))
+        patch.setitem(renderer_clutter.LEVELS, 'lamps', level)
+        renderer = Renderer(RenderOptions(clutter='lamps'), Calibration.ideal(), 2)
+    xy = rest_lattice() + np.random.default_rng(3).normal(0, 0.004, (25, 2))
+    lit = [renderer.render(*xy.T, np.zeros(25), k).copy() for k in range(300, 360)]
+    return xy, lit, [night(renderer, k) for k in range(30)]
+
+
+def ns(k):
+    return round(k / 60 * 1e9)
+
+
+def test_lamps_are_learnt_in_a_commanded_darkness_and_the_turn_stays_known(tracker, scattered):
+    xy, lit, dark = scattered
+    feed(tracker, lit[:20])
+    tracker.requests.add(ns(20), 'dark', str(ns(50)))
+    answers = feed(tracker, dark, 20)
+    assert {a.state for a in answers} == {LOST}
+    assert 'infrared' in answers[-1].why
+    again = feed(tracker, lit[20:40], 50)
+    assert tracker.finder.clutter is not None
+    assert tracker.finder.clutter.light.max() > 10
+    assert 'lamps learnt' in tracker.outcome
+    assert not tracker.refused
+    assert again[-1].state == TRACKING
+    assert not again[-1].symmetry_ambiguous
+    seen = again[-1].seen
+    assert seen.sum() > 20
+    assert np.allclose(again[-1].world[seen], xy[seen], atol=3e-4)
+
+
+def test_lamps_are_not_learnt_while_blocks_are_lit(tracker, scattered):
+    _, lit, _ = scattered
+    tracker.requests.add(ns(5), 'dark', str(ns(15)))
+    feed(tracker, lit[:20])
+    assert tracker.finder.clutter is None
+    assert tracker.refused
+    assert 'blocks are lit' in tracker.outcome
+
+
+def test_requests_written_down_make_the_same_answers_again(scattered):
+    _, lit, dark = scattered
+    images = [*lit[:20], *dark, *lit[20:]]
+
+    def run(ask):
+        tracker = Tracker(TrackerSettings(), Calibration.ideal())
+        answers = []
+        for k, image in enumerate(images):
+            ask(tracker, k)
+            answers.append(tracker.update(k / 60, image))
+        return b''.join(a.tobytes() for t in answers for a in (t.world, t.px, t.visibility))
+
+    wishes = [(ns(10), 'threshold', '60.0'), (ns(20), 'dark', str(ns(48))),
+              (ns(58), 'threshold', '0')]
+
+    def live(tracker, k):
+        for wish in wishes:
+            if ns(k - 1) < wish[0] <= ns(k):
+                tracker.requests.add(*wish)
+
+    def at_once(tracker, k):
+        for wish in wishes if k == 0 else ():
+            tracker.requests.add(*wish)
+
+    assert run(live) == run(at_once)
+    assert run(live) != run(lambda tracker, k: None)
+
+
+def test_a_threshold_leaves_dimmer_squares_out(tracker, stills):
+    feed(tracker, stills[:3])
+    tracker.requests.add(ns(3), 'threshold', '250')
+    assert not feed(tracker, stills[3:5], 3)[-1].seen.any()
+    tracker.requests.add(ns(5), 'threshold', '100')
+    assert feed(tracker, stills[5:12], 5)[-1].seen.all()
+
+
+def test_a_calibration_asked_for_is_made_from_still_blocks(stills):
+    wrong = Calibration.ideal(px_per_m=535.0)
+    tracker = Tracker(TrackerSettings(), wrong)
+    before = feed(tracker, stills[:12])[-1]
+    assert before.world[24, 0] > 0.353
+    tracker.requests.add(ns(12), 'calibrate')
+    answers = feed(tracker, stills[12:], 12)
+    assert 'calibrated by the blocks' in tracker.outcome
+    states = [a.state for a in answers]
+    assert states[0] == TRACKING
+    assert states[-1] == TRACKING
+    assert states.count(CALIBRATING) >= 15  # nobody compares new metres with old ones
+    assert np.allclose(answers[-1].world, rest_lattice(), atol=3e-4)
+
+
+def test_a_calibration_is_refused_while_blocks_do_not_rest(tracker):
+    renderer = Renderer(RenderOptions(), Calibration.ideal(), 2)
+    before = tracker.calibration
+    tracker.requests.add(0, 'calibrate')
+    for k in range(16):
+        xy = rest_lattice() + [0.004 * k, 0.0]
+        tracked = tracker.update(k * 1.5 / 16 * 15, renderer.render(*xy.T, np.zeros(25), k))
+    assert tracker.refused
+    assert 'not calibrated' in tracker.outcome
+    assert tracker.calibration is before
+    assert tracked.state == TRACKING
