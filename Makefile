@@ -14,7 +14,8 @@ run: setup  ## bring a scene to life (SCENE=rehearsal); Ctrl-C stops it
 	@$(PY) -m eol_ros.bringup $(SCENE) $(ARGS)
 
 test: setup-test  ## all tests, with real DDS, pty, PortAudio and Chromium where they are
-	$(PY) -m pytest -n 2 --dist loadfile test
+	$(PY) -m pytest -n 2 --dist loadfile -m 'not live and not soak' test
+	$(PY) -m pytest -m 'live and not soak' test
 
 quick: setup-test  ## the tests of the pure core, in seconds
 	$(PY) -m pytest -q -m 'not slow' test/core

@@ -4,6 +4,7 @@
 import os
 import sys
 import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -34,6 +35,17 @@ def ros():
     rclpy.try_shutdown()
 
 
+_HERE = Path(__file__).parent
+# What keeps real time over many processes: `make test` runs these alone, after the others.
+LIVE = {
+    'bench/test_bench_sound.py',
+    'devices/test_soundcard.py',
+    'nodes/test_camera_node.py',
+    'scenes/test_rehearsal.py',
+    'web/test_browser.py',
+}
+
+
 def matched(*nodes):
     """Whether all publishers and subscriptions among `nodes` know each other, both ways.
 
@@ -53,6 +65,13 @@ def matched(*nodes):
 @pytest.fixture(name='matched', scope='session')
 def _matched():
     return matched
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if item.path.relative_to(_HERE).as_posix() in LIVE:
+            item.add_marker('live')
 
 
 def pytest_runtest_makereport(item, call):

@@ -28,7 +28,7 @@ _ENVIRONMENT = {
 }
 
 # What may wait a little when both cores are wanted: nobody hears or sees it late.
-_NICE = {'recorder': 10, 'panel': 10, 'montage': 10}
+_NICE = {'recorder': 3, 'panel': 3, 'montage': 3}
 
 
 @dataclass(frozen=True)
