@@ -15,6 +15,7 @@ from eol_ros.web import notices, wire
 from eol_ros.web.server import WebServer
 
 FOLLOW_S = 0.1  # so soon a stream begins after somebody looks
+LINGER_S = 5.0  # and so late it ends: a page that is loaded again finds it still there
 
 
 class PanelNode(EolNode):
@@ -26,14 +27,12 @@ class PanelNode(EolNode):
         super().__init__(settings, **kwargs)
         montage = self.scene.settings('montage')
         self.media = LazyMedia(montage.pairs)
-        say = self.get_logger().warning
-        self.server = WebServer(
-            self.settings, PanelBridge(self), say, picture=self.media.open_picture
-        )
+        say, picture = self.get_logger().warning, self.media.open_picture
+        self.server = WebServer(self.settings, PanelBridge(self), say, picture=picture)
         self.documents = self.server.routes.documents
         self.day_file = DayFile(self.scene.name)
         self.day, self.roster = notices.Day(self.day_file.load()), notices.Roster()
-        self.open_streams = {}
+        self.open_streams, self.wanted_s = {}, {}
         self.subscribe('wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s)))
         self.subscribe('corpus', self.on_corpus)
         self.subscribe('cascades', self.on_cascade)
@@ -59,7 +58,9 @@ class PanelNode(EolNode):
             self.open_streams[channel] = self.subscribe(
                 topic, lambda m, c=channel, p=packet: self.server.hub.put(c, p(m)), raw=raw
             )
-        for channel in set(self.open_streams) - demand:
+        now_s = time.monotonic()
+        self.wanted_s.update(dict.fromkeys(demand, now_s))
+        for channel in [c for c in self.open_streams if now_s - self.wanted_s[c] > LINGER_S]:
             self.destroy_subscription(self.open_streams.pop(channel))
 
     def tell(self, name: str, notice: dict) -> None:

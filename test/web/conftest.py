@@ -4,6 +4,7 @@
 import dataclasses
 
 import pytest
+from chromium import browser, graph  # noqa: F401  fixtures
 
 from eol_ros.settings import PanelSettings
 from eol_ros.web.server import WebServer

@@ -11,7 +11,8 @@ import { write } from './paint.js';
 import { SoundView } from './soundview.js';
 import { SpaceView } from './space.js';
 
-const STALE_S = 2.5;
+const STALE_S = 2.2; // without data: with the time between looks, less than 3 s
+const LOOK_MS = 250;
 const PACE_S = 0.033; // eyes that read figures need no more; a slip comes at once
 const FOLLOW_MS = 60000; // so long the answer of a node is shown beside the buttons
 const STIR_M = 0.0004; // a fifth of a pixel of the camera
@@ -19,7 +20,7 @@ const $ = (id) => document.getElementById(id);
 
 await speak(language());
 const link = new Link([], PACE_S);
-window.eol = { link }; // for tests and the curious
+window.eol = { link, staleAfter: STALE_S + LOOK_MS / 1000 }; // for tests and the curious
 const moving = new Uint8Array(25);
 const drawn = { slips: [], starts: 0, latencies: [] }; // stamps not drawn yet; s from stamp to screen
 window.eol.drawn = drawn;
@@ -203,7 +204,7 @@ setInterval(() => {
   if (listener.on && listener.latency !== null) {
     $('listen').textContent = say('listening', { latency: Math.round(listener.latency * 1000) });
   } else $('listen').textContent = say('listen');
-}, 250);
+}, LOOK_MS);
 
 // Drawing: when something has changed, at most every PACE_S; a slip with the next image of the screen.
 

@@ -28,6 +28,11 @@ export class WallView {
     link.on('wall', (wall) => this.take(wall));
   }
 
+  // Name of the picture that is shown; empty when black.
+  get shows() {
+    return this.drawn[this.front];
+  }
+
   pick(list) {
     return list.filter((_, i) => i % 2 === (this.side === 'left' ? 0 : 1));
   }

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole work running, and a headless Chromium before it: what the browser tests stand on.
+
+Nothing here trusts a clock: each wait is for a condition, with time enough for a busy machine.
+"""
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+webdriver = pytest.importorskip('selenium.webdriver')
+BROWSER, DRIVER = shutil.which('chromium'), shutil.which('chromedriver')
+FLAGS = (
+    '--headless=new',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--hide-scrollbars',
+    '--mute-audio',
+    '--autoplay-policy=no-user-gesture-required',
+    '--disable-backgrounding-occluded-windows',
+    '--disable-renderer-backgrounding',
+    '--disable-background-timer-throttling',
+)
+SCENE = """
+scene: browser
+nodes:
+  twin: {{hands: nobody}}
+  tracker: {{}}
+  motion: {{}}
+  leds: {{port: twin}}
+  grains: {{}}
+  sound: {{device: wav, wav: {folder}/sound.wav}}
+  montage: {{}}
+  panel: {{port: {port}}}
+"""
+NODES = {'twin', 'tracker', 'motion', 'leds', 'grains', 'sound', 'montage', 'panel'}
+
+
+def until(what, seconds=40.0, why=lambda: 'it did not come about'):
+    """Return what `what` returns, as soon as that is true."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        found = what()
+        if found:
+            return found
+        time.sleep(0.05)
+    pytest.fail(why())
+
+
+def status(address):
+    """Return the state of every node, by name; empty when nobody answers."""
+    try:
+        with urllib.request.urlopen(f'{address}/status', timeout=5) as answer:
+            return json.load(answer)
+    except OSError:
+        return {}
+
+
+def healthy(address):
+    """Return the names of the nodes that say they do their work."""
+    return {n for n, s in status(address).items() if s['level'] in ('ok', 'warn')}
+
+
+def alive(pids):
+    """Return those of the processes that still run."""
+    return {pid for pid in pids if Path(f'/proc/{pid}').exists()}
+
+
+@pytest.fixture(scope='module')
+def graph(tmp_path_factory):
+    """The work without hands: whatever moves was moved by the tests. Yields the panel's address."""
+    folder = tmp_path_factory.mktemp('graph')
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        port = probe.getsockname()[1]
+    scene = folder / 'browser.yaml'
+    scene.write_text(SCENE.format(folder=folder, port=port))
+    log = (folder / 'log').open('w')
+    work = subprocess.Popen(
+        [sys.executable, '-m', 'eol_ros.bringup', str(scene)], stdout=log, stderr=log, cwd=folder
+    )
+    address = f'http://127.0.0.1:{port}'
+    work.nodes = set()  # process ids, also of those that were started anew
+    try:
+        until(
+            lambda: work.poll() is not None or healthy(address) >= NODES,
+            90,
+            lambda: (folder / 'log').read_text(),
+        )
+        assert work.poll() is None, (folder / 'log').read_text()
+        work.nodes |= {int(s['pid']) for s in status(address).values()}
+        yield address, work
+    finally:
+        if work.poll() is None:
+            work.send_signal(signal.SIGINT)
+            work.wait(30)
+        end = time.monotonic() + 20  # they end with the graph, however that ended
+        while (left := alive(work.nodes)) and time.monotonic() < end:
+            time.sleep(0.1)
+        for pid in left:
+            os.kill(pid, signal.SIGKILL)
+        assert not left, f'{len(left)} nodes outlived their graph'
+
+
+@pytest.fixture(scope='module')
+def browser(tmp_path_factory):
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    for flag in (*FLAGS, f'--user-data-dir={tmp_path_factory.mktemp("profile")}'):
+        options.add_argument(flag)
+    options.set_capability('goog:loggingPrefs', {'browser': 'ALL'})
+    driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
+    driver.set_script_timeout(60)
+    yield driver
+    driver.quit()
+
+
+def visit(browser, address, path, width=1280, height=800):
+    """Open a page, and wait until its connection lives."""
+    browser.execute_cdp_cmd(
+        'Emulation.setDeviceMetricsOverride',
+        {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': False},
+    )
+    browser.get(address + path)
+    until_page(browser, 'eol.link.viewer')
+
+
+def until_page(browser, condition, seconds=40.0):
+    """Wait until a condition holds in the page; return its value."""
+    script = f'return Boolean(window.eol) && ({condition})'
+    return until(lambda: browser.execute_script(script), seconds, lambda: f'never: {condition}')
+
+
+def run(browser, script, *args):
+    """Return what a script in the page returns."""
+    return browser.execute_script(script, *args)
+
+
+def complaints(browser):
+    """Return what the console says of errors since the last look."""
+    return [e['message'] for e in browser.get_log('browser') if e['level'] == 'SEVERE']
+
+
+def picture(browser, name=''):
+    """Return a screenshot as an array, and keep it where EOL_SHOTS says."""
+    png = browser.get_screenshot_as_png()
+    if os.environ.get('EOL_SHOTS') and name:
+        Path(os.environ['EOL_SHOTS'], f'{name}.png').write_bytes(png)
+    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+
+
+def mouse(browser, kind, x, y, buttons=1):
+    """Move or press the mouse as a hand does."""
+    browser.execute_cdp_cmd(
+        'Input.dispatchMouseEvent',
+        {'type': kind, 'x': x, 'y': y, 'button': 'left', 'buttons': buttons, 'clickCount': 1},
+    )
+
+
+def touch(browser, kind, *points):
+    """Lay fingers down, move them or lift them."""
+    browser.execute_cdp_cmd(
+        'Input.dispatchTouchEvent',
+        {
+            'type': kind,
+            'touchPoints': [{'x': x, 'y': y, 'id': i} for i, (x, y) in enumerate(points)],
+        },
+    )
+
+
+def press(browser, key, hold=False):
+    """Press a key; with `hold`, do not let go."""
+    codes = {'Tab': 9, 'Enter': 13}
+    stroke = {'key': key, 'code': key if key in codes else f'Key{key.upper()}'}
+    stroke['windowsVirtualKeyCode'] = codes.get(key, ord(key.upper()[0]))
+    if key != 'Tab':
+        stroke['text'] = '\r' if key == 'Enter' else key
+    browser.execute_cdp_cmd('Input.dispatchKeyEvent', {'type': 'keyDown', **stroke})
+    if not hold:
+        release(browser, key)
+
+
+def release(browser, key):
+    """Let a key go."""
+    codes = {'Tab': 9, 'Enter': 13}
+    browser.execute_cdp_cmd(
+        'Input.dispatchKeyEvent',
+        {
+            'type': 'keyUp',
+            'key': key,
+            'code': key if key in codes else f'Key{key.upper()}',
+            'windowsVirtualKeyCode': codes.get(key, ord(key.upper()[0])),
+        },
+    )
