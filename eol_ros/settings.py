@@ -116,6 +116,14 @@ class LedsSettings:
     flash_limit: bool = setting(True, 'at most three flashes of the whole field a second')
     flash_limit_off_because: str = setting('', 'written reason, needed to switch the limit off')
     board_log: str = setting('', 'with port: twin, a CSV of each arrival on the wire')
+    blink_block: int = setting(
+        -1, 'block whose infrared light blinks; say the same to the tracker', '', -1, 24
+    )
+    blink_period_s: float = setting(2.0, 'from blink to blink', 's', 0.5, 60)
+    blink_off_s: float = setting(0.1, 'how long it is dark', 's', 0.05, 0.2)
+    clutter_at_sleep: bool = setting(
+        True, 'falling asleep, be dark in infrared for 1.5 s: the tracker learns lamps', live=True
+    )  # fmt: skip
 
 
 # What a grain can be placed by; core/sound/descriptors.py defines them.

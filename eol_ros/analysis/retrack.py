@@ -114,6 +114,8 @@ def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> N
     else:
         calibration = Calibration.ideal()
     tracker = Tracker(settings, calibration)
+    for request in _requests(bag):
+        tracker.requests.add(*request)
     row_of = {int(stamp): i for i, stamp in enumerate(blocks['stamp'].astype('i8'))}
     check = Comparison('blocks', len(blocks), 0)
     pictures = images(bag)
@@ -151,6 +153,20 @@ def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> N
         )
         check.recorded = check.recomputed
     result.topics['blocks'] = check
+
+
+def _requests(bag: Bag) -> list[tuple[int, str, str]]:
+    """Return what the tracker said it heeded: stamp in ns from which on, what, and how."""
+    if '/eol/control' not in bag.topics:
+        return []
+    table = bag.table('control')
+    mine = (table['source'] == 'tracker') & (table['command'] == 'set')
+    return [
+        (int(ns), str(key), str(value))
+        for ns, key, value in zip(
+            table['stamp'].astype('i8')[mine], table['key'][mine], table['value'][mine], strict=True
+        )
+    ]
 
 
 def _taps(bag: Bag) -> list[tuple[int, float, int, float]]:

@@ -90,9 +90,9 @@ class Lights:
             self.field.slip(time.monotonic(), block)
         return self._show(0)
 
-    def infrared(self, on: bool) -> Sent | None:
-        """Switch all infrared LEDs."""
-        return self._sent(self.board.infrared(on), self.field.level_bytes(time.monotonic()))
+    def infrared(self, mask: int) -> Sent | None:
+        """Switch the infrared LEDs: bit b is that of block b."""
+        return self._sent(self.board.infrared(mask), self.field.level_bytes(time.monotonic()))
 
     def truth(self, stamp_ns: int, moving: Sequence[bool]) -> None:
         """Let the twin's board feel which of the twin's blocks move."""

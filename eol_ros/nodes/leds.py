@@ -11,15 +11,14 @@ from eol_msgs.msg import BlockTap, Control, LedCommand, Slip, Truth
 
 from eol_ros.devices.board import State
 from eol_ros.devices.lights import Lights, Sent, Tap
+from eol_ros.nodes.leds_infrared import Infrared
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_msg, to_ns
 
-CLUTTER_S = 1.5  # the tracker looks at the table without infrared for this long
-
 
 class LedsNode(EolNode):
-    """slips, control (and truth, with the twin's board) -> led_commands, block_taps."""
+    """slips, control (and truth, with the twin's board) -> led_commands, block_taps, control."""
 
     NAME = 'leds'
 
@@ -30,8 +29,7 @@ class LedsNode(EolNode):
         self.taps = self.publisher('block_taps')
         self.frames = self.create_timer(1 / self.settings.frame_hz, self.on_frame)
         self.frames.cancel()
-        self.infrared_back = self.create_timer(CLUTTER_S, lambda: self.infrared(True))
-        self.infrared_back.cancel()
+        self.infrared = Infrared(self, self.lights, self.tell)
         self.create_timer(1.0, lambda: self.health.values.update(self.lights.values()))
         self.subscribe('slips', self.on_slip)
         self.subscribe('control', self.on_control)
@@ -53,10 +51,6 @@ class LedsNode(EolNode):
         if self.lights.field.dark:
             self.frames.cancel()
 
-    def infrared(self, on: bool) -> None:
-        self.infrared_back.cancel()
-        self.tell(self.lights.infrared(on))
-
     def tell(self, sent: Sent | None) -> None:
         if sent is None:  # the line is down: health says so
             return
@@ -74,16 +68,17 @@ class LedsNode(EolNode):
         self.taps.publish(message)
 
     def on_control(self, control: Control) -> None:
-        if control.target not in ('', self.NAME):
+        if control.command == 'learn_clutter':  # whoever it is for: only here is the light
+            self.infrared.darken()
+        elif control.target not in ('', self.NAME):
             return
-        if control.command in ('sleep', 'wake'):
+        elif control.command in ('sleep', 'wake'):
             self.lights.asleep = control.command == 'sleep'
+            if self.lights.asleep and self.settings.clutter_at_sleep:
+                self.infrared.darken()
         elif control.command == 'test':
             self.tell(self.lights.test())
             self.frames.reset()
-        elif control.command == 'learn_clutter':
-            self.infrared(False)
-            self.infrared_back.reset()
 
     def on_state(self, state: State) -> None:
         report = {'ready': self.health.ok, 'refused': self.health.error}

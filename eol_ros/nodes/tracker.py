@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Camera images in, the 25 blocks out; a JPEG for people while somebody looks."""
+"""Camera images in, the 25 blocks out; a JPEG for people while somebody looks.
+
+What people ask for counts from a stamp that is said on `control`, so that a bag can be proved.
+"""
 
 import sys
 
 import numpy as np
-from eol_msgs.msg import BlockTap
+from eol_msgs.msg import BlockTap, Control
 from sensor_msgs.msg import CompressedImage
 
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.tracker import STATES, TRACKING, Tracked, Tracker
+from eol_ros.core.vision.requests import CALIBRATE, CLUTTER, DARK, SOON_NS, THRESHOLD
+from eol_ros.core.vision.tracker import STATES, Tracked, Tracker
 from eol_ros.devices.preview import Preview
+from eol_ros.devices.tracker_files import TrackerFiles
 from eol_ros.ros.blocks import RECORD, pack_blocks
 from eol_ros.ros.images import image_from_cdr
 from eol_ros.ros.node import EolNode
@@ -23,53 +27,73 @@ class TrackerNode(EolNode):
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
-        self.tracker = Tracker(self.settings, _calibration(self.settings.calibration))
+        self.files = TrackerFiles(self.settings)
+        self.tracker = Tracker(self.settings, self.files.calibration)
         self.tracker.warm_up()
-        self.images = 0
+        self.images, self.stamp_ns, self.threshold = 0, 0, self.settings.threshold
         self.record = np.zeros(N_BLOCKS, RECORD)
         self.blocks = self.publisher('blocks')
         self.pictures = self.publisher('camera/image/compressed')
+        self.said = self.publisher('control')
         self.preview = Preview(self._show)
         self.health.expects('images')
+        self.health.values['threshold'] = self.threshold
         self.subscribe('block_taps', self.on_tap)
+        self.subscribe('control', self.on_control)
         self.subscribe('camera/image_raw', self.on_image, raw=True)
 
     def on_tap(self, tap: BlockTap) -> None:
         self.tracker.tap(to_ns(tap.header.stamp) * 1e-9, tap.block, tap.sigma)
 
+    def on_settings(self, new) -> None:
+        if new.threshold != self.threshold:
+            self.threshold = self.health.values['threshold'] = new.threshold
+            self.ask(THRESHOLD, repr(float(new.threshold)))
+
+    def on_control(self, control: Control) -> None:
+        if control.target != self.NAME or control.source == self.NAME:
+            return
+        if control.command == 'calibrate':
+            self.ask(CALIBRATE)
+        elif control.command == 'set' and control.key == DARK:
+            self.ask(DARK, control.value, to_ns(control.header.stamp))
+
+    def ask(self, key: str, text: str = '', from_ns: int = 0) -> None:
+        """Let a request count from `from_ns` or from the next image, and say so."""
+        from_ns = max(from_ns, self.stamp_ns + SOON_NS) if self.images else from_ns
+        self.tracker.requests.add(from_ns, key, text)
+        said = Control(source=self.NAME, command='set', target=self.NAME, key=key, value=text)
+        said.header.stamp = to_msg(from_ns)
+        self.said.publish(said)
+
     def on_image(self, raw: bytes) -> None:
         try:
-            stamp_ns, image = image_from_cdr(raw)
+            self.stamp_ns, image = image_from_cdr(raw)
         except ValueError as error:
             return self.health.error(str(error))
-        tracked = self.tracker.update(stamp_ns * 1e-9, image)
-        self.blocks.publish(self._packed(stamp_ns, tracked))
+        if not self.images and self.files.lamps:
+            self.ask(CLUTTER, self.files.lamps, self.stamp_ns)
+        tracked = self.tracker.update(self.stamp_ns * 1e-9, image)
+        self.blocks.publish(self._packed(tracked))
         self.images += 1
         self.health.tick()
         self._tell(tracked)
         looking = self.pictures.get_subscription_count()
-        if looking and self.preview.due(stamp_ns, self.settings.preview_hz):
-            self.preview.take(stamp_ns, image)
+        if looking and self.preview.due(self.stamp_ns, self.settings.preview_hz):
+            self.preview.take(self.stamp_ns, image)
 
-    def _packed(self, stamp_ns: int, tracked: Tracked) -> bytes:
+    def _packed(self, t: Tracked) -> bytes:
         record = self.record
-        record['x'], record['y'] = tracked.world[:, 0], tracked.world[:, 1]
-        record['yaw'], record['sigma'] = tracked.yaw, tracked.sigma_m
-        record['u'], record['v'] = tracked.px[:, 0], tracked.px[:, 1]
-        record['visibility'], record['seen'] = tracked.visibility, tracked.seen
-        return pack_blocks(stamp_ns, tracked.state, tracked.symmetry_ambiguous, self.images, record)
+        record['x'], record['y'] = t.world[:, 0], t.world[:, 1]
+        record['yaw'], record['sigma'] = t.yaw, t.sigma_m
+        record['u'], record['v'] = t.px[:, 0], t.px[:, 1]
+        record['visibility'], record['seen'] = t.visibility, t.seen
+        return pack_blocks(self.stamp_ns, t.state, t.symmetry_ambiguous, self.images, record)
 
     def _tell(self, tracked: Tracked) -> None:
-        seen = int(tracked.seen.sum())
-        self.health.values.update(seen=seen, state=STATES[tracked.state])
-        if tracked.state == TRACKING and not tracked.symmetry_ambiguous:
-            self.health.ok(f'{seen} of 25 blocks seen')
-        elif tracked.state == TRACKING:
-            self.health.warn(
-                'which way round the lattice lies is open: ids may be turned by 90 deg'
-            )
-        else:
-            self.health.warn(f'{STATES[tracked.state]}: {tracked.why}')
+        self.health.values.update(seen=int(tracked.seen.sum()), state=STATES[tracked.state])
+        good, text = self.files.words(self.tracker, tracked)
+        (self.health.ok if good else self.health.warn)(text)
 
     def _show(self, stamp_ns: int, jpeg: bytes) -> None:
         message = CompressedImage(format='mono8; jpeg compressed')
@@ -81,15 +105,6 @@ class TrackerNode(EolNode):
         self.preview.close()
 
 
-def _calibration(path: str) -> Calibration:
-    if not path:
-        return Calibration.ideal()
-    from eol_ros.devices import calibration_file
-
-    return calibration_file.load(path)
-
-
 main = runner(TrackerNode)
-
 if __name__ == '__main__':
     sys.exit(main())

@@ -4,8 +4,9 @@
 import sys
 
 import numpy as np
-from eol_msgs.msg import RimCommand, Truth
+from eol_msgs.msg import Control, RimCommand, Truth
 
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.hands import Commands, Rim, Visitors
 from eol_ros.core.physics.live import LiveTable
 from eol_ros.core.vision.calibration import Calibration
@@ -28,12 +29,9 @@ class TwinNode(EolNode):
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
-        s = self.settings
+        s, exposure_s = self.settings, self.settings.exposure_us * 1e-6
         calibration = Calibration.ideal(s.width, s.height)
-        exposure_s = s.exposure_us * 1e-6
-        options = RenderOptions(
-            noise=s.noise, clutter=s.clutter, exposure_s=exposure_s, rate_hz=s.fps
-        )
+        options = RenderOptions(s.noise, s.clutter, exposure_s=exposure_s, rate_hz=s.fps)
         self.renderer = Renderer(options, calibration, s.seed)
         self.table, self.rim = LiveTable(s.seed), Rim()
         self.visitors, self.commands = Visitors(s.seed), Commands()
@@ -44,7 +42,9 @@ class TwinNode(EolNode):
         self.truth = self.publisher('truth')
         self.info = self.publisher('camera/camera_info')
         self.info.publish(camera_info(calibration))
+        self.infrared = np.ones(N_BLOCKS)  # light of each block
         self.subscribe('rim_command', self.on_rim_command)
+        self.subscribe('control', self.on_control)
         self.film(0, 1e-4)  # compiles what is not compiled yet, before the clock runs
         self.audience, self.camera = Audience(self), None
         self.create_timer(0.1, self.check)
@@ -52,6 +52,10 @@ class TwinNode(EolNode):
     def on_rim_command(self, command: RimCommand) -> None:
         velocity = command.vx, command.vy, command.yaw_rate
         self.commands.take(self.time_s, command.source, velocity, command.hold)
+
+    def on_control(self, control: Control) -> None:
+        if (control.target, control.key) == (self.NAME, 'infrared'):
+            self.infrared = int(control.value) >> np.arange(N_BLOCKS) & 1
 
     def expose(self, index: int, stamp_ns: int) -> None:
         """Move hands, rim and table to `stamp_ns`, and film them."""
@@ -68,7 +72,8 @@ class TwinNode(EolNode):
         self.rim.advance(span_s, hands, self.commands.velocity(self.time_s))
         t = self.table
         t.advance(begin_s, self.time_s, self.rim.pose, self.rim.velocity)
-        self.renderer.render(t.x, t.y, t.yaw, index, self.image, velocity=t.velocity)
+        ir = self.infrared
+        self.renderer.render(t.x, t.y, t.yaw, index, self.image, velocity=t.velocity, ir=ir)
 
     def deliver(self) -> None:
         """Publish the image and what was true."""

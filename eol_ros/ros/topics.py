@@ -86,8 +86,9 @@ _ROWS = (
           "the engine's output, only while somebody subscribes"),
     Topic('wall', 'eol_msgs/msg/Wall', 'latched', ('montage',), ('panel',),
           'the pair on the two walls'),
-    Topic('control', 'eol_msgs/msg/Control', 'stream', ('panel',),
-          ('leds', 'grains', 'sound', 'montage', 'panel'), 'requests of people'),
+    Topic('control', 'eol_msgs/msg/Control', 'stream', ('panel', 'leds', 'tracker'),
+          ('tracker', 'twin', 'leds', 'grains', 'sound', 'montage', 'panel'),
+          'requests of people; from which image on the tracker heeds them'),
     Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', 'health', ('every node',),
           ('panel', 'recorder'), 'state of every node, once a second'),
 )

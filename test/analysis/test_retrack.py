@@ -13,10 +13,11 @@ from eol_ros.core.vision.calibration import Calibration
 from eol_ros.errors import ConfigError
 
 STEP_NS = 16_666_667
+DARK = range(112, 132)  # pictures without infrared light, of which the tracker is told
 T0 = 1_700_000_000_000_000_000
 
 
-def scene_of_blocks(count=125):
+def scene_of_blocks(count=150):
     """Yield (25, 2) positions in m and (25,) yaws: at rest, then three blocks slip, then rest."""
     at = rest_lattice().astype(float)
     yaw = np.zeros(25)
@@ -33,9 +34,11 @@ def scene_of_blocks(count=125):
 
 @pytest.fixture(scope='module')
 def run(tmp_path_factory, matched):
-    """A bag of 125 pictures and all that tracker, motion and grains made of them."""
+    """A bag of 150 pictures and all that tracker, motion and grains made of them."""
     import rclpy
+    from eol_msgs.msg import Control
     from rclpy.executors import SingleThreadedExecutor
+    from rclpy.parameter import Parameter
 
     from eol_ros.core.vision.renderer import Renderer
     from eol_ros.nodes.grains import GrainsNode
@@ -44,6 +47,7 @@ def run(tmp_path_factory, matched):
     from eol_ros.nodes.tracker import TrackerNode
     from eol_ros.ros.images import ImagePublisher
     from eol_ros.ros.node import EolNode
+    from eol_ros.ros.stamps import to_msg
     from eol_ros.scene import Scene
     from eol_ros.settings import NODES, MontageSettings, RecorderSettings
 
@@ -62,6 +66,7 @@ def run(tmp_path_factory, matched):
         nodes.append(kind(scene.settings(kind.NAME), scene=scene))
     camera = Camera(MontageSettings())
     publisher = ImagePublisher(camera, 'camera/image_raw')
+    asks = camera.publisher('control')
     executor = SingleThreadedExecutor()
     for node in (*nodes, camera):
         executor.add_node(node)
@@ -77,7 +82,17 @@ def run(tmp_path_factory, matched):
         spin(lambda: matched(*nodes, camera) and grains.corpus is not None)
         renderer = Renderer(calibration=Calibration.ideal(), seed=5)
         for i, (at, yaw) in enumerate(scene_of_blocks()):
-            picture = renderer.render(at[:, 0], at[:, 1], yaw, i)
+            lit = np.full(25, 0.0 if i in DARK else 1.0)
+            picture = renderer.render(at[:, 0], at[:, 1], yaw, i, ir=lit)
+            if i == 98:  # what is asked for while running must not spoil the proof
+                nodes[3].set_parameters([Parameter('threshold', value=60.0)])
+                spin(lambda: recorder.recording.received['/eol/control'] == 1)
+            if i == DARK[0] - 3:
+                ask = Control(source='leds', command='set', target='tracker', key='dark')
+                ask.header.stamp = to_msg(T0 + DARK[0] * STEP_NS)
+                ask.value = str(T0 + (DARK[-1] + 1) * STEP_NS)
+                asks.publish(ask)
+                spin(lambda: recorder.recording.received['/eol/control'] == 3)
             publisher.publish(T0 + i * STEP_NS, picture)
             spin(lambda i=i: recorder.recording.received['/eol/blocks'] == i + 1)
         end = time.monotonic() + 0.3
@@ -99,11 +114,21 @@ def test_pictures_give_the_recorded_results_to_the_last_bit(run):
     assert set(result.topics) == {'blocks', 'slips', 'cascades', 'grain_triggers'}
     for check in result.topics.values():
         assert check.equal, check
-    assert result.topics['blocks'].recorded == 125
+    assert result.topics['blocks'].recorded == 150
     assert result.topics['slips'].recorded == 6
     assert result.topics['cascades'].recorded >= 1
     assert result.topics['grain_triggers'].recorded >= 1
     assert result.equal
+
+
+@pytest.mark.slow
+def test_the_proof_needs_what_was_asked_for(run, monkeypatch):
+    rows = run.table('control')
+    assert rows['key'].tolist() == ['threshold', 'dark', 'dark']
+    dark = run.table('blocks')['state'][DARK[0] : DARK[-1] + 1]
+    assert (dark == 2).all()  # LOST
+    monkeypatch.setattr('eol_ros.analysis.retrack._requests', lambda bag: [])
+    assert retrack(run).topics['blocks'].different
 
 
 @pytest.mark.slow
@@ -138,7 +163,7 @@ def test_the_proof_ends_where_a_picture_is_missing(run, monkeypatch):
     assert result.equal
     assert result.topics['blocks'].recomputed == 60
     assert result.notes == [
-        'blocks compared up to image 60 of 125: the picture of the next is not in the bag'
+        'blocks compared up to image 60 of 150: the picture of the next is not in the bag'
     ]
 
 

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a tracker reads when it begins and keeps when it has learnt: calibration and lamps."""
+
+from pathlib import Path
+
+from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.requests import packed
+from eol_ros.core.vision.tracker import STATES, TRACKING, Tracked, Tracker
+from eol_ros.errors import EolError
+from eol_ros.settings import TrackerSettings
+
+TOLD_S = 20.0  # how long the status says what came of a request
+
+
+class TrackerFiles:
+    """The files that settings name. `calibration` to begin with; `lamps`, a map as text, or ''.
+
+    A calibration made while running goes beside the old one as NAME.new.yaml: the bags of today say
+    that they were made with the old one.
+
+    Raises:
+        ConfigError, DeviceMissing: a file that cannot be read. A map that is not there yet is none.
+    """
+
+    def __init__(self, settings: TrackerSettings):
+        self.settings = settings
+        self.calibration, self.lamps = Calibration.ideal(), ''
+        if settings.calibration:
+            from eol_ros.devices import calibration_file
+
+            self.calibration = calibration_file.load(settings.calibration)
+        if settings.clutter and Path(settings.clutter).exists():
+            from eol_ros.devices import clutter_file
+
+            self.lamps = packed(clutter_file.load(settings.clutter))
+        self._told = ''
+        self._until_s = 0.0
+
+    def words(self, tracker: Tracker, tracked: Tracked) -> tuple[bool, str]:
+        """Return whether all is well, and one line; what came of a request is kept and said."""
+        if tracker.outcome != self._told:
+            self._until_s = tracked.stamp_s + TOLD_S
+            if not tracker.refused:
+                tracker.outcome += self._keep(tracker)
+            self._told = tracker.outcome
+        good, text = tracked.state == TRACKING, f'{STATES[tracked.state]}: {tracked.why}'
+        if good:
+            text = f'{int(tracked.seen.sum())} of 25 blocks seen'
+            if tracked.symmetry_ambiguous:
+                good = False
+                text = 'which way round the lattice lies is open: ids may be turned by 90 deg'
+        if tracked.stamp_s < self._until_s:
+            return good and not tracker.refused, f'{tracker.outcome}; {text}'
+        return good, text
+
+    def _keep(self, tracker: Tracker) -> str:
+        """Write down what was learnt; return where, for people."""
+        try:
+            if tracker.outcome.startswith('lamps') and tracker.finder.clutter is not None:
+                if not self.settings.clutter:
+                    return ''
+                from eol_ros.devices import clutter_file
+
+                clutter_file.save(self.settings.clutter, tracker.finder.clutter)
+                return f', kept in {self.settings.clutter}'
+            if not self.settings.calibration or tracker.calibration is None:
+                return ', until the next start'
+            from eol_ros.devices import calibration_file
+
+            path = Path(self.settings.calibration).with_suffix('.new.yaml')
+            calibration_file.save(path, tracker.calibration)
+            return f', kept in {path}'
+        except EolError as error:
+            return f', but not kept: {error}'

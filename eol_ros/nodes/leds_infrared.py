@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The infrared light of the blocks over time: dark for a moment, or one block that blinks."""
+
+from eol_msgs.msg import Control
+
+from eol_ros.core.serial_protocol import ALL_BLOCKS
+from eol_ros.devices.lights import Sent
+from eol_ros.ros.stamps import NS, to_msg
+
+CLUTTER_S = 1.5  # the tracker looks at the table without infrared for this long
+FADE_NS = 60_000_000  # less at both ends: bytes, LEDs and exposures take their time
+
+
+class Infrared:
+    """Timers of `node`; `tell` takes each packet. What others must know goes out on `control`."""
+
+    def __init__(self, node, lights, tell):
+        s = node.settings
+        self.node, self.lights, self.tell = node, lights, tell
+        self.asks = node.publisher('control')
+        self.relight = node.create_timer(CLUTTER_S, self.light)
+        self.unblink = node.create_timer(s.blink_off_s, self.light)
+        self.relight.cancel()
+        self.unblink.cancel()
+        if s.blink_block >= 0:
+            node.create_timer(s.blink_period_s, lambda: self.blink(s.blink_block))
+
+    def darken(self) -> None:
+        """Switch all off for a moment, and tell the tracker from when to when."""
+        sent = self._switch(0)
+        if sent is not None:
+            self.relight.reset()
+            until_ns = sent.sent_ns + round(CLUTTER_S * NS) - FADE_NS
+            self._say('tracker', 'dark', str(until_ns), sent.sent_ns + FADE_NS)
+
+    def blink(self, block: int) -> None:
+        """Switch one block off for a moment, unless all are."""
+        if self.relight.is_canceled():
+            self._switch(ALL_BLOCKS & ~(1 << block))
+            self.unblink.reset()
+
+    def light(self) -> None:
+        self.relight.cancel()
+        self.unblink.cancel()
+        self._switch(ALL_BLOCKS)
+
+    def _switch(self, mask: int) -> Sent | None:
+        sent = self.lights.infrared(mask)
+        self.tell(sent)
+        if sent is not None and self.lights.twin:  # what the twin's camera sees of it
+            self._say('twin', 'infrared', str(mask), sent.sent_ns)
+        return sent
+
+    def _say(self, target: str, key: str, value: str, stamp_ns: int) -> None:
+        said = Control(
+            source=self.node.NAME, command='set', target=target, key=key, value=value
+        )
+        said.header.stamp = to_msg(stamp_ns)
+        self.asks.publish(said)
