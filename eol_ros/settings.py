@@ -197,8 +197,8 @@ class GrainsSettings:
     stop_mps: float = setting(0.006, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
     rest_s: float = setting(0.03, 'after this time', 's', 0, 1, live=True)
     gain: float = setting(1.0, 'of a grain at full speed', '', 0, 8, live=True)
-    gain_floor: float = setting(0.15, 'of a grain at no speed, as a share', '', 0, 1, live=True)
-    gain_curve: float = setting(0.5, 'power by which gain follows speed', '', 0, 4, live=True)
+    gain_floor: float = setting(0.1, 'of a grain at no speed, as a share', '', 0, 1, live=True)
+    gain_curve: float = setting(0.8, 'power by which gain follows speed', '', 0, 4, live=True)
     full_mps: float = setting(0.25, 'speed of full gain', 'm/s', 0.001, 10, live=True)
     pan_width: float = setting(0.8, 'how far the edge of the space is panned', '', -1, 1, live=True)
     rate: float = setting(1.0, 'speed of reading', '', 0.0625, 16, live=True)
@@ -206,9 +206,12 @@ class GrainsSettings:
         0.5, 'of that speed, in semitones either way', 'st', 0, 24, live=True
     )
     attack_s: float = setting(0.005, 'rise of a grain', 's', 0.002, 10, live=True)
-    release_s: float = setting(0.06, 'fall of a grain', 's', 0.002, 10, live=True)
+    release_s: float = setting(0.2, 'fall of a grain', 's', 0.002, 10, live=True)
     edge_jitter: float = setting(0.3, 'of rise and fall, as a share', '', 0, 1, live=True)
-    swap_s: float = setting(1.0, 'in which a new corpus rises', 's', 0, 60, live=True)
+    swap_s: float = setting(
+        0.0, 'in which a new corpus rises; 0: grain by grain as the old ones end', 's', 0, 60,
+        live=True,
+    )  # fmt: skip
     seed: int = setting(1, 'of the ice recording and of all jitter', '', 0, live=True)
 
 
@@ -220,7 +223,7 @@ class SoundSettings:
     channels: int = setting(2, 'loudspeakers in a row, left to right', '', 1, 64)
     block_size: int = setting(256, 'samples a callback', '', 32, 4096)
     latency_s: float = setting(0.025, 'from the stamp of an image to sound', 's', 0, 1, live=True)
-    gain_db: float = setting(-6.0, 'master gain', 'dB', -90, 24, live=True)
+    gain_db: float = setting(-4.0, 'master gain', 'dB', -90, 24, live=True)
     reading: str = setting(
         'cubic', 'between samples', choices=('cubic', 'linear'), live=True
     )

@@ -63,8 +63,11 @@ def resample(samples: np.ndarray, rate_from: int, rate_to: int) -> np.ndarray:
 
 def write(path, samples: np.ndarray, rate: int, subtype: str | None = None) -> None:
     """Write (n,) or (n, channels) to a file whose ending names the format."""
+    channels = 1 if samples.ndim == 1 else samples.shape[1]
     try:
-        soundfile.write(path, samples, rate, subtype=subtype)
+        with soundfile.SoundFile(path, 'w', rate, channels, subtype=subtype) as file:
+            for k in range(0, len(samples), LAST):  # libsndfile dies of a long piece of Vorbis
+                file.write(samples[k : k + LAST])
     except (soundfile.LibsndfileError, OSError, ValueError, TypeError) as error:
         raise ConfigError(f'{path}: cannot write this sound ({error})') from None
 

@@ -16,6 +16,7 @@ from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import now_ns
 
 LEAD_S = 1.0  # a new corpus is told this long before its grains are, for the sound to be read in
+READ = 50.0  # and a long one longer: this many seconds of sound are read in a second
 
 
 class GrainsNode(EolNode):
@@ -71,7 +72,8 @@ class GrainsNode(EolNode):
 
     def show(self, corpus: Corpus) -> None:
         self.corpus = corpus
-        since_s = self.selector.load(corpus, LEAD_S)
+        lead_s = sum(source.duration_s for source in corpus.sources) / READ
+        since_s = self.selector.load(corpus, min(max(lead_s, LEAD_S), 30.0))
         self.since_ns = now_ns() if since_s < 0 else round(since_s * 1e9)
         self.corpora.publish(self.message(corpus))
         for note in corpus.notes:

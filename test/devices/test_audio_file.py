@@ -122,3 +122,11 @@ def test_a_real_recording():
     assert (sound.rate, sound.channels, sound.duration_s) == (44100, 2, 9.0)
     reference, _ = soundfile.read(path)
     np.testing.assert_allclose(sound.samples, reference.mean(axis=1), atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_minute_of_vorbis_can_be_written(tmp_path):
+    """Handed over in one piece it ends the process (libsndfile 1.2)."""
+    samples = np.random.default_rng(1).uniform(-0.1, 0.1, 60 * 44100).astype('f4')
+    audio_file.write(tmp_path / 'x.ogg', samples, 44100)
+    assert audio_file.read_mono(tmp_path / 'x.ogg').duration_s == pytest.approx(60, abs=0.01)

@@ -219,7 +219,7 @@ class Mixer:
         channels: int = 2,
         max_voices: int = 512,
         cubic: bool = True,
-        gain_db: float = -6.0,
+        gain_db: float = -4.0,
         ceiling_db: float = -1.0,
         loudness_lufs: float = -18.0,
         governor_db: float = 6.0,
