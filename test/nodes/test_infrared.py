@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Twin, leds and tracker together: what is switched off is seen by the one who must know."""
+
+import time
+
+import pytest
+from eol_msgs.msg import Blocks, Control
+from rclpy.executors import SingleThreadedExecutor
+
+from eol_ros.nodes.leds import LedsNode
+from eol_ros.nodes.tracker import TrackerNode
+from eol_ros.nodes.twin import TwinNode
+from eol_ros.ros.node import EolNode
+from eol_ros.scene import Scene
+from eol_ros.settings import LedsSettings, MontageSettings, TrackerSettings, TwinSettings
+
+BLINK = {'blink_block': 7, 'blink_period_s': 0.6, 'blink_off_s': 0.1}
+
+
+class Panel(EolNode):
+    """Who asks and looks on."""
+
+    NAME = 'montage'
+
+    def __init__(self):
+        super().__init__(MontageSettings(), scene=Scene('panel', {}))
+        self.blocks, self.said, self.states = [], [], []
+        self.asks = self.publisher('control')
+        self.subscribe('control', self.said.append)
+        self.subscribe('blocks', self.blocks.append)
+        self.subscribe('/diagnostics', self.on_diagnostics)
+
+    def on_diagnostics(self, array):
+        self.states += [s.message for s in array.status if s.name == 'eol: tracker']
+
+
+@pytest.fixture
+def show(ros, matched, request):
+    """Nodes over real DDS; the twin's table is at rest."""
+    tracker, leds = request.param
+    alone = Scene('test', {})
+    nodes = [
+        TrackerNode(TrackerSettings(**tracker), scene=alone),
+        LedsNode(LedsSettings(port='twin', **leds), scene=alone),
+        TwinNode(TwinSettings(hands='nobody', fps=30.0), scene=alone),
+        Panel(),
+    ]
+    executor = SingleThreadedExecutor()
+    for node in nodes:
+        executor.add_node(node)
+
+    def until(condition, timeout_s=60.0):
+        deadline = time.monotonic() + timeout_s
+        while not condition() and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.02)
+        return condition()
+
+    panel = nodes[-1]
+    assert until(lambda: matched(*nodes))
+    assert until(lambda: nodes[1].lights.board.ready)
+    assert until(lambda: panel.blocks and panel.blocks[-1].state == Blocks.TRACKING)
+    yield (*nodes, until)
+    for node in nodes:
+        node.close()
+    executor.shutdown()
+    for node in nodes:
+        node.destroy_node()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('show', [({'clutter': 'lamps.png'}, {})], indirect=True)
+def test_the_button_makes_the_tracker_learn_the_lamps(show, tmp_path, monkeypatch):
+    tracker, _leds, _twin, panel, until = show
+    monkeypatch.chdir(tmp_path)
+    panel.asks.publish(Control(command='learn_clutter', target='tracker'))
+    assert until(lambda: any(b.state == Blocks.LOST for b in panel.blocks))
+    assert until(lambda: any('lamps learnt' in text for text in panel.states))
+    assert tracker.tracker.finder.clutter is not None
+    assert (tmp_path / 'lamps.png').exists()
+    assert until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
+    heeded = [c for c in panel.said if c.source == 'tracker']
+    assert [c.key for c in heeded] == ['dark']
+    assert int(heeded[0].value) > heeded[0].header.stamp.sec * 10**9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('show', [(BLINK | {'trust_start': False}, BLINK)], indirect=True)
+def test_one_blinking_block_tells_which_way_round(show):
+    _tracker, _leds, _twin, panel, until = show
+    assert any(b.symmetry_ambiguous for b in panel.blocks)
+    assert until(lambda: not panel.blocks[-1].symmetry_ambiguous)
+    block = panel.blocks[-1].blocks[24]
+    assert abs(block.x - 0.35) < 0.02
+    assert abs(block.y - 0.35) < 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('show', [({}, {})], indirect=True)
+def test_calibration_and_threshold_from_the_panel(show):
+    tracker, _leds, twin, panel, until = show
+    panel.asks.publish(Control(command='calibrate', target='tracker'))
+    assert until(lambda: any('calibrated by the blocks' in text for text in panel.states))
+    assert until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
+    assert abs(panel.blocks[-1].blocks[24].x - twin.table.x[24]) < 0.002
+    from rclpy.parameter import Parameter
+
+    tracker.set_parameters([Parameter('threshold', value=250.0)])
+    assert until(lambda: not any(b.seen for b in panel.blocks[-1].blocks))
+    tracker.set_parameters([Parameter('threshold', value=0.0)])
+    assert until(lambda: all(b.seen for b in panel.blocks[-1].blocks))
+    assert [c.key for c in panel.said if c.source == 'tracker'] == [
+        'calibrate', 'threshold', 'threshold',
+    ]  # fmt: skip
