@@ -13,13 +13,13 @@ from eol_ros.core.geometry import COLS, N_BLOCKS
 
 LAG_S = 0.25  # evidence is judged this long after its stamp, when all of it has arrived
 WINDOW_S = 0.04  # an onset and a tap further apart are of two slips
-TIMING_S = 0.0015  # of clocks and onsets, beside what they say of themselves
+TIMING_S = 0.002  # of clocks and onsets, beside what they say of themselves
 HEARD = 0.95  # share of slips whose tap arrives
 SEEN = 0.88  # share of taps whose slip is seen to begin
 RATE_HZ = 0.7  # slips of one block, a second: how often a tap is there by chance
 BURST_S = 0.1  # and how many of them there are about, this near
 MISSEEN = 0.05  # share of onsets that are none, or at another time
-MARGIN = 12.0
+MARGIN = 13.0
 SURE_MARGIN = 25.0  # to contradict a turn that was thought known
 
 

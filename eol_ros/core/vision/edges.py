@@ -21,6 +21,10 @@ from eol_ros.core.vision.profiles import CORNER, FIRST, FLAT, NU, NV, OFFSET, WE
 SETTLED_PX = 0.03  # a last step below this leaves no error that counts,
 SETTLED_SIGMAS = 6.0  # nor one of so many standard deviations: a twentieth of a step is left
 SETTLED_MOST_PX = 0.2  # where the square was expected no further off than this
+RUN = 10  # profiles of one stretch of an edge
+CHANCE = 1.8  # noise alone makes stretches seldom differ by more
+ALIKE_PX = 1.0  # what is further off is another edge
+DOUBTFUL = 0.65  # share below which a good start is mistrusted, and the edges are searched for
 WHOLE = 0.9  # share of the edge in sight from which a block needs no help
 FIELDS = 11  # of one fitted square
 U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST, ALONE = range(FIELDS)
@@ -165,6 +169,35 @@ def _follow(work, n, step):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
+def _alike(work, ends, step):
+    """Return by how much more neighbouring profiles err alike than noise would: >= 1.
+
+    Texture, arms and a shape that is not quite square move whole stretches of an edge. Means over
+    RUN profiles then scatter more than single ones divided by RUN.
+    """
+    single = joint = used = runs = 0.0
+    for side in range(4):
+        for begin in range(ends[side], ends[side + 1] - RUN + 1, RUN):
+            total = weight = square = 0.0
+            for i in range(begin, begin + RUN):
+                rest = work[OFFSET + i] - (work[NU + i] * step[0] + work[NV + i] * step[1]
+                                            - work[T + i] * step[2] + step[3])
+                w = work[WEIGHT + i] if abs(rest) < ALIKE_PX else 0.0
+                total += w * rest
+                square += w * rest * rest
+                weight += w
+            if weight > 0:
+                single += square
+                joint += total * total / weight
+                used += RUN
+                runs += 1.0
+    if runs < 4 or single <= 0.0:
+        return 1.0
+    ratio = joint / runs / (single / used)
+    return min(ratio, RUN) if ratio > CHANCE else 1.0
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
 def _fit(image, square, expected, half_sigma, tight, searches, blur, shear, pixels, work, ends, a,
          step, shares, spread):
     """Fit one square from `square` (FIELDS,): u, v, theta, half; fill in the other fields."""
@@ -227,7 +260,7 @@ def _fit(image, square, expected, half_sigma, tight, searches, blur, shear, pixe
     for side in range(4):
         shares[side] = min(shares[side] * spread[5], 1.0)
     square[VISIBLE] = share
-    square[SIGMA] = math.sqrt(variance * 0.5 * (a[0, 0] + a[1, 1]))
+    square[SIGMA] = math.sqrt(variance * _alike(work, ends, step) * 0.5 * (a[0, 0] + a[1, 1]))
     both_ways = min(max(shares[0], shares[2]), max(shares[1], shares[3]))
     off = (free_half - expected) / (3.0 * half_sigma + 0.04 * expected)
     sharp = 1.0 - min(max(2.5 * (spread[4] - 0.15), 0.0), 1.0)
@@ -283,7 +316,7 @@ def fit_squares(image, starts, shears, blur, half_sigma, tight, search, pixels, 
         square[:4] = starts[s]
         _fit(image, square, starts[s, 3], half_sigma, tight, search, blur, shears[s], pixels, work,
              ends, a, step, shares, spread)
-        if search == 0 and square[VISIBLE] < 0.75:
+        if search == 0 and square[VISIBLE] < DOUBTFUL:
             second[:4] = starts[s]
             _fit(image, second, starts[s, 3], half_sigma, tight, 2, blur, shears[s], pixels, work,
                  ends, a, step, shares, spread)

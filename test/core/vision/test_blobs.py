@@ -157,3 +157,37 @@ def test_the_same_images_give_the_same_numbers():
 def test_wrong_images_are_refused_with_their_shape(image, words):
     with pytest.raises(ConfigError, match=words):
         BlobFinder().find(image)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('clutter', ['clean', 'ordinary', 'hard'])
+def test_an_arm_across_half_a_block_moves_it_little_and_is_told(clutter):
+    """Lens, tilt and texture included: the picture of a square is not a square there."""
+    calibration = clutter_calibration(clutter)
+    renderer = Renderer(RenderOptions(clutter=clutter), calibration, 4)
+    renderer.clutter.arms = lambda index: (np.zeros((0, 5)), np.zeros(0))
+    finder, rest, yaw = BlobFinder(calibration=calibration), rest_lattice(), np.full(25, 0.05)
+    near = np.column_stack([calibration.to_pixels(rest), yaw])
+    for k in range(8):  # it learns how bright covers are
+        finder.find(renderer.render(*rest.T, yaw, k, flash=np.zeros(25)), near)
+    left, sigma, shares = [], [], []
+    for k in range(12):
+        xy = rest + np.random.default_rng(k).normal(0, 0.003, (25, 2))
+        y = xy[10:15, 1].mean() + (0.05 if k % 2 else -0.05)
+        arm = np.array([[-0.6, y, 0.6, y + 0.04, 0.035]])
+        image = renderer.render(*xy.T, yaw, 20 + k, flash=np.zeros(25), arms=arm)
+        share = renderer.visible_share(*xy.T, yaw, 20 + k, arms=arm)
+        blobs = finder.find(image, np.column_stack([calibration.to_pixels(xy), yaw]))
+        px = np.column_stack([blobs['u'], blobs['v']])
+        place = calibration.poses_to_table(px, blobs['theta'], blobs['side_px'])[:, :2]
+        for block in np.flatnonzero((share > 0.5) & (share < 0.98)):
+            far = (place - xy[block]) * calibration.px_per_m()
+            i = np.hypot(*far.T).argmin()
+            if np.abs(far[i]).max() < 5:
+                left.append(far[i])
+                sigma.append(blobs['sigma_px'][i])
+            shares.append(share[block])
+    assert len(left) > 0.9 * len(shares) > 20
+    rms = np.sqrt(np.mean(np.square(left)))
+    assert rms < {'clean': 0.05, 'ordinary': 0.12, 'hard': 0.2}[clutter]
+    assert rms < 3 * np.sqrt(np.mean(np.square(sigma)))
