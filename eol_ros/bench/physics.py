@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros.bench import physics_peers as peers
-from eol_ros.core.physics import builders, event2d, exact1d, named, plan
+from eol_ros.core.physics import builders, event2d, exact1d, named, plan, turning
 from eol_ros.core.physics.hands import Rim, Visitors
 from eol_ros.core.physics.live import LiveTable
 from eol_ros.core.physics.model import Model
@@ -30,12 +30,19 @@ EXAMPLES = [
 PEER_S = 2.5  # slow peers run this far; we are timed on the same stretch beside them
 SIZES = (1, 4, 25, 100, 400, 2500, 10_000)
 LIMITS = Limits(events=200_000, steps=2_000_000)
+PARTS = ('own', 'turning', 'peers', 'extremes', 'sizes', 'live')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='everything as JSON')
     parser.add_argument('--quick', action='store_true', help='no peers, smaller sizes')
     parser.add_argument('--plots', metavar='DIR', help='draw the results there')
+    parser.add_argument(
+        '--part', choices=PARTS, action='append', help='only this part; may be given again'
+    )
+    parser.add_argument('--with', dest='earlier', metavar='FILE.json', action='append',
+                        default=[], help='take the other parts from an earlier --json run')
+    parser.add_argument('--peer', default='', metavar='TEXT', help='only peers whose row has TEXT')
 
 
 def cpu_s(work: Callable, repeat: int) -> tuple[object, float]:
@@ -95,39 +102,78 @@ def own_rows(name: str, quick: bool) -> list[dict]:
     return rows
 
 
-def peer_rows() -> list[dict]:
-    """Return the rows of the peers, each with our time on the same stretch at its error or less."""
-    rows = []
+EQUAL = {'mu_s': 0.65, 'mu_k': 0.65}  # for engines that know one coefficient only
 
-    def add(name: str, method: str, module: str, solve: Callable, seconds: float) -> None:
-        if importlib.util.find_spec(module) is None:
-            rows.append({'scene': name, 'method': method, 'status': f'{module} is not installed'})
-            return
-        scene = from_mapping(named.scene(name) | {'T': seconds})
-        model, times = Model.of(scene), sample_times(seconds, 0.1)
-        truth = reference_of(scene, model, times)
-        u, took = cpu_s(lambda: solve(scene, times), 1)
-        if plan.along_x(scene):
-            ours, own = cpu_s(lambda: exact1d.solve(scene, model, times, LIMITS, False), 10)
-        else:
-            ours, own = cpu_s(lambda: event2d.solve(scene, model, times, LIMITS, False, 1e-11), 5)
-        rows.append({
-            'scene': name, 'method': method, 'seconds': seconds, 'ms': took * 1e3,
-            'error_m': error_of(u, truth), 'own_ms': own * 1e3,
-            'own_error_m': error_of(ours.u, truth), 'ratio': took / own, 'status': 'ok',
-        })
 
+def peer_row(name: str, method: str, module: str, solve: Callable, seconds: float) -> dict:
+    """Return the row of one peer, with our time on the same stretch beside it."""
+    row = {'scene': name, 'method': method, 'seconds': seconds}
+    there = peers.siconos_python() if module == 'siconos' else importlib.util.find_spec(module)
+    if there is None:
+        return row | {'status': f'{module} is not installed'}
+    given = named.scene(name.removesuffix(' equal')) | {'T': seconds}
+    scene = from_mapping(given | EQUAL if name.endswith(' equal') else given)
+    model, times = Model.of(scene), sample_times(seconds, 0.1)
+    truth = reference_of(scene, model, times)
+    u, took = cpu_s(lambda: solve(scene, times), 1)
+    if isinstance(u, tuple):
+        u, took = u  # another process: its own processor time
+    if len(u) < len(times):
+        return row | {'status': f'gave up at {times[len(u) - 1]:g} s', 'ms': took * 1e3}
+    if plan.along_x(scene):
+        ours, own = cpu_s(lambda: exact1d.solve(scene, model, times, LIMITS, False), 10)
+    else:
+        tolerance = 1e-6 if name.endswith(' equal') else 1e-11
+        ours, own = cpu_s(lambda: event2d.solve(scene, model, times, LIMITS, False, tolerance), 3)
+    return row | {
+        'status': 'ok', 'ms': took * 1e3, 'error_m': error_of(u, truth), 'own_ms': own * 1e3,
+        'own_error_m': error_of(ours.u, truth), 'ratio': took / own,
+    }
+
+
+def peer_rows(only: str) -> list[dict]:
+    """Return the rows of the peers, each on scenes that it can take."""
+    work = []
     for name, seconds in (('S3G', PEER_S), ('S4L', 1.0)):
         for rtol in (1e-7, 1e-10):
-            add(name, f'scipy DOP853 events {rtol:g}', 'scipy',
-                lambda s, t, r=rtol: peers.scipy_events(s, t, r), seconds)
-    for method in ('LSODA', 'Radau'):
-        add('S1', f'scipy {method} smooth', 'scipy',
-            lambda s, t, m=method: peers.scipy_smooth(s, t, m), 3.5)
-    for step_s, stiff in ((1e-3, False), (1e-3, True), (1e-4, True)):
-        add('S3E', f'mujoco {step_s:g}{" stiff" if stiff else ""}', 'mujoco',
-            lambda s, t, h=step_s, f=stiff: peers.mujoco(s, t, h, f), 10.0)
-    add('S3E', 'pymunk 0.001', 'pymunk', lambda s, t: peers.pymunk(s, t, 1e-3), 5.0)
+            work.append((name, f'scipy DOP853 events {rtol:g}', 'scipy',
+                         lambda s, t, r=rtol: peers.scipy_events(s, t, r), seconds))
+    for name, seconds in (('S1', 10.0), ('S3L', 3.0), ('S4L', 0.6)):
+        for method in ('LSODA', 'Radau'):
+            work.append((name, f'scipy {method} smooth', 'scipy',
+                         lambda s, t, m=method: peers.scipy_smooth(s, t, m), seconds))
+    for name, seconds in (('S3E', 10.0), ('S5 equal', 10.0)):
+        for step_s, stiff in ((1e-3, False), (1e-3, True), (1e-4, True)):
+            work.append((name, f'mujoco {step_s:g}{" stiff" if stiff else ""}', 'mujoco',
+                         lambda s, t, h=step_s, f=stiff: peers.mujoco(s, t, h, f), seconds))
+    work.append(('S4L equal', 'mujoco contacts 0.001', 'mujoco',
+                 lambda s, t: peers.mujoco_plane(s, t, 1e-3), 5.0))
+    for name in ('S3E', 'S5 equal', 'S4L equal'):
+        work.append((name, 'pymunk 0.001', 'pymunk', lambda s, t: peers.pymunk(s, t, 1e-3), 5.0))
+    for name in ('S3E', 'S5 equal'):
+        for step_s, seconds in ((1e-2, 5.0), (2e-3, 2.5)):
+            work.append((name, f'siconos {step_s:g}', 'siconos',
+                         lambda s, t, h=step_s: peers.siconos(s, t, h), seconds))
+    wanted = [row for row in work if only in f'{row[0]} {row[1]}']
+    return [peer_row(*row) for row in track(wanted, 'peers')]
+
+
+def turning_rows() -> list[dict]:
+    """Return error against time of blocks that turn, against tolerance 1e-14."""
+    rows = []
+    for name in ('S4L', 'S4G'):
+        scene = from_mapping(named.scene(name) | {'rotation': {'side': 0.084}})
+        model, times = Model.of(scene), sample_times(scene.duration_s, 0.1)
+        truth = turning.solve(scene, model, times, LIMITS, False, 1e-14).u
+        for tolerance in (1e-6, 1e-8, 1e-10, 1e-12):
+            run, seconds = cpu_s(
+                lambda s=scene, m=model, t=times, e=tolerance: turning.solve(
+                    s, m, t, LIMITS, True, e), 3)
+            rows.append({
+                'scene': f'{name} turning', 'method': f'event {tolerance:g}', 'ms': seconds * 1e3,
+                'error_m': error_of(run.u, truth), 'events': len(run.event_t), 'steps': run.steps,
+                'residual_J': run.energy.residual_J, 'status': run.status,
+            })
     return rows
 
 
@@ -135,38 +181,61 @@ def extreme_scenes() -> dict[str, dict]:
     """Return scenes at the edge of what the model allows."""
     still = {'kind': 'none'}
     offsets = builders.offsets(25, 0.01, 1)
-    step = [[1.0 if i == 12 else 0.0, 0.0] for i in range(25)]
-    return {
+    aside = builders.offsets(25, 0.005, 2)
+    away = {'kind': 'poses', 'par': [[0, 1, 0, 0], [1, 1, 0, 0]]}
+    stepped = [[x + (i == 12), y] for i, (x, y) in enumerate(aside)]
+    scenes = {
         'K_C / K_L = 1e6': named.scene('S6a'),
         'mass x 1e-4': named.scene('S6b'),
         'mu = 0 over 1e8 s': builders.table(still, 1e8, mu_s=0.0, mu_k=0.0, u0=offsets),
         'mu = 1e9': builders.table(named.PULL, 1e5, mu_s=1e9, mu_k=1e9),
         'no drive, 1e5 s': builders.table(still, 1e5, u0=builders.offsets(25, 1e-3, 1)),
-        'one-metre step of a block': builders.table(still, 2.0, geometric=True, u0=step),
-        'one-metre step of the rim': builders.table(
-            {'kind': 'poses', 'par': [[0, 1, 0, 0], [1, 1, 0, 0]]}, 3.0, geometric=True),
+        'one-metre step of a block': builders.table(still, 2.0, geometric=True, u0=stepped),
+        'one-metre step of the rim': builders.table(away, 3.0, geometric=True, u0=aside),
+        'the same, head-on': builders.table(away, 3.0, geometric=True),
         'one block, 1e5 s': builders.single(named.PULL, 1e5),
         'simultaneous breaks': builders.plate(named.PULL, 10.0),
         'mu_s = mu_k, 1-D': named.scene('S3E'),
         'mu_s = mu_k, 2-D': builders.table(
             named.PULL, 10.0, geometric=True, mu_s=0.65, mu_k=0.65, u0=offsets),
     }
+    for side in (1, 5, 20, 100):
+        n, spread = side * side, builders.offsets(side * side, 0.005, 5, True)
+        more = {'rows': side, 'columns': side, 'u0': spread}
+        short = 10.0 if n < 1000 else 5.6  # just past the first breaks
+        scenes |= {
+            f'K_C / K_L = 1e6, n = {n}': builders.plate(
+                named.PULL, short, k_between=2e7, **more | {'u0': [[0.0, 0.0]] * n}),
+            f'mass x 1e-4, n = {n}': builders.plate(
+                named.PULL, short, mass=2.5e-5, g=9.81e4, **more),
+            f'table, n = {n}': builders.table(
+                named.PULL, 10.0 if n < 100 else 3.0, geometric=True,
+                **more | {'u0': builders.offsets(n, 0.005, 5)}),
+            f'mu huge, n = {n}': builders.table(named.PULL, 1e5, mu_s=1e9, mu_k=1e9, **more),
+        }
+        if n <= 400:
+            scenes[f'mu = 0 over 1e8 s, n = {n}'] = builders.table(
+                still, 1e8, mu_s=0.0, mu_k=0.0, **more)
+    return scenes
 
 
 def extreme_rows() -> list[dict]:
     """Return how each extreme ends."""
     rows = []
-    for name, given in track(extreme_scenes().items(), 'extremes', total=11):
+    scenes = extreme_scenes()
+    for name, given in track(scenes.items(), 'extremes', total=len(scenes)):
         scene = from_mapping(given)
         sample_s = max(0.1, scene.duration_s / 100)
         limits = Limits(events=200_000, steps=200_000)
-        if name == 'one block, 1e5 s':
-            limits = LIMITS
+        if scene.n > 1000:
+            limits = Limits(events=20_000, steps=800)
         run, seconds = cpu_s(lambda s=scene, d=sample_s, m=limits: plan.simulate(s, d, limits=m), 1)
+        energy = run.energy
         rows.append({
             'case': name, 'path': run.path, 'status': run.status, 'events': len(run.event_t),
             'steps': run.steps, 'ms': seconds * 1e3, 't_reached': run.t_reached,
-            'residual_J': run.energy.residual_J, 'work_J': run.energy.work_J,
+            'residual_J': energy.residual_J, 'work_J': energy.work_J,
+            'friction_J': energy.friction_J, 'notes': '; '.join(run.notes),
         })
     return rows
 
@@ -176,16 +245,18 @@ def size_rows(sizes: tuple[int, ...]) -> list[dict]:
     rows = []
     for n in track(sizes, 'sizes'):
         side = int(round(n**0.5))
+        _reset_peak()
+        before = _peak_mb()
         given = builders.plate(named.PULL, 6.5, side, side, u0=builders.offsets(n, 0.005, 5, True))
         scene = from_mapping(given)
         model, times = Model.of(scene), np.array([0.0, 6.5])
         limits = Limits(events=1000, steps=100_000)
-        _reset_peak()
         job = functools.partial(exact1d.solve, scene, model, times, limits, False)
         run, seconds = cpu_s(job, 2)
         rows.append({
             'n': n, 'ms': seconds * 1e3, 'events': len(run.event_t), 'steps': run.steps,
-            'us_per_event': seconds * 1e6 / max(1, len(run.event_t)), 'peak_mb': _peak_mb(),
+            'us_per_event': seconds * 1e6 / max(1, len(run.event_t)),
+            'grown_mb': _peak_mb() - before,
             't_reached': run.t_reached, 'status': run.status,
         })
     return rows
@@ -223,14 +294,26 @@ def _peak_mb() -> float:
 
 
 def run(args: argparse.Namespace) -> int:
-    result = {'own': [], 'peers': [], 'extremes': [], 'sizes': [], 'live': []}
-    for name in track(list(named.NAMED), 'scenes'):
-        result['own'] += own_rows(name, args.quick)
-    if not args.quick:
-        result['peers'] = peer_rows()
-    result['extremes'] = extreme_rows()
-    result['sizes'] = size_rows(SIZES[:5] if args.quick else SIZES)
-    result['live'] = [live_row()]
+    parts = args.part or [part for part in PARTS if part != 'peers' or not args.quick]
+    if args.earlier and not args.part:
+        parts = []
+    result = {part: [] for part in PARTS}
+    for file in args.earlier:
+        for part, rows in json.loads(Path(file).read_text()).items():
+            result[part] += rows
+    if 'own' in parts:
+        for name in track(list(named.NAMED), 'scenes'):
+            result['own'] += own_rows(name, args.quick)
+    if 'turning' in parts:
+        result['turning'] = turning_rows()
+    if 'peers' in parts:
+        result['peers'] = peer_rows(args.peer)
+    if 'extremes' in parts:
+        result['extremes'] = extreme_rows()
+    if 'sizes' in parts:
+        result['sizes'] = size_rows(SIZES[:5] if args.quick else SIZES)
+    if 'live' in parts:
+        result['live'] = [live_row()]
     if args.plots:
         from eol_ros.bench import physics_plots
 

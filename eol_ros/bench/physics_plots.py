@@ -4,7 +4,7 @@
 from pathlib import Path
 
 MARKS = {'exact': ('o', 'C0'), 'event': ('s', 'C1'), 'stepping': ('^', 'C2'), 'scipy': ('d', 'C3'),
-         'mujoco': ('v', 'C4'), 'pymunk': ('P', 'C5')}
+         'mujoco': ('v', 'C4'), 'pymunk': ('P', 'C5'), 'siconos': ('X', 'C6')}
 FLOOR_M = 1e-17  # an error of exactly zero is drawn here
 
 
@@ -16,9 +16,12 @@ def draw(result: dict, folder: Path) -> None:
     from matplotlib import pyplot as plt
 
     folder.mkdir(parents=True, exist_ok=True)
-    rows = [r for r in result['own'] + result['peers'] if 'error_m' in r]
+    rows = [r for r in result['own'] + result['turning'] + result['peers'] if 'error_m' in r]
     names = list(dict.fromkeys(r['scene'] for r in rows))
-    figure, axes = plt.subplots(2, 5, figsize=(15, 6.4), sharey=True, layout='constrained')
+    wide = -(-len(names) // 3)
+    figure, axes = plt.subplots(
+        3, wide, figsize=(3 * wide, 9), sharey=True, squeeze=False, layout='constrained'
+    )
     for axis, name in zip(axes.flat, names):
         for family, (mark, colour) in MARKS.items():
             here = [r for r in rows if r['scene'] == name and r['method'].startswith(family)]
@@ -31,13 +34,18 @@ def draw(result: dict, folder: Path) -> None:
         axis.legend(fontsize=7)
     for axis in axes[:, 0]:
         axis.set_ylabel('largest error, m')
+    for axis in axes.flat[len(names):]:
+        axis.set_visible(False)
     figure.savefig(folder / 'physics_error.png', dpi=90)
     plt.close(figure)
     sizes = [r for r in result['sizes'] if r['events']]
-    figure, axis = plt.subplots(figsize=(6, 4), layout='constrained')
+    figure, (axis, memory) = plt.subplots(1, 2, figsize=(10, 4), layout='constrained')
     axis.loglog([r['n'] for r in sizes], [r['us_per_event'] for r in sizes], 'o-')
-    axis.set_xlabel('blocks')
     axis.set_ylabel('processor time per event, µs')
-    axis.grid(alpha=0.3, which='both')
+    memory.loglog([r['n'] for r in sizes], [max(r['grown_mb'], 0.1) for r in sizes], 'o-')
+    memory.set_ylabel('memory of scene and run, MB')
+    for side in (axis, memory):
+        side.set_xlabel('blocks')
+        side.grid(alpha=0.3, which='both')
     figure.savefig(folder / 'physics_cost.png', dpi=90)
     plt.close(figure)

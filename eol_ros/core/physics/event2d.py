@@ -13,6 +13,7 @@ from eol_ros.core.physics.status import WORDS
 
 TIGHTEST, LOOSEST = 1e-15, 1e-3
 SMALL = 0.01  # of tolerance and length scale: the error in place that a step may make
+MISSED = 1e-4  # of the work and the heat: more than any tolerance leaves open
 CAPTURE_MPS = 2e-2  # slower than this, the closed form of a stop is tried
 
 
@@ -80,4 +81,9 @@ def solve(
         run.notes.append(f'{counts[1]} stops ended at the floor of {rules.floor:g} m/s')
     if ledger:
         run.energy = books_of(scene, model, u, v, t, books)
+        if abs(run.energy.residual_J) > MISSED * max(1.0, abs(books[0]), abs(books[1])):
+            run.notes.append(
+                f'the energy books miss {run.energy.residual_J:.2g} J: a spring went through '
+                'length zero, where it has no direction, and the model knows no contact'
+            )
     return run

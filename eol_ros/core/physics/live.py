@@ -18,6 +18,7 @@ TOLERANCE = 1e-5
 MOST_EVENTS, MOST_STEPS = 2000, 5000  # between two images: some 50 ms of work
 FRICTION_SPREAD = 0.15  # blocks differ by up to this share, as grit and weights do
 OFFSET_M = 0.004  # the blocks are set down by hand
+CLEAR_M = 0.002  # between the rim and a block: nearer the hands do not push
 
 
 class LiveTable:
@@ -46,6 +47,10 @@ class LiveTable:
         self._model = Model.of(scene)
         self._rules = rules_for(TOLERANCE, length_scale(scene, self._model))
         self._rest = rest_lattice()
+        springs = scene.to_frame
+        self._ends, self._beside = springs.anchor, springs.i
+        self._inward = -springs.rest / np.linalg.norm(springs.rest, axis=1)[:, None]
+        self._edges = springs.anchor - springs.rest  # where the blocks' edges are at rest
         self._u, self._v = scene.u0.copy(), scene.v0.copy()
         self._books, self._counts = np.zeros(2), np.zeros(2, np.int64)
         self._log = room(MOST_EVENTS)
@@ -62,8 +67,13 @@ class LiveTable:
         self._books[:] = self._counts[:] = 0
 
     def advance(self, start_s: float, stop_s: float, pose: np.ndarray, rate: np.ndarray) -> None:
-        """Move from `start_s` to `stop_s`; the rim goes to `pose` (3,), arriving at `rate` (3,)."""
+        """Move from `start_s` to `stop_s`; the rim goes to `pose` (3,), arriving at `rate` (3,).
+
+        A rim that meets a block stops there, and `pose` and `rate` are set to that: hands feel it.
+        The springs' model has no contact, and blocks would else pass over the rim.
+        """
         span = float(stop_s - start_s)
+        self._stop_at_blocks(pose, rate)
         way = pose - self.rim_pose
         if not (self.moving.any() or way.any() or rate.any() or self._rim_rate.any()):
             return  # all is still: nothing to work out
@@ -80,6 +90,31 @@ class LiveTable:
         self.rim_pose = np.array(pose, float)
         self._rim_rate = np.array(rate, float)
         self._place()
+
+    def clearance_m(self, pose: np.ndarray) -> float:
+        """Return the least distance (m) from the rim at `pose` (3,) inwards to the block beside."""
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        ends, inward = self._ends, self._inward
+        edges = self._edges + self._u[self._beside]
+        dx = pose[0] + c * ends[:, 0] - s * ends[:, 1] - edges[:, 0]
+        dy = pose[1] + s * ends[:, 0] + c * ends[:, 1] - edges[:, 1]
+        along = c * inward[:, 0] - s * inward[:, 1], s * inward[:, 0] + c * inward[:, 1]
+        return float(-(dx * along[0] + dy * along[1]).max())
+
+    def _stop_at_blocks(self, pose: np.ndarray, rate: np.ndarray) -> None:
+        way = pose - self.rim_pose
+        if not way.any() or self.clearance_m(pose) >= CLEAR_M:
+            return
+        least = min(CLEAR_M, self.clearance_m(self.rim_pose))  # a block may have come nearer itself
+        if self.clearance_m(pose) >= least:
+            return
+        low, high = 0.0, 1.0
+        for _ in range(20):
+            half = 0.5 * (low + high)
+            clear = self.clearance_m(self.rim_pose + half * way) >= least
+            low, high = (half, high) if clear else (low, half)
+        pose[:] = self.rim_pose + low * way
+        rate[:] = 0.0
 
     def _solve(self, u: np.ndarray, v: np.ndarray, moving: np.ndarray, span: float) -> int:
         rim = Rim(POSES, self._par, self._knots, self._cubics)

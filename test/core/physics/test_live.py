@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
-from eol_ros.core.physics.hands import Rim, Visitors
-from eol_ros.core.physics.live import LiveTable
+from eol_ros.core.physics.hands import Commands, Rim, Visitors
+from eol_ros.core.physics.live import CLEAR_M, LiveTable
 
 IMAGE_S = 1 / 60
 
@@ -59,3 +59,33 @@ def test_same_seed_same_table():
     _, b, _ = play(5, 4)
     assert np.array_equal(a, b)
     assert first.yaw.shape == (N_BLOCKS,)
+
+
+@pytest.mark.parametrize('pull', [(5.0, 0.0, 0.0), (5.0, -5.0, 0.0), (0.0, 5.0, 5.0)])
+def test_a_rim_that_is_pulled_hard_stops_at_the_blocks_and_comes_back(pull):
+    table, rim, commands = LiveTable(1), Rim(), Commands()
+    stopped = 0
+    for i in range(480):
+        way = 1.0 if i < 240 else -1.0
+        commands.take(i * IMAGE_S, 'anna', tuple(way * p for p in pull), 1.0)
+        rim.advance(IMAGE_S, np.zeros(3), commands.velocity(i * IMAGE_S))
+        wanted = rim.pose.copy()
+        table.advance(i * IMAGE_S, (i + 1) * IMAGE_S, rim.pose, rim.velocity)
+        stopped += bool(np.any(rim.pose != wanted))
+        assert np.array_equal(rim.pose, table.rim_pose), 'the hands feel the stop'
+        assert table.clearance_m(table.rim_pose) > 0.5 * CLEAR_M
+        if i == 239:
+            far = table.rim_pose.copy()
+    assert stopped > 3
+    assert table.slips > 50
+    assert np.abs(table.rim_pose - far).max() > 0.1
+    assert table.faults == 0
+    assert abs(table.energy_residual) < 1e-5
+
+
+def test_clearance_is_the_gap_between_rim_and_edge():
+    table = LiveTable(1)
+    table._u[:] = 0.0
+    assert table.clearance_m(np.zeros(3)) == pytest.approx(0.09)
+    assert table.clearance_m(np.array([0.05, 0.0, 0.0])) == pytest.approx(0.04)
+    assert table.clearance_m(np.array([0.0, -0.1, 0.0])) == pytest.approx(-0.01)

@@ -43,6 +43,34 @@ def test_single_block_keeps_its_clock(path, error_s):
     assert period == pytest.approx(1.797429612610788, abs=1e-14)
 
 
+def test_single_block_against_fifty_digits():
+    """An oracle of its own kind: mpmath solves each phase by root finding in 50 digits."""
+    mp = pytest.importorskip('mpmath').mp.clone()
+    mp.dps = 50
+    m, k, g, speed = mp.mpf('0.25'), mp.mpf(40), mp.mpf('9.81'), mp.mpf('0.02')
+    static, kinetic = mp.mpf('0.9') * m * g, mp.mpf('0.65') * m * g
+    w, place, t, expected = mp.sqrt(k / m), mp.mpf(0), mp.mpf(0), []
+    while t < 20:
+        t = (static / k + place) / speed
+        expected.append(t)
+        start = place
+
+        def velocity(s, t=t, start=start):  # m x'' = k (V (t + s) - x) - kinetic, from rest
+            lag = speed * t - kinetic / k - start
+            return speed + w * lag * mp.sin(w * s) - speed * mp.cos(w * s)
+
+        stop = mp.findroot(velocity, (mp.pi / w, mp.mpf('1.3') * mp.pi / w), 'anderson', tol=1e-60)
+        lag = speed * t - kinetic / k - start
+        place += speed * stop + lag * (1 - mp.cos(w * stop)) - speed / w * mp.sin(w * stop)
+        t += stop
+        expected.append(t)
+    run = solve(builders.single(PULL, float(expected[-1]) + 0.1))
+    assert len(run.event_t) == len(expected) >= 20
+    assert [float(abs(mp.mpf(float(a)) - b)) for a, b in zip(run.event_t, expected)] == (
+        pytest.approx([0.0] * len(expected), abs=2e-14))
+    assert run.u[-1, 0, 0] == pytest.approx(float(place), abs=1e-15)
+
+
 @pytest.mark.parametrize('speed', [1e-4, 0.02, 0.3])
 def test_force_drop_is_the_same_at_any_speed(speed):
     first, _, period, _ = single_by_formula(speed=speed)
@@ -328,6 +356,14 @@ EXTREMES = {
     'a step of one metre': builders.table(
         NONE, 2.0, geometric=True, u0=[[0.9 if i == 12 else 0.0, 0.02] for i in range(25)],
     ),
+    'a step of one metre aside': builders.table(
+        {'kind': 'poses', 'par': [[0, 1, 0, 0], [1, 1, 0, 0]]}, 3.0, geometric=True,
+        u0=builders.offsets(25, 0.005, 2),
+    ),
+    'stiff, 400 blocks': builders.plate(PULL, 5.55, 20, 20, k_between=2e7),
+    'light, 400 blocks': builders.plate(
+        PULL, 6.5, 20, 20, mass=2.5e-5, g=9.81e4, u0=builders.offsets(400, 0.005, 5, True)),
+    'one stiff block': builders.plate(PULL, 6.0, 1, 1, k_plate=2e6),
     'equal friction': builders.table(
         PULL, 6.0, geometric=True, mu_s=0.65, mu_k=0.65, u0=builders.offsets(25, 0.005, 3)
     ),
@@ -345,6 +381,16 @@ def test_every_extreme_ends_with_a_status(name):
     assert np.all(np.isfinite(run.u))
     if run.status == 'ok':
         assert abs(run.energy.residual_J) <= 1e-6 * max(1.0, abs(run.energy.friction_J))
+
+
+def test_books_that_do_not_close_are_told():
+    """Head-on, a spring goes exactly through length zero, where it has no direction."""
+    away = {'kind': 'poses', 'par': [[0, 1, 0, 0], [1, 1, 0, 0]]}
+    run = solve(builders.table(away, 3.0, geometric=True), limits=Limits(steps=20_000))
+    missed = abs(run.energy.residual_J) > 1e-3
+    assert missed == any('books miss' in note for note in run.notes)
+    aside = solve(EXTREMES['a step of one metre aside'], limits=Limits(steps=20_000))
+    assert not aside.notes
 
 
 def test_zero_length_springs_are_linear_whatever_the_scene_says():
