@@ -27,7 +27,7 @@ import yaml
 from eol_ros.errors import ConfigError
 from eol_ros.settings import IMAGE_SOURCES, NEEDS, NODES
 
-_KEYS = ('scene', 'include', 'network', 'domain', 'nodes', 'together')
+_KEYS = ('scene', 'include', 'network', 'domain', 'real_time', 'nodes', 'together')
 _WORDS = {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'text'}
 
 
@@ -41,6 +41,7 @@ class Scene:
     domain: int | None = None
     together: tuple[tuple[str, ...], ...] = ()
     path: Path | None = None
+    real_time: bool = True  # where the system allows it
     text: str = ''  # of the file and its includes, as it goes into a bag
 
     @classmethod
@@ -274,6 +275,8 @@ def plain(scene: Scene) -> dict[str, Any]:
     data: dict[str, Any] = {'scene': scene.name, 'network': scene.network}
     if scene.domain is not None:
         data['domain'] = scene.domain
+    if not scene.real_time:
+        data['real_time'] = False
     data['nodes'] = {
         name: {k: list(v) if isinstance(v, tuple) else v
                for k, v in dataclasses.asdict(settings).items()}
@@ -318,6 +321,7 @@ def load(name: str | Path) -> Scene:
             reader.unknown(top, key, key, _KEYS)
     nodes = _nodes(reader, top)
     network = _choice(reader, values, 'network', ('local', 'lan'), 'local')
+    real_time = _choice(reader, values, 'real_time', (True, False), True)
     domain = values.get('domain')
     if domain is not None and (type(domain.value) is not int or not 0 <= domain.value <= 101):
         reader.wrong(domain, 'domain', f'{domain.value!r} is not a whole number from 0 to 101')
@@ -332,20 +336,22 @@ def load(name: str | Path) -> Scene:
         domain.value if domain else None,
         together,
         path.resolve(),
+        real_time,
         '\n'.join(reader.texts),
     )
 
 
 def _choice(
-    reader: _Reader, values: dict[str, _Place], key: str, valid: tuple[str, ...], default: str
-) -> str:
+    reader: _Reader, values: dict[str, _Place], key: str, valid: tuple[Any, ...], default: Any
+) -> Any:
     place = values.get(key)
     if place is None:
         return default
     if place.value not in valid:
-        reader.wrong(place, key, f'{place.value!r} is not one of {", ".join(valid)}')
+        words = ', '.join(str(v).lower() for v in valid)
+        reader.wrong(place, key, f'{place.value!r} is not one of {words}')
         return default
-    return str(place.value)
+    return place.value
 
 
 def _nodes(reader: _Reader, top: _Place) -> dict[str, Any]:

@@ -89,7 +89,9 @@ def table(results: dict[str, Any]) -> str:
             f'\n{name}: all OK after {row["all_ok_s"]:.1f} s, {row["processes"]} processes, '
             f'{row["pss_mb"]:.0f} MB, {row["cpu_percent"]:.0f} % of one core'
         )
-        lines.append(f'  images {row["images_per_s"]:.2f}/s, lost {row["lost"]}')
+        first = 'with' if row['real_time'] else 'without'
+        lines.append(f'  images {row["images_per_s"]:.2f}/s, lost {row["lost"]}, '
+                     f'{first} real-time priority')
         if 'bag_gb_per_10_h' in row:
             lines.append(f'  bag {row["bag_gb_per_10_h"]:.2f} GB in 10 h')
         for stage, ms in row['latency_ms'].items():

@@ -151,6 +151,7 @@ class Graph:
             'processes': len(nodes),
             'cpu_percent': round(sum(row['cpu_percent'] for row in nodes.values()), 1),
             'pss_mb': round(sum(row['pss_mb'] for row in nodes.values()), 1),
+            'real_time': self.status()['real_time'],
             'images_per_s': round((len(stamps) - 1) / ((stamps[-1] - stamps[0]) * 1e-9), 3)
             if len(stamps) > 1 else 0.0,
             'lost': self.lost(),

@@ -8,9 +8,9 @@ import os
 import resource
 import signal
 import subprocess
-from pathlib import Path
 from typing import Any
 
+from eol_ros.bringup import priority
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import Policy
 
@@ -40,6 +40,7 @@ class Child:
         self.health_fd = self.output_fd = -1
         self.hung_s: float | None = None  # since when it is being ended for its silence
         self.code: int | None = None
+        self.settled = False
         self._rest = {'health': b'', 'output': b''}
         self._in_traceback = False
 
@@ -67,26 +68,25 @@ class Child:
         self._rest = {'health': b'', 'output': b''}
         self.policy.start(now_s)
         self.start_at_s, self.code, self.hung_s = None, None, None
+        self.settled = False
         self.status = {
             node: {'node': node, 'level': 3, 'text': 'starting', 'rate': 0.0, 'values': {},
                    'pid': self.popen.pid}
             for node in self.process.nodes
         }
 
-    def step_back(self) -> None:
-        """Let others go first from now on, by the `nice` of the process.
+    def settle(self) -> bool:
+        """Give it its priority, once it is well; return False where the system forbids that."""
+        self.settled = True
+        if self.popen is None:
+            return True
+        if self.process.nice:
+            priority.step_back(self.popen.pid, self.process.nice)
+        return not self.process.real_time or priority.step_ahead(self.popen.pid)
 
-        The threads alone would not do: where the kernel groups by session (autogroup, as Debian
-        and Ubuntu ship it) a nice value counts only within a session, and each child has its own.
-        """
-        if self.popen is None or not self.process.nice:
-            return
-        nice = min(os.getpriority(os.PRIO_PROCESS, 0) + self.process.nice, 19)
-        proc = Path('/proc', str(self.popen.pid))
-        with contextlib.suppress(OSError):  # it has just ended, or there is no autogroup
-            for thread in (proc / 'task').iterdir():
-                os.setpriority(os.PRIO_PROCESS, int(thread.name), nice)
-            (proc / 'autogroup').write_text(str(nice))
+    def well(self) -> bool:
+        """Tell whether it runs and all its nodes are ok."""
+        return self.alive() and all(row['level'] == 0 for row in self.status.values())
 
     def signal(self, number: int) -> None:
         """Send a signal, if it still runs."""

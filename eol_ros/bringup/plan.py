@@ -30,6 +30,9 @@ _ENVIRONMENT = {
 # What may wait a little when both cores are wanted: nobody hears or sees it late.
 _NICE = {'recorder': 3, 'panel': 3, 'montage': 3}
 
+# What stands between an image and what people see and hear of it.
+_REAL_TIME = {'tracker', 'motion', 'leds', 'grains', 'sound'}
+
 
 @dataclass(frozen=True)
 class Process:
@@ -39,6 +42,7 @@ class Process:
     command: tuple[str, ...]
     environment: dict[str, str]
     nice: int = 0
+    real_time: bool = False
 
     @property
     def name(self) -> str:
@@ -79,7 +83,8 @@ def processes(scene: Scene, file: Path) -> list[Process]:
             environment['ROS_DOMAIN_ID'] = str(scene.domain)
         command = (sys.executable, '-m', 'eol_ros.nodes', *nodes, '--scene', str(file))
         nice = min(_NICE.get(node, 0) for node in nodes)
-        found.append(Process(tuple(nodes), command, environment, nice))
+        real_time = scene.real_time and bool(_REAL_TIME & set(nodes))
+        found.append(Process(tuple(nodes), command, environment, nice, real_time))
     return found
 
 

@@ -43,6 +43,8 @@ class Supervisor:
         self._told: dict[str, tuple[int, str]] = {}
         self._began_s = time.monotonic()
         self.all_ok_s: float | None = None  # seconds from the start to all ok
+        self.real_time = any(process.real_time for process in processes)
+        self._told_priority = False
         self._wake, self._waker = os.pipe()
         for fd in (self._wake, self._waker):
             os.set_blocking(fd, False)
@@ -91,6 +93,7 @@ class Supervisor:
             'pid': os.getpid(),
             'running_s': round(time.monotonic() - self._began_s, 1),
             'all_ok_s': self.all_ok_s,
+            'real_time': self.real_time,
             'restarts': sum(child.policy.restarts for child in self.children),
             'nodes': rows,
         }
@@ -125,17 +128,23 @@ class Supervisor:
                 self._end_hung(child, now)
             elif child.popen is None and child.start_at_s is not None and now >= child.start_at_s:
                 child.start(now)
-                if self.all_ok_s is not None:
-                    child.step_back()
+            elif self.all_ok_s is not None and not child.settled and child.well():
+                self._settle(child)
         if self.all_ok_s is None:
             rows = [row for child in self.children for row in child.status.values()]
             if len(rows) >= len(self.children) and all(row['level'] == 0 for row in rows):
                 self.all_ok_s = round(now - self._began_s, 2)
                 self._note(f'all OK after {self.all_ok_s:.1f} s')
-                for child in self.children:  # not earlier: all that start want the processor
-                    child.step_back()
         status.answer(self._server, self.describe())
         return None
+
+    def _settle(self, child: Child) -> None:
+        if not child.settle():
+            self.real_time = False
+            if not self._told_priority:
+                self._told_priority = True
+                self._note('no real-time priority here: light and sound may come late when the '
+                           'machine is busy (docs/install.md)')
 
     def _end_hung(self, child: Child, now: float) -> None:
         """First let it write down where it hangs (faulthandler, on SIGABRT), then kill it."""

@@ -13,7 +13,7 @@ def names(scene):
 
 
 def test_only_the_nodes_of_the_scene_are_started():
-    assert names(scenes.load('lights')) == ['camera', 'tracker', 'motion', 'leds']
+    assert names(scenes.load('lights')) == ['camera', 'tracker', 'motion+leds']
 
 
 def test_the_recorder_begins_first():
@@ -25,6 +25,20 @@ def test_grouped_nodes_share_a_process(tmp_path):
     path.write_text('nodes: {twin: {}, tracker: {}, motion: {}}\ntogether: [[motion, tracker]]')
 
     assert names(scenes.load(path)) == ['twin', 'motion+tracker']
+
+
+def test_what_hurries_and_what_waits(tmp_path):
+    found = {p.name: p for p in plan.processes(scenes.load('rehearsal'), Path('s.yaml'))}
+
+    hurry = {name for name, process in found.items() if process.real_time}
+    assert hurry == {'tracker', 'motion', 'leds', 'grains', 'sound'}
+    assert {name for name, process in found.items() if process.nice} == {
+        'recorder', 'panel', 'montage'
+    }
+
+    path = tmp_path / 's.yaml'
+    path.write_text('nodes: {twin: {}, tracker: {}}\nreal_time: false')
+    assert not any(p.real_time for p in plan.processes(scenes.load(path), path))
 
 
 def test_only_names_that_the_scene_has():

@@ -123,6 +123,69 @@ def test_who_may_wait_steps_back_when_all_is_up(start):
     assert not errors
 
 
+def allowed():
+    """Whether this machine gives real-time priority to whoever asks."""
+    child = subprocess.Popen([sys.executable, '-c', 'input()'], stdin=subprocess.PIPE)
+    try:
+        os.sched_setscheduler(child.pid, os.SCHED_RR, os.sched_param(1))
+        return True
+    except PermissionError:
+        return False
+    finally:
+        child.communicate(b'\n')
+
+
+THREADED = BEAT + '''
+import threading
+threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
+while True:
+    beat(sys.argv[1]); time.sleep(0.1)
+'''
+
+
+def test_what_carries_messages_goes_ahead(start):
+    first = Process(('tracker',), (sys.executable, '-c', THREADED, 'tracker'), {}, real_time=True)
+    supervisor, lines = start(first, process('montage', STEADY))
+    may = allowed()
+    seen = []
+
+    def work():
+        try:
+            until(lambda: all(child.settled for child in supervisor.children))
+            pids = [child.popen.pid for child in supervisor.children]
+            threads = [int(name) for name in os.listdir(f'/proc/{pids[0]}/task')]
+            seen.extend(os.sched_getscheduler(n) & os.SCHED_RR for n in sorted(threads))
+            seen.append(os.sched_getscheduler(pids[1]))
+        finally:
+            supervisor.stop()
+
+    thread, errors = in_background(work)
+    supervisor.run()
+    thread.join()
+    assert not errors
+    # the main thread alone: what else runs in there is no hurry
+    assert seen == [os.SCHED_RR if may else 0, 0, os.SCHED_OTHER]
+    assert supervisor.describe()['real_time'] == may
+    assert any('no real-time priority' in line for line in lines) == (not may)
+
+
+def test_where_real_time_is_forbidden_it_is_said_once(start, monkeypatch):
+    def forbid(*_):
+        raise PermissionError
+
+    monkeypatch.setattr(os, 'sched_setscheduler', forbid)
+    processes = [
+        Process((name,), (sys.executable, '-c', STEADY, name), {}, real_time=True)
+        for name in ('tracker', 'motion')
+    ]
+    supervisor, lines = start(*processes)
+
+    assert supervisor.run(seconds=0.5) == 0
+
+    assert len([line for line in lines if 'no real-time priority' in line]) == 1
+    assert supervisor.describe()['real_time'] is False
+
+
 def test_a_killed_process_comes_back_alone(start):
     supervisor, lines = start(process('twin', STEADY), process('tracker', STEADY))
     pids = {}

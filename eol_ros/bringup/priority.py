@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who goes first where all want the two cores in the same millisecond: the kernel's side of it.
+
+An image wakes six processes at once. Those between an image and what people see and hear of it get
+real-time priority (SCHED_RR, the lowest), so that they run when their message is there; those that
+nobody waits for step back. Both are set when all is up: a start is work for everybody alike.
+"""
+
+import contextlib
+import os
+from pathlib import Path
+
+REAL_TIME = 1  # of 99: below every sound server
+_DDS = 'dds.'  # what Fast DDS calls its threads
+
+
+def step_back(pid: int, nice: int) -> None:
+    """Let others go before process `pid` by `nice`.
+
+    Its threads alone would not do: where the kernel groups by session (autogroup, as Debian and
+    Ubuntu ship it) a nice value counts only within a session, and each child has its own.
+    """
+    nice = min(os.getpriority(os.PRIO_PROCESS, 0) + nice, 19)
+    proc = Path('/proc', str(pid))
+    with contextlib.suppress(OSError):  # it has just ended, or there is no autogroup
+        for thread in (proc / 'task').iterdir():
+            os.setpriority(os.PRIO_PROCESS, int(thread.name), nice)
+        (proc / 'autogroup').write_text(str(nice))
+
+
+def step_ahead(pid: int) -> bool:
+    """Give real-time priority to what carries messages in `pid`; return whether we may.
+
+    That is the main thread, where every callback runs, and the threads of DDS; what loads files,
+    compiles or records stays with everybody else, and so does whatever these start.
+    """
+    parameter = os.sched_param(REAL_TIME)
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # it, or a thread, has ended
+        for task in Path('/proc', str(pid), 'task').iterdir():
+            name = (task / 'comm').read_text()
+            if int(task.name) == pid or name.startswith(_DDS):
+                try:
+                    os.sched_setscheduler(
+                        int(task.name), os.SCHED_RR | os.SCHED_RESET_ON_FORK, parameter
+                    )
+                except PermissionError:
+                    return False
+    return True
