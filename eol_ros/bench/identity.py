@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
-    trackers = {name: _make(name) for name in args.methods.split(',')}
+    trackers = {name: make(name) for name in args.methods.split(',')}
     scores = measure(
         trackers, args.hours, args.fps, args.seed, args.rough, args.permanent, args.losses,
         not args.no_taps,
@@ -150,7 +150,7 @@ class Ours:
         return lattice.index if lattice.state == 1 else np.full(N_BLOCKS, -1)
 
 
-def _make(name: str) -> Any:
+def make(name: str) -> Any:
     return Ours() if name == 'lattice' else Slots(name == 'hungarian')
 
 
@@ -159,6 +159,7 @@ class Score:
 
     def __init__(self) -> None:
         self.shown = self.missed = self.wrong = self.switches = self.hidden = self.ghosts = 0
+        self.sure_wrong = self.sure_switches = 0  # while it did not say that the turn is open
         self.lasting = self.undeclared = self.open_images = 0
         self.last = np.full(N_BLOCKS, -1)
         self.wrong_since = np.full(N_BLOCKS, np.inf)
@@ -181,6 +182,8 @@ class Score:
         self.wrong += int(bad.sum())
         self.ghosts += int((names < 0).sum())
         self.switches += int(changed.sum())
+        self.sure_wrong += int(bad.sum()) * (not declared)
+        self.sure_switches += int(changed.sum()) * (not declared)
         if changed.any():
             self.switch_times.append(now)
         self.open_images += declared
@@ -200,6 +203,8 @@ class Score:
         return {
             'switches_per_hour': self.switches / hours,
             'mislabelled_percent': 100 * self.wrong / self.shown,
+            'undeclared_switches_per_hour': self.sure_switches / hours,
+            'undeclared_mislabelled_percent': 100 * self.sure_wrong / self.shown,
             'missed_percent': 100 * self.missed / self.shown,
             'lasting_failures_per_hour': self.lasting / hours,
             'undeclared_per_hour': self.undeclared / hours,

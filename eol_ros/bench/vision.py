@@ -7,7 +7,8 @@ import sys
 HELP = 'Position error and run time, beside tuned peers and the Cramer-Rao bound.'
 EXAMPLES = ['eol bench vision', 'eol bench vision --json > vision.json',
             'eol bench vision --levels hard --seconds 60 --no-peers',
-            'eol bench vision --plots docs/img']
+            'eol bench vision --plots docs/img',
+            'eol bench vision --levels "" --no-clean --hours 1 --slip-seconds 60 --json']
 CLUTTER = ('ordinary', 'hard', 'brutal')
 
 
@@ -20,6 +21,8 @@ def add_arguments(parser):
     parser.add_argument('--no-peers', action='store_true', help='only our own')
     parser.add_argument('--no-clean', action='store_true', help='leave the noise levels out')
     parser.add_argument('--plots', metavar='FOLDER', help='draw vision_*.png there')
+    parser.add_argument('--hours', type=float, default=0.02, help='simulated, of identities')
+    parser.add_argument('--slip-seconds', type=float, default=20.0, help='of slips, 60 and 120 Hz')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 
@@ -49,6 +52,16 @@ def run(args) -> int:
     for level, seed in track(films, 'films'):
         result['clutter'].setdefault(level, {})[f'seed {seed}'] = run_film(
             level, 'L2', seed, round(args.seconds * RATE_HZ), not args.no_peers, every=2)
+    if args.hours:
+        from eol_ros.bench import identity
+
+        result['identity'] = identity.measure(
+            {name: identity.make(name) for name in identity.METHODS}, args.hours, RATE_HZ, 1)
+    if args.slip_seconds:
+        from eol_ros.bench import motion
+
+        result['motion'] = [motion.measure(rate, px / motion.PX_PER_M, args.slip_seconds, 3)
+                            for rate in (60.0, 120.0) for px in (0.007, 0.035)]
     if args.plots:
         from eol_ros.bench.vision_plots import draw
 
@@ -78,6 +91,17 @@ def _print(result) -> None:
                       f"  hidden {f['hidden_reported']}/{f['hidden']}"
                       f"  false {f['false_per_image']:.3f}"
                       f"  {f['ms_median']:.2f} ms p99 {f['ms_p99']:.2f}")
+
+
+    for name, f in result.get('identity', {}).items():
+        print(f"identity, {name:12s} switches {f['switches_per_hour']:.0f}/h"
+              f"  mislabelled {f['mislabelled_percent']:.4f} %"
+              f"  lasting failures {f['lasting_failures_per_hour']:.1f}/h"
+              f"  undeclared {f['undeclared_per_hour']:.1f}/h")
+    for f in result.get('motion', []):
+        print(f"slips at {f['fps']:g} images/s, {f['noise_um']:.0f} um:"
+              f" onset {f['onset_rms']:.2f} ms  start {f['start_rms']:.2f} ms  latency {f['latency_p50']:.1f} ms"
+              f"  recall {f['recall']:.4f}  precision {f['precision']:.4f}")
 
 
 def _number(value, digits) -> str:
