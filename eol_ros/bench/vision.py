@@ -100,7 +100,8 @@ def _print(result) -> None:
               f"  undeclared {f['undeclared_per_hour']:.1f}/h")
     for f in result.get('motion', []):
         print(f"slips at {f['fps']:g} images/s, {f['noise_um']:.0f} um:"
-              f" onset {f['onset_rms']:.2f} ms  start {f['start_rms']:.2f} ms  latency {f['latency_p50']:.1f} ms"
+              f" onset {f['onset_rms']:.2f} ms  start {f['start_rms']:.2f} ms"
+              f"  latency {f['latency_p50']:.1f} ms"
               f"  recall {f['recall']:.4f}  precision {f['precision']:.4f}")
 
 
