@@ -8,7 +8,7 @@ import argparse
 import json
 import time
 
-HELP = 'Measure the automaton: speed over size and alpha, beside plain NumPy; exactness.'
+HELP = 'Measure the automaton: speed by size and alpha, beside two other queues and plain NumPy.'
 EXAMPLES = ['eol bench lattice --json', 'eol bench lattice --seconds 1']
 ROWS = (  # size, alpha, events of warm-up
     (35, 0.20, 1_000_000),
@@ -51,6 +51,8 @@ def _row(side: int, alpha: float, warmup: int, seconds: float) -> dict:
         row[f'{queue}_mtop_s'], row[f'{queue}_mev_s'], mean = _speed(lattice, seconds * share)
         if queue == 'bucket':
             row['mean_size'] = mean
+    for queue in ('tree', 'boxes'):
+        row[f'{queue}_mtop_s'] = _other_speed(queue, warm, alpha, seconds * 0.3)
     row['numpy_mtop_s'] = _numpy_speed(warm.stress, alpha, seconds * 0.3)
     row['over_numpy'] = row['bucket_mtop_s'] / row['numpy_mtop_s']
     return row
@@ -71,6 +73,32 @@ def _speed(lattice, seconds: float) -> tuple[float, float, float]:
             best = max(best, total / spent / 1e6)
             best_events = max(best_events, chunk / spent / 1e6)
     return best, best_events, topplings / events
+
+
+def _other_speed(queue: str, warm, alpha: float, seconds: float) -> float:
+    """Return million topplings a second of another queue; its events must be the same."""
+    import numpy as np
+
+    from eol_ros.bench import lattice_queues
+    from eol_ros.core.physics.automaton import ONE, Automaton
+
+    run, ours = getattr(lattice_queues, queue), Automaton(warm.stress, alpha)
+    other = Automaton(warm.stress, alpha)
+    stress, share = other._stress, other._share
+    run(stress.copy(), other.side, ONE, share, np.zeros(1, np.int64))  # compiles
+    best, until = 0.0, time.thread_time() + seconds
+    count = 100 if alpha >= 0.25 else max(100, ours.side**2 // 4)  # setting up counts, too
+    while time.thread_time() < until:
+        sizes = np.zeros(count, np.int64)
+        began = time.thread_time()
+        done = run(stress, other.side, ONE, share, sizes)
+        spent = time.thread_time() - began
+        if (sizes[:done] != ours.run(done).size).any():
+            raise AssertionError(f'the queue {queue} finds other events')
+        best = max(best, sizes.sum() / spent / 1e6)
+        if spent < 0.05 * seconds:
+            count *= 2
+    return float(best)
 
 
 def _numpy_speed(stress, alpha: float, seconds: float) -> float:
@@ -123,14 +151,15 @@ def _departure() -> list[dict]:
 
 def _table(report: dict) -> str:
     lines = [
-        'size  alpha  mean size   bucket          sweep   NumPy   over NumPy',
-        '                      Mtop/s  Mev/s    Mtop/s  Mtop/s',
+        'size  alpha  mean size   bucket          sweep    tree   boxes   NumPy   over NumPy',
+        '                      Mtop/s  Mev/s    Mtop/s  Mtop/s  Mtop/s  Mtop/s',
     ]
     for r in report['rows']:
         lines.append(
             f'{r["size"]:4}  {r["alpha"]:.2f}  {r["mean_size"]:9.2f}  '
             f'{r["bucket_mtop_s"]:6.1f} {r["bucket_mev_s"]:6.2f}   '
-            f'{r["sweep_mtop_s"]:7.2f} {r["numpy_mtop_s"]:7.3f}  {r["over_numpy"]:9.0f}'
+            f'{r["sweep_mtop_s"]:7.2f} {r["tree_mtop_s"]:7.2f} {r["boxes_mtop_s"]:7.2f} '
+            f'{r["numpy_mtop_s"]:7.3f}  {r["over_numpy"]:9.0f}'
         )
     for r in report['exact']:
         lines.append(

@@ -262,6 +262,18 @@ def size_rows(sizes: tuple[int, ...]) -> list[dict]:
     return rows
 
 
+def growth_row(rows: list[dict]) -> dict:
+    """Return how cost and memory grow from 25 blocks on: exponents of n, by least squares."""
+    big = [r for r in rows if r['n'] >= 25]
+    n = np.log([r['n'] for r in big])
+    cost = np.polyfit(n, np.log([r['us_per_event'] for r in big]), 1)[0]
+    last = big[-1]
+    return {
+        'from_n': big[0]['n'], 'to_n': last['n'], 'cost_exponent': float(cost),
+        'memory_kb_per_block': last['grown_mb'] * 1024 / last['n'],
+    }
+
+
 def live_row(seconds: int = 60, rate_hz: int = 60) -> dict:
     """Return what the twin's table costs under unattended hands: mean and busiest second."""
     table, visitors, rim = LiveTable(1), Visitors(1), Rim()
@@ -297,7 +309,7 @@ def run(args: argparse.Namespace) -> int:
     parts = args.part or [part for part in PARTS if part != 'peers' or not args.quick]
     if args.earlier and not args.part:
         parts = []
-    result = {part: [] for part in PARTS}
+    result = {part: [] for part in (*PARTS, 'growth')}
     for file in args.earlier:
         for part, rows in json.loads(Path(file).read_text()).items():
             result[part] += rows
@@ -312,6 +324,7 @@ def run(args: argparse.Namespace) -> int:
         result['extremes'] = extreme_rows()
     if 'sizes' in parts:
         result['sizes'] = size_rows(SIZES[:5] if args.quick else SIZES)
+        result['growth'] = [growth_row(result['sizes'])]
     if 'live' in parts:
         result['live'] = [live_row()]
     if args.plots:
