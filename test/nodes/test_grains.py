@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from eol_msgs.msg import Control
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
@@ -33,7 +34,7 @@ class Probe(EolNode):
 
     def __init__(self):
         super().__init__(GrainsSettings(), scene=Scene('probe', {}))
-        self.blocks = self.publisher('blocks')
+        self.blocks, self.control = self.publisher('blocks'), self.publisher('control')
         self.triggers, self.corpora = [], []
         self.subscribe('grain_triggers', self.triggers.append)
         self.subscribe('corpus', self.corpora.append)
@@ -202,6 +203,21 @@ def test_a_grain_moved_by_hand_while_it_runs(stage, sounds):
     assert moved.digest != stage.probe.corpora[0].digest
     # Its grains are named from a second after the last image on, so that they can be read in.
     assert to_ns(moved.header.stamp) == pytest.approx(image(2)[0] + 1_000_000_000, abs=1000)
+
+
+def test_a_grain_dragged_on_the_panel_is_kept_beside_the_sound(stage, sounds):
+    stage = stage()
+    for value in ('[7, 0.125, 0.875]', '[7000, 0.5, 0.5]', 'up'):
+        request = Control(source='test', command='set', target='grains', key='place', value=value)
+        stage.probe.control.publish(request)
+    stage.until(lambda: len(stage.probe.corpora) > 1)
+    moved = stage.probe.corpora[-1]
+    assert (moved.x[7], moved.y[7]) == (0.125, 0.875)
+    kept = corpus_file.load_moved(sounds[0])
+    assert kept[:, 1:].tolist() == [[0.125, 0.875]]  # the other two wishes cannot be
+    again = stage.__class__(stage.node.settings)  # and the next run has it from the start
+    assert tuple(again.node.corpus.grains[['x', 'y']][7]) == (0.125, 0.875)
+    again.close()
 
 
 def test_a_sound_that_goes_and_comes_back(stage, sounds):

@@ -14,7 +14,7 @@ from eol_ros.devices.osc import OscIn, OscOut
 from eol_ros.devices.sound_bank import BankLoader
 from eol_ros.nodes.sound import SoundNode
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.sound import corpus_grains
+from eol_ros.ros.sound import NOBODY, corpus_grains
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, SoundSettings
@@ -84,7 +84,7 @@ def test_a_trigger_sounds_and_shows(graph, tmp_path):
     probe.corpus.publish(corpus_of(tmp_path))
     assert turn(lambda: node.banks.at(now_ns()))
     stamp_ns = now_ns()
-    probe.triggers.publish(trigger(stamp_ns))
+    probe.triggers.publish(trigger(stamp_ns, block=NOBODY))  # as a click on the panel does
     assert turn(lambda: any(m.voices for m in probe.meters))
     assert turn(lambda: probe.meters[-1].voices == 0)
     assert turn(lambda: probe.meters[-1].rms_dbfs == -120)

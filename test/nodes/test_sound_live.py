@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sound node in a running graph: what was heard is what is rendered; a card goes and comes."""
+
+import json
+import os
+import time
+import wave
+
+import numpy as np
+import pytest
+import soundfile
+
+from eol_ros import cli
+from eol_ros.bench import sound_loss
+from eol_ros.bench.running import Graph
+
+pytestmark = [pytest.mark.slow, pytest.mark.live]
+FS = 48000
+
+
+def scene(folder):
+    """A rehearsal without lights and walls; a latency that no machine is too slow for."""
+    nodes = {
+        'twin': {'hands': 'visitors'}, 'tracker': {}, 'grains': {'gain': 2.0},
+        'sound': {'device': 'wav', 'wav': str(folder / 'live.wav'), 'latency_s': 1.0,
+                  'fade_in_s': 0.0, 'fade_out_s': 0.0, 'gain_db': 6.0, 'governor_db': 0.0},
+        'recorder': {'images': 'none', 'display_period_s': 0.0},
+    }  # fmt: skip
+    path = folder / 'scene.yaml'
+    path.write_text(json.dumps({'scene': 'sound', 'nodes': nodes}))
+    return path
+
+
+def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
+    """Bit for bit, limiter and all; the live file holds 16 of the bits."""
+    path = scene(tmp_path)
+    with Graph(path, tmp_path / 'bags', watched=('grain_triggers',)) as graph:
+        graph.wait_until_ok()
+        deadline = time.monotonic() + 60
+        while len(graph.watch.seen['grain_triggers']) < 150 and time.monotonic() < deadline:
+            time.sleep(0.1)
+        time.sleep(1.5)  # the last of them sound
+        values = graph.node('sound')['values']
+    assert values['triggers'] >= 150
+    assert (values['late'], values['dropped'], values['unheard']) == (0, 0, 0), values
+    assert values['underruns'] == 0, 'the machine stood still for half a second'
+    bag = next((tmp_path / 'bags').iterdir())
+    out = tmp_path / 'offline.wav'
+    assert cli.main(['render', str(bag), '--scene', str(path), '--out', str(out)]) == 0
+    offline, rate = soundfile.read(out, dtype='float32')
+    assert rate == FS and np.abs(offline).max() > 0.5
+    wanted = np.round(np.clip(offline, -1, 1) * 32767).astype('<i2')
+    with wave.open(str(tmp_path / 'live.wav')) as file:
+        live = np.frombuffer(file.readframes(file.getnframes()), '<i2').reshape(-1, 2)
+    begins = [int(np.flatnonzero(sound.any(axis=1))[0]) for sound in (live, wanted)]
+    live, wanted = live[begins[0] :], wanted[begins[1] :]
+    size = min(len(live), len(wanted))
+    last = int(np.flatnonzero(live.any(axis=1))[-1])
+    assert last > 2 * FS
+    size = min(size, last + 1 - FS)  # at its end the run fades, and its last second is not whole
+    assert np.array_equal(live[:size], wanted[:size])
+
+
+def test_a_card_that_goes_and_comes_back(monkeypatch):
+    """Its driver hangs, as JACK's does: the supervisor starts the node anew, and only once."""
+    found = sound_loss.measure(1.0)
+    if 'skipped' in found:
+        pytest.skip(found['skipped'])
+    assert found['new_process'] and found['restarts'] == 1, found
+    assert found['says'].startswith('playing on system'), found
+    assert 'JACK_DEFAULT_SERVER' not in os.environ
