@@ -161,6 +161,7 @@ class Score:
         self.shown = self.missed = self.wrong = self.switches = self.hidden = self.ghosts = 0
         self.sure_wrong = self.sure_switches = 0  # while it did not say that the turn is open
         self.lasting = self.undeclared = self.open_images = 0
+        self.was_declared = False
         self.last = np.full(N_BLOCKS, -1)
         self.wrong_since = np.full(N_BLOCKS, np.inf)
         self.spent = 0.0
@@ -183,7 +184,9 @@ class Score:
         self.ghosts += int((names < 0).sum())
         self.switches += int(changed.sum())
         self.sure_wrong += int(bad.sum()) * (not declared)
-        self.sure_switches += int(changed.sum()) * (not declared)
+        # the image in which an open turn is settled renames all, as was announced
+        self.sure_switches += int(changed.sum()) * (not declared and not self.was_declared)
+        self.was_declared = declared
         if changed.any():
             self.switch_times.append(now)
         self.open_images += declared
