@@ -84,7 +84,7 @@ def own_rows(name: str, quick: bool) -> list[dict]:
 
     if plan.along_x(scene):
         add('exact', lambda: exact1d.solve(scene, model, times, LIMITS, False), 20)
-    for tolerance in (1e-6, 1e-8, 1e-10, 1e-12):
+    for tolerance in (1e-6, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12):
         if name == 'S6a':
             break  # the event path resolves the stiff mode: minutes, where the exact path has modes
         add(
@@ -229,8 +229,12 @@ def extreme_rows() -> list[dict]:
         limits = Limits(events=200_000, steps=200_000)
         if scene.n > 1000:
             limits = Limits(events=20_000, steps=800)
-        run, seconds = cpu_s(lambda s=scene, d=sample_s, m=limits: plan.simulate(s, d, limits=m), 1)
+        run = plan.simulate(scene, sample_s, limits=limits)  # keeps the books, and compiles
         energy = run.energy
+        solve = functools.partial(plan.simulate, scene, sample_s, limits=limits, ledger=False)
+        _, seconds = cpu_s(solve, 1)
+        if seconds < 0.1:
+            _, seconds = cpu_s(solve, 5)
         rows.append({
             'case': name, 'path': run.path, 'status': run.status, 'events': len(run.event_t),
             'steps': run.steps, 'ms': seconds * 1e3, 't_reached': run.t_reached,

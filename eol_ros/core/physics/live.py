@@ -48,9 +48,12 @@ class LiveTable:
         self._rules = rules_for(TOLERANCE, length_scale(scene, self._model))
         self._rest = rest_lattice()
         springs = scene.to_frame
-        self._ends, self._beside = springs.anchor, springs.i
-        self._inward = -springs.rest / np.linalg.norm(springs.rest, axis=1)[:, None]
-        self._edges = springs.anchor - springs.rest  # where the blocks' edges are at rest
+        side = springs.rest / np.linalg.norm(springs.rest, axis=1)[:, None]
+        self._beside = springs.i
+        # in the complex plane: ends at the rim, edges of the blocks at rest, the ways inwards
+        self._ends = springs.anchor.copy().view(complex)[:, 0]
+        self._edges = (springs.anchor - springs.rest).view(complex)[:, 0]
+        self._inward = -side.view(complex)[:, 0]
         self._u, self._v = scene.u0.copy(), scene.v0.copy()
         self._books, self._counts = np.zeros(2), np.zeros(2, np.int64)
         self._log = room(MOST_EVENTS)
@@ -93,28 +96,27 @@ class LiveTable:
 
     def clearance_m(self, pose: np.ndarray) -> float:
         """Return the least distance (m) from the rim at `pose` (3,) inwards to the block beside."""
-        c, s = np.cos(pose[2]), np.sin(pose[2])
-        ends, inward = self._ends, self._inward
-        edges = self._edges + self._u[self._beside]
-        dx = pose[0] + c * ends[:, 0] - s * ends[:, 1] - edges[:, 0]
-        dy = pose[1] + s * ends[:, 0] + c * ends[:, 1] - edges[:, 1]
-        along = c * inward[:, 0] - s * inward[:, 1], s * inward[:, 0] + c * inward[:, 1]
-        return float(-(dx * along[0] + dy * along[1]).max())
+        return float(self._near(pose).min())
+
+    def _near(self, pose: np.ndarray) -> np.ndarray:
+        turn = complex(np.cos(pose[2]), np.sin(pose[2]))
+        here = self._edges + self._u.view(complex)[self._beside, 0]
+        way = complex(pose[0], pose[1]) + turn * self._ends - here
+        return (way * (turn * self._inward).conj()).real * -1.0
 
     def _stop_at_blocks(self, pose: np.ndarray, rate: np.ndarray) -> None:
-        way = pose - self.rim_pose
-        if not way.any() or self.clearance_m(pose) >= CLEAR_M:
+        if np.array_equal(pose, self.rim_pose):
             return
-        least = min(CLEAR_M, self.clearance_m(self.rim_pose))  # a block may have come nearer itself
-        if self.clearance_m(pose) >= least:
+        near = self._near(pose)
+        if near.min() >= CLEAR_M:
             return
-        low, high = 0.0, 1.0
-        for _ in range(20):
-            half = 0.5 * (low + high)
-            clear = self.clearance_m(self.rim_pose + half * way) >= least
-            low, high = (half, high) if clear else (low, half)
-        pose[:] = self.rim_pose + low * way
-        rate[:] = 0.0
+        before = self._near(self.rim_pose)
+        least = np.minimum(CLEAR_M, before)  # a block may have come nearer by itself
+        past = near < least
+        if past.any():  # all but linear in the share of the way, which is short
+            share = ((before - least)[past] / (before - near)[past]).min()
+            pose[:] = self.rim_pose + share * (pose - self.rim_pose)
+            rate[:] = 0.0
 
     def _solve(self, u: np.ndarray, v: np.ndarray, moving: np.ndarray, span: float) -> int:
         rim = Rim(POSES, self._par, self._knots, self._cubics)
