@@ -31,11 +31,12 @@ EXAMPLES = [
     'eol bench web --viewers 0,50,0 --seconds 60',
     'eol bench web --viewers none --browser',
 ]
-# What the pages ask for: static/panel.js, static/table.js with the sound on.
+# What the pages ask for: static/panel.js, static/table.js, and soundwire.js of one of them.
 MONITOR = {'wants': ['blocks', 'slips', 'triggers', 'meter', 'leds', 'image']}, {'pace': 0.033}
 TABLE = ({'wants': ['truth', 'slips', 'leds']},)
-LISTENING_TABLE = ({'wants': ['truth', 'slips', 'leds', 'sound']},)
-PAGES = MONITOR, TABLE, MONITOR, LISTENING_TABLE
+SOUND = ({'wants': ['sound']},)
+PAGES = MONITOR, TABLE, MONITOR, TABLE, SOUND
+LINGER_S = 5.0  # of nodes/panel.py
 NICE_CROWD = 10  # real viewers bring processors of their own
 
 
@@ -99,6 +100,8 @@ def measure_crowd(graph: Graph, url: str, count: int, seconds: float) -> dict[st
         crowd.start()
         began.wait(60)
         time.sleep(1.0)
+    else:
+        time.sleep(LINGER_S + 1.0)  # streams end so late after the last viewer
     before = panel_memory(graph)
     graph.mark()
     time.sleep(seconds)

@@ -65,11 +65,12 @@ def _table(driver: Any, url: str, seconds: float, sound_latency_s: float) -> dic
     _wait(driver, 'eol.counts.packets > 30 && eol.drawing.land')
     driver.find_element('id', 'listen').click()
     _wait(driver, 'eol.listener.latency !== null')
-    time.sleep(3)  # the ring learns how little it may hold
+    time.sleep(6)  # the ring learns how little it may hold
     played = driver.execute_async_script(_PLAY, seconds * 1e3, CASCADES)
     heard = [(sound_latency_s + s) * 1e3 for s in played['sounds']]
     return {
-        'drag_to_rim_ms': summary(played['moved']),
+        'drag_to_rim_ms': summary([ms for ms, _ in played['moved']]),
+        'drag_to_rim_seen_ms': summary([ms for _, ms in played['moved']]),
         'drags_without_answer': played['missed'],
         'drawings_per_s': round(played['drawings'] / seconds, 1),
         'slip_to_heard_ms': summary(heard),
@@ -98,21 +99,23 @@ def _walls(driver: Any, url: str, seconds: float) -> dict[str, Any]:
 
 # Turns the rim with the link itself at known times, towards its middle, against whatever the
 # visitors do, and waits each time until the rate of turning, as the twin tells it, jumps: visitors
-# begin and end softly. The sound's latency is noted with each report of the audio thread.
+# begin and end softly. Two ends of that wait are noted: the stamp of the first image with the jump,
+# which is when the rim had moved, and when the page knew. The sound's latency is noted with each
+# report of the audio thread.
 _PLAY = """
 const [length, cascades, done] = arguments;
 const {link, counts, listener, drawing} = eol;
 const moved = [], sounds = [];
 const begin = performance.now();
 const first = counts.drawings, starved = listener.starved;
-let sent = 0, way = 1, missed = 0, before = [];
-link.on('truth', () => {
+let sent = 0, sentAt = 0, way = 1, missed = 0, before = [];
+link.on('truth', ({stamp}) => {
   const rim = eol.state().rim[2];
   before.push(rim);
   if (before.length > 3) before.shift();
   const [a, b, c] = before;
   if (sent && before.length === 3 && way * ((c - b) - (b - a)) > 0.0007) {
-    moved.push(performance.now() - sent);
+    moved.push([(stamp - sentAt) * 1e3, performance.now() - sent]);
     sent = 0;
   }
 });
@@ -133,7 +136,8 @@ const push = setInterval(() => {
   if (sent) missed++;
   way = eol.state().rim[2] > 0 ? -1 : 1;
   sent = performance.now();
+  sentAt = link.now();
   link.send({rim: [0, 0, 1.2 * way]});
   setTimeout(() => link.send({rim: [0, 0, 0]}), 60);
-}, 280);
+}, 200);
 """

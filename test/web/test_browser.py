@@ -78,11 +78,12 @@ def test_pages_fill_every_screen(graph, browser, path, width):
         until_page(
             browser, 'eol.counts.packets > 5 && eol.drawing.land && eol.walls.every((w) => w.shows)'
         )
-        until_page(browser, 'eol.counts.drawings > 2')
+        until_page(browser, 'eol.state() && eol.counts.drawings && !eol.drawing.dirty')
     else:
         until_page(browser, 'document.getElementById("wall").dataset.picture && eol.view.shows')
     shot = picture(browser, f'{path.strip("/").replace("/", "-") or "panel"}-{width}')
-    assert complaints(browser) == []
+    said = complaints(browser)
+    assert said == [], said
     overflow = 'return document.documentElement.scrollWidth - document.documentElement.clientWidth'
     assert run(browser, overflow) <= 0
     # Structure: something is drawn in every ninth of a wall, in every canvas of the panel.
@@ -124,11 +125,11 @@ def test_a_drag_moves_lights_sounds_and_changes_the_pair(graph, browser):
     for step in range(60):
         mouse(browser, 'mouseMoved', 640 + 2.5 * step, 400 + 0.8 * step)
         look()
-    # 147 px are 0.31 m: the rim follows the hand as far as the platform goes.
-    until(lambda: look() and now['rim'][0] - before['rim'][0] > 0.15,
-          why=lambda: f'from {before} to {now}, heard {heard}')  # fmt: skip
+    # 147 px are 0.31 m: the rim follows the hand as far as the blocks and the platform let it.
+    until(lambda: look() and now['rim'][0] - before['rim'][0] > 0.06,
+          why=lambda: f'heard {heard}; from {before} to {now}')  # fmt: skip
     mouse(browser, 'mouseReleased', 787, 447, 0)
-    assert max(b - a for a, b in zip(before['x'], now['x'], strict=True)) > 0.02
+    assert max(b - a for a, b in zip(before['x'], now['x'], strict=True)) > 0.01
     assert until_page(browser, '/\\d+ ms/.test(document.getElementById("listen").textContent)')
     assert complaints(browser) == []
 
@@ -163,7 +164,7 @@ def test_visitors_add_up(graph):
             eye = await client.ws_connect(f'{address}/live')
             await eye.send_json({'wants': ['truth']})
             seen, way = [], 0.0
-            while len(seen) < 90:
+            while len(seen) < 50:
                 message = await eye.receive(timeout=30)
                 if message.type != aiohttp.WSMsgType.BINARY or message.data[0] != 2:
                     continue
@@ -177,7 +178,7 @@ def test_visitors_add_up(graph):
                 await socket.close()
         times, places = np.array(seen).T
         steps = np.diff(places) / np.diff(times)
-        return float(np.median(np.abs(steps[30:])))  # without the first half second
+        return float(np.median(np.abs(steps[24:])))  # without the 0.4 s of setting off
 
     one, two = asyncio.run(rates([0.04])), asyncio.run(rates([0.04, 0.04]))
     assert abs(one - 0.04) < 0.004 and abs(two - 0.08) < 0.008
@@ -420,6 +421,42 @@ def test_the_fit_on_the_page_is_that_of_the_project(graph, browser):
             browser, f'document.getElementById("law-words").textContent.startsWith("{words}")'
         )
         picture(browser, f'law-{len(words)}')
+
+
+def test_a_grain_is_heard_by_a_click_and_moved_by_a_drag_or_by_keys(graph, browser):
+    address, _ = graph
+    visit(browser, address, '/')
+    until_page(browser, 'eol.space.corpus && eol.space.box')
+    place = """
+        const box = eol.space.canvas.getBoundingClientRect();
+        const [x, y] = eol.space.at(eol.space.corpus.x[7], eol.space.corpus.y[7]);
+        return [Math.round(box.x + x), Math.round(box.y + y)];
+    """
+    run(browser, 'eol.space.canvas.scrollIntoView({block: "center"})')
+    x, y = run(browser, place)
+    hits = 'Number(eol.space.canvas.dataset.hits || 0)'
+    before = run(browser, f'return {hits}')
+    for kind, buttons in (('mouseMoved', 0), ('mousePressed', 1), ('mouseReleased', 0)):
+        mouse(browser, kind, x, y, buttons)
+    until_page(browser, f'{hits} > {before}')  # through the graph: it flashes when it sounds
+    # What a drag asks for; not sent, for it would be kept beside the sound for good.
+    asked = 'eol.asked = []; eol.link.control = async (...ask) => ({ok: eol.asked.push(ask)});'
+    run(browser, asked)
+    mouse(browser, 'mousePressed', x, y)
+    mouse(browser, 'mouseMoved', x + 40, y + 20)
+    mouse(browser, 'mouseReleased', x + 40, y + 20, 0)
+    name, body = until_page(browser, 'eol.asked[0]')
+    assert (name, body['grain']) == ('move', 7)
+    w, h = run(browser, 'return [eol.space.box.w, eol.space.box.h]')
+    placed = run(browser, 'return eol.space.back(...eol.space.at(0.5, 0.25))')
+    assert placed == pytest.approx([0.5, 0.25])
+    assert run(browser, place) == pytest.approx([x + 40, y + 20], abs=1.5) and w > h > 100
+    run(browser, 'eol.space.canvas.focus()')
+    strokes = 'for (const shiftKey of [true, true]) eol.space.canvas.dispatchEvent('
+    strokes += "new KeyboardEvent('keydown', {key: 'ArrowRight', shiftKey}));"
+    run(browser, strokes)
+    name, moved = until_page(browser, 'eol.asked[1]')  # once for both strokes
+    assert name == 'move' and moved['x'] == pytest.approx(body['x'] + 0.02, abs=1e-6)
 
 
 def test_reduced_motion_stills_flashes_and_waves(graph, browser):

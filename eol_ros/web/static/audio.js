@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The engine's own samples, played by this browser: packets go into a ring in an AudioWorklet.
+// The engine's own samples, played by this browser: a worker of its own takes them from the server
+// and gives them to a ring in an AudioWorklet.
 
 export class Listener {
   constructor(link) {
     this.link = link;
     this.latency = null; // s, from the time a sample was meant to sound until it does here
     this.onreport = () => {}; // (latency now)
-    link.on('sound', (packet) => this.take(packet));
   }
 
   get on() {
@@ -24,22 +24,19 @@ export class Listener {
     });
     this.node.port.onmessage = ({ data }) => this.report(data);
     this.node.connect(this.context.destination);
+    const { port1, port2 } = new MessageChannel();
+    this.node.port.postMessage(port1, [port1]);
+    this.wire = new Worker('/static/soundwire.js');
+    this.wire.postMessage(port2, [port2]);
     await this.context.resume();
   }
 
   async stop() {
     const { context } = this;
-    this.context = this.node = null;
+    if (this.wire) this.wire.terminate();
+    this.context = this.node = this.wire = null;
     this.latency = null;
     if (context) await context.close();
-  }
-
-  take({ view, data, stamp }) {
-    if (!this.node) return;
-    const channels = view.getUint8(1);
-    const rate = view.getUint32(4, true);
-    const samples = new Int16Array(data.slice(24));
-    this.node.port.postMessage({ stamp, rate, channels, samples }, [samples.buffer]);
   }
 
   // The worklet tells which stamp it just gave out, at which time of the audio clock.

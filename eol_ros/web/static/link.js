@@ -71,10 +71,9 @@ export class Link extends EventTarget {
     this.tellWants();
   }
 
-  // A hidden page asks for nothing but what must go on: the sound that somebody listens to.
+  // A hidden page asks for nothing; sound has a connection of its own (soundwire.js).
   tellWants() {
-    const hidden = document.visibilityState === 'hidden';
-    this.send({ wants: hidden ? this.wanted.filter((name) => name === 'sound') : this.wanted });
+    this.send({ wants: document.visibilityState === 'hidden' ? [] : this.wanted });
   }
 
   ping() {

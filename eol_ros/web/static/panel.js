@@ -26,7 +26,7 @@ const drawn = { slips: [], starts: 0, latencies: [] }; // stamps not drawn yet; 
 window.eol.drawn = drawn;
 
 const camera = new CameraView($('camera'));
-const space = new SpaceView($('space'), act);
+const space = (window.eol.space = new SpaceView($('space'), act));
 const sound = new SoundView($('sound'));
 const cascades = new CascadeView($('cascades'));
 const coordinates = new CoordinateList($('coords'));
@@ -38,7 +38,6 @@ window.eol.listener = listener;
 function wants() {
   const channels = ['blocks', 'slips', 'triggers', 'meter', 'leds'];
   if (camera.view !== 'off') channels.push('image');
-  if (listener.on) channels.push('sound');
   link.want(channels);
 }
 camera.onview = wants;
@@ -149,7 +148,6 @@ $('listen').onclick = async () => {
   if (listener.on) await listener.stop();
   else await listener.start();
   $('listen').setAttribute('aria-pressed', listener.on);
-  wants();
 };
 for (const [name, words] of Object.entries(LANGUAGES)) {
   const button = document.createElement('button');

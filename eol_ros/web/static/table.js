@@ -27,16 +27,13 @@ let ledsAt = 0;
 drawing.resize();
 land(Math.min(Math.max(Math.round(0.09 * drawing.perM), 64), 320)).then((picture) => drawing.setLand(picture));
 
-function wants() {
-  link.want(['truth', 'blocks', 'slips', 'leds', ...(listener.on ? ['sound'] : [])]);
-}
-wants();
+link.want(['truth', 'blocks', 'slips', 'leds']);
 
 link.on('truth', (packet) => {
   state = readTruth(packet);
   hands.pose = state.rim;
   counts.packets++;
-  if (counts.packets === 1) link.want(['truth', 'slips', 'leds', ...(listener.on ? ['sound'] : [])]);
+  if (counts.packets === 1) link.want(['truth', 'slips', 'leds']);
 });
 link.on('blocks', (packet) => {
   if (link.age('truth') < STALE_S) return; // what the twin tells is newer than what the camera saw
@@ -88,7 +85,6 @@ $('pin-form').onsubmit = async (event) => {
 $('listen').onclick = async () => {
   if (listener.on) await listener.stop();
   else await listener.start();
-  wants();
   tell();
 };
 for (const [name, words] of Object.entries(LANGUAGES)) {

@@ -8,6 +8,7 @@
 
 const LENGTH = 48000;
 const MARGINS_S = [0.02, 0.15];
+const CALM_S = 3; // without running dry: then the margin narrows by a seventh
 const JUMP_S = 0.012; // less than this is left to the speed
 
 class Ring extends AudioWorkletProcessor {
@@ -25,7 +26,10 @@ class Ring extends AudioWorkletProcessor {
     this.least = Infinity;
     this.starved = this.packets = this.packet = this.level = this.blocks = this.calm = 0;
     this.stampOfWritten = 0;
-    this.port.onmessage = ({ data }) => this.take(data);
+    this.begun = currentTime;
+    this.port.onmessage = ({ data }) => { // the port from which the samples come
+      data.onmessage = (event) => this.take(event.data);
+    };
   }
 
   take({ stamp, rate, channels, samples }) {
@@ -54,8 +58,8 @@ class Ring extends AudioWorkletProcessor {
     this.least = Infinity;
     this.jump = extra > JUMP_S * this.rate ? extra : 0;
     this.speed = 1 + Math.min(Math.max(extra / this.rate, -0.005), 0.005);
-    if (++this.calm >= 10) {
-      this.margin = Math.max(this.margin * 0.9, MARGINS_S[0]);
+    if (++this.calm >= CALM_S) {
+      this.margin = Math.max(this.margin * 0.86, MARGINS_S[0]);
       this.calm = 0;
     }
   }
@@ -72,6 +76,7 @@ class Ring extends AudioWorkletProcessor {
     const fill = this.written - this.read;
     if (!this.playing && this.packets && fill >= this.wanted()) {
       this.playing = true;
+      this.read = this.written - this.wanted(); // what has come too late is not made up for
       this.least = Infinity;
       this.reviewAt = currentTime + 1;
     }
@@ -81,7 +86,8 @@ class Ring extends AudioWorkletProcessor {
         this.playing = false;
         this.starved++;
         this.calm = 0;
-        this.margin = Math.min(this.margin * 1.5, MARGINS_S[1]);
+        // A page that has just been opened is busy with itself: that says nothing of the network.
+        if (currentTime - this.begun > CALM_S) this.margin = Math.min(this.margin * 1.5, MARGINS_S[1]);
       }
     }
     if (this.playing) {
