@@ -13,8 +13,8 @@ FS, PERIOD = 48000, 256
 class Jack:
     """A JACK server of its own; `start` and `stop` plug the card in and out."""
 
-    def __init__(self, name: str, period: int = PERIOD):
-        self.name, self.period = name, period
+    def __init__(self, name: str, period: int = PERIOD, channels: int = 2):
+        self.name, self.period, self.channels = name, period, channels
         self.process: subprocess.Popen | None = None
 
     @property
@@ -27,6 +27,7 @@ class Jack:
         if not shutil.which('jackd'):
             raise DeviceMissing('jackd is not installed; apt-get install jackd2')
         words = ['-n', self.name, '-d', 'dummy', '-r', str(FS), '-p', str(self.period)]
+        words += ['-P', str(self.channels)]
         for real_time in (['-R', '-P', '70'], ['-r']):  # the second where that is not allowed
             self.process = subprocess.Popen(
                 ['jackd', *real_time, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

@@ -11,7 +11,7 @@ from eol_ros.bench.jack import Jack
 from eol_ros.errors import DeviceMissing
 
 
-def plugged(monkeypatch, here=True):
+def plugged(monkeypatch, here=True, channels=2):
     """Yield a running card for one test; skip where JACK or PortAudio is missing.
 
     `here`: PortAudio of this process shall see it. It must not, if the card goes during the test.
@@ -22,7 +22,7 @@ def plugged(monkeypatch, here=True):
         import sounddevice as sd
     except OSError:
         pytest.skip('PortAudio is not installed (apt-get install libportaudio2)')
-    jack = Jack(f'eol-test-{os.getpid()}-{time.monotonic_ns() % 10**6}')
+    jack = Jack(f'eol-test-{os.getpid()}-{time.monotonic_ns() % 10**6}', channels=channels)
     for name, value in jack.environment.items():
         monkeypatch.setenv(name, value)
     try:

@@ -30,6 +30,11 @@ def card(monkeypatch):
 
 
 @pytest.fixture
+def wide_card(monkeypatch):
+    yield from plugged(monkeypatch, channels=8)
+
+
+@pytest.fixture
 def card_for_others(monkeypatch):
     yield from plugged(monkeypatch, here=False)
 
@@ -79,6 +84,27 @@ def test_plays_on_a_real_stream_at_the_time_that_was_asked(card, compiled):
         s = mixer.state[0]
         assert (s['triggers'], s['late'], s['dropped']) == (1, 0, 0)
         assert abs(s['frame'] / FS - s['callbacks'] * PERIOD / FS) < 1e-9
+    finally:
+        assert stream.close()
+
+
+@pytest.mark.slow
+def test_eight_loudspeakers_in_a_row(wide_card):
+    assert [c['channels'] for c in cards()] == [8]
+    mixer, sound = new_mixer(channels=8), bank()
+    stream = Card(mixer, 'system', PERIOD)
+    stream.play()
+    try:
+        assert wait_for(lambda: mixer.state['frame'][0] > FS // 4, 20)
+        t = triggers(now(mixer) + 0.3 + np.array([0.0, 0.0]))
+        t['pan'] = [1.0, -1 + 2 * 2.5 / 7]  # the last one; between the third and the fourth
+        mixer.play(t, sound)
+        assert wait_for(lambda: mixer.recent(FS // 2).any(), 20)
+        assert wait_for(lambda: mixer.state['voices'][0] == 0, 20)
+        loud = np.abs(mixer.recent(FS // 2)).max(axis=0)
+        assert loud[7] > 0.1 and loud[2] == pytest.approx(loud[3], rel=1e-3)
+        assert loud[2] == pytest.approx(loud[7] * 0.5**0.5, rel=1e-3)
+        assert not loud[[0, 1, 4, 5, 6]].any()
     finally:
         assert stream.close()
 
