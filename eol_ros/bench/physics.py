@@ -247,13 +247,14 @@ def extreme_rows() -> list[dict]:
 def size_rows(sizes: tuple[int, ...]) -> list[dict]:
     """Return cost and memory of plates of n blocks, from their first breaks on."""
     rows = []
+    plan.simulate(from_mapping(builders.plate(named.PULL, 6.0, 2, 2)), ledger=False)  # compiles
     for n in track(sizes, 'sizes'):
         side = int(round(n**0.5))
         _reset_peak()
         before = _peak_mb()
-        given = builders.plate(named.PULL, 6.5, side, side, u0=builders.offsets(n, 0.005, 5, True))
+        given = builders.plate(named.PULL, 2e3, side, side, u0=builders.offsets(n, 0.005, 5, True))
         scene = from_mapping(given)
-        model, times = Model.of(scene), np.array([0.0, 6.5])
+        model, times = Model.of(scene), np.array([0.0, 2e3])
         limits = Limits(events=1000, steps=100_000)
         job = functools.partial(exact1d.solve, scene, model, times, limits, False)
         run, seconds = cpu_s(job, 2)

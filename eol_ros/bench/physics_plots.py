@@ -28,6 +28,10 @@ def draw(result: dict, folder: Path) -> None:
             if here:
                 axis.loglog([r['ms'] for r in here], [max(r['error_m'], FLOOR_M) for r in here],
                             mark, color=colour, label=family, markersize=6)
+        beside = [r for r in result['peers'] if r['scene'] == name and 'own_ms' in r]
+        if beside and name.endswith(' equal'):
+            axis.loglog([r['own_ms'] for r in beside],
+                        [max(r['own_error_m'], FLOOR_M) for r in beside], 'k*', label='ours')
         axis.set_title(name)
         axis.set_xlabel('processor time, ms')
         axis.grid(alpha=0.3)

@@ -83,6 +83,18 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
 
     `grid` is filled at its times; `state` (n,) int8 comes back 1 for blocks that slide.
     """
+    status, t, events, steps, base = _run(
+        u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, state
+    )
+    if rim.kind == VELOCITY:
+        for i in range(at.n):
+            u[i] += rim.par[0] * base
+    return status, t, events, steps
+
+
+@njit(cache=True)
+def _run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, state):
+    """Do so; `u` comes back relative to the rim's place at `base` (s), which is returned last."""
     n = at.n
     la = make_lanes(n, order)
     slot, slots = la.slot, la.slots
@@ -138,7 +150,7 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
                     slots[m] = i
                     m += 1
                     if events >= len(log.t):
-                        return EVENT_LIMIT, base + t, events, steps
+                        return EVENT_LIMIT, base + t, events, steps, base
                     log.t[events], log.block[events], log.start[events] = base + t, i, 1
                     events += 1
                     refill = True
@@ -210,7 +222,7 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
                     if near < h:
                         h, ends = near, False
             if not h >= 0.0:
-                return NOT_FINITE, base + t, events, steps
+                return NOT_FINITE, base + t, events, steps, base
             top = h
             if top > 0.0 and (m > 0 or count > 0):
                 bounds(order, mp, h, la)
@@ -290,12 +302,12 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
         steps += 1
         since += 1
         if m > 0 and not math.isfinite(u[slots[0]] + v[slots[0]]):
-            return NOT_FINITE, base + t, events, steps
+            return NOT_FINITE, base + t, events, steps, base
         if ends and kind_of == 0 and not due_now:
             t = end
             break
         if steps >= max_steps:
-            return STEP_LIMIT, base + t, events, steps
+            return STEP_LIMIT, base + t, events, steps, base
         if kind_of == 0 and not due_now:
             continue
         # the event, and whatever happens at the same instant, in the order of the blocks
@@ -307,7 +319,7 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
         changed = False
         for i in range(n):
             if events >= len(log.t):
-                return EVENT_LIMIT, base + t, events, steps
+                return EVENT_LIMIT, base + t, events, steps, base
             c = slot[i]
             if c >= 0 and c < before:
                 if at.friction[i] == 0.0:
@@ -372,5 +384,4 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
             check = True
     for i in range(n):
         state[i] = 1 if slot[i] >= 0 else 0
-        u[i] += speed * base
-    return OK, t_end, events, steps
+    return OK, t_end, events, steps, base

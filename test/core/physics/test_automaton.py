@@ -8,6 +8,7 @@ import pytest
 
 from eol_ros.core.physics.automaton import Automaton, ExactAutomaton, LongLattice
 from eol_ros.core.physics.oslo import OsloPile
+from eol_ros.core.science import powerlaw
 from eol_ros.errors import ConfigError
 
 pytestmark = pytest.mark.slow  # numba compiles, unless it has before
@@ -260,3 +261,24 @@ def test_the_pile_stands_between_its_slopes():
 
     assert set(pile.slope.tolist()) <= {0, 1, 2}
     assert 1.55 < pile.slope.sum() / 64 < 1.8
+
+
+@pytest.mark.parametrize(
+    ('alpha', 'warmup', 'tau'),
+    [(0.10, 3_000_000, 2.54), (0.15, 4_000_000, 2.15), (0.20, 2_000_000, 1.83)],
+)
+def test_the_law_of_sizes_steepens_as_less_is_passed_on(alpha, warmup, tau):
+    """L 35, sizes 2..200: values of a full scan in floating point (Olami et al. 1992, fig. 3)."""
+    automaton = Automaton.random(35, alpha, 1)
+    automaton.run(warmup)
+    counts = powerlaw.histogram(automaton.run(1_000_000).size)
+
+    assert powerlaw.fit(counts, 2, 200).tau == pytest.approx(tau, abs=0.06)
+
+
+@pytest.mark.parametrize(('side', 'mean'), [(35, 154), (64, 599)])
+def test_without_loss_only_the_boundary_ends_an_event(side, mean):
+    automaton = Automaton.random(side, 0.25, 1)
+    automaton.run(30_000)
+
+    assert automaton.run(20_000).size.mean() == pytest.approx(mean, rel=0.08)

@@ -9,10 +9,13 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from eol_ros.core.physics import builders, named
+from eol_ros.core.physics.event2d_step import stop_in_closed_form
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.plan import plan, simulate
 from eol_ros.core.physics.run import Limits
 from eol_ros.core.physics.scene import from_mapping
+from eol_ros.core.science import powerlaw
+from eol_ros.core.science.quiescent import cascades
 from eol_ros.errors import UsageError
 
 PULL = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
@@ -410,6 +413,15 @@ def test_limits_are_told():
     assert solve(named.scene('S3G'), limits=Limits(events=10)).status == 'event limit'
 
 
+def test_what_is_cut_short_has_true_places_and_books():
+    """A long run keeps its places local; a limit met on the way must not show that."""
+    for limits in (Limits(steps=3000), Limits(events=2000)):
+        run = solve(builders.single(PULL, 1e5), limits=limits, sample_s=1e4)
+        assert run.status != 'ok'
+        assert run.t_reached > 1000
+        assert abs(run.energy.residual_J) < 1e-8
+
+
 def test_a_block_that_flies_stops_where_it_must():
     run = solve(EXTREMES['a loose block in the plane'])
     speed, brake = np.hypot(1.0, 0.5), 0.65 * 9.81
@@ -423,3 +435,59 @@ def test_poses_and_constant_velocity_are_the_same_pull():
     by_rows = solve(scene | {'drive': {'kind': 'poses', 'par': rows}, 'T': 5.0})
     by_speed = solve(scene | {'T': 5.0})
     assert np.abs(by_rows.u - by_speed.u).max() < 1e-10
+
+
+@pytest.mark.parametrize('angle', [0.0, 0.7, 2.0, np.pi])
+@pytest.mark.parametrize('force', [0.0, 1.0, 5.0])
+def test_the_closed_form_of_a_stop(angle, force):
+    """A block under a constant pull f < mu slides to rest: against SciPy."""
+    mu, speed = 6.4, 0.3
+    pull = force * np.array([np.cos(0.4), np.sin(0.4)])
+    v0 = speed * np.array([np.cos(0.4 + angle), np.sin(0.4 + angle)])
+
+    def rhs(_, y):
+        return np.concatenate([y[2:], pull - mu * y[2:] / np.hypot(*y[2:])])
+
+    def slow(_, y):
+        return np.hypot(y[2], y[3]) - 1e-5
+
+    slow.terminal = True
+    found = solve_ivp(rhs, (0, 9), [0, 0, *v0], 'DOP853', rtol=1e-12, atol=1e-14, events=slow)
+    t, x, y, will = stop_in_closed_form(*v0, *pull, mu)
+    assert will
+    assert t == pytest.approx(found.t[-1], abs=1e-4 / (mu - force))
+    assert (x, y) == pytest.approx(tuple(found.y[:2, -1]), abs=1e-9)
+
+
+def test_a_pull_above_friction_stops_nothing():
+    assert not stop_in_closed_form(1.0, 0.0, 7.0, 0.0, 6.4)[3]
+
+
+@pytest.mark.slow
+def test_the_table_is_no_power_law_of_earthquakes():
+    """5x5 at 1 mm/s: tau of cascade areas 1..12 is 1.5 to 1.6, so b is 0.5 to 0.6."""
+    drive = {'kind': 'constant_velocity', 'par': [0.001, 0.0]}
+    scene = builders.table(
+        drive, 10_000.0, dim1=True, u0=builders.offsets(25, 0.001, 11, along_x=True)
+    )
+    run = solve(scene, sample_s=10_000.0, ledger=False)
+    _, areas = cascades(run.event_block, run.event_start)
+    assert len(areas) > 3000
+    assert areas.max() == 25
+    assert powerlaw.fit(powerlaw.histogram(areas), 1, 12).tau == pytest.approx(1.55, abs=0.06)
+
+
+@pytest.mark.slow
+def test_weakening_makes_many_small_slips_and_a_few_of_the_whole():
+    """Carlson and Langer (1989): small events, and an excess of those that span the system."""
+    drive = {'kind': 'constant_velocity', 'par': [0.002, 0.0]}
+    scene = builders.train(
+        drive, 4000.0, n=20, k_plate=4.0, k_between=80.0, mu_k=0.9, weakening={'speed': 0.05},
+        u0=builders.offsets(20, 0.002, 3, along_x=True),
+    )
+    run = solve(scene, sample_s=4000.0, ledger=False, limits=Limits(events=200_000, steps=400_000))
+    _, areas = cascades(run.event_block, run.event_start)
+    counts = np.bincount(areas, minlength=21)
+    assert len(areas) > 100
+    assert counts[1] > counts[5] > 0
+    assert counts[20] > counts[10:18].max()
