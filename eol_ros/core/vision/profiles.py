@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-REACH_PX = 6.5  # of a profile at least, along the normal, to both sides of its edge
+REACH_PX = 4.8  # of a profile at least, along the normal, to both sides of its edge
 TAPS = 22  # pixels of a profile at 45 degrees
 LINES = 384  # profiles of one square, in whole vectors
 SIDE_LINES = 88  # of one side; a wider one is read on every second line
