@@ -27,6 +27,7 @@ EXAMPLES = [
 ]
 HOPS = (64, 128, 256, 512, 1024)
 COUNTS = (160, 400, 600, 1024, 2048)
+NOISE_M = 2e-5  # of a block's position, on clean images
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('sounds', nargs='*', help='files or folders; none: the ice recording')
     parser.add_argument('--grain', type=float, default=0.25, metavar='S')
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--table-seconds', type=float, default=120.0, help='of the twin, per row')
     parser.add_argument('--json', action='store_true')
 
 
@@ -47,6 +49,7 @@ def run(args: argparse.Namespace) -> int:
         'hop': measure_hops(sounds, args.grain),
         'layout': [measure_layout(n, args.seed) for n in COUNTS],
         'selection': [measure_selection(n, args.seed) for n in (160, 600, 2000)],
+        'slips': [measure_slips(args.table_seconds, fps, args.seed) for fps in (60.0, 120.0)],
     }
     print(json.dumps(results, indent=2) if args.json else table(results))
     return 0
@@ -220,12 +223,41 @@ def measure_selection(n: int, seed: int) -> dict[str, float]:
     return result
 
 
+def measure_slips(seconds: float, fps: float, seed: int) -> dict[str, float]:
+    """Return how many slips of the twin sound, and from true onset to the stamp of the image, ms.
+
+    Settings and grains that ship; positions carry the noise of the tracker.
+    """
+    from eol_ros.bench.sound_rehearsal import Twin
+
+    grains = np.zeros(160, GRAIN)
+    grains['x'], grains['y'] = layout.lattice(160).T
+    grains['duration_s'] = 0.25
+    selector = Selector(GrainsSettings(), Corpus((Source('', 48000, 40.0, ''),), grains))
+    twin, random = Twin(seed), np.random.default_rng(seed)
+    begun, sounded = [], []
+    for _ in range(round(seconds * fps)):
+        begun += twin.step(1 / fps)
+        xy = np.stack([twin.table.x, twin.table.y]) + random.normal(0, NOISE_M, (2, 25))
+        found = selector.update(twin.time_s, *xy, np.ones(25, bool), np.full(25, NOISE_M))
+        sounded += [(int(row['block']), twin.time_s) for row in found]
+    waits = []
+    for at_s, block in begun:
+        after = [s - at_s for b, s in sounded if b == block and 0 <= s - at_s < 0.25]
+        waits += [1e3 * min(after)] if after else []
+    p50, p99 = np.percentile(waits, [50, 99])
+    return {
+        'images_per_s': fps, 'slips': len(begun), 'sounded_percent': 100 * len(waits) / len(begun),
+        'wait_ms_p50': float(p50), 'wait_ms_p99': float(p99), 'wait_ms_most': max(waits),
+    }  # fmt: skip
+
+
 def table(results: dict[str, Any]) -> str:
     """Return the figures for people."""
     lines = ['descriptors']
     for name, value in results['descriptors'].items():
         lines.append(f'  {name:32} {_words(value)}')
-    for name in ('hop', 'layout', 'selection'):
+    for name in ('hop', 'layout', 'selection', 'slips'):
         rows = results[name]
         lines += [name, '  ' + ''.join(f'{key:>24}' for key in rows[0])]
         lines += ['  ' + ''.join(f'{_number(v):>24}' for v in row.values()) for row in rows]

@@ -99,38 +99,45 @@ def figures(watch, begin_ns: int, scene) -> dict[str, Any]:
     }  # fmt: skip
 
 
+class Twin:
+    """The table of a rehearsal, simulated here; tells when blocks broke loose."""
+
+    def __init__(self, seed: int):
+        from eol_ros.core.physics.hands import Rim, Visitors
+        from eol_ros.core.physics.live import LiveTable
+
+        self.table, self.time_s = LiveTable(seed), 0.0
+        self._rim, self._visitors = Rim(), Visitors(seed)
+        self.step(1e-4)  # the twin's own first image, which nobody sees
+
+    def step(self, span_s: float) -> list[tuple[float, int]]:
+        """Move on by `span_s`; return (seconds, block) of every slip that began."""
+        begin_s, self.time_s = self.time_s, self.time_s + span_s
+        hands = self._visitors.velocity(self.time_s, self._rim.pose)
+        self._rim.advance(span_s, hands, np.zeros(3))
+        log = self.table._log
+        log.start[:] = -1
+        self.table.advance(begin_s, self.time_s, self._rim.pose, self._rim.velocity)
+        return [(begin_s + float(log.t[i]), int(log.block[i]))
+                for i in np.flatnonzero(log.start == 1)]
+
+
 def onsets(truths: list, settings) -> list[tuple[int, int]]:
     """Return (time in ns, block) of each slip's beginning, in order; raise if the twins differ."""
-    from eol_ros.core.physics.hands import Rim, Visitors
-    from eol_ros.core.physics.live import LiveTable
     from eol_ros.nodes.twin import LONGEST_STEP_S
 
-    table, rim, visitors = LiveTable(settings.seed), Rim(), Visitors(settings.seed)
-    found, time_s, before_ns = [], 0.0, 0
-    spans = [1e-4]  # the twin's own first image, which nobody sees
-    for truth in truths:
+    twin, found, before_ns = Twin(settings.seed), [], 0
+    for k, truth in enumerate(truths, 1):
         stamp_ns = truth.header.stamp.sec * NS + truth.header.stamp.nanosec
         span_s = (stamp_ns - before_ns) / NS if before_ns else 1 / settings.fps
-        spans.append(min(max(span_s, 1e-4), LONGEST_STEP_S))
         before_ns = stamp_ns
-    for k, span_s in enumerate(spans):
-        begin_s, time_s = time_s, time_s + span_s
-        rim.advance(span_s, visitors.velocity(time_s, rim.pose), np.zeros(3))
-        table._log.start[:] = -1
-        table.advance(begin_s, time_s, rim.pose, rim.velocity)
-        if not k:
-            continue
-        truth = truths[k - 1]
-        if not np.array_equal(table.x, truth.x) or not np.array_equal(table.y, truth.y):
+        begun = twin.step(min(max(span_s, 1e-4), LONGEST_STEP_S))
+        if not (np.array_equal(twin.table.x, truth.x) and np.array_equal(twin.table.y, truth.y)):
             raise EolError(
                 f'image {k}: the twin is not where it should be; a message was missed, so '
                 'measure again with less beside it'
             )
-        stamp_ns = truth.header.stamp.sec * NS + truth.header.stamp.nanosec
-        log = table._log
-        for i in np.flatnonzero(log.start == 1):
-            at_ns = stamp_ns - round((span_s - float(log.t[i])) * NS)
-            found.append((at_ns, int(log.block[i])))
+        found += [(stamp_ns - round((twin.time_s - at_s) * NS), block) for at_s, block in begun]
     return sorted(found)
 
 
