@@ -43,6 +43,7 @@ class Graph:
         self.board: subprocess.Popen[str] | None = None
         self.board_log = scene.with_name(f'{scene.stem}.board.csv')
         values = scenes.plain(scenes.load(scene))
+        self.replays = 'replay' in values['nodes']
         leds = values['nodes'].get('leds')
         if leds is not None and leds['port'] == 'pty':
             self.board = subprocess.Popen(
@@ -158,8 +159,28 @@ class Graph:
             'nodes': nodes,
         }
 
+    def origin_ns(self) -> int:
+        """Return what to take from an arrival beside its stamp to have a latency.
+
+        A bag is played with the stamps of its day, so there the quickest `blocks` stands for the
+        image, and the latencies are the time beyond it.
+        """
+        if not self.replays:
+            return 0
+        return min((arrival - stamp for stamp, arrival in self.watch.seen['blocks']), default=0)
+
+    def latencies(self, topic: str) -> dict[str, float] | None:
+        """Return the summary of stamp to arrival, in ms; the first message of each stamp counts."""
+        origin = self.origin_ns()
+        first: dict[int, int] = {}
+        for stamp, arrival in self.watch.seen[topic]:
+            if stamp + origin >= self.begin_ns:
+                first.setdefault(stamp, arrival - stamp - origin)
+        return summary([late * 1e-6 for late in first.values()])
+
     def _stamps(self, topic: str) -> list[int]:
-        return sorted(s for s, _ in self.watch.seen[topic] if s >= self.begin_ns)
+        origin = self.origin_ns()
+        return sorted(s for s, _ in self.watch.seen[topic] if s + origin >= self.begin_ns)
 
     def lost(self) -> dict[str, int]:
         """Return images that were given and did not arrive, per reader, since `mark`."""
@@ -187,19 +208,12 @@ class Graph:
         if self.board is None:
             return None
         first: dict[int, float] = {}
+        origin = self.origin_ns()
         for arrival in self.arrivals():
             if arrival.stamp_us and arrival.time_ns >= self.begin_ns:
-                first.setdefault(arrival.stamp_us, latency_s(arrival))
+                played = arrival._replace(time_ns=arrival.time_ns - origin)
+                first.setdefault(arrival.stamp_us, latency_s(played))
         return summary([s * 1e3 for s in first.values()])
-
-
-def latencies(seen: list[tuple[int, int]], begin_ns: int) -> dict[str, float] | None:
-    """Return the summary of stamp to arrival, in ms; the first message of each stamp counts."""
-    first: dict[int, int] = {}
-    for stamp, arrival in seen:
-        if stamp >= begin_ns:
-            first.setdefault(stamp, arrival)
-    return summary([(arrival - stamp) * 1e-6 for stamp, arrival in first.items()])
 
 
 def summary(ms: list[float]) -> dict[str, float] | None:

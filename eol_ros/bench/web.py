@@ -22,7 +22,7 @@ from typing import Any
 
 import yaml
 
-from eol_ros.bench.running import Film, Graph, latencies, stand_in, summary
+from eol_ros.bench.running import Film, Graph, stand_in, summary
 from eol_ros.errors import EolError
 
 HELP = 'Measure the panel: processor and memory per viewer, latency to page, ear and rim.'
@@ -118,8 +118,7 @@ def measure_crowd(graph: Graph, url: str, count: int, seconds: float) -> dict[st
         'graph_images_per_s': figures['images_per_s'],
         'graph_lost': figures['lost'],
         'graph_latency_ms': {
-            topic: latencies(graph.watch.seen[topic], graph.begin_ns)
-            for topic in ('blocks', 'slips', 'grain_triggers')
+            topic: graph.latencies(topic) for topic in ('blocks', 'slips', 'grain_triggers')
         },
         **seen,
     }
