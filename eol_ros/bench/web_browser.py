@@ -53,6 +53,8 @@ def _wait(driver: Any, condition: str) -> None:
 
 def _monitor(driver: Any, url: str, seconds: float) -> dict[str, Any]:
     driver.get(url)
+    _wait(driver, 'eol.link.viewer')
+    driver.execute_script(_SHAKE)
     _wait(driver, 'eol.drawn.starts > 3 && eol.link.offsets.length > 4')
     driver.execute_script('eol.drawn.latencies.length = 0')
     time.sleep(seconds)
@@ -86,6 +88,8 @@ def _walls(driver: Any, url: str, seconds: float) -> dict[str, Any]:
     driver.switch_to.new_window('window')
     second = driver.current_window_handle
     driver.get(f'{url}/wall/right')
+    _wait(driver, 'eol.link.viewer')
+    driver.execute_script(_SHAKE)
     for window in (first, second):
         driver.switch_to.window(window)
         _wait(driver, 'eol.flips.length > 1')
@@ -97,11 +101,16 @@ def _walls(driver: Any, url: str, seconds: float) -> dict[str, Any]:
     return {'wall_skew_ms': summary([abs(left[n] - right[n]) for n in left.keys() & right.keys()])}
 
 
-# Turns the rim with the link itself at known times, towards its middle, against whatever the
-# visitors do, and waits each time until the rate of turning, as the twin tells it, jumps: visitors
-# begin and end softly. Two ends of that wait are noted: the stamp of the first image with the jump,
-# which is when the rim had moved, and when the page knew. The sound's latency is noted with each
-# report of the audio thread.
+# Pushes to and fro, so that blocks slip.
+_SHAKE = """
+setInterval(() => {
+  eol.link.send({rim: [0.12 * Math.sign(Math.sin(performance.now() / 700)), 0, 0]});
+}, 50);
+"""
+# Turns the rim with the link itself at known times, to and fro about its middle, and waits each
+# time until the rate of turning, as the twin tells it, jumps. Two ends of that wait are noted: the
+# stamp of the first image with the jump, which is when the rim had moved, and when the page knew.
+# The sound's latency is noted with each report of the audio thread.
 _PLAY = """
 const [length, cascades, done] = arguments;
 const {link, counts, listener, drawing} = eol;

@@ -82,12 +82,16 @@ link.on('health', (status) => {
   follow(status);
   if (status.node === 'tracker') camera.showThreshold(status.values.threshold);
 });
+function nameCorpus() {
+  const { corpus } = space;
+  if (corpus) write($('corpus-name'), say('corpus_words', { name: corpus.name, count: corpus.x.length }));
+}
 link.on('corpus', async () => {
   const answer = await fetch('/corpus');
   if (!answer.ok) return;
   const corpus = await answer.json();
   space.setCorpus(corpus);
-  $('corpus-name').textContent = say('corpus_words', { name: corpus.name, count: corpus.x.length });
+  nameCorpus();
   $('radius').value = corpus.radius;
   $('radius').nextElementSibling.value = `${Math.round(corpus.radius * 1000)} mm`;
 });
@@ -163,6 +167,7 @@ function markLanguage() {
   }
   redraw();
   nodes.draw();
+  nameCorpus();
 }
 
 addEventListener('keydown', (event) => {
