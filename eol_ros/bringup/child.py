@@ -15,7 +15,7 @@ from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import Policy
 
 _PR_SET_PDEATHSIG = 1
-_LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[DEBUG]')
+_LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', '[DEBUG]')
 _INSIDE = (' ', 'Thread 0x', 'Current thread 0x', 'Extension modules:')  # of a traceback
 _libc = ctypes.CDLL(None, use_errno=True)
 
