@@ -93,7 +93,7 @@ CONTROLS: dict[str, Control] = {
         Control('test', 'test card on the walls, test of sound and light', command='test'),
         Control(
             'calibrate',
-            'measure the table with the four corners',
+            'measure camera and table by the blocks, which must be still',
             command='calibrate',
             target='tracker',
             answered=True,
