@@ -77,12 +77,13 @@ class Child:
 
     def settle(self) -> bool:
         """Give it its priority, once it is well; return False where the system forbids that."""
-        self.settled = True
-        if self.popen is None:
-            return True
-        if self.process.nice:
+        allowed = True
+        if self.popen is not None and self.process.nice:
             priority.step_back(self.popen.pid, self.process.nice)
-        return not self.process.real_time or priority.step_ahead(self.popen.pid)
+        if self.popen is not None and self.process.real_time:
+            allowed = priority.step_ahead(self.popen.pid)
+        self.settled = True
+        return allowed
 
     def well(self) -> bool:
         """Tell whether it runs and all its nodes are ok."""

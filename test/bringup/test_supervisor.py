@@ -67,18 +67,23 @@ def until(condition, timeout_s=30.0):
         time.sleep(0.02)
 
 
-def in_background(work):
+def attended(supervisor, work):
+    """Run `supervisor` while `work()` looks at it from another thread; then stop it."""
     errors = []
 
-    def run():
+    def look():
         try:
             work()
         except BaseException as error:
             errors.append(error)
+        finally:
+            supervisor.stop()
 
-    thread = threading.Thread(target=run)
+    thread = threading.Thread(target=look)
     thread.start()
-    return thread, errors
+    supervisor.run()
+    thread.join()
+    assert not errors
 
 
 def test_all_ok_then_a_clean_stop(start):
@@ -111,16 +116,7 @@ def test_who_may_wait_steps_back_when_all_is_up(start):
         until(lambda: supervisor.children[0].popen and supervisor.children[0].popen.pid != pids[0])
         until(lambda: os.getpriority(os.PRIO_PROCESS, supervisor.children[0].popen.pid) == back)
 
-    def work():
-        try:
-            look()
-        finally:
-            supervisor.stop()
-
-    thread, errors = in_background(work)
-    supervisor.run()
-    thread.join()
-    assert not errors
+    attended(supervisor, look)
 
 
 def allowed():
@@ -150,19 +146,13 @@ def test_what_carries_messages_goes_ahead(start):
     seen = []
 
     def work():
-        try:
-            until(lambda: all(child.settled for child in supervisor.children))
-            pids = [child.popen.pid for child in supervisor.children]
-            threads = [int(name) for name in os.listdir(f'/proc/{pids[0]}/task')]
-            seen.extend(os.sched_getscheduler(n) & os.SCHED_RR for n in sorted(threads))
-            seen.append(os.sched_getscheduler(pids[1]))
-        finally:
-            supervisor.stop()
+        until(lambda: all(child.settled for child in supervisor.children))
+        pids = [child.popen.pid for child in supervisor.children]
+        threads = [int(name) for name in os.listdir(f'/proc/{pids[0]}/task')]
+        seen.extend(os.sched_getscheduler(n) & os.SCHED_RR for n in sorted(threads))
+        seen.append(os.sched_getscheduler(pids[1]))
 
-    thread, errors = in_background(work)
-    supervisor.run()
-    thread.join()
-    assert not errors
+    attended(supervisor, work)
     # the main thread alone: what else runs in there is no hurry
     assert seen == [os.SCHED_RR if may else 0, 0, os.SCHED_OTHER]
     assert supervisor.describe()['real_time'] == may
@@ -191,21 +181,14 @@ def test_a_killed_process_comes_back_alone(start):
     pids = {}
 
     def work():
-        try:
-            until(lambda: supervisor.all_ok_s is not None)
-            pids['before'] = [c.popen.pid for c in supervisor.children]
-            os.kill(pids['before'][1], signal.SIGKILL)
-            until(lambda: supervisor.children[1].policy.restarts == 1
-                  and supervisor.children[1].policy.beat_s)
-            pids['after'] = [c.popen.pid for c in supervisor.children]
-        finally:
-            supervisor.stop()
+        until(lambda: supervisor.all_ok_s is not None)
+        pids['before'] = [c.popen.pid for c in supervisor.children]
+        os.kill(pids['before'][1], signal.SIGKILL)
+        until(lambda: supervisor.children[1].policy.restarts == 1
+              and supervisor.children[1].policy.beat_s)
+        pids['after'] = [c.popen.pid for c in supervisor.children]
 
-    thread, errors = in_background(work)
-    supervisor.run()
-    thread.join()
-
-    assert not errors
+    attended(supervisor, work)
     assert pids['after'][0] == pids['before'][0]
     assert pids['after'][1] != pids['before'][1]
     assert 'tracker has died (killed by SIGKILL); again in 1 s' in lines
@@ -216,19 +199,12 @@ def test_a_hung_process_is_started_again(start, monkeypatch):
     supervisor, lines = start(process('twin', STEADY))
 
     def work():
-        try:
-            until(lambda: supervisor.all_ok_s is not None)
-            os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
-            until(lambda: supervisor.children[0].policy.restarts == 1
-                  and supervisor.children[0].policy.beat_s)
-        finally:
-            supervisor.stop()
+        until(lambda: supervisor.all_ok_s is not None)
+        os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
+        until(lambda: supervisor.children[0].policy.restarts == 1
+              and supervisor.children[0].policy.beat_s)
 
-    thread, errors = in_background(work)
-    supervisor.run()
-    thread.join()
-
-    assert not errors
+    attended(supervisor, work)
     assert 'twin is silent: it is started again' in lines
 
 
@@ -303,19 +279,12 @@ def test_status_over_the_socket_and_one_graph_per_domain(start):
     answers = []
 
     def work():
-        try:
-            until(lambda: supervisor.all_ok_s is not None)
-            answers.append(status.ask(domain))
-            with pytest.raises(UsageError, match='a graph runs on domain .* .scene test'):
-                status.listen(domain)
-        finally:
-            supervisor.stop()
+        until(lambda: supervisor.all_ok_s is not None)
+        answers.append(status.ask(domain))
+        with pytest.raises(UsageError, match='a graph runs on domain .* .scene test'):
+            status.listen(domain)
 
-    thread, errors = in_background(work)
-    supervisor.run()
-    thread.join()
-
-    assert not errors
+    attended(supervisor, work)
     assert [(row['node'], row['level']) for row in answers[0]['nodes']] == [('twin', 0)]
     assert 'twin' in status.table(answers[0]) and '60.0 Hz' in status.table(answers[0])
     json.dumps(answers[0])
@@ -325,16 +294,9 @@ def test_a_fault_shows_its_last_line_and_keeps_the_rest_in_the_log(start, tmp_pa
     supervisor, lines = start(process('twin', 'import time\nraise RuntimeError("no ice")'))
 
     def work():
-        try:
-            until(lambda: supervisor.children[0].policy.restarts == 1)
-        finally:
-            supervisor.stop()
+        until(lambda: supervisor.children[0].policy.restarts == 1)
 
-    thread, errors = in_background(work)
-    supervisor.run()
-    thread.join()
-
-    assert not errors
+    attended(supervisor, work)
     shown = [line for line in lines if '|' in line]
     assert shown[0] == 'twin | RuntimeError: no ice'
     assert 'Traceback (most recent call last)' in (tmp_path / 'eol.log').read_text()
@@ -361,15 +323,8 @@ beat('twin'); stuck_in_the_ice()
     supervisor, lines = start(process('twin', script))
 
     def work():
-        try:
-            until(lambda: supervisor.children[0].policy.restarts == 1)
-        finally:
-            supervisor.stop()
+        until(lambda: supervisor.children[0].policy.restarts == 1)
 
-    thread, errors = in_background(work)
-    supervisor.run()
-    thread.join()
-
-    assert not errors
+    attended(supervisor, work)
     assert 'stuck_in_the_ice' in (tmp_path / 'eol.log').read_text()
     assert not any('stuck_in_the_ice' in line for line in lines)
