@@ -1,23 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests share: a DDS domain and folders of their own, and no silent skip in CI."""
+"""What all tests share: DDS domains and folders of their own, and no silent skip in CI."""
 
+import itertools
 import os
 import sys
 import tempfile
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 from eol_ros.ros import network
 
 # Set before any test imports rclpy: every worker process has a domain of its own.
 _worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
-# From 1 to 20, below those that `eol bench` takes for its graphs.
-os.environ['ROS_DOMAIN_ID'] = str(1 + (os.getppid() + _worker * 10) % 20)
+_BASE = 1 + _worker % 2 * 10  # from 1 to 20, below those that `eol bench` takes for its graphs
+_rounds = itertools.cycle(range(1, 10))
+os.environ['ROS_DOMAIN_ID'] = str(_BASE)
 os.environ['EOL_STATE'] = tempfile.mkdtemp(prefix='eol-test-state-')
 for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'NUMBA_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
 network.configure('local', images=True)
+hypothesis.settings.register_profile(
+    'eol', deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
+hypothesis.settings.load_profile('eol')  # a busy machine is no fault of the code
 
 
 @pytest.fixture(scope='session')
@@ -28,12 +35,14 @@ def python():
 
 @pytest.fixture
 def ros():
-    """rclpy, started for one test."""
+    """rclpy for one test, on another domain than the test before: its last words are not heard."""
     import rclpy
 
+    os.environ['ROS_DOMAIN_ID'] = str(_BASE + next(_rounds))
     rclpy.init()
     yield rclpy
     rclpy.try_shutdown()
+    os.environ['ROS_DOMAIN_ID'] = str(_BASE)
 
 
 _HERE = Path(__file__).parent

@@ -144,6 +144,9 @@ class Tracker:
 
     def update(self, stamp_s: float, image: np.ndarray) -> Tracked:
         """Take the next image, (h, w) uint8, stamped mid-exposure; never raises for a bad image."""
+        # One type for all images: loops compiled for another may differ in the last bit.
+        image = np.ascontiguousarray(image).view()
+        image.flags.writeable = False
         for key, text in self.requests.due(stamp_s):
             self._fulfil(stamp_s, key, text)
         if self.requests.dark(stamp_s, image):
