@@ -78,6 +78,7 @@ class BlobFinder:
             self._begin(image.shape)
         if self.clutter is not None:
             image = self.clutter.remove(image)
+        image = scan.read_only(image)
         scan.sample(image, self._grid)
         scan.backgrounds(self._grid, self._tiles, self._turn % 8 if self._turn else 0,
                          8 if self._turn else 1)

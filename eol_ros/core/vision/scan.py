@@ -16,6 +16,17 @@ SEEK_PX = 12.0
 AREA, ROW, COL, HIGH, WIDE = range(5)
 
 
+def read_only(image: np.ndarray) -> np.ndarray:
+    """Return `image` as the one type that loops are compiled for: contiguous, not to be written.
+
+    For another type they would be compiled anew, while an image waits, and their fast arithmetic
+    might then round differently in the last bit.
+    """
+    image = np.ascontiguousarray(image).view()
+    image.flags.writeable = False
+    return image
+
+
 @njit(cache=True)
 def sample(image, grid):
     """Copy every STEP-th pixel of `image` (h, w) into `grid` (h // 4, w // 4)."""

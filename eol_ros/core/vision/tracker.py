@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
-from eol_ros.core.vision import mapping
+from eol_ros.core.vision import mapping, scan
 from eol_ros.core.vision.blink import Blink
 from eol_ros.core.vision.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.calibration import Calibration
@@ -144,9 +144,7 @@ class Tracker:
 
     def update(self, stamp_s: float, image: np.ndarray) -> Tracked:
         """Take the next image, (h, w) uint8, stamped mid-exposure; never raises for a bad image."""
-        # One type for all images: loops compiled for another may differ in the last bit.
-        image = np.ascontiguousarray(image).view()
-        image.flags.writeable = False
+        image = scan.read_only(image)
         for key, text in self.requests.due(stamp_s):
             self._fulfil(stamp_s, key, text)
         if self.requests.dark(stamp_s, image):

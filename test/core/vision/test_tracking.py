@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision import renderer_clutter
+from eol_ros.core.vision import edges, mapping, renderer_clutter, scan
 from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.clutter import ClutterMap
 from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import CALIBRATING, FAULT, Tracker
@@ -255,6 +256,20 @@ def test_requests_written_down_make_the_same_answers_again(scattered):
 
     assert run(live) == run(at_once)
     assert run(live) != run(lambda tracker, k: None)
+
+
+def test_no_image_compiles_anything_anew(tracker, stills):
+    """After warm_up every kind of image finds its loops ready: also the first without lamps."""
+    tracker.warm_up()
+    loops = (edges.fit_squares, scan.sample, mapping.glance)
+    ready = [list(loop.signatures) for loop in loops]
+    image = stills[0]
+    over_the_wire = np.frombuffer(image.tobytes(), np.uint8).reshape(image.shape)
+    for k, kind in enumerate((over_the_wire, image.copy(), np.asfortranarray(image))):
+        tracker.update(k / 60, kind)
+    tracker.finder.clutter = ClutterMap(np.zeros_like(image))
+    assert tracker.update(0.1, image).seen.all()
+    assert [list(loop.signatures) for loop in loops] == ready
 
 
 def test_a_threshold_leaves_dimmer_squares_out(tracker, stills):
