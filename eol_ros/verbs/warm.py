@@ -41,11 +41,20 @@ def _twin():
 
 
 def _tracker():
+    import numpy as np
+
+    from eol_ros.core.geometry import N_BLOCKS, rest_lattice
     from eol_ros.core.vision.calibration import Calibration
+    from eol_ros.core.vision.renderer import Renderer, RenderOptions
     from eol_ros.core.vision.tracker import Tracker
     from eol_ros.settings import TrackerSettings
 
     Tracker(TrackerSettings(), Calibration.ideal()).warm_up()
+    # and one that has to calibrate itself, from blocks at rest
+    tracker, renderer = Tracker(TrackerSettings(), None), Renderer(RenderOptions(), None, 0)
+    for k in range(120):
+        x, y = rest_lattice().T
+        tracker.update(k / 60, renderer.render(x, y, np.zeros(N_BLOCKS), k))
 
 
 def _sound():
