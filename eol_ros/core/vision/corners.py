@@ -6,7 +6,7 @@ import math
 import numpy as np
 from numba import njit
 
-from eol_ros.core.vision import profiles
+from eol_ros.core.vision import profiles, scan
 
 
 @njit(cache=True)
@@ -74,7 +74,7 @@ def corners(image: np.ndarray, blobs: np.ndarray, blur_px: float = 1.25) -> np.n
     squares = np.column_stack([blobs['u'], blobs['v'], blobs['theta'], blobs['side_px'] / 2])
     lines = np.zeros((len(squares), 4, 3))
     for _ in range(2):  # the second time from nearer
-        side_lines(image, squares, blur_px, *profiles.workspace(), lines)
+        side_lines(scan.read_only(image), squares, blur_px, *profiles.workspace(), lines)
         squares[:, 3] = np.where(lines[:, :, 2].min(axis=1) > 0.5, lines[:, :, 0].mean(axis=1),
                                  squares[:, 3])
     angle = squares[:, 2, None] + np.arange(4) * np.pi / 2 + lines[:, :, 1]
