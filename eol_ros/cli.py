@@ -50,6 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         hint = f'Did you mean {near[0]}?' if near else f'There are {", ".join(VERBS)}.'
         print(f'eol: {verb}: no such verb. {hint}', file=sys.stderr)
         return UsageError.exit_code
+    # as in the graph: the last bits of a solved system depend on how many threads solved it
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     module = importlib.import_module(f'eol_ros.verbs.{verb}')
     return run_verb(module, f'eol {verb}', words[1:])
 

@@ -10,7 +10,7 @@ from eol_ros.core.vision import profiles, scan
 
 
 @njit(cache=True)
-def side_lines(image, squares, blur, pixels, work, ends, out):
+def side_lines(image, squares, blur, work, ends, out):
     """Fit a line to each side of `squares` (n, >= 4): u, v, theta, half side.
 
     out (n, 4, 3): distance of the side from the centre in px, its turn against the square in rad,
@@ -21,15 +21,15 @@ def side_lines(image, squares, blur, pixels, work, ends, out):
     for s in range(squares.shape[0]):
         u, v, theta, half = squares[s, 0], squares[s, 1], squares[s, 2], squares[s, 3]
         out[s] = 0.0
-        profiles.gather(image, u, v, theta, half, blur, square, pixels, work, ends)
+        profiles.gather(image, u, v, theta, half, blur, square, work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
         limit = half - profiles.CORNER * blur
-        contrast, _ = profiles.levels(pixels, work, ends, slope, lean, limit, profiles.FLAT * blur,
+        contrast, _ = profiles.levels(work, ends, slope, lean, limit, profiles.FLAT * blur,
                                       spread)
         if contrast == 0.0:
             continue
         profiles.share_levels(work, ends, spread)
-        profiles.offsets(pixels, work, ends, slope, lean, limit, blur, spread)
+        profiles.offsets(work, ends, slope, lean, limit, blur, spread)
         for side in range(4):
             begin, end = ends[side], ends[side + 1]
             a = b = 0.0  # offset = a + b t

@@ -198,13 +198,13 @@ def _alike(work, ends, step):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def _fit(image, square, expected, half_sigma, tight, searches, blur, shear, pixels, work, ends, a,
+def _fit(image, square, expected, half_sigma, tight, searches, blur, shear, work, ends, a,
          step, shares, spread):
     """Fit one square from `square` (FIELDS,): u, v, theta, half; fill in the other fields."""
     u, v, theta, half = square[U], square[V], square[THETA], square[HALF]
     for _ in range(searches):
-        profiles.gather(image, u, v, theta, half, blur, shear, pixels, work, ends)
-        profiles.search(pixels, work, ends, abs(math.cos(theta)))
+        profiles.gather(image, u, v, theta, half, blur, shear, work, ends)
+        profiles.search(work, ends, abs(math.cos(theta)))
         share, variance = _agree(work, ends, expected - half, max(half_sigma, 0.02 * half),
                                  9.0, 1.5, 5, a, step, shares)
         if share < 0.3:
@@ -220,10 +220,10 @@ def _fit(image, square, expected, half_sigma, tight, searches, blur, shear, pixe
     variance = 1.0
     contrast = level = 0.0
     for gather in range(4):
-        profiles.gather(image, u, v, theta, half, blur, shear, pixels, work, ends)
+        profiles.gather(image, u, v, theta, half, blur, shear, work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
         limit = half - CORNER * blur
-        contrast, level = profiles.levels(pixels, work, ends, slope, lean, limit, FLAT * blur,
+        contrast, level = profiles.levels(work, ends, slope, lean, limit, FLAT * blur,
                                            spread)
         share = 0.0
         if contrast == 0.0:
@@ -231,7 +231,7 @@ def _fit(image, square, expected, half_sigma, tight, searches, blur, shear, pixe
         profiles.share_levels(work, ends, spread)
         far = 0.0
         for r in range(4):
-            profiles.offsets(pixels, work, ends, slope, lean, limit, blur, spread)
+            profiles.offsets(work, ends, slope, lean, limit, blur, spread)
             first = r == 0 and gather == 0
             share, variance = _agree(work, ends, expected - half, half_sigma, 3.0 if first else 1.0,
                                      0.05, 4 if first else 3, a, step, shares)
@@ -250,7 +250,7 @@ def _fit(image, square, expected, half_sigma, tight, searches, blur, shear, pixe
     if tight > 0 and share < WHOLE:
         # an arm along one side moves it; what is known of the size speaks for the side across
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
-        profiles.offsets(pixels, work, ends, slope, lean, limit, blur, spread)
+        profiles.offsets(work, ends, slope, lean, limit, blur, spread)
         share, variance = _agree(work, ends, expected - half, tight, 0.6, 0.05, 4, a, step, shares)
         if share == 0.0:
             return
@@ -296,7 +296,7 @@ def keep_apart(fits, order, kept, n, least_visible, least_worst, least_quality):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def fit_squares(image, starts, shears, blur, half_sigma, tight, search, pixels, work, ends, out):
+def fit_squares(image, starts, shears, blur, half_sigma, tight, search, work, ends, out):
     """Fit squares to `image` (h, w) uint8 from `starts` (n, 4): u, v, theta, expected half side.
 
     shears (n, 2): see profiles.gather.
@@ -314,11 +314,11 @@ def fit_squares(image, starts, shears, blur, half_sigma, tight, search, pixels, 
     for s in range(starts.shape[0]):
         square = out[s]
         square[:4] = starts[s]
-        _fit(image, square, starts[s, 3], half_sigma, tight, search, blur, shears[s], pixels, work,
+        _fit(image, square, starts[s, 3], half_sigma, tight, search, blur, shears[s], work,
              ends, a, step, shares, spread)
         if search == 0 and square[VISIBLE] < DOUBTFUL:
             second[:4] = starts[s]
-            _fit(image, second, starts[s, 3], half_sigma, tight, 2, blur, shears[s], pixels, work,
+            _fit(image, second, starts[s, 3], half_sigma, tight, 2, blur, shears[s], work,
                  ends, a, step, shares, spread)
             if second[VISIBLE] > square[VISIBLE] + 0.05:
                 square[:] = second

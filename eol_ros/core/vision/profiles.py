@@ -25,14 +25,16 @@ MIN_CONTRAST = 8.0  # grey levels
 
 # Fields of the profiles, one after the other in one flat array: with distances that the compiler
 # knows, it can tell that they do not overlap and turns every loop over profiles into vector code.
+# Of two arrays it cannot: it then asks at run time where they lie, and where it is in doubt it goes
+# a slower way whose sums have other last bits. No loop here may read one array and write another.
 (FIRST, T, NU, NV, VALID, IN, OUT, OFFSET, WEIGHT, _A, _B, _C, _D,
  _E, _F) = (k * LINES for k in range(15))
+TAP = 15 * LINES  # then the pixels of the profiles, tap after tap
 
 
-def workspace() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def workspace() -> tuple[np.ndarray, np.ndarray]:
     """Return scratch arrays of fit_squares, so that a live image allocates nothing."""
-    return (np.zeros(TAPS * LINES, np.float32), np.zeros(15 * LINES, np.float32),
-            np.zeros(6, np.int64))
+    return np.zeros((15 + TAPS) * LINES, np.float32), np.zeros(6, np.int64)
 
 
 @njit(inline='always')
@@ -42,8 +44,8 @@ def padded(n):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def gather(image, u, v, theta, half, blur, shear, pixels, work, ends):
-    """Copy the profiles of all sides into `pixels` (tap, line), running outwards.
+def gather(image, u, v, theta, half, blur, shear, work, ends):
+    """Copy the profiles of all sides into `work`, from TAP on (tap, line), running outwards.
 
     shear (2,): how lens and tilt make the square a parallelogram here: a side of normal angle phi
     lies `half Re e` further out and leans by `Im e` on t, with e = shear exp(-2 i phi).
@@ -90,13 +92,13 @@ def gather(image, u, v, theta, half, blur, shear, pixels, work, ends):
             work[VALID + i] = 1.0 if inside else 0.0
             if not inside:
                 for k in range(taps):
-                    pixels[k * LINES + i] = 0.0
+                    work[TAP + k * LINES + i] = 0.0
             elif along_row:
                 for k in range(taps):
-                    pixels[k * LINES + i] = image[line, start + step * k]
+                    work[TAP + k * LINES + i] = image[line, start + step * k]
             else:
                 for k in range(taps):
-                    pixels[k * LINES + i] = image[start + step * k, line]
+                    work[TAP + k * LINES + i] = image[start + step * k, line]
         at += n
     ends[4] = at
     ends[5] = taps
@@ -111,7 +113,7 @@ def gather(image, u, v, theta, half, blur, shear, pixels, work, ends):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def _zones(pixels, work, n, taps, slope, lean, limit, flat):
+def _zones(work, n, taps, slope, lean, limit, flat):
     """Sum each profile's pixels inside and outside: counts to A and C, sums to B and D.
 
     Sums are of differences to the innermost and the outermost pixel, so that their squares, to
@@ -142,8 +144,8 @@ def _zones(pixels, work, n, taps, slope, lean, limit, flat):
             d = work[FIRST + i] + ahead
             w = one if abs(work[T + i] + d * f_lean) <= f_limit else zero
             w = w if d < -f_flat else zero
-            change = w * (pixels[at + i] - pixels[before + i])
-            x = w * (pixels[at + i] - pixels[i])
+            change = w * (work[TAP + at + i] - work[TAP + before + i])
+            x = w * (work[TAP + at + i] - work[TAP + i])
             work[_A + i] += w
             work[_B + i] += x
             work[_E + i] += change * change
@@ -157,10 +159,10 @@ def _zones(pixels, work, n, taps, slope, lean, limit, flat):
             d = work[FIRST + i] + ahead
             w = one if abs(work[T + i] + d * f_lean) <= f_limit else zero
             w = w if d > f_flat else zero
-            x = w * (pixels[at + i] - pixels[last + i])
+            x = w * (work[TAP + at + i] - work[TAP + last + i])
             work[_C + i] += w
             work[_D + i] += x
-            work[_F + i] += w * (pixels[at + i] - pixels[before + i])
+            work[_F + i] += w * (work[TAP + at + i] - work[TAP + before + i])
             work[WEIGHT + i] += x * x
 
 
@@ -187,7 +189,7 @@ def _quantile(work, n, inner, need):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def levels(pixels, work, ends, slope, lean, limit, flat, spread):
+def levels(work, ends, slope, lean, limit, flat, spread):
     """Measure the light inside and outside along every profile, and judge which ones show an edge.
 
     Fills IN and OUT and clears VALID of profiles that show no edge like the others.
@@ -200,7 +202,7 @@ def levels(pixels, work, ends, slope, lean, limit, flat, spread):
     n, taps = ends[4], ends[5]
     wide = padded(n)
     last = (taps - 1) * LINES
-    _zones(pixels, work, wide, taps, slope, lean, limit, flat)
+    _zones(work, wide, taps, slope, lean, limit, flat)
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     total = short = zero
     for i in range(wide):
@@ -211,8 +213,8 @@ def levels(pixels, work, ends, slope, lean, limit, flat, spread):
         valid = full * work[VALID + i]
         work[VALID + i] = valid
         total += valid
-        work[IN + i] = pixels[i] + work[_B + i] / (a if a > one else one)
-        work[OUT + i] = pixels[last + i] + work[_D + i] / (c if c > one else one)
+        work[IN + i] = work[TAP + i] + work[_B + i] / (a if a > one else one)
+        work[OUT + i] = work[TAP + last + i] + work[_D + i] / (c if c > one else one)
     if total < 8.0:
         return 0.0, 0.0
     # the contrast that a quarter of all profiles exceeds: right as long as a quarter is in sight;
@@ -242,7 +244,7 @@ def levels(pixels, work, ends, slope, lean, limit, flat, spread):
         glare += glow if work[_C + i] >= two else zero
         valid = work[VALID + i] if abs(work[IN + i] - mean_in) <= near else zero
         work[VALID + i] = valid
-        off_in, off_out = work[IN + i] - pixels[i], work[OUT + i] - pixels[last + i]
+        off_in, off_out = work[IN + i] - work[TAP + i], work[OUT + i] - work[TAP + last + i]
         v_in += valid * (work[OFFSET + i] - work[_B + i] * off_in)
         v_out += valid * (work[WEIGHT + i] - work[_D + i] * off_out)
         k_in += valid * (work[_A + i] - one)
@@ -280,6 +282,7 @@ def share_levels(work, ends, spread):
             return
         mean /= count
         seen = expected = 0.0
+        variance = spread[zone]
         for side in range(4):
             begin, end = ends[side], ends[side + 1]
             total = used = pixels = 0.0
@@ -303,7 +306,7 @@ def share_levels(work, ends, spread):
                     smooth = total / used
                     work[_B + i] = smooth
                     seen += (smooth - mean) ** 2
-                    expected += spread[zone] / max(pixels, 1.0)
+                    expected += variance / max(pixels, 1.0)
         keep = max(1.0 - 1.25 * expected / seen, 0.0) if seen > 0 else 0.0
         # light that differs from line to line differs as well from the level zone to the edge
         spread[2 + zone] += UNLIKE * max(seen - 1.25 * expected, 0.0) / count
@@ -313,7 +316,7 @@ def share_levels(work, ends, spread):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def offsets(pixels, work, ends, slope, lean, limit, blur, spread):
+def offsets(work, ends, slope, lean, limit, blur, spread):
     """Answer for every profile how far its edge lies outside the present square, and how surely.
 
     One step of maximum likelihood for a Gaussian-blurred step between known levels, each pixel
@@ -354,7 +357,7 @@ def offsets(pixels, work, ends, slope, lean, limit, blur, spread):
                     np.float32(-1.453152027) + t * np.float32(1.061405429)))))
             cover = one - tail if x < zero else tail
             outer = work[OUT + i]
-            rest = pixels[at + i] - outer - (work[IN + i] - outer) * cover
+            rest = work[TAP + at + i] - outer - (work[IN + i] - outer) * cover
             bare = one - cover
             w = one / (v_out + cover * (v_more + cover * rough) + bare * bare * t_out)
             w = w if abs(work[T + i] + d * f_lean) < edge else zero
@@ -375,7 +378,7 @@ def offsets(pixels, work, ends, slope, lean, limit, blur, spread):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def search(pixels, work, ends, slope):
+def search(work, ends, slope):
     """Fill the offset of every profile by its steepest step, for a square known only roughly."""
     taps = ends[5]
     for i in range(padded(ends[4])):
@@ -387,8 +390,8 @@ def search(pixels, work, ends, slope):
         place = -1
         for k in range(3, taps - 3):
             at = k * LINES + i
-            step = (pixels[at - LINES] + pixels[at - 2 * LINES] + pixels[at - 3 * LINES]
-                    - pixels[at + LINES] - pixels[at + 2 * LINES] - pixels[at + 3 * LINES])
+            step = (work[TAP + at - LINES] + work[TAP + at - 2 * LINES] + work[TAP + at - 3 * LINES]
+                    - work[TAP + at + LINES] - work[TAP + at + 2 * LINES] - work[TAP + at + 3 * LINES])
             if step > best:
                 best = step
                 place = k
