@@ -22,7 +22,7 @@ _ENVIRONMENT = {
     # Images stay on the heap: given back to the system, each new one would be faulted in anew,
     # page by page, which tripled the time from a camera to its reader.
     'MALLOC_MMAP_THRESHOLD_': '8388608',
-    'MALLOC_TRIM_THRESHOLD_': '33554432',
+    'MALLOC_TRIM_THRESHOLD_': '8388608',
     'PYTHONUNBUFFERED': '1',
     'PYTHONFAULTHANDLER': '1',
 }

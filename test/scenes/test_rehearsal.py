@@ -170,7 +170,9 @@ def test_kill_each_node_in_turn(tmp_path):
     path = rehearsal(tmp_path, recorder={'images': 'none'})
     with Graph(path, tmp_path / 'bags') as graph:
         graph.wait_until_ok()
-        for name in scenes.load(path).nodes:
+        scene = scenes.load(path)
+        for name in scene.nodes:
+            fellows = next((set(group) for group in scene.together if name in group), {name})
             before = {row['node']: row['pid'] for row in graph.status()['nodes']}
             os.kill(before[name], signal.SIGKILL)
 
@@ -180,7 +182,7 @@ def test_kill_each_node_in_turn(tmp_path):
 
             until(back, 20 if name in ('twin', 'tracker', 'sound') else 10)
             after = {row['node']: row['pid'] for row in graph.status()['nodes']}
-            assert {n for n in before if before[n] != after[n]} == {name}
+            assert {n for n in before if before[n] != after[n]} == fellows
         count = len(graph.watch.seen['blocks'])
         until(lambda: len(graph.watch.seen['blocks']) > count + 60, 10)
         assert graph.stop() == 0

@@ -389,9 +389,9 @@ def search(work, ends, slope):
         best = 0.0
         place = -1
         for k in range(3, taps - 3):
-            at = k * LINES + i
-            step = (work[TAP + at - LINES] + work[TAP + at - 2 * LINES] + work[TAP + at - 3 * LINES]
-                    - work[TAP + at + LINES] - work[TAP + at + 2 * LINES] - work[TAP + at + 3 * LINES])
+            at = TAP + k * LINES + i
+            step = (work[at - LINES] + work[at - 2 * LINES] + work[at - 3 * LINES]
+                    - work[at + LINES] - work[at + 2 * LINES] - work[at + 3 * LINES])
             if step > best:
                 best = step
                 place = k
