@@ -51,7 +51,7 @@ def test_a_minute_with_every_image_kept_loses_none(tmp_path):
     assert figures['lost'] == {'tracker': 0, 'recorder': 0}
     assert figures['images_per_s'] == pytest.approx(60, abs=0.02)
     bag = open_bag(next(p for p in (tmp_path / 'bags').iterdir() if p.is_dir()))
-    assert bag.topics['/eol/camera/image_raw'].count >= 3600
+    assert bag.counts['/eol/camera/image_raw'] >= 3600
 
 
 def test_nothing_grows(tmp_path):
@@ -89,7 +89,8 @@ def test_kills_at_random_are_lived_with(tmp_path):
                 assert time.monotonic() < back, f'{node} did not come back'
                 time.sleep(0.2)
             for name, pid in pids.items():
-                assert name == node or graph.node(name)['pid'] == pid, f'{name} went with {node}'
+                alone = pid != pids[node]  # not in the process that was killed
+                assert not alone or graph.node(name)['pid'] == pid, f'{name} went with {node}'
             time.sleep(20)
         status = graph.status()
         assert graph.stop() == 0
