@@ -8,6 +8,7 @@ broken is skipped and named; the others go on.
 
 import csv
 import io
+import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,7 +108,7 @@ class MediaFolder:
     def _state(self, listed: list[Pair]) -> tuple:
         """Return time and size of the list and of everything it names, to notice a change by."""
         names = {LIST, *(n for p in listed for n in (p.left, p.right))}
-        return tuple(sorted((name, *_stamp(self.path / name)) for name in names))
+        return tuple(sorted((name, *_stamp(os.path.join(self.path, name))) for name in names))
 
     def _listed(self) -> list[Pair]:
         list_file = self.path / LIST
@@ -181,9 +182,9 @@ class LazyMedia:
             return None
 
 
-def _stamp(path: Path) -> tuple[int, int]:
+def _stamp(path: str | Path) -> tuple[int, int]:
     try:
-        status = path.stat()
+        status = os.stat(path)
     except OSError:
         return 0, -1
     return status.st_mtime_ns, status.st_size

@@ -13,7 +13,6 @@ from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import NS, now_ns, to_msg
 
 RELOAD_S = 1.0
-BEAT_CHECK_S = 0.01
 
 
 class MontageNode(EolNode):
@@ -33,7 +32,7 @@ class MontageNode(EolNode):
         self.pub = self.publisher('wall')
         self.subscribe('slips', self.on_slip)
         self.subscribe('control', self.on_control)
-        self.beat = self.create_timer(BEAT_CHECK_S, self.on_beat)
+        self.beat = self.create_timer(RELOAD_S, self.on_beat)
         self.beat.cancel()
         self.create_timer(RELOAD_S, self.on_reload)
         self.show(self.shuffle.show(now_ns() / NS))
@@ -51,7 +50,11 @@ class MontageNode(EolNode):
             self.show(flip)
         elif self.wall.moving != bool(self.shuffle.moving):
             self.send()
-        self.beat.reset() if self.shuffle.moving else self.beat.cancel()
+        self.beat.cancel()  # it wakes when the next change is due, and not before
+        if self.shuffle.moving and not self.asleep:
+            wait_s = self.shuffle.due_s - now_ns() / NS
+            self.beat.timer_period_ns = round(max(wait_s, 0.001) * NS)
+            self.beat.reset()
 
     def show(self, flip: Flip) -> None:
         self.health.tick()
@@ -82,6 +85,7 @@ class MontageNode(EolNode):
             self.send()
         else:
             self.show(self.shuffle.show(now_ns() / NS))
+        self.on_beat()
         self.report()
 
     def on_reload(self) -> None:

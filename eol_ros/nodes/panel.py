@@ -8,14 +8,11 @@ from eol_ros.core import terrain
 from eol_ros.devices.day_file import DayFile
 from eol_ros.devices.media_folder import LazyMedia
 from eol_ros.nodes.panel_bridge import PanelBridge
-from eol_ros.nodes.panel_streams import STREAMS
+from eol_ros.nodes.panel_streams import Streams
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.web import notices, wire
 from eol_ros.web.server import WebServer
-
-FOLLOW_S = 0.1  # so soon a stream begins after somebody looks
-LINGER_S = 5.0  # and so late it ends: a page that is loaded again finds it still there
 
 
 class PanelNode(EolNode):
@@ -32,7 +29,7 @@ class PanelNode(EolNode):
         self.documents = self.server.routes.documents
         self.day_file = DayFile(self.scene.name)
         self.day, self.roster = notices.Day(self.day_file.load()), notices.Roster()
-        self.open_streams, self.wanted_s = {}, {}
+        self.streams = Streams(self, self.server.hub)
         self.subscribe('wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s)))
         self.subscribe('corpus', self.on_corpus)
         self.subscribe('cascades', self.on_cascade)
@@ -44,24 +41,11 @@ class PanelNode(EolNode):
         self.subscribe('/diagnostics', self.on_diagnostics)
         heights = terrain.landscape(self.settings.terrain_seed)
         self.documents['terrain'] = (heights * 65535).astype('<u2').tobytes()
+        self.documents['status'] = lambda: wire.text(self.roster.nodes.copy()).encode()
         self.server.start()
         self.tell('cascades', self.day.notice())
-        self.create_timer(FOLLOW_S, self.follow)
         self.create_timer(1.0, self.report)
         self.report()
-
-    def follow(self) -> None:
-        """Open the streams that somebody looks at, close the others."""
-        demand = self.server.hub.demand
-        for channel in demand - set(self.open_streams):
-            topic, raw, packet = STREAMS[channel]
-            self.open_streams[channel] = self.subscribe(
-                topic, lambda m, c=channel, p=packet: self.server.hub.put(c, p(m)), raw=raw
-            )
-        now_s = time.monotonic()
-        self.wanted_s.update(dict.fromkeys(demand, now_s))
-        for channel in [c for c in self.open_streams if now_s - self.wanted_s[c] > LINGER_S]:
-            self.destroy_subscription(self.open_streams.pop(channel))
 
     def tell(self, name: str, notice: dict) -> None:
         self.health.tick()
@@ -86,9 +70,9 @@ class PanelNode(EolNode):
             if status.name.startswith('eol: '):
                 notice = self.roster.take(status, time.monotonic())
                 self.tell(f'health {notice["node"]}', notice)
-        self.documents['status'] = wire.text(self.roster.nodes).encode()
 
     def report(self) -> None:
+        self.streams.follow()
         viewers = len(self.server.hub.viewers)
         skew_ms = round(self.server.routes.skew_ms, 1)
         self.health.values.update(viewers=viewers, wall_skew_ms=skew_ms)

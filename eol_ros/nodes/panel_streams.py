@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The streams that pages can ask for: which topic, and how its messages become packets."""
 
+import time
+from typing import Any
+
 import numpy as np
 
 from eol_ros.ros.blocks import blocks_from_cdr
 from eol_ros.web import notices, wire
+from eol_ros.web.hub import Hub
+
+LINGER_S = 5.0  # a stream ends so late: a page that is loaded again finds it still there
 
 
 def _blocks(message) -> bytes:
@@ -30,3 +36,30 @@ STREAMS = {
     'slips': ('slips', False, lambda m: wire.text(notices.slip(m))),
     'triggers': ('grain_triggers', False, lambda m: wire.text(notices.trigger(m))),
 }  # fmt: skip
+
+
+class Streams:
+    """The subscriptions of a node to what somebody looks at, and to nothing else."""
+
+    def __init__(self, node: Any, hub: Hub):
+        self._node, self._hub = node, hub
+        self._open: dict[str, Any] = {}
+        self._wanted_s: dict[str, float] = {}
+        hub.on_demand = self._ask
+
+    def _ask(self) -> None:
+        """Called in the server's thread: let the executor follow."""
+        if self._node.executor is not None:
+            self._node.executor.create_task(self.follow)
+
+    def follow(self) -> None:
+        """Open the streams that somebody looks at, close the others; the executor's thread."""
+        demand, now_s = self._hub.demand, time.monotonic()
+        for channel in demand - set(self._open):
+            topic, raw, packet = STREAMS[channel]
+            self._open[channel] = self._node.subscribe(
+                topic, lambda m, c=channel, p=packet: self._hub.put(c, p(m)), raw=raw
+            )
+        self._wanted_s.update(dict.fromkeys(demand, now_s))
+        for channel in [c for c in self._open if now_s - self._wanted_s[c] > LINGER_S]:
+            self._node.destroy_subscription(self._open.pop(channel))

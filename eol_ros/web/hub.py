@@ -111,6 +111,7 @@ class Hub:
         self.viewers: set[Viewer] = set()
         self.demand: frozenset[str] = frozenset()
         self._sticky: dict[str, bytes] = {}
+        self.on_demand: Callable[[], None] = lambda: None  # called in the loop's thread
         self._loop: asyncio.AbstractEventLoop | None = None
         self._count = 0
 
@@ -122,14 +123,17 @@ class Hub:
         """Give a payload to all who want `channel`; any thread.
 
         A `sticky` name keeps the payload for viewers who come later, until the next of that name.
+        While nobody looks the loop is not woken. No notice is lost on that way: here it is kept
+        first and then the viewers are counted, in `join` the viewer is counted first.
         """
-        loop = self._loop
-        if loop is not None and not loop.is_closed():
-            loop.call_soon_threadsafe(self._spread, channel, wire.frame(payload), sticky)
-
-    def _spread(self, channel: str, frame: bytes, sticky: str) -> None:
+        frame = wire.frame(payload)
         if sticky:
             self._sticky[sticky] = frame
+        loop = self._loop
+        if self.viewers and loop is not None and not loop.is_closed():
+            loop.call_soon_threadsafe(self._spread, channel, frame)
+
+    def _spread(self, channel: str, frame: bytes) -> None:
         for viewer in self.viewers:
             if channel in viewer.wants or channel in NOTICES:
                 viewer.offer(channel, frame)
@@ -141,9 +145,9 @@ class Hub:
         viewer = Viewer(self._count, line, self._loop)
         if text := hello(viewer):
             viewer.tell(text)
-        for frame in self._sticky.values():
-            viewer.offer('notices', frame)
         self.viewers.add(viewer)
+        for frame in self._sticky.copy().values():
+            viewer.offer('notices', frame)
         return viewer
 
     def leave(self, viewer: Viewer) -> None:
@@ -158,4 +162,7 @@ class Hub:
         self._review()
 
     def _review(self) -> None:
-        self.demand = frozenset().union(*(v.wants for v in self.viewers))
+        demand = frozenset().union(*(v.wants for v in self.viewers))
+        if demand != self.demand:
+            self.demand = demand
+            self.on_demand()

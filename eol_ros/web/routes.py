@@ -36,7 +36,8 @@ mimetypes.add_type('application/json', '.json')
 
 
 class Routes:
-    """The handlers. `documents` are what pages fetch: `/terrain`, `/corpus`, `/status`."""
+    """The handlers. `documents` are what pages fetch: `/terrain`, `/corpus`, `/status`,
+    or what makes them when they are asked for."""
 
     def __init__(
         self,
@@ -50,7 +51,7 @@ class Routes:
         self.picture = picture
         self.pin = guard.PinGate(settings.pin)
         self.open = not guard.is_loopback(settings.host)
-        self.documents: dict[str, bytes] = {}
+        self.documents: dict[str, bytes | Callable[[], bytes]] = {}
         self.skew_ms = 0.0
         self._flips: dict[str, tuple[int, float]] = {}
         self._sockets: set[web.WebSocketResponse] = set()
@@ -113,7 +114,8 @@ class Routes:
 
     def _document(self, name: str) -> Any:
         async def handler(request: web.Request) -> web.Response:
-            body = self.documents.get(name)
+            found = self.documents.get(name)
+            body = found() if callable(found) else found
             if body is None:
                 return _error(404, f'no {name} yet')
             kind = 'application/octet-stream' if name == 'terrain' else 'application/json'

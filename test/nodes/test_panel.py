@@ -18,7 +18,7 @@ from eol_msgs.msg import Cascade, Corpus, SoundMeter, SoundSamples, Wall
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import CompressedImage
 
-from eol_ros.nodes import panel
+from eol_ros.nodes import panel_streams
 from eol_ros.nodes.panel import PanelNode
 from eol_ros.nodes.panel_streams import STREAMS
 from eol_ros.ros.blocks import RECORD, pack_blocks
@@ -75,7 +75,7 @@ class Rig:
 @pytest.fixture
 def rig(ros, matched, tmp_path, monkeypatch):
     monkeypatch.setenv('EOL_STATE', str(tmp_path))
-    monkeypatch.setattr(panel, 'LINGER_S', 0.3)
+    monkeypatch.setattr(panel_streams, 'LINGER_S', 0.3)
     made = Rig()
     until(lambda: matched(made.panel, made.around))
     yield made

@@ -94,6 +94,13 @@ class Shuffle:
         """How many blocks are in a slip now."""
         return len(self._open)
 
+    @property
+    def due_s(self) -> float:
+        """When to ask `update` again; infinity while nothing moves."""
+        if not self._open:
+            return np.inf
+        return min(self._beat_s + self.period_s, min(self._open.values()) + self.longest_slip_s)
+
     def replace(self, count: int) -> None:
         """The folder changed: go on with `count` pairs and a fresh order."""
         self._deck = Deck(count, self._rng)

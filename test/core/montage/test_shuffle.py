@@ -37,6 +37,24 @@ def test_shuffles_on_the_beat_while_moving_and_freezes_when_still():
     assert times[-1] <= 4.2
 
 
+def test_says_when_to_ask_again():
+    """Asked at those times alone, it flips as it does when it is asked all the time."""
+    shuffle = make(longest_slip_s=3.0)
+    assert shuffle.due_s == np.inf
+    shuffle.slip(7, True, 1.0)
+    flips, asked, now = [], 0, 1.0
+    while now < np.inf:
+        assert asked < 20
+        asked += 1
+        flip = shuffle.update(now)
+        flips += [flip] if flip else []
+        assert shuffle.due_s > now
+        now = shuffle.due_s
+    slips = [(1.0, 7, True)]  # its stop is never told
+    plain = visit(make(longest_slip_s=3.0), slips, 10.0, step_s=1 / 128)
+    assert flips == plain and asked == len(flips) + 1
+
+
 def test_moves_until_the_last_of_several_blocks_rests():
     flips = visit(make(), [(0, 1, True), (0.2, 2, True), (0.4, 1, False), (2.1, 2, False)], 5)
     assert len(flips) == 5  # 0, 0.5 .. 2.0
