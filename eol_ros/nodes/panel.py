@@ -49,7 +49,7 @@ class PanelNode(EolNode):
 
     def tell(self, name: str, notice: dict) -> None:
         self.health.tick()
-        self.server.hub.put('notices', wire.text(notice), sticky=name)
+        self.server.hub.put('notices', notice, sticky=name)
 
     def on_corpus(self, message) -> None:
         self.documents['corpus'] = wire.text(notices.corpus(message)).encode()
@@ -63,7 +63,7 @@ class PanelNode(EolNode):
         if message.command in ('mute', 'unmute'):
             self.tell('mute', {'t': 'mute', 'on': message.command == 'mute'})
         elif message.command == 'test':
-            self.server.hub.put('notices', wire.text({'t': 'test'}))
+            self.server.hub.put('notices', {'t': 'test'})
 
     def on_diagnostics(self, message) -> None:
         for status in message.status:

@@ -33,8 +33,8 @@ STREAMS = {
         notices.seconds(m.header.stamp), m.sample_rate, m.channels, m.first, m.data)),
     'leds': ('led_commands', False, lambda m: wire.leds(
         notices.seconds(m.header.stamp), m.white, m.infrared)),
-    'slips': ('slips', False, lambda m: wire.text(notices.slip(m))),
-    'triggers': ('grain_triggers', False, lambda m: wire.text(notices.trigger(m))),
+    'slips': ('slips', False, notices.slip),
+    'triggers': ('grain_triggers', False, notices.trigger),
 }  # fmt: skip
 
 

@@ -11,7 +11,7 @@ amount of memory and delays no one.
 import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import Protocol
+from typing import Any, Protocol
 
 from eol_ros.web import wire
 
@@ -22,6 +22,7 @@ CHANNELS = STATES | EVENTS
 QUEUE = 256
 FULL = 65536  # bytes that wait on a wire: more, and its viewer is slow
 RETRY_S = 0.02
+Payload = bytes | str | dict[str, Any]  # a dict goes out as JSON
 
 
 class Wire(Protocol):
@@ -110,7 +111,7 @@ class Hub:
     def __init__(self) -> None:
         self.viewers: set[Viewer] = set()
         self.demand: frozenset[str] = frozenset()
-        self._sticky: dict[str, bytes] = {}
+        self._sticky: dict[str, Payload] = {}
         self.on_demand: Callable[[], None] = lambda: None  # called in the loop's thread
         self._loop: asyncio.AbstractEventLoop | None = None
         self._count = 0
@@ -119,21 +120,21 @@ class Hub:
         """Take note of the loop to run in."""
         self._loop = loop
 
-    def put(self, channel: str, payload: bytes | str, sticky: str = '') -> None:
+    def put(self, channel: str, payload: Payload, sticky: str = '') -> None:
         """Give a payload to all who want `channel`; any thread.
 
         A `sticky` name keeps the payload for viewers who come later, until the next of that name.
-        While nobody looks the loop is not woken. No notice is lost on that way: here it is kept
-        first and then the viewers are counted, in `join` the viewer is counted first.
+        While nobody looks nothing is written and the loop not woken. No notice is lost on that
+        way: here it is kept first and then the viewers are counted, in `join` the other way round.
         """
-        frame = wire.frame(payload)
         if sticky:
-            self._sticky[sticky] = frame
+            self._sticky[sticky] = payload
         loop = self._loop
         if self.viewers and loop is not None and not loop.is_closed():
-            loop.call_soon_threadsafe(self._spread, channel, frame)
+            loop.call_soon_threadsafe(self._spread, channel, payload)
 
-    def _spread(self, channel: str, frame: bytes) -> None:
+    def _spread(self, channel: str, payload: Payload) -> None:
+        frame = wire.frame(payload)
         for viewer in self.viewers:
             if channel in viewer.wants or channel in NOTICES:
                 viewer.offer(channel, frame)
@@ -146,8 +147,8 @@ class Hub:
         if text := hello(viewer):
             viewer.tell(text)
         self.viewers.add(viewer)
-        for frame in self._sticky.copy().values():
-            viewer.offer('notices', frame)
+        for payload in self._sticky.copy().values():
+            viewer.offer('notices', wire.frame(payload))
         return viewer
 
     def leave(self, viewer: Viewer) -> None:

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 from aiohttp import web
 
 from eol_ros.errors import DeviceMissing, EolError
-from eol_ros.web import guard, wire
+from eol_ros.web import guard
 from eol_ros.web.hub import Hub
 from eol_ros.web.routes import Routes
 
@@ -156,7 +156,7 @@ class WebServer:
             await asyncio.sleep(TICK_S)
             if self.hub.viewers:
                 tick = {'t': 'tick', 'now': time.time(), 'viewers': len(self.hub.viewers)}
-                self.hub.put('notices', wire.text(tick))
+                self.hub.put('notices', tick)
 
     def _on_loop_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         self.say(f'web: {context.get("exception") or context.get("message")}')

@@ -65,8 +65,10 @@ def leds(stamp_s: float, white: Any, infrared: bool) -> bytes:
     return head(LEDS, stamp_s, bytes([infrared])) + bytes(bytearray(white))
 
 
-def frame(payload: bytes | str) -> bytes:
+def frame(payload: bytes | str | dict[str, Any]) -> bytes:
     """Return a payload as one whole unmasked WebSocket frame (RFC 6455, 5.2), ready to be sent."""
+    if isinstance(payload, dict):
+        payload = text(payload)
     data = payload.encode() if isinstance(payload, str) else payload
     first = 0x81 if isinstance(payload, str) else 0x82
     if len(data) < 126:
