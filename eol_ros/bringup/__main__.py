@@ -10,10 +10,10 @@ from pathlib import Path
 
 import yaml
 
-from eol_ros import cli
+from eol_ros import cli, folders
 from eol_ros import scene as scenes
 from eol_ros.bringup import plan, status
-from eol_ros.bringup.diary import Diary, folder
+from eol_ros.bringup.diary import Diary
 from eol_ros.bringup.supervisor import Supervisor
 from eol_ros.errors import UsageError
 
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory(prefix='eol-run-') as run_folder, server:
         file = Path(run_folder) / f'{scene.name}.yaml'
         file.write_text(yaml.safe_dump(scenes.plain(scene), sort_keys=False))
-        diary = Diary(folder())
+        diary = Diary(folders.state())
         say(f'{scene.name}: {", ".join(scene.nodes)}')
         diary.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
         supervisor = Supervisor(

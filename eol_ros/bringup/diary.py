@@ -4,21 +4,10 @@
 import datetime
 import logging
 import logging.handlers
-import os
 from pathlib import Path
 
 _SIZE = 5_000_000
 _FILES = 10
-
-
-def folder() -> Path:
-    """Return where logs lie: $EOL_STATE, else eol_ros in $XDG_STATE_HOME or ~/.local/state."""
-    root = os.environ.get('EOL_STATE')
-    if not root:
-        root = os.path.join(os.environ.get('XDG_STATE_HOME') or '~/.local/state', 'eol_ros')
-    path = Path(root).expanduser()
-    path.mkdir(parents=True, exist_ok=True)
-    return path
 
 
 class Diary:

@@ -18,8 +18,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from eol_ros import folders
 from eol_ros.core.sound.corpus import Corpus, Source
-from eol_ros.devices import cache, corpus_file
+from eol_ros.devices import corpus_file
 from eol_ros.devices.corpus_file import ANALYSIS, Options
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
 
@@ -142,7 +143,7 @@ def apart(
             raise kinds.get(child.returncode, EolError)(last)
         corpus = ready(sound, options, seed)
     if corpus is None:
-        raise EolError(f'{cache.folder("corpus")}: the corpus just made is not there; is it full?')
+        raise EolError(f'{folders.cache("corpus")}: the corpus just made is not there; is it full?')
     return corpus
 
 
@@ -155,7 +156,7 @@ def _analysed(sound: Path, options: Options, progress):
     words = [ANALYSIS, sha, *(getattr(options, name) for name in CUT)]
     times = None if labels is None else corpus_file.load_labels(labels)
     words.append(None if times is None else times.tolist())
-    path = cache.folder('grains') / (
+    path = folders.cache('grains') / (
         hashlib.sha256(json.dumps(words).encode()).hexdigest() + '.npz'
     )
     try:

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from eol_ros import folders
 from eol_ros.core.sound.corpus import AXES, COLUMNS, DESCRIPTORS, GRAIN, Corpus, Source
-from eol_ros.devices import cache
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.settings import GrainsSettings
 
@@ -53,7 +53,7 @@ class Options:
 
 def ice_file(seed: int) -> Path:
     """Return where the procedural ice recording of this seed is kept once made."""
-    return cache.folder('ice') / f'ice-{ICE_RECIPE}-{seed}.wav'
+    return folders.cache('ice') / f'ice-{ICE_RECIPE}-{seed}.wav'
 
 
 def sounds_of(path: Path) -> list[Path]:
@@ -130,8 +130,8 @@ def cached(sounds: list[Path], options: Options) -> Corpus | None:
 
 def cached_path(sounds: list[Path], key: str) -> Path:
     """Return where the corpus with digest `key` of the sounds at these very places is kept."""
-    words = [key, *(str(s.resolve()) for s in sounds)]
-    return cache.folder('corpus') / f'{hashlib.sha256(json.dumps(words).encode()).hexdigest()}.json'
+    words = json.dumps([key, *(str(s.resolve()) for s in sounds)])
+    return folders.cache('corpus') / f'{hashlib.sha256(words.encode()).hexdigest()}.json'
 
 
 def save(corpus: Corpus, path: Path) -> None:

@@ -4,6 +4,7 @@
 import subprocess
 import threading
 
+from eol_ros import folders
 from eol_ros.core.sound.corpus import Corpus
 from eol_ros.devices import corpus_build, corpus_file
 from eol_ros.devices.corpus_file import Options
@@ -99,4 +100,4 @@ class CorpusLoader:
         except EolError as error:
             return error
         except OSError as error:
-            return EolError(f'{corpus_file.cache.folder("corpus")}: {error}')
+            return EolError(f'{folders.cache("corpus")}: {error}')

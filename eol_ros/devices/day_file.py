@@ -2,10 +2,10 @@
 """The counts of a day in a small file, so that a restart forgets nothing."""
 
 import json
-import os
 import re
-from pathlib import Path
 from typing import Any
+
+from eol_ros import folders
 
 SAVE_EVERY_S = 5.0
 
@@ -13,16 +13,13 @@ SAVE_EVERY_S = 5.0
 class DayFile:
     """Keeps one JSON object in the state folder, written at most every 5 s.
 
-    The folder is $EOL_STATE, else eol_ros in $XDG_STATE_HOME or ~/.local/state. A file that cannot
-    be read counts as none; one that cannot be written is told in `trouble`, and the show goes on.
+    A file that cannot be read counts as none; one that cannot be written is told in `trouble`, and
+    the show goes on.
     """
 
     def __init__(self, name: str):
-        root = os.environ.get('EOL_STATE')
-        if not root:
-            root = os.path.join(os.environ.get('XDG_STATE_HOME') or '~/.local/state', 'eol_ros')
         plain = re.sub(r'[^\w.-]', '_', name)
-        self.path = Path(root).expanduser() / f'cascades-{plain}.json'
+        self.path = folders.state_path() / f'cascades-{plain}.json'
         self.trouble = ''
         self._saved: Any = None
         self._next_s = 0.0

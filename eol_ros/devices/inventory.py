@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eol_ros.devices.camera_ports import CameraPort, list_cameras
-from eol_ros.devices.serial_ports import Port, list_ports
+from eol_ros.devices.camera_ports import list_cameras
+from eol_ros.devices.ports import Port
+from eol_ros.devices.serial_ports import list_ports
 
 DRM = Path('/sys/class/drm')
 KINDS = ('camera', 'board', 'sound card', 'screen')
@@ -25,7 +26,7 @@ class Found:
 
 
 def find_all(
-    cameras: Callable[[], Sequence[CameraPort]] = list_cameras,
+    cameras: Callable[[], Sequence[Port]] = list_cameras,
     boards: Callable[[], Sequence[Port]] = list_ports,
     sounddevice: Callable[[], Any] | None = None,
     drm: Path = DRM,

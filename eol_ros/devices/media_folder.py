@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
+from eol_ros import folders
 from eol_ros.core.montage.drawing import draw_all
-from eol_ros.devices import cache
 from eol_ros.errors import DeviceMissing
 
 LIST = 'pairs.csv'
@@ -43,7 +43,7 @@ class Pair:
 
 def default_folder() -> Path:
     """Return the folder of the drawn pairs, drawn on first use."""
-    folder = cache.folder(_DRAWN_EDITION)
+    folder = folders.cache(_DRAWN_EDITION)
     if not (folder / LIST).exists():
         text = io.StringIO()
         table = csv.writer(text, lineterminator='\n')

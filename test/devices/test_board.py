@@ -9,7 +9,8 @@ import pytest
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.board import Board
 from eol_ros.devices.fake_board import FakeBoard
-from eol_ros.devices.serial_ports import Port, find_port
+from eol_ros.devices.ports import Port
+from eol_ros.devices.serial_ports import find_port
 from eol_ros.errors import DeviceMissing
 
 
@@ -192,8 +193,8 @@ def test_ports_are_found_by_stable_name():
 @pytest.mark.parametrize(
     ('wanted', 'ports', 'words'),
     [
-        ('auto', [], 'no serial board found'),
-        ('auto', PORTS, '2 serial ports fit'),
+        ('auto', [], 'no serial port found: plug it in'),
+        ('auto', PORTS, 'serial port auto: 2 fit'),
         ('Arduino', PORTS, "no serial port has 'Arduino'"),
         ('/dev/nowhere', PORTS, '/dev/nowhere is not there'),
     ],

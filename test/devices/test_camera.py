@@ -11,9 +11,10 @@ import pytest
 
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.camera import AHEAD, Camera, Pace
-from eol_ros.devices.camera_ports import CameraPort, find_camera, list_cameras
+from eol_ros.devices.camera_ports import find_camera, list_cameras
 from eol_ros.devices.camera_sources import LiveCamera, VideoFile, is_file, source_of
 from eol_ros.devices.fake_camera import FakeDriver, Mishap, number_of
+from eol_ros.devices.ports import Port
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import CameraSettings
 
@@ -423,8 +424,8 @@ def test_cameras_are_listed_by_stable_name(tmp_path):
 
 
 CAMERAS = [
-    CameraPort('/dev/v4l/by-id/usb-OV9281_1', '/dev/video0', 'Global shutter'),
-    CameraPort('/dev/v4l/by-id/usb-Web_2', '/dev/video2', 'Web camera'),
+    Port('/dev/v4l/by-id/usb-OV9281_1', '/dev/video0', 'Global shutter'),
+    Port('/dev/v4l/by-id/usb-Web_2', '/dev/video2', 'Web camera'),
 ]
 
 
@@ -438,7 +439,7 @@ def test_cameras_are_found_by_part_of_their_name():
     ('wanted', 'cameras', 'words'),
     [
         ('auto', [], 'no camera found'),
-        ('auto', CAMERAS, '2 cameras fit'),
+        ('auto', CAMERAS, 'camera auto: 2 fit'),
         ('IMX', CAMERAS, "no camera has 'IMX'"),
         ('/dev/video77', CAMERAS, '/dev/video77 is not there'),
     ],

@@ -6,12 +6,11 @@ import yaml
 
 from eol_ros.cli import main
 from eol_ros.devices import inventory
-from eol_ros.devices.camera_ports import CameraPort
 from eol_ros.devices.inventory import Found, find_all
-from eol_ros.devices.serial_ports import Port
+from eol_ros.devices.ports import Port
 from eol_ros.settings import NODES
 
-CAMERA = CameraPort('/dev/v4l/by-id/usb-OV9281_1-video-index0', '/dev/video0', 'OV9281')
+CAMERA = Port('/dev/v4l/by-id/usb-OV9281_1-video-index0', '/dev/video0', 'OV9281')
 BOARD = Port('/dev/serial/by-id/usb-Teensy_12', '/dev/ttyACM0', 'Teensy')
 
 

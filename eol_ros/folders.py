@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where things are kept between runs, by the XDG base directory rules."""
+
+import os
+from pathlib import Path
+
+from eol_ros.errors import ConfigError
+
+
+def cache(name: str) -> Path:
+    """Return the folder `name` for things made on first use: ice recording, pictures, analyses.
+
+    It lies in $EOL_CACHE, else in $XDG_CACHE_HOME/eol_ros, else in ~/.cache/eol_ros, and is made if
+    absent. Raises ConfigError where it cannot be.
+    """
+    return _made(_root('EOL_CACHE', 'XDG_CACHE_HOME', '~/.cache') / name, 'EOL_CACHE')
+
+
+def state_path() -> Path:
+    """Return where logs, the diary and the day's counts lie; it may not be there yet.
+
+    It is $EOL_STATE, else eol_ros in $XDG_STATE_HOME or ~/.local/state.
+    """
+    return _root('EOL_STATE', 'XDG_STATE_HOME', '~/.local/state')
+
+
+def state() -> Path:
+    """Return `state_path`, made if absent; raises ConfigError where it cannot be."""
+    return _made(state_path(), 'EOL_STATE')
+
+
+def _root(own: str, common: str, usual: str) -> Path:
+    root = os.environ.get(own) or os.path.join(os.environ.get(common) or usual, 'eol_ros')
+    return Path(root).expanduser()
+
+
+def _made(path: Path, variable: str) -> Path:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(
+            f'{path}: {error.strerror}; set {variable} to a folder that can be written'
+        ) from None
+    return path
