@@ -63,6 +63,8 @@ def _monitor(driver: Any, url: str, seconds: float) -> dict[str, Any]:
 
 
 def _table(driver: Any, url: str, seconds: float, sound_latency_s: float) -> dict[str, Any]:
+    driver.get('about:blank')
+    empty = driver.execute_async_script(_TICKS, 3000)
     driver.get(f'{url}/table')
     _wait(driver, 'eol.counts.packets > 30 && eol.drawing.land')
     driver.find_element('id', 'listen').click()
@@ -74,7 +76,10 @@ def _table(driver: Any, url: str, seconds: float, sound_latency_s: float) -> dic
         'drag_to_rim_ms': summary([ms for ms, _ in played['moved']]),
         'drag_to_rim_seen_ms': summary([ms for _, ms in played['moved']]),
         'drags_without_answer': played['missed'],
-        'drawings_per_s': round(played['drawings'] / seconds, 1),
+        'drawings_per_s': round(played['drawings'] / played['span'], 1),
+        'offered_per_s': round(played['offered'] / played['span'], 1),  # by the browser, meanwhile
+        'empty_page_per_s': round(empty, 1),  # what it offers a page that does nothing
+        'late_drawings': played['late'],  # more than an image of the screen after the one before
         'slip_to_heard_ms': summary(heard),
         'sound_starved': played['starved'],
     }
@@ -107,16 +112,28 @@ setInterval(() => {
   eol.link.send({rim: [0.12 * Math.sign(Math.sin(performance.now() / 700)), 0, 0]});
 }, 50);
 """
+# How many images a second the browser offers to a page that draws nothing.
+_TICKS = """
+const [length, done] = arguments;
+let first = 0, count = 0;
+requestAnimationFrame(function tick(now) {
+  first ||= now;
+  if (now - first < length) count++, requestAnimationFrame(tick);
+  else done(1000 * count / (now - first));
+});
+"""
 # Turns the rim with the link itself at known times, to and fro about its middle, and waits each
 # time until the rate of turning, as the twin tells it, jumps. Two ends of that wait are noted: the
 # stamp of the first image with the jump, which is when the rim had moved, and when the page knew.
-# The sound's latency is noted with each report of the audio thread.
+# The sound's latency is noted with each report of the audio thread. Drawings are counted from
+# image to image of the screen, once the first cascade runs; with them what the browser offered.
 _PLAY = """
 const [length, cascades, done] = arguments;
 const {link, counts, listener, drawing} = eol;
 const moved = [], sounds = [];
 const begin = performance.now();
-const first = counts.drawings, starved = listener.starved;
+const starved = listener.starved;
+let first = 0, last = 0, drawings = 0, offered = 0, late = 0, counted = false;
 let sent = 0, sentAt = 0, way = 1, missed = 0, before = [];
 link.on('truth', ({stamp}) => {
   const rim = eol.state().rim[2];
@@ -129,16 +146,26 @@ link.on('truth', ({stamp}) => {
   }
 });
 listener.onreport = (latency) => sounds.push(latency);
-const wave = setInterval(() => {
+const cascade = () => {
   for (let k = 0; k < cascades; k++) {
     drawing.slip(Math.floor(Math.random() * 25), 1e6 + k, performance.now());
   }
-}, 100);
+};
+cascade();
+const wave = setInterval(cascade, 100);
+setTimeout(() => requestAnimationFrame(function tick(now) {
+  if (!first) [first, drawings] = [now, counts.drawings];
+  else offered++;
+  if (last && now - last > 25) late++;
+  last = now;
+  if (now - begin < length) requestAnimationFrame(tick);
+  else [drawings, counted] = [counts.drawings - drawings, true];
+}), 300);
 const push = setInterval(() => {
-  if (performance.now() - begin > length) {
+  if (counted) {
     clearInterval(push);
     clearInterval(wave);
-    done({moved, missed, sounds, drawings: counts.drawings - first,
+    done({moved, missed, sounds, drawings, offered, late, span: (last - first) / 1000,
       starved: listener.starved - starved});
     return;
   }
