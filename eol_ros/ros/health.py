@@ -6,6 +6,7 @@ line to the inherited pipe that EOL_HEALTH_FD names. It is written by the execut
 executor hangs falls silent, and that is how bringup notices.
 """
 
+import ctypes
 import json
 import os
 import time
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 OK, WARN, ERROR, STARTING = 0, 1, 2, 3
 WORDS = ('ok', 'WARN', 'ERROR', 'starting')
 PERIOD_S = 1.0
+SETTLED = 4  # reports in a row that all is well
 
 
 class Health:
@@ -35,11 +37,12 @@ class Health:
         self._publisher = node.publisher('/diagnostics')
         self.ticks = self._reported_ticks = 0
         self._rate = 0.0
+        self._well = 0
         self._expected: tuple[str, float] | None = None
         self._last_tick_s = self._reported_s = time.monotonic()
         fd = os.environ.get('EOL_HEALTH_FD')
         self._fd = int(fd) if fd else None
-        node.create_timer(PERIOD_S, self.report)
+        node.create_timer(PERIOD_S, self._beat)
 
     def tick(self, count: int = 1) -> None:
         """Count one unit of work; the rate in the status is of these."""
@@ -97,6 +100,14 @@ class Health:
             'pid': os.getpid(),
             'values': self.values,
         }
+
+    def _beat(self) -> None:
+        self.report()
+        self._well = self._well + 1 if self.level == OK else 0
+        if self._well == SETTLED:  # what starting took, and nobody holds any more, is given back
+            trim = getattr(ctypes.CDLL(None), 'malloc_trim', None)  # only glibc has it
+            if trim:
+                trim(0)
 
     def report(self) -> None:
         """Send the status both ways."""

@@ -33,7 +33,7 @@ def test_what_hurries_and_what_waits(tmp_path):
     hurry = {name for name, process in found.items() if process.real_time}
     assert hurry == {'tracker', 'motion', 'leds', 'grains', 'sound'}
     assert {name for name, process in found.items() if process.nice} == {
-        'recorder', 'montage+panel'
+        'recorder', 'panel', 'montage'
     }
 
     path = tmp_path / 's.yaml'
