@@ -6,7 +6,7 @@ import math
 import numpy as np
 from numba import njit
 
-from eol_ros.core.vision import profiles, scan
+from eol_ros.core.vision import profile_steps, profiles, scan
 
 
 @njit(cache=True)
@@ -17,7 +17,7 @@ def side_lines(image, squares, blur, work, ends, out):
     and the share of its profiles that agree. A tilted camera makes the four differ.
     """
     spread = np.zeros(7)
-    square = np.zeros(2)  # no shear: each side is measured on its own
+    square = (0.0, 0.0)  # no shear: each side is measured on its own
     for s in range(squares.shape[0]):
         u, v, theta, half = squares[s, 0], squares[s, 1], squares[s, 2], squares[s, 3]
         out[s] = 0.0
@@ -29,9 +29,10 @@ def side_lines(image, squares, blur, work, ends, out):
         if contrast == 0.0:
             continue
         profiles.share_levels(work, ends, spread)
-        profiles.offsets(work, ends, slope, lean, limit, blur, spread)
+        profile_steps.offsets(work, ends, slope, lean, limit, blur, spread)
         for side in range(4):
-            begin, end = ends[side], ends[side + 1]
+            begin = ends[profiles.BEGIN + side]
+            end = begin + ends[profiles.COUNT + side]
             a = b = 0.0  # offset = a + b t
             width = 1.5
             share = 0.0

@@ -15,8 +15,24 @@ import math
 import numpy as np
 from numba import njit
 
-from eol_ros.core.vision import profiles
-from eol_ros.core.vision.profiles import CORNER, FIRST, FLAT, NU, NV, OFFSET, WEIGHT, T, padded
+from eol_ros.core.vision import profile_steps, profiles
+from eol_ros.core.vision.profiles import (
+    _A,
+    _B,
+    _C,
+    ALL,
+    BEGIN,
+    CORNER,
+    COUNT,
+    FIRST,
+    FLAT,
+    LANES,
+    NU,
+    NV,
+    OFFSET,
+    WEIGHT,
+    T,
+)
 
 SETTLED_PX = 0.03  # a last step below this leaves no error that counts,
 SETTLED_SIGMAS = 6.0  # nor one of so many standard deviations: a twentieth of a step is left
@@ -25,6 +41,7 @@ RUN = 10  # profiles of one stretch of an edge
 CHANCE = 1.8  # noise alone makes stretches seldom differ by more
 ALIKE_PX = 1.0  # what is further off is another edge
 DOUBTFUL = 0.65  # share below which a good start is mistrusted, and the edges are searched for
+HOPELESS = 0.1  # share below which no round makes a square of it
 WHOLE = 0.9  # share of the edge in sight from which a block needs no help
 FIELDS = 11  # of one fitted square
 U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST, ALONE = range(FIELDS)
@@ -85,20 +102,20 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
     side. Returns (agreeing share of all profiles, variance of a profile in units of its weight);
     b holds the step, a its covariance but for that variance.
     """
-    n = ends[4]
-    idle = padded(n)
+    n = ends[LANES]
     b[:] = 0.0
-    weight_sum = weighted = 0.0
+    zero, one = np.float32(0.0), np.float32(1.0)
+    weight_sum = weighted = zero
     for i in range(n):
         weight_sum += work[WEIGHT + i]
-        weighted += 1.0 if work[WEIGHT + i] > 0 else 0.0
+        weighted += one if work[WEIGHT + i] > zero else zero
     if weighted < 8:
         return 0.0, 1.0
     mean_weight = weight_sum / weighted
     width = wide
     variance = 1.0
     for r in range(rounds):
-        spread, total = _normal_equations(work, idle, b, width, a, b)
+        spread, total = _normal_equations(work, n, b, width, a, b)
         if total < 6.0:
             return 0.0, 1.0
         variance = max(spread / max(total - 4.0, 1.0), 1e-12)
@@ -113,15 +130,19 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
             narrow = max(6.0 * math.sqrt(variance / mean_weight), tight)
             width = max(narrow, 0.5 * width)
     agree = 0.0
+    d0, d1, d2, d3 = np.float32(b[0]), np.float32(b[1]), np.float32(b[2]), np.float32(b[3])
+    near = np.float32(width)
     for side in range(4):
-        mine = 0.0
-        for i in range(ends[side], ends[side + 1]):
-            rest = work[OFFSET + i] - (work[NU + i] * b[0] + work[NV + i] * b[1]
-                                        - work[T + i] * b[2] + b[3])
-            mine += 1.0 if work[WEIGHT + i] > 0 and abs(rest) < width else 0.0
+        begin = ends[BEGIN + side]
+        mine = zero
+        for i in range(begin, begin + ends[COUNT + side]):
+            rest = work[OFFSET + i] - (work[NU + i] * d0 + work[NV + i] * d1
+                                        - work[T + i] * d2 + d3)
+            hit = one if abs(rest) < near else zero
+            mine += hit if work[WEIGHT + i] > zero else zero
         agree += mine
-        shares[side] = mine / max(ends[side + 1] - ends[side], 1)
-    return agree / max(n, 1), variance
+        shares[side] = mine / max(ends[COUNT + side], 1)
+    return agree / max(ends[ALL], 1), variance
 
 
 @njit(cache=True)
@@ -175,18 +196,24 @@ def _alike(work, ends, step):
     Texture, arms and a shape that is not quite square move whole stretches of an edge. Means over
     RUN profiles then scatter more than single ones divided by RUN.
     """
+    zero, near = np.float32(0.0), np.float32(ALIKE_PX)
+    d0, d1, d2, d3 = (np.float32(step[0]), np.float32(step[1]), np.float32(step[2]),
+                      np.float32(step[3]))
+    for i in range(ends[LANES]):
+        rest = work[OFFSET + i] - (work[NU + i] * d0 + work[NV + i] * d1 - work[T + i] * d2 + d3)
+        w = work[WEIGHT + i] if abs(rest) < near else zero
+        work[_A + i], work[_B + i], work[_C + i] = w, w * rest, w * rest * rest
     single = joint = used = runs = 0.0
     for side in range(4):
-        for begin in range(ends[side], ends[side + 1] - RUN + 1, RUN):
-            total = weight = square = 0.0
-            for i in range(begin, begin + RUN):
-                rest = work[OFFSET + i] - (work[NU + i] * step[0] + work[NV + i] * step[1]
-                                            - work[T + i] * step[2] + step[3])
-                w = work[WEIGHT + i] if abs(rest) < ALIKE_PX else 0.0
-                total += w * rest
-                square += w * rest * rest
-                weight += w
-            if weight > 0:
+        end = ends[BEGIN + side] + ends[COUNT + side]
+        for begin in range(ends[BEGIN + side], end - RUN + 1, RUN):
+            weight = total = square = zero
+            run = work[begin:]
+            for i in range(RUN):
+                weight += run[_A + i]
+                total += run[_B + i]
+                square += run[_C + i]
+            if weight > zero:
                 single += square
                 joint += total * total / weight
                 used += RUN
@@ -198,24 +225,27 @@ def _alike(work, ends, step):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def _fit(image, square, expected, half_sigma, tight, searches, blur, shear, work, ends, a,
+def _fit(image, square, shear, blur, half_sigma, tight, searches, again, least, work, ends, a,
          step, shares, spread):
     """Fit one square from `square` (FIELDS,): u, v, theta, half; fill in the other fields."""
     u, v, theta, half = square[U], square[V], square[THETA], square[HALF]
+    expected = half
+    for k in range(VISIBLE, FIELDS):
+        square[k] = 0.0
     for _ in range(searches):
         profiles.gather(image, u, v, theta, half, blur, shear, work, ends)
-        profiles.search(work, ends, abs(math.cos(theta)))
+        profile_steps.search(work, ends, abs(math.cos(theta)))
         share, variance = _agree(work, ends, expected - half, max(half_sigma, 0.02 * half),
                                  9.0, 1.5, 5, a, step, shares)
         if share < 0.3:
+            if again:
+                return  # nothing better is known than where it was tried before
             break
         u, v, theta, half = u + step[0], v + step[1], theta + step[2], half + step[3]
         if theta > math.pi / 4:  # sides keep their rows and columns
             theta -= math.pi / 2
         elif theta <= -math.pi / 4:
             theta += math.pi / 2
-    for k in range(VISIBLE, FIELDS):
-        square[k] = 0.0
     share = 0.0
     variance = 1.0
     contrast = level = 0.0
@@ -226,18 +256,18 @@ def _fit(image, square, expected, half_sigma, tight, searches, blur, shear, work
         contrast, level = profiles.levels(work, ends, slope, lean, limit, FLAT * blur,
                                            spread)
         share = 0.0
-        if contrast == 0.0:
+        if contrast == 0.0 or contrast < least:
             return
         profiles.share_levels(work, ends, spread)
         far = 0.0
         for r in range(4):
-            profiles.offsets(work, ends, slope, lean, limit, blur, spread)
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread)
             first = r == 0 and gather == 0
             share, variance = _agree(work, ends, expected - half, half_sigma, 3.0 if first else 1.0,
                                      0.05, 4 if first else 3, a, step, shares)
-            if share == 0.0:
+            if share < HOPELESS:
                 return
-            _follow(work, ends[4], step)
+            _follow(work, ends[LANES], step)
             u, v, theta, half = u + step[0], v + step[1], theta + step[2], half + step[3]
             change = max(abs(step[0]) + abs(step[1]), abs(step[2]) * half)
             far += change
@@ -250,7 +280,7 @@ def _fit(image, square, expected, half_sigma, tight, searches, blur, shear, work
     if tight > 0 and share < WHOLE:
         # an arm along one side moves it; what is known of the size speaks for the side across
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
-        profiles.offsets(work, ends, slope, lean, limit, blur, spread)
+        profile_steps.offsets(work, ends, slope, lean, limit, blur, spread)
         share, variance = _agree(work, ends, expected - half, tight, 0.6, 0.05, 4, a, step, shares)
         if share == 0.0:
             return
@@ -273,53 +303,29 @@ def _fit(image, square, expected, half_sigma, tight, searches, blur, shear, work
     square[LEVEL] = level
 
 
-@njit(cache=True)
-def keep_apart(fits, order, kept, n, least_visible, least_worst, least_quality):
-    """Append to `kept` those of `fits` that are good enough and stand on their own ground.
-
-    order: the fits, best first; n: squares kept so far. Returns their new number.
-    """
-    for i in order:
-        if (n == len(kept) or not fits[i, VISIBLE] >= least_visible
-                or not fits[i, WORST] >= least_worst or not fits[i, QUALITY] >= least_quality):
-            continue
-        free = True
-        for j in range(n):
-            du, dv = kept[j, U] - fits[i, U], kept[j, V] - fits[i, V]
-            if du * du + dv * dv < (1.4 * fits[i, HALF]) ** 2:
-                free = False
-                break
-        if free:
-            kept[n] = fits[i]
-            n += 1
-    return n
-
-
 @njit(cache=True, fastmath=True, error_model='numpy')
-def fit_squares(image, starts, shears, blur, half_sigma, tight, search, work, ends, out):
-    """Fit squares to `image` (h, w) uint8 from `starts` (n, 4): u, v, theta, expected half side.
+def fit_square(image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, work,
+               ends):
+    """Fit a square to `image` (h, w) uint8 from `square` (FIELDS,): u, v, theta, half as expected.
 
-    shears (n, 2): see profiles.gather.
+    shear: see profiles.gather. search: rounds of rough search before the fit (0 when the start is
+    good to 2 px; a fit that comes out poor then searches once itself). least: contrast below which
+    no answer is wanted.
 
-    search: rounds of rough search before the fit (0 when the start is good to 2 px; a fit that
-    comes out poor then searches once itself). out (n, FIELDS): u, v, theta, half, agreeing share
-    of the edges, sigma px, quality, contrast, level inside, agreeing share of the worst side, how
-    certainly no other cover's light stands beside it. A share of 0 means no square there.
+    `square` then holds u, v, theta, half, agreeing share of the edges, sigma px, quality, contrast,
+    level inside, agreeing share of the worst side, and how certainly no other cover's light stands
+    beside it. A share of 0 means no square there.
     """
-    a = np.zeros((4, 4))
-    step = np.zeros(4)
-    shares = np.zeros(4)
-    spread = np.zeros(7)
-    second = np.zeros(FIELDS)
-    for s in range(starts.shape[0]):
-        square = out[s]
-        square[:4] = starts[s]
-        _fit(image, square, starts[s, 3], half_sigma, tight, search, blur, shears[s], work,
-             ends, a, step, shares, spread)
-        if search == 0 and square[VISIBLE] < DOUBTFUL:
-            second[:4] = starts[s]
-            _fit(image, second, starts[s, 3], half_sigma, tight, 2, blur, shears[s], work,
-                 ends, a, step, shares, spread)
-            if second[VISIBLE] > square[VISIBLE] + 0.05:
-                square[:] = second
-        square[THETA] -= round(square[THETA] / (math.pi / 2)) * math.pi / 2
+    a, step, shares, spread = np.zeros((4, 4)), np.zeros(4), np.zeros(4), np.zeros(7)
+    shear = (shear_re, shear_im)
+    u, v, theta, half = square[U], square[V], square[THETA], square[HALF]
+    _fit(image, square, shear, blur, half_sigma, tight, search, False, least, work, ends, a, step,
+         shares, spread)
+    if search == 0 and square[VISIBLE] < DOUBTFUL:
+        second = np.zeros(FIELDS)
+        second[U], second[V], second[THETA], second[HALF] = u, v, theta, half
+        _fit(image, second, shear, blur, half_sigma, tight, 2, True, least, work, ends, a, step,
+             shares, spread)
+        if second[VISIBLE] > square[VISIBLE] + 0.05:
+            square[:] = second
+    square[THETA] -= round(square[THETA] / (math.pi / 2)) * math.pi / 2

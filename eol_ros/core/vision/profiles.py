@@ -13,14 +13,14 @@ from numba import njit
 
 REACH_PX = 4.8  # of a profile at least, along the normal, to both sides of its edge
 TAPS = 22  # pixels of a profile at 45 degrees
-LINES = 384  # profiles of one square, in whole vectors
+LINES = 384  # profiles of one square
+VECTOR = 16  # lanes; each side begins with a new vector, and two lanes at least stay idle behind it
 SIDE_LINES = 88  # of one side; a wider one is read on every second line
 CORNER = 1.4  # blurs left out at each end of a side, where two edges mix
-EDGE = 2.4  # blurs from the edge over which the light inside counts as one level
-ROUGH = 0.1  # share of the texture's variance that is new from pixel to pixel
 UNLIKE = 1.0  # of the variance from line to line, what differs between level zone and edge
 OTHER = 0.2  # of the contrast, light that is not the platform's
 FLAT = 2.1  # blurs from the edge at which light counts as inside or outside
+FLAT_TAPS = 6  # pixels at each end of a profile, among which are all that lie so far away
 MIN_CONTRAST = 8.0  # grey levels
 
 # Fields of the profiles, one after the other in one flat array: with distances that the compiler
@@ -31,16 +31,13 @@ MIN_CONTRAST = 8.0  # grey levels
  _E, _F) = (k * LINES for k in range(15))
 TAP = 15 * LINES  # then the pixels of the profiles, tap after tap
 
+# `ends` holds where each side begins, all lanes, taps, lines of each side, lines of all sides.
+BEGIN, LANES, TAPS_USED, COUNT, ALL = 0, 4, 5, 6, 10
+
 
 def workspace() -> tuple[np.ndarray, np.ndarray]:
     """Return scratch arrays of fit_squares, so that a live image allocates nothing."""
-    return np.zeros((15 + TAPS) * LINES, np.float32), np.zeros(6, np.int64)
-
-
-@njit(inline='always')
-def padded(n):
-    """Return `n` profiles rounded up to whole vectors; the lanes beyond are idle."""
-    return min((n + 31) // 32 * 32, LINES)
+    return np.zeros((15 + TAPS) * LINES, np.float32), np.zeros(11, np.int64)
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -50,16 +47,16 @@ def gather(image, u, v, theta, half, blur, shear, work, ends):
     shear (2,): how lens and tilt make the square a parallelogram here: a side of normal angle phi
     lies `half Re e` further out and leans by `Im e` on t, with e = shear exp(-2 i phi).
 
-    Fills first (d of the first tap), t, normal and validity of every line; ends (6,): where each
-    side begins, the number of lines in all, and of taps. All sides cross their rows or columns at
-    the same slant, so that d grows by cos(theta) from tap to tap, and t by -tan(theta) with d.
+    Fills first (d of the first tap), t, normal and validity of every line, and ends (11,): see
+    BEGIN. All sides cross their rows or columns at the same slant, so that d grows by cos(theta)
+    from tap to tap, and t by -tan(theta) with d. The edge lies within half a pixel of the middle.
     """
     height, width = image.shape
+    flat = image.reshape(height * width)
     steep = abs(math.cos(theta))
     taps = min(2 * int(REACH_PX / steep + 0.5) + 2, TAPS)
-    at = 0
+    at = total = 0
     for side in range(4):
-        ends[side] = at
         angle = theta + side * math.pi / 2
         nu, nv = math.cos(angle), -math.sin(angle)
         twice_c, twice_s = nu * nu - nv * nv, -2 * nu * nv  # cos and sin of twice the angle
@@ -78,38 +75,63 @@ def gather(image, u, v, theta, half, blur, shear, work, ends):
         n = (high - low) // stride + 1 if high >= low else 0
         step = 1 if fast > 0 else -1
         fast_size, slow_size = (width, height) if along_row else (height, width)
+        ends[BEGIN + side], ends[COUNT + side] = at, n
+        whole = (n + 2 + VECTOR - 1) // VECTOR * VECTOR
+        # places along the line are counted from a whole pixel near the centre: float32 is enough
+        base = math.floor(c_fast)
+        f_middle, f_low = np.float32(c_fast - base), np.float32(low - c_slow)
+        f_stride, f_half, f_slow = np.float32(stride), np.float32(half), np.float32(slow)
+        f_fast, per_fast = np.float32(fast), np.float32(1.0 / fast)
+        f_tf, f_ts = np.float32(t_fast), np.float32(t_slow)
+        f_out, f_lean = np.float32(out), np.float32(lean)
+        back = np.float32(0.5 - step * (taps - 1) * 0.5)
+        f_nu, f_nv = np.float32(nu), np.float32(nv)
+        # first pixels between these lie in the image with all that follow, and lines between those
+        reach = step * (taps - 1)
+        least = np.float32(max(0, -reach) - base)
+        most = np.float32(fast_size - 1 - max(0, reach) - base)
+        from_line = np.float32(max(-low, 0)) / f_stride
+        to_line = np.float32(slow_size - 1 - low) / f_stride
+        zero, one = np.float32(0.0), np.float32(1.0)
+        last = np.float32(n - 1)
+        lines = work[at:]  # indices that are plainly not negative: else each would be tested
+        for i in range(whole):
+            line = np.float32(i)
+            along = f_low + line * f_stride
+            edge = (f_half - f_slow * along) * per_fast  # from the centre
+            t = edge * f_tf + along * f_ts
+            outer = f_out + f_lean * t
+            start = np.floor(f_middle + edge + outer * per_fast + back)
+            valid = one if start >= least else zero
+            valid = valid if start <= most else zero
+            valid = valid if line >= from_line else zero
+            valid = valid if line <= to_line else zero
+            valid = valid if line <= last else zero
+            lines[VALID + i] = valid
+            lines[FIRST + i] = f_fast * (start - f_middle - edge) - outer
+            lines[T + i] = t
+            lines[NU + i] = f_nu
+            lines[NV + i] = f_nv
+            lines[_F + i] = start
+        # now the pixels, by unsigned indices: signed ones would be tested for being negative
+        to_tap = np.uint64(LINES)
+        ahead = np.uint64(step if along_row else step * width)
         for i in range(at, at + n):
-            line = low + (i - at) * stride
-            edge = c_fast + (half - slow * (line - c_slow)) / fast
-            start = int(math.floor(edge - step * (taps - 1) * 0.5 + 0.5))
-            end = start + step * (taps - 1)
-            t = (edge - c_fast) * t_fast + (line - c_slow) * t_slow
-            work[FIRST + i] = fast * (start - edge) - out - lean * t
-            work[T + i] = t
-            work[NU + i] = nu
-            work[NV + i] = nv
-            inside = (0 <= line < slow_size and 0 <= start < fast_size and 0 <= end < fast_size)
-            work[VALID + i] = 1.0 if inside else 0.0
-            if not inside:
-                for k in range(taps):
-                    work[TAP + k * LINES + i] = 0.0
-            elif along_row:
-                for k in range(taps):
-                    work[TAP + k * LINES + i] = image[line, start + step * k]
-            else:
-                for k in range(taps):
-                    work[TAP + k * LINES + i] = image[start + step * k, line]
-        at += n
-    ends[4] = at
-    ends[5] = taps
-    for i in range(at, padded(at)):  # idle lanes
-        work[FIRST + i] = 0.0
-        work[T + i] = 0.0
-        work[NU + i] = 0.0
-        work[NV + i] = 0.0
-        work[VALID + i] = 0.0
-        work[IN + i] = 1.0
-        work[OUT + i] = 0.0
+            to = np.uint64(TAP + i)
+            if work[VALID + i] == zero:
+                for _ in range(taps):
+                    work[to] = zero
+                    to += to_tap
+                continue
+            line, start = low + (i - at) * stride, int(work[_F + i]) + int(base)
+            place = np.uint64(line * width + start if along_row else start * width + line)
+            for _ in range(taps):
+                work[to] = flat[place]
+                to += to_tap
+                place += ahead
+        at += whole
+        total += n
+    ends[LANES], ends[TAPS_USED], ends[ALL] = at, taps, total
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -124,7 +146,6 @@ def _zones(work, n, taps, slope, lean, limit, flat):
     f_slope, f_lean = np.float32(slope), np.float32(lean)
     f_limit, f_flat = np.float32(limit), np.float32(flat)
     zero, one = np.float32(0.0), np.float32(1.0)
-    last = (taps - 1) * LINES
     for i in range(n):
         work[_A + i] = zero
         work[_B + i] = zero
@@ -134,58 +155,65 @@ def _zones(work, n, taps, slope, lean, limit, flat):
         work[_F + i] = zero
         work[OFFSET + i] = zero
         work[WEIGHT + i] = zero
-    # the zones lie beside the middle tap, which stands within a pixel of the edge
-    reach = min(max(taps // 2 - int(flat / slope) + 2, 1), taps // 2)
-    for k in range(reach):
+    inside = work[TAP:]  # indices that are plainly not negative: else each would be tested
+    for k in range(FLAT_TAPS):
         ahead = f_slope * np.float32(k)
-        at = k * LINES
-        before = at - LINES if k > 0 else at
+        at, before = k * LINES, max(k - 1, 0) * LINES
         for i in range(n):
-            d = work[FIRST + i] + ahead
-            w = one if abs(work[T + i] + d * f_lean) <= f_limit else zero
-            w = w if d < -f_flat else zero
-            change = w * (work[TAP + at + i] - work[TAP + before + i])
-            x = w * (work[TAP + at + i] - work[TAP + i])
+            away = work[FIRST + i] + ahead
+            w = one if abs(work[T + i] + away * f_lean) <= f_limit else zero
+            w = w if away < -f_flat else zero
+            change = w * (inside[at + i] - inside[before + i])
+            x = w * (inside[at + i] - inside[i])
             work[_A + i] += w
             work[_B + i] += x
             work[_E + i] += change * change
             work[_F + i] += change
             work[OFFSET + i] += x * x
-    for k in range(taps - reach, taps):
-        ahead = f_slope * np.float32(k)
+    outside = work[TAP + (taps - FLAT_TAPS - 1) * LINES:]
+    start = f_slope * np.float32(taps - FLAT_TAPS)
+    for k in range(FLAT_TAPS):
+        ahead = start + f_slope * np.float32(k)
         at = k * LINES
-        before = at - LINES
         for i in range(n):
-            d = work[FIRST + i] + ahead
-            w = one if abs(work[T + i] + d * f_lean) <= f_limit else zero
-            w = w if d > f_flat else zero
-            x = w * (work[TAP + at + i] - work[TAP + last + i])
+            away = work[FIRST + i] + ahead
+            w = one if abs(work[T + i] + away * f_lean) <= f_limit else zero
+            w = w if away > f_flat else zero
+            x = w * (outside[at + LINES + i] - outside[FLAT_TAPS * LINES + i])
             work[_C + i] += w
             work[_D + i] += x
-            work[_F + i] += w * (work[TAP + at + i] - work[TAP + before + i])
+            work[_F + i] += w * (outside[at + LINES + i] - outside[at + i])
             work[WEIGHT + i] += x * x
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def _quantile(work, n, inner, need):
-    """Return the grey level that `need` valid profiles exceed: of IN - OUT, or OUT (inner 0).
+def _quantiles(work, n, contrasts, bares):
+    """Return the grey levels that so many valid profiles exceed: of IN - OUT, and of OUT.
 
-    By halving: counting is vector code, a histogram is not.
+    By quartering 0..256 four times: counting is vector code, a histogram is not.
     """
-    low, high = np.float32(0.0), np.float32(256.0)
-    one, zero = np.float32(1.0), np.float32(0.0)
-    sign = inner + inner - one
-    for _ in range(8):
-        middle = np.float32(0.5) * (low + high)
-        above = zero
+    zero, two, three = np.float32(0.0), np.float32(2.0), np.float32(3.0)
+    step = np.float32(64.0)
+    low = base = zero
+    for _ in range(4):
+        a1, a2, a3 = low + step, low + two * step, low + three * step
+        b1, b2, b3 = base + step, base + two * step, base + three * step
+        n1 = n2 = n3 = m1 = m2 = m3 = zero
         for i in range(n):
-            level = inner * work[IN + i] - sign * work[OUT + i]
-            above += work[VALID + i] if level > middle else zero
-        if above > need:
-            low = middle
-        else:
-            high = middle
-    return float(np.float32(0.5) * (low + high))
+            valid, outer = work[VALID + i], work[OUT + i]
+            contrast = work[IN + i] - outer
+            n1 += valid if contrast > a1 else zero
+            n2 += valid if contrast > a2 else zero
+            n3 += valid if contrast > a3 else zero
+            m1 += valid if outer > b1 else zero
+            m2 += valid if outer > b2 else zero
+            m3 += valid if outer > b3 else zero
+        low += ((step if n1 > contrasts else zero) + (step if n2 > contrasts else zero)
+                + (step if n3 > contrasts else zero))
+        base += ((step if m1 > bares else zero) + (step if m2 > bares else zero)
+                 + (step if m3 > bares else zero))
+        step *= np.float32(0.25)
+    return float(low + two * step), float(base + two * step)
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -199,8 +227,7 @@ def levels(work, ends, slope, lean, limit, flat, spread):
     by a corner; the share of lines with a cover's light on the wrong side. Returns (contrast, level
     inside) of the block, or zeros.
     """
-    n, taps = ends[4], ends[5]
-    wide = padded(n)
+    n, wide, taps = ends[ALL], ends[LANES], ends[TAPS_USED]
     last = (taps - 1) * LINES
     _zones(work, wide, taps, slope, lean, limit, flat)
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
@@ -219,10 +246,9 @@ def levels(work, ends, slope, lean, limit, flat, spread):
         return 0.0, 0.0
     # the contrast that a quarter of all profiles exceeds: right as long as a quarter is in sight;
     # and the platform's own light about here: where more stands outside, it may be an arm's edge
-    contrast = _quantile(work, wide, one, np.float32(0.25) * total)
+    contrast, bare = _quantiles(work, wide, np.float32(0.25) * total, np.float32(0.75) * total)
     if contrast < MIN_CONTRAST:
         return 0.0, 0.0
-    bare = _quantile(work, wide, zero, np.float32(0.75) * total)
     bare = np.float32(bare + max(OTHER * contrast, 4.0))
     low, high = np.float32(0.45 * contrast), np.float32(2.0 * contrast)
     mean_in = count = zero
@@ -264,6 +290,39 @@ def levels(work, ends, slope, lean, limit, flat, spread):
     return contrast, mean_in
 
 
+@njit(inline='always')
+def _smooth(work, n, column, taps, variance):
+    """Draw the levels in `column` to their mean; return what of their variance is not noise."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    total = count = zero
+    for i in range(n):
+        total += work[VALID + i] * work[column + i]
+        count += work[VALID + i]
+    if count < one:
+        return 0.0
+    mean = total / count
+    seen = noise = zero
+    for i in range(n):
+        v0, v1, v2, v3, v4 = (work[VALID + i - 2], work[VALID + i - 1], work[VALID + i],
+                              work[VALID + i + 1], work[VALID + i + 2])
+        used = v0 + v1 + v2 + v3 + v4
+        light = (v0 * work[column + i - 2] + v1 * work[column + i - 1] + v2 * work[column + i]
+                 + v3 * work[column + i + 1] + v4 * work[column + i + 2])
+        pixels = (v0 * work[taps + i - 2] + v1 * work[taps + i - 1] + v2 * work[taps + i]
+                  + v3 * work[taps + i + 1] + v4 * work[taps + i + 2])
+        off = light / (used if used > one else one) - mean
+        off = off if v2 > zero else zero
+        work[_B + i] = off
+        seen += off * off
+        noise += v2 / (pixels if pixels > one else one)
+    noise *= np.float32(1.25 * variance)
+    keep = max(one - noise / seen, zero) if seen > zero else zero
+    for i in range(n):
+        level = mean + keep * work[_B + i]
+        work[column + i] = level if work[VALID + i] > zero else work[column + i]
+    return max(seen - noise, zero) / count
+
+
 @njit(cache=True, fastmath=True, error_model='numpy')
 def share_levels(work, ends, spread):
     """Replace the level of each profile by one that owes no more to noise than it must.
@@ -271,130 +330,8 @@ def share_levels(work, ends, spread):
     Neighbours are averaged over five lines; the result is drawn to the block's mean as far as the
     variation seen can be noise (James and Stein 1961). Common levels cancel between opposite sides.
     """
-    n = ends[4]
-    for zone in range(2):
-        column, taps = (IN, _A) if zone == 0 else (OUT, _C)
-        mean = count = 0.0
-        for i in range(n):
-            mean += work[VALID + i] * work[column + i]
-            count += work[VALID + i]
-        if count < 1.0:
-            return
-        mean /= count
-        seen = expected = 0.0
-        variance = spread[zone]
-        for side in range(4):
-            begin, end = ends[side], ends[side + 1]
-            total = used = pixels = 0.0
-            for i in range(begin, min(begin + 2, end)):
-                valid = work[VALID + i]
-                total += valid * work[column + i]
-                pixels += valid * work[taps + i]
-                used += valid
-            for i in range(begin, end):
-                if i + 2 < end:
-                    valid = work[VALID + i + 2]
-                    total += valid * work[column + i + 2]
-                    pixels += valid * work[taps + i + 2]
-                    used += valid
-                if i - 3 >= begin:
-                    valid = work[VALID + i - 3]
-                    total -= valid * work[column + i - 3]
-                    pixels -= valid * work[taps + i - 3]
-                    used -= valid
-                if work[VALID + i] > 0:
-                    smooth = total / used
-                    work[_B + i] = smooth
-                    seen += (smooth - mean) ** 2
-                    expected += variance / max(pixels, 1.0)
-        keep = max(1.0 - 1.25 * expected / seen, 0.0) if seen > 0 else 0.0
-        # light that differs from line to line differs as well from the level zone to the edge
-        spread[2 + zone] += UNLIKE * max(seen - 1.25 * expected, 0.0) / count
-        for i in range(n):
-            if work[VALID + i] > 0:
-                work[column + i] = mean + keep * (work[_B + i] - mean)
-
-
-@njit(cache=True, fastmath=True, error_model='numpy')
-def offsets(work, ends, slope, lean, limit, blur, spread):
-    """Answer for every profile how far its edge lies outside the present square, and how surely.
-
-    One step of maximum likelihood for a Gaussian-blurred step between known levels, each pixel
-    weighted by its own variance: noise grows with the share of light from the cover, texture with
-    its square, so that a speckled cover is measured by the outer foot of its edge. exp and erf are
-    polynomials (Abramowitz and Stegun 7.1.26), so that the loop over profiles becomes vector code.
-    """
-    n, taps = padded(ends[4]), ends[5]
-    scale = np.float32(1.0 / blur)
-    v_out = np.float32(spread[1])
-    v_more = np.float32(max(spread[0] - spread[2], spread[1]) - spread[1])
-    t_in, t_out = np.float32(spread[2]), np.float32(spread[3])
-    rough = np.float32(ROUGH) * t_in
-    zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
-    edge = np.float32(limit)
-    f_lean = np.float32(lean)
-    for i in range(n):
-        for field in (_A, _B, _C, _D, _E):
-            work[field + i] = zero
-    for k in range(taps):
-        ahead = np.float32(slope) * np.float32(k)
-        at = k * LINES
-        for i in range(n):
-            d = work[FIRST + i] + ahead
-            x = d * scale
-            size = abs(x)
-            size = size if size < np.float32(5.0) else np.float32(5.0)
-            z = size * size * np.float32(-0.5 / 16.0)
-            e = one + z * (one + z * (half + z * (np.float32(1 / 6) + z * (
-                np.float32(1 / 24) + z * np.float32(1 / 120)))))
-            e = e * e
-            e = e * e
-            e = e * e
-            e = e * e
-            t = one / (one + np.float32(0.3275911 * 0.70710678) * size)
-            tail = half * e * t * (np.float32(0.254829592) + t * (
-                np.float32(-0.284496736) + t * (np.float32(1.421413741) + t * (
-                    np.float32(-1.453152027) + t * np.float32(1.061405429)))))
-            cover = one - tail if x < zero else tail
-            outer = work[OUT + i]
-            rest = work[TAP + at + i] - outer - (work[IN + i] - outer) * cover
-            bare = one - cover
-            w = one / (v_out + cover * (v_more + cover * rough) + bare * bare * t_out)
-            w = w if abs(work[T + i] + d * f_lean) < edge else zero
-            close = w if size < np.float32(EDGE) else zero
-            work[_A + i] += w * e * rest
-            work[_B + i] += w * e * e
-            work[_C + i] += close * e * cover
-            work[_D + i] += close * cover * cover
-            work[_E + i] += close * cover * rest
-    stiff = one / max(t_in, np.float32(1e-3))
-    for i in range(n):
-        slant = (work[IN + i] - work[OUT + i]) * scale * np.float32(0.39894228)  # grey per px
-        share = work[_C + i] / (work[_D + i] + stiff)
-        bottom = work[_B + i] - share * work[_C + i] + np.float32(1e-9)
-        safe = slant if slant > one else one
-        work[OFFSET + i] = (work[_A + i] - share * work[_E + i]) / (bottom * safe)
-        work[WEIGHT + i] = work[VALID + i] * bottom * safe * safe
-
-
-@njit(cache=True, fastmath=True, error_model='numpy')
-def search(work, ends, slope):
-    """Fill the offset of every profile by its steepest step, for a square known only roughly."""
-    taps = ends[5]
-    for i in range(padded(ends[4])):
-        work[WEIGHT + i] = 0.0
-        work[OFFSET + i] = 0.0
-        if work[VALID + i] == 0:
-            continue
-        best = 0.0
-        place = -1
-        for k in range(3, taps - 3):
-            at = TAP + k * LINES + i
-            step = (work[at - LINES] + work[at - 2 * LINES] + work[at - 3 * LINES]
-                    - work[at + LINES] - work[at + 2 * LINES] - work[at + 3 * LINES])
-            if step > best:
-                best = step
-                place = k
-        if place >= 0 and best > 3 * MIN_CONTRAST:
-            work[OFFSET + i] = work[FIRST + i] + slope * place
-            work[WEIGHT + i] = 1.0
+    n = ends[LANES]
+    work[VALID - 2] = work[VALID - 1] = 0.0  # what stands before the first line
+    # light that differs from line to line differs as well from the level zone to the edge
+    spread[2] += UNLIKE * _smooth(work, n, IN, _A, spread[0])
+    spread[3] += UNLIKE * _smooth(work, n, OUT, _C, spread[1])

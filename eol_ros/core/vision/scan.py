@@ -13,7 +13,6 @@ from numba import njit
 STEP = 4  # px between samples
 TILE = 16  # samples along the side of a tile of background
 SEEK_PX = 12.0
-AREA, ROW, COL, HIGH, WIDE = range(5)
 
 
 def read_only(image: np.ndarray) -> np.ndarray:
@@ -70,58 +69,96 @@ def bright_level(grid, share):
     return level
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
-def erase(grid, tiles, squares, margin):
-    """Put background in place of squares (n, >= 4), u, v, theta, half, grown by a margin."""
-    for s in range(squares.shape[0]):
+@njit(inline='always')
+def _span(at, slope, half, low, high):
+    """Narrow `low`, `high` to where |at + slope x| <= half."""
+    if abs(slope) < 1e-9:
+        return (low, high) if abs(at) <= half else (1.0, 0.0)
+    a, b = (-half - at) / slope, (half - at) / slope
+    return max(low, min(a, b)), min(high, max(a, b))
+
+
+@njit(inline='always')
+def _columns(y, c, sn, half, reach, u, cols):
+    """Return the samples (begin, end) of a row `y` below the centre that lie in a square."""
+    low, high = _span(-y * sn, c, half, -reach, reach)
+    low, high = _span(-y * c, -sn, half, low, high)
+    if low > high:
+        return 0, 0
+    return max(int(math.ceil(u + low)), 0), min(int(math.floor(u + high)) + 1, cols)
+
+
+@njit(cache=True)
+def erase(grid, tiles, squares, begin, end, margin):
+    """Put background in place of squares (n, >= 4), u, v, theta, half, grown by a margin.
+
+    Those from `begin` to `end` only.
+    """
+    rows, cols = grid.shape
+    for s in range(begin, end):
         u, v = (squares[s, 0] - 1) / STEP, (squares[s, 1] - 1) / STEP
         half = (squares[s, 3] + margin) / STEP
         c, sn = math.cos(squares[s, 2]), math.sin(squares[s, 2])
         reach = half * (abs(c) + abs(sn))
-        for r in range(max(int(v - reach), 0), min(int(v + reach) + 2, grid.shape[0])):
-            for q in range(max(int(u - reach), 0), min(int(u + reach) + 2, grid.shape[1])):
-                x = (q - u) * c - (r - v) * sn
-                y = -(q - u) * sn - (r - v) * c
-                if abs(x) <= half and abs(y) <= half:
-                    grid[r, q] = min(grid[r, q], tiles[r // TILE, q // TILE])
+        for r in range(max(int(v - reach), 0), min(int(v + reach) + 2, rows)):
+            first, last = _columns(r - v, c, sn, half, reach, u, cols)
+            for q in range(first, last):
+                grid[r, q] = min(grid[r, q], tiles[r // TILE, q // TILE])
+
+
+@njit(cache=True)
+def lit_share(grid, tiles, u, v, theta, half, over):
+    """Return which share of a square's samples exceeds the background by `over` grey levels."""
+    rows, cols = grid.shape
+    u, v, half = (u - 1) / STEP, (v - 1) / STEP, half / STEP
+    c, sn = math.cos(theta), math.sin(theta)
+    reach = half * (abs(c) + abs(sn))
+    lit = all_of_it = 0
+    for r in range(max(int(v - reach), 0), min(int(v + reach) + 2, rows)):
+        first, last = _columns(r - v, c, sn, half, reach, u, cols)
+        for q in range(first, last):
+            all_of_it += 1
+            lit += 1 if grid[r, q] > tiles[r // TILE, q // TILE] + over else 0
+    return lit / max(all_of_it, 1)
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def seek(grid, tiles, starts, half, over, found):
-    """Look around `starts` (n, 3), u, v, theta, for where a square of light would fit best.
+def seek(grid, tiles, u, v, theta, half, over, lit):
+    """Look around u, v for where a square of light would fit best.
 
-    half (n,) px of its side, over (n,) grey levels above the background that count as light. Fills
-    found (n, 3): du, dv px in whole samples up to SEEK_PX, and how much fuller of light the square
-    is than a rim around it, 0 where it holds little at all.
+    half px of its side, over grey levels above the background that count as light, lit (m, 2)
+    scratch. Returns (du, dv) px in whole samples up to SEEK_PX, and how much fuller of light the
+    square is than a rim around it, 0 where it holds little at all.
     """
     rows, cols = grid.shape
     most = int(SEEK_PX / STEP)
-    for s in range(starts.shape[0]):
-        found[s] = 0.0
-        c, sn = math.cos(starts[s, 2]), math.sin(starts[s, 2])
-        size = half[s] / STEP
-        reach = int((size + 2.0) * (abs(c) + abs(sn))) + 1
-        u0, v0 = (starts[s, 0] - 1) / STEP, (starts[s, 1] - 1) / STEP
-        for dv in range(-most, most + 1):
-            for du in range(-most, most + 1):
-                u, v = u0 + du, v0 + dv
-                inside = lit = rim = glow = 0.0
-                for r in range(max(int(v) - reach, 0), min(int(v) + reach + 1, rows)):
-                    for q in range(max(int(u) - reach, 0), min(int(u) + reach + 1, cols)):
-                        x = abs((q - u) * c - (r - v) * sn)
-                        y = abs((q - u) * sn + (r - v) * c)
-                        far = max(x, y)
-                        bright = grid[r, q] > tiles[r // TILE, q // TILE] + over[s]
-                        if far < size - 0.3:
-                            inside += 1.0
-                            lit += 1.0 if bright else 0.0
-                        elif size + 0.4 < far < size + 1.7:
-                            rim += 1.0
-                            glow += 1.0 if bright else 0.0
-                if inside > 0 and lit > 0.3 * inside:
-                    gain = lit / inside - glow / max(rim, 1.0)
-                    if gain > found[s, 2]:
-                        found[s, 0], found[s, 1], found[s, 2] = du * STEP, dv * STEP, gain
+    c, sn = math.cos(theta), math.sin(theta)
+    size = half / STEP
+    reach = int((size + 2.0) * (abs(c) + abs(sn))) + 1
+    u0, v0 = (u - 1) / STEP, (v - 1) / STEP
+    far = reach + most
+    n = 0
+    for r in range(max(int(v0) - far, 0), min(int(v0) + far + 1, rows)):
+        for q in range(max(int(u0) - far, 0), min(int(u0) + far + 1, cols)):
+            if grid[r, q] > tiles[r // TILE, q // TILE] + over and n < len(lit):
+                lit[n, 0], lit[n, 1] = (q - u0) * c - (r - v0) * sn, (q - u0) * sn + (r - v0) * c
+                n += 1
+    inside, rim = 4.0 * (size - 0.3) ** 2, 4.0 * ((size + 1.7) ** 2 - (size + 0.4) ** 2)
+    best_u = best_v = best = 0.0
+    if n <= 0.3 * inside:
+        return best_u, best_v, best
+    for dv in range(-most, most + 1):
+        for du in range(-most, most + 1):
+            x0, y0 = du * c - dv * sn, du * sn + dv * c
+            full = glow = 0.0
+            for i in range(n):
+                away = max(abs(lit[i, 0] - x0), abs(lit[i, 1] - y0))
+                full += 1.0 if away < size - 0.3 else 0.0
+                glow += 1.0 if size + 0.4 < away < size + 1.7 else 0.0
+            gain = full / inside - glow / rim
+            if full > 0.3 * inside and gain > best:
+                best_u, best_v, best = du * STEP, dv * STEP, gain
+    return best_u, best_v, best
 
 
 @njit(cache=True)
@@ -132,82 +169,80 @@ def _root(parent, i):
     return i
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True)
 def regions(grid, tiles, over, least, most, label, parent, stats, found):
     """Join neighbouring samples that exceed their background by `over`, and describe them.
 
-    label (rows, cols) int32, parent (m,) int32 and stats (m, 9) float64 are scratch. Regions of
+    label (rows, cols) int32, parent (m,) int32 and stats (m, 7) float64 are scratch. Regions of
     `least` to `most` samples go to found (k, 6): u, v px, angle of a square of that shape, samples,
     height and width in px. Returns their number.
     """
     rows, cols = grid.shape
     n = 0
     limit = len(parent)
-    first, last = rows, -1  # rows with any light
     for r in range(rows):
-        bright = 0
         for tile in range(tiles.shape[1]):
             level = tiles[r // TILE, tile] + over
-            for c in range(tile * TILE, min(tile * TILE + TILE, cols)):
+            begin, end = tile * TILE, min(tile * TILE + TILE, cols)
+            bright = 0
+            for c in range(begin, end):
                 bright += 1 if grid[r, c] > level else 0
-        if bright == 0:
-            label[r, :] = -1
-            continue
-        first, last = min(first, r), r
-        for c in range(cols):
-            if grid[r, c] <= tiles[r // TILE, c // TILE] + over:
-                label[r, c] = -1
+            if bright == 0:  # as nearly all of the picture is
+                for c in range(begin, end):
+                    label[r, c] = -1
                 continue
-            left = label[r, c - 1] if c > 0 else -1
-            above = label[r - 1, c] if r > 0 else -1
-            if left < 0 and above < 0:
-                if n >= limit:
+            for c in range(begin, end):
+                if grid[r, c] <= level:
                     label[r, c] = -1
                     continue
-                parent[n] = n
-                label[r, c] = n
-                n += 1
-            elif left < 0 or above < 0 or left == above:
-                label[r, c] = max(left, above)
-            else:
-                a, b = _root(parent, left), _root(parent, above)
-                low, high = min(a, b), max(a, b)
-                parent[high] = low
-                label[r, c] = low
-    for i in range(n):
-        for k in range(9):
-            stats[i, k] = 0.0
-        stats[i, 5], stats[i, 7] = 1e9, 1e9
-    for r in range(first, last + 1):
-        for c in range(cols):
-            if label[r, c] < 0:
-                continue
-            i = _root(parent, label[r, c])
-            label[r, c] = i
-            stats[i, 0] += 1.0
-            stats[i, 1] += c
-            stats[i, 2] += r
-            stats[i, 5] = min(stats[i, 5], r)
-            stats[i, 6] = max(stats[i, 6], r)
-            stats[i, 7] = min(stats[i, 7], c)
-            stats[i, 8] = max(stats[i, 8], c)
-    for r in range(first, last + 1):  # the fourfold moment tells the angle of a square
-        for c in range(cols):
-            i = label[r, c]
-            if i >= 0 and least <= stats[i, 0] <= most:
-                x = c - stats[i, 1] / stats[i, 0]
-                y = stats[i, 2] / stats[i, 0] - r
-                stats[i, 3] += x * x * x * x - 6 * x * x * y * y + y * y * y * y
-                stats[i, 4] += 4 * x * y * (x * x - y * y)
+                left = label[r, c - 1] if c > 0 else -1
+                above = label[r - 1, c] if r > 0 else -1
+                if left < 0 and above < 0:
+                    if n >= limit:
+                        label[r, c] = -1
+                        continue
+                    parent[n] = n
+                    for k in range(3):
+                        stats[n, k] = 0.0
+                    stats[n, 3], stats[n, 4], stats[n, 5], stats[n, 6] = r, r, c, c
+                    i = n
+                    n += 1
+                elif left < 0 or above < 0 or left == above:
+                    i = max(left, above)
+                else:
+                    a, b = _root(parent, left), _root(parent, above)
+                    i = min(a, b)
+                    parent[max(a, b)] = i
+                label[r, c] = i
+                stats[i, 0] += 1.0
+                stats[i, 1] += c
+                stats[i, 2] += r
+                stats[i, 4] = r
+                stats[i, 5], stats[i, 6] = min(stats[i, 5], c), max(stats[i, 6], c)
+    for i in range(n - 1, -1, -1):  # a parent always comes before its children
+        j = parent[i]
+        if j != i:
+            for k in range(3):
+                stats[j, k] += stats[i, k]
+            stats[j, 3], stats[j, 4] = min(stats[j, 3], stats[i, 3]), max(stats[j, 4], stats[i, 4])
+            stats[j, 5], stats[j, 6] = min(stats[j, 5], stats[i, 5]), max(stats[j, 6], stats[i, 6])
     k = 0
     for i in range(n):
-        if parent[i] == i and least <= stats[i, 0] <= most and k < found.shape[0]:
-            found[k, 0] = stats[i, 1] / stats[i, 0] * STEP + 1
-            found[k, 1] = stats[i, 2] / stats[i, 0] * STEP + 1
-            # corners of a square lie at 45 degrees, where cos 4 phi is least
-            found[k, 2] = math.atan2(-stats[i, 4], -stats[i, 3]) / 4
-            found[k, 3] = stats[i, 0]
-            found[k, 4] = (stats[i, 6] - stats[i, 5] + 1) * STEP
-            found[k, 5] = (stats[i, 8] - stats[i, 7] + 1) * STEP
-            k += 1
+        if parent[i] != i or not least <= stats[i, 0] <= most or k == len(found):
+            continue
+        column, row = stats[i, 1] / stats[i, 0], stats[i, 2] / stats[i, 0]
+        re = im = 0.0  # the fourfold moment tells the angle of a square
+        for r in range(int(stats[i, 3]), int(stats[i, 4]) + 1):
+            for c in range(int(stats[i, 5]), int(stats[i, 6]) + 1):
+                if label[r, c] >= 0 and _root(parent, label[r, c]) == i:
+                    x, y = c - column, row - r
+                    re += x * x * x * x - 6 * x * x * y * y + y * y * y * y
+                    im += 4 * x * y * (x * x - y * y)
+        found[k, 0], found[k, 1] = column * STEP + 1, row * STEP + 1
+        # corners of a square lie at 45 degrees, where cos 4 phi is least
+        found[k, 2] = math.atan2(-im, -re) / 4
+        found[k, 3] = stats[i, 0]
+        found[k, 4] = (stats[i, 4] - stats[i, 3] + 1) * STEP
+        found[k, 5] = (stats[i, 6] - stats[i, 5] + 1) * STEP
+        k += 1
     return k

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision import edges, mapping, renderer_clutter, scan
+from eol_ros.core.vision import look, mapping, renderer_clutter, scan
 from eol_ros.core.vision.calibration import Calibration
 from eol_ros.core.vision.clutter import ClutterMap
 from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING
@@ -261,7 +261,7 @@ def test_requests_written_down_make_the_same_answers_again(scattered):
 def test_no_image_compiles_anything_anew(tracker, stills):
     """After warm_up every kind of image finds its loops ready: also the first without lamps."""
     tracker.warm_up()
-    loops = (edges.fit_squares, scan.sample, mapping.glance)
+    loops = (look.at_predictions, scan.sample, mapping.glance)
     ready = [list(loop.signatures) for loop in loops]
     image = stills[0]
     over_the_wire = np.frombuffer(image.tobytes(), np.uint8).reshape(image.shape)
