@@ -99,6 +99,28 @@ def test_pages_fill_every_screen(graph, browser, path, width):
                 assert shot[r[0] : r[-1], c[0] : c[-1]].std() > 0.8
 
 
+@pytest.mark.parametrize(
+    ('control', 'outcome'),
+    [('calibrate', r'calibrated by the blocks: 0\.\d+ px'),
+     ('learn_clutter', r'lamps learnt: they light \d+\.\d %')],
+)  # fmt: skip
+def test_what_came_of_a_request_stands_beside_the_buttons_in_both_languages(
+    graph, browser, control, outcome
+):
+    """From the button through panel, tracker and light, and back; nobody has pushed a block yet."""
+    address, _ = graph
+    visit(browser, address, '/')
+    until_page(browser, 'document.querySelector("[data-node=tracker]")')
+    for name, words in (('zh-Hant', 'tracker 回報：'), ('en', 'tracker says: ')):
+        browser.find_element('css selector', f'[data-language={name}]').click()
+        until_page(browser, f'document.documentElement.lang === "{name}"')
+        run(browser, f'document.querySelector("[data-control={control}]").focus()')
+        press(browser, 'Enter')
+        text = 'document.getElementById("answer").textContent'
+        until_page(browser, f'/{words}{outcome}/.test({text})', 60)
+    assert complaints(browser) == []
+
+
 def test_a_drag_moves_lights_sounds_and_changes_the_pair(graph, browser):
     """End to end: hand -> rim -> slip -> flash, sound, walls, all in one browser."""
     address, _ = graph
@@ -335,6 +357,26 @@ def test_the_panel_by_keyboard_alone(graph, browser):
         until_page(browser, f'document.getElementById("live").dataset.asleep === "{asleep}"')
 
 
+def test_the_table_by_keyboard_alone(graph, browser):
+    address, _ = graph
+    visit(browser, address, '/table')
+    until_page(browser, 'eol.counts.packets > 30')
+    count, seen = run(browser, FOCUSABLE), []
+    for _ in range(count):
+        press(browser, 'Tab', hold=True)
+        seen.append(run(browser, FOCUSED))
+        if seen[-1]['name'] == 'Turn sound on':
+            press(browser, 'Enter')
+            until_page(browser, 'eol.listener.on')
+    assert all(s['name'] and s['ring'] for s in seen) and len({s['at'] for s in seen}) == count
+    assert {'Turn sound on', 'Monitor', '中文'} <= {s['name'] for s in seen}
+    start = run(browser, 'return eol.state().rim[2]')
+    press(browser, 'e', hold=True)  # wherever the focus is
+    until_page(browser, f'eol.state().rim[2] < {start} - 0.03')
+    release(browser, 'e')
+    until_page(browser, '!eol.hands.holding')
+
+
 FOCUSABLE = """
 return [...document.querySelectorAll('a, button, input, select, [tabindex="0"]')]
   .filter((e) => !e.disabled && e.getClientRects().length && e.tabIndex >= 0).length;
@@ -353,36 +395,49 @@ return {
 """
 
 
-@pytest.mark.parametrize('control', ['calibrate', 'learn_clutter'])
-def test_what_the_tracker_says_stands_beside_the_buttons_in_both_languages(graph, browser, control):
+def test_the_threshold_is_tried_and_kept(graph, browser):
+    """Through the tracker and back: no cover is as bright as 250, each is brighter than none."""
     address, _ = graph
     visit(browser, address, '/')
-    until_page(browser, 'document.querySelector("[data-node=tracker]")')
-    for name, words in (('zh-Hant', 'tracker 回報：'), ('en', 'tracker says: ')):
-        browser.find_element('css selector', f'[data-language={name}]').click()
-        until_page(browser, f'document.documentElement.lang === "{name}"')
-        run(browser, f'document.querySelector("[data-control={control}]").focus()')
+    until_page(browser, 'document.querySelector("#camera canvas").dataset.images > 0')
+    press(browser, 't')
+    slider, words = (f'document.getElementById("{name}")' for name in ('threshold', 'camera-state'))
+    box = run(browser, 'return document.querySelector("#histogram").getBoundingClientRect().height')
+    assert 10 < box < 100
+    white = """
+        const {canvas} = eol.camera, {width, height} = canvas;
+        const {data} = canvas.getContext('2d').getImageData(0, 0, width, height);
+        let sum = 0;
+        for (let i = 0; i < data.length; i += 4) sum += data[i] > 200;
+        return sum / (width * height);
+    """
+    for value, seen in ((100, 25), (250, 0), (0, 25)):
+        run(browser, f'{slider}.value = {value}; {slider}.oninput()')
+        run(browser, 'document.getElementById("keep-threshold").focus()')
+        if value == 100:  # in the picture before it is kept: the covers alone are white
+            until(lambda: 0.005 < run(browser, white) < 0.1)
         press(browser, 'Enter')
-        text = 'document.getElementById("answer").textContent'
-        until_page(browser, f'{text}.includes("{words}")')
-        said = run(browser, f'return {text}').partition(words)[2]
-        assert len(said) > 5
+        until(lambda value=value: float(status(address)['tracker']['values']['threshold']) == value)
+        until_page(browser, f'{words}.textContent.startsWith("{seen} of 25")')
+    visit(browser, address, '/')
+    until_page(browser, f'{slider}.value === "0"')
     assert complaints(browser) == []
 
 
-def test_both_languages(graph, browser):
+@pytest.mark.parametrize('path', ['/', '/table'])
+def test_both_languages(graph, browser, path):
     address, _ = graph
-    visit(browser, address, '/')
+    visit(browser, address, path)
     texts = {}
     for name in ('zh-Hant', 'en'):
-        browser.find_element('css selector', f'[data-language={name}]').click()
+        browser.find_element('css selector', f'#languages [lang={name}]').click()
         until_page(browser, f'document.documentElement.lang === "{name}"')
         texts[name] = run(
             browser,
             'return [...document.querySelectorAll("[data-say]")]'
             '.map((e) => [e.dataset.say, e.textContent])',
         )
-        picture(browser, f'panel-{name}')
+        picture(browser, f'{path.strip("/") or "panel"}-{name}')
     assert [key for key, text in texts['en'] if not text or '_' in text] == []
     same = [k for (k, a), (_, b) in zip(texts['en'], texts['zh-Hant'], strict=True) if a == b]
     assert same == []

@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from eol_ros.settings import DESCRIPTORS
 from eol_ros.web.routes import STATIC
 
 WORDS = {p.stem: json.loads(p.read_text('utf-8')) for p in (STATIC / 'lang').glob('*.json')}
@@ -31,7 +32,8 @@ def test_every_word_said_is_in_the_list_and_every_word_listed_is_said():
     assert in_pages | in_scripts <= listed
     # Said by a choice or by the name of a state or of a control:
     quoted = set(re.findall(r"'(\w+)'", scripts))
-    built = {w for w in listed if w.startswith(('level_', 'tracker_'))}
+    assert {f'descriptor_{name}' for name in DESCRIPTORS} <= listed
+    built = {w for w in listed if w.startswith(('level_', 'tracker_', 'descriptor_'))}
     assert listed - in_pages - in_scripts - quoted - built == set()
 
 

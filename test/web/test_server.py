@@ -65,6 +65,14 @@ async def notice(ws, kind):
             return data
 
 
+async def wants(server, ws, channel):
+    """Ask for a channel, and wait until the server knows."""
+    await notice(ws, 'hello')
+    await ws.send_json({'wants': [channel]})
+    while server.hub.demand != {channel}:
+        await asyncio.sleep(0.01)
+
+
 async def closed(ws):
     """Return the code with which the server closes."""
     while True:
@@ -387,10 +395,7 @@ def test_streams_flow_only_to_who_asks_and_end_with_the_server(serve):
     server = serve()
 
     async def talk(ws):
-        await notice(ws, 'hello')
-        await ws.send_str('{"wants": ["blocks"]}')
-        while server.hub.demand != {'blocks'}:
-            await asyncio.sleep(0.01)
+        await wants(server, ws, 'blocks')
         server.hub.put('image', b'no')
         server.hub.put('blocks', b'yes')
         message = await ws.receive(timeout=5)
@@ -411,10 +416,7 @@ def test_a_viewer_that_does_not_read_costs_a_bounded_amount_and_then_sees_the_ne
     server = serve()
 
     async def talk(ws):
-        await notice(ws, 'hello')
-        await ws.send_str('{"wants": ["image"]}')
-        while server.hub.demand != {'image'}:
-            await asyncio.sleep(0.01)
+        await wants(server, ws, 'image')
         (viewer,) = server.hub.viewers
         ws._reader._protocol.transport.pause_reading()
         for i in range(400):  # 20 MB, and nobody reads

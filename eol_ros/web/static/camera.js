@@ -33,7 +33,7 @@ export class CameraView {
     for (const button of this.buttons) button.onclick = () => this.show(button.dataset.view);
     this.slider.oninput = () => {
       this.level = Number(this.slider.value);
-      this.slider.nextElementSibling.value = this.level;
+      this.slider.nextElementSibling.value = this.level || say('threshold_none');
       this.dirty = true;
     };
     this.slider.oninput();
@@ -122,7 +122,7 @@ export class CameraView {
     for (let i = 0; i < data.length; i++) {
       const grey = data[i] & 255;
       counts[grey]++;
-      data[i] = grey >= this.level ? 0xffffffff : 0xff000000;
+      if (this.level) data[i] = grey >= this.level ? 0xffffffff : 0xff000000;
     }
     pen.putImageData(pixels, 0, 0);
     brush.drawImage(small, 0, 0, w, h);

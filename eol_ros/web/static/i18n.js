@@ -22,6 +22,11 @@ export async function speak(name) {
   document.dispatchEvent(new Event('language'));
 }
 
+// What a descriptor is called; its own name where the words do not know it.
+export function descriptor(name) {
+  return words[`descriptor_${name}`] ?? name.replaceAll('_', ' ');
+}
+
 // The words of a key, its {places} filled.
 export function say(key, places = {}) {
   const text = words[key] ?? key;

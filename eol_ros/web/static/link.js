@@ -15,7 +15,8 @@ export class Link extends EventTarget {
     this.pinNeeded = false;
     this.trusted = false;
     this.pin = '';
-    this.heard = {}; // performance.now() of the newest packet of each kind; 'any' of whatever
+    // performance.now() of the newest packet of each kind; 'any' of whatever, at first of the page.
+    this.heard = { any: performance.now() };
     this.offsets = []; // [round trip, server clock minus ours], s
     this.offset = 0;
     this.tries = 0;

@@ -15,6 +15,7 @@ const STALE_S = 2.2; // without data: with the time between looks, less than 3 s
 const LOOK_MS = 250;
 const PACE_S = 0.033; // eyes that read figures need no more; a slip comes at once
 const FOLLOW_MS = 60000; // so long the answer of a node is shown beside the buttons
+const BEFORE_MS = 2500; // and so long what it said before counts for no answer
 const STIR_M = 0.0004; // a fifth of a pixel of the camera
 const $ = (id) => document.getElementById(id);
 
@@ -25,7 +26,7 @@ const moving = new Uint8Array(25);
 const drawn = { slips: [], starts: 0, latencies: [] }; // stamps not drawn yet; s from stamp to screen
 window.eol.drawn = drawn;
 
-const camera = new CameraView($('camera'));
+const camera = (window.eol.camera = new CameraView($('camera')));
 const space = (window.eol.space = new SpaceView($('space'), act));
 const sound = new SoundView($('sound'));
 const cascades = new CascadeView($('cascades'));
@@ -123,16 +124,20 @@ function lock(locked) {
 // A node that was asked for something longer says in its status what comes of it.
 let asked = null;
 function follow({ node, level, text }) {
-  if (!asked || asked.node !== node || performance.now() > asked.until) return;
+  const since = asked && performance.now() - asked.at;
+  if (!asked || asked.node !== node || since > FOLLOW_MS) return;
+  if (text === asked.before && since < BEFORE_MS) return;
   $('answer').className = level === 'ok' ? 'legend' : 'legend bad';
   write($('answer'), `${say(asked.name)}: ${say('says', { node, text })}`);
 }
 
 async function act(name, body = {}) {
+  const texts = new Map([...nodes.nodes].map(([node, { text }]) => [node, text]));
   const answer = await link.control(name, body);
-  asked = answer.node ? { name, node: answer.node, until: performance.now() + FOLLOW_MS } : null;
+  const { node } = answer;
+  asked = node ? { name, node, before: texts.get(node), at: performance.now() } : null;
   $('answer').className = answer.error ? 'legend bad' : 'legend';
-  $('answer').textContent = `${say(name)}: ${answer.error ?? say(answer.node ? 'asked' : 'done')}`;
+  $('answer').textContent = `${say(name)}: ${answer.error ?? say(node ? 'asked' : 'done')}`;
   if (answer.error && (name === 'move' || name === 'axes')) link.emit('corpus'); // show what really is
   return answer;
 }
@@ -165,6 +170,8 @@ function markLanguage() {
   for (const button of $('languages').children) {
     button.setAttribute('aria-pressed', button.lang === document.documentElement.lang);
   }
+  if (space.corpus) space.setCorpus(space.corpus);
+  camera.slider.oninput();
   redraw();
   nodes.draw();
   nameCorpus();
@@ -192,7 +199,7 @@ setInterval(() => {
   $('stalebar').hidden = !stale;
   $('live').hidden = stale;
   if (stale) {
-    $('stalebar').textContent = Number.isFinite(age) ? say('no_data', { seconds: age.toFixed(0) }) : say('no_connection');
+    $('stalebar').textContent = link.viewer ? say('no_data', { seconds: age.toFixed(0) }) : say('no_connection');
   }
   for (const card of document.querySelectorAll('.card')) {
     const kinds = (STREAMS[card.id] || []).filter((kind) => kind !== 'image' || camera.view !== 'off');

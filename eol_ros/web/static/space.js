@@ -2,7 +2,7 @@
 // The descriptor space: every grain, the moving blocks as squares, their reach as circles.
 
 import { calm, fit, fontPx, INK, MOVE, QUIET, scale, THREAD } from './paint.js';
-import { say } from './i18n.js';
+import { descriptor, say } from './i18n.js';
 
 const FLASH_S = 0.5;
 const PAD = 0.05;
@@ -29,7 +29,7 @@ export class SpaceView {
   setCorpus(corpus) {
     this.corpus = corpus;
     const options = (chosen) =>
-      corpus.descriptors.map((name) => new Option(name.replaceAll('_', ' '), name, false, name === chosen));
+      corpus.descriptors.map((name) => new Option(descriptor(name), name, false, name === chosen));
     this.menus.x.replaceChildren(...options(corpus.x_name));
     this.menus.y.replaceChildren(...options(corpus.y_name));
     const colour = this.menus.colour.value || corpus.descriptors[0];
@@ -87,7 +87,7 @@ export class SpaceView {
     if (grain < 0) return;
     const { corpus } = this;
     const column = corpus.descriptors.indexOf(this.menus.colour.value);
-    const value = column >= 0 ? `${this.menus.colour.value.replaceAll('_', ' ')} ${round(corpus.values[column][grain])}` : '';
+    const value = column >= 0 ? `${descriptor(this.menus.colour.value)} ${round(corpus.values[column][grain])}` : '';
     this.legend.textContent = say('grain_words', {
       grain, start: corpus.start[grain].toFixed(2), duration: corpus.duration[grain].toFixed(2), value,
     });
@@ -237,10 +237,10 @@ export class SpaceView {
     brush.font = `300 ${size}px system-ui`;
     brush.textAlign = 'right';
     brush.textBaseline = 'bottom';
-    brush.fillText(`${this.corpus.x_name.replaceAll('_', ' ')} \u2192`, w - 6, h - 3);
+    brush.fillText(`${descriptor(this.corpus.x_name)} \u2192`, w - 6, h - 3);
     brush.textAlign = 'left';
     brush.textBaseline = 'top';
-    brush.fillText(`\u2191 ${this.corpus.y_name.replaceAll('_', ' ')}`, 6, 4);
+    brush.fillText(`\u2191 ${descriptor(this.corpus.y_name)}`, 6, 4);
   }
 
   drawBlocks(brush) {

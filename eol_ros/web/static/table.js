@@ -24,7 +24,7 @@ let state = null;
 let leds = new Uint8Array(25);
 let ledsAt = 0;
 
-drawing.resize();
+place();
 land(Math.min(Math.max(Math.round(0.09 * drawing.perM), 64), 320)).then((picture) => drawing.setLand(picture));
 
 link.want(['truth', 'blocks', 'slips', 'leds']);
@@ -62,14 +62,24 @@ for (const wall of walls) {
   wall.finish = (brush, w, h) => fadeOut(brush, w, h, wall.side === 'left' ? 1 : -1);
 }
 
-// The walls stand back behind the table: dimmed, and fading towards it. Painted into each picture
-// once, so that it costs nothing at each drawing.
+// The walls have the room that the table leaves: beside it, or above it on an upright screen.
+function upright() {
+  return matchMedia('(max-aspect-ratio: 11/10)').matches; // as table.css asks
+}
+function place() {
+  drawing.resize();
+  const free = (upright() ? innerHeight : innerWidth) - drawing.side;
+  document.documentElement.style.setProperty('--free', `${Math.ceil(free / 2)}px`);
+  drawing.dirty = true;
+}
+
+// They are dimmed, and fade towards the table. Painted into each picture once, so that it costs
+// nothing at each drawing.
 function fadeOut(brush, w, h, way) {
-  const upright = innerWidth / innerHeight < 1.1;
-  const shade = upright ? brush.createLinearGradient(0, h, 0, 0)
+  const shade = upright() ? brush.createLinearGradient(0, h, 0, 0)
     : way > 0 ? brush.createLinearGradient(w, 0, 0, 0) : brush.createLinearGradient(0, 0, w, 0);
   shade.addColorStop(0, 'rgba(6,8,9,1)');
-  shade.addColorStop(0.45, 'rgba(6,8,9,.38)');
+  shade.addColorStop(0.3, 'rgba(6,8,9,.38)');
   shade.addColorStop(1, 'rgba(6,8,9,.38)');
   brush.fillStyle = shade;
   brush.fillRect(0, 0, w, h);
@@ -100,10 +110,11 @@ function tell() {
   const stale = age > STALE_S;
   $('words').classList.toggle('stale', stale);
   $('words').textContent = stale
-    ? Number.isFinite(age) ? say('no_data', { seconds: age.toFixed(0) }) : say('no_connection')
-    : !link.mayPush ? say('table_locked')
-      : link.age('truth') > STALE_S ? say('table_none')
-        : counts.cascade ? say('table_cascade', { area: counts.cascade }) : '';
+    ? link.viewer ? say('no_data', { seconds: age.toFixed(0) }) : say('no_connection')
+    : !link.viewer || performance.now() < 1000 * STALE_S ? ''
+      : !link.mayPush ? say('table_locked')
+        : link.age('truth') > STALE_S ? say('table_none')
+          : counts.cascade ? say('table_cascade', { area: counts.cascade }) : '';
   $('listen').setAttribute('aria-pressed', listener.on);
   $('listen').textContent = listener.on && listener.latency !== null
     ? say('table_sound', { latency: Math.round(listener.latency * 1000) }) : say('table_sound_on');
@@ -126,7 +137,7 @@ function draw(now) {
   counts.drawings++;
 }
 requestAnimationFrame(draw);
-addEventListener('resize', () => (drawing.dirty = true));
+addEventListener('resize', place);
 
 // Whether anything has gone by a tenth of a pixel, or shines otherwise.
 function stirred(before, lightBefore, now, light) {
