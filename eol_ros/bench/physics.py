@@ -78,7 +78,8 @@ def own_rows(name: str, quick: bool) -> list[dict]:
         solve()
         run, seconds = cpu_s(solve, repeat)
         rows.append({
-            'scene': name, 'method': method, 'ms': seconds * 1e3, 'error_m': error_of(run.u, truth),
+            'scene': name, 'method': method, 'seconds': scene.duration_s, 'ms': seconds * 1e3,
+            'error_m': error_of(run.u, truth),
             'events': len(run.event_t), 'steps': run.steps, 'status': run.status,
         })
 
@@ -170,7 +171,8 @@ def turning_rows() -> list[dict]:
                 lambda s=scene, m=model, t=times, e=tolerance: turning.solve(
                     s, m, t, LIMITS, True, e), 3)
             rows.append({
-                'scene': f'{name} turning', 'method': f'event {tolerance:g}', 'ms': seconds * 1e3,
+                'scene': f'{name} turning', 'method': f'event {tolerance:g}',
+                'seconds': scene.duration_s, 'ms': seconds * 1e3,
                 'error_m': error_of(run.u, truth), 'events': len(run.event_t), 'steps': run.steps,
                 'residual_J': run.energy.residual_J, 'status': run.status,
             })

@@ -18,28 +18,35 @@ def draw(result: dict, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     rows = [r for r in result['own'] + result['turning'] + result['peers'] if 'error_m' in r]
     names = list(dict.fromkeys(r['scene'] for r in rows))
-    wide = -(-len(names) // 3)
+    wide = len(names) // 3 + 1  # at least one place is left, for the legend
     figure, axes = plt.subplots(
-        3, wide, figsize=(3 * wide, 9), sharey=True, squeeze=False, layout='constrained'
+        3, wide, figsize=(3 * wide, 8), sharex=True, sharey=True, squeeze=False,
+        layout='constrained',
     )
+    shown = {}
     for axis, name in zip(axes.flat, names):
         for family, (mark, colour) in MARKS.items():
             here = [r for r in rows if r['scene'] == name and r['method'].startswith(family)]
             if here:
-                axis.loglog([r['ms'] for r in here], [max(r['error_m'], FLOOR_M) for r in here],
-                            mark, color=colour, label=family, markersize=6)
+                shown[family], = axis.loglog(
+                    [r['ms'] / r['seconds'] for r in here],
+                    [max(r['error_m'], FLOOR_M) for r in here],
+                    mark, color=colour, markersize=6)
         beside = [r for r in result['peers'] if r['scene'] == name and 'own_ms' in r]
         if beside and name.endswith(' equal'):
-            axis.loglog([r['own_ms'] for r in beside],
-                        [max(r['own_error_m'], FLOOR_M) for r in beside], 'k*', label='ours')
+            shown['ours, in the run of the peers'], = axis.loglog(
+                [r['own_ms'] / r['seconds'] for r in beside],
+                [max(r['own_error_m'], FLOOR_M) for r in beside], 'k*', markersize=8)
         axis.set_title(name)
-        axis.set_xlabel('processor time, ms')
         axis.grid(alpha=0.3)
-        axis.legend(fontsize=7)
+        axis.tick_params(labelbottom=True)
     for axis in axes[:, 0]:
         axis.set_ylabel('largest error, m')
+    for axis in axes[-1]:
+        axis.set_xlabel('ms per simulated second')
     for axis in axes.flat[len(names):]:
-        axis.set_visible(False)
+        axis.axis('off')
+    axes.flat[-1].legend(shown.values(), shown.keys(), loc='center', frameon=False)
     figure.savefig(folder / 'physics_error.png', dpi=90)
     plt.close(figure)
     sizes = [r for r in result['sizes'] if r['events']]
