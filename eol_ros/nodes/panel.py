@@ -8,6 +8,7 @@ from eol_ros.core import terrain
 from eol_ros.devices.day_file import DayFile
 from eol_ros.devices.media_folder import LazyMedia
 from eol_ros.nodes.panel_bridge import PanelBridge
+from eol_ros.nodes.panel_health import Health
 from eol_ros.nodes.panel_streams import Streams
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
@@ -28,7 +29,8 @@ class PanelNode(EolNode):
         self.server = WebServer(self.settings, PanelBridge(self), say, picture=picture)
         self.documents = self.server.routes.documents
         self.day_file = DayFile(self.scene.name)
-        self.day, self.roster = notices.Day(self.day_file.load()), notices.Roster()
+        self.day = notices.Day(self.day_file.load())
+        self.states = Health(self.server.hub, self.tell)
         self.streams = Streams(self, self.server.hub)
         self.subscribe('wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s)))
         self.subscribe('corpus', self.on_corpus)
@@ -38,10 +40,10 @@ class PanelNode(EolNode):
             'camera/camera_info',
             lambda m: self.tell('camera', {'t': 'camera', 'width': m.width, 'height': m.height}),
         )
-        self.subscribe('/diagnostics', self.on_diagnostics)
+        self.subscribe('/diagnostics', self.states.take, raw=True)
         heights = terrain.landscape(self.settings.terrain_seed)
         self.documents['terrain'] = (heights * 65535).astype('<u2').tobytes()
-        self.documents['status'] = lambda: wire.text(self.roster.nodes.copy()).encode()
+        self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
         self.server.start()
         self.tell('cascades', self.day.notice())
         self.create_timer(1.0, self.report)
@@ -64,12 +66,6 @@ class PanelNode(EolNode):
             self.tell('mute', {'t': 'mute', 'on': message.command == 'mute'})
         elif message.command == 'test':
             self.server.hub.put('notices', {'t': 'test'})
-
-    def on_diagnostics(self, message) -> None:
-        for status in message.status:
-            if status.name.startswith('eol: '):
-                notice = self.roster.take(status, time.monotonic())
-                self.tell(f'health {notice["node"]}', notice)
 
     def report(self) -> None:
         self.streams.follow()

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The way from the panel's web server into the graph; called from the server's own thread."""
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -30,7 +29,7 @@ class PanelBridge:
 
     def runs(self, node: str) -> bool:
         """Return whether a node gives signs of life."""
-        return self._node.roster.runs(node, time.monotonic())
+        return self._node.states.runs(node)
 
     def control(self, command: str, target: str, key: str, value: str, source: str) -> None:
         """Publish a request of a person."""

@@ -179,7 +179,7 @@ def test_a_latecomer_is_told_wall_day_and_health(rig):
         assert day['areas'][1] == 2 and day['areas'][3] == 1
         assert status['level'] == 'ok' and rig.url in status['text']
 
-    until(lambda: {'panel', 'grains'} <= set(rig.panel.roster.nodes))
+    until(lambda: {'panel', 'grains'} <= set(rig.panel.states.nodes()))
     live(rig, talk)
     with urllib.request.urlopen(f'{rig.url}/status', timeout=30) as answer:
         assert set(json.load(answer)) >= {'panel', 'grains'}
