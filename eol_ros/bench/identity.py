@@ -21,6 +21,7 @@ EXAMPLES = [
     'eol bench identity --hours 0.5 --json',
     'eol bench identity --fps 120 --rough 1.4 --permanent 3',
     'eol bench identity --hours 10 --methods lattice --seed 7',
+    'eol bench identity --hours 0.001 --methods lattice --ties 500 --tap-jitter 1',
 ]
 LASTING_S = 2.0
 METHODS = ('lattice', 'nearest', 'hungarian')
@@ -40,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--ties', type=int, default=0, help='also: how many slips settle the turn, so many trials'
     )
     parser.add_argument('--tap-jitter', default='1,8', help='ms, of taps in --ties, with commas')
+    parser.add_argument('--tie-noise', type=float, default=13.0, help='um, of places in --ties')
     parser.add_argument('--json', action='store_true')
 
 
@@ -51,8 +53,11 @@ def run(args: argparse.Namespace) -> int:
         not args.no_taps,
     )  # fmt: skip
     if args.ties:
+        from eol_ros.bench import identity_ties
+
         for ms in map(float, args.tap_jitter.split(',')):
-            scores[f'ties, taps to {ms:g} ms'] = ties(args.ties, args.seed, ms * 1e-3)
+            scores[f'ties, taps to {ms:g} ms'] = identity_ties.measure(
+                args.ties, args.seed, ms * 1e-3, args.tie_noise * 1e-6)
     if args.json:
         print(json.dumps(scores, indent=2))
         return 0
@@ -258,43 +263,3 @@ def measure(
         if images >= 10 and k % (images // 10) == 0 and k:
             print(f'{100 * k // images} %', file=sys.stderr, flush=True)
     return {name: score.figures(hours, images) for name, score in scores.items()}
-
-
-def ties(trials: int, seed: int, jitter_s: float) -> dict[str, float]:
-    """How soon taps settle the turn; 3 % of taps and 10 % of onsets are lost."""
-    from eol_ros.bench.stick_slip import Table
-    from eol_ros.core.motion.symmetry import LAG_S, UNTURNED, WINDOW_S, Coincidence
-
-    table, random = Table(seed, 60.0), np.random.default_rng([seed, 17])
-    while len(table.begun) < 6000:
-        table.step()
-    begun = sorted(table.begun)
-    decided = np.zeros(16)
-    wrong = 0
-    for _ in range(trials):
-        first, quarters = int(random.integers(10, len(begun) - 40)), int(random.integers(0, 4))
-        court = Coincidence()
-        court.judged_s = begun[first][0] - 0.01 - WINDOW_S
-        for on, block in begun[first - 8 : first + 35]:
-            if random.random() > 0.03:
-                court.tap(on + random.normal(0, jitter_s), block, jitter_s)
-        heard = []
-        for on, block in begun[first : first + 15]:
-            if random.random() > 0.1:
-                heard.append(on + random.normal(0, 0.002))
-                court.onset(heard[-1], int(UNTURNED[quarters, block]), 0.002)
-        for slips, stamp_s in enumerate(sorted(heard), 1):
-            court.update(stamp_s + LAG_S + 1e-6)
-            answer = court.answer()
-            if answer is not None:
-                decided[slips] += 1
-                wrong += answer != quarters
-                break
-    share = 100 * np.cumsum(decided) / trials
-    return {
-        'trials': float(trials),
-        'decided_by_3_slips_percent': float(share[3]),
-        'decided_by_5_slips_percent': float(share[5]),
-        'decided_by_10_slips_percent': float(share[10]),
-        'wrong_decisions': float(wrong),
-    }

@@ -3,7 +3,7 @@
 
 import pytest
 
-from eol_ros.bench import identity, motion
+from eol_ros.bench import identity, identity_ties, motion
 from eol_ros.bench.vision_scenes import RATE_HZ, run_film
 
 pytestmark = pytest.mark.soak
@@ -12,12 +12,14 @@ pytestmark = pytest.mark.soak
 def test_ten_hours_of_arms_bring_no_wrong_name_that_was_not_told():
     figures = identity.measure({'lattice': identity.make('lattice')}, 10.0, 60.0, 21)['lattice']
     assert figures['undeclared_per_hour'] == 0
-    assert figures['lasting_failures_per_hour'] <= 3  # six times of darkness an hour
+    assert figures['lasting_failures_per_hour'] <= 1
     assert figures['undeclared_switches_per_hour'] <= 50
 
 
 def test_ten_thousand_ties_are_never_settled_wrongly():
-    assert identity.ties(10_000, 1, 0.001)['wrong_decisions'] == 0
+    figures = identity_ties.measure(10_000, 1, 0.001)
+    assert figures['wrong_decisions'] == 0
+    assert figures['decided_by_5_slips_percent'] >= 98
 
 
 def test_a_minute_of_hard_film_loses_no_block_and_invents_none():

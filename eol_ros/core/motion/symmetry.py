@@ -2,10 +2,16 @@
 """Which way round does the lattice lie? Answered by the blocks' own accelerometers.
 
 A square lattice looks the same after a quarter turn, so after darkness the camera alone cannot
-know. But it sees which place begins to slip, and the block there reports a knock under its true
-name. Each onset seen and each tap heard speaks for or against the four turns; what is added up is
-the logarithm of their likelihoods, and the answer is given when one turn leads by MARGIN nats.
+know. But it sees which place begins to slip and which places rest, and the block there reports a
+knock under its true name. What is added up for each of the four turns is the logarithm of the
+likelihood of all taps: each comes from an onset that was seen, from a block that slides already,
+from one that is hidden, or, hardly ever, from one that was seen to rest. The answer is given when
+the posterior probability that it is wrong is below ERROR (sequential test: Wald, Ann. Math. Stat.
+16, 1945).
 """
+
+import math
+from collections import deque
 
 import numpy as np
 
@@ -13,14 +19,21 @@ from eol_ros.core.geometry import COLS, N_BLOCKS
 
 LAG_S = 0.25  # evidence is judged this long after its stamp, when all of it has arrived
 WINDOW_S = 0.04  # an onset and a tap further apart are of two slips
-TIMING_S = 0.002  # of clocks and onsets, beside what they say of themselves
-HEARD = 0.95  # share of slips whose tap arrives
-SEEN = 0.88  # share of taps whose slip is seen to begin
-RATE_HZ = 0.7  # slips of one block, a second: how often a tap is there by chance
-BURST_S = 0.1  # and how many of them there are about, this near
-MISSEEN = 0.05  # share of onsets that are none, or at another time
-MARGIN = 13.0
-SURE_MARGIN = 25.0  # to contradict a turn that was thought known
+TIMING_S = 0.0005  # of clocks, beside what taps and onsets say of themselves
+HONEST = 0.8  # onsets are so much better than they say
+HEARD = 0.965  # share of onsets that are answered by a tap; the rest lost, or no onset at all
+RESTING_HZ = 0.01  # taps of a block that is seen to rest: somebody touched it
+UNSEEN_HZ = 0.7  # taps of a block that nobody sees: its slips
+BURST_S = 0.1  # or as many as of all blocks, this near,
+TWIN_S = 0.015  # or as of the three that a turn takes it for: what is alike lets go alike
+AGAIN = 0.3  # of that is how often a block on its way taps: stuck for a moment and gone again
+REACH = 3.0  # standard errors of a tap's time
+SURE_IMAGES = 3  # so many images at rest before a block is known to rest
+ERROR = 1e-5  # chance of a wrong answer
+SURE_ERROR = 1e-11  # to contradict a turn that was thought known
+ANSWERED = 0.6  # share of the onsets that the answer must explain, two at least
+
+UNSEEN, RESTING, SLIDING = 0, 1, 2
 
 
 def turned(quarters: int) -> np.ndarray:
@@ -40,21 +53,30 @@ class Coincidence:
 
     def __init__(self) -> None:
         self.taps: list[tuple[float, int, float]] = []
-        self.onsets: list[tuple[float, int, float]] = []
         self.judged_s = -np.inf
-        self.belief = np.zeros(4)
-        self.count = 0  # onsets judged since the belief was empty
+        self.took = 0  # onsets that the last answer rests on
+        self.forget()
 
     def forget(self) -> None:
         """Begin again: the ids were given anew."""
-        self.onsets = []
+        self.onsets: list[tuple[float, int, float]] = []
+        self.images: deque[tuple[float, np.ndarray]] = deque()  # stamp, what each place did
+        self.rested: np.ndarray = np.zeros(N_BLOCKS, int)  # images in a row
         self.belief = np.zeros(4)
-        self.count = 0
+        self.answered = np.zeros(4, int)  # onsets with a tap where each turn wants it
+        self.count = 0  # onsets until the last tap judged, since the belief was empty
+        self.counted_s = -np.inf
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
         """Take a knock that `block` felt; the order of arrival does not matter."""
         if 0 <= block < N_BLOCKS and np.isfinite(stamp_s):
             self.taps.append((stamp_s, block, sigma_s))
+
+    def look(self, stamp_s: float, quiet: np.ndarray, moving: np.ndarray) -> None:
+        """Take what an image shows of each place: quiet (25,), moving (25,), hidden if neither."""
+        self.rested = np.where(quiet, self.rested + 1, 0)
+        state = np.where(moving, SLIDING, np.where(self.rested > SURE_IMAGES, RESTING, UNSEEN))
+        self.images.append((stamp_s, state))
 
     def onset(self, stamp_s: float, block: int, sigma_s: float) -> None:
         """Take the beginning of a slip as seen, under its present id."""
@@ -64,50 +86,80 @@ class Coincidence:
         """Whether any tap is there to be judged now or soon."""
         return any(t[0] <= now_s + 1.0 for t in self.taps)
 
-    def update(self, now_s: float) -> None:
-        """Judge what is old enough."""
+    def update(self, now_s: float, known: bool = False) -> int | None:
+        """Judge what is old enough; return the quarter turns once they are clear, or None.
+
+        known: the turn is thought to be known; more is asked of what might contradict it.
+        """
         until = now_s - LAG_S
         since, self.judged_s = self.judged_s, max(until, self.judged_s)
-        for onset in sorted(o for o in self.onsets if since < o[0] <= until):
-            self.count += 1
-            for q in range(4):
-                self.belief[q] += self._onset_speaks(onset, int(TURNED[q, onset[1]]))
-        for tap in sorted(t for t in self.taps if since < t[0] <= until):
-            if not self.onsets:
-                continue
-            for q in range(4):
-                self.belief[q] += self._tap_speaks(tap, int(UNTURNED[q, tap[1]]))
-        self.onsets = [o for o in self.onsets if o[0] > until - 2 * WINDOW_S]
-        self.taps = [t for t in self.taps if t[0] > until - 2 * WINDOW_S]
+        answer = None
+        if self.images:
+            for tap in sorted(t for t in self.taps if since < t[0] <= until):
+                self._judge(tap)
+                answer = self.answer(known)
+                if answer is not None:
+                    place = UNTURNED[answer, tap[1]]
+                    self.took = self.count + sum(
+                        o[1] == place and 0.0 < o[0] - tap[0] <= WINDOW_S for o in self.onsets)
+                    break
+        past = until - 2 * WINDOW_S - BURST_S
+        self.onsets = [o for o in self.onsets if o[0] > past]
+        self.taps = [t for t in self.taps if t[0] > past]
+        while self.images and self.images[0][0] < past:
+            self.images.popleft()
+        return answer
 
     def answer(self, known: bool = False) -> int | None:
         """Return the quarter turns that the evidence is clear about, or None."""
-        order = np.argsort(-self.belief, kind='stable')
-        lead = self.belief[order[0]] - self.belief[order[1]]
-        return int(order[0]) if lead >= (SURE_MARGIN if known else MARGIN) else None
+        best = int(np.argmax(self.belief))
+        others = np.delete(self.belief, best) - self.belief[best]
+        if np.exp(others).sum() > (SURE_ERROR if known else ERROR):
+            return None
+        return best if self.answered[best] >= max(2.0, ANSWERED * self.count) else None
 
-    def _onset_speaks(self, onset: tuple[float, int, float], block: int) -> float:
-        # In a cascade all tap at once, and a tap by chance is nothing rare.
-        about = sum(abs(t - onset[0]) <= BURST_S for t, _, _ in self.taps)
-        rate_hz = max(RATE_HZ, about / (2 * BURST_S * N_BLOCKS))
-        best = 1.0 - HEARD
-        for stamp_s, name, sigma_s in self.taps:
-            if name == block and abs(stamp_s - onset[0]) <= WINDOW_S:
-                best += HEARD * _density(stamp_s - onset[0], sigma_s, onset[2]) / rate_hz
-        return float(np.log(MISSEEN + (1.0 - MISSEEN) * best))
+    def _judge(self, tap: tuple[float, int, float]) -> None:
+        """Add what one tap says of each turn.
 
-    def _tap_speaks(self, tap: tuple[float, int, float], block: int) -> float:
-        near = any(
-            b == block and abs(t - tap[0]) <= 3.0 * _joint(tap[2], sigma_s)
-            for t, b, sigma_s in self.onsets
+        An onset is answered or not. That it is not costs every turn the same, 1 - HEARD; that it is
+        gains HEARD / (1 - HEARD) times its density over all else that may have made the tap.
+        """
+        stamp_s, name, sigma_s = tap
+        self.count += sum(self.counted_s < o[0] <= stamp_s for o in self.onsets)
+        self.counted_s = stamp_s
+        near = [o for o in self.onsets if abs(o[0] - stamp_s) <= WINDOW_S + REACH * sigma_s]
+        for q in range(4):
+            place = int(UNTURNED[q, name])
+            answers = sum(_density(stamp_s - at_s, sigma_s, HONEST * spread_s)
+                          for at_s, block, spread_s in near if block == place)
+            answers *= HEARD / (1.0 - HEARD)
+            chance = self._chance_hz(tap, place)
+            self.belief[q] += math.log(answers + chance)
+            self.answered[q] += answers > chance
+
+    def _chance_hz(self, tap: tuple[float, int, float], place: int) -> float:
+        """How often the block at `place` taps at such a moment without an onset that is seen."""
+        stamp_s, _, sigma_s = tap
+        sigma = math.hypot(sigma_s, TIMING_S)
+        about = [t for t in self.taps if abs(t[0] - stamp_s) <= BURST_S]
+        twins = sum(abs(t[0] - stamp_s) <= TWIN_S and t[1] in TURNED[1:, tap[1]] for t in about)
+        unseen_hz = max(
+            UNSEEN_HZ, len(about) / (2 * BURST_S * N_BLOCKS), twins / (2 * TWIN_S * 3)
         )
-        return 0.0 if near else float(np.log(1.0 - SEEN))
-
-
-def _joint(*sigmas_s: float) -> float:
-    return float(np.sqrt(TIMING_S**2 + sum(s * s for s in sigmas_s)))
+        hz = (unseen_hz, RESTING_HZ, AGAIN * unseen_hz)
+        before = _below((self.images[0][0] - stamp_s) / sigma)
+        total = unseen_hz * before
+        for at_s, state in self.images:  # each tells of the time since the one before
+            until = _below((at_s - stamp_s) / sigma)
+            total += hz[state[place]] * (until - before)
+            before = until
+        return total + unseen_hz * (1.0 - before)
 
 
 def _density(apart_s: float, *sigmas_s: float) -> float:
-    sigma = _joint(*sigmas_s)
-    return float(np.exp(-0.5 * (apart_s / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi)))
+    sigma = math.sqrt(TIMING_S**2 + sum(s * s for s in sigmas_s))
+    return math.exp(-0.5 * (apart_s / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi))
+
+
+def _below(sigmas: float) -> float:
+    return 0.5 * math.erfc(-sigmas / math.sqrt(2.0))

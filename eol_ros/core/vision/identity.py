@@ -3,13 +3,15 @@
 
 import numpy as np
 
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipDetector
 from eol_ros.core.motion.symmetry import Coincidence
 from eol_ros.core.vision.blink import Blink
 from eol_ros.core.vision.lattice import TRACKING, Lattice
 from eol_ros.settings import MotionSettings
 
-RESTED_S = 0.12
+RESTED_S = 0.085  # a block seen at rest for less may have begun before it came into view
+PATIENCE_S = 0.15  # and then for better times of its onset
 
 
 class Identity:
@@ -24,6 +26,7 @@ class Identity:
         self.blink = blink
         self.coincidence = Coincidence()
         self.onsets: SlipDetector | None = None  # while the turn of the lattice is in question
+        self.begun = np.zeros(N_BLOCKS, bool)  # slips whose onset is still to be told
         self.confirmed = False  # taps have agreed with the turn since the lattice was found
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
@@ -59,17 +62,31 @@ class Identity:
             return
         if self.onsets is None:
             self.onsets = SlipDetector(MotionSettings())
+            self.begun[:] = False
             self.coincidence.forget()
-        x, y = lattice.xy.T
-        for event in self.onsets.update(stamp_s, x, y, lattice.seen, lattice.sigma):
-            # A block that came out from under an arm on its way began nobody knows when.
-            if event.kind == START and self.onsets.rested_s[event.block] >= RESTED_S:
-                self.coincidence.onset(event.onset_s, event.block, event.onset_sigma_s)
-        self.coincidence.update(stamp_s)
+        self._watch(self.onsets, stamp_s)
         known = not lattice.ambiguous
-        quarters = self.coincidence.answer(known)
+        quarters = self.coincidence.update(stamp_s, known)
         if quarters is not None:
             self._settle(quarters, final=known)
+
+    def _watch(self, onsets: SlipDetector, stamp_s: float) -> None:
+        """Tell the coincidence what this image shows: onsets, and what rests or slides."""
+        lattice = self.lattice
+        x, y = lattice.xy.T
+        for event in onsets.update(stamp_s, x, y, lattice.seen, lattice.sigma):
+            # A block that came out from under an arm on its way began nobody knows when.
+            if event.kind == START:
+                self.begun[event.block] = onsets.rested_s[event.block] >= RESTED_S
+        # Two images later an onset is known twice as well: it may wait for them, but not for ever.
+        late = stamp_s - onsets.onset_s > PATIENCE_S
+        for block in np.flatnonzero(self.begun & ((onsets.fresh == 0) | late)).tolist():
+            self.coincidence.onset(
+                float(onsets.onset_s[block]), block, float(onsets.onset_sigma_s[block])
+            )
+            self.begun[block] = False
+        moving = onsets.moving
+        self.coincidence.look(stamp_s, lattice.seen & ~moving, lattice.seen & moving)
 
     def _settle(self, quarters: int, final: bool = True) -> None:
         """Turn the ids; what taps settled first is heard again, and must be surer to be final."""

@@ -21,6 +21,7 @@ from eol_ros.core.vision.lattice_follow import (
     stray,
     suspect_swaps,
 )
+from eol_ros.core.vision.lattice_lamps import Lamps
 from eol_ros.core.vision.lattice_read import read_lattice
 from eol_ros.core.vision.lattice_solve import folds, rotate_cell, turn
 
@@ -79,6 +80,7 @@ class Lattice:
         self.candidate_born = np.full(CANDIDATES, np.inf)
         self.candidate_seen = np.full(CANDIDATES, -np.inf)
         self.candidate_index = np.full(CANDIDATES, -1)
+        self.lamps = Lamps(CANDIDATES)
 
     def update(
         self,
@@ -97,10 +99,20 @@ class Lattice:
             step = 1.0 / 60.0
             self.velocity[:] = 0.0
         self.last_s = stamp_s
+        kept = None
+        if self.lamps.count and len(xy):
+            expected = (self.xy + self.velocity * step)[self.seen]
+            kept = self.lamps.others(stamp_s, xy, expected)
+            if kept is not None:
+                xy, yaw, sigma = xy[kept], yaw[kept], sigma[kept]
+                faint = faint[kept] if faint is not None else None
         if self.state == TRACKING:
             self._follow(stamp_s, step, xy, yaw, sigma, faint)
+            self.lamps.learn(stamp_s, self.xy, self.candidate_xy, self.candidate_born)
         if self.state != TRACKING:
             self._search(stamp_s, xy, yaw, sigma)
+        if kept is not None:
+            self.index = np.where(self.index >= 0, kept[self.index], -1)
 
     def turn_ids(self, quarters: int) -> None:
         """Rename all blocks: the lattice really stands `quarters` x 90 degrees further round."""

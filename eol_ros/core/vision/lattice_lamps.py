@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lights that stand still while the blocks about them move: lamps and reflections, no blocks.
+
+A map of lamps learnt in the dark takes them off the image; these are the ones that it lacks.
+"""
+
+import numpy as np
+from numba import njit
+
+from eol_ros.core.geometry import N_BLOCKS
+
+MOST = 32
+NEIGHBOURS = 8
+TRAVEL_M = 0.03  # springs and friction let no block stay behind while its neighbours go so far
+STILL_M = 0.002  # a lamp is found within this of where it was
+OVER_M = 0.003  # a block that is followed to this near a lamp, and found nowhere else, is over it
+AROUND_M = 0.02
+FORGET_S = 60.0  # a lamp that was not seen for so long is gone
+
+
+class Lamps:
+    """Remembers `place` (MOST, 2) m of lights that cannot be blocks; NaN where there is none."""
+
+    def __init__(self, candidates: int):
+        self.place = np.full((MOST, 2), np.nan)
+        self.seen_s = np.full(MOST, -np.inf)
+        self.count = 0
+        self.born = np.full(candidates, np.inf)  # of the lights that are watched
+        self.home = np.zeros((candidates, 2))
+        self.blocks = np.zeros((candidates, N_BLOCKS, 2))  # where the blocks were then
+
+    def learn(self, stamp_s: float, xy: np.ndarray, light: np.ndarray, born: np.ndarray) -> None:
+        """Take lights (k, 2) that are no blocks, with the times since when they shine (k,).
+
+        xy (25, 2): where the blocks are. A light that stays while the blocks next to it move is a
+        lamp from now on.
+        """
+        new = np.flatnonzero((born != self.born) & np.isfinite(born))
+        self.born[:] = born
+        for k in new:
+            self.home[k], self.blocks[k] = light[k], xy
+        for k in np.flatnonzero(np.isfinite(born) & (born < stamp_s - 0.1)):
+            if np.hypot(*(light[k] - self.home[k])) > STILL_M:
+                self.home[k], self.blocks[k] = light[k], xy
+                continue
+            near = np.argsort(((xy - light[k]) ** 2).sum(1))[:NEIGHBOURS]
+            travel = np.hypot(*(xy - self.blocks[k])[near].T)
+            if np.median(travel) > TRAVEL_M:
+                self._add(stamp_s, light[k])
+                self.blocks[k] = xy
+
+    def _add(self, stamp_s: float, place: np.ndarray) -> None:
+        near = np.flatnonzero(np.hypot(*(self.place - place).T) < STILL_M)
+        k = int(near[0]) if near.size else int(np.argmin(self.seen_s))
+        self.place[k], self.seen_s[k] = place, stamp_s
+        self.count = int(np.isfinite(self.seen_s).sum())
+
+    def others(
+        self, stamp_s: float, points: np.ndarray, expected: np.ndarray
+    ) -> np.ndarray | None:
+        """Return which of `points` (n, 2) are no lamps, as indices, or None for all of them.
+
+        expected (k, 2): where blocks that were seen before should be now.
+        """
+        gone = np.flatnonzero(stamp_s - self.seen_s > FORGET_S)
+        self.seen_s[gone], self.place[gone] = -np.inf, np.nan
+        self.count = int(np.isfinite(self.seen_s).sum())
+        free, lit = apart(points, self.place, expected)
+        self.seen_s[lit] = stamp_s
+        return None if free.all() else np.flatnonzero(free)
+
+
+@njit(cache=True)
+def apart(points, lamps, expected):
+    """Which points are no lamps (n,), and which lamps were seen (m,)."""
+    free = np.ones(points.shape[0], np.bool_)
+    lit = np.zeros(lamps.shape[0], np.bool_)
+    for j in range(points.shape[0]):
+        for k in range(lamps.shape[0]):
+            if np.hypot(points[j, 0] - lamps[k, 0], points[j, 1] - lamps[k, 1]) < STILL_M:
+                free[j] = False
+                lit[k] = True
+    for j in range(points.shape[0]):
+        if free[j]:
+            continue
+        for i in range(expected.shape[0]):
+            if np.hypot(points[j, 0] - expected[i, 0], points[j, 1] - expected[i, 1]) < OVER_M:
+                alone = True
+                for other in range(points.shape[0]):
+                    away = np.hypot(points[other, 0] - expected[i, 0],
+                                    points[other, 1] - expected[i, 1])
+                    if other != j and away < AROUND_M:
+                        alone = False
+                if alone:
+                    free[j] = True
+    return free, lit
