@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 
+from eol_ros.analysis import retrack as retracking
 from eol_ros.analysis.bag import open_bag
 from eol_ros.analysis.retrack import images, retrack
 from eol_ros.core.geometry import rest_lattice
@@ -14,6 +15,7 @@ from eol_ros.errors import ConfigError
 
 STEP_NS = 16_666_667
 DARK = range(112, 132)  # pictures without infrared light, of which the tracker is told
+CALIBRATE = 12  # here it is asked to calibrate anew, while all blocks rest
 T0 = 1_700_000_000_000_000_000
 
 
@@ -83,16 +85,19 @@ def run(tmp_path_factory, matched):
         renderer = Renderer(calibration=Calibration.ideal(), seed=5)
         for i, (at, yaw) in enumerate(scene_of_blocks()):
             lit = np.full(25, 0.0 if i in DARK else 1.0)
+            if i == CALIBRATE:
+                asks.publish(Control(source='panel', command='calibrate', target='tracker'))
+                spin(lambda: recorder.recording.received['/eol/control'] == 2)
             picture = renderer.render(at[:, 0], at[:, 1], yaw, i, ir=lit)
             if i == 98:  # what is asked for while running must not spoil the proof
                 nodes[3].set_parameters([Parameter('threshold', value=60.0)])
-                spin(lambda: recorder.recording.received['/eol/control'] == 1)
+                spin(lambda: recorder.recording.received['/eol/control'] == 3)
             if i == DARK[0] - 3:
                 ask = Control(source='leds', command='set', target='tracker', key='dark')
                 ask.header.stamp = to_msg(T0 + DARK[0] * STEP_NS)
                 ask.value = str(T0 + (DARK[-1] + 1) * STEP_NS)
                 asks.publish(ask)
-                spin(lambda: recorder.recording.received['/eol/control'] == 3)
+                spin(lambda: recorder.recording.received['/eol/control'] == 5)
             publisher.publish(T0 + i * STEP_NS, picture)
             spin(lambda i=i: recorder.recording.received['/eol/blocks'] == i + 1)
         end = time.monotonic() + 0.3
@@ -124,11 +129,16 @@ def test_pictures_give_the_recorded_results_to_the_last_bit(run):
 @pytest.mark.slow
 def test_the_proof_needs_what_was_asked_for(run, monkeypatch):
     rows = run.table('control')
-    assert rows['key'].tolist() == ['threshold', 'dark', 'dark']
-    dark = run.table('blocks')['state'][DARK[0] : DARK[-1] + 1]
-    assert (dark == 2).all()  # LOST
-    monkeypatch.setattr('eol_ros.analysis.retrack._requests', lambda bag: [])
-    assert retrack(run).topics['blocks'].different
+    assert rows['key'].tolist() == ['', 'calibrate', 'threshold', 'dark', 'dark']
+    states = run.table('blocks')['state']
+    assert (states[DARK[0] : DARK[-1] + 1] == 2).all()  # LOST
+    assert (states == 3).any()  # CALIBRATING: metres are new
+    assert set(states) == {1, 2, 3}
+    heeded = retracking._requests(run)
+    for left_out in ('calibrate', 'dark'):
+        some = [request for request in heeded if request[1] != left_out]
+        monkeypatch.setattr(retracking, '_requests', lambda bag, some=some: some)
+        assert retrack(run).topics['blocks'].different
 
 
 @pytest.mark.slow
