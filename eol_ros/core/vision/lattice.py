@@ -23,7 +23,7 @@ from eol_ros.core.vision.lattice_follow import (
 )
 from eol_ros.core.vision.lattice_lamps import Lamps
 from eol_ros.core.vision.lattice_read import read_lattice
-from eol_ros.core.vision.lattice_solve import folds, rotate_cell, turn
+from eol_ros.core.vision.lattice_solve import affine, folds, rotate_cell, turn
 
 SEARCHING, TRACKING, LOST = 0, 1, 2
 FEW = 4  # fewer seen blocks than this, for a while, and the lattice is lost
@@ -270,10 +270,10 @@ class Lattice:
         held = index >= 0
         if held.sum() < 6:
             return np.inf
-        basis = np.column_stack([np.ones(held.sum()), self.rest[held]])
-        place = xy[index[held]]
-        fit, *_ = np.linalg.lstsq(basis, place, rcond=None)
-        return float(((basis @ fit - place) ** 2).sum(1).mean())
+        place = xy[index]
+        fit = affine(self.rest, place, held)
+        off = (fit[0] + self.rest @ fit[1:] - place)[held]
+        return float((off**2).sum(1).mean())
 
     @staticmethod
     def _nearest_turn(
@@ -341,11 +341,9 @@ class Lattice:
         self.index = index
         self.seen = index >= 0
         self.swaps[:] = 0.0
-        place = xy[index[self.seen]]
-        self.xy[self.seen] = place
-        basis = np.column_stack([np.ones(N_BLOCKS), self.rest])
-        fit, *_ = np.linalg.lstsq(basis[self.seen], place, rcond=None)
-        self.xy[~self.seen] = basis[~self.seen] @ fit
+        self.xy[self.seen] = xy[index[self.seen]]
+        fit = affine(self.rest, self.xy, self.seen)
+        self.xy[~self.seen] = fit[0] + self.rest[~self.seen] @ fit[1:]
         self.sigma[~self.seen] = 0.02
         near = self.angle + np.asarray(wrap_quarter(yaw[index[self.seen]] - self.angle))
         self.yaw[self.seen] = near

@@ -5,7 +5,7 @@ import numpy as np
 from numba import njit
 
 from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
-from eol_ros.core.vision.lattice_solve import MIN_SPACING_M, assign, match, strain
+from eol_ros.core.vision.lattice_solve import MIN_SPACING_M, affine, assign, match, strain
 
 CANDIDATES = 32  # lights that are remembered without being a block
 STICK_M = 0.014  # mu_s m g / (4 k): friction holds a block this far from where its springs want it
@@ -86,7 +86,7 @@ def carry(before, xy, held, rest, angle, velocity, sigma, step):
     if held.sum() < 6:
         _drift(before, xy, held, velocity, sigma, step)
         return
-    fit = _affine(rest, xy, held)
+    fit = affine(rest, xy, held)
     ca = np.cos(angle) * PITCH_M
     sa = np.sin(angle) * PITCH_M
     for sweep in range(12):
@@ -144,7 +144,7 @@ def stray(xy, held, faint, rest, angle):
     away = np.zeros(N_BLOCKS, np.bool_)
     if held.sum() < 12 or not faint.any():
         return away
-    fit = _affine(rest, xy, held & ~faint)
+    fit = affine(rest, xy, held & ~faint)
     ca = np.cos(angle) * PITCH_M
     sa = np.sin(angle) * PITCH_M
     for h in range(N_BLOCKS):
@@ -186,26 +186,6 @@ def _drift(before, xy, held, velocity, sigma, step):
             xy[h, 1] += my
             velocity[h] = 0.0
             sigma[h] = min(sigma[h] + 0.3 * step + 0.5 * np.hypot(mx, my), 0.5)
-
-
-@njit(cache=True)
-def _affine(rest, xy, held):
-    """Least squares xy = [1, rest] fit over the held blocks; returns (3, 2)."""
-    normal = np.zeros((3, 3))
-    right = np.zeros((3, 2))
-    basis = np.ones(3)
-    for i in range(N_BLOCKS):
-        if held[i]:
-            basis[1] = rest[i, 0]
-            basis[2] = rest[i, 1]
-            for a in range(3):
-                for b in range(3):
-                    normal[a, b] += basis[a] * basis[b]
-                for b in range(2):
-                    right[a, b] += basis[a] * xy[i, b]
-    for a in range(3):
-        normal[a, a] += 1e-9
-    return np.linalg.solve(normal, right)
 
 
 @njit(cache=True)

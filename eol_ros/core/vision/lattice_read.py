@@ -5,7 +5,7 @@ import numpy as np
 from numba import njit
 
 from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
-from eol_ros.core.vision.lattice_solve import MIN_SPACING_M, folds, match, rotate_cell
+from eol_ros.core.vision.lattice_solve import MIN_SPACING_M, affine, folds, match, rotate_cell
 
 REACH_CELLS = 0.3  # of the pitch, how near to its place a light beyond a gap must stand
 
@@ -106,33 +106,12 @@ def _grow(p):
 
 
 @njit(cache=True)
-def _fit_affine(cells, p, use):
-    """Least squares p = A [1, column, row]; returns (3, 2)."""
-    normal = np.zeros((3, 3))
-    right = np.zeros((3, 2))
-    basis = np.empty(3)
-    basis[0] = 1.0
-    for i in range(p.shape[0]):
-        if use[i]:
-            basis[1] = cells[i, 0]
-            basis[2] = cells[i, 1]
-            for a in range(3):
-                for b in range(3):
-                    normal[a, b] += basis[a] * basis[b]
-                for b in range(2):
-                    right[a, b] += basis[a] * p[i, b]
-    for a in range(3):
-        normal[a, a] += 1e-9
-    return np.linalg.solve(normal, right)
-
-
-@njit(cache=True)
 def _reach(p, cell, member):
     """Take into the patch what lies on its lattice beyond a gap, as under an arm across the table.
 
     Sets cell (n, 2) and member (n,) of points that the patch, continued, has a free place for.
     """
-    fit = _fit_affine(cell, p, member)
+    fit = affine(cell, p, member)
     det = fit[1, 0] * fit[2, 1] - fit[1, 1] * fit[2, 0]
     if abs(det) < 0.3 * PITCH_M * PITCH_M:
         return
@@ -225,14 +204,14 @@ def read_lattice(xy, yaw, expected, trust_expected):
         cell[i, 1] -= at_r
         use[i] = member[i] and 0 <= cell[i, 0] < COLS and 0 <= cell[i, 1] < ROWS
     # Let the whole lattice follow, and take in what the patch had not reached.
-    affine = _fit_affine(cell, p, use)
+    fit = affine(cell, p, use)
     guess = np.empty((N_BLOCKS, 2))
     gate = np.full(N_BLOCKS, 0.07)
     for i in range(N_BLOCKS):
         row = i // COLS
         column = i % COLS
         for a in range(2):
-            guess[i, a] = affine[0, a] + affine[1, a] * column + affine[2, a] * row
+            guess[i, a] = fit[0, a] + fit[1, a] * column + fit[2, a] * row
     for i in range(n):
         if use[i]:
             b = cell[i, 1] * COLS + cell[i, 0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small exact solvers for 25 blocks: assignment, lattice angle, order and strain.
+"""Small exact solvers for 25 blocks: assignment, lattice angle and shape, order and strain.
 
 Compiled, because they run on every image. All positions in metres, all angles in radians.
 """
@@ -88,6 +88,43 @@ def match(expected, gate, xy):
         if column[i] < n and cost[i, column[i]] < 1e3:
             found[i] = column[i]
     return found
+
+
+@njit(cache=True)
+def affine(at, to, use):
+    """Least squares to = [1, at] @ fit over the rows in `use` (n,); at, to (n, 2); fit (3, 2)."""
+    n = sx = sy = 0.0
+    for i in range(to.shape[0]):
+        if use[i]:
+            n += 1.0
+            sx += at[i, 0]
+            sy += at[i, 1]
+    fit = np.zeros((3, 2))
+    if n == 0.0:
+        return fit
+    sx /= n
+    sy /= n
+    xx = yy = 1e-9
+    xy = 0.0
+    for i in range(to.shape[0]):
+        if use[i]:
+            dx = at[i, 0] - sx
+            dy = at[i, 1] - sy
+            xx += dx * dx
+            xy += dx * dy
+            yy += dy * dy
+            for a in range(2):
+                fit[0, a] += to[i, a]
+                fit[1, a] += to[i, a] * dx
+                fit[2, a] += to[i, a] * dy
+    det = xx * yy - xy * xy
+    for a in range(2):
+        px = fit[1, a]
+        py = fit[2, a]
+        fit[1, a] = (px * yy - py * xy) / det
+        fit[2, a] = (py * xx - px * xy) / det
+        fit[0, a] = fit[0, a] / n - fit[1, a] * sx - fit[2, a] * sy
+    return fit
 
 
 @njit(cache=True)

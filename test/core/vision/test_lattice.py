@@ -7,7 +7,7 @@ from eol_ros.bench.stick_slip import Onlooker, Table
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING, Lattice
 from eol_ros.core.vision.lattice_read import read_lattice
-from eol_ros.core.vision.lattice_solve import assign, folds, match, rotate_cell
+from eol_ros.core.vision.lattice_solve import affine, assign, folds, match, rotate_cell
 
 pytestmark = pytest.mark.slow  # the first run compiles
 
@@ -222,3 +222,42 @@ def test_same_input_same_output_to_the_bit():
     assert run().tobytes() == run().tobytes()
 
 
+
+
+def test_a_plane_is_fitted_as_numpy_fits_it():
+    random = np.random.default_rng(2)
+    at, to, use = random.normal(0, 1, (25, 2)), random.normal(0, 1, (25, 2)), np.arange(25) % 3 > 0
+    basis = np.column_stack([np.ones(25), at])[use]
+    wanted = np.linalg.lstsq(basis, to[use], rcond=None)[0]
+    assert np.allclose(affine(at, to, use), wanted, atol=1e-8)
+    assert not affine(at, to, np.zeros(25, bool)).any()
+
+
+def lamp_and_lattice(lattice, lamp, images, hidden=()):
+    """Move the lattice by 0.5 mm an image beside a lamp that stays; some blocks hidden."""
+    for k in range(images):
+        moved = rest_lattice() + [0.0005 * k, 0.0]
+        xy = np.concatenate([np.delete(moved, list(hidden), axis=0), [lamp]])
+        lattice.update(0.2 + k / 60, xy, np.zeros(len(xy)), np.full(len(xy), 1e-4))
+    return moved
+
+
+def test_a_light_that_stands_while_blocks_move_is_no_block_ever(settled):
+    lamp = np.array([0.06, 0.10])
+    lamp_and_lattice(settled, lamp, 90)
+    assert settled.lamps.count == 1
+    assert np.allclose(settled.lamps.place[0], lamp)
+    here = rest_lattice() + [0.0445, 0.0]
+    place = here[12] + [0.005, 0.005]
+    settled.lamps.place[0] = place  # now it stands where a hidden block might be
+    shown = np.concatenate([np.delete(here, 12, axis=0), [place]])
+    feed(settled, shown, 1.8, 120)
+    assert not settled.seen[12]
+    assert settled.seen.sum() == 24
+
+
+def test_a_block_over_a_lamp_is_still_a_block(settled):
+    settled.lamps._add(0.1, rest_lattice()[12] + [0.0005, 0.0])
+    feed(settled, rest_lattice(), 0.2, 60)
+    assert settled.seen.all()
+    assert settled.index[12] == 12
