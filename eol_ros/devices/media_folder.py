@@ -6,9 +6,12 @@ line with these names is welcome, `;` works as well as `,`. A pair whose picture
 broken is skipped and named; the others go on.
 """
 
+import contextlib
 import csv
 import io
+import math
 import os
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,7 +85,7 @@ class MediaFolder:
         An emptied folder keeps the last pairs, so that the walls never go dark for a mistake.
         """
         try:
-            listed = self._listed()
+            listed = _listed(self.path)
         except DeviceMissing as error:
             if not self.pairs:
                 raise
@@ -99,39 +102,10 @@ class MediaFolder:
         self.pairs = pairs
         return True
 
-    def open_picture(self, name: str) -> Path | None:
-        """Return the file of a picture that some pair shows, or None for any other name."""
-        if any(name in (pair.left, pair.right) for pair in self.pairs):
-            return self.path / name
-        return None
-
     def _state(self, listed: list[Pair]) -> tuple:
         """Return time and size of the list and of everything it names, to notice a change by."""
         names = {LIST, *(n for p in listed for n in (p.left, p.right))}
         return tuple(sorted((name, *_stamp(os.path.join(self.path, name))) for name in names))
-
-    def _listed(self) -> list[Pair]:
-        list_file = self.path / LIST
-        if not self.path.is_dir():
-            raise DeviceMissing(f'{self.path}: no such folder of pictures')
-        try:
-            text = list_file.read_text(encoding='utf-8-sig')
-        except FileNotFoundError:
-            raise DeviceMissing(
-                f'{self.path}: no {LIST} in it; write one pair a line: left,right,caption,credit'
-            ) from None
-        except (OSError, UnicodeDecodeError) as error:
-            raise DeviceMissing(f'{list_file}: not a text file in UTF-8 ({error})') from None
-        first = text.partition('\n')[0]
-        mark = ';' if first.count(';') > first.count(',') else ','
-        table = csv.reader(io.StringIO(text), delimiter=mark)
-        rows = [[cell.strip() for cell in row] for row in table]
-        rows = [row for row in rows if any(row) and not row[0].startswith('#')]
-        if rows and [cell.lower() for cell in rows[0][:2]] == ['left', 'right']:
-            rows = rows[1:]
-        filled = [(row + ['', '', '', ''])[:4] for row in rows]
-        return [Pair(left.replace('\\', '/'), right.replace('\\', '/'), *words)
-                for left, right, *words in filled]
 
     def _read(self, listed: list[Pair]) -> tuple[list[Pair], list[str]]:
         pairs, skipped = [], []
@@ -147,10 +121,8 @@ class MediaFolder:
         if not name:
             return 'a pair lacks its left or right picture'
         path = self.path / name
-        if not path.resolve().is_relative_to(self.path.resolve()):
-            return f'{name}: outside the folder'
-        if path.suffix.lower() not in PICTURES:
-            return f'{name}: not one of {" ".join(PICTURES)}'
+        if why := _forbidden(self.path, name):
+            return f'{name}: {why}'
         if not path.is_file():
             return f'{name}: missing'
         key = (name, *_stamp(path))
@@ -159,27 +131,65 @@ class MediaFolder:
         return f'{name}: {self._good[key]}' if self._good[key] else ''
 
 
-class LazyMedia:
-    """The same folder for who only hands out pictures; opened when the first is asked for."""
+class Pictures:
+    """The same folder for who only hands out pictures, from any thread.
+
+    The list is read when a picture is asked for that is not in it, at most once a second, and no
+    picture is opened: which of them are good is for those to say who choose what is shown.
+    """
 
     def __init__(self, path: str = ''):
         self._path = path
-        self._folder: MediaFolder | None = None
-        self._looked_s = -1.0
+        self._files: dict[str, Path] = {}
+        self._looked_s = -math.inf
+        self._looking = threading.Lock()
 
-    def open_picture(self, name: str) -> Path | None:
+    def file(self, name: str) -> Path | None:
         """Return the file of a picture that some pair shows, or None."""
-        try:
-            if self._folder is None:
-                self._folder = MediaFolder(self._path)
-            found = self._folder.open_picture(name)
-            if found is None and time.monotonic() - self._looked_s > 1.0:
-                self._looked_s = time.monotonic()
-                self._folder.refresh()
-                found = self._folder.open_picture(name)
-            return found
-        except DeviceMissing:
-            return None
+        with self._looking:
+            now_s = time.monotonic()
+            if name not in self._files and now_s - self._looked_s > 1.0:
+                self._looked_s = now_s
+                with contextlib.suppress(DeviceMissing):
+                    self._files = self._look()
+            return self._files.get(name)
+
+    def _look(self) -> dict[str, Path]:
+        folder = Path(self._path) if self._path else default_folder()
+        names = {name for pair in _listed(folder) for name in (pair.left, pair.right)}
+        return {name: folder / name for name in names if not _forbidden(folder, name)}
+
+
+def _listed(folder: Path) -> list[Pair]:
+    list_file = folder / LIST
+    if not folder.is_dir():
+        raise DeviceMissing(f'{folder}: no such folder of pictures')
+    try:
+        text = list_file.read_text(encoding='utf-8-sig')
+    except FileNotFoundError:
+        raise DeviceMissing(
+            f'{folder}: no {LIST} in it; write one pair a line: left,right,caption,credit'
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise DeviceMissing(f'{list_file}: not a text file in UTF-8 ({error})') from None
+    first = text.partition('\n')[0]
+    mark = ';' if first.count(';') > first.count(',') else ','
+    table = csv.reader(io.StringIO(text), delimiter=mark)
+    rows = [[cell.strip() for cell in row] for row in table]
+    rows = [row for row in rows if any(row) and not row[0].startswith('#')]
+    if rows and [cell.lower() for cell in rows[0][:2]] == ['left', 'right']:
+        rows = rows[1:]
+    filled = [(row + ['', '', '', ''])[:4] for row in rows]
+    return [Pair(left.replace('\\', '/'), right.replace('\\', '/'), *words)
+            for left, right, *words in filled]
+
+
+def _forbidden(folder: Path, name: str) -> str:
+    """Return why a file of this name is not handed out, or an empty string."""
+    path = folder / name
+    if not path.resolve().is_relative_to(folder.resolve()):
+        return 'outside the folder'
+    return '' if path.suffix.lower() in PICTURES else f'not one of {" ".join(PICTURES)}'
 
 
 def _stamp(path: str | Path) -> tuple[int, int]:

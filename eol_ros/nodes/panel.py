@@ -6,7 +6,7 @@ import time
 
 from eol_ros.core import terrain
 from eol_ros.devices.day_file import DayFile
-from eol_ros.devices.media_folder import LazyMedia
+from eol_ros.devices.media_folder import Pictures
 from eol_ros.nodes.panel_bridge import PanelBridge
 from eol_ros.nodes.panel_health import Health
 from eol_ros.nodes.panel_streams import Streams
@@ -24,8 +24,7 @@ class PanelNode(EolNode):
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
         montage = self.scene.settings('montage')
-        self.media = LazyMedia(montage.pairs)
-        say, picture = self.get_logger().warning, self.media.open_picture
+        say, picture = self.get_logger().warning, Pictures(montage.pairs).file
         self.server = WebServer(self.settings, PanelBridge(self), say, picture=picture)
         self.documents = self.server.routes.documents
         self.day_file = DayFile(self.scene.name)

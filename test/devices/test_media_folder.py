@@ -2,13 +2,14 @@
 """The folder of pictures, with everything wrong in it that artists' folders have."""
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
 import pytest
 
 from eol_ros.devices import media_folder
-from eol_ros.devices.media_folder import LIST, MediaFolder, Pair
+from eol_ros.devices.media_folder import LIST, MediaFolder, Pair, Pictures
 from eol_ros.errors import DeviceMissing
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><rect width="4" height="3"/></svg>'
@@ -70,9 +71,24 @@ def test_skips_and_names_what_is_wrong(folder):
                  'bad.svg: not an SVG', 'film.mp4: not one of', '../secret.png: outside the folder',
                  '/etc/passwd.png: outside the folder', 'lacks its left or right'):
         assert word in text
-    assert media.open_picture('../secret.png') is None
-    assert media.open_picture('cut.jpg') is None
-    assert media.open_picture('a.jpg') == folder / 'a.jpg'
+    pictures = Pictures(str(folder))
+    assert pictures.file('a.jpg') == folder / 'a.jpg'
+    for name in ('../secret.png', '/etc/passwd.png', 'film.mp4', 'c.webp', LIST, ''):
+        assert pictures.file(name) is None
+
+
+def test_many_who_ask_at_once_cost_one_look_at_the_list(folder, monkeypatch):
+    looks = []
+    listed = media_folder._listed
+    monkeypatch.setattr(media_folder, '_listed', lambda f: looks.append(f) or listed(f))
+    pictures = Pictures(str(folder))
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(pictures.file, ['a.jpg', 'b.png', 'c.webp', 'e.svg'] * 50))
+    assert found == [folder / name for name in ('a.jpg', 'b.png', 'c.webp', 'e.svg')] * 50
+    assert len(looks) == 1
+    (folder / LIST).unlink()
+    pictures._looked_s = -1e9
+    assert pictures.file('no.png') is None and pictures.file('a.jpg')  # the last list holds
 
 
 @pytest.mark.parametrize(('make', 'words'), [
