@@ -11,6 +11,7 @@ from eol_ros.core.geometry import N_BLOCKS
 
 MOST = 32
 NEIGHBOURS = 8
+AGE_S = 0.1
 TRAVEL_M = 0.03  # springs and friction let no block stay behind while its neighbours go so far
 STILL_M = 0.002  # a lamp is found within this of where it was
 OVER_M = 0.003  # a block that is followed to this near a lamp, and found nowhere else, is over it
@@ -35,19 +36,8 @@ class Lamps:
         xy (25, 2): where the blocks are. A light that stays while the blocks next to it move is a
         lamp from now on.
         """
-        new = np.flatnonzero((born != self.born) & np.isfinite(born))
-        self.born[:] = born
-        for k in new:
-            self.home[k], self.blocks[k] = light[k], xy
-        for k in np.flatnonzero(np.isfinite(born) & (born < stamp_s - 0.1)):
-            if np.hypot(*(light[k] - self.home[k])) > STILL_M:
-                self.home[k], self.blocks[k] = light[k], xy
-                continue
-            near = np.argsort(((xy - light[k]) ** 2).sum(1))[:NEIGHBOURS]
-            travel = np.hypot(*(xy - self.blocks[k])[near].T)
-            if np.median(travel) > TRAVEL_M:
-                self._add(stamp_s, light[k])
-                self.blocks[k] = xy
+        for k in stayed(stamp_s, xy, light, born, self.born, self.home, self.blocks):
+            self._add(stamp_s, light[k])
 
     def _add(self, stamp_s: float, place: np.ndarray) -> None:
         near = np.flatnonzero(np.hypot(*(self.place - place).T) < STILL_M)
@@ -68,6 +58,37 @@ class Lamps:
         free, lit = apart(points, self.place, expected)
         self.seen_s[lit] = stamp_s
         return None if free.all() else np.flatnonzero(free)
+
+
+@njit(cache=True)
+def stayed(stamp_s, xy, light, born, watched, home, blocks):
+    """Which lights stayed at home (k, 2) while the blocks next to them went away; see Lamps.
+
+    watched (k,): births at the last call. home and blocks (k, 25, 2) are set anew for new lights
+    and for those that have moved.
+    """
+    found = np.zeros(born.size, np.bool_)
+    for k in range(born.size):
+        if born[k] == np.inf:
+            watched[k] = np.inf
+            continue
+        if born[k] != watched[k] or np.hypot(
+            light[k, 0] - home[k, 0], light[k, 1] - home[k, 1]
+        ) > STILL_M:
+            watched[k] = born[k]
+            home[k] = light[k]
+            blocks[k] = xy
+        elif stamp_s - born[k] > AGE_S:
+            away = (xy[:, 0] - light[k, 0]) ** 2 + (xy[:, 1] - light[k, 1]) ** 2
+            near = np.argsort(away)[:NEIGHBOURS]
+            travel = np.empty(NEIGHBOURS)
+            for i in range(NEIGHBOURS):
+                j = near[i]
+                travel[i] = np.hypot(xy[j, 0] - blocks[k, j, 0], xy[j, 1] - blocks[k, j, 1])
+            if np.median(travel) > TRAVEL_M:
+                found[k] = True
+                blocks[k] = xy
+    return np.flatnonzero(found)
 
 
 @njit(cache=True)
