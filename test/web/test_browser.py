@@ -186,7 +186,7 @@ def test_visitors_add_up(graph):
             eye = await client.ws_connect(f'{address}/live')
             await eye.send_json({'wants': ['truth']})
             seen, way = [], 0.0
-            while len(seen) < 50:
+            while len(seen) < 90:
                 message = await eye.receive(timeout=30)
                 if message.type != aiohttp.WSMsgType.BINARY or message.data[0] != 2:
                     continue
@@ -200,7 +200,8 @@ def test_visitors_add_up(graph):
                 await socket.close()
         times, places = np.array(seen).T
         steps = np.diff(places) / np.diff(times)
-        return float(np.median(np.abs(steps[24:])))  # without the 0.4 s of setting off
+        # Without the 0.4 s of setting off; hands that come late on a busy machine only slow it.
+        return float(np.quantile(np.abs(steps[24:]), 0.9))
 
     one, two = asyncio.run(rates([0.04])), asyncio.run(rates([0.04, 0.04]))
     assert abs(one - 0.04) < 0.004 and abs(two - 0.08) < 0.008
@@ -371,9 +372,10 @@ def test_the_table_by_keyboard_alone(graph, browser):
     assert all(s['name'] and s['ring'] for s in seen) and len({s['at'] for s in seen}) == count
     assert {'Turn sound on', 'Monitor', '中文'} <= {s['name'] for s in seen}
     start = run(browser, 'return eol.state().rim[2]')
-    press(browser, 'e', hold=True)  # wherever the focus is
-    until_page(browser, f'eol.state().rim[2] < {start} - 0.03')
-    release(browser, 'e')
+    key, way = ('q', 1) if start < 0 else ('e', -1)  # away from where the rim can turn no further
+    press(browser, key, hold=True)  # wherever the focus is
+    until_page(browser, f'{way} * (eol.state().rim[2] - {start}) > 0.03')
+    release(browser, key)
     until_page(browser, '!eol.hands.holding')
 
 
