@@ -108,7 +108,8 @@ class Lattice:
                 faint = faint[kept] if faint is not None else None
         if self.state == TRACKING:
             self._follow(stamp_s, step, xy, yaw, sigma, faint)
-            self.lamps.learn(stamp_s, self.xy, self.candidate_xy, self.candidate_born)
+            self.lamps.learn(
+                stamp_s, self.xy, self.seen, self.candidate_xy, self.candidate_born)
         if self.state != TRACKING:
             self._search(stamp_s, xy, yaw, sigma)
         if kept is not None:
@@ -122,6 +123,7 @@ class Lattice:
             for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s'):
                 setattr(self, name, getattr(self, name)[order])
             self.swaps[:] = 0.0
+            self.lamps.renamed()
             self.agreed = 0
             self.angle += quarters * QUARTER
             self.yaw += quarters * QUARTER
@@ -215,6 +217,7 @@ class Lattice:
         for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s'):
             array = getattr(self, name)
             array[[a, b]] = array[[b, a]]
+        self.lamps.renamed()
         self.swaps[[a, b], :] = 0.0
         self.swaps[:, [a, b]] = 0.0
 
@@ -338,6 +341,7 @@ class Lattice:
     def _adopt(self, stamp_s: float, index: np.ndarray, xy: np.ndarray, yaw: np.ndarray) -> None:
         """Take a reading of the lattice as the truth; hidden blocks go where their fellows say."""
         self.velocity[index != self.index] = 0.0
+        self.lamps.renamed()
         self.index = index
         self.seen = index >= 0
         self.swaps[:] = 0.0

@@ -8,15 +8,16 @@ import numpy as np
 from numba import njit
 
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.vision.lattice_solve import affine
 
 MOST = 32
-NEIGHBOURS = 8
+WITNESSES = 12  # so many blocks must be in sight
 AGE_S = 0.1
-TRAVEL_M = 0.03  # springs and friction let no block stay behind while its neighbours go so far
+TRAVEL_M = 0.04  # springs and friction let no block stay behind so far when the lattice goes
 STILL_M = 0.002  # a lamp is found within this of where it was
 OVER_M = 0.003  # a block that is followed to this near a lamp, and found nowhere else, is over it
 AROUND_M = 0.02
-FORGET_S = 60.0  # a lamp that was not seen for so long is gone
+FORGET_S = 5.0  # a lamp that was not seen for so long is gone
 
 
 class Lamps:
@@ -30,13 +31,19 @@ class Lamps:
         self.home = np.zeros((candidates, 2))
         self.blocks = np.zeros((candidates, N_BLOCKS, 2))  # where the blocks were then
 
-    def learn(self, stamp_s: float, xy: np.ndarray, light: np.ndarray, born: np.ndarray) -> None:
+    def renamed(self) -> None:
+        """Begin anew to compare where blocks were: their ids mean others now."""
+        self.born[:] = np.inf
+
+    def learn(
+        self, stamp_s: float, xy: np.ndarray, seen: np.ndarray, light: np.ndarray, born: np.ndarray
+    ) -> None:
         """Take lights (k, 2) that are no blocks, with the times since when they shine (k,).
 
-        xy (25, 2): where the blocks are. A light that stays while the blocks next to it move is a
-        lamp from now on.
+        xy (25, 2), seen (25,): where the blocks are. A light that stays while the lattice goes away
+        under it is a lamp from now on.
         """
-        for k in stayed(stamp_s, xy, light, born, self.born, self.home, self.blocks):
+        for k in stayed(stamp_s, xy, seen, light, born, self.born, self.home, self.blocks):
             self._add(stamp_s, light[k])
 
     def _add(self, stamp_s: float, place: np.ndarray) -> None:
@@ -61,8 +68,8 @@ class Lamps:
 
 
 @njit(cache=True)
-def stayed(stamp_s, xy, light, born, watched, home, blocks):
-    """Which lights stayed at home (k, 2) while the blocks next to them went away; see Lamps.
+def stayed(stamp_s, xy, seen, light, born, watched, home, blocks):
+    """Which lights stayed at home (k, 2) while the lattice went away; see Lamps.
 
     watched (k,): births at the last call. home and blocks (k, 25, 2) are set anew for new lights
     and for those that have moved.
@@ -78,14 +85,12 @@ def stayed(stamp_s, xy, light, born, watched, home, blocks):
             watched[k] = born[k]
             home[k] = light[k]
             blocks[k] = xy
-        elif stamp_s - born[k] > AGE_S:
-            away = (xy[:, 0] - light[k, 0]) ** 2 + (xy[:, 1] - light[k, 1]) ** 2
-            near = np.argsort(away)[:NEIGHBOURS]
-            travel = np.empty(NEIGHBOURS)
-            for i in range(NEIGHBOURS):
-                j = near[i]
-                travel[i] = np.hypot(xy[j, 0] - blocks[k, j, 0], xy[j, 1] - blocks[k, j, 1])
-            if np.median(travel) > TRAVEL_M:
+        elif stamp_s - born[k] > AGE_S and seen.sum() >= WITNESSES:
+            # Where the lattice, as it went and turned, would have taken a block.
+            fit = affine(blocks[k], xy, seen)
+            dx = fit[0, 0] + home[k, 0] * fit[1, 0] + home[k, 1] * fit[2, 0] - light[k, 0]
+            dy = fit[0, 1] + home[k, 0] * fit[1, 1] + home[k, 1] * fit[2, 1] - light[k, 1]
+            if dx * dx + dy * dy > TRAVEL_M * TRAVEL_M:
                 found[k] = True
                 blocks[k] = xy
     return np.flatnonzero(found)

@@ -261,3 +261,21 @@ def test_a_block_over_a_lamp_is_still_a_block(settled):
     feed(settled, rest_lattice(), 0.2, 60)
     assert settled.seen.all()
     assert settled.index[12] == 12
+
+
+def test_a_block_that_all_others_turn_about_is_no_lamp(settled):
+    for k in range(90):
+        angle = 0.003 * k
+        xy = turned(rest_lattice(), angle)
+        if k < 2:
+            xy = np.delete(xy, 12, axis=0)  # it comes back as a light that nobody knows yet
+        settled.update(0.2 + k / 60, xy, square(angle, len(xy)), np.full(len(xy), 1e-4))
+    assert settled.lamps.count == 0
+    light = np.full((32, 2), np.nan)
+    light[0] = 0.0
+    born = np.full(32, np.inf)
+    born[0] = 1.0
+    for k in range(60):
+        xy = turned(rest_lattice(), 0.01 * k)
+        settled.lamps.learn(1.0 + k / 60, xy, np.ones(25, bool), light, born)
+    assert settled.lamps.count == 0
