@@ -159,3 +159,24 @@ def test_put_before_and_after_the_loop_does_nothing():
     hub.attach(loop)
     loop.close()
     hub.put('blocks', b'x')
+
+
+def test_while_nobody_looks_nothing_is_woken_and_wishes_are_told_once(monkeypatch):
+    async def story(hub):
+        woken, wishes, line = [], [], Line()
+        loop = asyncio.get_running_loop()
+        monkeypatch.setattr(loop, 'call_soon_threadsafe', lambda *call: woken.append(call))
+        hub.on_demand = lambda: wishes.append(set(hub.demand))
+        hub.put('notices', {'t': 'tick'}, sticky='tick')
+        hub.put('blocks', b'b')
+        assert woken == []
+        viewer = hub.join(line)
+        assert line.taken() == ['{"t":"tick"}']
+        for channels in (['blocks'], ['blocks'], []):
+            hub.want(viewer, channels)
+        hub.put('blocks', b'b')
+        assert wishes == [{'blocks'}, set()] and len(woken) == 1
+        hub.leave(viewer)
+        assert len(wishes) == 2
+
+    run(story)
