@@ -89,8 +89,8 @@ def poses(calibration, blobs, side_m):
 
 
 @njit(cache=True)
-def answer(calibration, xy, yaw, seen, index, blobs, steps, px, turned, world):
-    """Fill px, world (25, 2) and turned (25,): rounded to grids of `steps` (m, px, rad).
+def answer(calibration, xy, seen, index, blobs, steps, px, world):
+    """Fill px, world (25, 2): rounded to grids of `steps` (m, px).
 
     A seen block stands in the picture where its square was found, a hidden one where it is carried.
     """
@@ -99,9 +99,17 @@ def answer(calibration, xy, yaw, seen, index, blobs, steps, px, turned, world):
         if seen[i]:
             u, v = blobs[index[i]].u, blobs[index[i]].v
         px[i, 0], px[i, 1] = np.rint(u / steps[1]) * steps[1], np.rint(v / steps[1]) * steps[1]
-        turned[i] = np.rint(yaw[i] / steps[2]) * steps[2]
         for k in range(2):
             world[i, k] = np.rint(xy[i, k] / steps[0]) * steps[0]
+
+
+@njit(cache=True)
+def rounded(yaw, sigma, step, parts, turned, coarse):
+    """Fill turned (25,) with yaw on a grid of `step`, coarse (25,) with sigma to `parts` parts."""
+    for i in range(len(yaw)):
+        turned[i] = np.rint(yaw[i] / step) * step
+        mantissa, exponent = math.frexp(sigma[i])
+        coarse[i] = math.ldexp(np.rint(mantissa * parts) / parts, exponent)
 
 
 @njit(cache=True)

@@ -103,7 +103,7 @@ class Renderer:
         scale = clutter.scale_px
         placed, owner, weight = self._positions(poses, velocity)
         n = kernels.draw_blocks(
-            work, clutter.vignette, self.corners_px(placed), level, core,
+            work, clutter.vignette, clutter.glints, self.corners_px(placed), level, core,
             clutter.level.core_px * scale, halo, 40.0 * scale, clutter.texture,
             self.options.psf_px, owner, weight, windows, 0)
         capsules, grey = self.arms(image_index, arms)

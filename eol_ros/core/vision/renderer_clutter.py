@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What spoils the virtual camera's picture, in four levels from clean to brutal."""
+"""What spoils the virtual camera's picture, in levels from clean to brutal."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from eol_ros.core.geometry import PLATFORM_SIDE_M
 from eol_ros.core.vision.calibration import Calibration
 
 _SLOT_S = 3.0  # one visit of one arm
 _FLASH_SLOT_S = 0.5
 _ARM_RADIUS_M = 0.040
 _HAND_RADIUS_M = 0.055
+_COVER_LEVEL = 170.0  # grey levels of a cover, of which specks are a share
 
 
 @dataclass(frozen=True)
@@ -25,12 +27,19 @@ class ClutterLevel:
     reflections: int = 0  # lamps mirrored by the platform
     reflection_level: tuple[float, float] = (40.0, 120.0)
     reflection_px: tuple[float, float] = (5.0, 16.0)
+    lights: int = 0  # lamps and their mirrors on the floor, beside the platform
+    light_level: tuple[float, float] = (100.0, 230.0)
+    light_px: tuple[float, float] = (10.0, 18.0)
     hot_pixels: int = 0
+    glints: int = 0  # grains of the platform's sandpaper that mirror the light
+    specks: int = 0  # bright and dark points on each cover
+    glint_level: tuple[float, float] = (40.0, 250.0)  # of both: many faint ones, few bright ones
     gradient: float = 0.0  # ambient light across the picture
     vignette: float = 0.0  # loss of light in the corners
     core: float = 0.0  # the LED seen through the cover; saturates
     core_px: float = 6.0
     texture: float = 0.0  # terrain on the covers, relative
+    texture_px: float = 3.0  # how fine it is; a lens in focus shows nothing below 1.2
     flash_share: float = 0.0  # share of block-slots with a white flash
     weak: int = 0  # blocks with a tired battery
     weak_level: float = 1.0
@@ -54,6 +63,9 @@ LEVELS = {
         reflection_px=(5, 22), hot_pixels=300, gradient=40, vignette=0.45, core=230, core_px=9,
         texture=0.25, flash_share=0.15, weak=6, weak_level=0.4, k1=-0.16, tilt_rad=np.radians(7)),
 }
+# hard, on new sandpaper whose grains mirror the lamps, and with lamps beside the platform
+LEVELS['glittering'] = dataclasses.replace(
+    LEVELS['hard'], glints=8000, specks=20, texture_px=1.2, lights=8)
 
 
 def clutter_calibration(level: str, width: int = 1280, height: int = 800) -> Calibration:
@@ -106,22 +118,54 @@ class Clutter:
         if chosen.texture:
             self.platform *= 1 + 0.5 * chosen.texture * _speckle(rng, shape, 2.0 * self.scale_px)
         self.static = self.platform.copy()
+        self._beside(np.random.default_rng([seed, 6]), u, v)
+        self.glints = self._glints(np.random.default_rng([seed, 4]), shape)
+        self.static += self.glints
         for _ in range(chosen.reflections):
             place = rng.uniform([0, 0], [shape[1], shape[0]])
-            wide, narrow = np.sort(rng.uniform(*chosen.reflection_px, 2))[::-1] * self.scale_px
-            turn = rng.uniform(0, np.pi)
-            a = (u - place[0]) * np.cos(turn) + (v - place[1]) * np.sin(turn)
-            b = (v - place[1]) * np.cos(turn) - (u - place[0]) * np.sin(turn)
-            self.static += (rng.uniform(*chosen.reflection_level)
-                            * np.exp(-0.5 * ((a / wide) ** 2 + (b / narrow) ** 2)))
+            self._lamp(rng, u, v, place, chosen.reflection_px, chosen.reflection_level)
         hot = rng.integers(0, shape[0] * shape[1], chosen.hot_pixels)
         self.static.reshape(-1)[hot] += rng.uniform(60, 255, len(hot)).astype(np.float32)
         side = 48 if chosen.texture else 0
         self.texture = np.zeros((n_blocks, side, side), np.float32)
         for tile in self.texture[:n_blocks if side else 0]:
-            tile += chosen.texture * _speckle(rng, tile.shape, 3.0)
+            tile += chosen.texture * _speckle(rng, tile.shape, chosen.texture_px)
+        rng = np.random.default_rng([seed, 5])
+        for tile in self.texture if chosen.specks else ():
+            signs = rng.choice([-1.0, 1.0], chosen.specks)
+            tile += _points(tile.shape, rng.integers(0, side, (chosen.specks, 2)),
+                            signs * self._levels(rng, chosen.specks), 1.2) / _COVER_LEVEL
         self.battery = np.ones(n_blocks)
         self.battery[rng.permutation(n_blocks)[:chosen.weak]] = chosen.weak_level
+
+    def _lamp(self, rng, u, v, place, sizes, levels) -> None:
+        """Add the soft light of a lamp at `place` px, of a size and level between those given."""
+        wide, narrow = np.sort(rng.uniform(*sizes, 2))[::-1] * self.scale_px
+        turn = rng.uniform(0, np.pi)
+        a = (u - place[0]) * np.cos(turn) + (v - place[1]) * np.sin(turn)
+        b = (v - place[1]) * np.cos(turn) - (u - place[0]) * np.sin(turn)
+        self.static += rng.uniform(*levels) * np.exp(-0.5 * ((a / wide) ** 2 + (b / narrow) ** 2))
+
+    def _beside(self, rng, u, v) -> None:
+        """Add lamps that stand in the picture, but not on the platform."""
+        level, missing = self.level, self.level.lights
+        while missing:
+            place = rng.uniform([0, 0], [u.shape[1], u.shape[0]])
+            if np.abs(self.calibration.to_table(place[None])[0]).max() > 0.55 * PLATFORM_SIDE_M:
+                self._lamp(rng, u, v, place, level.light_px, level.light_level)
+                missing -= 1
+
+    def _levels(self, rng, n: int) -> np.ndarray:
+        low, high = self.level.glint_level
+        return low * (high / low) ** rng.random(n)
+
+    def _glints(self, rng, shape) -> np.ndarray:
+        """Return the light (h, w) of the platform's grains; covers that stand on them hide it."""
+        n = self.level.glints
+        place = self.calibration.to_pixels(rng.uniform(-0.5, 0.5, (n, 2)) * PLATFORM_SIDE_M)
+        cells = np.rint(place[:, ::-1]).astype(int)
+        inside = ((cells >= 0) & (cells < shape)).all(axis=1)
+        return _points(shape, cells[inside], self._levels(rng, n)[inside], 1.2)
 
     def arms(self, image_index: int) -> tuple[np.ndarray, np.ndarray]:
         """Return capsules (k, 5): x0, y0, x1, y1, radius in metres, and their grey levels (k,)."""
@@ -171,6 +215,14 @@ class Clutter:
             t = np.clip(((px - x0) * dx + (py - y0) * dy) / max(dx * dx + dy * dy, 1e-12), 0, 1)
             hidden |= (px - x0 - t * dx) ** 2 + (py - y0 - t * dy) ** 2 < radius ** 2
         return hidden.mean(axis=1)
+
+
+def _points(shape, cells: np.ndarray, levels: np.ndarray, sigma_px: float) -> np.ndarray:
+    """Return points of light as a lens shows them: spots of `sigma_px` that reach `levels`."""
+    light = np.zeros(shape, np.float32)
+    np.add.at(light, tuple(cells.T), levels)
+    spot = cv2.getGaussianKernel(9, sigma_px, cv2.CV_32F)
+    return cv2.sepFilter2D(light, cv2.CV_32F, spot, spot) / spot.max() ** 2
 
 
 def _speckle(rng, shape, grain_px: float) -> np.ndarray:

@@ -54,11 +54,12 @@ def _grain(tile, x, y):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def draw_blocks(work, vignette, corners, level, core, core_px, halo, halo_px, texture,
+def draw_blocks(work, vignette, glints, corners, level, core, core_px, halo, halo_px, texture,
                 psf_px, owner, weight, windows, n):
     """Add quadrilateral covers to `work`; return the new number of dirty windows.
 
-    A cover adds its light to the ambient light, which it sends back as the platform does. It is a
+    A cover adds its light to the ambient light, which it sends back as the platform does, but hides
+    the `glints` (h, w) of the platform, which are part of `work`. It is a
     flat quadrilateral seen through a Gaussian of `psf_px` and a square pixel. The pixel's box adds
     its variance 1/12 to the Gaussian's: exact to the third moment along every direction, so edges
     stay where they are at any angle and any sub-pixel place.
@@ -116,7 +117,7 @@ def draw_blocks(work, vignette, corners, level, core, core_px, halo, halo_px, te
                         glow *= 1.0 + _grain(texture[b], a0 / (a0 + a2), a1 / (a1 + a3))
                     if rr < core_reach:
                         glow += core[b] * math.exp(-0.5 * rr / (core_px * core_px))
-                    light += cover * vignette[r, c] * glow
+                    light += cover * (vignette[r, c] * glow - glints[r, c])
                 work[r, c] += weight[p] * light
     return n
 

@@ -40,7 +40,7 @@ STATES = ('searching', 'tracking', 'lost', 'calibrating', 'fault')
 # bag packs them well: what is rounded off adds less than 0.1 % to the variance of a still block.
 M_STEP, PX_STEP, RAD_STEP = 2.0**-20, 2.0**-10, 2.0**-16
 SIGMA_STEPS = 64
-STEPS = np.array([M_STEP, PX_STEP, RAD_STEP])
+STEPS = np.array([M_STEP, PX_STEP])
 
 
 @dataclass(frozen=True)
@@ -62,11 +62,6 @@ class Tracked:
     state: int
     symmetry_ambiguous: bool
     why: str = ''
-
-
-def _coarse(sigma: np.ndarray) -> np.ndarray:
-    mantissa, exponent = np.frexp(sigma)
-    return np.ldexp(np.rint(mantissa * SIGMA_STEPS) / SIGMA_STEPS, exponent)
 
 
 class Tracker:
@@ -252,12 +247,15 @@ class Tracker:
     def _answer(self, stamp_s: float, state: int, why: str) -> Tracked:
         lattice = self.lattice
         px, world = np.full((2, N_BLOCKS, 2), np.nan)
-        yaw = np.rint(lattice.yaw / RAD_STEP) * RAD_STEP
-        seen = np.zeros(N_BLOCKS, bool)
-        if state not in (SEARCHING, FAULT) and self.calibration is not None:
+        yaw, sigma = np.empty((2, N_BLOCKS))
+        mapping.rounded(lattice.yaw, lattice.sigma, RAD_STEP, SIGMA_STEPS, yaw, sigma)
+        if state in (SEARCHING, FAULT) or self.calibration is None:
+            seen, visibility = np.zeros(N_BLOCKS, bool), np.zeros(N_BLOCKS, np.float32)
+        else:
             seen = lattice.seen.copy()
-            mapping.answer(self.packed, lattice.xy, lattice.yaw, seen, lattice.index, self.blobs,
-                           STEPS, px, yaw, world)
+            visibility = np.where(seen, self.visibility, np.float32(0))
+            mapping.answer(self.packed, lattice.xy, seen, lattice.index, self.blobs, STEPS, px,
+                           world)
             if state == CALIBRATING or self.learning is not None:
                 world[:] = np.nan
         return Tracked(
@@ -266,8 +264,8 @@ class Tracker:
             yaw,
             world,
             seen,
-            _coarse(lattice.sigma),
-            np.where(seen, self.visibility, np.float32(0)),
+            sigma,
+            visibility,
             state,
             bool(lattice.ambiguous),
             why,

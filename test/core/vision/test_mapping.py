@@ -34,10 +34,9 @@ def test_an_answer_is_the_square_where_seen_and_the_lattice_where_not():
     index = np.where(seen, np.arange(25)[::-1], -1)
     blobs = np.zeros(25, BLOB)
     blobs['u'], blobs['v'] = np.arange(25) * 1.5, np.arange(25) * 2.5
-    px, world, yaw = np.zeros((25, 2)), np.zeros((25, 2)), np.zeros(25)
-    steps = np.array([2.0**-20, 2.0**-10, 2.0**-15])
-    mapping.answer(calibration.packed(), xy, np.full(25, 0.1), seen, index, blobs, steps, px, yaw,
-                   world)
+    px, world = np.zeros((25, 2)), np.zeros((25, 2))
+    steps = np.array([2.0**-20, 2.0**-10])
+    mapping.answer(calibration.packed(), xy, seen, index, blobs, steps, px, world)
     assert np.allclose(px[~seen], calibration.to_pixels(xy[~seen]), atol=2.0**-11)
     assert (px[seen, 0] == 1.5 * index[seen]).all()
     assert np.allclose(world, xy, atol=2.0**-21)
