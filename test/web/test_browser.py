@@ -186,7 +186,7 @@ def test_visitors_add_up(graph):
             eye = await client.ws_connect(f'{address}/live')
             await eye.send_json({'wants': ['truth']})
             seen, way = [], 0.0
-            while len(seen) < 90:
+            while len(seen) < 50:
                 message = await eye.receive(timeout=30)
                 if message.type != aiohttp.WSMsgType.BINARY or message.data[0] != 2:
                     continue
