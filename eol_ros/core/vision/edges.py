@@ -145,7 +145,7 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
             spoilt += (one - hit) * lines[GLINTS + i]
         # what a glint spoils says neither that an edge is there nor that it is not
         asked = max(ends[COUNT + side] - spoilt, WITNESSES * ends[COUNT + side])
-        agree += mine
+        agree += float(mine)
         all_asked += asked
         shares[side] = mine / max(asked, 1.0)
     return agree / max(all_asked, 1.0), variance
@@ -220,8 +220,8 @@ def _alike(work, ends, step):
                 total += run[_B + i]
                 square += run[_C + i]
             if weight > zero:
-                single += square
-                joint += total * total / weight
+                single += float(square)
+                joint += float(total * total / weight)
                 used += RUN
                 runs += 1.0
     if runs < 4 or single <= 0.0:

@@ -222,7 +222,7 @@ def _points(shape, cells: np.ndarray, levels: np.ndarray, sigma_px: float) -> np
     light = np.zeros(shape, np.float32)
     np.add.at(light, tuple(cells.T), levels)
     spot = cv2.getGaussianKernel(9, sigma_px, cv2.CV_32F)
-    return cv2.sepFilter2D(light, cv2.CV_32F, spot, spot) / spot.max() ** 2
+    return cv2.sepFilter2D(light, cv2.CV_32F, spot, spot) / np.max(spot) ** 2
 
 
 def _speckle(rng, shape, grain_px: float) -> np.ndarray:
