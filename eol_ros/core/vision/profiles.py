@@ -124,8 +124,8 @@ def gather(image, u, v, theta, half, blur, shear, work, ends):
                     work[to] = zero
                     to += to_tap
                 continue
-            beside, along = low + (i - at) * stride, int(work[_F + i]) + int(base)
-            place = np.uint64(beside * width + along if along_row else along * width + beside)
+            row, pixel = low + (i - at) * stride, int(work[_F + i]) + int(base)
+            place = np.uint64(row * width + pixel if along_row else pixel * width + row)
             for _ in range(taps):
                 work[to] = flat[place]
                 to += to_tap
