@@ -47,7 +47,7 @@ class BlobFinder:
         self._fits = np.zeros((_MOST_REGIONS, edges.FIELDS))
         self._kept = np.zeros((_MOST_REGIONS, edges.FIELDS))
         self._found = np.zeros((_MOST_REGIONS, 6))
-        self._refused = np.zeros((_MOST_REGIONS, 4))
+        self._refused = np.zeros((_MOST_REGIONS, 3))
 
     @property
     def threshold(self) -> float:
@@ -116,7 +116,6 @@ class BlobFinder:
         rows, cols = (shape[0] - 2) // scan.STEP, (shape[1] - 2) // scan.STEP
         self._grid = np.zeros((rows, cols), np.uint8)
         self._tiles = np.zeros((-(-rows // scan.TILE), -(-cols // scan.TILE)), np.uint8)
-        self._bright = np.zeros((rows, cols), np.uint8)
         self._label = np.zeros((rows, cols), np.int32)
         self._parent = np.zeros(_LABELS, np.int32)
         self._stats = np.zeros((_LABELS, 7))
@@ -153,12 +152,12 @@ class BlobFinder:
             contrast = scan.bright_level(self._grid, 0.02) - float(np.median(self._tiles))
         over = max(0.3 * contrast, profiles.MIN_CONTRAST)
         if known[look.FIELD]:
-            area = (2 * known[look.FIELD] / scan.STEP - 1) ** 2
+            area = (2 * known[look.FIELD] / scan.STEP) ** 2
             least, most = 0.35 * area, 2.2 * area
         else:
-            least, most = ((side / scan.STEP - 1) ** 2 for side in SIDES_PX)
-        n = scan.regions(self._grid, self._tiles, over, least, most, self._bright, self._label,
-                         self._parent, self._stats, self._found)
+            least, most = ((side / scan.STEP) ** 2 for side in SIDES_PX)
+        n = scan.regions(self._grid, self._tiles, over, least, most, self._label, self._parent,
+                         self._stats, self._found)
         found = self._found[:n]
         if known[look.FIELD]:
             starts = found[:, :4].copy()
@@ -166,7 +165,7 @@ class BlobFinder:
             return starts
         # a square fills between half (at 45 degrees) and all of the box around it
         box = found[:, 4] * found[:, 5]
-        area = (np.sqrt(found[:, 3]) + 1) ** 2 * scan.STEP ** 2
+        area = found[:, 3] * scan.STEP ** 2
         ratio = found[:, 4] / found[:, 5]
         square = (area > 0.42 * box) & (ratio > 0.7) & (ratio < 1.43)
         found, area = found[square], area[square]

@@ -16,7 +16,7 @@ def side_lines(image, squares, blur, work, ends, out):
     out (n, 4, 3): distance of the side from the centre in px, its turn against the square in rad,
     and the share of its profiles that agree. A tilted camera makes the four differ.
     """
-    spread = np.zeros(8)
+    spread = np.zeros(7)
     square = (0.0, 0.0)  # no shear: each side is measured on its own
     for s in range(squares.shape[0]):
         u, v, theta, half = squares[s, 0], squares[s, 1], squares[s, 2], squares[s, 3]

@@ -20,12 +20,12 @@ from eol_ros.core.vision.profiles import (
     _A,
     _B,
     _C,
+    ALL,
     BEGIN,
     CORNER,
     COUNT,
     FIRST,
     FLAT,
-    GLINTS,
     LANES,
     NU,
     NV,
@@ -34,14 +34,13 @@ from eol_ros.core.vision.profiles import (
     T,
 )
 
-SETTLED_PX = 0.06  # a last step below this leaves no error that counts,
-SETTLED_SIGMAS = 10.0  # nor one of so many standard deviations: a fortieth of a step is left
-SETTLED_MOST_PX = 0.4  # where the square was expected no further off than this
+SETTLED_PX = 0.03  # a last step below this leaves no error that counts,
+SETTLED_SIGMAS = 6.0  # nor one of so many standard deviations: a twentieth of a step is left
+SETTLED_MOST_PX = 0.2  # where the square was expected no further off than this
 RUN = 10  # profiles of one stretch of an edge
 CHANCE = 1.8  # noise alone makes stretches seldom differ by more
 ALIKE_PX = 1.0  # what is further off is another edge
 DOUBTFUL = 0.65  # share below which a good start is mistrusted, and the edges are searched for
-WITNESSES = 0.85  # share of the profiles at least that must speak for or against a square
 HOPELESS = 0.1  # share below which no round makes a square of it
 WHOLE = 0.9  # share of the edge in sight from which a block needs no help
 FIELDS = 11  # of one fitted square
@@ -130,25 +129,20 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
         if r < rounds - 1:
             narrow = max(6.0 * math.sqrt(variance / mean_weight), tight)
             width = max(narrow, 0.5 * width)
-    agree = all_asked = 0.0
+    agree = 0.0
     d0, d1, d2, d3 = np.float32(b[0]), np.float32(b[1]), np.float32(b[2]), np.float32(b[3])
     near = np.float32(width)
     for side in range(4):
-        lines = work[ends[BEGIN + side]:]
-        mine = spoilt = zero
-        for i in range(ends[COUNT + side]):
-            rest = lines[OFFSET + i] - (lines[NU + i] * d0 + lines[NV + i] * d1
-                                        - lines[T + i] * d2 + d3)
+        begin = ends[BEGIN + side]
+        mine = zero
+        for i in range(begin, begin + ends[COUNT + side]):
+            rest = work[OFFSET + i] - (work[NU + i] * d0 + work[NV + i] * d1
+                                        - work[T + i] * d2 + d3)
             hit = one if abs(rest) < near else zero
-            hit = hit if lines[WEIGHT + i] > zero else zero
-            mine += hit
-            spoilt += (one - hit) * lines[GLINTS + i]
-        # what a glint spoils says neither that an edge is there nor that it is not
-        asked = max(ends[COUNT + side] - spoilt, WITNESSES * ends[COUNT + side])
+            mine += hit if work[WEIGHT + i] > zero else zero
         agree += float(mine)
-        all_asked += asked
-        shares[side] = mine / max(asked, 1.0)
-    return agree / max(all_asked, 1.0), variance
+        shares[side] = mine / max(ends[COUNT + side], 1)
+    return agree / max(ends[ALL], 1), variance
 
 
 @njit(cache=True)
@@ -322,7 +316,7 @@ def fit_square(image, square, shear_re, shear_im, blur, half_sigma, tight, searc
     level inside, agreeing share of the worst side, and how certainly no other cover's light stands
     beside it. A share of 0 means no square there.
     """
-    a, step, shares, spread = np.zeros((4, 4)), np.zeros(4), np.zeros(4), np.zeros(8)
+    a, step, shares, spread = np.zeros((4, 4)), np.zeros(4), np.zeros(4), np.zeros(7)
     shear = (shear_re, shear_im)
     u, v, theta, half = square[U], square[V], square[THETA], square[HALF]
     _fit(image, square, shear, blur, half_sigma, tight, search, False, least, work, ends, a, step,

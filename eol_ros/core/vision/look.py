@@ -35,11 +35,9 @@ NEW = (0.60, 0.30, 0.40)
 REGAINED = (0.35, 0.0, 0.25)
 DIM, GLARING = 0.65, 1.9  # of the contrast that a block had when it was last seen whole
 FAINTEST = 0.2  # of the usual contrast: less is no block
-STRAY_PX, STRAY_SHARE = 6.0, 0.65  # half a square so far away is an arm's edge beside it
 LIT = 0.12  # where less of a block's place is lit, none is asked for
 FULLER = 0.2  # by this share a square must be fuller of light than its surroundings
-AGAIN = 5  # images until a light that was no square is asked again; each time so many more,
-PATIENCE = 6  # up to so many times as many
+AGAIN = 5  # images until a light that was no square is asked again
 SAME_PX = 10.0
 BESIDE_PX = 20.0
 
@@ -94,14 +92,6 @@ def attempt(image, known, u, v, theta, own, half, search, work, ends, square):
 
 
 @njit(cache=True)
-def leave_strays(square, u, v):
-    """Drop what was found off its expected place if not enough of it is in sight to be sure."""
-    if (square[VISIBLE] < STRAY_SHARE
-            and math.hypot(square[U] - u, square[V] - v) > STRAY_PX):
-        square[VISIBLE] = square[QUALITY] = 0.0
-
-
-@njit(cache=True)
 def keep(fits, tried, kept, n, least):
     """Append to `kept`, best first, which of the `tried` fits are good and on their own ground.
 
@@ -143,7 +133,6 @@ def at_predictions(image, known, grid, tiles, near, work, ends, fits, kept, lit)
         over = max(FAINTEST * known[CONTRASTS], 8.0)
         if scan.lit_share(grid, tiles, u, v, theta, half, over) > LIT:
             attempt(image, known, u, v, theta, own, 0.0, 0, work, ends, fits[tried])
-            leave_strays(fits[tried], u, v)
             tried += 1
     n = keep(fits, tried, kept, 0, PREDICTED)
     if n == len(near):
@@ -162,54 +151,44 @@ def at_predictions(image, known, grid, tiles, near, work, ends, fits, kept, lit)
         du, dv, fuller = scan.seek(grid, tiles, u, v, theta, half, over, lit)
         if fuller > FULLER:
             attempt(image, known, u + du, v + dv, theta, own, 0.0, 2, work, ends, fits[tried])
-            leave_strays(fits[tried], u, v)
             tried += 1
     return keep(fits, tried, kept, n, REGAINED)
 
 
 @njit(cache=True)
 def _near(places, n, u, v):
-    """Return which of the first `n` places is at u, v, or -1."""
     for i in range(n):
         if abs(places[i, 0] - u) <= SAME_PX and abs(places[i, 1] - v) <= SAME_PX:
-            return i
-    return -1
+            return True
+    return False
 
 
 @njit(cache=True)
 def at_lights(image, known, starts, refused, work, ends, fits, kept, n):
     """Try squares at lights `starts` (m, 4): u, v, theta, half side or 0 where it is known.
 
-    refused (m, 4), u, v, image number and how often, of those that were tried and gave none: an
-    arm stays an arm. Returns how many are in `kept`, of which there were `n` before.
+    refused (m, 3), u, v and image number of those that were tried a moment ago: an arm stays an
+    arm. Returns how many are in `kept`, of which there were `n` before.
     """
-    turn, old = known[TURN], 0
+    old = 0
     for i in range(int(known[REFUSED])):
-        if turn - refused[i, 2] < 2 * AGAIN * refused[i, 3]:
+        if known[TURN] - refused[i, 2] < AGAIN:
             refused[old] = refused[i]
             old += 1
     tried = 0
-    most = min(len(starts), len(fits))
-    for i in range(most):
-        j = _near(refused, old, starts[i, 0], starts[i, 1])
-        if j >= 0 and turn - refused[j, 2] < AGAIN * refused[j, 3]:
+    for i in range(min(len(starts), len(fits))):
+        if _near(refused, old, starts[i, 0], starts[i, 1]):
             starts[i, 0] = np.nan
         else:
             attempt(image, known, starts[i, 0], starts[i, 1], starts[i, 2], 0.0, starts[i, 3], 2,
                     work, ends, fits[tried])
             tried += 1
     n = keep(fits, tried, kept, n, NEW)
-    for i in range(most):
+    for i in range(min(len(starts), len(fits))):
         u, v = starts[i, 0], starts[i, 1]
-        if math.isnan(u) or _near(kept, n, u, v) >= 0:
-            continue
-        j = _near(refused, old, u, v)
-        times = min(refused[j, 3] + 1.0, PATIENCE) if j >= 0 else 1.0
-        if j < 0 and old < len(refused):
-            j = old
+        if not math.isnan(u) and not _near(kept, n, u, v) and old < len(refused):
+            refused[old, 0], refused[old, 1], refused[old, 2] = u, v, known[TURN]
             old += 1
-        if j >= 0:
-            refused[j, 0], refused[j, 1], refused[j, 2], refused[j, 3] = u, v, turn, times
     known[REFUSED] = old
     return n
 

@@ -25,7 +25,6 @@ from eol_ros.core.vision.profiles import (
 )
 
 EDGE = 2.4  # blurs from the edge over which the light inside counts as one level
-GLINT = 1.7  # blurs outside the edge from which light above the platform's is a glint
 ROUGH = 0.1  # share of the texture's variance that is new from pixel to pixel
 
 # Half the error function of x / sqrt 2, divided by x, in powers of x^2, to 3e-5 for x up to 3.5.
@@ -55,7 +54,6 @@ def offsets(work, ends, slope, lean, limit, blur, spread):
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     f_limit, f_lean, f_slope = np.float32(limit), np.float32(lean), np.float32(slope)
     most, stiff = np.float32(3.5), one / max(t_in, np.float32(1e-3))
-    most_bare, far = np.float32(spread[7]), np.float32(GLINT * blur)
     for i in range(n):
         work[_A + i] = zero
         work[_B + i] = zero
@@ -86,8 +84,6 @@ def offsets(work, ends, slope, lean, limit, blur, spread):
             rest = pixels[at + i] - outer - (work[IN + i] - outer) * cover
             w = one / (v_out + cover * (v_more + cover * rough) + bare * bare * t_out)
             w = w if abs(work[T + i] + away * f_lean) < f_limit else zero
-            glint = pixels[at + i] > most_bare if away > far else False
-            w = zero if glint else w
             close = w if q < np.float32(EDGE * EDGE) else zero
             w *= bell
             close *= cover

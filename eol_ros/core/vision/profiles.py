@@ -18,7 +18,6 @@ VECTOR = 16  # lanes; each side begins with a new vector, and two lanes at least
 SIDE_LINES = 88  # of one side; a wider one is read on every second line
 CORNER = 1.4  # blurs left out at each end of a side, where two edges mix
 UNLIKE = 1.0  # of the variance from line to line, what differs between level zone and edge
-GLITTER = 0.02  # share of lines with light outside from which single bright pixels are left out
 OTHER = 0.2  # of the contrast, light that is not the platform's
 FLAT = 2.1  # blurs from the edge at which light counts as inside or outside
 FLAT_TAPS = 6  # pixels at each end of a profile, among which are all that lie so far away
@@ -29,8 +28,8 @@ MIN_CONTRAST = 8.0  # grey levels
 # Of two arrays it cannot: it then asks at run time where they lie, and where it is in doubt it goes
 # a slower way whose sums have other last bits. No loop here may read one array and write another.
 (FIRST, T, NU, NV, VALID, IN, OUT, OFFSET, WEIGHT, _A, _B, _C, _D,
- _E, _F, _G, _H, _I, GLINTS) = (k * LINES for k in range(19))
-TAP = 19 * LINES  # then the pixels of the profiles, tap after tap
+ _E, _F) = (k * LINES for k in range(15))
+TAP = 15 * LINES  # then the pixels of the profiles, tap after tap
 
 # `ends` holds where each side begins, all lanes, taps, lines of each side, lines of all sides.
 BEGIN, LANES, TAPS_USED, COUNT, ALL = 0, 4, 5, 6, 10
@@ -38,7 +37,7 @@ BEGIN, LANES, TAPS_USED, COUNT, ALL = 0, 4, 5, 6, 10
 
 def workspace() -> tuple[np.ndarray, np.ndarray]:
     """Return scratch arrays of fit_squares, so that a live image allocates nothing."""
-    return np.zeros(TAP + TAPS * LINES, np.float32), np.zeros(11, np.int64)
+    return np.zeros((15 + TAPS) * LINES, np.float32), np.zeros(11, np.int64)
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -188,45 +187,6 @@ def _zones(work, n, taps, slope, lean, limit, flat):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def _without_glints(work, n, taps, slope, lean, limit, flat, bare):
-    """Measure the light outside anew, where single pixels of it are brighter than `bare`.
-
-    Grains of the platform glitter. An arm fills the whole zone with light: then nothing changes.
-    """
-    f_slope, f_lean = np.float32(slope), np.float32(lean)
-    f_limit, f_flat = np.float32(limit), np.float32(flat)
-    zero, one = np.float32(0.0), np.float32(1.0)
-    for i in range(n):
-        work[_G + i] = zero
-        work[_H + i] = zero
-        work[_I + i] = zero
-    outside = work[TAP + (taps - FLAT_TAPS) * LINES:]
-    last = (FLAT_TAPS - 1) * LINES
-    start = f_slope * np.float32(taps - FLAT_TAPS)
-    for k in range(FLAT_TAPS):
-        ahead = start + f_slope * np.float32(k)
-        at = k * LINES
-        for i in range(n):
-            away = work[FIRST + i] + ahead
-            w = one if abs(work[T + i] + away * f_lean) <= f_limit else zero
-            w = w if away > f_flat else zero
-            w = w if outside[at + i] <= bare else zero
-            x = w * (outside[at + i] - outside[last + i])
-            work[_G + i] += w
-            work[_H + i] += x
-            work[_I + i] += x * x
-    for i in range(n):
-        some = work[_G + i] > zero
-        count = work[_G + i] if some else one
-        glint = one if count < work[_C + i] else zero
-        work[GLINTS + i] = glint if some else zero
-        work[OUT + i] = outside[last + i] + work[_H + i] / count if some else work[OUT + i]
-        work[_C + i] = count if some else work[_C + i]
-        work[_D + i] = work[_H + i] if some else work[_D + i]
-        work[WEIGHT + i] = work[_I + i] if some else work[WEIGHT + i]
-
-
-@njit(cache=True, fastmath=True, error_model='numpy')
 def _quantiles(work, n, contrasts, bares):
     """Return the grey levels that so many valid profiles exceed: of IN - OUT, and of OUT.
 
@@ -261,11 +221,11 @@ def levels(work, ends, slope, lean, limit, flat, spread):
     """Measure the light inside and outside along every profile, and judge which ones show an edge.
 
     Fills IN and OUT and clears VALID of profiles that show no edge like the others.
-    spread (8,): variance of one pixel inside and outside, the parts of them that are texture, which
+    spread (7,): variance of one pixel inside and outside, the parts of them that are texture, which
     unlike noise is alike from pixel to pixel; the fall of light over the width of an edge that the
     flats beside it show, as a share of the contrast; all lines for each one that is not cut short
-    by a corner; the share of lines with a cover's light on the wrong side; the most that the
-    platform's light can be. Returns (contrast, level inside) of the block, or zeros.
+    by a corner; the share of lines with a cover's light on the wrong side. Returns (contrast, level
+    inside) of the block, or zeros.
     """
     n, wide, taps = ends[ALL], ends[LANES], ends[TAPS_USED]
     last = (taps - 1) * LINES
@@ -290,13 +250,6 @@ def levels(work, ends, slope, lean, limit, flat, spread):
     if contrast < MIN_CONTRAST:
         return 0.0, 0.0
     bare = np.float32(bare + max(OTHER * contrast, 4.0))
-    spread[7] = bare
-    bright = zero
-    for i in range(wide):
-        work[GLINTS + i] = zero
-        bright += work[VALID + i] if work[OUT + i] > bare else zero
-    if bright > np.float32(GLITTER) * total:
-        _without_glints(work, wide, taps, slope, lean, limit, flat, bare)
     low, high = np.float32(0.45 * contrast), np.float32(2.0 * contrast)
     mean_in = count = zero
     for i in range(wide):

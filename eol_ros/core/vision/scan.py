@@ -170,36 +170,29 @@ def _root(parent, i):
 
 
 @njit(cache=True)
-def regions(grid, tiles, over, least, most, bright, label, parent, stats, found):
-    """Join neighbouring lights, and describe them.
+def regions(grid, tiles, over, least, most, label, parent, stats, found):
+    """Join neighbouring samples that exceed their background by `over`, and describe them.
 
-    A light is two samples wide and two high, all above their background by `over`: glints are not.
-    bright (rows, cols) uint8, label (rows, cols) int32, parent (m,) int32 and stats (m, 7) float64
-    are scratch. Regions of `least` to `most` lights go to found (k, 6): u, v px, angle of a square
-    of that shape, lights, height and width in px. Returns their number.
+    label (rows, cols) int32, parent (m,) int32 and stats (m, 7) float64 are scratch. Regions of
+    `least` to `most` samples go to found (k, 6): u, v px, angle of a square of that shape, samples,
+    height and width in px. Returns their number.
     """
     rows, cols = grid.shape
     n = 0
     limit = len(parent)
     for r in range(rows):
         for tile in range(tiles.shape[1]):
-            level = np.uint8(min(tiles[r // TILE, tile] + over, 255.0))
-            for c in range(tile * TILE, min(tile * TILE + TILE, cols)):
-                bright[r, c] = 1 if grid[r, c] > level else 0
-    for r in range(rows - 1):
-        for tile in range(tiles.shape[1]):
-            begin, end = tile * TILE, min(tile * TILE + TILE, cols - 1)
-            some = np.uint8(0)
+            level = tiles[r // TILE, tile] + over
+            begin, end = tile * TILE, min(tile * TILE + TILE, cols)
+            bright = 0
             for c in range(begin, end):
-                some |= (bright[r, c] & bright[r, c + 1] & bright[r + 1, c]
-                         & bright[r + 1, c + 1])
-            if some == 0:  # as nearly all of the picture is
+                bright += 1 if grid[r, c] > level else 0
+            if bright == 0:  # as nearly all of the picture is
                 for c in range(begin, end):
                     label[r, c] = -1
                 continue
             for c in range(begin, end):
-                if not (bright[r, c] & bright[r, c + 1] & bright[r + 1, c]
-                        & bright[r + 1, c + 1]):
+                if grid[r, c] <= level:
                     label[r, c] = -1
                     continue
                 left = label[r, c - 1] if c > 0 else -1
@@ -245,12 +238,11 @@ def regions(grid, tiles, over, least, most, bright, label, parent, stats, found)
                     x, y = c - column, row - r
                     re += x * x * x * x - 6 * x * x * y * y + y * y * y * y
                     im += 4 * x * y * (x * x - y * y)
-        # the middle of the first and the second sample of each light
-        found[k, 0], found[k, 1] = (column + 0.5) * STEP + 1, (row + 0.5) * STEP + 1
+        found[k, 0], found[k, 1] = column * STEP + 1, row * STEP + 1
         # corners of a square lie at 45 degrees, where cos 4 phi is least
         found[k, 2] = math.atan2(-im, -re) / 4
         found[k, 3] = stats[i, 0]
-        found[k, 4] = (stats[i, 4] - stats[i, 3] + 2) * STEP
-        found[k, 5] = (stats[i, 6] - stats[i, 5] + 2) * STEP
+        found[k, 4] = (stats[i, 4] - stats[i, 3] + 1) * STEP
+        found[k, 5] = (stats[i, 6] - stats[i, 5] + 1) * STEP
         k += 1
     return k

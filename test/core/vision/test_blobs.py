@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-import cv2
 import numpy as np
 import pytest
 
@@ -116,28 +115,6 @@ def test_a_lost_prediction_is_found_by_the_scan():
     finder = BlobFinder()
     finder.find(image)
     assert np.isfinite(paired(finder.find(image, wrong), truth, 0.1)).all()
-
-
-def test_glitter_beside_an_edge_is_neither_the_edge_nor_an_arm():
-    """Every block stays seen whole among glints that its contrast does not exceed."""
-    quiet, glittering = (Renderer(RenderOptions(), None, 3) for _ in range(2))
-    rng, height = np.random.default_rng(0), np.zeros((800, 1280), np.float32)
-    height[rng.integers(0, 800, 14000), rng.integers(0, 1280, 14000)] = 1200.0
-    glints = cv2.GaussianBlur(height, (9, 9), 1.2)  # some 130 grey levels high
-    glittering.clutter.static += glints
-    glittering.clutter.glints += glints
-    glittering._work[:] = glittering.clutter.static
-    xy, yaw = scene(2)
-    truth = quiet.calibration.to_pixels(xy)
-    near = np.column_stack([truth, yaw])
-    finder = BlobFinder(calibration=quiet.calibration)
-    for k in range(3):
-        finder.find(quiet.render(*xy.T, yaw, k), near)
-    blobs = finder.find(glittering.render(*xy.T, yaw, 9), near)
-    left = paired(blobs, truth)
-    assert len(blobs) == 25
-    assert np.sqrt((left ** 2).mean()) < 0.15
-    assert np.median(blobs['visibility']) > 0.85
 
 
 @pytest.mark.parametrize('image', [
