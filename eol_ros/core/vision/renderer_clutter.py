@@ -120,7 +120,8 @@ class Clutter:
         self.static = self.platform.copy()
         self._beside(np.random.default_rng([seed, 6]), u, v)
         self.glints = self._glints(np.random.default_rng([seed, 4]), shape)
-        self.static += self.glints
+        if len(self.glints):
+            self.static += self.glints
         for _ in range(chosen.reflections):
             place = rng.uniform([0, 0], [shape[1], shape[0]])
             self._lamp(rng, u, v, place, chosen.reflection_px, chosen.reflection_level)
@@ -160,8 +161,10 @@ class Clutter:
         return low * (high / low) ** rng.random(n)
 
     def _glints(self, rng, shape) -> np.ndarray:
-        """Return the light (h, w) of the platform's grains; covers that stand on them hide it."""
+        """Return the light (h, w) of the platform's grains, which covers hide; (0, 0) for none."""
         n = self.level.glints
+        if not n:
+            return np.zeros((0, 0), np.float32)
         place = self.calibration.to_pixels(rng.uniform(-0.5, 0.5, (n, 2)) * PLATFORM_SIDE_M)
         cells = np.rint(place[:, ::-1]).astype(int)
         inside = ((cells >= 0) & (cells < shape)).all(axis=1)

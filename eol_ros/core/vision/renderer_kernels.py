@@ -59,8 +59,8 @@ def draw_blocks(work, vignette, glints, corners, level, core, core_px, halo, hal
     """Add quadrilateral covers to `work`; return the new number of dirty windows.
 
     A cover adds its light to the ambient light, which it sends back as the platform does, but hides
-    the `glints` (h, w) of the platform, which are part of `work`. It is a
-    flat quadrilateral seen through a Gaussian of `psf_px` and a square pixel. The pixel's box adds
+    the `glints` (h, w) of the platform, part of `work`; (0, 0) where there are none. It is a flat
+    quadrilateral seen through a Gaussian of `psf_px` and a square pixel. The pixel's box adds
     its variance 1/12 to the Gaussian's: exact to the third moment along every direction, so edges
     stay where they are at any angle and any sub-pixel place.
 
@@ -68,7 +68,7 @@ def draw_blocks(work, vignette, glints, corners, level, core, core_px, halo, hal
     during the exposure; owner (p,) its block, weight (p,) its share of the exposure. Per block:
     level, core, halo (k,), texture (k, T, T) relative, or (0, 0, 0) for smooth covers.
     """
-    size = texture.shape[1]
+    size, glitters = texture.shape[1], glints.shape[0] > 0
     blur = math.sqrt(psf_px * psf_px + 1.0 / 12.0)
     nx = np.empty(4)
     ny = np.empty(4)
@@ -117,7 +117,9 @@ def draw_blocks(work, vignette, glints, corners, level, core, core_px, halo, hal
                         glow *= 1.0 + _grain(texture[b], a0 / (a0 + a2), a1 / (a1 + a3))
                     if rr < core_reach:
                         glow += core[b] * math.exp(-0.5 * rr / (core_px * core_px))
-                    light += cover * (vignette[r, c] * glow - glints[r, c])
+                    light += cover * vignette[r, c] * glow
+                    if glitters:
+                        light -= cover * glints[r, c]
                 work[r, c] += weight[p] * light
     return n
 
