@@ -14,7 +14,7 @@ import time
 import numpy as np
 
 from eol_ros.bench.jack import FS, Jack
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import DeviceMissing, EolError
 
 CASES = (
     {'block': 256, 'compiled': True, 'busy': True, 'overlap': 400},
@@ -36,7 +36,10 @@ def measure(case: dict, seconds: float) -> dict:
             capture_output=True, text=True, timeout=seconds + 60,
         )  # fmt: skip
         lines = [line for line in child.stdout.splitlines() if line.startswith('{')]
-        return json.loads(lines[-1]) if lines else {'skipped': child.stderr[-300:]}
+        if not lines or child.returncode:
+            said = child.stderr.strip()[-300:]
+            raise EolError(f'the process that plays ended with {child.returncode}: {said}')
+        return json.loads(lines[-1])
     except DeviceMissing as error:
         return {'skipped': str(error)}
     finally:
@@ -88,6 +91,7 @@ def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -
             marks.append(mark)
     frames, taken = int(state['frame'][0]) - frame, time.monotonic() - begun
     stop.set()
+    card.close()
     at = np.array(marks[len(marks) // 4 :])
     line = np.polyfit(at[:, 0] - at[0, 0], at[:, 1] - at[0, 1], 1)
     off = (at[:, 1] - at[0, 1] - np.polyval(line, at[:, 0] - at[0, 0])) * FS
@@ -103,5 +107,8 @@ def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -
 
 
 if __name__ == '__main__':
-    print(json.dumps(_run(**json.loads(sys.argv[1]))), flush=True)
+    try:
+        print(json.dumps(_run(**json.loads(sys.argv[1]))), flush=True)
+    except DeviceMissing as missing:
+        print(json.dumps({'skipped': str(missing)}), flush=True)
     os._exit(0)  # the stream dies with the process; nothing waits for the driver

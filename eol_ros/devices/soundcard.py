@@ -49,7 +49,7 @@ class Card:
             'dtype': 'float32',
             'latency': 'low',
         }
-        self._mixer = mixer  # must live for as long as the driver may call
+        self._mixer, self._held = mixer, False
         self.name = sd.query_devices(number)['name']
         self.compiled = compiled
         try:
@@ -64,8 +64,10 @@ class Card:
                 )
             else:
                 self._stream = sd.OutputStream(callback=_ordinary(mixer), **options)
+            self._hold()
             self._stream.start()
         except sd.PortAudioError as error:
+            self.close()
             raise DeviceMissing(
                 f'sound card {self.name}: cannot play {mixer.channels} channels at '
                 f'{mixer.sample_rate:.0f} Hz ({_reason(error)}); `eol devices` lists what there is'
@@ -91,6 +93,8 @@ class Card:
 
     def close(self, timeout_s: float = CLOSE_S) -> bool:
         """Stop; return whether the driver did it in time. One whose device is gone may hang."""
+        if not self._held:
+            return True
         self.give_up()
         closing = threading.Thread(
             target=self._stream.close, kwargs={'ignore_errors': True}, daemon=True
@@ -99,9 +103,17 @@ class Card:
         closing.join(timeout_s)
         if closing.is_alive():  # to end PortAudio then, as sounddevice would at exit, aborts
             atexit.unregister(_portaudio()._exit_handler)
-            for kept in (self._mixer, self._stream):  # what the driver may still look at stays
-                ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))
-        return not closing.is_alive()
+            return False
+        self._held = False
+        for kept in (self._mixer, self._stream):
+            ctypes.pythonapi.Py_DecRef(ctypes.py_object(kept))
+        return True
+
+    def _hold(self) -> None:
+        """Let nothing the driver may look at be freed, not even where this card is forgotten."""
+        for kept in (self._mixer, self._stream):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))
+        self._held = True
 
 
 def _ordinary(mixer: Mixer):

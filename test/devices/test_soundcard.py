@@ -137,6 +137,29 @@ def test_a_busy_python_thread_does_not_starve_the_compiled_callback(card):
 
 
 @pytest.mark.slow
+def test_a_forgotten_card_plays_on(card):
+    """Its driver looks at a mixer that nobody else holds; in a process of its own: it may die."""
+    code = f'''
+    import sys, time
+    sys.path[:0] = [{str(HERE)!r}, {str(HERE.parents[1])!r}]
+    from test_soundcard import PERIOD, Card, np, new_mixer, wait_for
+    def forget():
+        mixer = new_mixer()
+        Card(mixer, 'auto', PERIOD).play()
+        assert wait_for(lambda: mixer.state['frame'][0] > PERIOD, 5)
+    forget()
+    for _ in range(100):  # what was freed is written over
+        np.full(1 << 18, -1, np.int64)
+        time.sleep(0.01)
+    print('alive', flush=True)
+    '''
+    child = subprocess.run(
+        [sys.executable, '-c', textwrap.dedent(code)], capture_output=True, text=True, timeout=60
+    )
+    assert (child.returncode, child.stdout) == (0, 'alive\n'), child.stderr
+
+
+@pytest.mark.slow
 def test_a_lost_card_is_noticed_and_taken_again(card_for_others, tmp_path):
     """In a process of its own: a driver that hangs cannot be got rid of in this one."""
     card = card_for_others
