@@ -14,8 +14,10 @@ import time
 import numpy as np
 
 from eol_ros.bench.jack import FS, Jack
+from eol_ros.bench.stalls import Stalls, overlap
 from eol_ros.errors import DeviceMissing, EolError
 
+NOTICE_S = 0.05  # from an underrun to its count: JACK tells of it in a thread of its own
 CASES = (
     {'block': 256, 'compiled': True, 'busy': True, 'overlap': 400},
     {'block': 128, 'compiled': True, 'busy': True, 'overlap': 400},
@@ -26,10 +28,16 @@ CASES = (
 
 
 def measure(case: dict, seconds: float) -> dict:
-    """Run one case in its own process against a card of its own; `skipped` where there is none."""
+    """Run one case in its own process against a card of its own; `skipped` where there is none.
+
+    `unexplained_underruns` came while the machine did not stand still; all of them where we may not
+    watch for that.
+    """
     jack = Jack(f'eol-bench-{os.getpid()}-{case["block"]}', case['block'])
+    stalls = Stalls()
     try:
         jack.start()
+        stalls.start()
         child = subprocess.run(
             [sys.executable, '-m', __name__, json.dumps({**case, 'seconds': seconds})],
             env={**os.environ, **jack.environment},
@@ -39,10 +47,18 @@ def measure(case: dict, seconds: float) -> dict:
         if not lines or child.returncode:
             said = child.stderr.strip()[-300:]
             raise EolError(f'the process that plays ended with {child.returncode}: {said}')
-        return json.loads(lines[-1])
+        figures = json.loads(lines[-1])
+        stood = stalls.stop() or []
+        moments = figures.pop('underrun_moments', [])
+        return {
+            **figures, 'machine_stalls': len(stood),
+            'machine_stall_worst_ms': 1e3 * max((end - begin for begin, end in stood), default=0.0),
+            'unexplained_underruns': len(moments) - overlap(moments, stood),
+        }  # fmt: skip
     except DeviceMissing as error:
         return {'skipped': str(error)}
     finally:
+        stalls.stop()
         jack.stop()
 
 
@@ -74,7 +90,7 @@ def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -
     underruns, frame, begun = int(state['underruns'][0]), int(state['frame'][0]), time.monotonic()
     assert card.compiled == compiled
     marks, next_s = [], time.time() - epoch + 0.5
-    voices = 0
+    voices, counted, looked_s, moments = 0, underruns, begun, []
     while time.monotonic() - begun < seconds:
         if len(rows) and time.time() - epoch > next_s - 0.5:  # the score anew, half a second ahead
             again = rows.copy()
@@ -85,6 +101,9 @@ def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -
             next_s += s.span_s
         time.sleep(0.05)
         voices = max(voices, int(state['voices'][0]))
+        now_s, now = time.monotonic(), int(state['underruns'][0])
+        moments += [(looked_s - NOTICE_S, now_s)] * (now - counted)
+        looked_s, counted = now_s, now
         before = int(state['callbacks'][0])
         mark = (float(state['clock_frame'][0]), float(state['clock_time'][0]))
         if before == int(state['callbacks'][0]):
@@ -98,10 +117,11 @@ def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -
     used = min(int(state['callbacks'][0]), mixer.memory.loads.size)
     return {
         'block': block, 'compiled': compiled, 'busy_thread': busy, 'overlap': overlap,
-        'seconds': taken, 'underruns': int(state['underruns'][0]) - underruns,
+        'seconds': taken, 'underruns': counted - underruns, 'underrun_moments': moments,
         'frames_per_second': frames / taken, 'voices_most': voices,
         'dropped': int(state['dropped'][0]), 'late': int(state['late'][0]),
         'load_p99': float(np.percentile(mixer.memory.loads[:used], 99)),
+        'load_worst': float(mixer.memory.loads[:used].max()),
         'stamp_to_sample_sd': float(off.std()), 'stamp_to_sample_worst': float(np.abs(off).max()),
     }  # fmt: skip
 

@@ -47,8 +47,10 @@ def _live(r: dict):
     how = 'compiled' if r['compiled'] else 'python'
     words = f'real time, {how}, block {r["block"]}, {r["overlap"]} grains, busy {r["busy"]}'
     return words, lambda: (
-        f'{r["underruns"]} underruns in {r["seconds"]:.0f} s, '
-        f'{r["frames_per_second"]:.0f}/s, load p99 {r["load_p99"]:.2f}, '
+        f'{r["underruns"]} underruns in {r["seconds"]:.0f} s, {r["unexplained_underruns"]} of them '
+        f'while the machine ran (it stood still {r["machine_stalls"]} times, at most '
+        f'{r["machine_stall_worst_ms"]:.1f} ms), {r["frames_per_second"]:.0f}/s, '
+        f'load p99 {r["load_p99"]:.2f} worst {r["load_worst"]:.2f}, '
         f'stamp to sample sd {r["stamp_to_sample_sd"]:.2f} '
         f'worst {r["stamp_to_sample_worst"]:.1f} samples'
     )

@@ -11,7 +11,7 @@ from eol_ros.ros.topics import TOPICS
 
 WATCHED = ('camera/image_raw', 'blocks', 'slips', 'cascades', 'grain_triggers')
 SETTLE_S = 0.5  # when this process has found all readers, the others may still be about to
-PATIENCE_S = 8.0  # then the show begins without those who are missing
+PATIENCE_S = 15.0  # then the show begins without those who are missing
 
 
 class Audience:
@@ -30,14 +30,18 @@ class Audience:
             ):
                 takers.add('recorder')
             if takers and any(giver in scene.nodes for giver in row.gives):
-                self._wanted[topic] = len(takers)
+                self._wanted[topic] = takers
         self._began_s = time.monotonic()
         self._complete_s: float | None = None
 
     def missing(self) -> list[str]:
-        """Return the topics that have fewer readers than the scene names."""
-        count, name = self._node.count_subscribers, self._node.resolve_topic_name
-        return [topic for topic, n in self._wanted.items() if count(name(topic)) < n]
+        """Return the topics that not all nodes of the scene read yet, whoever else may look on."""
+        return [topic for topic, takers in self._wanted.items() if takers - self._readers(topic)]
+
+    def _readers(self, topic: str) -> set[str]:
+        name, space = self._node.resolve_topic_name(topic), self._node.get_namespace()
+        found = self._node.get_subscriptions_info_by_topic(name)
+        return {reader.node_name for reader in found if reader.node_namespace == space}
 
     def ready(self) -> bool:
         """Whether to begin."""

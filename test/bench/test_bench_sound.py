@@ -1,4 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
+import subprocess
+import sys
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,12 +10,20 @@ import pytest
 from eol_ros.bench import sound_live, sound_rehearsal
 from eol_ros.bench.sound_engine import FS, error_db, make_score, ours, source, speed, truth
 from eol_ros.bench.sound_peers import PEERS
+from eol_ros.bench.stalls import Stalls, overlap
 from eol_ros.core.physics.hands import Rim, Visitors
 from eol_ros.core.physics.live import LiveTable
 from eol_ros.errors import EolError
 from eol_ros.settings import SoundSettings, TwinSettings
 
 NS = 10**9
+HOLD = '''
+import os, time
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(95))
+end = time.monotonic() + 0.05
+while time.monotonic() < end: pass
+'''
 
 
 def test_score_has_the_overlap_that_it_says():
@@ -126,6 +137,27 @@ def test_a_busy_python_thread_takes_nothing_from_the_compiled_callback():
     assert compiled['frames_per_second'] == pytest.approx(FS, rel=0.02)
 
 
+def test_underruns_are_laid_to_a_standstill_only_where_there_was_one():
+    stood = [(1.0, 1.004), (5.0, 5.02)]
+    assert overlap([(0.9, 1.001), (2.0, 2.1), (5.01, 5.015), (5.02, 6.0)], stood) == 3
+    assert overlap([(1.1, 1.2)], []) == 0
+
+
+@pytest.mark.slow
+def test_a_thread_above_all_others_notices_when_it_is_held_up():
+    """A process of still higher rank stands for a machine that stands still."""
+    watch = Stalls()
+    watch.start()
+    time.sleep(3.0)  # both interpreters are up
+    begun_s = time.monotonic()
+    held = subprocess.run([sys.executable, '-c', HOLD], check=False).returncode == 0
+    time.sleep(0.2)
+    found = watch.stop()
+    assert (found is not None) == held, 'either both may be first or neither'
+    if found is not None:
+        assert any(end - begin > 0.04 and end > begun_s for begin, end in found)
+
+
 @pytest.mark.soak
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('seconds', [60, 600])
@@ -133,6 +165,6 @@ def test_no_underrun_with_a_busy_python_thread(seconds):
     figures = sound_live.measure(sound_live.CASES[0], seconds)
     if 'skipped' in figures:
         pytest.skip(figures['skipped'])
-    assert figures['underruns'] == 0
+    assert figures['unexplained_underruns'] == 0 and figures['load_worst'] < 0.5, figures
     assert figures['stamp_to_sample_sd'] <= 2
     assert figures['stamp_to_sample_worst'] <= 8
