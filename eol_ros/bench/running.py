@@ -52,6 +52,9 @@ class Graph:
             )
             assert self.board.stdout is not None
             leds['port'] = self.board.stdout.readline().strip()
+        sound = values['nodes'].get('sound')
+        if sound is not None and not sound['wav']:
+            sound['wav'] = str(scene.with_name(f'{scene.stem}.wav'))
         file = scene.with_name(f'{scene.stem}.running.yaml')
         file.write_text(yaml.safe_dump(values, sort_keys=False))
         command = [sys.executable, '-m', 'eol_ros.bringup', str(file)]
