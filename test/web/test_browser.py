@@ -397,6 +397,23 @@ return {
 """
 
 
+def test_outlines_are_of_the_picture_that_is_shown(graph, browser):
+    """The picture is older than the newest blocks; what is drawn over it must be as old."""
+    address, _ = graph
+    visit(browser, address, '/')
+    until_page(browser, 'document.querySelector("#camera canvas").dataset.images > 3')
+    ages = []
+    for _ in range(20):
+        shown, picture_s, newest = run(browser, """
+            const {past, stamp} = eol.camera;
+            return [eol.camera.atPicture().blocks.stamp, stamp, past[past.length - 1].blocks.stamp];
+        """)
+        assert -2e-3 < picture_s - shown < 0.06  # a picture may come before its blocks
+        ages.append(newest - picture_s)
+        time.sleep(0.05)
+    assert max(ages) > 0.01, 'else there was nothing to tell apart'
+
+
 def test_the_threshold_is_tried_and_kept(graph, browser):
     """Through the tracker and back: no cover is as bright as 250, each is brighter than none."""
     address, _ = graph

@@ -6,6 +6,8 @@ import { say } from './i18n.js';
 
 const BLOCK_M = 0.084;
 
+const REMEMBERED = 60; // places of the blocks, one an image: a second of them
+
 const PREVIEW_SCALE = 0.5; // of the JPEG against the image whose pixels the blocks are told in
 
 /** Size of the image behind a JPEG, from its start-of-frame segment (ITU T.81, B.2.2); null if none. */
@@ -29,6 +31,7 @@ export class CameraView {
     this.size = { width: 1280, height: 800 };
     this.outlines = true;
     this.labels = new Map();
+    this.past = [];
     this.level = Number(this.slider.value);
     for (const button of this.buttons) button.onclick = () => this.show(button.dataset.view);
     this.slider.oninput = () => {
@@ -86,8 +89,15 @@ export class CameraView {
   }
 
   blocks(blocks, moving) {
-    this.seen = blocks;
-    this.moving = moving;
+    this.past.push({ blocks, moving: moving.slice() });
+    if (this.past.length > REMEMBERED) this.past.shift();
+  }
+
+  // Where the blocks were in the picture that is shown: it is older than the newest of them.
+  atPicture() {
+    const newest = this.past[this.past.length - 1];
+    if (this.view === 'off' || !this.picture) return newest;
+    return this.past.findLast(({ blocks }) => blocks.stamp <= this.stamp + 1e-3) ?? newest;
   }
 
   draw() {
@@ -104,7 +114,7 @@ export class CameraView {
       brush.textAlign = 'center';
       brush.fillText(say('picture_off'), w / 2, 2 * fontPx(1));
     }
-    if (this.outlines && this.seen) this.drawBlocks(brush, w, h);
+    if (this.outlines && this.past.length) this.drawBlocks(brush, w, h);
   }
 
   drawThreshold(brush, w, h) {
@@ -144,7 +154,7 @@ export class CameraView {
   }
 
   drawBlocks(brush, w, h) {
-    const { rows } = this.seen;
+    const { blocks: { rows }, moving } = this.atPicture();
     const k = w / this.size.width;
     const side = BLOCK_M * pixelsPerMetre(rows) * k;
     const size = Math.max(fontPx(0.72), 9);
@@ -154,8 +164,8 @@ export class CameraView {
       if (!Number.isFinite(u + v)) continue;
       brush.save();
       brush.translate(u, v);
-      brush.strokeStyle = this.moving[id] ? MOVE : seen ? INK : QUIET;
-      brush.lineWidth = this.moving[id] ? 2.5 : 1.2;
+      brush.strokeStyle = moving[id] ? MOVE : seen ? INK : QUIET;
+      brush.lineWidth = moving[id] ? 2.5 : 1.2;
       brush.setLineDash(seen ? [] : [3, 3]);
       brush.save();
       brush.rotate(-rows[at + 2]);
