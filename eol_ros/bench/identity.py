@@ -21,6 +21,7 @@ EXAMPLES = [
     'eol bench identity --hours 0.5 --json',
     'eol bench identity --fps 120 --rough 1.4 --permanent 3',
     'eol bench identity --hours 10 --methods lattice --seed 7',
+    'eol bench identity --hours 1 --methods lattice --losses 120 --askew 0',
     'eol bench identity --hours 0.001 --methods lattice --ties 500 --tap-jitter 1',
 ]
 LASTING_S = 2.0
@@ -35,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--rough', type=float, default=1.0, help='visitors; 1.4 is very rough')
     parser.add_argument('--permanent', type=int, default=0, help='lamps that never go away')
     parser.add_argument('--losses', type=float, default=6.0, help='times of darkness an hour')
+    parser.add_argument(
+        '--askew', type=float, default=2.9, help='degrees, sd, by which blocks stand crooked'
+    )
     parser.add_argument('--no-taps', action='store_true', help='accelerometers are silent')
     parser.add_argument('--methods', default=','.join(METHODS))
     parser.add_argument(
@@ -50,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     trackers = {name: make(name) for name in args.methods.split(',')}
     scores = measure(
         trackers, args.hours, args.fps, args.seed, args.rough, args.permanent, args.losses,
-        not args.no_taps,
+        not args.no_taps, np.radians(args.askew),
     )  # fmt: skip
     if args.ties:
         from eol_ros.bench import identity_ties
@@ -232,12 +236,13 @@ def measure(
     permanent: int = 0,
     losses_per_hour: float = 6.0,
     taps: bool = True,
+    askew_rad: float = 0.05,
     scores: dict[str, Score] | None = None,
 ) -> dict[str, dict[str, float]]:
     """Run all `trackers` over the same simulated hours and return their figures."""
     from eol_ros.bench.stick_slip import Onlooker, Table
 
-    table = Table(seed, fps, rough)
+    table = Table(seed, fps, rough, askew_rad=askew_rad)
     onlooker = Onlooker(seed, permanent=permanent, losses_per_hour=losses_per_hour)
     scores = scores if scores is not None else {}
     scores.update({name: Score() for name in trackers})

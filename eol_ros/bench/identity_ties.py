@@ -97,7 +97,8 @@ def trials(
     from eol_ros.core.vision.identity import Identity
     from eol_ros.core.vision.lattice_solve import rotate_cell
 
-    table, onlooker = Table(seed, 60.0), Onlooker(seed, noise_m, losses_per_hour=0.0)
+    table = Table(seed, 60.0, askew_rad=0.0)  # only taps shall tell
+    onlooker = Onlooker(seed, noise_m, losses_per_hour=0.0)
     random = np.random.default_rng([seed, 17])
     identity = Identity()
     lattice = identity.lattice

@@ -115,9 +115,13 @@ class Table:
     ones.
 
     rough: 1 for ordinary visitors, more for rougher ones. fine: steps of 0.26 ms, for onset times.
+    askew_rad: standard deviation of the yaws at which blocks stand on the lattice.
     """
 
-    def __init__(self, seed: int, fps: float, rough: float = 1.0, fine: bool = False):
+    def __init__(
+        self, seed: int, fps: float, rough: float = 1.0, fine: bool = False,
+        askew_rad: float = 0.05,
+    ):
         self.random = np.random.default_rng(seed)
         self.fps = fps
         self.rough = rough
@@ -129,7 +133,7 @@ class Table:
         self.onset = np.full(N_BLOCKS, -np.inf)
         self.end = np.full(N_BLOCKS, -np.inf)
         self.mu = MU_STATIC * self.random.uniform(0.85, 1.15, N_BLOCKS)
-        self.offsets = self.random.normal(0, 0.05, N_BLOCKS)
+        self.offsets = askew_rad * self.random.normal(0, 1, N_BLOCKS)
         self.rim = np.zeros(3)
         self.rim_speed = np.zeros(3)
         self.want = np.zeros(3)

@@ -55,6 +55,11 @@ class Identity:
             if quarters is not None:
                 self._settle(quarters)
                 return
+        if lattice.ambiguous:
+            quarters = lattice.yaws.quarters(lattice.askew(), lattice.seen)
+            if quarters is not None:
+                self._settle(quarters, final=False)
+                return
         asked = not self.confirmed and self.coincidence.listening(stamp_s)
         if not (lattice.ambiguous or asked):
             self.onsets = None

@@ -24,6 +24,7 @@ from eol_ros.core.vision.lattice_follow import (
 from eol_ros.core.vision.lattice_lamps import Lamps
 from eol_ros.core.vision.lattice_read import read_lattice
 from eol_ros.core.vision.lattice_solve import affine, folds, rotate_cell, turn
+from eol_ros.core.vision.lattice_yaws import Yaws
 
 SEARCHING, TRACKING, LOST = 0, 1, 2
 FEW = 4  # fewer seen blocks than this, for a while, and the lattice is lost
@@ -81,6 +82,7 @@ class Lattice:
         self.candidate_seen = np.full(CANDIDATES, -np.inf)
         self.candidate_index = np.full(CANDIDATES, -1)
         self.lamps = Lamps(CANDIDATES)
+        self.yaws = Yaws()
 
     def update(
         self,
@@ -118,6 +120,8 @@ class Lattice:
     def turn_ids(self, quarters: int) -> None:
         """Rename all blocks: the lattice really stands `quarters` x 90 degrees further round."""
         if quarters % 4:
+            if not self.ambiguous:  # what was learnt was learnt under other names
+                self.yaws = Yaws()
             to = np.array([rotate_cell(b, quarters) for b in range(N_BLOCKS)])
             order = np.argsort(to)
             for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s'):
@@ -182,6 +186,8 @@ class Lattice:
             self.rest_xy, self.rest_s = self.xy.copy(), stamp_s
         self._swap_audit(stamp_s, step)
         self._turn_yaws(yaw, step)
+        if not self.ambiguous:
+            self.yaws.learn(stamp_s, self.xy, self.askew(), self.seen)
         count = int(self.seen.sum())
         if count:
             self.known_s = stamp_s
@@ -205,6 +211,10 @@ class Lattice:
         self.angle += by
         self.turn_rate += 0.2 * (by / step - self.turn_rate)
         self.yaw[~seen] += by
+
+    def askew(self) -> np.ndarray:
+        """Return the yaw of each block against the lattice's, modulo 90 degrees, (25,) rad."""
+        return np.asarray(wrap_quarter(self.yaw - self.angle))
 
     def _swap_audit(self, stamp_s: float, step: float) -> None:
         """Exchange two neighbours when, for long enough, the lattice says they stand crosswise."""
