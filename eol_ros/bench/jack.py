@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sound card to measure and test with: JACK's dummy driver keeps real time, needs no hardware."""
 
+import os
 import shutil
 import subprocess
 import time
@@ -8,6 +9,7 @@ import time
 from eol_ros.errors import DeviceMissing
 
 FS, PERIOD = 48000, 256
+PATIENCE_S = 10.0  # until a server answers
 
 
 class Jack:
@@ -32,7 +34,7 @@ class Jack:
             self.process = subprocess.Popen(
                 ['jackd', *real_time, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
             )
-            deadline = time.monotonic() + 3
+            deadline = time.monotonic() + PATIENCE_S
             while time.monotonic() < deadline and self.process.poll() is None:
                 time.sleep(0.1)
                 if self.ready():
@@ -41,11 +43,17 @@ class Jack:
         raise DeviceMissing('jackd does not start')
 
     def ready(self) -> bool:
-        """Whether clients can connect."""
-        found = subprocess.run(
-            ['jack_wait', '-c', '-s', self.name], capture_output=True, text=True, timeout=5
-        ) if shutil.which('jack_wait') else None
-        return found is None or 'not running' not in found.stdout + found.stderr
+        """Whether clients can connect, and find its outputs."""
+        if not shutil.which('jack_lsp'):
+            return True
+        try:
+            found = subprocess.run(
+                ['jack_lsp', '-s', self.name], capture_output=True, text=True, timeout=5,
+                env={**os.environ, 'JACK_NO_START_SERVER': '1'},
+            )
+        except subprocess.TimeoutExpired:
+            return False
+        return f'playback_{self.channels}' in found.stdout
 
     def stop(self) -> None:
         """Pull the card out."""
