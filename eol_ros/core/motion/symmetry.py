@@ -33,6 +33,8 @@ ERROR = 1e-5  # chance of a wrong answer
 SURE_ERROR = 1e-11  # to contradict a turn that was thought known
 ANSWERED = 0.6  # share of the onsets that the answer must explain, two at least
 
+MIDDLE = N_BLOCKS // 2  # the block that every turn leaves where it is
+
 UNSEEN, RESTING, SLIDING = 0, 1, 2
 
 
@@ -63,8 +65,9 @@ class Coincidence:
         self.images: deque[tuple[float, np.ndarray]] = deque()  # stamp, what each place did
         self.rested: np.ndarray = np.zeros(N_BLOCKS, int)  # images in a row
         self.belief = np.zeros(4)
-        self.answered = np.zeros(4, int)  # onsets with a tap where each turn wants it
+        self.answered = np.zeros(4, int)  # of the telling ones, with a tap where each turn wants it
         self.count = 0  # onsets until the last tap judged, since the belief was empty
+        self.telling = 0  # of these, not of the block that a turn leaves where it is
         self.counted_s = -np.inf
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
@@ -116,7 +119,7 @@ class Coincidence:
         others = np.delete(self.belief, best) - self.belief[best]
         if np.exp(others).sum() > (SURE_ERROR if known else ERROR):
             return None
-        return best if self.answered[best] >= max(2.0, ANSWERED * self.count) else None
+        return best if self.answered[best] >= max(2.0, ANSWERED * self.telling) else None
 
     def _judge(self, tap: tuple[float, int, float]) -> None:
         """Add what one tap says of each turn.
@@ -125,7 +128,9 @@ class Coincidence:
         gains HEARD / (1 - HEARD) times its density over all else that may have made the tap.
         """
         stamp_s, name, sigma_s = tap
-        self.count += sum(self.counted_s < o[0] <= stamp_s for o in self.onsets)
+        new = [o[1] for o in self.onsets if self.counted_s < o[0] <= stamp_s]
+        self.count += len(new)
+        self.telling += sum(block != MIDDLE for block in new)
         self.counted_s = stamp_s
         near = [o for o in self.onsets if abs(o[0] - stamp_s) <= WINDOW_S + REACH * sigma_s]
         for q in range(4):
@@ -135,7 +140,7 @@ class Coincidence:
             answers *= HEARD / (1.0 - HEARD)
             chance = self._chance_hz(tap, place)
             self.belief[q] += math.log(answers + chance)
-            self.answered[q] += answers > chance
+            self.answered[q] += answers > chance and name != MIDDLE
 
     def _chance_hz(self, tap: tuple[float, int, float], place: int) -> float:
         """How often the block at `place` taps at such a moment without an onset that is seen."""

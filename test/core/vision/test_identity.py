@@ -64,6 +64,26 @@ def test_taps_that_fit_no_turn_decide_nothing():
         assert coincidence.update(k * 0.5) is None
 
 
+def test_the_middle_block_is_no_witness():
+    """It looks the same from all sides: an answer rests on two others at least."""
+    coincidence = Coincidence()
+    coincidence.update(0.0)
+    answers = []
+    for k in range(180):
+        now = k / 60
+        coincidence.look(now, np.ones(25, bool), np.zeros(25, bool))
+        if k in (30, 70, 110):
+            block = {30: 12, 70: 3, 110: 8}[k]
+            coincidence.onset(now, block, 0.001)
+            coincidence.tap(now, block, 0.001)
+        answers.append(coincidence.update(now))
+    # by then block 3 alone has made the other turns a millionth as likely
+    assert coincidence.count == 3
+    decided = [k for k, answer in enumerate(answers) if answer is not None]
+    assert answers[decided[0]] == 0 and decided[0] > 110
+    assert np.diff(np.sort(coincidence.belief))[-1] > 11.5
+
+
 def test_a_turn_in_the_dark_is_put_right_by_taps():
     identity, onlooker = Identity(), Onlooker(4, arms=0.0, false_per_image=0.0)
     table = Table(4, 60.0)
