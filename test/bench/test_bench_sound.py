@@ -166,5 +166,6 @@ def test_no_underrun_with_a_busy_python_thread(seconds):
     if 'skipped' in figures:
         pytest.skip(figures['skipped'])
     assert figures['unexplained_underruns'] == 0 and figures['load_worst'] < 0.5, figures
-    assert figures['stamp_to_sample_sd'] <= 2
-    assert figures['stamp_to_sample_worst'] <= 8
+    if not figures['underruns']:  # each shifts the stream
+        assert figures['stamp_to_sample_sd'] <= 2
+        assert figures['stamp_to_sample_worst'] <= 8
