@@ -12,6 +12,7 @@ from eol_ros.devices.bag_file import BagTopic
 from eol_ros.devices.bag_recording import Recording
 from eol_ros.devices.bag_selection import Item, Slipping
 from eol_ros.devices.cdr import counter
+from eol_ros.ros.audience import READY
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
@@ -49,7 +50,7 @@ class RecorderNode(EolNode):
 
     def _wanted(self, topic: str) -> bool:
         """What exists only because somebody subscribes is recorded only where asked for."""
-        if topic == SAMPLES:
+        if topic in (SAMPLES, READY):
             return False
         images = self.settings.images
         return {IMAGES: images in ('all', 'around_slips'), PREVIEW: images == 'preview'}.get(

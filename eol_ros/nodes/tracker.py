@@ -29,10 +29,10 @@ class TrackerNode(EolNode):
         super().__init__(settings, **kwargs)
         self.files = TrackerFiles(self.settings)
         self.tracker = Tracker(self.settings, self.files.calibration)
+        self.blocks = self.publisher('blocks')  # to be known by the time that there are any
         self.tracker.warm_up()
         self.images, self.stamp_ns, self.threshold = 0, 0, self.settings.threshold
         self.record = np.zeros(N_BLOCKS, RECORD)
-        self.blocks = self.publisher('blocks')
         self.pictures = self.publisher('camera/image/compressed')
         self.said = self.publisher('control')
         self.preview = Preview(self._show)

@@ -17,6 +17,7 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
 from eol_ros.errors import ConfigError
+from eol_ros.ros.audience import LOOK_S, READY, Meeting
 from eol_ros.ros.health import Health
 from eol_ros.ros.topics import GIVER_QOS, QOS, TOPICS
 from eol_ros.scene import Scene, check_value
@@ -37,6 +38,14 @@ class EolNode(Node):
         self.scene = scene if scene is not None else Scene.alone(self.NAME)
         self.settings = self._declare(settings)
         self.health = Health(self)
+        self._meeting = Meeting(self)
+        self._looks = self.create_timer(LOOK_S, self._look)
+
+    def _look(self) -> None:
+        """Tell the others, by reading `ready`, once those whom this node needs have been met."""
+        if self._meeting.over():
+            self._looks.cancel()
+            self.subscribe(READY, lambda message: None)
 
     def publisher(self, topic: str) -> Publisher:
         """Return a publisher of `topic` with type and QoS of the table."""

@@ -89,6 +89,8 @@ _ROWS = (
     Topic('control', 'eol_msgs/msg/Control', 'stream', ('panel', 'leds', 'tracker'),
           ('tracker', 'twin', 'leds', 'grains', 'sound', 'montage', 'panel'),
           'requests of people; from which image on the tracker heeds them'),
+    Topic('ready', 'std_msgs/msg/Empty', 'latched', (), ('every node',),
+          'nothing: who reads it has met its writers and readers, and the twin may begin'),
     Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', 'health', ('every node',),
           ('panel', 'recorder'), 'state of every node, once a second'),
 )

@@ -5,8 +5,10 @@ import time
 from types import SimpleNamespace
 
 import pytest
+from eol_msgs.msg import Blocks
+from sensor_msgs.msg import Image
 
-from eol_ros.ros.audience import SETTLE_S, Audience
+from eol_ros.ros.audience import SETTLE_S, Audience, Meeting
 from eol_ros.ros.topics import TOPICS
 from eol_ros.settings import RecorderSettings
 
@@ -37,21 +39,50 @@ def until(condition, seconds=10.0):
     return condition()
 
 
-def test_lookers_on_are_not_readers_of_the_scene(reader):
+def scene_of(*names):
+    nodes = {name: None for name in names}
+    return SimpleNamespace(nodes=nodes | {'recorder': RecorderSettings(images='none')})
+
+
+def test_a_node_has_met_those_whom_its_scene_names_and_nobody_else_counts(reader):
+    tracker = reader('tracker', 'camera/image_raw')
+    tracker.scene = scene_of('twin', 'tracker', 'motion')
+    tracker.create_publisher(Blocks, 'blocks', 1)
+    meeting = Meeting(tracker)
+    assert meeting.missing() == ['blocks', 'camera/image_raw']
+
     twin = reader('twin')
-    nodes = {name: None for name in ('twin', 'tracker', 'motion')}
-    twin.scene = SimpleNamespace(nodes=nodes | {'recorder': RecorderSettings(images='none')})
-    audience = Audience(twin)
-    kept = ['blocks', 'slips', 'cascades']
-    assert audience.missing() == ['camera/image_raw', *kept]
-
-    reader('tracker', 'camera/image_raw')
+    twin.create_publisher(Image, 'camera/image_raw', 1)
     reader('motion', 'blocks')
-    reader('watch', 'camera/image_raw', *kept)
-    reader('recorder', *kept, namespace='/other')
-    assert until(lambda: audience.missing() == kept)
-    time.sleep(2 * SETTLE_S)
-    assert audience.missing() == kept and not audience.ready()
+    reader('watch', 'blocks')
+    reader('recorder', 'blocks', namespace='/other')
+    assert until(lambda: meeting.missing() == ['blocks'])
+    time.sleep(0.3)
+    assert meeting.missing() == ['blocks'] and not meeting.over()
 
-    reader('recorder', *kept)
+    reader('recorder', 'blocks')
+    assert until(meeting.over) and meeting.missing() == []
+
+
+def test_a_source_begins_when_all_say_that_they_are_ready(reader):
+    twin = reader('twin')
+    twin.scene = scene_of('twin', 'tracker', 'motion', 'panel')
+    audience = Audience(twin)
+    assert audience.missing() == ['motion', 'recorder', 'tracker', 'camera/image_raw']
+
+    reader('tracker', 'camera/image_raw', 'ready')
+    reader('motion', 'blocks')
+    reader('recorder', 'ready')
+    assert until(lambda: audience.missing() == ['motion'])
+    time.sleep(2 * SETTLE_S)
+    assert not audience.ready()
+
+    reader('motion_of_another', 'ready')
+    reader('motion', 'ready')
     assert until(audience.ready)
+
+
+def test_a_source_of_nobody_does_not_wait(reader):
+    twin = reader('twin')
+    twin.scene = SimpleNamespace(nodes={'twin': None})
+    assert Audience(twin).ready() and Meeting(twin).over()
