@@ -6,8 +6,9 @@ criterion 2.3.1, level A). A flash is there a pair of opposing changes of relati
 or more. The limit never delays or dims a slip; it lengthens the decay of what already shines:
 
     fall   light decays with its time constant, exp(-t / decay_s)
-    hold   light sinks by no more than HOLD_FALL_PER_S, so slowly that it makes no opposing change
-           of 10 % before the next fall may begin
+    hold   light dies away by HOLD_RATE, so slowly that it makes no opposing change of 10 % before
+           the next fall may begin; each block by the same share of its own light, so that this is
+           true of any sum of them, and of an eye or a camera that is dazzled by a few
 
 A slip that meets falling light puts the whole field into hold for MIN_PERIOD_S. Each fall of 10 %
 or more, in any one block and in the sum of any of them, shares some moment with a `fall`, and two
@@ -24,7 +25,7 @@ from eol_ros.core.geometry import N_BLOCKS
 FLASHES_PER_S = 3
 FLASH_DEPTH = 0.1  # of the greatest luminance: what counts as a change (WCAG 2.2)
 MIN_PERIOD_S = 1.001 / FLASHES_PER_S  # the thousandth keeps four falls out of a closed second
-HOLD_FALL_PER_S = 0.8 * FLASH_DEPTH / MIN_PERIOD_S  # 0.24 of full light a second
+HOLD_RATE = -math.log(1.0 - 0.8 * FLASH_DEPTH) / MIN_PERIOD_S  # 1/s, 8 % in a period
 DARK = 0.5 / 255  # rounds to level 0 on the wire
 
 
@@ -81,7 +82,7 @@ class FlashField:
             held_s = fall_from_s - self._now_s
             fell_s = now_s - fall_from_s
             if held_s > 0:
-                np.maximum(self._level - HOLD_FALL_PER_S * held_s, 0.0, out=self._level)
+                self._level *= math.exp(-HOLD_RATE * held_s)
             if fell_s > 0 and self._level.any():
                 visible_s = self.decay_s * math.log(float(np.max(self._level)) / DARK)
                 self._fell_s = fall_from_s + min(fell_s, visible_s)

@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from eol_ros.core.light.flash import FLASHES_PER_S, MIN_PERIOD_S, FlashField
@@ -123,7 +123,11 @@ def test_the_worst_known_timing_keeps_the_limit():
     assert most_flashes_in_a_second(levels[:, 0], 250) <= FLASHES_PER_S
 
 
+FAINT = [(0.0, 3), (0.0, 4), (0.25, 0), (0.5, 1), (0.375, 2), (0.3125, 0), (0.1875, 0)]
+
+
 @settings(max_examples=40, deadline=None)
+@example(gaps=FAINT, decay=0.35)  # many faint blocks, and a light that is dazzled by three
 @given(
     gaps=st.lists(st.tuples(st.floats(0, 0.6), st.integers(0, 24)), min_size=5, max_size=25),
     decay=st.sampled_from([0.01, 0.1, 0.35, 1.5]),
