@@ -75,21 +75,19 @@ class Meeting:
         return {end.node_name for end in found if end.node_namespace == space}
 
 
-class Audience:
+class Audience(Meeting):
     """What a source waits for: that it and all others have met whom they must."""
 
     def __init__(self, node: Any):
-        self._meeting = Meeting(node)
-        self._wanted: set[str] = set()
-        for topic in WATCHED:
-            self._wanted |= set().union(*parts(node.scene, topic))
-        self._wanted.discard(node.get_name())
-        self._began_s = time.monotonic()
+        super().__init__(node)
+        named = (names for topic in WATCHED for names in parts(node.scene, topic))
+        self._others: set[str] = set().union(*named)
+        self._others.discard(node.get_name())
         self._complete_s: float | None = None
 
     def missing(self) -> list[str]:
         """Return the nodes that are not ready, and the topics on which this one is not."""
-        return sorted(self._wanted - self._meeting.readers(READY)) + self._meeting.missing()
+        return sorted(self._others - self.readers(READY)) + super().missing()
 
     def ready(self) -> bool:
         """Whether to begin."""
@@ -101,4 +99,4 @@ class Audience:
             return False
         if self._complete_s is None:
             self._complete_s = now
-        return not self._wanted or now - self._complete_s > SETTLE_S
+        return not self._others or now - self._complete_s > SETTLE_S
