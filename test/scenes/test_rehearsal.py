@@ -86,6 +86,12 @@ def test_no_image_is_lost(run):
     assert run['figures']['lost'].get('recorder', 0) == 0
 
 
+def off_the_grid_ns(span_ns):
+    """How far a span is from a whole number of images, 60 a second."""
+    images = round(span_ns * 60 / 1e9)
+    return abs(span_ns - round(images * 1e9 / 60))
+
+
 def test_the_stamp_of_the_image_passes_unchanged(run):
     seen = run['graph'].watch.seen
     images = {stamp for stamp, _ in seen['truth']}
@@ -95,11 +101,13 @@ def test_the_stamp_of_the_image_passes_unchanged(run):
     since = max(min(images), min(blocks))
     blocks = {stamp for stamp in blocks if stamp >= since}
     assert len(blocks) > 200 and len(blocks - images) < 0.1 * len(blocks)
+    assert all(off_the_grid_ns(stamp - since) < 3 for stamp in blocks), 'no stamp of an image'
     for topic in ('slips', 'led_commands', 'grain_triggers', 'cascades'):
         stamps = {stamp for stamp, _ in seen[topic] if stamp > since}
         assert stamps, topic
         if topic != 'led_commands':  # a fading flash is a light of its own time
             assert len(stamps - images) <= 0.1 * len(stamps), topic
+            assert all(off_the_grid_ns(stamp - since) < 3 for stamp in stamps), topic
     wire = {stamp // 1000 % 2**32 for stamp in images}
     assert run['led_stamps'] & wire
 
