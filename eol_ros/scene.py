@@ -10,6 +10,8 @@ A scene names the nodes that run and what differs from their defaults:
       camera: {device: auto}
       tracker: {}
     together: [[camera, tracker]]
+
+Every scene has a recorder, named or not; `recorder: off` among the nodes leaves it out.
 """
 
 import dataclasses
@@ -180,7 +182,8 @@ class _Reader:
         if place.value is None:  # `camera:` with nothing behind it: all defaults
             return NODES[name]()
         if not isinstance(place.value, dict):
-            self.wrong(place, name, 'not a mapping of settings, such as {device: auto}')
+            such = '{images: all}, nor off' if name == 'recorder' else '{device: auto}'
+            self.wrong(place, name, f'not a mapping of settings, such as {such}')
             return NODES[name]()
         values = {}
         for key, item in place.value.items():
@@ -282,6 +285,8 @@ def plain(scene: Scene) -> dict[str, Any]:
                for k, v in dataclasses.asdict(settings).items()}
         for name, settings in scene.nodes.items()
     }
+    if 'recorder' not in scene.nodes:
+        data['nodes']['recorder'] = False  # as YAML 1.1 reads `off`
     data['together'] = [list(group) for group in scene.together]
     return data
 
@@ -364,8 +369,10 @@ def _nodes(reader: _Reader, top: _Place) -> dict[str, Any]:
     for name, item in place.value.items():
         if name not in NODES:
             reader.unknown(place, f'nodes.{name}', name, NODES)
-        else:
+        elif name != 'recorder' or not _off(item):
             nodes[name] = reader.node(name, item)
+    if nodes and 'recorder' not in place.value:
+        nodes['recorder'] = NODES['recorder']()
     sources = [name for name in IMAGE_SOURCES if name in nodes]
     for extra in sources[1:]:
         reader.wrong(place.keys[extra], f'nodes.{extra}', f'{sources[0]} gives the images already')
@@ -375,6 +382,11 @@ def _nodes(reader: _Reader, top: _Place) -> dict[str, Any]:
             what = f'takes {topic}, which no node here gives: add {" or ".join(givers)}'
             reader.wrong(place.keys[name], f'nodes.{name}', what)
     return {name: nodes[name] for name in NODES if name in nodes}  # in data order
+
+
+def _off(place: _Place) -> bool:
+    """Whether the value is `off`, which YAML 1.1 reads as false."""
+    return place.value is False or place.value == 'off'
 
 
 def _together(

@@ -270,7 +270,7 @@ class RecorderSettings:
         'bags', 'where bags are made, one folder a run; here if the scene has none', path='maybe'
     )
     images: str = setting(
-        'around_slips',
+        'none',
         'what is kept of the pictures; preview: one JPEG a display_period_s',
         choices=('all', 'around_slips', 'preview', 'none'),
     )

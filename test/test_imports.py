@@ -93,12 +93,9 @@ def test_inner_imports(path):
 
 
 @pytest.mark.parametrize('path', MODULES, ids=name)
-def test_size_and_names(path):
+def test_names_and_licence(path):
     assert not {'utils', 'helpers', 'common', 'misc'} & set(name(path)[:-3].split('/'))
     lines = path.read_text().splitlines()
-    assert len(lines) <= 400
-    if name(path).startswith('nodes/'):
-        assert len(lines) <= 110
     assert lines[0] == '# SPDX-License-Identifier: Apache-2.0'
 
 

@@ -32,6 +32,8 @@ def test_shipped_scenes_are_right(name):
 
     assert scene.name == name
     assert list(scene.nodes) == [n for n in NODES if n in scene.nodes]  # in data order
+    pictures = {'rehearsal': 'around_slips', 'museum': 'preview'}
+    assert scene.nodes['recorder'].images == pictures.get(name, 'none')
 
 
 def test_every_mistake_at_its_place(tmp_path):
@@ -166,8 +168,41 @@ def test_never_falls_over(nodes):
         assert str(path) in str(error)
 
 
-def test_plain_is_read_back_the_same(tmp_path):
-    scene = scenes.load('rehearsal')
+@pytest.mark.parametrize('changes', ['', 'nodes: {recorder: off}'])
+def test_plain_is_read_back_the_same(tmp_path, changes):
+    scene = scenes.load(write(tmp_path, f'include: {scenes.find("rehearsal")}\n{changes}'))
     again = scenes.load(write(tmp_path, yaml.safe_dump(scenes.plain(scene))))
 
+    assert ('recorder' in scene.nodes) == (not changes)
     assert again.nodes == scene.nodes
+
+
+@pytest.mark.parametrize(
+    'base, mine, images',
+    [
+        ('', '', 'none'),  # nobody has to ask for it
+        ('', 'recorder:', 'none'),
+        ('', 'recorder: {images: all}', 'all'),
+        ('', 'recorder: off', None),
+        ('', 'recorder: "off"', None),
+        ('recorder: off', '', None),
+        ('recorder: {images: all}', 'recorder: off', None),
+        ('recorder: off', 'recorder: {images: all}', 'all'),
+    ],
+)
+def test_every_scene_has_a_recorder_unless_it_says_off(tmp_path, base, mine, images):
+    write(tmp_path, f'nodes:\n  twin: {{}}\n  {base}\n', 'base.yaml')
+    path = write(tmp_path, f'include: base.yaml\nnodes:\n  tracker: {{}}\n  {mine}\n')
+    recorder = scenes.load(path).nodes.get('recorder')
+
+    assert (recorder and recorder.images) == images
+    assert list(scenes.Scene.alone('tracker').nodes) == ['tracker']  # started by hand: as asked
+
+
+@pytest.mark.parametrize('value', ['on', '0', '[]', 'none'])
+def test_a_recorder_is_settings_or_off(tmp_path, value):
+    path = write(tmp_path, f'nodes: {{twin: {{}}, recorder: {value}}}')
+
+    assert mistakes(path) == [
+        (1, 29, 'recorder', 'not a mapping of settings, such as {images: all}, nor off')
+    ]

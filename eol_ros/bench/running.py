@@ -58,8 +58,8 @@ class Graph:
         file = scene.with_name(f'{scene.stem}.running.yaml')
         file.write_text(yaml.safe_dump(values, sort_keys=False))
         command = [sys.executable, '-m', 'eol_ros.bringup', str(file)]
-        if bags is not None and 'recorder' in values['nodes']:
-            command += ['--bag', str(bags)]
+        if values['nodes']['recorder']:
+            command += ['--bag', str(bags or scene.with_name(f'{scene.stem}.bags'))]
         environment = {**os.environ, 'ROS_DOMAIN_ID': str(self.domain)}
         environment.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
         self.log = scene.with_name(f'{scene.stem}.log')
@@ -246,7 +246,8 @@ class Film:
     def scene(self, fps: float) -> Path:
         """Return a scene of camera and tracker, fed from the film at `fps`."""
         path = self.folder / 'film.yaml'
-        nodes = {'camera': {'device': str(self.file()), 'fps': fps, 'loop': True}, 'tracker': {}}
+        camera = {'device': str(self.file()), 'fps': fps, 'loop': True}
+        nodes = {'camera': camera, 'tracker': {}, 'recorder': False}
         path.write_text(json.dumps({'scene': 'film', 'nodes': nodes}))
         return path
 

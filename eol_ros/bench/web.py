@@ -64,9 +64,11 @@ def run(args: argparse.Namespace) -> int:
                 values['nodes'].pop(name, None)
             if part == 'browser':  # there the pages push, and know when they did
                 values['nodes']['twin']['hands'] = 'nobody'
+            names = set(values['nodes'])
+            values['nodes'].setdefault('recorder', False)
             scene.write_text(yaml.safe_dump(values, sort_keys=False))
             with Graph(scene, folder / 'bags') as graph:
-                wait_for(graph, set(values['nodes']))
+                wait_for(graph, names)
                 url = re.findall(r'http://\S+?(?=,|$)', graph.node('panel')['text'])[0]
                 if part == 'crowds':
                     for count in crowds:

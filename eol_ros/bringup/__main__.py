@@ -31,8 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('scene', nargs='?', default='rehearsal', help='file, or one that ships')
     parser.add_argument('--for', dest='seconds', type=float, metavar='SECONDS',
                         help='stop this long after all is OK')
-    parser.add_argument('--bag', metavar='DIR', help='record into this folder')
-    parser.add_argument('--only', metavar='NODES', help='start these alone, parted by commas')
+    parser.add_argument('--bag', metavar='DIR',
+                        help='record into this folder, even if the scene says recorder: off')
+    parser.add_argument('--only', metavar='NODES',
+                        help='start these alone, parted by commas; the recorder too only if named')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -40,14 +42,17 @@ def run(args: argparse.Namespace) -> int:
     if args.seconds is not None and not args.seconds > 0:
         raise UsageError(f'--for {args.seconds:g}: not a time above 0 s')
     scene = scenes.load(args.scene)
+    if args.bag:
+        bag = str(Path(args.bag).expanduser().resolve())
+        recorder = dataclasses.replace(scene.settings('recorder'), folder=bag)
+        scene = dataclasses.replace(scene, nodes={**scene.nodes, 'recorder': recorder})
+    unrecorded = '' if 'recorder' in scene.nodes else 'recorder is off in this scene'
     if args.only:
         scene = plan.only(scene, [name for name in args.only.split(',') if name])
-    if args.bag:
         if 'recorder' not in scene.nodes:
-            raise UsageError(f'--bag {args.bag}: scene {scene.name} has no recorder')
-        bag = str(Path(args.bag).expanduser().resolve())
-        recorder = dataclasses.replace(scene.nodes['recorder'], folder=bag)
-        scene = dataclasses.replace(scene, nodes={**scene.nodes, 'recorder': recorder})
+            if args.bag:
+                raise UsageError(f'--bag {args.bag}: --only leaves the recorder out; name it there')
+            unrecorded = unrecorded or '--only does not name the recorder'
     server = status.listen(plan.domain(scene))
     with tempfile.TemporaryDirectory(prefix='eol-run-') as run_folder, server:
         file = Path(run_folder) / f'{scene.name}.yaml'
@@ -55,6 +60,9 @@ def run(args: argparse.Namespace) -> int:
         diary = Diary(folders.state())
         say(f'{scene.name}: {", ".join(scene.nodes)}')
         diary.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
+        if unrecorded:
+            say(f'not recorded: {unrecorded}')
+            diary.entry(f'{scene.name}: not recorded: {unrecorded}')
         supervisor = Supervisor(
             scene.name, plan.processes(scene, file), server, diary, say
         )

@@ -17,7 +17,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from zstandard import ZstdError
 
 from eol_ros.devices.bag_file import MAGIC, BagTopic
-from eol_ros.devices.bag_writer import GAPS_METADATA, PART, RUN_METADATA
+from eol_ros.devices.bag_writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA
 from eol_ros.errors import ConfigError, DeviceMissing
 
 DAMAGE = (McapError, ZstdError, ValueError, struct.error)  # what broken bytes raise in mcap
@@ -162,8 +162,9 @@ def _whole_messages(file: BinaryIO) -> Iterator[BagMessage]:
 class BagReader:
     """A bag, opened to be read: `topics`, `counts`, times, `about`, `gaps`, and `messages()`.
 
-    A folder that holds bags stands for the newest of them. Raises DeviceMissing when there is no
-    such file, ConfigError when it is not a bag.
+    A folder that holds bags stands for the newest run in it: recordings of a replay count only
+    where they are named themselves. Raises DeviceMissing when there is no such file, ConfigError
+    when it is not a bag.
     """
 
     def __init__(self, path: str | Path):
@@ -241,10 +242,34 @@ class BagReader:
 
 
 def _newest(path: Path) -> Path:
+    """Return the newest run in `path`; a bag is returned as it is.
+
+    A replay records too, beside the bag that it plays: it must not find itself.
+    """
     if not path.is_dir() or any(path.glob('*.mcap*')):
         return path
     bags = {p.parent for p in path.glob('*/*.mcap*') if p.name.endswith(('.mcap', '.mcap' + PART))}
-    return max(bags, key=lambda p: (p.stat().st_mtime_ns, p.name), default=path)
+    for bag in sorted(bags, key=lambda p: (p.stat().st_mtime_ns, p.name), reverse=True):
+        about = _run_metadata(_mcap_files(bag)[0])
+        if about is not None and REPLAY_OF not in about:
+            return bag
+    if bags:
+        raise ConfigError(f'{path}: only recordings of replays in it; name the one that you want')
+    return path
+
+
+def _run_metadata(path: Path) -> dict[str, str] | None:
+    """Return what a file says of its run, read from its beginning; None if it just begins."""
+    try:
+        with open(path, 'rb') as file:
+            for _end, record in whole_records(file):
+                if isinstance(record, Metadata) and record.name == RUN_METADATA:
+                    return record.metadata
+                if isinstance(record, Message):  # of another program
+                    return {}
+    except OSError:  # renamed meanwhile: it is whole now
+        return {}
+    return None if path.name.endswith(PART) else {}
 
 
 def _mcap_files(path: Path) -> list[Path]:

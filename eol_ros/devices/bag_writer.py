@@ -20,6 +20,7 @@ from eol_ros.errors import DeviceMissing
 PART = '.part'
 RUN_METADATA = 'eol_ros'  # of the MCAP metadata records that this project writes
 GAPS_METADATA = 'eol_ros.gaps'
+REPLAY_OF = 'replay_of'  # in RUN_METADATA: this run was itself a replay, of that bag
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ def make_folder(folder: Path) -> None:
         where = folder if folder.exists() else folder.parent
         raise DeviceMissing(
             f'bag folder {where} cannot be written: {error.strerror}. '
-            'Choose another with --bag DIR or recorder.folder'
+            'Choose another with --bag DIR or recorder.folder, or say recorder: off'
         ) from None
 
 

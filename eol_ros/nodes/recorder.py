@@ -11,6 +11,7 @@ from rclpy.serialization import deserialize_message
 from eol_ros.devices.bag_file import BagTopic
 from eol_ros.devices.bag_recording import Recording
 from eol_ros.devices.bag_selection import Item, Slipping
+from eol_ros.devices.bag_writer import REPLAY_OF
 from eol_ros.devices.cdr import counter
 from eol_ros.ros.audience import READY
 from eol_ros.ros.definitions import describe
@@ -31,11 +32,13 @@ class RecorderNode(EolNode):
         super().__init__(settings, **kwargs)
         topics = [t for t in TOPICS if self._wanted(t)]
         described = {t: BagTopic(self.resolve_topic_name(t), **describe(t)) for t in topics}
+        replay = self.scene.nodes.get('replay')
+        replay_of = {REPLAY_OF: replay.bag} if replay else {}
         self.recording = Recording(
             Path(self.settings.folder).expanduser(),
             self.scene.name,
             list(described.values()),
-            about(self.scene),
+            about(self.scene) | replay_of,
             self.settings,
             images=self.resolve_topic_name(IMAGES),
             rhythm=[described[t].name for t in (IMAGES, 'blocks') if t in described],

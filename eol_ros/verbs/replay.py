@@ -11,7 +11,7 @@ from eol_ros.errors import UsageError
 
 HELP = 'Play a bag: the recorded bytes at the recorded times. Space pauses, Ctrl-C stops.'
 EXAMPLES = [
-    'eol replay bags                                # the newest bag in bags/',
+    'eol replay bags                                # the newest run in bags/',
     'eol replay bags/rehearsal_2026-11-21_10-00-00 --rate 0.25',
     'eol replay run_0.mcap --only camera/image_raw --loop',
     'eol replay bags --only all --start 120',
@@ -21,7 +21,7 @@ EXAMPLES = [
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('bag', help='bag folder, .mcap file, or a folder of bags for its newest')
+    parser.add_argument('bag', help='bag folder, .mcap file, or a folder of bags: its newest run')
     speed = parser.add_mutually_exclusive_group()
     speed.add_argument('--rate', type=float, default=1.0, help='speed; 0.5 is half (default 1)')
     speed.add_argument('--fast', action='store_true', help='as fast as the readers acknowledge')

@@ -9,7 +9,7 @@ from eol_ros.errors import DeviceMissing
 
 HELP = 'Figures, numbers and tables from a bag: one HTML page, SVG, PDF and CSV. No ROS needed.'
 EXAMPLES = [
-    'eol report bags                                # the newest bag in bags/',
+    'eol report bags                                # the newest run in bags/',
     'eol report run_0.mcap --out analysis',
     'eol report bags --csv slips,blocks --out analysis',
     'eol report bags --retrack --json               # do the pictures give the results again?',
@@ -18,7 +18,7 @@ EXAMPLES = [
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('bag', help='bag folder, .mcap file, or a folder of bags for its newest')
+    parser.add_argument('bag', help='bag folder, .mcap file, or a folder of bags: its newest run')
     parser.add_argument('--out', metavar='DIR', help='where it goes (default: report-NAME here)')
     parser.add_argument('--csv', metavar='TOPICS', help='write these topics as CSV, no report')
     parser.add_argument('--retrack', action='store_true',

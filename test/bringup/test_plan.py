@@ -13,7 +13,7 @@ def names(scene):
 
 
 def test_only_the_nodes_of_the_scene_are_started():
-    assert names(scenes.load('lights')) == ['camera', 'tracker', 'motion+leds']
+    assert names(scenes.load('lights')) == ['recorder', 'camera', 'tracker', 'motion+leds']
 
 
 def test_the_recorder_begins_first():
@@ -24,7 +24,7 @@ def test_grouped_nodes_share_a_process(tmp_path):
     path = tmp_path / 's.yaml'
     path.write_text('nodes: {twin: {}, tracker: {}, motion: {}}\ntogether: [[motion, tracker]]')
 
-    assert names(scenes.load(path)) == ['twin', 'motion+tracker']
+    assert names(scenes.load(path)) == ['recorder', 'twin', 'motion+tracker']
 
 
 def test_what_hurries_and_what_waits(tmp_path):
@@ -45,6 +45,7 @@ def test_only_names_that_the_scene_has():
     scene = scenes.load('museum')
 
     assert list(plan.only(scene, ['tracker', 'camera']).nodes) == ['camera', 'tracker']
+    assert list(plan.only(scene, ['tracker', 'recorder']).nodes) == ['tracker', 'recorder']
     with pytest.raises(UsageError, match='Did you mean tracker'):
         plan.only(scene, ['trakcer'])
 

@@ -35,9 +35,9 @@ def text(words: str) -> bytes:
     return b'\0\1\0\0' + struct.pack('<I', len(data)) + data
 
 
-def write_bag(folder: Path, count: int = 100, **options) -> BagWriter:
+def write_bag(folder: Path, count: int = 100, about=None, **options) -> BagWriter:
     """Return an open bag of `count` points, 10 ms apart, and a text with each tenth."""
-    about = {'scene': 'scene: test', 'seeds': '{twin: 7}'}
+    about = {'scene': 'scene: test', 'seeds': '{twin: 7}', **(about or {})}
     bag = BagWriter(folder, [POINT, TEXT], about, **options)
     for i in range(count):
         now = T0 + i * 10_000_000

@@ -108,6 +108,26 @@ def test_a_folder_of_bags_stands_for_its_newest(tmp_path):
     assert BagReader(tmp_path).counts['/eol/point'] == 7
 
 
+def test_a_folder_of_bags_does_not_stand_for_the_replay_that_plays_from_it(tmp_path):
+    replay_of = {'replay_of': str(tmp_path)}
+    playing = write_bag(tmp_path / 'only', 0, about=replay_of)  # as a playback begins
+    with pytest.raises(ConfigError, match='only recordings of replays in it; name the one'):
+        BagReader(tmp_path)
+
+    write_bag(tmp_path / 'run', 7).close()
+    write_bag(tmp_path / 'replay', 3, about=replay_of).close()
+    playing.write('/eol/point', point(0), T0, T0)
+    playing.flush()
+    (tmp_path / 'begins').mkdir()
+    (tmp_path / 'begins' / 'begins_0.mcap.part').write_bytes(b'')  # a recorder begins this moment
+    assert BagReader(tmp_path).path.name == 'run'
+    assert BagReader(tmp_path / 'replay').counts['/eol/point'] == 3  # named, it is read
+
+    running = write_bag(tmp_path / 'running', 9)
+    running.flush()
+    assert BagReader(tmp_path).path.name == 'running'  # a run in the making is one
+
+
 def test_a_file_that_the_metadata_names_and_that_is_gone(run):
     (run / 'run_1.mcap').unlink()
     with pytest.raises(DeviceMissing, match='run_1.mcap is named in metadata.yaml'):

@@ -21,7 +21,8 @@ from eol_ros.nodes.recorder import RecorderNode
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg
-from eol_ros.settings import MotionSettings, RecorderSettings
+from eol_ros.scene import Scene
+from eol_ros.settings import MotionSettings, RecorderSettings, ReplaySettings
 
 
 class Giver(EolNode):
@@ -146,7 +147,8 @@ def test_kill_leaves_a_readable_bag_and_the_next_start_repairs_it(tmp_path):
 
     def messages():
         parts = list(tmp_path.glob('*/*.mcap.part'))
-        return bool(parts) and sum(BagReader(parts[0]).counts.values()) >= 2
+        written = parts and parts[0].stat().st_size  # it is made before it is begun
+        return bool(written) and sum(BagReader(parts[0]).counts.values()) >= 2
 
     first = start()
     eventually(messages)  # its own health, once a second
@@ -162,6 +164,16 @@ def test_kill_leaves_a_readable_bag_and_the_next_start_repairs_it(tmp_path):
     assert [m.data for m in whole.messages()] == saved
     assert yaml.safe_load(whole.about['versions'])['mcap']
     assert not list(tmp_path.glob('*/*.part'))
+
+
+def test_the_recording_of_a_replay_says_of_which_bag(ros, tmp_path):
+    settings = RecorderSettings(folder=str(tmp_path), min_free_gb=0.0)
+    scene = Scene('playback', {'replay': ReplaySettings(bag='/bags/run'), 'recorder': settings})
+    recorder = RecorderNode(settings, scene=scene)
+    recorder.close()
+    folder = recorder.recording.folder
+    recorder.destroy_node()
+    assert BagReader(folder).about['replay_of'] == '/bags/run'
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(ros, tmp_path):

@@ -31,7 +31,7 @@ def scene(folder, nodes):
         (['musuem'], 78, 'Did you mean museum?'),
         (['no/such.yaml'], 78, 'no such scene'),
         (['lights', '--only', 'trakcer'], 2, 'Did you mean tracker?'),
-        (['lights', '--bag', '/tmp'], 2, 'has no recorder'),
+        (['lights', '--only', 'camera', '--bag', '/tmp'], 2, '--only leaves the recorder out'),
         (['--for', '-3'], 2, 'not a time above 0 s'),
         (['--fro', '3'], 2, 'unrecognized arguments'),
     ],
@@ -54,7 +54,7 @@ def test_scene_mistakes_start_nothing(tmp_path):
 
 def stopped_by(folder, nodes, *words):
     """Run a scene that cannot start; return its exit code and what it says."""
-    result = bringup(scene(folder, nodes), '--for', '1', *words)
+    result = bringup(scene(folder, nodes), '--for', '1', *words, cwd=folder)
     assert 'Traceback' not in result.stderr, result.stderr
     return result.returncode, result.stderr
 
@@ -105,6 +105,25 @@ def test_bag_is_no_bag(tmp_path):
 
     assert code in (69, 78)
     assert 'run.mcap' in words
+
+
+NOT_RECORDED = 'not recorded: recorder is off in this scene'
+
+
+def test_a_scene_without_a_recorder_says_so_once_and_bag_brings_it_back(tmp_path):
+    (tmp_path / 'run.mcap').write_text('not a bag')  # ends the run as soon as it has begun
+    nodes = '  replay: {bag: run.mcap}\n  tracker: {}\n  recorder: off\n'
+
+    _, words = stopped_by(tmp_path, nodes)
+    assert words.splitlines()[:2] == ['scene: replay, tracker', NOT_RECORDED]
+    assert words.count('not recorded') == 1
+
+    _, words = stopped_by(tmp_path, nodes, '--bag', str(tmp_path / 'bags'))
+    assert words.splitlines()[0] == 'scene: replay, tracker, recorder'
+    assert 'not recorded' not in words
+
+    _, words = stopped_by(tmp_path, nodes.replace('off', '{}'), '--only', 'replay,tracker')
+    assert words.count('not recorded: --only does not name the recorder') == 1
 
 
 def test_bag_folder_is_a_file(tmp_path):

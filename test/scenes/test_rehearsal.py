@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
+from eol_ros import cli
 from eol_ros import scene as scenes
 from eol_ros.bench.running import Graph, stand_in
 from eol_ros.bringup import status
@@ -211,8 +212,17 @@ def test_lights_start_and_import_only_what_they_need(tmp_path):
         libraries = {}
         for pid, names in pids.items():
             libraries['+'.join(names)] = Path(f'/proc/{pid}/maps').read_text()
+        # It names no recorder, and is recorded.
+        until(lambda: len(graph.watch.seen['blocks']) > 120, 30)
         assert graph.stop() == 0
 
+    [bag] = (tmp_path / 'lights.bags').iterdir()
+    out = tmp_path / 'report'
+    assert cli.main(['report', str(bag), '--out', str(out)]) == 0
+    found = json.loads((out / 'report.json').read_text())
+    assert found['messages']['/eol/blocks'] > 120
+    assert found['messages']['/eol/led_commands'] > 0
+    assert found['messages'].get('/eol/camera/image_raw', 0) == 0
     assert len(pids) <= 5
     for name, maps in libraries.items():
         for library in ('portaudio', 'sndfile', 'aiohttp'):

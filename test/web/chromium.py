@@ -47,6 +47,7 @@ nodes:
   sound: {{device: wav, wav: {folder}/sound.wav}}
   montage: {{}}
   panel: {{port: {port}}}
+  recorder: off
 """
 NODES = {'twin', 'tracker', 'motion', 'leds', 'grains', 'sound', 'montage', 'panel'}
 
