@@ -376,6 +376,10 @@ def _nodes(reader: _Reader, top: _Place) -> dict[str, Any]:
     sources = [name for name in IMAGE_SOURCES if name in nodes]
     for extra in sources[1:]:
         reader.wrong(place.keys[extra], f'nodes.{extra}', f'{sources[0]} gives the images already')
+    twin, tracker = nodes.get('twin'), nodes.get('tracker')
+    if twin and tracker and not tracker.calibration and twin.mirror != tracker.mirror:
+        what = f'must be as twin.mirror, which is {str(twin.mirror).lower()}: one camera'
+        reader.wrong(place.keys['tracker'], 'tracker.mirror', what)
     for name in nodes:
         topic, givers = NEEDS.get(name, ('', ()))
         if givers and not any(giver in place.value for giver in givers):

@@ -55,6 +55,7 @@ class TwinSettings:
         choices=('clean', 'ordinary', 'hard', 'brutal'),
     )
     hands: str = setting('visitors', 'who moves the rim', choices=('visitors', 'nobody'), live=True)
+    mirror: bool = setting(False, 'the virtual camera sees the table in a mirror')
     seed: int = setting(1, 'of the hands, the friction of each block and the image noise', '', 0)
 
 
@@ -76,6 +77,9 @@ class CameraSettings:
 @dataclass(frozen=True)
 class TrackerSettings:
     calibration: str = setting('', "calibration file; empty: the twin's ideal camera", path=True)
+    mirror: bool = setting(
+        False, 'the camera sees the table in a mirror; a calibration file says it by itself'
+    )
     preview_hz: float = setting(10.0, 'JPEG pictures for people', 'Hz', 0.1, 30, live=True)
     trust_start: bool = setting(
         True, 'when the tracker starts, the rim is turned by less than 45 degrees'

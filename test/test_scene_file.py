@@ -117,6 +117,14 @@ def test_broken_files(tmp_path, text, where):
     assert mistakes(write(tmp_path, text))[0][:2] == where
 
 
+def test_twin_and_tracker_agree_on_the_mirror(tmp_path):
+    text = 'nodes: {twin: {mirror: %s}, tracker: {mirror: %s}}'
+    for words in (text % ('false', 'false'), text % ('true', 'true')):
+        scenes.load(write(tmp_path, words))
+    for words in (text % ('true', 'false'), text % ('false', 'true')):
+        assert [w for *_, w, _ in mistakes(write(tmp_path, words))] == ['tracker.mirror']
+
+
 def test_include_is_merged_below(tmp_path):
     write(tmp_path, 'network: lan\nnodes: {twin: {fps: 30, seed: 7}, tracker: {}}', 'base.yaml')
     path = write(tmp_path, 'include: base.yaml\nnodes: {twin: {fps: 90}}')

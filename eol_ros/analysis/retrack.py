@@ -103,17 +103,11 @@ def retrack(bag: Bag, track: Callable[[Iterable, str, int], Iterable] | None = N
 
 
 def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> None:
-    from eol_ros.core.vision.calibration import Calibration
     from eol_ros.core.vision.tracker import Tracker
+    from eol_ros.devices.tracker_files import calibration_of
 
     settings = settings_of(bag, 'tracker')
-    if settings.calibration:
-        from eol_ros.devices import calibration_file
-
-        calibration = calibration_file.load(settings.calibration)
-    else:
-        calibration = Calibration.ideal()
-    tracker = Tracker(settings, calibration)
+    tracker = Tracker(settings, calibration_of(settings))
     for request in _requests(bag):
         tracker.requests.add(*request)
     row_of = {int(stamp): i for i, stamp in enumerate(blocks['stamp'].astype('i8'))}

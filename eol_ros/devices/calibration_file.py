@@ -16,6 +16,8 @@ from eol_ros.errors import ConfigError, DeviceMissing
 
 _SIZE = ('image_width', 'image_height')
 _MATRICES = {'camera_matrix': (3, 3), 'distortion_coefficients': (1, 5), 'homography': (3, 3)}
+LEFT_HANDED = ('the homography is left-handed, as of a table seen in a mirror. If the camera looks '
+               'through one,')
 _NUMBERS = ('cover_height_m', 'residual_px', 'residual_mm')
 
 
@@ -34,13 +36,15 @@ def save(path: str | Path, calibration: Calibration, camera_name: str = 'eol') -
         'distortion_model': 'plumb_bob',
         'distortion_coefficients': _matrix(calibration.distortion_coefficients[None]),
         'homography': _matrix(calibration.homography),
+        'mirror': calibration.mirrored,
         'cover_height_m': float(calibration.cover_height_m),
         'date': calibration.date,
         'residual_px': float(calibration.residual_px),
         'residual_mm': float(calibration.residual_mm),
     }
     text = ('# Pixels: u right, v down. homography: table metres (x right, y away, cover height)\n'
-            '# to undistorted pixels of camera_matrix. Written by `eol calibrate`.\n'
+            '# to undistorted pixels of camera_matrix. mirror: the camera sees the table in one.\n'
+            '# Written by `eol calibrate`.\n'
             + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
     part = path.with_name(path.name + '.part')
     try:
@@ -51,8 +55,12 @@ def save(path: str | Path, calibration: Calibration, camera_name: str = 'eol') -
                             'choose a folder that exists and can be written') from None
 
 
-def load(path: str | Path) -> Calibration:
+def load(path: str | Path, mirror: bool = False) -> Calibration:
     """Return the calibration in `path`.
+
+    What the file says of a mirror must be what its homography does: mostly a left-handed one comes
+    from a y that was counted downwards, and would exchange the blocks' names. mirror: the user says
+    that there is one, so the file must say so too.
 
     Raises:
         DeviceMissing: no such file.
@@ -90,15 +98,28 @@ def load(path: str | Path) -> Calibration:
                 or not math.isfinite(value):
             wrong.append(f'{name} is {value!r}, not a number')
         fields[name] = value
+    said = content.get('mirror', False)
+    if not isinstance(said, bool):
+        wrong.append(f'mirror is {said!r}, not true or false')
     if wrong:
         raise ConfigError(f'{path}: ' + '; '.join(wrong))
     date = content.get('date', '')
     fields['date'] = date.isoformat() if isinstance(date, datetime.date) else str(date)
     fields['distortion_coefficients'] = fields['distortion_coefficients'][0]
     try:
-        return Calibration(**fields)
+        calibration = Calibration(**fields)
     except ConfigError as error:
         raise ConfigError(f'{path}: {error}') from None
+    if calibration.mirrored and not said:
+        raise ConfigError(f'{path}: {LEFT_HANDED} add `mirror: true` to this file; else y was '
+                          'counted downwards: calibrate again with y pointing away')
+    if said and not calibration.mirrored:
+        raise ConfigError(f'{path}: says `mirror: true`, but its homography is that of a camera '
+                          'without a mirror: take that line out, or calibrate with --mirror')
+    if mirror and not said:
+        raise ConfigError(f'{path}: is the calibration of a camera without a mirror, but `mirror` '
+                          'is set: leave it out, or calibrate with --mirror')
+    return calibration
 
 
 def _matrix(values: np.ndarray) -> dict:

@@ -30,9 +30,13 @@ class Overlay:
         elif ending not in ('.png', '.jpg', '.jpeg'):
             raise ConfigError(f'{path}: an overlay is .mp4 or .avi, or a picture: .png, .jpg')
 
-    def add(self, image: np.ndarray, tracked: Tracked, moving: np.ndarray, side_px: float) -> None:
-        """Take one image (h, w) uint8 and what was made of it; moving (25,) bool."""
-        self.last = draw(image, tracked, moving, side_px)
+    def add(self, image: np.ndarray, tracked: Tracked, moving: np.ndarray, side_px: float,
+            theta: np.ndarray) -> None:
+        """Take one image (h, w) uint8 and what was made of it; moving (25,) bool.
+
+        theta: (25,) angle of each block in the image, counter-clockwise.
+        """
+        self.last = draw(image, tracked, moving, side_px, theta)
         if self.film is not None:
             self.film.write(self.last)
 
@@ -44,7 +48,8 @@ class Overlay:
             raise ConfigError(f'{self.path}: cannot write a picture there')
 
 
-def draw(image: np.ndarray, tracked: Tracked, moving: np.ndarray, side_px: float) -> np.ndarray:
+def draw(image: np.ndarray, tracked: Tracked, moving: np.ndarray, side_px: float,
+         theta: np.ndarray) -> np.ndarray:
     """Return `image` in colour with squares, ids and state on it."""
     # Darker than the original, so that what is drawn stands out from the lit covers.
     picture = cv2.cvtColor((image * np.float32(0.6)).astype(np.uint8), cv2.COLOR_GRAY2BGR)
@@ -55,7 +60,7 @@ def draw(image: np.ndarray, tracked: Tracked, moving: np.ndarray, side_px: float
             continue
         seen = bool(tracked.seen[block])
         colour = MOVING if seen and moving[block] else SEEN if seen else CARRIED
-        turn = tracked.yaw[block] + np.pi / 4 + np.arange(4) * np.pi / 2
+        turn = theta[block] + np.pi / 4 + np.arange(4) * np.pi / 2
         reach = half * np.sqrt(2) * (1.0 if seen else 0.8)
         corners = np.column_stack([u + reach * np.cos(turn), v - reach * np.sin(turn)])
         points = np.round(corners * 2**FINE).astype(np.int32)

@@ -12,6 +12,19 @@ from eol_ros.settings import TrackerSettings
 TOLD_S = 20.0  # how long the status says what came of a request
 
 
+def calibration_of(settings: TrackerSettings) -> Calibration:
+    """Return the calibration that a tracker with these settings begins with.
+
+    Raises:
+        ConfigError, DeviceMissing: a file that cannot be read, or that contradicts `mirror`.
+    """
+    if not settings.calibration:
+        return Calibration.ideal(mirror=settings.mirror)
+    from eol_ros.devices import calibration_file
+
+    return calibration_file.load(settings.calibration, settings.mirror)
+
+
 class TrackerFiles:
     """The files that settings name. `calibration` to begin with; `lamps`, a map as text, or ''.
 
@@ -24,11 +37,7 @@ class TrackerFiles:
 
     def __init__(self, settings: TrackerSettings):
         self.settings = settings
-        self.calibration, self.lamps = Calibration.ideal(), ''
-        if settings.calibration:
-            from eol_ros.devices import calibration_file
-
-            self.calibration = calibration_file.load(settings.calibration)
+        self.calibration, self.lamps = calibration_of(settings), ''
         if settings.clutter and Path(settings.clutter).exists():
             from eol_ros.devices import clutter_file
 

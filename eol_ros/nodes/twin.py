@@ -30,7 +30,7 @@ class TwinNode(EolNode):
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
         s, exposure_s = self.settings, self.settings.exposure_us * 1e-6
-        calibration = Calibration.ideal(s.width, s.height)
+        calibration = Calibration.ideal(s.width, s.height, mirror=s.mirror)
         options = RenderOptions(s.noise, s.clutter, exposure_s=exposure_s, rate_hz=s.fps)
         self.renderer = Renderer(options, calibration, s.seed)
         self.table, self.rim = LiveTable(s.seed), Rim()

@@ -16,6 +16,7 @@ EXAMPLES = [
     'eol calibrate blocks bags/2026-11-21 --lens camera_info.yaml --out table.yaml',
     'eol calibrate points corners.csv --size 1280x800 --out table.yaml',
     'eol calibrate board flat.png held1.png held2.png held3.png held4.png --out table.yaml',
+    'eol calibrate blocks still.png --mirror --out table.yaml',
     'eol calibrate print board.png',
 ]
 _VIEWS = 8  # pictures taken out of a long source
@@ -33,6 +34,8 @@ def add_arguments(parser):
     parser.add_argument('--lens', metavar='YAML', help='camera_info file, whose lens is kept')
     parser.add_argument('--focal', type=float, metavar='PX',
                         help='focal length in px, where no --lens is known')
+    parser.add_argument('--mirror', action='store_true',
+                        help='the camera sees the table in a mirror: left and right are exchanged')
     parser.add_argument('--cover-height', type=float, default=0.0, metavar='M',
                         help='covers above the platform, in metres')
     parser.add_argument('--size', metavar='WxH', help='image size, for points without --lens')
@@ -47,6 +50,8 @@ def add_arguments(parser):
 
 def run(args) -> int:
     """Solve, tell, and write what is good."""
+    from eol_ros.devices.calibration_file import LEFT_HANDED
+
     if args.way == 'print':
         return _print(args)
     image = None
@@ -56,6 +61,12 @@ def run(args) -> int:
         images = _images(args.sources)
         image = images[0]
         solution = (_blocks if args.way == 'blocks' else _board)(args, images)
+    if solution.calibration.mirrored and not args.mirror:
+        raise ConfigError(f'{LEFT_HANDED} add --mirror; else y is counted downwards: let it point '
+                          'away, to the top of the picture')
+    if args.mirror and not solution.calibration.mirrored:
+        raise ConfigError('there is no mirror in these points: leave out --mirror, or exchange '
+                          'left and right')
     solution = replace(solution, calibration=replace(solution.calibration, date=_today()))
     _tell(args, solution)
     if args.picture:
@@ -83,7 +94,7 @@ def _blocks(args, images):
     for image in track(images, 'finding blocks'):
         blobs = BlobFinder().find(image)
         try:
-            views.append((name_blocks(blobs), corners(image, blobs)))
+            views.append((name_blocks(blobs, args.mirror), corners(image, blobs)))
         except ConfigError as error:
             reason = str(error)
     if not views:
@@ -95,7 +106,7 @@ def _blocks(args, images):
 def _board(args, images):
     from eol_ros.core.vision.calibrate_board import from_board
 
-    return from_board(images, _board_of(args), args.cover_height, args.focal)
+    return from_board(images, _board_of(args), args.cover_height, args.focal, args.mirror)
 
 
 def _board_of(args):
@@ -193,7 +204,7 @@ def _tell(args, solution) -> None:
     if args.json:
         print(json.dumps({
             'residual_px': done.residual_px, 'residual_mm': done.residual_mm,
-            'refused': solution.refusal(), 'points': len(solution.px),
+            'refused': solution.refusal(), 'points': len(solution.px), 'mirror': done.mirrored,
             'corner_sigma_mm': [None if np.isnan(s) else float(s) for s in solution.corner_mm],
             'each': {name: {'px': px, 'mm': mm} for name, (px, mm) in each.items()}}))
         return

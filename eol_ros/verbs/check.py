@@ -6,6 +6,7 @@ import json
 import sys
 
 from eol_ros import scene as scenes
+from eol_ros.errors import EolError
 
 HELP = 'Check a scene and say every mistake at once, with file, line and column.'
 EXAMPLES = ['eol check museum', 'eol check config/museum.yaml --json']
@@ -21,6 +22,7 @@ def run(args):
     """Print what would run, or raise with all mistakes."""
     try:
         scene = scenes.load(args.scene)
+        _check_calibrations(scene)
     except scenes.SceneError as error:
         if not args.json:
             raise
@@ -40,3 +42,25 @@ def run(args):
         print(f'  {name:9} {", ".join(changed) or "as it ships"}')
     print('no mistakes', file=sys.stderr)
     return 0
+
+
+def _check_calibrations(scene):
+    """Read the calibration files as the nodes will; raise SceneError with what is wrong in them."""
+    named = {
+        name: settings for name, settings in scene.nodes.items()
+        if getattr(settings, 'calibration', '')
+    }  # fmt: skip
+    if not named:
+        return
+    from eol_ros.devices import calibration_file
+
+    mistakes = []
+    for name, settings in named.items():
+        path, where = settings.calibration, f'{name}.calibration'
+        try:
+            calibration_file.load(path, getattr(settings, 'mirror', False))
+        except EolError as error:
+            what = str(error).removeprefix(f'{path}: ')
+            mistakes.append(scenes.Mistake(path, 1, 1, where, what))
+    if mistakes:
+        raise scenes.SceneError(mistakes)

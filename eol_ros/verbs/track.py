@@ -36,6 +36,10 @@ def add_arguments(parser):
         '--calibration', metavar='C.yaml',
         help='of this camera; without one, it is learnt from the still blocks',
     )  # fmt: skip
+    parser.add_argument(
+        '--mirror', action='store_true',
+        help='the camera sees the table in a mirror; a calibration file says it by itself',
+    )  # fmt: skip
     parser.add_argument('--out', metavar='ANS.npz', help='where the answer goes')
     parser.add_argument('--overlay', metavar='OUT.mp4', help='film, or picture, with what was seen')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
@@ -52,7 +56,9 @@ def run(args) -> int:
     source = open_source(args.frames, args.fps)
     if args.out and not Path(args.out).absolute().parent.is_dir():
         raise ConfigError(f'{args.out}: there is no such folder')
-    tracker = Tracker(TrackerSettings(), _calibration(args.calibration))
+    tracker = Tracker(
+        TrackerSettings(mirror=args.mirror), _calibration(args.calibration, args.mirror)
+    )
     tracker.warm_up()
     motion = Motion(MotionSettings())
     for tap in source.taps:
@@ -79,7 +85,10 @@ def run(args) -> int:
                 from eol_ros.devices.overlay import Overlay
 
                 overlay = Overlay(args.overlay, source.fps, image.shape)
-            overlay.add(image, tracked, motion.detector.moving, tracker.side_px())
+            overlay.add(
+                image, tracked, motion.detector.moving, tracker.side_px(),
+                tracker.image_angles(tracked),
+            )  # fmt: skip
     for note in source.notes:
         print(note, file=sys.stderr)
     if overlay is not None:
@@ -109,12 +118,12 @@ def run(args) -> int:
     return 0
 
 
-def _calibration(path):
+def _calibration(path, mirror):
     if not path:
         return None
     from eol_ros.devices import calibration_file
 
-    return calibration_file.load(path)
+    return calibration_file.load(path, mirror)
 
 
 def _gather(starts: dict, slips: list, slip) -> None:

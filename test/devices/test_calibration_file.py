@@ -48,6 +48,7 @@ def test_the_form_is_that_of_camera_info(tmp_path, camera):
     ({'camera_matrix': {'rows': 2, 'cols': 2, 'data': [1, 0, 0, 1]}}, '2 rows, 2 cols'),
     ({'camera_matrix': {'rows': 3, 'cols': 3, 'data': list('abcdefghi')}}, 'not a number'),
     ({'residual_px': 'good'}, "residual_px is 'good'"),
+    ({'mirror': 'yes, one'}, "mirror is 'yes, one'"),
     ({'homography': {'rows': 3, 'cols': 3, 'data': [0.0] * 9}}, 'no inverse')])
 def test_what_is_wrong_is_named(tmp_path, camera, change, words):
     path = tmp_path / 'c.yaml'
@@ -57,6 +58,35 @@ def test_what_is_wrong_is_named(tmp_path, camera, change, words):
     with pytest.raises(ConfigError, match=words) as error:
         calibration_file.load(path)
     assert str(path) in str(error.value)
+
+
+def test_a_mirror_is_kept(tmp_path, camera):
+    path = tmp_path / 'c.yaml'
+    calibration_file.save(path, camera.in_mirror())
+    assert yaml.safe_load(path.read_text())['mirror'] is True
+    assert np.array_equal(calibration_file.load(path).homography, camera.in_mirror().homography)
+    assert calibration_file.load(path, mirror=True).mirrored
+    old = ''.join(line for line in path.read_text().splitlines(True) if 'mirror' not in line)
+    path.write_text(old)
+    with pytest.raises(ConfigError):
+        calibration_file.load(path)
+
+
+@pytest.mark.parametrize(('mirrored', 'said', 'asked', 'ways_out'), [
+    (True, False, False, ('add `mirror: true` to this file', 'y pointing away')),
+    (True, False, True, ('add `mirror: true` to this file', 'y pointing away')),
+    (False, True, False, ('take that line out', 'calibrate with --mirror')),
+    (False, False, True, ('leave it out', 'calibrate with --mirror'))])
+def test_handedness_that_nobody_meant_is_refused(tmp_path, camera, mirrored, said, asked, ways_out):
+    """A homography whose y points down would give blocks each other's names."""
+    path = tmp_path / 'c.yaml'
+    calibration_file.save(path, camera.in_mirror() if mirrored else camera)
+    content = yaml.safe_load(path.read_text()) | {'mirror': said}
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(ConfigError) as error:
+        calibration_file.load(path, asked)
+    assert '\n' not in str(error.value)
+    assert all(words in str(error.value) for words in (str(path), *ways_out))
 
 
 def test_all_faults_come_in_one_line(tmp_path):

@@ -8,12 +8,14 @@ import pytest
 from eol_msgs.msg import RimCommand
 from rclpy.executors import SingleThreadedExecutor
 
-from eol_ros.core.geometry import BLOCK_SIDE_M
+from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.tracker import Tracker
+from eol_ros.devices.tracker_files import calibration_of
 from eol_ros.nodes.twin import TwinNode
 from eol_ros.ros.images import image_from_cdr
 from eol_ros.ros.node import EolNode
-from eol_ros.settings import PanelSettings, TwinSettings
+from eol_ros.settings import PanelSettings, TrackerSettings, TwinSettings
 
 
 class Probe(EolNode):
@@ -36,9 +38,9 @@ class Probe(EolNode):
 
 
 @pytest.fixture
-def graph(ros):
+def graph(ros, request):
     probe = Probe()
-    twin = TwinNode(TwinSettings(hands='nobody', fps=30.0))
+    twin = TwinNode(TwinSettings(hands='nobody', fps=30.0, **getattr(request, 'param', {})))
     executor = SingleThreadedExecutor()
     executor.add_node(probe)
     executor.add_node(twin)
@@ -73,6 +75,30 @@ def test_images_on_the_grid_with_the_truth_in_them(graph):
         assert image[v - half : v + half, u - half : u + half].mean() > 100
     assert np.median(image) < 60
     assert probe.infos[0].k == pytest.approx(calibration.camera_matrix.ravel())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('graph', [{'mirror': True}], indirect=True)
+def test_a_table_in_a_mirror_is_tracked_as_it_stands(graph):
+    probe, _, until = graph
+
+    def turn():
+        probe.command.publish(RimCommand(source='test', vx=0.2, yaw_rate=0.4, hold=0.3))
+        newest = probe.truths[max(probe.truths)] if probe.truths else None
+        return newest is not None and newest.rim_yaw > 0.15
+
+    until(turn)
+    both = sorted(set(probe.truths) & set(probe.images))
+    tracker = Tracker(TrackerSettings(mirror=True), calibration_of(TrackerSettings(mirror=True)))
+    for stamp in both:
+        if probe.images[stamp] is None:
+            break
+        truth, tracked = probe.truths[stamp], tracker.update(stamp * 1e-9, probe.images[stamp])
+        assert tracked.seen.all()
+        assert np.abs(tracked.world - np.column_stack([truth.x, truth.y])).max() < 5e-4
+        assert np.abs(tracked.yaw - truth.yaw).max() < 0.02
+    moved = np.column_stack([truth.x, truth.y]) - rest_lattice()
+    assert moved[:, 0].max() > 0.01
 
 
 @pytest.mark.slow

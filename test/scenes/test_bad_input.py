@@ -91,6 +91,29 @@ def test_sound_is_no_sound(tmp_path):
     assert 'ice.wav' in words
 
 
+def test_calibration_is_of_a_mirror_that_nobody_mentions(tmp_path):
+    from eol_ros.core.vision.calibration import Calibration
+    from eol_ros.devices import calibration_file
+
+    path = tmp_path / 'table.yaml'
+    calibration_file.save(path, Calibration.ideal(mirror=True))
+    path.write_text(path.read_text().replace('mirror: true', 'mirror: false'))
+    nodes = '  twin: {}\n  tracker: {calibration: table.yaml}\n'
+    code, words = stopped_by(tmp_path, nodes)
+
+    assert code == 78
+    (line,) = (line for line in words.splitlines() if 'left-handed' in line)
+    assert 'add `mirror: true` to this file' in line
+    assert 'Warning' not in words
+
+    check = subprocess.run(
+        [sys.executable, '-m', 'eol_ros', 'check', scene(tmp_path, nodes)],
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert check.returncode == 78
+    assert f'{path}:1:1 error tracker.calibration: the homography is left-handed' in check.stderr
+
+
 def test_film_is_no_film(tmp_path):
     (tmp_path / 'film.avi').write_text('not a film')
     code, words = stopped_by(tmp_path, '  camera: {device: film.avi}\n  tracker: {}\n')

@@ -63,12 +63,49 @@ def test_points_need_a_size_and_four_columns(tmp_path, capsys):
     assert all(line.startswith('eol calibrate: ') for line in errors if 'usage' not in line)
 
 
+def test_a_mirror_is_said_and_kept(picture, tmp_path, capsys):
+    image = cv2.imread(picture, cv2.IMREAD_GRAYSCALE)
+    mirrored, out = str(tmp_path / 'mirrored.png'), tmp_path / 'c.yaml'
+    cv2.imwrite(mirrored, cv2.flip(image, 1))
+    words = ['calibrate', 'blocks', mirrored, '--mirror', '--out', str(out), '--json']
+    assert cli.main(words) == 0
+    assert json.loads(capsys.readouterr().out)['mirror'] is True
+    camera = calibration_file.load(out)
+    xy = rest_lattice()
+    seen = clutter_calibration('ordinary').to_pixels(xy) * [-1, 1] + [1279, 0]
+    assert np.abs(camera.to_table(seen) - xy).max() < 4e-3
+
+
+def test_points_whose_y_runs_down_are_refused(tmp_path, capsys):
+    truth = clutter_calibration('clean')
+    xy = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]])
+    path, out = tmp_path / 'p.csv', tmp_path / 'c.yaml'
+    np.savetxt(path, np.hstack([truth.to_pixels(xy), xy * [1, -1]]), delimiter=',')
+    words = ['calibrate', 'points', str(path), '--size', '1280x800', '--out', str(out)]
+    assert cli.main(words) == 78
+    (error,) = capsys.readouterr().err.strip().splitlines()
+    assert 'add --mirror' in error
+    assert 'let it point away' in error
+    assert not out.exists()
+    assert cli.main([*words, '--mirror']) == 0
+    assert calibration_file.load(out).mirrored
+    np.savetxt(path, np.hstack([truth.to_pixels(xy), xy]), delimiter=',')
+    assert cli.main([*words, '--mirror']) == 78
+    assert 'leave out --mirror' in capsys.readouterr().err
+
+
 def test_a_printed_board_is_read_back(tmp_path, capsys):
     board = str(tmp_path / 'board.png')
     assert cli.main(['calibrate', 'print', board, '--board', '9x7']) == 0
     flat = cv2.resize(cv2.imread(board, 0), None, fx=0.8, fy=0.8, interpolation=cv2.INTER_AREA)
     cv2.imwrite(board, cv2.copyMakeBorder(flat, 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=180))
     assert cli.main(['calibrate', 'board', board, '--board', '9x7', '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['residual_px'] < 0.1
+    mirrored = str(tmp_path / 'mirrored.png')
+    cv2.imwrite(mirrored, cv2.flip(cv2.imread(board, 0), 1))
+    assert cli.main(['calibrate', 'board', mirrored, '--board', '9x7']) == 78
+    assert 'add --mirror' in capsys.readouterr().err
+    assert cli.main(['calibrate', 'board', mirrored, '--board', '9x7', '--mirror', '--json']) == 0
     assert json.loads(capsys.readouterr().out)['residual_px'] < 0.1
 
 

@@ -11,6 +11,7 @@ from eol_ros.core.motion.motion import Motion
 from eol_ros.core.vision.calibration import Calibration
 from eol_ros.core.vision.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
+from eol_ros.devices import calibration_file
 from eol_ros.settings import MotionSettings, TrackerSettings
 
 pytestmark = pytest.mark.slow
@@ -105,6 +106,42 @@ def test_json_film_and_picture(stack, tmp_path, capsys):
     picture = tmp_path / 'seen.png'
     assert cli.main(['track', str(short), '--overlay', str(picture)]) == 0
     assert cv2.imread(str(picture)).shape == (800, 1280, 3)
+
+
+@pytest.fixture(scope='module')
+def turned_in_a_mirror(tmp_path_factory):
+    """A still table, its blocks turned by 0.3 rad, as a camera above a mirror sees it."""
+    renderer = Renderer(RenderOptions(), Calibration.ideal(), 5)
+    path = tmp_path_factory.mktemp('mirror') / 'images.npy'
+    x, y = rest_lattice().T
+    np.save(path, [renderer.render(x, y, np.full(25, 0.3), k)[:, ::-1].copy() for k in range(30)])
+    return path
+
+
+def test_a_film_through_a_mirror(turned_in_a_mirror, tmp_path, capsys):
+    out, seen = tmp_path / 'answer.npz', tmp_path / 'seen.png'
+    words = ['track', str(turned_in_a_mirror), '--out', str(out), '--overlay', str(seen)]
+    assert cli.main([*words, '--mirror']) == 0
+    answer = np.load(out)
+    assert np.abs(answer['world'][-1, :, :2] - rest_lattice()).max() < 2e-4
+    assert np.abs(answer['yaw'][-1] - 0.3).max() < 2e-3
+    half = 0.042 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    c, s = np.cos(0.3), np.sin(0.3)
+    corners = rest_lattice()[:, None] + half @ np.array([[c, s], [-s, c]])
+    drawn = cv2.imread(str(seen))
+    camera = Calibration.ideal(mirror=True)
+    for u, v in np.rint(camera.to_pixels(corners.reshape(-1, 2))).astype(int):
+        about = drawn[v - 3 : v + 4, u - 3 : u + 4].astype(int)
+        assert (about[..., 1] - about[..., 0]).max() > 60  # the green outline has its corner here
+
+    table = tmp_path / 'table.yaml'
+    calibration_file.save(table, Calibration.ideal())
+    capsys.readouterr()
+    assert cli.main([*words, '--mirror', '--calibration', str(table)]) == 78
+    assert 'without a mirror' in capsys.readouterr().err
+    calibration_file.save(table, Calibration.ideal(mirror=True))
+    assert cli.main([*words, '--calibration', str(table)]) == 0
+    assert np.abs(np.load(out)['world'][0, :, :2] - rest_lattice()).max() < 2e-4
 
 
 def test_same_as_the_live_classes_to_the_bit(stack, answer):

@@ -72,9 +72,10 @@ class Solution:
         return ''
 
 
-def nominal(width: int, height: int, focal_px: float | None = None) -> Calibration:
+def nominal(width: int, height: int, focal_px: float | None = None,
+            mirror: bool = False) -> Calibration:
     """Return a pinhole camera of which nothing is known but its image size."""
-    ideal = Calibration.ideal(width, height)
+    ideal = Calibration.ideal(width, height, mirror=mirror)
     if focal_px is None:
         return ideal
     camera = ideal.camera_matrix.copy()
@@ -82,10 +83,12 @@ def nominal(width: int, height: int, focal_px: float | None = None) -> Calibrati
     return replace(ideal, camera_matrix=camera)
 
 
-def name_blocks(blobs: np.ndarray) -> np.ndarray:
+def name_blocks(blobs: np.ndarray, mirror: bool = False) -> np.ndarray:
     """Return the block id (n,) of each of 25 BLOB squares that lie on their lattice.
 
-    Walks from square to square by one pitch; the rim is taken to be turned by less than 45 degrees.
+    Walks from square to square by one pitch; the rim is taken to be turned by less than 45 degrees
+    and the far edge of the table to be on top of the image. The lattice looks the same in a
+    mirror, so `mirror` must be said: columns then run to the left.
 
     Raises:
         ConfigError: not 25 squares in 5 rows of 5.
@@ -110,7 +113,8 @@ def name_blocks(blobs: np.ndarray) -> np.ndarray:
                 queue.append(there)
     cells = np.array([place.get(i, (99, 99)) for i in range(N_BLOCKS)])
     cells -= cells.min(axis=0)
-    ids = cells[:, 1] * COLS + cells[:, 0]
+    columns = COLS - 1 - cells[:, 0] if mirror else cells[:, 0]
+    ids = cells[:, 1] * COLS + columns
     if cells.max() >= max(ROWS, COLS) or len(set(ids.tolist())) != N_BLOCKS:
         raise ConfigError('the squares do not lie in 5 rows of 5: centre the rim and bring the '
                           'blocks near their places')
@@ -136,7 +140,8 @@ def from_blocks(views: list[tuple[np.ndarray, np.ndarray]], start: Calibration,
     lattice, with `rest_sigma_m` of freedom, gives the frame.
 
     Args:
-        views: per image the ids (25,) and the corners (25, 4, 2) px (see corners.corners).
+        views: per image the ids (25,) and the corners (25, 4, 2) px (see corners.corners). Ids
+            that run to the left, as seen in a mirror, give a calibration with a mirror.
         start: image size and camera matrix.
         lens: solve for the lens too; else it stays as in `start`.
 
@@ -155,6 +160,8 @@ def from_blocks(views: list[tuple[np.ndarray, np.ndarray]], start: Calibration,
     first, _ = cv2.findHomography(rest, flat)
     # poses of the covers under that homography
     there = replace(start, homography=first)
+    if there.mirrored:  # the same turn round the square, as the table has it
+        corners = corners[:, [1, 0, 3, 2]]
     table = there.to_table(corners.reshape(-1, 2)).reshape(-1, 4, 2)
     side = table[:, 0] - table[:, 3] + table[:, 1] - table[:, 2]
     poses = np.column_stack([table.mean(axis=1), np.arctan2(side[:, 1], side[:, 0])])
@@ -227,7 +234,8 @@ def raise_plane(calibration: Calibration, height_m: float) -> Calibration:
     """Return `calibration` with its plane lifted by `height_m`.
 
     The homography K [r1 r2 t] gives the pose of the plane (Zhang 2000); r3 = r1 x r2 points up,
-    to the camera, and the lifted plane is K [r1 r2 t + height r3].
+    to the camera, and the lifted plane is K [r1 r2 t + height r3]. A mirror turns r1 x r2 away
+    from the camera, while what stands on the plane still stands on the camera's side of it.
     """
     if height_m == 0.0:
         return calibration
@@ -236,7 +244,7 @@ def raise_plane(calibration: Calibration, height_m: float) -> Calibration:
         pose = -pose
     norm = np.sqrt(np.linalg.norm(pose[:, 0]) * np.linalg.norm(pose[:, 1]))
     pose = pose / norm
-    up = np.cross(pose[:, 0], pose[:, 1])
+    up = np.cross(pose[:, 0], pose[:, 1]) * (-1 if calibration.mirrored else 1)
     up /= np.linalg.norm(up)
     lifted = calibration.camera_matrix @ np.column_stack(
         [pose[:, 0], pose[:, 1], pose[:, 2] + height_m * up])

@@ -47,8 +47,14 @@ class Board:
         return self.made().generateImage((self.columns * px_per_square, self.rows * px_per_square))
 
 
-def find(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
-    """Return corners (n, 2) px and their ids (n,) of the board in an 8-bit grey image."""
+def find(image: np.ndarray, board: Board, mirror: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Return corners (n, 2) px and their ids (n,) of the board in an 8-bit grey image.
+
+    With `mirror` the board is read as in a mirror; a marker seen so is no marker otherwise.
+    """
+    if mirror:
+        px, ids = find(cv2.flip(image, 1), board)
+        return px * [-1.0, 1.0] + [image.shape[1] - 1.0, 0.0], ids
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board.made()).detectBoard(image)
     if ids is None:
         return np.zeros((0, 2)), np.zeros(0, int)
@@ -56,14 +62,16 @@ def find(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
 
 
 def from_board(images: list[np.ndarray], board: Board, cover_height_m: float = 0.0,
-               focal_px: float | None = None) -> Solution:
+               focal_px: float | None = None, mirror: bool = False) -> Solution:
     """Calibrate on pictures of a board.
 
     In the first one it lies flat on the platform, its rows along x, its centre at (x_m, y_m). With
-    four or more others, held at all angles, the lens is solved too.
+    four or more others, held at all angles, the lens is solved too. mirror: the camera sees the
+    board in a mirror.
 
     Raises:
-        ConfigError: the board is not seen in the first picture, or pictures of different size.
+        ConfigError: the board is not seen in the first picture, or seen there with a mirror where
+            there should be none, or the reverse, or pictures of different size.
     """
     shapes = {image.shape for image in images}
     if len(shapes) != 1:
@@ -73,18 +81,24 @@ def from_board(images: list[np.ndarray], board: Board, cover_height_m: float = 0
     grid = made.getChessboardCorners()[:, :2].astype(float)
     views = []
     for number, image in enumerate(images):
-        px, ids = find(image, board)
+        px, ids = find(image, board, mirror)
         if len(ids) >= _LEAST_CORNERS:
             views.append((px, ids))
+        elif number == 0 and len(find(image, board, not mirror)[1]) >= _LEAST_CORNERS:
+            raise ConfigError('the first picture shows the board '
+                              + ('directly, not in a mirror: leave out --mirror' if mirror else
+                                 'in a mirror: add --mirror if the camera looks through one'))
         elif number == 0:
             raise ConfigError(f'the first picture shows {len(ids)} corners of the board, '
                               f'{_LEAST_CORNERS} are needed: lay it flat, light it evenly, '
                               'and give its true --board sizes')
     start = nominal(width, height, focal_px)
     if len(views) >= _LENS_VIEWS:
+        # what stands in the mirror is a rigid board, too: the mirror image of the printed one
+        shown = grid * [-1.0, 1.0] if mirror else grid
         flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3
         _, camera, lens, _, _ = cv2.calibrateCamera(
-            [np.column_stack([grid[i], np.zeros(len(i))]).astype(np.float32) for _, i in views],
+            [np.column_stack([shown[i], np.zeros(len(i))]).astype(np.float32) for _, i in views],
             [p.astype(np.float32) for p, _ in views], (width, height),
             start.camera_matrix.copy(), np.zeros(5), flags=flags)
         start = replace(start, camera_matrix=camera, distortion_coefficients=lens.ravel()[:5])

@@ -4,9 +4,13 @@
 Lens model: pinhole with the plumb_bob distortion (k1, k2, p1, p2, k3) of ROS camera_info and OpenCV
 (Brown, *Decentering distortion of lenses*, 1966). The homography maps table metres to undistorted
 pixels of the camera matrix. Only points are undistorted, never images.
+
+A camera that sees the table in a mirror has a homography of the other handedness. Its pixels are
+left as they are: the camera matrix and the lens are those of the camera itself, and everything in
+metres comes out as on the table.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -69,17 +73,32 @@ class Calibration:
 
     @classmethod
     def ideal(cls, width: int = 1280, height: int = 800,
-              px_per_m: float | None = None) -> 'Calibration':
+              px_per_m: float | None = None, mirror: bool = False) -> 'Calibration':
         """Return a camera straight above the table, without distortion, the table in the middle.
 
-        1280 x 800 gives 545 px/m: the platform's 140 cm nearly fill the 800 rows.
+        1280 x 800 gives 545 px/m: the platform's 140 cm nearly fill the 800 rows. With `mirror` it
+        sees the table in a mirror: the far edge on top, left and right exchanged.
         """
         scale = px_per_m or IDEAL_PX_PER_M * min(width / 1280, height / 800)
         focal = IDEAL_FOCAL_PX * scale / IDEAL_PX_PER_M
         u0, v0 = (width - 1) / 2, (height - 1) / 2
         camera = np.array([[focal, 0, u0], [0, focal, v0], [0, 0, 1.0]])
         homography = np.array([[scale, 0, u0], [0, -scale, v0], [0, 0, 1.0]])
-        return cls(width, height, camera, np.zeros(5), homography)
+        direct = cls(width, height, camera, np.zeros(5), homography)
+        return direct.in_mirror() if mirror else direct
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the image is a mirror image of the table.
+
+        The Jacobian determinant of a homography H at the table's centre is det(H) / H[2, 2]^3. As v
+        runs down and y away, it is negative for a camera without a mirror.
+        """
+        return bool(np.linalg.det(self.homography) * self.homography[2, 2] > 0)
+
+    def in_mirror(self) -> 'Calibration':
+        """Return the same camera above the table's mirror image, left and right exchanged."""
+        return replace(self, homography=self.homography @ np.diag([-1.0, 1.0, 1.0]))
 
     def check_image(self, image: np.ndarray) -> None:
         """Raise ConfigError unless `image` is 8-bit grey of this calibration's size."""
@@ -131,6 +150,12 @@ class Calibration:
         """
         return self.poses_to_table(px, theta, 20.0)[:, 2]
 
+    def yaw_to_image(self, px, yaw) -> np.ndarray:
+        """Return the image angle (n,) of squares at `px` (n, 2) with `yaw` (n,) on the table."""
+        kept, _ = self._derivatives(px)
+        yaw = np.asarray(yaw, float)
+        return np.angle(kept) + (-yaw if self.mirrored else yaw)
+
     def poses_to_table(self, px, theta, side_px) -> np.ndarray:
         """Return x, y, yaw, (n, 3), of squares fitted in the image.
 
@@ -146,8 +171,10 @@ class Calibration:
             np.concatenate([px + right, px + away, px - right, px - away])).reshape(4, -1, 2)
         centre = (east + north + west + south) / 4
         x_axis, y_axis = east - west, north - south
-        # the y axis turned back by a right angle, so that both speak of the same direction
-        both = x_axis + np.stack([y_axis[:, 1], -y_axis[:, 0]], axis=1)
+        # the y axis turned back by a right angle, so that both speak of the same direction; in a
+        # mirror it lies on the other side of the x axis
+        back = np.stack([y_axis[:, 1], -y_axis[:, 0]], axis=1)
+        both = x_axis + (-back if self.mirrored else back)
         return np.column_stack([centre, np.arctan2(both[:, 1], both[:, 0])])
 
     def side_px(self, px, side_m: float) -> np.ndarray:
@@ -165,22 +192,29 @@ class Calibration:
 
         With table vectors and picture vectors (v up) as complex numbers the picture of w is
         a w + b conj(w). A square at picture angle theta keeps its angle and size by `a`; by
-        e = b / conj(a) exp(-2 i theta) it becomes a parallelogram: see profiles.gather.
+        e = b / conj(a) exp(-2 i theta) it becomes a parallelogram: see profiles.gather. In a mirror
+        w is the vector's mirror image.
         """
-        px = np.asarray(px, float).reshape(-1, 2)
-        centre = self.to_table(px)
+        kept, bent = self._derivatives(px)
+        ratio = bent / np.conj(kept)
+        return np.column_stack([ratio.real, ratio.imag])
+
+    def _derivatives(self, px) -> tuple[np.ndarray, np.ndarray]:
+        """Return a and b (n,) of `shear` at `px` (n, 2), in px for a vector of 8 cm."""
+        centre = self.to_table(np.asarray(px, float).reshape(-1, 2))
         ends = [self.to_pixels(centre + sign * s) for s in np.eye(2) * 0.02 for sign in (1, -1)]
         across, along = ends[0] - ends[1], ends[2] - ends[3]
         one, other = across[:, 0] - 1j * across[:, 1], along[:, 0] - 1j * along[:, 1]
-        ratio = (one + 1j * other) / np.conj(one - 1j * other)
-        return np.column_stack([ratio.real, ratio.imag])
+        if self.mirrored:
+            other = -other
+        return one - 1j * other, one + 1j * other
 
     def packed(self) -> np.ndarray:
-        """Return all numbers of it in one row (28,), as mapping takes them."""
+        """Return all numbers of it in one row (29,), as mapping takes them."""
         camera = self.camera_matrix
         lens = [camera[0, 0], camera[0, 1], camera[0, 2], camera[1, 1], camera[1, 2]]
         return np.concatenate([self.homography.ravel(), self._inverse.ravel(), lens,
-                               self.distortion_coefficients])
+                               self.distortion_coefficients, [-1.0 if self.mirrored else 1.0]])
 
     def px_per_m(self) -> float:
         """Return the scale at the table's centre in pixels per metre."""

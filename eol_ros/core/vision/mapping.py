@@ -2,7 +2,8 @@
 """Between pixels and table for the 25 blocks of a live image: Calibration's formulas, compiled.
 
 25 points cost numpy a hundred small calls an image. `calibration` is here Calibration.packed(): the
-homography, its inverse, fx, skew, cx, fy, cy and k1, k2, p1, p2, k3, in one row.
+homography, its inverse, fx, skew, cx, fy, cy and k1, k2, p1, p2, k3, in one row, and -1 for a
+camera that sees the table in a mirror, else 1.
 """
 
 import math
@@ -11,9 +12,11 @@ import numpy as np
 from numba import njit
 
 _INVERSE = 9
-_FX, _SKEW, _CX, _FY, _CY, _K1, _K2, _P1, _P2, _K3 = range(18, 28)
+_FX, _SKEW, _CX, _FY, _CY, _K1, _K2, _P1, _P2, _K3, _SENSE = range(18, 29)
+NUMBERS = 29
 _ROUNDS = 40
 _SETTLED = 1e-13  # of the image plane at distance 1
+_STEP_M = 0.02
 
 
 @njit(inline='always')
@@ -62,12 +65,27 @@ def _to_table(c, u, v):
 
 
 @njit(cache=True)
+def _angle(c, x, y, yaw):
+    """Return the image angle of a square with `yaw` at `x`, `y`; see Calibration.yaw_to_image.
+
+    In [-pi/4, pi/4], as edges takes it: there sides 0 and 2 are crossed by rows.
+    """
+    u0, v0 = _to_pixel(c, x - _STEP_M, y)
+    u1, v1 = _to_pixel(c, x + _STEP_M, y)
+    u2, v2 = _to_pixel(c, x, y - _STEP_M)
+    u3, v3 = _to_pixel(c, x, y + _STEP_M)
+    s = c[_SENSE]
+    theta = math.atan2(-(v1 - v0) - s * (u3 - u2), u1 - u0 - s * (v3 - v2)) + s * yaw
+    return theta - round(theta / (math.pi / 2)) * (math.pi / 2)
+
+
+@njit(cache=True)
 def expected(calibration, xy, velocity, yaw, contrast, ahead_s, out):
     """Fill out (25, 4): u, v, theta and contrast of blocks `ahead_s` after xy, velocity (25, 2)."""
     for i in range(xy.shape[0]):
         x, y = xy[i, 0] + velocity[i, 0] * ahead_s, xy[i, 1] + velocity[i, 1] * ahead_s
         out[i, 0], out[i, 1] = _to_pixel(calibration, x, y)
-        out[i, 2], out[i, 3] = yaw[i], contrast[i]
+        out[i, 2], out[i, 3] = _angle(calibration, x, y, yaw[i]), contrast[i]
 
 
 @njit(cache=True)
@@ -83,7 +101,8 @@ def poses(calibration, blobs, side_m):
         wx, wy = _to_table(calibration, u - c, v + s)
         sx, sy = _to_table(calibration, u + s, v + c)
         pose[i, 0], pose[i, 1] = (ex + nx + wx + sx) / 4, (ey + ny + wy + sy) / 4
-        pose[i, 2] = math.atan2(ey - wy - (nx - sx), ex - wx + (ny - sy))
+        s = calibration[_SENSE]
+        pose[i, 2] = math.atan2(ey - wy - s * (nx - sx), ex - wx + s * (ny - sy))
         sigma[i] = blobs[i].sigma_px * side_m / max(blobs[i].side_px, 1.0)
     return pose, sigma
 

@@ -20,9 +20,9 @@ MOST_MM = 6.0  # RMS departure of resting blocks from the lattice that is still 
 AGAIN = 120  # images to wait after a refusal: solving takes a while
 
 
-def nominal(shape: tuple[int, ...], side_px: float) -> Calibration:
+def nominal(shape: tuple[int, ...], side_px: float, mirror: bool) -> Calibration:
     """Return a straight camera that sees blocks `side_px` wide in images of `shape`."""
-    return Calibration.ideal(shape[1], shape[0], px_per_m=side_px / BLOCK_SIDE_M)
+    return Calibration.ideal(shape[1], shape[0], side_px / BLOCK_SIDE_M, mirror)
 
 
 class SelfCalibration:

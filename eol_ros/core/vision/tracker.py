@@ -68,7 +68,8 @@ class Tracker:
     """Keeps the 25 blocks of one camera.
 
     calibration: of this camera; None starts with pixels and nominal metres of the size of the
-    squares. finder: what finds squares in an image; anything with `find(image, predicted)`.
+    squares, and asks the settings for a mirror. finder: what finds squares in an image; anything
+    with `find(image, predicted)`.
     """
 
     def __init__(
@@ -102,11 +103,17 @@ class Tracker:
         self.calibration = calibration
         if calibration is not None:
             self.watch.calibration = calibration
-        self.packed = calibration.packed() if calibration is not None else np.zeros(28)
+        self.packed = calibration.packed() if calibration is not None else np.zeros(mapping.NUMBERS)
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
         """Take a knock of a block's accelerometer: it counts a fixed time after its stamp."""
         self.identity.tap(stamp_s, block, sigma_s)
+
+    def image_angles(self, tracked: Tracked) -> np.ndarray:
+        """Return the angle (25,) of each block in the image, u right and v up, for overlays."""
+        if self.calibration is None:
+            return tracked.yaw
+        return self.calibration.yaw_to_image(tracked.px, tracked.yaw)
 
     def side_px(self) -> float:
         """Return the side of a block in the middle of the last image, 0 when none was found."""
@@ -160,7 +167,8 @@ class Tracker:
                 return self._answer(stamp_s, SEARCHING, f'{len(blobs)} squares: no scale yet')
             from eol_ros.core.vision import self_calibration  # and scipy with it: only here
 
-            self._take(self_calibration.nominal(image.shape, self.side_px()))
+            self._take(self_calibration.nominal(image.shape, self.side_px(),
+                                                self.settings.mirror))
             assert self.calibration is not None
             self.learning = self_calibration.SelfCalibration(self.calibration)
         pose, sigma = mapping.poses(self.packed, blobs, BLOCK_SIDE_M)
@@ -193,7 +201,8 @@ class Tracker:
             from eol_ros.core.vision import self_calibration
 
             shape = self.calibration.image_height, self.calibration.image_width
-            start = self_calibration.nominal(shape, self.calibration.px_per_m() * BLOCK_SIDE_M)
+            side_px = self.calibration.px_per_m() * BLOCK_SIDE_M
+            start = self_calibration.nominal(shape, side_px, self.calibration.mirrored)
             start = replace(start, cover_height_m=self.calibration.cover_height_m)
             self.learning = self_calibration.SelfCalibration(start)
             self.asked_s = stamp_s

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A camera that looks through a mirror: places, names and yaw come out as without one."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from test_calibration_solve import pictured
+
+from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.vision import calibrate
+from eol_ros.core.vision.blobs import BlobFinder
+from eol_ros.core.vision.calibrate_board import Board, from_board
+from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.corners import corners
+from eol_ros.core.vision.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.renderer_clutter import clutter_calibration
+from eol_ros.core.vision.requests import CALIBRATE
+from eol_ros.core.vision.tracker import CALIBRATING, TRACKING, Tracker
+from eol_ros.errors import ConfigError
+from eol_ros.settings import TrackerSettings
+
+pytestmark = pytest.mark.slow
+GRID = np.stack(np.meshgrid(*[np.linspace(-0.4, 0.4, 5)] * 2), -1).reshape(-1, 2)
+
+
+def flipped(image):
+    return np.ascontiguousarray(image[:, ::-1])
+
+
+def of_flipped(camera):
+    """Oracle: the calibration of the images of `camera` turned left for right, written out."""
+    last = camera.image_width - 1
+    matrix, lens = camera.camera_matrix.copy(), camera.distortion_coefficients.copy()
+    matrix[0, 2], lens[3] = last - matrix[0, 2], -lens[3]
+    turn = np.array([[-1, 0, last], [0, 1, 0], [0, 0, 1.0]])
+    return replace(camera, camera_matrix=matrix, distortion_coefficients=lens,
+                   homography=turn @ camera.homography)
+
+
+def test_handedness_is_that_of_the_homography():
+    direct = clutter_calibration('brutal')
+    assert not direct.mirrored
+    assert direct.in_mirror().mirrored
+    assert of_flipped(direct).mirrored
+    assert not direct.in_mirror().in_mirror().mirrored
+    assert not replace(direct, homography=-direct.homography).mirrored  # the same camera
+    assert np.allclose(Calibration.ideal(mirror=True).homography,
+                       of_flipped(Calibration.ideal()).homography)
+
+
+def test_the_virtual_camera_draws_the_mirror_image():
+    rng = np.random.default_rng(1)
+    xy, yaw = rest_lattice() + rng.normal(0, 0.01, (25, 2)), rng.normal(0, 0.3, 25)
+    velocity = rng.normal(0, 0.3, (25, 3))
+    options = RenderOptions(noise='none')
+    direct = Renderer(options, Calibration.ideal()).render(*xy.T, yaw, 0, velocity=velocity)
+    mirror = Renderer(options, Calibration.ideal(mirror=True)).render(
+        *xy.T, yaw, 0, velocity=velocity)
+    assert np.abs(flipped(mirror).astype(int) - direct).max() <= 1
+
+
+def scene(k):
+    """Poses of a table that is pushed and turned."""
+    angle = 0.8 * min(k / 60, 1)
+    c, s = np.cos(angle), np.sin(angle)
+    return rest_lattice() @ np.array([[c, s], [-s, c]]) + [0.0005 * k, 0.0], angle
+
+
+@pytest.mark.parametrize('level', ['ordinary', 'hard'])
+def test_a_mirror_costs_no_accuracy_and_no_name(level):
+    camera = clutter_calibration(level)
+    renderer = Renderer(RenderOptions(clutter=level), camera, 2)
+    direct = Tracker(TrackerSettings(), camera)
+    mirror = Tracker(TrackerSettings(), of_flipped(camera))
+    errors = {direct: [], mirror: []}
+    turns = {direct: [], mirror: []}
+    for k in range(90):
+        xy, angle = scene(k)
+        image = renderer.render(*xy.T, np.full(25, angle), k)
+        for tracker, seen_by in ((direct, image), (mirror, flipped(image))):
+            tracked = tracker.update(k / 60, seen_by)
+            if k > 3:
+                assert tracked.state == TRACKING
+                whole = tracked.seen & (tracked.visibility > 0.98)
+                errors[tracker].append((tracked.world - xy)[whole])
+                turns[tracker].append((tracked.yaw - angle)[whole])
+    without, through = (np.concatenate(errors[t]) for t in (direct, mirror))
+    assert len(through) == pytest.approx(len(without), rel=0.02)
+    assert np.abs(through).max() < 2e-3  # a wrong name would be 17 cm
+    assert np.sqrt((through**2).mean()) == pytest.approx(np.sqrt((without**2).mean()), rel=0.05)
+    without, through = (np.concatenate(turns[t]) for t in (direct, mirror))
+    assert np.sqrt((through**2).mean()) == pytest.approx(np.sqrt((without**2).mean()), rel=0.05)
+    assert np.sqrt((through**2).mean()) < 5e-3
+
+
+def test_without_a_file_the_settings_say_it_and_a_new_calibration_keeps_it():
+    renderer = Renderer(RenderOptions(), Calibration.ideal(), 2)
+    xy = rest_lattice() + np.random.default_rng(3).normal(0, 5e-4, (25, 2))
+    images = [flipped(renderer.render(*xy.T, np.full(25, 0.02), k)) for k in range(80)]
+    tracker = Tracker(TrackerSettings(mirror=True), None)
+    states = [tracker.update(k / 60, images[k]) for k in range(40)]
+    assert states[0].state == CALIBRATING
+    assert states[-1].state == TRACKING
+    assert np.abs(states[-1].world - xy).max() < 1.5e-3
+    assert np.abs(states[-1].yaw - 0.02).max() < 2e-3
+    tracker.requests.add(0, CALIBRATE)
+    states = [tracker.update(k / 60, images[k]) for k in range(40, 80)]
+    assert tracker.outcome.startswith('calibrated')
+    assert tracker.calibration.mirrored
+    assert np.abs(states[-1].world - xy).max() < 1.5e-3
+
+
+def test_blocks_calibrate_a_camera_with_a_mirror():
+    rng = np.random.default_rng(0)
+    camera = clutter_calibration('ordinary')
+    renderer = Renderer(RenderOptions(), camera, 11)
+    views = []
+    for k in range(3):
+        xy = rest_lattice() + rng.normal(0, 0.003, (25, 2))
+        image = flipped(renderer.render(*xy.T, rng.normal(0, 0.05, 25), k))
+        blobs = BlobFinder().find(image)
+        views.append((calibrate.name_blocks(blobs, mirror=True), corners(image, blobs)))
+    solved = calibrate.from_blocks(views, calibrate.nominal(1280, 800))
+    truth = of_flipped(camera)
+    assert solved.refusal() == ''
+    assert solved.calibration.mirrored
+    assert solved.calibration.residual_px < 0.1
+    off = solved.calibration.to_table(truth.to_pixels(GRID)) - GRID
+    assert np.sqrt((off**2).mean()) < 1.5e-3
+    assert solved.calibration.distortion_coefficients[0] == pytest.approx(-0.08, abs=0.02)
+
+
+def board_images(count=7):
+    """Pictures of a board by a camera without a mirror, and that camera."""
+    board = Board(9, 7, 0.07, 0.052)
+    matrix = np.array([[1040, 0, 630.0], [0, 1040, 405], [0, 0, 1]])
+    lens, down = np.array([-0.12, 0.02, 0, 0, 0]), np.diag([1.0, -1, -1])
+    tilts = [(0, 0), (0.35, 0), (-0.35, 0.1), (0, 0.4), (0.1, -0.4), (0.3, 0.3), (-0.25, -0.3)]
+    images = []
+    for a, b in tilts[:count]:
+        held = a or b
+        turn = cv2.Rodrigues(np.array([a, b, 0.05]))[0] @ down if held else down
+        place = np.array([0.02, -0.01, 1.1 if held else 1.3])
+        images.append(pictured(board, matrix, turn, place, lens))
+    truth = replace(Calibration.ideal(), camera_matrix=matrix, distortion_coefficients=lens,
+                    homography=matrix @ np.column_stack([down[:, :2], [0.02, -0.01, 1.3]]))
+    return board, images, truth
+
+
+def test_a_board_calibrates_a_camera_with_a_mirror():
+    board, images, camera = board_images()
+    truth = of_flipped(camera)
+    found = from_board([flipped(i) for i in images], board, mirror=True)
+    assert found.refusal() == ''
+    solved = found.calibration
+    assert solved.camera_matrix[0, 0] == pytest.approx(1040, rel=0.02)
+    assert solved.camera_matrix[0, 2] == pytest.approx(truth.camera_matrix[0, 2], abs=8)
+    assert solved.distortion_coefficients[0] == pytest.approx(-0.12, abs=0.02)
+    off = solved.to_table(truth.to_pixels(GRID * 0.6)) - GRID * 0.6
+    assert np.abs(off).max() < 1e-3
+    direct = from_board(images, board).calibration
+    assert solved.residual_px == pytest.approx(direct.residual_px, rel=0.2)
+
+
+def test_a_board_in_an_unexpected_mirror_is_said():
+    board, (image,), _ = board_images(1)
+    with pytest.raises(ConfigError, match='in a mirror: add --mirror'):
+        from_board([flipped(image)], board)
+    with pytest.raises(ConfigError, match='leave out --mirror'):
+        from_board([image], board, mirror=True)
+
+
+def test_covers_stand_above_the_platform_in_a_mirror_too():
+    """Oracle: points 60 mm above the platform, mirrored in x, projected by K [R t] written out."""
+    angle, far = 0.1, 1000 / 545
+    turn = np.array([[1, 0, 0], [0, -np.cos(angle), -np.sin(angle)],
+                     [0, np.sin(angle), -np.cos(angle)]]) @ np.diag([-1, 1, 1])
+    start = calibrate.nominal(1280, 800)
+    homography = start.camera_matrix @ np.column_stack([turn[:, :2], [0, 0, far]])
+    raised = calibrate.raise_plane(replace(start, homography=homography / homography[2, 2]), 0.06)
+    world = np.column_stack([GRID, np.full(len(GRID), 0.06)])
+    seen = (world @ turn.T + [0, 0, far]) @ start.camera_matrix.T
+    assert np.abs(raised.to_pixels(GRID) - seen[:, :2] / seen[:, 2:]).max() < 1e-6
