@@ -10,9 +10,9 @@ import signal
 import subprocess
 from typing import Any
 
-from eol_ros.bringup import priority
+from eol_ros.bringup import priority, processor
 from eol_ros.bringup.plan import Process
-from eol_ros.bringup.policy import Policy
+from eol_ros.bringup.policy import STARVED, Look, Policy, Silence
 
 _PR_SET_PDEATHSIG = 1
 _LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', '[DEBUG]')
@@ -41,6 +41,8 @@ class Child:
         self.hung_s: float | None = None  # since when it is being ended for its silence
         self.code: int | None = None
         self.settled = False
+        self.silence = self.policy.silence
+        self.starved = False
         self._rest = {'health': b'', 'output': b''}
         self._in_traceback = False
 
@@ -48,6 +50,7 @@ class Child:
         """Start it."""
         health_out, health_in = os.pipe()
         output_out, output_in = os.pipe()
+        os.set_blocking(health_in, False)  # while we are away it does not wait for us to read
         environment = {**os.environ, **self.process.environment, 'EOL_HEALTH_FD': str(health_in)}
         parent = os.getpid()
         self.popen = subprocess.Popen(
@@ -68,7 +71,7 @@ class Child:
         self._rest = {'health': b'', 'output': b''}
         self.policy.start(now_s)
         self.start_at_s, self.code, self.hung_s = None, None, None
-        self.settled = False
+        self.settled = self.starved = False
         self.status = {
             node: {'node': node, 'level': 3, 'text': 'starting', 'rate': 0.0, 'values': {},
                    'pid': self.popen.pid}
@@ -111,6 +114,36 @@ class Child:
             self.policy.beat(now_s)
         return found
 
+    def look(self, now_s: float) -> str:
+        """Return what to think of its silence, once its heartbeats have been read: a verdict.
+
+        Its status says so while it is starved.
+        """
+        self.silence = self.policy.silence
+        self._watch(now_s)
+        verdict = self.policy.verdict()
+        self.starved = verdict == STARVED
+        if self.starved:
+            for row in self.status.values():
+                row.update(level=max(row['level'], 1), text=self.silence.words())
+        return verdict
+
+    def ask_to_end(self, number: int, now_s: float) -> None:
+        """Send a signal that should end it; from here on its silence is the time that it takes."""
+        self.signal(number)
+        self.silence = Silence(now_s, quiet_s=0.0)
+
+    def ending(self, now_s: float, patience_s: float, most_s: float) -> str:
+        """Return what to think of the time that it takes to end: a verdict."""
+        self._watch(now_s)
+        return self.silence.verdict(patience_s, most_s)
+
+    def _watch(self, now_s: float) -> None:
+        self.silence.pass_until(now_s)
+        if self.silence.due() and self.popen is not None:
+            threads = processor.threads(self.popen.pid)
+            self.silence.take(Look(now_s, threads, processor.disk_wait_s()))
+
     def output(self) -> list[str]:
         """Return the whole lines it has printed."""
         return [line.decode(errors='replace') for line in self._lines('output', self.output_fd)]
@@ -142,5 +175,5 @@ class Child:
             if fd >= 0:
                 os.close(fd)
         self.health_fd = self.output_fd = -1
-        self.popen = None
+        self.popen, self.starved = None, False
         return self.code

@@ -1,12 +1,120 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When to start a process again, and when to call it hung. Pure: the time is an argument."""
+"""When to start a process again, and when to call it hung. Pure: times and counts are arguments.
 
+A process that waits for a processor is not to blame for its silence. Its heartbeat is therefore due
+after so many seconds in which it could have run: those in which it waited, for a processor or for a
+disk, count only up to a limit. What is blocked, stopped or spinning waits for neither.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+
+from eol_ros.bringup.processor import Thread
 
 BACKOFF_S = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
 HEALTHY_S = 60.0  # a process that has lived this long begins again with the shortest wait
-SILENT_S = 5.0  # no heartbeat for this long: hung
-START_S = 180.0  # the first heartbeat may take this long: a first run compiles
+SILENT_S = 5.0  # no heartbeat for this long, though it could have run: hung
+STARVED_S = 60.0  # nor for this long, whatever it waited for
+START_S = 180.0  # the first heartbeat may take this long: without a cache a node compiles itself
+START_STARVED_S = 600.0
+QUIET_S = 1.5  # a heartbeat is late: from here on it is looked what the process does
+LOOK_S = 0.5  # how often
+PAUSE_S = 0.5  # bringup looks ten times a second: of a longer gap it was away for the rest itself
+
+FINE, STARVED, HUNG = 'fine', 'starved', 'hung'
+
+
+def waited_s(before: Mapping[int, Thread], after: Mapping[int, Thread], span_s: float) -> float:
+    """Return for how much of `span_s` a process waited for a processor between two looks.
+
+    That of the thread that waited most: the others may well stand behind it, at a lock. The kernel
+    counts a wait when it is over; so one that still lasts shows as a thread that is to run (R),
+    and has been given no turn since. Without the kernel's count, a thread that is to run has
+    waited whenever it did not run.
+    """
+    most_s = 0.0
+    for number in before.keys() & after.keys():
+        old, new = before[number], after[number]
+        idle_s = max(span_s - (new.ran_ns - old.ran_ns) * 1e-9, 0.0)
+        if old.waited_ns is None or new.waited_ns is None:
+            waited = idle_s if new.state == 'R' else 0.0
+        elif old.state == new.state == 'R' and old.turns == new.turns:
+            waited = idle_s
+        else:
+            waited = (new.waited_ns - old.waited_ns) * 1e-9
+        most_s = max(most_s, min(waited, idle_s))
+    return most_s
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the kernel said of a process at one moment."""
+
+    at_s: float
+    threads: Mapping[int, Thread]
+    disk_wait_s: float | None  # of the whole machine, since boot
+
+
+def disk_s(before_s: float | None, look: Look) -> float:
+    """Return for how long a process has waited for a disk up to `look`, at most.
+
+    A thread in uninterruptible sleep (D) waits for a disk only while the kernel counts somebody as
+    waiting for one (/proc/pressure/io, `before_s` at the look before; None: it does not count);
+    else for a driver, which may never answer.
+    """
+    if before_s is None or look.disk_wait_s is None:
+        return 0.0
+    return look.disk_wait_s - before_s if 'D' in {t.state for t in look.threads.values()} else 0.0
+
+
+@dataclass
+class Silence:
+    """How long a process has said nothing, and what it waited for meanwhile, in seconds."""
+
+    last_s: float  # when time was last added
+    quiet_s: float = field(default_factory=lambda: QUIET_S)  # only a longer one is looked into
+    silent_s: float = 0.0  # while bringup itself was awake
+    looked_s: float = 0.0  # of these, between two looks
+    processor_s: float = 0.0  # of these, waited for a processor
+    disk_s: float = 0.0  # and for a disk
+    _look: Look | None = None
+    _looked_at_s: float = 0.0  # silent_s at that look
+
+    def pass_until(self, now_s: float) -> None:
+        """Time has passed; what bringup itself has slept through is nobody's silence."""
+        self.silent_s += min(now_s - self.last_s, PAUSE_S)
+        self.last_s = now_s
+
+    def due(self) -> bool:
+        """Tell whether it is time for a look."""
+        if self._look is None:
+            return self.silent_s >= self.quiet_s
+        return self.last_s - self._look.at_s >= LOOK_S
+
+    def take(self, look: Look) -> None:
+        """Add what it waited for since the look before."""
+        if (before := self._look) is not None and (span_s := look.at_s - before.at_s) > 0:
+            processor = waited_s(before.threads, look.threads, span_s)
+            disk = min(disk_s(before.disk_wait_s, look), span_s - processor)
+            counted_s = self.silent_s - self._looked_at_s
+            self.looked_s += counted_s
+            self.processor_s += processor * counted_s / span_s
+            self.disk_s += disk * counted_s / span_s
+        self._look, self._looked_at_s = look, self.silent_s
+
+    def verdict(self, allowed_s: float, most_s: float) -> str:
+        """Tell whether it may be silent for so long: FINE, STARVED, or HUNG."""
+        could_run_s = self.silent_s - self.processor_s - self.disk_s
+        if could_run_s > allowed_s or self.silent_s > most_s:
+            return HUNG
+        mostly = self.looked_s > 0 and self.processor_s + self.disk_s >= self.looked_s / 2
+        return STARVED if mostly and self.silent_s > min(SILENT_S, allowed_s) else FINE
+
+    def words(self) -> str:
+        """Return what it waits for: "starved: waited 4.3 of the last 5.0 s for a processor"."""
+        what, waited = max(('a processor', self.processor_s), ('a disk', self.disk_s),
+                           key=lambda pair: pair[1])
+        return f'starved: waited {waited:.1f} of the last {self.looked_s:.1f} s for {what}'
 
 
 @dataclass
@@ -15,6 +123,7 @@ class Policy:
 
     started_s: float = 0.0
     beat_s: float | None = None
+    silence: Silence = field(default_factory=lambda: Silence(0.0))
     failures: int = 0
     restarts: int = 0
     deaths_s: list[float] = field(default_factory=list)
@@ -22,16 +131,18 @@ class Policy:
     def start(self, now_s: float) -> None:
         """The process has been started."""
         self.started_s, self.beat_s = now_s, None
+        self.silence = Silence(now_s)
 
     def beat(self, now_s: float) -> None:
         """A heartbeat has come."""
         self.beat_s = now_s
+        self.silence = Silence(now_s)
 
-    def hung(self, now_s: float) -> bool:
-        """Tell whether it has been silent for too long."""
+    def verdict(self) -> str:
+        """Tell how it is: FINE, STARVED or HUNG."""
         if self.beat_s is None:
-            return now_s - self.started_s > START_S
-        return now_s - self.beat_s > SILENT_S
+            return self.silence.verdict(START_S, START_STARVED_S)
+        return self.silence.verdict(SILENT_S, STARVED_S)
 
     def died(self, now_s: float) -> float:
         """Return how long to wait before the next start, in seconds."""

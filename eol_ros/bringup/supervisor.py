@@ -16,7 +16,7 @@ from eol_ros.bringup import status
 from eol_ros.bringup.child import Child
 from eol_ros.bringup.diary import Diary
 from eol_ros.bringup.plan import Process
-from eol_ros.bringup.policy import START_S
+from eol_ros.bringup.policy import FINE, HUNG, PAUSE_S, START_S, START_STARVED_S, STARVED, STARVED_S
 from eol_ros.settings import IMAGE_SOURCES
 
 FINAL = (2, 69, 78)  # a node that ends so at the start will not do better when started again
@@ -39,12 +39,13 @@ class Supervisor:
         self.scene = scene
         self.children = [Child(process) for process in processes]
         self._server, self._diary, self._say = server, diary, say
-        self._asked_to_stop = False
+        self._asked_to_stop = self._hurry = False
         self._told: dict[str, tuple[int, str]] = {}
         self._began_s = time.monotonic()
         self.all_ok_s: float | None = None  # seconds from the start to all ok
         self.real_time = any(process.real_time for process in processes)
         self._told_priority = False
+        self._told_slow: list[Child] = []  # whom to wait for at the end
         self._wake, self._waker = os.pipe()
         for fd in (self._wake, self._waker):
             os.set_blocking(fd, False)
@@ -56,7 +57,8 @@ class Supervisor:
             signal.signal(number, self._on_signal)
         signal.signal(signal.SIGCHLD, lambda *_: None)  # only to wake the loop
         clean_shared_memory()
-        self._began_s = time.monotonic()
+        self._began_s = last_s = time.monotonic()
+        could_s = 0.0  # seconds in which all could have become ok
         code = 0
         try:
             while not self._asked_to_stop:
@@ -66,7 +68,11 @@ class Supervisor:
                     code = ended
                     break
                 age = now - self._began_s
-                if seconds is not None and self.all_ok_s is None and age > START_S:
+                if not any(child.starved for child in self.children):
+                    could_s += min(now - last_s, PAUSE_S)
+                last_s = now
+                late = could_s > START_S or age > START_STARVED_S
+                if seconds is not None and self.all_ok_s is None and late:
                     self._note(f'not all OK within {START_S:.0f} s: {self._not_ok()}')
                     code = 1
                     break
@@ -99,6 +105,7 @@ class Supervisor:
         }
 
     def _on_signal(self, _number: int, _stack: Any) -> None:
+        self._hurry = self._asked_to_stop  # asked twice
         self._asked_to_stop = True
 
     def _note(self, text: str) -> None:
@@ -124,8 +131,8 @@ class Supervisor:
                 ended = self._bury(child, now)
                 if ended is not None:
                     return ended
-            elif child.alive() and child.policy.hung(now):
-                self._end_hung(child, now)
+            elif child.alive() and (verdict := child.look(now)) != FINE:
+                self._end_hung(child, now) if verdict == HUNG else self._leave(child)
             elif child.popen is None and child.start_at_s is not None and now >= child.start_at_s:
                 child.start(now)
             elif self.all_ok_s is not None and not child.settled and child.well():
@@ -154,6 +161,14 @@ class Supervisor:
             child.signal(signal.SIGABRT)
         elif now - child.hung_s > DUMP_S:
             child.signal(signal.SIGKILL)
+
+    def _leave(self, child: Child) -> None:
+        """A starved process is reported, once, and left alone."""
+        most_s = START_STARVED_S if child.policy.beat_s is None else STARVED_S
+        for row in child.status.values():
+            if not self._told.get(row['node'], (3, ''))[1].startswith('starved'):
+                self._note(f'{row["node"]:9} {row["text"]}; left alone for up to {most_s:.0f} s')
+            self._told[row['node']] = (row['level'], row['text'])
 
     def _listen(self, child: Child, now: float) -> None:
         for row in child.beats(now):
@@ -208,9 +223,8 @@ class Supervisor:
                 time.sleep(DRAIN_S)
             for number, patience_s in STOP_STEPS:
                 for child in group:
-                    child.signal(number)
-                deadline = time.monotonic() + patience_s
-                while any(c.alive() for c in group) and time.monotonic() < deadline:
+                    child.ask_to_end(number, time.monotonic())
+                while self._may_yet_end(group, patience_s):
                     for child in self.children:
                         self._listen(child, time.monotonic())
                     self._wait()
@@ -220,6 +234,16 @@ class Supervisor:
             if child.popen is not None:
                 self._listen(child, time.monotonic())
                 child.bury()
+
+    def _may_yet_end(self, group: Sequence[Child], patience_s: float) -> bool:
+        """Tell whether some of `group` run that did not have `patience_s` in which to end."""
+        most_s = patience_s if self._hurry else STARVED_S
+        verdicts = [(c, c.ending(time.monotonic(), patience_s, most_s)) for c in group if c.alive()]
+        for child, verdict in verdicts:
+            if verdict == STARVED and child not in self._told_slow:
+                self._told_slow.append(child)
+                self._note(f'{child.process.name} is waited for: {child.silence.words()}')
+        return any(verdict != HUNG for _, verdict in verdicts)
 
 
 def clean_shared_memory() -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from eol_ros.bringup import policy, status
+from eol_ros.bringup.child import Child
 from eol_ros.bringup.diary import Diary
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.supervisor import Supervisor
@@ -206,6 +207,152 @@ def test_a_hung_process_is_started_again(start, monkeypatch):
 
     attended(supervisor, work)
     assert 'twin is silent: it is started again' in lines
+
+
+# `last` goes behind all others on one processor; its session's group too, where there is one.
+LAST = BEAT + '''
+def last():
+    os.sched_setaffinity(0, [int(sys.argv[2])])
+    os.nice(10)
+    try:
+        open('/proc/self/autogroup', 'w').write('10')
+    except OSError:
+        pass
+def work(seconds):
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+'''
+WORKING = LAST + '''
+last()
+while True:
+    beat(sys.argv[1]); work(0.1)
+'''
+SLOW_TO_END = LAST + '''
+signal.signal(signal.SIGINT, lambda *_: (last(), work(0.06), print('bye', flush=True), sys.exit(0)))
+while True:
+    beat(sys.argv[1]); time.sleep(0.1)
+'''
+
+
+@pytest.fixture
+def hogs():
+    """Start busy processes that leave next to nothing of one processor; return its number."""
+    started = []
+
+    def go():
+        busy = [sys.executable, '-c', 'while True: pass']
+        for _ in range(3):
+            started.append(subprocess.Popen(busy, start_new_session=True))
+            os.sched_setaffinity(started[-1].pid, [processor])
+
+    def end():
+        while started:
+            hog = started.pop()
+            hog.kill()
+            hog.wait()
+
+    go.processor = processor = max(os.sched_getaffinity(0))
+    go.end = end
+    yield go
+    end()
+
+
+def last(name, script, hogs):
+    return Process((name,), (sys.executable, '-c', script, name, str(hogs.processor)), {})
+
+
+def test_a_starved_process_is_reported_and_left_alone(start, hogs, monkeypatch):
+    for name, value in (('SILENT_S', 0.6), ('QUIET_S', 0.2), ('LOOK_S', 0.1)):
+        monkeypatch.setattr(policy, name, value)
+    supervisor, lines = start(last('recorder', WORKING, hogs))
+    child = supervisor.children[0]
+    rows = []
+
+    def work():
+        until(lambda: supervisor.all_ok_s is not None)
+        pid = child.popen.pid
+        hogs()
+        until(lambda: rows.append(dict(child.status['recorder'])) or rows[-1]['level'] == 1, 60)
+        hogs.end()
+        until(lambda: child.status['recorder']['level'] == 0)
+        assert child.popen.pid == pid
+
+    attended(supervisor, work)
+    assert rows[-1]['text'].startswith('starved: waited ')
+    assert sum('starved: waited' in line for line in lines) >= 1
+    assert supervisor.describe()['restarts'] == 0
+    assert not any('silent' in line for line in lines)
+
+
+def test_a_starved_process_is_given_the_time_to_end(start, hogs, monkeypatch):
+    from eol_ros.bringup import supervisor as module
+
+    steps = tuple((number, 0.5) for number, _ in module.STOP_STEPS)
+    monkeypatch.setattr(module, 'STOP_STEPS', steps)
+    monkeypatch.setattr(policy, 'LOOK_S', 0.1)
+    supervisor, lines = start(last('recorder', SLOW_TO_END, hogs))
+
+    def work():
+        until(lambda: supervisor.all_ok_s is not None)
+        hogs()
+
+    attended(supervisor, work)
+    assert supervisor.children[0].code == 0
+    assert any(line.endswith('| bye') for line in lines)
+
+
+def test_while_bringup_stands_still_nobody_is_silent(start, monkeypatch):
+    monkeypatch.setattr(policy, 'SILENT_S', 1.5)
+    supervisor, lines = start(process('twin', STEADY))
+    away, back = threading.Event(), threading.Event()
+    wait = supervisor._wait
+
+    def standing():
+        if away.is_set():
+            back.wait(30)
+        wait()
+
+    monkeypatch.setattr(supervisor, '_wait', standing)
+
+    def work():
+        until(lambda: supervisor.all_ok_s is not None)
+        pid = supervisor.children[0].popen.pid
+        os.kill(pid, signal.SIGSTOP)  # neither of them gets on
+        away.set()
+        time.sleep(2.5)
+        away.clear()
+        back.set()
+        time.sleep(0.3)
+        os.kill(pid, signal.SIGCONT)
+        beat_s = supervisor.children[0].policy.beat_s
+        until(lambda: supervisor.children[0].policy.beat_s != beat_s)
+        assert supervisor.children[0].popen.pid == pid
+
+    attended(supervisor, work)
+    assert not any('silent' in line for line in lines)
+
+
+def test_a_node_does_not_wait_for_a_bringup_that_does_not_read():
+    script = BEAT + '''
+for _ in range(5000):
+    try:
+        beat('twin')
+    except BlockingIOError:
+        print('it is full', flush=True)
+        break
+time.sleep(60)
+'''
+    child = Child(process('twin', script))
+    child.start(0.0)
+    lines = []
+    try:
+        until(lambda: lines.extend(child.output()) or lines)
+    finally:
+        child.signal(signal.SIGKILL)
+        child.bury()
+
+    assert lines == ['it is full']
 
 
 @pytest.mark.parametrize('code', [2, 69, 78])
