@@ -14,8 +14,10 @@ run: setup  ## bring a scene to life (SCENE=rehearsal); Ctrl-C stops it
 	@$(PY) -m eol_ros.bringup $(SCENE) $(ARGS)
 
 test: setup-test  ## all tests, with real DDS, pty, PortAudio and Chromium where they are
-	$(PY) -m pytest -n 2 --dist loadfile -m 'not live and not soak' test
-	$(PY) -m pytest -m 'live and not soak' test
+	@$(PY) tools/run_tests.py $(ARGS)
+
+bare: setup-test  ## tests of devices, pages and scenes, the optional system packages hidden
+	@$(PY) tools/run_tests.py --bare $(ARGS)
 
 quick: setup-test  ## the tests of the pure core, in seconds
 	$(PY) -m pytest -q -m 'not slow' test/core
@@ -40,4 +42,4 @@ clean:  ## remove what was made here, but no bag
 setup-test:
 	@tools/setup_env.sh test
 
-.PHONY: help setup setup-test run test quick lint docs soak bench clean
+.PHONY: help setup setup-test run test bare quick lint docs soak bench clean

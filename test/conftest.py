@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What all tests share: DDS domains and folders of their own, and no silent skip in CI."""
 
+import collections
 import itertools
+import json
 import os
 import sys
 import tempfile
@@ -82,6 +84,20 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.path.relative_to(_HERE).as_posix() in LIVE:
             item.add_marker('live')
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Write counts and reasons of skips to $EOL_TEST_OUTCOMES, for tools/run_tests.py."""
+    path = os.environ.get('EOL_TEST_OUTCOMES')
+    if not path:
+        return
+    stats = terminalreporter.stats
+    names = ('passed', 'failed', 'error', 'skipped')
+    reasons = collections.Counter(
+        str(report.longrepr[2]).removeprefix('Skipped: ') for report in stats.get('skipped', ())
+    )
+    counts = {name: len(stats.get(name, ())) for name in names}
+    Path(path).write_text(json.dumps({'counts': counts, 'skipped': reasons}))
 
 
 def pytest_runtest_makereport(item, call):

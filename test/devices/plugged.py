@@ -2,9 +2,9 @@
 """JACK's dummy driver as the sound card of a test."""
 
 import os
-import shutil
 import time
 
+import needs
 import pytest
 
 from eol_ros.bench.jack import Jack
@@ -16,12 +16,9 @@ def plugged(monkeypatch, here=True, channels=2):
 
     `here`: PortAudio of this process shall see it. It must not, if the card goes during the test.
     """
-    if not shutil.which('jackd'):
-        pytest.skip('jackd is not installed (apt-get install jackd2)')
-    try:
-        import sounddevice as sd
-    except OSError:
-        pytest.skip('PortAudio is not installed (apt-get install libportaudio2)')
+    needs.system('jackd2', 'libportaudio2')
+    import sounddevice as sd
+
     jack = Jack(f'eol-test-{os.getpid()}-{time.monotonic_ns() % 10**6}', channels=channels)
     for name, value in jack.environment.items():
         monkeypatch.setenv(name, value)

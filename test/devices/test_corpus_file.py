@@ -12,6 +12,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import needs
 import numpy as np
 import pytest
 
@@ -387,9 +388,8 @@ REAL = Path('/usr/share/sonic-pi/samples')
 @pytest.mark.slow
 def test_a_corpus_of_real_recordings():
     names = ('ambi_sauna', 'ambi_swoosh', 'loop_amen', 'guit_harmonics')
+    needs.system('sonic-pi-samples')
     sounds = [REAL / f'{name}.flac' for name in names]
-    if not sounds[0].is_file():
-        pytest.skip('apt-get install sonic-pi-samples')
     corpus = build(sounds, Options(grain_s=0.2))
     assert len(corpus) > 60 and corpus.placed.mean() > 0.9
     sauna = corpus.grains[corpus.grains['file'] == 0]

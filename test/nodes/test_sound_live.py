@@ -6,6 +6,7 @@ import os
 import time
 import wave
 
+import needs
 import numpy as np
 import pytest
 import rclpy
@@ -87,9 +88,8 @@ def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
 
 def test_a_card_that_goes_and_comes_back(monkeypatch):
     """Its driver hangs, as JACK's does: the supervisor starts the node anew, and only once."""
+    needs.system('jackd2', 'libportaudio2')
     found = sound_loss.measure(1.0)
-    if 'skipped' in found:
-        pytest.skip(found['skipped'])
     assert found['new_process'] and found['restarts'] == 1, found
     assert found['says'].startswith('playing on system'), found
     assert 'JACK_DEFAULT_SERVER' not in os.environ

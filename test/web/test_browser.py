@@ -14,11 +14,10 @@ import urllib.request
 from pathlib import Path
 
 import aiohttp
+import needs
 import numpy as np
 import pytest
 from chromium import (
-    BROWSER,
-    DRIVER,
     complaints,
     healthy,
     mouse,
@@ -37,7 +36,7 @@ from eol_ros.core.science import powerlaw
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(not (BROWSER and DRIVER), reason='needs chromium and chromedriver'),
+    needs.marker('chromium', 'chromium-driver'),
 ]
 IMAGE_MS = 1000 / 60 + 0.5  # of the screen, as the browser's clock tells it
 CANVASES = """

@@ -3,6 +3,7 @@
 
 from pathlib import Path
 
+import needs
 import numpy as np
 import pytest
 from scipy.signal import sosfilt
@@ -160,10 +161,8 @@ def test_progress_rises_to_one():
 def recording(request):
     from eol_ros.devices.audio_file import read_mono
 
-    path = SAMPLES / f'{request.param}.flac'
-    if not path.is_file():
-        pytest.skip(f'{path} is not there: apt-get install sonic-pi-samples')
-    sound = read_mono(path)
+    needs.system('sonic-pi-samples')
+    sound = read_mono(SAMPLES / f'{request.param}.flac')
     sound.samples.flags.writeable = False
     cuts = segments.chop(len(sound.samples), sound.rate, 0.25)
     cuts = cuts[cuts[:, 1] - cuts[:, 0] >= YIN_FRAME]

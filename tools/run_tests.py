@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs all tests in their two parts, and says at the end what was not tested and why.
+
+    tools/run_tests.py            everything: two at a time, then what keeps real time, one by one
+    tools/run_tests.py --bare     what touches devices, pages and scenes, on a machine that has none
+                                  of the optional system packages: they are hidden, not removed
+
+A first part that fails does not keep the second from running. Further arguments go to pytest.
+"""
+
+import argparse
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PARTS = {
+    'side by side': ('-n', '2', '--dist', 'loadfile', '-m', 'not live and not soak'),
+    'one by one, in real time': ('-m', 'live and not soak'),
+}
+BARE = ('test/devices', 'test/web', 'test/scenes', 'test/nodes', 'test/verbs', 'test/bringup',
+        'test/bench/test_bench_sound.py', 'test/test_cli.py')  # fmt: skip
+BARE_MOUNTS = 'EOL_TEST_BARE'  # set once the packages are hidden
+
+
+def packages() -> dict[str, tuple[str, str]]:
+    """Return stage and probe of each package in tools/system_packages.txt."""
+    lines = (ROOT / 'tools' / 'system_packages.txt').read_text().splitlines()
+    rows = [line.split(None, 3) for line in lines if line and not line.startswith('#')]
+    return {package: (stage, probe) for package, stage, probe, _ in rows}
+
+
+def places(probe: str) -> list[Path]:
+    """Return the files or folders whose absence makes a probe fail."""
+    kind, _, name = probe.partition(':')
+    if kind == 'command':
+        folders = os.get_exec_path()
+        return [Path(f, name).resolve() for f in folders if os.access(Path(f, name), os.X_OK)]
+    if kind == 'library':
+        path = os.pathsep.join([*os.get_exec_path(), '/sbin', '/usr/sbin'])
+        known = subprocess.run(
+            ['ldconfig', '-p'], capture_output=True, text=True, check=False,
+            env={**os.environ, 'PATH': path},
+        ).stdout  # fmt: skip
+        found = re.findall(rf'{re.escape(name)} .*=> (\S+)', known)
+        return [Path(path).resolve() for path in found]
+    return [Path(name)] if Path(name).exists() else []
+
+
+def hide() -> None:
+    """Cover what the optional packages have installed, in a mount namespace of this process."""
+    empty = Path(tempfile.mkdtemp(prefix='eol-bare-'))
+    file, folder = empty / 'file', empty / 'folder'
+    file.touch(mode=0o644)
+    folder.mkdir()
+    for stage, probe in packages().values():
+        if stage != 'build':
+            for place in places(probe):
+                cover = folder if place.is_dir() else file
+                subprocess.run(['mount', '--bind', cover, place], check=True)
+
+
+def run_bare(words: list[str]) -> int:
+    """Start this script again where the packages can be hidden without anybody else noticing."""
+    unshare = ['unshare', '--mount', '--propagation', 'private']
+    if os.geteuid() != 0:
+        unshare.append('--map-root-user')
+    again = [*unshare, sys.executable, __file__, '--bare', *words]
+    if not shutil.which('unshare') or subprocess.run([*unshare, 'true'], check=False).returncode:
+        print('run_tests: packages cannot be hidden here (no mount namespaces): not run')
+        return 1
+    return subprocess.run(again, cwd=ROOT, env={**os.environ, BARE_MOUNTS: '1'}).returncode
+
+
+def run_part(selection: tuple[str, ...], paths: list[str], words: list[str]) -> tuple[int, dict]:
+    """Run pytest once; return its exit code and what test/conftest.py tells of the outcomes."""
+    with tempfile.TemporaryDirectory(prefix='eol-tests-') as folder:
+        told = Path(folder) / 'outcomes.json'
+        code = subprocess.run(
+            [sys.executable, '-m', 'pytest', *selection, *words, *paths], cwd=ROOT,
+            env={**os.environ, 'EOL_TEST_OUTCOMES': str(told)}, check=False,
+        ).returncode  # fmt: skip
+        found = json.loads(told.read_text()) if told.exists() else {}
+    return code, found
+
+
+def main() -> int:
+    """Run the parts; return 0 where all that ran has passed."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--bare', action='store_true', help='hide the optional system packages')
+    args, words = parser.parse_known_args()
+    if args.bare and BARE_MOUNTS not in os.environ:
+        return run_bare(words)
+    if args.bare:
+        hide()
+    codes, counts, skipped = [], Counter(), Counter()
+    for name, selection in PARTS.items():
+        print(f'\n=== tests, {name}{", bare" if args.bare else ""}', flush=True)
+        code, found = run_part(selection, list(BARE) if args.bare else ['test'], words)
+        codes.append(code)
+        counts.update(found.get('counts', {}))
+        skipped.update(found.get('skipped', {}))
+    print('\nnot tested here:' if skipped else '\neverything was tested')
+    for reason, count in sorted(skipped.items()):
+        print(f'  {count:3} test{"s" if count > 1 else " "}  {reason}')
+    if args.bare and not skipped:
+        print('run_tests: nothing was skipped, so nothing was hidden')
+        codes.append(1)
+    print(f'{counts["passed"]} passed, {counts["failed"] + counts["error"]} failed, '
+          f'{counts["skipped"]} skipped', flush=True)
+    return max(codes, key=bool)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

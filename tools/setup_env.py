@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes `.venv` ready: the wheels, the messages, the compiled kernels.
+
+Called by tools/setup_env.sh, with the system's Python and nothing but its standard library. Wheels
+and messages are made at the same time, and a line says every few seconds how far they are. What is
+done leaves a stamp in `.venv`, so that nothing is done twice.
+"""
+
+import hashlib
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+VENV = ROOT / '.venv'
+PYTHON = VENV / 'bin' / 'python'
+MESSAGES = ROOT / 'msg_defs' / 'eol_msgs'
+TELL_S = 4.0  # between two lines that say how far a step is
+WIDTH = 100
+
+
+class SetupFailed(Exception):
+    """A step did not succeed; its words are for the person at the terminal."""
+
+
+def say(text: str) -> None:
+    """Print a line for people."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def digest(*paths: Path) -> str:
+    """Return a short name of the contents of files."""
+    found = hashlib.sha256()
+    for path in paths:
+        found.update(path.read_bytes())
+    return found.hexdigest()[:16]
+
+
+class Step:
+    """One command after the other in a thread; what they print goes to a log in `.venv`."""
+
+    def __init__(self, name: str, work, *args):
+        self.name, self.error = name, None
+        self.log = VENV / f'setup-{name}.log'
+        self.log.write_text('')
+        self._began_s = time.monotonic()
+        self._ended_s = 0.0
+        self._thread = threading.Thread(target=self._run, args=(work, args), daemon=True)
+        self._thread.start()
+
+    def _run(self, work, args) -> None:
+        try:
+            work(self, *args)
+        except (SetupFailed, OSError) as error:
+            self.error = error
+        self._ended_s = time.monotonic()
+
+    def command(self, *words) -> None:
+        """Run a command; raises SetupFailed with the end of what it printed."""
+        with self.log.open('a') as log:
+            code = subprocess.run(
+                [str(w) for w in words], cwd=ROOT, stdout=log, stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL, check=False,
+            ).returncode
+        if code:
+            lines = self.log.read_text(errors='replace').splitlines()
+            wrong = [line for line in lines if re.match(r'\s*(ERROR|error|fatal|.* error:)', line)]
+            tail = '\n'.join(f'  {line[:200]}' for line in (wrong or lines)[-8:])
+            raise SetupFailed(f'{self.name} failed (all of it: {self.log}):\n{tail}')
+
+    @property
+    def running(self) -> bool:
+        """Whether it is still at work."""
+        return self._thread.is_alive()
+
+    def words(self) -> str:
+        """Return how long it has taken and what it prints at the moment."""
+        seconds = (self._ended_s or time.monotonic()) - self._began_s
+        if not self.running:
+            return f'{self.name}: done in {seconds:.0f} s'
+        return f'{self.name}, {seconds:.0f} s: {self._newest()}'[:WIDTH]
+
+    def _newest(self) -> str:
+        """Return the last line of the log that tells a person something."""
+        lines = self.log.read_text(errors='replace').replace('\r', '\n').splitlines()
+        for line in reversed(lines):
+            words = re.sub(r'\x1b\[[0-9;]*m', '', line).split()
+            match words:
+                case ['Collecting', name, *_]:
+                    return f'looking for {name}'
+                case ['Downloading' | 'Using' | 'Processing', *_, name] | [
+                    'Downloading' | 'Using' | 'Processing', *_, name, _, _
+                ] if '.whl' in name:
+                    return f'fetching {Path(name).name.split("-")[0]}'
+                case ['Installing', 'collected', 'packages:', *names]:
+                    return f'installing {len(names)} packages'
+                case [step, *what] if re.fullmatch(r'\[\d+/\d+\]', step):
+                    return f'step {step[1:-1]}: {Path(what[-1]).name}'
+        return 'starting'
+
+
+def wait(*steps: Step) -> None:
+    """Wait for all steps, saying every few seconds how far they are; raises what one raised."""
+    left = list(steps)
+    told_s = time.monotonic()
+    while left:
+        time.sleep(0.1)
+        for step in [s for s in left if not s.running]:
+            left.remove(step)
+            if step.error:
+                raise step.error
+            say(step.words())
+        if left and time.monotonic() - told_s > TELL_S:
+            told_s = time.monotonic()
+            say('\n'.join(step.words() for step in left))
+
+
+def install_wheels(step: Step, extra: str) -> None:
+    """Install this package, editable, and all that it needs."""
+    target = f'.[{extra}]' if extra else '.'
+    pip = (PYTHON, '-m', 'pip', '--disable-pip-version-check', 'install', '--progress-bar', 'off')
+    step.command(*pip, '--upgrade', 'setuptools<80', 'wheel')
+    # Without PEP 517 isolation: the build needs nothing but the setuptools just installed.
+    step.command(*pip, '--no-build-isolation', '--editable', target)
+
+
+def message_wheel_folder(messages: str) -> Path:
+    """Return where the wheel of these message definitions is kept for this Python."""
+    cache = os.environ.get('EOL_CACHE') or os.path.join(
+        os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache'), 'eol_ros'
+    )
+    tag = f'{sys.implementation.cache_tag}-{platform.machine()}'
+    return Path(cache) / 'wheels' / f'{messages}-{tag}'
+
+
+def build_messages(step: Step, folder: Path) -> None:
+    """Compile the messages into a wheel, kept by content beyond this checkout."""
+    if not shutil.which('c++'):
+        raise SetupFailed('no C++ compiler: sudo apt-get install g++ make')
+    headers = Path(sysconfig.get_path('include'))
+    if not (headers / 'Python.h').exists():
+        raise SetupFailed(f'no Python headers in {headers}: sudo apt-get install python3-dev')
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent) as made:
+        step.command(
+            PYTHON, '-m', 'pip', '--disable-pip-version-check', 'wheel', '--verbose', '--no-deps',
+            '--progress-bar', 'off', '--wheel-dir', made, MESSAGES,
+        )  # fmt: skip
+        if not folder.exists():  # another checkout may have been quicker
+            shutil.copytree(made, folder.with_suffix('.part'), dirs_exist_ok=True)
+            folder.with_suffix('.part').rename(folder)
+
+
+def setup(extra: str) -> None:
+    """Do what is not done yet; raises SetupFailed."""
+    key = digest(ROOT / 'setup.py', Path(__file__))
+    ready = VENV / f'.ready-{key}-{extra}'
+    if not extra:  # what any extra has installed is enough
+        ready = next(VENV.glob(f'.ready-{key}-*'), ready)
+    messages = digest(
+        MESSAGES / 'CMakeLists.txt', MESSAGES / 'pyproject.toml', MESSAGES / 'package.xml',
+        *sorted((MESSAGES / 'msg').glob('*.msg')),
+    )  # fmt: skip
+    messages_ready = VENV / f'.messages-{messages}'
+    if not PYTHON.exists():
+        say(f'making {VENV.name} with Python {platform.python_version()}')
+        subprocess.run([sys.executable, '-m', 'venv', VENV], check=True)
+
+    steps = []
+    if not ready.exists():
+        say('installing the wheels (about a minute, once)')
+        steps.append(Step('wheels', install_wheels, extra))
+    wheels = message_wheel_folder(messages)
+    if not messages_ready.exists() and not wheels.exists():
+        say('compiling the messages (about a minute, once)')
+        steps.append(Step('messages', build_messages, wheels))
+    wait(*steps)
+    if not messages_ready.exists():
+        step = Step('messages-install', lambda step: step.command(
+            PYTHON, '-m', 'pip', '--disable-pip-version-check', 'install', '--force-reinstall',
+            '--no-deps', *wheels.glob('*.whl'),
+        ))  # fmt: skip
+        wait(step)
+        for old in VENV.glob('.messages-*'):
+            old.unlink()
+        messages_ready.touch()
+    ready.touch()
+    warm()
+
+
+def warm() -> None:
+    """Compile the kernels that a first run would wait for."""
+    # The compiler's cache does not notice a change in a file that another one imports: this does.
+    sources = [*sorted((ROOT / 'eol_ros' / 'core').glob('*/*.py')),
+               ROOT / 'eol_ros' / 'devices' / 'sound_callback.py']
+    stamp = VENV / f'.warm-{digest(*sources)}'
+    if stamp.exists():
+        return
+    subprocess.run([PYTHON, '-m', 'eol_ros', 'warm', '--anew'], cwd=ROOT, check=True)
+    for old in VENV.glob('.warm-*'):
+        old.unlink()
+    stamp.touch()
+
+
+def main() -> int:
+    """Run the set-up; return the exit code."""
+    try:
+        setup(sys.argv[1] if len(sys.argv) > 1 else '')
+    except SetupFailed as error:
+        say(f'set-up: {error}')
+        return 1
+    except subprocess.CalledProcessError as error:
+        say(f'set-up: {" ".join(map(str, error.cmd))} ended with exit code {error.returncode}')
+        return 1
+    except KeyboardInterrupt:
+        say('set-up: stopped; it goes on where it was when started again')
+        return 130
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
