@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images to be followed afterwards: a .npy stack, a film, a folder of pictures, or a bag."""
 
+import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +16,7 @@ PICTURES = ('.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm')
 IMAGE_TOPIC = 'camera/image_raw'
 TAPS_TOPIC = 'block_taps'
 DEFAULT_FPS = 60.0
+FASTEST_FPS = 10000.0
 
 
 @dataclass
@@ -37,31 +40,117 @@ class ImageSource:
         yield from self._images(self)
 
 
-def open_source(path: str, fps: float | None = None) -> ImageSource:
+class Moments:
+    """When the images of a source were taken: image k at k / fps, or as `stamps` says.
+
+    Args:
+        fps: images a second; of a source with stamps, what their median distance says.
+        stamps: a file with one mid-exposure time a line; see `read_stamps`.
+
+    Raises:
+        DeviceMissing, ConfigError: as `read_stamps`.
+    """
+
+    def __init__(self, fps: float | None, stamps: str | None = None):
+        self.fps, self.stamps = fps, stamps
+        self._times = read_stamps(stamps) if stamps else None
+        if self._times is not None and len(self._times) > 1:
+            self.fps = float(1 / np.median(np.diff(self._times)))
+
+    def check(self, count: int, name: str) -> None:
+        """Raise ConfigError unless there is a stamp for each of `count` images."""
+        if self._times is not None and len(self._times) != count:
+            raise ConfigError(f'{self.stamps}: has {len(self._times)} stamps, but {name} has '
+                              f'{count} images: one line for each image, dropped ones left out')
+
+    def read(self, fps: float) -> Iterator[float]:
+        """Yield the times in s; `fps` counts where none is known."""
+        if self._times is not None:
+            return iter(self._times.tolist())
+        return (k / (self.fps or fps) for k in itertools.count())
+
+
+def read_stamps(path: str) -> np.ndarray:
+    """Return the times (n,) in s of a text file with one mid-exposure time a line.
+
+    A number with a decimal point or an exponent is in seconds; a whole number is in nanoseconds, as
+    ROS stamps are. A file has one or the other. Empty lines, and what follows a #, are left out.
+
+    Raises:
+        DeviceMissing: no such file.
+        ConfigError: what is no finite number, does not increase, mixes both units or lies closer
+            together than images can; with file and line.
+    """
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+    except OSError as error:
+        raise DeviceMissing(f'{path}: cannot read the stamps ({error.strerror})') from None
+    except UnicodeDecodeError:
+        raise ConfigError(f'{path}: not a text file of one time a line') from None
+    times: list[float] = []
+    last: float = -math.inf  # in the unit of the file: whole numbers keep all their digits
+    in_ns = False
+    for number, line in enumerate(text.splitlines(), 1):
+        word = line.partition('#')[0].strip()
+        if not word:
+            continue
+        whole = word.lstrip('+-').isdecimal()
+        try:
+            value: float = int(word) if whole else float(word)
+        except ValueError:
+            value = math.nan
+        if '_' in word:  # which Python takes between digits
+            value = math.nan
+        unit_s = 1e-9 if whole else 1.0
+        if not math.isfinite(value):
+            wrong = 'is not a time: seconds with a decimal point, or whole nanoseconds'
+        elif times and whole != in_ns:
+            wrong = f'is in {"nanoseconds" if whole else "seconds"}, unlike the line before'
+        elif value <= last:
+            wrong = f'does not come after {last}, the line before'
+        elif (value - last) * unit_s < 1 / FASTEST_FPS:
+            wrong = (f'is only {(value - last) * unit_s:.1g} s after the line before'
+                     + ('; seconds need a decimal point' if whole else ''))
+        else:
+            in_ns, last = whole, value
+            times.append(value * unit_s)
+            continue
+        raise ConfigError(f'{path}:{number}: {word} {wrong}')
+    return np.array(times)
+
+
+def open_source(path: str, fps: float | None = None, stamps: str | None = None) -> ImageSource:
     """Return the images at `path`; `fps` gives the times of all but a bag, i / fps.
 
-    Raises DeviceMissing when there is nothing, ConfigError when it is no source of grey images,
-    UsageError when the rate is not a rate.
+    stamps: a file that gives the times instead, one a line; see `read_stamps`.
+
+    Raises DeviceMissing when there is nothing, ConfigError when it is no source of grey images, or
+    the stamps are not those of its images, UsageError when the rate is not a rate.
     """
-    if fps is not None and not 0 < fps <= 10000:
-        raise UsageError(f'--fps {fps:g}: a rate lies between 0 and 10000 images a second')
+    if fps is not None and not 0 < fps <= FASTEST_FPS:
+        raise UsageError(f'--fps {fps:g}: a rate lies between 0 and {FASTEST_FPS:g} images/s')
+    if stamps is not None and fps is not None:
+        raise UsageError('--stamps says when each image was taken: leave out --fps')
     place = Path(path)
     if not place.exists() and '%' not in path:
         raise DeviceMissing(f'{path}: there is no such file or folder')
-    if place.suffix == '.npy':
-        return _stack(place, fps or DEFAULT_FPS)
     if place.suffix == '.mcap' or (place.is_dir() and _is_bag(place)):
+        if stamps is not None:
+            raise UsageError('--stamps: a bag has the stamps of its images: leave it out')
         return _bag(place)
+    moments = Moments(fps, stamps)
+    if place.suffix == '.npy':
+        return _stack(place, moments)
     if place.is_dir():
-        return _folder(place, fps or DEFAULT_FPS)
-    return _film(path, fps)
+        return _folder(place, moments)
+    return _film(path, moments)
 
 
 def _is_bag(folder: Path) -> bool:
     return any(folder.glob('*.mcap')) or (folder / 'metadata.yaml').exists()
 
 
-def _stack(path: Path, fps: float) -> ImageSource:
+def _stack(path: Path, moments: Moments) -> ImageSource:
     try:
         stack = np.load(path, mmap_mode='r', allow_pickle=False)
     except (ValueError, OSError, EOFError) as error:
@@ -76,14 +165,16 @@ def _stack(path: Path, fps: float) -> ImageSource:
             '(count, height, width) uint8, grey'
         )
 
+    moments.check(len(stack), str(path))
+
     def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
-        for k in range(len(stack)):
-            yield k / fps, np.ascontiguousarray(stack[k])
+        for time_s, image in zip(moments.read(DEFAULT_FPS), stack):
+            yield time_s, np.ascontiguousarray(image)
 
-    return ImageSource(str(path), fps, len(stack), images)
+    return ImageSource(str(path), moments.fps or DEFAULT_FPS, len(stack), images)
 
 
-def _folder(folder: Path, fps: float) -> ImageSource:
+def _folder(folder: Path, moments: Moments) -> ImageSource:
     import cv2
 
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in PICTURES)
@@ -92,18 +183,20 @@ def _folder(folder: Path, fps: float) -> ImageSource:
             f'{folder}: neither a bag nor a picture in this folder ({" ".join(PICTURES)})'
         )
 
+    moments.check(len(files), str(folder))
+
     def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
-        for k, file in enumerate(files):
+        for time_s, file in zip(moments.read(DEFAULT_FPS), files):
             image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
             if image is None:
                 source.notes.append(f'{file}: not a picture that can be read; left out')
                 continue
-            yield k / fps, image
+            yield time_s, image
 
-    return ImageSource(str(folder), fps, len(files), images)
+    return ImageSource(str(folder), moments.fps or DEFAULT_FPS, len(files), images)
 
 
-def _film(path: str, fps: float | None) -> ImageSource:
+def _film(path: str, moments: Moments) -> ImageSource:
     import cv2
 
     from eol_ros.devices.camera_sources import VideoFile
@@ -114,17 +207,21 @@ def _film(path: str, fps: float | None) -> ImageSource:
         raise ConfigError(f'{path}: OpenCV cannot open it as a film')
     width = int(probe.get(cv2.CAP_PROP_FRAME_WIDTH))
     height = int(probe.get(cv2.CAP_PROP_FRAME_HEIGHT))
-    rate = fps or probe.get(cv2.CAP_PROP_FPS) or DEFAULT_FPS
+    rate = moments.fps or probe.get(cv2.CAP_PROP_FPS) or DEFAULT_FPS
     count = max(int(probe.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+    if moments.stamps:  # what a container says of its length is an estimate
+        count = sum(1 for _ in iter(probe.grab, False))
     probe.release()
+    moments.check(count, path)
     film = VideoFile(CameraSettings(device=path, fps=rate, width=width, height=height))
     film.open()
 
     def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
-        k = 0
-        while (picture := film.read()) is not None:
-            yield k / rate, picture.image
-            k += 1
+        for time_s in moments.read(rate):
+            picture = film.read()
+            if picture is None:
+                break
+            yield time_s, picture.image
         source.notes += film.notes
         film.close()
 

@@ -15,6 +15,7 @@ HELP = 'Follow the 25 blocks through a .npy stack, a film, a folder of pictures 
 EXAMPLES = [
     'eol track images.npy --fps 60 --out answer.npz --json',
     'eol track film.mp4 --calibration table.yaml --out answer.npz',
+    'eol track film.mkv --stamps film.txt --out answer.npz',
     'eol track bags/2026-11-21 --out answer.npz --overlay seen.mp4',
 ]
 SLIP = [
@@ -32,6 +33,11 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('frames', metavar='FRAMES', help='.npy stack, film, folder or bag')
     parser.add_argument('--fps', type=float, help='images a second (default: of the film, or 60)')
+    parser.add_argument(
+        '--stamps', metavar='FILE',
+        help='time of each image instead of --fps, for films with dropped images: mid-exposure, '
+             'one a line, in seconds with a decimal point or in whole nanoseconds',
+    )  # fmt: skip
     parser.add_argument(
         '--calibration', metavar='C.yaml',
         help='of this camera; without one, it is learnt from the still blocks',
@@ -53,7 +59,7 @@ def run(args) -> int:
     from eol_ros.settings import MotionSettings, TrackerSettings
     from eol_ros.verbs.progress import track
 
-    source = open_source(args.frames, args.fps)
+    source = open_source(args.frames, args.fps, args.stamps)
     if args.out and not Path(args.out).absolute().parent.is_dir():
         raise ConfigError(f'{args.out}: there is no such folder')
     tracker = Tracker(

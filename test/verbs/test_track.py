@@ -89,6 +89,91 @@ def test_the_slip_is_found(answer):
     assert list(answer['cascades']['nucleus']) == [7]
 
 
+@pytest.fixture(scope='module')
+def dropped(stack):
+    """The film without 13 images, which are left, and the speed of the slip in the whole film."""
+    lost = [*range(20, 30), 40, 57, 58]
+    left = np.setdiff1d(np.arange(COUNT), lost)
+    path = stack.with_name('dropped.npy')
+    np.save(path, np.load(stack)[left])
+    calibration_file.save(stack.with_name('ideal.yaml'), Calibration.ideal())
+    (slip,) = tracked(stack, '--fps', '60')['slips']
+    return path, left, slip['speed_mps']
+
+
+def tracked(images, *words):
+    out = images.with_name('dropped.npz')
+    table = images.with_name('ideal.yaml')
+    command = ['track', str(images), '--calibration', str(table), '--out', str(out), *words]
+    assert cli.main(command) == 0
+    return np.load(out)
+
+
+@pytest.mark.parametrize('unit', ['seconds', 'nanoseconds'])
+def test_dropped_images_leave_no_trace_where_stamps_are_given(dropped, tmp_path, unit):
+    path, left, speed_mps = dropped
+    stamps = tmp_path / 'stamps.txt'
+    start_ns = 1_700_000_000_000_000_000 if unit == 'nanoseconds' else 0
+    times_ns = start_ns + np.rint(left / FPS * 1e9).astype(np.int64)
+    words = times_ns if start_ns else times_ns / 1e9
+    stamps.write_text('# mid-exposure\n' + ''.join(f'{w!r}\n' for w in words.tolist()) + '\n')
+    answer = tracked(path, '--stamps', str(stamps))
+    assert answer['time'].tolist() == (times_ns * 1e-9 if start_ns else times_ns / 1e9).tolist()
+    (onset,) = answer['slips']
+    assert onset['block'] == 7
+    assert onset['onset_s'] - start_ns * 1e-9 == pytest.approx(BEGIN_S, abs=0.005)
+    assert onset['speed_mps'] == pytest.approx(speed_mps, rel=0.03)
+    for k, world, seen in zip(left, answer['world'], answer['visible']):
+        assert np.allclose(world[seen, :2], truth(k)[seen], atol=2e-4)
+
+    answer = tracked(path, '--fps', '60')  # as if no image were missing
+    (onset,) = answer['slips']
+    assert abs(onset['onset_s'] - BEGIN_S) > 10 / FPS
+    assert onset['speed_mps'] > 1.2 * speed_mps
+    late = np.array([truth(t * FPS)[7] for t in answer['time']]) - answer['world'][:, 7, :2]
+    assert np.abs(late).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('0.0\n0.1\n', ':62 images'),
+        ('0.0\n0.1\nsoon\n', ':3: soon is not a time'),
+        ('0.0\n0.1\n\nnan\n', ':4: nan is not a time'),
+        ('0.0\n1_0.0\n', ':2: 1_0.0 is not a time'),
+        ('0.0\n0.2\n0.1\n', ':3: 0.1 does not come after 0.2'),
+        ('# s\n0.5\n0.5\n', ':3: 0.5 does not come after 0.5'),
+        ('0.5\n1000000000\n', ':2: 1000000000 is in nanoseconds, unlike'),
+        ('1\n2\n', ':2: 2 is only 1e-09 s after the line before; seconds need a decimal point'),
+    ],
+)
+def test_stamps_that_are_none(dropped, tmp_path, capsys, text, words):
+    stamps = tmp_path / 'stamps.txt'
+    stamps.write_text(text)
+    assert cli.main(['track', str(dropped[0]), '--stamps', str(stamps)]) == 78
+    (error,) = capsys.readouterr().err.strip().splitlines()
+    assert all(part in error for part in (str(stamps), *words.rpartition(':')[::2]))
+
+
+def test_a_film_needs_as_many_stamps_as_it_has_images(stack, tmp_path, capsys):
+    film, stamps = tmp_path / 'film.avi', tmp_path / 'stamps.txt'
+    writer = cv2.VideoWriter(
+        str(film), cv2.VideoWriter.fourcc(*'FFV1'), 60, (1280, 800), False
+    )
+    for image in np.load(stack)[:4]:
+        writer.write(image)
+    writer.release()
+    stamps.write_text('0.5\n0.6\n0.65\n')
+    assert cli.main(['track', str(film), '--stamps', str(stamps)]) == 78
+    assert 'has 3 stamps, but' in capsys.readouterr().err
+    stamps.write_text('0.5\n0.6\n0.65\n2.0\n')
+    out = tmp_path / 'out.npz'
+    assert cli.main(['track', str(film), '--stamps', str(stamps), '--out', str(out)]) == 0
+    assert np.load(out)['time'].tolist() == [0.5, 0.6, 0.65, 2.0]
+    assert cli.main(['track', str(film), '--stamps', str(stamps), '--fps', '60']) == 2
+    assert cli.main(['track', str(film), '--stamps', str(tmp_path / 'none.txt')]) == 69
+
+
 def test_json_film_and_picture(stack, tmp_path, capsys):
     film = tmp_path / 'seen.mp4'
     short = tmp_path / 'short.npy'
@@ -290,6 +375,9 @@ def test_a_bag_is_tracked_by_its_own_stamps(stack, tmp_path, capsys, encoding):
         assert 'not mono8' in capsys.readouterr().err
         return
     assert code == 0
+    stamps_file = tmp_path / 'stamps.txt'
+    stamps_file.write_text('0.5\n')
+    assert cli.main(['track', str(tmp_path / 'bag'), '--stamps', str(stamps_file)]) == 2
     found = np.load(out)
     assert list(found['time']) == [ns * 1e-9 for ns in stamps]
     tracker = Tracker(TrackerSettings(), None)
