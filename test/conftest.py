@@ -54,6 +54,7 @@ LIVE = {
     'devices/test_soundcard.py',
     'nodes/test_camera_node.py',
     'scenes/test_rehearsal.py',
+    'scenes/test_starved.py',
     'web/test_browser.py',
 }
 

@@ -21,6 +21,7 @@ from eol_ros.devices.bag_file import BagTopic
 from eol_ros.devices.bag_recover import repair_all
 from eol_ros.devices.bag_selection import (
     AroundSlips,
+    Dropped,
     Gaps,
     Item,
     Slipping,
@@ -35,6 +36,7 @@ from eol_ros.settings import RecorderSettings
 FLUSH_S = 1.0
 RETRY_S = 10.0
 QUEUE_BYTES = 64 << 20
+HEAD = 12  # bytes of a message, to the end of its stamp
 HURRY_BYTES = QUEUE_BYTES // 4  # with more than this waiting, pictures are not compressed
 GB = 1e9
 
@@ -72,7 +74,7 @@ class Recording:
         self._gaps = Gaps()
         self._ring = AroundSlips(settings.before_s, settings.after_s)
         self._thinning = Thinning(settings.display_period_s)
-        self._queue: deque[Item | Slipping] = deque()
+        self._queue: deque[Item | Slipping | Dropped] = deque()
         self._queued_bytes = 0
         self._written = 0  # messages of bags already closed
         self._ready = threading.Condition()
@@ -88,8 +90,12 @@ class Recording:
     def take(self, item: Item) -> None:
         """Hand over a message; never waits."""
         with self._ready:
-            if self._closing or self._queued_bytes + len(item.data) > QUEUE_BYTES:
+            if self._closing:
                 self.dropped[item.topic] += 1
+                return
+            if self._queued_bytes + len(item.data) > QUEUE_BYTES:
+                self.dropped[item.topic] += 1
+                self._queue.append(Dropped(item.topic, item.data[:HEAD], item.sequence))
                 return
             self._queue.append(item)
             self._queued_bytes += len(item.data)
@@ -169,7 +175,12 @@ class Recording:
                     self._reopen()
         self._finish()
 
-    def _write(self, item: Item | Slipping) -> None:
+    def _write(self, item: Item | Slipping | Dropped) -> None:
+        if isinstance(item, Dropped):
+            self._gaps.skip(item.topic, item.sequence)
+            if item.topic in self._rhythm:
+                self._rhythm[item.topic].take(stamp_ns(item.head))
+            return
         for kept in self._selected(item):
             if self._writer:
                 self._guarded(

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 NS = 1_000_000_000
+KNOWN = 5  # so many intervals tell a rhythm
 SLIP_LIMIT_NS = 10 * NS  # a slip whose stop never came is over by then
 
 
@@ -18,6 +19,14 @@ class Item(NamedTuple):
     data: bytes
     log_ns: int
     publish_ns: int
+    sequence: int
+
+
+class Dropped(NamedTuple):
+    """What is left of a message that there was no room for: the beginning, for its stamp."""
+
+    topic: str
+    head: bytes
     sequence: int
 
 
@@ -104,9 +113,14 @@ class Gaps:
     def take(self, topic: str, sequence: int) -> int:
         """Return how many messages are missing right before this one; sequence 0: not known."""
         self.received[topic] = self.received.get(topic, 0) + 1
+        return self.skip(topic, sequence)
+
+    def skip(self, topic: str, sequence: int) -> int:
+        """The same for a message that came and was dropped: that is counted elsewhere."""
         last = self._last.get(topic)
-        self._last[topic] = sequence
         missing = sequence - last - 1 if sequence and last and sequence > last else 0
+        if sequence:
+            self._last[topic] = sequence
         self.lost[topic] = self.lost.get(topic, 0) + missing
         return missing
 
@@ -114,25 +128,32 @@ class Gaps:
 class StampGaps:
     """Counts pictures that were never sent, by holes in the regular rhythm of their stamps.
 
-    An interval of k times the median of the last 31 (k > 1.5) hides round(k) - 1 pictures.
+    An interval of k periods (k > 1.5) hides round(k) - 1 pictures. The period is the median of what
+    the last 31 intervals say of it, so it stays true where most of them are holes.
     """
 
     def __init__(self) -> None:
         self.missing = 0
         self._last_ns = 0
-        self._intervals: deque[int] = deque(maxlen=31)
+        self._intervals: deque[float] = deque(maxlen=31)
 
     def take(self, stamp: int) -> int:
-        """Return how many pictures are missing right before the one stamped `stamp` (ns)."""
+        """Return how many more pictures are missing, now that one of `stamp` (ns) has come."""
         interval = stamp - self._last_ns
         first, self._last_ns = not self._last_ns, stamp
         if first or interval <= 0:  # a source that began again
             self._intervals.clear()
             return 0
-        missing = 0
-        if len(self._intervals) >= 5:
-            times = interval / statistics.median(self._intervals)
-            missing = round(times) - 1 if times > 1.5 else 0
         self._intervals.append(interval)
+        count = len(self._intervals)
+        if count < KNOWN:
+            return 0
+        period = statistics.median(self._intervals)
+        missing = 0
+        for k in range(0 if count == KNOWN else count - 1, count):  # the first ones all at once
+            holes = max(round(self._intervals[k] / period) - 1, 0)
+            if self._intervals[k] > 1.5 * period:
+                self._intervals[k] /= holes + 1
+                missing += holes
         self.missing += missing
         return missing

@@ -22,6 +22,8 @@ from eol_ros.ros.topics import TOPICS
 
 IMAGES, PREVIEW, SAMPLES = 'camera/image_raw', 'camera/image/compressed', 'sound_samples'
 COUNTERS = {'blocks': 'image', 'grain_triggers': 'sequence'}  # fields that count up by one
+RHYTHM = (IMAGES, 'blocks', 'truth')  # topics with a message for every image
+READER_DEPTH = 600  # small messages of ten seconds: nobody waits for a recorder without a processor
 DROPS_TOLD_S = 20.0  # after the last; the count stays in the values and in the bag
 
 
@@ -41,11 +43,12 @@ class RecorderNode(EolNode):
             about(self.scene) | replay_of,
             self.settings,
             images=self.resolve_topic_name(IMAGES),
-            rhythm=[described[t].name for t in (IMAGES, 'blocks') if t in described],
+            rhythm=[described[t].name for t in RHYTHM if t in described],
             thinned=[described[t].name for t in (PREVIEW, 'sound_meter') if t in described],
         )
         for topic, bag_topic in described.items():
-            self.subscribe(topic, self._taker(topic, bag_topic), raw=True)
+            depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None
+            self.subscribe(topic, self._taker(topic, bag_topic), raw=True, depth=depth)
         self._last = self._dropped = 0
         self._dropped_s = 0.0
         self.create_timer(1.0, self.tell)

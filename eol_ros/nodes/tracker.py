@@ -13,6 +13,7 @@ from sensor_msgs.msg import CompressedImage
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.requests import CALIBRATE, CLUTTER, DARK, SOON_NS, THRESHOLD
 from eol_ros.core.vision.tracker import STATES, Tracked, Tracker
+from eol_ros.devices.bag_selection import StampGaps
 from eol_ros.devices.preview import Preview
 from eol_ros.devices.tracker_files import TrackerFiles
 from eol_ros.ros.blocks import RECORD, pack_blocks
@@ -32,6 +33,7 @@ class TrackerNode(EolNode):
         self.blocks = self.publisher('blocks')  # to be known by the time that there are any
         self.tracker.warm_up()
         self.images, self.stamp_ns, self.threshold = 0, 0, self.settings.threshold
+        self.gaps = StampGaps()
         self.record = np.zeros(N_BLOCKS, RECORD)
         self.pictures = self.publisher('camera/image/compressed')
         self.said = self.publisher('control')
@@ -73,6 +75,7 @@ class TrackerNode(EolNode):
             return self.health.error(str(error))
         if not self.images and self.files.lamps:
             self.ask(CLUTTER, self.files.lamps, self.stamp_ns)
+        self.gaps.take(self.stamp_ns)
         tracked = self.tracker.update(self.stamp_ns * 1e-9, image)
         self.blocks.publish(self._packed(tracked))
         self.images += 1
@@ -91,7 +94,9 @@ class TrackerNode(EolNode):
         return pack_blocks(self.stamp_ns, t.state, t.symmetry_ambiguous, self.images, record)
 
     def _tell(self, tracked: Tracked) -> None:
-        self.health.values.update(seen=int(tracked.seen.sum()), state=STATES[tracked.state])
+        self.health.values.update(
+            seen=int(tracked.seen.sum()), state=STATES[tracked.state], missing=self.gaps.missing
+        )
         good, text = self.files.words(self.tracker, tracked)
         (self.health.ok if good else self.health.warn)(text)
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every node of the graph is: settings as parameters, topics from the table, health."""
 
+import copy
 import dataclasses
 from collections.abc import Callable
 from typing import Any
@@ -56,15 +57,24 @@ class EolNode(Node):
         )
 
     def subscribe(
-        self, topic: str, callback: Callable[[Any], None], raw: bool = False
+        self,
+        topic: str,
+        callback: Callable[[Any], None],
+        raw: bool = False,
+        depth: int | None = None,
     ) -> Subscription:
-        """Subscribe to `topic` with type and QoS of the table; `raw` hands over the CDR bytes."""
+        """Subscribe to `topic` with type and QoS of the table; `raw` hands over the CDR bytes.
+
+        `depth` keeps more messages, or fewer, than the table says; no writer needs to know.
+        """
         row = TOPICS[topic]
+        qos = copy.copy(QOS[row.qos])
+        qos.depth = depth or qos.depth
         return self.create_subscription(
             row.message_class(),
             topic,
             callback,
-            QOS[row.qos],
+            qos,
             raw=raw,
             event_callbacks=_loud(self, topic, False),
         )

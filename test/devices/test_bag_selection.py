@@ -105,6 +105,23 @@ def test_holes_in_the_rhythm_of_stamps_are_counted(missing, seed):
     assert gaps.missing == len(missing)
 
 
+def test_holes_are_counted_where_most_of_the_rhythm_is_holes():
+    gaps = StampGaps()
+    kept = [0, 1, 4, 5, *range(6, 40), *range(40, 4000, 3), *range(4000, 9000, 5), 9001]
+    for i in kept:
+        gaps.take(NS + i * STEP)
+    assert gaps.missing == kept[-1] + 1 - len(kept)
+
+
+def test_what_was_dropped_here_is_not_lost_before():
+    gaps = Gaps()
+    for number, fits in ((1, True), (2, False), (3, False), (5, True), (6, False), (9, True)):
+        (gaps.take if fits else gaps.skip)('t', number)
+        gaps.take('t', 0)  # a message without a number says nothing
+    assert gaps.lost['t'] == 1 + 2
+    assert gaps.received['t'] == 3 + 6
+
+
 def test_a_replay_that_loops_has_no_gap():
     gaps = StampGaps()
     for _ in range(3):

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A machine with too much else to do: nobody is killed for it, and what is lost is counted.
+
+The long ones are in `make soak`.
+"""
+
+import contextlib
+import json
+import subprocess
+import sys
+import time
+
+import pytest
+import yaml
+
+from eol_ros.analysis import open_bag
+from eol_ros.bench.running import Graph, stand_in
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+@contextlib.contextmanager
+def busy(count):
+    """Have `count` processes that never sleep, each in a session, and so in a group, of its own."""
+    command = [sys.executable, '-c', 'while True: pass']
+    hogs = [subprocess.Popen(command, start_new_session=True) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for hog in hogs:
+            hog.kill()
+            hog.wait()
+
+
+def loaded(folder, count, seconds):
+    """Run the rehearsal beside `count` busy processes; return its last status and its bags."""
+    path = stand_in('rehearsal', folder, film=None, bag=None)
+    values = yaml.safe_load(path.read_text())
+    values['nodes']['sound']['device'] = 'wav'
+    path.write_text(yaml.safe_dump(values, sort_keys=False))
+    with Graph(path, folder / 'bags') as graph:
+        graph.wait_until_ok()
+        with busy(count):
+            time.sleep(seconds)
+        deadline = time.monotonic() + 60
+        while graph.node('recorder')['values']['queue_mb'] > 1 or graph.node('twin')['level']:
+            assert time.monotonic() < deadline, graph.status()
+            time.sleep(0.5)
+        status = graph.status()
+        status['end_ns'] = time.time_ns()
+        assert graph.stop() == 0
+    return status, [p for p in (folder / 'bags').iterdir() if p.is_dir()]
+
+
+def check(status, bags):
+    assert status['restarts'] == 0
+    assert len(bags) == 1
+    bag = open_bag(bags[0])
+    nodes = {row['node']: row['values'] for row in status['nodes']}
+    lost = {name: json.loads(bag.gaps[name]) for name in ('lost_before_recorder',
+                                                          'dropped_in_recorder')}
+    for topic, counter in (('blocks', 'image'), ('grain_triggers', 'sequence')):
+        numbers = bag.table(topic)[counter].astype(int)
+        absent = numbers[-1] - numbers[0] + 1 - len(numbers)
+        assert absent == sum(counts.get(f'/eol/{topic}', 0) for counts in lost.values()), topic
+
+    # Every image that should have been is in the bag's blocks, or was counted by somebody.
+    blocks = bag.table('blocks')
+    blocks = blocks[blocks['stamp'].astype('int64') < status['end_ns']]
+    stamps = blocks['stamp'].astype('int64')
+    images = round((stamps[-1] - stamps[0]) * 60 / 1e9) + 1
+    tracked = int(blocks['image'][-1]) - int(blocks['image'][0]) + 1
+    assert images - tracked == nodes['tracker']['missing']
+    assert nodes['tracker']['missing'] >= nodes['twin']['missed']
+    print(f'{images} images, {nodes["twin"]["missed"]} missed by the twin, '
+          f'{images - tracked - nodes["twin"]["missed"]} lost on the way; recorder: {lost}')
+
+
+def test_twenty_seconds_beside_eight_busy_processes(tmp_path):
+    check(*loaded(tmp_path, 8, 20))
+
+
+@pytest.mark.soak
+@pytest.mark.live
+@pytest.mark.parametrize('count', [8, 20])
+def test_two_minutes_beside_busy_processes(tmp_path, count):
+    check(*loaded(tmp_path, count, 120))
