@@ -2,65 +2,72 @@
 """The raised-cosine edges that keep a grain from clicking, and adding it to the mix under them.
 
 Every output sample depends on its own number in the grain alone, never on where a block of output
-begins; so a render is the same bit for bit however it is cut into blocks.
+begins; so a render is the same bit for bit however it is cut into blocks. All of it is vector code
+(`lanes.py`): rows and mixes are addresses of float32, with room for one vector behind their end.
 """
 
 import numpy as np
 from numba import njit
 
-# No reassociation: a sum must not depend on how the compiler unrolls the loop.
-FAST = {'contract', 'nnan', 'ninf', 'nsz'}
+from eol_ros.core.sound.lanes import WIDTH, count_from, fma, keep, least, load, splat, store
 
-# sin(pi y) for |y| <= 1/2 in odd powers: weighted least squares, error < 4e-9.
+# sin(pi y) / 2 for |y| <= 1/2 in odd powers: weighted least squares, error < 2e-9.
 S1, S3, S5, S7, S9 = (
-    np.float32(3.14159258),
-    np.float32(-5.16770688),
-    np.float32(2.55003138),
-    np.float32(-0.59804517),
-    np.float32(0.07722012),
+    np.float32(half)
+    for half in (1.57079629, -2.58385344, 1.27501569, -0.299022585, 0.03861006)
 )
-HALF = np.float32(0.5)
+HALF, ONE = np.float32(0.5), np.float32(1.0)
 
 
-@njit(cache=True, fastmath=FAST)
-def edge(x):
-    """Return the raised cosine (1 - cos(pi x)) / 2, a float32 for x in 0..1."""
-    y = x - HALF
+@njit(forceinline=True)
+def _edge(x):
+    """Return the raised cosine (1 - cos(pi x)) / 2 of lanes in 0..1."""
+    y = x - splat(HALF)
     s = y * y
-    return HALF + HALF * (y * (S1 + s * (S3 + s * (S5 + s * (S7 + s * S9)))))
+    sine = fma(s, fma(s, fma(s, fma(s, splat(S9), splat(S7)), splat(S5)), splat(S3)), splat(S1))
+    return fma(y, sine, splat(HALF))
 
 
-@njit(cache=True, fastmath=FAST)
-def add_rise(a, b, row, first, frames, gain_a, gain_b):
-    """Add `row` (k,) f4 to `a` and `b` under a rising edge of `frames`, from its `first` on."""
-    scale = np.float32(1.0) / np.float32(frames)
-    for k in range(row.size):
-        x = row[k] * edge(np.float32(first + k) * scale)
-        a[k] += gain_a * x
-        b[k] += gain_b * x
+@njit(forceinline=True)
+def _add(address, gain, x):
+    store(address, fma(gain, x, load(address)))
 
 
-@njit(cache=True, fastmath=FAST)
-def add_flat(a, b, row, gain_a, gain_b):
-    """Add `row` (k,) f4 to `a` and `b` as it is."""
-    for k in range(row.size):
-        a[k] += gain_a * row[k]
-        b[k] += gain_b * row[k]
+@njit(cache=True)
+def add_edge(a, b, row, count, first, scale, gain_a, gain_b):
+    """Add `count` frames of `row` to `a` and `b` under an edge.
+
+    Its frame k has the gain edge((first + k) * scale): one that rises counts from its begin, one
+    that falls from its end, with a `scale` below zero.
+    """
+    scale, left, right = splat(scale), splat(gain_a), splat(gain_b)
+    for k in range(0, count, WIDTH):
+        x = load(row + 4 * k) * _edge(count_from(np.int32(first + k)) * scale)
+        if k > count - WIDTH:
+            x = keep(x, np.int32(count - k))
+        _add(a + 4 * k, left, x)
+        _add(b + 4 * k, right, x)
 
 
-@njit(cache=True, fastmath=FAST)
-def add_fall(a, b, row, left, frames, gain_a, gain_b):
-    """Add `row` (k,) f4 to `a` and `b` under a falling edge of `frames`, of which `left` remain."""
-    scale = np.float32(1.0) / np.float32(frames)
-    for k in range(row.size):
-        x = row[k] * edge(np.float32(left - k) * scale)
-        a[k] += gain_a * x
-        b[k] += gain_b * x
+@njit(cache=True)
+def add_flat(a, b, row, count, gain_a, gain_b):
+    """Add `count` frames of `row` to `a` and `b` as they are."""
+    left, right = splat(gain_a), splat(gain_b)
+    for k in range(0, count, WIDTH):
+        x = load(row + 4 * k)
+        if k > count - WIDTH:
+            x = keep(x, np.int32(count - k))
+        _add(a + 4 * k, left, x)
+        _add(b + 4 * k, right, x)
 
 
-@njit(cache=True, fastmath=FAST)
-def fade_out(out, row, left, frames):
-    """Write `row` (k,) f4 to `out` under a falling edge of `frames`; nothing is left after it."""
-    for k in range(row.size):
-        x = np.float32(max(left - k, 0)) / np.float32(frames)
-        out[k] = row[k] * edge(min(x, np.float32(1.0))) if left > k else np.float32(0.0)
+@njit(cache=True)
+def fade_out(out, row, count, left, frames):
+    """Write `count` frames of `row` to `out`, under a falling edge while less than `frames` remain.
+
+    `left` of them remain at the first; `count` is at most `left`.
+    """
+    scale = splat(np.float32(-1.0) / np.float32(frames))
+    for k in range(0, count, WIDTH):
+        x = least(count_from(np.int32(k - left)) * scale, splat(ONE))
+        store(out + 4 * k, load(row + 4 * k) * _edge(x))

@@ -10,12 +10,8 @@ from numba import njit
 
 from eol_ros.core.sound import clock
 from eol_ros.core.sound.bank import Bank, Lent, voice_rows
-from eol_ros.core.sound.envelope import (
-    add_fall,
-    add_flat,
-    add_rise,
-    fade_out,
-)
+from eol_ros.core.sound.envelope import add_edge, add_flat, fade_out
+from eol_ros.core.sound.lanes import prefetch
 from eol_ros.core.sound.limiter import ONE, condition, limit
 from eol_ros.core.sound.loudness import k_weighting
 from eol_ros.core.sound.mixer_layout import (
@@ -27,7 +23,6 @@ from eol_ros.core.sound.mixer_layout import (
     fence,
     fits,
     memory,
-    samples,
 )
 from eol_ros.core.sound.taps import read
 from eol_ros.errors import ConfigError
@@ -37,16 +32,28 @@ LOOK_AHEAD_S = 0.003
 LIMITER_RELEASE_S = 0.08
 DC_HZ = 7.0
 AHEAD_S = 30.0  # a trigger further in the future comes from another clock
+LINE = 64  # bytes that a processor fetches at once
 STALE = 'the sound engine was compiled for another version of itself; run: eol warm --anew'
+
+
+@njit(cache=True)
+def _fetch(v, begin, end):
+    """Ask for the samples that voice `v` reads in the frames begin..end."""
+    at = v.source + 4 * np.int64(v.rate * max(begin - v.start, 0))
+    for line in range(at, at + np.int64(4 * v.rate * (end - begin)), LINE):
+        prefetch(line)
 
 
 @njit(cache=True, nogil=True)
 def _mix(m, begin, end, origin):
     """Add all voices to the mix for the frames begin..end; the mix begins at frame `origin`."""
     s = m.state[0]
-    mix, scratch, voices, order = m.mix, m.scratch, m.voices, m.order
+    mix, voices, order = m.mix, m.voices, m.order
     cubic, steal_frames = s.cubic, s.steal_frames
+    scratch = m.scratch.ctypes.data
     for i in range(s.voices):
+        if i + 1 < s.voices:  # a grain lies anywhere in memory: fetch it while this one is mixed
+            _fetch(voices[order[i + 1]], begin, end)
         v = voices[order[i]]
         last = v.length - 1
         n = max(begin - v.start, 1)  # its first and its last sample are zero by definition
@@ -55,26 +62,27 @@ def _mix(m, begin, end, origin):
             stop = min(stop, v.steal + steal_frames - v.start)
         if n >= stop:
             continue
-        if v.rate == 1.0:
-            row = samples(v.source + 4 * n, stop - n)
-        else:
-            row = scratch[: stop - n]
-            read(row, v.source, v.rate, n, cubic, m.whole, m.fraction)
+        row = v.source + 4 * n
+        if v.rate != 1.0:
+            row = scratch
+            read(row, v.source, v.rate, n, stop - n, cubic)
         if stop > v.steal - v.start:
-            fade_out(scratch, row, v.steal + steal_frames - v.start - n, steal_frames)
-            row = scratch[: stop - n]
-        at = n + v.start - origin
-        a, b = mix[v.channel_a, at : at + row.size], mix[v.channel_b, at : at + row.size]
+            left = v.steal + steal_frames - v.start - n
+            fade_out(scratch, row, stop - n, left, steal_frames)
+            row = scratch
+        at = 4 * (n + v.start - origin)
+        a, b = mix[v.channel_a].ctypes.data + at, mix[v.channel_b].ctypes.data + at
         if n < v.attack:
             k = min(v.attack, stop) - n
-            add_rise(a[:k], b[:k], row[:k], n, v.attack, v.gain_a, v.gain_b)
-            a, b, row, n = a[k:], b[k:], row[k:], n + k
+            add_edge(a, b, row, k, n, np.float32(1 / v.attack), v.gain_a, v.gain_b)
+            a, b, row, n = a + 4 * k, b + 4 * k, row + 4 * k, n + k
         if n < stop and n < last - v.release:
             k = min(last - v.release, stop) - n
-            add_flat(a[:k], b[:k], row[:k], v.gain_a, v.gain_b)
-            a, b, row, n = a[k:], b[k:], row[k:], n + k
+            add_flat(a, b, row, k, v.gain_a, v.gain_b)
+            a, b, row, n = a + 4 * k, b + 4 * k, row + 4 * k, n + k
         if n < stop:
-            add_fall(a, b, row, last - n, v.release, v.gain_a, v.gain_b)
+            scale = np.float32(-1 / v.release)
+            add_edge(a, b, row, stop - n, n - last, scale, v.gain_a, v.gain_b)
 
 
 @njit(cache=True)

@@ -14,8 +14,12 @@ from numba import carray, njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from eol_ros.core.sound.lanes import WIDTH
+from eol_ros.core.sound.triggers import MAX_RATE
+
 CHUNK = 512  # frames mixed in one go: two channels of it and a scratch row stay in the L1 cache
-GUARD = 4  # zeros before and after each sound, so that interpolation never reads outside
+ROOM = CHUNK + WIDTH  # what is written behind the last frame, up to a whole vector, is unused
+GUARD = int(WIDTH * MAX_RATE) + 4  # zeros about each sound: voices read in whole vectors
 RING = 4096  # triggers on their way to the callback
 WINDOWS = 300  # of 100 ms: the 30 s that the loudness governor looks back
 LOADS = 512  # callbacks whose load is remembered
@@ -106,7 +110,7 @@ STATE = np.dtype(
 # Compiled code is kept on disk and looks at the date of its own source only. It begins by comparing
 # this number, so that code of another layout does nothing rather than write anywhere.
 LAYOUT = zlib.crc32(
-    repr((VOICE.descr, STATE.descr, CHUNK, GUARD, RING, WINDOWS, LOADS, FOREVER)).encode()
+    repr((VOICE.descr, STATE.descr, CHUNK, ROOM, GUARD, RING, WINDOWS, LOADS, FOREVER)).encode()
 )
 
 
@@ -119,8 +123,8 @@ class Memory(NamedTuple):
     pending: np.ndarray  # (RING,) VOICE, taken from the ring, sorted by start
     order: np.ndarray  # (capacity,) i8, rows of `voices`: those that sound, then the free ones
     ended: np.ndarray  # (capacity,) i8, room to sort `order` in
-    mix: np.ndarray  # (max(2, channels), CHUNK) f4, sum of the voices
-    scratch: np.ndarray  # (CHUNK,) f4, one voice
+    mix: np.ndarray  # (max(2, channels), ROOM) f4, sum of the voices
+    scratch: np.ndarray  # (ROOM,) f4, one voice
     delay: np.ndarray  # (channels, look_ahead + CHUNK) f4, the limiter's
     queue_gain: np.ndarray  # (look_ahead + 2,) f8, of its sliding minimum
     queue_frame: np.ndarray  # (look_ahead + 2,) i8
@@ -131,8 +135,6 @@ class Memory(NamedTuple):
     past: np.ndarray  # (history, channels) f4, ring of what was put out
     loads: np.ndarray  # (LOADS,) f8, ring of the share of its time that a callback took
     timespec: np.ndarray  # (2,) i8, for the clock
-    whole: np.ndarray  # (CHUNK,) i4, whole part of the places that are read
-    fraction: np.ndarray  # (CHUNK,) f4, the rest of them
 
 
 def _pointer(typing_context, address):
@@ -161,12 +163,6 @@ fence: Any = intrinsic(_fence)
 
 
 @njit(cache=True)
-def samples(address, count):
-    """View `count` float32 at `address`."""
-    return carray(pointer(address), count, np.float32)
-
-
-@njit(cache=True)
 def fits(address):
     """Whether this compiled code knows the memory whose table stands at `address`."""
     return carray(pointer(address), 1, np.int64)[0] == LAYOUT
@@ -175,7 +171,7 @@ def fits(address):
 @njit(cache=True)
 def memory(address):
     """View the arrays whose table stands at `address`."""
-    t = carray(pointer(address), 21, np.int64)[1:]
+    t = carray(pointer(address), 19, np.int64)[1:]
     state = carray(pointer(t[0]), 1, STATE)
     s = state[0]
     c, look_ahead = s.channels, s.look_ahead
@@ -186,8 +182,8 @@ def memory(address):
         carray(pointer(t[3]), RING, VOICE),
         carray(pointer(t[4]), s.capacity, np.int64),
         carray(pointer(t[5]), s.capacity, np.int64),
-        carray(pointer(t[6]), (max(2, c), CHUNK), np.float32),
-        carray(pointer(t[7]), CHUNK, np.float32),
+        carray(pointer(t[6]), (max(2, c), ROOM), np.float32),
+        carray(pointer(t[7]), ROOM, np.float32),
         carray(pointer(t[8]), (c, look_ahead + CHUNK), np.float32),
         carray(pointer(t[9]), look_ahead + 2, np.float64),
         carray(pointer(t[10]), look_ahead + 2, np.int64),
@@ -198,15 +194,13 @@ def memory(address):
         carray(pointer(t[15]), (s.history, c), np.float32),
         carray(pointer(t[16]), LOADS, np.float64),
         carray(pointer(t[17]), 2, np.int64),
-        carray(pointer(t[18]), CHUNK, np.int32),
-        carray(pointer(t[19]), CHUNK, np.float32),
     )
 
 
 def allocate(
     channels: int, capacity: int, look_ahead: int, history: int
 ) -> tuple[Memory, np.ndarray]:
-    """Return the zeroed arrays of a mixer and its table, (21,) int64: LAYOUT and addresses."""
+    """Return the zeroed arrays of a mixer and its table, (19,) int64: LAYOUT and addresses."""
     arrays = Memory(
         np.zeros(1, STATE),
         np.zeros(capacity, VOICE),
@@ -214,8 +208,8 @@ def allocate(
         np.zeros(RING, VOICE),
         np.arange(capacity),
         np.zeros(capacity, np.int64),
-        np.zeros((max(2, channels), CHUNK), np.float32),
-        np.zeros(CHUNK, np.float32),
+        np.zeros((max(2, channels), ROOM), np.float32),
+        np.zeros(ROOM, np.float32),
         np.zeros((channels, look_ahead + CHUNK), np.float32),
         np.zeros(look_ahead + 2),
         np.zeros(look_ahead + 2, np.int64),
@@ -226,8 +220,6 @@ def allocate(
         np.zeros((history, channels), np.float32),
         np.zeros(LOADS),
         np.zeros(2, np.int64),
-        np.zeros(CHUNK, np.int32),
-        np.zeros(CHUNK, np.float32),
     )
     s = arrays.state
     s['channels'], s['capacity'] = channels, capacity

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Vectors of sixteen float32 as values in compiled code: `+`, `-`, `*`, `fma`, load, store.
+
+A compiler turns a loop over arrays into vector code by rules of its own: integers of 64 bits or
+places that are gathered may cost all that the vectors gain, and what does not fill one goes through
+scalar code. Here both the width and each operation are written down. On AVX-512 a value is one
+register, on AVX2 two of eight, on SSE or NEON four; a lane never looks at its neighbours, and a
+product and a sum are fused where `fma` says so only. So the bits are the same on every processor
+that has a fused multiply-add, however wide its vectors are.
+"""
+
+import operator
+from typing import Any
+
+from numba import types
+from numba.core import cgutils
+from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+WIDTH = 16
+_ir = cgutils.ir
+_FLOAT, _I32, _I64 = _ir.FloatType(), _ir.IntType(32), _ir.IntType(64)
+_FLOATS, _INTS = _ir.VectorType(_FLOAT, WIDTH), _ir.VectorType(_I32, WIDTH)
+_FOUR = _ir.VectorType(_FLOAT, 4)
+_LANE = _ir.Constant(_INTS, list(range(WIDTH)))
+
+
+class Lanes(types.Type):
+    """Sixteen float32."""
+
+    def __init__(self) -> None:
+        super().__init__(name='Lanes')
+
+
+lanes = Lanes()
+
+
+@register_model(Lanes)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager, kind):
+        super().__init__(manager, kind, _FLOATS)
+
+
+def _operator(function, build: str) -> None:
+    @infer_global(function)
+    class _Typing(ConcreteTemplate):
+        cases = [signature(lanes, lanes, lanes)]
+
+    @lower_builtin(function, lanes, lanes)
+    def _lower(context, builder, sig, args):
+        return getattr(builder, build)(*args)
+
+
+_operator(operator.add, 'fadd')
+_operator(operator.sub, 'fsub')
+_operator(operator.mul, 'fmul')
+
+
+def _pointer(builder, address, kind):
+    return builder.inttoptr(address, kind.as_pointer())
+
+
+def _shuffle(builder, a, b, places):
+    kind = _ir.VectorType(_I32, len(places))
+    return builder.shuffle_vector(a, b, _ir.Constant(kind, list(places)))
+
+
+def _spread(builder, number, kind):
+    """Return a vector of `kind` that holds `number` in every lane."""
+    one = builder.insert_element(_ir.Constant(kind, _ir.Undefined), number, _ir.Constant(_I32, 0))
+    return _shuffle(builder, one, one, [0] * WIDTH)
+
+
+def _splat(typing_context, number) -> Any:
+    """Return the float32 `number` in all lanes."""
+
+    def codegen(context, builder, sig, args):
+        return _spread(builder, args[0], _FLOATS)
+
+    return lanes(types.float32), codegen
+
+
+def _load(typing_context, address) -> Any:
+    """Return the float32 from `address` on."""
+
+    def codegen(context, builder, sig, args):
+        return builder.load(_pointer(builder, args[0], _FLOATS), align=4)
+
+    return lanes(types.int64), codegen
+
+
+def _store(typing_context, address, x) -> Any:
+    """Write `x` from `address` on."""
+
+    def codegen(context, builder, sig, args):
+        builder.store(args[1], _pointer(builder, args[0], _FLOATS), align=4)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, lanes), codegen
+
+
+def _fma(typing_context, a, b, c) -> Any:
+    """Return a * b + c, rounded once; twice on processors that cannot."""
+
+    def codegen(context, builder, sig, args):
+        kind = _ir.FunctionType(_FLOATS, [_FLOATS] * 3)
+        name = f'llvm.fmuladd.v{WIDTH}f32'
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
+
+    return lanes(lanes, lanes, lanes), codegen
+
+
+def _least(typing_context, a, b) -> Any:
+    """Return the lesser of `a` and `b` in each lane."""
+
+    def codegen(context, builder, sig, args):
+        return builder.select(builder.fcmp_ordered('<', *args), *args)
+
+    return lanes(lanes, lanes), codegen
+
+
+def _count(typing_context, first) -> Any:
+    """Return first, first + 1, ..., first + 15; `first` is an int32."""
+
+    def codegen(context, builder, sig, args):
+        return builder.sitofp(builder.add(_spread(builder, args[0], _INTS), _LANE), _FLOATS)
+
+    return lanes(types.int32), codegen
+
+
+def _keep(typing_context, x, count) -> Any:
+    """Return the first `count` (int32) lanes of `x` and zeros behind them."""
+
+    def codegen(context, builder, sig, args):
+        x, count = args
+        kept = builder.icmp_signed('<', _LANE, _spread(builder, count, _INTS))
+        return builder.select(kept, x, _ir.Constant(_FLOATS, None))
+
+    return lanes(lanes, types.int32), codegen
+
+
+def _fractions(typing_context, place, step) -> Any:
+    """Return what is behind the point of place + lane * step, int64 with 32 bits behind it."""
+
+    def codegen(context, builder, sig, args):
+        place, step = (_spread(builder, builder.trunc(a, _I32), _INTS) for a in args)
+        bits = builder.add(place, builder.mul(step, _LANE))
+        bits = builder.lshr(bits, _ir.Constant(_INTS, [1] * WIDTH))  # room for a sign
+        unit = _ir.Constant(_FLOATS, [_ir.Constant(_FLOAT, 2.0**-31)] * WIDTH)
+        return builder.fmul(builder.sitofp(bits, _FLOATS), unit)
+
+    return lanes(types.int64, types.int64), codegen
+
+
+def _transposed(builder, rows):
+    """Return four vectors of eight from eight rows of four."""
+    pairs = [_shuffle(builder, rows[k], rows[k + 4], range(8)) for k in range(4)]
+    low, high = (0, 8, 1, 9, 4, 12, 5, 13), (2, 10, 3, 11, 6, 14, 7, 15)
+    mixed = [_shuffle(builder, pairs[i], pairs[i + 1], h) for h in (low, high) for i in (0, 2)]
+    first, second = (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15)
+    return [_shuffle(builder, mixed[i], mixed[i + 1], h) for i in (0, 2) for h in (first, second)]
+
+
+def _around(typing_context, address, place, step) -> Any:
+    """Return the float32 before, at, one and two behind the whole part of place + lane * step.
+
+    Places are int64 with 32 bits behind the point, not negative, and count from `address`. Each
+    lane loads its four in one go, and they are transposed in registers: that is several times as
+    fast as gathering them one by one, which is what compilers do.
+    """
+
+    def codegen(context, builder, sig, args):
+        address, place, step = args
+        begin = _pointer(builder, builder.sub(address, _ir.Constant(_I64, 4)), _FLOAT)
+        rows = []
+        for _ in range(WIDTH):
+            at = builder.gep(begin, [builder.lshr(place, _ir.Constant(_I64, 32))])
+            rows.append(builder.load(builder.bitcast(at, _FOUR.as_pointer()), align=4))
+            place = builder.add(place, step)
+        halves = zip(_transposed(builder, rows[:8]), _transposed(builder, rows[8:]))
+        columns = [_shuffle(builder, a, b, range(16)) for a, b in halves]
+        return context.make_tuple(builder, sig.return_type, columns)
+
+    return types.UniTuple(lanes, 4)(types.int64, types.int64, types.int64), codegen
+
+
+def _prefetch(typing_context, address) -> Any:
+    """Ask for the cache line at `address`, and do not wait for it."""
+
+    def codegen(context, builder, sig, args):
+        at = _pointer(builder, args[0], _ir.IntType(8))
+        kind = _ir.FunctionType(_ir.VoidType(), [at.type, _I32, _I32, _I32])
+        function = cgutils.get_or_insert_function(builder.module, kind, 'llvm.prefetch.p0')
+        read, keep, data = (_ir.Constant(_I32, k) for k in (0, 3, 1))
+        builder.call(function, [at, read, keep, data])
+        return context.get_dummy_value()
+
+    return types.void(types.int64), codegen
+
+
+splat: Any = intrinsic(_splat)
+load: Any = intrinsic(_load)
+store: Any = intrinsic(_store)
+fma: Any = intrinsic(_fma)
+least: Any = intrinsic(_least)
+count_from: Any = intrinsic(_count)
+keep: Any = intrinsic(_keep)
+fractions: Any = intrinsic(_fractions)
+around: Any = intrinsic(_around)
+prefetch: Any = intrinsic(_prefetch)
