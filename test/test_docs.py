@@ -26,3 +26,17 @@ def test_links_lead_somewhere(page):
     for target in re.findall(r'\]\(([^)#]+)[^)]*\)', page.read_text()):
         if not target.startswith('http'):
             assert (page.parent / target).exists(), target
+
+
+def test_the_snippet_of_the_readme_runs():
+    """Word for word, on the bag that ships, in a process without ROS."""
+    section = (ROOT / 'README.md').read_text().split('## Reading a bag without ROS')[1]
+    snippet = re.search(r'```python\n(.*?)```', section, re.S)[1]
+    barred = "import sys\nsys.modules.update(rclpy=None, eol_msgs=None)\n"
+    done = subprocess.run(
+        [sys.executable, '-c', barred + snippet], cwd=ROOT, capture_output=True, text=True
+    )
+
+    assert done.returncode == 0, done.stderr
+    found = re.fullmatch(r'(\d+) slips; the greatest went (\d\.\d+) m\n', done.stdout)
+    assert found and int(found[1]) > 100 and 0.01 < float(found[2]) < 1

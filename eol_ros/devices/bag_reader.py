@@ -17,7 +17,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from zstandard import ZstdError
 
 from eol_ros.devices.bag_file import MAGIC, BagTopic
-from eol_ros.devices.bag_writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA
+from eol_ros.devices.bag_writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA, SAMPLE
 from eol_ros.errors import ConfigError, DeviceMissing
 
 DAMAGE = (McapError, ZstdError, ValueError, struct.error)  # what broken bytes raise in mcap
@@ -162,9 +162,9 @@ def _whole_messages(file: BinaryIO) -> Iterator[BagMessage]:
 class BagReader:
     """A bag, opened to be read: `topics`, `counts`, times, `about`, `gaps`, and `messages()`.
 
-    A folder that holds bags stands for the newest run in it: recordings of a replay count only
-    where they are named themselves. Raises DeviceMissing when there is no such file, ConfigError
-    when it is not a bag.
+    A folder that holds bags stands for the newest run in it, or for the sample that ships where
+    there is no run; recordings of a replay count only where they are named themselves. Raises
+    DeviceMissing when there is no such file, ConfigError when it is not a bag.
     """
 
     def __init__(self, path: str | Path):
@@ -249,10 +249,16 @@ def _newest(path: Path) -> Path:
     if not path.is_dir() or any(path.glob('*.mcap*')):
         return path
     bags = {p.parent for p in path.glob('*/*.mcap*') if p.name.endswith(('.mcap', '.mcap' + PART))}
+    sample = None
     for bag in sorted(bags, key=lambda p: (p.stat().st_mtime_ns, p.name), reverse=True):
         about = _run_metadata(_mcap_files(bag)[0])
-        if about is not None and REPLAY_OF not in about:
+        if about is None or REPLAY_OF in about:
+            continue
+        if SAMPLE not in about:
             return bag
+        sample = bag
+    if sample:
+        return sample
     if bags:
         raise ConfigError(f'{path}: only recordings of replays in it; name the one that you want')
     return path

@@ -8,6 +8,7 @@ import ctypes
 import hashlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -48,6 +49,12 @@ def make_ice(seed: int) -> Path:
         audio_file.write(part, ice(ICE_S, ICE_RATE, seed), ICE_RATE, 'PCM_16')
         os.replace(part, path)
     return path
+
+
+def of_this_machine(sound: str) -> Path:
+    """Return the file `sound` of a corpus made elsewhere: the ice recording is made here, too."""
+    ice = re.fullmatch(rf'ice-{corpus_file.ICE_RECIPE}-(\d+)\.wav', os.path.basename(sound))
+    return make_ice(int(ice[1])) if ice and not os.path.isfile(sound) else Path(sound)
 
 
 def build(

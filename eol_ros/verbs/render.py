@@ -150,9 +150,10 @@ def _bag_triggers(bag, sample_rate: int):
 def _bag_bank(row, sample_rate: int):
     import numpy as np
 
+    from eol_ros.devices.corpus_build import of_this_machine
     from eol_ros.devices.sound_bank import load_bank
 
-    files = [str(f) for f in np.atleast_1d(row['files'])]
+    files = [str(of_this_machine(f)) for f in np.atleast_1d(row['files'])]
     return load_bank(
         files, np.asarray(row['file'], np.int64), np.asarray(row['start'], float),
         np.asarray(row['duration'], float), sample_rate,

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bag that ships: of today's messages, small, enough to begin with."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import soundfile
+from bag_samples import write_bag
+
+from eol_ros import cli
+from eol_ros.analysis import open_bag
+from eol_ros.devices.bag_reader import BagReader
+from eol_ros.ros.definitions import describe
+from eol_ros.ros.topics import TOPICS
+
+SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
+ANEW = 'make it anew with `python tools/make_sample_bag.py`'
+
+
+def meant(definition):
+    """Return fields and constants without what the comments say of them."""
+    lines = (line.split('#')[0].split() for line in definition.splitlines())
+    return [words for words in lines if words]
+
+
+@pytest.fixture(scope='module')
+def bag():
+    return BagReader(SAMPLE)
+
+
+def test_its_messages_are_those_of_today(bag):
+    by_type = {row.type_name: name for name, row in TOPICS.items()}
+    recorded = {topic.type: topic for topic in bag.topics.values()}
+    for kind, topic in recorded.items():
+        assert kind in by_type, f'bags/sample holds {kind}, which is no more: {ANEW}'
+        today = describe(by_type[kind])
+        stale = f'bags/sample was recorded with another definition of {kind}: {ANEW}'
+        assert topic.type_hash == today['type_hash'], stale
+        assert meant(topic.definition) == meant(today['definition']), stale
+
+
+def test_it_is_small_and_whole_and_shows_something(bag):
+    assert sum(f.stat().st_size for f in SAMPLE.iterdir()) <= 2e6
+    assert 40 <= bag.duration_s <= 70
+    assert bag.cut_short == [] and 'sample' in bag.about
+    for name in ('lost_before_recorder', 'dropped_in_recorder', 'stamp_gaps'):
+        assert sum(json.loads(bag.gaps[name]).values()) == 0, name
+    assert not bag.counts.get('/eol/camera/image_raw')
+    assert bag.counts['/eol/blocks'] >= 40 * 60
+    assert bag.counts['/eol/grain_triggers'] >= 300
+    assert bag.counts['/eol/slips'] >= 400
+    assert open_bag(SAMPLE).table('cascades')['area'].max() >= 10
+
+
+def test_a_folder_stands_for_it_only_until_something_is_recorded(tmp_path):
+    replay = write_bag(tmp_path / 'playback', 3, about={'replay_of': str(tmp_path)})
+    replay.close()
+    shutil.copytree(SAMPLE, tmp_path / 'sample')
+    assert BagReader(tmp_path).path.name == 'sample'
+
+    write_bag(tmp_path / 'rehearsal', 3).close()
+    os.utime(tmp_path / 'rehearsal', (0, 0))  # a pull may bring a newer sample
+    assert BagReader(tmp_path).path.name == 'rehearsal'
+
+
+@pytest.mark.slow
+def test_report_and_render_need_nothing_else(tmp_path):
+    assert cli.main(['report', str(SAMPLE), '--out', str(tmp_path / 'report')]) == 0
+    found = json.loads((tmp_path / 'report' / 'report.json').read_text())
+    assert found['slips']['count'] >= 200 and found['cascades']['count'] >= 20
+
+    # As on a machine where nothing has run yet: not even the recording of ice is there.
+    out = tmp_path / 'sample.wav'
+    done = subprocess.run(
+        [sys.executable, '-m', 'eol_ros', 'render', str(SAMPLE), '--out', str(out)],
+        env={**os.environ, 'EOL_CACHE': str(tmp_path / 'cache')}, capture_output=True, text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    samples, rate = soundfile.read(out)
+    assert len(samples) > 40 * rate and abs(samples).max() > 0.1
+    assert list((tmp_path / 'cache' / 'ice').glob('ice-*.wav'))
