@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from eol_ros.analysis import figures
 from eol_ros.analysis.bag import Bag, Table, seconds
@@ -17,6 +18,7 @@ from eol_ros.core.science import powerlaw
 from eol_ros.errors import DeviceMissing
 
 START, STOP = 1, 2  # eol_msgs/Slip
+SOUNDS_WITHIN_S = 0.25  # a slip that has not sounded by then does not sound
 
 
 def numbers(bag: Bag) -> dict[str, Any]:
@@ -27,6 +29,7 @@ def numbers(bag: Bag) -> dict[str, Any]:
         'messages': {name: count for name, count in bag.counts.items() if count},
         'gaps': {name: json.loads(text) for name, text in bag.gaps.items() if text[:1] == '{'},
         'latency_ms': _latencies(bag),
+        'onset_latency_ms': _onset_latencies(bag),
     }
     slips, cascades = _table(bag, 'slips'), _table(bag, 'cascades')
     if slips is not None:
@@ -49,12 +52,12 @@ def law(areas: np.ndarray) -> dict[str, Any]:
     """Return the power law of cascade areas, or `why` there is none."""
     found: dict[str, Any] = {'count': len(areas), 'largest': int(areas.max(initial=0))}
     try:
-        fit = powerlaw.choose_x_min(powerlaw.histogram(areas), x_max=N_BLOCKS)
-        error = powerlaw.block_error(areas, fit, np.random.default_rng(1))
+        law_found = powerlaw.cascade_law(areas)
     except powerlaw.FitError as error:
         return found | {'why': str(error)}
+    fit = law_found.fit
     return found | {
-        'b_value': fit.b_value, 'b_error': max(error, fit.error), 'tau': fit.tau,
+        'b_value': fit.b_value, 'b_error': law_found.b_error, 'tau': fit.tau,
         'area_min': fit.x_min, 'area_max': N_BLOCKS, 'fitted': fit.count, 'ks': fit.ks,
     }  # fmt: skip
 
@@ -99,15 +102,74 @@ def _table(bag: Bag, topic: str) -> Table | None:
 
 
 def _latencies(bag: Bag) -> dict[str, dict[str, float]]:
-    """From the stamp of the picture to the recorder, where a topic carries that stamp."""
+    """Return the latency from the stamp of an image to the recorder, or to the bytes of its light.
+
+    Only the first packet of light for a stamp counts: those that follow show how a flash decays,
+    and in bags of version 0.1.0 they repeat the stamp of the last slip.
+    """
     found = {}
     for topic in ('blocks', 'slips', 'led_commands', 'grain_triggers'):
-        table = _table(bag, topic)
-        if table is not None:
-            late = (seconds(table['log_time']) - seconds(table['stamp'])) * 1e3
-            p50, p99 = np.percentile(late, [50, 99])
-            found[topic] = {'p50': round(p50, 2), 'p99': round(p99, 2), 'max': round(late.max(), 2)}
+        table = _first_packets(bag) if topic == 'led_commands' else _table(bag, topic)
+        if table is not None and len(table):
+            arrival = table['sent'] if topic == 'led_commands' else table['log_time']
+            found[topic] = _summary((seconds(arrival) - seconds(table['stamp'])) * 1e3)
     return found
+
+
+def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
+    """Return the latency from the onset of a slip, as `slips` estimates it, to its light and sound.
+
+    Light: to the bytes of the first packet that carries the stamp of the slip's image. Sound: to
+    the first sample of the first grain of the block for an image from the onset on, which is due
+    `latency_s` after the stamp of that image, or as late as its trigger came.
+    """
+    slips = _table(bag, 'slips')
+    if slips is None:
+        return {}
+    starts = slips[slips['kind'] == START]
+    onset_s = seconds(starts['onset'])
+    found = {'slips': seconds(starts['log_time']) - onset_s}
+    light = _first_packets(bag)
+    if light is not None and len(light):
+        order = np.argsort(light['stamp'])
+        at = np.searchsorted(light['stamp'][order], starts['stamp'])
+        at = order[np.minimum(at, len(order) - 1)]
+        lit = light['stamp'][at] == starts['stamp']
+        found['led_commands'] = (seconds(light['sent'][at]) - onset_s)[lit]
+    triggers = _table(bag, 'grain_triggers')
+    latency_s = _setting(bag, 'sound', 'latency_s')
+    if triggers is not None and latency_s is not None:
+        stamp_s = seconds(triggers['stamp'])
+        due_s = np.maximum(stamp_s + latency_s, seconds(triggers['log_time']))
+        sounded = []
+        for block, begin_s in zip(starts['block'], onset_s):
+            own = (triggers['block'] == block) & (stamp_s >= begin_s)
+            own &= stamp_s < begin_s + SOUNDS_WITHIN_S
+            if own.any():
+                sounded.append(due_s[own].min() - begin_s)
+        found['first_sample'] = np.array(sounded)
+    return {name: _summary(late_s * 1e3) for name, late_s in found.items() if len(late_s)}
+
+
+def _first_packets(bag: Bag) -> Table | None:
+    """Return of `led_commands` the first packet for each stamp of an image."""
+    table = _table(bag, 'led_commands')
+    if table is None:
+        return None
+    stamps, first = np.unique(table['stamp'], return_index=True)
+    return table[np.sort(first[seconds(stamps) > 0])]
+
+
+def _setting(bag: Bag, node: str, name: str) -> Any:
+    """Return a setting that the bag was recorded with; None where the scene lacks that node."""
+    nodes = (yaml.safe_load(bag.about.get('settings', '')) or {}).get('nodes', {})
+    return (nodes.get(node) or {}).get(name)
+
+
+def _summary(late_ms: np.ndarray) -> dict[str, float]:
+    p50, p99 = np.percentile(late_ms, [50, 99])
+    return {'p50': round(p50, 2), 'p99': round(p99, 2), 'max': round(float(late_ms.max()), 2),
+            'count': len(late_ms)}
 
 
 def _median(values: np.ndarray) -> float | None:
@@ -125,8 +187,10 @@ def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
         *(f'<p class="warn">{html.escape(line)}</p>' for line in bag.cut_short),
         _verdict(found),
         _rows('Received messages', ('topic', 'messages'), found['messages'].items()),
-        _rows('From the stamp of the picture to the recorder, ms', ('topic', 'p50', 'p99', 'max'),
-              [(t, r['p50'], r['p99'], r['max']) for t, r in found['latency_ms'].items()]),
+        _latency_rows('From the stamp of the image to the recorder, of light to its bytes on the '
+                      'line, ms', found['latency_ms']),
+        _latency_rows('From the onset of a slip, as it was estimated, ms',
+                      found['onset_latency_ms']),
         _rows('Lost on the way', ('where', 'topic', 'messages'),
               [(where.replace('_', ' '), topic, count) for where, topics in found['gaps'].items()
                if where != 'received' for topic, count in topics.items() if count]),
@@ -148,6 +212,11 @@ def _verdict(found: dict[str, Any]) -> str:
     notes = ''.join(f'<p class="warn">{html.escape(n)}</p>' for n in proof['notes'])
     return _rows(f'Recomputed from the recorded input: {words}',
                  ('topic', 'recorded', 'recomputed', 'different', 'first'), rows) + notes
+
+
+def _latency_rows(title: str, latencies: dict[str, dict[str, float]]) -> str:
+    rows = [(t, r['p50'], r['p99'], r['max'], r['count']) for t, r in latencies.items()]
+    return _rows(title, ('to', 'p50', 'p99', 'max', 'count'), rows)
 
 
 def _rows(title: str, head: tuple[str, ...], rows: Any) -> str:
@@ -174,8 +243,10 @@ def summary(found: dict[str, Any]) -> str:
                 f'{c["count"]} cascades, up to {c["largest"]} blocks; b = {c["b_value"]:.2f} +- '
                 f'{c["b_error"]:.2f} for areas {c["area_min"]} to {c["area_max"]}'
             )
-    for topic, r in found['latency_ms'].items():
-        lines.append(f'{topic}: {r["p50"]:.1f} ms after the picture (p99 {r["p99"]:.1f})')
+    for begin, latencies in (('the image', found['latency_ms']),
+                             ('the onset of the slip', found['onset_latency_ms'])):
+        for topic, r in latencies.items():
+            lines.append(f'{topic}: {r["p50"]:.1f} ms after {begin} (p99 {r["p99"]:.1f})')
     for topic, c in found.get('retracked', {}).get('topics', {}).items():
         words = 'equal to the last bit' if not c['different'] else f'{c["different"]} differ'
         lines.append(

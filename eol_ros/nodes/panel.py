@@ -71,7 +71,9 @@ class PanelNode(EolNode):
         viewers = len(self.server.hub.viewers)
         skew_ms = round(self.server.routes.skew_ms, 1)
         self.health.values.update(viewers=viewers, wall_skew_ms=skew_ms)
-        if self.day.turn(time.time()):
+        turned = self.day.turn(time.time())
+        fitted = bool(viewers) and self.day.fit()  # some milliseconds: not for each cascade
+        if fitted or turned:
             self.tell('cascades', self.day.notice())
         self.day_file.save(self.day.kept(), time.monotonic())
         trouble = self.day_file.trouble

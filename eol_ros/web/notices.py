@@ -5,7 +5,10 @@ import datetime
 from collections import deque
 from typing import Any
 
+import numpy as np
+
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.science import powerlaw
 
 RECENT = 40
 LEVELS = ('ok', 'warn', 'error', 'silent')
@@ -105,25 +108,30 @@ class Day:
 
     def __init__(self, kept: Any = None):
         self._date = ''
-        self._areas = [0] * (N_BLOCKS + 1)
+        self._areas: list[int] = []  # of each cascade, in order of time
         self._recent: deque[list[Any]] = deque(maxlen=RECENT)
+        self._law: dict[str, Any] = {}
+        self._law_of = -1  # so many cascades were fitted
         if _is_day(kept):
-            self._date, self._areas = kept['date'], list(kept['areas'])
+            self._date, self._areas = kept['date'], list(kept['order'])
             self._recent.extend(kept['recent'])
+        self.fit()
 
     def turn(self, now_s: float) -> bool:
         """Begin from zero when midnight has passed; return whether it has."""
         date = str(datetime.date.fromtimestamp(now_s))
         if date == self._date:
             return False
-        self._date, self._areas = date, [0] * (N_BLOCKS + 1)
+        self._date = date
+        self._areas.clear()
         self._recent.clear()
+        self.fit()
         return True
 
     def add(self, message: Any, now_s: float) -> None:
         """Count one Cascade message."""
         self.turn(now_s)
-        self._areas[min(message.area, N_BLOCKS)] += 1
+        self._areas.append(min(message.area, N_BLOCKS))
         self._recent.append([
             seconds(message.onset), message.nucleus, message.area, message.size, message.duration,
             list(message.blocks),
@@ -131,11 +139,37 @@ class Day:
 
     def kept(self) -> dict[str, Any]:
         """Return the day so far, as plain data."""
-        return {'date': self._date, 'areas': list(self._areas), 'recent': list(self._recent)}
+        return {'date': self._date, 'order': list(self._areas), 'recent': list(self._recent)}
+
+    def fit(self) -> bool:
+        """Fit the power law of the areas, if cascades have come; return whether any had."""
+        if self._law_of == len(self._areas):
+            return False
+        self._law_of = len(self._areas)
+        try:
+            law = powerlaw.cascade_law(np.array(self._areas, np.int64))
+        except powerlaw.FitError:
+            self._law = {'fitted': self._law_of, 'fewest': powerlaw.FEWEST_CASCADES}
+            return True
+        logs = np.log(np.arange(law.fit.x_min, N_BLOCKS + 1))
+        shares = np.exp(-law.fit.tau * logs)
+        self._law = {
+            'fitted': self._law_of, 'b': law.fit.b_value, 'error': law.b_error,
+            'from': law.fit.x_min, 'count': law.fit.count,
+            'exceedance': (shares[::-1].cumsum()[::-1] / shares.sum()).tolist(),
+        }  # fmt: skip
+        return True
 
     def notice(self) -> dict[str, Any]:
-        """Return the day so far, for pages."""
-        return {'t': 'cascades', **self.kept()}
+        """Return the day so far, for pages: N of each area, the newest cascades, their law.
+
+        `law` has `b`, `error` and `exceedance`, the fitted share of N(>= from) for each area from
+        `from` on; or, where there is no fit, only how many cascades there are and how many it
+        takes.
+        """
+        counts = np.bincount(np.array(self._areas, np.int64), minlength=N_BLOCKS + 1).tolist()
+        return {'t': 'cascades', 'date': self._date, 'areas': counts,
+                'recent': list(self._recent), 'law': self._law}
 
 
 def _is_day(kept: Any) -> bool:
@@ -143,9 +177,8 @@ def _is_day(kept: Any) -> bool:
     return (
         isinstance(kept, dict)
         and isinstance(kept.get('date'), str)
-        and isinstance(kept.get('areas'), list)
-        and len(kept['areas']) == N_BLOCKS + 1
-        and all(isinstance(count, int) and count >= 0 for count in kept['areas'])
+        and isinstance(kept.get('order'), list)
+        and all(isinstance(area, int) and 0 <= area <= N_BLOCKS for area in kept['order'])
         and isinstance(kept.get('recent'), list)
         and all(isinstance(row, list) and len(row) == 6 for row in kept['recent'])
     )

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from eol_msgs.msg import Cascade, Slip
+from eol_msgs.msg import Cascade, GrainTrigger, LedCommand, Slip
 from rclpy.serialization import serialize_message
 
 from eol_ros import cli
@@ -68,9 +68,52 @@ def test_numbers(big):
 def test_too_few_cascades_are_not_fitted(tmp_path):
     bag, _ = made(tmp_path / 'run', 18)
     found = report.numbers(bag)
-    assert 'too few events' in found['cascades']['why']
+    assert '18 cascades are too few' in found['cascades']['why']
     assert 'b_value' not in found['cascades']
-    assert 'too few events' in report.summary(found)
+    assert '18 cascades are too few' in report.summary(found)
+
+
+@pytest.mark.parametrize('decay_repeats_the_stamp', [False, True], ids=['now', 'version 0.1.0'])
+def test_latency_of_light_and_sound(tmp_path, decay_repeats_the_stamp):
+    """Each slip: onset, image 10 ms later, first packet 6 ms after that, then 0.3 s of decay."""
+    topics = [BagTopic(f'/eol/{t}', **describe(t)) for t in ('slips', 'led_commands',
+                                                             'grain_triggers')]
+    scene = 'nodes: {sound: {latency_s: 0.025}}\n'
+    bag = BagWriter(tmp_path / 'run', topics, {'scene_name': 'x', 'settings': scene})
+    ms = 1_000_000
+
+    def write(topic, message, at):
+        bag.write(f'/eol/{topic}', bytes(serialize_message(message)), at, at)
+
+    for i in range(50):
+        onset = T0 + i * 1000 * ms
+        image = onset + 10 * ms
+        slip = Slip(kind=Slip.START, slip=i, block=i % 25, onset=to_msg(onset))
+        slip.header.stamp = to_msg(image)
+        write('slips', slip, image + 4 * ms)
+        for k in range(31):
+            sent = image + 6 * ms + k * 10 * ms
+            light = LedCommand(sequence=31 * i + k, sent=to_msg(sent))
+            if k == 0 or decay_repeats_the_stamp:
+                light.header.stamp = to_msg(image)
+            write('led_commands', light, sent + 3 * ms)
+        for later, block in ((0, (i + 1) % 25), (20, i % 25), (40, i % 25)):
+            grain = GrainTrigger(sequence=3 * i + later // 20, block=block)
+            grain.header.stamp = to_msg(image + later * ms)
+            late = 5 if i < 40 else 60  # of the last ten the trigger comes after it was due
+            write('grain_triggers', grain, image + (later + late) * ms)
+    bag.close()
+    found = report.numbers(open_bag(tmp_path / 'run'))
+    light, onset = found['latency_ms']['led_commands'], found['onset_latency_ms']
+    assert light == {'p50': 6.0, 'p99': 6.0, 'max': 6.0, 'count': 50}
+    assert onset['slips']['p50'] == pytest.approx(14.0, abs=0.01)
+    assert onset['led_commands'] == {'p50': 16.0, 'p99': 16.0, 'max': 16.0, 'count': 50}
+    # the block's own grain for an image 20 ms later, due after 25 ms more
+    assert onset['first_sample']['p50'] == pytest.approx(55.0, abs=0.01)
+    assert onset['first_sample']['max'] == pytest.approx(90.0, abs=0.01)
+    words = report.summary(found)
+    assert 'led_commands: 6.0 ms after the image' in words
+    assert 'led_commands: 16.0 ms after the onset of the slip' in words
 
 
 @pytest.fixture(scope='module')

@@ -9,6 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from eol_ros.analysis import report
+from eol_ros.core.science import powerlaw
 from eol_ros.web import notices, wire
 
 
@@ -109,10 +111,41 @@ def test_a_day_goes_on_after_a_restart():
     assert again.turn(NOON + 86400) and sum(again.notice()['areas']) == 0
     row = [0.0] * 6
     for broken in (None, [], {}, {'date': 'x', 'areas': [1], 'recent': []},
-                   {'date': 'x', 'areas': [-1] * 26, 'recent': []},
-                   {'date': 'x', 'areas': ['1'] * 26, 'recent': [row]},
-                   {'date': 'x', 'areas': [0] * 26, 'recent': [[1]]}):  # fmt: skip
+                   {'date': 'x', 'order': [-1] * 26, 'recent': []},
+                   {'date': 'x', 'order': [26], 'recent': []},
+                   {'date': 'x', 'order': ['1'] * 26, 'recent': [row]},
+                   {'date': 'x', 'order': [1], 'recent': [[1]]}):  # fmt: skip
         assert sum(notices.Day(broken).notice()['areas']) == 0
+
+
+def test_the_law_of_the_day_is_that_of_the_report():
+    areas = powerlaw.sample(1.6, 1, 25, 300, np.random.default_rng(3))
+    day = notices.Day()
+    for area in areas[:49]:
+        day.add(cascade(NOON, int(area)), NOON)
+    assert day.fit() and not day.fit()
+    assert day.notice()['law'] == {'fitted': 49, 'fewest': 50}
+    assert 'why' in report.law(areas[:49])
+    for area in areas[49:]:
+        day.add(cascade(NOON, int(area)), NOON)
+    assert day.fit()
+    law, found = day.notice()['law'], report.law(areas)
+    assert (law['b'], law['error'], law['from'], law['count']) == (
+        found['b_value'], found['b_error'], found['area_min'], found['fitted']
+    )
+    # The curve that the page draws: P(A >= a), summed here one by one.
+    support = np.arange(law['from'], 26.0)
+    weights = support ** -found['tau']
+    expected = [weights[support >= a].sum() / weights.sum() for a in support]
+    assert law['exceedance'] == pytest.approx(expected, rel=1e-12)
+
+
+def test_areas_of_one_size_have_no_law():
+    day = notices.Day()
+    for _ in range(60):
+        day.add(cascade(NOON, 1), NOON)
+    day.fit()
+    assert day.notice()['law'] == {'fitted': 60, 'fewest': 50}
 
 
 def test_corpus_values_become_columns():

@@ -13,13 +13,14 @@ anywhere.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import zeta
 
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.errors import EolError
 
+FEWEST_CASCADES = 50  # as many as `block_error` needs: one without an error is no result
 FEWEST = 30  # events in the range of a fit: with fewer, a slope would be invented
 STEEPEST, FLATTEST = 12.0, -4.0
+TAU_TOLERANCE = 1e-12
 UNLIMITED = 1 << 20  # untruncated: sums go this far, the zeta function does the rest
 
 
@@ -129,14 +130,33 @@ def block_error(
     used = len(numbers) // blocks * blocks
     block_logs = logs[:used].reshape(blocks, -1).sum(axis=1)
     block_counts = inside[:used].reshape(blocks, -1).sum(axis=1)
+    drawn = rng.integers(0, blocks, (repeats, blocks))
+    counts = block_counts[drawn].sum(axis=1)
+    mean_logs = block_logs[drawn].sum(axis=1)[counts > 0] / counts[counts > 0]
     law = _Law(found.x_min, found.x_max)
-    taus = []
-    for _ in range(repeats):
-        drawn = rng.integers(0, blocks, blocks)
-        count = float(block_counts[drawn].sum())
-        if count > 0:
-            taus.append(law.solve(float(block_logs[drawn].sum()) / count))
-    return float(np.std(taus, ddof=1))
+    return float(np.std(law.solve_all(mean_logs), ddof=1))
+
+
+@dataclass(frozen=True)
+class CascadeLaw:
+    """The law of cascade areas on a table of 25 blocks; `b_error` heeds dependent cascades."""
+
+    fit: Fit
+    b_error: float
+
+
+def cascade_law(areas: np.ndarray) -> CascadeLaw:
+    """Return the power law of cascade areas in order of time, upper end at all blocks.
+
+    The one rule for panel and report. Raises FitError, whose text is for people, with fewer than
+    50 cascades, or where they follow no power law.
+    """
+    areas = np.asarray(areas)
+    if len(areas) < FEWEST_CASCADES:
+        raise FitError(f'{len(areas)} cascades are too few for a fit: {FEWEST_CASCADES} are needed')
+    found = choose_x_min(histogram(areas), x_max=N_BLOCKS)
+    error = block_error(areas, found, np.random.default_rng(1))
+    return CascadeLaw(found, max(error, found.error))
 
 
 def p_value(found: Fit, rng: np.random.Generator, repeats: int = 100) -> float:
@@ -181,6 +201,8 @@ class _Law:
     def log_norm(self, tau: float) -> float:
         """log of sum s^-tau."""
         if self.x_max is None:
+            from scipy.special import zeta  # the panel, which fits bounded laws, does without scipy
+
             return float(np.log(zeta(tau, self.x_min)))
         weights = -tau * self.logs
         return float(np.max(weights) + np.log(np.exp(weights - np.max(weights)).sum()))
@@ -201,15 +223,32 @@ class _Law:
         """The tau at which the law has this mean log s; it falls as tau grows."""
         flattest = 1 + 1e-3 if self.x_max is None else FLATTEST
 
-        def off(tau: float) -> float:
-            return self.moments(tau)[0] - mean_log
-
-        if off(flattest) < 0 or off(STEEPEST) > 0:
+        low, high = flattest, STEEPEST
+        if self.moments(low)[0] < mean_log or self.moments(high)[0] > mean_log:
             raise FitError(
                 f'no tau between {flattest:g} and {STEEPEST:g} has these sizes: '
                 'they are no power law on this range'
             )
-        return float(brentq(off, flattest, STEEPEST, xtol=1e-10))
+        while high - low > TAU_TOLERANCE:
+            middle = (low + high) / 2
+            if self.moments(middle)[0] > mean_log:
+                low = middle
+            else:
+                high = middle
+        return (low + high) / 2
+
+    def solve_all(self, mean_logs: np.ndarray) -> np.ndarray:
+        """The tau of each mean log s, (n,); all at the same time where the law has an end."""
+        if self.x_max is None:
+            return np.array([self.solve(float(mean)) for mean in mean_logs])
+        low, high = np.full(len(mean_logs), FLATTEST), np.full(len(mean_logs), STEEPEST)
+        while np.max(high - low, initial=0.0) > TAU_TOLERANCE:
+            middle = (low + high) / 2
+            weights = -middle[:, None] * self.logs
+            weights = np.exp(weights - weights.max(axis=1, keepdims=True))
+            steeper = weights @ self.logs / weights.sum(axis=1) > mean_logs
+            low, high = np.where(steeper, middle, low), np.where(steeper, high, middle)
+        return (low + high) / 2
 
     def cumulative(self, tau: float, top: int) -> np.ndarray:
         """P(x_min <= s <= k) for k = x_min .. top."""

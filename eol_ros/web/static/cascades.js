@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cascades of today: how many reached at least an area A, both axes logarithmic.
 
-import { exceedance, FEWEST, fitLaw } from './law.js';
 import { EDGE, fit, fontPx, INK, QUIET, THREAD, WATER, write } from './paint.js';
 import { say } from './i18n.js';
 
@@ -10,13 +9,13 @@ export class CascadeView {
     this.canvas = card.querySelector('canvas');
     this.count = card.querySelector('#cascade-count');
     this.last = card.querySelector('#last-cascade');
-    this.law = card.querySelector('#law-words');
+    this.words = card.querySelector('#law-words');
     this.dirty = true;
   }
 
   take(day) {
     this.day = day;
-    this.fitted = fitLaw(day.areas);
+    this.law = day.law; // fitted by the panel, as `eol report` fits it
     this.dirty = true;
   }
 
@@ -27,7 +26,7 @@ export class CascadeView {
     const total = areas.reduce((sum, n) => sum + n, 0);
     const largest = areas.reduce((most, n, area) => (n ? area : most), 0);
     write(this.count, say('cascade_words', { total, largest }));
-    write(this.law, this.lawWords());
+    write(this.words, this.lawWords());
     this.canvas.dataset.total = total;
     this.drawLaw(areas, total);
     const newest = this.day && this.day.recent[this.day.recent.length - 1];
@@ -39,10 +38,9 @@ export class CascadeView {
   }
 
   lawWords() {
-    const { fitted } = this;
-    if (!fitted) return '';
-    if (fitted.b === undefined) return say('law_few', { count: fitted.few, fewest: FEWEST });
-    const { b, error, from, count } = fitted;
+    if (!this.law) return '';
+    const { b, error, from, count, fitted, fewest } = this.law;
+    if (b === undefined) return say(fitted < fewest ? 'law_few' : 'law_none', { count: fitted, fewest });
     return say('law_words', { b: b.toFixed(2), error: error.toFixed(2), from, count });
   }
 
@@ -79,7 +77,7 @@ export class CascadeView {
     if (!total) return;
     let above = total;
     const points = [];
-    const law = this.fitted;
+    const { law } = this;
     for (let area = 1; area <= 25 && above > 0; area++) {
       points.push([x(area), y(above)]);
       above -= areas[area];
@@ -91,7 +89,7 @@ export class CascadeView {
       brush.setLineDash([6, 5]);
       brush.beginPath();
       for (let area = law.from; area <= 25; area++) {
-        const height = begin * exceedance(law, area);
+        const height = begin * law.exceedance[area - law.from];
         if (height < 1) break;
         brush.lineTo(x(area), y(height));
       }
