@@ -2,7 +2,6 @@
 """eol bench corpus: descriptors against librosa and essentia, the layout, the selection."""
 
 import argparse
-import json
 import sys
 import time
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from eol_ros.bench.machine import tell
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound import descriptors, layout, segments
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         'selection': [measure_selection(n, args.seed) for n in (160, 600, 2000)],
         'slips': [measure_slips(args.table_seconds, fps, args.seed) for fps in (60.0, 120.0)],
     }
-    print(json.dumps(results, indent=2) if args.json else table(results))
+    tell(results, args.json, table)
     return 0
 
 

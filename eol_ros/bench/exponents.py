@@ -2,7 +2,6 @@
 """`eol bench exponents`: which law do sizes follow, on the real table and on the automaton?"""
 
 import argparse
-import json
 
 HELP = 'Fit the law of cascade sizes: the 5x5 table, the Brown plate, the automaton, the rice pile.'
 EXAMPLES = ['eol bench exponents', 'eol bench exponents --seconds 2000 --events 100000 --json']
@@ -31,13 +30,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate, fit, print."""
+    from eol_ros.bench.machine import tell
     from eol_ros.verbs.progress import track
 
     work = [(_blocks, row, args.seconds) for row in _tables()]
     work += [(_automaton, row, args.events) for row in AUTOMATA]
     work += [(_pile, 64, args.events)]
     rows = [make(row, much) for make, row, much in track(work, 'models')]
-    print(json.dumps({'rows': rows}, indent=2) if args.json else _table(rows))
+    tell({'rows': rows}, args.json, lambda result: _table(result['rows']))
     return 0
 
 

@@ -7,7 +7,6 @@ The same for every scene that ships shows what each leaves out.
 """
 
 import argparse
-import json
 import os
 import sys
 import tempfile
@@ -15,6 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from eol_ros.bench.machine import tell
 from eol_ros.bench.running import Film, Graph, stand_in
 
 HELP = 'Measure the running graph: images, latency, processor, memory, start-up, per scene.'
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
             print(f'file-fed camera at {args.fast:g}/s', file=sys.stderr, flush=True)
             scene = film.scene(args.fast)
             results['file_camera'] = measure(scene, None, min(args.seconds, 30.0))
-    print(json.dumps(results, indent=2) if args.json else table(results))
+    tell(results, args.json, table)
     return 0
 
 

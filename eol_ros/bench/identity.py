@@ -7,13 +7,13 @@ on. It was declared when the tracker said that the turn is open, or the blocks a
 """
 
 import argparse
-import json
 import sys
 import time
 from typing import Any
 
 import numpy as np
 
+from eol_ros.bench.machine import tell
 from eol_ros.core.geometry import N_BLOCKS
 
 HELP = 'Identity failures per simulated hour, ours against nearest neighbour and Hungarian.'
@@ -62,19 +62,19 @@ def run(args: argparse.Namespace) -> int:
         for ms in map(float, args.tap_jitter.split(',')):
             scores[f'ties, taps to {ms:g} ms'] = identity_ties.measure(
                 args.ties, args.seed, ms * 1e-3, args.tie_noise * 1e-6)
-    if args.json:
-        print(json.dumps(scores, indent=2))
-        return 0
-    ties_of = {name: scores.pop(name) for name in list(scores) if name.startswith('ties')}
-    keys = list(next(iter(scores.values())))
-    print(f'{"":34}' + ''.join(f'{name:>14}' for name in scores))
-    for key in keys:
-        print(f'{key:34}' + ''.join(f'{scores[name][key]:14.6g}' for name in scores))
-    for name, figures in ties_of.items():
-        print(name)
-        for key, value in figures.items():
-            print(f'{key:34}{value:14.6g}')
+    tell(scores, args.json, _table)
     return 0
+
+
+def _table(scores: dict[str, dict]) -> str:
+    ties_of = {name: figures for name, figures in scores.items() if name.startswith('ties')}
+    films = {name: figures for name, figures in scores.items() if name not in ties_of}
+    lines = [f'{"":34}' + ''.join(f'{name:>14}' for name in films)]
+    for key in next(iter(films.values())):
+        lines.append(f'{key:34}' + ''.join(f'{films[name][key]:14.6g}' for name in films))
+    for name, figures in ties_of.items():
+        lines += [name, *(f'{key:34}{value:14.6g}' for key, value in figures.items())]
+    return '\n'.join(lines)
 
 
 class Slots:

@@ -5,7 +5,6 @@ Times are processor time of the one thread, so that other work on the machine co
 """
 
 import argparse
-import json
 import time
 
 HELP = 'Measure the automaton: speed by size and alpha, beside two other queues and plain NumPy.'
@@ -29,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
+    from eol_ros.bench.machine import tell
     from eol_ros.core.physics.automaton import Automaton
     from eol_ros.verbs.progress import track
 
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
         Automaton.random(4, 0.2, 1, queue).run(10)  # compile
     rows = [_row(*row, args.seconds) for row in track(ROWS, 'lattices')]
     report = {'rows': rows, 'exact': _departure()}
-    print(json.dumps(report, indent=2) if args.json else _table(report))
+    tell(report, args.json, _table)
     return 0
 
 

@@ -9,13 +9,13 @@ shorter than 20 sigma of the noise are not asked for.
 
 import argparse
 import dataclasses
-import json
 import sys
 import time
 from typing import Any
 
 import numpy as np
 
+from eol_ros.bench.machine import tell
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.settings import MotionSettings
 
@@ -48,15 +48,15 @@ def run(args: argparse.Namespace) -> int:
     result: dict[str, Any] = {'slips': rows}
     if args.false_alarm_hours:
         result['false_alarms'] = false_alarms(args.false_alarm_hours, 20.0, 60.0, args.seed)
-    if args.json:
-        print(json.dumps(result, indent=2))
-        return 0
-    print(' '.join(f'{key:>16}' for key in rows[0]))
-    for row in rows:
-        print(' '.join(f'{value:16.4g}' for value in row.values()))
-    for key, value in result.get('false_alarms', {}).items():
-        print(f'{key:28} {value:.6g}')
+    tell(result, args.json, _table)
     return 0
+
+
+def _table(result: dict[str, Any]) -> str:
+    lines = [' '.join(f'{key:>16}' for key in result['slips'][0])]
+    lines += [' '.join(f'{value:16.4g}' for value in row.values()) for row in result['slips']]
+    lines += [f'{key:28} {value:.6g}' for key, value in result.get('false_alarms', {}).items()]
+    return '\n'.join(lines)
 
 
 @dataclasses.dataclass

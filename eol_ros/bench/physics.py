@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros.bench import physics_peers as peers
+from eol_ros.bench.machine import tell
 from eol_ros.core.physics import builders, event2d, exact1d, named, plan, turning
 from eol_ros.core.physics.hands import Rim, Visitors
 from eol_ros.core.physics.live import LiveTable
@@ -319,7 +320,10 @@ def run(args: argparse.Namespace) -> int:
     result = {part: [] for part in (*PARTS, 'growth')}
     for file in args.earlier:
         for part, rows in json.loads(Path(file).read_text()).items():
-            result[part] += rows
+            if part == 'machine':  # of several, that of the last
+                result[part] = rows
+            else:
+                result[part] += rows
     if 'own' in parts:
         for name in track(list(named.NAMED), 'scenes'):
             result['own'] += own_rows(name, args.quick)
@@ -338,16 +342,18 @@ def run(args: argparse.Namespace) -> int:
         from eol_ros.bench import physics_plots
 
         physics_plots.draw(result, Path(args.plots))
-    if args.json:
-        print(json.dumps(result, indent=1))
-        return 0
-    for title, rows in result.items():
-        if rows:
-            print(f'\n{title}')
-            for row in rows:
-                print('  ' + '  '.join(f'{k} {_short(v)}' for k, v in row.items()))
+    tell(result, args.json, _table)
     print('times are processor time, compilation left out', file=sys.stderr)
     return 0
+
+
+def _table(result: dict) -> str:
+    lines = []
+    for title, rows in result.items():
+        if rows and title != 'machine':
+            lines.append(f'\n{title}')
+            lines += ['  ' + '  '.join(f'{k} {_short(v)}' for k, v in row.items()) for row in rows]
+    return '\n'.join(lines)
 
 
 def _short(value: object) -> str:

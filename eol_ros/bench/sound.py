@@ -7,7 +7,6 @@ pulled out and put in again.
 
 import argparse
 import itertools
-import json
 import sys
 import tempfile
 from pathlib import Path
@@ -41,7 +40,9 @@ def add_arguments(parser):
 
 def run(args) -> int:
     """Measure and tell."""
+    from eol_ros.bench.machine import tell
     from eol_ros.bench.sound_engine import source
+    from eol_ros.bench.sound_table import lines
 
     if args.plot and not {'engine', 'peers'} <= set(args.parts):
         raise UsageError('--plot draws engine and peers: measure both')
@@ -60,12 +61,7 @@ def run(args) -> int:
         from eol_ros.bench.sound_plot import draw
 
         draw(result, Path(args.plot))
-    if args.json:
-        print(json.dumps(result))
-    else:
-        from eol_ros.bench.sound_table import lines
-
-        print('\n'.join(lines(result)))
+    tell(result, args.json, lambda result: '\n'.join(lines(result)))
     return 0
 
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol bench vision: error against run time of the tracker and of its peers, on the same images."""
 
-import json
 import sys
 
 HELP = 'Position error and run time, beside tuned peers and the Cramer-Rao bound.'
@@ -30,6 +29,7 @@ def run(args) -> int:
     """Measure, then print."""
     import cv2
 
+    from eol_ros.bench.machine import tell
     from eol_ros.bench.vision_bound import position_bound_px
     from eol_ros.bench.vision_scenes import RATE_HZ, run_clean, run_film
     from eol_ros.core.vision.renderer import NOISE_LEVELS
@@ -67,42 +67,47 @@ def run(args) -> int:
 
         for path in draw(result, args.plots):
             print(f'drawn {path}', file=sys.stderr)
-    if args.json:
-        print(json.dumps(result))
-    else:
-        _print(result)
+    tell(result, args.json, _table)
     return 0
 
 
-def _print(result) -> None:
+def _table(result) -> str:
+    lines = []
     for noise, entry in result['noise'].items():
-        print(f"clean, {noise}: bound {entry['bound_px']:.4f} px")
+        lines.append(f"clean, {noise}: bound {entry['bound_px']:.4f} px")
         for name, f in entry['methods'].items():
-            print(f"  {name:24s} {_number(f['rms_px'], 4)} px"
-                  f"  {_number(f['times_bound'], 2)} x bound  {f['ms_median']:7.2f} ms"
-                  f"  coverage {f['coverage']:.4f}  false {f['false_per_image']:.2f}")
+            lines.append(
+                f"  {name:24s} {_number(f['rms_px'], 4)} px"
+                f"  {_number(f['times_bound'], 2)} x bound  {f['ms_median']:7.2f} ms"
+                f"  coverage {f['coverage']:.4f}  false {f['false_per_image']:.2f}"
+            )
     for level, films in result['clutter'].items():
         for film, methods in films.items():
-            print(f'{level}, {film}')
+            lines.append(f'{level}, {film}')
             for name, f in methods.items():
-                print(f"  {name:24s} whole {_number(f['rms_px'], 3)} px {_number(f['coverage'], 4)}"
-                      f"  partly {_number(f['rms_partly_px'], 3)} px"
-                      f" {_number(f['coverage_partly'], 3)} of {f['partly']}"
-                      f"  hidden {f['hidden_reported']}/{f['hidden']}"
-                      f"  false {f['false_per_image']:.3f}"
-                      f"  {f['ms_median']:.2f} ms p99 {f['ms_p99']:.2f}")
-
-
+                lines.append(
+                    f"  {name:24s} whole {_number(f['rms_px'], 3)} px {_number(f['coverage'], 4)}"
+                    f"  partly {_number(f['rms_partly_px'], 3)} px"
+                    f" {_number(f['coverage_partly'], 3)} of {f['partly']}"
+                    f"  hidden {f['hidden_reported']}/{f['hidden']}"
+                    f"  false {f['false_per_image']:.3f}"
+                    f"  {f['ms_median']:.2f} ms p99 {f['ms_p99']:.2f}"
+                )
     for name, f in result.get('identity', {}).items():
-        print(f"identity, {name:12s} switches {f['switches_per_hour']:.0f}/h"
-              f"  mislabelled {f['mislabelled_percent']:.4f} %"
-              f"  lasting failures {f['lasting_failures_per_hour']:.1f}/h"
-              f"  undeclared {f['undeclared_per_hour']:.1f}/h")
+        lines.append(
+            f"identity, {name:12s} switches {f['switches_per_hour']:.0f}/h"
+            f"  mislabelled {f['mislabelled_percent']:.4f} %"
+            f"  lasting failures {f['lasting_failures_per_hour']:.1f}/h"
+            f"  undeclared {f['undeclared_per_hour']:.1f}/h"
+        )
     for f in result.get('motion', []):
-        print(f"slips at {f['fps']:g} images/s, {f['noise_um']:.0f} um:"
-              f" onset {f['onset_rms']:.2f} ms  start {f['start_rms']:.2f} ms"
-              f"  latency {f['latency_p50']:.1f} ms"
-              f"  recall {f['recall']:.4f}  precision {f['precision']:.4f}")
+        lines.append(
+            f"slips at {f['fps']:g} images/s, {f['noise_um']:.0f} um:"
+            f" onset {f['onset_rms']:.2f} ms  start {f['start_rms']:.2f} ms"
+            f"  latency {f['latency_p50']:.1f} ms"
+            f"  recall {f['recall']:.4f}  precision {f['precision']:.4f}"
+        )
+    return '\n'.join(lines)
 
 
 def _number(value, digits) -> str:

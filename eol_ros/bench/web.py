@@ -22,6 +22,7 @@ from typing import Any
 
 import yaml
 
+from eol_ros.bench.machine import tell
 from eol_ros.bench.running import Film, Graph, stand_in, summary
 from eol_ros.errors import EolError
 
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
                     latency_s = values['nodes']['sound']['latency_s']
                     results['browser'] = measure_browser(url, args.seconds, latency_s)
     results['with_viewers'] = compare(results['crowds'])
-    print(json.dumps(results, indent=2) if args.json else table(results))
+    tell(results, args.json, table)
     return 0
 
 

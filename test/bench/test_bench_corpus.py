@@ -18,6 +18,7 @@ def test_figures_are_complete_and_within_bounds(capsys, tmp_path, monkeypatch):
     assert cli.main(['bench', 'corpus', str(tmp_path), '--json']) == 0
     out, err = capsys.readouterr()
     figures = json.loads(out)
+    assert figures['machine']['vector_bits'] >= 128
     assert 'left out' in err and figures['descriptors']['sounds'] == 1
     assert figures['descriptors']['times_real_time']['eol'] > 0
     assert [row['hop'] for row in figures['hop']] == list(bench.HOPS)

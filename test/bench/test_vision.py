@@ -24,6 +24,7 @@ def test_films_and_noise_levels_are_measured(capsys, tmp_path):
                      '--levels', 'ordinary', '--hours', '0.0008', '--slip-seconds', '6', '--json',
                      '--plots', str(tmp_path)]) == 0
     result = json.loads(capsys.readouterr().out)
+    assert result['machine']['vector_bits'] >= 128
     film = result['clutter']['ordinary']['seed 11']
     assert film['eol_ros']['coverage'] == 1
     assert film['eol_ros']['rms_px'] < 0.05

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+import importlib
+import inspect
+import json
+import os
+import platform
+import subprocess
+import sys
+
+import pytest
+
+from eol_ros.bench.machine import line, machine, tell
+from eol_ros.verbs.bench import names
+
+ASK = 'import json; from eol_ros.bench.machine import machine; print(json.dumps(machine()))'
+
+
+@pytest.mark.skipif(platform.machine() != 'x86_64', reason='names processors of x86-64')
+@pytest.mark.parametrize(
+    ('target', 'bits', 'name'), [('nehalem', 128, 'SSE'), ('haswell', 256, 'AVX2')]
+)
+def test_says_the_width_that_is_compiled_for(target, bits, name):
+    """It is asked of the compiler: no such code needs to run here."""
+    environment = {**os.environ, 'NUMBA_CPU_NAME': target, 'NUMBA_CPU_FEATURES': ''}
+    words = [sys.executable, '-c', ASK]
+    found = json.loads(subprocess.run(words, env=environment, capture_output=True).stdout)
+    assert (found['compiled_for'], found['vector_bits'], found['vectors']) == (target, bits, name)
+    assert not found['native']
+    assert f'compiled for {target}), {name}: vectors of {bits} bits' in line(found)
+
+
+def test_figures_carry_their_machine(capsys):
+    tell({'rows': [1]}, True, str)
+    told = json.loads(capsys.readouterr().out)
+    assert told == {'machine': machine(), 'rows': [1]}
+    tell({'rows': [1]}, False, lambda result: f'rows {result["rows"]}')
+    assert capsys.readouterr().out.splitlines() == [line(machine()), 'rows [1]']
+
+
+def test_figures_of_an_earlier_run_keep_theirs(capsys):
+    other = {**machine(), 'processor': 'another'}
+    tell({'rows': [1], 'machine': other}, True, str)
+    assert json.loads(capsys.readouterr().out)['machine'] == other
+    tell({'rows': [1], 'machine': other}, False, lambda result: 'rows')
+    assert capsys.readouterr().out.startswith('another (')
+
+
+@pytest.mark.parametrize('name', names())
+def test_every_benchmark_names_it(name):
+    source = inspect.getsource(importlib.import_module(f'eol_ros.bench.{name}').run)
+    assert 'tell(' in source and 'print(json' not in source
