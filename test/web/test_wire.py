@@ -105,6 +105,7 @@ def test_a_day_goes_on_after_a_restart():
     day = notices.Day()
     for area in (1, 1, 7):
         day.add(cascade(NOON, area), NOON)
+    day.fit()
     again = notices.Day(json.loads(json.dumps(day.kept())))
     assert again.notice() == day.notice()
     assert not again.turn(NOON + 60) and sum(again.notice()['areas']) == 3
