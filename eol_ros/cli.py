@@ -72,6 +72,14 @@ def run_verb(module, prog: str, words: Sequence[str]) -> int:
     except EolError as error:
         print(f'{prog}: {error}' if '\n' not in str(error) else error, file=sys.stderr)
         return error.exit_code
+    except ModuleNotFoundError as error:
+        from eol_ros.ros import installed
+
+        known = installed.explained(error)
+        if known is None:
+            raise
+        print(f'{prog}: {known}', file=sys.stderr)
+        return known.exit_code
     except KeyboardInterrupt:
         print(f'{prog}: stopped', file=sys.stderr)
         return 0

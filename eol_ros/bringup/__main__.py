@@ -16,6 +16,7 @@ from eol_ros.bringup import plan, status
 from eol_ros.bringup.diary import Diary
 from eol_ros.bringup.supervisor import Supervisor
 from eol_ros.errors import UsageError
+from eol_ros.ros import installed
 
 HELP = 'Start a scene, watch its nodes, start them again when they die; stop with Ctrl-C.'
 EXAMPLES = [
@@ -53,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
             if args.bag:
                 raise UsageError(f'--bag {args.bag}: --only leaves the recorder out; name it there')
             unrecorded = unrecorded or '--only does not name the recorder'
+    installed.require()
     server = status.listen(plan.domain(scene))
     with tempfile.TemporaryDirectory(prefix='eol-run-') as run_folder, server:
         file = Path(run_folder) / f'{scene.name}.yaml'

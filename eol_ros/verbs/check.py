@@ -6,9 +6,13 @@ import json
 import sys
 
 from eol_ros import scene as scenes
-from eol_ros.errors import EolError
+from eol_ros.errors import DeviceMissing, EolError
+from eol_ros.ros import installed
 
-HELP = 'Check a scene and say every mistake at once, with file, line and column.'
+HELP = (
+    'Check a scene and say every mistake at once, with file, line and column; and whether ROS and '
+    'the messages that it needs are installed here.'
+)
 EXAMPLES = ['eol check museum', 'eol check config/museum.yaml --json']
 
 
@@ -29,9 +33,13 @@ def run(args):
         mistakes = [dataclasses.asdict(m) for m in error.mistakes]
         print(json.dumps({'ok': False, 'mistakes': mistakes}))
         return error.exit_code
+    missing = installed.missing()
     if args.json:
-        print(json.dumps({'ok': True, **scenes.plain(scene)}, indent=2))
-        return 0
+        answer = {'ok': not missing, **scenes.plain(scene)}
+        if missing:
+            answer |= {'missing': missing, 'install': installed.command()}
+        print(json.dumps(answer, indent=2))
+        return DeviceMissing.exit_code if missing else 0
     print(f'{scene.path}: {scene.name}, {len(scene.nodes)} nodes, network {scene.network}')
     for name, settings in scene.nodes.items():
         changed = [
@@ -40,6 +48,7 @@ def run(args):
             if getattr(settings, f.name) != f.default
         ]
         print(f'  {name:9} {", ".join(changed) or "as it ships"}')
+    installed.require()
     print('no mistakes', file=sys.stderr)
     return 0
 
