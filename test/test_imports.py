@@ -14,7 +14,7 @@ ALLOWED = {
     'core': BASE | {'scipy', 'numba'},
     'core/vision': BASE | {'scipy', 'numba', 'cv2'},
     'devices': BASE | {'scipy', 'cv2', 'serial', 'sounddevice', 'soundfile', 'mcap', 'yaml',
-                       'zstandard', 'numba', 'pythonosc', '_sounddevice'},
+                       'zstandard', 'numba', '_sounddevice'},
     'ros': BASE | ROS | {'yaml'},
     'nodes': BASE | ROS,
     'web': BASE | {'aiohttp'},

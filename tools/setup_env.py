@@ -125,7 +125,7 @@ def wait(*steps: Step) -> None:
 
 def install_wheels(step: Step, extra: str) -> None:
     """Install this package, editable, and all that it needs."""
-    target = f'.[{extra}]' if extra else '.'
+    target = f'.[ros,{extra}]' if extra else '.[ros]'
     pip = (PYTHON, '-m', 'pip', '--disable-pip-version-check', 'install', '--progress-bar', 'off')
     step.command(*pip, '--upgrade', 'setuptools<80', 'wheel')
     # Without PEP 517 isolation: the build needs nothing but the setuptools just installed.
