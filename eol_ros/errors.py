@@ -23,6 +23,6 @@ class DeviceMissing(EolError):
 
 
 class ConfigError(EolError):
-    """A scene, calibration, corpus or physics file says something wrong."""
+    """A scene or another file says something wrong, or names a place that cannot be written."""
 
     exit_code = os.EX_CONFIG

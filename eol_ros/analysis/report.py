@@ -15,7 +15,7 @@ from eol_ros.analysis.bag import Bag, Table, seconds
 from eol_ros.analysis.retrack import Retracked
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import ConfigError
 
 START, STOP = 1, 2  # eol_msgs/Slip
 SOUNDS_WITHIN_S = 0.25  # a slip that has not sounded by then does not sound
@@ -70,12 +70,12 @@ def write(
 ) -> dict[str, Any]:
     """Write report.html, and each figure as SVG, PDF and CSV, into `out`; return the numbers.
 
-    Raises DeviceMissing when `out` cannot be written.
+    Raises ConfigError when `out` cannot be written.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DeviceMissing(f'{out}: {error.strerror}') from None
+        raise ConfigError(f'{out}: {error.strerror}') from None
     found = numbers(bag)
     if retracked is not None:
         found['retracked'] = {

@@ -46,7 +46,7 @@ class Recording:
 
     `images` and `rhythm` name topics: the raw pictures, and those whose stamps come regularly;
     `thinned` those made for the eye, of which one per `settings.display_period_s` is enough.
-    Raises DeviceMissing when `root` cannot be written.
+    Raises ConfigError when `root` cannot be written.
     """
 
     def __init__(

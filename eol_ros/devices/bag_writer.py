@@ -15,7 +15,7 @@ from pathlib import Path
 import yaml
 
 from eol_ros.devices.bag_file import BagFile, BagTopic
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import ConfigError
 
 PART = '.part'
 RUN_METADATA = 'eol_ros'  # of the MCAP metadata records that this project writes
@@ -93,7 +93,7 @@ def replace_text(path: Path, text: str) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a new bag folder; raise DeviceMissing in words when it cannot be."""
+    """Make a new bag folder; raise ConfigError in words when it cannot be."""
     try:
         folder.mkdir(parents=True, exist_ok=False)
         probe = folder / ('probe' + PART)
@@ -101,7 +101,7 @@ def make_folder(folder: Path) -> None:
         probe.unlink()
     except OSError as error:
         where = folder if folder.exists() else folder.parent
-        raise DeviceMissing(
+        raise ConfigError(
             f'bag folder {where} cannot be written: {error.strerror}. '
             'Choose another with --bag DIR or recorder.folder, or say recorder: off'
         ) from None

@@ -25,7 +25,7 @@ def save(path: str | Path, calibration: Calibration, camera_name: str = 'eol') -
     """Write `calibration` to `path`, whole or not at all.
 
     Raises:
-        DeviceMissing: the folder is absent or cannot be written.
+        ConfigError: the folder is absent or cannot be written.
     """
     path = Path(path)
     content = {
@@ -51,8 +51,8 @@ def save(path: str | Path, calibration: Calibration, camera_name: str = 'eol') -
         part.write_text(text)
         part.replace(path)
     except OSError as error:
-        raise DeviceMissing(f'{path}: cannot write the calibration ({error.strerror}); '
-                            'choose a folder that exists and can be written') from None
+        raise ConfigError(f'{path}: cannot write the calibration ({error.strerror}); '
+                          'choose a folder that exists and can be written') from None
 
 
 def load(path: str | Path, mirror: bool = False) -> Calibration:

@@ -8,7 +8,7 @@ import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.vision.calibrate import PLATFORM_CORNERS, Solution
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import ConfigError
 
 ARROW = 200  # residuals are drawn this many times longer
 _POINT = (80, 220, 80)
@@ -50,15 +50,14 @@ def save(path: str | Path, solution: Solution, image: np.ndarray | None) -> None
     """Write the picture to `path`.
 
     Raises:
-        DeviceMissing: it cannot be written there.
+        ConfigError: it cannot be written there.
     """
     try:
         done = cv2.imwrite(str(path), draw(solution, image))
     except cv2.error:
         done = False
     if not done:
-        raise DeviceMissing(f'{path}: cannot write the picture; name a .png in a folder '
-                            'that exists')
+        raise ConfigError(f'{path}: cannot write the picture; name a .png in a folder that exists')
 
 
 def _line(picture, px, colour) -> None:

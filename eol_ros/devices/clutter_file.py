@@ -13,15 +13,16 @@ def save(path: str | Path, clutter: ClutterMap) -> None:
     """Write the map as a PNG.
 
     Raises:
-        DeviceMissing: it cannot be written there.
+        ConfigError: it cannot be written there.
     """
     try:
         done = cv2.imwrite(str(path), clutter.light)
     except cv2.error:
         done = False
     if not done:
-        raise DeviceMissing(f'{path}: cannot write the clutter map; name a .png in a folder that '
-                            'exists')
+        raise ConfigError(
+            f'{path}: cannot write the clutter map; name a .png in a folder that exists'
+        )
 
 
 def load(path: str | Path) -> ClutterMap:

@@ -36,7 +36,7 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def save_run(path: str | Path, run: Run) -> None:
-    """Write t, u, v, event_t, event_block, event_start of a run; raises DeviceMissing.
+    """Write t, u, v, event_t, event_block, event_start of a run; raises ConfigError.
 
     Where blocks turn, `yaw` and `spin` as well.
     """
@@ -54,15 +54,15 @@ def save_run(path: str | Path, run: Run) -> None:
                 **turns,
             )
     except OSError as error:
-        raise DeviceMissing(f'{path}: {error.strerror}') from None
+        raise ConfigError(f'{path}: {error.strerror}') from None
 
 
 def save_scene(path: str | Path, scene: dict[str, Any]) -> None:
-    """Write a scene mapping as JSON; raises DeviceMissing."""
+    """Write a scene mapping as JSON; raises ConfigError."""
     try:
         Path(path).write_text(json.dumps(scene, indent=1) + '\n', encoding='utf-8')
     except OSError as error:
-        raise DeviceMissing(f'{path}: {error.strerror}') from None
+        raise ConfigError(f'{path}: {error.strerror}') from None
 
 
 def _no_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -6,20 +6,22 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import ConfigError, DeviceMissing
 
 
 def load_grey(path: str | Path) -> np.ndarray:
-    """Return a picture as (h, w) grey values, 8 or 16 bit; raises DeviceMissing when it is none."""
+    """Return a picture as (h, w) grey values, 8 or 16 bit; raises DeviceMissing where
+    there is no file and ConfigError where it is no picture.
+    """
     if not Path(path).is_file():
         raise DeviceMissing(f'{path}: no such file')
     picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
     if picture is None:
-        raise DeviceMissing(f'{path}: not a picture that can be read')
+        raise ConfigError(f'{path}: not a picture that can be read')
     return picture
 
 
 def save(path: str | Path, picture: np.ndarray) -> None:
-    """Write a picture in the format that the name ends with."""
+    """Write a picture in the format that the name ends with; raises ConfigError."""
     if not cv2.imwrite(str(path), picture):
-        raise DeviceMissing(f'{path}: cannot be written')
+        raise ConfigError(f'{path}: cannot be written')

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from eol_ros.core.terrain import CoverShape
-from eol_ros.errors import UsageError
+from eol_ros.errors import ConfigError, UsageError
 from eol_ros.verbs.progress import track
 
 HELP = 'Cut one continuous landscape into covers for the blocks: a watertight STL file each, in mm.'
@@ -48,7 +48,7 @@ def run(args):
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f'--out {out}: {error.strerror}') from None
+        raise ConfigError(f'--out {out}: {error.strerror}') from None
     if args.heightmap:
         heights = terrain.fit(
             picture_file.load_grey(args.heightmap), args.rows, args.cols, args.cells

@@ -6,6 +6,8 @@ import json
 import sys
 import time
 
+from eol_ros.errors import ConfigError, DeviceMissing, UsageError
+
 HELP = 'run the earthquake automaton (or a rice pile) and fit the law of its sizes'
 EXAMPLES = [
     'eol lattice --size 64 --alpha 0.2 --events 200000 --warmup 1000000 --json',
@@ -61,7 +63,6 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
 
     from eol_ros.core.physics.automaton import Events
-    from eol_ros.errors import UsageError
 
     lattice, exact = _lattice(args)
     count = args.events if args.events is not None else (EXACT_EVENTS if exact else FIXED_EVENTS)
@@ -104,15 +105,17 @@ def _lattice(args):
 
     from eol_ros.core.physics.automaton import Automaton, ExactAutomaton, check
     from eol_ros.core.physics.oslo import OsloPile
-    from eol_ros.errors import UsageError
 
+    size = 64 if args.size is None else args.size
+    if args.seed < 0:
+        raise UsageError(f'--seed {args.seed}: 0 or more')
     if args.model == 'oslo':
         if args.start or args.arithmetic == 'exact':
             raise UsageError(
                 '--model oslo begins with an empty pile of whole numbers: '
                 'leave out --start and --arithmetic'
             )
-        return OsloPile(args.size or 64, args.seed), False
+        return OsloPile(size, args.seed), False
     try:
         alpha = Fraction(args.alpha)
     except (ValueError, ZeroDivisionError):
@@ -125,7 +128,7 @@ def _lattice(args):
     numerators = _start(args.start) if args.start else None
     if numerators is not None and args.size not in (None, len(numerators)):
         raise UsageError(f'--size {args.size}: {args.start} has {len(numerators)} sites a side')
-    side = len(numerators) if numerators is not None else args.size or 64
+    side = len(numerators) if numerators is not None else size
     check(side, alpha)
     if exact:
         if numerators is None:
@@ -149,8 +152,6 @@ def _smallest(args):
 def _start(path: str):
     import numpy as np
 
-    from eol_ros.errors import ConfigError, DeviceMissing
-
     try:
         numbers = np.load(path, allow_pickle=False)
     except FileNotFoundError:
@@ -164,8 +165,6 @@ def _start(path: str):
 
 def _fit_range(text: str, side: int) -> tuple[int, int]:
     """Return the sizes to fit on: small ones follow the lattice, the greatest its boundary."""
-    from eol_ros.errors import UsageError
-
     if not text:
         return 2, min(200, max(20, side * side // 6))
     low, _, high = text.partition(':')
@@ -220,8 +219,6 @@ def _law(sizes, fit_range: tuple[int, int]) -> dict:
 def _save(path: str, events) -> None:
     import numpy as np
 
-    from eol_ros.errors import DeviceMissing
-
     try:
         with open(path, 'wb') as file:
             np.savez_compressed(
@@ -232,7 +229,7 @@ def _save(path: str, events) -> None:
                 first=events.first,
             )
     except OSError as error:
-        raise DeviceMissing(f'--out {path}: {error.strerror}') from None
+        raise ConfigError(f'--out {path}: {error.strerror}') from None
     print(f'{len(events.size)} events written to {path}', file=sys.stderr)
 
 

@@ -5,7 +5,7 @@ import json
 import sys
 from pathlib import Path
 
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import ConfigError, DeviceMissing
 
 HELP = 'Figures, numbers and tables from a bag: one HTML page, SVG, PDF and CSV. No ROS needed.'
 EXAMPLES = [
@@ -66,4 +66,4 @@ def _folder(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DeviceMissing(f'{out}: {error.strerror}') from None
+        raise ConfigError(f'--out {out}: {error.strerror}') from None

@@ -15,7 +15,7 @@ from eol_ros.devices import bag_recording
 from eol_ros.devices.bag_reader import BagReader
 from eol_ros.devices.bag_recording import Recording
 from eol_ros.devices.bag_selection import Item, Slipping
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import ConfigError
 from eol_ros.settings import RecorderSettings
 
 SETTINGS = RecorderSettings(images='all', min_free_gb=0.0)
@@ -184,7 +184,7 @@ def test_a_truly_full_device_is_survived(tmp_path):
 
 def test_a_root_that_cannot_be_written_is_said(tmp_path):
     (tmp_path / 'file').write_text('')
-    with pytest.raises(DeviceMissing, match='cannot be written'):
+    with pytest.raises(ConfigError, match='cannot be written'):
         start(tmp_path / 'file' / 'bags')
 
 

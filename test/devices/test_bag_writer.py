@@ -12,7 +12,7 @@ from mcap.stream_reader import StreamReader
 from eol_ros.devices.bag_file import CHUNK_BYTES, BagFile
 from eol_ros.devices.bag_reader import BagReader
 from eol_ros.devices.bag_writer import BagWriter
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import ConfigError
 
 
 def test_a_bag_is_a_rosbag2_folder(tmp_path):
@@ -132,7 +132,7 @@ def test_an_empty_run_is_a_bag_too(tmp_path):
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path):
     (tmp_path / 'file').write_text('')
-    with pytest.raises(DeviceMissing, match='cannot be written.*--bag DIR'):
+    with pytest.raises(ConfigError, match='cannot be written.*--bag DIR'):
         BagWriter(tmp_path / 'file' / 'run', [POINT], {})
 
 

@@ -105,7 +105,7 @@ def test_what_is_no_calibration_at_all(tmp_path, text):
 def test_files_and_folders_that_are_not_there(tmp_path, camera):
     with pytest.raises(DeviceMissing, match='eol calibrate'):
         calibration_file.load(tmp_path / 'none.yaml')
-    with pytest.raises(DeviceMissing, match='cannot write'):
+    with pytest.raises(ConfigError, match='cannot write'):
         calibration_file.save(tmp_path / 'no' / 'c.yaml', camera)
 
 
@@ -115,6 +115,8 @@ def test_clutter_maps_are_pictures(tmp_path):
     assert np.array_equal(clutter_file.load(tmp_path / 'm.png').light, light)
     with pytest.raises(DeviceMissing):
         clutter_file.load(tmp_path / 'none.png')
+    with pytest.raises(ConfigError, match='cannot write'):
+        clutter_file.save(tmp_path / 'no' / 'm.png', ClutterMap(light))
     (tmp_path / 'bad.png').write_text('no picture')
     with pytest.raises(ConfigError):
         clutter_file.load(tmp_path / 'bad.png')

@@ -39,6 +39,11 @@ def test_a_broken_file_is_named_with_its_mistake(tmp_path, capsys, text, words):
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
+def test_a_place_that_cannot_be_written_is_no_missing_device(tmp_path):
+    with pytest.raises(ConfigError, match='No such file'):
+        save_scene(tmp_path / 'no' / 's.json', {})
+
+
 def test_a_missing_file_is_a_missing_device(tmp_path):
     with pytest.raises(DeviceMissing):
         load_scene(tmp_path / 'none.json')

@@ -16,7 +16,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.serialization import serialize_message
 
 from eol_ros.devices.bag_reader import BagReader
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import ConfigError
 from eol_ros.nodes.recorder import RecorderNode
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
@@ -178,7 +178,7 @@ def test_the_recording_of_a_replay_says_of_which_bag(ros, tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_one_line(ros, tmp_path):
     (tmp_path / 'file').write_text('')
-    with pytest.raises(DeviceMissing, match='cannot be written'):
+    with pytest.raises(ConfigError, match='cannot be written'):
         record(tmp_path / 'file' / 'bags')
 
 

@@ -117,11 +117,14 @@ def test_too_few_events_are_told_instead_of_fitted(capsys):
         (('--alpha', '1/0'), 2, 'write a number'),
         (('--alpha', '0.3'), 78, 'not between 0 and 1/4'),
         (('--size', -4), 78, 'lattice size -4'),
+        (('--size', 0), 78, 'lattice size 0 is not between 1 and 4096'),
+        (('--size', 0, '--model', 'oslo'), 78, 'pile size 0'),
+        (('--seed', -1), 2, '--seed -1: 0 or more'),
         (('--events', 0), 2, 'at least 1'),
         (('--fit', '2-9'), 2, 'like 2:200'),
         (('--start', 'none.npy'), 69, 'there is no file none.npy'),
         (('--model', 'oslo', '--arithmetic', 'exact'), 2, 'leave out'),
-        (('--out', '/nowhere/x.npz', '--size', 4, '--events', 5), 69, 'No such file'),
+        (('--out', '/nowhere/x.npz', '--size', 4, '--events', 5), 78, 'No such file'),
     ],
 )
 def test_mistakes_are_one_line(capsys, words, code, message):
