@@ -55,6 +55,12 @@ class Scene:
         """Return the settings of node `name`; a node the scene does not name has its defaults."""
         return self.nodes[name] if name in self.nodes else NODES[name]()
 
+    @property
+    def image_rate(self) -> float:
+        """How many images a second its twin or camera is to give; 0 where that is not known."""
+        sources = [self.nodes[name] for name in ('twin', 'camera') if name in self.nodes]
+        return sources[0].fps if sources else 0.0
+
 
 @dataclass(frozen=True, order=True)
 class Mistake:

@@ -66,7 +66,8 @@ def run(args: argparse.Namespace) -> int:
             say(f'not recorded: {unrecorded}')
             diary.entry(f'{scene.name}: not recorded: {unrecorded}')
         supervisor = Supervisor(
-            scene.name, plan.processes(scene, file), server, diary, say
+            scene.name, plan.processes(scene, file), server, diary, say,
+            compiler=plan.compiler(scene),
         )
         return supervisor.run(args.seconds)
 

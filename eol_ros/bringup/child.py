@@ -40,6 +40,7 @@ class Child:
         self.health_fd = self.output_fd = -1
         self.hung_s: float | None = None  # since when it is being ended for its silence
         self.code: int | None = None
+        self.percent = 0  # how far a compiler is
         self.settled = False
         self.silence = self.policy.silence
         self.starved = False
@@ -108,6 +109,8 @@ class Child:
         for line in self._lines('health', self.health_fd):
             with contextlib.suppress(ValueError, KeyError, TypeError):
                 status = json.loads(line)
+                if 'percent' in status:
+                    self.percent = int(status['percent'])
                 self.status[status['node']] = status
                 found.append(status)
         if found:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from eol_ros import compiled
 from eol_ros.errors import UsageError
 from eol_ros.ros import network
 from eol_ros.scene import Scene
@@ -86,6 +87,18 @@ def processes(scene: Scene, file: Path) -> list[Process]:
         real_time = scene.real_time and bool(_REAL_TIME & set(nodes))
         found.append(Process(tuple(nodes), command, environment, nice, real_time))
     return found
+
+
+def compiler(scene: Scene) -> Process | None:
+    """Return what compiles the loops that the nodes of `scene` need; None if all are in the cache.
+
+    It is no node, and has no name of one.
+    """
+    parts = compiled.cold(scene.nodes)
+    if not parts:
+        return None
+    command = (sys.executable, '-m', 'eol_ros', 'warm', '--parts', ','.join(parts))
+    return Process(('compiler',), command, {'PYTHONUNBUFFERED': '1'})
 
 
 def domain(scene: Scene) -> int:

@@ -27,12 +27,12 @@ FINE, STARVED, HUNG = 'fine', 'starved', 'hung'
 def waited_s(before: Mapping[int, Thread], after: Mapping[int, Thread], span_s: float) -> float:
     """Return for how much of `span_s` a process waited for a processor between two looks.
 
-    That of the thread that waited most: the others may well stand behind it, at a lock. The kernel
-    counts a wait when it is over; so one that still lasts shows as a thread that is to run (R),
-    and has been given no turn since. Without the kernel's count, a thread that is to run has
-    waited whenever it did not run.
+    Waits of its threads add up, to the whole span at most: what one of them has to say goes through
+    the hands of several, and each waits its turn. The kernel counts a wait when it is over; so one
+    that still lasts shows as a thread that is to run (R) and has been given no turn since. Without
+    the kernel's count, a thread that is to run has waited whenever it did not run.
     """
-    most_s = 0.0
+    sum_s = 0.0
     for number in before.keys() & after.keys():
         old, new = before[number], after[number]
         idle_s = max(span_s - (new.ran_ns - old.ran_ns) * 1e-9, 0.0)
@@ -42,8 +42,8 @@ def waited_s(before: Mapping[int, Thread], after: Mapping[int, Thread], span_s: 
             waited = idle_s
         else:
             waited = (new.waited_ns - old.waited_ns) * 1e-9
-        most_s = max(most_s, min(waited, idle_s))
-    return most_s
+        sum_s += min(waited, idle_s)
+    return min(sum_s, span_s)
 
 
 @dataclass(frozen=True)
@@ -115,6 +115,13 @@ class Silence:
         what, waited = max(('a processor', self.processor_s), ('a disk', self.disk_s),
                            key=lambda pair: pair[1])
         return f'starved: waited {waited:.1f} of the last {self.looked_s:.1f} s for {what}'
+
+    def measured(self) -> str:
+        """Return all that was measured, for the log."""
+        threads = self._look.threads.values() if self._look else ()
+        return (f'silent for {self.silent_s:.1f} s; in {self.looked_s:.1f} s of these it waited '
+                f'{self.processor_s:.1f} s for a processor, {self.disk_s:.1f} s for a disk; its '
+                f'threads are {"".join(t.state for t in threads) or "not known"}')
 
 
 @dataclass

@@ -35,9 +35,11 @@ class Supervisor:
         server: socket.socket,
         diary: Diary,
         say: Callable[[str], None],
+        compiler: Process | None = None,
     ):
         self.scene = scene
         self.children = [Child(process) for process in processes]
+        self._compiler = Child(compiler) if compiler else None
         self._server, self._diary, self._say = server, diary, say
         self._asked_to_stop = self._hurry = False
         self._told: dict[str, tuple[int, str]] = {}
@@ -57,7 +59,9 @@ class Supervisor:
             signal.signal(number, self._on_signal)
         signal.signal(signal.SIGCHLD, lambda *_: None)  # only to wake the loop
         clean_shared_memory()
-        self._began_s = last_s = time.monotonic()
+        self._began_s = time.monotonic()
+        self._compile()
+        began_s = last_s = time.monotonic()
         could_s = 0.0  # seconds in which all could have become ok
         code = 0
         try:
@@ -71,7 +75,7 @@ class Supervisor:
                 if not any(child.starved for child in self.children):
                     could_s += min(now - last_s, PAUSE_S)
                 last_s = now
-                late = could_s > START_S or age > START_STARVED_S
+                late = could_s > START_S or now - began_s > START_STARVED_S
                 if seconds is not None and self.all_ok_s is None and late:
                     self._note(f'not all OK within {START_S:.0f} s: {self._not_ok()}')
                     code = 1
@@ -104,6 +108,42 @@ class Supervisor:
             'nodes': rows,
         }
 
+    def _compile(self) -> None:
+        """Wait for the compiler, if one is needed, before the first node is started.
+
+        It has all processors for itself so, and is no node: nobody takes it for hung. If it fails,
+        the nodes start all the same, and compile what they need themselves.
+        """
+        if self._compiler is None:
+            return
+        compiler, told = self._compiler, -10
+        compiler.start(time.monotonic())
+        while compiler.alive() and not self._asked_to_stop:
+            self._hear(compiler)
+            if compiler.percent >= told + 10:
+                told = compiler.percent
+                self._note(f'compiling, {told} %')
+            text = f'compiling, {compiler.percent} %'
+            for child in self.children:
+                child.status = {
+                    node: {'node': node, 'level': 3, 'text': text, 'rate': 0.0, 'values': {},
+                           'pid': 0}
+                    for node in child.process.nodes
+                }
+            status.answer(self._server, self.describe())
+            self._wait([compiler])
+        compiler.signal(signal.SIGTERM)
+        self._hear(compiler)
+        if (code := compiler.bury()) and not self._asked_to_stop:
+            self._note(f'compiling has failed (exit code {code}): the nodes do it themselves')
+
+    def _hear(self, child: Child) -> None:
+        child.beats(time.monotonic())
+        for line in child.output():
+            self._diary.line(f'{child.process.name}: {line}')
+            if child.for_people(line) and not line.startswith('compiling'):
+                self._say(f'{child.process.name} | {line}')
+
     def _on_signal(self, _number: int, _stack: Any) -> None:
         self._hurry = self._asked_to_stop  # asked twice
         self._asked_to_stop = True
@@ -116,9 +156,10 @@ class Supervisor:
         rows = [row for child in self.children for row in child.status.values() if row['level']]
         return ', '.join(f'{row["node"]} ({row["text"]})' for row in rows)
 
-    def _wait(self) -> None:
+    def _wait(self, children: Sequence[Child] = ()) -> None:
         fds = [self._wake, self._server.fileno()]
-        fds += [fd for c in self.children for fd in (c.health_fd, c.output_fd) if fd >= 0]
+        children = children or self.children
+        fds += [fd for c in children for fd in (c.health_fd, c.output_fd) if fd >= 0]
         ready, _, _ = select.select(fds, [], [], 0.1)
         if self._wake in ready:
             os.read(self._wake, 4096)
@@ -158,6 +199,7 @@ class Supervisor:
         if child.hung_s is None:
             child.hung_s = now
             self._note(f'{child.process.name} is silent: it is started again')
+            self._diary.line(f'{child.process.name}: {child.silence.measured()}')
             child.signal(signal.SIGABRT)
         elif now - child.hung_s > DUMP_S:
             child.signal(signal.SIGKILL)

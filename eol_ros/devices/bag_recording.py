@@ -59,6 +59,7 @@ class Recording:
         images: str = '',
         rhythm: Sequence[str] = (),
         thinned: Sequence[str] = (),
+        rate_hz: float = 0.0,
     ):
         self.root = root
         self.folder: Path | None = None
@@ -69,7 +70,7 @@ class Recording:
         self._budget_spent = False
         self._name = re.sub(r'[^\w+-]+', '-', name) or 'run'
         self._topics, self._about, self._settings = tuple(topics), dict(about), settings
-        self._images, self._rhythm = images, {topic: StampGaps() for topic in rhythm}
+        self._images, self._rhythm = images, {topic: StampGaps(rate_hz) for topic in rhythm}
         self._thinned = frozenset(thinned)
         self._gaps = Gaps()
         self._ring = AroundSlips(settings.before_s, settings.after_s)

@@ -129,20 +129,22 @@ class StampGaps:
     """Counts pictures that were never sent, by holes in the regular rhythm of their stamps.
 
     An interval of k periods (k > 1.5) hides round(k) - 1 pictures. The period is the median of what
-    the last 31 intervals say of it, so it stays true where most of them are holes.
+    the last 31 intervals say of it, so it stays true where most of them are holes; `rate_hz` is
+    what it was meant to be, 0 where that is not known.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rate_hz: float = 0.0) -> None:
         self.missing = 0
         self._last_ns = 0
-        self._intervals: deque[float] = deque(maxlen=31)
+        self._meant = [NS / rate_hz] * 31 if rate_hz else []
+        self._intervals: deque[float] = deque(self._meant, maxlen=31)
 
     def take(self, stamp: int) -> int:
         """Return how many more pictures are missing, now that one of `stamp` (ns) has come."""
         interval = stamp - self._last_ns
         first, self._last_ns = not self._last_ns, stamp
         if first or interval <= 0:  # a source that began again
-            self._intervals.clear()
+            self._intervals = deque(self._meant, maxlen=31)
             return 0
         self._intervals.append(interval)
         count = len(self._intervals)

@@ -45,6 +45,7 @@ class RecorderNode(EolNode):
             images=self.resolve_topic_name(IMAGES),
             rhythm=[described[t].name for t in RHYTHM if t in described],
             thinned=[described[t].name for t in (PREVIEW, 'sound_meter') if t in described],
+            rate_hz=self.scene.image_rate,
         )
         for topic, bag_topic in described.items():
             depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None

@@ -33,7 +33,7 @@ class TrackerNode(EolNode):
         self.blocks = self.publisher('blocks')  # to be known by the time that there are any
         self.tracker.warm_up()
         self.images, self.stamp_ns, self.threshold = 0, 0, self.settings.threshold
-        self.gaps = StampGaps()
+        self.gaps = StampGaps(self.scene.image_rate)
         self.record = np.zeros(N_BLOCKS, RECORD)
         self.pictures = self.publisher('camera/image/compressed')
         self.said = self.publisher('control')

@@ -1,31 +1,117 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol warm: compile what a first run would have to wait for."""
 
+import json
+import os
+import select
+import signal
+import subprocess
 import sys
 import time
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 
-import eol_ros
+from eol_ros import compiled
+from eol_ros.errors import EolError, UsageError
 from eol_ros.verbs.progress import track
 
 HELP = 'Compile the loops of twin, tracker and sound into the cache, and make the ice recording.'
-EXAMPLES = ['eol warm', 'eol warm --anew']
+EXAMPLES = ['eol warm', 'eol warm --parts sound', 'eol warm --anew']
+SAY_S = 5.0  # a line of progress at least so often where there is no terminal
 
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--anew', action='store_true',
-                        help='forget what was compiled: an inner loop has been edited')
+    parser.add_argument('--anew', action='store_true', help='forget all that was compiled')
+    parser.add_argument('--parts', metavar='PARTS', default=','.join(compiled.PARTS),
+                        help=f'these alone, parted by commas (of {", ".join(compiled.PARTS)})')
+    parser.add_argument('--here', action='store_true',
+                        help='in this process, and print how many functions are done')
 
 
 def run(args):
-    """Warm one part after the other."""
-    if args.anew:  # the compiler's cache does not notice a change in a file that another imports
-        for file in Path(eol_ros.__file__).parent.rglob('__pycache__/*.nb?'):
-            file.unlink()
-    print('compiling (a minute, once)', file=sys.stderr)
-    for part in track((_twin, _tracker, _sound, _ice), 'compiling'):
-        part()
+    """Compile what is not in the cache as it should be; two parts at a time."""
+    parts = args.parts.split(',')
+    for part in parts:
+        if part not in compiled.PARTS:
+            raise UsageError(f'--parts {part}: not one of {", ".join(compiled.PARTS)}')
+    if args.here:
+        return _here(parts)
+    if args.anew:
+        compiled.forget(anew=True)
+    cold = compiled.cold(parts)
+    if not cold:
+        return 0
+    compiled.forget()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and the processes end with this one
+    print('compiling, once for this version and this processor', file=sys.stderr, flush=True)
+    if sys.stderr.isatty():
+        for _ in track(_percents(cold), 'compiling', total=100):
+            pass
+        return 0
+    said_s, said = time.monotonic(), 0
+    for percent in _percents(cold):
+        now = time.monotonic()
+        if percent > said and (now - said_s >= SAY_S or percent == 100):
+            print(f'compiling, {percent} %', file=sys.stderr, flush=True)
+            said_s, said = now, percent
+    return 0
+
+
+def _percents(parts: Sequence[str]) -> Iterator[int]:
+    """Compile `parts` and yield how far that is: every whole percent."""
+    waiting = list(parts)
+    running: dict[int, tuple[str, subprocess.Popen[str]]] = {}
+    done = dict.fromkeys(parts, 0.0)
+    total = sum(SECONDS[part] for part in parts)
+    shown = 0
+    health = os.environ.get('EOL_HEALTH_FD')
+    try:
+        while waiting or running:
+            while waiting and len(running) < max(len(os.sched_getaffinity(0)), 1):
+                part = waiting.pop(0)
+                command = [sys.executable, '-m', 'eol_ros', 'warm', '--here', '--parts', part]
+                child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, bufsize=1)
+                assert child.stdout is not None
+                running[child.stdout.fileno()] = part, child
+            for fd in select.select(list(running), [], [], 1.0)[0]:
+                part, child = running[fd]
+                if line := child.stdout.readline():
+                    done[part] = min(int(line) / FUNCTIONS[part], 0.99) * SECONDS[part]
+                    continue
+                del running[fd]
+                if child.wait():
+                    raise EolError(f'compiling {part} has failed (exit code {child.returncode})')
+                done[part] = SECONDS[part]
+            percent = int(100 * sum(done.values()) / total)
+            if health:
+                os.write(int(health), json.dumps({'percent': percent}).encode() + b'\n')
+            while shown < percent:
+                shown += 1
+                yield shown
+    finally:
+        for _, child in running.values():
+            child.kill()
+
+
+def _here(parts: Sequence[str]) -> int:
+    """Compile in this process; print the count of functions whenever one is done."""
+    from numba.core import event
+
+    class Count(event.Listener):
+        def __init__(self) -> None:
+            self.count = 0
+
+        def on_start(self, happening: event.Event) -> None:
+            pass
+
+        def on_end(self, happening: event.Event) -> None:
+            self.count += 1
+            print(self.count, flush=True)
+
+    event.register('numba:compile', Count())
+    for part in parts:
+        WORK[part]()
+        compiled.stamp(part)
     return 0
 
 
@@ -83,3 +169,10 @@ def _ice():
         while loader.take() is None:
             time.sleep(0.1)
     loader.close()
+
+
+WORK = {'tracker': _tracker, 'twin': _twin, 'sound': _sound, 'ice': _ice}
+# To tell how far it is: how many functions each of them compiles or loads (numba's own events), and
+# how many seconds that took where it was measured.
+FUNCTIONS = {'tracker': 245, 'twin': 75, 'sound': 108, 'ice': 1}
+SECONDS = {'tracker': 83, 'twin': 38, 'sound': 32, 'ice': 10}

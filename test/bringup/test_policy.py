@@ -176,12 +176,17 @@ def test_who_waits_for_a_disk_is_starved_while_the_disk_is_busy():
     assert idle[6.0] == asleep[6.0] == HUNG
 
 
-def test_a_thread_that_waits_lets_the_others_wait_behind_it():
+def test_waits_of_threads_add_up_to_the_whole_span():
     blocked = Thread('S', 26_331_620, 61_957_353, 8)
-    before = {1: blocked, 2: Thread('R', 0, 0, 1)}
+    before = {1: blocked, 2: Thread('R', 0, 0, 1), 3: Thread('S', 0, 0, 1)}
 
-    assert waited_s(before, {1: blocked, 2: Thread('R', 10**7, 40 * 10**7, 3)}, 0.5) == 0.4
-    assert waited_s(before, {1: blocked}, 0.5) == 0.0
+    def after(*waited):
+        threads = (Thread('S', 10**6, w * 10**6, 3) for w in waited)
+        return waited_s(before, {1: blocked, **dict(enumerate(threads, 2))}, 0.5)
+
+    assert after(200, 100) == pytest.approx(0.3)
+    assert after(400, 400) == 0.5
+    assert after() == 0.0
 
 
 def test_a_wait_is_never_longer_than_what_was_left_beside_running():

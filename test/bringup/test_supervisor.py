@@ -49,11 +49,13 @@ def start(tmp_path):
     """A supervisor over the given processes, and the lines it says."""
     servers = []
 
-    def go(*processes):
+    def go(*processes, **options):
         server = status.listen(1000 + os.getpid() * 10 + len(servers))
         servers.append(server)
         lines = []
-        supervisor = Supervisor('test', processes, server, Diary(tmp_path), lines.append)
+        supervisor = Supervisor(
+            'test', processes, server, Diary(tmp_path), lines.append, **options
+        )
         return supervisor, lines
 
     yield go
@@ -61,7 +63,7 @@ def start(tmp_path):
         server.close()
 
 
-def until(condition, timeout_s=30.0):
+def until(condition, timeout_s=90.0):
     deadline = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < deadline, 'it did not happen in time'
@@ -226,7 +228,7 @@ def work(seconds):
 WORKING = LAST + '''
 last()
 while True:
-    beat(sys.argv[1]); work(0.1)
+    beat(sys.argv[1]); work(0.2)
 '''
 SLOW_TO_END = LAST + '''
 signal.signal(signal.SIGINT, lambda *_: (last(), work(0.06), print('bye', flush=True), sys.exit(0)))
@@ -263,7 +265,7 @@ def last(name, script, hogs):
 
 
 def test_a_starved_process_is_reported_and_left_alone(start, hogs, monkeypatch):
-    for name, value in (('SILENT_S', 0.6), ('QUIET_S', 0.2), ('LOOK_S', 0.1)):
+    for name, value in (('SILENT_S', 2.0), ('QUIET_S', 0.2), ('LOOK_S', 0.1)):
         monkeypatch.setattr(policy, name, value)
     supervisor, lines = start(last('recorder', WORKING, hogs))
     child = supervisor.children[0]
@@ -273,7 +275,7 @@ def test_a_starved_process_is_reported_and_left_alone(start, hogs, monkeypatch):
         until(lambda: supervisor.all_ok_s is not None)
         pid = child.popen.pid
         hogs()
-        until(lambda: rows.append(dict(child.status['recorder'])) or rows[-1]['level'] == 1, 60)
+        until(lambda: rows.append(dict(child.status['recorder'])) or rows[-1]['level'] == 1)
         hogs.end()
         until(lambda: child.status['recorder']['level'] == 0)
         assert child.popen.pid == pid
@@ -353,6 +355,47 @@ time.sleep(60)
         child.bury()
 
     assert lines == ['it is full']
+
+
+COMPILER = '''
+import json, os, sys, time
+fd = int(os.environ['EOL_HEALTH_FD'])
+for percent in (0, 40, 100):
+    os.write(fd, json.dumps({'percent': percent}).encode() + bytes([10]))
+    time.sleep(2.5 if percent == 40 else 0.3)  # and not a word
+sys.exit(int(sys.argv[1]))
+'''
+
+
+def compiler(code):
+    return Process(('compiler',), (sys.executable, '-c', COMPILER, str(code)), {})
+
+
+@pytest.mark.parametrize('code', [0, 1])
+def test_the_compiler_comes_before_the_nodes_and_may_be_silent(start, code, monkeypatch):
+    monkeypatch.setattr(policy, 'SILENT_S', 2.0)
+    monkeypatch.setattr(policy, 'START_S', 2.0)
+    supervisor, lines = start(process('twin', STEADY), compiler=compiler(code))
+    rows = []
+
+    def work():
+        until(lambda: rows.extend(supervisor.describe()['nodes']) or supervisor.all_ok_s)
+
+    attended(supervisor, work)
+    before = [row for row in rows if row['text'].startswith('compiling')]
+    assert {row['text'] for row in before} >= {'compiling, 0 %', 'compiling, 40 %'}
+    assert {(row['node'], row['level'], row['pid']) for row in before} == {('twin', 3, 0)}
+    assert 'compiling, 40 %' in lines
+    assert any('compiling has failed (exit code 1)' in line for line in lines) == bool(code)
+    assert supervisor.describe()['restarts'] == 0
+
+
+def test_a_stop_while_it_compiles_starts_nothing(start):
+    supervisor, lines = start(process('twin', STEADY), compiler=compiler(0))
+
+    attended(supervisor, lambda: until(lambda: 'compiling, 0 %' in lines))
+    assert supervisor.children[0].code is None
+    assert not any('failed' in line for line in lines)
 
 
 @pytest.mark.parametrize('code', [2, 69, 78])
@@ -452,12 +495,12 @@ def test_a_fault_shows_its_last_line_and_keeps_the_rest_in_the_log(start, tmp_pa
 def test_a_run_for_a_time_that_never_is_ok_fails(start, monkeypatch):
     from eol_ros.bringup import supervisor as module
 
-    monkeypatch.setattr(module, 'START_S', 1.0)
+    monkeypatch.setattr(module, 'START_S', 4.0)
     script = BEAT + "\nwhile True:\n    beat('twin', 1); time.sleep(0.1)"
     supervisor, lines = start(process('twin', script))
 
     assert supervisor.run(seconds=0.1) == 1
-    assert 'not all OK within 1 s: twin (fine)' in lines
+    assert 'not all OK within 4 s: twin (fine)' in lines
 
 
 def test_a_hung_process_says_where(start, monkeypatch, tmp_path):

@@ -113,6 +113,13 @@ def test_holes_are_counted_where_most_of_the_rhythm_is_holes():
     assert gaps.missing == kept[-1] + 1 - len(kept)
 
 
+def test_a_rhythm_that_is_known_needs_no_start():
+    gaps, kept = StampGaps(NS / STEP), [0, 3, 5, 8, 10, 13, *range(14, 60)]
+    for i in kept:
+        gaps.take(NS + i * STEP)
+    assert gaps.missing == 60 - len(kept)
+
+
 def test_what_was_dropped_here_is_not_lost_before():
     gaps = Gaps()
     for number, fits in ((1, True), (2, False), (3, False), (5, True), (6, False), (9, True)):

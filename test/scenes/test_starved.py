@@ -70,7 +70,7 @@ def check(status, bags):
     stamps = blocks['stamp'].astype('int64')
     images = round((stamps[-1] - stamps[0]) * 60 / 1e9) + 1
     tracked = int(blocks['image'][-1]) - int(blocks['image'][0]) + 1
-    assert images - tracked == nodes['tracker']['missing']
+    assert images - tracked == nodes['tracker']['missing'], nodes['twin']
     assert nodes['tracker']['missing'] >= nodes['twin']['missed']
     print(f'{images} images, {nodes["twin"]["missed"]} missed by the twin, '
           f'{images - tracked - nodes["twin"]["missed"]} lost on the way; recorder: {lost}')

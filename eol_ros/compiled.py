@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Is what numba compiles in its cache? Told in some milliseconds, without numba.
+
+numba keeps machine code by the content of the one file that a function stands in, and does not
+notice a change in a file that this one imports. So `eol warm` writes a stamp beside its cache when
+it has compiled a part: what the sources contained, for which processor and which versions, and
+which files that made. Where the package's own folders cannot be written, numba uses a folder of the
+user's, and so do the stamps.
+"""
+
+import hashlib
+import importlib.metadata
+import json
+import os
+import platform
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+ROOT = Path(__file__).parent
+# What each part is made of, as folders; all use what stands in `core` itself. A part has the name
+# of the node that needs it.
+PARTS = {
+    'tracker': ('core/vision',),
+    'twin': ('core/physics', 'core/vision'),
+    'sound': ('core/sound', 'devices'),
+    'ice': ('core/sound',),  # no node: the recording that is made where a scene names none
+}
+_COMMON = 'core'
+_FILES = {'devices': 'sound_callback.py'}  # where only one file of a folder is compiled
+_NO_MATTER = ('NUMBA_CACHE_DIR', 'NUMBA_NUM_THREADS')  # of the settings of numba
+_MACHINE = ('model name', 'flags', 'Features', 'CPU implementer', 'CPU part')
+
+
+def cold(parts: Iterable[str]) -> list[str]:
+    """Return those of `parts` (names of nodes; others need nothing) that must be compiled."""
+    return [part for part in PARTS if part in set(parts) and not _is_warm(part)]
+
+
+def stamp(part: str) -> None:
+    """Note that `part` has been compiled from the sources as they are."""
+    folders = {name: {'sources': _digest(name), 'files': sorted(_cached(name))}
+               for name in PARTS[part]}
+    path = _stamp(part)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = path.with_suffix(f'.{os.getpid()}')
+    new.write_text(json.dumps(folders))
+    new.replace(path)
+
+
+def forget(anew: bool = False) -> None:
+    """Remove from the cache what was compiled from sources that have changed, or all of it.
+
+    What no stamp vouches for may have been compiled from anything, and goes too.
+    """
+    names = {name for folders in PARTS.values() for name in folders}
+    if not anew:
+        known = [_read(part) for part in PARTS]
+        names = {name for name in names
+                 if all(s.get(name, {}).get('sources') != _digest(name) for s in known)}
+    for name in names:
+        for file in _cached(name):
+            (cache_folder(name) / file).unlink(missing_ok=True)
+    if anew:
+        for part in PARTS:
+            _stamp(part).unlink(missing_ok=True)
+
+
+def cache_folder(name: str) -> Path:
+    """Return where numba keeps what it compiles from folder `name` of the package."""
+    source = ROOT / name
+    if given := os.environ.get('NUMBA_CACHE_DIR'):
+        return Path(given) / _subfolder(source)
+    if os.access(source, os.W_OK):
+        return source / '__pycache__'
+    return _user_cache() / _subfolder(source)
+
+
+def _subfolder(source: Path) -> str:
+    """As numba names it in a folder that many packages share."""
+    path = os.path.abspath(source)
+    return f'{source.name}_{hashlib.sha1(path.encode()).hexdigest()}'
+
+
+def _user_cache() -> Path:
+    return Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'numba'
+
+
+def _cached(name: str) -> list[str]:
+    try:
+        return [f for f in os.listdir(cache_folder(name)) if f.endswith(('.nbi', '.nbc'))]
+    except OSError:
+        return []
+
+
+def _stamp(part: str) -> Path:
+    return cache_folder(_COMMON) / f'eol-{part}-{_machine()}.json'
+
+
+def _read(part: str) -> dict[str, dict]:
+    try:
+        folders = json.loads(_stamp(part).read_text())
+        return folders if isinstance(folders, dict) else {}
+    except (OSError, ValueError):
+        return {}
+
+
+def _is_warm(part: str) -> bool:
+    made = _read(part)
+    return all(
+        name in made
+        and made[name]['sources'] == _digest(name)
+        and set(made[name]['files']) <= set(_cached(name))
+        for name in PARTS[part]
+    )
+
+
+def _digest(name: str) -> str:
+    """Return what the sources of a folder, and those that all use, contain."""
+    digest = hashlib.blake2b(digest_size=12)
+    for folder, pattern in ((_COMMON, '*.py'), (name, _FILES.get(name, '*.py'))):
+        for path in sorted((ROOT / folder).glob(pattern)):
+            digest.update(path.name.encode() + b'\0' + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _machine() -> str:
+    """Return a name for all but the sources that machine code depends on."""
+    parts = [sys.implementation.cache_tag, platform.machine()]
+    parts += [importlib.metadata.version(name) for name in ('numba', 'llvmlite', 'numpy')]
+    parts += sorted(f'{k}={v}' for k, v in os.environ.items()
+                    if k.startswith('NUMBA_') and k not in _NO_MATTER)
+    try:
+        first = Path('/proc/cpuinfo').read_text().split('\n\n')[0].splitlines()
+        parts += [line for line in first if line.startswith(_MACHINE)]
+    except OSError:
+        parts.append(platform.processor())
+    return hashlib.blake2b('\n'.join(map(str, parts)).encode(), digest_size=6).hexdigest()
