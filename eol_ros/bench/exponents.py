@@ -1,7 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`eol bench exponents`: which law do sizes follow, on the real table and on the automaton?"""
+"""`eol bench exponents`: which law do sizes follow, on the real table and on the automaton?
+
+The blocks are chaotic: after some hundred cascades a last bit, of another processor's or BLAS's
+sums, has changed their order. So a table is simulated from several starts, and its figures are
+means with the standard deviation over these: what another machine finds lies within that. The
+automaton and the rice pile count in integers; their events are the same on every machine.
+"""
 
 import argparse
+
+from eol_ros.errors import UsageError
 
 HELP = 'Fit the law of cascade sizes: the 5x5 table, the Brown plate, the automaton, the rice pile.'
 EXAMPLES = ['eol bench exponents', 'eol bench exponents --seconds 2000 --events 100000 --json']
@@ -24,6 +32,8 @@ AUTOMATA = (  # size, alpha, events of warm-up for each recorded one, fit
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('--seconds', type=float, default=20_000.0, help='of the table, simulated')
+    parser.add_argument('--seeds', type=int, default=10, metavar='N',
+                        help='simulate each table from N starts (default 10)')
     parser.add_argument('--events', type=int, default=1_000_000, help='of each automaton')
     parser.add_argument('--json', action='store_true')
 
@@ -33,19 +43,26 @@ def run(args: argparse.Namespace) -> int:
     from eol_ros.bench.machine import tell
     from eol_ros.verbs.progress import track
 
-    work = [(_blocks, row, args.seconds) for row in _tables()]
+    if args.seeds < 1:
+        raise UsageError(f'--seeds {args.seeds}: at least 1 start')
+    starts = range(11, 11 + args.seeds)
+    names = [name for name, _ in _tables(starts[0])]
+    work = [(_blocks, row, args.seconds) for seed in starts for row in _tables(seed)]
     work += [(_automaton, row, args.events) for row in AUTOMATA]
     work += [(_pile, 64, args.events)]
-    rows = [make(row, much) for make, row, much in track(work, 'models')]
+    made = [make(row, much) for make, row, much in track(work, 'models')]
+    tables = len(names) * args.seeds
+    rows = [_over_seeds(name, [r for r in made[:tables] if r['model'] == name]) for name in names]
+    rows += made[tables:]
     tell({'rows': rows}, args.json, lambda result: _table(result['rows']))
     return 0
 
 
-def _tables() -> list[tuple[str, dict]]:
+def _tables(seed: int) -> list[tuple[str, dict]]:
     from eol_ros.core.physics import builders
 
     drive = {'kind': 'constant_velocity', 'par': [SPEED_MPS, 0.0]}
-    more = {'u0': builders.offsets(BLOCKS, OFFSET_M, 11, along_x=True), 'dim1': True}
+    more = {'u0': builders.offsets(BLOCKS, OFFSET_M, seed, along_x=True), 'dim1': True}
     return [
         ('table of the paper', builders.table(drive, 1.0, **more)),
         ('plate, K_L 20, K_C 40', builders.plate(drive, 1.0, **more)),
@@ -69,6 +86,44 @@ def _blocks(row: tuple[str, dict], seconds: float) -> dict:
         'status': found.status,
         **_law(sizes, (1, 12)),
         'area': _law(areas, (1, 12)) | {'full_range': _law(areas, (1, BLOCKS))},
+    }
+
+
+def _over_seeds(model: str, runs: list[dict]) -> dict:
+    """Return the figures of one model as means over its starts, each with its deviation.
+
+    `tau_error` is the standard deviation over the starts, of one run and not of their mean; with a
+    single start it is the block bootstrap's.
+    """
+    found = {'model': model, 'seeds': len(runs), 'status': sorted({r['status'] for r in runs})}
+    return found | _mean_law(runs) | {
+        'area': _mean_law([r['area'] for r in runs])
+        | {'full_range': _mean_law([r['area']['full_range'] for r in runs])}
+    }
+
+
+def _mean_law(laws: list[dict]) -> dict:
+    import numpy as np
+
+    def mean(name: str) -> float:
+        return float(np.mean([law[name] for law in laws]))
+
+    def deviation(name: str) -> float:
+        return float(np.std([law[name] for law in laws], ddof=1)) if len(laws) > 1 else 0.0
+
+    shown = [s for s in laws[0]['at_least'] if all(s in law['at_least'] for law in laws)]
+    found = {
+        'events': round(mean('events')), 'events_deviation': deviation('events'),
+        'mean_size': mean('mean_size'), 'fit': laws[0]['fit'],
+        'at_least': {s: round(float(np.mean([law['at_least'][s] for law in laws]))) for s in shown},
+    }  # fmt: skip
+    without = next((law['no_fit'] for law in laws if 'no_fit' in law), None)
+    if without is not None:
+        return found | {'no_fit': without}
+    error = deviation('tau') if len(laws) > 1 else laws[0]['tau_error']
+    return found | {
+        'tau': mean('tau'), 'tau_error': error, 'tau_error_bootstrap': mean('tau_error'),
+        'b_value': mean('b_value'), 'ks': mean('ks'), 'taus': [law['tau'] for law in laws],
     }
 
 
@@ -134,4 +189,9 @@ def _table(rows: list[dict]) -> str:
         if 'area' in r:
             counts = ', '.join(f'{s}: {n}' for s, n in r['area']['at_least'].items())
             lines.append(f'  cascades of at least that area: {counts}')
+            lines.append(
+                f'  means of {r["seeds"]} starts; of one start: '
+                f'{r["events"]} +- {r["events_deviation"]:.0f} cascades, tau +- as above '
+                f'(by bootstrap {r.get("tau_error_bootstrap", float("nan")):.3f})'
+            )
     return '\n'.join(lines)

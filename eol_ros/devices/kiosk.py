@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Browser windows that fill a screen each, with a throw-away profile, and come back when lost."""
 
+import contextlib
+import os
 import re
 import shutil
 import subprocess
@@ -25,6 +27,7 @@ FLAGS = (
     '--overscroll-history-navigation=0',
     '--autoplay-policy=no-user-gesture-required',
 )
+LOG_BYTES = 1_000_000  # of what a browser says; it may run for months
 SETTLED_S = 20.0  # a window that lived this long failed anew, not again
 
 
@@ -94,6 +97,7 @@ class Window:
         ]
         self._backoff = Backoff()
         self._process: subprocess.Popen | None = None
+        self._log = self._profile / 'eol-browser.log'
         self._due_s = 0.0
         self._since_s = 0.0
         self.starts = 0
@@ -103,26 +107,45 @@ class Window:
         if self._process is not None:
             code = self._process.poll()
             if code is None:
+                self._bound_log()
                 return ''
             self._process = None
             if now_s - self._since_s > SETTLED_S:
                 self._backoff.succeeded()
             wait_s = self._backoff.failed()
             self._due_s = now_s + wait_s
-            return f'{self.url}: the window is gone (code {code}); again in {wait_s:g} s'
+            how = f'code {code}' + (f': {why}' if (why := self._last_words()) else '')
+            return f'{self.url}: the window is gone ({how}); again in {wait_s:g} s'
         if now_s < self._due_s:
             return ''
         try:
-            self._process = subprocess.Popen(
-                self._command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )  # fmt: skip
+            self._log.write_bytes(b'')
+            with self._log.open('ab') as appended:  # appended to: it may be truncated meanwhile
+                self._process = subprocess.Popen(
+                    self._command, stdin=subprocess.DEVNULL, stdout=appended, stderr=appended
+                )
         except OSError as error:
             raise DeviceMissing(f'{self._command[0]}: {error.strerror}') from None
         self._since_s = now_s
         self.starts += 1
         place = self.screen
         return f'{self.url}: on {place.width}x{place.height} at {place.x},{place.y}'
+
+    def _last_words(self) -> str:
+        """Return why the browser says it ended: its last error, else its last line."""
+        try:
+            lines = [line.strip() for line in self._log.read_text(errors='replace').splitlines()]
+        except OSError:
+            return ''
+        # Chromium begins a line with [process:thread:time:ERROR:file(line)].
+        lines = [re.sub(r'^\[[^\]]*\] *', '', line) for line in lines if line]
+        errors = [line for line in lines if re.search('error|fail|missing|cannot', line, re.I)]
+        return (errors or lines or [''])[-1][:200]
+
+    def _bound_log(self) -> None:
+        with contextlib.suppress(OSError):
+            if self._log.stat().st_size > LOG_BYTES:
+                os.truncate(self._log, 0)
 
     def close(self) -> None:
         """Close the window and throw its profile away."""

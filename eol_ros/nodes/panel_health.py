@@ -21,22 +21,22 @@ class Health:
 
     def __init__(self, hub: Hub, tell: Callable[[str, dict[str, Any]], None]):
         self._hub, self._tell = hub, tell
-        self._unread: deque[tuple[float, bytes]] = deque(maxlen=UNREAD)
+        self._unread: deque[tuple[float, float, bytes]] = deque(maxlen=UNREAD)
         self._roster, self._reading = notices.Roster(), threading.Lock()
 
     def take(self, raw: bytes) -> None:
         """Keep a DiagnosticArray in CDR."""
-        self._unread.append((time.monotonic(), raw))
+        self._unread.append((time.monotonic(), time.time(), raw))
         if self._hub.viewers:
             self._read_up()
 
     def _read_up(self) -> notices.Roster:
         with self._reading:
             while self._unread:
-                heard_s, raw = self._unread.popleft()
+                heard_s, wall_s, raw = self._unread.popleft()
                 for status in deserialize_message(raw, DiagnosticArray).status:
                     if status.name.startswith('eol: '):
-                        notice = self._roster.take(status, heard_s)
+                        notice = self._roster.take(status, heard_s, wall_s)
                         self._tell(f'health {notice["node"]}', notice)
         return self._roster
 
@@ -45,5 +45,5 @@ class Health:
         return self._read_up().runs(node, time.monotonic())
 
     def nodes(self) -> dict[str, dict[str, Any]]:
-        """Return the newest state of each node by name; any thread."""
-        return self._read_up().nodes.copy()
+        """Return the newest state of each node by name, with its age; any thread."""
+        return self._read_up().states(time.monotonic())

@@ -149,10 +149,13 @@ def qos_for(node: Node, topic: str) -> QoSProfile:
     )
 
 
-def listen(node: Node, topic: str, hear: Any, wait_s: float = 3.0) -> str:
-    """Call `hear(message)` for each message on the full name `topic`; return its type."""
+def listen(node: Node, topic: str, hear: Any, wait_s: float = 3.0, raw: bool = False) -> str:
+    """Call `hear(message)` for each message on the full name `topic`; return its type.
+
+    `raw` hands over the CDR bytes instead.
+    """
     name = type_of(node, topic, wait_s)
-    node.create_subscription(message_class(name), topic, hear, qos_for(node, topic))
+    node.create_subscription(message_class(name), topic, hear, qos_for(node, topic), raw=raw)
     return name
 
 

@@ -21,13 +21,16 @@ class Session:
         executor.add_node(node)
 
     def run(self, until: Callable[[], bool], seconds: float | None = None) -> bool:
-        """Spin until `until()` holds, the time is over, or a signal comes; return `until()`."""
+        """Spin until `until()` holds, the time is over, or a signal comes; return whether it held.
+
+        `until` is called between two callbacks, so it may print and raise, which they may not.
+        """
         end = None if seconds is None else time.monotonic() + seconds
-        while not self.stopped and not until():
-            if end is not None and time.monotonic() >= end:
-                break
+        while not until():
+            if self.stopped or (end is not None and time.monotonic() >= end):
+                return False
             self._executor.spin_once(timeout_sec=0.05)
-        return until()
+        return True
 
     def stop(self, *_signal: Any) -> None:
         """End `run`."""

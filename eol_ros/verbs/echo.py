@@ -4,9 +4,11 @@
 import json
 import sys
 import time
+from collections import deque
 
 from eol_ros.errors import DeviceMissing, UsageError
 
+DISCOVERY_S = 5.0  # a busy machine needs so long until a publisher is found
 HELP = 'Print the messages of a topic as YAML, as `ros2 topic echo` does, or their rate.'
 EXAMPLES = [
     'eol echo slips',
@@ -38,32 +40,41 @@ def run(args):
     from eol_ros.ros.echo import Rate, full_name, listen, to_json, to_yaml
     from eol_ros.ros.session import session
 
-    topic, rate, heard = full_name(args.topic), Rate(), [0]
+    topic, rate, heard = full_name(args.topic), Rate(), 0
+    waiting: deque = deque()  # printed outside the callback: a closed pipe must not raise in DDS
 
     def hear(message) -> None:
-        heard[0] += 1
-        if args.once and heard[0] > 1:
-            return
         if args.hz:
             rate.tick(time.monotonic())
-        elif args.json:
-            print(to_json(message), flush=True)
-        else:
-            print(f'{to_yaml(message, args.full)}---', flush=True)
+        waiting.append(message)
+
+    def shown() -> bool:
+        """Print what has come; return whether that is all that was asked for."""
+        nonlocal heard
+        while waiting:
+            message = waiting.popleft()
+            heard += 1
+            if args.hz:
+                continue
+            text = to_json(message) if args.json else f'{to_yaml(message, args.full)}---'
+            print(text, flush=True)
+            if args.once:
+                return True
+        return False
 
     with session(reach='lan' if args.lan else 'local') as visit:
         listen(visit.node, topic, hear)
-        before, deadline = -1, _Deadline(args.timeout)
-        while not visit.stopped:
-            visit.run(lambda: args.once and heard[0] > 0, 1.0)
-            if args.once and heard[0]:
-                break
-            if args.hz and heard[0] != before:
+        before, deadline = 0, _Deadline(args.timeout)
+        begun_s, told = time.monotonic(), False
+        while not visit.stopped and not visit.run(shown, 1.0):
+            if args.hz and heard != before:
                 print(json.dumps(rate.numbers()) if args.json else rate.text(), flush=True)
-            elif heard[0] == 0 and before < 0 and not visit.node.count_publishers(topic):
+            found = heard or visit.node.count_publishers(topic)
+            if not told and not found and time.monotonic() - begun_s > DISCOVERY_S:
+                told = True
                 print(f'{topic}: nobody publishes it now; waiting', file=sys.stderr)
-            deadline.check(topic, heard[0])
-            before = heard[0]
+            deadline.check(topic, heard)
+            before = heard
     return 0
 
 

@@ -2,10 +2,18 @@
 """eol topics: what is on the graph."""
 
 import json
+import sys
+import time
 
-HELP = 'List the topics of the running graph, with type, publishers and readers.'
+from eol_ros.errors import DeviceMissing, UsageError
+
+DISCOVERED_S = 1.5  # without a new node, topic or end of one: the whole graph has been discovered
+RATE_S = 3.0  # over which rates are measured
+OF_ROS = {'/parameter_events', '/rosout'}  # every rclpy node has these
+HELP = 'List the topics of the running graph, with type, publishers, subscribers and rates.'
 EXAMPLES = [
     'eol topics',
+    'eol topics --hz                                # subscribes to each for 3 s',
     'eol topics --json',
     'eol topics --markdown                          # of the source, not of the graph',
 ]
@@ -15,8 +23,11 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('--json', action='store_true', help='as one JSON list')
     parser.add_argument('--markdown', action='store_true', help='the table of all topics there are')
-    parser.add_argument('--seconds', type=float, default=5.0, metavar='S',
-                        help='look around for at most so long (default 5)')
+    parser.add_argument('--hz', action='store_true',
+                        help='measure the rate of each topic for 3 s; what is published only while '
+                        'somebody subscribes is published for that')
+    parser.add_argument('--seconds', type=float, default=10.0, metavar='S',
+                        help='longest time to discover the graph (default 10)')
     parser.add_argument('--lan', action='store_true', help='look on the network, not only here')
 
 
@@ -25,26 +36,89 @@ def run(args):
     if args.markdown:
         print(_markdown())
         return 0
+    if not args.seconds > 0:
+        raise UsageError(f'--seconds {args.seconds:g}: not a time above 0 s')
     from eol_ros.ros.echo import on_the_graph
     from eol_ros.ros.session import session
 
     with session(reach='lan' if args.lan else 'local') as visit:
-        own = {'/parameter_events', '/rosout'}
-        names = visit.node.get_topic_names_and_types
-        if visit.run(lambda: any(name not in own for name, _ in names()), args.seconds):
-            visit.run(lambda: False, 1.0)  # who is there says all it has within a second
-        rows = on_the_graph(visit.node)
+        discovered = _Discovery(visit.node)
+        if not visit.run(discovered, args.seconds) and not visit.stopped:
+            missing = ', '.join(sorted(discovered.missing()))
+            print(f'not the whole graph yet after {args.seconds:g} s'
+                  + (f': {missing} not found' if missing else ''), file=sys.stderr)
+        rows = [row for row in on_the_graph(visit.node) if row['topic'] not in OF_ROS]
+        if args.hz:
+            _measure(visit, rows)
+    if not rows and not args.json:
+        raise DeviceMissing('no topics: no graph runs here; start one with `make run`')
     if args.json:
-        print(json.dumps([row for row in rows if row['topic'] not in own], indent=2))
+        print(json.dumps(rows, indent=2))
         return 0
     for row in rows:
-        if row['topic'] in own:
-            continue
+        rate = f'{row["rate_hz"]:7.2f} Hz  ' if args.hz else ''
         print(
             f'{row["topic"]:28} {row["type"]:36} {row["publishers"]} -> {row["readers"]}  '
-            f'{row["doc"]}'.rstrip()
+            f'{rate}{row["doc"]}'.rstrip()
         )
     return 0
+
+
+class _Discovery:
+    """Holds once all that runs here has been found, and nothing new has turned up for a while."""
+
+    def __init__(self, node):
+        self._node, self._seen, self._since_s = node, None, 0.0
+        self._expected = _running()
+
+    def missing(self) -> set[str]:
+        """Return the nodes of the running scene that have not been discovered yet."""
+        return self._expected - set(self._node.get_node_names())
+
+    def __call__(self) -> bool:
+        node = self._node
+        names = [name for name, _ in node.get_topic_names_and_types()]
+        seen = (sorted(node.get_node_names()), [
+            (name, node.count_publishers(name), node.count_subscribers(name)) for name in names
+        ])  # fmt: skip
+        if seen != self._seen:
+            self._seen, self._since_s = seen, time.monotonic()
+        return not self.missing() and time.monotonic() - self._since_s > DISCOVERED_S
+
+
+def _running() -> set[str]:
+    """Return the nodes that the supervisor on this domain says run; none where it is not here."""
+    from eol_ros.bringup import plan, status
+    from eol_ros.scene import Scene
+
+    try:
+        rows = status.ask(plan.domain(Scene('', {})))['nodes']
+    except DeviceMissing:
+        return set()
+    return {row['node'] for row in rows if row['level'] < status.DOWN and row['text'] != 'finished'}
+
+
+def _measure(visit, rows) -> None:
+    """Add `rate_hz` to each row: messages a second over RATE_S, once the subscriptions are met."""
+    from eol_ros.ros.echo import listen
+
+    counts = dict.fromkeys((row['topic'] for row in rows), 0)
+
+    def counter(topic):
+        def count(_message) -> None:
+            counts[topic] += 1
+
+        return count
+
+    for row in rows:
+        if row['publishers']:
+            listen(visit.node, row['topic'], counter(row['topic']), raw=True)
+    visit.run(lambda: False, 1.0)  # publishers discover the subscriptions; latched messages come
+    counts.update(dict.fromkeys(counts, 0))
+    begun_s = time.monotonic()
+    visit.run(lambda: False, RATE_S)
+    for row in rows:
+        row['rate_hz'] = round(counts[row['topic']] / (time.monotonic() - begun_s), 2)
 
 
 def _markdown() -> str:

@@ -88,12 +88,24 @@ class Roster:
         self.nodes: dict[str, dict[str, Any]] = {}
         self._heard_s: dict[str, float] = {}
 
-    def take(self, status: Any, now_s: float) -> dict[str, Any]:
-        """Note a DiagnosticStatus; return it for pages."""
-        notice = health(status)
+    def take(self, status: Any, now_s: float, wall_s: float) -> dict[str, Any]:
+        """Note a DiagnosticStatus heard at `now_s` (`wall_s` on the wall clock); return it.
+
+        `at` tells a page that is opened later how old it is.
+        """
+        notice = health(status) | {'at': wall_s}
         self.nodes[notice['node']] = notice
         self._heard_s[notice['node']] = now_s
         return notice
+
+    def states(self, now_s: float) -> dict[str, dict[str, Any]]:
+        """Return the newest state of each node and its age; one of over 5 s is `silent`."""
+        found = {}
+        for node, notice in list(self.nodes.items()):
+            age_s = now_s - self._heard_s[node]
+            level = notice['level'] if age_s < self.SILENT_S else 'silent'
+            found[node] = notice | {'age_s': round(age_s, 1), 'level': level}
+        return found
 
     def runs(self, node: str, now_s: float) -> bool:
         """Return whether a node has been heard within 5 s."""

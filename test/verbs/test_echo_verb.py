@@ -78,10 +78,45 @@ def test_echo_json_and_rate(graph):
     got = [json.loads(lines.stdout.readline())['slip'] for _ in range(50)]
     assert all(b == (a + 1) % 300 for a, b in itertools.pairwise(got))
     numbers = [json.loads(rate.stdout.readline()) for _ in range(3)]
-    assert 50 < numbers[-1]['rate_hz'] < 150
+    assert all(n['window'] > 2 and n['rate_hz'] > 0 for n in numbers)
+    assert [n['window'] for n in numbers] == sorted(n['window'] for n in numbers)
     for child in (lines, rate):
         child.send_signal(signal.SIGINT)
         assert end(child)[0] == 0
+
+
+@pytest.mark.slow
+def test_echo_into_a_pipe_that_closes_ends_without_a_word(graph):
+    shell = f'"{sys.executable}" -m eol_ros echo slips --json; echo "code $?" >&2'
+    child = subprocess.Popen(
+        ['sh', '-c', f'({shell}) | head -n 2'], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True,
+    )  # fmt: skip
+    code, out, err = end(child)
+    assert code == 0 and len(out.splitlines()) == 2
+    assert err == 'code 0\n'
+
+
+@pytest.mark.slow
+def test_topics_with_rates(graph):
+    code, out, err = end(eol('topics', '--hz', '--json'), 40)
+    assert code == 0, err
+    rates = {row['topic']: row['rate_hz'] for row in json.loads(out)}
+    assert rates['/eol/slips'] > 10 * rates['/eol/cascades'] > 0  # a hundred to one in the bag
+
+
+@pytest.mark.slow
+def test_topics_are_the_same_each_time(graph):
+    looks = [end(eol('topics', '--json')) for _ in range(3)]
+    assert [code for code, _, _ in looks] == [0, 0, 0]
+    assert looks[0][1] == looks[1][1] == looks[2][1]
+
+
+def test_no_graph_has_no_topics(monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', '97')
+    code, out, err = end(eol('topics', '--seconds', '3'))
+    assert (code, out) == (69, '')
+    assert 'no graph runs here' in err
 
 
 @pytest.mark.slow

@@ -165,13 +165,17 @@ def test_the_exponents_are_fitted(capsys, monkeypatch):
     from eol_ros.bench import exponents
 
     monkeypatch.setattr(exponents, 'AUTOMATA', ((8, 0.2, 1.0, (1, 20)),))
-    assert main(['bench', 'exponents', '--seconds', '600', '--events', '20000', '--json']) == 0
+    assert main(['bench', 'exponents', '--seconds', '600', '--seeds', '2', '--events', '20000',
+                 '--json']) == 0
     rows = {r['model']: r for r in json.loads(capsys.readouterr().out)['rows']}
     table = rows['table of the paper']
 
-    assert table['status'] == 'ok'
+    assert table['status'] == ['ok'] and table['seeds'] == len(table['taus']) == 2
+    assert table['taus'][0] != table['taus'][1]
     assert table['at_least']['1'] == table['events'] > 150
     assert 1.2 < table['tau'] < 1.9
-    assert table['b_value'] == table['tau'] - 1
+    assert table['tau'] == pytest.approx(sum(table['taus']) / 2)
+    assert table['tau_error'] == pytest.approx(abs(table['taus'][0] - table['taus'][1]) / 2**0.5)
+    assert table['b_value'] == pytest.approx(table['tau'] - 1)
     assert max(int(s) for s in table['area']['at_least']) <= 25
     assert rows['rice pile of 64']['tau'] > 1

@@ -3,6 +3,7 @@
 
 import http.server
 import threading
+import time
 
 import pytest
 
@@ -68,6 +69,28 @@ def test_each_wall_on_its_screen_with_its_own_profile(
     for profile in profiles:
         assert not __import__('pathlib').Path(profile).exists()  # thrown away
     assert 'the window is gone (code 3); again in 1 s' in capsys.readouterr().err
+
+
+def test_why_a_browser_ended_is_told(tmp_path):
+    """As Chromium says it where there is no display, with lines of no use around it."""
+    path = tmp_path / 'browser'
+    path.write_text(
+        '#!/bin/sh\necho "[1:2:0101/000000.1:WARNING:a.cc(1)] slow" >&2\n'
+        'echo "[1:2:0101/000000.2:ERROR:b.cc(2)] Missing X server or \\$DISPLAY" >&2\n'
+        'echo "Exiting." >&2\nexit 1\n'
+    )
+    path.chmod(0o755)
+    window = kiosk.Window(str(path), 'http://x/wall/left', Screen(0, 0, 800, 600))
+    try:
+        news, end = window.keep(0.0), time.monotonic() + 20
+        while 'gone' not in news and time.monotonic() < end:
+            news = window.keep(1.0)
+    finally:
+        window.close()
+    assert news == (
+        'http://x/wall/left: the window is gone (code 1: Missing X server or $DISPLAY); '
+        'again in 1 s'
+    )
 
 
 def test_a_lost_window_comes_back_later_and_later(browser, tmp_path):

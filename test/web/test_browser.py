@@ -6,6 +6,7 @@ folder for the screenshots, to be looked at.
 """
 
 import asyncio
+import contextlib
 import json
 import os
 import signal
@@ -571,6 +572,27 @@ def test_a_wall_outlives_the_panel_and_the_panel_forgets_nothing(graph, browser)
             time.sleep(1.0)
     visit(browser, address, '/')
     until_page(browser, f'Number(document.getElementById("law").dataset.total) >= {total}')
+
+
+def test_what_a_frozen_node_said_is_old_and_nothing_else(graph, browser):
+    address, work = graph
+    visit(browser, address, '/')
+    until_page(browser, 'document.querySelector("#camera canvas").dataset.images > 0')
+    run(browser, 'eol.link.emit("slip", {block: 7, start: true, stamp: 0})')
+    until_page(browser, '/^1 /.test(document.getElementById("moving-count").textContent)')
+    motion = int(status(address)['motion']['pid'])
+    os.kill(motion, signal.SIGSTOP)
+    try:
+        until_page(browser, 'document.getElementById("cascades").classList.contains("old")')
+        assert run(browser, 'return document.querySelector("#camera").className') == 'card'
+        until_page(browser, '/^0 /.test(document.getElementById("moving-count").textContent)')
+        assert status(address)['motion']['age_s'] > 3
+    finally:
+        with contextlib.suppress(ProcessLookupError):  # its supervisor may have ended it
+            os.kill(motion, signal.SIGCONT)
+    until(lambda: 'motion' in healthy(address), 60)
+    work.nodes |= {int(s['pid']) for s in status(address).values()}
+    until_page(browser, '!document.getElementById("cascades").classList.contains("old")')
 
 
 def test_silence_is_seen_within_three_seconds(graph, browser):

@@ -182,6 +182,11 @@ def test_the_roster_knows_who_gives_signs_of_life():
         level=b'\0', name='eol: tracker', message='well', values=[], hardware_id='12'
     )
     assert not roster.runs('tracker', 100.0)
-    assert roster.take(status, 100.0)['text'] == 'well'
+    notice = roster.take(status, 100.0, 1.7e9)
+    assert (notice['text'], notice['at']) == ('well', 1.7e9)
     assert roster.runs('tracker', 104.0) and not roster.runs('tracker', 106.0)
     assert set(roster.nodes) == {'tracker'}
+    state = roster.states(104.0)['tracker']
+    assert (state['level'], state['age_s']) == ('ok', 4.0)
+    state = roster.states(106.0)['tracker']
+    assert (state['level'], state['age_s'], state['text']) == ('silent', 6.0, 'well')

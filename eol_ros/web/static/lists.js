@@ -100,17 +100,23 @@ export class NodeList {
     this.nodes = new Map();
   }
 
-  take(status) {
+  // `age` in seconds: a page that has just been opened is told of states that may be old.
+  take(status, age = 0) {
     const old = this.nodes.get(status.node);
-    this.nodes.set(status.node, { ...status, heard: performance.now() });
+    this.nodes.set(status.node, { ...status, heard: performance.now() - 1000 * age });
     if (old && old.level === 'ok' && status.level !== 'ok') {
       this.faults.textContent = `${status.node}: ${say(`level_${status.level}`)}. ${status.text}`;
     }
     this.draw();
   }
 
+  // Seconds since a node was heard; 0 for one that never was: this scene may not have it.
+  age(node) {
+    const known = this.nodes.get(node);
+    return known ? (performance.now() - known.heard) / 1000 : 0;
+  }
+
   draw() {
-    const now = performance.now();
     const names = [...this.nodes.keys()].sort();
     if (this.list.children.length !== names.length) {
       this.list.replaceChildren(...names.map(() => {
@@ -126,8 +132,8 @@ export class NodeList {
     }
     let good = 0;
     names.forEach((name, i) => {
-      const { heard, level, text, rate } = this.nodes.get(name);
-      const silent = (now - heard) / 1000;
+      const { level, text, rate } = this.nodes.get(name);
+      const silent = this.age(name);
       const shown = silent > SILENT_S ? 'silent' : level;
       if (shown === 'ok') good++;
       const item = this.list.children[i];

@@ -79,7 +79,7 @@ link.on('leds', (packet) => lights.take(packet));
 link.on('trigger', ({ grain }) => space.hit(grain));
 link.on('cascades', (day) => cascades.take(day));
 link.on('health', (status) => {
-  nodes.take(status);
+  nodes.take(status, Math.max(0, link.now() - status.at));
   follow(status);
   if (status.node === 'tracker') camera.showThreshold(status.values.threshold);
 });
@@ -192,6 +192,9 @@ addEventListener('keydown', (event) => {
 // Silence must be seen
 
 const STREAMS = { camera: ['image', 'blocks'], coords: ['blocks'], sound: ['meter'] };
+// Where data come only when something happens, the node that gives them must still be heard once a second.
+const SOURCES = { camera: ['tracker'], coords: ['tracker', 'motion'], space: ['grains'], sound: ['sound'], cascades: ['motion'], lights: ['leds'] };
+const SILENT_S = 3.2;
 setInterval(() => {
   const age = link.age();
   const stale = age > STALE_S;
@@ -204,12 +207,14 @@ setInterval(() => {
   for (const card of document.querySelectorAll('.card')) {
     const kinds = (STREAMS[card.id] || []).filter((kind) => kind !== 'image' || camera.view !== 'off');
     const ages = kinds.map((kind) => link.age(kind));
-    const oldest = Math.max(0, ...ages);
-    const old = oldest > STALE_S && performance.now() > 4000;
+    const silent = Math.max(0, ...(SOURCES[card.id] || []).map((node) => nodes.age(node)));
+    const oldest = Math.max(silent, ...ages);
+    const old = (Math.max(0, ...ages) > STALE_S && performance.now() > 4000) || silent > SILENT_S;
     card.classList.toggle('old', old);
     card.dataset.old = Number.isFinite(oldest) && oldest > 0 ? say('no_data', { seconds: oldest.toFixed(0) }) : say('no_data_yet');
     if (stale && !old) card.dataset.old = $('stalebar').textContent;
   }
+  if (nodes.age('motion') > SILENT_S) moving.fill(0); // whether they move is no longer known
   nodes.draw();
   if (listener.on && listener.latency !== null) {
     $('listen').textContent = say('listening', { latency: Math.round(listener.latency * 1000) });
