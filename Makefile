@@ -20,7 +20,7 @@ bare: setup-test  ## tests of devices, pages and scenes, the optional system pac
 	@$(PY) tools/run_tests.py --bare $(ARGS)
 
 quick: setup-test  ## the tests of the pure core, in seconds
-	$(PY) -m pytest -q -m 'not slow' test/core
+	@$(PY) tools/run_tests.py --quick $(ARGS)
 
 lint: setup-test  ## ruff and mypy
 	$(PY) -m ruff check .

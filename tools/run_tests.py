@@ -2,6 +2,7 @@
 """Runs all tests in their two parts, and says at the end what was not tested and why.
 
     tools/run_tests.py            everything: two at a time, then what keeps real time, one by one
+    tools/run_tests.py --quick    the pure core without its slow tests, in two processes
     tools/run_tests.py --bare     what touches devices, pages and scenes, on a machine that has none
                                   of the optional system packages: they are hidden, not removed
 
@@ -24,6 +25,11 @@ PARTS = {
     'side by side': ('-n', '2', '--dist', 'loadfile', '-m', 'not live and not soak'),
     'one by one, in real time': ('-m', 'live and not soak'),
 }
+# Halves of about the same length; xdist would have both processes import and compile everything.
+QUICK = (
+    ('test/core/physics', 'test/core/light', 'test/core/montage', 'test/core/science'),
+    ('test/core', *(f'--ignore=test/core/{n}' for n in ('physics', 'light', 'montage', 'science'))),
+)
 BARE = ('test/devices', 'test/web', 'test/scenes', 'test/nodes', 'test/verbs', 'test/bringup',
         'test/bench/test_bench_sound.py', 'test/test_cli.py')  # fmt: skip
 BARE_MOUNTS = 'EOL_TEST_BARE'  # set once the packages are hidden
@@ -78,6 +84,21 @@ def run_bare(words: list[str]) -> int:
     return subprocess.run(again, cwd=ROOT, env={**os.environ, BARE_MOUNTS: '1'}).returncode
 
 
+def run_quick(words: list[str]) -> int:
+    """Run both halves of the quick tests at once; print one after the other."""
+    words = ['-q', '-p', 'no:cacheprovider', '-m', 'not slow', *words]
+    halves = [
+        subprocess.Popen(
+            [sys.executable, '-m', 'pytest', *words, *half], cwd=ROOT, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        )
+        for half in QUICK
+    ]  # fmt: skip
+    for half in halves:
+        print(half.communicate()[0], end='', flush=True)
+    return max(half.returncode for half in halves)
+
+
 def run_part(selection: tuple[str, ...], paths: list[str], words: list[str]) -> tuple[int, dict]:
     """Run pytest once; return its exit code and what test/conftest.py tells of the outcomes."""
     with tempfile.TemporaryDirectory(prefix='eol-tests-') as folder:
@@ -94,7 +115,10 @@ def main() -> int:
     """Run the parts; return 0 where all that ran has passed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--bare', action='store_true', help='hide the optional system packages')
+    parser.add_argument('--quick', action='store_true', help='the quick tests of the core')
     args, words = parser.parse_known_args()
+    if args.quick:
+        return run_quick(words)
     if args.bare and BARE_MOUNTS not in os.environ:
         return run_bare(words)
     if args.bare:
