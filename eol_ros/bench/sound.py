@@ -16,6 +16,7 @@ from eol_ros.errors import UsageError
 HELP = 'Voices per core, beside other engines; error; underruns; slip to sound; loss of the card.'
 EXAMPLES = [
     'eol bench sound --json',
+    'eol bench sound --parts engine,peers --grains 400 --peer scsynth --seconds 3',
     'eol bench sound --parts live --seconds 600',
     'eol bench sound --parts rehearsal,loss --seconds 60',
     'eol bench sound --parts engine,peers --plot docs/img',
@@ -33,6 +34,11 @@ def add_arguments(parser):
         '--parts', type=_parts, default=PARTS, metavar='NAMES',
         help=f'some of {",".join(PARTS)} (default: all)',
     )  # fmt: skip
+    parser.add_argument(
+        '--grains', type=_grains, default=OVERLAPS, metavar='NUMBERS',
+        help=f'that sound at once, some of {",".join(map(str, OVERLAPS))} (default: all)',
+    )  # fmt: skip
+    parser.add_argument('--peer', default='', metavar='TEXT', help='only those with it in the name')
     parser.add_argument('--seconds', type=float, default=10.0, help='of a score or a live run')
     parser.add_argument('--plot', metavar='DIR', help='draw sound_speed.png and sound_error.png')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
@@ -46,13 +52,15 @@ def run(args) -> int:
 
     if args.plot and not {'engine', 'peers'} <= set(args.parts):
         raise UsageError('--plot draws engine and peers: measure both')
+    if args.plot and (args.peer or args.grains != OVERLAPS):
+        raise UsageError('--plot draws all peers and numbers of grains: leave out --peer, --grains')
     result: dict = {'seconds': args.seconds}
     sound = source()
     if 'engine' in args.parts:
-        result['engine'] = _engine(sound, args.seconds)
+        result['engine'] = _engine(sound, args.seconds, args.grains)
         result['blocks_identical'] = _identical(sound)
     if 'peers' in args.parts:
-        result['peers'] = _peers(sound, args.seconds)
+        result['peers'] = _peers(sound, args.seconds, args.grains, args.peer)
         result['ratios'] = _ratios(result)
     for part in ('live', 'rehearsal', 'loss'):
         if part in args.parts:
@@ -73,6 +81,14 @@ def _parts(text: str) -> tuple[str, ...]:
     return names
 
 
+def _grains(text: str) -> tuple[int, ...]:
+    for number in text.split(','):
+        if number not in map(str, OVERLAPS):
+            names = ', '.join(map(str, OVERLAPS))
+            raise argparse.ArgumentTypeError(f'{number!r} is none of {names}')
+    return tuple(map(int, text.split(',')))
+
+
 def _running(part: str, seconds: float):
     from eol_ros.bench import sound_live, sound_loss, sound_rehearsal
 
@@ -86,7 +102,7 @@ def _running(part: str, seconds: float):
         yield measure(case)
 
 
-def _engine(sound, seconds: float) -> list[dict]:
+def _engine(sound, seconds: float, overlaps: tuple[int, ...]) -> list[dict]:
     from eol_ros.bench.sound_engine import FS, error_db, make_score, ours, speed, truth
 
     rows = []
@@ -101,7 +117,7 @@ def _engine(sound, seconds: float) -> list[dict]:
                 'error_db': -error_db(made, wanted),  # against the same reading in float64
                 'error_to_cubic_db': -error_db(made, best),
             }
-            for overlap in OVERLAPS:
+            for overlap in overlaps:
                 score = make_score(overlap, seconds, varied)
                 for block in BLOCKS:
                     print(f'mixer: {overlap} grains, block {block}', file=sys.stderr)
@@ -110,7 +126,7 @@ def _engine(sound, seconds: float) -> list[dict]:
     return rows
 
 
-def _peers(sound, seconds: float) -> list[dict]:
+def _peers(sound, seconds: float, overlaps: tuple[int, ...], wanted: str) -> list[dict]:
     import soundfile
 
     from eol_ros.bench.sound_engine import FS, error_db, make_score, truth
@@ -120,6 +136,8 @@ def _peers(sound, seconds: float) -> list[dict]:
     with tempfile.TemporaryDirectory() as folder:
         soundfile.write(Path(folder) / 'source.wav', sound, FS, subtype='FLOAT')
         for name, (play, exact, cubic, there) in PEERS.items():
+            if wanted not in name:
+                continue
             if not there():
                 rows.append({'name': name, 'skipped': 'not installed'})
                 continue
@@ -130,7 +148,7 @@ def _peers(sound, seconds: float) -> list[dict]:
                     frames = int((ERROR_S + 0.3) * FS)
                     made = play(Path(folder), short, 64)[1][:frames, :2]
                     error = -error_db(made, truth(sound, short, cubic, frames, False), 70)
-                for overlap, block in itertools.product(OVERLAPS, PEER_BLOCKS):
+                for overlap, block in itertools.product(overlaps, PEER_BLOCKS):
                     print(f'{name}: {overlap} grains, block {block}', file=sys.stderr)
                     score = make_score(overlap, seconds, varied)
                     spent = min(play(Path(folder), score, block)[0] for _ in range(2))

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import argparse
 import subprocess
 import sys
 import time
@@ -8,6 +9,8 @@ import needs
 import numpy as np
 import pytest
 
+from eol_ros import cli
+from eol_ros.bench import sound as sound_bench
 from eol_ros.bench import sound_live, sound_rehearsal
 from eol_ros.bench.sound_engine import FS, error_db, make_score, ours, source, speed, truth
 from eol_ros.bench.sound_peers import PEERS
@@ -40,6 +43,17 @@ def test_error_finds_gain_and_lag_and_nothing_else():
     assert error_db(late, wanted, 5) > 250
     assert error_db(late, wanted, 2) < 1
     assert error_db(wanted * 1.001, wanted) == pytest.approx(60, abs=0.1)
+
+
+@pytest.mark.parametrize('words', [['--grains', '400'], ['--peer', 'pyo']])
+def test_draws_no_picture_of_a_part(words, capsys):
+    assert cli.main(['bench', 'sound', *words, '--plot', 'x']) == 2
+    assert '--plot draws all peers' in capsys.readouterr().err
+
+
+def test_refuses_another_number_of_grains():
+    with pytest.raises(argparse.ArgumentTypeError, match="'3' is none of 100, 400"):
+        sound_bench._grains('100,3')
 
 
 @pytest.mark.slow
