@@ -97,6 +97,7 @@ class _Place:
     line: int
     column: int
     keys: dict[str, '_Place'] = field(default_factory=dict)  # of a mapping: where each key stands
+    text: str = ''  # of a scalar, as it is written
 
 
 class _Reader:
@@ -170,6 +171,7 @@ class _Reader:
         elif isinstance(node, yaml.SequenceNode):
             place.value = [self._convert(item, name) for item in node.value]
         else:
+            place.text = node.value
             try:
                 place.value = yaml.SafeLoader('').construct_object(node)
             except (yaml.YAMLError, ValueError) as error:
@@ -198,7 +200,7 @@ class _Reader:
                 self.unknown(place, where, key, fields)
                 continue
             try:
-                value = check_value(fields[key], _bare(item))
+                value = check_value(fields[key], _meant(item, fields[key].type))
             except ConfigError as error:
                 self.wrong(item, where, str(error))
                 continue
@@ -219,6 +221,18 @@ def _bare(place: _Place) -> Any:
     if isinstance(place.value, dict):
         return {key: _bare(item) for key, item in place.value.items()}
     return place.value
+
+
+def _meant(place: _Place, kind: Any) -> Any:
+    """Return the plain value for a setting of type `kind`; text is taken as it is written.
+
+    YAML 1.1 makes 34 of 0042, true of `on`, and a day of 2026-11-22.
+    """
+    if isinstance(place.value, list) and typing.get_origin(kind) is tuple:
+        return [_meant(item, typing.get_args(kind)[0]) for item in place.value]
+    if kind is str and place.text and place.value is not None:
+        return place.text
+    return _bare(place)
 
 
 def _merge(top: _Place, below: _Place) -> None:
@@ -266,6 +280,8 @@ def check_value(field_: dataclasses.Field, value: Any) -> Any:
     if type(value) is not kind:
         shown = 'nothing' if value is None else repr(value)
         asked = f' ({asked})' if asked else ''
+        if kind is str and value is not None:
+            asked = ': put it into quotes'
         raise ConfigError(f'{shown} is not {_WORDS.get(kind, kind)}{asked}')  # type: ignore[arg-type]
     if meta.get('choices') and value not in meta['choices']:
         near = difflib.get_close_matches(str(value), meta['choices'], 1, 0.6)

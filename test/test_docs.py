@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from eol_ros.settings import NODES
+
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
 
@@ -19,6 +21,15 @@ def test_generated_docs_are_up_to_date():
     )
 
     assert result.returncode == 0, result.stderr
+
+
+def test_the_table_of_nodes_says_what_each_does():
+    table = (ROOT / 'README.md').read_text().split('<!-- nodes -->')[1].split('<!-- /nodes')[0]
+    rows = [row.split(' | ') for row in table.strip().splitlines()[2:]]
+
+    assert [row[0].strip('| `') for row in rows] == list(NODES)
+    for name, says, *_ in rows:  # a verb comes first: `Records every topic ...`
+        assert re.match(r'[A-Z][a-z]+s ', says), f'{name}: {says}'
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda p: p.name)

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import dataclasses
 import tempfile
 from pathlib import Path
 
@@ -123,6 +124,29 @@ def test_twin_and_tracker_agree_on_the_mirror(tmp_path):
         scenes.load(write(tmp_path, words))
     for words in (text % ('true', 'false'), text % ('false', 'true')):
         assert [w for *_, w, _ in mistakes(write(tmp_path, words))] == ['tracker.mirror']
+
+
+@pytest.mark.parametrize('pin', ['0042', '1234', '"0042"', 'on', '1e3', '2026-11-22', '0x1F'])
+def test_text_is_taken_as_it_is_written(tmp_path, pin):
+    scene = scenes.load(write(tmp_path, f'nodes: {{panel: {{pin: {pin}, names: [10, museum]}}}}'))
+    again = scenes.load(write(tmp_path, yaml.safe_dump(scenes.plain(scene))))
+
+    assert scene.nodes['panel'].pin == pin.strip('"')
+    assert scene.nodes['panel'].names == ('10', 'museum')
+    assert again.nodes == scene.nodes
+
+
+@pytest.mark.parametrize('pin', ['[1, 2]', '{a: 1}', '~', ''])
+def test_what_is_no_text(tmp_path, pin):
+    found = mistakes(write(tmp_path, f'nodes: {{panel: {{pin: {pin}}}}}'))
+
+    assert [where for *_, where, _ in found] == ['panel.pin']
+
+
+def test_a_number_for_text_by_ros_parameter_is_told_to_be_quoted():
+    pin = next(f for f in dataclasses.fields(NODES['panel']) if f.name == 'pin')
+    with pytest.raises(ConfigError, match='34 is not text: put it into quotes'):
+        scenes.check_value(pin, 34)
 
 
 def test_include_is_merged_below(tmp_path):

@@ -22,7 +22,7 @@ def node_table() -> str:
     rows = ['| node | what it does | takes | gives |', '| --- | --- | --- | --- |']
     for name in NODES:
         tree = ast.parse((ROOT / 'eol_ros' / 'nodes' / f'{name}.py').read_text())
-        says = (ast.get_docstring(tree) or '').splitlines()[0].split(': ', 1)[-1].rstrip('.')
+        says = (ast.get_docstring(tree) or '').splitlines()[0].rstrip('.')
         takes = ', '.join(f'`{t.name}`' for t in TOPICS.values() if name in t.takes)
         gives = ', '.join(f'`{t.name}`' for t in TOPICS.values() if name in t.gives)
         if name == 'recorder':

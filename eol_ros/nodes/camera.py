@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A camera or a video file in, stamped mono8 images out."""
+"""Reads a camera or a video file and publishes stamped mono8 images."""
 
 import sys
 

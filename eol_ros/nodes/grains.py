@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The 25 blocks in; the corpus, and a trigger for every grain that a moving block touches, out."""
+"""Publishes the corpus, and a trigger for every grain that a moving block touches."""
 
 import sys
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Slips in, light on the blocks at once; the blocks' own taps out.
+"""Turns slips into light on the blocks at once, and publishes the blocks' own taps.
 
 The packet with the light of a slip is written inside the callback that brings the slip, and carries
 the stamp of its image; the packets of the decay that follow carry none.

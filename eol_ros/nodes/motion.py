@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The 25 blocks in, slips and cascades out."""
+"""Finds slips and cascades in the motion of the 25 blocks."""
 
 import sys
 

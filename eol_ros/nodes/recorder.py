@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every topic in, raw; an MCAP bag out. The writing is done in a thread of its own."""
+"""Records every topic, as raw bytes, into an MCAP bag; a thread of its own writes."""
 
 import sys
 import time

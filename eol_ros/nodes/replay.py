@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag out, as if it happened now: the recorded bytes, their stamps unchanged."""
+"""Plays a bag as if it happened now: the recorded bytes, their stamps unchanged."""
 
 import sys
 import threading

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Grain triggers in; sound out, and a meter that shows it."""
+"""Plays grain triggers as sound, and publishes a meter that shows it."""
 
 import sys
 import time

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Camera images in, the 25 blocks out; a JPEG for people while somebody looks.
+"""Finds the 25 blocks in camera images; makes a JPEG for people while somebody looks.
 
 What people ask for counts from a stamp that is said on `control`, so that a bag can be proved.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated table, its hands and its virtual camera: drives the graph with no hardware."""
+"""Drives the graph with no hardware: a simulated table, its hands and its virtual camera."""
 
 import sys
 

@@ -2,12 +2,13 @@
 """eol replay: play a bag into the graph."""
 
 import contextlib
+import dataclasses
 import json
 import select
 import sys
 from pathlib import Path
 
-from eol_ros.errors import UsageError
+from eol_ros.errors import ConfigError, UsageError
 
 HELP = 'Play a bag: the recorded bytes at the recorded times. Space pauses, Ctrl-C stops.'
 EXAMPLES = [
@@ -23,7 +24,7 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('bag', help='bag folder, .mcap file, or a folder of bags: its newest run')
     speed = parser.add_mutually_exclusive_group()
-    speed.add_argument('--rate', type=float, default=1.0, help='speed; 0.5 is half (default 1)')
+    speed.add_argument('--rate', type=float, default=1.0, help='speed, 0.01 to 100; 0.5 is half')
     speed.add_argument('--fast', action='store_true', help='as fast as the readers acknowledge')
     parser.add_argument('--loop', action='store_true', help='begin again at the end')
     parser.add_argument('--start', type=float, default=0.0, metavar='S', help='begin S seconds in')
@@ -41,10 +42,8 @@ def run(args):
     """Play it, or list it."""
     from eol_ros.devices.bag_reader import BagReader
 
-    if not args.rate > 0:
-        raise UsageError(f'--rate {args.rate:g}: not a speed above 0')
-    if args.start < 0 or args.wait < 0:
-        raise UsageError('--start and --wait count seconds from 0')
+    for option, setting in (('rate', 'rate'), ('start', 'start_s'), ('wait', 'wait_s')):
+        _check(option, getattr(args, option), setting)
     bag = BagReader(args.bag)
     for line in bag.cut_short:
         print(line, file=sys.stderr)
@@ -58,6 +57,18 @@ def run(args):
         full = [t for t, n in bag.counts.items() if n]
         topics = tuple(full if args.only == 'all' else map(bag.find, args.only.split(',')))
     return _play(args, topics)
+
+
+def _check(option, value, setting):
+    """Raise UsageError unless `value` is one that the setting of the node may have."""
+    from eol_ros.scene import check_value
+    from eol_ros.settings import ReplaySettings
+
+    field = next(f for f in dataclasses.fields(ReplaySettings) if f.name == setting)
+    try:
+        check_value(field, value)
+    except ConfigError as error:
+        raise UsageError(f'--{option} {error}') from None
 
 
 def _play(args, topics) -> int:
