@@ -68,27 +68,34 @@ class Motion:
         seen: np.ndarray,
         sigma: np.ndarray | None = None,
     ) -> list[NumberedSlip]:
-        """Take one image's blocks and return what begins; then `stops` must be called."""
+        """Take one image's blocks and return what begins; then `stops` must be called.
+
+        A block that slips again soon after a rest brings its STOP along, before its START.
+        """
         due = sorted(t for t in self.taps if t[0] + TAP_LAG_S <= stamp_s)
         if due:
             self.taps = [t for t in self.taps if t[0] + TAP_LAG_S > stamp_s]
         for tap in due:
             self._fuse(tap)
-        events = self.detector.starts(stamp_s, x, y, seen, sigma)
-        numbers = self.cascades.begun(events)
-        return [NumberedSlip(event, number, False) for event, number in zip(events, numbers)]
+        events = [
+            self._with_tap(event) for event in self.detector.starts(stamp_s, x, y, seen, sigma)
+        ]
+        return self._numbered(events, self.cascades.begun(events))
 
     def stops(self, stamp_s: float) -> tuple[list[NumberedSlip], list[CascadeEvent]]:
         """Return the slips and cascades that end with the image given to `starts`."""
         events = [self._with_tap(event) for event in self.detector.stops()]
         numbers, closed = self.cascades.update(stamp_s, events)
+        return self._numbered(events, numbers), closed
+
+    def _numbered(self, events: list[SlipEvent], numbers: list[int]) -> list[NumberedSlip]:
         slips = [
             NumberedSlip(event, number, event.slip in self.fused)
             for event, number in zip(events, numbers)
         ]
         for event in events:
             self.fused.pop(event.slip, None)
-        return slips, closed
+        return slips
 
     def _fuse(self, tap: tuple[float, int, float]) -> None:
         """Join a tap with the running slip of its block, if their times agree."""

@@ -1,8 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Slips of the blocks: START against an anchor, STOP by speed, all thresholds from measured noise.
 
-Vectorised over the 25 blocks; a pure function of the sequence of samples. Nothing here is counted
-in images: windows are times and thresholds are m or m/s, so that 60 and 120 images/s agree.
+Vectorised over the 25 blocks; a pure function of the sequence of samples. Windows are times and
+thresholds are m, m/s or m/s^2, so that 60 and 120 images/s agree.
+
+A STOP waits until the block has been at rest for `stop_s`. A block that moves again before that has
+rested all the same: each moving block keeps the run of its newest samples that agree with one
+place. When it leaves that place, by the same test as any START, and the run was a rest, then the
+STOP of the old slip and the START of the new one are decided in that image. A block may also pass
+slowly through a place, its speed falling and rising without reaching zero. The two differ in
+acceleration: static friction lets go with (mu_s - mu_k) g at once, the force on a block that slides
+grows from nothing. So a run shorter than SURE_S counts as rest when the two images after it show
+that acceleration; a longer one needs no more evidence, for no block stays that slow for that long.
 """
 
 import math
@@ -11,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.motion.onset import onsets
+from eol_ros.core.motion.onset import ACCELERATION_MPS2, ACCELERATION_SPREAD, onsets
 from eol_ros.core.motion.threshold import exceedance, threshold_sigmas
 from eol_ros.settings import MotionSettings
 
@@ -25,6 +34,12 @@ HIDDEN_S = 0.25  # a moving block out of sight for longer has stopped, as far as
 BEFORE_IMAGES = 4  # that the onset of a START rests on, the crossing one included
 LATER_IMAGES = 2  # more, that the onset of its STOP rests on
 GAP_S = 0.5  # a break in the images longer than this starts everything anew
+AGREE_SIGMAS = 3.5  # a sample nearer to the mean of a run belongs to it: 998 of 1000 at rest are
+UNSURE_IMAGES = 2  # that may lie between agreeing and having left before a run is given up
+# A run this long is a rest at this noise. A block that passes slowly, its acceleration growing in
+# proportion to time, stays within a distance d for a time that grows as the cube root of d.
+SURE_S, SURE_M = 0.04, 1e-5
+PULL_MPS2 = ACCELERATION_MPS2 - ACCELERATION_SPREAD  # of a block that static friction lets go
 
 
 @dataclass(frozen=True)
@@ -74,6 +89,13 @@ class SlipDetector:
         self.onset_sigma_s = np.zeros(N_BLOCKS)
         self.start = np.zeros((2, N_BLOCKS))
         self.top_mps = np.zeros(N_BLOCKS)
+        self.not_before_s = np.full(N_BLOCKS, -np.inf)  # the end of the slip before
+        self.run = np.zeros(N_BLOCKS, np.int64)  # newest samples of a moving block in one place
+        self.run_sum = np.zeros((2, N_BLOCKS))
+        self.run_from_s = np.zeros(N_BLOCKS)
+        self.run_to_s = np.zeros(N_BLOCKS)
+        self.left = np.zeros(N_BLOCKS, np.int64)  # samples after the run that do not agree
+        self.clear = np.zeros(N_BLOCKS, bool)  # the last of them had left beyond doubt
         self.owed: list[SlipEvent] = []  # stops that the next call of `stops` returns
         self.begun = np.zeros(N_BLOCKS, bool)  # in the newest image
         self.deviation: np.ndarray | None = None  # of the newest image; None: it was passed over
@@ -103,7 +125,7 @@ class SlipDetector:
         sigma: np.ndarray | None = None,
     ) -> list[SlipEvent]:
         """Take one image as `update`, but decide only what begins, which is urgent; then `stops`
-        must be called."""
+        must be called. The STOP of a slip whose block begins another comes with it, before it."""
         self.owed = []
         self.begun[:] = False
         self.deviation = None
@@ -133,14 +155,22 @@ class SlipDetector:
         tests = N_BLOCKS / max(self.period_s, 1e-4)
         chance = exceedance(self.settings.false_alarms_per_hour, tests)
         limit = threshold_sigmas(chance, 2.0 * self.samples) * deviation
+        again = self._leave(stamp_s, now, seen & self.moving, deviation, limit)
         limit *= np.sqrt(1.0 + 1.0 / np.maximum(n, 1))
         ready = seen & ~self.moving & (n >= 3) & (self.samples >= 3)
         starting = ready & (square > limit**2)
         quiet = seen & ~self.moving & ~starting
         self._learn(quiet & (n >= 3), square, n, loose, sigma)
         self._keep(stamp_s, now, seen, quiet)
+        events = []
+        if again.any():
+            anchor, n = np.where(again, self._run_place(), anchor), np.where(again, self.run, n)
+            events = self._stop_before(again, stamp_s, deviation)
+            starting = starting | again
         self.deviation, self.begun = deviation, starting
-        return self._start(starting, anchor, n, deviation) if starting.any() else []
+        if starting.any():
+            events += self._start(starting, anchor, n, deviation)
+        return events
 
     def stops(self) -> list[SlipEvent]:
         """Return what the image given to `starts` ends, earliest onset first."""
@@ -190,6 +220,88 @@ class SlipDetector:
         self.good[:, head] = seen
         self.still[:, head] = quiet
         self.head = (head + 1) % RING
+
+    def _leave(
+        self,
+        stamp_s: float,
+        now: np.ndarray,
+        seen: np.ndarray,
+        deviation: np.ndarray,
+        limit: np.ndarray,
+    ) -> np.ndarray:
+        """Follow the runs of the moving blocks that are `seen`; return (25,) who rested and left.
+
+        limit: (25,) m, for the distance from a place that is known exactly.
+        """
+        count = np.maximum(self.run, 1)
+        away = np.hypot(*(now - self._run_place()))
+        error = np.sqrt(1.0 + 1.0 / count)
+        agrees = seen & (self.run > 0) & (away < AGREE_SIGMAS * deviation * error)
+        far = seen & (self.run > 1) & (away > limit * error)
+        unsure = seen & (self.run > 1) & ~agrees & ~far & (self.left < UNSURE_IMAGES)
+        again = np.zeros(N_BLOCKS, bool)
+        for block in np.flatnonzero(far).tolist():
+            sigma = float(deviation[block])
+            sure_s = SURE_S * (sigma / SURE_M) ** (1 / 3)
+            short = self.run_to_s[block] - self.run_from_s[block] < sure_s
+            early = short and not self.clear[block]
+            if early or self._drifts(block, stamp_s, now[:, block], sigma):
+                unsure[block] = self.left[block] < UNSURE_IMAGES  # another image may tell
+            else:
+                pull = self._pull(block, stamp_s, now[:, block]) if short else np.inf
+                again[block] = pull > PULL_MPS2
+        self.clear[seen] = (far & unsure)[seen]
+        self.left[unsure] += 1
+        self.left[agrees] = 0
+        self.run[agrees] += 1
+        self.run_sum[:, agrees] += now[:, agrees]
+        anew = seen & ~agrees & ~unsure & ~again
+        self.run[anew], self.left[anew] = 1, 0
+        self.run_sum[:, anew], self.run_from_s[anew] = now[:, anew], stamp_s
+        self.run_to_s[agrees | anew] = stamp_s
+        return again
+
+    def _run_place(self) -> np.ndarray:
+        """Mean place (2, 25) of the runs, in m."""
+        return self.run_sum / np.maximum(self.run, 1)
+
+    def _drifts(self, block: int, stamp_s: float, now: np.ndarray, sigma_m: float) -> bool:
+        """Whether `now` (2,) m lies where the run of `block`, taken for a slow slide, leads."""
+        at = np.array(self._samples(block, RING, self.run_from_s[block] - 0.5 * self.period_s))
+        at = at[self.times[at] <= self.run_to_s[block]]
+        if len(at) < 2:
+            return False
+        middle = self.times[at].mean()
+        lever = self.times[at] - middle
+        spread = (lever**2).sum()
+        ahead = (stamp_s - middle) / spread
+        place = self.place[:, block, at]
+        led = place.mean(1) + (place * lever).sum(1) * ahead
+        error = math.sqrt(1.0 + 1.0 / len(at) + ahead * ahead * spread)
+        return math.hypot(*(now - led).tolist()) < AGREE_SIGMAS * sigma_m * error
+
+    def _pull(self, block: int, stamp_s: float, now: np.ndarray) -> float:
+        """Acceleration (m/s^2) of `block` from rest, by its last sample and `now`, both (2,) m."""
+        at = self._samples(block, 1, -np.inf)[0]
+        rest = self._run_place()[:, block]
+        ahead = now - rest
+        far = math.hypot(*ahead.tolist())
+        near = max(float(ahead @ (self.place[:, block, at] - rest)) / far, 0.0)
+        # s = a/2 (t - t0)^2 twice, t0 eliminated
+        return 2.0 * ((math.sqrt(far) - math.sqrt(near)) / (stamp_s - self.times[at])) ** 2
+
+    def _stop_before(
+        self, again: np.ndarray, stamp_s: float, deviation: np.ndarray
+    ) -> list[SlipEvent]:
+        """Return the stops of slips whose blocks rested, and move `again`."""
+        blocks = np.flatnonzero(again)
+        place = self._run_place()
+        ended = np.full(N_BLOCKS, stamp_s)
+        ended[blocks] = self._find_ends(
+            blocks, place[:, blocks], deviation[blocks], self.run_to_s[blocks]
+        )
+        self.not_before_s[blocks] = ended[blocks]
+        return self._stop(again, stamp_s, ended, place)
 
     def _start(
         self, starting: np.ndarray, anchor: np.ndarray, n: np.ndarray, deviation: np.ndarray
@@ -243,16 +355,20 @@ class SlipDetector:
             times[k, -len(at) :] = self.times[at] - self.last_s
             path[k, -len(at) :] = ahead @ offset / max(math.hypot(*ahead.tolist()), 1e-12)
         found, spread = onsets(times, path, self.rest_sigma[blocks], self.period_s)
-        self.onset_s[blocks] = self.last_s + found
+        self.onset_s[blocks] = np.maximum(self.last_s + found, self.not_before_s[blocks])
         self.onset_sigma_s[blocks] = spread
 
-    def _find_ends(self, blocks: np.ndarray, rest: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
-        """When `blocks` (k,) came to their places of rest (2, k): onsets, looked at backwards."""
+    def _find_ends(
+        self, blocks: np.ndarray, rest: np.ndarray, sigma_m: np.ndarray, until_s: np.ndarray
+    ) -> np.ndarray:
+        """When `blocks` (k,) came to their places of rest (2, k), left by `until_s` (k,): onsets,
+        looked at backwards."""
         ends = self.onset_s[blocks]
         times = np.zeros((len(blocks), BEFORE_IMAGES))
         path = np.full((len(blocks), BEFORE_IMAGES), np.nan)
         for k, block in enumerate(blocks.tolist()):
             at = np.array(self._samples(block, RING, self.onset_s[block]), int)
+            at = at[self.times[at] <= until_s[k]]
             offset = self.place[:, block, at] - rest[:, k, None]
             far = np.hypot(offset[0], offset[1])
             out = np.flatnonzero(far > 5.0 * sigma_m[k])
@@ -321,7 +437,10 @@ class SlipDetector:
         if rest.any():
             blocks = on[rest]
             ended = np.full(N_BLOCKS, stamp_s)
-            ended[blocks] = self._find_ends(blocks, middle[:, rest], noise[rest])
+            ended[blocks] = self._find_ends(
+                blocks, middle[:, rest], noise[rest], np.full(blocks.size, stamp_s)
+            )
+            self.not_before_s[blocks] = ended[blocks]
             which = np.zeros(N_BLOCKS, bool)
             which[blocks] = True
             events = self._stop(which, stamp_s, ended)
@@ -331,18 +450,36 @@ class SlipDetector:
             events += self._stop(gone & self.moving, stamp_s, self.seen_s)
         return events
 
-    def _stop(self, which: np.ndarray, stamp_s: float, ended_s: np.ndarray) -> list[SlipEvent]:
+    def _stop(
+        self,
+        which: np.ndarray,
+        stamp_s: float,
+        ended_s: np.ndarray,
+        place: np.ndarray | None = None,
+    ) -> list[SlipEvent]:
+        """Return the stops of `which`, at `place` (2, 25), or else where they were seen last."""
         events = []
         for block in np.flatnonzero(which).tolist():
-            events.append(self._event(STOP, block, stamp_s, self.top_mps[block], ended_s[block]))
+            at = None if place is None else place[:, block]
+            events.append(
+                self._event(STOP, block, stamp_s, self.top_mps[block], ended_s[block], at)
+            )
         self.moving &= ~which
+        self.run[which] = self.left[which] = 0
         return events
 
     def _event(
-        self, kind: int, block: int, stamp_s: float, speed: float, ended_s: float | None = None
+        self,
+        kind: int,
+        block: int,
+        stamp_s: float,
+        speed: float,
+        ended_s: float | None = None,
+        here: np.ndarray | None = None,
     ) -> SlipEvent:
-        newest = self._samples(block, 1, -np.inf)
-        here = self.place[:, block, newest[0]] if newest else self.start[:, block]
+        if here is None:
+            newest = self._samples(block, 1, -np.inf)
+            here = self.place[:, block, newest[0]] if newest else self.start[:, block]
         moved = math.hypot(*(here - self.start[:, block]).tolist()) if kind == STOP else 0.0
         lasted = max(float(ended_s - self.onset_s[block]), 0.0) if ended_s is not None else 0.0
         return SlipEvent(

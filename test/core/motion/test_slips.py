@@ -3,6 +3,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.motion.slips import START, STOP, SlipDetector
@@ -20,10 +22,10 @@ def slide(time_s, begin_s, acceleration=2.5, length_m=0.02):
     )
 
 
-def watch(paths, fps, noise_m, seconds, settings=None, seed=0, seen=None):
+def watch(paths, fps, noise_m, seconds, motion=None, seed=0, seen=None):
     """Run a detector over `paths`: block -> displacement along x of time; return its events."""
     random = np.random.default_rng(seed)
-    detector = SlipDetector(settings or MotionSettings())
+    detector = SlipDetector(motion or MotionSettings())
     rest = rest_lattice()
     events = []
     for k in range(round(seconds * fps)):
@@ -64,8 +66,8 @@ def test_noise_alone_moves_nothing():
 
 @pytest.mark.slow
 def test_false_alarms_come_as_often_as_stated():
-    settings = dataclasses.replace(MotionSettings(), false_alarms_per_hour=3600.0)
-    events = watch({}, 60, 40e-6, 120.0, settings)
+    motion = dataclasses.replace(MotionSettings(), false_alarms_per_hour=3600.0)
+    events = watch({}, 60, 40e-6, 120.0, motion)
     starts = sum(e.kind == START for e in events)
     assert 120 / 1.5 < starts < 120 * 1.5
 
@@ -142,3 +144,110 @@ def test_a_block_that_is_met_moving_does_not_pass_for_noise():
     late = [e.onset_s for e in starts if e.onset_s > 1.0]
     assert len(late) == N_BLOCKS
     assert late == pytest.approx([1.5] * N_BLOCKS, abs=0.006)
+
+
+def two_slips(fps, images, phase, acceleration=2.5, length_m=0.02):
+    """Path of a block that slides twice, and (end, onset) of its rest, which holds `images`."""
+    first = 2.0 + phase / fps
+    end = first + 2 * np.sqrt(length_m / acceleration)
+    # The rest lasts `images` periods and its ends lie half a period off the nearest image, so that
+    # it holds exactly so many, wherever the slip began.
+    end = (np.floor(end * fps) + 0.5) / fps
+    begin = end - 2 * np.sqrt(length_m / acceleration)
+    onset = end + images / fps
+    path = lambda t: (  # noqa: E731
+        slide(t, begin, acceleration, length_m) + slide(t, onset, acceleration, length_m)
+    )
+    return path, begin, end, onset
+
+
+@pytest.mark.parametrize('fps', [60, 120])
+@pytest.mark.parametrize('images', [2, 3, 4])
+def test_a_rest_of_few_images_parts_two_slips(fps, images):
+    paths, truth = {}, {}
+    for block in range(N_BLOCKS):
+        paths[block], *truth[block] = two_slips(fps, images, 0.5 + 3 * block)
+    events = watch(paths, fps, 9e-6, 4.0)
+    for block, (begin, end, onset) in truth.items():
+        mine = [e for e in events if e.block == block]
+        assert [e.kind for e in mine] == [START, STOP, START, STOP], block
+        assert [mine[0].slip, mine[2].slip] == [mine[1].slip, mine[3].slip]
+        assert mine[0].onset_s == pytest.approx(begin, abs=0.006)
+        assert mine[1].onset_s + mine[1].duration_s == pytest.approx(end, abs=0.012)
+        assert mine[1].distance_m == pytest.approx(0.02, abs=1e-4)
+        assert mine[2].onset_s == pytest.approx(onset, abs=0.006)
+        # The first image that shows it, and one more where so short a rest must be proved.
+        assert 0 < mine[2].stamp_s - onset < 3.01 / fps
+        assert mine[1].stamp_s == mine[2].stamp_s
+
+
+@pytest.mark.parametrize('fps', [60, 120])
+def test_a_slow_pass_is_no_rest(fps):
+    """The speed falls to 1 mm/s and rises again, the force on the block growing steadily."""
+
+    def path(t):
+        s = np.clip(t - 2.3, -0.1, 0.1)
+        there = 1e-3 * s + 50 / 6 * s**3
+        speed = 1e-3 + 25 * 0.1**2  # at both ends, from and to which it is pulled evenly
+        d = np.clip(2.2 - t, 0, speed / 2.5), np.clip(t - 2.4, 0, speed / 2.5)
+        return there - (speed * d[0] - 1.25 * d[0] ** 2) + (speed * d[1] - 1.25 * d[1] ** 2)
+
+    offsets = np.linspace(0, 1 / fps, N_BLOCKS)
+    paths = {b: lambda t, by=by: path(t + by) - path(0.0) for b, by in enumerate(offsets)}
+    events = watch(paths, fps, 9e-6, 3.5)
+    parted = [b for b in range(N_BLOCKS) if sum(e.block == b for e in events) != 2]
+    assert len(parted) <= 1  # noise makes one of many look like a rest
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.floats(0.005, 0.6), st.floats(1e-4, 0.03), st.floats(0.3, 8.0)),
+        min_size=1, max_size=6,
+    ),
+    st.sampled_from([30, 60, 120]),
+    st.sampled_from([4e-6, 64e-6]),
+    st.integers(0, 99),
+)  # fmt: skip
+def test_starts_and_stops_of_a_block_alternate(slips, fps, noise_m, seed):
+    """Whatever the block does: START, STOP, START ..., numbered in pairs, never overlapping."""
+    moves, now = [], 1.0
+    for rest, length, acceleration in slips:
+        moves.append((now + rest, acceleration, length))
+        now += rest + 2 * np.sqrt(length / acceleration)
+    path = lambda t: sum(slide(t, b, a, far) for b, a, far in moves)  # noqa: E731
+    events = watch({b: path for b in range(N_BLOCKS)}, fps, noise_m, now + 0.5, seed=seed)
+    for block in range(N_BLOCKS):
+        mine = [e for e in events if e.block == block]
+        assert [e.kind for e in mine] == [START, STOP] * (len(mine) // 2) + [START] * (
+            len(mine) % 2
+        )
+        assert all(a.slip == b.slip for a, b in zip(mine[::2], mine[1::2], strict=False))
+        stamps = [e.stamp_s for e in mine]
+        assert stamps == sorted(stamps)
+        for stop, start in zip(mine[1::2], mine[2::2], strict=False):
+            assert stop.onset_s + stop.duration_s <= start.onset_s + 1e-9
+
+
+def test_a_block_that_comes_to_rest_starts_no_more_often_than_stated():
+    """Noise may start it again at the stated rate, in the 0.1 s too in which its STOP is open."""
+    per_hour, fps, again_s = 36000.0, 60, 0.4  # 0.4 false starts a second and block
+    motion = dataclasses.replace(MotionSettings(), false_alarms_per_hour=per_hour)
+    begins = np.arange(2.0, 60.0, again_s)
+    paths = {
+        b: lambda t, off=b / 100: sum(
+            slide(t, begins[k] + off) for k in range(
+                max(int((t - 2.0) / again_s) - 1, 0),
+                min(int((t - 2.0) / again_s) + 1, len(begins)) if t >= 2.0 else 0,
+            )
+        ) + 0.02 * max(int((t - 2.0) / again_s) - 1, 0)
+        for b in range(N_BLOCKS)
+    }  # fmt: skip
+    events = watch(paths, fps, 9e-6, 60.0, motion)
+    false = 0
+    for event in events:
+        since = (event.onset_s - event.block / 100 - 2.0) % again_s
+        # slip, 0.18 s; its rest until the STOP, 0.1 s
+        false += event.kind == START and 0.2 < since < 0.3 and event.onset_s > 2.0
+    stated = per_hour / 3600 * 58 * 0.1 / again_s
+    assert false < 1.5 * stated
