@@ -17,7 +17,8 @@ EXAMPLES = [
     'eol calibrate points corners.csv --size 1280x800 --out table.yaml',
     'eol calibrate board flat.png held1.png held2.png held3.png held4.png --out table.yaml',
     'eol calibrate blocks still.png --mirror --out table.yaml',
-    'eol calibrate print board.png',
+    'eol calibrate print board.pdf --square 0.03 --marker 0.022 --paper A3',
+    'eol calibrate print board.svg',
 ]
 _VIEWS = 8  # pictures taken out of a long source
 
@@ -25,7 +26,8 @@ _VIEWS = 8  # pictures taken out of a long source
 def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('way', choices=['blocks', 'points', 'board', 'print'],
-                        help='what the camera sees; `print` writes a board to be printed')
+                        help='what the camera sees; `print` writes a board to be printed: .pdf '
+                             'or .svg to scale, .png as pixels')
     parser.add_argument('sources', nargs='+', metavar='FILE',
                         help='pictures, a film, a .npy stack, a folder or a bag; for `points` a '
                              'CSV of u,v,x,y a line: pixels, then metres (x right, y away)')
@@ -42,6 +44,8 @@ def add_arguments(parser):
     parser.add_argument('--board', default='11x8', metavar='CxR', help='squares of the board')
     parser.add_argument('--square', type=float, default=0.06, metavar='M', help='side of a square')
     parser.add_argument('--marker', type=float, default=0.045, metavar='M', help='side of a marker')
+    parser.add_argument('--paper', default='auto', metavar='A4..A0|WxH',
+                        help='to print on, sizes in mm (default: the smallest that does)')
     parser.add_argument('--dictionary', default='DICT_4X4_100', help='of the markers')
     parser.add_argument('--at', type=float, nargs=2, default=(0.0, 0.0), metavar=('X', 'Y'),
                         help="the board's centre on the table in the first picture, in metres")
@@ -117,11 +121,27 @@ def _board_of(args):
 
 
 def _print(args) -> int:
-    import cv2
+    path = Path(args.sources[0])
+    kind = path.suffix.lower()
+    if kind not in ('.svg', '.pdf', '.png'):
+        raise UsageError(f'{path}: name a .pdf or .svg, to scale, or a .png')
+    if kind == '.png':
+        from eol_ros.devices import picture_file
 
-    if not cv2.imwrite(args.sources[0], _board_of(args).picture()):
-        raise DeviceMissing(f'{args.sources[0]}: cannot write the board; name a .png')
-    print(f'print it so that one square is {args.square * 1e3:g} mm wide', file=sys.stderr)
+        picture_file.save(path, _board_of(args).picture())
+        print(f'print it so that one square is {args.square * 1e3:g} mm wide, with a white margin; '
+              'a .pdf has both', file=sys.stderr)
+        return 0
+    from eol_ros.core.vision import board_sheet
+
+    page = board_sheet.sheet(_board_of(args), args.paper)
+    data = board_sheet.pdf(page) if kind == '.pdf' else board_sheet.svg(page).encode()
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
+    print(f'print it at 100 % on {page.width:g} x {page.height:g} mm, then measure the ruler',
+          file=sys.stderr)
     return 0
 
 
