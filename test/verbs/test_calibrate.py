@@ -198,7 +198,7 @@ def test_a_board_is_printed_to_scale(tmp_path, kind, read):
     around[top : top + 210 * scale, left : left + 270 * scale] = 255
     assert left >= 10 * scale and top >= 10 * scale and around.min() == 255
     ruler = boxes[(boxes[:, 1] * scale > top + 220 * scale)]
-    assert ruler[:, 2].max() == pytest.approx(100.25)  # 100 mm and the width of the last line
+    assert ruler[:, 2].max() == pytest.approx(100.4)  # 100 mm and the width of the last line
     assert np.ptp(ruler[ruler[:, 3] > 1][:, 0]) == pytest.approx(100)
     assert len(ruler[ruler[:, 3] > 1]) == 11
     text = path.read_text('latin-1')
@@ -209,8 +209,10 @@ def test_a_board_is_printed_to_scale(tmp_path, kind, read):
 @pytest.mark.parametrize(
     ('words', 'code', 'said'),
     [
-        (['b.pdf', '--paper', 'A3'], 78, 'needs 690 x 528 mm, paper A3 is smaller'),
+        (['b.pdf', '--paper', 'A3'], 78, 'needs 690 x 533 mm, paper A3 is smaller'),
         (['b.pdf', '--square', '0.2'], 78, 'more than A0'),
+        (['b.svg', '--board', '3x3', '--square', '0.02', '--marker', '0.015', '--paper', '190x150'],
+         78, 'needs 200 x 103 mm'),  # ruler and words are wider than such a board
         (['b.svg', '--paper', 'B9'], 78, 'nor a size in mm'),
         (['b.svg', '--paper', '700x-5'], 78, 'nor a size in mm'),
         (['b.txt'], 2, 'name a .pdf or .svg'),

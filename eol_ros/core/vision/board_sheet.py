@@ -18,8 +18,9 @@ PAPERS = {'A4': (297.0, 210.0), 'A3': (420.0, 297.0), 'A2': (594.0, 420.0), 'A1'
           'A0': (1189.0, 841.0)}  # ISO 216, mm, lying
 EDGE_MM = 10.0  # white at least: few printers reach further out
 RULER_MM = 100.0
+LINE_MM = 0.4
 TYPE_MM = 4.0
-FOOT_MM = 18.0  # ruler and words, below the white margin of the board
+FOOT_MM = (180.0, 23.0)  # ruler and words, below the white margin of the board
 PT_MM = 25.4 / 72
 
 
@@ -48,9 +49,9 @@ def sheet(board: Board, paper: str = 'auto') -> Sheet:
     square, marker = board.square_m * 1e3, board.marker_m * 1e3
     wide, high = board.columns * square, board.rows * square
     margin = max(EDGE_MM, square / 4)
-    need = (wide + 2 * margin, high + 2 * margin + FOOT_MM)
+    need = (max(wide + 2 * margin, FOOT_MM[0] + 2 * EDGE_MM), high + 2 * margin + FOOT_MM[1])
     width, height = _paper(paper, need)
-    left, top = (width - wide) / 2, (height - FOOT_MM - high) / 2
+    left, top = (width - wide) / 2, (height - FOOT_MM[1] - high) / 2
     corners = [np.asarray(points)[0, :2] * 1e3 for points in made.getObjPoints()]
     marked = {(int(y // square), int(x // square)) for x, y in corners}
     black = [(column * square, row * square, square, square)
@@ -61,15 +62,16 @@ def sheet(board: Board, paper: str = 'auto') -> Sheet:
         black.append((x, y, marker, marker))
         white += _light(made.getDictionary(), int(number), x, y, marker)
     shift = [left, top, 0, 0]
-    below = top + high + margin + 4
-    ticks = [(left + 10 * k, below, 0.25, 3.0) for k in range(round(RULER_MM / 10) + 1)]
-    ruler = [(left, below, RULER_MM + 0.25, 0.25), *ticks]
+    x, below = min(left, width - EDGE_MM - FOOT_MM[0]), top + high + margin + 4
+    ticks = [(x + 10 * k, below, LINE_MM, 3.0) for k in range(round(RULER_MM / 10) + 1)]
+    ruler = [(x, below, RULER_MM + LINE_MM, LINE_MM), *ticks]
     words = (
-        (left, below + 8, '0'),
-        (left + RULER_MM, below + 8, f'{RULER_MM:g} mm'),
-        (left, below + 13, f'{board.columns} x {board.rows} squares of {square:g} mm, markers of '
-         f'{marker:g} mm ({board.dictionary}), {wide:g} x {high:g} mm; sheet {width:g} x '
-         f'{height:g} mm. Print at 100 %, measure the ruler.'),
+        (x, below + 8, '0'),
+        (x + RULER_MM, below + 8, f'{RULER_MM:g} mm'),
+        (x, below + 13, f'{board.columns} x {board.rows} squares of {square:g} mm, markers of '
+         f'{marker:g} mm, {board.dictionary}'),
+        (x, below + 18, f'Board {wide:g} x {high:g} mm, sheet {width:g} x {height:g} mm. '
+         'Print at 100 %, then measure the ruler.'),
     )
     return Sheet(width, height, np.array([*(np.array(black) + shift), *ruler]),
                  np.array(white) + shift, words)
