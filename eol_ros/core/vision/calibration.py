@@ -12,14 +12,12 @@ metres comes out as on the table.
 
 from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 
 from eol_ros.errors import ConfigError
 
 IDEAL_PX_PER_M = 545.0
 IDEAL_FOCAL_PX = 1000.0  # with 545 px/m: the camera hangs 1.835 m above the covers
-_UNDISTORT_ROUNDS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
 
 
 @dataclass(frozen=True)
@@ -114,9 +112,11 @@ class Calibration:
         px = np.asarray(px, float).reshape(-1, 2)
         if not self.distortion_coefficients.any() or not len(px):
             return px.copy()
+        import cv2  # the twin's ideal camera needs none of its memory
+
+        rounds = cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9
         return cv2.undistortPoints(px[:, None], self.camera_matrix, self.distortion_coefficients,
-                                   R=np.eye(3), P=self.camera_matrix,
-                                   criteria=_UNDISTORT_ROUNDS)[:, 0]
+                                   R=np.eye(3), P=self.camera_matrix, criteria=rounds)[:, 0]
 
     def distort(self, px) -> np.ndarray:
         """Return distorted pixels, (n, 2), of undistorted pixels (n, 2)."""

@@ -4,7 +4,6 @@
 import dataclasses
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from eol_ros.core.geometry import PLATFORM_SIDE_M
@@ -114,10 +113,10 @@ class Clutter:
         self.vignette = (1 - chosen.vignette * (x * x + y * y) / 2).astype(np.float32)
         heading = rng.uniform(0, 2 * np.pi)
         slope = chosen.gradient / 2 * (np.cos(heading) * x + np.sin(heading) * y)
-        self.platform = (self.vignette * np.maximum(background + slope, 2.0)).astype(np.float32)
+        platform = (self.vignette * np.maximum(background + slope, 2.0)).astype(np.float32)
         if chosen.texture:
-            self.platform *= 1 + 0.5 * chosen.texture * _speckle(rng, shape, 2.0 * self.scale_px)
-        self.static = self.platform.copy()
+            platform *= 1 + 0.5 * chosen.texture * _speckle(rng, shape, 2.0 * self.scale_px)
+        self.static = platform
         self._beside(np.random.default_rng([seed, 6]), u, v)
         self.glints = self._glints(np.random.default_rng([seed, 4]), shape)
         if len(self.glints):
@@ -222,6 +221,8 @@ class Clutter:
 
 def _points(shape, cells: np.ndarray, levels: np.ndarray, sigma_px: float) -> np.ndarray:
     """Return points of light as a lens shows them: spots of `sigma_px` that reach `levels`."""
+    import cv2  # only for clutter: clean pictures need none of its memory
+
     light = np.zeros(shape, np.float32)
     np.add.at(light, tuple(cells.T), levels)
     spot = cv2.getGaussianKernel(9, sigma_px, cv2.CV_32F)
@@ -230,6 +231,8 @@ def _points(shape, cells: np.ndarray, levels: np.ndarray, sigma_px: float) -> np
 
 def _speckle(rng, shape, grain_px: float) -> np.ndarray:
     """Return smooth noise of unit standard deviation with structures of `grain_px`."""
+    import cv2
+
     rough = rng.standard_normal(shape).astype(np.float32)
     smooth = cv2.GaussianBlur(rough, (0, 0), grain_px)
     return smooth / smooth.std()

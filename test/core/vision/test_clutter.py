@@ -14,10 +14,11 @@ from eol_ros.errors import ConfigError
 pytestmark = pytest.mark.slow  # the first run compiles
 
 
-def lit(monkeypatch, seed=1):
+def lit(monkeypatch, seed=1, **changes):
     level = dataclasses.replace(
-        renderer_clutter.LEVELS['clean'], reflections=60, reflection_level=(30, 55),
-        reflection_px=(4, 10), hot_pixels=100, gradient=20)
+        renderer_clutter.LEVELS['clean'], **{
+            'reflections': 60, 'reflection_level': (30, 55), 'reflection_px': (4, 10),
+            'hot_pixels': 100, 'gradient': 20, **changes})
     monkeypatch.setitem(renderer_clutter.LEVELS, 'lamps', level)
     return Renderer(RenderOptions(clutter='lamps', noise='L2'), None, seed)
 
@@ -32,7 +33,8 @@ def learn(renderer, images=15, ir=0.0):
 def test_lamps_are_learnt_and_taken_off(monkeypatch):
     renderer = lit(monkeypatch)
     clutter = learn(renderer).result()
-    lamps = renderer.clutter.static - renderer.clutter.platform
+    platform = lit(monkeypatch, reflections=0, hot_pixels=0).clutter.static
+    lamps = renderer.clutter.static - platform
     dark = renderer.clutter.static - np.quantile(renderer.clutter.static, 0.3)
     off = np.abs(clutter.light - np.maximum(dark, 0))[lamps < 200]
     assert np.quantile(off, 0.99) < 2.5
