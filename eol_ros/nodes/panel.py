@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shows the graph to browsers, and takes what people ask for there."""
 
+import functools
 import sys
 import time
 
@@ -14,6 +15,12 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.web import notices, wire
 from eol_ros.web.server import WebServer
+
+
+@functools.cache
+def landscape(seed: int) -> bytes:
+    """Return the heights of the virtual table's covers, made when a page first asks for them."""
+    return (terrain.landscape(seed) * 65535).astype('<u2').tobytes()
 
 
 class PanelNode(EolNode):
@@ -40,8 +47,7 @@ class PanelNode(EolNode):
             lambda m: self.tell('camera', {'t': 'camera', 'width': m.width, 'height': m.height}),
         )
         self.subscribe('/diagnostics', self.states.take, raw=True)
-        heights = terrain.landscape(self.settings.terrain_seed)
-        self.documents['terrain'] = (heights * 65535).astype('<u2').tobytes()
+        self.documents['terrain'] = lambda: landscape(self.settings.terrain_seed)
         self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
         self.server.start()
         self.tell('cascades', self.day.notice())

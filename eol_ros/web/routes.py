@@ -115,7 +115,7 @@ class Routes:
     def _document(self, name: str) -> Any:
         async def handler(request: web.Request) -> web.Response:
             found = self.documents.get(name)
-            body = found() if callable(found) else found
+            body = await asyncio.to_thread(found) if callable(found) else found
             if body is None:
                 return _error(404, f'no {name} yet')
             kind = 'application/octet-stream' if name == 'terrain' else 'application/json'
