@@ -18,7 +18,7 @@ from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.camera_sources import LiveCamera, Picture, VideoFile
 from eol_ros.errors import ConfigError, DeviceMissing
 
-AHEAD = 12  # images of a file decoded before their time
+AHEAD = 6  # images of a file decoded before their time
 WATCHDOG_IMAGES = 3
 LOST_AFTER_S = 2.0
 BEHIND_S = 1.0  # a file that is later than this goes on from now

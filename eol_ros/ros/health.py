@@ -6,7 +6,6 @@ line to the inherited pipe that EOL_HEALTH_FD names. It is written by the execut
 executor hangs falls silent, and that is how bringup notices.
 """
 
-import ctypes
 import json
 import os
 import time
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
+from eol_ros.ros.give_back import give_back
 from eol_ros.ros.stamps import now_ns, to_msg
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 OK, WARN, ERROR, STARTING = 0, 1, 2, 3
 WORDS = ('ok', 'WARN', 'ERROR', 'starting')
 PERIOD_S = 1.0
-SETTLED = 4  # reports in a row that all is well
+SETTLED = 4, 10  # reports in a row that all is well, after which to give back memory
 
 
 class Health:
@@ -104,10 +104,8 @@ class Health:
     def _beat(self) -> None:
         self.report()
         self._well = self._well + 1 if self.level == OK else 0
-        if self._well == SETTLED:  # what starting took, and nobody holds any more, is given back
-            trim = getattr(ctypes.CDLL(None), 'malloc_trim', None)  # only glibc has it
-            if trim:
-                trim(0)
+        if self._well in SETTLED:
+            give_back()
 
     def report(self) -> None:
         """Send the status both ways."""

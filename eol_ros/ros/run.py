@@ -72,6 +72,9 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
     if scene.domain is not None:
         os.environ['ROS_DOMAIN_ID'] = str(scene.domain)
 
+    # Messages load their types through this package, which brings its generator of message code
+    # along, 3 MB with its parsers, wherever that can be imported.
+    sys.modules['rosidl_generator_py.generate_py_impl'] = None  # type: ignore[assignment]
     import rclpy
     from rclpy.experimental.events_executor import EventsExecutor
     from rclpy.signals import SignalHandlerOptions
