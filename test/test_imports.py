@@ -13,6 +13,7 @@ BASE = {'numpy'}
 ALLOWED = {
     'core': BASE | {'scipy', 'numba'},
     'core/vision': BASE | {'scipy', 'numba', 'cv2'},
+    'core/compiled.py': {'numba', 'llvmlite'},
     'devices': BASE | {'scipy', 'cv2', 'serial', 'sounddevice', 'soundfile', 'mcap', 'yaml',
                        'zstandard', 'numba', '_sounddevice'},
     'ros': BASE | ROS | {'yaml'},

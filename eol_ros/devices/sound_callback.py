@@ -2,8 +2,9 @@
 """What a sound card calls for samples: compiled, so that Python's lock cannot delay it."""
 
 import numpy as np
-from numba import carray, cfunc, njit, types
+from numba import carray, types
 
+from eol_ros.core.compiled import cfunc, njit
 from eol_ros.core.sound.clock import step_clock
 from eol_ros.core.sound.mixer import render
 from eol_ros.core.sound.mixer_layout import fence, fits, memory, pointer
@@ -67,8 +68,7 @@ def serve(address, out, flags):
 @cfunc(
     types.intc(
         types.voidptr, types.voidptr, types.ulong, types.voidptr, types.ulong, types.voidptr
-    ),
-    cache=True,
+    )
 )
 def callback(_inputs, output, frames, _times, flags, table):
     """PaStreamCallback of portaudio.h; `table` is the mixer's table of addresses."""

@@ -16,7 +16,9 @@ lies so deep that it never topples, which makes the open boundary free of tests.
 """
 
 import numpy as np
-from numba import int64, njit, uintp
+from numba import int64, uintp
+
+from eol_ros.core.compiled import njit
 
 SINK = -(1 << 62)
 REBASE = 1 << 60  # the drive is folded into the sites before it nears the depth of the sinks

@@ -5,8 +5,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.physics.drive import NONE
 from eol_ros.core.physics.event2d_lanes import Plane, fill_plane, make_plane
 from eol_ros.core.physics.event2d_series import blocks_series, force_on

@@ -5,8 +5,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.physics.exact1d_series import ON_LIMIT, force_now
 
 MARCH_ROUNDS = 400

@@ -4,8 +4,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.physics.drive import NONE, VELOCITY
 from eol_ros.core.physics.exact1d_closed import (
     clear_of_limits,

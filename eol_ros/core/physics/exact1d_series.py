@@ -9,8 +9,8 @@ below the rounding of u, and events are located in the series itself (series.fir
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.physics.series import FAST, first_root
 
 ON_LIMIT = 1e-13  # a force this close to the limit, relative, is on it: simultaneous breaks

@@ -9,8 +9,9 @@ and 1 uphill.
 """
 
 import numpy as np
-from numba import njit, uint64
+from numba import uint64
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.physics.automaton import LARGEST_SIDE, Events
 from eol_ros.errors import ConfigError
 

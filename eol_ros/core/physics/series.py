@@ -12,8 +12,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.physics.drive import CIRCLE, POSES, VELOCITY
 
 FAST = {'contract', 'reassoc', 'nsz'}

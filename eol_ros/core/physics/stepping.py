@@ -9,8 +9,8 @@ a preview and an independent check, and honest about nothing finer.
 import math
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.physics.drive import CIRCLE, POSES, VELOCITY
 
 

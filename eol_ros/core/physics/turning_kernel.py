@@ -4,8 +4,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.physics.drive import NONE
 from eol_ros.core.physics.exact1d_series import GAUSS_W, GAUSS_X, ON_LIMIT
 from eol_ros.core.physics.series import add_exactly, drive_series, first_root, lean

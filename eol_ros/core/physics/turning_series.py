@@ -13,8 +13,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.physics.event2d_series import direction_order
 from eol_ros.core.physics.series import inlined, lean
 

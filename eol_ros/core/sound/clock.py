@@ -8,7 +8,7 @@ sound card that runs 100 ppm fast leaves no error behind.
 
 import math
 
-from numba import njit
+from eol_ros.core.compiled import njit
 
 BANDWIDTH_HZ = 0.5  # when settled
 WIDE_HZ = 8.0  # just after locking, so that the first guess is soon forgotten

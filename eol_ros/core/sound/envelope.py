@@ -7,8 +7,8 @@ begins; so a render is the same bit for bit however it is cut into blocks. All o
 """
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.sound.lanes import WIDTH, count_from, fma, keep, least, load, splat, store
 
 # sin(pi y) / 2 for |y| <= 1/2 in odd powers: weighted least squares, error < 2e-9.

@@ -8,7 +8,8 @@ the block size, and it comes to exact zeros when the voices are silent.
 import math
 
 import numpy as np
-from numba import njit
+
+from eol_ros.core.compiled import njit
 
 ONE = 1 << 40  # the gain 1 in the smoothing box: integers add without rounding, so it never drifts
 INAUDIBLE = 1e-7  # a gain so near to its aim is there

@@ -6,8 +6,8 @@ the next frames. Nothing in it allocates, waits or calls Python, so a sound card
 """
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.sound import clock
 from eol_ros.core.sound.bank import Bank, Lent, voice_rows
 from eol_ros.core.sound.envelope import add_edge, add_flat, fade_out

@@ -10,10 +10,11 @@ import zlib
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import carray, njit, types
+from numba import carray, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.sound.lanes import WIDTH
 from eol_ros.core.sound.triggers import MAX_RATE
 

@@ -2,8 +2,8 @@
 """Reading a sound between its samples."""
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.sound.lanes import WIDTH, around, fma, fractions, splat, store
 
 POINT = 32  # bits behind the point of a place: multiples of any float32 from 2^-8 on are exact

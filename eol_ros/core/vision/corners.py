@@ -4,8 +4,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.vision import profile_steps, profiles, scan
 
 

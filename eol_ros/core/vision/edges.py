@@ -13,8 +13,8 @@ counter-clockwise, `d` is the distance to it, positive outside.
 import math
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.vision import profile_steps, profiles
 from eol_ros.core.vision.profiles import (
     _A,

@@ -2,8 +2,8 @@
 """From one image to the next: following, carrying, giving back, and suspecting a swap. Compiled."""
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
 from eol_ros.core.vision.lattice_solve import MIN_SPACING_M, affine, assign, match, strain
 

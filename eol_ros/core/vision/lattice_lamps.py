@@ -5,8 +5,8 @@ A map of lamps learnt in the dark takes them off the image; these are the ones t
 """
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.lattice_solve import affine
 

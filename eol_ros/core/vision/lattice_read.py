@@ -2,8 +2,8 @@
 """The 5x5 lattice read from nothing but lights: squares, spacing, a shared angle. Compiled."""
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
 from eol_ros.core.vision.lattice_solve import MIN_SPACING_M, affine, folds, match, rotate_cell
 

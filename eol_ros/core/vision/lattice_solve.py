@@ -5,8 +5,8 @@ Compiled, because they run on every image. All positions in metres, all angles i
 """
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import COLS, PITCH_M, ROWS
 
 MIN_SPACING_M = 0.075  # two 84 mm squares cannot be nearer, but for a measuring error

@@ -8,8 +8,8 @@ that nothing explains. What a square is compared with stands in `known`, one row
 import math
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.vision import edges, scan
 from eol_ros.core.vision.edges import (
     ALONE,

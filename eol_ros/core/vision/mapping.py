@@ -9,7 +9,8 @@ camera that sees the table in a mirror, else 1.
 import math
 
 import numpy as np
-from numba import njit
+
+from eol_ros.core.compiled import njit
 
 _INVERSE = 9
 _FX, _SKEW, _CX, _FY, _CY, _K1, _K2, _P1, _P2, _K3, _SENSE = range(18, 29)

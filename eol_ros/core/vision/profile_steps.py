@@ -2,8 +2,8 @@
 """Where along its profile each edge stands, and how surely: see profiles for what they are."""
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.vision.profiles import (
     _A,
     _B,

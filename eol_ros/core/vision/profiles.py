@@ -9,7 +9,8 @@ that stands there inside and outside. For axes and signs see edges.
 import math
 
 import numpy as np
-from numba import njit
+
+from eol_ros.core.compiled import njit
 
 REACH_PX = 4.8  # of a profile at least, along the normal, to both sides of its edge
 TAPS = 22  # pixels of a profile at 45 degrees

@@ -4,7 +4,8 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from eol_ros.core.compiled import njit
 
 _STEPS = 4096
 _REACH = 5.0  # standard deviations after which an edge is fully on or off

@@ -8,7 +8,8 @@ is read in a fraction of the time that the whole takes.
 import math
 
 import numpy as np
-from numba import njit
+
+from eol_ros.core.compiled import njit
 
 STEP = 4  # px between samples
 TILE = 16  # samples along the side of a tile of background

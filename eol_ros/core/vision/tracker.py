@@ -8,7 +8,6 @@ hangs in the museum, to the bit.
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
@@ -128,6 +127,8 @@ class Tracker:
 
         A film of the lattice at rest, then moving; a side goes and comes back; all goes and comes.
         """
+        import cv2
+
         calibration = self.calibration or Calibration.ideal()
         spare = Tracker(self.settings, calibration)
         shape = calibration.image_height, calibration.image_width

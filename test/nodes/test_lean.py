@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each node, started as its scene starts it, holds nothing that it does not use."""
+
+import json
+import os
+import subprocess
+
+import pytest
+import yaml
+
+from eol_ros import scene as scenes
+
+# Runs the node as bringup does; once it is made and has looked around, says what it has loaded.
+PROBE = """
+import gc, json, os, signal, sys, threading, time
+
+def tell():
+    while not gc.get_freeze_count():  # ros/run.py freezes what there is when all nodes are made
+        time.sleep(0.05)
+    time.sleep(1.0)
+    files = {line.split()[5] for line in open('/proc/self/maps') if line.count('/')}
+    modules = [name for name, module in sys.modules.items() if module]
+    print('LOADED', json.dumps([modules, sorted(files)]), flush=True)
+    os.kill(os.getpid(), signal.SIGTERM)
+
+threading.Thread(target=tell, daemon=True).start()
+from eol_ros.ros.run import run
+sys.exit(run([sys.argv[1]], ['--scene', sys.argv[2]]))
+"""
+SCENE = {'camera': 'museum'}  # all others: rehearsal
+ONLY = {  # which nodes may have loaded a package
+    'numba': {'twin', 'tracker', 'sound'},
+    'llvmlite': {'twin', 'tracker', 'sound'},
+    'cv2': {'camera', 'tracker'},
+    'aiohttp': {'panel'},
+    'mcap': {'recorder'},
+    'zstandard': {'recorder'},
+    'sounddevice': {'sound'},
+    'soundfile': {'sound'},
+    'serial': {'leds'},
+}
+NOBODY = (
+    'matplotlib', 'rich', 'pytest', 'unittest', 'numpy.testing', 'numpy.f2py',
+    'scipy.linalg', 'scipy.special', 'scipy.signal', 'scipy.optimize', 'scipy.sparse',
+    'numba.np.linalg', 'numba.np.arraymath',  # numba's compiler, where nothing is compiled
+    'lark', 'rosidl_parser.parser',  # the generator of message code
+)
+
+
+@pytest.fixture(scope='module')
+def loaded(python, tmp_path_factory):
+    """Return (modules, mapped files) of a node as a function of its name; nodes run once."""
+    known = {}
+
+    def of(node):
+        if node not in known:
+            known[node] = probe(python, tmp_path_factory.mktemp(node), node)
+            if 'numba.np.arraymath' in known[node][0]:  # it had to compile: now it need not
+                known[node] = probe(python, tmp_path_factory.mktemp(node), node)
+        return known[node]
+
+    return of
+
+
+def probe(python, folder, node):
+    values = scenes.plain(scenes.load(SCENE.get(node, 'rehearsal')))
+    nodes = values['nodes']
+    if 'panel' in nodes:
+        nodes['panel']['port'] = 0
+    nodes['recorder']['folder'] = str(folder)
+    file = folder / 'scene.yaml'
+    file.write_text(yaml.safe_dump(values))
+    run = subprocess.run(
+        [python, '-c', PROBE, node, str(file)], capture_output=True, text=True, timeout=300,
+        env={**os.environ, 'EOL_STATE': str(folder)})
+    lines = [line for line in run.stdout.splitlines() if line.startswith('LOADED')]
+    assert run.returncode == 0 and lines, run.stderr[-2000:]
+    modules, files = json.loads(lines[0].removeprefix('LOADED '))
+    return set(modules), files
+
+
+ALL = ('twin', 'camera', 'tracker', 'motion', 'leds', 'grains', 'sound', 'montage', 'panel',
+       'recorder')
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('node', ALL)
+def test_a_node_loads_nothing_that_it_does_not_use(loaded, node):
+    modules, files = loaded(node)
+    assert 'rclpy' in modules and f'eol_ros.nodes.{node}' in modules
+    barred = [name for name, nodes in ONLY.items() if node not in nodes] + list(NOBODY)
+    if node not in ONLY['numba']:
+        barred.append('scipy')  # numba looks at the version of it
+    assert sorted(modules & set(barred)) == []
+    libraries = {'avcodec': ONLY['cv2'], 'libllvmlite': ONLY['numba'], '/scipy/linalg': set()}
+    for part, nodes in libraries.items():
+        mapped = [file for file in files if part in file]
+        assert bool(mapped) <= (node in nodes), mapped
+    assert node not in ONLY['numba'] or any('libllvmlite' in file for file in files)
