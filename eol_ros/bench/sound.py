@@ -39,6 +39,7 @@ def add_arguments(parser):
         help=f'that sound at once, some of {",".join(map(str, OVERLAPS))} (default: all)',
     )  # fmt: skip
     parser.add_argument('--peer', default='', metavar='TEXT', help='only those with it in the name')
+    parser.add_argument('--repeats', type=int, default=3, help='the best of so many is taken')
     parser.add_argument('--seconds', type=float, default=10.0, help='of a score or a live run')
     parser.add_argument('--plot', metavar='DIR', help='draw sound_speed.png and sound_error.png')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
@@ -57,10 +58,10 @@ def run(args) -> int:
     result: dict = {'seconds': args.seconds}
     sound = source()
     if 'engine' in args.parts:
-        result['engine'] = _engine(sound, args.seconds, args.grains)
+        result['engine'] = _engine(sound, args.seconds, args.grains, args.repeats)
         result['blocks_identical'] = _identical(sound)
     if 'peers' in args.parts:
-        result['peers'] = _peers(sound, args.seconds, args.grains, args.peer)
+        result['peers'] = _peers(sound, args.seconds, args.grains, args.repeats, args.peer)
         result['ratios'] = _ratios(result)
     for part in ('live', 'rehearsal', 'loss'):
         if part in args.parts:
@@ -102,7 +103,7 @@ def _running(part: str, seconds: float):
         yield measure(case)
 
 
-def _engine(sound, seconds: float, overlaps: tuple[int, ...]) -> list[dict]:
+def _engine(sound, seconds: float, overlaps: tuple[int, ...], repeats: int) -> list[dict]:
     from eol_ros.bench.sound_engine import FS, error_db, make_score, ours, speed, truth
 
     rows = []
@@ -122,11 +123,13 @@ def _engine(sound, seconds: float, overlaps: tuple[int, ...]) -> list[dict]:
                 for block in BLOCKS:
                     print(f'mixer: {overlap} grains, block {block}', file=sys.stderr)
                     case = {'overlap': overlap, 'block': block, 'cubic': cubic, 'varied': varied}
-                    rows.append({**case, **errors, **speed(sound, score, block, cubic)})
+                    rows.append({**case, **errors, **speed(sound, score, block, cubic, repeats)})
     return rows
 
 
-def _peers(sound, seconds: float, overlaps: tuple[int, ...], wanted: str) -> list[dict]:
+def _peers(
+    sound, seconds: float, overlaps: tuple[int, ...], repeats: int, wanted: str
+) -> list[dict]:
     import soundfile
 
     from eol_ros.bench.sound_engine import FS, error_db, make_score, truth
@@ -151,7 +154,7 @@ def _peers(sound, seconds: float, overlaps: tuple[int, ...], wanted: str) -> lis
                 for overlap, block in itertools.product(overlaps, PEER_BLOCKS):
                     print(f'{name}: {overlap} grains, block {block}', file=sys.stderr)
                     score = make_score(overlap, seconds, varied)
-                    spent = min(play(Path(folder), score, block)[0] for _ in range(2))
+                    spent = min(play(Path(folder), score, block)[0] for _ in range(repeats))
                     rows.append(
                         {
                             'name': name, 'overlap': overlap, 'block': block, 'varied': varied,
