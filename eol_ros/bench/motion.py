@@ -4,7 +4,8 @@
 True slips come from a stick-slip table with its own integrator (eol_ros.bench.stick_slip). A
 detection is right when it names a slip that no other detection has named; a true slip counts as
 found also when it was joined with one that ended less than the time of the stop test before. Slips
-shorter than 20 sigma of the noise are not asked for.
+shorter than 20 sigma of the noise are not asked for. With `--minutes` or `--film-seconds` the
+twin's slips are asked for instead, by a stricter definition (eol_ros.bench.twin_slips).
 """
 
 import argparse
@@ -20,7 +21,10 @@ from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.settings import MotionSettings
 
 HELP = 'Slips: onset error, latency, precision, recall, false alarms, at 60 and 120 images/s.'
-EXAMPLES = ['eol bench motion --seconds 150 --json', 'eol bench motion --false-alarm-hours 10']
+EXAMPLES = [
+    'eol bench motion --seconds 150 --json', 'eol bench motion --false-alarm-hours 10',
+    'eol bench motion --minutes 10 --film-seconds 30 --false-alarm-hours 0',
+]  # fmt: skip
 PX_PER_M = 545.0
 LEAST_SIGMAS = 20.0
 
@@ -35,16 +39,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--false-alarm-hours', type=float, default=0.5,
         help='simulated hours of rest, at 20 alarms an hour; 0 leaves it out',
     )  # fmt: skip
+    parser.add_argument(
+        '--minutes', type=float, default=0.0,
+        help='minutes of the twin under visitors, by both definitions of recall, in place of '
+        '--seconds',
+    )  # fmt: skip
+    parser.add_argument(
+        '--film-seconds', type=float, default=0.0,
+        help='seconds of the twin rendered and tracked: visitors, and the rim led at 0.3 m/s',
+    )
     parser.add_argument('--json', action='store_true')
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
-    rows = []
-    for fps in map(float, args.fps.split(',')):
-        for noise_px in map(float, args.noise.split(',')):
-            print(f'{fps:g} images/s, {noise_px:g} px', file=sys.stderr, flush=True)
-            rows.append(measure(fps, noise_px / PX_PER_M, args.seconds, args.seed))
+    rates = [float(fps) for fps in args.fps.split(',')]
+    rows: list[dict[str, Any]] = []
+    if args.minutes or args.film_seconds:
+        from eol_ros.bench import twin_slips
+
+        for fps in rates:
+            if args.minutes:
+                print(f'{fps:g} images/s, {args.minutes:g} minutes', file=sys.stderr, flush=True)
+                rows += twin_slips.measure(fps, 60 * args.minutes, args.seed)
+            for hands in ('visitors', 'sliding') if args.film_seconds else ():
+                print(f'{fps:g} images/s, film, {hands}', file=sys.stderr, flush=True)
+                rows += twin_slips.measure(fps, args.film_seconds, args.seed, hands, True)
+    else:
+        for fps in rates:
+            for noise_px in map(float, args.noise.split(',')):
+                print(f'{fps:g} images/s, {noise_px:g} px', file=sys.stderr, flush=True)
+                rows.append(measure(fps, noise_px / PX_PER_M, args.seconds, args.seed))
     result: dict[str, Any] = {'slips': rows}
     if args.false_alarm_hours:
         result['false_alarms'] = false_alarms(args.false_alarm_hours, 20.0, 60.0, args.seed)
@@ -54,7 +79,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _table(result: dict[str, Any]) -> str:
     lines = [' '.join(f'{key:>16}' for key in result['slips'][0])]
-    lines += [' '.join(f'{value:16.4g}' for value in row.values()) for row in result['slips']]
+    lines += [
+        ' '.join(f'{v:>16}' if isinstance(v, str) else f'{v:16.4g}' for v in row.values())
+        for row in result['slips']
+    ]
     lines += [f'{key:28} {value:.6g}' for key, value in result.get('false_alarms', {}).items()]
     return '\n'.join(lines)
 
