@@ -45,10 +45,13 @@ def digest(*paths: Path) -> str:
 
 
 class Step:
-    """One command after the other in a thread; what they print goes to a log in `.venv`."""
+    """One command after the other in a thread; what they print goes to a log in `.venv`.
 
-    def __init__(self, name: str, work, *args):
-        self.name, self.error = name, None
+    A step that was done within `quiet_s` is not told of.
+    """
+
+    def __init__(self, name: str, work, *args, quiet_s: float = 0.0):
+        self.name, self.error, self.quiet_s = name, None, quiet_s
         self.log = VENV / f'setup-{name}.log'
         self.log.write_text('')
         self._began_s = time.monotonic()
@@ -77,16 +80,20 @@ class Step:
             raise SetupFailed(f'{self.name} failed (all of it: {self.log}):\n{tail}')
 
     @property
+    def seconds(self) -> float:
+        """How long it has taken."""
+        return (self._ended_s or time.monotonic()) - self._began_s
+
+    @property
     def running(self) -> bool:
         """Whether it is still at work."""
         return self._thread.is_alive()
 
     def words(self) -> str:
         """Return how long it has taken and what it prints at the moment."""
-        seconds = (self._ended_s or time.monotonic()) - self._began_s
         if not self.running:
-            return f'{self.name}: done in {seconds:.0f} s'
-        return f'{self.name}, {seconds:.0f} s: {self._newest()}'[:WIDTH]
+            return f'{self.name}: done in {self.seconds:.0f} s'
+        return f'{self.name}, {self.seconds:.0f} s: {self._newest()}'[:WIDTH]
 
     def _newest(self) -> str:
         """Return the last line of the log that tells a person something."""
@@ -102,6 +109,8 @@ class Step:
                     return f'fetching {Path(name).name.split("-")[0]}'
                 case ['Installing', 'collected', 'packages:', *names]:
                     return f'installing {len(names)} packages'
+                case ['compiling,', percent, '%']:
+                    return f'compiling, {percent} %'
                 case [step, *what] if re.fullmatch(r'\[\d+/\d+\]', step):
                     return f'step {step[1:-1]}: {Path(what[-1]).name}'
         return 'starting'
@@ -117,7 +126,8 @@ def wait(*steps: Step) -> None:
             left.remove(step)
             if step.error:
                 raise step.error
-            say(step.words())
+            if step.seconds > step.quiet_s:  # else it had nothing to do
+                say(step.words())
         if left and time.monotonic() - told_s > TELL_S:
             told_s = time.monotonic()
             say('\n'.join(step.words() for step in left))
@@ -193,21 +203,8 @@ def setup(extra: str) -> None:
             old.unlink()
         messages_ready.touch()
     ready.touch()
-    warm()
-
-
-def warm() -> None:
-    """Compile the kernels that a first run would wait for."""
-    # The compiler's cache does not notice a change in a file that another one imports: this does.
-    sources = [*sorted((ROOT / 'eol_ros' / 'core').glob('*/*.py')),
-               ROOT / 'eol_ros' / 'devices' / 'sound_callback.py']
-    stamp = VENV / f'.warm-{digest(*sources)}'
-    if stamp.exists():
-        return
-    subprocess.run([PYTHON, '-m', 'eol_ros', 'warm', '--anew'], cwd=ROOT, check=True)
-    for old in VENV.glob('.warm-*'):
-        old.unlink()
-    stamp.touch()
+    # Does nothing where the cache has what this version, on this processor, needs.
+    wait(Step('kernels', lambda step: step.command(PYTHON, '-m', 'eol_ros', 'warm'), quiet_s=2.0))
 
 
 def main() -> int:
