@@ -11,7 +11,7 @@ times closer. All blocks that begin in one image are answered together, in some 
 import numpy as np
 
 ACCELERATION_MPS2 = 2.5  # what Coulomb friction gives: (mu_s - mu_k) g
-ACCELERATION_SPREAD = 1.0  # m/s^2, standard deviation of that guess
+ACCELERATION_SPREAD = 0.6  # m/s^2, standard deviation of that guess
 # Springs relax as the block goes, or pull harder as the rim and its fellows go on: the path departs
 # from a parabola by a share of itself that grows with time.
 GROWTH_PER_S = 3.0

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.motion.onset import ACCELERATION_MPS2, ACCELERATION_SPREAD, onsets
+from eol_ros.core.motion.onset import ACCELERATION_MPS2, onsets
 from eol_ros.core.motion.threshold import exceedance, threshold_sigmas
 from eol_ros.settings import MotionSettings
 
@@ -39,7 +39,7 @@ UNSURE_IMAGES = 2  # that may lie between agreeing and having left before a run 
 # A run this long is a rest at this noise. A block that passes slowly, its acceleration growing in
 # proportion to time, stays within a distance d for a time that grows as the cube root of d.
 SURE_S, SURE_M = 0.04, 1e-5
-PULL_MPS2 = ACCELERATION_MPS2 - ACCELERATION_SPREAD  # of a block that static friction lets go
+PULL_MPS2 = 0.6 * ACCELERATION_MPS2  # of a block that static friction lets go
 
 
 @dataclass(frozen=True)
