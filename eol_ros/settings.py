@@ -293,14 +293,18 @@ class RecorderSettings:
 class ReplaySettings:
     bag: str = setting('', 'bag folder or .mcap file', path=True)
     topics: tuple[str, ...] = setting(
-        (), 'topics to play; empty: the pictures, or the blocks where the bag has no pictures'
+        (), 'topics to play; empty: what the nodes of the scene need and none of them makes'
     )
     rate: float = setting(1.0, 'speed of the replay', '', 0.01, 100)
     fast: bool = setting(False, 'as fast as the readers take it, whatever rate says')
     loop: bool = setting(False, 'begin again at the end')
     start_s: float = setting(0.0, 'where to begin, from the first message', 's', 0)
-    wait_s: float = setting(60.0, 'longest wait for a first reader', 's', 0)
-    clock: bool = setting(False, 'publish the recorded time on /clock')
+    wait_s: float = setting(
+        60.0, 'longest wait for a first reader, where no scene says who they are', 's', 0
+    )
+    clock_hz: float = setting(
+        100.0, 'recorded time on /clock, also while nothing is due; 0: not at all', 'Hz', 0, 1000
+    )
 
 
 # Data order: a node stands after those whose topics it takes.

@@ -53,6 +53,7 @@ LIVE = {
     'bench/test_bench_sound.py',
     'devices/test_soundcard.py',
     'nodes/test_camera_node.py',
+    'scenes/test_playback.py',
     'scenes/test_rehearsal.py',
     'scenes/test_starved.py',
     'web/test_browser.py',

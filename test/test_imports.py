@@ -34,7 +34,8 @@ BELOW = {
     'ros': {'core', 'ros', 'settings', 'errors', 'scene', 'nodes'},
     'nodes': {'core', 'devices', 'ros', 'nodes', 'web', 'settings', 'errors', 'scene'},
     'web': {'core', 'devices', 'web', 'settings', 'errors'},
-    'bringup': {'bringup', 'scene', 'settings', 'errors', 'folders', 'compiled', 'ros', 'cli'},
+    'bringup': {'bringup', 'devices', 'scene', 'settings', 'errors', 'folders', 'compiled', 'ros',
+                'cli'},
     'analysis': {'core', 'devices', 'analysis', 'settings', 'errors', 'scene'},
 }
 MODULES = sorted(ROOT.rglob('*.py'))

@@ -66,7 +66,7 @@ class Graph:
         self.process = subprocess.Popen(
             command, env=environment, stderr=self.log.open('w'), stdout=subprocess.DEVNULL
         )
-        self.watch = Watch(watched, self.domain, keep)
+        self.watch = Watch(watched, self.domain, keep, self.replays)
         self.begin_ns = 0
 
     def __enter__(self) -> 'Graph':
@@ -164,28 +164,16 @@ class Graph:
             'nodes': nodes,
         }
 
-    def origin_ns(self) -> int:
-        """Return what to take from an arrival beside its stamp to have a latency.
-
-        A bag is played with the stamps of its day, so there the quickest `blocks` stands for the
-        image, and the latencies are the time beyond it.
-        """
-        if not self.replays:
-            return 0
-        return min((arrival - stamp for stamp, arrival in self.watch.seen['blocks']), default=0)
-
     def latencies(self, topic: str) -> dict[str, float] | None:
         """Return the summary of stamp to arrival, in ms; the first message of each stamp counts."""
-        origin = self.origin_ns()
         first: dict[int, int] = {}
         for stamp, arrival in self.watch.seen[topic]:
-            if stamp + origin >= self.begin_ns:
-                first.setdefault(stamp, arrival - stamp - origin)
+            if stamp >= self.begin_ns:
+                first.setdefault(stamp, arrival - stamp)
         return summary([late * 1e-6 for late in first.values()])
 
     def _stamps(self, topic: str) -> list[int]:
-        origin = self.origin_ns()
-        return sorted(s for s, _ in self.watch.seen[topic] if s + origin >= self.begin_ns)
+        return sorted(s for s, _ in self.watch.seen[topic] if s >= self.begin_ns)
 
     def lost(self) -> dict[str, int]:
         """Return images that were given and did not arrive, per reader, since `mark`."""
@@ -213,11 +201,9 @@ class Graph:
         if self.board is None:
             return None
         first: dict[int, float] = {}
-        origin = self.origin_ns()
         for arrival in self.arrivals():
             if arrival.stamp_us and arrival.time_ns >= self.begin_ns:
-                played = arrival._replace(time_ns=arrival.time_ns - origin)
-                first.setdefault(arrival.stamp_us, latency_s(played))
+                first.setdefault(arrival.stamp_us, latency_s(arrival))
         return summary([s * 1e3 for s in first.values()])
 
 

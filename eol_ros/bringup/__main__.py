@@ -42,7 +42,12 @@ def run(args: argparse.Namespace) -> int:
     """Run the scene; return the exit code."""
     if args.seconds is not None and not args.seconds > 0:
         raise UsageError(f'--for {args.seconds:g}: not a time above 0 s')
-    scene = scenes.load(args.scene)
+    scene, notes, sim_time = scenes.load(args.scene), [], False
+    if 'replay' in scene.nodes:
+        from eol_ros.bringup import playback
+
+        scene, notes = playback.settle(scene)
+        sim_time = scene.nodes['replay'].clock_hz > 0
     if args.bag:
         bag = str(Path(args.bag).expanduser().resolve())
         recorder = dataclasses.replace(scene.settings('recorder'), folder=bag)
@@ -62,11 +67,14 @@ def run(args: argparse.Namespace) -> int:
         diary = Diary(folders.state())
         say(f'{scene.name}: {", ".join(scene.nodes)}')
         diary.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
+        for note in notes:
+            say(note)
+            diary.entry(f'{scene.name}: {note}')
         if unrecorded:
             say(f'not recorded: {unrecorded}')
             diary.entry(f'{scene.name}: not recorded: {unrecorded}')
         supervisor = Supervisor(
-            scene.name, plan.processes(scene, file), server, diary, say,
+            scene.name, plan.processes(scene, file, sim_time), server, diary, say,
             compiler=plan.compiler(scene),
         )
         return supervisor.run(args.seconds)

@@ -65,8 +65,10 @@ def only(scene: Scene, names: Sequence[str]) -> Scene:
     )
 
 
-def processes(scene: Scene, file: Path) -> list[Process]:
+def processes(scene: Scene, file: Path, sim_time: bool = False) -> list[Process]:
     """Return the processes of `scene`; the nodes read their settings from `file`.
+
+    With `sim_time` their time is what a replay tells on /clock.
 
     They stand in data order, but for the recorder: it begins before there is anything to miss.
     """
@@ -83,6 +85,8 @@ def processes(scene: Scene, file: Path) -> list[Process]:
         if scene.domain is not None:
             environment['ROS_DOMAIN_ID'] = str(scene.domain)
         command = (sys.executable, '-m', 'eol_ros.nodes', *nodes, '--scene', str(file))
+        if sim_time and 'replay' not in nodes:
+            command += ('--ros-args', '-p', 'use_sim_time:=true')
         nice = min(_NICE.get(node, 0) for node in nodes)
         real_time = scene.real_time and bool(_REAL_TIME & set(nodes))
         found.append(Process(tuple(nodes), command, environment, nice, real_time))

@@ -29,14 +29,15 @@ class TrackerFiles:
     """The files that settings name. `calibration` to begin with; `lamps`, a map as text, or ''.
 
     A calibration made while running goes beside the old one as NAME.new.yaml: the bags of today say
-    that they were made with the old one.
+    that they were made with the old one. Without `keep` nothing is written: what a replay learns
+    again is of another day.
 
     Raises:
         ConfigError, DeviceMissing: a file that cannot be read. A map that is not there yet is none.
     """
 
-    def __init__(self, settings: TrackerSettings):
-        self.settings = settings
+    def __init__(self, settings: TrackerSettings, keep: bool = True):
+        self.settings, self._writes = settings, keep
         self.calibration, self.lamps = calibration_of(settings), ''
         if settings.clutter and Path(settings.clutter).exists():
             from eol_ros.devices import clutter_file
@@ -64,6 +65,8 @@ class TrackerFiles:
 
     def _keep(self, tracker: Tracker) -> str:
         """Write down what was learnt; return where, for people."""
+        if not self._writes:
+            return ''
         try:
             if tracker.outcome.startswith('lamps') and tracker.finder.clutter is not None:
                 if not self.settings.clutter:

@@ -13,7 +13,6 @@ from eol_ros.ros.blocks import blocks_from_cdr
 from eol_ros.ros.grains import corpus_to_msg, trigger_to_msg
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
-from eol_ros.ros.stamps import now_ns
 
 LEAD_S = 1.0  # a new corpus is told this long before its grains are, for the sound to be read in
 READ = 50.0  # and a long one longer: this many seconds of sound are read in a second
@@ -50,6 +49,9 @@ class GrainsNode(EolNode):
         if self.corpus is not None and told != (new.space_m, new.radius):
             self.corpora.publish(self.message(self.corpus))
 
+    def restart(self) -> None:
+        self.selector, self.sequence = Selector(self.settings, self.corpus), 0
+
     def on_control(self, message) -> None:
         if message.target == self.NAME and message.key == 'place' and self.corpus is not None:
             try:
@@ -74,7 +76,7 @@ class GrainsNode(EolNode):
         self.corpus = corpus
         lead_s = sum(source.duration_s for source in corpus.sources) / READ
         since_s = self.selector.load(corpus, min(max(lead_s, LEAD_S), 30.0))
-        self.since_ns = now_ns() if since_s < 0 else round(since_s * 1e9)
+        self.since_ns = self.now_ns() if since_s < 0 else round(since_s * 1e9)
         self.corpora.publish(self.message(corpus))
         for note in corpus.notes:
             self.get_logger().warning(note)

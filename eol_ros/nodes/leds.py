@@ -10,7 +10,7 @@ import sys
 from eol_msgs.msg import BlockTap, Control, LedCommand, Slip, Truth
 
 from eol_ros.devices.board import State
-from eol_ros.devices.lights import Lights, Sent, Tap
+from eol_ros.devices.lights import Lights, Played, Sent, Tap
 from eol_ros.nodes.leds_infrared import Infrared
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
@@ -21,48 +21,60 @@ class LedsNode(EolNode):
     """slips, control (and truth, with the twin's board) -> led_commands, block_taps, control."""
 
     NAME = 'leds'
+    MAPS_TIME = True
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
-        self.lights = Lights(self.settings, self.on_tap, self.on_state)
+        played = Played(self.wall_ns, self.recorded_ns) if self.sim_time else None
+        self.lights = Lights(self.settings, self.on_tap, self.on_state, played)
         self.commands = self.publisher('led_commands')
-        self.taps = self.publisher('block_taps')
+        # Behind a replay the taps are those of its bag, and whoever knocks today is not meant.
+        self.taps = None if self.sim_time else self.publisher('block_taps')
         self.frames = self.create_timer(1 / self.settings.frame_hz, self.on_frame)
         self.frames.cancel()
         self.infrared = Infrared(self, self.lights, self.tell)
         self.create_timer(1.0, lambda: self.health.values.update(self.lights.values()))
         self.subscribe('slips', self.on_slip)
         self.subscribe('control', self.on_control)
-        if self.lights.twin:
+        if self.lights.twin and not self.sim_time:
             self.subscribe('truth', self.on_truth)
         self.lights.start()
 
     def on_settings(self, new) -> None:
-        self.lights.field.decay_s, self.lights.field.peak = new.decay_s, new.peak
+        self.lights.set(new.decay_s, new.peak)
+
+    def restart(self) -> None:
+        self.lights.restart()
 
     def on_slip(self, slip: Slip) -> None:
         if slip.kind == Slip.START:
             self.tell(self.lights.slip(slip.block, to_ns(slip.header.stamp)))
             self.health.tick()
+            self.fade()
+
+    def fade(self) -> None:
+        if self.frames.is_canceled():
             self.frames.reset()
 
     def on_frame(self) -> None:
         self.tell(self.lights.frame())
-        if self.lights.field.dark:
+        if not self.lights.glows:
             self.frames.cancel()
 
-    def tell(self, sent: Sent | None) -> None:
-        if sent is None:  # the line is down: health says so
-            return
-        command = LedCommand(sequence=sent.sequence, infrared=sent.infrared)
-        command.header.stamp, command.sent = to_msg(sent.stamp_ns), to_msg(sent.sent_ns)
-        command.white[:] = list(sent.white)
-        self.commands.publish(command)
+    def tell(self, sent: list[Sent]) -> None:
+        for one in sent:  # none while the line is down: health says so
+            command = LedCommand(sequence=one.sequence, infrared=one.infrared)
+            command.header.stamp = to_msg(one.stamp_ns)
+            command.sent = to_msg(self.recorded_ns(one.sent_ns))
+            command.white[:] = list(one.white)
+            self.commands.publish(command)
 
     def on_truth(self, truth: Truth) -> None:
         self.lights.truth(to_ns(truth.header.stamp), truth.moving)
 
     def on_tap(self, tap: Tap) -> None:
+        if self.taps is None:
+            return
         message = BlockTap(block=tap.block, strength=tap.strength, sigma=tap.sigma_s)
         message.header.stamp, message.board_time_us = to_msg(tap.stamp_ns), tap.board_us
         self.taps.publish(message)
@@ -77,8 +89,8 @@ class LedsNode(EolNode):
             if self.lights.asleep and self.settings.clutter_at_sleep:
                 self.infrared.darken()
         elif control.command == 'test':
-            self.tell(self.lights.test())
-            self.frames.reset()
+            self.tell(self.lights.test(to_ns(control.header.stamp)))
+            self.fade()
 
     def on_state(self, state: State) -> None:
         report = {'ready': self.health.ok, 'refused': self.health.error}

@@ -27,6 +27,8 @@ class Infrared:
 
     def darken(self) -> None:
         """Switch all off for a moment, and tell the tracker from when to when."""
+        if self.node.sim_time:  # the images are of another day, and were dark then if ever
+            return
         sent = self._switch(0)
         if sent is not None:
             self.relight.reset()
@@ -45,11 +47,13 @@ class Infrared:
         self._switch(ALL_BLOCKS)
 
     def _switch(self, mask: int) -> Sent | None:
-        sent = self.lights.infrared(mask)
-        self.tell(sent)
-        if sent is not None and self.lights.twin:  # what the twin's camera sees of it
-            self._say('twin', 'infrared', str(mask), sent.sent_ns)
-        return sent
+        told = self.lights.infrared(mask)
+        self.tell(told)
+        if not told:
+            return None
+        if self.lights.twin:  # what the twin's camera sees of it
+            self._say('twin', 'infrared', str(mask), told[-1].sent_ns)
+        return told[-1]
 
     def _say(self, target: str, key: str, value: str, stamp_ns: int) -> None:
         said = Control(

@@ -44,6 +44,12 @@ class MontageNode(EolNode):
             self.wall.header.stamp = slip.header.stamp
         self.on_beat()
 
+    def restart(self) -> None:
+        self.shuffle.forget()
+        if self.asleep:
+            self.turn(False)
+        self.on_beat()
+
     def on_beat(self) -> None:
         flip = None if self.asleep else self.shuffle.update(now_ns() / NS)
         if flip:
@@ -76,17 +82,20 @@ class MontageNode(EolNode):
             return
         if self.asleep == (control.command == 'sleep'):
             return
-        self.asleep = not self.asleep
         self.wall.header.stamp = control.header.stamp
-        if self.asleep:
+        self.turn(not self.asleep)
+        self.on_beat()
+        self.report()
+
+    def turn(self, asleep: bool) -> None:
+        self.asleep = asleep
+        if asleep:
             self.wall.change += 1
             self.wall.left = self.wall.right = self.wall.caption = self.wall.credit = ''
             self.wall.flip = to_msg(now_ns())
             self.send()
         else:
             self.show(self.shuffle.show(now_ns() / NS))
-        self.on_beat()
-        self.report()
 
     def on_reload(self) -> None:
         if self.folder.refresh():

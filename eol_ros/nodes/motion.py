@@ -28,6 +28,9 @@ class MotionNode(EolNode):
     def on_settings(self, new) -> None:
         self.motion.set(new)
 
+    def restart(self) -> None:
+        self.motion = Motion(self.settings)
+
     def on_tap(self, tap: BlockTap) -> None:
         self.motion.tap(to_ns(tap.header.stamp) * 1e-9, tap.block, tap.sigma)
 

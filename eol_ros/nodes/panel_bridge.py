@@ -8,7 +8,7 @@ from eol_msgs.msg import Control, GrainTrigger, RimCommand
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
-from eol_ros.ros.stamps import now_ns, to_msg
+from eol_ros.ros.stamps import to_msg
 from eol_ros.web.controls import CONTROLS
 
 NO_BLOCK = 255
@@ -34,7 +34,7 @@ class PanelBridge:
     def control(self, command: str, target: str, key: str, value: str, source: str) -> None:
         """Publish a request of a person."""
         message = Control(source=source, command=command, target=target, key=key, value=value)
-        message.header.stamp = to_msg(now_ns())
+        message.header.stamp = to_msg(self._node.now_ns())
         self._controls.publish(message)
 
     def change(self, node: str, values: dict[str, Any], done: Callable[[str], None]) -> None:
@@ -54,7 +54,7 @@ class PanelBridge:
         """Publish a hand on the rim."""
         vx, vy, yaw_rate = velocity
         message = RimCommand(source=source, vx=vx, vy=vy, yaw_rate=yaw_rate, hold=hold_s)
-        message.header.stamp = to_msg(now_ns())
+        message.header.stamp = to_msg(self._node.now_ns())
         self._rims.publish(message)
 
     def play(self, grain: int) -> None:
@@ -68,5 +68,5 @@ class PanelBridge:
             attack=0.005,
             release=0.02,
         )
-        message.header.stamp = to_msg(now_ns())
+        message.header.stamp = to_msg(self._node.now_ns())
         self._triggers.publish(message)

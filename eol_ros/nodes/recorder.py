@@ -3,6 +3,7 @@
 
 import sys
 import time
+from collections import deque
 from pathlib import Path
 
 from eol_msgs.msg import Slip
@@ -18,25 +19,41 @@ from eol_ros.ros.definitions import describe
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.run_record import about
-from eol_ros.ros.topics import TOPICS
+from eol_ros.ros.topics import CLOCK, TOPICS
 
 IMAGES, PREVIEW, SAMPLES = 'camera/image_raw', 'camera/image/compressed', 'sound_samples'
 COUNTERS = {'blocks': 'image', 'grain_triggers': 'sequence'}  # fields that count up by one
 RHYTHM = (IMAGES, 'blocks', 'truth')  # topics with a message for every image
 READER_DEPTH = 600  # small messages of ten seconds: nobody waits for a recorder without a processor
+EARLY = 1000  # messages kept until a replay tells its time
 DROPS_TOLD_S = 20.0  # after the last; the count stays in the values and in the bag
 
 
 class RecorderNode(EolNode):
     NAME = 'recorder'
+    MAPS_TIME = True
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
         topics = [t for t in TOPICS if self._wanted(t)]
-        described = {t: BagTopic(self.resolve_topic_name(t), **describe(t)) for t in topics}
-        replay = self.scene.nodes.get('replay')
+        self.described = {t: BagTopic(self.resolve_topic_name(t), **describe(t)) for t in topics}
+        self.recording = self.begin()
+        self.latched: dict[str, Item] = {}  # what holds from one round of a replay to the next
+        self._log_ns = 0
+        self._early: deque[Item] = deque(maxlen=EARLY)  # came before there was a time to give it
+        for topic, bag_topic in self.described.items():
+            depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None
+            self.subscribe(topic, self._taker(topic, bag_topic), raw=True, depth=depth)
+        self._last = self._dropped = 0
+        self._dropped_s = 0.0
+        self.create_timer(1.0, self.tell)
+        self.tell()
+
+    def begin(self) -> Recording:
+        """Return the recording of a run, or of one round of a replay."""
+        described, replay = self.described, self.scene.nodes.get('replay')
         replay_of = {REPLAY_OF: replay.bag} if replay else {}
-        self.recording = Recording(
+        return Recording(
             Path(self.settings.folder).expanduser(),
             self.scene.name,
             list(described.values()),
@@ -47,17 +64,17 @@ class RecorderNode(EolNode):
             thinned=[described[t].name for t in (PREVIEW, 'sound_meter') if t in described],
             rate_hz=self.scene.image_rate,
         )
-        for topic, bag_topic in described.items():
-            depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None
-            self.subscribe(topic, self._taker(topic, bag_topic), raw=True, depth=depth)
-        self._last = self._dropped = 0
-        self._dropped_s = 0.0
-        self.create_timer(1.0, self.tell)
-        self.tell()
+
+    def restart(self) -> None:
+        """What is replayed has begun again: so does the bag, for a bag is one run."""
+        self.recording.close()
+        self.recording, self._last, self._dropped, self._log_ns = self.begin(), 0, 0, 0
+        for item in self.latched.values():
+            self._keep(item)
 
     def _wanted(self, topic: str) -> bool:
         """What exists only because somebody subscribes is recorded only where asked for."""
-        if topic in (SAMPLES, READY):
+        if topic in (SAMPLES, READY, CLOCK):
             return False
         images = self.settings.images
         return {IMAGES: images in ('all', 'around_slips'), PREVIEW: images == 'preview'}.get(
@@ -65,18 +82,33 @@ class RecorderNode(EolNode):
         )
 
     def _taker(self, topic, bag_topic):
-        name, take, sequence = bag_topic.name, self.recording.take, None
+        name, latched, sequence = bag_topic.name, TOPICS[topic].qos == 'latched', None
         if topic in COUNTERS:
             sequence = counter(bag_topic.type, bag_topic.definition, COUNTERS[topic])
 
         def keep(raw: bytes) -> None:
-            now = time.time_ns()
-            take(Item(name, raw, now, now, sequence(raw) if sequence else 0))
+            item = Item(name, raw, 0, 0, sequence(raw) if sequence else 0)
+            if latched:
+                self.latched[name] = item
+            now_ns = self._keep(item)
             if topic == 'slips':
                 slip = deserialize_message(raw, Slip)
-                self.recording.slip(Slipping(slip.slip, slip.kind == Slip.START, now))
+                self.recording.slip(Slipping(slip.slip, slip.kind == Slip.START, now_ns))
 
         return keep
+
+    def _keep(self, item: Item) -> int:
+        """Hand `item` over as of now; return when that is. Bags of a replay are in its time."""
+        now_ns = self.now_ns()
+        if not now_ns:
+            self._early.append(item)
+            return 0
+        if self.sim_time:  # what is known of it gets better as it goes: it may step back a little
+            now_ns = self._log_ns = max(now_ns, self._log_ns + 1)
+        while self._early:
+            self.recording.take(self._early.popleft()._replace(log_ns=now_ns, publish_ns=now_ns))
+        self.recording.take(item._replace(log_ns=now_ns, publish_ns=now_ns))
+        return now_ns
 
     def tell(self) -> None:
         recording, health = self.recording, self.health

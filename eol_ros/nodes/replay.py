@@ -1,23 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plays a bag as if it happened now: the recorded bytes, their stamps unchanged."""
+"""Plays a bag as if it happened now: the recorded bytes, stamps unchanged, and their time."""
 
 import sys
 import threading
 import time
 
+from eol_msgs.msg import Control
 from rclpy.duration import Duration
+from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
-from eol_ros.devices.bag_player import BagPlayer, choose
-from eol_ros.devices.bag_reader import BagReader
+from eol_ros.devices.bag_player import BagPlayer, choose, complete
+from eol_ros.devices.bag_reader import BagMessage, BagReader
 from eol_ros.errors import ConfigError
+from eol_ros.ros.audience import Audience
 from eol_ros.ros.definitions import type_hash
 from eol_ros.ros.node import NAMESPACE, EolNode
+from eol_ros.ros.played import BLOCKS, IMAGES, REQUESTS, ahead, for_all, played
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_msg
-from eol_ros.ros.topics import QOS, TOPICS, message_class
+from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, TOPICS, message_class
 
-CLOCK_NS = 10_000_000  # between two messages on /clock
+READY_S = 1.0  # from the last reader found to the first message
+ACKNOWLEDGED_S = 2.0  # longest wait for readers to say that they have all
 
 
 class ReplayNode(EolNode):
@@ -25,25 +30,33 @@ class ReplayNode(EolNode):
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
-        if not self.settings.bag:
-            raise ConfigError('replay.bag: name a bag folder or an .mcap file')
-        self.bag = BagReader(self.settings.bag)
-        favourites = [self.resolve_topic_name(t) for t in ('camera/image_raw', 'blocks')]
-        self.names = choose(self.bag, self.settings.topics, favourites)
-        self.publishers_of = {name: self._publisher(name) for name in self.names}
-        self.clock = self.create_publisher(Clock, '/clock', 10) if self.settings.clock else None
-        self._clock_ns = 0
         s = self.settings
+        if not s.bag:
+            raise ConfigError('replay.bag: name a bag folder or an .mcap file')
+        self.bag = BagReader(s.bag)
+        full = self.resolve_topic_name
+        whole = complete(self.bag, full(IMAGES), full(BLOCKS))
+        usual = [full(topic) for topic in played(self.scene, whole)]
+        self.names = choose(self.bag, s.topics, usual)
+        self.publishers_of = {name: self._publisher(name) for name in self.names}
+        self._requests = '' if s.topics else full(REQUESTS)  # those asked for go as they are
+        self._ahead = self._requests_ahead()
         self.player = BagPlayer(
-            self.bag, self.names, self.give, s.rate, s.fast, s.loop, s.start_s
+            self.bag, self.names, self.give, s.rate, s.fast, s.loop, s.start_s,
+            stamped=[full(IMAGES), full(BLOCKS)], begin=self.begin,
         )  # fmt: skip
-        self.state = 'waiting'
+        self.audience = Audience(self)
+        self.state, self.fault = 'waiting', None
         for line in self.bag.cut_short:
             self.get_logger().warning(line)
+        self.clock = None
+        if s.clock_hz:
+            self.clock = self.create_publisher(Clock, CLOCK, CLOCK_QOS)
+            self.create_timer(1 / s.clock_hz, self.tick)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._play, name='replay', daemon=True)
         self._thread.start()
-        self.create_timer(1.0, self.tell)
+        self.create_timer(0.2, self.tell)
 
     def _publisher(self, name: str):
         recorded = self.bag.topics[name]
@@ -57,33 +70,79 @@ class ReplayNode(EolNode):
             return self.publisher(ours.name)
         return self.create_publisher(message_class(recorded.type), name, QOS['stream'])
 
-    def give(self, message) -> None:
+    def _requests_ahead(self) -> list[bytes]:
+        """Return what the tracker must know before the images that it counts from."""
+        if self._requests not in self.publishers_of:
+            return []
+        start_ns = self.bag.start_ns + round(self.settings.start_s * 1e9)
+        said = [
+            (message.log_ns, deserialize_message(message.data, Control), message.data)
+            for message in self.bag.messages([self._requests])
+        ]
+        return ahead(said, start_ns)
+
+    def begin(self) -> None:
+        """Tell what must be known before a round begins."""
+        for raw in self._ahead:
+            self.publishers_of[self._requests].publish(raw)
+            self._acknowledged([self.publishers_of[self._requests]])  # it keeps no more than 60
+
+    def tick(self) -> None:
+        self.clock.publish(Clock(clock=to_msg(self.player.now_ns())))
+
+    def give(self, message: BagMessage) -> None:
+        if message.topic == self._requests and not for_all(
+            deserialize_message(message.data, Control)
+        ):
+            return
         publisher = self.publishers_of[message.topic]
         publisher.publish(message.data)
         if self.settings.fast:  # the reader has it before the next comes
-            publisher.wait_for_all_acked(Duration(seconds=1.0))
-        if self.clock and abs(message.log_ns - self._clock_ns) >= CLOCK_NS:
-            self._clock_ns = message.log_ns
-            self.clock.publish(Clock(clock=to_msg(message.log_ns)))
+            self._acknowledged([publisher])
         self.health.tick()
 
     def _play(self) -> None:
-        self._await_readers()
-        self.state = 'playing'
-        self.player.run()
-        if not self._stop.is_set():
-            for publisher in self.publishers_of.values():
-                publisher.wait_for_all_acked(Duration(seconds=2.0))
+        try:
+            self._await_readers()
+            self.state = 'standing'  # all is well: bringup gives the nodes their priority now
+            if not self._stop.wait(READY_S):
+                self.state = 'playing'
+            self.player.run()
+            if not self._stop.is_set():
+                self._acknowledged(self.publishers_of.values())
+        except Exception as error:  # the executor's thread ends the node with it
+            self.fault = error
         self.state = 'over'
 
+    def _acknowledged(self, publishers) -> None:
+        for publisher in publishers:
+            publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_S))
+
     def _await_readers(self) -> None:
+        """Wait for those whom the scene names, else until there is any reader.
+
+        Raises ConfigError when another node gives the same pictures or blocks.
+        """
+        if self.audience.expects:
+            while not self._stop.wait(0.05) and not self.audience.ready():
+                pass
+            return
         end = time.monotonic() + self.settings.wait_s
         while time.monotonic() < end and not self._stop.wait(0.05):
             if any(p.get_subscription_count() for p in self.publishers_of.values()):
-                self._stop.wait(1.0)  # they find us a little later than we them, and each other
-                return
+                break  # they find us a little later than we them, and each other
+        for name in () if self.settings.topics else (IMAGES, BLOCKS):
+            found = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
+            others = sorted({end.node_name for end in found} - {self.get_name()})
+            if others and self.resolve_topic_name(name) in self.publishers_of:
+                raise ConfigError(
+                    f'{others[0]} publishes {name}, and so would the replay: stop it, or say with '
+                    '--only (replay.topics) what to play beside it'
+                )
 
     def tell(self) -> None:
+        if self.fault is not None:
+            raise self.fault
         words = f'{self.player.position_s:.1f} of {self.bag.duration_s:.1f} s of {self.bag.path}'
         if self.state == 'waiting':
             self.health.warn(f'waiting for a reader of {", ".join(self.names)}')

@@ -13,7 +13,7 @@ from eol_ros.errors import EolError
 from eol_ros.nodes.sound_osc import Osc
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
-from eol_ros.ros.sound import SampleStream, corpus_grains, meter_message, trigger_row
+from eol_ros.ros.sound import NOBODY, SampleStream, corpus_grains, meter_message, trigger_row
 from eol_ros.ros.stamps import NS, now_ns, to_ns
 
 COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
@@ -22,6 +22,7 @@ FADES = {'mute': 0.0, 'sleep': 0.0, 'unmute': 1.0, 'wake': 1.0}
 
 class SoundNode(EolNode):
     NAME = 'sound'
+    MAPS_TIME = True
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
@@ -38,7 +39,7 @@ class SoundNode(EolNode):
         wav = s.wav or folder / time.strftime('sound-%Y%m%d-%H%M%S.wav')
         self.meters = self.publisher('sound_meter')
         self.samples = SampleStream(self, self.mixer, self.epoch_ns)
-        self.unheard = 0
+        self.unheard, self.asleep = 0, False
         self.trouble = 'waiting for the corpus'
         self.player = Player(
             self.mixer, s.device, s.block_size, wav, s.wav_limit_s, s.fade_in_s,
@@ -61,18 +62,28 @@ class SoundNode(EolNode):
 
     def on_control(self, message) -> None:
         if message.target in ('', self.NAME) and message.command in FADES:
+            self.asleep = message.command == 'sleep' or (self.asleep and message.command != 'wake')
             to = FADES[message.command]
             self.mixer.fade(to, self.settings.fade_in_s if to else self.settings.fade_out_s)
+
+    def restart(self) -> None:
+        if self.asleep:  # the run had ended asleep, and begins awake
+            self.asleep = False
+            self.mixer.fade(1.0, self.settings.fade_in_s)
 
     def on_trigger(self, message) -> None:
         self.health.tick()
         if self.osc:
             self.osc.trigger(message)
-        bank = self.banks.at(to_ns(message.header.stamp))
+        stamp_ns = to_ns(message.header.stamp)
+        bank = self.banks.at(stamp_ns)
         if bank is None:
             self.unheard += 1
             return
-        self.mixer.play(trigger_row(message, self.epoch_ns, self.latency_s), bank)
+        since_ns = self.wall_ns(stamp_ns) - self.epoch_ns
+        if self.sim_time and message.block == NOBODY:  # touched on the panel, while a replay stands
+            since_ns = now_ns() - self.epoch_ns
+        self.mixer.play(trigger_row(message, since_ns, self.latency_s), bank)
 
     def on_timer(self) -> None:
         for error in self.banks.news():

@@ -28,12 +28,13 @@ class TrackerNode(EolNode):
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
-        self.files = TrackerFiles(self.settings)
-        self.tracker = Tracker(self.settings, self.files.calibration)
+        self.files = TrackerFiles(self.settings, keep=not self.sim_time)
+        self.restart()
         self.blocks = self.publisher('blocks')  # to be known by the time that there are any
         self.tracker.warm_up()
-        self.images, self.stamp_ns, self.threshold = 0, 0, self.settings.threshold
         self.gaps = StampGaps(self.scene.image_rate)
+        self.threshold = self.settings.threshold
+        self.asked: list[tuple[int, str, str]] = []  # said, and not yet heard from `control`
         self.record = np.zeros(N_BLOCKS, RECORD)
         self.pictures = self.publisher('camera/image/compressed')
         self.said = self.publisher('control')
@@ -44,6 +45,11 @@ class TrackerNode(EolNode):
         self.subscribe('control', self.on_control)
         self.subscribe('camera/image_raw', self.on_image, raw=True)
 
+    def restart(self) -> None:
+        self.tracker = Tracker(self.settings, self.files.calibration)
+        self.images, self.stamp_ns = 0, 0
+        self.lamps = self.files.lamps  # to begin with
+
     def on_tap(self, tap: BlockTap) -> None:
         self.tracker.tap(to_ns(tap.header.stamp) * 1e-9, tap.block, tap.sigma)
 
@@ -53,17 +59,29 @@ class TrackerNode(EolNode):
             self.ask(THRESHOLD, repr(float(new.threshold)))
 
     def on_control(self, control: Control) -> None:
-        if control.target != self.NAME or control.source == self.NAME:
+        if control.target != self.NAME:
             return
-        if control.command == 'calibrate':
+        if control.source == self.NAME:
+            self.on_own(to_ns(control.header.stamp), control.key, control.value)
+        elif control.command == 'calibrate':
             self.ask(CALIBRATE)
         elif control.command == 'set' and control.key == DARK:
             self.ask(DARK, control.value, to_ns(control.header.stamp))
+
+    def on_own(self, *request) -> None:
+        """Heed what a tracker said in the run that is replayed; what this one said it does."""
+        if request in self.asked:
+            self.asked.remove(request)
+        elif self.sim_time:
+            if request[1] == CLUTTER:  # the lamps of that day, and not of today
+                self.lamps = ''
+            self.tracker.requests.add(*request)
 
     def ask(self, key: str, text: str = '', from_ns: int = 0) -> None:
         """Let a request count from `from_ns` or from the next image, and say so."""
         from_ns = max(from_ns, self.stamp_ns + SOON_NS) if self.images else from_ns
         self.tracker.requests.add(from_ns, key, text)
+        self.asked = [*self.asked[-99:], (from_ns, key, text)]
         said = Control(source=self.NAME, command='set', target=self.NAME, key=key, value=text)
         said.header.stamp = to_msg(from_ns)
         self.said.publish(said)
@@ -73,8 +91,8 @@ class TrackerNode(EolNode):
             self.stamp_ns, image = image_from_cdr(raw)
         except ValueError as error:
             return self.health.error(str(error))
-        if not self.images and self.files.lamps:
-            self.ask(CLUTTER, self.files.lamps, self.stamp_ns)
+        if not self.images and self.lamps:
+            self.ask(CLUTTER, self.lamps, self.stamp_ns)
         self.gaps.take(self.stamp_ns)
         tracked = self.tracker.update(self.stamp_ns * 1e-9, image)
         self.blocks.publish(self._packed(tracked))

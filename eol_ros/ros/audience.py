@@ -11,6 +11,7 @@ does, and by what name, for others may look on.
 import time
 from typing import Any
 
+from eol_ros.ros.played import played
 from eol_ros.ros.topics import TOPICS
 
 WATCHED = ('camera/image_raw', 'blocks', 'slips', 'cascades', 'grain_triggers')
@@ -27,6 +28,8 @@ def parts(scene: Any, topic: str) -> tuple[set[str], set[str]]:
     """
     row = TOPICS[topic]
     givers = {n for n in row.gives if n in scene.nodes and n != 'panel'}
+    if 'replay' in givers and topic not in (scene.nodes['replay'].topics or played(scene, True)):
+        givers.discard('replay')
     takers = {n for n in row.takes if n in scene.nodes and n not in ('panel', 'recorder')}
     recorder = scene.nodes.get('recorder')
     if recorder and (topic != WATCHED[0] or recorder.images in ('all', 'around_slips')):
@@ -84,6 +87,11 @@ class Audience(Meeting):
         self._others: set[str] = set().union(*named)
         self._others.discard(node.get_name())
         self._complete_s: float | None = None
+
+    @property
+    def expects(self) -> bool:
+        """Whether the scene names anybody to wait for."""
+        return bool(self._others)
 
     def missing(self) -> list[str]:
         """Return the nodes that are not ready, and the topics on which this one is not."""

@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
 from eol_ros.ros.give_back import give_back
-from eol_ros.ros.stamps import now_ns, to_msg
+from eol_ros.ros.stamps import to_msg
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
@@ -39,7 +39,7 @@ class Health:
         self._rate = 0.0
         self._well = 0
         self._expected: tuple[str, float] | None = None
-        self._last_tick_s = self._reported_s = time.monotonic()
+        self._last_tick_s, self._reported_s = self._now_s(), time.monotonic()
         fd = os.environ.get('EOL_HEALTH_FD')
         self._fd = int(fd) if fd else None
         node.create_timer(PERIOD_S, self._beat)
@@ -47,12 +47,16 @@ class Health:
     def tick(self, count: int = 1) -> None:
         """Count one unit of work; the rate in the status is of these."""
         self.ticks += count
-        self._last_tick_s = time.monotonic()
+        self._last_tick_s = self._now_s()
 
     def expects(self, what: str, within_s: float = 2.0) -> None:
         """Warn by itself whenever no tick has come for `within_s`: "no images for 3 s"."""
         self._expected = (what, within_s)
-        self._last_tick_s = time.monotonic()  # the silence counts from here
+        self._last_tick_s = self._now_s()  # the silence counts from here
+
+    def _now_s(self) -> float:
+        """Behind a replay silence counts in its time: one that stands still owes nothing."""
+        return self._node.now_ns() * 1e-9 if self._node.sim_time else time.monotonic()
 
     def ok(self, text: str) -> None:
         """All is well: say what is being done."""
@@ -89,7 +93,10 @@ class Health:
         level, text = self.level, self.text
         if self._expected and level == OK:
             what, within_s = self._expected
-            silent_s = now - self._last_tick_s
+            now_s = self._now_s()
+            if not 0 < self._last_tick_s <= now_s:  # /clock has begun, or begun again
+                self._last_tick_s = now_s
+            silent_s = now_s - self._last_tick_s
             if silent_s > within_s:
                 level, text = WARN, f'no {what} for {silent_s:.0f} s'
         return {
@@ -123,5 +130,5 @@ class Health:
         )
         row.values = [KeyValue(key='rate_hz', value=str(status['rate']))]
         row.values += [KeyValue(key=k, value=str(v)) for k, v in self.values.items()]
-        header = Header(stamp=to_msg(now_ns()))
+        header = Header(stamp=to_msg(self._node.now_ns()))
         self._publisher.publish(DiagnosticArray(header=header, status=[row]))

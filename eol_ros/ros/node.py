@@ -3,41 +3,64 @@
 
 import copy
 import dataclasses
+import time
 from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.duration import Duration
 from rclpy.event_handler import (
     PublisherEventCallbacks,
     SubscriptionEventCallbacks,
     UnsupportedEventTypeError,
 )
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from rosgraph_msgs.msg import Clock as ClockMessage
 
+from eol_ros.core.played_clock import PlayedClock
 from eol_ros.errors import ConfigError
 from eol_ros.ros.audience import LOOK_S, READY, Meeting
 from eol_ros.ros.health import Health
-from eol_ros.ros.topics import GIVER_QOS, QOS, TOPICS
+from eol_ros.ros.stamps import to_ns
+from eol_ros.ros.topics import CLOCK, CLOCK_QOS, GIVER_QOS, QOS, TOPICS
 from eol_ros.scene import Scene, check_value
 
 NAMESPACE = 'eol'
+SIM_TIME = 'use_sim_time'
+AHEAD_NS = 100_000_000  # a stamp so far ahead of /clock was played before time jumped back
 
 
 class EolNode(Node):
     """A node with `settings` (frozen dataclass), `scene`, `health` and the topic table.
 
-    A subclass sets NAME, wires topics in `__init__`, and may override `on_settings` and `close`.
+    A subclass sets NAME, wires topics in `__init__`, and may override `on_settings`, `restart` and
+    `close`. With the parameter `use_sim_time`, ROS time is what a replay tells on /clock; a node
+    that must know when its moments are played says MAPS_TIME. Timers run on the steady clock in
+    either case: a replay that stands still must not silence a node.
     """
 
     NAME = ''
+    MAPS_TIME = False
 
     def __init__(self, settings: Any, scene: Scene | None = None, **kwargs: Any):
-        super().__init__(self.NAME, namespace=NAMESPACE, **kwargs)
+        try:
+            super().__init__(self.NAME, namespace=NAMESPACE, **kwargs)
+        except InvalidParameterTypeException as error:  # use_sim_time is declared there
+            raise ConfigError(str(error)) from None
         self.scene = scene if scene is not None else Scene.alone(self.NAME)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.settings = self._declare(settings)
+        self.sim_time = bool(self.get_parameter(SIM_TIME).value)
+        self.played: PlayedClock | None = None
+        if self.sim_time:
+            self._follow_clock()
         self.health = Health(self)
         self._meeting = Meeting(self)
         self._looks = self.create_timer(LOOK_S, self._look)
@@ -47,6 +70,58 @@ class EolNode(Node):
         if self._meeting.over():
             self._looks.cancel()
             self.subscribe(READY, lambda message: None)
+
+    def create_timer(
+        self,
+        timer_period_sec: float,
+        callback: Callable[..., Any],
+        callback_group: CallbackGroup | None = None,
+        clock: Clock | None = None,
+        autostart: bool = True,
+    ) -> Timer:
+        """Create a timer, of the steady clock where none is named."""
+        clock = clock or self._steady
+        return super().create_timer(timer_period_sec, callback, callback_group, clock, autostart)
+
+    def now_ns(self) -> int:
+        """Return ROS time in nanoseconds: system time, or what a replay tells on /clock."""
+        if self.played is not None:
+            return self.recorded_ns(time.time_ns())
+        return self.get_clock().now().nanoseconds
+
+    def wall_ns(self, stamp_ns: int) -> int:
+        """Return the system time of a moment of ROS time, in nanoseconds.
+
+        Behind a replay that is when the moment was played; now, where that cannot be known. Only
+        for nodes that say MAPS_TIME.
+        """
+        if self.played is None:
+            return stamp_ns
+        now_ns, found = time.time_ns(), self.played.wall_ns(stamp_ns)
+        return now_ns if found is None or found > now_ns + AHEAD_NS else found
+
+    def recorded_ns(self, wall_ns: int) -> int:
+        """Return the ROS time at a system time of now, in ns; 0 before a replay has told any."""
+        return wall_ns if self.played is None else self.played.recorded_ns(wall_ns) or 0
+
+    def _follow_clock(self) -> None:
+        back = JumpThreshold(
+            min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
+        )
+        self._jumps = self.get_clock().create_jump_callback(back, post_callback=self._went_back)
+        if self.MAPS_TIME:
+            self.played = PlayedClock()
+            self.create_subscription(ClockMessage, CLOCK, self._on_clock, CLOCK_QOS)
+
+    def _on_clock(self, message: ClockMessage) -> None:
+        assert self.played is not None
+        self.played.take(to_ns(message.clock), time.time_ns())
+
+    def _went_back(self, _jump: TimeJump) -> None:
+        if self.executor is not None:
+            self.executor.create_task(self.restart)
+        else:
+            self.restart()
 
     def publisher(self, topic: str) -> Publisher:
         """Return a publisher of `topic` with type and QoS of the table."""
@@ -82,6 +157,12 @@ class EolNode(Node):
     def on_settings(self, new: Any) -> None:
         """Take note that live settings have changed; `self.settings` is already the new one."""
 
+    def restart(self) -> None:
+        """Forget what has been seen: time has jumped back, as when a replay begins again.
+
+        Called by the executor, before anything of the new round comes.
+        """
+
     def close(self) -> None:
         """Release devices; called once on the way out."""
 
@@ -89,7 +170,7 @@ class EolNode(Node):
         """Declare a ROS parameter per setting; command-line overrides are checked like a scene."""
         fields = {f.name: f for f in dataclasses.fields(settings)}
         overrides = {k: p.value for k, p in self._parameter_overrides.items()}
-        known = set(fields) | {'use_sim_time', 'start_type_description_service'}
+        known = set(fields) | {SIM_TIME, 'start_type_description_service'}
         unknown = [n for n in overrides if n not in known and not n.startswith('qos_overrides')]
         if unknown:
             raise ConfigError(f'parameter {unknown[0]}: {self.NAME} has no such setting')
@@ -113,6 +194,10 @@ class EolNode(Node):
 
     def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         fields = {f.name: f for f in dataclasses.fields(self.settings)}
+        if any(p.name == SIM_TIME for p in parameters):
+            return SetParametersResult(
+                successful=False, reason=f'{SIM_TIME} is read when the node starts: start it anew'
+            )
         try:
             changes = {p.name: check_value(fields[p.name], p.value) for p in parameters
                        if p.name in fields}

@@ -10,17 +10,20 @@ from eol_ros.core.sound.meter import Reading
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.stamps import NS, to_msg, to_ns
+from eol_ros.ros.stamps import NS, to_msg
 from eol_ros.settings import SoundSettings
 
 SAMPLES_HZ = 60.0
 NOBODY = 255  # GrainTrigger.block of a trigger that no block caused
 
 
-def trigger_row(message: GrainTrigger, epoch_ns: int, latency_s: float) -> np.ndarray:
-    """Return the trigger as (1,) TRIGGER, its time `latency_s` after the stamp, since the epoch."""
+def trigger_row(message: GrainTrigger, since_ns: int, latency_s: float) -> np.ndarray:
+    """Return the trigger as (1,) TRIGGER, due `latency_s` after its moment.
+
+    That is `since_ns` after the engine's epoch.
+    """
     row = np.empty(1, TRIGGER)
-    time_s = (to_ns(message.header.stamp) - epoch_ns) * 1e-9 + latency_s
+    time_s = since_ns * 1e-9 + latency_s
     block = -1 if message.block == NOBODY else message.block
     row[0] = (
         time_s,

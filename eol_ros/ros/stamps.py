@@ -19,5 +19,5 @@ def to_msg(ns: int) -> Time:
 
 
 def now_ns() -> int:
-    """Return ROS time, which is system time here, in nanoseconds."""
+    """Return system time in nanoseconds."""
     return time.time_ns()

@@ -50,26 +50,28 @@ QOS: dict[str, QoSProfile] = {
     'meter': _qos(10, reliable=False),
     'latched': _qos(10, latched=True),
     'health': _qos(10),
+    'clock': _qos(1, reliable=False),  # as rclcpp and rclpy ask for it
 }
 # What a giver keeps to send again. DDS threads answer in time even where the reader's Python is
 # busy, so the twelve last images are enough, and 8 MB less for each who gives them.
 GIVER_QOS = QOS | {'images': _qos(12)}
+CLOCK, CLOCK_QOS = '/clock', QOS['clock']
 
 _ROWS = (
     Topic('rim_command', 'eol_msgs/msg/RimCommand', 'stream', ('panel',), ('twin',),
           'hands on the rim of the twin'),
     Topic('camera/image_raw', 'sensor_msgs/msg/Image', 'images', ('camera', 'twin', 'replay'),
           ('tracker', 'recorder'), 'the infrared picture, mono8'),
-    Topic('camera/camera_info', 'sensor_msgs/msg/CameraInfo', 'latched', ('camera', 'twin'),
-          ('panel',), 'the calibration of the camera'),
+    Topic('camera/camera_info', 'sensor_msgs/msg/CameraInfo', 'latched',
+          ('camera', 'twin', 'replay'), ('panel',), 'the calibration of the camera'),
     Topic('camera/image/compressed', 'sensor_msgs/msg/CompressedImage', 'preview', ('tracker',),
           ('panel', 'recorder'), 'JPEG for people, only while somebody subscribes'),
-    Topic('truth', 'eol_msgs/msg/Truth', 'stream', ('twin',), ('leds', 'panel'),
+    Topic('truth', 'eol_msgs/msg/Truth', 'stream', ('twin', 'replay'), ('leds', 'panel'),
           'what the twin really did'),
     Topic('blocks', 'eol_msgs/msg/Blocks', 'stream', ('tracker', 'replay'),
           ('motion', 'grains', 'panel'), 'the 25 blocks, once per image'),
-    Topic('block_taps', 'eol_msgs/msg/BlockTap', 'stream', ('leds',), ('motion', 'tracker'),
-          "knocks felt by the blocks' own accelerometers"),
+    Topic('block_taps', 'eol_msgs/msg/BlockTap', 'stream', ('leds', 'replay'),
+          ('motion', 'tracker'), "knocks felt by the blocks' own accelerometers"),
     Topic('slips', 'eol_msgs/msg/Slip', 'stream', ('motion', 'replay'),
           ('leds', 'montage', 'panel'), 'a block starts to move, or stops'),
     Topic('cascades', 'eol_msgs/msg/Cascade', 'stream', ('motion', 'replay'), ('panel',),
@@ -86,13 +88,15 @@ _ROWS = (
           "the engine's output, only while somebody subscribes"),
     Topic('wall', 'eol_msgs/msg/Wall', 'latched', ('montage',), ('panel',),
           'the pair on the two walls'),
-    Topic('control', 'eol_msgs/msg/Control', 'stream', ('panel', 'leds', 'tracker'),
+    Topic('control', 'eol_msgs/msg/Control', 'stream', ('panel', 'leds', 'tracker', 'replay'),
           ('tracker', 'twin', 'leds', 'grains', 'sound', 'montage', 'panel'),
           'requests of people; from which image on the tracker heeds them'),
     Topic('ready', 'std_msgs/msg/Empty', 'latched', (), ('every node',),
           'nothing: who reads it has met its writers and readers, and the twin may begin'),
     Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', 'health', ('every node',),
           ('panel', 'recorder'), 'state of every node, once a second'),
+    Topic(CLOCK, 'rosgraph_msgs/msg/Clock', 'clock', ('replay',), ('every node',),
+          'recorded time, for nodes that use_sim_time'),
 )
 
 TOPICS: dict[str, Topic] = {row.name: row for row in _ROWS}

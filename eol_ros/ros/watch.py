@@ -7,26 +7,32 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Iterable
+from typing import Any
 
+from eol_ros.core.played_clock import PlayedClock
 from eol_ros.ros import network
-from eol_ros.ros.stamps import NS
+from eol_ros.ros.stamps import NS, to_ns
 
 
 class Watch:
     """Keeps (stamp, arrival) in nanoseconds of every message of `topics` on `domain`.
 
-    It runs in a thread with a DDS context of its own, so that one program can watch several graphs
-    one after the other.
+    Behind a `replay` a stamp is given as the system time at which its moment was played. It runs in
+    a thread with a DDS context of its own, so that one program can watch several graphs one after
+    the other.
     """
 
-    def __init__(self, topics: Iterable[str], domain: int, keep: Iterable[str] = ()):
+    def __init__(
+        self, topics: Iterable[str], domain: int, keep: Iterable[str] = (), replay: bool = False
+    ):
         network.configure('local')
         import rclpy
         from rclpy.experimental.events_executor import EventsExecutor
         from rclpy.node import Node
+        from rosgraph_msgs.msg import Clock
 
         from eol_ros.ros.node import NAMESPACE
-        from eol_ros.ros.topics import QOS, TOPICS
+        from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, TOPICS
 
         self.seen: dict[str, list[tuple[int, int]]] = defaultdict(list)
         self.raw: dict[str, list[bytes]] = defaultdict(list)
@@ -42,6 +48,10 @@ class Watch:
                 row.message_class(), topic, self._taker(topic, topic in kept), QOS[row.qos],
                 raw=True,
             )
+        self.played = PlayedClock() if replay else None
+        self._moments: dict[int, int] = {}  # system time at which a stamp was played, kept as heard
+        if replay:
+            self._node.create_subscription(Clock, CLOCK, self._hear, CLOCK_QOS)
         self._going = True
         self._thread = threading.Thread(target=self._spin, name='watch', daemon=True)
         self._thread.start()
@@ -51,11 +61,19 @@ class Watch:
 
         def take(raw: bytes) -> None:
             seconds, nanoseconds = struct.unpack_from('<iI', raw, 4)  # the header's stamp
-            seen.append((seconds * NS + nanoseconds, time.time_ns()))
+            stamp, now = seconds * NS + nanoseconds, time.time_ns()
+            if self.played is not None and stamp:
+                stamp = self._moments.setdefault(stamp, self.played.wall_ns(stamp) or now)
+            seen.append((stamp, now))
             if keep:
                 raws.append(raw)
 
         return take
+
+    def _hear(self, message: Any) -> None:
+        went_back = self.played and self.played.take(to_ns(message.clock), time.time_ns())
+        if went_back:
+            self._moments.clear()
 
     def _spin(self) -> None:
         # A looker stands back: it must not take a core from what it looks at.

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from eol_ros.errors import ConfigError, UsageError
 
-HELP = 'Play a bag: the recorded bytes at the recorded times. Space pauses, Ctrl-C stops.'
+HELP = 'Play a bag and its time on /clock into the graph. Space pauses, Ctrl-C stops.'
 EXAMPLES = [
     'eol replay bags                                # the newest run in bags/',
     'eol replay bags/rehearsal_2026-11-21_10-00-00 --rate 0.25',
@@ -29,8 +29,10 @@ def add_arguments(parser):
     parser.add_argument('--loop', action='store_true', help='begin again at the end')
     parser.add_argument('--start', type=float, default=0.0, metavar='S', help='begin S seconds in')
     parser.add_argument('--only', metavar='TOPICS',
-                        help='these, parted by commas, or all (default: the pictures, else blocks)')
-    parser.add_argument('--clock', action='store_true', help='publish the recorded time on /clock')
+                        help='these, parted by commas, or all (default: the pictures if all were '
+                        'kept, else blocks; and the taps and requests that go with them)')
+    parser.add_argument('--clock', type=float, default=100.0, metavar='HZ',
+                        help='messages a second on /clock; 0 for none (default 100)')
     parser.add_argument('--wait', type=float, default=3.0, metavar='S',
                         help='wait so long for a first reader (default 3)')
     parser.add_argument('--lan', action='store_true', help='reach other machines too')
@@ -42,7 +44,8 @@ def run(args):
     """Play it, or list it."""
     from eol_ros.devices.bag_reader import BagReader
 
-    for option, setting in (('rate', 'rate'), ('start', 'start_s'), ('wait', 'wait_s')):
+    options = ('rate', 'rate'), ('start', 'start_s'), ('wait', 'wait_s'), ('clock', 'clock_hz')
+    for option, setting in options:
         _check(option, getattr(args, option), setting)
     bag = BagReader(args.bag)
     for line in bag.cut_short:
@@ -78,7 +81,7 @@ def _play(args, topics) -> int:
 
     settings = ReplaySettings(
         bag=str(Path(args.bag)), topics=topics, rate=args.rate, fast=args.fast, loop=args.loop,
-        start_s=args.start, clock=args.clock, wait_s=args.wait,
+        start_s=args.start, clock_hz=args.clock, wait_s=args.wait,
     )  # fmt: skip
     reach = 'lan' if args.lan else 'local'
     replay = node_class('replay')

@@ -4,8 +4,10 @@ from pathlib import Path
 import pytest
 
 from eol_ros import scene as scenes
-from eol_ros.bringup import plan
-from eol_ros.errors import UsageError
+from eol_ros.bringup import plan, playback
+from eol_ros.devices.bag_file import BagTopic
+from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.errors import DeviceMissing, UsageError
 
 
 def names(scene):
@@ -69,3 +71,60 @@ def test_domain(monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', 'seven')
     with pytest.raises(UsageError, match='seven'):
         plan.domain(scene)
+
+
+def bag_of(folder, settings='', **counts):
+    """Write a bag with so many images and blocks, of a run with `settings` as YAML."""
+    names = {'images': '/eol/camera/image_raw', 'blocks': '/eol/blocks'}
+    writer = BagWriter(folder, [BagTopic(name, 'a/msg/B', '', '') for name in names.values()],
+                       {'settings': settings})
+    for kind, count in counts.items():
+        for k in range(count):
+            writer.write(names[kind], bytes(12), 10**18 + k, 10**18 + k)
+    writer.close()
+
+
+def scene_with(folder, replay):
+    path = folder / 's.yaml'
+    path.write_text(f'nodes: {{replay: {{{replay}}}, tracker: {{}}, motion: {{}}, leds: {{}}}}')
+    return scenes.load(path)
+
+
+@pytest.mark.parametrize(('images', 'replay', 'tracker'), [
+    (100, '', True), (60, '', False), (0, '', False), (60, ', topics: [camera/image_raw]', True),
+])
+def test_a_tracker_runs_behind_a_replay_only_where_there_are_all_images(
+    tmp_path, images, replay, tracker
+):
+    bag_of(tmp_path / 'bags' / 'run', images=images, blocks=100)
+    scene, notes = playback.settle(scene_with(tmp_path, f'bag: bags{replay}'))
+
+    assert ('tracker' in scene.nodes) is tracker and {'motion', 'leds'} < set(scene.nodes)
+    assert scene.nodes['replay'].bag == str(tmp_path / 'bags' / 'run')
+    assert len(notes) == (not tracker)
+    assert tracker or 'not all images of its run: its blocks are played' in notes[0]
+
+
+def test_settings_that_make_another_run_of_it_are_told(tmp_path):
+    was = 'nodes: {tracker: {threshold: 30.0, preview_hz: 5.0}, motion: {stop_s: 0.1}, leds: off}'
+    bag_of(tmp_path / 'bags' / 'run', was, images=9, blocks=9)
+    _, notes = playback.settle(scene_with(tmp_path, 'bag: bags'))
+
+    assert notes == ['tracker.threshold is 0.0 here and was 30.0 in the run: it will differ']
+
+
+def test_a_replay_without_its_bag_does_not_start(tmp_path):
+    (tmp_path / 'bags').mkdir()
+    scene = scene_with(tmp_path, 'bag: bags')
+    (tmp_path / 'bags').rmdir()
+    with pytest.raises(DeviceMissing, match='no such bag'):
+        playback.settle(scene)
+
+
+def test_nodes_behind_a_replay_follow_its_time():
+    scene = scenes.load('playback')
+    commands = {p.name: p.command for p in plan.processes(scene, Path('s.yaml'), sim_time=True)}
+
+    following = {name for name, words in commands.items() if 'use_sim_time:=true' in words}
+    assert following == set(commands) - {'replay'}
+    assert not any('use_sim_time:=true' in p.command for p in plan.processes(scene, Path('s.yaml')))

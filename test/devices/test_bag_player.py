@@ -1,14 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replay against a clock that does not wait."""
 
-import pytest
-from bag_samples import write_bag
+import struct
 
-from eol_ros.devices.bag_player import BagPlayer, choose
+import pytest
+from bag_samples import POINT, T0, write_bag
+
+from eol_ros.devices.bag_file import BagTopic
+from eol_ros.devices.bag_player import (
+    LATE_S,
+    LEAD_NS,
+    STAND_S,
+    TAIL_NS,
+    BagPlayer,
+    choose,
+    complete,
+)
 from eol_ros.devices.bag_reader import BagReader
+from eol_ros.devices.bag_selection import stamp_ns
+from eol_ros.devices.bag_writer import BagWriter
 from eol_ros.errors import ConfigError
 
-POINTS, TEXTS = '/eol/point', '/eol/text'
+POINTS, TEXTS, IMAGES = '/eol/point', '/eol/text', '/eol/image'
+NS = 1_000_000_000
+LEAD_S = LEAD_NS * 1e-9
 
 
 class Clock:
@@ -48,7 +63,8 @@ def test_messages_come_at_their_time(bag, rate):
     clock, player = play(bag, rate=rate)
     player.run()
     assert [m.sequence for _, m in clock.given] == list(range(1, 101))
-    assert [t for t, _ in clock.given] == pytest.approx([i * 0.01 / rate for i in range(100)])
+    times = [(LEAD_S + i * 0.01) / rate for i in range(100)]
+    assert [t for t, _ in clock.given] == pytest.approx(times)
     assert player.position_s == pytest.approx(0.99)
 
 
@@ -63,7 +79,7 @@ def test_start_skips(bag):
     clock, player = play(bag, start_s=0.5)
     player.run()
     assert [m.sequence for _, m in clock.given] == list(range(51, 101))
-    assert clock.given[0][0] == 0.0
+    assert clock.given[0][0] == pytest.approx(LEAD_S)
 
 
 def test_loop_begins_again_until_stopped(bag):
@@ -93,7 +109,7 @@ def test_a_pause_shifts_what_follows(bag):
     clock.at_sleep = at_sleep
     player.run()
     assert len(clock.given) == 100
-    assert clock.given[49][0] == pytest.approx(0.49)
+    assert clock.given[49][0] == pytest.approx(0.49 + LEAD_S)
     assert clock.given[-1][0] == pytest.approx(0.99 + 2.0, abs=0.11)
 
 
@@ -114,6 +130,96 @@ def test_far_behind_the_clock_is_set_anew(bag):
 
 def test_which_topics_are_played(bag):
     assert choose(bag, ['point', '/eol/text'], []) == [POINTS, TEXTS]
-    assert choose(bag, [], ['/eol/pictures', TEXTS, POINTS]) == [TEXTS]
+    assert choose(bag, [], ['/eol/pictures', TEXTS, POINTS]) == [TEXTS, POINTS]
     with pytest.raises(ConfigError, match='neither /a nor /b in it.*there are /eol/point'):
         choose(bag, [], ['/a', '/b'])
+
+
+PERIOD_NS = 16_666_667
+
+
+@pytest.fixture
+def stamped(tmp_path):
+    """A bag of 60 stamped messages, each recorded 5 to 20 ms late, and a point after each tenth."""
+    writer = BagWriter(tmp_path / 'stamped', [BagTopic(IMAGES, 'a/msg/B', '', ''), POINT], {})
+    for i in range(60):
+        stamp = T0 + i * PERIOD_NS
+        log = stamp + 5_000_000 + i * 250_000
+        data = struct.pack('<IiI', 256, stamp // NS, stamp % NS)
+        writer.write(IMAGES, data, log, log)
+        if i % 10 == 0:
+            writer.write(POINTS, bytes(28), log + 3_000_000, log + 3_000_000)
+    writer.close()
+    return BagReader(tmp_path / 'stamped')
+
+
+@pytest.mark.parametrize('rate', [0.25, 1.0, 4.0])
+def test_stamped_messages_come_at_their_stamps_and_the_rest_between(stamped, rate):
+    clock, player = play(stamped, (IMAGES, POINTS), rate=rate, stamped=[IMAGES])
+    player.run()
+    images = [t for t, m in clock.given if m.topic == IMAGES]
+    points = [t for t, m in clock.given if m.topic == POINTS]
+    grid = [(LEAD_S + i * PERIOD_NS * 1e-9) / rate for i in range(60)]
+    assert images == pytest.approx(grid, abs=1e-6)
+    assert points == pytest.approx([t + 0.003 / rate for t in grid[::10]], abs=1e-6)
+    assert [m.log_ns for _, m in clock.given] == [
+        m.log_ns for m in stamped.messages((IMAGES, POINTS))
+    ]
+
+
+def test_recorded_time_is_that_of_the_stamps_and_stands_in_a_pause(stamped):
+    clock, player = play(stamped, (IMAGES,), rate=0.5, stamped=[IMAGES])
+    assert player.now_ns() == T0 - LEAD_NS
+    shown, pauses = [], []
+
+    def at_sleep():
+        shown.append(player.now_ns())
+        if len(clock.given) == 30:
+            pauses.append(shown[-1])
+            if len(pauses) in (1, 11):
+                player.pause()
+
+    clock.at_sleep = at_sleep
+    player.run()
+    last = T0 + 59 * PERIOD_NS
+    assert shown == sorted(shown) and shown[0] > T0 - LEAD_NS
+    assert len(set(pauses[1:11])) == 1  # it stood
+    assert player.now_ns() == last + TAIL_NS
+    assert clock.given[-1][0] == pytest.approx((LEAD_S + 59 / 60) / 0.5 + 1.0, abs=0.11)
+
+
+def test_it_waits_for_a_slow_disk_and_never_goes_back(stamped):
+    clock, player = play(stamped, (IMAGES,), stamped=[IMAGES])
+    give, shown, late = clock.give, [], []
+
+    def slow(message):
+        give(message)
+        late.append(player.now_ns() - stamp_ns(message.data))
+        for _ in range(40 if len(late) % 7 == 0 else 1):
+            clock.now += 0.005
+            shown.append(player.now_ns())
+
+    player._give = slow
+    player.run()
+    assert shown == sorted(shown)
+    assert min(late) >= 0 and max(late) <= LATE_S * 1e9 + 1
+    assert clock.given[-1][0] > 59 / 60 + 8 * 0.15
+
+
+def test_a_new_round_stands_at_its_start_until_all_have_noticed(stamped):
+    began = []
+    clock, player = play(
+        stamped, (IMAGES,), stamped=[IMAGES], loop=True, begin=lambda: began.append(clock.now)
+    )
+    clock.at_sleep = lambda: player.stop() if len(clock.given) >= 90 else None
+    player.run()
+    assert len(began) == 2
+    assert clock.given[60][0] - (began[1] - 100.0) == pytest.approx(STAND_S + LEAD_S)
+    times = [t for t, _ in clock.given]
+    assert times[61] - times[60] == pytest.approx(1 / 60, abs=1e-6)
+
+
+def test_pictures_of_some_moments_are_not_all(stamped, bag):
+    assert complete(stamped, IMAGES, POINTS)
+    assert not complete(stamped, POINTS, IMAGES)
+    assert not complete(bag, '/absent', POINTS)

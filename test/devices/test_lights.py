@@ -6,10 +6,13 @@ import time
 import numpy as np
 import pytest
 
-from eol_ros.devices.lights import Lights
+from eol_ros.devices.fake_board import FakeBoard
+from eol_ros.devices.lights import Lights, Played
 from eol_ros.devices.twin_board import TwinBoard
 from eol_ros.errors import ConfigError
 from eol_ros.settings import LedsSettings
+
+DAY_NS = 1_700_000_000_000_000_000  # when the replayed run was
 
 
 def eventually(condition, timeout_s=5.0):
@@ -35,19 +38,38 @@ def make_lights():
 
 
 def storm(lights, seconds=3.0):
-    """A slip of one block every 45 ms; the levels that the board shows, and when."""
+    """A slip of one block every 90 ms; the levels that the board shows, and when."""
     fake, times, shown, at = lights.twin.fake, [], [], 0.0
     began = time.monotonic()
     while (now := time.monotonic() - began) < seconds:
         if now >= at:
             lights.slip(12, time.time_ns())
-            at += 0.045
+            at += 0.09
         else:
             lights.frame()
         times.append(now)
         shown.append(fake.levels()[12] / 255)
         time.sleep(0.002)
     return np.array(times), np.array(shown)
+
+
+def replayed_storm(lights, fake, rate, seconds=3.0):
+    """A slip of one block every 400 recorded ms, played at `rate`; as `storm`."""
+    times, shown, at, began = [], [], 0.0, time.monotonic()
+    while (now := time.monotonic() - began) < seconds:
+        if now * rate >= at:
+            lights.slip(12, DAY_NS + round(at * 1e9))
+            at += 0.4
+        lights.frame()
+        times.append(now)
+        shown.append(fake.levels()[12] / 255)
+        time.sleep(0.002)
+    return np.array(times), np.array(shown)
+
+
+def flashes(found):
+    """The most pairs of changes in any second."""
+    return max(((found >= t) & (found <= t + 1)).sum() // 2 for t in found)
 
 
 def changes(times, level):
@@ -73,20 +95,68 @@ def test_a_storm_of_slips_is_no_strobe_on_the_blocks(make_lights):
     )
     held = changes(*storm(make_lights(decay_s=0.02)))
 
-    assert len(free) > 24
-    for t in held:
-        assert ((held >= t) & (held <= t + 1)).sum() // 2 <= 3
+    assert flashes(free) > 8
+    assert flashes(held) <= 3
+
+
+@pytest.mark.slow
+def test_a_real_board_keeps_its_limit_in_wall_time_at_any_rate():
+    """And the twin's does not: it is there to show the levels of the run again."""
+    began_ns = time.time_ns()
+    played = Played(
+        lambda stamp: began_ns + (stamp - DAY_NS) // 4, lambda wall: DAY_NS + 4 * (wall - began_ns)
+    )
+    most = {}
+    with FakeBoard() as fake:
+        for port in ('twin', fake.port):
+            lights = Lights(LedsSettings(port=port, decay_s=0.02), played=played)
+            lights.start()
+            assert eventually(lambda board=lights.board: board.ready)
+            began_ns = time.time_ns()
+            board = lights.twin.fake if port == 'twin' else fake
+            most[port] = flashes(changes(*replayed_storm(lights, board, 4.0)))
+            lights.close()
+    assert most['twin'] > 3
+    assert most[fake.port] <= 3
+
+
+def test_levels_that_a_slip_overtakes_are_told_in_their_order(make_lights):
+    lights = make_lights()
+    now = time.time_ns()
+    lights.slip(1, now - 100_000_000)
+    told = lights.slip(2, now)
+
+    assert len(told) == 11 and {one.sequence for one in told} == {told[0].sequence}
+    assert [one.stamp_ns for one in told] == [0] * 10 + [now]
+    faded = [one.white[1] for one in told]
+    assert faded == sorted(faded, reverse=True) and faded[0] < 255
+    assert [one.white[2] for one in told] == [0] * 10 + [255]
+    assert eventually(lambda: lights.twin.fake.levels()[2] == 255)
+    assert sum(a.kind == 'Levels' for a in lights.twin.fake.log) == 3  # one at the start
+
+
+def test_after_a_jump_back_the_twin_begins_in_the_dark_and_a_real_board_fades():
+    played = Played(lambda stamp: stamp, lambda wall: wall)
+    with FakeBoard() as fake:
+        for port, glows in (('twin', False), (fake.port, True)):
+            lights = Lights(LedsSettings(port=port), played=played)
+            lights.start()
+            assert eventually(lambda board=lights.board: board.ready)
+            lights.slip(1, time.time_ns())
+            lights.restart()
+            assert lights.glows is glows
+            lights.close()
 
 
 def test_a_slip_is_shown_and_told(make_lights):
     lights = make_lights()
-    sent = lights.slip(4, 1_000_000_000)
+    (sent,) = lights.slip(4, 1_000_000_000)
 
     assert (sent.stamp_ns, sent.white[4], sent.infrared) == (1_000_000_000, 255, True)
     assert eventually(lambda: lights.twin.fake.levels()[4] > 0)
     assert lights.values()['sent'] >= 2
     lights.asleep = True
-    assert lights.slip(5, 2) is None
+    assert lights.slip(5, 2) == []
 
 
 def test_the_limit_goes_off_only_with_a_reason():

@@ -106,7 +106,7 @@ def test_a_slip_is_light_on_the_wire_with_the_stamp_of_its_image(rig):
 def test_the_light_dies_away_and_then_the_line_is_quiet(rig):
     rig.around.slip(3)
     assert rig.until(lambda: rig.around.commands)
-    assert rig.until(lambda: rig.leds.lights.field.dark)
+    assert rig.until(lambda: not rig.leds.lights.glows)
     rig.until(lambda: False, 0.3)
     levels = [c.white[3] for c in rig.around.commands]
     count = len(levels)

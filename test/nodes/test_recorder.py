@@ -11,9 +11,11 @@ import time
 import numpy as np
 import pytest
 import yaml
-from eol_msgs.msg import Blocks, GrainTrigger, Slip
+from eol_msgs.msg import Blocks, Corpus, GrainTrigger, Slip
 from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
 
 from eol_ros.devices.bag_reader import BagReader
 from eol_ros.errors import ConfigError
@@ -21,6 +23,7 @@ from eol_ros.nodes.recorder import RecorderNode
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg
+from eol_ros.ros.topics import CLOCK, CLOCK_QOS
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, RecorderSettings, ReplaySettings
 
@@ -94,6 +97,43 @@ def test_the_bag_holds_the_bytes_that_were_published(ros, matched, tmp_path):
     assert pictures == [image.tobytes() for image in images]
     assert json.loads(bag.gaps['lost_before_recorder']) == {'/eol/grain_triggers': 2}
     assert bag.topics['/eol/blocks'].type == 'eol_msgs/msg/Blocks'
+
+
+@pytest.mark.slow
+def test_behind_a_replay_bags_are_in_its_time_and_one_a_round(ros, matched, tmp_path):
+    sim = [Parameter('use_sim_time', value=True)]
+    recorder = RecorderNode(
+        RecorderSettings(folder=str(tmp_path), min_free_gb=0.0), parameter_overrides=sim
+    )
+    giver, day_ns = Giver(), 1_700_000_000_000_000_000
+    clock = giver.create_publisher(Clock, CLOCK, CLOCK_QOS)
+    corpora = giver.publisher('corpus')
+    rig = Rig(recorder, giver)
+    rig.spin(lambda: matched(recorder, giver) and clock.get_subscription_count() == 2)
+
+    def tell(recorded_ns):
+        clock.publish(Clock(clock=to_msg(recorded_ns)))
+        rig.spin(lambda: abs(recorder.now_ns() - recorded_ns) <= 20_000_000)
+
+    corpora.publish(Corpus(name='early'))  # before there is a time
+    rig.spin(lambda: recorder.latched)
+    folders = []
+    for _ in range(2):
+        folders.append(recorder.recording.folder)
+        for k in range(5):
+            tell(day_ns + k * 20_000_000)
+            count = recorder.recording.received['/eol/blocks']
+            giver.give(giver.blocks, Blocks(image=k))
+            rig.spin(lambda n=count: recorder.recording.received['/eol/blocks'] > n)
+        tell(day_ns)
+        rig.spin(lambda: recorder.recording.folder != folders[-1])
+    rig.close()
+    for folder in folders:
+        bag = BagReader(folder)
+        blocks = [m.log_ns - day_ns for m in bag.messages(['/eol/blocks'])]
+        assert len(blocks) == 5 and blocks == sorted(set(blocks))
+        assert min(blocks) >= 0 and max(blocks) < 200_000_000
+        assert bag.counts['/eol/corpus'] == 1
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import struct
 import time
 
 import pytest
-from eol_msgs.msg import Blocks, Slip
+from eol_msgs.msg import Blocks, BlockTap, Control, Slip
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
@@ -16,8 +16,11 @@ from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.nodes.replay import ReplayNode
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.stamps import to_ns
-from eol_ros.settings import MotionSettings, ReplaySettings
+from eol_ros.ros.played import played
+from eol_ros.ros.stamps import to_msg, to_ns
+from eol_ros.ros.topics import CLOCK, CLOCK_QOS
+from eol_ros.scene import Scene
+from eol_ros.settings import NODES, MotionSettings, ReplaySettings
 
 T0 = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000
@@ -33,7 +36,10 @@ class Taker(EolNode):
         self.got, self.at, self.clock = {'blocks': [], 'slips': []}, [], []
         self.subscribe('blocks', self.on_blocks, raw=True)
         self.subscribe('slips', self.got['slips'].append, raw=True)
-        self.create_subscription(Clock, '/clock', self.clock.append, 10)
+        self.create_subscription(Clock, CLOCK, self.on_clock, CLOCK_QOS)
+
+    def on_clock(self, message):
+        self.clock.append((time.monotonic(), to_ns(message.clock)))
 
     def on_blocks(self, raw):
         self.got['blocks'].append(raw)
@@ -48,13 +54,30 @@ def bag(tmp_path):
     sent = {'blocks': [], 'slips': []}
     for i in range(100):
         now = T0 + i * STEP_NS
-        sent['blocks'].append(bytes(serialize_message(Blocks(image=i))))
+        message = Blocks(image=i)
+        message.header.stamp = to_msg(now)
+        sent['blocks'].append(bytes(serialize_message(message)))
         writer.write('/eol/blocks', sent['blocks'][-1], now, now)
         if i % 5 == 0:
             sent['slips'].append(bytes(serialize_message(Slip(slip=i))))
             writer.write('/eol/slips', sent['slips'][-1], now, now)
     writer.close()
     return tmp_path / 'run', sent
+
+
+def write(folder, messages):
+    """Write (topic, seconds, message), stamped then and recorded 5 ms later; return the bytes."""
+    topics = dict.fromkeys(topic for topic, _, _ in messages)
+    writer = BagWriter(folder, [BagTopic(f'/eol/{t}', **describe(t)) for t in topics], {})
+    sent = {topic: [] for topic in topics}
+    for topic, seconds, message in messages:
+        stamp = T0 + round(seconds * 1e9)
+        if not to_ns(message.header.stamp):
+            message.header.stamp = to_msg(stamp)
+        sent[topic].append(bytes(serialize_message(message)))
+        writer.write(f'/eol/{topic}', sent[topic][-1], stamp + 5_000_000, stamp + 5_000_000)
+    writer.close()
+    return sent
 
 
 def play(taker, path, **settings):
@@ -80,12 +103,16 @@ def play(taker, path, **settings):
 def test_the_recorded_bytes_come_at_their_time(ros, bag):
     path, sent = bag
     taker = Taker()
-    play(taker, path, topics=('blocks', 'slips'), rate=2.0, clock=True)
+    play(taker, path, topics=('blocks', 'slips'), rate=2.0)
     assert taker.got == sent
     assert taker.at[-1] - taker.at[0] >= 0.49  # 0.99 s recorded, at twice the speed
-    times = [to_ns(message.clock) for message in taker.clock]
+    times = [recorded for _, recorded in taker.clock]
     assert times == sorted(times)
-    assert set(times) <= {T0 + i * STEP_NS for i in range(100)}
+    standing = times.count(times[0])
+    assert standing > 10 and times[0] < T0  # also before anything is due, and at the end
+    assert times[-1] > T0 + 99 * STEP_NS
+    going = {t for t in times if T0 < t < T0 + 99 * STEP_NS}
+    assert len(going - {T0 + i * STEP_NS for i in range(100)}) > 10  # between the messages too
     taker.destroy_node()
 
 
@@ -97,6 +124,72 @@ def test_without_pictures_the_blocks_are_played(ros, bag):
     assert node.names == ['/eol/blocks']
     assert taker.got == {'blocks': sent['blocks'][50:], 'slips': []}
     taker.destroy_node()
+
+
+def said(source, target, command, key='', value='', stamp_s=0.0):
+    message = Control(source=source, target=target, command=command, key=key, value=value)
+    message.header.stamp = to_msg(T0 + round(stamp_s * 1e9))
+    return message
+
+
+REQUESTS = [
+    ('blocks', 0.0, Blocks()),
+    ('control', 0.01, said('tracker', 'tracker', 'set', 'threshold', '30.0', 0.1)),
+    ('control', 0.02, said('tracker', 'tracker', 'set', 'threshold', '40.0', 0.2)),
+    ('control', 0.03, said('tracker', 'tracker', 'set', 'calibrate', '', 0.2)),
+    ('blocks', 0.2, Blocks()),
+    ('control', 0.25, said('panel', '', 'sleep', stamp_s=0.25)),
+    ('control', 0.26, said('panel', 'tracker', 'calibrate', stamp_s=0.26)),
+    ('control', 0.27, said('panel', 'grains', 'set', 'place', '3 0.5 0.5', 0.27)),
+    ('control', 0.28, said('leds', 'twin', 'set', 'infrared', '0', 0.28)),
+    ('control', 0.30, said('tracker', 'tracker', 'set', 'dark', '9', 0.35)),
+    ('block_taps', 0.32, BlockTap()),
+    ('blocks', 0.4, Blocks()),
+]
+
+
+@pytest.mark.parametrize(('start_s', 'keys'), [
+    (0.0, ['threshold', 'threshold', 'calibrate', 'dark']), (0.1, ['threshold', 'dark']),
+])
+def test_what_the_tracker_heeded_is_told_before_the_images_and_what_people_asked_in_its_time(
+    ros, tmp_path, start_s, keys
+):
+    sent = write(tmp_path / 'run', REQUESTS)
+    taker, order = Taker(), []
+    taker.subscribe('control', lambda m: order.append((m.source, m.key or m.command)))
+    taker.subscribe('block_taps', lambda m: order.append(('tap', '')))
+    node = play(taker, tmp_path / 'run', start_s=start_s, rate=0.5)
+    assert set(node.names) == {'/eol/blocks', '/eol/block_taps', '/eol/control'}
+    ahead = [('tracker', key) for key in keys]
+    assert order == [*ahead, ('panel', 'sleep'), ('tap', '')]
+    assert taker.got['blocks'] == sent['blocks'][-3 if not start_s else -2 :]
+    taker.destroy_node()
+
+
+def test_two_givers_of_blocks_are_refused(ros, bag):
+    path, _ = bag
+    taker = Taker()
+    taker.publisher('blocks')
+    with pytest.raises(ConfigError, match='motion publishes blocks, and so would the replay'):
+        play(taker, path)
+    taker.destroy_node()
+
+
+def scene_of(*names):
+    return Scene('test', {name: NODES[name]() for name in names})
+
+
+def test_what_is_played_follows_from_what_runs():
+    """What a node of the scene takes and none gives."""
+    behind = ('replay', 'tracker', 'motion', 'leds', 'grains', 'sound', 'montage')
+    assert played(scene_of(*behind), True) == ['camera/image_raw', 'truth', 'block_taps', 'control']
+    assert 'blocks' in played(scene_of('replay', *behind[2:]), True)
+    assert 'camera/image_raw' not in played(scene_of('replay', *behind[2:], 'recorder'), True)
+    assert played(scene_of('replay', 'leds'), True) == ['truth', 'slips', 'control']
+    assert played(scene_of('replay', 'sound'), True) == ['corpus', 'grain_triggers', 'control']
+    assert 'wall' in played(scene_of('replay', 'panel'), True)
+    assert played(scene_of('replay'), True)[1] == 'camera/image_raw'
+    assert played(scene_of('replay'), False) == ['blocks', 'block_taps', 'control']
 
 
 def test_what_cannot_be_played_is_said(ros, tmp_path, bag):

@@ -2,17 +2,20 @@
 import cv2
 import numpy as np
 import pytest
-from eol_msgs.msg import Blocks
+from eol_msgs.msg import Blocks, Control
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.clutter import ClutterMap
 from eol_ros.core.vision.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
+from eol_ros.devices.tracker_files import TrackerFiles
 from eol_ros.nodes.tracker import TrackerNode
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.stamps import to_ns
+from eol_ros.ros.stamps import to_msg, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import TrackerSettings
 
@@ -78,3 +81,44 @@ def test_images_become_blocks_as_offline_to_the_bit(ros, matched):
     node.close()
     node.destroy_node()
     probe.destroy_node()
+
+
+def heard(source, key, value, stamp_ns):
+    message = Control(source=source, target='tracker', command='set', key=key, value=value)
+    message.header.stamp = to_msg(stamp_ns)
+    return message
+
+
+@pytest.mark.parametrize('sim_time', [True, False])
+def test_only_behind_a_replay_a_tracker_heeds_what_a_tracker_said(ros, sim_time):
+    node = TrackerNode(
+        TrackerSettings(), parameter_overrides=[Parameter('use_sim_time', value=sim_time)]
+    )
+    asked = []
+    node.tracker.requests.add = lambda *request: asked.append(request)
+    node.on_control(heard('tracker', 'threshold', '30.0', START_NS))
+    assert asked == ([(START_NS, 'threshold', '30.0')] if sim_time else [])
+    asked.clear()
+
+    node.ask('threshold', '40.0', START_NS)
+    assert asked == [(START_NS, 'threshold', '40.0')]
+    node.on_control(heard('tracker', 'threshold', '40.0', START_NS))  # its own words
+    assert len(asked) == 1
+
+    before, node.images = node.tracker, 5
+    node.restart()
+    assert node.tracker is not before and node.images == 0
+    node.close()
+    node.destroy_node()
+
+
+def test_what_a_replay_learns_again_is_not_written_down(tmp_path):
+    settings = TrackerSettings(clutter=str(tmp_path / 'lamps.png'))
+    for keep in (True, False):
+        tracker = Tracker(settings, Calibration.ideal())
+        tracker.finder.clutter = ClutterMap(np.full((800, 1280), 40, np.uint8))
+        tracker.outcome = 'lamps learnt'
+        tracked = tracker.update(1.0, np.zeros((800, 1280), np.uint8))
+        _, text = TrackerFiles(settings, keep).words(tracker, tracked)
+        assert ('kept in' in text) is keep is (tmp_path / 'lamps.png').exists()
+        (tmp_path / 'lamps.png').unlink(missing_ok=True)

@@ -74,6 +74,12 @@ class FlashField:
         """True when nothing glows any more."""
         return not self._level.any()
 
+    def shift(self, by_s: float) -> None:
+        """Count from now on in times that are `by_s` greater: the clock was set."""
+        self._now_s += by_s
+        self._fall_at_s += by_s
+        self._fell_s += by_s
+
     def _advance(self, now_s: float) -> None:
         """Carry the levels on to `now_s`; times that run backwards are taken as no time at all."""
         now_s = max(now_s, self._now_s)

@@ -112,6 +112,10 @@ class Shuffle:
         else:
             self._open.pop(block, None)
 
+    def forget(self) -> None:
+        """Nothing moves any more as far as anyone knows; the beat is kept."""
+        self._open.clear()
+
     def show(self, now_s: float) -> Flip:
         """Change now, whatever moves: the first picture of a run."""
         self._beat_s = now_s

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A run, played through the graph while recording again, is the same run to the last bit."""
+
+import time
+
+import numpy as np
+import pytest
+import yaml
+
+from eol_ros.analysis import open_bag
+from eol_ros.bench.running import Graph
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+CHAIN = {
+    'motion': {}, 'leds': {'port': 'twin'}, 'grains': {}, 'sound': {'device': 'wav'},
+}  # fmt: skip
+SECONDS = 4.0  # recorded after the first slip
+RESULTS = ('slips', 'cascades', 'grain_triggers')
+LATER = ('log_time', 'publish_time', 'sequence', 'sent')  # of led_commands: of the wire of today
+
+
+def scene(folder, name, **nodes):
+    path = folder / f'{name}.yaml'
+    path.write_text(yaml.safe_dump({'scene': name, 'nodes': nodes}))
+    return path
+
+
+def until(condition, timeout_s):
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, 'it did not happen in time'
+        time.sleep(0.1)
+
+
+def bag_of(folder):
+    return open_bag(next(p for p in sorted(folder.iterdir()) if p.is_dir()))
+
+
+@pytest.fixture(scope='module')
+def first(tmp_path_factory):
+    """The bag of a short rehearsal with all images."""
+    folder = tmp_path_factory.mktemp('first')
+    nodes = {'twin': {}, 'tracker': {}, **CHAIN, 'recorder': {'images': 'all'}}
+    watched = ('slips', 'grain_triggers', 'cascades')
+    with Graph(scene(folder, 'first', **nodes), folder / 'bags', watched) as graph:
+        graph.wait_until_ok()
+        until(lambda: all(graph.watch.seen[topic] for topic in watched), 60)
+        time.sleep(SECONDS)
+        assert graph.stop() == 0
+    return bag_of(folder / 'bags')
+
+
+def played(first, folder, rate, tracker):
+    """Play it and record again; return the second bag and what sound and leds say of themselves."""
+    nodes = {'replay': {'bag': str(first.path), 'rate': rate}, **tracker, **CHAIN}
+    nodes['recorder'] = {'images': 'none'}
+    with Graph(scene(folder, 'again', **nodes), folder / 'bags', ()) as graph:
+        graph.wait_until_ok()
+        until(lambda: graph.node('replay')['text'].startswith('over'), first.duration_s / rate + 30)
+        time.sleep(1.1)  # each says how it is once a second
+        values = {name: graph.node(name)['values'] for name in ('sound', 'leds')}
+        assert graph.stop() == 0
+    return bag_of(folder / 'bags'), values
+
+
+def same(one, other):
+    """Whether two tables are equal in all that is not of the recorder, to the last bit."""
+    names = [n for n in one.dtype.names if n not in LATER]
+    return len(one) == len(other) and all(equal(one[n], other[n]) for n in names)
+
+
+def equal(a, b):
+    if a.dtype.names:
+        return all(equal(a[n], b[n]) for n in a.dtype.names)
+    if a.dtype == object:
+        return all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+    return np.array_equal(a, b, equal_nan=a.dtype.kind == 'f')
+
+
+@pytest.mark.parametrize(
+    ('rate', 'tracker'), [(1.0, {'tracker': {}}), (0.25, {'tracker': {}})],
+    ids=['images', 'images at a quarter'],
+)
+def test_a_run_that_is_played_is_the_run_again(first, tmp_path, rate, tracker):
+    second, values = played(first, tmp_path, rate, tracker)
+
+    for topic in ('blocks', *RESULTS):
+        recorded, again = first.table(topic), second.table(topic)
+        assert len(recorded) and same(recorded, again), topic
+    lit, again = first.table('led_commands'), second.table('led_commands')
+    assert np.count_nonzero(lit['white'].sum(1)) > 50
+    assert same(lit, again[: len(lit)])  # the last flash may go on to fade: nobody switches it off
+    triggers = len(first.table('grain_triggers'))
+    assert (values['sound']['triggers'], values['sound']['late']) == (triggers, 0)
+    assert values['sound']['dropped'] == 0
+    assert 0 < values['leds']['wire_p50_ms'] < 1000
