@@ -2,14 +2,19 @@
 """`eol VERB`: parsing only. Each verb is a module of `eol_ros.verbs`, imported when asked for."""
 
 import argparse
+import contextlib
 import difflib
 import importlib
 import os
 import sys
+import time
+import warnings
 from collections.abc import Sequence
 
-from eol_ros.errors import EolError, UsageError
+from eol_ros import folders
+from eol_ros.errors import EolError, UsageError, warning_line
 
+WARNINGS_LOG, WARNINGS_MOST = 'warnings.log', 1_000_000  # bytes: then it begins again
 VERBS = {
     'run': 'start a scene (= python -m eol_ros.bringup)',
     'check': 'check a scene, and say every mistake at once',
@@ -67,6 +72,7 @@ def run_verb(module, prog: str, words: Sequence[str]) -> int:
     )
     module.add_arguments(parser)
     args = parser.parse_args(words)
+    warnings.showwarning = _keep_warning
     try:
         return int(module.run(args) or 0)
     except EolError as error:
@@ -86,6 +92,16 @@ def run_verb(module, prog: str, words: Sequence[str]) -> int:
     except BrokenPipeError:  # the reader of our stdout has gone, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def _keep_warning(message, category, filename, lineno, file=None, line=None) -> None:
+    """Write a warning of Python to the log: it says nothing to whoever typed the command."""
+    when = time.strftime('%Y-%m-%d %H:%M:%S')
+    with contextlib.suppress(OSError, EolError):
+        path = folders.state() / WARNINGS_LOG
+        full = path.exists() and path.stat().st_size > WARNINGS_MOST
+        with path.open('w' if full else 'a', encoding='utf-8') as log:
+            log.write(f'{when} {warning_line(message, category, filename, lineno)}\n')
 
 
 if __name__ == '__main__':

@@ -26,3 +26,10 @@ class ConfigError(EolError):
     """A scene or another file says something wrong, or names a place that cannot be written."""
 
     exit_code = os.EX_CONFIG
+
+
+def warning_line(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int
+) -> str:
+    """Return a warning of Python in one line, for a log; Python itself prints the code as well."""
+    return f'{category.__name__}: {" ".join(str(message).split())} ({filename}:{lineno})'

@@ -22,6 +22,7 @@ os.environ['ROS_DOMAIN_ID'] = str(_BASE)
 os.environ['EOL_STATE'] = tempfile.mkdtemp(prefix='eol-test-state-')
 for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'NUMBA_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
+os.environ['PYTHONWARNINGS'] = 'error::RuntimeWarning'  # in processes that tests start, too
 network.configure('local', images=True)
 hypothesis.settings.register_profile(
     'eol', deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]

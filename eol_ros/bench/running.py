@@ -63,9 +63,10 @@ class Graph:
         environment = {**os.environ, 'ROS_DOMAIN_ID': str(self.domain)}
         environment.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
         self.log = scene.with_name(f'{scene.stem}.log')
-        self.process = subprocess.Popen(
-            command, env=environment, stderr=self.log.open('w'), stdout=subprocess.DEVNULL
-        )
+        with self.log.open('w') as log:
+            self.process = subprocess.Popen(
+                command, env=environment, stderr=log, stdout=subprocess.DEVNULL
+            )
         self.watch = Watch(watched, self.domain, keep, self.replays)
         self.begin_ns = 0
 

@@ -16,12 +16,12 @@ from eol_ros.bench.sound_engine import FS, Score
 
 def cpu_of(words: list[str]) -> float:
     """Run a program and return its CPU seconds; raises RuntimeError with what it said."""
-    child = subprocess.Popen(
+    with subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    )
-    said = child.stdout.read() if child.stdout else ''
-    _, status, usage = os.wait4(child.pid, 0)
-    child.returncode = os.waitstatus_to_exitcode(status)
+    ) as child:
+        said = child.stdout.read() if child.stdout else ''
+        _, status, usage = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
     if child.returncode:
         raise RuntimeError(f'{words[0]}: exit code {child.returncode}: {said[-300:]}')
     return usage.ru_utime + usage.ru_stime

@@ -61,10 +61,10 @@ def run(args: argparse.Namespace) -> int:
             unrecorded = unrecorded or '--only does not name the recorder'
     installed.require()
     server = status.listen(plan.domain(scene))
-    with tempfile.TemporaryDirectory(prefix='eol-run-') as run_folder, server:
+    with tempfile.TemporaryDirectory(prefix='eol-run-') as run_folder, server, \
+            Diary(folders.state()) as diary:
         file = Path(run_folder) / f'{scene.name}.yaml'
         file.write_text(yaml.safe_dump(scenes.plain(scene), sort_keys=False))
-        diary = Diary(folders.state())
         say(f'{scene.name}: {", ".join(scene.nodes)}')
         diary.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
         for note in notes:

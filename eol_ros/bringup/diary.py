@@ -11,7 +11,10 @@ _FILES = 10
 
 
 class Diary:
-    """`eol.log`: all that nodes print, 10 files of 5 MB; `diary.txt`: starts, faults, stops."""
+    """`eol.log`: all that nodes print, 10 files of 5 MB; `diary.txt`: starts, faults, stops.
+
+    A context manager, which closes both.
+    """
 
     def __init__(self, where: Path):
         self._log = logging.Logger('eol')
@@ -23,6 +26,13 @@ class Diary:
         self._diary = logging.handlers.RotatingFileHandler(
             where / 'diary.txt', maxBytes=_SIZE, backupCount=1
         )
+
+    def __enter__(self) -> 'Diary':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for handler in (*self._log.handlers, self._diary):
+            handler.close()
 
     def line(self, text: str) -> None:
         """Keep a line that a node printed."""

@@ -167,7 +167,8 @@ def _analysed(sound: Path, options: Options, progress):
         hashlib.sha256(json.dumps(words).encode()).hexdigest() + '.npz'
     )
     try:
-        with np.load(path) as kept:
+        # opened here: of a file that is no archive, np.load closes nothing
+        with open(path, 'rb') as file, np.load(file) as kept:
             rate, duration_s = int(kept['rate']), float(kept['duration_s'])
             grains, silent, notes = kept['grains'], kept['silent'], kept['notes'].tolist()
     except (OSError, ValueError, KeyError, EOFError, BadZipFile):  # absent or spoilt: done anew

@@ -9,11 +9,12 @@ import importlib
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from eol_ros import scene as scenes
-from eol_ros.errors import EolError
+from eol_ros.errors import EolError, warning_line
 from eol_ros.ros import leave, network
 from eol_ros.settings import NODES
 
@@ -80,6 +81,9 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
     from rclpy.signals import SignalHandlerOptions
 
     rclpy.init(args=ros_args, signal_handler_options=SignalHandlerOptions.NO)
+    logger = rclpy.logging.get_logger(names[0])
+    # one line in the log, where people do not meet it
+    warnings.showwarning = lambda *what, **_: logger.warning(warning_line(*what[:4]))
     executor = EventsExecutor()  # half the cost of the default one
     nodes: list[Any] = []
     try:

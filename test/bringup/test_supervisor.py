@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The supervisor over real processes that speak the heartbeat and misbehave in every known way."""
 
+import contextlib
+import itertools
 import json
 import os
 import signal
@@ -47,20 +49,17 @@ def process(name, script):
 @pytest.fixture
 def start(tmp_path):
     """A supervisor over the given processes, and the lines it says."""
-    servers = []
+    domains = itertools.count(1000 + os.getpid() * 10)
+    with contextlib.ExitStack() as stack:
 
-    def go(*processes, **options):
-        server = status.listen(1000 + os.getpid() * 10 + len(servers))
-        servers.append(server)
-        lines = []
-        supervisor = Supervisor(
-            'test', processes, server, Diary(tmp_path), lines.append, **options
-        )
-        return supervisor, lines
+        def go(*processes, **options):
+            server = stack.enter_context(status.listen(next(domains)))
+            diary = stack.enter_context(Diary(tmp_path))
+            lines = []
+            supervisor = Supervisor('test', processes, server, diary, lines.append, **options)
+            return supervisor, lines
 
-    yield go
-    for server in servers:
-        server.close()
+        yield go
 
 
 def until(condition, timeout_s=90.0):

@@ -198,7 +198,7 @@ def test_a_lost_card_is_noticed_and_taken_again(card_for_others, tmp_path):
         assert child.stdout.readline().split()[:2] == ['back', 'True']
     finally:
         child.kill()
-        child.wait()
+        child.communicate()
 
 
 @pytest.mark.slow

@@ -222,6 +222,7 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path):
             if node.settings.gain_db == -12:
                 break
         node.osc._settings()
+        hand.close()
         assert node.settings == dataclasses.replace(settings, gain_db=-12.0)
     finally:
         node.close()

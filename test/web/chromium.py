@@ -91,10 +91,11 @@ def graph(tmp_path_factory):
         port = probe.getsockname()[1]
     scene = folder / 'browser.yaml'
     scene.write_text(SCENE.format(folder=folder, port=port))
-    log = (folder / 'log').open('w')
-    work = subprocess.Popen(
-        [sys.executable, '-m', 'eol_ros.bringup', str(scene)], stdout=log, stderr=log, cwd=folder
-    )
+    with (folder / 'log').open('w') as log:
+        work = subprocess.Popen(
+            [sys.executable, '-m', 'eol_ros.bringup', str(scene)], stdout=log, stderr=log,
+            cwd=folder,
+        )  # fmt: skip
     address = f'http://127.0.0.1:{port}'
     work.nodes = set()  # process ids, also of those that were started anew
     try:
