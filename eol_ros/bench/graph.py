@@ -2,7 +2,8 @@
 """eol bench graph: the whole graph as processes, measured from outside.
 
 Images a second and images lost; latency from an image's stamp (mid-exposure) to what each stage
-says, bytes of the LED packet on the pty included; processor and memory of each node; start-up time.
+says, bytes of the LED packet on the pty included, and, with the twin, from the true onset of a slip
+to its light and to the first sample of its sound; processor and memory of each node; start-up time.
 The same for every scene that ships shows what each leaves out.
 """
 
@@ -14,14 +15,18 @@ import time
 from pathlib import Path
 from typing import Any
 
+from eol_ros import scene as scenes
 from eol_ros.bench.machine import tell
-from eol_ros.bench.running import Film, Graph, stand_in
+from eol_ros.bench.running import Film, Graph, stand_in, summary
+from eol_ros.errors import EolError
+from eol_ros.ros.stamps import NS, to_ns
 
 HELP = 'Measure the running graph: images, latency, processor, memory, start-up, per scene.'
 EXAMPLES = [
     'eol bench graph --seconds 30 --json',
     'eol bench graph --scenes rehearsal --seconds 60',
 ]
+ONSET_TOPICS = ('truth', 'slips', 'grain_triggers')
 STAGES = ('blocks', 'slips', 'led_commands', 'grain_triggers')
 SCENES = ('rehearsal', 'museum', 'lights', 'instrument', 'playback')
 
@@ -58,13 +63,16 @@ def run(args: argparse.Namespace) -> int:
 
 def measure(scene: Path, bags: Path | None, seconds: float) -> dict[str, Any]:
     """Return the figures of one scene."""
-    with Graph(scene, bags) as graph:
+    loaded = scenes.load(scene)
+    keep = ONSET_TOPICS if 'twin' in loaded.nodes else ()
+    with Graph(scene, bags, keep=keep) as graph:
         all_ok_s = graph.wait_until_ok()
         time.sleep(2.0)  # what starting has heaped up is not measured
         graph.mark()
         time.sleep(seconds)
         figures = graph.figures()
         led_bytes = graph.led_latencies()
+        from_onset = onset_latencies(graph, loaded) if keep else {}
         lived_s = graph.status()['running_s'] - all_ok_s
     stages = {topic: graph.latencies(topic) for topic in STAGES}
     stages['led_bytes'] = led_bytes
@@ -75,7 +83,44 @@ def measure(scene: Path, bags: Path | None, seconds: float) -> dict[str, Any]:
         'all_ok_s': all_ok_s,
         **figures,
         'latency_ms': {stage: row for stage, row in stages.items() if row},
+        'onset_latency_ms': from_onset,
     }
+
+
+def onset_latencies(graph: Graph, scene: scenes.Scene) -> dict[str, Any]:
+    """Return the latency from the true onset of the twin's slips, or `why` there is none.
+
+    To the bytes of the LED packet for the first image that shows the slip, and to the first sample
+    of its sound. The onsets are those of the twin, simulated again from what `truth` says.
+    """
+    from eol_ros.bench import sound_rehearsal
+
+    try:
+        begun = sound_rehearsal.onsets(graph.watch.messages('truth'), scene.settings('twin'))
+    except EolError as error:
+        return {'why': str(error)}
+    found = {}
+    if light := graph.first_light():
+        starts = [(s.block, to_ns(s.header.stamp)) for s in graph.watch.messages('slips')
+                  if s.kind == s.START]  # fmt: skip
+        late_ms = []
+        for onset_ns, block in begun:
+            shown = [at for b, at in starts
+                     if b == block and 0 <= at - onset_ns < sound_rehearsal.AFTER_S * NS]
+            packet = light.get(min(shown) // 1000 % 2**32) if shown else None
+            if packet is not None and onset_ns >= graph.begin_ns:
+                late_ms.append((packet.time_ns - onset_ns) * 1e-6)
+        found['led_bytes'] = summary(late_ms)
+    if 'sound' in scene.nodes:
+        try:
+            sound = sound_rehearsal.figures(graph.watch, graph.begin_ns, scene)
+            ms, count = sound['latency_ms'], round(sound['slips'] * sound['sounded'])
+            found['first_sample'] = {
+                'p50': ms['p50'], 'p99': ms['p99'], 'max': ms['most'], 'count': count
+            }
+        except EolError as error:
+            found['why'] = str(error)
+    return {name: row for name, row in found.items() if row}
 
 
 def table(results: dict[str, Any]) -> str:
@@ -96,6 +141,13 @@ def table(results: dict[str, Any]) -> str:
             lines.append(f'  bag {row["bag_gb_per_10_h"]:.2f} GB in 10 h')
         for stage, ms in row['latency_ms'].items():
             lines.append(f'  stamp -> {stage:15} '
+                         f'p50 {ms["p50"]:6.1f}  p99 {ms["p99"]:6.1f}  '
+                         f'max {ms["max"]:6.1f} ms  ({ms["count"]})')
+        for stage, ms in row['onset_latency_ms'].items():
+            if stage == 'why':
+                lines.append(f'  true onset: {ms}')
+                continue
+            lines.append(f'  true onset -> {stage:10} '
                          f'p50 {ms["p50"]:6.1f}  p99 {ms["p99"]:6.1f}  '
                          f'max {ms["max"]:6.1f} ms  ({ms["count"]})')
         for node, use in row['nodes'].items():

@@ -199,13 +199,16 @@ class Graph:
 
     def led_latencies(self) -> dict[str, float] | None:
         """Return the latency from image stamp to the first LED packet with it, on the pty."""
-        if self.board is None:
-            return None
-        first: dict[int, float] = {}
-        for arrival in self.arrivals():
+        first = self.first_light().values()
+        return summary([latency_s(arrival) * 1e3 for arrival in first])
+
+    def first_light(self) -> dict[int, Arrival]:
+        """Return the first LED packet with each stamp since `mark`; keys as on the wire."""
+        first: dict[int, Arrival] = {}
+        for arrival in self.arrivals() if self.board is not None else ():
             if arrival.stamp_us and arrival.time_ns >= self.begin_ns:
-                first.setdefault(arrival.stamp_us, latency_s(arrival))
-        return summary([s * 1e3 for s in first.values()])
+                first.setdefault(arrival.stamp_us, arrival)
+        return first
 
 
 def summary(ms: list[float]) -> dict[str, float] | None:

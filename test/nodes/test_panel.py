@@ -192,6 +192,7 @@ def test_a_restart_forgets_no_cascade_of_the_day(rig):
         cascade.onset = to_msg(now_ns())
         rig.around.gives['cascades'].publish(cascade)
     until(lambda: sum(rig.panel.day.notice()['areas']) == 2)
+    rig.panel.day.fit()
     before = rig.panel.day.notice()
     rig.panel.close()
     again = PanelNode(PanelSettings(port=0))
