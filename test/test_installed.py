@@ -88,6 +88,7 @@ def test_ros_of_another_kind_is_built_upon(monkeypatch, tmp_path):
     stock.mkdir(parents=True)
     (stock / '__init__.py').touch()
     monkeypatch.syspath_prepend(stock.parent)
+    monkeypatch.delitem(sys.modules, 'rclpy', raising=False)  # of a test before
 
     assert installed.command().startswith('colcon build --packages-select eol_msgs')
 

@@ -43,11 +43,12 @@ def run(args):
 
     with session(reach='lan' if args.lan else 'local') as visit:
         discovered = _Discovery(visit.node)
-        if not visit.run(discovered, args.seconds) and not visit.stopped:
+        whole = visit.run(discovered, args.seconds) or visit.stopped
+        rows = [row for row in on_the_graph(visit.node) if row['topic'] not in OF_ROS]
+        if rows and not whole:
             missing = ', '.join(sorted(discovered.missing()))
             print(f'not the whole graph yet after {args.seconds:g} s'
                   + (f': {missing} not found' if missing else ''), file=sys.stderr)
-        rows = [row for row in on_the_graph(visit.node) if row['topic'] not in OF_ROS]
         if args.hz:
             _measure(visit, rows)
     if not rows and not args.json:
@@ -83,7 +84,8 @@ class _Discovery:
         ])  # fmt: skip
         if seen != self._seen:
             self._seen, self._since_s = seen, time.monotonic()
-        return not self.missing() and time.monotonic() - self._since_s > DISCOVERED_S
+        settled = time.monotonic() - self._since_s > DISCOVERED_S
+        return settled and bool(set(names) - OF_ROS) and not self.missing()
 
 
 def _running() -> set[str]:

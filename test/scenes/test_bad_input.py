@@ -134,18 +134,18 @@ NOT_RECORDED = 'not recorded: recorder is off in this scene'
 
 
 def test_a_scene_without_a_recorder_says_so_once_and_bag_brings_it_back(tmp_path):
-    (tmp_path / 'run.mcap').write_text('not a bag')  # ends the run as soon as it has begun
-    nodes = '  replay: {bag: run.mcap}\n  tracker: {}\n  recorder: off\n'
+    (tmp_path / 'run.avi').write_text('not a film')  # ends the run as soon as it has begun
+    nodes = '  camera: {device: run.avi}\n  tracker: {}\n  recorder: off\n'
 
     _, words = stopped_by(tmp_path, nodes)
-    assert words.splitlines()[:2] == ['scene: replay, tracker', NOT_RECORDED]
+    assert words.splitlines()[:2] == ['scene: camera, tracker', NOT_RECORDED]
     assert words.count('not recorded') == 1
 
     _, words = stopped_by(tmp_path, nodes, '--bag', str(tmp_path / 'bags'))
-    assert words.splitlines()[0] == 'scene: replay, tracker, recorder'
+    assert words.splitlines()[0] == 'scene: camera, tracker, recorder'
     assert 'not recorded' not in words
 
-    _, words = stopped_by(tmp_path, nodes.replace('off', '{}'), '--only', 'replay,tracker')
+    _, words = stopped_by(tmp_path, nodes.replace('off', '{}'), '--only', 'camera,tracker')
     assert words.count('not recorded: --only does not name the recorder') == 1
 
 
