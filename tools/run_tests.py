@@ -104,8 +104,8 @@ def run_part(selection: tuple[str, ...], paths: list[str], words: list[str]) -> 
     with tempfile.TemporaryDirectory(prefix='eol-tests-') as folder:
         told = Path(folder) / 'outcomes.json'
         code = subprocess.run(
-            [sys.executable, '-m', 'pytest', *selection, *words, *paths], cwd=ROOT,
-            env={**os.environ, 'EOL_TEST_OUTCOMES': str(told)}, check=False,
+            [sys.executable, '-m', 'pytest', '--durations=15', *selection, *words, *paths],
+            cwd=ROOT, env={**os.environ, 'EOL_TEST_OUTCOMES': str(told)}, check=False,
         ).returncode  # fmt: skip
         found = json.loads(told.read_text()) if told.exists() else {}
     return code, found

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The long figures of seeing; minutes each."""
+"""The long figures of seeing, each row of the table in docs/vision.md; minutes to hours each."""
 
+import numpy as np
 import pytest
 
-from eol_ros.bench import identity, identity_ties, motion
+from eol_ros.bench import identity, identity_ties, motion, twin_slips
 from eol_ros.bench.vision_scenes import RATE_HZ, run_film
 
 pytestmark = pytest.mark.soak
@@ -29,6 +30,40 @@ def test_a_minute_of_hard_film_loses_no_block_and_invents_none():
     assert ours['false_per_image'] == 0
     assert ours['hidden_reported'] == 0
     assert ours['rms_partly_px'] < 0.25
+
+
+@pytest.mark.timeout(7200)
+def test_ten_minutes_of_brutal_film_report_few_hidden_blocks():
+    films = [run_film('brutal', 'L2', seed, round(60 * RATE_HZ), peers=False)['eol_ros']
+             for seed in range(1, 11)]  # fmt: skip
+    assert np.mean([film['coverage'] for film in films]) >= 0.995
+    assert np.mean([film['false_per_image'] for film in films]) <= 0.003
+    assert sum(film['hidden_reported'] for film in films) <= 3
+
+
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize(('fps', 'start_ms'), [(60.0, 1.7), (120.0, 1.0)])
+def test_ten_minutes_of_visitors_lose_no_slip(fps, start_ms):
+    ours, peer = twin_slips.measure(fps, 600.0, 3)
+    assert ours['slips'] > 3000
+    assert ours['recall'] >= 0.995 and ours['precision'] >= 0.995
+    assert ours['start_rms_ms'] <= start_ms < peer['start_rms_ms']
+
+
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize('fps', [60.0, 120.0])
+def test_a_rendered_table_that_slides_loses_no_slip(fps):
+    ours, _ = twin_slips.measure(fps, 20.0, 3, 'sliding', True)
+    assert ours['slips'] > 300
+    assert ours['recall'] >= 0.99 and ours['precision'] >= 0.99
+
+
+@pytest.mark.parametrize(('fps', 'stop_ms'), [(60.0, 1.2), (120.0, 1.0)])
+def test_onsets_of_a_stick_slip_table(fps, stop_ms):
+    quiet = motion.measure(fps, 0.007 / motion.PX_PER_M, 60.0, 3)
+    assert quiet['onset_rms'] <= stop_ms
+    noisy = motion.measure(fps, 0.035 / motion.PX_PER_M, 60.0, 3)
+    assert (noisy['recall'], noisy['precision']) == (1.0, 1.0)
 
 
 def test_ten_hours_of_rest_bring_the_stated_false_alarms():
