@@ -95,7 +95,7 @@ def run_verb(module, prog: str, words: Sequence[str]) -> int:
 
 
 def _keep_warning(message, category, filename, lineno, file=None, line=None) -> None:
-    """Write a warning of Python to the log: it says nothing to whoever typed the command."""
+    """Write a warning of Python to the log: it says nothing to the person who typed the command."""
     when = time.strftime('%Y-%m-%d %H:%M:%S')
     with contextlib.suppress(OSError, EolError):
         path = folders.state() / WARNINGS_LOG
