@@ -23,7 +23,8 @@ from eol_ros.ros.definitions import describe
 OURS, THEIRS = f'eol-a-{os.getpid()}', f'eol-b-{os.getpid()}'
 NET = f'10.77.{os.getpid() % 250}'
 DOMAIN = '61'
-# Nothing but rclpy: counts what it hears of slips in some seconds, and whom it sees.
+# Nothing but rclpy: counts what it hears of slips in some seconds, and whom it sees. Names of nodes
+# come on a topic of their own, some time after the first messages.
 STRANGER = """
 import json, sys, time, rclpy
 from eol_msgs.msg import Slip
@@ -31,9 +32,9 @@ rclpy.init()
 node, heard = rclpy.create_node('stranger'), []
 node.create_subscription(Slip, '/eol/slips', heard.append, 10)
 end = time.monotonic() + float(sys.argv[1])
-while time.monotonic() < end and len(heard) < 5:
+while time.monotonic() < end and (len(heard) < 5 or len(node.get_node_names()) < 2):
     rclpy.spin_once(node, timeout_sec=0.1)
-print(json.dumps({'heard': len(heard), 'nodes': node.get_node_names()}))
+print(json.dumps({'heard': min(len(heard), 5), 'nodes': node.get_node_names()}))
 """
 
 
