@@ -33,7 +33,8 @@ COLCON = [  # what a ROS workspace needs to build the messages, as wheels
 # Independent witnesses.
 ORACLES = ['librosa', 'essentia', 'mpmath', 'powerlaw', 'trimesh', 'rosbags']
 TEST = [
-    'pytest>=8', 'pytest-timeout>=2', 'pytest-xdist>=3', 'hypothesis>=6', 'ruff>=0.6', 'mypy>=1.10',
+    'pytest>=8', 'pytest-timeout>=2', 'pytest-xdist>=3', 'pytest-rerunfailures>=14',
+    'hypothesis>=6', 'ruff>=0.6', 'mypy>=1.10',
     'selenium>=4', *ROS, *ORACLES, *COLCON, *SCIENCE,
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo']  # peers, measured in the same run

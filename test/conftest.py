@@ -100,7 +100,8 @@ def pytest_terminal_summary(terminalreporter):
         str(report.longrepr[2]).removeprefix('Skipped: ') for report in stats.get('skipped', ())
     )
     counts = {name: len(stats.get(name, ())) for name in names}
-    Path(path).write_text(json.dumps({'counts': counts, 'skipped': reasons}))
+    again = [report.nodeid for report in stats.get('rerun', ())]
+    Path(path).write_text(json.dumps({'counts': counts, 'skipped': reasons, 'rerun': again}))
 
 
 def pytest_runtest_makereport(item, call):

@@ -39,19 +39,29 @@ def bag_of(folder):
 @pytest.fixture(scope='module')
 def first(tmp_path_factory):
     """The bag of a short rehearsal with all images."""
-    folder = tmp_path_factory.mktemp('first')
+    for _ in range(3):
+        bag, late = recorded(tmp_path_factory.mktemp('first'))
+        if not late:
+            break
+    return bag
+
+
+def recorded(folder):
+    """Record it; return the bag, and how many slips came later than frames of light wait."""
     nodes = {'twin': {}, 'tracker': {}, **CHAIN, 'recorder': {'images': 'all'}}
     watched = ('slips', 'grain_triggers', 'cascades')
     with Graph(scene(folder, 'first', **nodes), folder / 'bags', watched) as graph:
         graph.wait_until_ok()
         until(lambda: all(graph.watch.seen[topic] for topic in watched), 60)
         time.sleep(SECONDS)
+        late = graph.node('leds')['values']['late_slips']
         assert graph.stop() == 0
-    return bag_of(folder / 'bags')
+    return bag_of(folder / 'bags'), late
 
 
 def played(first, folder, rate, tracker):
     """Play it and record again; return the second bag and what sound and leds say of themselves."""
+    folder.mkdir()
     nodes = {'replay': {'bag': str(first.path), 'rate': rate}, **tracker, **CHAIN}
     nodes['recorder'] = {'images': 'none'}
     with Graph(scene(folder, 'again', **nodes), folder / 'bags', ()) as graph:
@@ -82,7 +92,10 @@ def equal(a, b):
     ids=['images', 'images at a quarter', 'blocks at four times'],
 )
 def test_a_run_that_is_played_is_the_run_again(first, tmp_path, rate, tracker):
-    second, values = played(first, tmp_path, rate, tracker)
+    for again in range(3):  # light is the same while no slip comes later than frames wait for it
+        second, values = played(first, tmp_path / str(again), rate, tracker)
+        if not values['leds']['late_slips']:
+            break
 
     for topic in ('blocks', *RESULTS):
         recorded, again = first.table(topic), second.table(topic)
