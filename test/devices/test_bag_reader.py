@@ -126,6 +126,8 @@ def test_a_folder_of_bags_does_not_stand_for_the_replay_that_plays_from_it(tmp_p
     running = write_bag(tmp_path / 'running', 9)
     running.flush()
     assert BagReader(tmp_path).path.name == 'running'  # a run in the making is one
+    playing.close()
+    running.close()
 
 
 def test_a_file_that_the_metadata_names_and_that_is_gone(run):

@@ -97,6 +97,7 @@ def graph(tmp_path_factory):
             cwd=folder,
         )  # fmt: skip
     address = f'http://127.0.0.1:{port}'
+    work.log = folder / 'log'
     work.nodes = set()  # process ids, also of those that were started anew
     try:
         until(

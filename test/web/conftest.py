@@ -2,9 +2,10 @@
 """A server with a bridge that writes down what it is asked, and no graph behind it."""
 
 import dataclasses
+import json
 
 import pytest
-from chromium import browser, graph  # noqa: F401  fixtures
+from chromium import browser, graph, status  # noqa: F401  fixtures
 
 from eol_ros.settings import PanelSettings
 from eol_ros.web.server import WebServer
@@ -33,6 +34,18 @@ class Notebook:
 
     def play(self, grain):
         self.calls.append(('play', grain))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    """Show, beside a failure before the whole graph, what the graph says of itself."""
+    report = yield
+    if report.failed and 'graph' in getattr(item, 'funcargs', {}):
+        address, work = item.funcargs['graph']
+        lines = work.log.read_text(errors='replace').splitlines()
+        report.sections.append(('log of the graph', '\n'.join(lines[-60:])))
+        report.sections.append(('status of the nodes', json.dumps(status(address), indent=1)))
+    return report
 
 
 @pytest.fixture

@@ -23,18 +23,19 @@ def planar_reach(order, m, pl, relative, small, top):
         for c in range(m):
             size = max(abs(ax[c, k]), abs(ay[c, k]))
             most = max(most, size)
+            # not by squares: just before a stop the last terms are beyond 1e150
             if pl.fresh[c]:
-                rise = max(rise, size * size / (ax[c, 2] ** 2 + ay[c, 2] ** 2))
+                rise = max(rise, size / math.sqrt(ax[c, 2] ** 2 + ay[c, 2] ** 2))
             else:
-                square = ax[c, 1] ** 2 + ay[c, 1] ** 2
-                if square > 0.0:
-                    drift = max(drift, size * size / square)
+                speed = math.sqrt(ax[c, 1] ** 2 + ay[c, 1] ** 2)
+                if speed > 0.0:
+                    drift = max(drift, size / speed)
         if most > 0.0:
             h = min(h, (small / most) ** (1.0 / k))
         if drift > 0.0:
-            h = min(h, (relative / (k * math.sqrt(drift))) ** (1.0 / (k - 1)))
+            h = min(h, (relative / (k * drift)) ** (1.0 / (k - 1)))
         if rise > 0.0:
-            h = min(h, (2.0 * relative / (k * math.sqrt(rise))) ** (1.0 / (k - 2)))
+            h = min(h, (2.0 * relative / (k * rise)) ** (1.0 / (k - 2)))
     return h
 
 

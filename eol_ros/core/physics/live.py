@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_MASS_KG, N_BLOCKS, rest_lattice
+from eol_ros.core.geometry import BLOCK_MASS_KG, N_BLOCKS, RIM_SIDE_M, rest_lattice
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import POSES
 from eol_ros.core.physics.event2d import rules_for
@@ -19,6 +19,9 @@ MOST_EVENTS, MOST_STEPS = 2000, 5000  # between two images: some 50 ms of work
 FRICTION_SPREAD = 0.15  # blocks differ by up to this share, as grit and weights do
 OFFSET_M = 0.004  # the blocks are set down by hand
 CLEAR_M = 0.002  # between the rim and a block: nearer the hands do not push
+TOUCH_M = 1e-7
+MOST_CONTACTS = 100
+RHO_M = RIM_SIDE_M / np.sqrt(6)  # the radius of gyration of a thin square frame
 
 
 class LiveTable:
@@ -72,11 +75,12 @@ class LiveTable:
     def advance(self, start_s: float, stop_s: float, pose: np.ndarray, rate: np.ndarray) -> None:
         """Move from `start_s` to `stop_s`; the rim goes to `pose` (3,), arriving at `rate` (3,).
 
-        A rim that meets a block stops there, and `pose` and `rate` are set to that: hands feel it.
-        The springs' model has no contact, and blocks would else pass over the rim.
+        A rim that meets a block goes no further that way and slides along it, and `pose` and `rate`
+        are set to that: hands feel it. The springs' model has no contact, and blocks would else
+        pass over the rim.
         """
         span = float(stop_s - start_s)
-        self._stop_at_blocks(pose, rate)
+        self._stop_at_blocks(pose, rate, span)
         way = pose - self.rim_pose
         if not (self.moving.any() or way.any() or rate.any() or self._rim_rate.any()):
             return  # all is still: nothing to work out
@@ -99,24 +103,50 @@ class LiveTable:
         return float(self._near(pose).min())
 
     def _near(self, pose: np.ndarray) -> np.ndarray:
-        turn = complex(np.cos(pose[2]), np.sin(pose[2]))
-        here = self._edges + self._u.view(complex)[self._beside, 0]
-        way = complex(pose[0], pose[1]) + turn * self._ends - here
+        """Return the distance (m) from the rim at `pose` to the block beside it, at each spring."""
+        turn, way = self._ways(pose)
         return (way * (turn * self._inward).conj()).real * -1.0
 
-    def _stop_at_blocks(self, pose: np.ndarray, rate: np.ndarray) -> None:
+    def _ways(self, pose: np.ndarray) -> tuple[complex, np.ndarray]:
+        turn = complex(np.cos(pose[2]), np.sin(pose[2]))
+        here = self._edges + self._u.view(complex)[self._beside, 0]
+        return turn, complex(pose[0], pose[1]) + turn * self._ends - here
+
+    def _stop_at_blocks(self, pose: np.ndarray, rate: np.ndarray, span_s: float) -> None:
+        """Move `pose` to where no block is nearer than allowed, and `rate` with it.
+
+        The rim slides along what it touches, without friction: from where the hands want it, it is
+        put back by the least motion in |dx|^2 + |dy|^2 + (RHO dyaw)^2, block by block, until none
+        is too near (Kaczmarz 1937).
+        """
         if np.array_equal(pose, self.rim_pose):
             return
         near = self._near(pose)
         if near.min() >= CLEAR_M:
             return
-        before = self._near(self.rim_pose)
-        least = np.minimum(CLEAR_M, before)  # a block may have come nearer by itself
-        past = near < least
-        if past.any():  # all but linear in the share of the way, which is short
-            share = ((before - least)[past] / (before - near)[past]).min()
-            pose[:] = self.rim_pose + share * (pose - self.rim_pose)
-            rate[:] = 0.0
+        # a block may have come nearer by itself
+        least = np.minimum(CLEAR_M, self._near(self.rim_pose))
+        if np.all(near >= least):
+            return
+        for _ in range(MOST_CONTACTS):
+            short = least - self._near(pose)
+            worst = int(np.argmax(short))
+            if short[worst] <= TOUCH_M:
+                break
+            slope = self._slope(pose, worst)
+            light = slope * (1.0, 1.0, RHO_M**-2)
+            pose += short[worst] / (slope @ light) * light
+        else:  # held from all sides
+            pose[:] = self.rim_pose
+        rate[:] = (pose - self.rim_pose) / span_s
+
+    def _slope(self, pose: np.ndarray, which: int) -> np.ndarray:
+        """Return the derivative (3,) of one distance of `_near` after x, y and yaw."""
+        turn, ways = self._ways(pose)
+        normal, way = turn * self._inward[which], ways[which]
+        turned = (1j * turn * self._ends[which] * normal.conjugate()).real
+        turned += (way * (1j * normal).conjugate()).real
+        return -np.array([normal.real, normal.imag, turned])
 
     def _solve(self, u: np.ndarray, v: np.ndarray, moving: np.ndarray, span: float) -> int:
         rim = Rim(POSES, self._par, self._knots, self._cubics)

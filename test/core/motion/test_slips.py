@@ -199,6 +199,7 @@ def test_a_slow_pass_is_no_rest(fps):
     assert len(parted) <= 1  # noise makes one of many look like a rest
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(
     st.lists(
@@ -229,6 +230,7 @@ def test_starts_and_stops_of_a_block_alternate(slips, fps, noise_m, seed):
             assert stop.onset_s + stop.duration_s <= start.onset_s + 1e-9
 
 
+@pytest.mark.slow
 def test_a_block_that_comes_to_rest_starts_no_more_often_than_stated():
     """Noise may start it again at the stated rate, in the 0.1 s too in which its STOP is open."""
     per_hour, fps, again_s = 36000.0, 60, 0.4  # 0.4 false starts a second and block

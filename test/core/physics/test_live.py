@@ -89,3 +89,28 @@ def test_clearance_is_the_gap_between_rim_and_edge():
     assert table.clearance_m(np.zeros(3)) == pytest.approx(0.09)
     assert table.clearance_m(np.array([0.05, 0.0, 0.0])) == pytest.approx(0.04)
     assert table.clearance_m(np.array([0.0, -0.1, 0.0])) == pytest.approx(-0.01)
+
+
+def led(table, rim, velocity, seconds):
+    """Lead the rim for some seconds; return its pose after."""
+    start = table.seconds
+    for i in range(int(seconds / IMAGE_S)):
+        rim.advance(IMAGE_S, np.array(velocity), np.zeros(3))
+        table.advance(start + i * IMAGE_S, start + (i + 1) * IMAGE_S, rim.pose, rim.velocity)
+    table.seconds = start + (i + 1) * IMAGE_S
+    return table.rim_pose.copy()
+
+
+@pytest.mark.parametrize('way', [(0.35, -0.1), (-0.3, 0.3), (0.3, 0.3)])
+@pytest.mark.parametrize('turn', [0.35, -0.35])
+def test_a_rim_that_touches_a_block_turns_and_slides_along_it(way, turn):
+    table, rim = LiveTable(1), Rim()
+    table.seconds = 0.0
+    touching = led(table, rim, (*way, 0.0), 4.0)
+    assert table.clearance_m(touching) < CLEAR_M + 1e-6, 'it has come to the end of its way'
+    turned = led(table, rim, (0.0, 0.0, turn), 0.6)
+    assert abs(turned[2] - touching[2] - 0.6 * turn) < 0.06
+    assert table.clearance_m(turned) > CLEAR_M - 1e-6
+    along = (-way[1], way[0])
+    slid = led(table, rim, (*(0.3 * np.array(along)), 0.0), 0.5)
+    assert (slid - turned)[:2] @ along > 0.01

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -270,6 +270,7 @@ def test_exact_path_against_independent_modes(name, seconds):
     mu_k=st.floats(0.3, 0.8),
     seed=st.integers(0, 1000),
 )
+@example(n=4, k_plate=49.57158843233919, k_between=49.57158843233919, mu_k=1 / 3, seed=59)
 def test_exact_and_event_paths_agree(n, k_plate, k_between, mu_k, seed):
     scene = builders.train(
         {'kind': 'constant_velocity', 'par': [0.05, 0.0]}, 4.0, n=n, k_plate=k_plate,
