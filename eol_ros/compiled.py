@@ -19,13 +19,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent
 # What each part is made of, as folders; all use what stands in `core` itself. A part has the name
-# of the node that needs it.
+# of the node or the command that needs it.
 PARTS = {
     'tracker': ('core/vision',),
     'twin': ('core/physics', 'core/vision'),
     'sound': ('core/sound', 'devices'),
     'ice': ('core/sound',),  # no node: the recording that is made where a scene names none
+    'simulate': ('core/physics',),  # `eol simulate`: the solvers beside that of the twin
 }
+AT_FIRST = ('tracker', 'twin', 'sound', 'ice')  # what a scene may need
 _COMMON = 'core'
 _FILES = {'devices': 'sound_callback.py'}  # where only one file of a folder is compiled
 _NO_MATTER = ('NUMBA_CACHE_DIR', 'NUMBA_NUM_THREADS')  # of the settings of numba

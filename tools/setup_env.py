@@ -204,7 +204,9 @@ def setup(extra: str) -> None:
         messages_ready.touch()
     ready.touch()
     # Does nothing where the cache has what this version, on this processor, needs.
-    wait(Step('kernels', lambda step: step.command(PYTHON, '-m', 'eol_ros', 'warm'), quiet_s=2.0))
+    parts = ['--parts', 'tracker,twin,sound,ice,simulate'] if extra else []
+    wait(Step('kernels', lambda step: step.command(PYTHON, '-m', 'eol_ros', 'warm', *parts),
+              quiet_s=2.0))
 
 
 def main() -> int:

@@ -45,6 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from eol_ros.core.physics.run import Limits
     from eol_ros.devices import physics_file
     from eol_ros.errors import UsageError
+    from eol_ros.verbs import warm
 
     for name in ('sample', 'step', 'repeat', 'max_steps', 'max_events'):
         if not getattr(args, name) > 0:
@@ -57,6 +58,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if scene.duration_s / args.sample > 5e6 / scene.n:
         raise UsageError(f'--sample {args.sample:g}: too many samples of {scene.duration_s:g} s')
+    warm.ensure(['simulate'])
     model = Model.of(scene)
     options = {
         'sample_s': args.sample,

@@ -15,15 +15,16 @@ from eol_ros.errors import EolError, UsageError
 from eol_ros.verbs.progress import track
 
 HELP = 'Compile the loops of twin, tracker and sound into the cache, and make the ice recording.'
-EXAMPLES = ['eol warm', 'eol warm --parts sound', 'eol warm --anew']
+EXAMPLES = ['eol warm', 'eol warm --parts sound,simulate', 'eol warm --anew']
 SAY_S = 5.0  # a line of progress at least so often where there is no terminal
 
 
 def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('--anew', action='store_true', help='forget all that was compiled')
-    parser.add_argument('--parts', metavar='PARTS', default=','.join(compiled.PARTS),
-                        help=f'these alone, parted by commas (of {", ".join(compiled.PARTS)})')
+    parser.add_argument('--parts', metavar='PARTS', default=','.join(compiled.AT_FIRST),
+                        help=f'comma-separated names, of {", ".join(compiled.PARTS)} '
+                             f'(default: {",".join(compiled.AT_FIRST)})')
     parser.add_argument('--here', action='store_true',
                         help='in this process, and print how many functions are done')
 
@@ -38,23 +39,28 @@ def run(args):
         return _here(parts)
     if args.anew:
         compiled.forget(anew=True)
+    ensure(parts)
+    return 0
+
+
+def ensure(parts: Sequence[str]) -> None:
+    """Compile what of `parts` is not in the cache as it should be, and show how far that is."""
     cold = compiled.cold(parts)
     if not cold:
-        return 0
+        return
     compiled.forget()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and the processes end with this one
     print('compiling, once for this version and this processor', file=sys.stderr, flush=True)
     if sys.stderr.isatty():
         for _ in track(_percents(cold), 'compiling', total=100):
             pass
-        return 0
+        return
     said_s, said = time.monotonic(), 0
     for percent in _percents(cold):
         now = time.monotonic()
         if percent > said and (now - said_s >= SAY_S or percent == 100):
             print(f'compiling, {percent} %', file=sys.stderr, flush=True)
             said_s, said = now, percent
-    return 0
 
 
 def _percents(parts: Sequence[str]) -> Iterator[int]:
@@ -171,8 +177,22 @@ def _ice():
     loader.close()
 
 
-WORK = {'tracker': _tracker, 'twin': _twin, 'sound': _sound, 'ice': _ice}
+def _simulate():
+    from eol_ros.core.physics import builders, named
+    from eol_ros.core.physics.plan import simulate
+    from eol_ros.core.physics.scene import from_mapping
+
+    spinning = {'side': 0.084, 'spin0': [1.0]}
+    turning = builders.single({'kind': 'none'}, 0.1, dim1=False, rotation=spinning)
+    for scene, path in (('S1', 'exact'), ('S1', 'event'), ('S1', 'stepping'),
+                        (turning, 'event'), (turning, 'stepping')):
+        scene = named.scene(scene) | {'T': 0.1} if isinstance(scene, str) else scene
+        for ledger in (True, False):
+            simulate(from_mapping(scene), path=path, ledger=ledger)
+
+
+WORK = {'tracker': _tracker, 'twin': _twin, 'sound': _sound, 'ice': _ice, 'simulate': _simulate}
 # To tell how far it is: how many functions each of them compiles or loads (numba's own events), and
 # how many seconds that took where it was measured.
-FUNCTIONS = {'tracker': 245, 'twin': 75, 'sound': 108, 'ice': 1}
-SECONDS = {'tracker': 83, 'twin': 38, 'sound': 32, 'ice': 10}
+FUNCTIONS = {'tracker': 245, 'twin': 75, 'sound': 108, 'ice': 1, 'simulate': 100}
+SECONDS = {'tracker': 83, 'twin': 38, 'sound': 32, 'ice': 10, 'simulate': 50}

@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 CHAIN = {
     'motion': {}, 'leds': {'port': 'twin'}, 'grains': {}, 'sound': {'device': 'wav'},
 }  # fmt: skip
-SECONDS = 4.0  # recorded after the first slip
+SECONDS = 2.5  # recorded after the first slip
 RESULTS = ('slips', 'cascades', 'grain_triggers')
 LATER = ('log_time', 'publish_time', 'sequence', 'sent')  # of led_commands: of the wire of today
 

@@ -126,6 +126,7 @@ def test_the_worst_known_timing_keeps_the_limit():
 FAINT = [(0.0, 3), (0.0, 4), (0.25, 0), (0.5, 1), (0.375, 2), (0.3125, 0), (0.1875, 0)]
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @example(gaps=FAINT, decay=0.35)  # many faint blocks, and a light that is dazzled by three
 @given(

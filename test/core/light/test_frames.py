@@ -28,6 +28,7 @@ def shown(slips, delays, ticks, lag=LAG, decay_s=0.05):
 SLIPS = st.lists(st.tuples(st.integers(0, 240), st.integers(0, 24)), min_size=1, max_size=20)
 
 
+@pytest.mark.slow
 @given(SLIPS, st.lists(st.integers(0, LAG), min_size=40, max_size=40), st.integers(1, 30))
 def test_the_same_slips_give_the_same_levels_whenever_they_are_known(slips, delays, tick_ms):
     slips = sorted({(T0 + image * 16_666_667, block) for image, block in slips})

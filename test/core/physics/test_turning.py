@@ -149,6 +149,7 @@ def test_a_mirrored_pull_turns_the_other_way():
     assert np.abs(runs[0].u[:, :, 1] - runs[1].u[:, mirror, 1]).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_equal_friction_and_limits():
     run = solve(table(named.PULL, 4.0, geometric=True, mu_s=0.65, mu_k=0.65))
     assert run.status == 'ok'
