@@ -15,32 +15,45 @@ from eol_ros import folders
 from eol_ros.errors import EolError, UsageError, warning_line
 
 WARNINGS_LOG, WARNINGS_MOST = 'warnings.log', 1_000_000  # bytes: then it begins again
-VERBS = {
-    'run': 'start a scene (= python -m eol_ros.bringup)',
-    'check': 'check a scene, and say every mistake at once',
-    'status': 'say how the running graph is',
-    'devices': 'list cameras, boards, sound cards and screens',
-    'topics': 'list the topics of the running graph',
-    'echo': 'print the messages of a topic',
-    'replay': 'play a bag',
-    'report': 'figures and numbers from a bag',
-    'track': 'follow the blocks in images, a film or a bag',
-    'calibrate': 'pixels to metres',
-    'corpus': 'cut a sound into grains and describe them',
-    'render': 'play the grains of a bag or a list into a sound file',
-    'walls': 'open the two walls full screen',
-    'covers': 'cut a landscape into the covers of the blocks',
-    'simulate': 'solve a scene of springs and blocks',
-    'lattice': 'run the earthquake automaton',
-    'warm': 'compile what a first run would wait for',
-    'bench': 'error against run time, speed against peers',
+GROUPS = {
+    'run': {
+        'run': 'start a scene (= python -m eol_ros.bringup)',
+        'check': 'check a scene and list all its mistakes',
+        'kiosk': 'open the two walls full screen',
+    },
+    'look': {
+        'status': 'show the state of the running graph',
+        'devices': 'list cameras, boards, sound cards and screens',
+        'topics': 'list the topics of the running graph',
+        'echo': 'print the messages of a topic',
+    },
+    'record': {
+        'replay': 'play a bag',
+        'report': 'compute figures and numbers from a bag',
+        'render': 'render the grains of a bag or a list to a sound file',
+    },
+    'prepare': {
+        'calibrate': 'calibrate the camera',
+        'corpus': 'cut a sound into grains and describe them',
+        'covers': 'cut a landscape into the covers of the blocks',
+        'compile': 'compile the loops that a first run would wait for',
+    },
+    'study': {
+        'track': 'track the blocks in images, a video or a bag',
+        'simulate': 'solve a scene of springs and blocks',
+        'lattice': 'run the earthquake automaton',
+        'bench': 'measure error against run time, and speed against peers',
+    },
 }
+VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()}
+ALIASES = {'walls': 'kiosk', 'warm': 'compile'}  # names before; they go with the next version
 
 
 def _overview() -> str:
     lines = ['usage: eol VERB [...]', '', 'Echoes of the Land as a ROS 2 graph.', '']
-    lines += [f'  {verb:10} {text}' for verb, text in VERBS.items()]
-    return '\n'.join([*lines, '', '`eol VERB --help` explains a verb, with examples.'])
+    for group, verbs in GROUPS.items():
+        lines += [f'{group}:', *(f'  {verb:10} {text}' for verb, text in verbs.items()), '']
+    return '\n'.join([*lines, '`eol VERB --help` explains a verb, with examples.'])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,6 +63,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(_overview())
         return 0
     verb = words[0]
+    if verb in ALIASES:
+        print(f'eol: {verb} is now called {ALIASES[verb]}', file=sys.stderr)
+        verb = ALIASES[verb]
     if verb not in VERBS:
         near = difflib.get_close_matches(verb, VERBS, 1, 0.5)
         hint = f'Did you mean {near[0]}?' if near else f'There are {", ".join(VERBS)}.'

@@ -2,8 +2,8 @@
 """Is what numba compiles in its cache? Told in some milliseconds, without numba.
 
 numba keeps machine code by the content of the one file that a function stands in, and does not
-notice a change in a file that this one imports. So `eol warm` writes a stamp beside its cache when
-it has compiled a part: what the sources contained, for which processor and which versions, and
+notice a change in a file that this one imports. So `eol compile` writes a stamp beside its cache
+when it has compiled a part: what the sources contained, for which processor and which versions, and
 which files that made. Where the package's own folders cannot be written, numba uses a folder of the
 user's, and so do the stamps.
 """
@@ -18,18 +18,18 @@ from collections.abc import Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).parent
-# What each part is made of, as folders; all use what stands in `core` itself. A part has the name
-# of the node or the command that needs it.
+# What each part is made of, as packages with all below them; all use what stands in `core` itself.
+# A part has the name of the node or the command that needs it.
 PARTS = {
     'tracker': ('core/vision',),
     'twin': ('core/physics', 'core/vision'),
-    'sound': ('core/sound', 'devices'),
+    'sound': ('core/sound', 'devices/audio'),
     'ice': ('core/sound',),  # no node: the recording that is made where a scene names none
     'simulate': ('core/physics',),  # `eol simulate`: the solvers beside that of the twin
 }
 AT_FIRST = ('tracker', 'twin', 'sound', 'ice')  # what a scene may need
 _COMMON = 'core'
-_FILES = {'devices': 'sound_callback.py'}  # where only one file of a folder is compiled
+_FILES = {'devices/audio': 'callback.py'}  # where only one file of a package is compiled
 _NO_MATTER = ('NUMBA_CACHE_DIR', 'NUMBA_NUM_THREADS')  # of the settings of numba
 _MACHINE = ('model name', 'flags', 'Features', 'CPU implementer', 'CPU part')
 
@@ -50,26 +50,27 @@ def stamp(part: str) -> None:
     new.replace(path)
 
 
-def forget(anew: bool = False) -> None:
+def forget(everything: bool = False) -> None:
     """Remove from the cache what was compiled from sources that have changed, or all of it.
 
     What no stamp vouches for may have been compiled from anything, and goes too.
     """
     names = {name for folders in PARTS.values() for name in folders}
-    if not anew:
+    if not everything:
         known = [_read(part) for part in PARTS]
         names = {name for name in names
                  if all(s.get(name, {}).get('sources') != _digest(name) for s in known)}
     for name in names:
         for file in _cached(name):
-            (cache_folder(name) / file).unlink(missing_ok=True)
-    if anew:
+            folder, _, file = file.rpartition('/')
+            (cache_folder(folder) / file).unlink(missing_ok=True)
+    if everything:
         for part in PARTS:
             _stamp(part).unlink(missing_ok=True)
 
 
 def cache_folder(name: str) -> Path:
-    """Return where numba keeps what it compiles from folder `name` of the package."""
+    """Return where numba keeps what it compiles from folder `name` of this package."""
     source = ROOT / name
     if given := os.environ.get('NUMBA_CACHE_DIR'):
         return Path(given) / _subfolder(source)
@@ -89,10 +90,21 @@ def _user_cache() -> Path:
 
 
 def _cached(name: str) -> list[str]:
-    try:
-        return [f for f in os.listdir(cache_folder(name)) if f.endswith(('.nbi', '.nbc'))]
-    except OSError:
-        return []
+    """Return what the caches of a package hold, as `package/file`."""
+    found = []
+    for folder in _folders(name):
+        try:
+            files = os.listdir(cache_folder(folder))
+        except OSError:
+            continue
+        found += [f'{folder}/{f}' for f in files if f.endswith(('.nbi', '.nbc'))]
+    return found
+
+
+def _folders(name: str) -> list[str]:
+    """Return a package and all below it, as paths from the root."""
+    below = [path.parent for path in (ROOT / name).rglob('__init__.py')]
+    return sorted(path.relative_to(ROOT).as_posix() for path in below)
 
 
 def _stamp(part: str) -> Path:
@@ -118,11 +130,12 @@ def _is_warm(part: str) -> bool:
 
 
 def _digest(name: str) -> str:
-    """Return what the sources of a folder, and those that all use, contain."""
+    """Return what the sources of a package, and those that all use, contain."""
     digest = hashlib.blake2b(digest_size=12)
-    for folder, pattern in ((_COMMON, '*.py'), (name, _FILES.get(name, '*.py'))):
-        for path in sorted((ROOT / folder).glob(pattern)):
-            digest.update(path.name.encode() + b'\0' + path.read_bytes())
+    own = (ROOT / name).rglob(_FILES.get(name, '*.py'))
+    for path in (*sorted((ROOT / _COMMON).glob('*.py')), *sorted(own)):
+        where = path.relative_to(ROOT).as_posix()
+        digest.update(where.encode() + b'\0' + path.read_bytes())
     return digest.hexdigest()
 
 

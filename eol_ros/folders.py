@@ -17,7 +17,7 @@ def cache(name: str) -> Path:
 
 
 def state_path() -> Path:
-    """Return where logs, the diary and the day's counts lie; it may not be there yet.
+    """Return where logs, the events and the day's counts lie; it may not be there yet.
 
     It is $EOL_STATE, else eol_ros in $XDG_STATE_HOME or ~/.local/state.
     """

@@ -27,7 +27,7 @@ from typing import Any
 import yaml
 
 from eol_ros.errors import ConfigError
-from eol_ros.settings import IMAGE_SOURCES, NEEDS, NODES
+from eol_ros.settings import IMAGE_SOURCES, NEEDS, NODES, renamed
 
 _KEYS = ('scene', 'include', 'network', 'domain', 'real_time', 'nodes', 'together')
 _WORDS = {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'text'}
@@ -45,6 +45,7 @@ class Scene:
     path: Path | None = None
     real_time: bool = True  # where the system allows it
     text: str = ''  # of the file and its includes, as it goes into a bag
+    warnings: tuple[str, ...] = ()  # what is understood, and should be said in another way
 
     @classmethod
     def alone(cls, *names: str) -> 'Scene':
@@ -106,6 +107,7 @@ class _Reader:
     def __init__(self) -> None:
         self.mistakes: list[Mistake] = []
         self.texts: list[str] = []
+        self.warnings: list[str] = []
 
     def wrong(self, place: _Place, where: str, what: str) -> None:
         self.mistakes.append(Mistake(place.file, place.line, place.column, where, what))
@@ -194,8 +196,15 @@ class _Reader:
             self.wrong(place, name, f'not a mapping of settings, such as {such}')
             return NODES[name]()
         values = {}
+        before = renamed(name)
         for key, item in place.value.items():
             where = f'{name}.{key}'
+            if key in before and before[key] not in place.value:
+                self.warnings.append(
+                    f'{item.file}:{item.line}: {where} is now called {name}.{before[key]}; the old'
+                    ' name goes with the next version'
+                )
+                key = before[key]
             if key not in fields:
                 self.unknown(place, where, key, fields)
                 continue
@@ -365,6 +374,7 @@ def load(name: str | Path) -> Scene:
         path.resolve(),
         real_time,
         '\n'.join(reader.texts),
+        tuple(reader.warnings),
     )
 
 

@@ -19,11 +19,13 @@ def setting(
     choices: tuple[str, ...] | None = None,
     live: bool = False,
     path: bool | str = False,
+    was: str = '',
 ) -> Any:
     """Return a dataclass field that knows how to be checked and explained.
 
     `live`: may change while the node runs. `path`: names a file or folder, relative to the scene
-    file; with 'maybe' it is one only if such a file is there.
+    file; with 'maybe' it is one only if such a file is there. `was`: the name before, which is
+    still understood, with a warning.
     A tuple default makes a list setting; its items are checked one by one.
     """
     return field(
@@ -36,6 +38,7 @@ def setting(
             'choices': choices,
             'live': live,
             'path': path,
+            'was': was,
         },
     )
 
@@ -93,9 +96,9 @@ class TrackerSettings:
         0.0, 'brightness from which a spot may be a block, 0..255; 0 leaves it to contrast alone',
         '', 0, 255, live=True,
     )  # fmt: skip
-    clutter: str = setting(
-        '', 'picture of the lamps (PNG), used from the start and written anew when learnt',
-        path=True,
+    background: str = setting(
+        '', 'background model (PNG): lamps and reflections to ignore; rewritten when learnt anew',
+        path=True, was='clutter',
     )  # fmt: skip
 
 
@@ -103,7 +106,10 @@ class TrackerSettings:
 class MotionSettings:
     stop_mps: float = setting(0.001, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
     stop_s: float = setting(0.1, 'time over which that speed is measured', 's', 0.05, 0.25)
-    anchor_s: float = setting(0.2, 'rest before a start is compared with', 's', 0.05, 0.25)
+    baseline_s: float = setting(
+        0.2, 'average of a resting position over this time, to which a start is compared', 's',
+        0.05, 0.25, was='anchor_s',
+    )  # fmt: skip
     false_alarms_per_hour: float = setting(
         1.0, 'starts that noise may cause, all blocks together', '1/h', 1e-3, 1e5, live=True
     )
@@ -125,8 +131,9 @@ class LedsSettings:
     )
     blink_period_s: float = setting(2.0, 'from blink to blink', 's', 0.5, 60)
     blink_off_s: float = setting(0.1, 'how long it is dark', 's', 0.05, 0.2)
-    clutter_at_sleep: bool = setting(
-        True, 'falling asleep, be dark in infrared for 1.5 s: the tracker learns lamps', live=True
+    relearn_background_on_sleep: bool = setting(
+        True, 'when falling asleep, switch the infrared light off for 1.5 s, so that the tracker'
+        ' learns the background again', live=True, was='clutter_at_sleep',
     )  # fmt: skip
 
 
@@ -182,9 +189,10 @@ class GrainsSettings:
     )
     k: int = setting(3, 'with choose: k, the nearest so many', '', 1, 100, live=True)
     radius: float = setting(0.07, 'reach of a block', 'm', 0.001, 1, live=True)
-    leave_ratio: float = setting(
-        1.2, 'a grain is armed again beyond the reach times this', '', 1, 10, live=True
-    )
+    rearm_ratio: float = setting(
+        1.2, 'hysteresis: a grain is armed again beyond the reach times this', '', 1, 10, live=True,
+        was='leave_ratio',
+    )  # fmt: skip
     rearm_at_rest: bool = setting(True, 'and also when the block comes to rest', live=True)
     refractory_s: float = setting(0.2, 'no grain sounds again sooner', 's', 0, 60, live=True)
     block_cap: int = setting(
@@ -199,22 +207,26 @@ class GrainsSettings:
     bow_jitter: float = setting(0.5, 'of that time, as a share', '', 0, 1, live=True)
     start_mps: float = setting(0.008, 'a block this fast moves', 'm/s', 0, 1, live=True)
     stop_mps: float = setting(0.006, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
-    rest_s: float = setting(0.03, 'after this time', 's', 0, 1, live=True)
+    rest_s: float = setting(
+        0.03, 'a block is at rest once slower than `stop_mps` for this long', 's', 0, 1, live=True
+    )
     gain: float = setting(1.0, 'of a grain at full speed', '', 0, 8, live=True)
     gain_floor: float = setting(0.1, 'of a grain at no speed, as a share', '', 0, 1, live=True)
     gain_curve: float = setting(0.8, 'power by which gain follows speed', '', 0, 4, live=True)
     full_mps: float = setting(0.25, 'speed of full gain', 'm/s', 0.001, 10, live=True)
     pan_width: float = setting(0.8, 'how far the edge of the space is panned', '', -1, 1, live=True)
-    rate: float = setting(1.0, 'speed of reading', '', 0.0625, 16, live=True)
+    playback_rate: float = setting(
+        1.0, 'speed of a grain; 2 is an octave up', '', 0.0625, 16, live=True, was='rate'
+    )
     rate_jitter_st: float = setting(
         0.5, 'of that speed, in semitones either way', 'st', 0, 24, live=True
     )
     attack_s: float = setting(0.005, 'rise of a grain', 's', 0.002, 10, live=True)
     release_s: float = setting(0.2, 'fall of a grain', 's', 0.002, 10, live=True)
     edge_jitter: float = setting(0.3, 'of rise and fall, as a share', '', 0, 1, live=True)
-    swap_s: float = setting(
-        0.0, 'in which a new corpus rises; 0: grain by grain as the old ones end', 's', 0, 60,
-        live=True,
+    crossfade_s: float = setting(
+        0.0, 'time in which a new corpus fades in; 0: grain by grain as the old ones end', 's', 0,
+        60, live=True, was='swap_s',
     )  # fmt: skip
     seed: int = setting(1, 'of the ice recording and of all jitter', '', 0, live=True)
 
@@ -228,10 +240,13 @@ class SoundSettings:
     block_size: int = setting(256, 'samples a callback', '', 32, 4096)
     latency_s: float = setting(0.025, 'from the stamp of an image to sound', 's', 0, 1, live=True)
     gain_db: float = setting(-4.0, 'master gain', 'dB', -90, 24, live=True)
-    reading: str = setting(
-        'cubic', 'between samples', choices=('cubic', 'linear'), live=True
+    interpolation: str = setting(
+        'cubic', 'resampling interpolation', choices=('cubic', 'linear'), live=True, was='reading'
     )
-    voices: int = setting(512, 'grains at the same time; more take the quietest away', '', 1, 4096)
+    polyphony: int = setting(
+        512, 'maximum of simultaneous voices; beyond it the quietest is stolen', '', 1, 4096,
+        was='voices',
+    )  # fmt: skip
     ceiling_db: float = setting(-1.0, 'no sample exceeds it', 'dBFS', -40, 0)
     loudness_lufs: float = setting(
         -18.0, 'mean of 30 s that the governor holds', 'LUFS', -60, 0, live=True
@@ -337,3 +352,9 @@ IMAGE_SOURCES = ('twin', 'camera', 'replay')
 def live_fields(settings: type) -> set[str]:
     """Return the names of the settings that may change while the node runs."""
     return {f.name for f in dataclasses.fields(settings) if f.metadata.get('live')}
+
+
+def renamed(node: str) -> dict[str, str]:
+    """Return the names that settings of `node` had before, each with the name of today."""
+    named = {f.metadata['was']: f.name for f in dataclasses.fields(NODES[node])}
+    return {was: name for was, name in named.items() if was}

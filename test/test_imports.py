@@ -73,7 +73,7 @@ def name(path):
 def test_outside_imports(path):
     allowed = rule(ALLOWED, path)
     if allowed is None:
-        allowed = None if name(path).startswith(('verbs', 'bench', 'analysis')) else set()
+        allowed = None if name(path).startswith(('verbs', 'analysis')) else set()
     for line, module in imports(path):
         top = module.split('.')[0]
         if top in sys.stdlib_module_names or top == 'eol_ros':
@@ -100,6 +100,12 @@ def test_names_and_licence(path):
     assert not {'utils', 'helpers', 'common', 'misc'} & set(name(path)[:-3].split('/'))
     lines = path.read_text().splitlines()
     assert lines[0] == '# SPDX-License-Identifier: Apache-2.0'
+
+
+def test_the_package_does_without_benchmarks_and_tests():
+    for path in MODULES:
+        for line, module in imports(path):
+            assert module.split('.')[0] not in ('benchmarks', 'test'), f'{name(path)}:{line}'
 
 
 def test_core_is_pure():

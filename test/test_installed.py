@@ -57,7 +57,7 @@ def test_one_line_says_what_to_install(without, tmp_path, name, words):
     assert f'{name} not installed' in line
     command = shlex.split(line.partition('Install with: ')[2])
     assert command == [sys.executable, '-m', 'pip', 'install', str(ROOT / 'msg_defs' / 'eol_msgs')]
-    assert not (tmp_path / 'state').exists()  # not even the diary was begun
+    assert not (tmp_path / 'state').exists()  # not even the event log was begun
 
 
 @pytest.mark.slow

@@ -17,8 +17,8 @@ import pytest
 from checkout import ROOT, checkout, tracked
 
 from eol_ros import folders
-from eol_ros.devices.bag_file import BagTopic
-from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.settings import NODES
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a busy machine and a slow network

@@ -11,18 +11,18 @@ import random
 import numpy as np
 import pytest
 
-from eol_ros.bench.sound_reference import score
+from benchmarks.sound_reference import score
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.physics import named
-from eol_ros.core.physics.hands import Rim, Visitors
-from eol_ros.core.physics.live import LiveTable
-from eol_ros.core.physics.plan import simulate
+from eol_ros.core.physics import presets
+from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.scene import from_mapping
+from eol_ros.core.physics.twin.hands import Rim, Visitors
+from eol_ros.core.physics.twin.live import LiveTable
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import render_all
-from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import TrackerSettings
 
@@ -129,7 +129,7 @@ def test_rendering_and_the_live_table(places):
 
 @pytest.mark.parametrize('name', ['S1', 'S2', 'S3L', 'S3G', 'S4L', 'S4G', 'S5'])
 def test_simulation(places, name):
-    scene = from_mapping({**named.scene(name), 'T': 3.0})
+    scene = from_mapping({**presets.scene(name), 'T': 3.0})
 
     def run():
         done = simulate(scene)

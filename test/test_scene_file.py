@@ -149,6 +149,16 @@ def test_a_number_for_text_by_ros_parameter_is_told_to_be_quoted():
         scenes.check_value(pin, 34)
 
 
+def test_a_setting_is_found_by_its_old_name_with_a_warning(tmp_path):
+    scene = scenes.load(write(tmp_path, 'nodes: {twin: {}, tracker: {}, motion: {anchor_s: 0.1}}'))
+    assert scene.nodes['motion'].baseline_s == 0.1
+    (warning,) = scene.warnings
+    assert 's.yaml:1: motion.anchor_s is now called motion.baseline_s' in warning
+    both = 'nodes: {twin: {}, tracker: {}, motion: {anchor_s: 0.1, baseline_s: 0.1}}'
+    with pytest.raises(scenes.SceneError, match='anchor_s: no such key'):
+        scenes.load(write(tmp_path, both))
+
+
 def test_include_is_merged_below(tmp_path):
     write(tmp_path, 'network: lan\nnodes: {twin: {fps: 30, seed: 7}, tracker: {}}', 'base.yaml')
     path = write(tmp_path, 'include: base.yaml\nnodes: {twin: {fps: 90}}')

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from numba.core import event
 
-from eol_ros.core.physics.hands import Rim, Visitors
-from eol_ros.core.physics.live import LiveTable
-from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.renderer import Renderer, RenderOptions
+from eol_ros.core.physics.twin.hands import Rim, Visitors
+from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import TrackerSettings
 

@@ -19,15 +19,15 @@ MESSAGES = ROOT / 'msg_defs' / 'eol_msgs' / 'msg'
 
 
 def node_table() -> str:
-    rows = ['| node | what it does | takes | gives |', '| --- | --- | --- | --- |']
+    rows = ['| node | what it does | subscribes | publishes |', '| --- | --- | --- | --- |']
     for name in NODES:
         tree = ast.parse((ROOT / 'eol_ros' / 'nodes' / f'{name}.py').read_text())
         says = (ast.get_docstring(tree) or '').splitlines()[0].rstrip('.')
-        takes = ', '.join(f'`{t.name}`' for t in TOPICS.values() if name in t.takes)
-        gives = ', '.join(f'`{t.name}`' for t in TOPICS.values() if name in t.gives)
+        subscribes = ', '.join(f'`{t.name}`' for t in TOPICS.values() if name in t.subscribers)
+        publishes = ', '.join(f'`{t.name}`' for t in TOPICS.values() if name in t.publishers)
         if name == 'recorder':
-            takes = 'all'
-        rows.append(f'| `{name}` | {says} | {takes or "-"} | {gives or "-"} |')
+            subscribes = 'all'
+        rows.append(f'| `{name}` | {says} | {subscribes or "-"} | {publishes or "-"} |')
     return '\n'.join(rows)
 
 

@@ -20,10 +20,10 @@ from pathlib import Path
 import yaml
 
 from eol_ros import folders
-from eol_ros.devices.bag_file import BagFile
-from eol_ros.devices.bag_reader import BagReader
-from eol_ros.devices.bag_recover import rewrite_metadata
-from eol_ros.devices.bag_writer import GAPS_METADATA, RUN_METADATA, SAMPLE
+from eol_ros.devices.bag.mcap_file import BagFile
+from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.recover import rewrite_metadata
+from eol_ros.devices.bag.writer import GAPS_METADATA, RUN_METADATA, SAMPLE
 from eol_ros.errors import EolError
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'sample'

@@ -205,7 +205,7 @@ def setup(extra: str) -> None:
     ready.touch()
     # Does nothing where the cache has what this version, on this processor, needs.
     parts = ['--parts', 'tracker,twin,sound,ice,simulate'] if extra else []
-    wait(Step('kernels', lambda step: step.command(PYTHON, '-m', 'eol_ros', 'warm', *parts),
+    wait(Step('kernels', lambda step: step.command(PYTHON, '-m', 'eol_ros', 'compile', *parts),
               quiet_s=2.0))
 
 

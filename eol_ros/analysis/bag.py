@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.devices.bag_reader import BagReader
+from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.cdr import Decoder
 from eol_ros.errors import UsageError
 

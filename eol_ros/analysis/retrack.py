@@ -17,7 +17,7 @@ import yaml
 from eol_ros.analysis.bag import Bag, Table
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.errors import ConfigError
-from eol_ros.settings import NODES
+from eol_ros.settings import NODES, renamed
 
 TRACKING = 1  # eol_msgs/Blocks.TRACKING
 # The records that tracker, motion and grains hand each other, in the precision of the message.
@@ -69,7 +69,9 @@ def settings_of(bag: Bag, node: str) -> Any:
     try:
         values = yaml.safe_load(bag.about['settings'])['nodes'][node]
         fields = {f.name for f in dataclasses.fields(NODES[node])}
-        known = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+        before = renamed(node)
+        known = {before.get(k, k): tuple(v) if isinstance(v, list) else v
+                 for k, v in values.items()}
         return NODES[node](**{k: v for k, v in known.items() if k in fields})
     except (KeyError, TypeError, yaml.YAMLError):
         raise ConfigError(
@@ -104,7 +106,7 @@ def retrack(bag: Bag, track: Callable[[Iterable, str, int], Iterable] | None = N
 
 def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> None:
     from eol_ros.core.vision.tracker import Tracker
-    from eol_ros.devices.tracker_files import calibration_of
+    from eol_ros.devices.files.tracker_files import calibration_of
 
     settings = settings_of(bag, 'tracker')
     tracker = Tracker(settings, calibration_of(settings))
@@ -237,8 +239,8 @@ def _compare_motion(bag: Bag, inputs: list, result: Retracked) -> None:
 
 def _compare_triggers(bag: Bag, inputs: list, result: Retracked) -> None:
     from eol_ros.core.sound.select import Selector
-    from eol_ros.devices import corpus_build
-    from eol_ros.devices.corpus_loader import wish_of
+    from eol_ros.devices.corpus import corpus_build
+    from eol_ros.devices.corpus.loader import wish_of
 
     settings = settings_of(bag, 'grains')
     corpus = corpus_build.apart(*wish_of(settings))

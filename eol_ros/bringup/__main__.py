@@ -13,7 +13,7 @@ import yaml
 from eol_ros import cli, folders
 from eol_ros import scene as scenes
 from eol_ros.bringup import plan, status
-from eol_ros.bringup.diary import Diary
+from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.supervisor import Supervisor
 from eol_ros.errors import UsageError
 from eol_ros.ros import installed
@@ -43,6 +43,7 @@ def run(args: argparse.Namespace) -> int:
     if args.seconds is not None and not args.seconds > 0:
         raise UsageError(f'--for {args.seconds:g}: not a time above 0 s')
     scene, notes, sim_time = scenes.load(args.scene), [], False
+    warnings = scene.warnings
     if 'replay' in scene.nodes:
         from eol_ros.bringup import playback
 
@@ -62,19 +63,19 @@ def run(args: argparse.Namespace) -> int:
     installed.require()
     server = status.listen(plan.domain(scene))
     with tempfile.TemporaryDirectory(prefix='eol-run-') as run_folder, server, \
-            Diary(folders.state()) as diary:
+            EventLog(folders.state()) as events:
         file = Path(run_folder) / f'{scene.name}.yaml'
         file.write_text(yaml.safe_dump(scenes.plain(scene), sort_keys=False))
         say(f'{scene.name}: {", ".join(scene.nodes)}')
-        diary.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
-        for note in notes:
+        events.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
+        for note in (*warnings, *notes):
             say(note)
-            diary.entry(f'{scene.name}: {note}')
+            events.entry(f'{scene.name}: {note}')
         if unrecorded:
             say(f'not recorded: {unrecorded}')
-            diary.entry(f'{scene.name}: not recorded: {unrecorded}')
+            events.entry(f'{scene.name}: not recorded: {unrecorded}')
         supervisor = Supervisor(
-            scene.name, plan.processes(scene, file, sim_time), server, diary, say,
+            scene.name, plan.processes(scene, file, sim_time), server, events, say,
             compiler=plan.compiler(scene),
         )
         return supervisor.run(args.seconds)

@@ -170,7 +170,7 @@ class Child:
         self._rest[kind] = rest[-65536:]
         return lines
 
-    def bury(self) -> int:
+    def reap(self) -> int:
         """Take the exit code and close the pipes."""
         assert self.popen is not None
         self.code = self.popen.wait()

@@ -101,7 +101,7 @@ def compiler(scene: Scene) -> Process | None:
     parts = compiled.cold(scene.nodes)
     if not parts:
         return None
-    command = (sys.executable, '-m', 'eol_ros', 'warm', '--parts', ','.join(parts))
+    command = (sys.executable, '-m', 'eol_ros', 'compile', '--parts', ','.join(parts))
     return Process(('compiler',), command, {'PYTHONUNBUFFERED': '1'})
 
 

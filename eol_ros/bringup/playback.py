@@ -7,9 +7,10 @@ from typing import Any
 import yaml
 
 from eol_ros.bringup import plan
-from eol_ros.devices.bag_player import complete
-from eol_ros.devices.bag_reader import BagReader
+from eol_ros.devices.bag.player import complete
+from eol_ros.devices.bag.reader import BagReader
 from eol_ros.scene import Scene
+from eol_ros.settings import NODES, renamed
 
 DECIDING = ('tracker', 'motion', 'grains', 'leds')  # what they do follows from bag and settings
 PASSING = ('preview_hz', 'port', 'baud', 'board_log')  # settings of theirs that change none of it
@@ -40,10 +41,12 @@ def differences(about: dict[str, str], scene: Scene) -> list[str]:
         nodes: dict[str, Any] = yaml.safe_load(about.get('settings', ''))['nodes']
     except (yaml.YAMLError, KeyError, TypeError):
         return []  # a bag of another program
+    nodes = {name: {renamed(name).get(key, key): value for key, value in values.items()}
+             for name, values in nodes.items() if name in NODES and isinstance(values, dict)}
     return [
         f'{name}.{key} is {value!r} here and was {nodes[name][key]!r} in the run: it will differ'
         for name in DECIDING
-        if name in scene.nodes and isinstance(nodes.get(name), dict)
+        if name in scene.nodes and name in nodes
         for key, value in asdict(scene.nodes[name]).items()
         if key in nodes[name] and key not in PASSING and nodes[name][key] != value
     ]

@@ -14,7 +14,7 @@ from typing import Any
 
 from eol_ros.bringup import status
 from eol_ros.bringup.child import Child
-from eol_ros.bringup.diary import Diary
+from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import FINE, HUNG, PAUSE_S, START_S, START_STARVED_S, STARVED, STARVED_S
 from eol_ros.settings import IMAGE_SOURCES
@@ -33,14 +33,14 @@ class Supervisor:
         scene: str,
         processes: Sequence[Process],
         server: socket.socket,
-        diary: Diary,
+        events: EventLog,
         say: Callable[[str], None],
         compiler: Process | None = None,
     ):
         self.scene = scene
         self.children = [Child(process) for process in processes]
         self._compiler = Child(compiler) if compiler else None
-        self._server, self._diary, self._say = server, diary, say
+        self._server, self._events, self._say = server, events, say
         self._asked_to_stop = self._hurry = False
         self._told: dict[str, tuple[int, str]] = {}
         self._began_s = time.monotonic()
@@ -134,13 +134,13 @@ class Supervisor:
             self._wait([compiler])
         compiler.signal(signal.SIGTERM)
         self._hear(compiler)
-        if (code := compiler.bury()) and not self._asked_to_stop:
+        if (code := compiler.reap()) and not self._asked_to_stop:
             self._note(f'compiling has failed (exit code {code}): the nodes do it themselves')
 
     def _hear(self, child: Child) -> None:
         child.beats(time.monotonic())
         for line in child.output():
-            self._diary.line(f'{child.process.name}: {line}')
+            self._events.line(f'{child.process.name}: {line}')
             if child.for_people(line) and not line.startswith('compiling'):
                 self._say(f'{child.process.name} | {line}')
 
@@ -149,7 +149,7 @@ class Supervisor:
         self._asked_to_stop = True
 
     def _note(self, text: str) -> None:
-        self._diary.entry(f'{self.scene}: {text}')
+        self._events.entry(f'{self.scene}: {text}')
         self._say(text)
 
     def _not_ok(self) -> str:
@@ -199,7 +199,7 @@ class Supervisor:
         if child.hung_s is None:
             child.hung_s = now
             self._note(f'{child.process.name} is silent: it is started again')
-            self._diary.line(f'{child.process.name}: {child.silence.measured()}')
+            self._events.line(f'{child.process.name}: {child.silence.measured()}')
             child.signal(signal.SIGABRT)
         elif now - child.hung_s > DUMP_S:
             child.signal(signal.SIGKILL)
@@ -219,13 +219,13 @@ class Supervisor:
             if row['level'] != told:
                 self._note(f'{row["node"]:9} {status.WORDS[row["level"]]}: {row["text"]}')
         for line in child.output():
-            self._diary.line(f'{child.process.name}: {line}')
+            self._events.line(f'{child.process.name}: {line}')
             if child.for_people(line):
                 self._say(f'{child.process.name} | {line}')
 
     def _bury(self, child: Child, now: float) -> int | None:
         self._listen(child, now)
-        code = child.bury()
+        code = child.reap()
         never_ran = child.policy.beat_s is None or all(
             row['level'] == 3 for row in child.status.values()
         )
@@ -275,7 +275,7 @@ class Supervisor:
         for child in self.children:
             if child.popen is not None:
                 self._listen(child, time.monotonic())
-                child.bury()
+                child.reap()
 
     def _may_yet_end(self, group: Sequence[Child], patience_s: float) -> bool:
         """Tell whether some of `group` run that did not have `patience_s` in which to end."""

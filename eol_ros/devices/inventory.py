@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eol_ros.devices.camera_ports import list_cameras
+from eol_ros.devices.board.ports import list_ports
+from eol_ros.devices.camera.ports import list_cameras
 from eol_ros.devices.ports import Port
-from eol_ros.devices.serial_ports import list_ports
 
 DRM = Path('/sys/class/drm')
 KINDS = ('camera', 'board', 'sound card', 'screen')

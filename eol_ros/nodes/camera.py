@@ -3,8 +3,8 @@
 
 import sys
 
-from eol_ros.devices.camera import Camera, State
-from eol_ros.devices.camera_sources import source_of
+from eol_ros.devices.camera.camera import Camera, State
+from eol_ros.devices.camera.sources import source_of
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
@@ -18,7 +18,7 @@ class CameraNode(EolNode):
         self.images = ImagePublisher(self, 'camera/image_raw')
         self.info = self.publisher('camera/camera_info')
         if self.settings.calibration:
-            from eol_ros.devices import calibration_file
+            from eol_ros.devices.files import calibration_file
             from eol_ros.ros.camera_info import camera_info
 
             calibration = calibration_file.load(self.settings.calibration)

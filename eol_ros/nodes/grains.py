@@ -6,8 +6,8 @@ from pathlib import Path
 
 from eol_ros.core.sound.corpus import Corpus
 from eol_ros.core.sound.select import Selector
-from eol_ros.devices.corpus_file import move_as_asked
-from eol_ros.devices.corpus_loader import CorpusLoader, wish_of
+from eol_ros.devices.corpus.corpus_file import move_as_asked
+from eol_ros.devices.corpus.loader import CorpusLoader, wish_of
 from eol_ros.errors import EolError
 from eol_ros.ros.blocks import blocks_from_cdr
 from eol_ros.ros.grains import corpus_to_msg, trigger_to_msg

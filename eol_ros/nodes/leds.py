@@ -9,8 +9,8 @@ import sys
 
 from eol_msgs.msg import BlockTap, Control, LedCommand, Slip, Truth
 
-from eol_ros.devices.board import State
-from eol_ros.devices.lights import Lights, Played, Sent, Tap
+from eol_ros.devices.board.board import State
+from eol_ros.devices.board.lights import Lights, Played, Sent, Tap
 from eol_ros.nodes.leds_infrared import Infrared
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
@@ -86,7 +86,7 @@ class LedsNode(EolNode):
             return
         elif control.command in ('sleep', 'wake'):
             self.lights.asleep = control.command == 'sleep'
-            if self.lights.asleep and self.settings.clutter_at_sleep:
+            if self.lights.asleep and self.settings.relearn_background_on_sleep:
                 self.infrared.darken()
         elif control.command == 'test':
             self.tell(self.lights.test(to_ns(control.header.stamp)))

@@ -4,7 +4,7 @@
 from eol_msgs.msg import Control
 
 from eol_ros.core.serial_protocol import ALL_BLOCKS
-from eol_ros.devices.lights import Sent
+from eol_ros.devices.board.lights import Sent
 from eol_ros.ros.stamps import NS, to_msg
 
 CLUTTER_S = 1.5  # the tracker looks at the table without infrared for this long

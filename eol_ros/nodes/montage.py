@@ -7,7 +7,7 @@ import numpy as np
 from eol_msgs.msg import Control, Slip, Wall
 
 from eol_ros.core.montage.shuffle import Flip, Shuffle
-from eol_ros.devices.media_folder import MediaFolder
+from eol_ros.devices.files.media_folder import MediaFolder
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import NS, now_ns, to_msg

@@ -6,8 +6,8 @@ import sys
 import time
 
 from eol_ros.core import terrain
-from eol_ros.devices.day_file import DayFile
-from eol_ros.devices.media_folder import Pictures
+from eol_ros.devices.files.day_file import DayFile
+from eol_ros.devices.files.media_folder import Pictures
 from eol_ros.nodes.panel_bridge import PanelBridge
 from eol_ros.nodes.panel_health import Health
 from eol_ros.nodes.panel_streams import Streams

@@ -9,16 +9,16 @@ from pathlib import Path
 from eol_msgs.msg import Slip
 from rclpy.serialization import deserialize_message
 
-from eol_ros.devices.bag_file import BagTopic
-from eol_ros.devices.bag_recording import Recording
-from eol_ros.devices.bag_selection import Item, Slipping
-from eol_ros.devices.bag_writer import REPLAY_OF
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.recording import Recording
+from eol_ros.devices.bag.selection import Item, Slipping
+from eol_ros.devices.bag.writer import REPLAY_OF
 from eol_ros.devices.cdr import counter
-from eol_ros.ros.audience import READY
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.run_record import about
+from eol_ros.ros.startup_barrier import READY
 from eol_ros.ros.topics import CLOCK, TOPICS
 
 IMAGES, PREVIEW, SAMPLES = 'camera/image_raw', 'camera/image/compressed', 'sound_samples'

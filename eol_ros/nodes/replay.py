@@ -10,15 +10,15 @@ from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
-from eol_ros.devices.bag_player import BagPlayer, choose, complete
-from eol_ros.devices.bag_reader import BagMessage, BagReader
+from eol_ros.devices.bag.player import BagPlayer, choose, complete
+from eol_ros.devices.bag.reader import BagMessage, BagReader
 from eol_ros.errors import ConfigError
-from eol_ros.ros.audience import Audience
 from eol_ros.ros.definitions import type_hash
 from eol_ros.ros.node import NAMESPACE, EolNode
 from eol_ros.ros.played import BLOCKS, IMAGES, REQUESTS, ahead, for_all, played
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_msg
+from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, TOPICS, message_class
 
 READY_S = 1.0  # from the last reader found to the first message
@@ -45,7 +45,7 @@ class ReplayNode(EolNode):
             self.bag, self.names, self.give, s.rate, s.fast, s.loop, s.start_s,
             stamped=[full(IMAGES), full(BLOCKS)], begin=self.begin,
         )  # fmt: skip
-        self.audience = Audience(self)
+        self.barrier = StartupBarrier(self)
         self.state, self.fault = 'waiting', None
         for line in self.bag.cut_short:
             self.get_logger().warning(line)
@@ -123,8 +123,8 @@ class ReplayNode(EolNode):
 
         Raises ConfigError when another node gives the same pictures or blocks.
         """
-        if self.audience.expects:
-            while not self._stop.wait(0.05) and not self.audience.ready():
+        if self.barrier.expects:
+            while not self._stop.wait(0.05) and not self.barrier.ready():
                 pass
             return
         end = time.monotonic() + self.settings.wait_s

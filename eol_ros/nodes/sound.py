@@ -7,8 +7,8 @@ from pathlib import Path
 
 from eol_ros.core.sound.meter import Meter
 from eol_ros.core.sound.mixer import Mixer
-from eol_ros.devices.sound_bank import BankLoader
-from eol_ros.devices.soundcard import Player
+from eol_ros.devices.audio.bank import BankLoader
+from eol_ros.devices.audio.soundcard import Player
 from eol_ros.errors import EolError
 from eol_ros.nodes.sound_osc import Osc
 from eol_ros.ros.node import EolNode
@@ -29,7 +29,7 @@ class SoundNode(EolNode):
         s = self.settings
         self.epoch_ns = now_ns() // NS * NS
         self.mixer = Mixer(
-            s.sample_rate, s.channels, s.voices, ceiling_db=s.ceiling_db, gain_db=s.gain_db,
+            s.sample_rate, s.channels, s.polyphony, ceiling_db=s.ceiling_db, gain_db=s.gain_db,
             epoch_s=self.epoch_ns // NS,
         )
         self.on_settings(s)
@@ -51,7 +51,8 @@ class SoundNode(EolNode):
         self.subscribe('grain_triggers', self.on_trigger)
 
     def on_settings(self, new) -> None:
-        self.mixer.set(new.reading == 'cubic', new.gain_db, new.loudness_lufs, new.governor_db)
+        cubic = new.interpolation == 'cubic'
+        self.mixer.set(cubic, new.gain_db, new.loudness_lufs, new.governor_db)
         # Whole frames: the grains then start as far apart as without it, as `eol render` has them.
         self.latency_s = round(new.latency_s * new.sample_rate) / new.sample_rate
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rclpy.parameter import Parameter
 
-from eol_ros.devices.osc import OscIn, OscOut
+from eol_ros.devices.audio.osc import OscIn, OscOut
 from eol_ros.settings import live_fields
 
 if TYPE_CHECKING:

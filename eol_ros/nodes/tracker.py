@@ -13,9 +13,9 @@ from sensor_msgs.msg import CompressedImage
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.requests import CALIBRATE, CLUTTER, DARK, SOON_NS, THRESHOLD
 from eol_ros.core.vision.tracker import STATES, Tracked, Tracker
-from eol_ros.devices.bag_selection import StampGaps
-from eol_ros.devices.preview import Preview
-from eol_ros.devices.tracker_files import TrackerFiles
+from eol_ros.devices.bag.selection import StampGaps
+from eol_ros.devices.camera.preview import Preview
+from eol_ros.devices.files.tracker_files import TrackerFiles
 from eol_ros.ros.blocks import RECORD, pack_blocks
 from eol_ros.ros.images import image_from_cdr
 from eol_ros.ros.node import EolNode

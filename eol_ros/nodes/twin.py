@@ -7,17 +7,17 @@ import numpy as np
 from eol_msgs.msg import Control, RimCommand, Truth
 
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.physics.hands import Commands, Rim, Visitors
-from eol_ros.core.physics.live import LiveTable
-from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.renderer import Renderer, RenderOptions
-from eol_ros.devices.virtual_camera import VirtualCamera
-from eol_ros.ros.audience import Audience
+from eol_ros.core.physics.twin.hands import Commands, Rim, Visitors
+from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+from eol_ros.devices.camera.exposure_clock import VirtualCamera
 from eol_ros.ros.camera_info import camera_info
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import NS, to_msg
+from eol_ros.ros.startup_barrier import StartupBarrier
 
 LONGEST_STEP_S = 0.1  # a machine that slept does not make up for it
 
@@ -46,7 +46,7 @@ class TwinNode(EolNode):
         self.subscribe('rim_command', self.on_rim_command)
         self.subscribe('control', self.on_control)
         self.film(0, 1e-4)  # compiles what is not compiled yet, before the clock runs
-        self.audience, self.camera = Audience(self), None
+        self.barrier, self.camera = StartupBarrier(self), None
         self.create_timer(0.1, self.check)
 
     def on_rim_command(self, command: RimCommand) -> None:
@@ -91,7 +91,7 @@ class TwinNode(EolNode):
 
     def check(self) -> None:
         s = self.settings
-        if self.camera is None and self.audience.ready():
+        if self.camera is None and self.barrier.ready():
             self.health.expects('images')
             self.health.ok(f'{s.width}x{s.height} at {s.fps:g} images/s, hands: {s.hands}')
             self.camera = VirtualCamera(s.fps, s.exposure_us * 1e-6, self.expose, self.deliver)

@@ -3,7 +3,7 @@
 
 from sensor_msgs.msg import CameraInfo
 
-from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.ros.stamps import now_ns, to_msg
 
 

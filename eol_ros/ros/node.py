@@ -26,11 +26,12 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from eol_ros.core.played_clock import PlayedClock
 from eol_ros.errors import ConfigError
-from eol_ros.ros.audience import LOOK_S, READY, Meeting
 from eol_ros.ros.health import Health
 from eol_ros.ros.stamps import to_ns
-from eol_ros.ros.topics import CLOCK, CLOCK_QOS, GIVER_QOS, QOS, TOPICS
+from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
+from eol_ros.ros.topics import CLOCK, CLOCK_QOS, PUBLISHER_QOS, QOS, TOPICS
 from eol_ros.scene import Scene, check_value
+from eol_ros.settings import renamed
 
 NAMESPACE = 'eol'
 SIM_TIME = 'use_sim_time'
@@ -62,12 +63,12 @@ class EolNode(Node):
         if self.sim_time:
             self._follow_clock()
         self.health = Health(self)
-        self._meeting = Meeting(self)
+        self._discovery = PeerDiscovery(self)
         self._looks = self.create_timer(LOOK_S, self._look)
 
     def _look(self) -> None:
         """Tell the others, by reading `ready`, once those whom this node needs have been met."""
-        if self._meeting.over():
+        if self._discovery.complete():
             self._looks.cancel()
             self.subscribe(READY, lambda message: None)
 
@@ -127,7 +128,7 @@ class EolNode(Node):
         """Return a publisher of `topic` with type and QoS of the table."""
         row = TOPICS[topic]
         return self.create_publisher(
-            row.message_class(), topic, GIVER_QOS[row.qos],
+            row.message_class(), topic, PUBLISHER_QOS[row.qos],
             event_callbacks=_loud(self, topic, True),
         )
 
@@ -170,6 +171,12 @@ class EolNode(Node):
         """Declare a ROS parameter per setting; command-line overrides are checked like a scene."""
         fields = {f.name: f for f in dataclasses.fields(settings)}
         overrides = {k: p.value for k, p in self._parameter_overrides.items()}
+        for old, new in renamed(self.NAME).items():
+            if old in overrides and new not in overrides:
+                self.get_logger().warning(
+                    f'parameter {old} is now called {new}; the old name goes with the next version'
+                )
+                overrides[new] = overrides.pop(old)
         known = set(fields) | {SIM_TIME, 'start_type_description_service'}
         unknown = [n for n in overrides if n not in known and not n.startswith('qos_overrides')]
         if unknown:

@@ -28,8 +28,8 @@ def played(scene: Any, images: bool) -> list[str]:
         row.name
         for row in TOPICS.values()
         if row.name not in NEVER
-        and nodes & set(row.takes)
-        and (row.name in (TAPS, REQUESTS) or not nodes & set(row.gives) - {'panel'})
+        and nodes & set(row.subscribers)
+        and (row.name in (TAPS, REQUESTS) or not nodes & set(row.publishers) - {'panel'})
     ]
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from eol_ros import scene as scenes
 from eol_ros.errors import EolError, warning_line
-from eol_ros.ros import leave, network
+from eol_ros.ros import network, shutdown_watchdog
 from eol_ros.settings import NODES
 
 
@@ -100,10 +100,10 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
     finally:
         for node in reversed(nodes):
             node.close()
-        leave.end_in_time()
+        shutdown_watchdog.arm()
         executor.shutdown(timeout_sec=1.0)
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
-        leave.has_left()
+        shutdown_watchdog.disarm()
     return 0

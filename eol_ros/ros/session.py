@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from eol_ros.ros import leave, network
+from eol_ros.ros import network, shutdown_watchdog
 
 
 class Session:
@@ -63,10 +63,10 @@ def session(
             signal.signal(number, handler)
         if node is not None and hasattr(node, 'close'):
             node.close()
-        leave.end_in_time()
+        shutdown_watchdog.arm()
         if node is not None:
             executor.remove_node(node)
             node.destroy_node()
         executor.shutdown(timeout_sec=1.0)
         rclpy.try_shutdown()
-        leave.has_left()
+        shutdown_watchdog.disarm()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every topic of the graph: its type, its quality of service, who gives it, what it carries.
+"""Every topic of the graph: type, quality of service, publishers, subscribers, what it carries.
 
 This table is the only place where QoS is chosen. Names are relative to the namespace
 (`eol`), but for those that begin with a slash.
@@ -19,8 +19,8 @@ class Topic:
     name: str
     type_name: str
     qos: str
-    gives: tuple[str, ...]
-    takes: tuple[str, ...]
+    publishers: tuple[str, ...]
+    subscribers: tuple[str, ...]
     doc: str
 
     def message_class(self) -> Any:
@@ -52,9 +52,9 @@ QOS: dict[str, QoSProfile] = {
     'health': _qos(10),
     'clock': _qos(1, reliable=False),  # as rclcpp and rclpy ask for it
 }
-# What a giver keeps to send again. DDS threads answer in time even where the reader's Python is
-# busy, so the twelve last images are enough, and 8 MB less for each who gives them.
-GIVER_QOS = QOS | {'images': _qos(12)}
+# What a publisher keeps to send again. DDS threads answer in time even where the Python of the
+# subscriber is busy, so the twelve last images are enough, and save 8 MB in each publisher.
+PUBLISHER_QOS = QOS | {'images': _qos(12)}
 CLOCK, CLOCK_QOS = '/clock', QOS['clock']
 
 _ROWS = (
@@ -92,7 +92,7 @@ _ROWS = (
           ('tracker', 'twin', 'leds', 'grains', 'sound', 'montage', 'panel'),
           'requests of people; from which image on the tracker heeds them'),
     Topic('ready', 'std_msgs/msg/Empty', 'latched', (), ('every node',),
-          'nothing: who reads it has met its writers and readers, and the twin may begin'),
+          'startup barrier, without data: a node subscribes once it has discovered its peers'),
     Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', 'health', ('every node',),
           ('panel', 'recorder'), 'state of every node, once a second'),
     Topic(CLOCK, 'rosgraph_msgs/msg/Clock', 'clock', ('replay',), ('every node',),

@@ -2,32 +2,45 @@
 """eol bench: every benchmark by its name."""
 
 import importlib
+import os
+import sys
 from pathlib import Path
 
-from eol_ros import bench, cli
+from eol_ros import cli
 from eol_ros.errors import UsageError
 
 HELP = 'Measure error against run time, and speed against peers; `eol bench NAME --help` says more.'
 EXAMPLES = ['eol bench graph --seconds 30', 'eol bench physics --json > physics.json']
+ROOT = Path(__file__).resolve().parents[2]
+FOLDER = ROOT / 'benchmarks'
 
 
 def names() -> list[str]:
-    """Return the benchmarks that there are."""
-    files = sorted(Path(bench.__file__).parent.glob('[a-z]*.py'))
+    """Return the benchmarks that there are: none without a checkout of the repository."""
+    files = sorted(FOLDER.glob('[a-z]*.py'))
     return [f.stem for f in files if 'def add_arguments' in f.read_text()]
 
 
 def add_arguments(parser):
     """Take the name; the rest belongs to the benchmark."""
-    parser.add_argument('name', choices=names(), help='which')
+    parser.add_argument('name', help=f'which: {", ".join(names())}')
     parser.add_argument('rest', nargs='...', help='its options')
-
 
 
 def run(args):
     """Hand over to the benchmark."""
-    if args.name not in names():
-        raise UsageError(f'{args.name}: no such benchmark; there are {", ".join(names())}')
-    module = importlib.import_module(f'eol_ros.bench.{args.name}')
-    words = args.rest
-    return cli.run_verb(module, f'eol bench {args.name}', words)
+    known = names()
+    if not known:
+        raise UsageError(
+            'benchmarks are no part of the installed package: clone the repository, and start'
+            ' `eol bench` from its own environment (make setup)'
+        )
+    if args.name not in known:
+        raise UsageError(f'{args.name}: no such benchmark; there are {", ".join(known)}')
+    if str(ROOT) not in sys.path:
+        sys.path.insert(0, str(ROOT))
+    # some measure in processes of their own
+    paths = [str(ROOT), *filter(None, [os.environ.get('PYTHONPATH')])]
+    os.environ['PYTHONPATH'] = os.pathsep.join(paths)
+    module = importlib.import_module(f'benchmarks.{args.name}')
+    return cli.run_verb(module, f'eol bench {args.name}', args.rest)

@@ -54,7 +54,7 @@ def add_arguments(parser):
 
 def run(args) -> int:
     """Solve, tell, and write what is good."""
-    from eol_ros.devices.calibration_file import LEFT_HANDED
+    from eol_ros.devices.files.calibration_file import LEFT_HANDED
 
     if args.way == 'print':
         return _print(args)
@@ -74,14 +74,14 @@ def run(args) -> int:
     solution = replace(solution, calibration=replace(solution.calibration, date=_today()))
     _tell(args, solution)
     if args.picture:
-        from eol_ros.devices import calibration_picture
+        from eol_ros.devices.files import calibration_picture
 
         calibration_picture.save(args.picture, solution, image)
     refusal = solution.refusal()
     if refusal:
         raise ConfigError(f'calibration refused: {refusal}')
     if args.out:
-        from eol_ros.devices import calibration_file
+        from eol_ros.devices.files import calibration_file
 
         calibration_file.save(args.out, solution.calibration)
         print(f'written to {args.out}', file=sys.stderr)
@@ -89,9 +89,9 @@ def run(args) -> int:
 
 
 def _blocks(args, images):
-    from eol_ros.core.vision.blobs import BlobFinder
-    from eol_ros.core.vision.calibrate import from_blocks, name_blocks
-    from eol_ros.core.vision.corners import corners
+    from eol_ros.core.vision.calibration.calibrate import from_blocks, name_blocks
+    from eol_ros.core.vision.detect.blobs import BlobFinder
+    from eol_ros.core.vision.detect.corners import corners
     from eol_ros.verbs.progress import track
 
     views, reason = [], ''
@@ -108,13 +108,13 @@ def _blocks(args, images):
 
 
 def _board(args, images):
-    from eol_ros.core.vision.calibrate_board import from_board
+    from eol_ros.core.vision.calibration.charuco import from_board
 
     return from_board(images, _board_of(args), args.cover_height, args.focal, args.mirror)
 
 
 def _board_of(args):
-    from eol_ros.core.vision.calibrate_board import Board
+    from eol_ros.core.vision.calibration.charuco import Board
 
     columns, rows = _pair(args.board, '--board')
     return Board(columns, rows, args.square, args.marker, args.dictionary, *args.at)
@@ -126,13 +126,13 @@ def _print(args) -> int:
     if kind not in ('.svg', '.pdf', '.png'):
         raise UsageError(f'{path}: name a .pdf or .svg, to scale, or a .png')
     if kind == '.png':
-        from eol_ros.devices import picture_file
+        from eol_ros.devices.files import picture_file
 
         picture_file.save(path, _board_of(args).picture())
         print(f'print it so that one square is {args.square * 1e3:g} mm wide, with a white margin; '
               'a .pdf has both', file=sys.stderr)
         return 0
-    from eol_ros.core.vision import board_sheet
+    from eol_ros.core.vision.calibration import board_sheet
 
     page = board_sheet.sheet(_board_of(args), args.paper)
     data = board_sheet.pdf(page) if kind == '.pdf' else board_sheet.svg(page).encode()
@@ -146,7 +146,7 @@ def _print(args) -> int:
 
 
 def _points(args):
-    from eol_ros.core.vision.calibrate import from_points
+    from eol_ros.core.vision.calibration.calibrate import from_points
 
     path = args.sources[0]
     try:
@@ -165,8 +165,8 @@ def _points(args):
 
 def _start(args, shape):
     """Return a calibration of that image size with what is known of the lens."""
-    from eol_ros.core.vision.calibrate import nominal
-    from eol_ros.devices.calibration_file import load_lens
+    from eol_ros.core.vision.calibration.calibrate import nominal
+    from eol_ros.devices.files.calibration_file import load_lens
 
     if not args.lens:
         return nominal(shape[1], shape[0], args.focal)
@@ -181,7 +181,7 @@ def _images(sources) -> list[np.ndarray]:
     """Return up to _VIEWS grey images out of all sources, evenly spread."""
     import cv2
 
-    from eol_ros.devices.image_source import PICTURES, open_source
+    from eol_ros.devices.camera.image_sequence import PICTURES, open_source
 
     images: list[np.ndarray] = []
     for path in sources:

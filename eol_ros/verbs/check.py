@@ -33,6 +33,8 @@ def run(args):
         mistakes = [dataclasses.asdict(m) for m in error.mistakes]
         print(json.dumps({'ok': False, 'mistakes': mistakes}))
         return error.exit_code
+    for warning in scene.warnings:
+        print(f'eol check: {warning}', file=sys.stderr)
     missing = installed.missing()
     if args.json:
         answer = {'ok': not missing, **scenes.plain(scene)}
@@ -61,7 +63,7 @@ def _check_calibrations(scene):
     }  # fmt: skip
     if not named:
         return
-    from eol_ros.devices import calibration_file
+    from eol_ros.devices.files import calibration_file
 
     mistakes = []
     for name, settings in named.items():

@@ -65,7 +65,7 @@ def run(args):
 
 
 def _make(args):
-    from eol_ros.devices import corpus_build, corpus_file
+    from eol_ros.devices.corpus import corpus_build, corpus_file
 
     options = _options(args)
     if args.words:
@@ -99,7 +99,7 @@ def _make(args):
 
 
 def _options(args):
-    from eol_ros.devices.corpus_file import Options
+    from eol_ros.devices.corpus.corpus_file import Options
 
     for name, value, low, high in (
         ('--grain', args.grain, 0.02, 60),
@@ -144,7 +144,7 @@ def _summary(corpus):
 
 
 def _show(args):
-    from eol_ros.devices import corpus_build, corpus_file
+    from eol_ros.devices.corpus import corpus_build, corpus_file
 
     words = args.words[1:]
     if len(words) > 1:
@@ -164,7 +164,7 @@ def _show(args):
 
 
 def _move(args):
-    from eol_ros.devices import corpus_file
+    from eol_ros.devices.corpus import corpus_file
 
     try:
         path, grain, x, y = args.words[1:]

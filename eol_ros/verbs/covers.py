@@ -36,7 +36,7 @@ def add_arguments(parser):
 def run(args):
     """Write the covers and a picture of the whole; name them on stdout."""
     from eol_ros.core import terrain
-    from eol_ros.devices import picture_file, stl_file
+    from eol_ros.devices.files import picture_file, stl_file
 
     shape = CoverShape(args.side, args.wall, args.skirt, args.relief).check()
     for name, most in (('rows', 50), ('cols', 50), ('cells', 512)):

@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     """Warm up, run, fit, print."""
     import numpy as np
 
-    from eol_ros.core.physics.automaton import Events
+    from eol_ros.core.physics.automaton.ofc import Events
 
     lattice, exact = _lattice(args)
     count = args.events if args.events is not None else (EXACT_EVENTS if exact else FIXED_EVENTS)
@@ -103,8 +103,8 @@ def _lattice(args):
 
     import numpy as np
 
-    from eol_ros.core.physics.automaton import Automaton, ExactAutomaton, check
-    from eol_ros.core.physics.oslo import OsloPile
+    from eol_ros.core.physics.automaton.ofc import Automaton, ExactAutomaton, check
+    from eol_ros.core.physics.automaton.oslo import OsloPile
 
     size = 64 if args.size is None else args.size
     if args.seed < 0:
@@ -143,8 +143,8 @@ def _lattice(args):
 def _smallest(args):
     import numpy as np
 
-    from eol_ros.core.physics.automaton import Automaton
-    from eol_ros.core.physics.oslo import OsloPile
+    from eol_ros.core.physics.automaton.ofc import Automaton
+    from eol_ros.core.physics.automaton.oslo import OsloPile
 
     return OsloPile(1, 1) if args.model == 'oslo' else Automaton(np.zeros((1, 1)), 0.2, args.queue)
 

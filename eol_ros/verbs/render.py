@@ -46,8 +46,8 @@ def run(args) -> int:
     end_s = float((rows['time_s'] + rows['length'] / rate).max()) if len(rows) else 0.0
     frames = math.ceil((args.seconds or end_s + TAIL_S) * rate)
     mixer = Mixer(
-        rate, settings.channels, settings.voices, settings.reading == 'cubic', settings.gain_db,
-        settings.ceiling_db, settings.loudness_lufs, settings.governor_db,
+        rate, settings.channels, settings.polyphony, settings.interpolation == 'cubic',
+        settings.gain_db, settings.ceiling_db, settings.loudness_lufs, settings.governor_db,
     )  # fmt: skip
     peak, energy = 0.0, 0.0
     with _writer(args.out, settings) as file:
@@ -93,7 +93,7 @@ def _voices(args, settings):
     from eol_ros.core.sound.bank import voice_rows
 
     if Path(args.source).suffix.lower() == '.csv':
-        from eol_ros.devices.trigger_file import load_triggers
+        from eol_ros.devices.files.trigger_file import load_triggers
 
         if not args.corpus:
             raise UsageError(f'{args.source}: a CSV names no sound; add --corpus C.json')
@@ -150,8 +150,8 @@ def _bag_triggers(bag, sample_rate: int):
 def _bag_bank(row, sample_rate: int):
     import numpy as np
 
-    from eol_ros.devices.corpus_build import of_this_machine
-    from eol_ros.devices.sound_bank import load_bank
+    from eol_ros.devices.audio.bank import load_bank
+    from eol_ros.devices.corpus.corpus_build import of_this_machine
 
     files = [str(of_this_machine(f)) for f in np.atleast_1d(row['files'])]
     return load_bank(
@@ -161,8 +161,8 @@ def _bag_bank(row, sample_rate: int):
 
 
 def _bank(path: str, sample_rate: int):
-    from eol_ros.devices.corpus_file import load
-    from eol_ros.devices.sound_bank import load_bank
+    from eol_ros.devices.audio.bank import load_bank
+    from eol_ros.devices.corpus.corpus_file import load
 
     corpus = load(Path(path))
     grains = corpus.grains

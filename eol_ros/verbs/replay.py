@@ -42,7 +42,7 @@ def add_arguments(parser):
 
 def run(args):
     """Play it, or list it."""
-    from eol_ros.devices.bag_reader import BagReader
+    from eol_ros.devices.bag.reader import BagReader
 
     options = ('rate', 'rate'), ('start', 'start_s'), ('wait', 'wait_s'), ('clock', 'clock_hz')
     for option, setting in options:

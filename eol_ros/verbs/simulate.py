@@ -40,12 +40,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from eol_ros.core.physics import plan
+    from eol_ros.core.physics import choose
     from eol_ros.core.physics.model import Model
-    from eol_ros.core.physics.run import Limits
-    from eol_ros.devices import physics_file
+    from eol_ros.core.physics.result import Limits
+    from eol_ros.devices.files import physics_file
     from eol_ros.errors import UsageError
-    from eol_ros.verbs import warm
+    from eol_ros.verbs import compile
 
     for name in ('sample', 'step', 'repeat', 'max_steps', 'max_events'):
         if not getattr(args, name) > 0:
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if scene.duration_s / args.sample > 5e6 / scene.n:
         raise UsageError(f'--sample {args.sample:g}: too many samples of {scene.duration_s:g} s')
-    warm.ensure(['simulate'])
+    compile.ensure(['simulate'])
     model = Model.of(scene)
     options = {
         'sample_s': args.sample,
@@ -68,11 +68,11 @@ def run(args: argparse.Namespace) -> int:
         'limits': Limits(args.max_events, args.max_steps),
         'model': model,
     }
-    result = plan.simulate(scene, ledger=True, **options)  # compiles, and keeps the energy books
+    result = choose.simulate(scene, ledger=True, **options)  # compiles, and keeps the energy books
     best = float('inf')
     for _ in range(args.repeat):
         begin = time.perf_counter()
-        plan.simulate(scene, ledger=False, **options)
+        choose.simulate(scene, ledger=False, **options)
         best = min(best, time.perf_counter() - begin)
     if args.out:
         physics_file.save_run(args.out, result)
@@ -110,8 +110,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _scene(given: str):
-    from eol_ros.core.physics.named import NAMED, scene
+    from eol_ros.core.physics.presets import NAMED, scene
     from eol_ros.core.physics.scene import from_mapping
-    from eol_ros.devices.physics_file import load_scene
+    from eol_ros.devices.files.physics_file import load_scene
 
     return from_mapping(scene(given)) if given in NAMED else load_scene(given)

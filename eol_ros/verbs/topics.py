@@ -126,9 +126,13 @@ def _measure(visit, rows) -> None:
 def _markdown() -> str:
     from eol_ros.ros.topics import TOPICS
 
-    lines = ['| topic | type | given by | taken by | carries |', '| --- | --- | --- | --- | --- |']
+    lines = [
+        '| topic | type | published by | subscribed by | carries |',
+        '| --- | --- | --- | --- | --- |',
+    ]
     lines += [
-        f'| `{t.name}` | `{t.type_name}` | {", ".join(t.gives)} | {", ".join(t.takes)} | {t.doc} |'
+        f'| `{t.name}` | `{t.type_name}` | {", ".join(t.publishers)} |'
+        f' {", ".join(t.subscribers)} | {t.doc} |'
         for t in TOPICS.values()
     ]
     return '\n'.join(lines)

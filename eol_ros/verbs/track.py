@@ -55,7 +55,7 @@ def run(args) -> int:
     """Track, write, tell."""
     from eol_ros.core.motion.motion import Motion
     from eol_ros.core.vision.tracker import STATES, TRACKING, Tracker
-    from eol_ros.devices.image_source import open_source
+    from eol_ros.devices.camera.image_sequence import open_source
     from eol_ros.settings import MotionSettings, TrackerSettings
     from eol_ros.verbs.progress import track
 
@@ -88,7 +88,7 @@ def run(args) -> int:
         cascades += closed
         if args.overlay:
             if overlay is None:
-                from eol_ros.devices.overlay import Overlay
+                from eol_ros.devices.camera.overlay import Overlay
 
                 overlay = Overlay(args.overlay, source.fps, image.shape)
             overlay.add(
@@ -127,7 +127,7 @@ def run(args) -> int:
 def _calibration(path, mirror):
     if not path:
         return None
-    from eol_ros.devices import calibration_file
+    from eol_ros.devices.files import calibration_file
 
     return calibration_file.load(path, mirror)
 

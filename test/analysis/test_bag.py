@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from eol_ros.analysis.bag import open_bag, seconds, topic_names
-from eol_ros.devices.bag_file import BagTopic
-from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError, UsageError
 
 T0 = 1_700_000_000_000_000_000

@@ -14,8 +14,8 @@ from rclpy.serialization import serialize_message
 from eol_ros import cli
 from eol_ros.analysis import report
 from eol_ros.analysis.bag import open_bag
-from eol_ros.devices.bag_file import BagTopic
-from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.stamps import to_msg
 

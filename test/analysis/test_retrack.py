@@ -10,7 +10,7 @@ from eol_ros.analysis import retrack as retracking
 from eol_ros.analysis.bag import open_bag
 from eol_ros.analysis.retrack import images, retrack
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
 
 STEP_NS = 16_666_667
@@ -42,7 +42,7 @@ def run(tmp_path_factory, matched):
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter
 
-    from eol_ros.core.vision.renderer import Renderer
+    from eol_ros.core.vision.render.renderer import Renderer
     from eol_ros.nodes.grains import GrainsNode
     from eol_ros.nodes.motion import MotionNode
     from eol_ros.nodes.recorder import RecorderNode
@@ -179,7 +179,7 @@ def test_the_proof_ends_where_a_picture_is_missing(run, monkeypatch):
 
 @pytest.mark.slow
 def test_the_pictures_are_those_that_were_sent(run):
-    from eol_ros.core.vision.renderer import Renderer
+    from eol_ros.core.vision.render.renderer import Renderer
 
     renderer = Renderer(calibration=Calibration.ideal(), seed=5)
     for i, ((_, stamp_ns, image), (at, yaw)) in enumerate(
@@ -190,8 +190,8 @@ def test_the_pictures_are_those_that_were_sent(run):
 
 
 def test_a_bag_without_blocks_is_said(tmp_path):
-    from eol_ros.devices.bag_file import BagTopic
-    from eol_ros.devices.bag_writer import BagWriter
+    from eol_ros.devices.bag.mcap_file import BagTopic
+    from eol_ros.devices.bag.writer import BagWriter
 
     BagWriter(tmp_path / 'run', [BagTopic('/eol/blocks', 'x/msg/X', 'uint8 a\n')], {}).close()
     with pytest.raises(ConfigError, match='no blocks in it'):

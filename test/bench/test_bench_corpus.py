@@ -3,11 +3,11 @@ import json
 
 import pytest
 
+from benchmarks import corpus as bench
 from eol_ros import cli
-from eol_ros.bench import corpus as bench
 from eol_ros.core.sound.descriptors import HOP
 from eol_ros.core.sound.ice import ice
-from eol_ros.devices import audio_file
+from eol_ros.devices.audio import audio_file
 
 
 @pytest.mark.slow

@@ -9,14 +9,14 @@ import needs
 import numpy as np
 import pytest
 
+from benchmarks import sound as sound_bench
+from benchmarks import sound_live, sound_rehearsal
+from benchmarks.sound_engine import FS, error_db, make_score, ours, source, speed, truth
+from benchmarks.sound_peers import PEERS
+from benchmarks.stalls import Stalls, overlap
 from eol_ros import cli
-from eol_ros.bench import sound as sound_bench
-from eol_ros.bench import sound_live, sound_rehearsal
-from eol_ros.bench.sound_engine import FS, error_db, make_score, ours, source, speed, truth
-from eol_ros.bench.sound_peers import PEERS
-from eol_ros.bench.stalls import Stalls, overlap
-from eol_ros.core.physics.hands import Rim, Visitors
-from eol_ros.core.physics.live import LiveTable
+from eol_ros.core.physics.twin.hands import Rim, Visitors
+from eol_ros.core.physics.twin.live import LiveTable
 from eol_ros.errors import EolError
 from eol_ros.settings import SoundSettings, TwinSettings
 

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from eol_ros.bench import lattice_queues
-from eol_ros.core.physics.automaton import ONE, Automaton
+from benchmarks import lattice_queues
+from eol_ros.core.physics.automaton.ofc import ONE, Automaton
 
 
 @pytest.mark.slow

@@ -9,10 +9,10 @@ import sys
 
 import pytest
 
-from eol_ros.bench.machine import line, machine, tell
+from benchmarks.machine import line, machine, tell
 from eol_ros.verbs.bench import names
 
-ASK = 'import json; from eol_ros.bench.machine import machine; print(json.dumps(machine()))'
+ASK = 'import json; from benchmarks.machine import machine; print(json.dumps(machine()))'
 
 
 @pytest.mark.skipif(platform.machine() != 'x86_64', reason='names processors of x86-64')
@@ -47,5 +47,5 @@ def test_figures_of_an_earlier_run_keep_theirs(capsys):
 
 @pytest.mark.parametrize('name', names())
 def test_every_benchmark_names_it(name):
-    source = inspect.getsource(importlib.import_module(f'eol_ros.bench.{name}').run)
+    source = inspect.getsource(importlib.import_module(f'benchmarks.{name}').run)
     assert 'tell(' in source and 'print(json' not in source

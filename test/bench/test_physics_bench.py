@@ -4,17 +4,17 @@
 import numpy as np
 import pytest
 
-from eol_ros.bench import physics, physics_peers
-from eol_ros.core.physics import named
-from eol_ros.core.physics.plan import simulate
-from eol_ros.core.physics.run import sample_times
+from benchmarks import physics, physics_peers
+from eol_ros.core.physics import presets
+from eol_ros.core.physics.choose import simulate
+from eol_ros.core.physics.result import sample_times
 from eol_ros.core.physics.scene import from_mapping
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name, seconds', [('S2', 6.0), ('S3G', 2.5), ('S4L', 0.8)])
 def test_scipy_event_code_agrees(name, seconds):
-    scene = from_mapping(named.scene(name) | {'T': seconds})
+    scene = from_mapping(presets.scene(name) | {'T': seconds})
     times = sample_times(seconds, 0.1)
     run = simulate(scene)
     u = physics_peers.scipy_events(scene, times, 1e-9)

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from eol_ros.bench import identity, identity_ties, motion, twin_slips
-from eol_ros.bench.vision_scenes import RATE_HZ, run_film
+from benchmarks import identity, identity_ties, motion, twin_slips
+from benchmarks.vision_scenes import RATE_HZ, run_film
 
 pytestmark = pytest.mark.soak
 

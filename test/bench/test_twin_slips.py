@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import pytest
 
-from eol_ros.bench import twin_slips
-from eol_ros.bench.twin_slips import TrueSlip
+from benchmarks import twin_slips
+from benchmarks.twin_slips import TrueSlip
 
 
 def test_recall_asks_for_slips_that_follow_a_short_rest():

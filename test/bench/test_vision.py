@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.vision_bound import position_bound_px
 from eol_ros import cli
-from eol_ros.bench.vision_bound import position_bound_px
 
 pytestmark = pytest.mark.slow
 

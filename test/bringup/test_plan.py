@@ -5,8 +5,8 @@ import pytest
 
 from eol_ros import scene as scenes
 from eol_ros.bringup import plan, playback
-from eol_ros.devices.bag_file import BagTopic
-from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import DeviceMissing, UsageError
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from eol_ros.bringup import policy, status
 from eol_ros.bringup.child import Child
-from eol_ros.bringup.diary import Diary
+from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.supervisor import Supervisor
 from eol_ros.errors import UsageError
@@ -54,9 +54,9 @@ def start(tmp_path):
 
         def go(*processes, **options):
             server = stack.enter_context(status.listen(next(domains)))
-            diary = stack.enter_context(Diary(tmp_path))
+            events = stack.enter_context(EventLog(tmp_path))
             lines = []
-            supervisor = Supervisor('test', processes, server, diary, lines.append, **options)
+            supervisor = Supervisor('test', processes, server, events, lines.append, **options)
             return supervisor, lines
 
         yield go
@@ -351,7 +351,7 @@ time.sleep(60)
         until(lambda: lines.extend(child.output()) or lines)
     finally:
         child.signal(signal.SIGKILL)
-        child.bury()
+        child.reap()
 
     assert lines == ['it is full']
 

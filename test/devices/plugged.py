@@ -7,7 +7,7 @@ import time
 import needs
 import pytest
 
-from eol_ros.bench.jack import Jack
+from benchmarks.jack import Jack
 from eol_ros.errors import DeviceMissing
 
 

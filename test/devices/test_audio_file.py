@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from eol_ros.devices import audio_file
+from eol_ros.devices.audio import audio_file
 from eol_ros.errors import ConfigError, DeviceMissing
 
 

@@ -6,8 +6,8 @@ import struct
 import pytest
 from bag_samples import POINT, T0, write_bag
 
-from eol_ros.devices.bag_file import BagTopic
-from eol_ros.devices.bag_player import (
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.player import (
     LATE_S,
     LEAD_NS,
     STAND_S,
@@ -16,9 +16,9 @@ from eol_ros.devices.bag_player import (
     choose,
     complete,
 )
-from eol_ros.devices.bag_reader import BagReader
-from eol_ros.devices.bag_selection import stamp_ns
-from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.selection import stamp_ns
+from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError
 
 POINTS, TEXTS, IMAGES = '/eol/point', '/eol/text', '/eol/image'

@@ -4,8 +4,8 @@
 import pytest
 from bag_samples import POINT, T0, point, write_bag
 
-from eol_ros.devices.bag_reader import BagReader
-from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError, DeviceMissing
 
 

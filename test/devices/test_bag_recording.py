@@ -11,10 +11,10 @@ import pytest
 from bag_samples import POINT, T0, TEXT, point, text, write_bag
 from mcap.reader import make_reader
 
-from eol_ros.devices import bag_recording
-from eol_ros.devices.bag_reader import BagReader
-from eol_ros.devices.bag_recording import Recording
-from eol_ros.devices.bag_selection import Item, Slipping
+from eol_ros.devices.bag import recording as bag_recording
+from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.recording import Recording
+from eol_ros.devices.bag.selection import Item, Slipping
 from eol_ros.errors import ConfigError
 from eol_ros.settings import RecorderSettings
 

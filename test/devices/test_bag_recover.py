@@ -10,16 +10,16 @@ import pytest
 import yaml
 from bag_samples import POINT, write_bag
 
-from eol_ros.devices.bag_reader import BagReader
-from eol_ros.devices.bag_recover import leftovers, repair_all
-from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.recover import leftovers, repair_all
+from eol_ros.devices.bag.writer import BagWriter
 
 WRITER = """
 import sys
 sys.path.insert(0, sys.argv[2])
 from pathlib import Path
 from bag_samples import POINT, T0, point
-from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.bag.writer import BagWriter
 bag = BagWriter(Path(sys.argv[1]), [POINT], {'scene': 'killed'}, split_s=3.0)
 for i in range(10**9):
     bag.write('/eol/point', point(i), T0 + i * 1_000_000, T0, i + 1)

@@ -6,7 +6,7 @@ import struct
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eol_ros.devices.bag_selection import (
+from eol_ros.devices.bag.selection import (
     NS,
     AroundSlips,
     Gaps,

@@ -9,9 +9,9 @@ from bag_samples import HASH, POINT, QOS, T0, TEXT, point, text, write_bag
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
-from eol_ros.devices.bag_file import CHUNK_BYTES, BagFile
-from eol_ros.devices.bag_reader import BagReader
-from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.bag.mcap_file import CHUNK_BYTES, BagFile
+from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError
 
 

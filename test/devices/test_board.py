@@ -7,10 +7,10 @@ import time
 import pytest
 
 from eol_ros.devices.backoff import Backoff
-from eol_ros.devices.board import Board
-from eol_ros.devices.fake_board import FakeBoard
+from eol_ros.devices.board.board import Board
+from eol_ros.devices.board.fake import FakeBoard
+from eol_ros.devices.board.ports import find_port
 from eol_ros.devices.ports import Port
-from eol_ros.devices.serial_ports import find_port
 from eol_ros.errors import DeviceMissing
 
 
@@ -101,7 +101,7 @@ def test_an_unplugged_board_is_met_again_and_shown_what_it_missed(host, fake):
 
 
 def test_a_silent_board_counts_as_lost(host, fake, monkeypatch):
-    monkeypatch.setattr('eol_ros.devices.board.SILENT_AFTER_S', 0.3)
+    monkeypatch.setattr('eol_ros.devices.board.board.SILENT_AFTER_S', 0.3)
     fake.fault('mute')
 
     assert eventually(lambda: host.board.state.kind == 'lost')
@@ -132,7 +132,7 @@ def test_another_version_is_one_clear_line(tmp_path):
 
 
 def test_a_port_that_never_answers_is_not_a_board(monkeypatch):
-    monkeypatch.setattr('eol_ros.devices.board.HELLO_FOR_S', 0.3)
+    monkeypatch.setattr('eol_ros.devices.board.board.HELLO_FOR_S', 0.3)
     with FakeBoard() as fake:
         fake.fault('mute')
         with Host(fake.port) as host:

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 import yaml
 
-from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.clutter import ClutterMap
-from eol_ros.devices import calibration_file, clutter_file
+from eol_ros.core.vision.background.model import ClutterMap
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.devices.files import background_file, calibration_file
 from eol_ros.errors import ConfigError, DeviceMissing
 
 
@@ -111,12 +111,12 @@ def test_files_and_folders_that_are_not_there(tmp_path, camera):
 
 def test_clutter_maps_are_pictures(tmp_path):
     light = np.random.default_rng(0).integers(0, 255, (40, 60)).astype(np.uint8)
-    clutter_file.save(tmp_path / 'm.png', ClutterMap(light))
-    assert np.array_equal(clutter_file.load(tmp_path / 'm.png').light, light)
+    background_file.save(tmp_path / 'm.png', ClutterMap(light))
+    assert np.array_equal(background_file.load(tmp_path / 'm.png').light, light)
     with pytest.raises(DeviceMissing):
-        clutter_file.load(tmp_path / 'none.png')
+        background_file.load(tmp_path / 'none.png')
     with pytest.raises(ConfigError, match='cannot write'):
-        clutter_file.save(tmp_path / 'no' / 'm.png', ClutterMap(light))
+        background_file.save(tmp_path / 'no' / 'm.png', ClutterMap(light))
     (tmp_path / 'bad.png').write_text('no picture')
     with pytest.raises(ConfigError):
-        clutter_file.load(tmp_path / 'bad.png')
+        background_file.load(tmp_path / 'bad.png')

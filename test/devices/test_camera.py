@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from eol_ros.devices.backoff import Backoff
-from eol_ros.devices.camera import AHEAD, Camera, Pace
-from eol_ros.devices.camera_ports import find_camera, list_cameras
-from eol_ros.devices.camera_sources import LiveCamera, VideoFile, is_file, source_of
-from eol_ros.devices.fake_camera import FakeDriver, Mishap, number_of
+from eol_ros.devices.camera.camera import AHEAD, Camera, Pace
+from eol_ros.devices.camera.fake import FakeDriver, Mishap, number_of
+from eol_ros.devices.camera.ports import find_camera, list_cameras
+from eol_ros.devices.camera.sources import LiveCamera, VideoFile, is_file, source_of
 from eol_ros.devices.ports import Port
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import CameraSettings

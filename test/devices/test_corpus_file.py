@@ -18,10 +18,11 @@ import pytest
 
 from eol_ros.core.sound.corpus import GRAIN
 from eol_ros.core.sound.ice import ice
-from eol_ros.devices import audio_file, corpus_build, corpus_file
-from eol_ros.devices.corpus_build import build, build_cached
-from eol_ros.devices.corpus_file import Options
-from eol_ros.devices.corpus_loader import CorpusLoader
+from eol_ros.devices.audio import audio_file
+from eol_ros.devices.corpus import corpus_build, corpus_file
+from eol_ros.devices.corpus.corpus_build import build, build_cached
+from eol_ros.devices.corpus.corpus_file import Options
+from eol_ros.devices.corpus.loader import CorpusLoader
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
 
 RATE = 16000
@@ -328,7 +329,7 @@ def test_made_apart_is_the_same_and_leaves_no_weight(sound):
     code = (
         'import sys, numpy as np\n'
         'from eol_ros.devices import corpus_build\n'
-        'from eol_ros.devices.corpus_file import Options\n'
+        'from eol_ros.devices.corpus.corpus_file import Options\n'
         f'c = corpus_build.apart({str(sound)!r}, Options(), 1)\n'
         'heavy = {"scipy", "soundfile", "numba", "matplotlib"} & set(sys.modules)\n'
         'print(len(c), sorted(heavy), float(c.grains["x"].sum()))\n'

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What survives a restart, and what does not stop the show."""
 
-from eol_ros.devices.day_file import SAVE_EVERY_S, DayFile
+from eol_ros.devices.files.day_file import SAVE_EVERY_S, DayFile
 
 
 def test_what_is_saved_is_found_again_by_the_same_name(tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ import tty
 import pytest
 
 from eol_ros.core import serial_protocol as p
-from eol_ros.devices.fake_board import Arrival, FakeBoard, latency_s
+from eol_ros.devices.board.fake import Arrival, FakeBoard, latency_s
 from eol_ros.errors import UsageError
 
 
@@ -106,7 +106,7 @@ def test_fades_a_flash_by_itself(board, line):
 
 
 def test_goes_dark_when_the_host_is_gone(board, line, monkeypatch):
-    monkeypatch.setattr('eol_ros.devices.fake_board.DARK_AFTER_S', 0.1)
+    monkeypatch.setattr('eol_ros.devices.board.fake.DARK_AFTER_S', 0.1)
     line.say(p.Levels(0, b'\xff' * 25))
     eventually(lambda: board.log)
     time.sleep(0.15)
@@ -180,7 +180,7 @@ def test_an_unknown_fault_is_named():
 
 def test_runs_as_a_program(tmp_path):
     link, log = tmp_path / 'board', tmp_path / 'log.csv'
-    command = [sys.executable, '-m', 'eol_ros.devices.fake_board']
+    command = [sys.executable, '-m', 'eol_ros.devices.board.fake']
     options = ['--link', str(link), '--taps', '50', '--for', '3', '--log', str(log)]
     program = subprocess.Popen(command + options, stdout=subprocess.PIPE, text=True)
     try:
@@ -199,7 +199,7 @@ def test_runs_as_a_program(tmp_path):
 
 
 def test_a_wrong_script_is_one_line():
-    command = [sys.executable, '-m', 'eol_ros.devices.fake_board', '--faults', 'unplug']
+    command = [sys.executable, '-m', 'eol_ros.devices.board.fake', '--faults', 'unplug']
     done = subprocess.run(command, capture_output=True, text=True, timeout=20)
 
     assert done.returncode == 2

@@ -6,9 +6,9 @@ import time
 import numpy as np
 import pytest
 
-from eol_ros.devices.fake_board import FakeBoard
-from eol_ros.devices.lights import Lights, Played
-from eol_ros.devices.twin_board import TwinBoard
+from eol_ros.devices.board.fake import FakeBoard
+from eol_ros.devices.board.lights import Lights, Played
+from eol_ros.devices.board.twin import TwinBoard
 from eol_ros.errors import ConfigError
 from eol_ros.settings import LedsSettings
 

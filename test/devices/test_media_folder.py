@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from eol_ros.devices import media_folder
-from eol_ros.devices.media_folder import LIST, MediaFolder, Pair, Pictures
+from eol_ros.devices.files import media_folder
+from eol_ros.devices.files.media_folder import LIST, MediaFolder, Pair, Pictures
 from eol_ros.errors import DeviceMissing
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><rect width="4" height="3"/></svg>'

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eol_ros.devices.osc import OscIn, OscOut, decode, encode
+from eol_ros.devices.audio.osc import OscIn, OscOut, decode, encode
 from eol_ros.errors import ConfigError, DeviceMissing
 
 VALUES = st.lists(

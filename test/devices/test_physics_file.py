@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from eol_ros import cli
-from eol_ros.core.physics import named
-from eol_ros.devices.physics_file import load_scene, save_scene
+from eol_ros.core.physics import presets
+from eol_ros.devices.files.physics_file import load_scene, save_scene
 from eol_ros.errors import ConfigError, DeviceMissing
 
 
 def test_saved_scene_is_the_same_scene(tmp_path):
-    save_scene(tmp_path / 's.json', named.scene('S4G'))
+    save_scene(tmp_path / 's.json', presets.scene('S4G'))
     scene = load_scene(tmp_path / 's.json')
-    assert scene.source == json.loads(json.dumps(named.scene('S4G')))
+    assert scene.source == json.loads(json.dumps(presets.scene('S4G')))
 
 
 @pytest.mark.parametrize(

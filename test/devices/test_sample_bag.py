@@ -14,7 +14,7 @@ from bag_samples import write_bag
 
 from eol_ros import cli
 from eol_ros.analysis import open_bag
-from eol_ros.devices.bag_reader import BagReader
+from eol_ros.devices.bag.reader import BagReader
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.topics import TOPICS
 

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from plugged import plugged
 
-from eol_ros.bench.jack import FS, PERIOD
+from benchmarks.jack import FS, PERIOD
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import render_all
 from eol_ros.core.sound.triggers import TRIGGER
-from eol_ros.devices.soundcard import Card, Player, cards, find
-from eol_ros.devices.wav_sink import WavSink
+from eol_ros.devices.audio.soundcard import Card, Player, cards, find
+from eol_ros.devices.audio.wav_sink import WavSink
 from eol_ros.errors import DeviceMissing
 
 HERE = Path(__file__).parent
@@ -167,7 +167,7 @@ def test_a_lost_card_is_noticed_and_taken_again(card_for_others, tmp_path):
     import sys, time
     sys.path[:0] = [{str(HERE)!r}, {str(HERE.parent)!r}, {str(HERE.parents[1])!r}]
     from test_soundcard import new_mixer, wait_for
-    from eol_ros.devices.soundcard import Player
+    from eol_ros.devices.audio.soundcard import Player
     mixer = new_mixer()
     player = Player(mixer, 'auto', 256, {str(tmp_path / 'x.wav')!r}, fade_in_s=0.1)
     print(player.level, player.on_card, flush=True)

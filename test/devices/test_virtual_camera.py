@@ -5,7 +5,7 @@ import itertools
 import threading
 import time
 
-from eol_ros.devices.virtual_camera import NS, VirtualCamera
+from eol_ros.devices.camera.exposure_clock import NS, VirtualCamera
 
 
 def film(count, rate_hz=200.0, slow=()):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 
-from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.nodes.camera import CameraNode
 from eol_ros.ros.images import image_from_cdr
@@ -108,7 +108,7 @@ def test_the_end_of_a_film_is_told(graph, tmp_path):
 
 
 def test_the_calibration_goes_out_as_camera_info(graph, tmp_path):
-    from eol_ros.devices import calibration_file
+    from eol_ros.devices.files import calibration_file
 
     film(tmp_path / 'f.avi', 'MJPG', n=10)
     calibration = Calibration.ideal(640, 400)

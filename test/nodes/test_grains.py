@@ -14,9 +14,10 @@ from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.corpus import DESCRIPTORS
 from eol_ros.core.sound.ice import ice
 from eol_ros.core.sound.select import Selector
-from eol_ros.devices import audio_file, corpus_file
-from eol_ros.devices.corpus_build import build_cached
-from eol_ros.devices.corpus_file import Options
+from eol_ros.devices.audio import audio_file
+from eol_ros.devices.corpus import corpus_file
+from eol_ros.devices.corpus.corpus_build import build_cached
+from eol_ros.devices.corpus.corpus_file import Options
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.nodes.grains import GrainsNode
 from eol_ros.ros.blocks import RECORD, pack_blocks

@@ -68,7 +68,7 @@ def show(ros, matched, request):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('show', [({'clutter': 'lamps.png'}, {})], indirect=True)
+@pytest.mark.parametrize('show', [({'background': 'lamps.png'}, {})], indirect=True)
 def test_the_button_makes_the_tracker_learn_the_lamps(show, tmp_path, monkeypatch):
     tracker, _leds, _twin, panel, until = show
     monkeypatch.chdir(tmp_path)

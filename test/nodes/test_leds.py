@@ -10,7 +10,7 @@ import pytest
 from eol_msgs.msg import BlockTap, Control, LedCommand, Slip, Truth
 from rclpy.executors import SingleThreadedExecutor
 
-from eol_ros.devices.fake_board import FakeBoard, latency_s
+from eol_ros.devices.board.fake import FakeBoard, latency_s
 from eol_ros.errors import ConfigError
 from eol_ros.nodes.leds import LedsNode
 from eol_ros.ros.node import EolNode
@@ -204,7 +204,7 @@ def test_the_limit_goes_off_only_with_a_reason(ros, make_rig):
 
 def test_it_imports_nothing_heavy():
     code = (
-        'import sys, eol_ros.nodes.leds, eol_ros.devices.twin_board; '
+        'import sys, eol_ros.nodes.leds, eol_ros.devices.board.twin; '
         "print(*{'cv2', 'numba', 'scipy', 'sounddevice', 'aiohttp'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)

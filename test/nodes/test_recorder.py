@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
-from eol_ros.devices.bag_reader import BagReader
+from eol_ros.devices.bag.reader import BagReader
 from eol_ros.errors import ConfigError
 from eol_ros.nodes.recorder import RecorderNode
 from eol_ros.ros.images import ImagePublisher

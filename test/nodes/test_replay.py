@@ -10,8 +10,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
-from eol_ros.devices.bag_file import BagTopic
-from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.nodes.replay import ReplayNode
 from eol_ros.ros.definitions import describe

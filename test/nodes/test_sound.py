@@ -10,8 +10,8 @@ import soundfile
 from eol_msgs.msg import Control, Corpus, GrainTrigger
 from rclpy.executors import SingleThreadedExecutor
 
-from eol_ros.devices.osc import OscIn, OscOut
-from eol_ros.devices.sound_bank import BankLoader
+from eol_ros.devices.audio.bank import BankLoader
+from eol_ros.devices.audio.osc import OscIn, OscOut
 from eol_ros.nodes.sound import SoundNode
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.sound import NOBODY, corpus_grains
@@ -160,7 +160,7 @@ def test_a_trigger_speaks_of_the_corpus_of_its_time(tmp_path):
 
 @pytest.mark.slow
 def test_a_sound_that_cannot_be_read_is_read_once_it_can(tmp_path, monkeypatch):
-    monkeypatch.setattr('eol_ros.devices.sound_bank.RETRY_S', 0.05)
+    monkeypatch.setattr('eol_ros.devices.audio.bank.RETRY_S', 0.05)
     banks, message = BankLoader(FS), corpus_of(tmp_path, 'a')
     away = (tmp_path / 'a.wav').rename(tmp_path / 'away.wav')
     banks.ask('a', 0, *corpus_grains(message))

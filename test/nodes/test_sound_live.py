@@ -14,9 +14,9 @@ import soundfile
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
+from benchmarks import sound_loss
+from benchmarks.running import Graph
 from eol_ros import cli
-from eol_ros.bench import sound_loss
-from eol_ros.bench.running import Graph
 
 pytestmark = [pytest.mark.slow, pytest.mark.live]
 FS = 48000

@@ -7,11 +7,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.clutter import ClutterMap
-from eol_ros.core.vision.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.background.model import ClutterMap
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
-from eol_ros.devices.tracker_files import TrackerFiles
+from eol_ros.devices.files.tracker_files import TrackerFiles
 from eol_ros.nodes.tracker import TrackerNode
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
@@ -113,7 +113,7 @@ def test_only_behind_a_replay_a_tracker_heeds_what_a_tracker_said(ros, sim_time)
 
 
 def test_what_a_replay_learns_again_is_not_written_down(tmp_path):
-    settings = TrackerSettings(clutter=str(tmp_path / 'lamps.png'))
+    settings = TrackerSettings(background=str(tmp_path / 'lamps.png'))
     for keep in (True, False):
         tracker = Tracker(settings, Calibration.ideal())
         tracker.finder.clutter = ClutterMap(np.full((800, 1280), 40, np.uint8))

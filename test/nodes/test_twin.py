@@ -9,9 +9,9 @@ from eol_msgs.msg import RimCommand
 from rclpy.executors import SingleThreadedExecutor
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
-from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.tracker import Tracker
-from eol_ros.devices.tracker_files import calibration_of
+from eol_ros.devices.files.tracker_files import calibration_of
 from eol_ros.nodes.twin import TwinNode
 from eol_ros.ros.images import image_from_cdr
 from eol_ros.ros.node import EolNode

@@ -16,8 +16,8 @@ import pytest
 from eol_msgs.msg import Slip
 from rclpy.serialization import serialize_message
 
-from eol_ros.devices.bag_file import BagTopic
-from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.ros.definitions import describe
 
 OURS, THEIRS = f'eol-a-{os.getpid()}', f'eol-b-{os.getpid()}'

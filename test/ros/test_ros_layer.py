@@ -16,7 +16,7 @@ from eol_ros.ros import network
 from eol_ros.ros.images import ImagePublisher, image_from_cdr
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import to_msg, to_ns
-from eol_ros.ros.topics import CLOCK, GIVER_QOS, QOS, TOPICS
+from eol_ros.ros.topics import CLOCK, PUBLISHER_QOS, QOS, TOPICS
 from eol_ros.settings import NEEDS, NODES, MontageSettings
 
 
@@ -137,12 +137,12 @@ def test_topic_table():
     for row in TOPICS.values():
         assert row.message_class().__name__ == row.type_name.split('/')[-1]
         least = 1 if row.name == CLOCK else 10
-        assert least <= GIVER_QOS[row.qos].depth <= QOS[row.qos].depth
-        for node in (*row.gives, *row.takes):
+        assert least <= PUBLISHER_QOS[row.qos].depth <= QOS[row.qos].depth
+        for node in (*row.publishers, *row.subscribers):
             assert node in NODES or node == 'every node'
     for node, (topic, givers) in NEEDS.items():
-        assert node in TOPICS[topic].takes
-        assert set(givers) <= set(TOPICS[topic].gives)
+        assert node in TOPICS[topic].subscribers
+        assert set(givers) <= set(TOPICS[topic].publishers)
 
 
 @pytest.mark.parametrize('kind', ['local', 'lan'])
@@ -153,7 +153,7 @@ def test_profile(kind):
     assert ('127.0.0.1' in text) == (kind == 'local')
     assert f'<segment_size>{network.BIG_SEGMENT}</segment_size>' in text
     # Every image that the QoS keeps must fit in at once, or the oldest are overwritten unread.
-    assert GIVER_QOS['images'].depth * 1280 * 800 < network.BIG_SEGMENT
+    assert PUBLISHER_QOS['images'].depth * 1280 * 800 < network.BIG_SEGMENT
 
 
 def test_a_profile_of_the_user_stays(monkeypatch):

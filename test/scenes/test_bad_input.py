@@ -92,8 +92,8 @@ def test_sound_is_no_sound(tmp_path):
 
 
 def test_calibration_is_of_a_mirror_that_nobody_mentions(tmp_path):
-    from eol_ros.core.vision.calibration import Calibration
-    from eol_ros.devices import calibration_file
+    from eol_ros.core.vision.calibration.model import Calibration
+    from eol_ros.devices.files import calibration_file
 
     path = tmp_path / 'table.yaml'
     calibration_file.save(path, Calibration.ideal(mirror=True))

@@ -7,8 +7,8 @@ import time
 
 import pytest
 
+from benchmarks.running import Graph
 from eol_ros import compiled
-from eol_ros.bench.running import Graph
 from eol_ros.errors import EolError
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -39,9 +39,9 @@ def test_a_cold_start_compiles_first_and_says_so(tmp_path, monkeypatch):
     assert percents == sorted(percents) and len(set(percents)) > 5
     assert 'compiling, 0 %' in log and restarts == 0
 
-    # What was compiled is found by the next one, and by `eol warm`.
+    # What was compiled is found by the next one, and by `eol compile`.
     assert compiled.cold(['twin']) == []
-    warm = [sys.executable, '-m', 'eol_ros', 'warm', '--parts', 'twin']
+    warm = [sys.executable, '-m', 'eol_ros', 'compile', '--parts', 'twin']
     done = subprocess.run(warm, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
     with Graph(path) as graph:

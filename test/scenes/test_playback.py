@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
+from benchmarks.running import Graph
 from eol_ros.analysis import open_bag
-from eol_ros.bench.running import Graph
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 CHAIN = {

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import yaml
 
+from benchmarks.running import Graph, stand_in
 from eol_ros import cli
 from eol_ros import scene as scenes
-from eol_ros.bench.running import Graph, stand_in
 from eol_ros.bringup import status
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(420)]
@@ -233,7 +233,7 @@ def test_lights_start_and_import_only_what_they_need(tmp_path):
 
 
 def _film(folder):
-    from eol_ros.bench.running import Film
+    from benchmarks.running import Film
 
     return Film(folder, seconds=2.0)
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.running import Graph, stand_in
 from eol_ros.analysis import open_bag
-from eol_ros.bench.running import Graph, stand_in
 
 MINUTES = float(os.environ.get('EOL_SOAK_MINUTES', '30'))
 pytestmark = [pytest.mark.soak, pytest.mark.live, pytest.mark.timeout(600 + 180 * MINUTES)]

@@ -13,8 +13,8 @@ import time
 import pytest
 import yaml
 
+from benchmarks.running import Graph, stand_in
 from eol_ros.analysis import open_bag
-from eol_ros.bench.running import Graph, stand_in
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

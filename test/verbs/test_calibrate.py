@@ -9,9 +9,9 @@ import pytest
 
 from eol_ros import cli
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision.renderer import Renderer, RenderOptions
-from eol_ros.core.vision.renderer_clutter import clutter_calibration
-from eol_ros.devices import calibration_file
+from eol_ros.core.vision.render.clutter import clutter_calibration
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+from eol_ros.devices.files import calibration_file
 
 pytestmark = pytest.mark.slow  # the first run compiles
 

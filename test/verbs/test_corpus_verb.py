@@ -7,7 +7,8 @@ import pytest
 
 from eol_ros import cli
 from eol_ros.core.sound.ice import ice
-from eol_ros.devices import audio_file, corpus_build, corpus_file
+from eol_ros.devices.audio import audio_file
+from eol_ros.devices.corpus import corpus_build, corpus_file
 
 
 @pytest.fixture(autouse=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eol_ros.cli import main
-from eol_ros.devices import stl_file
+from eol_ros.devices.files import stl_file
 
 
 def test_writes_watertight_covers_that_fit(tmp_path, capsys):

@@ -15,8 +15,8 @@ import yaml
 from eol_msgs.msg import Cascade, Slip
 from rclpy.serialization import serialize_message
 
-from eol_ros.devices.bag_file import BagTopic
-from eol_ros.devices.bag_writer import BagWriter
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.ros.definitions import describe
 
 T0 = 1_700_000_000_000_000_000

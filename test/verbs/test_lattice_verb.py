@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eol_ros.cli import main
-from eol_ros.core.physics.automaton import ExactAutomaton
+from eol_ros.core.physics.automaton.ofc import ExactAutomaton
 
 pytestmark = pytest.mark.slow  # numba
 
@@ -151,7 +151,7 @@ def test_a_start_file_that_is_none(capsys, tmp_path):
 
 
 def test_the_bench_measures(capsys, monkeypatch):
-    from eol_ros.bench import lattice as bench
+    from benchmarks import lattice as bench
 
     monkeypatch.setattr(bench, 'ROWS', ((16, 0.2, 1000),))
     assert main(['bench', 'lattice', '--seconds', '0.2', '--json']) == 0
@@ -162,7 +162,7 @@ def test_the_bench_measures(capsys, monkeypatch):
 
 
 def test_the_exponents_are_fitted(capsys, monkeypatch):
-    from eol_ros.bench import exponents
+    from benchmarks import exponents
 
     monkeypatch.setattr(exponents, 'AUTOMATA', ((8, 0.2, 1.0, (1, 20)),))
     assert main(['bench', 'exponents', '--seconds', '600', '--seeds', '2', '--events', '20000',

@@ -12,9 +12,9 @@ from eol_ros import cli
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.triggers import COLUMNS
-from eol_ros.devices.bag_file import BagTopic
-from eol_ros.devices.bag_writer import BagWriter
-from eol_ros.devices.trigger_file import load_triggers
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.writer import BagWriter
+from eol_ros.devices.files.trigger_file import load_triggers
 from eol_ros.ros.definitions import definition, type_hash
 from eol_ros.ros.stamps import to_msg
 

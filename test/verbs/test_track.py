@@ -8,10 +8,10 @@ import pytest
 from eol_ros import cli
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.motion.motion import Motion
-from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
-from eol_ros.devices import calibration_file
+from eol_ros.devices.files import calibration_file
 from eol_ros.settings import MotionSettings, TrackerSettings
 
 pytestmark = pytest.mark.slow
@@ -348,8 +348,8 @@ def test_a_bag_is_tracked_by_its_own_stamps(stack, tmp_path, capsys, encoding):
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import Image
 
-    from eol_ros.devices.bag_file import BagTopic
-    from eol_ros.devices.bag_writer import BagWriter
+    from eol_ros.devices.bag.mcap_file import BagTopic
+    from eol_ros.devices.bag.writer import BagWriter
 
     topics = [
         BagTopic('/eol/camera/image_raw', 'sensor_msgs/msg/Image', IMAGE),

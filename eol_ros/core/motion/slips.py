@@ -147,7 +147,7 @@ class SlipDetector:
         deviation = np.sqrt(np.maximum(self.variance, FLOOR_M**2)) * loose
 
         age = stamp_s - self.times
-        resting = self.still & (age <= self.settings.anchor_s)
+        resting = self.still & (age <= self.settings.baseline_s)
         n = resting.sum(1)
         anchor = (self.place * resting).sum(2) / np.maximum(n, 1)
         offset = now - anchor

@@ -10,7 +10,7 @@ import numpy as np
 
 from eol_ros.core.physics.drive import NONE, VELOCITY
 from eol_ros.core.physics.model import Model
-from eol_ros.core.physics.run import Energy, Run
+from eol_ros.core.physics.result import Energy, Run
 from eol_ros.core.physics.scene import Scene
 
 FREE = 1e-12  # of the highest w^2: below it a mode has no spring at all

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from eol_ros.core.physics.drive import Drive
-from eol_ros.core.physics.lattice import Lattice, Rim, lattice_of, rim_of
+from eol_ros.core.physics.kernel_args import Lattice, Rim, lattice_of, rim_of
 from eol_ros.core.physics.scene import Rotation, Scene
 
 

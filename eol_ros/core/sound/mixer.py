@@ -33,7 +33,7 @@ LIMITER_RELEASE_S = 0.08
 DC_HZ = 7.0
 AHEAD_S = 30.0  # a trigger further in the future comes from another clock
 LINE = 64  # bytes that a processor fetches at once
-STALE = 'the sound engine was compiled for another version of itself; run: eol warm --anew'
+STALE = 'the sound engine was compiled for another version of itself; run: eol compile --force'
 
 
 @njit(cache=True)

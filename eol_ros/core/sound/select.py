@@ -6,7 +6,7 @@ The rule, image by image. A block *moves* from the image in which its speed reac
 `stop_mps` for `rest_s`. A moving block reaches the grains within `radius`: all of them, the
 nearest, or the k nearest. In mode `fence` a grain that it reaches sounds if it is armed for this
 block, and is then disarmed. It is armed again once the moving block is farther than `radius *
-leave_ratio`, or (`rearm_at_rest`) when the block comes to rest, so that the next slip sounds from
+rearm_ratio`, or (`rearm_at_rest`) when the block comes to rest, so that the next slip sounds from
 its first image on. In mode `bow` a moving block sounds one of the grains in its reach every
 `bow_period_s`. No grain sounds twice within `refractory_s`, no block more than `block_cap` times
 and all blocks no more than `total_cap` times in any second; what a cap holds back is dropped, not
@@ -60,7 +60,8 @@ class Selector:
         """Take another corpus; return the stamp from which on triggers name its grains.
 
         That is `lead_s` after the last image, so that whoever sounds them can have it at hand by
-        then; the first corpus is taken at once (-inf). From there its grains rise over `swap_s`.
+        then; the first corpus is taken at once (-inf). From there its grains rise over
+        `crossfade_s`.
         """
         if not len(self._grains) or not np.isfinite(self._time_s):
             self._take(corpus)
@@ -135,7 +136,7 @@ class Selector:
 
     @property
     def _leave_m(self) -> float:
-        return self.settings.radius * self.settings.leave_ratio
+        return self.settings.radius * self.settings.rearm_ratio
 
     def _distances(self, rows: np.ndarray) -> np.ndarray:
         """Return (rows, grains) metres on the table."""
@@ -210,9 +211,9 @@ class Selector:
         block, column = np.array(found).T
         grain = self._grains[column]
         u = 2 * chance(s.seed, time_s, block[:, None], grain[:, None], np.arange(2, 5)) - 1
-        rate = s.rate * 2 ** (s.rate_jitter_st * u[:, 0] / 12)
+        rate = s.playback_rate * 2 ** (s.rate_jitter_st * u[:, 0] / 12)
         loud = np.clip(self.speed[block] / s.full_mps, 0, 1) ** s.gain_curve
-        rise = np.clip((time_s - self._swapped_s) / s.swap_s, 0, 1) if s.swap_s else 1.0
+        rise = np.clip((time_s - self._swapped_s) / s.crossfade_s, 0, 1) if s.crossfade_s else 1.0
         out['time_s'], out['grain'], out['block'] = time_s, grain, block
         out['gain'] = s.gain * np.maximum(loud, s.gain_floor) * np.sin(np.pi / 2 * rise)
         out['rate'] = np.clip(rate, MIN_RATE, MAX_RATE)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from eol_ros.core.vision.clutter import ClutterLearner, ClutterMap
+from eol_ros.core.vision.background.model import ClutterLearner, ClutterMap
 from eol_ros.errors import ConfigError
 
 NS = 1_000_000_000

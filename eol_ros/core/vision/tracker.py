@@ -11,19 +11,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
-from eol_ros.core.vision import mapping, scan
-from eol_ros.core.vision.blink import Blink
-from eol_ros.core.vision.blobs import BLOB, BlobFinder
-from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.identity import Identity
-from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING
+from eol_ros.core.vision.calibration import mapping
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect import scan
+from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
+from eol_ros.core.vision.identity.blink import Blink
+from eol_ros.core.vision.identity.identity import Identity
+from eol_ros.core.vision.identity.lattice import LOST, SEARCHING, TRACKING
+from eol_ros.core.vision.image_health import Watch
 from eol_ros.core.vision.requests import CALIBRATE, CLUTTER, THRESHOLD, Requests, unpacked
-from eol_ros.core.vision.watch import Watch
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 
 if TYPE_CHECKING:
-    from eol_ros.core.vision import self_calibration
+    from eol_ros.core.vision.calibration import self_calibration
 
 CALIBRATING, FAULT = 3, 4
 HIDDEN = 0.35  # less of the outline than this in view, and the block counts as hidden
@@ -166,7 +167,9 @@ class Tracker:
         if self.calibration is None:
             if len(blobs) < 9:
                 return self._answer(stamp_s, SEARCHING, f'{len(blobs)} squares: no scale yet')
-            from eol_ros.core.vision import self_calibration  # and scipy with it: only here
+            from eol_ros.core.vision.calibration import (
+                self_calibration,  # and scipy with it: only here
+            )
 
             self._take(self_calibration.nominal(image.shape, self.side_px(),
                                                 self.settings.mirror))
@@ -199,7 +202,7 @@ class Tracker:
         elif key == CLUTTER:
             self.finder.clutter = unpacked(text) if text else None
         elif key == CALIBRATE and self.calibration is not None and self.learning is None:
-            from eol_ros.core.vision import self_calibration
+            from eol_ros.core.vision.calibration import self_calibration
 
             shape = self.calibration.image_height, self.calibration.image_width
             side_px = self.calibration.px_per_m() * BLOCK_SIDE_M

@@ -6,8 +6,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from eol_ros.core.physics.automaton import Automaton, ExactAutomaton, LongLattice
-from eol_ros.core.physics.oslo import OsloPile
+from eol_ros.core.physics.automaton.ofc import Automaton, ExactAutomaton, LongLattice
+from eol_ros.core.physics.automaton.oslo import OsloPile
 from eol_ros.core.science import powerlaw
 from eol_ros.errors import ConfigError
 

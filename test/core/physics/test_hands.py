@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_REACH_M, RIM_SIDE_M
-from eol_ros.core.physics.hands import YAW_LIMIT_RAD, Commands, Rim, Visitors, reach_m
+from eol_ros.core.physics.twin.hands import YAW_LIMIT_RAD, Commands, Rim, Visitors, reach_m
 
 STEP_S = 1 / 60
 

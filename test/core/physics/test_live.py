@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
-from eol_ros.core.physics.hands import Commands, Rim, Visitors
-from eol_ros.core.physics.live import CLEAR_M, LiveTable
+from eol_ros.core.physics.twin.hands import Commands, Rim, Visitors
+from eol_ros.core.physics.twin.live import CLEAR_M, LiveTable
 
 IMAGE_S = 1 / 60
 

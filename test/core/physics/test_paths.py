@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from eol_ros.core.physics import builders, named
-from eol_ros.core.physics.event2d_step import stop_in_closed_form
+from eol_ros.core.physics import builders, presets
+from eol_ros.core.physics.choose import choose_path, simulate
+from eol_ros.core.physics.event.step import stop_in_closed_form
 from eol_ros.core.physics.model import Model
-from eol_ros.core.physics.plan import plan, simulate
-from eol_ros.core.physics.run import Limits
+from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.science import powerlaw
 from eol_ros.core.science.quiescent import cascades
@@ -36,7 +36,7 @@ def single_by_formula(k=40.0, m=0.25, speed=0.02, mu_s=0.9, mu_k=0.65, g=9.81):
 
 @pytest.mark.parametrize('path, error_s', [('exact', 1e-12), ('event', 1e-10)])
 def test_single_block_keeps_its_clock(path, error_s):
-    run = solve(named.scene('S1'), path=path)
+    run = solve(presets.scene('S1'), path=path)
     first, slip, period, _ = single_by_formula()
     starts, stops = run.event_t[::2], run.event_t[1::2]
     assert len(run.event_t) == 64
@@ -115,9 +115,9 @@ def test_mirror_symmetry_of_simultaneous_breaks(build):
         assert len(run.event_t) % 50 == 0
 
 
-@pytest.mark.parametrize('name', list(named.NAMED))
+@pytest.mark.parametrize('name', list(presets.NAMED))
 def test_energy_books_close(name):
-    run = solve(named.scene(name))
+    run = solve(presets.scene(name))
     assert run.status == 'ok'
     assert len(run.event_t) >= 10
     books = run.energy
@@ -127,7 +127,7 @@ def test_energy_books_close(name):
 
 @pytest.mark.parametrize('name', ['S3L', 'S3G', 'S4L', 'S5'])
 def test_repeat_runs_are_identical(name):
-    first, second = solve(named.scene(name)), solve(named.scene(name))
+    first, second = solve(presets.scene(name)), solve(presets.scene(name))
     assert np.array_equal(first.u, second.u)
     assert np.array_equal(first.event_t, second.event_t)
 
@@ -167,7 +167,7 @@ def test_what_cannot_move_is_not_worked_out(scene):
 def test_plan_takes_the_least_that_is_enough():
     expected = {'S1': 'exact', 'S3L': 'exact', 'S3G': 'event', 'S4L': 'event', 'S5': 'exact'}
     for name, path in expected.items():
-        assert plan(from_mapping(named.scene(name))) == path
+        assert choose_path(from_mapping(presets.scene(name))) == path
 
 
 def oracle_1d(scene):
@@ -250,7 +250,7 @@ def oracle_1d(scene):
 @pytest.mark.slow
 @pytest.mark.parametrize('name, seconds', [('S2', 7.0), ('S3L', 4.5), ('S5', 4.5)])
 def test_exact_path_against_independent_modes(name, seconds):
-    scene = from_mapping(named.scene(name) | {'T': seconds})
+    scene = from_mapping(presets.scene(name) | {'T': seconds})
     events = oracle_1d(scene)
     run = simulate(scene)
     assert [(b, s) for _, b, s in events] == list(zip(run.event_block, run.event_start))
@@ -285,7 +285,7 @@ def test_exact_and_event_paths_agree(n, k_plate, k_between, mu_k, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['S3G', 'S4L', 'S4G'])
 def test_no_event_is_lost_at_loose_tolerance(name):
-    scene = named.scene(name) | {'T': 5.0}
+    scene = presets.scene(name) | {'T': 5.0}
     fine, loose = solve(scene, tolerance=1e-13), solve(scene, tolerance=1e-4)
     assert loose.status == 'ok'
     assert len(loose.event_t) == pytest.approx(len(fine.event_t), abs=0.05 * len(fine.event_t))
@@ -297,7 +297,7 @@ def test_no_event_is_lost_at_loose_tolerance(name):
 @pytest.mark.parametrize('name, seconds', [('S3G', 2.2), ('S4L', 0.8), ('S4G', 0.9)])
 def test_event_path_against_scipy(name, seconds):
     """SciPy's DOP853 over the sliding blocks between our events, and each of these checked."""
-    scene = from_mapping(named.scene(name) | {'T': seconds})
+    scene = from_mapping(presets.scene(name) | {'T': seconds})
     model, run = Model.of(scene), simulate(scene, tolerance=1e-13)
     u, v, t = scene.u0.copy(), np.zeros((scene.n, 2)), 0.0
     on = np.zeros(scene.n, bool)
@@ -408,10 +408,10 @@ def test_zero_length_springs_are_linear_whatever_the_scene_says():
 
 
 def test_limits_are_told():
-    assert solve(named.scene('S3L'), limits=Limits(steps=50)).status == 'step limit'
-    assert solve(named.scene('S3G'), limits=Limits(steps=50)).status == 'step limit'
-    assert solve(named.scene('S3L'), limits=Limits(events=10)).status == 'event limit'
-    assert solve(named.scene('S3G'), limits=Limits(events=10)).status == 'event limit'
+    assert solve(presets.scene('S3L'), limits=Limits(steps=50)).status == 'step limit'
+    assert solve(presets.scene('S3G'), limits=Limits(steps=50)).status == 'step limit'
+    assert solve(presets.scene('S3L'), limits=Limits(events=10)).status == 'event limit'
+    assert solve(presets.scene('S3G'), limits=Limits(events=10)).status == 'event limit'
 
 
 def test_what_is_cut_short_has_true_places_and_books():
@@ -432,7 +432,7 @@ def test_a_block_that_flies_stops_where_it_must():
 
 def test_poses_and_constant_velocity_are_the_same_pull():
     rows = [[t, 0.02 * t, 0.0, 0.0] for t in (0, 1, 2.5, 7, 10)]
-    scene = named.scene('S3L')
+    scene = presets.scene('S3L')
     by_rows = solve(scene | {'drive': {'kind': 'poses', 'par': rows}, 'T': 5.0})
     by_speed = solve(scene | {'T': 5.0})
     assert np.abs(by_rows.u - by_speed.u).max() < 1e-10

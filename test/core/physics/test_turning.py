@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from eol_ros.core.physics import builders, named
-from eol_ros.core.physics.plan import plan, simulate
+from eol_ros.core.physics import builders, presets
+from eol_ros.core.physics.choose import choose_path, simulate
+from eol_ros.core.physics.rotation.taylor import LEVER
 from eol_ros.core.physics.scene import from_mapping
-from eol_ros.core.physics.turning_series import LEVER
 from eol_ros.errors import ConfigError, UsageError
 
 NONE = {'kind': 'none'}
@@ -89,7 +89,7 @@ def test_a_pull_aside_turns_the_block():
 @pytest.mark.slow
 @pytest.mark.parametrize('geometric', [False, True])
 def test_books_close_and_tolerance_is_met(geometric):
-    scene = table(named.CIRCLE, 6.0, geometric=geometric)
+    scene = table(presets.CIRCLE, 6.0, geometric=geometric)
     fine = solve(scene, tolerance=1e-13)
     run = solve(scene, tolerance=1e-9)
     assert run.status == 'ok'
@@ -105,7 +105,7 @@ def test_books_close_and_tolerance_is_met(geometric):
 
 @pytest.mark.slow
 def test_time_steps_converge_to_it():
-    scene = table(named.CIRCLE, 2.5, geometric=True)
+    scene = table(presets.CIRCLE, 2.5, geometric=True)
     truth = solve(scene)
     assert len(truth.event_t) > 20
     errors = []
@@ -121,7 +121,7 @@ def test_time_steps_converge_to_it():
 @pytest.mark.slow
 def test_springs_at_the_centre_turn_nothing():
     """All arms zero: the plain event path, by other code."""
-    scene = table(named.CIRCLE, 5.0, geometric=True)
+    scene = table(presets.CIRCLE, 5.0, geometric=True)
     for spring in scene['springs_between_blocks']:
         spring |= {'arm': [0.0, 0.0], 'arm_j': [0.0, 0.0]}
     for spring in scene['springs_to_frame']:
@@ -151,15 +151,15 @@ def test_a_mirrored_pull_turns_the_other_way():
 
 @pytest.mark.slow
 def test_equal_friction_and_limits():
-    run = solve(table(named.PULL, 4.0, geometric=True, mu_s=0.65, mu_k=0.65))
+    run = solve(table(presets.PULL, 4.0, geometric=True, mu_s=0.65, mu_k=0.65))
     assert run.status == 'ok'
     assert len(run.event_t) > 5
     assert abs(run.energy.residual_J) < 1e-7
-    from eol_ros.core.physics.run import Limits
+    from eol_ros.core.physics.result import Limits
 
-    assert solve(table(named.PULL, 9.0), limits=Limits(events=3)).status == 'event limit'
-    assert solve(table(named.PULL, 9.0), limits=Limits(steps=3)).status == 'step limit'
-    stepped = solve(table(named.PULL, 9.0), path='stepping', limits=Limits(steps=300))
+    assert solve(table(presets.PULL, 9.0), limits=Limits(events=3)).status == 'event limit'
+    assert solve(table(presets.PULL, 9.0), limits=Limits(steps=3)).status == 'step limit'
+    stepped = solve(table(presets.PULL, 9.0), path='stepping', limits=Limits(steps=300))
     assert stepped.status == 'step limit'
 
 
@@ -199,6 +199,6 @@ def test_arms_want_rotation_and_exact_does_not_turn():
     with pytest.raises(ConfigError, match='has an arm'):
         from_mapping(scene)
     scene['rotation'] = {'side': SIDE}
-    assert plan(from_mapping(scene)) == 'event'
+    assert choose_path(from_mapping(scene)) == 'event'
     with pytest.raises(UsageError, match='exact'):
         solve(scene, path='exact')

@@ -159,7 +159,7 @@ def test_progress_rises_to_one():
 
 @pytest.fixture(scope='module', params=RECORDINGS)
 def recording(request):
-    from eol_ros.devices.audio_file import read_mono
+    from eol_ros.devices.audio.audio_file import read_mono
 
     needs.system('sonic-pi-samples')
     sound = read_mono(SAMPLES / f'{request.param}.flac')

@@ -18,7 +18,7 @@ SAMPLES = 4000
 GIVEN = '''
 import hashlib
 import numpy as np
-from eol_ros.bench.sound_reference import score
+from benchmarks.sound_reference import score
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import render_all

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import sosfilt
 
-from eol_ros.bench.sound_reference import score
+from benchmarks.sound_reference import score
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.loudness import k_weighting
 from eol_ros.core.sound.mixer import Mixer

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from eol_ros.bench.sound_reference import score
+from benchmarks.sound_reference import score
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.meter import BANDS, PAIRS, Meter, Spectrum, waveform
 from eol_ros.core.sound.mixer import Mixer

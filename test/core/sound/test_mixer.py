@@ -5,7 +5,7 @@ import weakref
 import numpy as np
 import pytest
 
-from eol_ros.bench.sound_reference import reference, score, snr_db
+from benchmarks.sound_reference import reference, score, snr_db
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import STEAL_S, Mixer, render
 from eol_ros.core.sound.mixer_layout import RING

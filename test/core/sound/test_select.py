@@ -14,7 +14,7 @@ from eol_ros.settings import GrainsSettings
 
 FPS = 60.0
 STILL = GrainsSettings(
-    rate_jitter_st=0, edge_jitter=0, swap_s=0, block_cap=1000, total_cap=10000, refractory_s=0
+    rate_jitter_st=0, edge_jitter=0, crossfade_s=0, block_cap=1000, total_cap=10000, refractory_s=0
 )
 EVERYONE = np.ones(25, bool)
 
@@ -72,7 +72,7 @@ class Oracle:
                 continue
             far = [math.sqrt((gx - x[b]) ** 2 + (gy - y[b]) ** 2) for gx, gy in self.grains]
             for g, d in enumerate(far):
-                if d > s.radius * s.leave_ratio:
+                if d > s.radius * s.rearm_ratio:
                     self.disarmed.discard((b, g))
             order = sorted(range(len(far)), key=lambda g: (far[g], g))
             order = order[: {'all': len(far), 'nearest': 1, 'k': s.k}[s.choose]]
@@ -124,7 +124,7 @@ def compare(seed, images, n_grains):
         choose=str(random.choice(['all', 'nearest', 'k'])),
         k=int(random.integers(1, 5)),
         radius=float(random.uniform(0.02, 0.4)),
-        leave_ratio=float(random.choice([1.0, 1.2, 2.0])),
+        rearm_ratio=float(random.choice([1.0, 1.2, 2.0])),
         rearm_at_rest=bool(random.random() < 0.5),
         refractory_s=float(random.choice([0.0, 0.05, 0.3])),
         block_cap=int(random.choice([0, 1, 3, 1000])),
@@ -327,7 +327,7 @@ def test_every_setting_can_change_between_two_images():
             space_m=float(random.uniform(0.1, 3)),
             block_cap=int(random.integers(0, 30)),
             total_cap=int(random.integers(0, 30)),
-            swap_s=float(random.choice([0, 1])),
+            crossfade_s=float(random.choice([0, 1])),
         )
         at = rest_lattice() + 0.1 * np.array([np.sin(i / 10), np.cos(i / 7)])
         selector.update(i / FPS, *at.T, EVERYONE, np.zeros(25))
@@ -335,7 +335,7 @@ def test_every_setting_can_change_between_two_images():
 
 def test_a_new_corpus_rises_from_silence():
     places = np.random.default_rng(7).random((400, 2))
-    settings = dataclasses.replace(STILL, swap_s=1.0)
+    settings = dataclasses.replace(STILL, crossfade_s=1.0)
     selector = Selector(settings, space(places))
     gains = []
     for i in range(240):

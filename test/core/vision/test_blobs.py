@@ -2,11 +2,11 @@
 import numpy as np
 import pytest
 
-from eol_ros.bench.vision_bound import position_bound_px
+from benchmarks.vision_bound import position_bound_px
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
-from eol_ros.core.vision.blobs import BlobFinder
-from eol_ros.core.vision.renderer import NOISE_LEVELS, Renderer, RenderOptions
-from eol_ros.core.vision.renderer_clutter import clutter_calibration
+from eol_ros.core.vision.detect.blobs import BlobFinder
+from eol_ros.core.vision.render.clutter import clutter_calibration
+from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
 from eol_ros.errors import ConfigError
 
 pytestmark = pytest.mark.slow  # the first run compiles

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eol_ros.core.vision.calibration import Calibration
+from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
 
 IDEAL = Calibration.ideal()

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision import renderer_clutter
-from eol_ros.core.vision.blobs import BlobFinder
-from eol_ros.core.vision.clutter import ClutterLearner, ClutterMap
-from eol_ros.core.vision.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.background.model import ClutterLearner, ClutterMap
+from eol_ros.core.vision.detect.blobs import BlobFinder
+from eol_ros.core.vision.render import clutter as renderer_clutter
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.errors import ConfigError
 
 pytestmark = pytest.mark.slow  # the first run compiles

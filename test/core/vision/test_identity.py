@@ -2,12 +2,12 @@
 import numpy as np
 import pytest
 
-from eol_ros.bench.stick_slip import Onlooker, Table
+from benchmarks.stick_slip import Onlooker, Table
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.motion.symmetry import TURNED, UNTURNED, Coincidence
-from eol_ros.core.vision.blink import Blink
-from eol_ros.core.vision.identity import Identity
-from eol_ros.core.vision.lattice_solve import rotate_cell
+from eol_ros.core.vision.identity.blink import Blink
+from eol_ros.core.vision.identity.fitting import rotate_cell
+from eol_ros.core.vision.identity.identity import Identity
+from eol_ros.core.vision.identity.symmetry import TURNED, UNTURNED, Coincidence
 
 pytestmark = pytest.mark.slow
 

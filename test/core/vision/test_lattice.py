@@ -3,11 +3,11 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from eol_ros.bench.stick_slip import Onlooker, Table
+from benchmarks.stick_slip import Onlooker, Table
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
-from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING, Lattice
-from eol_ros.core.vision.lattice_read import read_lattice
-from eol_ros.core.vision.lattice_solve import affine, assign, folds, match, rotate_cell
+from eol_ros.core.vision.identity.association import read_lattice
+from eol_ros.core.vision.identity.fitting import affine, assign, folds, match, rotate_cell
+from eol_ros.core.vision.identity.lattice import LOST, SEARCHING, TRACKING, Lattice
 
 pytestmark = pytest.mark.slow  # the first run compiles
 

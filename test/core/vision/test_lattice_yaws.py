@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-from eol_ros.bench.stick_slip import Onlooker, Table
-from eol_ros.core.motion.symmetry import UNTURNED
-from eol_ros.core.vision.identity import Identity
-from eol_ros.core.vision.lattice_yaws import BLOCKS, ENOUGH, Yaws
+from benchmarks.stick_slip import Onlooker, Table
+from eol_ros.core.vision.identity.identity import Identity
+from eol_ros.core.vision.identity.symmetry import UNTURNED
+from eol_ros.core.vision.identity.yaw_signature import BLOCKS, ENOUGH, Yaws
 
 ALL = np.ones(25, bool)
 

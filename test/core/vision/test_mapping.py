@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
-from eol_ros.core.vision import mapping
-from eol_ros.core.vision.blobs import BLOB
-from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.renderer_clutter import clutter_calibration
+from eol_ros.core.vision.calibration import mapping
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect.blobs import BLOB
+from eol_ros.core.vision.render.clutter import clutter_calibration
 
 
 def rotated(calibration, angle):

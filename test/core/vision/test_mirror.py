@@ -9,13 +9,13 @@ import pytest
 from test_calibration_solve import pictured
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision import calibrate
-from eol_ros.core.vision.blobs import BlobFinder
-from eol_ros.core.vision.calibrate_board import Board, from_board
-from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.corners import corners
-from eol_ros.core.vision.renderer import Renderer, RenderOptions
-from eol_ros.core.vision.renderer_clutter import clutter_calibration
+from eol_ros.core.vision.calibration import calibrate
+from eol_ros.core.vision.calibration.charuco import Board, from_board
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect.blobs import BlobFinder
+from eol_ros.core.vision.detect.corners import corners
+from eol_ros.core.vision.render.clutter import clutter_calibration
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.requests import CALIBRATE
 from eol_ros.core.vision.tracker import CALIBRATING, TRACKING, Tracker
 from eol_ros.errors import ConfigError

@@ -4,9 +4,9 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
-from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.renderer import NOISE_LEVELS, Renderer, RenderOptions
-from eol_ros.core.vision.renderer_clutter import LEVELS, clutter_calibration
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.render.clutter import LEVELS, clutter_calibration
+from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
 from eol_ros.errors import ConfigError
 
 pytestmark = pytest.mark.slow  # the first run compiles

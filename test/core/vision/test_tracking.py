@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision import look, mapping, renderer_clutter, scan
-from eol_ros.core.vision.calibration import Calibration
-from eol_ros.core.vision.clutter import ClutterMap
-from eol_ros.core.vision.lattice import LOST, SEARCHING, TRACKING
-from eol_ros.core.vision.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.background.model import ClutterMap
+from eol_ros.core.vision.calibration import mapping
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect import scan, search
+from eol_ros.core.vision.identity.lattice import LOST, SEARCHING, TRACKING
+from eol_ros.core.vision.render import clutter as renderer_clutter
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import CALIBRATING, FAULT, Tracker
 from eol_ros.settings import TrackerSettings
 
@@ -261,7 +263,7 @@ def test_requests_written_down_make_the_same_answers_again(scattered):
 def test_no_image_compiles_anything_anew(tracker, stills):
     """After warm_up every kind of image finds its loops ready: also the first without lamps."""
     tracker.warm_up()
-    loops = (look.at_predictions, scan.sample, mapping.glance)
+    loops = (search.at_predictions, scan.sample, mapping.glance)
     ready = [list(loop.signatures) for loop in loops]
     image = stills[0]
     over_the_wire = np.frombuffer(image.tobytes(), np.uint8).reshape(image.shape)

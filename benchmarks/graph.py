@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol bench graph: the whole graph as processes, measured from outside.
+
+Images a second and images lost; latency from an image's stamp (mid-exposure) to what each stage
+says, bytes of the LED packet on the pty included, and, with the twin, from the true onset of a slip
+to its light and to the first sample of its sound; processor and memory of each node; start-up time.
+The same for every scene that ships shows what each leaves out.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from benchmarks.machine import tell
+from benchmarks.running import Film, Graph, stand_in, summary
+from eol_ros import scene as scenes
+from eol_ros.errors import EolError
+from eol_ros.ros.stamps import NS, to_ns
+
+HELP = 'Measure the running graph: images, latency, processor, memory, start-up, per scene.'
+EXAMPLES = [
+    'eol bench graph --seconds 30 --json',
+    'eol bench graph --scenes rehearsal --seconds 60',
+]
+ONSET_TOPICS = ('truth', 'slips', 'grain_triggers')
+STAGES = ('blocks', 'slips', 'led_commands', 'grain_triggers')
+SCENES = ('rehearsal', 'museum', 'lights', 'instrument', 'playback')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('--seconds', type=float, default=30.0, help='measured, per scene')
+    parser.add_argument('--scenes', default=','.join(SCENES), help='parted by commas')
+    parser.add_argument('--fast', type=float, default=120.0, metavar='FPS',
+                        help='rate of the file-fed camera run; 0 leaves it out')
+    parser.add_argument('--json', action='store_true')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, print."""
+    results: dict[str, Any] = {'cores': os.cpu_count(), 'load': os.getloadavg()[0], 'scenes': {}}
+    with tempfile.TemporaryDirectory(prefix='eol-bench-') as place:
+        folder = Path(place)
+        film = Film(folder)
+        bag = None
+        for name in args.scenes.split(','):
+            print(f'{name}: {args.seconds:g} s', file=sys.stderr, flush=True)
+            scene = stand_in(name, folder, film, bag)
+            results['scenes'][name] = measure(scene, folder / f'bags-{name}', args.seconds)
+            if name == 'rehearsal':
+                bag = next(iter(sorted((folder / f'bags-{name}').iterdir())), None)
+        if args.fast:
+            print(f'file-fed camera at {args.fast:g}/s', file=sys.stderr, flush=True)
+            scene = film.scene(args.fast)
+            results['file_camera'] = measure(scene, None, min(args.seconds, 30.0))
+    tell(results, args.json, table)
+    return 0
+
+
+def measure(scene: Path, bags: Path | None, seconds: float) -> dict[str, Any]:
+    """Return the figures of one scene."""
+    loaded = scenes.load(scene)
+    keep = ONSET_TOPICS if 'twin' in loaded.nodes else ()
+    with Graph(scene, bags, keep=keep) as graph:
+        all_ok_s = graph.wait_until_ok()
+        time.sleep(2.0)  # what starting has heaped up is not measured
+        graph.mark()
+        time.sleep(seconds)
+        figures = graph.figures()
+        led_bytes = graph.led_latencies()
+        from_onset = onset_latencies(graph, loaded) if keep else {}
+        lived_s = graph.status()['running_s'] - all_ok_s
+    stages = {topic: graph.latencies(topic) for topic in STAGES}
+    stages['led_bytes'] = led_bytes
+    if bags is not None and bags.exists():
+        size = sum(file.stat().st_size for file in bags.rglob('*.mcap'))
+        figures['bag_gb_per_10_h'] = round(size / lived_s * 36000 / 1e9, 2)
+    return {
+        'all_ok_s': all_ok_s,
+        **figures,
+        'latency_ms': {stage: row for stage, row in stages.items() if row},
+        'onset_latency_ms': from_onset,
+    }
+
+
+def onset_latencies(graph: Graph, scene: scenes.Scene) -> dict[str, Any]:
+    """Return the latency from the true onset of the twin's slips, or `why` there is none.
+
+    To the bytes of the LED packet for the first image that shows the slip, and to the first sample
+    of its sound. The onsets are those of the twin, simulated again from what `truth` says.
+    """
+    from benchmarks import sound_rehearsal
+
+    try:
+        begun = sound_rehearsal.onsets(graph.watch.messages('truth'), scene.settings('twin'))
+    except EolError as error:
+        return {'why': str(error)}
+    found = {}
+    if light := graph.first_light():
+        starts = [(s.block, to_ns(s.header.stamp)) for s in graph.watch.messages('slips')
+                  if s.kind == s.START]  # fmt: skip
+        late_ms = []
+        for onset_ns, block in begun:
+            shown = [at for b, at in starts
+                     if b == block and 0 <= at - onset_ns < sound_rehearsal.AFTER_S * NS]
+            packet = light.get(min(shown) // 1000 % 2**32) if shown else None
+            if packet is not None and onset_ns >= graph.begin_ns:
+                late_ms.append((packet.time_ns - onset_ns) * 1e-6)
+        found['led_bytes'] = summary(late_ms)
+    if 'sound' in scene.nodes:
+        try:
+            sound = sound_rehearsal.figures(graph.watch, graph.begin_ns, scene)
+            ms, count = sound['latency_ms'], round(sound['slips'] * sound['sounded'])
+            found['first_sample'] = {
+                'p50': ms['p50'], 'p99': ms['p99'], 'max': ms['most'], 'count': count
+            }
+        except EolError as error:
+            found['why'] = str(error)
+    return {name: row for name, row in found.items() if row}
+
+
+def table(results: dict[str, Any]) -> str:
+    """Return the figures for people."""
+    lines = []
+    runs = dict(results['scenes'])
+    if 'file_camera' in results:
+        runs['file camera'] = results['file_camera']
+    for name, row in runs.items():
+        lines.append(
+            f'\n{name}: all OK after {row["all_ok_s"]:.1f} s, {row["processes"]} processes, '
+            f'{row["pss_mb"]:.0f} MB, {row["cpu_percent"]:.0f} % of one core'
+        )
+        first = 'with' if row['real_time'] else 'without'
+        lines.append(f'  images {row["images_per_s"]:.2f}/s, lost {row["lost"]}, '
+                     f'{first} real-time priority')
+        if 'bag_gb_per_10_h' in row:
+            lines.append(f'  bag {row["bag_gb_per_10_h"]:.2f} GB in 10 h')
+        for stage, ms in row['latency_ms'].items():
+            lines.append(f'  stamp -> {stage:15} '
+                         f'p50 {ms["p50"]:6.1f}  p99 {ms["p99"]:6.1f}  '
+                         f'max {ms["max"]:6.1f} ms  ({ms["count"]})')
+        for stage, ms in row['onset_latency_ms'].items():
+            if stage == 'why':
+                lines.append(f'  true onset: {ms}')
+                continue
+            lines.append(f'  true onset -> {stage:10} '
+                         f'p50 {ms["p50"]:6.1f}  p99 {ms["p99"]:6.1f}  '
+                         f'max {ms["max"]:6.1f} ms  ({ms["count"]})')
+        for node, use in row['nodes'].items():
+            lines.append(f'  {node:10} {use["cpu_percent"]:5.1f} %  {use["pss_mb"]:6.1f} MB  '
+                         f'{use["text"]}')
+    return '\n'.join(lines).strip()

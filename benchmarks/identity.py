@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol bench identity: who stays who under arms, false lights and darkness, against two usual ways.
+
+Simulated detections of a stick-slip table (benchmarks.stick_slip). A failure lasts when a
+block in full view has a wrong name, or none, for 2 s; then the tracker is told the truth and goes
+on. It was declared when the tracker said that the turn is open, or the blocks are lost.
+"""
+
+import argparse
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from benchmarks.machine import tell
+from eol_ros.core.geometry import N_BLOCKS
+
+HELP = 'Identity failures per simulated hour, ours against nearest neighbour and Hungarian.'
+EXAMPLES = [
+    'eol bench identity --hours 0.5 --json',
+    'eol bench identity --fps 120 --rough 1.4 --permanent 3',
+    'eol bench identity --hours 10 --methods lattice --seed 7',
+    'eol bench identity --hours 1 --methods lattice --losses 120 --askew 0',
+    'eol bench identity --hours 0.001 --methods lattice --ties 500 --tap-jitter 1',
+]
+LASTING_S = 2.0
+METHODS = ('lattice', 'nearest', 'hungarian')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('--hours', type=float, default=0.25, help='simulated')
+    parser.add_argument('--fps', type=float, default=60.0)
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--rough', type=float, default=1.0, help='visitors; 1.4 is very rough')
+    parser.add_argument('--permanent', type=int, default=0, help='lamps that never go away')
+    parser.add_argument('--losses', type=float, default=6.0, help='times of darkness an hour')
+    parser.add_argument(
+        '--askew', type=float, default=2.9, help='degrees, sd, by which blocks stand crooked'
+    )
+    parser.add_argument('--no-taps', action='store_true', help='accelerometers are silent')
+    parser.add_argument('--methods', default=','.join(METHODS))
+    parser.add_argument(
+        '--ties', type=int, default=0, help='also: how many slips settle the turn, so many trials'
+    )
+    parser.add_argument('--tap-jitter', default='1,8', help='ms, of taps in --ties, with commas')
+    parser.add_argument('--tie-noise', type=float, default=13.0, help='um, of places in --ties')
+    parser.add_argument('--json', action='store_true')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, print."""
+    trackers = {name: make(name) for name in args.methods.split(',')}
+    scores = measure(
+        trackers, args.hours, args.fps, args.seed, args.rough, args.permanent, args.losses,
+        not args.no_taps, np.radians(args.askew),
+    )  # fmt: skip
+    if args.ties:
+        from benchmarks import identity_ties
+
+        for ms in map(float, args.tap_jitter.split(',')):
+            scores[f'ties, taps to {ms:g} ms'] = identity_ties.measure(
+                args.ties, args.seed, ms * 1e-3, args.tie_noise * 1e-6)
+    tell(scores, args.json, _table)
+    return 0
+
+
+def _table(scores: dict[str, dict]) -> str:
+    ties_of = {name: figures for name, figures in scores.items() if name.startswith('ties')}
+    films = {name: figures for name, figures in scores.items() if name not in ties_of}
+    lines = [f'{"":34}' + ''.join(f'{name:>14}' for name in films)]
+    for key in next(iter(films.values())):
+        lines.append(f'{key:34}' + ''.join(f'{films[name][key]:14.6g}' for name in films))
+    for name, figures in ties_of.items():
+        lines += [name, *(f'{key:34}{value:14.6g}' for key, value in figures.items())]
+    return '\n'.join(lines)
+
+
+class Slots:
+    """The usual way: 25 slots, each follows the detection that is nearest, or cheapest in all.
+
+    Gates and memory are tuned on this simulator; `hungarian` predicts with constant velocity.
+    """
+
+    GATE_M, GROW_MPS, MOST_M = 0.06, 0.0, 0.06  # a gate that grows brought more switches
+
+    def __init__(self, hungarian: bool):
+        self.hungarian = hungarian
+        self.ambiguous = False
+
+    def begin(self, xy: np.ndarray) -> None:
+        self.xy, self.velocity = xy.copy(), np.zeros_like(xy)
+        self.seen_s = np.zeros(N_BLOCKS)
+
+    def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
+        """A camera-only tracker hears nothing."""
+
+    def update(self, moment: Any, seen: Any) -> np.ndarray:
+        """Return the detection of each slot (25,), or -1: the followed first, then the lost."""
+        expected = self.xy + self.velocity if self.hungarian else self.xy.copy()
+        index = np.full(N_BLOCKS, -1)
+        lost_s = moment.stamp_s - self.seen_s
+        gate = np.clip(self.GATE_M + self.GROW_MPS * lost_s, self.GATE_M, self.MOST_M)
+        followed = lost_s < 0.03
+        for slots in (np.flatnonzero(followed), np.flatnonzero(~followed)):
+            free = np.setdiff1d(np.arange(len(seen.xy)), index)
+            if slots.size and free.size:
+                apart = expected[slots][:, None] - seen.xy[free][None]
+                far = np.hypot(apart[..., 0], apart[..., 1]) / gate[slots][:, None]
+                for slot, light in self._pairs(far):
+                    index[slots[slot]] = free[light]
+        held = index >= 0
+        self.velocity *= 0.5  # coasts a little, then waits where it is
+        self.velocity[held] = seen.xy[index[held]] - self.xy[held]
+        self.xy = expected
+        self.xy[held] = seen.xy[index[held]]
+        self.seen_s[held] = moment.stamp_s
+        return index
+
+    def _pairs(self, far: np.ndarray) -> list[tuple[int, int]]:
+        """Return the pairs of rows and columns of `far`, in units of the gate, that belong."""
+        from scipy.optimize import linear_sum_assignment
+
+        if self.hungarian:
+            rows, columns = linear_sum_assignment(np.minimum(far, 1.0) ** 2)
+            return [(r, c) for r, c in zip(rows, columns) if far[r, c] < 1.0]
+        pairs: list[tuple[int, int]] = []
+        rows, columns = np.nonzero(far < 1.0)
+        for k in np.argsort(far[rows, columns], kind='stable'):
+            if all(rows[k] != r and columns[k] != c for r, c in pairs):
+                pairs.append((int(rows[k]), int(columns[k])))
+        return pairs
+
+
+class Ours:
+    """The tracker's own identity, fed with detections instead of images."""
+
+    def begin(self, xy: np.ndarray) -> None:
+        from eol_ros.core.vision.identity.fitting import turn
+        from eol_ros.core.vision.identity.identity import Identity
+
+        self.identity = Identity()
+        lattice = self.identity.lattice
+        lattice.angle = float(turn(lattice.rest, xy, np.ones(N_BLOCKS, bool)))
+
+    @property
+    def ambiguous(self) -> bool:
+        lattice = self.identity.lattice
+        return bool(lattice.ambiguous or lattice.state != 1)
+
+    def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
+        self.identity.tap(stamp_s, block, sigma_s)
+
+    def update(self, moment: Any, seen: Any) -> np.ndarray:
+        """Return the detection of each block (25,), -1 for none."""
+        self.identity.update(moment.stamp_s, seen.xy, seen.yaw, seen.sigma)
+        lattice = self.identity.lattice
+        return lattice.index if lattice.state == 1 else np.full(N_BLOCKS, -1)
+
+
+def make(name: str) -> Any:
+    return Ours() if name == 'lattice' else Slots(name == 'hungarian')
+
+
+class Score:
+    """What one tracker did."""
+
+    def __init__(self) -> None:
+        self.shown = self.missed = self.wrong = self.switches = self.hidden = self.ghosts = 0
+        self.sure_wrong = self.sure_switches = 0  # while it did not say that the turn is open
+        self.lasting = self.undeclared = self.open_images = 0
+        self.was_declared = False
+        self.last = np.full(N_BLOCKS, -1)
+        self.wrong_since = np.full(N_BLOCKS, np.inf)
+        self.spent = 0.0
+        self.switch_times: list[float] = []
+
+    def add(self, now: float, true: np.ndarray, index: np.ndarray, declared: bool) -> bool:
+        """Take one image: `true` names each detection. Return whether a failure has lasted."""
+        shown = true[true >= 0]
+        blocks = np.flatnonzero(index >= 0)
+        names = true[index[blocks]]
+        got = np.full(N_BLOCKS, -1)
+        got[names[names >= 0]] = blocks[names >= 0]
+        mine = got[shown]
+        bad = (mine >= 0) & (mine != shown)
+        changed = (mine >= 0) & (self.last[shown] >= 0) & (self.last[shown] != mine)
+        self.shown += shown.size
+        self.hidden += N_BLOCKS - shown.size
+        self.missed += int((mine < 0).sum())
+        self.wrong += int(bad.sum())
+        self.ghosts += int((names < 0).sum())
+        self.switches += int(changed.sum())
+        self.sure_wrong += int(bad.sum()) * (not declared)
+        # the image in which an open turn is settled renames all, as was announced
+        self.sure_switches += int(changed.sum()) * (not declared and not self.was_declared)
+        self.was_declared = declared
+        if changed.any():
+            self.switch_times.append(now)
+        self.open_images += declared
+        self.last[shown[mine >= 0]] = mine[mine >= 0]
+        poor = np.zeros(N_BLOCKS, bool)
+        poor[shown] = mine != shown
+        self.wrong_since = np.where(poor, np.minimum(self.wrong_since, now), np.inf)
+        if now - self.wrong_since.min() <= LASTING_S:
+            return False
+        self.lasting += 1
+        self.undeclared += not declared
+        self.wrong_since[:] = np.inf
+        self.last[:] = -1
+        return True
+
+    def figures(self, hours: float, images: int) -> dict[str, float]:
+        return {
+            'switches_per_hour': self.switches / hours,
+            'mislabelled_percent': 100 * self.wrong / self.shown,
+            'undeclared_switches_per_hour': self.sure_switches / hours,
+            'undeclared_mislabelled_percent': 100 * self.sure_wrong / self.shown,
+            'missed_percent': 100 * self.missed / self.shown,
+            'lasting_failures_per_hour': self.lasting / hours,
+            'undeclared_per_hour': self.undeclared / hours,
+            'false_lights_taken_for_blocks': self.ghosts / max(self.hidden, 1),
+            'hidden_percent': 100 * self.hidden / (self.hidden + self.shown),
+            'turn_open_percent': 100 * self.open_images / images,
+            'us_per_image': 1e6 * self.spent / images,
+        }
+
+
+def measure(
+    trackers: dict[str, Any],
+    hours: float,
+    fps: float,
+    seed: int,
+    rough: float = 1.0,
+    permanent: int = 0,
+    losses_per_hour: float = 6.0,
+    taps: bool = True,
+    askew_rad: float = 0.05,
+    scores: dict[str, Score] | None = None,
+) -> dict[str, dict[str, float]]:
+    """Run all `trackers` over the same simulated hours and return their figures."""
+    from benchmarks.stick_slip import Onlooker, Table
+
+    table = Table(seed, fps, rough, askew_rad=askew_rad)
+    onlooker = Onlooker(seed, permanent=permanent, losses_per_hour=losses_per_hour)
+    scores = scores if scores is not None else {}
+    scores.update({name: Score() for name in trackers})
+    images = round(hours * 3600 * fps)
+    for tracker in trackers.values():
+        tracker.begin(table.xy)
+    heard = 0
+    for k in range(images):
+        moment = table.step()
+        seen = onlooker.look(moment)
+        knocks = onlooker.listen(table.begun[heard:])
+        heard = len(table.begun)
+        for name, tracker in trackers.items():
+            if taps:
+                for stamp_s, block in knocks:
+                    tracker.tap(stamp_s, block, 0.008)
+            begun = time.perf_counter()
+            index = tracker.update(moment, seen)
+            score = scores[name]
+            score.spent += time.perf_counter() - begun
+            if score.add(moment.stamp_s, seen.true, index, tracker.ambiguous):
+                tracker.begin(moment.xy)
+        if images >= 10 and k % (images // 10) == 0 and k:
+            print(f'{100 * k // images} %', file=sys.stderr, flush=True)
+    return {name: score.figures(hours, images) for name, score in scores.items()}

@@ -1,0 +1,364 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`eol bench physics`: error against run time of solvers and peers, extremes, cost by size."""
+
+import argparse
+import functools
+import importlib.util
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import physics_peers as peers
+from benchmarks.machine import tell
+from eol_ros.core.physics import builders, choose, presets
+from eol_ros.core.physics.event import solver as event
+from eol_ros.core.physics.exact import solver as exact
+from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.result import Limits, sample_times
+from eol_ros.core.physics.rotation import solver as rotation
+from eol_ros.core.physics.scene import Scene, from_mapping
+from eol_ros.core.physics.twin.hands import Rim, Visitors
+from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.verbs.progress import track
+
+HELP = 'error against run time of the spring-block solvers and their peers'
+EXAMPLES = [
+    'eol bench physics --json > physics.json',
+    'eol bench physics --quick',
+    'eol bench physics --plots docs/img',
+]
+PEER_S = 2.5  # slow peers run this far; we are timed on the same stretch beside them
+SIZES = (1, 4, 25, 100, 400, 2500, 10_000)
+LIMITS = Limits(events=200_000, steps=2_000_000)
+PARTS = ('own', 'turning', 'peers', 'extremes', 'sizes', 'live')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--json', action='store_true', help='everything as JSON')
+    parser.add_argument('--quick', action='store_true', help='no peers, smaller sizes')
+    parser.add_argument('--plots', metavar='DIR', help='draw the results there')
+    parser.add_argument(
+        '--part', choices=PARTS, action='append', help='only this part; may be given again'
+    )
+    parser.add_argument('--with', dest='earlier', metavar='FILE.json', action='append',
+                        default=[], help='take the other parts from an earlier --json run')
+    parser.add_argument('--peer', default='', metavar='TEXT', help='only peers whose row has TEXT')
+
+
+def cpu_s(work: Callable, repeat: int) -> tuple[object, float]:
+    """Return what `work` gives, and the least processor time of `repeat` calls (s)."""
+    best = float('inf')
+    for _ in range(repeat):
+        begin = time.process_time()
+        result = work()
+        best = min(best, time.process_time() - begin)
+    return result, best
+
+
+def error_of(u: np.ndarray, reference: np.ndarray) -> float:
+    """Return the largest displacement error (m)."""
+    return float(np.abs(u[: len(reference)] - reference[: len(u)]).max())
+
+
+def reference_of(scene: Scene, model: Model, times: np.ndarray) -> np.ndarray:
+    """Return displacements to compare with: another order, or a much tighter tolerance."""
+    if choose.along_x(scene):
+        return exact.solve(scene, model, times, LIMITS, False, order=20).u
+    return event.solve(scene, model, times, LIMITS, False, 1e-14, 22).u
+
+
+def own_rows(name: str, quick: bool) -> list[dict]:
+    """Return the rows of one named scene on every path of ours."""
+    scene = from_mapping(presets.scene(name))
+    model, times = Model.of(scene), sample_times(scene.duration_s, 0.1)
+    truth = reference_of(scene, model, times)
+    rows = []
+
+    def add(method: str, solve: Callable, repeat: int) -> None:
+        solve()
+        run, seconds = cpu_s(solve, repeat)
+        rows.append({
+            'scene': name, 'method': method, 'seconds': scene.duration_s, 'ms': seconds * 1e3,
+            'error_m': error_of(run.u, truth),
+            'events': len(run.event_t), 'steps': run.steps, 'status': run.status,
+        })
+
+    if choose.along_x(scene):
+        add('exact', lambda: exact.solve(scene, model, times, LIMITS, False), 20)
+    for tolerance in (1e-6, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12):
+        if name == 'S6a':
+            break  # the event path resolves the stiff mode: minutes, where the exact path has modes
+        add(
+            f'event {tolerance:g}',
+            lambda tol=tolerance: event.solve(scene, model, times, LIMITS, False, tol), 5,
+        )
+    for step_s in (1e-3, 1e-4) if quick else (1e-3, 1e-4, 1e-5):
+        if np.sqrt(8 * model.k.max() / model.mass.min()) * step_s < 1.8:
+            from eol_ros.core.physics.stepping import solver as stepping
+
+            add(
+                f'stepping {step_s:g}',
+                lambda h=step_s: stepping.solve(scene, model, times, LIMITS, h), 1,
+            )
+    return rows
+
+
+EQUAL = {'mu_s': 0.65, 'mu_k': 0.65}  # for engines that know one coefficient only
+
+
+def peer_row(name: str, method: str, module: str, solve: Callable, seconds: float) -> dict:
+    """Return the row of one peer, with our time on the same stretch beside it."""
+    row = {'scene': name, 'method': method, 'seconds': seconds}
+    there = peers.siconos_python() if module == 'siconos' else importlib.util.find_spec(module)
+    if there is None:
+        return row | {'status': f'{module} is not installed'}
+    given = presets.scene(name.removesuffix(' equal')) | {'T': seconds}
+    scene = from_mapping(given | EQUAL if name.endswith(' equal') else given)
+    model, times = Model.of(scene), sample_times(seconds, 0.1)
+    truth = reference_of(scene, model, times)
+    u, took = cpu_s(lambda: solve(scene, times), 1)
+    if isinstance(u, tuple):
+        u, took = u  # another process: its own processor time
+    if len(u) < len(times):
+        return row | {'status': f'gave up at {times[len(u) - 1]:g} s', 'ms': took * 1e3}
+    if choose.along_x(scene):
+        ours, own = cpu_s(lambda: exact.solve(scene, model, times, LIMITS, False), 10)
+    else:
+        tolerance = 1e-6 if name.endswith(' equal') else 1e-11
+        ours, own = cpu_s(lambda: event.solve(scene, model, times, LIMITS, False, tolerance), 3)
+    return row | {
+        'status': 'ok', 'ms': took * 1e3, 'error_m': error_of(u, truth), 'own_ms': own * 1e3,
+        'own_error_m': error_of(ours.u, truth), 'ratio': took / own,
+    }
+
+
+def peer_rows(only: str) -> list[dict]:
+    """Return the rows of the peers, each on scenes that it can take."""
+    work = []
+    for name, seconds in (('S3G', PEER_S), ('S4L', 1.0)):
+        for rtol in (1e-7, 1e-10):
+            work.append((name, f'scipy DOP853 events {rtol:g}', 'scipy',
+                         lambda s, t, r=rtol: peers.scipy_events(s, t, r), seconds))
+    for name, seconds in (('S1', 10.0), ('S3L', 3.0), ('S4L', 0.6)):
+        for method in ('LSODA', 'Radau'):
+            work.append((name, f'scipy {method} smooth', 'scipy',
+                         lambda s, t, m=method: peers.scipy_smooth(s, t, m), seconds))
+    for name, seconds in (('S3E', 10.0), ('S5 equal', 10.0)):
+        for step_s, stiff in ((1e-3, False), (1e-3, True), (1e-4, True)):
+            work.append((name, f'mujoco {step_s:g}{" stiff" if stiff else ""}', 'mujoco',
+                         lambda s, t, h=step_s, f=stiff: peers.mujoco(s, t, h, f), seconds))
+    work.append(('S4L equal', 'mujoco contacts 0.001', 'mujoco',
+                 lambda s, t: peers.mujoco_plane(s, t, 1e-3), 5.0))
+    for name in ('S3E', 'S5 equal', 'S4L equal'):
+        work.append((name, 'pymunk 0.001', 'pymunk', lambda s, t: peers.pymunk(s, t, 1e-3), 5.0))
+    for name in ('S3E', 'S5 equal'):
+        for step_s, seconds in ((1e-2, 5.0), (2e-3, 2.5)):
+            work.append((name, f'siconos {step_s:g}', 'siconos',
+                         lambda s, t, h=step_s: peers.siconos(s, t, h), seconds))
+    wanted = [row for row in work if only in f'{row[0]} {row[1]}']
+    return [peer_row(*row) for row in track(wanted, 'peers')]
+
+
+def turning_rows() -> list[dict]:
+    """Return error against time of blocks that turn, against tolerance 1e-14."""
+    rows = []
+    for name in ('S4L', 'S4G'):
+        scene = from_mapping(presets.scene(name) | {'rotation': {'side': 0.084}})
+        model, times = Model.of(scene), sample_times(scene.duration_s, 0.1)
+        truth = rotation.solve(scene, model, times, LIMITS, False, 1e-14).u
+        for tolerance in (1e-6, 1e-8, 1e-10, 1e-12):
+            run, seconds = cpu_s(
+                lambda s=scene, m=model, t=times, e=tolerance: rotation.solve(
+                    s, m, t, LIMITS, True, e), 3)
+            rows.append({
+                'scene': f'{name} turning', 'method': f'event {tolerance:g}',
+                'seconds': scene.duration_s, 'ms': seconds * 1e3,
+                'error_m': error_of(run.u, truth), 'events': len(run.event_t), 'steps': run.steps,
+                'residual_J': run.energy.residual_J, 'status': run.status,
+            })
+    return rows
+
+
+def extreme_scenes() -> dict[str, dict]:
+    """Return scenes at the edge of what the model allows."""
+    still = {'kind': 'none'}
+    offsets = builders.offsets(25, 0.01, 1)
+    aside = builders.offsets(25, 0.005, 2)
+    away = {'kind': 'poses', 'par': [[0, 1, 0, 0], [1, 1, 0, 0]]}
+    stepped = [[x + (i == 12), y] for i, (x, y) in enumerate(aside)]
+    scenes = {
+        'K_C / K_L = 1e6': presets.scene('S6a'),
+        'mass x 1e-4': presets.scene('S6b'),
+        'mu = 0 over 1e8 s': builders.table(still, 1e8, mu_s=0.0, mu_k=0.0, u0=offsets),
+        'mu = 1e9': builders.table(presets.PULL, 1e5, mu_s=1e9, mu_k=1e9),
+        'no drive, 1e5 s': builders.table(still, 1e5, u0=builders.offsets(25, 1e-3, 1)),
+        'one-metre step of a block': builders.table(still, 2.0, geometric=True, u0=stepped),
+        'one-metre step of the rim': builders.table(away, 3.0, geometric=True, u0=aside),
+        'the same, head-on': builders.table(away, 3.0, geometric=True),
+        'one block, 1e5 s': builders.single(presets.PULL, 1e5),
+        'simultaneous breaks': builders.plate(presets.PULL, 10.0),
+        'mu_s = mu_k, 1-D': presets.scene('S3E'),
+        'mu_s = mu_k, 2-D': builders.table(
+            presets.PULL, 10.0, geometric=True, mu_s=0.65, mu_k=0.65, u0=offsets),
+    }
+    for side in (1, 5, 20, 100):
+        n, spread = side * side, builders.offsets(side * side, 0.005, 5, True)
+        more = {'rows': side, 'columns': side, 'u0': spread}
+        short = 10.0 if n < 1000 else 5.6  # just past the first breaks
+        scenes |= {
+            f'K_C / K_L = 1e6, n = {n}': builders.plate(
+                presets.PULL, short, k_between=2e7, **more | {'u0': [[0.0, 0.0]] * n}),
+            f'mass x 1e-4, n = {n}': builders.plate(
+                presets.PULL, short, mass=2.5e-5, g=9.81e4, **more),
+            f'table, n = {n}': builders.table(
+                presets.PULL, 10.0 if n < 100 else 3.0, geometric=True,
+                **more | {'u0': builders.offsets(n, 0.005, 5)}),
+            f'mu huge, n = {n}': builders.table(presets.PULL, 1e5, mu_s=1e9, mu_k=1e9, **more),
+        }
+        if n <= 400:
+            scenes[f'mu = 0 over 1e8 s, n = {n}'] = builders.table(
+                still, 1e8, mu_s=0.0, mu_k=0.0, **more)
+    return scenes
+
+
+def extreme_rows() -> list[dict]:
+    """Return how each extreme ends."""
+    rows = []
+    scenes = extreme_scenes()
+    for name, given in track(scenes.items(), 'extremes', total=len(scenes)):
+        scene = from_mapping(given)
+        sample_s = max(0.1, scene.duration_s / 100)
+        limits = Limits(events=200_000, steps=200_000)
+        if scene.n > 1000:
+            limits = Limits(events=20_000, steps=800)
+        run = choose.simulate(scene, sample_s, limits=limits)  # keeps the books, and compiles
+        energy = run.energy
+        solve = functools.partial(choose.simulate, scene, sample_s, limits=limits, ledger=False)
+        _, seconds = cpu_s(solve, 1)
+        if seconds < 0.1:
+            _, seconds = cpu_s(solve, 5)
+        rows.append({
+            'case': name, 'path': run.path, 'status': run.status, 'events': len(run.event_t),
+            'steps': run.steps, 'ms': seconds * 1e3, 't_reached': run.t_reached,
+            'residual_J': energy.residual_J, 'work_J': energy.work_J,
+            'friction_J': energy.friction_J, 'notes': '; '.join(run.notes),
+        })
+    return rows
+
+
+def size_rows(sizes: tuple[int, ...]) -> list[dict]:
+    """Return cost and memory of plates of n blocks, from their first breaks on."""
+    rows = []
+    choose.simulate(from_mapping(builders.plate(presets.PULL, 6.0, 2, 2)), ledger=False)  # compiles
+    for n in track(sizes, 'sizes'):
+        side = int(round(n**0.5))
+        _reset_peak()
+        before = _peak_mb()
+        offsets = builders.offsets(n, 0.005, 5, True)
+        given = builders.plate(presets.PULL, 2e3, side, side, u0=offsets)
+        scene = from_mapping(given)
+        model, times = Model.of(scene), np.array([0.0, 2e3])
+        limits = Limits(events=1000, steps=100_000)
+        job = functools.partial(exact.solve, scene, model, times, limits, False)
+        run, seconds = cpu_s(job, 2)
+        rows.append({
+            'n': n, 'ms': seconds * 1e3, 'events': len(run.event_t), 'steps': run.steps,
+            'us_per_event': seconds * 1e6 / max(1, len(run.event_t)),
+            'grown_mb': _peak_mb() - before,
+            't_reached': run.t_reached, 'status': run.status,
+        })
+    return rows
+
+
+def growth_row(rows: list[dict]) -> dict:
+    """Return how cost and memory grow from 25 blocks on: exponents of n, by least squares."""
+    big = [r for r in rows if r['n'] >= 25]
+    n = np.log([r['n'] for r in big])
+    cost = np.polyfit(n, np.log([r['us_per_event'] for r in big]), 1)[0]
+    last = big[-1]
+    return {
+        'from_n': big[0]['n'], 'to_n': last['n'], 'cost_exponent': float(cost),
+        'memory_kb_per_block': last['grown_mb'] * 1024 / last['n'],
+    }
+
+
+def live_row(seconds: int = 60, rate_hz: int = 60) -> dict:
+    """Return what the twin's table costs under unattended hands: mean and busiest second."""
+    table, visitors, rim = LiveTable(1), Visitors(1), Rim()
+    spent = np.zeros(seconds)
+    for image in range(seconds * rate_hz):
+        now = (image + 1) / rate_hz
+        rim.advance(1 / rate_hz, visitors.velocity(now, rim.pose), np.zeros(3))
+        begin = time.process_time()
+        table.advance(image / rate_hz, now, rim.pose, rim.velocity)
+        spent[image // rate_hz] += time.process_time() - begin
+    return {
+        'simulated_s': seconds, 'mean_ms_per_s': spent.mean() * 1e3,
+        'busiest_second_ms': spent.max() * 1e3, 'slips': table.slips,
+        'residual_J': table.energy_residual, 'faults': table.faults,
+    }
+
+
+def _reset_peak() -> None:
+    try:
+        Path('/proc/self/clear_refs').write_text('5')
+    except OSError:
+        pass  # the peak is then the process's own so far
+
+
+def _peak_mb() -> float:
+    for line in Path('/proc/self/status').read_text().splitlines():
+        if line.startswith('VmHWM'):
+            return int(line.split()[1]) / 1024
+    return float('nan')
+
+
+def run(args: argparse.Namespace) -> int:
+    parts = args.part or [part for part in PARTS if part != 'peers' or not args.quick]
+    if args.earlier and not args.part:
+        parts = []
+    result = {part: [] for part in (*PARTS, 'growth')}
+    for file in args.earlier:
+        for part, rows in json.loads(Path(file).read_text()).items():
+            if part == 'machine':  # of several, that of the last
+                result[part] = rows
+            else:
+                result[part] += rows
+    if 'own' in parts:
+        for name in track(list(presets.NAMED), 'scenes'):
+            result['own'] += own_rows(name, args.quick)
+    if 'turning' in parts:
+        result['turning'] = turning_rows()
+    if 'peers' in parts:
+        result['peers'] = peer_rows(args.peer)
+    if 'extremes' in parts:
+        result['extremes'] = extreme_rows()
+    if 'sizes' in parts:
+        result['sizes'] = size_rows(SIZES[:5] if args.quick else SIZES)
+        result['growth'] = [growth_row(result['sizes'])]
+    if 'live' in parts:
+        result['live'] = [live_row()]
+    if args.plots:
+        from benchmarks import physics_plots
+
+        physics_plots.draw(result, Path(args.plots))
+    tell(result, args.json, _table)
+    print('times are processor time, compilation left out', file=sys.stderr)
+    return 0
+
+
+def _table(result: dict) -> str:
+    lines = []
+    for title, rows in result.items():
+        if rows and title != 'machine':
+            lines.append(f'\n{title}')
+            lines += ['  ' + '  '.join(f'{k} {_short(v)}' for k, v in row.items()) for row in rows]
+    return '\n'.join(lines)
+
+
+def _short(value: object) -> str:
+    return f'{value:.3g}' if isinstance(value, float) else str(value)

@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Other people's solvers on our scenes: SciPy, MuJoCo, pymunk, Siconos. Each gives samples of u.
+
+Every peer gets the scene as it is, and what it lacks is said where it is emulated.
+"""
+
+import functools
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.scene import Scene
+from eol_ros.core.physics.stepping.moreau_jean import place_anchors, rim_pose, spring_forces
+
+CAPTURE_MPS = 1e-6
+ARM_S = 1e-5  # after a break a stop is looked for only once the block has gathered speed
+
+
+def scipy_events(scene: Scene, times: np.ndarray, rtol: float) -> np.ndarray:
+    """DOP853 of SciPy between its own located events, sliding blocks only; u at `times`."""
+    from scipy.integrate import solve_ivp
+
+    model, n = Model.of(scene), scene.n
+    out = np.zeros((len(times), n, 2))
+    u, v, t = scene.u0.copy(), scene.v0.copy(), 0.0
+    on, since = np.any(v != 0, axis=1), np.full(n, -1.0)
+    lead = np.zeros((n, 2))
+    rail = np.array([1.0, 0.0]) if model.rail else np.ones(2)
+    done = 0
+
+    def force(here, s):
+        return model.force(here, s) * rail
+
+    while t < times[-1]:
+        slots = np.flatnonzero(on)
+
+        def place(y, slots=slots, u=u, v=v):
+            here, rate = u.copy(), v.copy()
+            here[slots], rate[slots] = np.split(y.reshape(-1, 2), 2)
+            return here, rate
+
+        def slope(s, y, slots=slots):
+            here, rate = place(y, slots)
+            rate = rate[slots]
+            size = np.linalg.norm(rate, axis=1)[:, None]
+            unit = np.where(size > 1e-12, rate / np.maximum(size, 1e-300), lead[slots])
+            pull = force(here, s)[slots] - model.kinetic[slots, None] * unit
+            return np.concatenate([rate.ravel(), (pull / model.mass[slots, None]).ravel()])
+
+        def breaks(s, y, slots=slots, on=on):
+            room = model.static - np.linalg.norm(force(place(y, slots)[0], s), axis=1)
+            return room[~on].min(initial=1.0)
+
+        def stops(s, y, slots=slots):
+            speed = np.linalg.norm(place(y, slots)[1][slots], axis=1)
+            return np.where(s > since[slots] + ARM_S, speed - CAPTURE_MPS, 1.0).min(initial=1.0)
+
+        breaks.terminal = stops.terminal = True
+        breaks.direction = stops.direction = -1
+        start = np.concatenate([u[slots].ravel(), v[slots].ravel()])
+        w = np.sqrt(8 * model.k.max() / model.mass.min())
+        run = solve_ivp(
+            slope, (t, times[-1]), start, 'DOP853', rtol=rtol, atol=rtol * 1e-3, dense_output=True,
+            events=(breaks, stops), max_step=0.1 * np.pi / w if len(slots) else 0.02,
+        )
+        end = run.t[-1]
+        while done < len(times) and times[done] <= end:
+            out[done] = place(run.sol(times[done]))[0] if end > t else u
+            done += 1
+        u, v = place(run.y[:, -1])
+        t = end
+        pull = force(u, t)
+        size = np.linalg.norm(pull, axis=1)
+        speed = np.linalg.norm(v, axis=1)
+        for i in np.flatnonzero(on):
+            if speed[i] <= CAPTURE_MPS * (1 + 1e-6) and t > since[i] + ARM_S:
+                v[i] = 0.0
+                if size[i] <= model.static[i]:
+                    on[i] = False
+                else:
+                    since[i], lead[i] = t, pull[i] / size[i]
+        for i in np.flatnonzero(~on & (size >= model.static * (1 - 1e-11)) & (since < t)):
+            on[i], since[i], lead[i] = True, t, pull[i] / size[i]
+    out[done:] = u
+    return out
+
+
+@njit(cache=True)
+def _smooth_slope(
+    t, y, n, first, second, k, natural, rest, anchors, mass, static, kinetic, geometric, rail,
+    kind, par, knots, cubics,
+):
+    """The right-hand side of friction made smooth: tanh(|v| / 1e-4), falling from mu_s to mu_k."""
+    ends, force = np.zeros((n + len(anchors), 2)), np.zeros((n + len(anchors), 2))
+    for i in range(n):
+        ends[i, 0], ends[i, 1] = y[2 * i], y[2 * i + 1]
+    x, z, phi = rim_pose(kind, par, knots, cubics, t)
+    place_anchors(ends, n, anchors, x, z, phi)
+    spring_forces(ends, force, first, second, k, natural, rest, geometric)
+    out = np.zeros(4 * n)
+    out[: 2 * n] = y[2 * n :]
+    for i in range(n):
+        vx, vy = y[2 * n + 2 * i], y[2 * n + 2 * i + 1]
+        speed = np.sqrt(vx * vx + vy * vy)
+        hold = kinetic[i] + (static[i] - kinetic[i]) * np.exp(-((speed / 1e-3) ** 2))
+        hold *= np.tanh(speed / 1e-4) / max(speed, 1e-12)
+        out[2 * n + 2 * i] = (force[i, 0] - hold * vx) / mass[i]
+        out[2 * n + 2 * i + 1] = 0.0 if rail else (force[i, 1] - hold * vy) / mass[i]
+    return out
+
+
+def scipy_smooth(scene: Scene, times: np.ndarray, method: str) -> np.ndarray:
+    """LSODA or Radau on friction made smooth; the right-hand side is compiled."""
+    from scipy.integrate import solve_ivp
+
+    m, n = Model.of(scene), scene.n
+    given = (
+        n, m.first, m.second, m.k, m.natural, m.rest, m.anchors, m.mass, m.static, m.kinetic,
+        m.geometric, m.rail, m.kind, m.par, m.knots, m.cubics,
+    )
+    start = np.concatenate([scene.u0.ravel(), scene.v0.ravel()])
+    _smooth_slope(0.0, start, *given)  # compiles
+    run = solve_ivp(
+        _smooth_slope, (0, times[-1]), start, method, t_eval=times, rtol=1e-6, atol=1e-9, args=given
+    )
+    return run.y[: 2 * n].T.reshape(-1, n, 2)
+
+
+def mujoco(scene: Scene, times: np.ndarray, step_s: float, stiff: bool) -> np.ndarray:
+    """MuJoCo: slide joints with frictionloss, tendons as springs; along x, mu_s = mu_k."""
+    import mujoco as mj
+
+    model, lattice = Model.of(scene), Model.of(scene).lattice
+    soft = f'solreffriction="{2 * step_s} 1" solimpfriction="0.9999 0.99999 1e-6"' if stiff else ''
+    bodies, tendons = [], []
+    for i in range(scene.n):
+        bodies.append(
+            f'<body pos="0 {i} 0"><joint name="j{i}" type="slide" axis="1 0 0" '
+            f'stiffness="{lattice.drive[i, 0]}" frictionloss="{model.kinetic[i]}" {soft}/>'
+            f'<geom type="box" size=".04 .04 .04" mass="{model.mass[i]}"/></body>'
+        )
+    for i, j, k in zip(model.first, model.second, model.k):
+        if j < scene.n:
+            tendons.append(
+                f'<fixed stiffness="{k}" springlength="0"><joint joint="j{i}" coef="1"/>'
+                f'<joint joint="j{j}" coef="-1"/></fixed>'
+            )
+    xml = (
+        f'<mujoco><option timestep="{step_s}" gravity="0 0 0" integrator="Euler">'
+        '<flag contact="disable"/></option><worldbody>'
+        f'{"".join(bodies)}</worldbody><tendon>{"".join(tendons)}</tendon></mujoco>'
+    )
+    world = mj.MjModel.from_xml_string(xml)
+    data = mj.MjData(world)
+    data.qpos[:] = scene.u0[:, 0]
+    pull, out = lattice.drive[:, 0] * model.par[0], np.zeros((len(times), scene.n, 2))
+    for sample in range(len(times)):
+        while data.time < times[sample] - 0.5 * step_s:
+            data.qfrc_applied[:] = pull * (data.time + 0.5 * step_s)
+            mj.mj_step(world, data)
+        out[sample, :, 0] = data.qpos
+    return out
+
+
+def mujoco_plane(scene: Scene, times: np.ndarray, step_s: float) -> np.ndarray:
+    """MuJoCo in the plane: balls on slide joints touch a floor, an elliptic cone of friction.
+
+    Springs and rim are forces of ours. One coefficient of friction only.
+    """
+    import mujoco as mj
+
+    model = Model.of(scene)
+    mu = model.kinetic / (model.mass * scene.g)
+    bodies = [
+        f'<body pos="{2 * i} 0 .04"><joint type="slide" axis="1 0 0"/>'
+        '<joint type="slide" axis="0 1 0"/><joint type="slide" axis="0 0 1"/>'
+        f'<geom type="sphere" size=".04" mass="{model.mass[i]}" friction="{mu[i]} 0 0" '
+        'condim="3" solref="0.004 1" solimp="0.99 0.999 1e-5"/></body>'
+        for i in range(scene.n)
+    ]
+    world = mj.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{step_s}" gravity="0 0 -{scene.g}" cone="elliptic" '
+        'impratio="100" integrator="implicitfast"/><worldbody>'
+        f'<geom type="plane" size="200 200 1" friction="0 0 0"/>{"".join(bodies)}</worldbody>'
+        '</mujoco>'
+    )
+    data, out = mj.MjData(world), np.zeros((len(times), scene.n, 2))
+    place, push = data.qpos.reshape(-1, 3), data.qfrc_applied.reshape(-1, 3)
+    place[:, :2] = scene.u0
+    for sample in range(len(times)):
+        while data.time < times[sample] - 0.5 * step_s:
+            push[:, :2] = model.force(place[:, :2], data.time + 0.5 * step_s)
+            mj.mj_step(world, data)
+        out[sample] = place[:, :2]
+    return out
+
+
+def pymunk(scene: Scene, times: np.ndarray, step_s: float) -> np.ndarray:
+    """pymunk: a pivot of bounded force per block is its friction; mu_s = mu_k only."""
+    import pymunk as pm
+
+    model = Model.of(scene)
+    space = pm.Space()
+    space.iterations = 50
+    bodies = []
+    for i in range(scene.n):
+        body = pm.Body(model.mass[i], float('inf'))
+        body.position = tuple(scene.u0[i])
+        pivot = pm.PivotJoint(space.static_body, body, (0, 0), (0, 0))
+        pivot.max_bias, pivot.max_force = 0.0, model.kinetic[i]
+        space.add(body, pivot)
+        bodies.append(body)
+    out, t = np.zeros((len(times), scene.n, 2)), 0.0
+    for sample in range(len(times)):
+        while t < times[sample] - 0.5 * step_s:
+            here = np.array([tuple(body.position) for body in bodies])
+            pull = model.force(here, t + 0.5 * step_s)
+            for body, f in zip(bodies, pull):
+                body.force = tuple(f)
+            space.step(step_s)
+            t += step_s
+        out[sample] = [tuple(body.position) for body in bodies]
+    return out
+
+
+@functools.cache
+def siconos_python() -> str | None:
+    """Return a Python that has Siconos: this one, or the system's; None where there is none."""
+    for python in (sys.executable, shutil.which('python3', path='/usr/bin')):
+        if python:
+            asked = subprocess.run([python, '-c', 'import siconos.kernel'], capture_output=True)
+            if asked.returncode == 0:
+                return python
+    return None
+
+
+def siconos(scene: Scene, times: np.ndarray, step_s: float) -> tuple[np.ndarray, float]:
+    """Siconos: Moreau-Jean with contacts, along x, mu_s = mu_k; u and its own processor time."""
+    model, lattice = Model.of(scene), Model.of(scene).lattice
+    stiffness = np.diag(lattice.k_sum)
+    for i, j, k in zip(model.first, model.second, model.k):
+        if j < scene.n:
+            stiffness[i, j] -= k
+            stiffness[j, i] -= k
+    problem = {
+        'mass': model.mass.tolist(), 'stiffness': stiffness.tolist(), 'g': scene.g,
+        'pull': lattice.drive[:, 0].tolist(), 'speed': float(model.par[0]),
+        'mu': scene.mu_k.tolist(), 'u0': scene.u0[:, 0].tolist(), 'times': times.tolist(),
+        'step_s': step_s,
+    }
+    script = Path(__file__).with_name('physics_siconos.py')
+    done = subprocess.run(
+        [siconos_python(), str(script)], input=json.dumps(problem), capture_output=True, text=True,
+        env={**os.environ, 'OMP_NUM_THREADS': '1', 'PYTHONPATH': ''}, check=True,
+    )
+    answer = json.loads(done.stdout.splitlines()[-1])  # Siconos prints words of its own before it
+    u = np.zeros((len(times), scene.n, 2))
+    u[:, :, 0] = answer['u']
+    return u, answer['cpu_s']

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the true onset of a slip to the first sample of its sound, in a running rehearsal.
+
+The twin is led by its seed and the stamps of its images alone, so it is simulated a second time
+from what `truth` says, which must agree to the last bit, and gives the instants at which blocks
+broke loose. A sound begins `latency_s` after the stamp of its image, or, if its trigger came too
+late for that, at the latest with the block of samples after its arrival. Where the output was
+silent before, the samples themselves say when it began; that is held against the reckoning.
+"""
+
+import os
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from benchmarks.jack import FS, PERIOD, Jack
+from benchmarks.running import Graph
+from eol_ros import scene as scenes
+from eol_ros.errors import DeviceMissing, EolError
+
+NS = 1_000_000_000
+AFTER_S = 0.25  # a slip that has not sounded by then does not sound
+LOOK_AHEAD_S = 0.003  # of the mixer: it wants triggers that much earlier
+SILENT = 480  # samples of silence, after which an onset is plain to see
+TOPICS = ('truth', 'grain_triggers', 'sound_samples')
+
+
+def measure(seconds: float, device: str) -> dict[str, Any]:
+    """Run the shipped rehearsal with `device` wav or jack; return latencies in ms."""
+    jack = Jack(f'eol-rehearsal-{os.getpid()}') if device == 'jack' else None
+    kept = dict(os.environ)
+    try:
+        with tempfile.TemporaryDirectory(prefix='eol-bench-') as place:
+            if jack:
+                jack.start()
+                os.environ.update(jack.environment)
+            folder = Path(place)
+            scene = _scene(folder, 'system' if jack else 'wav')
+            with Graph(scene, folder / 'bags', watched=TOPICS, keep=TOPICS) as graph:
+                graph.wait_until_ok()
+                time.sleep(2.0)
+                graph.mark()
+                time.sleep(seconds)
+                sound, watch = graph.node('sound'), graph.watch
+                settings = scenes.load(scene)
+                return {
+                    'device': device, 'seconds': seconds, 'output_ms': sound['values']['output_ms'],
+                    'load_p99': sound['values']['load'], 'underruns': sound['values']['underruns'],
+                    'late': sound['values']['late'], 'taken': sound['values']['triggers'],
+                    **figures(watch, graph.begin_ns, settings),
+                }  # fmt: skip
+    except DeviceMissing as error:
+        return {'device': device, 'skipped': str(error)}
+    finally:
+        os.environ.clear()
+        os.environ.update(kept)
+        if jack:
+            jack.stop()
+
+
+def figures(watch, begin_ns: int, scene) -> dict[str, Any]:
+    """Return what `watch` has seen of the onsets and their sounds after `begin_ns`."""
+    latency_ns = round(scene.settings('sound').latency_s * NS)
+    begun = onsets(watch.messages('truth'), scene.settings('twin'))
+    first: dict[tuple[int, int], int] = {}  # (block, stamp) -> frame 0 of its sound at the latest
+    late = 0
+    triggers = watch.messages('grain_triggers')
+    for message, (stamp, arrival) in zip(triggers, watch.seen['grain_triggers']):
+        due = stamp + latency_ns
+        ready = arrival + round((LOOK_AHEAD_S + PERIOD / FS) * NS)
+        late += ready > due
+        first.setdefault((message.block, stamp), max(due, ready))
+    sounded, waits, slips = [], [], 0
+    for time_ns, block in begun:
+        if time_ns < begin_ns or time_ns > begun[-1][0] - NS:
+            continue
+        slips += 1
+        after = [
+            (at - time_ns, stamp - time_ns) for (b, stamp), at in first.items()
+            if b == block and 0 <= stamp - time_ns < AFTER_S * NS
+        ]  # fmt: skip
+        if after:
+            sound_ns, stamp_ns = min(after)
+            sounded.append((sound_ns + NS // FS) * 1e-6)  # frame 0 of an envelope is zero
+            waits.append(stamp_ns * 1e-6)
+    if not sounded:
+        raise EolError('no slip has sounded; measure for longer')
+    seen = _seen(watch, [at for at in first.values() if at > begin_ns])
+    arrivals = [(a - s) * 1e-6 for s, a in watch.seen['grain_triggers'] if s > begin_ns]
+    return {
+        'slips': slips, 'sounded': len(sounded) / slips, 'triggers': len(arrivals),
+        'late_at_most': late, 'latency_ms': _summary(sounded), 'onset_to_stamp_ms': _summary(waits),
+        'stamp_to_trigger_ms': _summary(arrivals),
+        'seen_alone': len(seen), 'seen_after_reckoning_ms': _summary(seen) if seen else None,
+    }  # fmt: skip
+
+
+class Twin:
+    """The table of a rehearsal, simulated here; tells when blocks broke loose."""
+
+    def __init__(self, seed: int):
+        from eol_ros.core.physics.twin.hands import Rim, Visitors
+        from eol_ros.core.physics.twin.live import LiveTable
+
+        self.table, self.time_s = LiveTable(seed), 0.0
+        self._rim, self._visitors = Rim(), Visitors(seed)
+        self.step(1e-4)  # the twin's own first image, which nobody sees
+
+    def step(self, span_s: float) -> list[tuple[float, int]]:
+        """Move on by `span_s`; return (seconds, block) of every slip that began."""
+        begin_s, self.time_s = self.time_s, self.time_s + span_s
+        hands = self._visitors.velocity(self.time_s, self._rim.pose)
+        self._rim.advance(span_s, hands, np.zeros(3))
+        log = self.table._log
+        log.start[:] = -1
+        self.table.advance(begin_s, self.time_s, self._rim.pose, self._rim.velocity)
+        return [(begin_s + float(log.t[i]), int(log.block[i]))
+                for i in np.flatnonzero(log.start == 1)]
+
+
+def onsets(truths: list, settings) -> list[tuple[int, int]]:
+    """Return (time in ns, block) of each slip's beginning, in order; raise if the twins differ."""
+    from eol_ros.nodes.twin import LONGEST_STEP_S
+
+    twin, found, before_ns = Twin(settings.seed), [], 0
+    for k, truth in enumerate(truths, 1):
+        stamp_ns = truth.header.stamp.sec * NS + truth.header.stamp.nanosec
+        span_s = (stamp_ns - before_ns) / NS if before_ns else 1 / settings.fps
+        before_ns = stamp_ns
+        begun = twin.step(min(max(span_s, 1e-4), LONGEST_STEP_S))
+        if not (np.array_equal(twin.table.x, truth.x) and np.array_equal(twin.table.y, truth.y)):
+            raise EolError(
+                f'image {k}: the twin is not where it should be; a message was missed, so '
+                'measure again with less beside it'
+            )
+        found += [(stamp_ns - round((twin.time_s - at_s) * NS), block) for at_s, block in begun]
+    return sorted(found)
+
+
+def _seen(watch, due: list[int]) -> list[float]:
+    """Return, ms, by how much later than reckoned the sound came where it was silent before."""
+    found = []
+    due = np.sort(due)
+    silent = 0
+    end = -1
+    for message in watch.messages('sound_samples'):
+        frames = np.frombuffer(bytes(message.data), '<f4').reshape(-1, message.channels)
+        if message.first != end:
+            silent = 0
+        end = message.first + len(frames)
+        loud = np.flatnonzero(frames.any(axis=1))
+        if not len(loud):
+            silent += len(frames)
+            continue
+        if silent + loud[0] >= SILENT:
+            stamp = message.header.stamp
+            at = stamp.sec * NS + stamp.nanosec + round(int(loud[0]) * NS / FS)
+            near = due[np.searchsorted(due, at - NS // 50) :]
+            if len(near) and abs(int(near[0]) - at) < NS // 50:
+                found.append((at - int(near[0])) * 1e-6)
+        silent = len(frames) - 1 - int(loud[-1])
+    return found
+
+
+def _scene(folder: Path, device: str) -> Path:
+    values = scenes.plain(scenes.load('rehearsal'))
+    values['nodes']['sound'].update(device=device, wav=str(folder / 'sound.wav'))
+    values['nodes']['panel']['port'] = 0
+    path = folder / 'rehearsal.yaml'
+    path.write_text(yaml.safe_dump(values, sort_keys=False))
+    return path
+
+
+def _summary(ms: list[float]) -> dict[str, float]:
+    p50, p90, p99 = np.percentile(ms, [50, 90, 99])
+    return {
+        'p50': round(float(p50), 2), 'p90': round(float(p90), 2), 'p99': round(float(p99), 2),
+        'least': round(min(ms), 2), 'most': round(max(ms), 2),
+    }  # fmt: skip

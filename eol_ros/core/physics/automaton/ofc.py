@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The earthquake automaton of Olami, Feder and Christensen, Phys. Rev. Lett. 68 (1992) 1244.
+
+It is the quasi-static limit of the table of Brown, Scholz and Rundle, Geophys. Res. Lett. 18 (1991)
+215: blocks on springs K_L to a driven plate and K_C to each other, friction that drops to nothing
+while a block slides, one jump to rest. Stress is force over strength, and a toppling site hands
+each neighbour alpha = K_C / (4 K_C + K_L) of what it had.
+
+    drive     all sites rise together until the greatest reaches 1
+    layer     all sites at or above 1 topple together: to 0, and each of the four neighbours + alpha
+    times
+              the old stress; a site may receive in the layer in which it toppled
+    event     layers until no site is at or above 1; what crosses the open boundary is lost
+
+*Size* counts topplings, *area* distinct sites, *duration* layers.
+"""
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from eol_ros.core.physics.automaton.ofc_kernel import OK, SHARE_BITS, SINK, topple
+from eol_ros.errors import ConfigError
+
+ONE = 1 << 50  # the threshold in fixed point: a step is 9e-16
+LARGEST_SIDE = 4096
+QUEUES = ('bucket', 'sweep')
+
+
+@dataclass(frozen=True)
+class Events:
+    """What a run gives, one entry an event: int64 arrays of equal length, or of length 0.
+
+    `first` is row * side + column of the site that starts it, the lowest of several.
+    """
+
+    size: np.ndarray
+    area: np.ndarray
+    duration: np.ndarray
+    first: np.ndarray
+
+    @classmethod
+    def empty(cls, count: int, full: bool = True) -> 'Events':
+        """Return room for `count` events; without `full`, for their sizes only."""
+        return cls(*(np.zeros(count if full or k == 0 else 0, np.int64) for k in range(4)))
+
+    @classmethod
+    def joined(cls, parts: list['Events']) -> 'Events':
+        """Return the events of `parts` one after another."""
+        names = ('size', 'area', 'duration', 'first')
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+
+
+def check(side: int, alpha: float | Fraction) -> None:
+    """Raise ConfigError unless the lattice and alpha make sense."""
+    if not 1 <= side <= LARGEST_SIDE:
+        raise ConfigError(f'lattice size {side} is not between 1 and {LARGEST_SIDE}')
+    if not 0 <= alpha <= Fraction(1, 4):
+        raise ConfigError(f'alpha {alpha} is not between 0 and 1/4: above that nothing ever rests')
+
+
+def padded(values: np.ndarray) -> np.ndarray:
+    """Return (L, L) integers with sinks around them, flat, as the inner loop wants them."""
+    side = len(values)
+    rows = np.full((side + 2, side + 1), SINK, np.int64)
+    rows[1 : side + 1, 1:] = values
+    return np.append(rows.ravel(), SINK)
+
+
+def unpadded(stress: np.ndarray, side: int) -> np.ndarray:
+    """Return the (L, L) sites of a flat padded lattice."""
+    return stress[:-1].reshape(side + 2, side + 1)[1 : side + 1, 1:]
+
+
+class Automaton:
+    """The automaton in 64-bit fixed point: bit-identical everywhere, and fast.
+
+    stress: (L, L) in [0, 1). alpha is rounded to a multiple of 2^-32 and gifts are rounded down to
+    a multiple of 2^-50; sites that would tie exactly may therefore part in the last bit, which is
+    what `ExactAutomaton` is for.
+    """
+
+    arithmetic = 'fixed point, 2^-50'
+
+    def __init__(self, stress: np.ndarray, alpha: float, queue: str = 'bucket'):
+        self.side = len(stress)
+        check(self.side, alpha)
+        if stress.shape != (self.side, self.side):
+            raise ConfigError(f'the lattice is square; this start has shape {stress.shape}')
+        if not (np.isfinite(stress).all() and stress.min() >= 0 and stress.max() < 1):
+            raise ConfigError('stress at the start lies in [0, 1), each site below its threshold')
+        if queue not in QUEUES:
+            raise ConfigError(f'queue {queue!r} is not known; there are {", ".join(QUEUES)}')
+        self.queue = queue
+        self._share = round(alpha * (1 << SHARE_BITS))
+        self._stress = padded((np.asarray(stress, float) * ONE).astype(np.int64))
+
+    @classmethod
+    def random(cls, side: int, alpha: float, seed: int, queue: str = 'bucket') -> 'Automaton':
+        """Return an automaton with stress evenly spread over [0, 1)."""
+        check(side, alpha)
+        return cls(np.random.default_rng(seed).random((side, side)), alpha, queue)
+
+    @property
+    def stress(self) -> np.ndarray:
+        """The stress of each site between events, (L, L)."""
+        return unpadded(self._stress, self.side) / ONE
+
+    def run(self, count: int, full: bool = False) -> Events:
+        """Return the next `count` events; without `full` their sizes only."""
+        events = Events.empty(count, full)
+        topple(
+            self._stress,
+            self.side,
+            ONE,
+            self._share,
+            None,
+            self.queue == 'bucket',
+            events.size,
+            events.area,
+            events.duration,
+            events.first,
+        )
+        return events
+
+
+class ExactAutomaton:
+    """The automaton in exact arithmetic: every stress is a whole number over one denominator.
+
+    numerators: (L, L) whole numbers, below `denominator`. Each toppling may need the denominator
+    times that of alpha. While it all fits into 64 bits the inner loop of `Automaton` runs; beyond,
+    Python's own long integers do, a thousand times slower.
+    """
+
+    WHOLE = 1 << 48  # the largest denominator in 64 bits: it leaves the sinks their depth
+    CHUNK = 32  # events between copies of the lattice
+
+    def __init__(self, numerators: np.ndarray, denominator: int, alpha: Fraction):
+        self.side = len(numerators)
+        check(self.side, alpha)
+        if numerators.shape != (self.side, self.side) or numerators.dtype.kind not in 'iu':
+            raise ConfigError(
+                f'the start is a square of whole numbers; this one is {numerators.dtype} of '
+                f'shape {numerators.shape}'
+            )
+        if numerators.min() < 0 or numerators.max() >= denominator:
+            raise ConfigError(
+                f'numerators at the start lie in 0..{denominator - 1}, each site below its '
+                f'threshold; these lie in {numerators.min()}..{numerators.max()}'
+            )
+        self.alpha = alpha
+        self.one = denominator
+        while self.one * alpha.denominator <= self.WHOLE and alpha.denominator > 1:
+            self.one *= alpha.denominator
+        scale = self.one // denominator
+        self._whole = padded(numerators.astype(np.int64) * scale)
+        self._long: LongLattice | None = None
+
+    @property
+    def arithmetic(self) -> str:
+        """Which numbers it has come to."""
+        return 'exact, 64 bits' if self._long is None else 'exact, long integers'
+
+    @property
+    def stress(self) -> np.ndarray:
+        """The stress of each site between events, (L, L) of Fraction."""
+        if self._long is not None:
+            return self._long.stress()
+        sites = unpadded(self._whole, self.side).ravel()
+        found = np.array([Fraction(int(v), self.one) for v in sites], object)
+        return found.reshape(self.side, self.side)
+
+    def run(self, count: int, full: bool = True) -> Events:
+        """Return the next `count` events."""
+        parts, left = [Events.empty(0)], count
+        while left and self._long is None:
+            part = Events.empty(min(left, self.CHUNK))
+            before = self._whole.copy()
+            status, done = topple(
+                self._whole,
+                self.side,
+                self.one,
+                self.alpha.numerator,
+                self.alpha.denominator,
+                True,
+                part.size,
+                part.area,
+                part.duration,
+                part.first,
+            )
+            if status == OK:
+                parts.append(part)
+                left -= len(part.size)
+                continue
+            self._whole = before
+            if done:  # as far as it goes
+                part = Events.empty(done)
+                topple(
+                    self._whole,
+                    self.side,
+                    self.one,
+                    self.alpha.numerator,
+                    self.alpha.denominator,
+                    True,
+                    part.size,
+                    part.area,
+                    part.duration,
+                    part.first,
+                )
+                parts.append(part)
+                left -= done
+            self._long = LongLattice(
+                self.side, self.alpha, unpadded(self._whole, self.side), self.one
+            )
+        if left and self._long is not None:
+            parts.append(self._long.run(left))
+        return Events.joined(parts)
+
+
+class LongLattice:
+    """The automaton on Python's long integers."""
+
+    GROW = 16  # powers of alpha's denominator that the common denominator grows by at a time
+    NEAR = 1e-9  # of the threshold: doubles sort the sites, integers decide among those this close
+    FOLD = 64  # thresholds of drive after which it is folded into the sites
+
+    def __init__(self, side: int, alpha: Fraction, sites: np.ndarray, one: int):
+        self.side, self.alpha, self.one = side, alpha, one
+        self._value = [int(v) for v in np.asarray(sites).ravel()]
+        self._drive = 0
+        self._rough = np.array([v / one for v in self._value])
+        self._next_to = [
+            [
+                r * side + c
+                for r, c in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1))
+                if 0 <= r < side and 0 <= c < side
+            ]
+            for i in range(side)
+            for j in range(side)
+        ]
+
+    def stress(self) -> np.ndarray:
+        """Return the stress of each site, (L, L) of Fraction."""
+        values = [Fraction(v + self._drive, self.one) for v in self._value]
+        return np.array(values, object).reshape(self.side, self.side)
+
+    def run(self, count: int) -> Events:
+        """Return the next `count` events."""
+        events = Events.empty(count)
+        for k in range(count):
+            size, area, duration, first = self._event()
+            events.size[k], events.area[k] = size, area
+            events.duration[k], events.first[k] = duration, first
+        return events
+
+    def _event(self) -> tuple[int, int, int, int]:
+        value = self._value
+        near = np.flatnonzero(self._rough >= self._rough.max() - self.NEAR)
+        top = max(value[j] for j in near)
+        layer = [int(j) for j in near if value[j] == top]
+        first, size, duration, touched = layer[0], 0, 0, set()
+        self._drive = self.one - top
+        while layer:
+            size += len(layer)
+            duration += 1
+            touched.update(layer)
+            layer = self._layer(layer)
+        if self._drive > self.FOLD * self.one:
+            self._value = [v + self._drive for v in self._value]
+            self._drive = 0
+            self._rough = np.array([v / self.one for v in self._value])
+        return size, len(touched), duration, first
+
+    def _layer(self, layer: list[int]) -> list[int]:
+        full = [self._value[j] + self._drive for j in layer]
+        if any(v % self.alpha.denominator for v in full):
+            scale = self.alpha.denominator**self.GROW
+            self._value = [v * scale for v in self._value]
+            full = [v * scale for v in full]
+            self.one, self._drive = self.one * scale, self._drive * scale
+        value, threshold = self._value, self.one - self._drive
+        changed = set(layer)
+        for j in layer:
+            value[j] = -self._drive
+        for j, v in zip(layer, full):
+            gift = v // self.alpha.denominator * self.alpha.numerator
+            for to in self._next_to[j]:
+                value[to] += gift
+                changed.add(to)
+        for j in changed:
+            self._rough[j] = value[j] / self.one
+        return sorted(j for j in changed if value[j] >= threshold)

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Chooses, once, the least that is enough for a scene, and runs it."""
+
+import numpy as np
+
+from eol_ros.core.physics import modal
+from eol_ros.core.physics.drive import VELOCITY
+from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.result import Energy, Limits, Run, sample_times
+from eol_ros.core.physics.scene import Scene
+from eol_ros.errors import UsageError
+
+PATHS = ('auto', 'exact', 'event', 'stepping')
+DEFAULT_STEP_S = 1e-4
+
+
+def choose_path(scene: Scene, model: Model | None = None) -> str:
+    """Return the path for a scene: rest, modal, exact or event.
+
+    rest: nothing moves and no force will reach its limit. modal: no friction, linear springs.
+    exact: linear springs and motion along x only. event: everything else.
+    """
+    model = model or Model.of(scene)
+    if scene.rotation is not None:
+        return 'event'
+    if at_rest(scene, model):
+        return 'rest'
+    if modal.applies(scene):
+        return 'modal'
+    return 'exact' if along_x(scene) else 'event'
+
+
+def along_x(scene: Scene) -> bool:
+    """Return True if springs are linear and nothing ever moves or pulls along y."""
+    if scene.geometric or scene.rotation is not None:
+        return False
+    return scene.dim1 or bool(
+        scene.drive.along_x and not np.any(scene.u0[:, 1]) and not np.any(scene.v0[:, 1])
+    )
+
+
+def at_rest(scene: Scene, model: Model) -> bool:
+    """Return True if nothing moves at the start and nothing ever will."""
+    if np.any(scene.v0) or not np.all(scene.static_limit > 0):
+        return False
+    pull = model.force(scene.u0, 0.0)
+    if scene.dim1:
+        pull = pull[:, :1]
+    held = np.linalg.norm(pull, axis=1)
+    if not scene.drive.still:
+        if scene.geometric or scene.drive.kind != VELOCITY:
+            return False
+        # the rim's springs, stretched over the whole run, may still be too weak to break anything
+        rim = model.second >= model.n
+        speed = abs(scene.drive.par[0]) if scene.dim1 else np.hypot(*scene.drive.par[:2])
+        held = (
+            held + np.bincount(model.first[rim], model.k[rim], model.n) * speed * scene.duration_s
+        )
+    return bool(np.all(held <= scene.static_limit))
+
+
+def simulate(
+    scene: Scene,
+    sample_s: float = 0.1,
+    path: str = 'auto',
+    tolerance: float | None = None,
+    step_s: float = DEFAULT_STEP_S,
+    limits: Limits | None = None,
+    ledger: bool = True,
+    model: Model | None = None,
+) -> Run:
+    """Return the run of a scene.
+
+    `path`: one of PATHS; 'exact' is refused (UsageError) for what is not exact. `tolerance` is for
+    the event path, `step_s` for stepping. `ledger` keeps the energy books, at some cost in time.
+    """
+    model = model or Model.of(scene)
+    limits = limits or Limits()
+    times = sample_times(scene.duration_s, sample_s)
+    chosen = choose_path(scene, model) if path == 'auto' else path
+    if chosen == 'rest':
+        return _rest(scene, model, times)
+    if chosen == 'exact' and scene.rotation is None and modal.applies(scene):
+        chosen = 'modal'
+    if chosen == 'modal':
+        return modal.solve(scene, model, times, ledger)
+    if chosen == 'exact':
+        if not along_x(scene):
+            raise UsageError(
+                'path exact: this scene has geometric springs or moves along y; use event'
+            )
+        from eol_ros.core.physics.exact.solver import solve as solve_exact
+
+        return solve_exact(scene, model, times, limits, ledger)
+    if chosen == 'event':
+        if scene.weakening_speed > 0:
+            raise UsageError(
+                'path event: friction that weakens with speed is on exact and stepping'
+            )
+        from eol_ros.core.physics.event import solver as event
+
+        tolerance = event.default_tolerance(scene) if tolerance is None else tolerance
+        if not event.TIGHTEST <= tolerance <= event.LOOSEST:
+            raise UsageError(
+                f'tolerance {tolerance:g}: {event.TIGHTEST:g} to {event.LOOSEST:g} is wanted; '
+                'looser, events would be lost'
+            )
+        if scene.rotation is not None:
+            from eol_ros.core.physics.rotation.solver import solve as solve_rotation
+
+            return solve_rotation(scene, model, times, limits, ledger, tolerance)
+        return event.solve(scene, model, times, limits, ledger, tolerance)
+    if scene.rotation is not None:
+        from eol_ros.core.physics.rotation.stepping import solve as step_rotation
+
+        return step_rotation(scene, model, times, limits, step_s)
+    from eol_ros.core.physics.stepping.solver import solve as solve_in_steps
+
+    return solve_in_steps(scene, model, times, limits, step_s)
+
+
+def _rest(scene: Scene, model: Model, times: np.ndarray) -> Run:
+    u = np.broadcast_to(scene.u0, (len(times), scene.n, 2))
+    end, begin = model.elastic_energy(scene.u0, times[-1]), model.elastic_energy(scene.u0, 0.0)
+    # nothing slides, so that all the rim's work is in its springs
+    energy = Energy(end - begin, 0.0, end - begin, 0.0)
+    return Run(
+        'rest',
+        'ok',
+        times,
+        u,
+        np.zeros_like(u),
+        np.empty(0),
+        np.empty(0, np.int64),
+        np.empty(0, np.int8),
+        0,
+        scene.duration_s,
+        energy,
+    )

@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The compiled loop of the event path in the plane: only what slides is integrated."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.physics.drive import NONE
+from eol_ros.core.physics.event.lanes import Plane, fill_plane, make_plane
+from eol_ros.core.physics.event.step import (
+    break_root,
+    planar_ledger,
+    planar_reach,
+    planar_state,
+    planar_swing,
+    slowing_reach,
+    stop_in_closed_form,
+    suspects,
+)
+from eol_ros.core.physics.event.taylor import blocks_series, force_on
+from eol_ros.core.physics.exact.taylor import GAUSS_W, GAUSS_X, ON_LIMIT
+from eol_ros.core.physics.series import add_exactly, drive_series, lean
+from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
+
+AFTER_S = 0.1  # for how long what a stop gets wrong goes on to act on the neighbours
+KEPT = 0.1  # of its speed a block keeps at least within a step
+KICK_MPS = 1e-6  # where mu_s = mu_k a block breaks loose with no acceleration at all
+
+
+class Rules(NamedTuple):
+    """How exact: order of the series; `small` (m) and `relative` bound a step's error; below
+    `capture` (m/s) a stop is finished in closed form where that is accurate, below `floor` always.
+    """
+
+    order: int
+    small: float
+    relative: float
+    capture: float
+    floor: float
+
+
+@lean
+def stop_of(i, speed, x, y, u, v, rim_speed, rules, at):
+    """Return (time, dx, dy, now): how slow block i comes to rest; `now` if exact enough."""
+    limit = at.friction[i] * at.inverse[i]
+    stop_s, dx, dy, will = stop_in_closed_form(
+        v[i, 0], v[i, 1], x * at.inverse[i], y * at.inverse[i], limit
+    )
+    if not will or speed <= rules.floor:
+        return stop_s, dx, dy, will
+    jerk = at.drive[i, 0] * (rim_speed + speed)
+    for q in range(at.lo[i], at.lo[i + 1]):
+        j = at.near[q]
+        jerk += at.k_near[q] * (speed + math.sqrt(v[j, 0] ** 2 + v[j, 1] ** 2))
+    jerk *= at.inverse[i]
+    room = limit - math.sqrt(x * x + y * y) * at.inverse[i]
+    late = at.k_sum[i] * at.inverse[i] * speed * stop_s * AFTER_S
+    error = stop_s * (jerk * stop_s * stop_s / 6.0 + late)
+    return stop_s, dx, dy, error < 10.0 * rules.small and jerk * stop_s < 0.2 * room
+
+
+class Desk(NamedTuple):
+    """Room to work in."""
+
+    pl: Plane
+    cx: np.ndarray  # series of the rim's x, y, cos(phi) - 1, sin(phi)
+    cy: np.ndarray
+    cc: np.ndarray
+    cs: np.ndarray
+    gx: np.ndarray
+    gy: np.ndarray
+    work: np.ndarray
+    watched: np.ndarray
+    found: np.ndarray
+    found_x: np.ndarray
+    found_y: np.ndarray
+    push: np.ndarray
+    slack: np.ndarray
+    spare: np.ndarray
+    fresh: np.ndarray  # blocks that begin to slide now
+    kicked: np.ndarray
+    here: np.ndarray
+    rate: np.ndarray
+    gauss: np.ndarray
+
+
+@njit(cache=True)
+def make_desk(at, order):
+    """Return room for a lattice and an order of the series."""
+    n, size = at.n, order + 2
+    return Desk(
+        make_plane(at, order), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size),
+        np.zeros(size), np.zeros(size), np.zeros(2 * size), np.zeros(n, np.int64),
+        np.zeros(n, np.int64), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+        np.zeros(n, np.bool_),
+        np.zeros(n, np.bool_), np.zeros((n, 2)), np.zeros((n, 2)), np.stack((GAUSS_X, GAUSS_W)),
+    )
+
+
+@njit(cache=True)
+def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts):
+    """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, t, events, steps).
+
+    `counts` (2,): slips begun, stops at the floor against a pull above mu_k. Events are written in
+    the order they are found: a stop may bear a time a little later than a break behind it.
+    """
+    desk = make_desk(at, rules.order)
+    return advance(
+        u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts, desk
+    )
+
+
+@lean
+def advance(
+    u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts, desk
+):
+    """Do what `run` says, in the room that is given."""
+    order, n, pl = rules.order, at.n, desk.pl
+    cx, cy, cc, cs, gx, gy, work = desk.cx, desk.cy, desk.cc, desk.cs, desk.gx, desk.gy, desk.work
+    watched, found, push = desk.watched, desk.found, desk.push
+    slack, spare = desk.slack, desk.spare
+    found_x, found_y = desk.found_x, desk.found_y
+    fresh, kicked, here, rate, gauss = desk.fresh, desk.kicked, desk.here, desk.rate, desk.gauss
+    driven = rim.kind != NONE
+    for i in range(n):
+        fresh[i] = kicked[i] = False
+        slack[i] = 0.0
+        if v[i, 0] != 0.0 or v[i, 1] != 0.0 or at.static[i] == 0.0:
+            sliding[i] = True
+        elif sliding[i]:
+            fresh[i] = True  # at rest for no time at all
+    t, left = 0.0, 0.0
+    events = steps = sampled = m = count = watching = 0
+    changed = settle = True
+    while True:
+        reach, used = drive_series(
+            rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, gx
+        )
+        if settle:  # blocks whose force is beyond the limit from the start
+            settle = False
+            for i in range(n):
+                if sliding[i]:
+                    continue
+                x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
+                if math.sqrt(x * x + y * y) >= at.static[i] * (1.0 + ON_LIMIT):
+                    if events >= len(log.t):
+                        return EVENT_LIMIT, t, events, steps
+                    log.t[events], log.block[events], log.start[events] = t, i, 1
+                    events += 1
+                    counts[0] += 1
+                    sliding[i] = fresh[i] = changed = True
+        if changed:
+            changed = False
+            m, count = fill_plane(sliding, at, pl)
+            watching = 0
+            for i in range(n):
+                if sliding[i]:
+                    continue
+                watch = driven and at.rim_lo[i] < at.rim_lo[i + 1]
+                for q in range(at.lo[i], at.lo[i + 1]):
+                    if sliding[at.near[q]]:
+                        watch = True
+                if watch:
+                    watched[watching] = i
+                    watching += 1
+        for c in range(m):
+            i = pl.slots[c]
+            pl.fresh[c] = fresh[i]
+            if fresh[i]:
+                fresh[i] = False
+                x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
+                force = math.sqrt(x * x + y * y)
+                if force - at.friction[i] <= 1e-9 * force or at.friction[i] == 0.0:
+                    pl.fresh[c] = False
+                    if force > 0.0 and at.friction[i] > 0.0:
+                        v[i, 0], v[i, 1] = KICK_MPS * x / force, KICK_MPS * y / force
+                        kicked[i] = True
+        h = min(t_end - t, reach)
+        ends = h == t_end - t
+        near = h
+        if m > 0 or count > 0:
+            blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
+            near = planar_reach(order, m, pl, rules.relative, rules.small, h)
+            near = slowing_reach(order, m, pl, near, KEPT, work)
+        if used > 3:
+            top = max(abs(cx[order]), abs(cy[order]), abs(cc[order]), abs(cs[order]))
+            if top > 0.0:
+                near = min(near, (rules.small / top) ** (1.0 / order))
+        if near < h:
+            h, ends = near, False
+        if not h >= 0.0:
+            return NOT_FINITE, t, events, steps
+        # the first stuck block to break within the step
+        top, who, hit_any = h, -1, False
+        if h > 0.0:
+            planar_swing(order, m, h, pl)
+            rim_far = turn = 0.0
+            power = 1.0
+            for q in range(1, used + 1):
+                power *= h
+                rim_far += power * math.sqrt(cx[q] ** 2 + cy[q] ** 2)
+                turn += power * math.sqrt(cc[q] ** 2 + cs[q] ** 2)
+            doubtful = suspects(
+                watching, watched, u, rim_far, turn, cx[0], cy[0], cc[0], cs[0],
+                found, found_x, found_y, push, slack, spare, at, pl,
+            )
+            for p in range(doubtful):
+                j, x, y = found[p], found_x[p], found_y[p]
+                force = math.sqrt(x * x + y * y) + push[p] * (h / top)
+                if force < at.static[j] * (1.0 - ON_LIMIT):
+                    continue
+                x, hit = break_root(
+                    j, x, y, order, used, count, h, rules.small, u, at, pl, cx, cy, cc, cs,
+                    gx, gy, work,
+                )
+                if hit or x < h:
+                    h, who, hit_any, ends = x, j, hit, False
+            if h < top and not hit_any:
+                h = max(h, 1e-15 * max(1.0, t))  # a near miss: creep past it, steps are counted
+        while sampled < len(grid.t) and (grid.t[sampled] <= t + h or ends):
+            planar_state(order, m, grid.t[sampled] - t, pl, here, rate)
+            for i in range(n):
+                for q in range(2):
+                    grid.u[sampled, i, q] = here[i, q] if sliding[i] else u[i, q]
+                    grid.v[sampled, i, q] = rate[i, q] if sliding[i] else 0.0
+            sampled += 1
+        if ledger:
+            planar_ledger(
+                order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss
+            )
+        planar_state(order, m, h, pl, u, v)
+        t, left = add_exactly(t, left, h)
+        steps += 1
+        if m > 0:
+            i = pl.slots[0]
+            if not math.isfinite(u[i, 0] + v[i, 0] + u[i, 1]):
+                return NOT_FINITE, t, events, steps
+        if ends:
+            break
+        if steps >= max_steps:
+            return STEP_LIMIT, t, events, steps
+        drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs, gx)
+        rim_speed = math.sqrt(cx[1] ** 2 + cy[1] ** 2) + math.sqrt(cc[1] ** 2 + cs[1] ** 2)
+        for c in range(m):  # blocks that come to rest
+            i = pl.slots[c]
+            speed = math.sqrt(v[i, 0] ** 2 + v[i, 1] ** 2)
+            if speed >= rules.capture or at.friction[i] == 0.0:
+                kicked[i] = False
+                continue
+            if kicked[i] and speed >= 0.5 * KICK_MPS:
+                continue  # it has yet to gather speed
+            x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
+            stop_s, dx, dy, now = 0.0, 0.0, 0.0, True
+            if speed > 0.0:
+                if x * v[i, 0] + y * v[i, 1] >= at.friction[i] * speed:
+                    continue  # gains speed
+                stop_s, dx, dy, now = stop_of(i, speed, x, y, u, v, rim_speed, rules, at)
+            if not now:
+                if speed > rules.floor:
+                    continue
+                stop_s = dx = dy = 0.0
+                counts[1] += 1
+            v[i, 0] = v[i, 1] = 0.0
+            if math.sqrt(x * x + y * y) > at.static[i]:
+                fresh[i] = True  # turns round: its speed is zero for no time at all
+                continue
+            energy[1] += 0.5 * at.mass[i] * speed * speed + x * dx + y * dy
+            u[i, 0] += dx
+            u[i, 1] += dy
+            slack[i] = 0.0
+            for q in range(at.lo[i], at.lo[i + 1]):
+                slack[at.near[q]] = 0.0
+            if events >= len(log.t):
+                return EVENT_LIMIT, t, events, steps
+            log.t[events], log.block[events], log.start[events] = t + stop_s, i, 0
+            events += 1
+            sliding[i] = False
+            changed = True
+        if hit_any:  # and what breaks at the same instant, in the order of the blocks
+            for p in range(watching):
+                j = watched[p]
+                found_x[p], found_y[p] = force_on(j, u, at, cx[0], cy[0], cc[0], cs[0])
+            for p in range(watching):
+                j = watched[p]
+                force = math.sqrt(found_x[p] ** 2 + found_y[p] ** 2)
+                if j != who and force < at.static[j] * (1.0 - ON_LIMIT):
+                    continue
+                if events >= len(log.t):
+                    return EVENT_LIMIT, t, events, steps
+                log.t[events], log.block[events], log.start[events] = t, j, 1
+                events += 1
+                counts[0] += 1
+                sliding[j] = fresh[j] = changed = True
+    return OK, t, events, steps

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The event path: motion in the plane, geometric or linear springs, located breaks and stops."""
+
+import numpy as np
+
+from eol_ros.core.physics.event import kernel
+from eol_ros.core.physics.exact.solver import books_of, length_scale
+from eol_ros.core.physics.kernel_args import Grid, room
+from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.result import Limits, Run
+from eol_ros.core.physics.scene import Scene
+from eol_ros.core.physics.status import WORDS
+
+TIGHTEST, LOOSEST = 1e-15, 1e-3
+SMALL = 0.01  # of tolerance and length scale: the error in place that a step may make
+MISSED = 1e-4  # of the work and the heat: more than any tolerance leaves open
+CAPTURE_MPS = 2e-2  # slower than this, the closed form of a stop is tried
+
+
+def default_tolerance(scene: Scene) -> float:
+    """Return the tolerance that keeps a busy table of 10 s within 1e-9 m.
+
+    Linear springs take a finer one: their steps are cheaper, and their motions part sooner.
+    """
+    return 1e-9 if scene.geometric else 1e-12
+
+
+def order_for(tolerance: float) -> int:
+    """Return the order of the series: half the digits as natural logarithm, and three.
+
+    Jorba and Zou (2005) find -ln(tolerance) / 2 + 1 cheapest; here a step has work besides the
+    series, so that two orders more pay.
+    """
+    return int(np.clip(np.ceil(-0.5 * np.log(tolerance)) + 3, 8, 24))
+
+
+def floor_speed(tolerance: float) -> float:
+    """Return the speed (m/s) that counts as none: what the model's "speed zero" means in the plane.
+
+    The sequence of events depends on it as its square (docs/numerics.md).
+    """
+    return float(np.clip(1e-4 * np.sqrt(tolerance), 1e-11, 1e-7))
+
+
+def rules_for(
+    tolerance: float, scale_m: float, order: int | None = None, floor: float | None = None
+) -> kernel.Rules:
+    """Return the kernel's rules for a tolerance and the scene's length scale."""
+    return kernel.Rules(
+        order or order_for(tolerance), SMALL * tolerance * scale_m, tolerance, CAPTURE_MPS,
+        floor or floor_speed(tolerance),
+    )
+
+
+def solve(
+    scene: Scene,
+    model: Model,
+    times: np.ndarray,
+    limits: Limits,
+    ledger: bool,
+    tolerance: float,
+    order: int | None = None,
+    floor: float | None = None,
+) -> Run:
+    """Return the run of a scene by power series between events, steps bound by `tolerance`."""
+    u, v = scene.u0.copy(), scene.v0.copy()
+    rules = rules_for(tolerance, length_scale(scene, model), order, floor)
+    shape = (len(times), model.n, 2)
+    grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), room(limits.events)
+    books, counts = np.zeros(2), np.zeros(2, np.int64)
+    status, t, events, steps = kernel.run(
+        u, v, np.zeros(model.n, bool), float(scene.duration_s), rules, model.lattice, model.rim,
+        grid, log, limits.steps, books, ledger, counts,
+    )
+    in_time = np.argsort(log.t[:events], kind='stable')
+    run = Run(
+        'event', WORDS[status], times, grid.u, grid.v, log.t[in_time], log.block[in_time],
+        log.start[in_time], steps, t,
+    )
+    if counts[1]:
+        run.notes.append(f'{counts[1]} stops ended at the floor of {rules.floor:g} m/s')
+    if ledger:
+        run.energy = books_of(scene, model, u, v, t, books)
+        if abs(run.energy.residual_J) > MISSED * max(1.0, abs(books[0]), abs(books[1])):
+            run.notes.append(
+                f'the energy books miss {run.energy.residual_J:.2g} J: a spring went through '
+                'length zero, where it has no direction, and the model knows no contact'
+            )
+    return run

@@ -1,0 +1,387 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The compiled loop of the exact path along x: from event to event."""
+
+import math
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.physics.drive import NONE, VELOCITY
+from eol_ros.core.physics.exact.closed_form import (
+    clear_of_limits,
+    lone_ledger,
+    lone_slip,
+    lone_state,
+    march,
+    modes_of,
+    modes_state,
+)
+from eol_ros.core.physics.exact.taylor import (
+    DENSE,
+    GAUSS_W,
+    GAUSS_X,
+    ON_LIMIT,
+    Lanes,
+    bounds,
+    break_root,
+    fill_lanes,
+    force_now,
+    ledger_step,
+    reach_of,
+    segment_series,
+    state_at,
+    stop_root,
+)
+from eol_ros.core.physics.kernel_args import LANES
+from eol_ros.core.physics.series import add_exactly, drive_series
+from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
+
+FAR = 1e18  # of the truncation error: the distance after which the origin moves along
+STIFF_AFTER = 24  # steps of one segment before its modes pay
+BY_SERIES, BY_ONE, BY_MODES = 0, 1, 2
+
+
+@njit(cache=True)
+def make_lanes(n, order):
+    """Return empty lanes for n blocks."""
+    wide = (n + LANES - 1) // LANES * LANES
+    side = min(DENSE, wide)
+    return Lanes(
+        np.full(n, -1), np.empty(n, np.int64), np.zeros((order + 2, wide)),
+        np.zeros((order + 2, wide)), np.zeros(wide), np.zeros(wide), np.zeros(wide),
+        np.zeros(wide), np.zeros((3, wide)), np.zeros((side, side)), np.zeros(wide),
+        np.zeros(wide), np.zeros(wide),
+    )
+
+
+@njit(cache=True)
+def modes_ledger(mo, m, h, t, speed, u, at, la, x, d, a, energy):
+    """Add the drive work and the friction heat (J) of a step h by modes to `energy`."""
+    modes_state(mo, h, m, x, d, a)
+    for c in range(m):
+        energy[1] += la.friction[c] * abs(x[c])
+    if speed == 0.0:
+        return
+    parts = 1 + int(h * mo.w[m - 1])  # so that a quadrature of 10 points sees every mode
+    parts = min(parts, 100_000)
+    for q in range(parts):
+        for g in range(len(GAUSS_X)):
+            s = h * (q + GAUSS_X[g]) / parts
+            modes_state(mo, s, m, x, d, a)
+            power = 0.0
+            for i in range(at.n):
+                if at.drive[i, 0] != 0.0:
+                    c = la.slot[i]
+                    here = u[i] + (x[c] if c >= 0 else 0.0)
+                    power += at.drive[i, 0] * (speed * (t + s) - here)
+            energy[0] += h / parts * GAUSS_W[g] * power * speed
+
+
+@njit(cache=True)
+def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, state):
+    """Advance `u`, `v` (n,) to `t_end` in place; return (status, t, events, steps).
+
+    `grid` is filled at its times; `state` (n,) int8 comes back 1 for blocks that slide.
+    """
+    status, t, events, steps, base = _run(
+        u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, state
+    )
+    if rim.kind == VELOCITY:
+        for i in range(at.n):
+            u[i] += rim.par[0] * base
+    return status, t, events, steps
+
+
+@njit(cache=True)
+def _run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, state):
+    """Do so; `u` comes back relative to the rim's place at `base` (s), which is returned last."""
+    n = at.n
+    la = make_lanes(n, order)
+    slot, slots = la.slot, la.slots
+    sign = np.zeros(n)
+    m = 0
+    wide = len(la.sign)
+    x_out, d_out, a_out = np.zeros(wide), np.zeros(wide), np.zeros(wide)
+    cx, cy = np.zeros(order + 2), np.zeros(order + 2)
+    cc, cs = np.zeros(order + 2), np.zeros(order + 2)
+    work = np.zeros(order + 2)
+    due = np.full(n, np.inf)  # when a stuck block without sliding neighbours breaks
+    plain = rim.kind in (VELOCITY, NONE)
+    speed = rim.par[0] if rim.kind == VELOCITY else 0.0
+    closed = plain and at.weakening <= 0.0
+    watch = np.zeros(n, np.bool_)  # stuck, and the force on it is not linear in time
+    stale = np.ones(n, np.bool_)
+    watched, forces = np.empty(n, np.int64), np.empty(n)
+    # times and places are local, so that they do not lose digits in a long run: the rim and all
+    # blocks are set back together, by a time that is a power of two, and `base` remembers
+    t, rest, base, back = 0.0, 0.0, 0.0, np.inf
+    if plain and speed != 0.0:
+        back = 2.0 ** math.ceil(math.log2(max(FAR * small / abs(speed), 1e-9)))
+    end = t_end
+    events = steps = sampled = since = 0
+    for i in range(n):
+        if v[i] != 0.0 or at.static[i] == 0.0:
+            sign[i] = np.sign(v[i]) if at.friction[i] > 0.0 else 0.0
+            slot[i] = m
+            slots[m] = i
+            m += 1
+    check = True  # look for blocks whose force is beyond the limit now
+    refill = True
+    while True:
+        if t >= back:
+            t -= back
+            base += back
+            end = t_end - base
+            for i in range(n):
+                u[i] -= speed * back
+                due[i] -= back
+        reach, used = drive_series(
+            rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, work
+        )
+        if check:
+            check = False
+            for i in range(n):
+                if slot[i] >= 0 or not stale[i]:
+                    continue
+                f = force_now(i, u, at, cx[0], cc[0], cs[0])
+                if abs(f) > at.static[i] * (1.0 + ON_LIMIT):
+                    sign[i] = np.sign(f)
+                    slot[i] = m
+                    slots[m] = i
+                    m += 1
+                    if events >= len(log.t):
+                        return EVENT_LIMIT, base + t, events, steps, base
+                    log.t[events], log.block[events], log.start[events] = base + t, i, 1
+                    events += 1
+                    refill = True
+                    for e in range(at.lo[i], at.lo[i + 1]):
+                        stale[at.near[e]] = True
+        mp = (m + LANES - 1) // LANES * LANES
+        if refill:
+            refill = False
+            since = 0
+            fill_lanes(m, mp, at, sign, la)
+        # which stuck blocks to watch, and when the others are due
+        next_due = np.inf
+        count = 0
+        for i in range(n):
+            if slot[i] >= 0:
+                continue
+            if stale[i]:
+                stale[i] = False
+                pulled = at.drive[i, 0] != 0.0 or at.drive[i, 1] != 0.0 or at.drive[i, 2] != 0.0
+                watch[i] = not plain and pulled
+                for e in range(at.lo[i], at.lo[i + 1]):
+                    if slot[at.near[e]] >= 0:
+                        watch[i] = True
+                due[i] = np.inf
+                if not watch[i]:
+                    f = force_now(i, u, at, cx[0], cc[0], cs[0])
+                    rate = at.drive[i, 0] * speed
+                    if rate > 0.0:
+                        due[i] = t + max(0.0, (at.static[i] - f) / rate)
+                    elif rate < 0.0:
+                        due[i] = t + max(0.0, (-at.static[i] - f) / rate)
+            if watch[i]:
+                watched[count] = i
+                forces[count] = force_now(i, u, at, cx[0], cc[0], cs[0])
+                count += 1
+            elif due[i] < next_due:
+                next_due = due[i]
+        h = min(end - t, reach)
+        ends = h == end - t
+        if next_due - t < h:
+            h, ends = max(next_due - t, 0.0), False
+        kind_of, who, by = 0, -1, BY_SERIES
+        if m == 1 and closed and la.friction[0] > 0.0 and la.k_sum[0] > 0.0:
+            motion, stops = lone_slip(slots[0], sign[slots[0]], u, v, t, speed, at)
+            if stops < h:
+                far, _ = lone_state(motion, stops)
+                if clear_of_limits(watched, count, forces, stops, abs(far), slots[0], speed, at):
+                    by, kind_of, who, h, ends = BY_ONE, 2, slots[0], stops, False
+        if by == BY_SERIES and closed and 1 < m <= DENSE and since >= STIFF_AFTER and h > 0.0:
+            modes = modes_of(m, u, v, t, speed, h, at, la)
+            near, kind_of, who = march(
+                modes, m, h, forces, speed, watched, count, at, la, x_out, d_out, a_out
+            )
+            if near > 0.0 or kind_of > 0:
+                by = BY_MODES
+                if near < h or kind_of > 0:
+                    h, ends = near, False
+            since = 0
+        if by == BY_SERIES:
+            if m > 0:
+                segment_series(order, m, mp, u, v, at, cx, cc, cs, used, la)
+                near = reach_of(order, mp, la.a, small, h)
+                if near < h:
+                    h, ends = near, False
+            if not plain and used == order:
+                most = max(abs(cx[order]), abs(cs[order]), abs(cc[order]))
+                if most > 0.0:
+                    near = (small / most) ** (1.0 / order)
+                    if near < h:
+                        h, ends = near, False
+            if not h >= 0.0:
+                return NOT_FINITE, base + t, events, steps, base
+            top = h
+            if top > 0.0 and (m > 0 or count > 0):
+                bounds(order, mp, h, la)
+                for c in range(m):
+                    if la.friction[c] == 0.0:
+                        continue
+                    s, a, share = sign[slots[c]], la.a, h / top
+                    tail = la.tail[c] * share * share  # the bound holds for the shortened step too
+                    if s * a[1, c] > 0.0:
+                        if min(s * a[1, c], s * (a[1, c] + 2.0 * h * a[2, c])) > tail:
+                            continue
+                    elif s * a[2, c] > 0.0 and 2.0 * s * a[2, c] * h > tail:
+                        continue
+                    x, hit = stop_root(order, a, c, s, h, work)
+                    if hit or x < h:
+                        h, ends, kind_of, who = x, False, 2 if hit else 0, slots[c]
+                for p in range(count):
+                    j, share = watched[p], h / top
+                    push = 0.0
+                    for k in range(used, 0, -1):
+                        pull = at.drive[j, 0] * cx[k] + at.drive[j, 1] * cc[k]
+                        push = (push + abs(pull - at.drive[j, 2] * cs[k])) * top
+                    for e in range(at.lo[j], at.lo[j + 1]):
+                        c = slot[at.near[e]]
+                        if c >= 0:
+                            push += at.k_near[e] * la.swing[c]
+                    if abs(forces[p]) + share * push < at.static[j] * (1.0 - ON_LIMIT):
+                        continue
+                    x, hit = break_root(j, forces[p], order, at, cx, cc, cs, used, h, la, work)
+                    if hit or x < h:
+                        h, ends, kind_of, who = x, False, 3 if hit else 0, j
+            if kind_of == 0 and not ends and h < top:
+                h = max(h, 1e-15 * max(t, 1e-3))  # a near miss: creep past it, steps are counted
+        due_now = kind_of == 0 and next_due <= t + h
+        while sampled < len(grid.t) and (grid.t[sampled] - base <= t + h or ends):
+            s = grid.t[sampled] - base - t
+            for i in range(n):
+                grid.u[sampled, i] = u[i] + speed * base
+                grid.v[sampled, i] = 0.0
+            if by == BY_ONE:
+                x, d = lone_state(motion, s)
+                grid.u[sampled, who] += x
+                grid.v[sampled, who] = d
+            elif by == BY_MODES:
+                modes_state(modes, s, m, x_out, d_out, a_out)
+                for c in range(m):
+                    grid.u[sampled, slots[c]] += x_out[c]
+                    grid.v[sampled, slots[c]] = d_out[c]
+            else:
+                state_at(order, mp, s, la, x_out, d_out)
+                for c in range(m):
+                    grid.u[sampled, slots[c]] = x_out[c] + speed * base
+                    grid.v[sampled, slots[c]] = d_out[c]
+            sampled += 1
+        if by == BY_ONE:
+            x, _ = lone_state(motion, h)
+            if ledger:
+                lone_ledger(who, motion, h, x, t, speed, u, at, energy)
+            u[who] += x
+            v[who] = 0.0
+        elif by == BY_MODES:
+            if ledger:
+                modes_ledger(modes, m, h, t, speed, u, at, la, x_out, d_out, a_out, energy)
+            modes_state(modes, h, m, x_out, d_out, a_out)
+            for c in range(m):
+                u[slots[c]] += x_out[c]
+                v[slots[c]] = d_out[c]
+                la.a[1, c], la.a[2, c] = d_out[c], 0.5 * a_out[c]
+        else:
+            if ledger:
+                ledger_step(order, m, at, u, cx, cc, cs, used, h, la, energy)
+            state_at(order, mp, h, la, x_out, d_out)
+            for c in range(m):
+                u[slots[c]] = x_out[c]
+                v[slots[c]] = d_out[c]
+        t, rest = add_exactly(t, rest, h)
+        steps += 1
+        since += 1
+        if m > 0 and not math.isfinite(u[slots[0]] + v[slots[0]]):
+            return NOT_FINITE, base + t, events, steps, base
+        if ends and kind_of == 0 and not due_now:
+            t = end
+            break
+        if steps >= max_steps:
+            return STEP_LIMIT, base + t, events, steps, base
+        if kind_of == 0 and not due_now:
+            continue
+        # the event, and whatever happens at the same instant, in the order of the blocks
+        drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs, work)
+        fastest = abs(cx[1])
+        for c in range(m):
+            fastest = max(fastest, abs(v[slots[c]]))
+        before = m
+        changed = False
+        for i in range(n):
+            if events >= len(log.t):
+                return EVENT_LIMIT, base + t, events, steps, base
+            c = slot[i]
+            if c >= 0 and c < before:
+                if at.friction[i] == 0.0:
+                    continue
+                halts = i == who and kind_of == 2
+                if not halts and abs(v[i]) <= ON_LIMIT * fastest:
+                    halts = sign[i] * la.a[2, c] < 0.0 or sign[i] * la.a[1, c] > 0.0
+                if not halts:
+                    continue
+                v[i] = 0.0
+                f = force_now(i, u, at, cx[0], cc[0], cs[0])
+                if abs(f) > at.static[i] * (1.0 + ON_LIMIT):
+                    sign[i] = np.sign(f)  # turns round: its speed is zero for no time at all
+                    refill = True
+                    continue
+                sign[i] = 0.0
+                slot[i] = -2
+                changed = True
+                log.t[events], log.block[events], log.start[events] = base + t, i, 0
+                events += 1
+            elif c == -1:
+                breaks = i == who and kind_of == 3
+                if not breaks:
+                    if watch[i]:
+                        if kind_of == 2:
+                            continue
+                    elif due[i] > t + ON_LIMIT * max(1.0, t):
+                        continue
+                f = force_now(i, u, at, cx[0], cc[0], cs[0])
+                if not breaks and abs(f) < at.static[i] * (1.0 - ON_LIMIT):
+                    if watch[i]:
+                        continue
+                    if due[i] > t * (1.0 + 4e-16):
+                        stale[i] = True
+                        continue
+                sign[i] = np.sign(f)
+                v[i] = 0.0
+                slot[i] = m
+                slots[m] = i
+                m += 1
+                changed = True
+                log.t[events], log.block[events], log.start[events] = base + t, i, 1
+                events += 1
+        if changed:
+            refill = True
+            kept = 0
+            for c in range(m):
+                i = slots[c]
+                touched = slot[i] == -2 or c >= before
+                if slot[i] == -2:
+                    slot[i] = -1
+                    stale[i] = True
+                else:
+                    slots[kept] = i
+                    slot[i] = kept
+                    kept += 1
+                if touched:
+                    for e in range(at.lo[i], at.lo[i + 1]):
+                        stale[at.near[e]] = True
+            m = kept
+        elif kind_of != 2:
+            check = True
+    for i in range(n):
+        state[i] = 1 if slot[i] >= 0 else 0
+    return OK, t_end, events, steps, base

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The exact path: motion along x with linear springs, event by event, to rounding."""
+
+import numpy as np
+
+from eol_ros.core.physics.exact import kernel
+from eol_ros.core.physics.kernel_args import Grid, room
+from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.result import Energy, Limits, Run
+from eol_ros.core.physics.scene import Scene
+from eol_ros.core.physics.status import WORDS
+
+ORDER = 14
+TRUNCATION = 2e-17  # of the displacements' scale: below their rounding
+
+
+def solve(
+    scene: Scene, model: Model, times: np.ndarray, limits: Limits, ledger: bool, order: int = ORDER
+) -> Run:
+    """Return the run of a scene whose blocks move along x only; y is held at its start."""
+    u, v = scene.u0[:, 0].copy(), scene.v0[:, 0].copy()
+    small = TRUNCATION * length_scale(scene, model)
+    grid = Grid(times, np.zeros((len(times), model.n)), np.zeros((len(times), model.n)))
+    log, books, state = room(limits.events), np.zeros(2), np.zeros(model.n, np.int8)
+    status, t, events, steps = kernel.run(
+        u, v, float(scene.duration_s), order, small, model.lattice, model.rim, grid, log,
+        limits.steps, books, ledger, state,
+    )
+    u_out, v_out = grid.u, grid.v
+    held = np.broadcast_to(scene.u0[:, 1], u_out.shape)
+    end = np.column_stack([u, scene.u0[:, 1]])
+    run = Run(
+        'exact',
+        WORDS[status],
+        times,
+        np.stack([u_out, held], axis=2),
+        np.stack([v_out, np.zeros_like(v_out)], axis=2),
+        log.t[:events].copy(),
+        log.block[:events].copy(),
+        log.start[:events].copy(),
+        steps,
+        t,
+    )
+    if ledger:
+        run.energy = books_of(scene, model, end, np.column_stack([v, 0 * v]), t, books)
+    return run
+
+
+def length_scale(scene: Scene, model: Model) -> float:
+    """Return the displacement (m) at which a spring balances friction, or the offsets."""
+    stiff = model.k.max(initial=0.0)
+    hold = float(np.median(model.static)) / stiff if stiff > 0 else 0.0
+    return max(hold, float(np.abs(scene.u0).max()), 1e-12)
+
+
+def books_of(
+    scene: Scene, model: Model, u: np.ndarray, v: np.ndarray, t: float, books: np.ndarray
+) -> Energy:
+    """Return the energy ledger between the start and the state u, v at t."""
+    return Energy(
+        float(books[0]),
+        model.kinetic_energy(v) - model.kinetic_energy(scene.v0),
+        model.elastic_energy(u, t) - model.elastic_energy(scene.u0, 0.0),
+        float(books[1]),
+    )

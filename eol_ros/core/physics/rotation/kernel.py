@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The compiled loop for blocks that turn: from event to event in x, y and s = c theta."""
+
+import math
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.physics.drive import NONE
+from eol_ros.core.physics.exact.taylor import GAUSS_W, GAUSS_X, ON_LIMIT
+from eol_ros.core.physics.rotation.taylor import make_series, turning_series
+from eol_ros.core.physics.series import add_exactly, drive_series, first_root, lean
+from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
+
+KEPT = 0.1  # of its speed a block keeps at least within a step
+KICK_MPS = 1e-6  # where mu_s = mu_k a block breaks loose with no acceleration at all
+
+
+@lean
+def size_of(v, i):
+    """Return the length of row i."""
+    return math.sqrt(v[i, 0] ** 2 + v[i, 1] ** 2 + v[i, 2] ** 2)
+
+
+@lean
+def step_of(order, sliding, fresh, driven, rules, at, b, h, work):
+    """Return the step, at most h: truncation within the rules, no block slower than KEPT allows."""
+    for k in range(order - 1, order + 1):
+        for i in range(at.n):
+            if not sliding[i]:
+                continue
+            top = 0.0
+            for p in range(3):
+                top = max(top, abs(b.a[i, p, k]))
+            if top > 0.0:
+                h = min(h, (rules.small / top) ** (1.0 / k))
+                first = 2 if fresh[i] else 1
+                rate = math.sqrt(b.a[i, 0, first] ** 2 + b.a[i, 1, first] ** 2
+                                 + b.a[i, 2, first] ** 2)
+                if rate > 0.0:
+                    h = min(h, (rules.relative * rate / (k * top)) ** (1.0 / (k - first)))
+    for e in range(len(at.k)):  # a spring may be the only thing that moves
+        if driven and at.second[e] >= at.n and at.k[e] > 0.0:
+            top = max(abs(b.fx[e, order - 2]), abs(b.fy[e, order - 2])) / at.k[e]
+            if top > 0.0:
+                h = min(h, (rules.small / top) ** (1.0 / (order - 2)))
+    for i in range(at.n):
+        if not sliding[i] or at.friction[i] == 0.0:
+            continue
+        first = 2 if fresh[i] else 1
+        degree, loss, square = order - first, 0.0, b.square[i, 0]
+        if square == 0.0:
+            continue
+        for k in range(degree, 0, -1):
+            work[k] = 0.0
+            for p in range(3):
+                work[k] += (k + first) * b.a[i, p, k + first] * b.w[i, p, 0] / square
+            loss = (loss + max(0.0, -work[k])) * h
+        if loss >= 1.0 - KEPT:
+            work[0] = 1.0 - KEPT
+            h, _ = first_root(work, degree, h)
+    return h
+
+
+@lean
+def first_break(order, sliding, at, b, h, work):
+    """Return (h, block, found): the first block at rest whose force reaches its limit."""
+    degree, who, found = order - 2, -1, False
+    for j in range(at.n):
+        if sliding[j]:
+            continue
+        limit, reach = at.static[j], 0.0
+        for k in range(degree, 0, -1):
+            size = abs(b.g[j, 0, k]) + abs(b.g[j, 1, k]) + abs(b.g[j, 2, k])
+            reach = (reach + size) * h
+        now = math.sqrt(b.g[j, 0, 0] ** 2 + b.g[j, 1, 0] ** 2 + b.g[j, 2, 0] ** 2)
+        if reach == 0.0 or now + reach < limit * (1.0 - ON_LIMIT):
+            continue
+        for k in range(2 * degree + 1):
+            total = 0.0
+            for a in range(max(0, k - degree), min(k, degree) + 1):
+                for p in range(3):
+                    total += b.g[j, p, a] * b.g[j, p, k - a]
+            work[k] = -total / (limit * limit)
+        work[0] = (limit - now) * (limit + now) / (limit * limit)
+        if work[0] <= ON_LIMIT:
+            if work[1] < 0.0:
+                return 0.0, j, True
+            work[0] = ON_LIMIT
+        x, hit = first_root(work, 2 * degree, h)
+        if hit or x < h:
+            h, who, found = x, j, hit
+    return h, who, found
+
+
+@lean
+def state_at(order, sliding, at, b, h, q, v):
+    """Write place and velocity of what slides at h."""
+    for i in range(at.n):
+        if sliding[i]:
+            for p in range(3):
+                x, d = b.a[i, p, order], 0.0
+                for k in range(order - 1, -1, -1):
+                    d = d * h + x
+                    x = x * h + b.a[i, p, k]
+                q[i, p], v[i, p] = x, d
+
+
+@lean
+def ledger(order, sliding, at, b, cx, cy, cc, cs, used, h, energy, gauss):
+    """Add the drive work and the friction heat (J) of a step h to `energy`."""
+    for g in range(gauss.shape[1]):
+        s, weight = gauss[0, g] * h, gauss[1, g] * h
+        for i in range(at.n):
+            if sliding[i]:
+                square = 0.0
+                for p in range(3):
+                    d = 0.0
+                    for k in range(order, 0, -1):
+                        d = d * s + k * b.a[i, p, k]
+                    square += d * d
+                energy[1] += weight * at.friction[i] * math.sqrt(square)
+        if used == 0:
+            continue
+        xr = yr = cor = sir = 0.0
+        for k in range(used, 0, -1):
+            xr, yr = xr * s + k * cx[k], yr * s + k * cy[k]
+            cor, sir = cor * s + k * cc[k], sir * s + k * cs[k]
+        for e in range(len(at.k)):
+            if at.second[e] < at.n:
+                continue
+            bx, by = at.anchors[at.second[e] - at.n, 0], at.anchors[at.second[e] - at.n, 1]
+            fx = fy = 0.0
+            for k in range(order - 2, -1, -1):
+                fx, fy = fx * s + b.fx[e, k], fy * s + b.fy[e, k]
+            energy[0] += weight * fx * (xr + cor * bx - sir * by)
+            energy[0] += weight * fy * (yr + sir * bx + cor * by)
+
+
+@njit(cache=True)
+def run(q, v, sliding, t_end, rules, at, turn, rim, grid, log, max_steps, energy, books):
+    """Advance `q`, `v` (n, 3): x, y, s, and `sliding` to `t_end`.
+
+    Returns (status, t, events, steps); `grid` has room for u and v of (k, n, 3).
+    """
+    order, n = rules.order, at.n
+    size = order + 2
+    b = make_series(at, order)
+    cx, cy, cc, cs = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size)
+    work, fresh = np.zeros(2 * size), np.zeros(n, np.bool_)
+    here, rate = np.zeros((n, 3)), np.zeros((n, 3))
+    gauss = np.stack((GAUSS_X, GAUSS_W))
+    return advance(
+        q, v, sliding, t_end, rules, at, turn, rim, grid, log, max_steps, energy, books, b,
+        cx, cy, cc, cs, work, fresh, here, rate, gauss,
+    )
+
+
+@lean
+def advance(
+    q, v, sliding, t_end, rules, at, turn, rim, grid, log, max_steps, energy, books, b,
+    cx, cy, cc, cs, work, fresh, here, rate, gauss,
+):
+    """Do what `run` says, in the room that is given."""
+    order, n, driven = rules.order, at.n, rim.kind != NONE
+    t, left = 0.0, 0.0
+    events = steps = sampled = 0
+    for i in range(n):
+        fresh[i] = False
+        if size_of(v, i) > 0.0 or at.static[i] == 0.0:
+            sliding[i] = True
+    settle, due = True, -1
+    while True:
+        reach, used = drive_series(
+            rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, work
+        )
+        turning_series(order, q, v, sliding, fresh, driven, at, turn, b, cx, cy, cc, cs, work)
+        if settle:  # what is beyond its limit breaks now, and the series begin anew
+            settle = again = False
+            for i in range(n):
+                force = math.sqrt(b.g[i, 0, 0] ** 2 + b.g[i, 1, 0] ** 2 + b.g[i, 2, 0] ** 2)
+                if not sliding[i] and (i == due or force >= at.static[i] * (1.0 - ON_LIMIT)):
+                    if events >= len(log.t):
+                        return EVENT_LIMIT, t, events, steps
+                    log.t[events], log.block[events], log.start[events] = t, i, 1
+                    events += 1
+                    sliding[i] = again = True
+                    fresh[i] = force - at.friction[i] > 1e-9 * force
+                    for p in range(3):
+                        v[i, p] = 0.0 if fresh[i] else KICK_MPS * b.g[i, p, 0] / force
+            due = -1
+            if again:
+                continue
+        h = min(t_end - t, reach)
+        near = step_of(order, sliding, fresh, driven and used > 0, rules, at, b, h, work)
+        ends = near == t_end - t
+        h = near
+        if not h >= 0.0:
+            return NOT_FINITE, t, events, steps
+        top = h
+        h, who, hit = first_break(order, sliding, at, b, h, work)
+        if who >= 0:
+            ends = False
+            if not hit:
+                h = min(top, max(h, 1e-15 * max(1.0, t)))  # a near miss: creep past it
+        while sampled < len(grid.t) and (grid.t[sampled] <= t + h or ends):
+            for i in range(n):
+                for p in range(3):
+                    here[i, p], rate[i, p] = q[i, p], 0.0
+            state_at(order, sliding, at, b, grid.t[sampled] - t, here, rate)
+            for i in range(n):
+                for p in range(3):
+                    grid.u[sampled, i, p], grid.v[sampled, i, p] = here[i, p], rate[i, p]
+            sampled += 1
+        if books:
+            ledger(order, sliding, at, b, cx, cy, cc, cs, used, h, energy, gauss)
+        state_at(order, sliding, at, b, h, q, v)
+        t, left = add_exactly(t, left, h)
+        steps += 1
+        settle, due = hit, who
+        for i in range(n):
+            fresh[i] = fresh[i] and h == 0.0
+            if not math.isfinite(q[i, 0] + q[i, 1] + q[i, 2] + v[i, 0]):
+                return NOT_FINITE, t, events, steps
+        if ends:
+            return OK, t, events, steps
+        if steps >= max_steps:
+            return STEP_LIMIT, t, events, steps
+        for i in range(n):  # blocks that come to rest
+            speed = size_of(v, i)
+            if not sliding[i] or at.friction[i] == 0.0 or speed > rules.floor or fresh[i]:
+                continue
+            along = force = 0.0
+            for p in range(3):
+                g = 0.0
+                for k in range(order - 2, -1, -1):
+                    g = g * h + b.g[i, p, k]
+                along += g * v[i, p]
+                force += g * g
+            if along >= at.friction[i] * speed and speed > 0.0:
+                continue  # gains speed
+            energy[1] += 0.5 * at.mass[i] * speed * speed
+            for p in range(3):
+                v[i, p] = 0.0
+            if math.sqrt(force) > at.static[i]:
+                fresh[i] = True  # turns round: its speed is zero for no time at all
+                continue
+            if events >= len(log.t):
+                return EVENT_LIMIT, t, events, steps
+            log.t[events], log.block[events], log.start[events] = t, i, 0
+            events += 1
+            sliding[i] = False

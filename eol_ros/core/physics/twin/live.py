@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated table as the twin runs it: from one image to the next, under a moving rim."""
+
+import numpy as np
+
+from eol_ros.core.geometry import BLOCK_MASS_KG, N_BLOCKS, RIM_SIDE_M, rest_lattice
+from eol_ros.core.physics import builders
+from eol_ros.core.physics.drive import POSES
+from eol_ros.core.physics.event.kernel import run
+from eol_ros.core.physics.event.solver import rules_for
+from eol_ros.core.physics.exact.solver import length_scale
+from eol_ros.core.physics.kernel_args import Grid, Rim, room
+from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.scene import from_mapping
+from eol_ros.core.physics.status import OK
+
+TOLERANCE = 1e-5
+MOST_EVENTS, MOST_STEPS = 2000, 5000  # between two images: some 50 ms of work
+FRICTION_SPREAD = 0.15  # blocks differ by up to this share, as grit and weights do
+OFFSET_M = 0.004  # the blocks are set down by hand
+CLEAR_M = 0.002  # between the rim and a block: nearer the hands do not push
+TOUCH_M = 1e-7
+MOST_CONTACTS = 100
+RHO_M = RIM_SIDE_M / np.sqrt(6)  # the radius of gyration of a thin square frame
+
+
+class LiveTable:
+    """25 blocks with static and kinetic Coulomb friction, springs, and a rim that is led.
+
+    `x`, `y`, `yaw` (25,) are the block centres (m, rad), `velocity` (25, 3) their rates, and
+    `moving` (25,) tells which slide; `slips` counts slips begun, `energy_residual` (J) is what the
+    ledger misses since the start. `faults` counts images in which the solver met a limit: then all
+    blocks are stopped where they are, and the show goes on.
+    """
+
+    def __init__(self, seed: int) -> None:
+        random = np.random.default_rng([seed, 0x7461626C])
+        share = 1 + FRICTION_SPREAD * random.uniform(-1, 1, N_BLOCKS)
+        scene = from_mapping(
+            builders.table(
+                {'kind': 'none'},
+                0.0,
+                mass=BLOCK_MASS_KG,
+                geometric=True,
+                mu_s=list(builders.MU_STATIC * share),
+                mu_k=list(builders.MU_KINETIC * share),
+                u0=random.uniform(-OFFSET_M, OFFSET_M, (N_BLOCKS, 2)).tolist(),
+            )
+        )
+        self._model = Model.of(scene)
+        self._rules = rules_for(TOLERANCE, length_scale(scene, self._model))
+        self._rest = rest_lattice()
+        springs = scene.to_frame
+        side = springs.rest / np.linalg.norm(springs.rest, axis=1)[:, None]
+        self._beside = springs.i
+        # in the complex plane: ends at the rim, edges of the blocks at rest, the ways inwards
+        self._ends = springs.anchor.copy().view(complex)[:, 0]
+        self._edges = (springs.anchor - springs.rest).view(complex)[:, 0]
+        self._inward = -side.view(complex)[:, 0]
+        self._u, self._v = scene.u0.copy(), scene.v0.copy()
+        self._books, self._counts = np.zeros(2), np.zeros(2, np.int64)
+        self._log = room(MOST_EVENTS)
+        self._grid = Grid(np.zeros(0), np.zeros((0, N_BLOCKS, 2)), np.zeros((0, N_BLOCKS, 2)))
+        self._par, self._knots, self._cubics = np.zeros(4), np.zeros(2), np.zeros((1, 3, 4))
+        self._rim_rate = np.zeros(3)
+        self.moving = np.zeros(N_BLOCKS, bool)
+        self.rim_pose = np.zeros(3)
+        self.faults = 0
+        self._energy0 = self._energy()
+        self._place()
+        # a run of no time, on copies: compiles or loads the kernel before the clock runs
+        self._solve(self._u.copy(), self._v.copy(), self.moving.copy(), 0.0)
+        self._books[:] = self._counts[:] = 0
+
+    def advance(self, start_s: float, stop_s: float, pose: np.ndarray, rate: np.ndarray) -> None:
+        """Move from `start_s` to `stop_s`; the rim goes to `pose` (3,), arriving at `rate` (3,).
+
+        A rim that meets a block goes no further that way and slides along it, and `pose` and `rate`
+        are set to that: hands feel it. The springs' model has no contact, and blocks would else
+        pass over the rim.
+        """
+        span = float(stop_s - start_s)
+        self._stop_at_blocks(pose, rate, span)
+        way = pose - self.rim_pose
+        if not (self.moving.any() or way.any() or rate.any() or self._rim_rate.any()):
+            return  # all is still: nothing to work out
+        c = self._cubics[0]
+        c[:, 0], c[:, 1] = self.rim_pose, self._rim_rate
+        c[:, 2] = (3 * way / span - 2 * self._rim_rate - rate) / span
+        c[:, 3] = (self._rim_rate + rate - 2 * way / span) / span**2
+        self._knots[1] = span
+        status = self._solve(self._u, self._v, self.moving, span)
+        if status != OK:
+            self.faults += 1
+            self._v[:] = 0.0
+            self.moving[:] = False
+        self.rim_pose = np.array(pose, float)
+        self._rim_rate = np.array(rate, float)
+        self._place()
+
+    def clearance_m(self, pose: np.ndarray) -> float:
+        """Return the least distance (m) from the rim at `pose` (3,) inwards to the block beside."""
+        return float(self._near(pose).min())
+
+    def _near(self, pose: np.ndarray) -> np.ndarray:
+        """Return the distance (m) from the rim at `pose` to the block beside it, at each spring."""
+        turn, way = self._ways(pose)
+        return (way * (turn * self._inward).conj()).real * -1.0
+
+    def _ways(self, pose: np.ndarray) -> tuple[complex, np.ndarray]:
+        turn = complex(np.cos(pose[2]), np.sin(pose[2]))
+        here = self._edges + self._u.view(complex)[self._beside, 0]
+        return turn, complex(pose[0], pose[1]) + turn * self._ends - here
+
+    def _stop_at_blocks(self, pose: np.ndarray, rate: np.ndarray, span_s: float) -> None:
+        """Move `pose` to where no block is nearer than allowed, and `rate` with it.
+
+        The rim slides along what it touches, without friction: from where the hands want it, it is
+        put back by the least motion in |dx|^2 + |dy|^2 + (RHO dyaw)^2, block by block, until none
+        is too near (Kaczmarz 1937).
+        """
+        if np.array_equal(pose, self.rim_pose):
+            return
+        near = self._near(pose)
+        if near.min() >= CLEAR_M:
+            return
+        # a block may have come nearer by itself
+        least = np.minimum(CLEAR_M, self._near(self.rim_pose))
+        if np.all(near >= least):
+            return
+        for _ in range(MOST_CONTACTS):
+            short = least - self._near(pose)
+            worst = int(np.argmax(short))
+            if short[worst] <= TOUCH_M:
+                break
+            slope = self._slope(pose, worst)
+            light = slope * (1.0, 1.0, RHO_M**-2)
+            pose += short[worst] / (slope @ light) * light
+        else:  # held from all sides
+            pose[:] = self.rim_pose
+        rate[:] = (pose - self.rim_pose) / span_s
+
+    def _slope(self, pose: np.ndarray, which: int) -> np.ndarray:
+        """Return the derivative (3,) of one distance of `_near` after x, y and yaw."""
+        turn, ways = self._ways(pose)
+        normal, way = turn * self._inward[which], ways[which]
+        turned = (1j * turn * self._ends[which] * normal.conjugate()).real
+        turned += (way * (1j * normal).conjugate()).real
+        return -np.array([normal.real, normal.imag, turned])
+
+    def _solve(self, u: np.ndarray, v: np.ndarray, moving: np.ndarray, span: float) -> int:
+        rim = Rim(POSES, self._par, self._knots, self._cubics)
+        lattice = self._model.lattice
+        status, *_ = run(
+            u, v, moving, span, self._rules, lattice, rim, self._grid, self._log, MOST_STEPS,
+            self._books, True, self._counts,
+        )
+        return int(status)
+
+    @property
+    def slips(self) -> int:
+        """Slips begun since the start."""
+        return int(self._counts[0])
+
+    @property
+    def energy_residual(self) -> float:
+        """Drive work less friction heat less the change of energy (J) since the start."""
+        return float(self._books[0] - self._books[1] - (self._energy() - self._energy0))
+
+    def _energy(self) -> float:
+        m = self._model
+        x, y, yaw = self.rim_pose
+        s, c = np.sin(yaw), -2 * np.sin(yaw / 2) ** 2
+        ax, ay = m.anchors[:, 0], m.anchors[:, 1]
+        led = np.stack([x + c * ax - s * ay, y + s * ax + c * ay], axis=1)
+        ends = np.concatenate([self._u, led])
+        d = ends[m.second] - ends[m.first] + m.rest
+        held = 0.5 * np.sum(m.k * (np.hypot(d[:, 0], d[:, 1]) - m.natural) ** 2)
+        return float(held + m.kinetic_energy(self._v))
+
+    def _place(self) -> None:
+        self.x = self._rest[:, 0] + self._u[:, 0]
+        self.y = self._rest[:, 1] + self._u[:, 1]
+        self.yaw = np.zeros(N_BLOCKS)
+        self.velocity = np.column_stack([self._v, np.zeros(N_BLOCKS)])

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A map of lamps and reflections, learnt while the blocks' own infrared light is off.
+
+A tracker that commands its LEDs can see what is left without them. The light of a lamp adds to
+that of a cover on which it falls, so the map is taken off the image, but where the sensor is full.
+The level of the empty platform stays, and with it the noise of a dark pixel.
+"""
+
+import cv2
+import numpy as np
+
+from eol_ros.core.vision.detect.blobs import BlobFinder
+from eol_ros.errors import ConfigError
+
+_EMPTY = 0.3  # share of the picture that is certainly free of lamps: its level is the ambient light
+_PART = 8  # images of one average: noise below a grey level
+_BLOCKS_LIT = 3  # squares in a dark picture that say it is not dark
+
+
+class ClutterMap:
+    """Static light (h, w) uint8 above the ambient.
+
+    Raises:
+        ConfigError: not an 8-bit grey array.
+    """
+
+    def __init__(self, light: np.ndarray):
+        light = np.ascontiguousarray(light)
+        if light.ndim != 2 or light.dtype != np.uint8:
+            raise ConfigError(f'clutter map has shape {light.shape} and type {light.dtype}; it is '
+                              'an 8-bit grey picture')
+        self.light = light
+        self._clean = np.empty_like(light)
+
+    def remove(self, image: np.ndarray) -> np.ndarray:
+        """Return `image` (h, w) uint8 without the static light; valid until the next call.
+
+        Raises:
+            ConfigError: the map is of another image size.
+        """
+        if image.shape != self.light.shape:
+            raise ConfigError(f'clutter map is {self.light.shape[1]}x{self.light.shape[0]}, '
+                              f'the image {image.shape[1]}x{image.shape[0]}: learn it again '
+                              'with this camera')
+        cv2.subtract(image, self.light, dst=self._clean)
+        self._clean[image == 255] = 255
+        return self._clean
+
+
+class ClutterLearner:
+    """Averages dark images, then tells lamps from ambient light. `images` counts what was taken.
+
+    Every eight images have an average of their own, and the least of these counts: the light of a
+    hand that goes by is nobody's lamp.
+    """
+
+    def __init__(self) -> None:
+        self.images = 0
+        self._total: np.ndarray | None = None
+        self._least: np.ndarray | None = None
+
+    def add(self, image: np.ndarray) -> None:
+        """Take one image (h, w) uint8 with all infrared LEDs off."""
+        if self._total is None or self._total.shape != image.shape:
+            self._total, self._least, self.images = np.zeros(image.shape, np.float32), None, 0
+        cv2.accumulate(image, self._total)
+        self.images += 1
+        if self.images % _PART == 0:
+            self._total /= _PART
+            self._least = self._total if self._least is None else np.minimum(
+                self._least, self._total)
+            self._total = np.zeros(image.shape, np.float32)
+
+    def result(self) -> ClutterMap:
+        """Return the map of what was seen.
+
+        Raises:
+            ConfigError: too few images were taken, or blocks were lit in them.
+        """
+        if self._least is None:
+            raise ConfigError(f'{self.images} dark images were taken, {_PART} are needed: is the '
+                              'camera running?')
+        light = self._least
+        lit = len(BlobFinder().find(np.rint(light).astype(np.uint8)))
+        if lit >= _BLOCKS_LIT:
+            raise ConfigError(f'{lit} blocks are lit in the dark images: the infrared LEDs did not '
+                              'go off; check the serial line to the blocks')
+        light = np.maximum(light - np.quantile(light[::4, ::4], _EMPTY), 0)
+        return ClutterMap(np.clip(np.rint(light), 0, 255).astype(np.uint8))

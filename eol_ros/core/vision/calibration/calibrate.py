@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Solve a calibration from the blocks themselves, from known points, or from a ChArUco board.
+
+Each way ends in a `Solution`: the calibration, what it could not explain, and how far off it may be
+at the platform's corners. A poor one is refused, with the reason.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+
+from eol_ros.core.geometry import (
+    BLOCK_SIDE_M,
+    COLS,
+    N_BLOCKS,
+    PITCH_M,
+    PLATFORM_SIDE_M,
+    ROWS,
+    rest_lattice,
+)
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.errors import ConfigError
+
+REST_SIGMA_M = 0.004  # friction leaves blocks this far from the lattice when all is still
+MOST_PX = 0.5  # RMS residual, per axis, above which a calibration is refused
+MOST_CORNER_MM = 8.0  # and the standard deviation at a corner of the platform
+PLATFORM_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * PLATFORM_SIDE_M / 2
+_SQUARE = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A calibration with its evidence.
+
+    Args:
+        calibration: with residual_px and residual_mm, RMS per axis.
+        px, rest_px: (n, 2) measured points and what is left of them, px.
+        names: (n,) what each point is.
+        corner_mm: (4,) standard deviation at the platform's corners; NaN where nothing tells.
+    """
+
+    calibration: Calibration
+    px: np.ndarray
+    rest_px: np.ndarray
+    names: list[str]
+    corner_mm: np.ndarray
+
+    def by_name(self) -> dict[str, tuple[float, float]]:
+        """Return RMS residual per axis in px and mm of each named thing."""
+        scale = self.calibration.px_per_m() / 1e3
+        found = {}
+        for name in dict.fromkeys(self.names):
+            mine = self.rest_px[[n == name for n in self.names]]
+            rms = float(np.sqrt((mine ** 2).mean()))
+            found[name] = (rms, rms / scale)
+        return found
+
+    def refusal(self) -> str:
+        """Return why this calibration must not be used, or an empty string."""
+        done = self.calibration
+        if not done.residual_px <= MOST_PX:
+            worst = max(self.by_name().items(), key=lambda item: item[1][0])
+            return (f'residual {done.residual_px:.2f} px ({done.residual_mm:.2f} mm) is above '
+                    f'{MOST_PX} px; worst is {worst[0]} with {worst[1][0]:.2f} px: check '
+                    'that it is what it is taken for, and that the picture is sharp and still')
+        if np.nanmax(self.corner_mm, initial=0.0) > MOST_CORNER_MM:
+            return ('the corners of the platform are only known to '
+                    f'{np.nanmax(self.corner_mm):.1f} mm (at most {MOST_CORNER_MM:.0f}): '
+                    'use more points or pictures, further out')
+        return ''
+
+
+def nominal(width: int, height: int, focal_px: float | None = None,
+            mirror: bool = False) -> Calibration:
+    """Return a pinhole camera of which nothing is known but its image size."""
+    ideal = Calibration.ideal(width, height, mirror=mirror)
+    if focal_px is None:
+        return ideal
+    camera = ideal.camera_matrix.copy()
+    camera[0, 0] = camera[1, 1] = focal_px
+    return replace(ideal, camera_matrix=camera)
+
+
+def name_blocks(blobs: np.ndarray, mirror: bool = False) -> np.ndarray:
+    """Return the block id (n,) of each of 25 BLOB squares that lie on their lattice.
+
+    Walks from square to square by one pitch; the rim is taken to be turned by less than 45 degrees
+    and the far edge of the table to be on top of the image. The lattice looks the same in a
+    mirror, so `mirror` must be said: columns then run to the left.
+
+    Raises:
+        ConfigError: not 25 squares in 5 rows of 5.
+    """
+    if len(blobs) != N_BLOCKS:
+        raise ConfigError(f'{len(blobs)} squares seen, not {N_BLOCKS}: take the arms away, switch '
+                          'all blocks on, and let the camera see the whole table')
+    px = np.column_stack([blobs['u'], blobs['v']])
+    pitch = float(np.median(blobs['side_px'])) * PITCH_M / BLOCK_SIDE_M
+    place: dict[int, tuple[int, int]] = {int(np.hypot(*(px - px.mean(axis=0)).T).argmin()): (0, 0)}
+    turn = _lattice_angle(px, pitch)
+    steps = {(1, 0): np.array([np.cos(turn), -np.sin(turn)]) * pitch,
+             (0, 1): np.array([-np.sin(turn), -np.cos(turn)]) * pitch}
+    queue = list(place)
+    while queue:
+        here = queue.pop(0)
+        for (dc, dr), step in list(steps.items()) + [((-a, -b), -s) for (a, b), s in steps.items()]:
+            far = np.hypot(*(px - px[here] - step).T)
+            there = int(far.argmin())
+            if far[there] < 0.4 * pitch and there not in place:
+                place[there] = (place[here][0] + dc, place[here][1] + dr)
+                queue.append(there)
+    cells = np.array([place.get(i, (99, 99)) for i in range(N_BLOCKS)])
+    cells -= cells.min(axis=0)
+    columns = COLS - 1 - cells[:, 0] if mirror else cells[:, 0]
+    ids = cells[:, 1] * COLS + columns
+    if cells.max() >= max(ROWS, COLS) or len(set(ids.tolist())) != N_BLOCKS:
+        raise ConfigError('the squares do not lie in 5 rows of 5: centre the rim and bring the '
+                          'blocks near their places')
+    return ids
+
+
+def _lattice_angle(px: np.ndarray, pitch: float) -> float:
+    """Return the angle of the lattice in (-pi/4, pi/4], from the directions of near neighbours."""
+    delta = px[None] - px[:, None]
+    far = np.hypot(delta[..., 0], delta[..., 1])
+    near = (far > 0.6 * pitch) & (far < 1.3 * pitch)
+    angle = np.arctan2(-delta[..., 1], delta[..., 0])[near]
+    return float(np.angle(np.exp(4j * angle).mean()) / 4) if near.any() else 0.0
+
+
+def from_blocks(views: list[tuple[np.ndarray, np.ndarray]], start: Calibration,
+                cover_height_m: float = 0.0, rest_sigma_m: float = REST_SIGMA_M,
+                lens: bool = True) -> Solution:
+    """Calibrate on the blocks: squares of 84 mm near their places on the lattice of 174 mm.
+
+    Bundle adjustment (Triggs et al. 2000): homography, lens (k1, k2) and the pose of every block in
+    every view are solved together from the corners of the covers. The squares give the lengths; the
+    lattice, with `rest_sigma_m` of freedom, gives the frame.
+
+    Args:
+        views: per image the ids (25,) and the corners (25, 4, 2) px (see corners.corners). Ids
+            that run to the left, as seen in a mirror, give a calibration with a mirror.
+        start: image size and camera matrix.
+        lens: solve for the lens too; else it stays as in `start`.
+
+    Raises:
+        ConfigError: fewer than 20 whole covers in all.
+    """
+    ids = np.concatenate([np.asarray(i) for i, _ in views])
+    corners = np.concatenate([c for _, c in views])
+    whole = np.isfinite(corners).all(axis=(1, 2))
+    if whole.sum() < 20:
+        raise ConfigError(f'only {int(whole.sum())} covers show all four sides; 20 are needed: '
+                          'take the arms away and give more light')
+    ids, corners = ids[whole], corners[whole]
+    rest = rest_lattice()[ids]
+    flat = start.undistort(corners.mean(axis=1))
+    first, _ = cv2.findHomography(rest, flat)
+    # poses of the covers under that homography
+    there = replace(start, homography=first)
+    if there.mirrored:  # the same turn round the square, as the table has it
+        corners = corners[:, [1, 0, 3, 2]]
+    table = there.to_table(corners.reshape(-1, 2)).reshape(-1, 4, 2)
+    side = table[:, 0] - table[:, 3] + table[:, 1] - table[:, 2]
+    poses = np.column_stack([table.mean(axis=1), np.arctan2(side[:, 1], side[:, 0])])
+    scale = np.abs(first.ravel()[:8]) + 1e-3 * np.abs(first).max() * np.array(
+        [1, 1, 1, 1, 1, 1, 1e-3, 1e-3])
+    n_lens = 2 if lens else 0
+    frozen = start.distortion_coefficients
+
+    def camera(x) -> Calibration:
+        h = np.append(x[:8] * scale, 1.0).reshape(3, 3)
+        k = np.array([*x[8:8 + n_lens], *frozen[n_lens:]]) if lens else frozen
+        return replace(start, homography=h, distortion_coefficients=k)
+
+    def rests(x):
+        pose = x[8 + n_lens:].reshape(-1, 3)
+        seen = camera(x).to_pixels(_cover_corners(pose).reshape(-1, 2)).reshape(-1, 4, 2)
+        return np.concatenate([((seen - corners) / 0.05).ravel(),
+                               ((pose[:, :2] - rest) / rest_sigma_m).ravel()])
+
+    x0 = np.concatenate([first.ravel()[:8] / first[2, 2] / scale, frozen[:n_lens], poses.ravel()])
+    done = least_squares(rests, x0, x_scale='jac', method='trf', loss='linear', max_nfev=60,
+                         jac_sparsity=None)
+    solved = camera(done.x)
+    n = len(corners)
+    left = (done.fun[:8 * n] * 0.05).reshape(n, 4, 2).reshape(-1, 2)
+    sigma = _corner_sigma(done, camera, 8 + n_lens)
+    names = [f'block {i}' for i in ids for _ in range(4)]
+    return _solution(solved, corners.reshape(-1, 2), left, names, sigma, cover_height_m,
+                     freedom=(8 * n + 2 * n - len(x0)) / (8 * n))
+
+
+def from_points(px: np.ndarray, xy: np.ndarray, start: Calibration,
+                cover_height_m: float = 0.0, point_height_m: float = 0.0) -> Solution:
+    """Calibrate on points (n, 2) px whose table metres (n, 2) are known, n >= 4.
+
+    The lens stays as in `start`. Points at `point_height_m` are carried to the plane of the covers,
+    which needs the true focal length in `start` when the two differ.
+
+    Raises:
+        ConfigError: fewer than four points, or three of four in one line.
+    """
+    px, xy = np.asarray(px, float).reshape(-1, 2), np.asarray(xy, float).reshape(-1, 2)
+    if len(px) < 4 or len(px) != len(xy):
+        raise ConfigError(f'{len(px)} points are given; at least 4 are needed, each as u v x y')
+    flat = start.undistort(px)
+    for where, one in (('the picture', flat), ('the table', xy)):
+        spread = np.linalg.svd(one - one.mean(axis=0), compute_uv=False)
+        if spread[1] < 0.05 * spread[0]:
+            raise ConfigError(f'the points lie almost in one line in {where}: take corners of the '
+                              'table')
+    first, _ = cv2.findHomography(xy, flat)
+    if first is None:
+        raise ConfigError('no camera can see these points so: check their order')
+    scale = np.abs(first.ravel()[:8]) + 1e-6 * np.abs(first).max()
+
+    def camera(x) -> Calibration:
+        return replace(start, homography=np.append(x * scale, 1.0).reshape(3, 3))
+
+    done = least_squares(lambda x: (camera(x).to_pixels(xy) - px).ravel(),
+                         first.ravel()[:8] / first[2, 2] / scale)
+    n = len(px)
+    sigma = _corner_sigma(done, camera, 8) if n > 4 else np.full(4, np.nan)
+    solved = raise_plane(camera(done.x), cover_height_m - point_height_m)
+    left = done.fun.reshape(-1, 2)
+    return _solution(solved, px, left, [f'point {i + 1}' for i in range(n)], sigma, cover_height_m,
+                     freedom=max(2 * n - 8, 0) / (2 * n))
+
+
+def raise_plane(calibration: Calibration, height_m: float) -> Calibration:
+    """Return `calibration` with its plane lifted by `height_m`.
+
+    The homography K [r1 r2 t] gives the pose of the plane (Zhang 2000); r3 = r1 x r2 points up,
+    to the camera, and the lifted plane is K [r1 r2 t + height r3]. A mirror turns r1 x r2 away
+    from the camera, while what stands on the plane still stands on the camera's side of it.
+    """
+    if height_m == 0.0:
+        return calibration
+    pose = np.linalg.inv(calibration.camera_matrix) @ calibration.homography
+    if pose[2, 2] < 0:
+        pose = -pose
+    norm = np.sqrt(np.linalg.norm(pose[:, 0]) * np.linalg.norm(pose[:, 1]))
+    pose = pose / norm
+    up = np.cross(pose[:, 0], pose[:, 1]) * (-1 if calibration.mirrored else 1)
+    up /= np.linalg.norm(up)
+    lifted = calibration.camera_matrix @ np.column_stack(
+        [pose[:, 0], pose[:, 1], pose[:, 2] + height_m * up])
+    return replace(calibration, homography=lifted / lifted[2, 2])
+
+
+def _cover_corners(poses: np.ndarray) -> np.ndarray:
+    """Return table corners (n, 4, 2) of covers at poses (n, 3)."""
+    c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
+    x, y = _SQUARE.T
+    return np.stack([poses[:, :1] + c * x - s * y, poses[:, 1:2] + s * x + c * y], axis=-1)
+
+
+def _corner_sigma(done, camera, n_camera: int) -> np.ndarray:
+    """Return the standard deviation in mm (4,) at the platform's corners, from the Jacobian."""
+    freedom = max(len(done.fun) - len(done.x), 1)
+    variance = 2 * done.cost / freedom
+    covariance = np.linalg.pinv(done.jac.T @ done.jac) * variance
+    at = camera(done.x).to_pixels(PLATFORM_CORNERS)
+    moves = np.zeros((8, n_camera))
+    for k in range(n_camera):
+        step = np.zeros(len(done.x))
+        step[k] = 1e-4 * max(abs(done.x[k]), 1.0)
+        there = camera(done.x + step).to_table(at)
+        back = camera(done.x - step).to_table(at)
+        moves[:, k] = ((there - back) / (2 * step[k])).ravel()
+    spread = moves @ covariance[:n_camera, :n_camera] @ moves.T
+    return 1e3 * np.sqrt(np.diag(spread).reshape(4, 2).sum(axis=1))
+
+
+def _solution(calibration, px, left, names, corner_mm, cover_height_m, freedom) -> Solution:
+    rms = float(np.sqrt((left ** 2).mean() / freedom)) if freedom > 0 else 0.0
+    done = replace(calibration, cover_height_m=cover_height_m, residual_px=rms,
+                   residual_mm=rms / calibration.px_per_m() * 1e3)
+    return Solution(done, px, left, names, corner_mm)

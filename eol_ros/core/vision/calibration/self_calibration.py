@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Metres from nothing but the blocks: 84 mm squares, at rest on the lattice of 174 mm.
+
+Until 25 blocks have rested for a moment, lengths come from the size of the squares alone; that is
+good enough to tell neighbours, not to publish. Then the camera is solved from the corners of all
+covers, and refused where the blocks do not lie on their lattice.
+"""
+
+import numpy as np
+
+from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.vision.calibration.calibrate import from_blocks
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect.blobs import BLOB
+from eol_ros.core.vision.detect.corners import corners
+from eol_ros.errors import ConfigError
+
+IMAGES = 20  # still ones, all 25 blocks seen
+MOST_MM = 6.0  # RMS departure of resting blocks from the lattice that is still believed
+AGAIN = 120  # images to wait after a refusal: solving takes a while
+
+
+def nominal(shape: tuple[int, ...], side_px: float, mirror: bool) -> Calibration:
+    """Return a straight camera that sees blocks `side_px` wide in images of `shape`."""
+    return Calibration.ideal(shape[1], shape[0], side_px / BLOCK_SIDE_M, mirror)
+
+
+class SelfCalibration:
+    """Collects still images until a calibration can be made; `why` says what it waits for."""
+
+    def __init__(self, start: Calibration):
+        self.start = start
+        self.views: list[np.ndarray] = []
+        self.wait = 0
+        self.refused = False
+        self.why = 'metres follow when 25 blocks have rested'
+
+    def add(self, image: np.ndarray, blobs: np.ndarray | None) -> Calibration | None:
+        """Take an image (h, w) uint8 with its 25 squares, a BLOB array in order of id.
+
+        blobs is None when not all of them are seen whole and at rest. Returns the calibration once.
+        """
+        self.wait = max(self.wait - 1, 0)
+        if blobs is None or self.wait:
+            self.views = []
+            return None
+        self.views.append(corners(image, np.ascontiguousarray(blobs, BLOB)))
+        if len(self.views) < IMAGES:
+            return None
+        view = np.mean(self.views, axis=0)  # NaN where a side was hidden in any of them
+        self.views, self.wait, self.refused = [], AGAIN, True
+        try:
+            solution = from_blocks([(np.arange(N_BLOCKS), view)], self.start)
+        except ConfigError as error:
+            self.why = str(error)
+            return None
+        found = solution.calibration
+        place = found.to_table(np.column_stack([blobs['u'], blobs['v']]))
+        off_mm = float(np.sqrt(((place - rest_lattice()) ** 2).mean()) * 1e3)
+        if off_mm > MOST_MM:
+            self.why = f'blocks rest {off_mm:.1f} mm off their lattice: straighten them'
+        elif solution.refusal():
+            self.why = solution.refusal()
+        else:
+            self.refused = False
+            return found
+        return None

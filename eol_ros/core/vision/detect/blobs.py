@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Find the lit squares of one image and measure them to a few thousandths of a pixel.
+
+Each image is scanned as a whole, so there is no window out of which a block could fall. Squares are
+fitted where they are predicted and where light is left unexplained (see edges, scan).
+"""
+
+import numpy as np
+
+from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect import edges, profiles, scan, search
+from eol_ros.errors import ConfigError
+
+BLOB = np.dtype([('u', 'f8'), ('v', 'f8'), ('theta', 'f8'), ('side_px', 'f8'),
+                 ('visibility', 'f4'), ('sigma_px', 'f4'), ('quality', 'f4'), ('contrast', 'f4')])
+
+SIDES_PX = (16.0, 160.0)  # squares that can be blocks while their size is not yet known
+_BLUR_PX = 1.25  # edges of a lens in focus, pixel included
+_MOST_REGIONS = 96
+_LABELS = 20000
+_GLANCE = 8  # images between looks for more squares while all 25 are in sight
+
+
+class BlobFinder:
+    """Finds and measures squares, image after image.
+
+    What it learns on the way (size of the squares over the image, brightness, background) is a
+    function of the images seen and of nothing else, so that a replay gives the same numbers.
+
+    `clutter` may be set to a ClutterMap at any time; its light is then taken off every image. So
+    may `threshold`, grey levels that the light of a cover must have at least.
+
+    Args:
+        settings: unused by the finder itself except `blur_px`, the edge blur, when it has one.
+        calibration: gives the expected size of a block anywhere in the image; None learns it.
+    """
+
+    def __init__(self, settings=None, calibration=None):
+        self._known = np.zeros(search.KNOWN)
+        self._known[search.BLUR] = getattr(settings, 'blur_px', _BLUR_PX)
+        self._shape = (0, 0)
+        self.calibration = calibration
+        self.clutter = None
+        self.threshold = float(getattr(settings, 'threshold', 0.0))
+        self._scratch = profiles.workspace()
+        self._fits = np.zeros((_MOST_REGIONS, edges.FIELDS))
+        self._kept = np.zeros((_MOST_REGIONS, edges.FIELDS))
+        self._found = np.zeros((_MOST_REGIONS, 6))
+        self._refused = np.zeros((_MOST_REGIONS, 3))
+
+    @property
+    def threshold(self) -> float:
+        """Grey levels that the light of a cover must have at least."""
+        return float(self._known[search.THRESHOLD])
+
+    @threshold.setter
+    def threshold(self, threshold: float) -> None:
+        self._known[search.THRESHOLD] = threshold
+
+    def find(self, image: np.ndarray, predicted=None) -> np.ndarray:
+        """Return the squares in `image` (h, w) uint8 as a BLOB array, predicted ones first.
+
+        Args:
+            predicted: (k, 3) u, v, theta where blocks are expected, good to a few px; a fourth
+                column says their contrast in grey levels, 0 where that is not known.
+
+        Raises:
+            ConfigError: not an 8-bit grey image.
+        """
+        if image.ndim != 2 or image.dtype != np.uint8:
+            raise ConfigError(f'image has shape {image.shape} and type {image.dtype}; blocks are '
+                              'found in 8-bit grey images: set the camera to grey (mono8)')
+        if image.shape != self._shape:
+            self._begin(image.shape)
+        if self.clutter is not None:
+            image = self.clutter.remove(image)
+        image = scan.read_only(image)
+        known, kept, turn = self._known, self._kept, int(self._known[search.TURN])
+        scan.sample(image, self._grid)
+        scan.backgrounds(self._grid, self._tiles, turn % 8, 8 if turn else 1)
+        turn += 1
+        known[search.TURN] = turn
+        n = 0
+        if predicted is not None and len(predicted) and known[search.FIELD]:
+            near = np.zeros((len(predicted), 4))
+            near[:, :np.shape(predicted)[1]] = predicted
+            n = search.at_predictions(image, known, self._grid, self._tiles, near, *self._scratch,
+                                    self._fits, kept, self._lit)
+        # all blocks of the table found where they were expected: nothing is left to look for
+        for _ in range(0 if n >= N_BLOCKS and turn % _GLANCE else 2):
+            before = n
+            if predicted is None:  # nothing is known of where blocks are: try every light
+                known[search.REFUSED] = 0
+            scan.erase(self._grid, self._tiles, kept, 0, n, scan.STEP)
+            starts = self._unexplained()
+            if not len(starts):
+                break
+            n = search.at_lights(image, known, starts, self._refused, *self._scratch, self._fits,
+                               kept, n)
+            if before or n == before:
+                break
+            self._learn(n, 1.0)  # a first look: now look again with the right size
+        search.learn_contrast(known, kept, n)
+        if self._calibration is None and (turn % 8 == 0 or not known[search.FIELD]):
+            self._learn(n, 0.3)
+        blobs = np.zeros(n, BLOB)
+        search.report(kept, blobs)
+        return blobs
+
+    def _begin(self, shape) -> None:
+        """Prepare for images of another size."""
+        if min(shape) < 64:
+            raise ConfigError(f'image of {shape[1]}x{shape[0]} px is too small to show the table')
+        self._shape = shape
+        rows, cols = (shape[0] - 2) // scan.STEP, (shape[1] - 2) // scan.STEP
+        self._grid = np.zeros((rows, cols), np.uint8)
+        self._tiles = np.zeros((-(-rows // scan.TILE), -(-cols // scan.TILE)), np.uint8)
+        self._label = np.zeros((rows, cols), np.int32)
+        self._parent = np.zeros(_LABELS, np.int32)
+        self._stats = np.zeros((_LABELS, 7))
+        self._lit = np.zeros((1024, 2), np.float32)
+        for what in (search.CONTRASTS, search.TURN, search.REFUSED):
+            self._known[what] = 0.0
+        self._known[search.FIELD:] = 0.0
+        self.calibration = self._calibration
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """What the expected sizes come from; may be set at any time."""
+        return self._calibration
+
+    @calibration.setter
+    def calibration(self, calibration: Calibration | None) -> None:
+        self._calibration = calibration
+        self._known[search.CALIBRATED] = calibration is not None
+        if calibration is None or self._shape == (0, 0):
+            return
+        u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(-0.45, 0.45, 7)] * 2))
+        px = np.column_stack([u + 0.5, v + 0.5]) * self._shape[::-1]
+        half = calibration.side_px(px, BLOCK_SIDE_M) / 2
+        terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+        shear = calibration.shear(px)
+        self._known[search.FIELD:] = np.linalg.lstsq(
+            terms, np.column_stack([half, shear]), rcond=None)[0].T.ravel()
+
+    def _unexplained(self) -> np.ndarray:
+        """Return starts of squares, (n, 4): u, v, theta, half side or 0 where it is known."""
+        known = self._known
+        contrast = known[search.CONTRASTS]
+        if not contrast:
+            contrast = scan.bright_level(self._grid, 0.02) - float(np.median(self._tiles))
+        over = max(0.3 * contrast, profiles.MIN_CONTRAST)
+        if known[search.FIELD]:
+            area = (2 * known[search.FIELD] / scan.STEP) ** 2
+            least, most = 0.35 * area, 2.2 * area
+        else:
+            least, most = ((side / scan.STEP) ** 2 for side in SIDES_PX)
+        n = scan.regions(self._grid, self._tiles, over, least, most, self._label, self._parent,
+                         self._stats, self._found)
+        found = self._found[:n]
+        if known[search.FIELD]:
+            starts = found[:, :4].copy()
+            starts[:, 3] = 0.0
+            return starts
+        # a square fills between half (at 45 degrees) and all of the box around it
+        box = found[:, 4] * found[:, 5]
+        area = found[:, 3] * scan.STEP ** 2
+        ratio = found[:, 4] / found[:, 5]
+        square = (area > 0.42 * box) & (ratio > 0.7) & (ratio < 1.43)
+        found, area = found[square], area[square]
+        if not len(found):
+            return np.zeros((0, 4))
+        usual = np.median(area)
+        alike = (area > 0.6 * usual) & (area < 1.6 * usual)
+        half = np.sqrt(area[alike]) / 2
+        return np.column_stack([found[alike, :3], half])
+
+    def _learn(self, n: int, share: float) -> None:
+        """Renew a share of what is known of the size from the first `n` squares, seen whole."""
+        kept, known = self._kept[:n], self._known
+        search.learn_contrast(known, self._kept, n)
+        whole = kept[(kept[:, edges.VISIBLE] > 0.9) & (kept[:, edges.QUALITY] > 0.7)]
+        if len(whole) < 4 or self._calibration is not None:
+            return
+        half = whole[:, edges.HALF]
+        usual = np.median(half)
+        alike = np.abs(half / usual - 1) < 0.06
+        if alike.sum() < 4:
+            return
+        u, v = (whole[alike, :2] / self._shape[::-1] - 0.5).T
+        columns = np.column_stack([np.ones(len(u)), u, v])
+        # a plane, held flat by a prior so that few blocks in one place cannot tip it
+        normal = columns.T @ columns
+        normal[1, 1] += 0.005 * len(u)
+        normal[2, 2] += 0.005 * len(u)
+        plane = np.linalg.solve(normal, columns.T @ (half[alike] - usual))
+        plane[0] += usual
+        size = known[search.FIELD:search.FIELD + 3]
+        size += (share if size[0] else 1.0) * (plane - size)

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The four corners of a cover, each side measured on its own: what calibration is solved from."""
+
+import math
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.vision.detect import profile_steps, profiles, scan
+
+
+@njit(cache=True)
+def side_lines(image, squares, blur, work, ends, out):
+    """Fit a line to each side of `squares` (n, >= 4): u, v, theta, half side.
+
+    out (n, 4, 3): distance of the side from the centre in px, its turn against the square in rad,
+    and the share of its profiles that agree. A tilted camera makes the four differ.
+    """
+    spread = np.zeros(7)
+    square = (0.0, 0.0)  # no shear: each side is measured on its own
+    for s in range(squares.shape[0]):
+        u, v, theta, half = squares[s, 0], squares[s, 1], squares[s, 2], squares[s, 3]
+        out[s] = 0.0
+        profiles.gather(image, u, v, theta, half, blur, square, work, ends)
+        slope, lean = abs(math.cos(theta)), -math.tan(theta)
+        limit = half - profiles.CORNER * blur
+        contrast, _ = profiles.levels(work, ends, slope, lean, limit, profiles.FLAT * blur,
+                                      spread)
+        if contrast == 0.0:
+            continue
+        profiles.share_levels(work, ends, spread)
+        profile_steps.offsets(work, ends, slope, lean, limit, blur, spread)
+        for side in range(4):
+            begin = ends[profiles.BEGIN + side]
+            end = begin + ends[profiles.COUNT + side]
+            a = b = 0.0  # offset = a + b t
+            width = 1.5
+            share = 0.0
+            for _ in range(5):
+                s0 = s1 = s2 = y0 = y1 = rest2 = total = used = 0.0
+                for i in range(begin, end):
+                    t, y = work[profiles.T + i], work[profiles.OFFSET + i]
+                    rest = y - a - b * t
+                    w = work[profiles.WEIGHT + i]
+                    if w <= 0 or abs(rest) >= width:
+                        continue
+                    tukey = (1 - (rest / width) ** 2) ** 2
+                    rest2 += tukey * rest * rest
+                    total += tukey
+                    used += 1
+                    w *= tukey
+                    s0 += w
+                    s1 += w * t
+                    s2 += w * t * t
+                    y0 += w * y
+                    y1 += w * t * y
+                det = s0 * s2 - s1 * s1
+                if used < 6 or det <= 0:
+                    share = 0.0
+                    break
+                a = (s2 * y0 - s1 * y1) / det
+                b = (s0 * y1 - s1 * y0) / det
+                share = used / max(end - begin, 1)
+                width = max(6 * math.sqrt(rest2 / total), 0.05)
+            out[s, side, 0] = half + a
+            out[s, side, 1] = -math.atan(b)
+            out[s, side, 2] = share
+
+
+def corners(image: np.ndarray, blobs: np.ndarray, blur_px: float = 1.25) -> np.ndarray:
+    """Return the corners (n, 4, 2) in px of `blobs` (BLOB array); NaN where a side is not whole.
+
+    Order as seen from the block's own axes: (+x -y), (+x +y), (-x +y), (-x -y).
+    """
+    squares = np.column_stack([blobs['u'], blobs['v'], blobs['theta'], blobs['side_px'] / 2])
+    lines = np.zeros((len(squares), 4, 3))
+    for _ in range(2):  # the second time from nearer
+        side_lines(scan.read_only(image), squares, blur_px, *profiles.workspace(), lines)
+        squares[:, 3] = np.where(lines[:, :, 2].min(axis=1) > 0.5, lines[:, :, 0].mean(axis=1),
+                                 squares[:, 3])
+    angle = squares[:, 2, None] + np.arange(4) * np.pi / 2 + lines[:, :, 1]
+    square_angle = squares[:, 2, None] + np.arange(4) * np.pi / 2
+    # a point on each side, and its normal; a line is n . (p - c) = d
+    foot = np.stack([np.cos(square_angle), -np.sin(square_angle)], axis=-1) * lines[:, :, :1]
+    normal = np.stack([np.cos(angle), -np.sin(angle)], axis=-1)
+    reach = (normal * foot).sum(axis=-1)
+    found = np.full((len(squares), 4, 2), np.nan)
+    for corner, (one, other) in enumerate(((3, 0), (0, 1), (1, 2), (2, 3))):
+        pair = np.stack([normal[:, one], normal[:, other]], axis=1)
+        whole = (lines[:, one, 2] > 0.6) & (lines[:, other, 2] > 0.6)
+        if whole.any():
+            offset = np.stack([reach[whole, one], reach[whole, other]], axis=1)
+            found[whole, corner] = (np.linalg.solve(pair[whole], offset[..., None])[..., 0]
+                                    + squares[whole, :2])
+    return found

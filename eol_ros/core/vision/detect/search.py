@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where squares are sought in one image, and which of them are believed: one compiled call each.
+
+First where blocks are expected, then about those that were not there, then wherever light is left
+that nothing explains. What a square is compared with stands in `known`, one row of numbers.
+"""
+
+import math
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.vision.detect import edges, scan
+from eol_ros.core.vision.detect.edges import (
+    ALONE,
+    CONTRAST,
+    HALF,
+    LEVEL,
+    QUALITY,
+    SIGMA,
+    THETA,
+    VISIBLE,
+    WORST,
+    U,
+    V,
+)
+
+HALF_SIGMA_PX = 0.25  # how well the size of a block is known beforehand
+ROUGHLY = 0.05  # and, while nothing is known, as a share of the size
+TIGHT_PX = 0.05  # and with a calibration
+MOST_SIGMA_PX = 0.3  # a square less sure than this is not reported
+# least share of edges that agree, of the worst side, and least quality
+PREDICTED = (0.30, 0.0, 0.10)
+NEW = (0.60, 0.30, 0.40)
+REGAINED = (0.35, 0.0, 0.25)
+DIM, GLARING = 0.65, 1.9  # of the contrast that a block had when it was last seen whole
+FAINTEST = 0.2  # of the usual contrast: less is no block
+LIT = 0.12  # where less of a block's place is lit, none is asked for
+FULLER = 0.2  # by this share a square must be fuller of light than its surroundings
+AGAIN = 5  # images until a light that was no square is asked again
+SAME_PX = 10.0
+BESIDE_PX = 20.0
+
+# `known`: contrast of blocks, least light of a cover, edge blur px, whether a calibration gave the
+# sizes, the image's number, lights refused, and then half side and shear over the image, each a
+# quadratic of six terms.
+CONTRASTS, THRESHOLD, BLUR, CALIBRATED, TURN, REFUSED, FIELD = range(7)
+KNOWN = FIELD + 18
+
+
+@njit(inline='always')
+def _quadratic(known, which, u, v):
+    k = FIELD + 6 * which
+    return (known[k] + u * (known[k + 1] + known[k + 3] * u + known[k + 4] * v)
+            + v * (known[k + 2] + known[k + 5] * v))
+
+
+@njit(cache=True)
+def expected(known, shape, u, v):
+    """Return half side in px, and shear (two numbers), of a block at `u`, `v`."""
+    u, v = u / shape[1] - 0.5, v / shape[0] - 0.5
+    return _quadratic(known, 0, u, v), _quadratic(known, 1, u, v), _quadratic(known, 2, u, v)
+
+
+@njit(cache=True)
+def attempt(image, known, u, v, theta, own, half, search, work, ends, square):
+    """Fit a square from `u`, `v`, `theta`; `square` (FIELDS,) says how it went.
+
+    own: contrast that it is known to have, or 0. half: of its side, px; 0 where `known` says it.
+    """
+    size, re, im = expected(known, image.shape, u, v)
+    sure, tight = HALF_SIGMA_PX, TIGHT_PX if known[CALIBRATED] > 0 else 0.0
+    if half > 0:
+        size, sure = half, ROUGHLY * half
+    square[U], square[V], square[THETA], square[HALF] = u, v, theta, size
+    usual = known[CONTRASTS]
+    edges.fit_square(image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * usual,
+                     work, ends)
+    # a hand may stand where a block should; it is dimmer, or its edges are not all there
+    contrast = square[CONTRAST]
+    if own > 0:  # a block known by its brightness may have an arm beside it that is as bright
+        dim = contrast < DIM * own or contrast > GLARING * own
+    else:
+        dim = contrast < 0.5 * usual
+        square[QUALITY] *= square[ALONE]
+    moved = math.hypot(square[U] - u, square[V] - v)
+    if not (square[SIGMA] < MOST_SIGMA_PX and moved < size and square[LEVEL] >= known[THRESHOLD]
+            and abs(square[HALF] / size - 1.0) < (0.25 if half > 0 else 0.06)
+            and contrast > FAINTEST * usual and not (dim and square[VISIBLE] < 0.8)
+            and square[QUALITY] >= 0.0):
+        square[VISIBLE] = square[QUALITY] = 0.0
+
+
+@njit(cache=True)
+def keep(fits, tried, kept, n, least):
+    """Append to `kept`, best first, which of the `tried` fits are good and on their own ground.
+
+    least: share of edges that agree, of the worst side, and quality. Returns the number kept.
+    """
+    for _ in range(tried):
+        best = 0
+        for i in range(1, tried):
+            if fits[i, QUALITY] > fits[best, QUALITY]:
+                best = i
+        fit = fits[best]
+        free = (n < len(kept) and fit[VISIBLE] >= least[0] and fit[WORST] >= least[1]
+                and fit[QUALITY] >= least[2])
+        for j in range(n if free else 0):
+            du, dv = kept[j, U] - fit[U], kept[j, V] - fit[V]
+            if du * du + dv * dv < (1.4 * fit[HALF]) ** 2:
+                free = False
+                break
+        if free:
+            kept[n] = fit
+            n += 1
+        fit[QUALITY] = -1.0
+    return n
+
+
+@njit(cache=True)
+def at_predictions(image, known, grid, tiles, near, work, ends, fits, kept, lit):
+    """Measure blocks where they are expected, `near` (k, 4): u, v, theta, contrast or 0.
+
+    Where one is not, the scan says where about a square of light would fit best. Returns how many
+    are in `kept`.
+    """
+    tried = 0
+    for i in range(len(near)):
+        u, v, theta, own = near[i]
+        if not (math.isfinite(u) and math.isfinite(v) and math.isfinite(theta)):
+            continue
+        half = expected(known, image.shape, u, v)[0]
+        over = max(FAINTEST * known[CONTRASTS], 8.0)
+        if scan.lit_share(grid, tiles, u, v, theta, half, over) > LIT:
+            attempt(image, known, u, v, theta, own, 0.0, 0, work, ends, fits[tried])
+            tried += 1
+    n = keep(fits, tried, kept, 0, PREDICTED)
+    if n == len(near):
+        return n
+    scan.erase(grid, tiles, kept, 0, n, scan.STEP)
+    tried = 0
+    for i in range(len(near)):
+        u, v, theta, own = near[i]
+        there = not (math.isfinite(u) and math.isfinite(v) and math.isfinite(theta))
+        for j in range(n):
+            there = there or math.hypot(kept[j, U] - u, kept[j, V] - v) <= BESIDE_PX
+        if there:
+            continue
+        half = expected(known, image.shape, u, v)[0]
+        over = 0.55 * own if own > 0 else max(0.4 * known[CONTRASTS], 20.0)
+        du, dv, fuller = scan.seek(grid, tiles, u, v, theta, half, over, lit)
+        if fuller > FULLER:
+            attempt(image, known, u + du, v + dv, theta, own, 0.0, 2, work, ends, fits[tried])
+            tried += 1
+    return keep(fits, tried, kept, n, REGAINED)
+
+
+@njit(cache=True)
+def _near(places, n, u, v):
+    for i in range(n):
+        if abs(places[i, 0] - u) <= SAME_PX and abs(places[i, 1] - v) <= SAME_PX:
+            return True
+    return False
+
+
+@njit(cache=True)
+def at_lights(image, known, starts, refused, work, ends, fits, kept, n):
+    """Try squares at lights `starts` (m, 4): u, v, theta, half side or 0 where it is known.
+
+    refused (m, 3), u, v and image number of those that were tried a moment ago: an arm stays an
+    arm. Returns how many are in `kept`, of which there were `n` before.
+    """
+    old = 0
+    for i in range(int(known[REFUSED])):
+        if known[TURN] - refused[i, 2] < AGAIN:
+            refused[old] = refused[i]
+            old += 1
+    tried = 0
+    for i in range(min(len(starts), len(fits))):
+        if _near(refused, old, starts[i, 0], starts[i, 1]):
+            starts[i, 0] = np.nan
+        else:
+            attempt(image, known, starts[i, 0], starts[i, 1], starts[i, 2], 0.0, starts[i, 3], 2,
+                    work, ends, fits[tried])
+            tried += 1
+    n = keep(fits, tried, kept, n, NEW)
+    for i in range(min(len(starts), len(fits))):
+        u, v = starts[i, 0], starts[i, 1]
+        if not math.isnan(u) and not _near(kept, n, u, v) and old < len(refused):
+            refused[old, 0], refused[old, 1], refused[old, 2] = u, v, known[TURN]
+            old += 1
+    known[REFUSED] = old
+    return n
+
+
+@njit(cache=True)
+def learn_contrast(known, kept, n):
+    """Take the usual contrast from squares seen whole, if there are enough of them."""
+    whole = np.empty(n)
+    m = 0
+    for i in range(n):
+        if kept[i, VISIBLE] > 0.9 and kept[i, QUALITY] > 0.7:
+            whole[m] = kept[i, CONTRAST]
+            m += 1
+    if m >= 4:
+        known[CONTRASTS] = np.median(whole[:m])
+
+
+@njit(cache=True)
+def report(kept, blobs):
+    """Write the first squares of `kept` to `blobs` (n,), a BLOB array."""
+    for i in range(len(blobs)):
+        blob = blobs[i]
+        blob.u, blob.v, blob.theta = kept[i, U], kept[i, V], kept[i, THETA]
+        blob.side_px, blob.visibility = 2 * kept[i, HALF], min(kept[i, VISIBLE], 1.0)
+        blob.sigma_px, blob.quality = kept[i, SIGMA], kept[i, QUALITY]
+        blob.contrast = kept[i, CONTRAST]

@@ -1,0 +1,391 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which light is which block, through arms, false lights and darkness.
+
+Seen blocks are followed by prediction and assignment; hidden ones are carried along by their
+neighbours; lights that come out again are given back only when one answer is clear. Blocks are tied
+by springs and cannot pass one another, so the order of the lattice is a fact that heals every
+mistake: an audit compares the order on each image, and acts with patience. After a total loss the
+lattice is read from nothing; a square lattice looks the same after a quarter turn, and where time
+and speed leave that open it is said (`ambiguous`), not guessed in silence.
+"""
+
+import numpy as np
+
+from eol_ros.core.geometry import N_BLOCKS, rest_lattice
+from eol_ros.core.vision.identity.association import read_lattice
+from eol_ros.core.vision.identity.false_detections import Lamps
+from eol_ros.core.vision.identity.fitting import affine, folds, rotate_cell, turn
+from eol_ros.core.vision.identity.tracking import (
+    CANDIDATES,
+    carry,
+    follow,
+    remember,
+    return_hidden,
+    stray,
+    suspect_swaps,
+)
+from eol_ros.core.vision.identity.yaw_signature import Yaws
+
+SEARCHING, TRACKING, LOST = 0, 1, 2
+FEW = 4  # fewer seen blocks than this, for a while, and the lattice is lost
+LOST_S = 0.05
+AUDIT_S = 0.1  # how often the whole lattice is read anew, when there is reason to
+MANY = 3  # lights that wait, and hidden blocks that they may be
+AGREE = 3  # so many readings must say the same before ids change
+COAST_S = 0.7  # for so long a turning rim is thought to turn on in the dark
+TURN_RATE = 2.2  # rad/s, fastest that visitors turn the rim
+JUMP_S = 0.25  # a break in the images longer than this ends all following
+LAMP_S = 0.1  # a light that has been no block for so long is not taken for one on the way
+REST_M, REST_S = 6e-4, 0.1  # a lattice whose blocks stay within this for so long rests
+UNMOVED, UNMOVED_M = 20, 0.001  # so many blocks, so near to where they were in the light
+TELLING = 5.0  # and so much nearer than after a quarter turn
+QUARTER = np.pi / 2
+
+
+def wrap_quarter(angle: np.ndarray | float) -> np.ndarray | float:
+    """Return `angle` modulo a quarter turn, in [-pi/4, pi/4)."""
+    return (angle + np.pi / 4) % QUARTER - np.pi / 4
+
+
+class Lattice:
+    """Keeps the 25 identities: a pure function of the sequence of detections.
+
+    After each `update`: xy (25, 2) m, yaw (25,) rad unwrapped, seen (25,), sigma (25,) m, index
+    (25,) of the detection or -1, state, ambiguous, angle (of the whole lattice, rad).
+    """
+
+    def __init__(self, trust_start: bool = True):
+        self.rest = rest_lattice()
+        self.trust_start = trust_start
+        self.xy = np.full((N_BLOCKS, 2), np.nan)
+        self.velocity = np.zeros((N_BLOCKS, 2))
+        self.yaw = np.zeros(N_BLOCKS)
+        self.seen = np.zeros(N_BLOCKS, bool)
+        self.sigma = np.full(N_BLOCKS, np.inf)
+        self.index = np.full(N_BLOCKS, -1)
+        self.seen_s = np.full(N_BLOCKS, -np.inf)
+        self.state = SEARCHING
+        self.ambiguous = False
+        self.angle = 0.0
+        self.turn_rate = 0.0  # rad/s, of the lattice, over the last images
+        self.known_s = -np.inf  # when the lattice angle was last followed by at least one block
+        self.enough_s = -np.inf  # when enough blocks were last seen
+        self.last_s = -np.inf
+        self.audit_s = -np.inf
+        self.rest_xy = np.full((N_BLOCKS, 2), np.nan)  # where the blocks began to rest
+        self.rest_s = np.inf
+        self.swaps = np.zeros((N_BLOCKS, N_BLOCKS))
+        self.opinion = np.full(N_BLOCKS, -1)  # the last audit's reading, as ids of detections
+        self.agreed = 0
+        self.candidate_xy = np.full((CANDIDATES, 2), np.nan)
+        self.candidate_born = np.full(CANDIDATES, np.inf)
+        self.candidate_seen = np.full(CANDIDATES, -np.inf)
+        self.candidate_index = np.full(CANDIDATES, -1)
+        self.lamps = Lamps(CANDIDATES)
+        self.yaws = Yaws()
+
+    def update(
+        self,
+        stamp_s: float,
+        xy: np.ndarray,
+        yaw: np.ndarray,
+        sigma: np.ndarray,
+        faint: np.ndarray | None = None,
+    ) -> None:
+        """Take the detections of one image: xy (n, 2) m, yaw (n,) rad modulo 90 deg, sigma (n,) m.
+
+        faint (n,) bool: little of the outline is in view, so that it may be something else's.
+        """
+        step = stamp_s - self.last_s
+        if not 0.0 < step < JUMP_S:
+            step = 1.0 / 60.0
+            self.velocity[:] = 0.0
+        self.last_s = stamp_s
+        kept = None
+        if self.lamps.count and len(xy):
+            expected = (self.xy + self.velocity * step)[self.seen]
+            kept = self.lamps.others(stamp_s, xy, expected)
+            if kept is not None:
+                xy, yaw, sigma = xy[kept], yaw[kept], sigma[kept]
+                faint = faint[kept] if faint is not None else None
+        if self.state == TRACKING:
+            self._follow(stamp_s, step, xy, yaw, sigma, faint)
+            self.lamps.learn(
+                stamp_s, self.xy, self.seen, self.candidate_xy, self.candidate_born)
+        if self.state != TRACKING:
+            self._search(stamp_s, xy, yaw, sigma)
+        if kept is not None:
+            self.index = np.where(self.index >= 0, kept[self.index], -1)
+
+    def turn_ids(self, quarters: int) -> None:
+        """Rename all blocks: the lattice really stands `quarters` x 90 degrees further round."""
+        if quarters % 4:
+            if not self.ambiguous:  # what was learnt was learnt under other names
+                self.yaws = Yaws()
+            to = np.array([rotate_cell(b, quarters) for b in range(N_BLOCKS)])
+            order = np.argsort(to)
+            for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s'):
+                setattr(self, name, getattr(self, name)[order])
+            self.swaps[:] = 0.0
+            self.lamps.renamed()
+            self.agreed = 0
+            self.angle += quarters * QUARTER
+            self.yaw += quarters * QUARTER
+            turns = np.round((self.angle - self._start_angle()) / (2 * np.pi)) * 2 * np.pi
+            self.angle -= turns
+            self.yaw -= turns
+        self.ambiguous = False
+
+    def _start_angle(self) -> float:
+        return 0.0
+
+    def _follow(
+        self,
+        stamp_s: float,
+        step: float,
+        xy: np.ndarray,
+        yaw: np.ndarray,
+        sigma: np.ndarray,
+        faint: np.ndarray | None,
+    ) -> None:
+        before = self.xy.copy()
+        was = self.seen
+        lamps = self.candidate_xy[stamp_s - self.candidate_born > LAMP_S]
+        self.index = follow(self.xy, self.velocity, was, step, xy, lamps)
+        held = self.index >= 0
+        self.xy[held] = xy[self.index[held]]
+        if faint is not None and faint.any():
+            doubtful = held & faint[self.index]
+            gone = stray(self.xy, held, doubtful, self.rest, self.angle)
+            self.index[gone] = -1
+            held = self.index >= 0
+        carry(before, self.xy, held, self.rest, self.angle, self.velocity, self.sigma, step)
+        remember(
+            stamp_s, xy, self.index, self.candidate_xy, self.candidate_born,
+            self.candidate_seen, self.candidate_index,
+        )  # fmt: skip
+        self.seen = held
+        if not self._whole_audit(stamp_s, xy, yaw):
+            back = return_hidden(
+                stamp_s, self.xy, self.index, self.sigma, self.seen_s, self.angle,
+                self.candidate_xy, self.candidate_born, self.candidate_seen, self.candidate_index,
+            )  # fmt: skip
+            if back.any():
+                self.xy[back] = xy[self.index[back]]
+                self.velocity[back] = 0.0
+        seen = self.index >= 0
+        same = seen & was
+        if step > 0:
+            moved = (self.xy - before) / step
+            self.velocity[same] += 0.7 * (moved[same] - self.velocity[same])
+        self.seen = seen
+        self.seen_s[seen] = stamp_s
+        self.sigma[seen] = sigma[self.index[seen]]
+        away = np.abs(self.xy - self.rest_xy)[seen]
+        if not (away <= REST_M).all():
+            self.rest_xy, self.rest_s = self.xy.copy(), stamp_s
+        self._swap_audit(stamp_s, step)
+        self._turn_yaws(yaw, step)
+        if not self.ambiguous:
+            self.yaws.learn(stamp_s, self.xy, self.askew(), self.seen)
+        count = int(self.seen.sum())
+        if count:
+            self.known_s = stamp_s
+        if count >= FEW:
+            self.enough_s = stamp_s
+        elif stamp_s - self.enough_s > LOST_S:
+            self._lose()
+
+    def _turn_yaws(self, yaw: np.ndarray, step: float) -> None:
+        """Unwrap the yaw of the seen blocks; let the hidden ones turn with the lattice."""
+        seen = self.seen
+        if not seen.any():
+            return
+        change = np.asarray(wrap_quarter(yaw[self.index[seen]] - self.yaw[seen]))
+        self.yaw[seen] += change
+        if seen.sum() >= FEW:
+            found = turn(self.rest, self.xy, seen)
+            by = (found - self.angle + np.pi) % (2 * np.pi) - np.pi
+        else:
+            by = float(np.median(change))
+        self.angle += by
+        self.turn_rate += 0.2 * (by / step - self.turn_rate)
+        self.yaw[~seen] += by
+
+    def askew(self) -> np.ndarray:
+        """Return the yaw of each block against the lattice's, modulo 90 degrees, (25,) rad."""
+        return np.asarray(wrap_quarter(self.yaw - self.angle))
+
+    def _swap_audit(self, stamp_s: float, step: float) -> None:
+        """Exchange two neighbours when, for long enough, the lattice says they stand crosswise."""
+        pair = suspect_swaps(self.xy, self.seen, self.angle, step, self.swaps)
+        while pair >= 0:
+            self._exchange(pair // N_BLOCKS, pair % N_BLOCKS)
+            pair = suspect_swaps(self.xy, self.seen, self.angle, 0.0, self.swaps)
+
+    def _exchange(self, a: int, b: int) -> None:
+        for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s'):
+            array = getattr(self, name)
+            array[[a, b]] = array[[b, a]]
+        self.lamps.renamed()
+        self.swaps[[a, b], :] = 0.0
+        self.swaps[:, [a, b]] = 0.0
+
+    def _whole_audit(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray) -> bool:
+        """Read the lattice from nothing and adopt the reading when it keeps explaining more.
+
+        With several lights waiting it is asked on every image, and two answers that leave all that
+        is seen as it is are enough; else now and then, with more patience.
+        """
+        age = np.where(self.candidate_index >= 0, stamp_s - self.candidate_born, 0.0)
+        hidden = N_BLOCKS - int(self.seen.sum())
+        many = min(int((age > 0.0).sum()), hidden) >= MANY
+        if not (many or (hidden and (age > AUDIT_S).any()) or folds(self.xy, self.seen)):
+            self.agreed = 0
+            return False
+        if stamp_s - self.audit_s < AUDIT_S and not many:
+            return False
+        self.audit_s = stamp_s
+        index, angle, sure = read_lattice(xy, yaw, self.xy, True)
+        if not sure:
+            self.agreed = 0
+            return False
+        index = self._nearest_turn(index, angle, self.angle)[0]
+        more = (index >= 0).sum() - self.seen.sum()
+        worse = self._misfit(xy, self.index)
+        better = self._misfit(xy, index)
+        both = (index >= 0) & (self.index >= 0)
+        if (
+            (np.array_equal(index[both], self.index[both])
+            and more <= 0)
+            or better > (0.7 * worse if more <= 0 else 1.5 * worse + 1e-4)
+            or more < 0
+        ):
+            self.agreed = 0
+            return False
+        named = self._named(index)
+        self.agreed = self.agreed + 1 if np.array_equal(named, self.opinion) else 1
+        self.opinion = named
+        leaves = np.array_equal(index[self.seen], self.index[self.seen])
+        if self.agreed < (2 if many and leaves else AGREE):
+            return False
+        self.agreed = 0
+        self._adopt(stamp_s, index, xy, yaw)
+        return True
+
+    def _named(self, index: np.ndarray) -> np.ndarray:
+        """Say a reading in terms of the present ids, so that readings of two images can agree."""
+        owner = {int(i): b for b, i in enumerate(self.index) if i >= 0}
+        return np.array([owner.get(int(i), -1) for i in index])
+
+    def _misfit(self, xy: np.ndarray, index: np.ndarray) -> float:
+        """Mean squared departure from a lattice that may stretch and shear, m^2."""
+        held = index >= 0
+        if held.sum() < 6:
+            return np.inf
+        place = xy[index]
+        fit = affine(self.rest, place, held)
+        off = (fit[0] + self.rest @ fit[1:] - place)[held]
+        return float((off**2).sum(1).mean())
+
+    @staticmethod
+    def _nearest_turn(
+        index: np.ndarray, angle: float, believed: float
+    ) -> tuple[np.ndarray, float]:
+        """Turn a reading by quarters until it is nearest to the angle believed in."""
+        quarters = int(np.round((believed - angle) / QUARTER))
+        turned = np.full(N_BLOCKS, -1)
+        for block in range(N_BLOCKS):
+            turned[rotate_cell(block, quarters % 4)] = index[block]
+        return turned, angle + quarters * QUARTER
+
+    def _search(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray) -> None:
+        known = self.state == LOST
+        self.index = np.full(N_BLOCKS, -1)
+        self.seen = np.zeros(N_BLOCKS, bool)
+        if known:
+            self.sigma = np.minimum(self.sigma + 0.005, 0.5)
+        index, angle, sure = read_lattice(xy, yaw, np.where(known, self.xy, self.rest), known)
+        if not sure:
+            self.agreed = 0
+            return
+        blind_s = stamp_s - self.known_s if known else 0.0
+        # A hand that was turning the rim when the light went will have gone on a little.
+        believed = self.angle + self.turn_rate * min(blind_s, COAST_S)
+        index, angle = self._nearest_turn(index, angle, believed)
+        off = angle - self.angle
+        self.agreed += 1
+        if self.agreed < AGREE and (index < 0).any():
+            return
+        self.agreed = 0
+        if not known:
+            self.ambiguous = not self.trust_start
+        elif not self._unmoved(index, xy):
+            self.ambiguous |= QUARTER - abs(off) <= TURN_RATE * blind_s
+        self.angle = angle
+        self.yaw[:] = angle
+        self.state = TRACKING
+        self.enough_s = stamp_s
+        self._adopt(stamp_s, index, xy, yaw)
+        self.sigma[self.seen] = sigma[self.index[self.seen]]
+
+    def _unmoved(self, index: np.ndarray, xy: np.ndarray) -> bool:
+        """Whether all stands as before the darkness, and would not so after a quarter turn.
+
+        Blocks rest some millimetres off their lattice, each its own way: that tells turns apart.
+        """
+        off = np.full(4, np.inf)
+        for quarters in range(4):
+            turned = self._nearest_turn(index, 0.0, quarters * QUARTER)[0]
+            held = turned >= 0
+            if held.sum() < UNMOVED:
+                return False
+            place = xy[turned[held]]
+            before = self.xy[held] - (self.xy[held].mean(0) if quarters else 0.0)
+            for _ in range(quarters):  # where a rim turned so would have taken them
+                before = np.stack([-before[:, 1], before[:, 0]], axis=1)
+            off[quarters] = np.sqrt(
+                ((place - (place.mean(0) if quarters else 0.0) - before) ** 2).mean())
+        return bool(off[0] < UNMOVED_M and off[1:].min() > TELLING * max(off[0], UNMOVED_M / 2))
+
+    def _adopt(self, stamp_s: float, index: np.ndarray, xy: np.ndarray, yaw: np.ndarray) -> None:
+        """Take a reading of the lattice as the truth; hidden blocks go where their fellows say."""
+        self.velocity[index != self.index] = 0.0
+        self.lamps.renamed()
+        self.index = index
+        self.seen = index >= 0
+        self.swaps[:] = 0.0
+        self.xy[self.seen] = xy[index[self.seen]]
+        fit = affine(self.rest, self.xy, self.seen)
+        self.xy[~self.seen] = fit[0] + self.rest[~self.seen] @ fit[1:]
+        self.sigma[~self.seen] = 0.02
+        near = self.angle + np.asarray(wrap_quarter(yaw[index[self.seen]] - self.angle))
+        self.yaw[self.seen] = near
+        self.yaw[~self.seen] = self.angle
+        self.seen_s[self.seen] = stamp_s
+        self.known_s = stamp_s
+
+    def break_off(self, stamp_s: float) -> None:
+        """An image that cannot be used: nothing is seen, and what was known begins to age."""
+        self.last_s = stamp_s
+        self.seen = np.zeros(N_BLOCKS, bool)
+        self.index = np.full(N_BLOCKS, -1)
+        if self.state == TRACKING and stamp_s - self.enough_s > LOST_S:
+            self._lose()
+
+    def move(self, xy: np.ndarray) -> None:
+        """Take places (25, 2) in metres of a better calibration; identities stay."""
+        self.xy = np.array(xy, float)
+        self.velocity[:] = 0.0
+        angle = turn(self.rest, self.xy, np.isfinite(xy[:, 0]))
+        self.yaw += angle - self.angle
+        self.angle = angle
+
+    def rests(self) -> bool:
+        """Whether all seen blocks have stayed where they are for REST_S."""
+        return bool(self.seen.any() and self.last_s - self.rest_s > REST_S)
+
+    def _lose(self) -> None:
+        self.state = LOST
+        self.agreed = 0
+        self.velocity[:] = 0.0

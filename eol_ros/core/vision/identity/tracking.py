@@ -1,0 +1,367 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From one image to the next: following, carrying, giving back, and suspecting a swap. Compiled."""
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
+from eol_ros.core.vision.identity.fitting import MIN_SPACING_M, affine, assign, match, strain
+
+CANDIDATES = 32  # lights that are remembered without being a block
+STICK_M = 0.014  # mu_s m g / (4 k): friction holds a block this far from where its springs want it
+RIM_DOUBT_M = 0.05  # the rim is not seen
+STRAY_M = 0.03  # and hardly ever so far from it
+FOLLOW_M = 0.012  # a followed block is found within this of its prediction, at rest
+LAMP_M = 0.005  # a light this near to where a lamp was is that lamp
+THROWN_M = 0.04  # and within this when it was hit, if the light is nobody else's
+NEAR_M = 0.010  # a hidden block this close to where it went is itself
+BEND_M = 0.08  # neighbours stand this close to where the lattice wants them, nearly always
+FAR_M = 0.08  # and beyond this it is not
+SOON_S = 0.025  # a light must last before it can be a block: near its place,
+LATER_S = 0.06  # and elsewhere
+LONG_S = 0.5  # a light that lasts so long may take the better of two doubtful places
+PATIENCE_S = 0.1  # a swap must be better for so long
+
+
+@njit(cache=True)
+def follow(xy, velocity, seen, step, points, lamps):
+    """Find in this image the blocks that were seen in the last one; index (25,) or -1.
+
+    lamps (m, 2): lights that are known to be something else.
+    """
+    free = np.ones(points.shape[0], np.bool_)
+    for j in range(points.shape[0]):
+        for k in range(lamps.shape[0]):
+            if np.hypot(points[j, 0] - lamps[k, 0], points[j, 1] - lamps[k, 1]) < LAMP_M:
+                free[j] = False
+    names = np.flatnonzero(free)
+    points = points[names]
+    n = 0
+    blocks = np.empty(N_BLOCKS, np.int64)
+    expected = np.empty((N_BLOCKS, 2))
+    gate = np.empty(N_BLOCKS)
+    for i in range(N_BLOCKS):
+        if seen[i]:
+            blocks[n] = i
+            dx = velocity[i, 0] * step
+            dy = velocity[i, 1] * step
+            expected[n, 0] = xy[i, 0] + dx
+            expected[n, 1] = xy[i, 1] + dy
+            gate[n] = FOLLOW_M + 0.5 * np.hypot(dx, dy)
+            n += 1
+    found = match(expected[:n], gate[:n], points)
+    index = np.full(N_BLOCKS, -1, np.int64)
+    free = np.ones(points.shape[0], np.bool_)
+    missed = 0
+    for k in range(n):
+        if found[k] >= 0:
+            index[blocks[k]] = names[found[k]]
+            free[found[k]] = False
+        else:
+            missed += 1
+    left = np.flatnonzero(free)
+    if missed == 0 or left.size == 0:
+        return index
+    # A knock throws a block further than it can be predicted: look around for those that are left.
+    again = np.flatnonzero(found < 0)
+    wide = np.full(again.size, THROWN_M)
+    found = match(expected[again], wide, points[left])
+    for k in range(again.size):
+        if found[k] >= 0:
+            index[blocks[again[k]]] = names[left[found[k]]]
+    return index
+
+
+@njit(cache=True)
+def carry(before, xy, held, rest, angle, velocity, sigma, step):
+    """Let the hidden blocks follow their neighbours as springs and friction make them.
+
+    A block sticks until its springs pull it harder than friction holds it: so it is never further
+    than STICK_M from the middle of its four neighbours. Where a neighbour is the rim, the lattice
+    continued (an affine fit of what is seen) stands for it. Changes xy, velocity and sigma of
+    blocks not held.
+
+    before (25, 2): places in the last image. held (25,): seen in this one. rest (25, 2).
+    """
+    if held.sum() < 6:
+        _drift(before, xy, held, velocity, sigma, step)
+        return
+    fit = affine(rest, xy, held)
+    ca = np.cos(angle) * PITCH_M
+    sa = np.sin(angle) * PITCH_M
+    for sweep in range(12):
+        for h in range(N_BLOCKS):
+            if held[h]:
+                continue
+            row = h // COLS
+            column = h % COLS
+            ex = ey = doubt = 0.0
+            for k in range(4):
+                dc = 1 if k == 0 else (-1 if k == 1 else 0)
+                dr = 1 if k == 2 else (-1 if k == 3 else 0)
+                c = column + dc
+                r = row + dr
+                if 0 <= c < COLS and 0 <= r < ROWS:
+                    j = r * COLS + c
+                    px = xy[j, 0]
+                    py = xy[j, 1]
+                    if not held[j]:
+                        doubt += sigma[j] ** 2
+                else:
+                    gx = (c - 2) * PITCH_M
+                    gy = (r - 2) * PITCH_M
+                    px = fit[0, 0] + fit[1, 0] * gx + fit[2, 0] * gy
+                    py = fit[0, 1] + fit[1, 1] * gx + fit[2, 1] * gy
+                    doubt += RIM_DOUBT_M**2
+                ex += 0.25 * (px - ca * dc + sa * dr)
+                ey += 0.25 * (py - sa * dc - ca * dr)
+            ox = xy[h, 0] - ex
+            oy = xy[h, 1] - ey
+            far = np.hypot(ox, oy)
+            if far > STICK_M:
+                xy[h, 0] = ex + ox * STICK_M / far
+                xy[h, 1] = ey + oy * STICK_M / far
+            if sweep == 11:
+                # Under an arm it may stick or slide whenever its fellows move, unseen.
+                moved = 0.0
+                for j in range(N_BLOCKS):
+                    if held[j] and abs(j // COLS - row) < 2 and abs(j % COLS - column) < 2:
+                        path = np.hypot(xy[j, 0] - before[j, 0], xy[j, 1] - before[j, 1])
+                        moved = max(moved, path)
+                velocity[h, 0] = (xy[h, 0] - before[h, 0]) / step
+                velocity[h, 1] = (xy[h, 1] - before[h, 1]) / step
+                most = np.sqrt((0.8 * STICK_M) ** 2 + doubt / 9.0)
+                grown = sigma[h] + 0.5 * moved + 0.0005 * step
+                sigma[h] = max(min(grown, most), min(sigma[h], 2 * most))
+
+
+@njit(cache=True)
+def stray(xy, held, faint, rest, angle):
+    """Which faint blocks (25,) stand where springs and friction would not let them: an arm's edge.
+
+    faint (25,): held, but with little of the outline in view.
+    """
+    away = np.zeros(N_BLOCKS, np.bool_)
+    if held.sum() < 12 or not faint.any():
+        return away
+    fit = affine(rest, xy, held & ~faint)
+    ca = np.cos(angle) * PITCH_M
+    sa = np.sin(angle) * PITCH_M
+    for h in range(N_BLOCKS):
+        if not faint[h]:
+            continue
+        ex = ey = 0.0
+        for k in range(4):
+            dc = 1 if k == 0 else (-1 if k == 1 else 0)
+            dr = 1 if k == 2 else (-1 if k == 3 else 0)
+            c = h % COLS + dc
+            r = h // COLS + dr
+            j = r * COLS + c
+            if 0 <= c < COLS and 0 <= r < ROWS and held[j] and not faint[j]:
+                px = xy[j, 0]
+                py = xy[j, 1]
+            else:
+                gx = (c - 2) * PITCH_M
+                gy = (r - 2) * PITCH_M
+                px = fit[0, 0] + fit[1, 0] * gx + fit[2, 0] * gy
+                py = fit[0, 1] + fit[1, 1] * gx + fit[2, 1] * gy
+            ex += 0.25 * (px - ca * dc + sa * dr)
+            ey += 0.25 * (py - sa * dc - ca * dr)
+        away[h] = np.hypot(xy[h, 0] - ex, xy[h, 1] - ey) > STRAY_M
+    return away
+
+
+@njit(cache=True)
+def _drift(before, xy, held, velocity, sigma, step):
+    """With hardly anything in sight, hidden blocks go along with the mean of what is."""
+    n = max(held.sum(), 1)
+    mx = my = 0.0
+    for j in range(N_BLOCKS):
+        if held[j]:
+            mx += (xy[j, 0] - before[j, 0]) / n
+            my += (xy[j, 1] - before[j, 1]) / n
+    for h in range(N_BLOCKS):
+        if not held[h]:
+            xy[h, 0] += mx
+            xy[h, 1] += my
+            velocity[h] = 0.0
+            sigma[h] = min(sigma[h] + 0.3 * step + 0.5 * np.hypot(mx, my), 0.5)
+
+
+@njit(cache=True)
+def remember(stamp_s, points, index, place, born, last, at):
+    """Follow the lights that are no block, so that their age is known; fills `at` with indices."""
+    n = points.shape[0]
+    free = np.ones(n, np.bool_)
+    for i in range(N_BLOCKS):
+        if index[i] >= 0:
+            free[index[i]] = False
+    for k in range(CANDIDATES):
+        at[k] = -1
+        if born[k] == np.inf:
+            continue
+        best = 0.02**2
+        for j in range(n):
+            if free[j]:
+                d = (points[j, 0] - place[k, 0]) ** 2 + (points[j, 1] - place[k, 1]) ** 2
+                if d < best:
+                    best = d
+                    at[k] = j
+        if at[k] >= 0:
+            place[k] = points[at[k]]
+            last[k] = stamp_s
+            free[at[k]] = False
+        elif stamp_s - last[k] > 0.03:
+            born[k] = np.inf
+    for j in range(n):
+        if free[j]:
+            for k in range(CANDIDATES):
+                if born[k] == np.inf:
+                    place[k] = points[j]
+                    born[k] = stamp_s
+                    last[k] = stamp_s
+                    at[k] = j
+                    break
+
+
+@njit(cache=True)
+def return_hidden(stamp_s, xy, index, sigma, seen_s, angle, place, born, last, at):
+    """Give lights back to hidden blocks; sets `index`, returns which blocks came back (25,)."""
+    back = np.zeros(N_BLOCKS, np.bool_)
+    seen = index >= 0
+    hidden = np.flatnonzero(~seen)
+    if hidden.size == 0:
+        return back
+    ca = np.cos(angle)
+    sa = np.sin(angle)
+    lights = np.empty(CANDIDATES, np.int64)
+    m = 0
+    for k in range(CANDIDATES):
+        if born[k] == np.inf or at[k] < 0 or stamp_s - born[k] < SOON_S:
+            continue
+        clear = True
+        for i in range(N_BLOCKS):
+            if seen[i]:
+                d = (xy[i, 0] - place[k, 0]) ** 2 + (xy[i, 1] - place[k, 1]) ** 2
+                if d < MIN_SPACING_M * MIN_SPACING_M:
+                    clear = False
+        if clear:
+            lights[m] = k
+            m += 1
+    if m == 0:
+        return back
+    h = hidden.size
+    price = np.full((h, m), 1e3)
+    for a in range(h):
+        i = hidden[a]
+        for b in range(m):
+            k = lights[b]
+            if born[k] < seen_s[i]:  # it shone while the block was elsewhere
+                continue
+            off = np.hypot(xy[i, 0] - place[k, 0], xy[i, 1] - place[k, 1])
+            near = off < NEAR_M + min(sigma[i], 0.01)
+            if off > FAR_M or (stamp_s - born[k] < LATER_S and not near):
+                continue
+            if not fits(i, place[k], xy, seen, ca, sa):
+                continue
+            price[a, b] = off
+    cost = np.full((h, m + h), FAR_M)
+    for a in range(h):
+        for b in range(m):
+            cost[a, b] = price[a, b]
+    column = assign(cost)
+    for a in range(h):
+        b = column[a]
+        if b >= m or price[a, b] >= FAR_M:
+            continue
+        k = lights[b]
+        i = hidden[a]
+        rival = np.inf  # another home for this light, or another light for this home
+        for other in range(h):
+            j = hidden[other]
+            if j != i:
+                rival = min(rival, np.hypot(xy[j, 0] - place[k, 0], xy[j, 1] - place[k, 1]))
+        for other in range(m):
+            if other != b:
+                rival = min(rival, price[a, other])
+        if price[a, b] > (0.5 if stamp_s - born[k] < LONG_S else 0.8) * rival:
+            continue
+        index[i] = at[k]
+        born[k] = np.inf
+        back[i] = True
+    return back
+
+
+@njit(cache=True)
+def fits(block, place, xy, seen, ca, sa):
+    """Whether `place` stands about where each seen 4-neighbour of `block` wants it."""
+    row = block // COLS
+    column = block % COLS
+    for k in range(4):
+        dc = 1 if k == 0 else (-1 if k == 1 else 0)
+        dr = 1 if k == 2 else (-1 if k == 3 else 0)
+        r = row + dr
+        c = column + dc
+        if 0 <= r < ROWS and 0 <= c < COLS and seen[r * COLS + c]:
+            j = r * COLS + c
+            dx = place[0] - xy[j, 0]
+            dy = place[1] - xy[j, 1]
+            if dx * dx + dy * dy < MIN_SPACING_M * MIN_SPACING_M:
+                return False
+            ex = dx + PITCH_M * (ca * dc - sa * dr)
+            ey = dy + PITCH_M * (sa * dc + ca * dr)
+            if ex * ex + ey * ey > BEND_M * BEND_M:
+                return False
+    return True
+
+
+@njit(cache=True)
+def suspect_swaps(xy, seen, angle, step, clock):
+    """Advance the patience of each pair of neighbours; return a * 25 + b to exchange, or -1.
+
+    A pair is crosswise when the seen neighbours of both, and their own order, fit better the other
+    way round. Pairs of one seen and one hidden block count too: the light may be the other's.
+    """
+    ca = np.cos(angle)
+    sa = np.sin(angle)
+    for a in range(N_BLOCKS):
+        row = a // COLS
+        column = a % COLS
+        for k in range(4):
+            r = row + (1 if k > 0 else 0)
+            c = column + (1 if k == 0 else k - 2)
+            if k == 0:
+                r = row
+            if not (0 <= r < ROWS and 0 <= c < COLS):
+                continue
+            b = r * COLS + c
+            if not (seen[a] or seen[b]):
+                clock[a, b] = 0.0
+                continue
+            now = then = 0.0
+            if seen[a]:
+                now += strain(a, xy[a], xy, seen, ca, sa, b)
+                then += strain(b, xy[a], xy, seen, ca, sa, a)
+            if seen[b]:
+                now += strain(b, xy[b], xy, seen, ca, sa, a)
+                then += strain(a, xy[b], xy, seen, ca, sa, b)
+            dx = (c - column) * PITCH_M
+            dy = (r - row) * PITCH_M
+            wx = ca * dx - sa * dy
+            wy = sa * dx + ca * dy
+            gx = xy[b, 0] - xy[a, 0]
+            gy = xy[b, 1] - xy[a, 1]
+            if seen[a] and seen[b] and now < np.inf and then < np.inf:
+                now += (gx - wx) ** 2 + (gy - wy) ** 2
+                then += (gx + wx) ** 2 + (gy + wy) ** 2
+            crosswise = then < 0.7 * now
+            if not (seen[a] and seen[b]):  # one light, two homes: only where it is plainly wrong
+                crosswise = now < np.inf and now > BEND_M * BEND_M and then < 0.3 * now
+            if crosswise:
+                clock[a, b] += step
+                if clock[a, b] >= PATIENCE_S:
+                    clock[a, b] = 0.0
+                    return a * N_BLOCKS + b
+            else:
+                clock[a, b] = 0.0
+    return -1

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How crooked each block stands on the lattice tells quarter turns apart.
+
+Covers are never mounted quite square, and springs never of one length: so each block stands some
+degrees askew, each its own way, whichever way the rim is turned. What is learnt is the mean and the
+scatter of each block's yaw against the lattice's, over many places of the table; after darkness
+each of the four turns is weighed by what was learnt. Where blocks stand alike, or differently each
+time, the scatter says so, and nothing is decided.
+"""
+
+import numpy as np
+
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.vision.identity.symmetry import TURNED
+
+EVERY_S = 0.25  # between two looks
+MOVED_M = 0.002  # and so far has a block moved, in the mean, or it is the same look again
+MEMORY = 200  # looks
+ENOUGH = 30  # looks before a block's scatter is known
+FLOOR_RAD = 0.004  # of that scatter
+UNKNOWN_RAD = 0.1  # of a block of which little is known
+OUTLIER = 3.0  # more sigmas than this count no more
+BLOCKS = 12  # fewer decide nothing
+FIT = 3.0  # mean squared sigmas of an answer that fits
+MARGIN = 20.0  # nats between the best turn and the next
+
+
+class Yaws:
+    """Mean and variance (25,) of the yaw of each block against the lattice, rad."""
+
+    def __init__(self) -> None:
+        self.mean = np.zeros(N_BLOCKS)
+        self.variance = np.zeros(N_BLOCKS)
+        self.looks = np.zeros(N_BLOCKS, int)
+        self.last_s = -np.inf
+        self.last_xy = np.full((N_BLOCKS, 2), np.inf)
+
+    def learn(self, stamp_s: float, xy: np.ndarray, askew: np.ndarray, seen: np.ndarray) -> None:
+        """Take xy (25, 2) m and the yaw askew (25,) rad of the blocks seen (25,), well named."""
+        if 0.0 <= stamp_s - self.last_s < EVERY_S or seen.sum() < BLOCKS:
+            return
+        self.last_s = stamp_s
+        if np.abs(xy - self.last_xy)[seen].mean() < MOVED_M:
+            return
+        self.last_xy = xy.copy()
+        off = _apart(askew - self.mean, seen)
+        self.looks[seen] += 1
+        share = 1.0 / np.minimum(self.looks, MEMORY)[seen]
+        self.mean[seen] += share * off[seen]
+        self.variance[seen] += share * ((1.0 - share) * off[seen] ** 2 - self.variance[seen])
+
+    def weigh(self, askew: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how well each of 0 to 3 quarter turns of the names explains the yaws.
+
+        That is the log likelihood (4,) in nats, and the mean squared departure (4,) in sigmas.
+        askew (25,) rad and held (25,) are by the present names.
+        """
+        nats, fit = np.empty(4), np.empty(4)
+        for q, names in enumerate(TURNED):
+            spread = self._spread(names)
+            off = _apart(askew - self.mean[names], held)
+            squares = np.minimum(off**2 / spread, OUTLIER**2)[held]
+            nats[q] = -0.5 * (squares + np.log(spread[held])).sum()
+            fit[q] = squares.mean()
+        return nats, fit
+
+    def quarters(self, askew: np.ndarray, held: np.ndarray) -> int | None:
+        """Return by how many quarters the names are to be turned, None where it is not clear."""
+        if held.sum() < BLOCKS or (self.looks >= ENOUGH).sum() < BLOCKS:
+            return None
+        nats, fit = self.weigh(askew, held)
+        best = int(np.argmax(nats))
+        clear = nats[best] - np.delete(nats, best).max() > MARGIN
+        return best if clear and fit[best] < FIT else None
+
+    def _spread(self, names: np.ndarray) -> np.ndarray:
+        """Return the variance (25,) of the blocks `names`: wide where a block is not known yet."""
+        return np.where(
+            self.looks[names] >= ENOUGH, self.variance[names] + FLOOR_RAD**2, UNKNOWN_RAD**2)
+
+
+def _apart(off: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """Return `off` (25,) without what the blocks held have in common: the lattice's own error."""
+    return off - np.median(off[held])

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The twin's virtual camera: 25 lit squares on sandpaper, as an 8-bit grey sensor would see them.
+
+Every image is a pure function of the poses, the seed and the image index. Covers are anti-aliased
+analytically (see renderer_kernels), so the true centre of a drawn block is known to 1e-3 px.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.render import kernels
+from eol_ros.core.vision.render.clutter import LEVELS, Clutter
+from eol_ros.errors import ConfigError
+
+NOISE_LEVELS = {  # (read noise, gain): variance = read^2 + gain * signal, plus 1/12 of rounding
+    'none': (0.0, 0.0), 'L0': (0.5, 0.01), 'L1': (1.0, 0.03), 'L2': (2.0, 0.10),
+    'L3': (4.0, 0.25), 'L4': (8.0, 0.60)}
+_DEVIATES = 1 << 21  # stored normal deviates; rows of an image start anywhere in them
+_NOISE_STEP = 1 / 32
+_FLASH_LEVEL = 60.0
+_FLASH_HALO = 12.0
+_BLUR_STEP_PX = 0.7  # an exposure is cut into positions no further apart than this
+_BLUR_STEPS = 15
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """What the virtual camera is like.
+
+    Args:
+        noise: a key of NOISE_LEVELS.
+        clutter: 'clean', 'ordinary', 'hard' or 'brutal'.
+        psf_px: standard deviation of the lens blur.
+        background, block_level: grey levels of the platform and of a lit cover.
+        exposure_s: shutter time; moving blocks blur over it.
+        rate_hz: images a second.
+    """
+
+    noise: str = 'L2'
+    clutter: str = 'clean'
+    psf_px: float = 1.2
+    background: float = 14.0
+    block_level: float = 184.0
+    exposure_s: float = 0.003
+    rate_hz: float = 60.0
+
+
+class Renderer:
+    """Draws the table as the camera sees it.
+
+    Args:
+        options: RenderOptions (or anything with its fields).
+        calibration: where metres fall in the picture, distortion and tilt included.
+        seed: of noise and clutter.
+
+    Raises:
+        ConfigError: unknown noise or clutter level.
+    """
+
+    def __init__(self, options=None, calibration: Calibration | None = None, seed: int = 0,
+                 n_blocks: int = N_BLOCKS):
+        self.options = options = options or RenderOptions()
+        self.calibration = calibration or Calibration.ideal()
+        for name, table in (('noise', NOISE_LEVELS), ('clutter', LEVELS)):
+            if getattr(options, name) not in table:
+                raise ConfigError(f'{name} {getattr(options, name)!r} is not one of '
+                                  f'{", ".join(table)}')
+        self.seed = int(seed)
+        self.n_blocks = n_blocks
+        self.clutter = Clutter(options.clutter, self.calibration, options.background, self.seed,
+                               n_blocks, options.rate_hz)
+        self._read, self._gain = NOISE_LEVELS[options.noise]
+        deviates = np.random.default_rng([self.seed, 0]).standard_normal(_DEVIATES)
+        self._noise = np.clip(np.rint(deviates / _NOISE_STEP), -127, 127).astype(np.int8)
+        self._work = self.clutter.static.copy()
+        self._windows = np.zeros((n_blocks * _BLUR_STEPS + 64, 4), np.int64)
+        self._dirty = 0
+
+    def render(self, x, y, yaw, image_index: int, out: np.ndarray | None = None, *, velocity=None,
+               flash=None, ir=None, arms=None) -> np.ndarray:
+        """Return the image (h, w) uint8 of blocks at `x`, `y`, `yaw`, (n,) metres and radians.
+
+        Args:
+            image_index: chooses the noise, and the time of arms and flashes of the clutter level.
+            out: array to write into.
+            velocity: (n, 3) m/s, m/s, rad/s: blurs over the exposure, centred on the pose.
+            flash: (n,) white light of each block in 0..1; None leaves it to the clutter level.
+            ir: (n,) infrared light of each block in 0..1 (1 when None).
+            arms: (k, 5) capsules x0, y0, x1, y1, radius in metres, besides those of the clutter.
+        """
+        work, clutter, windows = self._work, self.clutter, self._windows
+        kernels.restore(work, clutter.static, windows, self._dirty)
+        poses = np.column_stack([np.asarray(c, float) for c in (x, y, yaw)])
+        white = np.asarray(clutter.flashes(image_index) if flash is None else flash, float)
+        on = clutter.battery * (1.0 if ir is None else np.asarray(ir, float))
+        glow = self.options.block_level - self.options.background
+        level = glow * on + _FLASH_LEVEL * white
+        core = clutter.level.core * on
+        halo = _FLASH_HALO * white
+        scale = clutter.scale_px
+        placed, owner, weight = self._positions(poses, velocity)
+        n = kernels.draw_blocks(
+            work, clutter.vignette, clutter.glints, self.corners_px(placed), level, core,
+            clutter.level.core_px * scale, halo, 40.0 * scale, clutter.texture,
+            self.options.psf_px, owner, weight, windows, 0)
+        capsules, grey = self.arms(image_index, arms)
+        if len(capsules):
+            ends = self.calibration.to_pixels(capsules[:, :4].reshape(-1, 2)).reshape(-1, 4)
+            radius = capsules[:, 4:] * self.calibration.px_per_m()
+            n = kernels.draw_arms(work, clutter.vignette, np.hstack([ends, radius]), grey,
+                                  self.options.psf_px, windows, n)
+        self._dirty = n
+        if out is None:
+            out = np.empty(work.shape, np.uint8)
+        kernels.sense(work, self._noise, _NOISE_STEP, self._read, self._gain, self.seed,
+                      int(image_index), out)
+        return out
+
+    def arms(self, image_index: int, more=None) -> tuple[np.ndarray, np.ndarray]:
+        """Return capsules (k, 5) in metres that cover the table in this image, and greys (k,)."""
+        capsules, grey = self.clutter.arms(image_index)
+        if more is not None and len(more):
+            more = np.asarray(more, float).reshape(-1, 5)
+            capsules = np.concatenate([capsules, more])
+            grey = np.concatenate([grey, np.full(len(more), 80.0)])
+        return capsules, grey
+
+    def visible_share(self, x, y, yaw, image_index: int, arms=None) -> np.ndarray:
+        """Return the true share (n,) of each cover that no arm hides in this image."""
+        capsules, _ = self.arms(image_index, arms)
+        return 1.0 - self.clutter.hidden_share(x, y, yaw, capsules, BLOCK_SIDE_M)
+
+    def corners_px(self, poses: np.ndarray) -> np.ndarray:
+        """Return image corners (n, 4, 2) of covers at `poses` (n, 3)."""
+        unit = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
+        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        xy = np.stack([poses[:, :1] + np.outer(c, unit[:, 0]) - np.outer(s, unit[:, 1]),
+                       poses[:, 1:2] + np.outer(s, unit[:, 0]) + np.outer(c, unit[:, 1])], axis=-1)
+        return self.calibration.to_pixels(xy.reshape(-1, 2)).reshape(-1, 4, 2)
+
+    def _positions(self, poses, velocity) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return poses (p, 3) at equal steps through the exposure, their block and share (p,)."""
+        steps = np.ones(len(poses), np.int64)
+        if velocity is not None:
+            velocity = np.asarray(velocity, float).reshape(-1, 3)
+            speed = (np.hypot(velocity[:, 0], velocity[:, 1])
+                     + np.abs(velocity[:, 2]) * BLOCK_SIDE_M * 0.71)
+            path_px = speed * self.options.exposure_s * self.calibration.px_per_m()
+            steps = np.clip(np.ceil(path_px / _BLUR_STEP_PX), 1, _BLUR_STEPS).astype(np.int64)
+        owner = np.repeat(np.arange(len(poses)), steps)
+        if velocity is None:
+            return poses, owner, np.ones(len(poses))
+        step = np.arange(len(owner)) - np.repeat(np.cumsum(steps) - steps, steps)
+        moment = ((step + 0.5) / steps[owner] - 0.5) * self.options.exposure_s
+        return poses[owner] + velocity[owner] * moment[:, None], owner, 1.0 / steps[owner]

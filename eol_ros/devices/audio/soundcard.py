@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sound card, through PortAudio; where there is none, a file takes its place.
+
+`Player` keeps a mixer sounding whatever happens to the card: it notices a card that has stopped
+asking for samples, goes on with the file, and takes the card again when it is back.
+"""
+
+import atexit
+import ctypes
+import os
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+
+from eol_ros.core.sound.mixer import Mixer
+from eol_ros.devices.audio.callback import OUTPUT_UNDERFLOW, callback, serve
+from eol_ros.devices.audio.wav_sink import WavSink
+from eol_ros.devices.backoff import Backoff
+from eol_ros.errors import ConfigError, DeviceMissing
+
+WATCH_S = 0.1  # between two looks at the card
+STILL_S = 0.6  # a card that asks for nothing for so long is gone
+RETRY_S = 3.0  # longest wait between two tries to take the card again
+GIVE_UP_S = 0.2  # a block takes a few milliseconds at most
+CLOSE_S = 2.0  # a driver that needs longer to close hangs
+LOST_S = 0.5  # the same where the device is gone: there is nothing left to play to the end
+INSTALL = 'apt-get install libportaudio2'
+
+
+class Card:
+    """An open PortAudio stream, silent until `play`; raises DeviceMissing if it cannot be had.
+
+    `compiled` takes the callback that needs no Python; where sounddevice does not let it in, the
+    ordinary callback does the same a little less reliably.
+    """
+
+    def __init__(self, mixer: Mixer, device: str, block_size: int, compiled: bool = True):
+        sd = _portaudio()
+        mixer.state['card'] = 0
+        serve(mixer.address, np.zeros((0, mixer.channels), np.float32), 0)  # compile before
+        number = find(device, mixer.channels)
+        options = {
+            'samplerate': mixer.sample_rate,
+            'blocksize': block_size,
+            'device': number,
+            'channels': mixer.channels,
+            'dtype': 'float32',
+            'latency': 'low',
+        }
+        self._mixer, self._held = mixer, False
+        self.name = sd.query_devices(number)['name']
+        self.compiled = compiled
+        try:
+            if compiled:
+                # Documented for authors of libraries: a C function pointer as the callback.
+                self._stream = sd._StreamBase(
+                    kind='output',
+                    wrap_callback=None,
+                    callback=sd._ffi.cast('PaStreamCallback*', callback.address),
+                    userdata=sd._ffi.cast('void*', mixer.address),
+                    **options,
+                )
+            else:
+                self._stream = sd.OutputStream(callback=_ordinary(mixer), **options)
+            self._hold()
+            self._stream.start()
+        except sd.PortAudioError as error:
+            self.close()
+            raise DeviceMissing(
+                f'sound card {self.name}: cannot play {mixer.channels} channels at '
+                f'{mixer.sample_rate:.0f} Hz ({_reason(error)}); `eol devices` lists what there is'
+            ) from None
+        self.latency_s = float(self._stream.latency)
+
+    def play(self) -> None:
+        """Let the card render the mixer from now on; nobody else may."""
+        self._mixer.state['clock_steady'] = 0
+        self._mixer.state['card'] = 1
+
+    def give_up(self) -> bool:
+        """Never touch the mixer again, whatever the driver does; return whether that is so now.
+
+        False if the driver's thread stands still in the middle of a block.
+        """
+        state = self._mixer.state
+        state['card'] = 0
+        deadline = time.monotonic() + GIVE_UP_S
+        while state['busy'][0] and time.monotonic() < deadline:
+            time.sleep(0.001)
+        return not state['busy'][0]
+
+    def close(self, timeout_s: float = CLOSE_S) -> bool:
+        """Stop; return whether the driver did it in time. One whose device is gone may hang."""
+        if not self._held:
+            return True
+        self.give_up()
+        closing = threading.Thread(
+            target=self._stream.close, kwargs={'ignore_errors': True}, daemon=True
+        )
+        closing.start()
+        closing.join(timeout_s)
+        if closing.is_alive():  # to end PortAudio then, as sounddevice would at exit, aborts
+            atexit.unregister(_portaudio()._exit_handler)
+            return False
+        self._held = False
+        for kept in (self._mixer, self._stream):
+            ctypes.pythonapi.Py_DecRef(ctypes.py_object(kept))
+        return True
+
+    def _hold(self) -> None:
+        """Let nothing the driver may look at be freed, not even where this card is forgotten."""
+        for kept in (self._mixer, self._stream):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))
+        self._held = True
+
+
+def _ordinary(mixer: Mixer):
+    def ordinary(out, _frames, _times, status):
+        serve(mixer.address, out, OUTPUT_UNDERFLOW if status.output_underflow else 0)
+
+    return ordinary
+
+
+def _portaudio():
+    os.environ.setdefault('JACK_NO_START_SERVER', '1')  # who wants JACK has started it
+    try:
+        import sounddevice
+    except OSError as error:
+        raise DeviceMissing(f'PortAudio is not installed ({error}); {INSTALL}') from None
+    except ImportError:
+        raise DeviceMissing('sounddevice is not installed; pip install sounddevice') from None
+    return sounddevice
+
+
+def _reason(error: Exception) -> str:
+    return str(error.args[0]).removeprefix('Error opening OutputStream: ')
+
+
+def cards() -> list[dict]:
+    """Return the outputs that there are: name, host API, channels, default sample rate."""
+    sd = _portaudio()
+    apis = sd.query_hostapis()
+    return [
+        {
+            'index': d['index'],
+            'name': d['name'],
+            'api': apis[d['hostapi']]['name'],
+            'channels': d['max_output_channels'],
+            'sample_rate': d['default_samplerate'],
+        }
+        for d in sd.query_devices()
+        if d['max_output_channels'] > 0
+    ]
+
+
+def rescan() -> None:
+    """Look for sound cards anew: PortAudio does so only when it starts. No stream may be open."""
+    sd = _portaudio()
+    sd._terminate()
+    try:
+        sd._initialize()
+    except sd.PortAudioError as error:
+        raise DeviceMissing(f'PortAudio does not start ({_reason(error)})') from None
+
+
+def find(device: str, channels: int = 1) -> int:
+    """Return the number of the output `device`: its name, a part of it, or auto for the default.
+
+    Raises DeviceMissing with the names that there are.
+    """
+    outputs = cards()
+    if not outputs:
+        raise DeviceMissing('there is no sound card')
+    if device == 'auto':
+        default = _portaudio().default.device[1]
+        numbers = [c['index'] for c in outputs]
+        default = default if default in numbers else numbers[0]
+        found = [c for c in outputs if c['index'] == default]
+    else:
+        found = [c for c in outputs if c['name'] == device]
+        found = found or [c for c in outputs if device.lower() in c['name'].lower()]
+    if not found:
+        names = ', '.join(c['name'] for c in outputs)
+        raise DeviceMissing(f'sound card {device}: not there; there are: {names}')
+    enough = [c for c in found if c['channels'] >= channels]
+    if not enough:
+        raise DeviceMissing(
+            f'sound card {found[0]["name"]}: it has {found[0]["channels"]} channels, '
+            f'the scene asks for {channels}'
+        )
+    return enough[0]['index']
+
+
+class Player:
+    """Plays a mixer on `device` (auto, a name, or wav), and on a file while there is no card.
+
+    `level` and `text` say how it is; `stuck` turns true when the driver of a lost card hangs, and
+    then only a new process gets the card back.
+    """
+
+    def __init__(
+        self,
+        mixer: Mixer,
+        device: str = 'auto',
+        block_size: int = 256,
+        wav: str | Path | None = None,
+        wav_limit_s: float = 3600.0,
+        fade_in_s: float = 2.0,
+        compiled: bool = True,
+        card_needed: bool = True,
+    ):
+        self.mixer, self.device, self.block_size = mixer, device, block_size
+        self._card_needed = card_needed
+        self.stuck = False
+        self.losses = 0
+        self._wav, self._wav_limit_s = wav, wav_limit_s
+        self._fade_in_s, self._compiled = fade_in_s, compiled
+        self._backoff = Backoff(1.0, RETRY_S)
+        self._why = ''
+        self._retry_s = 0.0
+        self.output: Card | WavSink = self._first()
+        atexit.register(self.close, 0.0)  # no thread may render when the interpreter goes
+        self._stop = threading.Event()
+        self._watcher = threading.Thread(target=self._watch, name='sound watch', daemon=True)
+        self._watcher.start()
+
+    @property
+    def on_card(self) -> bool:
+        """Whether a sound card plays."""
+        return isinstance(self.output, Card)
+
+    @property
+    def level(self) -> str:
+        """Return ok, warn or error."""
+        if self.stuck:
+            return 'error'
+        if self.on_card or (self.device == 'wav' and not self._why and not self.output.full):
+            return 'ok'
+        writes = not self.on_card and not self.output.name.startswith('nothing')
+        if not self._card_needed and writes and not self.output.full:
+            return 'ok'
+        return 'warn'
+
+    @property
+    def text(self) -> str:
+        """Return what is being done, for people."""
+        name = self.output.name
+        if self.on_card:
+            return f'playing on {name}'
+        full = '; the file has reached its limit' if self.output.full else ''
+        if self.device == 'wav' and not self._why:
+            return f'writing {name}{full}'
+        return f'{self._why}; the sound goes to {name}{full}'
+
+    def close(self, fade_out_s: float = 0.5) -> None:
+        """Fade out and stop."""
+        atexit.unregister(self.close)
+        self._stop.set()
+        self._watcher.join(2 * CLOSE_S)
+        fade_out_s = 0.0 if self.stuck else fade_out_s
+        self.mixer.fade(0.0, fade_out_s)
+        deadline = time.monotonic() + fade_out_s + 0.5
+        while self.mixer.state['fade'][0] > 0 and time.monotonic() < deadline:
+            time.sleep(0.02)
+        time.sleep(0.05)  # what is on its way through the limiter and the driver
+        self.output.close()
+
+    def _first(self) -> 'Card | WavSink':
+        self.mixer.fade(1.0, self._fade_in_s, at_once_from=0.0)
+        if self.device == 'wav':
+            return self._file(self._wav)
+        try:
+            card = self._open()
+        except DeviceMissing as error:
+            self._missing(error)
+            return self._file(self._wav)
+        card.play()
+        return card
+
+    def _missing(self, error: DeviceMissing) -> None:
+        self._why = str(error)
+        self._retry_s = time.monotonic() + self._backoff.failed()
+
+    def _open(self) -> Card:
+        try:
+            return Card(self.mixer, self.device, self.block_size, self._compiled)
+        except (AttributeError, TypeError):  # another sounddevice, without that door
+            return Card(self.mixer, self.device, self.block_size, compiled=False)
+
+    def _file(self, path) -> WavSink:
+        try:
+            return WavSink(self.mixer, path, self.block_size, self._wav_limit_s)
+        except ConfigError as error:
+            self._why = f'{self._why}; {error}'.removeprefix('; ')
+            return WavSink(self.mixer, None, self.block_size, self._wav_limit_s)
+
+    def _watch(self) -> None:
+        seen, moved_s = -1, time.monotonic()
+        looked_s = moved_s
+        while not self._stop.wait(WATCH_S):
+            now_s = time.monotonic()
+            frame = int(self.mixer.state['frame'][0])
+            if frame != seen or now_s - looked_s > 3 * WATCH_S:  # or nobody ran, not even this
+                seen, moved_s = frame, now_s
+            looked_s = now_s
+            if self.stuck:
+                continue
+            if self.on_card:
+                if now_s - moved_s > STILL_S:
+                    self._lost()
+            elif self.device != 'wav' and now_s > self._retry_s:
+                self._look()
+
+    def _lost(self) -> None:
+        card = self.output
+        self.losses += 1
+        self._why = f'sound card {card.name} is gone'
+        if card.give_up():
+            self.output = self._file(self._wav)
+        if not card.close(LOST_S):
+            self._why += ' and its driver hangs'
+            self.stuck = True
+
+    def _look(self) -> None:
+        """See whether the card is there; if so, let it take over from the file."""
+        try:
+            rescan()
+            card = self._open()
+        except DeviceMissing as error:
+            self._missing(error)
+            return
+        if not self.output.close():
+            card.close()
+            self._missing(DeviceMissing(f'{self.output.name}: the disk does not answer'))
+            return
+        self.mixer.fade(1.0, self._fade_in_s, at_once_from=0.0)
+        card.play()
+        self.output = card
+        self._backoff.succeeded()

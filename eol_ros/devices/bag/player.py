@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plays a bag against a clock: rate, start, loop, pause. Bytes and stamps stay as recorded.
+
+Messages are played in the order in which they were recorded. Pictures and blocks, which carry the
+time of exposure, are played when recorded time reaches that stamp; everything between them as long
+before or after as it was recorded. So nothing of the delays of the recorded run is waited for once
+more, at a low rate several times as long.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Collection
+from typing import NamedTuple
+
+from eol_ros.devices.bag.reader import BagMessage, BagReader
+from eol_ros.devices.bag.selection import stamp_ns
+from eol_ros.errors import ConfigError
+
+LATE_S = 0.02  # further behind than this, recorded time waits instead of hurrying on
+NAP_S = 0.1  # longest wait before stop and pause are looked at again
+LEAD_NS = 1_000_000  # recorded time begins so long before the first message
+TAIL_NS = 300_000_000  # and ends so long after the last: what fades goes on to fade
+STAND_S = 0.5  # before a new round, for all that follow recorded time to have noticed
+BACK_NS = 1_000_000_000  # stamps that fall back by more belong to a new round, too
+
+
+def complete(bag: BagReader, images: str, blocks: str) -> bool:
+    """Return whether a bag has all the pictures of its run, and not those of some moments."""
+    count = bag.counts.get(images, 0)
+    return count > 0 and count >= 0.99 * bag.counts.get(blocks, 0)
+
+
+def choose(bag: BagReader, asked: Collection[str], usual: Collection[str]) -> list[str]:
+    """Return the full names of the topics `asked`, or those of the `usual` that the bag has.
+
+    Raises ConfigError when there is none.
+    """
+    if asked:
+        return [bag.find(name) for name in asked]
+    found = [name for name in usual if bag.counts.get(name)]
+    if found:
+        return found
+    raise ConfigError(
+        f'{bag.path}: neither {" nor ".join(usual)} in it; say which topics to play, there '
+        f'are {", ".join(t for t, n in bag.counts.items() if n) or "none"}'
+    )
+
+
+class Pace(NamedTuple):
+    """Recorded time is `origin_ns` at `origin_s` of the clock and runs at `rate` to `limit_ns`."""
+
+    origin_s: float
+    origin_ns: int
+    rate: float
+    limit_ns: int
+
+
+class BagPlayer:
+    """Hands each message of `topics` to `give` when its time has come.
+
+    rate: recorded seconds per second of the clock; `fast` hands over as fast as `give` takes.
+    `start_s` counts from the first message of the bag. `stamped` names the topics that are played
+    by their stamps. `begin` is called before each round, while recorded time stands at its start.
+    Clock and sleep are arguments so that tests need not wait.
+    """
+
+    def __init__(
+        self,
+        bag: BagReader,
+        topics: Collection[str],
+        give: Callable[[BagMessage], None],
+        rate: float = 1.0,
+        fast: bool = False,
+        loop: bool = False,
+        start_s: float = 0.0,
+        stamped: Collection[str] = (),
+        begin: Callable[[], None] = lambda: None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ):
+        self.played = 0
+        self.position_s = start_s  # recorded time of the newest message, from the start of the bag
+        self.rounds = 0
+        self.late_s = 0.0  # how far the newest message came after its time
+        self._bag, self._topics, self._give = bag, frozenset(topics), give
+        self._stamped = frozenset(stamped) & self._topics
+        self._rate, self._fast, self._loop, self._begin = rate, fast, loop, begin
+        self._first_ns = bag.start_ns + round(start_s * 1e9)  # of the recorder's clock
+        self._clock, self._sleep = clock, sleep
+        self._stop = threading.Event()
+        self._paused = threading.Event()
+        self._lock = threading.Lock()
+        self._delay_ns = 0  # from the stamp of the last stamped message to its recording
+        first = next(iter(bag.messages(self._stamped or self._topics, self._first_ns)), None)
+        if first is not None and self._stamped:
+            self._delay_ns = first.log_ns - stamp_ns(first.data)
+        start_ns = (first.log_ns if first else self._first_ns) - self._delay_ns
+        self._start = start_ns - LEAD_NS, self._delay_ns
+        self._pace = Pace(clock(), start_ns - LEAD_NS, 0.0, start_ns)
+        self._shown_ns = 0
+
+    @property
+    def paused(self) -> bool:
+        """Whether the replay stands still."""
+        return self._paused.is_set()
+
+    def pause(self) -> None:
+        """Stand still, or go on."""
+        if self.paused:
+            self._paused.clear()
+        else:
+            self._paused.set()
+
+    def stop(self) -> None:
+        """End `run` within NAP_S."""
+        self._stop.set()
+
+    def now_ns(self) -> int:
+        """Return recorded time, as the stamps have it; it goes back only when a round begins."""
+        with self._lock:
+            self._shown_ns = max(self._shown_ns, self._ideal_ns(self._clock()))
+            return self._shown_ns
+
+    def run(self) -> None:
+        """Play until the end, or for ever with `loop`, or until `stop`."""
+        while not self._stop.is_set():
+            before = self.played
+            self._round()
+            self.rounds += 1
+            if not self._loop or self.played == before:
+                return
+
+    def _round(self) -> None:
+        begin_ns, self._delay_ns = self._start
+        self._stand(begin_ns, STAND_S if self.rounds else 0.0)
+        due_ns = begin_ns
+        for message in self._bag.messages(self._topics, self._first_ns):
+            if message.topic in self._stamped:
+                self._delay_ns = message.log_ns - stamp_ns(message.data)
+            wish_ns = message.log_ns - self._delay_ns
+            if wish_ns < due_ns - BACK_NS:
+                self._stand(wish_ns - LEAD_NS, STAND_S)
+                due_ns = wish_ns
+            due_ns = max(due_ns, wish_ns)
+            self._wait(due_ns)
+            if self._stop.is_set():
+                return
+            self._give(message)
+            self.played += 1
+            self.position_s = (message.log_ns - self._bag.start_ns) * 1e-9
+            slack_ns = round(LATE_S * self._rate * 1e9)
+            self._pace = self._pace._replace(limit_ns=due_ns + slack_ns)  # while the next is read
+        if not self._fast and due_ns > begin_ns:
+            self._wait(max(due_ns, self._bag.end_ns - self._delay_ns) + TAIL_NS)
+
+    def _ideal_ns(self, now_s: float) -> int:
+        pace = self._pace
+        return min(pace.limit_ns, pace.origin_ns + round((now_s - pace.origin_s) * pace.rate * 1e9))
+
+    def _stand(self, at_ns: int, seconds: float) -> None:
+        """Let recorded time stand at `at_ns`, tell `begin`, and then let it run."""
+        with self._lock:
+            self._pace, self._shown_ns = Pace(self._clock(), at_ns, 0.0, at_ns), at_ns
+        self._begin()
+        end_s = self._clock() + seconds
+        while not self._stop.is_set() and (left_s := end_s - self._clock()) > 0:
+            self._sleep(min(left_s, NAP_S))
+        self._pace = Pace(self._clock(), at_ns, self._rate, at_ns)
+
+    def _wait(self, due_ns: int) -> None:
+        """Wait until recorded time is `due_ns`; where that is long past, it goes on from there."""
+        if self._fast:
+            self._pace = Pace(self._clock(), due_ns, 0.0, due_ns)
+            return
+        self._pace = self._pace._replace(limit_ns=due_ns)
+        while not self._stop.is_set():
+            pace, now_s = self._pace, self._clock()
+            at_ns = pace.origin_ns + round((now_s - pace.origin_s) * pace.rate * 1e9)
+            if self.paused:
+                self._pace = Pace(now_s, min(at_ns, due_ns), 0.0, due_ns)
+                self._sleep(NAP_S)
+                continue
+            if not pace.rate:  # it stood still
+                self._pace = Pace(now_s, at_ns, self._rate, due_ns)
+                continue
+            left_s = (due_ns - at_ns) * 1e-9 / self._rate
+            if left_s <= 0:
+                self.late_s = -left_s
+                if self.late_s > LATE_S:
+                    self._pace = Pace(now_s, due_ns, self._rate, due_ns)
+                return
+            self._sleep(min(left_s, NAP_S))

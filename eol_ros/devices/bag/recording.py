@@ -1,0 +1,300 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A run on its way to the disk: bounded queue in, one writing thread, a bag folder out.
+
+Whoever hands messages over never waits. When disk or processor is too slow the queue fills: first
+pictures are stored uncompressed, then messages are dropped and counted. When the disk is full or
+gone, recording pauses, says so, and begins a new bag when it can. Nothing is ever deleted.
+"""
+
+import atexit
+import json
+import os
+import re
+import shutil
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.recover import repair_all
+from eol_ros.devices.bag.selection import (
+    AroundSlips,
+    Dropped,
+    Gaps,
+    Item,
+    Slipping,
+    StampGaps,
+    Thinning,
+    stamp_ns,
+)
+from eol_ros.devices.bag.writer import BagWriter
+from eol_ros.errors import EolError
+from eol_ros.settings import RecorderSettings
+
+FLUSH_S = 1.0
+RETRY_S = 10.0
+QUEUE_BYTES = 64 << 20
+HEAD = 12  # bytes of a message, to the end of its stamp
+HURRY_BYTES = QUEUE_BYTES // 4  # with more than this waiting, pictures are not compressed
+GB = 1e9
+
+
+class Recording:
+    """Records messages of `topics` into a new folder under `root`.
+
+    `images` and `rhythm` name topics: the raw pictures, and those whose stamps come regularly;
+    `thinned` those made for the eye, of which one per `settings.display_period_s` is enough.
+    Raises ConfigError when `root` cannot be written.
+    """
+
+    def __init__(
+        self,
+        root: Path,
+        name: str,
+        topics: Sequence[BagTopic],
+        about: Mapping[str, str],
+        settings: RecorderSettings,
+        images: str = '',
+        rhythm: Sequence[str] = (),
+        thinned: Sequence[str] = (),
+        rate_hz: float = 0.0,
+    ):
+        self.root = root
+        self.folder: Path | None = None
+        self.trouble = ''  # why nothing is recorded now; empty while all is well
+        self.dropped: Counter[str] = Counter()
+        self.repaired: list[str] = []
+        self.image_bytes = 0
+        self._budget_spent = False
+        self._name = re.sub(r'[^\w+-]+', '-', name) or 'run'
+        self._topics, self._about, self._settings = tuple(topics), dict(about), settings
+        self._images, self._rhythm = images, {topic: StampGaps(rate_hz) for topic in rhythm}
+        self._thinned = frozenset(thinned)
+        self._gaps = Gaps()
+        self._ring = AroundSlips(settings.before_s, settings.after_s)
+        self._thinning = Thinning(settings.display_period_s)
+        self._queue: deque[Item | Slipping | Dropped] = deque()
+        self._queued_bytes = 0
+        self._written = 0  # messages of bags already closed
+        self._ready = threading.Condition()
+        self._closing = False
+        self._writer: BagWriter | None = None
+        self._open()
+        self._repairer = threading.Thread(target=self._repair, name='bag-repair', daemon=True)
+        self._repairer.start()
+        self._thread = threading.Thread(target=self._run, name='bag-writer', daemon=True)
+        atexit.register(self.close)  # whoever forgets to close still gets a whole bag
+        self._thread.start()
+
+    def take(self, item: Item) -> None:
+        """Hand over a message; never waits."""
+        with self._ready:
+            if self._closing:
+                self.dropped[item.topic] += 1
+                return
+            if self._queued_bytes + len(item.data) > QUEUE_BYTES:
+                self.dropped[item.topic] += 1
+                self._queue.append(Dropped(item.topic, item.data[:HEAD], item.sequence))
+                return
+            self._queue.append(item)
+            self._queued_bytes += len(item.data)
+            self._ready.notify()
+
+    def slip(self, news: Slipping) -> None:
+        """Tell that a slip has started or stopped: pictures around it are kept."""
+        with self._ready:
+            self._queue.append(news)
+            self._ready.notify()
+
+    def close(self) -> None:
+        """Write what is queued, finish the file, end the thread; a second call does nothing."""
+        atexit.unregister(self.close)
+        with self._ready:
+            self._closing = True
+            self._ready.notify()
+        self._thread.join()
+
+    @property
+    def message_count(self) -> int:
+        """Messages written so far."""
+        writer = self._writer
+        return self._written + (writer.message_count if writer else 0)
+
+    @property
+    def lost(self) -> int:
+        """Messages that were sent and are not in the bag though they should be."""
+        return sum(self._gaps.lost.values()) + sum(self.dropped.values())
+
+    @property
+    def received(self) -> Counter[str]:
+        """Messages that came out of the queue so far, per topic."""
+        return Counter(self._gaps.received)
+
+    @property
+    def queued_mb(self) -> float:
+        """What waits to be written now."""
+        return round(self._queued_bytes / 1e6, 1)
+
+    @property
+    def image_budget_spent(self) -> bool:
+        """Whether `images_max_gb` of raw pictures are kept, and no more will be."""
+        return self._budget_spent
+
+    def gaps(self) -> dict[str, str]:
+        """Return what was lost, per topic, as it goes into the metadata of the bag."""
+        counts = {
+            'received': self._gaps.received,
+            'lost_before_recorder': {k: v for k, v in self._gaps.lost.items() if v},
+            'dropped_in_recorder': dict(self.dropped),
+            'stamp_gaps': {topic: gaps.missing for topic, gaps in self._rhythm.items()},
+        }
+        return {name: json.dumps(value, sort_keys=True) for name, value in counts.items()}
+
+    def _run(self) -> None:
+        next_flush = time.monotonic() + FLUSH_S
+        next_try = 0.0
+        while True:
+            with self._ready:
+                if not self._queue and not self._closing:
+                    self._ready.wait(max(0.0, next_flush - time.monotonic()))
+                item = self._queue.popleft() if self._queue else None
+                if item is None and self._closing:
+                    break
+            if item is not None:
+                self._write(item)
+            now = time.monotonic()
+            if now >= next_flush:
+                next_flush = now + FLUSH_S
+                if self._writer:
+                    self._guarded(self._writer.flush)
+                    self._check_space()
+                    next_try = now + RETRY_S
+                elif now >= next_try:
+                    next_try = now + RETRY_S
+                    self._reopen()
+        self._finish()
+
+    def _write(self, item: Item | Slipping | Dropped) -> None:
+        if isinstance(item, Dropped):
+            self._gaps.skip(item.topic, item.sequence)
+            if item.topic in self._rhythm:
+                self._rhythm[item.topic].take(stamp_ns(item.head))
+            return
+        for kept in self._selected(item):
+            if self._writer:
+                self._guarded(
+                    self._writer.write,
+                    kept.topic, kept.data, kept.log_ns, kept.publish_ns, kept.sequence,
+                    self._queued_bytes > HURRY_BYTES,
+                )
+            else:
+                self.dropped[kept.topic] += 1
+        if isinstance(item, Item):
+            with self._ready:
+                self._queued_bytes -= len(item.data)
+
+    def _selected(self, item: Item | Slipping) -> Iterator[Item]:
+        """Yield what is to be written now that `item` has come."""
+        if isinstance(item, Slipping):
+            yield from self._counted(self._ring.slip(item))
+            return
+        self._gaps.take(item.topic, item.sequence)
+        if item.topic in self._rhythm:
+            self._rhythm[item.topic].take(stamp_ns(item.data))
+        if item.topic == self._images:
+            if self._settings.images == 'around_slips':
+                yield from self._counted(self._ring.image(item))
+            else:
+                yield from self._counted([item])
+        elif item.topic not in self._thinned or self._thinning.keep(item):
+            yield item
+
+    def _counted(self, images: Iterator[Item] | list[Item]) -> Iterator[Item]:
+        for item in images:
+            if self.image_bytes + len(item.data) <= self._settings.images_max_gb * GB:
+                self.image_bytes += len(item.data)
+                yield item
+            else:
+                self._budget_spent = True
+
+    def _guarded(self, action, *args) -> None:
+        """Do it; on a refusing disk leave the file as it is and go on without."""
+        try:
+            action(*args)
+        except OSError as error:
+            self._pause(f'{self.folder}: {error.strerror or error}', whole=False)
+
+    def _check_space(self) -> None:
+        try:
+            free = shutil.disk_usage(self.root).free / GB
+        except OSError as error:
+            self._pause(f'{self.root}: {error.strerror}', whole=False)
+            return
+        if free < self._settings.min_free_gb:
+            self._pause(self._full(free), whole=True)
+
+    def _full(self, free_gb: float) -> str:
+        return (
+            f'{free_gb:.2f} GB free on the disk of {self.root}, recording stops below '
+            f'{self._settings.min_free_gb:g} GB: make room, or lower recorder.min_free_gb'
+        )
+
+    def _pause(self, trouble: str, whole: bool) -> None:
+        writer, self._writer = self._writer, None
+        if writer is None:
+            return
+        self._written += writer.message_count
+        writer.gaps = self.gaps()
+        try:
+            writer.close() if whole else writer.abandon()
+        except OSError:
+            writer.abandon()
+        self.trouble = trouble
+
+    def _open(self) -> None:
+        self.root.mkdir(parents=True, exist_ok=True) if _may_make(self.root) else None
+        if self.root.is_dir():
+            free = shutil.disk_usage(self.root).free / GB
+            if free < self._settings.min_free_gb:
+                self.trouble = self._full(free)
+                return
+        folder = _new_folder(self.root, self._name)
+        self._writer = BagWriter(
+            folder, self._topics, self._about,
+            self._settings.split_minutes * 60, round(self._settings.split_gb * GB),
+        )
+        self.folder, self.trouble = folder, ''
+
+    def _reopen(self) -> None:
+        try:
+            self._open()
+        except (OSError, EolError) as error:
+            self.trouble = str(error)
+
+    def _finish(self) -> None:
+        if self._writer:
+            self._writer.gaps = self.gaps()
+            self._guarded(self._writer.close)
+
+    def _repair(self) -> None:
+        try:
+            for done in repair_all(self.root):
+                self.repaired.append(f'{done.part.name}: {done.message_count} messages saved')
+        except (OSError, EolError) as error:
+            self.repaired.append(f'repair of an earlier bag failed: {error}')
+
+
+def _may_make(root: Path) -> bool:
+    parent = next(p for p in [root, *root.parents] if p.exists())
+    return parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)
+
+
+def _new_folder(root: Path, name: str) -> Path:
+    stem = f'{name}_{time.strftime("%Y-%m-%d_%H-%M-%S")}'
+    for count in range(1, 1000):
+        folder = root / (stem if count == 1 else f'{stem}_{count}')
+        if not folder.exists():
+            return folder
+    return folder

@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The board that drives the blocks' LEDs and reads their accelerometers, seen from the host.
+
+One thread reads; any thread writes, straight into the port. The line may break at any time: it is
+opened again after 1, 2, 4 ... 30 s, and the board is then told once more what it should show.
+"""
+
+import errno
+import os
+import select
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from eol_ros.core import serial_protocol as protocol
+from eol_ros.core.clock_sync import ClockSync, HostTime
+from eol_ros.devices.backoff import Backoff
+from eol_ros.devices.board.ports import find_port
+from eol_ros.errors import DeviceMissing
+
+BAUD = 1_000_000
+HELLO_EVERY_S = 0.25
+HELLO_FOR_S = 5.0  # a board that resets when its port opens takes up to 2 s
+PING_EVERY_S = 0.5
+SILENT_AFTER_S = 2.0
+READ_BYTES = 4096
+UNSYNCED_SIGMA_S = 0.02  # of a tap that comes before the clocks have met: its arrival time is taken
+
+
+@dataclass(frozen=True)
+class State:
+    """How the line is: `looking`, `ready`, `lost` or `refused`, and a sentence for people."""
+
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True)
+class TapReport:
+    """A knock on a block: when, on this host's monotonic clock, and how hard, m/s^2."""
+
+    block: int
+    strength: float
+    time: HostTime
+    board_us: int
+
+
+class LineLost(OSError):
+    """The port is gone or the board fell silent."""
+
+
+class Board:
+    """The line to one board, kept open from `start` to `close`.
+
+    `on_tap` and `on_state` are called from the reader thread. `port` as for `find_port`, looked up
+    anew at each try.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        on_tap: Callable[[TapReport], None] = lambda tap: None,
+        on_state: Callable[[State], None] = lambda state: None,
+        baud: int = BAUD,
+        backoff: Backoff | None = None,
+    ):
+        self.state = State('looking', f'looking for the board on {port}')
+        self.sync = ClockSync()
+        self.decoder = protocol.Decoder()
+        self.sent = self.dropped = self.connections = self.taps = 0
+        self.reported_bad = 0  # damaged packets that the board itself counted
+        self.round_trip_ms: deque[float] = deque(maxlen=64)
+        self._port, self._baud = port, baud
+        self._on_tap, self._on_state = on_tap, on_state
+        self._backoff = backoff or Backoff()
+        self._lock = threading.Lock()
+        self._fd: int | None = None
+        self._sequence = 0
+        self._white = bytes(protocol.N_BLOCKS)
+        self._infrared = protocol.ALL_BLOCKS
+        self._asked: dict[int, float] = {}
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='board', daemon=True)
+
+    def start(self) -> None:
+        """Begin to look for the board; returns at once."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Let the lights go dark and close the port."""
+        self.show(bytes(protocol.N_BLOCKS), 0)
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=2.0)
+
+    @property
+    def ready(self) -> bool:
+        """True while the board answers."""
+        return self.state.kind == 'ready'
+
+    def show(self, white: bytes, stamp_us: int) -> int | None:
+        """Send the level of each white LED, 25 bytes, and the image's stamp in us (low 32 bits).
+
+        Returns the number of the packet, or None when it could not be sent now. A board that comes
+        back is shown the last levels.
+        """
+        self._white = white
+        return self._send(protocol.Levels(stamp_us & 0xFFFFFFFF, white)) if self.ready else None
+
+    def flash(self, block: int, peak: int, decay_ms: int, stamp_us: int = 0) -> int | None:
+        """Let the board light one block and fade it by itself; returns as `show` does."""
+        message = protocol.Flash(stamp_us & 0xFFFFFFFF, block, peak, decay_ms)
+        return self._send(message) if self.ready else None
+
+    def infrared(self, on: bool | int) -> int | None:
+        """Switch the infrared LEDs: all, none, or a bit per block; returns as `show` does."""
+        self._infrared = protocol.ALL_BLOCKS * int(on) if isinstance(on, bool) else on
+        return self._send(protocol.Infrared(self._infrared)) if self.ready else None
+
+    @property
+    def infrared_on(self) -> bool:
+        """True unless all infrared LEDs are off."""
+        return self._infrared != 0
+
+    def _send(self, message: protocol.Message) -> int | None:
+        with self._lock:
+            if self._fd is None:
+                return None
+            sequence = self._sequence
+            packet = protocol.encode(message, sequence)
+            try:
+                written = os.write(self._fd, packet)
+            except BlockingIOError:
+                written = 0
+            except OSError:  # the reader thread meets the same error and opens the port again
+                return None
+            if written < len(packet):  # the line is full: newer levels follow, do not wait for it
+                self.dropped += 1
+                return None
+            self._sequence = (sequence + 1) & 0xFF
+            self.sent += 1
+            return sequence
+
+    def _set_state(self, kind: str, text: str) -> None:
+        state = State(kind, text)
+        if state != self.state:
+            self.state = state
+            self._on_state(state)
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            kind = 'lost'
+            try:
+                self._talk()
+                return
+            except DeviceMissing as error:
+                kind, text = 'looking', str(error)
+            except VersionRefused as error:
+                kind, text = 'refused', str(error)
+            except OSError as error:
+                text = _why(self._port, error)
+            if self._stop.is_set():
+                return
+            pause_s = self._backoff.failed()
+            self._set_state(kind, f'{text}; trying again in {pause_s:.0f} s')
+            self._stop.wait(pause_s)
+
+    def _talk(self) -> None:
+        """Open the port and serve it until it fails (OSError) or `close` is called (returns)."""
+        import serial
+
+        path = find_port(self._port)
+        try:
+            port = serial.Serial(path, self._baud, timeout=0, exclusive=True)
+        except serial.SerialException as error:
+            raise OSError(error.errno, str(error)) from error
+        try:
+            with self._lock:
+                self._fd = port.fileno()
+            self.sync, self.decoder = ClockSync(), protocol.Decoder()
+            self._asked.clear()
+            welcome = self._shake_hands(path)
+            name = welcome.name.rstrip(b'\0').decode('ascii', 'replace')
+            self._backoff.succeeded()
+            self.connections += 1
+            self._set_state('ready', f'board {name} on {path}, {welcome.blocks} blocks')
+            self.infrared(self._infrared)
+            self.show(self._white, 0)
+            self._serve()
+        finally:
+            with self._lock:
+                self._fd = None
+            port.close()
+
+    def _shake_hands(self, path: str) -> protocol.Welcome:
+        give_up = time.monotonic() + HELLO_FOR_S
+        while not self._stop.is_set():
+            self._send(protocol.Hello())
+            for message in self._read(HELLO_EVERY_S):
+                if isinstance(message, protocol.Refused):
+                    raise VersionRefused(path, message.version)
+                if isinstance(message, protocol.Welcome):
+                    if message.version != protocol.VERSION:
+                        raise VersionRefused(path, message.version)
+                    return message
+            if time.monotonic() > give_up:
+                raise LineLost(errno.ETIMEDOUT, f'nothing on {path} answers like a board')
+        raise LineLost(errno.ECANCELED, 'stopped')
+
+    def _serve(self) -> None:
+        next_ping = heard = time.monotonic()
+        while not self._stop.is_set():
+            now = time.monotonic()
+            if now >= next_ping:
+                asked_us = int(now * 1e6) & 0xFFFFFFFF
+                self._asked[asked_us] = now
+                self._send(protocol.Ping(asked_us))
+                next_ping = now + (PING_EVERY_S if len(self.round_trip_ms) > 8 else 0.1)
+            for message in self._read(max(0.0, next_ping - time.monotonic())):
+                heard = time.monotonic()
+                self._hear(message, heard)
+            if time.monotonic() - heard > SILENT_AFTER_S:
+                raise LineLost(errno.ETIMEDOUT, f'the board is silent for {SILENT_AFTER_S:.0f} s')
+
+    def _hear(self, message: protocol.Message, now: float) -> None:
+        if isinstance(message, protocol.Pong):
+            asked = self._asked.pop(message.host_us, None)
+            if asked is not None:
+                self.sync.add(asked, message.board_us, now)
+                self.round_trip_ms.append((now - asked) * 1e3)
+                self._asked = {k: t for k, t in self._asked.items() if now - t < 10}
+            self.reported_bad = message.bad
+        elif isinstance(message, protocol.Tap) and message.block < protocol.N_BLOCKS:
+            self.taps += 1
+            time_ = HostTime(now, UNSYNCED_SIGMA_S)
+            if self.sync.ready:
+                time_ = self.sync.to_host(message.board_us)
+            strength = message.strength * protocol.STRENGTH_UNIT
+            self._on_tap(TapReport(message.block, strength, time_, message.board_us))
+
+    def _read(self, timeout_s: float) -> list[protocol.Message]:
+        """Return the messages that come within `timeout_s`; as soon as there is any."""
+        assert self._fd is not None
+        until = time.monotonic() + timeout_s
+        while not self._stop.is_set():
+            left = until - time.monotonic()
+            ready, _, _ = select.select([self._fd], [], [], max(0.0, min(left, 0.2)))
+            if ready:
+                data = os.read(self._fd, READ_BYTES)
+                if not data:
+                    raise LineLost(errno.ENODEV, f'the board is gone from {self._port}')
+                found = [r.message for r in self.decoder.feed(data)]
+                if found:
+                    return found
+            if left <= 0:
+                break
+        return []
+
+
+class VersionRefused(Exception):
+    """The board speaks another version of the protocol."""
+
+    def __init__(self, path: str, version: int):
+        older, way = version < protocol.VERSION, 'update the firmware of the board'
+        super().__init__(
+            f'the board on {path} speaks protocol version {version}, this program '
+            f'{protocol.VERSION}: {way if older else "update eol_ros"}'
+        )
+
+
+def _why(port: str, error: OSError) -> str:
+    if error.errno == errno.EACCES:
+        return f'no permission to open {port}: add the user to group dialout'
+    if error.errno in (errno.EBUSY, errno.EAGAIN):
+        return f'{port} is in use by another program'
+    if isinstance(error, LineLost):
+        return str(error.strerror)
+    return f'serial line on {port} lost ({error.strerror or error})'

@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A board made of software: it speaks the protocol of docs/serial.md over a pty.
+
+The twin's rehearsal runs on it, and the tests. It keeps its own clock, which neither agrees with
+the host's nor runs at quite its rate, and it can be told to misbehave.
+
+    python -m eol_ros.devices.board.fake --link /tmp/board --taps 2 --faults unplug@5,plug@8
+"""
+
+import argparse
+import math
+import os
+import select
+import sys
+import threading
+import time
+import tty
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from eol_ros.core import serial_protocol as protocol
+from eol_ros.errors import UsageError
+
+DARK_AFTER_S = 2.0  # without a packet from the host
+FAULTS = ('noise', 'truncate', 'oversize', 'mute', 'unmute', 'unplug', 'plug', 'reboot')
+NOISE = bytes(range(1, 200, 7)) + b'\0\xff\xff\0'
+
+
+class Arrival(NamedTuple):
+    """One packet that came in: when (system time), what, its number, the stamp that it carried."""
+
+    time_ns: int
+    kind: str
+    sequence: int
+    stamp_us: int
+
+
+def latency_s(arrival: Arrival) -> float:
+    """Return the time from the image's stamp to the packet's arrival, up to 35 minutes."""
+    late = arrival.time_ns // 1000 - arrival.stamp_us
+    return ((late + 2**31) % 2**32 - 2**31) * 1e-6
+
+
+class FakeBoard:
+    """A board on a pty at `port`; with `link` there is a symbolic link to it, a stable name.
+
+    `rate` is how much faster its clock runs than the host's, `clock_us` what it shows at the start.
+    `on_arrival` is called from the board's thread for every good packet.
+    """
+
+    def __init__(
+        self,
+        link: str | None = None,
+        version: int = protocol.VERSION,
+        name: str = 'fake',
+        rate: float = 30e-6,
+        clock_us: int = 4_200_000_000,
+        on_arrival: Callable[[Arrival], None] | None = None,
+    ):
+        self.link, self.version, self.name = link, version, name
+        self.log: deque[Arrival] = deque(maxlen=8192)
+        self.infrared_mask = protocol.ALL_BLOCKS
+        self.port = ''
+        self._on_arrival = on_arrival
+        self._rate, self._clock_us, self._boot = rate, clock_us, time.monotonic()
+        self._white = [0.0] * protocol.N_BLOCKS
+        self._fading: dict[int, tuple[float, float]] = {}  # block: since, time constant
+        self._heard = self._boot
+        self._muted, self._spoil = False, ''
+        self._sequence = 0
+        self._lock = threading.Lock()
+        self._fds: tuple[int, int] | None = None
+        self._decoder = protocol.Decoder()
+        self._wake_read, self._wake_write = os.pipe()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='fake board', daemon=True)
+
+    def start(self) -> 'FakeBoard':
+        """Plug the board in and power it."""
+        self.fault('plug')
+        self._thread.start()
+        return self
+
+    def close(self) -> None:
+        """Unplug it for good."""
+        self._stop.set()
+        os.write(self._wake_write, b'x')
+        if self._thread.is_alive():
+            self._thread.join(timeout=2.0)
+        self.fault('unplug')
+        os.close(self._wake_read)
+        os.close(self._wake_write)
+
+    def __enter__(self) -> 'FakeBoard':
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def tap(self, block: int, strength: float, ago_s: float = 0.0) -> None:
+        """Knock on `block` so hard, in m/s^2, that its accelerometer reports it as `ago_s` old."""
+        counts = min(round(strength / protocol.STRENGTH_UNIT), 0xFFFF)
+        felt_us = (self.clock_us() - round(ago_s * 1e6)) & 0xFFFFFFFF
+        self._send(protocol.Tap(felt_us, block, counts))
+
+    def clock_us(self) -> int:
+        """Return what the board's 32-bit microsecond clock shows."""
+        run = (time.monotonic() - self._boot) * (1 + self._rate)
+        return (self._clock_us + int(run * 1e6)) & 0xFFFFFFFF
+
+    def levels(self) -> list[int]:
+        """Return the level 0..255 of each white LED now, 25 of them."""
+        now = time.monotonic()
+        if now - self._heard > DARK_AFTER_S:
+            return [0] * protocol.N_BLOCKS
+        shown = list(self._white)
+        for block, (since, decay_s) in list(self._fading.items()):
+            shown[block] *= math.exp(-(now - since) / decay_s)
+        return [round(level) for level in shown]
+
+    def fault(self, what: str) -> None:
+        """Misbehave, see FAULTS: spoil the next packet, fall silent, lose the plug, start anew."""
+        if what in ('noise', 'truncate', 'oversize'):
+            self._spoil = what
+        elif what in ('mute', 'unmute'):
+            self._muted = what == 'mute'
+        elif what == 'plug':
+            self._plug()
+        elif what == 'unplug':
+            self._unplug()
+        elif what == 'reboot':
+            self._boot, self._clock_us, self._sequence = time.monotonic(), 0, 0
+            self._white = [0.0] * protocol.N_BLOCKS
+            self._decoder = protocol.Decoder()
+        else:
+            raise UsageError(f'fault {what!r} is not known; there are {", ".join(FAULTS)}')
+
+    def _plug(self) -> None:
+        host_end, board_end = None, None
+        with self._lock:
+            if self._fds is not None:
+                return
+            board_end, host_end = os.openpty()
+            tty.setraw(host_end)
+            os.set_blocking(board_end, False)
+            self._fds = (board_end, host_end)  # the second keeps the line up between users
+            self._decoder = protocol.Decoder()
+            self.port = os.ttyname(host_end)
+            if self.link:
+                fresh = Path(f'{self.link}.new')
+                fresh.unlink(missing_ok=True)
+                fresh.symlink_to(self.port)
+                fresh.replace(self.link)
+        os.write(self._wake_write, b'x')
+
+    def _unplug(self) -> None:
+        with self._lock:
+            if self._fds is None:
+                return
+            fds, self._fds = self._fds, None
+            os.write(self._wake_write, b'x')  # a thread that waits on the line would hold it open
+            if self.link:
+                Path(self.link).unlink(missing_ok=True)
+            for fd in fds:
+                os.close(fd)
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            fds = self._fds
+            watched = [self._wake_read] + ([fds[0]] if fds else [])
+            try:
+                ready, _, _ = select.select(watched, [], [], 0.5)
+                if self._wake_read in ready:
+                    os.read(self._wake_read, 64)
+                if fds is None or fds[0] not in ready:
+                    continue
+                data = os.read(fds[0], 4096)
+            except OSError:  # unplugged while we looked
+                continue
+            now_ns = time.time_ns()
+            for received in self._decoder.feed(data):
+                self._take(received, now_ns)
+
+    def _take(self, received: protocol.Received, now_ns: int) -> None:
+        message = received.message
+        self._heard = time.monotonic()
+        arrival = Arrival(
+            now_ns, type(message).__name__, received.sequence, getattr(message, 'stamp_us', 0)
+        )
+        self.log.append(arrival)
+        if self._on_arrival:
+            self._on_arrival(arrival)
+        if isinstance(message, protocol.Hello):
+            if message.version == self.version:
+                name = self.name.encode('ascii')[:16]
+                self._send(protocol.Welcome(self.version, protocol.N_BLOCKS, name))
+            else:
+                self._send(protocol.Refused(self.version, message.version))
+        elif isinstance(message, protocol.Levels):
+            self._white, self._fading = [float(level) for level in message.white], {}
+        elif isinstance(message, protocol.Flash) and message.block < protocol.N_BLOCKS:
+            self._white[message.block] = float(message.peak)
+            self._fading[message.block] = (self._heard, max(message.decay_ms, 1) * 1e-3)
+        elif isinstance(message, protocol.Infrared):
+            self.infrared_mask = message.mask
+        elif isinstance(message, protocol.Ping):
+            counters = (self._decoder.good & 0xFFFFFFFF, min(self._decoder.bad, 0xFFFF))
+            self._send(protocol.Pong(message.host_us, self.clock_us(), *counters))
+
+    def _send(self, message: protocol.Message) -> None:
+        with self._lock:
+            if self._fds is None or self._muted:
+                return
+            packet = protocol.encode(message, self._sequence)
+            self._sequence = (self._sequence + 1) & 0xFF
+            spoil, self._spoil = self._spoil, ''
+            if spoil == 'noise':
+                packet = NOISE + packet
+            elif spoil == 'truncate':
+                packet = packet[: len(packet) // 2]
+            elif spoil == 'oversize':
+                packet = b'\x01' * 1000 + packet
+            try:
+                os.write(self._fds[0], packet)
+            except OSError:  # nobody reads, or the plug was pulled: a board does not wait
+                pass
+
+
+def _faults(text: str) -> list[tuple[float, str]]:
+    script = []
+    for word in filter(None, text.split(',')):
+        what, at, seconds = word.partition('@')
+        try:
+            script.append((float(seconds), what))
+        except ValueError:
+            raise UsageError(f'--faults {word!r}: write FAULT@SECONDS, like unplug@5') from None
+        if not at or what not in FAULTS:
+            raise UsageError(f'--faults {word!r}: the faults are {", ".join(FAULTS)}')
+    return sorted(script)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a board until Ctrl-C; its port is the one line on stdout."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--link', metavar='PATH', help='stable name for the port')
+    parser.add_argument('--version', type=int, default=protocol.VERSION, help='protocol to speak')
+    parser.add_argument('--taps', type=float, default=0.0, metavar='HZ', help='knocks a second')
+    parser.add_argument('--faults', default='', metavar='FAULT@S,...', help=' '.join(FAULTS))
+    parser.add_argument('--log', metavar='FILE', help='write each arrival as a line of CSV')
+    parser.add_argument('--for', type=float, default=math.inf, dest='seconds', help='then stop')
+    args = parser.parse_args(argv)
+    try:
+        script = _faults(args.faults)
+    except UsageError as error:
+        print(f'fake_board: {error}', file=sys.stderr)
+        return error.exit_code
+    log = open(args.log, 'w', buffering=1) if args.log else None  # noqa: SIM115
+    if log:
+        log.write('time_ns,kind,sequence,stamp_us\n')
+    write = (lambda a: print(*a, sep=',', file=log)) if log else None
+    began, knocks = time.monotonic(), 0
+    with FakeBoard(args.link, args.version, on_arrival=write) as board:
+        print(args.link or board.port, flush=True)
+        try:
+            while (now := time.monotonic() - began) < args.seconds:
+                while script and script[0][0] <= now:
+                    board.fault(script.pop(0)[1])
+                if args.taps and now * args.taps > knocks:
+                    board.tap(knocks * 7 % protocol.N_BLOCKS, 5.0)
+                    knocks += 1
+                time.sleep(0.01)
+        except KeyboardInterrupt:
+            pass
+    if log:
+        log.close()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

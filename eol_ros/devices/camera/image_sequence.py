@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Images to be followed afterwards: a .npy stack, a film, a folder of pictures, or a bag."""
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eol_ros.errors import ConfigError, DeviceMissing, UsageError
+
+PICTURES = ('.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm')
+IMAGE_TOPIC = 'camera/image_raw'
+TAPS_TOPIC = 'block_taps'
+DEFAULT_FPS = 60.0
+FASTEST_FPS = 10000.0
+
+
+@dataclass
+class ImageSource:
+    """Images with their times: `read()` yields (stamp_s, (h, w) uint8), in order.
+
+    count: how many to expect, 0 where unknown. notes: what went wrong on the way, one line each,
+    known when all are read. taps: (stamp_s, block, sigma_s) of the blocks' accelerometers, from a
+    bag.
+    """
+
+    name: str
+    fps: float
+    count: int
+    _images: Any
+    notes: list[str] = field(default_factory=list)
+    taps: list[tuple[float, int, float]] = field(default_factory=list)
+
+    def read(self) -> Iterator[tuple[float, np.ndarray]]:
+        """Yield the images; call once."""
+        yield from self._images(self)
+
+
+class Moments:
+    """When the images of a source were taken: image k at k / fps, or as `stamps` says.
+
+    Args:
+        fps: images a second; of a source with stamps, what their median distance says.
+        stamps: a file with one mid-exposure time a line; see `read_stamps`.
+
+    Raises:
+        DeviceMissing, ConfigError: as `read_stamps`.
+    """
+
+    def __init__(self, fps: float | None, stamps: str | None = None):
+        self.fps, self.stamps = fps, stamps
+        self._times = read_stamps(stamps) if stamps else None
+        if self._times is not None and len(self._times) > 1:
+            self.fps = float(1 / np.median(np.diff(self._times)))
+
+    def check(self, count: int, name: str) -> None:
+        """Raise ConfigError unless there is a stamp for each of `count` images."""
+        if self._times is not None and len(self._times) != count:
+            raise ConfigError(f'{self.stamps}: has {len(self._times)} stamps, but {name} has '
+                              f'{count} images: one line for each image, dropped ones left out')
+
+    def read(self, fps: float) -> Iterator[float]:
+        """Yield the times in s; `fps` counts where none is known."""
+        if self._times is not None:
+            return iter(self._times.tolist())
+        return (k / (self.fps or fps) for k in itertools.count())
+
+
+def read_stamps(path: str) -> np.ndarray:
+    """Return the times (n,) in s of a text file with one mid-exposure time a line.
+
+    A number with a decimal point or an exponent is in seconds; a whole number is in nanoseconds, as
+    ROS stamps are. A file has one or the other. Empty lines, and what follows a #, are left out.
+
+    Raises:
+        DeviceMissing: no such file.
+        ConfigError: what is no finite number, does not increase, mixes both units or lies closer
+            together than images can; with file and line.
+    """
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+    except OSError as error:
+        raise DeviceMissing(f'{path}: cannot read the stamps ({error.strerror})') from None
+    except UnicodeDecodeError:
+        raise ConfigError(f'{path}: not a text file of one time a line') from None
+    times: list[float] = []
+    last: float = -math.inf  # in the unit of the file: whole numbers keep all their digits
+    in_ns = False
+    for number, line in enumerate(text.splitlines(), 1):
+        word = line.partition('#')[0].strip()
+        if not word:
+            continue
+        whole = word.lstrip('+-').isdecimal()
+        try:
+            value: float = int(word) if whole else float(word)
+        except ValueError:
+            value = math.nan
+        if '_' in word:  # which Python takes between digits
+            value = math.nan
+        unit_s = 1e-9 if whole else 1.0
+        if not math.isfinite(value):
+            wrong = 'is not a time: seconds with a decimal point, or whole nanoseconds'
+        elif times and whole != in_ns:
+            wrong = f'is in {"nanoseconds" if whole else "seconds"}, unlike the line before'
+        elif value <= last:
+            wrong = f'does not come after {last}, the line before'
+        elif (value - last) * unit_s < 1 / FASTEST_FPS:
+            wrong = (f'is only {(value - last) * unit_s:.1g} s after the line before'
+                     + ('; seconds need a decimal point' if whole else ''))
+        else:
+            in_ns, last = whole, value
+            times.append(value * unit_s)
+            continue
+        raise ConfigError(f'{path}:{number}: {word} {wrong}')
+    return np.array(times)
+
+
+def open_source(path: str, fps: float | None = None, stamps: str | None = None) -> ImageSource:
+    """Return the images at `path`; `fps` gives the times of all but a bag, i / fps.
+
+    stamps: a file that gives the times instead, one a line; see `read_stamps`.
+
+    Raises DeviceMissing when there is nothing, ConfigError when it is no source of grey images, or
+    the stamps are not those of its images, UsageError when the rate is not a rate.
+    """
+    if fps is not None and not 0 < fps <= FASTEST_FPS:
+        raise UsageError(f'--fps {fps:g}: a rate lies between 0 and {FASTEST_FPS:g} images/s')
+    if stamps is not None and fps is not None:
+        raise UsageError('--stamps says when each image was taken: leave out --fps')
+    place = Path(path)
+    if not place.exists() and '%' not in path:
+        raise DeviceMissing(f'{path}: there is no such file or folder')
+    if place.suffix == '.mcap' or (place.is_dir() and _is_bag(place)):
+        if stamps is not None:
+            raise UsageError('--stamps: a bag has the stamps of its images: leave it out')
+        return _bag(place)
+    moments = Moments(fps, stamps)
+    if place.suffix == '.npy':
+        return _stack(place, moments)
+    if place.is_dir():
+        return _folder(place, moments)
+    return _film(path, moments)
+
+
+def _is_bag(folder: Path) -> bool:
+    return any(folder.glob('*.mcap')) or (folder / 'metadata.yaml').exists()
+
+
+def _stack(path: Path, moments: Moments) -> ImageSource:
+    try:
+        stack = np.load(path, mmap_mode='r', allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise ConfigError(f'{path}: not a .npy array, or cut short ({error})') from None
+    if stack.ndim == 2:
+        stack = stack[None]
+    if stack.ndim == 4 and stack.shape[3] == 1:
+        stack = stack[..., 0]
+    if stack.ndim != 3 or stack.dtype != np.uint8:
+        raise ConfigError(
+            f'{path}: has shape {stack.shape} and type {stack.dtype}; a stack of images is '
+            '(count, height, width) uint8, grey'
+        )
+
+    moments.check(len(stack), str(path))
+
+    def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
+        for time_s, image in zip(moments.read(DEFAULT_FPS), stack):
+            yield time_s, np.ascontiguousarray(image)
+
+    return ImageSource(str(path), moments.fps or DEFAULT_FPS, len(stack), images)
+
+
+def _folder(folder: Path, moments: Moments) -> ImageSource:
+    import cv2
+
+    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in PICTURES)
+    if not files:
+        raise DeviceMissing(
+            f'{folder}: neither a bag nor a picture in this folder ({" ".join(PICTURES)})'
+        )
+
+    moments.check(len(files), str(folder))
+
+    def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
+        for time_s, file in zip(moments.read(DEFAULT_FPS), files):
+            image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+            if image is None:
+                source.notes.append(f'{file}: not a picture that can be read; left out')
+                continue
+            yield time_s, image
+
+    return ImageSource(str(folder), moments.fps or DEFAULT_FPS, len(files), images)
+
+
+def _film(path: str, moments: Moments) -> ImageSource:
+    import cv2
+
+    from eol_ros.devices.camera.sources import VideoFile
+    from eol_ros.settings import CameraSettings
+
+    probe = cv2.VideoCapture(path)
+    if not probe.isOpened():
+        raise ConfigError(f'{path}: OpenCV cannot open it as a film')
+    width = int(probe.get(cv2.CAP_PROP_FRAME_WIDTH))
+    height = int(probe.get(cv2.CAP_PROP_FRAME_HEIGHT))
+    rate = moments.fps or probe.get(cv2.CAP_PROP_FPS) or DEFAULT_FPS
+    count = max(int(probe.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+    if moments.stamps:  # what a container says of its length is an estimate
+        count = sum(1 for _ in iter(probe.grab, False))
+    probe.release()
+    moments.check(count, path)
+    film = VideoFile(CameraSettings(device=path, fps=rate, width=width, height=height))
+    film.open()
+
+    def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
+        for time_s in moments.read(rate):
+            picture = film.read()
+            if picture is None:
+                break
+            yield time_s, picture.image
+        source.notes += film.notes
+        film.close()
+
+    return ImageSource(path, rate, count, images)
+
+
+def _bag(path: Path) -> ImageSource:
+    from eol_ros.devices.bag.reader import BagReader
+    from eol_ros.devices.cdr import Decoder
+
+    bag = BagReader(path)
+    topic = bag.find(IMAGE_TOPIC)
+    decoder = Decoder(bag.topics[topic].type, bag.topics[topic].definition)
+
+    def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
+        for message in bag.messages([topic]):
+            row = decoder.table([message.data])
+            encoding = str(row['encoding'][0])
+            if encoding not in ('mono8', '8UC1'):
+                raise ConfigError(f'{path}: images are {encoding}, not mono8')
+            shape = int(row['height'][0]), int(row['width'][0])
+            image = np.ascontiguousarray(row['data'][0], np.uint8).reshape(shape)
+            yield int(row['stamp'][0].astype(np.int64)) * 1e-9, image
+        source.notes += bag.cut_short
+
+    source = ImageSource(str(path), 0.0, bag.counts[topic], images)
+    try:
+        taps = bag.find(TAPS_TOPIC)
+    except ConfigError:
+        return source
+    read = Decoder(bag.topics[taps].type, bag.topics[taps].definition)
+    rows = read.table([m.data for m in bag.messages([taps])])
+    for stamp, block, sigma in zip(rows['stamp'], rows['block'], rows['sigma']):
+        source.taps.append((int(stamp.astype(np.int64)) * 1e-9, int(block), float(sigma)))
+    return source

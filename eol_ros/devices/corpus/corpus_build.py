@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Make a corpus: read the sounds, cut, describe, lay out; keep what took time in the cache.
+
+`apart` does it in another process, so that a node that only plays never carries scipy.
+"""
+
+import ctypes
+import hashlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from eol_ros import folders
+from eol_ros.core.sound.corpus import Corpus, Source
+from eol_ros.devices.corpus import corpus_file
+from eol_ros.devices.corpus.corpus_file import ANALYSIS, Options
+from eol_ros.errors import ConfigError, DeviceMissing, EolError
+
+ICE_S, ICE_RATE = 40.0, 48000
+PR_SET_PDEATHSIG = 1
+CUT = (
+    'segment',
+    'grain_s',
+    'overlap',
+    'onset_db',
+    'gate_on_db',
+    'gate_off_db',
+    'silence_db',
+)
+
+
+def make_ice(seed: int) -> Path:
+    """Return the procedural ice recording of this seed, made on first use."""
+    path = corpus_file.ice_file(seed)
+    if not path.is_file():
+        from eol_ros.core.sound.ice import ice
+        from eol_ros.devices.audio import audio_file
+
+        part = path.with_name(f'.{os.getpid()}-{path.name}')
+        audio_file.write(part, ice(ICE_S, ICE_RATE, seed), ICE_RATE, 'PCM_16')
+        os.replace(part, path)
+    return path
+
+
+def of_this_machine(sound: str) -> Path:
+    """Return the file `sound` of a corpus made elsewhere: the ice recording is made here, too."""
+    ice = re.fullmatch(rf'ice-{corpus_file.ICE_RECIPE}-(\d+)\.wav', os.path.basename(sound))
+    return make_ice(int(ice[1])) if ice and not os.path.isfile(sound) else Path(sound)
+
+
+def build(
+    sounds: list[Path], options: Options, progress: Callable[[float], None] = lambda share: None
+) -> Corpus:
+    """Return the corpus of `sounds`; `progress` is told the share done, 0..1.
+
+    Raises DeviceMissing if a sound or label track is absent, ConfigError if one cannot be used.
+    """
+    from eol_ros.core.sound.layout import arrange
+
+    sources, parts, silences, notes = [], [], [], []
+    for i, sound in enumerate(sounds):
+
+        def share(done: float, i: int = i) -> None:
+            progress((i + done) / len(sounds))
+
+        source, grains, silent, noted = _analysed(sound, options, share)
+        grains['file'] = i
+        sources.append(source)
+        parts.append(grains)
+        silences.append(silent)
+        notes += noted
+    grains, placed = np.concatenate(parts), ~np.concatenate(silences)
+    if not placed.any():
+        raise ConfigError(
+            f'{sounds[0]}: all {len(grains)} grains are silent (below {options.silence_db:g} dB); '
+            'give a louder sound or another threshold'
+        )
+    names = (options.x_axis, options.y_axis)
+    seen = grains[placed]
+    places = arrange(seen[names[0]], seen[names[1]], names, options.layout, options.blend)
+    grains['x'][placed], grains['y'][placed] = places.T
+    _move_by_hand(sounds, grains, placed)
+    key = corpus_file.digest(sounds, options)
+    return Corpus(tuple(sources), grains, *names, key, tuple(notes))
+
+
+def build_cached(
+    sounds: list[Path], options: Options, progress: Callable[[float], None] = lambda share: None
+) -> Corpus:
+    """Return the corpus of `sounds` as the cache has it, made now if it has not."""
+    corpus = corpus_file.cached(sounds, options)
+    if corpus is None:
+        corpus = build(sounds, options, progress)
+        path = corpus_file.cached_path(sounds, corpus.digest)
+        corpus_file.save(corpus, path)
+        corpus = corpus_file.load(path, trusted=True)  # rounded as every later reader gets it
+    return corpus
+
+
+def ready(sound: str, options: Options, seed: int) -> Corpus | None:
+    """Return the corpus of the setting `sound` if nothing has to be made for it, else None.
+
+    `sound` is a file, a folder, a corpus JSON, or empty for the ice recording of `seed`. Raises
+    DeviceMissing if it is absent, ConfigError if it is no corpus.
+    """
+    if sound.endswith('.json'):
+        return corpus_file.load(Path(sound))
+    return corpus_file.cached(_sounds(sound, seed), options)
+
+
+def _sounds(sound: str, seed: int) -> list[Path]:
+    return corpus_file.sounds_of(Path(sound)) if sound else [corpus_file.ice_file(seed)]
+
+
+def apart(
+    sound: str, options: Options, seed: int, started: Callable = lambda child: None
+) -> Corpus:
+    """As `ready`, but what must be made is made now, in another process.
+
+    `started` is given the child process. Raises what the making raises.
+    """
+    corpus = ready(sound, options, seed)
+    if corpus is None:
+        sounds = _sounds(sound, seed)
+        order: dict = {'ice': None if sound else seed, 'sounds': [str(s) for s in sounds]}
+        order |= {'options': asdict(options), 'parent': os.getpid()}
+        with subprocess.Popen(
+            [sys.executable, '-m', 'eol_ros.devices.corpus.corpus_build'],
+            stdin=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
+        ) as child:
+            started(child)
+            words = child.communicate(json.dumps(order))[1].strip()
+        if child.returncode:
+            kinds = {k.exit_code: k for k in (ConfigError, DeviceMissing)}
+            last = (
+                words.splitlines()[-1] if words else f'making the corpus: exit {child.returncode}'
+            )
+            raise kinds.get(child.returncode, EolError)(last)
+        corpus = ready(sound, options, seed)
+    if corpus is None:
+        raise EolError(f'{folders.cache("corpus")}: the corpus just made is not there; is it full?')
+    return corpus
+
+
+def _analysed(sound: Path, options: Options, progress):
+    """Return source, grains, which are silent and notes of one sound, from the cache if it can."""
+    labels = corpus_file.label_file(sound, options)
+    if not sound.is_file():
+        raise DeviceMissing(f'{sound}: no such sound file; give the path of a recording')
+    sha = corpus_file.sha256(sound)
+    words = [ANALYSIS, sha, *(getattr(options, name) for name in CUT)]
+    times = None if labels is None else corpus_file.load_labels(labels)
+    words.append(None if times is None else times.tolist())
+    path = folders.cache('grains') / (
+        hashlib.sha256(json.dumps(words).encode()).hexdigest() + '.npz'
+    )
+    try:
+        # opened here: of a file that is no archive, np.load closes nothing
+        with open(path, 'rb') as file, np.load(file) as kept:
+            rate, duration_s = int(kept['rate']), float(kept['duration_s'])
+            grains, silent, notes = kept['grains'], kept['silent'], kept['notes'].tolist()
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):  # absent or spoilt: done anew
+        from eol_ros.core.sound.descriptors import analyse
+        from eol_ros.devices.audio.audio_file import read_mono
+
+        heard = read_mono(sound)
+        cuts = _cut(heard, options, times)
+        grains, silent = analyse(heard.samples, heard.rate, cuts, options.silence_db, progress)
+        rate, duration_s, notes = heard.rate, heard.duration_s, list(heard.notes)
+        kept = {'rate': rate, 'duration_s': duration_s, 'grains': grains, 'silent': silent}
+        part = path.with_name(f'.{os.getpid()}-{path.name}')
+        try:
+            with open(part, 'wb') as file:
+                np.savez(file, **kept, notes=notes)
+            os.replace(part, path)
+        except OSError as error:
+            raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
+    progress(1.0)
+    return Source(str(sound.resolve()), rate, duration_s, sha), grains, silent, notes
+
+
+def _cut(heard, options: Options, times: np.ndarray | None) -> np.ndarray:
+    from eol_ros.core.sound import segments
+
+    samples, rate, o = heard.samples, heard.rate, options
+    if o.segment == 'chop':
+        cuts = segments.chop(len(samples), rate, o.grain_s, o.overlap)
+    elif o.segment == 'onset':
+        cuts = segments.onset_cut(samples, rate, o.grain_s, o.onset_db)
+    elif o.segment == 'gate':
+        cuts = segments.gate(samples, rate, o.gate_on_db, o.gate_off_db)
+    elif times is not None:
+        cuts = segments.from_labels(times, len(samples), rate)
+    else:
+        cuts = segments.whole(len(samples))
+    if not len(cuts):
+        raise ConfigError(
+            f'{heard.path}: cutting it by {o.segment} leaves no grain; cut it otherwise'
+        )
+    return cuts
+
+
+def _move_by_hand(sounds, grains, placed) -> None:
+    for i, sound in enumerate(sounds):
+        for time_s, x, y in corpus_file.load_moved(sound):
+            middle = grains['start_s'] + grains['duration_s'] / 2
+            off = np.where((grains['file'] == i) & placed, np.abs(middle - time_s), np.inf)
+            nearest = int(np.argmin(off))
+            if off[nearest] <= grains['duration_s'][nearest] / 2:
+                grains['x'][nearest], grains['y'][nearest] = x, y
+
+
+def _child() -> int:
+    """Make what the order on stdin asks for; the parent's death is ours."""
+    order = json.load(sys.stdin)
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != order['parent']:
+        return 1
+    try:
+        if order['ice'] is not None:
+            make_ice(order['ice'])
+        build_cached([Path(s) for s in order['sounds']], Options(**order['options']))
+    except EolError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(_child())

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Load a corpus while the show goes on: one thread, and the newest wish wins."""
+
+import subprocess
+import threading
+
+from eol_ros import folders
+from eol_ros.core.sound.corpus import Corpus
+from eol_ros.devices.corpus import corpus_build, corpus_file
+from eol_ros.devices.corpus.corpus_file import Options
+from eol_ros.errors import EolError
+from eol_ros.settings import GrainsSettings
+
+Wish = tuple[str, Options, int]
+
+
+def wish_of(settings: GrainsSettings) -> Wish:
+    """Return what the settings ask for; equal wishes mean the same corpus."""
+    return settings.sound, Options.of(settings), 0 if settings.sound else settings.seed
+
+
+class CorpusLoader:
+    """`ask` in one thread, `take` the outcome in the same thread whenever it suits."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._wish: Wish | None = None
+        self._outcome: Corpus | EolError | None = None
+        self._child: subprocess.Popen | None = None
+        self._thread: threading.Thread | None = None
+        self._seen: tuple[Wish, list[tuple[str, int]]] | None = None
+        self._asked = 0
+
+    def at_once(self, wish: Wish) -> Corpus | None:
+        """Return the corpus without waiting, or None if it must be made first.
+
+        Raises DeviceMissing if its sound is absent, ConfigError if it is no corpus.
+        """
+        sound, options, seed = wish
+        return corpus_build.ready(sound, options, seed)
+
+    def ask(self, wish: Wish) -> None:
+        """Begin to load; an older wish is given up."""
+        with self._lock:
+            self._wish, self._outcome = wish, None
+            self._asked += 1
+            self._stop_child()
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._work, name='corpus', daemon=True)
+                self._thread.start()
+
+    def changed(self, wish: Wish) -> bool:
+        """Whether a file that the corpus is made of has changed since this was last asked."""
+        sound, options, seed = wish
+        seen = (wish, corpus_file.times(sound, options, seed))
+        before, self._seen = self._seen, seen
+        return before is not None and before[0] == wish and before[1] != seen[1]
+
+    def take(self) -> Corpus | EolError | None:
+        """Return the corpus last asked for, or why it cannot be had, once; else None."""
+        with self._lock:
+            outcome, self._outcome = self._outcome, None
+            return outcome
+
+    def close(self) -> None:
+        """Give up whatever is being made."""
+        with self._lock:
+            self._wish, self._asked = None, self._asked + 1
+            self._stop_child()
+            thread = self._thread
+        if thread is not None:
+            thread.join(2.0)
+
+    def _stop_child(self) -> None:
+        if self._child is not None and self._child.poll() is None:
+            self._child.kill()
+
+    def _work(self) -> None:
+        while True:
+            with self._lock:
+                wish, number = self._wish, self._asked
+                if wish is None:
+                    self._thread = None
+                    return
+            outcome = self._load(wish, number)
+            with self._lock:
+                self._child = None
+                if number == self._asked:
+                    self._wish, self._outcome = None, outcome
+
+    def _load(self, wish: Wish, number: int) -> Corpus | EolError:
+        def started(child: subprocess.Popen) -> None:
+            with self._lock:
+                self._child = child
+                if number != self._asked:
+                    child.kill()
+
+        try:
+            return corpus_build.apart(*wish, started)
+        except EolError as error:
+            return error
+        except OSError as error:
+            return EolError(f'{folders.cache("corpus")}: {error}')

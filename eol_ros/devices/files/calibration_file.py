@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calibrations as YAML, in the form that ROS gives camera_info, plus what ties camera and table.
+
+A camera_info file of the ROS camera_calibration tool lacks `homography`, and that is said.
+"""
+
+import datetime
+import math
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.errors import ConfigError, DeviceMissing
+
+_SIZE = ('image_width', 'image_height')
+_MATRICES = {'camera_matrix': (3, 3), 'distortion_coefficients': (1, 5), 'homography': (3, 3)}
+LEFT_HANDED = ('the homography is left-handed, as of a table seen in a mirror. If the camera looks '
+               'through one,')
+_NUMBERS = ('cover_height_m', 'residual_px', 'residual_mm')
+
+
+def save(path: str | Path, calibration: Calibration, camera_name: str = 'eol') -> None:
+    """Write `calibration` to `path`, whole or not at all.
+
+    Raises:
+        ConfigError: the folder is absent or cannot be written.
+    """
+    path = Path(path)
+    content = {
+        'image_width': int(calibration.image_width),
+        'image_height': int(calibration.image_height),
+        'camera_name': camera_name,
+        'camera_matrix': _matrix(calibration.camera_matrix),
+        'distortion_model': 'plumb_bob',
+        'distortion_coefficients': _matrix(calibration.distortion_coefficients[None]),
+        'homography': _matrix(calibration.homography),
+        'mirror': calibration.mirrored,
+        'cover_height_m': float(calibration.cover_height_m),
+        'date': calibration.date,
+        'residual_px': float(calibration.residual_px),
+        'residual_mm': float(calibration.residual_mm),
+    }
+    text = ('# Pixels: u right, v down. homography: table metres (x right, y away, cover height)\n'
+            '# to undistorted pixels of camera_matrix. mirror: the camera sees the table in one.\n'
+            '# Written by `eol calibrate`.\n'
+            + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
+    part = path.with_name(path.name + '.part')
+    try:
+        part.write_text(text)
+        part.replace(path)
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot write the calibration ({error.strerror}); '
+                          'choose a folder that exists and can be written') from None
+
+
+def load(path: str | Path, mirror: bool = False) -> Calibration:
+    """Return the calibration in `path`.
+
+    What the file says of a mirror must be what its homography does: mostly a left-handed one comes
+    from a y that was counted downwards, and would exchange the blocks' names. mirror: the user says
+    that there is one, so the file must say so too.
+
+    Raises:
+        DeviceMissing: no such file.
+        ConfigError: not YAML, or a field absent or wrong; all are named at once.
+    """
+    path = Path(path)
+    try:
+        content = yaml.safe_load(path.read_text())
+    except FileNotFoundError:
+        raise DeviceMissing(f'{path}: no such calibration file; make one with `eol calibrate`'
+                            ) from None
+    except OSError as error:
+        raise DeviceMissing(f'{path}: cannot read the calibration ({error.strerror})') from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        where = getattr(error, 'problem_mark', None)
+        place = f':{where.line + 1}:{where.column + 1}' if where else ''
+        raise ConfigError(f'{path}{place}: not a YAML file: {_first_line(error)}') from None
+    if not isinstance(content, dict):
+        raise ConfigError(f'{path}: holds {type(content).__name__}, not a calibration')
+    wrong: list[str] = []
+    fields: dict = {}
+    for name in _SIZE:
+        value = content.get(name)
+        if isinstance(value, bool) or not isinstance(value, int) or not 8 <= value <= 20000:
+            wrong.append(f'{name} is {value!r}, not a number of pixels')
+        fields[name] = value
+    model = content.get('distortion_model', 'plumb_bob')
+    if model != 'plumb_bob':
+        wrong.append(f'distortion_model is {model!r}; only plumb_bob is known')
+    for name, shape in _MATRICES.items():
+        fields[name] = _read_matrix(content, name, shape, wrong)
+    for name in _NUMBERS:
+        value = content.get(name, 0.0)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) \
+                or not math.isfinite(value):
+            wrong.append(f'{name} is {value!r}, not a number')
+        fields[name] = value
+    said = content.get('mirror', False)
+    if not isinstance(said, bool):
+        wrong.append(f'mirror is {said!r}, not true or false')
+    if wrong:
+        raise ConfigError(f'{path}: ' + '; '.join(wrong))
+    date = content.get('date', '')
+    fields['date'] = date.isoformat() if isinstance(date, datetime.date) else str(date)
+    fields['distortion_coefficients'] = fields['distortion_coefficients'][0]
+    try:
+        calibration = Calibration(**fields)
+    except ConfigError as error:
+        raise ConfigError(f'{path}: {error}') from None
+    if calibration.mirrored and not said:
+        raise ConfigError(f'{path}: {LEFT_HANDED} add `mirror: true` to this file; else y was '
+                          'counted downwards: calibrate again with y pointing away')
+    if said and not calibration.mirrored:
+        raise ConfigError(f'{path}: says `mirror: true`, but its homography is that of a camera '
+                          'without a mirror: take that line out, or calibrate with --mirror')
+    if mirror and not said:
+        raise ConfigError(f'{path}: is the calibration of a camera without a mirror, but `mirror` '
+                          'is set: leave it out, or calibrate with --mirror')
+    return calibration
+
+
+def _matrix(values: np.ndarray) -> dict:
+    return {'rows': values.shape[0], 'cols': values.shape[1],
+            'data': [float(v) for v in values.ravel()]}
+
+
+def _read_matrix(content: dict, name: str, shape: tuple[int, int], wrong: list[str]):
+    """Return the matrix `name`, or note what is wrong with it."""
+    value = content.get(name)
+    if value is None:
+        hint = (': a camera_info file knows the lens but not the table; run `eol calibrate` with it'
+                if name == 'homography' else '')
+        wrong.append(f'{name} is absent{hint}')
+        return None
+    if not isinstance(value, dict) or not isinstance(value.get('data'), list):
+        wrong.append(f'{name} must have rows, cols and data')
+        return None
+    data = value['data']
+    if (value.get('rows'), value.get('cols')) != shape or len(data) != shape[0] * shape[1]:
+        wrong.append(f"{name} has {value.get('rows')} rows, {value.get('cols')} cols and "
+                     f'{len(data)} values, not {shape[0]} x {shape[1]}')
+        return None
+    try:
+        return np.array([float(v) for v in data]).reshape(shape)
+    except (TypeError, ValueError):
+        wrong.append(f'{name} holds something that is not a number')
+        return None
+
+
+def _first_line(error: Exception) -> str:
+    return (getattr(error, 'problem', None) or str(error)).splitlines()[0]
+
+
+def load_lens(path: str | Path) -> tuple[int, int, np.ndarray, np.ndarray]:
+    """Return width, height, camera matrix (3, 3) and distortion (5,) of a camera_info file.
+
+    Raises:
+        DeviceMissing, ConfigError: as `load`.
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text())
+    except OSError as error:
+        raise DeviceMissing(f'{path}: cannot read the lens ({error.strerror})') from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f'{path}: not a YAML file: {_first_line(error)}') from None
+    wrong: list[str] = []
+    if not isinstance(content, dict):
+        raise ConfigError(f'{path}: holds {type(content).__name__}, not a camera_info')
+    size = [content.get(name) for name in _SIZE]
+    if not all(isinstance(value, int) and value >= 8 for value in size):
+        wrong.append(f'image size is {size[0]!r} x {size[1]!r}')
+    if content.get('distortion_model', 'plumb_bob') != 'plumb_bob':
+        wrong.append(f"distortion_model is {content['distortion_model']!r}, not plumb_bob")
+    camera = _read_matrix(content, 'camera_matrix', (3, 3), wrong)
+    lens = _read_matrix(content, 'distortion_coefficients', (1, 5), wrong)
+    if wrong or camera is None or lens is None:
+        raise ConfigError(f'{path}: ' + '; '.join(wrong))
+    return size[0], size[1], camera, lens[0]

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A picture of how well a calibration fits: what is left, and what is uncertain."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.vision.calibration.calibrate import PLATFORM_CORNERS, Solution
+from eol_ros.errors import ConfigError
+
+ARROW = 200  # residuals are drawn this many times longer
+_POINT = (80, 220, 80)
+_REST = (60, 160, 255)
+_GRID = (200, 140, 60)
+_TEXT = (235, 235, 235)
+
+
+def draw(solution: Solution, image: np.ndarray | None) -> np.ndarray:
+    """Return the picture (h, w, 3) uint8: the image, the table's grid, and residuals as arrows."""
+    calibration = solution.calibration
+    size = (calibration.image_height, calibration.image_width)
+    grey = np.zeros(size, np.uint8) if image is None else (image * 0.6).astype(np.uint8)
+    picture = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+    t = np.linspace(0, 1, 30)[:, None]
+    for a, b in zip(PLATFORM_CORNERS, np.roll(PLATFORM_CORNERS, -1, axis=0)):
+        _line(picture, calibration.to_pixels(a + t * (b - a)), _GRID)
+    half = BLOCK_SIDE_M / 2
+    for place in rest_lattice():
+        ring = place + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * half
+        _line(picture, calibration.to_pixels(ring), _GRID)
+    for point, rest in zip(solution.px, solution.rest_px):
+        start = tuple(np.rint(16 * point).astype(int).tolist())
+        end = tuple(np.rint(16 * (point + ARROW * rest)).astype(int).tolist())
+        cv2.circle(picture, start, 32, _POINT, -1, cv2.LINE_AA, 4)
+        cv2.line(picture, start, end, _REST, 1, cv2.LINE_AA, 4)
+    for place, sigma in zip(calibration.to_pixels(PLATFORM_CORNERS * 0.94), solution.corner_mm):
+        if np.isfinite(sigma):
+            _write(picture, place - [40, 0], f'+-{sigma:.2f} mm')
+    refusal = solution.refusal()
+    words = [f'residual {calibration.residual_px:.3f} px = {calibration.residual_mm:.3f} mm RMS',
+             f'arrows: residual x {ARROW}', f'REFUSED: {refusal[:90]}' if refusal else 'good']
+    for line, text in enumerate(words):
+        _write(picture, (12, 24 + 22 * line), text)
+    return picture
+
+
+def save(path: str | Path, solution: Solution, image: np.ndarray | None) -> None:
+    """Write the picture to `path`.
+
+    Raises:
+        ConfigError: it cannot be written there.
+    """
+    try:
+        done = cv2.imwrite(str(path), draw(solution, image))
+    except cv2.error:
+        done = False
+    if not done:
+        raise ConfigError(f'{path}: cannot write the picture; name a .png in a folder that exists')
+
+
+def _line(picture, px, colour) -> None:
+    if np.isfinite(px).all() and np.abs(px).max() < 1e5:
+        points = np.rint(16 * px).astype(np.int32)
+        cv2.polylines(picture, [points], False, colour, 1, cv2.LINE_AA, 4)
+
+
+def _write(picture, place, text) -> None:
+    where = (int(place[0]), int(place[1]))
+    cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, _TEXT, 1, cv2.LINE_AA)

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol compile: compile what a first run would have to wait for."""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+
+from eol_ros import compiled
+from eol_ros.errors import EolError, UsageError
+from eol_ros.verbs.progress import track
+
+HELP = 'Compile the kernels of twin, tracker and sound into the cache; make the ice recording.'
+EXAMPLES = ['eol compile', 'eol compile --parts sound,simulate', 'eol compile --force']
+SAY_S = 5.0  # a line of progress at least so often where there is no terminal
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('--force', '--anew', action='store_true', dest='force',
+                        help='discard the cache and compile everything again')
+    parser.add_argument('--parts', metavar='PARTS', default=','.join(compiled.AT_FIRST),
+                        help=f'comma-separated names, of {", ".join(compiled.PARTS)} '
+                             f'(default: {",".join(compiled.AT_FIRST)})')
+    parser.add_argument('--here', action='store_true',
+                        help='in this process, and print how many functions are done')
+
+
+def run(args):
+    """Compile what is not in the cache as it should be; two parts at a time."""
+    parts = args.parts.split(',')
+    for part in parts:
+        if part not in compiled.PARTS:
+            raise UsageError(f'--parts {part}: not one of {", ".join(compiled.PARTS)}')
+    if args.here:
+        return _here(parts)
+    if args.force:
+        compiled.forget(everything=True)
+    ensure(parts)
+    return 0
+
+
+def ensure(parts: Sequence[str]) -> None:
+    """Compile what of `parts` is not in the cache as it should be, and show how far that is."""
+    cold = compiled.cold(parts)
+    if not cold:
+        return
+    compiled.forget()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and the processes end with this one
+    print('compiling, once for this version and this processor', file=sys.stderr, flush=True)
+    if sys.stderr.isatty():
+        for _ in track(_percents(cold), 'compiling', total=100):
+            pass
+        return
+    said_s, said = time.monotonic(), 0
+    for percent in _percents(cold):
+        now = time.monotonic()
+        if percent > said and (now - said_s >= SAY_S or percent == 100):
+            print(f'compiling, {percent} %', file=sys.stderr, flush=True)
+            said_s, said = now, percent
+
+
+def _percents(parts: Sequence[str]) -> Iterator[int]:
+    """Compile `parts` and yield how far that is: every whole percent."""
+    waiting = list(parts)
+    running: dict[int, tuple[str, subprocess.Popen[str]]] = {}
+    done = dict.fromkeys(parts, 0.0)
+    total = sum(SECONDS[part] for part in parts)
+    shown = 0
+    health = os.environ.get('EOL_HEALTH_FD')
+    try:
+        while waiting or running:
+            while waiting and len(running) < max(len(os.sched_getaffinity(0)), 1):
+                part = waiting.pop(0)
+                command = [sys.executable, '-m', 'eol_ros', 'compile', '--here', '--parts', part]
+                child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, bufsize=1)
+                assert child.stdout is not None
+                running[child.stdout.fileno()] = part, child
+            for fd in select.select(list(running), [], [], 1.0)[0]:
+                part, child = running[fd]
+                if line := child.stdout.readline():
+                    done[part] = min(int(line) / FUNCTIONS[part], 0.99) * SECONDS[part]
+                    continue
+                del running[fd]
+                if child.wait():
+                    raise EolError(f'compiling {part} has failed (exit code {child.returncode})')
+                done[part] = SECONDS[part]
+            percent = int(100 * sum(done.values()) / total)
+            if health:
+                os.write(int(health), json.dumps({'percent': percent}).encode() + b'\n')
+            while shown < percent:
+                shown += 1
+                yield shown
+    finally:
+        for _, child in running.values():
+            child.kill()
+
+
+def _here(parts: Sequence[str]) -> int:
+    """Compile in this process; print the count of functions whenever one is done."""
+    from numba.core import event
+
+    class Count(event.Listener):
+        def __init__(self) -> None:
+            self.count = 0
+
+        def on_start(self, happening: event.Event) -> None:
+            pass
+
+        def on_end(self, happening: event.Event) -> None:
+            self.count += 1
+            print(self.count, flush=True)
+
+    event.register('numba:compile', Count())
+    for part in parts:
+        WORK[part]()
+        compiled.stamp(part)
+    return 0
+
+
+def _twin():
+    import numpy as np
+
+    from eol_ros.core.physics.twin.live import LiveTable
+    from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+
+    table = LiveTable(0)
+    table.advance(0.0, 1 / 60, np.zeros(3), np.zeros(3))
+    Renderer(RenderOptions(), None, 0).render(table.x, table.y, table.yaw, 0)
+
+
+def _tracker():
+    import numpy as np
+
+    from eol_ros.core.geometry import N_BLOCKS, rest_lattice
+    from eol_ros.core.vision.calibration.model import Calibration
+    from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+    from eol_ros.core.vision.tracker import Tracker
+    from eol_ros.settings import TrackerSettings
+
+    Tracker(TrackerSettings(), Calibration.ideal()).warm_up()
+    # and one that has to calibrate itself, from blocks at rest
+    tracker, renderer = Tracker(TrackerSettings(), None), Renderer(RenderOptions(), None, 0)
+    for k in range(120):
+        x, y = rest_lattice().T
+        tracker.update(k / 60, renderer.render(x, y, np.zeros(N_BLOCKS), k))
+
+
+def _sound():
+    import numpy as np
+
+    from eol_ros.core.sound.clock import set_clock
+    from eol_ros.core.sound.meter import Meter
+    from eol_ros.core.sound.mixer import Mixer
+    from eol_ros.devices.audio.callback import serve
+
+    mixer = Mixer(48000, 2, 64)
+    mixer.render(256)
+    set_clock(mixer.state, 0.0)
+    serve(mixer.address, np.zeros((0, mixer.channels), np.float32), 0)
+    Meter(mixer).read()
+
+
+def _ice():
+    from eol_ros.devices.corpus.loader import CorpusLoader, wish_of
+    from eol_ros.settings import GrainsSettings
+
+    loader = CorpusLoader()
+    wish = wish_of(GrainsSettings())
+    if loader.at_once(wish) is None:
+        loader.ask(wish)
+        while loader.take() is None:
+            time.sleep(0.1)
+    loader.close()
+
+
+def _simulate():
+    from eol_ros.core.physics import builders, presets
+    from eol_ros.core.physics.choose import simulate
+    from eol_ros.core.physics.scene import from_mapping
+
+    spinning = {'side': 0.084, 'spin0': [1.0]}
+    turning = builders.single({'kind': 'none'}, 0.1, dim1=False, rotation=spinning)
+    for scene, path in (('S1', 'exact'), ('S1', 'event'), ('S1', 'stepping'),
+                        (turning, 'event'), (turning, 'stepping')):
+        scene = presets.scene(scene) | {'T': 0.1} if isinstance(scene, str) else scene
+        for ledger in (True, False):
+            simulate(from_mapping(scene), path=path, ledger=ledger)
+
+
+WORK = {'tracker': _tracker, 'twin': _twin, 'sound': _sound, 'ice': _ice, 'simulate': _simulate}
+# To tell how far it is: how many functions each of them compiles or loads (numba's own events), and
+# how many seconds that took where it was measured.
+FUNCTIONS = {'tracker': 245, 'twin': 75, 'sound': 108, 'ice': 1, 'simulate': 100}
+SECONDS = {'tracker': 83, 'twin': 38, 'sound': 32, 'ice': 10, 'simulate': 50}

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol kiosk: both walls, full screen."""
+
+import signal
+import sys
+import time
+import urllib.error
+import urllib.request
+
+HELP = 'Open the two walls full screen, one on each screen, and bring a lost window back.'
+EXAMPLES = [
+    'eol kiosk',
+    'eol kiosk --swap',
+    'eol kiosk --url http://192.168.1.20:8080 --screens 1920x1080+0+0 1920x1080+1920+0',
+]
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('--url', default='http://127.0.0.1:8080', help='of the panel')
+    parser.add_argument('--swap', action='store_true', help='left picture on the right screen')
+    parser.add_argument('--screens', nargs=2, metavar='WxH+X+Y', help='instead of what xrandr says')
+    parser.add_argument('--browser', default='', help='command of a Chromium')
+    parser.add_argument('--windowed', action='store_true', help='plain windows, to try it')
+    parser.add_argument('--for', dest='seconds', type=float, metavar='SECONDS', help='then stop')
+
+
+def run(args):
+    """Wait for the panel, open both windows, keep them open until Ctrl-C or SIGTERM."""
+    from eol_ros.devices.browser import kiosk
+    from eol_ros.errors import DeviceMissing
+
+    browser = kiosk.find_browser(args.browser)
+    if args.screens:
+        places = [kiosk.Screen.parse(text) for text in args.screens]
+    else:
+        places = kiosk.screens()
+        if not places:
+            raise DeviceMissing('no screen found by xrandr; name two with --screens')
+        if len(places) == 1:
+            whole = places[0]
+            half = whole.width // 2
+            print(f'one screen only ({whole.name}): the walls share it', file=sys.stderr)
+            places = [
+                kiosk.Screen(whole.x, whole.y, half, whole.height, whole.name),
+                kiosk.Screen(whole.x + half, whole.y, half, whole.height, whole.name),
+            ]
+    shared = len({place.name for place in places}) == 1 and not args.screens
+    sides = ('right', 'left') if args.swap else ('left', 'right')
+    stop = []
+    signal.signal(signal.SIGTERM, lambda *_: stop.append(1))
+    end_s = time.monotonic() + args.seconds if args.seconds else float('inf')
+    windows = []
+    try:
+        if not _wait_for(args.url, stop, end_s):
+            return 0
+        full_screen = not args.windowed and not shared
+        for side, place in zip(sides, places[:2], strict=True):
+            url = f'{args.url.rstrip("/")}/wall/{side}'
+            windows.append(kiosk.Window(browser, url, place, full_screen))
+        while not stop and time.monotonic() < end_s:
+            for window in windows:
+                news = window.keep(time.monotonic())
+                if news:
+                    print(news, file=sys.stderr, flush=True)
+            time.sleep(0.1)
+    finally:
+        for window in windows:
+            window.close()
+    return 0
+
+
+def _wait_for(url, stop, end_s):
+    """Wait until the panel answers; return False when asked to stop before."""
+    told = False
+    while not stop and time.monotonic() < end_s:
+        try:
+            urllib.request.urlopen(f'{url.rstrip("/")}/wall/left', timeout=2).close()
+            return True
+        except urllib.error.HTTPError as error:
+            from eol_ros.errors import DeviceMissing
+
+            raise DeviceMissing(f'{url}: not the panel of this work ({error})') from None
+        except ValueError as error:
+            from eol_ros.errors import UsageError
+
+            raise UsageError(f'--url {url}: {error}') from None
+        except OSError:
+            if not told:
+                print(f'waiting for the panel at {url}', file=sys.stderr, flush=True)
+                told = True
+            time.sleep(0.5)
+    return False
