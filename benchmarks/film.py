@@ -14,15 +14,19 @@ from eol_ros.errors import DeviceMissing
 from eol_ros.verbs.progress import track
 
 
-def write_film(path: Path, seconds: float, fps: float = 60.0, codec: str = 'MJPG', seed: int = 5,
-               size: tuple[int, int] = (1280, 800)) -> Path:
+def write_film(
+    path: Path,
+    seconds: float,
+    fps: float = 60.0,
+    codec: str = 'MJPG',
+    seed: int = 5,
+    size: tuple[int, int] = (1280, 800),
+) -> Path:
     """Write `seconds` of the twin, visitors at work, with OpenCV's encoder; return `path`."""
     calibration = Calibration.ideal(*size)
     renderer = Renderer(RenderOptions(rate_hz=fps), calibration, seed)
     table, rim, visitors = LiveTable(seed), Rim(), Visitors(seed)
-    writer = cv2.VideoWriter(
-        str(path), cv2.VideoWriter_fourcc(*codec), fps, size, isColor=False
-    )
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), fps, size, isColor=False)
     if not writer.isOpened():
         raise DeviceMissing(f'{path}: OpenCV here has no encoder for {codec}')
     image = np.empty(size[::-1], np.uint8)

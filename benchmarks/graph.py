@@ -35,8 +35,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('--seconds', type=float, default=30.0, help='measured, per scene')
     parser.add_argument('--scenes', default=','.join(SCENES), help='parted by commas')
-    parser.add_argument('--fast', type=float, default=120.0, metavar='FPS',
-                        help='rate of the file-fed camera run; 0 leaves it out')
+    parser.add_argument(
+        '--fast',
+        type=float,
+        default=120.0,
+        metavar='FPS',
+        help='rate of the file-fed camera run; 0 leaves it out',
+    )
     parser.add_argument('--json', action='store_true')
 
 
@@ -105,8 +110,11 @@ def onset_latencies(graph: Graph, scene: scenes.Scene) -> dict[str, Any]:
                   if s.kind == s.START]  # fmt: skip
         late_ms = []
         for onset_ns, block in begun:
-            shown = [at for b, at in starts
-                     if b == block and 0 <= at - onset_ns < sound_rehearsal.AFTER_S * NS]
+            shown = [
+                at
+                for b, at in starts
+                if b == block and 0 <= at - onset_ns < sound_rehearsal.AFTER_S * NS
+            ]
             packet = light.get(min(shown) // 1000 % 2**32) if shown else None
             if packet is not None and onset_ns >= graph.begin_ns:
                 late_ms.append((packet.time_ns - onset_ns) * 1e-6)
@@ -116,7 +124,10 @@ def onset_latencies(graph: Graph, scene: scenes.Scene) -> dict[str, Any]:
             sound = sound_rehearsal.figures(graph.watch, graph.begin_ns, scene)
             ms, count = sound['latency_ms'], round(sound['slips'] * sound['sounded'])
             found['first_sample'] = {
-                'p50': ms['p50'], 'p99': ms['p99'], 'max': ms['most'], 'count': count
+                'p50': ms['p50'],
+                'p99': ms['p99'],
+                'max': ms['most'],
+                'count': count,
             }
         except EolError as error:
             found['why'] = str(error)
@@ -135,22 +146,28 @@ def table(results: dict[str, Any]) -> str:
             f'{row["pss_mb"]:.0f} MB, {row["cpu_percent"]:.0f} % of one core'
         )
         first = 'with' if row['real_time'] else 'without'
-        lines.append(f'  images {row["images_per_s"]:.2f}/s, lost {row["lost"]}, '
-                     f'{first} real-time priority')
+        lines.append(
+            f'  images {row["images_per_s"]:.2f}/s, lost {row["lost"]}, {first} real-time priority'
+        )
         if 'bag_gb_per_10_h' in row:
             lines.append(f'  bag {row["bag_gb_per_10_h"]:.2f} GB in 10 h')
         for stage, ms in row['latency_ms'].items():
-            lines.append(f'  stamp -> {stage:15} '
-                         f'p50 {ms["p50"]:6.1f}  p99 {ms["p99"]:6.1f}  '
-                         f'max {ms["max"]:6.1f} ms  ({ms["count"]})')
+            lines.append(
+                f'  stamp -> {stage:15} '
+                f'p50 {ms["p50"]:6.1f}  p99 {ms["p99"]:6.1f}  '
+                f'max {ms["max"]:6.1f} ms  ({ms["count"]})'
+            )
         for stage, ms in row['onset_latency_ms'].items():
             if stage == 'why':
                 lines.append(f'  true onset: {ms}')
                 continue
-            lines.append(f'  true onset -> {stage:10} '
-                         f'p50 {ms["p50"]:6.1f}  p99 {ms["p99"]:6.1f}  '
-                         f'max {ms["max"]:6.1f} ms  ({ms["count"]})')
+            lines.append(
+                f'  true onset -> {stage:10} '
+                f'p50 {ms["p50"]:6.1f}  p99 {ms["p99"]:6.1f}  '
+                f'max {ms["max"]:6.1f} ms  ({ms["count"]})'
+            )
         for node, use in row['nodes'].items():
-            lines.append(f'  {node:10} {use["cpu_percent"]:5.1f} %  {use["pss_mb"]:6.1f} MB  '
-                         f'{use["text"]}')
+            lines.append(
+                f'  {node:10} {use["cpu_percent"]:5.1f} %  {use["pss_mb"]:6.1f} MB  {use["text"]}'
+            )
     return '\n'.join(lines).strip()

@@ -61,7 +61,8 @@ def run(args: argparse.Namespace) -> int:
 
         for ms in map(float, args.tap_jitter.split(',')):
             scores[f'ties, taps to {ms:g} ms'] = identity_ties.measure(
-                args.ties, args.seed, ms * 1e-3, args.tie_noise * 1e-6)
+                args.ties, args.seed, ms * 1e-3, args.tie_noise * 1e-6
+            )
     tell(scores, args.json, _table)
     return 0
 

@@ -46,8 +46,9 @@ class Knowing:
         count = 0
         for k, (now, _, from_rest) in enumerate(slips):
             count += from_rest
-            belief = np.array([self._belief(q, slips[: k + 1], slips[k + 1 :], stamps, now)
-                               for q in range(4)])
+            belief = np.array(
+                [self._belief(q, slips[: k + 1], slips[k + 1 :], stamps, now) for q in range(4)]
+            )
             if np.exp(belief[1:] - belief[0]).sum() < ERROR:
                 return count
         return np.inf
@@ -75,14 +76,18 @@ class Knowing:
             total += np.log(rate)
         for stamp_s, place, _ in slips:
             name = int(TURNED[quarters, place])
-            answers = sum(self._density(t[0] - stamp_s) / chance[t]
-                          for t in chance if t[1] == name and abs(t[0] - stamp_s) < far_s)
+            answers = sum(
+                self._density(t[0] - stamp_s) / chance[t]
+                for t in chance
+                if t[1] == name and abs(t[0] - stamp_s) < far_s
+            )
             total += np.log(LOST_TAPS + heard * answers)
         return float(total)
 
     def _density(self, apart_s: float) -> float:
-        return float(np.exp(-0.5 * (apart_s / self.jitter_s) ** 2)
-                     / (self.jitter_s * np.sqrt(2 * np.pi)))
+        return float(
+            np.exp(-0.5 * (apart_s / self.jitter_s) ** 2) / (self.jitter_s * np.sqrt(2 * np.pi))
+        )
 
 
 def trials(
@@ -108,8 +113,11 @@ def trials(
         moment = table.step()
         seen = onlooker.look(moment)
         begun, heard = table.begun[heard:], len(table.begun)
-        taps = [(on + random.normal(0, jitter_s), block) for on, block in begun
-                if random.random() > LOST_TAPS]
+        taps = [
+            (on + random.normal(0, jitter_s), block)
+            for on, block in begun
+            if random.random() > LOST_TAPS
+        ]
         for stamp_s, block in taps:
             identity.tap(stamp_s, block, jitter_s)
         if knowing is not None:
@@ -136,9 +144,7 @@ def trials(
             count -= 1
 
 
-def measure(
-    count: int, seed: int, jitter_s: float, noise_m: float = NOISE_M
-) -> dict[str, float]:
+def measure(count: int, seed: int, jitter_s: float, noise_m: float = NOISE_M) -> dict[str, float]:
     """Run `count` trials and return their figures."""
     rows = zip(*trials(count, seed, jitter_s, noise_m))
     slips, seconds, bound, right = (np.array(column) for column in rows)

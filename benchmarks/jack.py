@@ -48,7 +48,10 @@ class Jack:
             return True
         try:
             found = subprocess.run(
-                ['jack_lsp', '-s', self.name], capture_output=True, text=True, timeout=5,
+                ['jack_lsp', '-s', self.name],
+                capture_output=True,
+                text=True,
+                timeout=5,
                 env={**os.environ, 'JACK_NO_START_SERVER': '1'},
             )
         except subprocess.TimeoutExpired:

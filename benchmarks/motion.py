@@ -45,7 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--seconds',
     )  # fmt: skip
     parser.add_argument(
-        '--film-seconds', type=float, default=0.0,
+        '--film-seconds',
+        type=float,
+        default=0.0,
         help='seconds of the twin rendered and tracked: visitors, and the rim led at 0.3 m/s',
     )
     parser.add_argument('--json', action='store_true')
@@ -119,9 +121,7 @@ def measure(fps: float, sigma_m: float, seconds: float, seed: int) -> dict[str, 
         for slip in slips:
             event = slip.event
             if event.kind == START:
-                found[event.slip] = _Found(
-                    event.block, event.stamp_s, event.onset_s, event.onset_s
-                )
+                found[event.slip] = _Found(event.block, event.stamp_s, event.onset_s, event.onset_s)
             else:
                 found[event.slip].onset_s = event.onset_s
     still = [(table.onset[b], np.inf, int(b), 1.0) for b in np.flatnonzero(~table.stuck)]

@@ -44,8 +44,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--part', choices=PARTS, action='append', help='only this part; may be given again'
     )
-    parser.add_argument('--with', dest='earlier', metavar='FILE.json', action='append',
-                        default=[], help='take the other parts from an earlier --json run')
+    parser.add_argument(
+        '--with',
+        dest='earlier',
+        metavar='FILE.json',
+        action='append',
+        default=[],
+        help='take the other parts from an earlier --json run',
+    )
     parser.add_argument('--peer', default='', metavar='TEXT', help='only peers whose row has TEXT')
 
 
@@ -81,11 +87,18 @@ def own_rows(name: str, quick: bool) -> list[dict]:
     def add(method: str, solve: Callable, repeat: int) -> None:
         solve()
         run, seconds = cpu_s(solve, repeat)
-        rows.append({
-            'scene': name, 'method': method, 'seconds': scene.duration_s, 'ms': seconds * 1e3,
-            'error_m': error_of(run.u, truth),
-            'events': len(run.event_t), 'steps': run.steps, 'status': run.status,
-        })
+        rows.append(
+            {
+                'scene': name,
+                'method': method,
+                'seconds': scene.duration_s,
+                'ms': seconds * 1e3,
+                'error_m': error_of(run.u, truth),
+                'events': len(run.event_t),
+                'steps': run.steps,
+                'status': run.status,
+            }
+        )
 
     if choose.along_x(scene):
         add('exact', lambda: exact.solve(scene, model, times, LIMITS, False), 20)
@@ -94,7 +107,8 @@ def own_rows(name: str, quick: bool) -> list[dict]:
             break  # the event path resolves the stiff mode: minutes, where the exact path has modes
         add(
             f'event {tolerance:g}',
-            lambda tol=tolerance: event.solve(scene, model, times, LIMITS, False, tol), 5,
+            lambda tol=tolerance: event.solve(scene, model, times, LIMITS, False, tol),
+            5,
         )
     for step_s in (1e-3, 1e-4) if quick else (1e-3, 1e-4, 1e-5):
         if np.sqrt(8 * model.k.max() / model.mass.min()) * step_s < 1.8:
@@ -102,7 +116,8 @@ def own_rows(name: str, quick: bool) -> list[dict]:
 
             add(
                 f'stepping {step_s:g}',
-                lambda h=step_s: stepping.solve(scene, model, times, LIMITS, h), 1,
+                lambda h=step_s: stepping.solve(scene, model, times, LIMITS, h),
+                1,
             )
     return rows
 
@@ -131,8 +146,12 @@ def peer_row(name: str, method: str, module: str, solve: Callable, seconds: floa
         tolerance = 1e-6 if name.endswith(' equal') else 1e-11
         ours, own = cpu_s(lambda: event.solve(scene, model, times, LIMITS, False, tolerance), 3)
     return row | {
-        'status': 'ok', 'ms': took * 1e3, 'error_m': error_of(u, truth), 'own_ms': own * 1e3,
-        'own_error_m': error_of(ours.u, truth), 'ratio': took / own,
+        'status': 'ok',
+        'ms': took * 1e3,
+        'error_m': error_of(u, truth),
+        'own_ms': own * 1e3,
+        'own_error_m': error_of(ours.u, truth),
+        'ratio': took / own,
     }
 
 
@@ -141,24 +160,59 @@ def peer_rows(only: str) -> list[dict]:
     work = []
     for name, seconds in (('S3G', PEER_S), ('S4L', 1.0)):
         for rtol in (1e-7, 1e-10):
-            work.append((name, f'scipy DOP853 events {rtol:g}', 'scipy',
-                         lambda s, t, r=rtol: peers.scipy_events(s, t, r), seconds))
+            work.append(
+                (
+                    name,
+                    f'scipy DOP853 events {rtol:g}',
+                    'scipy',
+                    lambda s, t, r=rtol: peers.scipy_events(s, t, r),
+                    seconds,
+                )
+            )
     for name, seconds in (('S1', 10.0), ('S3L', 3.0), ('S4L', 0.6)):
         for method in ('LSODA', 'Radau'):
-            work.append((name, f'scipy {method} smooth', 'scipy',
-                         lambda s, t, m=method: peers.scipy_smooth(s, t, m), seconds))
+            work.append(
+                (
+                    name,
+                    f'scipy {method} smooth',
+                    'scipy',
+                    lambda s, t, m=method: peers.scipy_smooth(s, t, m),
+                    seconds,
+                )
+            )
     for name, seconds in (('S3E', 10.0), ('S5 equal', 10.0)):
         for step_s, stiff in ((1e-3, False), (1e-3, True), (1e-4, True)):
-            work.append((name, f'mujoco {step_s:g}{" stiff" if stiff else ""}', 'mujoco',
-                         lambda s, t, h=step_s, f=stiff: peers.mujoco(s, t, h, f), seconds))
-    work.append(('S4L equal', 'mujoco contacts 0.001', 'mujoco',
-                 lambda s, t: peers.mujoco_plane(s, t, 1e-3), 5.0))
+            work.append(
+                (
+                    name,
+                    f'mujoco {step_s:g}{" stiff" if stiff else ""}',
+                    'mujoco',
+                    lambda s, t, h=step_s, f=stiff: peers.mujoco(s, t, h, f),
+                    seconds,
+                )
+            )
+    work.append(
+        (
+            'S4L equal',
+            'mujoco contacts 0.001',
+            'mujoco',
+            lambda s, t: peers.mujoco_plane(s, t, 1e-3),
+            5.0,
+        )
+    )
     for name in ('S3E', 'S5 equal', 'S4L equal'):
         work.append((name, 'pymunk 0.001', 'pymunk', lambda s, t: peers.pymunk(s, t, 1e-3), 5.0))
     for name in ('S3E', 'S5 equal'):
         for step_s, seconds in ((1e-2, 5.0), (2e-3, 2.5)):
-            work.append((name, f'siconos {step_s:g}', 'siconos',
-                         lambda s, t, h=step_s: peers.siconos(s, t, h), seconds))
+            work.append(
+                (
+                    name,
+                    f'siconos {step_s:g}',
+                    'siconos',
+                    lambda s, t, h=step_s: peers.siconos(s, t, h),
+                    seconds,
+                )
+            )
     wanted = [row for row in work if only in f'{row[0]} {row[1]}']
     return [peer_row(*row) for row in track(wanted, 'peers')]
 
@@ -173,13 +227,23 @@ def turning_rows() -> list[dict]:
         for tolerance in (1e-6, 1e-8, 1e-10, 1e-12):
             run, seconds = cpu_s(
                 lambda s=scene, m=model, t=times, e=tolerance: rotation.solve(
-                    s, m, t, LIMITS, True, e), 3)
-            rows.append({
-                'scene': f'{name} turning', 'method': f'event {tolerance:g}',
-                'seconds': scene.duration_s, 'ms': seconds * 1e3,
-                'error_m': error_of(run.u, truth), 'events': len(run.event_t), 'steps': run.steps,
-                'residual_J': run.energy.residual_J, 'status': run.status,
-            })
+                    s, m, t, LIMITS, True, e
+                ),
+                3,
+            )
+            rows.append(
+                {
+                    'scene': f'{name} turning',
+                    'method': f'event {tolerance:g}',
+                    'seconds': scene.duration_s,
+                    'ms': seconds * 1e3,
+                    'error_m': error_of(run.u, truth),
+                    'events': len(run.event_t),
+                    'steps': run.steps,
+                    'residual_J': run.energy.residual_J,
+                    'status': run.status,
+                }
+            )
     return rows
 
 
@@ -203,7 +267,8 @@ def extreme_scenes() -> dict[str, dict]:
         'simultaneous breaks': builders.plate(presets.PULL, 10.0),
         'mu_s = mu_k, 1-D': presets.scene('S3E'),
         'mu_s = mu_k, 2-D': builders.table(
-            presets.PULL, 10.0, geometric=True, mu_s=0.65, mu_k=0.65, u0=offsets),
+            presets.PULL, 10.0, geometric=True, mu_s=0.65, mu_k=0.65, u0=offsets
+        ),
     }
     for side in (1, 5, 20, 100):
         n, spread = side * side, builders.offsets(side * side, 0.005, 5, True)
@@ -211,17 +276,23 @@ def extreme_scenes() -> dict[str, dict]:
         short = 10.0 if n < 1000 else 5.6  # just past the first breaks
         scenes |= {
             f'K_C / K_L = 1e6, n = {n}': builders.plate(
-                presets.PULL, short, k_between=2e7, **more | {'u0': [[0.0, 0.0]] * n}),
+                presets.PULL, short, k_between=2e7, **more | {'u0': [[0.0, 0.0]] * n}
+            ),
             f'mass x 1e-4, n = {n}': builders.plate(
-                presets.PULL, short, mass=2.5e-5, g=9.81e4, **more),
+                presets.PULL, short, mass=2.5e-5, g=9.81e4, **more
+            ),
             f'table, n = {n}': builders.table(
-                presets.PULL, 10.0 if n < 100 else 3.0, geometric=True,
-                **more | {'u0': builders.offsets(n, 0.005, 5)}),
+                presets.PULL,
+                10.0 if n < 100 else 3.0,
+                geometric=True,
+                **more | {'u0': builders.offsets(n, 0.005, 5)},
+            ),
             f'mu huge, n = {n}': builders.table(presets.PULL, 1e5, mu_s=1e9, mu_k=1e9, **more),
         }
         if n <= 400:
             scenes[f'mu = 0 over 1e8 s, n = {n}'] = builders.table(
-                still, 1e8, mu_s=0.0, mu_k=0.0, **more)
+                still, 1e8, mu_s=0.0, mu_k=0.0, **more
+            )
     return scenes
 
 
@@ -241,12 +312,21 @@ def extreme_rows() -> list[dict]:
         _, seconds = cpu_s(solve, 1)
         if seconds < 0.1:
             _, seconds = cpu_s(solve, 5)
-        rows.append({
-            'case': name, 'path': run.path, 'status': run.status, 'events': len(run.event_t),
-            'steps': run.steps, 'ms': seconds * 1e3, 't_reached': run.t_reached,
-            'residual_J': energy.residual_J, 'work_J': energy.work_J,
-            'friction_J': energy.friction_J, 'notes': '; '.join(run.notes),
-        })
+        rows.append(
+            {
+                'case': name,
+                'path': run.path,
+                'status': run.status,
+                'events': len(run.event_t),
+                'steps': run.steps,
+                'ms': seconds * 1e3,
+                't_reached': run.t_reached,
+                'residual_J': energy.residual_J,
+                'work_J': energy.work_J,
+                'friction_J': energy.friction_J,
+                'notes': '; '.join(run.notes),
+            }
+        )
     return rows
 
 
@@ -265,12 +345,18 @@ def size_rows(sizes: tuple[int, ...]) -> list[dict]:
         limits = Limits(events=1000, steps=100_000)
         job = functools.partial(exact.solve, scene, model, times, limits, False)
         run, seconds = cpu_s(job, 2)
-        rows.append({
-            'n': n, 'ms': seconds * 1e3, 'events': len(run.event_t), 'steps': run.steps,
-            'us_per_event': seconds * 1e6 / max(1, len(run.event_t)),
-            'grown_mb': _peak_mb() - before,
-            't_reached': run.t_reached, 'status': run.status,
-        })
+        rows.append(
+            {
+                'n': n,
+                'ms': seconds * 1e3,
+                'events': len(run.event_t),
+                'steps': run.steps,
+                'us_per_event': seconds * 1e6 / max(1, len(run.event_t)),
+                'grown_mb': _peak_mb() - before,
+                't_reached': run.t_reached,
+                'status': run.status,
+            }
+        )
     return rows
 
 
@@ -281,7 +367,9 @@ def growth_row(rows: list[dict]) -> dict:
     cost = np.polyfit(n, np.log([r['us_per_event'] for r in big]), 1)[0]
     last = big[-1]
     return {
-        'from_n': big[0]['n'], 'to_n': last['n'], 'cost_exponent': float(cost),
+        'from_n': big[0]['n'],
+        'to_n': last['n'],
+        'cost_exponent': float(cost),
         'memory_kb_per_block': last['grown_mb'] * 1024 / last['n'],
     }
 
@@ -297,9 +385,12 @@ def live_row(seconds: int = 60, rate_hz: int = 60) -> dict:
         table.advance(image / rate_hz, now, rim.pose, rim.velocity)
         spent[image // rate_hz] += time.process_time() - begin
     return {
-        'simulated_s': seconds, 'mean_ms_per_s': spent.mean() * 1e3,
-        'busiest_second_ms': spent.max() * 1e3, 'slips': table.slips,
-        'residual_J': table.energy_residual, 'faults': table.faults,
+        'simulated_s': seconds,
+        'mean_ms_per_s': spent.mean() * 1e3,
+        'busiest_second_ms': spent.max() * 1e3,
+        'slips': table.slips,
+        'residual_J': table.energy_residual,
+        'faults': table.faults,
     }
 
 

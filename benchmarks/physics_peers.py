@@ -67,8 +67,15 @@ def scipy_events(scene: Scene, times: np.ndarray, rtol: float) -> np.ndarray:
         start = np.concatenate([u[slots].ravel(), v[slots].ravel()])
         w = np.sqrt(8 * model.k.max() / model.mass.min())
         run = solve_ivp(
-            slope, (t, times[-1]), start, 'DOP853', rtol=rtol, atol=rtol * 1e-3, dense_output=True,
-            events=(breaks, stops), max_step=0.1 * np.pi / w if len(slots) else 0.02,
+            slope,
+            (t, times[-1]),
+            start,
+            'DOP853',
+            rtol=rtol,
+            atol=rtol * 1e-3,
+            dense_output=True,
+            events=(breaks, stops),
+            max_step=0.1 * np.pi / w if len(slots) else 0.02,
         )
         end = run.t[-1]
         while done < len(times) and times[done] <= end:
@@ -94,8 +101,24 @@ def scipy_events(scene: Scene, times: np.ndarray, rtol: float) -> np.ndarray:
 
 @njit(cache=True)
 def _smooth_slope(
-    t, y, n, first, second, k, natural, rest, anchors, mass, static, kinetic, geometric, rail,
-    kind, par, knots, cubics,
+    t,
+    y,
+    n,
+    first,
+    second,
+    k,
+    natural,
+    rest,
+    anchors,
+    mass,
+    static,
+    kinetic,
+    geometric,
+    rail,
+    kind,
+    par,
+    knots,
+    cubics,
 ):
     """The right-hand side of friction made smooth: tanh(|v| / 1e-4), falling from mu_s to mu_k."""
     ends, force = np.zeros((n + len(anchors), 2)), np.zeros((n + len(anchors), 2))
@@ -122,8 +145,22 @@ def scipy_smooth(scene: Scene, times: np.ndarray, method: str) -> np.ndarray:
 
     m, n = Model.of(scene), scene.n
     given = (
-        n, m.first, m.second, m.k, m.natural, m.rest, m.anchors, m.mass, m.static, m.kinetic,
-        m.geometric, m.rail, m.kind, m.par, m.knots, m.cubics,
+        n,
+        m.first,
+        m.second,
+        m.k,
+        m.natural,
+        m.rest,
+        m.anchors,
+        m.mass,
+        m.static,
+        m.kinetic,
+        m.geometric,
+        m.rail,
+        m.kind,
+        m.par,
+        m.knots,
+        m.cubics,
     )
     start = np.concatenate([scene.u0.ravel(), scene.v0.ravel()])
     _smooth_slope(0.0, start, *given)  # compiles
@@ -250,15 +287,24 @@ def siconos(scene: Scene, times: np.ndarray, step_s: float) -> tuple[np.ndarray,
             stiffness[i, j] -= k
             stiffness[j, i] -= k
     problem = {
-        'mass': model.mass.tolist(), 'stiffness': stiffness.tolist(), 'g': scene.g,
-        'pull': lattice.drive[:, 0].tolist(), 'speed': float(model.par[0]),
-        'mu': scene.mu_k.tolist(), 'u0': scene.u0[:, 0].tolist(), 'times': times.tolist(),
+        'mass': model.mass.tolist(),
+        'stiffness': stiffness.tolist(),
+        'g': scene.g,
+        'pull': lattice.drive[:, 0].tolist(),
+        'speed': float(model.par[0]),
+        'mu': scene.mu_k.tolist(),
+        'u0': scene.u0[:, 0].tolist(),
+        'times': times.tolist(),
         'step_s': step_s,
     }
     script = Path(__file__).with_name('physics_siconos.py')
     done = subprocess.run(
-        [siconos_python(), str(script)], input=json.dumps(problem), capture_output=True, text=True,
-        env={**os.environ, 'OMP_NUM_THREADS': '1', 'PYTHONPATH': ''}, check=True,
+        [siconos_python(), str(script)],
+        input=json.dumps(problem),
+        capture_output=True,
+        text=True,
+        env={**os.environ, 'OMP_NUM_THREADS': '1', 'PYTHONPATH': ''},
+        check=True,
     )
     answer = json.loads(done.stdout.splitlines()[-1])  # Siconos prints words of its own before it
     u = np.zeros((len(times), scene.n, 2))

@@ -43,9 +43,7 @@ def solve(problem: dict) -> dict:
     friction = sk.FrictionContact(2, sn.SICONOS_FRICTION_2D_NSGS)
     friction.numericsSolverOptions().dparam[sn.SICONOS_DPARAM_TOL] = 1e-12
     friction.numericsSolverOptions().iparam[sn.SICONOS_IPARAM_MAX_ITER] = 2000
-    steps = sk.TimeStepping(
-        system, sk.TimeDiscretisation(0.0, h), sk.MoreauJeanOSI(0.5), friction
-    )
+    steps = sk.TimeStepping(system, sk.TimeDiscretisation(0.0, h), sk.MoreauJeanOSI(0.5), friction)
     pull, done, u = np.array(problem['pull']) * problem['speed'], 0, []
     begin = time.process_time()
     for sample in times:

@@ -48,7 +48,8 @@ class Graph:
         if leds is not None and leds['port'] == 'pty':
             self.board = subprocess.Popen(
                 [sys.executable, '-m', 'eol_ros.devices.board.fake', '--log', str(self.board_log)],
-                stdout=subprocess.PIPE, text=True,
+                stdout=subprocess.PIPE,
+                text=True,
             )
             assert self.board.stdout is not None
             leds['port'] = self.board.stdout.readline().strip()
@@ -160,7 +161,8 @@ class Graph:
             'pss_mb': round(sum(row['pss_mb'] for row in nodes.values()), 1),
             'real_time': self.status()['real_time'],
             'images_per_s': round((len(stamps) - 1) / ((stamps[-1] - stamps[0]) * 1e-9), 3)
-            if len(stamps) > 1 else 0.0,
+            if len(stamps) > 1
+            else 0.0,
             'lost': self.lost(),
             'nodes': nodes,
         }
@@ -216,8 +218,12 @@ def summary(ms: list[float]) -> dict[str, float] | None:
     if not ms:
         return None
     p50, p99 = np.percentile(ms, [50, 99])
-    return {'p50': round(float(p50), 2), 'p99': round(float(p99), 2),
-            'max': round(max(ms), 2), 'count': len(ms)}
+    return {
+        'p50': round(float(p50), 2),
+        'p99': round(float(p99), 2),
+        'max': round(max(ms), 2),
+        'count': len(ms),
+    }
 
 
 class Film:

@@ -93,8 +93,10 @@ def _grain_buf(density: float, seconds: float, voices: int) -> bytes:
             ('TRand', 2, [0, 0.97, (0, 0)], [2]),
             ('TRand', 2, [-1, 1, (0, 0)], [2]),
             (
-                'GrainBuf', 2,
-                [(0, 0), seconds, ('p', 'buf'), 1, (1, 0), 2, (2, 0), -1, voices], [2, 2],
+                'GrainBuf',
+                2,
+                [(0, 0), seconds, ('p', 'buf'), 1, (1, 0), 2, (2, 0), -1, voices],
+                [2, 2],
             ),
             ('Out', 2, [0, (3, 0), (3, 1)], []),
         ],

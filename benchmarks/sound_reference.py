@@ -30,8 +30,9 @@ def reference(triggers, sounds, grains, sample_rate, frames, gain, cubic=True, s
             y = b + f / 2 * (c - a + f * (2 * a - 5 * b + 4 * c - d + f * (3 * (b - c) + d - a)))
         else:
             y = (1 - f) * b + f * c
-        edges = [max(float(t[k]) * sample_rate, 0.002 * sample_rate)
-                 for k in ('attack_s', 'release_s')]
+        edges = [
+            max(float(t[k]) * sample_rate, 0.002 * sample_rate) for k in ('attack_s', 'release_s')
+        ]
         squeeze = min(1, (length - 1) / sum(edges))
         rise, fall = (max(1, int(e * squeeze)) for e in edges)
         y = y * (0.5 - 0.5 * np.cos(np.pi * np.minimum(n / rise, 1)))

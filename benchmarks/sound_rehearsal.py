@@ -118,8 +118,9 @@ class Twin:
         log = self.table._log
         log.start[:] = -1
         self.table.advance(begin_s, self.time_s, self._rim.pose, self._rim.velocity)
-        return [(begin_s + float(log.t[i]), int(log.block[i]))
-                for i in np.flatnonzero(log.start == 1)]
+        return [
+            (begin_s + float(log.t[i]), int(log.block[i])) for i in np.flatnonzero(log.start == 1)
+        ]
 
 
 def onsets(truths: list, settings) -> list[tuple[int, int]]:

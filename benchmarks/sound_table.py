@@ -46,13 +46,17 @@ def _engine(result: dict) -> list[str]:
 def _live(r: dict):
     how = 'compiled' if r['compiled'] else 'python'
     words = f'real time, {how}, block {r["block"]}, {r["overlap"]} grains, busy {r["busy"]}'
-    return words, lambda: (
-        f'{r["underruns"]} underruns in {r["seconds"]:.0f} s, {r["unexplained_underruns"]} of them '
-        f'while the machine ran (it stood still {r["machine_stalls"]} times, at most '
-        f'{r["machine_stall_worst_ms"]:.1f} ms), {r["frames_per_second"]:.0f}/s, '
-        f'load p99 {r["load_p99"]:.2f} worst {r["load_worst"]:.2f}, '
-        f'stamp to sample sd {r["stamp_to_sample_sd"]:.2f} '
-        f'worst {r["stamp_to_sample_worst"]:.1f} samples'
+    return (
+        words,
+        lambda: (
+            f'{r["underruns"]} underruns in {r["seconds"]:.0f} s, '
+            f'{r["unexplained_underruns"]} of them while the machine ran '
+            f'(it stood still {r["machine_stalls"]} times, at most '
+            f'{r["machine_stall_worst_ms"]:.1f} ms), {r["frames_per_second"]:.0f}/s, '
+            f'load p99 {r["load_p99"]:.2f} worst {r["load_worst"]:.2f}, '
+            f'stamp to sample sd {r["stamp_to_sample_sd"]:.2f} '
+            f'worst {r["stamp_to_sample_worst"]:.1f} samples'
+        ),
     )
 
 
@@ -65,15 +69,22 @@ def _rehearsal(r: dict):
             f'most {ms["most"]:.1f} ms; {r["slips"]} slips, {100 * r["sounded"]:.1f} % sounded; '
             f'onset to stamp p99 {onset["p99"]:.1f} ms, stamp to trigger p99 {trigger["p99"]:.1f} '
             f'ms, late {r["late"]} of {r["taken"]}, card {r["output_ms"]:.1f} ms more'
-            + (f'; {r["seen_alone"]} seen alone, off by {seen["least"]:.2f} to {seen["most"]:.2f} '
-               'ms' if seen else '')
+            + (
+                f'; {r["seen_alone"]} seen alone, off by {seen["least"]:.2f} to {seen["most"]:.2f} '
+                'ms'
+                if seen
+                else ''
+            )
         )
 
     return f'rehearsal, {r["device"]}', text
 
 
 def _loss(r: dict):
-    return f'card away for {r["away_s"]:g} s', lambda: (
-        f'noticed after {r["lost_s"]:.2f} s, sound on it {r["back_s"]:.2f} s after its return, '
-        f'{r["restarts"]} restarts'
+    return (
+        f'card away for {r["away_s"]:g} s',
+        lambda: (
+            f'noticed after {r["lost_s"]:.2f} s, sound on it {r["back_s"]:.2f} s after its return, '
+            f'{r["restarts"]} restarts'
+        ),
     )

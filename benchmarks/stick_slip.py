@@ -119,7 +119,11 @@ class Table:
     """
 
     def __init__(
-        self, seed: int, fps: float, rough: float = 1.0, fine: bool = False,
+        self,
+        seed: int,
+        fps: float,
+        rough: float = 1.0,
+        fine: bool = False,
         askew_rad: float = 0.05,
     ):
         self.random = np.random.default_rng(seed)

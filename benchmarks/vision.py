@@ -4,10 +4,13 @@
 import sys
 
 HELP = 'Position error and run time, beside tuned peers and the Cramer-Rao bound.'
-EXAMPLES = ['eol bench vision', 'eol bench vision --json > vision.json',
-            'eol bench vision --levels hard --seconds 60 --no-peers',
-            'eol bench vision --plots docs/img',
-            'eol bench vision --levels "" --no-clean --hours 1 --slip-seconds 60 --json']
+EXAMPLES = [
+    'eol bench vision',
+    'eol bench vision --json > vision.json',
+    'eol bench vision --levels hard --seconds 60 --no-peers',
+    'eol bench vision --plots docs/img',
+    'eol bench vision --levels "" --no-clean --hours 1 --slip-seconds 60 --json',
+]
 CLUTTER = ('ordinary', 'hard', 'brutal')
 
 
@@ -46,22 +49,29 @@ def run(args) -> int:
     if not args.no_clean:
         for noise in track([n for n in NOISE_LEVELS if n != 'none'], 'noise levels'):
             bound = position_bound_px(*NOISE_LEVELS[noise])
-            result['noise'][noise] = {'bound_px': bound,
-                                      'methods': run_clean(noise, args.images, bound)}
+            result['noise'][noise] = {
+                'bound_px': bound,
+                'methods': run_clean(noise, args.images, bound),
+            }
     films = [(level, 11 + seed) for level in levels for seed in range(args.seeds)]
     for level, seed in track(films, 'films'):
         result['clutter'].setdefault(level, {})[f'seed {seed}'] = run_film(
-            level, 'L2', seed, round(args.seconds * RATE_HZ), not args.no_peers, every=2)
+            level, 'L2', seed, round(args.seconds * RATE_HZ), not args.no_peers, every=2
+        )
     if args.hours:
         from benchmarks import identity
 
         result['identity'] = identity.measure(
-            {name: identity.make(name) for name in identity.METHODS}, args.hours, RATE_HZ, 1)
+            {name: identity.make(name) for name in identity.METHODS}, args.hours, RATE_HZ, 1
+        )
     if args.slip_seconds:
         from benchmarks import motion
 
-        result['motion'] = [motion.measure(rate, px / motion.PX_PER_M, args.slip_seconds, 3)
-                            for rate in (60.0, 120.0) for px in (0.007, 0.035)]
+        result['motion'] = [
+            motion.measure(rate, px / motion.PX_PER_M, args.slip_seconds, 3)
+            for rate in (60.0, 120.0)
+            for px in (0.007, 0.035)
+        ]
     if args.plots:
         from benchmarks.vision_plots import draw
 
@@ -74,38 +84,38 @@ def run(args) -> int:
 def _table(result) -> str:
     lines = []
     for noise, entry in result['noise'].items():
-        lines.append(f"clean, {noise}: bound {entry['bound_px']:.4f} px")
+        lines.append(f'clean, {noise}: bound {entry["bound_px"]:.4f} px')
         for name, f in entry['methods'].items():
             lines.append(
-                f"  {name:24s} {_number(f['rms_px'], 4)} px"
-                f"  {_number(f['times_bound'], 2)} x bound  {f['ms_median']:7.2f} ms"
-                f"  coverage {f['coverage']:.4f}  false {f['false_per_image']:.2f}"
+                f'  {name:24s} {_number(f["rms_px"], 4)} px'
+                f'  {_number(f["times_bound"], 2)} x bound  {f["ms_median"]:7.2f} ms'
+                f'  coverage {f["coverage"]:.4f}  false {f["false_per_image"]:.2f}'
             )
     for level, films in result['clutter'].items():
         for film, methods in films.items():
             lines.append(f'{level}, {film}')
             for name, f in methods.items():
                 lines.append(
-                    f"  {name:24s} whole {_number(f['rms_px'], 3)} px {_number(f['coverage'], 4)}"
-                    f"  partly {_number(f['rms_partly_px'], 3)} px"
-                    f" {_number(f['coverage_partly'], 3)} of {f['partly']}"
-                    f"  hidden {f['hidden_reported']}/{f['hidden']}"
-                    f"  false {f['false_per_image']:.3f}"
-                    f"  {f['ms_median']:.2f} ms p99 {f['ms_p99']:.2f}"
+                    f'  {name:24s} whole {_number(f["rms_px"], 3)} px {_number(f["coverage"], 4)}'
+                    f'  partly {_number(f["rms_partly_px"], 3)} px'
+                    f' {_number(f["coverage_partly"], 3)} of {f["partly"]}'
+                    f'  hidden {f["hidden_reported"]}/{f["hidden"]}'
+                    f'  false {f["false_per_image"]:.3f}'
+                    f'  {f["ms_median"]:.2f} ms p99 {f["ms_p99"]:.2f}'
                 )
     for name, f in result.get('identity', {}).items():
         lines.append(
-            f"identity, {name:12s} switches {f['switches_per_hour']:.0f}/h"
-            f"  mislabelled {f['mislabelled_percent']:.4f} %"
-            f"  lasting failures {f['lasting_failures_per_hour']:.1f}/h"
-            f"  undeclared {f['undeclared_per_hour']:.1f}/h"
+            f'identity, {name:12s} switches {f["switches_per_hour"]:.0f}/h'
+            f'  mislabelled {f["mislabelled_percent"]:.4f} %'
+            f'  lasting failures {f["lasting_failures_per_hour"]:.1f}/h'
+            f'  undeclared {f["undeclared_per_hour"]:.1f}/h'
         )
     for f in result.get('motion', []):
         lines.append(
-            f"slips at {f['fps']:g} images/s, {f['noise_um']:.0f} um:"
-            f" onset {f['onset_rms']:.2f} ms  start {f['start_rms']:.2f} ms"
-            f"  latency {f['latency_p50']:.1f} ms"
-            f"  recall {f['recall']:.4f}  precision {f['precision']:.4f}"
+            f'slips at {f["fps"]:g} images/s, {f["noise_um"]:.0f} um:'
+            f' onset {f["onset_rms"]:.2f} ms  start {f["start_rms"]:.2f} ms'
+            f'  latency {f["latency_p50"]:.1f} ms'
+            f'  recall {f["recall"]:.4f}  precision {f["precision"]:.4f}'
         )
     return '\n'.join(lines)
 

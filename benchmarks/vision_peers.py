@@ -50,7 +50,7 @@ class ConnectedComponents:
         for i in range(1, n):
             x, y, w, h, area = stats[i]
             if _AREA_PX[0] <= area <= _AREA_PX[1]:
-                part = np.where(labels[y:y + h, x:x + w] == i, image[y:y + h, x:x + w], 0)
+                part = np.where(labels[y : y + h, x : x + w] == i, image[y : y + h, x : x + w], 0)
                 m = cv2.moments(part.astype(np.float32))
                 found.append((x + m['m10'] / m['m00'], y + m['m01'] / m['m00']))
         return np.array(found).reshape(-1, 2)
@@ -70,8 +70,13 @@ class Contours:
         smooth = cv2.blur(image, (3, 3))
         mask = cv2.threshold(smooth, self.level, 255, cv2.THRESH_BINARY)[1]
         contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        return np.array([cv2.minAreaRect(c)[0] for c in contours
-                         if _AREA_PX[0] <= cv2.contourArea(c) <= _AREA_PX[1]]).reshape(-1, 2)
+        return np.array(
+            [
+                cv2.minAreaRect(c)[0]
+                for c in contours
+                if _AREA_PX[0] <= cv2.contourArea(c) <= _AREA_PX[1]
+            ]
+        ).reshape(-1, 2)
 
 
 class Trackpy:

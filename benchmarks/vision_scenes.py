@@ -54,20 +54,27 @@ class Tally:
 
     def figures(self) -> dict:
         """Return the figures of the film; None where nothing was to be measured."""
+
         def rms(parts):
             flat = np.concatenate(parts) if parts else np.zeros((0, 2))
-            return float(np.sqrt((flat ** 2).mean())) if len(flat) else None
+            return float(np.sqrt((flat**2).mean())) if len(flat) else None
 
         def share(a, b):
             return a / b if b else None
 
-        return {'ms_median': float(np.median(self.ms)), 'ms_p99': float(np.quantile(self.ms, 0.99)),
-                'rms_px': rms(self.whole), 'rms_partly_px': rms(self.partly),
-                'coverage': share(self.whole_seen, self.whole_all),
-                'coverage_partly': share(self.partly_seen, self.partly_all),
-                'hidden_reported': self.hidden_reported, 'hidden': self.hidden_all,
-                'partly': self.partly_all, 'false_per_image': self.false / max(self.images, 1),
-                'images': self.images}
+        return {
+            'ms_median': float(np.median(self.ms)),
+            'ms_p99': float(np.quantile(self.ms, 0.99)),
+            'rms_px': rms(self.whole),
+            'rms_partly_px': rms(self.partly),
+            'coverage': share(self.whole_seen, self.whole_all),
+            'coverage_partly': share(self.partly_seen, self.partly_all),
+            'hidden_reported': self.hidden_reported,
+            'hidden': self.hidden_all,
+            'partly': self.partly_all,
+            'false_per_image': self.false / max(self.images, 1),
+            'images': self.images,
+        }
 
 
 class Film:
@@ -75,8 +82,9 @@ class Film:
 
     def __init__(self, clutter: str, noise: str, seed: int):
         self.calibration = clutter_calibration(clutter)
-        self.renderer = Renderer(RenderOptions(noise=noise, clutter=clutter, rate_hz=RATE_HZ),
-                                 self.calibration, seed)
+        self.renderer = Renderer(
+            RenderOptions(noise=noise, clutter=clutter, rate_hz=RATE_HZ), self.calibration, seed
+        )
         rng = np.random.default_rng([seed, 9])
         self.rest = rest_lattice() + rng.normal(0, 0.004, (25, 2))
         self.lag = rng.uniform(0, 0.25, 25)
@@ -102,8 +110,9 @@ class Film:
         return image, pose, self.renderer.visible_share(*pose.T, index)
 
 
-def run_film(clutter: str, noise: str, seed: int, images: int, peers: bool = True,
-             every: int = 1) -> dict:
+def run_film(
+    clutter: str, noise: str, seed: int, images: int, peers: bool = True, every: int = 1
+) -> dict:
     """Return the figures of each method on one film; peers look at every `every`-th image."""
     film = Film(clutter, noise, seed)
     calibration = film.calibration
@@ -111,8 +120,10 @@ def run_film(clutter: str, noise: str, seed: int, images: int, peers: bool = Tru
     tracker.warm_up()
     first = [film.image(k * 7) for k in range(_TUNING)]
     truths = [calibration.to_pixels(pose[:, :2]) for _, pose, _ in first]
-    others = [tuned(peer, [i for i, _, _ in first], truths)
-              for peer in (vision_peers.peers() if peers else ())]
+    others = [
+        tuned(peer, [i for i, _, _ in first], truths)
+        for peer in (vision_peers.peers() if peers else ())
+    ]
     tallies = {OURS: Tally()} | {peer.name: Tally() for peer in others}
     scale = calibration.px_per_m()
     for index in range(images):
@@ -128,8 +139,9 @@ def run_film(clutter: str, noise: str, seed: int, images: int, peers: bool = Tru
             if index % every == 0:
                 for peer in others:
                     found, ms = timed(peer.find, image)
-                    tallies[peer.name].add(ms, errors(found, truth), visible,
-                                           match(found, truth)[1])
+                    tallies[peer.name].add(
+                        ms, errors(found, truth), visible, match(found, truth)[1]
+                    )
     return {name: tally.figures() for name, tally in tallies.items()}
 
 
@@ -148,8 +160,10 @@ def run_clean(noise: str, images: int, bound_px: float, seed: int = 1) -> dict:
         yaw = rng.uniform(-np.pi / 4, np.pi / 4, 25)
         scenes.append((xy, yaw, renderer.render(xy[:, 0], xy[:, 1], yaw, k)))
     first, scenes = scenes[:_TUNING], scenes[_TUNING:]
-    others = [tuned(peer, [s[2] for s in first], [calibration.to_pixels(s[0]) for s in first])
-              for peer in vision_peers.peers()]
+    others = [
+        tuned(peer, [s[2] for s in first], [calibration.to_pixels(s[0]) for s in first])
+        for peer in vision_peers.peers()
+    ]
     tallies = {OURS: Tally()} | {peer.name: Tally() for peer in others}
     ones = np.ones(25)
     finder.find(scenes[0][2])

@@ -41,8 +41,9 @@ def cold(parts: Iterable[str]) -> list[str]:
 
 def stamp(part: str) -> None:
     """Note that `part` has been compiled from the sources as they are."""
-    folders = {name: {'sources': _digest(name), 'files': sorted(_cached(name))}
-               for name in PARTS[part]}
+    folders = {
+        name: {'sources': _digest(name), 'files': sorted(_cached(name))} for name in PARTS[part]
+    }
     path = _stamp(part)
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_suffix(f'.{os.getpid()}')
@@ -58,8 +59,11 @@ def forget(everything: bool = False) -> None:
     names = {name for folders in PARTS.values() for name in folders}
     if not everything:
         known = [_read(part) for part in PARTS]
-        names = {name for name in names
-                 if all(s.get(name, {}).get('sources') != _digest(name) for s in known)}
+        names = {
+            name
+            for name in names
+            if all(s.get(name, {}).get('sources') != _digest(name) for s in known)
+        }
     for name in names:
         for file in _cached(name):
             folder, _, file = file.rpartition('/')
@@ -143,8 +147,9 @@ def _machine() -> str:
     """Return a name for all but the sources that machine code depends on."""
     parts = [sys.implementation.cache_tag, platform.machine()]
     parts += [importlib.metadata.version(name) for name in ('numba', 'llvmlite', 'numpy')]
-    parts += sorted(f'{k}={v}' for k, v in os.environ.items()
-                    if k.startswith('NUMBA_') and k not in _NO_MATTER)
+    parts += sorted(
+        f'{k}={v}' for k, v in os.environ.items() if k.startswith('NUMBA_') and k not in _NO_MATTER
+    )
     try:
         first = Path('/proc/cpuinfo').read_text().split('\n\n')[0].splitlines()
         parts += [line for line in first if line.startswith(_MACHINE)]

@@ -196,7 +196,7 @@ class _Reader:
             self.wrong(place, name, f'not a mapping of settings, such as {such}')
             return NODES[name]()
         values = {}
-        before = renamed(name)
+        before = renamed(NODES[name])
         for key, item in place.value.items():
             where = f'{name}.{key}'
             if key in before and before[key] not in place.value:
@@ -312,8 +312,10 @@ def plain(scene: Scene) -> dict[str, Any]:
     if not scene.real_time:
         data['real_time'] = False
     data['nodes'] = {
-        name: {k: list(v) if isinstance(v, tuple) else v
-               for k, v in dataclasses.asdict(settings).items()}
+        name: {
+            k: list(v) if isinstance(v, tuple) else v
+            for k, v in dataclasses.asdict(settings).items()
+        }
         for name, settings in scene.nodes.items()
     }
     if 'recorder' not in scene.nodes:

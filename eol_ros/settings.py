@@ -254,9 +254,7 @@ class SoundSettings:
     governor_db: float = setting(6.0, 'what the governor may take away', 'dB', 0, 40, live=True)
     fade_in_s: float = setting(2.0, 'at the start and after a mute', 's', 0, 60)
     fade_out_s: float = setting(0.5, 'at the end and to a mute', 's', 0, 10)
-    wav: str = setting(
-        '', 'file where there is no card; empty: sound-DATE.wav beside the bags'
-    )
+    wav: str = setting('', 'file where there is no card; empty: sound-DATE.wav beside the bags')
     wav_limit_s: float = setting(3600.0, 'longest such file', 's', 1)
     meter_hz: float = setting(20.0, 'sound_meter messages', 'Hz', 1, 60)
     osc_out: str = setting('', 'host:port that hears of triggers and slips by OSC')
@@ -354,7 +352,7 @@ def live_fields(settings: type) -> set[str]:
     return {f.name for f in dataclasses.fields(settings) if f.metadata.get('live')}
 
 
-def renamed(node: str) -> dict[str, str]:
-    """Return the names that settings of `node` had before, each with the name of today."""
-    named = {f.metadata['was']: f.name for f in dataclasses.fields(NODES[node])}
+def renamed(settings: type) -> dict[str, str]:
+    """Return the names that fields of `settings` had before, each with the name of today."""
+    named = {f.metadata.get('was'): f.name for f in dataclasses.fields(settings)}
     return {was: name for was, name in named.items() if was}

@@ -72,8 +72,7 @@ def matched(*nodes):
         p.get_subscription_count() >= sum(s.topic_name == p.topic_name for s in takers)
         for p in givers
     ) and all(
-        s.get_publisher_count() >= sum(p.topic_name == s.topic_name for p in givers)
-        for s in takers
+        s.get_publisher_count() >= sum(p.topic_name == s.topic_name for p in givers) for s in takers
     )
 
 
@@ -106,8 +105,10 @@ def pytest_terminal_summary(terminalreporter):
 
 def pytest_runtest_makereport(item, call):
     """Where EOL_NO_SKIP is set, as in CI, a skipped test counts as a failure."""
-    if os.environ.get('EOL_NO_SKIP') and call.excinfo and call.excinfo.errisinstance(
-        pytest.skip.Exception
+    if (
+        os.environ.get('EOL_NO_SKIP')
+        and call.excinfo
+        and call.excinfo.errisinstance(pytest.skip.Exception)
     ):
         reason = str(call.excinfo.value)
         call.excinfo = pytest.ExceptionInfo.from_exc_info(

@@ -16,7 +16,8 @@ PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
 
 def test_generated_docs_are_up_to_date():
     result = subprocess.run(
-        [sys.executable, ROOT / 'tools' / 'generate_docs.py', '--check'], capture_output=True,
+        [sys.executable, ROOT / 'tools' / 'generate_docs.py', '--check'],
+        capture_output=True,
         text=True,
     )
 
@@ -43,7 +44,7 @@ def test_the_snippet_of_the_readme_runs():
     """Word for word, on the bag that ships, in a process without ROS."""
     section = (ROOT / 'README.md').read_text().split('## Reading a bag without ROS')[1]
     snippet = re.search(r'```python\n(.*?)```', section, re.S)[1]
-    barred = "import sys\nsys.modules.update(rclpy=None, eol_msgs=None)\n"
+    barred = 'import sys\nsys.modules.update(rclpy=None, eol_msgs=None)\n'
     done = subprocess.run(
         [sys.executable, '-c', barred + snippet], cwd=ROOT, capture_output=True, text=True
     )

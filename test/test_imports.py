@@ -14,8 +14,19 @@ ALLOWED = {
     'core': BASE | {'scipy', 'numba'},
     'core/vision': BASE | {'scipy', 'numba', 'cv2'},
     'core/compiled.py': {'numba', 'llvmlite'},
-    'devices': BASE | {'scipy', 'cv2', 'serial', 'sounddevice', 'soundfile', 'mcap', 'yaml',
-                       'zstandard', 'numba', '_sounddevice'},
+    'devices': BASE
+    | {
+        'scipy',
+        'cv2',
+        'serial',
+        'sounddevice',
+        'soundfile',
+        'mcap',
+        'yaml',
+        'zstandard',
+        'numba',
+        '_sounddevice',
+    },
     'ros': BASE | ROS | {'yaml'},
     'nodes': BASE | ROS,
     'web': BASE | {'aiohttp'},
@@ -34,8 +45,17 @@ BELOW = {
     'ros': {'core', 'ros', 'settings', 'errors', 'scene', 'nodes'},
     'nodes': {'core', 'devices', 'ros', 'nodes', 'web', 'settings', 'errors', 'scene'},
     'web': {'core', 'devices', 'web', 'settings', 'errors'},
-    'bringup': {'bringup', 'devices', 'scene', 'settings', 'errors', 'folders', 'compiled', 'ros',
-                'cli'},
+    'bringup': {
+        'bringup',
+        'devices',
+        'scene',
+        'settings',
+        'errors',
+        'folders',
+        'compiled',
+        'ros',
+        'cli',
+    },
     'analysis': {'core', 'devices', 'analysis', 'settings', 'errors', 'scene'},
 }
 MODULES = sorted(ROOT.rglob('*.py'))
@@ -110,8 +130,20 @@ def test_the_package_does_without_benchmarks_and_tests():
 
 def test_core_is_pure():
     """No files, clocks, threads, logging or global random numbers in core."""
-    barred = {'os', 'io', 'time', 'datetime', 'threading', 'logging', 'random', 'pathlib',
-              'subprocess', 'socket', 'asyncio', 'tempfile'}
+    barred = {
+        'os',
+        'io',
+        'time',
+        'datetime',
+        'threading',
+        'logging',
+        'random',
+        'pathlib',
+        'subprocess',
+        'socket',
+        'asyncio',
+        'tempfile',
+    }
     for path in (ROOT / 'core').rglob('*.py'):
         text = path.read_text()
         for line, module in imports(path):
@@ -122,5 +154,10 @@ def test_core_is_pure():
                 assert called not in ('open', 'print'), f'{name(path)}:{node.lineno} {called}'
                 drawn = called.startswith('np.random.') and '(' not in called
                 seeded = called.split('.')[-1] in (
-                    'default_rng', 'Generator', 'PCG64', 'SeedSequence', 'Philox')
+                    'default_rng',
+                    'Generator',
+                    'PCG64',
+                    'SeedSequence',
+                    'Philox',
+                )
                 assert not drawn or (seeded and node.args), f'{name(path)}:{node.lineno} {called}'

@@ -38,7 +38,9 @@ def test_shipped_scenes_are_right(name):
 
 
 def test_every_mistake_at_its_place(tmp_path):
-    path = write(tmp_path, '''scene: x
+    path = write(
+        tmp_path,
+        """scene: x
 nodes:
   camera: {exposure_us: fast, widht: 3}
   trakcer: {}
@@ -50,7 +52,8 @@ domain: 400
 together: [[camera, sound]]
 bags: 1
 include: other.yaml
-''')
+""",
+    )
 
     found = mistakes(path)
 
@@ -186,8 +189,14 @@ def test_include_of_itself(tmp_path):
 
 def test_paths_are_relative_to_the_scene(tmp_path):
     (tmp_path / 'ice.wav').write_bytes(b'')
-    scene = scenes.load(write(tmp_path, 'nodes: {replay: {}, grains: {sound: ice.wav}}'.replace(
-        'replay: {}', f'replay: {{bag: {tmp_path}}}')))
+    scene = scenes.load(
+        write(
+            tmp_path,
+            'nodes: {replay: {}, grains: {sound: ice.wav}}'.replace(
+                'replay: {}', f'replay: {{bag: {tmp_path}}}'
+            ),
+        )
+    )
 
     assert scene.nodes['grains'].sound == str(tmp_path / 'ice.wav')
 

@@ -86,8 +86,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seconds', type=float, default=50.0, help='length of the rehearsal')
     parser.add_argument('--bag', metavar='DIR', help='pack this bag, run nothing')
-    parser.add_argument('--out', metavar='DIR', type=Path, default=FOLDER,
-                        help='where it goes (default: bags/sample)')
+    parser.add_argument(
+        '--out',
+        metavar='DIR',
+        type=Path,
+        default=FOLDER,
+        help='where it goes (default: bags/sample)',
+    )
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix='eol-sample-') as place:
         try:
@@ -97,12 +102,16 @@ def main() -> int:
             return 1
         missing = incomplete(bag)
         if missing:
-            print(f'the machine was too busy ({missing}): run it again when it is quiet',
-                  file=sys.stderr)
+            print(
+                f'the machine was too busy ({missing}): run it again when it is quiet',
+                file=sys.stderr,
+            )
             return 1
         file = pack(bag, args.out)
-    print(f'{file}: {file.stat().st_size / 1e6:.2f} MB, {bag.duration_s:.1f} s, '
-          f'{sum(bag.counts.values())} messages')
+    print(
+        f'{file}: {file.stat().st_size / 1e6:.2f} MB, {bag.duration_s:.1f} s, '
+        f'{sum(bag.counts.values())} messages'
+    )
     return 0
 
 

@@ -140,8 +140,11 @@ def main() -> int:
     if args.bare and not skipped:
         print('run_tests: nothing was skipped, so nothing was hidden')
         codes.append(1)
-    print(f'{counts["passed"]} passed, {counts["failed"] + counts["error"]} failed, '
-          f'{counts["skipped"]} skipped', flush=True)
+    print(
+        f'{counts["passed"]} passed, {counts["failed"] + counts["error"]} failed, '
+        f'{counts["skipped"]} skipped',
+        flush=True,
+    )
     return max(codes, key=bool)
 
 

@@ -70,8 +70,12 @@ class Step:
         """Run a command; raises SetupFailed with the end of what it printed."""
         with self.log.open('a') as log:
             code = subprocess.run(
-                [str(w) for w in words], cwd=ROOT, stdout=log, stderr=subprocess.STDOUT,
-                stdin=subprocess.DEVNULL, check=False,
+                [str(w) for w in words],
+                cwd=ROOT,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                check=False,
             ).returncode
         if code:
             lines = self.log.read_text(errors='replace').splitlines()
@@ -104,7 +108,11 @@ class Step:
                 case ['Collecting', name, *_]:
                     return f'looking for {name}'
                 case ['Downloading' | 'Using' | 'Processing', *_, name] | [
-                    'Downloading' | 'Using' | 'Processing', *_, name, _, _
+                    'Downloading' | 'Using' | 'Processing',
+                    *_,
+                    name,
+                    _,
+                    _,
                 ] if '.whl' in name:
                     return f'fetching {Path(name).name.split("-")[0]}'
                 case ['Installing', 'collected', 'packages:', *names]:
@@ -205,8 +213,13 @@ def setup(extra: str) -> None:
     ready.touch()
     # Does nothing where the cache has what this version, on this processor, needs.
     parts = ['--parts', 'tracker,twin,sound,ice,simulate'] if extra else []
-    wait(Step('kernels', lambda step: step.command(PYTHON, '-m', 'eol_ros', 'compile', *parts),
-              quiet_s=2.0))
+    wait(
+        Step(
+            'kernels',
+            lambda step: step.command(PYTHON, '-m', 'eol_ros', 'compile', *parts),
+            quiet_s=2.0,
+        )
+    )
 
 
 def main() -> int:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag as arrays: `open_bag(path).table('blocks')`, and CSV. No ROS needed.
 
-    from eol_ros.analysis.bag import open_bag
-    blocks = open_bag('bags').table('blocks')
-    x = blocks['blocks']['x']          # (n, 25), m
-    t = blocks['stamp']                # datetime64[ns], mid-exposure
+from eol_ros.analysis.bag import open_bag
+blocks = open_bag('bags').table('blocks')
+x = blocks['blocks']['x']          # (n, 25), m
+t = blocks['stamp']                # datetime64[ns], mid-exposure
 """
 
 import csv
@@ -74,9 +74,7 @@ class Bag(BagReader):
         """Return the decoder of the full topic name."""
         return Decoder(self.topics[name].type, self.topics[name].definition)
 
-    def table(
-        self, topic: str, start_s: float = 0.0, end_s: float | None = None
-    ) -> Table:
+    def table(self, topic: str, start_s: float = 0.0, end_s: float | None = None) -> Table:
         """Return the messages of `topic` received in [start_s, end_s), from the start of the bag.
 
         topic: with or without `/eol/`. Raises ConfigError where the bag has no such topic.

@@ -86,8 +86,13 @@ def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
 
     def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
         some = c['cascades_at_least'] > 0
-        axes.loglog(c['area_blocks'][some], c['cascades_at_least'][some], 'o', color=BLUE,
-                    label=f'{law["count"]} cascades')
+        axes.loglog(
+            c['area_blocks'][some],
+            c['cascades_at_least'][some],
+            'o',
+            color=BLUE,
+            label=f'{law["count"]} cascades',
+        )
         if 'tau' in law:
             words = f'b = {law["b_value"]:.2f} ± {law["b_error"]:.2f}, A ≥ {law["area_min"]}'
             axes.loglog(c['area_blocks'], c['fit'], color=ORANGE, label=words)
@@ -124,8 +129,15 @@ def _map(blocks: np.ndarray, note: str) -> Figure:
         image = axes.imshow(grid, origin='lower', cmap='cividis', vmin=0)
         for block, count in zip(c['block'], c['slips'], strict=True):
             bright = count > 0.6 * max(counts.max(), 1)
-            axes.text(block % COLS, block // COLS, f'{block}\n{count}', ha='center', va='center',
-                      color='black' if bright else 'white', fontsize=8)
+            axes.text(
+                block % COLS,
+                block // COLS,
+                f'{block}\n{count}',
+                ha='center',
+                va='center',
+                color='black' if bright else 'white',
+                fontsize=8,
+            )
         axes.set(xlabel='column (right)', ylabel='row (away)')
         axes.figure.colorbar(image, label='slips')
 

@@ -168,8 +168,12 @@ def _setting(bag: Bag, node: str, name: str) -> Any:
 
 def _summary(late_ms: np.ndarray) -> dict[str, float]:
     p50, p99 = np.percentile(late_ms, [50, 99])
-    return {'p50': round(p50, 2), 'p99': round(p99, 2), 'max': round(float(late_ms.max()), 2),
-            'count': len(late_ms)}
+    return {
+        'p50': round(p50, 2),
+        'p99': round(p99, 2),
+        'max': round(float(late_ms.max()), 2),
+        'count': len(late_ms),
+    }
 
 
 def _median(values: np.ndarray) -> float | None:
@@ -207,11 +211,19 @@ def _verdict(found: dict[str, Any]) -> str:
     if proof is None:
         return ''
     words = 'equal to the last bit' if proof['equal'] else 'NOT equal'
-    rows = [(t, c['recorded'], c['recomputed'], c['different'], c['first'])
-            for t, c in proof['topics'].items()]
+    rows = [
+        (t, c['recorded'], c['recomputed'], c['different'], c['first'])
+        for t, c in proof['topics'].items()
+    ]
     notes = ''.join(f'<p class="warn">{html.escape(n)}</p>' for n in proof['notes'])
-    return _rows(f'Recomputed from the recorded input: {words}',
-                 ('topic', 'recorded', 'recomputed', 'different', 'first'), rows) + notes
+    return (
+        _rows(
+            f'Recomputed from the recorded input: {words}',
+            ('topic', 'recorded', 'recomputed', 'different', 'first'),
+            rows,
+        )
+        + notes
+    )
 
 
 def _latency_rows(title: str, latencies: dict[str, dict[str, float]]) -> str:
@@ -243,8 +255,10 @@ def summary(found: dict[str, Any]) -> str:
                 f'{c["count"]} cascades, up to {c["largest"]} blocks; b = {c["b_value"]:.2f} +- '
                 f'{c["b_error"]:.2f} for areas {c["area_min"]} to {c["area_max"]}'
             )
-    for begin, latencies in (('the image', found['latency_ms']),
-                             ('the onset of the slip', found['onset_latency_ms'])):
+    for begin, latencies in (
+        ('the image', found['latency_ms']),
+        ('the onset of the slip', found['onset_latency_ms']),
+    ):
         for topic, r in latencies.items():
             lines.append(f'{topic}: {r["p50"]:.1f} ms after {begin} (p99 {r["p99"]:.1f})')
     for topic, c in found.get('retracked', {}).get('topics', {}).items():
@@ -254,8 +268,6 @@ def summary(found: dict[str, Any]) -> str:
         )
     lines += found.get('retracked', {}).get('notes', [])
     return '\n'.join(line.rstrip() for line in lines)
-
-
 
 
 _STYLE = """

@@ -69,9 +69,10 @@ def settings_of(bag: Bag, node: str) -> Any:
     try:
         values = yaml.safe_load(bag.about['settings'])['nodes'][node]
         fields = {f.name for f in dataclasses.fields(NODES[node])}
-        before = renamed(node)
-        known = {before.get(k, k): tuple(v) if isinstance(v, list) else v
-                 for k, v in values.items()}
+        before = renamed(NODES[node])
+        known = {
+            before.get(k, k): tuple(v) if isinstance(v, list) else v for k, v in values.items()
+        }
         return NODES[node](**{k: v for k, v in known.items() if k in fields})
     except (KeyError, TypeError, yaml.YAMLError):
         raise ConfigError(
@@ -252,9 +253,7 @@ def _compare_triggers(bag: Bag, inputs: list, result: Retracked) -> None:
     selector.load(corpus)
     rows = []
     for _log_ns, stamp_ns, record, seen in inputs:
-        found = selector.update(
-            stamp_ns * 1e-9, record['x'], record['y'], seen, record['sigma']
-        )
+        found = selector.update(stamp_ns * 1e-9, record['x'], record['y'], seen, record['sigma'])
         for t in found:
             rows.append((
                 len(rows), t['grain'], t['block'], t['gain'], t['rate'], t['pan'], t['attack_s'],

@@ -30,12 +30,21 @@ EXAMPLES = [
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('scene', nargs='?', default='rehearsal', help='file, or one that ships')
-    parser.add_argument('--for', dest='seconds', type=float, metavar='SECONDS',
-                        help='stop this long after all is OK')
-    parser.add_argument('--bag', metavar='DIR',
-                        help='record into this folder, even if the scene says recorder: off')
-    parser.add_argument('--only', metavar='NODES',
-                        help='start these alone, parted by commas; the recorder too only if named')
+    parser.add_argument(
+        '--for',
+        dest='seconds',
+        type=float,
+        metavar='SECONDS',
+        help='stop this long after all is OK',
+    )
+    parser.add_argument(
+        '--bag', metavar='DIR', help='record into this folder, even if the scene says recorder: off'
+    )
+    parser.add_argument(
+        '--only',
+        metavar='NODES',
+        help='start these alone, parted by commas; the recorder too only if named',
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -62,8 +71,11 @@ def run(args: argparse.Namespace) -> int:
             unrecorded = unrecorded or '--only does not name the recorder'
     installed.require()
     server = status.listen(plan.domain(scene))
-    with tempfile.TemporaryDirectory(prefix='eol-run-') as run_folder, server, \
-            EventLog(folders.state()) as events:
+    with (
+        tempfile.TemporaryDirectory(prefix='eol-run-') as run_folder,
+        server,
+        EventLog(folders.state()) as events,
+    ):
         file = Path(run_folder) / f'{scene.name}.yaml'
         file.write_text(yaml.safe_dump(scenes.plain(scene), sort_keys=False))
         say(f'{scene.name}: {", ".join(scene.nodes)}')
@@ -75,7 +87,11 @@ def run(args: argparse.Namespace) -> int:
             say(f'not recorded: {unrecorded}')
             events.entry(f'{scene.name}: not recorded: {unrecorded}')
         supervisor = Supervisor(
-            scene.name, plan.processes(scene, file, sim_time), server, events, say,
+            scene.name,
+            plan.processes(scene, file, sim_time),
+            server,
+            events,
+            say,
             compiler=plan.compiler(scene),
         )
         return supervisor.run(args.seconds)

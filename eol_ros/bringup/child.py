@@ -74,8 +74,14 @@ class Child:
         self.start_at_s, self.code, self.hung_s = None, None, None
         self.settled = self.starved = False
         self.status = {
-            node: {'node': node, 'level': 3, 'text': 'starting', 'rate': 0.0, 'values': {},
-                   'pid': self.popen.pid}
+            node: {
+                'node': node,
+                'level': 3,
+                'text': 'starting',
+                'rate': 0.0,
+                'values': {},
+                'pid': self.popen.pid,
+            }
             for node in self.process.nodes
         }
 

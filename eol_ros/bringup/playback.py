@@ -41,8 +41,11 @@ def differences(about: dict[str, str], scene: Scene) -> list[str]:
         nodes: dict[str, Any] = yaml.safe_load(about.get('settings', ''))['nodes']
     except (yaml.YAMLError, KeyError, TypeError):
         return []  # a bag of another program
-    nodes = {name: {renamed(name).get(key, key): value for key, value in values.items()}
-             for name, values in nodes.items() if name in NODES and isinstance(values, dict)}
+    nodes = {
+        name: {renamed(NODES[name]).get(key, key): value for key, value in values.items()}
+        for name, values in nodes.items()
+        if name in NODES and isinstance(values, dict)
+    }
     return [
         f'{name}.{key} is {value!r} here and was {nodes[name][key]!r} in the run: it will differ'
         for name in DECIDING

@@ -112,16 +112,19 @@ class Silence:
 
     def words(self) -> str:
         """Return what it waits for: "starved: waited 4.3 of the last 5.0 s for a processor"."""
-        what, waited = max(('a processor', self.processor_s), ('a disk', self.disk_s),
-                           key=lambda pair: pair[1])
+        what, waited = max(
+            ('a processor', self.processor_s), ('a disk', self.disk_s), key=lambda pair: pair[1]
+        )
         return f'starved: waited {waited:.1f} of the last {self.looked_s:.1f} s for {what}'
 
     def measured(self) -> str:
         """Return all that was measured, for the log."""
         threads = self._look.threads.values() if self._look else ()
-        return (f'silent for {self.silent_s:.1f} s; in {self.looked_s:.1f} s of these it waited '
-                f'{self.processor_s:.1f} s for a processor, {self.disk_s:.1f} s for a disk; its '
-                f'threads are {"".join(t.state for t in threads) or "not known"}')
+        return (
+            f'silent for {self.silent_s:.1f} s; in {self.looked_s:.1f} s of these it waited '
+            f'{self.processor_s:.1f} s for a processor, {self.disk_s:.1f} s for a disk; its '
+            f'threads are {"".join(t.state for t in threads) or "not known"}'
+        )
 
 
 @dataclass

@@ -77,8 +77,10 @@ def table(status: dict[str, Any]) -> str:
     age += f'{rest // 3600:02d}:{rest % 3600 // 60:02d}:{rest % 60:02d}'
     worst = max((row['level'] for row in status['nodes']), default=0)
     words = 'all good' if worst == 0 else f'worst: {WORDS[worst]}'
-    lines = [f'{status["scene"]}  running {age}  restarts {status["restarts"]}  {words}',
-             f'{"NODE":10}{"STATE":10}{"RATE":>9}  NOTE']
+    lines = [
+        f'{status["scene"]}  running {age}  restarts {status["restarts"]}  {words}',
+        f'{"NODE":10}{"STATE":10}{"RATE":>9}  NOTE',
+    ]
     for row in status['nodes']:
         rate = f'{row["rate"]:.1f} Hz' if row['rate'] else '-'
         lines.append(f'{row["node"]:10}{WORDS[row["level"]]:10}{rate:>9}  {row["text"]}')

@@ -87,8 +87,9 @@ class Supervisor:
             self._stop()
         restarts = sum(child.policy.restarts for child in self.children)
         age = int(time.monotonic() - self._began_s)
-        self._note(f'stopped, {age // 3600:02d}:{age % 3600 // 60:02d}:{age % 60:02d}, '
-                   f'{restarts} restarts')
+        self._note(
+            f'stopped, {age // 3600:02d}:{age % 3600 // 60:02d}:{age % 60:02d}, {restarts} restarts'
+        )
         return code
 
     def stop(self) -> None:
@@ -126,8 +127,14 @@ class Supervisor:
             text = f'compiling, {compiler.percent} %'
             for child in self.children:
                 child.status = {
-                    node: {'node': node, 'level': 3, 'text': text, 'rate': 0.0, 'values': {},
-                           'pid': 0}
+                    node: {
+                        'node': node,
+                        'level': 3,
+                        'text': text,
+                        'rate': 0.0,
+                        'values': {},
+                        'pid': 0,
+                    }
                     for node in child.process.nodes
                 }
             status.answer(self._server, self.describe())
@@ -191,8 +198,10 @@ class Supervisor:
             self.real_time = False
             if not self._told_priority:
                 self._told_priority = True
-                self._note('no real-time priority here: light and sound may come late when the '
-                           'machine is busy (docs/install.md)')
+                self._note(
+                    'no real-time priority here: light and sound may come late when the '
+                    'machine is busy (docs/install.md)'
+                )
 
     def _end_hung(self, child: Child, now: float) -> None:
         """First let it write down where it hangs (faulthandler, on SIGABRT), then kill it."""

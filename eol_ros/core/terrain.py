@@ -118,13 +118,15 @@ def cover_mesh(heights: np.ndarray, shape: CoverShape) -> np.ndarray:
 
     loop = _border(cells)
     outer_rim, inner_rim = (p[loop] * [1, 1, 0] for p in (outer, inner))
-    return np.concatenate([
-        _grid_triangles(outer, cells, up=True),
-        _grid_triangles(inner, cells, up=False),
-        _band(outer_rim, outer[loop]),
-        _band(inner[loop], inner_rim),
-        _band(inner_rim, outer_rim),
-    ])
+    return np.concatenate(
+        [
+            _grid_triangles(outer, cells, up=True),
+            _grid_triangles(inner, cells, up=False),
+            _band(outer_rim, outer[loop]),
+            _band(inner[loop], inner_rim),
+            _band(inner_rim, outer_rim),
+        ]
+    )
 
 
 def volume_mm3(triangles: np.ndarray) -> float:
@@ -172,9 +174,7 @@ def _grid_triangles(points: np.ndarray, cells: int, up: bool) -> np.ndarray:
 def _border(cells: int) -> np.ndarray:
     """Return the indices of the border, counter-clockwise seen from above."""
     corner = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
-    return np.concatenate(
-        [corner[0, :-1], corner[:-1, -1], corner[-1, :0:-1], corner[:0:-1, 0]]
-    )
+    return np.concatenate([corner[0, :-1], corner[:-1, -1], corner[-1, :0:-1], corner[:0:-1, 0]])
 
 
 def _band(low: np.ndarray, high: np.ndarray) -> np.ndarray:

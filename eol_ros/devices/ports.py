@@ -35,9 +35,7 @@ def find(what: str, wanted: str, ports: Sequence[Port]) -> str:
         if not os.path.exists(wanted):
             raise DeviceMissing(f'{what} {wanted} is not there: is it plugged in?')
         return wanted
-    fitting = [
-        p for p in ports if wanted == 'auto' or wanted in p.name or wanted in p.description
-    ]
+    fitting = [p for p in ports if wanted == 'auto' or wanted in p.name or wanted in p.description]
     if len(fitting) == 1:
         return fitting[0].name
     if fitting:

@@ -56,8 +56,6 @@ class Infrared:
         return told[-1]
 
     def _say(self, target: str, key: str, value: str, stamp_ns: int) -> None:
-        said = Control(
-            source=self.node.NAME, command='set', target=target, key=key, value=value
-        )
+        said = Control(source=self.node.NAME, command='set', target=target, key=key, value=value)
         said.header.stamp = to_msg(stamp_ns)
         self.asks.publish(said)

@@ -29,7 +29,11 @@ class SoundNode(EolNode):
         s = self.settings
         self.epoch_ns = now_ns() // NS * NS
         self.mixer = Mixer(
-            s.sample_rate, s.channels, s.polyphony, ceiling_db=s.ceiling_db, gain_db=s.gain_db,
+            s.sample_rate,
+            s.channels,
+            s.polyphony,
+            ceiling_db=s.ceiling_db,
+            gain_db=s.gain_db,
             epoch_s=self.epoch_ns // NS,
         )
         self.on_settings(s)
@@ -42,7 +46,12 @@ class SoundNode(EolNode):
         self.unheard, self.asleep = 0, False
         self.trouble = 'waiting for the corpus'
         self.player = Player(
-            self.mixer, s.device, s.block_size, wav, s.wav_limit_s, s.fade_in_s,
+            self.mixer,
+            s.device,
+            s.block_size,
+            wav,
+            s.wav_limit_s,
+            s.fade_in_s,
             card_needed=s.card_needed,
         )
         self.create_timer(1 / s.meter_hz, self.on_timer)
@@ -94,10 +103,14 @@ class SoundNode(EolNode):
         self.meters.publish(meter_message(reading, self.epoch_ns, state, player.output.name, s))
         self.samples.look()
         self.health.values.update(
-            voices=reading.voices, load=round(reading.load, 3), unheard=self.unheard,
-            peak_dbfs=round(reading.peak_dbfs, 1), losses=player.losses,
+            voices=reading.voices,
+            load=round(reading.load, 3),
+            unheard=self.unheard,
+            peak_dbfs=round(reading.peak_dbfs, 1),
+            losses=player.losses,
             output_ms=round(1e3 * player.output.latency_s, 1),
-            relocks=int(state['clock_locks']), **{k: int(state[k]) for k in COUNTERS},
+            relocks=int(state['clock_locks']),
+            **{k: int(state[k]) for k in COUNTERS},
         )
         text = '; '.join(t for t in (player.text, self.trouble) if t)
         level = 'warn' if self.trouble and player.level == 'ok' else player.level

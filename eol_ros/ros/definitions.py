@@ -20,8 +20,21 @@ from eol_ros.ros.topics import QOS, TOPICS
 
 _SEPARATOR = '=' * 80
 _PRIMITIVES = {
-    'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring',
-    'int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'int64', 'uint64',
+    'bool',
+    'byte',
+    'char',
+    'float32',
+    'float64',
+    'string',
+    'wstring',
+    'int8',
+    'uint8',
+    'int16',
+    'uint16',
+    'int32',
+    'uint32',
+    'int64',
+    'uint64',
 }
 # A field is `type name`, a constant `TYPE NAME=value`; both may follow with a comment.
 _FIELD = re.compile(r'^\s*(?P<type>[A-Za-z]\w*(?:/\w+)?)(?P<rest>\S*)\s+[a-z]\w*\s*(?!\s*=)')

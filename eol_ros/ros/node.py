@@ -128,7 +128,9 @@ class EolNode(Node):
         """Return a publisher of `topic` with type and QoS of the table."""
         row = TOPICS[topic]
         return self.create_publisher(
-            row.message_class(), topic, PUBLISHER_QOS[row.qos],
+            row.message_class(),
+            topic,
+            PUBLISHER_QOS[row.qos],
             event_callbacks=_loud(self, topic, True),
         )
 
@@ -171,7 +173,7 @@ class EolNode(Node):
         """Declare a ROS parameter per setting; command-line overrides are checked like a scene."""
         fields = {f.name: f for f in dataclasses.fields(settings)}
         overrides = {k: p.value for k, p in self._parameter_overrides.items()}
-        for old, new in renamed(self.NAME).items():
+        for old, new in renamed(type(settings)).items():
             if old in overrides and new not in overrides:
                 self.get_logger().warning(
                     f'parameter {old} is now called {new}; the old name goes with the next version'
@@ -206,8 +208,9 @@ class EolNode(Node):
                 successful=False, reason=f'{SIM_TIME} is read when the node starts: start it anew'
             )
         try:
-            changes = {p.name: check_value(fields[p.name], p.value) for p in parameters
-                       if p.name in fields}
+            changes = {
+                p.name: check_value(fields[p.name], p.value) for p in parameters if p.name in fields
+            }
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
         if changes:

@@ -40,8 +40,10 @@ def _describe(name: str) -> str:
     lines = [f'settings of {name} (in the scene, or --ros-args -p NAME:=VALUE):']
     for f in dataclasses.fields(NODES[name]):
         unit = f.metadata.get('unit', '')
-        lines.append(f'  {f.name:20} {f.default!r:14} {f.metadata.get("doc", "")}'
-                     + (f' [{unit}]' if unit else ''))
+        lines.append(
+            f'  {f.name:20} {f.default!r:14} {f.metadata.get("doc", "")}'
+            + (f' [{unit}]' if unit else '')
+        )
     return '\n'.join(lines)
 
 

@@ -62,7 +62,8 @@ class PeerDiscovery:
         return [
             topic
             for wanted, found in (
-                (self._subscribers, self.subscribers), (self._publishers, self.publishers)
+                (self._subscribers, self.subscribers),
+                (self._publishers, self.publishers),
             )
             for topic, names in wanted.items()
             if names - found(topic)

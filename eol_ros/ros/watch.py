@@ -45,7 +45,10 @@ class Watch:
         for topic in topics:
             row = TOPICS[topic]
             self._node.create_subscription(
-                row.message_class(), topic, self._taker(topic, topic in kept), QOS[row.qos],
+                row.message_class(),
+                topic,
+                self._taker(topic, topic in kept),
+                QOS[row.qos],
                 raw=True,
             )
         self.played = PlayedClock() if replay else None

@@ -25,30 +25,56 @@ _VIEWS = 8  # pictures taken out of a long source
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('way', choices=['blocks', 'points', 'board', 'print'],
-                        help='what the camera sees; `print` writes a board to be printed: .pdf '
-                             'or .svg to scale, .png as pixels')
-    parser.add_argument('sources', nargs='+', metavar='FILE',
-                        help='pictures, a film, a .npy stack, a folder or a bag; for `points` a '
-                             'CSV of u,v,x,y a line: pixels, then metres (x right, y away)')
+    parser.add_argument(
+        'way',
+        choices=['blocks', 'points', 'board', 'print'],
+        help='what the camera sees; `print` writes a board to be printed: .pdf '
+        'or .svg to scale, .png as pixels',
+    )
+    parser.add_argument(
+        'sources',
+        nargs='+',
+        metavar='FILE',
+        help='pictures, a film, a .npy stack, a folder or a bag; for `points` a '
+        'CSV of u,v,x,y a line: pixels, then metres (x right, y away)',
+    )
     parser.add_argument('--out', metavar='C.yaml', help='where the calibration goes')
     parser.add_argument('--picture', metavar='P.png', help='picture of what is left unexplained')
     parser.add_argument('--lens', metavar='YAML', help='camera_info file, whose lens is kept')
-    parser.add_argument('--focal', type=float, metavar='PX',
-                        help='focal length in px, where no --lens is known')
-    parser.add_argument('--mirror', action='store_true',
-                        help='the camera sees the table in a mirror: left and right are exchanged')
-    parser.add_argument('--cover-height', type=float, default=0.0, metavar='M',
-                        help='covers above the platform, in metres')
+    parser.add_argument(
+        '--focal', type=float, metavar='PX', help='focal length in px, where no --lens is known'
+    )
+    parser.add_argument(
+        '--mirror',
+        action='store_true',
+        help='the camera sees the table in a mirror: left and right are exchanged',
+    )
+    parser.add_argument(
+        '--cover-height',
+        type=float,
+        default=0.0,
+        metavar='M',
+        help='covers above the platform, in metres',
+    )
     parser.add_argument('--size', metavar='WxH', help='image size, for points without --lens')
     parser.add_argument('--board', default='11x8', metavar='CxR', help='squares of the board')
     parser.add_argument('--square', type=float, default=0.06, metavar='M', help='side of a square')
     parser.add_argument('--marker', type=float, default=0.045, metavar='M', help='side of a marker')
-    parser.add_argument('--paper', default='auto', metavar='A4..A0|WxH',
-                        help='to print on, sizes in mm (default: the smallest that does)')
+    parser.add_argument(
+        '--paper',
+        default='auto',
+        metavar='A4..A0|WxH',
+        help='to print on, sizes in mm (default: the smallest that does)',
+    )
     parser.add_argument('--dictionary', default='DICT_4X4_100', help='of the markers')
-    parser.add_argument('--at', type=float, nargs=2, default=(0.0, 0.0), metavar=('X', 'Y'),
-                        help="the board's centre on the table in the first picture, in metres")
+    parser.add_argument(
+        '--at',
+        type=float,
+        nargs=2,
+        default=(0.0, 0.0),
+        metavar=('X', 'Y'),
+        help="the board's centre on the table in the first picture, in metres",
+    )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 
@@ -66,11 +92,14 @@ def run(args) -> int:
         image = images[0]
         solution = (_blocks if args.way == 'blocks' else _board)(args, images)
     if solution.calibration.mirrored and not args.mirror:
-        raise ConfigError(f'{LEFT_HANDED} add --mirror; else y is counted downwards: let it point '
-                          'away, to the top of the picture')
+        raise ConfigError(
+            f'{LEFT_HANDED} add --mirror; else y is counted downwards: let it point '
+            'away, to the top of the picture'
+        )
     if args.mirror and not solution.calibration.mirrored:
-        raise ConfigError('there is no mirror in these points: leave out --mirror, or exchange '
-                          'left and right')
+        raise ConfigError(
+            'there is no mirror in these points: leave out --mirror, or exchange left and right'
+        )
     solution = replace(solution, calibration=replace(solution.calibration, date=_today()))
     _tell(args, solution)
     if args.picture:
@@ -103,8 +132,7 @@ def _blocks(args, images):
             reason = str(error)
     if not views:
         raise ConfigError(f'no picture shows all blocks at rest: {reason}')
-    return from_blocks(views, _start(args, images[0].shape), args.cover_height,
-                       lens=not args.lens)
+    return from_blocks(views, _start(args, images[0].shape), args.cover_height, lens=not args.lens)
 
 
 def _board(args, images):
@@ -129,8 +157,11 @@ def _print(args) -> int:
         from eol_ros.devices.files import picture_file
 
         picture_file.save(path, _board_of(args).picture())
-        print(f'print it so that one square is {args.square * 1e3:g} mm wide, with a white margin; '
-              'a .pdf has both', file=sys.stderr)
+        print(
+            f'print it so that one square is {args.square * 1e3:g} mm wide, with a white margin; '
+            'a .pdf has both',
+            file=sys.stderr,
+        )
         return 0
     from eol_ros.core.vision.calibration import board_sheet
 
@@ -140,8 +171,10 @@ def _print(args) -> int:
         path.write_bytes(data)
     except OSError as error:
         raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
-    print(f'print it at 100 % on {page.width:g} x {page.height:g} mm, then measure the ruler',
-          file=sys.stderr)
+    print(
+        f'print it at 100 % on {page.width:g} x {page.height:g} mm, then measure the ruler',
+        file=sys.stderr,
+    )
     return 0
 
 
@@ -172,8 +205,10 @@ def _start(args, shape):
         return nominal(shape[1], shape[0], args.focal)
     width, height, camera, lens = load_lens(args.lens)
     if shape is not None and shape != (height, width):
-        raise ConfigError(f'{args.lens}: is for images of {width}x{height}, these are '
-                          f'{shape[1]}x{shape[0]}: use the lens of this camera at this size')
+        raise ConfigError(
+            f'{args.lens}: is for images of {width}x{height}, these are '
+            f'{shape[1]}x{shape[0]}: use the lens of this camera at this size'
+        )
     return replace(nominal(width, height), camera_matrix=camera, distortion_coefficients=lens)
 
 
@@ -195,8 +230,9 @@ def _images(sources) -> list[np.ndarray]:
             continue
         source = open_source(path)
         every = max(source.count // _VIEWS, 1)
-        images += [image.copy() for k, (_, image) in enumerate(source.read())
-                   if k % every == 0][:_VIEWS]
+        images += [image.copy() for k, (_, image) in enumerate(source.read()) if k % every == 0][
+            :_VIEWS
+        ]
     if not images:
         raise ConfigError('no image in ' + ', '.join(sources))
     if len({image.shape for image in images}) > 1:
@@ -222,18 +258,33 @@ def _tell(args, solution) -> None:
     done = solution.calibration
     each = solution.by_name()
     if args.json:
-        print(json.dumps({
-            'residual_px': done.residual_px, 'residual_mm': done.residual_mm,
-            'refused': solution.refusal(), 'points': len(solution.px), 'mirror': done.mirrored,
-            'corner_sigma_mm': [None if np.isnan(s) else float(s) for s in solution.corner_mm],
-            'each': {name: {'px': px, 'mm': mm} for name, (px, mm) in each.items()}}))
+        print(
+            json.dumps(
+                {
+                    'residual_px': done.residual_px,
+                    'residual_mm': done.residual_mm,
+                    'refused': solution.refusal(),
+                    'points': len(solution.px),
+                    'mirror': done.mirrored,
+                    'corner_sigma_mm': [
+                        None if np.isnan(s) else float(s) for s in solution.corner_mm
+                    ],
+                    'each': {name: {'px': px, 'mm': mm} for name, (px, mm) in each.items()},
+                }
+            )
+        )
         return
-    print(f'residual {done.residual_px:.3f} px = {done.residual_mm:.3f} mm RMS per axis, '
-          f'{len(solution.px)} points')
+    print(
+        f'residual {done.residual_px:.3f} px = {done.residual_mm:.3f} mm RMS per axis, '
+        f'{len(solution.px)} points'
+    )
     worst = sorted(each.items(), key=lambda item: -item[1][0])[:5]
     print('worst: ' + ', '.join(f'{n} {px:.3f} px {mm:.3f} mm' for n, (px, mm) in worst))
     if np.isfinite(solution.corner_mm).any():
-        print("platform's corners known to "
-              + ', '.join(f'{s:.2f}' for s in solution.corner_mm) + ' mm')
+        print(
+            "platform's corners known to "
+            + ', '.join(f'{s:.2f}' for s in solution.corner_mm)
+            + ' mm'
+        )
     else:
-        print("four points fit any table: give more to know how far this can be trusted")
+        print('four points fit any table: give more to know how far this can be trusted')

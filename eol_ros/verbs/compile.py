@@ -21,13 +21,23 @@ SAY_S = 5.0  # a line of progress at least so often where there is no terminal
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--force', '--anew', action='store_true', dest='force',
-                        help='discard the cache and compile everything again')
-    parser.add_argument('--parts', metavar='PARTS', default=','.join(compiled.AT_FIRST),
-                        help=f'comma-separated names, of {", ".join(compiled.PARTS)} '
-                             f'(default: {",".join(compiled.AT_FIRST)})')
-    parser.add_argument('--here', action='store_true',
-                        help='in this process, and print how many functions are done')
+    parser.add_argument(
+        '--force',
+        '--anew',
+        action='store_true',
+        dest='force',
+        help='discard the cache and compile everything again',
+    )
+    parser.add_argument(
+        '--parts',
+        metavar='PARTS',
+        default=','.join(compiled.AT_FIRST),
+        help=f'comma-separated names, of {", ".join(compiled.PARTS)} '
+        f'(default: {",".join(compiled.AT_FIRST)})',
+    )
+    parser.add_argument(
+        '--here', action='store_true', help='in this process, and print how many functions are done'
+    )
 
 
 def run(args):
@@ -185,8 +195,13 @@ def _simulate():
 
     spinning = {'side': 0.084, 'spin0': [1.0]}
     turning = builders.single({'kind': 'none'}, 0.1, dim1=False, rotation=spinning)
-    for scene, path in (('S1', 'exact'), ('S1', 'event'), ('S1', 'stepping'),
-                        (turning, 'event'), (turning, 'stepping')):
+    for scene, path in (
+        ('S1', 'exact'),
+        ('S1', 'event'),
+        ('S1', 'stepping'),
+        (turning, 'event'),
+        (turning, 'stepping'),
+    ):
         scene = presets.scene(scene) | {'T': 0.1} if isinstance(scene, str) else scene
         for ledger in (True, False):
             simulate(from_mapping(scene), path=path, ledger=ledger)

@@ -26,8 +26,12 @@ def add_arguments(parser):
     parser.add_argument('--hz', action='store_true', help='their rate, each second, like topic hz')
     parser.add_argument('--json', action='store_true', help='one JSON object a line')
     parser.add_argument('--full', action='store_true', help='all of long arrays and texts')
-    parser.add_argument('--timeout', type=float, metavar='S',
-                        help='give up (exit code 69) when S seconds bring no message')
+    parser.add_argument(
+        '--timeout',
+        type=float,
+        metavar='S',
+        help='give up (exit code 69) when S seconds bring no message',
+    )
     parser.add_argument('--lan', action='store_true', help='look on the network, not only here')
 
 

@@ -167,9 +167,7 @@ def _bank(path: str, sample_rate: int):
     corpus = load(Path(path))
     grains = corpus.grains
     files = [source.path for source in corpus.sources]
-    return load_bank(
-        files, grains['file'], grains['start_s'], grains['duration_s'], sample_rate
-    )
+    return load_bank(files, grains['file'], grains['start_s'], grains['duration_s'], sample_rate)
 
 
 def _writer(path: str, settings):

@@ -28,13 +28,26 @@ def add_arguments(parser):
     speed.add_argument('--fast', action='store_true', help='as fast as the readers acknowledge')
     parser.add_argument('--loop', action='store_true', help='begin again at the end')
     parser.add_argument('--start', type=float, default=0.0, metavar='S', help='begin S seconds in')
-    parser.add_argument('--only', metavar='TOPICS',
-                        help='these, parted by commas, or all (default: the pictures if all were '
-                        'kept, else blocks; and the taps and requests that go with them)')
-    parser.add_argument('--clock', type=float, default=100.0, metavar='HZ',
-                        help='messages a second on /clock; 0 for none (default 100)')
-    parser.add_argument('--wait', type=float, default=3.0, metavar='S',
-                        help='wait so long for a first reader (default 3)')
+    parser.add_argument(
+        '--only',
+        metavar='TOPICS',
+        help='these, parted by commas, or all (default: the pictures if all were '
+        'kept, else blocks; and the taps and requests that go with them)',
+    )
+    parser.add_argument(
+        '--clock',
+        type=float,
+        default=100.0,
+        metavar='HZ',
+        help='messages a second on /clock; 0 for none (default 100)',
+    )
+    parser.add_argument(
+        '--wait',
+        type=float,
+        default=3.0,
+        metavar='S',
+        help='wait so long for a first reader (default 3)',
+    )
     parser.add_argument('--lan', action='store_true', help='reach other machines too')
     parser.add_argument('--list', action='store_true', help='say what is in the bag and end')
     parser.add_argument('--json', action='store_true', help='with --list: as one JSON object')

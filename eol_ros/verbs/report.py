@@ -21,8 +21,11 @@ def add_arguments(parser):
     parser.add_argument('bag', help='bag folder, .mcap file, or a folder of bags: its newest run')
     parser.add_argument('--out', metavar='DIR', help='where it goes (default: report-NAME here)')
     parser.add_argument('--csv', metavar='TOPICS', help='write these topics as CSV, no report')
-    parser.add_argument('--retrack', action='store_true',
-                        help='recompute blocks, slips, cascades and triggers and compare them')
+    parser.add_argument(
+        '--retrack',
+        action='store_true',
+        help='recompute blocks, slips, cascades and triggers and compare them',
+    )
     parser.add_argument('--json', action='store_true', help='the numbers to stdout as JSON')
 
 

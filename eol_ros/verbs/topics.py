@@ -23,11 +23,19 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('--json', action='store_true', help='as one JSON list')
     parser.add_argument('--markdown', action='store_true', help='the table of all topics there are')
-    parser.add_argument('--hz', action='store_true',
-                        help='measure the rate of each topic for 3 s; what is published only while '
-                        'somebody subscribes is published for that')
-    parser.add_argument('--seconds', type=float, default=10.0, metavar='S',
-                        help='longest time to discover the graph (default 10)')
+    parser.add_argument(
+        '--hz',
+        action='store_true',
+        help='measure the rate of each topic for 3 s; what is published only while '
+        'somebody subscribes is published for that',
+    )
+    parser.add_argument(
+        '--seconds',
+        type=float,
+        default=10.0,
+        metavar='S',
+        help='longest time to discover the graph (default 10)',
+    )
     parser.add_argument('--lan', action='store_true', help='look on the network, not only here')
 
 
@@ -47,8 +55,11 @@ def run(args):
         rows = [row for row in on_the_graph(visit.node) if row['topic'] not in OF_ROS]
         if rows and not whole:
             missing = ', '.join(sorted(discovered.missing()))
-            print(f'not the whole graph yet after {args.seconds:g} s'
-                  + (f': {missing} not found' if missing else ''), file=sys.stderr)
+            print(
+                f'not the whole graph yet after {args.seconds:g} s'
+                + (f': {missing} not found' if missing else ''),
+                file=sys.stderr,
+            )
         if args.hz:
             _measure(visit, rows)
     if not rows and not args.json:

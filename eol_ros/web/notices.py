@@ -180,8 +180,13 @@ class Day:
         takes.
         """
         counts = np.bincount(np.array(self._areas, np.int64), minlength=N_BLOCKS + 1).tolist()
-        return {'t': 'cascades', 'date': self._date, 'areas': counts,
-                'recent': list(self._recent), 'law': self._law}
+        return {
+            't': 'cascades',
+            'date': self._date,
+            'areas': counts,
+            'recent': list(self._recent),
+            'law': self._law,
+        }
 
 
 def _is_day(kept: Any) -> bool:

@@ -224,9 +224,7 @@ class Routes:
                 if why:
                     self.say(f'refused message: {why} (from {request.remote})')
                     self.hub.leave(viewer)  # nothing may follow the goodbye
-                    await ws.close(
-                        code=WSCloseCode.POLICY_VIOLATION, message=why.encode()[:100]
-                    )
+                    await ws.close(code=WSCloseCode.POLICY_VIOLATION, message=why.encode()[:100])
                     break
             if ws.close_code == WSCloseCode.MESSAGE_TOO_BIG:
                 self.say(

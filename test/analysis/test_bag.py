@@ -15,7 +15,7 @@ from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError, UsageError
 
 T0 = 1_700_000_000_000_000_000
-DEFINITION = '''\
+DEFINITION = """\
 # Things seen.
 std_msgs/Header header   # stamp: mid-exposure
 uint8 state              # one of many
@@ -33,7 +33,7 @@ uint32 nanosec
 MSG: made_msgs/Thing
 float64 x       # m
 uint8 id        # 0..2
-'''
+"""
 THINGS = BagTopic('/eol/things', 'made_msgs/msg/Things', DEFINITION)
 
 
@@ -58,7 +58,13 @@ def made(folder, rows):
 def test_a_table_has_a_row_a_message(tmp_path):
     table = made(tmp_path / 'run', [things(i) for i in range(10)]).table('things')
     assert table.dtype.names == (
-        'log_time', 'publish_time', 'stamp', 'frame_id', 'state', 'things', 'wave'
+        'log_time',
+        'publish_time',
+        'stamp',
+        'frame_id',
+        'state',
+        'things',
+        'wave',
     )
     assert table['things']['x'].shape == (10, 3)
     assert table['things']['x'][7].tolist() == [7.0, 7.1, 7.2]

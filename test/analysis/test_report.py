@@ -76,8 +76,9 @@ def test_too_few_cascades_are_not_fitted(tmp_path):
 @pytest.mark.parametrize('decay_repeats_the_stamp', [False, True], ids=['now', 'version 0.1.0'])
 def test_latency_of_light_and_sound(tmp_path, decay_repeats_the_stamp):
     """Each slip: onset, image 10 ms later, first packet 6 ms after that, then 0.3 s of decay."""
-    topics = [BagTopic(f'/eol/{t}', **describe(t)) for t in ('slips', 'led_commands',
-                                                             'grain_triggers')]
+    topics = [
+        BagTopic(f'/eol/{t}', **describe(t)) for t in ('slips', 'led_commands', 'grain_triggers')
+    ]
     scene = 'nodes: {sound: {latency_s: 0.025}}\n'
     bag = BagWriter(tmp_path / 'run', topics, {'scene_name': 'x', 'settings': scene})
     ms = 1_000_000

@@ -21,13 +21,13 @@ from eol_ros.errors import EolError
 from eol_ros.settings import SoundSettings, TwinSettings
 
 NS = 10**9
-HOLD = '''
+HOLD = """
 import os, time
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(95))
 end = time.monotonic() + 0.05
 while time.monotonic() < end: pass
-'''
+"""
 
 
 def test_score_has_the_overlap_that_it_says():

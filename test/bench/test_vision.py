@@ -14,15 +14,36 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize('psf', [1.0, 1.6])
 def test_the_bound_is_that_of_a_long_edge(psf):
     """Oracle: two edges of length L, variance 2 sqrt(pi) s var / (2 L A^2), var even (by hand)."""
-    s, side, step = math.sqrt(psf ** 2 + 1 / 12), 0.084 * 545, 170.0
-    by_hand = math.sqrt(2 * math.sqrt(math.pi) * s * (4 + 1 / 12) / (2 * side * step ** 2))
+    s, side, step = math.sqrt(psf**2 + 1 / 12), 0.084 * 545, 170.0
+    by_hand = math.sqrt(2 * math.sqrt(math.pi) * s * (4 + 1 / 12) / (2 * side * step**2))
     assert position_bound_px(2.0, 0.0, psf) == pytest.approx(by_hand, rel=0.05)
 
 
 def test_films_and_noise_levels_are_measured(capsys, tmp_path):
-    assert cli.main(['bench', 'vision', '--images', '2', '--seconds', '0.5', '--seeds', '1',
-                     '--levels', 'ordinary', '--hours', '0.0008', '--slip-seconds', '6', '--json',
-                     '--plots', str(tmp_path)]) == 0
+    assert (
+        cli.main(
+            [
+                'bench',
+                'vision',
+                '--images',
+                '2',
+                '--seconds',
+                '0.5',
+                '--seeds',
+                '1',
+                '--levels',
+                'ordinary',
+                '--hours',
+                '0.0008',
+                '--slip-seconds',
+                '6',
+                '--json',
+                '--plots',
+                str(tmp_path),
+            ]
+        )
+        == 0
+    )
     result = json.loads(capsys.readouterr().out)
     assert result['machine']['vector_bits'] >= 128
     film = result['clutter']['ordinary']['seed 11']
@@ -38,7 +59,10 @@ def test_films_and_noise_levels_are_measured(capsys, tmp_path):
         # nobody beats the bound by more than chance allows: 100 numbers, 7 % each way
         assert all(m['rms_px'] > 0.75 * entry['bound_px'] for m in entry['methods'].values())
     assert sorted(p.name for p in tmp_path.iterdir()) == [
-        'vision_clutter.png', 'vision_noise.png', 'vision_time.png']
+        'vision_clutter.png',
+        'vision_noise.png',
+        'vision_time.png',
+    ]
     assert all(np.isfinite(m['ms_median']) for m in film.values())
 
 

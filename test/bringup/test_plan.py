@@ -35,7 +35,9 @@ def test_what_hurries_and_what_waits(tmp_path):
     hurry = {name for name, process in found.items() if process.real_time}
     assert hurry == {'tracker', 'motion', 'leds', 'grains', 'sound'}
     assert {name for name, process in found.items() if process.nice} == {
-        'recorder', 'panel', 'montage'
+        'recorder',
+        'panel',
+        'montage',
     }
 
     path = tmp_path / 's.yaml'
@@ -76,8 +78,11 @@ def test_domain(monkeypatch):
 def bag_of(folder, settings='', **counts):
     """Write a bag with so many images and blocks, of a run with `settings` as YAML."""
     names = {'images': '/eol/camera/image_raw', 'blocks': '/eol/blocks'}
-    writer = BagWriter(folder, [BagTopic(name, 'a/msg/B', '', '') for name in names.values()],
-                       {'settings': settings})
+    writer = BagWriter(
+        folder,
+        [BagTopic(name, 'a/msg/B', '', '') for name in names.values()],
+        {'settings': settings},
+    )
     for kind, count in counts.items():
         for k in range(count):
             writer.write(names[kind], bytes(12), 10**18 + k, 10**18 + k)
@@ -90,9 +95,15 @@ def scene_with(folder, replay):
     return scenes.load(path)
 
 
-@pytest.mark.parametrize(('images', 'replay', 'tracker'), [
-    (100, '', True), (60, '', False), (0, '', False), (60, ', topics: [camera/image_raw]', True),
-])
+@pytest.mark.parametrize(
+    ('images', 'replay', 'tracker'),
+    [
+        (100, '', True),
+        (60, '', False),
+        (0, '', False),
+        (60, ', topics: [camera/image_raw]', True),
+    ],
+)
 def test_a_tracker_runs_behind_a_replay_only_where_there_are_all_images(
     tmp_path, images, replay, tracker
 ):

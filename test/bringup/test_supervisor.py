@@ -21,7 +21,7 @@ from eol_ros.bringup.plan import Process
 from eol_ros.bringup.supervisor import Supervisor
 from eol_ros.errors import UsageError
 
-BEAT = '''
+BEAT = """
 import json, os, signal, sys, time
 fd = int(os.environ['EOL_HEALTH_FD'])
 def beat(name, level=0):
@@ -29,16 +29,22 @@ def beat(name, level=0):
                               'values': {}, 'pid': os.getpid()}) + chr(10)).encode())
 signal.signal(signal.SIGINT, lambda *_: (print('bye', flush=True), sys.exit(0)))
 signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-'''
-STEADY = BEAT + '''
+"""
+STEADY = (
+    BEAT
+    + """
 while True:
     beat(sys.argv[1]); time.sleep(0.1)
-'''
-STUBBORN = BEAT + '''
+"""
+)
+STUBBORN = (
+    BEAT
+    + """
 signal.signal(signal.SIGINT, signal.SIG_IGN); signal.signal(signal.SIGTERM, signal.SIG_IGN)
 while True:
     beat(sys.argv[1]); time.sleep(0.1)
-'''
+"""
+)
 FINAL = 'import sys; print("tracker: no such file"); sys.exit(78)'
 
 
@@ -133,12 +139,15 @@ def allowed():
         child.communicate(b'\n')
 
 
-THREADED = BEAT + '''
+THREADED = (
+    BEAT
+    + """
 import threading
 threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
 while True:
     beat(sys.argv[1]); time.sleep(0.1)
-'''
+"""
+)
 
 
 def test_what_carries_messages_goes_ahead(start):
@@ -186,8 +195,11 @@ def test_a_killed_process_comes_back_alone(start):
         until(lambda: supervisor.all_ok_s is not None)
         pids['before'] = [c.popen.pid for c in supervisor.children]
         os.kill(pids['before'][1], signal.SIGKILL)
-        until(lambda: supervisor.children[1].policy.restarts == 1
-              and supervisor.children[1].policy.beat_s)
+        until(
+            lambda: (
+                supervisor.children[1].policy.restarts == 1 and supervisor.children[1].policy.beat_s
+            )
+        )
         pids['after'] = [c.popen.pid for c in supervisor.children]
 
     attended(supervisor, work)
@@ -203,15 +215,20 @@ def test_a_hung_process_is_started_again(start, monkeypatch):
     def work():
         until(lambda: supervisor.all_ok_s is not None)
         os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
-        until(lambda: supervisor.children[0].policy.restarts == 1
-              and supervisor.children[0].policy.beat_s)
+        until(
+            lambda: (
+                supervisor.children[0].policy.restarts == 1 and supervisor.children[0].policy.beat_s
+            )
+        )
 
     attended(supervisor, work)
     assert 'twin is silent: it is started again' in lines
 
 
 # `last` goes behind all others on one processor; its session's group too, where there is one.
-LAST = BEAT + '''
+LAST = (
+    BEAT
+    + """
 def last():
     os.sched_setaffinity(0, [int(sys.argv[2])])
     os.nice(10)
@@ -223,17 +240,24 @@ def work(seconds):
     end = time.process_time() + seconds
     while time.process_time() < end:
         pass
-'''
-WORKING = LAST + '''
+"""
+)
+WORKING = (
+    LAST
+    + """
 last()
 while True:
     beat(sys.argv[1]); work(0.2)
-'''
-SLOW_TO_END = LAST + '''
+"""
+)
+SLOW_TO_END = (
+    LAST
+    + """
 signal.signal(signal.SIGINT, lambda *_: (last(), work(0.06), print('bye', flush=True), sys.exit(0)))
 while True:
     beat(sys.argv[1]); time.sleep(0.1)
-'''
+"""
+)
 
 
 @pytest.fixture
@@ -335,7 +359,9 @@ def test_while_bringup_stands_still_nobody_is_silent(start, monkeypatch):
 
 
 def test_a_node_does_not_wait_for_a_bringup_that_does_not_read():
-    script = BEAT + '''
+    script = (
+        BEAT
+        + """
 for _ in range(5000):
     try:
         beat('twin')
@@ -343,7 +369,8 @@ for _ in range(5000):
         print('it is full', flush=True)
         break
 time.sleep(60)
-'''
+"""
+    )
     child = Child(process('twin', script))
     child.start(0.0)
     lines = []
@@ -356,14 +383,14 @@ time.sleep(60)
     assert lines == ['it is full']
 
 
-COMPILER = '''
+COMPILER = """
 import json, os, sys, time
 fd = int(os.environ['EOL_HEALTH_FD'])
 for percent in (0, 40, 100):
     os.write(fd, json.dumps({'percent': percent}).encode() + bytes([10]))
     time.sleep(2.5 if percent == 40 else 0.3)  # and not a word
 sys.exit(int(sys.argv[1]))
-'''
+"""
 
 
 def compiler(code):
@@ -436,7 +463,7 @@ def test_garbage_on_the_pipe_is_no_heartbeat(start):
 
 def test_no_orphan_when_bringup_is_killed(tmp_path):
     script = tmp_path / 'parent.py'
-    script.write_text(f'''
+    script.write_text(f"""
 import sys, time
 from eol_ros.bringup.child import Child
 from eol_ros.bringup.plan import Process
@@ -444,7 +471,7 @@ child = Child(Process(('twin',), (sys.executable, '-c', {STEADY!r}, 'twin'), {{}
 child.start(0.0)
 print(child.popen.pid, flush=True)
 time.sleep(60)
-''')
+""")
     parent = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
     pid = int(parent.stdout.readline())
     time.sleep(0.5)
@@ -504,11 +531,15 @@ def test_a_run_for_a_time_that_never_is_ok_fails(start, monkeypatch):
 
 def test_a_hung_process_says_where(start, monkeypatch, tmp_path):
     monkeypatch.setattr(policy, 'SILENT_S', 0.5)
-    script = 'import faulthandler; faulthandler.enable()' + BEAT + '''
+    script = (
+        'import faulthandler; faulthandler.enable()'
+        + BEAT
+        + """
 def stuck_in_the_ice():
     time.sleep(100)
 beat('twin'); stuck_in_the_ice()
-'''
+"""
+    )
     supervisor, lines = start(process('twin', script))
 
     def work():

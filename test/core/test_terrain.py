@@ -95,9 +95,15 @@ def test_any_picture_fits_and_bad_ones_are_refused():
         terrain.fit(np.ones((1, 9)), 5, 5, 4)
 
 
-@pytest.mark.parametrize('shape', [
-    CoverShape(side_mm=0), CoverShape(wall_mm=50), CoverShape(skirt_mm=1), CoverShape(relief_mm=-1),
-])
+@pytest.mark.parametrize(
+    'shape',
+    [
+        CoverShape(side_mm=0),
+        CoverShape(wall_mm=50),
+        CoverShape(skirt_mm=1),
+        CoverShape(relief_mm=-1),
+    ],
+)
 def test_impossible_covers_are_refused(shape):
     with pytest.raises(UsageError):
         terrain.cover_mesh(np.zeros((3, 3)), shape)

@@ -20,8 +20,9 @@ QOS = """\
   liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
   avoid_ros_namespace_conventions: false
 """
-POINT = BagTopic('/eol/point', 'geometry_msgs/msg/Point',
-                 'float64 x\nfloat64 y\nfloat64 z\n', HASH, QOS)
+POINT = BagTopic(
+    '/eol/point', 'geometry_msgs/msg/Point', 'float64 x\nfloat64 y\nfloat64 z\n', HASH, QOS
+)
 TEXT = BagTopic('/eol/text', 'std_msgs/msg/String', 'string data\n', TEXT_HASH, QOS)
 T0 = 1_700_000_000_000_000_000
 

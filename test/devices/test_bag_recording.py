@@ -93,9 +93,7 @@ def test_in_a_hurry_pictures_are_stored_uncompressed(tmp_path, monkeypatch):
 
 
 def test_pictures_around_slips(tmp_path):
-    settings = RecorderSettings(
-        images='around_slips', before_s=0.1, after_s=0.1, min_free_gb=0.0
-    )
+    settings = RecorderSettings(images='around_slips', before_s=0.1, after_s=0.1, min_free_gb=0.0)
     recording = start(tmp_path, settings, images='/eol/text')
     for i in range(300):
         now = T0 + i * 10_000_000

@@ -43,10 +43,14 @@ def test_mcap_alone_reads_it(tmp_path):
         assert channel.metadata == {'offered_qos_profiles': QOS, 'topic_type_hash': HASH}
         schema = summary.schemas[channel.schema_id]
         assert (schema.name, schema.encoding) == ('geometry_msgs/msg/Point', 'ros2msg')
-        got = [(m.log_time, m.publish_time, m.sequence, m.data)
-               for _, _, m in reader.iter_messages('/eol/point')]
-        assert got == [(T0 + i * 10_000_000, T0 + i * 10_000_000 - 500, i + 1, point(i, -i))
-                       for i in range(100)]
+        got = [
+            (m.log_time, m.publish_time, m.sequence, m.data)
+            for _, _, m in reader.iter_messages('/eol/point')
+        ]
+        assert got == [
+            (T0 + i * 10_000_000, T0 + i * 10_000_000 - 500, i + 1, point(i, -i))
+            for i in range(100)
+        ]
         names = {m.name: m.metadata for m in reader.iter_metadata()}
     assert names['eol_ros']['seeds'] == '{twin: 7}'
     assert 'rosbag2' in names
@@ -65,10 +69,16 @@ def test_rosbags_reads_the_folder(tmp_path):
     write_bag(tmp_path / 'run', split_s=0.5).close()
     with highlevel.AnyReader([tmp_path / 'run']) as reader:
         assert reader.message_count == 110
-        xs = [reader.deserialize(raw, c.msgtype).x
-              for c, _, raw in reader.messages() if c.topic == '/eol/point']
-        words = [reader.deserialize(raw, c.msgtype).data
-                 for c, _, raw in reader.messages() if c.topic == '/eol/text']
+        xs = [
+            reader.deserialize(raw, c.msgtype).x
+            for c, _, raw in reader.messages()
+            if c.topic == '/eol/point'
+        ]
+        words = [
+            reader.deserialize(raw, c.msgtype).data
+            for c, _, raw in reader.messages()
+            if c.topic == '/eol/text'
+        ]
     assert xs == list(range(100))
     assert words == [f'word {i}' for i in range(0, 100, 10)]
 

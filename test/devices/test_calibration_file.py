@@ -13,9 +13,14 @@ from eol_ros.errors import ConfigError, DeviceMissing
 
 @pytest.fixture
 def camera():
-    return replace(Calibration.ideal(),
-                   distortion_coefficients=np.array([-0.1, 0.01, 1e-3, 2e-3, 0]),
-                   cover_height_m=0.05, date='2026-11-21', residual_px=0.04, residual_mm=0.07)
+    return replace(
+        Calibration.ideal(),
+        distortion_coefficients=np.array([-0.1, 0.01, 1e-3, 2e-3, 0]),
+        cover_height_m=0.05,
+        date='2026-11-21',
+        residual_px=0.04,
+        residual_mm=0.07,
+    )
 
 
 def test_what_is_saved_is_loaded_to_the_bit(tmp_path, camera):
@@ -24,7 +29,11 @@ def test_what_is_saved_is_loaded_to_the_bit(tmp_path, camera):
     for name in ('camera_matrix', 'distortion_coefficients', 'homography'):
         assert np.array_equal(getattr(back, name), getattr(camera, name))
     assert (back.date, back.cover_height_m, back.residual_px, back.residual_mm) == (
-        '2026-11-21', 0.05, 0.04, 0.07)
+        '2026-11-21',
+        0.05,
+        0.04,
+        0.07,
+    )
     assert [p.name for p in tmp_path.iterdir()] == ['c.yaml']
 
 
@@ -41,15 +50,19 @@ def test_the_form_is_that_of_camera_info(tmp_path, camera):
     assert np.array_equal(lens, camera.distortion_coefficients)
 
 
-@pytest.mark.parametrize(('change', 'words'), [
-    ({'homography': None}, 'homography is absent'),
-    ({'image_width': 'wide'}, "image_width is 'wide'"),
-    ({'distortion_model': 'equidistant'}, 'only plumb_bob'),
-    ({'camera_matrix': {'rows': 2, 'cols': 2, 'data': [1, 0, 0, 1]}}, '2 rows, 2 cols'),
-    ({'camera_matrix': {'rows': 3, 'cols': 3, 'data': list('abcdefghi')}}, 'not a number'),
-    ({'residual_px': 'good'}, "residual_px is 'good'"),
-    ({'mirror': 'yes, one'}, "mirror is 'yes, one'"),
-    ({'homography': {'rows': 3, 'cols': 3, 'data': [0.0] * 9}}, 'no inverse')])
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({'homography': None}, 'homography is absent'),
+        ({'image_width': 'wide'}, "image_width is 'wide'"),
+        ({'distortion_model': 'equidistant'}, 'only plumb_bob'),
+        ({'camera_matrix': {'rows': 2, 'cols': 2, 'data': [1, 0, 0, 1]}}, '2 rows, 2 cols'),
+        ({'camera_matrix': {'rows': 3, 'cols': 3, 'data': list('abcdefghi')}}, 'not a number'),
+        ({'residual_px': 'good'}, "residual_px is 'good'"),
+        ({'mirror': 'yes, one'}, "mirror is 'yes, one'"),
+        ({'homography': {'rows': 3, 'cols': 3, 'data': [0.0] * 9}}, 'no inverse'),
+    ],
+)
 def test_what_is_wrong_is_named(tmp_path, camera, change, words):
     path = tmp_path / 'c.yaml'
     calibration_file.save(path, camera)
@@ -72,11 +85,15 @@ def test_a_mirror_is_kept(tmp_path, camera):
         calibration_file.load(path)
 
 
-@pytest.mark.parametrize(('mirrored', 'said', 'asked', 'ways_out'), [
-    (True, False, False, ('add `mirror: true` to this file', 'y pointing away')),
-    (True, False, True, ('add `mirror: true` to this file', 'y pointing away')),
-    (False, True, False, ('take that line out', 'calibrate with --mirror')),
-    (False, False, True, ('leave it out', 'calibrate with --mirror'))])
+@pytest.mark.parametrize(
+    ('mirrored', 'said', 'asked', 'ways_out'),
+    [
+        (True, False, False, ('add `mirror: true` to this file', 'y pointing away')),
+        (True, False, True, ('add `mirror: true` to this file', 'y pointing away')),
+        (False, True, False, ('take that line out', 'calibrate with --mirror')),
+        (False, False, True, ('leave it out', 'calibrate with --mirror')),
+    ],
+)
 def test_handedness_that_nobody_meant_is_refused(tmp_path, camera, mirrored, said, asked, ways_out):
     """A homography whose y points down would give blocks each other's names."""
     path = tmp_path / 'c.yaml'

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from eol_ros.devices.cdr import Decoder, counter, parse
 from eol_ros.errors import ConfigError
 
-HEADER = '''\
+HEADER = """\
 std_msgs/Header header   # of the message
 {fields}
 ================================================================================
@@ -29,7 +29,7 @@ float64 x      # m
 string name
 uint16[] codes
 bool on
-'''
+"""
 KINDS = {
     'bool': st.booleans(),
     'uint8': st.integers(0, 255),
@@ -50,13 +50,22 @@ def definition(fields):
 @st.composite
 def made_types(draw):
     """A definition, and messages of it as plain data."""
-    chosen = draw(st.lists(st.tuples(
-        st.sampled_from([*KINDS, 'made_msgs/Part']), st.sampled_from(LENGTHS)), max_size=6))
+    chosen = draw(
+        st.lists(
+            st.tuples(st.sampled_from([*KINDS, 'made_msgs/Part']), st.sampled_from(LENGTHS)),
+            max_size=6,
+        )
+    )
     fields = [f'{kind}{length} f{i}' for i, (kind, length) in enumerate(chosen)]
-    part = st.fixed_dictionaries({
-        'id': KINDS['uint8'], 'x': KINDS['float64'], 'name': KINDS['string'],
-        'codes': st.lists(st.integers(0, 65535), max_size=4), 'on': KINDS['bool'],
-    })
+    part = st.fixed_dictionaries(
+        {
+            'id': KINDS['uint8'],
+            'x': KINDS['float64'],
+            'name': KINDS['string'],
+            'codes': st.lists(st.integers(0, 65535), max_size=4),
+            'on': KINDS['bool'],
+        }
+    )
 
     def value(kind, length):
         one = part if kind == 'made_msgs/Part' else KINDS[kind]
@@ -65,11 +74,14 @@ def made_types(draw):
         return st.lists(one, min_size=3 if length == '[3]' else 0, max_size=3)
 
     message = st.fixed_dictionaries({f'f{i}': value(*c) for i, c in enumerate(chosen)})
-    head = st.fixed_dictionaries({
-        'stamp': st.fixed_dictionaries({
-            'sec': st.integers(0, 2**31 - 1), 'nanosec': st.integers(0, 999_999_999)}),
-        'frame_id': KINDS['string'],
-    })
+    head = st.fixed_dictionaries(
+        {
+            'stamp': st.fixed_dictionaries(
+                {'sec': st.integers(0, 2**31 - 1), 'nanosec': st.integers(0, 999_999_999)}
+            ),
+            'frame_id': KINDS['string'],
+        }
+    )
     rows = draw(st.lists(st.tuples(head, message), min_size=1, max_size=6))
     return definition(fields), [{'header': h, **m} for h, m in rows]
 
@@ -125,7 +137,8 @@ def test_comments_come_with_their_names():
 def test_constants_and_bounds_are_not_fields():
     fields = parse('uint8 A=1\nstring<=5 word\nstring S="x # y"\nbyte[<=9] data # d', 'p/msg/N')
     assert [(f.name, f.type, f.count) for f in fields['p/N']] == [
-        ('word', 'string', None), ('data', 'byte', -1)
+        ('word', 'string', None),
+        ('data', 'byte', -1),
     ]
 
 

@@ -328,7 +328,7 @@ def test_notes_about_the_sound_stay_with_the_corpus(tmp_path):
 def test_made_apart_is_the_same_and_leaves_no_weight(sound):
     code = (
         'import sys, numpy as np\n'
-        'from eol_ros.devices import corpus_build\n'
+        'from eol_ros.devices.corpus import corpus_build\n'
         'from eol_ros.devices.corpus.corpus_file import Options\n'
         f'c = corpus_build.apart({str(sound)!r}, Options(), 1)\n'
         'heavy = {"scipy", "soundfile", "numba", "matplotlib"} & set(sys.modules)\n'

@@ -40,12 +40,15 @@ def test_reads_pairs_in_order(folder):
     assert media.refresh() is False
 
 
-@pytest.mark.parametrize('text', [
-    'a.jpg,b.png\n',
-    'Left;Right;Caption\na.jpg;b.png;x, y\n',
-    '\ufeffleft,right\r\na.jpg,b.png\r\n\r\n',
-    '# mine\na.jpg , b.png\n',
-])
+@pytest.mark.parametrize(
+    'text',
+    [
+        'a.jpg,b.png\n',
+        'Left;Right;Caption\na.jpg;b.png;x, y\n',
+        '\ufeffleft,right\r\na.jpg,b.png\r\n\r\n',
+        '# mine\na.jpg , b.png\n',
+    ],
+)
 def test_reads_what_spreadsheets_write(folder, text):
     touch_list(folder, text)
     assert [(p.left, p.right) for p in MediaFolder(folder).pairs] == [('a.jpg', 'b.png')]
@@ -59,17 +62,35 @@ def test_skips_and_names_what_is_wrong(folder):
     (folder / 'bad.svg').write_text('<svg><rect></svg>')
     (folder / 'empty.jpg').write_bytes(b'')
     (folder / 'film.mp4').write_bytes(b'x')
-    names = ['gone.jpg', 'cut.jpg', 'cut.png', 'words.png', 'bad.svg', 'empty.jpg', 'film.mp4', '',
-             '../secret.png', '/etc/passwd.png']
+    names = [
+        'gone.jpg',
+        'cut.jpg',
+        'cut.png',
+        'words.png',
+        'bad.svg',
+        'empty.jpg',
+        'film.mp4',
+        '',
+        '../secret.png',
+        '/etc/passwd.png',
+    ]
     (folder.parent / 'secret.png').write_bytes((folder / 'b.png').read_bytes())
     touch_list(folder, 'a.jpg,b.png\n' + ''.join(f'a.jpg,{n}\n' for n in names))
     media = MediaFolder(folder)
     assert len(media.pairs) == 1
     assert len(media.skipped) == len(names)
     text = '; '.join(media.skipped)
-    for word in ('gone.jpg: missing', 'cut.jpg: cut off', 'cut.png: cut off', 'not a picture',
-                 'bad.svg: not an SVG', 'film.mp4: not one of', '../secret.png: outside the folder',
-                 '/etc/passwd.png: outside the folder', 'lacks its left or right'):
+    for word in (
+        'gone.jpg: missing',
+        'cut.jpg: cut off',
+        'cut.png: cut off',
+        'not a picture',
+        'bad.svg: not an SVG',
+        'film.mp4: not one of',
+        '../secret.png: outside the folder',
+        '/etc/passwd.png: outside the folder',
+        'lacks its left or right',
+    ):
         assert word in text
     pictures = Pictures(str(folder))
     assert pictures.file('a.jpg') == folder / 'a.jpg'
@@ -91,13 +112,16 @@ def test_many_who_ask_at_once_cost_one_look_at_the_list(folder, monkeypatch):
     assert pictures.file('no.png') is None and pictures.file('a.jpg')  # the last list holds
 
 
-@pytest.mark.parametrize(('make', 'words'), [
-    (lambda f: f / 'nowhere', 'no such folder'),
-    (lambda f: (f / LIST).unlink() or f, 'write one pair a line'),
-    (lambda f: touch_list(f, '') or f, 'no pair of pictures'),
-    (lambda f: touch_list(f, 'x.jpg,y.jpg') or f, 'x.jpg: missing; y.jpg: missing'),
-    (lambda f: (f / LIST).write_bytes(b'\xff\xfe\x00a') and f, 'UTF-8'),
-])
+@pytest.mark.parametrize(
+    ('make', 'words'),
+    [
+        (lambda f: f / 'nowhere', 'no such folder'),
+        (lambda f: (f / LIST).unlink() or f, 'write one pair a line'),
+        (lambda f: touch_list(f, '') or f, 'no pair of pictures'),
+        (lambda f: touch_list(f, 'x.jpg,y.jpg') or f, 'x.jpg: missing; y.jpg: missing'),
+        (lambda f: (f / LIST).write_bytes(b'\xff\xfe\x00a') and f, 'UTF-8'),
+    ],
+)
 def test_nothing_to_show_is_one_clear_line(folder, make, words):
     with pytest.raises(DeviceMissing, match=words) as caught:
         MediaFolder(make(folder))

@@ -30,8 +30,9 @@ def test_the_examples_of_the_specification():
         b'/oscillator/4/frequency\0,f\0\0\x43\xdc\0\0'
     )
     assert encode('/foo', 1000, -1, 'hello', 1.234, 5.678) == bytes.fromhex(
-        '2f666f6f000000002c6969736666000000000 3e8ffffffff68656c6c6f0000003f9df3b640b5b22d'
-        .replace(' ', '')
+        '2f666f6f000000002c6969736666000000000 3e8ffffffff68656c6c6f0000003f9df3b640b5b22d'.replace(
+            ' ', ''
+        )
     )
 
 

@@ -58,7 +58,11 @@ def test_simulate_writes_what_it_promises(tmp_path, capsys):
     assert report['status'] == 'ok'
     assert report['events'] == 64
     assert set(report['energy']) == {
-        'work_J', 'kinetic_J', 'elastic_J', 'friction_J', 'residual_J',
+        'work_J',
+        'kinetic_J',
+        'elastic_J',
+        'friction_J',
+        'residual_J',
     }
     with np.load(out) as data:
         assert data['t'].shape == (121,)

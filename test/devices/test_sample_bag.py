@@ -78,7 +78,9 @@ def test_report_and_render_need_nothing_else(tmp_path):
     out = tmp_path / 'sample.wav'
     done = subprocess.run(
         [sys.executable, '-m', 'eol_ros', 'render', str(SAMPLE), '--out', str(out)],
-        env={**os.environ, 'EOL_CACHE': str(tmp_path / 'cache')}, capture_output=True, text=True,
+        env={**os.environ, 'EOL_CACHE': str(tmp_path / 'cache')},
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
     samples, rate = soundfile.read(out)

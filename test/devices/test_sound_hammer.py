@@ -16,7 +16,7 @@ CODE = """
     from eol_ros.core.sound.bank import Bank
     from eol_ros.core.sound.mixer import Mixer
     from eol_ros.core.sound.triggers import TRIGGER
-    from eol_ros.devices import soundcard
+    from eol_ros.devices.audio import soundcard
 
     soundcard.WATCH_S = 1e9  # the card is lost and found by hand here
     random = np.random.default_rng(1)

@@ -139,7 +139,7 @@ def test_a_busy_python_thread_does_not_starve_the_compiled_callback(card):
 @pytest.mark.slow
 def test_a_forgotten_card_plays_on(card):
     """Its driver looks at a mixer that nobody else holds; in a process of its own: it may die."""
-    code = f'''
+    code = f"""
     import sys, time
     sys.path[:0] = [{str(HERE)!r}, {str(HERE.parent)!r}, {str(HERE.parents[1])!r}]
     from test_soundcard import PERIOD, Card, np, new_mixer, wait_for
@@ -152,7 +152,7 @@ def test_a_forgotten_card_plays_on(card):
         np.full(1 << 18, -1, np.int64)
         time.sleep(0.01)
     print('alive', flush=True)
-    '''
+    """
     child = subprocess.run(
         [sys.executable, '-c', textwrap.dedent(code)], capture_output=True, text=True, timeout=60
     )
@@ -163,7 +163,7 @@ def test_a_forgotten_card_plays_on(card):
 def test_a_lost_card_is_noticed_and_taken_again(card_for_others, tmp_path):
     """In a process of its own: a driver that hangs cannot be got rid of in this one."""
     card = card_for_others
-    code = f'''
+    code = f"""
     import sys, time
     sys.path[:0] = [{str(HERE)!r}, {str(HERE.parent)!r}, {str(HERE.parents[1])!r}]
     from test_soundcard import new_mixer, wait_for
@@ -180,10 +180,12 @@ def test_a_lost_card_is_noticed_and_taken_again(card_for_others, tmp_path):
     assert wait_for(lambda: player.on_card or player.stuck, 30)
     print('back', player.on_card or player.stuck, player.text, flush=True)
     player.close(0.1)
-    '''
+    """
     child = subprocess.Popen(
         [sys.executable, '-c', textwrap.dedent(code)],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     try:
         assert child.stdout.readline().split() == ['ok', 'True']

@@ -40,10 +40,21 @@ ONLY = {  # which nodes may have loaded a package
     'serial': {'leds'},
 }
 NOBODY = (
-    'matplotlib', 'rich', 'pytest', 'unittest', 'numpy.testing', 'numpy.f2py',
-    'scipy.linalg', 'scipy.special', 'scipy.signal', 'scipy.optimize', 'scipy.sparse',
-    'numba.np.linalg', 'numba.np.arraymath',  # numba's compiler, where nothing is compiled
-    'lark', 'rosidl_parser.parser',  # the generator of message code
+    'matplotlib',
+    'rich',
+    'pytest',
+    'unittest',
+    'numpy.testing',
+    'numpy.f2py',
+    'scipy.linalg',
+    'scipy.special',
+    'scipy.signal',
+    'scipy.optimize',
+    'scipy.sparse',
+    'numba.np.linalg',
+    'numba.np.arraymath',  # numba's compiler, where nothing is compiled
+    'lark',
+    'rosidl_parser.parser',  # the generator of message code
 )
 
 
@@ -71,16 +82,30 @@ def probe(python, folder, node):
     file = folder / 'scene.yaml'
     file.write_text(yaml.safe_dump(values))
     run = subprocess.run(
-        [python, '-c', PROBE, node, str(file)], capture_output=True, text=True, timeout=300,
-        env={**os.environ, 'EOL_STATE': str(folder)})
+        [python, '-c', PROBE, node, str(file)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={**os.environ, 'EOL_STATE': str(folder)},
+    )
     lines = [line for line in run.stdout.splitlines() if line.startswith('LOADED')]
     assert run.returncode == 0 and lines, run.stderr[-2000:]
     modules, files = json.loads(lines[0].removeprefix('LOADED '))
     return set(modules), files
 
 
-ALL = ('twin', 'camera', 'tracker', 'motion', 'leds', 'grains', 'sound', 'montage', 'panel',
-       'recorder')
+ALL = (
+    'twin',
+    'camera',
+    'tracker',
+    'motion',
+    'leds',
+    'grains',
+    'sound',
+    'montage',
+    'panel',
+    'recorder',
+)
 
 
 @pytest.mark.slow

@@ -173,8 +173,18 @@ def test_pictures_are_kept_around_a_slip(ros, matched, tmp_path):
 
 @pytest.mark.slow
 def test_kill_leaves_a_readable_bag_and_the_next_start_repairs_it(tmp_path):
-    command = [sys.executable, '-m', 'eol_ros.nodes.recorder', '--ros-args',
-               '-p', f'folder:={tmp_path}', '-p', 'images:=none', '-p', 'min_free_gb:=0.0']
+    command = [
+        sys.executable,
+        '-m',
+        'eol_ros.nodes.recorder',
+        '--ros-args',
+        '-p',
+        f'folder:={tmp_path}',
+        '-p',
+        'images:=none',
+        '-p',
+        'min_free_gb:=0.0',
+    ]
 
     def start():
         return subprocess.Popen(command, stderr=subprocess.DEVNULL, env=os.environ)

@@ -148,9 +148,13 @@ REQUESTS = [
 ]
 
 
-@pytest.mark.parametrize(('start_s', 'keys'), [
-    (0.0, ['threshold', 'threshold', 'calibrate', 'dark']), (0.1, ['threshold', 'dark']),
-])
+@pytest.mark.parametrize(
+    ('start_s', 'keys'),
+    [
+        (0.0, ['threshold', 'threshold', 'calibrate', 'dark']),
+        (0.1, ['threshold', 'dark']),
+    ],
+)
 def test_what_the_tracker_heeded_is_told_before_the_images_and_what_people_asked_in_its_time(
     ros, tmp_path, start_s, keys
 ):

@@ -27,7 +27,7 @@ def test_mcap_ros2_understands_the_definition(name):
 
 
 def test_types_that_fields_refer_to():
-    text = '''
+    text = """
 # geometry_msgs/Point not_a_field
 uint8 KIND=1            # a constant
 string WORD="a b"
@@ -35,16 +35,20 @@ std_msgs/Header header  # of the message
 Point[4] corners
 eol_msgs/Block[<=25] blocks
 float64[] x
-'''
+"""
     assert field_types('geometry_msgs/msg/Made', text) == [
-        'std_msgs/msg/Header', 'geometry_msgs/msg/Point', 'eol_msgs/msg/Block'
+        'std_msgs/msg/Header',
+        'geometry_msgs/msg/Point',
+        'eol_msgs/msg/Block',
     ]
 
 
 def test_qos_is_what_rosbag2_writes():
     [qos] = yaml.safe_load(qos_text(QOS['latched']))
     assert (qos['history'], qos['reliability'], qos['durability']) == (
-        'keep_last', 'reliable', 'transient_local'
+        'keep_last',
+        'reliable',
+        'transient_local',
     )
     metadata = pytest.importorskip('rosbags.rosbag2.metadata')
     [parsed] = metadata.parse_qos(qos_text(QOS['latched']))

@@ -11,7 +11,7 @@ import pytest
 HANGS = """
 import ctypes, sys
 import rclpy
-from eol_ros.ros import leave, run
+from eol_ros.ros import run, shutdown_watchdog
 
 def hang():
     print('down', flush=True)

@@ -65,8 +65,9 @@ class Rig:
         self.giver.destroy_node()
 
 
-@pytest.fixture(params=[(EventsExecutor, Plain), (EventsExecutor, Mapping),
-                        (SingleThreadedExecutor, Mapping)])
+@pytest.fixture(
+    params=[(EventsExecutor, Plain), (EventsExecutor, Mapping), (SingleThreadedExecutor, Mapping)]
+)
 def rig(ros, request):
     rig = Rig(ros, *request.param)
     yield rig

@@ -61,7 +61,7 @@ def test_a_node_has_met_those_whom_its_scene_names_and_nobody_else_counts(reader
     assert discovery.missing() == ['blocks'] and not discovery.complete()
 
     reader('recorder', 'blocks')
-    assert until(discovery.over) and discovery.missing() == []
+    assert until(discovery.complete) and discovery.missing() == []
 
 
 def test_a_source_begins_when_all_say_that_they_are_ready(reader):

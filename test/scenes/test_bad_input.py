@@ -14,8 +14,12 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
 def bringup(*words, cwd=None):
     domain = 60 + os.getpid() % 40
     return subprocess.run(
-        [sys.executable, '-m', 'eol_ros.bringup', *words], cwd=cwd, timeout=90,
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)}, capture_output=True, text=True,
+        [sys.executable, '-m', 'eol_ros.bringup', *words],
+        cwd=cwd,
+        timeout=90,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+        capture_output=True,
+        text=True,
     )
 
 
@@ -83,9 +87,7 @@ def test_media_folder_is_empty(tmp_path):
 
 def test_sound_is_no_sound(tmp_path):
     (tmp_path / 'ice.wav').write_text('not a sound')
-    code, words = stopped_by(
-        tmp_path, '  twin: {}\n  tracker: {}\n  grains: {sound: ice.wav}\n'
-    )
+    code, words = stopped_by(tmp_path, '  twin: {}\n  tracker: {}\n  grains: {sound: ice.wav}\n')
 
     assert code in (69, 78)
     assert 'ice.wav' in words

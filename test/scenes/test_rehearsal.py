@@ -72,8 +72,15 @@ def run(tmp_path_factory):
     finally:
         code = graph.stop()
     stop_s = time.monotonic() - begin
-    return {'graph': graph, 'figures': figures, 'pids': pids, 'code': code, 'stop_s': stop_s,
-            'bag': next(p for p in bags.iterdir() if p.is_dir()), 'led_stamps': led_stamps}
+    return {
+        'graph': graph,
+        'figures': figures,
+        'pids': pids,
+        'code': code,
+        'stop_s': stop_s,
+        'bag': next(p for p in bags.iterdir() if p.is_dir()),
+        'led_stamps': led_stamps,
+    }
 
 
 def test_it_stops_clean_and_leaves_nothing(run):
@@ -144,8 +151,15 @@ def test_the_bag_holds_everything(run):
     bag = open_bag(run['bag'])
     topics = set(bag.topics)
 
-    for topic in ('blocks', 'slips', 'truth', 'grain_triggers', 'led_commands', 'corpus',
-                  'camera/image_raw'):
+    for topic in (
+        'blocks',
+        'slips',
+        'truth',
+        'grain_triggers',
+        'led_commands',
+        'corpus',
+        'camera/image_raw',
+    ):
         assert f'/eol/{topic}' in topics
     seen = {stamp for stamp, _ in run['graph'].watch.seen['blocks']}
     assert len(bag.table('blocks')) >= len(seen)
@@ -244,7 +258,9 @@ def test_second_graph_on_a_domain_is_refused_in_one_line(tmp_path):
     try:
         result = subprocess.run(
             [sys.executable, '-m', 'eol_ros.bringup', 'lights'],
-            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)}, capture_output=True, text=True,
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+            capture_output=True,
+            text=True,
         )
     finally:
         server.close()

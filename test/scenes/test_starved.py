@@ -72,8 +72,9 @@ def check(status, bags):
     assert len(bags) == 1
     bag = open_bag(bags[0])
     nodes = {row['node']: row['values'] for row in status['nodes']}
-    lost = {name: json.loads(bag.gaps[name]) for name in ('lost_before_recorder',
-                                                          'dropped_in_recorder')}
+    lost = {
+        name: json.loads(bag.gaps[name]) for name in ('lost_before_recorder', 'dropped_in_recorder')
+    }
     for topic, counter in (('blocks', 'image'), ('grain_triggers', 'sequence')):
         numbers = bag.table(topic)[counter].astype(int)
         absent = numbers[-1] - numbers[0] + 1 - len(numbers)
@@ -87,8 +88,10 @@ def check(status, bags):
     tracked = int(blocks['image'][-1]) - int(blocks['image'][0]) + 1
     assert images - tracked == nodes['tracker']['missing'], nodes['twin']
     assert nodes['tracker']['missing'] >= nodes['twin']['missed']
-    print(f'{images} images, {nodes["twin"]["missed"]} missed by the twin, '
-          f'{images - tracked - nodes["twin"]["missed"]} lost on the way; recorder: {lost}')
+    print(
+        f'{images} images, {nodes["twin"]["missed"]} missed by the twin, '
+        f'{images - tracked - nodes["twin"]["missed"]} lost on the way; recorder: {lost}'
+    )
 
 
 def test_twenty_seconds_beside_eight_busy_processes(tmp_path):

@@ -29,8 +29,23 @@ def picture(tmp_path_factory):
 
 def test_blocks_to_yaml_and_picture(picture, tmp_path, capsys):
     out, seen = tmp_path / 'c.yaml', tmp_path / 'p.png'
-    assert cli.main(['calibrate', 'blocks', picture, '--out', str(out), '--picture', str(seen),
-                     '--json', '--cover-height', '0.06']) == 0
+    assert (
+        cli.main(
+            [
+                'calibrate',
+                'blocks',
+                picture,
+                '--out',
+                str(out),
+                '--picture',
+                str(seen),
+                '--json',
+                '--cover-height',
+                '0.06',
+            ]
+        )
+        == 0
+    )
     figures = json.loads(capsys.readouterr().out)
     assert figures['residual_px'] < 0.1
     assert figures['refused'] == ''
@@ -118,12 +133,13 @@ def test_user_mistakes_get_one_line(picture, tmp_path, capsys):
     lens = tmp_path / 'lens.yaml'
     calibration_file.save(lens, clutter_calibration('clean', 640, 400))
     for words, code, told in (
-            (['blocks', black], 78, '0 squares seen'),
-            (['blocks', str(tmp_path / 'none.png')], 69, 'no such file'),
-            (['blocks', str(tmp_path / 'text.png')], 78, 'not a picture'),
-            (['blocks', picture, '--lens', str(lens)], 78, 'is for images of 640x400'),
-            (['blocks', picture, '--out', str(tmp_path / 'no' / 'c.yaml')], 78, 'cannot write'),
-            (['board', picture], 78, 'first picture shows')):
+        (['blocks', black], 78, '0 squares seen'),
+        (['blocks', str(tmp_path / 'none.png')], 69, 'no such file'),
+        (['blocks', str(tmp_path / 'text.png')], 78, 'not a picture'),
+        (['blocks', picture, '--lens', str(lens)], 78, 'is for images of 640x400'),
+        (['blocks', picture, '--out', str(tmp_path / 'no' / 'c.yaml')], 78, 'cannot write'),
+        (['board', picture], 78, 'first picture shows'),
+    ):
         assert cli.main(['calibrate', *words]) == code
         error = capsys.readouterr().err.strip().splitlines()[-1]
         assert told in error
@@ -135,10 +151,16 @@ def boxes_of_svg(path):
     width, height = (float(root.get(side).removesuffix('mm')) for side in ('width', 'height'))
     assert [float(word) for word in root.get('viewBox').split()] == [0, 0, width, height]
     groups = [g for g in root if g.tag.endswith('}g')]
-    return (width, height), np.array([
-        [*(float(box.get(name)) for name in ('x', 'y', 'width', 'height')),
-         group.get('fill') == 'white'] for group in groups for box in group
-    ])
+    return (width, height), np.array(
+        [
+            [
+                *(float(box.get(name)) for name in ('x', 'y', 'width', 'height')),
+                group.get('fill') == 'white',
+            ]
+            for group in groups
+            for box in group
+        ]
+    )
 
 
 def boxes_of_pdf(path):
@@ -147,7 +169,7 @@ def boxes_of_pdf(path):
     at = int(re.search(rb'startxref\n(\d+)', data)[1])
     assert data[at:].startswith(b'xref')
     for number, place in enumerate(re.findall(rb'(\d{10}) 00000 n', data[at:]), 1):
-        assert data[int(place):].startswith(f'{number} 0 obj'.encode())
+        assert data[int(place) :].startswith(f'{number} 0 obj'.encode())
     stream = re.search(rb'/Length (\d+) >>\nstream\n', data)
     text = data[stream.end() : stream.end() + int(stream[1])].decode()
     assert data[stream.end() + int(stream[1]) :].startswith(b'\nendstream')
@@ -211,8 +233,21 @@ def test_a_board_is_printed_to_scale(tmp_path, kind, read):
     [
         (['b.pdf', '--paper', 'A3'], 78, 'needs 690 x 533 mm, paper A3 is smaller'),
         (['b.pdf', '--square', '0.2'], 78, 'more than A0'),
-        (['b.svg', '--board', '3x3', '--square', '0.02', '--marker', '0.015', '--paper', '190x150'],
-         78, 'needs 200 x 103 mm'),  # ruler and words are wider than such a board
+        (
+            [
+                'b.svg',
+                '--board',
+                '3x3',
+                '--square',
+                '0.02',
+                '--marker',
+                '0.015',
+                '--paper',
+                '190x150',
+            ],
+            78,
+            'needs 200 x 103 mm',
+        ),  # ruler and words are wider than such a board
         (['b.svg', '--paper', 'B9'], 78, 'nor a size in mm'),
         (['b.svg', '--paper', '700x-5'], 78, 'nor a size in mm'),
         (['b.txt'], 2, 'name a .pdf or .svg'),

@@ -165,8 +165,22 @@ def test_the_exponents_are_fitted(capsys, monkeypatch):
     from benchmarks import exponents
 
     monkeypatch.setattr(exponents, 'AUTOMATA', ((8, 0.2, 1.0, (1, 20)),))
-    assert main(['bench', 'exponents', '--seconds', '600', '--seeds', '2', '--events', '20000',
-                 '--json']) == 0
+    assert (
+        main(
+            [
+                'bench',
+                'exponents',
+                '--seconds',
+                '600',
+                '--seeds',
+                '2',
+                '--events',
+                '20000',
+                '--json',
+            ]
+        )
+        == 0
+    )
     rows = {r['model']: r for r in json.loads(capsys.readouterr().out)['rows']}
     table = rows['table of the paper']
 

@@ -157,9 +157,7 @@ def test_stamps_that_are_none(dropped, tmp_path, capsys, text, words):
 
 def test_a_film_needs_as_many_stamps_as_it_has_images(stack, tmp_path, capsys):
     film, stamps = tmp_path / 'film.avi', tmp_path / 'stamps.txt'
-    writer = cv2.VideoWriter(
-        str(film), cv2.VideoWriter.fourcc(*'FFV1'), 60, (1280, 800), False
-    )
+    writer = cv2.VideoWriter(str(film), cv2.VideoWriter.fourcc(*'FFV1'), 60, (1280, 800), False)
     for image in np.load(stack)[:4]:
         writer.write(image)
     writer.release()
@@ -282,9 +280,7 @@ def test_a_bad_file_is_one_line(tmp_path, capsys, make, code, words):
 
 def test_a_film_that_ends_in_the_middle_of_an_image(stack, tmp_path, capsys):
     whole = tmp_path / 'whole.avi'
-    film = cv2.VideoWriter(
-        str(whole), cv2.VideoWriter.fourcc(*'MJPG'), 60, (1280, 800), False
-    )
+    film = cv2.VideoWriter(str(whole), cv2.VideoWriter.fourcc(*'MJPG'), 60, (1280, 800), False)
     for image in np.load(stack)[:12]:
         film.write(image)
     film.release()

@@ -405,10 +405,13 @@ def test_outlines_are_of_the_picture_that_is_shown(graph, browser):
     until_page(browser, 'document.querySelector("#camera canvas").dataset.images > 3')
     ages = []
     for _ in range(20):
-        shown, picture_s, newest = run(browser, """
+        shown, picture_s, newest = run(
+            browser,
+            """
             const {past, stamp} = eol.camera;
             return [eol.camera.atPicture().blocks.stamp, stamp, past[past.length - 1].blocks.stamp];
-        """)
+        """,
+        )
         assert -2e-3 < picture_s - shown < 0.06  # a picture may come before its blocks
         ages.append(newest - picture_s)
         time.sleep(0.05)

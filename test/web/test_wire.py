@@ -132,7 +132,10 @@ def test_the_law_of_the_day_is_that_of_the_report():
     assert day.fit()
     law, found = day.notice()['law'], report.law(areas)
     assert (law['b'], law['error'], law['from'], law['count']) == (
-        found['b_value'], found['b_error'], found['area_min'], found['fitted']
+        found['b_value'],
+        found['b_error'],
+        found['area_min'],
+        found['fitted'],
     )
     # The curve that the page draws: P(A >= a), summed here one by one.
     support = np.arange(law['from'], 26.0)

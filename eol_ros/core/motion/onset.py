@@ -58,9 +58,7 @@ def onsets(
     return centre[:, 0], np.maximum(spread, step * 12**-0.5)[:, 0]
 
 
-def _belief(
-    t0: np.ndarray, times: np.ndarray, path: np.ndarray, noise2: np.ndarray
-) -> np.ndarray:
+def _belief(t0: np.ndarray, times: np.ndarray, path: np.ndarray, noise2: np.ndarray) -> np.ndarray:
     """Posterior (b, g) of the onset on the grid `t0` (b, g), the acceleration integrated out.
 
     Samples (n, b, 1) come first, so that sums over them are sums of rows.

@@ -89,14 +89,30 @@ def lattice_of(model: 'Model') -> Lattice:
     np.add.at(drive, rim_block, pulls)
     arms = np.hypot(model.anchors[:, 0], model.anchors[:, 1])
     return Lattice(
-        n, model.first, model.second, model.k, model.natural, model.rest, model.anchors,
-        np.searchsorted(ends[order], np.arange(n + 1)), others[order], both[order], spring[order],
-        np.searchsorted(rim_block[rim_order], np.arange(n + 1)), number[rim][rim_order],
-        np.bincount(ends, both, n) + np.bincount(rim_block, model.k[rim], n), drive,
+        n,
+        model.first,
+        model.second,
+        model.k,
+        model.natural,
+        model.rest,
+        model.anchors,
+        np.searchsorted(ends[order], np.arange(n + 1)),
+        others[order],
+        both[order],
+        spring[order],
+        np.searchsorted(rim_block[rim_order], np.arange(n + 1)),
+        number[rim][rim_order],
+        np.bincount(ends, both, n) + np.bincount(rim_block, model.k[rim], n),
+        drive,
         np.bincount(rim_block, model.k[rim] * arms[model.second[rim] - n], n),
         float(arms.max(initial=0.0)),
-        model.mass, 1.0 / model.mass, model.static, model.kinetic, float(model.weakening),
-        bool(model.geometric), bool(model.rail),
+        model.mass,
+        1.0 / model.mass,
+        model.static,
+        model.kinetic,
+        float(model.weakening),
+        bool(model.geometric),
+        bool(model.rail),
     )
 
 

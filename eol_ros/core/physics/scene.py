@@ -167,8 +167,9 @@ def _rotation(given: Mapping[str, Any], n: int, dim1: bool) -> Rotation | None:
         half = 0.5 * side * np.asarray(row['dir'], float)  # the middle of the edge it leaves from
         arms[0, s] = _array(f'spring {s}.arm', row.get('arm', half), (2,))
         arms[1, s] = _array(f'spring {s}.arm_j', row.get('arm_j', -half), (2,))
-    start = [_array(f'rotation.{key}', option.get(key, [0.0] * n), (n,))
-             for key in ('yaw0', 'spin0')]
+    start = [
+        _array(f'rotation.{key}', option.get(key, [0.0] * n), (n,)) for key in ('yaw0', 'spin0')
+    ]
     return Rotation(side, *start, *arms)
 
 

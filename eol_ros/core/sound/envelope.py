@@ -13,8 +13,7 @@ from eol_ros.core.sound.lanes import WIDTH, count_from, fma, keep, least, load, 
 
 # sin(pi y) / 2 for |y| <= 1/2 in odd powers: weighted least squares, error < 2e-9.
 S1, S3, S5, S7, S9 = (
-    np.float32(half)
-    for half in (1.57079629, -2.58385344, 1.27501569, -0.299022585, 0.03861006)
+    np.float32(half) for half in (1.57079629, -2.58385344, 1.27501569, -0.299022585, 0.03861006)
 )
 HALF, ONE = np.float32(0.5), np.float32(1.0)
 

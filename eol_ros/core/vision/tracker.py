@@ -171,8 +171,7 @@ class Tracker:
                 self_calibration,  # and scipy with it: only here
             )
 
-            self._take(self_calibration.nominal(image.shape, self.side_px(),
-                                                self.settings.mirror))
+            self._take(self_calibration.nominal(image.shape, self.side_px(), self.settings.mirror))
             assert self.calibration is not None
             self.learning = self_calibration.SelfCalibration(self.calibration)
         pose, sigma = mapping.poses(self.packed, blobs, BLOCK_SIDE_M)
@@ -236,8 +235,11 @@ class Tracker:
             lattice.move(found.to_table(self.calibration.to_pixels(lattice.xy)))
             self._take(found)
             self.finder.calibration = found
-            self._tell(f'calibrated by the blocks: {found.residual_px:.3f} px, '
-                       f'{found.residual_mm:.2f} mm left', False)
+            self._tell(
+                f'calibrated by the blocks: {found.residual_px:.3f} px, '
+                f'{found.residual_mm:.2f} mm left',
+                False,
+            )
             self.learning = None
             if np.isfinite(self.asked_s):
                 self.settled_s = stamp_s + SETTLE_S
@@ -253,8 +255,15 @@ class Tracker:
             return None
         ahead = stamp_s - self.last_s
         lattice = self.lattice
-        mapping.expected(self.packed, lattice.xy, lattice.velocity, lattice.yaw, self.contrast,
-                         ahead if 0 < ahead < 0.1 else 0.0, self.predicted)
+        mapping.expected(
+            self.packed,
+            lattice.xy,
+            lattice.velocity,
+            lattice.yaw,
+            self.contrast,
+            ahead if 0 < ahead < 0.1 else 0.0,
+            self.predicted,
+        )
         return self.predicted
 
     def _answer(self, stamp_s: float, state: int, why: str) -> Tracked:
@@ -267,8 +276,9 @@ class Tracker:
         else:
             seen = lattice.seen.copy()
             visibility = np.where(seen, self.visibility, np.float32(0))
-            mapping.answer(self.packed, lattice.xy, seen, lattice.index, self.blobs, STEPS, px,
-                           world)
+            mapping.answer(
+                self.packed, lattice.xy, seen, lattice.index, self.blobs, STEPS, px, world
+            )
             if state == CALIBRATING or self.learning is not None:
                 world[:] = np.nan
         return Tracked(

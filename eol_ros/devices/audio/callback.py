@@ -66,9 +66,7 @@ def serve(address, out, flags):
 
 
 @cfunc(
-    types.intc(
-        types.voidptr, types.voidptr, types.ulong, types.voidptr, types.ulong, types.voidptr
-    )
+    types.intc(types.voidptr, types.voidptr, types.ulong, types.voidptr, types.ulong, types.voidptr)
 )
 def callback(_inputs, output, frames, _times, flags, table):
     """PaStreamCallback of portaudio.h; `table` is the mixer's table of addresses."""

@@ -66,9 +66,7 @@ class _Chunk:
         self.start_ns = self.end_ns = 0
         self.offsets: dict[int, list[tuple[int, int]]] = {}
 
-    def add(
-        self, channel: int, data: bytes, log_ns: int, publish_ns: int, sequence: int
-    ) -> None:
+    def add(self, channel: int, data: bytes, log_ns: int, publish_ns: int, sequence: int) -> None:
         self.start_ns = min(self.start_ns, log_ns) if self.offsets else log_ns
         self.end_ns = max(self.end_ns, log_ns)
         self.offsets.setdefault(channel, []).append((log_ns, len(self.data)))

@@ -223,7 +223,8 @@ class BagReader:
     ) -> Iterator[BagMessage]:
         """Yield messages of `topics` (None: all) with start_ns <= reception < end_ns, in order."""
         files = [
-            f for f in self.files
+            f
+            for f in self.files
             if f.start_ns and f.end_ns >= start_ns and (end_ns is None or f.start_ns < end_ns)
         ]
         streams = [f.messages(topics, start_ns, end_ns) for f in files]

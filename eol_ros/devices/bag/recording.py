@@ -186,7 +186,11 @@ class Recording:
             if self._writer:
                 self._guarded(
                     self._writer.write,
-                    kept.topic, kept.data, kept.log_ns, kept.publish_ns, kept.sequence,
+                    kept.topic,
+                    kept.data,
+                    kept.log_ns,
+                    kept.publish_ns,
+                    kept.sequence,
                     self._queued_bytes > HURRY_BYTES,
                 )
             else:
@@ -262,8 +266,11 @@ class Recording:
                 return
         folder = _new_folder(self.root, self._name)
         self._writer = BagWriter(
-            folder, self._topics, self._about,
-            self._settings.split_minutes * 60, round(self._settings.split_gb * GB),
+            folder,
+            self._topics,
+            self._about,
+            self._settings.split_minutes * 60,
+            round(self._settings.split_gb * GB),
         )
         self.folder, self.trouble = folder, ''
 

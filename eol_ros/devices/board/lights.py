@@ -173,9 +173,7 @@ class Lights:
         played_ns = self._played.wall_ns(stamp_ns) if self._played and stamp_ns else stamp_ns
         return self._sent(self.board.show(self._white, played_ns // 1000), levels, stamp_ns)
 
-    def _sent(
-        self, sequence: int | None, levels: Sequence[bytes], stamp_ns: int = 0
-    ) -> list[Sent]:
+    def _sent(self, sequence: int | None, levels: Sequence[bytes], stamp_ns: int = 0) -> list[Sent]:
         if sequence is None:
             return []
         sent_ns, infrared = time.time_ns(), self.board.infrared_on

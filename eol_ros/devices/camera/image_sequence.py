@@ -60,8 +60,10 @@ class Moments:
     def check(self, count: int, name: str) -> None:
         """Raise ConfigError unless there is a stamp for each of `count` images."""
         if self._times is not None and len(self._times) != count:
-            raise ConfigError(f'{self.stamps}: has {len(self._times)} stamps, but {name} has '
-                              f'{count} images: one line for each image, dropped ones left out')
+            raise ConfigError(
+                f'{self.stamps}: has {len(self._times)} stamps, but {name} has '
+                f'{count} images: one line for each image, dropped ones left out'
+            )
 
     def read(self, fps: float) -> Iterator[float]:
         """Yield the times in s; `fps` counts where none is known."""
@@ -109,8 +111,9 @@ def read_stamps(path: str) -> np.ndarray:
         elif value <= last:
             wrong = f'does not come after {last}, the line before'
         elif (value - last) * unit_s < 1 / FASTEST_FPS:
-            wrong = (f'is only {(value - last) * unit_s:.1g} s after the line before'
-                     + ('; seconds need a decimal point' if whole else ''))
+            wrong = f'is only {(value - last) * unit_s:.1g} s after the line before' + (
+                '; seconds need a decimal point' if whole else ''
+            )
         else:
             in_ns, last = whole, value
             times.append(value * unit_s)

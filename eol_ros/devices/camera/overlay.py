@@ -30,8 +30,14 @@ class Overlay:
         elif ending not in ('.png', '.jpg', '.jpeg'):
             raise ConfigError(f'{path}: an overlay is .mp4 or .avi, or a picture: .png, .jpg')
 
-    def add(self, image: np.ndarray, tracked: Tracked, moving: np.ndarray, side_px: float,
-            theta: np.ndarray) -> None:
+    def add(
+        self,
+        image: np.ndarray,
+        tracked: Tracked,
+        moving: np.ndarray,
+        side_px: float,
+        theta: np.ndarray,
+    ) -> None:
         """Take one image (h, w) uint8 and what was made of it; moving (25,) bool.
 
         theta: (25,) angle of each block in the image, counter-clockwise.
@@ -48,8 +54,9 @@ class Overlay:
             raise ConfigError(f'{self.path}: cannot write a picture there')
 
 
-def draw(image: np.ndarray, tracked: Tracked, moving: np.ndarray, side_px: float,
-         theta: np.ndarray) -> np.ndarray:
+def draw(
+    image: np.ndarray, tracked: Tracked, moving: np.ndarray, side_px: float, theta: np.ndarray
+) -> np.ndarray:
     """Return `image` in colour with squares, ids and state on it."""
     # Darker than the original, so that what is drawn stands out from the lit covers.
     picture = cv2.cvtColor((image * np.float32(0.6)).astype(np.uint8), cv2.COLOR_GRAY2BGR)

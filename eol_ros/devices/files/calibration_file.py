@@ -16,8 +16,10 @@ from eol_ros.errors import ConfigError, DeviceMissing
 
 _SIZE = ('image_width', 'image_height')
 _MATRICES = {'camera_matrix': (3, 3), 'distortion_coefficients': (1, 5), 'homography': (3, 3)}
-LEFT_HANDED = ('the homography is left-handed, as of a table seen in a mirror. If the camera looks '
-               'through one,')
+LEFT_HANDED = (
+    'the homography is left-handed, as of a table seen in a mirror. If the camera looks '
+    'through one,'
+)
 _NUMBERS = ('cover_height_m', 'residual_px', 'residual_mm')
 
 
@@ -42,17 +44,21 @@ def save(path: str | Path, calibration: Calibration, camera_name: str = 'eol') -
         'residual_px': float(calibration.residual_px),
         'residual_mm': float(calibration.residual_mm),
     }
-    text = ('# Pixels: u right, v down. homography: table metres (x right, y away, cover height)\n'
-            '# to undistorted pixels of camera_matrix. mirror: the camera sees the table in one.\n'
-            '# Written by `eol calibrate`.\n'
-            + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
+    text = (
+        '# Pixels: u right, v down. homography: table metres (x right, y away, cover height)\n'
+        '# to undistorted pixels of camera_matrix. mirror: the camera sees the table in one.\n'
+        '# Written by `eol calibrate`.\n'
+        + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
+    )
     part = path.with_name(path.name + '.part')
     try:
         part.write_text(text)
         part.replace(path)
     except OSError as error:
-        raise ConfigError(f'{path}: cannot write the calibration ({error.strerror}); '
-                          'choose a folder that exists and can be written') from None
+        raise ConfigError(
+            f'{path}: cannot write the calibration ({error.strerror}); '
+            'choose a folder that exists and can be written'
+        ) from None
 
 
 def load(path: str | Path, mirror: bool = False) -> Calibration:
@@ -70,8 +76,9 @@ def load(path: str | Path, mirror: bool = False) -> Calibration:
     try:
         content = yaml.safe_load(path.read_text())
     except FileNotFoundError:
-        raise DeviceMissing(f'{path}: no such calibration file; make one with `eol calibrate`'
-                            ) from None
+        raise DeviceMissing(
+            f'{path}: no such calibration file; make one with `eol calibrate`'
+        ) from None
     except OSError as error:
         raise DeviceMissing(f'{path}: cannot read the calibration ({error.strerror})') from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -94,8 +101,11 @@ def load(path: str | Path, mirror: bool = False) -> Calibration:
         fields[name] = _read_matrix(content, name, shape, wrong)
     for name in _NUMBERS:
         value = content.get(name, 0.0)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) \
-                or not math.isfinite(value):
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, (int, float))
+            or not math.isfinite(value)
+        ):
             wrong.append(f'{name} is {value!r}, not a number')
         fields[name] = value
     said = content.get('mirror', False)
@@ -111,28 +121,40 @@ def load(path: str | Path, mirror: bool = False) -> Calibration:
     except ConfigError as error:
         raise ConfigError(f'{path}: {error}') from None
     if calibration.mirrored and not said:
-        raise ConfigError(f'{path}: {LEFT_HANDED} add `mirror: true` to this file; else y was '
-                          'counted downwards: calibrate again with y pointing away')
+        raise ConfigError(
+            f'{path}: {LEFT_HANDED} add `mirror: true` to this file; else y was '
+            'counted downwards: calibrate again with y pointing away'
+        )
     if said and not calibration.mirrored:
-        raise ConfigError(f'{path}: says `mirror: true`, but its homography is that of a camera '
-                          'without a mirror: take that line out, or calibrate with --mirror')
+        raise ConfigError(
+            f'{path}: says `mirror: true`, but its homography is that of a camera '
+            'without a mirror: take that line out, or calibrate with --mirror'
+        )
     if mirror and not said:
-        raise ConfigError(f'{path}: is the calibration of a camera without a mirror, but `mirror` '
-                          'is set: leave it out, or calibrate with --mirror')
+        raise ConfigError(
+            f'{path}: is the calibration of a camera without a mirror, but `mirror` '
+            'is set: leave it out, or calibrate with --mirror'
+        )
     return calibration
 
 
 def _matrix(values: np.ndarray) -> dict:
-    return {'rows': values.shape[0], 'cols': values.shape[1],
-            'data': [float(v) for v in values.ravel()]}
+    return {
+        'rows': values.shape[0],
+        'cols': values.shape[1],
+        'data': [float(v) for v in values.ravel()],
+    }
 
 
 def _read_matrix(content: dict, name: str, shape: tuple[int, int], wrong: list[str]):
     """Return the matrix `name`, or note what is wrong with it."""
     value = content.get(name)
     if value is None:
-        hint = (': a camera_info file knows the lens but not the table; run `eol calibrate` with it'
-                if name == 'homography' else '')
+        hint = (
+            ': a camera_info file knows the lens but not the table; run `eol calibrate` with it'
+            if name == 'homography'
+            else ''
+        )
         wrong.append(f'{name} is absent{hint}')
         return None
     if not isinstance(value, dict) or not isinstance(value.get('data'), list):
@@ -140,8 +162,10 @@ def _read_matrix(content: dict, name: str, shape: tuple[int, int], wrong: list[s
         return None
     data = value['data']
     if (value.get('rows'), value.get('cols')) != shape or len(data) != shape[0] * shape[1]:
-        wrong.append(f"{name} has {value.get('rows')} rows, {value.get('cols')} cols and "
-                     f'{len(data)} values, not {shape[0]} x {shape[1]}')
+        wrong.append(
+            f'{name} has {value.get("rows")} rows, {value.get("cols")} cols and '
+            f'{len(data)} values, not {shape[0]} x {shape[1]}'
+        )
         return None
     try:
         return np.array([float(v) for v in data]).reshape(shape)
@@ -173,7 +197,7 @@ def load_lens(path: str | Path) -> tuple[int, int, np.ndarray, np.ndarray]:
     if not all(isinstance(value, int) and value >= 8 for value in size):
         wrong.append(f'image size is {size[0]!r} x {size[1]!r}')
     if content.get('distortion_model', 'plumb_bob') != 'plumb_bob':
-        wrong.append(f"distortion_model is {content['distortion_model']!r}, not plumb_bob")
+        wrong.append(f'distortion_model is {content["distortion_model"]!r}, not plumb_bob')
     camera = _read_matrix(content, 'camera_matrix', (3, 3), wrong)
     lens = _read_matrix(content, 'distortion_coefficients', (1, 5), wrong)
     if wrong or camera is None or lens is None:

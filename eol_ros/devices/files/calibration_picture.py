@@ -39,8 +39,11 @@ def draw(solution: Solution, image: np.ndarray | None) -> np.ndarray:
         if np.isfinite(sigma):
             _write(picture, place - [40, 0], f'+-{sigma:.2f} mm')
     refusal = solution.refusal()
-    words = [f'residual {calibration.residual_px:.3f} px = {calibration.residual_mm:.3f} mm RMS',
-             f'arrows: residual x {ARROW}', f'REFUSED: {refusal[:90]}' if refusal else 'good']
+    words = [
+        f'residual {calibration.residual_px:.3f} px = {calibration.residual_mm:.3f} mm RMS',
+        f'arrows: residual x {ARROW}',
+        f'REFUSED: {refusal[:90]}' if refusal else 'good',
+    ]
     for line, text in enumerate(words):
         _write(picture, (12, 24 + 22 * line), text)
     return picture

@@ -180,8 +180,10 @@ def _listed(folder: Path) -> list[Pair]:
     if rows and [cell.lower() for cell in rows[0][:2]] == ['left', 'right']:
         rows = rows[1:]
     filled = [(row + ['', '', '', ''])[:4] for row in rows]
-    return [Pair(left.replace('\\', '/'), right.replace('\\', '/'), *words)
-            for left, right, *words in filled]
+    return [
+        Pair(left.replace('\\', '/'), right.replace('\\', '/'), *words)
+        for left, right, *words in filled
+    ]
 
 
 def _forbidden(folder: Path, name: str) -> str:

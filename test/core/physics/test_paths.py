@@ -70,7 +70,8 @@ def test_single_block_against_fifty_digits():
     run = solve(builders.single(PULL, float(expected[-1]) + 0.1))
     assert len(run.event_t) == len(expected) >= 20
     assert [float(abs(mp.mpf(float(a)) - b)) for a, b in zip(run.event_t, expected)] == (
-        pytest.approx([0.0] * len(expected), abs=2e-14))
+        pytest.approx([0.0] * len(expected), abs=2e-14)
+    )
     assert run.u[-1, 0, 0] == pytest.approx(float(place), abs=1e-15)
 
 
@@ -358,15 +359,21 @@ EXTREMES = {
     'no tie between stiff blocks': builders.plate(PULL, 3.0, k_between=2e7),
     'light blocks': builders.train(PULL, 3.0, mass=2.5e-5, g=9.81e4),
     'a step of one metre': builders.table(
-        NONE, 2.0, geometric=True, u0=[[0.9 if i == 12 else 0.0, 0.02] for i in range(25)],
+        NONE,
+        2.0,
+        geometric=True,
+        u0=[[0.9 if i == 12 else 0.0, 0.02] for i in range(25)],
     ),
     'a step of one metre aside': builders.table(
-        {'kind': 'poses', 'par': [[0, 1, 0, 0], [1, 1, 0, 0]]}, 3.0, geometric=True,
+        {'kind': 'poses', 'par': [[0, 1, 0, 0], [1, 1, 0, 0]]},
+        3.0,
+        geometric=True,
         u0=builders.offsets(25, 0.005, 2),
     ),
     'stiff, 400 blocks': builders.plate(PULL, 5.55, 20, 20, k_between=2e7),
     'light, 400 blocks': builders.plate(
-        PULL, 6.5, 20, 20, mass=2.5e-5, g=9.81e4, u0=builders.offsets(400, 0.005, 5, True)),
+        PULL, 6.5, 20, 20, mass=2.5e-5, g=9.81e4, u0=builders.offsets(400, 0.005, 5, True)
+    ),
     'one stiff block': builders.plate(PULL, 6.0, 1, 1, k_plate=2e6),
     'equal friction': builders.table(
         PULL, 6.0, geometric=True, mu_s=0.65, mu_k=0.65, u0=builders.offsets(25, 0.005, 3)
@@ -483,7 +490,13 @@ def test_weakening_makes_many_small_slips_and_a_few_of_the_whole():
     """Carlson and Langer (1989): small events, and an excess of those that span the system."""
     drive = {'kind': 'constant_velocity', 'par': [0.002, 0.0]}
     scene = builders.train(
-        drive, 4000.0, n=20, k_plate=4.0, k_between=80.0, mu_k=0.9, weakening={'speed': 0.05},
+        drive,
+        4000.0,
+        n=20,
+        k_plate=4.0,
+        k_between=80.0,
+        mu_k=0.9,
+        weakening={'speed': 0.05},
         u0=builders.offsets(20, 0.002, 3, along_x=True),
     )
     run = solve(scene, sample_s=4000.0, ledger=False, limits=Limits(events=200_000, steps=400_000))

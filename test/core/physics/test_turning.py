@@ -63,8 +63,14 @@ def test_sliding_and_turning_share_the_friction(spin):
 
     slow.terminal = True
     found = solve_ivp(
-        lambda t, y: np.concatenate(rhs(t, y)), (0, 5), [0.4, c * spin, 0, 0], 'DOP853',
-        rtol=1e-12, atol=1e-14, events=slow, dense_output=True,
+        lambda t, y: np.concatenate(rhs(t, y)),
+        (0, 5),
+        [0.4, c * spin, 0, 0],
+        'DOP853',
+        rtol=1e-12,
+        atol=1e-14,
+        events=slow,
+        dense_output=True,
     )
     run = solve(loose(spin0=[spin], v0=[0.4, 0.0]), tolerance=1e-11)
     assert run.event_t[0] == pytest.approx(found.t[-1], abs=1e-5)
@@ -76,8 +82,9 @@ def test_sliding_and_turning_share_the_friction(spin):
 
 def test_a_pull_aside_turns_the_block():
     """At rest until |(F, T / c)| = F_s: a spring at the middle of an edge, pulled along it."""
-    scene = builders.table({'kind': 'constant_velocity', 'par': [0.0, 0.02]}, 10.0, 1, 1,
-                           rotation={'side': SIDE})
+    scene = builders.table(
+        {'kind': 'constant_velocity', 'par': [0.0, 0.02]}, 10.0, 1, 1, rotation={'side': SIDE}
+    )
     scene['springs_to_frame'] = scene['springs_to_frame'][:1]  # the one on the left
     run = solve(scene)
     at_force = 0.9 * MASS * G / np.hypot(1.0, 0.5 / LEVER)
@@ -134,7 +141,8 @@ def test_springs_at_the_centre_turn_nothing():
     assert plain.yaw is None
     assert np.abs(turning.u - plain.u).max() < 1e-9
     assert sorted(zip(turning.event_block, turning.event_start)) == sorted(
-        zip(plain.event_block, plain.event_start))
+        zip(plain.event_block, plain.event_start)
+    )
 
 
 def test_a_mirrored_pull_turns_the_other_way():
@@ -166,8 +174,9 @@ def test_equal_friction_and_limits():
 def test_a_plate_spring_at_an_arm_holds_the_angle():
     """Two half springs at the arms +-a: torsional stiffness k a^2, a free block swings with it."""
     arm, k = 0.03, 20.0
-    scene = builders.plate(NONE, 3.0, 1, 1, k_plate=k, mu_s=0.0, mu_k=0.0,
-                           rotation={'side': SIDE, 'spin0': [1e-3]})
+    scene = builders.plate(
+        NONE, 3.0, 1, 1, k_plate=k, mu_s=0.0, mu_k=0.0, rotation={'side': SIDE, 'spin0': [1e-3]}
+    )
     arms = [spring['arm'] for spring in scene['springs_to_frame']]
     assert np.abs(arms).max() == SIDE / 2
     for spring in scene['springs_to_frame']:

@@ -15,7 +15,7 @@ from eol_ros.core.sound.lanes import WIDTH
 from eol_ros.core.sound.taps import read
 
 SAMPLES = 4000
-GIVEN = '''
+GIVEN = """
 import hashlib
 import numpy as np
 from benchmarks.sound_reference import score
@@ -33,7 +33,7 @@ for cubic in (True, False):
     mixer = Mixer(48000, max_voices=20, loudness_lufs=-40, cubic=cubic)
     digest.update(render_all(mixer, triggers, bank, 2 * 48000).tobytes())
     assert mixer.state['stolen'][0] and mixer.state['limiter_least'][0] < 0.9
-'''
+"""
 
 
 def padded(n, seed=1):

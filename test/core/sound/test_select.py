@@ -287,7 +287,7 @@ def right_x(found):
 
 def test_jitter_stays_in_its_range_and_comes_from_the_seed():
     settings = dataclasses.replace(
-        STILL, rate_jitter_st=2, edge_jitter=0.5, rate=1.5, radius=0.3, release_s=0.06
+        STILL, rate_jitter_st=2, edge_jitter=0.5, playback_rate=1.5, radius=0.3, release_s=0.06
     )
     places = np.random.default_rng(4).random((300, 2))
     path = line((-0.5, 0), (0.5, 0.1), 120)

@@ -70,10 +70,12 @@ def test_clutter_hides_no_block_and_adds_none(level):
             yaw = yaw * 0.3
             truth = camera.to_pixels(xy)
             visible = renderer.visible_share(*xy.T, yaw, 23 * k)
-            blobs = finder.find(renderer.render(*xy.T, yaw, 23 * k),
-                                np.column_stack([truth, yaw]) if k else None)
-            pose = camera.poses_to_table(np.column_stack([blobs['u'], blobs['v']]),
-                                         blobs['theta'], blobs['side_px'])
+            blobs = finder.find(
+                renderer.render(*xy.T, yaw, 23 * k), np.column_stack([truth, yaw]) if k else None
+            )
+            pose = camera.poses_to_table(
+                np.column_stack([blobs['u'], blobs['v']]), blobs['theta'], blobs['side_px']
+            )
             far = np.hypot(pose[:, None, 0] - xy[:, 0], pose[:, None, 1] - xy[:, 1])
             assert far.min(axis=1).max() < 0.005  # nothing that is no block
             assert not (far.min(axis=0)[visible < 0.02] < 0.005).any()
@@ -100,8 +102,10 @@ def test_half_a_block_is_measured_by_its_other_half():
     assert partly.sum() == 5
     assert np.isfinite(left[partly]).all()
     assert np.sqrt((left[partly] ** 2).mean()) < 0.25
-    seen = {int(np.hypot(truth[:, 0] - b['u'], truth[:, 1] - b['v']).argmin()): b['visibility']
-            for b in blobs}
+    seen = {
+        int(np.hypot(truth[:, 0] - b['u'], truth[:, 1] - b['v']).argmin()): b['visibility']
+        for b in blobs
+    }
     assert all(seen[k] < 0.9 for k in np.flatnonzero(partly))
 
 
@@ -117,10 +121,15 @@ def test_a_lost_prediction_is_found_by_the_scan():
     assert np.isfinite(paired(finder.find(image, wrong), truth, 0.1)).all()
 
 
-@pytest.mark.parametrize('image', [
-    np.zeros((800, 1280), np.uint8), np.full((800, 1280), 255, np.uint8),
-    np.random.default_rng(0).normal(60, 20, (800, 1280)).clip(0, 255).astype(np.uint8),
-    (np.indices((800, 1280)).sum(axis=0) // 8).astype(np.uint8)])
+@pytest.mark.parametrize(
+    'image',
+    [
+        np.zeros((800, 1280), np.uint8),
+        np.full((800, 1280), 255, np.uint8),
+        np.random.default_rng(0).normal(60, 20, (800, 1280)).clip(0, 255).astype(np.uint8),
+        (np.indices((800, 1280)).sum(axis=0) // 8).astype(np.uint8),
+    ],
+)
 def test_nothing_is_found_where_nothing_is(image):
     finder = BlobFinder()
     assert len(finder.find(image)) == 0
@@ -151,9 +160,14 @@ def test_the_same_images_give_the_same_numbers():
     assert all(np.array_equal(a, second.find(i)) for a, i in zip(answers, images))
 
 
-@pytest.mark.parametrize(('image', 'words'), [
-    (np.zeros((800, 1280, 3), np.uint8), 'grey'), (np.zeros((800, 1280), np.uint16), 'uint16'),
-    (np.zeros((20, 30), np.uint8), 'too small')])
+@pytest.mark.parametrize(
+    ('image', 'words'),
+    [
+        (np.zeros((800, 1280, 3), np.uint8), 'grey'),
+        (np.zeros((800, 1280), np.uint16), 'uint16'),
+        (np.zeros((20, 30), np.uint8), 'too small'),
+    ],
+)
 def test_wrong_images_are_refused_with_their_shape(image, words):
     with pytest.raises(ConfigError, match=words):
         BlobFinder().find(image)

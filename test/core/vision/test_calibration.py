@@ -14,15 +14,17 @@ LENS = replace(IDEAL, distortion_coefficients=np.array([-0.15, 0.03, 1e-3, -5e-4
 
 
 def tilted(angle):
-    turn = np.array([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)],
-                     [0, np.sin(angle), np.cos(angle)]])
+    turn = np.array(
+        [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
+    )
     columns = np.column_stack([turn @ [1, 0, 0], turn @ [0, -1, 0], [0, 0, 1000 / 545]])
     return replace(LENS, homography=LENS.camera_matrix @ columns)
 
 
 def test_the_ideal_camera_is_545_px_a_metre():
-    assert np.allclose(IDEAL.to_pixels([[0, 0], [1, 0], [0, 1]]) - [639.5, 399.5],
-                       [[0, 0], [545, 0], [0, -545]])
+    assert np.allclose(
+        IDEAL.to_pixels([[0, 0], [1, 0], [0, 1]]) - [639.5, 399.5], [[0, 0], [545, 0], [0, -545]]
+    )
     assert IDEAL.px_per_m() == pytest.approx(545)
 
 
@@ -38,7 +40,7 @@ def test_the_lens_follows_the_formula():
     u, v = LENS.distort([[1000.0, 200.0]])[0]
     x, y = (1000 - 639.5) / 1000, (200 - 399.5) / 1000
     r2 = x * x + y * y
-    radial = 1 - 0.15 * r2 + 0.03 * r2 ** 2
+    radial = 1 - 0.15 * r2 + 0.03 * r2**2
     xd = x * radial + 2 * 1e-3 * x * y - 5e-4 * (r2 + 2 * x * x)
     yd = y * radial + 1e-3 * (r2 + 2 * y * y) - 2 * 5e-4 * x * y
     assert (u, v) == pytest.approx((639.5 + 1000 * xd, 399.5 + 1000 * yd))
@@ -50,9 +52,12 @@ def test_a_square_seen_by_a_tilted_camera_keeps_its_pose(x, y, yaw):
     camera = tilted(0.08)
     half = 0.042
     x_axis, y_axis = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
-    middles = camera.to_pixels([np.array([x, y]) + s * half * a
-                                for s, a in ((1, x_axis), (1, y_axis), (-1, x_axis),
-                                             (-1, y_axis))])
+    middles = camera.to_pixels(
+        [
+            np.array([x, y]) + s * half * a
+            for s, a in ((1, x_axis), (1, y_axis), (-1, x_axis), (-1, y_axis))
+        ]
+    )
     # the square that fits the four edges best, as the finder does
     centre = middles.mean(axis=0)
     east, north = middles[0] - middles[2], middles[1] - middles[3]
@@ -71,21 +76,30 @@ def test_nan_stays_nan():
     assert np.isnan(table[1]).all()
 
 
-@pytest.mark.parametrize(('change', 'words'), [
-    ({'camera_matrix': np.eye(2)}, 'camera_matrix has shape'),
-    ({'homography': np.zeros((3, 3))}, 'no inverse'),
-    ({'homography': np.full((3, 3), np.nan)}, 'homography'),
-    ({'distortion_coefficients': np.zeros(4)}, 'distortion_coefficients'),
-    ({'camera_matrix': -np.eye(3)}, 'focal length'),
-    ({'image_width': 0}, 'image size')])
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({'camera_matrix': np.eye(2)}, 'camera_matrix has shape'),
+        ({'homography': np.zeros((3, 3))}, 'no inverse'),
+        ({'homography': np.full((3, 3), np.nan)}, 'homography'),
+        ({'distortion_coefficients': np.zeros(4)}, 'distortion_coefficients'),
+        ({'camera_matrix': -np.eye(3)}, 'focal length'),
+        ({'image_width': 0}, 'image size'),
+    ],
+)
 def test_impossible_calibrations_are_refused(change, words):
     with pytest.raises(ConfigError, match=words):
         replace(IDEAL, **change)
 
 
-@pytest.mark.parametrize('image', [
-    np.zeros((400, 640), np.uint8), np.zeros((800, 1280, 3), np.uint8),
-    np.zeros((800, 1280), np.uint16)])
+@pytest.mark.parametrize(
+    'image',
+    [
+        np.zeros((400, 640), np.uint8),
+        np.zeros((800, 1280, 3), np.uint8),
+        np.zeros((800, 1280), np.uint16),
+    ],
+)
 def test_images_of_another_camera_are_refused(image):
     IDEAL.check_image(np.zeros((800, 1280), np.uint8))
     with pytest.raises(ConfigError, match='1280x800'):

@@ -24,9 +24,11 @@ def still(level='ordinary', seed=0, scatter=0.003):
     renderer = Renderer(RenderOptions(clutter=level), clutter_calibration(level), 11)
     xy = rest_lattice() + rng.normal(0, scatter, (25, 2))
     yaw = rng.normal(0, 0.05, 25)
-    index = next(k for k in range(0, 3000, 30)
-                 if renderer.visible_share(*xy.T, yaw, k).min() == 1 and not
-                 len(renderer.arms(k)[0]))
+    index = next(
+        k
+        for k in range(0, 3000, 30)
+        if renderer.visible_share(*xy.T, yaw, k).min() == 1 and not len(renderer.arms(k)[0])
+    )
     return renderer.render(*xy.T, yaw, index).copy(), np.column_stack([xy, yaw]), renderer
 
 
@@ -54,7 +56,7 @@ def test_blocks_alone_give_lens_tilt_and_metres():
     assert camera.cover_height_m == 0.05
     off = camera.to_table(truth.to_pixels(GRID)) - GRID
     # the blocks' scatter on the lattice is what is left: 3 mm over 75 places
-    assert np.sqrt((off ** 2).mean()) < 1.5e-3
+    assert np.sqrt((off**2).mean()) < 1.5e-3
     stretch = np.ptp(off[:, 0]) + np.ptp(off[:, 1])
     assert stretch < 3e-3
     assert camera.distortion_coefficients[0] == pytest.approx(-0.08, abs=0.02)
@@ -103,9 +105,13 @@ def test_a_wrong_click_is_named():
     assert 'point 5' in refusal
 
 
-@pytest.mark.parametrize(('xy', 'words'), [
-    (np.zeros((3, 2)), 'at least 4'),
-    (np.column_stack([np.arange(5.0), np.arange(5.0)]), 'one line')])
+@pytest.mark.parametrize(
+    ('xy', 'words'),
+    [
+        (np.zeros((3, 2)), 'at least 4'),
+        (np.column_stack([np.arange(5.0), np.arange(5.0)]), 'one line'),
+    ],
+)
 def test_points_that_say_too_little(xy, words):
     with pytest.raises(ConfigError, match=words):
         calibrate.from_points(xy * 100 + 50, xy, calibrate.nominal(1280, 800))
@@ -114,8 +120,9 @@ def test_points_that_say_too_little(xy, words):
 def test_a_raised_plane_is_seen_as_geometry_says():
     """Oracle: points 60 mm above the platform, projected by K [R t] written out."""
     angle, far = 0.1, 1000 / 545
-    turn = np.array([[1, 0, 0], [0, -np.cos(angle), -np.sin(angle)],
-                     [0, np.sin(angle), -np.cos(angle)]])
+    turn = np.array(
+        [[1, 0, 0], [0, -np.cos(angle), -np.sin(angle)], [0, np.sin(angle), -np.cos(angle)]]
+    )
     start = calibrate.nominal(1280, 800)
     homography = start.camera_matrix @ np.column_stack([turn[:, :2], [0, 0, far]])
     raised = calibrate.raise_plane(replace(start, homography=homography / homography[2, 2]), 0.06)
@@ -130,8 +137,9 @@ def pictured(board, camera, turn, place, distortion):
     height, width = flat.shape
     scale = board.square_m / 40
     # board px -> metres about its centre, x right, y away
-    to_metres = np.array([[scale, 0, -scale * (width - 1) / 2],
-                          [0, -scale, scale * (height - 1) / 2], [0, 0, 1]])
+    to_metres = np.array(
+        [[scale, 0, -scale * (width - 1) / 2], [0, -scale, scale * (height - 1) / 2], [0, 0, 1]]
+    )
     pose = np.column_stack([turn[:, :2], place])
     seen = camera @ pose @ to_metres
     image = cv2.warpPerspective(flat, seen, (1280, 800), flags=cv2.INTER_AREA, borderValue=120)
@@ -148,16 +156,27 @@ def test_a_board_gives_lens_and_table():
     lens = np.array([-0.12, 0.02, 0, 0, 0])
     down = np.diag([1.0, -1, -1])
     tilts = [(0, 0), (0.35, 0), (-0.35, 0.1), (0, 0.4), (0.1, -0.4), (0.3, 0.3), (-0.25, -0.3)]
-    images = [pictured(board, camera, cv2.Rodrigues(np.array([a, b, 0.05]) if a or b else
-                                                   np.zeros(3))[0] @ down,
-                       np.array([0.02, -0.01, 1.1 if a or b else 1.3]), lens) for a, b in tilts]
+    images = [
+        pictured(
+            board,
+            camera,
+            cv2.Rodrigues(np.array([a, b, 0.05]) if a or b else np.zeros(3))[0] @ down,
+            np.array([0.02, -0.01, 1.1 if a or b else 1.3]),
+            lens,
+        )
+        for a, b in tilts
+    ]
     solved = from_board(images, board)
     found = solved.calibration
     assert solved.refusal() == ''
     assert found.camera_matrix[0, 0] == pytest.approx(1040, rel=0.02)
     assert found.distortion_coefficients[0] == pytest.approx(-0.12, abs=0.02)
-    truth = replace(found, camera_matrix=camera, distortion_coefficients=lens,
-                    homography=camera @ np.column_stack([down[:, :2], [0.02, -0.01, 1.3]]))
+    truth = replace(
+        found,
+        camera_matrix=camera,
+        distortion_coefficients=lens,
+        homography=camera @ np.column_stack([down[:, :2], [0.02, -0.01, 1.3]]),
+    )
     off = found.to_table(truth.to_pixels(GRID * 0.6)) - GRID * 0.6
     assert np.abs(off).max() < 1e-3
     with pytest.raises(ConfigError, match='first picture shows 0'):

@@ -16,9 +16,16 @@ pytestmark = pytest.mark.slow  # the first run compiles
 
 def lit(monkeypatch, seed=1, **changes):
     level = dataclasses.replace(
-        renderer_clutter.LEVELS['clean'], **{
-            'reflections': 60, 'reflection_level': (30, 55), 'reflection_px': (4, 10),
-            'hot_pixels': 100, 'gradient': 20, **changes})
+        renderer_clutter.LEVELS['clean'],
+        **{
+            'reflections': 60,
+            'reflection_level': (30, 55),
+            'reflection_px': (4, 10),
+            'hot_pixels': 100,
+            'gradient': 20,
+            **changes,
+        },
+    )
     monkeypatch.setitem(renderer_clutter.LEVELS, 'lamps', level)
     return Renderer(RenderOptions(clutter='lamps', noise='L2'), None, seed)
 

@@ -222,8 +222,6 @@ def test_same_input_same_output_to_the_bit():
     assert run().tobytes() == run().tobytes()
 
 
-
-
 def test_a_plane_is_fitted_as_numpy_fits_it():
     random = np.random.default_rng(2)
     at, to, use = random.normal(0, 1, (25, 2)), random.normal(0, 1, (25, 2)), np.arange(25) % 3 > 0

@@ -35,8 +35,12 @@ def of_flipped(camera):
     matrix, lens = camera.camera_matrix.copy(), camera.distortion_coefficients.copy()
     matrix[0, 2], lens[3] = last - matrix[0, 2], -lens[3]
     turn = np.array([[-1, 0, last], [0, 1, 0], [0, 0, 1.0]])
-    return replace(camera, camera_matrix=matrix, distortion_coefficients=lens,
-                   homography=turn @ camera.homography)
+    return replace(
+        camera,
+        camera_matrix=matrix,
+        distortion_coefficients=lens,
+        homography=turn @ camera.homography,
+    )
 
 
 def test_handedness_is_that_of_the_homography():
@@ -46,8 +50,9 @@ def test_handedness_is_that_of_the_homography():
     assert of_flipped(direct).mirrored
     assert not direct.in_mirror().in_mirror().mirrored
     assert not replace(direct, homography=-direct.homography).mirrored  # the same camera
-    assert np.allclose(Calibration.ideal(mirror=True).homography,
-                       of_flipped(Calibration.ideal()).homography)
+    assert np.allclose(
+        Calibration.ideal(mirror=True).homography, of_flipped(Calibration.ideal()).homography
+    )
 
 
 def test_the_virtual_camera_draws_the_mirror_image():
@@ -57,7 +62,8 @@ def test_the_virtual_camera_draws_the_mirror_image():
     options = RenderOptions(noise='none')
     direct = Renderer(options, Calibration.ideal()).render(*xy.T, yaw, 0, velocity=velocity)
     mirror = Renderer(options, Calibration.ideal(mirror=True)).render(
-        *xy.T, yaw, 0, velocity=velocity)
+        *xy.T, yaw, 0, velocity=velocity
+    )
     assert np.abs(flipped(mirror).astype(int) - direct).max() <= 1
 
 
@@ -144,8 +150,12 @@ def board_images(count=7):
         turn = cv2.Rodrigues(np.array([a, b, 0.05]))[0] @ down if held else down
         place = np.array([0.02, -0.01, 1.1 if held else 1.3])
         images.append(pictured(board, matrix, turn, place, lens))
-    truth = replace(Calibration.ideal(), camera_matrix=matrix, distortion_coefficients=lens,
-                    homography=matrix @ np.column_stack([down[:, :2], [0.02, -0.01, 1.3]]))
+    truth = replace(
+        Calibration.ideal(),
+        camera_matrix=matrix,
+        distortion_coefficients=lens,
+        homography=matrix @ np.column_stack([down[:, :2], [0.02, -0.01, 1.3]]),
+    )
     return board, images, truth
 
 
@@ -175,8 +185,9 @@ def test_a_board_in_an_unexpected_mirror_is_said():
 def test_covers_stand_above_the_platform_in_a_mirror_too():
     """Oracle: points 60 mm above the platform, mirrored in x, projected by K [R t] written out."""
     angle, far = 0.1, 1000 / 545
-    turn = np.array([[1, 0, 0], [0, -np.cos(angle), -np.sin(angle)],
-                     [0, np.sin(angle), -np.cos(angle)]]) @ np.diag([-1, 1, 1])
+    turn = np.array(
+        [[1, 0, 0], [0, -np.cos(angle), -np.sin(angle)], [0, np.sin(angle), -np.cos(angle)]]
+    ) @ np.diag([-1, 1, 1])
     start = calibrate.nominal(1280, 800)
     homography = start.camera_matrix @ np.column_stack([turn[:, :2], [0, 0, far]])
     raised = calibrate.raise_plane(replace(start, homography=homography / homography[2, 2]), 0.06)

@@ -27,8 +27,9 @@ def test_a_cover_is_what_brute_force_says(yaw):
     across = (np.arange(160 * fine) + 0.5) / fine - 0.5
     du, dv = across[None] - u0, place[:, None] - v0
     half = BLOCK_SIDE_M * 545 / 2
-    inside = ((abs(du * np.cos(yaw) - dv * np.sin(yaw)) < half)
-              & (abs(du * np.sin(yaw) + dv * np.cos(yaw)) < half))
+    inside = (abs(du * np.cos(yaw) - dv * np.sin(yaw)) < half) & (
+        abs(du * np.sin(yaw) + dv * np.cos(yaw)) < half
+    )
     seen = gaussian_filter(inside.astype(np.float32), 1.2 * fine)
     seen = seen.reshape(120, fine, 160, fine).mean(axis=(1, 3))
     assert np.abs(one(x, y, yaw) - (14 + 170 * seen)).max() < 1.2  # half a grey level is rounding
@@ -40,8 +41,10 @@ def test_the_centre_moves_as_told_below_a_pixel():
     for x in places:
         light = one(x, 0.0, 0.2) - 14
         found.append((light * np.arange(160)).sum() / light.sum())
-    assert np.abs(np.array(found) - SMALL.to_pixels(np.stack([places, 0 * places], 1))[:, 0]
-                  ).max() < 2e-3
+    assert (
+        np.abs(np.array(found) - SMALL.to_pixels(np.stack([places, 0 * places], 1))[:, 0]).max()
+        < 2e-3
+    )
 
 
 @pytest.mark.parametrize('noise', ['L1', 'L3'])
@@ -50,7 +53,7 @@ def test_noise_has_the_stated_variance_and_is_fresh_in_every_image(noise):
     renderer = Renderer(RenderOptions(noise=noise), SMALL, n_blocks=1)
     stack = np.array([renderer.render([0], [0], [0], k) for k in range(60)], float)
     for part, level in ((stack[:, :20, :20], 14), (stack[:, 50:70, 70:90], 184)):
-        expected = read ** 2 + gain * level + 1 / 12
+        expected = read**2 + gain * level + 1 / 12
         assert part.var(axis=0, ddof=1).mean() == pytest.approx(expected, rel=0.03)
     corner = stack[:, :30, :30].reshape(60, -1)
     alike = np.corrcoef(corner)[np.triu_indices(60, 1)]

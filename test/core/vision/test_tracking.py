@@ -192,7 +192,8 @@ def scattered():
     """Pictures of blocks some millimetres off their places: 60 at rest, and 30 in darkness."""
     with pytest.MonkeyPatch.context() as patch:
         level = dataclasses.replace(
-            renderer_clutter.LEVELS['clean'], reflections=20, reflection_level=(30, 55))
+            renderer_clutter.LEVELS['clean'], reflections=20, reflection_level=(30, 55)
+        )
         patch.setitem(renderer_clutter.LEVELS, 'lamps', level)
         renderer = Renderer(RenderOptions(clutter='lamps'), Calibration.ideal(), 2)
     xy = rest_lattice() + np.random.default_rng(3).normal(0, 0.004, (25, 2))
@@ -244,8 +245,11 @@ def test_requests_written_down_make_the_same_answers_again(scattered):
             answers.append(tracker.update(k / 60, image))
         return b''.join(a.tobytes() for t in answers for a in (t.world, t.px, t.visibility))
 
-    wishes = [(ns(10), 'threshold', '60.0'), (ns(20), 'dark', str(ns(48))),
-              (ns(58), 'threshold', '0')]
+    wishes = [
+        (ns(10), 'threshold', '60.0'),
+        (ns(20), 'dark', str(ns(48))),
+        (ns(58), 'threshold', '0'),
+    ]
 
     def live(tracker, k):
         for wish in wishes:

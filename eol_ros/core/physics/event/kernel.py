@@ -91,11 +91,26 @@ def make_desk(at, order):
     """Return room for a lattice and an order of the series."""
     n, size = at.n, order + 2
     return Desk(
-        make_plane(at, order), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size),
-        np.zeros(size), np.zeros(size), np.zeros(2 * size), np.zeros(n, np.int64),
-        np.zeros(n, np.int64), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+        make_plane(at, order),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(2 * size),
+        np.zeros(n, np.int64),
+        np.zeros(n, np.int64),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
         np.zeros(n, np.bool_),
-        np.zeros(n, np.bool_), np.zeros((n, 2)), np.zeros((n, 2)), np.stack((GAUSS_X, GAUSS_W)),
+        np.zeros(n, np.bool_),
+        np.zeros((n, 2)),
+        np.zeros((n, 2)),
+        np.stack((GAUSS_X, GAUSS_W)),
     )
 
 
@@ -203,8 +218,23 @@ def advance(
                 rim_far += power * math.sqrt(cx[q] ** 2 + cy[q] ** 2)
                 turn += power * math.sqrt(cc[q] ** 2 + cs[q] ** 2)
             doubtful = suspects(
-                watching, watched, u, rim_far, turn, cx[0], cy[0], cc[0], cs[0],
-                found, found_x, found_y, push, slack, spare, at, pl,
+                watching,
+                watched,
+                u,
+                rim_far,
+                turn,
+                cx[0],
+                cy[0],
+                cc[0],
+                cs[0],
+                found,
+                found_x,
+                found_y,
+                push,
+                slack,
+                spare,
+                at,
+                pl,
             )
             for p in range(doubtful):
                 j, x, y = found[p], found_x[p], found_y[p]
@@ -212,8 +242,24 @@ def advance(
                 if force < at.static[j] * (1.0 - ON_LIMIT):
                     continue
                 x, hit = break_root(
-                    j, x, y, order, used, count, h, rules.small, u, at, pl, cx, cy, cc, cs,
-                    gx, gy, work,
+                    j,
+                    x,
+                    y,
+                    order,
+                    used,
+                    count,
+                    h,
+                    rules.small,
+                    u,
+                    at,
+                    pl,
+                    cx,
+                    cy,
+                    cc,
+                    cs,
+                    gx,
+                    gy,
+                    work,
                 )
                 if hit or x < h:
                     h, who, hit_any, ends = x, j, hit, False
@@ -227,9 +273,7 @@ def advance(
                     grid.v[sampled, i, q] = rate[i, q] if sliding[i] else 0.0
             sampled += 1
         if ledger:
-            planar_ledger(
-                order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss
-            )
+            planar_ledger(order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss)
         planar_state(order, m, h, pl, u, v)
         t, left = add_exactly(t, left, h)
         steps += 1

@@ -46,7 +46,9 @@ class Plane(NamedTuple):
 @njit(cache=True)
 def _root(lanes, size):
     return Root(
-        np.zeros((lanes, size)), np.zeros((lanes, size)), np.zeros((lanes, size)),
+        np.zeros((lanes, size)),
+        np.zeros((lanes, size)),
+        np.zeros((lanes, size)),
         np.zeros((lanes, size)),
     )
 
@@ -57,12 +59,26 @@ def make_plane(at, order):
     size, springs = order + 2, len(at.k) if at.geometric else 0
     ties = 1 if at.geometric else len(at.near)
     return Plane(
-        np.full(at.n, -1), np.zeros(at.n, np.int64), np.zeros(at.n, np.bool_),
-        np.zeros((at.n, size)), np.zeros((at.n, size)), _root(at.n, size),
-        np.zeros(at.n), np.zeros(at.n), np.zeros(at.n + 1, np.int64), np.zeros(ties, np.int64),
-        np.zeros(ties), _root(springs, size), np.zeros((springs, size)), np.zeros((springs, size)),
-        np.full(max(springs, 1), -1), np.zeros(springs, np.int64), np.zeros(springs, np.int64),
-        np.zeros(springs, np.int64), np.zeros(springs, np.int64), np.zeros(at.n),
+        np.full(at.n, -1),
+        np.zeros(at.n, np.int64),
+        np.zeros(at.n, np.bool_),
+        np.zeros((at.n, size)),
+        np.zeros((at.n, size)),
+        _root(at.n, size),
+        np.zeros(at.n),
+        np.zeros(at.n),
+        np.zeros(at.n + 1, np.int64),
+        np.zeros(ties, np.int64),
+        np.zeros(ties),
+        _root(springs, size),
+        np.zeros((springs, size)),
+        np.zeros((springs, size)),
+        np.full(max(springs, 1), -1),
+        np.zeros(springs, np.int64),
+        np.zeros(springs, np.int64),
+        np.zeros(springs, np.int64),
+        np.zeros(springs, np.int64),
+        np.zeros(at.n),
     )
 
 

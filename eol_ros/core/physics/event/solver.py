@@ -47,7 +47,10 @@ def rules_for(
 ) -> kernel.Rules:
     """Return the kernel's rules for a tolerance and the scene's length scale."""
     return kernel.Rules(
-        order or order_for(tolerance), SMALL * tolerance * scale_m, tolerance, CAPTURE_MPS,
+        order or order_for(tolerance),
+        SMALL * tolerance * scale_m,
+        tolerance,
+        CAPTURE_MPS,
         floor or floor_speed(tolerance),
     )
 
@@ -69,13 +72,32 @@ def solve(
     grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), room(limits.events)
     books, counts = np.zeros(2), np.zeros(2, np.int64)
     status, t, events, steps = kernel.run(
-        u, v, np.zeros(model.n, bool), float(scene.duration_s), rules, model.lattice, model.rim,
-        grid, log, limits.steps, books, ledger, counts,
+        u,
+        v,
+        np.zeros(model.n, bool),
+        float(scene.duration_s),
+        rules,
+        model.lattice,
+        model.rim,
+        grid,
+        log,
+        limits.steps,
+        books,
+        ledger,
+        counts,
     )
     in_time = np.argsort(log.t[:events], kind='stable')
     run = Run(
-        'event', WORDS[status], times, grid.u, grid.v, log.t[in_time], log.block[in_time],
-        log.start[in_time], steps, t,
+        'event',
+        WORDS[status],
+        times,
+        grid.u,
+        grid.v,
+        log.t[in_time],
+        log.block[in_time],
+        log.start[in_time],
+        steps,
+        t,
     )
     if counts[1]:
         run.notes.append(f'{counts[1]} stops ended at the floor of {rules.floor:g} m/s')

@@ -219,8 +219,23 @@ def force_and_reach(j, u, rim_far, turn, x, y, co, si, at, pl):
 
 @lean
 def suspects(
-    watching, watched, u, rim_far, turn, x, y, co, si, found, at_x, at_y, push, slack, spare,
-    at, pl,
+    watching,
+    watched,
+    u,
+    rim_far,
+    turn,
+    x,
+    y,
+    co,
+    si,
+    found,
+    at_x,
+    at_y,
+    push,
+    slack,
+    spare,
+    at,
+    pl,
 ):
     """Write the stuck blocks that may break within a step, their force and its reach (N).
 

@@ -47,10 +47,19 @@ def make_lanes(n, order):
     wide = (n + LANES - 1) // LANES * LANES
     side = min(DENSE, wide)
     return Lanes(
-        np.full(n, -1), np.empty(n, np.int64), np.zeros((order + 2, wide)),
-        np.zeros((order + 2, wide)), np.zeros(wide), np.zeros(wide), np.zeros(wide),
-        np.zeros(wide), np.zeros((3, wide)), np.zeros((side, side)), np.zeros(wide),
-        np.zeros(wide), np.zeros(wide),
+        np.full(n, -1),
+        np.empty(n, np.int64),
+        np.zeros((order + 2, wide)),
+        np.zeros((order + 2, wide)),
+        np.zeros(wide),
+        np.zeros(wide),
+        np.zeros(wide),
+        np.zeros(wide),
+        np.zeros((3, wide)),
+        np.zeros((side, side)),
+        np.zeros(wide),
+        np.zeros(wide),
+        np.zeros(wide),
     )
 
 

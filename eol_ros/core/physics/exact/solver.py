@@ -23,8 +23,19 @@ def solve(
     grid = Grid(times, np.zeros((len(times), model.n)), np.zeros((len(times), model.n)))
     log, books, state = room(limits.events), np.zeros(2), np.zeros(model.n, np.int8)
     status, t, events, steps = kernel.run(
-        u, v, float(scene.duration_s), order, small, model.lattice, model.rim, grid, log,
-        limits.steps, books, ledger, state,
+        u,
+        v,
+        float(scene.duration_s),
+        order,
+        small,
+        model.lattice,
+        model.rim,
+        grid,
+        log,
+        limits.steps,
+        books,
+        ledger,
+        state,
     )
     u_out, v_out = grid.u, grid.v
     held = np.broadcast_to(scene.u0[:, 1], u_out.shape)

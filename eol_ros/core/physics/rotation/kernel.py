@@ -35,8 +35,9 @@ def step_of(order, sliding, fresh, driven, rules, at, b, h, work):
             if top > 0.0:
                 h = min(h, (rules.small / top) ** (1.0 / k))
                 first = 2 if fresh[i] else 1
-                rate = math.sqrt(b.a[i, 0, first] ** 2 + b.a[i, 1, first] ** 2
-                                 + b.a[i, 2, first] ** 2)
+                rate = math.sqrt(
+                    b.a[i, 0, first] ** 2 + b.a[i, 1, first] ** 2 + b.a[i, 2, first] ** 2
+                )
                 if rate > 0.0:
                     h = min(h, (rules.relative * rate / (k * top)) ** (1.0 / (k - first)))
     for e in range(len(at.k)):  # a spring may be the only thing that moves
@@ -151,15 +152,57 @@ def run(q, v, sliding, t_end, rules, at, turn, rim, grid, log, max_steps, energy
     here, rate = np.zeros((n, 3)), np.zeros((n, 3))
     gauss = np.stack((GAUSS_X, GAUSS_W))
     return advance(
-        q, v, sliding, t_end, rules, at, turn, rim, grid, log, max_steps, energy, books, b,
-        cx, cy, cc, cs, work, fresh, here, rate, gauss,
+        q,
+        v,
+        sliding,
+        t_end,
+        rules,
+        at,
+        turn,
+        rim,
+        grid,
+        log,
+        max_steps,
+        energy,
+        books,
+        b,
+        cx,
+        cy,
+        cc,
+        cs,
+        work,
+        fresh,
+        here,
+        rate,
+        gauss,
     )
 
 
 @lean
 def advance(
-    q, v, sliding, t_end, rules, at, turn, rim, grid, log, max_steps, energy, books, b,
-    cx, cy, cc, cs, work, fresh, here, rate, gauss,
+    q,
+    v,
+    sliding,
+    t_end,
+    rules,
+    at,
+    turn,
+    rim,
+    grid,
+    log,
+    max_steps,
+    energy,
+    books,
+    b,
+    cx,
+    cy,
+    cc,
+    cs,
+    work,
+    fresh,
+    here,
+    rate,
+    gauss,
 ):
     """Do what `run` says, in the room that is given."""
     order, n, driven = rules.order, at.n, rim.kind != NONE

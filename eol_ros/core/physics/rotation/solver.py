@@ -52,13 +52,33 @@ def solve(
     grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), room(limits.events)
     books = np.zeros(2)
     status, t, events, steps = kernel.run(
-        q, v, np.zeros(model.n, bool), float(scene.duration_s), rules, model.lattice, turn,
-        model.rim, grid, log, limits.steps, books, ledger,
+        q,
+        v,
+        np.zeros(model.n, bool),
+        float(scene.duration_s),
+        rules,
+        model.lattice,
+        turn,
+        model.rim,
+        grid,
+        log,
+        limits.steps,
+        books,
+        ledger,
     )
     run = Run(
-        'event', WORDS[status], times, grid.u[:, :, :2].copy(), grid.v[:, :, :2].copy(),
-        log.t[:events].copy(), log.block[:events].copy(), log.start[:events].copy(), steps, t,
-        yaw=grid.u[:, :, 2] / turn.lever, spin=grid.v[:, :, 2] / turn.lever,
+        'event',
+        WORDS[status],
+        times,
+        grid.u[:, :, :2].copy(),
+        grid.v[:, :, :2].copy(),
+        log.t[:events].copy(),
+        log.block[:events].copy(),
+        log.start[:events].copy(),
+        steps,
+        t,
+        yaw=grid.u[:, :, 2] / turn.lever,
+        spin=grid.v[:, :, 2] / turn.lever,
     )
     if ledger:
         run.energy = books_of(scene, model, turn, q, v, t, books)
@@ -66,7 +86,12 @@ def solve(
 
 
 def books_of(
-    scene: Scene, model: Model, turn: Turn, q: np.ndarray, v: np.ndarray, t: float,
+    scene: Scene,
+    model: Model,
+    turn: Turn,
+    q: np.ndarray,
+    v: np.ndarray,
+    t: float,
     books: np.ndarray,
 ) -> Energy:
     """Return the energy ledger between the start and the state q, v (n, 3) at t."""

@@ -98,9 +98,18 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
     done = slice(0, reached + 1)
     when, block, start = (np.array(column) for column in zip(*log)) if log else (np.empty(0),) * 3
     run = Run(
-        'stepping', WORDS[status], times[done], q_out[done, :, :2], v_out[done, :, :2],
-        when, block.astype(np.int64), start.astype(np.int8), steps, float(times[reached]),
-        yaw=q_out[done, :, 2] / turn.lever, spin=v_out[done, :, 2] / turn.lever,
+        'stepping',
+        WORDS[status],
+        times[done],
+        q_out[done, :, :2],
+        v_out[done, :, :2],
+        when,
+        block.astype(np.int64),
+        start.astype(np.int8),
+        steps,
+        float(times[reached]),
+        yaw=q_out[done, :, 2] / turn.lever,
+        spin=v_out[done, :, 2] / turn.lever,
     )
     run.energy = books_of(scene, model, turn, q, v, float(times[reached]), books)
     return run

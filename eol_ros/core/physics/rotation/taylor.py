@@ -53,9 +53,18 @@ def make_series(at, order):
     """Return room for a lattice."""
     n, s, size = at.n, len(at.k), order + 2
     return Series(
-        np.zeros((n, 3, size)), np.zeros((n, size)), np.zeros((n, size)), np.zeros((n, 3, size)),
-        np.zeros((n, size)), np.zeros((n, size)), np.zeros((n, 3, size)), np.zeros((s, size)),
-        np.zeros((s, size)), np.zeros((s, size)), np.zeros((s, size)), np.zeros((s, size)),
+        np.zeros((n, 3, size)),
+        np.zeros((n, size)),
+        np.zeros((n, size)),
+        np.zeros((n, 3, size)),
+        np.zeros((n, size)),
+        np.zeros((n, size)),
+        np.zeros((n, 3, size)),
+        np.zeros((s, size)),
+        np.zeros((s, size)),
+        np.zeros((s, size)),
+        np.zeros((s, size)),
+        np.zeros((s, size)),
         np.zeros((s, size)),
     )
 

@@ -152,8 +152,19 @@ class LiveTable:
         rim = Rim(POSES, self._par, self._knots, self._cubics)
         lattice = self._model.lattice
         status, *_ = run(
-            u, v, moving, span, self._rules, lattice, rim, self._grid, self._log, MOST_STEPS,
-            self._books, True, self._counts,
+            u,
+            v,
+            moving,
+            span,
+            self._rules,
+            lattice,
+            rim,
+            self._grid,
+            self._log,
+            MOST_STEPS,
+            self._books,
+            True,
+            self._counts,
         )
         return int(status)
 

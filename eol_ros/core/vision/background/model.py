@@ -27,8 +27,10 @@ class ClutterMap:
     def __init__(self, light: np.ndarray):
         light = np.ascontiguousarray(light)
         if light.ndim != 2 or light.dtype != np.uint8:
-            raise ConfigError(f'clutter map has shape {light.shape} and type {light.dtype}; it is '
-                              'an 8-bit grey picture')
+            raise ConfigError(
+                f'clutter map has shape {light.shape} and type {light.dtype}; it is '
+                'an 8-bit grey picture'
+            )
         self.light = light
         self._clean = np.empty_like(light)
 
@@ -39,9 +41,11 @@ class ClutterMap:
             ConfigError: the map is of another image size.
         """
         if image.shape != self.light.shape:
-            raise ConfigError(f'clutter map is {self.light.shape[1]}x{self.light.shape[0]}, '
-                              f'the image {image.shape[1]}x{image.shape[0]}: learn it again '
-                              'with this camera')
+            raise ConfigError(
+                f'clutter map is {self.light.shape[1]}x{self.light.shape[0]}, '
+                f'the image {image.shape[1]}x{image.shape[0]}: learn it again '
+                'with this camera'
+            )
         cv2.subtract(image, self.light, dst=self._clean)
         self._clean[image == 255] = 255
         return self._clean
@@ -67,8 +71,9 @@ class ClutterLearner:
         self.images += 1
         if self.images % _PART == 0:
             self._total /= _PART
-            self._least = self._total if self._least is None else np.minimum(
-                self._least, self._total)
+            self._least = (
+                self._total if self._least is None else np.minimum(self._least, self._total)
+            )
             self._total = np.zeros(image.shape, np.float32)
 
     def result(self) -> ClutterMap:
@@ -78,12 +83,15 @@ class ClutterLearner:
             ConfigError: too few images were taken, or blocks were lit in them.
         """
         if self._least is None:
-            raise ConfigError(f'{self.images} dark images were taken, {_PART} are needed: is the '
-                              'camera running?')
+            raise ConfigError(
+                f'{self.images} dark images were taken, {_PART} are needed: is the camera running?'
+            )
         light = self._least
         lit = len(BlobFinder().find(np.rint(light).astype(np.uint8)))
         if lit >= _BLOCKS_LIT:
-            raise ConfigError(f'{lit} blocks are lit in the dark images: the infrared LEDs did not '
-                              'go off; check the serial line to the blocks')
+            raise ConfigError(
+                f'{lit} blocks are lit in the dark images: the infrared LEDs did not '
+                'go off; check the serial line to the blocks'
+            )
         light = np.maximum(light - np.quantile(light[::4, ::4], _EMPTY), 0)
         return ClutterMap(np.clip(np.rint(light), 0, 255).astype(np.uint8))

@@ -14,8 +14,13 @@ import numpy as np
 from eol_ros.core.vision.calibration.charuco import Board
 from eol_ros.errors import ConfigError
 
-PAPERS = {'A4': (297.0, 210.0), 'A3': (420.0, 297.0), 'A2': (594.0, 420.0), 'A1': (841.0, 594.0),
-          'A0': (1189.0, 841.0)}  # ISO 216, mm, lying
+PAPERS = {
+    'A4': (297.0, 210.0),
+    'A3': (420.0, 297.0),
+    'A2': (594.0, 420.0),
+    'A1': (841.0, 594.0),
+    'A0': (1189.0, 841.0),
+}  # ISO 216, mm, lying
 EDGE_MM = 10.0  # white at least: few printers reach further out
 RULER_MM = 100.0
 LINE_MM = 0.4
@@ -54,9 +59,12 @@ def sheet(board: Board, paper: str = 'auto') -> Sheet:
     left, top = (width - wide) / 2, (height - FOOT_MM[1] - high) / 2
     corners = [np.asarray(points)[0, :2] * 1e3 for points in made.getObjPoints()]
     marked = {(int(y // square), int(x // square)) for x, y in corners}
-    black = [(column * square, row * square, square, square)
-             for row in range(board.rows) for column in range(board.columns)
-             if (row, column) not in marked]
+    black = [
+        (column * square, row * square, square, square)
+        for row in range(board.rows)
+        for column in range(board.columns)
+        if (row, column) not in marked
+    ]
     white = []
     for (x, y), number in zip(corners, made.getIds().ravel()):
         black.append((x, y, marker, marker))
@@ -68,13 +76,26 @@ def sheet(board: Board, paper: str = 'auto') -> Sheet:
     words = (
         (x, below + 8, '0'),
         (x + RULER_MM, below + 8, f'{RULER_MM:g} mm'),
-        (x, below + 13, f'{board.columns} x {board.rows} squares of {square:g} mm, markers of '
-         f'{marker:g} mm, {board.dictionary}'),
-        (x, below + 18, f'Board {wide:g} x {high:g} mm, sheet {width:g} x {height:g} mm. '
-         'Print at 100 %, then measure the ruler.'),
+        (
+            x,
+            below + 13,
+            f'{board.columns} x {board.rows} squares of {square:g} mm, markers of '
+            f'{marker:g} mm, {board.dictionary}',
+        ),
+        (
+            x,
+            below + 18,
+            f'Board {wide:g} x {high:g} mm, sheet {width:g} x {height:g} mm. '
+            'Print at 100 %, then measure the ruler.',
+        ),
     )
-    return Sheet(width, height, np.array([*(np.array(black) + shift), *ruler]),
-                 np.array(white) + shift, words)
+    return Sheet(
+        width,
+        height,
+        np.array([*(np.array(black) + shift), *ruler]),
+        np.array(white) + shift,
+        words,
+    )
 
 
 def _paper(paper: str, need: tuple[float, float]) -> tuple[float, float]:
@@ -98,8 +119,9 @@ def _size(paper: str) -> tuple[float, float]:
     except ValueError:
         size = (math.nan, math.nan)
     if not all(0 < side < 1e5 for side in size):
-        raise ConfigError(f'paper {paper!r} is none of {", ".join(PAPERS)}, nor a size in mm like '
-                          '700x500')
+        raise ConfigError(
+            f'paper {paper!r} is none of {", ".join(PAPERS)}, nor a size in mm like 700x500'
+        )
     return size
 
 
@@ -126,11 +148,16 @@ def svg(page: Sheet) -> str:
     ]
     for colour, boxes in (('black', page.black), ('white', page.white)):
         lines.append(f'<g fill="{colour}" shape-rendering="crispEdges">')
-        lines += [f'<rect x="{x:.4f}" y="{y:.4f}" width="{w:.4f}" height="{h:.4f}"/>'
-                  for x, y, w, h in boxes]
+        lines += [
+            f'<rect x="{x:.4f}" y="{y:.4f}" width="{w:.4f}" height="{h:.4f}"/>'
+            for x, y, w, h in boxes
+        ]
         lines.append('</g>')
-    lines += [f'<text x="{x:.4f}" y="{y:.4f}" font-family="sans-serif" font-size="{TYPE_MM:g}">'
-              f'{escape(text)}</text>' for x, y, text in page.words]
+    lines += [
+        f'<text x="{x:.4f}" y="{y:.4f}" font-family="sans-serif" font-size="{TYPE_MM:g}">'
+        f'{escape(text)}</text>'
+        for x, y, text in page.words
+    ]
     return '\n'.join([*lines, '</svg>', ''])
 
 
@@ -138,8 +165,11 @@ def pdf(page: Sheet) -> bytes:
     """Return the sheet as PDF 1.4 (ISO 32000-1), which counts in points and from below."""
     drawn = [f'{1 / PT_MM:.6f} 0 0 {-1 / PT_MM:.6f} 0 {page.height / PT_MM:.4f} cm']
     for grey, boxes in ((0, page.black), (1, page.white)):
-        drawn += [f'{grey} g', *(f'{x:.4f} {y:.4f} {w:.4f} {h:.4f} re' for x, y, w, h in boxes),
-                  'f']
+        drawn += [
+            f'{grey} g',
+            *(f'{x:.4f} {y:.4f} {w:.4f} {h:.4f} re' for x, y, w, h in boxes),
+            'f',
+        ]
     drawn.append('0 g BT')
     for x, y, text in page.words:  # y points down here: the letters are turned back
         safe = text.replace('\\', r'\\').replace('(', r'\(').replace(')', r'\)')
@@ -158,6 +188,8 @@ def pdf(page: Sheet) -> bytes:
         places.append(len(data))
         data += f'{number} 0 obj\n{content}\nendobj\n'.encode('latin-1')
     table = ''.join(f'{place:010} 00000 n \n' for place in places)
-    end = (f'xref\n0 {len(objects) + 1}\n0000000000 65535 f \n{table}trailer\n'
-           f'<< /Size {len(objects) + 1} /Root 1 0 R >>\nstartxref\n{len(data)}\n%%EOF\n')
+    end = (
+        f'xref\n0 {len(objects) + 1}\n0000000000 65535 f \n{table}trailer\n'
+        f'<< /Size {len(objects) + 1} /Root 1 0 R >>\nstartxref\n{len(data)}\n%%EOF\n'
+    )
     return data + end.encode('latin-1')

@@ -53,7 +53,7 @@ class Solution:
         found = {}
         for name in dict.fromkeys(self.names):
             mine = self.rest_px[[n == name for n in self.names]]
-            rms = float(np.sqrt((mine ** 2).mean()))
+            rms = float(np.sqrt((mine**2).mean()))
             found[name] = (rms, rms / scale)
         return found
 
@@ -62,18 +62,23 @@ class Solution:
         done = self.calibration
         if not done.residual_px <= MOST_PX:
             worst = max(self.by_name().items(), key=lambda item: item[1][0])
-            return (f'residual {done.residual_px:.2f} px ({done.residual_mm:.2f} mm) is above '
-                    f'{MOST_PX} px; worst is {worst[0]} with {worst[1][0]:.2f} px: check '
-                    'that it is what it is taken for, and that the picture is sharp and still')
+            return (
+                f'residual {done.residual_px:.2f} px ({done.residual_mm:.2f} mm) is above '
+                f'{MOST_PX} px; worst is {worst[0]} with {worst[1][0]:.2f} px: check '
+                'that it is what it is taken for, and that the picture is sharp and still'
+            )
         if np.nanmax(self.corner_mm, initial=0.0) > MOST_CORNER_MM:
-            return ('the corners of the platform are only known to '
-                    f'{np.nanmax(self.corner_mm):.1f} mm (at most {MOST_CORNER_MM:.0f}): '
-                    'use more points or pictures, further out')
+            return (
+                'the corners of the platform are only known to '
+                f'{np.nanmax(self.corner_mm):.1f} mm (at most {MOST_CORNER_MM:.0f}): '
+                'use more points or pictures, further out'
+            )
         return ''
 
 
-def nominal(width: int, height: int, focal_px: float | None = None,
-            mirror: bool = False) -> Calibration:
+def nominal(
+    width: int, height: int, focal_px: float | None = None, mirror: bool = False
+) -> Calibration:
     """Return a pinhole camera of which nothing is known but its image size."""
     ideal = Calibration.ideal(width, height, mirror=mirror)
     if focal_px is None:
@@ -94,14 +99,18 @@ def name_blocks(blobs: np.ndarray, mirror: bool = False) -> np.ndarray:
         ConfigError: not 25 squares in 5 rows of 5.
     """
     if len(blobs) != N_BLOCKS:
-        raise ConfigError(f'{len(blobs)} squares seen, not {N_BLOCKS}: take the arms away, switch '
-                          'all blocks on, and let the camera see the whole table')
+        raise ConfigError(
+            f'{len(blobs)} squares seen, not {N_BLOCKS}: take the arms away, switch '
+            'all blocks on, and let the camera see the whole table'
+        )
     px = np.column_stack([blobs['u'], blobs['v']])
     pitch = float(np.median(blobs['side_px'])) * PITCH_M / BLOCK_SIDE_M
     place: dict[int, tuple[int, int]] = {int(np.hypot(*(px - px.mean(axis=0)).T).argmin()): (0, 0)}
     turn = _lattice_angle(px, pitch)
-    steps = {(1, 0): np.array([np.cos(turn), -np.sin(turn)]) * pitch,
-             (0, 1): np.array([-np.sin(turn), -np.cos(turn)]) * pitch}
+    steps = {
+        (1, 0): np.array([np.cos(turn), -np.sin(turn)]) * pitch,
+        (0, 1): np.array([-np.sin(turn), -np.cos(turn)]) * pitch,
+    }
     queue = list(place)
     while queue:
         here = queue.pop(0)
@@ -116,8 +125,10 @@ def name_blocks(blobs: np.ndarray, mirror: bool = False) -> np.ndarray:
     columns = COLS - 1 - cells[:, 0] if mirror else cells[:, 0]
     ids = cells[:, 1] * COLS + columns
     if cells.max() >= max(ROWS, COLS) or len(set(ids.tolist())) != N_BLOCKS:
-        raise ConfigError('the squares do not lie in 5 rows of 5: centre the rim and bring the '
-                          'blocks near their places')
+        raise ConfigError(
+            'the squares do not lie in 5 rows of 5: centre the rim and bring the '
+            'blocks near their places'
+        )
     return ids
 
 
@@ -130,9 +141,13 @@ def _lattice_angle(px: np.ndarray, pitch: float) -> float:
     return float(np.angle(np.exp(4j * angle).mean()) / 4) if near.any() else 0.0
 
 
-def from_blocks(views: list[tuple[np.ndarray, np.ndarray]], start: Calibration,
-                cover_height_m: float = 0.0, rest_sigma_m: float = REST_SIGMA_M,
-                lens: bool = True) -> Solution:
+def from_blocks(
+    views: list[tuple[np.ndarray, np.ndarray]],
+    start: Calibration,
+    cover_height_m: float = 0.0,
+    rest_sigma_m: float = REST_SIGMA_M,
+    lens: bool = True,
+) -> Solution:
     """Calibrate on the blocks: squares of 84 mm near their places on the lattice of 174 mm.
 
     Bundle adjustment (Triggs et al. 2000): homography, lens (k1, k2) and the pose of every block in
@@ -152,8 +167,10 @@ def from_blocks(views: list[tuple[np.ndarray, np.ndarray]], start: Calibration,
     corners = np.concatenate([c for _, c in views])
     whole = np.isfinite(corners).all(axis=(1, 2))
     if whole.sum() < 20:
-        raise ConfigError(f'only {int(whole.sum())} covers show all four sides; 20 are needed: '
-                          'take the arms away and give more light')
+        raise ConfigError(
+            f'only {int(whole.sum())} covers show all four sides; 20 are needed: '
+            'take the arms away and give more light'
+        )
     ids, corners = ids[whole], corners[whole]
     rest = rest_lattice()[ids]
     flat = start.undistort(corners.mean(axis=1))
@@ -166,35 +183,50 @@ def from_blocks(views: list[tuple[np.ndarray, np.ndarray]], start: Calibration,
     side = table[:, 0] - table[:, 3] + table[:, 1] - table[:, 2]
     poses = np.column_stack([table.mean(axis=1), np.arctan2(side[:, 1], side[:, 0])])
     scale = np.abs(first.ravel()[:8]) + 1e-3 * np.abs(first).max() * np.array(
-        [1, 1, 1, 1, 1, 1, 1e-3, 1e-3])
+        [1, 1, 1, 1, 1, 1, 1e-3, 1e-3]
+    )
     n_lens = 2 if lens else 0
     frozen = start.distortion_coefficients
 
     def camera(x) -> Calibration:
         h = np.append(x[:8] * scale, 1.0).reshape(3, 3)
-        k = np.array([*x[8:8 + n_lens], *frozen[n_lens:]]) if lens else frozen
+        k = np.array([*x[8 : 8 + n_lens], *frozen[n_lens:]]) if lens else frozen
         return replace(start, homography=h, distortion_coefficients=k)
 
     def rests(x):
-        pose = x[8 + n_lens:].reshape(-1, 3)
+        pose = x[8 + n_lens :].reshape(-1, 3)
         seen = camera(x).to_pixels(_cover_corners(pose).reshape(-1, 2)).reshape(-1, 4, 2)
-        return np.concatenate([((seen - corners) / 0.05).ravel(),
-                               ((pose[:, :2] - rest) / rest_sigma_m).ravel()])
+        return np.concatenate(
+            [((seen - corners) / 0.05).ravel(), ((pose[:, :2] - rest) / rest_sigma_m).ravel()]
+        )
 
     x0 = np.concatenate([first.ravel()[:8] / first[2, 2] / scale, frozen[:n_lens], poses.ravel()])
-    done = least_squares(rests, x0, x_scale='jac', method='trf', loss='linear', max_nfev=60,
-                         jac_sparsity=None)
+    done = least_squares(
+        rests, x0, x_scale='jac', method='trf', loss='linear', max_nfev=60, jac_sparsity=None
+    )
     solved = camera(done.x)
     n = len(corners)
-    left = (done.fun[:8 * n] * 0.05).reshape(n, 4, 2).reshape(-1, 2)
+    left = (done.fun[: 8 * n] * 0.05).reshape(n, 4, 2).reshape(-1, 2)
     sigma = _corner_sigma(done, camera, 8 + n_lens)
     names = [f'block {i}' for i in ids for _ in range(4)]
-    return _solution(solved, corners.reshape(-1, 2), left, names, sigma, cover_height_m,
-                     freedom=(8 * n + 2 * n - len(x0)) / (8 * n))
+    return _solution(
+        solved,
+        corners.reshape(-1, 2),
+        left,
+        names,
+        sigma,
+        cover_height_m,
+        freedom=(8 * n + 2 * n - len(x0)) / (8 * n),
+    )
 
 
-def from_points(px: np.ndarray, xy: np.ndarray, start: Calibration,
-                cover_height_m: float = 0.0, point_height_m: float = 0.0) -> Solution:
+def from_points(
+    px: np.ndarray,
+    xy: np.ndarray,
+    start: Calibration,
+    cover_height_m: float = 0.0,
+    point_height_m: float = 0.0,
+) -> Solution:
     """Calibrate on points (n, 2) px whose table metres (n, 2) are known, n >= 4.
 
     The lens stays as in `start`. Points at `point_height_m` are carried to the plane of the covers,
@@ -210,8 +242,9 @@ def from_points(px: np.ndarray, xy: np.ndarray, start: Calibration,
     for where, one in (('the picture', flat), ('the table', xy)):
         spread = np.linalg.svd(one - one.mean(axis=0), compute_uv=False)
         if spread[1] < 0.05 * spread[0]:
-            raise ConfigError(f'the points lie almost in one line in {where}: take corners of the '
-                              'table')
+            raise ConfigError(
+                f'the points lie almost in one line in {where}: take corners of the table'
+            )
     first, _ = cv2.findHomography(xy, flat)
     if first is None:
         raise ConfigError('no camera can see these points so: check their order')
@@ -220,14 +253,22 @@ def from_points(px: np.ndarray, xy: np.ndarray, start: Calibration,
     def camera(x) -> Calibration:
         return replace(start, homography=np.append(x * scale, 1.0).reshape(3, 3))
 
-    done = least_squares(lambda x: (camera(x).to_pixels(xy) - px).ravel(),
-                         first.ravel()[:8] / first[2, 2] / scale)
+    done = least_squares(
+        lambda x: (camera(x).to_pixels(xy) - px).ravel(), first.ravel()[:8] / first[2, 2] / scale
+    )
     n = len(px)
     sigma = _corner_sigma(done, camera, 8) if n > 4 else np.full(4, np.nan)
     solved = raise_plane(camera(done.x), cover_height_m - point_height_m)
     left = done.fun.reshape(-1, 2)
-    return _solution(solved, px, left, [f'point {i + 1}' for i in range(n)], sigma, cover_height_m,
-                     freedom=max(2 * n - 8, 0) / (2 * n))
+    return _solution(
+        solved,
+        px,
+        left,
+        [f'point {i + 1}' for i in range(n)],
+        sigma,
+        cover_height_m,
+        freedom=max(2 * n - 8, 0) / (2 * n),
+    )
 
 
 def raise_plane(calibration: Calibration, height_m: float) -> Calibration:
@@ -247,7 +288,8 @@ def raise_plane(calibration: Calibration, height_m: float) -> Calibration:
     up = np.cross(pose[:, 0], pose[:, 1]) * (-1 if calibration.mirrored else 1)
     up /= np.linalg.norm(up)
     lifted = calibration.camera_matrix @ np.column_stack(
-        [pose[:, 0], pose[:, 1], pose[:, 2] + height_m * up])
+        [pose[:, 0], pose[:, 1], pose[:, 2] + height_m * up]
+    )
     return replace(calibration, homography=lifted / lifted[2, 2])
 
 
@@ -276,7 +318,11 @@ def _corner_sigma(done, camera, n_camera: int) -> np.ndarray:
 
 
 def _solution(calibration, px, left, names, corner_mm, cover_height_m, freedom) -> Solution:
-    rms = float(np.sqrt((left ** 2).mean() / freedom)) if freedom > 0 else 0.0
-    done = replace(calibration, cover_height_m=cover_height_m, residual_px=rms,
-                   residual_mm=rms / calibration.px_per_m() * 1e3)
+    rms = float(np.sqrt((left**2).mean() / freedom)) if freedom > 0 else 0.0
+    done = replace(
+        calibration,
+        cover_height_m=cover_height_m,
+        residual_px=rms,
+        residual_mm=rms / calibration.px_per_m() * 1e3,
+    )
     return Solution(done, px, left, names, corner_mm)

@@ -34,13 +34,19 @@ class Board:
         """
         number = getattr(cv2.aruco, self.dictionary, None)
         if number is None:
-            raise ConfigError(f'{self.dictionary!r} is not an ArUco dictionary; '
-                              'DICT_4X4_100 is one')
+            raise ConfigError(
+                f'{self.dictionary!r} is not an ArUco dictionary; DICT_4X4_100 is one'
+            )
         if not 0 < self.marker_m < self.square_m or min(self.columns, self.rows) < 3:
-            raise ConfigError('a board needs at least 3x3 squares, and markers smaller than '
-                              'its squares')
-        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m,
-                                      cv2.aruco.getPredefinedDictionary(number))
+            raise ConfigError(
+                'a board needs at least 3x3 squares, and markers smaller than its squares'
+            )
+        return cv2.aruco.CharucoBoard(
+            (self.columns, self.rows),
+            self.square_m,
+            self.marker_m,
+            cv2.aruco.getPredefinedDictionary(number),
+        )
 
     def picture(self, px_per_square: int = 100) -> np.ndarray:
         """Return the board as an image (h, w) uint8, to print."""
@@ -61,8 +67,13 @@ def find(image: np.ndarray, board: Board, mirror: bool = False) -> tuple[np.ndar
     return corners.reshape(-1, 2).astype(float), ids.ravel()
 
 
-def from_board(images: list[np.ndarray], board: Board, cover_height_m: float = 0.0,
-               focal_px: float | None = None, mirror: bool = False) -> Solution:
+def from_board(
+    images: list[np.ndarray],
+    board: Board,
+    cover_height_m: float = 0.0,
+    focal_px: float | None = None,
+    mirror: bool = False,
+) -> Solution:
     """Calibrate on pictures of a board.
 
     In the first one it lies flat on the platform, its rows along x, its centre at (x_m, y_m). With
@@ -85,13 +96,20 @@ def from_board(images: list[np.ndarray], board: Board, cover_height_m: float = 0
         if len(ids) >= _LEAST_CORNERS:
             views.append((px, ids))
         elif number == 0 and len(find(image, board, not mirror)[1]) >= _LEAST_CORNERS:
-            raise ConfigError('the first picture shows the board '
-                              + ('directly, not in a mirror: leave out --mirror' if mirror else
-                                 'in a mirror: add --mirror if the camera looks through one'))
+            raise ConfigError(
+                'the first picture shows the board '
+                + (
+                    'directly, not in a mirror: leave out --mirror'
+                    if mirror
+                    else 'in a mirror: add --mirror if the camera looks through one'
+                )
+            )
         elif number == 0:
-            raise ConfigError(f'the first picture shows {len(ids)} corners of the board, '
-                              f'{_LEAST_CORNERS} are needed: lay it flat, light it evenly, '
-                              'and give its true --board sizes')
+            raise ConfigError(
+                f'the first picture shows {len(ids)} corners of the board, '
+                f'{_LEAST_CORNERS} are needed: lay it flat, light it evenly, '
+                'and give its true --board sizes'
+            )
     start = nominal(width, height, focal_px)
     if len(views) >= _LENS_VIEWS:
         # what stands in the mirror is a rigid board, too: the mirror image of the printed one
@@ -99,8 +117,12 @@ def from_board(images: list[np.ndarray], board: Board, cover_height_m: float = 0
         flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3
         _, camera, lens, _, _ = cv2.calibrateCamera(
             [np.column_stack([shown[i], np.zeros(len(i))]).astype(np.float32) for _, i in views],
-            [p.astype(np.float32) for p, _ in views], (width, height),
-            start.camera_matrix.copy(), np.zeros(5), flags=flags)
+            [p.astype(np.float32) for p, _ in views],
+            (width, height),
+            start.camera_matrix.copy(),
+            np.zeros(5),
+            flags=flags,
+        )
         start = replace(start, camera_matrix=camera, distortion_coefficients=lens.ravel()[:5])
     px, ids = views[0]
     # the board's own axes run right and towards the viewer; the table's run right and away

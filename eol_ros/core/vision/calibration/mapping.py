@@ -23,13 +23,15 @@ _STEP_M = 0.02
 @njit(inline='always')
 def _project(c, at, x, y):
     w = c[at + 6] * x + c[at + 7] * y + c[at + 8]
-    return ((c[at] * x + c[at + 1] * y + c[at + 2]) / w,
-            (c[at + 3] * x + c[at + 4] * y + c[at + 5]) / w)
+    return (
+        (c[at] * x + c[at + 1] * y + c[at + 2]) / w,
+        (c[at + 3] * x + c[at + 4] * y + c[at + 5]) / w,
+    )
 
 
 @njit(cache=True)
 def _bent(c):
-    return (c[_K1] != 0.0 or c[_K2] != 0.0 or c[_P1] != 0.0 or c[_P2] != 0.0 or c[_K3] != 0.0)
+    return c[_K1] != 0.0 or c[_K2] != 0.0 or c[_P1] != 0.0 or c[_P2] != 0.0 or c[_K3] != 0.0
 
 
 @njit(cache=True)

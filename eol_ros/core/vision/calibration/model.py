@@ -51,17 +51,24 @@ class Calibration:
     _inverse: np.ndarray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self):
-        for name, shape in (('camera_matrix', (3, 3)), ('homography', (3, 3)),
-                            ('distortion_coefficients', (5,))):
+        for name, shape in (
+            ('camera_matrix', (3, 3)),
+            ('homography', (3, 3)),
+            ('distortion_coefficients', (5,)),
+        ):
             value = np.asarray(getattr(self, name), float)
             if value.shape != shape or not np.isfinite(value).all():
-                raise ConfigError(f'calibration: {name} has shape {value.shape} or values that are '
-                                  f'not finite; it must be {shape}')
+                raise ConfigError(
+                    f'calibration: {name} has shape {value.shape} or values that are '
+                    f'not finite; it must be {shape}'
+                )
             value.setflags(write=False)
             object.__setattr__(self, name, value)
         if self.image_width < 8 or self.image_height < 8:
-            raise ConfigError(f'calibration: image size {self.image_width} x {self.image_height} '
-                              'is not the size of a picture')
+            raise ConfigError(
+                f'calibration: image size {self.image_width} x {self.image_height} '
+                'is not the size of a picture'
+            )
         if min(self.camera_matrix[0, 0], self.camera_matrix[1, 1]) <= 0:
             raise ConfigError('calibration: the focal length in camera_matrix must be positive')
         centre = np.array([0.0, 0.0, 1.0]) @ self.homography.T
@@ -70,8 +77,13 @@ class Calibration:
         object.__setattr__(self, '_inverse', np.linalg.inv(self.homography))
 
     @classmethod
-    def ideal(cls, width: int = 1280, height: int = 800,
-              px_per_m: float | None = None, mirror: bool = False) -> 'Calibration':
+    def ideal(
+        cls,
+        width: int = 1280,
+        height: int = 800,
+        px_per_m: float | None = None,
+        mirror: bool = False,
+    ) -> 'Calibration':
         """Return a camera straight above the table, without distortion, the table in the middle.
 
         1280 x 800 gives 545 px/m: the platform's 140 cm nearly fill the 800 rows. With `mirror` it
@@ -105,7 +117,8 @@ class Calibration:
             raise ConfigError(
                 f'image is {"x".join(map(str, image.shape[1::-1]))} {image.dtype} with '
                 f'{image.ndim} axes; the calibration is for {size[1]}x{size[0]} uint8 grey: use '
-                'the calibration of this camera, or set the camera to that size')
+                'the calibration of this camera, or set the camera to that size'
+            )
 
     def undistort(self, px) -> np.ndarray:
         """Return undistorted pixels, (n, 2), of distorted pixels (n, 2)."""
@@ -115,8 +128,14 @@ class Calibration:
         import cv2  # the twin's ideal camera needs none of its memory
 
         rounds = cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9
-        return cv2.undistortPoints(px[:, None], self.camera_matrix, self.distortion_coefficients,
-                                   R=np.eye(3), P=self.camera_matrix, criteria=rounds)[:, 0]
+        return cv2.undistortPoints(
+            px[:, None],
+            self.camera_matrix,
+            self.distortion_coefficients,
+            R=np.eye(3),
+            P=self.camera_matrix,
+            criteria=rounds,
+        )[:, 0]
 
     def distort(self, px) -> np.ndarray:
         """Return distorted pixels, (n, 2), of undistorted pixels (n, 2)."""
@@ -131,8 +150,13 @@ class Calibration:
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
         yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-        return np.stack([camera[0, 0] * xd + camera[0, 1] * yd + camera[0, 2],
-                         camera[1, 1] * yd + camera[1, 2]], axis=1)
+        return np.stack(
+            [
+                camera[0, 0] * xd + camera[0, 1] * yd + camera[0, 2],
+                camera[1, 1] * yd + camera[1, 2],
+            ],
+            axis=1,
+        )
 
     def to_table(self, px) -> np.ndarray:
         """Return table metres, (n, 2), of image pixels (n, 2); NaN stays NaN."""
@@ -168,7 +192,8 @@ class Calibration:
         right = np.stack([np.cos(theta), -np.sin(theta)], axis=1) * half[:, None]
         away = np.stack([-np.sin(theta), -np.cos(theta)], axis=1) * half[:, None]
         east, north, west, south = self.to_table(
-            np.concatenate([px + right, px + away, px - right, px - away])).reshape(4, -1, 2)
+            np.concatenate([px + right, px + away, px - right, px - away])
+        ).reshape(4, -1, 2)
         centre = (east + north + west + south) / 4
         x_axis, y_axis = east - west, north - south
         # the y axis turned back by a right angle, so that both speak of the same direction; in a
@@ -213,8 +238,15 @@ class Calibration:
         """Return all numbers of it in one row (29,), as mapping takes them."""
         camera = self.camera_matrix
         lens = [camera[0, 0], camera[0, 1], camera[0, 2], camera[1, 1], camera[1, 2]]
-        return np.concatenate([self.homography.ravel(), self._inverse.ravel(), lens,
-                               self.distortion_coefficients, [-1.0 if self.mirrored else 1.0]])
+        return np.concatenate(
+            [
+                self.homography.ravel(),
+                self._inverse.ravel(),
+                lens,
+                self.distortion_coefficients,
+                [-1.0 if self.mirrored else 1.0],
+            ]
+        )
 
     def px_per_m(self) -> float:
         """Return the scale at the table's centre in pixels per metre."""

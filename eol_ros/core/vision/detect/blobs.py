@@ -12,8 +12,18 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import edges, profiles, scan, search
 from eol_ros.errors import ConfigError
 
-BLOB = np.dtype([('u', 'f8'), ('v', 'f8'), ('theta', 'f8'), ('side_px', 'f8'),
-                 ('visibility', 'f4'), ('sigma_px', 'f4'), ('quality', 'f4'), ('contrast', 'f4')])
+BLOB = np.dtype(
+    [
+        ('u', 'f8'),
+        ('v', 'f8'),
+        ('theta', 'f8'),
+        ('side_px', 'f8'),
+        ('visibility', 'f4'),
+        ('sigma_px', 'f4'),
+        ('quality', 'f4'),
+        ('contrast', 'f4'),
+    ]
+)
 
 SIDES_PX = (16.0, 160.0)  # squares that can be blocks while their size is not yet known
 _BLUR_PX = 1.25  # edges of a lens in focus, pixel included
@@ -69,8 +79,10 @@ class BlobFinder:
             ConfigError: not an 8-bit grey image.
         """
         if image.ndim != 2 or image.dtype != np.uint8:
-            raise ConfigError(f'image has shape {image.shape} and type {image.dtype}; blocks are '
-                              'found in 8-bit grey images: set the camera to grey (mono8)')
+            raise ConfigError(
+                f'image has shape {image.shape} and type {image.dtype}; blocks are '
+                'found in 8-bit grey images: set the camera to grey (mono8)'
+            )
         if image.shape != self._shape:
             self._begin(image.shape)
         if self.clutter is not None:
@@ -84,9 +96,18 @@ class BlobFinder:
         n = 0
         if predicted is not None and len(predicted) and known[search.FIELD]:
             near = np.zeros((len(predicted), 4))
-            near[:, :np.shape(predicted)[1]] = predicted
-            n = search.at_predictions(image, known, self._grid, self._tiles, near, *self._scratch,
-                                    self._fits, kept, self._lit)
+            near[:, : np.shape(predicted)[1]] = predicted
+            n = search.at_predictions(
+                image,
+                known,
+                self._grid,
+                self._tiles,
+                near,
+                *self._scratch,
+                self._fits,
+                kept,
+                self._lit,
+            )
         # all blocks of the table found where they were expected: nothing is left to look for
         for _ in range(0 if n >= N_BLOCKS and turn % _GLANCE else 2):
             before = n
@@ -96,8 +117,9 @@ class BlobFinder:
             starts = self._unexplained()
             if not len(starts):
                 break
-            n = search.at_lights(image, known, starts, self._refused, *self._scratch, self._fits,
-                               kept, n)
+            n = search.at_lights(
+                image, known, starts, self._refused, *self._scratch, self._fits, kept, n
+            )
             if before or n == before:
                 break
             self._learn(n, 1.0)  # a first look: now look again with the right size
@@ -122,7 +144,7 @@ class BlobFinder:
         self._lit = np.zeros((1024, 2), np.float32)
         for what in (search.CONTRASTS, search.TURN, search.REFUSED):
             self._known[what] = 0.0
-        self._known[search.FIELD:] = 0.0
+        self._known[search.FIELD :] = 0.0
         self.calibration = self._calibration
 
     @property
@@ -141,8 +163,9 @@ class BlobFinder:
         half = calibration.side_px(px, BLOCK_SIDE_M) / 2
         terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
         shear = calibration.shear(px)
-        self._known[search.FIELD:] = np.linalg.lstsq(
-            terms, np.column_stack([half, shear]), rcond=None)[0].T.ravel()
+        self._known[search.FIELD :] = np.linalg.lstsq(
+            terms, np.column_stack([half, shear]), rcond=None
+        )[0].T.ravel()
 
     def _unexplained(self) -> np.ndarray:
         """Return starts of squares, (n, 4): u, v, theta, half side or 0 where it is known."""
@@ -156,8 +179,17 @@ class BlobFinder:
             least, most = 0.35 * area, 2.2 * area
         else:
             least, most = ((side / scan.STEP) ** 2 for side in SIDES_PX)
-        n = scan.regions(self._grid, self._tiles, over, least, most, self._label, self._parent,
-                         self._stats, self._found)
+        n = scan.regions(
+            self._grid,
+            self._tiles,
+            over,
+            least,
+            most,
+            self._label,
+            self._parent,
+            self._stats,
+            self._found,
+        )
         found = self._found[:n]
         if known[search.FIELD]:
             starts = found[:, :4].copy()
@@ -165,7 +197,7 @@ class BlobFinder:
             return starts
         # a square fills between half (at 45 degrees) and all of the box around it
         box = found[:, 4] * found[:, 5]
-        area = found[:, 3] * scan.STEP ** 2
+        area = found[:, 3] * scan.STEP**2
         ratio = found[:, 4] / found[:, 5]
         square = (area > 0.42 * box) & (ratio > 0.7) & (ratio < 1.43)
         found, area = found[square], area[square]
@@ -196,5 +228,5 @@ class BlobFinder:
         normal[2, 2] += 0.005 * len(u)
         plane = np.linalg.solve(normal, columns.T @ (half[alike] - usual))
         plane[0] += usual
-        size = known[search.FIELD:search.FIELD + 3]
+        size = known[search.FIELD : search.FIELD + 3]
         size += (share if size[0] else 1.0) * (plane - size)

@@ -24,8 +24,7 @@ def side_lines(image, squares, blur, work, ends, out):
         profiles.gather(image, u, v, theta, half, blur, square, work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
         limit = half - profiles.CORNER * blur
-        contrast, _ = profiles.levels(work, ends, slope, lean, limit, profiles.FLAT * blur,
-                                      spread)
+        contrast, _ = profiles.levels(work, ends, slope, lean, limit, profiles.FLAT * blur, spread)
         if contrast == 0.0:
             continue
         profiles.share_levels(work, ends, spread)
@@ -76,8 +75,9 @@ def corners(image: np.ndarray, blobs: np.ndarray, blur_px: float = 1.25) -> np.n
     lines = np.zeros((len(squares), 4, 3))
     for _ in range(2):  # the second time from nearer
         side_lines(scan.read_only(image), squares, blur_px, *profiles.workspace(), lines)
-        squares[:, 3] = np.where(lines[:, :, 2].min(axis=1) > 0.5, lines[:, :, 0].mean(axis=1),
-                                 squares[:, 3])
+        squares[:, 3] = np.where(
+            lines[:, :, 2].min(axis=1) > 0.5, lines[:, :, 0].mean(axis=1), squares[:, 3]
+        )
     angle = squares[:, 2, None] + np.arange(4) * np.pi / 2 + lines[:, :, 1]
     square_angle = squares[:, 2, None] + np.arange(4) * np.pi / 2
     # a point on each side, and its normal; a line is n . (p - c) = d
@@ -90,6 +90,7 @@ def corners(image: np.ndarray, blobs: np.ndarray, blur_px: float = 1.25) -> np.n
         whole = (lines[:, one, 2] > 0.6) & (lines[:, other, 2] > 0.6)
         if whole.any():
             offset = np.stack([reach[whole, one], reach[whole, other]], axis=1)
-            found[whole, corner] = (np.linalg.solve(pair[whole], offset[..., None])[..., 0]
-                                    + squares[whole, :2])
+            found[whole, corner] = (
+                np.linalg.solve(pair[whole], offset[..., None])[..., 0] + squares[whole, :2]
+            )
     return found

@@ -54,8 +54,12 @@ def _normal_equations(work, n, step, width, a, b):
     Returns (sum of weighted squared rests, sum of Tukey weights).
     """
     zero, one = np.float32(0.0), np.float32(1.0)
-    d0, d1, d2, d3 = (np.float32(step[0]), np.float32(step[1]), np.float32(step[2]),
-                      np.float32(step[3]))
+    d0, d1, d2, d3 = (
+        np.float32(step[0]),
+        np.float32(step[1]),
+        np.float32(step[2]),
+        np.float32(step[3]),
+    )
     per_width = np.float32(1.0 / width)
     a00 = a10 = a11 = a20 = a21 = a22 = a30 = a31 = a32 = a33 = zero
     b0 = b1 = b2 = b3 = spread = total = zero
@@ -136,8 +140,9 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
         begin = ends[BEGIN + side]
         mine = zero
         for i in range(begin, begin + ends[COUNT + side]):
-            rest = work[OFFSET + i] - (work[NU + i] * d0 + work[NV + i] * d1
-                                        - work[T + i] * d2 + d3)
+            rest = work[OFFSET + i] - (
+                work[NU + i] * d0 + work[NV + i] * d1 - work[T + i] * d2 + d3
+            )
             hit = one if abs(rest) < near else zero
             mine += hit if work[WEIGHT + i] > zero else zero
         agree += float(mine)
@@ -183,8 +188,12 @@ def _solve4(a, b):
 @njit(cache=True, fastmath=True, error_model='numpy')
 def _follow(work, n, step):
     """Count all distances from the edges where they are after `step`."""
-    s0, s1, s2, s3 = (np.float32(step[0]), np.float32(step[1]), np.float32(step[2]),
-                      np.float32(step[3]))
+    s0, s1, s2, s3 = (
+        np.float32(step[0]),
+        np.float32(step[1]),
+        np.float32(step[2]),
+        np.float32(step[3]),
+    )
     for i in range(n):
         work[FIRST + i] -= work[NU + i] * s0 + work[NV + i] * s1 - work[T + i] * s2 + s3
 
@@ -197,8 +206,12 @@ def _alike(work, ends, step):
     RUN profiles then scatter more than single ones divided by RUN.
     """
     zero, near = np.float32(0.0), np.float32(ALIKE_PX)
-    d0, d1, d2, d3 = (np.float32(step[0]), np.float32(step[1]), np.float32(step[2]),
-                      np.float32(step[3]))
+    d0, d1, d2, d3 = (
+        np.float32(step[0]),
+        np.float32(step[1]),
+        np.float32(step[2]),
+        np.float32(step[3]),
+    )
     for i in range(ends[LANES]):
         rest = work[OFFSET + i] - (work[NU + i] * d0 + work[NV + i] * d1 - work[T + i] * d2 + d3)
         w = work[WEIGHT + i] if abs(rest) < near else zero
@@ -225,8 +238,23 @@ def _alike(work, ends, step):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def _fit(image, square, shear, blur, half_sigma, tight, searches, again, least, work, ends, a,
-         step, shares, spread):
+def _fit(
+    image,
+    square,
+    shear,
+    blur,
+    half_sigma,
+    tight,
+    searches,
+    again,
+    least,
+    work,
+    ends,
+    a,
+    step,
+    shares,
+    spread,
+):
     """Fit one square from `square` (FIELDS,): u, v, theta, half; fill in the other fields."""
     u, v, theta, half = square[U], square[V], square[THETA], square[HALF]
     expected = half
@@ -235,8 +263,9 @@ def _fit(image, square, shear, blur, half_sigma, tight, searches, again, least, 
     for _ in range(searches):
         profiles.gather(image, u, v, theta, half, blur, shear, work, ends)
         profile_steps.search(work, ends, abs(math.cos(theta)))
-        share, variance = _agree(work, ends, expected - half, max(half_sigma, 0.02 * half),
-                                 9.0, 1.5, 5, a, step, shares)
+        share, variance = _agree(
+            work, ends, expected - half, max(half_sigma, 0.02 * half), 9.0, 1.5, 5, a, step, shares
+        )
         if share < 0.3:
             if again:
                 return  # nothing better is known than where it was tried before
@@ -253,8 +282,7 @@ def _fit(image, square, shear, blur, half_sigma, tight, searches, again, least, 
         profiles.gather(image, u, v, theta, half, blur, shear, work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
         limit = half - CORNER * blur
-        contrast, level = profiles.levels(work, ends, slope, lean, limit, FLAT * blur,
-                                           spread)
+        contrast, level = profiles.levels(work, ends, slope, lean, limit, FLAT * blur, spread)
         share = 0.0
         if contrast == 0.0 or contrast < least:
             return
@@ -263,8 +291,18 @@ def _fit(image, square, shear, blur, half_sigma, tight, searches, again, least, 
         for r in range(4):
             profile_steps.offsets(work, ends, slope, lean, limit, blur, spread)
             first = r == 0 and gather == 0
-            share, variance = _agree(work, ends, expected - half, half_sigma, 3.0 if first else 1.0,
-                                     0.05, 4 if first else 3, a, step, shares)
+            share, variance = _agree(
+                work,
+                ends,
+                expected - half,
+                half_sigma,
+                3.0 if first else 1.0,
+                0.05,
+                4 if first else 3,
+                a,
+                step,
+                shares,
+            )
             if share < HOPELESS:
                 return
             _follow(work, ends[LANES], step)
@@ -304,8 +342,9 @@ def _fit(image, square, shear, blur, half_sigma, tight, searches, again, least, 
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def fit_square(image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, work,
-               ends):
+def fit_square(
+    image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, work, ends
+):
     """Fit a square to `image` (h, w) uint8 from `square` (FIELDS,): u, v, theta, half as expected.
 
     shear: see profiles.gather. search: rounds of rough search before the fit (0 when the start is
@@ -319,13 +358,43 @@ def fit_square(image, square, shear_re, shear_im, blur, half_sigma, tight, searc
     a, step, shares, spread = np.zeros((4, 4)), np.zeros(4), np.zeros(4), np.zeros(7)
     shear = (shear_re, shear_im)
     u, v, theta, half = square[U], square[V], square[THETA], square[HALF]
-    _fit(image, square, shear, blur, half_sigma, tight, search, False, least, work, ends, a, step,
-         shares, spread)
+    _fit(
+        image,
+        square,
+        shear,
+        blur,
+        half_sigma,
+        tight,
+        search,
+        False,
+        least,
+        work,
+        ends,
+        a,
+        step,
+        shares,
+        spread,
+    )
     if search == 0 and square[VISIBLE] < DOUBTFUL:
         second = np.zeros(FIELDS)
         second[U], second[V], second[THETA], second[HALF] = u, v, theta, half
-        _fit(image, second, shear, blur, half_sigma, tight, 2, True, least, work, ends, a, step,
-             shares, spread)
+        _fit(
+            image,
+            second,
+            shear,
+            blur,
+            half_sigma,
+            tight,
+            2,
+            True,
+            least,
+            work,
+            ends,
+            a,
+            step,
+            shares,
+            spread,
+        )
         if second[VISIBLE] > square[VISIBLE] + 0.05:
             square[:] = second
     square[THETA] -= round(square[THETA] / (math.pi / 2)) * math.pi / 2

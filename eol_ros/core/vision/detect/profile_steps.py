@@ -28,9 +28,18 @@ EDGE = 2.4  # blurs from the edge over which the light inside counts as one leve
 ROUGH = 0.1  # share of the texture's variance that is new from pixel to pixel
 
 # Half the error function of x / sqrt 2, divided by x, in powers of x^2, to 3e-5 for x up to 3.5.
-_E0, _E1, _E2, _E3, _E4, _E5, _E6 = (np.float32(c) for c in (
-    0.39881779, -0.066072165, 0.0095619575, -0.0010034452,
-    7.0793111e-05, -2.947819e-06, 5.3879177e-08))
+_E0, _E1, _E2, _E3, _E4, _E5, _E6 = (
+    np.float32(c)
+    for c in (
+        0.39881779,
+        -0.066072165,
+        0.0095619575,
+        -0.0010034452,
+        7.0793111e-05,
+        -2.947819e-06,
+        5.3879177e-08,
+    )
+)
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -60,7 +69,7 @@ def offsets(work, ends, slope, lean, limit, blur, spread):
         work[_C + i] = zero
         work[_D + i] = zero
         work[_E + i] = zero
-    pixels = work[TAP + first * LINES:]
+    pixels = work[TAP + first * LINES :]
     start = f_slope * np.float32(first)
     for k in range(used):
         at = k * LINES
@@ -72,13 +81,20 @@ def offsets(work, ends, slope, lean, limit, blur, spread):
             x = x if x > -most else -most
             q = x * x
             z = q * np.float32(-0.5 / 8.0)
-            bell = one + z * (one + z * (half + z * (np.float32(1 / 6) + z * (
-                np.float32(1 / 24) + z * np.float32(1 / 120)))))
+            bell = one + z * (
+                one
+                + z
+                * (
+                    half
+                    + z * (np.float32(1 / 6) + z * (np.float32(1 / 24) + z * np.float32(1 / 120)))
+                )
+            )
             bell *= bell
             bell *= bell
             bell *= bell
-            cover = half - x * (_E0 + q * (_E1 + q * (_E2 + q * (_E3 + q * (_E4 + q * (
-                _E5 + q * _E6))))))
+            cover = half - x * (
+                _E0 + q * (_E1 + q * (_E2 + q * (_E3 + q * (_E4 + q * (_E5 + q * _E6)))))
+            )
             bare = one - cover
             outer = work[OUT + i]
             rest = pixels[at + i] - outer - (work[IN + i] - outer) * cover
@@ -115,9 +131,14 @@ def search(work, ends, slope):
         at = k * LINES
         ahead = f_slope * np.float32(k + 3)
         for i in range(n):
-            step = (pixels[at + i] + pixels[at + LINES + i] + pixels[at + 2 * LINES + i]
-                    - pixels[at + 4 * LINES + i] - pixels[at + 5 * LINES + i]
-                    - pixels[at + 6 * LINES + i])
+            step = (
+                pixels[at + i]
+                + pixels[at + LINES + i]
+                + pixels[at + 2 * LINES + i]
+                - pixels[at + 4 * LINES + i]
+                - pixels[at + 5 * LINES + i]
+                - pixels[at + 6 * LINES + i]
+            )
             better = step > work[WEIGHT + i]
             work[OFFSET + i] = work[FIRST + i] + ahead if better else work[OFFSET + i]
             work[WEIGHT + i] = step if better else work[WEIGHT + i]

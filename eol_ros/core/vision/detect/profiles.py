@@ -28,8 +28,9 @@ MIN_CONTRAST = 8.0  # grey levels
 # knows, it can tell that they do not overlap and turns every loop over profiles into vector code.
 # Of two arrays it cannot: it then asks at run time where they lie, and where it is in doubt it goes
 # a slower way whose sums have other last bits. No loop here may read one array and write another.
-(FIRST, T, NU, NV, VALID, IN, OUT, OFFSET, WEIGHT, _A, _B, _C, _D,
- _E, _F) = (k * LINES for k in range(15))
+(FIRST, T, NU, NV, VALID, IN, OUT, OFFSET, WEIGHT, _A, _B, _C, _D, _E, _F) = (
+    k * LINES for k in range(15)
+)
 TAP = 15 * LINES  # then the pixels of the profiles, tap after tap
 
 # `ends` holds where each side begins, all lanes, taps, lines of each side, lines of all sides.
@@ -171,7 +172,7 @@ def _zones(work, n, taps, slope, lean, limit, flat):
             work[_E + i] += change * change
             work[_F + i] += change
             work[OFFSET + i] += x * x
-    outside = work[TAP + (taps - FLAT_TAPS - 1) * LINES:]
+    outside = work[TAP + (taps - FLAT_TAPS - 1) * LINES :]
     start = f_slope * np.float32(taps - FLAT_TAPS)
     for k in range(FLAT_TAPS):
         ahead = start + f_slope * np.float32(k)
@@ -209,10 +210,16 @@ def _quantiles(work, n, contrasts, bares):
             m1 += valid if outer > b1 else zero
             m2 += valid if outer > b2 else zero
             m3 += valid if outer > b3 else zero
-        low += ((step if n1 > contrasts else zero) + (step if n2 > contrasts else zero)
-                + (step if n3 > contrasts else zero))
-        base += ((step if m1 > bares else zero) + (step if m2 > bares else zero)
-                 + (step if m3 > bares else zero))
+        low += (
+            (step if n1 > contrasts else zero)
+            + (step if n2 > contrasts else zero)
+            + (step if n3 > contrasts else zero)
+        )
+        base += (
+            (step if m1 > bares else zero)
+            + (step if m2 > bares else zero)
+            + (step if m3 > bares else zero)
+        )
         step *= np.float32(0.25)
     return float(low + two * step), float(base + two * step)
 
@@ -304,13 +311,28 @@ def _smooth(work, n, column, taps, variance):
     mean = total / count
     seen = noise = zero
     for i in range(n):
-        v0, v1, v2, v3, v4 = (work[VALID + i - 2], work[VALID + i - 1], work[VALID + i],
-                              work[VALID + i + 1], work[VALID + i + 2])
+        v0, v1, v2, v3, v4 = (
+            work[VALID + i - 2],
+            work[VALID + i - 1],
+            work[VALID + i],
+            work[VALID + i + 1],
+            work[VALID + i + 2],
+        )
         used = v0 + v1 + v2 + v3 + v4
-        light = (v0 * work[column + i - 2] + v1 * work[column + i - 1] + v2 * work[column + i]
-                 + v3 * work[column + i + 1] + v4 * work[column + i + 2])
-        pixels = (v0 * work[taps + i - 2] + v1 * work[taps + i - 1] + v2 * work[taps + i]
-                  + v3 * work[taps + i + 1] + v4 * work[taps + i + 2])
+        light = (
+            v0 * work[column + i - 2]
+            + v1 * work[column + i - 1]
+            + v2 * work[column + i]
+            + v3 * work[column + i + 1]
+            + v4 * work[column + i + 2]
+        )
+        pixels = (
+            v0 * work[taps + i - 2]
+            + v1 * work[taps + i - 1]
+            + v2 * work[taps + i]
+            + v3 * work[taps + i + 1]
+            + v4 * work[taps + i + 2]
+        )
         off = light / (used if used > one else one) - mean
         off = off if v2 > zero else zero
         work[_B + i] = off

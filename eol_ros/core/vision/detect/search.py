@@ -51,8 +51,11 @@ KNOWN = FIELD + 18
 @njit(inline='always')
 def _quadratic(known, which, u, v):
     k = FIELD + 6 * which
-    return (known[k] + u * (known[k + 1] + known[k + 3] * u + known[k + 4] * v)
-            + v * (known[k + 2] + known[k + 5] * v))
+    return (
+        known[k]
+        + u * (known[k + 1] + known[k + 3] * u + known[k + 4] * v)
+        + v * (known[k + 2] + known[k + 5] * v)
+    )
 
 
 @njit(cache=True)
@@ -74,8 +77,9 @@ def attempt(image, known, u, v, theta, own, half, search, work, ends, square):
         size, sure = half, ROUGHLY * half
     square[U], square[V], square[THETA], square[HALF] = u, v, theta, size
     usual = known[CONTRASTS]
-    edges.fit_square(image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * usual,
-                     work, ends)
+    edges.fit_square(
+        image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * usual, work, ends
+    )
     # a hand may stand where a block should; it is dimmer, or its edges are not all there
     contrast = square[CONTRAST]
     if own > 0:  # a block known by its brightness may have an arm beside it that is as bright
@@ -84,10 +88,15 @@ def attempt(image, known, u, v, theta, own, half, search, work, ends, square):
         dim = contrast < 0.5 * usual
         square[QUALITY] *= square[ALONE]
     moved = math.hypot(square[U] - u, square[V] - v)
-    if not (square[SIGMA] < MOST_SIGMA_PX and moved < size and square[LEVEL] >= known[THRESHOLD]
-            and abs(square[HALF] / size - 1.0) < (0.25 if half > 0 else 0.06)
-            and contrast > FAINTEST * usual and not (dim and square[VISIBLE] < 0.8)
-            and square[QUALITY] >= 0.0):
+    if not (
+        square[SIGMA] < MOST_SIGMA_PX
+        and moved < size
+        and square[LEVEL] >= known[THRESHOLD]
+        and abs(square[HALF] / size - 1.0) < (0.25 if half > 0 else 0.06)
+        and contrast > FAINTEST * usual
+        and not (dim and square[VISIBLE] < 0.8)
+        and square[QUALITY] >= 0.0
+    ):
         square[VISIBLE] = square[QUALITY] = 0.0
 
 
@@ -103,8 +112,12 @@ def keep(fits, tried, kept, n, least):
             if fits[i, QUALITY] > fits[best, QUALITY]:
                 best = i
         fit = fits[best]
-        free = (n < len(kept) and fit[VISIBLE] >= least[0] and fit[WORST] >= least[1]
-                and fit[QUALITY] >= least[2])
+        free = (
+            n < len(kept)
+            and fit[VISIBLE] >= least[0]
+            and fit[WORST] >= least[1]
+            and fit[QUALITY] >= least[2]
+        )
         for j in range(n if free else 0):
             du, dv = kept[j, U] - fit[U], kept[j, V] - fit[V]
             if du * du + dv * dv < (1.4 * fit[HALF]) ** 2:
@@ -180,8 +193,19 @@ def at_lights(image, known, starts, refused, work, ends, fits, kept, n):
         if _near(refused, old, starts[i, 0], starts[i, 1]):
             starts[i, 0] = np.nan
         else:
-            attempt(image, known, starts[i, 0], starts[i, 1], starts[i, 2], 0.0, starts[i, 3], 2,
-                    work, ends, fits[tried])
+            attempt(
+                image,
+                known,
+                starts[i, 0],
+                starts[i, 1],
+                starts[i, 2],
+                0.0,
+                starts[i, 3],
+                2,
+                work,
+                ends,
+                fits[tried],
+            )
             tried += 1
     n = keep(fits, tried, kept, n, NEW)
     for i in range(min(len(starts), len(fits))):

@@ -52,9 +52,7 @@ class Lamps:
         self.place[k], self.seen_s[k] = place, stamp_s
         self.count = int(np.isfinite(self.seen_s).sum())
 
-    def others(
-        self, stamp_s: float, points: np.ndarray, expected: np.ndarray
-    ) -> np.ndarray | None:
+    def others(self, stamp_s: float, points: np.ndarray, expected: np.ndarray) -> np.ndarray | None:
         """Return which of `points` (n, 2) are no lamps, as indices, or None for all of them.
 
         expected (k, 2): where blocks that were seen before should be now.
@@ -79,9 +77,10 @@ def stayed(stamp_s, xy, seen, light, born, watched, home, blocks):
         if born[k] == np.inf:
             watched[k] = np.inf
             continue
-        if born[k] != watched[k] or np.hypot(
-            light[k, 0] - home[k, 0], light[k, 1] - home[k, 1]
-        ) > STILL_M:
+        if (
+            born[k] != watched[k]
+            or np.hypot(light[k, 0] - home[k, 0], light[k, 1] - home[k, 1]) > STILL_M
+        ):
             watched[k] = born[k]
             home[k] = light[k]
             blocks[k] = xy
@@ -113,8 +112,9 @@ def apart(points, lamps, expected):
             if np.hypot(points[j, 0] - expected[i, 0], points[j, 1] - expected[i, 1]) < OVER_M:
                 alone = True
                 for other in range(points.shape[0]):
-                    away = np.hypot(points[other, 0] - expected[i, 0],
-                                    points[other, 1] - expected[i, 1])
+                    away = np.hypot(
+                        points[other, 0] - expected[i, 0], points[other, 1] - expected[i, 1]
+                    )
                     if other != j and away < AROUND_M:
                         alone = False
                 if alone:

@@ -110,8 +110,7 @@ class Lattice:
                 faint = faint[kept] if faint is not None else None
         if self.state == TRACKING:
             self._follow(stamp_s, step, xy, yaw, sigma, faint)
-            self.lamps.learn(
-                stamp_s, self.xy, self.seen, self.candidate_xy, self.candidate_born)
+            self.lamps.learn(stamp_s, self.xy, self.seen, self.candidate_xy, self.candidate_born)
         if self.state != TRACKING:
             self._search(stamp_s, xy, yaw, sigma)
         if kept is not None:
@@ -256,8 +255,7 @@ class Lattice:
         better = self._misfit(xy, index)
         both = (index >= 0) & (self.index >= 0)
         if (
-            (np.array_equal(index[both], self.index[both])
-            and more <= 0)
+            (np.array_equal(index[both], self.index[both]) and more <= 0)
             or better > (0.7 * worse if more <= 0 else 1.5 * worse + 1e-4)
             or more < 0
         ):
@@ -289,9 +287,7 @@ class Lattice:
         return float((off**2).sum(1).mean())
 
     @staticmethod
-    def _nearest_turn(
-        index: np.ndarray, angle: float, believed: float
-    ) -> tuple[np.ndarray, float]:
+    def _nearest_turn(index: np.ndarray, angle: float, believed: float) -> tuple[np.ndarray, float]:
         """Turn a reading by quarters until it is nearest to the angle believed in."""
         quarters = int(np.round((believed - angle) / QUARTER))
         turned = np.full(N_BLOCKS, -1)
@@ -345,7 +341,8 @@ class Lattice:
             for _ in range(quarters):  # where a rim turned so would have taken them
                 before = np.stack([-before[:, 1], before[:, 0]], axis=1)
             off[quarters] = np.sqrt(
-                ((place - (place.mean(0) if quarters else 0.0) - before) ** 2).mean())
+                ((place - (place.mean(0) if quarters else 0.0) - before) ** 2).mean()
+            )
         return bool(off[0] < UNMOVED_M and off[1:].min() > TELLING * max(off[0], UNMOVED_M / 2))
 
     def _adopt(self, stamp_s: float, index: np.ndarray, xy: np.ndarray, yaw: np.ndarray) -> None:

@@ -104,7 +104,8 @@ class Coincidence:
                 if answer is not None:
                     place = UNTURNED[answer, tap[1]]
                     self.took = self.count + sum(
-                        o[1] == place and 0.0 < o[0] - tap[0] <= WINDOW_S for o in self.onsets)
+                        o[1] == place and 0.0 < o[0] - tap[0] <= WINDOW_S for o in self.onsets
+                    )
                     break
         past = until - 2 * WINDOW_S - BURST_S
         self.onsets = [o for o in self.onsets if o[0] > past]
@@ -135,8 +136,11 @@ class Coincidence:
         near = [o for o in self.onsets if abs(o[0] - stamp_s) <= WINDOW_S + REACH * sigma_s]
         for q in range(4):
             place = int(UNTURNED[q, name])
-            answers = sum(_density(stamp_s - at_s, sigma_s, HONEST * spread_s)
-                          for at_s, block, spread_s in near if block == place)
+            answers = sum(
+                _density(stamp_s - at_s, sigma_s, HONEST * spread_s)
+                for at_s, block, spread_s in near
+                if block == place
+            )
             answers *= HEARD / (1.0 - HEARD)
             chance = self._chance_hz(tap, place)
             self.belief[q] += math.log(answers + chance)
@@ -148,9 +152,7 @@ class Coincidence:
         sigma = math.hypot(sigma_s, TIMING_S)
         about = [t for t in self.taps if abs(t[0] - stamp_s) <= BURST_S]
         twins = sum(abs(t[0] - stamp_s) <= TWIN_S and t[1] in TURNED[1:, tap[1]] for t in about)
-        unseen_hz = max(
-            UNSEEN_HZ, len(about) / (2 * BURST_S * N_BLOCKS), twins / (2 * TWIN_S * 3)
-        )
+        unseen_hz = max(UNSEEN_HZ, len(about) / (2 * BURST_S * N_BLOCKS), twins / (2 * TWIN_S * 3))
         hz = (unseen_hz, RESTING_HZ, AGAIN * unseen_hz)
         before = _below((self.images[0][0] - stamp_s) / sigma)
         total = unseen_hz * before

@@ -76,7 +76,8 @@ class Yaws:
     def _spread(self, names: np.ndarray) -> np.ndarray:
         """Return the variance (25,) of the blocks `names`: wide where a block is not known yet."""
         return np.where(
-            self.looks[names] >= ENOUGH, self.variance[names] + FLOOR_RAD**2, UNKNOWN_RAD**2)
+            self.looks[names] >= ENOUGH, self.variance[names] + FLOOR_RAD**2, UNKNOWN_RAD**2
+        )
 
 
 def _apart(off: np.ndarray, held: np.ndarray) -> np.ndarray:

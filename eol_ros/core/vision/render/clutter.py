@@ -49,22 +49,62 @@ class ClutterLevel:
 LEVELS = {
     'clean': ClutterLevel(),
     'ordinary': ClutterLevel(
-        arms=1, arm_share=0.5, reflections=2, reflection_level=(30, 70), hot_pixels=10, gradient=10,
-        vignette=0.15, core=90, texture=0.06, flash_share=0.03, weak=1, weak_level=0.8,
-        k1=-0.08, tilt_rad=np.radians(2)),
+        arms=1,
+        arm_share=0.5,
+        reflections=2,
+        reflection_level=(30, 70),
+        hot_pixels=10,
+        gradient=10,
+        vignette=0.15,
+        core=90,
+        texture=0.06,
+        flash_share=0.03,
+        weak=1,
+        weak_level=0.8,
+        k1=-0.08,
+        tilt_rad=np.radians(2),
+    ),
     'hard': ClutterLevel(
-        arms=3, arm_share=0.6, reflections=5, reflection_level=(60, 150), hot_pixels=60,
-        gradient=25, vignette=0.30, core=160, core_px=7, texture=0.15, flash_share=0.08, weak=3,
+        arms=3,
+        arm_share=0.6,
+        reflections=5,
+        reflection_level=(60, 150),
+        hot_pixels=60,
+        gradient=25,
+        vignette=0.30,
+        core=160,
+        core_px=7,
+        texture=0.15,
+        flash_share=0.08,
+        weak=3,
         weak_level=0.6,
-        k1=-0.12, tilt_rad=np.radians(4)),
+        k1=-0.12,
+        tilt_rad=np.radians(4),
+    ),
     'brutal': ClutterLevel(
-        arms=4, arm_share=0.8, arm_level=(60, 140), reflections=10, reflection_level=(80, 230),
-        reflection_px=(5, 22), hot_pixels=300, gradient=40, vignette=0.45, core=230, core_px=9,
-        texture=0.25, flash_share=0.15, weak=6, weak_level=0.4, k1=-0.16, tilt_rad=np.radians(7)),
+        arms=4,
+        arm_share=0.8,
+        arm_level=(60, 140),
+        reflections=10,
+        reflection_level=(80, 230),
+        reflection_px=(5, 22),
+        hot_pixels=300,
+        gradient=40,
+        vignette=0.45,
+        core=230,
+        core_px=9,
+        texture=0.25,
+        flash_share=0.15,
+        weak=6,
+        weak_level=0.4,
+        k1=-0.16,
+        tilt_rad=np.radians(7),
+    ),
 }
 # hard, on new sandpaper whose grains mirror the lamps, and with lamps beside the platform
 LEVELS['glittering'] = dataclasses.replace(
-    LEVELS['hard'], glints=8000, specks=20, texture_px=1.2, lights=8)
+    LEVELS['hard'], glints=8000, specks=20, texture_px=1.2, lights=8
+)
 
 
 def clutter_calibration(level: str, width: int = 1280, height: int = 800) -> Calibration:
@@ -81,8 +121,11 @@ def clutter_calibration(level: str, width: int = 1280, height: int = 800) -> Cal
     columns = np.column_stack([turn @ [1, 0, 0], turn @ [0, -1, 0], [0, 0, distance]])
     homography = ideal.camera_matrix @ columns
     # a shrinking lens (k1 < 0) leaves room, a tilted one needs it: keep the scale at the centre
-    return dataclasses.replace(ideal, homography=homography / homography[2, 2],
-                               distortion_coefficients=np.array([chosen.k1, 0, 0, 0, 0.0]))
+    return dataclasses.replace(
+        ideal,
+        homography=homography / homography[2, 2],
+        distortion_coefficients=np.array([chosen.k1, 0, 0, 0, 0.0]),
+    )
 
 
 class Clutter:
@@ -97,8 +140,15 @@ class Clutter:
         rate_hz: images a second, which turns an image index into a time.
     """
 
-    def __init__(self, level: str, calibration: Calibration, background: float, seed: int,
-                 n_blocks: int, rate_hz: float):
+    def __init__(
+        self,
+        level: str,
+        calibration: Calibration,
+        background: float,
+        seed: int,
+        n_blocks: int,
+        rate_hz: float,
+    ):
         self.level = chosen = LEVELS[level]
         self.calibration = calibration
         self.seed = seed
@@ -107,7 +157,7 @@ class Clutter:
         self.scale_px = calibration.px_per_m() * 0.084 / 45.8
         rng = np.random.default_rng([seed, 1])
         shape = (calibration.image_height, calibration.image_width)
-        v, u = np.mgrid[0:shape[0], 0:shape[1]].astype(np.float32)
+        v, u = np.mgrid[0 : shape[0], 0 : shape[1]].astype(np.float32)
         x = 2 * u / (shape[1] - 1) - 1
         y = 2 * v / (shape[0] - 1) - 1
         self.vignette = (1 - chosen.vignette * (x * x + y * y) / 2).astype(np.float32)
@@ -128,15 +178,22 @@ class Clutter:
         self.static.reshape(-1)[hot] += rng.uniform(60, 255, len(hot)).astype(np.float32)
         side = 48 if chosen.texture else 0
         self.texture = np.zeros((n_blocks, side, side), np.float32)
-        for tile in self.texture[:n_blocks if side else 0]:
+        for tile in self.texture[: n_blocks if side else 0]:
             tile += chosen.texture * _speckle(rng, tile.shape, chosen.texture_px)
         rng = np.random.default_rng([seed, 5])
         for tile in self.texture if chosen.specks else ():
             signs = rng.choice([-1.0, 1.0], chosen.specks)
-            tile += _points(tile.shape, rng.integers(0, side, (chosen.specks, 2)),
-                            signs * self._levels(rng, chosen.specks), 1.2) / _COVER_LEVEL
+            tile += (
+                _points(
+                    tile.shape,
+                    rng.integers(0, side, (chosen.specks, 2)),
+                    signs * self._levels(rng, chosen.specks),
+                    1.2,
+                )
+                / _COVER_LEVEL
+            )
         self.battery = np.ones(n_blocks)
-        self.battery[rng.permutation(n_blocks)[:chosen.weak]] = chosen.weak_level
+        self.battery[rng.permutation(n_blocks)[: chosen.weak]] = chosen.weak_level
 
     def _lamp(self, rng, u, v, place, sizes, levels) -> None:
         """Add the soft light of a lamp at `place` px, of a size and level between those given."""
@@ -181,7 +238,8 @@ class Clutter:
             side = rng.uniform(0, 2 * np.pi)
             goal = rng.uniform(-0.40, 0.40, 2)
             sway = rng.uniform(0.02, 0.10) * np.sin(
-                2 * np.pi * rng.uniform(1, 3) * phase + np.array([0, np.pi / 2]))
+                2 * np.pi * rng.uniform(1, 3) * phase + np.array([0, np.pi / 2])
+            )
             grey = rng.uniform(*self.level.arm_level)
             shoulder = 1.25 * np.array([np.cos(side), np.sin(side)])
             reach = min(phase, 1 - phase) / 0.25
@@ -215,7 +273,7 @@ class Clutter:
         for x0, y0, x1, y1, radius in arms:
             dx, dy = x1 - x0, y1 - y0
             t = np.clip(((px - x0) * dx + (py - y0) * dy) / max(dx * dx + dy * dy, 1e-12), 0, 1)
-            hidden |= (px - x0 - t * dx) ** 2 + (py - y0 - t * dy) ** 2 < radius ** 2
+            hidden |= (px - x0 - t * dx) ** 2 + (py - y0 - t * dy) ** 2 < radius**2
         return hidden.mean(axis=1)
 
 

@@ -9,8 +9,13 @@ from eol_ros.core.compiled import njit
 
 _STEPS = 4096
 _REACH = 5.0  # standard deviations after which an edge is fully on or off
-_PHI = np.array([0.5 * math.erfc(-(i * 2 * _REACH / _STEPS - _REACH) / math.sqrt(2.0))
-                 for i in range(_STEPS + 2)], np.float32)
+_PHI = np.array(
+    [
+        0.5 * math.erfc(-(i * 2 * _REACH / _STEPS - _REACH) / math.sqrt(2.0))
+        for i in range(_STEPS + 2)
+    ],
+    np.float32,
+)
 
 
 @njit(inline='always', fastmath=True)
@@ -50,13 +55,29 @@ def _grain(tile, x, y):
     tv = min(max(y * size, 0.0), size - 0.001)
     iu, iv = int(tu), int(tv)
     fu, fv = tu - iu, tv - iv
-    return ((1 - fv) * ((1 - fu) * tile[iv, iu] + fu * tile[iv, iu + 1])
-            + fv * ((1 - fu) * tile[iv + 1, iu] + fu * tile[iv + 1, iu + 1]))
+    return (1 - fv) * ((1 - fu) * tile[iv, iu] + fu * tile[iv, iu + 1]) + fv * (
+        (1 - fu) * tile[iv + 1, iu] + fu * tile[iv + 1, iu + 1]
+    )
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def draw_blocks(work, vignette, glints, corners, level, core, core_px, halo, halo_px, texture,
-                psf_px, owner, weight, windows, n):
+def draw_blocks(
+    work,
+    vignette,
+    glints,
+    corners,
+    level,
+    core,
+    core_px,
+    halo,
+    halo_px,
+    texture,
+    psf_px,
+    owner,
+    weight,
+    windows,
+    n,
+):
     """Add quadrilateral covers to `work`; return the new number of dirty windows.
 
     A cover adds its light to the ambient light, which it sends back as the platform does, but hides
@@ -111,8 +132,9 @@ def draw_blocks(work, vignette, glints, corners, level, core, core_px, halo, hal
                 if a0 > -far and a1 > -far and a2 > -far and a3 > -far:
                     cover = 1.0
                     if a0 < far or a1 < far or a2 < far or a3 < far:
-                        cover = ((_phi(_PHI, a0 / blur) + _phi(_PHI, a2 / blur) - 1.0)
-                                 * (_phi(_PHI, a1 / blur) + _phi(_PHI, a3 / blur) - 1.0))
+                        cover = (_phi(_PHI, a0 / blur) + _phi(_PHI, a2 / blur) - 1.0) * (
+                            _phi(_PHI, a1 / blur) + _phi(_PHI, a3 / blur) - 1.0
+                        )
                     glow = level[b]
                     if size > 0:
                         glow *= 1.0 + _grain(texture[b], a0 / (a0 + a2), a1 / (a1 + a3))
@@ -132,8 +154,15 @@ def draw_arms(work, vignette, arms, level, psf_px, windows, n):
     for a in range(arms.shape[0]):
         u0, v0, u1, v1, radius = arms[a]
         pad = radius + 4.5 * blur
-        _window(windows, n, work.shape, min(u0, u1) - pad, max(u0, u1) + pad,
-                min(v0, v1) - pad, max(v0, v1) + pad)
+        _window(
+            windows,
+            n,
+            work.shape,
+            min(u0, u1) - pad,
+            max(u0, u1) + pad,
+            min(v0, v1) - pad,
+            max(v0, v1) + pad,
+        )
         r0, r1, c0, c1 = windows[n]
         n += 1
         du, dv = u1 - u0, v1 - v0
@@ -159,9 +188,11 @@ def draw_arms(work, vignette, arms, level, psf_px, windows, n):
 @njit(inline='always')
 def _mix(seed, image, row):
     """Return 64 well-mixed bits of three counters (splitmix64 finaliser, Steele et al. 2014)."""
-    z = (np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15)
-         + np.uint64(image) * np.uint64(0xD1B54A32D192ED03)
-         + np.uint64(row) * np.uint64(0x8CB92BA72F3D8DD7))
+    z = (
+        np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15)
+        + np.uint64(image) * np.uint64(0xD1B54A32D192ED03)
+        + np.uint64(row) * np.uint64(0x8CB92BA72F3D8DD7)
+    )
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return z ^ (z >> np.uint64(31))
@@ -182,7 +213,7 @@ def sense(work, noise, noise_step, read, gain, seed, image, out):
     for r in range(height):
         start = np.int64(_mix(seed, image, r) % span)
         row = work[r]
-        deviates = noise[start:start + width]
+        deviates = noise[start : start + width]
         line = out[r]
         for c in range(width):
             light = max(row[c], np.float32(0.0))

@@ -16,8 +16,13 @@ from eol_ros.core.vision.render.clutter import LEVELS, Clutter
 from eol_ros.errors import ConfigError
 
 NOISE_LEVELS = {  # (read noise, gain): variance = read^2 + gain * signal, plus 1/12 of rounding
-    'none': (0.0, 0.0), 'L0': (0.5, 0.01), 'L1': (1.0, 0.03), 'L2': (2.0, 0.10),
-    'L3': (4.0, 0.25), 'L4': (8.0, 0.60)}
+    'none': (0.0, 0.0),
+    'L0': (0.5, 0.01),
+    'L1': (1.0, 0.03),
+    'L2': (2.0, 0.10),
+    'L3': (4.0, 0.25),
+    'L4': (8.0, 0.60),
+}
 _DEVIATES = 1 << 21  # stored normal deviates; rows of an image start anywhere in them
 _NOISE_STEP = 1 / 32
 _FLASH_LEVEL = 60.0
@@ -60,18 +65,30 @@ class Renderer:
         ConfigError: unknown noise or clutter level.
     """
 
-    def __init__(self, options=None, calibration: Calibration | None = None, seed: int = 0,
-                 n_blocks: int = N_BLOCKS):
+    def __init__(
+        self,
+        options=None,
+        calibration: Calibration | None = None,
+        seed: int = 0,
+        n_blocks: int = N_BLOCKS,
+    ):
         self.options = options = options or RenderOptions()
         self.calibration = calibration or Calibration.ideal()
         for name, table in (('noise', NOISE_LEVELS), ('clutter', LEVELS)):
             if getattr(options, name) not in table:
-                raise ConfigError(f'{name} {getattr(options, name)!r} is not one of '
-                                  f'{", ".join(table)}')
+                raise ConfigError(
+                    f'{name} {getattr(options, name)!r} is not one of {", ".join(table)}'
+                )
         self.seed = int(seed)
         self.n_blocks = n_blocks
-        self.clutter = Clutter(options.clutter, self.calibration, options.background, self.seed,
-                               n_blocks, options.rate_hz)
+        self.clutter = Clutter(
+            options.clutter,
+            self.calibration,
+            options.background,
+            self.seed,
+            n_blocks,
+            options.rate_hz,
+        )
         self._read, self._gain = NOISE_LEVELS[options.noise]
         deviates = np.random.default_rng([self.seed, 0]).standard_normal(_DEVIATES)
         self._noise = np.clip(np.rint(deviates / _NOISE_STEP), -127, 127).astype(np.int8)
@@ -79,8 +96,19 @@ class Renderer:
         self._windows = np.zeros((n_blocks * _BLUR_STEPS + 64, 4), np.int64)
         self._dirty = 0
 
-    def render(self, x, y, yaw, image_index: int, out: np.ndarray | None = None, *, velocity=None,
-               flash=None, ir=None, arms=None) -> np.ndarray:
+    def render(
+        self,
+        x,
+        y,
+        yaw,
+        image_index: int,
+        out: np.ndarray | None = None,
+        *,
+        velocity=None,
+        flash=None,
+        ir=None,
+        arms=None,
+    ) -> np.ndarray:
         """Return the image (h, w) uint8 of blocks at `x`, `y`, `yaw`, (n,) metres and radians.
 
         Args:
@@ -103,20 +131,41 @@ class Renderer:
         scale = clutter.scale_px
         placed, owner, weight = self._positions(poses, velocity)
         n = kernels.draw_blocks(
-            work, clutter.vignette, clutter.glints, self.corners_px(placed), level, core,
-            clutter.level.core_px * scale, halo, 40.0 * scale, clutter.texture,
-            self.options.psf_px, owner, weight, windows, 0)
+            work,
+            clutter.vignette,
+            clutter.glints,
+            self.corners_px(placed),
+            level,
+            core,
+            clutter.level.core_px * scale,
+            halo,
+            40.0 * scale,
+            clutter.texture,
+            self.options.psf_px,
+            owner,
+            weight,
+            windows,
+            0,
+        )
         capsules, grey = self.arms(image_index, arms)
         if len(capsules):
             ends = self.calibration.to_pixels(capsules[:, :4].reshape(-1, 2)).reshape(-1, 4)
             radius = capsules[:, 4:] * self.calibration.px_per_m()
-            n = kernels.draw_arms(work, clutter.vignette, np.hstack([ends, radius]), grey,
-                                  self.options.psf_px, windows, n)
+            n = kernels.draw_arms(
+                work,
+                clutter.vignette,
+                np.hstack([ends, radius]),
+                grey,
+                self.options.psf_px,
+                windows,
+                n,
+            )
         self._dirty = n
         if out is None:
             out = np.empty(work.shape, np.uint8)
-        kernels.sense(work, self._noise, _NOISE_STEP, self._read, self._gain, self.seed,
-                      int(image_index), out)
+        kernels.sense(
+            work, self._noise, _NOISE_STEP, self._read, self._gain, self.seed, int(image_index), out
+        )
         return out
 
     def arms(self, image_index: int, more=None) -> tuple[np.ndarray, np.ndarray]:
@@ -137,8 +186,13 @@ class Renderer:
         """Return image corners (n, 4, 2) of covers at `poses` (n, 3)."""
         unit = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-        xy = np.stack([poses[:, :1] + np.outer(c, unit[:, 0]) - np.outer(s, unit[:, 1]),
-                       poses[:, 1:2] + np.outer(s, unit[:, 0]) + np.outer(c, unit[:, 1])], axis=-1)
+        xy = np.stack(
+            [
+                poses[:, :1] + np.outer(c, unit[:, 0]) - np.outer(s, unit[:, 1]),
+                poses[:, 1:2] + np.outer(s, unit[:, 0]) + np.outer(c, unit[:, 1]),
+            ],
+            axis=-1,
+        )
         return self.calibration.to_pixels(xy.reshape(-1, 2)).reshape(-1, 4, 2)
 
     def _positions(self, poses, velocity) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -146,8 +200,10 @@ class Renderer:
         steps = np.ones(len(poses), np.int64)
         if velocity is not None:
             velocity = np.asarray(velocity, float).reshape(-1, 3)
-            speed = (np.hypot(velocity[:, 0], velocity[:, 1])
-                     + np.abs(velocity[:, 2]) * BLOCK_SIDE_M * 0.71)
+            speed = (
+                np.hypot(velocity[:, 0], velocity[:, 1])
+                + np.abs(velocity[:, 2]) * BLOCK_SIDE_M * 0.71
+            )
             path_px = speed * self.options.exposure_s * self.calibration.px_per_m()
             steps = np.clip(np.ceil(path_px / _BLUR_STEP_PX), 1, _BLUR_STEPS).astype(np.int64)
         owner = np.repeat(np.arange(len(poses)), steps)
