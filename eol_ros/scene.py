@@ -27,7 +27,8 @@ from typing import Any
 import yaml
 
 from eol_ros.errors import ConfigError
-from eol_ros.settings import IMAGE_SOURCES, NEEDS, NODES, renamed
+from eol_ros.settings import renamed
+from eol_ros.streams.graph import IMAGE_SOURCES, NODES, providers
 
 _KEYS = ('scene', 'include', 'network', 'domain', 'real_time', 'nodes', 'together')
 _WORDS = {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'text'}
@@ -50,11 +51,11 @@ class Scene:
     @classmethod
     def alone(cls, *names: str) -> 'Scene':
         """Return the scene of nodes that somebody starts by hand, with default settings."""
-        return cls('+'.join(names), {name: NODES[name]() for name in names})
+        return cls('+'.join(names), {name: NODES[name].settings() for name in names})
 
     def settings(self, name: str) -> Any:
         """Return the settings of node `name`; a node the scene does not name has its defaults."""
-        return self.nodes[name] if name in self.nodes else NODES[name]()
+        return self.nodes[name] if name in self.nodes else NODES[name].settings()
 
     @property
     def image_rate(self) -> float:
@@ -188,15 +189,15 @@ class _Reader:
 
     def node(self, name: str, place: _Place) -> Any:
         """Return the settings of node `name`."""
-        fields = {f.name: f for f in dataclasses.fields(NODES[name])}
+        fields = {f.name: f for f in dataclasses.fields(NODES[name].settings)}
         if place.value is None:  # `camera:` with nothing behind it: all defaults
-            return NODES[name]()
+            return NODES[name].settings()
         if not isinstance(place.value, dict):
             such = '{images: all}, nor off' if name == 'recorder' else '{device: auto}'
             self.wrong(place, name, f'not a mapping of settings, such as {such}')
-            return NODES[name]()
+            return NODES[name].settings()
         values = {}
-        before = renamed(NODES[name])
+        before = renamed(NODES[name].settings)
         for key, item in place.value.items():
             where = f'{name}.{key}'
             if key in before and before[key] not in place.value:
@@ -221,7 +222,7 @@ class _Reader:
                 elif kind is True:
                     self.wrong(item, where, f'{value}: no such file or folder')
             values[key] = value
-        return NODES[name](**values)
+        return NODES[name].settings(**values)
 
 
 def _bare(place: _Place) -> Any:
@@ -406,7 +407,7 @@ def _nodes(reader: _Reader, top: _Place) -> dict[str, Any]:
         elif name != 'recorder' or not _off(item):
             nodes[name] = reader.node(name, item)
     if nodes and 'recorder' not in place.value:
-        nodes['recorder'] = NODES['recorder']()
+        nodes['recorder'] = NODES['recorder'].settings()
     sources = [name for name in IMAGE_SOURCES if name in nodes]
     for extra in sources[1:]:
         reader.wrong(place.keys[extra], f'nodes.{extra}', f'{sources[0]} gives the images already')
@@ -415,9 +416,10 @@ def _nodes(reader: _Reader, top: _Place) -> dict[str, Any]:
         what = f'must be as twin.mirror, which is {str(twin.mirror).lower()}: one camera'
         reader.wrong(place.keys['tracker'], 'tracker.mirror', what)
     for name in nodes:
-        topic, givers = NEEDS.get(name, ('', ()))
-        if givers and not any(giver in place.value for giver in givers):
-            what = f'takes {topic}, which no node here gives: add {" or ".join(givers)}'
+        needed = providers(name)
+        if needed and not any(other in place.value for other in needed):
+            topic, others = NODES[name].requires, ' or '.join(needed)
+            what = f'subscribes to {topic}, which no node here publishes: add {others}'
             reader.wrong(place.keys[name], f'nodes.{name}', what)
     return {name: nodes[name] for name in NODES if name in nodes}  # in data order
 

@@ -320,33 +320,6 @@ class ReplaySettings:
     )
 
 
-# Data order: a node stands after those whose topics it takes.
-NODES: dict[str, type] = {
-    'twin': TwinSettings,
-    'camera': CameraSettings,
-    'replay': ReplaySettings,
-    'tracker': TrackerSettings,
-    'motion': MotionSettings,
-    'leds': LedsSettings,
-    'grains': GrainsSettings,
-    'sound': SoundSettings,
-    'montage': MontageSettings,
-    'panel': PanelSettings,
-    'recorder': RecorderSettings,
-}
-
-# What a node cannot do without: one of the nodes that give it, in this scene or on another machine.
-NEEDS: dict[str, tuple[str, tuple[str, ...]]] = {
-    'tracker': ('camera/image_raw', ('twin', 'camera', 'replay')),
-    'motion': ('blocks', ('tracker', 'replay')),
-    'grains': ('blocks', ('tracker', 'replay')),
-    'leds': ('slips', ('motion', 'replay')),
-    'montage': ('slips', ('motion', 'replay')),
-    'sound': ('grain_triggers', ('grains', 'replay')),
-}
-IMAGE_SOURCES = ('twin', 'camera', 'replay')
-
-
 def live_fields(settings: type) -> set[str]:
     """Return the names of the settings that may change while the node runs."""
     return {f.name for f in dataclasses.fields(settings) if f.metadata.get('live')}

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from checkout import checkout
 
-from eol_ros.settings import NODES
+from eol_ros.streams.graph import NODES
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # 50 s of compiling, on a busy machine
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from eol_ros.settings import NODES
+from eol_ros.streams.graph import NODES
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]

@@ -14,6 +14,7 @@ ALLOWED = {
     'core': BASE | {'scipy', 'numba'},
     'core/vision': BASE | {'scipy', 'numba', 'cv2'},
     'core/compiled.py': {'numba', 'llvmlite'},
+    'streams': BASE,
     'devices': BASE
     | {
         'scipy',
@@ -41,22 +42,25 @@ ALLOWED = {
 # Which of our own parts a part may use: arrows point down.
 BELOW = {
     'core': {'core', 'settings', 'errors'},
+    'streams': {'core', 'streams', 'settings', 'errors'},
+    'scene.py': {'settings', 'streams', 'errors'},
     'devices': {'core', 'devices', 'settings', 'errors', 'folders'},
-    'ros': {'core', 'ros', 'settings', 'errors', 'scene', 'nodes'},
-    'nodes': {'core', 'devices', 'ros', 'nodes', 'web', 'settings', 'errors', 'scene'},
+    'ros': {'core', 'ros', 'settings', 'streams', 'errors', 'scene', 'nodes'},
+    'nodes': {'core', 'devices', 'ros', 'nodes', 'web', 'settings', 'streams', 'errors', 'scene'},
     'web': {'core', 'devices', 'web', 'settings', 'errors'},
     'bringup': {
         'bringup',
         'devices',
         'scene',
         'settings',
+        'streams',
         'errors',
         'folders',
         'compiled',
         'ros',
         'cli',
     },
-    'analysis': {'core', 'devices', 'analysis', 'settings', 'errors', 'scene'},
+    'analysis': {'core', 'devices', 'analysis', 'settings', 'streams', 'errors', 'scene'},
 }
 MODULES = sorted(ROOT.rglob('*.py'))
 

@@ -19,7 +19,7 @@ from checkout import ROOT, checkout, tracked
 from eol_ros import folders
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
-from eol_ros.settings import NODES
+from eol_ros.streams.graph import NODES
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a busy machine and a slow network
 # Links, which an sdist cannot hold, the hint that leads to them, and what only git reads.

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from eol_ros import scene as scenes
 from eol_ros.errors import ConfigError
-from eol_ros.settings import NODES
+from eol_ros.streams.graph import NODES
 
 FUZZ = Path(tempfile.mkdtemp(prefix='eol-fuzz-'))
 
@@ -147,7 +147,7 @@ def test_what_is_no_text(tmp_path, pin):
 
 
 def test_a_number_for_text_by_ros_parameter_is_told_to_be_quoted():
-    pin = next(f for f in dataclasses.fields(NODES['panel']) if f.name == 'pin')
+    pin = next(f for f in dataclasses.fields(NODES['panel'].settings) if f.name == 'pin')
     with pytest.raises(ConfigError, match='34 is not text: put it into quotes'):
         scenes.check_value(pin, 34)
 

@@ -12,6 +12,7 @@ from eol_ros import compiled
 from eol_ros.errors import UsageError
 from eol_ros.ros import network
 from eol_ros.scene import Scene
+from eol_ros.streams.graph import NODES
 
 # One thread for each library: the graph has its own processes, two cores are shared by all of them.
 _ENVIRONMENT = {
@@ -27,12 +28,6 @@ _ENVIRONMENT = {
     'PYTHONUNBUFFERED': '1',
     'PYTHONFAULTHANDLER': '1',
 }
-
-# What may wait a little when both cores are wanted: nobody hears or sees it late.
-_NICE = {'recorder': 3, 'panel': 3, 'montage': 3}
-
-# What stands between an image and what people see and hear of it.
-_REAL_TIME = {'tracker', 'motion', 'leds', 'grains', 'sound'}
 
 
 @dataclass(frozen=True)
@@ -80,15 +75,15 @@ def processes(scene: Scene, file: Path, sim_time: bool = False) -> list[Process]
             continue
         nodes = grouped.get(name, (name,))
         done.update(nodes)
-        images = bool(network.IMAGE_NODES & set(nodes))
+        images = any(NODES[node].images for node in nodes)
         environment = {**_ENVIRONMENT, **network.environment(scene.network, images)}
         if scene.domain is not None:
             environment['ROS_DOMAIN_ID'] = str(scene.domain)
         command = (sys.executable, '-m', 'eol_ros.nodes', *nodes, '--scene', str(file))
         if sim_time and 'replay' not in nodes:
             command += ('--ros-args', '-p', 'use_sim_time:=true')
-        nice = min(_NICE.get(node, 0) for node in nodes)
-        real_time = scene.real_time and bool(_REAL_TIME & set(nodes))
+        nice = min(NODES[node].nice for node in nodes)
+        real_time = scene.real_time and any(NODES[node].real_time for node in nodes)
         found.append(Process(tuple(nodes), command, environment, nice, real_time))
     return found
 

@@ -10,7 +10,8 @@ from eol_ros.bringup import plan
 from eol_ros.devices.bag.player import complete
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.scene import Scene
-from eol_ros.settings import NODES, renamed
+from eol_ros.settings import renamed
+from eol_ros.streams.graph import NODES
 
 DECIDING = ('tracker', 'motion', 'grains', 'leds')  # what they do follows from bag and settings
 PASSING = ('preview_hz', 'port', 'baud', 'board_log')  # settings of theirs that change none of it
@@ -42,7 +43,7 @@ def differences(about: dict[str, str], scene: Scene) -> list[str]:
     except (yaml.YAMLError, KeyError, TypeError):
         return []  # a bag of another program
     nodes = {
-        name: {renamed(NODES[name]).get(key, key): value for key, value in values.items()}
+        name: {renamed(NODES[name].settings).get(key, key): value for key, value in values.items()}
         for name, values in nodes.items()
         if name in NODES and isinstance(values, dict)
     }

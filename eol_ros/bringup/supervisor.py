@@ -17,7 +17,7 @@ from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import FINE, HUNG, PAUSE_S, START_S, START_STARVED_S, STARVED, STARVED_S
-from eol_ros.settings import IMAGE_SOURCES
+from eol_ros.streams.graph import IMAGE_SOURCES
 
 FINAL = (2, 69, 78)  # a node that ends so at the start will not do better when started again
 DRAIN_S = 0.3  # from the last image to all that it causes

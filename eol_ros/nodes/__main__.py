@@ -5,7 +5,7 @@ import sys
 
 from eol_ros.errors import UsageError
 from eol_ros.ros.run import run
-from eol_ros.settings import NODES
+from eol_ros.streams.graph import NODES
 
 
 def main() -> int:

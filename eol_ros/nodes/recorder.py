@@ -19,7 +19,8 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.run_record import about
 from eol_ros.ros.startup_barrier import READY
-from eol_ros.ros.topics import CLOCK, TOPICS
+from eol_ros.ros.topics import CLOCK
+from eol_ros.streams.graph import TOPICS
 
 IMAGES, PREVIEW, SAMPLES = 'camera/image_raw', 'camera/image/compressed', 'sound_samples'
 COUNTERS = {'blocks': 'image', 'grain_triggers': 'sequence'}  # fields that count up by one

@@ -19,7 +19,8 @@ from eol_ros.ros.played import BLOCKS, IMAGES, REQUESTS, ahead, for_all, played
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
-from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, TOPICS, message_class
+from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class
+from eol_ros.streams.graph import TOPICS
 
 READY_S = 1.0  # from the last reader found to the first message
 ACKNOWLEDGED_S = 2.0  # longest wait for readers to say that they have all

@@ -16,7 +16,8 @@ import yaml
 from rclpy.qos import QoSProfile
 
 from eol_ros.errors import ConfigError
-from eol_ros.ros.topics import QOS, TOPICS
+from eol_ros.ros.topics import QOS
+from eol_ros.streams.graph import TOPICS
 
 _SEPARATOR = '=' * 80
 _PRIMITIVES = {

@@ -16,7 +16,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from eol_ros.errors import DeviceMissing
 from eol_ros.ros.node import NAMESPACE
-from eol_ros.ros.topics import QOS, TOPICS, message_class
+from eol_ros.ros.topics import QOS, message_class
+from eol_ros.streams.graph import TOPICS
 
 TRUNCATE = 128  # items of an array and letters of a text, as ros2 topic echo does
 

@@ -12,7 +12,6 @@ from pathlib import Path
 BIG_SEGMENT = 20 << 20  # processes that publish images: more of them than the giver keeps
 SMALL_SEGMENT = 2 << 20
 MAX_MESSAGE = 2 << 20
-IMAGE_NODES = {'twin', 'camera', 'replay'}
 
 _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">

@@ -29,9 +29,10 @@ from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
 from eol_ros.ros.stamps import to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
-from eol_ros.ros.topics import CLOCK, CLOCK_QOS, PUBLISHER_QOS, QOS, TOPICS
+from eol_ros.ros.topics import CLOCK, CLOCK_QOS, PUBLISHER_QOS, QOS, message_class
 from eol_ros.scene import Scene, check_value
 from eol_ros.settings import renamed
+from eol_ros.streams.graph import TOPICS
 
 NAMESPACE = 'eol'
 SIM_TIME = 'use_sim_time'
@@ -128,7 +129,7 @@ class EolNode(Node):
         """Return a publisher of `topic` with type and QoS of the table."""
         row = TOPICS[topic]
         return self.create_publisher(
-            row.message_class(),
+            message_class(row.type_name),
             topic,
             PUBLISHER_QOS[row.qos],
             event_callbacks=_loud(self, topic, True),
@@ -149,7 +150,7 @@ class EolNode(Node):
         qos = copy.copy(QOS[row.qos])
         qos.depth = depth or qos.depth
         return self.create_subscription(
-            row.message_class(),
+            message_class(row.type_name),
             topic,
             callback,
             qos,

@@ -4,7 +4,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from eol_ros.ros.topics import TOPICS
+from eol_ros.streams.graph import TOPICS
 
 IMAGES, BLOCKS, TAPS, REQUESTS = 'camera/image_raw', 'blocks', 'block_taps', 'control'
 INFO = 'camera/camera_info'

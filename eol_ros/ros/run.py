@@ -16,7 +16,7 @@ from typing import Any
 from eol_ros import scene as scenes
 from eol_ros.errors import EolError, warning_line
 from eol_ros.ros import network, shutdown_watchdog
-from eol_ros.settings import NODES
+from eol_ros.streams.graph import IMAGE_SOURCES, NODES
 
 
 def runner(node_class: Any) -> Callable[..., int]:
@@ -38,7 +38,7 @@ def node_class(name: str) -> Any:
 
 def _describe(name: str) -> str:
     lines = [f'settings of {name} (in the scene, or --ros-args -p NAME:=VALUE):']
-    for f in dataclasses.fields(NODES[name]):
+    for f in dataclasses.fields(NODES[name].settings):
         unit = f.metadata.get('unit', '')
         lines.append(
             f'  {f.name:20} {f.default!r:14} {f.metadata.get("doc", "")}'
@@ -71,7 +71,7 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
     stop = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda n, _frame: stop.append(n))
-    network.configure(scene.network, bool(network.IMAGE_NODES & set(names)))
+    network.configure(scene.network, bool(set(IMAGE_SOURCES) & set(names)))
     if scene.domain is not None:
         os.environ['ROS_DOMAIN_ID'] = str(scene.domain)
 

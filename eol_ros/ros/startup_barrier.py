@@ -12,9 +12,9 @@ import time
 from typing import Any
 
 from eol_ros.ros.played import played
-from eol_ros.ros.topics import TOPICS
+from eol_ros.streams.graph import TOPICS
 
-WATCHED = ('camera/image_raw', 'blocks', 'slips', 'cascades', 'grain_triggers')
+WATCHED = tuple(topic.name for topic in TOPICS.values() if topic.barrier)
 READY = 'ready'
 SETTLE_S = 0.2  # after a restart of the source the others are still subscribed to `ready`
 PATIENCE_S = 15.0  # then the source starts without the nodes that are missing
@@ -34,7 +34,7 @@ def endpoints_of(scene: Any, topic: str) -> tuple[set[str], set[str]]:
         publishers -= set() if topic in topics else {'replay'}
     subscribers = set(row.subscribers) & set(scene.nodes) - {'panel', 'recorder'}
     recorder = scene.nodes.get('recorder')
-    if recorder and (topic != WATCHED[0] or recorder.images in ('all', 'around_slips')):
+    if recorder and (topic != 'camera/image_raw' or recorder.images in ('all', 'around_slips')):
         subscribers.add('recorder')
     return (publishers, subscribers) if publishers and subscribers else (set(), set())
 

@@ -32,7 +32,8 @@ class Watch:
         from rosgraph_msgs.msg import Clock
 
         from eol_ros.ros.node import NAMESPACE
-        from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, TOPICS
+        from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class
+        from eol_ros.streams.graph import TOPICS
 
         self.seen: dict[str, list[tuple[int, int]]] = defaultdict(list)
         self.raw: dict[str, list[bytes]] = defaultdict(list)
@@ -45,7 +46,7 @@ class Watch:
         for topic in topics:
             row = TOPICS[topic]
             self._node.create_subscription(
-                row.message_class(),
+                message_class(row.type_name),
                 topic,
                 self._taker(topic, topic in kept),
                 QOS[row.qos],
@@ -88,9 +89,9 @@ class Watch:
         """Return the messages of a topic named in `keep`."""
         from rclpy.serialization import deserialize_message
 
-        from eol_ros.ros.topics import TOPICS
+        from eol_ros.ros.topics import topic_class
 
-        kind = TOPICS[topic].message_class()
+        kind = topic_class(topic)
         return [deserialize_message(raw, kind) for raw in self.raw[topic]]
 
     def close(self) -> None:

@@ -135,7 +135,7 @@ def _measure(visit, rows) -> None:
 
 
 def _markdown() -> str:
-    from eol_ros.ros.topics import TOPICS
+    from eol_ros.streams.graph import TOPICS
 
     lines = [
         '| topic | type | published by | subscribed by | carries |',

@@ -51,7 +51,8 @@ def run(tmp_path_factory, matched):
     from eol_ros.ros.node import EolNode
     from eol_ros.ros.stamps import to_msg
     from eol_ros.scene import Scene
-    from eol_ros.settings import NODES, MontageSettings, RecorderSettings
+    from eol_ros.settings import MontageSettings, RecorderSettings
+    from eol_ros.streams.graph import NODES
 
     class Camera(EolNode):
         NAME = 'montage'
@@ -59,7 +60,7 @@ def run(tmp_path_factory, matched):
     root = tmp_path_factory.mktemp('bags')
     rclpy.init()
     names = ('tracker', 'motion', 'grains', 'recorder')
-    scene = Scene('test', {n: NODES[n]() for n in names})
+    scene = Scene('test', {n: NODES[n].settings() for n in names})
     recorder = RecorderNode(
         RecorderSettings(folder=str(root), images='all', min_free_gb=0.0), scene=scene
     )

@@ -16,7 +16,7 @@ from eol_ros import cli
 from eol_ros.analysis import open_bag
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.ros.definitions import describe
-from eol_ros.ros.topics import TOPICS
+from eol_ros.streams.graph import TOPICS
 
 SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
 ANEW = 'make it anew with `python tools/make_sample_bag.py`'

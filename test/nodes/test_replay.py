@@ -20,7 +20,8 @@ from eol_ros.ros.played import played
 from eol_ros.ros.stamps import to_msg, to_ns
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS
 from eol_ros.scene import Scene
-from eol_ros.settings import NODES, MotionSettings, ReplaySettings
+from eol_ros.settings import MotionSettings, ReplaySettings
+from eol_ros.streams.graph import NODES
 
 T0 = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000
@@ -180,7 +181,7 @@ def test_two_givers_of_blocks_are_refused(ros, bag):
 
 
 def scene_of(*names):
-    return Scene('test', {name: NODES[name]() for name in names})
+    return Scene('test', {name: NODES[name].settings() for name in names})
 
 
 def test_what_is_played_follows_from_what_runs():

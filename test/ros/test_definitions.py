@@ -6,7 +6,8 @@ import yaml
 
 from eol_ros.errors import ConfigError
 from eol_ros.ros.definitions import definition, describe, field_types, qos_text, type_hash
-from eol_ros.ros.topics import QOS, TOPICS
+from eol_ros.ros.topics import QOS
+from eol_ros.streams.graph import TOPICS
 
 OTHERS = {'sensor_msgs/msg/PointCloud2', 'std_msgs/msg/Empty', 'rosgraph_msgs/msg/Clock'}
 TYPES = sorted({row.type_name for row in TOPICS.values()} | OTHERS)

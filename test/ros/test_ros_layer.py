@@ -1,23 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """The door to ROS over real DDS."""
 
+import ast
 import json
 import os
 import time
 import xml.dom.minidom
+from pathlib import Path
 
 import numpy as np
 import pytest
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter
 
+from eol_ros import nodes
 from eol_ros.errors import ConfigError
 from eol_ros.ros import network
 from eol_ros.ros.images import ImagePublisher, image_from_cdr
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import to_msg, to_ns
-from eol_ros.ros.topics import CLOCK, PUBLISHER_QOS, QOS, TOPICS
-from eol_ros.settings import NEEDS, NODES, MontageSettings
+from eol_ros.ros.topics import CLOCK, PUBLISHER_QOS, QOS, message_class
+from eol_ros.settings import MontageSettings
+from eol_ros.streams.graph import NODES, TOPICS, providers
 
 
 class ProbeNode(EolNode):
@@ -135,14 +139,33 @@ def test_command_line_parameters_are_checked(ros):
 
 def test_topic_table():
     for row in TOPICS.values():
-        assert row.message_class().__name__ == row.type_name.split('/')[-1]
+        assert message_class(row.type_name).__name__ == row.type_name.split('/')[-1]
         least = 1 if row.name == CLOCK else 10
         assert least <= PUBLISHER_QOS[row.qos].depth <= QOS[row.qos].depth
         for node in (*row.publishers, *row.subscribers):
             assert node in NODES or node == 'every node'
-    for node, (topic, givers) in NEEDS.items():
-        assert node in TOPICS[topic].subscribers
-        assert set(givers) <= set(TOPICS[topic].publishers)
+    for name, node in NODES.items():
+        assert {*node.publishes, *node.subscribes} <= set(TOPICS)
+        assert not node.requires or (node.requires in node.subscribes and providers(name))
+
+
+@pytest.mark.parametrize('name', sorted(set(NODES) - {'replay', 'recorder'}))  # theirs depend
+def test_a_row_names_the_topics_that_the_node_uses(name):
+    named, used = set(), set()
+    folder = Path(nodes.__file__).parent
+    beside = folder.parent / 'ros' / f'{name}.py'
+    paths = [folder / f'{name}.py', *folder.glob(f'{name}_*.py'), beside]
+    for path in filter(Path.exists, paths):
+        for part in ast.walk(ast.parse(path.read_text())):
+            if isinstance(part, ast.Constant):
+                named |= {part.value} & set(TOPICS)
+            elif isinstance(part, ast.Call):
+                by = ast.unparse(part.func).rpartition('.')[2]
+                if by in ('publisher', 'subscribe', 'ImagePublisher'):
+                    used |= {a.value for a in part.args if isinstance(a, ast.Constant)}
+    node = NODES[name]
+    row = {*node.publishes, *node.subscribes, *node.optional}
+    assert used and used <= row <= named
 
 
 @pytest.mark.parametrize('kind', ['local', 'lan'])

@@ -9,7 +9,7 @@ from eol_msgs.msg import Blocks
 from sensor_msgs.msg import Image
 
 from eol_ros.ros.startup_barrier import SETTLE_S, PeerDiscovery, StartupBarrier
-from eol_ros.ros.topics import TOPICS
+from eol_ros.ros.topics import topic_class
 from eol_ros.settings import RecorderSettings
 
 pytestmark = pytest.mark.slow
@@ -22,7 +22,7 @@ def reader(ros):
     def reader(name, *topics, namespace='/eol'):
         node = ros.create_node(name, namespace=namespace)
         for topic in topics:
-            kind = TOPICS[topic].message_class()
+            kind = topic_class(topic)
             node.create_subscription(kind, f'/eol/{topic}', lambda message: None, 1)
         nodes.append(node)
         return node

@@ -8,7 +8,7 @@ from eol_ros.cli import main
 from eol_ros.devices import inventory
 from eol_ros.devices.inventory import Found, find_all
 from eol_ros.devices.ports import Port
-from eol_ros.settings import NODES
+from eol_ros.streams.graph import NODES
 
 CAMERA = Port('/dev/v4l/by-id/usb-OV9281_1-video-index0', '/dev/video0', 'OV9281')
 BOARD = Port('/dev/serial/by-id/usb-Teensy_12', '/dev/ttyACM0', 'Teensy')
@@ -63,7 +63,7 @@ def test_each_line_is_what_a_scene_takes(drm):
     for device in found:
         if device.scene_line:
             ((node, values),) = yaml.safe_load(device.scene_line).items()
-            settings = NODES[node](**values)
+            settings = NODES[node].settings(**values)
             assert device.name in vars(settings).values()
 
 

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The graph in two tables: what each node publishes and subscribes to, and what each topic is.
+
+A new node is a module in `nodes`, a dataclass of settings and one row here; scene files, quality of
+service, the startup barrier, priorities and the tables in the docs are made from these. Names of
+topics are relative to the namespace, but for those that begin with a slash.
+"""
+
+from dataclasses import dataclass
+
+from eol_ros import settings
+
+EVERY_NODE = 'every node'
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """One node.
+
+    settings: its dataclass. optional: what it subscribes to only where a setting asks for it, and
+    nobody waits for. requires: the topic without which it has nothing to do. images: it is
+    a source of images, of which a scene has one at most. real_time: it stands between an image and
+    what people see and hear of it. nice: how much it gives way when both processors are wanted.
+    """
+
+    name: str
+    settings: type
+    publishes: tuple[str, ...] = ()
+    subscribes: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()
+    requires: str = ''
+    images: bool = False
+    real_time: bool = False
+    nice: int = 0
+
+
+@dataclass(frozen=True)
+class QoS:
+    """Quality of service: keep the last `depth` messages; `latched` is transient local.
+
+    sent: what a publisher keeps, where that is less than what a subscriber asks for.
+    """
+
+    depth: int
+    reliable: bool = True
+    latched: bool = False
+    sent: int = 0
+
+
+@dataclass(frozen=True)
+class TopicSpec:
+    """One topic: type, name of its quality of service, what it carries, and who uses it.
+
+    barrier: the source of images starts when publishers and subscribers of the scene have matched.
+    """
+
+    name: str
+    type_name: str
+    qos: str
+    doc: str
+    barrier: bool = False
+    publishers: tuple[str, ...] = ()
+    subscribers: tuple[str, ...] = ()
+
+
+# In data order: a node stands after those whose topics it subscribes to.
+# fmt: off
+_NODES = (
+    NodeSpec('twin', settings.TwinSettings, images=True,
+             publishes=('camera/image_raw', 'camera/camera_info', 'truth'),
+             subscribes=('rim_command', 'control')),
+    NodeSpec('camera', settings.CameraSettings, images=True,
+             publishes=('camera/image_raw', 'camera/camera_info')),
+    NodeSpec('replay', settings.ReplaySettings, images=True,
+             publishes=('camera/image_raw', 'camera/camera_info', 'truth', 'blocks', 'block_taps',
+                        'slips', 'cascades', 'grain_triggers', 'control', '/clock')),
+    NodeSpec('tracker', settings.TrackerSettings, requires='camera/image_raw', real_time=True,
+             publishes=('blocks', 'camera/image/compressed', 'control'),
+             subscribes=('camera/image_raw', 'block_taps', 'control')),
+    NodeSpec('motion', settings.MotionSettings, requires='blocks', real_time=True,
+             publishes=('slips', 'cascades'),
+             subscribes=('blocks', 'block_taps')),
+    NodeSpec('leds', settings.LedsSettings, requires='slips', real_time=True,
+             publishes=('led_commands', 'block_taps', 'control'),
+             subscribes=('slips', 'truth', 'control')),
+    NodeSpec('grains', settings.GrainsSettings, requires='blocks', real_time=True,
+             publishes=('grain_triggers', 'corpus'),
+             subscribes=('blocks', 'control')),
+    NodeSpec('sound', settings.SoundSettings, requires='grain_triggers', real_time=True,
+             publishes=('sound_meter', 'sound_samples'),
+             subscribes=('grain_triggers', 'corpus', 'control'), optional=('slips',)),
+    NodeSpec('montage', settings.MontageSettings, requires='slips', nice=3,
+             publishes=('wall',),
+             subscribes=('slips', 'control')),
+    NodeSpec('panel', settings.PanelSettings, nice=3,
+             publishes=('rim_command', 'grain_triggers', 'control'),
+             subscribes=('camera/camera_info', 'camera/image/compressed', 'truth', 'blocks',
+                         'slips', 'cascades', 'led_commands', 'corpus', 'grain_triggers',
+                         'sound_meter', 'sound_samples', 'wall', 'control', '/diagnostics')),
+    NodeSpec('recorder', settings.RecorderSettings, nice=3,
+             subscribes=('camera/image_raw', 'camera/image/compressed', '/diagnostics')),
+)
+
+QOS = {
+    # 1 MB each: 20 bridge a third of a second of a busy subscriber. DDS threads answer in time even
+    # where the Python of the subscriber is busy: the twelve last to send again save 8 MB.
+    'images': QoS(20, sent=12),
+    'stream': QoS(60),  # small, one per image or per event
+    'preview': QoS(10, reliable=False),
+    'meter': QoS(10, reliable=False),
+    'latched': QoS(10, latched=True),
+    'health': QoS(10),
+    'clock': QoS(1, reliable=False),  # as rclcpp and rclpy ask for it
+}
+
+_TOPICS = (
+    TopicSpec('rim_command', 'eol_msgs/msg/RimCommand', 'stream', 'hands on the rim of the twin'),
+    TopicSpec('camera/image_raw', 'sensor_msgs/msg/Image', 'images',
+              'the infrared picture, mono8', barrier=True),
+    TopicSpec('camera/camera_info', 'sensor_msgs/msg/CameraInfo', 'latched',
+              'the calibration of the camera'),
+    TopicSpec('camera/image/compressed', 'sensor_msgs/msg/CompressedImage', 'preview',
+              'JPEG for people, only while somebody subscribes'),
+    TopicSpec('truth', 'eol_msgs/msg/Truth', 'stream', 'what the twin really did'),
+    TopicSpec('blocks', 'eol_msgs/msg/Blocks', 'stream',
+              'the 25 blocks, once per image', barrier=True),
+    TopicSpec('block_taps', 'eol_msgs/msg/BlockTap', 'stream',
+              "knocks felt by the blocks' own accelerometers"),
+    TopicSpec('slips', 'eol_msgs/msg/Slip', 'stream',
+              'a block starts to move, or stops', barrier=True),
+    TopicSpec('cascades', 'eol_msgs/msg/Cascade', 'stream',
+              'slips joined in time and neighbourhood', barrier=True),
+    TopicSpec('led_commands', 'eol_msgs/msg/LedCommand', 'stream',
+              "what was sent to the blocks' LEDs"),
+    TopicSpec('corpus', 'eol_msgs/msg/Corpus', 'latched', 'all grains and their places'),
+    TopicSpec('grain_triggers', 'eol_msgs/msg/GrainTrigger', 'stream',
+              'play this grain', barrier=True),
+    TopicSpec('sound_meter', 'eol_msgs/msg/SoundMeter', 'meter',
+              'waveform, spectrum and counters of the sound'),
+    TopicSpec('sound_samples', 'eol_msgs/msg/SoundSamples', 'meter',
+              "the engine's output, only while somebody subscribes"),
+    TopicSpec('wall', 'eol_msgs/msg/Wall', 'latched', 'the pair on the two walls'),
+    TopicSpec('control', 'eol_msgs/msg/Control', 'stream',
+              'requests of people; from which image on the tracker heeds them'),
+    TopicSpec('ready', 'std_msgs/msg/Empty', 'latched',
+              'startup barrier, without data: a node subscribes once it has discovered its peers',
+              subscribers=(EVERY_NODE,)),
+    TopicSpec('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', 'health',
+              'state of every node, once a second', publishers=(EVERY_NODE,)),
+    TopicSpec('/clock', 'rosgraph_msgs/msg/Clock', 'clock',
+              'recorded time, for nodes that use_sim_time', subscribers=(EVERY_NODE,)),
+)
+# fmt: on
+
+
+def _used(topic: TopicSpec) -> TopicSpec:
+    """Return the topic with the nodes that publish it and those that subscribe to it."""
+    publishers = tuple(node.name for node in _NODES if topic.name in node.publishes)
+    subscribers = tuple(node.name for node in _NODES if topic.name in node.subscribes)
+    return TopicSpec(
+        topic.name,
+        topic.type_name,
+        topic.qos,
+        topic.doc,
+        topic.barrier,
+        publishers + topic.publishers,
+        subscribers + topic.subscribers,
+    )
+
+
+NODES: dict[str, NodeSpec] = {node.name: node for node in _NODES}
+TOPICS: dict[str, TopicSpec] = {topic.name: _used(topic) for topic in _TOPICS}
+IMAGE_SOURCES = tuple(node.name for node in _NODES if node.images)
+
+
+def providers(node: str) -> tuple[str, ...]:
+    """Return the nodes of which one must publish what `node` requires: in a scene, or elsewhere."""
+    topic = NODES[node].requires
+    return tuple(name for name in TOPICS[topic].publishers if name != 'panel') if topic else ()
