@@ -65,7 +65,7 @@ setup(
     name='eol_ros',
     version='0.1.0',
     packages=find_packages(include=['eol_ros', 'eol_ros.*']),
-    package_data={'eol_ros.web': ['static/*', 'static/*/*']},
+    package_data={'eol_ros': ['py.typed'], 'eol_ros.web': ['static/*', 'static/*/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/eol_ros']),
         ('share/eol_ros', ['package.xml']),

@@ -159,7 +159,8 @@ def _titles(name: str, values: np.ndarray) -> list[str]:
 
 def _cells(value: Any) -> list:
     if isinstance(value, np.void):
-        return list(itertools.chain.from_iterable(_cells(v) for v in value))
+        names = value.dtype.names or ()
+        return list(itertools.chain.from_iterable(_cells(value[name]) for name in names))
     if isinstance(value, (np.datetime64, np.timedelta64)):
         ns = int(value.astype('i8'))
         return [f'{ns // 10**9}.{ns % 10**9:09d}']

@@ -39,7 +39,7 @@ class Figure:
             rows = csv.writer(file, lineterminator='\n')
             rows.writerow(self.columns)
             rows.writerows(zip(*(c.tolist() for c in self.columns.values()), strict=True))
-        fixed = {'svg.hashsalt': self.name, 'svg.fonttype': 'none', 'font.size': 10}
+        fixed: dict[Any, Any] = {'svg.hashsalt': self.name, 'svg.fonttype': 'none', 'font.size': 10}
         with matplotlib.rc_context(fixed):
             picture, axes = pyplot.subplots(figsize=(7, 4.2), layout='constrained')
             self.paint(axes, self.columns)

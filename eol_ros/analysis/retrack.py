@@ -252,7 +252,7 @@ def _compare_triggers(bag: Bag, inputs: list, result: Retracked) -> None:
         return
     selector = Selector(settings)
     selector.load(corpus)
-    rows = []
+    rows: list[tuple] = []
     for _log_ns, stamp_ns, record, seen in inputs:
         found = selector.update(stamp_ns * 1e-9, record['x'], record['y'], seen, record['sigma'])
         for t in found:

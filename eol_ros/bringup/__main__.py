@@ -51,7 +51,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the scene; return the exit code."""
     if args.seconds is not None and not args.seconds > 0:
         raise UsageError(f'--for {args.seconds:g}: not a time above 0 s')
-    scene, notes, sim_time = scenes.load(args.scene), [], False
+    scene, sim_time = scenes.load(args.scene), False
+    notes: list[str] = []
     warnings = scene.warnings
     if 'replay' in scene.nodes:
         from eol_ros.bringup import playback

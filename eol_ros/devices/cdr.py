@@ -34,11 +34,11 @@ _FIELD = re.compile(
 
 
 class Field(NamedTuple):
-    """One field: `count` is None for one value, -1 for a sequence, else the length of the array."""
+    """One field: `length` is None for one value, -1 for a sequence, else that of the array."""
 
     name: str
     type: str
-    count: int | None
+    length: int | None
     comment: str
 
     @property
@@ -128,13 +128,13 @@ class Decoder:
         return np.dtype([self._slot(f) for f in self.types[kind]] or [('nothing', 'u1')])
 
     def _slot(self, field: Field) -> tuple:
-        if field.count == -1 or field.type in ('string', 'wstring'):
+        if field.length == -1 or field.type in ('string', 'wstring'):
             return field.name, object
         if field.plain:
             base: Any = PRIMITIVES[field.type]
         else:
             base = TIMES.get(field.type) or self.dtype(field.type)
-        return (field.name, base) if field.count is None else (field.name, base, field.count)
+        return (field.name, base) if field.length is None else (field.name, base, field.length)
 
     def table(self, messages: Sequence[bytes]) -> dict[str, np.ndarray]:
         """Return the columns, in order of the definition; the header becomes stamp and frame_id.
@@ -156,7 +156,7 @@ class Decoder:
     def _empty(self, kind: str) -> dict[str, np.ndarray]:
         columns = {}
         for field in self.types[kind]:
-            if field.type == 'std_msgs/Header' and field.count is None:
+            if field.type == 'std_msgs/Header' and field.length is None:
                 columns.update(self._empty(field.type))
             else:
                 slot = np.dtype([self._slot(field)])
@@ -176,7 +176,8 @@ class Decoder:
             raise ConfigError(f'{self.type}: a message of {sizes.min()} bytes')
         for size in np.unique(sizes):
             left = np.flatnonzero(sizes == size)
-            raw = np.frombuffer(b''.join([messages[i] for i in left]), 'u1').reshape(-1, size)
+            joined = b''.join([messages[i] for i in left.tolist()])
+            raw = np.frombuffer(joined, 'u1').reshape(-1, size)
             if np.any(raw[:, 1] != 1):
                 raise ConfigError(f'{self.type}: not little-endian plain CDR, which ROS 2 writes')
             while len(left):
@@ -235,9 +236,9 @@ class Decoder:
             return kind, place, count
 
         def value(field: Field) -> Any:
-            if field.count is None:
+            if field.length is None:
                 return one(field.type)
-            count = length() if field.count == -1 else field.count
+            count = length() if field.length == -1 else field.length
             if field.plain:
                 return many(field.type, count)
             return [one(field.type) for _ in range(count)]
@@ -253,7 +254,7 @@ class Decoder:
     def _message(self, tree: dict, raw: np.ndarray, top: bool) -> dict[str, np.ndarray]:
         out = {}
         for field, node in tree.items():
-            if top and field.type == 'std_msgs/Header' and field.count is None:
+            if top and field.type == 'std_msgs/Header' and field.length is None:
                 out.update(self._message(node, raw, top))
             else:
                 out[field.name] = self._value(field, node, raw, top)
@@ -264,21 +265,21 @@ class Decoder:
         if field.plain:
             _kind, place, count = node
             values = _gather(raw, place, '<' + PRIMITIVES[field.type], count)
-            if field.count is None:
+            if field.length is None:
                 return values[:, 0]
-            return values if top or field.count >= 0 else _objects(values)
-        if field.count is None:
+            return values if top or field.length >= 0 else _objects(values)
+        if field.length is None:
             return self._single(field.type, node, raw, top)
         if field.type == 'string':
             words = np.empty((n, len(node)), object)
             for k, item in enumerate(node):
                 words[:, k] = self._single('string', item, raw, False)
-            return words if top or field.count >= 0 else _objects(words)
+            return words if top or field.length >= 0 else _objects(words)
         base = TIMES.get(field.type) or self.dtype(field.type)
         table = np.empty((n, len(node)), base)
         for k, item in enumerate(node):
             table[:, k] = self._single(field.type, item, raw, False)
-        return table if top or field.count >= 0 else _objects(table)
+        return table if top or field.length >= 0 else _objects(table)
 
     def _single(self, kind: str, node: Any, raw: np.ndarray, top: bool) -> np.ndarray:
         if kind == 'string':

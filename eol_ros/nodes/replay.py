@@ -89,6 +89,7 @@ class ReplayNode(EolNode):
             self._acknowledged([self.publishers_of[self._requests]])  # it keeps no more than 60
 
     def tick(self) -> None:
+        assert self.clock is not None  # there is a timer only then
         self.clock.publish(Clock(clock=to_msg(self.player.now_ns())))
 
     def give(self, message: BagMessage) -> None:

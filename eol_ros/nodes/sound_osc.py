@@ -45,9 +45,11 @@ class Osc:
                 end.close()
 
     def _slip(self, message) -> None:
+        assert self._out is not None  # it subscribes only then
         self._out.send('/eol/slip', message.block, message.kind, float(message.x), float(message.y))
 
     def _settings(self) -> None:
+        assert self.input is not None  # there is a timer only then
         for address, *values in self.input.take():
             name = address.removeprefix(SET)
             log = self._node.get_logger()

@@ -42,7 +42,7 @@ class TwinNode(EolNode):
         self.truth = self.publisher('truth')
         self.info = self.publisher('camera/camera_info')
         self.info.publish(camera_info(calibration))
-        self.infrared = np.ones(N_BLOCKS)  # light of each block
+        self.infrared: np.ndarray = np.ones(N_BLOCKS)  # light of each block
         self.subscribe('rim_command', self.on_rim_command)
         self.subscribe('control', self.on_control)
         self.film(0, 1e-4)  # compiles what is not compiled yet, before the clock runs

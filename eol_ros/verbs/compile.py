@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from typing import IO
 
 from eol_ros import compiled
 from eol_ros.errors import EolError, UsageError
@@ -77,7 +78,7 @@ def ensure(parts: Sequence[str]) -> None:
 def _percents(parts: Sequence[str]) -> Iterator[int]:
     """Compile `parts` and yield how far that is: every whole percent."""
     waiting = list(parts)
-    running: dict[int, tuple[str, subprocess.Popen[str]]] = {}
+    running: dict[int, tuple[str, subprocess.Popen[str], IO[str]]] = {}
     done = dict.fromkeys(parts, 0.0)
     total = sum(SECONDS[part] for part in parts)
     shown = 0
@@ -89,10 +90,10 @@ def _percents(parts: Sequence[str]) -> Iterator[int]:
                 command = [sys.executable, '-m', 'eol_ros', 'compile', '--here', '--parts', part]
                 child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, bufsize=1)
                 assert child.stdout is not None
-                running[child.stdout.fileno()] = part, child
+                running[child.stdout.fileno()] = part, child, child.stdout
             for fd in select.select(list(running), [], [], 1.0)[0]:
-                part, child = running[fd]
-                if line := child.stdout.readline():
+                part, child, output = running[fd]
+                if line := output.readline():
                     done[part] = min(int(line) / FUNCTIONS[part], 0.99) * SECONDS[part]
                     continue
                 del running[fd]
@@ -106,7 +107,7 @@ def _percents(parts: Sequence[str]) -> Iterator[int]:
                 shown += 1
                 yield shown
     finally:
-        for _, child in running.values():
+        for _, child, _ in running.values():
             child.kill()
 
 

@@ -4,6 +4,7 @@
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from eol_ros.core.terrain import CoverShape
 from eol_ros.errors import ConfigError, UsageError
@@ -55,7 +56,7 @@ def run(args):
         )
     else:
         heights = terrain.landscape(args.seed, args.rows, args.cols, args.cells)
-    covers = []
+    covers: list[dict[str, Any]] = []
     places = [(row, col) for row in range(args.rows) for col in range(args.cols)]
     for row, col in track(places, 'covers'):
         mesh = terrain.cover_mesh(terrain.tile(heights, row, col, args.cells), shape)

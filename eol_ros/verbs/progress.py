@@ -2,7 +2,7 @@
 """Progress of long work: a bar on a terminal, a line every tenth elsewhere; always on stderr."""
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sized
 from typing import TypeVar
 
 T = TypeVar('T')
@@ -10,7 +10,7 @@ T = TypeVar('T')
 
 def track(items: Iterable[T], words: str, total: float | None = None) -> Iterator[T]:
     """Yield `items` and show how far it has come; `total` where `items` has no length."""
-    if total is None and hasattr(items, '__len__'):
+    if total is None and isinstance(items, Sized):
         total = len(items)
     if sys.stderr.isatty():
         from rich.console import Console

@@ -68,7 +68,7 @@ def run(args):
         return 0
     if args.start and args.start > bag.duration_s:
         raise UsageError(f'--start {args.start:g}: the bag has {bag.duration_s:.1f} s')
-    topics = ()
+    topics: tuple[str, ...] = ()
     if args.only:
         full = [t for t, n in bag.counts.items() if n]
         topics = tuple(full if args.only == 'all' else map(bag.find, args.only.split(',')))

@@ -77,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
     if args.out:
         physics_file.save_run(args.out, result)
     energy = result.energy
+    assert energy is not None  # ledger=True
     report = {
         'path': result.path,
         'status': result.status,

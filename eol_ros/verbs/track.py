@@ -6,6 +6,7 @@ import sys
 import time
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -71,7 +72,9 @@ def run(args) -> int:
         tracker.tap(*tap)
         motion.tap(*tap)
     overlay, rows, spent = None, [], []
-    starts, slips, cascades, told = {}, [], [], set()
+    starts: dict[int, Any] = {}
+    slips: list[tuple] = []
+    cascades, told = [], set()
     for stamp_s, image in track(source.read(), 'tracking', total=source.count):
         begun = time.perf_counter()
         tracked = tracker.update(stamp_s, image)

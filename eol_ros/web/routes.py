@@ -91,7 +91,7 @@ class Routes:
                 self.say(f'refused host: {host[:60]!r} (panel.names allows further ones)')
                 response: web.StreamResponse = _error(403, 'this host name is not served')
             elif not guard.same_origin(origin, host):
-                self.say(f'refused origin: {origin[:60]!r} from {request.remote}')
+                self.say(f'refused origin: {str(origin)[:60]!r} from {request.remote}')
                 response = _error(403, 'requests from other sites are refused')
             else:
                 response = await handler(request)
@@ -189,7 +189,11 @@ class Routes:
         answer: asyncio.Future[str] = loop.create_future()
 
         def done(why: str) -> None:
-            loop.call_soon_threadsafe(lambda: answer.done() or answer.set_result(why))
+            loop.call_soon_threadsafe(settle, why)
+
+        def settle(why: str) -> None:
+            if not answer.done():
+                answer.set_result(why)
 
         self.bridge.change(node, values, done)
         try:

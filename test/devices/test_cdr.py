@@ -136,7 +136,7 @@ def test_comments_come_with_their_names():
 
 def test_constants_and_bounds_are_not_fields():
     fields = parse('uint8 A=1\nstring<=5 word\nstring S="x # y"\nbyte[<=9] data # d', 'p/msg/N')
-    assert [(f.name, f.type, f.count) for f in fields['p/N']] == [
+    assert [(f.name, f.type, f.length) for f in fields['p/N']] == [
         ('word', 'string', None),
         ('data', 'byte', -1),
     ]

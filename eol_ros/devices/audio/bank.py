@@ -121,6 +121,7 @@ class BankLoader:
 class _Entry:
     digest: str
     from_ns: int
-    grains: tuple  # what load_bank takes, but for the rate
+    # what load_bank takes, but for the rate
+    grains: tuple[Sequence[str], np.ndarray, np.ndarray, np.ndarray]
     bank: Bank | None = None
     key: list | None = None  # equal keys, equal banks

@@ -236,23 +236,23 @@ class Player:
         """Return ok, warn or error."""
         if self.stuck:
             return 'error'
-        if self.on_card or (self.device == 'wav' and not self._why and not self.output.full):
+        output = self.output
+        if isinstance(output, Card):
             return 'ok'
-        writes = not self.on_card and not self.output.name.startswith('nothing')
-        if not self._card_needed and writes and not self.output.full:
-            return 'ok'
-        return 'warn'
+        wanted = self.device == 'wav' and not self._why
+        writes = not self._card_needed and not output.name.startswith('nothing')
+        return 'ok' if (wanted or writes) and not output.full else 'warn'
 
     @property
     def text(self) -> str:
         """Return what is being done, for people."""
-        name = self.output.name
-        if self.on_card:
-            return f'playing on {name}'
-        full = '; the file has reached its limit' if self.output.full else ''
+        output = self.output
+        if isinstance(output, Card):
+            return f'playing on {output.name}'
+        full = '; the file has reached its limit' if output.full else ''
         if self.device == 'wav' and not self._why:
-            return f'writing {name}{full}'
-        return f'{self._why}; the sound goes to {name}{full}'
+            return f'writing {output.name}{full}'
+        return f'{self._why}; the sound goes to {output.name}{full}'
 
     def close(self, fade_out_s: float = 0.5) -> None:
         """Fade out and stop."""
@@ -315,6 +315,7 @@ class Player:
 
     def _lost(self) -> None:
         card = self.output
+        assert isinstance(card, Card)  # a file is never lost
         self.losses += 1
         self._why = f'sound card {card.name} is gone'
         if card.give_up():

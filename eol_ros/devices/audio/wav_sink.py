@@ -76,7 +76,7 @@ class WavSink:
             turn(mixer.address, out, 0)
             blocks += 1
             if self._file is not None:
-                self._write(out)
+                self._write(self._file, out)
         self._finish()
 
     def _begin(self, now_s: float) -> tuple[float, float]:
@@ -90,8 +90,8 @@ class WavSink:
         set_clock(self._mixer.state, first / rate)
         return first / rate + epoch_s - offset_s, offset_s
 
-    def _write(self, out: np.ndarray) -> None:
-        file, before = self._file, self._written
+    def _write(self, file: wave.Wave_write, out: np.ndarray) -> None:
+        before = self._written
         self._written += len(out)
         try:
             file.writeframesraw(np.round(np.clip(out, -1, 1) * 32767).astype('<i2').tobytes())

@@ -148,7 +148,7 @@ class BagFile:
         self.file.write(_packed(DataEnd(0)))
         start = self.file.tell()
         summary, offsets = bytearray(), bytearray()
-        groups = [
+        groups: list[tuple[Opcode, bytes | bytearray]] = [
             (Opcode.SCHEMA, _all_packed(self._schemas)),
             (Opcode.CHANNEL, _all_packed(self._channels)),
             (Opcode.STATISTICS, _packed(self._statistics())),

@@ -70,10 +70,11 @@ class _File:
                 except DAMAGE as error:
                     raise ConfigError(f'{self.path}: damaged: {error}') from None
                 return
-            for m in _whole_messages(file):
-                inside = m.log_ns >= start_ns and (end_ns is None or m.log_ns < end_ns)
-                if inside and (topics is None or m.topic in topics):
-                    yield m
+            for message in _whole_messages(file):
+                log_ns = message.log_ns
+                inside = log_ns >= start_ns and (end_ns is None or log_ns < end_ns)
+                if inside and (topics is None or message.topic in topics):
+                    yield message
 
     def _read_summary(self, file: BinaryIO) -> bool:
         try:

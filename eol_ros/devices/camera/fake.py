@@ -66,7 +66,7 @@ class FakeCapture:
         self._cv2, self._driver = cv2, driver
         self._present = time.monotonic() >= driver.gone_until_s
         self._values = {
-            cv2.CAP_PROP_FOURCC: float(cv2.VideoWriter_fourcc(*driver.formats[0])),
+            cv2.CAP_PROP_FOURCC: float(cv2.VideoWriter.fourcc(*driver.formats[0])),
             cv2.CAP_PROP_FRAME_WIDTH: float(driver.width),
             cv2.CAP_PROP_FRAME_HEIGHT: float(driver.height),
             cv2.CAP_PROP_FPS: driver.fps,

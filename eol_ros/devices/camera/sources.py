@@ -4,7 +4,7 @@
 import os
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -62,7 +62,7 @@ def is_coloured(image: np.ndarray) -> bool:
 class VideoFile:
     """The images of a file, one after another, as fast as they can be decoded."""
 
-    live = False
+    live: Literal[False] = False
 
     def __init__(self, settings: CameraSettings):
         self.name = settings.device
@@ -164,7 +164,7 @@ class LiveCamera:
     `find`, which turns the scene's name into a path.
     """
 
-    live = True
+    live: Literal[True] = True
 
     def __init__(
         self,
@@ -204,7 +204,7 @@ class LiveCamera:
         s = self._settings
         wanted = ('GREY', 'MJPG') if s.format == 'auto' else (s.format,)
         for name in wanted:
-            capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter_fourcc(*name))
+            capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*name))
             capture.set(cv2.CAP_PROP_FRAME_WIDTH, s.width)
             capture.set(cv2.CAP_PROP_FRAME_HEIGHT, s.height)
             if s.fps:

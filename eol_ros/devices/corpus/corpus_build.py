@@ -182,8 +182,8 @@ def _analysed(sound: Path, options: Options, progress):
         kept = {'rate': rate, 'duration_s': duration_s, 'grains': grains, 'silent': silent}
         part = path.with_name(f'.{os.getpid()}-{path.name}')
         try:
-            with open(part, 'wb') as file:
-                np.savez(file, **kept, notes=notes)
+            with open(part, 'wb') as made:
+                np.savez(made, **kept, notes=notes)
             os.replace(part, path)
         except OSError as error:
             raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None

@@ -7,6 +7,7 @@ A camera_info file of the ROS camera_calibration tool lacks `homography`, and th
 import datetime
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -193,7 +194,7 @@ def load_lens(path: str | Path) -> tuple[int, int, np.ndarray, np.ndarray]:
     wrong: list[str] = []
     if not isinstance(content, dict):
         raise ConfigError(f'{path}: holds {type(content).__name__}, not a camera_info')
-    size = [content.get(name) for name in _SIZE]
+    size: list[Any] = [content.get(name) for name in _SIZE]
     if not all(isinstance(value, int) and value >= 8 for value in size):
         wrong.append(f'image size is {size[0]!r} x {size[1]!r}')
     if content.get('distortion_model', 'plumb_bob') != 'plumb_bob':

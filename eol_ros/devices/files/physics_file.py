@@ -40,7 +40,7 @@ def save_run(path: str | Path, run: Run) -> None:
 
     Where blocks turn, `yaw` and `spin` as well.
     """
-    turns = {} if run.yaw is None else {'yaw': run.yaw, 'spin': run.spin}
+    turns: dict[str, Any] = {} if run.yaw is None else {'yaw': run.yaw, 'spin': run.spin}
     try:
         with open(path, 'wb') as file:
             np.savez_compressed(

@@ -45,7 +45,7 @@ def _rows(path, reader) -> np.ndarray:
         for name, value in DEFAULTS.items():
             row[name] = value
         for name, cell in zip(header, cells, strict=False):
-            if name not in TRIGGER.names:
+            if name not in (TRIGGER.names or ()):
                 continue
             try:
                 value = float(cell)
