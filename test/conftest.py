@@ -99,8 +99,13 @@ def pytest_terminal_summary(terminalreporter):
         str(report.longrepr[2]).removeprefix('Skipped: ') for report in stats.get('skipped', ())
     )
     counts = {name: len(stats.get(name, ())) for name in names}
-    again = [report.nodeid for report in stats.get('rerun', ())]
+    again = [f'{report.nodeid}: {_why(report)}' for report in stats.get('rerun', ())]
     Path(path).write_text(json.dumps({'counts': counts, 'skipped': reasons, 'rerun': again}))
+
+
+def _why(report):
+    crash = getattr(report.longrepr, 'reprcrash', None)
+    return ' '.join((crash.message if crash else str(report.longrepr)).split())[:300]
 
 
 def pytest_runtest_makereport(item, call):
