@@ -42,3 +42,18 @@ def _made(path: Path, variable: str) -> Path:
             f'{path}: {error.strerror}; set {variable} to a folder that can be written'
         ) from None
     return path
+
+
+def check_writable(path: str | Path, option: str) -> None:
+    """Raise ConfigError when a file cannot be written there: before the work, not after it.
+
+    option: the command's word that named the file, for the message.
+    """
+    path = Path(path).expanduser()
+    there = path.exists()
+    try:
+        path.open('ab').close()
+        if not there:
+            path.unlink()
+    except OSError as error:
+        raise ConfigError(f'{option} {path}: {error.strerror}') from None

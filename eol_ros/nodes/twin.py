@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives the graph with no hardware: a simulated table, its hands and its virtual camera."""
+"""Simulates table, visitors and camera, so that the graph runs without hardware."""
 
 import sys
 

@@ -66,7 +66,9 @@ def add_arguments(parser):
         metavar='A4..A0|WxH',
         help='to print on, sizes in mm (default: the smallest that does)',
     )
-    parser.add_argument('--dictionary', default='DICT_4X4_100', help='of the markers')
+    parser.add_argument(
+        '--dictionary', default='DICT_4X4_100', help='ArUco dictionary of the board'
+    )
     parser.add_argument(
         '--at',
         type=float,

@@ -17,12 +17,23 @@ EXAMPLES = [
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--url', default='http://127.0.0.1:8080', help='of the panel')
-    parser.add_argument('--swap', action='store_true', help='left picture on the right screen')
-    parser.add_argument('--screens', nargs=2, metavar='WxH+X+Y', help='instead of what xrandr says')
+    parser.add_argument('--url', default='http://127.0.0.1:8080', help='URL of the panel')
+    parser.add_argument(
+        '--swap', action='store_true', help='show the left picture on the right screen'
+    )
+    parser.add_argument(
+        '--screens',
+        nargs=2,
+        metavar='WxH+X+Y',
+        help='geometry of both screens, instead of what xrandr says',
+    )
     parser.add_argument('--browser', default='', help='command of a Chromium')
-    parser.add_argument('--windowed', action='store_true', help='plain windows, to try it')
-    parser.add_argument('--for', dest='seconds', type=float, metavar='SECONDS', help='then stop')
+    parser.add_argument(
+        '--windowed', action='store_true', help='open plain windows, not full screen'
+    )
+    parser.add_argument(
+        '--for', dest='seconds', type=float, metavar='SECONDS', help='close after so long'
+    )
 
 
 def run(args):

@@ -6,6 +6,7 @@ import json
 import sys
 import time
 
+from eol_ros import folders
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError
 
 HELP = 'run the earthquake automaton (or a rice pile) and fit the law of its sizes'
@@ -51,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--queue',
         default='bucket',
         choices=('bucket', 'sweep'),
-        help='how the next event is found (same events, other speed)',
+        help='event queue: the same events, at another speed',
     )
     parser.add_argument('--fit', default='', metavar='FROM:TO', help='sizes that tau is fitted on')
     parser.add_argument('--out', metavar='FILE.npz', help='write size, area, duration, first')
@@ -69,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
     if count < 1 or args.warmup < 0:
         raise UsageError(f'--events {count} --warmup {args.warmup}: at least 1 and 0 are wanted')
     full = bool(args.out)
+    if full:
+        folders.check_writable(args.out, '--out')
     fit_range = _fit_range(args.fit, lattice.side)
     _smallest(args).run(1, full)  # compiles now, not in the time that is told
     chunk = EXACT_CHUNK if exact else CHUNK

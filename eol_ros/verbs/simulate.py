@@ -25,10 +25,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--path', default='auto', choices=('auto', 'exact', 'event', 'stepping'), help='the solver'
     )
     parser.add_argument(
-        '--tol', type=float, metavar='T', help='of the event path (1e-9 geometric, 1e-12 linear)'
+        '--tol',
+        type=float,
+        metavar='T',
+        help='tolerance of the event solver (1e-9 geometric, 1e-12 linear)',
     )
     parser.add_argument(
-        '--step', type=float, default=1e-4, metavar='S', help='of stepping (1e-4 s)'
+        '--step',
+        type=float,
+        default=1e-4,
+        metavar='S',
+        help='step of the time-stepping solver (1e-4 s)',
     )
     parser.add_argument(
         '--repeat', type=int, default=1, metavar='N', help='time the best of N runs'
@@ -40,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from eol_ros import folders
     from eol_ros.core.physics import choose
     from eol_ros.core.physics.model import Model
     from eol_ros.core.physics.result import Limits
@@ -58,6 +66,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if scene.duration_s / args.sample > 5e6 / scene.n:
         raise UsageError(f'--sample {args.sample:g}: too many samples of {scene.duration_s:g} s')
+    if args.out:
+        folders.check_writable(args.out, '--out')
     compile.ensure(['simulate'])
     model = Model.of(scene)
     options = {

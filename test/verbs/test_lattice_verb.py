@@ -124,7 +124,8 @@ def test_too_few_events_are_told_instead_of_fitted(capsys):
         (('--fit', '2-9'), 2, 'like 2:200'),
         (('--start', 'none.npy'), 69, 'there is no file none.npy'),
         (('--model', 'oslo', '--arithmetic', 'exact'), 2, 'leave out'),
-        (('--out', '/nowhere/x.npz', '--size', 4, '--events', 5), 78, 'No such file'),
+        # told before the run, which would not end
+        (('--out', '/nowhere/x.npz', '--size', 64, '--events', 10**12), 78, 'No such file'),
     ],
 )
 def test_mistakes_are_one_line(capsys, words, code, message):
