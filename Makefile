@@ -22,10 +22,11 @@ bare: setup-test  ## tests of devices, pages and scenes, the optional system pac
 quick: setup-test  ## the tests of the pure core, in seconds
 	@$(PY) tools/run_tests.py --quick $(ARGS)
 
-lint: setup-test  ## ruff and mypy
+lint: setup-test  ## ruff, mypy and the terms that are not used
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
+	$(PY) tools/check_words.py
 
 docs: setup-test  ## write the generated parts of the docs anew
 	$(PY) tools/generate_docs.py

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""eol bench web: what lookers cost, and how late they see, hear and are obeyed.
+"""eol bench web: what viewers cost, and the latency of what they see, hear and do.
 
 The rehearsal runs; crowds of WebSocket viewers, in a process of their own, ask for what the pages
 ask for, one crowd after the other; then, with --browser, a headless Chromium looks at the monitor
@@ -191,7 +191,7 @@ async def _look(url: str, count: int, seconds: float, began: Any) -> dict[str, A
 
 
 def compare(crowds: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return, for the largest crowd, the graph's latency over that of nobody looking."""
+    """Return, for the largest crowd, the graph's latency over that with no viewer."""
     alone = [row['graph_latency_ms'] for row in crowds if row['viewers'] == 0]
     most = max(crowds, key=lambda row: row['viewers'], default=None)
     if not alone or not most or not most['viewers']:

@@ -84,7 +84,7 @@ class PanelNode(EolNode):
         self.day_file.save(self.day.kept(), time.monotonic())
         trouble = self.day_file.trouble
         say = self.health.warn if trouble else self.health.ok
-        say(f'{self.server.address}, {viewers} looking' + (trouble and f'; {trouble}'))
+        say(f'{self.server.address}, {viewers} viewers' + (trouble and f'; {trouble}'))
 
     def close(self) -> None:
         self.server.stop()

@@ -80,7 +80,7 @@ class Watch:
             self._moments.clear()
 
     def _spin(self) -> None:
-        # A looker stands back: it must not take a core from what it looks at.
+        # A viewer has a low priority: it must not take a core from what it shows.
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 5)
         while self._going:
             self._executor.spin_once(timeout_sec=0.1)

@@ -105,7 +105,7 @@ def test_the_stamp_of_the_image_passes_unchanged(run):
     images = {stamp for stamp, _ in seen['truth']}
     blocks = {stamp for stamp, _ in seen['blocks']}
 
-    # Who only looks on is not waited for, and on a busy machine misses some of what is true.
+    # Other subscribers are not waited for, and on a busy machine miss some of the truth.
     since = max(min(images), min(blocks))
     blocks = {stamp for stamp in blocks if stamp >= since}
     assert len(blocks) > 200 and len(blocks - images) < 0.1 * len(blocks)

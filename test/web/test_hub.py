@@ -49,8 +49,8 @@ def run(story):
 def test_a_viewer_gets_what_it_wants_and_no_more():
     async def story(hub):
         lines = Line(), Line()
-        looker, wall = (hub.join(line) for line in lines)
-        hub.want(looker, ['blocks', 'nonsense', 'slips'])
+        viewer, wall = (hub.join(line) for line in lines)
+        hub.want(viewer, ['blocks', 'nonsense', 'slips'])
         assert hub.demand == {'blocks', 'slips'}
         hub.put('blocks', b'b')
         hub.put('image', b'i')
@@ -58,7 +58,7 @@ def test_a_viewer_gets_what_it_wants_and_no_more():
         await asyncio.sleep(0)
         assert lines[0].taken() == [b'b', 'n']
         assert lines[1].taken() == ['n']
-        hub.leave(looker)
+        hub.leave(viewer)
         assert hub.demand == frozenset() and hub.viewers == {wall}
         hub.put('notices', 'late')
         await asyncio.sleep(0)

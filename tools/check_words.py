@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fails on words that this project once used for what the field has a name for.
+
+    tools/check_words.py
+
+What is renamed stays renamed: a word of the table in code, docs or help fails `make lint`, unless
+the place is allowed, with its reason.
+"""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+# Each pattern with the standard term that stands in its place.
+WORDS = {
+    r'\bGIVER_QOS\b': 'PUBLISHER_QOS',
+    r'\b(end_in_time|has_left)\b': 'arm, disarm (of the shutdown watchdog)',
+    r'\bDiary\b|\bdiary\.txt\b': 'EventLog, events.log',
+    r'\bbury\(': 'reap',
+    r'\bclass (Audience|Meeting)\b': 'StartupBarrier, PeerDiscovery',
+    r'\blooker(s|-on)?\b': 'viewer, other subscriber',
+    r'\banchor_s\b': 'baseline_s',
+    r'\bleave_ratio\b': 'rearm_ratio',
+    r'\bswap_s\b': 'crossfade_s',
+    r'\bclutter_at_sleep\b': 'relearn_background_on_sleep',
+    r'\beol warm\b': 'eol compile',
+    r'\beol walls\b': 'eol kiosk',
+    r'\b(exact1d|event2d|stepping_run|turning_step)\b': 'exact, event, stepping, rotation',
+    r'\bcore/physics/(plan|run|named|lattice)\.py\b': 'choose, result, presets, kernel_args',
+}
+# (pattern of the path, pattern of the word): why it may stand there.
+ALLOWED = {
+    (r'CHANGELOG\.rst', r'.*'): 'tells what was renamed',
+    (r'tools/check_words\.py', r'.*'): 'this table',
+    (r'eol_ros/settings\.py', r'anchor_s|leave_ratio|swap_s|clutter_at_sleep'): 'old keys, aliases',
+    (r'bags/sample/metadata\.yaml', r'.*'): 'recorded before, and read as it is',
+    (r'test/test_scene_file\.py', r'anchor_s'): 'tests that the old key is understood',
+}
+
+
+def allowed(path: str, word: str) -> bool:
+    """Return whether a word may stand in a file."""
+    return any(re.fullmatch(p, path) and re.fullmatch(w, word) for p, w in ALLOWED)
+
+
+def main() -> int:
+    """Print every place with a word of the table; return 1 where there is one."""
+    listed = subprocess.run(
+        ['git', 'ls-files', '-z'], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    found = 0
+    for name in filter(None, listed.stdout.split('\0')):
+        path = ROOT / name
+        if path.is_symlink() or not path.is_file():
+            continue
+        try:
+            lines = path.read_text(encoding='utf-8').splitlines()
+        except UnicodeDecodeError:
+            continue
+        for number, line in enumerate(lines, 1):
+            for pattern, term in WORDS.items():
+                for match in re.finditer(pattern, line):
+                    if not allowed(name, match.group()):
+                        print(f'{name}:{number}: {match.group()!r}: the term is {term}')
+                        found += 1
+    return int(bool(found))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
