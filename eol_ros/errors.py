@@ -22,6 +22,10 @@ class DeviceMissing(EolError):
     exit_code = os.EX_UNAVAILABLE
 
 
+class SupervisorSilent(EolError):
+    """A graph runs, but the process that supervises it does not answer."""
+
+
 class ConfigError(EolError):
     """A scene or another file says something wrong, or names a place that cannot be written."""
 

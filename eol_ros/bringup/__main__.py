@@ -3,7 +3,6 @@
 
 import argparse
 import dataclasses
-import os
 import sys
 import tempfile
 from pathlib import Path
@@ -15,6 +14,7 @@ from eol_ros import scene as scenes
 from eol_ros.bringup import plan, status
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.supervisor import Supervisor
+from eol_ros.bringup.terminal import Terminal
 from eol_ros.errors import UsageError
 from eol_ros.ros import installed
 
@@ -76,7 +76,9 @@ def run(args: argparse.Namespace) -> int:
         tempfile.TemporaryDirectory(prefix='eol-run-') as run_folder,
         server,
         EventLog(folders.state()) as events,
+        Terminal() as terminal,
     ):
+        say = terminal.say
         file = Path(run_folder) / f'{scene.name}.yaml'
         file.write_text(yaml.safe_dump(scenes.plain(scene), sort_keys=False))
         say(f'{scene.name}: {", ".join(scene.nodes)}')
@@ -96,14 +98,6 @@ def run(args: argparse.Namespace) -> int:
             compiler=plan.compiler(scene),
         )
         return supervisor.run(args.seconds)
-
-
-def say(text: str) -> None:
-    """Print a line for people."""
-    try:
-        print(text, file=sys.stderr, flush=True)
-    except (BrokenPipeError, OSError):  # the terminal has gone; the show goes on
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
 def main() -> int:

@@ -17,6 +17,7 @@ from eol_ros.bringup.policy import STARVED, Look, Policy, Silence
 _PR_SET_PDEATHSIG = 1
 _LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', '[DEBUG]')
 _INSIDE = (' ', 'Thread 0x', 'Current thread 0x', 'Extension modules:')  # of a traceback
+CHUNKS = 16  # of 64 KB at a time: one child that never stops writing must not keep us from the rest
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
@@ -51,8 +52,14 @@ class Child:
         """Start it."""
         health_out, health_in = os.pipe()
         output_out, output_in = os.pipe()
-        os.set_blocking(health_in, False)  # while we are away it does not wait for us to read
-        environment = {**os.environ, **self.process.environment, 'EOL_HEALTH_FD': str(health_in)}
+        for fd in (health_in, output_in):  # while we are away it does not wait for us to read
+            os.set_blocking(fd, False)
+        environment = {
+            **os.environ,
+            **self.process.environment,
+            'EOL_HEALTH_FD': str(health_in),
+            'PYTHONUNBUFFERED': '1',  # so print() drops what does not fit; else it would raise
+        }
         parent = os.getpid()
         self.popen = subprocess.Popen(
             self.process.command,
@@ -154,8 +161,9 @@ class Child:
             self.silence.take(Look(now_s, threads, processor.disk_wait_s()))
 
     def output(self) -> list[str]:
-        """Return the whole lines it has printed."""
-        return [line.decode(errors='replace') for line in self._lines('output', self.output_fd)]
+        """Return the whole lines it has printed; empty ones are what a full pipe left of some."""
+        lines = self._lines('output', self.output_fd)
+        return [line.decode(errors='replace') for line in lines if line]
 
     def for_people(self, line: str) -> bool:
         """Tell whether a line belongs on the terminal: no log, no traceback but its last line."""
@@ -170,7 +178,9 @@ class Child:
             return []
         data = self._rest[kind]
         with contextlib.suppress(BlockingIOError):
-            while chunk := os.read(fd, 65536):
+            for _ in range(CHUNKS):
+                if not (chunk := os.read(fd, 65536)):
+                    break
                 data += chunk
         *lines, rest = data.split(b'\n')
         self._rest[kind] = rest[-65536:]

@@ -25,7 +25,6 @@ _ENVIRONMENT = {
     # page by page, which tripled the time from a camera to its reader.
     'MALLOC_MMAP_THRESHOLD_': '8388608',
     'MALLOC_TRIM_THRESHOLD_': '8388608',
-    'PYTHONUNBUFFERED': '1',
     'PYTHONFAULTHANDLER': '1',
 }
 
@@ -97,7 +96,7 @@ def compiler(scene: Scene) -> Process | None:
     if not parts:
         return None
     command = (sys.executable, '-m', 'eol_ros', 'compile', '--parts', ','.join(parts))
-    return Process(('compiler',), command, {'PYTHONUNBUFFERED': '1'})
+    return Process(('compiler',), command, {})
 
 
 def domain(scene: Scene) -> int:

@@ -8,9 +8,11 @@ keeps a second bringup off the same domain.
 import contextlib
 import json
 import socket
+import struct
+from pathlib import Path
 from typing import Any
 
-from eol_ros.errors import DeviceMissing, UsageError
+from eol_ros.errors import DeviceMissing, SupervisorSilent, UsageError
 
 WORDS = ('ok', 'WARN', 'ERROR', 'starting', 'down')
 DOWN = 4
@@ -28,32 +30,57 @@ def listen(domain: int) -> socket.socket:
     except OSError:
         server.close()
         running = ''
-        with contextlib.suppress(DeviceMissing):
+        try:
             status = ask(domain)
             running = f' (scene {status["scene"]}, process {status["pid"]})'
+        except SupervisorSilent as error:
+            raise UsageError(f'a graph runs on domain {domain} already, but {error}') from None
+        except DeviceMissing:
+            pass
         raise UsageError(
             f'a graph runs on domain {domain} already{running}: '
             'stop it, or choose another domain with ROS_DOMAIN_ID'
         ) from None
-    server.listen(16)
+    server.listen(socket.SOMAXCONN)  # those who gave up waiting stay in the queue
     server.setblocking(False)
     return server
 
 
 def ask(domain: int, timeout_s: float = 2.0) -> dict[str, Any]:
-    """Return the status of the graph on `domain`; raise DeviceMissing when none runs."""
+    """Return the status of the graph on `domain`.
+
+    Raises DeviceMissing when none runs, SupervisorSilent when its supervisor does not answer.
+    """
+    pid = 0
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
         client.settimeout(timeout_s)
         try:
             client.connect(_address(domain))
+            credentials = client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12)
+            pid = struct.unpack('3i', credentials)[0]
             parts = []
             while part := client.recv(65536):
                 parts.append(part)
+        except (TimeoutError, BlockingIOError):  # the latter: even the queue is full
+            raise SupervisorSilent(_silent(domain, pid, timeout_s)) from None
         except OSError:
-            raise DeviceMissing(
-                f'no graph runs on domain {domain}: start one with `make run`'
-            ) from None
+            parts = []
+    if not parts:  # nobody listens, or not any more
+        raise DeviceMissing(f'no graph runs on domain {domain}: start one with `make run`')
     return json.loads(b''.join(parts))
+
+
+def _silent(domain: int, pid: int, timeout_s: float) -> str:
+    """Return what to do about a supervisor that has not answered; pid 0 is not known."""
+    who = f'process {pid}' if pid else 'process not known'
+    text = f'the supervisor of domain {domain} ({who}) does not answer within {timeout_s:g} s: '
+    if not pid:
+        return text + 'find it with `pgrep -af eol_ros`'
+    with contextlib.suppress(OSError):
+        state = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0]
+        if state in 'Tt':
+            return text + f'it is stopped, `kill -CONT {pid}` lets it go on; its nodes run'
+    return text + f'if that lasts, end it and its nodes with `kill -KILL {pid}` and start them anew'
 
 
 def answer(server: socket.socket, status: dict[str, Any]) -> None:

@@ -22,6 +22,7 @@ from eol_ros.streams.graph import IMAGE_SOURCES
 FINAL = (2, 69, 78)  # a node that ends so at the start will not do better when started again
 DRAIN_S = 0.3  # from the last image to all that it causes
 DUMP_S = 0.5  # a hung process may take this long to write down its stacks
+AWAY_S = 5.0  # bringup was stopped, or blocked, for longer: that is told
 STOP_STEPS = ((signal.SIGINT, 4.0), (signal.SIGTERM, 1.0), (signal.SIGKILL, 1.0))
 
 
@@ -74,6 +75,11 @@ class Supervisor:
                 age = now - self._began_s
                 if not any(child.starved for child in self.children):
                     could_s += min(now - last_s, PAUSE_S)
+                if now - last_s > AWAY_S:
+                    self._note(
+                        f'bringup stood still for {now - last_s:.0f} s; the nodes went on, but '
+                        'lines that they printed meanwhile may be lost'
+                    )
                 last_s = now
                 late = could_s > START_S or now - began_s > START_STARVED_S
                 if seconds is not None and self.all_ok_s is None and late:
@@ -278,6 +284,7 @@ class Supervisor:
                 while self._may_yet_end(group, patience_s):
                     for child in self.children:
                         self._listen(child, time.monotonic())
+                    status.answer(self._server, self.describe())
                     self._wait()
                 if not any(child.alive() for child in group):
                     break

@@ -2,11 +2,10 @@
 """How a node says how it is: `/diagnostics` for every ROS tool, and a heartbeat for bringup.
 
 The same status goes both ways once a second: as a `DiagnosticStatus` (REP 107), and as one JSON
-line to the inherited pipe that EOL_HEALTH_FD names. It is written by the executor, so a node whose
-executor hangs falls silent, and that is how bringup notices.
+line to the pipe inherited from bringup. It is written by the executor, so a node whose executor
+hangs falls silent, and that is how bringup notices.
 """
 
-import json
 import os
 import time
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
 from eol_ros.ros.give_back import give_back
+from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.stamps import to_msg
 
 if TYPE_CHECKING:
@@ -40,8 +40,7 @@ class Health:
         self._well = 0
         self._expected: tuple[str, float] | None = None
         self._last_tick_s, self._reported_s = self._now_s(), time.monotonic()
-        fd = os.environ.get('EOL_HEALTH_FD')
-        self._fd = int(fd) if fd else None
+        self._pipe = HealthPipe.inherited()
         node.create_timer(PERIOD_S, self._beat)
 
     def tick(self, count: int = 1) -> None:
@@ -117,11 +116,8 @@ class Health:
     def report(self) -> None:
         """Send the status both ways."""
         status = self.status()
-        if self._fd is not None:
-            try:
-                os.write(self._fd, (json.dumps(status, default=str) + '\n').encode())
-            except (BlockingIOError, BrokenPipeError):
-                pass  # a stuck or dead reader must not stop the show
+        if self._pipe is not None:
+            self._pipe.send(status)
         row = DiagnosticStatus(
             level=bytes([status['level']]),
             name=f'eol: {self._name}',

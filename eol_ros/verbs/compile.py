@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol compile: compile what a first run would have to wait for."""
 
-import json
 import os
 import select
 import signal
@@ -13,6 +12,7 @@ from typing import IO
 
 from eol_ros import compiled
 from eol_ros.errors import EolError, UsageError
+from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.verbs.progress import track
 
 HELP = 'Compile the kernels of twin, tracker and sound into the cache; make the ice recording.'
@@ -82,7 +82,7 @@ def _percents(parts: Sequence[str]) -> Iterator[int]:
     done = dict.fromkeys(parts, 0.0)
     total = sum(SECONDS[part] for part in parts)
     shown = 0
-    health = os.environ.get('EOL_HEALTH_FD')
+    health = HealthPipe.inherited()
     try:
         while waiting or running:
             while waiting and len(running) < max(len(os.sched_getaffinity(0)), 1):
@@ -102,7 +102,7 @@ def _percents(parts: Sequence[str]) -> Iterator[int]:
                 done[part] = SECONDS[part]
             percent = int(100 * sum(done.values()) / total)
             if health:
-                os.write(int(health), json.dumps({'percent': percent}).encode() + b'\n')
+                health.send({'percent': percent})
             while shown < percent:
                 shown += 1
                 yield shown

@@ -6,9 +6,12 @@ import os
 import time
 
 from eol_ros.bringup import status
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import EolError
 
-HELP = 'Say how the running graph is; exit code 0 all ok, 1 a warning, 2 an error, 69 none runs.'
+HELP = (
+    'Say how the running graph is; exit code 0 all ok, 1 a warning or no answer, 2 an error, '
+    '69 none runs.'
+)
 EXAMPLES = ['eol status', 'eol status --watch', 'eol status --json']
 
 
@@ -24,7 +27,7 @@ def run(args):
     while args.watch:
         try:
             text = status.table(status.ask(args.domain))
-        except DeviceMissing as error:
+        except EolError as error:
             text = str(error)
         print(f'\033[2J\033[H{text}', flush=True)
         time.sleep(1.0)

@@ -5,7 +5,7 @@ import json
 import sys
 import time
 
-from eol_ros.errors import DeviceMissing, UsageError
+from eol_ros.errors import DeviceMissing, SupervisorSilent, UsageError
 
 DISCOVERED_S = 1.5  # without a new node, topic or end of one: the whole graph has been discovered
 RATE_S = 3.0  # over which rates are measured
@@ -106,7 +106,7 @@ def _running() -> set[str]:
 
     try:
         rows = status.ask(plan.domain(Scene('', {})))['nodes']
-    except DeviceMissing:
+    except (DeviceMissing, SupervisorSilent):
         return set()
     return {row['node'] for row in rows if row['level'] < status.DOWN and row['text'] != 'finished'}
 

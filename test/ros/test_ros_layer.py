@@ -2,8 +2,11 @@
 """The door to ROS over real DDS."""
 
 import ast
+import contextlib
+import fcntl
 import json
 import os
+import threading
 import time
 import xml.dom.minidom
 from pathlib import Path
@@ -16,6 +19,7 @@ from rclpy.parameter import Parameter
 from eol_ros import nodes
 from eol_ros.errors import ConfigError
 from eol_ros.ros import network
+from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.images import ImagePublisher, image_from_cdr
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import to_msg, to_ns
@@ -183,3 +187,48 @@ def test_a_profile_of_the_user_stays(monkeypatch):
     monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', '/etc/mine.xml')
 
     assert 'FASTRTPS_DEFAULT_PROFILES_FILE' not in network.environment('local')
+
+
+def brimful(size=4096):
+    """Return both ends of a pipe into which nothing more fits, and how many bytes it holds."""
+    out, into = os.pipe()
+    fcntl.fcntl(into, fcntl.F_SETPIPE_SZ, size)
+    os.set_blocking(into, False)
+    count = 0
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            count += os.write(into, b'.' * 64)
+    os.set_blocking(into, True)  # as whoever starts a node by hand may hand it over
+    return out, into, count
+
+
+def test_a_full_health_pipe_does_not_hold_a_node_up(ros, monkeypatch):
+    out, into, count = brimful()
+    monkeypatch.setenv('EOL_HEALTH_FD', str(into))
+    node = ProbeNode(MontageSettings())
+    thread = threading.Thread(target=node.health.warn, args=('no picture',), daemon=True)
+    thread.start()
+    thread.join(5.0)
+    stuck = thread.is_alive()
+    assert len(os.read(out, count)) == count  # the reader goes on, and frees who is stuck
+    thread.join(5.0)
+    assert not stuck
+
+    node.health.error('no pictures at all')
+
+    lines = os.read(out, 65536).splitlines()
+    assert json.loads(lines[-1])['text'] == 'no pictures at all'
+
+
+def test_a_report_that_goes_in_parts_spoils_no_other():
+    out, into, _ = brimful(8192)
+    pipe = HealthPipe(into)
+    os.read(out, 5000)
+    assert pipe.send({'text': 'a' * 6000})  # longer than what the kernel takes whole
+    assert not pipe.send({'text': 'b'})
+    got = os.read(out, 65536)
+    assert pipe.send({'text': 'c'})
+    got += os.read(out, 65536)
+
+    texts = [json.loads(line)['text'] for line in got.lstrip(b'.').splitlines()]
+    assert texts == ['a' * 6000, 'c']

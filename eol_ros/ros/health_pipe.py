@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pipe to bringup: heartbeats of nodes, progress of the compiler. Writing never blocks."""
+
+import json
+import os
+from collections.abc import Mapping
+from typing import Any
+
+
+class HealthPipe:
+    """The write end, which EOL_HEALTH_FD names.
+
+    A report that does not fit is dropped: the reader stands still, and has older ones to read when
+    it goes on. Who reports does so every second, so the newest state comes within a second of that.
+    """
+
+    def __init__(self, fd: int):
+        os.set_blocking(fd, False)
+        self._fd = fd
+        self._rest = b''  # of a report longer than PIPE_BUF, which the kernel may take in parts
+
+    @classmethod
+    def inherited(cls) -> 'HealthPipe | None':
+        """Return the pipe of this process; None where no bringup has started it."""
+        fd = os.environ.get('EOL_HEALTH_FD')
+        return cls(int(fd)) if fd else None
+
+    def send(self, report: Mapping[str, Any]) -> bool:
+        """Write `report` as one line of JSON; return whether it was taken."""
+        try:
+            self._write(self._rest)
+            if self._rest:
+                return False
+            self._write(json.dumps(report, default=str).encode() + b'\n')
+        except (BlockingIOError, BrokenPipeError):  # a stuck or a dead reader
+            return False
+        return True
+
+    def _write(self, data: bytes) -> None:
+        self._rest = data[os.write(self._fd, data) :] if data else b''
