@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An analysis of your own: which blocks slipped most, and do long slips go further? Needs no ROS.
+
+python examples/analyse_bag.py [BAG]        the bag that ships where none is named
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from eol_ros.analysis import open_bag
+
+SAMPLE = Path(__file__).parents[1] / 'bags' / 'sample'
+STOP = 2  # slips['kind']: each slip is told when it starts and when it has stopped
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description='Count the slips of a bag.')
+    parser.add_argument('bag', nargs='?', default=SAMPLE)
+    bag = open_bag(parser.parse_args().bag)
+    slips = bag.table('slips')
+    slips = slips[slips['kind'] == STOP]
+    counts = np.bincount(slips['block'], minlength=25).reshape(5, 5)
+    print(f'{len(slips)} slips in {bag.duration_s:.1f} s; of each block, as seen from above:')
+    for row in counts[::-1]:  # row 0 is nearest to the viewer
+        print(' '.join(f'{count:4d}' for count in row))
+    together = np.corrcoef(slips['duration'], slips['distance'])[0, 1]
+    print(f'correlation of duration and distance: {together:.2f}')
+    areas = bag.table('cascades')['area']
+    print(f'{len(areas)} cascades; the widest moved {areas.max()} of 25 blocks')
+
+
+if __name__ == '__main__':
+    main()
