@@ -102,6 +102,22 @@ class _Place:
     text: str = ''  # of a scalar, as it is written
 
 
+def inherited(fd: int) -> Path:
+    """Return the path by which a process opens the scene that its parent has left it open."""
+    return Path(f'/proc/self/fd/{fd}')
+
+
+def _shown(path: Path) -> str:
+    """Return what to call a scene file: an inherited one by the name that bringup gave it.
+
+    What lies beside such a one is nothing: its paths have been resolved before.
+    """
+    if path.parent != inherited(0).parent:
+        return str(path)
+    given = os.readlink(path).removeprefix('/memfd:').removesuffix(' (deleted)')
+    return str(path.with_name(given.rpartition('/')[2]))
+
+
 class _Reader:
     """Reads one scene and gathers its mistakes."""
 
@@ -115,7 +131,7 @@ class _Reader:
 
     def read(self, path: Path, seen: tuple[Path, ...] = ()) -> _Place:
         """Return the mapping in `path`, its includes merged below it."""
-        name = str(path)
+        name = _shown(path)
         start = _Place({}, name, 1, 1)
         try:
             text = path.read_text(encoding='utf-8')
@@ -135,7 +151,7 @@ class _Reader:
         except yaml.YAMLError as error:
             self.wrong(start, '', f'not YAML: {str(error).splitlines()[0]}')
             return start
-        self.texts.append(f'# {path.name}\n{text}')
+        self.texts.append(f'# {Path(name).name}\n{text}')
         top = self._convert(tree, name) if tree else start
         if not isinstance(top.value, dict):
             self.wrong(top, '', 'a scene is a mapping with the keys ' + ', '.join(_KEYS))

@@ -45,7 +45,7 @@ BELOW = {
     'streams': {'core', 'streams', 'settings', 'errors'},
     'scene.py': {'settings', 'streams', 'errors'},
     'devices': {'core', 'devices', 'settings', 'errors', 'folders'},
-    'ros': {'core', 'ros', 'settings', 'streams', 'errors', 'scene', 'nodes'},
+    'ros': {'core', 'ros', 'settings', 'streams', 'errors', 'folders', 'scene', 'nodes'},
     'nodes': {'core', 'devices', 'ros', 'nodes', 'web', 'settings', 'streams', 'errors', 'scene'},
     'web': {'core', 'devices', 'web', 'settings', 'errors'},
     'bringup': {

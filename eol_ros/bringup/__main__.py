@@ -3,9 +3,10 @@
 
 import argparse
 import dataclasses
+import os
 import sys
-import tempfile
 from pathlib import Path
+from typing import TextIO
 
 import yaml
 
@@ -73,14 +74,12 @@ def run(args: argparse.Namespace) -> int:
     installed.require()
     server = status.listen(plan.domain(scene))
     with (
-        tempfile.TemporaryDirectory(prefix='eol-run-') as run_folder,
+        _scene_file(scene) as file,
         server,
         EventLog(folders.state()) as events,
         Terminal() as terminal,
     ):
         say = terminal.say
-        file = Path(run_folder) / f'{scene.name}.yaml'
-        file.write_text(yaml.safe_dump(scenes.plain(scene), sort_keys=False))
         say(f'{scene.name}: {", ".join(scene.nodes)}')
         events.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
         for note in (*warnings, *notes):
@@ -91,13 +90,27 @@ def run(args: argparse.Namespace) -> int:
             events.entry(f'{scene.name}: not recorded: {unrecorded}')
         supervisor = Supervisor(
             scene.name,
-            plan.processes(scene, file, sim_time),
+            plan.processes(
+                scene, scenes.inherited(file.fileno()), sim_time, inherit=(file.fileno(),)
+            ),
             server,
             events,
             say,
             compiler=plan.compiler(scene),
         )
         return supervisor.run(args.seconds)
+
+
+def _scene_file(scene: scenes.Scene) -> TextIO:
+    """Return the scene, written out, as an open file in memory for the nodes to inherit.
+
+    It has no place on a disk: no cleaner can take it before a node is started again, no end of a
+    session, and nothing is left of it.
+    """
+    file = os.fdopen(os.memfd_create(f'{scene.name[:60]}.yaml'), 'w', encoding='utf-8')
+    yaml.safe_dump(scenes.plain(scene), file, sort_keys=False)
+    file.flush()
+    return file
 
 
 def main() -> int:

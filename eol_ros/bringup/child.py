@@ -67,7 +67,7 @@ class Child:
             stdin=subprocess.DEVNULL,
             stdout=output_in,
             stderr=output_in,
-            pass_fds=(health_in,),
+            pass_fds=(health_in, *self.process.files),
             start_new_session=True,  # Ctrl-C reaches us alone; we stop the children in order
             preexec_fn=lambda: _prepare(parent),
         )

@@ -38,6 +38,7 @@ class Process:
     environment: dict[str, str]
     nice: int = 0
     real_time: bool = False
+    files: tuple[int, ...] = ()  # descriptors that it inherits
 
     @property
     def name(self) -> str:
@@ -59,8 +60,12 @@ def only(scene: Scene, names: Sequence[str]) -> Scene:
     )
 
 
-def processes(scene: Scene, file: Path, sim_time: bool = False) -> list[Process]:
+def processes(
+    scene: Scene, file: Path, sim_time: bool = False, inherit: Sequence[int] = ()
+) -> list[Process]:
     """Return the processes of `scene`; the nodes read their settings from `file`.
+
+    They inherit the descriptors `inherit`, of which `file` may be one.
 
     With `sim_time` their time is what a replay tells on /clock.
 
@@ -83,7 +88,7 @@ def processes(scene: Scene, file: Path, sim_time: bool = False) -> list[Process]
             command += ('--ros-args', '-p', 'use_sim_time:=true')
         nice = min(NODES[node].nice for node in nodes)
         real_time = scene.real_time and any(NODES[node].real_time for node in nodes)
-        found.append(Process(tuple(nodes), command, environment, nice, real_time))
+        found.append(Process(tuple(nodes), command, environment, nice, real_time, tuple(inherit)))
     return found
 
 

@@ -5,9 +5,12 @@ Fast DDS's default segment loses half of 1 MB images. `ROS_AUTOMATIC_DISCOVERY_R
 no barrier: a peer that lists our address gets in; a UDP whitelist of the loopback interface is one.
 """
 
+import contextlib
 import os
-import tempfile
 from pathlib import Path
+
+from eol_ros import folders
+from eol_ros.errors import ConfigError
 
 BIG_SEGMENT = 20 << 20  # processes that publish images: more of them than the giver keeps
 SMALL_SEGMENT = 2 << 20
@@ -58,23 +61,34 @@ def profile(network: str, images: bool) -> str:
 def environment(network: str = 'local', images: bool = False) -> dict[str, str]:
     """Return what to add to the environment of a process before it calls rclpy.init.
 
-    A profile that the user has named in FASTRTPS_DEFAULT_PROFILES_FILE is left as it is.
+    A profile that the user has named in FASTRTPS_DEFAULT_PROFILES_FILE is left as it is. Ours lies
+    in the cache, as Fast DDS reads nothing but a file with a place on a disk; every process that
+    starts writes it again where it is gone. Raises ConfigError where it cannot be written.
     """
     theirs = os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', '')
     if theirs and 'eol-dds-' not in theirs:
         return {'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}
-    folder = Path(tempfile.gettempdir()) / f'eol-dds-{os.getuid()}'
-    folder.mkdir(mode=0o700, exist_ok=True)
-    file = folder / f'{network}-{"images" if images else "small"}.xml'
-    text = profile(network, images)
-    if not file.exists() or file.read_text() != text:
-        part = file.with_suffix(f'.{os.getpid()}')
-        part.write_text(text)
-        part.replace(file)  # whole or not at all: other processes read it
+    file = folders.cache('dds') / f'eol-dds-{network}-{"images" if images else "small"}.xml'
+    _keep(file, profile(network, images))
     values = {'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp', 'FASTRTPS_DEFAULT_PROFILES_FILE': str(file)}
     if network == 'lan':
         values['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     return values
+
+
+def _keep(file: Path, text: str) -> None:
+    """Let `file` hold `text`, whole at every moment: other processes read it."""
+    with contextlib.suppress(OSError):
+        if file.read_text() == text:
+            return
+    part = file.with_suffix(f'.{os.getpid()}')
+    try:
+        part.write_text(text)
+        part.replace(file)
+    except OSError as error:
+        raise ConfigError(
+            f'{file}: {error.strerror}; set EOL_CACHE to a folder that can be written'
+        ) from None
 
 
 def configure(network: str = 'local', images: bool = False) -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from eol_ros import scene as scenes
+from eol_ros.bringup import __main__ as bringup
 from eol_ros.bringup import plan, playback
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
@@ -139,3 +140,17 @@ def test_nodes_behind_a_replay_follow_its_time():
     following = {name for name, words in commands.items() if 'use_sim_time:=true' in words}
     assert following == set(commands) - {'replay'}
     assert not any('use_sim_time:=true' in p.command for p in plan.processes(scene, Path('s.yaml')))
+
+
+def test_an_inherited_scene_has_its_name_and_is_open_to_every_process(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'bags').mkdir()  # a name in the scene means this only to the node that makes it
+    scene = scenes.load('rehearsal')
+    with bringup._scene_file(scene) as file:
+        path = scenes.inherited(file.fileno())
+        read = scenes.load(path)
+        found = plan.processes(scene, path, inherit=(file.fileno(),))
+
+    assert scenes.plain(read) == scenes.plain(scene)
+    assert read.text.startswith('# rehearsal.yaml\n')
+    assert {process.files for process in found} == {(int(path.name),)}

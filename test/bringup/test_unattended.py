@@ -7,6 +7,7 @@ import itertools
 import os
 import pty
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -166,6 +167,14 @@ def test_supervision_goes_on_while_the_terminal_is_held(start):
     assert run.process.wait(30) == 0
     os.close(master)
     os.close(slave)
+
+
+def test_a_node_comes_back_after_a_cleaner_has_emptied_tmp(start):
+    run = start()
+    for path in run.temporary.iterdir():
+        shutil.rmtree(path)
+
+    assert run.comes_back()['text'] == 'at-night'
 
 
 def test_status_of_a_stopped_supervisor(start, capsys):

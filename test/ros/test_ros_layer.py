@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import json
 import os
+import tempfile
 import threading
 import time
 import xml.dom.minidom
@@ -181,6 +182,23 @@ def test_profile(kind):
     assert f'<segment_size>{network.BIG_SEGMENT}</segment_size>' in text
     # Every image that the QoS keeps must fit in at once, or the oldest are overwritten unread.
     assert PUBLISHER_QOS['images'].depth * 1280 * 800 < network.BIG_SEGMENT
+
+
+def test_the_profile_is_not_a_cleaners_and_comes_back(tmp_path, monkeypatch):
+    monkeypatch.setenv('EOL_CACHE', str(tmp_path / 'cache'))
+    monkeypatch.setenv('TMPDIR', str(tmp_path / 'tmp'))
+    (tmp_path / 'tmp').mkdir()
+    monkeypatch.setattr(tempfile, 'tempdir', None)  # read TMPDIR again
+    for _ in range(2):
+        file = Path(network.environment('local')['FASTRTPS_DEFAULT_PROFILES_FILE'])
+        assert file.read_text() == network.profile('local', images=False)
+        assert tmp_path / 'cache' in file.parents
+        file.unlink()
+
+    assert not list((tmp_path / 'tmp').iterdir())
+    file.mkdir()
+    with pytest.raises(ConfigError, match='Is a directory; set EOL_CACHE'):
+        network.environment('local')
 
 
 def test_a_profile_of_the_user_stays(monkeypatch):
