@@ -2,6 +2,7 @@
 """Chooses the pair on the two walls: shuffles while anything moves, freezes when all is still."""
 
 import sys
+import time
 
 import numpy as np
 from eol_msgs.msg import Control, Slip, Wall
@@ -16,7 +17,10 @@ RELOAD_S = 1.0
 
 
 class MontageNode(EolNode):
-    """slips -> wall. An empty `left` and `right` means black: the work sleeps."""
+    """slips -> wall. An empty `left` and `right` means black: the work sleeps.
+
+    The shuffle counts in steady time, so a system clock that is set stops or hurries no wall.
+    """
 
     NAME = 'montage'
 
@@ -35,11 +39,11 @@ class MontageNode(EolNode):
         self.beat = self.create_timer(RELOAD_S, self.on_beat)
         self.beat.cancel()
         self.create_timer(RELOAD_S, self.on_reload)
-        self.show(self.shuffle.show(now_ns() / NS))
+        self.show(self.shuffle.show(time.monotonic()))
         self.report()
 
     def on_slip(self, slip: Slip) -> None:
-        self.shuffle.slip(slip.block, slip.kind == Slip.START, now_ns() / NS)
+        self.shuffle.slip(slip.block, slip.kind == Slip.START, time.monotonic())
         if self.wall.moving != bool(self.shuffle.moving):
             self.wall.header.stamp = slip.header.stamp
         self.on_beat()
@@ -51,14 +55,14 @@ class MontageNode(EolNode):
         self.on_beat()
 
     def on_beat(self) -> None:
-        flip = None if self.asleep else self.shuffle.update(now_ns() / NS)
+        flip = None if self.asleep else self.shuffle.update(time.monotonic())
         if flip:
             self.show(flip)
         elif self.wall.moving != bool(self.shuffle.moving):
             self.send()
         self.beat.cancel()  # it wakes when the next change is due, and not before
         if self.shuffle.moving and not self.asleep:
-            wait_s = self.shuffle.due_s - now_ns() / NS
+            wait_s = self.shuffle.due_s - time.monotonic()
             self.beat.timer_period_ns = round(max(wait_s, 0.001) * NS)
             self.beat.reset()
 
@@ -67,7 +71,7 @@ class MontageNode(EolNode):
         pairs = self.folder.pairs
         pair, wall = pairs[flip.pair], self.wall
         wall.change += 1
-        wall.flip = to_msg(round(flip.time_s * NS))
+        wall.flip = to_msg(now_ns() + round((flip.time_s - time.monotonic()) * NS))
         wall.left, wall.right = pair.left, pair.right
         wall.caption, wall.credit = pair.caption, pair.credit
         wall.ahead = [name for n in flip.coming for name in (pairs[n].left, pairs[n].right)]
@@ -95,13 +99,13 @@ class MontageNode(EolNode):
             self.wall.flip = to_msg(now_ns())
             self.send()
         else:
-            self.show(self.shuffle.show(now_ns() / NS))
+            self.show(self.shuffle.show(time.monotonic()))
 
     def on_reload(self) -> None:
         if self.folder.refresh():
             self.shuffle.replace(len(self.folder.pairs))
             if not self.asleep:
-                self.show(self.shuffle.show(now_ns() / NS))
+                self.show(self.shuffle.show(time.monotonic()))
         self.report()
 
     def report(self) -> None:

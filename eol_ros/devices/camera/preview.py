@@ -28,7 +28,7 @@ class Preview:
 
     def due(self, stamp_ns: int, rate_hz: float) -> bool:
         """Whether an image of this stamp is wanted; moves on to the next time if so."""
-        if stamp_ns < self._next_ns and self._next_ns - stamp_ns < 60e9:
+        if 0 < self._next_ns - stamp_ns < 1e9 / rate_hz:  # else the clock was set back
             return False
         self._next_ns = stamp_ns + int(0.95e9 / rate_hz)
         return True

@@ -4,6 +4,7 @@
 
 const KINDS = ['', 'blocks', 'truth', 'image', 'meter', 'sound', 'leds'];
 const RETRY_S = [1, 2, 4, 8, 10];
+const SET_S = 1; // by which the server's clock departs only where somebody sets it
 
 export class Link extends EventTarget {
   constructor(wants = [], pace = 0) {
@@ -101,6 +102,11 @@ export class Link extends EventTarget {
         Object.assign(this, { viewer: notice.viewer, mayPush: notice.push, pinNeeded: notice.pin });
         this.trusted = !notice.pin;
         if (!this.offsets.length) this.offset = notice.now - (performance.timeOrigin + here) / 1000;
+      }
+      // Somebody set the server's clock: the pings before say nothing of it any more.
+      if (notice.t === 'tick' && Math.abs(notice.now - this.now()) > SET_S) {
+        this.offsets = [];
+        this.offset = notice.now - (performance.timeOrigin + here) / 1000;
       }
       if (notice.t === 'trust') Object.assign(this, { trusted: notice.ok, mayPush: notice.push });
       this.heard[notice.t] = here;
