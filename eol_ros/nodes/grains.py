@@ -52,6 +52,9 @@ class GrainsNode(EolNode):
     def restart(self) -> None:
         self.selector, self.sequence = Selector(self.settings, self.corpus), 0
 
+    def time_jumped(self, jump_ns: int) -> None:
+        """The selector sees it in the stamps themselves; the triggers count on."""
+
     def on_control(self, message) -> None:
         if message.target == self.NAME and message.key == 'place' and self.corpus is not None:
             try:
@@ -90,6 +93,7 @@ class GrainsNode(EolNode):
         except ValueError as error:
             return self.health.error(str(error))
         self.health.tick()
+        self.stamped(message.stamp_ns)
         blocks = message.blocks
         seen = blocks['seen'] & (message.state == 1)  # Blocks.TRACKING
         time_s = message.stamp_ns * 1e-9

@@ -46,7 +46,11 @@ class LedsNode(EolNode):
     def restart(self) -> None:
         self.lights.restart()
 
+    def time_jumped(self, jump_ns: int) -> None:
+        """The lights follow the clock, so that the limit of flashes holds over the jump."""
+
     def on_slip(self, slip: Slip) -> None:
+        self.stamped(to_ns(slip.header.stamp))
         if slip.kind == Slip.START:
             self.tell(self.lights.slip(slip.block, to_ns(slip.header.stamp)))
             self.health.tick()

@@ -31,6 +31,9 @@ class MotionNode(EolNode):
     def restart(self) -> None:
         self.motion = Motion(self.settings)
 
+    def time_jumped(self, jump_ns: int) -> None:
+        """Motion sees it in the stamps themselves, as `eol report --retrack` does."""
+
     def on_tap(self, tap: BlockTap) -> None:
         self.motion.tap(to_ns(tap.header.stamp) * 1e-9, tap.block, tap.sigma)
 
@@ -39,6 +42,7 @@ class MotionNode(EolNode):
             message = blocks_from_cdr(raw)
         except ValueError as error:
             return self.health.error(str(error))
+        self.stamped(message.stamp_ns)
         blocks, stamp_s = message.blocks, message.stamp_ns * 1e-9
         seen = blocks['seen'] & (message.state == 1)  # Blocks.TRACKING
         # What begins goes out before anything else is thought of: light and sound wait for it.

@@ -81,11 +81,17 @@ class SoundNode(EolNode):
             self.asleep = False
             self.mixer.fade(1.0, self.settings.fade_in_s)
 
+    def time_jumped(self, jump_ns: int) -> None:
+        """The clock of the engine locks anew by itself; who was asleep stays so."""
+        self.banks.time_jumped(jump_ns)
+
     def on_trigger(self, message) -> None:
         self.health.tick()
         if self.osc:
             self.osc.trigger(message)
         stamp_ns = to_ns(message.header.stamp)
+        if message.block != NOBODY:
+            self.stamped(stamp_ns)
         bank = self.banks.at(stamp_ns)
         if bank is None:
             self.unheard += 1

@@ -50,6 +50,12 @@ class TrackerNode(EolNode):
         self.images, self.stamp_ns = 0, 0
         self.lamps = self.files.lamps  # to begin with
 
+    def time_jumped(self, jump_ns: int) -> None:
+        """Begin as a run does: the bag that begins here can then be proved from its images."""
+        stamp_ns = self.stamp_ns
+        self.restart()
+        self.stamp_ns, self.gaps = stamp_ns, StampGaps(self.scene.image_rate)
+
     def on_tap(self, tap: BlockTap) -> None:
         self.tracker.tap(to_ns(tap.header.stamp) * 1e-9, tap.block, tap.sigma)
 
@@ -91,6 +97,7 @@ class TrackerNode(EolNode):
             self.stamp_ns, image = image_from_cdr(raw)
         except ValueError as error:
             return self.health.error(str(error))
+        self.stamped(self.stamp_ns)
         if not self.images and self.lamps:
             self.ask(CLUTTER, self.lamps, self.stamp_ns)
         self.gaps.take(self.stamp_ns)

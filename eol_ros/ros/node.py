@@ -25,6 +25,7 @@ from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from eol_ros.core.played_clock import PlayedClock
+from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
 from eol_ros.ros.stamps import to_ns
@@ -42,10 +43,10 @@ AHEAD_NS = 100_000_000  # a stamp so far ahead of /clock was played before time 
 class EolNode(Node):
     """A node with `settings` (frozen dataclass), `scene`, `health` and the topic table.
 
-    A subclass sets NAME, wires topics in `__init__`, and may override `on_settings`, `restart` and
-    `close`. With the parameter `use_sim_time`, ROS time is what a replay tells on /clock; a node
-    that must know when its moments are played says MAPS_TIME. Timers run on the steady clock in
-    either case: a replay that stands still must not silence a node.
+    A subclass sets NAME, wires topics in `__init__`, and may override `on_settings`, `restart`,
+    `time_jumped` and `close`. With the parameter `use_sim_time`, ROS time is what a replay tells on
+    /clock; a node that must know when its moments are played says MAPS_TIME. Timers run on the
+    steady clock in either case: a replay that stands still must not silence a node.
     """
 
     NAME = ''
@@ -64,6 +65,7 @@ class EolNode(Node):
         if self.sim_time:
             self._follow_clock()
         self.health = Health(self)
+        self._stamps, self.time_jumps = StampWatch(), 0
         self._discovery = PeerDiscovery(self)
         self._looks = self.create_timer(LOOK_S, self._look)
 
@@ -125,6 +127,23 @@ class EolNode(Node):
         else:
             self.restart()
 
+    def stamped(self, stamp_ns: int) -> None:
+        """Take note of a stamp of the stream that this node lives by, before it is used.
+
+        Where the system clock was set the node starts anew. Behind a replay /clock tells.
+        """
+        if self.sim_time:
+            return
+        jump_ns = self._stamps.take(stamp_ns, time.monotonic_ns())
+        if jump_ns:
+            self.time_jumps += 1
+            self.health.values['time_jumps'] = self.time_jumps
+            way = 'ahead' if jump_ns > 0 else 'back'
+            self.get_logger().warning(
+                f'time jumped {way} by {abs(jump_ns) * 1e-9:.1f} s: starting anew'
+            )
+            self.time_jumped(jump_ns)
+
     def publisher(self, topic: str) -> Publisher:
         """Return a publisher of `topic` with type and QoS of the table."""
         row = TOPICS[topic]
@@ -166,6 +185,13 @@ class EolNode(Node):
 
         Called by the executor, before anything of the new round comes.
         """
+
+    def time_jumped(self, jump_ns: int) -> None:
+        """Forget what rests on earlier stamps: the clock of a running graph was set by `jump_ns`.
+
+        The run goes on: what people asked for and the count of events may stay.
+        """
+        self.restart()
 
     def close(self) -> None:
         """Release devices; called once on the way out."""

@@ -4,6 +4,7 @@
 import subprocess
 import sys
 import time
+import types
 
 import numpy as np
 import pytest
@@ -35,9 +36,9 @@ class Around(EolNode):
     def on_diagnostics(self, array):
         self.states += [(s.level[0], s.message) for s in array.status if s.name == 'eol: leds']
 
-    def slip(self, block, kind=Slip.START):
+    def slip(self, block, kind=Slip.START, ahead_s=0):
         message = Slip(kind=kind, block=block)
-        message.header.stamp = to_msg(now_ns())
+        message.header.stamp = to_msg(now_ns() + ahead_s * 10**9)
         self.slips.publish(message)
         return to_ns(message.header.stamp)
 
@@ -116,6 +117,25 @@ def test_the_light_dies_away_and_then_the_line_is_quiet(rig):
     assert max(np.diff(np.array(levels, int))) <= 0
     assert 20 < count == len(rig.around.commands)
     assert rig.leds.lights.twin.fake.levels() == [0] * 25
+
+
+@pytest.mark.parametrize('jump_s', [-3600, 3600])
+def test_light_goes_on_when_the_clock_is_set(rig, monkeypatch, jump_s):
+    rig.around.slip(3)
+    assert rig.until(lambda: rig.around.commands)
+    clock = types.SimpleNamespace(
+        time_ns=lambda: time.time_ns() + jump_s * 10**9, monotonic_ns=time.monotonic_ns
+    )
+    monkeypatch.setattr('eol_ros.devices.board.lights.time', clock)
+    assert rig.until(lambda: not rig.leds.lights.glows, 3.0)  # what shone dies away
+    stamp_ns = rig.around.slip(4, ahead_s=jump_s)
+    assert rig.until(lambda: any(c.white[4] == 255 for c in rig.around.commands))
+    assert rig.until(lambda: not rig.leds.lights.glows, 3.0)
+    levels = [c.white[4] for c in rig.around.commands]
+    assert len(set(levels[levels.index(255) :])) > 10  # frame by frame, not all together
+    shown = [to_ns(c.header.stamp) for c in rig.around.commands if c.white[4] == 255]
+    assert stamp_ns in shown
+    assert rig.leds.health.values['time_jumps'] == 1
 
 
 def test_a_stop_makes_no_light(rig):

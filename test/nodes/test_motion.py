@@ -72,3 +72,51 @@ def test_a_slip_goes_through_the_graph(ros, matched):
     node.close()
     node.destroy_node()
     probe.destroy_node()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('jump_s', [-3600, 3600])
+def test_slips_go_on_when_the_clock_is_set(ros, matched, jump_s):
+    node, probe = MotionNode(MotionSettings()), Probe()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    executor.add_node(probe)
+    for _ in range(600):
+        executor.spin_once(timeout_sec=0.05)
+        if matched(node, probe):
+            break
+    warned = []
+    node.get_logger().warning = warned.append
+    random, start_ns = np.random.default_rng(1), 1_700_000_000_000_000_000
+    for k in range(120):
+        t = k / 60
+        place = rest_lattice() + random.normal(0, 1e-5, (25, 2))
+        for slip_s in (0.5, 1.5):  # a slip before the jump and one half a second after it
+            place[12, 1] += 1.25 * min(max(t - slip_s, 0), 0.12) ** 2
+        message = Blocks(state=Blocks.TRACKING, image=k)
+        message.header.stamp = to_msg(start_ns + round((t + (k >= 60) * jump_s) * 1e9))
+        message.header.frame_id = 'table'
+        message.blocks = [
+            Block(id=i, x=x, y=y, sigma=1e-5, seen=True, visibility=1.0)
+            for i, (x, y) in enumerate(place.tolist())
+        ]
+        probe.blocks.publish(message)
+        for _ in range(600):
+            executor.spin_once(timeout_sec=0.05)
+            if node.health.ticks > k:
+                break
+    for _ in range(100):
+        executor.spin_once(timeout_sec=0.02)
+        if len(probe.slips) == 4:
+            break
+    assert [(s.kind, s.slip) for s in probe.slips] == [
+        (Slip.START, 1), (Slip.STOP, 1), (Slip.START, 2), (Slip.STOP, 2),
+    ]  # fmt: skip
+    (line,) = warned
+    way = 'ahead' if jump_s > 0 else 'back'
+    assert line.startswith(f'time jumped {way} by 3') and line.endswith(' s: starting anew')
+    assert node.health.status()['values']['time_jumps'] == 1
+    node.close()
+    for one in (node, probe):
+        one.destroy_node()
+    executor.shutdown()

@@ -12,7 +12,6 @@ that is known when frames before it are still to come returns those too.
 
 from eol_ros.core.light.flash import FlashField
 
-BACK_NS = 1_000_000_000  # times that fall back by more come from a clock that was set back
 NS = 1e-9
 
 
@@ -45,8 +44,6 @@ class Frames:
 
     def until(self, stamp_ns: int) -> list[bytes]:
         """Return the frames that lie at or before `stamp_ns` and were not returned before."""
-        if stamp_ns < self._last_ns - BACK_NS:
-            self._set_back(stamp_ns)
         frames = []
         while self.glows:
             at_ns = self._anchor_ns + round((self._count + 1) * self._period)
@@ -56,9 +53,9 @@ class Frames:
             self._count, self._last_ns = self._count + 1, max(at_ns, self._last_ns)
         return frames
 
-    def _set_back(self, stamp_ns: int) -> None:
-        """Go on at `stamp_ns` as if no time had passed, the limit of flashes included."""
-        back_ns = self._last_ns - stamp_ns
-        self.field.shift(-back_ns * NS)
-        self._anchor_ns -= back_ns
-        self._last_ns = stamp_ns
+    def shift(self, by_ns: int) -> None:
+        """Go on in stamps that are `by_ns` greater, the limit of flashes included: the clock was
+        set."""
+        self.field.shift(by_ns * NS)
+        self._anchor_ns += by_ns
+        self._last_ns += by_ns

@@ -12,6 +12,7 @@ import numpy as np
 
 from eol_ros.core.motion.cascades import CascadeEvent, Cascades
 from eol_ros.core.motion.slips import SlipDetector, SlipEvent
+from eol_ros.core.stamp_watch import BACK_S
 from eol_ros.settings import MotionSettings
 
 TAP_LAG_S = 0.1  # a tap counts from the first image this much later than it
@@ -36,6 +37,7 @@ class Motion:
         self.cascades = Cascades(settings)
         self.taps: list[tuple[float, int, float]] = []  # stamp, block, sigma
         self.fused: dict[int, tuple[float, float]] = {}  # slip: onset and sigma with its tap
+        self._went_back = False  # in the newest image
 
     def set(self, settings: MotionSettings) -> None:
         """Take new settings while running."""
@@ -72,6 +74,9 @@ class Motion:
 
         A block that slips again soon after a rest brings its STOP along, before its START.
         """
+        self._went_back = stamp_s < self.detector.last_s - BACK_S
+        if self._went_back:  # what is left of the time before would come due some day
+            self.taps = [t for t in self.taps if t[0] <= stamp_s + TAP_LAG_S]
         due = sorted(t for t in self.taps if t[0] + TAP_LAG_S <= stamp_s)
         if due:
             self.taps = [t for t in self.taps if t[0] + TAP_LAG_S > stamp_s]
@@ -86,6 +91,8 @@ class Motion:
         """Return the slips and cascades that end with the image given to `starts`."""
         events = [self._with_tap(event) for event in self.detector.stops()]
         numbers, closed = self.cascades.update(stamp_s, events)
+        if self._went_back:  # every slip has been stopped
+            closed += self.cascades.finish(stamp_s)
         return self._numbered(events, numbers), closed
 
     def _numbered(self, events: list[SlipEvent], numbers: list[int]) -> list[NumberedSlip]:

@@ -22,6 +22,7 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.onset import ACCELERATION_MPS2, onsets
 from eol_ros.core.motion.threshold import exceedance, threshold_sigmas
+from eol_ros.core.stamp_watch import BACK_S
 from eol_ros.settings import MotionSettings
 
 START = 1
@@ -100,6 +101,12 @@ class SlipDetector:
         self.begun = np.zeros(N_BLOCKS, bool)  # in the newest image
         self.deviation: np.ndarray | None = None  # of the newest image; None: it was passed over
 
+    def break_off(self) -> list[SlipEvent]:
+        """Return the stops of all running slips, at the last image, and forget as `reset`."""
+        stops = self._stop(self.moving.copy(), self.last_s, self.seen_s)
+        self.reset()
+        return stops
+
     def update(
         self,
         stamp_s: float,
@@ -112,7 +119,8 @@ class SlipDetector:
 
         x, y: (25,) m. seen: (25,) bool. sigma: (25,) m, the tracker's own opinion of each sample;
         only its ratio to the usual one counts. An image that is not newer than the last one is
-        passed over.
+        passed over; one that is older by more than BACK_S begins another time, and everything
+        anew.
         """
         return self.starts(stamp_s, x, y, seen, sigma) + self.stops()
 
@@ -129,12 +137,14 @@ class SlipDetector:
         self.owed = []
         self.begun[:] = False
         self.deviation = None
+        if stamp_s < self.last_s - BACK_S:
+            self.owed = self.break_off()
         if not stamp_s > self.last_s:
             return []
         gap = stamp_s - self.last_s
         if gap > GAP_S:
             if np.isfinite(self.last_s):
-                self.owed = self._stop(self.moving, self.last_s, self.seen_s)
+                self.owed += self._stop(self.moving, self.last_s, self.seen_s)
             self.good[:] = self.still[:] = False
         else:
             self.period_s = gap if self.period_s == 0.0 else 0.9 * self.period_s + 0.1 * gap

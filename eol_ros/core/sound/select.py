@@ -23,6 +23,7 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.corpus import Corpus, table_bounds
 from eol_ros.core.sound.triggers import MAX_RATE, MIN_RATE, TRIGGER
+from eol_ros.core.stamp_watch import BACK_S
 from eol_ros.settings import GrainsSettings
 
 FORGET_S = 0.25  # a block unseen for longer starts anew
@@ -91,9 +92,9 @@ class Selector:
         self, time_s: float, x: np.ndarray, y: np.ndarray, seen: np.ndarray, sigma_m: np.ndarray
     ) -> np.ndarray:
         """Take one image, each (25,), positions in metres; return its triggers (n,) TRIGGER."""
-        if time_s == self._time_s:
+        if self._time_s - BACK_S <= time_s <= self._time_s:
             return np.zeros(0, TRIGGER)
-        if time_s < self._time_s:  # a bag begins again
+        if time_s < self._time_s:  # a bag begins again, or the clock was set back
             self._reset()
             self._sounded_s[:] = self._swapped_s = -np.inf
             self._armed[:] = True

@@ -77,6 +77,12 @@ class BankLoader:
             past = [e for e in self._entries if e.from_ns <= stamp_ns] or self._entries[:1]
             return past[-1].bank if past else None
 
+    def time_jumped(self, jump_ns: int) -> None:
+        """The clock of stamps was set by `jump_ns`: so is from when each corpus counts."""
+        with self._lock:
+            for entry in self._entries:
+                entry.from_ns += jump_ns
+
     def news(self) -> list[EolError | None]:
         """Return once what came of each request since the last call: None if it was loaded."""
         with self._lock:

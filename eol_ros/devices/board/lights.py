@@ -15,11 +15,14 @@ from typing import Any, NamedTuple
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.frames import Frames
+from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.devices.board.board import Board, State, TapReport
 from eol_ros.errors import ConfigError
 from eol_ros.settings import LedsSettings
 
 LAG_NS = 40_000_000  # frames wait so long for the slips before them: 4 times what p99 takes
+SET_S = 0.02  # the system clock departs from steady time by more only where somebody sets it
+FOREIGN_NS = 1_000_000_000  # a stamp so old, or of the future, is of another clock
 
 
 class Sent(NamedTuple):
@@ -74,6 +77,7 @@ class Lights:
             )
         self._settings, self._played = settings, played
         self.frames = self._new_frames()
+        self._clock = StampWatch(SET_S, SET_S)
         self.asleep = False
         self.twin: Any = None
         self._on_tap = on_tap
@@ -121,12 +125,11 @@ class Lights:
         """Light `block` now, for a slip seen in the image of `stamp_ns`; not while asleep."""
         if self.asleep:
             return []
-        at_ns = stamp_ns if self.by_stamp else time.time_ns()
-        return self._show(self.frames.slip(at_ns, block), stamp_ns)
+        return self._show(self.frames.slip(self._at_ns(stamp_ns), block), stamp_ns)
 
     def frame(self) -> list[Sent]:
         """Send the light as it is by now; such a packet carries no stamp."""
-        until_ns = time.time_ns()
+        until_ns = self._now_ns()
         if self.by_stamp:
             until_ns -= LAG_NS
             until_ns = self._played.recorded_ns(until_ns) if self._played else until_ns
@@ -135,8 +138,7 @@ class Lights:
 
     def test(self, stamp_ns: int) -> list[Sent]:
         """Light all blocks once, for the people who set up and asked for it at `stamp_ns`."""
-        at_ns = stamp_ns if self.by_stamp and stamp_ns else time.time_ns()
-        return self._show(self.frames.slip(at_ns, *range(N_BLOCKS)))
+        return self._show(self.frames.slip(self._at_ns(stamp_ns), *range(N_BLOCKS)))
 
     def infrared(self, mask: int) -> list[Sent]:
         """Switch the infrared LEDs: bit b is that of block b."""
@@ -162,6 +164,22 @@ class Lights:
         if board.round_trip_ms:
             values['round_trip_ms'] = round(min(board.round_trip_ms), 2)
         return values | (self.twin.late_ms() if self.twin else {})
+
+    def _now_ns(self) -> int:
+        """Return system time. Where it was set, the light goes on as if it had not been."""
+        now_ns = time.time_ns()
+        jump_ns = self._clock.take(now_ns, time.monotonic_ns())
+        if jump_ns and (self._played is None or not self.by_stamp):
+            self.frames.shift(jump_ns)
+        return now_ns
+
+    def _at_ns(self, stamp_ns: int) -> int:
+        """Return from when a slip of `stamp_ns` counts: its arrival where that is not of now."""
+        now_ns = self._now_ns()
+        if not self.by_stamp or not stamp_ns:
+            return now_ns
+        ours = self._played is not None or 0 <= now_ns - stamp_ns < FOREIGN_NS
+        return stamp_ns if ours else now_ns
 
     def _new_frames(self) -> Frames:
         s = self._settings

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Has the clock been set? The stamps of a stream against steady time.
+
+Stamps are of the system clock, which NTP or a person may set by any amount. A stream that falls
+silent, comes late or comes in a burst is no jump: its stamps never fall back by much, nor run
+ahead of the steady time that has passed.
+"""
+
+BACK_S = 0.2  # stamps fall back by less where messages overtake each other
+AHEAD_S = 2.0  # a message may have waited so long for a busy reader before the newest did not
+NS = 1e9
+
+
+class StampWatch:
+    """Feed each stamp of one stream to `take`; all times are whole nanoseconds."""
+
+    def __init__(self, back_s: float = BACK_S, ahead_s: float = AHEAD_S):
+        self._back_ns, self._ahead_ns = round(back_s * NS), round(ahead_s * NS)
+        self._last: tuple[int, int] | None = None  # newest stamp, steady time of its arrival
+
+    def take(self, stamp_ns: int, steady_ns: int) -> int:
+        """Return by how much time has jumped before `stamp_ns`, heard at `steady_ns`; 0: not."""
+        if self._last is None:
+            self._last = stamp_ns, steady_ns
+            return 0
+        step_ns = stamp_ns - self._last[0]
+        jump_ns = step_ns - (steady_ns - self._last[1])
+        jumped = step_ns < -self._back_ns or jump_ns > self._ahead_ns
+        if jumped or step_ns > 0:
+            self._last = stamp_ns, steady_ns
+        return jump_ns if jumped else 0
