@@ -12,7 +12,7 @@ from rclpy.serialization import deserialize_message
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.recording import Recording
 from eol_ros.devices.bag.selection import Item, Slipping
-from eol_ros.devices.bag.writer import REPLAY_OF
+from eol_ros.devices.bag.writer import CONTINUES, REPLAY_OF
 from eol_ros.devices.cdr import counter
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.node import EolNode
@@ -50,15 +50,17 @@ class RecorderNode(EolNode):
         self.create_timer(1.0, self.tell)
         self.tell()
 
-    def begin(self) -> Recording:
-        """Return the recording of a run, or of one round of a replay."""
+    def begin(self, continues: str = '') -> Recording:
+        """Return the recording of a run, of one round of a replay, or of what `continues` a bag."""
         described, replay = self.described, self.scene.nodes.get('replay')
-        replay_of = {REPLAY_OF: replay.bag} if replay else {}
+        origin = {REPLAY_OF: replay.bag} if replay else {}
+        if continues:
+            origin[CONTINUES] = continues
         return Recording(
             Path(self.settings.folder).expanduser(),
             self.scene.name,
             list(described.values()),
-            about(self.scene) | replay_of,
+            about(self.scene) | origin,
             self.settings,
             images=self.resolve_topic_name(IMAGES),
             rhythm=[described[t].name for t in RHYTHM if t in described],
@@ -68,8 +70,17 @@ class RecorderNode(EolNode):
 
     def restart(self) -> None:
         """What is replayed has begun again: so does the bag, for a bag is one run."""
+        self._begin_anew()
+
+    def time_jumped(self, jump_ns: int) -> None:
+        """In one bag time only goes on: end it with a mark, and begin another that names it."""
+        ended = self.recording
+        ended.time_jump_s = round(jump_ns * 1e-9, 3)
+        self._begin_anew(ended.folder.name if ended.folder else '')
+
+    def _begin_anew(self, continues: str = '') -> None:
         self.recording.close()
-        self.recording, self._last, self._dropped, self._log_ns = self.begin(), 0, 0, 0
+        self.recording, self._last, self._dropped, self._log_ns = self.begin(continues), 0, 0, 0
         for item in self.latched.values():
             self._keep(item)
 
@@ -104,8 +115,9 @@ class RecorderNode(EolNode):
         if not now_ns:
             self._early.append(item)
             return 0
-        if self.sim_time:  # what is known of it gets better as it goes: it may step back a little
-            now_ns = self._log_ns = max(now_ns, self._log_ns + 1)
+        self.stamped(now_ns)
+        # It may step back a little: a clock that is set, or what is known of the time of a replay.
+        now_ns = self._log_ns = max(now_ns, self._log_ns + 1)
         while self._early:
             self.recording.take(self._early.popleft()._replace(log_ns=now_ns, publish_ns=now_ns))
         self.recording.take(item._replace(log_ns=now_ns, publish_ns=now_ns))

@@ -100,6 +100,39 @@ def test_the_bag_holds_the_bytes_that_were_published(ros, matched, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize('jump_s', [-3600, 3600])
+def test_a_set_clock_ends_the_bag_with_a_mark_and_begins_another(
+    ros, matched, tmp_path, monkeypatch, jump_s
+):
+    recorder, giver = record(tmp_path), Giver()
+    corpora = giver.publisher('corpus')
+    rig = Rig(recorder, giver)
+    rig.spin(lambda: matched(recorder, giver))
+    corpora.publish(Corpus(name='told once'))
+    rig.spin(lambda: recorder.latched)
+    folders = []
+    for part in range(2):
+        folders.append(recorder.recording.folder)
+        for k in range(5):
+            count = recorder.recording.received['/eol/blocks']
+            giver.give(giver.blocks, Blocks(image=5 * part + k))
+            rig.spin(lambda n=count: recorder.recording.received['/eol/blocks'] != n)
+        if part == 0:
+            monkeypatch.setattr(recorder, 'now_ns', lambda: now_ns() + jump_s * 10**9)
+            giver.give(giver.blocks, Blocks(image=99))
+            rig.spin(lambda: recorder.recording.folder != folders[0])
+    rig.close()
+    before, after = (BagReader(folder) for folder in folders)
+    assert json.loads(before.gaps['time_jump_s'])['system clock'] == pytest.approx(jump_s, abs=1)
+    assert after.about['continues'] == folders[0].name and 'time_jump_s' not in after.gaps
+    assert before.counts['/eol/blocks'] + after.counts['/eol/blocks'] == 11
+    assert after.counts['/eol/corpus'] == 1  # what was told once is in both
+    for bag in (before, after):
+        logged = [m.log_ns for m in bag.messages(['/eol/blocks', '/diagnostics'])]
+        assert logged == sorted(logged) and logged[-1] - logged[0] < 60 * 10**9
+
+
+@pytest.mark.slow
 def test_behind_a_replay_bags_are_in_its_time_and_one_a_round(ros, matched, tmp_path):
     sim = [Parameter('use_sim_time', value=True)]
     recorder = RecorderNode(

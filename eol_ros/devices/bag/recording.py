@@ -65,6 +65,7 @@ class Recording:
         self.folder: Path | None = None
         self.trouble = ''  # why nothing is recorded now; empty while all is well
         self.dropped: Counter[str] = Counter()
+        self.time_jump_s = 0.0  # by which the system clock was set where this bag ends
         self.repaired: list[str] = []
         self.image_bytes = 0
         self._budget_spent = False
@@ -144,12 +145,14 @@ class Recording:
 
     def gaps(self) -> dict[str, str]:
         """Return what was lost, per topic, as it goes into the metadata of the bag."""
-        counts = {
+        counts: dict[str, Mapping[str, float]] = {
             'received': self._gaps.received,
             'lost_before_recorder': {k: v for k, v in self._gaps.lost.items() if v},
             'dropped_in_recorder': dict(self.dropped),
             'stamp_gaps': {topic: gaps.missing for topic, gaps in self._rhythm.items()},
         }
+        if self.time_jump_s:
+            counts['time_jump_s'] = {'system clock': self.time_jump_s}
         return {name: json.dumps(value, sort_keys=True) for name, value in counts.items()}
 
     def _run(self) -> None:

@@ -21,6 +21,7 @@ PART = '.part'
 RUN_METADATA = 'eol_ros'  # of the MCAP metadata records that this project writes
 GAPS_METADATA = 'eol_ros.gaps'
 REPLAY_OF = 'replay_of'  # in RUN_METADATA: this run was itself a replay, of that bag
+CONTINUES = 'continues'  # the same: the bag of the run before the system clock was set
 SAMPLE = 'sample'  # the same: the recording that ships, not one of this machine
 
 
