@@ -122,3 +122,34 @@ def test_what_a_replay_learns_again_is_not_written_down(tmp_path):
         _, text = TrackerFiles(settings, keep).words(tracker, tracked)
         assert ('kept in' in text) is keep is (tmp_path / 'lamps.png').exists()
         (tmp_path / 'lamps.png').unlink(missing_ok=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('jump_s', [-3600, 3600])
+def test_blocks_go_on_when_the_clock_is_set(ros, matched, jump_s):
+    node, probe = TrackerNode(TrackerSettings()), Probe()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    executor.add_node(probe)
+    for _ in range(200):
+        executor.spin_once(timeout_sec=0.05)
+        if probe.images.subscribers() and matched(node, probe):
+            break
+    node.ask('dark', str(START_NS + 10**9), START_NS + 10**9)  # due in a time that never comes
+    for k, image in enumerate(pictures(40)):
+        stamp_ns = START_NS + round((k / 60 + (k >= 20) * jump_s) * 1e9)
+        probe.images.publish(stamp_ns, image)
+        for _ in range(200):
+            executor.spin_once(timeout_sec=0.05)
+            if len(probe.blocks) > k:
+                break
+    states = [message.state for message in probe.blocks]
+    assert states[19] == states[-1] == Blocks.TRACKING
+    assert all(block.seen for block in probe.blocks[-1].blocks)
+    assert [message.image for message in probe.blocks[20:23]] == [0, 1, 2]  # from the beginning
+    values = node.health.values
+    assert values['time_jumps'] == 1 and values['missing'] == 0
+    node.close()
+    for one in (node, probe):
+        one.destroy_node()
+    executor.shutdown()
