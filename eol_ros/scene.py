@@ -10,6 +10,7 @@ A scene names the nodes that run and what differs from their defaults:
       camera: {device: auto}
       tracker: {}
     together: [[camera, tracker]]
+    elsewhere: [motion]        # runs on another machine of the network
 
 Every scene has a recorder, named or not; `recorder: off` among the nodes leaves it out.
 """
@@ -30,7 +31,7 @@ from eol_ros.errors import ConfigError
 from eol_ros.settings import renamed
 from eol_ros.streams.graph import IMAGE_SOURCES, NODES, providers
 
-_KEYS = ('scene', 'include', 'network', 'domain', 'real_time', 'nodes', 'together')
+_KEYS = ('scene', 'include', 'network', 'domain', 'real_time', 'nodes', 'together', 'elsewhere')
 _WORDS = {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'text'}
 
 
@@ -43,6 +44,7 @@ class Scene:
     network: str = 'local'
     domain: int | None = None
     together: tuple[tuple[str, ...], ...] = ()
+    elsewhere: tuple[str, ...] = ()  # nodes of the graph that run on another machine
     path: Path | None = None
     real_time: bool = True  # where the system allows it
     text: str = ''  # of the file and its includes, as it goes into a bag
@@ -338,6 +340,8 @@ def plain(scene: Scene) -> dict[str, Any]:
     if 'recorder' not in scene.nodes:
         data['nodes']['recorder'] = False  # as YAML 1.1 reads `off`
     data['together'] = [list(group) for group in scene.together]
+    if scene.elsewhere:
+        data['elsewhere'] = list(scene.elsewhere)
     return data
 
 
@@ -374,7 +378,8 @@ def load(name: str | Path) -> Scene:
     for key in values:
         if key not in _KEYS:
             reader.unknown(top, key, key, _KEYS)
-    nodes = _nodes(reader, top)
+    elsewhere = _elsewhere(reader, top)
+    nodes = _nodes(reader, top, elsewhere)
     network = _choice(reader, values, 'network', ('local', 'lan'), 'local')
     real_time = _choice(reader, values, 'real_time', (True, False), True)
     domain = values.get('domain')
@@ -390,6 +395,7 @@ def load(name: str | Path) -> Scene:
         network,
         domain.value if domain else None,
         together,
+        elsewhere,
         path.resolve(),
         real_time,
         '\n'.join(reader.texts),
@@ -410,7 +416,7 @@ def _choice(
     return place.value
 
 
-def _nodes(reader: _Reader, top: _Place) -> dict[str, Any]:
+def _nodes(reader: _Reader, top: _Place, elsewhere: tuple[str, ...]) -> dict[str, Any]:
     place = top.value.get('nodes')
     if place is None or not isinstance(place.value, dict) or not place.value:
         if not reader.mistakes:
@@ -433,11 +439,25 @@ def _nodes(reader: _Reader, top: _Place) -> dict[str, Any]:
         reader.wrong(place.keys['tracker'], 'tracker.mirror', what)
     for name in nodes:
         needed = providers(name)
-        if needed and not any(other in place.value for other in needed):
+        if needed and not any(other in place.value or other in elsewhere for other in needed):
             topic, others = NODES[name].requires, ' or '.join(needed)
             what = f'subscribes to {topic}, which no node here publishes: add {others}'
             reader.wrong(place.keys[name], f'nodes.{name}', what)
     return {name: nodes[name] for name in NODES if name in nodes}  # in data order
+
+
+def _elsewhere(reader: _Reader, top: _Place) -> tuple[str, ...]:
+    place = top.value.get('elsewhere')
+    if place is None:
+        return ()
+    names = _bare(place)
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        reader.wrong(place, 'elsewhere', 'not a list of nodes, such as [camera, tracker]')
+        return ()
+    for name in names:
+        if name not in NODES:
+            reader.wrong(place, 'elsewhere', f'{name}: no such node; there are {", ".join(NODES)}')
+    return tuple(names)
 
 
 def _off(place: _Place) -> bool:

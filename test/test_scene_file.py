@@ -162,6 +162,15 @@ def test_a_setting_is_found_by_its_old_name_with_a_warning(tmp_path):
         scenes.load(write(tmp_path, both))
 
 
+@pytest.mark.parametrize('value', ['motion', '[1]', '[moton]'])
+def test_elsewhere_is_a_list_of_nodes(tmp_path, value):
+    text = f'nodes: {{montage: {{}}}}\nelsewhere: {value}'
+    with pytest.raises(scenes.SceneError, match='elsewhere'):
+        scenes.load(write(tmp_path, text))
+    right = write(tmp_path, 'nodes: {montage: {}}\nelsewhere: [motion]')
+    assert scenes.load(right).elsewhere == ('motion',)
+
+
 def test_include_is_merged_below(tmp_path):
     write(tmp_path, 'network: lan\nnodes: {twin: {fps: 30, seed: 7}, tracker: {}}', 'base.yaml')
     path = write(tmp_path, 'include: base.yaml\nnodes: {twin: {fps: 90}}')

@@ -46,7 +46,10 @@ class Process:
 
 
 def only(scene: Scene, names: Sequence[str]) -> Scene:
-    """Return the part of `scene` that consists of `names`; raise UsageError for others."""
+    """Return the part of `scene` that consists of `names`; raise UsageError for others.
+
+    The rest is taken to run elsewhere.
+    """
     for name in names:
         if name not in scene.nodes:
             near = difflib.get_close_matches(name, scene.nodes, 1, 0.5)
@@ -57,6 +60,7 @@ def only(scene: Scene, names: Sequence[str]) -> Scene:
         scene,
         nodes={name: scene.nodes[name] for name in scene.nodes if name in names},
         together=tuple(group for group in groups if len(group) > 1),
+        elsewhere=(*scene.elsewhere, *(name for name in scene.nodes if name not in names)),
     )
 
 

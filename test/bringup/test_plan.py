@@ -2,6 +2,7 @@
 from pathlib import Path
 
 import pytest
+import yaml
 
 from eol_ros import scene as scenes
 from eol_ros.bringup import __main__ as bringup
@@ -154,3 +155,14 @@ def test_an_inherited_scene_has_its_name_and_is_open_to_every_process(tmp_path, 
     assert scenes.plain(read) == scenes.plain(scene)
     assert read.text.startswith('# rehearsal.yaml\n')
     assert {process.files for process in found} == {(int(path.name),)}
+
+
+@pytest.mark.parametrize('name', ['twin', 'tracker', 'motion', 'leds', 'montage', 'panel', 'sound'])
+def test_any_part_of_a_scene_can_be_read_again_by_its_nodes(tmp_path, name):
+    """What `--only` cuts out needs publishers that run elsewhere."""
+    part = plan.only(scenes.load('rehearsal'), [name])
+    file = tmp_path / 'part.yaml'
+    file.write_text(yaml.safe_dump(scenes.plain(part)))
+    again = scenes.load(file)
+    assert (list(again.nodes), set(again.elsewhere)) == ([name], set(part.elsewhere))
+    assert name not in again.elsewhere and 'recorder' in again.elsewhere
