@@ -52,6 +52,7 @@ def test_one_slip_is_one_start_and_one_stop(fps, noise_m):
     assert stop.speed_mps == pytest.approx(np.sqrt(0.02 * 2.5), rel=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('fps', [60, 120])
 def test_a_slow_slide_is_not_cut_in_pieces(fps):
     path = lambda t: 0.015 * np.clip(t - 2.0, 0, 2.0)  # noqa: E731
@@ -161,6 +162,7 @@ def two_slips(fps, images, phase, acceleration=2.5, length_m=0.02):
     return path, begin, end, onset
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('fps', [60, 120])
 @pytest.mark.parametrize('images', [2, 3, 4])
 def test_a_rest_of_few_images_parts_two_slips(fps, images):
@@ -181,6 +183,7 @@ def test_a_rest_of_few_images_parts_two_slips(fps, images):
         assert mine[1].stamp_s == mine[2].stamp_s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('fps', [60, 120])
 def test_a_slow_pass_is_no_rest(fps):
     """The speed falls to 1 mm/s and rises again, the force on the block growing steadily."""
