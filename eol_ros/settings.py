@@ -6,6 +6,7 @@ started. A field made with `setting(...)` carries its unit, its range and its me
 """
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -329,3 +330,9 @@ def renamed(settings: type) -> dict[str, str]:
     """Return the names that fields of `settings` had before, each with the name of today."""
     named = {f.metadata.get('was'): f.name for f in dataclasses.fields(settings)}
     return {was: name for was, name in named.items() if was}
+
+
+def by_today(settings: type, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `values` of settings, as a bag or a scene has them, by the names of today."""
+    before = renamed(settings)
+    return {before.get(name, name): value for name, value in values.items()}

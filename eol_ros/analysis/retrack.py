@@ -17,7 +17,7 @@ import yaml
 from eol_ros.analysis.bag import Bag, Table
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.errors import ConfigError
-from eol_ros.settings import renamed
+from eol_ros.settings import by_today
 from eol_ros.streams.graph import NODES
 
 TRACKING = 1  # eol_msgs/Blocks.TRACKING
@@ -70,11 +70,10 @@ def settings_of(bag: Bag, node: str) -> Any:
     try:
         values = yaml.safe_load(bag.about['settings'])['nodes'][node]
         fields = {f.name for f in dataclasses.fields(NODES[node].settings)}
-        before = renamed(NODES[node].settings)
-        known = {
-            before.get(k, k): tuple(v) if isinstance(v, list) else v for k, v in values.items()
-        }
-        return NODES[node].settings(**{k: v for k, v in known.items() if k in fields})
+        known = by_today(NODES[node].settings, values)
+        return NODES[node].settings(
+            **{k: tuple(v) if isinstance(v, list) else v for k, v in known.items() if k in fields}
+        )
     except (KeyError, TypeError, yaml.YAMLError):
         raise ConfigError(
             f'{bag.path}: says nothing of the settings of {node}; it was recorded without its scene'

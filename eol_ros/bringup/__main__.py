@@ -54,7 +54,6 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f'--for {args.seconds:g}: not a time above 0 s')
     scene, sim_time = scenes.load(args.scene), False
     notes: list[str] = []
-    warnings = scene.warnings
     if 'replay' in scene.nodes:
         from eol_ros.bringup import playback
 
@@ -82,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         say = terminal.say
         say(f'{scene.name}: {", ".join(scene.nodes)}')
         events.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
-        for note in (*warnings, *notes):
+        for note in (*scene.warnings, *notes):
             say(note)
             events.entry(f'{scene.name}: {note}')
         if unrecorded:

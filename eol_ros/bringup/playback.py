@@ -10,7 +10,7 @@ from eol_ros.bringup import plan
 from eol_ros.devices.bag.player import complete
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.scene import Scene
-from eol_ros.settings import renamed
+from eol_ros.settings import by_today
 from eol_ros.streams.graph import NODES
 
 DECIDING = ('tracker', 'motion', 'grains', 'leds')  # what they do follows from bag and settings
@@ -43,7 +43,7 @@ def differences(about: dict[str, str], scene: Scene) -> list[str]:
     except (yaml.YAMLError, KeyError, TypeError):
         return []  # a bag of another program
     nodes = {
-        name: {renamed(NODES[name].settings).get(key, key): value for key, value in values.items()}
+        name: by_today(NODES[name].settings, values)
         for name, values in nodes.items()
         if name in NODES and isinstance(values, dict)
     }

@@ -31,7 +31,8 @@ def endpoints_of(scene: Any, topic: str) -> tuple[set[str], set[str]]:
     publishers = {n for n in row.publishers if n in scene.nodes and n != 'panel'}
     if 'replay' in publishers:
         topics = scene.nodes['replay'].topics or played(scene, True)
-        publishers -= set() if topic in topics else {'replay'}
+        if topic not in topics:
+            publishers.discard('replay')
     subscribers = set(row.subscribers) & set(scene.nodes) - {'panel', 'recorder'}
     recorder = scene.nodes.get('recorder')
     if recorder and (topic != 'camera/image_raw' or recorder.images in ('all', 'around_slips')):

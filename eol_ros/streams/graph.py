@@ -6,7 +6,7 @@ service, the startup barrier, priorities and the tables in the docs are made fro
 topics are relative to the namespace, but for those that begin with a slash.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from eol_ros import settings
 
@@ -157,14 +157,10 @@ def _used(topic: TopicSpec) -> TopicSpec:
     """Return the topic with the nodes that publish it and those that subscribe to it."""
     publishers = tuple(node.name for node in _NODES if topic.name in node.publishes)
     subscribers = tuple(node.name for node in _NODES if topic.name in node.subscribes)
-    return TopicSpec(
-        topic.name,
-        topic.type_name,
-        topic.qos,
-        topic.doc,
-        topic.barrier,
-        publishers + topic.publishers,
-        subscribers + topic.subscribers,
+    return replace(
+        topic,
+        publishers=publishers + topic.publishers,
+        subscribers=subscribers + topic.subscribers,
     )
 
 

@@ -24,6 +24,22 @@ class Probe(EolNode):
         self.subscribe('cascades', self.cascades.append)
 
 
+def track(probe, node, executor, image, stamp_ns, place):
+    """Publish the blocks of one image as the tracker does; return when the node has had them."""
+    message = Blocks(state=Blocks.TRACKING, image=image)
+    message.header.stamp = to_msg(stamp_ns)
+    message.header.frame_id = 'table'
+    message.blocks = [
+        Block(id=i, x=x, y=y, sigma=1e-5, seen=True, visibility=1.0)
+        for i, (x, y) in enumerate(place.tolist())
+    ]
+    probe.blocks.publish(message)
+    for _ in range(600):
+        executor.spin_once(timeout_sec=0.05)
+        if node.health.ticks > image:
+            break
+
+
 @pytest.mark.slow
 def test_a_slip_goes_through_the_graph(ros, matched):
     node, probe = MotionNode(MotionSettings()), Probe()
@@ -40,18 +56,7 @@ def test_a_slip_goes_through_the_graph(ros, matched):
         t = k / 60
         place = rest_lattice() + random.normal(0, 1e-5, (25, 2))
         place[12, 1] += 1.25 * min(max(t - 1.505, 0), 0.12) ** 2
-        message = Blocks(state=Blocks.TRACKING, image=k)
-        message.header.stamp = to_msg(start_ns + round(t * 1e9))
-        message.header.frame_id = 'table'
-        message.blocks = [
-            Block(id=i, x=x, y=y, sigma=1e-5, seen=True, visibility=1.0)
-            for i, (x, y) in enumerate(place.tolist())
-        ]
-        probe.blocks.publish(message)
-        for _ in range(600):
-            executor.spin_once(timeout_sec=0.05)
-            if node.health.ticks > k:
-                break
+        track(probe, node, executor, k, start_ns + round(t * 1e9), place)
     for _ in range(600):
         executor.spin_once(timeout_sec=0.05)
         if probe.cascades and len(probe.slips) == 2:
@@ -93,18 +98,8 @@ def test_slips_go_on_when_the_clock_is_set(ros, matched, jump_s):
         place = rest_lattice() + random.normal(0, 1e-5, (25, 2))
         for slip_s in (0.5, 1.5):  # a slip before the jump and one half a second after it
             place[12, 1] += 1.25 * min(max(t - slip_s, 0), 0.12) ** 2
-        message = Blocks(state=Blocks.TRACKING, image=k)
-        message.header.stamp = to_msg(start_ns + round((t + (k >= 60) * jump_s) * 1e9))
-        message.header.frame_id = 'table'
-        message.blocks = [
-            Block(id=i, x=x, y=y, sigma=1e-5, seen=True, visibility=1.0)
-            for i, (x, y) in enumerate(place.tolist())
-        ]
-        probe.blocks.publish(message)
-        for _ in range(600):
-            executor.spin_once(timeout_sec=0.05)
-            if node.health.ticks > k:
-                break
+        stamp_ns = start_ns + round((t + (k >= 60) * jump_s) * 1e9)
+        track(probe, node, executor, k, stamp_ns, place)
     for _ in range(100):
         executor.spin_once(timeout_sec=0.02)
         if len(probe.slips) == 4:
