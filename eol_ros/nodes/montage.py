@@ -11,7 +11,7 @@ from eol_ros.core.montage.shuffle import Flip, Shuffle
 from eol_ros.devices.files.media_folder import MediaFolder
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
-from eol_ros.ros.stamps import NS, now_ns, to_msg
+from eol_ros.ros.stamps import NS, now_ns, system_ns, to_msg
 
 RELOAD_S = 1.0
 
@@ -71,7 +71,7 @@ class MontageNode(EolNode):
         pairs = self.folder.pairs
         pair, wall = pairs[flip.pair], self.wall
         wall.change += 1
-        wall.flip = to_msg(now_ns() + round((flip.time_s - time.monotonic()) * NS))
+        wall.flip = to_msg(system_ns(flip.time_s))
         wall.left, wall.right = pair.left, pair.right
         wall.caption, wall.credit = pair.caption, pair.credit
         wall.ahead = [name for n in flip.coming for name in (pairs[n].left, pairs[n].right)]

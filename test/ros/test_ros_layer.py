@@ -23,7 +23,7 @@ from eol_ros.ros import network
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.images import ImagePublisher, image_from_cdr
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.stamps import to_msg, to_ns
+from eol_ros.ros.stamps import system_ns, to_msg, to_ns
 from eol_ros.ros.topics import CLOCK, PUBLISHER_QOS, QOS, message_class
 from eol_ros.settings import MontageSettings
 from eol_ros.streams.graph import NODES, TOPICS, providers
@@ -250,3 +250,22 @@ def test_a_report_that_goes_in_parts_spoils_no_other():
 
     texts = [json.loads(line)['text'] for line in got.lstrip(b'.').splitlines()]
     assert texts == ['a' * 6000, 'c']
+
+
+def test_steady_time_in_system_time_is_not_off_by_being_held_up(monkeypatch):
+    """Between the two clocks' first readings the process is held up for 3 ms."""
+    clock = [7_000_000_000]
+    held_up = [3_000_000]
+
+    def steady():
+        clock[0] += 400
+        return clock[0]
+
+    def system():
+        clock[0] += 400 + (held_up.pop() if held_up else 0)
+        return clock[0] + 1_790_000_000 * 10**9
+
+    monkeypatch.setattr(time, 'monotonic_ns', steady)
+    monkeypatch.setattr(time, 'time_ns', system)
+    expected = 1_790_000_012 * 10**9
+    assert abs(system_ns(12.0) - expected) <= 400
