@@ -44,10 +44,10 @@ BELOW = {
     'core': {'core', 'settings', 'errors'},
     'streams': {'core', 'streams', 'settings', 'errors'},
     'scene.py': {'settings', 'streams', 'errors'},
-    'devices': {'core', 'devices', 'settings', 'errors', 'folders'},
+    'devices': {'core', 'devices', 'settings', 'streams', 'errors', 'folders'},
     'ros': {'core', 'ros', 'settings', 'streams', 'errors', 'folders', 'scene', 'nodes'},
     'nodes': {'core', 'devices', 'ros', 'nodes', 'web', 'settings', 'streams', 'errors', 'scene'},
-    'web': {'core', 'devices', 'web', 'settings', 'errors'},
+    'web': {'core', 'devices', 'web', 'settings', 'streams', 'errors'},
     'bringup': {
         'bringup',
         'devices',

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from eol_ros.devices.bag.reader import BagReader
-from eol_ros.devices.cdr import Decoder
 from eol_ros.errors import UsageError
+from eol_ros.streams.cdr import Decoder
 
 BATCH = 4096  # messages decoded at a time
 

@@ -13,13 +13,13 @@ from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.recording import Recording
 from eol_ros.devices.bag.selection import Item, Slipping
 from eol_ros.devices.bag.writer import CONTINUES, REPLAY_OF
-from eol_ros.devices.cdr import counter
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.run_record import about
 from eol_ros.ros.startup_barrier import READY
 from eol_ros.ros.topics import CLOCK
+from eol_ros.streams.cdr import counter
 from eol_ros.streams.graph import TOPICS
 
 IMAGES, PREVIEW, SAMPLES = 'camera/image_raw', 'camera/image/compressed', 'sound_samples'

@@ -8,7 +8,6 @@ types that are on the wire.
 import functools
 import json
 import os
-import re
 import sys
 from pathlib import Path
 
@@ -17,28 +16,10 @@ from rclpy.qos import QoSProfile
 
 from eol_ros.errors import ConfigError
 from eol_ros.ros.topics import QOS
+from eol_ros.streams.definition import parse, references, short
 from eol_ros.streams.graph import TOPICS
 
 _SEPARATOR = '=' * 80
-_PRIMITIVES = {
-    'bool',
-    'byte',
-    'char',
-    'float32',
-    'float64',
-    'string',
-    'wstring',
-    'int8',
-    'uint8',
-    'int16',
-    'uint16',
-    'int32',
-    'uint32',
-    'int64',
-    'uint64',
-}
-# A field is `type name`, a constant `TYPE NAME=value`; both may follow with a comment.
-_FIELD = re.compile(r'^\s*(?P<type>[A-Za-z]\w*(?:/\w+)?)(?P<rest>\S*)\s+[a-z]\w*\s*(?!\s*=)')
 
 
 def share_file(type_name: str, suffix: str) -> Path:
@@ -55,20 +36,6 @@ def share_file(type_name: str, suffix: str) -> Path:
     )
 
 
-def field_types(type_name: str, text: str) -> list[str]:
-    """Return the message types of the fields of definition `text`, in order, as pkg/msg/Name."""
-    package, found = type_name.split('/')[0], []
-    for line in text.splitlines():
-        match = _FIELD.match(line.split('#')[0])
-        if match is None or match['type'] in _PRIMITIVES:
-            continue
-        parts = match['type'].split('/')
-        other = f'{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}'
-        if other not in found:
-            found.append(other)
-    return found
-
-
 @functools.cache
 def definition(type_name: str) -> str:
     """Return the `ros2msg` schema of `package/msg/Name`: itself, then all it refers to.
@@ -83,7 +50,7 @@ def definition(type_name: str) -> str:
         text = share_file(current, '.msg').read_text(encoding='utf-8')
         package, _, name = current.split('/')
         parts.append(text if not parts else f'{_SEPARATOR}\nMSG: {package}/{name}\n{text}')
-        for other in field_types(current, text):
+        for other in references(parse(text, current)[short(current)]):
             if other not in done:
                 done.add(other)
                 waiting.append(other)

@@ -2,7 +2,6 @@
 """Look at a running graph from outside: which stamps came when, on which topic."""
 
 import os
-import struct
 import threading
 import time
 from collections import defaultdict
@@ -11,7 +10,8 @@ from typing import Any
 
 from eol_ros.core.played_clock import PlayedClock
 from eol_ros.ros import network
-from eol_ros.ros.stamps import NS, to_ns
+from eol_ros.ros.stamps import to_ns
+from eol_ros.streams.cdr import stamp_ns
 
 
 class Watch:
@@ -64,8 +64,7 @@ class Watch:
         seen, raws = self.seen[topic], self.raw[topic]
 
         def take(raw: bytes) -> None:
-            seconds, nanoseconds = struct.unpack_from('<iI', raw, 4)  # the header's stamp
-            stamp, now = seconds * NS + nanoseconds, time.time_ns()
+            stamp, now = stamp_ns(raw), time.time_ns()
             if self.played is not None and stamp:
                 stamp = self._moments.setdefault(stamp, self.played.wall_ns(stamp) or now)
             seen.append((stamp, now))

@@ -17,9 +17,9 @@ from eol_ros.devices.bag.player import (
     complete,
 )
 from eol_ros.devices.bag.reader import BagReader
-from eol_ros.devices.bag.selection import stamp_ns
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError
+from eol_ros.streams.cdr import stamp_ns
 
 POINTS, TEXTS, IMAGES = '/eol/point', '/eol/text', '/eol/image'
 NS = 1_000_000_000

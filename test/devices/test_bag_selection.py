@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which pictures are kept, and how losses are counted."""
 
-import struct
-
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,7 +12,6 @@ from eol_ros.devices.bag.selection import (
     Slipping,
     StampGaps,
     Thinning,
-    stamp_ns,
 )
 
 STEP = NS // 60
@@ -135,8 +132,3 @@ def test_a_replay_that_loops_has_no_gap():
         for i in range(1, 30):
             gaps.take(i * STEP)
     assert gaps.missing == 0
-
-
-def test_the_stamp_of_a_serialised_message():
-    data = b'\0\1\0\0' + struct.pack('<iI', 1_700_000_000, 123)
-    assert stamp_ns(data) == 1_700_000_000 * NS + 123

@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from eol_ros.errors import ConfigError
-from eol_ros.ros.definitions import definition, describe, field_types, qos_text, type_hash
+from eol_ros.ros.definitions import definition, describe, qos_text, type_hash
 from eol_ros.ros.topics import QOS
 from eol_ros.streams.graph import TOPICS
 
@@ -25,23 +25,6 @@ def test_the_definition_has_the_hash_that_rosbags_computes_from_it(name):
 def test_mcap_ros2_understands_the_definition(name):
     dynamic = pytest.importorskip('mcap_ros2._dynamic')
     assert name in dynamic.generate_dynamic(name, definition(name))
-
-
-def test_types_that_fields_refer_to():
-    text = """
-# geometry_msgs/Point not_a_field
-uint8 KIND=1            # a constant
-string WORD="a b"
-std_msgs/Header header  # of the message
-Point[4] corners
-eol_msgs/Block[<=25] blocks
-float64[] x
-"""
-    assert field_types('geometry_msgs/msg/Made', text) == [
-        'std_msgs/msg/Header',
-        'geometry_msgs/msg/Point',
-        'eol_msgs/msg/Block',
-    ]
 
 
 def test_qos_is_what_rosbag2_writes():

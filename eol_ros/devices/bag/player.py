@@ -13,8 +13,8 @@ from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 from eol_ros.devices.bag.reader import BagMessage, BagReader
-from eol_ros.devices.bag.selection import stamp_ns
 from eol_ros.errors import ConfigError
+from eol_ros.streams.cdr import stamp_ns
 
 LATE_S = 0.02  # further behind than this, recorded time waits instead of hurrying on
 NAP_S = 0.1  # longest wait before stop and pause are looked at again

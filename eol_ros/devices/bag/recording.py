@@ -27,11 +27,11 @@ from eol_ros.devices.bag.selection import (
     Slipping,
     StampGaps,
     Thinning,
-    stamp_ns,
 )
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import EolError
 from eol_ros.settings import RecorderSettings
+from eol_ros.streams.cdr import stamp_ns
 
 FLUSH_S = 1.0
 RETRY_S = 10.0

@@ -2,7 +2,6 @@
 """What of a run is kept, and what was lost on the way. Pure bookkeeping over messages."""
 
 import statistics
-import struct
 from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -36,12 +35,6 @@ class Slipping(NamedTuple):
     number: int
     started: bool
     log_ns: int
-
-
-def stamp_ns(data: bytes) -> int:
-    """Return the stamp of a serialised message that begins with a std_msgs/Header, in ns."""
-    seconds, nanoseconds = struct.unpack_from('<iI', data, 4)
-    return seconds * NS + nanoseconds
 
 
 class AroundSlips:

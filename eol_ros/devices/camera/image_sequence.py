@@ -233,7 +233,7 @@ def _film(path: str, moments: Moments) -> ImageSource:
 
 def _bag(path: Path) -> ImageSource:
     from eol_ros.devices.bag.reader import BagReader
-    from eol_ros.devices.cdr import Decoder
+    from eol_ros.streams.cdr import Decoder
 
     bag = BagReader(path)
     topic = bag.find(IMAGE_TOPIC)

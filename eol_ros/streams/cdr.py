@@ -1,87 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Serialised ROS 2 messages to arrays, by the definition that a bag carries. No ROS needed.
+"""Serialised ROS 2 messages to arrays and back, by their definition. No ROS needed.
 
 Plain CDR as ROS 2 writes it (OMG DDS-XTypes 1.3, 7.4.3, encoding version 1): every value lies at a
 multiple of its size behind the 4-byte header. Messages whose strings and sequences are equally long
-have one layout; it is worked out once, and all of them are read as columns of one byte matrix.
+have one layout; it is worked out once. `Decoder` then reads many of them as columns of one byte
+matrix, `Fixed` reads and writes one at a time in place.
 """
 
-import re
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from eol_ros.errors import ConfigError
+from eol_ros.streams.definition import PRIMITIVES, Field, parse, short
 
 HEADER = 4
-PRIMITIVES = {
-    'bool': '?', 'byte': 'u1', 'char': 'u1', 'float32': 'f4', 'float64': 'f8',
-    'int8': 'i1', 'uint8': 'u1', 'int16': 'i2', 'uint16': 'u2',
-    'int32': 'i4', 'uint32': 'u4', 'int64': 'i8', 'uint64': 'u8',
-}  # fmt: skip
+NS = 1_000_000_000
 TIMES = {
     'builtin_interfaces/Time': 'datetime64[ns]',
     'builtin_interfaces/Duration': 'timedelta64[ns]',
 }
-_FIELD = re.compile(
-    r'(?P<type>[A-Za-z]\w*(?:/\w+){0,2})(?:<=\d+)?(?P<array>\[[^\]]*\])?'
-    r'\s+(?P<name>[a-z]\w*)\b(?!\s*=)'
-)
-
-
-class Field(NamedTuple):
-    """One field: `length` is None for one value, -1 for a sequence, else that of the array."""
-
-    name: str
-    type: str
-    length: int | None
-    comment: str
-
-    @property
-    def plain(self) -> bool:
-        """A number or bool, or an array of them."""
-        return self.type in PRIMITIVES
-
-
-def parse(definition: str, type_name: str) -> dict[str, list[Field]]:
-    """Return the fields of each `package/Name` in a `ros2msg` schema."""
-    package, name = type_name.split('/')[0], type_name.split('/')[-1]
-    types: dict[str, list[Field]] = {}
-    first, *others = re.split(r'^=+$\n^MSG: (\S+)$', definition, flags=re.MULTILINE)
-    pairs = [(f'{package}/{name}', first), *zip(others[::2], others[1::2], strict=True)]
-    for full, text in pairs:
-        full = re.sub('/msg/', '/', full)
-        types[full] = [_field(m, full.split('/')[0]) for m in _lines(text)]
-    return types
-
-
-def _lines(text: str) -> Iterator[tuple[re.Match, str]]:
-    for line in text.splitlines():
-        code, _, comment = line.partition('#')
-        match = _FIELD.match(code.strip())
-        if match:
-            yield match, comment.strip()
-
-
-def _field(line: tuple[re.Match, str], package: str) -> Field:
-    match, comment = line
-    kind, array = match['type'], match['array']
-    if kind not in PRIMITIVES and kind not in ('string', 'wstring'):
-        parts = kind.split('/')
-        kind = f'{parts[0] if len(parts) > 1 else package}/{parts[-1]}'
-    count = None
-    if array is not None:
-        inside = array[1:-1]
-        count = int(inside) if inside.isdigit() else -1
-    return Field(match['name'], kind, count, comment)
+TIME = np.dtype([('sec', '<i4'), ('nanosec', '<u4')])  # as it lies in a message
 
 
 @dataclass
-class _Layout:
+class Layout:
     """Where everything lies in one message: a tree of offsets, and the lengths that fixed it."""
 
     size: int
@@ -95,6 +42,16 @@ class _Layout:
             same &= _gather(raw, offset, '<u4')[:, 0] == value
         return same
 
+    def at(self, *path: str | int) -> tuple[str, int, int]:
+        """Return kind, offset and count of the value at the end of a path of names and indices."""
+        node = self.tree
+        for step in path:
+            if isinstance(step, str):
+                node = next(below for field, below in node.items() if field.name == step)
+            else:
+                node = node[step]
+        return node
+
 
 class Decoder:
     """Turns messages of one type into a structured array, one row a message."""
@@ -102,8 +59,8 @@ class Decoder:
     def __init__(self, type_name: str, definition: str):
         self.type = type_name
         self.types = parse(definition, type_name)
-        self.root = re.sub('/msg/', '/', type_name)
-        self._layouts: list[_Layout] = []
+        self.root = short(type_name)
+        self._layouts: list[Layout] = []
 
     @cached_property
     def comments(self) -> dict[str, str]:
@@ -111,7 +68,7 @@ class Decoder:
         found: dict[str, str] = {}
 
         def walk(kind: str, prefix: str) -> None:
-            for field in self.types.get(kind, ()):
+            for field in self.types[kind].fields if kind in self.types else ():
                 name = prefix + field.name
                 if field.type == 'std_msgs/Header' and not prefix:
                     found['stamp'] = field.comment
@@ -125,7 +82,7 @@ class Decoder:
 
     def dtype(self, kind: str) -> np.dtype:
         """Return the dtype of message type `kind` inside an array of messages."""
-        return np.dtype([self._slot(f) for f in self.types[kind]] or [('nothing', 'u1')])
+        return np.dtype([self._slot(f) for f in self.types[kind].fields] or [('nothing', 'u1')])
 
     def _slot(self, field: Field) -> tuple:
         if field.length == -1 or field.type in ('string', 'wstring'):
@@ -155,7 +112,7 @@ class Decoder:
 
     def _empty(self, kind: str) -> dict[str, np.ndarray]:
         columns = {}
-        for field in self.types[kind]:
+        for field in self.types[kind].fields:
             if field.type == 'std_msgs/Header' and field.length is None:
                 columns.update(self._empty(field.type))
             else:
@@ -165,12 +122,9 @@ class Decoder:
 
     def offset(self, name: str, data: bytes) -> int:
         """Return where the top-level field `name` lies in the message `data`."""
-        tree = self._walk(data).tree
-        return next(node[1] for field, node in tree.items() if field.name == name)
+        return self.layout(data).at(name)[1]
 
-    def _groups(
-        self, messages: Sequence[bytes]
-    ) -> Iterator[tuple[_Layout, np.ndarray, np.ndarray]]:
+    def _groups(self, messages: Sequence[bytes]) -> Iterator[tuple[Layout, np.ndarray, np.ndarray]]:
         sizes = np.array([len(m) for m in messages], int)
         if sizes.min(initial=HEADER) < HEADER:
             raise ConfigError(f'{self.type}: a message of {sizes.min()} bytes')
@@ -184,13 +138,14 @@ class Decoder:
                 known = (x for x in self._layouts if x.size == size and x.holds(raw)[0])
                 layout = next(known, None)
                 if layout is None:
-                    layout = self._walk(messages[left[0]])
+                    layout = self.layout(messages[left[0]])
                     self._layouts = [layout, *self._layouts[:31]]
                 same = layout.holds(raw)
                 yield layout, left[same], raw[same]
                 left, raw = left[~same], raw[~same]
 
-    def _walk(self, data: bytes) -> _Layout:
+    def layout(self, data: bytes) -> Layout:
+        """Return where everything lies in one message; raise ConfigError where it is too short."""
         lengths: list[tuple[int, int]] = []
         at = HEADER
 
@@ -223,7 +178,7 @@ class Decoder:
                 return kind, place, 1
             if kind not in self.types:
                 raise ConfigError(f'{self.type}: its definition does not say what {kind} is')
-            fields = self.types[kind]
+            fields = self.types[kind].fields
             if not fields:
                 at += 1  # the member that an empty struct gets in IDL
             return {f: value(f) for f in fields}
@@ -249,7 +204,7 @@ class Decoder:
             raise ConfigError(f'{self.type}: a message is shorter than its type: {error}') from None
         if at > len(data):
             raise ConfigError(f'{self.type}: a message of {len(data)} bytes, {at} are needed')
-        return _Layout(len(data), tree, np.array(lengths, int).reshape(-1, 2))
+        return Layout(len(data), tree, np.array(lengths, int).reshape(-1, 2))
 
     def _message(self, tree: dict, raw: np.ndarray, top: bool) -> dict[str, np.ndarray]:
         out = {}
@@ -292,11 +247,113 @@ class Decoder:
             place = node[1]
             seconds = _gather(raw, place, '<i4')[:, 0].astype('i8')
             nanoseconds = _gather(raw, place + 4, '<u4')[:, 0]
-            return (seconds * 1_000_000_000 + nanoseconds).view(TIMES[kind])
+            return (seconds * NS + nanoseconds).view(TIMES[kind])
         table = np.empty(len(raw), self.dtype(kind))
         for name, values in self._message(node, raw, False).items():
             table[name] = values
         return table
+
+
+class Fixed:
+    """Named values of all messages that have the layout of an example, read and written in place.
+
+    names: dotted, of numbers, times (as seconds and nanoseconds) and strings (as bytes). `dtype` is
+    a record that holds them where they lie, and behind them the lengths that fix the layout.
+    """
+
+    def __init__(self, layout: Layout, names: Sequence[str]):
+        places = [layout.at(*name.split('.')) for name in names]
+        places += [('uint32', offset, 1) for offset in layout.lengths[:, 0].tolist()]
+        self._lengths = tuple(layout.lengths[:, 1].tolist())
+        self._count = len(names)
+        self.dtype = np.dtype(
+            {
+                'names': [*names, *(f'length {k}' for k in range(len(self._lengths)))],
+                'formats': [_format(kind, count) for kind, _, count in places],
+                'offsets': [offset for _, offset, _ in places],
+                'itemsize': layout.size,
+            }
+        )
+
+    def values(self, raw: bytes) -> tuple | None:
+        """Return the values in order of the names; None where `raw` has another layout."""
+        if len(raw) < self.dtype.itemsize or raw[1] != 1:
+            return None
+        found = np.ndarray((), self.dtype, raw).item()
+        return found[: self._count] if found[self._count :] == self._lengths else None
+
+    def writer(self, raw: bytearray) -> Callable[..., None]:
+        """Return a function that writes the values, in order of the names, into `raw`."""
+        record = np.ndarray((), self.dtype, raw)
+        lengths = self._lengths
+
+        def write(*values: Any) -> None:
+            record[()] = (*values, *lengths)
+
+        return write
+
+
+def _format(kind: str, count: int) -> Any:
+    if kind in TIMES:
+        return TIME
+    return f'S{count}' if kind == 'string' else '<' + PRIMITIVES[kind]
+
+
+def encode(type_name: str, definition: str, values: Mapping[str, Any]) -> bytes:
+    """Return a message of `values`, nested as its fields are; what is left out is 0 or empty.
+
+    Times are whole nanoseconds. Raises ValueError for an array of another length than defined.
+    """
+    types = parse(definition, type_name)
+    out = bytearray(b'\0\1\0\0')
+
+    def numbers(kind: str, items: Any) -> None:
+        array = np.asarray(items, '<' + PRIMITIVES[kind])
+        if array.size:
+            out.extend(bytes(-(len(out) - HEADER) % array.itemsize))
+            out.extend(array.tobytes())
+
+    def one(kind: str, value: Any) -> None:
+        if kind == 'string':
+            text = (value or '').encode() + b'\0'
+            numbers('uint32', [len(text)])
+            out.extend(text)
+        elif kind in PRIMITIVES:
+            numbers(kind, [value or 0])
+        elif kind in TIMES:
+            numbers('int32', [(value or 0) // NS])
+            numbers('uint32', [(value or 0) % NS])
+        elif kind not in types:
+            raise ConfigError(f'{type_name}: its definition does not say what {kind} is')
+        else:
+            fields = types[kind].fields
+            for field in fields:
+                many(field, (value or {}).get(field.name))
+            if not fields:
+                out.append(0)  # the member that an empty struct gets in IDL
+
+    def many(field: Field, value: Any) -> None:
+        if field.length is None:
+            return one(field.type, value)
+        items = [None] * max(field.length, 0) if value is None else value
+        if field.length == -1:
+            numbers('uint32', [len(items)])
+        elif len(items) != field.length:
+            wrong = f'{field.name} has {len(items)} items, not {field.length}'
+            raise ValueError(f'{type_name}: {wrong}')
+        if field.plain and value is not None:
+            return numbers(field.type, items)
+        for item in items:
+            one(field.type, item)
+
+    one(short(type_name), values)
+    return bytes(out)
+
+
+def stamp_ns(raw: bytes) -> int:
+    """Return the stamp of a message that begins with a std_msgs/Header, in nanoseconds."""
+    seconds, nanoseconds = struct.unpack_from('<iI', raw, HEADER)
+    return seconds * NS + nanoseconds
 
 
 def counter(type_name: str, definition: str, field: str) -> Callable[[bytes], int]:
