@@ -218,7 +218,8 @@ def _noisy(rehearsal: Rehearsal, seed: int):
 def _tracked(rehearsal: Rehearsal, seed: int):
     from eol_ros.core.vision.calibration.model import Calibration
     from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
-    from eol_ros.core.vision.tracker import TRACKING, Tracker
+    from eol_ros.core.vision.states import TRACKING
+    from eol_ros.core.vision.tracker import Tracker
     from eol_ros.settings import TrackerSettings, TwinSettings
 
     twin, calibration = TwinSettings(), Calibration.ideal()

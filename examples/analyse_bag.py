@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros.analysis import open_bag
+from eol_ros.streams.slips import STOP
 
 SAMPLE = Path(__file__).parents[1] / 'bags' / 'sample'
-STOP = 2  # slips['kind']: each slip is told when it starts and when it has stopped
 
 
 def main() -> None:
@@ -20,7 +20,7 @@ def main() -> None:
     parser.add_argument('bag', nargs='?', default=SAMPLE)
     bag = open_bag(parser.parse_args().bag)
     slips = bag.table('slips')
-    slips = slips[slips['kind'] == STOP]
+    slips = slips[slips['kind'] == STOP]  # each is told when it starts and when it has stopped
     counts = np.bincount(slips['block'], minlength=25).reshape(5, 5)
     print(f'{len(slips)} slips in {bag.duration_s:.1f} s; of each block, as seen from above:')
     for row in counts[::-1]:  # row 0 is nearest to the viewer

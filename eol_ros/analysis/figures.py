@@ -12,10 +12,10 @@ import numpy as np
 
 from eol_ros.analysis.bag import Table, seconds
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
+from eol_ros.streams.slips import START, STOP
 
 # Okabe and Ito's colours, told apart by everyone.
 BLUE, ORANGE, GREEN, GREY = '#0072B2', '#D55E00', '#009E73', '#777777'
-START, STOP = 1, 2
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from eol_ros.analysis.retrack import Retracked
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
 from eol_ros.errors import ConfigError
+from eol_ros.streams.slips import START, STOP
 
-START, STOP = 1, 2  # eol_msgs/Slip
 SOUNDS_WITHIN_S = 0.25  # a slip that has not sounded by then does not sound
 
 

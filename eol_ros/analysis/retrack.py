@@ -15,25 +15,15 @@ import numpy as np
 import yaml
 
 from eol_ros.analysis.bag import Bag, Table
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.errors import ConfigError
 from eol_ros.settings import by_today
+from eol_ros.streams import cascades, slips, taps, triggers
+from eol_ros.streams.blocks import DTYPE, Blocks, each
+from eol_ros.streams.blocks import of as blocks_row
 from eol_ros.streams.graph import NODES
+from eol_ros.streams.images import Codec
 
-TRACKING = 1  # eol_msgs/Blocks.TRACKING
-# The records that tracker, motion and grains hand each other, in the precision of the message.
-BLOCK = np.dtype(
-    [('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'), ('u', 'f8'), ('v', 'f8'),
-     ('sigma', 'f4'), ('visibility', 'f4'), ('seen', '?')], align=True
-)  # fmt: skip
-SLIP_FIELDS = (
-    'kind', 'slip', 'block', 'onset', 'onset_sigma', 'x', 'y', 'speed', 'distance', 'duration',
-    'cascade', 'tapped',
-)  # fmt: skip
-CASCADE_FIELDS = (
-    'cascade', 'onset', 'duration', 'nucleus', 'area', 'size', 'blocks', 'distance'
-)  # fmt: skip
-TRIGGER_FIELDS = ('sequence', 'grain', 'block', 'gain', 'rate', 'pan', 'attack', 'release')
+CHUNK = 512  # images compared at a time
 
 
 @dataclass
@@ -50,6 +40,22 @@ class Comparison:
     def equal(self) -> bool:
         """Whether every message is the same to the last bit."""
         return self.recorded == self.recomputed and not self.different
+
+    def compare(self, mine: np.ndarray, theirs: np.ndarray, name: Callable[[int], str]) -> None:
+        """Compare rows (n,) with as many recorded ones, column by column; `name` names a row."""
+        unequal = dict(_unequal(mine, theirs))
+        rows = np.logical_or.reduce([np.zeros(len(mine), bool), *unequal.values()])
+        self.different += int(rows.sum())
+        if rows.any() and not self.first:
+            row = int(rows.argmax())
+            wrong = [
+                f'{column} {theirs[column][row]} and {mine[column][row]}'
+                if column in (mine.dtype.names or ())
+                else column
+                for column, where in unequal.items()
+                if where[row]
+            ]
+            self.first = f'{name(row)}: {"; ".join(wrong)}'
 
 
 @dataclass
@@ -98,7 +104,7 @@ def retrack(bag: Bag, track: Callable[[Iterable, str, int], Iterable] | None = N
         _compare_blocks(bag, blocks, result, track)
     else:
         result.notes.append('no pictures in the bag: compared from its blocks on')
-    inputs = list(_inputs(blocks))
+    inputs = list(zip(blocks['log_time'].astype('i8').tolist(), each(blocks), strict=True))
     _compare_motion(bag, inputs, result)
     if bag.counts.get('/eol/grain_triggers'):
         _compare_triggers(bag, inputs, result)
@@ -118,10 +124,17 @@ def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> N
     pictures = images(bag)
     if track:
         pictures = track(pictures, 'tracking', bag.counts['/eol/camera/image_raw'])
-    taps = _taps(bag)
+    waiting = _taps(bag)
+    mine: list[np.void] = []
+
+    def compare() -> None:
+        theirs = blocks[check.recomputed - len(mine) : check.recomputed]
+        check.compare(np.array(mine, DTYPE), theirs, lambda row: f'image {theirs["image"][row]}')
+        mine.clear()
+
     for log_ns, stamp_ns, image in pictures:
-        while taps and taps[0][0] <= log_ns:
-            tracker.tap(*taps.pop(0)[1:])
+        while waiting and waiting[0][0] <= log_ns:
+            tracker.tap(*waiting.pop(0)[1:])
         row = row_of.get(stamp_ns)
         if row is None:  # the tracker never saw it
             continue
@@ -129,20 +142,11 @@ def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> N
             break
         tracked = tracker.update(stamp_ns * 1e-9, image)
         check.recomputed += 1
-        mine = np.zeros(N_BLOCKS, BLOCK)
-        mine['x'], mine['y'] = tracked.world[:, 0], tracked.world[:, 1]
-        mine['u'], mine['v'] = tracked.px[:, 0], tracked.px[:, 1]
-        mine['yaw'], mine['sigma'] = tracked.yaw, tracked.sigma_m
-        mine['visibility'], mine['seen'] = tracked.visibility, tracked.seen
-        theirs = blocks[row]
-        wrong = [n for n in BLOCK.names or () if not _same(mine[n], theirs['blocks'][n])]
-        if tracked.state != theirs['state']:
-            wrong.append('state')
-        if tracked.symmetry_ambiguous != theirs['symmetry_ambiguous']:
-            wrong.append('symmetry_ambiguous')
-        if wrong:
-            check.different += 1
-            check.first = check.first or f'image {theirs["image"]}: {", ".join(wrong)}'
+        mine.append(blocks_row(stamp_ns, tracked, blocks['image'][row]))
+        if len(mine) == CHUNK:
+            compare()
+    if mine:
+        compare()
     if check.recomputed < check.recorded:
         result.notes.append(
             f'blocks compared up to image {check.recomputed} of {check.recorded}: the picture of '
@@ -171,74 +175,44 @@ def _taps(bag: Bag) -> list[tuple[int, float, int, float]]:
     if '/eol/block_taps' not in bag.topics:
         return []
     table = bag.table('block_taps')
-    return list(
-        zip(
-            table['log_time'].astype('i8').tolist(),
-            [ns * 1e-9 for ns in table['stamp'].astype('i8').tolist()],
-            table['block'].tolist(),
-            table['sigma'].tolist(),
-            strict=True,
-        )
-    )
+    logs = table['log_time'].astype('i8').tolist()
+    return [(at, *taps.to_core(row)) for at, row in zip(logs, taps.RECORD.each(table), strict=True)]
 
 
 def images(bag: Bag) -> Iterator[tuple[int, int, np.ndarray]]:
     """Yield log time and stamp in ns and the (h, w) uint8 pixels of every recorded mono8 image."""
     name = bag.find('camera/image_raw')
-    decoder, place, shape = bag.decoder(name), 0, (0, 0)
-    size = -1
+    codec = Codec(bag.topics[name].definition)
     for message in bag.messages([name]):
-        if len(message.data) != size:  # the first, or another camera
-            row = decoder.table([message.data])
-            shape = int(row['height'][0]), int(row['width'][0])
-            if row['encoding'][0] not in ('mono8', '8UC1') or row['step'][0] != shape[1]:
-                raise ConfigError(f'{bag.path}: images are {row["encoding"][0]}, not mono8')
-            place, size = decoder.offset('data', message.data), len(message.data)
-        seconds, nanoseconds = np.frombuffer(message.data, '<i4', 2, 4).tolist()
-        pixels = np.frombuffer(message.data, np.uint8, shape[0] * shape[1], place)
-        yield message.log_ns, seconds * 10**9 + nanoseconds, pixels.reshape(shape)
+        try:
+            stamp_ns, pixels = codec.read(message.data)
+        except ValueError as error:
+            raise ConfigError(f'{bag.path}: {error}') from None
+        yield message.log_ns, stamp_ns, pixels
 
 
-def _inputs(blocks: Table) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
-    """Yield what motion and grains take: log time, stamp, block records, which are seen."""
-    stamps, logs = blocks['stamp'].astype('i8').tolist(), blocks['log_time'].astype('i8').tolist()
-    for row, stamp_ns, log_ns in zip(blocks, stamps, logs, strict=True):
-        record = np.zeros(N_BLOCKS, BLOCK)
-        for name in BLOCK.names or ():
-            record[name] = row['blocks'][name]
-        yield log_ns, stamp_ns, record, record['seen'] & (row['state'] == TRACKING)
-
-
-def _compare_motion(bag: Bag, inputs: list, result: Retracked) -> None:
+def _compare_motion(bag: Bag, inputs: list[tuple[int, Blocks]], result: Retracked) -> None:
     from eol_ros.core.motion.motion import Motion
 
     if not any('/eol/' + t in bag.topics for t in ('slips', 'cascades')):
         return
     motion = Motion(settings_of(bag, 'motion'))
     waiting = _taps(bag)
-    slips, cascades = [], []
-    for log_ns, stamp_ns, record, seen in inputs:
+    new, over = [], []
+    for log_ns, image in inputs:
         while waiting and waiting[0][0] <= log_ns:
             motion.tap(*waiting.pop(0)[1:])
-        new, closed = motion.update(
-            stamp_ns * 1e-9, record['x'], record['y'], seen, record['sigma']
+        rows = image.rows
+        begun, closed = motion.update(
+            image.stamp_s, rows['x'], rows['y'], image.known, rows['sigma']
         )
-        for slip in new:
-            e = slip.event
-            slips.append((
-                e.kind, e.slip, e.block, round(e.onset_s * 1e9), e.onset_sigma_s, e.x, e.y,
-                e.speed_mps, e.distance_m, e.duration_s, slip.cascade, slip.tapped,
-            ))  # fmt: skip
-        for c in closed:
-            cascades.append((
-                c.cascade, round(c.onset_s * 1e9), c.duration_s, c.nucleus, c.area, c.size,
-                c.blocks, c.distance_m,
-            ))  # fmt: skip
-    _compare(bag, 'slips', SLIP_FIELDS, slips, result)
-    _compare(bag, 'cascades', CASCADE_FIELDS, cascades, result)
+        new += [slips.of(image.stamp_ns, slip) for slip in begun]
+        over += [cascades.of(image.stamp_ns, cascade) for cascade in closed]
+    _compare(bag, 'slips', slips.RECORD.rows(new), result)
+    _compare(bag, 'cascades', cascades.RECORD.rows(over), result)
 
 
-def _compare_triggers(bag: Bag, inputs: list, result: Retracked) -> None:
+def _compare_triggers(bag: Bag, inputs: list[tuple[int, Blocks]], result: Retracked) -> None:
     from eol_ros.core.sound.select import Selector
     from eol_ros.devices.corpus import corpus_build
     from eol_ros.devices.corpus.loader import wish_of
@@ -251,36 +225,39 @@ def _compare_triggers(bag: Bag, inputs: list, result: Retracked) -> None:
         return
     selector = Selector(settings)
     selector.load(corpus)
-    rows: list[tuple] = []
-    for _log_ns, stamp_ns, record, seen in inputs:
-        found = selector.update(stamp_ns * 1e-9, record['x'], record['y'], seen, record['sigma'])
-        for t in found:
-            rows.append((
-                len(rows), t['grain'], t['block'], t['gain'], t['rate'], t['pan'], t['attack_s'],
-                t['release_s'],
-            ))  # fmt: skip
-    _compare(bag, 'grain_triggers', TRIGGER_FIELDS, rows, result)
+    made: list = []
+    for _log_ns, image in inputs:
+        rows = image.rows
+        found = selector.update(image.stamp_s, rows['x'], rows['y'], image.known, rows['sigma'])
+        for trigger in found:
+            made.append(triggers.of(image.stamp_ns, len(made), trigger))
+    _compare(bag, 'grain_triggers', triggers.RECORD.rows(made), result)
 
 
-def _compare(bag: Bag, topic: str, names: tuple[str, ...], mine: list, result: Retracked) -> None:
-    """Compare recomputed rows with the recorded messages, field by field, as the message stores."""
+def _compare(bag: Bag, topic: str, mine: np.ndarray, result: Retracked) -> None:
+    """Compare recomputed rows with the recorded messages."""
     table = bag.table(topic)
     check = Comparison(topic, len(table), len(mine))
-    for number, (theirs, row) in enumerate(zip(table, mine, strict=False)):
-        wrong = []
-        for name, value in zip(names, row, strict=True):
-            stored = np.asarray(theirs[name])
-            if stored.dtype.kind == 'M':
-                stored = stored.astype('i8')
-            if not _same(np.asarray(value).astype(stored.dtype), stored):
-                wrong.append(f'{name} {stored} and {value}')
-        if wrong:
-            check.different += 1
-            check.first = check.first or f'number {number}: {"; ".join(wrong)}'
+    both = min(len(table), len(mine))
+    check.compare(mine[:both], table[:both], lambda row: f'number {row}')
     result.topics[topic] = check
 
 
-def _same(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two arrays are equal to the last bit, NaN to NaN."""
-    floats = a.dtype.kind == 'f'
-    return a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=floats))
+def _unequal(mine: np.ndarray, theirs: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield each column of `mine`, (n,) rows, and where it is not that of `theirs`, bit for bit.
+
+    NaN is equal to NaN. Columns of records are looked into.
+    """
+    for name in mine.dtype.names or ():
+        a, b = mine[name], np.asarray(theirs[name])
+        if a.dtype.names:
+            yield from _unequal(a, b)
+        elif a.dtype == object:
+            pairs = zip(a, b, strict=True)
+            yield name, np.array([not np.array_equal(x, y) for x, y in pairs], bool)
+        else:
+            a = a.astype(b.dtype, copy=False)
+            where = a != b
+            if a.dtype.kind == 'f':
+                where &= ~(np.isnan(a) & np.isnan(b))
+            yield name, where.reshape(len(a), -1).any(axis=1)

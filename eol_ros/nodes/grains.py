@@ -4,15 +4,19 @@
 import sys
 from pathlib import Path
 
+from eol_msgs.msg import Corpus as CorpusMessage
+from eol_msgs.msg import GrainTrigger
+
 from eol_ros.core.sound.corpus import Corpus
 from eol_ros.core.sound.select import Selector
 from eol_ros.devices.corpus.corpus_file import move_as_asked
 from eol_ros.devices.corpus.loader import CorpusLoader, wish_of
 from eol_ros.errors import EolError
-from eol_ros.ros.blocks import blocks_from_cdr
-from eol_ros.ros.grains import corpus_to_msg, trigger_to_msg
+from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
+from eol_ros.streams import blocks, triggers
+from eol_ros.streams import corpus as corpora
 
 LEAD_S = 1.0  # a new corpus is told this long before its grains are, for the sound to be read in
 READ = 50.0  # and a long one longer: this many seconds of sound are read in a second
@@ -26,6 +30,7 @@ class GrainsNode(EolNode):
         self.selector = Selector(self.settings)
         self.corpus: Corpus | None = None
         self.sequence = 0
+        self.reader = blocks.Codec(definition(blocks.TYPE))
         self.triggers = self.publisher('grain_triggers')
         self.corpora = self.publisher('corpus')
         self.loader = CorpusLoader()
@@ -89,22 +94,24 @@ class GrainsNode(EolNode):
 
     def on_blocks(self, raw: bytes) -> None:
         try:
-            message = blocks_from_cdr(raw)
+            message = self.reader.read(raw)
         except ValueError as error:
             return self.health.error(str(error))
         self.health.tick()
         self.stamped(message.stamp_ns)
-        blocks = message.blocks
-        seen = blocks['seen'] & (message.state == 1)  # Blocks.TRACKING
-        time_s = message.stamp_ns * 1e-9
-        found = self.selector.update(time_s, blocks['x'], blocks['y'], seen, blocks['sigma'])
+        rows = message.rows
+        found = self.selector.update(
+            message.stamp_s, rows['x'], rows['y'], message.known, rows['sigma']
+        )
         for row in found:
-            self.triggers.publish(trigger_to_msg(message.stamp_ns, self.sequence, row))
+            trigger = triggers.of(message.stamp_ns, self.sequence, row)
+            self.triggers.publish(triggers.RECORD.fill(GrainTrigger(), trigger))
             self.sequence += 1
         self.health.values.update(triggers=self.sequence, capped=self.selector.capped)
 
-    def message(self, corpus: Corpus):
-        return corpus_to_msg(self.since_ns, corpus, self.selector.bounds, self.settings.radius)
+    def message(self, corpus: Corpus) -> CorpusMessage:
+        row = corpora.of(self.since_ns, corpus, self.selector.bounds, self.settings.radius)
+        return corpora.RECORD.fill(CorpusMessage(), row)
 
     def close(self) -> None:
         self.loader.close()

@@ -14,7 +14,8 @@ from eol_ros.devices.board.lights import Lights, Played, Sent, Tap
 from eol_ros.nodes.leds_infrared import Infrared
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
-from eol_ros.ros.stamps import to_msg, to_ns
+from eol_ros.ros.stamps import to_ns
+from eol_ros.streams import leds, slips, taps
 
 
 class LedsNode(EolNode):
@@ -51,7 +52,7 @@ class LedsNode(EolNode):
 
     def on_slip(self, slip: Slip) -> None:
         self.stamped(to_ns(slip.header.stamp))
-        if slip.kind == Slip.START:
+        if slip.kind == slips.START:
             self.tell(self.lights.slip(slip.block, to_ns(slip.header.stamp)))
             self.health.tick()
             self.fade()
@@ -67,21 +68,15 @@ class LedsNode(EolNode):
 
     def tell(self, sent: list[Sent]) -> None:
         for one in sent:  # none while the line is down: health says so
-            command = LedCommand(sequence=one.sequence, infrared=one.infrared)
-            command.header.stamp = to_msg(one.stamp_ns)
-            command.sent = to_msg(self.recorded_ns(one.sent_ns))
-            command.white[:] = list(one.white)
-            self.commands.publish(command)
+            row = leds.of(one, self.recorded_ns(one.sent_ns))
+            self.commands.publish(leds.RECORD.fill(LedCommand(), row))
 
     def on_truth(self, truth: Truth) -> None:
         self.lights.truth(to_ns(truth.header.stamp), truth.moving)
 
     def on_tap(self, tap: Tap) -> None:
-        if self.taps is None:
-            return
-        message = BlockTap(block=tap.block, strength=tap.strength, sigma=tap.sigma_s)
-        message.header.stamp, message.board_time_us = to_msg(tap.stamp_ns), tap.board_us
-        self.taps.publish(message)
+        if self.taps is not None:
+            self.taps.publish(taps.RECORD.fill(BlockTap(), taps.of(tap)))
 
     def on_control(self, control: Control) -> None:
         if control.command == 'learn_clutter':  # whoever it is for: only here is the light

@@ -13,6 +13,7 @@ from eol_ros.nodes.panel_health import Health
 from eol_ros.nodes.panel_streams import Streams
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
+from eol_ros.streams import corpus
 from eol_ros.web import notices, wire
 from eol_ros.web.server import WebServer
 
@@ -59,7 +60,7 @@ class PanelNode(EolNode):
         self.server.hub.put('notices', notice, sticky=name)
 
     def on_corpus(self, message) -> None:
-        self.documents['corpus'] = wire.text(notices.corpus(message)).encode()
+        self.documents['corpus'] = wire.text(corpus.to_json(message)).encode()
         self.tell('corpus', {'t': 'corpus', 'digest': message.digest, 'radius': message.radius})
 
     def on_cascade(self, message) -> None:

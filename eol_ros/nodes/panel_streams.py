@@ -1,40 +1,47 @@
 # SPDX-License-Identifier: Apache-2.0
 """The streams that pages can ask for: which topic, and how its messages become packets."""
 
+import functools
 import time
 from typing import Any
 
 import numpy as np
 
-from eol_ros.ros.blocks import blocks_from_cdr
+from eol_ros.ros.definitions import definition
+from eol_ros.streams import blocks, slips, triggers
+from eol_ros.streams.record import seconds
 from eol_ros.web import notices, wire
 from eol_ros.web.hub import Hub
 
 LINGER_S = 5.0  # a stream ends so late: a page that is loaded again finds it still there
 
 
-def _blocks(message) -> bytes:
-    return wire.blocks(
-        message.stamp_ns * 1e-9, message.state, message.symmetry_ambiguous, message.blocks
-    )
+@functools.cache
+def _reader() -> blocks.Codec:
+    return blocks.Codec(definition(blocks.TYPE))
+
+
+def _blocks(raw: bytes) -> bytes:
+    message = _reader().read(raw)
+    return wire.blocks(message.stamp_s, message.state, message.symmetry_ambiguous, message.rows)
 
 
 # channel: topic, whether it is handed over as CDR bytes, packet for the pages
 STREAMS = {
-    'blocks': ('blocks', True, lambda raw: _blocks(blocks_from_cdr(raw))),
+    'blocks': ('blocks', True, _blocks),
     'truth': ('truth', False, lambda m: wire.truth(
-        notices.seconds(m.header.stamp), (m.rim_x, m.rim_y, m.rim_yaw), np.array([m.x, m.y, m.yaw]),
+        seconds(m.header.stamp), (m.rim_x, m.rim_y, m.rim_yaw), np.array([m.x, m.y, m.yaw]),
         m.moving)),
     'image': ('camera/image/compressed', False, lambda m: wire.image(
-        notices.seconds(m.header.stamp), m.data)),
+        seconds(m.header.stamp), m.data)),
     'meter': ('sound_meter', False, lambda m: wire.meter(
-        notices.seconds(m.header.stamp), m.wave_min, m.wave_max, m.spectrum_db, notices.meter(m))),
+        seconds(m.header.stamp), m.wave_min, m.wave_max, m.spectrum_db, notices.meter(m))),
     'sound': ('sound_samples', False, lambda m: wire.sound(
-        notices.seconds(m.header.stamp), m.sample_rate, m.channels, m.first, m.data)),
+        seconds(m.header.stamp), m.sample_rate, m.channels, m.first, m.data)),
     'leds': ('led_commands', False, lambda m: wire.leds(
-        notices.seconds(m.header.stamp), m.white, m.infrared)),
-    'slips': ('slips', False, notices.slip),
-    'triggers': ('grain_triggers', False, notices.trigger),
+        seconds(m.header.stamp), m.white, m.infrared)),
+    'slips': ('slips', False, slips.to_json),
+    'triggers': ('grain_triggers', False, triggers.to_json),
 }  # fmt: skip
 
 

@@ -5,16 +5,20 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+
 from eol_ros.core.sound.meter import Meter
 from eol_ros.core.sound.mixer import Mixer
+from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.soundcard import Player
 from eol_ros.errors import EolError
 from eol_ros.nodes.sound_osc import Osc
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
-from eol_ros.ros.sound import NOBODY, SampleStream, corpus_grains, meter_message, trigger_row
+from eol_ros.ros.sound import SampleStream, meter_message
 from eol_ros.ros.stamps import NS, now_ns, to_ns
+from eol_ros.streams import corpus, triggers
 
 COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
 FADES = {'mute': 0.0, 'sleep': 0.0, 'unmute': 1.0, 'wake': 1.0}
@@ -67,7 +71,7 @@ class SoundNode(EolNode):
 
     def on_corpus(self, message) -> None:
         from_ns = to_ns(message.header.stamp)
-        if self.banks.ask(message.digest, from_ns, *corpus_grains(message)):
+        if self.banks.ask(message.digest, from_ns, *corpus.to_core(message)):
             self.trouble = f'loading {message.name}'
 
     def on_control(self, message) -> None:
@@ -90,16 +94,17 @@ class SoundNode(EolNode):
         if self.osc:
             self.osc.trigger(message)
         stamp_ns = to_ns(message.header.stamp)
-        if message.block != NOBODY:
+        if message.block != triggers.NO_BLOCK:
             self.stamped(stamp_ns)
         bank = self.banks.at(stamp_ns)
         if bank is None:
             self.unheard += 1
             return
         since_ns = self.wall_ns(stamp_ns) - self.epoch_ns
-        if self.sim_time and message.block == NOBODY:  # touched on the panel, while a replay stands
+        if self.sim_time and message.block == triggers.NO_BLOCK:  # of the panel, in a pause
             since_ns = now_ns() - self.epoch_ns
-        self.mixer.play(trigger_row(message, since_ns, self.latency_s), bank)
+        trigger = triggers.to_core(message, since_ns * 1e-9 + self.latency_s)
+        self.mixer.play(np.array([trigger], TRIGGER), bank)
 
     def on_timer(self) -> None:
         for error in self.banks.news():

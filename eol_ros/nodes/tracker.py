@@ -6,21 +6,20 @@ What people ask for counts from a stamp that is said on `control`, so that a bag
 
 import sys
 
-import numpy as np
 from eol_msgs.msg import BlockTap, Control
 from sensor_msgs.msg import CompressedImage
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.requests import CALIBRATE, CLUTTER, DARK, SOON_NS, THRESHOLD
-from eol_ros.core.vision.tracker import STATES, Tracked, Tracker
+from eol_ros.core.vision.states import STATES
+from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.devices.bag.selection import StampGaps
 from eol_ros.devices.camera.preview import Preview
 from eol_ros.devices.files.tracker_files import TrackerFiles
-from eol_ros.ros.blocks import RECORD, pack_blocks
-from eol_ros.ros.images import image_from_cdr
+from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_msg, to_ns
+from eol_ros.streams import blocks, images, taps
 
 
 class TrackerNode(EolNode):
@@ -35,7 +34,8 @@ class TrackerNode(EolNode):
         self.gaps = StampGaps(self.scene.image_rate)
         self.threshold = self.settings.threshold
         self.asked: list[tuple[int, str, str]] = []  # said, and not yet heard from `control`
-        self.record = np.zeros(N_BLOCKS, RECORD)
+        self.reader = images.Codec(definition(images.TYPE))
+        self.writer = blocks.Codec(definition(blocks.TYPE))
         self.pictures = self.publisher('camera/image/compressed')
         self.said = self.publisher('control')
         self.preview = Preview(self._show)
@@ -57,7 +57,7 @@ class TrackerNode(EolNode):
         self.stamp_ns, self.gaps = stamp_ns, StampGaps(self.scene.image_rate)
 
     def on_tap(self, tap: BlockTap) -> None:
-        self.tracker.tap(to_ns(tap.header.stamp) * 1e-9, tap.block, tap.sigma)
+        self.tracker.tap(*taps.to_core(taps.RECORD.take(tap)))
 
     def on_settings(self, new) -> None:
         if new.threshold != self.threshold:
@@ -94,7 +94,7 @@ class TrackerNode(EolNode):
 
     def on_image(self, raw: bytes) -> None:
         try:
-            self.stamp_ns, image = image_from_cdr(raw)
+            self.stamp_ns, image = self.reader.read(raw)
         except ValueError as error:
             return self.health.error(str(error))
         self.stamped(self.stamp_ns)
@@ -111,12 +111,8 @@ class TrackerNode(EolNode):
             self.preview.take(self.stamp_ns, image)
 
     def _packed(self, t: Tracked) -> bytes:
-        record = self.record
-        record['x'], record['y'] = t.world[:, 0], t.world[:, 1]
-        record['yaw'], record['sigma'] = t.yaw, t.sigma_m
-        record['u'], record['v'] = t.px[:, 0], t.px[:, 1]
-        record['visibility'], record['seen'] = t.visibility, t.seen
-        return pack_blocks(self.stamp_ns, t.state, t.symmetry_ambiguous, self.images, record)
+        rows = blocks.rows_of(t, self.writer.rows)
+        return self.writer.pack(self.stamp_ns, t.state, t.symmetry_ambiguous, self.images, rows)
 
     def _tell(self, tracked: Tracked) -> None:
         self.health.values.update(

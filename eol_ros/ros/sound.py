@@ -1,51 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the sound node takes and gives, as arrays and as messages."""
+"""What the sound node publishes of its output: figures and samples."""
 
 from array import array
 
 import numpy as np
-from eol_msgs.msg import Corpus, GrainTrigger, SoundMeter, SoundSamples
+from eol_msgs.msg import SoundMeter, SoundSamples
 
 from eol_ros.core.sound.meter import Reading
 from eol_ros.core.sound.mixer import Mixer
-from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import NS, to_msg
 from eol_ros.settings import SoundSettings
 
 SAMPLES_HZ = 60.0
-NOBODY = 255  # GrainTrigger.block of a trigger that no block caused
-
-
-def trigger_row(message: GrainTrigger, since_ns: int, latency_s: float) -> np.ndarray:
-    """Return the trigger as (1,) TRIGGER, due `latency_s` after its moment.
-
-    That is `since_ns` after the engine's epoch.
-    """
-    row = np.empty(1, TRIGGER)
-    time_s = since_ns * 1e-9 + latency_s
-    block = -1 if message.block == NOBODY else message.block
-    row[0] = (
-        time_s,
-        min(message.grain, 2**31 - 1),
-        message.gain,
-        message.rate,
-        message.pan,
-        message.attack,
-        message.release,
-        block,
-    )
-    return row
-
-
-def corpus_grains(message: Corpus) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray]:
-    """Return the files, and per grain its file (g,), start (g,) and duration (g,) in seconds."""
-    return (
-        list(message.files),
-        np.array(message.file, np.int64),
-        np.array(message.start),
-        np.array(message.duration),
-    )
 
 
 def meter_message(

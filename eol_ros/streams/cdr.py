@@ -144,7 +144,7 @@ class Decoder:
                 yield layout, left[same], raw[same]
                 left, raw = left[~same], raw[~same]
 
-    def layout(self, data: bytes) -> Layout:
+    def layout(self, data: bytes | bytearray) -> Layout:
         """Return where everything lies in one message; raise ConfigError where it is too short."""
         lengths: list[tuple[int, int]] = []
         at = HEADER
@@ -319,7 +319,7 @@ def encode(type_name: str, definition: str, values: Mapping[str, Any]) -> bytes:
             numbers('uint32', [len(text)])
             out.extend(text)
         elif kind in PRIMITIVES:
-            numbers(kind, [value or 0])
+            numbers(kind, [0 if value is None else value])
         elif kind in TIMES:
             numbers('int32', [(value or 0) // NS])
             numbers('uint32', [(value or 0) % NS])

@@ -120,7 +120,7 @@ def _voices(args, settings):
             mine &= times >= begins[k]
         if k + 1 < len(news):
             mine &= times < begins[k + 1]
-        banks.append(_bag_bank(corpora[i], settings.sample_rate))
+        banks.append(_bag_bank(corpora[i : i + 1], settings.sample_rate))
         rows.append(voice_rows(triggers[mine], banks[-1], settings.channels))
     return np.concatenate(rows), len(triggers), banks
 
@@ -130,34 +130,28 @@ def _bag_triggers(bag, sample_rate: int):
 
     Frames are counted from whole seconds on, as where a live run has no card to follow.
     """
+
     import numpy as np
 
     from eol_ros.core.sound.triggers import TRIGGER
+    from eol_ros.streams import triggers
 
     table = bag.table('grain_triggers')
-    triggers = np.zeros(len(table), TRIGGER)
     second_ns = bag.start_ns // 10**9 * 10**9
     begin_s = math.floor((bag.start_ns - second_ns) * 1e-9 * sample_rate) / sample_rate
-    triggers['time_s'] = (table['stamp'].astype('i8') - second_ns) * 1e-9 - begin_s
-    for mine, theirs in (
-        ('grain', 'grain'), ('gain', 'gain'), ('rate', 'rate'), ('pan', 'pan'),
-        ('attack_s', 'attack'), ('release_s', 'release'), ('block', 'block'),
-    ):  # fmt: skip
-        triggers[mine] = table[theirs]
-    return triggers, table['stamp']
+    time_s = (table['stamp'].astype('i8') - second_ns) * 1e-9 - begin_s
+    rows = zip(triggers.RECORD.each(table), time_s.tolist(), strict=True)
+    return np.array([triggers.to_core(*row) for row in rows], TRIGGER), table['stamp']
 
 
-def _bag_bank(row, sample_rate: int):
-    import numpy as np
-
+def _bag_bank(table, sample_rate: int):
     from eol_ros.devices.audio.bank import load_bank
     from eol_ros.devices.corpus.corpus_build import of_this_machine
+    from eol_ros.streams import corpus
 
-    files = [str(of_this_machine(f)) for f in np.atleast_1d(row['files'])]
-    return load_bank(
-        files, np.asarray(row['file'], np.int64), np.asarray(row['start'], float),
-        np.asarray(row['duration'], float), sample_rate,
-    )  # fmt: skip
+    files, file, start, duration = corpus.to_core(next(corpus.RECORD.each(table)))
+    here = [str(of_this_machine(path)) for path in files]
+    return load_bank(here, file, start, duration, sample_rate)
 
 
 def _bank(path: str, sample_rate: int):

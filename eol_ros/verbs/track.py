@@ -55,7 +55,8 @@ def add_arguments(parser):
 def run(args) -> int:
     """Track, write, tell."""
     from eol_ros.core.motion.motion import Motion
-    from eol_ros.core.vision.tracker import STATES, TRACKING, Tracker
+    from eol_ros.core.vision.states import STATES, TRACKING
+    from eol_ros.core.vision.tracker import Tracker
     from eol_ros.devices.camera.image_sequence import open_source
     from eol_ros.settings import MotionSettings, TrackerSettings
     from eol_ros.verbs.progress import track

@@ -9,14 +9,11 @@ import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
+from eol_ros.streams import cascades
+from eol_ros.streams.record import seconds
 
 RECENT = 40
 LEVELS = ('ok', 'warn', 'error', 'silent')
-
-
-def seconds(stamp: Any) -> float:
-    """Return a stamp message in seconds."""
-    return float(stamp.sec + stamp.nanosec * 1e-9)
 
 
 def wall(message: Any, fade_s: float) -> dict[str, Any]:
@@ -26,36 +23,6 @@ def wall(message: Any, fade_s: float) -> dict[str, Any]:
         'flip': seconds(message.flip), 'left': message.left, 'right': message.right,
         'caption': message.caption, 'credit': message.credit, 'ahead': list(message.ahead),
         'fade': fade_s,
-    }  # fmt: skip
-
-
-def slip(message: Any) -> dict[str, Any]:
-    """Return a Slip message."""
-    return {
-        't': 'slip', 'start': message.kind == message.START, 'block': message.block,
-        'slip': message.slip, 'cascade': message.cascade, 'stamp': seconds(message.header.stamp),
-        'onset': seconds(message.onset), 'x': message.x, 'y': message.y,
-        'speed': message.speed, 'distance': message.distance, 'duration': message.duration,
-    }  # fmt: skip
-
-
-def trigger(message: Any) -> dict[str, Any]:
-    """Return a GrainTrigger message."""
-    return {
-        't': 'trigger', 'grain': message.grain, 'block': message.block, 'gain': message.gain,
-        'stamp': seconds(message.header.stamp),
-    }  # fmt: skip
-
-
-def corpus(message: Any) -> dict[str, Any]:
-    """Return a Corpus message, its values as one list per descriptor."""
-    count = len(message.descriptors)
-    return {
-        'name': message.name, 'digest': message.digest, 'radius': message.radius,
-        'x': list(message.x), 'y': list(message.y), 'x_name': message.x_name,
-        'y_name': message.y_name, 'start': list(message.start), 'duration': list(message.duration),
-        'bounds': list(message.bounds), 'descriptors': list(message.descriptors),
-        'values': [list(message.values[i::count]) for i in range(count)],
     }  # fmt: skip
 
 
@@ -144,10 +111,7 @@ class Day:
         """Count one Cascade message."""
         self.turn(now_s)
         self._areas.append(min(message.area, N_BLOCKS))
-        self._recent.append([
-            seconds(message.onset), message.nucleus, message.area, message.size, message.duration,
-            list(message.blocks),
-        ])  # fmt: skip
+        self._recent.append(cascades.to_json(message))
 
     def kept(self) -> dict[str, Any]:
         """Return the day so far, as plain data."""

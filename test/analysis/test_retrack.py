@@ -143,20 +143,38 @@ def test_the_proof_needs_what_was_asked_for(run, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_result_that_was_tampered_with_is_found(run, monkeypatch):
+@pytest.mark.parametrize(
+    ('topic', 'column', 'number', 'first'),
+    [
+        ('slips', 'x', 3, 'number 3: x '),
+        ('slips', 'stamp', 2, 'number 2: stamp '),
+        ('cascades', 'blocks', 0, 'number 0: blocks '),
+        ('grain_triggers', 'release', 0, 'number 0: release '),
+        ('blocks', 'yaw', 1, 'image 1: yaw'),
+    ],
+)
+def test_a_result_that_was_tampered_with_is_found(run, monkeypatch, topic, column, number, first):
     table = run.table
 
-    def tampered(topic, *span):
-        rows = table(topic, *span)
-        if topic == 'slips':
-            rows['x'][3] = np.nextafter(rows['x'][3], 9.0)
+    def tampered(name, *span):
+        rows = table(name, *span)
+        if name == topic:
+            cell = (rows if column in rows.dtype.names else rows['blocks'])[column][
+                number : number + 1
+            ]
+            if cell.dtype.kind == 'f':
+                cell[:] = np.nextafter(cell, np.float32(9.0))
+            elif cell.dtype == object:
+                cell[0] = cell[0] + 1
+            else:
+                cell += 1
         return rows
 
     monkeypatch.setattr(run, 'table', tampered)
     result = retrack(run)
-    assert not result.equal
-    assert result.topics['slips'].different == 1
-    assert result.topics['slips'].first.startswith('number 3: x ')
+    assert [t for t, check in result.topics.items() if not check.equal] == [topic]
+    assert result.topics[topic].different == 1
+    assert result.topics[topic].first.startswith(first)
 
 
 @pytest.mark.slow

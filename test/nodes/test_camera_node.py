@@ -13,9 +13,12 @@ from rclpy.executors import SingleThreadedExecutor
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.nodes.camera import CameraNode
-from eol_ros.ros.images import image_from_cdr
+from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.settings import CameraSettings, TrackerSettings
+from eol_ros.streams.images import TYPE, Codec
+
+CODEC = Codec(definition(TYPE))
 
 
 class Reader(EolNode):
@@ -83,7 +86,7 @@ def test_a_lossless_file_arrives_bit_for_bit(graph, tmp_path):
     images = film(tmp_path / 'f.mkv', 'FFV1')
     reader, _ = graph(settings(tmp_path / 'f.mkv', loop=True), lambda r, c: len(r.raw) >= 40)
 
-    got = [image_from_cdr(raw) for raw in reader.raw]
+    got = [CODEC.read(raw) for raw in reader.raw]
     first = next(k for k in range(30) if np.array_equal(got[0][1], images[k]))
     for k, (_, image) in enumerate(got):
         np.testing.assert_array_equal(image, images[(first + k) % 30])
@@ -94,7 +97,7 @@ def test_no_image_of_a_jpeg_film_at_120_a_second_is_lost(graph, tmp_path):
     film(tmp_path / 'f.avi', 'MJPG', n=60)
     reader, camera = graph(settings(tmp_path / 'f.avi', loop=True), lambda r, c: len(r.raw) >= 240)
 
-    assert nothing_lost([image_from_cdr(raw)[0] for raw in reader.raw])
+    assert nothing_lost([CODEC.read(raw)[0] for raw in reader.raw])
     assert camera.camera.dropped == 0
 
 

@@ -20,12 +20,14 @@ from eol_ros.devices.corpus.corpus_build import build_cached
 from eol_ros.devices.corpus.corpus_file import Options
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.nodes.grains import GrainsNode
-from eol_ros.ros.blocks import RECORD, pack_blocks
+from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import GrainsSettings
+from eol_ros.streams.blocks import BLOCK, TYPE, Codec
 
+CODEC = Codec(definition(TYPE))
 START_NS = 1_700_000_000_123_456_789
 pytestmark = pytest.mark.slow
 
@@ -90,7 +92,7 @@ def stage(ros, sounds, matched):
 
 def image(k):
     """The 25 blocks in image k: half a second of motion in every second."""
-    blocks = np.zeros(25, RECORD)
+    blocks = np.zeros(25, BLOCK)
     moved = 0.12 * (k // 60 + min(k % 60, 30) / 30)
     blocks['x'], blocks['y'] = (rest_lattice() + [0.5 * np.sin(moved * 6), 0.1 * moved]).T
     blocks['sigma'], blocks['seen'] = 2e-5, True
@@ -102,7 +104,7 @@ def play(stage, images, state=1):
     for k in images:
         stamp_ns, blocks = image(k)
         ticks = stage.node.health.ticks
-        stage.probe.blocks.publish(pack_blocks(stamp_ns, state, False, k, blocks))
+        stage.probe.blocks.publish(CODEC.pack(stamp_ns, state, False, k, blocks))
         stage.until(lambda ticks=ticks: stage.node.health.ticks > ticks)
         stage.until(lambda: len(stage.probe.triggers) == stage.node.sequence)
 

@@ -21,10 +21,11 @@ from sensor_msgs.msg import CompressedImage
 from eol_ros.nodes import panel_streams
 from eol_ros.nodes.panel import PanelNode
 from eol_ros.nodes.panel_streams import STREAMS
-from eol_ros.ros.blocks import RECORD, pack_blocks
+from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.settings import GrainsSettings, PanelSettings
+from eol_ros.streams import blocks
 from eol_ros.web.hub import CHANNELS
 
 GIVES = ('wall', 'cascades', 'corpus', '/diagnostics', 'blocks', 'camera/image/compressed',
@@ -120,10 +121,11 @@ def test_streams_run_only_while_somebody_looks(rig):
         await asyncio.to_thread(until, lambda: rig.readers('blocks'))
         await asyncio.to_thread(until, lambda: rig.readers('camera/image/compressed'))
         assert not rig.readers('sound_samples') and not rig.readers('slips')
-        rows = np.zeros(25, RECORD)
+        rows = np.zeros(25, blocks.BLOCK)
         rows['x'], rows['seen'] = np.arange(25) / 100, True
+        codec = blocks.Codec(definition(blocks.TYPE))
         stamp_ns = now_ns()
-        rig.around.gives['blocks'].publish(pack_blocks(stamp_ns, 1, False, 7, rows))
+        rig.around.gives['blocks'].publish(codec.pack(stamp_ns, 1, False, 7, rows))
         data = await packet(ws, 1)
         assert struct.unpack_from('<d', data, 8)[0] == pytest.approx(stamp_ns * 1e-9, abs=1e-6)
         assert np.frombuffer(data, '<f4', offset=16)[8 * 3] == pytest.approx(0.03)

@@ -14,10 +14,10 @@ from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.osc import OscIn, OscOut
 from eol_ros.nodes.sound import SoundNode
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.sound import NOBODY, corpus_grains
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, SoundSettings
+from eol_ros.streams import corpus, triggers
 
 FS = 48000
 
@@ -84,7 +84,9 @@ def test_a_trigger_sounds_and_shows(graph, tmp_path):
     probe.corpus.publish(corpus_of(tmp_path))
     assert turn(lambda: node.banks.at(now_ns()))
     stamp_ns = now_ns()
-    probe.triggers.publish(trigger(stamp_ns, block=NOBODY))  # as a click on the panel does
+    probe.triggers.publish(
+        trigger(stamp_ns, block=triggers.NO_BLOCK)
+    )  # as a click on the panel does
     assert turn(lambda: any(m.voices for m in probe.meters))
     assert turn(lambda: probe.meters[-1].voices == 0)
     assert turn(lambda: probe.meters[-1].rms_dbfs == -120)
@@ -133,7 +135,7 @@ def test_bad_triggers_no_corpus_lost_audio_and_mute(graph, tmp_path):
 def test_a_trigger_speaks_of_the_corpus_of_its_time(tmp_path):
     banks, now = BankLoader(FS), now_ns()
     assert banks.at(now) is None
-    grains = corpus_grains(corpus_of(tmp_path, 'a'))
+    grains = corpus.to_core(corpus_of(tmp_path, 'a'))
     assert banks.ask('a', now, *grains)
     assert not banks.ask('a', now + 5, *grains)
     news = []
@@ -148,7 +150,7 @@ def test_a_trigger_speaks_of_the_corpus_of_its_time(tmp_path):
     assert loaded(1), news
     first = banks.at(now)
     assert banks.at(now - 10**12) is first  # a replay is of long ago
-    banks.ask('b', now + 10**9, *corpus_grains(corpus_of(tmp_path, 'b')))
+    banks.ask('b', now + 10**9, *corpus.to_core(corpus_of(tmp_path, 'b')))
     assert loaded(2), news
     assert banks.at(now + 10**9 - 1) is first
     assert banks.at(now + 10**9) is not first
@@ -163,7 +165,7 @@ def test_a_sound_that_cannot_be_read_is_read_once_it_can(tmp_path, monkeypatch):
     monkeypatch.setattr('eol_ros.devices.audio.bank.RETRY_S', 0.05)
     banks, message = BankLoader(FS), corpus_of(tmp_path, 'a')
     away = (tmp_path / 'a.wav').rename(tmp_path / 'away.wav')
-    banks.ask('a', 0, *corpus_grains(message))
+    banks.ask('a', 0, *corpus.to_core(message))
     time.sleep(0.5)
     news = banks.news()
     assert len(news) == 1 and 'no such sound file' in str(news[0])  # said once

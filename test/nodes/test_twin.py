@@ -13,9 +13,12 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.devices.files.tracker_files import calibration_of
 from eol_ros.nodes.twin import TwinNode
-from eol_ros.ros.images import image_from_cdr
+from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.settings import PanelSettings, TrackerSettings, TwinSettings
+from eol_ros.streams.images import TYPE, Codec
+
+CODEC = Codec(definition(TYPE))
 
 
 class Probe(EolNode):
@@ -30,7 +33,7 @@ class Probe(EolNode):
         self.command = self.publisher('rim_command')
 
     def on_image(self, raw):
-        stamp, pixels = image_from_cdr(raw)
+        stamp, pixels = CODEC.read(raw)
         self.images[stamp] = pixels.copy() if len(self.images) < 40 else None
 
     def on_truth(self, truth):

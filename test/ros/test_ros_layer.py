@@ -20,13 +20,17 @@ from rclpy.parameter import Parameter
 from eol_ros import nodes
 from eol_ros.errors import ConfigError
 from eol_ros.ros import network
+from eol_ros.ros.definitions import definition
 from eol_ros.ros.health_pipe import HealthPipe
-from eol_ros.ros.images import ImagePublisher, image_from_cdr
+from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import system_ns, to_msg, to_ns
 from eol_ros.ros.topics import CLOCK, PUBLISHER_QOS, QOS, message_class
 from eol_ros.settings import MontageSettings
 from eol_ros.streams.graph import NODES, TOPICS, providers
+from eol_ros.streams.images import TYPE, Codec
+
+CODEC = Codec(definition(TYPE))
 
 
 class ProbeNode(EolNode):
@@ -55,7 +59,7 @@ def test_image_round_trip(ros):
     publisher.publish(stamp + 1, small)
     spin(node, lambda: len(got) == 2)
 
-    first, second = (image_from_cdr(raw) for raw in got)
+    first, second = (CODEC.read(raw) for raw in got)
 
     assert first[0] == stamp and np.array_equal(first[1], image)
     assert second[0] == stamp + 1 and np.array_equal(second[1], small)
@@ -68,7 +72,7 @@ def test_raw_image_is_what_rclpy_reads(ros):
     message = Image(height=3, width=5, encoding='mono8', step=5, data=bytes(range(15)))
     message.header.stamp = to_msg(5_000_000_007)
     message.header.frame_id = 'camera_optical'
-    stamp, pixels = image_from_cdr(serialize_message(message))
+    stamp, pixels = CODEC.read(serialize_message(message))
 
     assert stamp == 5_000_000_007
     assert pixels.tobytes() == bytes(range(15))
@@ -76,7 +80,7 @@ def test_raw_image_is_what_rclpy_reads(ros):
 
     message.encoding = 'rgb8'
     with pytest.raises(ValueError, match='rgb8.*not mono8'):
-        image_from_cdr(serialize_message(message))
+        CODEC.read(serialize_message(message))
 
 
 @pytest.mark.parametrize('ns', [0, 1, 999_999_999, 1_000_000_000, 1_795_000_000_123_456_789])

@@ -11,6 +11,7 @@ import pytest
 
 from eol_ros.analysis import report
 from eol_ros.core.science import powerlaw
+from eol_ros.streams import corpus
 from eol_ros.web import notices, wire
 
 
@@ -167,7 +168,7 @@ def test_corpus_values_become_columns():
         descriptors=['a', 'b', 'c'],
         values=[1, 2, 3, 4, 5, 6],
     )
-    assert notices.corpus(message)['values'] == [[1, 4], [2, 5], [3, 6]]
+    assert corpus.to_json(message)['values'] == [[1, 4], [2, 5], [3, 6]]
 
 
 def test_health_takes_the_level_as_ros_gives_it():

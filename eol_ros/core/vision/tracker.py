@@ -17,23 +17,21 @@ from eol_ros.core.vision.detect import scan
 from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.identity import Identity
-from eol_ros.core.vision.identity.lattice import LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.image_health import Watch
 from eol_ros.core.vision.requests import CALIBRATE, CLUTTER, THRESHOLD, Requests, unpacked
+from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING, TRACKING
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 
 if TYPE_CHECKING:
     from eol_ros.core.vision.calibration import self_calibration
 
-CALIBRATING, FAULT = 3, 4
 HIDDEN = 0.35  # less of the outline than this in view, and the block counts as hidden
 WHOLE = 0.9
 REST_S = 20.0  # for so long a calibration that was asked for waits for the blocks to rest
 SETTLE_S = 0.3  # after a new calibration; longer than any rest that motion compares with
 LAMP_LEVEL = 5  # grey levels
 FAINT = 0.6  # and below this it must stand where its neighbours allow
-STATES = ('searching', 'tracking', 'lost', 'calibrating', 'fault')
 
 
 # Answers lie on grids far finer than any noise (1 um, 0.001 px, 15 urad; a sigma to 2 %), so that a

@@ -234,20 +234,20 @@ def _film(path: str, moments: Moments) -> ImageSource:
 def _bag(path: Path) -> ImageSource:
     from eol_ros.devices.bag.reader import BagReader
     from eol_ros.streams.cdr import Decoder
+    from eol_ros.streams.images import Codec
+    from eol_ros.streams.taps import RECORD, to_core
 
     bag = BagReader(path)
     topic = bag.find(IMAGE_TOPIC)
-    decoder = Decoder(bag.topics[topic].type, bag.topics[topic].definition)
+    codec = Codec(bag.topics[topic].definition)
 
     def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
         for message in bag.messages([topic]):
-            row = decoder.table([message.data])
-            encoding = str(row['encoding'][0])
-            if encoding not in ('mono8', '8UC1'):
-                raise ConfigError(f'{path}: images are {encoding}, not mono8')
-            shape = int(row['height'][0]), int(row['width'][0])
-            image = np.ascontiguousarray(row['data'][0], np.uint8).reshape(shape)
-            yield int(row['stamp'][0].astype(np.int64)) * 1e-9, image
+            try:
+                stamp_ns, image = codec.read(message.data)
+            except ValueError as error:
+                raise ConfigError(f'{path}: {error}') from None
+            yield stamp_ns * 1e-9, image
         source.notes += bag.cut_short
 
     source = ImageSource(str(path), 0.0, bag.counts[topic], images)
@@ -257,6 +257,5 @@ def _bag(path: Path) -> ImageSource:
         return source
     read = Decoder(bag.topics[taps].type, bag.topics[taps].definition)
     rows = read.table([m.data for m in bag.messages([taps])])
-    for stamp, block, sigma in zip(rows['stamp'], rows['block'], rows['sigma']):
-        source.taps.append((int(stamp.astype(np.int64)) * 1e-9, int(block), float(sigma)))
+    source.taps += map(to_core, RECORD.each(rows))
     return source

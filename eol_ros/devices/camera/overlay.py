@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
-from eol_ros.core.vision.tracker import STATES, TRACKING, Tracked
+from eol_ros.core.vision.states import STATES, TRACKING
+from eol_ros.core.vision.tracker import Tracked
 from eol_ros.errors import ConfigError
 
 SEEN, CARRIED, MOVING, TEXT = (120, 230, 120), (90, 150, 240), (255, 255, 255), (230, 230, 230)

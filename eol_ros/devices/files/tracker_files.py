@@ -5,7 +5,8 @@ from pathlib import Path
 
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.requests import packed
-from eol_ros.core.vision.tracker import STATES, TRACKING, Tracked, Tracker
+from eol_ros.core.vision.states import STATES, TRACKING
+from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.errors import EolError
 from eol_ros.settings import TrackerSettings
 

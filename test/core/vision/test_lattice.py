@@ -7,7 +7,8 @@ from benchmarks.stick_slip import Onlooker, Table
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.vision.identity.association import read_lattice
 from eol_ros.core.vision.identity.fitting import affine, assign, folds, match, rotate_cell
-from eol_ros.core.vision.identity.lattice import LOST, SEARCHING, TRACKING, Lattice
+from eol_ros.core.vision.identity.lattice import Lattice
+from eol_ros.core.vision.states import LOST, SEARCHING, TRACKING
 
 pytestmark = pytest.mark.slow  # the first run compiles
 

@@ -17,7 +17,8 @@ from eol_ros.core.vision.detect.corners import corners
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.requests import CALIBRATE
-from eol_ros.core.vision.tracker import CALIBRATING, TRACKING, Tracker
+from eol_ros.core.vision.states import CALIBRATING, TRACKING
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 

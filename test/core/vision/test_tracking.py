@@ -9,10 +9,10 @@ from eol_ros.core.vision.background.model import ClutterMap
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import scan, search
-from eol_ros.core.vision.identity.lattice import LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.render import clutter as renderer_clutter
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
-from eol_ros.core.vision.tracker import CALIBRATING, FAULT, Tracker
+from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING, TRACKING
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import TrackerSettings
 
 pytestmark = pytest.mark.slow

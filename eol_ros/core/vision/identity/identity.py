@@ -6,8 +6,9 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipDetector
 from eol_ros.core.vision.identity.blink import Blink
-from eol_ros.core.vision.identity.lattice import TRACKING, Lattice
+from eol_ros.core.vision.identity.lattice import Lattice
 from eol_ros.core.vision.identity.symmetry import Coincidence
+from eol_ros.core.vision.states import TRACKING
 from eol_ros.settings import MotionSettings
 
 RESTED_S = 0.085  # a block seen at rest for less may have begun before it came into view

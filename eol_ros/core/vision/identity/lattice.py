@@ -25,8 +25,8 @@ from eol_ros.core.vision.identity.tracking import (
     suspect_swaps,
 )
 from eol_ros.core.vision.identity.yaw_signature import Yaws
+from eol_ros.core.vision.states import LOST, SEARCHING, TRACKING
 
-SEARCHING, TRACKING, LOST = 0, 1, 2
 FEW = 4  # fewer seen blocks than this, for a while, and the lattice is lost
 LOST_S = 0.05
 AUDIT_S = 0.1  # how often the whole lattice is read anew, when there is reason to

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The 25 blocks of one image: eol_msgs/Blocks as arrays, for 25 message objects an image cost more
+than tracking.
+
+An image's blocks are always 25 in the frame `table`, so a message has one layout. It is worked out
+from the definition: a template is encoded, and the values are written and read where they lie in
+it, without a copy.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.vision.states import TRACKING
+from eol_ros.streams.cdr import NS, Decoder, Fixed, encode
+
+if TYPE_CHECKING:
+    from eol_ros.core.vision.tracker import Tracked
+
+TYPE = 'eol_msgs/msg/Blocks'
+FRAME_ID = 'table'
+BLOCK = np.dtype(
+    [('id', 'u1'), ('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'), ('u', 'f8'), ('v', 'f8'),
+     ('sigma', 'f4'), ('visibility', 'f4'), ('seen', '?')]
+)  # fmt: skip
+DTYPE = np.dtype(
+    [('stamp', 'M8[ns]'), ('state', 'u1'), ('symmetry_ambiguous', '?'), ('image', 'u4'),
+     ('blocks', BLOCK, N_BLOCKS)]
+)  # fmt: skip
+MEASURED = BLOCK.names[1:]  # type: ignore[index]  # all but the id, which is the row's number
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """One message; `rows` is (25,) with the fields MEASURED at least."""
+
+    stamp_ns: int
+    state: int
+    symmetry_ambiguous: bool
+    image: int
+    rows: np.ndarray
+
+    @property
+    def stamp_s(self) -> float:
+        """The stamp in seconds, as core counts time."""
+        return self.stamp_ns * 1e-9
+
+    @property
+    def known(self) -> np.ndarray:
+        """Which blocks, (25,), were seen in this image while every identity was known."""
+        return self.rows['seen'] & (self.state == TRACKING)
+
+
+def rows_of(tracked: 'Tracked', out: np.ndarray | None = None) -> np.ndarray:
+    """Return the (25,) rows of an answer of the tracker; `out` has the fields MEASURED at least."""
+    if out is None:
+        out = np.zeros(N_BLOCKS, BLOCK)
+        out['id'] = np.arange(N_BLOCKS)
+    out['x'], out['y'] = tracked.world[:, 0], tracked.world[:, 1]
+    out['u'], out['v'] = tracked.px[:, 0], tracked.px[:, 1]
+    out['yaw'], out['sigma'] = tracked.yaw, tracked.sigma_m
+    out['visibility'], out['seen'] = tracked.visibility, tracked.seen
+    return out
+
+
+def of(stamp_ns: int, tracked: 'Tracked', image: int) -> np.void:
+    """Return the row of DTYPE of the answer to the image number `image`."""
+    row = np.zeros(1, DTYPE)[0]
+    row['stamp'], row['image'], row['state'] = stamp_ns, image, tracked.state
+    row['symmetry_ambiguous'] = tracked.symmetry_ambiguous
+    row['blocks'] = rows_of(tracked)
+    return row
+
+
+def each(table: np.ndarray) -> Iterator[Blocks]:
+    """Yield the messages of a recorded table."""
+    names = ('state', 'symmetry_ambiguous', 'image')
+    heads = zip(table['stamp'].astype('i8').tolist(), *(table[n].tolist() for n in names))
+    for (stamp_ns, state, ambiguous, image), rows in zip(heads, table['blocks'], strict=True):
+        yield Blocks(stamp_ns, state, ambiguous, image, rows)
+
+
+class Codec:
+    """Writes and reads messages by the definition of eol_msgs/msg/Blocks, a `ros2msg` schema.
+
+    rows: (25,) with the fields MEASURED, in the very bytes of the next message: what is written
+    there first need not be copied by `pack`.
+    """
+
+    def __init__(self, definition: str):
+        blocks = [{'id': k} for k in range(N_BLOCKS)]
+        values = {'header': {'frame_id': FRAME_ID}, 'blocks': blocks}
+        self._raw = bytearray(encode(TYPE, definition, values))
+        layout = Decoder(TYPE, definition).layout(self._raw)
+        head = ('header.stamp', 'header.frame_id', 'state', 'symmetry_ambiguous', 'image')
+        self._head = Fixed(layout, head)
+        self._write = self._head.writer(self._raw)
+        at = [[layout.at('blocks', k, name) for name in MEASURED] for k in range(N_BLOCKS)]
+        offsets = np.array([[offset for _, offset, _ in places] for places in at])
+        self._start, self._stride = int(offsets[0].min()), int(offsets[1, 0] - offsets[0, 0])
+        assert (np.diff(offsets, axis=0) == self._stride).all()  # a whole number of alignments
+        self._dtype = np.dtype(
+            {
+                'names': list(MEASURED),
+                'formats': [BLOCK[name].newbyteorder('<') for name in MEASURED],
+                'offsets': (offsets[0] - self._start).tolist(),
+            }
+        )
+        self.rows = self._view(self._raw)
+
+    def _view(self, raw: bytes | bytearray) -> np.ndarray:
+        return np.ndarray(N_BLOCKS, self._dtype, raw, self._start, (self._stride,))
+
+    def pack(
+        self, stamp_ns: int, state: int, symmetry_ambiguous: bool, image: int, rows: np.ndarray
+    ) -> bytes:
+        """Return the CDR bytes of a message; rows: (25,) with the fields MEASURED."""
+        if rows is not self.rows:
+            for name in MEASURED:
+                self.rows[name] = rows[name]
+        stamp = divmod(stamp_ns, NS)
+        self._write(stamp, FRAME_ID.encode(), state, symmetry_ambiguous, image % 2**32)
+        return bytes(self._raw)
+
+    def read(self, raw: bytes) -> Blocks:
+        """Return a message from its CDR bytes, of which `rows` is a view.
+
+        Raises ValueError when it is not 25 blocks in frame `table`, little-endian.
+        """
+        values = self._head.values(raw)
+        if values is None or values[1] != FRAME_ID.encode():
+            raise ValueError('blocks: not a little-endian message of 25 blocks in frame table')
+        (seconds, nanoseconds), _, state, ambiguous, image = values
+        return Blocks(seconds * NS + nanoseconds, state, ambiguous, image, self._view(raw))

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All grains with their places: eol_msgs/Corpus."""
+
+from collections.abc import Sequence
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eol_ros.settings import DESCRIPTORS
+from eol_ros.streams.record import Record
+
+if TYPE_CHECKING:
+    from eol_ros.core.sound.corpus import Corpus
+
+DTYPE = np.dtype(
+    [('stamp', 'M8[ns]'), ('name', object), ('digest', object), ('sample_rate', 'u4'),
+     ('files', object), ('file', object), ('start', object), ('duration', object), ('x', object),
+     ('y', object), ('x_name', object), ('y_name', object), ('bounds', object), ('radius', 'f4'),
+     ('descriptors', object), ('values', object)]
+)  # fmt: skip
+RECORD = Record('eol_msgs/msg/Corpus', DTYPE, 'table')
+
+
+def of(stamp_ns: int, corpus: 'Corpus', bounds: Sequence[float], radius_m: float) -> Any:
+    """Return the row of a corpus over `bounds`: x min, y min, x max, y max in metres."""
+    grains = corpus.grains
+    values = np.stack([grains[name] for name in DESCRIPTORS], axis=1)
+    return RECORD.row(
+        stamp_ns, PurePath(corpus.sources[0].path).name, corpus.digest, corpus.sample_rate,
+        [source.path for source in corpus.sources], grains['file'].astype('u4'),
+        grains['start_s'].copy(), grains['duration_s'].copy(), grains['x'].astype('f4'),
+        grains['y'].astype('f4'), corpus.x_name, corpus.y_name, np.array(bounds, 'f8'), radius_m,
+        list(DESCRIPTORS), values.astype('f4').ravel(),
+    )  # fmt: skip
+
+
+def to_core(row: Any) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray]:
+    """Return the files, and per grain its file (g,), start (g,) and duration (g,) in seconds.
+
+    row: of DTYPE, or a message.
+    """
+    return (
+        [str(name) for name in row.files],
+        np.array(row.file, np.int64),
+        np.array(row.start, float),
+        np.array(row.duration, float),
+    )
+
+
+def to_json(message: Any) -> dict[str, Any]:
+    """Return a Corpus message as pages read it, its values as one list per descriptor."""
+    count = len(message.descriptors)
+    return {
+        'name': message.name, 'digest': message.digest, 'radius': message.radius,
+        'x': list(message.x), 'y': list(message.y), 'x_name': message.x_name,
+        'y_name': message.y_name, 'start': list(message.start), 'duration': list(message.duration),
+        'bounds': list(message.bounds), 'descriptors': list(message.descriptors),
+        'values': [list(message.values[i::count]) for i in range(count)],
+    }  # fmt: skip
