@@ -32,6 +32,10 @@ class ConfigError(EolError):
     exit_code = os.EX_CONFIG
 
 
+class BagDamaged(UserWarning):
+    """Something of a bag cannot be read and was left out; a command ends with exit code 1."""
+
+
 def warning_line(
     message: Warning | str, category: type[Warning], filename: str, lineno: int
 ) -> str:

@@ -300,6 +300,10 @@ class RecorderSettings:
     )
     split_minutes: float = setting(60.0, 'a new file after so long', 'min', 0.05, 1440)
     split_gb: float = setting(4.0, 'a new file after so much', 'GB', 0.001, 1000)
+    sync_s: float = setting(
+        1.0, 'seconds that a power cut can cost (fdatasync); 0: what the system has not written',
+        's', 0, 60,
+    )  # fmt: skip
     min_free_gb: float = setting(2.0, 'recording stops when the disk has less free', 'GB', 0)
 
 

@@ -25,6 +25,7 @@ ALLOWED = {
         'mcap',
         'yaml',
         'zstandard',
+        'lz4',
         'numba',
         '_sounddevice',
     },

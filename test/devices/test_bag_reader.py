@@ -59,32 +59,6 @@ def test_a_file_cut_anywhere_gives_all_that_is_whole(tmp_path, share):
     assert 'run_0.mcap was cut short' in cut.cut_short[0]
 
 
-def test_a_byte_gone_wrong_ends_the_reading_there_and_is_not_passed_on(tmp_path):
-    bag = BagWriter(tmp_path / 'run', [POINT], {})
-    for i in range(100):
-        bag.write('/eol/point', point(i * 0.1), T0 + i, T0, i + 1)
-        if i % 10 == 9:
-            bag.flush()
-    bag.abandon()
-    path = tmp_path / 'run' / 'run_0.mcap.part'
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 0x40
-    path.write_bytes(data)
-    values = [m.data for m in BagReader(path).messages()]
-    assert values == [point(i * 0.1) for i in range(len(values))]
-    assert 0 < len(values) < 100
-
-
-def test_a_damaged_chunk_of_a_whole_file_is_said(run):
-    path = run / 'run_0.mcap'
-    data = bytearray(path.read_bytes())
-    at = data.index(b'zstd') + 30
-    data[at : at + 40] = b'\xff' * 40
-    path.write_bytes(data)
-    with pytest.raises(ConfigError, match='run_0.mcap: damaged'):
-        list(BagReader(run).messages())
-
-
 def test_what_is_not_a_bag(tmp_path):
     with pytest.raises(DeviceMissing, match='no such bag'):
         BagReader(tmp_path / 'absent')

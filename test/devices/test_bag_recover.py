@@ -1,17 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """A killed writer leaves a readable bag, and the next start makes it whole."""
 
+import json
+import re
 import signal
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
-from bag_samples import POINT, write_bag
+from bag_samples import POINT, T0, TEXT, point, write_bag
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 
+from eol_ros.devices.bag import recover, scan
 from eol_ros.devices.bag.reader import BagReader
-from eol_ros.devices.bag.recover import leftovers, repair_all
+from eol_ros.devices.bag.recover import Breather, NoRoom, Stopped, leftovers, repair, repair_all
+from eol_ros.devices.bag.verify import verify
 from eol_ros.devices.bag.writer import BagWriter
 
 WRITER = """
@@ -46,7 +54,7 @@ def test_kill_leaves_what_was_flushed_and_repair_makes_it_whole(tmp_path):
     before = [m.sequence for m in BagReader(tmp_path / 'run').messages()]
     assert before == list(range(1, len(before) + 1))
     assert len(before) >= flushed
-    done = repair_all(tmp_path)
+    done = list(repair_all(tmp_path))
     assert len(done) == 1
     bag = BagReader(tmp_path / 'run')
     assert bag.cut_short == []
@@ -64,7 +72,7 @@ def test_rosbags_reads_a_repaired_bag(tmp_path):
     bag = write_bag(tmp_path / 'run')
     bag.flush()
     bag.abandon()
-    repair_all(tmp_path)
+    list(repair_all(tmp_path))
     with rosbag2.Reader(tmp_path / 'run') as reader:
         assert reader.message_count == 110
 
@@ -73,17 +81,134 @@ def test_a_bag_that_is_being_written_is_left_alone(tmp_path):
     bag = write_bag(tmp_path / 'run')
     bag.flush()
     assert leftovers(tmp_path) == []
-    assert repair_all(tmp_path) == []
+    assert list(repair_all(tmp_path)) == []
     bag.close()
 
 
-def test_a_repair_that_was_cut_off_is_done_again(tmp_path):
-    bag = write_bag(tmp_path / 'run')
-    bag.flush()
+def cut_bag(folder, count=200, every=10):
+    """Return the left-over file of a killed run: `count` points, a chunk of each `every`."""
+    bag = BagWriter(folder, [POINT, TEXT], {'scene': 'x'})
+    for i in range(count):
+        bag.write('/eol/point', point(i), T0 + i * 1_000_000, T0, i + 1)
+        if i % every == every - 1:
+            bag.flush()
     bag.abandon()
-    (tmp_path / 'run' / 'run_0.mcap.repair').write_bytes(b'half')
-    assert [r.message_count for r in repair_all(tmp_path)] == [110]
-    assert not list((tmp_path / 'run').glob('*.repair'))
+    return folder / f'{folder.name}_0.mcap.part'
+
+
+class Interrupted(Exception):
+    pass
+
+
+def stop_after(count):
+    left = [count]
+
+    def breathe():
+        left[0] -= 1
+        if left[0] < 0:
+            raise Interrupted
+
+    return breathe
+
+
+def test_a_repair_that_is_stopped_goes_on_where_it_was(tmp_path, monkeypatch):
+    part = cut_bag(tmp_path / 'run')
+    proved = []
+    unpack = scan.unpack
+    monkeypatch.setattr(
+        scan, 'unpack', lambda head, data: proved.append(head) or unpack(head, data)
+    )
+    stops = 0
+    while True:
+        try:
+            done = repair(part, stop_after(5))
+            break
+        except Interrupted:
+            stops += 1
+        assert [m.sequence for m in BagReader(part).messages()] == list(range(1, 201))
+        proved.clear()
+    assert stops == 4  # 21 chunks, the definitions among them
+    assert len(proved) <= 6 + 1  # and the definitions for the index
+    assert done.message_count == 200
+    assert [m.sequence for m in BagReader(done.file).messages()] == list(range(1, 201))
+    assert sorted(p.name for p in part.parent.iterdir()) == ['metadata.yaml', 'run_0.mcap']
+
+
+@pytest.mark.parametrize('garbage', [b'', bytes(5000), b'half a state'])
+def test_a_repair_that_was_cut_off_while_it_wrote_the_index_is_done_again(tmp_path, garbage):
+    part = cut_bag(tmp_path / 'run')
+    before = part.read_bytes()
+    whole = repair(part).file.read_bytes()
+    for share in (0.2, 0.5, 0.9):
+        part.write_bytes(whole[: len(before) + int(share * (len(whole) - len(before)))])
+        part.with_suffix('').unlink()
+        part.with_name('run_0.mcap.repair').write_bytes(garbage)
+        assert repair(part).message_count == 200
+        assert verify(tmp_path / 'run')[1] == []
+
+
+@pytest.mark.slow
+def test_a_repair_needs_no_second_copy_and_little_memory(tmp_path):
+    part = cut_bag(tmp_path / 'run', 30_000, 10)
+    before = part.stat().st_size
+    number = part.stat().st_ino
+    tracemalloc.start()
+    done = repair(part)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert done.file.stat().st_ino == number
+    assert done.file.stat().st_size < 1.6 * before  # three thousand tiny chunks: mostly index
+    assert peak < 500_000
+    assert done.message_count == 30_000
+
+
+def test_a_repair_leaves_the_room_that_the_recorder_must_leave(tmp_path, monkeypatch):
+    part = cut_bag(tmp_path / 'run')
+    free = [1e9]
+    monkeypatch.setattr(recover.shutil, 'disk_usage', lambda path: SimpleNamespace(free=free[0]))
+    size = part.stat().st_size
+    with pytest.raises(NoRoom, match='1.00 GB free, the index needs 0.1 MB'):
+        repair(part, min_free_gb=1.0)
+    assert part.stat().st_size == size
+    free[0] = 1.1e9
+    assert repair(part, min_free_gb=1.0).message_count == 200
+
+
+def test_a_repair_rests_three_quarters_of_the_time_and_stops_when_told():
+    now, waits = [0.0], []
+
+    class Stop:
+        def wait(self, seconds):
+            waits.append(seconds)
+            now[0] += seconds
+            return len(waits) == 3
+
+    breathe = Breather(Stop(), lambda: now[0])
+    for worked_s in (0.5, 0.1):
+        now[0] += worked_s
+        breathe()
+    assert waits == pytest.approx([1.5, 0.3])
+    with pytest.raises(Stopped):
+        breathe()
+
+
+def test_damage_within_a_left_over_file_is_left_out_and_said(tmp_path):
+    part = cut_bag(tmp_path / 'run')
+    data = bytearray(part.read_bytes())
+    chunks = [m.start() for m in re.finditer(b'zstd', data)]
+    data[chunks[5] + 20] ^= 1  # in the data of one chunk
+    data[chunks[9] - 39] ^= 0x40  # in the length of another
+    part.write_bytes(data)
+    done = repair(part)
+    assert done.message_count == 180 and len(done.damage) == 2
+    bag = BagReader(done.file)
+    assert [m.sequence for m in bag.messages()] == [i for i in range(1, 201) if not (
+        41 <= i <= 50 or 81 <= i <= 90)]  # fmt: skip
+    assert len(json.loads(bag.gaps['damaged'])) == 2
+    assert verify(tmp_path / 'run')[1] == []
+    with open(done.file, 'rb') as file:  # readers from the start to the end are not stopped either
+        records = StreamReader(file, validate_crcs=True).records
+        assert sum(isinstance(r, Message) for r in records) == 180
 
 
 def test_a_repair_that_was_cut_off_at_its_last_step_is_finished(tmp_path):
@@ -92,7 +217,7 @@ def test_a_repair_that_was_cut_off_at_its_last_step_is_finished(tmp_path):
     bag.abandon()
     part = tmp_path / 'run' / 'run_0.mcap.part'
     before = part.read_bytes()
-    repair_all(tmp_path)
+    list(repair_all(tmp_path))
     part.write_bytes(before)
     assert BagReader(tmp_path / 'run').counts['/eol/point'] == 100
     assert [r.message_count for r in repair_all(tmp_path)] == [110]
@@ -107,4 +232,4 @@ def test_nothing_readable_leaves_no_rubbish(tmp_path):
 
 
 def test_a_root_that_is_not_there_needs_no_repair(tmp_path):
-    assert repair_all(tmp_path / 'absent') == []
+    assert list(repair_all(tmp_path / 'absent')) == []

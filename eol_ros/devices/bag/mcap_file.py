@@ -6,10 +6,9 @@ level: a 1 MB infrared picture takes 8 ms at its level 3 and 1.3 ms at level 1, 
 becomes smaller.
 """
 
-import os
 import struct
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,8 +31,10 @@ from mcap.records import (
     SummaryOffset,
 )
 
-MAGIC = b'\x89MCAP0\r\n'
-LIBRARY = 'eol_ros'
+from eol_ros.devices.bag.disk import DISK, Disk
+from eol_ros.devices.bag.scan import CRC_KEY, MAGIC, pairs_crc
+
+LIBRARY = 'eol_ros 2'  # its metadata carry a checksum; its definitions are in the first chunk, too
 CHUNK_BYTES = 1 << 20  # what a killed writer can lose at most
 BIG_BYTES = 1 << 16  # such messages, pictures, get a chunk each: who wants the rest skips them
 ZSTD_LEVEL = 1
@@ -76,6 +77,43 @@ class _Chunk:
         self.data += data
 
 
+class Summary:
+    """What stands behind the data of a file, from offset `at`: groups of records, then the footer.
+
+    `write` takes it piece by piece, so that an index of any length needs no memory.
+    """
+
+    def __init__(self, at: int, write: Callable[[bytes], object]):
+        self._write = write
+        self._start = self._at = at
+        self._crc = 0
+        self._offsets = b''
+
+    def group(self, opcode: Opcode, records: Iterable[bytes]) -> None:
+        """Write all records of one kind."""
+        begin = self._at
+        for record in records:
+            self._add(record)
+        if self._at > begin:
+            self._offsets += packed(
+                SummaryOffset(group_opcode=opcode, group_start=begin, group_length=self._at - begin)
+            )
+
+    def end(self) -> None:
+        """Write where the groups are, and the footer with the checksum of it all."""
+        offsets_at = self._at
+        self._add(self._offsets)
+        footer = packed(
+            Footer(summary_start=self._start, summary_offset_start=offsets_at, summary_crc=0)
+        )[:-4]
+        self._write(footer + struct.pack('<I', zlib.crc32(footer, self._crc)) + MAGIC)
+
+    def _add(self, piece: bytes) -> None:
+        self._write(piece)
+        self._crc = zlib.crc32(piece, self._crc)
+        self._at += len(piece)
+
+
 class BagFile:
     """Writes one MCAP file; every method may raise OSError.
 
@@ -83,8 +121,15 @@ class BagFile:
     that was flushed stays readable when the process is killed.
     """
 
-    def __init__(self, path: Path, topics: Sequence[BagTopic], level: int = ZSTD_LEVEL):
+    def __init__(
+        self,
+        path: Path,
+        topics: Sequence[BagTopic],
+        level: int = ZSTD_LEVEL,
+        disk: Disk = DISK,
+    ):
         self.path = path
+        self._disk = disk
         self.message_count = 0
         self.counts = [0] * len(topics)
         self.start_ns = 0
@@ -94,11 +139,15 @@ class BagFile:
         self._chunk_count = 0
         self._chunk_index = bytearray()  # packed: pictures make 200 000 of them an hour
         self._metadata_index: list[MetadataIndex] = []
-        self._schemas, self._channels = _describe(topics)
-        self.file = open(path, 'xb')  # noqa: SIM115 - closed in close()
-        self.file.write(MAGIC + _packed(Header('ros2', LIBRARY)))
-        for record in (*self._schemas, *self._channels):
-            self.file.write(_packed(record))
+        self._schemas, self._channels = describe_topics(topics)
+        self.file = disk.create(path)
+        definitions = b''.join(map(packed, [*self._schemas, *self._channels]))
+        self.file.write(MAGIC + packed(Header('ros2', LIBRARY)) + definitions)
+        # Once more in a chunk: a flipped bit in a definition would change what messages mean, and
+        # only chunks have a checksum. Where a file is cut, it has no summary.
+        first = _Chunk()
+        first.data += definitions
+        self._write_chunk(first)
 
     @property
     def size_bytes(self) -> int:
@@ -131,8 +180,8 @@ class BagFile:
             self._end_chunk()
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
-        """Add a named map of texts."""
-        record = _packed(Metadata(name=name, metadata=dict(data)))
+        """Add a named map of texts, with its checksum: the format has none for it."""
+        record = metadata_record(name, data)
         at = self.file.tell()
         self._metadata_index.append(MetadataIndex(offset=at, length=len(record), name=name))
         self.file.write(record)
@@ -142,39 +191,23 @@ class BagFile:
         self._end_chunk()
         self.file.flush()
 
+    def sync(self) -> None:
+        """Return when all that was written survives a power cut."""
+        self._end_chunk()
+        self._disk.sync(self.file)
+
     def close(self) -> None:
         """Write the index and the end, and force all of it to the disk."""
         self._end_chunk()
-        self.file.write(_packed(DataEnd(0)))
-        start = self.file.tell()
-        summary, offsets = bytearray(), bytearray()
-        groups: list[tuple[Opcode, bytes | bytearray]] = [
-            (Opcode.SCHEMA, _all_packed(self._schemas)),
-            (Opcode.CHANNEL, _all_packed(self._channels)),
-            (Opcode.STATISTICS, _packed(self._statistics())),
-            (Opcode.CHUNK_INDEX, self._chunk_index),
-            (Opcode.METADATA_INDEX, _all_packed(self._metadata_index)),
-        ]
-        for opcode, records in groups:
-            at = len(summary)
-            summary += records
-            if records:
-                offsets += _packed(
-                    SummaryOffset(
-                        group_opcode=opcode,
-                        group_start=start + at,
-                        group_length=len(summary) - at,
-                    )
-                )
-        offsets_start = start + len(summary)
-        summary += offsets
-        footer = _packed(
-            Footer(summary_start=start, summary_offset_start=offsets_start, summary_crc=0)
-        )
-        crc = zlib.crc32(footer[:-4], zlib.crc32(summary))
-        self.file.write(bytes(summary) + footer[:-4] + struct.pack('<I', crc) + MAGIC)
-        self.file.flush()
-        os.fsync(self.file.fileno())
+        self.file.write(packed(DataEnd(0)))
+        summary = Summary(self.file.tell(), self.file.write)
+        summary.group(Opcode.SCHEMA, map(packed, self._schemas))
+        summary.group(Opcode.CHANNEL, map(packed, self._channels))
+        summary.group(Opcode.STATISTICS, [packed(self._statistics())])
+        summary.group(Opcode.CHUNK_INDEX, [bytes(self._chunk_index)])
+        summary.group(Opcode.METADATA_INDEX, map(packed, self._metadata_index))
+        summary.end()
+        self._disk.sync(self.file)
         self.file.close()
 
     def abandon(self) -> None:
@@ -194,7 +227,7 @@ class BagFile:
         data = self._compressor.compress(chunk.data) if compress else bytes(chunk.data)
         kind = 'zstd' if compress else ''
         at = self.file.tell()
-        record = _packed(
+        record = packed(
             Chunk(
                 compression=kind,
                 data=data,
@@ -208,9 +241,9 @@ class BagFile:
         index_at, places = self.file.tell(), {}
         for channel, records in chunk.offsets.items():
             places[channel] = self.file.tell()
-            self.file.write(_packed(MessageIndex(channel, sorted(records))))
+            self.file.write(packed(MessageIndex(channel, sorted(records))))
         self._chunk_count += 1
-        self._chunk_index += _packed(
+        self._chunk_index += packed(
             ChunkIndex(
                 chunk_length=len(record),
                 chunk_start_offset=at,
@@ -238,17 +271,21 @@ class BagFile:
         )
 
 
-def _packed(record: McapRecord) -> bytes:
+def packed(record: McapRecord) -> bytes:
+    """Return the bytes of a record."""
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()
 
 
-def _all_packed(records: Sequence[McapRecord]) -> bytes:
-    return b''.join(_packed(record) for record in records)
+def metadata_record(name: str, data: Mapping[str, str]) -> bytes:
+    """Return the bytes of named texts with their checksum."""
+    pairs = {**data, CRC_KEY: pairs_crc(dict(data))}
+    return packed(Metadata(name=name, metadata=pairs))
 
 
-def _describe(topics: Sequence[BagTopic]) -> tuple[list[Schema], list[Channel]]:
+def describe_topics(topics: Sequence[BagTopic]) -> tuple[list[Schema], list[Channel]]:
+    """Return the definitions of `topics`: a schema for each type, channel i + 1 for topic i."""
     schemas: dict[str, Schema] = {}
     channels = []
     for number, topic in enumerate(topics, 1):

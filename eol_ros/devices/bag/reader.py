@@ -1,26 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads bags: a rosbag2 folder of MCAP files, or one such file, whole or cut short; no ROS."""
+"""Reads bags: a rosbag2 folder of MCAP files, or one such file, whole, cut or damaged; no ROS.
+
+What cannot be read is skipped and said (`BagReader.damage`, and a warning): never passed on, and
+never the end of the reading. An index is used where its checksum is right; else the file is walked
+through once and each chunk proved (see `scan`).
+"""
 
 import heapq
 import itertools
 import re
 import struct
+import time
+import warnings
+import zlib
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import yaml
-from mcap.exceptions import McapError
-from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
-from zstandard import ZstdError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Header, Metadata, Schema
 
-from eol_ros.devices.bag.mcap_file import MAGIC, BagTopic
+from eol_ros.devices.bag import scan
+from eol_ros.devices.bag.mcap_file import LIBRARY, BagTopic
+from eol_ros.devices.bag.scan import MAGIC, ChunkHead, ChunkMessage, DamagedRecord
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA, SAMPLE
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.errors import BagDamaged, ConfigError, DeviceMissing
 
-DAMAGE = (McapError, ZstdError, ValueError, struct.error)  # what broken bytes raise in mcap
+FOOTER = struct.Struct('<BQQQI')  # opcode, length, start of the summary, of its offsets, crc
+NEAR = 6  # so many of the eight first bytes must be right for a file to be a damaged bag
+FOREVER = (1 << 63) - 1
+_INDEX = struct.Struct('<QQQQI')  # start, end, offset, length, bytes of the map that follows
+_COUNTS = struct.Struct('<QHIIIIQQI')  # messages, schemas, ..., start, end, bytes of the map
 
 
 class BagMessage(NamedTuple):
@@ -33,131 +44,345 @@ class BagMessage(NamedTuple):
     data: bytes
 
 
-class _File:
-    """One MCAP file: what is in it, and its messages."""
+class Damage(NamedTuple):
+    """A stretch of bytes of `file` that cannot be read, and which time of it is missing, in ns.
 
-    def __init__(self, path: Path):
+    Where no message is missing the times are 0.
+    """
+
+    file: str
+    start: int
+    end: int
+    why: str
+    start_ns: int = 0
+    end_ns: int = 0
+
+    def text(self, bag_start_ns: int) -> str:
+        """Return it in words, with times from the start of the bag, too."""
+        where = f'{self.file}: bytes {self.start} to {self.end} are damaged ({self.why})'
+        if not self.end_ns:
+            return f'{where}; no message is missing'
+        begin = f'{(self.start_ns - bag_start_ns) * 1e-9:.3f} s' if self.start_ns else 'the start'
+        end = f'{(self.end_ns - bag_start_ns) * 1e-9:.3f} s' if self.end_ns < FOREVER else 'the end'
+        day = time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(self.start_ns // 10**9))
+        day = f' ({day})' if self.start_ns else ''
+        return f'{where}: messages from {begin} to {end} may be missing{day}'
+
+
+class Place(NamedTuple):
+    """Where messages lie in a file: a chunk, or one message by itself. Times in ns, true ones."""
+
+    start_ns: int
+    end_ns: int
+    offset: int
+    end: int
+    channels: frozenset[int]  # empty: not known
+    compression: str  # of a chunk; the record itself may be damaged
+    chunk: bool = True
+
+
+class BagFileReader:
+    """One MCAP file: what is in it, where, and its messages.
+
+    `with_places` off: only what there is of each topic and when, without the memory for an index.
+    """
+
+    def __init__(self, path: Path, with_places: bool = True):
         self.path = path
+        self._with_places = with_places
         self.topics: dict[str, BagTopic] = {}
         self.counts: dict[str, int] = {}
         self.metadata: dict[str, dict[str, str]] = {}
+        self.damage: list[Damage] = []
         self.start_ns, self.end_ns = 0, 0
         self.cut_at: int | None = None  # bytes that could be read of a file cut short
+        self.places: list[Place] = []
+        self.names: dict[int, str] = {}  # topic by number of the channel
+        self.indexed = False  # it has an index, and that is right
+        self.ours = False  # this project wrote it, with checksums
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._metadata: list[tuple[int, Metadata]] = []
         try:
             with open(path, 'rb') as file:
-                magic = file.read(len(MAGIC))
-                if magic != MAGIC:
-                    raise ConfigError(f'{path}: not a bag: begins with {magic!r}, not {MAGIC!r}')
-                if not self._read_summary(file):
-                    self._read_all(file)
+                self._read(file)
         except OSError as error:
             raise DeviceMissing(f'{path}: {error.strerror}') from None
 
     def messages(
         self, topics: Collection[str] | None, start_ns: int, end_ns: int | None
     ) -> Iterator[BagMessage]:
-        """Yield the messages in order of reception."""
+        """Yield the messages in order of reception; skip and tell what cannot be read."""
+        wanted = {k for k, name in self.names.items() if topics is None or name in topics}
+        waiting: list[tuple[int, int, int, ChunkMessage]] = []
         with open(self.path, 'rb') as file:
-            if self.cut_at is None:
-                reader = SeekingReader(file, validate_crcs=True)
-                try:
-                    for _schema, channel, m in reader.iter_messages(
-                        topics, starting_at=start_ns, ending_before=end_ns
-                    ):
-                        yield BagMessage(
-                            channel.topic, m.log_time, m.publish_time, m.sequence, m.data
-                        )
-                except DAMAGE as error:
-                    raise ConfigError(f'{self.path}: damaged: {error}') from None
-                return
-            for message in _whole_messages(file):
-                log_ns = message.log_ns
-                inside = log_ns >= start_ns and (end_ns is None or log_ns < end_ns)
-                if inside and (topics is None or message.topic in topics):
-                    yield message
+            for place in self.places:
+                if place.end_ns < start_ns or (end_ns is not None and place.start_ns >= end_ns):
+                    continue
+                if place.channels and not place.channels & wanted:
+                    continue
+                while waiting and waiting[0][0] < place.start_ns:
+                    yield self._message(heapq.heappop(waiting)[3])
+                for count, m in enumerate(self._load(file, place)):
+                    inside = m.log_ns >= start_ns and (end_ns is None or m.log_ns < end_ns)
+                    if inside and m.channel in wanted:
+                        heapq.heappush(waiting, (m.log_ns, place.offset, count, m))
+            while waiting:
+                yield self._message(heapq.heappop(waiting)[3])
 
-    def _read_summary(self, file: BinaryIO) -> bool:
+    def defines(self, record: Schema | Channel) -> bool:
+        """Return whether a schema or channel is the one that holds for its number."""
+        known: dict = self._schemas if isinstance(record, Schema) else self._channels
+        return known.get(record.id) == record
+
+    def _message(self, m: ChunkMessage) -> BagMessage:
+        return BagMessage(self.names[m.channel], m.log_ns, m.publish_ns, m.sequence, m.data)
+
+    def _load(self, file: BinaryIO, place: Place) -> list[ChunkMessage]:
         try:
-            file.seek(0)
-            reader = SeekingReader(file)
-            summary = reader.get_summary()
-            if summary is None or summary.statistics is None:
-                return False
-            for metadata in reader.iter_metadata():
-                self.metadata[metadata.name] = metadata.metadata
-        except DAMAGE:
+            if not place.chunk:
+                body = scan.read_at(file, place.offset, place.end - place.offset)
+                return [scan.parse(Opcode.MESSAGE, body[scan.HEAD.size :])]
+            return list(scan.messages_in(unpacked(file, place)))
+        except DamagedRecord as error:
+            self._damaged(place.offset, place.end, str(error), place.start_ns, place.end_ns)
+            return []
+
+    def _damaged(self, start: int, end: int, why: str, start_ns: int = 0, end_ns: int = 0) -> None:
+        damage = Damage(self.path.name, start, end, why, start_ns, end_ns)
+        if damage not in self.damage:
+            self.damage.append(damage)
+            warnings.warn(damage.text(self.start_ns), BagDamaged, stacklevel=2)
+
+    def _read(self, file: BinaryIO) -> None:
+        size, magic = scan.size_of(file), b''
+        file.seek(0)
+        magic = file.read(len(MAGIC))
+        if magic != MAGIC:
+            near = sum(a == b for a, b in zip(magic, MAGIC, strict=False))
+            if near < NEAR and self.path.name.endswith(PART):
+                self.cut_at = 0  # the power failed before the first bytes were on the disk
+                return
+            if near < NEAR:
+                raise ConfigError(f'{self.path}: not a bag: begins with {magic!r}, not {MAGIC!r}')
+            self._damaged(0, len(MAGIC), f'begins with {magic!r}')
+        first = next(scan.walk(file, len(MAGIC), size), None)
+        self.ours = bool(first and isinstance(first.body, Header) and first.body.library == LIBRARY)
+        if not self._read_summary(file, size):
+            self.places, self._schemas, self._channels = [], {}, {}
+            self._read_all(file, size)
+        for channel in self._channels.values():
+            self._add(channel, self._schemas.get(channel.schema_id))
+        self._check_metadata()
+
+    def _read_summary(self, file: BinaryIO, size: int) -> bool:
+        """Take what is in the file from its index; return whether that is whole and right."""
+        tail = FOOTER.size + len(MAGIC)
+        if size < 2 * tail:
             return False
-        for channel in summary.channels.values():
-            self._add(channel, summary.schemas.get(channel.schema_id))
-        statistics = summary.statistics
-        for number, count in statistics.channel_message_counts.items():
-            topic = summary.channels[number].topic
-            self.counts[topic] = self.counts.get(topic, 0) + count
-        self.start_ns, self.end_ns = statistics.message_start_time, statistics.message_end_time
+        opcode, length, start, _, crc = FOOTER.unpack(scan.read_at(file, size - tail, FOOTER.size))
+        places: list[bytes] = []
+        if opcode != Opcode.FOOTER or length != 20 or not len(MAGIC) < start < size - tail:
+            return False
+        counts, per_channel = None, b''
+        found_crc, at, end = 0, start, size - tail
+        try:
+            while at < end:
+                head = scan.read_at(file, at, scan.HEAD.size)
+                kind, length = scan.HEAD.unpack(head)
+                at += scan.HEAD.size + length
+                if at > end:
+                    return False
+                body = file.read(length)
+                found_crc = zlib.crc32(body, zlib.crc32(head, found_crc))
+                if kind == Opcode.STATISTICS:
+                    counts, per_channel = _COUNTS.unpack_from(body), body[_COUNTS.size :]
+                elif kind == Opcode.CHUNK_INDEX and self._with_places:
+                    self._add_place(body)
+                elif kind == Opcode.METADATA_INDEX:
+                    places.append(body)
+                elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._define(scan.parse(kind, body), trusted=True)
+        except (DamagedRecord, struct.error):
+            return False
+        found_crc = zlib.crc32(scan.read_at(file, end, FOOTER.size - 4), found_crc)
+        if crc != found_crc and (crc or self.ours):
+            return False
+        if counts is None or (counts[0] and self._with_places and not self.places):
+            return False
+        for body in places:
+            self._add_metadata(file, body)
+        for number, count in struct.iter_unpack('<HQ', per_channel):
+            if number in self._channels:
+                topic = self._channels[number].topic
+                self.counts[topic] = self.counts.get(topic, 0) + count
+        self.start_ns, self.end_ns = counts[6], counts[7]
+        self.places.sort()
+        self.indexed = True
+        if scan.read_at(file, size - len(MAGIC), len(MAGIC)) != MAGIC:
+            self._damaged(size - len(MAGIC), size, 'the last bytes')
         return True
 
-    def _read_all(self, file: BinaryIO) -> None:
-        schemas: dict[int, Schema] = {}
-        names: dict[int, str] = {}
-        stamps: tuple[int, int] | None = None
+    def _add_place(self, body: bytes) -> None:
+        start_ns, end_ns, offset, length, count = _INDEX.unpack_from(body)
+        channels = frozenset(k for k, _ in struct.iter_unpack('<HQ', body[36 : 36 + count]))
+        kind = scan.Body(body[44 + count :]).text()
+        if start_ns:  # else definitions only
+            self.places.append(Place(start_ns, end_ns, offset, offset + length, channels, kind))
+
+    def _add_metadata(self, file: BinaryIO, body: bytes) -> None:
+        offset, length = struct.unpack_from('<QQ', body)
+        found = scan.record_at(file, offset, offset + length)
+        if isinstance(found.body, Metadata) and found.end == offset + length:
+            self._metadata.append((offset, found.body))
+        else:
+            self._damaged(offset, offset + length, found.why or 'no metadata there')
+
+    def _define(self, record: Schema | Channel, trusted: bool) -> None:
+        """Take a definition; one with a checksum holds against one without."""
+        known: dict = self._schemas if isinstance(record, Schema) else self._channels
+        if trusted:
+            known[record.id] = record
+        else:
+            known.setdefault(record.id, record)
+
+    def _read_all(self, file: BinaryIO, size: int) -> None:
+        """Walk through a file without an index, and prove each chunk."""
         self.cut_at = len(MAGIC)
-        for self.cut_at, record in whole_records(file):
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                self._add(record, schemas.get(record.schema_id))
-                names[record.id] = record.topic
+        counts: dict[int, int] = {}
+        holes = []  # damage that messages may have been in, by number of places before it
+        for found in scan.walk(file, len(MAGIC), size, self.ours):
+            self.cut_at = found.end
+            record = found.body
+            if found.why:
+                holes.append((len(self.places), found))
+            elif isinstance(record, (Schema, Channel)):
+                self._define(record, trusted=False)
             elif isinstance(record, Metadata):
+                self._metadata.append((found.offset, record))
+            elif isinstance(record, ChunkHead):
+                why = self._take_chunk(file, found, record, counts)
+                if why:
+                    holes.append((len(self.places), found._replace(why=why)))
+            elif isinstance(record, ChunkMessage):
+                self._take_messages([record], found, '', counts)
+            elif found.opcode == Opcode.DATA_END:
+                if scan.read_at(file, size - len(MAGIC), len(MAGIC)) == MAGIC:
+                    self._damaged(found.end, size, 'the index')
+                    self.cut_at = None
+                break
+        places = self.places
+        if places:
+            self.start_ns = min(p.start_ns for p in places)
+            self.end_ns = max(p.end_ns for p in places)
+        for index, hole in holes:
+            # between the neighbours of many messages, for pictures lie among them
+            before = [p.end_ns for p in places[:index] if p.start_ns < p.end_ns]
+            after = [p.end_ns for p in places[index:] if p.start_ns < p.end_ns]
+            span = _span(hole, before[-1] if before else 0, after[0] if after else FOREVER)
+            self._damaged(hole.offset, hole.end, hole.why, *span)
+        self.places = sorted(places)
+        for number, count in counts.items():
+            if number in self._channels:
+                topic = self._channels[number].topic
+                self.counts[topic] = self.counts.get(topic, 0) + count
+
+    def _take_chunk(self, file, found: scan.Found, head: ChunkHead, counts: dict) -> str:
+        """Prove a chunk and take note of what is in it; return why not, empty if it is right."""
+        try:
+            data = scan.unpack(head, scan.read_at(file, head.data_at, head.data_bytes))
+            for _at, kind, body in scan.records_in(data):
+                if kind in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._define(scan.parse(kind, body), trusted=bool(head.crc))
+            self._take_messages(list(scan.messages_in(data)), found, head.compression, counts)
+        except DamagedRecord as error:
+            return str(error)
+        return ''
+
+    def _take_messages(self, messages: list, found: scan.Found, kind: str, counts: dict) -> None:
+        if not messages:
+            return
+        for m in messages:
+            counts[m.channel] = counts.get(m.channel, 0) + 1
+        stamps = [m.log_ns for m in messages]
+        channels = frozenset(m.channel for m in messages)
+        chunk = isinstance(found.body, ChunkHead)
+        self.places.append(
+            Place(min(stamps), max(stamps), found.offset, found.end, channels, kind, chunk)
+        )
+
+    def _check_metadata(self) -> None:
+        """Keep what has the right checksum; the copy in rosbag2's own record stands in."""
+        broken = {}
+        for offset, record in self._metadata:
+            pairs = dict(record.metadata)
+            crc = pairs.pop(scan.CRC_KEY, None)
+            if crc == scan.pairs_crc(pairs):
+                self.metadata[record.name] = pairs
+            elif self.ours:
+                broken[offset] = record
+            else:
                 self.metadata[record.name] = record.metadata
-            elif isinstance(record, Message):
-                self.counts[names[record.channel_id]] += 1
-                first, last = stamps or (record.log_time, record.log_time)
-                stamps = (min(first, record.log_time), max(last, record.log_time))
-        if stamps:
-            self.start_ns, self.end_ns = stamps
+        for offset, record in broken.items():
+            self._damaged(offset, offset + 9, f'metadata {record.name}')
+        about, gaps = self.metadata.get(RUN_METADATA), self.metadata.get(GAPS_METADATA)
+        if not self.ours or (about is not None and gaps is not None):
+            return
+        custom = _custom_data(self.metadata.get('rosbag2', {}))
+        if about is None and custom:
+            self.metadata[RUN_METADATA] = {k: v for k, v in custom.items() if k not in (gaps or ())}
+        elif gaps is None and custom:
+            self.metadata[GAPS_METADATA] = {
+                k: v for k, v in custom.items() if k not in (about or ())
+            }
 
     def _add(self, channel: Channel, schema: Schema | None) -> None:
+        self.names[channel.id] = channel.topic
         self.counts.setdefault(channel.topic, 0)
         self.topics[channel.topic] = BagTopic(
             channel.topic,
             schema.name if schema else '',
-            schema.data.decode() if schema else '',
+            schema.data.decode(errors='replace') if schema else '',
             channel.metadata.get('topic_type_hash', ''),
             channel.metadata.get('offered_qos_profiles', ''),
         )
 
 
-def whole_records(file: BinaryIO) -> Iterator[tuple[int, McapRecord]]:
-    """Yield the records of an MCAP file up to where it was cut or damaged, chunks taken apart.
+def unpacked(file: BinaryIO, place: Place) -> bytes:
+    """Return the records of the chunk at `place`; raise DamagedRecord.
 
-    With each comes the offset up to which the file is whole.
+    Only its checksum and its data are taken from the record itself: what they say holds, whatever
+    else of the head is damaged.
     """
-    file.seek(0)
-    records = StreamReader(file, emit_chunks=True, record_size_limit=1 << 30).records
-    while True:
-        try:
-            record = next(records)
-            inner = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else ()
-        except (StopIteration, *DAMAGE):
-            return
-        end = file.tell()
-        for item in inner or (record,):
-            yield end, item
+    kind = place.compression
+    data_at = place.offset + scan.HEAD.size + scan.CHUNK.size + len(kind) + 8
+    head = scan.read_at(file, place.offset, data_at - place.offset)
+    size, crc = struct.unpack_from('<QI', head, scan.HEAD.size + 16)
+    data = scan.read_at(file, data_at, place.end - data_at)
+    return scan.unpack(
+        ChunkHead(place.start_ns, place.end_ns, size, crc, kind, data_at, len(data)), data
+    )
 
 
-def _whole_messages(file: BinaryIO) -> Iterator[BagMessage]:
-    names: dict[int, str] = {}
-    for _end, record in whole_records(file):
-        if isinstance(record, Channel):
-            names[record.id] = record.topic
-        elif isinstance(record, Message):
-            yield BagMessage(
-                names[record.channel_id],
-                record.log_time,
-                record.publish_time,
-                record.sequence,
-                record.data,
-            )
+def _span(hole: scan.Found, before_ns: int, after_ns: int) -> tuple[int, int]:
+    """Return from when to when messages may be missing: what a head says, where that can be."""
+    if hole.framed:
+        return 0, 0
+    if isinstance(hole.body, ChunkHead):
+        head = hole.body
+        if not head.start_ns:
+            return 0, 0  # definitions
+        if before_ns <= head.start_ns <= head.end_ns <= after_ns:
+            return head.start_ns, head.end_ns
+    return before_ns, max(before_ns, after_ns)
+
+
+def _custom_data(rosbag2: dict[str, str]) -> dict[str, str]:
+    try:
+        information = yaml.safe_load(rosbag2.get('serialized_metadata', '')) or {}
+        return information['rosbag2_bagfile_information']['custom_data'] or {}
+    except (yaml.YAMLError, KeyError, TypeError):
+        return {}
 
 
 class BagReader:
@@ -170,7 +395,7 @@ class BagReader:
 
     def __init__(self, path: str | Path):
         self.path = _newest(Path(path))
-        self.files = [_File(p) for p in _mcap_files(self.path)]
+        self.files = [BagFileReader(p) for p in _mcap_files(self.path)]
         self.files.sort(key=lambda f: (f.start_ns, f.path.name))
         self.topics: dict[str, BagTopic] = {}
         self.counts: dict[str, int] = {}
@@ -206,6 +431,11 @@ class BagReader:
             for f in self.files
             if f.cut_at is not None
         ]
+
+    @property
+    def damage(self) -> list[str]:
+        """One line for each stretch found damaged so far: `verify` finds all before reading."""
+        return [d.text(self.start_ns) for f in self.files for d in f.damage]
 
     def find(self, name: str) -> str:
         """Return the full name of topic `name`, with or without namespace; raise ConfigError."""
@@ -270,11 +500,14 @@ def _run_metadata(path: Path) -> dict[str, str] | None:
     """Return what a file says of its run, read from its beginning; None if it just begins."""
     try:
         with open(path, 'rb') as file:
-            for _end, record in whole_records(file):
+            for found in scan.walk(file, len(MAGIC), scan.size_of(file)):
+                record = found.body
                 if isinstance(record, Metadata) and record.name == RUN_METADATA:
                     return record.metadata
-                if isinstance(record, Message):  # of another program
-                    return {}
+                if isinstance(record, ChunkMessage) or (
+                    isinstance(record, ChunkHead) and record.start_ns
+                ):
+                    return {}  # of another program
     except OSError:  # renamed meanwhile: it is whole now
         return {}
     return None if path.name.endswith(PART) else {}
@@ -288,7 +521,13 @@ def _mcap_files(path: Path) -> list[Path]:
     files = [p for p in path.iterdir() if re.search(rf'\.mcap({re.escape(PART)})?$', p.name)]
     names = {p.name for p in files}
     files = [p for p in files if p.name.removesuffix(PART) not in names - {p.name}]
-    missing = sorted(set(_listed(path)) - names)
+    try:
+        listed = (_information(path) or {}).get('relative_file_paths', [])
+    except ConfigError:
+        if not files:
+            raise
+        listed = []  # damaged; the files say it all again
+    missing = sorted(set(listed) - names)
     if missing:
         raise DeviceMissing(f'{path}: {missing[0]} is named in metadata.yaml and is not there')
     if not files:
@@ -296,13 +535,28 @@ def _mcap_files(path: Path) -> list[Path]:
     return sorted(files)
 
 
-def _listed(folder: Path) -> list[str]:
-    """Return the files that `metadata.yaml` names; none when there is no such file."""
+def _information(folder: Path) -> dict | None:
+    """Return what `metadata.yaml` of a bag says, None without one; raise ConfigError."""
     file = folder / 'metadata.yaml'
     if not file.exists():
-        return []
+        return None
     try:
         information = yaml.safe_load(file.read_text(encoding='utf-8'))
-        return [str(p) for p in information['rosbag2_bagfile_information']['relative_file_paths']]
-    except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError):
+        found = information['rosbag2_bagfile_information']
+        return {**found, 'relative_file_paths': [str(p) for p in found['relative_file_paths']]}
+    except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError, ValueError):
         raise ConfigError(f'{file}: not the metadata of a rosbag2 folder') from None
+
+
+def metadata_fault(folder: Path, count: int) -> str:
+    """Return what is wrong with `metadata.yaml` of a bag of `count` messages, empty if nothing."""
+    try:
+        said = (_information(folder) or {}).get('message_count', count)
+    except ConfigError as error:
+        return f'{error}: `eol bag recover` writes it anew'
+    if said != count:
+        return (
+            f'metadata.yaml speaks of {said} messages, the files of {count}: '
+            '`eol bag recover` writes it anew'
+        )
+    return ''

@@ -7,18 +7,21 @@ gone, recording pauses, says so, and begins a new bag when it can. Nothing is ev
 """
 
 import atexit
+import contextlib
 import json
+import math
 import os
 import re
 import shutil
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from eol_ros.devices.bag.disk import DISK, Disk
 from eol_ros.devices.bag.mcap_file import BagTopic
-from eol_ros.devices.bag.recover import repair_all
+from eol_ros.devices.bag.recover import Breather, NoRoom, Repaired, Stopped, repair_all
 from eol_ros.devices.bag.selection import (
     AroundSlips,
     Dropped,
@@ -35,6 +38,7 @@ from eol_ros.streams.cdr import stamp_ns
 
 FLUSH_S = 1.0
 RETRY_S = 10.0
+REPAIR_RETRY_S = 60.0
 QUEUE_BYTES = 64 << 20
 HEAD = 12  # bytes of a message, to the end of its stamp
 HURRY_BYTES = QUEUE_BYTES // 4  # with more than this waiting, pictures are not compressed
@@ -46,7 +50,8 @@ class Recording:
 
     `images` and `rhythm` name topics: the raw pictures, and those whose stamps come regularly;
     `thinned` those made for the eye, of which one per `settings.display_period_s` is enough.
-    Raises ConfigError when `root` cannot be written.
+    Raises ConfigError when `root` cannot be written. `clock` and `disk` are arguments for
+    the tests, and with `threaded` off nothing is written but by `pump` and `close`.
     """
 
     def __init__(
@@ -60,8 +65,12 @@ class Recording:
         rhythm: Sequence[str] = (),
         thinned: Sequence[str] = (),
         rate_hz: float = 0.0,
+        clock: Callable[[], float] = time.monotonic,
+        disk: Disk = DISK,
+        threaded: bool = True,
     ):
         self.root = root
+        self.sync_s = 0.0  # how long the disk took when it was last told to keep what it has
         self.folder: Path | None = None
         self.trouble = ''  # why nothing is recorded now; empty while all is well
         self.dropped: Counter[str] = Counter()
@@ -76,18 +85,26 @@ class Recording:
         self._gaps = Gaps()
         self._ring = AroundSlips(settings.before_s, settings.after_s)
         self._thinning = Thinning(settings.display_period_s)
-        self._queue: deque[Item | Slipping | Dropped] = deque()
+        self._queue: deque[tuple[float, Item | Slipping | Dropped]] = (
+            deque()
+        )  # with time of arrival
         self._queued_bytes = 0
         self._written = 0  # messages of bags already closed
         self._ready = threading.Condition()
         self._closing = False
+        self._stop, self._kept = threading.Event(), threading.Event()
         self._writer: BagWriter | None = None
+        self._clock, self._disk, self._threaded = clock, disk, threaded
+        self._next_flush = self._next_try = self._synced_s = clock()
+        self._unsaved_s: float | None = None  # since when the oldest message is not on the disk
         self._open()
-        self._repairer = threading.Thread(target=self._repair, name='bag-repair', daemon=True)
-        self._repairer.start()
+        if not threaded:
+            return
         self._thread = threading.Thread(target=self._run, name='bag-writer', daemon=True)
         atexit.register(self.close)  # whoever forgets to close still gets a whole bag
         self._thread.start()
+        self._repairer = threading.Thread(target=self._repair, name='bag-repair', daemon=True)
+        self._repairer.start()
 
     def take(self, item: Item) -> None:
         """Hand over a message; never waits."""
@@ -97,25 +114,39 @@ class Recording:
                 return
             if self._queued_bytes + len(item.data) > QUEUE_BYTES:
                 self.dropped[item.topic] += 1
-                self._queue.append(Dropped(item.topic, item.data[:HEAD], item.sequence))
+                self._queue.append(
+                    (self._clock(), Dropped(item.topic, item.data[:HEAD], item.sequence))
+                )
                 return
-            self._queue.append(item)
+            self._queue.append((self._clock(), item))
             self._queued_bytes += len(item.data)
             self._ready.notify()
 
     def slip(self, news: Slipping) -> None:
         """Tell that a slip has started or stopped: pictures around it are kept."""
         with self._ready:
-            self._queue.append(news)
+            self._queue.append((self._clock(), news))
             self._ready.notify()
 
     def close(self) -> None:
         """Write what is queued, finish the file, end the thread; a second call does nothing."""
         atexit.unregister(self.close)
         with self._ready:
-            self._closing = True
+            first, self._closing = not self._closing, True
             self._ready.notify()
-        self._thread.join()
+        self._stop.set()
+        if self._threaded:
+            self._thread.join()
+            self._repairer.join()
+        elif first:
+            self.pump()
+            self._finish()
+
+    def pump(self) -> None:
+        """Write all that is queued, and do what is due; the writing thread does it for ever."""
+        while self._queue:
+            self._step(*self._queue.popleft())
+        self._step()
 
     @property
     def message_count(self) -> int:
@@ -156,28 +187,54 @@ class Recording:
         return {name: json.dumps(value, sort_keys=True) for name, value in counts.items()}
 
     def _run(self) -> None:
-        next_flush = time.monotonic() + FLUSH_S
-        next_try = 0.0
         while True:
             with self._ready:
                 if not self._queue and not self._closing:
-                    self._ready.wait(max(0.0, next_flush - time.monotonic()))
-                item = self._queue.popleft() if self._queue else None
-                if item is None and self._closing:
+                    due_s = min(self._next_flush, self._sync_due())
+                    self._ready.wait(max(0.0, due_s - self._clock()))
+                entry = self._queue.popleft() if self._queue else None
+                if entry is None and self._closing:
                     break
-            if item is not None:
-                self._write(item)
-            now = time.monotonic()
-            if now >= next_flush:
-                next_flush = now + FLUSH_S
-                if self._writer:
-                    self._guarded(self._writer.flush)
-                    self._check_space()
-                    next_try = now + RETRY_S
-                elif now >= next_try:
-                    next_try = now + RETRY_S
-                    self._reopen()
+            self._step(*entry or ())
         self._finish()
+
+    def _step(self, came_s: float = 0.0, item: Item | Slipping | Dropped | None = None) -> None:
+        """Write an item that came at `came_s`, and do what is due."""
+        if item is not None:
+            self._write(item)
+            if self._unsaved_s is None:
+                self._unsaved_s = came_s
+        now = self._clock()
+        if now >= self._sync_due():
+            self._sync()
+        if now < self._next_flush:
+            return
+        self._next_flush = now + FLUSH_S
+        self._kept.set()
+        if self._writer:
+            self._guarded(self._writer.flush)
+            self._check_space()
+            self._next_try = now + RETRY_S
+        elif now >= self._next_try:
+            self._next_try = now + RETRY_S
+            self._reopen()
+
+    def _sync_due(self) -> float:
+        """Return when to begin a sync, so that nothing is older than `sync_s` when it ends.
+
+        A disk that is slower than that is not asked all the time.
+        """
+        every_s = self._settings.sync_s
+        if not every_s or self._unsaved_s is None:
+            return math.inf
+        return max(self._unsaved_s + every_s - self.sync_s, self._synced_s + every_s / 4)
+
+    def _sync(self) -> None:
+        begun, self._unsaved_s = self._clock(), None
+        if self._writer:
+            self._guarded(self._writer.sync)
+        self._synced_s = self._clock()
+        self.sync_s = self._synced_s - begun
 
     def _write(self, item: Item | Slipping | Dropped) -> None:
         if isinstance(item, Dropped):
@@ -274,6 +331,7 @@ class Recording:
             self._about,
             self._settings.split_minutes * 60,
             round(self._settings.split_gb * GB),
+            self._disk,
         )
         self.folder, self.trouble = folder, ''
 
@@ -289,11 +347,33 @@ class Recording:
             self._guarded(self._writer.close)
 
     def _repair(self) -> None:
-        try:
-            for done in repair_all(self.root):
-                self.repaired.append(f'{done.part.name}: {done.message_count} messages saved')
-        except (OSError, EolError) as error:
-            self.repaired.append(f'repair of an earlier bag failed: {error}')
+        """Make earlier bags whole, at leisure, once this one is being written."""
+        with contextlib.suppress(OSError, AttributeError):  # Linux only: of this thread alone
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
+        while not self._kept.wait(0.1):
+            if self._stop.is_set():
+                return
+        breathe, told = Breather(self._stop), False
+        while not self._stop.is_set():
+            try:
+                for done in repair_all(self.root, breathe, self._settings.min_free_gb):
+                    self.repaired.append(_told(done))
+                return
+            except NoRoom as error:
+                if not told:
+                    self.repaired.append(str(error))
+                told = True
+                self._stop.wait(REPAIR_RETRY_S)
+            except Stopped:
+                return
+            except (OSError, EolError) as error:
+                self.repaired.append(f'repair of an earlier bag failed: {error}')
+                return
+
+
+def _told(done: Repaired) -> str:
+    damage = f', damaged at {"; at ".join(done.damage)}' if done.damage else ''
+    return f'{done.part.name}: {done.message_count} messages saved{damage}'
 
 
 def _may_make(root: Path) -> bool:

@@ -1,28 +1,57 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes whole again what a killed or unplugged recorder left: `*.mcap.part` becomes `*.mcap`.
 
-The records are read from the start up to where the file ends, and written anew with index and end.
-What was flushed is there; the last second may be missing.
+In place: the data are proved from the start to where they end, and the index and the end that are
+missing are written behind them. So it needs next to no room on the disk and in memory, and may be
+stopped anywhere: how far it has come stands in a small file beside it.
 """
 
+import contextlib
 import fcntl
+import json
 import os
-from dataclasses import dataclass
+import shutil
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 
-from eol_ros.devices.bag.mcap_file import BagFile
-from eol_ros.devices.bag.reader import BagReader
-from eol_ros.devices.bag.writer import (
-    GAPS_METADATA,
-    PART,
-    RUN_METADATA,
-    FileSummary,
-    metadata_text,
-    replace_text,
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Header,
+    MessageIndex,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
 )
-from eol_ros.errors import ConfigError
 
-REPAIR = '.repair'  # a repair that was itself cut off; done again from the start
+from eol_ros.devices.bag import scan
+from eol_ros.devices.bag.disk import DISK
+from eol_ros.devices.bag.mcap_file import LIBRARY, Summary, metadata_record, packed
+from eol_ros.devices.bag.reader import BagFileReader
+from eol_ros.devices.bag.scan import MAGIC, ChunkHead, DamagedRecord, Found
+from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA, FileSummary, metadata_text
+from eol_ros.errors import EolError
+
+STATE = '.repair'  # how far a repair has come
+SAVE_BYTES = 64 << 20  # so much is proved again, at most, after a repair was stopped
+SHARE = 0.25  # of the time a repair works at the side of a recording; then it rests
+GB = 1e9
+
+
+class NoRoom(EolError):
+    """A repair waits until the disk has room for the index."""
+
+
+class Stopped(Exception):
+    """Whoever asked for the repair has no more time for it; it goes on at the next start."""
 
 
 @dataclass(frozen=True)
@@ -32,68 +61,373 @@ class Repaired:
     part: Path
     file: Path | None
     message_count: int
+    damage: tuple[str, ...] = ()
+
+
+@dataclass
+class _Progress:
+    """What is known of the first `at` bytes of a file: they are as they should be."""
+
+    at: int = len(MAGIC)
+    index_bytes: int = 0  # that its index will need, about
+    gaps: dict[str, str] = field(default_factory=dict)
+    damage: list[str] = field(default_factory=list)
+
+
+class Breather:
+    """Called between two chunks: rests, so that the recording comes first, and may say stop."""
+
+    def __init__(self, stop: threading.Event, clock: Callable[[], float] = time.monotonic):
+        self._stop, self._clock, self._since = stop, clock, clock()
+
+    def __call__(self) -> None:
+        """Rest in proportion to the work since the last rest; raise Stopped when told so."""
+        worked_s = self._clock() - self._since
+        if self._stop.wait(worked_s * (1 / SHARE - 1)):
+            raise Stopped
+        self._since = self._clock()
 
 
 def leftovers(root: Path) -> list[Path]:
-    """Return the `.part` files in `root` and in its bag folders that nobody writes any more."""
-    found = sorted([*root.glob(f'*.mcap{PART}'), *root.glob(f'*/*.mcap{PART}')])
-    return [path for path in found if not _in_use(path)]
+    """Return the `.part` files in `root` and in its bag folders that nobody writes any more.
 
-
-def repair(part: Path) -> Repaired:
-    """Rewrite `part` as a whole file and bring `metadata.yaml` up to date; may raise OSError.
-
-    A part without a single readable message is removed, and its folder if nothing else is in it.
+    A repair that was cut off between its last two steps counts, too, by the name that it had.
     """
-    target = part.with_name(part.name.removesuffix(PART))
-    if target.exists():  # a repair that was cut off before its last step
-        part.unlink()
-        rewrite_metadata(part.parent)
-        return Repaired(part, target, sum(BagReader(target).counts.values()))
-    try:
-        bag = BagReader(part)
-        count = sum(bag.counts.values())
-    except ConfigError:  # not even the first bytes were written
-        count = 0
+    found = {*root.glob(f'*.mcap{PART}'), *root.glob(f'*/*.mcap{PART}')}
+    found |= {p.with_suffix(PART) for p in root.glob(f'*/*.mcap{STATE}')}
+    return [path for path in sorted(found) if not _in_use(path)]
+
+
+def repair(
+    path: Path, breathe: Callable[[], None] = lambda: None, min_free_gb: float = 0.0
+) -> Repaired:
+    """Write the index and the end that a file lacks, and bring `metadata.yaml` up to date.
+
+    A file without a single readable message is removed, and its folder if nothing else is in it.
+    Raises OSError, NoRoom, BlockingIOError where somebody writes it, and what `breathe` raises.
+    """
+    target = path.with_name(path.name.removesuffix(PART))
+    state = target.with_name(target.name + STATE)
+    if path != target and target.exists():  # cut off before its last step
+        path.unlink(missing_ok=True)
+        rewrite_metadata(target.parent)
+        state.unlink(missing_ok=True)
+        return Repaired(path, target, sum(BagFileReader(target, with_places=False).counts.values()))
+    with open(path, 'r+b') as out, open(path, 'rb') as file:
+        fcntl.flock(out, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        progress = _load(state)
+        if _begins(file):
+            last = _prove(file, out, progress, state, breathe)
+            count = _finish(file, out, progress, last, path, min_free_gb)
+        else:
+            count = 0
     if not count:
-        part.unlink()
-        if not any(part.parent.iterdir()):
-            part.parent.rmdir()
-        return Repaired(part, None, 0)
-    scratch = part.with_name(target.name + REPAIR)
-    scratch.unlink(missing_ok=True)
-    topics = list(bag.topics.values())
-    channel = {topic.name: i for i, topic in enumerate(topics, 1)}
-    out = BagFile(scratch, topics)
-    out.add_metadata(RUN_METADATA, bag.about)
-    out.add_metadata(GAPS_METADATA, bag.gaps | {'recovered': f'from {part.name}'})
-    for m in bag.messages():
-        out.write(channel[m.topic], m.data, m.log_ns, m.publish_ns, m.sequence)
-    out.close()
-    os.replace(scratch, target)
-    part.unlink()
-    rewrite_metadata(part.parent)
-    return Repaired(part, target, count)
+        path.unlink()
+        state.unlink(missing_ok=True)
+        if not any(path.parent.iterdir()):
+            path.parent.rmdir()
+        return Repaired(path, None, 0)
+    if path != target:
+        DISK.rename(path, target)
+    rewrite_metadata(target.parent)
+    state.unlink(missing_ok=True)
+    return Repaired(path, target, count, tuple(progress.damage))
 
 
-def repair_all(root: Path) -> list[Repaired]:
-    """Repair every left-over file under `root`; may raise OSError."""
-    return [repair(part) for part in leftovers(root)] if root.is_dir() else []
+def repair_all(
+    root: Path, breathe: Callable[[], None] = lambda: None, min_free_gb: float = 0.0
+) -> Iterator[Repaired]:
+    """Repair every left-over file under `root`, one as each is asked for; raises as `repair`."""
+    for part in leftovers(root) if root.is_dir() else []:
+        with contextlib.suppress(BlockingIOError, FileNotFoundError):  # somebody else is at it
+            yield repair(part, breathe, min_free_gb)
 
 
 def rewrite_metadata(folder: Path) -> None:
     """Write `metadata.yaml` of a bag folder anew from its whole files."""
-    bags = [BagReader(p) for p in sorted(folder.glob('*.mcap'))]
+    bags = [BagFileReader(p, with_places=False) for p in sorted(folder.glob('*.mcap'))]
     topics, custom, files = {}, {}, []
     for bag in sorted(bags, key=lambda b: b.start_ns):
         topics.update(bag.topics)
-        custom.update(bag.about | bag.gaps)
+        custom.update(bag.metadata.get(RUN_METADATA, {}) | bag.metadata.get(GAPS_METADATA, {}))
         files.append(FileSummary(bag.path.name, bag.start_ns, bag.end_ns, bag.counts))
     text = metadata_text(list(topics.values()), files, custom)
-    replace_text(folder / 'metadata.yaml', text)
+    DISK.write_text(folder / 'metadata.yaml', text)
+
+
+class ProvedChunk:
+    """A chunk that was proved, and the message indexes that belong behind it."""
+
+    def __init__(self, found: Found, data: bytes):
+        self.found = found
+        self.indexes: list[Found] = []  # those that are behind it
+        self.wanted: dict[int, list[tuple[int, int]]] = {}
+        for at, kind, body in scan.records_in(data):
+            if kind == Opcode.MESSAGE:
+                channel, _, log_ns, _ = scan.MESSAGE_HEAD.unpack_from(body)
+                self.wanted.setdefault(channel, []).append((log_ns, at))
+        stamps = [log_ns for entries in self.wanted.values() for log_ns, _ in entries]
+        self.span = (min(stamps), max(stamps)) if stamps else (0, 0)
+
+    def right(self) -> bool:
+        """Return whether all message indexes are there, and say what is in the chunk."""
+        there = {f.body.channel_id: f.body.records for f in self.indexes}
+        return there == {k: sorted(entries) for k, entries in self.wanted.items()}
+
+    @property
+    def end(self) -> int:
+        """Where its last message index ends."""
+        return self.indexes[-1].end if self.indexes else self.found.end
+
+
+def _prove(
+    file: BinaryIO,
+    out: BinaryIO,
+    progress: _Progress,
+    state: Path,
+    breathe: Callable[[], None],
+) -> ProvedChunk | None:
+    """Go through the data; mark as blank what is damaged, and cut off what is behind the end.
+
+    Returns the last chunk if its message indexes are missing. A damaged chunk keeps its bytes, but
+    for the first, which becomes the opcode of a private record that readers skip.
+    """
+    size, saved, ours, chunk = scan.size_of(file), progress.at, _is_ours(file), None
+    try:
+        for found in scan.walk(file, progress.at, size, ours):
+            if chunk and isinstance(found.body, MessageIndex):
+                chunk.indexes.append(found)
+                continue
+            _settle(out, chunk)
+            chunk, progress.at = None, found.offset
+            if found.opcode == Opcode.DATA_END and not found.why:
+                break
+            if isinstance(found.body, ChunkHead):
+                chunk = _proved(file, out, found, progress)
+                breathe()
+            elif isinstance(found.body, Metadata):
+                progress.index_bytes += 64
+                if found.body.name == GAPS_METADATA:
+                    pairs = dict(found.body.metadata)
+                    pairs.pop(scan.CRC_KEY, None)
+                    progress.gaps = pairs
+            elif found.why:
+                _blank(out, found)
+                progress.damage.append(f'bytes {found.offset} to {found.end}: {found.why}')
+            if chunk is None:
+                progress.at = found.end
+            if progress.at - saved >= SAVE_BYTES:
+                saved = progress.at
+                _save(out, progress, state)
+    except BaseException:
+        _save(out, progress, state)
+        raise
+    last = chunk if chunk and not chunk.right() else None
+    progress.at = last.found.end if last else chunk.end if chunk else progress.at
+    _save(out, progress, state)
+    return last
+
+
+def _proved(file: BinaryIO, out: BinaryIO, found: Found, progress: _Progress) -> ProvedChunk | None:
+    head = found.body
+    try:
+        data = scan.unpack(head, scan.read_at(file, head.data_at, head.data_bytes))
+        chunk = ProvedChunk(found, data)
+    except (DamagedRecord, struct.error) as error:
+        _blank(out, found)
+        span = f'{head.start_ns * 1e-9:.3f} to {head.end_ns * 1e-9:.3f} s since 1970'
+        progress.damage.append(f'bytes {found.offset} to {found.end}: {error}; {span}')
+        return None
+    if found.opcode != Opcode.CHUNK:
+        _overwrite(out, found.offset, bytes([Opcode.CHUNK]))
+    if (head.start_ns, head.end_ns) != chunk.span:
+        _overwrite(out, found.offset + scan.HEAD.size, struct.pack('<QQ', *chunk.span))
+    progress.index_bytes += 80 + 10 * len(chunk.wanted)
+    return chunk
+
+
+def _settle(out: BinaryIO, chunk: ProvedChunk | None) -> None:
+    """Mark message indexes as blank where they are not all there, or not right."""
+    if chunk and not chunk.right():
+        for found in chunk.indexes:
+            _blank(out, found)
+
+
+def _blank(out: BinaryIO, found: Found) -> None:
+    if found.why and not found.framed and found.end - found.offset >= scan.HEAD.size:
+        length = found.end - found.offset - scan.HEAD.size
+        _overwrite(out, found.offset, scan.HEAD.pack(scan.BLANK, length))
+    else:
+        _overwrite(out, found.offset, bytes([scan.BLANK]))
+
+
+def _overwrite(out: BinaryIO, offset: int, data: bytes) -> None:
+    out.seek(offset)
+    out.write(data)
+    out.flush()
+
+
+def _finish(
+    file: BinaryIO,
+    out: BinaryIO,
+    progress: _Progress,
+    last: ProvedChunk | None,
+    path: Path,
+    min_free_gb: float,
+) -> int:
+    """Write what is missing behind the data; return the number of messages."""
+    schemas, channels = _definitions(file, progress.at)
+    definitions = b''.join(packed(r) for r in (*schemas.values(), *channels.values()))
+    needed = progress.index_bytes + len(definitions) + (1 << 16)
+    free = shutil.disk_usage(path.parent).free
+    if free - needed < min_free_gb * GB:
+        raise NoRoom(
+            f'{path.name} is not repaired yet: {free / GB:.2f} GB free, the index needs '
+            f'{needed / 1e6:.1f} MB, and recorder.min_free_gb is {min_free_gb:g}'
+        )
+    out.seek(progress.at)
+    out.truncate()
+    for channel, entries in (last.wanted if last else {}).items():
+        out.write(packed(MessageIndex(channel, sorted(entries))))
+    gaps = {**progress.gaps, 'recovered': f'from {path.name}'}
+    if progress.damage:
+        gaps['damaged'] = json.dumps(progress.damage)
+    out.write(metadata_record(GAPS_METADATA, gaps))
+    out.flush()
+    data_end = out.tell()
+    out.write(packed(DataEnd(0)))
+    summary, index = Summary(out.tell(), out.write), _Index(file, data_end)
+    summary.group(Opcode.SCHEMA, map(packed, schemas.values()))
+    summary.group(Opcode.CHANNEL, map(packed, channels.values()))
+    summary.group(Opcode.CHUNK_INDEX, index.chunks())
+    summary.group(Opcode.STATISTICS, [packed(index.statistics(len(schemas), len(channels)))])
+    summary.group(Opcode.METADATA_INDEX, map(packed, index.metadata))
+    summary.end()
+    DISK.sync(out)
+    return sum(index.counts.values())
+
+
+class _Index:
+    """Reads the heads of what is in a file, one after the other, for its index."""
+
+    def __init__(self, file: BinaryIO, end: int):
+        self.metadata: list[MetadataIndex] = []
+        self.counts: dict[int, int] = {}
+        self._file, self._end = file, end
+        self._chunks, self._start_ns, self._end_ns = 0, 0, 0
+
+    def chunks(self) -> Iterator[bytes]:
+        """Yield the packed index of each chunk."""
+        chunk: Found | None = None
+        indexes: list[Found] = []
+        for found in scan.walk(self._file, len(MAGIC), self._end):
+            if isinstance(found.body, MessageIndex):
+                indexes.append(found)
+                continue
+            if chunk:
+                yield self._packed(chunk, indexes)
+            chunk, indexes = None, []
+            if isinstance(found.body, ChunkHead):
+                chunk = found
+            elif isinstance(found.body, Metadata):
+                name, length = found.body.name, found.end - found.offset
+                self.metadata.append(MetadataIndex(found.offset, length, name))
+        if chunk:
+            yield self._packed(chunk, indexes)
+
+    def statistics(self, schemas: int, channels: int) -> Statistics:
+        """Return the counts, when all chunks have been seen."""
+        return Statistics(
+            attachment_count=0,
+            channel_count=channels,
+            channel_message_counts=self.counts,
+            chunk_count=self._chunks,
+            message_count=sum(self.counts.values()),
+            message_start_time=self._start_ns,
+            message_end_time=self._end_ns,
+            metadata_count=len(self.metadata),
+            schema_count=schemas,
+        )
+
+    def _packed(self, found: Found, indexes: list[Found]) -> bytes:
+        head = found.body
+        counts = {f.body.channel_id: len(f.body.records) for f in indexes}
+        if not indexes and head.start_ns:  # its message indexes were damaged
+            data = scan.read_at(self._file, head.data_at, head.data_bytes)
+            for m in scan.messages_in(scan.unpack(head, data)):
+                counts[m.channel] = counts.get(m.channel, 0) + 1
+        for channel, count in counts.items():
+            self.counts[channel] = self.counts.get(channel, 0) + count
+        self._chunks += 1
+        if head.start_ns:
+            self._start_ns = min(self._start_ns or head.start_ns, head.start_ns)
+            self._end_ns = max(self._end_ns, head.end_ns)
+        return packed(
+            ChunkIndex(
+                chunk_length=found.end - found.offset,
+                chunk_start_offset=found.offset,
+                compression=head.compression,
+                compressed_size=head.data_bytes,
+                message_start_time=head.start_ns,
+                message_end_time=head.end_ns,
+                message_index_length=sum(f.end - f.offset for f in indexes),
+                message_index_offsets={f.body.channel_id: f.offset for f in indexes},
+                uncompressed_size=head.size,
+            )
+        )
+
+
+def _definitions(file: BinaryIO, end: int) -> tuple[dict[int, Schema], dict[int, Channel]]:
+    """Return schemas and channels by number; those in a chunk, with a checksum, hold."""
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+
+    def take(record: object) -> None:
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+
+    for found in scan.walk(file, len(MAGIC), end):
+        take(found.body)
+        if isinstance(found.body, ChunkHead):
+            head = found.body
+            if head.start_ns and channels:
+                break
+            data = scan.unpack(head, scan.read_at(file, head.data_at, head.data_bytes))
+            for _at, kind, body in scan.records_in(data):
+                if kind in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    take(scan.parse(kind, body))
+    return schemas, channels
+
+
+def _begins(file: BinaryIO) -> bool:
+    file.seek(0)
+    magic = file.read(len(MAGIC))
+    return sum(a == b for a, b in zip(magic, MAGIC, strict=False)) >= 6
+
+
+def _is_ours(file: BinaryIO) -> bool:
+    first = next(scan.walk(file, len(MAGIC), scan.size_of(file)), None)
+    return bool(first and isinstance(first.body, Header) and first.body.library == LIBRARY)
+
+
+def _load(state: Path) -> _Progress:
+    try:
+        return _Progress(**json.loads(state.read_text(encoding='utf-8')))
+    except (OSError, ValueError, TypeError):
+        return _Progress()
+
+
+def _save(out: BinaryIO, progress: _Progress, state: Path) -> None:
+    out.flush()
+    os.fdatasync(out.fileno())  # what was marked as damaged must not come back
+    DISK.write_text(state, json.dumps(asdict(progress)))
 
 
 def _in_use(part: Path) -> bool:
+    if not part.exists():
+        return False
     with open(part, 'rb') as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

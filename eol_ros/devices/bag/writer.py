@@ -3,17 +3,17 @@
 
 A file in the making is called `*.mcap.part` and locked (flock); it gets its name when it is whole.
 So a name that ends in `.mcap` means a file with index and end, and a `.part` without a lock is what
-a killed writer left behind (see `bag_recover`).
+a killed writer left behind (see `recover`).
 """
 
 import fcntl
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 
+from eol_ros.devices.bag.disk import DISK, Disk
 from eol_ros.devices.bag.mcap_file import BagFile, BagTopic
 from eol_ros.errors import ConfigError
 
@@ -86,13 +86,6 @@ def metadata_text(
     )
 
 
-def replace_text(path: Path, text: str) -> None:
-    """Write `text` to `path`, whole or not at all."""
-    part = path.with_name(path.name + PART)
-    part.write_text(text, encoding='utf-8')
-    part.replace(path)
-
-
 def make_folder(folder: Path) -> None:
     """Make a new bag folder; raise ConfigError in words when it cannot be."""
     try:
@@ -118,8 +111,10 @@ class BagWriter:
         about: Mapping[str, str],
         split_s: float = 3600.0,
         split_bytes: int = 4 << 30,
+        disk: Disk = DISK,
     ):
         self.folder = folder
+        self._disk = disk
         self.gaps: dict[str, str] = {}  # written into the metadata whenever a file is closed
         self.files: list[FileSummary] = []
         self._topics = tuple(topics)
@@ -129,6 +124,7 @@ class BagWriter:
         self._split_bytes = split_bytes
         self._file: BagFile | None = None
         make_folder(folder)
+        disk.sync_folder(folder.parent)
         self._open()
 
     @property
@@ -161,6 +157,11 @@ class BagWriter:
         if self._file:
             self._file.flush()
 
+    def sync(self) -> None:
+        """Return when what was written survives a power cut."""
+        if self._file:
+            self._file.sync()
+
     def close(self) -> None:
         """Finish the file in the making and write the last `metadata.yaml`."""
         if self._file:
@@ -174,10 +175,11 @@ class BagWriter:
 
     def _open(self) -> BagFile:
         name = f'{self.folder.name}_{len(self.files)}.mcap'
-        self._file = BagFile(self.folder / (name + PART), self._topics)
+        self._file = BagFile(self.folder / (name + PART), self._topics, disk=self._disk)
         fcntl.flock(self._file.file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._file.add_metadata(RUN_METADATA, self._about)
-        self._file.flush()
+        self._file.sync()
+        self._disk.sync_folder(self.folder)
         return self._file
 
     def _close_file(self) -> None:
@@ -190,7 +192,7 @@ class BagWriter:
         text = metadata_text(self._topics, [*self.files, summary], self._about | self.gaps)
         file.add_metadata('rosbag2', {'serialized_metadata': text})
         file.close()
-        os.replace(file.path, self.folder / name)
+        self._disk.rename(file.path, self.folder / name)
         self._file = None
         self.files.append(summary)
-        replace_text(self.folder / 'metadata.yaml', text)
+        self._disk.write_text(self.folder / 'metadata.yaml', text)

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags out of bags: a stretch of one, several as one, what can be read of a damaged one."""
+
+import heapq
+import json
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from eol_ros.devices.bag.mcap_file import BagFile, BagTopic
+from eol_ros.devices.bag.reader import BagMessage, BagReader
+from eol_ros.devices.bag.writer import GAPS_METADATA, RUN_METADATA, BagWriter
+from eol_ros.errors import ConfigError
+
+FROM = 'from'  # in RUN_METADATA: the bags that it was made of
+DAMAGED = 'damaged'  # in GAPS_METADATA: what of them could not be read
+
+
+def copy(
+    out: Path,
+    topics: Sequence[BagTopic],
+    messages: Iterator[BagMessage],
+    about: Mapping[str, str],
+    gaps: dict[str, str],
+    damage: Callable[[], list[str]],
+) -> int:
+    """Write `messages` to `out`, a new bag folder, or a file if it ends in .mcap; count them.
+
+    `damage` says what could not be read, when all has been. Raises ConfigError where `out` is there
+    or cannot be written, and OSError.
+    """
+    if out.exists():
+        raise ConfigError(f'{out}: is there already; choose another --output')
+
+    def found() -> dict[str, str]:
+        lines = damage()
+        return gaps | ({DAMAGED: json.dumps(lines)} if lines else {})
+
+    if out.suffix != '.mcap':
+        bag = BagWriter(out, topics, about)
+        for m in messages:
+            bag.write(m.topic, m.data, m.log_ns, m.publish_ns, m.sequence)
+        bag.gaps = found()
+        bag.close()
+        return bag.message_count
+    if not out.absolute().parent.is_dir():
+        raise ConfigError(f'{out}: there is no such folder')
+    file = BagFile(out, topics)
+    channel = {topic.name: number for number, topic in enumerate(topics, 1)}
+    file.add_metadata(RUN_METADATA, about)
+    for m in messages:
+        file.write(channel[m.topic], m.data, m.log_ns, m.publish_ns, m.sequence)
+    file.add_metadata(GAPS_METADATA, found())
+    file.close()
+    return file.message_count
+
+
+def stretch(
+    bag: BagReader, names: Collection[str] | None, start_ns: int, end_ns: int | None
+) -> Iterator[BagMessage]:
+    """Yield the messages of topics `names` (None: all) from start_ns up to end_ns.
+
+    What was told once before, on topics whose publisher keeps the last message for those who come
+    late, holds in the stretch, too: the last of each is yielded first, as received at its start.
+    """
+    latched = [
+        t.name
+        for t in bag.topics.values()
+        if 'transient_local' in t.qos and (names is None or t.name in names)
+    ]
+    if latched and start_ns > bag.start_ns:
+        last: dict[str, BagMessage] = {}
+        for message in bag.messages(latched, 0, start_ns):
+            last[message.topic] = message
+        for message in last.values():
+            yield message._replace(log_ns=start_ns)
+    yield from bag.messages(names, start_ns, end_ns)
+
+
+def merged_topics(bags: Sequence[BagReader]) -> list[BagTopic]:
+    """Return the topics of all bags; raise ConfigError where two mean different things by one."""
+    topics: dict[str, BagTopic] = {}
+    for bag in bags:
+        for name, topic in bag.topics.items():
+            known = topics.setdefault(name, topic)
+            if (known.type, known.definition) != (topic.type, topic.definition):
+                raise ConfigError(
+                    f'{bag.path}: {name} is defined otherwise than in the bags before it '
+                    f'({known.type}, {topic.type}): they cannot be one bag'
+                )
+    return list(topics.values())
+
+
+def merged(bags: Sequence[BagReader]) -> Iterator[BagMessage]:
+    """Yield the messages of all bags in order of reception."""
+    return heapq.merge(*(bag.messages() for bag in bags), key=lambda m: m.log_ns)
+
+
+def merged_gaps(bags: Sequence[BagReader]) -> dict[str, str]:
+    """Return what was lost of all bags together: counts are added up."""
+    total: dict[str, dict] = {}
+    for bag in bags:
+        for name, text in bag.gaps.items():
+            try:
+                value = json.loads(text)
+            except ValueError:
+                continue
+            if isinstance(value, dict):
+                counts = total.setdefault(name, {})
+                for key, number in value.items():
+                    counts[key] = counts.get(key, 0) + number
+    return {name: json.dumps(counts, sort_keys=True) for name, counts in total.items()}

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Proves a bag to the last byte: every checksum, every index entry, every count."""
+
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, MessageIndex, Schema
+
+from eol_ros.devices.bag import scan
+from eol_ros.devices.bag.reader import BagFileReader, BagReader, metadata_fault
+from eol_ros.devices.bag.recover import ProvedChunk
+from eol_ros.devices.bag.scan import MAGIC, ChunkHead, DamagedRecord
+from eol_ros.errors import BagDamaged
+
+
+def verify(
+    path: str | Path, through: Callable[[list], Iterator] = iter
+) -> tuple[BagReader, list[str]]:
+    """Return the bag at `path` and what is wrong with it, one line each; nothing where all is well.
+
+    `through` hands on the files, to show progress. Raises as BagReader.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', BagDamaged)
+        bag = BagReader(path)
+        found = []
+        for file in through(bag.files):
+            found += _messages(file, bag.start_ns) + _records(file)
+    found = [*bag.cut_short, *bag.damage, *found]
+    fault = metadata_fault(bag.path, sum(bag.counts.values())) if bag.path.is_dir() else ''
+    found += [fault] if fault else []
+    return bag, list(dict.fromkeys(found))
+
+
+def _messages(file: BagFileReader, bag_start_ns: int) -> list[str]:
+    """Read all messages, as a user would, and count them."""
+    counts = dict.fromkeys(file.counts, 0)
+    before, late = 0, 0
+    for message in file.messages(None, 0, None):
+        counts[message.topic] += 1
+        late += message.log_ns < before
+        before = message.log_ns
+    if file.damage or counts == file.counts:
+        return []
+    wrong = [f'{t}: {n} of {file.counts[t]}' for t, n in counts.items() if n != file.counts[t]]
+    return [f'{file.path.name}: messages that the index counts are not there: {", ".join(wrong)}']
+
+
+def _records(file: BagFileReader) -> list[str]:
+    """Compare what is written twice: chunks and their heads and indexes, definitions."""
+    wrong: list[str] = []
+    places = {p.offset: p for p in file.places}
+    chunk: ProvedChunk | None = None
+
+    def close() -> None:
+        if chunk and not chunk.right():
+            wrong.append(f'{file.path.name}: byte {chunk.found.end}: wrong message index')
+
+    with open(file.path, 'rb') as stream:
+        for found in scan.walk(stream, len(MAGIC), scan.size_of(stream), file.ours):
+            at = f'{file.path.name}: byte {found.offset}'
+            if chunk and isinstance(found.body, MessageIndex):
+                chunk.indexes.append(found)
+                continue
+            close()
+            chunk = None
+            if found.why:
+                wrong.append(f'{at}: {found.why}')
+            elif isinstance(found.body, ChunkHead):
+                head = found.body
+                try:
+                    data = scan.unpack(head, scan.read_at(stream, head.data_at, head.data_bytes))
+                    chunk = ProvedChunk(found, data)
+                except DamagedRecord as error:
+                    wrong.append(f'{at}: {error}')
+                    continue
+                place = places.get(found.offset)
+                said = (head.start_ns, head.end_ns)
+                if found.opcode != Opcode.CHUNK or said != chunk.span or head.size != len(data):
+                    wrong.append(f'{at}: the head of the chunk does not fit what is in it')
+                if place and (place.start_ns, place.end_ns) != chunk.span:
+                    wrong.append(f'{at}: the index has other times than the chunk')
+            elif isinstance(found.body, (Schema, Channel)) and not file.defines(found.body):
+                wrong.append(f'{at}: a definition that differs from its copies')
+        close()
+    return wrong
