@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Sequence
 
 from eol_ros import folders
-from eol_ros.errors import EolError, UsageError, warning_line
+from eol_ros.errors import BagDamaged, EolError, UsageError, warning_line
 
 WARNINGS_LOG, WARNINGS_MOST = 'warnings.log', 1_000_000  # bytes: then it begins again
 GROUPS = {
@@ -29,6 +29,7 @@ GROUPS = {
     },
     'record': {
         'replay': 'play a bag',
+        'bag': 'prove, repair, cut and merge bags',
         'report': 'compute figures and numbers from a bag',
         'render': 'render the grains of a bag or a list to a sound file',
     },
@@ -88,9 +89,18 @@ def run_verb(module, prog: str, words: Sequence[str]) -> int:
     )
     module.add_arguments(parser)
     args = parser.parse_args(words)
-    warnings.showwarning = _keep_warning
+    damage: list[str] = []
+
+    def show(message, category, filename, lineno, file=None, line=None) -> None:
+        if issubclass(category, BagDamaged):
+            damage.append(str(message))
+            print(f'{prog}: {message}', file=sys.stderr)
+        else:
+            _keep_warning(message, category, filename, lineno)
+
+    warnings.showwarning = show
     try:
-        return int(module.run(args) or 0)
+        return int(module.run(args) or 0) or (1 if damage else 0)
     except EolError as error:
         print(f'{prog}: {error}' if '\n' not in str(error) else error, file=sys.stderr)
         return error.exit_code

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol bag: what is in a bag, whether it is whole, and bags out of bags. No ROS needed."""
+
+import json
+import sys
+import warnings
+from pathlib import Path
+
+from eol_ros.errors import BagDamaged, UsageError
+
+HELP = 'Look at bags, prove them, repair them, cut and merge them. No ROS needed.'
+EXAMPLES = [
+    'eol bag info bags                              # the newest run in bags/',
+    'eol bag verify bags/rehearsal_2026-11-21_10-00-00',
+    'eol bag recover bags/rehearsal_2026-11-21_10-00-00',
+    'eol bag recover run_0.mcap --output whole.mcap',
+    'eol bag cut bags --start 60 --end 90 --topics blocks,slips --output a-minute.mcap',
+    'eol bag merge monday tuesday --output both',
+]
+ALIASES = {'verify': ['doctor'], 'cut': ['filter']}  # as the program `mcap` calls them
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    verbs = parser.add_subparsers(dest='what', metavar='COMMAND', required=True)
+
+    def command(name, text):
+        sub = verbs.add_parser(name, help=text, description=text, aliases=ALIASES.get(name, []))
+        sub.set_defaults(does=COMMANDS[name])
+        return sub
+
+    source = 'bag folder, .mcap file, or a folder of bags: its newest run'
+    out = 'new bag folder, or new file if it ends in .mcap'
+    info = command('info', 'Say what is in a bag: topics, times, what was lost.')
+    info.add_argument('bag', help=source)
+    info.add_argument('--json', action='store_true', help='as one JSON object')
+    check = command('verify', 'Prove every checksum, index and count; exit code 1 if one is wrong.')
+    check.add_argument('bag', help=source)
+    check.add_argument('--json', action='store_true', help='as one JSON object')
+    recover = command(
+        'recover',
+        'Make a bag whole that was cut short: in place, or with --output what can be read as a new '
+        'one. A bag that is damaged elsewhere needs --output.',
+    )
+    recover.add_argument('bag', help=source)
+    recover.add_argument('-o', '--output', metavar='OUT', help=out)
+    cut = command('cut', 'Write a stretch of a bag, or some of its topics, as a new bag.')
+    cut.add_argument('bag', help=source)
+    cut.add_argument('-o', '--output', metavar='OUT', required=True, help=out)
+    cut.add_argument('--start', type=float, default=0.0, metavar='S', help='from S seconds in')
+    cut.add_argument('--end', type=float, metavar='S', help='up to S seconds in')
+    cut.add_argument('--topics', metavar='TOPICS', help='these, parted by commas (default: all)')
+    merge = command('merge', 'Write several bags as one, in order of reception.')
+    merge.add_argument('bags', nargs='+', metavar='BAG', help=source)
+    merge.add_argument('-o', '--output', metavar='OUT', required=True, help=out)
+
+
+def run(args):
+    """Do it; return 1 where something of a bag could not be read."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', BagDamaged)  # told here, when all has been read
+        return args.does(args)
+
+
+def _info(args) -> int:
+    from eol_ros.devices.bag.reader import BagReader
+
+    bag = BagReader(args.bag)
+    size = sum(f.path.stat().st_size for f in bag.files)
+    rows = {t.name: {'type': t.type, 'messages': bag.counts[t.name]} for t in bag.topics.values()}
+    if args.json:
+        answer = {
+            'bag': str(bag.path), 'start_ns': bag.start_ns, 'duration_s': bag.duration_s,
+            'bytes': size, 'files': [f.path.name for f in bag.files], 'topics': rows,
+            'about': bag.about, 'gaps': bag.gaps, 'cut_short': bag.cut_short, 'damage': bag.damage,
+        }  # fmt: skip
+        print(json.dumps(answer, indent=2))
+    else:
+        print(f'{bag.path}  {bag.duration_s:.1f} s  {size / 1e6:.1f} MB  {len(bag.files)} files')
+        for name, row in rows.items():
+            print(f'{row["messages"]:10}  {name:32} {row["type"]}')
+        for name, value in bag.gaps.items():
+            print(f'{name}: {value}')
+    return _tell(bag)
+
+
+def _verify(args) -> int:
+    from eol_ros.devices.bag.verify import verify
+    from eol_ros.verbs.progress import track
+
+    bag, wrong = verify(args.bag, lambda files: track(files, 'reading'))
+    if args.json:
+        print(json.dumps({'bag': str(bag.path), 'whole': not wrong, 'wrong': wrong}, indent=2))
+    elif wrong:
+        print('\n'.join(wrong))
+    else:
+        print(f'{bag.path}: whole, {sum(bag.counts.values())} messages')
+    return 1 if wrong else 0
+
+
+def _recover(args) -> int:
+    from eol_ros.devices.bag import edit
+    from eol_ros.devices.bag.reader import BagReader
+    from eol_ros.devices.bag.recover import repair, rewrite_metadata
+    from eol_ros.devices.bag.verify import verify
+
+    bag = BagReader(args.bag)
+    if args.output:
+        about, gaps = {**bag.about, edit.FROM: str(bag.path)}, dict(bag.gaps)
+        gaps['recovered'] = f'from {bag.path.name}'
+        topics, out = list(bag.topics.values()), Path(args.output)
+        count = edit.copy(out, topics, bag.messages(), about, gaps, lambda: bag.damage)
+        print(f'{args.output}: {count} messages', file=sys.stderr)
+        return _tell(bag)
+    cut = [file for file in bag.files if not file.indexed]
+    if any(not place.chunk for file in cut for place in file.places):
+        raise UsageError(f'{bag.path}: has no chunks: --output OUT writes it as a new bag')
+    lost = 0
+    for file in cut:
+        done = repair(file.path)
+        lost += len(done.damage)
+        print(f'{file.path.name}: {done.message_count} messages saved', file=sys.stderr)
+        for line in done.damage:
+            print(f'{file.path.name}: damaged at {line}', file=sys.stderr)
+    if bag.path.is_dir() and not cut:
+        rewrite_metadata(bag.path)
+    if not cut and verify(bag.path)[1]:
+        raise UsageError(
+            f'{bag.path}: is damaged, not cut: --output OUT writes what can be read as a new bag'
+        )
+    return 1 if lost else 0
+
+
+def _cut(args) -> int:
+    from eol_ros.devices.bag import edit
+    from eol_ros.devices.bag.reader import BagReader
+
+    bag = BagReader(args.bag)
+    end_s = bag.duration_s if args.end is None else args.end
+    if not 0 <= args.start < max(end_s, 1e-9) or args.start > bag.duration_s:
+        raise UsageError(
+            f'--start {args.start:g} --end {end_s:g}: the bag has {bag.duration_s:.1f} s'
+        )
+    names = None
+    if args.topics:
+        names = [bag.find(name.strip()) for name in args.topics.split(',') if name.strip()]
+    topics = [t for t in bag.topics.values() if names is None or t.name in names]
+    start_ns = bag.start_ns + round(args.start * 1e9)
+    end_ns = None if args.end is None else bag.start_ns + round(args.end * 1e9)
+    about = {**bag.about, edit.FROM: f'{bag.path} from {args.start:g} to {end_s:g} s'}
+    messages = edit.stretch(bag, names, start_ns, end_ns)
+    count = edit.copy(Path(args.output), topics, messages, about, bag.gaps, lambda: bag.damage)
+    print(f'{args.output}: {count} messages', file=sys.stderr)
+    return _tell(bag)
+
+
+def _merge(args) -> int:
+    from eol_ros.devices.bag import edit
+    from eol_ros.devices.bag.reader import BagReader
+
+    bags = [BagReader(path) for path in args.bags]
+    about = {**bags[0].about, edit.FROM: ', '.join(str(bag.path) for bag in bags)}
+    count = edit.copy(
+        Path(args.output), edit.merged_topics(bags), edit.merged(bags), about,
+        edit.merged_gaps(bags), lambda: [line for bag in bags for line in bag.damage],
+    )  # fmt: skip
+    print(f'{args.output}: {count} messages', file=sys.stderr)
+    return max(_tell(bag) for bag in bags)
+
+
+def _tell(bag) -> int:
+    """Say on stderr what could not be read; return the exit code."""
+    for line in [*bag.cut_short, *bag.damage]:
+        print(line, file=sys.stderr)
+    return 1 if bag.damage else 0
+
+
+COMMANDS = {'info': _info, 'verify': _verify, 'recover': _recover, 'cut': _cut, 'merge': _merge}

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol bag: proves, repairs, cuts and merges; whatever it writes is whole."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from eol_ros import cli
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.writer import BagWriter
+
+sys.path.insert(0, str(Path(__file__).parents[1] / 'devices'))
+
+from bag_samples import POINT, T0, TEXT, point, text, write_bag
+
+LATCHED = BagTopic('/eol/corpus', TEXT.type, TEXT.definition, TEXT.type_hash,
+                   '- durability: transient_local\n')  # fmt: skip
+
+
+def rows(path):
+    return [(m.topic, m.log_ns, m.data) for m in BagReader(path).messages()]
+
+
+def damaged(folder):
+    """Return a bag of which one chunk has a flipped bit, and what is left of it."""
+    bag = BagWriter(folder, [POINT], {'scene': 'x'})
+    for i in range(40):
+        bag.write('/eol/point', point(i), T0 + i * 10**9, T0, i + 1)
+        if i % 10 == 9:
+            bag.flush()
+    bag.close()
+    [path] = folder.glob('*.mcap')
+    data = bytearray(path.read_bytes())
+    place = BagReader(path).files[0].places[1]
+    data[(place.offset + place.end) // 2] ^= 1
+    path.write_bytes(data)
+    return [*range(10), *range(20, 40)]
+
+
+def test_verify_tells_whole_from_damaged(tmp_path, capsys):
+    write_bag(tmp_path / 'good').close()
+    assert cli.main(['bag', 'verify', str(tmp_path / 'good')]) == 0
+    assert 'good: whole, 110 messages' in capsys.readouterr().out
+    damaged(tmp_path / 'bad')
+    assert cli.main(['bag', 'verify', str(tmp_path / 'bad'), '--json']) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert not found['whole']
+    assert 'messages from 10.000 s to 19.000 s may be missing' in found['wrong'][0]
+
+
+def test_info_is_for_people_and_programs(tmp_path, capsys):
+    write_bag(tmp_path / 'run').close()
+    assert cli.main(['bag', 'info', str(tmp_path / 'run')]) == 0
+    assert '100  /eol/point' in capsys.readouterr().out
+    assert cli.main(['bag', 'info', str(tmp_path), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found['topics']['/eol/text'] == {'type': 'std_msgs/msg/String', 'messages': 10}
+
+
+def test_recover_makes_a_cut_bag_whole_in_place(tmp_path):
+    bag = write_bag(tmp_path / 'run')
+    bag.flush()
+    before = rows(tmp_path / 'run')
+    bag.abandon()
+    assert cli.main(['bag', 'recover', str(tmp_path / 'run')]) == 0
+    assert rows(tmp_path / 'run') == before
+    assert cli.main(['bag', 'verify', str(tmp_path / 'run')]) == 0
+
+
+def test_recover_writes_what_can_be_read_of_a_damaged_bag(tmp_path, capsys):
+    left = damaged(tmp_path / 'bad')
+    assert cli.main(['bag', 'recover', str(tmp_path / 'bad')]) == 2
+    assert '--output OUT' in capsys.readouterr().err
+    out = tmp_path / 'left.mcap'
+    assert cli.main(['bag', 'recover', str(tmp_path / 'bad'), '-o', str(out)]) == 1
+    assert 'from 10.000 s to 19.000 s' in capsys.readouterr().err
+    assert rows(out) == [('/eol/point', T0 + i * 10**9, point(i)) for i in left]
+    assert cli.main(['bag', 'verify', str(out)]) == 0
+    assert '10.000 s' in BagReader(out).gaps['damaged']
+
+
+@pytest.mark.slow
+def test_every_command_that_meets_damage_says_so(tmp_path):
+    """Not the commands of `eol bag` alone: a table with a hole must not pass for a whole one."""
+    left = damaged(tmp_path / 'bad')
+    done = subprocess.run(
+        [sys.executable, '-m', 'eol_ros', 'report', tmp_path / 'bad', '--csv', 'point',
+         '--out', tmp_path / 'out'], capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert 'from 10.000 s to 19.000 s may be missing' in done.stderr
+    lines = (tmp_path / 'out' / 'point.csv').read_text().splitlines()
+    assert len(lines) == 1 + len(left)
+
+
+@pytest.mark.parametrize('out', ['cut', 'cut.mcap'])
+def test_cut_keeps_a_stretch_and_what_holds_in_it(tmp_path, out):
+    bag = BagWriter(tmp_path / 'run', [POINT, TEXT, LATCHED], {'scene': 'x'})
+    bag.write('/eol/corpus', text('old'), T0, T0)
+    bag.write('/eol/corpus', text('ice'), T0 + 1, T0)
+    for i in range(100):
+        bag.write('/eol/point', point(i), T0 + i * 10**9, T0, i + 1)
+        bag.write('/eol/text', text('x'), T0 + i * 10**9, T0, i + 1)
+    bag.close()
+    words = ['bag', 'cut', str(tmp_path / 'run'), '--start', '20', '--end', '30']
+    words += ['--topics', 'point,corpus', '--output', str(tmp_path / out)]
+    assert cli.main(words) == 0
+    corpus = ('/eol/corpus', T0 + 20 * 10**9, text('ice'))
+    points = [('/eol/point', T0 + i * 10**9, point(i)) for i in range(20, 30)]
+    assert sorted(rows(tmp_path / out)) == sorted([corpus, *points])
+    assert BagReader(tmp_path / out).about['scene'] == 'x'
+    assert cli.main(words) == 78  # it is there already
+    assert cli.main([*words[:3], '--start', '200', '-o', str(tmp_path / 'no')]) == 2
+
+
+def test_merge_is_in_order_and_adds_up_losses(tmp_path):
+    for name, shift in (('a', 0), ('b', 5_000_000)):
+        bag = BagWriter(tmp_path / name, [POINT], {'scene': name})
+        for i in range(50):
+            bag.write('/eol/point', point(i), T0 + shift + i * 10**7, T0, i + 1)
+        bag.gaps = {'dropped_in_recorder': '{"/eol/point": 2}'}
+        bag.close()
+    words = ['bag', 'merge', str(tmp_path / 'a'), str(tmp_path / 'b')]
+    assert cli.main([*words, '--output', str(tmp_path / 'both')]) == 0
+    stamps = [log_ns for _, log_ns, _ in rows(tmp_path / 'both')]
+    assert len(stamps) == 100 and stamps == sorted(stamps)
+    assert json.loads(BagReader(tmp_path / 'both').gaps['dropped_in_recorder']) == {'/eol/point': 4}
+
+
+def test_what_cannot_be_one_bag_is_refused(tmp_path, capsys):
+    other = BagTopic('/eol/point', 'std_msgs/msg/String', 'string data\n')
+    BagWriter(tmp_path / 'a', [POINT], {}).close()
+    BagWriter(tmp_path / 'b', [other], {}).close()
+    words = ['bag', 'merge', str(tmp_path / 'a'), str(tmp_path / 'b'), '-o', str(tmp_path / 'c')]
+    assert cli.main(words) == 78
+    assert 'cannot be one bag' in capsys.readouterr().err
