@@ -3,7 +3,7 @@
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 
 from eol_ros.analysis.bag import Table, seconds
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
+from eol_ros.core.science.one_over_f import Answer
 from eol_ros.streams.slips import START, STOP
 
 # Okabe and Ito's colours, told apart by everyone.
@@ -52,7 +53,12 @@ class Figure:
         return text.getvalue()[text.getvalue().index('<svg') :]
 
 
-def of(slips: Table | None, cascades: Table | None, found: dict[str, Any]) -> list[Figure]:
+def of(
+    slips: Table | None,
+    cascades: Table | None,
+    found: dict[str, Any],
+    answers: Sequence[Answer] = (),
+) -> list[Figure]:
     """Return the figures that the bag has data for; `found` are the numbers of the report."""
     note = f'{Path(found["bag"]).name}, {found["duration_s"]:.0f} s'
     figures = []
@@ -71,7 +77,7 @@ def of(slips: Table | None, cascades: Table | None, found: dict[str, Any]) -> li
             )
         figures.append(_map(starts['block'], note))
         figures.append(_activity(seconds(starts['stamp']), note))
-    return figures
+    return figures + [_spectrum(a, note) for a in answers if a.spectrum is not None]
 
 
 def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
@@ -157,3 +163,30 @@ def _activity(times_s: np.ndarray, note: str) -> Figure:
         axes.set(xlabel='time since the first slip (s)', ylabel='slips per second', ylim=(0, None))
 
     return Figure('activity', 'Slips over time', columns, paint, note)
+
+
+def _spectrum(answer: Answer, note: str) -> Figure:
+    assert answer.spectrum is not None and answer.slope is not None
+    line, bent = answer.shapes['power law'], min(answer.shapes.values(), key=lambda s: s.aic)
+    relative = 1 / np.sqrt(answer.spectrum.weight)
+    columns = {
+        'frequency_hz': answer.spectrum.frequency_hz, 'power_per_hz': answer.spectrum.power,
+        'relative_error': relative, 'power_law': line.curve, 'best_shape': bent.curve,
+    }  # fmt: skip
+    s = answer.slope
+
+    def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
+        axes.errorbar(
+            c['frequency_hz'], c['power_per_hz'], np.minimum(relative, 0.9) * c['power_per_hz'],
+            fmt='o', markersize=4, color=BLUE, label=answer.name,
+        )  # fmt: skip
+        words = f'slope {s.beta:.2f} ({s.low:.2f} to {s.high:.2f})'
+        axes.loglog(c['frequency_hz'], c['power_law'], color=ORANGE, label=words)
+        if bent.name != line.name:
+            axes.loglog(c['frequency_hz'], c['best_shape'], ':', color=GREEN, label=bent.name)
+        axes.set(xlabel='frequency (Hz)', ylabel='power per Hz (units squared)')
+        axes.set_title({'yes': '1/f', 'no': 'not 1/f', 'undecided': 'undecided'}[answer.answer])
+        axes.legend()
+
+    name = f'spectrum_{answer.name.replace(" ", "_")}'
+    return Figure(name, f'Spectrum of {answer.name}', columns, paint, note)

@@ -3,26 +3,31 @@
 
 import html
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from eol_ros.analysis import figures
+from eol_ros.analysis import figures, series
 from eol_ros.analysis.bag import Bag, Table, seconds
 from eol_ros.analysis.retrack import Retracked
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
+from eol_ros.core.science.one_over_f import Answer
 from eol_ros.errors import ConfigError
 from eol_ros.streams.slips import START, STOP
 
+NOT_ASKED = 'Not asked of any series: the same hands on a table without coupling.'
 SOUNDS_WITHIN_S = 0.25  # a slip that has not sounded by then does not sound
 
 
-def numbers(bag: Bag) -> dict[str, Any]:
-    """Return the figures of a bag as plain data: counts, losses, latencies, laws."""
+def numbers(bag: Bag, answers: list[Answer] | None = None) -> dict[str, Any]:
+    """Return the figures of a bag as plain data: counts, losses, latencies, laws.
+
+    answers: what was found of its series (`spectra`).
+    """
     found: dict[str, Any] = {
         'bag': str(bag.path),
         'duration_s': round(bag.duration_s, 3),
@@ -45,7 +50,32 @@ def numbers(bag: Bag) -> dict[str, Any]:
         }
     if cascades is not None:
         found['cascades'] = law(cascades['area']) | {'median_size': _median(cascades['size'])}
+    if answers is not None:
+        found['one_over_f'] = {answer.name: _spectral(answer) for answer in answers}
     return found
+
+
+def spectra(bag: Bag) -> Iterator[Answer]:
+    """Yield the verdict on each series of a bag: is it 1/f?"""
+    yield from map(series.ask, series.of(bag))
+
+
+def _spectral(answer: Answer) -> dict[str, Any]:
+    """Return an answer as plain data."""
+    found: dict[str, Any] = {'answer': answer.answer, 'sentence': answer.sentence}
+    if answer.spectrum is None or answer.slope is None or answer.halves is None:
+        return found
+    best = min(shape.aic for shape in answer.shapes.values())
+    return found | {
+        'low_hz': answer.spectrum.low_hz, 'high_hz': answer.spectrum.high_hz,
+        'beta': answer.slope.beta, 'beta_95': [answer.slope.low, answer.slope.high],
+        'beta_lower_half': answer.halves[0].beta, 'beta_upper_half': answer.halves[1].beta,
+        'scatter_p': answer.slope.p_value,
+        'aic': {name: shape.aic - best for name, shape in answer.shapes.items()},
+        'rhythm_hz': answer.rhythm and answer.rhythm[0],
+        'controls_beta': {kind: list(both) for kind, both in answer.controls.items()},
+        'stationary_p': answer.stationary_p,
+    }  # fmt: skip
 
 
 def law(areas: np.ndarray) -> dict[str, Any]:
@@ -66,7 +96,7 @@ def write(
     bag: Bag,
     out: Path,
     retracked: Retracked | None = None,
-    track: Callable[[list, str], Any] | None = None,
+    track: Callable[..., Any] | None = None,
 ) -> dict[str, Any]:
     """Write report.html, and each figure as SVG, PDF and CSV, into `out`; return the numbers.
 
@@ -76,7 +106,8 @@ def write(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f'{out}: {error.strerror}') from None
-    found = numbers(bag)
+    answers = list(_tracked(spectra(bag), 'asking for 1/f', track, series.COUNT))
+    found = numbers(bag, answers)
     if retracked is not None:
         found['retracked'] = {
             'equal': retracked.equal,
@@ -88,12 +119,18 @@ def write(
             },
         }  # fmt: skip
     drawn = []
-    jobs = figures.of(_table(bag, 'slips'), _table(bag, 'cascades'), found)
-    for job in track(jobs, 'drawing') if track else jobs:
+    jobs = figures.of(_table(bag, 'slips'), _table(bag, 'cascades'), found, answers)
+    for job in _tracked(jobs, 'drawing', track):
         drawn.append((job.title, job.draw(out)))
     (out / 'report.html').write_text(_page(bag, found, drawn), encoding='utf-8')
     (out / 'report.json').write_text(json.dumps(found, indent=2) + '\n', encoding='utf-8')
     return found
+
+
+def _tracked(
+    jobs: Iterable, words: str, track: Callable[..., Any] | None, total: int | None = None
+) -> Iterable:
+    return track(jobs, words, total=total) if track else jobs
 
 
 def _table(bag: Bag, topic: str) -> Table | None:
@@ -198,6 +235,8 @@ def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
         _rows('Lost on the way', ('where', 'topic', 'messages'),
               [(where.replace('_', ' '), topic, count) for where, topics in found['gaps'].items()
                if where != 'received' for topic, count in topics.items() if count]),
+        _sentences('Is it 1/f?', [a['sentence'] for a in found.get('one_over_f', {}).values()],
+                   NOT_ASKED),
         *(f'<h2>{html.escape(title)}</h2>{svg}' for title, svg in drawn),
         '<h2>Versions</h2><pre>', html.escape(bag.about.get('versions', 'not known')), '</pre>',
         '<h2>Scene</h2><pre>', html.escape(bag.about.get('settings', 'not known')), '</pre>',
@@ -224,6 +263,11 @@ def _verdict(found: dict[str, Any]) -> str:
         )
         + notes
     )
+
+
+def _sentences(title: str, said: list[str], last: str = '') -> str:
+    lines = ''.join(f'<p>{html.escape(line)}</p>' for line in [*said, last] if line)
+    return f'<h2>{html.escape(title)}</h2>{lines}'
 
 
 def _latency_rows(title: str, latencies: dict[str, dict[str, float]]) -> str:
@@ -255,6 +299,7 @@ def summary(found: dict[str, Any]) -> str:
                 f'{c["count"]} cascades, up to {c["largest"]} blocks; b = {c["b_value"]:.2f} +- '
                 f'{c["b_error"]:.2f} for areas {c["area_min"]} to {c["area_max"]}'
             )
+    lines += [answer['sentence'] for answer in found.get('one_over_f', {}).values()]
     for begin, latencies in (
         ('the image', found['latency_ms']),
         ('the onset of the slip', found['onset_latency_ms']),

@@ -15,7 +15,6 @@ EXAMPLES = [
     'eol render bags --corpus other.json --out other.wav --scene config/museum.yaml',
 ]
 TAIL_S = 0.5  # after the last grain: the DC block and the limiter come to rest
-BLOCK = 4096
 
 
 def add_arguments(parser):
@@ -33,7 +32,7 @@ def run(args) -> int:
     import numpy as np
 
     from eol_ros import scene
-    from eol_ros.core.sound.mixer import Mixer
+    from eol_ros.analysis.sound import BLOCK, new_mixer
     from eol_ros.core.sound.offline import play
     from eol_ros.settings import SoundSettings
     from eol_ros.verbs.progress import track
@@ -45,10 +44,7 @@ def run(args) -> int:
     rate = settings.sample_rate
     end_s = float((rows['time_s'] + rows['length'] / rate).max()) if len(rows) else 0.0
     frames = math.ceil((args.seconds or end_s + TAIL_S) * rate)
-    mixer = Mixer(
-        rate, settings.channels, settings.polyphony, settings.interpolation == 'cubic',
-        settings.gain_db, settings.ceiling_db, settings.loudness_lufs, settings.governor_db,
-    )  # fmt: skip
+    mixer = new_mixer(settings)
     peak, energy = 0.0, 0.0
     with _writer(args.out, settings) as file:
         blocks = play(mixer, rows, frames, BLOCK)
@@ -88,8 +84,6 @@ def _decibels(amplitude: float) -> float:
 
 def _voices(args, settings):
     """Return the voices, how many triggers there were, and the banks that the voices read."""
-    import numpy as np
-
     from eol_ros.core.sound.bank import voice_rows
 
     if Path(args.source).suffix.lower() == '.csv':
@@ -100,58 +94,15 @@ def _voices(args, settings):
         triggers = load_triggers(args.source)
         bank = _bank(args.corpus, settings.sample_rate)
         return voice_rows(triggers, bank, settings.channels), len(triggers), [bank]
+    from eol_ros.analysis import sound
     from eol_ros.analysis.bag import open_bag
 
     bag = open_bag(args.source)
-    triggers, times = _bag_triggers(bag, settings.sample_rate)
-    if args.corpus:
-        bank = _bank(args.corpus, settings.sample_rate)
-        return voice_rows(triggers, bank, settings.channels), len(triggers), [bank]
-    corpora = bag.table('corpus')
-    if not len(corpora):
-        raise ConfigError(f'{args.source}: no corpus in this bag; add --corpus C.json')
-    digests = [''.join(d) for d in corpora['digest']]
-    news = [i for i, d in enumerate(digests) if not i or d != digests[i - 1]]
-    begins = corpora['stamp'][news]
-    rows, banks = [], []
-    for k, i in enumerate(news):  # each trigger speaks of the corpus of its time
-        mine = np.ones(len(times), bool)
-        if k:
-            mine &= times >= begins[k]
-        if k + 1 < len(news):
-            mine &= times < begins[k + 1]
-        banks.append(_bag_bank(corpora[i : i + 1], settings.sample_rate))
-        rows.append(voice_rows(triggers[mine], banks[-1], settings.channels))
-    return np.concatenate(rows), len(triggers), banks
-
-
-def _bag_triggers(bag, sample_rate: int):
-    """Return the triggers of a bag, their time from its start, and their stamps.
-
-    Frames are counted from whole seconds on, as where a live run has no card to follow.
-    """
-
-    import numpy as np
-
-    from eol_ros.core.sound.triggers import TRIGGER
-    from eol_ros.streams import triggers
-
-    table = bag.table('grain_triggers')
-    second_ns = bag.start_ns // 10**9 * 10**9
-    begin_s = math.floor((bag.start_ns - second_ns) * 1e-9 * sample_rate) / sample_rate
-    time_s = (table['stamp'].astype('i8') - second_ns) * 1e-9 - begin_s
-    rows = zip(triggers.RECORD.each(table), time_s.tolist(), strict=True)
-    return np.array([triggers.to_core(*row) for row in rows], TRIGGER), table['stamp']
-
-
-def _bag_bank(table, sample_rate: int):
-    from eol_ros.devices.audio.bank import load_bank
-    from eol_ros.devices.corpus.corpus_build import of_this_machine
-    from eol_ros.streams import corpus
-
-    files, file, start, duration = corpus.to_core(next(corpus.RECORD.each(table)))
-    here = [str(of_this_machine(path)) for path in files]
-    return load_bank(here, file, start, duration, sample_rate)
+    if not args.corpus:
+        return sound.voices(bag, settings)
+    triggers, _ = sound.bag_triggers(bag, settings.sample_rate)
+    bank = _bank(args.corpus, settings.sample_rate)
+    return voice_rows(triggers, bank, settings.channels), len(triggers), [bank]
 
 
 def _bank(path: str, sample_rate: int):

@@ -1,26 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Is it 1/f? The slope of a power spectrum with its interval, and what chance alone would give.
+"""The power spectrum of a series in logarithmic bins, its slope, and which shape it has.
 
-The spectrum said to be 1/f in music and speech is that of the audio *power*, the squared sound
-after a low-pass at 20 Hz, below some 10 Hz (Voss and Clarke, Nature 258 (1975) 317), not that of
-the waveform. So three series may be asked: audio power, counts of grain triggers, kinetic energy of
-the blocks. Each is told with an interval and beside two controls: a Poisson process of the same
-rate, and the same intervals in shuffled order. S(f) ~ f^-beta; beta 0 is white, 1 is 1/f, 2 is
-brown.
+S(f) ~ f^-beta; beta 0 is white, 1 is 1/f, 2 is Brownian. A straight line through a bent spectrum
+has a slope too, so a slope alone says nothing: `shapes` fits what bends as well, by the likelihood
+of Whittle (Ark. Mat. 2 (1953) 423), and `rhythm` looks for lines.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
+from scipy import signal, stats
 
 from eol_ros.errors import EolError
 
-BINS = 12
-PERIODS = 4  # of the lowest frequency in a segment
-MANY_SEGMENTS = 60
-WIDER = 1.5  # the bootstrap interval of few segments covers 80 to 88 %, not 95 (see test)
-ONE_OVER_F = (0.5, 1.5)
+BINS_PER_DECADE = 8
+PERIODS = 8  # of the lowest frequency in the whole series: below, the taper's own shape is seen
+# The mean of m ordinates under a Hann taper scatters as that of m / 1.944 independent ones: their
+# neighbours' squared correlations are 4/9 and 1/36.
+HANN_OVERLAP = 35 / 18
+# No bin counts for more than 50 independent ordinates. It would let departures of a few per cent in
+# the highest bins, which hold most ordinates, decide everything; so 14 % of power is tolerated.
+MOST_WEIGHT = 50.0
+LINE_CHANCE = 1e-4  # of noise without a line having one as high, over all frequencies
+STEEPEST = 5.0
+STEP = 1e-5  # of the values of a shape, for its derivatives
 
 
 class SeriesError(EolError):
@@ -28,115 +32,271 @@ class SeriesError(EolError):
 
 
 @dataclass(frozen=True)
+class Spectrum:
+    """Power in logarithmic bins, (k,); `weight` is how many independent ordinates each counts for.
+
+    `ordinates_hz`, `ordinates` (n,): the periodogram within the band, before it was binned.
+    """
+
+    frequency_hz: np.ndarray
+    power: np.ndarray
+    weight: np.ndarray
+    low_hz: float
+    high_hz: float
+    ordinates_hz: np.ndarray
+    ordinates: np.ndarray
+
+    @property
+    def decades(self) -> float:
+        """How wide the band is."""
+        return float(np.log10(self.high_hz / self.low_hz))
+
+
+@dataclass(frozen=True)
 class Slope:
-    """S(f) ~ f^-beta between two frequencies; low and high bound the 95 % interval of beta."""
+    """S(f) ~ f^-beta; low and high bound the 95 % interval of beta."""
 
     beta: float
     low: float
     high: float
-    r_squared: float
-    segments: int
-    frequency_hz: np.ndarray
-    power: np.ndarray
+    deviance: float
+    bins: int
+
+    @property
+    def p_value(self) -> float:
+        """How often a power law scatters as widely about its own line."""
+        return float(stats.chi2.sf(self.deviance, self.bins - 2))
 
 
-def slope(
+@dataclass(frozen=True)
+class Shape:
+    """One shape at its greatest likelihood: its AIC (to within a constant), and its curve (k,)."""
+
+    name: str
+    aic: float
+    curve: np.ndarray
+
+
+def spectrum(
     series: np.ndarray,
     rate_hz: float,
-    rng: np.random.Generator,
-    low_hz: float = 0.02,
-    high_hz: float = 10.0,
-    repeats: int = 200,
-) -> Slope:
-    """Return the spectral slope of `series`, (n,) at `rate_hz`, between `low_hz` and `high_hz`.
+    low_hz: float,
+    high_hz: float,
+    window_s: float = 0.0,
+) -> Spectrum:
+    """Return the spectrum of `series`, (n,) at `rate_hz`, between `low_hz` and `high_hz`.
 
-    Hann segments of four periods of `low_hz`, half overlapping, 12 logarithmic bins, least squares
-    in log-log; the interval is from a bootstrap over segments. Raises SeriesError where it is too
-    short.
+    One Hann taper over the whole. `window_s`: each value is a mean over so long; its response is
+    divided out. Raises SeriesError where the series is shorter than eight periods of `low_hz`, or
+    does not vary.
     """
     series = np.asarray(series, float)
-    high_hz = min(high_hz, 0.45 * rate_hz)
-    length = round(PERIODS / low_hz * rate_hz)
-    if len(series) < 2 * length:
+    if high_hz > 0.45 * rate_hz or high_hz <= low_hz:
+        raise SeriesError(f'{low_hz:g} to {high_hz:g} Hz is no band of a series of {rate_hz:g}/s')
+    duration_s = len(series) / rate_hz
+    if low_hz * duration_s < PERIODS * (1 - 1e-9):
         raise SeriesError(
-            f'{len(series) / rate_hz:.0f} s are too short for {low_hz:g} Hz: '
-            f'{2 * length / rate_hz:.0f} s are the least, ten minutes are better'
+            f'{duration_s:.0f} s are too short for {low_hz:g} Hz: {PERIODS / low_hz:.0f} s are the '
+            'least'
         )
-    if not np.isfinite(series).all() or series.std() == 0:
+    if not np.isfinite(series).all() or np.ptp(series) == 0:
         raise SeriesError('the series does not vary: it has no spectrum')
-    window = signal.get_window('hann', length)
-    starts = range(0, len(series) - length + 1, length // 2)
-    pieces = np.stack([series[s : s + length] for s in starts]) - series.mean()
-    powers = np.abs(np.fft.rfft(pieces * window, axis=1)) ** 2
-    powers /= rate_hz * (window**2).sum() / 2
-    frequency = np.fft.rfftfreq(length, 1 / rate_hz)
-    edges = np.geomspace(low_hz, high_hz, BINS + 1)
-    which = np.digitize(frequency, edges) - 1
-    used = [k for k in range(BINS) if (which == k).any()]
-    centres = np.array([np.exp(np.log(frequency[which == k]).mean()) for k in used])
-    binned = np.stack([powers[:, which == k].mean(axis=1) for k in used], axis=1)
-    beta, r_squared = _line(centres, binned.mean(axis=0))
-    drawn = [
-        _line(centres, binned[rng.integers(0, len(binned), len(binned))].mean(axis=0))[0]
-        for _ in range(repeats)
-    ]
-    low, high = np.quantile(drawn, [0.025, 0.975]) - beta
-    wider = 1.0 if len(binned) >= MANY_SEGMENTS else WIDER
-    return Slope(
-        beta,
-        beta + wider * float(low),
-        beta + wider * float(high),
-        r_squared,
-        len(binned),
-        centres,
-        binned.mean(axis=0),
-    )
+    taper = signal.get_window('hann', len(series))
+    power = np.abs(np.fft.rfft((series - series.mean()) * taper)) ** 2
+    power *= 2 / (rate_hz * (taper**2).sum())
+    frequency = np.fft.rfftfreq(len(series), 1 / rate_hz)
+    inside = (frequency >= low_hz * (1 - 1e-9)) & (frequency <= high_hz)
+    frequency, power = frequency[inside], power[inside]
+    if window_s:
+        power = power / np.sinc(frequency * window_s) ** 2
+    power = np.maximum(power, 1e-15 * power.max())
+    bins = max(round(BINS_PER_DECADE * np.log10(high_hz / low_hz)), 3)
+    which = np.digitize(frequency, np.geomspace(low_hz, high_hz, bins + 1)[1:-1])
+    counts = np.bincount(which, minlength=bins)
+    used = counts > 0
+    centre = np.exp(np.bincount(which, np.log(frequency), bins)[used] / counts[used])
+    mean = np.bincount(which, power, bins)[used] / counts[used]
+    weight = np.clip(counts[used] / HANN_OVERLAP, 1.0, MOST_WEIGHT)
+    return Spectrum(centre, mean, weight, low_hz, high_hz, frequency, power)
 
 
-def _line(frequency: np.ndarray, power: np.ndarray) -> tuple[float, float]:
-    x, y = np.log(frequency), np.log(power)
-    gradient, offset = np.polyfit(x, y, 1)
-    rest = y - gradient * x - offset
-    return float(-gradient), float(1 - rest.var() / y.var())
+def slope(found: Spectrum, part: slice = slice(None)) -> Slope:
+    """Return the power law of greatest Whittle likelihood through the bins, or some of them.
+
+    The interval is wider than the likelihood's where the bins scatter more about the line than it
+    allows for.
+    """
+    x = np.log(found.frequency_hz[part])
+    log_power, weight = np.log(found.power[part]), found.weight[part]
+    beta = 0.0
+    x = x - weight @ x / weight.sum()
+    level = log_power @ weight / weight.sum()
+    for _ in range(100):  # Newton: the likelihood is concave in level and slope
+        ratio = np.exp(np.clip(log_power - level + beta * x, -50, 50))
+        gradient = np.array([weight @ (ratio - 1), -(weight * x) @ (ratio - 1)])
+        pull = weight * ratio
+        curvature = np.array([[pull.sum(), -pull @ x], [-pull @ x, pull @ x**2]])
+        step = np.linalg.solve(curvature, gradient)
+        step *= min(1.0, 2.0 / np.abs(step).max(initial=1e-300))
+        level, beta = level + step[0], beta + step[1]
+        if np.abs(step).max() < 1e-10:
+            break
+    deviance = _deviance(log_power, level - beta * x, weight)
+    freedom = max(len(x) - 2, 1)
+    error = np.sqrt(max(1.0, deviance / freedom) / (weight @ x**2))
+    half = float(stats.t.ppf(0.975, freedom) * error)
+    return Slope(float(beta), float(beta - half), float(beta + half), float(deviance), len(x))
 
 
-def audio_power(sound: np.ndarray, rate_hz: float, out_hz: float = 100.0) -> np.ndarray:
-    """Return the power of `sound` at `out_hz`: 100 Hz to 10 kHz, squared, low-pass at 20 Hz."""
-    top = min(10_000.0, 0.45 * rate_hz)
-    band = signal.butter(4, [100.0, top], 'bandpass', fs=rate_hz, output='sos')
-    smooth = signal.butter(4, 20.0, 'lowpass', fs=rate_hz, output='sos')
-    power = signal.sosfiltfilt(smooth, signal.sosfilt(band, np.asarray(sound, float)) ** 2)
-    at = np.arange(0, len(power), rate_hz / out_hz)
-    return power[at.astype(int)]
+def halves(found: Spectrum) -> tuple[Slope, Slope]:
+    """Return the slopes of the lower and of the upper half of the band."""
+    middle = int(np.searchsorted(found.frequency_hz, np.sqrt(found.low_hz * found.high_hz)))
+    return slope(found, slice(None, middle)), slope(found, slice(middle, None))
 
 
-def event_counts(times_s: np.ndarray, duration_s: float, rate_hz: float = 50.0) -> np.ndarray:
-    """Return how many of `times_s` fall into each 1 / `rate_hz` of `duration_s`."""
-    bins = round(duration_s * rate_hz)
-    return np.histogram(times_s, bins=bins, range=(0.0, duration_s))[0].astype(float)
+def shapes(found: Spectrum) -> dict[str, Shape]:
+    """Return every shape at its greatest likelihood, by name.
+
+    white; power law; Lorentzian (an Ornstein-Uhlenbeck process, random telegraph, pulses that decay
+    exponentially); knee: flat, then falling at any rate; and the sums of a Lorentzian or a power
+    law with a white floor, and of a power law with a Lorentzian.
+    """
+    x = np.log(found.frequency_hz)
+    middle = (x[0] + x[-1]) / 2
+    half = (x[-1] - x[0]) / 2
+    x = x - middle
+    log_power = np.log(found.power)
+    level = float(log_power @ found.weight / found.weight.sum())
+    corners = [-0.6 * half, 0.0, 0.6 * half]
+    scale, corner, beta = (-np.inf, np.inf), (-half, half), (-1.0, STEEPEST)
+    fits: dict[str, tuple[Callable, list, list]] = {
+        'white': (_power_law, [(level, 0.0)], [scale, (0.0, 0.0)]),
+        'power law': (_power_law, [(level, 1.0)], [scale, beta]),
+        'Lorentzian': (_lorentzian, [(level, c) for c in corners], [scale, corner]),
+        'knee': (
+            _knee, [(level, c, b) for c in corners for b in (1.0, 2.5)],
+            [scale, corner, (0.0, STEEPEST)],
+        ),
+        'Lorentzian and floor': (
+            _lorentzian_floor, [(level + 1, c, level - 2) for c in corners], [scale, corner, scale],
+        ),
+        'power law and floor': (
+            _power_law_floor, [(level, 1.0, level - 2), (level - 2, 1.5, level)],
+            [scale, (0.0, STEEPEST), scale],
+        ),
+        'power law and Lorentzian': (
+            _power_law_lorentzian,
+            [(level - 0.7, b, level - 0.7, c) for c in corners for b in (0.5, 1.5)],
+            [scale, (0.0, STEEPEST), scale, corner],
+        ),
+    }  # fmt: skip
+    made = {}
+    for name, (curve, starts, bounds) in fits.items():
+        best, deviance = min(
+            (_climb(curve, start, bounds, x, log_power, found.weight) for start in starts),
+            key=lambda reached: reached[1],
+        )
+        free = sum(low < high for low, high in bounds)
+        made[name] = Shape(name, deviance + 2 * free, np.exp(curve(best, x)))
+    return made
 
 
-def poisson_times(count: int, duration_s: float, rng: np.random.Generator) -> np.ndarray:
-    """Return the first control: as many events, each at any time."""
-    return np.sort(rng.random(count) * duration_s)
+def rhythm(found: Spectrum, beta: float) -> tuple[float, float] | None:
+    """Return frequency and height (over the power about it) of the greatest line; None without one.
 
-
-def shuffled_times(times_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return the second control: the same intervals in another order."""
-    gaps = np.diff(np.asarray(times_s, float), prepend=0.0)
-    return rng.permutation(gaps).cumsum()
+    Ordinates of noise over its spectrum are exponential, so their greatest tells (Fisher, Proc. R.
+    Soc. A 125 (1929) 54). What is about a line is the median of half a decade, made flat by
+    `beta`. Where that has under 30 ordinates, no line is looked for.
+    """
+    flat = found.ordinates * found.ordinates_hz**beta
+    place = np.log10(found.ordinates_hz / found.low_hz) * 6
+    which = np.floor(place).astype(int)
+    best: tuple[float, float] | None = None
+    for k in range(which[-1] + 1):
+        near = flat[np.abs(which - k) <= 1]
+        own = which == k
+        if len(near) < 30 or not own.any():
+            continue
+        ratio = flat[own] * np.log(2) / np.median(near)
+        top = int(np.argmax(ratio))
+        if best is None or ratio[top] > best[1]:
+            best = (float(found.ordinates_hz[own][top]), float(ratio[top]))
+    if best is None or len(flat) * np.exp(-best[1]) > LINE_CHANCE:
+        return None
+    return best
 
 
 def coloured_noise(beta: float, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Return (count,) of noise whose spectrum is f^-beta, to test the estimator by."""
-    frequency = np.fft.rfftfreq(count)
+    """Return (count,) of Gaussian noise whose spectrum is f^-beta, to test the estimator by."""
+    frequency = np.fft.rfftfreq(2 * count)  # of twice the length: half of it does not meet itself
     frequency[0] = frequency[1]
     phase = rng.normal(size=len(frequency)) + 1j * rng.normal(size=len(frequency))
-    return np.fft.irfft(phase * frequency ** (-beta / 2), count)
+    return np.fft.irfft(phase * frequency ** (-beta / 2), 2 * count)[:count]
 
 
-def is_one_over_f(found: Slope, controls: list[Slope]) -> bool:
-    """Return whether the interval lies within 0.5 .. 1.5 and those of both controls do not."""
-    low, high = ONE_OVER_F
-    inside = low <= found.low and found.high <= high
-    return inside and all(c.high < low or c.low > high for c in controls)
+def _deviance(log_power: np.ndarray, log_curve: np.ndarray, weight: np.ndarray) -> float:
+    """-2 log likelihood of gamma-distributed bins, less that of a curve through them all."""
+    off = np.clip(log_power - log_curve, -60, 60)
+    return float(2 * weight @ (np.exp(off) - 1 - off))
+
+
+def _climb(
+    curve: Callable,
+    start: tuple[float, ...],
+    bounds: list[tuple[float, float]],
+    x: np.ndarray,
+    log_power: np.ndarray,
+    weight: np.ndarray,
+) -> tuple[np.ndarray, float]:
+    """Return values of least deviance, and that: Fisher scoring, damped (Levenberg, Marquardt)."""
+    low, high = np.array(bounds, float).T
+    free = np.flatnonzero(low < high)
+    values = np.clip(np.array(start, float), low, high)
+    reached = _deviance(log_power, curve(values, x), weight)
+    damping = 1e-2
+    for _ in range(60):
+        log_curve = curve(values, x)
+        slopes = np.stack([curve(values + step, x) - log_curve for step in STEP * np.eye(len(low))])
+        slopes = slopes[free] / STEP
+        off = np.exp(np.clip(log_power - log_curve, -50, 20)) - 1
+        normal = (slopes * weight) @ slopes.T
+        pull = slopes @ (weight * off)
+        while damping < 1e8:
+            damped = normal + np.diag(damping * (np.diag(normal) + 1e-9))
+            tried = values.copy()
+            tried[free] += np.clip(np.linalg.solve(damped, pull), -2, 2)
+            tried = np.clip(tried, low, high)
+            gained = reached - _deviance(log_power, curve(tried, x), weight)
+            if gained >= 0:
+                break
+            damping *= 10
+        else:
+            break
+        values, reached, damping = tried, reached - gained, max(damping / 10, 1e-6)
+        if gained < 1e-7:
+            break
+    return values, reached
+
+
+def _power_law(values, x):
+    return values[0] - values[1] * x
+
+
+def _lorentzian(values, x):
+    return values[0] - np.logaddexp(0, 2 * (x - values[1]))
+
+
+def _knee(values, x):
+    return values[0] - np.logaddexp(0, values[2] * (x - values[1]))
+
+
+def _lorentzian_floor(values, x):
+    return np.logaddexp(_lorentzian(values[:2], x), values[2])
+
+
+def _power_law_floor(values, x):
+    return np.logaddexp(_power_law(values[:2], x), values[2])
+
+
+def _power_law_lorentzian(values, x):
+    return np.logaddexp(_power_law(values[:2], x), _lorentzian(values[2:], x))

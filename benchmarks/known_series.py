@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Series of known spectrum to try the verdict on 1/f by: some that are, some that only look it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from eol_ros.core.science import one_over_f, surrogates
+from eol_ros.core.science.spectra import coloured_noise
+
+RATE_HZ, HIGH_HZ = 20.0, 5.0  # as `eol report` asks the series of a bag
+
+
+@dataclass(frozen=True)
+class Made:
+    """A series (n,) at RATE_HZ, and the times of its events where it counts some."""
+
+    values: np.ndarray
+    times_s: np.ndarray | None = None
+
+
+def ask(name: str, duration_s: float, seed: int) -> one_over_f.Answer:
+    """Return the verdict on one realisation of a series of SERIES."""
+    made = SERIES[name][1](duration_s, np.random.default_rng([seed, 1]))
+    return one_over_f.ask(
+        name, made.values, RATE_HZ, HIGH_HZ, np.random.default_rng([seed, 2]), times_s=made.times_s
+    )
+
+
+def _noise(beta: float) -> Callable:
+    return lambda T, rng: Made(coloured_noise(beta, _count(T), rng))
+
+
+def _bursts(T: float, rng: np.random.Generator) -> Made:
+    noise = coloured_noise(1.0, _count(T), rng)
+    return Made(np.exp(0.5 * noise / noise.std()))
+
+
+def _events_of_one_over_f(T: float, rng: np.random.Generator) -> Made:
+    """So many of them (300/s) that their own white noise stays below the 1/f of their rate."""
+    noise = coloured_noise(1.0, _count(T), rng)
+    rate = np.exp(noise / noise.std())
+    counts = rng.poisson(300 / RATE_HZ * rate / rate.mean())
+    begins = np.repeat(np.arange(len(counts)), counts)
+    return _events(np.sort((begins + rng.random(len(begins))) / RATE_HZ), T)
+
+
+def _brownian(T: float, rng: np.random.Generator) -> Made:
+    return Made(rng.normal(size=_count(T)).cumsum())
+
+
+def _ornstein_uhlenbeck(corner_hz: float, white: float = 0.0) -> Callable:
+    def make(T: float, rng: np.random.Generator) -> Made:
+        keep = np.exp(-2 * np.pi * corner_hz / RATE_HZ)
+        warm = round(20 * RATE_HZ / corner_hz)
+        walk = lfilter([np.sqrt(1 - keep**2)], [1, -keep], rng.normal(size=_count(T) + warm))[warm:]
+        return Made(walk + white * rng.normal(size=len(walk)))
+
+    return make
+
+
+def _telegraph(T: float, rng: np.random.Generator) -> Made:
+    """On and off at random, once in a second on average."""
+    flips = surrogates.event_counts(surrogates.poisson_times(rng.poisson(T), T, rng), T, RATE_HZ)
+    return Made(flips.cumsum() % 2)
+
+
+def _sines(*hz: float) -> Callable:
+    def make(T: float, rng: np.random.Generator) -> Made:
+        t = np.arange(_count(T)) / RATE_HZ
+        waves = [np.sin(2 * np.pi * f * t + rng.uniform(0, 2 * np.pi)) for f in hz]
+        return Made(np.sum(waves, axis=0) + 0.5 * rng.normal(size=len(t)))
+
+    return make
+
+
+def _wobbling(T: float, rng: np.random.Generator) -> Made:
+    """A swing of 0.7 Hz whose phase walks off by a period within some ten."""
+    phase = 2 * np.pi * 0.7 * np.arange(_count(T)) / RATE_HZ
+    phase += (0.1 * rng.normal(size=len(phase))).cumsum()
+    return Made(np.sin(phase) + 0.3 * rng.normal(size=len(phase)))
+
+
+def _poisson(T: float, rng: np.random.Generator) -> Made:
+    return _events(surrogates.poisson_times(round(8 * T), T, rng), T)
+
+
+def _clock(T: float, rng: np.random.Generator) -> Made:
+    """One every 0.8 s, each late or early by a few hundredths."""
+    beats = np.arange(1, int(T / 0.8)) * 0.8
+    return _events(np.sort(beats + 0.03 * rng.normal(size=len(beats))), T)
+
+
+def _heavy_tailed(T: float, rng: np.random.Generator) -> Made:
+    """Independent intervals of power-law length: 1/f without any order among them."""
+    gaps = 0.02 / (1 - rng.random(round(20 * T)))
+    times = gaps.cumsum()
+    return _events(times[times < T], T)
+
+
+def _events(times_s: np.ndarray, T: float) -> Made:
+    return Made(surrogates.event_counts(times_s, T, RATE_HZ), times_s)
+
+
+def _count(T: float) -> int:
+    return round(T * RATE_HZ)
+
+
+# name: (the right answer, how it is made)
+SERIES: dict[str, tuple[str, Callable[[float, np.random.Generator], Made]]] = {
+    '1/f': ('yes', _noise(1.0)),
+    'f^-0.8': ('yes', _noise(0.8)),
+    'f^-1.2': ('yes', _noise(1.2)),
+    '1/f in bursts': ('yes', _bursts),
+    'events of 1/f rate': ('yes', _events_of_one_over_f),
+    'white': ('no', _noise(0.0)),
+    'Brownian': ('no', _brownian),
+    'Ornstein-Uhlenbeck, 0.03 Hz': ('no', _ornstein_uhlenbeck(0.03)),
+    'Ornstein-Uhlenbeck, 0.3 Hz': ('no', _ornstein_uhlenbeck(0.3)),
+    'Ornstein-Uhlenbeck, 2 Hz': ('no', _ornstein_uhlenbeck(2.0)),
+    'Ornstein-Uhlenbeck and white': ('no', _ornstein_uhlenbeck(0.1, 1.0)),
+    'random telegraph': ('no', _telegraph),
+    'periodic': ('no', _sines(0.7)),
+    'quasi-periodic': ('no', _sines(0.7, 0.7 * (1 + 5**0.5) / 2)),
+    'swing that wobbles': ('no', _wobbling),
+    'events by chance': ('no', _poisson),
+    'events by the clock': ('no', _clock),
+    'heavy-tailed intervals': ('no', _heavy_tailed),
+}

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The series of a bag that may be 1/f: grain triggers, light, kinetic energy, sound, loudness."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from eol_ros.analysis import sound
+from eol_ros.analysis.bag import Bag
+from eol_ros.core.science import one_over_f, surrogates
+from eol_ros.core.sound.loudness import k_weighting, lufs
+from eol_ros.errors import EolError
+
+RATE_HZ = 20.0  # of every series; all of their means over 1 / RATE_HZ
+HIGH_HZ = 5.0
+FINER = 10  # the light is looked at so often in each 1 / RATE_HZ
+LOUDNESS_HIGH_HZ = 1.0  # the mean over 0.4 s of BS.1770 takes 2.4 dB there, and 11 dB at 2 Hz
+MOMENTARY = 8  # values of 1 / RATE_HZ: 0.4 s
+SILENCE_LUFS = -70.0  # the absolute gate of BS.1770
+BLOCK_KG = 0.25
+FASTEST_MPS = 3.0  # a block that seems faster was taken for another
+REST_J = 1.25e-5  # one block at 10 mm/s; what the camera's noise makes of 25 at rest is a tenth
+CHUNK_S = 120.0  # of blocks in memory at a time
+MOST_SOUND_S = 3600.0  # is rendered
+COUNT = 5  # series of a bag
+
+
+@dataclass(frozen=True)
+class Series:
+    """Values (n,) at RATE_HZ from the start of the bag, and how they are to be asked."""
+
+    name: str
+    values: np.ndarray
+    high_hz: float = HIGH_HZ
+    window_s: float = 1 / RATE_HZ
+    times_s: np.ndarray | None = None
+    rest: float | None = None
+
+
+@dataclass(frozen=True)
+class Absent:
+    """A series that the bag cannot give."""
+
+    name: str
+    why: str
+
+
+def of(bag: Bag) -> Iterator[Series | Absent]:
+    """Yield every series, or why it is absent."""
+    for name, topic, make in (
+        ('triggers', 'grain_triggers', triggers),
+        ('light', 'led_commands', light),
+        ('kinetic energy', 'blocks', kinetic_energy),
+    ):
+        if bag.counts.get(f'/eol/{topic}'):
+            yield make(bag)
+        else:
+            yield Absent(name, f'no {topic} in this bag')
+    if not bag.counts.get('/eol/grain_triggers'):
+        for name in ('sound power', 'loudness'):
+            yield Absent(name, 'no grain_triggers in this bag to render')
+        return
+    try:
+        yield from loudness(bag)
+    except EolError as error:
+        for name in ('sound power', 'loudness'):
+            yield Absent(name, f'its sound cannot be rendered: {error}')
+
+
+def ask(series: Series | Absent) -> one_over_f.Answer:
+    """Return the verdict on one series, from a seed of its own: the same each time."""
+    if isinstance(series, Absent):
+        return one_over_f.Answer(series.name, 'undecided', doubts=[series.why])
+    return one_over_f.ask(
+        series.name, series.values, RATE_HZ, series.high_hz, np.random.default_rng(1),
+        window_s=series.window_s, times_s=series.times_s, rest=series.rest,
+    )  # fmt: skip
+
+
+def triggers(bag: Bag) -> Series:
+    """Return how many grains were triggered in each 1 / RATE_HZ, by the stamps of their images."""
+    times_s = np.sort(_since_start(bag, bag.table('grain_triggers')['stamp']))
+    times_s = times_s[(times_s >= 0) & (times_s < bag.duration_s)]
+    counts = surrogates.event_counts(times_s, bag.duration_s, RATE_HZ)
+    return Series('triggers', counts, times_s=times_s)
+
+
+def light(bag: Bag) -> Series:
+    """Return the mean level of the white LEDs, 0..1, as they hold it from packet to packet."""
+    table = bag.table('led_commands')
+    sent_s = _since_start(bag, table['sent'])
+    order = np.argsort(sent_s, kind='stable')
+    held = np.concatenate([[0.0], table['white'].mean(axis=1)[order] / 255])  # dark at first
+    at_s = (np.arange(round(bag.duration_s * RATE_HZ) * FINER) + 0.5) / (RATE_HZ * FINER)
+    values = held[np.searchsorted(sent_s[order], at_s, side='right')]
+    values = values.reshape(-1, FINER).mean(axis=1)
+    return Series('light', values, rest=0.0)
+
+
+def kinetic_energy(bag: Bag) -> Series:
+    """Return the kinetic energy of the blocks, J: from their steps between images, 250 g each.
+
+    Their rotation is left out. Read in pieces, for a day of blocks does not fit into memory.
+    """
+    bins = round(bag.duration_s * RATE_HZ)
+    total, count = np.zeros(bins), np.zeros(bins)
+    before = None
+    for begin_s in np.arange(0.0, bag.duration_s + 1e-9, CHUNK_S):
+        table = bag.table('blocks', begin_s, begin_s + CHUNK_S)
+        if not len(table):
+            continue
+        at_s = _since_start(bag, table['stamp'])
+        place = np.stack([table['blocks']['x'], table['blocks']['y']], axis=2)
+        if before is not None:
+            at_s, place = np.r_[before[0], at_s], np.concatenate([before[1], place])
+        before = at_s[-1:], place[-1:]
+        step_s = np.diff(at_s)
+        good = step_s > 0
+        speed = np.linalg.norm(np.diff(place, axis=0), axis=2)[good] / step_s[good, None]
+        speed[~(speed <= FASTEST_MPS)] = 0.0  # nan, too
+        energy = 0.5 * BLOCK_KG * (speed**2).sum(axis=1)
+        where = np.floor((at_s[:-1] + step_s / 2)[good] * RATE_HZ).astype(int)
+        inside = (where >= 0) & (where < bins)
+        total += np.bincount(where[inside], energy[inside], bins)
+        count += np.bincount(where[inside], minlength=bins)
+    known = count > 0
+    values = np.zeros(bins)
+    if known.any():
+        middle = np.arange(bins)
+        values = np.interp(middle, middle[known], total[known] / count[known])
+    return Series('kinetic energy', values, rest=REST_J)
+
+
+def loudness(bag: Bag) -> Iterator[Series]:
+    """Yield power (K-weighted mean square) and momentary loudness (BS.1770, LUFS) of the sound.
+
+    Rendered by the mixer that plays live, with the settings of the bag; the first hour at most.
+    """
+    settings = sound.settings_of(bag)
+    seconds = min(bag.duration_s, MOST_SOUND_S)
+    power = mean_squares(sound.rendered(bag, settings, seconds), settings.sample_rate)
+    quiet = 10 ** ((SILENCE_LUFS + 0.691) / 10)
+    yield Series('sound power', power, rest=quiet)
+    momentary = np.convolve(power, np.full(MOMENTARY, 1 / MOMENTARY))[: len(power)]
+    level = np.maximum(lufs(momentary), SILENCE_LUFS)
+    yield Series(
+        'loudness', level, LOUDNESS_HIGH_HZ, window_s=MOMENTARY / RATE_HZ, rest=SILENCE_LUFS
+    )
+
+
+def mean_squares(blocks: Iterator[np.ndarray], sample_rate: int) -> np.ndarray:
+    """Return the K-weighted mean square of each 1 / RATE_HZ, summed over channels."""
+    step = round(sample_rate / RATE_HZ)
+    filters = k_weighting(sample_rate)
+    state, left, made = None, np.zeros(0), []
+    for block in blocks:
+        if state is None:
+            state = np.zeros((len(filters), 2, block.shape[1]))
+        weighted, state = signal.sosfilt(filters, block, axis=0, zi=state)
+        square = np.concatenate([left, (weighted**2).sum(axis=1)])
+        whole = len(square) // step * step
+        made.append(square[:whole].reshape(-1, step).mean(axis=1))
+        left = square[whole:]
+    return np.concatenate(made) if made else np.zeros(0)
+
+
+def _since_start(bag: Bag, times: np.ndarray) -> np.ndarray:
+    return (times.astype('i8') - bag.start_ns) * 1e-9

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sound of a bag: its grain triggers as voices for the mixer that plays live."""
+
+import dataclasses
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import yaml
+
+from eol_ros.analysis.bag import Bag, Table
+from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.mixer import Mixer
+from eol_ros.core.sound.offline import play
+from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.devices.audio.bank import load_bank
+from eol_ros.devices.corpus.corpus_build import of_this_machine
+from eol_ros.errors import ConfigError
+from eol_ros.settings import SoundSettings
+from eol_ros.streams import corpus, triggers
+
+BLOCK = 4096
+
+
+def settings_of(bag: Bag) -> SoundSettings:
+    """Return the settings of sound that the bag was recorded with; defaults where it is silent."""
+    nodes = (yaml.safe_load(bag.about.get('settings', '')) or {}).get('nodes', {})
+    said = nodes.get('sound') or {}
+    known = {field.name for field in dataclasses.fields(SoundSettings)}
+    return SoundSettings(**{key: value for key, value in said.items() if key in known})
+
+
+def new_mixer(settings: SoundSettings) -> Mixer:
+    """Return the mixer of these settings, before its first frame."""
+    return Mixer(
+        settings.sample_rate, settings.channels, settings.polyphony,
+        settings.interpolation == 'cubic', settings.gain_db, settings.ceiling_db,
+        settings.loudness_lufs, settings.governor_db,
+    )  # fmt: skip
+
+
+def voices(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, int, list[Bank]]:
+    """Return the voices (n,) VOICE, how many triggers there were, and the banks the voices read.
+
+    Times count from the start of the bag. Keep the banks until all is played. Raises ConfigError
+    where the bag has no corpus, or the sound of its corpus is not there.
+    """
+    played, times = bag_triggers(bag, settings.sample_rate)
+    corpora = bag.table('corpus')
+    if not len(corpora):
+        raise ConfigError(f'{bag.path}: no corpus in this bag; add --corpus C.json')
+    digests = [''.join(d) for d in corpora['digest']]
+    news = [i for i, d in enumerate(digests) if not i or d != digests[i - 1]]
+    begins = corpora['stamp'][news]
+    rows, banks = [], []
+    for k, i in enumerate(news):  # each trigger speaks of the corpus of its time
+        mine = np.ones(len(times), bool)
+        if k:
+            mine &= times >= begins[k]
+        if k + 1 < len(news):
+            mine &= times < begins[k + 1]
+        banks.append(_bank(corpora[i : i + 1], settings.sample_rate))
+        rows.append(voice_rows(played[mine], banks[-1], settings.channels))
+    return np.concatenate(rows), len(played), banks
+
+
+def bag_triggers(bag: Bag, sample_rate: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the triggers of a bag, (n,) TRIGGER with time from its start, and their stamps.
+
+    Frames are counted from whole seconds on, as where a live run has no card to follow.
+    """
+    table = bag.table('grain_triggers')
+    second_ns = bag.start_ns // 10**9 * 10**9
+    begin_s = math.floor((bag.start_ns - second_ns) * 1e-9 * sample_rate) / sample_rate
+    time_s = (table['stamp'].astype('i8') - second_ns) * 1e-9 - begin_s
+    rows = zip(triggers.RECORD.each(table), time_s.tolist(), strict=True)
+    return np.array([triggers.to_core(*row) for row in rows], TRIGGER), table['stamp']
+
+
+def rendered(bag: Bag, settings: SoundSettings, seconds: float) -> Iterator[np.ndarray]:
+    """Yield the first `seconds` of the bag's sound in blocks (n, channels) f4."""
+    rows, _, banks = voices(bag, settings)
+    yield from play(new_mixer(settings), rows, math.ceil(seconds * settings.sample_rate), BLOCK)
+    del banks  # the voices read them to the end
+
+
+def _bank(table: Table, sample_rate: int) -> Bank:
+    files, file, start, duration = corpus.to_core(next(corpus.RECORD.each(table)))
+    here = [str(of_this_machine(path)) for path in files]
+    return load_bank(here, file, start, duration, sample_rate)

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Is a series 1/f? A verdict that needs all: slope, straightness, no rhythm, steadiness, controls.
+
+What is said to be 1/f in music is the spectrum of the *power* of the sound below some 10 Hz (Voss
+and Clarke, Nature 258 (1975) 317), not that of the waveform. `ask` answers
+
+no         where something speaks against it: the interval of the slope lies outside 0.5 .. 1.5, a
+           bending shape fits better, the bins scatter too widely about the line, a rhythm stands
+           out, or a control, which knows nothing of the order of events, has the slope too;
+yes        where the interval lies within 0.5 .. 1.5 over at least two decades, a Lorentzian is
+           excluded, and neither rhythm, unsteadiness nor any control explains it;
+undecided  where the series is too short or too uneven for either.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from eol_ros.core.science import spectra, surrogates
+from eol_ros.core.science.spectra import Shape, Slope, Spectrum
+
+ONE_OVER_F = (0.5, 1.5)
+DECADES = 2.0  # of the band, at least
+MOST_DECADES = 3.0
+BENDS = 6.0  # of AIC, by which a bending shape must be better; by chance in 3 of 100 (see test)
+EXCLUDED = 10.0  # of AIC, by which the Lorentzian must be worse
+MISFIT = 0.01
+UNEVEN = 0.025  # one of 39 surrogates and the series itself
+FEWEST_EVENTS = 50
+STRAIGHT = ('white', 'power law')
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was found of one series; `sentence` says it for people.
+
+    answer: yes, no or undecided. `against` speaks against 1/f, `doubts` is what a yes still lacks.
+    """
+
+    name: str
+    answer: str
+    against: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+    spectrum: Spectrum | None = None
+    slope: Slope | None = None
+    halves: tuple[Slope, Slope] | None = None
+    shapes: dict[str, Shape] = field(default_factory=dict)
+    rhythm: tuple[float, float] | None = None
+    controls: dict[str, tuple[float, float]] = field(default_factory=dict)
+    stationary_p: float | None = None
+
+    @property
+    def sentence(self) -> str:
+        """The verdict, how sure it is, and what is missing."""
+        if self.spectrum is None or self.slope is None:
+            return f'{self.name}: whether it is 1/f cannot be said: {"; ".join(self.doubts)}'
+        s, band = self.slope, self.spectrum
+        words = {'yes': '1/f', 'no': 'not 1/f', 'undecided': 'undecided whether 1/f'}[self.answer]
+        text = (
+            f'{self.name}: {words} from {band.low_hz:.3g} to {band.high_hz:.3g} Hz '
+            f'({band.decades:.1f} decades): slope {s.beta:.2f} ({s.low:.2f} to {s.high:.2f})'
+        )
+        if self.answer == 'no':
+            return f'{text}; {"; ".join(self.against)}'
+        if self.answer == 'undecided':
+            return f'{text}; {"; ".join(self.doubts)}'
+        worse = self.shapes['Lorentzian'].aic - self.shapes['power law'].aic
+        text += f', straight (a Lorentzian is worse by {worse:.0f} of AIC), no rhythm, steady'
+        if not self.controls:
+            return f'{text}; it never rests, so events at other times are no control'
+        highest = ', '.join(f'{kind} {high:.2f}' for kind, (_, high) in self.controls.items())
+        return f'{text}; slope of the controls at most: {highest}'
+
+
+def ask(
+    name: str,
+    series: np.ndarray,
+    rate_hz: float,
+    high_hz: float,
+    rng: np.random.Generator,
+    *,
+    window_s: float = 0.0,
+    times_s: np.ndarray | None = None,
+    rest: float | None = None,
+) -> Answer:
+    """Return the verdict on `series`, (n,) at `rate_hz`, up to `high_hz` and three decades down.
+
+    window_s: each value is a mean over so long. times_s: the events that `series` counts, from its
+    beginning. rest: the level at and below which a series that is no count rests.
+    """
+    series = np.asarray(series, float)
+    duration_s = len(series) / rate_hz
+    lowest_hz = spectra.PERIODS / duration_s if len(series) else np.inf
+    low_hz = max(lowest_hz, high_hz / 10**MOST_DECADES)
+    if low_hz * 10**DECADES > high_hz * (1 + 1e-9):
+        needed_s = spectra.PERIODS * 10**DECADES / high_hz
+        return Answer(name, 'undecided', doubts=[
+            f'{duration_s:.0f} s are too short: two decades below {high_hz:g} Hz need '
+            f'{needed_s:.0f} s'
+        ])  # fmt: skip
+    if times_s is not None and len(times_s) < FEWEST_EVENTS:
+        few = f'{len(times_s)} events are too few: {FEWEST_EVENTS} are needed'
+        return Answer(name, 'undecided', doubts=[few])
+    try:
+        found = spectra.spectrum(series, rate_hz, low_hz, high_hz, window_s)
+    except spectra.SeriesError as error:
+        return Answer(name, 'undecided', doubts=[str(error)])
+    line = spectra.slope(found)
+    both = spectra.halves(found)
+    shapes = spectra.shapes(found)
+    rhythm = spectra.rhythm(found, line.beta)
+    against = _against(line, both, shapes, rhythm)
+    doubts = _doubts(line, shapes)
+    controls: dict[str, tuple[float, float]] = {}
+    steady = None
+    if not against:  # these take long, and can only speak against it
+
+        def beta(made: np.ndarray) -> float:
+            return spectra.slope(
+                spectra.spectrum(made, rate_hz, low_hz, high_hz, window_s)
+            ).beta  # fmt: skip
+
+        if times_s is not None:
+            controls = surrogates.slopes(
+                lambda kind: surrogates.event_counts(
+                    surrogates.of_events(kind, times_s, duration_s, rng), duration_s, rate_hz
+                ),
+                beta,
+            )
+        elif rest is not None and (series <= rest).any():
+            pieces = len(surrogates.bouts(series, rest)[0])
+            if pieces < FEWEST_EVENTS:
+                doubts.append(f'{pieces} bouts are too few for controls: {FEWEST_EVENTS} needed')
+            else:
+                controls = surrogates.slopes(
+                    lambda kind: surrogates.of_bouts(kind, series, rest, rng), beta
+                )
+        for kind, (low, high) in controls.items():
+            if high >= ONE_OVER_F[0]:
+                against.append(f'the control ({kind}) has a slope of {low:.2f} to {high:.2f} too')
+        if not against:
+            steady = surrogates.stationarity(series, rng)
+        if steady is not None and steady <= UNEVEN:
+            doubts.append('it is not steady: its course, not one process, makes the spectrum')
+    answer = 'no' if against else 'undecided' if doubts else 'yes'
+    return Answer(
+        name, answer, against, doubts, found, line, both, shapes, rhythm, controls, steady
+    )
+
+
+def _against(
+    line: Slope,
+    both: tuple[Slope, Slope],
+    shapes: dict[str, Shape],
+    rhythm: tuple[float, float] | None,
+) -> list[str]:
+    said = []
+    low, high = ONE_OVER_F
+    best = min(shapes.values(), key=lambda shape: shape.aic)
+    if line.high < low:
+        said.append('it is white' if best.name == 'white' else 'it is too flat')
+    elif line.low > high:
+        brown = best.name == 'power law' and line.low <= 2 <= line.high
+        said.append('it is Brownian' if brown else 'it is too steep')
+    if rhythm is not None:
+        said.append(f'a rhythm of {rhythm[0]:.3g} Hz stands {rhythm[1]:.0f} times above the rest')
+    better = shapes['power law'].aic - best.aic
+    if best.name not in STRAIGHT and better >= BENDS:
+        said.append(
+            f'it bends, slope {both[0].beta:.2f} in the lower half and {both[1].beta:.2f} in the '
+            f'upper: {best.name} is better by {better:.0f} of AIC'
+        )
+    if line.p_value < MISFIT and not said:
+        said.append(f'it scatters too widely about the line (p {line.p_value:.1g})')
+    return said
+
+
+def _doubts(line: Slope, shapes: dict[str, Shape]) -> list[str]:
+    said = []
+    low, high = ONE_OVER_F
+    if not (low <= line.low and line.high <= high):
+        said.append(f'the interval does not lie within {low:g} to {high:g}')
+    if shapes['Lorentzian'].aic - shapes['power law'].aic < EXCLUDED:
+        said.append('a Lorentzian is not excluded')
+    return said

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The series of a bag that are asked whether they are 1/f: each against what was put into it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from eol_msgs.msg import Block, Blocks, GrainTrigger, LedCommand
+from rclpy.serialization import serialize_message
+
+from eol_ros.analysis import report, series
+from eol_ros.analysis.bag import open_bag
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.writer import BagWriter
+from eol_ros.ros.definitions import describe
+from eol_ros.ros.stamps import to_msg
+
+T0 = 1_700_000_000_000_000_000
+S = 1_000_000_000
+SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
+
+
+def bag_of(folder, messages, seconds):
+    """A bag of (topic, message, seconds since its start); the first and the last are empty."""
+    topics = [BagTopic(f'/eol/{t}', **describe(t)) for t in {m[0] for m in messages}]
+    bag = BagWriter(folder, topics, {'scene_name': 'x', 'settings': ''})
+    for topic, message, at_s in sorted(messages, key=lambda m: m[2]):
+        at = T0 + round(at_s * S)
+        bag.write(f'/eol/{topic}', bytes(serialize_message(message)), at, at)
+    bag.close()
+    found = open_bag(folder)
+    assert found.duration_s == pytest.approx(seconds)
+    return found
+
+
+def trigger(at_s):
+    message = GrainTrigger()
+    message.header.stamp = to_msg(T0 + round(at_s * S))
+    return 'grain_triggers', message, at_s
+
+
+def test_triggers_light_and_kinetic_energy(tmp_path):
+    messages = [trigger(t) for t in (0.0, 1.01, 1.02, 3.0, 10.0)]
+    for at_s, level in ((0.0, 0), (1.025, 255), (2.0, 51), (4.0, 0)):
+        white = np.zeros(25, np.uint8)
+        white[:5] = level
+        light = LedCommand(white=white, sent=to_msg(T0 + round(at_s * S)))
+        messages.append(('led_commands', light, at_s))
+    for k in range(601):  # 60/s; block 3 goes at 0.1 m/s from 2 to 3 s; at 5 s block 4 jumps
+        at_s = k / 60
+        blocks = [Block(id=i) for i in range(25)]
+        blocks[3].x = 0.06 * float(np.clip(at_s - 2, 0, 1))
+        blocks[3].y = 0.08 * float(np.clip(at_s - 2, 0, 1))
+        blocks[4].x = 0.174 * (at_s > 5)
+        message = Blocks(image=k, blocks=blocks)
+        message.header.stamp = to_msg(T0 + round(at_s * S))
+        messages.append(('blocks', message, at_s))
+    bag = bag_of(tmp_path / 'run', messages, 10.0)
+
+    triggers, light, energy, power, loudness = series.of(bag)
+    assert len(triggers.values) == len(light.values) == len(energy.values) == 200
+    assert np.flatnonzero(triggers.values).tolist() == [0, 20, 60]
+    assert (triggers.values[20], triggers.values.sum()) == (2, 4)  # the last begins after the end
+    np.testing.assert_allclose(light.values[:20], 0)
+    assert light.values[20] == pytest.approx(0.5 * 5 / 25, abs=0.021)  # lit for half of its 50 ms
+    np.testing.assert_allclose(light.values[21:40], 5 / 25)
+    np.testing.assert_allclose(light.values[40:80], 1 / 25)
+    np.testing.assert_allclose(light.values[80:], 0)
+    np.testing.assert_allclose(energy.values[41:59], 0.5 * 0.25 * 0.1**2, rtol=1e-6)
+    np.testing.assert_allclose(energy.values[:39], 0, atol=1e-12)
+    np.testing.assert_allclose(energy.values[61:], 0, atol=1e-12)  # a jump is no motion
+    assert isinstance(power, series.Absent) and 'cannot be rendered' in power.why
+    assert loudness.name == 'loudness'
+
+
+def test_kinetic_energy_does_not_depend_on_how_the_bag_is_read(tmp_path, monkeypatch):
+    rng = np.random.default_rng(1)
+    messages = []
+    for k in range(300):
+        blocks = [Block(id=i, x=float(rng.normal(0, 1e-3))) for i in range(25)]
+        message = Blocks(image=k, blocks=blocks)
+        message.header.stamp = to_msg(T0 + k * S // 60)
+        messages.append(('blocks', message, k / 60))
+    bag = bag_of(tmp_path / 'run', messages, 299 / 60)
+    whole = series.kinetic_energy(bag).values
+    monkeypatch.setattr(series, 'CHUNK_S', 0.7)
+
+    assert whole.max() > 0
+    np.testing.assert_array_equal(series.kinetic_energy(bag).values, whole)
+
+
+def test_loudness_of_the_reference_tone():
+    """BS.1770: 997 Hz at full scale in one channel is -3.01 LUFS; two channels add."""
+    tone = np.sin(2 * np.pi * 997 * np.arange(48_000) / 48_000)
+    sound = np.stack([tone, tone], axis=1).astype('f4')
+    pieces = (sound[a : a + 1111] for a in range(0, len(sound), 1111))
+    power = series.mean_squares(pieces, 48_000)
+
+    assert len(power) == 20
+    np.testing.assert_allclose(series.lufs(power[10:]), -3.01 + 3.01, atol=0.05)
+
+
+def test_the_report_says_of_each_series_what_it_found_or_lacks(tmp_path):
+    times = np.sort(np.random.default_rng(1).random(3000) * 600)
+    bag = bag_of(tmp_path / 'run', [trigger(t) for t in (0.0, *times, 600.0)], 600.0)
+    found = report.numbers(bag, list(report.spectra(bag)))
+    said = found['one_over_f']
+
+    assert [v['answer'] for v in said.values()] == ['no'] + ['undecided'] * 4
+    assert abs(said['triggers']['beta']) < 0.15
+    assert 'it is ' in said['triggers']['sentence']
+    assert 'no led_commands in this bag' in said['light']['sentence']
+    assert said['triggers']['sentence'] in report.summary(found)
+
+
+@pytest.mark.slow
+def test_the_bag_that_ships_is_too_short(tmp_path):
+    """It renders all the same: 55 s of ice."""
+    made = dict(zip(('triggers', 'light', 'energy', 'power', 'loudness'),
+                    series.of(open_bag(SAMPLE))))  # fmt: skip
+    level = made['loudness'].values
+
+    assert level.min() >= -70 and -50 < level.max() < 0
+    assert made['energy'].values.max() > 1e-4 and made['light'].values.max() > 0.01
+    for one in made.values():
+        assert 'are too short' in series.ask(one).sentence

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verdict on series whose spectrum is known; `eol bench spectra` counts it over many more."""
+
+import numpy as np
+import pytest
+
+from benchmarks.known_series import SERIES, ask
+from eol_ros.core.science import one_over_f, spectra
+
+NOT = [name for name, (right, _) in SERIES.items() if right == 'no']
+IS = [name for name, (right, _) in SERIES.items() if right == 'yes']
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', NOT)
+def test_what_only_looks_like_it_is_never_called_so(name):
+    """Ten minutes: all are refused outright."""
+    assert [ask(name, 600.0, seed).answer for seed in range(5)] == ['no'] * 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', IS)
+def test_what_is_is_called_so(name):
+    """Ten minutes: nine of ten times, as bench counts; so two of four at least."""
+    assert [ask(name, 600.0, seed).answer for seed in range(4)].count('yes') >= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', NOT)
+def test_a_short_series_is_no_reason_to_say_yes(name):
+    """160 s are just two decades: it may be undecided."""
+    assert 'yes' not in [ask(name, 160.0, seed).answer for seed in range(5)]
+
+
+def test_an_ornstein_uhlenbeck_series_bends():
+    found = ask('Ornstein-Uhlenbeck, 0.3 Hz', 600.0, 1)
+
+    assert 0.5 < found.slope.beta < 1.6  # a slope alone would call it 1/f
+    assert found.answer == 'no' and 'it bends' in found.sentence and 'Lorentzian' in found.sentence
+
+
+@pytest.mark.slow
+def test_the_sentence_says_band_interval_and_reason():
+    assert ask('white', 600.0, 1).sentence.startswith(
+        'white: not 1/f from 0.0133 to 5 Hz (2.6 decades): slope '
+    )
+    assert 'a rhythm of 0.7 Hz stands' in ask('periodic', 600.0, 1).sentence
+    said = ask('1/f', 600.0, 1)
+    assert said.answer == 'yes'
+    assert '1/f: 1/f from' in said.sentence and 'a Lorentzian is worse by' in said.sentence
+    found = ask('heavy-tailed intervals', 600.0, 2)
+    assert 'the control (shuffled intervals) has a slope of' in found.sentence
+
+
+def test_a_rate_that_is_one_over_f_only_while_visitors_are_there_is_undecided():
+    noise = spectra.coloured_noise(1.0, 12_000, np.random.default_rng(5))
+    there = np.linspace(0, 1, 12_000) < 0.5
+    found = one_over_f.ask('x', noise * (0.1 + there), 20.0, 5.0, np.random.default_rng(1))
+
+    assert found.answer == 'undecided' and 'not steady' in found.sentence
+
+
+@pytest.mark.parametrize(
+    ('series', 'times', 'words'),
+    [
+        (np.arange(2000.0), None, '100 s are too short: two decades below 5 Hz need 160 s'),
+        (np.zeros(0), None, '0 s are too short'),
+        (np.zeros(12_000), None, 'does not vary'),
+        (np.arange(12_000.0), np.arange(18.0), '18 events are too few: 50 are needed'),
+    ],
+)
+def test_what_cannot_be_asked_is_said(series, times, words):
+    found = one_over_f.ask('x', series, 20.0, 5.0, np.random.default_rng(1), times_s=times)
+
+    assert found.answer == 'undecided' and words in found.sentence
+
+
+def test_bouts_at_other_times_are_the_control_of_a_series_that_rests():
+    """Flashes by chance, each dying away in 2 s: a Lorentzian. Few of them: no verdict but `no`."""
+    rng = np.random.default_rng(6)
+    series = np.zeros(12_000)
+    for start in rng.integers(0, 11_900, 60):
+        series[start : start + 40] += np.exp(-np.arange(40) / 10)
+    found = one_over_f.ask('light', series, 20.0, 5.0, rng, rest=0.0)
+
+    assert found.answer == 'no' and 'bends' in found.sentence
