@@ -7,6 +7,7 @@ from collections import deque
 from pathlib import Path
 
 from eol_msgs.msg import Slip
+from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.serialization import deserialize_message
 
 from eol_ros.devices.bag.mcap_file import BagTopic
@@ -44,7 +45,8 @@ class RecorderNode(EolNode):
         self._early: deque[Item] = deque(maxlen=EARLY)  # came before there was a time to give it
         for topic, bag_topic in self.described.items():
             depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None
-            self.subscribe(topic, self._taker(topic, bag_topic), raw=True, depth=depth)
+            taker = self._taker(topic, bag_topic)
+            self._count_lost(self.subscribe(topic, taker, raw=True, depth=depth), bag_topic.name)
         self._last = self._dropped = 0
         self._dropped_s = 0.0
         self.create_timer(1.0, self.tell)
@@ -65,6 +67,7 @@ class RecorderNode(EolNode):
             images=self.resolve_topic_name(IMAGES),
             rhythm=[described[t].name for t in RHYTHM if t in described],
             thinned=[described[t].name for t in (PREVIEW, 'sound_meter') if t in described],
+            blocks=described['blocks'].name if {IMAGES, 'blocks'} <= set(described) else '',
             rate_hz=self.scene.image_rate,
         )
 
@@ -92,6 +95,22 @@ class RecorderNode(EolNode):
         return {IMAGES: images in ('all', 'around_slips'), PREVIEW: images == 'preview'}.get(
             topic, True
         )
+
+    def _count_lost(self, subscription, name: str) -> None:
+        """Count what DDS says was lost on the way; not every middleware can tell."""
+
+        def lost(event) -> None:
+            self.recording.transport_lost[name] += event.total_count_change
+
+        events = SubscriptionEventCallbacks(message_lost=lost, use_default_callbacks=False)
+        group, handle = subscription.callback_group, subscription.handle
+        try:
+            handlers = events.create_event_handlers(group, handle, name)
+        except UnsupportedEventTypeError:
+            return
+        for handler in handlers:
+            subscription.event_handlers.append(handler)
+            self.add_waitable(handler)
 
     def _taker(self, topic, bag_topic):
         name, latched, sequence = bag_topic.name, TOPICS[topic].qos == 'latched', None
@@ -141,7 +160,7 @@ class RecorderNode(EolNode):
         if recording.trouble:
             health.error(f'not recording: {recording.trouble}')
         elif dropped and time.monotonic() - self._dropped_s < DROPS_TOLD_S:
-            health.warn(f'disk or processor too slow: {dropped} messages dropped')
+            health.warn(f'{recording.drop_cause}: {dropped} messages dropped')
         elif recording.image_budget_spent:
             health.ok(f'recording without pictures: {self.settings.images_max_gb:g} GB are full')
         else:

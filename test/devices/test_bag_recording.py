@@ -4,6 +4,7 @@
 import errno
 import json
 import os
+import struct
 import time
 from types import SimpleNamespace
 
@@ -93,6 +94,56 @@ def test_in_a_hurry_pictures_are_stored_uncompressed(tmp_path, monkeypatch):
     assert [m.data for m in BagReader(path).messages()] == [picture] * 10
 
 
+def stamped(ns, size=0):
+    return b'\0\1\0\0' + struct.pack('<iI', *divmod(ns, 10**9)) + bytes(size)
+
+
+def test_images_lost_between_camera_and_recorder_are_counted(tmp_path):
+    """The tracker followed 600 images, four of which the recorder never saw."""
+    topics = {'images': '/eol/text', 'blocks': '/eol/point'}
+    recording = start(tmp_path, **topics, rhythm=['/eol/text'], threaded=False)
+    for i in range(600):
+        now = T0 + i * 16_666_667
+        if i not in (7, 8, 300, 599):
+            recording.take(Item('/eol/text', stamped(now), now, now, 0))
+        recording.take(Item('/eol/point', stamped(now), now, now, i + 1))
+    for i in range(600, 700):
+        now = T0 + i * 16_666_667
+        recording.take(Item('/eol/text', stamped(now), now, now, 0))
+    recording.close()
+    gaps = BagReader(recording.folder).gaps
+    assert json.loads(gaps['lost_before_recorder']) == {'/eol/text': 4}
+    assert json.loads(gaps['stamp_gaps']) == {'/eol/text': 0}  # not counted twice
+    assert recording.lost == 4
+
+
+def test_slips_outlast_pictures_when_the_disk_is_too_slow(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_recording, 'QUEUE_BYTES', 10_000)
+    recording = start(tmp_path, images='/eol/text', rhythm=['/eol/text'], threaded=False)
+    for i in range(100):
+        now = T0 + i * 16_666_667
+        recording.take(Item('/eol/text', stamped(now, 1000), now, now, 0))
+        recording.take(Item('/eol/point', point(i), now, now, i + 1))
+    recording.close()
+    bag = BagReader(recording.folder)
+    assert bag.counts['/eol/point'] == 100
+    dropped = json.loads(bag.gaps['dropped_in_recorder'])
+    assert dropped == {'/eol/text': 100 - bag.counts['/eol/text']} and dropped['/eol/text'] > 80
+    assert json.loads(bag.gaps['stamp_gaps']) == {'/eol/text': 0}
+    assert recording.drop_cause == 'disk or processor too slow'
+
+
+def test_what_dds_lost_is_in_the_bag(tmp_path):
+    recording = start(tmp_path)
+    feed(recording, 10)
+    feed(recording, 10, first=12)
+    recording.transport_lost['/eol/point'] += 2  # the two that the counter shows, too
+    recording.transport_lost['/eol/text'] += 5
+    recording.close()
+    lost = json.loads(BagReader(recording.folder).gaps['lost_before_recorder'])
+    assert lost == {'/eol/point': 2, '/eol/text': 5}
+
+
 def test_pictures_around_slips(tmp_path):
     settings = RecorderSettings(images='around_slips', before_s=0.1, after_s=0.1, min_free_gb=0.0)
     recording = start(tmp_path, settings, images='/eol/text')
@@ -166,7 +217,10 @@ def test_a_disk_that_refuses_a_write_pauses_the_recording(tmp_path, monkeypatch)
 
     monkeypatch.setattr(recording._writer, 'flush', refuse)
     eventually(lambda: recording.trouble)
-    assert 'No space left on device' in recording.trouble
+    assert f'the disk of {tmp_path} is full (No space left on device)' in recording.trouble
+    feed(recording, 10, first=100)
+    eventually(lambda: recording.lost >= 10)
+    assert 'is full' in recording.drop_cause  # and not called too slow
     recording.close()
 
 

@@ -204,6 +204,68 @@ def test_pictures_are_kept_around_a_slip(ros, matched, tmp_path):
     assert max(times) <= slip_ns + 0.6e9
 
 
+# Receives over a socket that holds less than one picture, as a network does that is too slow.
+LOSSY = """<?xml version="1.0" encoding="UTF-8" ?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+ <transport_descriptors><transport_descriptor>
+  <transport_id>udp</transport_id><type>UDPv4</type><receiveBufferSize>70000</receiveBufferSize>
+ </transport_descriptor></transport_descriptors>
+ <participant profile_name="lossy" is_default_profile="true"><rtps>
+  <userTransports><transport_id>udp</transport_id></userTransports>
+  <useBuiltinTransports>false</useBuiltinTransports>
+ </rtps></participant>
+</profiles>
+"""
+CAMERA = """
+import sys, time
+import numpy as np
+import rclpy
+from eol_ros.ros.images import ImagePublisher
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.stamps import now_ns
+from eol_ros.settings import CameraSettings
+class Camera(EolNode):
+    NAME = 'camera'
+rclpy.init()
+node = Camera(CameraSettings())
+images = ImagePublisher(node, 'camera/image_raw')
+while not images.subscribers():
+    rclpy.spin_once(node, timeout_sec=0.02)
+picture = np.zeros((800, 1280), np.uint8)
+for sent in range(300):
+    images.publish(now_ns(), picture)
+    time.sleep(0.001)
+print('sent', flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.slow
+def test_what_dds_lost_on_the_way_is_counted(tmp_path):
+    profile = tmp_path / 'lossy.xml'
+    profile.write_text(LOSSY)
+    env = {**os.environ, 'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
+    env.pop('FASTDDS_BUILTIN_TRANSPORTS', None)
+    bags = tmp_path / 'bags'
+    words = [sys.executable, '-m', 'eol_ros.nodes.recorder', '--ros-args']
+    words += ['-p', f'folder:={bags}', '-p', 'images:=all', '-p', 'min_free_gb:=0.0']
+    recorder = subprocess.Popen(words, env=env, stderr=subprocess.DEVNULL)
+    camera = subprocess.Popen(
+        [sys.executable, '-c', CAMERA], env=env, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert camera.stdout.readline() == b'sent\n'
+    time.sleep(1.0)
+    recorder.send_signal(signal.SIGTERM)
+    assert recorder.wait(timeout=30) == 0
+    camera.communicate(timeout=30)
+    bag = BagReader(bags)
+    came = bag.counts['/eol/camera/image_raw']
+    lost = json.loads(bag.gaps['lost_before_recorder']).get('/eol/camera/image_raw', 0)
+    dropped = json.loads(bag.gaps['dropped_in_recorder']).get('/eol/camera/image_raw', 0)
+    assert lost > 0
+    assert 300 - 20 <= came + lost + dropped <= 300  # the last are not known to be lost
+
+
 @pytest.mark.slow
 def test_kill_leaves_a_readable_bag_and_the_next_start_repairs_it(tmp_path):
     command = [

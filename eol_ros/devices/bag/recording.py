@@ -2,12 +2,14 @@
 """A run on its way to the disk: bounded queue in, one writing thread, a bag folder out.
 
 Whoever hands messages over never waits. When disk or processor is too slow the queue fills: first
-pictures are stored uncompressed, then messages are dropped and counted. When the disk is full or
-gone, recording pauses, says so, and begins a new bag when it can. Nothing is ever deleted.
+pictures are stored uncompressed, then pictures are dropped, at last anything; all is counted. When
+the disk is full or gone, recording pauses, says so, and begins a new bag when it can. Nothing is
+ever deleted.
 """
 
 import atexit
 import contextlib
+import errno
 import json
 import math
 import os
@@ -15,10 +17,11 @@ import re
 import shutil
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from eol_ros.devices.bag.backlog import Backlog, Waiting
 from eol_ros.devices.bag.disk import DISK, Disk
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.recover import Breather, NoRoom, Repaired, Stopped, repair_all
@@ -26,6 +29,7 @@ from eol_ros.devices.bag.selection import (
     AroundSlips,
     Dropped,
     Gaps,
+    ImagesMissed,
     Item,
     Slipping,
     StampGaps,
@@ -40,7 +44,7 @@ FLUSH_S = 1.0
 RETRY_S = 10.0
 REPAIR_RETRY_S = 60.0
 QUEUE_BYTES = 64 << 20
-HEAD = 12  # bytes of a message, to the end of its stamp
+SLOW = 'disk or processor too slow'
 HURRY_BYTES = QUEUE_BYTES // 4  # with more than this waiting, pictures are not compressed
 GB = 1e9
 
@@ -49,8 +53,9 @@ class Recording:
     """Records messages of `topics` into a new folder under `root`.
 
     `images` and `rhythm` name topics: the raw pictures, and those whose stamps come regularly;
-    `thinned` those made for the eye, of which one per `settings.display_period_s` is enough.
-    Raises ConfigError when `root` cannot be written. `clock` and `disk` are arguments for
+    `blocks` what carries the stamps of images that were followed, so that images lost on the way
+    are counted; `thinned` those made for the eye, of which one per `settings.display_period_s` is
+    enough. Raises ConfigError when `root` cannot be written. `clock` and `disk` are arguments for
     the tests, and with `threaded` off nothing is written but by `pump` and `close`.
     """
 
@@ -64,6 +69,7 @@ class Recording:
         images: str = '',
         rhythm: Sequence[str] = (),
         thinned: Sequence[str] = (),
+        blocks: str = '',
         rate_hz: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
         disk: Disk = DISK,
@@ -73,7 +79,8 @@ class Recording:
         self.sync_s = 0.0  # how long the disk took when it was last told to keep what it has
         self.folder: Path | None = None
         self.trouble = ''  # why nothing is recorded now; empty while all is well
-        self.dropped: Counter[str] = Counter()
+        self.drop_cause = ''  # of the newest messages that were dropped
+        self.transport_lost: Counter[str] = Counter()  # as DDS tells it, per topic
         self.time_jump_s = 0.0  # by which the system clock was set where this bag ends
         self.repaired: list[str] = []
         self.image_bytes = 0
@@ -82,13 +89,11 @@ class Recording:
         self._topics, self._about, self._settings = tuple(topics), dict(about), settings
         self._images, self._rhythm = images, {topic: StampGaps(rate_hz) for topic in rhythm}
         self._thinned = frozenset(thinned)
-        self._gaps = Gaps()
+        self._gaps, self._missed, self._blocks = Gaps(), ImagesMissed(), blocks
+        self._unwritten: Counter[str] = Counter()  # for which there was no disk
         self._ring = AroundSlips(settings.before_s, settings.after_s)
         self._thinning = Thinning(settings.display_period_s)
-        self._queue: deque[tuple[float, Item | Slipping | Dropped]] = (
-            deque()
-        )  # with time of arrival
-        self._queued_bytes = 0
+        self._queue = Backlog(QUEUE_BYTES, images)
         self._written = 0  # messages of bags already closed
         self._ready = threading.Condition()
         self._closing = False
@@ -110,22 +115,18 @@ class Recording:
         """Hand over a message; never waits."""
         with self._ready:
             if self._closing:
-                self.dropped[item.topic] += 1
+                self._unwritten[item.topic] += 1
                 return
-            if self._queued_bytes + len(item.data) > QUEUE_BYTES:
-                self.dropped[item.topic] += 1
-                self._queue.append(
-                    (self._clock(), Dropped(item.topic, item.data[:HEAD], item.sequence))
-                )
-                return
-            self._queue.append((self._clock(), item))
-            self._queued_bytes += len(item.data)
+            before = self._queue.dropped.total()
+            self._queue.put(self._clock(), item)
+            if self._queue.dropped.total() > before:
+                self.drop_cause = self.trouble or SLOW
             self._ready.notify()
 
     def slip(self, news: Slipping) -> None:
         """Tell that a slip has started or stopped: pictures around it are kept."""
         with self._ready:
-            self._queue.append((self._clock(), news))
+            self._queue.put(self._clock(), news)
             self._ready.notify()
 
     def close(self) -> None:
@@ -144,8 +145,8 @@ class Recording:
 
     def pump(self) -> None:
         """Write all that is queued, and do what is due; the writing thread does it for ever."""
-        while self._queue:
-            self._step(*self._queue.popleft())
+        while entry := self._queue.pop():
+            self._step(entry)
         self._step()
 
     @property
@@ -157,7 +158,12 @@ class Recording:
     @property
     def lost(self) -> int:
         """Messages that were sent and are not in the bag though they should be."""
-        return sum(self._gaps.lost.values()) + sum(self.dropped.values())
+        return sum(self._lost().values()) + sum(self.dropped.values())
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Messages that came and were not written, per topic."""
+        return self._queue.dropped + self._unwritten
 
     @property
     def received(self) -> Counter[str]:
@@ -167,7 +173,7 @@ class Recording:
     @property
     def queued_mb(self) -> float:
         """What waits to be written now."""
-        return round(self._queued_bytes / 1e6, 1)
+        return round(self._queue.bytes / 1e6, 1)
 
     @property
     def image_budget_spent(self) -> bool:
@@ -178,13 +184,22 @@ class Recording:
         """Return what was lost, per topic, as it goes into the metadata of the bag."""
         counts: dict[str, Mapping[str, float]] = {
             'received': self._gaps.received,
-            'lost_before_recorder': {k: v for k, v in self._gaps.lost.items() if v},
+            'lost_before_recorder': self._lost(),
             'dropped_in_recorder': dict(self.dropped),
             'stamp_gaps': {topic: gaps.missing for topic, gaps in self._rhythm.items()},
         }
+        if self._images in self._rhythm:  # those that are known to be lost were taken
+            missing = self._rhythm[self._images].missing - self._lost().get(self._images, 0)
+            counts['stamp_gaps'] = {**counts['stamp_gaps'], self._images: max(missing, 0)}
         if self.time_jump_s:
             counts['time_jump_s'] = {'system clock': self.time_jump_s}
         return {name: json.dumps(value, sort_keys=True) for name, value in counts.items()}
+
+    def _lost(self) -> dict[str, int]:
+        """Return what was sent and never came: by stamps and counters, or by what DDS tells."""
+        lost = Counter(self._gaps.lost)
+        lost[self._images] = max(lost[self._images], self._missed.lost)
+        return {t: n for t, n in (lost | self.transport_lost).items() if n}
 
     def _run(self) -> None:
         while True:
@@ -192,18 +207,20 @@ class Recording:
                 if not self._queue and not self._closing:
                     due_s = min(self._next_flush, self._sync_due())
                     self._ready.wait(max(0.0, due_s - self._clock()))
-                entry = self._queue.popleft() if self._queue else None
+                entry = self._queue.pop()
                 if entry is None and self._closing:
                     break
-            self._step(*entry or ())
+            self._step(entry)
         self._finish()
 
-    def _step(self, came_s: float = 0.0, item: Item | Slipping | Dropped | None = None) -> None:
-        """Write an item that came at `came_s`, and do what is due."""
-        if item is not None:
-            self._write(item)
+    def _step(self, entry: Waiting | None = None) -> None:
+        """Write what has waited, and do what is due."""
+        if entry is not None:
+            self._write(entry.item)
             if self._unsaved_s is None:
-                self._unsaved_s = came_s
+                self._unsaved_s = entry.came_s
+            with self._ready:
+                self._queue.done(entry)
         now = self._clock()
         if now >= self._sync_due():
             self._sync()
@@ -237,10 +254,9 @@ class Recording:
         self.sync_s = self._synced_s - begun
 
     def _write(self, item: Item | Slipping | Dropped) -> None:
+        if not isinstance(item, Slipping):
+            self._count(item)
         if isinstance(item, Dropped):
-            self._gaps.skip(item.topic, item.sequence)
-            if item.topic in self._rhythm:
-                self._rhythm[item.topic].take(stamp_ns(item.head))
             return
         for kept in self._selected(item):
             if self._writer:
@@ -251,22 +267,34 @@ class Recording:
                     kept.log_ns,
                     kept.publish_ns,
                     kept.sequence,
-                    self._queued_bytes > HURRY_BYTES,
+                    self._queue.bytes > HURRY_BYTES,
                 )
-            else:
-                self.dropped[kept.topic] += 1
-        if isinstance(item, Item):
-            with self._ready:
-                self._queued_bytes -= len(item.data)
+            if not self._writer:  # or not any more
+                self._unwritten[kept.topic] += 1
+                self.drop_cause = self.trouble
+
+    def _count(self, item: Item | Dropped) -> None:
+        """Look for what is missing before a message that came, were it dropped or not."""
+        if isinstance(item, Dropped):
+            head = item.head
+            self._gaps.skip(item.topic, item.sequence)
+        else:
+            head = item.data
+            self._gaps.take(item.topic, item.sequence)
+            if self._missed.since_ns is None:
+                self._missed.since_ns = item.log_ns
+        if item.topic in self._rhythm:
+            self._rhythm[item.topic].take(stamp_ns(head))
+        if self._blocks and item.topic == self._images:
+            self._missed.image(stamp_ns(head))
+        elif self._blocks and item.topic == self._blocks:
+            self._missed.blocks(stamp_ns(head))
 
     def _selected(self, item: Item | Slipping) -> Iterator[Item]:
         """Yield what is to be written now that `item` has come."""
         if isinstance(item, Slipping):
             yield from self._counted(self._ring.slip(item))
             return
-        self._gaps.take(item.topic, item.sequence)
-        if item.topic in self._rhythm:
-            self._rhythm[item.topic].take(stamp_ns(item.data))
         if item.topic == self._images:
             if self._settings.images == 'around_slips':
                 yield from self._counted(self._ring.image(item))
@@ -288,7 +316,14 @@ class Recording:
         try:
             action(*args)
         except OSError as error:
-            self._pause(f'{self.folder}: {error.strerror or error}', whole=False)
+            self._pause(self._refused(error), whole=False)
+
+    def _refused(self, error: OSError) -> str:
+        """Return in words what the disk says; a full one is called full."""
+        words = error.strerror or str(error)
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return f'the disk of {self.root} is full ({words}): make room'
+        return f'{self.folder}: {words}'
 
     def _check_space(self) -> None:
         try:
@@ -338,7 +373,9 @@ class Recording:
     def _reopen(self) -> None:
         try:
             self._open()
-        except (OSError, EolError) as error:
+        except OSError as error:
+            self.trouble = self._refused(error)
+        except EolError as error:
             self.trouble = str(error)
 
     def _finish(self) -> None:

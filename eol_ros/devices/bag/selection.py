@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 NS = 1_000_000_000
 KNOWN = 5  # so many intervals tell a rhythm
+REMEMBERED = 1200  # stamps of images: ten seconds at 120 a second
 SLIP_LIMIT_NS = 10 * NS  # a slip whose stop never came is over by then
 
 
@@ -152,3 +153,52 @@ class StampGaps:
                 missing += holes
         self.missing += missing
         return missing
+
+
+class ImagesMissed:
+    """Counts images that were taken and followed and never came here, by the stamps of the blocks.
+
+    What is told of the blocks carries the stamp of its image. A stamp that no image had, though a
+    later image has come, is one of an image that was lost on the way. Images from before `since_ns`
+    (of the recorder's clock) are not expected, and none is where no stamp has ever fitted: the
+    blocks are then of other images.
+    """
+
+    def __init__(self) -> None:
+        self.since_ns: int | None = None
+        self._lost = self._found = 0
+        self._images: deque[int] = deque(maxlen=REMEMBERED)
+        self._known: set[int] = set()
+        self._waiting: deque[int] = deque(maxlen=REMEMBERED)
+
+    def image(self, stamp: int) -> None:
+        """Take note of an image that came, were it dropped later or not."""
+        if len(self._images) == REMEMBERED:
+            self._known.discard(self._images[0])
+        self._images.append(stamp)
+        self._known.add(stamp)
+        self._judge()
+
+    def blocks(self, stamp: int) -> None:
+        """Take note of an image that somebody has followed."""
+        self._waiting.append(stamp)
+        self._judge()
+
+    @property
+    def lost(self) -> int:
+        """How many were lost; a missing last image only where a second has passed since."""
+        if not self._found:
+            return 0
+        newest = self._waiting[-1] if self._waiting else 0
+        return self._lost + sum(newest - s > NS for s in self._waiting if self._expected(s))
+
+    def _judge(self) -> None:
+        while self._waiting and self._images and self._waiting[0] <= self._images[-1]:
+            stamp = self._waiting.popleft()
+            self._found += stamp in self._known
+            self._lost += self._expected(stamp) and stamp not in self._known
+
+    def _expected(self, stamp: int) -> bool:
+        full = len(self._images) == REMEMBERED
+        oldest = self._images[0] if full else stamp
+        return self.since_ns is not None and max(self.since_ns, oldest) <= stamp

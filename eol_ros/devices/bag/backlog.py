@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What waits to be written: bounded, and when it is full pictures go first. Pure bookkeeping."""
+
+from collections import Counter, deque
+from typing import NamedTuple
+
+from eol_ros.devices.bag.selection import Dropped, Item, Slipping
+
+HEAD = 12  # bytes of a message, to the end of its stamp
+
+
+class Waiting(NamedTuple):
+    """An entry: its place in the order of arrival, when it came (s of the steady clock), what."""
+
+    order: int
+    came_s: float
+    item: Item | Slipping | Dropped
+
+
+class Backlog:
+    """At most `limit` bytes of messages, taken out in the order in which they came.
+
+    Where there is no room a picture (a message of topic `images`) is dropped; for any other message
+    those pictures that wait the longest make room. So nothing else is lost as long as pictures are
+    there to be lost. What is dropped leaves a `Dropped` in its place, and is counted in `dropped`.
+    """
+
+    def __init__(self, limit: int, images: str = ''):
+        self.bytes = 0  # of what waits, and of what was taken out and is not `done`
+        self.dropped: Counter[str] = Counter()
+        self._limit, self._images = limit, images
+        self._order = 0
+        self._pictures: deque[Waiting] = deque()
+        self._rest: deque[Waiting] = deque()
+
+    def __len__(self) -> int:
+        return len(self._pictures) + len(self._rest)
+
+    def put(self, came_s: float, item: Item | Slipping) -> None:
+        """Add `item` if there is room for it or room can be made."""
+        self._order += 1
+        entry = Waiting(self._order, came_s, item)
+        if not isinstance(item, Item):
+            self._rest.append(entry)
+            return
+        picture, size = item.topic == self._images, len(item.data)
+        if not picture and self.bytes + size > self._limit:
+            self._make_room(self.bytes + size - self._limit)
+        if self.bytes + size > self._limit:
+            entry = self._without_data(entry)
+        else:
+            self.bytes += size
+        (self._pictures if picture else self._rest).append(entry)
+
+    def pop(self) -> Waiting | None:
+        """Take out what has waited longest; None when nothing waits."""
+        first = [queue for queue in (self._pictures, self._rest) if queue]
+        return min(first, key=lambda queue: queue[0].order).popleft() if first else None
+
+    def done(self, entry: Waiting) -> None:
+        """Say that what was taken out is written, and its memory free."""
+        if isinstance(entry.item, Item):
+            self.bytes -= len(entry.item.data)
+
+    def _make_room(self, size: int) -> None:
+        """Drop pictures, those first that have waited longest, until `size` bytes are free."""
+        for index, entry in enumerate(self._pictures):
+            if size <= 0:
+                break
+            if isinstance(entry.item, Item):
+                size -= len(entry.item.data)
+                self.bytes -= len(entry.item.data)
+                self._pictures[index] = self._without_data(entry)
+
+    def _without_data(self, entry: Waiting) -> Waiting:
+        item = entry.item
+        assert isinstance(item, Item)
+        self.dropped[item.topic] += 1
+        return entry._replace(item=Dropped(item.topic, item.data[:HEAD], item.sequence))

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When there is no room, pictures go first; nothing goes uncounted or out of order."""
+
+import random
+from collections import Counter
+
+import pytest
+
+from eol_ros.devices.bag.backlog import Backlog
+from eol_ros.devices.bag.selection import Dropped, Item, Slipping
+
+IMAGE, SLIPS = '/eol/camera/image_raw', '/eol/slips'
+
+
+def item(topic, number, size):
+    return Item(topic, bytes(size), number, number, number)
+
+
+def test_slips_are_not_dropped_for_pictures():
+    backlog = Backlog(1000, IMAGE)
+    for k in range(30):
+        backlog.put(0.0, item(IMAGE, k, 100))
+        backlog.put(0.0, item(SLIPS, k, 30))
+    assert backlog.dropped == {IMAGE: 30 - (1000 - 30 * 30) // 100}
+    kept = []
+    while entry := backlog.pop():
+        kept.append(entry.item)
+        backlog.done(entry)
+    assert [i.sequence for i in kept if i.topic == SLIPS] == list(range(30))
+    assert [i.sequence for i in kept if i.topic == IMAGE] == list(range(30))  # as what is left
+    assert sum(isinstance(i, Item) for i in kept if i.topic == IMAGE) == 1
+    assert backlog.bytes == 0
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_random_loads(seed):
+    rng, limit = random.Random(seed), 1000
+    backlog = Backlog(limit, IMAGE)
+    put: list[tuple] = []
+    out: list[tuple] = []
+    for number in range(400):
+        if rng.random() < 0.6:
+            picture = rng.random() < 0.5
+            new = item(IMAGE if picture else SLIPS, number, rng.randint(50, 200))
+            pictures = backlog.bytes - sum(
+                len(e.item.data) for e in backlog._rest if isinstance(e.item, Item)
+            )
+            before = Counter(backlog.dropped)
+            backlog.put(float(number), new)
+            put.append((new.topic, number))
+            if backlog.dropped[SLIPS] > before[SLIPS]:  # only where no picture could make room
+                assert backlog.bytes + len(new.data) > limit
+                assert not any(isinstance(e.item, Item) for e in backlog._pictures)
+                assert pictures >= 0
+        elif rng.random() < 0.1:
+            backlog.put(float(number), Slipping(number, True, number))
+        elif entry := backlog.pop():
+            backlog.done(entry)
+            if not isinstance(entry.item, Slipping):
+                out.append((entry.item.topic, entry.item.sequence))
+        assert 0 <= backlog.bytes <= limit
+    lost = Counter()
+    while entry := backlog.pop():
+        backlog.done(entry)
+        if not isinstance(entry.item, Slipping):
+            out.append((entry.item.topic, entry.item.sequence))
+        lost[IMAGE] += isinstance(entry.item, Dropped)
+    assert out == put and backlog.bytes == 0
+    assert sum(backlog.dropped.values()) >= lost[IMAGE]
