@@ -68,7 +68,7 @@ def rows_of(tracked: 'Tracked', out: np.ndarray | None = None) -> np.ndarray:
 
 def of(stamp_ns: int, tracked: 'Tracked', image: int) -> np.void:
     """Return the row of DTYPE of the answer to the image number `image`."""
-    row = np.zeros(1, DTYPE)[0]
+    row: np.void = np.zeros(1, DTYPE)[0]
     row['stamp'], row['image'], row['state'] = stamp_ns, image, tracked.state
     row['symmetry_ambiguous'] = tracked.symmetry_ambiguous
     row['blocks'] = rows_of(tracked)

@@ -50,7 +50,8 @@ class Layout:
                 node = next(below for field, below in node.items() if field.name == step)
             else:
                 node = node[step]
-        return node
+        kind, offset, count = node
+        return kind, offset, count
 
 
 class Decoder:
@@ -84,7 +85,7 @@ class Decoder:
         """Return the dtype of message type `kind` inside an array of messages."""
         return np.dtype([self._slot(f) for f in self.types[kind].fields] or [('nothing', 'u1')])
 
-    def _slot(self, field: Field) -> tuple:
+    def _slot(self, field: Field) -> tuple[Any, ...]:
         if field.length == -1 or field.type in ('string', 'wstring'):
             return field.name, object
         if field.plain:
@@ -99,7 +100,7 @@ class Decoder:
         Strings are `U`, times datetime64[ns]; sequences of one length become (n, length), others
         an object array of arrays.
         """
-        columns: dict[str, list] = {}
+        columns: dict[str, list[np.ndarray]] = {}
         rows: list[np.ndarray] = []
         for layout, index, raw in self._groups(messages):
             rows.append(index)
@@ -157,7 +158,7 @@ class Decoder:
         def length() -> int:
             nonlocal at
             place = aligned(4)
-            (value,) = struct.unpack_from('<I', data, place)
+            value = int(struct.unpack_from('<I', data, place)[0])
             if value > len(data):
                 raise struct.error(f'length {value} at byte {place} of {len(data)}')
             lengths.append((place, value))
@@ -206,7 +207,7 @@ class Decoder:
             raise ConfigError(f'{self.type}: a message of {len(data)} bytes, {at} are needed')
         return Layout(len(data), tree, np.array(lengths, int).reshape(-1, 2))
 
-    def _message(self, tree: dict, raw: np.ndarray, top: bool) -> dict[str, np.ndarray]:
+    def _message(self, tree: dict[Field, Any], raw: np.ndarray, top: bool) -> dict[str, np.ndarray]:
         out = {}
         for field, node in tree.items():
             if top and field.type == 'std_msgs/Header' and field.length is None:
@@ -247,7 +248,8 @@ class Decoder:
             place = node[1]
             seconds = _gather(raw, place, '<i4')[:, 0].astype('i8')
             nanoseconds = _gather(raw, place + 4, '<u4')[:, 0]
-            return (seconds * NS + nanoseconds).view(TIMES[kind])
+            times: np.ndarray = seconds * NS + nanoseconds
+            return times.view(TIMES[kind])
         table = np.empty(len(raw), self.dtype(kind))
         for name, values in self._message(node, raw, False).items():
             table[name] = values
@@ -275,7 +277,7 @@ class Fixed:
             }
         )
 
-    def values(self, raw: bytes) -> tuple | None:
+    def values(self, raw: bytes) -> tuple[Any, ...] | None:
         """Return the values in order of the names; None where `raw` has another layout."""
         if len(raw) < self.dtype.itemsize or raw[1] != 1:
             return None
@@ -353,7 +355,7 @@ def encode(type_name: str, definition: str, values: Mapping[str, Any]) -> bytes:
 def stamp_ns(raw: bytes) -> int:
     """Return the stamp of a message that begins with a std_msgs/Header, in nanoseconds."""
     seconds, nanoseconds = struct.unpack_from('<iI', raw, HEADER)
-    return seconds * NS + nanoseconds
+    return int(seconds * NS + nanoseconds)
 
 
 def counter(type_name: str, definition: str, field: str) -> Callable[[bytes], int]:
@@ -365,7 +367,8 @@ def counter(type_name: str, definition: str, field: str) -> Callable[[bytes], in
         key = bytes(data[12:16])
         if key not in places:
             places[key] = decoder.offset(field, data)
-        return struct.unpack_from('<I', data, places[key])[0] + 1
+        (value,) = struct.unpack_from('<I', data, places[key])
+        return int(value) + 1
 
     return read
 
