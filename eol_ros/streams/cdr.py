@@ -136,7 +136,7 @@ class Decoder:
             if np.any(raw[:, 1] != 1):
                 raise ConfigError(f'{self.type}: not little-endian plain CDR, which ROS 2 writes')
             while len(left):
-                known = (x for x in self._layouts if x.size == size and x.holds(raw)[0])
+                known = (x for x in self._layouts if x.size == size and x.holds(raw[:1])[0])
                 layout = next(known, None)
                 if layout is None:
                     layout = self.layout(messages[left[0]])
