@@ -3,7 +3,7 @@
 
 from glob import glob
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 RUNTIME = [
     'numpy>=1.26',
@@ -60,11 +60,21 @@ TEST = [
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo']  # peers, measured in the same run
 MESSAGES = 'msg_defs/eol_msgs'
+# What the firmware of a block does, for the twin's blocks: plain C that is loaded with ctypes, so
+# that it needs no headers of Python. Without a C compiler all but that is installed.
+BLOCK = Extension(
+    'eol_ros.devices.board._block',
+    ['firmware/block/knock.c', 'firmware/block/batch.c'],
+    depends=['firmware/block/knock.h'],
+    extra_compile_args=['-std=c99', '-O2', '-g0'],
+    optional=True,
+)
 
 setup(
     name='eol_ros',
     version='0.1.0',
     packages=find_packages(include=['eol_ros', 'eol_ros.*']),
+    ext_modules=[BLOCK],
     package_data={'eol_ros': ['py.typed'], 'eol_ros.web': ['static/*', 'static/*/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/eol_ros']),

@@ -8,6 +8,7 @@ import re
 import stat
 import subprocess
 import sys
+import sysconfig
 import tarfile
 import zipfile
 from importlib import metadata
@@ -89,6 +90,12 @@ def test_the_wheel_has_the_whole_package(clone, wheel):
     shared |= {f'{data}share/eol_ros/eol_msgs/{path.relative_to(clone / "msg_defs" / "eol_msgs")}'
                for path in (clone / 'msg_defs').rglob('*') if path.is_file()}  # fmt: skip
     assert sorted(shared - set(have)) == []
+
+
+def test_the_wheel_has_the_firmware_of_the_blocks_compiled(wheel):
+    suffix = sysconfig.get_config_var('EXT_SUFFIX')
+    assert f'eol_ros/devices/board/_block{suffix}' in contents(wheel)
+    assert wheel.name.split('-')[2] == f'cp{sys.version_info[0]}{sys.version_info[1]}'
 
 
 def test_only_eol_goes_to_the_path(wheel):

@@ -179,7 +179,8 @@ def build_messages(step: Step, folder: Path) -> None:
 
 def setup(extra: str) -> None:
     """Do what is not done yet; raises SetupFailed."""
-    key = digest(ROOT / 'setup.py', Path(__file__))
+    block = sorted((ROOT / 'firmware' / 'block').glob('*.[ch]'))
+    key = digest(ROOT / 'setup.py', *block, Path(__file__))
     ready = VENV / f'.ready-{key}-{extra}'
     if not extra:  # what any extra has installed is enough
         ready = next(VENV.glob(f'.ready-{key}-*'), ready)
