@@ -8,11 +8,13 @@ enum {
     BASE_SHIFT = 9,  /* the high-pass: 512 samples, 0.42 Hz at 1344 Hz */
     NOISE_SHIFT = 11,
     STUCK = 2048,    /* equal samples: noise alone makes two unequal */
-    WOKEN = 64       /* samples */
+    WOKEN = 64,      /* samples */
+    DRIFT = 4        /* 1/4 mg: what the base may be wrong by, so much a sample in the speed */
 };
 
-/* 20 mg; 10 standard deviations of the window's mean; 40 ms; 1.5 s; a minute; at 1344 Hz */
-const eol_knock_config EOL_KNOCK_DEFAULTS = {16 * 20, 13, 54, 2016, 80640};
+/* 16 mg; 10 standard deviations of the window's mean; then, at 1344 Hz, 30 ms, 3.2 mm/s, 50 ms,
+ * 1.5 s, a minute */
+const eol_knock_config EOL_KNOCK_DEFAULTS = {16 * 16, 13, 40, 7000, 67, 2016, 80640};
 
 /* |(x, y)| to within 4 %, without a root: the greater and 3/8 of the lesser */
 static uint32_t magnitude(int32_t x, int32_t y)
@@ -37,7 +39,7 @@ static void forget(eol_knock *k)
 static void enter(eol_knock *k, uint8_t state)
 {
     k->state = state;
-    k->since = k->calm = 0;
+    k->since = k->calm = k->still = k->loud = 0;
     k->rested = 0;
 }
 
@@ -52,13 +54,6 @@ void eol_knock_wake(eol_knock *k)
     forget(k);
     if (k->state != EOL_KNOCK_LEARNS) enter(k, EOL_KNOCK_RESTS);
     k->woken = WOKEN;
-}
-
-uint8_t eol_knock_rest(eol_knock *k, uint32_t samples)
-{
-    if (k->state != EOL_KNOCK_RESTS) return EOL_KNOCK_NONE;
-    k->rested = samples > UINT32_MAX - k->rested ? UINT32_MAX : k->rested + samples;
-    return k->rested >= k->config.idle ? EOL_KNOCK_IDLE : EOL_KNOCK_NONE;
 }
 
 uint16_t eol_knock_limit(const eol_knock *k)
@@ -124,7 +119,7 @@ static void measure(eol_knock *k)
 
 uint8_t eol_knock_sample(eol_knock *k, int16_t x, int16_t y)
 {
-    uint32_t mean, limit;
+    uint32_t mean, limit, speed, slow;
     k->same = (uint16_t)(x == k->last_x && y == k->last_y ? (k->same < STUCK ? k->same + 1 : STUCK) : 0);
     k->dead = k->same == STUCK;
     k->last_x = x;
@@ -157,12 +152,21 @@ uint8_t eol_knock_sample(eol_knock *k, int16_t x, int16_t y)
         if (k->since < EOL_KNOCK_TELL) return EOL_KNOCK_NONE;
         measure(k);
         enter(k, EOL_KNOCK_MOVES);
+        k->speed_x = k->sum_x;
+        k->speed_y = k->sum_y;
         return EOL_KNOCK_TOLD;
     default:
+        k->speed_x += k->x[k->at];
+        k->speed_y += k->y[k->at];
+        speed = magnitude(k->speed_x, k->speed_y);
+        slow = k->config.slow + (uint32_t)DRIFT * k->since;
         k->calm = (uint16_t)(2 * mean < limit ? k->calm + 1 : 0);
-        if (k->calm >= k->config.quiet) {
+        k->still = (uint16_t)(4 * mean < limit ? k->still + 1 : 0);
+        k->loud = (uint16_t)(2 * mean < limit ? 0 : k->loud + 1);
+        if ((k->calm >= k->config.quiet && speed < slow) ||
+            (k->still >= k->config.still && speed < 4 * slow) || k->calm >= k->config.longest) {
             enter(k, EOL_KNOCK_RESTS);
-        } else if (k->since >= k->config.longest) { /* tilted: this is how it rests now */
+        } else if (k->loud >= k->config.longest) { /* tilted: this is how it rests now */
             forget(k);
             enter(k, EOL_KNOCK_LEARNS);
         }

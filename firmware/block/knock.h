@@ -15,7 +15,9 @@
  * A block that slips keeps its acceleration for many milliseconds; what is struck rings about zero.
  * So the mean over a window counts, less the mean of the time at rest (the high-pass): a strong slip
  * is felt with its first sample, a weak one when the window is filled, ringing averages out. When
- * the block is let go is where one step explains the window best (maximum likelihood).
+ * the block is let go is where one step explains the window best (maximum likelihood). From then on
+ * the samples' sum is its speed: it is at rest again when that is gone, not where the acceleration
+ * passes through zero in mid-slip; until then nothing is felt (the refractory time).
  *
  * Acceleration is in 1/16 mg: what the LIS3DH writes, left-justified in 16 bits, at +-2 g.
  */
@@ -37,8 +39,10 @@ enum {
 typedef struct {
     uint16_t threshold; /* 1/16 mg that the mean over the window must exceed */
     uint16_t ratio;     /* and so many quarters of the noise (mean absolute deviation of an axis) */
-    uint16_t quiet;     /* samples below half of that until the block is at rest: refractory time */
-    uint16_t longest;   /* samples after which what is felt all the time is taken as rest */
+    uint16_t quiet;     /* samples below half of that until it rests, if its speed is gone */
+    uint16_t slow;      /* the sum of samples below which it is */
+    uint16_t still;     /* samples below a quarter of that until it rests, though four times faster */
+    uint16_t longest;   /* samples of stillness, or of one tilt, after which that is rest */
     uint32_t idle;      /* samples at rest until the block may sleep */
 } eol_knock_config;
 
@@ -62,12 +66,13 @@ typedef struct {
     uint8_t dead;       /* 1: the sensor repeats one value */
     uint8_t at;         /* of the newest sample in the window */
     uint16_t since;     /* samples in this state */
-    uint16_t calm;      /* samples since the last one that moved */
+    uint16_t calm, still, loud; /* samples below half, below a quarter, above half of the threshold */
     uint16_t woken;     /* samples in which a knock still counts as that which woke the block */
     uint16_t same;      /* samples with one value */
     uint32_t rested;    /* samples at rest */
     int32_t base_x, base_y, noise; /* in 1/4096 of the unit */
     int32_t sum_x, sum_y;
+    int32_t speed_x, speed_y; /* sums since the knock */
     int16_t last_x, last_y;
     int16_t x[EOL_KNOCK_WINDOW], y[EOL_KNOCK_WINDOW];
 } eol_knock;
@@ -80,9 +85,6 @@ uint8_t eol_knock_sample(eol_knock *knock, int16_t x, int16_t y);
 
 /* Go on after a sleep: the samples to come have no past. */
 void eol_knock_wake(eol_knock *knock);
-
-/* Count `samples` at rest that were not taken; return EOL_KNOCK_IDLE if the block sleeps by then. */
-uint8_t eol_knock_rest(eol_knock *knock, uint32_t samples);
 
 /* The threshold as it is now, 1/16 mg: that of the noise, where it is greater. */
 uint16_t eol_knock_limit(const eol_knock *knock);

@@ -31,6 +31,8 @@ class Config(ctypes.Structure):
         ('threshold', ctypes.c_uint16),
         ('ratio', ctypes.c_uint16),
         ('quiet', ctypes.c_uint16),
+        ('slow', ctypes.c_uint16),
+        ('still', ctypes.c_uint16),
         ('longest', ctypes.c_uint16),
         ('idle', ctypes.c_uint32),
     ]
@@ -109,10 +111,6 @@ class Detector:
         """Go on after a sleep."""
         self._lib.eol_knock_wake(self._memory)
 
-    def rest(self, samples: int) -> bool:
-        """Count samples at rest that were not taken; return whether the block sleeps by then."""
-        return self._lib.eol_knock_rest(self._memory, samples) == IDLE
-
     @property
     def limit_mg(self) -> float:
         """The threshold as it is now: that of the noise, where it is greater."""
@@ -146,8 +144,6 @@ def _library() -> ctypes.CDLL:
     lib.eol_knock_batch.restype = size
     lib.eol_knock_begin.argtypes = [memory, memory]
     lib.eol_knock_wake.argtypes = [memory]
-    lib.eol_knock_rest.argtypes = [memory, ctypes.c_uint32]
-    lib.eol_knock_rest.restype = ctypes.c_uint8
     lib.eol_knock_limit.argtypes = [memory]
     lib.eol_knock_limit.restype = ctypes.c_uint16
     return lib
