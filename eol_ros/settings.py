@@ -60,7 +60,57 @@ class TwinSettings:
     )
     hands: str = setting('visitors', 'who moves the rim', choices=('visitors', 'nobody'), live=True)
     mirror: bool = setting(False, 'the virtual camera sees the table in a mirror')
-    seed: int = setting(1, 'of the hands, the friction of each block and the image noise', '', 0)
+    seed: int = setting(
+        1, 'of the hands, the friction of each block, the image noise and the accelerometers', '', 0
+    )
+    accelerometer: bool = setting(
+        True, 'each block has an accelerometer and reports knocks; the part is an LIS3DH in normal'
+        ' mode, figures from its data sheet, ST DocID17530 rev 2'
+    )  # fmt: skip
+    accelerometer_hz: float = setting(
+        1344.0, 'samples a second of an accelerometer; LIS3DH, table 31', 'Hz', 1000, 5400
+    )
+    accelerometer_noise_ug: float = setting(
+        220.0, 'its noise density; LIS3DH, table 4', 'ug/sqrt(Hz)', 0, 10_000
+    )
+    accelerometer_offset_mg: float = setting(
+        40.0, 'standard deviation of its zero-g level; LIS3DH, table 4', 'mg', 0, 500
+    )
+    accelerometer_clock: float = setting(
+        0.02,
+        'standard deviation of the rate of its clock; no data sheet says it, a guess',
+        '',
+        0,
+        0.2,
+    )
+    accelerometer_wake_hz: float = setting(
+        100.0, 'samples a second while a block sleeps; LIS3DH, table 31', 'Hz', 10, 400
+    )
+    accelerometer_wake_mg: float = setting(
+        32.0, 'what wakes a block, in steps of 16 mg; LIS3DH, INT1_THS at 2 g', 'mg', 16, 500
+    )
+    platform_kg: float = setting(
+        40.0, 'mass of the platform, through which blocks feel each other; 140 x 140 x 3 cm of'
+        ' plywood', 'kg', 5, 1000,
+    )  # fmt: skip
+    platform_hz: float = setting(60.0, 'how it rings; a guess', 'Hz', 10, 400)
+    grit_hz: float = setting(
+        250.0, 'how a block rings on its grit when it has stopped; a guess', 'Hz', 50, 600
+    )
+    rub_mg: float = setting(
+        20.0, 'noise of grit under a block that slides at 0.1 m/s, RMS; a guess', 'mg', 0, 500
+    )
+    rim_hits_per_min: float = setting(
+        2.0, 'knocks of hands on the rim while they move it; a guess', '1/min', 0, 600
+    )
+    rim_hit_mg: float = setting(
+        10.0, 'peak that the platform gets from half of them; 0.1 N s, a tenth of it through the'
+        ' casters, on 40 kg at 60 Hz', 'mg', 0, 2000,
+    )  # fmt: skip
+    footstep_mg: float = setting(
+        2.0, 'peak that the platform gets from half of the footsteps, one a second; a guess', 'mg',
+        0, 1000,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

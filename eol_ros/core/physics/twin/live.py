@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated table as the twin runs it: from one image to the next, under a moving rim."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_MASS_KG, N_BLOCKS, RIM_SIDE_M, rest_lattice
@@ -24,16 +26,35 @@ MOST_CONTACTS = 100
 RHO_M = RIM_SIDE_M / np.sqrt(6)  # the radius of gyration of a thin square frame
 
 
+class Trace(NamedTuple):
+    """How blocks moved between two images.
+
+    t (n + 1,): s, from 0 to the end; u, v (n + 1, 25, 2): displacement and velocity then, m, m/s.
+    event_t, event_block, event_start (e,): when which block broke loose (1) or came to rest (0).
+    """
+
+    t: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    event_t: np.ndarray
+    event_block: np.ndarray
+    event_start: np.ndarray
+
+
 class LiveTable:
     """25 blocks with static and kinetic Coulomb friction, springs, and a rim that is led.
 
     `x`, `y`, `yaw` (25,) are the block centres (m, rad), `velocity` (25, 3) their rates, and
     `moving` (25,) tells which slide; `slips` counts slips begun, `energy_residual` (J) is what the
     ledger misses since the start. `faults` counts images in which the solver met a limit: then all
-    blocks are stopped where they are, and the show goes on.
+    blocks are stopped where they are, and the show goes on. With `samples`, `trace` tells how the
+    blocks moved in the last step, at so many equal parts of it; None where all was still.
+    `mu_kinetic` is the mean of the blocks.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(
+        self, seed: int, samples: int = 0, mu_kinetic: float = builders.MU_KINETIC
+    ) -> None:
         random = np.random.default_rng([seed, 0x7461626C])
         share = 1 + FRICTION_SPREAD * random.uniform(-1, 1, N_BLOCKS)
         scene = from_mapping(
@@ -43,7 +64,7 @@ class LiveTable:
                 mass=BLOCK_MASS_KG,
                 geometric=True,
                 mu_s=list(builders.MU_STATIC * share),
-                mu_k=list(builders.MU_KINETIC * share),
+                mu_k=list(mu_kinetic * share),
                 u0=random.uniform(-OFFSET_M, OFFSET_M, (N_BLOCKS, 2)).tolist(),
             )
         )
@@ -60,7 +81,11 @@ class LiveTable:
         self._u, self._v = scene.u0.copy(), scene.v0.copy()
         self._books, self._counts = np.zeros(2), np.zeros(2, np.int64)
         self._log = room(MOST_EVENTS)
-        self._grid = Grid(np.zeros(0), np.zeros((0, N_BLOCKS, 2)), np.zeros((0, N_BLOCKS, 2)))
+        self._sampled = np.linspace(0.0, 1.0, samples + 1)
+        rows = (samples + 1, N_BLOCKS, 2)
+        self._path = np.zeros(samples + 1), np.zeros(rows), np.zeros(rows)
+        self._grid = Grid(*(part[1:] for part in self._path))
+        self.trace: Trace | None = None
         self._par, self._knots, self._cubics = np.zeros(4), np.zeros(2), np.zeros((1, 3, 4))
         self._rim_rate = np.zeros(3)
         self.moving = np.zeros(N_BLOCKS, bool)
@@ -82,6 +107,7 @@ class LiveTable:
         span = float(stop_s - start_s)
         self._stop_at_blocks(pose, rate, span)
         way = pose - self.rim_pose
+        self.trace = None
         if not (self.moving.any() or way.any() or rate.any() or self._rim_rate.any()):
             return  # all is still: nothing to work out
         c = self._cubics[0]
@@ -89,11 +115,15 @@ class LiveTable:
         c[:, 2] = (3 * way / span - 2 * self._rim_rate - rate) / span
         c[:, 3] = (self._rim_rate + rate - 2 * way / span) / span**2
         self._knots[1] = span
-        status = self._solve(self._u, self._v, self.moving, span)
+        t, u, v = self._path
+        t[:], u[0], v[0] = span * self._sampled, self._u, self._v
+        status, events = self._solve(self._u, self._v, self.moving, span)
         if status != OK:
             self.faults += 1
             self._v[:] = 0.0
             self.moving[:] = False
+        elif len(t) > 1:
+            self.trace = Trace(t, u, v, *(column[:events] for column in self._log))
         self.rim_pose = np.array(pose, float)
         self._rim_rate = np.array(rate, float)
         self._place()
@@ -148,10 +178,12 @@ class LiveTable:
         turned += (way * (1j * normal).conjugate()).real
         return -np.array([normal.real, normal.imag, turned])
 
-    def _solve(self, u: np.ndarray, v: np.ndarray, moving: np.ndarray, span: float) -> int:
+    def _solve(
+        self, u: np.ndarray, v: np.ndarray, moving: np.ndarray, span: float
+    ) -> tuple[int, int]:
         rim = Rim(POSES, self._par, self._knots, self._cubics)
         lattice = self._model.lattice
-        status, *_ = run(
+        status, _, events, _ = run(
             u,
             v,
             moving,
@@ -166,7 +198,7 @@ class LiveTable:
             True,
             self._counts,
         )
-        return int(status)
+        return int(status), int(events)
 
     @property
     def slips(self) -> int:
