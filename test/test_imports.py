@@ -133,6 +133,17 @@ def test_the_package_does_without_benchmarks_and_tests():
             assert module.split('.')[0] not in ('benchmarks', 'test'), f'{name(path)}:{line}'
 
 
+def test_the_firmware_of_the_blocks_is_loaded_by_the_twin_alone():
+    firmware = 'eol_ros.devices.board.block'
+    users = {'devices/board/block.py', 'devices/board/felt.py', 'nodes/twin.py'}
+    for path in MODULES:
+        if name(path) not in users:
+            found = {module for _, module in imports(path)}
+            barred = {firmware, 'eol_ros.devices.board.felt', 'eol_ros.devices.board'}
+            assert not barred & found, name(path)
+            assert 'board._block' not in path.read_text(), name(path)
+
+
 def test_core_is_pure():
     """No files, clocks, threads, logging or global random numbers in core."""
     barred = {

@@ -11,6 +11,9 @@ from eol_ros.core.physics.twin.hands import Commands, Rim, Visitors
 from eol_ros.core.physics.twin.live import LiveTable
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+from eol_ros.devices.board import block
+from eol_ros.devices.board.felt import TRACE, FeltBlocks
+from eol_ros.devices.board.twin import Felt, Radio
 from eol_ros.devices.camera.exposure_clock import VirtualCamera
 from eol_ros.ros.camera_info import camera_info
 from eol_ros.ros.images import ImagePublisher
@@ -33,7 +36,11 @@ class TwinNode(EolNode):
         calibration = Calibration.ideal(s.width, s.height, mirror=s.mirror)
         options = RenderOptions(s.noise, s.clutter, exposure_s=exposure_s, rate_hz=s.fps)
         self.renderer = Renderer(options, calibration, s.seed)
-        self.table, self.rim = LiveTable(s.seed), Rim()
+        self.blocks = FeltBlocks(s) if s.accelerometer and block.compiled() else None
+        if s.accelerometer and self.blocks is None:
+            self.get_logger().warning(block.MISSING)
+        self.radio, self.felt, self.knocks = Radio(), [], 0
+        self.table, self.rim = LiveTable(s.seed, TRACE if self.blocks else 0), Rim()
         self.visitors, self.commands = Visitors(s.seed), Commands()
         self.image = np.empty((s.height, s.width), np.uint8)
         self.stamp_ns = 0
@@ -72,12 +79,21 @@ class TwinNode(EolNode):
         self.rim.advance(span_s, hands, self.commands.velocity(self.time_s))
         t = self.table
         t.advance(begin_s, self.time_s, self.rim.pose, self.rim.velocity)
+        if self.blocks:
+            moves = bool(self.rim.velocity.any())
+            knocks = self.blocks.advance(begin_s, self.time_s, t.trace, moves)
+            self.felt = [
+                Felt(self.stamp_ns - round((self.time_s - k.time_s) * NS), k.block, k.strength_mps2)
+                for k in knocks
+            ]
         ir = self.infrared
         self.renderer.render(t.x, t.y, t.yaw, index, self.image, velocity=t.velocity, ir=ir)
 
     def deliver(self) -> None:
         """Publish the image and what was true."""
         self.images.send(self.packed)
+        self.radio.send(self.felt)
+        self.knocks += len(self.felt)
         table, truth = self.table, Truth()
         truth.header.stamp, truth.header.frame_id = to_msg(self.stamp_ns), 'table'
         truth.rim_x, truth.rim_y, truth.rim_yaw = table.rim_pose.tolist()
@@ -87,6 +103,7 @@ class TwinNode(EolNode):
         self.truth.publish(truth)
         self.health.tick()
         self.health.values['slips'] = table.slips
+        self.health.values['knocks'] = self.knocks
         self.health.values['missed'] = self.camera.missed if self.camera else 0
 
     def check(self) -> None:
@@ -101,6 +118,7 @@ class TwinNode(EolNode):
     def close(self) -> None:
         if self.camera is not None:
             self.camera.close()
+        self.radio.close()
 
 
 main = runner(TwinNode)

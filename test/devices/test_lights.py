@@ -8,7 +8,7 @@ import pytest
 
 from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.devices.board.lights import Lights, Played
-from eol_ros.devices.board.twin import TwinBoard
+from eol_ros.devices.board.twin import Felt, Radio, TwinBoard
 from eol_ros.errors import ConfigError
 from eol_ros.settings import LedsSettings
 
@@ -180,16 +180,30 @@ def test_the_log_of_the_wire(tmp_path):
     assert lights.values()['wire_p50_ms'] > 0
 
 
-def test_only_blocks_that_begin_to_move_are_felt():
-    board = TwinBoard()
-    felt = []
-    board.fake.tap = lambda block, strength, ago_s: felt.append((block, ago_s))
-    still, moving = [False] * 25, [k in (3, 9) for k in range(25)]
+def test_the_board_reports_what_the_blocks_of_the_twin_feel():
+    board, radio, taps = TwinBoard(), Radio(), []
+    board.fake.tap = lambda *tap: taps.append(tap)
     now = time.time_ns()
-    for k, flags in enumerate((moving, still, moving, moving, still)):
-        sigma_s = board.feel(now + k * 20_000_000, flags)
+    radio.send([Felt(now - 20_000_000, 3, 2.5), Felt(now - 5_000_000, 24, 0.25)])
+    sigma_s = board.listen()
+    board.listen()  # nothing new
     board.close()
+    radio.send([Felt(now, 1, 1.0)])  # nobody listens any more
+    radio.close()
 
-    assert [block for block, _ in felt] == [3, 9]  # not those that moved when we came
-    assert all(ago_s >= 0.01 for _, ago_s in felt)
-    assert sigma_s == pytest.approx(0.02 / 12**0.5)
+    assert [(block, strength) for block, strength, _ in taps] == [(3, 2.5), (24, 0.25)]
+    ago_s = [ago_s for _, _, ago_s in taps]
+    assert ago_s[0] - ago_s[1] == pytest.approx(0.015, abs=0.002) and ago_s[1] >= 0.005
+    assert 0 < sigma_s < 1e-3
+
+
+def test_of_two_boards_in_one_graph_the_first_hears():
+    first, second, radio, taps = TwinBoard(), TwinBoard(), Radio(), []
+    for name, board in (('first', first), ('second', second)):
+        board.fake.tap = lambda *tap, name=name: taps.append(name)
+    radio.send([Felt(time.time_ns(), 3, 2.5)])
+    second.listen()
+    first.listen()
+    for end in (first, second, radio):
+        end.close()
+    assert taps == ['first']

@@ -145,8 +145,8 @@ class Lights:
         return self._sent(self.board.infrared(mask), [self._white])
 
     def truth(self, stamp_ns: int, moving: Sequence[bool]) -> None:
-        """Let the twin's board feel which of the twin's blocks move."""
-        self._twin_sigma_s = self.twin.feel(stamp_ns, moving)
+        """The twin has moved on: let its board hear what the blocks felt meanwhile."""
+        self._twin_sigma_s = self.twin.listen()
 
     def values(self) -> dict[str, Any]:
         """Return counters for the health report."""

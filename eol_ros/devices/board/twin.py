@@ -1,18 +1,59 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The twin's board: a fake one on a pty, whose blocks feel what the twin's blocks do."""
+"""The twin's board: a fake one on a pty. The twin's blocks tell it by radio what they feel.
 
+The radio is a Unix datagram socket, for the board runs with `leds`, in another process than the
+twin, and what blocks say to their board is on no topic. It reaches as far as one machine.
+"""
+
+import os
+import socket
+import struct
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable
+from typing import NamedTuple
 
 from eol_ros.devices.board.fake import Arrival, FakeBoard, latency_s
 
-BREAKAWAY = 2.45  # m/s^2, (mu_s - mu_k) g of the twin's blocks: what an accelerometer feels first
+KNOCK = struct.Struct('<qBf')  # time, ns of the system clock; block; strength, m/s^2
+SIGMA_S = 5e-4  # of the time of a knock: `eol bench taps`
+
+
+class Felt(NamedTuple):
+    """A knock that a block of the twin felt, on the system's clock."""
+
+    time_ns: int
+    block: int
+    strength_mps2: float
+
+
+class Radio:
+    """The twin's end: what its blocks say. Nobody need listen."""
+
+    def __init__(self) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+
+    def send(self, knocks: Iterable[Felt]) -> None:
+        """Say what was felt; where no board listens it is lost."""
+        for knock in knocks:
+            try:
+                self._socket.sendto(KNOCK.pack(*knock), _address())
+            except OSError:
+                return
+
+    def close(self) -> None:
+        """Say no more."""
+        self._socket.close()
+
+
+def _address() -> str:
+    """Return the abstract address of the board of this graph: one for each ROS domain."""
+    return f'\0eol_ros/twin/{os.environ.get("ROS_DOMAIN_ID", "0")}'
 
 
 class TwinBoard:
-    """A FakeBoard fed with the twin's `moving` flags; it also measures how late light arrives.
+    """A FakeBoard with the twin's blocks; it also measures how late light arrives.
 
     `log` names a CSV of all that arrives on the wire.
     """
@@ -23,8 +64,11 @@ class TwinBoard:
             self._log.write('time_ns,kind,sequence,stamp_us\n')
         self._late_s: deque[float] = deque(maxlen=1000)
         self._guard = threading.Lock()
-        self._moving: Sequence[bool] = ()
-        self._stamp_ns = 0
+        self._radio = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        try:
+            self._radio.bind(_address())
+        except OSError:  # another board of this domain has it: this one hears nothing
+            pass
         self.fake = FakeBoard(name='twin', on_arrival=self._on_arrival).start()
 
     @property
@@ -32,20 +76,17 @@ class TwinBoard:
         """Return the path of the pty."""
         return self.fake.port
 
-    def feel(self, stamp_ns: int, moving: Sequence[bool]) -> float:
-        """Tap each block that has begun to move; return the standard error of the taps' times, s.
-
-        The flags come once per image, stamped `stamp_ns` of system time, so all that is known is
-        that the block broke away since the image before: the middle of that time is reported.
-        """
-        period_s = (stamp_ns - self._stamp_ns) * 1e-9
-        if self._moving and 0 < period_s < 1:
-            ago_s = max(0.0, (time.time_ns() - stamp_ns) * 1e-9) + period_s / 2
-            for block, (before, now) in enumerate(zip(self._moving, moving)):
-                if now and not before:
-                    self.fake.tap(block, BREAKAWAY, ago_s)
-        self._moving, self._stamp_ns = tuple(moving), stamp_ns
-        return period_s / 12**0.5
+    def listen(self) -> float:
+        """Report what the blocks have felt; return the standard error of its times, s."""
+        while True:
+            try:
+                packet = self._radio.recv(64)
+            except OSError:  # no more
+                return SIGMA_S
+            if len(packet) == KNOCK.size:
+                knock = Felt(*KNOCK.unpack(packet))
+                ago_s = max(0.0, (time.time_ns() - knock.time_ns) * 1e-9)
+                self.fake.tap(knock.block, knock.strength_mps2, ago_s)
 
     def late_ms(self) -> dict[str, float]:
         """Return image stamp -> bytes on the wire of the last 1000 first packets, ms."""
@@ -61,6 +102,7 @@ class TwinBoard:
 
     def close(self) -> None:
         """Unplug it."""
+        self._radio.close()
         self.fake.close()
         if self._log:
             self._log.close()

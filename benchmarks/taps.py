@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol bench taps: do blocks feel their slips? Missed against false per hour, by length of slip.
+
+The twin under visitors; every accelerometer is sampled all the time, knocks of hands on the rim,
+footsteps and the slips of other blocks included, and the firmware runs on the samples, once for
+each threshold. Tables differ in how much friction falls when a block breaks loose: at the usual
+0.25 slips are long, on worn grit they are short. A slip is found when its own block reports a knock
+whose moment lies within 10 ms of its onset; every other report is false, and the block's own stops,
+later parts of a slip, and whatever struck the platform are told apart.
+
+`ideal` is the share missed by a detector that knows the slip's own shape and moment (a matched
+filter in the sensor's noise alone) at 20 false reports an hour in all, from the whole slip and from
+its first 12 ms: nothing can do better.
+"""
+
+import argparse
+import itertools
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from benchmarks.machine import tell
+from benchmarks.twin_slips import wilson
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.physics.builders import MU_STATIC
+from eol_ros.core.physics.twin.accelerometer import MG, Accelerometers
+from eol_ros.core.physics.twin.hands import Rim, Visitors
+from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.devices.board.block import FELT, TOLD, WINDOW, Detector, defaults
+from eol_ros.devices.board.felt import LEARNT, TRACE, FeltBlocks
+from eol_ros.settings import TwinSettings
+
+HELP = 'Knocks felt by the blocks: missed and false per hour over thresholds, by length of slip.'
+EXAMPLES = ['eol bench taps --minutes 10', 'eol bench taps --drops 0.25 --minutes 60 --json']
+FPS = 60.0
+NEAR_S = 0.010
+STOP_S = 0.1
+FALSE_PER_HOUR = 20.0  # asked of the whole table
+BINS_MM = (0.0, 1.0, 2.0, 5.0, np.inf)
+CHUNK = 120  # images whose samples are given to the firmware at once
+WAKING_S, SLEEPING_S = 15.0, 75.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('--minutes', type=float, default=10.0, help='of the twin, per table')
+    parser.add_argument('--thresholds', default='10,16,24,36', help='mg, parted by commas')
+    parser.add_argument(
+        '--drops', default='0.25,0.1,0.04', help='mu_s - mu_k of each table, parted by commas'
+    )
+    parser.add_argument('--seed', type=int, default=3)
+    parser.add_argument('--json', action='store_true')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, print."""
+    thresholds = [float(t) for t in args.thresholds.split(',')]
+    rows: list[dict[str, Any]] = []
+    for drop in map(float, args.drops.split(',')):
+        print(f'drop {drop:g}, {args.minutes:g} minutes', file=sys.stderr, flush=True)
+        rows += curve(drop, 60 * args.minutes, args.seed, thresholds)
+    print('sleep, cost', file=sys.stderr, flush=True)
+    result = {
+        'default_mg': defaults().threshold / 16,
+        'curve': rows,
+        'sleep': sleeping(60 * args.minutes, args.seed),
+        'cost': cost(args.seed),
+    }
+    tell(result, args.json, _table)
+    return 0
+
+
+@dataclass
+class Slip:
+    """One slip of the twin: when, which block, how far, m; deflection of the ideal detector."""
+
+    onset_s: float
+    block: int
+    end_s: float = np.inf
+    length_m: float = 0.0
+    rest_s: float = np.inf
+    whole: float = 0.0
+    early: float = 0.0
+    left: int = 0  # samples of the trace that belong to its beginning
+
+
+class Twin:
+    """The table under visitors, and its slips."""
+
+    def __init__(self, seed: int, drop: float, pauses: bool = False):
+        self.table = LiveTable(seed, TRACE, MU_STATIC - drop)
+        self.rim, self.visitors, self.pauses = Rim(), Visitors(seed), pauses
+        self.slips: list[Slip] = []
+        self._running: dict[int, tuple[Slip, np.ndarray]] = {}
+        self._ended = np.full(N_BLOCKS, -np.inf)
+        self._time_s = 0.0  # of the visitors, who may be away
+
+    def images(self, count: int) -> Iterator[tuple[float, float]]:
+        """Move on image by image; yield begin and end of each."""
+        for k in range(count):
+            begin_s, end_s = k / FPS, (k + 1) / FPS
+            hands = np.zeros(3)
+            if not self.pauses or end_s % (WAKING_S + SLEEPING_S) < WAKING_S:
+                self._time_s += 1 / FPS
+                hands = self.visitors.velocity(self._time_s, self.rim.pose)
+            self.rim.advance(1 / FPS, hands, np.zeros(3))
+            self.table.advance(begin_s, end_s, self.rim.pose, self.rim.velocity)
+            self._note(begin_s)
+            yield begin_s, end_s
+
+    def all_slips(self) -> list[Slip]:
+        """Return the slips so far, those that go on included."""
+        return self.slips + [slip for slip, _ in self._running.values()]
+
+    def _note(self, begin_s: float) -> None:
+        trace = self.table.trace
+        if trace is None:
+            return
+        dt = trace.t[1] - trace.t[0]
+        sigma = _noise_mps2()
+        power = (np.diff(trace.v, axis=0) ** 2).sum(axis=2) / dt * TwinSettings.accelerometer_hz
+        for slip, _ in self._running.values():
+            slip.whole += power[:, slip.block].sum() / sigma**2
+            slip.early += power[: slip.left, slip.block].sum() / sigma**2
+            slip.left = max(slip.left - len(power), 0)
+        for n in np.argsort(trace.event_t, kind='stable'):
+            t, block = float(trace.event_t[n]), int(trace.event_block[n])
+            row = min(max(int(np.searchsorted(trace.t, t)), 1), len(trace.t) - 1)
+            if trace.event_start[n]:
+                slip = Slip(begin_s + t, block, rest_s=begin_s + t - self._ended[block])
+                slip.whole = power[row - 1 :, block].sum() / sigma**2
+                early = round(WINDOW / TwinSettings.accelerometer_hz / dt)
+                slip.early = power[row - 1 : row - 1 + early, block].sum() / sigma**2
+                slip.left = max(row - 1 + early - len(power), 0)
+                self._running[block] = slip, trace.u[row - 1, block].copy()
+            elif block in self._running:
+                slip, where = self._running.pop(block)
+                slip.end_s = self._ended[block] = begin_s + t
+                slip.length_m = float(np.hypot(*(trace.u[row, block] - where)))
+                self.slips.append(slip)
+
+
+def _noise_mps2() -> float:
+    s = TwinSettings()
+    return 1e-3 * s.accelerometer_noise_ug * (s.accelerometer_hz / 2) ** 0.5 * MG
+
+
+def curve(drop: float, seconds: float, seed: int, thresholds: list[float]) -> list[dict[str, Any]]:
+    """Return a row of figures for each threshold, mg."""
+    settings = TwinSettings(seed=seed)
+    twin, sensors = Twin(seed, drop), Accelerometers(settings, always=True)
+    learnt = sensors.at_rest(LEARNT)
+    detectors = []
+    for mg in thresholds:
+        config = defaults()
+        config.threshold = round(16 * mg)
+        detectors.append([Detector(config) for _ in range(N_BLOCKS)])
+        for detector, samples in zip(detectors[-1], learnt):
+            detector.feed(samples)
+    told: list[list[tuple[float, int, float]]] = [[] for _ in thresholds]
+    held: list[list[Any]] = [[] for _ in range(N_BLOCKS)]
+    images = round(seconds * FPS)
+    keep = np.ones(N_BLOCKS, bool)
+    for k, (begin_s, end_s) in enumerate(twin.images(images)):
+        moves = bool(twin.rim.velocity.any())
+        for part in sensors.advance(begin_s, end_s, twin.table.trace, moves, keep):
+            held[part.block].append(part)
+        if (k + 1) % CHUNK and k + 1 < images:
+            continue
+        for block, parts in enumerate(held):
+            samples = np.concatenate([part.xy for part in parts])
+            first_s, period_s = parts[0].first_s, parts[0].period_s
+            for found, row in zip(told, detectors):
+                felt_s = 0.0
+                for event in row[block].feed(samples):
+                    ended_s = first_s + event.sample * period_s
+                    if event.what == FELT:
+                        felt_s = ended_s
+                    elif event.what == TOLD:
+                        age_s = event.age_samples / settings.accelerometer_hz
+                        found.append((ended_s - age_s, block, felt_s or ended_s))
+            parts.clear()
+    slips = twin.all_slips()
+    return [
+        {'drop': drop, 'threshold_mg': mg} | compare(slips, found, seconds)
+        for mg, found in zip(thresholds, told)
+    ]
+
+
+def compare(
+    slips: list[Slip], told: list[tuple[float, int, float]], seconds: float
+) -> dict[str, Any]:
+    """Compare reports (moment, block, when it was felt, s) with `slips`."""
+    of_block: list[list[Slip]] = [[] for _ in range(N_BLOCKS)]
+    for slip in slips:
+        of_block[slip.block].append(slip)
+    found: set[int] = set()
+    errors, delays = [], []
+    false = {'stops': 0, 'sliding': 0, 'struck': 0}
+    for time_s, block, felt_s in sorted(told):
+        near = [
+            s for s in of_block[block]
+            if abs(s.onset_s - time_s) < NEAR_S and id(s) not in found
+        ]  # fmt: skip
+        if near:
+            slip = min(near, key=lambda s: abs(s.onset_s - time_s))
+            found.add(id(slip))
+            errors.append(time_s - slip.onset_s)
+            delays.append(felt_s - slip.onset_s)
+        elif any(abs(time_s - s.end_s) < NEAR_S for s in of_block[block]):
+            false['stops'] += 1
+        elif any(s.onset_s <= time_s < s.end_s + STOP_S for s in of_block[block]):
+            false['sliding'] += 1
+        else:
+            false['struck'] += 1
+    row: dict[str, Any] = {}
+    for low, high in itertools.pairwise(BINS_MM):
+        part = [s for s in slips if low <= 1e3 * s.length_m < high]
+        name = f'{low:g}-{high:g}mm' if high < np.inf else f'>{low:g}mm'
+        row[name] = _shares(part, found)
+    for least in (1.0, 2.0):
+        part = [s for s in slips if 1e3 * s.length_m >= least]
+        row[f'over_{least:g}mm'] = _shares(part, found)
+    hours = seconds / 3600
+    row |= {f'false_{name}_per_h': count / hours for name, count in false.items()}
+    row['false_per_h'] = sum(false.values()) / hours
+    row['onset_rms_ms'] = 1e3 * float(np.sqrt(np.mean(np.square(errors or [np.nan]))))
+    row['onset_bias_ms'] = 1e3 * float(np.mean(errors or [np.nan]))
+    row['felt_p50_ms'], row['felt_p99_ms'] = (
+        1e3 * float(np.percentile(delays or [np.nan], p)) for p in (50, 99)
+    )
+    return row
+
+
+def _shares(slips: list[Slip], found: set[int]) -> dict[str, Any]:
+    """Return how many there are, how many were found, and what the ideal detector misses."""
+    from scipy.special import ndtr, ndtri
+
+    hits = sum(id(s) in found for s in slips)
+    chance = FALSE_PER_HOUR / (3600 * N_BLOCKS * TwinSettings.accelerometer_hz)
+    limit = -ndtri(chance)
+
+    def missed(values: list[float]) -> float:
+        return float(np.mean(ndtr(limit - np.sqrt(values)))) if values else 0.0
+
+    return {
+        'slips': len(slips), 'found': hits / len(slips) if slips else float('nan'),
+        'found_low': wilson(hits, len(slips))[0],
+        'again': sum(s.rest_s < 0.04 and id(s) not in found for s in slips),
+        'ideal_missed': missed([s.whole for s in slips]),
+        'ideal_missed_12ms': missed([s.early for s in slips]),
+    }  # fmt: skip
+
+
+def sleeping(seconds: float, seed: int) -> dict[str, Any]:
+    """Return figures of blocks that sleep: visitors come for 15 s every 90 s."""
+    twin, blocks = Twin(seed, 0.25, pauses=True), FeltBlocks(TwinSettings(seed=seed))
+    first, later = [], []
+    for begin_s, end_s in twin.images(round(seconds * FPS)):
+        moves = bool(twin.rim.velocity.any())
+        for knock in blocks.advance(begin_s, end_s, twin.table.trace, moves):
+            (first if knock.first else later).append((knock.time_s, knock.block, knock.time_s))
+    alone = {'reported': len(first), 'of_reports': len(first) + len(later)}
+    both = compare(twin.all_slips(), first + later, seconds)
+    onsets: dict[int, list[float]] = {b: [] for b in range(N_BLOCKS)}
+    for slip in twin.all_slips():
+        onsets[slip.block].append(slip.onset_s)
+    errors = [min((t - on for on in onsets[b]), key=abs, default=np.inf) for t, b, _ in first]
+    near = [e for e in errors if abs(e) < 0.03]
+    return alone | {
+        'first_of_a_slip': len(near),
+        'first_rms_ms': 1e3 * float(np.sqrt(np.mean(np.square(near or [np.nan])))),
+        'over_2mm_found': both['over_2mm']['found'],
+        'false_per_h': both['false_per_h'],
+        'onset_rms_ms': both['onset_rms_ms'],
+    }
+
+
+def cost(seed: int) -> dict[str, float]:
+    """Return CPU time per simulated second, ms: table alone, with its trace, and the blocks."""
+    result = {}
+    for name, hands in (('visitors', True), ('at rest', False)):
+        for what in ('table', 'table traced', 'table and blocks'):
+            table = LiveTable(seed, 0 if what == 'table' else TRACE)
+            blocks = FeltBlocks(replace(TwinSettings(), seed=seed)) if 'blocks' in what else None
+            rim, visitors, seconds = Rim(), Visitors(seed), 30
+            begun = time.process_time()
+            for k in range(round(seconds * FPS)):
+                begin_s, end_s = k / FPS, (k + 1) / FPS
+                led = visitors.velocity(end_s, rim.pose) if hands else np.zeros(3)
+                rim.advance(1 / FPS, led, np.zeros(3))
+                table.advance(begin_s, end_s, rim.pose, rim.velocity)
+                if blocks:
+                    blocks.advance(begin_s, end_s, table.trace, bool(rim.velocity.any()))
+            result[f'{name}: {what}'] = 1e3 * (time.process_time() - begun) / seconds
+    return result
+
+
+def _table(result: dict[str, Any]) -> str:
+    lines = [
+        f'threshold of the firmware: {result["default_mg"]:g} mg; found of slips by length (slips;'
+        ' missed by the ideal detector from the whole slip, from its first 12 ms);',
+        'false an hour: all = stops + sliding + struck; onset RMS, felt p50 / p99 after onset, ms',
+    ]
+    for row in result['curve']:
+        parts = []
+        for name in ('0-1mm', '1-2mm', '2-5mm', '>5mm', 'over_1mm', 'over_2mm'):
+            one = row[name]
+            if one['slips']:
+                parts.append(
+                    f'{name} {one["found"]:.4f} ({one["slips"]}; {one["ideal_missed"]:.0e},'
+                    f' {one["ideal_missed_12ms"]:.0e})'
+                )
+        false = [row[f'false_{name}_per_h'] for name in ('stops', 'sliding', 'struck')]
+        lines.append(
+            f'drop {row["drop"]:g}, {row["threshold_mg"]:g} mg: {"  ".join(parts)} | '
+            f'{row["false_per_h"]:.0f} = {" + ".join(f"{x:.0f}" for x in false)} | '
+            f'{row["onset_rms_ms"]:.2f}, {row["felt_p50_ms"]:.1f} / {row["felt_p99_ms"]:.1f}'
+        )
+    lines += [f'asleep: {key:18} {value:.4g}' for key, value in result['sleep'].items()]
+    lines += [f'CPU, ms/s: {key:26} {value:.2f}' for key, value in result['cost'].items()]
+    return '\n'.join(lines)

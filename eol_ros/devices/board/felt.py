@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the twin's blocks feel: their accelerometers' samples, through the firmware of a block."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.physics.twin.accelerometer import Accelerometers
+from eol_ros.core.physics.twin.live import Trace
+from eol_ros.devices.board.block import LEARN, RESTS, TOLD, Detector
+from eol_ros.settings import TwinSettings
+
+LEARNT = LEARN + 4096  # samples: what is at rest, and how loud the noise is
+TRACE = 16  # samples of the solver from image to image, about one a millisecond at 60 images/s
+
+
+class Knock(NamedTuple):
+    """A knock that a block reports: when, s, how hard, m/s^2, whether it woke the block."""
+
+    block: int
+    time_s: float
+    strength_mps2: float
+    first: bool
+
+
+class FeltBlocks:
+    """25 blocks that feel; time is that of the table, in s.
+
+    Raises DeviceMissing where the firmware was not compiled.
+    """
+
+    def __init__(self, settings: TwinSettings):
+        self.sensors = Accelerometers(settings)
+        self.detectors = [Detector() for _ in range(N_BLOCKS)]
+        for detector, samples in zip(self.detectors, self.sensors.at_rest(LEARNT)):
+            detector.feed(samples)
+        self._awake = np.zeros(N_BLOCKS, bool)  # has felt something, and is not at rest since
+        self._moved_s = np.zeros(N_BLOCKS)  # when it was last not at rest
+        self._nominal_s = 1 / settings.accelerometer_hz  # the block knows no better
+        self._wake_s = 1 / settings.accelerometer_wake_hz
+
+    def advance(
+        self, begin_s: float, end_s: float, trace: Trace | None, rim_moves: bool
+    ) -> list[Knock]:
+        """Return what is reported of the time from `begin_s` to `end_s`, by time."""
+        knocks = []
+        self.sensors.asleep |= self._sleepers(begin_s)
+        for s in self.sensors.advance(begin_s, end_s, trace, rim_moves, self._awake):
+            detector = self.detectors[s.block]
+            if s.woken:
+                detector.wake()
+            for event in detector.feed(s.xy):
+                if event.what != TOLD:
+                    continue
+                ended_s = s.first_s + event.sample * s.period_s
+                time_s = ended_s - event.age_samples * self._nominal_s
+                if event.first:  # it began before the sensor looked
+                    time_s -= self._wake_s / 2
+                knocks.append(Knock(s.block, time_s, event.strength_mps2, event.first))
+            moves = detector.state != RESTS
+            if moves or self._awake[s.block]:
+                self._moved_s[s.block] = end_s
+            self._awake[s.block] = moves
+        return sorted(knocks, key=lambda knock: knock.time_s)
+
+    def _sleepers(self, now_s: float) -> np.ndarray:
+        """Return which blocks (25,) have been at rest for so long that they sleep."""
+        idle = (now_s - self._moved_s) / self._nominal_s
+        return ~self._awake & ~self.sensors.woken & (idle > self.detectors[0].config.idle)

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The twin's blocks feel their slips, and hardly anything else."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from benchmarks.taps import Twin, compare
+from eol_ros.devices.board import block
+from eol_ros.devices.board.felt import FeltBlocks
+from eol_ros.settings import TwinSettings
+
+pytestmark = pytest.mark.skipif(
+    not block.compiled(), reason='in a checkout: python setup.py build_ext --inplace'
+)
+FPS = 60
+
+
+def play(seconds, seed=3, drop=0.25, **settings):
+    """Slips, and what was reported: (time, block, time)."""
+    twin, blocks = Twin(seed, drop), FeltBlocks(TwinSettings(seed=seed, **settings))
+    knocks = []
+    for begin_s, end_s in twin.images(seconds * FPS):
+        moves = bool(twin.rim.velocity.any())
+        knocks += blocks.advance(begin_s, end_s, twin.table.trace, moves)
+    return twin.all_slips(), knocks
+
+
+@pytest.fixture(scope='module')
+def minute():
+    return play(60)
+
+
+@pytest.mark.slow
+def test_slips_are_felt_at_their_moment_and_little_else(minute):
+    slips, knocks = minute
+    row = compare(slips, [(k.time_s, k.block, k.time_s) for k in knocks], 60)
+
+    assert row['over_2mm']['slips'] > 200
+    assert row['over_2mm']['found'] >= 0.99
+    assert row['onset_rms_ms'] < 0.3
+    assert row['false_per_h'] <= 120  # two in the minute
+    felt = [k.strength_mps2 for k in knocks]
+    assert 1.5 < np.percentile(felt, 5) < np.percentile(felt, 95) < 3.5  # (mu_s - mu_k) g is 2.45
+
+
+@pytest.mark.slow
+def test_only_sampling_what_feels_something_changes_nothing_that_is_felt(minute):
+    """Against all blocks sampled all the time: other noise, the same slips."""
+    _, knocks = minute
+    blocks = FeltBlocks(TwinSettings(seed=3))
+    blocks.sensors.always = True
+    twin, always = Twin(3, 0.25), []
+    for begin_s, end_s in twin.images(20 * FPS):
+        moves = bool(twin.rim.velocity.any())
+        always += blocks.advance(begin_s, end_s, twin.table.trace, moves)
+    some = [k for k in knocks if k.time_s < 19.9]
+    always = [k for k in always if k.time_s < 19.9]
+    assert len(some) == len(always) > 50
+    key = lambda k: (k.block, k.time_s)  # noqa: E731
+    for one, other in zip(sorted(some, key=key), sorted(always, key=key)):
+        assert one.block == other.block and one.time_s == pytest.approx(other.time_s, abs=0.002)
+
+
+def test_same_seed_same_knocks():
+    _, one = play(8, seed=5)
+    _, two = play(8, seed=5)
+    assert one == two and len(one) > 5
+
+
+@pytest.mark.slow
+def test_blocks_that_slept_say_so_with_their_first_knock():
+    twin, blocks = Twin(3, 0.25), FeltBlocks(TwinSettings(seed=3))
+    for k in range(70 * FPS):
+        assert blocks.advance(k / FPS, (k + 1) / FPS, None, False) == []
+    assert blocks.sensors.asleep.all()
+    knocks = []
+    for begin_s, end_s in twin.images(10 * FPS):
+        trace = twin.table.trace
+        knocks += blocks.advance(70 + begin_s, 70 + end_s, trace, bool(twin.rim.velocity.any()))
+    first = {}
+    for knock in knocks:
+        assert knock.first == (knock.block not in first)
+        first.setdefault(knock.block, knock)
+    onsets = [(70 + s.onset_s, s.block) for s in twin.all_slips()]
+    errors = [
+        min((k.time_s - t for t, b in onsets if b == k.block), key=abs) for k in first.values()
+    ]
+    assert len(errors) > 10 and np.sqrt(np.mean(np.square(errors))) < 6e-3
+
+
+def test_another_part_feels_too():
+    _, knocks = play(6, accelerometer_hz=5000.0, accelerometer_noise_ug=400.0)
+    assert len(knocks) > 5
+    settings = dataclasses.asdict(TwinSettings())
+    assert {'accelerometer_hz', 'rim_hit_mg', 'platform_kg'} <= set(settings)
