@@ -117,6 +117,20 @@ def test_offset_and_a_slow_tilt_are_no_knock_and_a_new_offset_is_learnt():
     assert [e.what for e in events] == [FELT, TOLD]
 
 
+def test_a_speed_that_never_comes_back_does_not_make_it_deaf():
+    """A push without a stop, as after an error of the base: still is still."""
+    random = np.random.default_rng(11)
+    detector = learnt(random)
+    signal = np.zeros((3000, 2))
+    signal[10:110] = 100.0, 0.0
+    events = detector.feed(counts(signal + noise(random, 3000)))
+    assert [e.what for e in events] == [FELT, TOLD]
+    assert detector.state == RESTS
+    signal = slip(100, 2.0, 10)
+    events = detector.feed(counts(signal + noise(random, len(signal))))
+    assert [e.what for e in events] == [FELT, TOLD]
+
+
 def test_what_rings_counts_for_less_than_what_goes_on():
     random = np.random.default_rng(5)
     detector, time = learnt(random), np.arange(400) / RATE_HZ
