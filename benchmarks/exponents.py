@@ -39,6 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         help='simulate each table from N starts (default 10)',
     )
+    parser.add_argument(
+        '--speed', type=float, default=SPEED_MPS, metavar='M/S', help='of the rim (default 0.001)'
+    )
     parser.add_argument('--events', type=int, default=1_000_000, help='of each automaton')
     parser.add_argument('--json', action='store_true')
 
@@ -50,9 +53,11 @@ def run(args: argparse.Namespace) -> int:
 
     if args.seeds < 1:
         raise UsageError(f'--seeds {args.seeds}: at least 1 start')
+    if not args.speed > 0:
+        raise UsageError(f'--speed {args.speed}: give one above zero')
     starts = range(11, 11 + args.seeds)
-    names = [name for name, _ in _tables(starts[0])]
-    work = [(_blocks, row, args.seconds) for seed in starts for row in _tables(seed)]
+    names = [name for name, _ in _tables(starts[0], args.speed)]
+    work = [(_blocks, row, args.seconds) for seed in starts for row in _tables(seed, args.speed)]
     work += [(_automaton, row, args.events) for row in AUTOMATA]
     work += [(_pile, 64, args.events)]
     made = [make(row, much) for make, row, much in track(work, 'models')]
@@ -63,10 +68,10 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tables(seed: int) -> list[tuple[str, dict]]:
+def _tables(seed: int, speed_mps: float) -> list[tuple[str, dict]]:
     from eol_ros.core.physics import builders
 
-    drive = {'kind': 'constant_velocity', 'par': [SPEED_MPS, 0.0]}
+    drive = {'kind': 'constant_velocity', 'par': [speed_mps, 0.0]}
     more = {'u0': builders.offsets(BLOCKS, OFFSET_M, seed, along_x=True), 'dim1': True}
     return [
         ('table of the paper', builders.table(drive, 1.0, **more)),
@@ -76,7 +81,7 @@ def _tables(seed: int) -> list[tuple[str, dict]]:
 
 
 def _blocks(row: tuple[str, dict], seconds: float) -> dict:
-    """Cascades between rest and rest, of a simulation at 1 mm/s along x."""
+    """Cascades between rest and rest, of a simulation along x."""
     from eol_ros.core.physics import choose
     from eol_ros.core.physics.result import Limits
     from eol_ros.core.physics.scene import from_mapping
@@ -114,6 +119,8 @@ def _over_seeds(model: str, runs: list[dict]) -> dict:
 def _mean_law(laws: list[dict]) -> dict:
     import numpy as np
 
+    from eol_ros.core.science.alternatives import ALTERNATIVES
+
     def mean(name: str) -> float:
         return float(np.mean([law[name] for law in laws]))
 
@@ -137,6 +144,8 @@ def _mean_law(laws: list[dict]) -> dict:
         'b_value': mean('b_value'),
         'ks': mean('ks'),
         'taus': [law['tau'] for law in laws],
+        'rejected': float(np.mean([law['rejected'] for law in laws])),
+        'better': {n: float(np.mean([law['better'][n] for law in laws])) for n in ALTERNATIVES},
     }
 
 
@@ -163,7 +172,7 @@ def _pile(side: int, events: int) -> dict:
 def _law(sizes, fit_range: tuple[int, int]) -> dict:
     import numpy as np
 
-    from eol_ros.core.science import powerlaw
+    from eol_ros.core.science import alternatives, powerlaw
 
     counts = powerlaw.histogram(sizes)
     exceedance = powerlaw.exceedance(counts)
@@ -179,13 +188,19 @@ def _law(sizes, fit_range: tuple[int, int]) -> dict:
         found = powerlaw.fit(counts, *fit_range)
     except powerlaw.FitError as reason:
         return row | {'no_fit': str(reason)}
-    error = powerlaw.block_error(sizes, found, np.random.default_rng(0))
-    return row | {'tau': found.tau, 'tau_error': error, 'b_value': found.b_value, 'ks': found.ks}
+    tested = powerlaw.goodness(sizes, [found], np.random.default_rng(0))
+    others = alternatives.compare(sizes, found, tested.error)
+    return row | {
+        'tau': found.tau, 'tau_error': tested.error, 'b_value': found.b_value, 'ks': found.ks,
+        'p_value': tested.p_value, 'rejected': float(tested.p_value < powerlaw.REJECTED),
+        'better': {a.name: float(a.verdict == 'better') for a in others},
+    }  # fmt: skip
 
 
 def _table(rows: list[dict]) -> str:
     lines = [
         'model                          events   mean size   fitted     tau            b      KS'
+        '   rejected   better'
     ]
     for r in rows:
         for name, law in ((r['model'], r), ('  its area', r.get('area'))):
@@ -194,7 +209,8 @@ def _table(rows: list[dict]) -> str:
             fitted = f'{law["fit"][0]}..{law["fit"][1]}'
             said = law.get('no_fit') or (
                 f'{law["tau"]:.3f} +- {law["tau_error"]:.3f}  '
-                f'{law["b_value"]:6.3f}  {law["ks"]:.3f}'
+                f'{law["b_value"]:6.3f}  {law["ks"]:.3f}  {law["rejected"]:8.0%}   '
+                + ', '.join(f'{n} {share:.0%}' for n, share in law['better'].items() if share)
             )
             lines.append(
                 f'{name:30} {law["events"]:8d}  {law["mean_size"]:8.2f}   {fitted:8}  {said}'

@@ -101,7 +101,10 @@ def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
         )
         if 'tau' in law:
             words = f'b = {law["b_value"]:.2f} ± {law["b_error"]:.2f}, A ≥ {law["area_min"]}'
-            axes.loglog(c['area_blocks'], c['fit'], color=ORANGE, label=words)
+            if law['rejected']:
+                words = f'not a power law: KS {law["ks"]:.2f}, p {law["p_value"]:.2g}'
+            style = ':' if law['rejected'] else '-'
+            axes.loglog(c['area_blocks'], c['fit'], style, color=ORANGE, label=words)
         else:
             axes.plot([], [], ' ', label=law['why'])
         axes.axvline(N_BLOCKS, color=GREY, linestyle=':', label='A ≤ 25: all blocks')

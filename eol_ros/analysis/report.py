@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag as one HTML page with its figures inside, and the figures' data as CSV."""
 
+import dataclasses
 import html
 import json
 from collections.abc import Callable, Iterable, Iterator
@@ -10,11 +11,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from eol_ros.analysis import figures, series
+from eol_ros.analysis import exposure, figures, series
 from eol_ros.analysis.bag import Bag, Table, seconds
 from eol_ros.analysis.retrack import Retracked
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.science import powerlaw
+from eol_ros.core.science import alternatives, catalogue, powerlaw
 from eol_ros.core.science.one_over_f import Answer
 from eol_ros.errors import ConfigError
 from eol_ros.streams.slips import START, STOP
@@ -50,6 +51,7 @@ def numbers(bag: Bag, answers: list[Answer] | None = None) -> dict[str, Any]:
         }
     if cascades is not None:
         found['cascades'] = law(cascades['area']) | {'median_size': _median(cascades['size'])}
+        found['catalogue'] = catalogue_of(bag, cascades)
     if answers is not None:
         found['one_over_f'] = {answer.name: _spectral(answer) for answer in answers}
     return found
@@ -84,12 +86,55 @@ def law(areas: np.ndarray) -> dict[str, Any]:
     try:
         law_found = powerlaw.cascade_law(areas)
     except powerlaw.FitError as error:
-        return found | {'why': str(error)}
+        return found | {'why': str(error), 'sentence': str(error)}
     fit = law_found.fit
+    others = alternatives.compare(areas, fit, law_found.b_error)
     return found | {
+        'sentence': f'{law_found.sentence}; {alternatives.sentence(others)}',
+        'rejected': law_found.rejected, 'p_value': law_found.p_value,
         'b_value': fit.b_value, 'b_error': law_found.b_error, 'tau': fit.tau,
         'area_min': fit.x_min, 'area_max': N_BLOCKS, 'fitted': fit.count, 'ks': fit.ks,
+        'b_by_area_min': {str(f.x_min): f.b_value for f in law_found.others},
+        'alternatives': {
+            a.name: {'log_ratio': a.log_ratio, 'p_value': a.p_value, 'verdict': a.verdict}
+            for a in others
+        },
     }  # fmt: skip
+
+
+def catalogue_of(bag: Bag, cascades: Table) -> dict[str, Any]:
+    """Return exposure, magnitudes, waiting times and aftershocks, each as a sentence with figures.
+
+    Where the catalogue carries none, the sentence says why.
+    """
+    onsets_s = seconds(cascades['onset']) - bag.start_ns * 1e-9
+    order = np.argsort(onsets_s, kind='stable')
+    onsets_s, areas = onsets_s[order], cascades['area'][order]
+    with np.errstate(divide='ignore'):
+        magnitudes = np.log10(cascades['distance'][order])
+    found: dict[str, Any] = {}
+    moved = exposure.of(bag)
+    if moved is not None:
+        found['exposure'] = _plain(moved)
+    for name, ask in (
+        ('magnitudes', lambda: catalogue.magnitude_law(magnitudes, np.random.default_rng(1))),
+        ('waiting', lambda: catalogue.waiting(onsets_s, np.random.default_rng(1))),
+        ('aftershocks', lambda: catalogue.omori(onsets_s, areas, bag.duration_s)),
+    ):
+        try:
+            answer = ask()
+        except powerlaw.FitError as error:
+            found[name] = {'sentence': f'{name}: {error}'}
+        else:
+            found[name] = _plain(answer)
+    return found
+
+
+def _plain(answer: Any) -> dict[str, Any]:
+    """Return a dataclass with a sentence as JSON can hold it: what is not finite becomes None."""
+    values = dataclasses.asdict(answer).items()
+    finite = {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values}
+    return finite | {'sentence': answer.sentence}
 
 
 def write(
@@ -235,6 +280,7 @@ def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
         _rows('Lost on the way', ('where', 'topic', 'messages'),
               [(where.replace('_', ' '), topic, count) for where, topics in found['gaps'].items()
                if where != 'received' for topic, count in topics.items() if count]),
+        _sentences('Cascades', _said_of_cascades(found)),
         _sentences('Is it 1/f?', [a['sentence'] for a in found.get('one_over_f', {}).values()],
                    NOT_ASKED),
         *(f'<h2>{html.escape(title)}</h2>{svg}' for title, svg in drawn),
@@ -265,7 +311,21 @@ def _verdict(found: dict[str, Any]) -> str:
     )
 
 
+def _said_of_cascades(found: dict[str, Any]) -> list[str]:
+    """Return the verdicts on the catalogue of cascades, for people; none where there is none."""
+    if 'cascades' not in found:
+        return []
+    c = found['cascades']
+    if 'why' in c:
+        whole = f'{c["why"]}; the largest had {c["largest"]} blocks'
+    else:
+        whole = f'{c["count"]} cascades, up to {c["largest"]} blocks: {c["sentence"]}'
+    return [whole, *(part['sentence'] for part in found['catalogue'].values())]
+
+
 def _sentences(title: str, said: list[str], last: str = '') -> str:
+    if not said:
+        return ''
     lines = ''.join(f'<p>{html.escape(line)}</p>' for line in [*said, last] if line)
     return f'<h2>{html.escape(title)}</h2>{lines}'
 
@@ -291,14 +351,7 @@ def summary(found: dict[str, Any]) -> str:
         s = found['slips']
         lines.append(f'{s["count"]} slips, median {s["median_distance_mm"]} mm')
     if 'cascades' in found:
-        c = found['cascades']
-        if 'why' in c:
-            lines.append(f'{c["count"]} cascades, up to {c["largest"]} blocks; {c["why"]}')
-        else:
-            lines.append(
-                f'{c["count"]} cascades, up to {c["largest"]} blocks; b = {c["b_value"]:.2f} +- '
-                f'{c["b_error"]:.2f} for areas {c["area_min"]} to {c["area_max"]}'
-            )
+        lines += _said_of_cascades(found)
     lines += [answer['sentence'] for answer in found.get('one_over_f', {}).values()]
     for begin, latencies in (
         ('the image', found['latency_ms']),

@@ -212,8 +212,11 @@ def _law(sizes, fit_range: tuple[int, int]) -> dict:
     }
     try:
         found = powerlaw.fit(counts, *fit_range)
-        error = powerlaw.block_error(sizes, found, np.random.default_rng(0))
-        law |= {'tau': found.tau, 'tau_error': error, 'b_value': found.b_value, 'ks': found.ks}
+        tested = powerlaw.goodness(sizes, [found], np.random.default_rng(0))
+        law |= {
+            'tau': found.tau, 'tau_error': tested.error, 'b_value': found.b_value, 'ks': found.ks,
+            'p_value': tested.p_value,
+        }  # fmt: skip
     except powerlaw.FitError as reason:
         law['no_fit'] = str(reason)
     return law

@@ -127,6 +127,12 @@ class Day:
         except powerlaw.FitError:
             self._law = {'fitted': self._law_of, 'fewest': powerlaw.FEWEST_CASCADES}
             return True
+        if law.rejected:
+            self._law = {
+                'fitted': self._law_of, 'fewest': powerlaw.FEWEST_CASCADES, 'rejected': True,
+                'ks': law.fit.ks, 'p': law.p_value, 'count': law.fit.count,
+            }  # fmt: skip
+            return True
         logs = np.log(np.arange(law.fit.x_min, N_BLOCKS + 1))
         shares = np.exp(-law.fit.tau * logs)
         self._law = {
@@ -140,8 +146,8 @@ class Day:
         """Return the day so far, for pages: N of each area, the newest cascades, their law.
 
         `law` has `b`, `error` and `exceedance`, the fitted share of N(>= from) for each area from
-        `from` on; or, where there is no fit, only how many cascades there are and how many it
-        takes.
+        `from` on; `rejected`, `ks`, `p` and `count` where they follow no power law; or, where there
+        is no fit, only how many cascades there are and how many it takes.
         """
         counts = np.bincount(np.array(self._areas, np.int64), minlength=N_BLOCKS + 1).tolist()
         return {

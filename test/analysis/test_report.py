@@ -63,14 +63,23 @@ def test_numbers(big):
     assert law['largest'] == areas.max()
     assert law['b_value'] == pytest.approx(TAU - 1, abs=4 * law['b_error'])
     assert law['b_error'] < 0.3
+    assert not law['rejected'] and 'a power law is not ruled out' in law['sentence']
+    assert law['alternatives']['exponential']['verdict'] == 'worse'
+    assert 'excluded: exponential' in law['sentence'] and law['sentence'] in report.summary(found)
+    waiting = found['catalogue']['waiting']  # one every 0.2 s
+    assert waiting['mean_s'] == pytest.approx(0.2) and 'more evenly' in waiting['sentence']
 
 
 def test_too_few_cascades_are_not_fitted(tmp_path):
     bag, _ = made(tmp_path / 'run', 18)
     found = report.numbers(bag)
-    assert '18 cascades are too few' in found['cascades']['why']
+    assert found['cascades']['why'] == '18 cascades: no fit below 200'
     assert 'b_value' not in found['cascades']
-    assert '18 cascades are too few' in report.summary(found)
+    words = report.summary(found)
+    assert '18 cascades: no fit below 200; the largest had' in words
+    for name in ('magnitudes', 'waiting', 'aftershocks'):
+        assert found['catalogue'][name]['sentence'] in words
+        assert ' below ' in found['catalogue'][name]['sentence']
 
 
 @pytest.mark.parametrize('decay_repeats_the_stamp', [False, True], ids=['now', 'version 0.1.0'])

@@ -484,6 +484,11 @@ def test_the_fit_on_the_page_is_that_of_the_project(graph, browser):
     law = powerlaw.cascade_law(areas)
     said = run(browser, 'return document.getElementById("law-words").textContent')
     assert said.startswith(f'b = {law.fit.b_value:.2f} ± {law.b_error:.2f}')
+    areas = np.minimum(np.random.default_rng(1).geometric(0.2, 400), 25)
+    rejected = notices.Day({'date': 'x', 'order': areas.tolist(), 'recent': newest})
+    run(browser, shown, rejected.notice())
+    words = f'not a power law: KS {powerlaw.cascade_law(areas).fit.ks:.2f}, n '
+    until_page(browser, f'document.getElementById("law-words").textContent.startsWith("{words}")')
 
 
 def test_a_grain_is_heard_by_a_click_and_moved_by_a_drag_or_by_keys(graph, browser):

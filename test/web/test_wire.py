@@ -122,13 +122,14 @@ def test_a_day_goes_on_after_a_restart():
 
 def test_the_law_of_the_day_is_that_of_the_report():
     areas = powerlaw.sample(1.6, 1, 25, 300, np.random.default_rng(3))
+    few = powerlaw.FEWEST_CASCADES - 1
     day = notices.Day()
-    for area in areas[:49]:
+    for area in areas[:few]:
         day.add(cascade(NOON, int(area)), NOON)
     assert day.fit() and not day.fit()
-    assert day.notice()['law'] == {'fitted': 49, 'fewest': 50}
-    assert 'why' in report.law(areas[:49])
-    for area in areas[49:]:
+    assert day.notice()['law'] == {'fitted': few, 'fewest': few + 1}
+    assert 'why' in report.law(areas[:few])
+    for area in areas[few:]:
         day.add(cascade(NOON, int(area)), NOON)
     assert day.fit()
     law, found = day.notice()['law'], report.law(areas)
@@ -147,10 +148,22 @@ def test_the_law_of_the_day_is_that_of_the_report():
 
 def test_areas_of_one_size_have_no_law():
     day = notices.Day()
-    for _ in range(60):
+    for _ in range(260):
         day.add(cascade(NOON, 1), NOON)
     day.fit()
-    assert day.notice()['law'] == {'fitted': 60, 'fewest': 50}
+    assert day.notice()['law'] == {'fitted': 260, 'fewest': powerlaw.FEWEST_CASCADES}
+
+
+def test_a_law_that_its_test_rejects_is_called_so_in_panel_and_report():
+    areas = np.minimum(np.random.default_rng(1).geometric(0.2, 400), 25)
+    day = notices.Day()
+    for area in areas:
+        day.add(cascade(NOON, int(area)), NOON)
+    day.fit()
+    law, found = day.notice()['law'], report.law(areas)
+    assert law['rejected'] and found['rejected'] and 'b' not in law
+    assert (law['ks'], law['p'], law['count']) == (found['ks'], found['p_value'], found['fitted'])
+    assert found['sentence'].startswith('not a power law: KS 0.')
 
 
 def test_corpus_values_become_columns():

@@ -17,7 +17,9 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.errors import EolError
 
-FEWEST_CASCADES = 50  # as many as `block_error` needs: one without an error is no result
+FEWEST_CASCADES = 200  # 20 blocks of 10, from which error and goodness of fit are drawn
+BLOCKS = 20  # long enough to hold what hangs together; with 50 more true laws are rejected
+REJECTED = 0.05  # the p-value below which a law is called none
 FEWEST = 30  # events in the range of a fit: with fewer, a slope would be invented
 STEEPEST, FLATTEST = 12.0, -4.0
 TAU_TOLERANCE = 1e-12
@@ -97,8 +99,11 @@ def fit(counts: np.ndarray, x_min: int = 1, x_max: int | None = None) -> Fit:
     return Fit(tau, float(error), x_min, x_max, int(total), ks, float(likelihood))
 
 
-def choose_x_min(counts: np.ndarray, x_max: int | None = None, largest: int = 100) -> Fit:
-    """Return the fit whose lower end makes the KS distance least (Clauset et al. 2009, 3.3)."""
+def candidates(counts: np.ndarray, x_max: int | None = None, largest: int = 100) -> list[Fit]:
+    """Return the fits from every lower end that leaves a factor of four; see `choose_x_min`.
+
+    Raises FitError where there is none.
+    """
     fits = []
     for x_min in range(1, min(largest, len(counts) - 2) + 1):
         if x_max is not None and x_max < 4 * x_min:
@@ -109,67 +114,132 @@ def choose_x_min(counts: np.ndarray, x_max: int | None = None, largest: int = 10
             break
     if not fits:
         raise FitError(f'too few events ({int(np.sum(counts))}) for a fit')
-    return min(fits, key=lambda f: f.ks)
+    return fits
 
 
-def block_error(
-    numbers: np.ndarray, found: Fit, rng: np.random.Generator, blocks: int = 50, repeats: int = 200
-) -> float:
-    """Return the standard error of `found.tau` where events depend on each other.
-
-    `numbers` in order of time; whole blocks of them are drawn again (Kuensch, Ann. Stat. 17 (1989)
-    1217), so what hangs together stays together. The mean logarithm is all that the estimator
-    needs.
-    """
-    numbers = np.asarray(numbers)
-    blocks = min(blocks, len(numbers) // 10)
-    if blocks < 5:
-        raise FitError(f'{len(numbers)} events are too few to draw blocks of them')
-    inside = (numbers >= found.x_min) & (numbers <= (found.x_max or np.inf))
-    logs = np.where(inside, np.log(np.maximum(numbers, 1)), 0.0)
-    used = len(numbers) // blocks * blocks
-    block_logs = logs[:used].reshape(blocks, -1).sum(axis=1)
-    block_counts = inside[:used].reshape(blocks, -1).sum(axis=1)
-    drawn = rng.integers(0, blocks, (repeats, blocks))
-    counts = block_counts[drawn].sum(axis=1)
-    mean_logs = block_logs[drawn].sum(axis=1)[counts > 0] / counts[counts > 0]
-    law = _Law(found.x_min, found.x_max)
-    return float(np.std(law.solve_all(mean_logs), ddof=1))
+def choose_x_min(counts: np.ndarray, x_max: int | None = None, largest: int = 100) -> Fit:
+    """Return the fit whose lower end makes the KS distance least (Clauset et al. 2009, 3.3)."""
+    return min(candidates(counts, x_max, largest), key=lambda f: f.ks)
 
 
 @dataclass(frozen=True)
 class CascadeLaw:
-    """The law of cascade areas on a table of 25 blocks; `b_error` heeds dependent cascades."""
+    """The law of cascade areas on a table of 25 blocks.
+
+    `b_error` and `p_value` heed that cascades depend on each other. `others`: the fits with the
+    other lower ends, by which one sees how much the range decides.
+    """
 
     fit: Fit
     b_error: float
+    p_value: float
+    others: list[Fit]
+
+    @property
+    def rejected(self) -> bool:
+        """Whether a power law lies too far off, wherever it begins."""
+        return self.p_value < REJECTED
+
+    @property
+    def sentence(self) -> str:
+        """The verdict for people."""
+        f = self.fit
+        test = f'KS {f.ks:.2f}, n {f.count}, p {self.p_value:.2g}'
+        end = N_BLOCKS if f.x_max is None else f.x_max
+        if self.rejected:
+            return f'not a power law: {test} (the nearest, from area {f.x_min} on)'
+        bs = [other.b_value for other in self.others]
+        return (
+            f'a power law is not ruled out: b = {f.b_value:.2f} +- {self.b_error:.2f} for areas '
+            f'{f.x_min} to {end}, {np.log10(end / f.x_min):.1f} decades ({test}); '
+            f'with other lower ends b is {min(bs):.2f} to {max(bs):.2f}'
+        )
 
 
 def cascade_law(areas: np.ndarray) -> CascadeLaw:
     """Return the power law of cascade areas in order of time, upper end at all blocks.
 
-    The one rule for panel and report. Raises FitError, whose text is for people, with fewer than
-    50 cascades, or where they follow no power law.
+    The one rule for panel and report: the lower end is the one of least KS distance. Raises
+    FitError, whose text is for people, with fewer than 200 cascades, or where they have no slope.
     """
     areas = np.asarray(areas)
     if len(areas) < FEWEST_CASCADES:
-        raise FitError(f'{len(areas)} cascades are too few for a fit: {FEWEST_CASCADES} are needed')
-    found = choose_x_min(histogram(areas), x_max=N_BLOCKS)
-    error = block_error(areas, found, np.random.default_rng(1))
-    return CascadeLaw(found, max(error, found.error))
+        raise FitError(f'{len(areas)} cascades: no fit below {FEWEST_CASCADES}')
+    fits = candidates(histogram(areas), N_BLOCKS)
+    found = min(fits, key=lambda f: f.ks)
+    tested = goodness(areas, fits, np.random.default_rng(1))
+    return CascadeLaw(found, max(tested.error, found.error), tested.p_value, fits)
 
 
-def p_value(found: Fit, rng: np.random.Generator, repeats: int = 100) -> float:
-    """Return how often a true power law of these parameters lies further off than `found` does.
+@dataclass(frozen=True)
+class Goodness:
+    """Of the fit of least KS distance: the standard error of tau, and the p-value of the law."""
 
-    For independent events, so small values are to be read with care; the estimate is repeated on
-    each sample, as it must be (Clauset et al. 2009, 4.1).
+    error: float
+    p_value: float
+
+
+def goodness(
+    numbers: np.ndarray,
+    fits: list[Fit],
+    rng: np.random.Generator,
+    blocks: int = BLOCKS,
+    repeats: int = 400,
+) -> Goodness:
+    """Return error and goodness of the best of `fits` (of one upper end) where events depend.
+
+    Blocks of `numbers`, in order of time, are drawn again (Kuensch 1989), every range is fitted
+    again and the nearest chosen again. The distance of a drawn sample is counted from that of the
+    numbers themselves, F* - F - (law* - law): so far would the numbers lie off if the law were true
+    and they hung together as they do. p_value is how often it is as far as was found.
     """
-    worse = 0
-    for _ in range(repeats):
-        numbers = sample(found.tau, found.x_min, found.x_max, found.count, rng)
-        worse += fit(histogram(numbers), found.x_min, found.x_max).ks >= found.ks
-    return worse / repeats
+    numbers = np.asarray(numbers)
+    x_max = fits[0].x_max
+    top = int(numbers.max()) if x_max is None else x_max
+    first = min(f.x_min for f in fits)
+    drawn = _drawn_histograms(numbers, first, top, rng, blocks, repeats)
+    best = min(fits, key=lambda f: f.ks)
+    counts = histogram(numbers[numbers <= top]).astype(float)
+    counts = np.pad(counts, (0, top + 1 - len(counts)))
+    nearest = np.full(repeats, np.inf)
+    error = 0.0
+    for f in fits:
+        law = _Law(f.x_min, x_max)
+        inside = drawn[:, f.x_min - first :]
+        total = inside.sum(axis=1)
+        some = total > 0
+        logs = np.log(np.arange(f.x_min, top + 1))
+        taus = law.solve_all(inside[some] @ logs / total[some])
+        if f is best:
+            error = float(np.std(taus, ddof=1))
+        chance = law.cumulatives(taus, top)
+        own = counts[f.x_min :].cumsum() / counts[f.x_min :].sum()
+        off = inside[some].cumsum(axis=1) / total[some, None] - own
+        off -= chance - law.cumulative(f.tau, top)
+        nearest[some] = np.minimum(nearest[some], np.abs(off).max(axis=1))
+    worse = int((nearest >= best.ks).sum())
+    return Goodness(error, (worse + 1) / (repeats + 1))
+
+
+def _drawn_histograms(
+    numbers: np.ndarray, first: int, top: int, rng: np.random.Generator, blocks: int, repeats: int
+) -> np.ndarray:
+    """Histograms over first .. top of `repeats` series drawn in blocks, (repeats, top - first + 1).
+
+    Raises FitError where there are too few for blocks.
+    """
+    blocks = min(blocks, len(numbers) // 10)
+    if blocks < 5:
+        raise FitError(f'{len(numbers)} events are too few to draw blocks of them')
+    length = len(numbers) // blocks
+    width = top - first + 1
+    used = numbers[: length * blocks]
+    inside = (used >= first) & (used <= top)
+    which = np.repeat(np.arange(blocks), length)[inside] * width + (used[inside] - first)
+    each = np.bincount(which, minlength=blocks * width).reshape(blocks, width)
+    picked = rng.integers(0, blocks, (repeats, blocks))
+    times = np.apply_along_axis(np.bincount, 1, picked, minlength=blocks)
+    return times @ each
 
 
 def sample(
@@ -249,6 +319,14 @@ class _Law:
             steeper = weights @ self.logs / weights.sum(axis=1) > mean_logs
             low, high = np.where(steeper, middle, low), np.where(steeper, high, middle)
         return (low + high) / 2
+
+    def cumulatives(self, taus: np.ndarray, top: int) -> np.ndarray:
+        """P(x_min <= s <= k) for each tau, (n, top - x_min + 1)."""
+        if self.x_max is None:
+            return np.stack([self.cumulative(tau, top) for tau in taus])
+        weights = -taus[:, None] * self.logs
+        weights = np.exp(weights - weights.max(axis=1, keepdims=True)).cumsum(axis=1)
+        return weights / weights[:, -1:]
 
     def cumulative(self, tau: float, top: int) -> np.ndarray:
         """P(x_min <= s <= k) for k = x_min .. top."""

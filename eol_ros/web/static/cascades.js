@@ -39,7 +39,8 @@ export class CascadeView {
 
   lawWords() {
     if (!this.law) return '';
-    const { b, error, from, count, fitted, fewest } = this.law;
+    const { b, error, from, count, fitted, fewest, rejected, ks, p } = this.law;
+    if (rejected) return say('law_rejected', { ks: ks.toFixed(2), p: p.toPrecision(1), count });
     if (b === undefined) return say(fitted < fewest ? 'law_few' : 'law_none', { count: fitted, fewest });
     return say('law_words', { b: b.toFixed(2), error: error.toFixed(2), from, count });
   }

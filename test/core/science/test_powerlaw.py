@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import math
+import re
 
 import numpy as np
 import pytest
@@ -96,16 +97,50 @@ def test_dependent_events_get_a_wider_error():
     clumped = np.repeat(np.sort(draws).reshape(100, 50)[rng(6).permutation(100)].ravel(), 4)
     alone, together = (fit(histogram(n), 1, 400) for n in (draws, clumped))
 
-    assert powerlaw.block_error(draws, alone, rng()) == pytest.approx(alone.error, rel=0.4)
-    assert powerlaw.block_error(clumped, together, rng(), blocks=25) > 3 * together.error
+    assert powerlaw.goodness(draws, [alone], rng()).error == pytest.approx(alone.error, rel=0.4)
+    assert powerlaw.goodness(clumped, [together], rng(), 25).error > 3 * together.error
 
 
-def test_p_value_tells_a_law_from_another():
-    law = fit(histogram(sample(1.8, 1, 200, 2000, rng(8))), 1, 200)
-    other = fit(histogram(rng(8).geometric(0.1, 2000).clip(1, 200)), 1, 200)
+@pytest.mark.slow
+def test_true_laws_are_seldom_rejected_also_where_events_hang_together():
+    """Nominal 5 %; for independent events, and for those that come in runs of four on average."""
+    alone = [sample(1.6, 1, 25, 1000, rng(k)) for k in range(40)]
+    runs = [np.repeat(n, rng(k).geometric(0.25, 1000))[:1000] for k, n in enumerate(alone)]
 
-    assert powerlaw.p_value(law, rng(), 50) > 0.05
-    assert powerlaw.p_value(other, rng(), 50) == 0
+    assert sum(powerlaw.cascade_law(n).rejected for n in alone) <= 5
+    assert sum(powerlaw.cascade_law(n).rejected for n in runs) <= 8
+    # For independent events only, as the rule was before, most of the runs would be rejected.
+    fits = [powerlaw.candidates(histogram(n), 25) for n in runs]
+    naive = [
+        powerlaw.goodness(rng(1).permutation(n), f, rng(), repeats=100).p_value
+        for n, f in zip(runs, fits, strict=True)
+    ]
+    assert sum(p < powerlaw.REJECTED for p in naive) >= 16
+
+
+def test_other_laws_are_rejected():
+    geometric = np.minimum(rng(1).geometric(0.2, 1000), 25)
+    bump = sample(1.6, 1, 25, 1000, rng(2))
+    bump[rng(3).random(1000) < 0.08] = 25  # cascades of all blocks, as under a plate
+
+    for numbers in (geometric, bump):
+        found = powerlaw.cascade_law(numbers)
+        assert found.rejected and found.p_value < 0.01
+        assert found.sentence.startswith(f'not a power law: KS {found.fit.ks:.2f}, n ')
+
+
+def test_the_sentence_of_a_law_has_range_error_test_and_sensitivity():
+    found = powerlaw.cascade_law(sample(1.6, 1, 25, 1000, rng(1)))
+
+    assert not found.rejected
+    assert re.match(
+        r'a power law is not ruled out: b = 0\.\d\d \+- 0\.\d\d for areas 1 to 25, 1\.4 decades '
+        r'\(KS 0\.01, n 1000, p 0\.\d+\); with other lower ends b is 0\.\d\d to 0\.\d\d',
+        found.sentence,
+    )
+    assert [f.x_min for f in found.others] == [1, 2, 3, 4, 5, 6]
+    with pytest.raises(FitError, match='18 cascades: no fit below 200'):
+        powerlaw.cascade_law(np.ones(18, int))
 
 
 def test_exceedance():

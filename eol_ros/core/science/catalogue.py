@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What seismologists ask of a catalogue: completeness, b-value, waiting times, Omori's law.
+
+A magnitude here is log10 of a cascade's potency, the sum of the distances its blocks slipped; so b
+is the exponent of the cumulative law of the potency itself, N(>= M) ~ 10^(-b M), without the factor
+2/3 of the moment magnitude.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize, special
+
+from eol_ros.core.science.powerlaw import BLOCKS, FEWEST_CASCADES, REJECTED, FitError
+
+BIN = 0.1  # of magnitude, in which completeness is looked for
+CORRECTION = 0.2  # added to the greatest bin (Woessner and Wiemer, BSSA 95 (2005) 684)
+FEWEST = 50
+BETTER = 6.0  # of AIC, by which Omori's law must be better than a constant rate
+
+
+@dataclass(frozen=True)
+class MagnitudeLaw:
+    """The law of magnitudes above completeness.
+
+    b_value: of greatest likelihood (Aki 1965). b_positive: from positive differences of successive
+    magnitudes, which cascades that go unseen after great ones do not bias (van der Elst, J.
+    Geophys. Res. 126 (2021) e2020JB021027). p_value: how often an exponential law lies as far off.
+    """
+
+    completeness: float
+    count: int
+    b_value: float
+    b_error: float
+    b_positive: float
+    b_positive_error: float
+    positive: int
+    ks: float
+    p_value: float
+
+    @property
+    def sentence(self) -> str:
+        """The verdict for people."""
+        test = f'KS {self.ks:.2f}, n {self.count}, p {self.p_value:.2g}'
+        both = (
+            f'b = {self.b_value:.2f} +- {self.b_error:.2f} of greatest likelihood, '
+            f'{self.b_positive:.2f} +- {self.b_positive_error:.2f} b-positive'
+        )
+        above = f'above completeness (M {self.completeness:.2f})'
+        if self.p_value < REJECTED:
+            return f'potency: no Gutenberg-Richter law {above}: {test} ({both})'
+        return f'potency: a Gutenberg-Richter law {above} is not ruled out: {both} ({test})'
+
+
+def completeness(magnitudes: np.ndarray) -> float:
+    """Return the magnitude from which on all are there: greatest bin of 0.1, and 0.2 above it."""
+    lowest = math.floor(magnitudes.min() / BIN)
+    counts = np.bincount((np.floor(magnitudes / BIN) - lowest).astype(int))
+    return float((lowest + np.argmax(counts) + 0.5) * BIN + CORRECTION)
+
+
+def b_value(magnitudes: np.ndarray, least: float) -> float:
+    """Return b of greatest likelihood of magnitudes from `least` on (Aki 1965), without binning."""
+    above = magnitudes[magnitudes >= least] - least
+    return float(math.log10(math.e) / above.mean()) if len(above) and above.mean() > 0 else math.nan
+
+
+def b_positive(magnitudes: np.ndarray, least: float = BIN) -> float:
+    """Return b of the differences of successive magnitudes that are at least `least` > 0."""
+    return b_value(np.diff(magnitudes), least)
+
+
+def magnitude_law(
+    magnitudes: np.ndarray, rng: np.random.Generator, blocks: int = BLOCKS, repeats: int = 400
+) -> MagnitudeLaw:
+    """Return the law of `magnitudes`, (n,) in order of time.
+
+    Errors and p-value are of blocks drawn again, as `powerlaw.goodness` does. Raises FitError with
+    fewer than 200, or 50 above completeness.
+    """
+    magnitudes = np.asarray(magnitudes, float)
+    magnitudes = magnitudes[np.isfinite(magnitudes)]
+    if len(magnitudes) < FEWEST_CASCADES:
+        raise FitError(f'{len(magnitudes)} magnitudes: no fit below {FEWEST_CASCADES}')
+    least = completeness(magnitudes)
+    above = magnitudes >= least
+    count = int(above.sum())
+    if count < FEWEST:
+        raise FitError(f'{count} magnitudes above completeness (M {least:.2f}): {FEWEST} needed')
+    found, positive = b_value(magnitudes, least), b_positive(magnitudes)
+    grid = np.sort(magnitudes[above])
+    rate = found * math.log(10)
+    own = np.arange(1, count + 1) / count
+    law = 1 - np.exp(-rate * (grid - least))
+    ks = float(max(np.abs(own - law).max(), np.abs(own - 1 / count - law).max()))
+    blocks = min(blocks, len(magnitudes) // 10)
+    length = len(magnitudes) // blocks
+    whole = magnitudes[: blocks * length].reshape(blocks, length)
+    bs, positives, worse = [], [], 0
+    for _ in range(repeats):
+        drawn = whole[rng.integers(0, blocks, blocks)]
+        kept = np.sort(drawn[drawn >= least])
+        if not len(kept):
+            continue
+        bs.append(b_value(kept, least))
+        steps = np.diff(drawn, axis=1)  # within the blocks only
+        positives.append(b_value(steps, BIN))
+        share = np.searchsorted(kept, grid, side='right') / len(kept)
+        other = 1 - np.exp(-bs[-1] * math.log(10) * (grid - least))
+        worse += bool(np.abs(share - own - (other - law)).max() >= ks)
+    return MagnitudeLaw(
+        least, count, found, float(np.std(bs, ddof=1)), positive,
+        float(np.nanstd(positives, ddof=1)), int((np.diff(magnitudes) >= BIN).sum()),
+        ks, (worse + 1) / (len(bs) + 1),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """Times between onsets. variation: standard deviation over mean, 1 for events by chance."""
+
+    mean_s: float
+    variation: float
+    gamma_shape: float
+    p_value: float
+    count: int
+
+    @property
+    def sentence(self) -> str:
+        """The verdict for people."""
+        if self.p_value >= REJECTED:
+            words = 'as by chance (Poisson not rejected'
+        elif self.gamma_shape < 1:
+            words = 'in clusters (Poisson rejected'
+        else:
+            words = 'more evenly than by chance (Poisson rejected'
+        return (
+            f'waiting times: mean {self.mean_s:.3g} s, {words}, p {self.p_value:.2g}): variation '
+            f'{self.variation:.2f}, shape {self.gamma_shape:.2f} of a gamma law, n {self.count}'
+        )
+
+
+def waiting(onsets_s: np.ndarray, rng: np.random.Generator, repeats: int = 200) -> Waiting:
+    """Return the law of the times between `onsets_s`; the test is that of Lilliefors.
+
+    Raises FitError with fewer than 50.
+    """
+    gaps = np.diff(np.sort(onsets_s))
+    gaps = gaps[gaps > 0]
+    if len(gaps) < FEWEST:
+        raise FitError(f'{len(gaps)} waiting times: no law below {FEWEST}')
+
+    def distance(values: np.ndarray) -> float:
+        chance = 1 - np.exp(-np.sort(values) / values.mean())
+        steps = np.arange(len(values) + 1) / len(values)
+        return float(max((steps[1:] - chance).max(), (chance - steps[:-1]).max()))
+
+    found = distance(gaps)
+    worse = sum(distance(rng.exponential(size=len(gaps))) >= found for _ in range(repeats))
+    mean = float(gaps.mean())
+    spread = math.log(mean) - float(np.log(gaps).mean())
+    shape = (
+        float(optimize.brentq(lambda k: math.log(k) - special.digamma(k) - spread, 1e-3, 1e6))
+        if spread > 1e-6
+        else math.inf
+    )
+    return Waiting(mean, float(gaps.std() / mean), shape, (worse + 1) / (repeats + 1), len(gaps))
+
+
+@dataclass(frozen=True)
+class Omori:
+    """Rate after great cascades, background + K / (t + c)^p, against a constant one.
+
+    better: AIC of the constant rate less that of Omori's. per_main: aftershocks above the
+    background for each great cascade.
+    """
+
+    p: float
+    p_error: float
+    c_s: float
+    background_hz: float
+    per_main: float
+    mains: int
+    events: int
+    least: float
+    better: float
+
+    @property
+    def sentence(self) -> str:
+        """The verdict for people."""
+        of = f'n {self.events} after {self.mains} cascades of area {self.least:g} and more'
+        if self.better < BETTER:
+            return (
+                f'aftershocks: no decay of the rate ({of}); a constant rate does as well '
+                f'(Omori better by {self.better:.1f} of AIC, {BETTER:g} needed)'
+            )
+        return (
+            f'aftershocks: the rate decays with p = {self.p:.2f} +- {self.p_error:.2f} '
+            f'(Omori, c {self.c_s:.2g} s; {of}), {self.per_main:.1f} each above the background; '
+            f'better than a constant rate by {self.better:.0f} of AIC'
+        )
+
+
+def omori(onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int = 10) -> Omori:
+    """Return Omori's law after the greatest cascades, a tenth of all or `mains` at most, stacked.
+
+    Each is followed up to the next great one (or `end_s`); a Poisson process of the common rate is
+    fitted by its likelihood (Ogata, J. Phys. Earth 31 (1983) 115). Raises FitError where there are
+    too few.
+    """
+    order = np.argsort(onsets_s, kind='stable')
+    onsets_s, sizes = np.asarray(onsets_s, float)[order], np.asarray(sizes)[order]
+    if len(sizes) < FEWEST_CASCADES:
+        raise FitError(f'{len(sizes)} cascades: no aftershocks below {FEWEST_CASCADES}')
+    values, counts = np.unique(sizes, return_counts=True)
+    few = values[counts[::-1].cumsum()[::-1] <= max(mains, len(sizes) // 10)]
+    if not len(few):
+        raise FitError('most cascades are of the greatest size: none is a mainshock')
+    least = float(few[0])
+    great = np.flatnonzero(sizes >= least)
+    until = np.r_[onsets_s[great[1:]], end_s]
+    length = until - onsets_s[great]
+    times = np.concatenate([
+        onsets_s[a + 1 : b] - onsets_s[a] for a, b in zip(great, np.r_[great[1:], len(sizes)])
+    ])  # fmt: skip
+    length, times = length[length > 0], times[times > 0]
+    if len(times) < FEWEST:
+        raise FitError(f'{len(times)} cascades after great ones: no law below {FEWEST}')
+    total = float(length.sum())
+    constant = len(times) * math.log(len(times) / total) - len(times)
+    middle = float(np.median(times))
+
+    def loss(values: np.ndarray) -> float:
+        background, height, c, p = np.exp(values[0]), values[1], np.exp(values[2]), values[3]
+        # `height` is the log of the rate at t = 0, which is known better than K
+        fall = np.exp(height - p * np.log1p(times / c))
+        expected = background * total + float(_integral(length, np.exp(height), c, p).sum())
+        return expected - float(np.log(background + fall).sum())
+
+    rate = math.log(len(times) / total)
+    shortest = max(float(times.min()), 1e-6)
+    best = min(
+        (
+            optimize.minimize(
+                loss, [rate - 1, rate + up, math.log(c), p], method='L-BFGS-B',
+                bounds=[(rate - 12, rate + 2), (rate - 12, rate + 12),
+                        (math.log(shortest / 10), math.log(10 * middle)), (0.1, 4.0)],
+            )
+            for up in (0.0, 2.0)
+            for c in (middle / 10, middle)
+            for p in (0.8, 1.5)
+        ),
+        key=lambda found: found.fun,
+    )  # fmt: skip
+    background, height, c, p = best.x
+    more = float(_integral(length, math.exp(height), math.exp(c), p).sum())
+    return Omori(
+        float(p), _curvature_error(loss, best.x, 3), math.exp(c), math.exp(background),
+        more / len(length), len(length), len(times), least,
+        float(2 * (-constant - best.fun)) - 6.0,
+    )  # fmt: skip
+
+
+def _integral(length: np.ndarray, height: float, c: float, p: float) -> np.ndarray:
+    """Integral of height (1 + t / c)^-p from 0 to each length."""
+    x = np.log1p(length / c)
+    if abs(p - 1) < 1e-9:
+        return height * c * x
+    return height * c * np.expm1((1 - p) * x) / (1 - p)
+
+
+def _curvature_error(loss, at: np.ndarray, which: int) -> float:
+    """Standard error of one value from the curvature of the whole; nan at the edge of a bound."""
+    n = len(at)
+    step = 1e-3
+    hessian = np.zeros((n, n))
+    unit = np.eye(n) * step
+    for i in range(n):
+        for j in range(n):
+            hessian[i, j] = (
+                loss(at + unit[i] + unit[j]) - loss(at + unit[i] - unit[j])
+                - loss(at - unit[i] + unit[j]) + loss(at - unit[i] - unit[j])
+            ) / (4 * step**2)  # fmt: skip
+    try:
+        variance = np.linalg.inv(hessian)[which, which]
+    except np.linalg.LinAlgError:
+        return math.nan
+    return float(math.sqrt(variance)) if variance > 0 else math.nan
