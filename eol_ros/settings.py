@@ -344,7 +344,7 @@ class RecorderSettings:
     )
     before_s: float = setting(0.25, 'pictures kept before a slip, 60 MB a second', 's', 0, 5)
     after_s: float = setting(0.25, 'pictures kept after a slip', 's', 0, 60)
-    images_max_gb: float = setting(20.0, 'raw pictures in a run; no more after that', 'GB', 0)
+    images_max_gb: float = setting(20.0, 'raw pictures a day; no more after that', 'GB', 0)
     display_period_s: float = setting(
         1.0, 'one preview and one sound meter per so long; 0 keeps all', 's', 0, 60
     )
@@ -354,6 +354,16 @@ class RecorderSettings:
         1.0, 'seconds that a power cut can cost (fdatasync); 0: what the system has not written',
         's', 0, 60,
     )  # fmt: skip
+    keep_days: float = setting(
+        0.0, 'bags older than this are removed, but for marked ones; 0: never', 'days', 0
+    )
+    keep_gb: float = setting(
+        0.0,
+        'with more than this of bags, sound files and logs, raw pictures are removed, then the '
+        'oldest; 0: never',
+        'GB',
+        0,
+    )
     min_free_gb: float = setting(2.0, 'recording stops when the disk has less free', 'GB', 0)
 
 

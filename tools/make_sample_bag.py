@@ -23,6 +23,7 @@ from eol_ros import folders
 from eol_ros.devices.bag.mcap_file import BagFile
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.recover import rewrite_metadata
+from eol_ros.devices.bag.retention import KEPT
 from eol_ros.devices.bag.writer import GAPS_METADATA, RUN_METADATA, SAMPLE
 from eol_ros.errors import EolError
 
@@ -69,6 +70,7 @@ def pack(bag: BagReader, folder: Path) -> Path:
     file.add_metadata(GAPS_METADATA, bag.gaps)
     file.close()
     rewrite_metadata(folder)
+    (folder / KEPT).write_text('Ships with the project: never removed by the recorder.\n')
     return file.path
 
 

@@ -162,7 +162,8 @@ class RecorderNode(EolNode):
         elif dropped and time.monotonic() - self._dropped_s < DROPS_TOLD_S:
             health.warn(f'{recording.drop_cause}: {dropped} messages dropped')
         elif recording.image_budget_spent:
-            health.ok(f'recording without pictures: {self.settings.images_max_gb:g} GB are full')
+            limit = self.settings.images_max_gb
+            health.ok(f'recording without pictures: the {limit:g} GB of today are full')
         else:
             health.ok(f'recording into {recording.folder}')
 

@@ -6,7 +6,7 @@ import sys
 import warnings
 from pathlib import Path
 
-from eol_ros.errors import BagDamaged, UsageError
+from eol_ros.errors import BagDamaged, ConfigError, UsageError
 
 HELP = 'Look at bags, prove them, repair them, cut and merge them. No ROS needed.'
 EXAMPLES = [
@@ -16,6 +16,7 @@ EXAMPLES = [
     'eol bag recover run_0.mcap --output whole.mcap',
     'eol bag cut bags --start 60 --end 90 --topics blocks,slips --output a-minute.mcap',
     'eol bag merge monday tuesday --output both',
+    'eol bag keep bags/museum_2026-11-21_10-00-00',
 ]
 ALIASES = {'verify': ['doctor'], 'cut': ['filter']}  # as the program `mcap` calls them
 
@@ -53,6 +54,9 @@ def add_arguments(parser):
     merge = command('merge', 'Write several bags as one, in order of reception.')
     merge.add_argument('bags', nargs='+', metavar='BAG', help=source)
     merge.add_argument('-o', '--output', metavar='OUT', required=True, help=out)
+    keep = command('keep', 'Mark a bag: the recorder never removes it (recorder.keep_gb).')
+    keep.add_argument('bag', help='bag folder, or a folder of bags: its newest run')
+    keep.add_argument('--off', action='store_true', help='take the mark away')
 
 
 def run(args):
@@ -168,6 +172,21 @@ def _merge(args) -> int:
     return max(_tell(bag) for bag in bags)
 
 
+def _keep(args) -> int:
+    from eol_ros.devices.bag.reader import BagReader
+    from eol_ros.devices.bag.retention import mark
+
+    path = BagReader(args.bag).path
+    if not path.is_dir():
+        raise UsageError(f'{path}: is a file; the folder of a bag is marked')
+    try:
+        mark(path, not args.off)
+    except OSError as error:
+        raise ConfigError(f'{path}: {error.strerror}') from None
+    print(f'{path}: {"not marked any more" if args.off else "kept"}', file=sys.stderr)
+    return 0
+
+
 def _tell(bag) -> int:
     """Say on stderr what could not be read; return the exit code."""
     for line in [*bag.cut_short, *bag.damage]:
@@ -175,4 +194,7 @@ def _tell(bag) -> int:
     return 1 if bag.damage else 0
 
 
-COMMANDS = {'info': _info, 'verify': _verify, 'recover': _recover, 'cut': _cut, 'merge': _merge}
+COMMANDS = {
+    'info': _info, 'verify': _verify, 'recover': _recover, 'cut': _cut, 'merge': _merge,
+    'keep': _keep,
+}  # fmt: skip

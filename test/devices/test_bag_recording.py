@@ -172,6 +172,46 @@ def test_pictures_end_at_their_budget_and_the_rest_goes_on(tmp_path):
     assert BagReader(recording.folder).counts == {'/eol/text': 10, '/eol/point': 30}
 
 
+def test_the_budget_of_pictures_is_one_of_the_day_not_of_the_run(tmp_path):
+    picture = text('x' * 1000)
+    settings = RecorderSettings(
+        images='all', images_max_gb=10.5 * len(picture) / 1e9, min_free_gb=0.0
+    )
+    day = ['2026-11-21']
+
+    def run():
+        recording = start(
+            tmp_path, settings, images='/eol/text', threaded=False, today=lambda: day[0]
+        )
+        for i in range(6):
+            recording.take(Item('/eol/text', picture, T0 + i, T0, i))
+        recording.close()
+        return recording
+
+    assert [run().message_count for _ in range(3)] == [6, 4, 0]
+    day[0] = '2026-11-22'
+    last = run()
+    assert last.message_count == 6 and not last.image_budget_spent
+
+
+def test_what_is_too_old_goes_while_the_recorder_runs(tmp_path, monkeypatch):
+    monkeypatch.setenv('EOL_STATE', str(tmp_path / 'state'))
+    write_bag(tmp_path / 'old').close()
+    write_bag(tmp_path / 'marked').close()
+    (tmp_path / 'marked' / 'kept.txt').touch()
+    write_bag(tmp_path / 'yesterday').close()
+    for name, days in (('old', 9), ('marked', 9), ('yesterday', 1)):
+        then = time.time() - days * 86400
+        os.utime(tmp_path / name / f'{name}_0.mcap', (then, then))
+    settings = RecorderSettings(images='all', min_free_gb=0.0, keep_days=2.0)
+    recording = start(tmp_path, settings)
+    eventually(lambda: recording.repaired)
+    assert recording.repaired == ['old: removed: older than 2 days']
+    recording.close()
+    left = {p.name for p in tmp_path.iterdir() if p.is_dir() and p.name != 'state'}
+    assert left == {'marked', 'yesterday', recording.folder.name}
+
+
 def test_recording_stops_before_the_disk_is_full_and_goes_on_when_there_is_room(
     tmp_path, monkeypatch
 ):

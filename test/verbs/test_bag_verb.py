@@ -138,3 +138,13 @@ def test_what_cannot_be_one_bag_is_refused(tmp_path, capsys):
     words = ['bag', 'merge', str(tmp_path / 'a'), str(tmp_path / 'b'), '-o', str(tmp_path / 'c')]
     assert cli.main(words) == 78
     assert 'cannot be one bag' in capsys.readouterr().err
+
+
+def test_keep_marks_a_bag_and_takes_the_mark_away(tmp_path):
+    write_bag(tmp_path / 'run').close()
+    assert cli.main(['bag', 'keep', str(tmp_path / 'run')]) == 0
+    assert (tmp_path / 'run' / 'kept.txt').exists()
+    assert cli.main(['bag', 'verify', str(tmp_path / 'run')]) == 0
+    assert cli.main(['bag', 'keep', str(tmp_path / 'run'), '--off']) == 0
+    assert not (tmp_path / 'run' / 'kept.txt').exists()
+    assert cli.main(['bag', 'keep', str(tmp_path / 'run' / 'run_0.mcap')]) == 2

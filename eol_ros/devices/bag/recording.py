@@ -3,8 +3,8 @@
 
 Whoever hands messages over never waits. When disk or processor is too slow the queue fills: first
 pictures are stored uncompressed, then pictures are dropped, at last anything; all is counted. When
-the disk is full or gone, recording pauses, says so, and begins a new bag when it can. Nothing is
-ever deleted.
+the disk is full or gone, recording pauses, says so, and begins a new bag when it can.
+What is deleted, if anything, `retention` says.
 """
 
 import atexit
@@ -23,8 +23,8 @@ from pathlib import Path
 
 from eol_ros.devices.bag.backlog import Backlog, Waiting
 from eol_ros.devices.bag.disk import DISK, Disk
+from eol_ros.devices.bag.housekeeping import Housekeeper
 from eol_ros.devices.bag.mcap_file import BagTopic
-from eol_ros.devices.bag.recover import Breather, NoRoom, Repaired, Stopped, repair_all
 from eol_ros.devices.bag.selection import (
     AroundSlips,
     Dropped,
@@ -42,7 +42,7 @@ from eol_ros.streams.cdr import stamp_ns
 
 FLUSH_S = 1.0
 RETRY_S = 10.0
-REPAIR_RETRY_S = 60.0
+BUDGET = '.pictures-of-today.json'  # beside the bags
 QUEUE_BYTES = 64 << 20
 SLOW = 'disk or processor too slow'
 HURRY_BYTES = QUEUE_BYTES // 4  # with more than this waiting, pictures are not compressed
@@ -74,6 +74,7 @@ class Recording:
         clock: Callable[[], float] = time.monotonic,
         disk: Disk = DISK,
         threaded: bool = True,
+        today: Callable[[], str] = lambda: time.strftime('%Y-%m-%d'),
     ):
         self.root = root
         self.sync_s = 0.0  # how long the disk took when it was last told to keep what it has
@@ -83,8 +84,10 @@ class Recording:
         self.transport_lost: Counter[str] = Counter()  # as DDS tells it, per topic
         self.time_jump_s = 0.0  # by which the system clock was set where this bag ends
         self.repaired: list[str] = []
-        self.image_bytes = 0
+        self.image_bytes = 0  # of raw pictures, today
         self._budget_spent = False
+        self._told_bytes = 0
+        self._today, self._day = today, today()
         self._name = re.sub(r'[^\w+-]+', '-', name) or 'run'
         self._topics, self._about, self._settings = tuple(topics), dict(about), settings
         self._images, self._rhythm = images, {topic: StampGaps(rate_hz) for topic in rhythm}
@@ -102,14 +105,18 @@ class Recording:
         self._clock, self._disk, self._threaded = clock, disk, threaded
         self._next_flush = self._next_try = self._synced_s = clock()
         self._unsaved_s: float | None = None  # since when the oldest message is not on the disk
+        self._read_budget()
         self._open()
         if not threaded:
             return
         self._thread = threading.Thread(target=self._run, name='bag-writer', daemon=True)
         atexit.register(self.close)  # whoever forgets to close still gets a whole bag
         self._thread.start()
-        self._repairer = threading.Thread(target=self._repair, name='bag-repair', daemon=True)
-        self._repairer.start()
+        self._housekeeper = Housekeeper(
+            root, settings, images, self._kept, self._stop,
+            lambda: self.folder, self.repaired.append,
+        )  # fmt: skip
+        self._housekeeper.start()
 
     def take(self, item: Item) -> None:
         """Hand over a message; never waits."""
@@ -138,7 +145,7 @@ class Recording:
         self._stop.set()
         if self._threaded:
             self._thread.join()
-            self._repairer.join()
+            self._housekeeper.join()
         elif first:
             self.pump()
             self._finish()
@@ -177,7 +184,7 @@ class Recording:
 
     @property
     def image_budget_spent(self) -> bool:
-        """Whether `images_max_gb` of raw pictures are kept, and no more will be."""
+        """Whether `images_max_gb` of raw pictures were kept today, and no more will be."""
         return self._budget_spent
 
     def gaps(self) -> dict[str, str]:
@@ -228,6 +235,7 @@ class Recording:
             return
         self._next_flush = now + FLUSH_S
         self._kept.set()
+        self._keep_budget()
         if self._writer:
             self._guarded(self._writer.flush)
             self._check_space()
@@ -378,39 +386,30 @@ class Recording:
         except EolError as error:
             self.trouble = str(error)
 
+    def _read_budget(self) -> None:
+        """Go on from the pictures that earlier runs of today have kept."""
+        with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
+            kept = json.loads((self.root / BUDGET).read_text(encoding='utf-8'))
+            if kept['day'] == self._day:
+                self.image_bytes = self._told_bytes = int(kept['bytes'])
+
+    def _keep_budget(self) -> None:
+        """Begin anew with a new day, and note what was kept, for a run after this one."""
+        day = self._today()
+        if day != self._day:
+            self._day, self.image_bytes, self._budget_spent = day, 0, False
+        if self._told_bytes != self.image_bytes:
+            self._told_bytes = self.image_bytes
+            with contextlib.suppress(OSError):
+                part = self.root / f'{BUDGET}.tmp'
+                part.write_text(json.dumps({'day': day, 'bytes': self.image_bytes}))
+                part.replace(self.root / BUDGET)
+
     def _finish(self) -> None:
+        self._keep_budget()
         if self._writer:
             self._writer.gaps = self.gaps()
             self._guarded(self._writer.close)
-
-    def _repair(self) -> None:
-        """Make earlier bags whole, at leisure, once this one is being written."""
-        with contextlib.suppress(OSError, AttributeError):  # Linux only: of this thread alone
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
-        while not self._kept.wait(0.1):
-            if self._stop.is_set():
-                return
-        breathe, told = Breather(self._stop), False
-        while not self._stop.is_set():
-            try:
-                for done in repair_all(self.root, breathe, self._settings.min_free_gb):
-                    self.repaired.append(_told(done))
-                return
-            except NoRoom as error:
-                if not told:
-                    self.repaired.append(str(error))
-                told = True
-                self._stop.wait(REPAIR_RETRY_S)
-            except Stopped:
-                return
-            except (OSError, EolError) as error:
-                self.repaired.append(f'repair of an earlier bag failed: {error}')
-                return
-
-
-def _told(done: Repaired) -> str:
-    damage = f', damaged at {"; at ".join(done.damage)}' if done.damage else ''
-    return f'{done.part.name}: {done.message_count} messages saved{damage}'
 
 
 def _may_make(root: Path) -> bool:

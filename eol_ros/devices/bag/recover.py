@@ -80,6 +80,10 @@ class Breather:
     def __init__(self, stop: threading.Event, clock: Callable[[], float] = time.monotonic):
         self._stop, self._clock, self._since = stop, clock, clock()
 
+    def begin(self) -> None:
+        """Begin to work: what has passed before was no work."""
+        self._since = self._clock()
+
     def __call__(self) -> None:
         """Rest in proportion to the work since the last rest; raise Stopped when told so."""
         worked_s = self._clock() - self._since
@@ -95,7 +99,7 @@ def leftovers(root: Path) -> list[Path]:
     """
     found = {*root.glob(f'*.mcap{PART}'), *root.glob(f'*/*.mcap{PART}')}
     found |= {p.with_suffix(PART) for p in root.glob(f'*/*.mcap{STATE}')}
-    return [path for path in sorted(found) if not _in_use(path)]
+    return [path for path in sorted(found) if not in_use(path)]
 
 
 def repair(
@@ -425,7 +429,8 @@ def _save(out: BinaryIO, progress: _Progress, state: Path) -> None:
     DISK.write_text(state, json.dumps(asdict(progress)))
 
 
-def _in_use(part: Path) -> bool:
+def in_use(part: Path) -> bool:
+    """Return whether somebody writes the file, or repairs it."""
     if not part.exists():
         return False
     with open(part, 'rb') as file:

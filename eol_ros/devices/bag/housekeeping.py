@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the recorder does beside recording: repairs earlier bags, and removes what is too much."""
+
+import contextlib
+import os
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from eol_ros.devices.bag.recover import Breather, NoRoom, Repaired, Stopped, repair_all
+from eol_ros.devices.bag.retention import MARGIN_BYTES, Folder, Limits, enforce
+from eol_ros.errors import EolError
+from eol_ros.settings import RecorderSettings
+
+ROUND_S = 60.0
+GB = 1e9
+
+
+class Housekeeper(threading.Thread):
+    """Goes round in `root` once a minute, at lowest priority, from when `begin` is set to `stop`.
+
+    `writing` returns the bag in the making, `say` takes what was done, in words.
+    """
+
+    def __init__(
+        self,
+        root: Path,
+        settings: RecorderSettings,
+        images: str,
+        begin: threading.Event,
+        stop: threading.Event,
+        writing: Callable[[], Path | None],
+        say: Callable[[str], object],
+    ):
+        super().__init__(name='bag-housekeeper', daemon=True)
+        self._root, self._settings, self._say = root, settings, say
+        self._begin, self._stopped = begin, stop
+        self._breathe = Breather(stop)
+        self._folder = Folder(root, images, writing, self._breathe)
+        self._told = ''
+
+    def run(self) -> None:
+        """Go round until told to stop."""
+        with contextlib.suppress(OSError, AttributeError):  # Linux only: of this thread alone
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
+        while not self._begin.wait(0.1):
+            if self._stopped.is_set():
+                return
+        with contextlib.suppress(Stopped):
+            while not self._stopped.is_set():
+                self._round(self._repair)
+                self._round(self._retain)
+                self._stopped.wait(ROUND_S)
+
+    def _round(self, work: Callable[[], None]) -> None:
+        self._breathe.begin()
+        try:
+            work()
+        except (OSError, EolError) as error:
+            kind = 'waits' if isinstance(error, NoRoom) else 'failed'
+            if kind != self._told:  # once, not every minute
+                self._say(f'care for earlier bags {kind}: {error}')
+            self._told = kind
+
+    def _repair(self) -> None:
+        for done in repair_all(self._root, self._breathe, self._settings.min_free_gb):
+            self._say(_told(done))
+
+    def _retain(self) -> None:
+        s = self._settings
+        if s.keep_days or s.keep_gb:
+            limits = Limits(s.keep_days, s.keep_gb * GB, s.min_free_gb * GB + MARGIN_BYTES)
+            for line in enforce(self._folder, limits, time.time()):
+                self._say(line)
+                self._breathe()
+
+
+def _told(done: Repaired) -> str:
+    damage = f', damaged at {"; at ".join(done.damage)}' if done.damage else ''
+    return f'{done.part.name}: {done.message_count} messages saved{damage}'

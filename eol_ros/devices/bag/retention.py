@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What of the recordings goes when there are too many: raw pictures first, then the oldest.
+
+Recordings of the last 30 days on which there were any stay, whatever the clock says: one that was
+set to another century must not empty the disk. Marked bags (`eol bag keep`) and what is being
+written stay, too. The sound files beside the bags and the logs share the same room.
+"""
+
+import contextlib
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from eol_ros import folders
+from eol_ros.devices.bag.mcap_file import BagFile
+from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.recover import STATE, in_use, rewrite_metadata
+from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA
+from eol_ros.errors import EolError
+
+KEPT = 'kept.txt'  # in a bag folder: nobody but its owner removes it
+THIN = '.thin'  # a file without its pictures, in the making
+PICTURES_REMOVED = 'pictures_removed'  # in GAPS_METADATA
+PROTECTED_DAYS = 30
+MARGIN_BYTES = 5e9  # above min_free_gb: a minute of pictures
+DAY_S = 86400.0
+
+
+@dataclass(frozen=True)
+class Stored:
+    """One bag, or one sound file or log: bytes, and when it was changed last (s since 1970).
+
+    `stays`: it is marked, or being written.
+    """
+
+    path: Path
+    size: int
+    changed_s: float
+    bag: bool
+    stays: bool
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How much is kept; 0 days or bytes mean any. `free` is what the disk must have left."""
+
+    days: float
+    size: float
+    free: float
+
+
+class Store(Protocol):
+    """Where recordings lie; all but `stored` may raise OSError."""
+
+    def stored(self) -> list[Stored]:
+        """Return all that there is."""
+
+    def free(self) -> float:
+        """Return the bytes that the disk has left."""
+
+    def has_pictures(self, stored: Stored) -> bool:
+        """Return whether a bag has raw pictures that can be removed."""
+
+    def remove_pictures(self, stored: Stored) -> None:
+        """Remove the raw pictures of a bag, and nothing else."""
+
+    def remove(self, stored: Stored) -> None:
+        """Remove all of it."""
+
+
+def enforce(store: Store, limits: Limits, now_s: float) -> Iterator[str]:
+    """Remove what is too old or too much, piece by piece; yield what was done, in words."""
+    stored = sorted(store.stored(), key=lambda s: s.changed_s)
+    safe = _first_protected_day(stored, limits)
+    loose = [s for s in stored if not s.stays]
+    left = []
+    for each in loose:
+        expired = limits.days and now_s - each.changed_s > limits.days * DAY_S
+        if expired and _day(each) < safe:
+            yield from _done(store.remove, each, f'removed: older than {limits.days:g} days')
+        else:
+            left.append(each)
+    if not _too_much(store, limits):
+        return
+    for each in left:
+        if each.bag and store.has_pictures(each):
+            yield from _done(store.remove_pictures, each, 'raw pictures removed, for want of room')
+            if not _too_much(store, limits):
+                return
+    old = [s for s in left if _day(s) < safe]
+    others = [s for s in left if not s.bag and _day(s) >= safe]
+    for each in (*old, *others):
+        yield from _done(store.remove, each, 'removed, for want of room')
+        if not _too_much(store, limits):
+            return
+
+
+def _done(action: Callable[[Stored], None], stored: Stored, words: str) -> Iterator[str]:
+    try:
+        action(stored)
+    except OSError as error:
+        words = f'could not be {words}: {error}'
+    yield f'{stored.path.name}: {words}'
+
+
+def _first_protected_day(stored: Sequence[Stored], limits: Limits) -> tuple[int, ...]:
+    count = min(PROTECTED_DAYS, limits.days or PROTECTED_DAYS)
+    days = sorted({_day(s) for s in stored if s.bag}, reverse=True)[: max(1, round(count))]
+    return days[-1] if days else ()
+
+
+def _day(stored: Stored) -> tuple[int, ...]:
+    return time.localtime(stored.changed_s)[:3]
+
+
+def _too_much(store: Store, limits: Limits) -> bool:
+    total = sum(s.size for s in store.stored())
+    return bool(limits.size and total > limits.size) or store.free() < limits.free
+
+
+class Folder:
+    """The bags in `root`, with the sound files beside them and the logs of this machine.
+
+    `writing` returns the bag in the making. `breathe` is called while a bag is being copied.
+    """
+
+    def __init__(
+        self,
+        root: Path,
+        images: str,
+        writing: Callable[[], Path | None] = lambda: None,
+        breathe: Callable[[], None] = lambda: None,
+    ):
+        self._root, self._images = root, images
+        self._writing, self._breathe = writing, breathe
+        self._without: set[Path] = set()  # bags known to have no pictures
+
+    def stored(self) -> list[Stored]:
+        """Return bags, sound files and logs."""
+        found = []
+        with contextlib.suppress(OSError):
+            for path in self._root.iterdir():
+                if path.is_dir():
+                    found += self._bag(path)
+                elif path.match('sound-*.wav'):
+                    found += _file(path)
+        logs = folders.state_path()
+        for path in logs.glob('*.log*') if logs.is_dir() else ():
+            found += _file(path)
+        return found
+
+    def free(self) -> float:
+        """Return the bytes that the disk has left."""
+        return shutil.disk_usage(self._root).free
+
+    def has_pictures(self, stored: Stored) -> bool:
+        """Return whether a bag has raw pictures that can be removed."""
+        if stored.path in self._without:
+            return False
+        try:
+            bag = BagReader(stored.path)
+            if bag.counts.get(self._images) and all(f.indexed for f in bag.files):
+                return not bag.damage
+        except EolError:
+            pass
+        self._without.add(stored.path)
+        return False
+
+    def remove_pictures(self, stored: Stored) -> None:
+        """Write the files of a bag anew without pictures; each takes its name when it is whole."""
+        self._without.add(stored.path)
+        for file in BagReader(stored.path).files:
+            changed = file.path.stat()
+            thin = file.path.with_name(file.path.name + THIN)
+            thin.unlink(missing_ok=True)
+            if file.counts.get(self._images):
+                try:
+                    self._copy(file.path, thin)
+                    os.utime(thin, ns=(changed.st_atime_ns, changed.st_mtime_ns))
+                    os.replace(thin, file.path)
+                finally:
+                    thin.unlink(missing_ok=True)
+        rewrite_metadata(stored.path)
+
+    def remove(self, stored: Stored) -> None:
+        """Remove the files of a bag, and its folder if nothing else is in it."""
+        if not stored.bag:
+            stored.path.unlink(missing_ok=True)
+            return
+        for path in _parts(stored.path):
+            path.unlink(missing_ok=True)
+        if not any(stored.path.iterdir()):
+            stored.path.rmdir()
+
+    def _bag(self, path: Path) -> list[Stored]:
+        try:
+            parts = [(p, p.stat()) for p in _parts(path)]
+            recorded = [s.st_mtime for p, s in parts if '.mcap' in p.name]
+            if not recorded:
+                return []
+            used = any(in_use(p) for p, _ in parts if p.name.endswith(PART))
+            stays = (path / KEPT).exists() or path == self._writing() or used
+            return [Stored(path, sum(s.st_size for _, s in parts), max(recorded), True, stays)]
+        except OSError:  # somebody removes it
+            return []
+
+    def _copy(self, path: Path, out: Path) -> None:
+        bag = BagReader(path)
+        topics = list(bag.topics.values())
+        channel = {topic.name: number for number, topic in enumerate(topics, 1)}
+        removed = str(bag.counts[self._images])
+        file = BagFile(out, topics)
+        try:
+            file.add_metadata(RUN_METADATA, bag.about)
+            for count, m in enumerate(bag.messages(set(channel) - {self._images})):
+                file.write(channel[m.topic], m.data, m.log_ns, m.publish_ns, m.sequence)
+                if count % 1000 == 0:
+                    self._breathe()
+            file.add_metadata(GAPS_METADATA, bag.gaps | {PICTURES_REMOVED: removed})
+            file.close()
+        except BaseException:
+            file.abandon()
+            raise
+        if bag.damage:
+            raise OSError(f'{path}: damaged, so it is left as it is')
+
+
+def _parts(folder: Path) -> list[Path]:
+    """Return the files of a bag: what the recorder made in its folder, and nothing else."""
+    names = ('*.mcap', f'*.mcap{PART}', f'*.mcap{STATE}', f'*.mcap{THIN}', 'metadata.yaml', KEPT)
+    return [path for name in names for path in folder.glob(name)]
+
+
+def _file(path: Path) -> list[Stored]:
+    """Return a sound file or a log, which stays for a day after its last change."""
+    try:
+        stat = path.stat()
+    except OSError:
+        return []
+    stays = time.time() - stat.st_mtime < DAY_S
+    return [Stored(path, stat.st_size, stat.st_mtime, False, stays)]
+
+
+def mark(bag: Path, kept: bool) -> None:
+    """Mark the bag folder `bag` as one to be kept, or no more; raises OSError."""
+    if kept:
+        text = f'Marked on {time.strftime("%Y-%m-%d %H:%M:%S")}: never removed by the recorder.\n'
+        (bag / KEPT).write_text(text, encoding='utf-8')
+    else:
+        (bag / KEPT).unlink(missing_ok=True)
