@@ -164,7 +164,8 @@ uint8_t eol_knock_sample(eol_knock *k, int16_t x, int16_t y)
         k->still = (uint16_t)(4 * mean < limit ? k->still + 1 : 0);
         k->loud = (uint16_t)(2 * mean < limit ? 0 : k->loud + 1);
         if ((k->calm >= k->config.quiet && speed < slow) ||
-            (k->still >= k->config.still && speed < 4 * slow) || k->calm >= k->config.longest) {
+            (k->still >= k->config.still && (k->first || speed < 4 * slow)) ||
+            k->calm >= k->config.longest) { /* the first knock's beginning was not heard */
             enter(k, EOL_KNOCK_RESTS);
         } else if (k->loud >= k->config.longest) { /* tilted: this is how it rests now */
             forget(k);

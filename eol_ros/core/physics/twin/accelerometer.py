@@ -13,7 +13,7 @@ also feel the springs, by the ratio of the stiffnesses. Hands that knock the rim
 while it moves, and footsteps. And noise, offset, resolution, range, and a clock of its own.
 
 Where nothing but noise would be felt nothing is sampled: at rest the threshold of the firmware is
-more than 10 standard deviations away, which noise passes less than once in 1e15 years.
+more than 10 standard deviations away, which noise passes less than once in 1e11 years.
 """
 
 import math
