@@ -26,6 +26,8 @@ GROUPS = {
         'devices': 'list cameras, boards, sound cards and screens',
         'topics': 'list the topics of the running graph',
         'echo': 'print the messages of a topic',
+        'param': 'list, read and change the settings of a running node',
+        'call': 'ask the nodes for something, as the panel does',
     },
     'record': {
         'replay': 'play a bag',

@@ -27,7 +27,10 @@ def node_table() -> str:
             [f'`{t}`' for t in TOPICS if t in node.subscribes]
             + [f'(`{t}`)' for t in TOPICS if t in node.optional]
         )
-        publishes = ', '.join(f'`{t}`' for t in TOPICS if t in node.publishes)
+        publishes = ', '.join(
+            [f'`{t}`' for t in TOPICS if t in node.publishes]
+            + [f'(`{t}`)' for t in TOPICS if t in node.on_request]
+        )
         if name == 'recorder':
             subscribes = 'all'
         rows.append(f'| `{name}` | {says} | {subscribes or "-"} | {publishes or "-"} |')

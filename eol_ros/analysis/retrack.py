@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 
 from eol_ros.analysis.bag import Bag, Table
+from eol_ros.devices.bag.requests import heeded
 from eol_ros.errors import ConfigError
 from eol_ros.settings import by_today
 from eol_ros.streams import cascades, slips, taps, triggers
@@ -22,6 +23,7 @@ from eol_ros.streams.blocks import DTYPE, Blocks, each
 from eol_ros.streams.blocks import of as blocks_row
 from eol_ros.streams.graph import NODES
 from eol_ros.streams.images import Codec
+from eol_ros.streams.requests import SET, Asked
 
 CHUNK = 512  # images compared at a time
 
@@ -100,6 +102,14 @@ def retrack(bag: Bag, track: Callable[[Iterable, str, int], Iterable] | None = N
             f'the recording began with image {blocks["image"][0]} of the tracker: '
             'what it knew by then is not in the bag'
         )
+    for node in ('motion', 'grains'):
+        if any(
+            h.asked.kind == SET and h.asked.node == node and not h.asked.id for h in heeded(bag)
+        ):
+            result.notes.append(
+                f'settings of {node} were changed while recording; a bag of that version does not '
+                'say from which image on'
+            )
     if bag.counts.get('/eol/camera/image_raw'):
         _compare_blocks(bag, blocks, result, track)
     else:
@@ -117,8 +127,9 @@ def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> N
 
     settings = settings_of(bag, 'tracker')
     tracker = Tracker(settings, calibration_of(settings))
-    for request in _requests(bag):
-        tracker.requests.add(*request)
+    for asked in _accepted(bag, 'tracker'):
+        for kind, value in _for_tracker(asked):
+            tracker.requests.add(asked.from_ns, kind, value)
     row_of = {int(stamp): i for i, stamp in enumerate(blocks['stamp'].astype('i8'))}
     check = Comparison('blocks', len(blocks), 0)
     pictures = images(bag)
@@ -156,18 +167,37 @@ def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> N
     result.topics['blocks'] = check
 
 
-def _requests(bag: Bag) -> list[tuple[int, str, str]]:
-    """Return what the tracker said it heeded: stamp in ns from which on, what, and how."""
-    if '/eol/control' not in bag.topics:
-        return []
-    table = bag.table('control')
-    mine = (table['source'] == 'tracker') & (table['command'] == 'set')
-    return [
-        (int(ns), str(key), str(value))
-        for ns, key, value in zip(
-            table['stamp'].astype('i8')[mine], table['key'][mine], table['value'][mine], strict=True
-        )
-    ]
+def _accepted(bag: Bag, node: str) -> list[Asked]:
+    """Return what a node was asked and accepted, in order of the stamp from which it counted."""
+    found = [h.asked for h in heeded(bag) if h.accepted and h.asked.node == node]
+    return sorted(found, key=lambda asked: asked.from_ns)
+
+
+def _for_tracker(asked: Asked) -> Iterator[tuple[str, Any]]:
+    """Yield kind and value of a request as `core.vision.requests` has them."""
+    if asked.kind == SET and 'threshold' in asked.values:
+        yield 'threshold', asked.values['threshold']
+    elif asked.kind == 'background':
+        yield asked.kind, asked.data
+    elif asked.kind in ('darkness', 'calibrate'):
+        yield asked.kind, asked.values.get('until_ns')
+
+
+class _Live:
+    """The settings of a node as they were changed while it ran; `at` each stamp in turn."""
+
+    def __init__(self, bag: Bag, node: str):
+        self.settings = settings_of(bag, node)
+        self._changes = [asked for asked in _accepted(bag, node) if asked.kind == SET]
+
+    def at(self, stamp_ns: int) -> bool:
+        """Take what counts from `stamp_ns` on; return whether anything has changed."""
+        changed = False
+        while self._changes and self._changes[0].from_ns <= stamp_ns:
+            values = self._changes.pop(0).values
+            self.settings = dataclasses.replace(self.settings, **values)
+            changed = True
+        return changed
 
 
 def _taps(bag: Bag) -> list[tuple[int, float, int, float]]:
@@ -196,12 +226,15 @@ def _compare_motion(bag: Bag, inputs: list[tuple[int, Blocks]], result: Retracke
 
     if not any('/eol/' + t in bag.topics for t in ('slips', 'cascades')):
         return
-    motion = Motion(settings_of(bag, 'motion'))
+    live = _Live(bag, 'motion')
+    motion = Motion(live.settings)
     waiting = _taps(bag)
     new, over = [], []
     for log_ns, image in inputs:
         while waiting and waiting[0][0] <= log_ns:
             motion.tap(*waiting.pop(0)[1:])
+        if live.at(image.stamp_ns):
+            motion.set(live.settings)
         rows = image.rows
         begun, closed = motion.update(
             image.stamp_s, rows['x'], rows['y'], image.known, rows['sigma']
@@ -217,26 +250,46 @@ def _compare_triggers(bag: Bag, inputs: list[tuple[int, Blocks]], result: Retrac
     from eol_ros.devices.corpus import corpus_build
     from eol_ros.devices.corpus.loader import wish_of
 
-    settings = settings_of(bag, 'grains')
-    corpus = corpus_build.apart(*wish_of(settings))
+    live = _Live(bag, 'grains')
+    wish = wish_of(live.settings)
+    corpus = corpus_build.apart(*wish)
     recorded = bag.table('corpus')
-    if len(recorded) and recorded['digest'][-1] != corpus.digest:
+    if len(recorded) and recorded['digest'][0] != corpus.digest:
         result.notes.append('the corpus of the run is not here: its sound has another digest')
         return
-    selector = Selector(settings)
+    # A corpus made while recording took as long as it took: from there on this proves nothing.
+    other = recorded[recorded['digest'] != corpus.digest]
+    until_ns = int(other['stamp'][0].astype('i8')) if len(other) else 2**63 - 1
+    selector = Selector(live.settings)
     selector.load(corpus)
     made: list = []
     for _log_ns, image in inputs:
+        if image.stamp_ns >= until_ns:
+            result.notes.append(
+                f'grain triggers compared up to number {len(made)} of '
+                f'{bag.counts["/eol/grain_triggers"]}: then the run went over to another corpus'
+            )
+            break
+        if live.at(image.stamp_ns):
+            selector.settings = live.settings
         rows = image.rows
         found = selector.update(image.stamp_s, rows['x'], rows['y'], image.known, rows['sigma'])
         for trigger in found:
             made.append(triggers.of(image.stamp_ns, len(made), trigger))
-    _compare(bag, 'grain_triggers', triggers.RECORD.rows(made), result)
+    _compare(bag, 'grain_triggers', triggers.RECORD.rows(made), result, until_ns)
 
 
-def _compare(bag: Bag, topic: str, mine: np.ndarray, result: Retracked) -> None:
-    """Compare recomputed rows with the recorded messages."""
+def _compare(
+    bag: Bag, topic: str, mine: np.ndarray, result: Retracked, until_ns: int = 2**63 - 1
+) -> None:
+    """Compare recomputed rows with the recorded messages.
+
+    Of the messages only those of stamps before `until_ns` count, and none that no block caused.
+    """
     table = bag.table(topic)
+    table = table[table['stamp'].astype('i8') < until_ns]
+    if topic == 'grain_triggers':
+        table = table[table['block'] != triggers.NO_BLOCK]
     check = Comparison(topic, len(table), len(mine))
     both = min(len(table), len(mine))
     check.compare(mine[:both], table[:both], lambda row: f'number {row}')

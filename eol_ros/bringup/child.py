@@ -14,6 +14,7 @@ from eol_ros.bringup import priority, processor
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import STARVED, Look, Policy, Silence
 
+KEPT = 'EOL_KEPT'
 _PR_SET_PDEATHSIG = 1
 _LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', '[DEBUG]')
 _INSIDE = (' ', 'Thread 0x', 'Current thread 0x', 'Extension modules:')  # of a traceback
@@ -38,6 +39,7 @@ class Child:
         self.popen: subprocess.Popen[bytes] | None = None
         self.start_at_s: float | None = 0.0  # when to start it; None: it runs, or is finished
         self.status: dict[str, dict[str, Any]] = {}
+        self.kept: dict[str, dict[str, Any]] = {}  # by node: what it must take up when it starts
         self.health_fd = self.output_fd = -1
         self.hung_s: float | None = None  # since when it is being ended for its silence
         self.code: int | None = None
@@ -58,6 +60,7 @@ class Child:
             **os.environ,
             **self.process.environment,
             'EOL_HEALTH_FD': str(health_in),
+            KEPT: json.dumps(self.kept),
             'PYTHONUNBUFFERED': '1',  # so print() drops what does not fit; else it would raise
         }
         parent = os.getpid()
@@ -124,6 +127,7 @@ class Child:
                 status = json.loads(line)
                 if 'percent' in status:
                     self.percent = int(status['percent'])
+                self.kept[status['node']] = status.pop('kept', {})
                 self.status[status['node']] = status
                 found.append(status)
         if found:

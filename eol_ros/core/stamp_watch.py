@@ -9,6 +9,9 @@ ahead of the steady time that has passed.
 BACK_S = 0.2  # stamps fall back by less where messages overtake each other
 AHEAD_S = 2.0  # a message may have waited so long for a busy reader before the newest did not
 NS = 1e9
+# What is asked between two images counts from this long after the first: less than any camera's
+# period, more than a step of seconds since the epoch in double precision.
+SOON_NS = 1_000_000
 
 
 class StampWatch:

@@ -9,14 +9,16 @@ from eol_msgs.msg import GrainTrigger
 
 from eol_ros.core.sound.corpus import Corpus
 from eol_ros.core.sound.select import Selector
-from eol_ros.devices.corpus.corpus_file import move_as_asked
+from eol_ros.devices.corpus.corpus_file import move
 from eol_ros.devices.corpus.loader import CorpusLoader, wish_of
 from eol_ros.errors import EolError
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
 from eol_ros.streams import blocks, triggers
 from eol_ros.streams import corpus as corpora
+from eol_ros.streams.requests import Asked
 
 LEAD_S = 1.0  # a new corpus is told this long before its grains are, for the sound to be read in
 READ = 50.0  # and a long one longer: this many seconds of sound are read in a second
@@ -34,8 +36,10 @@ class GrainsNode(EolNode):
         self.triggers = self.publisher('grain_triggers')
         self.corpora = self.publisher('corpus')
         self.loader = CorpusLoader()
+        self.awaited: list[Asked] = []
         self.wish = wish_of(self.settings)
         self.health.expects('blocks')
+        self.health.values['radius'] = self.settings.radius
         ready = self.loader.at_once(self.wish)
         if ready is not None:  # before the first image: a replay must find the corpus in place
             self.show(ready)
@@ -43,15 +47,17 @@ class GrainsNode(EolNode):
             self.loader.ask(self.wish)
         self.create_timer(0.2, self.on_timer)
         self.subscribe('blocks', self.on_blocks, raw=True)
-        self.subscribe('control', self.on_control)
+        self.requests.serve(move_grain=self.on_move_grain)
 
     def on_settings(self, new) -> None:
         if wish_of(new) != self.wish:
             self.wish = wish_of(new)
             self.loader.ask(self.wish)
-        told = (self.selector.settings.space_m, self.selector.settings.radius)
-        self.selector.settings = new
-        if self.corpus is not None and told != (new.space_m, new.radius):
+        if self.health.values['radius'] != new.radius:
+            self.health.values['radius'] = new.radius
+            self.health.report()
+        told, self.selector.settings = self.selector.settings.space_m, new
+        if self.corpus is not None and told != new.space_m:
             self.corpora.publish(self.message(self.corpus))
 
     def restart(self) -> None:
@@ -60,12 +66,25 @@ class GrainsNode(EolNode):
     def time_jumped(self, jump_ns: int) -> None:
         """The selector sees it in the stamps themselves; the triggers count on."""
 
-    def on_control(self, message) -> None:
-        if message.target == self.NAME and message.key == 'place' and self.corpus is not None:
-            try:
-                move_as_asked(self.corpus, message.value)  # the timer sees the file change
-            except EolError as error:
-                self.get_logger().warning(str(error))
+    def _on_set(self, asked: Asked) -> object:
+        before = self.wish
+        text = super()._on_set(asked)
+        if self.wish == before:
+            return text
+        self.awaited.append(asked)  # until the corpus that it asks for is there, or cannot be
+        return LATER
+
+    def answer_awaited(self, accepted: bool, text: str) -> None:
+        for asked in self.awaited:
+            self.requests.answer(asked, accepted, text)
+        self.awaited.clear()
+
+    def on_move_grain(self, asked: Asked) -> str:
+        if self.corpus is None:
+            raise EolError('there is no corpus yet')
+        v = asked.values
+        path = move(self.corpus, v['grain'], v['x'], v['y'])  # the timer sees the file change
+        return f'kept in {path.name}'
 
     def on_timer(self) -> None:
         if self.loader.changed(self.wish):  # a grain moved by hand, another sound of the same name
@@ -75,10 +94,12 @@ class GrainsNode(EolNode):
             if self.corpus is None or not outcome.same_as(self.corpus):
                 self.show(outcome)
             self.health.ok(self.words)  # also when a sound that was gone has come back
+            self.answer_awaited(True, self.words)
         elif isinstance(outcome, EolError) and self.corpus is None:
             raise outcome  # nothing to play: the run ends with the line that says why
         elif isinstance(outcome, EolError):
             self.health.warn(f'{outcome}; the sound before it plays on')
+            self.answer_awaited(False, f'{outcome}; the sound before it plays on')
 
     def show(self, corpus: Corpus) -> None:
         self.corpus = corpus

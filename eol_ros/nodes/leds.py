@@ -7,19 +7,22 @@ the stamp of its image; the packets of the decay that follow carry none.
 
 import sys
 
-from eol_msgs.msg import BlockTap, Control, LedCommand, Slip, Truth
+from eol_msgs.msg import BlockTap, LedCommand, Slip, Truth
 
 from eol_ros.devices.board.board import State
 from eol_ros.devices.board.lights import Lights, Played, Sent, Tap
+from eol_ros.errors import EolError
 from eol_ros.nodes.leds_infrared import Infrared
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_ns
 from eol_ros.streams import leds, slips, taps
+from eol_ros.streams.requests import Asked
 
 
 class LedsNode(EolNode):
-    """slips, control (and truth, with the twin's board) -> led_commands, block_taps, control."""
+    """slips, requests (and truth, with the twin's board) -> led_commands, block_taps."""
 
     NAME = 'leds'
     MAPS_TIME = True
@@ -28,6 +31,7 @@ class LedsNode(EolNode):
         super().__init__(settings, **kwargs)
         played = Played(self.wall_ns, self.recorded_ns) if self.sim_time else None
         self.lights = Lights(self.settings, self.on_tap, self.on_state, played)
+        self.lights.asleep = bool(self.resumed.get('asleep'))
         self.commands = self.publisher('led_commands')
         # Behind a replay the taps are those of its bag, and whoever knocks today is not meant.
         self.taps = None if self.sim_time else self.publisher('block_taps')
@@ -36,7 +40,12 @@ class LedsNode(EolNode):
         self.infrared = Infrared(self, self.lights, self.tell)
         self.create_timer(1.0, lambda: self.health.values.update(self.lights.values()))
         self.subscribe('slips', self.on_slip)
-        self.subscribe('control', self.on_control)
+        self.requests.serve(
+            sleep=self.on_sleep,
+            wake=self.on_sleep,
+            test=self.on_test,
+            learn_background=self.on_learn_background,
+        )
         if self.lights.twin and not self.sim_time:
             self.subscribe('truth', self.on_truth)
         self.lights.start()
@@ -78,18 +87,22 @@ class LedsNode(EolNode):
         if self.taps is not None:
             self.taps.publish(taps.RECORD.fill(BlockTap(), taps.of(tap)))
 
-    def on_control(self, control: Control) -> None:
-        if control.command == 'learn_clutter':  # whoever it is for: only here is the light
-            self.infrared.darken()
-        elif control.target not in ('', self.NAME):
-            return
-        elif control.command in ('sleep', 'wake'):
-            self.lights.asleep = control.command == 'sleep'
-            if self.lights.asleep and self.settings.relearn_background_on_sleep:
+    def on_learn_background(self, asked: Asked) -> object:
+        self.infrared.darken(asked.id)
+        return LATER  # the tracker says what came of it
+
+    def on_sleep(self, asked: Asked) -> None:
+        self.lights.asleep = asked.kind == 'sleep'
+        self.keep(asleep=self.lights.asleep)
+        if self.lights.asleep and self.settings.relearn_background_on_sleep and not self.sim_time:
+            try:
                 self.infrared.darken()
-        elif control.command == 'test':
-            self.tell(self.lights.test(to_ns(control.header.stamp)))
-            self.fade()
+            except EolError as error:  # it sleeps all the same
+                self.get_logger().warning(f'background not learnt: {error}')
+
+    def on_test(self, asked: Asked) -> None:
+        self.tell(self.lights.test(self.now_ns()))
+        self.fade()
 
     def on_state(self, state: State) -> None:
         report = {'ready': self.health.ok, 'refused': self.health.error}

@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The infrared light of the blocks over time: dark for a moment, or one block that blinks."""
 
-from eol_msgs.msg import Control
-
 from eol_ros.core.serial_protocol import ALL_BLOCKS
 from eol_ros.devices.board.lights import Sent
-from eol_ros.ros.stamps import NS, to_msg
+from eol_ros.errors import EolError
+from eol_ros.ros.stamps import NS
+from eol_ros.streams.requests import Asked
 
 CLUTTER_S = 1.5  # the tracker looks at the table without infrared for this long
 FADE_NS = 60_000_000  # less at both ends: bytes, LEDs and exposures take their time
 
 
 class Infrared:
-    """Timers of `node`; `tell` takes each packet. What others must know goes out on `control`."""
+    """Timers of `node`; `tell` takes each packet. What others must know is asked of them."""
 
     def __init__(self, node, lights, tell):
         s = node.settings
         self.node, self.lights, self.tell = node, lights, tell
-        self.asks = node.publisher('control')
         self.relight = node.create_timer(CLUTTER_S, self.light)
         self.unblink = node.create_timer(s.blink_off_s, self.light)
         self.relight.cancel()
@@ -25,15 +24,21 @@ class Infrared:
         if s.blink_block >= 0:
             node.create_timer(s.blink_period_s, lambda: self.blink(s.blink_block))
 
-    def darken(self) -> None:
-        """Switch all off for a moment, and tell the tracker from when to when."""
-        if self.node.sim_time:  # the images are of another day, and were dark then if ever
-            return
+    def darken(self, id_: str = '') -> None:
+        """Switch all off for a moment, and tell the tracker from when to when; it answers `id_`.
+
+        Raises EolError where there is no light to be switched off.
+        """
+        if self.node.sim_time:
+            raise EolError('the images that are replayed were dark then, if ever')
         sent = self._switch(0)
-        if sent is not None:
-            self.relight.reset()
-            until_ns = sent.sent_ns + round(CLUTTER_S * NS) - FADE_NS
-            self._say('tracker', 'dark', str(until_ns), sent.sent_ns + FADE_NS)
+        if sent is None:
+            raise EolError(f'no board to switch the infrared light off: {self.node.health.text}')
+        self.relight.reset()
+        until_ns = sent.sent_ns + round(CLUTTER_S * NS) - FADE_NS
+        from_ns = sent.sent_ns + FADE_NS
+        values = {'until_ns': until_ns}
+        self.node.requests.ask(Asked('darkness', 'tracker', values, b'', from_ns, id_))
 
     def blink(self, block: int) -> None:
         """Switch one block off for a moment, unless all are."""
@@ -52,10 +57,5 @@ class Infrared:
         if not told:
             return None
         if self.lights.twin:  # what the twin's camera sees of it
-            self._say('twin', 'infrared', str(mask), told[-1].sent_ns)
+            self.node.requests.ask(Asked('infrared', 'twin', {'mask': mask}))
         return told[-1]
-
-    def _say(self, target: str, key: str, value: str, stamp_ns: int) -> None:
-        said = Control(source=self.node.NAME, command='set', target=target, key=key, value=value)
-        said.header.stamp = to_msg(stamp_ns)
-        self.asks.publish(said)

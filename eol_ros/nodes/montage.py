@@ -5,13 +5,14 @@ import sys
 import time
 
 import numpy as np
-from eol_msgs.msg import Control, Slip, Wall
+from eol_msgs.msg import Slip, Wall
 
 from eol_ros.core.montage.shuffle import Flip, Shuffle
 from eol_ros.devices.files.media_folder import MediaFolder
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import NS, now_ns, system_ns, to_msg
+from eol_ros.streams.requests import Asked
 
 RELOAD_S = 1.0
 
@@ -30,16 +31,16 @@ class MontageNode(EolNode):
         self.folder = MediaFolder(s.pairs)
         rng = np.random.default_rng(s.seed)
         self.shuffle = Shuffle(len(self.folder.pairs), s.period_s, rng, s.lead_s)
-        self.asleep = False
+        self.asleep = bool(self.resumed.get('asleep'))
         self.wall = Wall()
         self.wall.header.stamp = to_msg(now_ns())
         self.pub = self.publisher('wall')
         self.subscribe('slips', self.on_slip)
-        self.subscribe('control', self.on_control)
+        self.requests.serve(sleep=self.on_sleep, wake=self.on_sleep)
         self.beat = self.create_timer(RELOAD_S, self.on_beat)
         self.beat.cancel()
         self.create_timer(RELOAD_S, self.on_reload)
-        self.show(self.shuffle.show(time.monotonic()))
+        self.turn(self.asleep)
         self.report()
 
     def on_slip(self, slip: Slip) -> None:
@@ -81,18 +82,17 @@ class MontageNode(EolNode):
         self.wall.moving = bool(self.shuffle.moving)
         self.pub.publish(self.wall)
 
-    def on_control(self, control: Control) -> None:
-        if control.target not in ('', self.NAME) or control.command not in ('sleep', 'wake'):
+    def on_sleep(self, asked: Asked) -> None:
+        if self.asleep == (asked.kind == 'sleep'):
             return
-        if self.asleep == (control.command == 'sleep'):
-            return
-        self.wall.header.stamp = control.header.stamp
+        self.wall.header.stamp = to_msg(now_ns())
         self.turn(not self.asleep)
         self.on_beat()
         self.report()
 
     def turn(self, asleep: bool) -> None:
         self.asleep = asleep
+        self.keep(asleep=asleep)
         if asleep:
             self.wall.change += 1
             self.wall.left = self.wall.right = self.wall.caption = self.wall.credit = ''

@@ -14,6 +14,7 @@ from eol_ros.nodes.panel_streams import Streams
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.streams import corpus
+from eol_ros.streams.requests import Asked
 from eol_ros.web import notices, wire
 from eol_ros.web.server import WebServer
 
@@ -42,7 +43,7 @@ class PanelNode(EolNode):
         self.subscribe('wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s)))
         self.subscribe('corpus', self.on_corpus)
         self.subscribe('cascades', self.on_cascade)
-        self.subscribe('control', self.on_control)
+        self.requests.serve(test=self.on_test)
         self.subscribe(
             'camera/camera_info',
             lambda m: self.tell('camera', {'t': 'camera', 'width': m.width, 'height': m.height}),
@@ -51,6 +52,7 @@ class PanelNode(EolNode):
         self.documents['terrain'] = lambda: landscape(self.settings.terrain_seed)
         self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
         self.server.start()
+        self.tell('limits', notices.limits())
         self.tell('cascades', self.day.notice())
         self.create_timer(1.0, self.report)
         self.report()
@@ -61,17 +63,14 @@ class PanelNode(EolNode):
 
     def on_corpus(self, message) -> None:
         self.documents['corpus'] = wire.text(corpus.to_json(message)).encode()
-        self.tell('corpus', {'t': 'corpus', 'digest': message.digest, 'radius': message.radius})
+        self.tell('corpus', {'t': 'corpus', 'digest': message.digest})
 
     def on_cascade(self, message) -> None:
         self.day.add(message, time.time())
         self.tell('cascades', self.day.notice())
 
-    def on_control(self, message) -> None:
-        if message.command in ('mute', 'unmute'):
-            self.tell('mute', {'t': 'mute', 'on': message.command == 'mute'})
-        elif message.command == 'test':
-            self.server.hub.put('notices', {'t': 'test'})
+    def on_test(self, _asked: Asked) -> None:
+        self.server.hub.put('notices', {'t': 'test'})
 
     def report(self) -> None:
         self.streams.follow()

@@ -4,23 +4,26 @@
 import sys
 import threading
 import time
+from dataclasses import replace
+from typing import Any
 
-from eol_msgs.msg import Control
 from rclpy.duration import Duration
-from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
 from eol_ros.devices.bag.player import BagPlayer, choose, complete
 from eol_ros.devices.bag.reader import BagMessage, BagReader
+from eol_ros.devices.bag.requests import CONTROL, heeded
 from eol_ros.errors import ConfigError
 from eol_ros.ros.definitions import type_hash
 from eol_ros.ros.node import NAMESPACE, EolNode
-from eol_ros.ros.played import BLOCKS, IMAGES, REQUESTS, ahead, for_all, played
+from eol_ros.ros.played import BLOCKS, IMAGES, REQUESTS, played
+from eol_ros.ros.requests import new_id, request_to_msg
 from eol_ros.ros.run import runner
-from eol_ros.ros.stamps import to_msg
+from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class
 from eol_ros.streams.graph import TOPICS
+from eol_ros.streams.requests import PEOPLE, Asked, ahead
 
 READY_S = 1.0  # from the last reader found to the first message
 ACKNOWLEDGED_S = 2.0  # longest wait for readers to say that they have all
@@ -39,9 +42,14 @@ class ReplayNode(EolNode):
         whole = complete(self.bag, full(IMAGES), full(BLOCKS))
         usual = [full(topic) for topic in played(self.scene, whole)]
         self.names = choose(self.bag, s.topics, usual)
-        self.publishers_of = {name: self._publisher(name) for name in self.names}
-        self._requests = '' if s.topics else full(REQUESTS)  # those asked for go as they are
-        self._ahead = self._requests_ahead()
+        # Requests are asked anew, by today's definition; topics asked for by name go as they are.
+        self._asked_on = () if s.topics else (full(REQUESTS), CONTROL)
+        self.publishers_of = {n: self._publisher(n) for n in self.names if n not in self._asked_on}
+        self._asks: Any = None
+        self._ahead: list[Asked] = []
+        self._then: dict[int, Asked] = {}
+        if self._asked_on and self._asked_for():
+            self._prepare_requests()
         self.player = BagPlayer(
             self.bag, self.names, self.give, s.rate, s.fast, s.loop, s.start_s,
             stamped=[full(IMAGES), full(BLOCKS)], begin=self.begin,
@@ -71,31 +79,41 @@ class ReplayNode(EolNode):
             return self.publisher(ours.name)
         return self.create_publisher(message_class(recorded.type), name, QOS['stream'])
 
-    def _requests_ahead(self) -> list[bytes]:
-        """Return what the tracker must know before the images that it counts from."""
-        if self._requests not in self.publishers_of:
-            return []
-        start_ns = self.bag.start_ns + round(self.settings.start_s * 1e9)
-        said = [
-            (message.log_ns, deserialize_message(message.data, Control), message.data)
-            for message in self.bag.messages([self._requests])
-        ]
-        return ahead(said, start_ns)
+    def _asked_for(self) -> bool:
+        """Whether a node of the scene heeds requests, or the scene is not known."""
+        nodes = set(self.scene.nodes) - {'replay', 'recorder'}
+        return not nodes or bool(nodes & set(TOPICS[REQUESTS].subscribers))
+
+    def _prepare_requests(self) -> None:
+        found = heeded(self.bag)
+        if not found:
+            return
+        self._asks = self.publisher(REQUESTS)
+        self.publishers_of[self.resolve_topic_name(REQUESTS)] = self._asks
+        self._ahead = ahead(found, self.bag.start_ns + round(self.settings.start_s * 1e9))
+        self._then = {h.log_ns: h.asked for h in found if h.asked.kind in PEOPLE and not h.accepted}
+        if CONTROL in self.bag.topics and CONTROL not in self.names:
+            self.names.append(CONTROL)
+
+    def ask(self, asked: Asked) -> None:
+        asked = replace(asked, id=new_id(self.NAME), source=self.NAME)
+        self._asks.publish(request_to_msg(asked, now_ns()))
+        self._acknowledged([self._asks])  # it keeps no more than 60
 
     def begin(self) -> None:
-        """Tell what must be known before a round begins."""
-        for raw in self._ahead:
-            self.publishers_of[self._requests].publish(raw)
-            self._acknowledged([self.publishers_of[self._requests]])  # it keeps no more than 60
+        """Ask what must be known before a round begins."""
+        for asked in self._ahead:
+            self.ask(asked)
 
     def tick(self) -> None:
         assert self.clock is not None  # there is a timer only then
         self.clock.publish(Clock(clock=to_msg(self.player.now_ns())))
 
     def give(self, message: BagMessage) -> None:
-        if message.topic == self._requests and not for_all(
-            deserialize_message(message.data, Control)
-        ):
+        if message.topic in self._asked_on:
+            asked = self._then.get(message.log_ns)
+            if asked is not None:
+                self.ask(asked)
             return
         publisher = self.publishers_of[message.topic]
         publisher.publish(message.data)

@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from eol_msgs.msg import GrainTrigger
 
 from eol_ros.core.sound.meter import Meter
 from eol_ros.core.sound.mixer import Mixer
@@ -19,9 +20,10 @@ from eol_ros.ros.run import runner
 from eol_ros.ros.sound import SampleStream, meter_message
 from eol_ros.ros.stamps import NS, now_ns, to_ns
 from eol_ros.streams import corpus, triggers
+from eol_ros.streams.requests import Asked
 
 COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
-FADES = {'mute': 0.0, 'sleep': 0.0, 'unmute': 1.0, 'wake': 1.0}
+FADES = ('mute', 'unmute', 'sleep', 'wake')
 
 
 class SoundNode(EolNode):
@@ -47,7 +49,9 @@ class SoundNode(EolNode):
         wav = s.wav or folder / time.strftime('sound-%Y%m%d-%H%M%S.wav')
         self.meters = self.publisher('sound_meter')
         self.samples = SampleStream(self, self.mixer, self.epoch_ns)
-        self.unheard, self.asleep = 0, False
+        self.unheard = 0
+        self.asleep = bool(self.resumed.get('asleep'))
+        self.muted = bool(self.resumed.get('muted'))
         self.trouble = 'waiting for the corpus'
         self.player = Player(
             self.mixer,
@@ -57,10 +61,13 @@ class SoundNode(EolNode):
             s.wav_limit_s,
             s.fade_in_s,
             card_needed=s.card_needed,
+            quiet=self.asleep or self.muted,
         )
         self.create_timer(1 / s.meter_hz, self.on_timer)
         self.subscribe('corpus', self.on_corpus)
-        self.subscribe('control', self.on_control)
+        self.by_hand = self.publisher('grain_triggers')  # those that people ask for
+        fade = dict.fromkeys(FADES, self.on_fade)
+        self.requests.serve(play_grain=self.on_play_grain, **fade)
         self.subscribe('grain_triggers', self.on_trigger)
 
     def on_settings(self, new) -> None:
@@ -74,16 +81,35 @@ class SoundNode(EolNode):
         if self.banks.ask(message.digest, from_ns, *corpus.to_core(message)):
             self.trouble = f'loading {message.name}'
 
-    def on_control(self, message) -> None:
-        if message.target in ('', self.NAME) and message.command in FADES:
-            self.asleep = message.command == 'sleep' or (self.asleep and message.command != 'wake')
-            to = FADES[message.command]
-            self.mixer.fade(to, self.settings.fade_in_s if to else self.settings.fade_out_s)
+    def on_fade(self, asked: Asked) -> None:
+        self.asleep = asked.kind == 'sleep' or (self.asleep and asked.kind != 'wake')
+        if asked.kind in ('mute', 'unmute'):
+            self.muted = asked.kind == 'mute'
+        self.fade()
+        self.keep(asleep=self.asleep, muted=self.muted)
+        self.health.values.update(muted=self.muted, asleep=self.asleep)
+        self.health.report()
+
+    def fade(self) -> None:
+        self.player.quiet = quiet = self.asleep or self.muted
+        s = self.settings
+        self.mixer.fade(0.0 if quiet else 1.0, s.fade_out_s if quiet else s.fade_in_s)
+
+    def on_play_grain(self, asked: Asked) -> None:
+        """Publish a trigger that no block caused; it comes back, and is heard, like any other."""
+        stamp_ns, grain = self.now_ns(), asked.values['grain']
+        bank = self.banks.at(stamp_ns)
+        if bank is None:
+            raise EolError(self.trouble or 'there is no corpus yet')
+        if grain >= len(bank):
+            raise EolError(f'grain {grain}: the corpus has grains 0 to {len(bank) - 1}')
+        row = triggers.of_person(stamp_ns, grain)
+        self.by_hand.publish(triggers.RECORD.fill(GrainTrigger(), row))
 
     def restart(self) -> None:
         if self.asleep:  # the run had ended asleep, and begins awake
             self.asleep = False
-            self.mixer.fade(1.0, self.settings.fade_in_s)
+            self.fade()
 
     def time_jumped(self, jump_ns: int) -> None:
         """The clock of the engine locks anew by itself; who was asleep stays so."""
@@ -117,6 +143,8 @@ class SoundNode(EolNode):
             voices=reading.voices,
             load=round(reading.load, 3),
             unheard=self.unheard,
+            muted=self.muted,
+            asleep=self.asleep,
             peak_dbfs=round(reading.peak_dbfs, 1),
             losses=player.losses,
             output_ms=round(1e3 * player.output.latency_s, 1),

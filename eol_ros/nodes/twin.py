@@ -4,7 +4,7 @@
 import sys
 
 import numpy as np
-from eol_msgs.msg import Control, RimCommand, Truth
+from eol_msgs.msg import RimCommand, Truth
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.hands import Commands, Rim, Visitors
@@ -21,12 +21,13 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import NS, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
+from eol_ros.streams.requests import Asked
 
 LONGEST_STEP_S = 0.1  # a machine that slept does not make up for it
 
 
 class TwinNode(EolNode):
-    """rim_command -> camera/image_raw, camera/camera_info, truth."""
+    """rim_command, requests -> camera/image_raw, camera/camera_info, truth."""
 
     NAME = 'twin'
 
@@ -51,7 +52,7 @@ class TwinNode(EolNode):
         self.info.publish(camera_info(calibration))
         self.infrared: np.ndarray = np.ones(N_BLOCKS)  # light of each block
         self.subscribe('rim_command', self.on_rim_command)
-        self.subscribe('control', self.on_control)
+        self.requests.serve(infrared=self.on_infrared)
         self.film(0, 1e-4)  # compiles what is not compiled yet, before the clock runs
         self.barrier, self.camera = StartupBarrier(self), None
         self.create_timer(0.1, self.check)
@@ -60,9 +61,8 @@ class TwinNode(EolNode):
         velocity = command.vx, command.vy, command.yaw_rate
         self.commands.take(self.time_s, command.source, velocity, command.hold)
 
-    def on_control(self, control: Control) -> None:
-        if (control.target, control.key) == (self.NAME, 'infrared'):
-            self.infrared = int(control.value) >> np.arange(N_BLOCKS) & 1
+    def on_infrared(self, asked: Asked) -> None:
+        self.infrared = asked.values['mask'] >> np.arange(N_BLOCKS) & 1
 
     def expose(self, index: int, stamp_ns: int) -> None:
         """Move hands, rim and table to `stamp_ns`, and film them."""

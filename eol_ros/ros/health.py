@@ -31,6 +31,7 @@ class Health:
 
     def __init__(self, node: 'EolNode'):
         self.values: dict[str, Any] = {}
+        self.kept: dict[str, Any] = {}  # what the node must take up if it is started again
         self.level, self.text = STARTING, 'starting'
         self._name = node.get_name()
         self._node = node
@@ -117,7 +118,7 @@ class Health:
         """Send the status both ways."""
         status = self.status()
         if self._pipe is not None:
-            self._pipe.send(status)
+            self._pipe.send(status | {'kept': self.kept})
         row = DiagnosticStatus(
             level=bytes([status['level']]),
             name=f'eol: {self._name}',

@@ -3,6 +3,9 @@
 
 import copy
 import dataclasses
+import difflib
+import json
+import os
 import time
 from collections.abc import Callable
 from typing import Any
@@ -28,12 +31,14 @@ from eol_ros.core.played_clock import PlayedClock
 from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
+from eol_ros.ros.requests import REQUESTS, RequestServer
 from eol_ros.ros.stamps import to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS, PUBLISHER_QOS, QOS, message_class
 from eol_ros.scene import Scene, check_value
-from eol_ros.settings import renamed
-from eol_ros.streams.graph import TOPICS
+from eol_ros.settings import live_fields, renamed
+from eol_ros.streams.graph import NODES, TOPICS
+from eol_ros.streams.requests import SET, Asked
 
 NAMESPACE = 'eol'
 SIM_TIME = 'use_sim_time'
@@ -51,6 +56,7 @@ class EolNode(Node):
 
     NAME = ''
     MAPS_TIME = False
+    HOLDS = True  # a request that counts from a later stamp waits until `stamped` has told of it
 
     def __init__(self, settings: Any, scene: Scene | None = None, **kwargs: Any):
         try:
@@ -59,13 +65,25 @@ class EolNode(Node):
             raise ConfigError(str(error)) from None
         self.scene = scene if scene is not None else Scene.alone(self.NAME)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.resumed = _kept(self.NAME)  # of its life before, if it was started again
         self.settings = self._declare(settings)
         self.sim_time = bool(self.get_parameter(SIM_TIME).value)
         self.played: PlayedClock | None = None
         if self.sim_time:
             self._follow_clock()
         self.health = Health(self)
+        self.health.kept = dict(self.resumed)
         self._stamps, self.time_jumps = StampWatch(), 0
+        self._requests: RequestServer | None = None
+        self.live_from_ns = 0  # the stamp from which the settings that change now count
+        self._obeying = False  # the setting that changes now was asked for on `requests`
+        self._recorded: dict[str, Any] = {}  # what a replay changed, as it was before
+        if self.NAME in NODES and REQUESTS in NODES[self.NAME].subscribes:
+            self._requests = RequestServer(self, self.HOLDS)
+            if live_fields(type(self.settings)):
+                self._requests.serve(**{SET: self._on_set})
+                if self.resumed.get('settings'):  # for the bag: from now on
+                    self._requests.declare(SET, self.resumed['settings'], time.time_ns())
         self._discovery = PeerDiscovery(self)
         self._looks = self.create_timer(LOOK_S, self._look)
 
@@ -123,18 +141,29 @@ class EolNode(Node):
 
     def _went_back(self, _jump: TimeJump) -> None:
         if self.executor is not None:
-            self.executor.create_task(self.restart)
+            self.executor.create_task(self._begin_again)
         else:
-            self.restart()
+            self._begin_again()
+
+    def _begin_again(self) -> None:
+        if self._requests is not None:
+            self._requests.forget()
+        if self._recorded:  # the new round asks for it again when its time comes
+            self._set(self._recorded)
+            self._recorded = {}
+        self.restart()
 
     def stamped(self, stamp_ns: int) -> None:
         """Take note of a stamp of the stream that this node lives by, before it is used.
 
-        Where the system clock was set the node starts anew. Behind a replay /clock tells.
+        Requests that count from it are done. Where the system clock was set the node starts anew;
+        behind a replay /clock tells.
         """
-        if self.sim_time:
-            return
-        jump_ns = self._stamps.take(stamp_ns, time.monotonic_ns())
+        jump_ns = 0 if self.sim_time else self._stamps.take(stamp_ns, time.monotonic_ns())
+        if self._requests is not None:
+            if jump_ns:
+                self._requests.forget()
+            self._requests.reached(stamp_ns)
         if jump_ns:
             self.time_jumps += 1
             self.health.values['time_jumps'] = self.time_jumps
@@ -177,6 +206,53 @@ class EolNode(Node):
             event_callbacks=_loud(self, topic, False),
         )
 
+    def _on_set(self, asked: Asked) -> Any:
+        """Change live settings as asked; raises ConfigError that names what cannot be."""
+        values = self._checked_live(asked.values)
+        if self.sim_time and asked.source == 'replay':
+            for name in values:
+                self._recorded.setdefault(name, getattr(self.settings, name))
+        self.live_from_ns = asked.from_ns
+        self._set(values)
+        return ', '.join(f'{name} is {value}' for name, value in values.items())
+
+    def _checked_live(self, values: dict[str, Any]) -> dict[str, Any]:
+        fields = {f.name: f for f in dataclasses.fields(self.settings)}
+        if not values:
+            raise ConfigError('names no setting')
+        for name in values:
+            if name not in fields:
+                near = difflib.get_close_matches(name, fields, 1, 0.6)
+                hint = f'; did you mean {near[0]}?' if near else ''
+                raise ConfigError(f'{self.NAME} has no setting {name}{hint}')
+            if not fields[name].metadata.get('live'):
+                raise ConfigError(f'{name} is read when {self.NAME} starts: change the scene')
+        found = {}
+        for name, value in values.items():
+            try:
+                found[name] = check_value(fields[name], value)
+            except ConfigError as error:
+                raise ConfigError(f'{name}: {error}') from None
+        return found
+
+    def _set(self, values: dict[str, Any]) -> None:
+        """Change live settings without telling of it."""
+        self._obeying = True
+        try:
+            done = self.set_parameters_atomically(
+                [Parameter(name, value=_plain(value)) for name, value in values.items()]
+            )
+        finally:
+            self._obeying = False
+        if not done.successful:
+            raise ConfigError(done.reason)
+
+    @property
+    def requests(self) -> RequestServer:
+        """What people and other nodes ask of this node, and what it asks; see `streams.graph`."""
+        assert self._requests is not None, f'{self.NAME} takes no requests'
+        return self._requests
+
     def on_settings(self, new: Any) -> None:
         """Take note that live settings have changed; `self.settings` is already the new one."""
 
@@ -212,6 +288,8 @@ class EolNode(Node):
             raise ConfigError(f'parameter {unknown[0]}: {self.NAME} has no such setting')
         checked = {n: check_value(fields[n], v) for n, v in overrides.items() if n in fields}
         settings = dataclasses.replace(settings, **checked)
+        self._at_start = settings
+        settings = dataclasses.replace(settings, **self._resumed_settings(fields))
         for name, field in fields.items():
             text = field.metadata.get('doc', '')
             unit = field.metadata.get('unit', '')
@@ -240,10 +318,38 @@ class EolNode(Node):
             }
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
+        changes = {k: v for k, v in changes.items() if v != getattr(self.settings, k)}
         if changes:
+            if self._requests is not None and not self._obeying:  # for the bag
+                self.live_from_ns = self.requests.from_ns()
+                self.requests.declare(SET, changes, self.live_from_ns)
             self.settings = dataclasses.replace(self.settings, **changes)
+            self._keep_settings()
             self.on_settings(self.settings)
         return SetParametersResult(successful=True)
+
+    def _keep_settings(self) -> None:
+        now, then = dataclasses.asdict(self.settings), dataclasses.asdict(self._at_start)
+        changed = {name: value for name, value in now.items() if value != then[name]}
+        self.keep(settings=changed)
+
+    def _resumed_settings(self, fields: dict[str, dataclasses.Field]) -> dict[str, Any]:
+        """Return the live settings that this node had when its life before ended unasked."""
+        found = self.resumed.get('settings', {})
+        found = {name: check_value(fields[name], value) for name, value in found.items()}
+        if found:
+            words = ', '.join(f'{name} {value}' for name, value in found.items())
+            self.get_logger().info(f'as before the restart: {words}')
+        return found
+
+    def keep(self, **state: Any) -> None:
+        """Let this be taken up from `resumed` when the supervisor has to start the node again."""
+        self.health.kept = self.health.kept | state
+
+
+def _kept(name: str) -> dict[str, Any]:
+    """Return what node `name` kept in the life that bringup saw end."""
+    return json.loads(os.environ.get('EOL_KEPT', '{}')).get(name, {})
 
 
 def _plain(value: Any) -> Any:

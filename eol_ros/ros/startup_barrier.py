@@ -28,7 +28,7 @@ def endpoints_of(scene: Any, topic: str) -> tuple[set[str], set[str]]:
     waited for.
     """
     row = TOPICS[topic]
-    publishers = {n for n in row.publishers if n in scene.nodes and n != 'panel'}
+    publishers = set(row.sources) & set(scene.nodes)
     if 'replay' in publishers:
         topics = scene.nodes['replay'].topics or played(scene, True)
         if topic not in topics:

@@ -17,15 +17,17 @@ EVERY_NODE = 'every node'
 class NodeSpec:
     """One node.
 
-    settings: its dataclass. optional: what it subscribes to only where a setting asks for it, and
-    nobody waits for. requires: the topic without which it has nothing to do. images: it is
-    a source of images, of which a scene has one at most. real_time: it stands between an image and
-    what people see and hear of it. nice: how much it gives way when both processors are wanted.
+    settings: its dataclass. on_request: what it publishes beside, but only when people ask for
+    it. optional: what it subscribes to only where a setting asks for it, and nobody waits for.
+    requires: the topic without which it has nothing to do. images: it is a source of images, of
+    which a scene has one at most. real_time: it stands between an image and what people see and
+    hear of it. nice: how much it gives way when both processors are wanted.
     """
 
     name: str
     settings: type
     publishes: tuple[str, ...] = ()
+    on_request: tuple[str, ...] = ()
     subscribes: tuple[str, ...] = ()
     optional: tuple[str, ...] = ()
     requires: str = ''
@@ -52,6 +54,7 @@ class TopicSpec:
     """One topic: type, name of its quality of service, what it carries, and who uses it.
 
     barrier: the source of images starts when publishers and subscribers of the scene have matched.
+    sources: the publishers without those who publish only what people ask for.
     """
 
     name: str
@@ -59,44 +62,50 @@ class TopicSpec:
     qos: str
     doc: str
     barrier: bool = False
+    sources: tuple[str, ...] = ()
     publishers: tuple[str, ...] = ()
     subscribers: tuple[str, ...] = ()
 
+
+# Who takes requests answers them, and tells of settings that were changed by its parameters.
+_ANSWERS = ('requests', 'request_results')
 
 # In data order: a node stands after those whose topics it subscribes to.
 # fmt: off
 _NODES = (
     NodeSpec('twin', settings.TwinSettings, images=True,
-             publishes=('camera/image_raw', 'camera/camera_info', 'truth'),
-             subscribes=('rim_command', 'control')),
+             publishes=('camera/image_raw', 'camera/camera_info', 'truth'), on_request=_ANSWERS,
+             subscribes=('rim_command', 'requests')),
     NodeSpec('camera', settings.CameraSettings, images=True,
              publishes=('camera/image_raw', 'camera/camera_info')),
     NodeSpec('replay', settings.ReplaySettings, images=True,
              publishes=('camera/image_raw', 'camera/camera_info', 'truth', 'blocks', 'block_taps',
-                        'slips', 'cascades', 'grain_triggers', 'control', '/clock')),
+                        'slips', 'cascades', 'grain_triggers', 'requests', '/clock')),
     NodeSpec('tracker', settings.TrackerSettings, requires='camera/image_raw', real_time=True,
-             publishes=('blocks', 'camera/image/compressed', 'control'),
-             subscribes=('camera/image_raw', 'block_taps', 'control')),
+             publishes=('blocks', 'camera/image/compressed', *_ANSWERS),
+             subscribes=('camera/image_raw', 'block_taps', 'requests')),
     NodeSpec('motion', settings.MotionSettings, requires='blocks', real_time=True,
-             publishes=('slips', 'cascades'),
-             subscribes=('blocks', 'block_taps')),
+             publishes=('slips', 'cascades'), on_request=_ANSWERS,
+             subscribes=('blocks', 'block_taps', 'requests')),
     NodeSpec('leds', settings.LedsSettings, requires='slips', real_time=True,
-             publishes=('led_commands', 'block_taps', 'control'),
-             subscribes=('slips', 'truth', 'control')),
+             publishes=('led_commands', 'block_taps', 'requests'),
+             on_request=('request_results',),
+             subscribes=('slips', 'truth', 'requests')),
     NodeSpec('grains', settings.GrainsSettings, requires='blocks', real_time=True,
-             publishes=('grain_triggers', 'corpus'),
-             subscribes=('blocks', 'control')),
+             publishes=('grain_triggers', 'corpus'), on_request=_ANSWERS,
+             subscribes=('blocks', 'requests')),
     NodeSpec('sound', settings.SoundSettings, requires='grain_triggers', real_time=True,
-             publishes=('sound_meter', 'sound_samples'),
-             subscribes=('grain_triggers', 'corpus', 'control'), optional=('slips',)),
+             publishes=('sound_meter', 'sound_samples'), on_request=('grain_triggers', *_ANSWERS),
+             subscribes=('grain_triggers', 'corpus', 'requests'), optional=('slips',)),
     NodeSpec('montage', settings.MontageSettings, requires='slips', nice=3,
-             publishes=('wall',),
-             subscribes=('slips', 'control')),
+             publishes=('wall',), on_request=_ANSWERS,
+             subscribes=('slips', 'requests')),
     NodeSpec('panel', settings.PanelSettings, nice=3,
-             publishes=('rim_command', 'grain_triggers', 'control'),
+             on_request=('rim_command', *_ANSWERS),
              subscribes=('camera/camera_info', 'camera/image/compressed', 'truth', 'blocks',
                          'slips', 'cascades', 'led_commands', 'corpus', 'grain_triggers',
-                         'sound_meter', 'sound_samples', 'wall', 'control', '/diagnostics')),
+                         'sound_meter', 'sound_samples', 'wall', 'requests', 'request_results',
+                         '/diagnostics')),
     NodeSpec('recorder', settings.RecorderSettings, nice=3,
              subscribes=('camera/image_raw', 'camera/image/compressed', '/diagnostics')),
 )
@@ -140,8 +149,10 @@ _TOPICS = (
     TopicSpec('sound_samples', 'eol_msgs/msg/SoundSamples', 'meter',
               "the engine's output, only while somebody subscribes"),
     TopicSpec('wall', 'eol_msgs/msg/Wall', 'latched', 'the pair on the two walls'),
-    TopicSpec('control', 'eol_msgs/msg/Control', 'stream',
-              'requests of people; from which image on the tracker heeds them'),
+    TopicSpec('requests', 'eol_msgs/msg/Request', 'stream',
+              'what people and nodes ask of nodes'),
+    TopicSpec('request_results', 'eol_msgs/msg/RequestResult', 'stream',
+              'what nodes made of it, and from which image on it counts'),
     TopicSpec('ready', 'std_msgs/msg/Empty', 'latched',
               'startup barrier, without data: a node subscribes once it has discovered its peers',
               subscribers=(EVERY_NODE,)),
@@ -155,11 +166,13 @@ _TOPICS = (
 
 def _used(topic: TopicSpec) -> TopicSpec:
     """Return the topic with the nodes that publish it and those that subscribe to it."""
-    publishers = tuple(node.name for node in _NODES if topic.name in node.publishes)
+    sources = tuple(node.name for node in _NODES if topic.name in node.publishes)
+    others = tuple(node.name for node in _NODES if topic.name in node.on_request)
     subscribers = tuple(node.name for node in _NODES if topic.name in node.subscribes)
     return replace(
         topic,
-        publishers=publishers + topic.publishers,
+        sources=sources + topic.publishers,
+        publishers=sources + others + topic.publishers,
         subscribers=subscribers + topic.subscribers,
     )
 
@@ -172,4 +185,4 @@ IMAGE_SOURCES = tuple(node.name for node in _NODES if node.images)
 def providers(node: str) -> tuple[str, ...]:
     """Return the nodes of which one must publish what `node` requires: in a scene, or elsewhere."""
     topic = NODES[node].requires
-    return tuple(name for name in TOPICS[topic].publishers if name != 'panel') if topic else ()
+    return TOPICS[topic].sources if topic else ()

@@ -24,6 +24,11 @@ def of(stamp_ns: int, sequence: int, trigger: np.void) -> Any:
     return RECORD.row(stamp_ns, sequence, grain, block, gain, rate, pan, attack, release)
 
 
+def of_person(stamp_ns: int, grain: int) -> Any:
+    """Return the row of a grain that a person wants to hear; the node grains does not count it."""
+    return RECORD.row(stamp_ns, 0, grain, NO_BLOCK, 1.0, 1.0, 0.0, 0.005, 0.02)
+
+
 def to_core(row: Any, time_s: float) -> tuple[float | int, ...]:
     """Return the values of one TRIGGER at `time_s` on the mixer's axis, from a row or a message."""
     block = -1 if row.block == NO_BLOCK else row.block

@@ -1,139 +1,68 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every button of the panel: one row, one route `POST /control/NAME`."""
+"""Every button of the panel: one row, one route `POST /control/NAME`, one request to the graph."""
 
-import json
-import math
+import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from eol_ros.errors import UsageError
-
-
-@dataclass(frozen=True)
-class Number:
-    """A number that a control takes, within its range."""
-
-    name: str
-    low: float
-    high: float
-    whole: bool = False
-
-    def check(self, value: Any) -> float:
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, (int, float))
-            or not math.isfinite(value)
-        ):
-            raise UsageError(f'{self.name}: {value!r} is not a number')
-        if not self.low <= value <= self.high:
-            raise UsageError(f'{self.name}: {value:g} is not within {self.low:g} to {self.high:g}')
-        if self.whole and value != int(value):
-            raise UsageError(f'{self.name}: {value:g} is not a whole number')
-        return int(value) if self.whole else float(value)
-
-
-@dataclass(frozen=True)
-class Word:
-    """A name that a control takes."""
-
-    name: str
-
-    def check(self, value: Any) -> str:
-        plain = isinstance(value, str) and value.replace('_', '').isalnum() and value.isascii()
-        if not plain or len(value) > 64:
-            raise UsageError(f'{self.name}: {str(value)[:40]!r} is not a name')
-        return value
+from eol_ros.streams.graph import NODES
+from eol_ros.streams.requests import KINDS, SET, Asked, Number, Word, checked
 
 
 @dataclass(frozen=True)
 class Control:
-    """One button.
+    """One button: a request of `kind`, to `node` or to all that heed it.
 
-    Either a `command` for the topic `control`, or live `settings` of a node with the field of the
-    request that each takes: {setting: field}.
+    settings: of a request that sets, which field of the body each setting takes.
     """
 
     name: str
     doc: str
+    kind: str
+    node: str = ''
     takes: tuple[Number | Word, ...] = ()
-    command: str = ''
-    target: str = ''
-    key: str = ''
-    settings: dict[str, str] = field(default_factory=dict)
-    answered: bool = False  # the target says in its status what came of it
+    settings: Mapping[str, str] = field(default_factory=dict)
 
-    def read(self, body: Any) -> dict[str, Any]:
-        """Return the checked fields of a request; raises UsageError that names what is wrong."""
+    def read(self, body: Any, source: str) -> Asked:
+        """Return what a body asks for; raises UsageError that names what is wrong."""
         if not isinstance(body, dict):
             raise UsageError('the request is a JSON object')
-        known = {item.name for item in self.takes}
-        for name in body:
-            if name not in known:
-                raise UsageError(
-                    f'{str(name)[:40]}: {self.name} takes {sorted(known) or "nothing"}'
-                )
-        for name in known - set(body):
-            raise UsageError(f'{name}: missing')
-        return {item.name: item.check(body[item.name]) for item in self.takes}
-
-    def value(self, fields: dict[str, Any]) -> str:
-        """Return the value for the topic `control`: YAML (JSON is YAML)."""
-        return json.dumps(list(fields.values())) if fields else ''
+        values = checked(self.name, self.takes, body)
+        if self.settings:
+            values = {name: values[given] for name, given in self.settings.items()}
+        return Asked(self.kind, self.node, values, source=source)
 
 
-_GRAIN = Number('grain', 0, 2**32 - 1, whole=True)
+def _setting(name: str, node: str, setting: str) -> Control:
+    """A number that is a live setting, within the range that the setting has."""
+    row = next(f for f in dataclasses.fields(NODES[node].settings) if f.name == setting)
+    low, high, unit = (row.metadata[key] for key in ('min', 'max', 'unit'))
+    doc = f'{row.metadata["doc"]}' + (f', in {unit}' if unit else '')
+    return Control(name, doc, SET, node, (Number('value', low, high),), {setting: 'value'})
+
+
+def _plain(name: str, kind: str = '') -> Control:
+    row = KINDS[kind or name]
+    return Control(name, row.doc, row.name, takes=row.takes)
+
 
 CONTROLS: dict[str, Control] = {
     row.name: row
     for row in (
-        Control('sleep', 'walls black, sound silent, LEDs dark', command='sleep'),
-        Control('wake', 'the work runs again', command='wake'),
-        Control('mute', 'no sound', command='mute'),
-        Control('unmute', 'sound again', command='unmute'),
-        Control('test', 'test card on the walls, test of sound and light', command='test'),
-        Control(
-            'calibrate',
-            'measure camera and table by the blocks, which must be still',
-            command='calibrate',
-            target='tracker',
-            answered=True,
-        ),
-        Control(
-            'learn_clutter',
-            'take what shines now, without blocks, for background',
-            command='learn_clutter',
-            target='tracker',
-            answered=True,
-        ),
-        Control(
-            'radius',
-            'reach of a block in metres',
-            (Number('value', 0.001, 1.0),),
-            target='grains',
-            settings={'radius': 'value'},
-        ),
-        Control(
-            'threshold',
-            'brightness from which a spot may be a block, 0..255',
-            (Number('value', 0, 255),),
-            target='tracker',
-            settings={'threshold': 'value'},
-        ),
+        *map(_plain, ('sleep', 'wake', 'mute', 'unmute', 'test', 'calibrate', 'learn_background')),
+        _setting('radius', 'grains', 'radius'),
+        _setting('threshold', 'tracker', 'threshold'),
         Control(
             'axes',
             'descriptors of the two axes',
+            SET,
+            'grains',
             (Word('x'), Word('y')),
-            target='grains',
-            settings={'x_axis': 'x', 'y_axis': 'y'},
+            {'x_axis': 'x', 'y_axis': 'y'},
         ),
-        Control('play', 'hear one grain', (_GRAIN,), command='play', target='sound'),
-        Control(
-            'move',
-            'put a grain elsewhere in the descriptor space, 0..1; kept beside the sound',
-            (_GRAIN, Number('x', 0, 1), Number('y', 0, 1)),
-            command='set',
-            target='grains',
-            key='place',
-        ),
+        _plain('play', 'play_grain'),
+        _plain('move', 'move_grain'),
     )
 }

@@ -13,7 +13,8 @@ from typing import Any
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from eol_ros.errors import EolError
+from eol_ros.errors import EolError, UsageError
+from eol_ros.streams.requests import KINDS, Asked
 from eol_ros.web import guard
 from eol_ros.web.controls import CONTROLS
 from eol_ros.web.hub import Hub
@@ -28,7 +29,6 @@ PAGES = {
 }
 MAX_BODY = 4096
 MAX_MESSAGE = 4096
-CHANGE_TIMEOUT_S = 2.0
 KERNEL_BUFFER = 131072  # bytes on their way to one viewer: some five pictures
 
 mimetypes.add_type('text/javascript', '.js')
@@ -162,44 +162,30 @@ class Routes:
         except (ValueError, RecursionError):
             return _error(400, 'the request is not JSON')
         try:
-            fields = control.read(body)
-        except EolError as error:
+            return await self._ask(control.read(body, f'panel {request.remote}'))
+        except UsageError as error:
             return _error(400, str(error))
-        source = f'panel {request.remote}'
-        if control.target and not self.bridge.runs(control.target):
-            return _error(409, f'{control.target} does not run')
-        if control.settings:
-            values = {key: fields[name] for key, name in control.settings.items()}
-            why = await self._change(control.target, values)
-            if why:
-                return _error(409, why)
-            for key, value in values.items():
-                self.bridge.control('set', control.target, key, json.dumps(value), source)
-        elif control.command == 'play':
-            self.bridge.play(fields['grain'])
-        else:
-            self.bridge.control(
-                control.command, control.target, control.key, control.value(fields), source
-            )
-        asked = {'node': control.target} if control.answered else {}
-        return web.json_response({'ok': True, **asked})
+        except EolError as error:
+            return _error(409, str(error))
 
-    async def _change(self, node: str, values: dict[str, Any]) -> str:
+    async def _ask(self, asked: Asked) -> web.Response:
+        """Ask the graph, and answer with what its nodes make of it."""
         loop = asyncio.get_running_loop()
-        answer: asyncio.Future[str] = loop.create_future()
+        heard: asyncio.Future[Any] = loop.create_future()
 
-        def done(why: str) -> None:
-            loop.call_soon_threadsafe(settle, why)
+        def settle(answers: Any) -> None:
+            if not heard.done():
+                heard.set_result(answers)
 
-        def settle(why: str) -> None:
-            if not answer.done():
-                answer.set_result(why)
-
-        self.bridge.change(node, values, done)
+        answers = self.bridge.ask(asked, lambda found: loop.call_soon_threadsafe(settle, found))
         try:
-            return await asyncio.wait_for(answer, CHANGE_TIMEOUT_S)
+            await asyncio.wait_for(heard, KINDS[asked.kind].within_s)
         except asyncio.TimeoutError:
-            return f'{node} does not answer'
+            self.bridge.give_up(answers)
+            return _error(409, answers.silent)
+        if answers.refusal:
+            return _error(409, answers.refusal)
+        return web.json_response({'ok': True, 'text': answers.text})
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         if len(self.hub.viewers) >= self.settings.viewers:

@@ -18,6 +18,7 @@ from typing import Any, Protocol
 from aiohttp import web
 
 from eol_ros.errors import DeviceMissing, EolError
+from eol_ros.streams.requests import Asked
 from eol_ros.web import guard
 from eol_ros.web.hub import Hub
 from eol_ros.web.routes import Routes
@@ -30,20 +31,14 @@ BATCH = 256  # accepted in one go, so the limit may be exceeded by as many
 class Bridge(Protocol):
     """What the server asks of the graph; every method may be called from the server's thread."""
 
-    def runs(self, node: str) -> bool:
-        """Return whether a node of that name gives signs of life."""
+    def ask(self, asked: Asked, done: Callable[[Any], None]) -> Any:
+        """Ask the graph; `done` is called with the answers. Raises EolError: nobody is there."""
 
-    def control(self, command: str, target: str, key: str, value: str, source: str) -> None:
-        """Publish a request of a person."""
-
-    def change(self, node: str, values: dict[str, Any], done: Callable[[str], None]) -> None:
-        """Set live settings; `done` is called with an empty text or with why not."""
+    def give_up(self, answers: Any) -> None:
+        """Wait no longer for answers."""
 
     def rim(self, source: str, velocity: tuple[float, float, float], hold_s: float) -> None:
         """Push the rim of the twin."""
-
-    def play(self, grain: int) -> None:
-        """Sound one grain."""
 
 
 class _Lines(logging.Handler):

@@ -208,6 +208,32 @@ def test_a_killed_process_comes_back_alone(start):
     assert 'tracker has died (killed by SIGKILL); again in 1 s' in lines
 
 
+KEEPING = (
+    BEAT
+    + """
+had = json.loads(os.environ['EOL_KEPT']).get(sys.argv[1], {})
+while True:
+    os.write(fd, (json.dumps({'node': sys.argv[1], 'level': 0, 'text': json.dumps(had),
+                              'values': {}, 'kept': {'asleep': True}}) + chr(10)).encode())
+    time.sleep(0.1)
+"""
+)
+
+
+def test_what_a_process_kept_it_has_again_after_a_restart(start):
+    supervisor, _lines = start(process('twin', STEADY), process('tracker', KEEPING))
+
+    def text():
+        return supervisor.children[1].status.get('tracker', {}).get('text')
+
+    def work():
+        until(lambda: text() == '{}')
+        os.kill(supervisor.children[1].popen.pid, signal.SIGKILL)
+        until(lambda: text() == '{"asleep": true}')
+
+    attended(supervisor, work)
+
+
 def test_a_hung_process_is_started_again(start, monkeypatch):
     monkeypatch.setattr(policy, 'SILENT_S', 0.5)
     supervisor, lines = start(process('twin', STEADY))

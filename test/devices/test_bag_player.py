@@ -214,7 +214,7 @@ def test_a_new_round_stands_at_its_start_until_all_have_noticed(stamped):
     clock.at_sleep = lambda: player.stop() if len(clock.given) >= 90 else None
     player.run()
     assert len(began) == 2
-    assert clock.given[60][0] - (began[1] - 100.0) == pytest.approx(STAND_S + LEAD_S)
+    assert clock.given[60][0] - (began[1] - 100.0) == pytest.approx(STAND_S / 2 + LEAD_S)
     times = [t for t, _ in clock.given]
     assert times[61] - times[60] == pytest.approx(1 / 60, abs=1e-6)
 

@@ -6,7 +6,6 @@ import time
 
 import numpy as np
 import pytest
-from eol_msgs.msg import Control
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
@@ -22,10 +21,12 @@ from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.nodes.grains import GrainsNode
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.stamps import to_ns
+from eol_ros.ros.requests import request_to_msg
+from eol_ros.ros.stamps import now_ns, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import GrainsSettings
 from eol_ros.streams.blocks import BLOCK, TYPE, Codec
+from eol_ros.streams.requests import Asked
 
 CODEC = Codec(definition(TYPE))
 START_NS = 1_700_000_000_123_456_789
@@ -37,7 +38,9 @@ class Probe(EolNode):
 
     def __init__(self):
         super().__init__(GrainsSettings(), scene=Scene('probe', {}))
-        self.blocks, self.control = self.publisher('blocks'), self.publisher('control')
+        self.blocks, self.results = self.publisher('blocks'), []
+        self.asks = self.publisher('requests')
+        self.subscribe('request_results', self.results.append)
         self.triggers, self.corpora = [], []
         self.subscribe('grain_triggers', self.triggers.append)
         self.subscribe('corpus', self.corpora.append)
@@ -170,9 +173,9 @@ def test_settings_change_while_it_runs(stage, sounds):
         return [r.successful for r in stage.node.set_parameters(parameters)]
 
     assert put(radius=0.001, gain=0.5) == [True, True]
-    stage.until(lambda: len(stage.probe.corpora) > 1)
-    assert stage.probe.corpora[-1].radius == pytest.approx(0.001)
     play(stage, range(30))
+    assert len(stage.probe.corpora) == 1  # the reach is no part of it
+    assert stage.node.health.values['radius'] == 0.001
     few = len(stage.probe.triggers)
     put(radius=0.2)
     play(stage, range(30, 90))
@@ -210,10 +213,14 @@ def test_a_grain_moved_by_hand_while_it_runs(stage, sounds):
 
 def test_a_grain_dragged_on_the_panel_is_kept_beside_the_sound(stage, sounds):
     stage = stage()
-    for value in ('[7, 0.125, 0.875]', '[7000, 0.5, 0.5]', 'up'):
-        request = Control(source='test', command='set', target='grains', key='place', value=value)
-        stage.probe.control.publish(request)
-    stage.until(lambda: len(stage.probe.corpora) > 1)
+    for values in ({'grain': 7, 'x': 0.125, 'y': 0.875}, {'grain': 7000, 'x': 0.5, 'y': 0.5},
+                   {'grain': 3}):  # fmt: skip
+        asked = Asked('move_grain', 'grains', values)
+        stage.probe.asks.publish(request_to_msg(asked, now_ns()))
+    stage.until(lambda: len(stage.probe.corpora) > 1 and len(stage.probe.results) > 2)
+    results = stage.probe.results
+    assert [r.accepted for r in results] == [True, False, False]
+    assert 'has grains 0 to' in results[1].reason and results[2].reason == 'x: missing'
     moved = stage.probe.corpora[-1]
     assert (moved.x[7], moved.y[7]) == (0.125, 0.875)
     kept = corpus_file.load_moved(sounds[0])

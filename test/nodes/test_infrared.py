@@ -4,15 +4,17 @@
 import time
 
 import pytest
-from eol_msgs.msg import Blocks, Control
+from eol_msgs.msg import Blocks
 from rclpy.executors import SingleThreadedExecutor
 
 from eol_ros.nodes.leds import LedsNode
 from eol_ros.nodes.tracker import TrackerNode
 from eol_ros.nodes.twin import TwinNode
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.stamps import to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import LedsSettings, MontageSettings, TrackerSettings, TwinSettings
+from eol_ros.streams.requests import Asked
 
 BLINK = {'blink_block': 7, 'blink_period_s': 0.6, 'blink_off_s': 0.1}
 
@@ -25,8 +27,7 @@ class Panel(EolNode):
     def __init__(self):
         super().__init__(MontageSettings(), scene=Scene('panel', {}))
         self.blocks, self.said, self.states = [], [], []
-        self.asks = self.publisher('control')
-        self.subscribe('control', self.said.append)
+        self.subscribe('request_results', self.said.append)
         self.subscribe('blocks', self.blocks.append)
         self.subscribe('/diagnostics', self.on_diagnostics)
 
@@ -72,15 +73,18 @@ def show(ros, matched, request):
 def test_the_button_makes_the_tracker_learn_the_lamps(show, tmp_path, monkeypatch):
     tracker, _leds, _twin, panel, until = show
     monkeypatch.chdir(tmp_path)
-    panel.asks.publish(Control(command='learn_clutter', target='tracker'))
+    panel.requests.ask(Asked('learn_background', id='mine'))
     assert until(lambda: any(b.state == Blocks.LOST for b in panel.blocks))
-    assert until(lambda: any('lamps learnt' in text for text in panel.states))
+    assert until(lambda: any('background learnt' in text for text in panel.states))
     assert tracker.tracker.finder.clutter is not None
     assert (tmp_path / 'lamps.png').exists()
     assert until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
-    heeded = [c for c in panel.said if c.source == 'tracker']
-    assert [c.key for c in heeded] == ['dark']
-    assert int(heeded[0].value) > heeded[0].header.stamp.sec * 10**9
+    assert until(lambda: any(r.node == 'tracker' for r in panel.said))
+    (answer,) = (r for r in panel.said if r.id == 'mine')  # of whom is asked last
+    assert (answer.node, answer.kind, answer.accepted) == ('tracker', 'darkness', True)
+    assert 'background learnt' in answer.reason and 'kept in lamps.png' in answer.reason
+    (until_ns,) = (v.value.integer_value for v in answer.values)
+    assert until_ns > to_ns(answer.from_stamp) > 0
 
 
 @pytest.mark.slow
@@ -98,7 +102,7 @@ def test_one_blinking_block_tells_which_way_round(show):
 @pytest.mark.parametrize('show', [({}, {})], indirect=True)
 def test_calibration_and_threshold_from_the_panel(show):
     tracker, _leds, twin, panel, until = show
-    panel.asks.publish(Control(command='calibrate', target='tracker'))
+    panel.requests.ask(Asked('calibrate', 'tracker'))
     assert until(lambda: any('calibrated by the blocks' in text for text in panel.states))
     assert until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
     assert abs(panel.blocks[-1].blocks[24].x - twin.table.x[24]) < 0.002
@@ -108,6 +112,8 @@ def test_calibration_and_threshold_from_the_panel(show):
     assert until(lambda: not any(b.seen for b in panel.blocks[-1].blocks))
     tracker.set_parameters([Parameter('threshold', value=0.0)])
     assert until(lambda: all(b.seen for b in panel.blocks[-1].blocks))
-    assert [c.key for c in panel.said if c.source == 'tracker'] == [
-        'calibrate', 'threshold', 'threshold',
-    ]  # fmt: skip
+    until(lambda: len([r for r in panel.said if r.node == 'tracker']) == 3)
+    answers = [r for r in panel.said if r.node == 'tracker']
+    assert [r.kind for r in answers] == ['calibrate', 'set', 'set']
+    assert all(r.accepted for r in answers) and 'calibrated' in answers[0].reason
+    assert [r.values[0].value.double_value for r in answers[1:]] == [250.0, 0.0]

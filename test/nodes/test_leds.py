@@ -8,7 +8,7 @@ import types
 
 import numpy as np
 import pytest
-from eol_msgs.msg import BlockTap, Control, LedCommand, Slip, Truth
+from eol_msgs.msg import BlockTap, LedCommand, Slip, Truth
 from rclpy.executors import SingleThreadedExecutor
 
 from eol_ros.devices.board.fake import FakeBoard, latency_s
@@ -18,6 +18,7 @@ from eol_ros.nodes.leds import LedsNode
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
 from eol_ros.settings import LedsSettings
+from eol_ros.streams.requests import Asked
 
 
 class Around(EolNode):
@@ -29,7 +30,8 @@ class Around(EolNode):
         super().__init__(settings)
         self.commands, self.taps, self.states = [], [], []
         self.slips, self.truth = self.publisher('slips'), self.publisher('truth')
-        self.control = self.publisher('control')
+        self.results = []
+        self.subscribe('request_results', self.results.append)
         self.subscribe('led_commands', self.commands.append)
         self.subscribe('block_taps', self.taps.append)
         self.subscribe('/diagnostics', self.on_diagnostics)
@@ -163,7 +165,7 @@ def test_what_the_blocks_of_the_twin_feel_is_published(rig):
 
 def test_infrared_goes_off_while_the_tracker_learns(rig, monkeypatch):
     fake = rig.leds.lights.twin.fake
-    rig.around.control.publish(Control(command='learn_clutter'))
+    rig.around.requests.ask(Asked('learn_background'))
 
     assert rig.until(lambda: fake.infrared_mask == 0)
     assert rig.until(lambda: rig.around.commands)
@@ -173,13 +175,13 @@ def test_infrared_goes_off_while_the_tracker_learns(rig, monkeypatch):
 
 
 def test_asleep_it_stays_dark_and_a_test_lights_all(rig):
-    rig.around.control.publish(Control(command='sleep', target='leds'))
+    rig.around.requests.ask(Asked('sleep', 'leds'))
     assert rig.until(lambda: rig.leds.lights.asleep)
     rig.around.slip(1)
     rig.until(lambda: False, 0.2)
     assert not any(any(c.white) for c in rig.around.commands)
 
-    rig.around.control.publish(Control(command='test', target='leds'))
+    rig.around.requests.ask(Asked('test', 'leds'))
     assert rig.until(lambda: any(all(c.white) for c in rig.around.commands))
 
 

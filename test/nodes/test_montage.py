@@ -7,7 +7,7 @@ import sys
 import time
 
 import pytest
-from eol_msgs.msg import Control, Slip, Wall
+from eol_msgs.msg import Slip, Wall
 from rclpy.executors import SingleThreadedExecutor
 
 from eol_ros.errors import DeviceMissing
@@ -15,6 +15,7 @@ from eol_ros.nodes.montage import MontageNode
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
 from eol_ros.settings import MontageSettings, MotionSettings
+from eol_ros.streams.requests import Asked
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><rect width="4" height="3"/></svg>'
 
@@ -25,7 +26,7 @@ class Around(EolNode):
     def __init__(self):
         super().__init__(MotionSettings())
         self.walls, self.states = [], []
-        self.slips, self.control = self.publisher('slips'), self.publisher('control')
+        self.slips = self.publisher('slips')
         self.subscribe('wall', self.walls.append)
         self.subscribe('/diagnostics', self.on_diagnostics)
 
@@ -39,7 +40,7 @@ class Around(EolNode):
         return message.header.stamp
 
     def order(self, command, target=''):
-        self.control.publish(Control(command=command, target=target))
+        self.requests.ask(Asked(command, target))
 
 
 class Rig:

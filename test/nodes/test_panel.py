@@ -14,7 +14,7 @@ import aiohttp
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from eol_msgs.msg import Cascade, Corpus, SoundMeter, SoundSamples, Wall
+from eol_msgs.msg import Cascade, Corpus, RequestResult, SoundMeter, SoundSamples, Wall
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import CompressedImage
 
@@ -23,6 +23,7 @@ from eol_ros.nodes.panel import PanelNode
 from eol_ros.nodes.panel_streams import STREAMS
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.requests import request_from_msg
 from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.settings import GrainsSettings, PanelSettings
 from eol_ros.streams import blocks
@@ -40,10 +41,20 @@ class Around(EolNode):
     def __init__(self):
         super().__init__(GrainsSettings())
         self.gives = {name: self.publisher(name) for name in GIVES}
-        self.controls, self.rims, self.triggers = [], [], []
-        self.subscribe('control', self.controls.append)
+        self.asked, self.rims = [], []
+        self.subscribe('requests', self.on_asked)
         self.subscribe('rim_command', self.rims.append)
-        self.subscribe('grain_triggers', self.triggers.append)
+        self.answers = self.publisher('request_results')
+
+    def on_asked(self, message):
+        """Answer for the sound: it sleeps, and has no grains."""
+        self.asked.append(request_from_msg(message))
+        if message.kind != 'set':
+            good = message.kind == 'sleep'
+            reason = '' if good else 'no such grain'
+            self.answers.publish(
+                RequestResult(id=message.id, node='sound', accepted=good, reason=reason)
+            )
 
 
 class Rig:
@@ -226,31 +237,32 @@ def test_what_people_ask_reaches_the_graph(rig):
 
     async def talk(ws):
         async with aiohttp.ClientSession() as client:
-            assert (await post(client, 'sleep', {}))[0] == 200
+            status, answer = await post(client, 'sleep', {})
+            assert (status, answer['error']) == (409, 'leds, sound, montage do not run')
             status, answer = await post(client, 'play', {'grain': 12})
-            assert status == 409 and 'sound does not run' in answer['error']
+            assert (status, answer['error']) == (409, 'sound does not run')
             sound = DiagnosticStatus(name='eol: sound', level=b'\0')
             rig.around.gives['/diagnostics'].publish(DiagnosticArray(status=[sound]))
-            runs = rig.panel.server.routes.bridge.runs
+            runs = rig.panel.states.runs
             await asyncio.to_thread(until, lambda: runs('sound') and runs('grains'))
-            assert (await post(client, 'play', {'grain': 12}))[0] == 200
-            ready = rig.panel.server.routes.bridge._clients['grains'].service_is_ready
-            await asyncio.to_thread(until, ready)
-            assert (await post(client, 'radius', {'value': 0.125}))[0] == 200
+            assert await post(client, 'sleep', {}) == (200, {'ok': True, 'text': ''})
+            status, answer = await post(client, 'play', {'grain': 12})
+            assert (status, answer['error']) == (409, 'sound: no such grain')
+            told = {'ok': True, 'text': 'radius is 0.125'}
+            assert await post(client, 'radius', {'value': 0.125}) == (200, told)
             status, answer = await post(client, 'threshold', {'value': 90})
             assert status == 409 and 'tracker does not run' in answer['error']
         await ws.send_str('{"rim": [0.1, -0.2, 0.3]}')
         await asyncio.to_thread(until, lambda: rig.around.rims)
 
     live(rig, talk)
-    until(lambda: len(rig.around.controls) >= 2 and len(rig.around.rims) >= 2)
-    until(lambda: rig.around.triggers)
-    assert rig.around.controls[0].command == 'sleep'
-    changed = rig.around.controls[1]
-    assert (changed.command, changed.target, changed.key, changed.value) == (
-        'set', 'grains', 'radius', '0.125')  # fmt: skip
+    until(lambda: len(rig.around.rims) >= 2)
+    asked = rig.around.asked
+    assert [(a.kind, a.node, a.values) for a in asked] == [
+        ('sleep', '', {}), ('play_grain', '', {'grain': 12}), ('set', 'grains', {'radius': 0.125}),
+    ]  # fmt: skip
+    assert {a.source for a in asked} == {'panel 127.0.0.1'} and len({a.id for a in asked}) == 3
     assert rig.around.settings.radius == 0.125
-    assert (rig.around.triggers[0].grain, rig.around.triggers[0].block) == (12, 255)
     push, release = rig.around.rims[0], rig.around.rims[-1]
     assert (push.vx, push.vy, push.yaw_rate) == (0.1, -0.2, 0.3) and 0 < push.hold <= 1
     assert (release.vx, release.vy, release.yaw_rate) == (0.0, 0.0, 0.0)

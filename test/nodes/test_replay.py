@@ -5,7 +5,7 @@ import struct
 import time
 
 import pytest
-from eol_msgs.msg import Blocks, BlockTap, Control, Slip
+from eol_msgs.msg import Blocks, BlockTap, RequestResult, Slip
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
@@ -17,11 +17,13 @@ from eol_ros.nodes.replay import ReplayNode
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.played import played
+from eol_ros.ros.requests import request_from_msg, request_to_msg
 from eol_ros.ros.stamps import to_msg, to_ns
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, ReplaySettings
 from eol_ros.streams.graph import NODES
+from eol_ros.streams.requests import Asked
 
 T0 = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000
@@ -127,46 +129,70 @@ def test_without_pictures_the_blocks_are_played(ros, bag):
     taker.destroy_node()
 
 
-def said(source, target, command, key='', value='', stamp_s=0.0):
-    message = Control(source=source, target=target, command=command, key=key, value=value)
-    message.header.stamp = to_msg(T0 + round(stamp_s * 1e9))
+def ask(kind, node='', values=(), id_='', source='panel'):
+    return request_to_msg(Asked(kind, node, dict(values), id=id_, source=source), T0)
+
+
+def accept(kind, node, values=(), from_s=0.0, accepted=True):
+    message = RequestResult(id=kind, node=node, kind=kind, accepted=accepted)
+    message.values = request_to_msg(Asked(kind, node, dict(values)), T0).values
+    message.from_stamp = to_msg(T0 + round(from_s * 1e9))
     return message
+
+
+def threshold(value):
+    return {'threshold': value}
 
 
 REQUESTS = [
     ('blocks', 0.0, Blocks()),
-    ('control', 0.01, said('tracker', 'tracker', 'set', 'threshold', '30.0', 0.1)),
-    ('control', 0.02, said('tracker', 'tracker', 'set', 'threshold', '40.0', 0.2)),
-    ('control', 0.03, said('tracker', 'tracker', 'set', 'calibrate', '', 0.2)),
+    ('request_results', 0.01, accept('set', 'tracker', threshold(30.0), 0.1)),
+    ('request_results', 0.02, accept('set', 'tracker', threshold(40.0), 0.2)),
+    ('request_results', 0.03, accept('calibrate', 'tracker', from_s=0.2)),
+    ('request_results', 0.04, accept('set', 'grains', {'radius': 0.1}, 0.2)),
+    ('request_results', 0.05, accept('set', 'grains', {'radius': 9.0}, 0.2, accepted=False)),
+    ('request_results', 0.06, accept('set', 'sound', {'gain_db': -3.0}, 0.2)),
     ('blocks', 0.2, Blocks()),
-    ('control', 0.25, said('panel', '', 'sleep', stamp_s=0.25)),
-    ('control', 0.26, said('panel', 'tracker', 'calibrate', stamp_s=0.26)),
-    ('control', 0.27, said('panel', 'grains', 'set', 'place', '3 0.5 0.5', 0.27)),
-    ('control', 0.28, said('leds', 'twin', 'set', 'infrared', '0', 0.28)),
-    ('control', 0.30, said('tracker', 'tracker', 'set', 'dark', '9', 0.35)),
+    ('requests', 0.25, ask('sleep')),
+    ('request_results', 0.255, accept('sleep', 'sound')),
+    ('requests', 0.26, ask('calibrate', 'tracker')),
+    ('requests', 0.27, ask('move_grain', 'grains', {'grain': 3, 'x': 0.5, 'y': 0.5})),
+    ('request_results', 0.275, accept('move_grain', 'grains')),
+    ('requests', 0.28, ask('infrared', 'twin', {'mask': 0}, source='leds')),
+    ('request_results', 0.30, accept('darkness', 'tracker', {'until_ns': 9}, 0.35)),
     ('block_taps', 0.32, BlockTap()),
     ('blocks', 0.4, Blocks()),
 ]
+SET_40 = ('tracker', 'set', {'threshold': 40.0}, 0.2)
+RADIUS = ('grains', 'set', {'radius': 0.1}, 0.2)
+DARK = ('tracker', 'darkness', {'until_ns': 9}, 0.35)
 
 
 @pytest.mark.parametrize(
-    ('start_s', 'keys'),
+    ('start_s', 'ahead'),
     [
-        (0.0, ['threshold', 'threshold', 'calibrate', 'dark']),
-        (0.1, ['threshold', 'dark']),
+        (0.0, [('tracker', 'set', {'threshold': 30.0}, 0.1), SET_40,
+               ('tracker', 'calibrate', {}, 0.2), RADIUS, DARK]),
+        (0.1, [SET_40, RADIUS, DARK]),
     ],
-)
-def test_what_the_tracker_heeded_is_told_before_the_images_and_what_people_asked_in_its_time(
-    ros, tmp_path, start_s, keys
+)  # fmt: skip
+def test_what_nodes_heeded_is_asked_before_the_images_and_what_people_asked_in_its_time(
+    ros, tmp_path, start_s, ahead
 ):
     sent = write(tmp_path / 'run', REQUESTS)
     taker, order = Taker(), []
-    taker.subscribe('control', lambda m: order.append((m.source, m.key or m.command)))
-    taker.subscribe('block_taps', lambda m: order.append(('tap', '')))
+
+    def hear(message):
+        assert message.source == 'replay' and message.id
+        asked = request_from_msg(message)
+        from_s = round((asked.from_ns - T0) * 1e-9, 6) if asked.from_ns else 0.0
+        order.append((asked.node, asked.kind, asked.values, from_s))
+
+    taker.subscribe('requests', hear)
+    taker.subscribe('block_taps', lambda m: order.append('tap'))
     node = play(taker, tmp_path / 'run', start_s=start_s, rate=0.5)
-    assert set(node.names) == {'/eol/blocks', '/eol/block_taps', '/eol/control'}
-    ahead = [('tracker', key) for key in keys]
-    assert order == [*ahead, ('panel', 'sleep'), ('tap', '')]
+    assert set(node.names) == {'/eol/blocks', '/eol/block_taps', '/eol/requests'}
+    assert order == [*ahead, ('', 'sleep', {}, 0.0), 'tap']
     assert taker.got['blocks'] == sent['blocks'][-3 if not start_s else -2 :]
     taker.destroy_node()
 
@@ -187,14 +213,19 @@ def scene_of(*names):
 def test_what_is_played_follows_from_what_runs():
     """What a node of the scene takes and none gives."""
     behind = ('replay', 'tracker', 'motion', 'leds', 'grains', 'sound', 'montage')
-    assert played(scene_of(*behind), True) == ['camera/image_raw', 'truth', 'block_taps', 'control']
+    assert played(scene_of(*behind), True) == [
+        'camera/image_raw',
+        'truth',
+        'block_taps',
+        'requests',
+    ]
     assert 'blocks' in played(scene_of('replay', *behind[2:]), True)
     assert 'camera/image_raw' not in played(scene_of('replay', *behind[2:], 'recorder'), True)
-    assert played(scene_of('replay', 'leds'), True) == ['truth', 'slips', 'control']
-    assert played(scene_of('replay', 'sound'), True) == ['corpus', 'grain_triggers', 'control']
+    assert played(scene_of('replay', 'leds'), True) == ['truth', 'slips', 'requests']
+    assert played(scene_of('replay', 'sound'), True) == ['corpus', 'grain_triggers', 'requests']
     assert 'wall' in played(scene_of('replay', 'panel'), True)
     assert played(scene_of('replay'), True)[1] == 'camera/image_raw'
-    assert played(scene_of('replay'), False) == ['blocks', 'block_taps', 'control']
+    assert played(scene_of('replay'), False) == ['blocks', 'block_taps', 'requests']
 
 
 def test_what_cannot_be_played_is_said(ros, tmp_path, bag):

@@ -7,17 +7,19 @@ from array import array
 import numpy as np
 import pytest
 import soundfile
-from eol_msgs.msg import Control, Corpus, GrainTrigger
+from eol_msgs.msg import Corpus, GrainTrigger
 from rclpy.executors import SingleThreadedExecutor
 
 from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.osc import OscIn, OscOut
 from eol_ros.nodes.sound import SoundNode
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.requests import request_to_msg
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, SoundSettings
 from eol_ros.streams import corpus, triggers
+from eol_ros.streams.requests import Asked
 
 FS = 48000
 
@@ -29,9 +31,13 @@ class Probe(EolNode):
         super().__init__(MotionSettings(), scene=Scene('probe', {}))
         self.corpus = self.publisher('corpus')
         self.triggers = self.publisher('grain_triggers')
-        self.control = self.publisher('control')
+        self.asks, self.results = self.publisher('requests'), []
+        self.subscribe('request_results', self.results.append)
         self.meters, self.samples = [], []
         self.subscribe('sound_meter', self.meters.append)
+
+    def ask(self, kind, **values):
+        self.asks.publish(request_to_msg(Asked(kind, '', values), now_ns()))
 
 
 @pytest.fixture
@@ -118,9 +124,19 @@ def test_bad_triggers_no_corpus_lost_audio_and_mute(graph, tmp_path):
     for bad in ({'gain': float('nan')}, {'grain': 2**32 - 1}, {'rate': 0.0}, {'pan': 7.0}):
         probe.triggers.publish(trigger(now_ns(), **bad))
     assert turn(lambda: node.mixer.state['dropped'][0] == 4)
-    probe.control.publish(Control(command='mute', target='sound'))
+    probe.ask('play_grain', grain=0)
+    assert turn(lambda: node.mixer.state['triggers'][0] == 1)  # it comes back as a trigger
+    probe.ask('play_grain', grain=99_999)
+    assert turn(lambda: len(probe.results) == 2)
+    assert [r.accepted for r in probe.results] == [True, False]
+    assert 'grain 99999: the corpus has grains 0 to' in probe.results[1].reason
+    probe.ask('mute')
     assert turn(lambda: node.mixer.state['fade'][0] == 0)
-    probe.control.publish(Control(command='unmute'))
+    probe.ask('sleep')
+    probe.ask('unmute')
+    assert turn(lambda: len(probe.results) == 5)
+    assert node.mixer.state['fade'][0] == 0  # it sleeps
+    probe.ask('wake')
     assert turn(lambda: node.mixer.state['fade'][0] == 1)
     gone = corpus_of(tmp_path, 'gone')
     gone.files = [str(tmp_path / 'nowhere.wav')]

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
+import types
+
 import cv2
 import numpy as np
 import pytest
-from eol_msgs.msg import Blocks, Control
+from eol_msgs.msg import Blocks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
@@ -10,14 +12,17 @@ from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.background.model import ClutterMap
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.requests import Outcome
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.devices.files.tracker_files import TrackerFiles
 from eol_ros.nodes.tracker import TrackerNode
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.stamps import to_msg, to_ns
+from eol_ros.ros.requests import request_from_msg, request_to_msg
+from eol_ros.ros.stamps import to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import TrackerSettings
+from eol_ros.streams.requests import Asked
 
 START_NS = 1_700_000_000_123_456_789
 
@@ -83,27 +88,20 @@ def test_images_become_blocks_as_offline_to_the_bit(ros, matched):
     probe.destroy_node()
 
 
-def heard(source, key, value, stamp_ns):
-    message = Control(source=source, target='tracker', command='set', key=key, value=value)
-    message.header.stamp = to_msg(stamp_ns)
-    return message
-
-
-@pytest.mark.parametrize('sim_time', [True, False])
-def test_only_behind_a_replay_a_tracker_heeds_what_a_tracker_said(ros, sim_time):
-    node = TrackerNode(
-        TrackerSettings(), parameter_overrides=[Parameter('use_sim_time', value=sim_time)]
-    )
-    asked = []
+def test_a_request_counts_from_its_stamp_and_an_own_one_once(ros):
+    node = TrackerNode(TrackerSettings())
+    asked, sent = [], []
     node.tracker.requests.add = lambda *request: asked.append(request)
-    node.on_control(heard('tracker', 'threshold', '30.0', START_NS))
-    assert asked == ([(START_NS, 'threshold', '30.0')] if sim_time else [])
-    asked.clear()
-
-    node.ask('threshold', '40.0', START_NS)
-    assert asked == [(START_NS, 'threshold', '40.0')]
-    node.on_control(heard('tracker', 'threshold', '40.0', START_NS))  # its own words
-    assert len(asked) == 1
+    node.requests.publisher = types.SimpleNamespace(publish=sent.append)
+    ask = Asked('set', 'tracker', {'threshold': 30.0}, from_ns=START_NS, source='replay')
+    node.requests.take(request_to_msg(ask, START_NS))
+    assert asked == [(START_NS, 'threshold', 30.0)] and not sent
+    node.requests.reached(START_NS)
+    node.set_parameters([Parameter('threshold', value=40.0)])  # as ros2 param set does
+    assert asked[1:] == [(START_NS + 1_000_000, 'threshold', 40.0)]
+    node.requests.take(sent[0])  # its own words come back
+    assert len(asked) == 2
+    assert request_from_msg(sent[0]).values == {'threshold': 40.0}
 
     before, node.images = node.tracker, 5
     node.restart()
@@ -117,9 +115,12 @@ def test_what_a_replay_learns_again_is_not_written_down(tmp_path):
     for keep in (True, False):
         tracker = Tracker(settings, Calibration.ideal())
         tracker.finder.clutter = ClutterMap(np.full((800, 1280), 40, np.uint8))
-        tracker.outcome = 'lamps learnt'
+        tracker.outcome = Outcome('darkness', False, 'background learnt')
         tracked = tracker.update(1.0, np.zeros((800, 1280), np.uint8))
-        _, text = TrackerFiles(settings, keep).words(tracker, tracked)
+        files = TrackerFiles(settings, keep)
+        assert files.news(tracker, tracked.stamp_s) is files.told
+        assert files.news(tracker, tracked.stamp_s) is None
+        _, text = files.words(tracked)
         assert ('kept in' in text) is keep is (tmp_path / 'lamps.png').exists()
         (tmp_path / 'lamps.png').unlink(missing_ok=True)
 
@@ -135,7 +136,8 @@ def test_blocks_go_on_when_the_clock_is_set(ros, matched, jump_s):
         executor.spin_once(timeout_sec=0.05)
         if probe.images.subscribers() and matched(node, probe):
             break
-    node.ask('dark', str(START_NS + 10**9), START_NS + 10**9)  # due in a time that never comes
+    ask = Asked('darkness', 'tracker', {'until_ns': START_NS + 10**9}, from_ns=START_NS + 10**9)
+    node.requests.take(request_to_msg(ask, START_NS))  # due in a time that never comes
     for k, image in enumerate(pictures(40)):
         stamp_ns = START_NS + round((k / 60 + (k >= 20) * jump_s) * 1e9)
         probe.images.publish(stamp_ns, image)

@@ -173,8 +173,8 @@ def test_a_row_names_the_topics_that_the_node_uses(name):
                 if by in ('publisher', 'subscribe', 'ImagePublisher'):
                     used |= {a.value for a in part.args if isinstance(a, ast.Constant)}
     node = NODES[name]
-    row = {*node.publishes, *node.subscribes, *node.optional}
-    assert used and used <= row <= named
+    row = {*node.publishes, *node.on_request, *node.subscribes, *node.optional}
+    assert used and used <= row <= named | {'requests', 'request_results'}  # of every node
 
 
 @pytest.mark.parametrize('kind', ['local', 'lan'])

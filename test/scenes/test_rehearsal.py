@@ -192,11 +192,25 @@ def test_replay_is_exact(run):
         assert recorded == recomputed and not different, f'{topic}: {different} differ, {first}'
 
 
+def eol(graph, *words):
+    """Run a command of `eol` on the graph; return what it prints."""
+    done = subprocess.run(
+        [sys.executable, '-m', 'eol_ros', *words],
+        capture_output=True, text=True, timeout=60, check=False,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(graph.domain)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
 def test_kill_each_node_in_turn(tmp_path):
     path = rehearsal(tmp_path, recorder={'images': 'none'})
     with Graph(path, tmp_path / 'bags') as graph:
         graph.wait_until_ok()
         scene = scenes.load(path)
+        eol(graph, 'call', 'mute')
+        eol(graph, 'call', 'sleep', 'montage')
+        eol(graph, 'param', 'set', 'grains', 'radius', '0.11')
         for name in scene.nodes:
             fellows = next((set(group) for group in scene.together if name in group), {name})
             before = {row['node']: row['pid'] for row in graph.status()['nodes']}
@@ -211,6 +225,10 @@ def test_kill_each_node_in_turn(tmp_path):
             assert {n for n in before if before[n] != after[n]} == fellows
         count = len(graph.watch.seen['blocks'])
         until(lambda: len(graph.watch.seen['blocks']) > count + 60, 10)
+        # What people had asked for outlives the processes that they asked.
+        until(lambda: graph.node('sound')['values'].get('muted') is True, 10)
+        assert eol(graph, 'param', 'get', 'grains', 'radius') == '0.11'
+        until(lambda: 'asleep' in graph.node('montage')['text'], 10)
         assert graph.stop() == 0
     from eol_ros.analysis import open_bag
 

@@ -7,6 +7,7 @@ import json
 import pytest
 from chromium import browser, graph, status  # noqa: F401  fixtures
 
+from eol_ros.ros.requests import Answers, expected_of
 from eol_ros.settings import PanelSettings
 from eol_ros.web.server import WebServer
 
@@ -16,24 +17,24 @@ class Notebook:
 
     def __init__(self):
         self.calls = []
-        self.answer = ''
+        self.answer = True, ''  # of the first node that must answer; None: nobody answers
         self.missing = set()
 
-    def runs(self, node):
-        return node not in self.missing
+    def ask(self, asked, done):
+        expected = expected_of(asked.kind, asked.node, lambda node: node not in self.missing)
+        self.calls.append((asked.kind, asked.node, asked.values, asked.source))
+        answers = Answers(asked, expected)
+        if self.answer is not None:
+            node = min(expected)
+            answers.found = {n: (True, '') for n in expected} | {node: self.answer}
+            done(answers)
+        return answers
 
-    def control(self, *args):
-        self.calls.append(('control', *args))
-
-    def change(self, node, values, done):
-        self.calls.append(('change', node, values))
-        done(self.answer)
+    def give_up(self, answers):
+        self.calls.append(('give up', answers.asked.kind))
 
     def rim(self, *args):
         self.calls.append(('rim', *args))
-
-    def play(self, grain):
-        self.calls.append(('play', grain))
 
 
 @pytest.hookimpl(wrapper=True)

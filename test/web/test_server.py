@@ -3,6 +3,7 @@
 
 import asyncio
 import contextlib
+import dataclasses
 import json
 import socket
 import time
@@ -15,6 +16,7 @@ import pytest
 
 from eol_ros.core import terrain
 from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.streams.requests import KINDS
 from eol_ros.web.controls import CONTROLS
 from eol_ros.web.hub import FULL
 from eol_ros.web.routes import MAX_MESSAGE, describe
@@ -148,34 +150,49 @@ def test_each_control_reaches_the_graph(serve):
     }
     for name in CONTROLS:
         status, _, text = ask(server, f'/control/{name}', json.dumps(bodies.get(name, {})))
-        answered = {'node': 'tracker'} if name in ('calibrate', 'learn_clutter') else {}
-        assert (status, json.loads(text)) == (200, {'ok': True, **answered}), name
+        assert (status, json.loads(text)) == (200, {'ok': True, 'text': ''}), name
     calls = server.bridge.calls
-    for name in ('sleep', 'wake', 'mute', 'unmute', 'test'):
-        assert ('control', name, '', '', '', 'panel 127.0.0.1') in calls
-    assert ('change', 'grains', {'radius': 0.05}) in calls
-    assert ('control', 'set', 'grains', 'radius', '0.05', 'panel 127.0.0.1') in calls
-    assert ('change', 'grains', {'x_axis': 'centroid_mean_hz', 'y_axis': 'loudness'}) in calls
-    assert ('play', 7) in calls
-    assert ('control', 'set', 'grains', 'place', '[3, 0.5, 1.0]', 'panel 127.0.0.1') in calls
+    people = 'panel 127.0.0.1'
+    for name in ('sleep', 'wake', 'mute', 'unmute', 'test', 'calibrate', 'learn_background'):
+        assert (name, '', {}, people) in calls
+    assert ('set', 'grains', {'radius': 0.05}, people) in calls
+    assert ('set', 'tracker', {'threshold': 90.0}, people) in calls
+    axes = {'x_axis': 'centroid_mean_hz', 'y_axis': 'loudness'}
+    assert ('set', 'grains', axes, people) in calls
+    assert ('play_grain', '', {'grain': 7}, people) in calls
+    assert ('move_grain', '', {'grain': 3, 'x': 0.5, 'y': 1.0}, people) in calls
+    assert len(calls) == len(CONTROLS)
 
 
-def test_the_graph_says_no(serve):
+def test_the_answer_is_that_of_the_nodes(serve):
     server = serve()
-    server.bridge.answer = 'grains does not run'
-    status, _, text = ask(server, '/control/radius', '{"value": 0.05}')
-    assert (status, json.loads(text)) == (409, {'error': 'grains does not run'})
-    assert not [c for c in server.bridge.calls if c[0] == 'control']
+    server.bridge.answer = False, 'grain 7: the corpus has grains 0 to 3'
+    status, _, text = ask(server, '/control/play', '{"grain": 7}')
+    assert status == 409
+    assert json.loads(text) == {'error': 'sound: grain 7: the corpus has grains 0 to 3'}
+    server.bridge.answer = True, 'background learnt'
+    status, _, text = ask(server, '/control/learn_background', '{}')
+    assert (status, json.loads(text)['text']) == (200, 'background learnt')
+
+
+def test_a_node_that_does_not_answer_is_named(serve, monkeypatch):
+    server = serve()
+    server.bridge.answer = None
+    monkeypatch.setitem(KINDS, 'mute', dataclasses.replace(KINDS['mute'], within_s=0.05))
+    status, _, text = ask(server, '/control/mute', '{}')
+    assert (status, json.loads(text)) == (409, {'error': 'sound does not answer'})
+    assert server.bridge.calls[-1] == ('give up', 'mute')
 
 
 def test_a_node_that_does_not_run_is_named(serve):
     server = serve()
     server.bridge.missing = {'tracker', 'sound'}
-    for name, body in (('calibrate', '{}'), ('learn_clutter', '{}'), ('play', '{"grain": 1}')):
+    bodies = (('calibrate', '{}'), ('learn_background', '{}'), ('play', '{"grain": 1}'))
+    for name, body in bodies:
         status, _, text = ask(server, f'/control/{name}', body)
         assert status == 409 and json.loads(text)['error'].endswith('does not run'), name
     assert server.bridge.calls == []
-    assert ask(server, '/control/sleep', '{}')[0] == 200
+    assert ask(server, '/control/sleep', '{}')[0] == 200  # leds and montage do
 
 
 @pytest.mark.parametrize(
@@ -218,7 +235,7 @@ def test_open_to_the_network_every_control_asks_for_the_pin(serve):
     for _ in range(5):
         assert ask(server, '/pin', '', X_Pin='0000')[0] == 401
     assert ask(server, '/control/sleep', '{}', X_Pin='4711')[0] == 429
-    assert server.bridge.calls == [('control', 'sleep', '', '', '', 'panel 127.0.0.1')]
+    assert server.bridge.calls == [('sleep', '', {}, 'panel 127.0.0.1')]
     with pytest.raises(ConfigError):
         serve(host='0.0.0.0')
 

@@ -6,7 +6,7 @@ hangs in the museum, to the bit.
 """
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +18,14 @@ from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.identity import Identity
 from eol_ros.core.vision.image_health import Watch
-from eol_ros.core.vision.requests import CALIBRATE, CLUTTER, THRESHOLD, Requests, unpacked
+from eol_ros.core.vision.requests import (
+    BACKGROUND,
+    CALIBRATE,
+    DARKNESS,
+    THRESHOLD,
+    Outcome,
+    Requests,
+)
 from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING, TRACKING
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
@@ -92,8 +99,7 @@ class Tracker:
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
         self.learning: self_calibration.SelfCalibration | None = None
         self.requests = Requests()
-        self.outcome = ''  # of the last request, in one line
-        self.refused = False  # and whether it could not be fulfilled
+        self.outcome: Outcome | None = None  # of the last request
         self.asked_s = np.inf  # when a new calibration was asked for
         self.settled_s = -np.inf  # until then metres are new, and nobody should compare
 
@@ -147,8 +153,8 @@ class Tracker:
     def update(self, stamp_s: float, image: np.ndarray) -> Tracked:
         """Take the next image, (h, w) uint8, stamped mid-exposure; never raises for a bad image."""
         image = scan.read_only(image)
-        for key, text in self.requests.due(stamp_s):
-            self._fulfil(stamp_s, key, text)
+        for kind, value in self.requests.due(stamp_s):
+            self._fulfil(stamp_s, kind, value)
         if self.requests.dark(stamp_s, image):
             self.lattice.break_off(stamp_s)
             self.blobs = self.blobs[:0]
@@ -192,13 +198,19 @@ class Tracker:
             return self._answer(stamp_s, CALIBRATING, 'metres are new')
         return self._answer(stamp_s, lattice.state, why.get(lattice.state, ''))
 
-    def _fulfil(self, stamp_s: float, key: str, text: str) -> None:
+    def _fulfil(self, stamp_s: float, kind: str, value: Any) -> None:
         """Do what was asked for, from this image on."""
-        if key == THRESHOLD:
-            self.finder.threshold = float(text)
-        elif key == CLUTTER:
-            self.finder.clutter = unpacked(text) if text else None
-        elif key == CALIBRATE and self.calibration is not None and self.learning is None:
+        if kind == THRESHOLD:
+            self.finder.threshold = value
+        elif kind == BACKGROUND:
+            self.finder.clutter = value
+        elif kind == CALIBRATE and self.calibration is None:
+            self._tell(CALIBRATE, 'not calibrated: no squares seen yet', True)
+        elif kind == CALIBRATE and self.learning is not None:
+            if np.isinf(self.asked_s):
+                self._tell(CALIBRATE, 'not calibrated: it learns the scale first', True)
+        elif kind == CALIBRATE:
+            assert self.calibration is not None
             from eol_ros.core.vision.calibration import self_calibration
 
             shape = self.calibration.image_height, self.calibration.image_width
@@ -213,15 +225,15 @@ class Tracker:
         try:
             clutter = self.requests.learnt()
         except ConfigError as error:
-            self._tell(str(error), True)
+            self._tell(DARKNESS, str(error), True)
         else:
             if clutter is not None:
                 self.finder.clutter = clutter
                 share = 100 * float((clutter.light > LAMP_LEVEL).mean())
-                self._tell(f'lamps learnt: they light {share:.1f} % of the picture', False)
+                self._tell(DARKNESS, f'background learnt: lamps light {share:.1f} % of it', False)
 
-    def _tell(self, outcome: str, refused: bool) -> None:
-        self.outcome, self.refused = outcome, refused
+    def _tell(self, kind: str, text: str, refused: bool) -> None:
+        self.outcome = Outcome(kind, refused, text)
 
     def _learn(self, stamp_s: float, image: np.ndarray) -> None:
         """Calibrate by the blocks themselves, as soon as all of them rest in full view."""
@@ -234,6 +246,7 @@ class Tracker:
             self._take(found)
             self.finder.calibration = found
             self._tell(
+                CALIBRATE,
                 f'calibrated by the blocks: {found.residual_px:.3f} px, '
                 f'{found.residual_mm:.2f} mm left',
                 False,
@@ -242,7 +255,7 @@ class Tracker:
             if np.isfinite(self.asked_s):
                 self.settled_s = stamp_s + SETTLE_S
         elif np.isfinite(self.asked_s) and (learning.refused or stamp_s - self.asked_s > REST_S):
-            self._tell(f'not calibrated: {learning.why}', True)
+            self._tell(CALIBRATE, f'not calibrated: {learning.why}', True)
             self.learning = None
         if self.learning is None:
             self.asked_s = np.inf

@@ -210,8 +210,10 @@ class Player:
         fade_in_s: float = 2.0,
         compiled: bool = True,
         card_needed: bool = True,
+        quiet: bool = False,
     ):
         self.mixer, self.device, self.block_size = mixer, device, block_size
+        self.quiet = quiet  # asleep or muted: a card that comes back does not change that
         self._card_needed = card_needed
         self.stuck = False
         self.losses = 0
@@ -267,8 +269,12 @@ class Player:
         time.sleep(0.05)  # what is on its way through the limiter and the driver
         self.output.close()
 
+    def _rise(self) -> None:
+        """Begin in silence, and stay there or fade in."""
+        self.mixer.fade(0.0 if self.quiet else 1.0, self._fade_in_s, at_once_from=0.0)
+
     def _first(self) -> 'Card | WavSink':
-        self.mixer.fade(1.0, self._fade_in_s, at_once_from=0.0)
+        self._rise()
         if self.device == 'wav':
             return self._file(self._wav)
         try:
@@ -336,7 +342,7 @@ class Player:
             card.close()
             self._missing(DeviceMissing(f'{self.output.name}: the disk does not answer'))
             return
-        self.mixer.fade(1.0, self._fade_in_s, at_once_from=0.0)
+        self._rise()
         card.play()
         self.output = card
         self._backoff.succeeded()

@@ -60,7 +60,8 @@ class BagPlayer:
 
     rate: recorded seconds per second of the clock; `fast` hands over as fast as `give` takes.
     `start_s` counts from the first message of the bag. `stamped` names the topics that are played
-    by their stamps. `begin` is called before each round, while recorded time stands at its start.
+    by their stamps. `begin` is called before each round, while recorded time stands at its start and all have seen it
+    go back.
     Clock and sleep are arguments so that tests need not wait.
     """
 
@@ -161,11 +162,15 @@ class BagPlayer:
         """Let recorded time stand at `at_ns`, tell `begin`, and then let it run."""
         with self._lock:
             self._pace, self._shown_ns = Pace(self._clock(), at_ns, 0.0, at_ns), at_ns
+        self._sleep_for(seconds / 2)  # who follows recorded time has noticed, and begun again
         self._begin()
+        self._sleep_for(seconds / 2)
+        self._pace = Pace(self._clock(), at_ns, self._rate, at_ns)
+
+    def _sleep_for(self, seconds: float) -> None:
         end_s = self._clock() + seconds
         while not self._stop.is_set() and (left_s := end_s - self._clock()) > 0:
             self._sleep(min(left_s, NAP_S))
-        self._pace = Pace(self._clock(), at_ns, self._rate, at_ns)
 
     def _wait(self, due_ns: int) -> None:
         """Wait until recorded time is `due_ns`; where that is long past, it goes on from there."""

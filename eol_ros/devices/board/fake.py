@@ -11,6 +11,7 @@ import argparse
 import math
 import os
 import select
+import signal
 import sys
 import threading
 import time
@@ -242,7 +243,7 @@ def _faults(text: str) -> list[tuple[float, str]]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run a board until Ctrl-C; its port is the one line on stdout."""
+    """Run a board until Ctrl-C or SIGTERM; its port is the one line on stdout."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--link', metavar='PATH', help='stable name for the port')
     parser.add_argument('--version', type=int, default=protocol.VERSION, help='protocol to speak')
@@ -251,6 +252,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument('--log', metavar='FILE', help='write each arrival as a line of CSV')
     parser.add_argument('--for', type=float, default=math.inf, dest='seconds', help='then stop')
     args = parser.parse_args(argv)
+    for number in (signal.SIGINT, signal.SIGTERM):  # also where a shell has it ignore the first
+        signal.signal(number, signal.default_int_handler)
     try:
         script = _faults(args.faults)
     except UsageError as error:

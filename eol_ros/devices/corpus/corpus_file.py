@@ -300,15 +300,6 @@ def load_moved(sound: Path) -> np.ndarray:
     return np.array(found).reshape(-1, 3)
 
 
-def move_as_asked(corpus: Corpus, text: str) -> Path:
-    """Move a grain as a person asks: `text` is [grain, x, y] in JSON. Raises ConfigError."""
-    try:
-        grain, x, y = json.loads(text)
-        return move(corpus, int(grain), float(x), float(y))
-    except (ValueError, TypeError) as error:
-        raise ConfigError(f'{text!r} is not [grain, x, y]: {error}') from None
-
-
 def move(corpus: Corpus, grain: int, x: float, y: float) -> Path:
     """Note beside the sound that the grain now lies at x, y; return that file.
 

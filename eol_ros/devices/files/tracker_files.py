@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a tracker reads when it begins and keeps when it has learnt: calibration and lamps."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.requests import packed
+from eol_ros.core.vision.requests import DARKNESS, Outcome, packed
 from eol_ros.core.vision.states import STATES, TRACKING
 from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.errors import EolError
@@ -27,7 +28,7 @@ def calibration_of(settings: TrackerSettings) -> Calibration:
 
 
 class TrackerFiles:
-    """The files that settings name. `calibration` to begin with; `lamps`, a map as text, or ''.
+    """The files that settings name. `calibration` to begin with; `lamps`, a PNG, or b''.
 
     A calibration made while running goes beside the old one as NAME.new.yaml: the bags of today say
     that they were made with the old one. Without `keep` nothing is written: what a replay learns
@@ -39,38 +40,44 @@ class TrackerFiles:
 
     def __init__(self, settings: TrackerSettings, keep: bool = True):
         self.settings, self._writes = settings, keep
-        self.calibration, self.lamps = calibration_of(settings), ''
+        self.calibration, self.lamps = calibration_of(settings), b''
         if settings.background and Path(settings.background).exists():
             from eol_ros.devices.files import background_file
 
             self.lamps = packed(background_file.load(settings.background))
-        self._told = ''
+        self.told: Outcome | None = None  # the last outcome, with where it is kept
+        self._seen: Outcome | None = None
         self._until_s = 0.0
 
-    def words(self, tracker: Tracker, tracked: Tracked) -> tuple[bool, str]:
-        """Return whether all is well, and one line; what came of a request is kept and said."""
-        if tracker.outcome != self._told:
-            self._until_s = tracked.stamp_s + TOLD_S
-            if not tracker.refused:
-                tracker.outcome += self._keep(tracker)
-            self._told = tracker.outcome
+    def news(self, tracker: Tracker, stamp_s: float) -> Outcome | None:
+        """Keep what a request has brought; return its outcome, and where it is kept, once."""
+        outcome = tracker.outcome
+        if outcome is None or outcome is self._seen:
+            return None
+        self._seen, self._until_s = outcome, stamp_s + TOLD_S
+        kept = '' if outcome.refused else self._keep(tracker, outcome.kind)
+        self.told = replace(outcome, text=outcome.text + kept)
+        return self.told
+
+    def words(self, tracked: Tracked) -> tuple[bool, str]:
+        """Return whether all is well, and one line; what came of a request is said for a while."""
         good, text = tracked.state == TRACKING, f'{STATES[tracked.state]}: {tracked.why}'
         if good:
             text = f'{int(tracked.seen.sum())} of 25 blocks seen'
             if tracked.symmetry_ambiguous:
                 good = False
                 text = 'which way round the lattice lies is open: ids may be turned by 90 deg'
-        if tracked.stamp_s < self._until_s:
-            return good and not tracker.refused, f'{tracker.outcome}; {text}'
+        if self.told is not None and tracked.stamp_s < self._until_s:
+            return good and not self.told.refused, f'{self.told.text}; {text}'
         return good, text
 
-    def _keep(self, tracker: Tracker) -> str:
+    def _keep(self, tracker: Tracker, kind: str) -> str:
         """Write down what was learnt; return where, for people."""
         if not self._writes:
             return ''
         try:
-            if tracker.outcome.startswith('lamps') and tracker.finder.clutter is not None:
-                if not self.settings.background:
+            if kind == DARKNESS:
+                if not self.settings.background or tracker.finder.clutter is None:
                     return ''
                 from eol_ros.devices.files import background_file
 

@@ -14,8 +14,6 @@ import { SpaceView } from './space.js';
 const STALE_S = 2.2; // without data: with the time between looks, less than 3 s
 const LOOK_MS = 250;
 const PACE_S = 0.033; // eyes that read figures need no more; a slip comes at once
-const FOLLOW_MS = 60000; // so long the answer of a node is shown beside the buttons
-const BEFORE_MS = 2500; // and so long what it said before counts for no answer
 const STIR_M = 0.0004; // a fifth of a pixel of the camera
 const $ = (id) => document.getElementById(id);
 
@@ -80,8 +78,9 @@ link.on('trigger', ({ grain }) => space.hit(grain));
 link.on('cascades', (day) => cascades.take(day));
 link.on('health', (status) => {
   nodes.take(status, Math.max(0, link.now() - status.at));
-  follow(status);
   if (status.node === 'tracker') camera.showThreshold(status.values.threshold);
+  if (status.node === 'grains') showReach(Number(status.values.radius));
+  if (status.node === 'sound') press('mute', 'unmute', status.values.muted === 'True');
 });
 function nameCorpus() {
   const { corpus } = space;
@@ -93,25 +92,34 @@ link.on('corpus', async () => {
   const corpus = await answer.json();
   space.setCorpus(corpus);
   nameCorpus();
-  $('radius').value = corpus.radius;
-  $('radius').nextElementSibling.value = `${Math.round(corpus.radius * 1000)} mm`;
 });
+// The slider is logarithmic over the range that the setting has.
+let [least, most] = [0.001, 1];
+const sliderReach = () => least * (most / least) ** $('radius').value;
+function sayReach(metres) {
+  $('radius').nextElementSibling.value = `${Number((metres * 1000).toPrecision(3))} mm`;
+}
+function showReach(metres) {
+  if (!(metres > 0) || metres === space.reach) return; // the same: a hand may be on the slider
+  $('radius').value = Math.log(metres / least) / Math.log(most / least);
+  sayReach(metres);
+  space.setReach(metres);
+}
+function press(first, second, on) {
+  for (const name of [first, second]) {
+    document.querySelector(`[data-control=${name}]`).setAttribute('aria-pressed', (name === first) === on);
+  }
+}
+link.on('limits', ({ radius }) => ([least, most] = radius));
 link.on('tick', ({ viewers }) => ($('visitors').textContent = say('visitors', { count: viewers })));
 link.on('trust', ({ ok }) => lock(!ok));
 link.on('hello', ({ pin }) => {
   $('pin-form').hidden = !pin;
   lock(pin && !link.pin);
 });
-link.on('mute', ({ on }) => {
-  for (const name of ['mute', 'unmute']) {
-    document.querySelector(`[data-control=${name}]`).setAttribute('aria-pressed', (name === 'mute') === on);
-  }
-});
 link.on('wall', ({ left, right }) => {
   const asleep = !left && !right;
-  for (const name of ['sleep', 'wake']) {
-    document.querySelector(`[data-control=${name}]`).setAttribute('aria-pressed', (name === 'sleep') === asleep);
-  }
+  press('sleep', 'wake', asleep);
   $('live').dataset.asleep = asleep;
 });
 
@@ -121,30 +129,24 @@ function lock(locked) {
   for (const element of document.querySelectorAll('[data-control], #radius, #keep-threshold')) element.disabled = locked;
 }
 
-// A node that was asked for something longer says in its status what comes of it.
-let asked = null;
-function follow({ node, level, text }) {
-  const since = asked && performance.now() - asked.at;
-  if (!asked || asked.node !== node || since > FOLLOW_MS) return;
-  if (text === asked.before && since < BEFORE_MS) return;
-  $('answer').className = level === 'ok' ? 'legend' : 'legend bad';
-  write($('answer'), `${say(asked.name)}: ${say('says', { node, text })}`);
-}
-
+// What is shown is the answer to the newest request; until it comes, that it was asked.
+let asked = 0;
 async function act(name, body = {}) {
-  const texts = new Map([...nodes.nodes].map(([node, { text }]) => [node, text]));
+  const mine = ++asked;
+  $('answer').className = 'legend';
+  $('answer').textContent = `${say(name)}: ${say('asked')}`;
   const answer = await link.control(name, body);
-  const { node } = answer;
-  asked = node ? { name, node, before: texts.get(node), at: performance.now() } : null;
-  $('answer').className = answer.error ? 'legend bad' : 'legend';
-  $('answer').textContent = `${say(name)}: ${answer.error ?? say(node ? 'asked' : 'done')}`;
+  if (mine === asked) {
+    $('answer').className = answer.error ? 'legend bad' : 'legend';
+    $('answer').textContent = `${say(name)}: ${answer.error ?? (answer.text || say('done'))}`;
+  }
   if (answer.error && (name === 'move' || name === 'axes')) link.emit('corpus'); // show what really is
   return answer;
 }
 
 for (const button of document.querySelectorAll('[data-control]')) button.onclick = () => act(button.dataset.control);
-$('radius').oninput = () => ($('radius').nextElementSibling.value = `${Math.round($('radius').value * 1000)} mm`);
-$('radius').onchange = () => act('radius', { value: Number($('radius').value) });
+$('radius').oninput = () => sayReach(sliderReach());
+$('radius').onchange = () => act('radius', { value: Number(sliderReach().toPrecision(3)) });
 $('keep-threshold').onclick = () => act('threshold', { value: camera.level });
 $('pin-form').onsubmit = async (event) => {
   event.preventDefault();

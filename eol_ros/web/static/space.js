@@ -15,6 +15,7 @@ export class SpaceView {
     this.act = act;
     this.flashes = new Map();
     this.picked = -1;
+    this.reach = 0;
     this.menus.colour.onchange = () => this.recolour();
     for (const axis of ['x', 'y']) {
       this.menus[axis].onchange = () => act('axes', { x: this.menus.x.value, y: this.menus.y.value });
@@ -243,6 +244,12 @@ export class SpaceView {
     brush.fillText(`\u2191 ${descriptor(this.corpus.y_name)}`, 6, 4);
   }
 
+  // The reach of a block, in metres.
+  setReach(metres) {
+    this.reach = metres;
+    this.dirty = true;
+  }
+
   drawBlocks(brush) {
     if (!this.seen) return;
     const [x0, y0, x1, y1] = this.corpus.bounds;
@@ -260,7 +267,7 @@ export class SpaceView {
       brush.strokeRect(x - half, y - half, 2 * half, 2 * half);
       if (live) {
         brush.beginPath();
-        brush.ellipse(x, y, this.corpus.radius * perM, this.corpus.radius * tallM, 0, 0, 7);
+        brush.ellipse(x, y, this.reach * perM, this.reach * tallM, 0, 0, 7);
         brush.stroke();
       }
     }

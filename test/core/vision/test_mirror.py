@@ -114,7 +114,7 @@ def test_without_a_file_the_settings_say_it_and_a_new_calibration_keeps_it():
     assert np.abs(states[-1].yaw - 0.02).max() < 2e-3
     tracker.requests.add(0, CALIBRATE)
     states = [tracker.update(k / 60, images[k]) for k in range(40, 80)]
-    assert tracker.outcome.startswith('calibrated')
+    assert tracker.outcome.text.startswith('calibrated')
     assert tracker.calibration.mirrored
     assert np.abs(states[-1].world - xy).max() < 1.5e-3
 

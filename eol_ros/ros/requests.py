@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Requests on the graph: how a node takes and answers them, and how one asks and is answered."""
+
+import itertools
+import os
+import threading
+import time
+from array import array
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from eol_msgs.msg import Request, RequestResult
+from rclpy.parameter import Parameter
+
+from eol_ros.core.stamp_watch import SOON_NS
+from eol_ros.errors import DeviceMissing, EolError, UsageError
+from eol_ros.ros.stamps import now_ns, to_msg, to_ns
+from eol_ros.streams.requests import KINDS, Asked, value_of
+
+if TYPE_CHECKING:
+    from eol_ros.ros.node import EolNode
+
+REQUESTS, RESULTS = 'requests', 'request_results'
+LATER = object()  # what a handler returns that answers by itself when it knows what came of it
+_OWN = 256  # ids of one's own that are remembered
+_QUIET_S = 0.5  # without another node found: all have been
+_DISCOVERY_S = 5.0
+_numbers = itertools.count(1)
+
+Handler = Callable[[Asked], Any]
+
+
+def new_id(source: str) -> str:
+    """Return an id that no other process gives."""
+    return f'{source}-{os.getpid()}-{time.time_ns():x}-{next(_numbers)}'
+
+
+def request_to_msg(asked: Asked, stamp_ns: int) -> Request:
+    """Return the message of a request that is made at `stamp_ns`."""
+    message = Request(
+        id=asked.id,
+        source=asked.source,
+        node=asked.node,
+        kind=asked.kind,
+        values=_values(asked),
+        data=array('B', asked.data),
+        from_stamp=to_msg(asked.from_ns),
+    )
+    message.header.stamp = to_msg(stamp_ns)
+    return message
+
+
+def _values(asked: Asked) -> list:
+    return [
+        Parameter(name, value=list(value) if isinstance(value, tuple) else value).to_parameter_msg()
+        for name, value in asked.values.items()
+    ]
+
+
+def request_from_msg(message: Request) -> Asked:
+    """Return what a message asks."""
+    values = {v.name: value_of(v.value) for v in message.values}
+    return Asked(
+        message.kind,
+        message.node,
+        values,
+        bytes(message.data),
+        to_ns(message.from_stamp),
+        message.id,
+        message.source,
+    )
+
+
+class RequestServer:
+    """Takes the requests that are meant for `node` and calls the handler of their kind.
+
+    A handler gets the request with the stamp from which it is to count, and returns a text for
+    people or None; it raises EolError to refuse, or returns LATER and calls `answer` itself. What
+    counts from a stamp that has not come yet waits, where the node says `holds`, until `reached`
+    tells of it.
+    """
+
+    def __init__(self, node: 'EolNode', holds: bool = True):
+        self._node, self._holds = node, holds
+        self._handlers: dict[str, Handler] = {}
+        self._own: deque[str] = deque(maxlen=_OWN)
+        self._waiting: list[tuple[int, Asked]] = []
+        self.newest_ns = 0  # stamp of the stream that the node lives by
+        self.publisher = node.publisher(REQUESTS)
+        self._results = node.publisher(RESULTS)
+        node.subscribe(REQUESTS, self.take)
+
+    def serve(self, **handlers: Handler) -> None:
+        """Call `handlers` by kind of request."""
+        self._handlers.update(handlers)
+
+    def from_ns(self, asked_ns: int = 0) -> int:
+        """Return the stamp from which a request of now counts; 0: from the first."""
+        return max(asked_ns, self.newest_ns + SOON_NS) if self.newest_ns else asked_ns
+
+    def reached(self, stamp_ns: int) -> None:
+        """Do what counts from `stamp_ns` on, before what has this stamp is used."""
+        self.newest_ns = stamp_ns
+        while self._waiting and self._waiting[0][0] <= stamp_ns:
+            self._do(self._waiting.pop(0)[1])
+
+    def forget(self) -> None:
+        """Drop what waits: time has jumped back."""
+        self._waiting.clear()
+        self.newest_ns = 0
+
+    def take(self, message: Request) -> None:
+        """Heed a message, if it is meant for this node and is not its own."""
+        name = self._node.NAME
+        if message.node not in ('', name) or message.id in self._own:
+            return
+        if message.kind not in self._handlers:
+            if message.node == name:
+                known = ', '.join(sorted(self._handlers))
+                self._refuse(request_from_msg(message), f'{name} is asked for {known}')
+            return
+        asked = request_from_msg(message)
+        try:
+            values = KINDS[asked.kind].check(asked.values)
+        except UsageError as error:
+            return self._refuse(asked, str(error))
+        asked = replace(asked, values=values, from_ns=self.from_ns(asked.from_ns))
+        if self._holds and asked.from_ns > self.newest_ns + SOON_NS:
+            self._waiting.append((asked.from_ns, asked))
+            self._waiting.sort(key=lambda item: item[0])
+        else:
+            self._do(asked)
+
+    def _do(self, asked: Asked) -> None:
+        try:
+            reason = self._handlers[asked.kind](asked)
+        except EolError as error:
+            return self._refuse(asked, str(error))
+        if reason is not LATER:
+            self.answer(asked, True, reason or '')
+
+    def _refuse(self, asked: Asked, reason: str) -> None:
+        self._node.get_logger().warning(f'refused {asked.words()}: {reason}')
+        self.answer(asked, False, reason)
+
+    def answer(self, asked: Asked, accepted: bool, reason: str) -> None:
+        """Say what came of a request."""
+        result = RequestResult(
+            id=asked.id,
+            node=self._node.NAME,
+            kind=asked.kind,
+            values=_values(asked),
+            accepted=accepted,
+            reason=reason,
+            from_stamp=to_msg(asked.from_ns),
+        )
+        result.header.stamp = to_msg(now_ns())
+        self._results.publish(result)
+
+    def ask(self, asked: Asked) -> None:
+        """Ask another node."""
+        id_ = asked.id or new_id(self._node.NAME)
+        message = request_to_msg(replace(asked, id=id_, source=self._node.NAME), now_ns())
+        self._own.append(id_)
+        self.publisher.publish(message)
+
+    def declare(
+        self, kind: str, values: Mapping[str, Any], from_ns: int, data: bytes = b''
+    ) -> None:
+        """Say, for the bag, what this node does without having been asked on the topic."""
+        asked = Asked(kind, self._node.NAME, dict(values), data, from_ns, new_id(self._node.NAME))
+        self.ask(asked)
+        self.answer(asked, True, '')
+
+
+@dataclass
+class Answers:
+    """What nodes have said to one request; `whole` when all that were expected have."""
+
+    asked: Asked
+    expected: set[str]
+    done: Callable[['Answers'], None] | None = None
+    found: dict[str, tuple[bool, str]] = field(default_factory=dict)
+
+    @property
+    def whole(self) -> bool:
+        """Whether nothing more is to be waited for: all have answered, or one has refused."""
+        refused = not all(accepted for accepted, _ in self.found.values())
+        return refused or self.expected <= set(self.found)
+
+    @property
+    def refusal(self) -> str:
+        """Return why it was refused, with the node's name; '' where it was not."""
+        return '; '.join(f'{node}: {why}' for node, (good, why) in self.found.items() if not good)
+
+    @property
+    def text(self) -> str:
+        """Return what nodes that accepted it say came of it."""
+        return '; '.join(why for _node, (good, why) in self.found.items() if good and why)
+
+    @property
+    def silent(self) -> str:
+        """Return who has not answered, in words."""
+        missing = sorted(self.expected - set(self.found))
+        return f'{", ".join(missing)} {"does" if len(missing) == 1 else "do"} not answer'
+
+
+class RequestClient:
+    """Asks nodes and gathers their answers; may be used from any thread."""
+
+    def __init__(self, node: Any, publisher: Any):
+        self._node, self._publisher = node, publisher
+        self._lock = threading.Lock()
+        self._open: dict[str, Answers] = {}
+
+    def ask(
+        self, asked: Asked, expected: set[str], done: Callable[[Answers], None] | None = None
+    ) -> Answers:
+        """Publish a request; `done` is called, in the executor's thread, when all have answered."""
+        asked = replace(asked, id=asked.id or new_id(asked.source or 'eol'))
+        answers = Answers(asked, expected, done)
+        with self._lock:
+            self._open[asked.id] = answers
+        self._publisher.publish(request_to_msg(asked, self._node.get_clock().now().nanoseconds))
+        return answers
+
+    def give_up(self, answers: Answers) -> None:
+        """Wait no longer."""
+        with self._lock:
+            self._open.pop(answers.asked.id, None)
+
+    def heard(self, result: RequestResult) -> None:
+        """Take a message of `request_results`; to be called by the owner for each."""
+        with self._lock:
+            answers = self._open.get(result.id)
+            if answers is None:
+                return
+            answers.found[result.node] = (result.accepted, result.reason)
+            if not answers.whole:
+                return
+            del self._open[result.id]
+        if answers.done:
+            answers.done(answers)
+
+
+def expected_of(kind: str, node: str, runs: Callable[[str], bool]) -> set[str]:
+    """Return who must answer a request; raise EolError when whom it needs does not run."""
+    row = KINDS.get(kind)
+    if row is None:
+        raise UsageError(f'{kind}: no such request; there are {", ".join(KINDS)}')
+    if node and node not in row.nodes:
+        raise UsageError(f'{kind}: {node} does not heed it, but {", ".join(row.nodes)}')
+    heeding = {n for n in ([node] if node else row.nodes) if runs(n)}
+    missing = [n for n in ([node] if node else row.nodes) if n not in heeding]
+    if row.answered_by and not runs(row.answered_by):
+        missing, heeding = [row.answered_by], set()
+    if not heeding:
+        verb = 'does' if len(missing) == 1 else 'do'
+        raise EolError(f'{", ".join(missing)} {verb} not run')
+    return {row.answered_by} if row.answered_by else heeding
+
+
+def visit_and_ask(asked: Asked, reach: str) -> Answers:
+    """Ask the running graph from the command line; return what its nodes have answered in time.
+
+    Raises DeviceMissing when nobody is there to answer.
+    """
+    from eol_ros.ros.session import session
+    from eol_ros.ros.topics import PUBLISHER_QOS, QOS
+
+    with session(reach=reach) as visit:
+        node = visit.node
+        publisher = node.create_publisher(Request, REQUESTS, PUBLISHER_QOS['stream'])
+        client = RequestClient(node, publisher)
+        node.create_subscription(RequestResult, RESULTS, client.heard, QOS['stream'])
+        found = _Heeding(node)
+        visit.run(lambda: found.whole(publisher.get_subscription_count()), _DISCOVERY_S)
+        try:
+            answers = client.ask(asked, expected_of(asked.kind, asked.node, found.runs))
+        except UsageError:
+            raise
+        except EolError as error:
+            raise DeviceMissing(f'{error} here (--lan looks on the network)') from None
+        visit.run(lambda: answers.whole, KINDS[asked.kind].within_s)
+        return answers
+
+
+class _Heeding:
+    """Which nodes take requests and answer them, as far as they have been discovered."""
+
+    def __init__(self, node: Any):
+        self._node = node
+        self._asked: set[str] = set()
+        self._answering: set[str] = set()
+        self._met_s = 0.0
+
+    def runs(self, name: str) -> bool:
+        return name in self._asked and name in self._answering
+
+    def whole(self, matched: int) -> bool:
+        """Whether for a while no other node was found, and all that were are matched."""
+        full = self._node.resolve_topic_name
+        asked = {e.node_name for e in self._node.get_subscriptions_info_by_topic(full(REQUESTS))}
+        answering = {e.node_name for e in self._node.get_publishers_info_by_topic(full(RESULTS))}
+        if (asked, answering) != (self._asked, self._answering):
+            self._asked, self._answering, self._met_s = asked, answering, time.monotonic()
+        quiet = time.monotonic() - self._met_s > _QUIET_S
+        return bool(asked) and quiet and matched >= len(asked)

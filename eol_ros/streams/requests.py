@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may be asked of the nodes: every kind of request once, and the requests of a recording.
+
+A request goes out on `requests`; every node that heeds it answers on `request_results`, with the
+stamp from which it counts. Both are in the bag, so that what was asked while recording is heeded
+again by a replay and by `eol report --retrack`, from the same image on.
+"""
+
+import base64
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from eol_ros.errors import UsageError
+from eol_ros.settings import live_fields
+from eol_ros.streams.graph import NODES
+
+NS = 1_000_000_000
+SET = 'set'
+_MASK = 2**25 - 1
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number that a request takes, within its range."""
+
+    name: str
+    low: float
+    high: float
+    whole: bool = False
+
+    def check(self, value: Any) -> float:
+        """Return the value; raise UsageError where it is another."""
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, (int, float))
+            or not math.isfinite(value)
+        ):
+            raise UsageError(f'{self.name}: {value!r} is not a number')
+        if not self.low <= value <= self.high:
+            raise UsageError(f'{self.name}: {value:g} is not within {self.low:g} to {self.high:g}')
+        if self.whole and value != int(value):
+            raise UsageError(f'{self.name}: {value:g} is not a whole number')
+        return int(value) if self.whole else float(value)
+
+
+@dataclass(frozen=True)
+class Word:
+    """A name that a request takes."""
+
+    name: str
+
+    def check(self, value: Any) -> str:
+        """Return the value; raise UsageError where it is another."""
+        plain = isinstance(value, str) and value.replace('_', '').isalnum() and value.isascii()
+        if not plain or len(value) > 64:
+            raise UsageError(f'{self.name}: {str(value)[:40]!r} is not a name')
+        return value
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of request.
+
+    nodes: who heeds it. takes: its values. answered_by: whose result is the last word, where that
+    is another node. within_s: how long that may take. internal: nodes ask it of each other.
+    """
+
+    name: str
+    doc: str
+    nodes: tuple[str, ...]
+    takes: tuple[Number | Word, ...] = ()
+    answered_by: str = ''
+    within_s: float = 3.0
+    internal: bool = False
+
+    def check(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the checked values; raise UsageError that names what is wrong."""
+        if self.name == SET:
+            return dict(values)
+        return checked(self.name, self.takes, values)
+
+
+def checked(name: str, takes: tuple[Number | Word, ...], values: Mapping) -> dict[str, Any]:
+    """Return `values` where they are what `takes` names; raise UsageError that says what not."""
+    known = {item.name for item in takes}
+    for given in values:
+        if given not in known:
+            raise UsageError(f'{str(given)[:40]}: {name} takes {sorted(known) or "nothing"}')
+    for missing in sorted(known - set(values)):
+        raise UsageError(f'{missing}: missing')
+    return {item.name: item.check(values[item.name]) for item in takes}
+
+
+_GRAIN = Number('grain', 0, 2**32 - 1, whole=True)
+_TIME = Number('until_ns', 0, 2**63 - 1, whole=True)
+
+_LIVE = tuple(name for name, node in NODES.items() if live_fields(node.settings))
+
+KINDS: dict[str, Kind] = {
+    kind.name: kind
+    for kind in (
+        Kind(SET, 'change live settings, from the next image on', _LIVE, within_s=20.0),
+        Kind('sleep', 'walls black, sound silent, LEDs dark', ('leds', 'sound', 'montage')),
+        Kind('wake', 'the work runs again', ('leds', 'sound', 'montage')),
+        Kind('mute', 'no sound', ('sound',)),
+        Kind('unmute', 'sound again', ('sound',)),
+        Kind('test', 'test card on the walls, test of the light', ('leds', 'panel')),
+        Kind('calibrate', 'measure camera and table by the blocks, which must be still',
+             ('tracker',), within_s=60.0),
+        Kind('learn_background', 'take what shines now, without blocks, for background',
+             ('leds',), answered_by='tracker', within_s=15.0),
+        Kind('play_grain', 'hear one grain', ('sound',), (_GRAIN,)),
+        Kind('move_grain', 'put a grain elsewhere in the descriptor space, 0..1; kept beside the'
+             ' sound', ('grains',), (_GRAIN, Number('x', 0, 1), Number('y', 0, 1))),
+        Kind('darkness', 'the infrared light is off until this stamp', ('tracker',), (_TIME,),
+             within_s=15.0, internal=True),
+        Kind('background', 'a picture of what shines without blocks, as PNG; empty for none',
+             ('tracker',), internal=True),
+        Kind('infrared', 'blocks whose infrared light is on, one bit each', ('twin',),
+             (Number('mask', 0, _MASK, whole=True),), internal=True),
+    )
+}  # fmt: skip
+PROVED = ('tracker', 'motion', 'grains')  # their results are recomputed from a bag
+PEOPLE = ('sleep', 'wake', 'test')  # asked of the work, not of a machine or a room
+Columns = Mapping[str, np.ndarray] | np.ndarray  # of a table, by name
+_KEPT = (SET, 'background')  # hold until the next such request
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One request, as a node takes it; `from_ns` is the first stamp it counts for, 0: at once."""
+
+    kind: str
+    node: str = ''
+    values: dict[str, Any] = field(default_factory=dict)
+    data: bytes = b''
+    from_ns: int = 0
+    id: str = ''
+    source: str = ''
+
+    def words(self) -> str:
+        """Return it as one line for people."""
+        values = ' '.join(f'{name}={value}' for name, value in self.values.items())
+        return ' '.join(filter(None, (self.kind, self.node, values)))
+
+
+@dataclass(frozen=True)
+class Heeded:
+    """A line of a recording, and when it was recorded.
+
+    accepted: it is what a node accepted, with the stamp from which it counted; else what was asked.
+    """
+
+    asked: Asked
+    log_ns: int
+    accepted: bool
+
+
+def ahead(heeded: list[Heeded], start_ns: int) -> list[Asked]:
+    """Return what a replay must ask before the first image, each with the stamp it counts from.
+
+    Of what was asked before `start_ns` of the recording only what still held then is asked.
+    """
+    mine = [h for h in heeded if h.accepted and h.asked.node in PROVED]
+    before: dict[tuple, Asked] = {}
+    for one in mine:
+        if one.log_ns < start_ns and one.asked.kind in _KEPT:
+            key = (one.asked.node, one.asked.kind, tuple(sorted(one.asked.values)))
+            before[key] = one.asked
+    after = [h.asked for h in mine if h.log_ns >= start_ns and h.asked.kind != 'move_grain']
+    return [*before.values(), *after]
+
+
+def value_of(value: Any) -> Any:
+    """Return the value in a rcl_interfaces/ParameterValue, a message or a row of a table."""
+    names = ('', 'bool_value', 'integer_value', 'double_value', 'string_value', 'byte_array_value',
+             'bool_array_value', 'integer_array_value', 'double_array_value',
+             'string_array_value')  # fmt: skip
+    take = value.__getitem__ if isinstance(value, np.void) else lambda name: getattr(value, name)
+    number = int(take('type'))
+    if not 0 < number < len(names):
+        return None
+    found = take(names[number])
+    if number < 5:
+        return found.item() if isinstance(found, np.generic) else found
+    return tuple(v.item() if isinstance(v, np.generic) else v for v in found)
+
+
+def recorded(requests: Columns, results: Columns) -> list[Heeded]:
+    """Return what was asked in a bag, and what of it each node has accepted.
+
+    requests, results: the columns of both topics and `log_time`, in order of recording.
+    """
+    asked = [_asked(requests, i) for i in range(len(requests['id']))]
+    pictures = {heeded.asked.id: heeded.asked.data for heeded in asked if heeded.asked.data}
+    found = []
+    for i in np.flatnonzero(results['accepted']).tolist():
+        one = _asked(results, i, accepted=True)
+        data = pictures.get(one.asked.id, b'')
+        found.append(replace(one, asked=replace(one.asked, data=data)) if data else one)
+    return sorted(asked + found, key=lambda heeded: heeded.log_ns)
+
+
+def _asked(columns: Columns, i: int, accepted: bool = False) -> Heeded:
+    asked = Asked(
+        str(columns['kind'][i]),
+        str(columns['node'][i]),
+        {str(v['name']): value_of(v['value']) for v in columns['values'][i]},
+        b'' if accepted else _bytes(columns['data'][i]),
+        int(columns['from_stamp'][i].astype('i8')),
+        str(columns['id'][i]),
+        '' if accepted else str(columns['source'][i]),
+    )
+    return Heeded(asked, int(columns['log_time'][i].astype('i8')), accepted)
+
+
+def _bytes(data: Any) -> bytes:
+    return np.asarray(data, np.uint8).tobytes()
+
+
+def recorded_as_control(columns: Columns) -> list[Heeded]:
+    """Return the requests of a bag of version 0.1, which had them as text on `control`."""
+    found = []
+    for i in range(len(columns['command'])):
+        source, command, target, key, text = (
+            str(columns[name][i]) for name in ('source', 'command', 'target', 'key', 'value')
+        )
+        stamp_ns, log_ns = (int(columns[name][i].astype('i8')) for name in ('stamp', 'log_time'))
+        if source == target == 'tracker' and command == SET:  # what the tracker said it heeds
+            kinds = {'threshold': SET, 'clutter': 'background', 'dark': 'darkness'}
+            kind, data, values = kinds.get(key, key), b'', {}
+            if key == 'threshold':
+                values = {'threshold': float(text)}
+            elif key == 'clutter':
+                data = base64.b64decode(text)
+            elif key == 'dark':
+                values = {'until_ns': int(text)}
+            asked = Asked(kind, 'tracker', values, data, stamp_ns, source='tracker')
+            found.append(Heeded(asked, log_ns, True))
+        elif command == SET:
+            if target not in ('tracker', 'twin') and key != 'place':
+                asked = Asked(SET, target, {key: _plain(text)}, source=source)
+                found.append(Heeded(asked, log_ns, False))  # from which image on is not known
+        elif command in KINDS and not KINDS[command].internal:
+            found.append(Heeded(Asked(command, target, source=source), log_ns, False))
+    return found
+
+
+def _plain(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol call: ask the running graph for something, and print what its nodes answer."""
+
+import json
+import sys
+
+import yaml
+
+from eol_ros.errors import DeviceMissing, EolError, UsageError
+
+HELP = 'Ask the nodes for something, as the panel does, and print their answers.'
+EXAMPLES = [
+    'eol call --list',
+    'eol call sleep',
+    'eol call mute',
+    'eol call calibrate                             # waits until the tracker says what came of it',
+    'eol call play_grain grain=12',
+    'eol call move_grain grain=12 x=0.25 y=0.5',
+    'eol call set grains radius=0.05',
+    'eol call sleep sound                           # only this node',
+]
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('kind', nargs='?', help='what to ask for; --list shows all')
+    parser.add_argument(
+        'words', nargs='*', metavar='NODE | NAME=VALUE', help='ask only this node; what it takes'
+    )
+    parser.add_argument('--list', action='store_true', help='list what can be asked for, and end')
+    parser.add_argument('--json', action='store_true', help='the answers as one JSON list')
+    parser.add_argument('--lan', action='store_true', help='look on the network, not only here')
+
+
+def run(args):
+    """Ask and wait; exit code 1 when a node refuses, 69 when none answers."""
+    from eol_ros.streams.requests import KINDS, SET, Asked
+
+    if args.list:
+        print(_list(KINDS, args.json))
+        return 0
+    if args.kind is None:
+        raise UsageError('eol call: name what to ask for; --list shows all')
+    kind = KINDS.get(args.kind)
+    if kind is None or kind.internal:
+        known = ', '.join(k for k, row in KINDS.items() if not row.internal)
+        raise UsageError(f'{args.kind}: no such request; there are {known}')
+    node = args.words.pop(0) if args.words and '=' not in args.words[0] else ''
+    if args.kind == SET and not node:
+        raise UsageError('set: whose settings? eol call set NODE NAME=VALUE')
+    if node and node not in kind.nodes:
+        raise UsageError(f'{args.kind}: {node} does not heed it, but {", ".join(kind.nodes)}')
+    asked = Asked(args.kind, node, kind.check(_values(args.words)), source='eol call')
+    return answer(asked, args.json, args.lan)
+
+
+def answer(asked, as_json: bool, lan: bool) -> int:
+    """Ask the graph; print the answers and return the exit code."""
+    from eol_ros.ros.requests import visit_and_ask
+
+    answers = visit_and_ask(asked, 'lan' if lan else 'local')
+    rows = [
+        {'node': node, 'accepted': accepted, 'reason': reason}
+        for node, (accepted, reason) in answers.found.items()
+    ]
+    if as_json:
+        print(json.dumps(rows, ensure_ascii=False))
+    for row in () if as_json else rows:
+        done = 'done' if row['accepted'] else 'refused'
+        print(f'{row["node"]}: {done}' + (f', {row["reason"]}' if row['reason'] else ''))
+    if answers.refusal:
+        if as_json:
+            print(f'eol: {answers.refusal}', file=sys.stderr)
+        return EolError.exit_code
+    if not answers.whole:
+        raise DeviceMissing(answers.silent)
+    return 0
+
+
+def _values(words: list[str]) -> dict:
+    found = {}
+    for word in words:
+        name, equals, text = word.partition('=')
+        if not equals or not name:
+            raise UsageError(f'{word!r} is not NAME=VALUE')
+        try:
+            found[name] = yaml.safe_load(text)
+        except yaml.YAMLError:
+            found[name] = text
+    return found
+
+
+def _list(kinds, as_json: bool) -> str:
+    rows = [
+        {
+            'kind': k.name,
+            'takes': [item.name for item in k.takes],
+            'nodes': [k.answered_by] if k.answered_by else list(k.nodes),
+            'doc': k.doc,
+        }
+        for k in kinds.values()
+        if not k.internal
+    ]
+    if as_json:
+        return json.dumps(rows)
+    return '\n'.join(
+        f'{" ".join([row["kind"], *(f"{name}=" for name in row["takes"])]):32} {row["doc"]}\n'
+        f'{"":32} answered by {", ".join(row["nodes"])}'
+        for row in rows
+    )

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol param: the settings of running nodes, without a ROS install."""
+
+import dataclasses
+import json
+
+import yaml
+
+from eol_ros.errors import UsageError
+
+HELP = 'List, read and change the settings of a running node.'
+EXAMPLES = [
+    'eol param list grains',
+    'eol param get grains radius',
+    'eol param set grains radius 0.05',
+    "eol param set sound gain_db -- -12             # '--' lets a value begin with a minus",
+]
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('action', choices=('list', 'get', 'set'))
+    parser.add_argument('node')
+    parser.add_argument('name', nargs='?')
+    parser.add_argument('value', nargs='?', help='as YAML')
+    parser.add_argument('--json', action='store_true', help='as JSON')
+    parser.add_argument('--lan', action='store_true', help='look on the network, not only here')
+
+
+def run(args):
+    """Do it; exit code 1 when the node refuses, 69 when it does not answer."""
+    from eol_ros.streams.graph import NODES
+
+    if args.node not in NODES:
+        raise UsageError(f'{args.node}: no such node; there are {", ".join(NODES)}')
+    fields = {f.name: f for f in dataclasses.fields(NODES[args.node].settings)}
+    if args.action != 'list' and not args.name:
+        raise UsageError(f'eol param {args.action} {args.node}: name a setting')
+    if args.name and args.name not in fields:
+        raise UsageError(f'{args.node} has no setting {args.name}; it has {", ".join(fields)}')
+    if args.action == 'set':
+        if args.value is None:
+            raise UsageError(f'eol param set {args.node} {args.name}: to which value?')
+        from eol_ros.streams.requests import SET, Asked
+        from eol_ros.verbs.call import answer
+
+        try:
+            value = yaml.safe_load(args.value)
+        except yaml.YAMLError:
+            value = args.value
+        if isinstance(value, int) and fields[args.name].type is float:
+            value = float(value)
+        asked = Asked(SET, args.node, {args.name: value}, source='eol param')
+        return answer(asked, args.json, args.lan)
+    from eol_ros.ros.parameters import read
+
+    names = [args.name] if args.name else list(fields)
+    values = read(args.node, names, 'lan' if args.lan else 'local')
+    if args.json:
+        print(json.dumps(values if args.action == 'list' else values[args.name]))
+    elif args.action == 'get':
+        print(values[args.name])
+    else:
+        for name, value in values.items():
+            meta = fields[name].metadata
+            live = ' (live)' if meta.get('live') else ''
+            unit = f' [{meta["unit"]}]' if meta.get('unit') else ''
+            print(f'{name:28} {value!r:16}{live:8} {meta.get("doc", "")}{unit}')
+    return 0
