@@ -60,8 +60,7 @@ class BagPlayer:
 
     rate: recorded seconds per second of the clock; `fast` hands over as fast as `give` takes.
     `start_s` counts from the first message of the bag. `stamped` names the topics that are played
-    by their stamps. `begin` is called before each round, while recorded time stands at its start and all have seen it
-    go back.
+    by their stamps. `begin` is called before each round, once all have seen recorded time go back.
     Clock and sleep are arguments so that tests need not wait.
     """
 
