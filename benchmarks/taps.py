@@ -250,7 +250,7 @@ def _shares(slips: list[Slip], found: set[int]) -> dict[str, Any]:
     return {
         'slips': len(slips), 'found': hits / len(slips) if slips else float('nan'),
         'found_low': wilson(hits, len(slips))[0],
-        'again': sum(s.rest_s < 0.04 and id(s) not in found for s in slips),
+        'again': int(sum(s.rest_s < 0.04 and id(s) not in found for s in slips)),
         'ideal_missed': missed([s.whole for s in slips]),
         'ideal_missed_12ms': missed([s.early for s in slips]),
     }  # fmt: skip
