@@ -17,6 +17,8 @@ from eol_ros.core.science.powerlaw import BLOCKS, FEWEST_CASCADES, REJECTED, Fit
 BIN = 0.1  # of magnitude, in which completeness is looked for
 CORRECTION = 0.2  # added to the greatest bin (Woessner and Wiemer, BSSA 95 (2005) 684)
 FEWEST = 50
+FEWEST_MAINS = 10
+STEEPEST = 4.0  # p of Omori's law
 BETTER = 6.0  # of AIC, by which Omori's law must be better than a constant rate
 
 
@@ -195,6 +197,11 @@ class Omori:
                 f'aftershocks: no decay of the rate ({of}); a constant rate does as well '
                 f'(Omori better by {self.better:.1f} of AIC, {BETTER:g} needed)'
             )
+        if self.p > 0.99 * STEEPEST:
+            return (
+                f'aftershocks: the rate decays, and faster than by Omori ({of}): p is at its bound '
+                f'of {STEEPEST:g}'
+            )
         return (
             f'aftershocks: the rate decays with p = {self.p:.2f} +- {self.p_error:.2f} '
             f'(Omori, c {self.c_s:.2g} s; {of}), {self.per_main:.1f} each above the background; '
@@ -219,6 +226,8 @@ def omori(onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int = 10
         raise FitError('most cascades are of the greatest size: none is a mainshock')
     least = float(few[0])
     great = np.flatnonzero(sizes >= least)
+    if len(great) < FEWEST_MAINS:
+        raise FitError(f'{len(great)} great cascades: no aftershocks below {FEWEST_MAINS}')
     until = np.r_[onsets_s[great[1:]], end_s]
     length = until - onsets_s[great]
     times = np.concatenate([
@@ -245,7 +254,7 @@ def omori(onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int = 10
             optimize.minimize(
                 loss, [rate - 1, rate + up, math.log(c), p], method='L-BFGS-B',
                 bounds=[(rate - 12, rate + 2), (rate - 12, rate + 12),
-                        (math.log(shortest / 10), math.log(10 * middle)), (0.1, 4.0)],
+                        (math.log(shortest / 10), math.log(10 * middle)), (0.1, STEEPEST)],
             )
             for up in (0.0, 2.0)
             for c in (middle / 10, middle)

@@ -126,6 +126,17 @@ def test_without_aftershocks_there_is_no_omori():
     assert decays <= 1
 
 
+def test_a_rate_that_dies_away_exponentially_is_not_called_omori():
+    r = rng(8)
+    starts = np.arange(60) * 30.0
+    after = [s + r.exponential(1.0, 15) for s in starts]
+    onsets = np.r_[starts, np.concatenate(after), r.random(300) * 1800]
+    sizes = np.r_[np.full(60, 20), np.ones(60 * 15 + 300, int)]
+    found = catalogue.omori(onsets, sizes, 1800.0, mains=60)
+
+    assert found.better > 50 and 'faster than by Omori' in found.sentence
+
+
 @pytest.mark.parametrize(
     ('ask', 'words'),
     [
@@ -134,6 +145,10 @@ def test_without_aftershocks_there_is_no_omori():
         (lambda: catalogue.waiting(np.arange(10.0), rng()), '9 waiting times: no law below 50'),
         (lambda: catalogue.omori(np.arange(9.0), np.ones(9), 9.0), '9 cascades'),
         (lambda: catalogue.omori(np.arange(300.0), np.ones(300), 300.0), 'of the greatest size'),
+        (
+            lambda: catalogue.omori(np.arange(300.0), np.arange(300) % 100 // 99, 300.0),
+            '3 great cascades: no aftershocks below 10',
+        ),
     ],
 )
 def test_what_carries_no_law_says_so(ask, words):
