@@ -151,7 +151,7 @@ def write(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f'{out}: {error.strerror}') from None
-    answers = list(_tracked(spectra(bag), 'asking for 1/f', track, series.COUNT))
+    answers = list(_tracked(spectra(bag), 'asking for 1/f', track, len(series.NAMES)))
     found = numbers(bag, answers)
     if retracked is not None:
         found['retracked'] = {

@@ -24,7 +24,8 @@ FASTEST_MPS = 3.0  # a block that seems faster was taken for another
 REST_J = 1.25e-5  # one block at 10 mm/s; what the camera's noise makes of 25 at rest is a tenth
 CHUNK_S = 120.0  # of blocks in memory at a time
 MOST_SOUND_S = 3600.0  # is rendered
-COUNT = 5  # series of a bag
+SHORTEST_S = 1.0  # a bag with one message of each topic has no length at all
+NAMES = ('triggers', 'light', 'kinetic energy', 'sound power', 'loudness')
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,10 @@ class Absent:
 
 def of(bag: Bag) -> Iterator[Series | Absent]:
     """Yield every series, or why it is absent."""
+    if bag.duration_s < SHORTEST_S:
+        for name in NAMES:
+            yield Absent(name, f'the bag is of {bag.duration_s:.1f} s')
+        return
     for name, topic, make in (
         ('triggers', 'grain_triggers', triggers),
         ('light', 'led_commands', light),
@@ -59,13 +64,13 @@ def of(bag: Bag) -> Iterator[Series | Absent]:
         else:
             yield Absent(name, f'no {topic} in this bag')
     if not bag.counts.get('/eol/grain_triggers'):
-        for name in ('sound power', 'loudness'):
+        for name in NAMES[3:]:
             yield Absent(name, 'no grain_triggers in this bag to render')
         return
     try:
         yield from loudness(bag)
     except EolError as error:
-        for name in ('sound power', 'loudness'):
+        for name in NAMES[3:]:
             yield Absent(name, f'its sound cannot be rendered: {error}')
 
 

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The series of a bag that are asked whether they are 1/f: each against what was put into it."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from eol_msgs.msg import Block, Blocks, GrainTrigger, LedCommand
+from eol_msgs.msg import Block, Blocks, Cascade, GrainTrigger, LedCommand, Slip
 from rclpy.serialization import serialize_message
 
 from eol_ros.analysis import report, series
@@ -111,6 +112,20 @@ def test_the_report_says_of_each_series_what_it_found_or_lacks(tmp_path):
     assert 'it is ' in said['triggers']['sentence']
     assert 'no led_commands in this bag' in said['light']['sentence']
     assert said['triggers']['sentence'] in report.summary(found)
+
+
+def test_a_bag_of_one_message_each_has_a_report(tmp_path):
+    messages = [trigger(0.0), ('blocks', Blocks(blocks=[Block(id=i) for i in range(25)]), 0.0)]
+    for topic, message in (('slips', Slip(kind=Slip.START)), ('cascades', Cascade(area=1)),
+                           ('led_commands', LedCommand())):  # fmt: skip
+        messages.append((topic, message, 0.0))
+    bag = bag_of(tmp_path / 'run', messages, 0.0)
+    found = report.write(bag, tmp_path / 'out')
+
+    json.dumps(found, allow_nan=False)
+    words = report.summary(found)
+    assert words.count('cannot be said: the bag is of 0.0 s') == 5
+    assert '1 cascades: no fit below 200' in words
 
 
 @pytest.mark.slow
