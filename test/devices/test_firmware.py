@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""firmware/eol_serial.h, compiled, against the Python of the host: two writers of one protocol."""
+"""firmware/eol_serial.h, compiled, against the Python of the host: two writers of one protocol.
+
+And all firmware: compiled without a warning, and run where undefined behaviour ends the program.
+"""
 
 import ctypes
 import dataclasses
@@ -110,3 +113,66 @@ def test_the_board_reads_on_after_noise_and_damage(board):
 
 def test_its_integers_are_little_endian(board):
     assert board.round_trip(ctypes.c_uint32(0x12345678)) == 0x12345678
+
+
+FIRMWARE = HEADER.parent
+SOURCES = sorted(FIRMWARE.glob('*/*.c'))
+STORM = """
+#include <stdio.h>
+#include "knock.h"
+int main(void)
+{
+    static const int16_t EXTREMES[] = {-32768, -32767, -1, 0, 1, 32704, 32767};
+    uint32_t seed = 1, felt = 0;
+    for (int round = 0; round < 200; round++) {
+        eol_knock knock;
+        eol_knock_config config = EOL_KNOCK_DEFAULTS;
+        if (round % 3 == 1) config.threshold = config.ratio = config.slow = UINT16_MAX;
+        if (round % 3 == 2) config.threshold = config.ratio = config.quiet = config.longest = 1;
+        eol_knock_begin(&knock, &config);
+        for (int n = 0; n < 5000; n++) {
+            seed = seed * 1664525u + 1013904223u;
+            int16_t x = EXTREMES[(seed >> 8) % 7], y = EXTREMES[(seed >> 16) % 7];
+            if (round % 2) x = (int16_t)(n / 500 % 2 ? 32767 : -32768), y = x;
+            felt += eol_knock_sample(&knock, x, y) == EOL_KNOCK_FELT;
+            if (knock.state > EOL_KNOCK_MOVES) return 2;
+            if (n % 1999 == 0) eol_knock_wake(&knock);
+        }
+    }
+    printf("%u\\n", felt);
+    return felt == 0;
+}
+"""
+
+
+def compiled(folder, *words):
+    compiler = shutil.which('cc') or shutil.which('gcc') or shutil.which('clang')
+    if compiler is None:
+        pytest.skip('no C compiler here')
+    done = subprocess.run(
+        [compiler, *map(str, words)], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize('source', SOURCES, ids=lambda path: f'{path.parent.name}/{path.name}')
+def test_the_firmware_compiles_without_a_warning(source, tmp_path):
+    strict = ['-std=c99', '-pedantic', '-Wall', '-Wextra', '-Wconversion', '-Wshadow', '-Werror']
+    compiled(tmp_path, *strict, '-O2', '-c', source, '-o', tmp_path / 'out.o')
+
+
+def test_a_block_needs_no_floating_point(tmp_path):
+    words = ['-std=c99', '-O2', '-mgeneral-regs-only', '-c']
+    compiled(tmp_path, *words, FIRMWARE / 'block' / 'knock.c', '-o', tmp_path / 'out.o')
+
+
+def test_no_sample_makes_the_detector_do_what_is_undefined(tmp_path):
+    (tmp_path / 'storm.c').write_text(STORM)
+    trap = ['-fsanitize=undefined,bounds', '-fsanitize-undefined-trap-on-error']
+    block = FIRMWARE / 'block'
+    compiled(
+        tmp_path, '-std=c99', '-O1', *trap, '-I', block, 'storm.c', block / 'knock.c', '-o', 'storm'
+    )
+    done = subprocess.run([tmp_path / 'storm'], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f'it ended with {done.returncode}'
+    assert int(done.stdout) > 100
