@@ -261,8 +261,7 @@ def sleeping(seconds: float, seed: int) -> dict[str, Any]:
     twin, blocks = Twin(seed, 0.25, pauses=True), FeltBlocks(TwinSettings(seed=seed))
     first, later = [], []
     for begin_s, end_s in twin.images(round(seconds * FPS)):
-        moves = bool(twin.rim.velocity.any())
-        for knock in blocks.advance(begin_s, end_s, twin.table.trace, moves):
+        for knock in blocks.advance(begin_s, end_s, twin.table.trace, twin.rim.velocity):
             (first if knock.first else later).append((knock.time_s, knock.block, knock.time_s))
     alone = {'reported': len(first), 'of_reports': len(first) + len(later)}
     both = compare(twin.all_slips(), first + later, seconds)
@@ -295,7 +294,7 @@ def cost(seed: int) -> dict[str, float]:
                 rim.advance(1 / FPS, led, np.zeros(3))
                 table.advance(begin_s, end_s, rim.pose, rim.velocity)
                 if blocks:
-                    blocks.advance(begin_s, end_s, table.trace, bool(rim.velocity.any()))
+                    blocks.advance(begin_s, end_s, table.trace, rim.velocity)
             result[f'{name}: {what}'] = 1e3 * (time.process_time() - begun) / seconds
     return result
 

@@ -80,8 +80,7 @@ class TwinNode(EolNode):
         t = self.table
         t.advance(begin_s, self.time_s, self.rim.pose, self.rim.velocity)
         if self.blocks:
-            moves = bool(self.rim.velocity.any())
-            knocks = self.blocks.advance(begin_s, self.time_s, t.trace, moves)
+            knocks = self.blocks.advance(begin_s, self.time_s, t.trace, self.rim.velocity)
             self.felt = [
                 Felt(self.stamp_ns - round((self.time_s - k.time_s) * NS), k.block, k.strength_mps2)
                 for k in knocks

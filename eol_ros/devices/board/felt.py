@@ -12,6 +12,7 @@ from eol_ros.devices.board.block import LEARN, RESTS, TOLD, Detector
 from eol_ros.settings import TwinSettings
 
 LEARNT = LEARN + 4096  # samples: what is at rest, and how loud the noise is
+RIM_MOVES = 1e-3  # m/s or rad/s; below that it only settles
 TRACE = 16  # samples of the solver from image to image, about one a millisecond at 60 images/s
 
 
@@ -41,10 +42,14 @@ class FeltBlocks:
         self._wake_s = 1 / settings.accelerometer_wake_hz
 
     def advance(
-        self, begin_s: float, end_s: float, trace: Trace | None, rim_moves: bool
+        self, begin_s: float, end_s: float, trace: Trace | None, rim_velocity: np.ndarray
     ) -> list[Knock]:
-        """Return what is reported of the time from `begin_s` to `end_s`, by time."""
+        """Return what is reported of the time from `begin_s` to `end_s`, by time.
+
+        rim_velocity: (3,) of the rim at the end; hands knock it while they move it.
+        """
         knocks = []
+        rim_moves = bool(np.abs(rim_velocity).max() > RIM_MOVES)
         self.sensors.asleep |= self._sleepers(begin_s)
         for s in self.sensors.advance(begin_s, end_s, trace, rim_moves, self._awake):
             detector = self.detectors[s.block]
