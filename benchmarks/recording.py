@@ -22,12 +22,15 @@ import numpy as np
 from benchmarks.machine import tell
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.recording import Recording
+from eol_ros.devices.bag.recover import repair
 from eol_ros.devices.bag.selection import Item, Slipping
+from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.settings import RecorderSettings
 
 HELP = 'Measure what it costs to have each second of a recording safe on the disk.'
 EXAMPLES = [
     'eol bench recording --seconds 30 --json',
+    'eol bench recording --repair 3.7',
     'eol bench recording --folder /data/bags --images all,around_slips,none',
 ]
 IMAGE, BLOCKS = '/eol/camera/image_raw', '/eol/blocks'
@@ -45,6 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--rate', type=float, default=60.0, metavar='HZ', help='pictures a second')
     parser.add_argument('--images', default='around_slips,none', help='kinds, parted by commas')
     parser.add_argument('--sync', type=float, default=1.0, metavar='S', help='recorder.sync_s')
+    parser.add_argument(
+        '--repair', type=float, metavar='GB', help='repair a cut bag of so much instead, at one go'
+    )
     parser.add_argument('--folder', metavar='DIR', help='on the disk in question (default: here)')
     parser.add_argument('--json', action='store_true')
 
@@ -52,6 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
     pictures = list(_pictures())
+    if args.repair:
+        place = Path(tempfile.mkdtemp(prefix='eol-bench-', dir=args.folder or '.'))
+        try:
+            tell({'repair': repaired(place, args.repair, pictures)}, args.json, _repair_table)
+        finally:
+            shutil.rmtree(place)
+        return 0
     rows = []
     for _ in range(args.rounds):
         for images in args.images.split(','):
@@ -105,6 +118,43 @@ def measure(
         'sync_ms_median': round(1e3 * float(np.median(syncs)), 1) if syncs else None,
         'sync_ms_max': round(1e3 * max(syncs), 1) if syncs else None,
     }
+
+
+def repaired(root: Path, size_gb: float, pictures: list[bytes]) -> dict[str, Any]:
+    """Return what it takes to repair a bag of `size_gb` in place, without the rests."""
+    bag = BagWriter(root / 'cut', TOPICS, {}, split_bytes=1 << 40)
+    path, count = root / 'cut' / 'cut_0.mcap.part', 0
+    while count % 100 or path.stat().st_size < size_gb * 1e9:
+        now = count * 16_666_667 + 1
+        bag.write(IMAGE, pictures[count % KEPT], now, now, count + 1)
+        bag.write(BLOCKS, pictures[count % KEPT][:2000], now, now, count + 1)
+        count += 1
+    bag.flush()
+    bag.abandon()
+    before, blocks = path.stat().st_size, path.stat().st_blocks
+    begun, cpu, memory = time.monotonic(), _cpu_s(), _peak_mb()
+    done = repair(path)
+    assert done.file is not None and done.message_count == 2 * count
+    after = done.file.stat()
+    return {
+        'gb': round(before / 1e9, 2),
+        's': round(time.monotonic() - begun, 2),
+        'cpu_s': round(_cpu_s() - cpu, 2),
+        'more_memory_mb': round(_peak_mb() - memory, 1),
+        'more_disk_mb': round((after.st_blocks - blocks) * 512 / 1e6, 2),
+    }
+
+
+def _peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def _repair_table(result: dict[str, Any]) -> str:
+    row = result['repair']
+    return (
+        f'{row["gb"]} GB repaired in {row["s"]} s ({row["cpu_s"]} s of a core), '
+        f'{row["more_memory_mb"]} MB more memory, {row["more_disk_mb"]} MB more disk'
+    )
 
 
 def _pictures() -> Iterator[bytes]:

@@ -181,13 +181,16 @@ def test_a_repair_rests_three_quarters_of_the_time_and_stops_when_told():
         def wait(self, seconds):
             waits.append(seconds)
             now[0] += seconds
-            return len(waits) == 3
+            return self.is_set()
 
-    breathe = Breather(Stop(), lambda: now[0])
-    for worked_s in (0.5, 0.1):
+        def is_set(self):
+            return len(waits) == 6
+
+    breathe = Breather(Stop(), lambda: now[0], busy=lambda: len(waits) in (3, 4))
+    for worked_s in (0.5, 0.1, 0.1):
         now[0] += worked_s
         breathe()
-    assert waits == pytest.approx([1.5, 0.3])
+    assert waits == pytest.approx([1.5, 0.3, 0.3, 0.25, 0.25])  # the recording was busy
     with pytest.raises(Stopped):
         breathe()
 

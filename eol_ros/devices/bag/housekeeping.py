@@ -20,7 +20,8 @@ GB = 1e9
 class Housekeeper(threading.Thread):
     """Goes round in `root` once a minute, at lowest priority, from when `begin` is set to `stop`.
 
-    `writing` returns the bag in the making, `say` takes what was done, in words.
+    `writing` returns the bag in the making, `busy` tells that it has no time to share, `say` takes
+    what was done, in words.
     """
 
     def __init__(
@@ -31,12 +32,13 @@ class Housekeeper(threading.Thread):
         begin: threading.Event,
         stop: threading.Event,
         writing: Callable[[], Path | None],
+        busy: Callable[[], bool],
         say: Callable[[str], object],
     ):
         super().__init__(name='bag-housekeeper', daemon=True)
         self._root, self._settings, self._say = root, settings, say
         self._begin, self._stopped = begin, stop
-        self._breathe = Breather(stop)
+        self._breathe = Breather(stop, busy=busy)
         self._folder = Folder(root, images, writing, self._breathe)
         self._told = ''
 

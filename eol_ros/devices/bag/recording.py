@@ -45,6 +45,7 @@ RETRY_S = 10.0
 BUDGET = '.pictures-of-today.json'  # beside the bags
 QUEUE_BYTES = 64 << 20
 SLOW = 'disk or processor too slow'
+CALM_BYTES = 4 << 20  # with more than this waiting, earlier bags are not cared for
 HURRY_BYTES = QUEUE_BYTES // 4  # with more than this waiting, pictures are not compressed
 GB = 1e9
 
@@ -114,7 +115,7 @@ class Recording:
         self._thread.start()
         self._housekeeper = Housekeeper(
             root, settings, images, self._kept, self._stop,
-            lambda: self.folder, self.repaired.append,
+            lambda: self.folder, lambda: self._queue.bytes > CALM_BYTES, self.repaired.append,
         )  # fmt: skip
         self._housekeeper.start()
 

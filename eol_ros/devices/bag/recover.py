@@ -42,6 +42,7 @@ from eol_ros.errors import EolError
 
 STATE = '.repair'  # how far a repair has come
 SAVE_BYTES = 64 << 20  # so much is proved again, at most, after a repair was stopped
+BUSY_S = 0.25  # after this it is asked again whether the recording is busy
 SHARE = 0.25  # of the time a repair works at the side of a recording; then it rests
 GB = 1e9
 
@@ -75,10 +76,18 @@ class _Progress:
 
 
 class Breather:
-    """Called between two chunks: rests, so that the recording comes first, and may say stop."""
+    """Called between two chunks: rests, so that the recording comes first, and may say stop.
 
-    def __init__(self, stop: threading.Event, clock: Callable[[], float] = time.monotonic):
-        self._stop, self._clock, self._since = stop, clock, clock()
+    `busy` tells that the recording needs all there is: the rest lasts as long.
+    """
+
+    def __init__(
+        self,
+        stop: threading.Event,
+        clock: Callable[[], float] = time.monotonic,
+        busy: Callable[[], bool] = lambda: False,
+    ):
+        self._stop, self._clock, self._busy, self._since = stop, clock, busy, clock()
 
     def begin(self) -> None:
         """Begin to work: what has passed before was no work."""
@@ -87,8 +96,11 @@ class Breather:
     def __call__(self) -> None:
         """Rest in proportion to the work since the last rest; raise Stopped when told so."""
         worked_s = self._clock() - self._since
-        if self._stop.wait(worked_s * (1 / SHARE - 1)):
-            raise Stopped
+        rest_s = worked_s * (1 / SHARE - 1)
+        while self._stop.wait(rest_s) or self._busy():
+            if self._stop.is_set():
+                raise Stopped
+            rest_s = BUSY_S
         self._since = self._clock()
 
 
