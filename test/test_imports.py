@@ -14,6 +14,7 @@ ALLOWED = {
     'core': BASE | {'scipy', 'numba'},
     'core/vision': BASE | {'scipy', 'numba', 'cv2'},
     'core/compiled.py': {'numba', 'llvmlite'},
+    'core/vectors.py': {'numba', 'llvmlite'},
     'streams': BASE,
     'devices': BASE
     | {

@@ -93,6 +93,7 @@ def run(args: argparse.Namespace) -> int:
         'status': result.status,
         'events': len(result.event_t),
         'steps': result.steps,
+        'swept': result.swept,
         'solve_s': best,
         't_reached': result.t_reached,
         'energy': {
@@ -107,9 +108,10 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(report))
     else:
+        swept = f' ({result.swept} swept over turns of friction)' if result.swept else ''
         print(
             f'{result.path} path, {result.status}: {len(result.event_t)} events in '
-            f'{result.steps} steps, {best * 1e3:.3g} ms for {result.t_reached:g} s; '
+            f'{result.steps} steps{swept}, {best * 1e3:.3g} ms for {result.t_reached:g} s; '
             f'energy residual {energy.residual_J:.2g} J of {energy.work_J:.3g} J work'
         )
     for note in result.notes:

@@ -46,6 +46,7 @@ class Run:
     energy: Energy | None = None
     yaw: np.ndarray | None = None  # (k, n) rad, where blocks turn
     spin: np.ndarray | None = None  # (k, n) rad/s
+    swept: int = 0  # of the steps, those of the event path that sweep over turns of friction
     notes: list[str] = field(default_factory=list)
 
 

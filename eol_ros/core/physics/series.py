@@ -18,7 +18,8 @@ from eol_ros.core.physics.drive import CIRCLE, POSES, VELOCITY
 
 FAST = {'contract', 'reassoc', 'nsz'}
 FUSED = {'contract', 'nsz'}  # sums keep their order: loops over lanes, not over terms, run abreast
-UNCOUNTED: dict[str, Any] = {'_nrt': False}
+# division by zero gives inf or nan, which `not finite` tells; a check of each would stop vectors
+UNCOUNTED: dict[str, Any] = {'_nrt': False, 'error_model': 'numpy'}
 ROOT_ROUNDS = 80
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.physics.drive import NONE
+from eol_ros.core.physics.event.abreast import Abreast, fill_abreast, into_lanes, make_abreast
 from eol_ros.core.physics.event.lanes import Plane, fill_plane, make_plane
 from eol_ros.core.physics.event.step import (
     break_root,
@@ -19,6 +20,14 @@ from eol_ros.core.physics.event.step import (
     stop_in_closed_form,
     suspects,
 )
+from eol_ros.core.physics.event.sweep import (
+    Panels,
+    Sweep,
+    make_sweep,
+    sample,
+    sweep_step,
+    sweep_top,
+)
 from eol_ros.core.physics.event.taylor import blocks_series, force_on
 from eol_ros.core.physics.exact.taylor import GAUSS_W, GAUSS_X, ON_LIMIT
 from eol_ros.core.physics.series import add_exactly, drive_series, lean
@@ -26,6 +35,10 @@ from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 
 AFTER_S = 0.1  # for how long what a stop gets wrong goes on to act on the neighbours
 KEPT = 0.1  # of its speed a block keeps at least within a step
+PATIENCE = 24  # steps without an event after which a sweep is tried
+MOST_PATIENCE = 96
+PROBE = 32  # sweeps after which a step is taken without, to compare
+PAYS = 2.0  # a sweep costs as much as so many steps without
 KICK_MPS = 1e-6  # where mu_s = mu_k a block breaks loose with no acceleration at all
 
 
@@ -39,6 +52,8 @@ class Rules(NamedTuple):
     relative: float
     capture: float
     floor: float
+    sweep_order: int  # of the series in a sweep
+    panels: Panels
 
 
 @lean
@@ -65,6 +80,8 @@ class Desk(NamedTuple):
     """Room to work in."""
 
     pl: Plane
+    ab: Abreast
+    sw: Sweep
     cx: np.ndarray  # series of the rim's x, y, cos(phi) - 1, sin(phi)
     cy: np.ndarray
     cc: np.ndarray
@@ -87,11 +104,15 @@ class Desk(NamedTuple):
 
 
 @njit(cache=True)
-def make_desk(at, order):
-    """Return room for a lattice and an order of the series."""
-    n, size = at.n, order + 2
+def make_desk(at, rules):
+    """Return room for a lattice and the orders of the series."""
+    top = max(rules.order, rules.sweep_order)
+    n, size = at.n, top + 2
+    ab = make_abreast(at, size)
     return Desk(
-        make_plane(at, order),
+        make_plane(at, top),
+        ab,
+        make_sweep(rules.panels, len(ab.inverse_mass), size),
         np.zeros(size),
         np.zeros(size),
         np.zeros(size),
@@ -118,10 +139,11 @@ def make_desk(at, order):
 def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts):
     """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, t, events, steps).
 
-    `counts` (2,): slips begun, stops at the floor against a pull above mu_k. Events are written in
-    the order they are found: a stop may bear a time a little later than a break behind it.
+    `counts` (3,): slips begun, stops at the floor against a pull above mu_k, sweeps. Events are
+    written in the order they are found: a stop may bear a time a little later than a break
+    behind it.
     """
-    desk = make_desk(at, rules.order)
+    desk = make_desk(at, rules)
     return advance(
         u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts, desk
     )
@@ -132,7 +154,7 @@ def advance(
     u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts, desk
 ):
     """Do what `run` says, in the room that is given."""
-    order, n, pl = rules.order, at.n, desk.pl
+    order, far, n, pl, ab, sw = rules.order, rules.sweep_order, at.n, desk.pl, desk.ab, desk.sw
     cx, cy, cc, cs, gx, gy, work = desk.cx, desk.cy, desk.cc, desk.cs, desk.gx, desk.gy, desk.work
     watched, found, push = desk.watched, desk.found, desk.push
     slack, spare = desk.slack, desk.spare
@@ -149,6 +171,9 @@ def advance(
     t, left = 0.0, 0.0
     events = steps = sampled = m = count = watching = 0
     changed = settle = True
+    # stiff springs: steps since an event, how many to wait, sweeps since a plain step
+    calm, patience, sweeps, plain, try_s = 0, PATIENCE, 0, np.inf, 0.0
+    eager, abreast, longest = False, False, np.inf
     while True:
         reach, used = drive_series(
             rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, gx
@@ -169,7 +194,8 @@ def advance(
         if changed:
             changed = False
             m, count = fill_plane(sliding, at, pl)
-            watching = 0
+            abreast = False
+            calm = watching = 0
             for i in range(n):
                 if sliding[i]:
                     continue
@@ -180,9 +206,11 @@ def advance(
                 if watch:
                     watched[watching] = i
                     watching += 1
+        steady = m > 0
         for c in range(m):
             i = pl.slots[c]
             pl.fresh[c] = fresh[i]
+            steady = steady and not fresh[i]
             if fresh[i]:
                 fresh[i] = False
                 x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
@@ -194,15 +222,62 @@ def advance(
                         kicked[i] = True
         h = min(t_end - t, reach)
         ends = h == t_end - t
-        near = h
-        if m > 0 or count > 0:
+        near, o = h, order
+        if steady and (eager or calm >= patience):
+            # it ends at the next sample: within a sweep the motion is less exact than at its end
+            top = h if sampled >= len(grid.t) else min(h, grid.t[sampled] - t)
+            if top <= PAYS * plain:
+                pass
+            elif sweeps < PROBE:
+                _, used = drive_series(
+                    rim.kind, rim.par, rim.knots, rim.cubics, t, far, cx, cy, cc, cs, gx
+                )
+                if not abreast:
+                    fill_abreast(m, count, at, pl, ab)
+                    longest = sweep_top(m, rules.small, at, pl)
+                    abreast = True
+                top = min(top, longest)
+                near, try_s = sweep_step(
+                    far,
+                    m,
+                    count,
+                    u,
+                    v,
+                    used,
+                    at,
+                    pl,
+                    ab,
+                    sw,
+                    cx,
+                    cy,
+                    cc,
+                    cs,
+                    rules.small,
+                    try_s,
+                    top,
+                )
+                eager = near > PAYS * plain
+                if eager:
+                    o = far
+                    sweeps += 1
+                    counts[2] += 1
+                    into_lanes(o, m, count, False, ab, pl)
+                else:
+                    near, try_s, calm = h, 0.0, 0
+                    patience = min(2 * patience, MOST_PATIENCE)
+                    used = min(used, order)
+            else:
+                sweeps = 0
+        if o == far:
+            pass
+        elif m > 0 or count > 0:
             blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
             near = planar_reach(order, m, pl, rules.relative, rules.small, h)
-            near = slowing_reach(order, m, pl, near, KEPT, work)
+            near = plain = slowing_reach(order, m, pl, near, KEPT, work)
         if used > 3:
-            top = max(abs(cx[order]), abs(cy[order]), abs(cc[order]), abs(cs[order]))
+            top = max(abs(cx[o]), abs(cy[o]), abs(cc[o]), abs(cs[o]))
             if top > 0.0:
-                near = min(near, (rules.small / top) ** (1.0 / order))
+                near = min(near, (rules.small / top) ** (1.0 / o))
         if near < h:
             h, ends = near, False
         if not h >= 0.0:
@@ -210,7 +285,7 @@ def advance(
         # the first stuck block to break within the step
         top, who, hit_any = h, -1, False
         if h > 0.0:
-            planar_swing(order, m, h, pl)
+            planar_swing(o, m, h, pl)
             rim_far = turn = 0.0
             power = 1.0
             for q in range(1, used + 1):
@@ -236,6 +311,8 @@ def advance(
                 at,
                 pl,
             )
+            if o == far and doubtful > 0 and at.geometric:
+                into_lanes(o, m, count, True, ab, pl)
             for p in range(doubtful):
                 j, x, y = found[p], found_x[p], found_y[p]
                 force = math.sqrt(x * x + y * y) + push[p] * (h / top)
@@ -245,7 +322,7 @@ def advance(
                     j,
                     x,
                     y,
-                    order,
+                    o,
                     used,
                     count,
                     h,
@@ -266,17 +343,25 @@ def advance(
             if h < top and not hit_any:
                 h = max(h, 1e-15 * max(1.0, t))  # a near miss: creep past it, steps are counted
         while sampled < len(grid.t) and (grid.t[sampled] <= t + h or ends):
-            planar_state(order, m, grid.t[sampled] - t, pl, here, rate)
+            planar_state(o, m, grid.t[sampled] - t, pl, here, rate)
             for i in range(n):
                 for q in range(2):
                     grid.u[sampled, i, q] = here[i, q] if sliding[i] else u[i, q]
                     grid.v[sampled, i, q] = rate[i, q] if sliding[i] else 0.0
             sampled += 1
         if ledger:
-            planar_ledger(order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss)
-        planar_state(order, m, h, pl, u, v)
+            if o == far:
+                if h < near:
+                    sample(o, m, h, ab, sw)
+                for c in range(m):
+                    energy[1] += at.friction[pl.slots[c]] * h * sw.path[c]
+            planar_ledger(
+                o, m, o != far, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss
+            )
+        planar_state(o, m, h, pl, u, v)
         t, left = add_exactly(t, left, h)
         steps += 1
+        calm += 1
         if m > 0:
             i = pl.slots[0]
             if not math.isfinite(u[i, 0] + v[i, 0] + u[i, 1]):

@@ -4,6 +4,7 @@
 import numpy as np
 
 from eol_ros.core.physics.event import kernel
+from eol_ros.core.physics.event.sweep import tables
 from eol_ros.core.physics.exact.solver import books_of, length_scale
 from eol_ros.core.physics.kernel_args import Grid, room
 from eol_ros.core.physics.model import Model
@@ -14,6 +15,7 @@ from eol_ros.core.physics.status import WORDS
 TIGHTEST, LOOSEST = 1e-15, 1e-3
 SMALL = 0.01  # of tolerance and length scale: the error in place that a step may make
 MISSED = 1e-4  # of the work and the heat: more than any tolerance leaves open
+MORE_IN_SWEEPS = 4  # a sweep has so much work besides the series that longer steps pay
 CAPTURE_MPS = 2e-2  # slower than this, the closed form of a stop is tried
 
 
@@ -46,12 +48,16 @@ def rules_for(
     tolerance: float, scale_m: float, order: int | None = None, floor: float | None = None
 ) -> kernel.Rules:
     """Return the kernel's rules for a tolerance and the scene's length scale."""
+    order = order or order_for(tolerance)
+    sweep_order = order + MORE_IN_SWEEPS
     return kernel.Rules(
-        order or order_for(tolerance),
+        order,
         SMALL * tolerance * scale_m,
         tolerance,
         CAPTURE_MPS,
         floor or floor_speed(tolerance),
+        sweep_order,
+        tables(sweep_order + 2),
     )
 
 
@@ -70,7 +76,7 @@ def solve(
     rules = rules_for(tolerance, length_scale(scene, model), order, floor)
     shape = (len(times), model.n, 2)
     grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), room(limits.events)
-    books, counts = np.zeros(2), np.zeros(2, np.int64)
+    books, counts = np.zeros(2), np.zeros(3, np.int64)
     status, t, events, steps = kernel.run(
         u,
         v,
@@ -98,6 +104,7 @@ def solve(
         log.start[in_time],
         steps,
         t,
+        swept=int(counts[2]),
     )
     if counts[1]:
         run.notes.append(f'{counts[1]} stops ended at the floor of {rules.floor:g} m/s')

@@ -266,17 +266,17 @@ def suspects(
 
 
 @lean
-def planar_ledger(order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss):
+def planar_ledger(order, m, heat, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss):
     """Add the drive work and the friction heat (J) of a step h to `energy`.
 
-    `gauss` (2, g): nodes and weights on 0..1.
+    `gauss` (2, g): nodes and weights on 0..1; without `heat` the drive work alone.
     """
     for i in range(at.n):
         here[i, 0], here[i, 1] = u[i, 0], u[i, 1]
     for g in range(gauss.shape[1]):
         s, weight = gauss[0, g] * h, gauss[1, g] * h
         planar_state(order, m, s, pl, here, rate)
-        for c in range(m):
+        for c in range(m if heat else 0):
             i = pl.slots[c]
             speed = math.sqrt(rate[i, 0] ** 2 + rate[i, 1] ** 2)
             energy[1] += weight * at.friction[i] * speed

@@ -58,9 +58,10 @@ def solve(
 
 
 def length_scale(scene: Scene, model: Model) -> float:
-    """Return the displacement (m) at which a spring balances friction, or the offsets."""
+    """Return the displacement (m) at which a spring first balances friction, or the offsets."""
     stiff = model.k.max(initial=0.0)
-    hold = float(np.median(model.static)) / stiff if stiff > 0 else 0.0
+    holding = model.static[model.static > 0]
+    hold = float(holding.min()) / stiff if stiff > 0 and len(holding) else 0.0
     return max(hold, float(np.abs(scene.u0).max()), 1e-12)
 
 

@@ -79,7 +79,7 @@ class LiveTable:
         self._edges = (springs.anchor - springs.rest).view(complex)[:, 0]
         self._inward = -side.view(complex)[:, 0]
         self._u, self._v = scene.u0.copy(), scene.v0.copy()
-        self._books, self._counts = np.zeros(2), np.zeros(2, np.int64)
+        self._books, self._counts = np.zeros(2), np.zeros(3, np.int64)
         self._log = room(MOST_EVENTS)
         self._sampled = np.linspace(0.0, 1.0, samples + 1)
         rows = (samples + 1, N_BLOCKS, 2)

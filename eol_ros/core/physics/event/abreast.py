@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Power series of sliding blocks with their lanes abreast, friction given as a polynomial in time.
+
+Row k of every array is order k of all lanes, x before y, so that a processor takes eight lanes at a
+time (core/vectors.py); `event.taylor` has the orders of a lane side by side and is quicker where
+few blocks slide.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.physics.event.taylor import TINY, force_on, to_rim
+from eol_ros.core.physics.series import inlined, lean
+from eol_ros.core.vectors import WIDTH, direction_sums
+
+
+class Abreast(NamedTuple):
+    """Room for the series; the last block lane stands for all that is at rest and stays zero."""
+
+    a: np.ndarray  # (size, 2 b) displacement
+    push: np.ndarray  # (size, 2 b) acceleration by friction
+    force: np.ndarray  # (2 b,) of one order
+    dx: np.ndarray  # (size, s) along the springs
+    dy: np.ndarray
+    square: np.ndarray  # (size, s)
+    inverse: np.ndarray  # (size, s)
+    px: np.ndarray  # (size, s) force of the springs on their first ends
+    py: np.ndarray
+    first: np.ndarray  # (s,) lanes of their ends, unsigned: no index counts from the end
+    second: np.ndarray
+    ties: np.ndarray  # (most, b) springs of each block, the last one where there is none
+    side: np.ndarray  # (most, b) 1 at a spring's first end, -1 at its second, 0
+    stiff: np.ndarray  # (s,)
+    natural: np.ndarray  # (s,)
+    work: np.ndarray  # (4, s)
+    inverse_mass: np.ndarray  # (b,)
+
+
+def _wide(count):
+    return -(-count // WIDTH) * WIDTH
+
+
+_wide_compiled = njit(cache=True)(_wide)
+
+
+@njit(cache=True)
+def make_abreast(at, size):
+    """Return room for a lattice and rows 0..size - 1."""
+    b, s, most = _wide_compiled(at.n + 1), 0, 0
+    if at.geometric:
+        s = _wide_compiled(len(at.k) + 1)
+        for i in range(at.n):
+            most = max(most, at.lo[i + 1] - at.lo[i] + at.rim_lo[i + 1] - at.rim_lo[i])
+    return Abreast(
+        np.zeros((size, 2 * b)),
+        np.zeros((size, 2 * b)),
+        np.zeros(2 * b),
+        np.zeros((size, s)),
+        np.zeros((size, s)),
+        np.zeros((size, s)),
+        np.zeros((size, s)),
+        np.zeros((size, s)),
+        np.zeros((size, s)),
+        np.zeros(s, np.uint64),
+        np.zeros(s, np.uint64),
+        np.zeros((most, b), np.uint64),
+        np.zeros((most, b)),
+        np.zeros(s),
+        np.zeros(s),
+        np.zeros((4, s)),
+        np.zeros(b),
+    )
+
+
+@lean
+def fill_abreast(m, count, at, pl, ab):
+    """Take constants of the sliding blocks and their springs into their lanes."""
+    lanes, springs = len(ab.inverse_mass), len(ab.stiff)
+    for c in range(lanes):
+        ab.inverse_mass[c] = at.inverse[pl.slots[c]] if c < m else 0.0
+    if at.geometric:
+        for q in range(springs):
+            used = q < count
+            ab.first[q] = pl.act_first[q] if used and pl.act_first[q] >= 0 else lanes - 1
+            ab.second[q] = pl.act_second[q] if used and pl.act_second[q] >= 0 else lanes - 1
+            ab.stiff[q] = at.k[pl.act[q]] if used else 0.0
+            ab.natural[q] = at.natural[pl.act[q]] if used else 0.0
+        for p in range(len(ab.ties)):
+            for c in range(lanes):
+                ab.ties[p, c], ab.side[p, c] = springs - 1, 0.0
+        for q in range(count):
+            for end in range(2):
+                c = pl.act_first[q] if end == 0 else pl.act_second[q]
+                if c >= 0:
+                    p = 0
+                    while ab.side[p, c] != 0.0:
+                        p += 1
+                    ab.ties[p, c], ab.side[p, c] = q, 1.0 - 2.0 * end
+    for k in range(len(ab.a)):
+        for c in range(2 * lanes):
+            ab.a[k, c] = ab.push[k, c] = 0.0
+        for q in range(springs):
+            ab.dx[k, q] = ab.dy[k, q] = 0.0
+    for q in range(springs):
+        ab.dx[0, q] = 1.0  # where there is no spring, a length that can be divided by
+
+
+@inlined
+def directions_order(k, ab):
+    """Write order k of the springs' unit vectors into rows 2 and 3 of ab.work."""
+    x, y, square, inverse, work = ab.dx, ab.dy, ab.square, ab.inverse, ab.work
+    s = len(ab.stiff)
+    if k == 0:
+        for q in range(s):
+            length = x[0, q] * x[0, q] + y[0, q] * y[0, q]
+            square[0, q] = length
+            inverse[0, q] = 1.0 / np.sqrt(length) if length > TINY else 0.0
+        for q in range(s):
+            work[2, q] = inverse[0, q] * x[0, q]
+        for q in range(s):
+            work[3, q] = inverse[0, q] * y[0, q]
+        return
+    direction_sums(k, x, y, square, inverse, work)  # and the terms with order 0 and k:
+    for q in range(s):
+        square[k, q] = work[0, q] + 2.0 * (x[0, q] * x[k, q] + y[0, q] * y[k, q])
+    for q in range(s):
+        r = inverse[0, q]
+        inverse[k, q] = (work[1, q] - 0.5 * square[k, q] * r) * r * r
+    for q in range(s):
+        work[2, q] += inverse[0, q] * x[k, q] + inverse[k, q] * x[0, q]
+    for q in range(s):
+        work[3, q] += inverse[0, q] * y[k, q] + inverse[k, q] * y[0, q]
+
+
+@inlined
+def springs_abreast(k, count, used, u, at, pl, ab, x0, y0, co, si):
+    """Write order k of the springs and of the force on the blocks."""
+    s, lanes = len(ab.stiff), len(ab.inverse_mass)
+    force, n, px, py = ab.force, ab.work, ab.px, ab.py
+    if k == 0:
+        for q in range(count):
+            e = pl.act[q]
+            i, j = at.first[e], at.second[e]
+            if pl.act_anchor[q] >= 0:
+                x, y = to_rim(e, u[i, 0], u[i, 1], at, x0, y0, co, si)
+            else:
+                x = u[j, 0] - u[i, 0] + at.rest[e, 0]
+                y = u[j, 1] - u[i, 1] + at.rest[e, 1]
+            ab.dx[0, q], ab.dy[0, q] = x, y
+    else:
+        ends = ab.a[k]
+        for q in range(s):
+            ab.dx[k, q] = ends[ab.second[q]] - ends[ab.first[q]]
+        ends = ends[lanes:]
+        for q in range(s):
+            ab.dy[k, q] = ends[ab.second[q]] - ends[ab.first[q]]
+        if k <= used:
+            for q in range(count):
+                anchor = pl.act_anchor[q]
+                if anchor >= 0:
+                    ax, ay = at.anchors[anchor, 0], at.anchors[anchor, 1]
+                    ab.dx[k, q] += x0 + co * ax - si * ay
+                    ab.dy[k, q] += y0 + si * ax + co * ay
+    directions_order(k, ab)
+    for q in range(s):
+        px[k, q] = ab.stiff[q] * (ab.dx[k, q] - ab.natural[q] * n[2, q])
+    for q in range(s):
+        py[k, q] = ab.stiff[q] * (ab.dy[k, q] - ab.natural[q] * n[3, q])
+    for c in range(2 * lanes):
+        force[c] = 0.0
+    for p in range(len(ab.ties)):
+        pull = px[k]
+        for c in range(lanes):
+            force[c] += ab.side[p, c] * pull[ab.ties[p, c]]
+        pull = py[k]
+        for c in range(lanes):
+            force[lanes + c] += ab.side[p, c] * pull[ab.ties[p, c]]
+
+
+@inlined
+def linear_abreast(k, m, used, u, at, pl, ab, x, y, co, si):
+    """Write order k of the linear springs' force on the blocks."""
+    lanes, a, force = len(ab.inverse_mass), ab.a, ab.force
+    for c in range(m):
+        i = pl.slots[c]
+        if k == 0:
+            force[c], force[lanes + c] = force_on(i, u, at, x, y, co, si)
+            continue
+        fx, fy = -at.k_sum[i] * a[k, c], -at.k_sum[i] * a[k, lanes + c]
+        for e in range(pl.tie_lo[c], pl.tie_lo[c + 1]):
+            j, stiff = pl.tie[e], pl.tie_k[e]
+            fx += stiff * a[k, j]
+            fy += stiff * a[k, lanes + j]
+        if k <= used:
+            fx += at.drive[i, 0] * x + at.drive[i, 1] * co - at.drive[i, 2] * si
+            fy += at.drive[i, 0] * y + at.drive[i, 1] * si + at.drive[i, 2] * co
+        force[c], force[lanes + c] = fx, fy
+
+
+@lean
+def forced_series(order, degree, m, count, u, v, used, at, pl, ab, cx, cy, cc, cs):
+    """Write the displacement series under springs and the friction ab.push of that degree."""
+    lanes, a, force = len(ab.inverse_mass), ab.a, ab.force
+    for c in range(m):
+        i = pl.slots[c]
+        a[0, c], a[0, lanes + c] = u[i, 0], u[i, 1]
+        a[1, c], a[1, lanes + c] = v[i, 0], v[i, 1]
+    for k in range(order - 1):
+        if at.geometric:
+            springs_abreast(k, count, used, u, at, pl, ab, cx[k], cy[k], cc[k], cs[k])
+        else:
+            linear_abreast(k, m, used, u, at, pl, ab, cx[k], cy[k], cc[k], cs[k])
+        if at.rail:
+            for c in range(lanes):
+                force[lanes + c] = 0.0
+        scale = 1.0 / ((k + 1) * (k + 2))
+        if k <= degree:
+            for c in range(lanes):
+                a[k + 2, c] = (force[c] * ab.inverse_mass[c] + ab.push[k, c]) * scale
+            for c in range(lanes, 2 * lanes):
+                a[k + 2, c] = (force[c] * ab.inverse_mass[c - lanes] + ab.push[k, c]) * scale
+        else:
+            for c in range(lanes):
+                a[k + 2, c] = force[c] * ab.inverse_mass[c] * scale
+            for c in range(lanes, 2 * lanes):
+                a[k + 2, c] = force[c] * ab.inverse_mass[c - lanes] * scale
+
+
+@lean
+def forced_reach(order, ab, small, top):
+    """Return the step at which the last two terms fall to `small` (m)."""
+    h = top
+    for k in range(order - 1, order + 1):
+        most = 0.0
+        for c in range(2 * len(ab.inverse_mass)):
+            most = max(most, abs(ab.a[k, c]))
+        if most > 0.0:
+            h = min(h, (small / most) ** (1.0 / k))
+    return h
+
+
+@lean
+def into_lanes(order, m, count, springs, ab, pl):
+    """Copy the series to where the event path looks for them; the springs' where asked for."""
+    lanes = len(ab.inverse_mass)
+    if springs:
+        for q in range(count):
+            for k in range(order - 1):
+                pl.px[q, k], pl.py[q, k] = ab.px[k, q], ab.py[k, q]
+        return
+    for c in range(m):
+        for k in range(order + 1):
+            pl.ax[c, k], pl.ay[c, k] = ab.a[k, c], ab.a[k, lanes + c]

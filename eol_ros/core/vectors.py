@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two inner loops that keep their sums in vector registers; rows of the arrays are lanes abreast.
+
+LLVM makes vectors of a loop over lanes, but then each term passes through memory: the sums of eight
+lanes stay in registers only if the loop over the terms is the inner one. That is what these say, in
+LLVM's own vectors, which it lowers to what the processor has. Rows must be whole lanes of WIDTH.
+"""
+
+from typing import Any
+
+import llvmlite.ir as ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+WIDTH = 8
+TILE = 2  # rows of a product worked out together
+_F64, _I32, _I64 = ir.DoubleType(), ir.IntType(32), ir.IntType(64)
+_VECTOR = ir.VectorType(_F64, WIDTH)
+
+
+class _Code:
+    """What both loops are written with."""
+
+    def __init__(self, context: Any, builder: Any, signature: Any, values: Any) -> None:
+        self.builder = builder
+        self.arrays = {
+            i: context.make_array(kind)(context, builder, values[i])
+            for i, kind in enumerate(signature.args)
+            if isinstance(kind, types.Array)
+        }
+
+    def constant(self, number: int) -> Any:
+        return ir.Constant(_I64, number)
+
+    def columns(self, i: int) -> Any:
+        return self.builder.extract_value(self.arrays[i].shape, 1)
+
+    def _at(self, i: int, row: Any, column: Any) -> Any:
+        place = self.builder.add(self.builder.mul(row, self.columns(i)), column)
+        return self.builder.gep(self.arrays[i].data, [place])
+
+    def number(self, i: int, row: Any, column: Any) -> Any:
+        return self.builder.load(self._at(i, row, column))
+
+    def load(self, i: int, row: Any, column: Any) -> Any:
+        pointer = self.builder.bitcast(self._at(i, row, column), _VECTOR.as_pointer())
+        value = self.builder.load(pointer)
+        value.align = 8
+        return value
+
+    def store(self, value: Any, i: int, row: Any, column: Any) -> None:
+        pointer = self.builder.bitcast(self._at(i, row, column), _VECTOR.as_pointer())
+        self.builder.store(value, pointer).align = 8
+
+    def fma(self, a: Any, b: Any, c: Any) -> Any:
+        product = self.builder.fmul(a, b, flags=('contract',))
+        return self.builder.fadd(product, c, flags=('contract',))
+
+    def splat(self, number: Any) -> Any:
+        empty = ir.Constant(_VECTOR, ir.Undefined)
+        one = self.builder.insert_element(empty, number, ir.Constant(_I32, 0))
+        mask = ir.Constant(ir.VectorType(_I32, WIDTH), [0] * WIDTH)
+        return self.builder.shuffle_vector(one, empty, mask)
+
+    def sums(self, count: int) -> list:
+        return [cgutils.alloca_once(self.builder, _VECTOR) for _ in range(count)]
+
+    def loop(self, begin: Any, end: Any, step: int = 1) -> Any:
+        return cgutils.for_range_slice(self.builder, begin, end, self.constant(step), intp=_I64)
+
+
+def _lane_product(typing: Any, out: Any, table: Any, rows: Any, terms: Any, begin: Any, end: Any):
+    """Write out[r, q] = sum of table[r, k] terms[k, q] over begin <= k < end, r < rows.
+
+    `rows` is a multiple of TILE.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        code = _Code(context, builder, signature, values)
+        rows, begin, end = values[2], values[4], values[5]
+        sums, zero = code.sums(TILE), ir.Constant(_VECTOR, [0.0] * WIDTH)
+        with (
+            code.loop(code.constant(0), rows, TILE) as (r, _),
+            code.loop(code.constant(0), code.columns(0), WIDTH) as (q, _),
+        ):
+            for total in sums:
+                builder.store(zero, total)
+            with code.loop(begin, end) as (k, _):
+                term = code.load(3, k, q)
+                for i, total in enumerate(sums):
+                    share = code.splat(code.number(1, builder.add(r, code.constant(i)), k))
+                    builder.store(code.fma(share, term, builder.load(total)), total)
+            for i, total in enumerate(sums):
+                code.store(builder.load(total), 0, builder.add(r, code.constant(i)), q)
+        return context.get_dummy_value()
+
+    return types.void(out, table, rows, terms, begin, end), generate
+
+
+def _direction_sums(typing: Any, k: Any, x: Any, y: Any, square: Any, inverse: Any, out: Any):
+    """Write the sums over 1 <= j < k of `event.taylor.direction_order` into four rows of `out`.
+
+    They are x_j x_(k-j) + y_j y_(k-j), (j / 2k - 1) square_j inverse_(k-j), inverse_(k-j) x_j and
+    inverse_(k-j) y_j.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        code = _Code(context, builder, signature, values)
+        order = values[0]
+        half = builder.fdiv(ir.Constant(_F64, 0.5), builder.sitofp(order, _F64))
+        sums, zero = code.sums(4), ir.Constant(_VECTOR, [0.0] * WIDTH)
+        with code.loop(code.constant(0), code.columns(5), WIDTH) as (q, _):
+            for total in sums:
+                builder.store(zero, total)
+            with code.loop(code.constant(1), order) as (j, _):
+                rest = builder.sub(order, j)
+                x_j, y_j, r = code.load(1, j, q), code.load(2, j, q), code.load(4, rest, q)
+                share = builder.fmul(half, builder.sitofp(j, _F64))
+                share = code.splat(builder.fsub(share, ir.Constant(_F64, 1.0)))
+                s, p, nx, ny = (builder.load(total) for total in sums)
+                s = code.fma(x_j, code.load(1, rest, q), s)
+                s = code.fma(y_j, code.load(2, rest, q), s)
+                p = code.fma(builder.fmul(share, code.load(3, j, q)), r, p)
+                new = (s, p, code.fma(r, x_j, nx), code.fma(r, y_j, ny))
+                for value, total in zip(new, sums):
+                    builder.store(value, total)
+            for i, total in enumerate(sums):
+                code.store(builder.load(total), 5, code.constant(i), q)
+        return context.get_dummy_value()
+
+    return types.void(k, x, y, square, inverse, out), generate
+
+
+lane_product: Any = intrinsic(_lane_product)
+direction_sums: Any = intrinsic(_direction_sums)

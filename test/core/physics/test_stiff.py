@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stiff springs in the plane: steps that sweep over the turns of friction, against SciPy."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from eol_ros.core.physics import builders
+from eol_ros.core.physics.choose import simulate
+from eol_ros.core.physics.exact.solver import length_scale
+from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.scene import from_mapping
+
+PULL = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
+CIRCLE = {'kind': 'circle_and_rotation', 'par': [0.06, 0.9, 0.12, 0.7]}
+
+
+def by_scipy(scene, times):
+    """DOP853 over blocks that all slide from the start on, their friction along v/|v|."""
+    model, n = Model.of(scene), scene.n
+    lead = model.force(scene.u0, 0.0)
+    lead /= np.linalg.norm(lead, axis=1)[:, None]
+
+    def rhs(t, y):
+        u, v = y.reshape(2, n, 2)
+        size = np.linalg.norm(v, axis=1)[:, None]
+        unit = np.where(size > 1e-13, v / np.maximum(size, 1e-300), lead)
+        pull = model.force(u, t) - model.kinetic[:, None] * unit
+        return np.concatenate([v.ravel(), (pull / model.mass[:, None]).ravel()])
+
+    start = np.concatenate([scene.u0.ravel(), np.zeros(2 * n)])
+    found = solve_ivp(rhs, times[[0, -1]], start, 'DOP853', times, rtol=3e-13, atol=1e-15)
+    return found.y.T.reshape(-1, 2, n, 2)[:, 0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('geometric', [True, False])
+@pytest.mark.parametrize('drive', [PULL, CIRCLE])
+def test_stiff_springs_in_the_plane(geometric, drive):
+    given = builders.table(
+        drive, 0.03, 3, 3, k=1e6, geometric=geometric, u0=builders.offsets(9, 0.005, 3)
+    )
+    scene = from_mapping(given)
+    run = simulate(scene, sample_s=0.003, tolerance=1e-10)
+    assert run.status == 'ok'
+    assert len(run.event_t) == 9
+    assert run.swept > 0.3 * run.steps
+    assert np.abs(run.u - by_scipy(scene, run.t)).max() < 1e-10
+    books = run.energy
+    assert abs(books.residual_J) < 2e-7 * abs(books.friction_J)
+
+
+def test_sweeps_leave_ordinary_scenes_alone():
+    scene = builders.table(CIRCLE, 3.0, geometric=True, u0=builders.offsets(25, 0.005, 4))
+    run = simulate(from_mapping(scene))
+    assert len(run.event_t) > 20
+    assert run.swept == 0
+
+
+@pytest.mark.slow
+def test_a_light_block_between_heavy_ones():
+    """It turns thousands of times before friction stops it, and the others never move."""
+    mass = np.full(9, 1e3)
+    mass[4] = 1e-5
+    aside = [[0.005 * (i == 4), 0.002 * (i == 4)] for i in range(9)]
+    given = builders.table({'kind': 'none'}, 0.3, 3, 3, mass=mass, u0=aside)
+    scene = from_mapping(given)
+    run = simulate(scene, sample_s=0.01, tolerance=1e-10)
+    assert run.status == 'ok'
+    assert run.swept > 0.2 * run.steps
+
+    # along a line, by formula: half a turn after the other about +-delta, 2 delta shorter each time
+    w, start = np.sqrt(160.0 / 1e-5), np.array([0.005, 0.002])
+    delta, size = 0.65 * 9.81 / w**2, np.hypot(*start)
+    half = np.floor(run.t * w / np.pi)
+    wide = size - (2 * half + 1) * delta
+    place = (-1.0) ** half * delta + wide * np.cos(run.t * w)
+    assert np.abs(run.u[:, 4] - place[:, None] * start / size).max() < 1e-9
+    assert np.all(run.u[:, mass > 1] == 0)
+
+
+def test_the_tolerance_goes_by_the_lightest_block():
+    """By the median mass a table of heavy blocks and a light one allowed errors of metres."""
+    mass = [1e3] * 8 + [1e-6]
+    scene = from_mapping(builders.table(PULL, 1.0, 3, 3, mass=mass))
+    assert length_scale(scene, Model.of(scene)) == pytest.approx(0.9 * 9.81e-6 / 40)
