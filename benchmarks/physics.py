@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import physics_peers as peers
+from benchmarks import physics_stiff
 from benchmarks.machine import tell
 from eol_ros.core.physics import builders, choose, presets
 from eol_ros.core.physics.event import solver as event
@@ -34,7 +35,7 @@ EXAMPLES = [
 PEER_S = 2.5  # slow peers run this far; we are timed on the same stretch beside them
 SIZES = (1, 4, 25, 100, 400, 2500, 10_000)
 LIMITS = Limits(events=200_000, steps=2_000_000)
-PARTS = ('own', 'turning', 'peers', 'extremes', 'sizes', 'live')
+PARTS = ('own', 'turning', 'peers', 'stiff', 'extremes', 'sizes', 'live')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='take the other parts from an earlier --json run',
     )
     parser.add_argument('--peer', default='', metavar='TEXT', help='only peers whose row has TEXT')
+    parser.add_argument('--case', default='', metavar='TEXT', help='only stiff cases with TEXT')
 
 
 def cpu_s(work: Callable, repeat: int) -> tuple[object, float]:
@@ -304,8 +306,6 @@ def extreme_rows() -> list[dict]:
         scene = from_mapping(given)
         sample_s = max(0.1, scene.duration_s / 100)
         limits = Limits(events=200_000, steps=200_000)
-        if scene.n > 1000:
-            limits = Limits(events=20_000, steps=800)
         run = choose.simulate(scene, sample_s, limits=limits)  # keeps the books, and compiles
         energy = run.energy
         solve = functools.partial(choose.simulate, scene, sample_s, limits=limits, ledger=False)
@@ -426,6 +426,10 @@ def run(args: argparse.Namespace) -> int:
         result['turning'] = turning_rows()
     if 'peers' in parts:
         result['peers'] = peer_rows(args.peer)
+    if 'stiff' in parts:
+        result['stiff'] = physics_stiff.rows(
+            lambda cases, name, n: track(cases, name, total=n), args.case
+        )
     if 'extremes' in parts:
         result['extremes'] = extreme_rows()
     if 'sizes' in parts:
