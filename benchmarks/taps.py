@@ -53,16 +53,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--drops', default='0.25,0.1,0.04', help='mu_s - mu_k of each table, parted by commas'
     )
     parser.add_argument('--seed', type=int, default=3)
+    parser.add_argument(
+        '--rim-hits', type=float, default=TwinSettings.rim_hits_per_min,
+        help='knocks of hands on the rim a minute, while they move it',
+    )  # fmt: skip
+    parser.add_argument(
+        '--rim-hit-mg', type=float, default=TwinSettings.rim_hit_mg, help='how hard, in the median'
+    )
     parser.add_argument('--json', action='store_true')
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
     thresholds = [float(t) for t in args.thresholds.split(',')]
+    settings = TwinSettings(
+        seed=args.seed, rim_hits_per_min=args.rim_hits, rim_hit_mg=args.rim_hit_mg
+    )
     rows: list[dict[str, Any]] = []
     for drop in map(float, args.drops.split(',')):
         print(f'drop {drop:g}, {args.minutes:g} minutes', file=sys.stderr, flush=True)
-        rows += curve(drop, 60 * args.minutes, args.seed, thresholds)
+        rows += curve(drop, 60 * args.minutes, settings, thresholds)
     print('sleep, cost', file=sys.stderr, flush=True)
     result = {
         'default_mg': defaults().threshold / 16,
@@ -149,10 +159,11 @@ def _noise_mps2() -> float:
     return 1e-3 * s.accelerometer_noise_ug * (s.accelerometer_hz / 2) ** 0.5 * MG
 
 
-def curve(drop: float, seconds: float, seed: int, thresholds: list[float]) -> list[dict[str, Any]]:
+def curve(
+    drop: float, seconds: float, settings: TwinSettings, thresholds: list[float]
+) -> list[dict[str, Any]]:
     """Return a row of figures for each threshold, mg."""
-    settings = TwinSettings(seed=seed)
-    twin, sensors = Twin(seed, drop), Accelerometers(settings, always=True)
+    twin, sensors = Twin(settings.seed, drop), Accelerometers(settings, always=True)
     learnt = sensors.at_rest(LEARNT)
     detectors = []
     for mg in thresholds:
