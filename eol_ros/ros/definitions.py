@@ -15,7 +15,7 @@ import yaml
 from rclpy.qos import QoSProfile
 
 from eol_ros.errors import ConfigError
-from eol_ros.ros.topics import QOS
+from eol_ros.ros.topics import PUBLISHER_QOS
 from eol_ros.streams.definition import parse, references, short
 from eol_ros.streams.graph import TOPICS
 
@@ -89,11 +89,11 @@ class _Plain(yaml.SafeDumper):
 
 
 def describe(topic: str) -> dict[str, str]:
-    """Return type, definition, hash and QoS of a topic of the table, as a bag stores them."""
+    """Return type, definition, hash and offered QoS of a topic of the table, as a bag has them."""
     row = TOPICS[topic]
     return {
         'type': row.type_name,
         'definition': definition(row.type_name),
         'type_hash': type_hash(row.type_name),
-        'qos': qos_text(QOS[row.qos]),
+        'qos': qos_text(PUBLISHER_QOS[row.qos]),
     }

@@ -7,6 +7,7 @@ hangs falls silent, and that is how bringup notices.
 """
 
 import os
+import platform
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -120,12 +121,16 @@ class Health:
         if self._pipe is not None:
             self._pipe.send(status | {'kept': self.kept})
         row = DiagnosticStatus(
-            level=bytes([status['level']]),
+            # Who starts is not stale (REP 107): that is what others find of one who is silent.
+            level=bytes([WARN if status['level'] == STARTING else status['level']]),
             name=f'eol: {self._name}',
             message=status['text'],
-            hardware_id=str(status['pid']),
+            hardware_id=platform.node(),
         )
-        row.values = [KeyValue(key='rate_hz', value=str(status['rate']))]
+        row.values = [
+            KeyValue(key='rate_hz', value=str(status['rate'])),
+            KeyValue(key='pid', value=str(status['pid'])),
+        ]
         row.values += [KeyValue(key=k, value=str(v)) for k, v in self.values.items()]
         header = Header(stamp=to_msg(self._node.now_ns()))
         self._publisher.publish(DiagnosticArray(header=header, status=[row]))

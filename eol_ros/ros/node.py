@@ -10,7 +10,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
@@ -300,6 +305,7 @@ class EolNode(Node):
                     description=f'{text} [{unit}]' if unit else text,
                     read_only=not field.metadata.get('live'),
                     dynamic_typing=True,
+                    **_ranges(field),
                 ),
                 ignore_override=True,
             )
@@ -350,6 +356,18 @@ class EolNode(Node):
 def _kept(name: str) -> dict[str, Any]:
     """Return what node `name` kept in the life that bringup saw end."""
     return json.loads(os.environ.get('EOL_KEPT', '{}')).get(name, {})
+
+
+def _ranges(field: dataclasses.Field) -> dict[str, Any]:
+    """Return the range of a number as a descriptor has it, for sliders in rqt."""
+    low, high = field.metadata.get('min'), field.metadata.get('max')
+    if low is None or high is None:
+        return {}
+    if field.type is float:
+        return {'floating_point_range': [FloatingPointRange(from_value=low, to_value=high)]}
+    if field.type is int:
+        return {'integer_range': [IntegerRange(from_value=low, to_value=high)]}
+    return {}
 
 
 def _plain(value: Any) -> Any:

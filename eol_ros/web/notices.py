@@ -49,7 +49,7 @@ def health(status: Any) -> dict[str, Any]:
         't': 'health', 'node': status.name.removeprefix('eol: '),
         'level': LEVELS[min(level, 3)], 'text': status.message,
         'rate': float(values.pop('rate_hz', 0.0)), 'values': values,
-        'pid': status.hardware_id,
+        'pid': values.pop('pid', ''),
     }  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder over real DDS: what was published is what is in the bag, byte for byte."""
 
+import importlib.metadata
 import json
 import os
 import signal
@@ -307,7 +308,9 @@ def test_kill_leaves_a_readable_bag_and_the_next_start_repairs_it(tmp_path):
     assert second.wait(timeout=10) == 0
     whole = BagReader(part.with_suffix(''))
     assert [m.data for m in whole.messages()] == saved
-    assert yaml.safe_load(whole.about['versions'])['mcap']
+    versions = yaml.safe_load(whole.about['versions'])
+    assert versions['mcap'] and versions['ros-fastrtps']
+    assert versions['rclpy'] == importlib.metadata.version('ros-rclpy')
     assert not list(tmp_path.glob('*/*.part'))
 
 

@@ -6,7 +6,7 @@ import yaml
 
 from eol_ros.errors import ConfigError
 from eol_ros.ros.definitions import definition, describe, qos_text, type_hash
-from eol_ros.ros.topics import QOS
+from eol_ros.ros.topics import PUBLISHER_QOS, QOS
 from eol_ros.streams.graph import TOPICS
 
 OTHERS = {'sensor_msgs/msg/PointCloud2', 'std_msgs/msg/Empty', 'rosgraph_msgs/msg/Clock'}
@@ -25,6 +25,11 @@ def test_the_definition_has_the_hash_that_rosbags_computes_from_it(name):
 def test_mcap_ros2_understands_the_definition(name):
     dynamic = pytest.importorskip('mcap_ros2._dynamic')
     assert name in dynamic.generate_dynamic(name, definition(name))
+
+
+def test_a_bag_has_the_qos_that_is_offered():
+    [qos] = yaml.safe_load(describe('camera/image_raw')['qos'])
+    assert qos['depth'] == PUBLISHER_QOS['images'].depth < QOS['images'].depth
 
 
 def test_qos_is_what_rosbag2_writes():

@@ -3,6 +3,7 @@
 
 import ast
 import contextlib
+import dataclasses
 import fcntl
 import json
 import os
@@ -97,7 +98,8 @@ def test_health_goes_both_ways(ros, monkeypatch):
     node.health.values['pairs'] = 24
     spin(node, lambda: False, 1.2)
     node.health.warn('no picture on the right')
-    spin(node, lambda: any(m.status[0].level == b'\x01' for m in seen))
+    spin(node, lambda: any(m.status[0].message.startswith('no picture') for m in seen))
+    assert {m.status[0].level for m in seen} == {b'\x01'}  # also while starting: not stale
     lines = [json.loads(line) for line in os.read(out, 65536).splitlines()]
 
     assert lines[0]['level'] == 3  # starting
@@ -144,6 +146,16 @@ def test_command_line_parameters_are_checked(ros):
         ProbeNode(MontageSettings(), parameter_overrides=[Parameter('perod_s', value=2.0)])
     with pytest.raises(ConfigError, match='out of range'):
         ProbeNode(MontageSettings(), parameter_overrides=[Parameter('period_s', value=0.0)])
+
+
+def test_parameters_tell_their_range(ros):
+    node = ProbeNode(MontageSettings())
+    fields = {f.name: f.metadata for f in dataclasses.fields(MontageSettings)}
+    [of_period] = node.describe_parameter('period_s').floating_point_range
+    assert of_period.from_value == fields['period_s']['min']
+    assert of_period.to_value == fields['period_s']['max']
+    assert not node.describe_parameter('pairs').floating_point_range
+    node.destroy_node()
 
 
 def test_topic_table():

@@ -153,12 +153,14 @@ def test_a_line_that_closes_is_written_no_more():
 
 
 def test_put_before_and_after_the_loop_does_nothing():
-    hub = Hub()
+    hub, line = Hub(), Line()
     hub.put('blocks', b'x')
     loop = asyncio.new_event_loop()
     hub.attach(loop)
+    hub.join(line)
     loop.close()
-    hub.put('blocks', b'x')
+    hub.put('notices', 'n')
+    assert line.taken() == []
 
 
 def test_while_nobody_looks_nothing_is_woken_and_wishes_are_told_once(monkeypatch):

@@ -186,17 +186,19 @@ def test_corpus_values_become_columns():
 
 def test_health_takes_the_level_as_ros_gives_it():
     pair = SimpleNamespace(key='rate_hz', value='59.9')
+    pid = SimpleNamespace(key='pid', value='12')
     status = SimpleNamespace(
-        level=b'\x01', name='eol: tracker', message='dim', values=[pair], hardware_id='12'
+        level=b'\x01', name='eol: tracker', message='dim', values=[pair, pid], hardware_id='museum'
     )
     notice = notices.health(status)
     assert (notice['node'], notice['level'], notice['rate']) == ('tracker', 'warn', 59.9)
+    assert notice['pid'] == '12' and notice['values'] == {}
 
 
 def test_the_roster_knows_who_gives_signs_of_life():
     roster = notices.Roster()
     status = SimpleNamespace(
-        level=b'\0', name='eol: tracker', message='well', values=[], hardware_id='12'
+        level=b'\0', name='eol: tracker', message='well', values=[], hardware_id='museum'
     )
     assert not roster.runs('tracker', 100.0)
     notice = roster.take(status, 100.0, 1.7e9)
