@@ -151,7 +151,8 @@ class SoundNode(EolNode):
             relocks=int(state['clock_locks']),
             **{k: int(state[k]) for k in COUNTERS},
         )
-        text = '; '.join(t for t in (player.text, self.trouble) if t)
+        silent = 'asleep' if self.asleep else 'muted' if self.muted else ''
+        text = '; '.join(t for t in (silent, player.text, self.trouble) if t)
         level = 'warn' if self.trouble and player.level == 'ok' else player.level
         getattr(self.health, level)(text)
         if player.stuck:

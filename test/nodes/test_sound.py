@@ -132,10 +132,12 @@ def test_bad_triggers_no_corpus_lost_audio_and_mute(graph, tmp_path):
     assert 'grain 99999: the corpus has grains 0 to' in probe.results[1].reason
     probe.ask('mute')
     assert turn(lambda: node.mixer.state['fade'][0] == 0)
+    assert turn(lambda: node.health.text.startswith('muted; '))
     probe.ask('sleep')
     probe.ask('unmute')
     assert turn(lambda: len(probe.results) == 5)
     assert node.mixer.state['fade'][0] == 0  # it sleeps
+    assert turn(lambda: node.health.text.startswith('asleep; '))
     probe.ask('wake')
     assert turn(lambda: node.mixer.state['fade'][0] == 1)
     gone = corpus_of(tmp_path, 'gone')
