@@ -21,6 +21,8 @@ class Abreast(NamedTuple):
 
     a: np.ndarray  # (size, 2 b) displacement
     push: np.ndarray  # (size, 2 b) acceleration by friction
+    extra: np.ndarray  # (size, 2 b) acceleration that came to be known late, and what it moves
+    reply: np.ndarray
     force: np.ndarray  # (2 b,) of one order
     dx: np.ndarray  # (size, s) along the springs
     dy: np.ndarray
@@ -54,6 +56,8 @@ def make_abreast(at, size):
         for i in range(at.n):
             most = max(most, at.lo[i + 1] - at.lo[i] + at.rim_lo[i + 1] - at.rim_lo[i])
     return Abreast(
+        np.zeros((size, 2 * b)),
+        np.zeros((size, 2 * b)),
         np.zeros((size, 2 * b)),
         np.zeros((size, 2 * b)),
         np.zeros(2 * b),
@@ -226,6 +230,56 @@ def forced_series(order, degree, m, count, u, v, used, at, pl, ab, cx, cy, cc, c
                 a[k + 2, c] = force[c] * ab.inverse_mass[c] * scale
             for c in range(lanes, 2 * lanes):
                 a[k + 2, c] = force[c] * ab.inverse_mass[c - lanes] * scale
+
+
+@lean
+def add_reply(last, m, at, pl, ab):
+    """Add to rows 2..`last` of the series what ab.extra moves; springs as at the start."""
+    lanes, s = len(ab.inverse_mass), len(ab.stiff)
+    reply, force, w = ab.reply, ab.force, ab.work
+    for k in range(last - 1):
+        for c in range(2 * lanes):
+            force[c] = 0.0
+        if k >= 2 and at.geometric:
+            ends = reply[k]
+            for q in range(s):
+                w[0, q] = ends[ab.second[q]] - ends[ab.first[q]]
+            ends = ends[lanes:]
+            for q in range(s):
+                w[1, q] = ends[ab.second[q]] - ends[ab.first[q]]
+            for q in range(s):
+                r = ab.inverse[0, q]
+                along = r * r * (ab.dx[0, q] * w[0, q] + ab.dy[0, q] * w[1, q])
+                turn = ab.natural[q] * r
+                w[2, q] = ab.stiff[q] * (w[0, q] - turn * (w[0, q] - along * ab.dx[0, q]))
+            for q in range(s):
+                r = ab.inverse[0, q]
+                along = r * r * (ab.dx[0, q] * w[0, q] + ab.dy[0, q] * w[1, q])
+                turn = ab.natural[q] * r
+                w[3, q] = ab.stiff[q] * (w[1, q] - turn * (w[1, q] - along * ab.dy[0, q]))
+            for p in range(len(ab.ties)):
+                pull = w[2]
+                for c in range(lanes):
+                    force[c] += ab.side[p, c] * pull[ab.ties[p, c]]
+                pull = w[3]
+                for c in range(lanes):
+                    force[lanes + c] += ab.side[p, c] * pull[ab.ties[p, c]]
+        elif k >= 2:
+            for c in range(m):
+                i = pl.slots[c]
+                fx, fy = -at.k_sum[i] * reply[k, c], -at.k_sum[i] * reply[k, lanes + c]
+                for e in range(pl.tie_lo[c], pl.tie_lo[c + 1]):
+                    fx += pl.tie_k[e] * reply[k, pl.tie[e]]
+                    fy += pl.tie_k[e] * reply[k, lanes + pl.tie[e]]
+                force[c], force[lanes + c] = fx, fy
+        scale = 1.0 / ((k + 1) * (k + 2))
+        for c in range(lanes):
+            reply[k + 2, c] = (force[c] * ab.inverse_mass[c] + ab.extra[k, c]) * scale
+        for c in range(lanes, 2 * lanes):
+            rail = 0.0 if at.rail else force[c]
+            reply[k + 2, c] = (rail * ab.inverse_mass[c - lanes] + ab.extra[k, c]) * scale
+        for c in range(2 * lanes):
+            ab.a[k + 2, c] += reply[k + 2, c]
 
 
 @lean

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.polynomial import Legendre
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.physics.event.abreast import forced_reach, forced_series
+from eol_ros.core.physics.event.abreast import add_reply, forced_reach, forced_series
 from eol_ros.core.physics.series import inlined, lean
 from eol_ros.core.vectors import lane_product
 
@@ -30,7 +30,9 @@ GROWTH = 3.0  # of the panels that lead away from a turn
 EARLIEST = 1e-9  # of a step: the first of these panels, where v passes zero itself
 APART = 4.0  # how many times friction the springs must pull where a block turns
 ROUNDS = 4
-LATE = 100.0  # how much more than a step's truncation the last change of friction may leave
+REPLY = DEGREE + 6  # rows in which the springs answer the last change, to second order
+LATE = 30.0  # how much more than a step's truncation the last change of friction may leave,
+LEFT = 0.01  # which is so much of it: by the springs' own change, and higher orders
 SHORT = 0.93
 REST = (
     1.7e-7  # |P_(DEGREE + 1)| of sin(w t) / w over a step, of (w h / 2)^(DEGREE + 1), by a turn's
@@ -276,8 +278,11 @@ def sample(order, m, h, ab, sw):
 
 
 @lean
-def take_push(h, first, correct, ab, sw):
-    """Make the coefficients the friction in ab.push; return how much the place at h changes (m)."""
+def take_push(h, first, ab, sw):
+    """Make the coefficients the friction in ab.push, what changes in ab.extra.
+
+    Returns how much the place at h changes (m).
+    """
     wide, friction, change = 2 * len(ab.inverse_mass), sw.friction, sw.change
     for c in range(wide):
         change[c] = 0.0
@@ -294,10 +299,8 @@ def take_push(h, first, correct, ab, sw):
     for k in range(DEGREE + 1):
         for c in range(wide):
             change[c] = friction[c] * sw.smooth[k, c] * scale
-        if correct:
-            share = 1.0 / ((k + 1) * (k + 2))
-            for c in range(wide):
-                ab.a[k + 2, c] += (change[c] - ab.push[k, c]) * share
+        for c in range(wide):
+            ab.extra[k, c] = change[c] - ab.push[k, c]
         for c in range(wide):
             ab.push[k, c] = change[c]
         scale /= h
@@ -354,8 +357,9 @@ def sweep_step(order, m, count, u, v, used, at, pl, ab, sw, cx, cy, cc, cs, smal
     for _ in range(ROUNDS):
         if not sample(guess, m, h, ab, sw):
             return 0.0, reach
-        change = take_push(h, first, guess == order, ab, sw)
-        if not first and 0.2 * change <= LATE * small:
+        change = take_push(h, first, ab, sw)
+        if not first and LEFT * change <= LATE * small:
+            add_reply(min(order, REPLY), m, at, pl, ab)
             return h, reach
         if not first and change > 0.1 * last:
             return 0.0, reach
