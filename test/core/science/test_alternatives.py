@@ -80,12 +80,12 @@ def test_another_law_is_found_better(name, log_weight):
 
 def test_a_power_law_excludes_the_exponential_and_is_not_beaten():
     better = 0
-    for seed in range(20):
+    for seed in range(10):
         found = compared(sample(1.6, 1, 200, 2000, rng(seed)))
         assert found['exponential'].verdict == 'worse'
         better += found['cut-off power law'].verdict == 'better'
         assert found['log-normal'].log_ratio <= 0
-    assert better <= 5  # one in ten is expected
+    assert better <= 3  # one in ten is expected
 
 
 @pytest.mark.slow

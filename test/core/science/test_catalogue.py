@@ -28,6 +28,7 @@ def test_b_has_its_closed_forms():
     assert catalogue.b_positive(m, 0.1) == pytest.approx(math.log10(math.e) / 0.4)
 
 
+@pytest.mark.slow
 def test_a_law_is_found_again_with_its_error():
     found = [catalogue.magnitude_law(magnitudes(0.8, 2000, k), rng(), repeats=100)
              for k in range(20)]  # fmt: skip
@@ -114,9 +115,10 @@ def test_omori_is_found_again():
     assert found.per_main == pytest.approx(12.0, rel=0.25)
 
 
+@pytest.mark.slow
 def test_without_aftershocks_there_is_no_omori():
     decays = 0
-    for seed in range(6):
+    for seed in range(4):
         r = rng(seed)
         onsets = np.sort(r.random(600)) * 1000.0
         found = catalogue.omori(onsets, r.integers(1, 26, 600), 1000.0)

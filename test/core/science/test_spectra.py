@@ -53,11 +53,11 @@ def test_an_autoregressive_series_has_its_closed_form():
 
 
 def test_a_mean_over_a_window_is_corrected():
-    noise = rng(5).normal(size=2_000_000)
+    noise = rng(5).normal(size=600_000)
     means = np.convolve(noise, np.full(40, 1 / 40), 'valid')[::10]  # 0.2 s of 200/s, at 20/s
     found = spectrum(means, 20.0, 0.01, 3.0, window_s=0.2)
 
-    assert abs(slope(found).beta) < 0.03
+    assert abs(slope(found).beta) < 0.05
 
 
 def test_a_local_whittle_estimate_agrees():
