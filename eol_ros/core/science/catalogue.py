@@ -226,14 +226,14 @@ def omori(onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int = 10
         raise FitError('most cascades are of the greatest size: none is a mainshock')
     least = float(few[0])
     great = np.flatnonzero(sizes >= least)
-    if len(great) < FEWEST_MAINS:
-        raise FitError(f'{len(great)} great cascades: no aftershocks below {FEWEST_MAINS}')
     until = np.r_[onsets_s[great[1:]], end_s]
     length = until - onsets_s[great]
     times = np.concatenate([
         onsets_s[a + 1 : b] - onsets_s[a] for a, b in zip(great, np.r_[great[1:], len(sizes)])
     ])  # fmt: skip
     length, times = length[length > 0], times[times > 0]
+    if len(length) < FEWEST_MAINS:
+        raise FitError(f'{len(length)} great cascades: no aftershocks below {FEWEST_MAINS}')
     if len(times) < FEWEST:
         raise FitError(f'{len(times)} cascades after great ones: no law below {FEWEST}')
     total = float(length.sum())
