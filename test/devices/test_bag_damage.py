@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Damage costs what it hit, and is said: a thousand flipped bits, a thousand cuts."""
 
+import os
 import re
 import warnings
 
@@ -11,6 +12,7 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.recover import repair
 from eol_ros.devices.bag.verify import verify
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import BagDamaged
@@ -118,6 +120,25 @@ def test_a_cut_costs_what_is_behind_it_at_most_and_is_said(tmp_path, whole):
         assert bag.cut_short and not spans, size
         if size % 10 == 0:
             assert verify(path)[1] == bag.cut_short, size
+
+
+@pytest.mark.slow
+def test_a_repair_loses_nothing_that_could_be_read(tmp_path, monkeypatch):
+    for name in ('fsync', 'fdatasync'):  # not what this is about, and slow
+        monkeypatch.setattr(os, name, lambda handle: None)
+    clean = write(tmp_path / 'run', whole=False).read_bytes()
+    part = tmp_path / 'run' / 'run_0.mcap.part'
+    rng = np.random.default_rng(8)
+    for bit in rng.integers(0, 8 * len(clean), 60):
+        data = bytearray(clean)
+        data[int(bit) // 8] ^= 1 << (int(bit) % 8)
+        part.write_bytes(data)
+        _, before, _ = read(part)
+        done = repair(part)
+        _, after, _ = read(done.file)
+        assert after == before and done.message_count == len(before), int(bit) // 8
+        assert verify(tmp_path / 'run')[1] == [], int(bit) // 8
+        done.file.unlink()
 
 
 def test_what_is_missing_is_said_in_times_of_the_bag(tmp_path):

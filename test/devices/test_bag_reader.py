@@ -3,6 +3,7 @@
 
 import pytest
 from bag_samples import POINT, T0, point, write_bag
+from mcap.writer import CompressionType, IndexType, Writer
 
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.writer import BagWriter
@@ -108,3 +109,35 @@ def test_a_file_that_the_metadata_names_and_that_is_gone(run):
     (run / 'run_1.mcap').unlink()
     with pytest.raises(DeviceMissing, match='run_1.mcap is named in metadata.yaml'):
         BagReader(run)
+
+
+@pytest.mark.parametrize('compression', list(CompressionType))
+@pytest.mark.parametrize(
+    'options',
+    [
+        {},
+        {'use_chunking': False},
+        {'use_summary_offsets': False, 'index_types': IndexType.NONE, 'use_statistics': False},
+        {'chunk_size': 300, 'enable_crcs': False},
+    ],
+    ids=['usual', 'unchunked', 'without-index', 'without-checksums'],
+)
+def test_bags_of_other_programs_are_read(tmp_path, compression, options):
+    """Their clocks may begin at 0, and their files have attachments."""
+    path, sent = tmp_path / 'other.mcap', []
+    with open(path, 'wb') as file:
+        writer = Writer(file, compression=compression, **options)
+        writer.start('ros2')
+        schema = writer.register_schema(POINT.type, 'ros2msg', POINT.definition.encode())
+        channel = writer.register_channel('/eol/point', 'cdr', schema)
+        writer.add_attachment(0, 0, 'photo', 'image/png', b'x' * 1000)
+        writer.add_metadata('notes', {'by': 'them'})
+        for i in range(100):
+            writer.add_message(channel, i * 1000, point(i), i * 1000, i)
+            sent.append((i * 1000, i, point(i)))
+        writer.finish()
+    bag = BagReader(path)
+    assert [(m.log_ns, m.sequence, m.data) for m in bag.messages()] == sent
+    assert bag.counts == {'/eol/point': 100} and bag.damage == []
+    assert bag.topics['/eol/point'].definition == POINT.definition
+    assert bag.files[0].metadata['notes'] == {'by': 'them'}

@@ -85,10 +85,12 @@ class BagFileReader:
     """One MCAP file: what is in it, where, and its messages.
 
     `with_places` off: only what there is of each topic and when, without the memory for an index.
+    `walk` off: nothing is known of a file without an index, but that.
     """
 
-    def __init__(self, path: Path, with_places: bool = True):
+    def __init__(self, path: Path, with_places: bool = True, walk: bool = True):
         self.path = path
+        self._walk = walk
         self._with_places = with_places
         self.topics: dict[str, BagTopic] = {}
         self.counts: dict[str, int] = {}
@@ -99,6 +101,7 @@ class BagFileReader:
         self.places: list[Place] = []
         self.names: dict[int, str] = {}  # topic by number of the channel
         self.indexed = False  # it has an index, and that is right
+        self._index_wrong = False
         self.ours = False  # this project wrote it, with checksums
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
@@ -170,6 +173,8 @@ class BagFileReader:
         self.ours = bool(first and isinstance(first.body, Header) and first.body.library == LIBRARY)
         if not self._read_summary(file, size):
             self.places, self._schemas, self._channels = [], {}, {}
+            if not self._walk:
+                return
             self._read_all(file, size)
         for channel in self._channels.values():
             self._add(channel, self._schemas.get(channel.schema_id))
@@ -207,6 +212,7 @@ class BagFileReader:
             return False
         found_crc = zlib.crc32(scan.read_at(file, end, FOOTER.size - 4), found_crc)
         if crc != found_crc and (crc or self.ours):
+            self._index_wrong = True  # and not just left out
             return False
         if counts is None or (counts[0] and self._with_places and not self.places):
             return False
@@ -227,7 +233,7 @@ class BagFileReader:
         start_ns, end_ns, offset, length, count = _INDEX.unpack_from(body)
         channels = frozenset(k for k, _ in struct.iter_unpack('<HQ', body[36 : 36 + count]))
         kind = scan.Body(body[44 + count :]).text()
-        if start_ns:  # else definitions only
+        if end_ns or channels:  # else definitions only
             self.places.append(Place(start_ns, end_ns, offset, offset + length, channels, kind))
 
     def _add_metadata(self, file: BinaryIO, body: bytes) -> None:
@@ -268,8 +274,9 @@ class BagFileReader:
                 self._take_messages([record], found, '', counts)
             elif found.opcode == Opcode.DATA_END:
                 if scan.read_at(file, size - len(MAGIC), len(MAGIC)) == MAGIC:
-                    self._damaged(found.end, size, 'the index')
-                    self.cut_at = None
+                    self.cut_at = None  # the data are whole
+                    if self.ours or self._index_wrong:
+                        self._damaged(found.end, size, 'the index')
                 break
         places = self.places
         if places:
@@ -370,7 +377,7 @@ def _span(hole: scan.Found, before_ns: int, after_ns: int) -> tuple[int, int]:
         return 0, 0
     if isinstance(hole.body, ChunkHead):
         head = hole.body
-        if not head.start_ns:
+        if not head.end_ns:
             return 0, 0  # definitions
         if before_ns <= head.start_ns <= head.end_ns <= after_ns:
             return head.start_ns, head.end_ns
@@ -403,7 +410,7 @@ class BagReader:
             self.topics.update(file.topics)
             for topic, count in file.counts.items():
                 self.counts[topic] = self.counts.get(topic, 0) + count
-        filled = [f for f in self.files if f.start_ns]
+        filled = [f for f in self.files if f.places]
         self.start_ns = min((f.start_ns for f in filled), default=0)
         self.end_ns = max((f.end_ns for f in filled), default=0)
 
@@ -456,7 +463,7 @@ class BagReader:
         files = [
             f
             for f in self.files
-            if f.start_ns and f.end_ns >= start_ns and (end_ns is None or f.start_ns < end_ns)
+            if f.places and f.end_ns >= start_ns and (end_ns is None or f.start_ns < end_ns)
         ]
         streams = [f.messages(topics, start_ns, end_ns) for f in files]
         apart = all(a.end_ns <= b.start_ns for a, b in itertools.pairwise(files))
@@ -505,7 +512,7 @@ def _run_metadata(path: Path) -> dict[str, str] | None:
                 if isinstance(record, Metadata) and record.name == RUN_METADATA:
                     return record.metadata
                 if isinstance(record, ChunkMessage) or (
-                    isinstance(record, ChunkHead) and record.start_ns
+                    isinstance(record, ChunkHead) and record.end_ns
                 ):
                     return {}  # of another program
     except OSError:  # renamed meanwhile: it is whole now

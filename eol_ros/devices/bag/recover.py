@@ -129,10 +129,13 @@ def repair(
         rewrite_metadata(target.parent)
         state.unlink(missing_ok=True)
         return Repaired(path, target, sum(BagFileReader(target, with_places=False).counts.values()))
-    with open(path, 'r+b') as out, open(path, 'rb') as file:
-        fcntl.flock(out, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with open(path, 'r+b') as out, open(path, 'rb', buffering=0) as file:
+        fcntl.flock(out, fcntl.LOCK_EX | fcntl.LOCK_NB)  # no buffer: it is read again when changed
         progress = _load(state)
-        if _begins(file):
+        reader = BagFileReader(path, with_places=False, walk=False)
+        if reader.indexed:  # cut off just before it got its name
+            count = sum(reader.counts.values())
+        elif _begins(file):
             last = _prove(file, out, progress, state, breathe)
             count = _finish(file, out, progress, last, path, min_free_gb)
         else:
@@ -223,9 +226,11 @@ def _prove(
                 breathe()
             elif isinstance(found.body, Metadata):
                 progress.index_bytes += 64
-                if found.body.name == GAPS_METADATA:
-                    pairs = dict(found.body.metadata)
-                    pairs.pop(scan.CRC_KEY, None)
+                pairs = dict(found.body.metadata)
+                if ours and pairs.pop(scan.CRC_KEY, '') != scan.pairs_crc(pairs):
+                    _blank(out, found)
+                    progress.damage.append(f'byte {found.offset}: metadata {found.body.name}')
+                elif found.body.name == GAPS_METADATA:
                     progress.gaps = pairs
             elif found.why:
                 _blank(out, found)
@@ -256,8 +261,9 @@ def _proved(file: BinaryIO, out: BinaryIO, found: Found, progress: _Progress) ->
         return None
     if found.opcode != Opcode.CHUNK:
         _overwrite(out, found.offset, bytes([Opcode.CHUNK]))
-    if (head.start_ns, head.end_ns) != chunk.span:
-        _overwrite(out, found.offset + scan.HEAD.size, struct.pack('<QQ', *chunk.span))
+    says = (*chunk.span, len(data))
+    if (head.start_ns, head.end_ns, head.size) != says:
+        _overwrite(out, found.offset + scan.HEAD.size, struct.pack('<QQQ', *says))
     progress.index_bytes += 80 + 10 * len(chunk.wanted)
     return chunk
 
@@ -270,11 +276,12 @@ def _settle(out: BinaryIO, chunk: ProvedChunk | None) -> None:
 
 
 def _blank(out: BinaryIO, found: Found) -> None:
-    if found.why and not found.framed and found.end - found.offset >= scan.HEAD.size:
-        length = found.end - found.offset - scan.HEAD.size
-        _overwrite(out, found.offset, scan.HEAD.pack(scan.BLANK, length))
-    else:
+    """Make a private record of a stretch; one that is too short for that stays as it is."""
+    length = found.end - found.offset - scan.HEAD.size
+    if not found.why or found.framed:
         _overwrite(out, found.offset, bytes([scan.BLANK]))
+    elif length >= 0:
+        _overwrite(out, found.offset, scan.HEAD.pack(scan.BLANK, length))
 
 
 def _overwrite(out: BinaryIO, offset: int, data: bytes) -> None:
@@ -292,7 +299,7 @@ def _finish(
     min_free_gb: float,
 ) -> int:
     """Write what is missing behind the data; return the number of messages."""
-    schemas, channels = _definitions(file, progress.at)
+    schemas, channels = _definitions(file, progress.at, out)
     definitions = b''.join(packed(r) for r in (*schemas.values(), *channels.values()))
     needed = progress.index_bytes + len(definitions) + (1 << 16)
     free = shutil.disk_usage(path.parent).free
@@ -368,14 +375,15 @@ class _Index:
     def _packed(self, found: Found, indexes: list[Found]) -> bytes:
         head = found.body
         counts = {f.body.channel_id: len(f.body.records) for f in indexes}
-        if not indexes and head.start_ns:  # its message indexes were damaged
+        if not indexes and head.end_ns:  # its message indexes were damaged
             data = scan.read_at(self._file, head.data_at, head.data_bytes)
-            for m in scan.messages_in(scan.unpack(head, data)):
-                counts[m.channel] = counts.get(m.channel, 0) + 1
+            with contextlib.suppress(DamagedRecord):
+                for m in scan.messages_in(scan.unpack(head, data)):
+                    counts[m.channel] = counts.get(m.channel, 0) + 1
         for channel, count in counts.items():
             self.counts[channel] = self.counts.get(channel, 0) + count
         self._chunks += 1
-        if head.start_ns:
+        if head.end_ns:
             self._start_ns = min(self._start_ns or head.start_ns, head.start_ns)
             self._end_ns = max(self._end_ns, head.end_ns)
         return packed(
@@ -393,8 +401,14 @@ class _Index:
         )
 
 
-def _definitions(file: BinaryIO, end: int) -> tuple[dict[int, Schema], dict[int, Channel]]:
-    """Return schemas and channels by number; those in a chunk, with a checksum, hold."""
+def _definitions(
+    file: BinaryIO, end: int, out: BinaryIO
+) -> tuple[dict[int, Schema], dict[int, Channel]]:
+    """Return schemas and channels by number; those in a chunk, with a checksum, hold.
+
+    Where one outside differs, it is damaged and marked as blank.
+    """
+    outside: list[Found] = []
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
 
@@ -406,14 +420,21 @@ def _definitions(file: BinaryIO, end: int) -> tuple[dict[int, Schema], dict[int,
 
     for found in scan.walk(file, len(MAGIC), end):
         take(found.body)
-        if isinstance(found.body, ChunkHead):
+        if isinstance(found.body, (Schema, Channel)):
+            outside.append(found)
+        elif isinstance(found.body, ChunkHead):
             head = found.body
-            if head.start_ns and channels:
+            if head.end_ns and channels:
                 break
-            data = scan.unpack(head, scan.read_at(file, head.data_at, head.data_bytes))
-            for _at, kind, body in scan.records_in(data):
-                if kind in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    take(scan.parse(kind, body))
+            with contextlib.suppress(DamagedRecord):
+                data = scan.unpack(head, scan.read_at(file, head.data_at, head.data_bytes))
+                for _at, kind, body in scan.records_in(data):
+                    if kind in (Opcode.SCHEMA, Opcode.CHANNEL):
+                        take(scan.parse(kind, body))
+    for found in outside:
+        known: dict = schemas if isinstance(found.body, Schema) else channels
+        if known[found.body.id] != found.body:
+            _blank(out, found)
     return schemas, channels
 
 

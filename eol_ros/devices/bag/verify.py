@@ -55,7 +55,9 @@ def _records(file: BagFileReader) -> list[str]:
     chunk: ProvedChunk | None = None
 
     def close() -> None:
-        if chunk and not chunk.right():
+        place = places.get(chunk.found.offset) if chunk else None
+        left_out = place is not None and not place.channels and chunk and not chunk.indexes
+        if chunk and not chunk.right() and not left_out:  # a repair leaves wrong ones out
             wrong.append(f'{file.path.name}: byte {chunk.found.end}: wrong message index')
 
     with open(file.path, 'rb') as stream:
