@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The moments of `eol bench sizes` find the exponents that areas were drawn with."""
+
+import numpy as np
+import pytest
+
+from benchmarks.sizes import MOMENTS, _scaling
+from eol_ros.core.science.powerlaw import sample
+
+
+def test_scaling_finds_tau_and_dimension_of_a_law_that_scales():
+    """P(A) ~ A^-1.4 up to L^2: D = 2, and sigma(q) = 2 (q - 0.4) as L grows."""
+    sides = (16, 32, 64, 128)
+    areas = {
+        (n, s): sample(1.4, 1, n * n, 200_000, np.random.default_rng([n, s]))
+        for n in sides for s in range(3)
+    }  # fmt: skip
+    found = _scaling('x', sides, range(3), lambda n, s: areas[n, s])
+
+    assert found['D'] == pytest.approx(2.0, abs=0.05)
+    assert found['tau'] == pytest.approx(1.4, abs=0.05)
+    assert found['bend'] < 0.05
+    np.testing.assert_allclose(found['sigma'], 2 * (np.array(MOMENTS) - 0.4), atol=0.12)
+
+
+def test_a_law_that_does_not_grow_has_no_dimension():
+    areas = {
+        (n, s): sample(2.5, 1, 40, 50_000, np.random.default_rng([n, s]))
+        for n in (16, 32, 64) for s in range(2)
+    }  # fmt: skip
+    found = _scaling('x', (16, 32, 64), range(2), lambda n, s: areas[n, s])
+
+    np.testing.assert_allclose(found['sigma'], 0, atol=0.05)
