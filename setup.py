@@ -72,7 +72,7 @@ BLOCK = Extension(
 
 setup(
     name='eol_ros',
-    version='0.1.0',
+    version='0.2.0',
     packages=find_packages(include=['eol_ros', 'eol_ros.*']),
     ext_modules=[BLOCK],
     package_data={'eol_ros': ['py.typed'], 'eol_ros.web': ['static/*', 'static/*/*']},

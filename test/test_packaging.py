@@ -84,7 +84,7 @@ def test_the_wheel_has_the_whole_package(clone, wheel):
     have = contents(wheel)
     package = {name for name in tracked(clone) if name.startswith('eol_ros/')}
     assert sorted(package - set(have)) == []
-    data = 'eol_ros-0.1.0.data/data/'
+    data = 'eol_ros-0.2.0.data/data/'
     shared = {f'{data}share/eol_ros/{path.relative_to(clone).as_posix()}'
               for path in clone.glob('config/*.yaml')}  # fmt: skip
     shared |= {f'{data}share/eol_ros/eol_msgs/{path.relative_to(clone / "msg_defs" / "eol_msgs")}'
@@ -100,7 +100,7 @@ def test_the_wheel_has_the_firmware_of_the_blocks_compiled(wheel):
 
 def test_only_eol_goes_to_the_path(wheel):
     with zipfile.ZipFile(wheel) as file:
-        entries = file.read('eol_ros-0.1.0.dist-info/entry_points.txt').decode().split('\n')
+        entries = file.read('eol_ros-0.2.0.dist-info/entry_points.txt').decode().split('\n')
         libexec = {Path(i.filename).name: i.external_attr >> 16 for i in file.infolist()
                    if '/data/lib/eol_ros/' in i.filename}  # fmt: skip
     assert [line for line in entries if '=' in line] == ['eol = eol_ros.cli:main']
@@ -110,7 +110,7 @@ def test_only_eol_goes_to_the_path(wheel):
 
 def test_ros_is_an_extra(wheel):
     with zipfile.ZipFile(wheel) as file:
-        lines = file.read('eol_ros-0.1.0.dist-info/METADATA').decode().split('\n')
+        lines = file.read('eol_ros-0.2.0.dist-info/METADATA').decode().split('\n')
     needs = [line for line in lines if line.startswith('Requires-Dist: ') and 'extra' not in line]
     assert needs and not any('ros' in line.lower() for line in needs)
 
