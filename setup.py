@@ -15,6 +15,7 @@ RUNTIME = [
     'soundfile>=0.12',
     'mcap>=1.2',
     'zstandard>=0.22',
+    'lz4>=4',
     'aiohttp>=3.8',
     'pyyaml>=6.0',
     'rich>=13',

@@ -420,10 +420,15 @@ def test_a_sound_that_goes_away_is_noticed_without_a_fault(sound):
         corpus_file.sha256(sound)
 
 
-WISHES = ['', '[]', '[1, 2]', '{"a": 1}', '["a", 0, 0]', '[1e9, 0, 0]', '7']
-
-
-@pytest.mark.parametrize('text', WISHES)
-def test_a_wish_to_move_that_is_none_is_refused(text):
-    with pytest.raises(ConfigError):
-        corpus_file.move_as_asked([None, None], text)
+@pytest.mark.parametrize(
+    ('grain', 'x', 'y', 'words'),
+    [
+        (2, 0.5, 0.5, 'grain 2: the corpus has grains 0 to 1'),
+        (-1, 0.5, 0.5, 'grain -1'),
+        (0, 1.5, 0.5, 'must lie in 0..1'),
+        (0, 0.5, float('nan'), 'must lie in 0..1'),
+    ],
+)
+def test_a_grain_or_a_place_that_is_not_there_is_refused(grain, x, y, words):
+    with pytest.raises(ConfigError, match=words):
+        corpus_file.move([None, None], grain, x, y)

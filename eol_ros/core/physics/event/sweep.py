@@ -11,6 +11,7 @@ moments once more along the better motion (Picard's iteration; it gains a factor
 time, a the acceleration by springs).
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +70,7 @@ class Sweep(NamedTuple):
     nodes: tuple  # of one panel: six arrays (NODES,)
 
 
+@functools.cache
 def tables(size: int) -> Panels:
     """Return the quadrature for series of rows 0..size - 1."""
     x, w = np.polynomial.legendre.leggauss(NODES)
