@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 REQUESTS, RESULTS = 'requests', 'request_results'
 LATER = object()  # what a handler returns that answers by itself when it knows what came of it
 _OWN = 256  # ids of one's own that are remembered
-_QUIET_S = 0.5  # without another node found: all have been
-_DISCOVERY_S = 5.0
+_QUIET_S = 1.5  # without another node found: all have been
+_DISCOVERY_S = 10.0
 _numbers = itertools.count(1)
 
 Handler = Callable[[Asked], Any]
@@ -276,7 +276,7 @@ def visit_and_ask(asked: Asked, reach: str) -> Answers:
         client = RequestClient(node, publisher)
         node.create_subscription(RequestResult, RESULTS, client.heard, QOS['stream'])
         found = _Heeding(node)
-        visit.run(lambda: found.whole(publisher.get_subscription_count()), _DISCOVERY_S)
+        visit.run(lambda: found.whole(asked.node, publisher.get_subscription_count()), _DISCOVERY_S)
         try:
             answers = client.ask(asked, expected_of(asked.kind, asked.node, found.runs))
         except UsageError:
@@ -299,12 +299,16 @@ class _Heeding:
     def runs(self, name: str) -> bool:
         return name in self._asked and name in self._answering
 
-    def whole(self, matched: int) -> bool:
-        """Whether for a while no other node was found, and all that were are matched."""
+    def whole(self, node: str, matched: int) -> bool:
+        """Whether all that were found are matched, and whom is asked among them.
+
+        That is `node`, or where none is named, everybody: for a while no other was found.
+        """
         full = self._node.resolve_topic_name
         asked = {e.node_name for e in self._node.get_subscriptions_info_by_topic(full(REQUESTS))}
         answering = {e.node_name for e in self._node.get_publishers_info_by_topic(full(RESULTS))}
         if (asked, answering) != (self._asked, self._answering):
             self._asked, self._answering, self._met_s = asked, answering, time.monotonic()
         quiet = time.monotonic() - self._met_s > _QUIET_S
-        return bool(asked) and quiet and matched >= len(asked)
+        found = self.runs(node) if node else bool(asked) and quiet
+        return found and matched >= len(asked)

@@ -11,6 +11,7 @@ import json
 import os
 import signal
 import time
+import urllib.error
 import urllib.request
 from pathlib import Path
 
@@ -578,7 +579,8 @@ def test_a_wall_outlives_the_panel_and_the_panel_forgets_nothing(graph, browser)
         end = time.monotonic() + 60
         while not seen(picture(browser)):
             assert time.monotonic() < end, command
-            urllib.request.urlopen(request, timeout=10).close()
+            with contextlib.suppress(urllib.error.HTTPError):  # nobody there who answers yet
+                urllib.request.urlopen(request, timeout=10).close()
             time.sleep(1.0)
     visit(browser, address, '/')
     until_page(browser, f'Number(document.getElementById("law").dataset.total) >= {total}')
