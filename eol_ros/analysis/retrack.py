@@ -23,7 +23,7 @@ from eol_ros.streams.blocks import DTYPE, Blocks, each
 from eol_ros.streams.blocks import of as blocks_row
 from eol_ros.streams.graph import NODES
 from eol_ros.streams.images import Codec
-from eol_ros.streams.requests import SET, Asked
+from eol_ros.streams.requests import SET, Asked, Heeded, for_tracker
 
 CHUNK = 512  # images compared at a time
 
@@ -102,33 +102,34 @@ def retrack(bag: Bag, track: Callable[[Iterable, str, int], Iterable] | None = N
             f'the recording began with image {blocks["image"][0]} of the tracker: '
             'what it knew by then is not in the bag'
         )
+    lines = heeded(bag)
     for node in ('motion', 'grains'):
-        if any(
-            h.asked.kind == SET and h.asked.node == node and not h.asked.id for h in heeded(bag)
-        ):
+        if any(h.asked.kind == SET and h.asked.node == node and not h.asked.id for h in lines):
             result.notes.append(
                 f'settings of {node} were changed while recording; a bag of that version does not '
                 'say from which image on'
             )
     if bag.counts.get('/eol/camera/image_raw'):
-        _compare_blocks(bag, blocks, result, track)
+        _compare_blocks(bag, lines, blocks, result, track)
     else:
         result.notes.append('no pictures in the bag: compared from its blocks on')
     inputs = list(zip(blocks['log_time'].astype('i8').tolist(), each(blocks), strict=True))
-    _compare_motion(bag, inputs, result)
+    _compare_motion(bag, lines, inputs, result)
     if bag.counts.get('/eol/grain_triggers'):
-        _compare_triggers(bag, inputs, result)
+        _compare_triggers(bag, lines, inputs, result)
     return result
 
 
-def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> None:
+def _compare_blocks(
+    bag: Bag, lines: list[Heeded], blocks: Table, result: Retracked, track: Any
+) -> None:
     from eol_ros.core.vision.tracker import Tracker
     from eol_ros.devices.files.tracker_files import calibration_of
 
     settings = settings_of(bag, 'tracker')
     tracker = Tracker(settings, calibration_of(settings))
-    for asked in _accepted(bag, 'tracker'):
-        for kind, value in _for_tracker(asked):
+    for asked in _accepted(lines, 'tracker'):
+        for kind, value in for_tracker(asked):
             tracker.requests.add(asked.from_ns, kind, value)
     row_of = {int(stamp): i for i, stamp in enumerate(blocks['stamp'].astype('i8'))}
     check = Comparison('blocks', len(blocks), 0)
@@ -167,28 +168,18 @@ def _compare_blocks(bag: Bag, blocks: Table, result: Retracked, track: Any) -> N
     result.topics['blocks'] = check
 
 
-def _accepted(bag: Bag, node: str) -> list[Asked]:
+def _accepted(lines: list[Heeded], node: str) -> list[Asked]:
     """Return what a node was asked and accepted, in order of the stamp from which it counted."""
-    found = [h.asked for h in heeded(bag) if h.accepted and h.asked.node == node]
+    found = [h.asked for h in lines if h.accepted and h.asked.node == node]
     return sorted(found, key=lambda asked: asked.from_ns)
-
-
-def _for_tracker(asked: Asked) -> Iterator[tuple[str, Any]]:
-    """Yield kind and value of a request as `core.vision.requests` has them."""
-    if asked.kind == SET and 'threshold' in asked.values:
-        yield 'threshold', asked.values['threshold']
-    elif asked.kind == 'background':
-        yield asked.kind, asked.data
-    elif asked.kind in ('darkness', 'calibrate'):
-        yield asked.kind, asked.values.get('until_ns')
 
 
 class _Live:
     """The settings of a node as they were changed while it ran; `at` each stamp in turn."""
 
-    def __init__(self, bag: Bag, node: str):
+    def __init__(self, bag: Bag, lines: list[Heeded], node: str):
         self.settings = settings_of(bag, node)
-        self._changes = [asked for asked in _accepted(bag, node) if asked.kind == SET]
+        self._changes = [asked for asked in _accepted(lines, node) if asked.kind == SET]
 
     def at(self, stamp_ns: int) -> bool:
         """Take what counts from `stamp_ns` on; return whether anything has changed."""
@@ -221,12 +212,14 @@ def images(bag: Bag) -> Iterator[tuple[int, int, np.ndarray]]:
         yield message.log_ns, stamp_ns, pixels
 
 
-def _compare_motion(bag: Bag, inputs: list[tuple[int, Blocks]], result: Retracked) -> None:
+def _compare_motion(
+    bag: Bag, lines: list[Heeded], inputs: list[tuple[int, Blocks]], result: Retracked
+) -> None:
     from eol_ros.core.motion.motion import Motion
 
     if not any('/eol/' + t in bag.topics for t in ('slips', 'cascades')):
         return
-    live = _Live(bag, 'motion')
+    live = _Live(bag, lines, 'motion')
     motion = Motion(live.settings)
     waiting = _taps(bag)
     new, over = [], []
@@ -245,14 +238,15 @@ def _compare_motion(bag: Bag, inputs: list[tuple[int, Blocks]], result: Retracke
     _compare(bag, 'cascades', cascades.RECORD.rows(over), result)
 
 
-def _compare_triggers(bag: Bag, inputs: list[tuple[int, Blocks]], result: Retracked) -> None:
+def _compare_triggers(
+    bag: Bag, lines: list[Heeded], inputs: list[tuple[int, Blocks]], result: Retracked
+) -> None:
     from eol_ros.core.sound.select import Selector
     from eol_ros.devices.corpus import corpus_build
     from eol_ros.devices.corpus.loader import wish_of
 
-    live = _Live(bag, 'grains')
-    wish = wish_of(live.settings)
-    corpus = corpus_build.apart(*wish)
+    live = _Live(bag, lines, 'grains')
+    corpus = corpus_build.apart(*wish_of(live.settings))
     recorded = bag.table('corpus')
     if len(recorded) and recorded['digest'][0] != corpus.digest:
         result.notes.append('the corpus of the run is not here: its sound has another digest')

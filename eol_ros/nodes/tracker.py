@@ -22,7 +22,7 @@ from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_msg
 from eol_ros.streams import blocks, images, taps
-from eol_ros.streams.requests import Asked
+from eol_ros.streams.requests import Asked, for_tracker
 
 
 class TrackerNode(EolNode):
@@ -45,9 +45,7 @@ class TrackerNode(EolNode):
         self.health.expects('images')
         self.health.values['threshold'] = self.threshold
         self.subscribe('block_taps', self.on_tap)
-        self.requests.serve(
-            calibrate=self.on_calibrate, darkness=self.on_darkness, background=self.on_background
-        )
+        self.requests.serve(calibrate=self.pend, darkness=self.pend, background=self.on_background)
         self.subscribe('camera/image_raw', self.on_image, raw=True)
 
     def restart(self) -> None:
@@ -72,23 +70,21 @@ class TrackerNode(EolNode):
             self.threshold = self.health.values['threshold'] = new.threshold
             self.tracker.requests.add(self.live_from_ns, THRESHOLD, new.threshold)
 
-    def on_calibrate(self, asked: Asked) -> object:
-        return self.pend(asked)
+    def hand_over(self, asked: Asked) -> None:
+        for kind, value in for_tracker(asked):
+            self.tracker.requests.add(asked.from_ns, kind, value)
 
-    def on_darkness(self, asked: Asked) -> object:
-        return self.pend(asked, asked.values['until_ns'])
-
-    def pend(self, asked: Asked, value: object = None) -> object:
+    def pend(self, asked: Asked) -> object:
         """Let the tracker do it, and answer when it is known what came of it."""
         if asked.kind in self.pending:
             raise EolError('it is being done already')
-        self.tracker.requests.add(asked.from_ns, asked.kind, value)
+        self.hand_over(asked)
         self.pending[asked.kind] = asked
         return LATER
 
     def on_background(self, asked: Asked) -> None:
         self.lamps = b''  # a replay has those of that day, and not of today
-        self.tracker.requests.add(asked.from_ns, BACKGROUND, asked.data)
+        self.hand_over(asked)
 
     def on_image(self, raw: bytes) -> None:
         try:

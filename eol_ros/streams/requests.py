@@ -9,7 +9,7 @@ again by a replay and by `eol report --retrack`, from the same image on.
 import base64
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,7 +19,6 @@ from eol_ros.errors import UsageError
 from eol_ros.settings import live_fields
 from eol_ros.streams.graph import NODES
 
-NS = 1_000_000_000
 SET = 'set'
 _MASK = 2**25 - 1
 
@@ -77,6 +76,12 @@ class Kind:
     answered_by: str = ''
     within_s: float = 3.0
     internal: bool = False
+
+    def whom(self, node: str) -> tuple[str, ...]:
+        """Return whom a request to `node` is for, empty for all; raise UsageError if nobody."""
+        if node and node not in self.nodes:
+            raise UsageError(f'{self.name}: {node} does not heed it, but {", ".join(self.nodes)}')
+        return (node,) if node else self.nodes
 
     def check(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the checked values; raise UsageError that names what is wrong."""
@@ -174,6 +179,16 @@ def ahead(heeded: list[Heeded], start_ns: int) -> list[Asked]:
             before[key] = one.asked
     after = [h.asked for h in mine if h.log_ns >= start_ns and h.asked.kind != 'move_grain']
     return [*before.values(), *after]
+
+
+def for_tracker(asked: Asked) -> Iterator[tuple[str, Any]]:
+    """Yield kind and value of a request as `core.vision.requests` has them."""
+    if asked.kind == SET and 'threshold' in asked.values:
+        yield 'threshold', asked.values['threshold']
+    elif asked.kind == 'background':
+        yield asked.kind, asked.data
+    elif asked.kind in ('darkness', 'calibrate'):
+        yield asked.kind, asked.values.get('until_ns')
 
 
 def value_of(value: Any) -> Any:
