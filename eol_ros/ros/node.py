@@ -36,7 +36,7 @@ from eol_ros.core.played_clock import PlayedClock
 from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
-from eol_ros.ros.requests import REQUESTS, RequestServer
+from eol_ros.ros.requests import REQUESTS, RequestServer, parameters, plain
 from eol_ros.ros.stamps import to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS, PUBLISHER_QOS, QOS, message_class
@@ -244,9 +244,7 @@ class EolNode(Node):
         """Change live settings without telling of it."""
         self._obeying = True
         try:
-            done = self.set_parameters_atomically(
-                [Parameter(name, value=_plain(value)) for name, value in values.items()]
-            )
+            done = self.set_parameters_atomically(parameters(values))
         finally:
             self._obeying = False
         if not done.successful:
@@ -300,7 +298,7 @@ class EolNode(Node):
             unit = field.metadata.get('unit', '')
             self.declare_parameter(
                 name,
-                _plain(getattr(settings, name)),
+                plain(getattr(settings, name)),
                 ParameterDescriptor(
                     description=f'{text} [{unit}]' if unit else text,
                     read_only=not field.metadata.get('live'),
@@ -368,10 +366,6 @@ def _ranges(field: dataclasses.Field) -> dict[str, Any]:
     if field.type is int:
         return {'integer_range': [IntegerRange(from_value=low, to_value=high)]}
     return {}
-
-
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
 
 
 def _loud(node: EolNode, topic: str, publishes: bool) -> Any:

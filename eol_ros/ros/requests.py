@@ -7,7 +7,7 @@ import threading
 import time
 from array import array
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -52,11 +52,18 @@ def request_to_msg(asked: Asked, stamp_ns: int) -> Request:
     return message
 
 
+def plain(value: Any) -> Any:
+    """Return the value of a setting as a parameter has it."""
+    return list(value) if isinstance(value, tuple) else value
+
+
+def parameters(values: Mapping[str, Any]) -> list[Parameter]:
+    """Return values of settings, or of a request, as parameters."""
+    return [Parameter(name, value=plain(value)) for name, value in values.items()]
+
+
 def _values(asked: Asked) -> list:
-    return [
-        Parameter(name, value=list(value) if isinstance(value, tuple) else value).to_parameter_msg()
-        for name, value in asked.values.items()
-    ]
+    return [parameter.to_parameter_msg() for parameter in parameters(asked.values)]
 
 
 def request_from_msg(message: Request) -> Asked:
@@ -203,8 +210,7 @@ class Answers:
     @property
     def silent(self) -> str:
         """Return who has not answered, in words."""
-        missing = sorted(self.expected - set(self.found))
-        return f'{", ".join(missing)} {"does" if len(missing) == 1 else "do"} not answer'
+        return _do_not(sorted(self.expected - set(self.found)), 'answer')
 
 
 class RequestClient:
@@ -246,20 +252,21 @@ class RequestClient:
 
 
 def expected_of(kind: str, node: str, runs: Callable[[str], bool]) -> set[str]:
-    """Return who must answer a request; raise EolError when whom it needs does not run."""
+    """Return who must answer a request; raise DeviceMissing when whom it needs does not run."""
     row = KINDS.get(kind)
     if row is None:
         raise UsageError(f'{kind}: no such request; there are {", ".join(KINDS)}')
-    if node and node not in row.nodes:
-        raise UsageError(f'{kind}: {node} does not heed it, but {", ".join(row.nodes)}')
-    heeding = {n for n in ([node] if node else row.nodes) if runs(n)}
-    missing = [n for n in ([node] if node else row.nodes) if n not in heeding]
+    asked = row.whom(node)
+    heeding = {name for name in asked if runs(name)}
     if row.answered_by and not runs(row.answered_by):
-        missing, heeding = [row.answered_by], set()
+        raise DeviceMissing(_do_not([row.answered_by], 'run'))
     if not heeding:
-        verb = 'does' if len(missing) == 1 else 'do'
-        raise EolError(f'{", ".join(missing)} {verb} not run')
+        raise DeviceMissing(_do_not(asked, 'run'))
     return {row.answered_by} if row.answered_by else heeding
+
+
+def _do_not(nodes: Sequence[str], verb: str) -> str:
+    return f'{", ".join(nodes)} {"does" if len(nodes) == 1 else "do"} not {verb}'
 
 
 def visit_and_ask(asked: Asked, reach: str) -> Answers:
@@ -279,9 +286,7 @@ def visit_and_ask(asked: Asked, reach: str) -> Answers:
         visit.run(lambda: found.whole(asked.node, publisher.get_subscription_count()), _DISCOVERY_S)
         try:
             answers = client.ask(asked, expected_of(asked.kind, asked.node, found.runs))
-        except UsageError:
-            raise
-        except EolError as error:
+        except DeviceMissing as error:
             raise DeviceMissing(f'{error} here (--lan looks on the network)') from None
         visit.run(lambda: answers.whole, KINDS[asked.kind].within_s)
         return answers

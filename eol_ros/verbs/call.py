@@ -48,8 +48,7 @@ def run(args):
     node = args.words.pop(0) if args.words and '=' not in args.words[0] else ''
     if args.kind == SET and not node:
         raise UsageError('set: whose settings? eol call set NODE NAME=VALUE')
-    if node and node not in kind.nodes:
-        raise UsageError(f'{args.kind}: {node} does not heed it, but {", ".join(kind.nodes)}')
+    kind.whom(node)
     asked = Asked(args.kind, node, kind.check(_values(args.words)), source='eol call')
     return answer(asked, args.json, args.lan)
 
