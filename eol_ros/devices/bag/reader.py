@@ -13,7 +13,7 @@ import struct
 import time
 import warnings
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -28,7 +28,6 @@ from eol_ros.devices.bag.writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METAD
 from eol_ros.errors import BagDamaged, ConfigError, DeviceMissing
 
 FOOTER = struct.Struct('<BQQQI')  # opcode, length, start of the summary, of its offsets, crc
-NEAR = 6  # so many of the eight first bytes must be right for a file to be a damaged bag
 FOREVER = (1 << 63) - 1
 _INDEX = struct.Struct('<QQQQI')  # start, end, offset, length, bytes of the map that follows
 _COUNTS = struct.Struct('<QHIIIIQQI')  # messages, schemas, ..., start, end, bytes of the map
@@ -162,15 +161,14 @@ class BagFileReader:
         file.seek(0)
         magic = file.read(len(MAGIC))
         if magic != MAGIC:
-            near = sum(a == b for a, b in zip(magic, MAGIC, strict=False))
-            if near < NEAR and self.path.name.endswith(PART):
+            near = scan.near_magic(magic)
+            if not near and self.path.name.endswith(PART):
                 self.cut_at = 0  # the power failed before the first bytes were on the disk
                 return
-            if near < NEAR:
+            if not near:
                 raise ConfigError(f'{self.path}: not a bag: begins with {magic!r}, not {MAGIC!r}')
             self._damaged(0, len(MAGIC), f'begins with {magic!r}')
-        first = next(scan.walk(file, len(MAGIC), size), None)
-        self.ours = bool(first and isinstance(first.body, Header) and first.body.library == LIBRARY)
+        self.ours = by_this_project(file, size)
         if not self._read_summary(file, size):
             self.places, self._schemas, self._channels = [], {}, {}
             if not self._walk:
@@ -218,10 +216,7 @@ class BagFileReader:
             return False
         for body in places:
             self._add_metadata(file, body)
-        for number, count in struct.iter_unpack('<HQ', per_channel):
-            if number in self._channels:
-                topic = self._channels[number].topic
-                self.counts[topic] = self.counts.get(topic, 0) + count
+        self._count(struct.iter_unpack('<HQ', per_channel))
         self.start_ns, self.end_ns = counts[6], counts[7]
         self.places.sort()
         self.indexed = True
@@ -289,7 +284,11 @@ class BagFileReader:
             span = _span(hole, before[-1] if before else 0, after[0] if after else FOREVER)
             self._damaged(hole.offset, hole.end, hole.why, *span)
         self.places = sorted(places)
-        for number, count in counts.items():
+        self._count(counts.items())
+
+    def _count(self, per_channel: Iterable[tuple[int, int]]) -> None:
+        """Add up the messages of each topic, from those of each channel."""
+        for number, count in per_channel:
             if number in self._channels:
                 topic = self._channels[number].topic
                 self.counts[topic] = self.counts.get(topic, 0) + count
@@ -297,7 +296,7 @@ class BagFileReader:
     def _take_chunk(self, file, found: scan.Found, head: ChunkHead, counts: dict) -> str:
         """Prove a chunk and take note of what is in it; return why not, empty if it is right."""
         try:
-            data = scan.unpack(head, scan.read_at(file, head.data_at, head.data_bytes))
+            data = scan.chunk_data(file, head)
             for _at, kind, body in scan.records_in(data):
                 if kind in (Opcode.SCHEMA, Opcode.CHANNEL):
                     self._define(scan.parse(kind, body), trusted=bool(head.crc))
@@ -355,6 +354,12 @@ class BagFileReader:
         )
 
 
+def by_this_project(file: BinaryIO, size: int) -> bool:
+    """Return whether the header of a file says that this project wrote it."""
+    first = next(scan.walk(file, len(MAGIC), size), None)
+    return bool(first and isinstance(first.body, Header) and first.body.library == LIBRARY)
+
+
 def unpacked(file: BinaryIO, place: Place) -> bytes:
     """Return the records of the chunk at `place`; raise DamagedRecord.
 
@@ -365,9 +370,9 @@ def unpacked(file: BinaryIO, place: Place) -> bytes:
     data_at = place.offset + scan.HEAD.size + scan.CHUNK.size + len(kind) + 8
     head = scan.read_at(file, place.offset, data_at - place.offset)
     size, crc = struct.unpack_from('<QI', head, scan.HEAD.size + 16)
-    data = scan.read_at(file, data_at, place.end - data_at)
-    return scan.unpack(
-        ChunkHead(place.start_ns, place.end_ns, size, crc, kind, data_at, len(data)), data
+    data_bytes = place.end - data_at
+    return scan.chunk_data(
+        file, ChunkHead(place.start_ns, place.end_ns, size, crc, kind, data_at, data_bytes)
     )
 
 

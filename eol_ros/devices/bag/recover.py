@@ -24,7 +24,6 @@ from mcap.records import (
     Channel,
     ChunkIndex,
     DataEnd,
-    Header,
     MessageIndex,
     Metadata,
     MetadataIndex,
@@ -34,8 +33,8 @@ from mcap.records import (
 
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.disk import DISK
-from eol_ros.devices.bag.mcap_file import LIBRARY, Summary, metadata_record, packed
-from eol_ros.devices.bag.reader import BagFileReader
+from eol_ros.devices.bag.mcap_file import Summary, metadata_record, packed
+from eol_ros.devices.bag.reader import BagFileReader, by_this_project
 from eol_ros.devices.bag.scan import MAGIC, ChunkHead, DamagedRecord, Found
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA, FileSummary, metadata_text
 from eol_ros.errors import EolError
@@ -211,7 +210,8 @@ def _prove(
     Returns the last chunk if its message indexes are missing. A damaged chunk keeps its bytes, but
     for the first, which becomes the opcode of a private record that readers skip.
     """
-    size, saved, ours, chunk = scan.size_of(file), progress.at, _is_ours(file), None
+    size, saved, chunk = scan.size_of(file), progress.at, None
+    ours = by_this_project(file, size)
     try:
         for found in scan.walk(file, progress.at, size, ours):
             if chunk and isinstance(found.body, MessageIndex):
@@ -252,7 +252,7 @@ def _prove(
 def _proved(file: BinaryIO, out: BinaryIO, found: Found, progress: _Progress) -> ProvedChunk | None:
     head = found.body
     try:
-        data = scan.unpack(head, scan.read_at(file, head.data_at, head.data_bytes))
+        data = scan.chunk_data(file, head)
         chunk = ProvedChunk(found, data)
     except (DamagedRecord, struct.error) as error:
         _blank(out, found)
@@ -376,9 +376,8 @@ class _Index:
         head = found.body
         counts = {f.body.channel_id: len(f.body.records) for f in indexes}
         if not indexes and head.end_ns:  # its message indexes were damaged
-            data = scan.read_at(self._file, head.data_at, head.data_bytes)
             with contextlib.suppress(DamagedRecord):
-                for m in scan.messages_in(scan.unpack(head, data)):
+                for m in scan.messages_in(scan.chunk_data(self._file, head)):
                     counts[m.channel] = counts.get(m.channel, 0) + 1
         for channel, count in counts.items():
             self.counts[channel] = self.counts.get(channel, 0) + count
@@ -427,7 +426,7 @@ def _definitions(
             if head.end_ns and channels:
                 break
             with contextlib.suppress(DamagedRecord):
-                data = scan.unpack(head, scan.read_at(file, head.data_at, head.data_bytes))
+                data = scan.chunk_data(file, head)
                 for _at, kind, body in scan.records_in(data):
                     if kind in (Opcode.SCHEMA, Opcode.CHANNEL):
                         take(scan.parse(kind, body))
@@ -440,13 +439,7 @@ def _definitions(
 
 def _begins(file: BinaryIO) -> bool:
     file.seek(0)
-    magic = file.read(len(MAGIC))
-    return sum(a == b for a, b in zip(magic, MAGIC, strict=False)) >= 6
-
-
-def _is_ours(file: BinaryIO) -> bool:
-    first = next(scan.walk(file, len(MAGIC), scan.size_of(file)), None)
-    return bool(first and isinstance(first.body, Header) and first.body.library == LIBRARY)
+    return scan.near_magic(file.read(len(MAGIC)))
 
 
 def _load(state: Path) -> _Progress:

@@ -23,6 +23,7 @@ WITHOUT_MESSAGES = (
 )  # fmt: skip
 BLANK = 0xFF  # private record: a stretch that was found damaged; no flip of one bit makes it
 CRC_KEY = 'crc32'  # in the metadata that this project writes: of all the other pairs
+NEAR = 6  # so many of the eight first bytes must be right for a file to be a damaged bag
 MOST_BYTES = 1 << 30  # of a chunk: more is a damaged length
 WINDOW = 1 << 20
 HEAD = struct.Struct('<BQ')  # of a record: opcode, length
@@ -150,6 +151,11 @@ def parse(opcode: int, data: bytes) -> Any:
     return record
 
 
+def near_magic(magic: bytes) -> bool:
+    """Return whether the first bytes of a file are those of an MCAP file, but for damage."""
+    return sum(a == b for a, b in zip(magic, MAGIC, strict=False)) >= NEAR
+
+
 def size_of(file: BinaryIO) -> int:
     """Return how long an open file is."""
     return file.seek(0, io.SEEK_END)
@@ -195,6 +201,11 @@ def unpack(head: ChunkHead, data: bytes) -> bytes:
     if head.crc and zlib.crc32(data) != head.crc:
         raise DamagedRecord('wrong checksum')
     return data
+
+
+def chunk_data(file: BinaryIO, head: ChunkHead) -> bytes:
+    """Return the records in a chunk of `file`; raise DamagedRecord."""
+    return unpack(head, read_at(file, head.data_at, head.data_bytes))
 
 
 def _unlz4(data: bytes) -> bytes:
@@ -308,7 +319,7 @@ def _proves_itself(file: BinaryIO, at: int, end: int) -> bool:
         return False
     if isinstance(found.body, ChunkHead):
         try:
-            unpack(found.body, read_at(file, found.body.data_at, found.body.data_bytes))
+            chunk_data(file, found.body)
         except DamagedRecord:
             return False
         return True

@@ -73,7 +73,7 @@ def _records(file: BagFileReader) -> list[str]:
             elif isinstance(found.body, ChunkHead):
                 head = found.body
                 try:
-                    data = scan.unpack(head, scan.read_at(stream, head.data_at, head.data_bytes))
+                    data = scan.chunk_data(stream, head)
                     chunk = ProvedChunk(found, data)
                 except DamagedRecord as error:
                     wrong.append(f'{at}: {error}')
