@@ -51,6 +51,15 @@ class PlayedClock:
         self._fit()
         return recorded_ns < last_ns
 
+    @property
+    def stretch(self) -> float:
+        """How many times longer a wait is behind a replay that is slower than the run was.
+
+        Whatever took a moment in the run takes so much longer in its replay. 1 where the replay is
+        as fast or faster, and while its pace is not known: messages take their time all the same.
+        """
+        return max(self._slope, 1.0) if self._sure else 1.0
+
     def _fit(self) -> None:
         recorded, wall = self._relative()
         self._sure = bool(wall[-1] - wall[0] >= LINE_NS)

@@ -9,7 +9,7 @@ import numpy as np
 from eol_msgs.msg import GrainTrigger
 
 from eol_ros.core.sound.meter import Meter
-from eol_ros.core.sound.mixer import Mixer
+from eol_ros.core.sound.mixer import AHEAD_S, Mixer
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.soundcard import Player
@@ -129,7 +129,8 @@ class SoundNode(EolNode):
         since_ns = self.wall_ns(stamp_ns) - self.epoch_ns
         if self.sim_time and message.block == triggers.NO_BLOCK:  # of the panel, in a pause
             since_ns = now_ns() - self.epoch_ns
-        trigger = triggers.to_core(message, since_ns * 1e-9 + self.latency_s)
+        latency_s = min(self.latency_s * self.stretch(), AHEAD_S / 2)
+        trigger = triggers.to_core(message, since_ns * 1e-9 + latency_s)
         self.mixer.play(np.array([trigger], TRIGGER), bank)
 
     def on_timer(self) -> None:

@@ -127,6 +127,10 @@ class EolNode(Node):
         now_ns, found = time.time_ns(), self.played.wall_ns(stamp_ns)
         return now_ns if found is None or found > now_ns + AHEAD_NS else found
 
+    def stretch(self) -> float:
+        """Return how many times longer than in the run all takes, behind a slower replay."""
+        return 1.0 if self.played is None else self.played.stretch
+
     def recorded_ns(self, wall_ns: int) -> int:
         """Return the ROS time at a system time of now, in ns; 0 before a replay has told any."""
         return wall_ns if self.played is None else self.played.recorded_ns(wall_ns) or 0

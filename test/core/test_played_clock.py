@@ -42,6 +42,15 @@ def test_a_stamp_of_now_is_mapped_to_when_it_was_played(rate):
     assert abs(back - replay.recorded) < 5 * MS * rate + 1
 
 
+@pytest.mark.parametrize(('rate', 'times'), [(0.01, 100), (0.25, 4), (1.0, 1), (4.0, 1)])
+def test_what_waits_waits_longer_behind_a_slower_replay(rate, times):
+    replay = Replay(rate)
+    replay.run(0.05)
+    assert replay.clock.stretch == 1  # the pace is not known
+    replay.run(2.0)
+    assert replay.clock.stretch == pytest.approx(times, rel=0.01)
+
+
 @pytest.mark.parametrize('rate', [0.25, 1.0, 4.0])
 def test_from_the_first_message_on_nothing_is_far_off(rate):
     replay = Replay(rate)

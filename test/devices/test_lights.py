@@ -104,7 +104,9 @@ def test_a_real_board_keeps_its_limit_in_wall_time_at_any_rate():
     """And the twin's does not: it is there to show the levels of the run again."""
     began_ns = time.time_ns()
     played = Played(
-        lambda stamp: began_ns + (stamp - DAY_NS) // 4, lambda wall: DAY_NS + 4 * (wall - began_ns)
+        lambda stamp: began_ns + (stamp - DAY_NS) // 4,
+        lambda wall: DAY_NS + 4 * (wall - began_ns),
+        lambda: 1.0,
     )
     most = {}
     with FakeBoard() as fake:
@@ -135,8 +137,27 @@ def test_levels_that_a_slip_overtakes_are_told_in_their_order(make_lights):
     assert sum(a.kind == 'Levels' for a in lights.twin.fake.log) == 3  # one at the start
 
 
+def test_a_slip_that_was_in_time_is_in_time_when_played_slowly(monkeypatch):
+    """30 ms from the stamp to the light are 120 ms at a quarter of the speed."""
+    wall_ns = DAY_NS
+    monkeypatch.setattr('eol_ros.devices.board.lights.time.time_ns', lambda: wall_ns)
+    played = Played(
+        lambda stamp: DAY_NS + 4 * (stamp - DAY_NS),
+        lambda wall: DAY_NS + (wall - DAY_NS) // 4,
+        lambda: 4.0,
+    )
+    lights = Lights(LedsSettings(port='twin'), played=played)
+    for wall_ms in range(0, 2000, 4):
+        wall_ns = DAY_NS + wall_ms * 1_000_000
+        if wall_ms % 400 == 120:
+            lights.slip(wall_ms // 400, wall_ns // 4 + 3 * DAY_NS // 4 - 30_000_000)
+        lights.frame()
+    lights.close()
+    assert lights.glows and lights.frames.late == 0
+
+
 def test_after_a_jump_back_the_twin_begins_in_the_dark_and_a_real_board_fades():
-    played = Played(lambda stamp: stamp, lambda wall: wall)
+    played = Played(lambda stamp: stamp, lambda wall: wall, lambda: 1.0)
     with FakeBoard() as fake:
         for port, glows in (('twin', False), (fake.port, True)):
             lights = Lights(LedsSettings(port=port), played=played)

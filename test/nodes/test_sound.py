@@ -10,12 +10,13 @@ import soundfile
 from eol_msgs.msg import Corpus, GrainTrigger
 from rclpy.executors import SingleThreadedExecutor
 
+from eol_ros.core.played_clock import PlayedClock
 from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.osc import OscIn, OscOut
 from eol_ros.nodes.sound import SoundNode
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import request_to_msg
-from eol_ros.ros.stamps import now_ns, to_msg, to_ns
+from eol_ros.ros.stamps import NS, now_ns, to_msg, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, SoundSettings
 from eol_ros.streams import corpus, triggers
@@ -147,6 +148,22 @@ def test_bad_triggers_no_corpus_lost_audio_and_mute(graph, tmp_path):
     assert node.health.level == 1  # WARN, and it goes on
     probe.corpus.publish(corpus_of(tmp_path, 'other', 1000))
     assert turn(lambda: node.health.level == 0)
+
+
+@pytest.mark.slow
+def test_a_slow_replay_is_not_late(graph, tmp_path):
+    """0.15 s from the stamp to the trigger are 0.6 s at a quarter: more than `latency_s`."""
+    node, probe, turn, _ = graph
+    probe.corpus.publish(corpus_of(tmp_path))
+    assert turn(lambda: node.banks.at(now_ns()))
+    now, node.played = now_ns(), PlayedClock()
+    long_ago = now - 86_400 * NS
+    for tick_ns in range(-NS, 1, NS // 100):
+        node.played.take(long_ago + tick_ns // 4, now + tick_ns)
+    node.on_trigger(trigger(long_ago - 150_000_000))
+    assert turn(lambda: any(m.voices for m in probe.meters))
+    assert turn(lambda: probe.meters[-1].triggers == 1)
+    assert (probe.meters[-1].late, probe.meters[-1].dropped) == (0, 0)
 
 
 @pytest.mark.slow

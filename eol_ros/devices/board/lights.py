@@ -50,10 +50,14 @@ class Tap(NamedTuple):
 
 
 class Played(NamedTuple):
-    """How recorded time, which stamps are of behind a replay, maps to system time and back, ns."""
+    """How recorded time, which stamps are of behind a replay, maps to system time and back, ns.
+
+    `stretch` returns how many times longer than in the run all takes, where the replay is slower.
+    """
 
     wall_ns: Callable[[int], int]
     recorded_ns: Callable[[int], int]
+    stretch: Callable[[], float]
 
 
 class Lights:
@@ -131,8 +135,11 @@ class Lights:
         """Send the light as it is by now; such a packet carries no stamp."""
         until_ns = self._now_ns()
         if self.by_stamp:
-            until_ns -= LAG_NS
-            until_ns = self._played.recorded_ns(until_ns) if self._played else until_ns
+            if self._played is None:
+                until_ns -= LAG_NS
+            else:
+                lag_ns = round(LAG_NS * self._played.stretch())
+                until_ns = self._played.recorded_ns(until_ns - lag_ns)
         levels = self.frames.until(until_ns)
         return self._show(levels) if levels else []
 
