@@ -218,7 +218,7 @@ def measure_messages(repeats: int, count: int = 300) -> list[dict[str, Any]]:
             best_us(lambda c=call, n=rounds: [c() for _ in range(n)], rounds, 4 * repeats)
             for call in each
         ]
-        found.append({'record': record, **dict(zip(names, times))})
+        found.append({'record': record, **dict(zip(names, times, strict=False))})
     return found
 
 

@@ -81,7 +81,7 @@ def measure_descriptors(sounds: list[audio_file.Sound], grain_s: float) -> dict[
         began = time.process_time()
         grains, silent = descriptors.analyse(sound.samples, sound.rate, cuts)
         spent['eol'] += time.process_time() - began
-        for (a, b), grain, quiet in zip(cuts, grains, silent):
+        for (a, b), grain, quiet in zip(cuts, grains, silent, strict=True):
             part = sound.samples[a:b]
             if quiet or len(part) < descriptors.YIN_FRAME:
                 continue
@@ -91,7 +91,7 @@ def measure_descriptors(sounds: list[audio_file.Sound], grain_s: float) -> dict[
                 spent['librosa'] += time.process_time() - began
                 if spectrum is not None:
                     names = ('centroid_mean_hz', 'flatness', 'rolloff95_hz')
-                    for row, name, value in zip(rows.values(), names, spectrum):
+                    for row, name, value in zip(rows.values(), names, spectrum, strict=False):
                         row.append(abs(grain[name] / value - 1))
             if peers['essentia']:
                 began = time.process_time()

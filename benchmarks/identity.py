@@ -125,7 +125,7 @@ class Slots:
 
         if self.hungarian:
             rows, columns = linear_sum_assignment(np.minimum(far, 1.0) ** 2)
-            return [(r, c) for r, c in zip(rows, columns) if far[r, c] < 1.0]
+            return [(r, c) for r, c in zip(rows, columns, strict=True) if far[r, c] < 1.0]
         pairs: list[tuple[int, int]] = []
         rows, columns = np.nonzero(far < 1.0)
         for k in np.argsort(far[rows, columns], kind='stable'):

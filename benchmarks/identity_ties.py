@@ -146,7 +146,7 @@ def trials(
 
 def measure(count: int, seed: int, jitter_s: float, noise_m: float = NOISE_M) -> dict[str, float]:
     """Run `count` trials and return their figures."""
-    rows = zip(*trials(count, seed, jitter_s, noise_m))
+    rows = zip(*trials(count, seed, jitter_s, noise_m), strict=True)
     slips, seconds, bound, right = (np.array(column) for column in rows)
     share = {f'decided_by_{n}_slips_percent': 100 * float((slips <= n).mean()) for n in SLIPS}
     best = {f'bound_by_{n}_slips_percent': 100 * float((bound <= n).mean()) for n in SLIPS}

@@ -260,7 +260,7 @@ def mujoco(scene: Scene, times: np.ndarray, step_s: float, stiff: bool) -> np.nd
             f'stiffness="{lattice.drive[i, 0]}" frictionloss="{model.kinetic[i]}" {soft}/>'
             f'<geom type="box" size=".04 .04 .04" mass="{model.mass[i]}"/></body>'
         )
-    for i, j, k in zip(model.first, model.second, model.k):
+    for i, j, k in zip(model.first, model.second, model.k, strict=True):
         if j < scene.n:
             tendons.append(
                 f'<fixed stiffness="{k}" springlength="0"><joint joint="j{i}" coef="1"/>'
@@ -336,7 +336,7 @@ def pymunk(scene: Scene, times: np.ndarray, step_s: float) -> np.ndarray:
         while t < times[sample] - 0.5 * step_s:
             here = np.array([tuple(body.position) for body in bodies])
             pull = model.force(here, t + 0.5 * step_s)
-            for body, f in zip(bodies, pull):
+            for body, f in zip(bodies, pull, strict=True):
                 body.force = tuple(f)
             space.step(step_s)
             t += step_s
@@ -359,7 +359,7 @@ def siconos(scene: Scene, times: np.ndarray, step_s: float) -> tuple[np.ndarray,
     """Siconos: Moreau-Jean with contacts, along x, mu_s = mu_k; u and its own processor time."""
     model, lattice = Model.of(scene), Model.of(scene).lattice
     stiffness = np.diag(lattice.k_sum)
-    for i, j, k in zip(model.first, model.second, model.k):
+    for i, j, k in zip(model.first, model.second, model.k, strict=True):
         if j < scene.n:
             stiffness[i, j] -= k
             stiffness[j, i] -= k

@@ -36,7 +36,7 @@ def draw(result: dict, folder: Path) -> None:
         layout='constrained',
     )
     shown = {}
-    for axis, name in zip(axes.flat, names):
+    for axis, name in zip(axes.flat, names, strict=False):
         for family, (mark, colour) in MARKS.items():
             here = [r for r in rows if r['scene'] == name and r['method'].startswith(family)]
             if here:

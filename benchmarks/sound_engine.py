@@ -100,7 +100,7 @@ def speed(sound: np.ndarray, s: Score, block: int, cubic: bool, repeats: int = 3
 
 def truth(sound: np.ndarray, s: Score, cubic: bool, frames: int, dc: bool = True) -> np.ndarray:
     """Return the same in double precision, (frames, 2); `dc`: with our DC block."""
-    grains = [(0, int(f), int(n)) for f, n in zip(s.first, s.size)]
+    grains = [(0, int(f), int(n)) for f, n in zip(s.first, s.size, strict=True)]
     ahead = Mixer(FS).look_ahead
     return reference(s.triggers, [sound], grains, FS, frames, 1.0, cubic, ahead, dc)
 

@@ -151,7 +151,7 @@ def scsynth_play_buf(folder: Path, s: Score, block: int) -> tuple[float, np.ndar
                 'dur', float(n / t['rate'] / FS), 'amp', float(t['gain']), 'pan', float(t['pan']),
             ),
         )
-        for t, f, n in zip(s.triggers, s.first, s.size)
+        for t, f, n in zip(s.triggers, s.first, s.size, strict=True)
     ]  # fmt: skip
     idle = _scsynth(folder, definition, [], s.span_s, block)
     spent = _scsynth(folder, definition, bundles, s.span_s, block) - idle
@@ -202,7 +202,9 @@ def csound(folder: Path, s: Score, block: int) -> tuple[float, np.ndarray]:
     lines = '\n'.join(
         f'i1 {t["time_s"]:.9f} {n / t["rate"] / FS:.9f} {t["rate"]:.7f} {f} {t["gain"]:.7f} '
         f'{a:.7f} {b:.7f}'
-        for t, f, n, a, b in zip(s.triggers, s.first, s.size, np.cos(angle), np.sin(angle))
+        for t, f, n, a, b in zip(
+            s.triggers, s.first, s.size, np.cos(angle), np.sin(angle), strict=True
+        )
     )
     spent = []
     for name, score in (('idle', ''), ('full', lines)):

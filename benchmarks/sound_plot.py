@@ -15,10 +15,10 @@ def draw(result: dict, folder: Path) -> None:
 
     folder.mkdir(parents=True, exist_ok=True)
     names = [n for n in dict.fromkeys(p['name'] for p in result['peers'] if 'skipped' not in p)]
-    colours = dict(zip(names, PEER_COLOURS))
+    colours = dict(zip(names, PEER_COLOURS, strict=False))
 
     fig, axes = plt.subplots(1, 2, figsize=(9, 3.8), sharey=True, layout='constrained')
-    for axis, varied in zip(axes, (False, True)):
+    for axis, varied in zip(axes, (False, True), strict=True):
         for cubic, line in ((True, '-'), (False, '--')):
             rows = [
                 r for r in result['engine']

@@ -170,7 +170,7 @@ def curve(
         config = defaults()
         config.threshold = round(16 * mg)
         detectors.append([Detector(config) for _ in range(N_BLOCKS)])
-        for detector, samples in zip(detectors[-1], learnt):
+        for detector, samples in zip(detectors[-1], learnt, strict=True):
             detector.feed(samples)
     told: list[list[tuple[float, int, float]]] = [[] for _ in thresholds]
     held: list[list[Any]] = [[] for _ in range(N_BLOCKS)]
@@ -185,7 +185,7 @@ def curve(
         for block, parts in enumerate(held):
             samples = np.concatenate([part.xy for part in parts])
             first_s, period_s = parts[0].first_s, parts[0].period_s
-            for found, row in zip(told, detectors):
+            for found, row in zip(told, detectors, strict=True):
                 felt_s = 0.0
                 for event in row[block].feed(samples):
                     ended_s = first_s + event.sample * period_s
@@ -198,7 +198,7 @@ def curve(
     slips = twin.all_slips()
     return [
         {'drop': drop, 'threshold_mg': mg} | compare(slips, found, seconds)
-        for mg, found in zip(thresholds, told)
+        for mg, found in zip(thresholds, told, strict=True)
     ]
 
 

@@ -116,7 +116,9 @@ def tuned(peer, images, truths):
     best, chosen = (-1.0, 0.0), None
     for choice in peer.choices:
         candidate = peer(choice)
-        scores = [match(candidate.find(image), truth) for image, truth in zip(images, truths)]
+        scores = [
+            match(candidate.find(image), truth) for image, truth in zip(images, truths, strict=True)
+        ]
         far = np.concatenate([s[0] for s in scores])
         false = sum(s[1] for s in scores)
         hits = (far < 5).sum() - false

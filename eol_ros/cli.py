@@ -10,6 +10,7 @@ import sys
 import time
 import warnings
 from collections.abc import Sequence
+from typing import Any, TextIO
 
 from eol_ros import folders
 from eol_ros.errors import BagDamaged, EolError, UsageError, warning_line
@@ -80,7 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run_verb(module, f'eol {verb}', words[1:])
 
 
-def run_verb(module, prog: str, words: Sequence[str]) -> int:
+def run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
     """Parse `words` for the verb in `module` and run it; an expected error is one line."""
     examples = '\n'.join(f'  {line}' for line in module.EXAMPLES)
     parser = argparse.ArgumentParser(
@@ -93,7 +94,14 @@ def run_verb(module, prog: str, words: Sequence[str]) -> int:
     args = parser.parse_args(words)
     damage: list[str] = []
 
-    def show(message, category, filename, lineno, file=None, line=None) -> None:
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
         if issubclass(category, BagDamaged):
             damage.append(str(message))
             print(f'{prog}: {message}', file=sys.stderr)
@@ -122,7 +130,14 @@ def run_verb(module, prog: str, words: Sequence[str]) -> int:
         return 0
 
 
-def _keep_warning(message, category, filename, lineno, file=None, line=None) -> None:
+def _keep_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
     """Write a warning of Python to the log: it says nothing to the person who typed the command."""
     when = time.strftime('%Y-%m-%d %H:%M:%S')
     with contextlib.suppress(OSError, EolError):

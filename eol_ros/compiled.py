@@ -16,6 +16,7 @@ import platform
 import sys
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parent
 # What each part is made of, as packages with all below them; all use what stands in `core` itself.
@@ -115,7 +116,7 @@ def _stamp(part: str) -> Path:
     return cache_folder(_COMMON) / f'eol-{part}-{_machine()}.json'
 
 
-def _read(part: str) -> dict[str, dict]:
+def _read(part: str) -> dict[str, dict[str, Any]]:
     try:
         folders = json.loads(_stamp(part).read_text())
         return folders if isinstance(folders, dict) else {}

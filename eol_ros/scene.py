@@ -288,7 +288,7 @@ def _range(meta: typing.Mapping[str, Any]) -> str:
     return ' '.join(w for w in (words, unit) if w)
 
 
-def check_value(field_: dataclasses.Field, value: Any) -> Any:
+def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
     """Return `value` as the type of the setting; raise ConfigError that says what is asked for."""
     kind, meta = field_.type, field_.metadata
     if typing.get_origin(kind) is tuple:
@@ -310,7 +310,9 @@ def check_value(field_: dataclasses.Field, value: Any) -> Any:
         asked = f' ({asked})' if asked else ''
         if kind is str and value is not None:
             asked = ': put it into quotes'
-        raise ConfigError(f'{shown} is not {_WORDS.get(kind, kind)}{asked}')  # type: ignore[arg-type]
+        # `kind` is a type by now, which mypy cannot see
+        words = _WORDS.get(kind, kind)  # type: ignore[arg-type]
+        raise ConfigError(f'{shown} is not {words}{asked}')
     if meta.get('choices') and value not in meta['choices']:
         near = difflib.get_close_matches(str(value), meta['choices'], 1, 0.6)
         hint = f'. Did you mean {near[0]}?' if near else ''

@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 
 class PrintSlips(Node):
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__('print_slips')
         self.create_subscription(Slip, '/eol/slips', self.on_slip, 60)
         print('waiting for slips', flush=True)

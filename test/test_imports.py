@@ -2,6 +2,7 @@
 """The house stands as drawn: who may import what."""
 
 import ast
+import itertools
 import sys
 from pathlib import Path
 
@@ -126,6 +127,34 @@ def test_names_and_licence(path):
     assert not {'utils', 'helpers', 'common', 'misc'} & set(name(path)[:-3].split('/'))
     lines = path.read_text().splitlines()
     assert lines[0] == '# SPDX-License-Identifier: Apache-2.0'
+
+
+def test_modules_typed_less_strictly_have_kernels():
+    """The exception that mypy makes for loops of numba is no place to hide other code."""
+    tomllib = pytest.importorskip('tomllib')  # Python 3.11
+    settings = tomllib.loads((ROOT.parent / 'pyproject.toml').read_text())['tool']['mypy']
+    lax = [
+        module
+        for override in settings['overrides']
+        if override.get('disallow_untyped_defs') is False
+        for module in override['module']
+        if module.startswith('eol_ros.core')
+    ]
+    assert settings['strict'] and lax
+    compilers = {'numba', 'llvmlite', 'eol_ros.core.compiled', 'eol_ros.core.physics.series'}
+    for module in lax:
+        path = ROOT.parent / (module.replace('.', '/') + '.py')
+        assert compilers & {found for _, found in imports(path)}, f'{module} has no kernels'
+
+
+def test_each_exception_from_typing_names_its_rule():
+    """And has its reason behind it or in the line above."""
+    for path in MODULES:
+        lines = path.read_text().splitlines()
+        for before, line in itertools.pairwise(lines):
+            if 'type: ignore' in line:
+                named = line.partition('# type: ignore[')[2].partition(']')[2]
+                assert '#' in named or before.strip().startswith('#'), f'{name(path)}: {line}'
 
 
 def test_the_package_does_without_benchmarks_and_tests():

@@ -121,7 +121,7 @@ class SetClock:
 def turns(times_s, luminance):
     """When the light has turned round by 10 % or more."""
     found, direction, extreme = [], 0, luminance[0]
-    for t, value in zip(times_s, luminance):
+    for t, value in zip(times_s, luminance, strict=True):
         if (value - extreme) * direction > 0:
             extreme = value
         elif abs(value - extreme) >= 0.1:

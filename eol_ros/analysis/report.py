@@ -224,7 +224,7 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
         stamp_s = seconds(triggers['stamp'])
         due_s = np.maximum(stamp_s + latency_s, seconds(triggers['log_time']))
         sounded = []
-        for block, begin_s in zip(starts['block'], onset_s):
+        for block, begin_s in zip(starts['block'], onset_s, strict=True):
             own = (triggers['block'] == block) & (stamp_s >= begin_s)
             own &= stamp_s < begin_s + SOUNDS_WITHIN_S
             if own.any():

@@ -23,7 +23,7 @@ from numba.core.ccallback import CFunc
 from numba.core.runtime import rtsys
 
 
-def njit(function: Callable | None = None, *, cache: bool = False, **options: Any) -> Any:
+def njit(function: Callable[..., Any] | None = None, *, cache: bool = False, **options: Any) -> Any:
     """Return `function` compiled as by `numba.njit`; with `cache` it is loaded as told above."""
     if function is None:
         return lambda function: njit(function, cache=cache, **options)
@@ -33,10 +33,10 @@ def njit(function: Callable | None = None, *, cache: bool = False, **options: An
     return compiled
 
 
-def cfunc(signature: Any) -> Callable[[Callable], Any]:
+def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that makes a C callback, as `numba.cfunc(signature, cache=True)`."""
 
-    def decorate(function: Callable) -> Any:
+    def decorate(function: Callable[..., Any]) -> Any:
         callback: Any = CFunc(function, sigutils.normalize_signature(signature), {}, {})
         callback._cache = _Cache(function)
         callback.compile()

@@ -74,7 +74,8 @@ class PlayedClock:
     def _relative(self) -> tuple[np.ndarray, np.ndarray]:
         """Return recorded and wall times less those of the newest message."""
         points = np.array(self._points, np.int64)
-        return tuple((points - points[-1]).astype(float).T)  # type: ignore[return-value]
+        recorded, wall = (points - points[-1]).astype(float).T
+        return recorded, wall
 
     def _line(self, recorded_ns: int) -> int:
         newest, wall_ns = self._points[-1]

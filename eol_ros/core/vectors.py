@@ -63,7 +63,7 @@ class _Code:
         mask = ir.Constant(ir.VectorType(_I32, WIDTH), [0] * WIDTH)
         return self.builder.shuffle_vector(one, empty, mask)
 
-    def sums(self, count: int) -> list:
+    def sums(self, count: int) -> list[Any]:
         return [cgutils.alloca_once(self.builder, _VECTOR) for _ in range(count)]
 
     def loop(self, begin: Any, end: Any, step: int = 1) -> Any:
@@ -123,7 +123,7 @@ def _direction_sums(typing: Any, k: Any, x: Any, y: Any, square: Any, inverse: A
                 s = code.fma(y_j, code.load(2, rest, q), s)
                 p = code.fma(builder.fmul(share, code.load(3, j, q)), r, p)
                 new = (s, p, code.fma(r, x_j, nx), code.fma(r, y_j, ny))
-                for value, total in zip(new, sums):
+                for value, total in zip(new, sums, strict=True):
                     builder.store(value, total)
             for i, total in enumerate(sums):
                 code.store(builder.load(total), 5, code.constant(i), q)

@@ -61,7 +61,8 @@ def definition(type_name: str) -> str:
 def type_hash(type_name: str) -> str:
     """Return the RIHS01 hash of `package/msg/Name` (REP 2011, REP 2016)."""
     data = json.loads(share_file(type_name, '.json').read_text(encoding='utf-8'))
-    return next(h['hash_string'] for h in data['type_hashes'] if h['type_name'] == type_name)
+    hashes: dict[str, str] = {h['type_name']: h['hash_string'] for h in data['type_hashes']}
+    return hashes[type_name]
 
 
 def qos_text(profile: QoSProfile) -> str:
@@ -78,7 +79,8 @@ def qos_text(profile: QoSProfile) -> str:
         'liveliness_lease_duration': forever,
         'avoid_ros_namespace_conventions': False,
     }
-    return yaml.dump([data], Dumper=_Plain, sort_keys=False)
+    text: str = yaml.dump([data], Dumper=_Plain, sort_keys=False)
+    return text
 
 
 class _Plain(yaml.SafeDumper):

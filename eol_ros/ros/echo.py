@@ -22,6 +22,7 @@ from eol_ros.streams.graph import TOPICS
 TRUNCATE = 128  # items of an array and letters of a text, as ros2 topic echo does
 
 
+# mypy takes no base class that is looked up
 class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
     """YAML of plain data, in C where PyYAML has it."""
 
@@ -49,7 +50,7 @@ def plain(value: Any, truncate: int | None = None) -> Any:
 
 def to_yaml(message: Any, full: bool = False) -> str:
     """Return the YAML of a message as `ros2 topic echo` prints it, without the `---` behind it."""
-    return yaml.dump(
+    text: str = yaml.dump(
         plain(message, None if full else TRUNCATE),
         Dumper=_Dumper,
         sort_keys=False,
@@ -57,6 +58,7 @@ def to_yaml(message: Any, full: bool = False) -> str:
         width=2**31 - 1,
         default_flow_style=False,
     )
+    return text
 
 
 def to_json(message: Any) -> str:

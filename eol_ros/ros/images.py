@@ -1,16 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """mono8 images onto the graph as CDR bytes."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from eol_ros.ros.definitions import definition
 from eol_ros.streams import images
 
+if TYPE_CHECKING:
+    from eol_ros.ros.node import EolNode
+
 
 class ImagePublisher:
     """Publishes mono8 images of one size on a topic of `node`."""
 
-    def __init__(self, node, topic: str, frame_id: str = images.FRAME_ID):
+    def __init__(self, node: EolNode, topic: str, frame_id: str = images.FRAME_ID):
         self._publisher = node.publisher(topic)
         self._codec = images.Codec(definition(images.TYPE), frame_id)
 
@@ -28,4 +35,4 @@ class ImagePublisher:
 
     def subscribers(self) -> int:
         """Return how many readers there are."""
-        return self._publisher.get_subscription_count()
+        return int(self._publisher.get_subscription_count())

@@ -341,7 +341,7 @@ class EolNode(Node):
         changed = {name: value for name, value in now.items() if value != then[name]}
         self.keep(settings=changed)
 
-    def _resumed_settings(self, fields: dict[str, dataclasses.Field]) -> dict[str, Any]:
+    def _resumed_settings(self, fields: dict[str, dataclasses.Field[Any]]) -> dict[str, Any]:
         """Return the live settings that this node had when its life before ended unasked."""
         found = self.resumed.get('settings', {})
         found = {name: check_value(fields[name], value) for name, value in found.items()}
@@ -357,10 +357,11 @@ class EolNode(Node):
 
 def _kept(name: str) -> dict[str, Any]:
     """Return what node `name` kept in the life that bringup saw end."""
-    return json.loads(os.environ.get('EOL_KEPT', '{}')).get(name, {})
+    kept: dict[str, dict[str, Any]] = json.loads(os.environ.get('EOL_KEPT', '{}'))
+    return kept.get(name, {})
 
 
-def _ranges(field: dataclasses.Field) -> dict[str, Any]:
+def _ranges(field: dataclasses.Field[Any]) -> dict[str, Any]:
     """Return the range of a number as a descriptor has it, for sliders in rqt."""
     low, high = field.metadata.get('min'), field.metadata.get('max')
     if low is None or high is None:

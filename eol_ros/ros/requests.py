@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from eol_msgs.msg import Request, RequestResult
+from rcl_interfaces.msg import ParameterValue
 from rclpy.parameter import Parameter
 
 from eol_ros.core.stamp_watch import SOON_NS
@@ -62,7 +63,7 @@ def parameters(values: Mapping[str, Any]) -> list[Parameter]:
     return [Parameter(name, value=plain(value)) for name, value in values.items()]
 
 
-def _values(asked: Asked) -> list:
+def _values(asked: Asked) -> list[ParameterValue]:
     return [parameter.to_parameter_msg() for parameter in parameters(asked.values)]
 
 

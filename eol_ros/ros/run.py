@@ -77,6 +77,7 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
 
     # Messages load their types through this package, which brings its generator of message code
     # along, 3 MB with its parsers, wherever that can be imported.
+    # None is how an import is refused, which the stubs do not know
     sys.modules['rosidl_generator_py.generate_py_impl'] = None  # type: ignore[assignment]
     import rclpy
     from rclpy.experimental.events_executor import EventsExecutor

@@ -10,7 +10,8 @@ NS = 1_000_000_000
 
 def to_ns(stamp: Time) -> int:
     """Return the stamp in nanoseconds since the epoch."""
-    return stamp.sec * NS + stamp.nanosec
+    ns: int = stamp.sec * NS + stamp.nanosec
+    return ns
 
 
 def to_msg(ns: int) -> Time:

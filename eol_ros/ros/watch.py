@@ -5,7 +5,7 @@ import os
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from eol_ros.core.played_clock import PlayedClock
@@ -60,7 +60,7 @@ class Watch:
         self._thread = threading.Thread(target=self._spin, name='watch', daemon=True)
         self._thread.start()
 
-    def _taker(self, topic, keep):
+    def _taker(self, topic: str, keep: bool) -> Callable[[bytes], None]:
         seen, raws = self.seen[topic], self.raw[topic]
 
         def take(raw: bytes) -> None:
@@ -84,7 +84,7 @@ class Watch:
         while self._going:
             self._executor.spin_once(timeout_sec=0.1)
 
-    def messages(self, topic: str) -> list:
+    def messages(self, topic: str) -> list[Any]:
         """Return the messages of a topic named in `keep`."""
         from rclpy.serialization import deserialize_message
 

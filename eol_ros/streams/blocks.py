@@ -78,7 +78,9 @@ def of(stamp_ns: int, tracked: 'Tracked', image: int) -> np.void:
 def each(table: np.ndarray) -> Iterator[Blocks]:
     """Yield the messages of a recorded table."""
     names = ('state', 'symmetry_ambiguous', 'image')
-    heads = zip(table['stamp'].astype('i8').tolist(), *(table[n].tolist() for n in names))
+    heads = zip(
+        table['stamp'].astype('i8').tolist(), *(table[n].tolist() for n in names), strict=True
+    )
     for (stamp_ns, state, ambiguous, image), rows in zip(heads, table['blocks'], strict=True):
         yield Blocks(stamp_ns, state, ambiguous, image, rows)
 

@@ -33,6 +33,7 @@ class Record:
     def __init__(self, type_name: str, dtype: np.dtype, frame_id: str = ''):
         self.type, self.dtype, self.frame_id = type_name, dtype, frame_id
         names: tuple[str, ...] = dtype.names or ()
+        # mypy wants a literal name; this one is read from the definition
         self.row: Any = namedtuple(type_name.split('/')[-1], names)  # type: ignore[misc]
         self._kinds = [(name, dtype[name].kind) for name in names]
 

@@ -55,8 +55,12 @@ class Word:
 
     def check(self, value: Any) -> str:
         """Return the value; raise UsageError where it is another."""
-        plain = isinstance(value, str) and value.replace('_', '').isalnum() and value.isascii()
-        if not plain or len(value) > 64:
+        if not (
+            isinstance(value, str)
+            and value.replace('_', '').isalnum()
+            and value.isascii()
+            and len(value) <= 64
+        ):
             raise UsageError(f'{self.name}: {str(value)[:40]!r} is not a name')
         return value
 
@@ -90,7 +94,9 @@ class Kind:
         return checked(self.name, self.takes, values)
 
 
-def checked(name: str, takes: tuple[Number | Word, ...], values: Mapping) -> dict[str, Any]:
+def checked(
+    name: str, takes: tuple[Number | Word, ...], values: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return `values` where they are what `takes` names; raise UsageError that says what not."""
     known = {item.name for item in takes}
     for given in values:
@@ -172,7 +178,7 @@ def ahead(heeded: list[Heeded], start_ns: int) -> list[Asked]:
     Of what was asked before `start_ns` of the recording only what still held then is asked.
     """
     mine = [h for h in heeded if h.accepted and h.asked.node in PROVED]
-    before: dict[tuple, Asked] = {}
+    before: dict[tuple[Any, ...], Asked] = {}
     for one in mine:
         if one.log_ns < start_ns and one.asked.kind in _KEPT:
             key = (one.asked.node, one.asked.kind, tuple(sorted(one.asked.values)))

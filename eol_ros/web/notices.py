@@ -11,6 +11,7 @@ from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
 from eol_ros.streams import cascades
 from eol_ros.streams.record import seconds
+from eol_ros.streams.requests import Number
 from eol_ros.web.controls import CONTROLS
 
 RECENT = 40
@@ -30,7 +31,8 @@ def wall(message: Any, fade_s: float) -> dict[str, Any]:
 def limits() -> dict[str, Any]:
     """Return the range of each control that is a slider, as the settings have it."""
     (radius,) = CONTROLS['radius'].takes
-    return {'t': 'limits', 'radius': [radius.low, radius.high]}  # type: ignore[union-attr]
+    assert isinstance(radius, Number)
+    return {'t': 'limits', 'radius': [radius.low, radius.high]}
 
 
 def meter(message: Any) -> dict[str, Any]:

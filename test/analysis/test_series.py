@@ -132,7 +132,7 @@ def test_a_bag_of_one_message_each_has_a_report(tmp_path):
 def test_the_bag_that_ships_is_too_short(tmp_path):
     """It renders all the same: 55 s of ice."""
     made = dict(zip(('triggers', 'light', 'energy', 'power', 'loudness'),
-                    series.of(open_bag(SAMPLE))))  # fmt: skip
+                    series.of(open_bag(SAMPLE)), strict=True))  # fmt: skip
     level = made['loudness'].values
 
     assert level.min() >= -70 and -50 < level.max() < 0

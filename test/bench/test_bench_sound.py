@@ -100,7 +100,7 @@ def test_a_slip_is_followed_to_its_first_sample():
     (first, a), (second, b) = found[0], next(one for one in found if one[1] != found[0][1])
     stamps, waits = [first + 20_000_000, second + 25_000_000], [10_000_000, 40_000_000]
     watch = SimpleNamespace(
-        seen={'grain_triggers': [(s, s + wait) for s, wait in zip(stamps, waits)]},
+        seen={'grain_triggers': [(s, s + wait) for s, wait in zip(stamps, waits, strict=True)]},
         messages=lambda topic: {
             'truth': truths, 'grain_triggers': [SimpleNamespace(block=k) for k in (a, b)],
             'sound_samples': [],

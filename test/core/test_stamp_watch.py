@@ -18,7 +18,7 @@ JUMPS = st.one_of(
 )
 def test_late_messages_overtaking_and_silence_are_no_jump(delays, jitter, pauses):
     watch, at, heard = StampWatch(), T0, 0
-    for delay, off, pause in zip(delays, jitter, pauses):
+    for delay, off, pause in zip(delays, jitter, pauses, strict=False):
         at += PERIOD + pause
         heard = max(heard, at - T0 + delay)
         swapped = at + off // 2  # two neighbours lie no more than 0.15 s out of order

@@ -97,7 +97,7 @@ def test_a_file_of_any_encoder_comes_back_whole_and_in_order(tmp_path, name, fou
 
     assert len(seen.images) == 30
     assert all(i.shape == (H, W) and i.dtype == np.uint8 for i in seen.images)
-    apart = [np.abs(a.astype(int) - b) for a, b in zip(seen.images, images)]
+    apart = [np.abs(a.astype(int) - b) for a, b in zip(seen.images, images, strict=True)]
     assert max(a.max() for a in apart) <= worst
     assert max(a.mean() for a in apart) <= (2.5 if worst else 0)
 

@@ -81,7 +81,7 @@ def test_csv_has_the_numbers_of_the_json(sound, tmp_path):
     with open(tmp_path / 'c.csv', newline='') as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(corpus)
-    for row, grain in zip(rows, corpus.grains):
+    for row, grain in zip(rows, corpus.grains, strict=True):
         assert row['file'] == str(sound)
         for name in GRAIN.names[1:]:
             value = float(row[name]) if row[name] else np.nan

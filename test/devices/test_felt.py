@@ -57,7 +57,7 @@ def test_only_sampling_what_feels_something_changes_nothing_that_is_felt(minute)
     always = [k for k in always if k.time_s < 19.9]
     assert len(some) == len(always) > 50
     key = lambda k: (k.block, k.time_s)  # noqa: E731
-    for one, other in zip(sorted(some, key=key), sorted(always, key=key)):
+    for one, other in zip(sorted(some, key=key), sorted(always, key=key), strict=True):
         assert one.block == other.block and one.time_s == pytest.approx(other.time_s, abs=0.002)
 
 

@@ -75,7 +75,7 @@ def flashes(found):
 def changes(times, level):
     """When the light has turned round by 10 % or more."""
     found, direction, extreme = [], 0, level[0]
-    for t, value in zip(times, level):
+    for t, value in zip(times, level, strict=True):
         if (value - extreme) * direction > 0:
             extreme = value
         elif abs(value - extreme) >= 0.1:

@@ -139,7 +139,9 @@ def test_triggers_are_those_of_the_selector_with_the_stamp_of_the_image(stage, s
         expected += [(stamp_ns, row) for row in rows]
     assert len(expected) > 30
     assert len(stage.probe.triggers) == len(expected)
-    for n, (message, (stamp_ns, row)) in enumerate(zip(stage.probe.triggers, expected)):
+    for n, (message, (stamp_ns, row)) in enumerate(
+        zip(stage.probe.triggers, expected, strict=True)
+    ):
         assert to_ns(message.header.stamp) == stamp_ns and message.sequence == n
         got = (message.grain, message.block, message.gain, message.rate, message.pan,
                message.attack, message.release)  # fmt: skip

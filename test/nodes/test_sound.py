@@ -230,8 +230,8 @@ def test_samples_are_published_while_somebody_listens(graph, matched, tmp_path):
         return [np.frombuffer(bytes(m.data), '<f4').reshape(-1, m.channels) for m in probe.samples]
 
     assert turn(lambda: np.abs(parts()[-1]).max() > 0.05)
-    ends = [m.first + len(part) for m, part in zip(probe.samples, parts())]
-    gaps = [b.first - end for b, end in zip(probe.samples[1:], ends)]
+    ends = [m.first + len(part) for m, part in zip(probe.samples, parts(), strict=True)]
+    gaps = [b.first - end for b, end in zip(probe.samples[1:], ends, strict=False)]
     assert min(gaps) == 0  # no sample twice; a reader that is late may lose some
     assert gaps.count(0) > len(gaps) / 2
     assert np.median(np.diff(ends)) < 2 * FS / 60  # about 60 a second

@@ -71,7 +71,7 @@ def test_images_become_blocks_as_offline_to_the_bit(ros, matched):
             break
         executor.spin_once(timeout_sec=0.05)
     assert len(probe.blocks) == 12
-    for k, (message, (stamp_ns, tracked)) in enumerate(zip(probe.blocks, wanted)):
+    for k, (message, (stamp_ns, tracked)) in enumerate(zip(probe.blocks, wanted, strict=True)):
         assert to_ns(message.header.stamp) == stamp_ns
         assert (message.state, message.image) == (Blocks.TRACKING, k)
         assert [b.id for b in message.blocks] == list(range(25))

@@ -123,7 +123,7 @@ def test_dropped_images_leave_no_trace_where_stamps_are_given(dropped, tmp_path,
     assert onset['block'] == 7
     assert onset['onset_s'] - start_ns * 1e-9 == pytest.approx(BEGIN_S, abs=0.005)
     assert onset['speed_mps'] == pytest.approx(speed_mps, rel=0.03)
-    for k, world, seen in zip(left, answer['world'], answer['visible']):
+    for k, world, seen in zip(left, answer['world'], answer['visible'], strict=True):
         assert np.allclose(world[seen, :2], truth(k)[seen], atol=2e-4)
 
     answer = tracked(path, '--fps', '60')  # as if no image were missing
@@ -355,7 +355,7 @@ def test_a_bag_is_tracked_by_its_own_stamps(stack, tmp_path, capsys, encoding):
     images = np.load(stack)[:8]
     start_ns = 1_700_000_000_000_000_000
     stamps = [start_ns + k * 16_666_667 for k in range(8)]
-    for k, (stamp, image) in enumerate(zip(stamps, images)):
+    for k, (stamp, image) in enumerate(zip(stamps, images, strict=True)):
         message = Image(height=800, width=1280, encoding=encoding, step=1280)
         message.header.stamp = Time(sec=stamp // 10**9, nanosec=stamp % 10**9)
         message.data.frombytes(image.tobytes())
@@ -377,6 +377,6 @@ def test_a_bag_is_tracked_by_its_own_stamps(stack, tmp_path, capsys, encoding):
     found = np.load(out)
     assert list(found['time']) == [ns * 1e-9 for ns in stamps]
     tracker = Tracker(TrackerSettings(), None)
-    for k, (stamp, image) in enumerate(zip(stamps, images)):
+    for k, (stamp, image) in enumerate(zip(stamps, images, strict=True)):
         tracked = tracker.update(stamp * 1e-9, image)
         assert tracked.px.tobytes() == found['px'][k].tobytes()

@@ -45,7 +45,7 @@ def _house(
     angle: float,
     rng: np.random.Generator,
     gable: bool,
-):
+) -> None:
     """A house with its lower left corner at (x, y), turned by `angle` about that corner."""
     look = sheet.palette
     tall = floors * 62.0 + 20

@@ -170,7 +170,9 @@ class Sheet:
             self.line(points, self.palette.thread, width * widen, opacity)
         self.line(points, self.palette.thread, width)
 
-    def truss(self, a: Point, b: Point, top_a: Point, top_b: Point, bays: int, width: float = 2.0):
+    def truss(
+        self, a: Point, b: Point, top_a: Point, top_b: Point, bays: int, width: float = 2.0
+    ) -> None:
         """Draw a braced mast between the feet `a`, `b` and the heads `top_a`, `top_b`."""
         self.line([a, top_a], width=width * 1.4)
         self.line([b, top_b], width=width * 1.4)
@@ -182,7 +184,9 @@ class Sheet:
             self.line([low[1], high[0]], width=width * 0.7, opacity=0.85)
             self.line([high[0], high[1]], width=width * 0.7, opacity=0.85)
 
-    def crack(self, rng: np.random.Generator, start: Point, end: Point, rough: float, width: float):
+    def crack(
+        self, rng: np.random.Generator, start: Point, end: Point, rough: float, width: float
+    ) -> list[Point]:
         """Draw a branching fissure from `start` to `end`; return its points."""
         points = jagged(rng, start, end, rough)
         self.thread(points, width)

@@ -98,7 +98,7 @@ class Motion:
     def _numbered(self, events: list[SlipEvent], numbers: list[int]) -> list[NumberedSlip]:
         slips = [
             NumberedSlip(event, number, event.slip in self.fused)
-            for event, number in zip(events, numbers)
+            for event, number in zip(events, numbers, strict=True)
         ]
         for event in events:
             self.fused.pop(event.slip, None)

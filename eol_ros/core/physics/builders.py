@@ -17,6 +17,8 @@ MU_KINETIC = 0.65
 NATURAL_M = 0.06  # natural length of a spring installed at 9 cm: pre-tension 1.2 N
 GRAVITY = 9.81
 
+Plain = dict[str, Any]  # as a scene file has it
+
 
 def offsets(n: int, size_m: float, seed: int, along_x: bool = False) -> list[list[float]]:
     """Return n starting offsets, uniform in +-size_m, the same for the same seed."""
@@ -27,8 +29,13 @@ def offsets(n: int, size_m: float, seed: int, along_x: bool = False) -> list[lis
 
 
 def _scene(
-    n: int, between: list, to_frame: list, drive: dict, duration_s: float, **more: Any
-) -> dict:
+    n: int,
+    between: list[Plain],
+    to_frame: list[Plain],
+    drive: Plain,
+    duration_s: float,
+    **more: Any,
+) -> Plain:
     scene = {
         'n': n,
         'mass': BLOCK_MASS_KG,
@@ -50,7 +57,7 @@ def _scene(
     return scene | more
 
 
-def _lattice_springs(rows: int, columns: int, k: float) -> list[dict]:
+def _lattice_springs(rows: int, columns: int, k: float) -> list[Plain]:
     springs = []
     for i in range(rows * columns):
         if i % columns < columns - 1:
@@ -60,11 +67,11 @@ def _lattice_springs(rows: int, columns: int, k: float) -> list[dict]:
     return springs
 
 
-def _spring(i: int, k: float, direction: list[float], **end: Any) -> dict:
+def _spring(i: int, k: float, direction: list[float], **end: Any) -> Plain:
     return {'i': i, **end, 'k': k, 'L0': NATURAL_M, 'dir': direction, 'Lnom': SPRING_M}
 
 
-def _plate_spring(i: int, k: float, at: tuple[float, float]) -> dict:
+def _plate_spring(i: int, k: float, at: tuple[float, float]) -> Plain:
     return {'i': i, 'k': k, 'L0': 0.0, 'dir': [0.0, 0.0], 'Lnom': 0.0, 'anchor': list(at)}
 
 
@@ -76,13 +83,13 @@ def _centres(rows: int, columns: int) -> list[tuple[float, float]]:
 
 
 def table(
-    drive: dict,
+    drive: Plain,
     duration_s: float,
     rows: int = 5,
     columns: int = 5,
     k: float = STIFFNESS,
     **more: Any,
-) -> dict:
+) -> Plain:
     """Return the paper's table: the outer blocks are tied to the rim, corners by two springs."""
     to_frame = []
     reach = BLOCK_SIDE_M / 2 + SPRING_M
@@ -103,14 +110,14 @@ def table(
 
 
 def plate(
-    drive: dict,
+    drive: Plain,
     duration_s: float,
     rows: int = 5,
     columns: int = 5,
     k_plate: float = 20.0,
     k_between: float = 40.0,
     **more: Any,
-) -> dict:
+) -> Plain:
     """Return the plate of Brown, Scholz and Rundle (1991): every block is tied to it from above.
 
     With `rotation={'side': w}` each plate spring is two of half its stiffness, at the middles of
@@ -130,13 +137,13 @@ def plate(
 
 
 def train(
-    drive: dict,
+    drive: Plain,
     duration_s: float,
     n: int = 5,
     k_plate: float = 20.0,
     k_between: float = 40.0,
     **more: Any,
-) -> dict:
+) -> Plain:
     """Return the train of Burridge and Knopoff (1967): a row along x, tied to the plate.
 
     `weakening={'speed': v}` gives the friction of Carlson and Langer (1989):
@@ -145,7 +152,7 @@ def train(
     return plate(drive, duration_s, 1, n, k_plate, k_between, **{'dim1': True, **more})
 
 
-def single(drive: dict, duration_s: float, k: float = STIFFNESS, **more: Any) -> dict:
+def single(drive: Plain, duration_s: float, k: float = STIFFNESS, **more: Any) -> Plain:
     """Return one block pulled along x by one linear spring."""
     return _scene(
         1, [], [_plate_spring(0, k, (0.0, 0.0))], drive, duration_s, **{'dim1': True, **more}

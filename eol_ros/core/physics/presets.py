@@ -14,7 +14,7 @@ def _at(n: int, seed: int, along_x: bool = True) -> list[list[float]]:
     return builders.offsets(n, OFFSET_M, seed, along_x)
 
 
-NAMED: dict[str, tuple[str, Callable[[], dict]]] = {
+NAMED: dict[str, tuple[str, Callable[[], builders.Plain]]] = {
     'S1': ('one block, pulled', lambda: builders.single(PULL, 60.0)),
     'S2': ('train of five', lambda: builders.train(PULL, 20.0, u0=_at(5, 2))),
     'S3L': ('table, pulled, linear', lambda: builders.table(PULL, 10.0, u0=_at(25, 3))),
@@ -46,6 +46,6 @@ NAMED: dict[str, tuple[str, Callable[[], dict]]] = {
 }
 
 
-def scene(name: str) -> dict:
+def scene(name: str) -> builders.Plain:
     """Return a named scene as a mapping; raises KeyError."""
     return NAMED[name][1]()

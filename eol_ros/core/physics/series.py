@@ -23,7 +23,7 @@ UNCOUNTED: dict[str, Any] = {'_nrt': False, 'error_model': 'numpy'}
 ROOT_ROUNDS = 80
 
 
-def lean(loop: Callable) -> Callable:
+def lean(loop: Callable[..., Any]) -> Any:
     """Return the compiled `loop`, which takes arrays and makes none.
 
     Without the memory runtime no references are counted, an atomic operation each; with dozens of
@@ -32,7 +32,7 @@ def lean(loop: Callable) -> Callable:
     return njit(cache=True, fastmath=FUSED, **UNCOUNTED)(loop)
 
 
-def inlined(loop: Callable) -> Callable:
+def inlined(loop: Callable[..., Any]) -> Any:
     """Return `loop` as `lean` does, to be made part of its caller.
 
     A call hands over each array in seven words, so that one of a few flops would be all calling.

@@ -7,6 +7,7 @@ is the exponent of the cumulative law of the potency itself, N(>= M) ~ 10^(-b M)
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -228,8 +229,9 @@ def omori(onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int = 10
     great = np.flatnonzero(sizes >= least)
     until = np.r_[onsets_s[great[1:]], end_s]
     length = until - onsets_s[great]
+    ends = np.r_[great[1:], len(sizes)]
     times = np.concatenate([
-        onsets_s[a + 1 : b] - onsets_s[a] for a, b in zip(great, np.r_[great[1:], len(sizes)])
+        onsets_s[a + 1 : b] - onsets_s[a] for a, b in zip(great, ends, strict=True)
     ])  # fmt: skip
     length, times = length[length > 0], times[times > 0]
     if len(length) < FEWEST_MAINS:
@@ -279,7 +281,7 @@ def _integral(length: np.ndarray, height: float, c: float, p: float) -> np.ndarr
     return height * c * np.expm1((1 - p) * x) / (1 - p)
 
 
-def _curvature_error(loss, at: np.ndarray, which: int) -> float:
+def _curvature_error(loss: Callable[[np.ndarray], float], at: np.ndarray, which: int) -> float:
     """Standard error of one value from the curvature of the whole; nan at the edge of a bound."""
     n = len(at)
     step = 1e-3

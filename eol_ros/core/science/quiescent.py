@@ -27,5 +27,5 @@ def cascades(block: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarr
     ends = np.flatnonzero(moving == 0) + 1
     begins = np.concatenate([[0], ends[:-1]])
     sizes = np.add.reduceat(start[: ends[-1]], begins) if len(ends) else np.zeros(0, np.int64)
-    areas = [len(np.unique(block[b:e][start[b:e]])) for b, e in zip(begins, ends)]
+    areas = [len(np.unique(block[b:e][start[b:e]])) for b, e in zip(begins, ends, strict=False)]
     return sizes.astype(np.int64), np.array(areas, np.int64)

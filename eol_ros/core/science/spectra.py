@@ -14,6 +14,8 @@ from scipy import signal, stats
 
 from eol_ros.errors import EolError
 
+Curve = Callable[[np.ndarray, np.ndarray], np.ndarray]  # values and log(f) to log(S)
+
 BINS_PER_DECADE = 8
 PERIODS = 8  # of the lowest frequency in the whole series: below, the taper's own shape is seen
 # The mean of m ordinates under a Hann taper scatters as that of m / 1.944 independent ones: their
@@ -169,7 +171,7 @@ def shapes(found: Spectrum) -> dict[str, Shape]:
     level = float(log_power @ found.weight / found.weight.sum())
     corners = [-0.6 * half, 0.0, 0.6 * half]
     scale, corner, beta = (-np.inf, np.inf), (-half, half), (-1.0, STEEPEST)
-    fits: dict[str, tuple[Callable, list, list]] = {
+    fits: dict[str, tuple[Curve, list[tuple[float, ...]], list[tuple[float, float]]]] = {
         'white': (_power_law, [(level, 0.0)], [scale, (0.0, 0.0)]),
         'power law': (_power_law, [(level, 1.0)], [scale, beta]),
         'Lorentzian': (_lorentzian, [(level, c) for c in corners], [scale, corner]),
@@ -241,7 +243,7 @@ def _deviance(log_power: np.ndarray, log_curve: np.ndarray, weight: np.ndarray) 
 
 
 def _climb(
-    curve: Callable,
+    curve: Curve,
     start: tuple[float, ...],
     bounds: list[tuple[float, float]],
     x: np.ndarray,
@@ -278,25 +280,25 @@ def _climb(
     return values, reached
 
 
-def _power_law(values, x):
+def _power_law(values: np.ndarray, x: np.ndarray) -> np.ndarray:
     return values[0] - values[1] * x
 
 
-def _lorentzian(values, x):
+def _lorentzian(values: np.ndarray, x: np.ndarray) -> np.ndarray:
     return values[0] - np.logaddexp(0, 2 * (x - values[1]))
 
 
-def _knee(values, x):
+def _knee(values: np.ndarray, x: np.ndarray) -> np.ndarray:
     return values[0] - np.logaddexp(0, values[2] * (x - values[1]))
 
 
-def _lorentzian_floor(values, x):
+def _lorentzian_floor(values: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.logaddexp(_lorentzian(values[:2], x), values[2])
 
 
-def _power_law_floor(values, x):
+def _power_law_floor(values: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.logaddexp(_power_law(values[:2], x), values[2])
 
 
-def _power_law_lorentzian(values, x):
+def _power_law_lorentzian(values: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.logaddexp(_power_law(values[:2], x), _lorentzian(values[2:], x))

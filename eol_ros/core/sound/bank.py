@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eol_ros.core.sound.mixer_layout import FOREVER, GUARD, VOICE
 from eol_ros.core.sound.pan import pan
@@ -20,7 +21,14 @@ class Bank:
     `duration` (g,) are in seconds. A grain that reaches beyond its sound is cut at its end.
     """
 
-    def __init__(self, sounds: Sequence[np.ndarray], file, start, duration, sample_rate: float):
+    def __init__(
+        self,
+        sounds: Sequence[np.ndarray],
+        file: ArrayLike,
+        start: ArrayLike,
+        duration: ArrayLike,
+        sample_rate: float,
+    ):
         self.sample_rate = sample_rate
         sizes = [len(s) for s in sounds]
         self._samples = np.zeros(sum(sizes) + GUARD * (len(sizes) + 1), np.float32)

@@ -16,7 +16,7 @@ grain shorter than a frame is one frame, filled up with silence.
 - RMS in dB of full scale; loudness after BS.1770-4, both over the grain's own span.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.fft import irfft, rfft
@@ -74,7 +74,9 @@ def frame_starts(cuts: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     return cuts[owner, 0] + nth * HOP, owner
 
 
-def _batches(samples, cuts, size, progress):
+def _batches(
+    samples: np.ndarray, cuts: np.ndarray, size: int, progress: Callable[[float], None]
+) -> Iterator[tuple[slice, np.ndarray]]:
     """Yield (slice of frames, (k, size) frames); what lies past a grain's end is silence."""
     starts, owner = frame_starts(cuts, size)
     last = max(len(samples) - size, 0)  # frames that begin later reach past the recording
@@ -94,7 +96,9 @@ def _batches(samples, cuts, size, progress):
         progress(part.stop / len(starts))
 
 
-def _spectral(samples, rate, cuts, progress):
+def _spectral(
+    samples: np.ndarray, rate: int, cuts: np.ndarray, progress: Callable[[float], None]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return centroid, flatness, roll-off (NaN where silent) and whether it sounds, per grain."""
     owner = frame_starts(cuts, FRAME)[1]
     rows = np.zeros((3, len(owner)))
@@ -112,11 +116,15 @@ def _spectral(samples, rate, cuts, progress):
         rows[2, part] = hz[np.minimum(within.sum(axis=1), FRAME // 2)]
     count = np.bincount(owner, heard, len(cuts))
     with np.errstate(invalid='ignore'):
-        means = [np.bincount(owner, np.where(heard, row, 0), len(cuts)) / count for row in rows]
-    return *means, count > 0
+        centroid, flatness, rolloff = (
+            np.bincount(owner, np.where(heard, row, 0), len(cuts)) / count for row in rows
+        )
+    return centroid, flatness, rolloff, count > 0
 
 
-def _periodic(samples, rate, cuts, progress):
+def _periodic(
+    samples: np.ndarray, rate: int, cuts: np.ndarray, progress: Callable[[float], None]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return mean periodicity and median pitch (NaN where there is none), per grain."""
     owner = frame_starts(cuts, YIN_FRAME)[1]
     periodicity, pitch = np.zeros(len(owner)), np.zeros(len(owner))
@@ -126,9 +134,9 @@ def _periodic(samples, rate, cuts, progress):
     mean = np.bincount(owner, periodicity, len(cuts)) / np.bincount(owner, minlength=len(cuts))
     median = np.full(len(cuts), np.nan)
     clear = np.nonzero(periodicity > PITCHED)[0]
-    for part in np.split(clear, np.nonzero(np.diff(owner[clear]))[0] + 1):
-        if len(part):
-            median[owner[part[0]]] = np.median(pitch[part])
+    for voiced in np.split(clear, np.nonzero(np.diff(owner[clear]))[0] + 1):
+        if len(voiced):
+            median[owner[voiced[0]]] = np.median(pitch[voiced])
     return mean, median
 
 

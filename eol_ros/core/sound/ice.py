@@ -36,7 +36,7 @@ def ice(seconds: float = 40.0, rate: int = 48000, seed: int = 1) -> np.ndarray:
 KINDS = (0.27, 0.39, 0.14, 0.08, 0.12)  # groan, crack, debris, boom, moan
 
 
-def _rumble(random, n, rate):
+def _rumble(random: np.random.Generator, n: int, rate: int) -> np.ndarray:
     noise = lfilter([1.0], [1.0, -0.9995], random.standard_normal(n))
     noise = _unit(sosfilt(_band(18, 110, rate), noise))
     points = max(4, int(0.4 * n / rate) + 2)  # a slow swell of about 0.2 Hz
@@ -47,7 +47,7 @@ def _rumble(random, n, rate):
     return (0.016 * noise + 0.006 * wind) * np.exp(0.7 * swell)
 
 
-def _groan(random, rate, size):
+def _groan(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
     n = round(random.uniform(0.4, 2.2) * rate)
     train = _train(random, n, rate, random.uniform(45, 260), random.uniform(0.5, 1.9), 0.01, 0.25)
     modes = random.uniform(150, 1400) * np.arange(1, 11) ** 1.3
@@ -55,7 +55,7 @@ def _groan(random, rate, size):
     return 0.03 * size**0.5 * _unit(sound * np.sqrt(np.hanning(n)))
 
 
-def _moan(random, rate, size):
+def _moan(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
     n = round(random.uniform(0.8, 2.5) * rate)
     train = _train(random, n, rate, random.uniform(55, 190), random.uniform(0.7, 1.4), 0.002, 0.05)
     modes = random.uniform(90, 320) * np.arange(1, 5) ** 1.1
@@ -64,7 +64,7 @@ def _moan(random, rate, size):
     return 0.045 * size**0.3 * _unit(sound * np.sqrt(np.hanning(n)))
 
 
-def _crack(random, rate, size):
+def _crack(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
     spread = 0.06 * size**0.5
     count = random.poisson(25 * size) + 3
     delays = np.minimum(random.exponential(spread, count), 8 * spread)
@@ -84,7 +84,7 @@ def _crack(random, rate, size):
     return 0.22 * size**0.4 * _peak(_peak(hits) + 0.6 * _peak(plate))
 
 
-def _debris(random, rate, size):
+def _debris(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
     n = round(random.uniform(0.5, 2.5) * rate)
     count = random.poisson(random.uniform(400, 2500) * n / rate)
     rain = np.zeros(n)
@@ -95,7 +95,7 @@ def _debris(random, rate, size):
     return 0.02 * size**0.5 * _unit(sosfilt(band, rain) * np.hanning(n))
 
 
-def _boom(random, rate, size):
+def _boom(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
     n = round(2.4 * rate)
     strike = np.zeros(n)
     m = round(0.03 * rate)
@@ -104,7 +104,15 @@ def _boom(random, rate, size):
     return 0.35 * size**0.3 * _peak(_ring(random, strike, rate, modes, np.full(5, 1.6)))
 
 
-def _train(random, n, rate, hz, glide, wander, uneven):
+def _train(
+    random: np.random.Generator,
+    n: int,
+    rate: int,
+    hz: float,
+    glide: float,
+    wander: float,
+    uneven: float,
+) -> np.ndarray:
     """Impulses whose pitch glides from `hz` by the factor `glide`, with a random walk."""
     out = np.zeros(n)
     at, walk = 0.0, 0.0
@@ -115,10 +123,18 @@ def _train(random, n, rate, hz, glide, wander, uneven):
     return out
 
 
-def _ring(random, sound, rate, modes_hz, t60_s):
+def _ring(
+    random: np.random.Generator,
+    sound: np.ndarray,
+    rate: int,
+    modes_hz: np.ndarray,
+    t60_s: np.ndarray,
+) -> np.ndarray:
     """Drive a bank of damped resonators, each of unit peak gain at the start of its ringing."""
     out = np.zeros(len(sound))
-    for k, (hz, t60) in enumerate(zip(modes_hz * random.normal(1, 0.01, len(modes_hz)), t60_s)):
+    for k, (hz, t60) in enumerate(
+        zip(modes_hz * random.normal(1, 0.01, len(modes_hz)), t60_s, strict=True)
+    ):
         if 15 < hz < 0.45 * rate:
             radius = 10 ** (-3 / (t60 * rate))
             angle = 2 * np.pi * hz / rate
@@ -128,16 +144,16 @@ def _ring(random, sound, rate, modes_hz, t60_s):
     return out
 
 
-def _band(low_hz, high_hz, rate):
+def _band(low_hz: float, high_hz: float, rate: int) -> np.ndarray:
     high = min(high_hz, 0.45 * rate)
     return butter(
         2, [min(low_hz, 0.5 * high) / (rate / 2), high / (rate / 2)], 'band', output='sos'
     )
 
 
-def _unit(sound):
+def _unit(sound: np.ndarray) -> np.ndarray:
     return sound / max(float(np.std(sound)), 1e-12)
 
 
-def _peak(sound):
+def _peak(sound: np.ndarray) -> np.ndarray:
     return sound / max(float(np.abs(sound).max()), 1e-12)

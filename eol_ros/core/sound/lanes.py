@@ -177,7 +177,7 @@ def _around(typing_context, address, place, step) -> Any:
             at = builder.gep(begin, [builder.lshr(place, _ir.Constant(_I64, 32))])
             rows.append(builder.load(builder.bitcast(at, _FOUR.as_pointer()), align=4))
             place = builder.add(place, step)
-        halves = zip(_transposed(builder, rows[:8]), _transposed(builder, rows[8:]))
+        halves = zip(_transposed(builder, rows[:8]), _transposed(builder, rows[8:]), strict=True)
         columns = [_shuffle(builder, a, b, range(16)) for a, b in halves]
         return context.make_tuple(builder, sig.return_type, columns)
 

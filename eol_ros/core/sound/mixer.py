@@ -264,7 +264,13 @@ class Mixer:
         """Frames by which the limiter delays; triggers start that much earlier to be in time."""
         return int(self.state['look_ahead'][0])
 
-    def set(self, cubic=None, gain_db=None, loudness_lufs=None, governor_db=None) -> None:
+    def set(
+        self,
+        cubic: bool | None = None,
+        gain_db: float | None = None,
+        loudness_lufs: float | None = None,
+        governor_db: float | None = None,
+    ) -> None:
         """Change what may change while it sounds; the gain glides."""
         s = self.state
         if cubic is not None:

@@ -13,7 +13,9 @@ from eol_ros.core.sound.mixer_layout import RING
 FEED = RING // 16  # what the mixer takes in one call
 
 
-def play(mixer: Mixer, rows: np.ndarray, frames: int, block_size: int = 512) -> Iterator:
+def play(
+    mixer: Mixer, rows: np.ndarray, frames: int, block_size: int = 512
+) -> Iterator[np.ndarray]:
     """Yield `frames` frames in blocks (block_size, channels) f4; the last may be shorter.
 
     `rows` (n,) VOICE count their time from the first frame; one at t sounds from frame

@@ -19,6 +19,7 @@ grain.
 from collections import deque
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.corpus import Corpus, table_bounds
@@ -114,7 +115,9 @@ class Selector:
         pick = self._bow if self.settings.mode == 'bow' else self._fence
         return self._triggers(time_s, pick(time_s, rows, far, reached))
 
-    def _follow(self, time_s, at, seen, sigma_m) -> np.ndarray:
+    def _follow(
+        self, time_s: float, at: np.ndarray, seen: np.ndarray, sigma_m: np.ndarray
+    ) -> np.ndarray:
         """Update speed and motion of every block; return which came to rest."""
         s = self.settings
         dt = time_s - self._seen_s
@@ -158,13 +161,15 @@ class Selector:
             near &= among
         return near
 
-    def _fence(self, time_s, rows, far, reached):
+    def _fence(
+        self, time_s: float, rows: np.ndarray, far: np.ndarray, reached: np.ndarray
+    ) -> list[tuple[int, int]]:
         """Return (distance, block, grain column) of every grain that is newly touched."""
         self._armed[rows] |= far > self._leave_m
         row, column = np.nonzero(reached & self._armed[rows])
         order = np.lexsort((column, rows[row], far[row, column]))
         found = []
-        for i, j in zip(row[order].tolist(), column[order].tolist()):
+        for i, j in zip(row[order].tolist(), column[order].tolist(), strict=True):
             block = int(rows[i])
             if time_s - self._sounded_s[j] < self.settings.refractory_s:
                 continue
@@ -174,7 +179,9 @@ class Selector:
                 found.append((block, j))
         return found
 
-    def _bow(self, time_s, rows, far, reached):
+    def _bow(
+        self, time_s: float, rows: np.ndarray, far: np.ndarray, reached: np.ndarray
+    ) -> list[tuple[int, int]]:
         """Return (block, grain column) of every moving block whose time has come."""
         s = self.settings
         ready = time_s - self._sounded_s >= s.refractory_s
@@ -228,7 +235,9 @@ class Selector:
         return out
 
 
-def chance(seed: int, time_s: float, block, grain, salt) -> np.ndarray:
+def chance(
+    seed: int, time_s: float, block: ArrayLike, grain: ArrayLike, salt: ArrayLike
+) -> np.ndarray:
     """Return numbers 0 <= u < 1 that depend on nothing but the arguments (broadcast together).
 
     splitmix64 (Steele, Lea, Flood 2014, "Fast splittable pseudorandom number generators", fig. 19).

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.clock_sync import ClockSync, HostTime
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.board.ports import find_port
 from eol_ros.errors import DeviceMissing
@@ -78,7 +79,7 @@ class Board:
         self._lock = threading.Lock()
         self._fd: int | None = None
         self._sequence = 0
-        self._white = bytes(protocol.N_BLOCKS)
+        self._white = bytes(N_BLOCKS)
         self._infrared = protocol.ALL_BLOCKS
         self._asked: dict[int, float] = {}
         self._stop = threading.Event()
@@ -90,7 +91,7 @@ class Board:
 
     def close(self) -> None:
         """Let the lights go dark and close the port."""
-        self.show(bytes(protocol.N_BLOCKS), 0)
+        self.show(bytes(N_BLOCKS), 0)
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(timeout=2.0)
@@ -232,7 +233,7 @@ class Board:
                 self.round_trip_ms.append((now - asked) * 1e3)
                 self._asked = {k: t for k, t in self._asked.items() if now - t < 10}
             self.reported_bad = message.bad
-        elif isinstance(message, protocol.Tap) and message.block < protocol.N_BLOCKS:
+        elif isinstance(message, protocol.Tap) and message.block < N_BLOCKS:
             self.taps += 1
             time_ = HostTime(now, UNSYNCED_SIGMA_S)
             if self.sync.ready:

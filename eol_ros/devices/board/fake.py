@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from eol_ros.core import serial_protocol as protocol
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.errors import UsageError
 
 DARK_AFTER_S = 2.0  # without a packet from the host
@@ -66,7 +67,7 @@ class FakeBoard:
         self.port = ''
         self._on_arrival = on_arrival
         self._rate, self._clock_us, self._boot = rate, clock_us, time.monotonic()
-        self._white = [0.0] * protocol.N_BLOCKS
+        self._white = [0.0] * N_BLOCKS
         self._fading: dict[int, tuple[float, float]] = {}  # block: since, time constant
         self._heard = self._boot
         self._muted, self._spoil = False, ''
@@ -115,7 +116,7 @@ class FakeBoard:
         """Return the level 0..255 of each white LED now, 25 of them."""
         now = time.monotonic()
         if now - self._heard > DARK_AFTER_S:
-            return [0] * protocol.N_BLOCKS
+            return [0] * N_BLOCKS
         shown = list(self._white)
         for block, (since, decay_s) in list(self._fading.items()):
             shown[block] *= math.exp(-(now - since) / decay_s)
@@ -133,7 +134,7 @@ class FakeBoard:
             self._unplug()
         elif what == 'reboot':
             self._boot, self._clock_us, self._sequence = time.monotonic(), 0, 0
-            self._white = [0.0] * protocol.N_BLOCKS
+            self._white = [0.0] * N_BLOCKS
             self._decoder = protocol.Decoder()
         else:
             raise UsageError(f'fault {what!r} is not known; there are {", ".join(FAULTS)}')
@@ -196,12 +197,12 @@ class FakeBoard:
         if isinstance(message, protocol.Hello):
             if message.version == self.version:
                 name = self.name.encode('ascii')[:16]
-                self._send(protocol.Welcome(self.version, protocol.N_BLOCKS, name))
+                self._send(protocol.Welcome(self.version, N_BLOCKS, name))
             else:
                 self._send(protocol.Refused(self.version, message.version))
         elif isinstance(message, protocol.Levels):
             self._white, self._fading = [float(level) for level in message.white], {}
-        elif isinstance(message, protocol.Flash) and message.block < protocol.N_BLOCKS:
+        elif isinstance(message, protocol.Flash) and message.block < N_BLOCKS:
             self._white[message.block] = float(message.peak)
             self._fading[message.block] = (self._heard, max(message.decay_ms, 1) * 1e-3)
         elif isinstance(message, protocol.Infrared):
@@ -271,7 +272,7 @@ def main(argv: list[str] | None = None) -> int:
                 while script and script[0][0] <= now:
                     board.fault(script.pop(0)[1])
                 if args.taps and now * args.taps > knocks:
-                    board.tap(knocks * 7 % protocol.N_BLOCKS, 5.0)
+                    board.tap(knocks * 7 % N_BLOCKS, 5.0)
                     knocks += 1
                 time.sleep(0.01)
         except KeyboardInterrupt:

@@ -34,7 +34,7 @@ class FeltBlocks:
     def __init__(self, settings: TwinSettings):
         self.sensors = Accelerometers(settings)
         self.detectors = [Detector() for _ in range(N_BLOCKS)]
-        for detector, samples in zip(self.detectors, self.sensors.at_rest(LEARNT)):
+        for detector, samples in zip(self.detectors, self.sensors.at_rest(LEARNT), strict=True):
             detector.feed(samples)
         self._awake = np.zeros(N_BLOCKS, bool)  # has felt something, and is not at rest since
         self._moved_s = np.zeros(N_BLOCKS)  # when it was last not at rest

@@ -171,7 +171,7 @@ def _stack(path: Path, moments: Moments) -> ImageSource:
     moments.check(len(stack), str(path))
 
     def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
-        for time_s, image in zip(moments.read(DEFAULT_FPS), stack):
+        for time_s, image in zip(moments.read(DEFAULT_FPS), stack, strict=False):
             yield time_s, np.ascontiguousarray(image)
 
     return ImageSource(str(path), moments.fps or DEFAULT_FPS, len(stack), images)
@@ -189,7 +189,7 @@ def _folder(folder: Path, moments: Moments) -> ImageSource:
     moments.check(len(files), str(folder))
 
     def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
-        for time_s, file in zip(moments.read(DEFAULT_FPS), files):
+        for time_s, file in zip(moments.read(DEFAULT_FPS), files, strict=False):
             image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
             if image is None:
                 source.notes.append(f'{file}: not a picture that can be read; left out')

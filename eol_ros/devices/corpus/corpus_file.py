@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros import folders
-from eol_ros.core.sound.corpus import AXES, COLUMNS, DESCRIPTORS, GRAIN, Corpus, Source
+from eol_ros.core.sound.corpus import AXES, COLUMNS, GRAIN, Corpus, Source
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
-from eol_ros.settings import GrainsSettings
+from eol_ros.settings import DESCRIPTORS, GrainsSettings
 
 VERSION = 1  # of the JSON
 ICE_RECIPE = 1  # counts up whenever the same seed gives another ice recording
@@ -197,7 +197,7 @@ def load(path: Path, trusted: bool = False) -> Corpus:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ConfigError(f'{path}: a file or grain is not as it should be ({error!r})') from None
     _check(path, sources, grains)
-    names = [data.get(key, axis) for key, axis in zip(('x_name', 'y_name'), AXES)]
+    names = [data.get(key, axis) for key, axis in zip(('x_name', 'y_name'), AXES, strict=True)]
     for name in names:
         if name not in DESCRIPTORS:
             raise ConfigError(

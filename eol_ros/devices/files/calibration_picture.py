@@ -24,18 +24,20 @@ def draw(solution: Solution, image: np.ndarray | None) -> np.ndarray:
     grey = np.zeros(size, np.uint8) if image is None else (image * 0.6).astype(np.uint8)
     picture = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
     t = np.linspace(0, 1, 30)[:, None]
-    for a, b in zip(PLATFORM_CORNERS, np.roll(PLATFORM_CORNERS, -1, axis=0)):
+    for a, b in zip(PLATFORM_CORNERS, np.roll(PLATFORM_CORNERS, -1, axis=0), strict=True):
         _line(picture, calibration.to_pixels(a + t * (b - a)), _GRID)
     half = BLOCK_SIDE_M / 2
     for place in rest_lattice():
         ring = place + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * half
         _line(picture, calibration.to_pixels(ring), _GRID)
-    for point, rest in zip(solution.px, solution.rest_px):
+    for point, rest in zip(solution.px, solution.rest_px, strict=True):
         start = tuple(np.rint(16 * point).astype(int).tolist())
         end = tuple(np.rint(16 * (point + ARROW * rest)).astype(int).tolist())
         cv2.circle(picture, start, 32, _POINT, -1, cv2.LINE_AA, 4)
         cv2.line(picture, start, end, _REST, 1, cv2.LINE_AA, 4)
-    for place, sigma in zip(calibration.to_pixels(PLATFORM_CORNERS * 0.94), solution.corner_mm):
+    for place, sigma in zip(
+        calibration.to_pixels(PLATFORM_CORNERS * 0.94), solution.corner_mm, strict=True
+    ):
         if np.isfinite(sigma):
             _write(picture, place - [40, 0], f'+-{sigma:.2f} mm')
     refusal = solution.refusal()

@@ -17,7 +17,10 @@ LAG = 40 * MS
 def shown(slips, delays, ticks, lag=LAG, decay_s=0.05):
     """Levels in order: slips (stamp, block) known `delays` later, frames asked for at `ticks`."""
     frames = Frames(FlashField(decay_s), 100.0)
-    events = [(stamp + delay, 0, n) for n, ((stamp, _), delay) in enumerate(zip(slips, delays))]
+    events = [
+        (stamp + delay, 0, n)
+        for n, ((stamp, _), delay) in enumerate(zip(slips, delays, strict=True))
+    ]
     events += [(tick, 1, 0) for tick in ticks]
     levels = []
     for now, tick, n in sorted(events):

@@ -46,7 +46,7 @@ def test_looking_leaves_the_table_as_it_is():
     tables = [LiveTable(4, samples) for samples in (0, 7, 64)]
     visitors, rims = [Visitors(4) for _ in tables], [Rim() for _ in tables]
     for i in range(300):
-        for table, hands, rim in zip(tables, visitors, rims):
+        for table, hands, rim in zip(tables, visitors, rims, strict=True):
             end_s = (i + 1) * IMAGE_S
             rim.advance(IMAGE_S, hands.velocity(end_s, rim.pose), np.zeros(3))
             table.advance(i * IMAGE_S, end_s, rim.pose, rim.velocity)
@@ -64,7 +64,7 @@ def test_same_seed_same_samples():
     )
     assert len(one) > 50
     assert [s.first_s for s in one] == [s.first_s for s in two]
-    assert all(np.array_equal(a.xy, b.xy) for a, b in zip(one, two))
+    assert all(np.array_equal(a.xy, b.xy) for a, b in zip(one, two, strict=True))
     assert not np.array_equal(one[0].xy, other[0].xy)
 
 

@@ -69,9 +69,9 @@ def test_single_block_against_fifty_digits():
         expected.append(t)
     run = solve(builders.single(PULL, float(expected[-1]) + 0.1))
     assert len(run.event_t) == len(expected) >= 20
-    assert [float(abs(mp.mpf(float(a)) - b)) for a, b in zip(run.event_t, expected)] == (
-        pytest.approx([0.0] * len(expected), abs=2e-14)
-    )
+    assert [
+        float(abs(mp.mpf(float(a)) - b)) for a, b in zip(run.event_t, expected, strict=True)
+    ] == (pytest.approx([0.0] * len(expected), abs=2e-14))
     assert run.u[-1, 0, 0] == pytest.approx(float(place), abs=1e-15)
 
 
@@ -138,7 +138,10 @@ def test_no_friction_keeps_its_energy_for_ever():
     scene = from_mapping(builders.table(NONE, 1e8, mu_s=0.0, mu_k=0.0, u0=offsets))
     run = simulate(scene, sample_s=1e6)
     model = Model.of(scene)
-    energy = [model.elastic_energy(u, 0) + model.kinetic_energy(v) for u, v in zip(run.u, run.v)]
+    energy = [
+        model.elastic_energy(u, 0) + model.kinetic_energy(v)
+        for u, v in zip(run.u, run.v, strict=True)
+    ]
     assert run.path == 'modal'
     assert np.abs(np.array(energy) / energy[0] - 1).max() <= 1e-14
 
@@ -176,7 +179,7 @@ def oracle_1d(scene):
     model = Model.of(scene)
     n, speed = model.n, model.par[0]
     stiff, pull = np.zeros((n, n)), np.zeros(n)
-    for i, j, k in zip(model.first, model.second, model.k):
+    for i, j, k in zip(model.first, model.second, model.k, strict=True):
         stiff[i, i] += k
         if j < n:
             stiff[j, j] += k
@@ -254,7 +257,9 @@ def test_exact_path_against_independent_modes(name, seconds):
     scene = from_mapping(presets.scene(name) | {'T': seconds})
     events = oracle_1d(scene)
     run = simulate(scene)
-    assert [(b, s) for _, b, s in events] == list(zip(run.event_block, run.event_start))
+    assert [(b, s) for _, b, s in events] == list(
+        zip(run.event_block, run.event_start, strict=True)
+    )
     assert run.event_t == pytest.approx([t for t, _, _ in events], abs=1e-10)
 
 
@@ -303,7 +308,7 @@ def test_event_path_against_scipy(name, seconds):
     u, v, t = scene.u0.copy(), np.zeros((scene.n, 2)), 0.0
     on = np.zeros(scene.n, bool)
     assert len(run.event_t) >= 6
-    for when, block, start in zip(run.event_t, run.event_block, run.event_start):
+    for when, block, start in zip(run.event_t, run.event_block, run.event_start, strict=True):
         if on.any() and when > t:
             direction = {i: model.force(u, t)[i] for i in np.flatnonzero(on)}
 

@@ -140,8 +140,8 @@ def test_springs_at_the_centre_turn_nothing():
     assert not np.any(turning.yaw)
     assert plain.yaw is None
     assert np.abs(turning.u - plain.u).max() < 1e-9
-    assert sorted(zip(turning.event_block, turning.event_start)) == sorted(
-        zip(plain.event_block, plain.event_start)
+    assert sorted(zip(turning.event_block, turning.event_start, strict=True)) == sorted(
+        zip(plain.event_block, plain.event_start, strict=True)
     )
 
 

@@ -34,7 +34,7 @@ def test_smooths_the_lateness_of_callbacks(block):
     mixer = Mixer(FS)
     s = mixer.state[0]
     errors, rates = [], []
-    for now, true in zip(seen, begun):
+    for now, true in zip(seen, begun, strict=True):
         step_clock(s, now)
         errors.append((time_of(s, s['frame']) - true) * FS)
         s['frame'] += block

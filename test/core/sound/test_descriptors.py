@@ -84,7 +84,7 @@ def test_frames_lie_inside_their_grain():
     cuts = np.array([[0, 1000], [1000, 4000], [4000, 6048], [6048, 8097]])
     starts, owner = frame_starts(cuts, 2048)
     assert owner.tolist() == [0, 1, 1, 1, 1, 2, 3]
-    for start, grain in zip(starts[1:], owner[1:]):
+    for start, grain in zip(starts[1:], owner[1:], strict=True):
         assert cuts[grain, 0] <= start and start + 2048 <= cuts[grain, 1]
     assert np.diff(starts[1:5]).tolist() == [HOP] * 3
 
@@ -122,7 +122,7 @@ def test_yin_by_transform_is_yin_by_sum(rate):
     frames[3] = np.sign(tone(250, 44100)[:YIN_FRAME]) + 0.3 * frames[3]
     periodicity, lag = yin(frames, rate)
     for found, at, (expected, expected_at) in zip(
-        periodicity, lag, [naive_yin(frame, rate) for frame in frames]
+        periodicity, lag, [naive_yin(frame, rate) for frame in frames], strict=True
     ):
         assert found == pytest.approx(expected, abs=1e-9)
         assert expected_at is None or at == pytest.approx(expected_at, abs=1e-6)
@@ -135,7 +135,7 @@ HIGH_PASS = (1.0, -2.0, 1.0, -1.99004745483398, 0.99007225036621)
 
 def test_k_weighting_is_the_printed_one():
     sections = k_weighting(48000)
-    for section, printed in zip(sections, (SHELF, HIGH_PASS)):
+    for section, printed in zip(sections, (SHELF, HIGH_PASS), strict=True):
         np.testing.assert_allclose(np.delete(section, 3), printed, rtol=1e-8)
 
 
@@ -176,7 +176,7 @@ def test_spectrum_of_real_recordings_as_librosa_has_it(recording):
     librosa = pytest.importorskip('librosa', reason='oracle: pip install librosa')
     samples, rate, cuts, grains, silent = recording
     frame = {'n_fft': 1024, 'hop_length': 256, 'center': False}
-    for (a, b), grain in zip(cuts[~silent], grains[~silent]):
+    for (a, b), grain in zip(cuts[~silent], grains[~silent], strict=True):
         part = samples[a:b]
         magnitude = np.abs(librosa.stft(part, **frame))
         if (magnitude.sum(axis=0) < 1e-10).any():
@@ -198,7 +198,7 @@ def test_periodicity_of_real_recordings_as_essentia_has_it(recording):
         frameSize=YIN_FRAME, sampleRate=rate, minFrequency=40, maxFrequency=4000, tolerance=0.15
     )
     theirs, ours = [], []
-    for (a, b), grain in list(zip(cuts[~silent], grains[~silent]))[:8]:
+    for (a, b), grain in list(zip(cuts[~silent], grains[~silent], strict=True))[:8]:
         part = samples[a:b]
         frames = [part[i : i + YIN_FRAME].copy() for i in range(0, len(part) - YIN_FRAME + 1, HOP)]
         if frames:
@@ -219,7 +219,7 @@ def test_levels_of_a_long_recording_are_those_of_its_pieces():
     cuts = np.array([[0, 1000], [(1 << 20) - 30_000, (1 << 20) + 30_000], [n - 5000, n]])
     grains, _ = analyse(samples, 48000, cuts)
     weighted = sosfilt(k_weighting(48000), samples.astype(float))
-    for (a, b), grain in zip(cuts, grains):
+    for (a, b), grain in zip(cuts, grains, strict=True):
         assert grain['rms_db'] == pytest.approx(
             10 * np.log10((samples[a:b].astype(float) ** 2).mean()), abs=1e-6
         )

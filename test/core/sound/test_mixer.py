@@ -23,7 +23,7 @@ def noise_bank(seed=1, grains=40, seconds=2.0):
     first = rng.integers(0, int((seconds - 0.3) * FS), grains)
     size = rng.integers(int(0.05 * FS), int(0.3 * FS), grains)
     bank = Bank(sounds, file, first / FS, size / FS, FS)
-    return bank, sounds, list(zip(file, first, size))
+    return bank, sounds, list(zip(file, first, size, strict=True))
 
 
 def quiet(**options):

@@ -140,11 +140,11 @@ def compare(seed, images, n_grains):
     seen = random.random((images, 25)) < random.choice([1.0, 0.8])
     sigma = random.choice([0.0, 2e-5, 1e-3], 25)
     count = 0
-    for t, at, there in zip(stamps, xy, seen):
+    for t, at, there in zip(stamps, xy, seen, strict=True):
         x, y = at.T
         found = selector.update(float(t), x, y, there, sigma)
         expected = oracle.image(float(t), x.tolist(), y.tolist(), there.tolist(), sigma.tolist())
-        got = list(zip(found['block'].tolist(), found['grain'].tolist()))
+        got = list(zip(found['block'].tolist(), found['grain'].tolist(), strict=True))
         assert got == expected, (seed, settings, t)
         count += len(got)
     return count

@@ -157,7 +157,7 @@ def test_the_same_images_give_the_same_numbers():
         images.append(renderer.render(*xy.T, yaw * 0.2, 9 * k).copy())
     first, second = BlobFinder(), BlobFinder()
     answers = [first.find(i) for i in images]
-    assert all(np.array_equal(a, second.find(i)) for a, i in zip(answers, images))
+    assert all(np.array_equal(a, second.find(i)) for a, i in zip(answers, images, strict=True))
 
 
 @pytest.mark.parametrize(

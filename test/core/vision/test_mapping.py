@@ -32,7 +32,7 @@ def test_a_square_is_expected_at_the_angle_of_its_picture(calibration):
     ahead = np.zeros((25, 4))
     still, contrast = np.zeros((25, 2)), np.ones(25)
     mapping.expected(calibration.packed(), xy, still, yaw, contrast, 0.0, ahead)
-    for place, turn, theta in zip(xy, yaw, ahead[:, 2]):
+    for place, turn, theta in zip(xy, yaw, ahead[:, 2], strict=True):
         corner = turn + np.arange(5) * np.pi / 2
         ring = place + 0.004 * np.column_stack([np.cos(corner), np.sin(corner)])
         du, dv = np.diff(calibration.to_pixels(ring), axis=0).T

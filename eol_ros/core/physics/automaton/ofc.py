@@ -283,7 +283,7 @@ class LongLattice:
         changed = set(layer)
         for j in layer:
             value[j] = -self._drive
-        for j, v in zip(layer, full):
+        for j, v in zip(layer, full, strict=True):
             gift = v // self.alpha.denominator * self.alpha.numerator
             for to in self._next_to[j]:
                 value[to] += gift

@@ -40,7 +40,7 @@ class Abreast(NamedTuple):
     inverse_mass: np.ndarray  # (b,)
 
 
-def _wide(count):
+def _wide(count: int) -> int:
     return -(-count // WIDTH) * WIDTH
 
 

@@ -67,7 +67,7 @@ class Sweep(NamedTuple):
     friction: np.ndarray  # (2 b,) mu_k g
     change: np.ndarray  # (2 b,)
     path: np.ndarray  # (b,) m: way along the motion
-    nodes: tuple  # of one panel: six arrays (NODES,)
+    nodes: tuple[np.ndarray, ...]  # of one panel: six arrays (NODES,)
 
 
 @functools.cache

@@ -9,7 +9,8 @@ import numpy as np
 
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run
-from eol_ros.core.physics.rotation.solver import Turn, books_of, start_of, turn_of
+from eol_ros.core.physics.rotation.solver import books_of, start_of, turn_of
+from eol_ros.core.physics.rotation.taylor import Turn
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT, WORDS
 
@@ -96,7 +97,9 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
             status, log = EVENT_LIMIT, log[: limits.events]
             break
     done = slice(0, reached + 1)
-    when, block, start = (np.array(column) for column in zip(*log)) if log else (np.empty(0),) * 3
+    when, block, start = (
+        (np.array(column) for column in zip(*log, strict=True)) if log else (np.empty(0),) * 3
+    )
     run = Run(
         'stepping',
         WORDS[status],

@@ -133,16 +133,33 @@ class Accelerometers:
         self._pass(begin_s, end_s, active, when, mode, size)
         return self._sample(begin_s, end_s, trace, active, when, mode, size) if active.any() else []
 
-    def _pass(self, begin_s, end_s, active, when, mode, size) -> None:
+    def _pass(
+        self,
+        begin_s: float,
+        end_s: float,
+        active: np.ndarray,
+        when: np.ndarray,
+        mode: np.ndarray,
+        size: np.ndarray,
+    ) -> None:
         """Let the time pass for those that are not sampled."""
         idle = ~active
         self._last_v[idle] = 0.0
         if self._ringing:
             self._rings[idle] *= np.exp(self._rates * (end_s - begin_s))[:, None]
-            for t, m, one in zip(when, mode, size):
+            for t, m, one in zip(when, mode, size, strict=True):
                 self._rings[idle, m] += one[idle] * np.exp(self._rates[m] * (end_s - begin_s - t))
 
-    def _sample(self, begin_s, end_s, trace, active, when, mode, size) -> list[Samples]:
+    def _sample(
+        self,
+        begin_s: float,
+        end_s: float,
+        trace: Trace | None,
+        active: np.ndarray,
+        when: np.ndarray,
+        mode: np.ndarray,
+        size: np.ndarray,
+    ) -> list[Samples]:
         s = self._settings
         blocks = np.flatnonzero(active)
         # those that were passed over have gone on looking meanwhile
@@ -185,12 +202,16 @@ class Accelerometers:
                 self.woken[b] = False
         return found
 
-    def _knocks(self, begin_s, end_s, trace, rim_moves):
+    def _knocks(
+        self, begin_s: float, end_s: float, trace: Trace | None, rim_moves: bool
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return when after `begin_s`, in which mode and how hard (25, 2), m/s^2, all is struck."""
         s, random = self._settings, self._random
         found = []
         if trace is not None and len(trace.event_t):
-            for t, block, start in zip(trace.event_t, trace.event_block, trace.event_start):
+            for t, block, start in zip(
+                trace.event_t, trace.event_block, trace.event_start, strict=True
+            ):
                 jump = _jump(trace, float(t), int(block), bool(start))
                 size = np.tile(-self._by_platform * jump, (N_BLOCKS, 1))
                 size[self._beside[block]] += self._by_spring * jump

@@ -66,7 +66,7 @@ def sheet(board: Board, paper: str = 'auto') -> Sheet:
         if (row, column) not in marked
     ]
     white = []
-    for (x, y), number in zip(corners, made.getIds().ravel()):
+    for (x, y), number in zip(corners, np.ravel(made.getIds()), strict=True):
         black.append((x, y, marker, marker))
         white += _light(made.getDictionary(), int(number), x, y, marker)
     shift = [left, top, 0, 0]
@@ -125,11 +125,14 @@ def _size(paper: str) -> tuple[float, float]:
     return size
 
 
-def _light(dictionary, number: int, x: float, y: float, side: float) -> list[tuple]:
+def _light(
+    dictionary: cv2.aruco.Dictionary, number: int, x: float, y: float, side: float
+) -> list[tuple[float, ...]]:
     """Return the white parts of a marker, row by row."""
     cells = dictionary.markerSize + 2
     bits = cv2.aruco.generateImageMarker(dictionary, number, cells) > 0
-    step, found = side / cells, []
+    step = side / cells
+    found: list[tuple[float, ...]] = []
     for row in range(cells):
         edges = np.flatnonzero(np.diff(np.r_[0, bits[row], 0]))
         for begin, end in edges.reshape(-1, 2):

@@ -5,11 +5,12 @@ Each way ends in a `Solution`: the calibration, what it could not explain, and h
 at the platform's corners. A poor one is refused, with the reason.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from eol_ros.core.geometry import (
     BLOCK_SIDE_M,
@@ -188,12 +189,12 @@ def from_blocks(
     n_lens = 2 if lens else 0
     frozen = start.distortion_coefficients
 
-    def camera(x) -> Calibration:
+    def camera(x: np.ndarray) -> Calibration:
         h = np.append(x[:8] * scale, 1.0).reshape(3, 3)
         k = np.array([*x[8 : 8 + n_lens], *frozen[n_lens:]]) if lens else frozen
         return replace(start, homography=h, distortion_coefficients=k)
 
-    def rests(x):
+    def rests(x: np.ndarray) -> np.ndarray:
         pose = x[8 + n_lens :].reshape(-1, 3)
         seen = camera(x).to_pixels(_cover_corners(pose).reshape(-1, 2)).reshape(-1, 4, 2)
         return np.concatenate(
@@ -250,7 +251,7 @@ def from_points(
         raise ConfigError('no camera can see these points so: check their order')
     scale = np.abs(first.ravel()[:8]) + 1e-6 * np.abs(first).max()
 
-    def camera(x) -> Calibration:
+    def camera(x: np.ndarray) -> Calibration:
         return replace(start, homography=np.append(x * scale, 1.0).reshape(3, 3))
 
     done = least_squares(
@@ -300,7 +301,9 @@ def _cover_corners(poses: np.ndarray) -> np.ndarray:
     return np.stack([poses[:, :1] + c * x - s * y, poses[:, 1:2] + s * x + c * y], axis=-1)
 
 
-def _corner_sigma(done, camera, n_camera: int) -> np.ndarray:
+def _corner_sigma(
+    done: OptimizeResult, camera: Callable[[np.ndarray], Calibration], n_camera: int
+) -> np.ndarray:
     """Return the standard deviation in mm (4,) at the platform's corners, from the Jacobian."""
     freedom = max(len(done.fun) - len(done.x), 1)
     variance = 2 * done.cost / freedom
@@ -317,7 +320,15 @@ def _corner_sigma(done, camera, n_camera: int) -> np.ndarray:
     return 1e3 * np.sqrt(np.diag(spread).reshape(4, 2).sum(axis=1))
 
 
-def _solution(calibration, px, left, names, corner_mm, cover_height_m, freedom) -> Solution:
+def _solution(
+    calibration: Calibration,
+    px: np.ndarray,
+    left: np.ndarray,
+    names: list[str],
+    corner_mm: np.ndarray,
+    cover_height_m: float,
+    freedom: float,
+) -> Solution:
     rms = float(np.sqrt((left**2).mean() / freedom)) if freedom > 0 else 0.0
     done = replace(
         calibration,

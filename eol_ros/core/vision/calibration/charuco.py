@@ -26,7 +26,7 @@ class Board:
     y_m: float = 0.0
     thickness_m: float = 0.0
 
-    def made(self):
+    def made(self) -> cv2.aruco.CharucoBoard:
         """Return the OpenCV board.
 
         Raises:
@@ -89,7 +89,7 @@ def from_board(
         raise ConfigError(f'pictures of different sizes: {sorted(shapes)}')
     height, width = images[0].shape
     made = board.made()
-    grid = made.getChessboardCorners()[:, :2].astype(float)
+    grid = np.asarray(made.getChessboardCorners(), float)[:, :2]
     views = []
     for number, image in enumerate(images):
         px, ids = find(image, board, mirror)

@@ -13,6 +13,7 @@ metres comes out as on the table.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eol_ros.errors import ConfigError
 
@@ -50,7 +51,7 @@ class Calibration:
     residual_mm: float = 0.0
     _inverse: np.ndarray = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, shape in (
             ('camera_matrix', (3, 3)),
             ('homography', (3, 3)),
@@ -120,7 +121,7 @@ class Calibration:
                 'the calibration of this camera, or set the camera to that size'
             )
 
-    def undistort(self, px) -> np.ndarray:
+    def undistort(self, px: ArrayLike) -> np.ndarray:
         """Return undistorted pixels, (n, 2), of distorted pixels (n, 2)."""
         px = np.asarray(px, float).reshape(-1, 2)
         if not self.distortion_coefficients.any() or not len(px):
@@ -137,7 +138,7 @@ class Calibration:
             criteria=rounds,
         )[:, 0]
 
-    def distort(self, px) -> np.ndarray:
+    def distort(self, px: ArrayLike) -> np.ndarray:
         """Return distorted pixels, (n, 2), of undistorted pixels (n, 2)."""
         px = np.asarray(px, float).reshape(-1, 2)
         k1, k2, p1, p2, k3 = self.distortion_coefficients
@@ -158,15 +159,15 @@ class Calibration:
             axis=1,
         )
 
-    def to_table(self, px) -> np.ndarray:
+    def to_table(self, px: ArrayLike) -> np.ndarray:
         """Return table metres, (n, 2), of image pixels (n, 2); NaN stays NaN."""
         return project(self._inverse, self.undistort(px))
 
-    def to_pixels(self, xy) -> np.ndarray:
+    def to_pixels(self, xy: ArrayLike) -> np.ndarray:
         """Return image pixels, (n, 2), of table metres (n, 2)."""
         return self.distort(project(self.homography, np.asarray(xy, float).reshape(-1, 2)))
 
-    def yaw_to_table(self, px, theta) -> np.ndarray:
+    def yaw_to_table(self, px: ArrayLike, theta: ArrayLike) -> np.ndarray:
         """Return yaw (n,) in table axes of squares at `px` (n, 2) with image angle `theta` (n,).
 
         Both axes of the square are carried over, because tilt shears it; theta is counter-clockwise
@@ -174,13 +175,13 @@ class Calibration:
         """
         return self.poses_to_table(px, theta, 20.0)[:, 2]
 
-    def yaw_to_image(self, px, yaw) -> np.ndarray:
+    def yaw_to_image(self, px: ArrayLike, yaw: ArrayLike) -> np.ndarray:
         """Return the image angle (n,) of squares at `px` (n, 2) with `yaw` (n,) on the table."""
         kept, _ = self._derivatives(px)
         yaw = np.asarray(yaw, float)
         return np.angle(kept) + (-yaw if self.mirrored else yaw)
 
-    def poses_to_table(self, px, theta, side_px) -> np.ndarray:
+    def poses_to_table(self, px: ArrayLike, theta: ArrayLike, side_px: ArrayLike) -> np.ndarray:
         """Return x, y, yaw, (n, 3), of squares fitted in the image.
 
         The middles of the four edges are carried over, not the centre: under tilt or distortion the
@@ -202,7 +203,7 @@ class Calibration:
         both = x_axis + (-back if self.mirrored else back)
         return np.column_stack([centre, np.arctan2(both[:, 1], both[:, 0])])
 
-    def side_px(self, px, side_m: float) -> np.ndarray:
+    def side_px(self, px: ArrayLike, side_m: float) -> np.ndarray:
         """Return the image side (n,) of a square of `side_m` centred at `px` (n, 2)."""
         px = np.asarray(px, float).reshape(-1, 2)
         centre = self.to_table(px)
@@ -212,7 +213,7 @@ class Calibration:
         area = np.abs(across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0])
         return np.sqrt(area)
 
-    def shear(self, px) -> np.ndarray:
+    def shear(self, px: ArrayLike) -> np.ndarray:
         """Return (n, 2) real and imaginary part of what lens and tilt make of squares at `px`.
 
         With table vectors and picture vectors (v up) as complex numbers the picture of w is
@@ -224,7 +225,7 @@ class Calibration:
         ratio = bent / np.conj(kept)
         return np.column_stack([ratio.real, ratio.imag])
 
-    def _derivatives(self, px) -> tuple[np.ndarray, np.ndarray]:
+    def _derivatives(self, px: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Return a and b (n,) of `shear` at `px` (n, 2), in px for a vector of 8 cm."""
         centre = self.to_table(np.asarray(px, float).reshape(-1, 2))
         ends = [self.to_pixels(centre + sign * s) for s in np.eye(2) * 0.02 for sign in (1, -1)]

@@ -5,12 +5,20 @@ Each image is scanned as a whole, so there is no window out of which a block cou
 fitted where they are predicted and where light is left unexplained (see edges, scan).
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import edges, profiles, scan, search
 from eol_ros.errors import ConfigError
+
+if TYPE_CHECKING:
+    from eol_ros.core.vision.background.model import ClutterMap
 
 BLOB = np.dtype(
     [
@@ -46,12 +54,12 @@ class BlobFinder:
         calibration: gives the expected size of a block anywhere in the image; None learns it.
     """
 
-    def __init__(self, settings=None, calibration=None):
+    def __init__(self, settings: object = None, calibration: Calibration | None = None):
         self._known = np.zeros(search.KNOWN)
         self._known[search.BLUR] = getattr(settings, 'blur_px', _BLUR_PX)
         self._shape = (0, 0)
         self.calibration = calibration
-        self.clutter = None
+        self.clutter: ClutterMap | None = None
         self.threshold = float(getattr(settings, 'threshold', 0.0))
         self._scratch = profiles.workspace()
         self._fits = np.zeros((_MOST_REGIONS, edges.FIELDS))
@@ -68,7 +76,7 @@ class BlobFinder:
     def threshold(self, threshold: float) -> None:
         self._known[search.THRESHOLD] = threshold
 
-    def find(self, image: np.ndarray, predicted=None) -> np.ndarray:
+    def find(self, image: np.ndarray, predicted: ArrayLike | None = None) -> np.ndarray:
         """Return the squares in `image` (h, w) uint8 as a BLOB array, predicted ones first.
 
         Args:
@@ -94,9 +102,10 @@ class BlobFinder:
         turn += 1
         known[search.TURN] = turn
         n = 0
-        if predicted is not None and len(predicted) and known[search.FIELD]:
-            near = np.zeros((len(predicted), 4))
-            near[:, : np.shape(predicted)[1]] = predicted
+        expected = np.zeros((0, 3)) if predicted is None else np.asarray(predicted, float)
+        if len(expected) and known[search.FIELD]:
+            near = np.zeros((len(expected), 4))
+            near[:, : expected.shape[1]] = expected
             n = search.at_predictions(
                 image,
                 known,
@@ -130,7 +139,7 @@ class BlobFinder:
         search.report(kept, blobs)
         return blobs
 
-    def _begin(self, shape) -> None:
+    def _begin(self, shape: tuple[int, int]) -> None:
         """Prepare for images of another size."""
         if min(shape) < 64:
             raise ConfigError(f'image of {shape[1]}x{shape[0]} px is too small to show the table')

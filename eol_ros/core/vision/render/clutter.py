@@ -195,7 +195,15 @@ class Clutter:
         self.battery = np.ones(n_blocks)
         self.battery[rng.permutation(n_blocks)[: chosen.weak]] = chosen.weak_level
 
-    def _lamp(self, rng, u, v, place, sizes, levels) -> None:
+    def _lamp(
+        self,
+        rng: np.random.Generator,
+        u: np.ndarray,
+        v: np.ndarray,
+        place: np.ndarray,
+        sizes: tuple[float, float],
+        levels: tuple[float, float],
+    ) -> None:
         """Add the soft light of a lamp at `place` px, of a size and level between those given."""
         wide, narrow = np.sort(rng.uniform(*sizes, 2))[::-1] * self.scale_px
         turn = rng.uniform(0, np.pi)
@@ -203,7 +211,7 @@ class Clutter:
         b = (v - place[1]) * np.cos(turn) - (u - place[0]) * np.sin(turn)
         self.static += rng.uniform(*levels) * np.exp(-0.5 * ((a / wide) ** 2 + (b / narrow) ** 2))
 
-    def _beside(self, rng, u, v) -> None:
+    def _beside(self, rng: np.random.Generator, u: np.ndarray, v: np.ndarray) -> None:
         """Add lamps that stand in the picture, but not on the platform."""
         level, missing = self.level, self.level.lights
         while missing:
@@ -212,11 +220,11 @@ class Clutter:
                 self._lamp(rng, u, v, place, level.light_px, level.light_level)
                 missing -= 1
 
-    def _levels(self, rng, n: int) -> np.ndarray:
+    def _levels(self, rng: np.random.Generator, n: int) -> np.ndarray:
         low, high = self.level.glint_level
         return low * (high / low) ** rng.random(n)
 
-    def _glints(self, rng, shape) -> np.ndarray:
+    def _glints(self, rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
         """Return the light (h, w) of the platform's grains, which covers hide; (0, 0) for none."""
         n = self.level.glints
         if not n:
@@ -262,7 +270,9 @@ class Clutter:
         white[lit] = np.exp(-(place - slot) * _FLASH_SLOT_S / 0.12)
         return white
 
-    def hidden_share(self, x, y, yaw, arms: np.ndarray, side_m: float) -> np.ndarray:
+    def hidden_share(
+        self, x: np.ndarray, y: np.ndarray, yaw: np.ndarray, arms: np.ndarray, side_m: float
+    ) -> np.ndarray:
         """Return the share (n,) of each block's area under `arms` (k, 5), from 16 x 16 points."""
         grid = (np.arange(16) - 7.5) / 16 * side_m
         gx, gy = (g.ravel() for g in np.meshgrid(grid, grid))
@@ -277,7 +287,9 @@ class Clutter:
         return hidden.mean(axis=1)
 
 
-def _points(shape, cells: np.ndarray, levels: np.ndarray, sigma_px: float) -> np.ndarray:
+def _points(
+    shape: tuple[int, int], cells: np.ndarray, levels: np.ndarray, sigma_px: float
+) -> np.ndarray:
     """Return points of light as a lens shows them: spots of `sigma_px` that reach `levels`."""
     import cv2  # only for clutter: clean pictures need none of its memory
 
@@ -287,7 +299,7 @@ def _points(shape, cells: np.ndarray, levels: np.ndarray, sigma_px: float) -> np
     return cv2.sepFilter2D(light, cv2.CV_32F, spot, spot) / np.max(spot) ** 2
 
 
-def _speckle(rng, shape, grain_px: float) -> np.ndarray:
+def _speckle(rng: np.random.Generator, shape: tuple[int, int], grain_px: float) -> np.ndarray:
     """Return smooth noise of unit standard deviation with structures of `grain_px`."""
     import cv2
 

@@ -8,6 +8,7 @@ analytically (see renderer_kernels), so the true centre of a drawn block is know
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision.calibration.model import Calibration
@@ -67,7 +68,7 @@ class Renderer:
 
     def __init__(
         self,
-        options=None,
+        options: RenderOptions | None = None,
         calibration: Calibration | None = None,
         seed: int = 0,
         n_blocks: int = N_BLOCKS,
@@ -98,16 +99,16 @@ class Renderer:
 
     def render(
         self,
-        x,
-        y,
-        yaw,
+        x: ArrayLike,
+        y: ArrayLike,
+        yaw: ArrayLike,
         image_index: int,
         out: np.ndarray | None = None,
         *,
-        velocity=None,
-        flash=None,
-        ir=None,
-        arms=None,
+        velocity: ArrayLike | None = None,
+        flash: ArrayLike | None = None,
+        ir: ArrayLike | None = None,
+        arms: ArrayLike | None = None,
     ) -> np.ndarray:
         """Return the image (h, w) uint8 of blocks at `x`, `y`, `yaw`, (n,) metres and radians.
 
@@ -168,16 +169,25 @@ class Renderer:
         )
         return out
 
-    def arms(self, image_index: int, more=None) -> tuple[np.ndarray, np.ndarray]:
+    def arms(
+        self, image_index: int, more: ArrayLike | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return capsules (k, 5) in metres that cover the table in this image, and greys (k,)."""
         capsules, grey = self.clutter.arms(image_index)
-        if more is not None and len(more):
-            more = np.asarray(more, float).reshape(-1, 5)
-            capsules = np.concatenate([capsules, more])
-            grey = np.concatenate([grey, np.full(len(more), 80.0)])
+        if more is not None:
+            added = np.asarray(more, float).reshape(-1, 5)
+            capsules = np.concatenate([capsules, added])
+            grey = np.concatenate([grey, np.full(len(added), 80.0)])
         return capsules, grey
 
-    def visible_share(self, x, y, yaw, image_index: int, arms=None) -> np.ndarray:
+    def visible_share(
+        self,
+        x: np.ndarray,
+        y: np.ndarray,
+        yaw: np.ndarray,
+        image_index: int,
+        arms: ArrayLike | None = None,
+    ) -> np.ndarray:
         """Return the true share (n,) of each cover that no arm hides in this image."""
         capsules, _ = self.arms(image_index, arms)
         return 1.0 - self.clutter.hidden_share(x, y, yaw, capsules, BLOCK_SIDE_M)
@@ -195,7 +205,9 @@ class Renderer:
         )
         return self.calibration.to_pixels(xy.reshape(-1, 2)).reshape(-1, 4, 2)
 
-    def _positions(self, poses, velocity) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _positions(
+        self, poses: np.ndarray, velocity: ArrayLike | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return poses (p, 3) at equal steps through the exposure, their block and share (p,)."""
         steps = np.ones(len(poses), np.int64)
         if velocity is not None:
