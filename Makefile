@@ -28,7 +28,7 @@ lint: setup-test  ## ruff, mypy and the terms that are not used
 	$(PY) -m mypy
 	$(PY) tools/check_words.py
 
-docs: setup-test  ## write the generated parts of the docs anew
+docs: setup-test  ## rewrite the generated parts of the docs
 	$(PY) tools/generate_docs.py
 
 soak: setup-test  ## the long ones: hours of rehearsal, kills and floods

@@ -72,7 +72,7 @@ def measure_topic(bag: Bag, name: str, repeats: int) -> dict[str, Any]:
     topic = bag.topics[name]
 
     def columns() -> dict[str, np.ndarray]:
-        decoder = Decoder(topic.type, topic.definition)  # as for each table: layouts begin anew
+        decoder = Decoder(topic.type, topic.definition)  # as for each table: layouts start over
         found = {}
         for start in range(0, len(raw), BATCH):
             found = decoder.table(raw[start : start + BATCH])

@@ -21,7 +21,7 @@ EXAMPLES = [
     'eol bench identity --hours 0.5 --json',
     'eol bench identity --fps 120 --rough 1.4 --permanent 3',
     'eol bench identity --hours 10 --methods lattice --seed 7',
-    'eol bench identity --hours 1 --methods lattice --losses 120 --askew 0',
+    'eol bench identity --hours 1 --methods lattice --losses 120 --yaw-offset 0',
     'eol bench identity --hours 0.001 --methods lattice --ties 500 --tap-jitter 1',
 ]
 LASTING_S = 2.0
@@ -37,7 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--permanent', type=int, default=0, help='lamps that never go away')
     parser.add_argument('--losses', type=float, default=6.0, help='times of darkness an hour')
     parser.add_argument(
-        '--askew', type=float, default=2.9, help='degrees, sd, by which blocks stand crooked'
+        '--yaw-offset',
+        type=float,
+        default=2.9,
+        help='yaw offsets of the blocks: sd, degrees',
     )
     parser.add_argument('--no-taps', action='store_true', help='accelerometers are silent')
     parser.add_argument('--methods', default=','.join(METHODS))
@@ -54,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     trackers = {name: make(name) for name in args.methods.split(',')}
     scores = measure(
         trackers, args.hours, args.fps, args.seed, args.rough, args.permanent, args.losses,
-        not args.no_taps, np.radians(args.askew),
+        not args.no_taps, np.radians(args.yaw_offset),
     )  # fmt: skip
     if args.ties:
         from benchmarks import identity_ties

@@ -92,7 +92,7 @@ def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -
     marks, next_s = [], time.time() - epoch + 0.5
     voices, counted, looked_s, moments = 0, underruns, begun, []
     while time.monotonic() - begun < seconds:
-        if len(rows) and time.time() - epoch > next_s - 0.5:  # the score anew, half a second ahead
+        if len(rows) and time.time() - epoch > next_s - 0.5:  # the next round, half a second ahead
             again = rows.copy()
             again['time_s'] += next_s
             for part in np.array_split(again, 4):

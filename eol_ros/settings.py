@@ -148,7 +148,7 @@ class TrackerSettings:
         '', 0, 255, live=True,
     )  # fmt: skip
     background: str = setting(
-        '', 'background model (PNG): lamps and reflections to ignore; rewritten when learnt anew',
+        '', 'background model (PNG): lamps and reflections to ignore; rewritten when learnt again',
         path=True, was='clutter',
     )  # fmt: skip
 

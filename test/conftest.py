@@ -66,13 +66,14 @@ def matched(*nodes):
 
     What is published before the reader has found the writer is lost, even in one process.
     """
-    givers = [p for node in nodes for p in node.publishers]
-    takers = [s for node in nodes for s in node.subscriptions]
+    publishers = [p for node in nodes for p in node.publishers]
+    subscriptions = [s for node in nodes for s in node.subscriptions]
     return all(
-        p.get_subscription_count() >= sum(s.topic_name == p.topic_name for s in takers)
-        for p in givers
+        p.get_subscription_count() >= sum(s.topic_name == p.topic_name for s in subscriptions)
+        for p in publishers
     ) and all(
-        s.get_publisher_count() >= sum(p.topic_name == s.topic_name for p in givers) for s in takers
+        s.get_publisher_count() >= sum(p.topic_name == s.topic_name for p in publishers)
+        for s in subscriptions
     )
 
 

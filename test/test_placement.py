@@ -38,7 +38,7 @@ class Scatter:
         self.monkeypatch = monkeypatch
         self.made = {name: getattr(np, name) for name in MAKERS}
 
-    def anew(self, seed):
+    def deal(self, seed):
         """Deal from a new pack."""
         self.rng = random.Random(seed)
         self.closed: list = []
@@ -80,7 +80,7 @@ def places(monkeypatch):
         scatter, seen = Scatter(monkeypatch), set()
         for seed in range(9):
             if seed:  # the first time as it comes, so that all is compiled
-                scatter.anew(seed)
+                scatter.deal(seed)
             digest = hashlib.sha256()
             for array in work():
                 digest.update(np.asarray(array).tobytes())

@@ -55,7 +55,7 @@ def rehearse(place: Path, seconds: float) -> Path:
 
 
 def pack(bag: BagReader, folder: Path) -> Path:
-    """Write `bag` anew into `folder`, as small as may be; return the file."""
+    """Write a copy of `bag` into `folder`, as small as may be; return the file."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     topics = list(bag.topics.values())

@@ -22,10 +22,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 # A shared machine can stand still for longer than real time allows: one more try, and told.
-AGAIN = ('--reruns', '1')
+RERUNS = ('--reruns', '1')
 PARTS = {
-    'side by side': (*AGAIN, '-n', '2', '--dist', 'loadfile', '-m', 'not live and not soak'),
-    'one by one, in real time': (*AGAIN, '-m', 'live and not soak'),
+    'side by side': (*RERUNS, '-n', '2', '--dist', 'loadfile', '-m', 'not live and not soak'),
+    'one by one, in real time': (*RERUNS, '-m', 'live and not soak'),
 }
 # Halves of about the same length; xdist would have both processes import and compile everything.
 FIRST_HALF = [f'test/core/{name}' for name in ('physics', 'light', 'montage', 'science')]

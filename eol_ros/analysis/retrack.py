@@ -243,10 +243,10 @@ def _compare_triggers(
 ) -> None:
     from eol_ros.core.sound.select import Selector
     from eol_ros.devices.corpus import corpus_build
-    from eol_ros.devices.corpus.loader import wish_of
+    from eol_ros.devices.corpus.loader import corpus_spec
 
     live = _Live(bag, lines, 'grains')
-    corpus = corpus_build.apart(*wish_of(live.settings))
+    corpus = corpus_build.apart(*corpus_spec(live.settings))
     recorded = bag.table('corpus')
     if len(recorded) and recorded['digest'][0] != corpus.digest:
         result.notes.append('the corpus of the run is not here: its sound has another digest')

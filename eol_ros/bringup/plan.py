@@ -21,7 +21,7 @@ _ENVIRONMENT = {
     'NUMBA_NUM_THREADS': '1',
     'OPENCV_FOR_THREADS_NUM': '1',
     'MALLOC_ARENA_MAX': '2',
-    # Images stay on the heap: given back to the system, each new one would be faulted in anew,
+    # Images stay on the heap: given back to the system, each new one would be faulted in again,
     # page by page, which tripled the time from a camera to its reader.
     'MALLOC_MMAP_THRESHOLD_': '8388608',
     'MALLOC_TRIM_THRESHOLD_': '8388608',

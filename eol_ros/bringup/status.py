@@ -80,7 +80,7 @@ def _silent(domain: int, pid: int, timeout_s: float) -> str:
         state = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0]
         if state in 'Tt':
             return text + f'it is stopped, `kill -CONT {pid}` lets it go on; its nodes run'
-    return text + f'if that lasts, end it and its nodes with `kill -KILL {pid}` and start them anew'
+    return text + f'if that lasts, end it and its nodes with `kill -KILL {pid}`, and start again'
 
 
 def answer(server: socket.socket, status: dict[str, Any]) -> None:

@@ -26,7 +26,7 @@ class HostTime:
 class ClockSync:
     """Turn a board's 32-bit microsecond clock into the host's seconds.
 
-    Feed each answered ping to `add`; `window` of them are kept. A board that starts anew (its clock
+    Feed each answered ping to `add`; `window` of them are kept. A board that restarts (its clock
     jumps by more than any crystal drifts) is noticed, and the past forgotten.
     """
 

@@ -6,7 +6,7 @@ LONGEST_S = 30.0
 
 
 class Backoff:
-    """The pause before the next try; `succeeded` starts it anew."""
+    """The pause before the next try; `succeeded` starts it again."""
 
     def __init__(self, first_s: float = FIRST_S, longest_s: float = LONGEST_S):
         self._first_s, self._longest_s = first_s, longest_s

@@ -10,7 +10,7 @@ from eol_msgs.msg import GrainTrigger
 from eol_ros.core.sound.corpus import Corpus
 from eol_ros.core.sound.select import Selector
 from eol_ros.devices.corpus.corpus_file import move
-from eol_ros.devices.corpus.loader import CorpusLoader, wish_of
+from eol_ros.devices.corpus.loader import CorpusLoader, corpus_spec
 from eol_ros.errors import EolError
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
@@ -37,22 +37,22 @@ class GrainsNode(EolNode):
         self.corpora = self.publisher('corpus')
         self.loader = CorpusLoader()
         self.awaited: list[Asked] = []
-        self.wish = wish_of(self.settings)
+        self.spec = corpus_spec(self.settings)
         self.health.expects('blocks')
         self.health.values['radius'] = self.settings.radius
-        ready = self.loader.at_once(self.wish)
+        ready = self.loader.at_once(self.spec)
         if ready is not None:  # before the first image: a replay must find the corpus in place
             self.show(ready)
         else:
-            self.loader.ask(self.wish)
+            self.loader.ask(self.spec)
         self.create_timer(0.2, self.on_timer)
         self.subscribe('blocks', self.on_blocks, raw=True)
         self.requests.serve(move_grain=self.on_move_grain)
 
     def on_settings(self, new) -> None:
-        if wish_of(new) != self.wish:
-            self.wish = wish_of(new)
-            self.loader.ask(self.wish)
+        if corpus_spec(new) != self.spec:
+            self.spec = corpus_spec(new)
+            self.loader.ask(self.spec)
         if self.health.values['radius'] != new.radius:
             self.health.values['radius'] = new.radius
             self.health.report()
@@ -67,9 +67,9 @@ class GrainsNode(EolNode):
         """The selector sees it in the stamps themselves; the triggers count on."""
 
     def _on_set(self, asked: Asked) -> object:
-        before = self.wish
+        before = self.spec
         text = super()._on_set(asked)
-        if self.wish == before:
+        if self.spec == before:
             return text
         self.awaited.append(asked)  # until the corpus that it asks for is there, or cannot be
         return LATER
@@ -87,8 +87,8 @@ class GrainsNode(EolNode):
         return f'kept in {path.name}'
 
     def on_timer(self) -> None:
-        if self.loader.changed(self.wish):  # a grain moved by hand, another sound of the same name
-            self.loader.ask(self.wish)
+        if self.loader.changed(self.spec):  # a grain moved by hand, another sound of the same name
+            self.loader.ask(self.spec)
         outcome = self.loader.take()
         if isinstance(outcome, Corpus):
             if self.corpus is None or not outcome.same_as(self.corpus):

@@ -33,7 +33,7 @@ class LedsNode(EolNode):
         self.lights = Lights(self.settings, self.on_tap, self.on_state, played)
         self.lights.asleep = bool(self.resumed.get('asleep'))
         self.commands = self.publisher('led_commands')
-        # Behind a replay the taps are those of its bag, and whoever knocks today is not meant.
+        # Behind a replay the taps are those of its bag, and a knock of today does not count.
         self.taps = None if self.sim_time else self.publisher('block_taps')
         self.frames = self.create_timer(1 / self.settings.frame_hz, self.on_frame)
         self.frames.cancel()

@@ -7,7 +7,7 @@ from eol_ros.errors import EolError
 from eol_ros.ros.stamps import NS
 from eol_ros.streams.requests import Asked
 
-CLUTTER_S = 1.5  # the tracker looks at the table without infrared for this long
+DARKNESS_S = 1.5  # the tracker looks at the table without infrared for this long
 FADE_NS = 60_000_000  # less at both ends: bytes, LEDs and exposures take their time
 
 
@@ -17,7 +17,7 @@ class Infrared:
     def __init__(self, node, lights, tell):
         s = node.settings
         self.node, self.lights, self.tell = node, lights, tell
-        self.relight = node.create_timer(CLUTTER_S, self.light)
+        self.relight = node.create_timer(DARKNESS_S, self.light)
         self.unblink = node.create_timer(s.blink_off_s, self.light)
         self.relight.cancel()
         self.unblink.cancel()
@@ -35,7 +35,7 @@ class Infrared:
         if sent is None:
             raise EolError(f'no board to switch the infrared light off: {self.node.health.text}')
         self.relight.reset()
-        until_ns = sent.sent_ns + round(CLUTTER_S * NS) - FADE_NS
+        until_ns = sent.sent_ns + round(DARKNESS_S * NS) - FADE_NS
         from_ns = sent.sent_ns + FADE_NS
         values = {'until_ns': until_ns}
         self.node.requests.ask(Asked('darkness', 'tracker', values, b'', from_ns, id_))

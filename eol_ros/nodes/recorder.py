@@ -45,8 +45,8 @@ class RecorderNode(EolNode):
         self._early: deque[Item] = deque(maxlen=EARLY)  # came before there was a time to give it
         for topic, bag_topic in self.described.items():
             depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None
-            taker = self._taker(topic, bag_topic)
-            self._count_lost(self.subscribe(topic, taker, raw=True, depth=depth), bag_topic.name)
+            callback = self._callback(topic, bag_topic)
+            self._count_lost(self.subscribe(topic, callback, raw=True, depth=depth), bag_topic.name)
         self._last = self._dropped = 0
         self._dropped_s = 0.0
         self.create_timer(1.0, self.tell)
@@ -112,7 +112,7 @@ class RecorderNode(EolNode):
             subscription.event_handlers.append(handler)
             self.add_waitable(handler)
 
-    def _taker(self, topic, bag_topic):
+    def _callback(self, topic, bag_topic):
         name, latched, sequence = bag_topic.name, TOPICS[topic].qos == 'latched', None
         if topic in COUNTERS:
             sequence = counter(bag_topic.type, bag_topic.definition, COUNTERS[topic])

@@ -42,7 +42,7 @@ class ReplayNode(EolNode):
         whole = complete(self.bag, full(IMAGES), full(BLOCKS))
         usual = [full(topic) for topic in played(self.scene, whole)]
         self.names = choose(self.bag, s.topics, usual)
-        # Requests are asked anew, by today's definition; topics asked for by name go as they are.
+        # Requests are asked again, by today's definition; topics asked for by name go as they are.
         self._asked_on = () if s.topics else (full(REQUESTS), CONTROL)
         self.publishers_of = {n: self._publisher(n) for n in self.names if n not in self._asked_on}
         self._asks: Any = None

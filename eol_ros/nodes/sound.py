@@ -112,7 +112,7 @@ class SoundNode(EolNode):
             self.fade()
 
     def time_jumped(self, jump_ns: int) -> None:
-        """The clock of the engine locks anew by itself; who was asleep stays so."""
+        """The clock of the engine locks again by itself; who was asleep stays so."""
         self.banks.time_jumped(jump_ns)
 
     def on_trigger(self, message) -> None:

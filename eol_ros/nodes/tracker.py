@@ -53,7 +53,7 @@ class TrackerNode(EolNode):
         self.images, self.stamp_ns = 0, 0
         self.lamps = self.files.lamps  # to begin with
         for asked in self.pending.values():
-            self.requests.answer(asked, False, 'time has jumped, and the tracker begun anew')
+            self.requests.answer(asked, False, 'time has jumped, and the tracker started over')
         self.pending.clear()
 
     def time_jumped(self, jump_ns: int) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from eol_ros import folders
 from eol_ros.errors import ConfigError
 
-BIG_SEGMENT = 20 << 20  # processes that publish images: more of them than the giver keeps
+BIG_SEGMENT = 20 << 20  # of a process that publishes images: more than its history
 SMALL_SEGMENT = 2 << 20
 MAX_MESSAGE = 2 << 20
 

@@ -165,7 +165,7 @@ class EolNode(Node):
     def stamped(self, stamp_ns: int) -> None:
         """Take note of a stamp of the stream that this node lives by, before it is used.
 
-        Requests that count from it are done. Where the system clock was set the node starts anew;
+        Requests that count from it are done. Where the system clock was set the node starts again;
         behind a replay /clock tells.
         """
         jump_ns = 0 if self.sim_time else self._stamps.take(stamp_ns, time.monotonic_ns())
@@ -178,7 +178,7 @@ class EolNode(Node):
             self.health.values['time_jumps'] = self.time_jumps
             way = 'ahead' if jump_ns > 0 else 'back'
             self.get_logger().warning(
-                f'time jumped {way} by {abs(jump_ns) * 1e-9:.1f} s: starting anew'
+                f'time jumped {way} by {abs(jump_ns) * 1e-9:.1f} s: starting again'
             )
             self.time_jumped(jump_ns)
 
@@ -318,7 +318,7 @@ class EolNode(Node):
         fields = {f.name: f for f in dataclasses.fields(self.settings)}
         if any(p.name == SIM_TIME for p in parameters):
             return SetParametersResult(
-                successful=False, reason=f'{SIM_TIME} is read when the node starts: start it anew'
+                successful=False, reason=f'{SIM_TIME} is read when the node starts: start it again'
             )
         try:
             changes = {

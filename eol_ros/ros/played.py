@@ -7,7 +7,7 @@ from eol_ros.streams.graph import TOPICS
 
 IMAGES, BLOCKS, TAPS, REQUESTS = 'camera/image_raw', 'blocks', 'block_taps', 'requests'
 INFO = 'camera/camera_info'
-# Of that run's own processes, or made anew.
+# Of that run's own processes, or made again.
 NEVER = ('ready', '/diagnostics', '/clock', 'sound_samples', 'rim_command', 'request_results')
 
 

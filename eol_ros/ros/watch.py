@@ -48,7 +48,7 @@ class Watch:
             self._node.create_subscription(
                 message_class(row.type_name),
                 topic,
-                self._taker(topic, topic in kept),
+                self._callback(topic, topic in kept),
                 QOS[row.qos],
                 raw=True,
             )
@@ -60,7 +60,7 @@ class Watch:
         self._thread = threading.Thread(target=self._spin, name='watch', daemon=True)
         self._thread.start()
 
-    def _taker(self, topic: str, keep: bool) -> Callable[[bytes], None]:
+    def _callback(self, topic: str, keep: bool) -> Callable[[bytes], None]:
         seen, raws = self.seen[topic], self.raw[topic]
 
         def take(raw: bytes) -> None:

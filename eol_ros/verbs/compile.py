@@ -180,13 +180,13 @@ def _sound():
 
 
 def _ice():
-    from eol_ros.devices.corpus.loader import CorpusLoader, wish_of
+    from eol_ros.devices.corpus.loader import CorpusLoader, corpus_spec
     from eol_ros.settings import GrainsSettings
 
     loader = CorpusLoader()
-    wish = wish_of(GrainsSettings())
-    if loader.at_once(wish) is None:
-        loader.ask(wish)
+    spec = corpus_spec(GrainsSettings())
+    if loader.at_once(spec) is None:
+        loader.ask(spec)
         while loader.take() is None:
             time.sleep(0.1)
     loader.close()

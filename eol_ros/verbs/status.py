@@ -17,7 +17,7 @@ EXAMPLES = ['eol status', 'eol status --watch', 'eol status --json']
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--watch', action='store_true', help='draw it anew each second')
+    parser.add_argument('--watch', action='store_true', help='refresh it every second')
     parser.add_argument('--json', action='store_true', help='as one JSON object')
     parser.add_argument('--domain', type=int, default=int(os.environ.get('ROS_DOMAIN_ID') or 0))
 

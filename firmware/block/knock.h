@@ -77,7 +77,7 @@ typedef struct {
     int16_t x[EOL_KNOCK_WINDOW], y[EOL_KNOCK_WINDOW];
 } eol_knock;
 
-/* Begin anew, with a sensor of which nothing is known. */
+/* Start over, with a sensor of which nothing is known. */
 void eol_knock_begin(eol_knock *knock, const eol_knock_config *config);
 
 /* Take one sample; return what it brings. */

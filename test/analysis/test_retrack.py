@@ -16,7 +16,7 @@ from eol_ros.errors import ConfigError
 STEP_NS = 16_666_667
 DARK = range(112, 132)  # pictures without infrared light, of which the tracker is told
 LIVE = 86  # here settings of motion and grains are changed, while blocks slip
-CALIBRATE = 12  # here it is asked to calibrate anew, while all blocks rest
+CALIBRATE = 12  # here it is asked to calibrate again, while all blocks rest
 T0 = 1_700_000_000_000_000_000
 
 
@@ -95,7 +95,7 @@ def run(tmp_path_factory, matched):
             if i == 98:  # what is asked for while running must not spoil the proof
                 nodes[3].set_parameters([Parameter('threshold', value=60.0)])
                 heard(requests=4)
-            if i == LIVE:  # and whoever changes how slips are found and grains are chosen
+            if i == LIVE:  # and changes how slips are found and grains are chosen
                 grains.set_parameters([Parameter('radius', value=0.2)])
                 slips = {'stop_mps': 0.05}
                 camera.requests.ask(Asked('set', 'motion', slips))

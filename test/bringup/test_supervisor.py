@@ -128,7 +128,7 @@ def test_who_may_wait_steps_back_when_all_is_up(start):
 
 
 def allowed():
-    """Whether this machine gives real-time priority to whoever asks."""
+    """Whether this machine gives real-time priority to any user."""
     child = subprocess.Popen([sys.executable, '-c', 'input()'], stdin=subprocess.PIPE)
     try:
         os.sched_setscheduler(child.pid, os.SCHED_RR, os.sched_param(1))

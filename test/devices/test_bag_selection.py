@@ -11,9 +11,9 @@ from eol_ros.devices.bag.selection import (
     Gaps,
     ImagesMissed,
     Item,
+    RateLimiter,
     Slipping,
     StampGaps,
-    Thinning,
 )
 
 STEP = NS // 60
@@ -60,17 +60,17 @@ def test_nothing_is_kept_while_nothing_slips_and_the_ring_stays_small():
 
 
 def test_thinning_lets_one_a_second_through():
-    thin = Thinning(1.0)
-    passed = [i for i in range(600) if thin.keep(Item('meter', b'', i * NS // 10, 0, i))]
+    limiter = RateLimiter(1.0)
+    passed = [i for i in range(600) if limiter.keep(Item('meter', b'', i * NS // 10, 0, i))]
     assert len(passed) == 60
     other = Item('preview', b'', 599 * NS // 10, 0, 0)
-    assert thin.keep(other)
+    assert limiter.keep(other)
 
 
 def test_thinning_does_not_catch_up_after_a_pause():
-    thin = Thinning(1.0)
+    limiter = RateLimiter(1.0)
     times = [0.0, 0.5, 1.0, 10.0, 10.5, 11.0]
-    passed = [t for t in times if thin.keep(Item('meter', b'', int(t * NS), 0, 0))]
+    passed = [t for t in times if limiter.keep(Item('meter', b'', int(t * NS), 0, 0))]
     assert passed == [0.0, 1.0, 10.0, 11.0]
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import yaml
 
-from eol_ros.core.vision.background.model import ClutterMap
+from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import background_file, calibration_file
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -128,12 +128,12 @@ def test_files_and_folders_that_are_not_there(tmp_path, camera):
 
 def test_clutter_maps_are_pictures(tmp_path):
     light = np.random.default_rng(0).integers(0, 255, (40, 60)).astype(np.uint8)
-    background_file.save(tmp_path / 'm.png', ClutterMap(light))
+    background_file.save(tmp_path / 'm.png', BackgroundModel(light))
     assert np.array_equal(background_file.load(tmp_path / 'm.png').light, light)
     with pytest.raises(DeviceMissing):
         background_file.load(tmp_path / 'none.png')
     with pytest.raises(ConfigError, match='cannot write'):
-        background_file.save(tmp_path / 'no' / 'm.png', ClutterMap(light))
+        background_file.save(tmp_path / 'no' / 'm.png', BackgroundModel(light))
     (tmp_path / 'bad.png').write_text('no picture')
     with pytest.raises(ConfigError):
         background_file.load(tmp_path / 'bad.png')

@@ -216,7 +216,7 @@ def test_the_cache_goes_by_content(sound, tmp_path, monkeypatch):
     same(first, build_cached([sound], Options()))
     copy = Path(shutil.copy(sound, tmp_path / 'copy.wav'))
     assert build_cached([copy], Options()).sources[0].path == str(copy)
-    build_cached([sound], Options(layout='raw'))  # laid out anew, not analysed anew
+    build_cached([sound], Options(layout='raw'))  # laid out again, not analysed again
     assert len(calls) == 1
     build_cached([sound], Options(grain_s=0.2))
     assert len(calls) == 2
@@ -362,15 +362,15 @@ def wait(loader, seconds=20.0):
 @pytest.mark.slow
 def test_the_newest_wish_wins(sound, tmp_path):
     loader = CorpusLoader()
-    wishes = [(str(sound), Options(grain_s=g), 0) for g in (0.1, 0.2, 0.4)]
-    for wish in wishes:
-        assert loader.at_once(wish) is None
-        loader.ask(wish)
+    specs = [(str(sound), Options(grain_s=g), 0) for g in (0.1, 0.2, 0.4)]
+    for spec in specs:
+        assert loader.at_once(spec) is None
+        loader.ask(spec)
     assert len(wait(loader)) == 10
     assert loader.take() is None
-    assert len(loader.at_once(wishes[2])) == 10
-    loader.ask(wishes[1])
-    loader.ask(wishes[1])  # the very same again
+    assert len(loader.at_once(specs[2])) == 10
+    loader.ask(specs[1])
+    loader.ask(specs[1])  # the very same again
     assert len(wait(loader)) == 20
     loader.ask((str(tmp_path / 'no.wav'), Options(), 0))
     assert isinstance(wait(loader), DeviceMissing)
@@ -410,12 +410,12 @@ def test_a_full_cache_is_one_line(sound, monkeypatch):
 
 def test_a_sound_that_goes_away_is_noticed_without_a_fault(sound):
     loader = CorpusLoader()
-    wish = (str(sound), Options(), 0)
-    assert [loader.changed(wish) for _ in range(2)] == [False, False]
+    spec = (str(sound), Options(), 0)
+    assert [loader.changed(spec) for _ in range(2)] == [False, False]
     corpus_file.beside(sound, 'moved.csv').write_text('time_s,x,y\n')
-    assert [loader.changed(wish) for _ in range(2)] == [True, False]
+    assert [loader.changed(spec) for _ in range(2)] == [True, False]
     sound.unlink()
-    assert [loader.changed(wish) for _ in range(2)] == [True, False]
+    assert [loader.changed(spec) for _ in range(2)] == [True, False]
     with pytest.raises(DeviceMissing):
         corpus_file.sha256(sound)
 

@@ -19,7 +19,7 @@ from eol_ros.ros.definitions import describe
 from eol_ros.streams.graph import TOPICS
 
 SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
-ANEW = 'make it anew with `python tools/make_sample_bag.py`'
+MAKE = 'make it again with `python tools/make_sample_bag.py`'
 
 
 def meant(definition):
@@ -37,9 +37,9 @@ def test_its_messages_are_those_of_today(bag):
     by_type = {row.type_name: name for name, row in TOPICS.items()}
     recorded = {topic.type: topic for topic in bag.topics.values()}
     for kind, topic in recorded.items():
-        assert kind in by_type, f'bags/sample holds {kind}, which is no more: {ANEW}'
+        assert kind in by_type, f'bags/sample holds {kind}, which is no more: {MAKE}'
         today = describe(by_type[kind])
-        stale = f'bags/sample was recorded with another definition of {kind}: {ANEW}'
+        stale = f'bags/sample was recorded with another definition of {kind}: {MAKE}'
         assert topic.type_hash == today['type_hash'], stale
         assert meant(topic.definition) == meant(today['definition']), stale
 

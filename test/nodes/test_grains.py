@@ -226,7 +226,7 @@ def test_a_grain_dragged_on_the_panel_is_kept_beside_the_sound(stage, sounds):
     moved = stage.probe.corpora[-1]
     assert (moved.x[7], moved.y[7]) == (0.125, 0.875)
     kept = corpus_file.load_moved(sounds[0])
-    assert kept[:, 1:].tolist() == [[0.125, 0.875]]  # the other two wishes cannot be
+    assert kept[:, 1:].tolist() == [[0.125, 0.875]]  # the other two were refused
     again = stage.__class__(stage.node.settings)  # and the next run has it from the start
     assert tuple(again.node.corpus.grains[['x', 'y']][7]) == (0.125, 0.875)
     again.close()

@@ -76,7 +76,7 @@ def test_the_button_makes_the_tracker_learn_the_lamps(show, tmp_path, monkeypatc
     panel.requests.ask(Asked('learn_background', id='mine'))
     assert until(lambda: any(b.state == Blocks.LOST for b in panel.blocks))
     assert until(lambda: any('background learnt' in text for text in panel.states))
-    assert tracker.tracker.finder.clutter is not None
+    assert tracker.tracker.finder.background is not None
     assert (tmp_path / 'lamps.png').exists()
     assert until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
     assert until(lambda: any(r.node == 'tracker' for r in panel.said))

@@ -109,7 +109,7 @@ def test_slips_go_on_when_the_clock_is_set(ros, matched, jump_s):
     ]  # fmt: skip
     (line,) = warned
     way = 'ahead' if jump_s > 0 else 'back'
-    assert line.startswith(f'time jumped {way} by 3') and line.endswith(' s: starting anew')
+    assert line.startswith(f'time jumped {way} by 3') and line.endswith(' s: starting again')
     assert node.health.status()['values']['time_jumps'] == 1
     node.close()
     for one in (node, probe):

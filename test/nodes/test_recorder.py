@@ -29,7 +29,7 @@ from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, RecorderSettings, ReplaySettings
 
 
-class Giver(EolNode):
+class Source(EolNode):
     """Publishes what the test wants recorded."""
 
     NAME = 'motion'
@@ -41,7 +41,7 @@ class Giver(EolNode):
         self.images = ImagePublisher(self, 'camera/image_raw')
         self.sent = {'/eol/blocks': [], '/eol/slips': [], '/eol/grain_triggers': []}
 
-    def give(self, publisher, message):
+    def send(self, publisher, message):
         message.header.stamp, message.header.frame_id = to_msg(now_ns()), 'table'
         raw = bytes(serialize_message(message))  # sent as it is: padding differs from call to call
         self.sent[publisher.topic_name].append(raw)
@@ -74,25 +74,25 @@ def record(tmp_path, **settings):
 
 @pytest.mark.slow
 def test_the_bag_holds_the_bytes_that_were_published(ros, matched, tmp_path):
-    recorder, giver = record(tmp_path, images='all'), Giver()
-    rig = Rig(recorder, giver)
-    rig.spin(lambda: matched(recorder, giver))
+    recorder, source = record(tmp_path, images='all'), Source()
+    rig = Rig(recorder, source)
+    rig.spin(lambda: matched(recorder, source))
 
     def taken():
         counts = recorder.recording.received
-        return counts['/eol/camera/image_raw'] + sum(counts[topic] for topic in giver.sent)
+        return counts['/eol/camera/image_raw'] + sum(counts[topic] for topic in source.sent)
 
     images = np.random.default_rng(1).integers(0, 30, (40, 800, 1280), dtype=np.uint8)
     for i in range(40):
-        giver.images.publish(now_ns(), images[i])
-        giver.give(giver.blocks, Blocks(image=i))
-        giver.give(giver.slips, Slip(slip=i, kind=1 + i % 2))
+        source.images.publish(now_ns(), images[i])
+        source.send(source.blocks, Blocks(image=i))
+        source.send(source.slips, Slip(slip=i, kind=1 + i % 2))
         if i not in (7, 8):  # two triggers never reach the recorder
-            giver.give(giver.triggers, GrainTrigger(sequence=i))
+            source.send(source.triggers, GrainTrigger(sequence=i))
         rig.spin(lambda i=i: taken() >= 4 * (i + 1) - 2)  # no burst beyond the depth of the QoS
     rig.close()
     bag = BagReader(tmp_path)
-    for topic, sent in giver.sent.items():
+    for topic, sent in source.sent.items():
         assert [m.data for m in bag.messages([topic])] == sent, topic
     pictures = [m.data[-1024000:] for m in bag.messages(['/eol/camera/image_raw'])]
     assert pictures == [image.tobytes() for image in images]
@@ -105,10 +105,10 @@ def test_the_bag_holds_the_bytes_that_were_published(ros, matched, tmp_path):
 def test_a_set_clock_ends_the_bag_with_a_mark_and_begins_another(
     ros, matched, tmp_path, monkeypatch, jump_s
 ):
-    recorder, giver = record(tmp_path), Giver()
-    corpora = giver.publisher('corpus')
-    rig = Rig(recorder, giver)
-    rig.spin(lambda: matched(recorder, giver))
+    recorder, source = record(tmp_path), Source()
+    corpora = source.publisher('corpus')
+    rig = Rig(recorder, source)
+    rig.spin(lambda: matched(recorder, source))
     corpora.publish(Corpus(name='told once'))
     rig.spin(lambda: recorder.latched)
     folders = []
@@ -116,11 +116,11 @@ def test_a_set_clock_ends_the_bag_with_a_mark_and_begins_another(
         folders.append(recorder.recording.folder)
         for k in range(5):
             count = recorder.recording.received['/eol/blocks']
-            giver.give(giver.blocks, Blocks(image=5 * part + k))
+            source.send(source.blocks, Blocks(image=5 * part + k))
             rig.spin(lambda n=count: recorder.recording.received['/eol/blocks'] != n)
         if part == 0:
             monkeypatch.setattr(recorder, 'now_ns', lambda: now_ns() + jump_s * 10**9)
-            giver.give(giver.blocks, Blocks(image=99))
+            source.send(source.blocks, Blocks(image=99))
             rig.spin(lambda: recorder.recording.folder != folders[0])
     rig.close()
     before, after = (BagReader(folder) for folder in folders)
@@ -139,11 +139,11 @@ def test_behind_a_replay_bags_are_in_its_time_and_one_a_round(ros, matched, tmp_
     recorder = RecorderNode(
         RecorderSettings(folder=str(tmp_path), min_free_gb=0.0), parameter_overrides=sim
     )
-    giver, day_ns = Giver(), 1_700_000_000_000_000_000
-    clock = giver.create_publisher(Clock, CLOCK, CLOCK_QOS)
-    corpora = giver.publisher('corpus')
-    rig = Rig(recorder, giver)
-    rig.spin(lambda: matched(recorder, giver) and clock.get_subscription_count() == 2)
+    source, day_ns = Source(), 1_700_000_000_000_000_000
+    clock = source.create_publisher(Clock, CLOCK, CLOCK_QOS)
+    corpora = source.publisher('corpus')
+    rig = Rig(recorder, source)
+    rig.spin(lambda: matched(recorder, source) and clock.get_subscription_count() == 2)
 
     def tell(recorded_ns):
         clock.publish(Clock(clock=to_msg(recorded_ns)))
@@ -157,7 +157,7 @@ def test_behind_a_replay_bags_are_in_its_time_and_one_a_round(ros, matched, tmp_
         for k in range(5):
             tell(day_ns + k * 20_000_000)
             count = recorder.recording.received['/eol/blocks']
-            giver.give(giver.blocks, Blocks(image=k))
+            source.send(source.blocks, Blocks(image=k))
             rig.spin(lambda n=count: recorder.recording.received['/eol/blocks'] > n)
         tell(day_ns)
         rig.spin(lambda: recorder.recording.folder != folders[-1])
@@ -172,10 +172,10 @@ def test_behind_a_replay_bags_are_in_its_time_and_one_a_round(ros, matched, tmp_
 
 @pytest.mark.slow
 def test_without_pictures_the_recorder_does_not_even_take_them(ros, matched, tmp_path):
-    recorder, giver = record(tmp_path, images='none'), Giver()
-    rig = Rig(recorder, giver)
-    rig.spin(lambda: matched(recorder, giver))
-    assert giver.images.subscribers() == 0
+    recorder, source = record(tmp_path, images='none'), Source()
+    rig = Rig(recorder, source)
+    rig.spin(lambda: matched(recorder, source))
+    assert source.images.subscribers() == 0
     rig.close()
     bag = BagReader(tmp_path)
     assert '/eol/camera/image_raw' not in bag.topics
@@ -185,17 +185,17 @@ def test_without_pictures_the_recorder_does_not_even_take_them(ros, matched, tmp
 @pytest.mark.slow
 def test_pictures_are_kept_around_a_slip(ros, matched, tmp_path):
     recorder = record(tmp_path, images='around_slips', before_s=0.2, after_s=0.2)
-    giver = Giver()
-    rig = Rig(recorder, giver)
-    rig.spin(lambda: matched(recorder, giver))
+    source = Source()
+    rig = Rig(recorder, source)
+    rig.spin(lambda: matched(recorder, source))
     image, stamps, slip_ns = np.zeros((80, 100), np.uint8), [], 0
     for i in range(60):
         stamps.append(now_ns())
-        giver.images.publish(stamps[-1], image)
+        source.images.publish(stamps[-1], image)
         if i == 30:
             slip_ns = stamps[-1]
-            giver.give(giver.slips, Slip(slip=1, kind=Slip.START))
-            giver.give(giver.slips, Slip(slip=1, kind=Slip.STOP))
+            source.send(source.slips, Slip(slip=1, kind=Slip.START))
+            source.send(source.slips, Slip(slip=1, kind=Slip.STOP))
         end = time.monotonic() + 0.025
         rig.spin(lambda end=end: time.monotonic() >= end)
     rig.close()

@@ -29,7 +29,7 @@ T0 = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000
 
 
-class Taker(EolNode):
+class Listener(EolNode):
     """Keeps what comes, with its time."""
 
     NAME = 'motion'
@@ -83,11 +83,11 @@ def write(folder, messages):
     return sent
 
 
-def play(taker, path, **settings):
+def play(listener, path, **settings):
     node = ReplayNode(ReplaySettings(bag=str(path), wait_s=10.0, **settings))
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    executor.add_node(taker)
+    executor.add_node(listener)
     end = time.monotonic() + 20.0
     while time.monotonic() < end and node.state != 'over':
         executor.spin_once(timeout_sec=0.01)
@@ -105,28 +105,28 @@ def play(taker, path, **settings):
 @pytest.mark.slow
 def test_the_recorded_bytes_come_at_their_time(ros, bag):
     path, sent = bag
-    taker = Taker()
-    play(taker, path, topics=('blocks', 'slips'), rate=2.0)
-    assert taker.got == sent
-    assert taker.at[-1] - taker.at[0] >= 0.49  # 0.99 s recorded, at twice the speed
-    times = [recorded for _, recorded in taker.clock]
+    listener = Listener()
+    play(listener, path, topics=('blocks', 'slips'), rate=2.0)
+    assert listener.got == sent
+    assert listener.at[-1] - listener.at[0] >= 0.49  # 0.99 s recorded, at twice the speed
+    times = [recorded for _, recorded in listener.clock]
     assert times == sorted(times)
     standing = times.count(times[0])
     assert standing > 10 and times[0] < T0  # also before anything is due, and at the end
     assert times[-1] > T0 + 99 * STEP_NS
     going = {t for t in times if T0 < t < T0 + 99 * STEP_NS}
     assert len(going - {T0 + i * STEP_NS for i in range(100)}) > 10  # between the messages too
-    taker.destroy_node()
+    listener.destroy_node()
 
 
 @pytest.mark.slow
 def test_without_pictures_the_blocks_are_played(ros, bag):
     path, sent = bag
-    taker = Taker()
-    node = play(taker, path, fast=True, start_s=0.5)
+    listener = Listener()
+    node = play(listener, path, fast=True, start_s=0.5)
     assert node.names == ['/eol/blocks']
-    assert taker.got == {'blocks': sent['blocks'][50:], 'slips': []}
-    taker.destroy_node()
+    assert listener.got == {'blocks': sent['blocks'][50:], 'slips': []}
+    listener.destroy_node()
 
 
 def ask(kind, node='', values=(), id_='', source='panel'):
@@ -180,7 +180,7 @@ def test_what_nodes_heeded_is_asked_before_the_images_and_what_people_asked_in_i
     ros, tmp_path, start_s, ahead
 ):
     sent = write(tmp_path / 'run', REQUESTS)
-    taker, order = Taker(), []
+    listener, order = Listener(), []
 
     def hear(message):
         assert message.source == 'replay' and message.id
@@ -188,22 +188,22 @@ def test_what_nodes_heeded_is_asked_before_the_images_and_what_people_asked_in_i
         from_s = round((asked.from_ns - T0) * 1e-9, 6) if asked.from_ns else 0.0
         order.append((asked.node, asked.kind, asked.values, from_s))
 
-    taker.subscribe('requests', hear)
-    taker.subscribe('block_taps', lambda m: order.append('tap'))
-    node = play(taker, tmp_path / 'run', start_s=start_s, rate=0.5)
+    listener.subscribe('requests', hear)
+    listener.subscribe('block_taps', lambda m: order.append('tap'))
+    node = play(listener, tmp_path / 'run', start_s=start_s, rate=0.5)
     assert set(node.names) == {'/eol/blocks', '/eol/block_taps', '/eol/requests'}
     assert order == [*ahead, ('', 'sleep', {}, 0.0), 'tap']
-    assert taker.got['blocks'] == sent['blocks'][-3 if not start_s else -2 :]
-    taker.destroy_node()
+    assert listener.got['blocks'] == sent['blocks'][-3 if not start_s else -2 :]
+    listener.destroy_node()
 
 
 def test_two_givers_of_blocks_are_refused(ros, bag):
     path, _ = bag
-    taker = Taker()
-    taker.publisher('blocks')
+    listener = Listener()
+    listener.publisher('blocks')
     with pytest.raises(ConfigError, match='motion publishes blocks, and so would the replay'):
-        play(taker, path)
-    taker.destroy_node()
+        play(listener, path)
+    listener.destroy_node()
 
 
 def scene_of(*names):

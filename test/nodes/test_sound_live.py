@@ -87,7 +87,7 @@ def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
 
 
 def test_a_card_that_goes_and_comes_back(monkeypatch):
-    """Its driver hangs, as JACK's does: the supervisor starts the node anew, and only once."""
+    """Its driver hangs, as JACK's does: the supervisor starts the node again, and only once."""
     needs.system('jackd2', 'libportaudio2')
     found = sound_loss.measure(1.0)
     assert found['new_process'] and found['restarts'] == 1, found

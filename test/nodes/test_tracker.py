@@ -9,7 +9,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision.background.model import ClutterMap
+from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.requests import Outcome
@@ -114,7 +114,7 @@ def test_what_a_replay_learns_again_is_not_written_down(tmp_path):
     settings = TrackerSettings(background=str(tmp_path / 'lamps.png'))
     for keep in (True, False):
         tracker = Tracker(settings, Calibration.ideal())
-        tracker.finder.clutter = ClutterMap(np.full((800, 1280), 40, np.uint8))
+        tracker.finder.background = BackgroundModel(np.full((800, 1280), 40, np.uint8))
         tracker.outcome = Outcome('darkness', False, 'background learnt')
         tracked = tracker.update(1.0, np.zeros((800, 1280), np.uint8))
         files = TrackerFiles(settings, keep)

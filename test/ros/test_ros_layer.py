@@ -232,7 +232,7 @@ def brimful(size=4096):
     with contextlib.suppress(BlockingIOError):
         while True:
             count += os.write(into, b'.' * 64)
-    os.set_blocking(into, True)  # as whoever starts a node by hand may hand it over
+    os.set_blocking(into, True)  # as a shell may hand it over that starts a node by hand
     return out, into, count
 
 

@@ -42,8 +42,8 @@ class Mapping(Plain):
 class Rig:
     def __init__(self, ros, executor, kind):
         self.node = kind(parameter_overrides=SIM)
-        self.giver = ros.create_node('giver')
-        self.clock = self.giver.create_publisher(Clock, CLOCK, CLOCK_QOS)
+        self.source = ros.create_node('source')
+        self.clock = self.source.create_publisher(Clock, CLOCK, CLOCK_QOS)
         self.executor = executor()
         self.executor.add_node(self.node)
         self.until(lambda: self.clock.get_subscription_count() >= 1 + kind.MAPS_TIME)
@@ -62,7 +62,7 @@ class Rig:
     def close(self):
         self.executor.shutdown()
         self.node.destroy_node()
-        self.giver.destroy_node()
+        self.source.destroy_node()
 
 
 @pytest.fixture(
@@ -118,5 +118,5 @@ def test_use_sim_time_is_true_or_false_and_is_read_at_the_start(ros):
         Plain(parameter_overrides=[Parameter('use_sim_time', value='yes')])
     node = Plain()
     (result,) = node.set_parameters(SIM)
-    assert not result.successful and 'start it anew' in result.reason
+    assert not result.successful and 'start it again' in result.reason
     node.destroy_node()

@@ -98,7 +98,7 @@ def graph(tmp_path_factory):
         )  # fmt: skip
     address = f'http://127.0.0.1:{port}'
     work.log = folder / 'log'
-    work.nodes = set()  # process ids, also of those that were started anew
+    work.nodes = set()  # process ids, also of those that were started again
     try:
         until(
             lambda: work.poll() is not None or healthy(address) >= NODES,

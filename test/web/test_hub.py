@@ -163,12 +163,12 @@ def test_put_before_and_after_the_loop_does_nothing():
     assert line.taken() == []
 
 
-def test_while_nobody_looks_nothing_is_woken_and_wishes_are_told_once(monkeypatch):
+def test_while_nobody_looks_nothing_is_woken_and_demands_are_told_once(monkeypatch):
     async def story(hub):
-        woken, wishes, line = [], [], Line()
+        woken, demands, line = [], [], Line()
         loop = asyncio.get_running_loop()
         monkeypatch.setattr(loop, 'call_soon_threadsafe', lambda *call: woken.append(call))
-        hub.on_demand = lambda: wishes.append(set(hub.demand))
+        hub.on_demand = lambda: demands.append(set(hub.demand))
         hub.put('notices', {'t': 'tick'}, sticky='tick')
         hub.put('blocks', b'b')
         assert woken == []
@@ -177,8 +177,8 @@ def test_while_nobody_looks_nothing_is_woken_and_wishes_are_told_once(monkeypatc
         for channels in (['blocks'], ['blocks'], []):
             hub.want(viewer, channels)
         hub.put('blocks', b'b')
-        assert wishes == [{'blocks'}, set()] and len(woken) == 1
+        assert demands == [{'blocks'}, set()] and len(woken) == 1
         hub.leave(viewer)
-        assert len(wishes) == 2
+        assert len(demands) == 2
 
     run(story)

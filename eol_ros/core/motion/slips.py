@@ -34,7 +34,7 @@ FLOOR_M = 1e-6  # no camera measures better than a micrometre
 HIDDEN_S = 0.25  # a moving block out of sight for longer has stopped, as far as anyone knows
 BEFORE_IMAGES = 4  # that the onset of a START rests on, the crossing one included
 LATER_IMAGES = 2  # more, that the onset of its STOP rests on
-GAP_S = 0.5  # a break in the images longer than this starts everything anew
+GAP_S = 0.5  # a break in the images longer than this starts everything again
 AGREE_SIGMAS = 3.5  # a sample nearer to the mean of a run belongs to it: 998 of 1000 at rest are
 UNSURE_IMAGES = 2  # that may lie between agreeing and having left before a run is given up
 # A run this long is a rest at this noise. A block that passes slowly, its acceleration growing in
@@ -120,7 +120,7 @@ class SlipDetector:
         x, y: (25,) m. seen: (25,) bool. sigma: (25,) m, the tracker's own opinion of each sample;
         only its ratio to the usual one counts. An image that is not newer than the last one is
         passed over; one that is older by more than BACK_S begins another time, and everything
-        anew.
+        again.
         """
         return self.starts(stamp_s, x, y, seen, sigma) + self.stops()
 
@@ -265,10 +265,10 @@ class SlipDetector:
         self.left[agrees] = 0
         self.run[agrees] += 1
         self.run_sum[:, agrees] += now[:, agrees]
-        anew = seen & ~agrees & ~unsure & ~again
-        self.run[anew], self.left[anew] = 1, 0
-        self.run_sum[:, anew], self.run_from_s[anew] = now[:, anew], stamp_s
-        self.run_to_s[agrees | anew] = stamp_s
+        fresh = seen & ~agrees & ~unsure & ~again
+        self.run[fresh], self.left[fresh] = 1, 0
+        self.run_sum[:, fresh], self.run_from_s[fresh] = now[:, fresh], stamp_s
+        self.run_to_s[agrees | fresh] = stamp_s
         return again
 
     def _run_place(self) -> np.ndarray:

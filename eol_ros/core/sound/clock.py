@@ -20,7 +20,7 @@ NEAREST = 0.5 + 2.4e-5
 
 @njit(cache=True)
 def start_clock(s, now_s):
-    """Lock the clock in `s` (STATE) anew: the next frame sounds at `now_s`."""
+    """Lock the clock in `s` (STATE) once more: the next frame sounds at `now_s`."""
     s.clock_time = now_s
     s.clock_frame = s.frame
     s.clock_period = 1.0 / s.sample_rate

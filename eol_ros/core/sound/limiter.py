@@ -39,29 +39,29 @@ def govern(m):
     mean = m.windows.mean()
     s.lufs = -0.691 + 10 * math.log10(mean) if mean > 1e-12 else -120.0
     s.governor_db = min(0.0, max(-s.governor_range, s.loudness - s.lufs))
-    wish = 10 ** (s.governor_db / 20)
-    if abs(wish - s.governor) < INAUDIBLE:
-        s.governor, s.governor_step = wish, 0.0
+    target = 10 ** (s.governor_db / 20)
+    if abs(target - s.governor) < INAUDIBLE:
+        s.governor, s.governor_step = target, 0.0
     else:
-        s.governor_step = (wish - s.governor) / length
+        s.governor_step = (target - s.governor) / length
 
 
 @njit(cache=True)
 def _glide(m, at, n):
     """Multiply `n` frames by gain and fade where these move; return the gain that is left to do."""
     s = m.state[0]
-    if s.gain == s.gain_wish and s.fade == s.fade_wish and s.fade == 1.0:
+    if s.gain == s.gain_target and s.fade == s.fade_target and s.fade == 1.0:
         return s.gain
     ease = 1.0 - math.exp(-1.0 / (GAIN_S * s.sample_rate))
     for k in range(at, at + n):
-        if s.gain != s.gain_wish:
-            s.gain += ease * (s.gain_wish - s.gain)
-            if abs(s.gain - s.gain_wish) < INAUDIBLE:
-                s.gain = s.gain_wish
-        if s.fade < s.fade_wish:
-            s.fade = min(s.fade_wish, s.fade + s.fade_step)
-        elif s.fade > s.fade_wish:
-            s.fade = max(s.fade_wish, s.fade - s.fade_step)
+        if s.gain != s.gain_target:
+            s.gain += ease * (s.gain_target - s.gain)
+            if abs(s.gain - s.gain_target) < INAUDIBLE:
+                s.gain = s.gain_target
+        if s.fade < s.fade_target:
+            s.fade = min(s.fade_target, s.fade + s.fade_step)
+        elif s.fade > s.fade_target:
+            s.fade = max(s.fade_target, s.fade - s.fade_step)
         gain = s.gain * (0.5 - 0.5 * math.cos(math.pi * s.fade) if s.fade < 1.0 else 1.0)
         for c in range(m.filters.shape[0]):
             m.mix[c, k] = np.float32(gain * m.mix[c, k])

@@ -245,7 +245,7 @@ class Mixer:
         s['ceiling'] = 10 ** (ceiling_db / 20) * (1 - 1e-6)  # room for the rounding to float32
         s['release'] = 1 - np.exp(-1 / (LIMITER_RELEASE_S * sample_rate))
         s['dc_pole'] = 1 - 2 * np.pi * DC_HZ / sample_rate
-        for gain in ('limiter', 'limiter_least', 'held', 'governor', 'fade', 'fade_wish'):
+        for gain in ('limiter', 'limiter_least', 'held', 'governor', 'fade', 'fade_target'):
             s[gain] = 1
         self.memory.box[:] = ONE
         s['box_sum'] = ONE * self.memory.box.size
@@ -253,7 +253,7 @@ class Mixer:
         s['epoch'] = epoch_s
         self.memory.weights[:] = k_weighting(sample_rate)[:, [0, 1, 2, 4, 5]].ravel()
         self.set(cubic=cubic, gain_db=gain_db, loudness_lufs=loudness_lufs, governor_db=governor_db)
-        s['gain'] = s['gain_wish']
+        s['gain'] = s['gain_target']
         self._lent = Lent(round(AHEAD_S * sample_rate))
         publish(s, 0)  # whatever is compiled is so before it is needed
         if not render(self.address, np.empty((0, channels), np.float32)):
@@ -276,7 +276,7 @@ class Mixer:
         if cubic is not None:
             s['cubic'] = bool(cubic)
         if gain_db is not None:
-            s['gain_wish'] = 10 ** (gain_db / 20)
+            s['gain_target'] = 10 ** (gain_db / 20)
         if loudness_lufs is not None:
             s['loudness'] = loudness_lufs
         if governor_db is not None:
@@ -288,7 +288,7 @@ class Mixer:
         s['fade_step'] = 1.0 if seconds <= 0 else 1 / (seconds * self.sample_rate)
         if at_once_from is not None:
             s['fade'] = at_once_from
-        s['fade_wish'] = to
+        s['fade_target'] = to
 
     def recent(self, frames: int, end: int | None = None) -> np.ndarray:
         """Return `frames` of the output before frame `end` (None: the newest), (frames, channels).

@@ -60,10 +60,10 @@ STATE = np.dtype(
         ('dc_pole', 'f8'),
         ('loudness', 'f8'),  # LUFS that the governor holds
         ('governor_range', 'f8'),  # dB that it may take away
-        # wishes: Python writes, the callback reads
+        # targets: Python writes, the callback reads
         ('cubic', 'i8'),
-        ('gain_wish', 'f8'),
-        ('fade_wish', 'f8'),  # 0 silent, 1 open
+        ('gain_target', 'f8'),
+        ('fade_target', 'f8'),  # 0 silent, 1 open
         ('fade_step', 'f8'),  # share of a fade made in a frame
         ('ring_head', 'i8'),
         ('card', 'i8'),  # 1 while a sound card may render; one that is given up hears silence

@@ -27,7 +27,7 @@ from eol_ros.core.sound.triggers import MAX_RATE, MIN_RATE, TRIGGER
 from eol_ros.core.stamp_watch import BACK_S
 from eol_ros.settings import GrainsSettings
 
-FORGET_S = 0.25  # a block unseen for longer starts anew
+FORGET_S = 0.25  # a block unseen for longer starts again
 LONGEST_LEAD_S = 60.0  # a switch farther ahead is left over from before the stamps began again
 NOISE_SIGMAS = 6.0  # a step below this many standard deviations of a step is not motion
 
@@ -61,7 +61,7 @@ class Selector:
     def load(self, corpus: Corpus, lead_s: float = 0.0) -> float:
         """Take another corpus; return the stamp from which on triggers name its grains.
 
-        That is `lead_s` after the last image, so that whoever sounds them can have it at hand by
+        That is `lead_s` after the last image, so that the node sound can have it loaded by
         then; the first corpus is taken at once (-inf). From there its grains rise over
         `crossfade_s`.
         """

@@ -16,7 +16,7 @@ TRIGGER = np.dtype(
     ]
 )
 COLUMNS = ('time_s', 'grain', 'gain', 'rate', 'pan', 'attack_s', 'release_s')  # of a triggers CSV
-MAX_GAIN = 16.0  # +24 dB: above this a number is a mistake, not a wish
+MAX_GAIN = 16.0  # +24 dB: above this a number is a mistake
 MIN_RATE, MAX_RATE = 1 / 16, 16.0
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from eol_ros.core.vision.background.model import ClutterLearner, ClutterMap
+from eol_ros.core.vision.background.model import BackgroundLearner, BackgroundModel
 from eol_ros.errors import ConfigError
 
 THRESHOLD, BACKGROUND, DARKNESS, CALIBRATE = KINDS = (
@@ -29,20 +29,20 @@ class Outcome:
     text: str
 
 
-def packed(clutter: ClutterMap) -> bytes:
-    """Return a clutter map as PNG."""
-    return cv2.imencode('.png', clutter.light)[1].tobytes()
+def packed(background: BackgroundModel) -> bytes:
+    """Return a background model as PNG."""
+    return cv2.imencode('.png', background.light)[1].tobytes()
 
 
-def unpacked(png: bytes) -> ClutterMap:
-    """Return the clutter map in what `packed` gave; raises ConfigError."""
+def unpacked(png: bytes) -> BackgroundModel:
+    """Return the background model in what `packed` gave; raises ConfigError."""
     try:
         light = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE)
     except cv2.error:
         light = None
     if light is None:
         raise ConfigError('a picture of the background cannot be read: it is not a PNG')
-    return ClutterMap(light)
+    return BackgroundModel(light)
 
 
 class Requests:
@@ -51,7 +51,7 @@ class Requests:
     def __init__(self) -> None:
         self._waiting: list[tuple[float, str, Any]] = []
         self._until_s = -np.inf
-        self._learner: ClutterLearner | None = None
+        self._learner: BackgroundLearner | None = None
 
     def add(self, from_ns: int, kind: str, value: Any = None) -> None:
         """Let a request count from the first image of stamp >= from_ns.
@@ -74,7 +74,7 @@ class Requests:
         while self._waiting and self._waiting[0][0] <= stamp_s:
             _, kind, value = self._waiting.pop(0)
             if kind == DARKNESS:
-                self._learner, self._until_s = ClutterLearner(), value * 1e-9
+                self._learner, self._until_s = BackgroundLearner(), value * 1e-9
             else:
                 yield kind, value
 
@@ -86,7 +86,7 @@ class Requests:
             self._learner.add(image)
         return True
 
-    def learnt(self) -> ClutterMap | None:
+    def learnt(self) -> BackgroundModel | None:
         """Return the map when a darkness is over, once; raises ConfigError when it was no good."""
         if self._learner is None:
             return None

@@ -203,7 +203,7 @@ class Tracker:
         if kind == THRESHOLD:
             self.finder.threshold = value
         elif kind == BACKGROUND:
-            self.finder.clutter = value
+            self.finder.background = value
         elif kind == CALIBRATE and self.calibration is None:
             self._tell(CALIBRATE, 'not calibrated: no squares seen yet', True)
         elif kind == CALIBRATE and self.learning is not None:
@@ -223,13 +223,13 @@ class Tracker:
     def _enlighten(self) -> None:
         """Use what was learnt in a darkness that is over."""
         try:
-            clutter = self.requests.learnt()
+            background = self.requests.learnt()
         except ConfigError as error:
             self._tell(DARKNESS, str(error), True)
         else:
-            if clutter is not None:
-                self.finder.clutter = clutter
-                share = 100 * float((clutter.light > LAMP_LEVEL).mean())
+            if background is not None:
+                self.finder.background = background
+                share = 100 * float((background.light > LAMP_LEVEL).mean())
                 self._tell(DARKNESS, f'background learnt: lamps light {share:.1f} % of it', False)
 
     def _tell(self, kind: str, text: str, refused: bool) -> None:

@@ -35,7 +35,7 @@ def load_bank(
         if outside.any():
             raise ConfigError(
                 f'{files[number]}: grain {int(np.argmax(outside))} begins after its end; '
-                'make the corpus anew'
+                'make the corpus again'
             )
     return Bank(sounds, file, start, duration, sample_rate)
 

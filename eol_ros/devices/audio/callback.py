@@ -49,8 +49,8 @@ def turn(address, out, flags):
 def serve(address, out, flags):
     """A card asks: as `turn`, but silence if the mixer is not the card's (any more).
 
-    `busy` is up before `card` is looked at, so whoever takes `card` down and then finds `busy` down
-    has the mixer for himself.
+    `busy` is up before `card` is looked at, so a thread that takes `card` down and finds
+    `busy` down has the mixer for itself.
     """
     played = False
     if fits(address):

@@ -156,7 +156,7 @@ def cards() -> list[dict]:
 
 
 def rescan() -> None:
-    """Look for sound cards anew: PortAudio does so only when it starts. No stream may be open."""
+    """Look for sound cards again: PortAudio does so only when it starts. No stream may be open."""
     sd = _portaudio()
     sd._terminate()
     try:

@@ -565,10 +565,10 @@ def metadata_fault(folder: Path, count: int) -> str:
     try:
         said = (_information(folder) or {}).get('message_count', count)
     except ConfigError as error:
-        return f'{error}: `eol bag recover` writes it anew'
+        return f'{error}: `eol bag recover` rewrites it'
     if said != count:
         return (
             f'metadata.yaml speaks of {said} messages, the files of {count}: '
-            '`eol bag recover` writes it anew'
+            '`eol bag recover` rewrites it'
         )
     return ''

@@ -31,9 +31,9 @@ from eol_ros.devices.bag.selection import (
     Gaps,
     ImagesMissed,
     Item,
+    RateLimiter,
     Slipping,
     StampGaps,
-    Thinning,
 )
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import EolError
@@ -96,7 +96,7 @@ class Recording:
         self._gaps, self._missed, self._blocks = Gaps(), ImagesMissed(), blocks
         self._unwritten: Counter[str] = Counter()  # for which there was no disk
         self._ring = AroundSlips(settings.before_s, settings.after_s)
-        self._thinning = Thinning(settings.display_period_s)
+        self._limiter = RateLimiter(settings.display_period_s)
         self._queue = Backlog(QUEUE_BYTES, images)
         self._written = 0  # messages of bags already closed
         self._ready = threading.Condition()
@@ -111,7 +111,7 @@ class Recording:
         if not threaded:
             return
         self._thread = threading.Thread(target=self._run, name='bag-writer', daemon=True)
-        atexit.register(self.close)  # whoever forgets to close still gets a whole bag
+        atexit.register(self.close)  # a caller that forgets to close still gets a complete bag
         self._thread.start()
         self._housekeeper = Housekeeper(
             root, settings, images, self._kept, self._stop,
@@ -309,7 +309,7 @@ class Recording:
                 yield from self._counted(self._ring.image(item))
             else:
                 yield from self._counted([item])
-        elif item.topic not in self._thinned or self._thinning.keep(item):
+        elif item.topic not in self._thinned or self._limiter.keep(item):
             yield item
 
     def _counted(self, images: Iterator[Item] | list[Item]) -> Iterator[Item]:
@@ -395,7 +395,7 @@ class Recording:
                 self.image_bytes = self._told_bytes = int(kept['bytes'])
 
     def _keep_budget(self) -> None:
-        """Begin anew with a new day, and note what was kept, for a run after this one."""
+        """Start over with a new day, and note what was kept, for a run after this one."""
         day = self._today()
         if day != self._day:
             self._day, self.image_bytes, self._budget_spent = day, 0, False

@@ -162,7 +162,7 @@ def repair_all(
 
 
 def rewrite_metadata(folder: Path) -> None:
-    """Write `metadata.yaml` of a bag folder anew from its whole files."""
+    """Rebuild `metadata.yaml` of a bag folder from its complete files."""
     bags = [BagFileReader(p, with_places=False) for p in sorted(folder.glob('*.mcap'))]
     topics, custom, files = {}, {}, []
     for bag in sorted(bags, key=lambda b: b.start_ns):

@@ -171,7 +171,7 @@ class Folder:
         return False
 
     def remove_pictures(self, stored: Stored) -> None:
-        """Write the files of a bag anew without pictures; each takes its name when it is whole."""
+        """Rewrite the files of a bag without images; each takes its name when it is complete."""
         self._without.add(stored.path)
         for file in BagReader(stored.path).files:
             changed = file.path.stat()

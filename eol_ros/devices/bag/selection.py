@@ -76,7 +76,7 @@ class AroundSlips:
             self._ring.popleft()
 
 
-class Thinning:
+class RateLimiter:
     """Lets one message of a topic through per period: pictures and meters made for the eye."""
 
     def __init__(self, period_s: float):

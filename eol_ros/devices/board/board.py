@@ -56,7 +56,7 @@ class Board:
     """The line to one board, kept open from `start` to `close`.
 
     `on_tap` and `on_state` are called from the reader thread. `port` as for `find_port`, looked up
-    anew at each try.
+    again at each try.
     """
 
     def __init__(

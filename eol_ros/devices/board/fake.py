@@ -123,7 +123,7 @@ class FakeBoard:
         return [round(level) for level in shown]
 
     def fault(self, what: str) -> None:
-        """Misbehave, see FAULTS: spoil the next packet, fall silent, lose the plug, start anew."""
+        """Misbehave, see FAULTS: spoil the next packet, fall silent, lose the plug, start again."""
         if what in ('noise', 'truncate', 'oversize'):
             self._spoil = what
         elif what in ('mute', 'unmute'):

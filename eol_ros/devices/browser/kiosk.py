@@ -28,7 +28,7 @@ FLAGS = (
     '--autoplay-policy=no-user-gesture-required',
 )
 LOG_BYTES = 1_000_000  # of what a browser says; it may run for months
-SETTLED_S = 20.0  # a window that lived this long failed anew, not again
+SETTLED_S = 20.0  # a window that lived this long failed for another reason, not the same
 
 
 @dataclass(frozen=True)

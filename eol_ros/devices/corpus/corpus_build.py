@@ -171,7 +171,7 @@ def _analysed(sound: Path, options: Options, progress):
         with open(path, 'rb') as file, np.load(file) as kept:
             rate, duration_s = int(kept['rate']), float(kept['duration_s'])
             grains, silent, notes = kept['grains'], kept['silent'], kept['notes'].tolist()
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile):  # absent or spoilt: done anew
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):  # absent or damaged
         from eol_ros.core.sound.descriptors import analyse
         from eol_ros.devices.audio.audio_file import read_mono
 

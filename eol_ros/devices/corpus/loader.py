@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Load a corpus while the show goes on: one thread, and the newest wish wins."""
+"""Load a corpus while the show goes on: one thread, and the newest spec wins."""
 
 import subprocess
 import threading
@@ -11,11 +11,11 @@ from eol_ros.devices.corpus.corpus_file import Options
 from eol_ros.errors import EolError
 from eol_ros.settings import GrainsSettings
 
-Wish = tuple[str, Options, int]
+CorpusSpec = tuple[str, Options, int]
 
 
-def wish_of(settings: GrainsSettings) -> Wish:
-    """Return what the settings ask for; equal wishes mean the same corpus."""
+def corpus_spec(settings: GrainsSettings) -> CorpusSpec:
+    """Return what the settings ask for; equal specs mean the same corpus."""
     return settings.sound, Options.of(settings), 0 if settings.sound else settings.seed
 
 
@@ -24,37 +24,37 @@ class CorpusLoader:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._wish: Wish | None = None
+        self._spec: CorpusSpec | None = None
         self._outcome: Corpus | EolError | None = None
         self._child: subprocess.Popen | None = None
         self._thread: threading.Thread | None = None
-        self._seen: tuple[Wish, list[tuple[str, int]]] | None = None
+        self._seen: tuple[CorpusSpec, list[tuple[str, int]]] | None = None
         self._asked = 0
 
-    def at_once(self, wish: Wish) -> Corpus | None:
+    def at_once(self, spec: CorpusSpec) -> Corpus | None:
         """Return the corpus without waiting, or None if it must be made first.
 
         Raises DeviceMissing if its sound is absent, ConfigError if it is no corpus.
         """
-        sound, options, seed = wish
+        sound, options, seed = spec
         return corpus_build.ready(sound, options, seed)
 
-    def ask(self, wish: Wish) -> None:
-        """Begin to load; an older wish is given up."""
+    def ask(self, spec: CorpusSpec) -> None:
+        """Begin to load; an older spec is given up."""
         with self._lock:
-            self._wish, self._outcome = wish, None
+            self._spec, self._outcome = spec, None
             self._asked += 1
             self._stop_child()
             if self._thread is None:
                 self._thread = threading.Thread(target=self._work, name='corpus', daemon=True)
                 self._thread.start()
 
-    def changed(self, wish: Wish) -> bool:
+    def changed(self, spec: CorpusSpec) -> bool:
         """Whether a file that the corpus is made of has changed since this was last asked."""
-        sound, options, seed = wish
-        seen = (wish, corpus_file.times(sound, options, seed))
+        sound, options, seed = spec
+        seen = (spec, corpus_file.times(sound, options, seed))
         before, self._seen = self._seen, seen
-        return before is not None and before[0] == wish and before[1] != seen[1]
+        return before is not None and before[0] == spec and before[1] != seen[1]
 
     def take(self) -> Corpus | EolError | None:
         """Return the corpus last asked for, or why it cannot be had, once; else None."""
@@ -65,7 +65,7 @@ class CorpusLoader:
     def close(self) -> None:
         """Give up whatever is being made."""
         with self._lock:
-            self._wish, self._asked = None, self._asked + 1
+            self._spec, self._asked = None, self._asked + 1
             self._stop_child()
             thread = self._thread
         if thread is not None:
@@ -78,17 +78,17 @@ class CorpusLoader:
     def _work(self) -> None:
         while True:
             with self._lock:
-                wish, number = self._wish, self._asked
-                if wish is None:
+                spec, number = self._spec, self._asked
+                if spec is None:
                     self._thread = None
                     return
-            outcome = self._load(wish, number)
+            outcome = self._load(spec, number)
             with self._lock:
                 self._child = None
                 if number == self._asked:
-                    self._wish, self._outcome = None, outcome
+                    self._spec, self._outcome = None, outcome
 
-    def _load(self, wish: Wish, number: int) -> Corpus | EolError:
+    def _load(self, spec: CorpusSpec, number: int) -> Corpus | EolError:
         def started(child: subprocess.Popen) -> None:
             with self._lock:
                 self._child = child
@@ -96,7 +96,7 @@ class CorpusLoader:
                     child.kill()
 
         try:
-            return corpus_build.apart(*wish, started)
+            return corpus_build.apart(*spec, started)
         except EolError as error:
             return error
         except OSError as error:

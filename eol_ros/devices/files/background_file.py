@@ -1,31 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clutter maps as grey pictures, so that a person can look at what the tracker leaves out."""
+"""Background models as grey pictures, so that a person can look at what the tracker leaves out."""
 
 from pathlib import Path
 
 import cv2
 
-from eol_ros.core.vision.background.model import ClutterMap
+from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.errors import ConfigError, DeviceMissing
 
 
-def save(path: str | Path, clutter: ClutterMap) -> None:
+def save(path: str | Path, background: BackgroundModel) -> None:
     """Write the map as a PNG.
 
     Raises:
         ConfigError: it cannot be written there.
     """
     try:
-        done = cv2.imwrite(str(path), clutter.light)
+        done = cv2.imwrite(str(path), background.light)
     except cv2.error:
         done = False
     if not done:
         raise ConfigError(
-            f'{path}: cannot write the clutter map; name a .png in a folder that exists'
+            f'{path}: cannot write the background model; name a .png in a folder that exists'
         )
 
 
-def load(path: str | Path) -> ClutterMap:
+def load(path: str | Path) -> BackgroundModel:
     """Return the map in a PNG.
 
     Raises:
@@ -33,8 +33,8 @@ def load(path: str | Path) -> ClutterMap:
         ConfigError: not a picture.
     """
     if not Path(path).exists():
-        raise DeviceMissing(f'{path}: no such clutter map')
+        raise DeviceMissing(f'{path}: no such background model')
     light = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if light is None:
         raise ConfigError(f'{path}: not a picture that can be read')
-    return ClutterMap(light)
+    return BackgroundModel(light)

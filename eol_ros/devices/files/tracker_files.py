@@ -77,11 +77,11 @@ class TrackerFiles:
             return ''
         try:
             if kind == DARKNESS:
-                if not self.settings.background or tracker.finder.clutter is None:
+                if not self.settings.background or tracker.finder.background is None:
                     return ''
                 from eol_ros.devices.files import background_file
 
-                background_file.save(self.settings.background, tracker.finder.clutter)
+                background_file.save(self.settings.background, tracker.finder.background)
                 return f', kept in {self.settings.background}'
             if not self.settings.calibration or tracker.calibration is None:
                 return ', until the next start'

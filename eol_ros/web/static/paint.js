@@ -12,7 +12,7 @@ export const GROUND = '#0b0d10';
 export const calm = matchMedia('(prefers-reduced-motion: reduce)');
 
 // Sizes are told by the browser when they change: asking for them at each drawing would make it lay
-// the page out anew each time.
+// the page out again each time.
 const boxes = new WeakMap();
 const watch = new ResizeObserver((entries) => {
   for (const { target, contentRect: { width, height } } of entries) boxes.set(target, [width, height]);

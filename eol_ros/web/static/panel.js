@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The monitor: wires the live connection to the views, and people's wishes to the routes.
+// The monitor: wires the live connection to the views, and requests of people to the routes.
 
 import { Listener } from './audio.js';
 import { CameraView } from './camera.js';
@@ -51,7 +51,7 @@ link.on('blocks', (packet) => {
   const seen = blocks.rows.filter((value, i) => i % 8 === 7 && value).length;
   write($('camera-state'), say('camera_words', { seen, state: say(`tracker_${blocks.state}`) }));
 });
-// Whether a block has gone far enough to be drawn anew, or has been lost or found.
+// Whether a block has gone far enough to be redrawn, or has been lost or found.
 let shown = new Float32Array(200);
 function stirred(rows) {
   for (let at = 0; at < 200; at += 8) {

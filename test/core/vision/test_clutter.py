@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision.background.model import ClutterLearner, ClutterMap
+from eol_ros.core.vision.background.model import BackgroundLearner, BackgroundModel
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.render import clutter as renderer_clutter
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
@@ -31,7 +31,7 @@ def lit(monkeypatch, seed=1, **changes):
 
 
 def learn(renderer, images=15, ir=0.0):
-    learner, xy = ClutterLearner(), rest_lattice()
+    learner, xy = BackgroundLearner(), rest_lattice()
     for k in range(images):
         learner.add(renderer.render(*xy.T, np.zeros(25), k, ir=np.full(25, ir)))
     return learner
@@ -48,7 +48,7 @@ def test_lamps_are_learnt_and_taken_off(monkeypatch):
     rms = {}
     for name, used in (('with', clutter), ('without', None)):
         finder, left = BlobFinder(), []
-        finder.clutter = used
+        finder.background = used
         for k in range(8):
             xy = rest_lattice() + np.random.default_rng(k).normal(0, 0.01, (25, 2))
             blobs = finder.find(renderer.render(*xy.T, np.full(25, 0.1), 100 + k))
@@ -67,16 +67,16 @@ def test_lit_blocks_are_no_clutter(monkeypatch):
 
 def test_what_cannot_be_a_map():
     with pytest.raises(ConfigError, match='0 dark images were taken'):
-        ClutterLearner().result()
+        BackgroundLearner().result()
     with pytest.raises(ConfigError, match='8-bit'):
-        ClutterMap(np.zeros((4, 4)))
+        BackgroundModel(np.zeros((4, 4)))
     with pytest.raises(ConfigError, match='learn it again'):
-        ClutterMap(np.zeros((40, 60), np.uint8)).remove(np.zeros((80, 120), np.uint8))
+        BackgroundModel(np.zeros((40, 60), np.uint8)).remove(np.zeros((80, 120), np.uint8))
 
 
 def test_a_full_sensor_stays_full():
     image = np.full((10, 10), 255, np.uint8)
     image[0] = 100
-    clean = ClutterMap(np.full((10, 10), 30, np.uint8)).remove(image)
+    clean = BackgroundModel(np.full((10, 10), 30, np.uint8)).remove(image)
     assert (clean[0] == 70).all()
     assert (clean[1:] == 255).all()

@@ -29,10 +29,10 @@ def test_crooked_blocks_tell_the_turn_even_with_some_hidden(quarters):
         true = offsets + random.normal(0, 0.01, 25)
         true[random.integers(0, 25)] += 0.5  # one was knocked
         # The block b stands where the names so far say UNTURNED[quarters, b].
-        askew = np.empty(25)
-        askew[UNTURNED[quarters]] = true
+        yaw_offsets = np.empty(25)
+        yaw_offsets[UNTURNED[quarters]] = true
         held = random.random(25) > 0.2
-        assert yaws.quarters(askew + 0.03, held) == quarters
+        assert yaws.quarters(yaw_offsets + 0.03, held) == quarters
 
 
 def test_learns_mean_and_scatter_without_what_all_have_in_common():
@@ -77,9 +77,9 @@ def test_a_block_that_was_never_seen_neither_helps_nor_harms():
     offsets = random.normal(0, 0.05, 25)
     yaws = learnt(random, offsets, seen=np.arange(25) != 7)
     for q in range(4):
-        askew = np.empty(25)
-        askew[UNTURNED[q]] = offsets + random.normal(0, 0.01, 25)
-        assert yaws.quarters(askew, ALL) == q
+        yaw_offsets = np.empty(25)
+        yaw_offsets[UNTURNED[q]] = offsets + random.normal(0, 0.01, 25)
+        assert yaws.quarters(yaw_offsets, ALL) == q
 
 
 @pytest.mark.slow

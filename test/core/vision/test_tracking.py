@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision.background.model import ClutterMap
+from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import scan, search
@@ -213,8 +213,8 @@ def test_lamps_are_learnt_in_a_commanded_darkness_and_the_turn_stays_known(track
     assert {a.state for a in answers} == {LOST}
     assert 'infrared' in answers[-1].why
     again = feed(tracker, lit[20:40], 50)
-    assert tracker.finder.clutter is not None
-    assert tracker.finder.clutter.light.max() > 10
+    assert tracker.finder.background is not None
+    assert tracker.finder.background.light.max() > 10
     assert 'background learnt' in tracker.outcome.text
     assert not tracker.outcome.refused
     assert again[-1].state == TRACKING
@@ -228,7 +228,7 @@ def test_lamps_are_not_learnt_while_blocks_are_lit(tracker, scattered):
     _, lit, _ = scattered
     tracker.requests.add(ns(5), 'darkness', ns(15))
     feed(tracker, lit[:20])
-    assert tracker.finder.clutter is None
+    assert tracker.finder.background is None
     assert tracker.outcome.refused
     assert 'blocks are lit' in tracker.outcome.text
 
@@ -245,26 +245,26 @@ def test_requests_written_down_make_the_same_answers_again(scattered):
             answers.append(tracker.update(k / 60, image))
         return b''.join(a.tobytes() for t in answers for a in (t.world, t.px, t.visibility))
 
-    wishes = [
+    asked = [
         (ns(10), 'threshold', 60.0),
         (ns(20), 'darkness', ns(48)),
         (ns(58), 'threshold', 0.0),
     ]
 
     def live(tracker, k):
-        for wish in wishes:
-            if ns(k - 1) < wish[0] <= ns(k):
-                tracker.requests.add(*wish)
+        for request in asked:
+            if ns(k - 1) < request[0] <= ns(k):
+                tracker.requests.add(*request)
 
     def at_once(tracker, k):
-        for wish in wishes if k == 0 else ():
-            tracker.requests.add(*wish)
+        for request in asked if k == 0 else ():
+            tracker.requests.add(*request)
 
     assert run(live) == run(at_once)
     assert run(live) != run(lambda tracker, k: None)
 
 
-def test_no_image_compiles_anything_anew(tracker, stills):
+def test_no_image_compiles_anything_again(tracker, stills):
     """After warm_up every kind of image finds its loops ready: also the first without lamps."""
     tracker.warm_up()
     loops = (search.at_predictions, scan.sample, mapping.glance)
@@ -273,7 +273,7 @@ def test_no_image_compiles_anything_anew(tracker, stills):
     over_the_wire = np.frombuffer(image.tobytes(), np.uint8).reshape(image.shape)
     for k, kind in enumerate((over_the_wire, image.copy(), np.asfortranarray(image))):
         tracker.update(k / 60, kind)
-    tracker.finder.clutter = ClutterMap(np.zeros_like(image))
+    tracker.finder.background = BackgroundModel(np.zeros_like(image))
     assert tracker.update(0.1, image).seen.all()
     assert [list(loop.signatures) for loop in loops] == ready
 

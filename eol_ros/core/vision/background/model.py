@@ -17,7 +17,7 @@ _PART = 8  # images of one average: noise below a grey level
 _BLOCKS_LIT = 3  # squares in a dark picture that say it is not dark
 
 
-class ClutterMap:
+class BackgroundModel:
     """Static light (h, w) uint8 above the ambient.
 
     Raises:
@@ -28,7 +28,7 @@ class ClutterMap:
         light = np.ascontiguousarray(light)
         if light.ndim != 2 or light.dtype != np.uint8:
             raise ConfigError(
-                f'clutter map has shape {light.shape} and type {light.dtype}; it is '
+                f'background model has shape {light.shape} and type {light.dtype}; it is '
                 'an 8-bit grey picture'
             )
         self.light = light
@@ -42,7 +42,7 @@ class ClutterMap:
         """
         if image.shape != self.light.shape:
             raise ConfigError(
-                f'clutter map is {self.light.shape[1]}x{self.light.shape[0]}, '
+                f'background model is {self.light.shape[1]}x{self.light.shape[0]}, '
                 f'the image {image.shape[1]}x{image.shape[0]}: learn it again '
                 'with this camera'
             )
@@ -51,7 +51,7 @@ class ClutterMap:
         return self._clean
 
 
-class ClutterLearner:
+class BackgroundLearner:
     """Averages dark images, then tells lamps from ambient light. `images` counts what was taken.
 
     Every eight images have an average of their own, and the least of these counts: the light of a
@@ -76,7 +76,7 @@ class ClutterLearner:
             )
             self._total = np.zeros(image.shape, np.float32)
 
-    def result(self) -> ClutterMap:
+    def result(self) -> BackgroundModel:
         """Return the map of what was seen.
 
         Raises:
@@ -94,4 +94,4 @@ class ClutterLearner:
                 'go off; check the serial line to the blocks'
             )
         light = np.maximum(light - np.quantile(light[::4, ::4], _EMPTY), 0)
-        return ClutterMap(np.clip(np.rint(light), 0, 255).astype(np.uint8))
+        return BackgroundModel(np.clip(np.rint(light), 0, 255).astype(np.uint8))

@@ -17,7 +17,7 @@ from eol_ros.errors import ConfigError
 
 IMAGES = 20  # still ones, all 25 blocks seen
 MOST_MM = 6.0  # RMS departure of resting blocks from the lattice that is still believed
-AGAIN = 120  # images to wait after a refusal: solving takes a while
+RETRY_IMAGES = 120  # images to wait after a refusal: solving takes a while
 
 
 def nominal(shape: tuple[int, ...], side_px: float, mirror: bool) -> Calibration:
@@ -48,7 +48,7 @@ class SelfCalibration:
         if len(self.views) < IMAGES:
             return None
         view = np.mean(self.views, axis=0)  # NaN where a side was hidden in any of them
-        self.views, self.wait, self.refused = [], AGAIN, True
+        self.views, self.wait, self.refused = [], RETRY_IMAGES, True
         try:
             solution = from_blocks([(np.arange(N_BLOCKS), view)], self.start)
         except ConfigError as error:

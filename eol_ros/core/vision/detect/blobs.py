@@ -18,7 +18,7 @@ from eol_ros.core.vision.detect import edges, profiles, scan, search
 from eol_ros.errors import ConfigError
 
 if TYPE_CHECKING:
-    from eol_ros.core.vision.background.model import ClutterMap
+    from eol_ros.core.vision.background.model import BackgroundModel
 
 BLOB = np.dtype(
     [
@@ -46,8 +46,8 @@ class BlobFinder:
     What it learns on the way (size of the squares over the image, brightness, background) is a
     function of the images seen and of nothing else, so that a replay gives the same numbers.
 
-    `clutter` may be set to a ClutterMap at any time; its light is then taken off every image. So
-    may `threshold`, grey levels that the light of a cover must have at least.
+    `background` may be set to a BackgroundModel at any time; its light is then subtracted from
+    every image. So may `threshold`, grey levels that the light of a cover must have at least.
 
     Args:
         settings: unused by the finder itself except `blur_px`, the edge blur, when it has one.
@@ -59,7 +59,7 @@ class BlobFinder:
         self._known[search.BLUR] = getattr(settings, 'blur_px', _BLUR_PX)
         self._shape = (0, 0)
         self.calibration = calibration
-        self.clutter: ClutterMap | None = None
+        self.background: BackgroundModel | None = None
         self.threshold = float(getattr(settings, 'threshold', 0.0))
         self._scratch = profiles.workspace()
         self._fits = np.zeros((_MOST_REGIONS, edges.FIELDS))
@@ -93,8 +93,8 @@ class BlobFinder:
             )
         if image.shape != self._shape:
             self._begin(image.shape)
-        if self.clutter is not None:
-            image = self.clutter.remove(image)
+        if self.background is not None:
+            image = self.background.remove(image)
         image = scan.read_only(image)
         known, kept, turn = self._known, self._kept, int(self._known[search.TURN])
         scan.sample(image, self._grid)

@@ -27,7 +27,7 @@ def side_lines(image, squares, blur, work, ends, out):
         contrast, _ = profiles.levels(work, ends, slope, lean, limit, profiles.FLAT * blur, spread)
         if contrast == 0.0:
             continue
-        profiles.share_levels(work, ends, spread)
+        profiles.shrink_levels(work, ends, spread)
         profile_steps.offsets(work, ends, slope, lean, limit, blur, spread)
         for side in range(4):
             begin = ends[profiles.BEGIN + side]

@@ -286,7 +286,7 @@ def _fit(
         share = 0.0
         if contrast == 0.0 or contrast < least:
             return
-        profiles.share_levels(work, ends, spread)
+        profiles.shrink_levels(work, ends, spread)
         far = 0.0
         for r in range(4):
             profile_steps.offsets(work, ends, slope, lean, limit, blur, spread)

@@ -347,7 +347,7 @@ def _smooth(work, n, column, taps, variance):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def share_levels(work, ends, spread):
+def shrink_levels(work, ends, spread):
     """Replace the level of each profile by one that owes no more to noise than it must.
 
     Neighbours are averaged over five lines; the result is drawn to the block's mean as far as the

@@ -19,7 +19,7 @@ SEEK_PX = 12.0
 def read_only(image: np.ndarray) -> np.ndarray:
     """Return `image` as the one type that loops are compiled for: contiguous, not to be written.
 
-    For another type they would be compiled anew, while an image waits, and their fast arithmetic
+    For another type they would be compiled again, while an image waits, and their fast arithmetic
     might then round differently in the last bit.
     """
     image = np.ascontiguousarray(image).view()

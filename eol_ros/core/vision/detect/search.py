@@ -33,11 +33,12 @@ MOST_SIGMA_PX = 0.3  # a square less sure than this is not reported
 PREDICTED = (0.30, 0.0, 0.10)
 NEW = (0.60, 0.30, 0.40)
 REGAINED = (0.35, 0.0, 0.25)
-DIM, GLARING = 0.65, 1.9  # of the contrast that a block had when it was last seen whole
+# Of the contrast that the block had when it was last seen whole.
+MIN_CONTRAST, MAX_CONTRAST = 0.65, 1.9
 FAINTEST = 0.2  # of the usual contrast: less is no block
 LIT = 0.12  # where less of a block's place is lit, none is asked for
-FULLER = 0.2  # by this share a square must be fuller of light than its surroundings
-AGAIN = 5  # images until a light that was no square is asked again
+MIN_FILL_GAIN = 0.2  # by this share a square must be fuller of light than its surroundings
+RETRY_IMAGES = 5  # images before a light that was no square is tried again
 SAME_PX = 10.0
 BESIDE_PX = 20.0
 
@@ -83,7 +84,7 @@ def attempt(image, known, u, v, theta, own, half, search, work, ends, square):
     # a hand may stand where a block should; it is dimmer, or its edges are not all there
     contrast = square[CONTRAST]
     if own > 0:  # a block known by its brightness may have an arm beside it that is as bright
-        dim = contrast < DIM * own or contrast > GLARING * own
+        dim = contrast < MIN_CONTRAST * own or contrast > MAX_CONTRAST * own
     else:
         dim = contrast < 0.5 * usual
         square[QUALITY] *= square[ALONE]
@@ -162,7 +163,7 @@ def at_predictions(image, known, grid, tiles, near, work, ends, fits, kept, lit)
         half = expected(known, image.shape, u, v)[0]
         over = 0.55 * own if own > 0 else max(0.4 * known[CONTRASTS], 20.0)
         du, dv, fuller = scan.seek(grid, tiles, u, v, theta, half, over, lit)
-        if fuller > FULLER:
+        if fuller > MIN_FILL_GAIN:
             attempt(image, known, u + du, v + dv, theta, own, 0.0, 2, work, ends, fits[tried])
             tried += 1
     return keep(fits, tried, kept, n, REGAINED)
@@ -185,7 +186,7 @@ def at_lights(image, known, starts, refused, work, ends, fits, kept, n):
     """
     old = 0
     for i in range(int(known[REFUSED])):
-        if known[TURN] - refused[i, 2] < AGAIN:
+        if known[TURN] - refused[i, 2] < RETRY_IMAGES:
             refused[old] = refused[i]
             old += 1
     tried = 0

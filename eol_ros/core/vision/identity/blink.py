@@ -27,7 +27,7 @@ class Blink:
         self.forget()
 
     def forget(self) -> None:
-        """Begin again: the ids were given anew."""
+        """Start over: ids were reassigned."""
         self.lit_s = np.full(N_BLOCKS, np.inf)  # last seen, all neighbours being seen too
         self.lit_xy = np.zeros((N_BLOCKS, 2))
         self.dark = np.zeros(N_BLOCKS, bool)

@@ -32,7 +32,7 @@ class Lamps:
         self.blocks = np.zeros((candidates, N_BLOCKS, 2))  # where the blocks were then
 
     def renamed(self) -> None:
-        """Begin anew to compare where blocks were: their ids mean others now."""
+        """Start over to compare where blocks were: their ids mean others now."""
         self.born[:] = np.inf
 
     def learn(
@@ -69,7 +69,7 @@ class Lamps:
 def stayed(stamp_s, xy, seen, light, born, watched, home, blocks):
     """Which lights stayed at home (k, 2) while the lattice went away; see Lamps.
 
-    watched (k,): births at the last call. home and blocks (k, 25, 2) are set anew for new lights
+    watched (k,): births at the last call. home and blocks (k, 25, 2) are set again for new lights
     and for those that have moved.
     """
     found = np.zeros(born.size, np.bool_)

@@ -57,7 +57,7 @@ class Identity:
                 self._settle(quarters)
                 return
         if lattice.ambiguous:
-            quarters = lattice.yaws.quarters(lattice.askew(), lattice.seen)
+            quarters = lattice.yaws.quarters(lattice.yaw_offsets(), lattice.seen)
             if quarters is not None:
                 self._settle(quarters, final=False)
                 return

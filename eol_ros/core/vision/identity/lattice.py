@@ -17,11 +17,11 @@ from eol_ros.core.vision.identity.false_detections import Lamps
 from eol_ros.core.vision.identity.fitting import affine, folds, rotate_cell, turn
 from eol_ros.core.vision.identity.tracking import (
     CANDIDATES,
-    carry,
     follow,
+    predict_occluded,
+    reacquire,
+    reject_outliers,
     remember,
-    return_hidden,
-    stray,
     suspect_swaps,
 )
 from eol_ros.core.vision.identity.yaw_signature import Yaws
@@ -29,7 +29,7 @@ from eol_ros.core.vision.states import LOST, SEARCHING, TRACKING
 
 FEW = 4  # fewer seen blocks than this, for a while, and the lattice is lost
 LOST_S = 0.05
-AUDIT_S = 0.1  # how often the whole lattice is read anew, when there is reason to
+AUDIT_S = 0.1  # how often the whole lattice is fitted again, when there is reason to
 MANY = 3  # lights that wait, and hidden blocks that they may be
 AGREE = 3  # so many readings must say the same before ids change
 COAST_S = 0.7  # for so long a turning rim is thought to turn on in the dark
@@ -155,17 +155,19 @@ class Lattice:
         self.xy[held] = xy[self.index[held]]
         if faint is not None and faint.any():
             doubtful = held & faint[self.index]
-            gone = stray(self.xy, held, doubtful, self.rest, self.angle)
+            gone = reject_outliers(self.xy, held, doubtful, self.rest, self.angle)
             self.index[gone] = -1
             held = self.index >= 0
-        carry(before, self.xy, held, self.rest, self.angle, self.velocity, self.sigma, step)
+        predict_occluded(
+            before, self.xy, held, self.rest, self.angle, self.velocity, self.sigma, step
+        )
         remember(
             stamp_s, xy, self.index, self.candidate_xy, self.candidate_born,
             self.candidate_seen, self.candidate_index,
         )  # fmt: skip
         self.seen = held
         if not self._whole_audit(stamp_s, xy, yaw):
-            back = return_hidden(
+            back = reacquire(
                 stamp_s, self.xy, self.index, self.sigma, self.seen_s, self.angle,
                 self.candidate_xy, self.candidate_born, self.candidate_seen, self.candidate_index,
             )  # fmt: skip
@@ -186,7 +188,7 @@ class Lattice:
         self._swap_audit(stamp_s, step)
         self._turn_yaws(yaw, step)
         if not self.ambiguous:
-            self.yaws.learn(stamp_s, self.xy, self.askew(), self.seen)
+            self.yaws.learn(stamp_s, self.xy, self.yaw_offsets(), self.seen)
         count = int(self.seen.sum())
         if count:
             self.known_s = stamp_s
@@ -211,7 +213,7 @@ class Lattice:
         self.turn_rate += 0.2 * (by / step - self.turn_rate)
         self.yaw[~seen] += by
 
-    def askew(self) -> np.ndarray:
+    def yaw_offsets(self) -> np.ndarray:
         """Return the yaw of each block against the lattice's, modulo 90 degrees, (25,) rad."""
         return np.asarray(wrap_quarter(self.yaw - self.angle))
 

@@ -26,7 +26,7 @@ RESTING_HZ = 0.01  # taps of a block that is seen to rest: somebody touched it
 UNSEEN_HZ = 0.7  # taps of a block that nobody sees: its slips
 BURST_S = 0.1  # or as many as of all blocks, this near,
 TWIN_S = 0.015  # or as of the three that a turn takes it for: what is alike lets go alike
-AGAIN = 0.3  # of that is how often a block on its way taps: stuck for a moment and gone again
+RETAP_SHARE = 0.3  # of that is how often a block on its way taps: stuck for a moment and gone again
 REACH = 3.0  # standard errors of a tap's time
 SURE_IMAGES = 3  # so many images at rest before a block is known to rest
 ERROR = 1e-5  # chance of a wrong answer
@@ -60,7 +60,7 @@ class Coincidence:
         self.forget()
 
     def forget(self) -> None:
-        """Begin again: the ids were given anew."""
+        """Start over: ids were reassigned."""
         self.onsets: list[tuple[float, int, float]] = []
         self.images: deque[tuple[float, np.ndarray]] = deque()  # stamp, what each place did
         self.rested: np.ndarray = np.zeros(N_BLOCKS, int)  # images in a row
@@ -153,7 +153,7 @@ class Coincidence:
         about = [t for t in self.taps if abs(t[0] - stamp_s) <= BURST_S]
         twins = sum(abs(t[0] - stamp_s) <= TWIN_S and t[1] in TURNED[1:, tap[1]] for t in about)
         unseen_hz = max(UNSEEN_HZ, len(about) / (2 * BURST_S * N_BLOCKS), twins / (2 * TWIN_S * 3))
-        hz = (unseen_hz, RESTING_HZ, AGAIN * unseen_hz)
+        hz = (unseen_hz, RESTING_HZ, RETAP_SHARE * unseen_hz)
         before = _below((self.images[0][0] - stamp_s) / sigma)
         total = unseen_hz * before
         for at_s, state in self.images:  # each tells of the time since the one before

@@ -73,7 +73,7 @@ def follow(xy, velocity, seen, step, points, lamps):
 
 
 @njit(cache=True)
-def carry(before, xy, held, rest, angle, velocity, sigma, step):
+def predict_occluded(before, xy, held, rest, angle, velocity, sigma, step):
     """Let the hidden blocks follow their neighbours as springs and friction make them.
 
     A block sticks until its springs pull it harder than friction holds it: so it is never further
@@ -136,7 +136,7 @@ def carry(before, xy, held, rest, angle, velocity, sigma, step):
 
 
 @njit(cache=True)
-def stray(xy, held, faint, rest, angle):
+def reject_outliers(xy, held, faint, rest, angle):
     """Which faint blocks (25,) stand where springs and friction would not let them: an arm's edge.
 
     faint (25,): held, but with little of the outline in view.
@@ -225,7 +225,7 @@ def remember(stamp_s, points, index, place, born, last, at):
 
 
 @njit(cache=True)
-def return_hidden(stamp_s, xy, index, sigma, seen_s, angle, place, born, last, at):
+def reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, last, at):
     """Give lights back to hidden blocks; sets `index`, returns which blocks came back (25,)."""
     back = np.zeros(N_BLOCKS, np.bool_)
     seen = index >= 0

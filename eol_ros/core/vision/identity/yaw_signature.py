@@ -2,8 +2,8 @@
 """How crooked each block stands on the lattice tells quarter turns apart.
 
 Covers are never mounted quite square, and springs never of one length: so each block stands some
-degrees askew, each its own way, whichever way the rim is turned. What is learnt is the mean and the
-scatter of each block's yaw against the lattice's, over many places of the table; after darkness
+degrees off the square, each its own way, whichever way the rim is turned. What is learnt is the
+mean and the scatter of each block's yaw against the lattice's, over many places; after darkness
 each of the four turns is weighed by what was learnt. Where blocks stand alike, or differently each
 time, the scatter says so, and nothing is decided.
 """
@@ -35,40 +35,42 @@ class Yaws:
         self.last_s = -np.inf
         self.last_xy = np.full((N_BLOCKS, 2), np.inf)
 
-    def learn(self, stamp_s: float, xy: np.ndarray, askew: np.ndarray, seen: np.ndarray) -> None:
-        """Take xy (25, 2) m and the yaw askew (25,) rad of the blocks seen (25,), well named."""
+    def learn(
+        self, stamp_s: float, xy: np.ndarray, yaw_offsets: np.ndarray, seen: np.ndarray
+    ) -> None:
+        """Take xy (25, 2) m and the yaw offsets (25,) rad of the blocks seen (25,), well named."""
         if 0.0 <= stamp_s - self.last_s < EVERY_S or seen.sum() < BLOCKS:
             return
         self.last_s = stamp_s
         if np.abs(xy - self.last_xy)[seen].mean() < MOVED_M:
             return
         self.last_xy = xy.copy()
-        off = _apart(askew - self.mean, seen)
+        off = _apart(yaw_offsets - self.mean, seen)
         self.looks[seen] += 1
         share = 1.0 / np.minimum(self.looks, MEMORY)[seen]
         self.mean[seen] += share * off[seen]
         self.variance[seen] += share * ((1.0 - share) * off[seen] ** 2 - self.variance[seen])
 
-    def weigh(self, askew: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def weigh(self, yaw_offsets: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how well each of 0 to 3 quarter turns of the names explains the yaws.
 
         That is the log likelihood (4,) in nats, and the mean squared departure (4,) in sigmas.
-        askew (25,) rad and held (25,) are by the present names.
+        yaw_offsets (25,) rad and held (25,) are by the present names.
         """
         nats, fit = np.empty(4), np.empty(4)
         for q, names in enumerate(TURNED):
             spread = self._spread(names)
-            off = _apart(askew - self.mean[names], held)
+            off = _apart(yaw_offsets - self.mean[names], held)
             squares = np.minimum(off**2 / spread, OUTLIER**2)[held]
             nats[q] = -0.5 * (squares + np.log(spread[held])).sum()
             fit[q] = squares.mean()
         return nats, fit
 
-    def quarters(self, askew: np.ndarray, held: np.ndarray) -> int | None:
+    def quarters(self, yaw_offsets: np.ndarray, held: np.ndarray) -> int | None:
         """Return by how many quarters the names are to be turned, None where it is not clear."""
         if held.sum() < BLOCKS or (self.looks >= ENOUGH).sum() < BLOCKS:
             return None
-        nats, fit = self.weigh(askew, held)
+        nats, fit = self.weigh(yaw_offsets, held)
         best = int(np.argmax(nats))
         clear = nats[best] - np.delete(nats, best).max() > MARGIN
         return best if clear and fit[best] < FIT else None
