@@ -82,11 +82,17 @@ def _matched():
     return matched
 
 
+# Files of one long test: of two processes, the one that came to them last would run on alone.
+LONGEST = ('scenes/test_cold.py', 'test_colcon.py', 'test_packaging.py')
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    for item in items:
-        if item.path.relative_to(_HERE).as_posix() in LIVE:
+    names = {item: item.path.relative_to(_HERE).as_posix() for item in items}
+    for item, name in names.items():
+        if name in LIVE:
             item.add_marker('live')
+    items.sort(key=lambda item: names[item] not in LONGEST)
 
 
 def pytest_terminal_summary(terminalreporter):

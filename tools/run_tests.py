@@ -23,8 +23,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 # A shared machine can stand still for longer than real time allows: one more try, and told.
 RERUNS = ('--reruns', '1')
+BESIDE = ('-n', '2', '--dist', 'loadfile', '--no-loadscope-reorder')
 PARTS = {
-    'side by side': (*RERUNS, '-n', '2', '--dist', 'loadfile', '-m', 'not live and not soak'),
+    'side by side': (*RERUNS, *BESIDE, '-m', 'not live and not soak'),
     'one by one, in real time': (*RERUNS, '-m', 'live and not soak'),
 }
 # Halves of about the same length; xdist would have both processes import and compile everything.
