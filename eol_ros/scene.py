@@ -5,6 +5,7 @@ A scene names the nodes that run and what differs from their defaults:
 
     scene: lights
     network: local            # or lan
+    namespace: eol            # topics are /eol/blocks ...: another for each graph of a domain
     include: table.yaml       # values there stand unless this file says otherwise
     nodes:
       camera: {device: auto}
@@ -18,6 +19,7 @@ Every scene has a recorder, named or not; `recorder: off` among the nodes leaves
 import dataclasses
 import difflib
 import os
+import re
 import sys
 import types
 import typing
@@ -29,9 +31,12 @@ import yaml
 
 from eol_ros.errors import ConfigError
 from eol_ros.settings import renamed
-from eol_ros.streams.graph import IMAGE_SOURCES, NODES, providers
+from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
 
-_KEYS = ('scene', 'include', 'network', 'domain', 'real_time', 'nodes', 'together', 'elsewhere')
+_KEYS = (
+    'scene', 'include', 'network', 'domain', 'namespace', 'real_time', 'nodes', 'together',
+    'elsewhere',
+)  # fmt: skip
 _WORDS = {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'text'}
 
 
@@ -49,6 +54,7 @@ class Scene:
     real_time: bool = True  # where the system allows it
     text: str = ''  # of the file and its includes, as it goes into a bag
     warnings: tuple[str, ...] = ()  # what is understood, and should be said in another way
+    namespace: str = NAMESPACE  # without the slash at its beginning
 
     @classmethod
     def alone(cls, *names: str) -> 'Scene':
@@ -330,6 +336,8 @@ def plain(scene: Scene) -> dict[str, Any]:
     data: dict[str, Any] = {'scene': scene.name, 'network': scene.network}
     if scene.domain is not None:
         data['domain'] = scene.domain
+    if scene.namespace != NAMESPACE:
+        data['namespace'] = scene.namespace
     if not scene.real_time:
         data['real_time'] = False
     data['nodes'] = {
@@ -387,6 +395,7 @@ def load(name: str | Path) -> Scene:
     domain = values.get('domain')
     if domain is not None and (type(domain.value) is not int or not 0 <= domain.value <= 101):
         reader.wrong(domain, 'domain', f'{domain.value!r} is not a whole number from 0 to 101')
+    namespace = _namespace(reader, values.get('namespace'))
     title = values.get('scene')
     together = _together(reader, values.get('together'), nodes)
     if reader.mistakes:
@@ -402,7 +411,29 @@ def load(name: str | Path) -> Scene:
         real_time,
         '\n'.join(reader.texts),
         tuple(reader.warnings),
+        namespace,
     )
+
+
+def check_namespace(text: str) -> str:
+    """Return a namespace of ROS without the slash at its beginning; raise ConfigError."""
+    parts = text.removeprefix('/').split('/')
+    if not all(re.fullmatch('[A-Za-z_][A-Za-z0-9_]*', part) and '__' not in part for part in parts):
+        raise ConfigError(
+            f'{text!r} is not a namespace: words of letters, digits and _, parted by /, such as '
+            'museum/north'
+        )
+    return '/'.join(parts)
+
+
+def _namespace(reader: _Reader, place: _Place | None) -> str:
+    if place is None:
+        return NAMESPACE
+    try:
+        return check_namespace(str(place.value))
+    except ConfigError as error:
+        reader.wrong(place, 'namespace', str(error))
+        return NAMESPACE
 
 
 def _choice(

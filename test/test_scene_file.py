@@ -171,6 +171,23 @@ def test_elsewhere_is_a_list_of_nodes(tmp_path, value):
     assert scenes.load(right).elsewhere == ('motion',)
 
 
+@pytest.mark.parametrize('text', ['north', '/north', 'museum/_left2'])
+def test_a_namespace_is_taken_with_or_without_its_slash(tmp_path, text):
+    scene = scenes.load(write(tmp_path, f'namespace: {text}\nnodes: {{twin: {{}}}}'))
+    again = scenes.load(write(tmp_path, yaml.safe_dump(scenes.plain(scene))))
+    assert scene.namespace == again.namespace == text.removeprefix('/')
+
+
+@pytest.mark.parametrize(
+    'text', ["''", '/', 'north/', '2nd', 'a__b', 'a b', 'ä', '7', '//a', 'a-b']
+)
+def test_what_is_no_namespace_is_told(tmp_path, text):
+    path = write(tmp_path, f'namespace: {text}\nnodes: {{twin: {{}}}}')
+    [(line, column, where, what)] = mistakes(path)
+    assert (line, column, where) == (1, 12, 'namespace')
+    assert 'is not a namespace' in what and 'museum/north' in what
+
+
 def test_include_is_merged_below(tmp_path):
     write(tmp_path, 'network: lan\nnodes: {twin: {fps: 30, seed: 7}, tracker: {}}', 'base.yaml')
     path = write(tmp_path, 'include: base.yaml\nnodes: {twin: {fps: 90}}')

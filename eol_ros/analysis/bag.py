@@ -77,7 +77,7 @@ class Bag(BagReader):
     def table(self, topic: str, start_s: float = 0.0, end_s: float | None = None) -> Table:
         """Return the messages of `topic` received in [start_s, end_s), from the start of the bag.
 
-        topic: with or without `/eol/`. Raises ConfigError where the bag has no such topic.
+        topic: with or without its namespace. Raises ConfigError where the bag has no such topic.
         """
         name = self.find(topic)
         decoder = self.decoder(name)

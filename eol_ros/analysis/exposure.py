@@ -34,7 +34,7 @@ class Exposure:
 def of(bag: Bag) -> Exposure | None:
     """Return the exposure of a bag; None where it says nothing of motion."""
     for topic, name in (('truth', 'the rim'), ('blocks', 'the mean of the blocks')):
-        if bag.counts.get(f'/eol/{topic}', 0) > 1:
+        if bag.count(topic) > 1:
             return _moved(*_path(bag, topic), name)
     return None
 

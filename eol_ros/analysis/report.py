@@ -179,8 +179,7 @@ def _tracked(
 
 
 def _table(bag: Bag, topic: str) -> Table | None:
-    name = f'/eol/{topic}'
-    return bag.table(name) if bag.counts.get(name) else None
+    return bag.table(topic) if bag.count(topic) else None
 
 
 def _latencies(bag: Bag) -> dict[str, dict[str, float]]:

@@ -109,13 +109,13 @@ def retrack(bag: Bag, track: Callable[[Iterable, str, int], Iterable] | None = N
                 f'settings of {node} were changed while recording; a bag of that version does not '
                 'say from which image on'
             )
-    if bag.counts.get('/eol/camera/image_raw'):
+    if bag.count('camera/image_raw'):
         _compare_blocks(bag, lines, blocks, result, track)
     else:
         result.notes.append('no pictures in the bag: compared from its blocks on')
     inputs = list(zip(blocks['log_time'].astype('i8').tolist(), each(blocks), strict=True))
     _compare_motion(bag, lines, inputs, result)
-    if bag.counts.get('/eol/grain_triggers'):
+    if bag.count('grain_triggers'):
         _compare_triggers(bag, lines, inputs, result)
     return result
 
@@ -135,7 +135,7 @@ def _compare_blocks(
     check = Comparison('blocks', len(blocks), 0)
     pictures = images(bag)
     if track:
-        pictures = track(pictures, 'tracking', bag.counts['/eol/camera/image_raw'])
+        pictures = track(pictures, 'tracking', bag.count('camera/image_raw'))
     waiting = _taps(bag)
     mine: list[np.void] = []
 
@@ -193,7 +193,7 @@ class _Live:
 
 def _taps(bag: Bag) -> list[tuple[int, float, int, float]]:
     """Return log time in ns, stamp in s, block and sigma in s of every recorded tap."""
-    if '/eol/block_taps' not in bag.topics:
+    if bag.name('block_taps') not in bag.topics:
         return []
     table = bag.table('block_taps')
     logs = table['log_time'].astype('i8').tolist()
@@ -217,7 +217,7 @@ def _compare_motion(
 ) -> None:
     from eol_ros.core.motion.motion import Motion
 
-    if not any('/eol/' + t in bag.topics for t in ('slips', 'cascades')):
+    if not any(bag.name(topic) in bag.topics for topic in ('slips', 'cascades')):
         return
     live = _Live(bag, lines, 'motion')
     motion = Motion(live.settings)
@@ -261,7 +261,7 @@ def _compare_triggers(
         if image.stamp_ns >= until_ns:
             result.notes.append(
                 f'grain triggers compared up to number {len(made)} of '
-                f'{bag.counts["/eol/grain_triggers"]}: then the run went over to another corpus'
+                f'{bag.count("grain_triggers")}: then the run went over to another corpus'
             )
             break
         if live.at(image.stamp_ns):

@@ -59,11 +59,11 @@ def of(bag: Bag) -> Iterator[Series | Absent]:
         ('light', 'led_commands', light),
         ('kinetic energy', 'blocks', kinetic_energy),
     ):
-        if bag.counts.get(f'/eol/{topic}'):
+        if bag.count(topic):
             yield make(bag)
         else:
             yield Absent(name, f'no {topic} in this bag')
-    if not bag.counts.get('/eol/grain_triggers'):
+    if not bag.count('grain_triggers'):
         for name in NAMES[3:]:
             yield Absent(name, 'no grain_triggers in this bag to render')
         return

@@ -25,6 +25,7 @@ EXAMPLES = [
     'python -m eol_ros.bringup museum',
     'python -m eol_ros.bringup my/scene.yaml --for 60 --bag /data/bags',
     'python -m eol_ros.bringup museum --only camera,tracker',
+    'python -m eol_ros.bringup rehearsal --ros-args -r __ns:=/north',
 ]
 
 
@@ -46,13 +47,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='NODES',
         help='start these alone, parted by commas; the recorder too only if named',
     )
+    parser.add_argument(
+        '--ros-args',
+        nargs=argparse.REMAINDER,
+        metavar='ARGS',
+        help='-r __ns:=/NAME puts all into this namespace, in place of that of the scene; settings '
+        'of nodes stand in the scene',
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the scene; return the exit code."""
     if args.seconds is not None and not args.seconds > 0:
         raise UsageError(f'--for {args.seconds:g}: not a time above 0 s')
-    scene, sim_time = scenes.load(args.scene), False
+    scene, sim_time = plan.remapped(scenes.load(args.scene), args.ros_args or ()), False
     notes: list[str] = []
     if 'replay' in scene.nodes:
         from eol_ros.bringup import playback
@@ -71,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
                 raise UsageError(f'--bag {args.bag}: --only leaves the recorder out; name it there')
             unrecorded = unrecorded or '--only does not name the recorder'
     installed.require()
-    server = status.listen(plan.domain(scene))
+    server = status.listen(plan.domain(scene), scene.namespace)
     with (
         _scene_file(scene) as file,
         server,
@@ -95,6 +103,7 @@ def run(args: argparse.Namespace) -> int:
             server,
             events,
             say,
+            namespace=scene.namespace,
             compiler=plan.compiler(scene),
         )
         return supervisor.run(args.seconds)

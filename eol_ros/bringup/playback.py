@@ -28,7 +28,7 @@ def settle(scene: Scene) -> tuple[Scene, list[str]]:
         return scene, []  # the node says what is wrong
     bag = BagReader(replay.bag)
     scene = replace(scene, nodes={**scene.nodes, 'replay': replace(replay, bag=str(bag.path))})
-    whole = complete(bag, '/eol/camera/image_raw', '/eol/blocks')
+    whole = complete(bag)
     notes = []
     if not whole and not replay.topics and 'tracker' in scene.nodes:
         scene = plan.only(scene, [name for name in scene.nodes if name != 'tracker'])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The running graph answers for itself: an abstract Unix socket, one per DDS domain.
+"""The running graph answers for itself: an abstract Unix socket, one per DDS domain and namespace.
 
 The kernel frees its name when the process ends, however it ends, so it is also the lock that
-keeps a second bringup off the same domain.
+keeps a second bringup off the same topics.
 """
 
 import contextlib
@@ -12,41 +12,69 @@ import struct
 from pathlib import Path
 from typing import Any
 
-from eol_ros.errors import DeviceMissing, SupervisorSilent, UsageError
+from eol_ros.errors import ConfigError, DeviceMissing, SupervisorSilent, UsageError
+from eol_ros.scene import check_namespace
+from eol_ros.streams.graph import NAMESPACE
 
 WORDS = ('ok', 'WARN', 'ERROR', 'starting', 'down')
 DOWN = 4
 
 
-def _address(domain: int) -> str:
-    return f'\0eol_ros-domain-{domain}'
+def _address(domain: int, namespace: str) -> str:
+    return f'\0eol_ros-domain-{domain}/{namespace}'
 
 
-def listen(domain: int) -> socket.socket:
-    """Return the listening socket of `domain`; raise UsageError when a graph runs there already."""
+def namespaces(domain: int) -> list[str]:
+    """Return the namespaces of the graphs that were started on `domain` of this machine."""
+    prefix = _address(domain, '').replace('\0', '@')
+    names = (line.split()[-1] for line in Path('/proc/net/unix').read_text().splitlines())
+    return sorted({name.removeprefix(prefix) for name in names if name.startswith(prefix)})
+
+
+def namespace_of(asked: str | None, domain: int) -> str:
+    """Return the namespace that a person means: the one asked for, else that of what runs here.
+
+    Raises UsageError where several run, and none of them in the usual one.
+    """
+    if asked is not None:
+        try:
+            return check_namespace(asked)
+        except ConfigError as error:
+            raise UsageError(f'--namespace {error}') from None
+    found = namespaces(domain)
+    if len(found) > 1 and NAMESPACE not in found:
+        raise UsageError(
+            f'{len(found)} graphs run on domain {domain}: say which, --namespace '
+            + ' or '.join(found)
+        )
+    return found[0] if len(found) == 1 else NAMESPACE
+
+
+def listen(domain: int, namespace: str = NAMESPACE) -> socket.socket:
+    """Return the listening socket of a graph; raise UsageError when it runs already."""
     server = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        server.bind(_address(domain))
+        server.bind(_address(domain, namespace))
     except OSError:
         server.close()
-        running = ''
+        running, where = '', _where(domain, namespace)
         try:
-            status = ask(domain)
+            status = ask(domain, namespace=namespace)
             running = f' (scene {status["scene"]}, process {status["pid"]})'
         except SupervisorSilent as error:
-            raise UsageError(f'a graph runs on domain {domain} already, but {error}') from None
+            raise UsageError(f'a graph runs on {where} already, but {error}') from None
         except DeviceMissing:
             pass
         raise UsageError(
-            f'a graph runs on domain {domain} already{running}: '
-            'stop it, or choose another domain with ROS_DOMAIN_ID'
+            f'a graph runs on {where} already{running}: stop it, or choose another domain '
+            'with ROS_DOMAIN_ID, or another namespace in the scene'
         ) from None
     server.listen(socket.SOMAXCONN)  # those who gave up waiting stay in the queue
     server.setblocking(False)
     return server
 
 
-def ask(domain: int, timeout_s: float = 2.0) -> dict[str, Any]:
+def ask(domain: int, timeout_s: float = 2.0, namespace: str = NAMESPACE) -> dict[str, Any]:
     """Return the status of the graph on `domain`.
 
     Raises DeviceMissing when none runs, SupervisorSilent when its supervisor does not answer.
@@ -55,25 +83,32 @@ def ask(domain: int, timeout_s: float = 2.0) -> dict[str, Any]:
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
         client.settimeout(timeout_s)
         try:
-            client.connect(_address(domain))
+            client.connect(_address(domain, namespace))
             credentials = client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12)
             pid = struct.unpack('3i', credentials)[0]
             parts = []
             while part := client.recv(65536):
                 parts.append(part)
         except (TimeoutError, BlockingIOError):  # the latter: even the queue is full
-            raise SupervisorSilent(_silent(domain, pid, timeout_s)) from None
+            raise SupervisorSilent(_silent(_where(domain, namespace), pid, timeout_s)) from None
         except OSError:
             parts = []
     if not parts:  # nobody listens, or not any more
-        raise DeviceMissing(f'no graph runs on domain {domain}: start one with `make run`')
+        others = ', '.join(namespaces(domain))
+        hint = f'--namespace {others}' if others else 'start one with `make run`'
+        raise DeviceMissing(f'no graph runs on {_where(domain, namespace)}: {hint}')
     return json.loads(b''.join(parts))
 
 
-def _silent(domain: int, pid: int, timeout_s: float) -> str:
+def _where(domain: int, namespace: str) -> str:
+    where = '' if namespace == NAMESPACE else f' in namespace {namespace}'
+    return f'domain {domain}{where}'
+
+
+def _silent(where: str, pid: int, timeout_s: float) -> str:
     """Return what to do about a supervisor that has not answered; pid 0 is not known."""
     who = f'process {pid}' if pid else 'process not known'
-    text = f'the supervisor of domain {domain} ({who}) does not answer within {timeout_s:g} s: '
+    text = f'the supervisor of {where} ({who}) does not answer within {timeout_s:g} s: '
     if not pid:
         return text + 'find it with `pgrep -af eol_ros`'
     with contextlib.suppress(OSError):
@@ -105,7 +140,8 @@ def table(status: dict[str, Any]) -> str:
     worst = max((row['level'] for row in status['nodes']), default=0)
     words = 'all good' if worst == 0 else f'worst: {WORDS[worst]}'
     lines = [
-        f'{status["scene"]}  running {age}  restarts {status["restarts"]}  {words}',
+        f'{status["scene"]} in /{status["namespace"]}  running {age}  '
+        f'restarts {status["restarts"]}  {words}',
         f'{"NODE":10}{"STATE":10}{"RATE":>9}  NOTE',
     ]
     for row in status['nodes']:

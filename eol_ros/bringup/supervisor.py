@@ -17,7 +17,7 @@ from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import FINE, HUNG, PAUSE_S, START_S, START_STARVED_S, STARVED, STARVED_S
-from eol_ros.streams.graph import IMAGE_SOURCES
+from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE
 
 FINAL = (2, 69, 78)  # a node that ends so at the start will not do better when started again
 DRAIN_S = 0.3  # from the last image to all that it causes
@@ -37,8 +37,9 @@ class Supervisor:
         events: EventLog,
         say: Callable[[str], None],
         compiler: Process | None = None,
+        namespace: str = NAMESPACE,
     ):
-        self.scene = scene
+        self.scene, self.namespace = scene, namespace
         self.children = [Child(process) for process in processes]
         self._compiler = Child(compiler) if compiler else None
         self._server, self._events, self._say = server, events, say
@@ -107,6 +108,7 @@ class Supervisor:
         rows = [row for child in self.children for row in child.status.values()]
         return {
             'scene': self.scene,
+            'namespace': self.namespace,
             'pid': os.getpid(),
             'running_s': round(time.monotonic() - self._began_s, 1),
             'all_ok_s': self.all_ok_s,

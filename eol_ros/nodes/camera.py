@@ -22,7 +22,7 @@ class CameraNode(EolNode):
             from eol_ros.ros.camera_info import camera_info
 
             calibration = calibration_file.load(self.settings.calibration)
-            self.info.publish(camera_info(calibration))
+            self.info.publish(camera_info(calibration, self.frame_prefix))
         source = source_of(self.settings)
         self.camera = Camera(source, self.on_image, self.on_state, self.settings.loop)
         self.create_timer(1.0, self.tell)

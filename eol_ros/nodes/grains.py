@@ -126,13 +126,13 @@ class GrainsNode(EolNode):
         )
         for row in found:
             trigger = triggers.of(message.stamp_ns, self.sequence, row)
-            self.triggers.publish(triggers.RECORD.fill(GrainTrigger(), trigger))
+            self.triggers.publish(triggers.RECORD.fill(GrainTrigger(), trigger, self.frame_prefix))
             self.sequence += 1
         self.health.values.update(triggers=self.sequence, capped=self.selector.capped)
 
     def message(self, corpus: Corpus) -> CorpusMessage:
         row = corpora.of(self.since_ns, corpus, self.selector.bounds, self.settings.radius)
-        return corpora.RECORD.fill(CorpusMessage(), row)
+        return corpora.RECORD.fill(CorpusMessage(), row, self.frame_prefix)
 
     def close(self) -> None:
         self.loader.close()

@@ -37,6 +37,10 @@ class MotionNode(EolNode):
     def on_tap(self, tap: BlockTap) -> None:
         self.motion.tap(*taps.to_core(taps.RECORD.take(tap)))
 
+    def tell(self, stamp_ns: int, slip) -> None:
+        row = slips.of(stamp_ns, slip)
+        self.slips.publish(slips.RECORD.fill(Slip(), row, self.frame_prefix))
+
     def on_blocks(self, raw: bytes) -> None:
         try:
             message = self.reader.read(raw)
@@ -46,13 +50,13 @@ class MotionNode(EolNode):
         rows, stamp_s = message.rows, message.stamp_s
         # What begins goes out before anything else is thought of: light and sound wait for it.
         for slip in self.motion.starts(stamp_s, rows['x'], rows['y'], message.known, rows['sigma']):
-            self.slips.publish(slips.RECORD.fill(Slip(), slips.of(message.stamp_ns, slip)))
+            self.tell(message.stamp_ns, slip)
         ended, closed = self.motion.stops(stamp_s)
         for slip in ended:
-            self.slips.publish(slips.RECORD.fill(Slip(), slips.of(message.stamp_ns, slip)))
+            self.tell(message.stamp_ns, slip)
         for cascade in closed:
             row = cascades.of(message.stamp_ns, cascade)
-            self.cascades.publish(cascades.RECORD.fill(Cascade(), row))
+            self.cascades.publish(cascades.RECORD.fill(Cascade(), row, self.frame_prefix))
         self.health.tick()
         moving = int(self.motion.detector.moving.sum())
         self.health.values.update(moving=moving, slips=self.motion.detector.count)

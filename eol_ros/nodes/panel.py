@@ -36,9 +36,9 @@ class PanelNode(EolNode):
         say, picture = self.get_logger().warning, Pictures(montage.pairs).file
         self.server = WebServer(self.settings, PanelBridge(self), say, picture=picture)
         self.documents = self.server.routes.documents
-        self.day_file = DayFile(self.scene.name)
+        self.day_file = DayFile(f'{self.frame_prefix}{self.scene.name}')
         self.day = notices.Day(self.day_file.load())
-        self.states = Health(self.server.hub, self.tell)
+        self.states = Health(self.server.hub, self.tell, self.namespace)
         self.streams = Streams(self, self.server.hub)
         self.subscribe('wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s)))
         self.subscribe('corpus', self.on_corpus)

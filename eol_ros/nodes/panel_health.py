@@ -10,6 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 
+from eol_ros.streams.graph import node_of
 from eol_ros.web import notices
 from eol_ros.web.hub import Hub
 
@@ -19,8 +20,8 @@ UNREAD = 64  # kept while nobody looks: five seconds of twelve nodes
 class Health:
     """The newest state of each node, told to `tell` by name as soon as it is read."""
 
-    def __init__(self, hub: Hub, tell: Callable[[str, dict[str, Any]], None]):
-        self._hub, self._tell = hub, tell
+    def __init__(self, hub: Hub, tell: Callable[[str, dict[str, Any]], None], namespace: str):
+        self._hub, self._tell, self._namespace = hub, tell, namespace
         self._unread: deque[tuple[float, float, bytes]] = deque(maxlen=UNREAD)
         self._roster, self._reading = notices.Roster(), threading.Lock()
 
@@ -35,7 +36,8 @@ class Health:
             while self._unread:
                 heard_s, wall_s, raw = self._unread.popleft()
                 for status in deserialize_message(raw, DiagnosticArray).status:
-                    if status.name.startswith('eol: '):
+                    node, namespace = node_of(status.name)
+                    if node and namespace == self._namespace:
                         notice = self._roster.take(status, heard_s, wall_s)
                         self._tell(f'health {notice["node"]}', notice)
         return self._roster

@@ -6,6 +6,7 @@ import time
 from collections import deque
 from pathlib import Path
 
+from diagnostic_msgs.msg import DiagnosticArray
 from eol_msgs.msg import Slip
 from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.serialization import deserialize_message
@@ -21,7 +22,7 @@ from eol_ros.ros.run_record import about
 from eol_ros.ros.startup_barrier import READY
 from eol_ros.ros.topics import CLOCK
 from eol_ros.streams.cdr import counter
-from eol_ros.streams.graph import TOPICS
+from eol_ros.streams.graph import TOPICS, node_of
 
 IMAGES, PREVIEW, SAMPLES = 'camera/image_raw', 'camera/image/compressed', 'sound_samples'
 COUNTERS = {'blocks': 'image', 'grain_triggers': 'sequence'}  # fields that count up by one
@@ -118,6 +119,8 @@ class RecorderNode(EolNode):
             sequence = counter(bag_topic.type, bag_topic.definition, COUNTERS[topic])
 
         def keep(raw: bytes) -> None:
+            if topic == '/diagnostics' and self._of_another_graph(raw):
+                return
             item = Item(name, raw, 0, 0, sequence(raw) if sequence else 0)
             if latched:
                 self.latched[name] = item
@@ -127,6 +130,12 @@ class RecorderNode(EolNode):
                 self.recording.slip(Slipping(slip.slip, slip.kind == Slip.START, now_ns))
 
         return keep
+
+    def _of_another_graph(self, raw: bytes) -> bool:
+        """Whether a status is of a node as those of this graph, in another namespace."""
+        rows = deserialize_message(raw, DiagnosticArray).status
+        named = [node_of(row.name) for row in rows]
+        return any(node and namespace != self.namespace for node, namespace in named)
 
     def _keep(self, item: Item) -> int:
         """Hand `item` over as of now; return when that is. Bags of a replay are in its time."""

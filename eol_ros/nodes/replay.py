@@ -15,14 +15,14 @@ from eol_ros.devices.bag.reader import BagMessage, BagReader
 from eol_ros.devices.bag.requests import CONTROL, heeded
 from eol_ros.errors import ConfigError
 from eol_ros.ros.definitions import type_hash
-from eol_ros.ros.node import NAMESPACE, EolNode
+from eol_ros.ros.node import EolNode
 from eol_ros.ros.played import BLOCKS, IMAGES, REQUESTS, played
 from eol_ros.ros.requests import new_id, request_to_msg
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class
-from eol_ros.streams.graph import TOPICS
+from eol_ros.streams.graph import TOPICS, relative_name
 from eol_ros.streams.requests import PEOPLE, Asked, ahead
 
 READY_S = 1.0  # from the last reader found to the first message
@@ -38,12 +38,11 @@ class ReplayNode(EolNode):
         if not s.bag:
             raise ConfigError('replay.bag: name a bag folder or an .mcap file')
         self.bag = BagReader(s.bag)
-        full = self.resolve_topic_name
-        whole = complete(self.bag, full(IMAGES), full(BLOCKS))
-        usual = [full(topic) for topic in played(self.scene, whole)]
+        recorded = self.bag.name  # in another namespace than this one, maybe
+        usual = [recorded(topic) for topic in played(self.scene, complete(self.bag))]
         self.names = choose(self.bag, s.topics, usual)
         # Requests are asked again, by today's definition; topics asked for by name go as they are.
-        self._asked_on = () if s.topics else (full(REQUESTS), CONTROL)
+        self._asked_on = () if s.topics else (recorded(REQUESTS), recorded(CONTROL))
         self.publishers_of = {n: self._publisher(n) for n in self.names if n not in self._asked_on}
         self._asks: Any = None
         self._ahead: list[Asked] = []
@@ -52,7 +51,7 @@ class ReplayNode(EolNode):
             self._prepare_requests()
         self.player = BagPlayer(
             self.bag, self.names, self.give, s.rate, s.fast, s.loop, s.start_s,
-            stamped=[full(IMAGES), full(BLOCKS)], begin=self.begin,
+            stamped=[recorded(IMAGES), recorded(BLOCKS)], begin=self.begin,
         )  # fmt: skip
         self.barrier = StartupBarrier(self)
         self.state, self.fault = 'waiting', None
@@ -74,9 +73,10 @@ class ReplayNode(EolNode):
                 f'{self.bag.path}: {name} was recorded with another definition of {recorded.type} '
                 'than the installed one; it can be analysed, and not be played'
             )
-        ours = TOPICS.get(name.removeprefix(f'/{NAMESPACE}/'))
+        name = relative_name(name, self.bag.namespace)
+        ours = TOPICS.get(name)
         if ours and ours.type_name == recorded.type:
-            return self.publisher(ours.name)
+            return self.publisher(name)
         return self.create_publisher(message_class(recorded.type), name, QOS['stream'])
 
     def _asked_for(self) -> bool:
@@ -89,11 +89,12 @@ class ReplayNode(EolNode):
         if not found:
             return
         self._asks = self.publisher(REQUESTS)
-        self.publishers_of[self.resolve_topic_name(REQUESTS)] = self._asks
+        self.publishers_of[self.bag.name(REQUESTS)] = self._asks
         self._ahead = ahead(found, self.bag.start_ns + round(self.settings.start_s * 1e9))
         self._then = {h.log_ns: h.asked for h in found if h.asked.kind in PEOPLE and not h.accepted}
-        if CONTROL in self.bag.topics and CONTROL not in self.names:
-            self.names.append(CONTROL)
+        control = self.bag.name(CONTROL)
+        if control in self.bag.topics and control not in self.names:
+            self.names.append(control)
 
     def ask(self, asked: Asked) -> None:
         asked = replace(asked, id=new_id(self.NAME), source=self.NAME)
@@ -154,7 +155,7 @@ class ReplayNode(EolNode):
         for name in () if self.settings.topics else (IMAGES, BLOCKS):
             found = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
             others = sorted({end.node_name for end in found} - {self.get_name()})
-            if others and self.resolve_topic_name(name) in self.publishers_of:
+            if others and self.bag.name(name) in self.publishers_of:
                 raise ConfigError(
                     f'{others[0]} publishes {name}, and so would the replay: stop it, or say with '
                     '--only (replay.topics) what to play beside it'

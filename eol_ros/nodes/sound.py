@@ -104,7 +104,7 @@ class SoundNode(EolNode):
         if grain >= len(bank):
             raise EolError(f'grain {grain}: the corpus has grains 0 to {len(bank) - 1}')
         row = triggers.of_person(stamp_ns, grain)
-        self.by_hand.publish(triggers.RECORD.fill(GrainTrigger(), row))
+        self.by_hand.publish(triggers.RECORD.fill(GrainTrigger(), row, self.frame_prefix))
 
     def restart(self) -> None:
         if self.asleep:  # the run had ended asleep, and begins awake

@@ -39,7 +39,7 @@ class TrackerNode(EolNode):
         self.gaps = StampGaps(self.scene.image_rate)
         self.threshold = self.settings.threshold
         self.reader = images.Codec(definition(images.TYPE))
-        self.writer = blocks.Codec(definition(blocks.TYPE))
+        self.writer = blocks.Codec(definition(blocks.TYPE), self.frame_prefix)
         self.pictures = self.publisher('camera/image/compressed')
         self.preview = Preview(self._show)
         self.health.expects('images')
@@ -122,7 +122,8 @@ class TrackerNode(EolNode):
 
     def _show(self, stamp_ns: int, jpeg: bytes) -> None:
         message = CompressedImage(format='mono8; jpeg compressed')
-        message.header.stamp, message.header.frame_id = to_msg(stamp_ns), 'camera_optical'
+        message.header.stamp = to_msg(stamp_ns)
+        message.header.frame_id = self.frame_prefix + images.FRAME_ID
         message.data.frombytes(jpeg)
         self.pictures.publish(message)
 

@@ -40,7 +40,7 @@ class TwinNode(EolNode):
         self.blocks = FeltBlocks(s) if s.accelerometer and block.compiled() else None
         if s.accelerometer and self.blocks is None:
             self.get_logger().warning(block.MISSING)
-        self.radio, self.felt, self.knocks = Radio(), [], 0
+        self.radio, self.felt, self.knocks = Radio(self.namespace), [], 0
         self.table, self.rim = LiveTable(s.seed, TRACE if self.blocks else 0), Rim()
         self.visitors, self.commands = Visitors(s.seed), Commands()
         self.image = np.empty((s.height, s.width), np.uint8)
@@ -49,7 +49,7 @@ class TwinNode(EolNode):
         self.images = ImagePublisher(self, 'camera/image_raw')
         self.truth = self.publisher('truth')
         self.info = self.publisher('camera/camera_info')
-        self.info.publish(camera_info(calibration))
+        self.info.publish(camera_info(calibration, self.frame_prefix))
         self.infrared: np.ndarray = np.ones(N_BLOCKS)  # light of each block
         self.subscribe('rim_command', self.on_rim_command)
         self.requests.serve(infrared=self.on_infrared)
@@ -94,7 +94,10 @@ class TwinNode(EolNode):
         self.radio.send(self.felt)
         self.knocks += len(self.felt)
         table, truth = self.table, Truth()
-        truth.header.stamp, truth.header.frame_id = to_msg(self.stamp_ns), 'table'
+        truth.header.stamp, truth.header.frame_id = (
+            to_msg(self.stamp_ns),
+            self.frame_prefix + 'table',
+        )
         truth.rim_x, truth.rim_y, truth.rim_yaw = table.rim_pose.tolist()
         truth.x, truth.y, truth.yaw = table.x, table.y, table.yaw
         truth.moving = table.moving.tolist()

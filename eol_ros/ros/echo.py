@@ -15,9 +15,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from eol_ros.errors import DeviceMissing
-from eol_ros.ros.node import NAMESPACE
 from eol_ros.ros.topics import QOS, message_class
-from eol_ros.streams.graph import TOPICS
+from eol_ros.streams.graph import topic_of
 
 TRUNCATE = 128  # items of an array and letters of a text, as ros2 topic echo does
 
@@ -110,19 +109,12 @@ class Rate:
         )
 
 
-def full_name(topic: str) -> str:
-    """Return the name with namespace: `slips` is `/eol/slips`, `diagnostics` is `/diagnostics`."""
-    if topic.startswith('/'):
-        return topic
-    return f'/{topic}' if f'/{topic}' in TOPICS else f'/{NAMESPACE}/{topic}'
-
-
 def type_of(node: Node, topic: str, wait_s: float = 3.0) -> str:
     """Return the type of the full name `topic`, from the graph, else from the table of topics.
 
     Raises DeviceMissing when neither knows it.
     """
-    ours = TOPICS.get(topic) or TOPICS.get(topic.removeprefix(f'/{NAMESPACE}/'))
+    ours = topic_of(topic, node.get_namespace()[1:])
     end = time.monotonic() + (0.0 if ours else wait_s)
     while True:
         types = dict(node.get_topic_names_and_types()).get(topic)
@@ -140,7 +132,7 @@ def type_of(node: Node, topic: str, wait_s: float = 3.0) -> str:
 def qos_for(node: Node, topic: str) -> QoSProfile:
     """Return a QoS that hears every publisher of `topic`: no stricter than any of them."""
     offers = [info.qos_profile for info in node.get_publishers_info_by_topic(topic)]
-    ours = TOPICS.get(topic) or TOPICS.get(topic.removeprefix(f'/{NAMESPACE}/'))
+    ours = topic_of(topic, node.get_namespace()[1:])
     if ours:
         return QOS[ours.qos]
     reliable = offers and all(o.reliability == ReliabilityPolicy.RELIABLE for o in offers)
@@ -166,7 +158,7 @@ def on_the_graph(node: Node) -> list[dict[str, Any]]:
     """Return a row per topic that somebody publishes or reads: name, type, counts, doc."""
     rows = []
     for name, types in sorted(node.get_topic_names_and_types()):
-        ours = TOPICS.get(name) or TOPICS.get(name.removeprefix(f'/{NAMESPACE}/'))
+        ours = topic_of(name, node.get_namespace()[1:])
         rows.append(
             {
                 'topic': name,

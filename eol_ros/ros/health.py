@@ -17,6 +17,7 @@ from std_msgs.msg import Header
 from eol_ros.ros.give_back import give_back
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.stamps import to_msg
+from eol_ros.streams.graph import status_name
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
@@ -123,7 +124,7 @@ class Health:
         row = DiagnosticStatus(
             # Who starts is not stale (REP 107): that is what others find of one who is silent.
             level=bytes([WARN if status['level'] == STARTING else status['level']]),
-            name=f'eol: {self._name}',
+            name=status_name(self._name, self._node.namespace),
             message=status['text'],
             hardware_id=platform.node(),
         )

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 class ImagePublisher:
     """Publishes mono8 images of one size on a topic of `node`."""
 
-    def __init__(self, node: EolNode, topic: str, frame_id: str = images.FRAME_ID):
+    def __init__(self, node: EolNode, topic: str):
         self._publisher = node.publisher(topic)
-        self._codec = images.Codec(definition(images.TYPE), frame_id)
+        self._codec = images.Codec(definition(images.TYPE), node.frame_prefix)
 
     def publish(self, stamp_ns: int, image: np.ndarray) -> None:
         """Publish `image`, shape (height, width) uint8, stamped mid-exposure `stamp_ns`."""

@@ -40,18 +40,20 @@ from eol_ros.ros.requests import REQUESTS, RequestServer, parameters, plain
 from eol_ros.ros.stamps import to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS, PUBLISHER_QOS, QOS, message_class
-from eol_ros.scene import Scene, check_value
+from eol_ros.scene import Scene, check_namespace, check_value
 from eol_ros.settings import live_fields, renamed
-from eol_ros.streams.graph import NODES, TOPICS
+from eol_ros.streams.graph import NODES, TOPICS, frame_prefix
 from eol_ros.streams.requests import SET, Asked
 
-NAMESPACE = 'eol'
 SIM_TIME = 'use_sim_time'
 AHEAD_NS = 100_000_000  # a stamp so far ahead of /clock was played before time jumped back
 
 
 class EolNode(Node):
     """A node with `settings` (frozen dataclass), `scene`, `health` and the topic table.
+
+    `namespace` is that of its scene, or of the remapping rule `__ns`; names of its frames begin
+    with `frame_prefix`.
 
     A subclass sets NAME, wires topics in `__init__`, and may override `on_settings`, `restart`,
     `time_jumped` and `close`. With the parameter `use_sim_time`, ROS time is what a replay tells on
@@ -64,11 +66,13 @@ class EolNode(Node):
     HOLDS = True  # a request that counts from a later stamp waits until `stamped` has told of it
 
     def __init__(self, settings: Any, scene: Scene | None = None, **kwargs: Any):
+        self.scene = scene if scene is not None else Scene.alone(self.NAME)
         try:
-            super().__init__(self.NAME, namespace=NAMESPACE, **kwargs)
+            super().__init__(self.NAME, namespace=self.scene.namespace, **kwargs)
         except InvalidParameterTypeException as error:  # use_sim_time is declared there
             raise ConfigError(str(error)) from None
-        self.scene = scene if scene is not None else Scene.alone(self.NAME)
+        self.namespace = check_namespace(self.get_namespace())
+        self.frame_prefix = frame_prefix(self.namespace)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.resumed = _kept(self.NAME)  # of its life before, if it was started again
         self.settings = self._declare(settings)

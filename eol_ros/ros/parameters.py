@@ -6,13 +6,14 @@ from typing import Any
 
 from eol_ros.errors import DeviceMissing
 from eol_ros.ros.session import session
+from eol_ros.streams.graph import NAMESPACE
 
 WAIT_S = 5.0
 
 
-def read(node: str, names: Sequence[str], reach: str) -> dict[str, Any]:
+def read(node: str, names: Sequence[str], reach: str, namespace: str = NAMESPACE) -> dict[str, Any]:
     """Return the values of the parameters `names`; raise DeviceMissing where none answers."""
-    with session(reach=reach) as visit:
+    with session(reach=reach, namespace=namespace) as visit:
         from rclpy.parameter import parameter_value_to_python
         from rclpy.parameter_client import AsyncParameterClient
 

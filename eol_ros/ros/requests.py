@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter
 from eol_ros.core.stamp_watch import SOON_NS
 from eol_ros.errors import DeviceMissing, EolError, UsageError
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
+from eol_ros.streams.graph import NAMESPACE
 from eol_ros.streams.requests import KINDS, Asked, value_of
 
 if TYPE_CHECKING:
@@ -270,7 +271,7 @@ def _do_not(nodes: Sequence[str], verb: str) -> str:
     return f'{", ".join(nodes)} {"does" if len(nodes) == 1 else "do"} not {verb}'
 
 
-def visit_and_ask(asked: Asked, reach: str) -> Answers:
+def visit_and_ask(asked: Asked, reach: str, namespace: str = NAMESPACE) -> Answers:
     """Ask the running graph from the command line; return what its nodes have answered in time.
 
     Raises DeviceMissing when nobody is there to answer.
@@ -278,7 +279,7 @@ def visit_and_ask(asked: Asked, reach: str) -> Answers:
     from eol_ros.ros.session import session
     from eol_ros.ros.topics import PUBLISHER_QOS, QOS
 
-    with session(reach=reach) as visit:
+    with session(reach=reach, namespace=namespace) as visit:
         node = visit.node
         publisher = node.create_publisher(Request, REQUESTS, PUBLISHER_QOS['stream'])
         client = RequestClient(node, publisher)

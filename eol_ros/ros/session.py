@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from eol_ros.ros import network, shutdown_watchdog
+from eol_ros.streams.graph import NAMESPACE
 
 
 class Session:
@@ -39,9 +40,15 @@ class Session:
 
 @contextmanager
 def session(
-    make: Callable[[], Any] | None = None, reach: str = 'local', images: bool = False
+    make: Callable[[], Any] | None = None,
+    reach: str = 'local',
+    namespace: str = NAMESPACE,
+    images: bool = False,
 ) -> Iterator[Session]:
-    """Start rclpy with transport `reach` (local, lan), and the node that `make` makes."""
+    """Start rclpy with transport `reach` (local, lan), and the node that `make` makes.
+
+    Without `make` that is a plain one in `namespace`.
+    """
     network.configure(reach, images)
     import rclpy
     from rclpy.experimental.events_executor import EventsExecutor
@@ -53,7 +60,7 @@ def session(
     executor = EventsExecutor()
     before = {}
     try:
-        node = make() if make else Node(f'eol_cli_{os.getpid()}', namespace='eol')
+        node = make() if make else Node(f'eol_cli_{os.getpid()}', namespace=namespace)
         visit = Session(node, executor)
         for number in (signal.SIGINT, signal.SIGTERM):
             before[number] = signal.signal(number, visit.stop)

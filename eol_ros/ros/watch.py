@@ -12,6 +12,7 @@ from eol_ros.core.played_clock import PlayedClock
 from eol_ros.ros import network
 from eol_ros.ros.stamps import to_ns
 from eol_ros.streams.cdr import stamp_ns
+from eol_ros.streams.graph import NAMESPACE, TOPICS
 
 
 class Watch:
@@ -23,7 +24,12 @@ class Watch:
     """
 
     def __init__(
-        self, topics: Iterable[str], domain: int, keep: Iterable[str] = (), replay: bool = False
+        self,
+        topics: Iterable[str],
+        domain: int,
+        keep: Iterable[str] = (),
+        replay: bool = False,
+        namespace: str = NAMESPACE,
     ):
         network.configure('local')
         import rclpy
@@ -31,15 +37,13 @@ class Watch:
         from rclpy.node import Node
         from rosgraph_msgs.msg import Clock
 
-        from eol_ros.ros.node import NAMESPACE
         from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class
-        from eol_ros.streams.graph import TOPICS
 
         self.seen: dict[str, list[tuple[int, int]]] = defaultdict(list)
         self.raw: dict[str, list[bytes]] = defaultdict(list)
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
-        self._node = Node(f'watch_{os.getpid()}', namespace=NAMESPACE, context=self._context)
+        self._node = Node(f'watch_{os.getpid()}', namespace=namespace, context=self._context)
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
         kept = set(keep)

@@ -2,9 +2,9 @@
 """The 25 blocks of one image: eol_msgs/Blocks as arrays, for 25 message objects an image cost more
 than tracking.
 
-An image's blocks are always 25 in the frame `table`, so a message has one layout. It is worked out
-from the definition: a template is encoded, and the values are written and read where they lie in
-it, without a copy.
+An image's blocks are always 25 in the frame `table`, of whichever namespace, so its messages have
+one layout. It is worked out from the definition: a template is encoded, and the values are written
+and read where they lie in it, without a copy.
 """
 
 from collections.abc import Iterator
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 TYPE = 'eol_msgs/msg/Blocks'
 FRAME_ID = 'table'
+KNOWN = 4  # layouts kept
+_FRAME = 16  # where the letters of frame_id begin, behind the CDR header, the stamp and a length
+_REFUSED = 'blocks: not a little-endian message of 25 blocks in frame table'
 BLOCK = np.dtype(
     [('id', 'u1'), ('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'), ('u', 'f8'), ('v', 'f8'),
      ('sigma', 'f4'), ('visibility', 'f4'), ('seen', '?')]
@@ -85,21 +88,16 @@ def each(table: np.ndarray) -> Iterator[Blocks]:
         yield Blocks(stamp_ns, state, ambiguous, image, rows)
 
 
-class Codec:
-    """Writes and reads messages by the definition of eol_msgs/msg/Blocks, a `ros2msg` schema.
+class _Places:
+    """Where the values lie in a message of one frame; `raw` is such a message."""
 
-    rows: (25,) with the fields MEASURED, in the very bytes of the next message: what is written
-    there first need not be copied by `pack`.
-    """
-
-    def __init__(self, definition: str):
+    def __init__(self, definition: str, frame_id: bytes):
         blocks = [{'id': k} for k in range(N_BLOCKS)]
-        values = {'header': {'frame_id': FRAME_ID}, 'blocks': blocks}
-        self._raw = bytearray(encode(TYPE, definition, values))
-        layout = Decoder(TYPE, definition).layout(self._raw)
+        values = {'header': {'frame_id': frame_id.decode()}, 'blocks': blocks}
+        self.raw = bytearray(encode(TYPE, definition, values))
+        layout = Decoder(TYPE, definition).layout(self.raw)
         head = ('header.stamp', 'header.frame_id', 'state', 'symmetry_ambiguous', 'image')
-        self._head = Fixed(layout, head)
-        self._write = self._head.writer(self._raw)
+        self.head = Fixed(layout, head)
         at = [[layout.at('blocks', k, name) for name in MEASURED] for k in range(N_BLOCKS)]
         offsets = np.array([[offset for _, offset, _ in places] for places in at])
         self._start, self._stride = int(offsets[0].min()), int(offsets[1, 0] - offsets[0, 0])
@@ -111,10 +109,25 @@ class Codec:
                 'offsets': (offsets[0] - self._start).tolist(),
             }
         )
-        self.rows = self._view(self._raw)
 
-    def _view(self, raw: bytes | bytearray) -> np.ndarray:
+    def rows(self, raw: bytes | bytearray) -> np.ndarray:
+        """Return the blocks of a message, a view of its bytes."""
         return np.ndarray(N_BLOCKS, self._dtype, raw, self._start, (self._stride,))
+
+
+class Codec:
+    """Writes and reads messages by the definition of eol_msgs/msg/Blocks, a `ros2msg` schema.
+
+    rows: (25,) with the fields MEASURED, in the very bytes of the next message: what is written
+    there first need not be copied by `pack`.
+    """
+
+    def __init__(self, definition: str, frame_prefix: str = ''):
+        self._definition, self._frame_id = definition, (frame_prefix + FRAME_ID).encode()
+        self._known: dict[bytes, _Places] = {}  # by frame: a graph has one
+        places = _Places(definition, self._frame_id)
+        self._raw = places.raw
+        self._write, self.rows = places.head.writer(self._raw), places.rows(self._raw)
 
     def pack(
         self, stamp_ns: int, state: int, symmetry_ambiguous: bool, image: int, rows: np.ndarray
@@ -124,7 +137,7 @@ class Codec:
             for name in MEASURED:
                 self.rows[name] = rows[name]
         stamp = divmod(stamp_ns, NS)
-        self._write(stamp, FRAME_ID.encode(), state, symmetry_ambiguous, image % 2**32)
+        self._write(stamp, self._frame_id, state, symmetry_ambiguous, image % 2**32)
         return bytes(self._raw)
 
     def read(self, raw: bytes) -> Blocks:
@@ -132,8 +145,16 @@ class Codec:
 
         Raises ValueError when it is not 25 blocks in frame `table`, little-endian.
         """
-        values = self._head.values(raw)
-        if values is None or values[1] != FRAME_ID.encode():
-            raise ValueError('blocks: not a little-endian message of 25 blocks in frame table')
+        frame_id = raw[_FRAME : _FRAME + raw[_FRAME - 4] - 1] if len(raw) > _FRAME else b''
+        if frame_id not in self._known:
+            if frame_id.rpartition(b'/')[2] != FRAME_ID.encode():
+                raise ValueError(_REFUSED)
+            if len(self._known) == KNOWN:
+                self._known.clear()
+            self._known[frame_id] = _Places(self._definition, frame_id)
+        places = self._known[frame_id]
+        values = places.head.values(raw)
+        if values is None or values[1] != frame_id:
+            raise ValueError(_REFUSED)
         (seconds, nanoseconds), _, state, ambiguous, image = values
-        return Blocks(seconds * NS + nanoseconds, state, ambiguous, image, self._view(raw))
+        return Blocks(seconds * NS + nanoseconds, state, ambiguous, image, places.rows(raw))

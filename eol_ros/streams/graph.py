@@ -3,13 +3,17 @@
 
 A new node is a module in `nodes`, a dataclass of settings and one row here; scene files, quality of
 service, the startup barrier, priorities and the tables in the docs are made from these. Names of
-topics are relative to the namespace, but for those that begin with a slash.
+topics are relative to the namespace, but for those that begin with a slash. The last functions are
+the only place that puts the two together.
 """
 
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from eol_ros import settings
 
+NAMESPACE = 'eol'  # of a graph whose scene names none
 EVERY_NODE = 'every node'
 
 
@@ -186,3 +190,52 @@ def providers(node: str) -> tuple[str, ...]:
     """Return the nodes of which one must publish what `node` requires: in a scene, or elsewhere."""
     topic = NODES[node].requires
     return TOPICS[topic].sources if topic else ()
+
+
+def full_name(topic: str, namespace: str = NAMESPACE) -> str:
+    """Return the name of a topic on the graph: `slips` is `/eol/slips`, `diagnostics` no other."""
+    if topic.startswith('/'):
+        return topic
+    if f'/{topic}' in TOPICS or not namespace:
+        return f'/{topic}'
+    return f'/{namespace}/{topic}'
+
+
+def relative_name(name: str, namespace: str = NAMESPACE) -> str:
+    """Return a full name without its namespace, if it is in that one."""
+    return name if name in TOPICS else name.removeprefix(full_name('', namespace))
+
+
+def topic_of(name: str, namespace: str = NAMESPACE) -> TopicSpec | None:
+    """Return the row of the topic with a full name, or None."""
+    return TOPICS.get(relative_name(name, namespace))
+
+
+def frame_prefix(namespace: str) -> str:
+    """Return what stands before `table` in a graph of this namespace: nothing in the usual one."""
+    return '' if namespace == NAMESPACE else f'{namespace}/'
+
+
+def status_name(node: str, namespace: str) -> str:
+    """Return what a node is called on /diagnostics, which all graphs of a domain share."""
+    return f'{namespace}: {node}'
+
+
+def node_of(status: str) -> tuple[str, str]:
+    """Return node and namespace of a name on /diagnostics; the node is '' for one of others."""
+    namespace, _, node = status.rpartition(': ')
+    return (node, namespace) if namespace and node in NODES else ('', '')
+
+
+def namespace_of(types: Mapping[str, str]) -> str:
+    """Return the namespace of recorded topics, type by full name: where most of the table are.
+
+    '' is the root; without any of the table it is the usual one.
+    """
+    found = Counter(
+        name.removesuffix(topic.name).strip('/')
+        for name, kind in types.items()
+        for topic in _TOPICS
+        if topic.type_name == kind and f'/{topic.name}' == name[-len(topic.name) - 1 :]
+    )
+    return found.most_common(1)[0][0] if found else NAMESPACE

@@ -20,8 +20,8 @@ _HEAD = ('header.stamp', 'height', 'width', 'encoding', 'step')
 class Codec:
     """Writes and reads mono8 images by the definition of sensor_msgs/msg/Image."""
 
-    def __init__(self, definition: str, frame_id: str = FRAME_ID):
-        self._definition, self._frame_id = definition, frame_id
+    def __init__(self, definition: str, frame_prefix: str = ''):
+        self._definition, self._frame_id = definition, frame_prefix + FRAME_ID
         self._decoder = Decoder(TYPE, definition)
         self._shape: tuple[int, ...] = ()
         self._known: dict[int, tuple[Fixed, tuple[str, int, int]]] = {}  # by size

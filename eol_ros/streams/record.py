@@ -49,10 +49,10 @@ class Record:
         )
         return map(self.row._make, zip(*columns, strict=True))
 
-    def fill(self, message: M, row: Any) -> M:
+    def fill(self, message: M, row: Any, frame_prefix: str = '') -> M:
         """Write a row into a new message, and return the message."""
         header = message.header  # type: ignore[attr-defined]  # of any class with these fields
-        header.frame_id = self.frame_id
+        header.frame_id = self.frame_id and frame_prefix + self.frame_id
         for (name, kind), value in zip(self._kinds, row, strict=True):
             if kind == 'M':
                 stamp = header.stamp if name == 'stamp' else getattr(message, name)

@@ -7,6 +7,7 @@ import sys
 import yaml
 
 from eol_ros.errors import DeviceMissing, EolError, UsageError
+from eol_ros.verbs import reach
 
 HELP = 'Ask the nodes for something, as the panel does, and print their answers.'
 EXAMPLES = [
@@ -29,7 +30,7 @@ def add_arguments(parser):
     )
     parser.add_argument('--list', action='store_true', help='list what can be asked for, and end')
     parser.add_argument('--json', action='store_true', help='the answers as one JSON list')
-    parser.add_argument('--lan', action='store_true', help='look on the network, not only here')
+    reach.add_arguments(parser)
 
 
 def run(args):
@@ -50,25 +51,25 @@ def run(args):
         raise UsageError('set: whose settings? eol call set NODE NAME=VALUE')
     kind.whom(node)
     asked = Asked(args.kind, node, kind.check(_values(args.words)), source='eol call')
-    return answer(asked, args.json, args.lan)
+    return answer(asked, args)
 
 
-def answer(asked, as_json: bool, lan: bool) -> int:
+def answer(asked, args) -> int:
     """Ask the graph; print the answers and return the exit code."""
     from eol_ros.ros.requests import visit_and_ask
 
-    answers = visit_and_ask(asked, 'lan' if lan else 'local')
+    answers = visit_and_ask(asked, *reach.of(args))
     rows = [
         {'node': node, 'accepted': accepted, 'reason': reason}
         for node, (accepted, reason) in answers.found.items()
     ]
-    if as_json:
+    if args.json:
         print(json.dumps(rows, ensure_ascii=False))
-    for row in () if as_json else rows:
+    for row in () if args.json else rows:
         done = 'done' if row['accepted'] else 'refused'
         print(f'{row["node"]}: {done}' + (f', {row["reason"]}' if row['reason'] else ''))
     if answers.refusal:
-        if as_json:
+        if args.json:
             print(f'eol: {answers.refusal}', file=sys.stderr)
         return EolError.exit_code
     if not answers.whole:

@@ -7,6 +7,7 @@ import time
 from collections import deque
 
 from eol_ros.errors import DeviceMissing, UsageError
+from eol_ros.verbs import reach
 
 DISCOVERY_S = 5.0  # a busy machine needs so long until a publisher is found
 HELP = 'Print the messages of a topic as YAML, as `ros2 topic echo` does, or their rate.'
@@ -21,7 +22,7 @@ EXAMPLES = [
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('topic', help='with or without /eol/')
+    parser.add_argument('topic', help='with or without the namespace')
     parser.add_argument('--once', action='store_true', help='one message, then end')
     parser.add_argument('--hz', action='store_true', help='their rate, each second, like topic hz')
     parser.add_argument('--json', action='store_true', help='one JSON object a line')
@@ -32,7 +33,7 @@ def add_arguments(parser):
         metavar='S',
         help='give up (exit code 69) when S seconds bring no message',
     )
-    parser.add_argument('--lan', action='store_true', help='look on the network, not only here')
+    reach.add_arguments(parser)
 
 
 def run(args):
@@ -41,10 +42,12 @@ def run(args):
         raise UsageError('--once and --hz: a rate needs more than one message')
     if args.timeout is not None and not args.timeout > 0:
         raise UsageError(f'--timeout {args.timeout:g}: not a time above 0 s')
-    from eol_ros.ros.echo import Rate, full_name, listen, to_json, to_yaml
+    from eol_ros.ros.echo import Rate, listen, to_json, to_yaml
     from eol_ros.ros.session import session
+    from eol_ros.streams.graph import full_name
 
-    topic, rate, heard = full_name(args.topic), Rate(), 0
+    network, namespace = reach.of(args)
+    topic, rate, heard = full_name(args.topic, namespace), Rate(), 0
     waiting: deque = deque()  # printed outside the callback: a closed pipe must not raise in DDS
 
     def hear(message) -> None:
@@ -66,7 +69,7 @@ def run(args):
                 return True
         return False
 
-    with session(reach='lan' if args.lan else 'local') as visit:
+    with session(reach=network, namespace=namespace) as visit:
         listen(visit.node, topic, hear)
         before, deadline = 0, _Deadline(args.timeout)
         begun_s, told = time.monotonic(), False

@@ -7,6 +7,7 @@ import json
 import yaml
 
 from eol_ros.errors import UsageError
+from eol_ros.verbs import reach
 
 HELP = 'List, read and change the settings of a running node.'
 EXAMPLES = [
@@ -24,7 +25,7 @@ def add_arguments(parser):
     parser.add_argument('name', nargs='?')
     parser.add_argument('value', nargs='?', help='as YAML')
     parser.add_argument('--json', action='store_true', help='as JSON')
-    parser.add_argument('--lan', action='store_true', help='look on the network, not only here')
+    reach.add_arguments(parser)
 
 
 def run(args):
@@ -51,11 +52,11 @@ def run(args):
         if isinstance(value, int) and fields[args.name].type is float:
             value = float(value)
         asked = Asked(SET, args.node, {args.name: value}, source='eol param')
-        return answer(asked, args.json, args.lan)
+        return answer(asked, args)
     from eol_ros.ros.parameters import read
 
     names = [args.name] if args.name else list(fields)
-    values = read(args.node, names, 'lan' if args.lan else 'local')
+    values = read(args.node, names, *reach.of(args))
     if args.json:
         print(json.dumps(values if args.action == 'list' else values[args.name]))
     elif args.action == 'get':

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from eol_ros.errors import ConfigError, UsageError
+from eol_ros.verbs import reach
 
 HELP = 'Play a bag and its time on /clock into the graph. Space pauses, Ctrl-C stops.'
 EXAMPLES = [
@@ -17,6 +18,7 @@ EXAMPLES = [
     'eol replay run_0.mcap --only camera/image_raw --loop',
     'eol replay bags --only all --start 120',
     'eol replay bags --list --json',
+    'eol replay bags --namespace north              # whatever namespace it was recorded in',
 ]
 
 
@@ -49,6 +51,7 @@ def add_arguments(parser):
         help='wait so long for a first reader (default 3)',
     )
     parser.add_argument('--lan', action='store_true', help='reach other machines too')
+    parser.add_argument('--namespace', metavar='NAME', help=reach.NAMESPACE_HELP)
     parser.add_argument('--list', action='store_true', help='say what is in the bag and end')
     parser.add_argument('--json', action='store_true', help='with --list: as one JSON object')
 
@@ -90,15 +93,20 @@ def _check(option, value, setting):
 def _play(args, topics) -> int:
     from eol_ros.ros.run import node_class
     from eol_ros.ros.session import session
+    from eol_ros.scene import Scene
     from eol_ros.settings import ReplaySettings
 
     settings = ReplaySettings(
         bag=str(Path(args.bag)), topics=topics, rate=args.rate, fast=args.fast, loop=args.loop,
         start_s=args.start, clock_hz=args.clock, wait_s=args.wait,
     )  # fmt: skip
-    reach = 'lan' if args.lan else 'local'
+    network, namespace = reach.of(args)
+    scene = dataclasses.replace(Scene.alone('replay'), namespace=namespace)
     replay = node_class('replay')
-    with session(lambda: replay(settings), reach, images=True) as visit, _keys() as key:
+    with (
+        session(lambda: replay(settings, scene=scene), network, images=True) as visit,
+        _keys() as key,
+    ):
         node = visit.node
         print(f'{node.bag.path}: {", ".join(node.names)}', file=sys.stderr)
 

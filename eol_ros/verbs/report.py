@@ -32,6 +32,7 @@ def add_arguments(parser):
 def run(args):
     """Analyse; return 1 when --retrack finds a difference."""
     from eol_ros.analysis.bag import open_bag, topic_names
+    from eol_ros.streams.graph import relative_name
     from eol_ros.verbs.progress import track
 
     bag = open_bag(args.bag)
@@ -42,7 +43,7 @@ def run(args):
         names = topic_names(bag, args.csv)
         _folder(out)
         for name in track(names, 'writing'):
-            file = out / f'{name.removeprefix("/eol/").strip("/").replace("/", "_")}.csv'
+            file = out / f'{relative_name(name, bag.namespace).strip("/").replace("/", "_")}.csv'
             bag.table(name).to_csv(file)
             print(file)
         return 0

@@ -7,12 +7,13 @@ import time
 
 from eol_ros.bringup import status
 from eol_ros.errors import EolError
+from eol_ros.verbs import reach
 
 HELP = (
     'Say how the running graph is; exit code 0 all ok, 1 a warning or no answer, 2 an error, '
     '69 none runs.'
 )
-EXAMPLES = ['eol status', 'eol status --watch', 'eol status --json']
+EXAMPLES = ['eol status', 'eol status --watch', 'eol status --json', 'eol status --namespace north']
 
 
 def add_arguments(parser):
@@ -20,18 +21,24 @@ def add_arguments(parser):
     parser.add_argument('--watch', action='store_true', help='refresh it every second')
     parser.add_argument('--json', action='store_true', help='as one JSON object')
     parser.add_argument('--domain', type=int, default=int(os.environ.get('ROS_DOMAIN_ID') or 0))
+    parser.add_argument('--namespace', metavar='NAME', help=reach.NAMESPACE_HELP)
 
 
 def run(args):
     """Print the table."""
     while args.watch:
         try:
-            text = status.table(status.ask(args.domain))
+            text = status.table(_ask(args))
         except EolError as error:
             text = str(error)
         print(f'\033[2J\033[H{text}', flush=True)
         time.sleep(1.0)
-    answer = status.ask(args.domain)
+    answer = _ask(args)
     print(json.dumps(answer, indent=2) if args.json else status.table(answer))
     worst = max((row['level'] for row in answer['nodes']), default=0)
     return min(worst, 2)
+
+
+def _ask(args):
+    namespace = status.namespace_of(args.namespace, args.domain)
+    return status.ask(args.domain, namespace=namespace)

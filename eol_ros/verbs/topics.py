@@ -6,6 +6,7 @@ import sys
 import time
 
 from eol_ros.errors import DeviceMissing, SupervisorSilent, UsageError
+from eol_ros.verbs import reach
 
 DISCOVERED_S = 1.5  # without a new node, topic or end of one: the whole graph has been discovered
 RATE_S = 3.0  # over which rates are measured
@@ -36,7 +37,7 @@ def add_arguments(parser):
         metavar='S',
         help='longest time to discover the graph (default 10)',
     )
-    parser.add_argument('--lan', action='store_true', help='look on the network, not only here')
+    reach.add_arguments(parser)
 
 
 def run(args):
@@ -49,7 +50,8 @@ def run(args):
     from eol_ros.ros.echo import on_the_graph
     from eol_ros.ros.session import session
 
-    with session(reach='lan' if args.lan else 'local') as visit:
+    network, namespace = reach.of(args)
+    with session(reach=network, namespace=namespace) as visit:
         discovered = _Discovery(visit.node)
         whole = visit.run(discovered, args.seconds) or visit.stopped
         rows = [row for row in on_the_graph(visit.node) if row['topic'] not in OF_ROS]
@@ -81,11 +83,13 @@ class _Discovery:
 
     def __init__(self, node):
         self._node, self._seen, self._since_s = node, None, 0.0
-        self._expected = _running()
+        self._expected = _running(node.get_namespace()[1:])
 
     def missing(self) -> set[str]:
         """Return the nodes of the running scene that have not been discovered yet."""
-        return self._expected - set(self._node.get_node_names())
+        found = self._node.get_node_names_and_namespaces()
+        space = self._node.get_namespace()
+        return self._expected - {name for name, where in found if where == space}
 
     def __call__(self) -> bool:
         node = self._node
@@ -99,13 +103,13 @@ class _Discovery:
         return settled and bool(set(names) - OF_ROS) and not self.missing()
 
 
-def _running() -> set[str]:
-    """Return the nodes that the supervisor on this domain says run; none where it is not here."""
+def _running(namespace: str) -> set[str]:
+    """Return the nodes that the supervisor of a graph says run; none where it is not here."""
     from eol_ros.bringup import plan, status
     from eol_ros.scene import Scene
 
     try:
-        rows = status.ask(plan.domain(Scene('', {})))['nodes']
+        rows = status.ask(plan.domain(Scene('', {})), namespace=namespace)['nodes']
     except (DeviceMissing, SupervisorSilent):
         return set()
     return {row['node'] for row in rows if row['level'] < status.DOWN and row['text'] != 'finished'}

@@ -10,6 +10,7 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
 from eol_ros.streams import cascades
+from eol_ros.streams.graph import node_of
 from eol_ros.streams.record import seconds
 from eol_ros.streams.requests import Number
 from eol_ros.web.controls import CONTROLS
@@ -48,7 +49,7 @@ def health(status: Any) -> dict[str, Any]:
     level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
     values = {pair.key: pair.value for pair in status.values}
     return {
-        't': 'health', 'node': status.name.removeprefix('eol: '),
+        't': 'health', 'node': node_of(status.name)[0],
         'level': LEVELS[min(level, 3)], 'text': status.message,
         'rate': float(values.pop('rate_hz', 0.0)), 'values': values,
         'pid': values.pop('pid', ''),

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures through the real nodes into a bag; the bag's pictures give the bag's results again."""
 
+import dataclasses
 import time
 
 import numpy as np
@@ -132,6 +133,31 @@ def test_pictures_give_the_recorded_results_to_the_last_bit(run):
     assert result.topics['cascades'].recorded >= 1
     assert result.topics['grain_triggers'].recorded >= 1
     assert result.equal
+
+
+@pytest.mark.slow
+def test_a_bag_of_another_namespace_is_proved_and_reported_as_well(run, tmp_path):
+    from eol_ros.analysis.report import numbers
+    from eol_ros.devices.bag.writer import BagWriter
+
+    moved = {t.name: t.name.replace('/eol/', '/museum/north/') for t in run.topics.values()}
+    topics = [dataclasses.replace(t, name=moved[t.name]) for t in run.topics.values()]
+    writer = BagWriter(tmp_path / 'run', topics, dict(run.about))
+    for m in run.messages():
+        writer.write(moved[m.topic], m.data, m.log_ns, m.publish_ns, m.sequence)
+    writer.close()
+    bag = open_bag(tmp_path / 'run')
+    assert bag.namespace == 'museum/north' and run.namespace == 'eol'
+    assert bag.table('slips').topic == '/museum/north/slips'
+
+    ours, theirs = retrack(run), retrack(bag)
+    assert theirs.equal and theirs.notes == []
+    assert {t: c.recomputed for t, c in theirs.topics.items()} == {
+        t: c.recomputed for t, c in ours.topics.items()
+    }
+    found, same = numbers(bag), numbers(run)
+    named = {moved[name]: count for name, count in same['messages'].items()}
+    assert found == same | {'bag': str(bag.path), 'messages': named, 'gaps': {}}
 
 
 @pytest.mark.slow

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -6,7 +8,7 @@ import yaml
 
 from eol_ros import scene as scenes
 from eol_ros.bringup import __main__ as bringup
-from eol_ros.bringup import plan, playback
+from eol_ros.bringup import plan, playback, status
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import DeviceMissing, UsageError
@@ -64,6 +66,50 @@ def test_big_shared_memory_only_where_images_are_given():
     }
 
     assert big == {'twin'}
+
+
+@pytest.mark.parametrize('rule', [('-r', '__ns:=/north'), ('--remap', '__ns:=north')])
+def test_the_remapping_rule_of_ros_names_the_namespace(rule):
+    scene = scenes.load('lights')
+    assert scene.namespace == 'eol'
+    assert plan.remapped(scene, ('-r', '__ns:=/south', '--', *rule)).namespace == 'north'
+    assert plan.remapped(scene, ()) == scene
+
+
+@pytest.mark.parametrize(
+    'words', [('-p', 'fps:=3'), ('-r', 'slips:=/a'), ('-r',), ('__ns:=/a',), ('-r', '__ns:=/2nd')]
+)
+def test_other_arguments_of_ros_are_refused(words):
+    with pytest.raises(UsageError, match='^--ros-args '):
+        plan.remapped(scenes.load('lights'), words)
+
+
+def test_two_replays_on_a_domain_keep_their_times_apart():
+    scene = replace(scenes.load('playback'), namespace='north')
+    for process in plan.processes(scene, Path('s.yaml'), sim_time=True):
+        assert process.command[-2:] == ('-r', '/clock:=/north/clock')
+    for process in plan.processes(scenes.load('playback'), Path('s.yaml'), sim_time=True):
+        assert not any('clock' in word for word in process.command)
+
+
+def test_the_namespace_of_the_only_graph_here_is_meant(monkeypatch):
+    domain = 5000 + os.getpid() * 10
+    assert status.namespaces(domain) == []
+    assert status.namespace_of(None, domain) == 'eol'
+    with status.listen(domain, 'museum/north'):
+        assert status.namespaces(domain) == ['museum/north']
+        assert status.namespace_of(None, domain) == 'museum/north'
+        assert status.namespace_of('/south', domain) == 'south'
+        with pytest.raises(UsageError, match="^--namespace '2nd' is not a namespace"):
+            status.namespace_of('2nd', domain)
+        with pytest.raises(DeviceMissing, match=f'domain {domain}: --namespace museum/north'):
+            status.ask(domain)
+        with status.listen(domain, 'south'):
+            with pytest.raises(UsageError, match='--namespace museum/north or south'):
+                status.namespace_of(None, domain)
+            with status.listen(domain):
+                assert status.namespace_of(None, domain) == 'eol'
+    assert status.namespaces(domain) == []
 
 
 def test_domain(monkeypatch):

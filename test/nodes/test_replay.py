@@ -129,6 +129,29 @@ def test_without_pictures_the_blocks_are_played(ros, bag):
     listener.destroy_node()
 
 
+@pytest.mark.slow
+def test_a_bag_of_another_namespace_is_played_into_this_one(ros, tmp_path):
+    names = {'blocks': '/museum/north/blocks', 'slips': '/museum/north/slips', 'else': '/x/blocks'}
+    topics = [BagTopic(names['blocks'], **describe('blocks'))]
+    topics += [BagTopic(names['slips'], **describe('slips'))]
+    writer, sent = BagWriter(tmp_path / 'run', topics, {}), []
+    for i in range(20):
+        now = T0 + i * STEP_NS
+        message = Blocks(image=i)
+        message.header.stamp = to_msg(now)
+        sent.append(bytes(serialize_message(message)))
+        writer.write(names['blocks'], sent[-1], now, now)
+        writer.write(names['slips'], bytes(serialize_message(Slip(slip=i))), now, now)
+    writer.close()
+    listener = Listener()
+    node = play(listener, tmp_path / 'run', fast=True)
+    assert node.names == [names['blocks']]
+    assert listener.got == {'blocks': sent, 'slips': []}
+    node = play(listener, tmp_path / 'run', fast=True, topics=('slips',))
+    assert len(listener.got['slips']) == 20
+    listener.destroy_node()
+
+
 def ask(kind, node='', values=(), id_='', source='panel'):
     return request_to_msg(Asked(kind, node, dict(values), id=id_, source=source), T0)
 

@@ -9,7 +9,8 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from eol_msgs.msg import Cascade, SoundMeter, Truth
 
-from eol_ros.ros.echo import Rate, full_name, plain, to_json, to_yaml
+from eol_ros.ros.echo import Rate, plain, to_json, to_yaml
+from eol_ros.streams.graph import full_name
 
 
 def test_yaml_is_that_of_ros2_topic_echo():

@@ -88,7 +88,32 @@ def test_reads_what_rclpy_writes(codec, messages, rows):
         assert np.array_equal(read.rows[name], rows[name])
 
 
-@pytest.mark.parametrize('change', [{'frame_id': 'floor'}, {'frame_id': 'camera'}, {'count': 24}])
+def test_frames_of_any_namespace_are_read_and_written(codec, messages, rows):
+    from rclpy.serialization import deserialize_message
+
+    from eol_ros.ros.definitions import definition
+
+    for k, prefix in enumerate(('north/', 'a/', 'museum/north/', 'x1/', 'x22/', 'x333/')):
+        other = blocks.Codec(definition(blocks.TYPE), prefix)
+        raw = other.pack(12_000_000_345, 1, False, k, rows)
+        assert deserialize_message(raw, messages.Blocks).header.frame_id == f'{prefix}table'
+        for reader in (codec, other):
+            read = reader.read(raw)
+            assert (read.stamp_ns, read.image) == (12_000_000_345, k)
+            assert np.array_equal(read.rows['x'], rows['x'])
+    assert codec.read(codec.pack(1, 1, False, 9, rows)).image == 9
+
+
+@pytest.mark.parametrize('raw', [b'', b'\0\1\0\0', bytes(17), b'\0\1\0\0' + b'\xff' * 40])
+def test_what_is_cut_short_is_refused(codec, raw):
+    with pytest.raises(ValueError, match='25 blocks'):
+        codec.read(raw)
+
+
+@pytest.mark.parametrize(
+    'change',
+    [{'frame_id': 'floor'}, {'frame_id': 'mytable'}, {'frame_id': 'camera'}, {'count': 24}],
+)
 def test_anything_else_is_refused(codec, messages, change):
     from rclpy.serialization import serialize_message
 

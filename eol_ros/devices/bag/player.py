@@ -24,10 +24,10 @@ STAND_S = 0.5  # before a new round, for all that follow recorded time to have n
 BACK_NS = 1_000_000_000  # stamps that fall back by more belong to a new round, too
 
 
-def complete(bag: BagReader, images: str, blocks: str) -> bool:
+def complete(bag: BagReader, images: str = 'camera/image_raw', blocks: str = 'blocks') -> bool:
     """Return whether a bag has all the pictures of its run, and not those of some moments."""
-    count = bag.counts.get(images, 0)
-    return count > 0 and count >= 0.99 * bag.counts.get(blocks, 0)
+    count = bag.count(images)
+    return count > 0 and count >= 0.99 * bag.count(blocks)
 
 
 def choose(bag: BagReader, asked: Collection[str], usual: Collection[str]) -> list[str]:

@@ -26,6 +26,7 @@ from eol_ros.devices.bag.mcap_file import LIBRARY, BagTopic
 from eol_ros.devices.bag.scan import MAGIC, ChunkHead, ChunkMessage, DamagedRecord
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA, SAMPLE
 from eol_ros.errors import BagDamaged, ConfigError, DeviceMissing
+from eol_ros.streams.graph import full_name, namespace_of
 
 FOOTER = struct.Struct('<BQQQI')  # opcode, length, start of the summary, of its offsets, crc
 FOREVER = (1 << 63) - 1
@@ -400,6 +401,9 @@ def _custom_data(rosbag2: dict[str, str]) -> dict[str, str]:
 class BagReader:
     """A bag, opened to be read: `topics`, `counts`, times, `about`, `gaps`, and `messages()`.
 
+    `namespace` is that of the graph that was recorded; `name` and `count` speak of the topics of
+    the table of the graph (`streams.graph`), which are in that namespace.
+
     A folder that holds bags stands for the newest run in it, or for the sample that ships where
     there is no run; recordings of a replay count only where they are named themselves. Raises
     DeviceMissing when there is no such file, ConfigError when it is not a bag.
@@ -415,6 +419,7 @@ class BagReader:
             self.topics.update(file.topics)
             for topic, count in file.counts.items():
                 self.counts[topic] = self.counts.get(topic, 0) + count
+        self.namespace = namespace_of({t.name: t.type for t in self.topics.values()})
         filled = [f for f in self.files if f.places]
         self.start_ns = min((f.start_ns for f in filled), default=0)
         self.end_ns = max((f.end_ns for f in filled), default=0)
@@ -449,9 +454,17 @@ class BagReader:
         """One line for each stretch found damaged so far: `verify` finds all before reading."""
         return [d.text(self.start_ns) for f in self.files for d in f.damage]
 
+    def name(self, topic: str) -> str:
+        """Return the full name that a topic of the graph has, or would have, in this bag."""
+        return full_name(topic, self.namespace)
+
+    def count(self, topic: str) -> int:
+        """Return how many messages of a topic of the graph there are."""
+        return self.counts.get(self.name(topic), 0)
+
     def find(self, name: str) -> str:
         """Return the full name of topic `name`, with or without namespace; raise ConfigError."""
-        for candidate in (name, f'/{name}', f'/eol/{name}'):
+        for candidate in (name, f'/{name}', self.name(name)):
             if candidate in self.topics:
                 return candidate
         raise ConfigError(

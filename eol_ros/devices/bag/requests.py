@@ -7,14 +7,16 @@ from eol_ros.devices.bag.reader import BagReader
 from eol_ros.streams.cdr import Decoder
 from eol_ros.streams.requests import Heeded, recorded, recorded_as_control
 
-REQUESTS, RESULTS, CONTROL = '/eol/requests', '/eol/request_results', '/eol/control'
+REQUESTS, RESULTS = 'requests', 'request_results'
+CONTROL = 'control'  # what there was before them
 
 
 def heeded(bag: BagReader) -> list[Heeded]:
     """Return the requests of a bag of any version, in order of recording."""
-    if REQUESTS in bag.topics and RESULTS in bag.topics:
-        return recorded(_columns(bag, REQUESTS), _columns(bag, RESULTS))
-    return recorded_as_control(_columns(bag, CONTROL)) if CONTROL in bag.topics else []
+    requests, results, control = map(bag.name, (REQUESTS, RESULTS, CONTROL))
+    if requests in bag.topics and results in bag.topics:
+        return recorded(_columns(bag, requests), _columns(bag, results))
+    return recorded_as_control(_columns(bag, control)) if control in bag.topics else []
 
 
 def _columns(bag: BagReader, name: str) -> dict[str, np.ndarray]:

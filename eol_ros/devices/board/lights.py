@@ -19,6 +19,7 @@ from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.devices.board.board import Board, State, TapReport
 from eol_ros.errors import ConfigError
 from eol_ros.settings import LedsSettings
+from eol_ros.streams.graph import NAMESPACE
 
 LAG_NS = 40_000_000  # frames wait so long for the slips before them: 4 times what p99 takes
 SET_S = 0.02  # the system clock departs from steady time by more only where somebody sets it
@@ -73,6 +74,7 @@ class Lights:
         on_tap: Callable[[Tap], None] = lambda tap: None,
         on_state: Callable[[State], None] = lambda state: None,
         played: Played | None = None,
+        namespace: str = NAMESPACE,
     ):
         s = settings
         if not s.flash_limit and not s.flash_limit_off_because.strip():
@@ -90,7 +92,7 @@ class Lights:
         if s.port == 'twin':
             from eol_ros.devices.board.twin import TwinBoard
 
-            self.twin = TwinBoard(s.board_log)
+            self.twin = TwinBoard(s.board_log, namespace)
         self.limit = 'on' if s.flash_limit else f'off: {s.flash_limit_off_because}'
         self.board = Board(self.twin.port if self.twin else s.port, self._tap, on_state, s.baud)
 

@@ -15,6 +15,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from eol_ros.devices.board.fake import Arrival, FakeBoard, latency_s
+from eol_ros.streams.graph import NAMESPACE
 
 KNOCK = struct.Struct('<qBf')  # time, ns of the system clock; block; strength, m/s^2
 SIGMA_S = 5e-4  # of the time of a knock: `eol bench taps`
@@ -31,14 +32,15 @@ class Felt(NamedTuple):
 class Radio:
     """The twin's end: what its blocks say. Nobody need listen."""
 
-    def __init__(self) -> None:
+    def __init__(self, namespace: str = NAMESPACE) -> None:
+        self._board = _address(namespace)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
 
     def send(self, knocks: Iterable[Felt]) -> None:
         """Say what was felt; where no board listens it is lost."""
         for knock in knocks:
             try:
-                self._socket.sendto(KNOCK.pack(*knock), _address())
+                self._socket.sendto(KNOCK.pack(*knock), self._board)
             except OSError:
                 return
 
@@ -47,9 +49,9 @@ class Radio:
         self._socket.close()
 
 
-def _address() -> str:
-    """Return the abstract address of the board of this graph: one for each ROS domain."""
-    return f'\0eol_ros/twin/{os.environ.get("ROS_DOMAIN_ID", "0")}'
+def _address(namespace: str) -> str:
+    """Return the abstract address of the board of a graph on this ROS domain."""
+    return f'\0eol_ros/twin/{os.environ.get("ROS_DOMAIN_ID", "0")}/{namespace}'
 
 
 class TwinBoard:
@@ -58,7 +60,7 @@ class TwinBoard:
     `log` names a CSV of all that arrives on the wire.
     """
 
-    def __init__(self, log: str = ''):
+    def __init__(self, log: str = '', namespace: str = NAMESPACE):
         self._log = open(log, 'w', buffering=1) if log else None  # noqa: SIM115
         if self._log:
             self._log.write('time_ns,kind,sequence,stamp_us\n')
@@ -66,8 +68,8 @@ class TwinBoard:
         self._guard = threading.Lock()
         self._radio = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         try:
-            self._radio.bind(_address())
-        except OSError:  # another board of this domain has it: this one hears nothing
+            self._radio.bind(_address(namespace))
+        except OSError:  # another board of this graph has it: this one hears nothing
             pass
         self.fake = FakeBoard(name='twin', on_arrival=self._on_arrival).start()
 

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two rehearsals in one DDS domain, each in a namespace of its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import yaml
+from eol_msgs.msg import Blocks
+from rclpy.serialization import deserialize_message
+
+from eol_ros.analysis.bag import open_bag
+from eol_ros.analysis.retrack import retrack
+from eol_ros.bringup import status
+from eol_ros.errors import EolError
+from eol_ros.streams.graph import node_of
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
+DOMAIN = 91
+RECORDED = 100  # messages of each, after both are OK
+SEEDS = {'north': 1, 'south': 2}
+
+
+def eol(*words):
+    return subprocess.run(
+        [sys.executable, '-m', 'eol_ros', *words], capture_output=True, text=True, timeout=120,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)}, check=False,
+    )  # fmt: skip
+
+
+def messages(namespace):
+    """Return how many messages the recorder has, once all is OK; 0 before."""
+    try:
+        answer = status.ask(DOMAIN, namespace=namespace)
+    except EolError:
+        return 0
+    if answer['all_ok_s'] is None:
+        return 0
+    return next(r['values']['messages'] for r in answer['nodes'] if r['node'] == 'recorder')
+
+
+@pytest.fixture(scope='module')
+def run(tmp_path_factory):
+    """Both, one named by its scene and one by a remapping rule; their bags and what `eol` said."""
+    folder = tmp_path_factory.mktemp('namespaces')
+    running, said = [], {}
+    try:
+        for namespace, seed in SEEDS.items():
+            scene = {
+                'scene': namespace, 'real_time': False, 'domain': DOMAIN,
+                'together': [['tracker', 'motion']],
+                'nodes': {
+                    'twin': {'seed': seed, 'accelerometer': False}, 'tracker': {}, 'motion': {},
+                },
+            }  # fmt: skip
+            words = ['--ros-args', '-r', '__ns:=/south']
+            if namespace == 'north':
+                scene['namespace'], words = 'north', []
+            file = folder / f'{namespace}.yaml'
+            file.write_text(yaml.safe_dump(scene))
+            command = [sys.executable, '-m', 'eol_ros.bringup', str(file)]
+            command += ['--bag', str(folder / namespace), *words]
+            running.append(subprocess.Popen(command, stderr=subprocess.DEVNULL))
+        began, end = dict.fromkeys(SEEDS, 0), time.monotonic() + 150
+        while time.monotonic() < end and all(child.poll() is None for child in running):
+            now = {namespace: messages(namespace) for namespace in SEEDS}
+            if not all(began.values()):
+                began = now
+            elif all(now[n] - began[n] > RECORDED for n in SEEDS):
+                break
+            time.sleep(0.1)
+        said['topics'] = eol('topics', '--json', '--namespace', 'south')
+        said['status'] = eol('status')
+        said['south'] = eol('status', '--namespace', 'south')
+    finally:
+        for child in running:
+            child.send_signal(signal.SIGINT)
+        codes = [child.wait(60) for child in running]
+    assert codes == [0, 0]
+    return {namespace: open_bag(folder / namespace) for namespace in SEEDS}, said
+
+
+@pytest.mark.parametrize('namespace', SEEDS)
+def test_no_message_crosses(run, namespace):
+    bag = run[0][namespace]
+    assert bag.namespace == namespace
+    assert {name.split('/')[1] for name in bag.topics} == {namespace, 'diagnostics'}
+    assert f'seed: {SEEDS[namespace]}' in bag.about['settings']
+
+    blocks, truth = bag.table('blocks'), bag.table('truth')
+    blocks = blocks[blocks['stamp'] >= truth['stamp'][0]]  # no node waits for those who read it
+    assert len(blocks) > 30
+    assert (np.diff(blocks['image'].astype(int)) > 0).all()
+    assert set(blocks['stamp']) <= set(truth['stamp'])
+    assert set(blocks['frame_id']) == set(truth['frame_id']) == {f'{namespace}/table'}
+    row = {stamp: k for k, stamp in enumerate(truth['stamp'].tolist())}
+    where = [row[stamp] for stamp in blocks['stamp'].tolist()]
+    seen = blocks['blocks']['seen'] & (blocks['state'] == Blocks.TRACKING)[:, None]
+    error = np.hypot(
+        blocks['blocks']['x'] - truth['x'][where], blocks['blocks']['y'] - truth['y'][where]
+    )
+    assert seen.any() and np.median(error[seen]) < 0.1e-3  # of its own twin
+    assert retrack(bag).equal
+
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    names = set()
+    for message in bag.messages(['/diagnostics']):
+        names |= {s.name for s in deserialize_message(message.data, DiagnosticArray).status}
+    assert {node_of(name)[1] for name in names} == {namespace}
+    assert {node_of(name)[0] for name in names} >= {'twin', 'tracker', 'motion'}
+
+
+def test_the_command_line_means_one_of_them(run):
+    said = run[1]
+    rows = {row['topic']: row for row in json.loads(said['topics'].stdout)}
+    assert rows['/south/blocks']['doc'] and not rows['/north/blocks']['doc']
+    for name in ('/north/blocks', '/south/blocks'):
+        assert rows[name]['publishers'] == 1
+    assert '/eol/blocks' not in rows
+    assert said['status'].returncode == 2
+    assert '--namespace north or south' in said['status'].stderr
+    assert said['south'].stdout.startswith('south in /south'), said['south'].stderr
