@@ -77,7 +77,9 @@ class ReplayNode(EolNode):
         ours = TOPICS.get(name)
         if ours and ours.type_name == recorded.type:
             return self.publisher(name)
-        return self.create_publisher(message_class(recorded.type), name, QOS['stream'])
+        return self.create_publisher(
+            message_class(recorded.type), name, QOS['latched' if recorded.latched else 'stream']
+        )
 
     def _asked_for(self) -> bool:
         """Whether a node of the scene heeds requests, or the scene is not known."""
@@ -102,7 +104,10 @@ class ReplayNode(EolNode):
         self._acknowledged([self._asks])  # it keeps no more than 60
 
     def begin(self) -> None:
-        """Ask what must be known before a round begins."""
+        """Tell what holds when a round begins, and ask what must be known before."""
+        start_ns = self.bag.start_ns + round(self.settings.start_s * 1e9)
+        for message in self.bag.latched(self.names, start_ns):
+            self.publishers_of[message.topic].publish(message.data)
         for asked in self._ahead:
             self.ask(asked)
 

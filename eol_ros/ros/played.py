@@ -7,8 +7,9 @@ from eol_ros.streams.graph import TOPICS
 
 IMAGES, BLOCKS, TAPS, REQUESTS = 'camera/image_raw', 'blocks', 'block_taps', 'requests'
 INFO = 'camera/camera_info'
-# Of that run's own processes, or made again.
-NEVER = ('ready', '/diagnostics', '/clock', 'sound_samples', 'rim_command', 'request_results')
+# Of that run's own processes: of today's there are some, too. Not even `--only all` plays them.
+OF_PROCESSES = ('ready', '/diagnostics', '/clock', '/rosout', '/parameter_events')
+NEVER = (*OF_PROCESSES, 'sound_samples', 'rim_command', 'request_results')  # or made again
 
 
 def played(scene: Any, images: bool) -> list[str]:

@@ -33,7 +33,7 @@ def add_arguments(parser):
     parser.add_argument(
         '--only',
         metavar='TOPICS',
-        help='these, parted by commas, or all (default: the pictures if all were '
+        help='these, parted by commas, or all but diagnostics (default: the pictures if all were '
         'kept, else blocks; and the taps and requests that go with them)',
     )
     parser.add_argument(
@@ -73,9 +73,19 @@ def run(args):
         raise UsageError(f'--start {args.start:g}: the bag has {bag.duration_s:.1f} s')
     topics: tuple[str, ...] = ()
     if args.only:
-        full = [t for t, n in bag.counts.items() if n]
-        topics = tuple(full if args.only == 'all' else map(bag.find, args.only.split(',')))
+        topics = _all(bag) if args.only == 'all' else tuple(map(bag.find, args.only.split(',')))
     return _play(args, topics)
+
+
+def _all(bag) -> tuple[str, ...]:
+    """Return all topics with messages, but those on which today's processes speak for themselves.
+
+    Old diagnostics among the live ones would tell of nodes that do not run.
+    """
+    from eol_ros.ros.played import OF_PROCESSES
+
+    theirs = {bag.name(topic) for topic in OF_PROCESSES}
+    return tuple(name for name, count in bag.counts.items() if count and name not in theirs)
 
 
 def _check(option, value, setting):

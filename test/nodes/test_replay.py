@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The replay node over real DDS: the recorded bytes come out again, in order, at their time."""
 
+import argparse
 import struct
 import time
 
 import pytest
-from eol_msgs.msg import Blocks, BlockTap, RequestResult, Slip
+from diagnostic_msgs.msg import DiagnosticArray
+from eol_msgs.msg import Blocks, BlockTap, Corpus, RequestResult, Slip, Wall
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
@@ -22,8 +24,9 @@ from eol_ros.ros.stamps import to_msg, to_ns
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, ReplaySettings
-from eol_ros.streams.graph import NODES
+from eol_ros.streams.graph import NODES, full_name
 from eol_ros.streams.requests import Asked
+from eol_ros.verbs import replay
 
 T0 = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000
@@ -71,14 +74,14 @@ def bag(tmp_path):
 def write(folder, messages):
     """Write (topic, seconds, message), stamped then and recorded 5 ms later; return the bytes."""
     topics = dict.fromkeys(topic for topic, _, _ in messages)
-    writer = BagWriter(folder, [BagTopic(f'/eol/{t}', **describe(t)) for t in topics], {})
+    writer = BagWriter(folder, [BagTopic(full_name(t), **describe(t)) for t in topics], {})
     sent = {topic: [] for topic in topics}
     for topic, seconds, message in messages:
         stamp = T0 + round(seconds * 1e9)
         if not to_ns(message.header.stamp):
             message.header.stamp = to_msg(stamp)
         sent[topic].append(bytes(serialize_message(message)))
-        writer.write(f'/eol/{topic}', sent[topic][-1], stamp + 5_000_000, stamp + 5_000_000)
+        writer.write(full_name(topic), sent[topic][-1], stamp + 5_000_000, stamp + 5_000_000)
     writer.close()
     return sent
 
@@ -218,6 +221,38 @@ def test_what_nodes_heeded_is_asked_before_the_images_and_what_people_asked_in_i
     assert order == [*ahead, ('', 'sleep', {}, 0.0), 'tap']
     assert listener.got['blocks'] == sent['blocks'][-3 if not start_s else -2 :]
     listener.destroy_node()
+
+
+@pytest.mark.slow
+def test_what_was_latched_before_the_start_is_played_before_all_else(ros, tmp_path):
+    stamped = [('corpus', 0.0, Corpus(name='ice')), ('wall', 0.1, Wall(change=1))]
+    stamped += [('corpus', 0.2, Corpus(name='snow')), ('wall', 0.9, Wall(change=2))]
+    stamped += [('blocks', 0.05 * i, Blocks(image=i)) for i in range(20)]
+    write(tmp_path / 'run', sorted(stamped, key=lambda item: item[1]))
+    listener, heard = Listener(), []
+    listener.subscribe('corpus', lambda m: heard.append(m.name))
+    listener.subscribe('wall', lambda m: heard.append(m.change))
+    listener.subscribe('blocks', lambda m: heard.append('block'))
+    topics = ('blocks', 'corpus', 'wall')
+    play(listener, tmp_path / 'run', topics=topics, start_s=0.5)
+    assert sorted(map(str, heard[:2])) == ['1', 'snow']
+    assert heard.count('block') == 10 and heard[2:].count(2) == 1 and len(heard) == 13
+    heard.clear()
+    play(listener, tmp_path / 'run', topics=('blocks',), start_s=0.5)
+    assert heard == ['block'] * 10  # only of what is played
+    listener.destroy_node()
+
+
+@pytest.mark.slow
+def test_all_is_not_what_processes_say_of_themselves(tmp_path, monkeypatch):
+    write(tmp_path / 'run', [('blocks', 0.1, Blocks()), ('/diagnostics', 0.2, DiagnosticArray())])
+    asked = []
+    monkeypatch.setattr(replay, '_play', lambda args, topics: asked.append(topics))
+    parser = argparse.ArgumentParser()
+    replay.add_arguments(parser)
+    for only in ('all', '/diagnostics,blocks'):
+        replay.run(parser.parse_args([str(tmp_path / 'run'), '--only', only]))
+    assert asked == [('/eol/blocks',), ('/diagnostics', '/eol/blocks')]
 
 
 def test_two_givers_of_blocks_are_refused(ros, bag):

@@ -4,6 +4,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,29 @@ def damaged(folder):
     data[(place.offset + place.end) // 2] ^= 1
     path.write_bytes(data)
     return [*range(10), *range(20, 40)]
+
+
+def test_what_holds_at_a_time_is_the_last_of_each_latched_topic(tmp_path):
+    bag = BagWriter(tmp_path / 'run', [LATCHED, replace(LATCHED, name='/eol/wall'), TEXT], {})
+    for i, (name, words) in enumerate(
+        [('corpus', 'ice'), ('wall', 'a'), ('text', 'x'), ('wall', 'b'), ('corpus', 'snow')]
+    ):
+        bag.write(f'/eol/{name}', text(words), T0 + i * 100 * 10**9, T0, i)  # 100 s apart
+    bag.close()
+    reader = BagReader(tmp_path / 'run')
+
+    def held(at_s, topics=None):
+        found = reader.latched(topics, T0 + at_s * 10**9)
+        return [(m.topic, m.data) for m in found]
+
+    ice, snow = (('/eol/corpus', text(words)) for words in ('ice', 'snow'))
+    a, b = (('/eol/wall', text(words)) for words in 'ab')
+    assert held(0) == []
+    assert held(1) == [ice]
+    assert held(299) == [ice, a]
+    assert held(301) == [ice, b]
+    assert held(1000) == [b, snow]
+    assert held(1000, ['/eol/corpus', '/eol/text']) == [snow]
 
 
 def test_verify_tells_whole_from_damaged(tmp_path, capsys):

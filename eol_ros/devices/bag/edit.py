@@ -59,20 +59,11 @@ def stretch(
 ) -> Iterator[BagMessage]:
     """Yield the messages of topics `names` (None: all) from start_ns up to end_ns.
 
-    What was told once before, on topics whose publisher keeps the last message for those who come
-    late, holds in the stretch, too: the last of each is yielded first, as received at its start.
+    What was told before on latched topics holds in the stretch, too: the last of each is yielded
+    first, as received at its start.
     """
-    latched = [
-        t.name
-        for t in bag.topics.values()
-        if 'transient_local' in t.qos and (names is None or t.name in names)
-    ]
-    if latched and start_ns > bag.start_ns:
-        last: dict[str, BagMessage] = {}
-        for message in bag.messages(latched, 0, start_ns):
-            last[message.topic] = message
-        for message in last.values():
-            yield message._replace(log_ns=start_ns)
+    for message in bag.latched(names, start_ns):
+        yield message._replace(log_ns=start_ns)
     yield from bag.messages(names, start_ns, end_ns)
 
 

@@ -54,6 +54,11 @@ class BagTopic:
     type_hash: str = ''
     qos: str = ''
 
+    @property
+    def latched(self) -> bool:
+        """Whether the publisher keeps the last message for those who come late."""
+        return 'transient_local' in self.qos
+
     def metadata(self) -> dict[str, str]:
         """Return what rosbag2 stores with the channel."""
         return {'offered_qos_profiles': self.qos, 'topic_type_hash': self.type_hash}

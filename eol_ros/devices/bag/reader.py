@@ -30,6 +30,7 @@ from eol_ros.streams.graph import full_name, namespace_of
 
 FOOTER = struct.Struct('<BQQQI')  # opcode, length, start of the summary, of its offsets, crc
 FOREVER = (1 << 63) - 1
+LOOK_BACK_NS = 60_000_000_000
 _INDEX = struct.Struct('<QQQQI')  # start, end, offset, length, bytes of the map that follows
 _COUNTS = struct.Struct('<QHIIIIQQI')  # messages, schemas, ..., start, end, bytes of the map
 
@@ -490,6 +491,22 @@ class BagReader:
                 yield from stream
         else:
             yield from heapq.merge(*streams, key=lambda m: m.log_ns)
+
+    def latched(self, topics: Collection[str] | None, at_ns: int) -> list[BagMessage]:
+        """Return what holds at a time: of each latched topic the last message received before it.
+
+        topics: of these alone (None: all). The messages come in order of reception.
+        """
+        open_ = {t.name for t in self.topics.values() if t.latched}
+        open_ = {name for name in open_ if self.counts[name] and (topics is None or name in topics)}
+        found: dict[str, BagMessage] = {}
+        end_ns, span_ns = at_ns, LOOK_BACK_NS
+        while open_ and end_ns > self.start_ns:  # backwards: most were told again a while ago
+            begin_ns = max(end_ns - span_ns, self.start_ns)
+            found |= {m.topic: m for m in self.messages(open_, begin_ns, end_ns)}
+            open_ -= set(found)
+            end_ns, span_ns = begin_ns, 4 * span_ns
+        return sorted(found.values(), key=lambda m: m.log_ns)
 
     def _metadata(self, name: str) -> dict[str, str]:
         for file in reversed(self.files):
