@@ -12,6 +12,7 @@ from argparse import ArgumentParser
 import pytest
 
 from eol_ros import cli
+from eol_ros.errors import EolError
 from eol_ros.verbs import bench
 
 
@@ -29,7 +30,10 @@ def test_examples_parse(verb):
     for example in module.EXAMPLES:
         words = shlex.split(re.split(r' >+ | \| ', example)[0], comments=True)
         start = 2 if words[0] == 'eol' else 3  # eol VERB ..., python -m MODULE ...
-        parser.parse_args(words[start:])
+        try:
+            parser.parse_args(words[start:])
+        except (SystemExit, EolError) as error:
+            pytest.fail(f'eol {verb} --help shows {example!r}, which it refuses: {error}')
 
 
 @pytest.mark.parametrize('name', bench.names())

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from checkout import checkout
+from support.checkout import checkout
 
 from eol_ros.streams.graph import NODES
 

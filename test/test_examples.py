@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ import soundfile
 from eol_msgs.msg import Slip
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from support.waiting import wait_until
 
 from eol_ros import scene
 from eol_ros.devices.corpus import corpus_file
@@ -61,9 +61,10 @@ def test_print_slips(ros):
     words = [sys.executable, '-u', EXAMPLES / 'print_slips.py']
     with subprocess.Popen(words, env=stock, stdout=subprocess.PIPE, text=True) as child:
         try:
-            end_s = time.monotonic() + 60
-            while not publisher.get_subscription_count() and time.monotonic() < end_s:
-                ros.spin_once(node, timeout_sec=0.05)
+            wait_until(
+                publisher.get_subscription_count,
+                turn=lambda: ros.spin_once(node, timeout_sec=0.05),
+            )
             assert publisher.get_subscription_count() == 1
             publisher.publish(Slip(kind=Slip.START, block=3))
             publisher.publish(Slip(kind=Slip.STOP, block=7, distance=0.0042, duration=0.25))

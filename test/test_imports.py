@@ -157,6 +157,33 @@ def test_each_exception_from_typing_names_its_rule():
                 assert '#' in named or before.strip().startswith('#'), f'{name(path)}: {line}'
 
 
+def proves(function, functions, seen=()):
+    """Tell whether a test can fail: by itself, or by a function of its file that it calls."""
+    for node in ast.walk(function):
+        if isinstance(node, ast.Assert):
+            return True
+        if isinstance(node, ast.Call):
+            words = ast.unparse(node.func)
+            called = words.split('.')[-1]
+            if words in ('pytest.raises', 'pytest.fail', 'pytest.warns') or called == 'wait_until':
+                return True
+            if 'assert_' in called or called == 'until_page':
+                return True
+            inner = functions.get(called)
+            if inner and called not in seen and proves(inner, functions, (*seen, called)):
+                return True
+    return False
+
+
+def test_every_test_can_fail():
+    for path in sorted((ROOT.parent / 'test').rglob('test_*.py')):
+        nodes = ast.walk(ast.parse(path.read_text()))
+        functions = {node.name: node for node in nodes if isinstance(node, ast.FunctionDef)}
+        for title, function in functions.items():
+            if title.startswith('test_'):
+                assert proves(function, functions, (title,)), f'{path}: {title} asserts nothing'
+
+
 def test_the_package_does_without_benchmarks_and_tests():
     for path in MODULES:
         for line, module in imports(path):

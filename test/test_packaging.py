@@ -15,7 +15,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
-from checkout import ROOT, checkout, tracked
+from support.checkout import ROOT, checkout, tracked
 
 from eol_ros import folders
 from eol_ros.devices.bag.mcap_file import BagTopic

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eol_ros import scene as scenes
@@ -243,6 +243,49 @@ def test_never_falls_over(nodes):
         scenes.load(path)
     except ConfigError as error:
         assert str(path) in str(error)
+
+
+def values_of(field):
+    """Return a strategy of what a scene may say of a number, a choice or a switch; else None."""
+    meta = field.metadata
+    low, high = meta.get('min'), meta.get('max')
+    if meta.get('choices'):
+        return st.sampled_from(meta['choices'])
+    if field.type is bool:
+        return st.booleans()
+    if low is None or high is None:
+        return None
+    if field.type is int:
+        return st.integers(int(low), int(high))
+    return st.floats(low, high) if field.type is float else None
+
+
+@st.composite
+def changes(draw):
+    """Draw some settings of some nodes of the rehearsal."""
+    found = {}
+    for name in draw(st.sets(st.sampled_from(sorted(scenes.load('rehearsal').nodes)))):
+        kinds = {f.name: values_of(f) for f in dataclasses.fields(NODES[name].settings)}
+        # Twin and tracker must agree on the mirror, and a limit goes off with a reason alone.
+        kinds = {
+            k: v for k, v in kinds.items() if v is not None and k not in ('mirror', 'flash_limit')
+        }
+        for key in draw(st.sets(st.sampled_from(sorted(kinds)), max_size=4)) if kinds else ():
+            found.setdefault(name, {})[key] = draw(kinds[key])
+    return found
+
+
+@given(changes())
+@settings(max_examples=25)
+def test_a_scene_has_what_it_says_and_else_what_it_includes(changed):
+    """And written out in full it is read back the same."""
+    base = scenes.load('rehearsal')
+    text = {'include': str(scenes.find('rehearsal')), 'nodes': changed}
+    scene = scenes.load(write(FUZZ, yaml.safe_dump(text)))
+    for name, mine in base.nodes.items():
+        assert scene.nodes[name] == dataclasses.replace(mine, **changed.get(name, {}))
+    again = scenes.load(write(FUZZ, yaml.safe_dump(scenes.plain(scene)), 'again.yaml'))
+    assert again.nodes == scene.nodes
 
 
 @pytest.mark.parametrize('changes', ['', 'nodes: {recorder: off}'])

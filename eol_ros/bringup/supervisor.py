@@ -38,14 +38,15 @@ class Supervisor:
         say: Callable[[str], None],
         compiler: Process | None = None,
         namespace: str = NAMESPACE,
+        clock: Callable[[], float] = time.monotonic,
     ):
-        self.scene, self.namespace = scene, namespace
+        self.scene, self.namespace, self._clock = scene, namespace, clock
         self.children = [Child(process) for process in processes]
         self._compiler = Child(compiler) if compiler else None
         self._server, self._events, self._say = server, events, say
         self._asked_to_stop = self._hurry = False
         self._told: dict[str, tuple[int, str]] = {}
-        self._began_s = time.monotonic()
+        self._began_s = self._clock()
         self.all_ok_s: float | None = None  # seconds from the start to all ok
         self.real_time = any(process.real_time for process in processes)
         self._told_priority = False
@@ -61,14 +62,14 @@ class Supervisor:
             signal.signal(number, self._on_signal)
         signal.signal(signal.SIGCHLD, lambda *_: None)  # only to wake the loop
         clean_shared_memory()
-        self._began_s = time.monotonic()
+        self._began_s = self._clock()
         self._compile()
-        began_s = last_s = time.monotonic()
+        began_s = last_s = self._clock()
         could_s = 0.0  # seconds in which all could have become ok
         code = 0
         try:
             while not self._asked_to_stop:
-                now = time.monotonic()
+                now = self._clock()
                 ended = self._step(now)
                 if ended is not None:
                     code = ended
@@ -93,7 +94,7 @@ class Supervisor:
         finally:
             self._stop()
         restarts = sum(child.policy.restarts for child in self.children)
-        age = int(time.monotonic() - self._began_s)
+        age = int(self._clock() - self._began_s)
         self._note(
             f'stopped, {age // 3600:02d}:{age % 3600 // 60:02d}:{age % 60:02d}, {restarts} restarts'
         )
@@ -110,7 +111,7 @@ class Supervisor:
             'scene': self.scene,
             'namespace': self.namespace,
             'pid': os.getpid(),
-            'running_s': round(time.monotonic() - self._began_s, 1),
+            'running_s': round(self._clock() - self._began_s, 1),
             'all_ok_s': self.all_ok_s,
             'real_time': self.real_time,
             'restarts': sum(child.policy.restarts for child in self.children),
@@ -126,7 +127,7 @@ class Supervisor:
         if self._compiler is None:
             return
         compiler, told = self._compiler, -10
-        compiler.start(time.monotonic())
+        compiler.start(self._clock())
         while compiler.alive() and not self._asked_to_stop:
             self._hear(compiler)
             if compiler.percent >= told + 10:
@@ -153,7 +154,7 @@ class Supervisor:
             self._note(f'compiling has failed (exit code {code}): the nodes do it themselves')
 
     def _hear(self, child: Child) -> None:
-        child.beats(time.monotonic())
+        child.beats(self._clock())
         for line in child.output():
             self._events.line(f'{child.process.name}: {line}')
             if child.for_people(line) and not line.startswith('compiling'):
@@ -282,23 +283,23 @@ class Supervisor:
                 time.sleep(DRAIN_S)
             for number, patience_s in STOP_STEPS:
                 for child in group:
-                    child.ask_to_end(number, time.monotonic())
+                    child.ask_to_end(number, self._clock())
                 while self._may_yet_end(group, patience_s):
                     for child in self.children:
-                        self._listen(child, time.monotonic())
+                        self._listen(child, self._clock())
                     status.answer(self._server, self.describe())
                     self._wait()
                 if not any(child.alive() for child in group):
                     break
         for child in self.children:
             if child.popen is not None:
-                self._listen(child, time.monotonic())
+                self._listen(child, self._clock())
                 child.reap()
 
     def _may_yet_end(self, group: Sequence[Child], patience_s: float) -> bool:
         """Tell whether some of `group` run that did not have `patience_s` in which to end."""
         most_s = patience_s if self._hurry else STARVED_S
-        verdicts = [(c, c.ending(time.monotonic(), patience_s, most_s)) for c in group if c.alive()]
+        verdicts = [(c, c.ending(self._clock(), patience_s, most_s)) for c in group if c.alive()]
         for child, verdict in verdicts:
             if verdict == STARVED and child not in self._told_slow:
                 self._told_slow.append(child)

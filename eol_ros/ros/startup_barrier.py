@@ -9,6 +9,7 @@ of the subscribers of `ready` with the nodes of its scene, for other participant
 """
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 from eol_ros.ros.played import played
@@ -43,8 +44,8 @@ def endpoints_of(scene: Any, topic: str) -> tuple[set[str], set[str]]:
 class PeerDiscovery:
     """Whether a node has discovered the peers that it has by its scene."""
 
-    def __init__(self, node: Any):
-        self._node = node
+    def __init__(self, node: Any, clock: Callable[[], float] = time.monotonic):
+        self._node, self._clock = node, clock
         self._subscribers, self._publishers = {}, {}
         for topic in WATCHED:
             publishers, subscribers = endpoints_of(node.scene, topic)
@@ -52,11 +53,11 @@ class PeerDiscovery:
                 self._subscribers[topic] = subscribers
             if node.get_name() in subscribers:
                 self._publishers[topic] = publishers
-        self._began_s = time.monotonic()
+        self._began_s = self._clock()
 
     def complete(self) -> bool:
         """Return whether all peers are discovered, or were waited for long enough."""
-        return time.monotonic() - self._began_s > PATIENCE_S or not self.missing()
+        return self._clock() - self._began_s > PATIENCE_S or not self.missing()
 
     def missing(self) -> list[str]:
         """Return the topics on which a peer has not been discovered yet."""
@@ -87,8 +88,8 @@ class PeerDiscovery:
 class StartupBarrier(PeerDiscovery):
     """What an image source waits for: that it and all other nodes have discovered their peers."""
 
-    def __init__(self, node: Any):
-        super().__init__(node)
+    def __init__(self, node: Any, clock: Callable[[], float] = time.monotonic):
+        super().__init__(node, clock)
         named = (names for topic in WATCHED for names in endpoints_of(node.scene, topic))
         self._others: set[str] = set().union(*named)
         self._others.discard(node.get_name())
@@ -105,7 +106,7 @@ class StartupBarrier(PeerDiscovery):
 
     def ready(self) -> bool:
         """Whether to begin."""
-        now = time.monotonic()
+        now = self._clock()
         if now - self._began_s > PATIENCE_S:
             return True
         if self.missing():

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from support.waiting import wait_until
 
 from eol_ros.analysis import retrack as retracking
 from eol_ros.analysis.bag import open_bag
@@ -75,10 +76,7 @@ def run(tmp_path_factory, matched):
         executor.add_node(node)
 
     def spin(until, seconds=60.0):
-        end = time.monotonic() + seconds
-        while not until() and time.monotonic() < end:
-            executor.spin_once(timeout_sec=0.02)
-        assert until()
+        wait_until(until, seconds, turn=lambda: executor.spin_once(timeout_sec=0.02))
 
     def heard(requests):
         spin(lambda: recorder.recording.received['/eol/requests'] == requests)

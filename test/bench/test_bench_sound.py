@@ -5,9 +5,9 @@ import sys
 import time
 from types import SimpleNamespace
 
-import needs
 import numpy as np
 import pytest
+from support import needs
 
 from benchmarks import sound as sound_bench
 from benchmarks import sound_live, sound_rehearsal

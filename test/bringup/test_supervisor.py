@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
+from support.waiting import wait_until
 
 from eol_ros.bringup import policy, status
 from eol_ros.bringup.child import Child
@@ -48,6 +49,16 @@ while True:
 FINAL = 'import sys; print("tracker: no such file"); sys.exit(78)'
 
 
+class Clock:
+    """Steady time, `rate` times as fast; `skip_s` more of it may pass."""
+
+    def __init__(self, rate=1.0):
+        self.rate, self.began_s, self.skip_s = rate, time.monotonic(), 0.0
+
+    def __call__(self):
+        return self.began_s + self.rate * (time.monotonic() - self.began_s) + self.skip_s
+
+
 def process(name, script):
     return Process((name,), (sys.executable, '-c', script, name), {})
 
@@ -66,13 +77,6 @@ def start(tmp_path):
             return supervisor, lines
 
         yield go
-
-
-def until(condition, timeout_s=90.0):
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, 'it did not happen in time'
-        time.sleep(0.02)
 
 
 def attended(supervisor, work):
@@ -113,16 +117,20 @@ def test_who_may_wait_steps_back_when_all_is_up(start):
     supervisor, _ = start(polite, process('tracker', STEADY))
 
     def look():
-        until(lambda: supervisor.all_ok_s is not None)
+        wait_until(lambda: supervisor.all_ok_s is not None)
         pids = [child.popen.pid for child in supervisor.children]
-        until(lambda: os.getpriority(os.PRIO_PROCESS, pids[0]) == back)
+        wait_until(lambda: os.getpriority(os.PRIO_PROCESS, pids[0]) == back)
         groups = [Path(f'/proc/{pid}/autogroup') for pid in pids]
         if groups[0].exists():
-            until(lambda: groups[0].read_text().split()[-1] == str(back))
+            wait_until(lambda: groups[0].read_text().split()[-1] == str(back))
         assert os.getpriority(os.PRIO_PROCESS, pids[1]) == ours
         os.kill(pids[0], signal.SIGKILL)  # and so does the one that comes after it
-        until(lambda: supervisor.children[0].popen and supervisor.children[0].popen.pid != pids[0])
-        until(lambda: os.getpriority(os.PRIO_PROCESS, supervisor.children[0].popen.pid) == back)
+        wait_until(
+            lambda: supervisor.children[0].popen and supervisor.children[0].popen.pid != pids[0]
+        )
+        wait_until(
+            lambda: os.getpriority(os.PRIO_PROCESS, supervisor.children[0].popen.pid) == back
+        )
 
     attended(supervisor, look)
 
@@ -157,7 +165,7 @@ def test_what_carries_messages_goes_ahead(start):
     seen = []
 
     def work():
-        until(lambda: all(child.settled for child in supervisor.children))
+        wait_until(lambda: all(child.settled for child in supervisor.children))
         pids = [child.popen.pid for child in supervisor.children]
         threads = [int(name) for name in os.listdir(f'/proc/{pids[0]}/task')]
         seen.extend(os.sched_getscheduler(n) & os.SCHED_RR for n in sorted(threads))
@@ -192,10 +200,10 @@ def test_a_killed_process_comes_back_alone(start):
     pids = {}
 
     def work():
-        until(lambda: supervisor.all_ok_s is not None)
+        wait_until(lambda: supervisor.all_ok_s is not None)
         pids['before'] = [c.popen.pid for c in supervisor.children]
         os.kill(pids['before'][1], signal.SIGKILL)
-        until(
+        wait_until(
             lambda: (
                 supervisor.children[1].policy.restarts == 1 and supervisor.children[1].policy.beat_s
             )
@@ -227,9 +235,9 @@ def test_what_a_process_kept_it_has_again_after_a_restart(start):
         return supervisor.children[1].status.get('tracker', {}).get('text')
 
     def work():
-        until(lambda: text() == '{}')
+        wait_until(lambda: text() == '{}')
         os.kill(supervisor.children[1].popen.pid, signal.SIGKILL)
-        until(lambda: text() == '{"asleep": true}')
+        wait_until(lambda: text() == '{"asleep": true}')
 
     attended(supervisor, work)
 
@@ -239,9 +247,9 @@ def test_a_hung_process_is_started_again(start, monkeypatch):
     supervisor, lines = start(process('twin', STEADY))
 
     def work():
-        until(lambda: supervisor.all_ok_s is not None)
+        wait_until(lambda: supervisor.all_ok_s is not None)
         os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
-        until(
+        wait_until(
             lambda: (
                 supervisor.children[0].policy.restarts == 1 and supervisor.children[0].policy.beat_s
             )
@@ -321,12 +329,12 @@ def test_a_starved_process_is_reported_and_left_alone(start, hogs, monkeypatch):
     rows = []
 
     def work():
-        until(lambda: supervisor.all_ok_s is not None)
+        wait_until(lambda: supervisor.all_ok_s is not None)
         pid = child.popen.pid
         hogs()
-        until(lambda: rows.append(dict(child.status['recorder'])) or rows[-1]['level'] == 1)
+        wait_until(lambda: rows.append(dict(child.status['recorder'])) or rows[-1]['level'] == 1)
         hogs.end()
-        until(lambda: child.status['recorder']['level'] == 0)
+        wait_until(lambda: child.status['recorder']['level'] == 0)
         assert child.popen.pid == pid
 
     attended(supervisor, work)
@@ -345,7 +353,7 @@ def test_a_starved_process_is_given_the_time_to_end(start, hogs, monkeypatch):
     supervisor, lines = start(last('recorder', SLOW_TO_END, hogs))
 
     def work():
-        until(lambda: supervisor.all_ok_s is not None)
+        wait_until(lambda: supervisor.all_ok_s is not None)
         hogs()
 
     attended(supervisor, work)
@@ -355,29 +363,32 @@ def test_a_starved_process_is_given_the_time_to_end(start, hogs, monkeypatch):
 
 def test_while_bringup_stands_still_nobody_is_silent(start, monkeypatch):
     monkeypatch.setattr(policy, 'SILENT_S', 1.5)
-    supervisor, lines = start(process('twin', STEADY))
-    away, back = threading.Event(), threading.Event()
+    clock = Clock()
+    supervisor, lines = start(process('twin', STEADY), clock=clock)
+    away, stands, back = threading.Event(), threading.Event(), threading.Event()
     wait = supervisor._wait
 
     def standing():
         if away.is_set():
+            stands.set()
             back.wait(30)
         wait()
 
     monkeypatch.setattr(supervisor, '_wait', standing)
 
     def work():
-        until(lambda: supervisor.all_ok_s is not None)
+        wait_until(lambda: supervisor.all_ok_s is not None)
         pid = supervisor.children[0].popen.pid
         os.kill(pid, signal.SIGSTOP)  # neither of them gets on
         away.set()
-        time.sleep(2.5)
+        assert stands.wait(30)
+        clock.skip_s = 100.0
         away.clear()
         back.set()
-        time.sleep(0.3)
+        wait_until(lambda: any('stood still for' in line for line in lines))
         os.kill(pid, signal.SIGCONT)
         beat_s = supervisor.children[0].policy.beat_s
-        until(lambda: supervisor.children[0].policy.beat_s != beat_s)
+        wait_until(lambda: supervisor.children[0].policy.beat_s != beat_s)
         assert supervisor.children[0].popen.pid == pid
 
     attended(supervisor, work)
@@ -401,7 +412,7 @@ time.sleep(60)
     child.start(0.0)
     lines = []
     try:
-        until(lambda: lines.extend(child.output()) or lines)
+        wait_until(lambda: lines.extend(child.output()) or lines)
     finally:
         child.signal(signal.SIGKILL)
         child.reap()
@@ -414,7 +425,7 @@ import json, os, sys, time
 fd = int(os.environ['EOL_HEALTH_FD'])
 for percent in (0, 40, 100):
     os.write(fd, json.dumps({'percent': percent}).encode() + bytes([10]))
-    time.sleep(2.5 if percent == 40 else 0.3)  # and not a word
+    time.sleep(0.5)  # and not a word
 sys.exit(int(sys.argv[1]))
 """
 
@@ -424,14 +435,19 @@ def compiler(code):
 
 
 @pytest.mark.parametrize('code', [0, 1])
-def test_the_compiler_comes_before_the_nodes_and_may_be_silent(start, code, monkeypatch):
-    monkeypatch.setattr(policy, 'SILENT_S', 2.0)
-    monkeypatch.setattr(policy, 'START_S', 2.0)
-    supervisor, lines = start(process('twin', STEADY), compiler=compiler(code))
+def test_the_compiler_comes_before_the_nodes_and_may_be_silent(start, code):
+    clock = Clock()
+    supervisor, lines = start(process('twin', STEADY), compiler=compiler(code), clock=clock)
     rows = []
 
+    def look():
+        rows.extend(supervisor.describe()['nodes'])
+        if 'compiling, 40 %' in lines:
+            clock.skip_s = 10 * policy.START_S
+        return supervisor.all_ok_s
+
     def work():
-        until(lambda: rows.extend(supervisor.describe()['nodes']) or supervisor.all_ok_s)
+        wait_until(look)
 
     attended(supervisor, work)
     before = [row for row in rows if row['text'].startswith('compiling')]
@@ -445,7 +461,7 @@ def test_the_compiler_comes_before_the_nodes_and_may_be_silent(start, code, monk
 def test_a_stop_while_it_compiles_starts_nothing(start):
     supervisor, lines = start(process('twin', STEADY), compiler=compiler(0))
 
-    attended(supervisor, lambda: until(lambda: 'compiling, 0 %' in lines))
+    attended(supervisor, lambda: wait_until(lambda: 'compiling, 0 %' in lines))
     assert supervisor.children[0].code is None
     assert not any('failed' in line for line in lines)
 
@@ -512,7 +528,7 @@ time.sleep(60)
         except FileNotFoundError:
             return True
 
-    until(gone)
+    wait_until(gone)
 
 
 def test_status_over_the_socket_and_one_graph_per_domain(start):
@@ -521,7 +537,7 @@ def test_status_over_the_socket_and_one_graph_per_domain(start):
     answers = []
 
     def work():
-        until(lambda: supervisor.all_ok_s is not None)
+        wait_until(lambda: supervisor.all_ok_s is not None)
         answers.append(status.ask(domain))
         with pytest.raises(UsageError, match='a graph runs on domain .* .scene test'):
             status.listen(domain)
@@ -536,7 +552,7 @@ def test_a_fault_shows_its_last_line_and_keeps_the_rest_in_the_log(start, tmp_pa
     supervisor, lines = start(process('twin', 'import time\nraise RuntimeError("no ice")'))
 
     def work():
-        until(lambda: supervisor.children[0].policy.restarts == 1)
+        wait_until(lambda: supervisor.children[0].policy.restarts == 1)
 
     attended(supervisor, work)
     shown = [line for line in lines if '|' in line]
@@ -549,7 +565,7 @@ def test_a_run_for_a_time_that_never_is_ok_fails(start, monkeypatch):
 
     monkeypatch.setattr(module, 'START_S', 4.0)
     script = BEAT + "\nwhile True:\n    beat('twin', 1); time.sleep(0.1)"
-    supervisor, lines = start(process('twin', script))
+    supervisor, lines = start(process('twin', script), clock=Clock(rate=4.0))
 
     assert supervisor.run(seconds=0.1) == 1
     assert 'not all OK within 4 s: twin (fine)' in lines
@@ -569,7 +585,7 @@ beat('twin'); stuck_in_the_ice()
     supervisor, lines = start(process('twin', script))
 
     def work():
-        until(lambda: supervisor.children[0].policy.restarts == 1)
+        wait_until(lambda: supervisor.children[0].policy.restarts == 1)
 
     attended(supervisor, work)
     assert 'stuck_in_the_ice' in (tmp_path / 'eol.log').read_text()

@@ -15,6 +15,7 @@ import threading
 import time
 
 import pytest
+from support.waiting import wait_until
 
 from eol_ros import cli
 from eol_ros.bringup import status, terminal
@@ -61,14 +62,6 @@ for k in range(10**9):
 domains = itertools.count(5000 + os.getpid() * 10)
 
 
-def until(condition, timeout_s=60.0):
-    deadline = time.monotonic() + timeout_s
-    while not (found := condition()):
-        assert time.monotonic() < deadline, 'it did not happen in time'
-        time.sleep(0.02)
-    return found
-
-
 class Run:
     """Bringup in a process of its own, with one node."""
 
@@ -108,9 +101,9 @@ class Run:
 
     def comes_back(self):
         """Kill the node and wait until another is well in its place; return that one's row."""
-        pid = until(self.node)['pid']
+        pid = wait_until(self.node)['pid']
         os.kill(pid, signal.SIGKILL)
-        return until(lambda: (row := self.node()) and row['pid'] != pid and row)
+        return wait_until(lambda: (row := self.node()) and row['pid'] != pid and row)
 
 
 @pytest.fixture
@@ -119,7 +112,7 @@ def start(tmp_path):
 
     def go(**options):
         runs.append(Run(tmp_path, **options))
-        until(lambda: runs[-1].node() or runs[-1].process.poll() is not None)
+        wait_until(lambda: runs[-1].node() or runs[-1].process.poll() is not None)
         return runs[-1]
 
     yield go
@@ -135,15 +128,15 @@ def test_nodes_go_on_while_bringup_is_stopped(start, tmp_path):
     run.process.send_signal(signal.SIGSTOP)
     time.sleep(0.5)
     rounds = run.rounds()
-    until(lambda: run.rounds() > rounds + 100)
+    wait_until(lambda: run.rounds() > rounds + 100)
     time.sleep(5.0)  # longer than a node may be silent
     run.process.send_signal(signal.SIGCONT)
 
-    after = until(run.node)
+    after = wait_until(run.node)
     assert after['pid'] == before['pid']
     assert run.ask()['restarts'] == 0
     events = tmp_path / 'state' / 'events.log'
-    assert 'bringup stood still for' in until(
+    assert 'bringup stood still for' in wait_until(
         lambda: 'stood still' in (words := events.read_text()) and words
     )
 
@@ -192,7 +185,7 @@ def test_status_of_a_stopped_supervisor(start, capsys):
     for _ in range(30):  # those who have given up are in no one's way
         assert run.ask(timeout_s=0.01) == {}
     run.process.send_signal(signal.SIGCONT)
-    assert until(run.node)
+    assert wait_until(run.node)
 
 
 def test_status_where_a_supervisor_neither_answers_nor_stands(capsys):
@@ -238,7 +231,7 @@ def test_no_way_to_print_waits_for_a_bringup_that_does_not_read(monkeypatch):
     child.start(0.0)
     fcntl.fcntl(child.output_fd, fcntl.F_SETPIPE_SZ, 4096)
     try:
-        until(lambda: child.popen.poll() is not None, 30.0)
+        wait_until(lambda: child.popen.poll() is not None, 30.0)
         assert child.beats(0.0)
         assert set(child.output()[0]) == {'x'}
     finally:
@@ -260,7 +253,7 @@ def test_of_many_lines_the_newest_are_shown_and_the_others_counted(monkeypatch):
     fcntl.fcntl(into, fcntl.F_SETPIPE_SZ, 4096)
     with Terminal(into) as person:
         person.say('a' * 5000)  # fills the pipe: the thread is stuck in it
-        until(lambda: not person._lines)
+        wait_until(lambda: not person._lines)
         for k in range(10):
             person.say(f'line {k}')
         got = [b'']

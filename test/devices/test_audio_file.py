@@ -3,10 +3,10 @@
 
 from pathlib import Path
 
-import needs
 import numpy as np
 import pytest
 import soundfile
+from support import needs
 
 from eol_ros.devices.audio import audio_file
 from eol_ros.errors import ConfigError, DeviceMissing

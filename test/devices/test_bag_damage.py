@@ -7,9 +7,9 @@ import warnings
 
 import numpy as np
 import pytest
-from bag_samples import POINT, T0, TEXT, point, text
 from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
+from support.bag_samples import POINT, T0, TEXT, point, text
 
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.recover import repair

@@ -4,7 +4,7 @@
 import struct
 
 import pytest
-from bag_samples import POINT, T0, write_bag
+from support.bag_samples import POINT, T0, write_bag
 
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.player import (

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_samples import POINT, T0, TEXT, point
-from forgetful_disk import Clock, ForgetfulDisk
 from mcap.reader import make_reader
+from support.bag_samples import POINT, T0, TEXT, point
+from support.forgetful_disk import Clock, ForgetfulDisk
 
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.recording import Recording

@@ -2,8 +2,8 @@
 """Reading whole bags, cut ones, and things that are not bags."""
 
 import pytest
-from bag_samples import POINT, T0, point, write_bag
 from mcap.writer import CompressionType, IndexType, Writer
+from support.bag_samples import POINT, T0, point, write_bag
 
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.writer import BagWriter

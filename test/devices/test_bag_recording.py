@@ -9,8 +9,9 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from bag_samples import POINT, T0, TEXT, point, text, write_bag
 from mcap.reader import make_reader
+from support.bag_samples import POINT, T0, TEXT, point, text, write_bag
+from support.waiting import wait_until
 
 from eol_ros.devices.bag import recording as bag_recording
 from eol_ros.devices.bag.reader import BagReader
@@ -29,13 +30,6 @@ def start(root, settings=SETTINGS, **options) -> Recording:
 def feed(recording, count, first=0, step_ns=1_000_000):
     for i in range(first, first + count):
         recording.take(Item('/eol/point', point(i), T0 + i * step_ns, T0, i + 1))
-
-
-def eventually(condition, seconds=10.0):
-    end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.02)
-    assert condition()
 
 
 def test_all_that_is_taken_is_in_the_bag(tmp_path):
@@ -66,7 +60,7 @@ def test_a_disk_that_is_too_slow_drops_and_counts(tmp_path, monkeypatch):
     with recording._ready:  # the writing thread stands still
         for i in range(100):
             recording.take(Item('/eol/point', point(i), T0 + i, T0, i + 1))
-    eventually(lambda: not recording._queue)
+    wait_until(lambda: not recording._queue)
     feed(recording, 1, first=100)
     recording.close()
     kept = recording.message_count
@@ -205,7 +199,7 @@ def test_what_is_too_old_goes_while_the_recorder_runs(tmp_path, monkeypatch):
         os.utime(tmp_path / name / f'{name}_0.mcap', (then, then))
     settings = RecorderSettings(images='all', min_free_gb=0.0, keep_days=2.0)
     recording = start(tmp_path, settings)
-    eventually(lambda: recording.repaired)
+    wait_until(lambda: recording.repaired)
     assert recording.repaired == ['old: removed: older than 2 days']
     recording.close()
     left = {p.name for p in tmp_path.iterdir() if p.is_dir() and p.name != 'state'}
@@ -223,15 +217,15 @@ def test_recording_stops_before_the_disk_is_full_and_goes_on_when_there_is_room(
     monkeypatch.setattr(bag_recording, 'RETRY_S', 0.02)
     recording = start(tmp_path, RecorderSettings(images='all', min_free_gb=5.0))
     feed(recording, 100)
-    eventually(lambda: recording.message_count == 100)
+    wait_until(lambda: recording.message_count == 100)
     free[0] = 1e9
-    eventually(lambda: recording.trouble)
+    wait_until(lambda: recording.trouble)
     assert '1.00 GB free' in recording.trouble
     assert 'recorder.min_free_gb' in recording.trouble
     first = recording.folder
     assert sorted(p.suffix for p in first.iterdir()) == ['.mcap', '.yaml']
     free[0] = 10e9
-    eventually(lambda: not recording.trouble)
+    wait_until(lambda: not recording.trouble)
     feed(recording, 50)
     recording.close()
     assert recording.folder != first
@@ -250,16 +244,16 @@ def test_a_disk_that_refuses_a_write_pauses_the_recording(tmp_path, monkeypatch)
     monkeypatch.setattr(bag_recording, 'FLUSH_S', 0.02)
     recording = start(tmp_path)
     feed(recording, 100)
-    eventually(lambda: recording.message_count == 100)
+    wait_until(lambda: recording.message_count == 100)
 
     def refuse():
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(recording._writer, 'flush', refuse)
-    eventually(lambda: recording.trouble)
+    wait_until(lambda: recording.trouble)
     assert f'the disk of {tmp_path} is full (No space left on device)' in recording.trouble
     feed(recording, 10, first=100)
-    eventually(lambda: recording.lost >= 10)
+    wait_until(lambda: recording.lost >= 10)
     assert 'is full' in recording.drop_cause  # and not called too slow
     recording.close()
 
@@ -270,7 +264,7 @@ def test_a_truly_full_device_is_survived(tmp_path):
     writer = recording._writer
     os.dup2(os.open('/dev/full', os.O_WRONLY), writer._file.file.fileno())
     feed(recording, 1000)
-    eventually(lambda: recording.trouble)
+    wait_until(lambda: recording.trouble)
     assert 'No space left on device' in recording.trouble
     recording.close()
 
@@ -286,7 +280,7 @@ def test_an_earlier_bag_is_repaired_at_the_start(tmp_path):
     bag.flush()
     bag.abandon()
     recording = start(tmp_path)
-    eventually(lambda: recording.repaired)
+    wait_until(lambda: recording.repaired)
     assert recording.repaired == ['old_0.mcap.part: 110 messages saved']
     recording.close()
     assert (tmp_path / 'old' / 'old_0.mcap').exists()

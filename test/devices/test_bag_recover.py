@@ -12,9 +12,9 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
-from bag_samples import POINT, T0, TEXT, point, write_bag
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
+from support.bag_samples import POINT, T0, TEXT, point, write_bag
 
 from eol_ros.devices.bag import recover, scan
 from eol_ros.devices.bag.reader import BagReader
@@ -26,7 +26,7 @@ WRITER = """
 import sys
 sys.path.insert(0, sys.argv[2])
 from pathlib import Path
-from bag_samples import POINT, T0, point
+from support.bag_samples import POINT, T0, point
 from eol_ros.devices.bag.writer import BagWriter
 bag = BagWriter(Path(sys.argv[1]), [POINT], {'scene': 'killed'}, split_s=3.0)
 for i in range(10**9):
@@ -39,7 +39,7 @@ for i in range(10**9):
 
 def test_kill_leaves_what_was_flushed_and_repair_makes_it_whole(tmp_path):
     child = subprocess.Popen(
-        [sys.executable, '-c', WRITER, str(tmp_path / 'run'), str(Path(__file__).parent)],
+        [sys.executable, '-c', WRITER, str(tmp_path / 'run'), str(Path(__file__).parents[1])],
         stdout=subprocess.PIPE,
         text=True,
     )

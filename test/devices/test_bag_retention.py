@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
-from bag_samples import POINT, T0, TEXT, point, text
+from support.bag_samples import POINT, T0, TEXT, point, text
 
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.retention import DAY_S, KEPT, Folder, Limits, Stored, enforce, mark

@@ -2,11 +2,12 @@
 """Which pictures are kept, and how losses are counted."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eol_ros.devices.bag.selection import (
     NS,
+    SLIP_LIMIT_NS,
     AroundSlips,
     Gaps,
     ImagesMissed,
@@ -50,6 +51,38 @@ def test_two_slips_that_overlap_are_one_stretch():
 def test_a_slip_that_never_stops_is_over_after_ten_seconds():
     numbers = kept({0: Slipping(1, True, 0)}, 700)
     assert numbers == list(range(601))
+
+
+@settings(max_examples=50)
+@given(
+    st.lists(st.tuples(st.integers(0, 300), st.integers(0, 690), st.booleans()), max_size=6),
+    st.floats(0, 1),
+    st.floats(0, 1),
+)
+def test_kept_is_what_lies_around_a_slip_and_nothing_else(drawn, before_s, after_s):
+    """Oracle: every picture against every slip. Some slips are never told to have stopped."""
+    at = {}  # of each picture, what is told just before it
+    slips = []
+    for number, (begin, length, stops) in enumerate(drawn):
+        if begin in at or begin + length in at or (stops and not length):
+            continue
+        at[begin] = Slipping(number, True, begin * STEP)
+        if stops:
+            at[begin + length] = Slipping(number, False, (begin + length) * STEP)
+        slips.append((begin * STEP, (begin + length) * STEP if stops else None))
+    before_ns, after_ns = round(before_s * NS), round(after_s * NS)
+
+    def wanted(i):
+        for start, stop in slips:
+            during = start <= i * STEP <= start + SLIP_LIMIT_NS and (
+                stop is None or i * STEP < stop
+            )
+            told = [start] if stop is None else [start, stop]
+            if during or any(t - before_ns <= i * STEP <= t + after_ns for t in told):
+                return True
+        return False
+
+    assert kept(at, 1000, before_s, after_s) == [i for i in range(1000) if wanted(i)]
 
 
 def test_nothing_is_kept_while_nothing_slips_and_the_ring_stays_small():

@@ -5,9 +5,9 @@ import io
 
 import pytest
 import yaml
-from bag_samples import HASH, POINT, QOS, T0, TEXT, point, text, write_bag
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
+from support.bag_samples import HASH, POINT, QOS, T0, TEXT, point, text, write_bag
 
 from eol_ros.devices.bag.mcap_file import CHUNK_BYTES, BagFile
 from eol_ros.devices.bag.reader import BagReader

@@ -5,6 +5,7 @@ import threading
 import time
 
 import pytest
+from support.waiting import wait_until
 
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.board.board import Board
@@ -12,13 +13,6 @@ from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.devices.board.ports import find_port
 from eol_ros.devices.ports import Port
 from eol_ros.errors import DeviceMissing
-
-
-def eventually(condition, timeout_s=5.0):
-    until = time.monotonic() + timeout_s
-    while not condition() and time.monotonic() < until:
-        time.sleep(0.005)
-    return condition()
 
 
 class Host:
@@ -45,7 +39,7 @@ def fake(tmp_path):
 @pytest.fixture
 def host(fake):
     with Host(fake.link) as host:
-        assert eventually(lambda: host.board.ready), host.states
+        assert wait_until(lambda: host.board.ready), host.states
         yield host
 
 
@@ -57,7 +51,7 @@ def test_meets_the_board(host, fake):
 def test_levels_arrive_as_sent(host, fake):
     sequence = host.board.show(bytes(range(25)), 0x1_2345_6789)
 
-    assert eventually(lambda: fake.levels() == list(range(25)))
+    assert wait_until(lambda: fake.levels() == list(range(25)))
     arrival = next(a for a in reversed(fake.log) if a.kind == 'Levels')
     assert (arrival.sequence, arrival.stamp_us) == (sequence, 0x2345_6789)
 
@@ -66,17 +60,17 @@ def test_infrared_and_flash_reach_the_board(host, fake):
     host.board.infrared(False)
     host.board.flash(3, 255, 400)
 
-    assert eventually(lambda: fake.infrared_mask == 0 and fake.levels()[3] > 100)
+    assert wait_until(lambda: fake.infrared_mask == 0 and fake.levels()[3] > 100)
     assert not host.board.infrared_on
 
 
 def test_a_tap_is_stamped_with_the_time_of_the_knock(host, fake):
-    assert eventually(lambda: len(host.board.round_trip_ms) >= 9)
+    assert wait_until(lambda: len(host.board.round_trip_ms) >= 9)
     before = time.monotonic()
     fake.tap(17, 6.5)
     after = time.monotonic()
 
-    assert eventually(lambda: host.taps)
+    assert wait_until(lambda: host.taps)
     tap = host.taps[0]
     assert (tap.block, tap.strength) == (17, pytest.approx(6.5))
     assert before - 5 * tap.time.sigma_s - 1e-3 < tap.time.time_s < after + 5 * tap.time.sigma_s
@@ -87,12 +81,12 @@ def test_an_unplugged_board_is_met_again_and_shown_what_it_missed(host, fake):
     host.board.infrared(0b11)
     fake.fault('unplug')
 
-    assert eventually(lambda: not host.board.ready)
+    assert wait_until(lambda: not host.board.ready)
     assert host.board.show(b'\x40' * 25, 5) is None
     fake.fault('reboot')
     fake.fault('plug')
-    assert eventually(lambda: host.board.ready)
-    assert eventually(lambda: fake.levels() == [0x40] * 25 and fake.infrared_mask == 0b11)
+    assert wait_until(lambda: host.board.ready)
+    assert wait_until(lambda: fake.levels() == [0x40] * 25 and fake.infrared_mask == 0b11)
     assert host.board.connections == 2
     kinds = [s.kind for s in host.states]
     assert kinds[0] == 'ready' and kinds[-1] == 'ready'
@@ -104,10 +98,10 @@ def test_a_silent_board_counts_as_lost(host, fake, monkeypatch):
     monkeypatch.setattr('eol_ros.devices.board.board.SILENT_AFTER_S', 0.3)
     fake.fault('mute')
 
-    assert eventually(lambda: host.board.state.kind == 'lost')
+    assert wait_until(lambda: host.board.state.kind == 'lost')
     assert 'silent' in host.board.state.text
     fake.fault('unmute')
-    assert eventually(lambda: host.board.ready)
+    assert wait_until(lambda: host.board.ready)
 
 
 def test_noise_truncation_and_oversize_cost_a_packet_and_nothing_else(host, fake):
@@ -116,7 +110,7 @@ def test_noise_truncation_and_oversize_cost_a_packet_and_nothing_else(host, fake
         fake.tap(0, 1.0)
     fake.tap(24, 1.0)
 
-    assert eventually(lambda: host.taps and host.taps[-1].block == 24)
+    assert wait_until(lambda: host.taps and host.taps[-1].block == 24)
     assert host.board.ready
     assert host.board.decoder.damaged + host.board.decoder.oversized >= 3
 
@@ -124,7 +118,7 @@ def test_noise_truncation_and_oversize_cost_a_packet_and_nothing_else(host, fake
 def test_another_version_is_one_clear_line(tmp_path):
     for version, cure in ((0, 'update the firmware'), (7, 'update eol_ros')):
         with FakeBoard(version=version) as fake, Host(fake.port) as host:
-            assert eventually(lambda: host.states)
+            assert wait_until(lambda: host.states)
             state = host.states[0]
             assert state.kind == 'refused'
             assert f'speaks protocol version {version}, this program 1' in state.text
@@ -136,22 +130,22 @@ def test_a_port_that_never_answers_is_not_a_board(monkeypatch):
     with FakeBoard() as fake:
         fake.fault('mute')
         with Host(fake.port) as host:
-            assert eventually(lambda: host.states)
+            assert wait_until(lambda: host.states)
             assert 'nothing on' in host.states[0].text
 
 
 def test_a_missing_port_is_looked_for_until_it_is_there(tmp_path):
     link = str(tmp_path / 'later')
     with Host(link) as host:
-        assert eventually(lambda: host.states)
+        assert wait_until(lambda: host.states)
         assert f'{link} is not there' in host.states[0].text
         with FakeBoard(link):
-            assert eventually(lambda: host.board.ready)
+            assert wait_until(lambda: host.board.ready)
 
 
 def test_a_board_in_use_is_said_to_be(host, fake):
     with Host(fake.link) as second:
-        assert eventually(lambda: second.states)
+        assert wait_until(lambda: second.states)
         assert 'in use by another program' in second.states[0].text
 
 

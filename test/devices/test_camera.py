@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from support.waiting import wait_until
 
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.camera.camera import AHEAD, Camera, Pace
@@ -19,13 +20,6 @@ from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import CameraSettings
 
 W, H = 320, 200
-
-
-def eventually(condition, timeout_s=8.0):
-    until = time.monotonic() + timeout_s
-    while not condition() and time.monotonic() < until:
-        time.sleep(0.005)
-    return condition()
 
 
 def pictures(n):
@@ -93,7 +87,7 @@ def test_a_file_of_any_encoder_comes_back_whole_and_in_order(tmp_path, name, fou
     images = pictures(30)
     path = write(tmp_path / name, images, fourcc)
     with Watcher(VideoFile(settings(path)), loop=False) as seen:
-        assert eventually(lambda: seen.camera.state.kind == 'ended')
+        assert wait_until(lambda: seen.camera.state.kind == 'ended')
 
     assert len(seen.images) == 30
     assert all(i.shape == (H, W) and i.dtype == np.uint8 for i in seen.images)
@@ -107,7 +101,7 @@ def test_a_numbered_series_of_pictures_is_a_file_too(tmp_path):
     for k, image in enumerate(images):
         cv2.imwrite(str(tmp_path / f'p{k:03}.png'), image)
     with Watcher(source_of(settings(str(tmp_path / 'p%03d.png'))), loop=False) as seen:
-        assert eventually(lambda: seen.camera.state.kind == 'ended')
+        assert wait_until(lambda: seen.camera.state.kind == 'ended')
 
     np.testing.assert_array_equal(seen.images, images)
 
@@ -116,7 +110,7 @@ def test_stamps_of_a_file_are_exactly_a_period_apart_and_near_now(tmp_path):
     path = write(tmp_path / 'a.avi', pictures(20), 'MJPG')
     before_ns = time.time_ns()
     with Watcher(VideoFile(settings(path, fps=80.0)), loop=False) as seen:
-        assert eventually(lambda: seen.camera.state.kind == 'ended')
+        assert wait_until(lambda: seen.camera.state.kind == 'ended')
 
     assert set(np.diff(seen.stamps)) == {12_500_000}
     assert before_ns <= seen.stamps[0] <= seen.stamps[-1] <= time.time_ns()
@@ -151,7 +145,7 @@ def test_a_file_that_is_much_too_late_goes_on_from_now():
 def test_a_file_goes_at_its_own_rate_when_the_scene_says_zero(tmp_path):
     path = write(tmp_path / 'a.avi', pictures(6), 'MJPG', fps=50.0)
     with Watcher(VideoFile(settings(path, fps=0.0)), loop=False) as seen:
-        assert eventually(lambda: seen.camera.state.kind == 'ended')
+        assert wait_until(lambda: seen.camera.state.kind == 'ended')
 
     assert set(np.diff(seen.stamps)) == {20_000_000}
 
@@ -159,7 +153,7 @@ def test_a_file_goes_at_its_own_rate_when_the_scene_says_zero(tmp_path):
 def test_a_loop_begins_again_without_a_gap(tmp_path):
     path = write(tmp_path / 'a.mkv', pictures(7), 'FFV1')
     with Watcher(VideoFile(settings(path)), loop=True) as seen:
-        assert eventually(lambda: len(seen.images) >= 30)
+        assert wait_until(lambda: len(seen.images) >= 30)
 
     for k, image in enumerate(seen.images):
         np.testing.assert_array_equal(image, seen.images[k % 7])
@@ -171,7 +165,7 @@ def test_a_slow_reader_of_a_file_loses_nothing(tmp_path):
     images = pictures(3 * AHEAD)
     path = write(tmp_path / 'a.mkv', images, 'FFV1')
     with Watcher(VideoFile(settings(path)), slow_s=0.012, loop=False) as seen:
-        assert eventually(lambda: seen.camera.state.kind == 'ended')
+        assert wait_until(lambda: seen.camera.state.kind == 'ended')
 
     np.testing.assert_array_equal(seen.images, images)
     assert seen.camera.dropped == 0
@@ -182,7 +176,7 @@ def test_a_file_that_breaks_off_says_where(tmp_path):
     whole = (tmp_path / 'a.avi').read_bytes()
     (tmp_path / 'a.avi').write_bytes(whole[: len(whole) // 2])
     with Watcher(VideoFile(settings(path)), loop=False) as seen:
-        assert eventually(lambda: seen.camera.state.kind == 'ended')
+        assert wait_until(lambda: seen.camera.state.kind == 'ended')
 
     assert 5 < len(seen.images) < 25
     assert f'breaks off after {len(seen.images)} of 30 images' in seen.camera.state.text
@@ -232,7 +226,7 @@ def test_grey_stored_in_colour_channels_is_grey(tmp_path):
     images = pictures(5)
     path = write(tmp_path / 'g.mkv', [np.repeat(i[..., None], 3, 2) for i in images], 'FFV1')
     with Watcher(VideoFile(settings(path)), loop=False) as seen:
-        assert eventually(lambda: seen.camera.state.kind == 'ended')
+        assert wait_until(lambda: seen.camera.state.kind == 'ended')
 
     np.testing.assert_array_equal(seen.images, images)
 
@@ -248,7 +242,7 @@ def test_a_name_is_told_from_a_file():
 def test_a_live_camera_gives_its_images(tmp_path):
     driver = FakeDriver()
     with Watcher(live(driver)) as seen:
-        assert eventually(lambda: len(seen.images) >= 20)
+        assert wait_until(lambda: len(seen.images) >= 20)
 
     numbers = [number_of(i) for i in seen.images]
     assert min(np.diff(numbers)) > 0
@@ -259,7 +253,7 @@ def test_a_live_camera_gives_its_images(tmp_path):
 def test_either_format_will_do(name):
     driver = FakeDriver(formats=[name])
     with Watcher(live(driver)) as seen:
-        assert eventually(lambda: len(seen.images) >= 3)
+        assert wait_until(lambda: len(seen.images) >= 3)
 
     assert seen.images[0].shape == (H, W)
     assert number_of(seen.images[1]) > number_of(seen.images[0])
@@ -268,7 +262,7 @@ def test_either_format_will_do(name):
 def test_the_stamp_is_the_drivers_less_half_the_exposure():
     driver = FakeDriver()
     with Watcher(live(driver, exposure_us=4000)) as seen:
-        assert eventually(lambda: len(seen.images) >= 10)
+        assert wait_until(lambda: len(seen.images) >= 10)
         arrived_ns = time.time_ns()
 
     # The driver's stamp is half a millisecond before the grab returns.
@@ -298,7 +292,7 @@ def test_a_camera_without_manual_exposure_says_so():
 def test_a_slow_reader_of_a_live_camera_sees_the_newest():
     driver = FakeDriver()
     with Watcher(live(driver), slow_s=0.05) as seen:
-        assert eventually(lambda: len(seen.images) >= 8)
+        assert wait_until(lambda: len(seen.images) >= 8)
         behind = driver.number - number_of(seen.images[-1])
 
     assert seen.camera.dropped > 20
@@ -309,7 +303,7 @@ def test_a_slow_reader_of_a_live_camera_sees_the_newest():
 def test_a_repeated_buffer_is_handed_over_once():
     driver = FakeDriver(script=[Mishap(k, 'repeat') for k in (5, 6, 9)])
     with Watcher(live(driver)) as seen:
-        assert eventually(lambda: len(seen.images) >= 12)
+        assert wait_until(lambda: len(seen.images) >= 12)
 
     assert max(Counter(seen.stamps).values()) == 1
     assert seen.camera.source.repeated == 3
@@ -319,8 +313,8 @@ def test_a_repeated_buffer_is_handed_over_once():
 def test_a_stall_is_noticed_after_three_image_times_and_passes():
     driver = FakeDriver(script=[Mishap(10, 'stall', 0.2)])
     with Watcher(live(driver)) as seen:
-        assert eventually(lambda: 'stalled' in seen.kinds())
-        assert eventually(lambda: seen.kinds()[-1] == 'streaming')
+        assert wait_until(lambda: 'stalled' in seen.kinds())
+        assert wait_until(lambda: seen.kinds()[-1] == 'streaming')
 
     assert driver.opened == 1
     assert 'for 3 image times' in next(s.text for s in seen.states if s.kind == 'stalled')
@@ -329,10 +323,10 @@ def test_a_stall_is_noticed_after_three_image_times_and_passes():
 def test_an_unplugged_camera_is_opened_again_and_set_again():
     driver = FakeDriver(script=[Mishap(10, 'unplug', 0.12)], exposure_steps=1)
     with Watcher(live(driver)) as seen:
-        assert eventually(lambda: 'lost' in seen.kinds())
-        assert eventually(lambda: seen.kinds()[-1] == 'streaming')
+        assert wait_until(lambda: 'lost' in seen.kinds())
+        assert wait_until(lambda: seen.kinds()[-1] == 'streaming')
         count = len(seen.images)
-        assert eventually(lambda: len(seen.images) > count + 3)
+        assert wait_until(lambda: len(seen.images) > count + 3)
 
     assert seen.camera.opened == 2
     assert driver.opened >= 3  # while it was away, too
@@ -345,7 +339,7 @@ def test_an_unplugged_camera_is_opened_again_and_set_again():
 def test_a_driver_clock_that_jumps_is_not_believed(jump):
     driver = FakeDriver(script=[Mishap(10, 'jump', jump)])
     with Watcher(live(driver)) as seen:
-        assert eventually(lambda: len(seen.images) >= 40)
+        assert wait_until(lambda: len(seen.images) >= 40)
         now_ns = time.time_ns()
 
     ahead = np.array(seen.stamps) - now_ns
@@ -357,7 +351,7 @@ def test_a_driver_clock_that_jumps_is_not_believed(jump):
 def test_broken_pictures_mean_a_new_start():
     driver = FakeDriver(formats=['MJPG'], script=[Mishap(5, 'break')])
     with Watcher(live(driver)) as seen:
-        assert eventually(lambda: len(seen.images) >= 8 and seen.camera.opened == 2)
+        assert wait_until(lambda: len(seen.images) >= 8 and seen.camera.opened == 2)
 
     assert 'broken JPEG' in next(s.text for s in seen.states if s.kind == 'lost')
 
@@ -371,7 +365,7 @@ def test_broken_pictures_mean_a_new_start():
 )
 def test_a_camera_of_another_kind_is_one_clear_line(driver, words):
     with Watcher(live(driver)) as seen:
-        assert eventually(lambda: seen.states)
+        assert wait_until(lambda: seen.states)
 
     assert seen.states[0].kind == 'wrong'
     assert words in seen.states[0].text
@@ -387,9 +381,9 @@ def test_an_absent_camera_is_looked_for(monkeypatch):
 
     source = LiveCamera(settings('auto'), FakeDriver().open, find)
     with Watcher(source) as seen:
-        assert eventually(lambda: 'lost' in seen.kinds())
+        assert wait_until(lambda: 'lost' in seen.kinds())
         present.here = True
-        assert eventually(lambda: len(seen.images) > 3)
+        assert wait_until(lambda: len(seen.images) > 3)
 
     assert seen.camera.source.name == '/dev/video9'
 
@@ -397,7 +391,7 @@ def test_an_absent_camera_is_looked_for(monkeypatch):
 def test_close_releases_the_camera():
     driver = FakeDriver()
     with Watcher(live(driver)) as seen:
-        assert eventually(lambda: seen.images)
+        assert wait_until(lambda: seen.images)
 
     assert driver.released.is_set()
 

@@ -8,13 +8,13 @@ import shutil
 import subprocess
 import sys
 import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 
-import needs
 import numpy as np
 import pytest
+from support import needs
+from support.waiting import wait_until
 
 from eol_ros.core.sound.corpus import GRAIN
 from eol_ros.core.sound.ice import ice
@@ -349,14 +349,10 @@ def test_the_ice_recording_is_made_on_first_use(monkeypatch):
     assert audio_file.read_mono(path).duration_s == 2.0
 
 
-def wait(loader, seconds=20.0):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        outcome = loader.take()
-        if outcome is not None:
-            return outcome
-        time.sleep(0.01)
-    pytest.fail('the loader did not answer')
+def wait(loader):
+    outcomes = []
+    wait_until(lambda: outcomes.append(loader.take()) or outcomes[-1] is not None)
+    return outcomes[-1]
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import time
 import tty
 
 import pytest
+from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as p
 from eol_ros.devices.board.fake import Arrival, FakeBoard, latency_s
@@ -58,13 +59,6 @@ def line(board):
     os.close(line.fd)
 
 
-def eventually(condition, timeout_s=2.0):
-    until = time.monotonic() + timeout_s
-    while not condition() and time.monotonic() < until:
-        time.sleep(0.005)
-    return condition()
-
-
 def test_says_who_it_is(line):
     line.say(p.Hello())
 
@@ -82,11 +76,11 @@ def test_shows_levels_and_notes_when_they_came(board, line):
     before_ns = time.time_ns()
     line.say(p.Levels(before_ns // 1000 & 0xFFFFFFFF, white))
 
-    assert eventually(lambda: board.levels() == list(white))
+    assert wait_until(lambda: board.levels() == list(white))
     arrival = board.log[-1]
     assert (arrival.kind, arrival.sequence) == ('Levels', 0)
     assert before_ns < arrival.time_ns < time.time_ns()
-    assert 0 <= latency_s(arrival) < 2
+    assert latency_s(arrival) >= 0
 
 
 @pytest.mark.parametrize('late_us', [0, 1500, 40_000])
@@ -101,14 +95,14 @@ def test_latency_is_right_over_the_wrap_of_the_stamp(late_us):
 def test_fades_a_flash_by_itself(board, line):
     line.say(p.Flash(0, 6, 200, 100))
 
-    assert eventually(lambda: board.levels()[6] > 100)
-    assert eventually(lambda: 0 < board.levels()[6] < 20)
+    assert wait_until(lambda: board.levels()[6] > 100)
+    assert wait_until(lambda: 0 < board.levels()[6] < 20)
 
 
 def test_goes_dark_when_the_host_is_gone(board, line, monkeypatch):
     monkeypatch.setattr('eol_ros.devices.board.fake.DARK_AFTER_S', 0.1)
     line.say(p.Levels(0, b'\xff' * 25))
-    eventually(lambda: board.log)
+    wait_until(lambda: board.log)
     time.sleep(0.15)
 
     assert board.levels() == [0] * 25
@@ -117,7 +111,7 @@ def test_goes_dark_when_the_host_is_gone(board, line, monkeypatch):
 def test_switches_infrared(board, line):
     line.say(p.Infrared(0b101))
 
-    assert eventually(lambda: board.infrared_mask == 0b101)
+    assert wait_until(lambda: board.infrared_mask == 0b101)
 
 
 def test_answers_pings_with_its_own_running_clock(board, line):
@@ -156,7 +150,7 @@ def test_an_unplugged_board_is_back_under_its_stable_name(tmp_path):
         board.fault('unplug')
 
         assert not os.path.exists(link)
-        assert eventually(lambda: line.gone())
+        assert wait_until(lambda: line.gone())
         os.close(line.fd)
         board.fault('plug')
         line = Line(link)

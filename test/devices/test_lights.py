@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from support.waiting import wait_until
 
 from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.devices.board.lights import Lights, Played
@@ -15,13 +16,6 @@ from eol_ros.settings import LedsSettings
 DAY_NS = 1_700_000_000_000_000_000  # when the replayed run was
 
 
-def eventually(condition, timeout_s=5.0):
-    until = time.monotonic() + timeout_s
-    while not condition() and time.monotonic() < until:
-        time.sleep(0.005)
-    return condition()
-
-
 @pytest.fixture
 def make_lights():
     made = []
@@ -29,7 +23,7 @@ def make_lights():
     def make(**settings):
         made.append(Lights(LedsSettings(port='twin', **settings)))
         made[-1].start()
-        assert eventually(lambda: made[-1].board.ready)
+        assert wait_until(lambda: made[-1].board.ready)
         return made[-1]
 
     yield make
@@ -113,7 +107,7 @@ def test_a_real_board_keeps_its_limit_in_wall_time_at_any_rate():
         for port in ('twin', fake.port):
             lights = Lights(LedsSettings(port=port, decay_s=0.02), played=played)
             lights.start()
-            assert eventually(lambda board=lights.board: board.ready)
+            assert wait_until(lambda board=lights.board: board.ready)
             began_ns = time.time_ns()
             board = lights.twin.fake if port == 'twin' else fake
             most[port] = flashes(changes(*replayed_storm(lights, board, 4.0)))
@@ -133,7 +127,7 @@ def test_levels_that_a_slip_overtakes_are_told_in_their_order(make_lights):
     faded = [one.white[1] for one in told]
     assert faded == sorted(faded, reverse=True) and faded[0] < 255
     assert [one.white[2] for one in told] == [0] * 10 + [255]
-    assert eventually(lambda: lights.twin.fake.levels()[2] == 255)
+    assert wait_until(lambda: lights.twin.fake.levels()[2] == 255)
     assert sum(a.kind == 'Levels' for a in lights.twin.fake.log) == 3  # one at the start
 
 
@@ -162,7 +156,7 @@ def test_after_a_jump_back_the_twin_begins_in_the_dark_and_a_real_board_fades():
         for port, glows in (('twin', False), (fake.port, True)):
             lights = Lights(LedsSettings(port=port), played=played)
             lights.start()
-            assert eventually(lambda board=lights.board: board.ready)
+            assert wait_until(lambda board=lights.board: board.ready)
             lights.slip(1, time.time_ns())
             lights.restart()
             assert lights.glows is glows
@@ -174,7 +168,7 @@ def test_a_slip_is_shown_and_told(make_lights):
     (sent,) = lights.slip(4, 1_000_000_000)
 
     assert (sent.stamp_ns, sent.white[4], sent.infrared) == (1_000_000_000, 255, True)
-    assert eventually(lambda: lights.twin.fake.levels()[4] > 0)
+    assert wait_until(lambda: lights.twin.fake.levels()[4] > 0)
     assert lights.values()['sent'] >= 2
     lights.asleep = True
     assert lights.slip(5, 2) == []
@@ -189,9 +183,9 @@ def test_the_log_of_the_wire(tmp_path):
     path = tmp_path / 'wire.csv'
     lights = Lights(LedsSettings(port='twin', board_log=str(path)))
     lights.start()
-    assert eventually(lambda: lights.board.ready)
+    assert wait_until(lambda: lights.board.ready)
     lights.slip(0, time.time_ns())
-    assert eventually(lambda: 'wire_packets' in lights.values())
+    assert wait_until(lambda: 'wire_packets' in lights.values())
     lights.close()
     rows = [line.split(',') for line in path.read_text().split()]
 

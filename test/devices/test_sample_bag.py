@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import soundfile
-from bag_samples import write_bag
+from support.bag_samples import write_bag
 
 from eol_ros import cli
 from eol_ros.analysis import open_bag

@@ -7,7 +7,7 @@ import sys
 import textwrap
 
 import pytest
-from plugged import plugged
+from support.plugged import plugged
 
 CODE = """
     import gc, json, sys, tempfile, time

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plugged import plugged
+from support.plugged import plugged
+from support.waiting import wait_until
 
 from benchmarks.jack import FS, PERIOD
 from eol_ros.core.sound.bank import Bank, voice_rows
@@ -58,13 +59,6 @@ def now(mixer):
     return time.time() - mixer.state['epoch'][0]
 
 
-def wait_for(condition, seconds):
-    deadline = time.monotonic() + seconds
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    return condition()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize('compiled', [True, False])
 def test_plays_on_a_real_stream_at_the_time_that_was_asked(card, compiled):
@@ -73,10 +67,10 @@ def test_plays_on_a_real_stream_at_the_time_that_was_asked(card, compiled):
     stream.play()
     try:
         assert stream.name == 'system'
-        assert wait_for(lambda: mixer.state['frame'][0] > FS // 2, 5)
+        assert wait_until(lambda: mixer.state['frame'][0] > FS // 2, 5)
         begin_s = now(mixer) + 0.2
         mixer.push(voice_rows(triggers([begin_s]), sound, 2))
-        assert wait_for(lambda: now(mixer) > begin_s + 0.1, 2)
+        assert wait_until(lambda: now(mixer) > begin_s + 0.1, 2)
         frame = int(mixer.state['frame'][0])
         heard = mixer.recent(FS // 2)
         first = frame - len(heard) + int(np.flatnonzero(heard[:, 0])[0])
@@ -95,12 +89,12 @@ def test_eight_loudspeakers_in_a_row(wide_card):
     stream = Card(mixer, 'system', PERIOD)
     stream.play()
     try:
-        assert wait_for(lambda: mixer.state['frame'][0] > FS // 4, 20)
+        assert wait_until(lambda: mixer.state['frame'][0] > FS // 4, 20)
         t = triggers(now(mixer) + 0.3 + np.array([0.0, 0.0]))
         t['pan'] = [1.0, -1 + 2 * 2.5 / 7]  # the last one; between the third and the fourth
         mixer.play(t, sound)
-        assert wait_for(lambda: mixer.recent(FS // 2).any(), 20)
-        assert wait_for(lambda: mixer.state['voices'][0] == 0, 20)
+        assert wait_until(lambda: mixer.recent(FS // 2).any(), 20)
+        assert wait_until(lambda: mixer.state['voices'][0] == 0, 20)
         loud = np.abs(mixer.recent(FS // 2)).max(axis=0)
         assert loud[7] > 0.1 and loud[2] == pytest.approx(loud[3], rel=1e-3)
         assert loud[2] == pytest.approx(loud[7] * 0.5**0.5, rel=1e-3)
@@ -142,11 +136,11 @@ def test_a_forgotten_card_plays_on(card):
     code = f"""
     import sys, time
     sys.path[:0] = [{str(HERE)!r}, {str(HERE.parent)!r}, {str(HERE.parents[1])!r}]
-    from test_soundcard import PERIOD, Card, np, new_mixer, wait_for
+    from test_soundcard import PERIOD, Card, np, new_mixer, wait_until
     def forget():
         mixer = new_mixer()
         Card(mixer, 'auto', PERIOD).play()
-        assert wait_for(lambda: mixer.state['frame'][0] > PERIOD, 5)
+        assert wait_until(lambda: mixer.state['frame'][0] > PERIOD, 5)
     forget()
     for _ in range(100):  # what was freed is written over
         np.full(1 << 18, -1, np.int64)
@@ -166,18 +160,18 @@ def test_a_lost_card_is_noticed_and_taken_again(card_for_others, tmp_path):
     code = f"""
     import sys, time
     sys.path[:0] = [{str(HERE)!r}, {str(HERE.parent)!r}, {str(HERE.parents[1])!r}]
-    from test_soundcard import new_mixer, wait_for
+    from test_soundcard import new_mixer, wait_until
     from eol_ros.devices.audio.soundcard import Player
     mixer = new_mixer()
     player = Player(mixer, 'auto', 256, {str(tmp_path / 'x.wav')!r}, fade_in_s=0.1)
     print(player.level, player.on_card, flush=True)
     sys.stdin.readline()  # the card is pulled out
-    assert wait_for(lambda: not player.on_card, 30)
+    assert wait_until(lambda: not player.on_card, 30)
     frame = int(mixer.state['frame'][0])
-    flows = wait_for(lambda: int(mixer.state['frame'][0]) > frame + 10000, 30)
+    flows = wait_until(lambda: int(mixer.state['frame'][0]) > frame + 10000, 30)
     print('lost', flows, player.level != 'ok', flush=True)
     sys.stdin.readline()  # and put in again
-    assert wait_for(lambda: player.on_card or player.stuck, 30)
+    assert wait_until(lambda: player.on_card or player.stuck, 30)
     print('back', player.on_card or player.stuck, player.text, flush=True)
     player.close(0.1)
     """
@@ -216,7 +210,7 @@ def test_without_a_card_the_sound_goes_to_a_file_and_says_so(monkeypatch, tmp_pa
     assert 'no sound card' in player.text
     assert 'out.wav' in player.text
     mixer.push(voice_rows(triggers([now(mixer) + 0.1]), sound, 2))
-    assert wait_for(lambda: mixer.state['frame'][0] > FS // 2, 5)
+    assert wait_until(lambda: mixer.state['frame'][0] > FS // 2, 5)
     player.close(0.05)
     with wave.open(str(tmp_path / 'out.wav')) as file:
         assert (file.getframerate(), file.getnchannels(), file.getsampwidth()) == (FS, 2, 2)
@@ -254,7 +248,7 @@ def test_the_file_holds_what_its_triggers_are_rendered_to(tmp_path):
     t = triggers((stamps - int(mixer.state['epoch'][0]) * 10**9) * 1e-9)
     t['grain'], t['rate'] = noise.integers(0, 2, 40), noise.uniform(0.5, 2, 40)
     mixer.play(t, sound)
-    assert wait_for(lambda: mixer.state['frame'][0] > 2.2 * FS, 20)
+    assert wait_until(lambda: mixer.state['frame'][0] > 2.2 * FS, 20)
     assert sink.close()
     assert (mixer.state['triggers'][0], mixer.state['late'][0]) == (40, 0)
     with wave.open(str(tmp_path / 'x.wav')) as file:
@@ -281,9 +275,9 @@ def test_a_full_disk_stops_the_file_and_not_the_show(tmp_path):
             raise OSError(errno.ENOSPC, 'No space left on device')
 
     sink._file = Full()
-    assert wait_for(lambda: 'No space left' in sink.name, 20)
+    assert wait_until(lambda: 'No space left' in sink.name, 20)
     frame = int(mixer.state['frame'][0])
-    assert wait_for(lambda: mixer.state['frame'][0] > frame + FS // 4, 20)
+    assert wait_until(lambda: mixer.state['frame'][0] > frame + FS // 4, 20)
     assert sink.close()
 
 

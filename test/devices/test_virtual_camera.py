@@ -1,60 +1,116 @@
 # SPDX-License-Identifier: Apache-2.0
 """The virtual camera keeps absolute deadlines, counts what it skips, hides no fault."""
 
-import itertools
 import threading
-import time
+
+import numpy as np
+from support.waiting import wait_until
 
 from eol_ros.devices.camera.exposure_clock import NS, VirtualCamera
 
+RATE_HZ, PERIOD_NS, EXPOSURE_S = 200.0, NS // 200, 0.004
+BOOT_NS = 1_700_000_000 * NS  # when the steady clock was 0
 
-def film(count, rate_hz=200.0, slow=()):
-    """Run until `count` images are delivered; return their stamps and the camera."""
+
+class Clock:
+    """Passes where the camera waits, and where a test says so; `late_ns` is added to each wait."""
+
+    def __init__(self, late_ns=0):
+        self.now_ns, self.set_ns, self.late_ns = 0, BOOT_NS, late_ns
+
+    def monotonic_ns(self):
+        return self.now_ns
+
+    def time_ns(self):
+        return self.set_ns + self.now_ns
+
+    def wait(self, stop, seconds):
+        self.now_ns += round(seconds * NS) + self.late_ns
+        return stop.is_set()
+
+
+def film(count, slow=None, clock=None):
+    """Return the stamps of `count` images, when each was delivered, and the camera.
+
+    slow: of some images by index, how long they take to make, in periods.
+    """
+    clock = clock or Clock()
+    stamps, delivered, done = [], [], threading.Event()
+
+    def expose(index, stamp_ns):
+        stamps.append(stamp_ns)
+        clock.now_ns += round((slow or {}).get(index, 0) * PERIOD_NS)
+
+    def deliver():
+        delivered.append(clock.time_ns())
+        if len(delivered) == count:
+            done.set()
+
+    camera = VirtualCamera(RATE_HZ, EXPOSURE_S, expose, deliver, clock)
+    assert done.wait(60)
+    camera.close()
+    return np.array(stamps[:count]), np.array(delivered[:count]), camera
+
+
+def test_stamps_stand_on_the_grid():
+    stamps, delivered, camera = film(30)
+    assert (np.diff(stamps) == PERIOD_NS).all()
+    assert (delivered - stamps == EXPOSURE_S / 2 * NS).all()  # the end of the exposure
+    assert (camera.missed, camera.fault) == (0, None)
+
+
+def test_slow_images_are_skipped_and_counted():
+    stamps, delivered, camera = film(30, slow={4: 5.5, 11: 4.5})
+    steps = np.diff(stamps) / PERIOD_NS
+    assert (steps == np.round(steps)).all()
+    assert np.flatnonzero(steps > 1).tolist() == [4, 11]
+    assert camera.missed == (steps - 1).sum() == 5
+    assert (delivered - stamps >= EXPOSURE_S / 2 * NS).all()
+
+
+def test_a_machine_that_wakes_late_does_not_drift():
+    late_ns = 300_000
+    stamps, delivered, camera = film(30, clock=Clock(late_ns))
+    assert (np.diff(stamps) == PERIOD_NS).all() and camera.missed == 0
+    assert (delivered - stamps <= EXPOSURE_S / 2 * NS + late_ns).all()
+
+
+def test_stamps_follow_the_system_clock_where_it_is_set():
+    clock = Clock()
+
+    def expose(index, stamp_ns):
+        stamps.append(stamp_ns)
+        if index == 9:
+            clock.set_ns += 3600 * NS
+
+    stamps = []
+    camera = VirtualCamera(RATE_HZ, EXPOSURE_S, expose, lambda: None, clock)
+    wait_until(lambda: len(stamps) > 20)
+    camera.close()
+    steps = np.diff(stamps[:20])
+    assert steps[9] == 3600 * NS + PERIOD_NS and (np.delete(steps, 9) == PERIOD_NS).all()
+
+
+def test_a_real_clock_is_kept():
     stamps, done = [], threading.Event()
 
     def expose(index, stamp_ns):
         stamps.append(stamp_ns)
-        if index in slow:
-            time.sleep(5.5 / rate_hz)
-
-    def deliver():
-        if len(stamps) == count:
+        if index == 5:
             done.set()
 
-    camera = VirtualCamera(rate_hz, 0.001, expose, deliver)
-    assert done.wait(10)
+    camera = VirtualCamera(RATE_HZ, EXPOSURE_S, expose, lambda: None)
+    assert done.wait(60)
     camera.close()
-    return stamps[:count], camera
-
-
-def test_stamps_stand_on_the_grid_even_after_slow_images():
-    stamps, camera = film(30, slow={4, 11})
-    period_ns = NS / 200
-    steps = [(b - a) / period_ns for a, b in itertools.pairwise(stamps)]
-    assert all(abs(step - round(step)) < 1e-6 for step in steps)
-    skipped = sum(round(step) - 1 for step in steps)
-    assert skipped >= 4
-    assert camera.missed >= skipped
-    assert camera.fault is None
-
-
-def test_delivery_waits_for_the_end_of_the_exposure():
-    late = []
-    camera = VirtualCamera(
-        100.0, 0.004, lambda i, ns: late.append(ns), lambda: late.append(time.time_ns() - late[-1])
-    )
-    time.sleep(0.2)
-    camera.close()
-    waits = late[1::2]
-    assert len(waits) > 5
-    assert min(waits) >= 0.0019 * NS
+    steps = np.diff(stamps) / PERIOD_NS
+    assert np.abs(steps - np.round(steps)).max() < 0.21  # the system clock is slewed at most so
 
 
 def test_a_fault_is_kept():
     def expose(index, stamp_ns):
         raise RuntimeError('lens cap')
 
-    camera = VirtualCamera(200.0, 0.001, expose, lambda: None)
-    time.sleep(0.05)
+    camera = VirtualCamera(RATE_HZ, EXPOSURE_S, expose, lambda: None)
+    wait_until(lambda: camera.fault)
     assert str(camera.fault) == 'lens cap'
     camera.close()

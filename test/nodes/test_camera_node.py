@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The camera node over real DDS, on files from real encoders."""
 
+import functools
 import subprocess
 import sys
-import time
 
 import cv2
 import numpy as np
 import pytest
 from rclpy.executors import SingleThreadedExecutor
+from support.waiting import wait_until
 
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -69,9 +70,8 @@ def graph(ros):
         camera = CameraNode(camera_settings)
         made.append(camera)
         executor.add_node(camera)
-        deadline = time.monotonic() + timeout_s
-        while not until(reader, camera) and time.monotonic() < deadline:
-            executor.spin_once(timeout_sec=0.02)
+        turn = functools.partial(executor.spin_once, timeout_sec=0.02)
+        wait_until(lambda: until(reader, camera), timeout_s, turn=turn)
         return reader, camera
 
     yield run

@@ -2,12 +2,12 @@
 import dataclasses
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from support.waiting import wait_until
 
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.corpus import DESCRIPTORS
@@ -56,12 +56,8 @@ class Stage:
         self.executor.add_node(self.probe)
 
     def until(self, what, seconds=30.0):
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.02)
-            if what():
-                return
-        pytest.fail('it did not come about')
+        self.executor.spin_once(timeout_sec=0.02)
+        wait_until(what, seconds, turn=lambda: self.executor.spin_once(timeout_sec=0.02))
 
     def close(self):
         self.node.close()

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Twin, leds and tracker together: what is switched off is seen by the one who must know."""
 
-import time
-
 import pytest
 from eol_msgs.msg import Blocks
 from rclpy.executors import SingleThreadedExecutor
+from support.waiting import wait_until
 
 from eol_ros.nodes.leds import LedsNode
 from eol_ros.nodes.tracker import TrackerNode
@@ -51,10 +50,7 @@ def show(ros, matched, request):
         executor.add_node(node)
 
     def until(condition, timeout_s=60.0):
-        deadline = time.monotonic() + timeout_s
-        while not condition() and time.monotonic() < deadline:
-            executor.spin_once(timeout_sec=0.02)
-        return condition()
+        return wait_until(condition, timeout_s, turn=lambda: executor.spin_once(timeout_sec=0.02))
 
     panel = nodes[-1]
     assert until(lambda: matched(*nodes))

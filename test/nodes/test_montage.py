@@ -9,6 +9,7 @@ import time
 import pytest
 from eol_msgs.msg import Slip, Wall
 from rclpy.executors import SingleThreadedExecutor
+from support.waiting import wait_until
 
 from eol_ros.errors import DeviceMissing
 from eol_ros.nodes.montage import MontageNode
@@ -53,17 +54,16 @@ class Rig:
         self.until(lambda: matched(self.montage, self.around) and self.around.walls)
 
     def until(self, what, seconds=30.0):
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.01)
-            if what():
-                return
-        pytest.fail('it did not come about')
+        self.turn()
+        wait_until(what, seconds, turn=self.turn)
+
+    def turn(self):
+        self.executor.spin_once(timeout_sec=0.01)
 
     def run(self, seconds):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.01)
+            self.turn()
 
 
 @pytest.fixture

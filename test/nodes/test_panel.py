@@ -7,7 +7,6 @@ import struct
 import subprocess
 import sys
 import threading
-import time
 import urllib.request
 
 import aiohttp
@@ -17,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from eol_msgs.msg import Cascade, Corpus, RequestResult, SoundMeter, SoundSamples, Wall
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import CompressedImage
+from support.waiting import wait_until
 
 from eol_ros.nodes import panel_streams
 from eol_ros.nodes.panel import PanelNode
@@ -89,18 +89,9 @@ def rig(ros, matched, tmp_path, monkeypatch):
     monkeypatch.setenv('EOL_STATE', str(tmp_path))
     monkeypatch.setattr(panel_streams, 'LINGER_S', 0.3)
     made = Rig()
-    until(lambda: matched(made.panel, made.around))
+    wait_until(lambda: matched(made.panel, made.around))
     yield made
     made.close()
-
-
-def until(what, seconds=30.0):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if what():
-            return
-        time.sleep(0.02)
-    pytest.fail('it did not come about')
 
 
 def live(rig, talk):
@@ -129,8 +120,8 @@ def test_streams_run_only_while_somebody_looks(rig):
 
     async def talk(ws):
         await ws.send_str('{"wants": ["blocks", "image"]}')
-        await asyncio.to_thread(until, lambda: rig.readers('blocks'))
-        await asyncio.to_thread(until, lambda: rig.readers('camera/image/compressed'))
+        await asyncio.to_thread(wait_until, lambda: rig.readers('blocks'))
+        await asyncio.to_thread(wait_until, lambda: rig.readers('camera/image/compressed'))
         assert not rig.readers('sound_samples') and not rig.readers('slips')
         rows = np.zeros(25, blocks.BLOCK)
         rows['x'], rows['seen'] = np.arange(25) / 100, True
@@ -145,10 +136,10 @@ def test_streams_run_only_while_somebody_looks(rig):
         rig.around.gives['camera/image/compressed'].publish(image)
         assert (await packet(ws, 3))[16:] == b'\xff\xd8jpeg'
         await ws.send_str('{"wants": []}')
-        await asyncio.to_thread(until, lambda: not rig.readers('blocks'))
+        await asyncio.to_thread(wait_until, lambda: not rig.readers('blocks'))
 
     live(rig, talk)
-    until(lambda: not any(rig.readers(topic) for topic in streams))
+    wait_until(lambda: not any(rig.readers(topic) for topic in streams))
 
 
 @pytest.mark.slow
@@ -156,7 +147,7 @@ def test_sound_and_meter_reach_the_page(rig):
     async def talk(ws):
         await ws.send_str('{"wants": ["sound", "meter"]}')
         for topic in ('sound_samples', 'sound_meter'):
-            await asyncio.to_thread(until, lambda topic=topic: rig.readers(topic))
+            await asyncio.to_thread(wait_until, lambda topic=topic: rig.readers(topic))
         samples = SoundSamples(sample_rate=48000, channels=2, first=96)
         samples.data.frombytes(np.array([0.5, -0.5] * 64, '<f4').tobytes())
         meter = SoundMeter(voices=3, peak_dbfs=-6.0, wave_min=[-0.5] * 1024, wave_max=[0.5] * 1024,
@@ -178,7 +169,7 @@ def test_a_latecomer_is_told_wall_day_and_health(rig):
         cascade = Cascade(area=area, size=area, blocks=[1])
         cascade.onset = to_msg(now_ns())
         rig.around.gives['cascades'].publish(cascade)
-    until(lambda: sum(rig.panel.day.notice()['areas']) == 3)
+    wait_until(lambda: sum(rig.panel.day.notice()['areas']) == 3)
 
     async def talk(ws):
         told = {}
@@ -192,7 +183,7 @@ def test_a_latecomer_is_told_wall_day_and_health(rig):
         assert day['areas'][1] == 2 and day['areas'][3] == 1
         assert status['level'] == 'ok' and rig.url in status['text']
 
-    until(lambda: {'panel', 'grains'} <= set(rig.panel.states.nodes()))
+    wait_until(lambda: {'panel', 'grains'} <= set(rig.panel.states.nodes()))
     live(rig, talk)
     with urllib.request.urlopen(f'{rig.url}/status', timeout=30) as answer:
         assert set(json.load(answer)) >= {'panel', 'grains'}
@@ -204,7 +195,7 @@ def test_a_restart_forgets_no_cascade_of_the_day(rig):
         cascade = Cascade(area=area, size=area, blocks=[1], nucleus=area)
         cascade.onset = to_msg(now_ns())
         rig.around.gives['cascades'].publish(cascade)
-    until(lambda: sum(rig.panel.day.notice()['areas']) == 2)
+    wait_until(lambda: sum(rig.panel.day.notice()['areas']) == 2)
     rig.panel.day.fit()
     before = rig.panel.day.notice()
     rig.panel.close()
@@ -223,7 +214,7 @@ def test_the_corpus_is_fetched_whole(rig):
                     bounds=[-0.6, -0.6, 0.6, 0.6], descriptors=['a', 'b'],
                     values=[1.0, 2.0, 3.0, 4.0])  # fmt: skip
     rig.around.gives['corpus'].publish(corpus)
-    until(lambda: 'corpus' in rig.panel.documents)
+    wait_until(lambda: 'corpus' in rig.panel.documents)
     with urllib.request.urlopen(f'{rig.url}/corpus', timeout=30) as answer:
         data = json.load(answer)
     assert data['x'] == [0.25, 0.5] and data['values'] == [[1, 3], [2, 4]]
@@ -244,7 +235,7 @@ def test_what_people_ask_reaches_the_graph(rig):
             sound = DiagnosticStatus(name='eol: sound', level=b'\0')
             rig.around.gives['/diagnostics'].publish(DiagnosticArray(status=[sound]))
             runs = rig.panel.states.runs
-            await asyncio.to_thread(until, lambda: runs('sound') and runs('grains'))
+            await asyncio.to_thread(wait_until, lambda: runs('sound') and runs('grains'))
             assert await post(client, 'sleep', {}) == (200, {'ok': True, 'text': ''})
             status, answer = await post(client, 'play', {'grain': 12})
             assert (status, answer['error']) == (409, 'sound: no such grain')
@@ -253,10 +244,10 @@ def test_what_people_ask_reaches_the_graph(rig):
             status, answer = await post(client, 'threshold', {'value': 90})
             assert status == 409 and 'tracker does not run' in answer['error']
         await ws.send_str('{"rim": [0.1, -0.2, 0.3]}')
-        await asyncio.to_thread(until, lambda: rig.around.rims)
+        await asyncio.to_thread(wait_until, lambda: rig.around.rims)
 
     live(rig, talk)
-    until(lambda: len(rig.around.rims) >= 2)
+    wait_until(lambda: len(rig.around.rims) >= 2)
     asked = rig.around.asked
     assert [(a.kind, a.node, a.values) for a in asked] == [
         ('sleep', '', {}), ('play_grain', '', {'grain': 12}), ('set', 'grains', {'radius': 0.125}),

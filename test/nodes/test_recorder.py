@@ -17,6 +17,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
+from support.waiting import wait_until
 
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.errors import ConfigError
@@ -55,10 +56,7 @@ class Rig:
             self.executor.add_node(node)
 
     def spin(self, until, seconds=30.0):
-        end = time.monotonic() + seconds
-        while not until() and time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.02)
-        assert until()
+        wait_until(until, seconds, turn=lambda: self.executor.spin_once(timeout_sec=0.02))
 
     def close(self):
         for node in self.nodes:
@@ -111,13 +109,18 @@ def test_a_set_clock_ends_the_bag_with_a_mark_and_begins_another(
     rig.spin(lambda: matched(recorder, source))
     corpora.publish(Corpus(name='told once'))
     rig.spin(lambda: recorder.latched)
-    folders = []
+    folders, recordings = [], []
+
+    def taken():
+        return sum(recording.received['/eol/blocks'] for recording in recordings)
+
     for part in range(2):
         folders.append(recorder.recording.folder)
+        recordings.append(recorder.recording)
+        rig.spin(lambda n=6 * part: taken() == n)
         for k in range(5):
-            count = recorder.recording.received['/eol/blocks']
             source.send(source.blocks, Blocks(image=5 * part + k))
-            rig.spin(lambda n=count: recorder.recording.received['/eol/blocks'] != n)
+            rig.spin(lambda n=6 * part + k + 1: taken() == n)
         if part == 0:
             monkeypatch.setattr(recorder, 'now_ns', lambda: now_ns() + jump_s * 10**9)
             source.send(source.blocks, Blocks(image=99))
@@ -285,25 +288,19 @@ def test_kill_leaves_a_readable_bag_and_the_next_start_repairs_it(tmp_path):
     def start():
         return subprocess.Popen(command, stderr=subprocess.DEVNULL, env=os.environ)
 
-    def eventually(condition, seconds=30.0):
-        end = time.monotonic() + seconds
-        while not condition() and time.monotonic() < end:
-            time.sleep(0.1)
-        assert condition()
-
     def messages():
         parts = list(tmp_path.glob('*/*.mcap.part'))
         written = parts and parts[0].stat().st_size  # it is made before it is begun
         return bool(written) and sum(BagReader(parts[0]).counts.values()) >= 2
 
     first = start()
-    eventually(messages)  # its own health, once a second
+    wait_until(messages)  # its own health, once a second
     first.send_signal(signal.SIGKILL)
     first.wait()
     [part] = tmp_path.glob('*/*.mcap.part')
     saved = [m.data for m in BagReader(part).messages()]
     second = start()
-    eventually(lambda: not part.exists())
+    wait_until(lambda: not part.exists())
     second.send_signal(signal.SIGTERM)
     assert second.wait(timeout=10) == 0
     whole = BagReader(part.with_suffix(''))

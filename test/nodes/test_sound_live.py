@@ -6,13 +6,14 @@ import os
 import time
 import wave
 
-import needs
 import numpy as np
 import pytest
 import rclpy
 import soundfile
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from support import needs
+from support.waiting import wait_until
 
 from benchmarks import sound_loss
 from benchmarks.running import Graph
@@ -61,9 +62,7 @@ def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
     with Graph(path, tmp_path / 'bags', watched=('grain_triggers',)) as graph:
         graph.wait_until_ok()  # nothing may slip before the sound has its corpus
         change(graph.domain, 'twin', hands='visitors')
-        deadline = time.monotonic() + 60
-        while len(graph.watch.seen['grain_triggers']) < 150 and time.monotonic() < deadline:
-            time.sleep(0.1)
+        wait_until(lambda: len(graph.watch.seen['grain_triggers']) >= 150)
         time.sleep(1.5)  # the last of them sound
         values = graph.node('sound')['values']
     assert values['triggers'] >= 150

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The twin over real DDS: images on time, truth that fits them, a rim that obeys."""
 
-import time
-
 import numpy as np
 import pytest
 from eol_msgs.msg import RimCommand
 from rclpy.executors import SingleThreadedExecutor
+from support.waiting import wait_until
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.vision.calibration.model import Calibration
@@ -49,10 +48,7 @@ def graph(ros, request):
     executor.add_node(twin)
 
     def until(done, seconds=20.0):
-        end = time.monotonic() + seconds
-        while not done():
-            assert time.monotonic() < end, 'nothing came'
-            executor.spin_once(timeout_sec=0.05)
+        return wait_until(done, seconds, turn=lambda: executor.spin_once(timeout_sec=0.05))
 
     yield probe, twin, until
     twin.close()

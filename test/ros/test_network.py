@@ -11,10 +11,10 @@ import signal
 import subprocess
 import sys
 
-import needs
 import pytest
 from eol_msgs.msg import Slip
 from rclpy.serialization import serialize_message
+from support import needs
 
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
@@ -116,10 +116,10 @@ def stranger(namespace, seconds, **variables):
 def test_closed_stays_closed_even_to_one_who_knows_the_address(cable, bag):
     peers = {'ROS_STATIC_PEERS': f'{NET}.1', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
     with play(bag):
+        outside = stranger(THEIRS, 6, **peers)
         # The work does run, and speaks: the same question on our own machine is answered.
         local = json.loads(answer(inside(OURS, *_echo('--once'))))
         assert local['slip'] in range(50)
-        outside = stranger(THEIRS, 6, **peers)
         seen = json.loads(answer(outside))
         assert seen == {'heard': 0, 'nodes': ['stranger']}
 

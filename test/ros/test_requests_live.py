@@ -3,12 +3,12 @@
 
 import json
 import threading
-import time
 
 import pytest
 from eol_msgs.msg import Slip
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from support.waiting import wait_until
 
 from eol_ros.cli import main
 from eol_ros.errors import EolError
@@ -40,10 +40,7 @@ class Rig:
             self.executor.add_node(one)
 
     def until(self, what, seconds=30.0):
-        end = time.monotonic() + seconds
-        while not what() and time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.02)
-        assert what()
+        wait_until(what, seconds, turn=lambda: self.executor.spin_once(timeout_sec=0.02))
 
     def answer(self, *asked, **values):
         before = len(self.around.results)

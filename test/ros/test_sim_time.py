@@ -8,6 +8,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
+from support.waiting import wait_until
 
 from eol_ros.errors import ConfigError
 from eol_ros.ros.node import EolNode
@@ -49,10 +50,7 @@ class Rig:
         self.until(lambda: self.clock.get_subscription_count() >= 1 + kind.MAPS_TIME)
 
     def until(self, condition, timeout_s=10.0):
-        deadline = time.monotonic() + timeout_s
-        while not condition() and time.monotonic() < deadline:
-            self.executor.spin_once(timeout_sec=0.01)
-        assert condition()
+        wait_until(condition, timeout_s, turn=lambda: self.executor.spin_once(timeout_sec=0.01))
 
     def tell(self, recorded_ns):
         self.clock.publish(Clock(clock=to_msg(recorded_ns)))

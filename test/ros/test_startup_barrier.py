@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A source begins when its own scene listens, and is not taken in by others who do."""
 
-import time
 from types import SimpleNamespace
 
 import pytest
 from eol_msgs.msg import Blocks
 from sensor_msgs.msg import Image
+from support.waiting import wait_until
 
-from eol_ros.ros.startup_barrier import SETTLE_S, PeerDiscovery, StartupBarrier
+from eol_ros.ros.startup_barrier import PATIENCE_S, SETTLE_S, PeerDiscovery, StartupBarrier
 from eol_ros.ros.topics import topic_class
 from eol_ros.settings import RecorderSettings
 
@@ -32,11 +32,13 @@ def reader(ros):
         node.destroy_node()
 
 
-def until(condition, seconds=10.0):
-    deadline = time.monotonic() + seconds
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    return condition()
+class Clock:
+    """Seconds that pass when told so."""
+
+    now_s = 0.0
+
+    def __call__(self):
+        return self.now_s
 
 
 def scene_of(*names):
@@ -48,7 +50,7 @@ def test_a_node_has_met_those_whom_its_scene_names_and_nobody_else_counts(reader
     tracker = reader('tracker', 'camera/image_raw')
     tracker.scene = scene_of('twin', 'tracker', 'motion')
     tracker.create_publisher(Blocks, 'blocks', 1)
-    discovery = PeerDiscovery(tracker)
+    discovery = PeerDiscovery(tracker, clock := Clock())
     assert discovery.missing() == ['blocks', 'camera/image_raw']
 
     twin = reader('twin')
@@ -56,30 +58,39 @@ def test_a_node_has_met_those_whom_its_scene_names_and_nobody_else_counts(reader
     reader('motion', 'blocks')
     reader('watch', 'blocks')
     reader('recorder', 'blocks', namespace='/other')
-    assert until(lambda: discovery.missing() == ['blocks'])
-    time.sleep(0.3)
+    seen = tracker.get_subscriptions_info_by_topic
+    wait_until(lambda: discovery.missing() == ['blocks'] and len(seen('/eol/blocks')) == 3)
+    clock.now_s += PATIENCE_S
     assert discovery.missing() == ['blocks'] and not discovery.complete()
+    clock.now_s += 0.1  # a node that does not come holds up no other
+    assert discovery.complete()
+    clock.now_s = 0.0
 
     reader('recorder', 'blocks')
-    assert until(discovery.complete) and discovery.missing() == []
+    assert wait_until(discovery.complete) and discovery.missing() == []
 
 
 def test_a_source_begins_when_all_say_that_they_are_ready(reader):
     twin = reader('twin')
     twin.scene = scene_of('twin', 'tracker', 'motion', 'panel')
-    barrier = StartupBarrier(twin)
+    barrier = StartupBarrier(twin, clock := Clock())
     assert barrier.missing() == ['motion', 'recorder', 'tracker', 'camera/image_raw']
 
     reader('tracker', 'camera/image_raw', 'ready')
     reader('motion', 'blocks')
     reader('recorder', 'ready')
-    assert until(lambda: barrier.missing() == ['motion'])
-    time.sleep(2 * SETTLE_S)
+    wait_until(lambda: barrier.missing() == ['motion'])
+    clock.now_s += 2 * SETTLE_S
     assert not barrier.ready()
 
     reader('motion_of_another', 'ready')
     reader('motion', 'ready')
-    assert until(barrier.ready)
+    wait_until(lambda: not barrier.missing())
+    assert not barrier.ready()
+    clock.now_s += SETTLE_S / 2
+    assert not barrier.ready()
+    clock.now_s += SETTLE_S
+    assert barrier.ready()
 
 
 def test_a_source_of_nobody_does_not_wait(reader):

@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 import yaml
+from support.waiting import wait_until
 
 from benchmarks.running import Graph
 from eol_ros.analysis import open_bag
@@ -23,13 +24,6 @@ def scene(folder, name, **nodes):
     path = folder / f'{name}.yaml'
     path.write_text(yaml.safe_dump({'scene': name, 'nodes': nodes}))
     return path
-
-
-def until(condition, timeout_s):
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, 'it did not happen in time'
-        time.sleep(0.1)
 
 
 def bag_of(folder):
@@ -52,7 +46,7 @@ def recorded(folder):
     watched = ('slips', 'grain_triggers', 'cascades')
     with Graph(scene(folder, 'first', **nodes), folder / 'bags', watched) as graph:
         graph.wait_until_ok()
-        until(lambda: all(graph.watch.seen[topic] for topic in watched), 60)
+        wait_until(lambda: all(graph.watch.seen[topic] for topic in watched), 60)
         time.sleep(SECONDS)
         late = graph.node('leds')['values']['late_slips']
         assert graph.stop() == 0
@@ -66,7 +60,9 @@ def played(first, folder, rate, tracker):
     nodes['recorder'] = {'images': 'none'}
     with Graph(scene(folder, 'again', **nodes), folder / 'bags', ()) as graph:
         graph.wait_until_ok()
-        until(lambda: graph.node('replay')['text'].startswith('over'), first.duration_s / rate + 30)
+        wait_until(
+            lambda: graph.node('replay')['text'].startswith('over'), first.duration_s / rate + 30
+        )
         time.sleep(1.1)  # each says how it is once a second
         values = {name: graph.node(name)['values'] for name in ('sound', 'leds')}
         assert graph.stop() == 0

@@ -16,7 +16,7 @@ from eol_ros.devices.bag.writer import BagWriter
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'devices'))
 
-from bag_samples import POINT, T0, TEXT, point, text, write_bag
+from support.bag_samples import POINT, T0, TEXT, point, text, write_bag
 
 LATCHED = BagTopic('/eol/corpus', TEXT.type, TEXT.definition, TEXT.type_hash,
                    '- durability: transient_local\n')  # fmt: skip

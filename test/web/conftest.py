@@ -5,7 +5,7 @@ import dataclasses
 import json
 
 import pytest
-from chromium import browser, graph, status  # noqa: F401  fixtures
+from support.chromium import browser, graph, status  # noqa: F401  fixtures
 
 from eol_ros.ros.requests import Answers, expected_of
 from eol_ros.settings import PanelSettings

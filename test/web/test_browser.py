@@ -16,10 +16,10 @@ import urllib.request
 from pathlib import Path
 
 import aiohttp
-import needs
 import numpy as np
 import pytest
-from chromium import (
+from support import needs
+from support.chromium import (
     complaints,
     healthy,
     mouse,
@@ -29,10 +29,10 @@ from chromium import (
     run,
     status,
     touch,
-    until,
     until_page,
     visit,
 )
+from support.waiting import wait_until
 
 from eol_ros.core.science import powerlaw
 from eol_ros.web import notices
@@ -152,7 +152,7 @@ def test_a_drag_moves_lights_sounds_and_changes_the_pair(graph, browser):
         mouse(browser, 'mouseMoved', 640 + 2.5 * step, 400 + 0.8 * step)
         look()
     # 147 px are 0.31 m: the rim follows the hand as far as the blocks and the platform let it.
-    until(lambda: look() and now['rim'][0] - before['rim'][0] > 0.06,
+    wait_until(lambda: look() and now['rim'][0] - before['rim'][0] > 0.06,
           why=lambda: f'heard {heard}; from {before} to {now}')  # fmt: skip
     mouse(browser, 'mouseReleased', 787, 447, 0)
     assert max(b - a for a, b in zip(before['x'], now['x'], strict=True)) > 0.01
@@ -178,6 +178,7 @@ def test_keys_and_two_fingers_turn_the_rim(graph, browser):
         touch(browser, 'touchMove', (640 - dx, 400 - dy), (640 + dx, 400 + dy))
     until_page(browser, f'eol.state().rim[2] < {turned} - 0.05')
     touch(browser, 'touchEnd')
+    assert complaints(browser) == []
 
 
 def test_visitors_add_up(graph):
@@ -289,15 +290,15 @@ def test_two_windows_change_the_same_pair_within_an_image(graph, browser):
         right = dict(run(browser, 'return eol.flips.slice(1)'))
         shown = 'const {change, picture} = document.getElementById("wall").dataset;'
         shown += 'return [change, picture];'
-        last, name = until(lambda: run(browser, shown))
+        last, name = wait_until(lambda: run(browser, shown))
         browser.switch_to.window(first)
-        until(lambda: run(browser, shown)[0] == last)
+        wait_until(lambda: run(browser, shown)[0] == last)
         assert run(browser, shown)[1].replace('left', '') == name.replace('right', '')
         left = dict(run(browser, 'return eol.flips.slice(1)'))
         skews = [abs(left[change] - right[change]) for change in left.keys() & right.keys()]
         assert len(skews) >= 5
         assert np.median(skews) <= IMAGE_MS, skews
-        until(lambda: 'wall_skew_ms' in status(address)['panel']['values'])
+        wait_until(lambda: 'wall_skew_ms' in status(address)['panel']['values'])
         press(browser, 't')
         until_page(browser, '!document.getElementById("card").hidden')
         assert picture(browser, 'card').std() > 20
@@ -322,7 +323,7 @@ def test_a_wall_without_a_server_keeps_its_pair_and_fades_to_black(graph, browse
     address, _ = graph
     visit(browser, address, '/wall/right?lost=3', 640, 360)
     until_page(browser, 'eol.view.shows')
-    until(lambda: picture(browser).std() > 5)
+    wait_until(lambda: picture(browser).std() > 5)
     cut = 'eol.opening = eol.link.open; eol.link.open = () => {}; eol.link.socket.close();'
     run(browser, cut)
     kept = 'const wall = document.getElementById("wall");'
@@ -330,10 +331,10 @@ def test_a_wall_without_a_server_keeps_its_pair_and_fades_to_black(graph, browse
     while (found := run(browser, kept))[0] < 2.5:  # until then the pair stands
         assert not found[1]
         assert picture(browser).std() > 5 or run(browser, kept)[0] > 2.5
-    until(lambda: picture(browser, 'wall-lost').max() < 8)
+    wait_until(lambda: picture(browser, 'wall-lost').max() < 8)
     assert run(browser, 'return document.body.innerText.trim()') == ''
     run(browser, 'eol.link.open = eol.opening; eol.link.open();')
-    until(lambda: picture(browser).std() > 5)
+    wait_until(lambda: picture(browser).std() > 5)
 
 
 def test_the_panel_by_keyboard_alone(graph, browser):
@@ -441,9 +442,11 @@ def test_the_threshold_is_tried_and_kept(graph, browser):
         run(browser, f'{slider}.value = {value}; {slider}.oninput()')
         run(browser, 'document.getElementById("keep-threshold").focus()')
         if value == 100:  # in the picture before it is kept: the covers alone are white
-            until(lambda: 0.005 < run(browser, white) < 0.1)
+            wait_until(lambda: 0.005 < run(browser, white) < 0.1)
         press(browser, 'Enter')
-        until(lambda value=value: float(status(address)['tracker']['values']['threshold']) == value)
+        wait_until(
+            lambda value=value: float(status(address)['tracker']['values']['threshold']) == value
+        )
         until_page(browser, f'{words}.textContent.startsWith("{seen} of 25")')
     visit(browser, address, '/')
     until_page(browser, f'{slider}.value === "0"')
@@ -562,26 +565,27 @@ def test_a_wall_outlives_the_panel_and_the_panel_forgets_nothing(graph, browser)
     until_page(browser, 'document.getElementById("law").dataset.total > 0')
     total = int(run(browser, 'return document.getElementById("law").dataset.total'))
     file = Path(os.environ['EOL_STATE'], 'cascades-browser.json')
-    until(lambda: file.exists() and len(json.loads(file.read_text())['order']) >= total)
+    wait_until(lambda: file.exists() and len(json.loads(file.read_text())['order']) >= total)
     visit(browser, address, '/wall/left', 640, 360)
     until_page(browser, 'eol.view.shows && !eol.view.moving')
-    until(lambda: picture(browser).std() > 5)
+    wait_until(lambda: picture(browser).std() > 5)
     before = picture(browser)
     os.kill(int(status(address)['panel']['pid']), signal.SIGKILL)
     until_page(browser, 'eol.link.tries > 0')  # noticed
     assert np.array_equal(picture(browser), before)  # the last pair, and not one word
     assert run(browser, 'return document.body.innerText.trim()') == ''
-    until(lambda: 'panel' in healthy(address), 60)
+    wait_until(lambda: 'panel' in healthy(address), 60)
     work.nodes |= {int(s['pid']) for s in status(address).values()}
     # Asked again until it is heard: the new panel may not have met the montage yet.
     for command, seen in (('sleep', lambda p: p.max() < 8), ('wake', lambda p: p.std() > 5)):
         request = urllib.request.Request(f'{address}/control/{command}', data=b'{}')
-        end = time.monotonic() + 60
-        while not seen(picture(browser)):
-            assert time.monotonic() < end, command
+
+        def ask(request=request):
             with contextlib.suppress(urllib.error.HTTPError):  # nobody there who answers yet
                 urllib.request.urlopen(request, timeout=10).close()
             time.sleep(1.0)
+
+        wait_until(lambda seen=seen: seen(picture(browser)), turn=ask, why=lambda c=command: c)
     visit(browser, address, '/')
     until_page(browser, f'Number(document.getElementById("law").dataset.total) >= {total}')
 
@@ -602,7 +606,7 @@ def test_what_a_frozen_node_said_is_old_and_nothing_else(graph, browser):
     finally:
         with contextlib.suppress(ProcessLookupError):  # its supervisor may have ended it
             os.kill(motion, signal.SIGCONT)
-    until(lambda: 'motion' in healthy(address), 60)
+    wait_until(lambda: 'motion' in healthy(address), 60)
     work.nodes |= {int(s['pid']) for s in status(address).values()}
     until_page(browser, '!document.getElementById("cascades").classList.contains("old")')
 

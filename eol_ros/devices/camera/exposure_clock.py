@@ -9,6 +9,16 @@ NS = 1_000_000_000
 SPARE_NS = 2_000_000
 
 
+class SystemClock:
+    """The clocks of this machine, and waiting that ends early where `stop` is set."""
+
+    monotonic_ns = staticmethod(time.monotonic_ns)
+    time_ns = staticmethod(time.time_ns)
+
+    def wait(self, stop: threading.Event, seconds: float) -> bool:
+        return stop.wait(seconds)
+
+
 class VirtualCamera:
     """Calls `expose(index, stamp_ns)` for each image and `deliver()` when its exposure ends.
 
@@ -25,11 +35,13 @@ class VirtualCamera:
         exposure_s: float,
         expose: Callable[[int, int], None],
         deliver: Callable[[], None],
+        clock: SystemClock | None = None,
     ) -> None:
         self.missed = 0
         self.fault: BaseException | None = None
         self._rate_hz, self._half_ns = rate_hz, int(0.5 * exposure_s * NS)
         self._expose, self._deliver = expose, deliver
+        self._clock = clock or SystemClock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='virtual camera', daemon=True)
         self._thread.start()
@@ -46,32 +58,32 @@ class VirtualCamera:
             self.fault = error
 
     def _wait_until(self, at_ns: int) -> bool:
-        left_ns = at_ns - time.monotonic_ns()
-        return left_ns > 0 and self._stop.wait(left_ns / NS)
+        left_ns = at_ns - self._clock.monotonic_ns()
+        return left_ns > 0 and self._clock.wait(self._stop, left_ns / NS)
 
     def _loop(self) -> None:
-        period_ns = NS / self._rate_hz
-        start_ns = time.monotonic_ns() + int(period_ns)
+        clock, period_ns = self._clock, NS / self._rate_hz
+        start_ns = clock.monotonic_ns() + int(period_ns)
         index = image = 0
         making_ns = int(period_ns)  # the longest of late: how far ahead an image must be begun
-        to_system_ns = time.time_ns() - time.monotonic_ns()
+        to_system_ns = clock.time_ns() - clock.monotonic_ns()
         while not self._stop.is_set():
             middle_ns = start_ns + round(image * period_ns)
-            offset_ns = time.time_ns() - time.monotonic_ns()
+            offset_ns = clock.time_ns() - clock.monotonic_ns()
             if abs(offset_ns - to_system_ns) > NS // 1000:  # somebody set the system clock
                 to_system_ns = offset_ns
             end_ns = middle_ns + self._half_ns
             if self._wait_until(end_ns - min(2 * making_ns + SPARE_NS, int(period_ns))):
                 return
-            began_ns = time.monotonic_ns()
+            began_ns = clock.monotonic_ns()
             self._expose(index, middle_ns + to_system_ns)
-            making_ns = max(time.monotonic_ns() - began_ns, making_ns * 15 // 16)
+            making_ns = max(clock.monotonic_ns() - began_ns, making_ns * 15 // 16)
             if self._wait_until(end_ns):
                 return
             self._deliver()
             index += 1
             image += 1
-            behind = int((time.monotonic_ns() - start_ns) / period_ns) - image
+            behind = int((clock.monotonic_ns() - start_ns) / period_ns) - image
             if behind > 0:
                 self.missed += behind
                 image += behind

@@ -3,10 +3,10 @@
 
 from pathlib import Path
 
-import needs
 import numpy as np
 import pytest
 from scipy.signal import sosfilt
+from support import needs
 
 from eol_ros.core.sound import segments
 from eol_ros.core.sound.descriptors import HOP, YIN_FRAME, YIN_SPAN, analyse, frame_starts, yin

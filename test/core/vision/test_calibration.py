@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eol_ros.core.geometry import BLOCK_SIDE_M
+from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect.blobs import BLOB
 from eol_ros.errors import ConfigError
 
 IDEAL = Calibration.ideal()
@@ -44,6 +48,47 @@ def test_the_lens_follows_the_formula():
     xd = x * radial + 2 * 1e-3 * x * y - 5e-4 * (r2 + 2 * x * x)
     yd = y * radial + 1e-3 * (r2 + 2 * y * y) - 2 * 5e-4 * x * y
     assert (u, v) == pytest.approx((639.5 + 1000 * xd, 399.5 + 1000 * yd))
+
+
+def pose_of(camera, mirror):
+    """Return rotation and shift of the table before the lens, from the homography (Zhang 2000)."""
+    columns = np.linalg.inv(camera.camera_matrix) @ camera.homography
+    if mirror:
+        columns = columns @ np.diag([-1, 1, 1])
+    right, away, shift = (columns / np.linalg.norm(columns[:, 0])).T
+    return np.column_stack([right, away, np.cross(right, away)]), shift
+
+
+@pytest.mark.parametrize('mirror', [False, True])
+@pytest.mark.parametrize('angle', [0.0, 0.1, -0.3])
+def test_opencv_sees_the_same_table(angle, mirror):
+    """Oracles: cv2.projectPoints from the table, cv2.undistortPoints back to it."""
+    camera = tilted(angle).in_mirror() if mirror else tilted(angle)
+    rotation, shift = pose_of(camera, mirror)
+    assert np.allclose(rotation.T @ rotation, np.eye(3), atol=1e-9)
+    table = np.random.default_rng(4).uniform(-0.7, 0.7, (200, 2))
+    place = np.column_stack([-table[:, 0] if mirror else table[:, 0], table[:, 1], np.zeros(200)])
+    lens = camera.camera_matrix, camera.distortion_coefficients
+    seen = cv2.projectPoints(place, cv2.Rodrigues(rotation)[0], shift, *lens)[0][:, 0]
+    assert np.abs(camera.to_pixels(table) - seen).max() < 1e-9
+    rounds = cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12
+    rays = cv2.undistortPoints(seen[:, None], *lens, criteria=rounds)[:, 0]
+    # where each ray meets the table: rotation^T (depth * ray - shift) has z = 0
+    rays = np.column_stack([rays, np.ones(200)])
+    depth = (rotation[:, 2] @ shift) / (rays @ rotation[:, 2])
+    met = (depth[:, None] * rays - shift) @ rotation
+    met[:, 0] *= -1 if mirror else 1
+    assert np.abs(met[:, :2] - table).max() < 1e-9
+    assert np.abs(camera.to_table(seen) - met[:, :2]).max() < 1e-9
+
+    ahead, still = np.zeros((25, 4)), np.zeros((25, 2))
+    mapping.expected(camera.packed(), table[:25], still, np.zeros(25), np.ones(25), 0.0, ahead)
+    assert np.abs(ahead[:, :2] - seen[:25]).max() < 1e-9
+    blobs = np.zeros(25, BLOB)
+    blobs['u'], blobs['v'] = seen[:25].T
+    blobs['side_px'] = 1e-3  # so small that its middle is the middle of its picture
+    found, _ = mapping.poses(camera.packed(), blobs, BLOCK_SIDE_M)
+    assert np.abs(found[:, :2] - met[:25, :2]).max() < 1e-7
 
 
 @settings(max_examples=30, deadline=None)

@@ -4,11 +4,11 @@
 import os
 import time
 
-import needs
 import pytest
 
 from benchmarks.jack import Jack
 from eol_ros.errors import DeviceMissing
+from support import needs
 
 
 def plugged(monkeypatch, here=True, channels=2):

@@ -19,6 +19,8 @@ import cv2
 import numpy as np
 import pytest
 
+from support.waiting import wait_until
+
 webdriver = pytest.importorskip('selenium.webdriver')
 BROWSER, DRIVER = shutil.which('chromium'), shutil.which('chromedriver')
 FLAGS = (
@@ -50,17 +52,6 @@ nodes:
   recorder: off
 """
 NODES = {'twin', 'tracker', 'motion', 'leds', 'grains', 'sound', 'montage', 'panel'}
-
-
-def until(what, seconds=40.0, why=lambda: 'it did not come about'):
-    """Return what `what` returns, as soon as that is true."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        found = what()
-        if found:
-            return found
-        time.sleep(0.05)
-    pytest.fail(why())
 
 
 def status(address):
@@ -100,10 +91,10 @@ def graph(tmp_path_factory):
     work.log = folder / 'log'
     work.nodes = set()  # process ids, also of those that were started again
     try:
-        until(
+        wait_until(
             lambda: work.poll() is not None or healthy(address) >= NODES,
             90,
-            lambda: (folder / 'log').read_text(),
+            why=lambda: (folder / 'log').read_text(),
         )
         assert work.poll() is None, (folder / 'log').read_text()
         work.nodes |= {int(s['pid']) for s in status(address).values()}
@@ -146,7 +137,12 @@ def visit(browser, address, path, width=1280, height=800):
 def until_page(browser, condition, seconds=40.0):
     """Wait until a condition holds in the page; return its value."""
     script = f'return Boolean(window.eol) && ({condition})'
-    return until(lambda: browser.execute_script(script), seconds, lambda: f'never: {condition}')
+    return wait_until(
+        lambda: browser.execute_script(script),
+        seconds,
+        turn=lambda: time.sleep(0.05),
+        why=lambda: f'never: {condition}',
+    )
 
 
 def run(browser, script, *args):
