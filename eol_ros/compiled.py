@@ -27,6 +27,7 @@ PARTS = {
     'sound': ('core/sound', 'devices/audio'),
     'ice': ('core/sound',),  # no node: the recording that is made where a scene names none
     'simulate': ('core/physics',),  # `eol simulate`: the solvers beside that of the twin
+    'stiff': ('core/physics',),  # and what the first scene with stiff springs needs
 }
 AT_FIRST = ('tracker', 'twin', 'sound', 'ice')  # what a scene may need
 _COMMON = 'core'

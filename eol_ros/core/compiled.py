@@ -10,6 +10,7 @@ compiled, and only then. The machine code is the same.
 Use `njit` and `cfunc` of this module in place of numba's.
 """
 
+import functools
 import sys
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -17,20 +18,54 @@ from typing import Any
 
 import llvmlite.binding as llvm
 import numba
+from numba import types
 from numba.core import environment, sigutils
 from numba.core.caching import FunctionCache
 from numba.core.ccallback import CFunc
 from numba.core.runtime import rtsys
 
 
-def njit(function: Callable[..., Any] | None = None, *, cache: bool = False, **options: Any) -> Any:
-    """Return `function` compiled as by `numba.njit`; with `cache` it is loaded as told above."""
+def njit(
+    function: Callable[..., Any] | None = None,
+    *,
+    cache: bool = False,
+    inner: bool = False,
+    **options: Any,
+) -> Any:
+    """Return `function` compiled as by `numba.njit`; with `cache` it is loaded as told above.
+
+    `inner`: only other compiled functions call it. It then gets no entry for Python, which takes
+    each array of its arguments apart and can be more to compile than the function itself.
+    """
     if function is None:
-        return lambda function: njit(function, cache=cache, **options)
+        return lambda function: njit(function, cache=cache, inner=inner, **options)
+    options |= {'no_cpython_wrapper': inner, 'no_cfunc_wrapper': True}
     compiled = numba.njit(**options)(function)
+    compiled.get_call_template = functools.partial(_without_literals, compiled.get_call_template)
     if cache:
         compiled._cache = _Cache(function)
+    if inner:  # numba would call an entry that is not there
+        compiled.add_overload = functools.partial(_add_inner, compiled)
+        compiled._compile_for_args = functools.partial(_refuse, function)
     return compiled
+
+
+def _add_inner(dispatcher: Any, compiled: Any) -> None:
+    dispatcher.overloads[tuple(compiled.signature.args)] = compiled
+
+
+def _refuse(function: Callable[..., Any], *_args: Any, **_kws: Any) -> None:
+    raise TypeError(f'{function.__qualname__} has no entry for Python: compiled functions call it')
+
+
+def _without_literals(template: Callable[..., Any], args: Any, kws: Any) -> Any:
+    """Return numba's template of a call, its arguments typed by what they are, not by their value.
+
+    While numba infers types, a count that starts from 0 and a step order of 3 are types of their
+    own, and for each the function called would be compiled once more.
+    """
+    kws = {name: types.unliteral(kind) for name, kind in kws.items()}
+    return template(tuple(types.unliteral(kind) for kind in args), kws)
 
 
 def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:

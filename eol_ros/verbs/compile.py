@@ -211,8 +211,26 @@ def _simulate():
             simulate(from_mapping(scene), path=path, ledger=ledger)
 
 
-WORK = {'tracker': _tracker, 'twin': _twin, 'sound': _sound, 'ice': _ice, 'simulate': _simulate}
+def _stiff():
+    from eol_ros.core.physics import builders
+    from eol_ros.core.physics.choose import simulate
+    from eol_ros.core.physics.scene import from_mapping
+
+    aside = builders.offsets(25, 0.005, 3)
+    for ledger in (True, False):
+        scene = builders.table({'kind': 'none'}, 0.1, k=1e6, geometric=True, u0=aside)
+        simulate(from_mapping(scene), ledger=ledger)
+
+
+WORK = {
+    'tracker': _tracker,
+    'twin': _twin,
+    'sound': _sound,
+    'ice': _ice,
+    'simulate': _simulate,
+    'stiff': _stiff,
+}
 # To tell how far it is: how many functions each of them compiles or loads (numba's own events), and
 # how many seconds that took where it was measured.
-FUNCTIONS = {'tracker': 245, 'twin': 126, 'sound': 108, 'ice': 1, 'simulate': 100}
-SECONDS = {'tracker': 83, 'twin': 38, 'sound': 32, 'ice': 10, 'simulate': 50}
+FUNCTIONS = {'tracker': 235, 'twin': 62, 'sound': 103, 'ice': 1, 'simulate': 141, 'stiff': 56}
+SECONDS = {'tracker': 50, 'twin': 18, 'sound': 18, 'ice': 10, 'simulate': 35, 'stiff': 25}

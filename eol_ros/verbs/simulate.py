@@ -77,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
         'step_s': args.step,
         'limits': Limits(args.max_events, args.max_steps),
         'model': model,
+        'on_stiff': lambda: compile.ensure(['stiff']),
     }
     result = choose.simulate(scene, ledger=True, **options)  # compiles, and keeps the energy books
     best = float('inf')

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chooses, once, the least that is enough for a scene, and runs it."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from eol_ros.core.physics import modal
@@ -68,11 +70,13 @@ def simulate(
     limits: Limits | None = None,
     ledger: bool = True,
     model: Model | None = None,
+    on_stiff: Callable[[], None] | None = None,
 ) -> Run:
     """Return the run of a scene.
 
     `path`: one of PATHS; 'exact' is refused (UsageError) for what is not exact. `tolerance` is for
-    the event path, `step_s` for stepping. `ledger` keeps the energy books, at some cost in time.
+    the event path, `step_s` for stepping. `ledger` keeps the energy ledger, at some cost in time.
+    `on_stiff` is called when the event path needs the kernel for stiff scenes, before it is loaded.
     """
     model = model or Model.of(scene)
     limits = limits or Limits()
@@ -109,7 +113,7 @@ def simulate(
             from eol_ros.core.physics.rotation.solver import solve as solve_rotation
 
             return solve_rotation(scene, model, times, limits, ledger, tolerance)
-        return event.solve(scene, model, times, limits, ledger, tolerance)
+        return event.solve(scene, model, times, limits, ledger, tolerance, on_stiff=on_stiff)
     if scene.rotation is not None:
         from eol_ros.core.physics.rotation.stepping import solve as step_rotation
 

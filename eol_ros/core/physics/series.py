@@ -23,24 +23,29 @@ UNCOUNTED: dict[str, Any] = {'_nrt': False, 'error_model': 'numpy'}
 ROOT_ROUNDS = 80
 
 
-def lean(loop: Callable[..., Any]) -> Any:
-    """Return the compiled `loop`, which takes arrays and makes none.
+def uncounted(loop: Callable[..., Any]) -> Any:
+    """Return the compiled `loop`, which takes arrays and makes none, without reference counting.
 
-    Without the memory runtime no references are counted, an atomic operation each; with dozens of
-    arrays in a tuple, counting would cost as much as the work of a small step.
+    Counting references to dozens of arrays in a tuple, an atomic operation each, would cost as much
+    as the work of a small step. Only compiled functions call it.
     """
+    return njit(cache=True, inner=True, fastmath=FUSED, **UNCOUNTED)(loop)
+
+
+def entry(loop: Callable[..., Any]) -> Any:
+    """Return `loop` as `uncounted` does, to be called from Python."""
     return njit(cache=True, fastmath=FUSED, **UNCOUNTED)(loop)
 
 
 def inlined(loop: Callable[..., Any]) -> Any:
-    """Return `loop` as `lean` does, to be made part of its caller.
+    """Return `loop` as `uncounted` does, to be made part of its caller.
 
     A call hands over each array in seven words, so that one of a few flops would be all calling.
     """
-    return njit(cache=True, fastmath=FUSED, forceinline=True, **UNCOUNTED)(loop)
+    return njit(cache=True, inner=True, fastmath=FUSED, forceinline=True, **UNCOUNTED)(loop)
 
 
-@lean
+@uncounted
 def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs, phi):
     """Write the series at `t` of the rim's x, y, cos(phi) - 1 and sin(phi), k = 0..order.
 
@@ -114,7 +119,7 @@ def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs, phi):
     return np.inf, 0
 
 
-@lean
+@uncounted
 def turn_series(phi, degree, order, cc, cs):
     """Write the series of cos(phi) - 1 and sin(phi) for the series `phi` of that degree."""
     s0, c0 = math.sin(phi[0]), math.cos(phi[0])
@@ -130,7 +135,7 @@ def turn_series(phi, degree, order, cc, cs):
         cc[k] = c / k
 
 
-@lean
+@uncounted
 def value(c, degree, x):
     """Return the polynomial at x."""
     g = c[degree]
@@ -139,7 +144,7 @@ def value(c, degree, x):
     return g
 
 
-@lean
+@uncounted
 def first_root(c, degree, h):
     """Return (x, found): the first root in (0, h] of a polynomial that is positive at 0.
 
@@ -186,7 +191,7 @@ def first_root(c, degree, h):
     return x, False
 
 
-@lean
+@uncounted
 def add_exactly(total, rest, step):
     """Return total + step and the new rest of a compensated sum (Kahan)."""
     y = step - rest

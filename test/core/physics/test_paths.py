@@ -466,14 +466,14 @@ def test_the_closed_form_of_a_stop(angle, force):
 
     slow.terminal = True
     found = solve_ivp(rhs, (0, 9), [0, 0, *v0], 'DOP853', rtol=1e-12, atol=1e-14, events=slow)
-    t, x, y, will = stop_in_closed_form(*v0, *pull, mu)
+    t, x, y, will = stop_in_closed_form.py_func(*v0, *pull, mu)
     assert will
     assert t == pytest.approx(found.t[-1], abs=1e-4 / (mu - force))
     assert (x, y) == pytest.approx(tuple(found.y[:2, -1]), abs=1e-9)
 
 
 def test_a_pull_above_friction_stops_nothing():
-    assert not stop_in_closed_form(1.0, 0.0, 7.0, 0.0, 6.4)[3]
+    assert not stop_in_closed_form.py_func(1.0, 0.0, 7.0, 0.0, 6.4)[3]
 
 
 @pytest.mark.slow

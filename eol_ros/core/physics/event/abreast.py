@@ -10,14 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.compiled import njit
 from eol_ros.core.physics.event.taylor import TINY, force_on, to_rim
-from eol_ros.core.physics.series import inlined, lean
+from eol_ros.core.physics.kernel_args import Lattice
+from eol_ros.core.physics.series import inlined, uncounted
 from eol_ros.core.vectors import WIDTH, direction_sums
 
 
 class Abreast(NamedTuple):
-    """Room for the series; the last block lane stands for all that is at rest and stays zero."""
+    """The series; the last block lane stands for all that is at rest and stays zero."""
 
     a: np.ndarray  # (size, 2 b) displacement
     push: np.ndarray  # (size, 2 b) acceleration by friction
@@ -44,17 +44,12 @@ def _wide(count: int) -> int:
     return -(-count // WIDTH) * WIDTH
 
 
-_wide_compiled = njit(cache=True)(_wide)
-
-
-@njit(cache=True)
-def make_abreast(at, size):
-    """Return room for a lattice and rows 0..size - 1."""
-    b, s, most = _wide_compiled(at.n + 1), 0, 0
+def make_abreast(at: Lattice, size: int) -> Abreast:
+    """Return lanes for a lattice and rows 0..size - 1."""
+    b, s, most = _wide(at.n + 1), 0, 0
     if at.geometric:
-        s = _wide_compiled(len(at.k) + 1)
-        for i in range(at.n):
-            most = max(most, at.lo[i + 1] - at.lo[i] + at.rim_lo[i + 1] - at.rim_lo[i])
+        s = _wide(len(at.k) + 1)
+        most = int(np.max(np.diff(at.lo) + np.diff(at.rim_lo), initial=0))
     return Abreast(
         np.zeros((size, 2 * b)),
         np.zeros((size, 2 * b)),
@@ -78,7 +73,7 @@ def make_abreast(at, size):
     )
 
 
-@lean
+@uncounted
 def fill_abreast(m, count, at, pl, ab):
     """Take constants of the sliding blocks and their springs into their lanes."""
     lanes, springs = len(ab.inverse_mass), len(ab.stiff)
@@ -203,7 +198,7 @@ def linear_abreast(k, m, used, u, at, pl, ab, x, y, co, si):
         force[c], force[lanes + c] = fx, fy
 
 
-@lean
+@uncounted
 def forced_series(order, degree, m, count, u, v, used, at, pl, ab, cx, cy, cc, cs):
     """Write the displacement series under springs and the friction ab.push of that degree."""
     lanes, a, force = len(ab.inverse_mass), ab.a, ab.force
@@ -232,7 +227,7 @@ def forced_series(order, degree, m, count, u, v, used, at, pl, ab, cx, cy, cc, c
                 a[k + 2, c] = force[c] * ab.inverse_mass[c - lanes] * scale
 
 
-@lean
+@uncounted
 def add_reply(last, m, at, pl, ab):
     """Add to rows 2..`last` of the series what ab.extra moves; springs as at the start."""
     lanes, s = len(ab.inverse_mass), len(ab.stiff)
@@ -282,7 +277,7 @@ def add_reply(last, m, at, pl, ab):
             ab.a[k + 2, c] += reply[k + 2, c]
 
 
-@lean
+@uncounted
 def forced_reach(order, ab, small, top):
     """Return the step at which the last two terms fall to `small` (m)."""
     h = top
@@ -295,7 +290,7 @@ def forced_reach(order, ab, small, top):
     return h
 
 
-@lean
+@uncounted
 def into_lanes(order, m, count, springs, ab, pl):
     """Copy the series to where the event path looks for them; the springs' where asked for."""
     lanes = len(ab.inverse_mass)

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.compiled import njit
 from eol_ros.core.physics.drive import NONE
 from eol_ros.core.physics.event.abreast import Abreast, fill_abreast, into_lanes, make_abreast
 from eol_ros.core.physics.event.lanes import Plane, fill_plane, make_plane
@@ -21,17 +20,19 @@ from eol_ros.core.physics.event.step import (
     suspects,
 )
 from eol_ros.core.physics.event.sweep import (
-    Panels,
     Sweep,
     make_sweep,
     sample,
     sweep_step,
     sweep_top,
+    tables,
+    would_pay,
 )
 from eol_ros.core.physics.event.taylor import blocks_series, force_on
 from eol_ros.core.physics.exact.taylor import GAUSS_W, GAUSS_X, ON_LIMIT
-from eol_ros.core.physics.series import add_exactly, drive_series, lean
-from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
+from eol_ros.core.physics.kernel_args import Lattice
+from eol_ros.core.physics.series import add_exactly, drive_series, entry, uncounted
+from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT, STIFF
 
 AFTER_S = 0.1  # for how long what a stop gets wrong goes on to act on the neighbours
 KEPT = 0.1  # of its speed a block keeps at least within a step
@@ -52,11 +53,9 @@ class Rules(NamedTuple):
     relative: float
     capture: float
     floor: float
-    sweep_order: int  # of the series in a sweep
-    panels: Panels
 
 
-@lean
+@uncounted
 def stop_of(i, speed, x, y, u, v, rim_speed, rules, at):
     """Return (time, dx, dy, now): how slow block i comes to rest; `now` if exact enough."""
     limit = at.friction[i] * at.inverse[i]
@@ -76,12 +75,10 @@ def stop_of(i, speed, x, y, u, v, rim_speed, rules, at):
     return stop_s, dx, dy, error < 10.0 * rules.small and jerk * stop_s < 0.2 * room
 
 
-class Desk(NamedTuple):
-    """Room to work in."""
+class Workspace(NamedTuple):
+    """The arrays that a run works in; they may be used again by the next one."""
 
     pl: Plane
-    ab: Abreast
-    sw: Sweep
     cx: np.ndarray  # series of the rim's x, y, cos(phi) - 1, sin(phi)
     cy: np.ndarray
     cc: np.ndarray
@@ -103,30 +100,48 @@ class Desk(NamedTuple):
     gauss: np.ndarray
 
 
-@njit(cache=True)
-def make_desk(at, rules):
-    """Return room for a lattice and the orders of the series."""
-    top = max(rules.order, rules.sweep_order)
-    n, size = at.n, top + 2
-    ab = make_abreast(at, size)
-    return Desk(
-        make_plane(at, top),
-        ab,
-        make_sweep(rules.panels, len(ab.inverse_mass), size),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size),
+class Sweeping(NamedTuple):
+    """What sweeps are made with: the order of their series, and arrays."""
+
+    order: int
+    ab: Abreast
+    sw: Sweep
+
+
+class Progress(NamedTuple):
+    """How far a run has come: time (s) with the rest of its compensated sum, and counts."""
+
+    t: float
+    left: float
+    events: int
+    steps: int
+    sampled: int
+
+
+BEGIN = Progress(0.0, 0.0, 0, 0, 0)
+
+
+def make_workspace(at: Lattice, order: int) -> Workspace:
+    """Return the arrays for a lattice and the order of the series."""
+    n, size = at.n, order + 2
+    cx, cy, cc, cs, gx, gy = (np.zeros(size) for _ in range(6))
+    found_x, found_y, push, slack, spare = (np.zeros(n) for _ in range(5))
+    return Workspace(
+        make_plane(at, order),
+        cx,
+        cy,
+        cc,
+        cs,
+        gx,
+        gy,
         np.zeros(2 * size),
         np.zeros(n, np.int64),
         np.zeros(n, np.int64),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n),
+        found_x,
+        found_y,
+        push,
+        slack,
+        spare,
         np.zeros(n, np.bool_),
         np.zeros(n, np.bool_),
         np.zeros((n, 2)),
@@ -135,31 +150,46 @@ def make_desk(at, rules):
     )
 
 
-@njit(cache=True)
-def run(u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts):
-    """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, t, events, steps).
-
-    `counts` (3,): slips begun, stops at the floor against a pull above mu_k, sweeps. Events are
-    written in the order they are found: a stop may bear a time a little later than a break
-    behind it.
-    """
-    desk = make_desk(at, rules)
-    return advance(
-        u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts, desk
-    )
+def make_sweeping(at: Lattice, order: int) -> Sweeping:
+    """Return what sweeps with series of that order need; their workspace is of that order too."""
+    ab = make_abreast(at, order + 2)
+    return Sweeping(order, ab, make_sweep(tables(order + 2), len(ab.inverse_mass), order + 2))
 
 
-@lean
-def advance(
-    u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts, desk
+@entry
+def run(
+    u,
+    v,
+    sliding,
+    begin,
+    t_end,
+    rules,
+    at,
+    rim,
+    grid,
+    log,
+    max_steps,
+    energy,
+    ledger,
+    counts,
+    ws,
+    sweeping,
 ):
-    """Do what `run` says, in the room that is given."""
-    order, far, n, pl, ab, sw = rules.order, rules.sweep_order, at.n, desk.pl, desk.ab, desk.sw
-    cx, cy, cc, cs, gx, gy, work = desk.cx, desk.cy, desk.cc, desk.cs, desk.gx, desk.gy, desk.work
-    watched, found, push = desk.watched, desk.found, desk.push
-    slack, spare = desk.slack, desk.spare
-    found_x, found_y = desk.found_x, desk.found_y
-    fresh, kicked, here, rate, gauss = desk.fresh, desk.kicked, desk.here, desk.rate, desk.gauss
+    """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, progress).
+
+    `begin` is a progress too. `counts` (3,): slips begun, stops at the floor against a pull above
+    mu_k, sweeps. Events are written in the order they are found: a stop may bear a time a little
+    later than a break behind it. Without `sweeping` (None) the run ends with STIFF where sweeps
+    would pay; it goes on from the progress returned.
+    """
+    order, far, n, pl = rules.order, 0, at.n, ws.pl
+    cx, cy, cc, cs, gx, gy, work = ws.cx, ws.cy, ws.cc, ws.cs, ws.gx, ws.gy, ws.work
+    watched, found, push = ws.watched, ws.found, ws.push
+    slack, spare = ws.slack, ws.spare
+    found_x, found_y = ws.found_x, ws.found_y
+    fresh, kicked, here, rate, gauss = ws.fresh, ws.kicked, ws.here, ws.rate, ws.gauss
+    if sweeping is not None:
+        far = sweeping.order
     driven = rim.kind != NONE
     for i in range(n):
         fresh[i] = kicked[i] = False
@@ -168,8 +198,8 @@ def advance(
             sliding[i] = True
         elif sliding[i]:
             fresh[i] = True  # at rest for no time at all
-    t, left = 0.0, 0.0
-    events = steps = sampled = m = count = watching = 0
+    t, left, events, steps, sampled = begin
+    m = count = watching = 0
     changed = settle = True
     # stiff springs: steps since an event, how many to wait, sweeps since a plain step
     calm, patience, sweeps, plain, try_s = 0, PATIENCE, 0, np.inf, 0.0
@@ -186,7 +216,7 @@ def advance(
                 x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
                 if math.sqrt(x * x + y * y) >= at.static[i] * (1.0 + ON_LIMIT):
                     if events >= len(log.t):
-                        return EVENT_LIMIT, t, events, steps
+                        return EVENT_LIMIT, Progress(t, left, events, steps, sampled)
                     log.t[events], log.block[events], log.start[events] = t, i, 1
                     events += 1
                     counts[0] += 1
@@ -228,12 +258,16 @@ def advance(
             top = h if sampled >= len(grid.t) else min(h, grid.t[sampled] - t)
             if top <= PAYS * plain:
                 pass
+            elif sweeping is None:
+                if would_pay(order, m, plain, rules.small, at, pl):
+                    return STIFF, Progress(t, left, events, steps, sampled)
+                calm, patience = 0, min(2 * patience, MOST_PATIENCE)
             elif sweeps < PROBE:
                 _, used = drive_series(
                     rim.kind, rim.par, rim.knots, rim.cubics, t, far, cx, cy, cc, cs, gx
                 )
                 if not abreast:
-                    fill_abreast(m, count, at, pl, ab)
+                    fill_abreast(m, count, at, pl, sweeping.ab)
                     longest = sweep_top(m, rules.small, at, pl)
                     abreast = True
                 top = min(top, longest)
@@ -246,8 +280,8 @@ def advance(
                     used,
                     at,
                     pl,
-                    ab,
-                    sw,
+                    sweeping.ab,
+                    sweeping.sw,
                     cx,
                     cy,
                     cc,
@@ -261,7 +295,7 @@ def advance(
                     o = far
                     sweeps += 1
                     counts[2] += 1
-                    into_lanes(o, m, count, False, ab, pl)
+                    into_lanes(o, m, count, False, sweeping.ab, pl)
                 else:
                     near, try_s, calm = h, 0.0, 0
                     patience = min(2 * patience, MOST_PATIENCE)
@@ -281,7 +315,7 @@ def advance(
         if near < h:
             h, ends = near, False
         if not h >= 0.0:
-            return NOT_FINITE, t, events, steps
+            return NOT_FINITE, Progress(t, left, events, steps, sampled)
         # the first stuck block to break within the step
         top, who, hit_any = h, -1, False
         if h > 0.0:
@@ -311,8 +345,8 @@ def advance(
                 at,
                 pl,
             )
-            if o == far and doubtful > 0 and at.geometric:
-                into_lanes(o, m, count, True, ab, pl)
+            if sweeping is not None and o == far and doubtful > 0 and at.geometric:
+                into_lanes(o, m, count, True, sweeping.ab, pl)
             for p in range(doubtful):
                 j, x, y = found[p], found_x[p], found_y[p]
                 force = math.sqrt(x * x + y * y) + push[p] * (h / top)
@@ -350,11 +384,11 @@ def advance(
                     grid.v[sampled, i, q] = rate[i, q] if sliding[i] else 0.0
             sampled += 1
         if ledger:
-            if o == far:
+            if sweeping is not None and o == far:
                 if h < near:
-                    sample(o, m, h, ab, sw)
+                    sample(o, m, h, sweeping.ab, sweeping.sw)
                 for c in range(m):
-                    energy[1] += at.friction[pl.slots[c]] * h * sw.path[c]
+                    energy[1] += at.friction[pl.slots[c]] * h * sweeping.sw.path[c]
             planar_ledger(
                 o, m, o != far, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss
             )
@@ -365,11 +399,11 @@ def advance(
         if m > 0:
             i = pl.slots[0]
             if not math.isfinite(u[i, 0] + v[i, 0] + u[i, 1]):
-                return NOT_FINITE, t, events, steps
+                return NOT_FINITE, Progress(t, left, events, steps, sampled)
         if ends:
             break
         if steps >= max_steps:
-            return STEP_LIMIT, t, events, steps
+            return STEP_LIMIT, Progress(t, left, events, steps, sampled)
         drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs, gx)
         rim_speed = math.sqrt(cx[1] ** 2 + cy[1] ** 2) + math.sqrt(cc[1] ** 2 + cs[1] ** 2)
         for c in range(m):  # blocks that come to rest
@@ -402,7 +436,7 @@ def advance(
             for q in range(at.lo[i], at.lo[i + 1]):
                 slack[at.near[q]] = 0.0
             if events >= len(log.t):
-                return EVENT_LIMIT, t, events, steps
+                return EVENT_LIMIT, Progress(t, left, events, steps, sampled)
             log.t[events], log.block[events], log.start[events] = t + stop_s, i, 0
             events += 1
             sliding[i] = False
@@ -417,9 +451,9 @@ def advance(
                 if j != who and force < at.static[j] * (1.0 - ON_LIMIT):
                     continue
                 if events >= len(log.t):
-                    return EVENT_LIMIT, t, events, steps
+                    return EVENT_LIMIT, Progress(t, left, events, steps, sampled)
                 log.t[events], log.block[events], log.start[events] = t, j, 1
                 events += 1
                 counts[0] += 1
                 sliding[j] = fresh[j] = changed = True
-    return OK, t, events, steps
+    return OK, Progress(t, left, events, steps, sampled)

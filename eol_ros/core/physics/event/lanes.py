@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.compiled import njit
-from eol_ros.core.physics.series import lean
+from eol_ros.core.physics.kernel_args import Lattice
+from eol_ros.core.physics.series import uncounted
 
 
 class Root(NamedTuple):
@@ -43,8 +43,7 @@ class Plane(NamedTuple):
     swing: np.ndarray
 
 
-@njit(cache=True)
-def _root(lanes, size):
+def _root(lanes: int, size: int) -> Root:
     return Root(
         np.zeros((lanes, size)),
         np.zeros((lanes, size)),
@@ -53,13 +52,12 @@ def _root(lanes, size):
     )
 
 
-@njit(cache=True)
-def make_plane(at, order):
+def make_plane(at: Lattice, order: int) -> Plane:
     """Return empty lanes for a lattice."""
     size, springs = order + 2, len(at.k) if at.geometric else 0
     ties = 1 if at.geometric else len(at.near)
     return Plane(
-        np.full(at.n, -1),
+        np.full(at.n, -1, np.int64),
         np.zeros(at.n, np.int64),
         np.zeros(at.n, np.bool_),
         np.zeros((at.n, size)),
@@ -73,7 +71,7 @@ def make_plane(at, order):
         _root(springs, size),
         np.zeros((springs, size)),
         np.zeros((springs, size)),
-        np.full(max(springs, 1), -1),
+        np.full(max(springs, 1), -1, np.int64),
         np.zeros(springs, np.int64),
         np.zeros(springs, np.int64),
         np.zeros(springs, np.int64),
@@ -82,7 +80,7 @@ def make_plane(at, order):
     )
 
 
-@lean
+@uncounted
 def fill_plane(sliding, at, pl):
     """Give each sliding block and each spring of one its lane; return how many of each."""
     m = count = 0
@@ -113,7 +111,7 @@ def fill_plane(sliding, at, pl):
     return m, count
 
 
-@lean
+@uncounted
 def take_lane(e, lane, at, pl):
     """Give spring e a lane."""
     i, j = at.first[e], at.second[e]

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The event path: motion in the plane, geometric or linear springs, located breaks and stops."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from eol_ros.core.physics.event import kernel
-from eol_ros.core.physics.event.sweep import tables
 from eol_ros.core.physics.exact.solver import books_of, length_scale
 from eol_ros.core.physics.kernel_args import Grid, room
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import Scene
-from eol_ros.core.physics.status import WORDS
+from eol_ros.core.physics.status import STIFF, WORDS
 
 TIGHTEST, LOOSEST = 1e-15, 1e-3
 SMALL = 0.01  # of tolerance and length scale: the error in place that a step may make
@@ -49,15 +50,12 @@ def rules_for(
 ) -> kernel.Rules:
     """Return the kernel's rules for a tolerance and the scene's length scale."""
     order = order or order_for(tolerance)
-    sweep_order = order + MORE_IN_SWEEPS
     return kernel.Rules(
         order,
         SMALL * tolerance * scale_m,
         tolerance,
         CAPTURE_MPS,
         floor or floor_speed(tolerance),
-        sweep_order,
-        tables(sweep_order + 2),
     )
 
 
@@ -70,28 +68,48 @@ def solve(
     tolerance: float,
     order: int | None = None,
     floor: float | None = None,
+    on_stiff: Callable[[], None] | None = None,
 ) -> Run:
-    """Return the run of a scene by power series between events, steps bound by `tolerance`."""
+    """Return the run of a scene by power series between events, steps bound by `tolerance`.
+
+    `on_stiff` is called before sweeps begin, which have a kernel of their own.
+    """
     u, v = scene.u0.copy(), scene.v0.copy()
     rules = rules_for(tolerance, length_scale(scene, model), order, floor)
     shape = (len(times), model.n, 2)
     grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), room(limits.events)
     books, counts = np.zeros(2), np.zeros(3, np.int64)
-    status, t, events, steps = kernel.run(
-        u,
-        v,
-        np.zeros(model.n, bool),
-        float(scene.duration_s),
-        rules,
-        model.lattice,
-        model.rim,
-        grid,
-        log,
-        limits.steps,
-        books,
-        ledger,
-        counts,
-    )
+    sliding, done = np.zeros(model.n, bool), kernel.BEGIN
+
+    def advance(order: int, sweeping: kernel.Sweeping | None) -> int:
+        nonlocal done
+        status, done = kernel.run(
+            u,
+            v,
+            sliding,
+            kernel.Progress(*done),
+            float(scene.duration_s),
+            rules,
+            model.lattice,
+            model.rim,
+            grid,
+            log,
+            limits.steps,
+            books,
+            ledger,
+            counts,
+            kernel.make_workspace(model.lattice, order),
+            sweeping,
+        )
+        return status
+
+    status = advance(rules.order, None)
+    if status == STIFF:
+        if on_stiff is not None:
+            on_stiff()
+        far = rules.order + MORE_IN_SWEEPS
+        status = advance(far, kernel.make_sweeping(model.lattice, far))
+    t, events, steps = done.t, done.events, done.steps
     in_time = np.argsort(log.t[:events], kind='stable')
     run = Run(
         'event',

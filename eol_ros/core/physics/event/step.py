@@ -7,10 +7,10 @@ import numpy as np
 
 from eol_ros.core.physics.event.taylor import force_on, rim_spring_series, to_rim
 from eol_ros.core.physics.exact.taylor import ON_LIMIT
-from eol_ros.core.physics.series import first_root, inlined, lean
+from eol_ros.core.physics.series import first_root, inlined, uncounted
 
 
-@lean
+@uncounted
 def planar_reach(order, m, pl, relative, small, top):
     """Return the step at which the last two terms fall to the tolerances.
 
@@ -39,7 +39,7 @@ def planar_reach(order, m, pl, relative, small, top):
     return h
 
 
-@lean
+@uncounted
 def slowing_reach(order, m, pl, h, share, work):
     """Return the step, at most h, within which no block loses more than 1 - `share` of its speed.
 
@@ -65,7 +65,7 @@ def slowing_reach(order, m, pl, h, share, work):
     return h
 
 
-@lean
+@uncounted
 def planar_swing(order, m, h, pl):
     """Write a bound of how far each block moves within a step h."""
     for c in range(m):
@@ -76,7 +76,7 @@ def planar_swing(order, m, h, pl):
         pl.swing[c] = math.sqrt(x * x + y * y)
 
 
-@lean
+@uncounted
 def planar_state(order, m, h, pl, u, v):
     """Write place and velocity of the sliding blocks at h into u and v."""
     for c in range(m):
@@ -88,7 +88,7 @@ def planar_state(order, m, h, pl, u, v):
         u[i, 0], u[i, 1], v[i, 0], v[i, 1] = x, y, a, b
 
 
-@lean
+@uncounted
 def stop_in_closed_form(vx, vy, fx, fy, limit):
     """Return (t, x, y, will): how a block under constant acceleration f < limit comes to rest.
 
@@ -113,7 +113,7 @@ def stop_in_closed_form(vx, vy, fx, fy, limit):
     return t, along * ex - across * ey, along * ey + across * ex, True
 
 
-@lean
+@uncounted
 def break_root(j, fx0, fy0, order, used, count, h, small, u, at, pl, cx, cy, cc, cs, fx, fy, out):
     """Return (x, found): when the force on the stuck block j next reaches its limit."""
     degree = order - 2 if at.geometric else order
@@ -155,7 +155,7 @@ def break_root(j, fx0, fy0, order, used, count, h, small, u, at, pl, cx, cy, cc,
     return limit_root(at.static[j], degree, h, fx, fy, out)
 
 
-@lean
+@uncounted
 def limit_root(limit, degree, h, fx, fy, out):
     """Return (x, found): when the length of the series (fx, fy) reaches `limit`."""
     for k in range(2 * degree + 1):
@@ -217,7 +217,7 @@ def force_and_reach(j, u, rim_far, turn, x, y, co, si, at, pl):
     return fx, 0.0 if at.rail else fy, more, spare
 
 
-@lean
+@uncounted
 def suspects(
     watching,
     watched,
@@ -265,7 +265,7 @@ def suspects(
     return count
 
 
-@lean
+@uncounted
 def planar_ledger(order, m, heat, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss):
     """Add the drive work and the friction heat (J) of a step h to `energy`.
 

@@ -12,14 +12,14 @@ time, a the acceleration by springs).
 """
 
 import functools
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import Legendre
 
-from eol_ros.core.compiled import njit
 from eol_ros.core.physics.event.abreast import add_reply, forced_reach, forced_series
-from eol_ros.core.physics.series import inlined, lean
+from eol_ros.core.physics.series import inlined, uncounted
 from eol_ros.core.vectors import lane_product
 
 DEGREE = (
@@ -29,6 +29,7 @@ PANELS, NODES = 4, 8
 LOW = 11  # order of the series that the first guess is made from
 GROWTH = 3.0  # of the panels that lead away from a turn
 EARLIEST = 1e-9  # of a step: the first of these panels, where v passes zero itself
+CLEAR = 6.0  # how many plain steps one by the springs' own reach must be worth to compile sweeps
 APART = 4.0  # how many times friction the springs must pull where a block turns
 ROUNDS = 4
 REPLY = DEGREE + 6  # rows in which the springs answer the last change, to second order
@@ -52,7 +53,7 @@ class Panels(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """Room for the friction along a guessed motion; two halves of a row are x and y."""
+    """The friction along a guessed motion; two halves of a row are x and y."""
 
     panels: Panels
     scaled: np.ndarray  # (size, 2 b): a_k h^(k-1)
@@ -87,9 +88,8 @@ def tables(size: int) -> Panels:
     return Panels(rate, weight, fit, power, x, w)
 
 
-@njit(cache=True)
-def make_sweep(panels, lanes, size):
-    """Return room for so many lanes (the padding is part of them)."""
+def make_sweep(panels: Panels, lanes: int, size: int) -> Sweep:
+    """Return arrays for so many lanes (the padding is part of them)."""
     q = PANELS * NODES
     return Sweep(
         panels,
@@ -105,14 +105,7 @@ def make_sweep(panels, lanes, size):
         np.zeros(2 * lanes),
         np.zeros(2 * lanes),
         np.zeros(lanes),
-        (
-            np.zeros(NODES),
-            np.zeros(NODES),
-            np.zeros(NODES),
-            np.zeros(NODES),
-            np.zeros(NODES),
-            np.zeros(NODES),
-        ),
+        tuple(np.zeros(NODES) for _ in range(6)),
     )
 
 
@@ -161,7 +154,7 @@ def add_panel(order, c, lanes, begin, end, more_x, more_y, sw):
         sw.coefficient[r, lanes + c] += (2 * r + 1) * b
 
 
-@lean
+@uncounted
 def add_turn(order, c, lanes, panel, h, ab, sw):
     """Add the moments of a panel in which lane c turns; return False if it may stop there.
 
@@ -219,7 +212,7 @@ def add_turn(order, c, lanes, panel, h, ab, sw):
     return True
 
 
-@lean
+@uncounted
 def sample(order, m, h, ab, sw):
     """Write the Legendre coefficients of v/|v| along the series; False if a block may stop."""
     lanes, panels = len(ab.inverse_mass), sw.panels
@@ -279,7 +272,7 @@ def sample(order, m, h, ab, sw):
     return True
 
 
-@lean
+@uncounted
 def take_push(h, first, ab, sw):
     """Make the coefficients the friction in ab.push, what changes in ab.extra.
 
@@ -309,13 +302,10 @@ def take_push(h, first, ab, sw):
     return np.inf if first else 0.5 * most * h * h
 
 
-@lean
-def sweep_top(m, small, at, pl):
-    """Return the step up to which the higher moments of friction move no block by 10 `small`.
-
-    A turn leaves the polynomial REST mu_k g h^2 (w h / 2)^(DEGREE + 1) short; w by Gershgorin.
-    """
-    square = most = 0.0
+@uncounted
+def fastest(m, at, pl):
+    """Return a bound (1/s^2) of the squares of the sliding blocks' frequencies, by Gershgorin."""
+    square = 0.0
     for c in range(m):
         i = pl.slots[c]
         stiff = at.k_sum[i]
@@ -323,6 +313,40 @@ def sweep_top(m, small, at, pl):
             if pl.slot[at.near[e]] >= 0:
                 stiff += at.k_near[e]
         square = max(square, stiff * at.inverse[i])
+    return square
+
+
+@uncounted
+def would_pay(order, m, plain, small, at, pl):
+    """Return whether springs allow steps so much longer than `plain` (s) that sweeps would pay.
+
+    Not where a block may stop: one that is slow has to be turned round by its springs.
+    """
+    most, square = 0.0, fastest(m, at, pl)
+    for c in range(m):
+        i = pl.slots[c]
+        friction = at.friction[i] * at.inverse[i]
+        rise = 2.0 * np.sqrt(pl.ax[c, 2] ** 2 + pl.ay[c, 2] ** 2)
+        speed = np.sqrt(pl.ax[c, 1] ** 2 + pl.ay[c, 1] ** 2)
+        if speed < CLEAR * plain * friction and rise < APART * friction:
+            return False
+        most = max(most, rise)
+    if square == 0.0 or most == 0.0:
+        return False
+    # terms of a motion of that acceleration and frequency are most w^(k - 2) / k!
+    power = math.log(small / most) + math.lgamma(order + 1.0) - 0.5 * (order - 2) * math.log(square)
+    return math.exp(power / order) > CLEAR * plain
+
+
+@uncounted
+def sweep_top(m, small, at, pl):
+    """Return the step up to which the higher moments of friction move no block by 10 `small`.
+
+    A turn leaves the polynomial REST mu_k g h^2 (w h / 2)^(DEGREE + 1) short;
+    """
+    square, most = fastest(m, at, pl), 0.0
+    for c in range(m):
+        i = pl.slots[c]
         most = max(most, at.friction[i] * at.inverse[i])
     if square == 0.0 or most == 0.0:
         return np.inf
@@ -330,7 +354,7 @@ def sweep_top(m, small, at, pl):
     return (10.0 * small / (REST * most * half ** (DEGREE + 1))) ** (1.0 / (DEGREE + 3))
 
 
-@lean
+@uncounted
 def sweep_step(order, m, count, u, v, used, at, pl, ab, sw, cx, cy, cc, cs, small, h, top):
     """Write the series of a step into `ab`; return (h, reach), h = 0 where this way does not hold.
 

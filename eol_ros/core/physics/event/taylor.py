@@ -10,12 +10,12 @@ regular, and w_k follows from a linear equation at each order instead of by tiny
 import math
 
 from eol_ros.core.physics.event.lanes import take_lane
-from eol_ros.core.physics.series import inlined, lean
+from eol_ros.core.physics.series import inlined, uncounted
 
 TINY = 1e-28  # squares of lengths and speeds below it are none: a plate's spring may have length 0
 
 
-@lean
+@uncounted
 def force_on(i, u, at, x, y, co, si):
     """Return (fx, fy), the spring force (N) on block i; on a rail fy is 0."""
     if not at.geometric:
@@ -124,7 +124,7 @@ def springs_order(k, count, u, at, pl, x0, y0, co, si):
             pl.fy[s] -= pl.py[q, k]
 
 
-@lean
+@uncounted
 def rim_spring_series(e, lane, degree, used, u, at, pl, cx, cy, cc, cs):
     """Write the series of a spring between the rim and a block at rest, in a lane of its own."""
     take_lane(e, lane, at, pl)
@@ -196,7 +196,7 @@ def slide_order(k, c, mass_inverse, friction, pl):
     pl.ax[c, k + 2], pl.ay[c, k + 2] = wx[c, k] / (k + 2), wy[c, k] / (k + 2)
 
 
-@lean
+@uncounted
 def blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs):
     """Write the displacement series of the sliding blocks and, geometric, of their springs."""
     for c in range(m):

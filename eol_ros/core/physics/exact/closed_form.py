@@ -23,7 +23,7 @@ class Lone(NamedTuple):
     w: float
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def lone_slip(i, sign, u, v, t, speed, at):
     """Return (motion, time until it stops or inf) of block i that alone slides."""
     force = force_now(i, u, at, speed * t, 0.0, 0.0)
@@ -46,7 +46,7 @@ def lone_slip(i, sign, u, v, t, speed, at):
     return motion, phase / w
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def lone_state(motion, s):
     """Return displacement and speed at s."""
     angle = motion.w * s
@@ -57,7 +57,7 @@ def lone_state(motion, s):
     return motion.side * x, motion.side * d
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def lone_ledger(i, motion, s, x, t, speed, u, at, energy):
     """Add the drive work and the friction heat (J) of the slip of block i up to s."""
     energy[1] += at.friction[i] * abs(x)
@@ -87,7 +87,7 @@ class Modes(NamedTuple):
     j_most: np.ndarray
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def modes_of(m, u, v, t, speed, h, at, la):
     """Return the modes of the m sliding blocks from the state at t, bounds valid for h."""
     root = np.sqrt(la.inverse[:m])
@@ -120,7 +120,7 @@ def modes_of(m, u, v, t, speed, h, at, la):
     return Modes(w, np.ascontiguousarray(shape), root, y, d, p, r, a_most, j_most)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def modes_state(mo, s, m, x, d, a):
     """Write how far the lanes have moved since the start, their speed and acceleration at s."""
     y, yd, ya = np.empty(m), np.empty(m), np.empty(m)
@@ -148,7 +148,7 @@ def modes_state(mo, s, m, x, d, a):
         x[c], d[c], a[c] = mo.root[c] * px, mo.root[c] * pd, mo.root[c] * pa
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def safe_step(g, d, bound):
     """Return how far g > 0 with rate d cannot reach zero, |g''| <= bound."""
     reach = math.sqrt(d * d + 2.0 * bound * max(g, 0.0))
@@ -157,7 +157,7 @@ def safe_step(g, d, bound):
     return (d + reach) / bound if bound > 0.0 else np.inf
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def march(mo, m, h, forces, speed, watched, count, at, la, x, d, a):
     """Return (time, kind, block): 2 a block stops, 3 one breaks, 0 nothing until then.
 
@@ -199,7 +199,7 @@ def march(mo, m, h, forces, speed, watched, count, at, la, x, d, a):
     return s, 0, -1
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def clear_of_limits(watched, count, forces, h, far, lone, speed, at):
     """Return True if no watched block can break while block `lone` moves by `far` within h."""
     for p in range(count):

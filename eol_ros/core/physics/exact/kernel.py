@@ -41,13 +41,12 @@ STIFF_AFTER = 24  # steps of one segment before its modes pay
 BY_SERIES, BY_ONE, BY_MODES = 0, 1, 2
 
 
-@njit(cache=True)
-def make_lanes(n, order):
+def make_lanes(n: int, order: int) -> Lanes:
     """Return empty lanes for n blocks."""
     wide = (n + LANES - 1) // LANES * LANES
     side = min(DENSE, wide)
     return Lanes(
-        np.full(n, -1),
+        np.full(n, -1, np.int64),
         np.empty(n, np.int64),
         np.zeros((order + 2, wide)),
         np.zeros((order + 2, wide)),
@@ -63,7 +62,7 @@ def make_lanes(n, order):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def modes_ledger(mo, m, h, t, speed, u, at, la, x, d, a, energy):
     """Add the drive work and the friction heat (J) of a step h by modes to `energy`."""
     modes_state(mo, h, m, x, d, a)
@@ -87,25 +86,13 @@ def modes_ledger(mo, m, h, t, speed, u, at, la, x, d, a, energy):
 
 
 @njit(cache=True)
-def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, state):
-    """Advance `u`, `v` (n,) to `t_end` in place; return (status, t, events, steps).
+def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, state, la):
+    """Advance `u`, `v` (n,) to `t_end` in place; return (status, t, events, steps, base).
 
-    `grid` is filled at its times; `state` (n,) int8 comes back 1 for blocks that slide.
+    `grid` is filled at its times; `state` (n,) int8 comes back 1 for blocks that slide. `u` comes
+    back relative to the rim's place at `base` (s) where the rim goes at constant speed.
     """
-    status, t, events, steps, base = _run(
-        u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, state
-    )
-    if rim.kind == VELOCITY:
-        for i in range(at.n):
-            u[i] += rim.par[0] * base
-    return status, t, events, steps
-
-
-@njit(cache=True)
-def _run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, state):
-    """Do so; `u` comes back relative to the rim's place at `base` (s), which is returned last."""
     n = at.n
-    la = make_lanes(n, order)
     slot, slots = la.slot, la.slots
     sign = np.zeros(n)
     m = 0

@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.exact import kernel
 from eol_ros.core.physics.kernel_args import Grid, room
 from eol_ros.core.physics.model import Model
@@ -22,7 +23,7 @@ def solve(
     small = TRUNCATION * length_scale(scene, model)
     grid = Grid(times, np.zeros((len(times), model.n)), np.zeros((len(times), model.n)))
     log, books, state = room(limits.events), np.zeros(2), np.zeros(model.n, np.int8)
-    status, t, events, steps = kernel.run(
+    status, t, events, steps, base = kernel.run(
         u,
         v,
         float(scene.duration_s),
@@ -36,7 +37,10 @@ def solve(
         books,
         ledger,
         state,
+        kernel.make_lanes(model.n, order),
     )
+    if model.kind == VELOCITY:
+        u += model.par[0] * base
     u_out, v_out = grid.u, grid.v
     held = np.broadcast_to(scene.u0[:, 1], u_out.shape)
     end = np.column_stack([u, scene.u0[:, 1]])

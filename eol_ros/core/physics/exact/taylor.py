@@ -37,7 +37,7 @@ class Lanes(NamedTuple):
     tail: np.ndarray
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def force_now(i, u, at, x, co, si):
     """Return the spring force (N) on block i along x."""
     f = at.drive[i, 0] * x + at.drive[i, 1] * co - at.drive[i, 2] * si - at.k_sum[i] * u[i]
@@ -46,7 +46,7 @@ def force_now(i, u, at, x, co, si):
     return f
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def fill_lanes(m, mp, at, sign, la):
     """Take constants of the m sliding blocks into their lanes; lanes m..mp stay zero for good."""
     for c in range(m):
@@ -73,7 +73,7 @@ def fill_lanes(m, mp, at, sign, la):
                     la.dense[c, j] += at.k_near[e]
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, inner=True, fastmath=FAST)
 def segment_series(order, m, mp, u, v, at, cx, cc, cs, used, la):
     """Write the displacement series la.a[k, c] of the m sliding blocks (mp with the padding)."""
     a, w, speed = la.a, la.force, at.weakening
@@ -123,7 +123,7 @@ def segment_series(order, m, mp, u, v, at, cx, cc, cs, used, la):
             a[k + 2, c] = w[c] * scale * la.inverse[c]
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, inner=True, fastmath=FAST)
 def reach_of(order, mp, a, small, top):
     """Return the step at which the last two terms of every series fall to `small`."""
     h = top
@@ -136,7 +136,7 @@ def reach_of(order, mp, a, small, top):
     return h
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, inner=True, fastmath=FAST)
 def bounds(order, mp, h, la):
     """Write sum |a_k| h^k over k >= 1 (swing) and the same of the speed over k >= 3 (tail)."""
     a, swing, tail = la.a, la.swing, la.tail
@@ -152,7 +152,7 @@ def bounds(order, mp, h, la):
         tail[c] *= h
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, inner=True, fastmath=FAST)
 def state_at(order, mp, h, la, x, d):
     """Write displacement and speed of every lane at h."""
     a = la.a
@@ -165,7 +165,7 @@ def state_at(order, mp, h, la, x, d):
             x[c] = x[c] * h + a[k, c]
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def stop_root(order, a, c, sign, h, work):
     """Return (x, found): when lane c's speed next falls to zero, its start at rest left out."""
     begin = 1
@@ -179,7 +179,7 @@ def stop_root(order, a, c, sign, h, work):
     return first_root(work, degree, h)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def break_root(j, force, order, at, cx, cc, cs, used, h, la, work):
     """Return (x, found): when the force on the stuck block j next reaches its limit."""
     for k in range(1, order + 1):
@@ -207,7 +207,7 @@ def break_root(j, force, order, at, cx, cc, cs, used, h, la, work):
     return best, found
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def ledger_step(order, m, at, u, cx, cc, cs, used, h, la, energy):
     """Add the drive work and the friction heat (J) of a step h to `energy`."""
     a, speed = la.a, at.weakening

@@ -2,27 +2,28 @@
 """The compiled loop for blocks that turn: from event to event in x, y and s = c theta."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.compiled import njit
 from eol_ros.core.physics.drive import NONE
 from eol_ros.core.physics.exact.taylor import GAUSS_W, GAUSS_X, ON_LIMIT
-from eol_ros.core.physics.rotation.taylor import make_series, turning_series
-from eol_ros.core.physics.series import add_exactly, drive_series, first_root, lean
+from eol_ros.core.physics.kernel_args import Lattice
+from eol_ros.core.physics.rotation.taylor import Series, make_series, turning_series
+from eol_ros.core.physics.series import add_exactly, drive_series, entry, first_root, uncounted
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 
 KEPT = 0.1  # of its speed a block keeps at least within a step
 KICK_MPS = 1e-6  # where mu_s = mu_k a block breaks loose with no acceleration at all
 
 
-@lean
+@uncounted
 def size_of(v, i):
     """Return the length of row i."""
     return math.sqrt(v[i, 0] ** 2 + v[i, 1] ** 2 + v[i, 2] ** 2)
 
 
-@lean
+@uncounted
 def step_of(order, sliding, fresh, driven, rules, at, b, h, work):
     """Return the step, at most h: truncation within the rules, no block slower than KEPT allows."""
     for k in range(order - 1, order + 1):
@@ -63,7 +64,7 @@ def step_of(order, sliding, fresh, driven, rules, at, b, h, work):
     return h
 
 
-@lean
+@uncounted
 def first_break(order, sliding, at, b, h, work):
     """Return (h, block, found): the first block at rest whose force reaches its limit."""
     degree, who, found = order - 2, -1, False
@@ -94,7 +95,7 @@ def first_break(order, sliding, at, b, h, work):
     return h, who, found
 
 
-@lean
+@uncounted
 def state_at(order, sliding, at, b, h, q, v):
     """Write place and velocity of what slides at h."""
     for i in range(at.n):
@@ -107,8 +108,8 @@ def state_at(order, sliding, at, b, h, q, v):
                 q[i, p], v[i, p] = x, d
 
 
-@lean
-def ledger(order, sliding, at, b, cx, cy, cc, cs, used, h, energy, gauss):
+@uncounted
+def add_ledger(order, sliding, at, b, cx, cy, cc, cs, used, h, energy, gauss):
     """Add the drive work and the friction heat (J) of a step h to `energy`."""
     for g in range(gauss.shape[1]):
         s, weight = gauss[0, g] * h, gauss[1, g] * h
@@ -138,73 +139,46 @@ def ledger(order, sliding, at, b, cx, cy, cc, cs, used, h, energy, gauss):
             energy[0] += weight * fy * (yr + sir * bx + cor * by)
 
 
-@njit(cache=True)
-def run(q, v, sliding, t_end, rules, at, turn, rim, grid, log, max_steps, energy, books):
-    """Advance `q`, `v` (n, 3): x, y, s, and `sliding` to `t_end`.
+class Workspace(NamedTuple):
+    """The arrays that a run works in."""
 
-    Returns (status, t, events, steps); `grid` has room for u and v of (k, n, 3).
-    """
-    order, n = rules.order, at.n
-    size = order + 2
-    b = make_series(at, order)
-    cx, cy, cc, cs = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size)
-    work, fresh = np.zeros(2 * size), np.zeros(n, np.bool_)
-    here, rate = np.zeros((n, 3)), np.zeros((n, 3))
-    gauss = np.stack((GAUSS_X, GAUSS_W))
-    return advance(
-        q,
-        v,
-        sliding,
-        t_end,
-        rules,
-        at,
-        turn,
-        rim,
-        grid,
-        log,
-        max_steps,
-        energy,
-        books,
-        b,
-        cx,
-        cy,
-        cc,
-        cs,
-        work,
-        fresh,
-        here,
-        rate,
-        gauss,
+    b: Series
+    cx: np.ndarray  # series of the rim's x, y, cos(phi) - 1, sin(phi)
+    cy: np.ndarray
+    cc: np.ndarray
+    cs: np.ndarray
+    work: np.ndarray
+    fresh: np.ndarray  # blocks that begin to slide now
+    here: np.ndarray
+    rate: np.ndarray
+    gauss: np.ndarray
+
+
+def make_workspace(at: Lattice, order: int) -> Workspace:
+    """Return the arrays for a lattice and the order of the series."""
+    n, size = at.n, order + 2
+    return Workspace(
+        make_series(at, order),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(2 * size),
+        np.zeros(n, np.bool_),
+        np.zeros((n, 3)),
+        np.zeros((n, 3)),
+        np.stack((GAUSS_X, GAUSS_W)),
     )
 
 
-@lean
-def advance(
-    q,
-    v,
-    sliding,
-    t_end,
-    rules,
-    at,
-    turn,
-    rim,
-    grid,
-    log,
-    max_steps,
-    energy,
-    books,
-    b,
-    cx,
-    cy,
-    cc,
-    cs,
-    work,
-    fresh,
-    here,
-    rate,
-    gauss,
-):
-    """Do what `run` says, in the room that is given."""
+@entry
+def run(q, v, sliding, t_end, rules, at, turn, rim, grid, log, max_steps, energy, ledger, ws):
+    """Advance `q`, `v` (n, 3): x, y, s, and `sliding` to `t_end`.
+
+    Returns (status, t, events, steps); `grid` takes u and v of (k, n, 3).
+    """
+    b, cx, cy, cc, cs, work = ws.b, ws.cx, ws.cy, ws.cc, ws.cs, ws.work
+    fresh, here, rate, gauss = ws.fresh, ws.here, ws.rate, ws.gauss
     order, n, driven = rules.order, at.n, rim.kind != NONE
     t, left = 0.0, 0.0
     events = steps = sampled = 0
@@ -255,8 +229,8 @@ def advance(
                 for p in range(3):
                     grid.u[sampled, i, p], grid.v[sampled, i, p] = here[i, p], rate[i, p]
             sampled += 1
-        if books:
-            ledger(order, sliding, at, b, cx, cy, cc, cs, used, h, energy, gauss)
+        if ledger:
+            add_ledger(order, sliding, at, b, cx, cy, cc, cs, used, h, energy, gauss)
         state_at(order, sliding, at, b, h, q, v)
         t, left = add_exactly(t, left, h)
         steps += 1

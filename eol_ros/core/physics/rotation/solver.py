@@ -65,6 +65,7 @@ def solve(
         limits.steps,
         books,
         ledger,
+        kernel.make_workspace(model.lattice, rules.order),
     )
     run = Run(
         'event',

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.compiled import njit
 from eol_ros.core.physics.event.taylor import direction_order
-from eol_ros.core.physics.series import inlined, lean
+from eol_ros.core.physics.kernel_args import Lattice
+from eol_ros.core.physics.series import inlined, uncounted
 
 LEVER = (math.sqrt(2.0) + math.asinh(1.0)) / 6.0  # mean distance in a unit square from its centre
 
@@ -48,9 +48,8 @@ class Series(NamedTuple):
     fy: np.ndarray
 
 
-@njit(cache=True)
-def make_series(at, order):
-    """Return room for a lattice."""
+def make_series(at: Lattice, order: int) -> Series:
+    """Return the arrays for a lattice and the order of the series."""
     n, s, size = at.n, len(at.k), order + 2
     return Series(
         np.zeros((n, 3, size)),
@@ -91,7 +90,7 @@ def add_pull(i, k, side, e, ax, ay, moves, lever, b):
     b.g[i, 2, k] += side * torque / lever
 
 
-@lean
+@uncounted
 def springs_order(k, sliding, driven, at, turn, b, x, y, co, si):
     """Write order k of all forces on all blocks; x, y, co, si: that of the rim."""
     for i in range(at.n):
@@ -148,7 +147,7 @@ def direction3(k, i, b, n):
             n[p] += inverse[i, j] * w[i, p, k - j]
 
 
-@lean
+@uncounted
 def start_rate(force, friction, mass, out):
     """Write how a block at rest begins to move: m_p w_p = force_p - friction w_p / |w|.
 
@@ -219,7 +218,7 @@ def slide_order(k, i, is_fresh, friction, mass, b, n):
         b.a[i, p, k + 2] = b.w[i, p, k] / (k + 2)
 
 
-@lean
+@uncounted
 def turning_series(order, q, v, sliding, fresh, driven, at, turn, b, cx, cy, cc, cs, n):
     """Write the series of all that moves, and of the forces on all blocks to order - 2."""
     for i in range(at.n):

@@ -57,7 +57,8 @@ def place_anchors(ends, n, anchors, x, y, phi):
 @njit(cache=True)
 def spring_forces(ends, force, first, second, k, natural, rest, geometric):
     """Write the force of all springs on all ends (blocks and anchors) into `force`."""
-    force[:] = 0.0
+    for i in range(len(force)):
+        force[i, 0] = force[i, 1] = 0.0
     for s in range(len(k)):
         i, j = first[s], second[s]
         dx = ends[j, 0] - ends[i, 0]
@@ -119,7 +120,8 @@ def step_many(
         t = t0 + step * h
         x, y, phi = rim_pose(kind, par, knots, cubics, t)
         place_anchors(ends, n, anchors, x, y, phi)
-        before[:] = ends[n:]
+        for a in range(len(before)):
+            before[a, 0], before[a, 1] = ends[n + a, 0], ends[n + a, 1]
         for i in range(n):
             if moving[i]:
                 ends[i, 0] += 0.5 * h * v[i, 0]

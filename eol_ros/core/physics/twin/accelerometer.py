@@ -274,7 +274,7 @@ def _jump(trace: Trace, t: float, block: int, start: bool) -> np.ndarray:
     return trace.v[row, block] / max(since, NEAR_S)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _velocity(block, time, row, trace, own_t, own_start, events):
     """Return the velocity of a block at `time`, in cell `row` of the trace.
 
@@ -327,6 +327,30 @@ def _velocity(block, time, row, trace, own_t, own_start, events):
     return x, y
 
 
+@njit(cache=True, inner=True)
+def _decay(ring, rates, span):
+    """Let the modes of one block ring for `span`, s."""
+    for m in range(len(rates)):
+        turn = np.exp(rates[m] * span)
+        ring[m, 0] *= turn
+        ring[m, 1] *= turn
+
+
+@njit(cache=True, inner=True)
+def _strike_until(time, ring, rates, rung, struck, when, mode, size):
+    """Strike a block that has rung until `rung` as often as `when`, `mode`, `size` (n, 2) say.
+
+    Returns the time of the last strike, or `rung`, and the strikes so far.
+    """
+    while struck < len(when) and when[struck] <= time:
+        _decay(ring, rates, when[struck] - rung)
+        rung = when[struck]
+        ring[mode[struck], 0] += size[struck, 0]
+        ring[mode[struck], 1] += size[struck, 1]
+        struck += 1
+    return rung, struck
+
+
 @njit(cache=True)
 def _write(
     span, trace, blocks, next_s, begin_s, periods, last_v, asleep, wake_s, wake_mg, rings, rates,
@@ -334,7 +358,6 @@ def _write(
 ):  # fmt: skip
     """Write the samples (mg, without offset) of `blocks`, and leave all as it is after them."""
     own_t, own_start = np.empty(64), np.empty(64, np.int8)
-    ring = np.empty((3, 2), np.complex128)
     for k in range(len(blocks)):
         b = blocks[k]
         events = 0
@@ -346,7 +369,7 @@ def _write(
                     at -= 1
                 own_t[at], own_start[at] = trace.event_t[q], trace.event_start[q]
                 events += 1
-        ring[:] = rings[b]
+        ring = rings[b]
         rung, struck, row, drawn = 0.0, 0, 0, 0
         before_x, before_y = last_v[b, 0], last_v[b, 1]
         time = next_s[b] - begin_s
@@ -360,20 +383,9 @@ def _write(
             x += shake * noise[k, drawn, 2]
             y += shake * noise[k, drawn, 3]
             middle = time - 0.5 * periods[b]
-            while struck < len(when) and when[struck] <= middle:
-                for m in range(3):
-                    turn = np.exp(rates[m] * (when[struck] - rung))
-                    ring[m, 0] *= turn
-                    ring[m, 1] *= turn
-                rung = when[struck]
-                ring[mode[struck], 0] += size[struck, b, 0]
-                ring[mode[struck], 1] += size[struck, b, 1]
-                struck += 1
+            rung, struck = _strike_until(middle, ring, rates, rung, struck, when, mode, size[:, b])
             if middle > rung:
-                for m in range(3):
-                    turn = np.exp(rates[m] * (middle - rung))
-                    ring[m, 0] *= turn
-                    ring[m, 1] *= turn
+                _decay(ring, rates, middle - rung)
                 rung = middle
             ringing_x = ring[0, 0].real + ring[1, 0].real + ring[2, 0].real
             ringing_y = ring[0, 1].real + ring[1, 1].real + ring[2, 1].real
@@ -399,16 +411,5 @@ def _write(
             time += periods[b]
         next_s[b] = begin_s + time
         last_v[b, 0], last_v[b, 1] = before_x, before_y
-        while struck < len(when):
-            for m in range(3):
-                turn = np.exp(rates[m] * (when[struck] - rung))
-                ring[m, 0] *= turn
-                ring[m, 1] *= turn
-            rung = when[struck]
-            ring[mode[struck], 0] += size[struck, b, 0]
-            ring[mode[struck], 1] += size[struck, b, 1]
-            struck += 1
-        for m in range(3):
-            turn = np.exp(rates[m] * (span - rung))
-            rings[b, m, 0] = ring[m, 0] * turn
-            rings[b, m, 1] = ring[m, 1] * turn
+        rung, struck = _strike_until(np.inf, ring, rates, rung, struck, when, mode, size[:, b])
+        _decay(ring, rates, span - rung)

@@ -8,7 +8,7 @@ import numpy as np
 from eol_ros.core.geometry import BLOCK_MASS_KG, N_BLOCKS, RIM_SIDE_M, rest_lattice
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import POSES
-from eol_ros.core.physics.event.kernel import run
+from eol_ros.core.physics.event.kernel import BEGIN, make_workspace, run
 from eol_ros.core.physics.event.solver import rules_for
 from eol_ros.core.physics.exact.solver import length_scale
 from eol_ros.core.physics.kernel_args import Grid, Rim, room
@@ -81,6 +81,7 @@ class LiveTable:
         self._u, self._v = scene.u0.copy(), scene.v0.copy()
         self._books, self._counts = np.zeros(2), np.zeros(3, np.int64)
         self._log = room(MOST_EVENTS)
+        self._workspace = make_workspace(self._model.lattice, self._rules.order)
         self._sampled = np.linspace(0.0, 1.0, samples + 1)
         rows = (samples + 1, N_BLOCKS, 2)
         self._path = np.zeros(samples + 1), np.zeros(rows), np.zeros(rows)
@@ -183,10 +184,11 @@ class LiveTable:
     ) -> tuple[int, int]:
         rim = Rim(POSES, self._par, self._knots, self._cubics)
         lattice = self._model.lattice
-        status, _, events, _ = run(
+        status, done = run(
             u,
             v,
             moving,
+            BEGIN,
             span,
             self._rules,
             lattice,
@@ -197,8 +199,10 @@ class LiveTable:
             self._books,
             True,
             self._counts,
+            self._workspace,
+            None,
         )
-        return int(status), int(events)
+        return int(status), int(done.events)
 
     @property
     def slips(self) -> int:

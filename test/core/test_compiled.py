@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled loops: no more is compiled than is called."""
+
+import pytest
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.physics import builders
+from eol_ros.core.physics.choose import simulate
+from eol_ros.core.physics.event import kernel
+from eol_ros.core.physics.scene import from_mapping
+
+
+@njit(inner=True)
+def _next(x):
+    return x + 1
+
+
+@njit
+def _count(n):
+    total = 0  # numba infers a type of its own for this 0, and for the 3 below
+    for _ in range(n):
+        total = _next(total)
+    return _next(3) + total
+
+
+@pytest.mark.slow
+def test_a_count_and_a_number_are_one_type():
+    assert _count(4) == 8
+    assert len(_next.signatures) == 1
+
+
+@pytest.mark.slow
+def test_what_has_no_entry_for_python_says_so():
+    _count(1)
+    with pytest.raises(TypeError, match='_next has no entry for Python'):
+        _next(1)
+    assert _count(1) == 5
+
+
+@pytest.mark.slow
+def test_sweeps_are_compiled_for_stiff_scenes_only():
+    """In a process of its own the order of tests would not matter; here signatures are counted."""
+    pull = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
+    before = set(kernel.run.signatures)
+    given = builders.table(pull, 3.0, geometric=True, u0=builders.offsets(25, 0.005, 3))
+    run = simulate(from_mapping(given), ledger=False)
+    assert run.swept == 0 and len(run.event_t) > 20
+    assert not [s for s in set(kernel.run.signatures) - before if 'Sweep' in str(s[-1])]
