@@ -124,10 +124,9 @@ def _compare_blocks(
     bag: Bag, lines: list[Heeded], blocks: Table, result: Retracked, track: Any
 ) -> None:
     from eol_ros.core.vision.tracker import Tracker
-    from eol_ros.devices.files.tracker_files import calibration_of
 
     settings = settings_of(bag, 'tracker')
-    tracker = Tracker(settings, calibration_of(settings))
+    tracker = Tracker(settings, _calibration(bag, settings))
     for asked in _accepted(lines, 'tracker'):
         for kind, value in for_tracker(asked):
             tracker.requests.add(asked.from_ns, kind, value)
@@ -166,6 +165,17 @@ def _compare_blocks(
         )
         check.recorded = check.recomputed
     result.topics['blocks'] = check
+
+
+def _calibration(bag: Bag, settings: Any) -> Any:
+    """Return the calibration that the tracker began with: that in the bag, else in its file."""
+    from eol_ros.devices.files import calibration_file
+    from eol_ros.devices.files.tracker_files import calibration_of
+
+    if not bag.count('calibration'):
+        return calibration_of(settings)
+    where = f'{bag.path}: {bag.name("calibration")}'
+    return calibration_file.loads(str(bag.table('calibration')['data'][0]), where)
 
 
 def _accepted(lines: list[Heeded], node: str) -> list[Asked]:

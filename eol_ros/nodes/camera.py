@@ -15,14 +15,12 @@ class CameraNode(EolNode):
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
-        self.images = ImagePublisher(self, 'camera/image_raw')
-        self.info = self.publisher('camera/camera_info')
+        calibration = None
         if self.settings.calibration:
             from eol_ros.devices.files import calibration_file
-            from eol_ros.ros.camera_info import camera_info
 
             calibration = calibration_file.load(self.settings.calibration)
-            self.info.publish(camera_info(calibration, self.frame_prefix))
+        self.images = ImagePublisher(self, 'camera/image_raw', 'camera/camera_info', calibration)
         source = source_of(self.settings)
         self.camera = Camera(source, self.on_image, self.on_state, self.settings.loop)
         self.create_timer(1.0, self.tell)

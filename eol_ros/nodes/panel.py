@@ -6,6 +6,7 @@ import sys
 import time
 
 from eol_ros.core import terrain
+from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.day_file import DayFile
 from eol_ros.devices.files.media_folder import Pictures
 from eol_ros.nodes.panel_bridge import PanelBridge
@@ -44,10 +45,7 @@ class PanelNode(EolNode):
         self.subscribe('corpus', self.on_corpus)
         self.subscribe('cascades', self.on_cascade)
         self.requests.serve(test=self.on_test)
-        self.subscribe(
-            'camera/camera_info',
-            lambda m: self.tell('camera', {'t': 'camera', 'width': m.width, 'height': m.height}),
-        )
+        self.subscribe('calibration', self.on_calibration)
         self.subscribe('/diagnostics', self.states.take, raw=True)
         self.documents['terrain'] = lambda: landscape(self.settings.terrain_seed)
         self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
@@ -64,6 +62,11 @@ class PanelNode(EolNode):
     def on_corpus(self, message) -> None:
         self.documents['corpus'] = wire.text(corpus.to_json(message)).encode()
         self.tell('corpus', {'t': 'corpus', 'digest': message.digest})
+
+    def on_calibration(self, message) -> None:
+        found = calibration_file.loads(message.data, 'calibration')
+        size = {'width': found.image_width, 'height': found.image_height}
+        self.tell('camera', {'t': 'camera', **size})
 
     def on_cascade(self, message) -> None:
         self.day.add(message, time.time())

@@ -32,7 +32,7 @@ STREAMS = {
     'truth': ('truth', False, lambda m: wire.truth(
         seconds(m.header.stamp), (m.rim_x, m.rim_y, m.rim_yaw), np.array([m.x, m.y, m.yaw]),
         m.moving)),
-    'image': ('camera/image/compressed', False, lambda m: wire.image(
+    'image': ('camera/image_raw/compressed', False, lambda m: wire.image(
         seconds(m.header.stamp), m.data)),
     'meter': ('sound_meter', False, lambda m: wire.meter(
         seconds(m.header.stamp), m.wave_min, m.wave_max, m.spectrum_db, notices.meter(m))),

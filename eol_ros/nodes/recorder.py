@@ -24,7 +24,8 @@ from eol_ros.ros.topics import CLOCK
 from eol_ros.streams.cdr import counter
 from eol_ros.streams.graph import TOPICS, node_of
 
-IMAGES, PREVIEW, SAMPLES = 'camera/image_raw', 'camera/image/compressed', 'sound_samples'
+IMAGES, INFO, SAMPLES = 'camera/image_raw', 'camera/camera_info', 'sound_samples'
+PREVIEW = 'camera/image_raw/compressed'
 COUNTERS = {'blocks': 'image', 'grain_triggers': 'sequence'}  # fields that count up by one
 RHYTHM = (IMAGES, 'blocks', 'truth')  # topics with a message for every image
 READER_DEPTH = 600  # small messages of ten seconds: nobody waits for a recorder without a processor
@@ -66,6 +67,7 @@ class RecorderNode(EolNode):
             about(self.scene) | origin,
             self.settings,
             images=self.resolve_topic_name(IMAGES),
+            infos=self.resolve_topic_name(INFO),
             rhythm=[described[t].name for t in RHYTHM if t in described],
             thinned=[described[t].name for t in (PREVIEW, 'sound_meter') if t in described],
             blocks=described['blocks'].name if {IMAGES, 'blocks'} <= set(described) else '',
@@ -93,9 +95,9 @@ class RecorderNode(EolNode):
         if topic in (SAMPLES, READY, CLOCK):
             return False
         images = self.settings.images
-        return {IMAGES: images in ('all', 'around_slips'), PREVIEW: images == 'preview'}.get(
-            topic, True
-        )
+        if topic in (IMAGES, INFO):
+            return images in ('all', 'around_slips')
+        return topic != PREVIEW or images == 'preview'
 
     def _count_lost(self, subscription, name: str) -> None:
         """Count what DDS says was lost on the way; not every middleware can tell."""

@@ -8,12 +8,15 @@ import sys
 
 from eol_msgs.msg import BlockTap
 from sensor_msgs.msg import CompressedImage
+from std_msgs.msg import String
 
+from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.requests import BACKGROUND, THRESHOLD
 from eol_ros.core.vision.states import STATES
 from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.devices.bag.selection import StampGaps
 from eol_ros.devices.camera.preview import Preview
+from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.tracker_files import TrackerFiles
 from eol_ros.errors import EolError
 from eol_ros.ros.definitions import definition
@@ -33,6 +36,7 @@ class TrackerNode(EolNode):
         super().__init__(settings, **kwargs)
         self.files = TrackerFiles(self.settings, keep=not self.sim_time)
         self.pending: dict[str, Asked] = {}  # by kind: what is not answered yet
+        self.told: Calibration | None = None
         self.restart()
         self.blocks = self.publisher('blocks')  # to be known by the time that there are any
         self.tracker.warm_up()
@@ -40,7 +44,9 @@ class TrackerNode(EolNode):
         self.threshold = self.settings.threshold
         self.reader = images.Codec(definition(images.TYPE))
         self.writer = blocks.Codec(definition(blocks.TYPE), self.frame_prefix)
-        self.pictures = self.publisher('camera/image/compressed')
+        self.pictures = self.publisher('camera/image_raw/compressed')
+        self.calibrations = self.publisher('calibration')
+        self.tell_calibration()
         self.preview = Preview(self._show)
         self.health.expects('images')
         self.health.values['threshold'] = self.threshold
@@ -61,6 +67,12 @@ class TrackerNode(EolNode):
         stamp_ns = self.stamp_ns
         self.restart()
         self.stamp_ns, self.gaps = stamp_ns, StampGaps(self.scene.image_rate)
+
+    def tell_calibration(self) -> None:
+        """Publish the calibration when it is another than the one that was told last."""
+        if self.tracker.calibration is not self.told and self.tracker.calibration is not None:
+            self.told = self.tracker.calibration
+            self.calibrations.publish(String(data=calibration_file.signed(self.told)))
 
     def on_tap(self, tap: BlockTap) -> None:
         self.tracker.tap(*taps.to_core(taps.RECORD.take(tap)))
@@ -113,6 +125,7 @@ class TrackerNode(EolNode):
         self.health.values.update(
             seen=int(tracked.seen.sum()), state=STATES[tracked.state], missing=self.gaps.missing
         )
+        self.tell_calibration()
         outcome = self.files.news(self.tracker, tracked.stamp_s)
         asked = self.pending.pop(outcome.kind, None) if outcome else None
         if outcome and asked:

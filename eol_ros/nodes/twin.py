@@ -15,7 +15,6 @@ from eol_ros.devices.board import block
 from eol_ros.devices.board.felt import TRACE, FeltBlocks
 from eol_ros.devices.board.twin import Felt, Radio
 from eol_ros.devices.camera.exposure_clock import VirtualCamera
-from eol_ros.ros.camera_info import camera_info
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
@@ -46,10 +45,8 @@ class TwinNode(EolNode):
         self.image = np.empty((s.height, s.width), np.uint8)
         self.stamp_ns = 0
         self.time_s = 0.0  # of the simulation: 0 at the first image
-        self.images = ImagePublisher(self, 'camera/image_raw')
+        self.images = ImagePublisher(self, 'camera/image_raw', 'camera/camera_info', calibration)
         self.truth = self.publisher('truth')
-        self.info = self.publisher('camera/camera_info')
-        self.info.publish(camera_info(calibration, self.frame_prefix))
         self.infrared: np.ndarray = np.ones(N_BLOCKS)  # light of each block
         self.subscribe('rim_command', self.on_rim_command)
         self.requests.serve(infrared=self.on_infrared)

@@ -58,6 +58,7 @@ class TopicSpec:
     """One topic: type, name of its quality of service, what it carries, and who uses it.
 
     barrier: the source of images starts when publishers and subscribers of the scene have matched.
+    was: its name in bags of before.
     sources: the publishers without those who publish only what people ask for.
     """
 
@@ -66,6 +67,7 @@ class TopicSpec:
     qos: str
     doc: str
     barrier: bool = False
+    was: str = ''
     sources: tuple[str, ...] = ()
     publishers: tuple[str, ...] = ()
     subscribers: tuple[str, ...] = ()
@@ -86,7 +88,7 @@ _NODES = (
              publishes=('camera/image_raw', 'camera/camera_info', 'truth', 'blocks', 'block_taps',
                         'slips', 'cascades', 'grain_triggers', 'requests', '/clock')),
     NodeSpec('tracker', settings.TrackerSettings, requires='camera/image_raw', real_time=True,
-             publishes=('blocks', 'camera/image/compressed', *_ANSWERS),
+             publishes=('blocks', 'camera/image_raw/compressed', 'calibration', *_ANSWERS),
              subscribes=('camera/image_raw', 'block_taps', 'requests')),
     NodeSpec('motion', settings.MotionSettings, requires='blocks', real_time=True,
              publishes=('slips', 'cascades'), on_request=_ANSWERS,
@@ -106,12 +108,13 @@ _NODES = (
              subscribes=('slips', 'requests')),
     NodeSpec('panel', settings.PanelSettings, nice=3,
              on_request=('rim_command', *_ANSWERS),
-             subscribes=('camera/camera_info', 'camera/image/compressed', 'truth', 'blocks',
+             subscribes=('camera/image_raw/compressed', 'calibration', 'truth', 'blocks',
                          'slips', 'cascades', 'led_commands', 'corpus', 'grain_triggers',
                          'sound_meter', 'sound_samples', 'wall', 'requests', 'request_results',
                          '/diagnostics')),
     NodeSpec('recorder', settings.RecorderSettings, nice=3,
-             subscribes=('camera/image_raw', 'camera/image/compressed', '/diagnostics')),
+             subscribes=('camera/image_raw', 'camera/camera_info', 'camera/image_raw/compressed',
+                         '/diagnostics')),
 )
 
 QOS = {
@@ -130,10 +133,12 @@ _TOPICS = (
     TopicSpec('rim_command', 'eol_msgs/msg/RimCommand', 'stream', 'hands on the rim of the twin'),
     TopicSpec('camera/image_raw', 'sensor_msgs/msg/Image', 'images',
               'the infrared picture, mono8', barrier=True),
-    TopicSpec('camera/camera_info', 'sensor_msgs/msg/CameraInfo', 'latched',
-              'the calibration of the camera'),
-    TopicSpec('camera/image/compressed', 'sensor_msgs/msg/CompressedImage', 'preview',
-              'JPEG for people, only while somebody subscribes'),
+    TopicSpec('camera/camera_info', 'sensor_msgs/msg/CameraInfo', 'stream',
+              'lens of the camera, with the stamp of each image; only while somebody subscribes'),
+    TopicSpec('camera/image_raw/compressed', 'sensor_msgs/msg/CompressedImage', 'preview',
+              'JPEG for people, only while somebody subscribes', was='camera/image/compressed'),
+    TopicSpec('calibration', 'std_msgs/msg/String', 'latched',
+              'lens and table as the tracker has them: a calibration file, with its digest'),
     TopicSpec('truth', 'eol_msgs/msg/Truth', 'stream', 'what the twin really did'),
     TopicSpec('blocks', 'eol_msgs/msg/Blocks', 'stream',
               'the 25 blocks, once per image', barrier=True),
@@ -183,6 +188,7 @@ def _used(topic: TopicSpec) -> TopicSpec:
 
 NODES: dict[str, NodeSpec] = {node.name: node for node in _NODES}
 TOPICS: dict[str, TopicSpec] = {topic.name: _used(topic) for topic in _TOPICS}
+RENAMED = {topic.was: topic.name for topic in _TOPICS if topic.was}
 IMAGE_SOURCES = tuple(node.name for node in _NODES if node.images)
 
 
@@ -202,8 +208,9 @@ def full_name(topic: str, namespace: str = NAMESPACE) -> str:
 
 
 def relative_name(name: str, namespace: str = NAMESPACE) -> str:
-    """Return a full name without its namespace, if it is in that one."""
-    return name if name in TOPICS else name.removeprefix(full_name('', namespace))
+    """Return a full name without its namespace, if it is in that one; today's for one of before."""
+    name = name if name in TOPICS else name.removeprefix(full_name('', namespace))
+    return RENAMED.get(name, name)
 
 
 def topic_of(name: str, namespace: str = NAMESPACE) -> TopicSpec | None:

@@ -34,6 +34,11 @@ class Codec:
         np.copyto(self._pixels, image)
         return bytes(self._raw)
 
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Height and width of the last image that was packed; empty before."""
+        return self._shape
+
     def _make(self, shape: tuple[int, ...]) -> None:
         height, width = shape
         values = {'header': {'frame_id': self._frame_id}, 'height': height, 'width': width,

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+import yaml
 from support.waiting import wait_until
 
 from eol_ros.analysis import retrack as retracking
@@ -156,6 +157,24 @@ def test_a_bag_of_another_namespace_is_proved_and_reported_as_well(run, tmp_path
     found, same = numbers(bag), numbers(run)
     named = {moved[name]: count for name, count in same['messages'].items()}
     assert found == same | {'bag': str(bag.path), 'messages': named, 'gaps': {}}
+
+
+@pytest.mark.slow
+def test_the_calibration_is_that_in_the_bag(run, monkeypatch):
+    from eol_ros.devices.files import calibration_file, tracker_files
+
+    texts = run.table('calibration')['data']
+    found = [calibration_file.loads(text, 'bag') for text in texts]
+    ideal = Calibration.ideal()
+    assert len(found) == 2  # it was asked to calibrate
+    assert found[0].digest == ideal.digest != found[1].digest
+    assert [yaml.safe_load(text)['digest'] for text in texts] == [c.digest for c in found]
+
+    other = dataclasses.replace(ideal, cover_height_m=0.1, homography=1.01 * ideal.homography)
+    monkeypatch.setattr(tracker_files, 'calibration_of', lambda settings: other)
+    assert retrack(run).equal  # the file has changed since
+    monkeypatch.setattr(run, 'count', lambda topic: 0 if topic == 'calibration' else 150)
+    assert not retrack(run).topics['blocks'].equal  # of a bag of before it is the file's
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.nodes.camera import CameraNode
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.stamps import to_msg
 from eol_ros.settings import CameraSettings, TrackerSettings
 from eol_ros.streams.images import TYPE, Codec
 
@@ -121,7 +122,8 @@ def test_the_calibration_goes_out_as_camera_info(graph, tmp_path):
         lambda r, c: r.infos,
     )
 
-    (info,) = reader.infos
+    info = reader.infos[0]
+    assert info.header.stamp in [to_msg(CODEC.read(raw)[0]) for raw in reader.raw]
     assert (info.width, info.height) == (640, 400)
     np.testing.assert_array_equal(info.k, calibration.camera_matrix.ravel())
     assert info.distortion_model == 'plumb_bob'

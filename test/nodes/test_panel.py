@@ -16,8 +16,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from eol_msgs.msg import Cascade, Corpus, RequestResult, SoundMeter, SoundSamples, Wall
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import CompressedImage
+from std_msgs.msg import String
 from support.waiting import wait_until
 
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.devices.files import calibration_file
 from eol_ros.nodes import panel_streams
 from eol_ros.nodes.panel import PanelNode
 from eol_ros.nodes.panel_streams import STREAMS
@@ -29,8 +32,8 @@ from eol_ros.settings import GrainsSettings, PanelSettings
 from eol_ros.streams import blocks
 from eol_ros.web.hub import CHANNELS
 
-GIVES = ('wall', 'cascades', 'corpus', '/diagnostics', 'blocks', 'camera/image/compressed',
-         'sound_meter', 'sound_samples', 'slips')  # fmt: skip
+GIVES = ('wall', 'cascades', 'corpus', '/diagnostics', 'blocks', 'camera/image_raw/compressed',
+         'sound_meter', 'sound_samples', 'slips', 'calibration')  # fmt: skip
 
 
 class Around(EolNode):
@@ -115,13 +118,13 @@ def test_every_stream_has_its_topic_and_its_channel():
 
 @pytest.mark.slow
 def test_streams_run_only_while_somebody_looks(rig):
-    streams = ('blocks', 'camera/image/compressed', 'sound_meter', 'sound_samples', 'slips')
+    streams = ('blocks', 'camera/image_raw/compressed', 'sound_meter', 'sound_samples', 'slips')
     assert not any(rig.readers(topic) for topic in streams)
 
     async def talk(ws):
         await ws.send_str('{"wants": ["blocks", "image"]}')
         await asyncio.to_thread(wait_until, lambda: rig.readers('blocks'))
-        await asyncio.to_thread(wait_until, lambda: rig.readers('camera/image/compressed'))
+        await asyncio.to_thread(wait_until, lambda: rig.readers('camera/image_raw/compressed'))
         assert not rig.readers('sound_samples') and not rig.readers('slips')
         rows = np.zeros(25, blocks.BLOCK)
         rows['x'], rows['seen'] = np.arange(25) / 100, True
@@ -133,7 +136,7 @@ def test_streams_run_only_while_somebody_looks(rig):
         assert np.frombuffer(data, '<f4', offset=16)[8 * 3] == pytest.approx(0.03)
         image = CompressedImage(format='jpeg')
         image.data.frombytes(b'\xff\xd8jpeg')
-        rig.around.gives['camera/image/compressed'].publish(image)
+        rig.around.gives['camera/image_raw/compressed'].publish(image)
         assert (await packet(ws, 3))[16:] == b'\xff\xd8jpeg'
         await ws.send_str('{"wants": []}')
         await asyncio.to_thread(wait_until, lambda: not rig.readers('blocks'))
@@ -169,17 +172,20 @@ def test_a_latecomer_is_told_wall_day_and_health(rig):
         cascade = Cascade(area=area, size=area, blocks=[1])
         cascade.onset = to_msg(now_ns())
         rig.around.gives['cascades'].publish(cascade)
+    text = calibration_file.signed(Calibration.ideal(640, 400))
+    rig.around.gives['calibration'].publish(String(data=text))
     wait_until(lambda: sum(rig.panel.day.notice()['areas']) == 3)
 
     async def talk(ws):
         told = {}
-        while not {'wall', 'cascades', 'health panel'} <= set(told):
+        while not {'wall', 'cascades', 'health panel', 'camera'} <= set(told):
             message = await ws.receive(timeout=30)
             if message.type == aiohttp.WSMsgType.TEXT:
                 data = json.loads(message.data)
                 told[' '.join((data['t'], data.get('node', ''))).strip()] = data
         wall, day, status = (told[name] for name in ('wall', 'cascades', 'health panel'))
         assert (wall['change'], wall['left'], wall['ahead']) == (9, 'a.svg', ['c', 'd'])
+        assert (told['camera']['width'], told['camera']['height']) == (640, 400)
         assert day['areas'][1] == 2 and day['areas'][3] == 1
         assert status['level'] == 'ok' and rig.url in status['text']
 

@@ -11,6 +11,7 @@ from eol_msgs.msg import Blocks, BlockTap, Corpus, RequestResult, Slip, Wall
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CompressedImage
 
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
@@ -240,6 +241,22 @@ def test_what_was_latched_before_the_start_is_played_before_all_else(ros, tmp_pa
     heard.clear()
     play(listener, tmp_path / 'run', topics=('blocks',), start_s=0.5)
     assert heard == ['block'] * 10  # only of what is played
+    listener.destroy_node()
+
+
+@pytest.mark.slow
+def test_a_topic_of_before_is_played_under_the_name_of_today(ros, tmp_path):
+    row = describe('camera/image_raw/compressed')
+    writer = BagWriter(tmp_path / 'run', [BagTopic('/eol/camera/image/compressed', **row)], {})
+    raw = bytes(serialize_message(CompressedImage(format='mono8; jpeg compressed', data=b'x')))
+    writer.write('/eol/camera/image/compressed', raw, T0, T0)
+    writer.close()
+    listener, heard = Listener(), []
+    listener.subscribe('camera/image_raw/compressed', heard.append, raw=True)
+    node = play(listener, tmp_path / 'run', topics=('camera/image_raw/compressed',), fast=True)
+    assert node.names == ['/eol/camera/image/compressed']
+    assert heard == [raw]
+    assert node.bag.count('camera/image_raw/compressed') == 1
     listener.destroy_node()
 
 

@@ -4,6 +4,7 @@ import types
 import cv2
 import numpy as np
 import pytest
+import yaml
 from eol_msgs.msg import Blocks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -14,6 +15,7 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.requests import Outcome
 from eol_ros.core.vision.tracker import Tracker
+from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.tracker_files import TrackerFiles
 from eol_ros.nodes.tracker import TrackerNode
 from eol_ros.ros.images import ImagePublisher
@@ -33,9 +35,10 @@ class Probe(EolNode):
     def __init__(self):
         super().__init__(TrackerSettings(), scene=Scene('probe', {}))
         self.images = ImagePublisher(self, 'camera/image_raw')
-        self.blocks, self.pictures = [], []
+        self.blocks, self.pictures, self.calibrations = [], [], []
+        self.subscribe('calibration', self.calibrations.append)
         self.subscribe('blocks', self.blocks.append)
-        self.subscribe('camera/image/compressed', self.pictures.append)
+        self.subscribe('camera/image_raw/compressed', self.pictures.append)
 
 
 def pictures(count):
@@ -71,6 +74,11 @@ def test_images_become_blocks_as_offline_to_the_bit(ros, matched):
             break
         executor.spin_once(timeout_sec=0.05)
     assert len(probe.blocks) == 12
+    (text,) = probe.calibrations
+    found = yaml.safe_load(text.data)
+    loaded = calibration_file.loads(text.data, 'topic')
+    assert (loaded.packed() == Calibration.ideal().packed()).all()
+    assert found['digest'] == Calibration.ideal().digest
     for k, (message, (stamp_ns, tracked)) in enumerate(zip(probe.blocks, wanted, strict=True)):
         assert to_ns(message.header.stamp) == stamp_ns
         assert (message.state, message.image) == (Blocks.TRACKING, k)

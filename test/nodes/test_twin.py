@@ -14,6 +14,7 @@ from eol_ros.devices.files.tracker_files import calibration_of
 from eol_ros.nodes.twin import TwinNode
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.stamps import to_ns
 from eol_ros.settings import PanelSettings, TrackerSettings, TwinSettings
 from eol_ros.streams.images import TYPE, Codec
 
@@ -60,7 +61,7 @@ def graph(ros, request):
 @pytest.mark.slow
 def test_images_on_the_grid_with_the_truth_in_them(graph):
     probe, twin, until = graph
-    until(lambda: len(probe.truths) >= 15 and len(probe.images) >= 15 and probe.infos)
+    until(lambda: min(map(len, (probe.truths, probe.images, probe.infos))) >= 15)
     stamps = sorted(probe.images)
     steps = np.diff(stamps) / (1e9 / twin.settings.fps)
     assert np.abs(steps - np.round(steps)).max() < 1e-3
@@ -73,6 +74,8 @@ def test_images_on_the_grid_with_the_truth_in_them(graph):
     for u, v in np.rint(centres).astype(int):
         assert image[v - half : v + half, u - half : u + half].mean() > 100
     assert np.median(image) < 60
+    assert {to_ns(info.header.stamp) for info in probe.infos} <= set(probe.images)
+    assert len(probe.infos) > 10
     assert probe.infos[0].k == pytest.approx(calibration.camera_matrix.ravel())
 
 

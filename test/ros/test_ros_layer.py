@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from support.waiting import wait_until
 
 from eol_ros import nodes
+from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
 from eol_ros.ros import network
 from eol_ros.ros.definitions import definition
@@ -63,6 +64,38 @@ def test_image_round_trip(ros):
 
     assert first[0] == stamp and np.array_equal(first[1], image)
     assert second[0] == stamp + 1 and np.array_equal(second[1], small)
+
+
+def test_the_lens_goes_with_every_image_while_somebody_subscribes(ros):
+    from rclpy.serialization import deserialize_message, serialize_message
+    from sensor_msgs.msg import CameraInfo
+
+    node, stamp = ProbeNode(MontageSettings()), 1_700_000_000_123_456_789
+    calibration = Calibration.ideal(640, 400)
+    topics = 'camera/image_raw', 'camera/camera_info'
+    calibrated, other = ImagePublisher(node, *topics, calibration), ImagePublisher(node, *topics)
+    image, got = np.zeros((400, 640), np.uint8), []
+    calibrated.publish(stamp, image)
+    assert not calibrated._info  # nobody subscribes: nothing is made
+    node.subscribe(topics[1], got.append, raw=True)
+    spin(node, lambda: all(p._infos.get_subscription_count() for p in (calibrated, other)))
+    for k in range(3):
+        calibrated.publish(stamp + k, image)
+    other.publish(stamp + 3, image)
+    other.publish(stamp + 4, image[:100, :200].copy())
+    spin(node, lambda: len(got) == 5)
+
+    messages = [deserialize_message(raw, CameraInfo) for raw in got]
+    messages.sort(key=lambda m: to_ns(m.header.stamp))
+    assert [to_ns(m.header.stamp) for m in messages] == [stamp + k for k in range(5)]
+    assert {m.header.frame_id for m in messages} == {'camera_optical'}
+    sizes = [(m.width, m.height) for m in messages]
+    assert sizes == [(640, 400)] * 4 + [(200, 100)]
+    for message in messages[:3]:
+        assert len(serialize_message(message)) == len(got[0])
+        np.testing.assert_array_equal(message.k, calibration.camera_matrix.ravel())
+        assert message.distortion_model == 'plumb_bob'
+    assert not any(message.k.any() for message in messages[3:])
 
 
 def test_raw_image_is_what_rclpy_reads(ros):

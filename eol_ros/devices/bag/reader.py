@@ -26,7 +26,7 @@ from eol_ros.devices.bag.mcap_file import LIBRARY, BagTopic
 from eol_ros.devices.bag.scan import MAGIC, ChunkHead, ChunkMessage, DamagedRecord
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA, SAMPLE
 from eol_ros.errors import BagDamaged, ConfigError, DeviceMissing
-from eol_ros.streams.graph import full_name, namespace_of
+from eol_ros.streams.graph import TOPICS, full_name, namespace_of
 
 FOOTER = struct.Struct('<BQQQI')  # opcode, length, start of the summary, of its offsets, crc
 FOREVER = (1 << 63) - 1
@@ -457,7 +457,10 @@ class BagReader:
 
     def name(self, topic: str) -> str:
         """Return the full name that a topic of the graph has, or would have, in this bag."""
-        return full_name(topic, self.namespace)
+        was = TOPICS[topic].was if topic in TOPICS else ''
+        name = full_name(topic, self.namespace)
+        before = full_name(was, self.namespace)
+        return before if was and before in self.topics and name not in self.topics else name
 
     def count(self, topic: str) -> int:
         """Return how many messages of a topic of the graph there are."""

@@ -68,6 +68,7 @@ class Recording:
         about: Mapping[str, str],
         settings: RecorderSettings,
         images: str = '',
+        infos: str = '',
         rhythm: Sequence[str] = (),
         thinned: Sequence[str] = (),
         blocks: str = '',
@@ -91,6 +92,7 @@ class Recording:
         self._today, self._day = today, today()
         self._name = re.sub(r'[^\w+-]+', '-', name) or 'run'
         self._topics, self._about, self._settings = tuple(topics), dict(about), settings
+        self._pictures = {images, infos} - {''}
         self._images, self._rhythm = images, {topic: StampGaps(rate_hz) for topic in rhythm}
         self._thinned = frozenset(thinned)
         self._gaps, self._missed, self._blocks = Gaps(), ImagesMissed(), blocks
@@ -304,7 +306,7 @@ class Recording:
         if isinstance(item, Slipping):
             yield from self._counted(self._ring.slip(item))
             return
-        if item.topic == self._images:
+        if item.topic in self._pictures:
             if self._settings.images == 'around_slips':
                 yield from self._counted(self._ring.image(item))
             else:

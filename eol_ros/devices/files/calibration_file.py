@@ -31,6 +31,23 @@ def save(path: str | Path, calibration: Calibration, camera_name: str = 'eol') -
         ConfigError: the folder is absent or cannot be written.
     """
     path = Path(path)
+    part = path.with_name(path.name + '.part')
+    try:
+        part.write_text(_text(calibration, camera_name))
+        part.replace(path)
+    except OSError as error:
+        raise ConfigError(
+            f'{path}: cannot write the calibration ({error.strerror}); '
+            'choose a folder that exists and can be written'
+        ) from None
+
+
+def signed(calibration: Calibration) -> str:
+    """Return the file of `calibration` with its digest, as it goes onto the graph and into bags."""
+    return f'{_text(calibration)}digest: {calibration.digest}\n'
+
+
+def _text(calibration: Calibration, camera_name: str = 'eol') -> str:
     content = {
         'image_width': int(calibration.image_width),
         'image_height': int(calibration.image_height),
@@ -45,21 +62,12 @@ def save(path: str | Path, calibration: Calibration, camera_name: str = 'eol') -
         'residual_px': float(calibration.residual_px),
         'residual_mm': float(calibration.residual_mm),
     }
-    text = (
+    return (
         '# Pixels: u right, v down. homography: table metres (x right, y away, cover height)\n'
         '# to undistorted pixels of camera_matrix. mirror: the camera sees the table in one.\n'
         '# Written by `eol calibrate`.\n'
         + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
     )
-    part = path.with_name(path.name + '.part')
-    try:
-        part.write_text(text)
-        part.replace(path)
-    except OSError as error:
-        raise ConfigError(
-            f'{path}: cannot write the calibration ({error.strerror}); '
-            'choose a folder that exists and can be written'
-        ) from None
 
 
 def load(path: str | Path, mirror: bool = False) -> Calibration:
@@ -75,14 +83,27 @@ def load(path: str | Path, mirror: bool = False) -> Calibration:
     """
     path = Path(path)
     try:
-        content = yaml.safe_load(path.read_text())
+        text = path.read_text()
     except FileNotFoundError:
         raise DeviceMissing(
             f'{path}: no such calibration file; make one with `eol calibrate`'
         ) from None
     except OSError as error:
         raise DeviceMissing(f'{path}: cannot read the calibration ({error.strerror})') from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise ConfigError(f'{path}: not a YAML file: {_first_line(error)}') from None
+    return loads(text, path, mirror)
+
+
+def loads(text: str, path: str | Path, mirror: bool = False) -> Calibration:
+    """Return the calibration in a text that was found at `path`.
+
+    Raises:
+        ConfigError: as `load`.
+    """
+    try:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError as error:
         where = getattr(error, 'problem_mark', None)
         place = f':{where.line + 1}:{where.column + 1}' if where else ''
         raise ConfigError(f'{path}{place}: not a YAML file: {_first_line(error)}') from None

@@ -10,6 +10,7 @@ left as they are: the camera matrix and the lens are those of the camera itself,
 metres comes out as on the table.
 """
 
+import hashlib
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -97,6 +98,14 @@ class Calibration:
         homography = np.array([[scale, 0, u0], [0, -scale, v0], [0, 0, 1.0]])
         direct = cls(width, height, camera, np.zeros(5), homography)
         return direct.in_mirror() if mirror else direct
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that maps pixels to metres, in hex: equal ones give equal metres."""
+        numbers = [self.image_width, self.image_height, self.cover_height_m]
+        arrays = (self.camera_matrix, self.distortion_coefficients, self.homography)
+        parts = [np.array(numbers, float), *(array.ravel() for array in arrays)]
+        return hashlib.sha256(np.concatenate(parts).astype('<f8').tobytes()).hexdigest()
 
     @property
     def mirrored(self) -> bool:
