@@ -29,7 +29,7 @@ from typing import Any
 
 import yaml
 
-from eol_ros.errors import ConfigError
+from eol_ros.errors import ConfigError, EolError
 from eol_ros.settings import renamed
 from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
 
@@ -55,6 +55,8 @@ class Scene:
     text: str = ''  # of the file and its includes, as it goes into a bag
     warnings: tuple[str, ...] = ()  # what is understood, and should be said in another way
     namespace: str = NAMESPACE  # without the slash at its beginning
+    # Where nodes and their settings stand (`leds`, `leds.port`): file, line, column.
+    places: dict[str, tuple[str, int, int]] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def alone(cls, *names: str) -> 'Scene':
@@ -85,6 +87,21 @@ class Mistake:
     def __str__(self) -> str:
         where = f'{self.where}: ' if self.where else ''
         return f'{self.file}:{self.line}:{self.column} error {where}{self.what}'
+
+
+def mistake(scene: Scene, where: str, error: EolError) -> Mistake:
+    """Return the mistake that `error` tells of, at the place of `where`, such as `leds.port`.
+
+    A message that begins with a setting (`panel.host: ...`) names the place itself.
+    """
+    what = str(error)
+    head, colon, rest = what.partition(': ')
+    if colon and head.partition('.')[0] in scene.nodes:
+        where, what = head, rest
+    file = str(scene.path) if scene.path else ''
+    places = [where, where.partition('.')[0]]
+    place = next((scene.places[p] for p in places if p in scene.places), (file, 1, 1))
+    return Mistake(*place, where, what)
 
 
 class SceneError(ConfigError):
@@ -133,6 +150,7 @@ class _Reader:
         self.mistakes: list[Mistake] = []
         self.texts: list[str] = []
         self.warnings: list[str] = []
+        self.places: dict[str, tuple[str, int, int]] = {}
 
     def wrong(self, place: _Place, where: str, what: str) -> None:
         self.mistakes.append(Mistake(place.file, place.line, place.column, where, what))
@@ -213,6 +231,7 @@ class _Reader:
 
     def node(self, name: str, place: _Place) -> Any:
         """Return the settings of node `name`."""
+        self.places[name] = place.file, place.line, place.column
         fields = {f.name: f for f in dataclasses.fields(NODES[name].settings)}
         if place.value is None:  # `camera:` with nothing behind it: all defaults
             return NODES[name].settings()
@@ -233,6 +252,7 @@ class _Reader:
             if key not in fields:
                 self.unknown(place, where, key, fields)
                 continue
+            self.places[f'{name}.{key}'] = item.file, item.line, item.column
             try:
                 value = check_value(fields[key], _meant(item, fields[key].type))
             except ConfigError as error:
@@ -412,6 +432,7 @@ def load(name: str | Path) -> Scene:
         '\n'.join(reader.texts),
         tuple(reader.warnings),
         namespace,
+        reader.places,
     )
 
 

@@ -86,10 +86,12 @@ def test_the_log_of_warnings_is_bounded(tmp_path, monkeypatch):
     assert line.endswith('UserWarning: two (a.py:2)')
 
 
-def test_light_verbs_are_light():
-    """`eol check` and `eol status` must not pull in what they do not need."""
+def test_light_verbs_are_light(tmp_path):
+    """`eol check` loads what reads the files of a scene, and nothing where there are none."""
+    scene = tmp_path / 'scene.yaml'
+    scene.write_text('nodes: {twin: {}, tracker: {}, motion: {}, recorder: {}}')
     script = (
-        'import sys; from eol_ros import cli; cli.main(["check", "rehearsal"]);'
+        f'import sys; from eol_ros import cli; cli.main(["check", {str(scene)!r}]);'
         'print([m for m in ("numpy", "rclpy", "cv2", "numba", "aiohttp", "rich", "scipy")'
         ' if m in sys.modules], file=sys.stderr)'
     )

@@ -1,24 +1,41 @@
 # SPDX-License-Identifier: Apache-2.0
-"""eol check: is this scene right?"""
+"""eol check: would the nodes of this scene start?"""
 
 import dataclasses
 import json
+import os
+import shutil
 import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 from eol_ros import scene as scenes
 from eol_ros.errors import DeviceMissing, EolError
 from eol_ros.ros import installed
+from eol_ros.scene import Mistake, Scene
 
 HELP = (
-    'Check a scene and say every mistake at once, with file, line and column; and whether ROS and '
+    'Check a scene and say every mistake at once, with file, line and column: its keys and values, '
+    'the files that it names, and what the nodes would refuse when they start; and whether ROS and '
     'the messages that it needs are installed here.'
 )
-EXAMPLES = ['eol check museum', 'eol check config/museum.yaml --json']
+EXAMPLES = [
+    'eol check museum',
+    'eol check museum --devices',
+    'eol check config/museum.yaml --json',
+]
+
+Check = tuple[str, Callable[[], object]]  # the setting that is meant, and what raises EolError
 
 
 def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('scene', nargs='?', default='rehearsal', help='file, or one that ships')
+    parser.add_argument(
+        '--devices', action='store_true', help='and whether its camera, board and sound card are'
+        ' there',
+    )  # fmt: skip
     parser.add_argument('--json', action='store_true', help='the checked scene, or the mistakes')
 
 
@@ -26,22 +43,28 @@ def run(args):
     """Print what would run, or raise with all mistakes."""
     try:
         scene = scenes.load(args.scene)
-        _check_calibrations(scene)
+        mistakes = _refused(scene, _settings(scene))
+        if mistakes:
+            raise scenes.SceneError(mistakes)
     except scenes.SceneError as error:
         if not args.json:
             raise
-        mistakes = [dataclasses.asdict(m) for m in error.mistakes]
-        print(json.dumps({'ok': False, 'mistakes': mistakes}))
+        told = [dataclasses.asdict(m) for m in error.mistakes]
+        print(json.dumps({'ok': False, 'mistakes': told}))
         return error.exit_code
-    for warning in scene.warnings:
-        print(f'eol check: {warning}', file=sys.stderr)
+    warnings = [*scene.warnings, *_warnings(scene)]
+    absent = _refused(scene, _devices(scene)) if args.devices else []
     missing = installed.missing()
     if args.json:
-        answer = {'ok': not missing, **scenes.plain(scene)}
+        answer = {'ok': not missing and not absent, **scenes.plain(scene), 'warnings': warnings}
         if missing:
             answer |= {'missing': missing, 'install': installed.command()}
+        if absent:
+            answer['devices'] = [dataclasses.asdict(m) for m in absent]
         print(json.dumps(answer, indent=2))
-        return DeviceMissing.exit_code if missing else 0
+        return DeviceMissing.exit_code if missing or absent else 0
+    for warning in warnings:
+        print(f'eol check: {warning}', file=sys.stderr)
     print(f'{scene.path}: {scene.name}, {len(scene.nodes)} nodes, network {scene.network}')
     for name, settings in scene.nodes.items():
         changed = [
@@ -51,27 +74,203 @@ def run(args):
         ]
         print(f'  {name:9} {", ".join(changed) or "as it ships"}')
     installed.require()
-    print('no mistakes', file=sys.stderr)
+    if absent:
+        raise DeviceMissing('\n'.join(str(m) for m in absent))
+    count = len(warnings)
+    also = f', {count} warning{"s" if count > 1 else ""}' if count else ''
+    print(f'no mistakes{also}', file=sys.stderr)
     return 0
 
 
-def _check_calibrations(scene):
-    """Read the calibration files as the nodes will; raise SceneError with what is wrong in them."""
-    named = {
-        name: settings for name, settings in scene.nodes.items()
-        if getattr(settings, 'calibration', '')
-    }  # fmt: skip
-    if not named:
-        return
+def _refused(scene: Scene, checks: Iterator[Check]) -> list[Mistake]:
+    """Run all checks; return what they raise, each at the file or setting that it is about."""
+    found = []
+    for where, check in checks:
+        try:
+            check()
+        except EolError as error:
+            node, _, key = where.partition('.')
+            named = str(getattr(scene.nodes[node], key, ''))
+            if named and str(error).startswith(f'{named}: '):
+                what = str(error).removeprefix(f'{named}: ')
+                found.append(Mistake(named, 1, 1, where, what))
+            else:
+                found.append(scenes.mistake(scene, where, error))
+    return found
+
+
+def _settings(scene: Scene) -> Iterator[Check]:
+    """Yield what the nodes check when they start, without any device or graph."""
+    for name, settings in scene.nodes.items():
+        if name in _NODES:
+            yield from _NODES[name](settings)
+    cameras = [(n, scene.nodes[n]) for n in ('twin', 'camera') if n in scene.nodes]
+    tracker, leds = scene.nodes.get('tracker'), scene.nodes.get('leds')
+    if tracker and cameras and tracker.calibration:
+        yield 'tracker.calibration', lambda: _same_size(tracker.calibration, *cameras[0])
+    if tracker and leds:
+        yield 'leds.blink_block', lambda: _same_blink(tracker, leds)
+
+
+def _calibration(settings: Any, name: str) -> Iterator[Check]:
+    if path := settings.calibration:
+        from eol_ros.devices.files import calibration_file
+
+        mirror = getattr(settings, 'mirror', False)
+        yield f'{name}.calibration', lambda: calibration_file.load(path, mirror)
+
+
+def _camera(settings: Any) -> Iterator[Check]:
+    from eol_ros.devices.camera.sources import VideoFile, is_file
+
+    yield from _calibration(settings, 'camera')
+    if is_file(settings.device):
+        yield 'camera.device', lambda: VideoFile(settings).open()
+
+
+def _tracker(settings: Any) -> Iterator[Check]:
+    yield from _calibration(settings, 'tracker')
+    if settings.background:
+        from eol_ros.devices.files import background_file
+
+        yield 'tracker.background', lambda: background_file.load(settings.background)
+
+
+def _leds(settings: Any) -> Iterator[Check]:
+    from eol_ros.devices.board.lights import check_settings
+
+    yield 'leds.flash_limit', lambda: check_settings(settings)
+
+
+def _grains(settings: Any) -> Iterator[Check]:
+    from eol_ros.devices.corpus import corpus_build
+    from eol_ros.devices.corpus.loader import corpus_spec
+
+    yield 'grains.sound', lambda: corpus_build.apart(*corpus_spec(settings))
+
+
+def _sound(settings: Any) -> Iterator[Check]:
+    if settings.osc_out:
+        from eol_ros.devices.audio.osc import target_of
+
+        yield 'sound.osc_out', lambda: target_of(settings.osc_out)
+    if settings.wav:
+        yield 'sound.wav', lambda: _writable(Path(settings.wav).parent)
+
+
+def _montage(settings: Any) -> Iterator[Check]:
+    from eol_ros.devices.files.media_folder import MediaFolder
+
+    yield 'montage.pairs', lambda: MediaFolder(settings.pairs)
+
+
+def _panel(settings: Any) -> Iterator[Check]:
+    from eol_ros.web import guard
+
+    yield 'panel.host', lambda: guard.check_settings(settings.host, settings.pin)
+
+
+def _replay(settings: Any) -> Iterator[Check]:
+    if settings.bag:  # else the newest one, which is looked for when the run begins
+        from eol_ros.devices.bag.player import choose
+        from eol_ros.devices.bag.reader import BagReader
+
+        yield 'replay.bag', lambda: BagReader(settings.bag)
+        if settings.topics:
+            yield 'replay.topics', lambda: choose(BagReader(settings.bag), settings.topics, [])
+
+
+def _recorder(settings: Any) -> Iterator[Check]:
+    yield 'recorder.folder', lambda: _writable(Path(settings.folder))
+
+
+_NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
+    'camera': _camera,
+    'tracker': _tracker,
+    'leds': _leds,
+    'grains': _grains,
+    'sound': _sound,
+    'montage': _montage,
+    'panel': _panel,
+    'replay': _replay,
+    'recorder': _recorder,
+}
+
+
+def _writable(folder: Path) -> None:
+    """Raise EolError unless `folder` can be written, or made."""
+    there = folder.absolute()
+    while not there.exists():
+        there = there.parent
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        raise EolError(f'nothing can be written in {there}; name another folder')
+
+
+def _same_size(path: str, name: str, settings: Any) -> None:
     from eol_ros.devices.files import calibration_file
 
-    mistakes = []
-    for name, settings in named.items():
-        path, where = settings.calibration, f'{name}.calibration'
-        try:
-            calibration_file.load(path, getattr(settings, 'mirror', False))
-        except EolError as error:
-            what = str(error).removeprefix(f'{path}: ')
-            mistakes.append(scenes.Mistake(path, 1, 1, where, what))
-    if mistakes:
-        raise scenes.SceneError(mistakes)
+    try:
+        found = calibration_file.load(path)
+    except EolError:
+        return  # told already
+    size, wanted = (found.image_width, found.image_height), (settings.width, settings.height)
+    if size != wanted:
+        raise EolError(
+            f'is for images of {size[0]}x{size[1]}, {name} gives {wanted[0]}x{wanted[1]}: '
+            'use the calibration of this camera, or set its size'
+        )
+
+
+def _same_blink(tracker: Any, leds: Any) -> None:
+    for key in ('blink_block', 'blink_period_s', 'blink_off_s'):
+        if getattr(tracker, key) != getattr(leds, key) and leds.blink_block >= 0:
+            raise EolError(
+                f'leds.{key}: is {getattr(leds, key)}, tracker.{key} is {getattr(tracker, key)}: '
+                'both must say the same, or the tracker waits for another blink'
+            )
+
+
+def _warnings(scene: Scene) -> Iterator[str]:
+    """Yield what a scene may say, and a person should know before the doors open."""
+    if scene.network == 'lan':
+        yield (
+            'network: lan lets every machine on the network see all topics and send requests; '
+            'keep that network closed, or use network: local'
+        )
+    if montage := scene.nodes.get('montage'):
+        from eol_ros.devices.files.media_folder import MediaFolder
+
+        folder = MediaFolder(montage.pairs)
+        yield from (f'{folder.path}: {skipped}: this pair is skipped' for skipped in folder.skipped)
+    if (leds := scene.nodes.get('leds')) and not leds.flash_limit:
+        yield f'leds.flash_limit is off: {leds.flash_limit_off_because}'
+    if recorder := scene.nodes.get('recorder'):
+        there = Path(recorder.folder).absolute()
+        while not there.exists():
+            there = there.parent
+        free_gb = shutil.disk_usage(there).free / 1e9
+        if free_gb < recorder.min_free_gb:
+            yield (
+                f'recorder.folder: {there} has {free_gb:.1f} GB free, less than min_free_gb '
+                f'({recorder.min_free_gb:g} GB): nothing would be recorded'
+            )
+
+
+def _devices(scene: Scene) -> Iterator[Check]:
+    """Yield whether what must be plugged in is there."""
+    if camera := scene.nodes.get('camera'):
+        from eol_ros.devices.camera.ports import find_camera
+        from eol_ros.devices.camera.sources import is_file
+
+        if not is_file(camera.device):
+            yield 'camera.device', lambda: find_camera(camera.device)
+    leds = scene.nodes.get('leds')
+    if leds and leds.port != 'twin':
+        from eol_ros.devices.board.ports import find_port
+
+        yield 'leds.port', lambda: find_port(leds.port)
+    sound = scene.nodes.get('sound')
+    if sound and sound.device != 'wav':
+        from eol_ros.devices.audio import soundcard
+
+        yield 'sound.device', lambda: soundcard.find(sound.device, sound.channels)

@@ -71,15 +71,21 @@ def decode(packet: bytes) -> list[tuple]:
     return [(address, *values)]
 
 
+def target_of(target: str) -> tuple[str, int]:
+    """Return host and port of "host:port"; raise ConfigError."""
+    host, _, port = target.rpartition(':')
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise ConfigError(f'osc_out {target!r}: give host:port, such as 127.0.0.1:57120')
+    return host, int(port)
+
+
 class OscOut:
     """Sends to `target`, "host:port"."""
 
     def __init__(self, target: str):
-        host, _, port = target.rpartition(':')
-        if not host or not port.isdigit() or not 0 < int(port) < 65536:
-            raise ConfigError(f'osc_out {target!r}: give host:port, such as 127.0.0.1:57120')
+        host, port = target_of(target)
         try:
-            found = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)[0]
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             self._socket = socket.socket(found[0], found[1])
             self._socket.setblocking(False)
             self._address = found[4]

@@ -61,6 +61,14 @@ class Played(NamedTuple):
     stretch: Callable[[], float]
 
 
+def check_settings(settings: LedsSettings) -> None:
+    """Raise ConfigError when the limit of flashes is switched off without a reason."""
+    if not settings.flash_limit and not settings.flash_limit_off_because.strip():
+        raise ConfigError(
+            'leds.flash_limit: false needs a written reason in leds.flash_limit_off_because'
+        )
+
+
 class Lights:
     """Slips in, packets out. `on_tap` and `on_state` are called from the board's thread.
 
@@ -77,10 +85,7 @@ class Lights:
         namespace: str = NAMESPACE,
     ):
         s = settings
-        if not s.flash_limit and not s.flash_limit_off_because.strip():
-            raise ConfigError(
-                'leds.flash_limit: false needs a written reason in leds.flash_limit_off_because'
-            )
+        check_settings(s)
         self._settings, self._played = settings, played
         self.frames = self._new_frames()
         self._clock = StampWatch(SET_S, SET_S)

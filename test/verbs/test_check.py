@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What nodes would refuse is told before anything starts, all at once and each at its place."""
+
+import json
+
+import pytest
+
+from eol_ros import cli
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.devices.files import calibration_file
+
+
+@pytest.fixture
+def check(tmp_path, capsys, monkeypatch):
+    """Run `eol check` on a scene of these nodes; return exit code, output and words."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(nodes, *words, head=''):
+        path = tmp_path / 'scene.yaml'
+        path.write_text(f'{head}nodes:\n{nodes}')
+        code = cli.main(['check', str(path), *words])
+        told = capsys.readouterr()
+        return code, told.out, told.err
+
+    return run
+
+
+EVERYTHING = """\
+  twin: {}
+  tracker: {calibration: camera.yaml, background: dirt.png, blink_block: 3}
+  motion: {}
+  leds:
+    port: twin
+    flash_limit: false
+    blink_block: 4
+  grains: {sound: ice.wav}
+  sound:
+    device: wav
+    osc_out: nowhere
+  montage: {pairs: pictures}
+  panel:
+    host: 0.0.0.0
+  recorder: {folder: /dev/null/bags}
+"""
+
+
+def test_all_that_nodes_would_refuse_is_told_at_once(check, tmp_path):
+    calibration_file.save(tmp_path / 'camera.yaml', Calibration.ideal(640, 480))
+    (tmp_path / 'dirt.png').write_text('no image')
+    (tmp_path / 'ice.wav').write_text('no sound')
+    (tmp_path / 'pictures').mkdir()
+    (tmp_path / 'pictures' / 'pairs.csv').write_text('a.png,b.png\n')
+    code, out, words = check(EVERYTHING)
+
+    assert (code, out) == (78, '')
+    lines = [line.removeprefix('eol check: ') for line in words.splitlines()]
+    scene = tmp_path / 'scene.yaml'
+    for place, what in {
+        f'{tmp_path}/dirt.png:1:1 error tracker.background': 'not a picture',
+        f'{tmp_path}/ice.wav:1:1 error grains.sound': 'not a sound that libsndfile reads',
+        f'{tmp_path}/pictures:1:1 error montage.pairs': 'a.png: missing',
+        f'{scene}:3:26 error tracker.calibration': 'images of 640x480, twin gives 1280x800',
+        f'{scene}:7:18 error leds.flash_limit': 'needs a written reason',
+        f'{scene}:8:18 error leds.blink_block': 'is 4, tracker.blink_block is 3',
+        f'{scene}:12:14 error sound.osc_out': 'give host:port',
+        f'{scene}:15:11 error panel.host': 'set panel.pin too',
+        f'{scene}:16:22 error recorder.folder': 'nothing can be written in /dev/null',
+    }.items():
+        assert [line for line in lines if line.startswith(place) and what in line], (place, words)
+    assert lines[-1] == '9 errors. Nothing was started.'
+
+
+def test_programs_get_the_mistakes_as_json(check):
+    code, out, _ = check('  panel: {host: 0.0.0.0}\n', '--json')
+
+    assert code == 78
+    (mistake,) = json.loads(out)['mistakes']
+    assert (mistake['line'], mistake['column'], mistake['where']) == (2, 17, 'panel.host')
+
+
+def test_a_replay_of_what_is_no_bag_or_has_no_such_topic(check, tmp_path):
+    (tmp_path / 'run.mcap').write_text('not a bag')
+    code, _, words = check('  replay: {bag: run.mcap}\n  tracker: {}\n')
+
+    assert code == 78
+    assert f'{tmp_path}/run.mcap:1:1 error replay.bag: not a bag' in words
+
+
+def test_what_is_allowed_and_should_be_known_is_a_warning(check, tmp_path):
+    pictures = tmp_path / 'pictures'
+    pictures.mkdir()
+    for name in 'ab':
+        (pictures / f'{name}.svg').write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
+    (pictures / 'pairs.csv').write_text('a.svg,b.svg\na.svg,gone.svg\n')
+    code, _, words = check(
+        '  twin: {}\n  tracker: {}\n  motion: {}\n'
+        '  leds: {port: twin, flash_limit: false, flash_limit_off_because: a test}\n'
+        '  montage: {pairs: pictures}\n  recorder: {min_free_gb: 1.0e+9}\n',
+        head='network: lan\n',
+    )
+
+    assert code == 0
+    for what in (
+        'network: lan lets every machine',
+        'gone.svg: missing: this pair is skipped',
+        'leds.flash_limit is off: a test',
+        'less than min_free_gb (1e+09 GB)',
+        'no mistakes, 4 warnings',
+    ):
+        assert what in words
+
+
+def test_devices_that_are_not_there(check, monkeypatch):
+    monkeypatch.setattr('eol_ros.devices.camera.ports.list_cameras', list)
+    monkeypatch.setattr('eol_ros.devices.board.ports.list_ports', list)
+    nodes = '  camera: {}\n  tracker: {}\n  motion: {}\n  leds: {port: COM}\n'
+    assert check(nodes)[0] == 0
+    code, _, words = check(nodes, '--devices')
+
+    assert code == 69
+    assert 'scene.yaml:2:11 error camera.device: no camera found' in words
+    assert "scene.yaml:5:16 error leds.port: no serial port has 'COM' in its name" in words
