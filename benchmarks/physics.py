@@ -35,7 +35,7 @@ EXAMPLES = [
 PEER_S = 2.5  # slow peers run this far; we are timed on the same stretch beside them
 SIZES = (1, 4, 25, 100, 400, 2500, 10_000)
 LIMITS = Limits(events=200_000, steps=2_000_000)
-PARTS = ('own', 'turning', 'peers', 'stiff', 'extremes', 'sizes', 'live')
+PARTS = ('own', 'rotation', 'peers', 'stiff', 'extremes', 'sizes', 'live')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -219,8 +219,8 @@ def peer_rows(only: str) -> list[dict]:
     return [peer_row(*row) for row in track(wanted, 'peers')]
 
 
-def turning_rows() -> list[dict]:
-    """Return error against time of blocks that turn, against tolerance 1e-14."""
+def rotation_rows() -> list[dict]:
+    """Return error against time of blocks that rotate, against tolerance 1e-14."""
     rows = []
     for name in ('S4L', 'S4G'):
         scene = from_mapping(presets.scene(name) | {'rotation': {'side': 0.084}})
@@ -235,7 +235,7 @@ def turning_rows() -> list[dict]:
             )
             rows.append(
                 {
-                    'scene': f'{name} turning',
+                    'scene': f'{name} rotation',
                     'method': f'event {tolerance:g}',
                     'seconds': scene.duration_s,
                     'ms': seconds * 1e3,
@@ -306,7 +306,7 @@ def extreme_rows() -> list[dict]:
         scene = from_mapping(given)
         sample_s = max(0.1, scene.duration_s / 100)
         limits = Limits(events=200_000, steps=200_000)
-        run = choose.simulate(scene, sample_s, limits=limits)  # keeps the books, and compiles
+        run = choose.simulate(scene, sample_s, limits=limits)  # keeps the ledger, and compiles
         energy = run.energy
         solve = functools.partial(choose.simulate, scene, sample_s, limits=limits, ledger=False)
         _, seconds = cpu_s(solve, 1)
@@ -422,8 +422,8 @@ def run(args: argparse.Namespace) -> int:
     if 'own' in parts:
         for name in track(list(presets.NAMED), 'scenes'):
             result['own'] += own_rows(name, args.quick)
-    if 'turning' in parts:
-        result['turning'] = turning_rows()
+    if 'rotation' in parts:
+        result['rotation'] = rotation_rows()
     if 'peers' in parts:
         result['peers'] = peer_rows(args.peer)
     if 'stiff' in parts:

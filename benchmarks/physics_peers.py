@@ -55,8 +55,8 @@ def scipy_events(scene: Scene, times: np.ndarray, rtol: float) -> np.ndarray:
             return np.concatenate([rate.ravel(), (pull / model.mass[slots, None]).ravel()])
 
         def breaks(s, y, slots=slots, on=on):
-            room = model.static - np.linalg.norm(force(place(y, slots)[0], s), axis=1)
-            return room[~on].min(initial=1.0)
+            margin = model.static - np.linalg.norm(force(place(y, slots)[0], s), axis=1)
+            return margin[~on].min(initial=1.0)
 
         def stops(s, y, slots=slots):
             speed = np.linalg.norm(place(y, slots)[1][slots], axis=1)
@@ -100,9 +100,10 @@ def scipy_events(scene: Scene, times: np.ndarray, rtol: float) -> np.ndarray:
 
 
 @njit(cache=True)
-def _smooth_slope(
+def _slope(
     t,
     y,
+    smooth,
     n,
     first,
     second,
@@ -120,7 +121,10 @@ def _smooth_slope(
     knots,
     cubics,
 ):
-    """The right-hand side of friction made smooth: tanh(|v| / 1e-4), falling from mu_s to mu_k."""
+    """The right-hand side of blocks that all slide, with sharp friction mu_k.
+
+    Or, where `smooth`, with friction tanh(|v| / 1e-4) that falls from mu_s to mu_k.
+    """
     ends, force = np.zeros((n + len(anchors), 2)), np.zeros((n + len(anchors), 2))
     for i in range(n):
         ends[i, 0], ends[i, 1] = y[2 * i], y[2 * i + 1]
@@ -132,20 +136,25 @@ def _smooth_slope(
     for i in range(n):
         vx, vy = y[2 * n + 2 * i], y[2 * n + 2 * i + 1]
         speed = np.sqrt(vx * vx + vy * vy)
-        hold = kinetic[i] + (static[i] - kinetic[i]) * np.exp(-((speed / 1e-3) ** 2))
-        hold *= np.tanh(speed / 1e-4) / max(speed, 1e-12)
+        if not smooth and speed < 1e-13:  # at rest: it sets off along the pull
+            vx, vy = force[i, 0], force[i, 1]
+            speed = np.sqrt(vx * vx + vy * vy)
+        hold = kinetic[i] / speed if speed > 0.0 else 0.0
+        if smooth:
+            hold = kinetic[i] + (static[i] - kinetic[i]) * np.exp(-((speed / 1e-3) ** 2))
+            hold *= np.tanh(speed / 1e-4) / max(speed, 1e-12)
         out[2 * n + 2 * i] = (force[i, 0] - hold * vx) / mass[i]
         out[2 * n + 2 * i + 1] = 0.0 if rail else (force[i, 1] - hold * vy) / mass[i]
     return out
 
 
-def scipy_smooth(scene: Scene, times: np.ndarray, method: str) -> np.ndarray:
-    """LSODA or Radau on friction made smooth; the right-hand side is compiled."""
-    from scipy.integrate import solve_ivp
-
-    m, n = Model.of(scene), scene.n
+def _initial_values(scene: Scene, smooth: bool) -> tuple[np.ndarray, tuple]:
+    """Return y(0) and the arguments of `_slope` after t and y; compiles it."""
+    m = Model.of(scene)
+    start = np.concatenate([scene.u0.ravel(), scene.v0.ravel()])
     given = (
-        n,
+        smooth,
+        m.n,
         m.first,
         m.second,
         m.k,
@@ -162,80 +171,28 @@ def scipy_smooth(scene: Scene, times: np.ndarray, method: str) -> np.ndarray:
         m.knots,
         m.cubics,
     )
-    start = np.concatenate([scene.u0.ravel(), scene.v0.ravel()])
-    _smooth_slope(0.0, start, *given)  # compiles
+    _slope(0.0, start, *given)
+    return start, given
+
+
+def scipy_smooth(scene: Scene, times: np.ndarray, method: str) -> np.ndarray:
+    """LSODA or Radau on friction made smooth; the right-hand side is compiled."""
+    from scipy.integrate import solve_ivp
+
+    start, given = _initial_values(scene, smooth=True)
     run = solve_ivp(
-        _smooth_slope, (0, times[-1]), start, method, t_eval=times, rtol=1e-6, atol=1e-9, args=given
+        _slope, (0, times[-1]), start, method, t_eval=times, rtol=1e-6, atol=1e-9, args=given
     )
-    return run.y[: 2 * n].T.reshape(-1, n, 2)
-
-
-@njit(cache=True)
-def _sliding_slope(
-    t,
-    y,
-    n,
-    first,
-    second,
-    k,
-    natural,
-    rest,
-    anchors,
-    mass,
-    kinetic,
-    geometric,
-    rail,
-    kind,
-    par,
-    knots,
-    cubics,
-):
-    """The right-hand side of blocks that all slide, with sharp friction."""
-    ends, force = np.zeros((n + len(anchors), 2)), np.zeros((n + len(anchors), 2))
-    for i in range(n):
-        ends[i, 0], ends[i, 1] = y[2 * i], y[2 * i + 1]
-    x, z, phi = rim_pose(kind, par, knots, cubics, t)
-    place_anchors(ends, n, anchors, x, z, phi)
-    spring_forces(ends, force, first, second, k, natural, rest, geometric)
-    out = np.zeros(4 * n)
-    for i in range(n):
-        a, b = y[2 * n + 2 * i], y[2 * n + 2 * i + 1]
-        out[2 * i], out[2 * i + 1] = a, b
-        size = np.sqrt(a * a + b * b)
-        if size < 1e-13:  # at rest: it sets off along the pull
-            a, b = force[i, 0], force[i, 1]
-            size = np.sqrt(a * a + b * b)
-        out[2 * n + 2 * i] = (force[i, 0] - kinetic[i] * a / size) / mass[i]
-        out[2 * n + 2 * i + 1] = (force[i, 1] - kinetic[i] * b / size) / mass[i]
-    return out
+    return run.y[: 2 * scene.n].T.reshape(-1, scene.n, 2)
 
 
 def scipy_sliding(scene: Scene, times: np.ndarray, rtol: float) -> np.ndarray:
     """DOP853 of SciPy without events, where every block slides throughout; u at `times`."""
     from scipy.integrate import solve_ivp
 
-    m, n = Model.of(scene), scene.n
-    given = (
-        n,
-        m.first,
-        m.second,
-        m.k,
-        m.natural,
-        m.rest,
-        m.anchors,
-        m.mass,
-        m.kinetic,
-        m.geometric,
-        m.rail,
-        m.kind,
-        m.par,
-        m.knots,
-        m.cubics,
-    )
-    start = np.concatenate([scene.u0.ravel(), scene.v0.ravel()])
-    _sliding_slope(0.0, start, *given)  # compiles
+    start, given = _initial_values(scene, smooth=False)
     run = solve_ivp(
-        _sliding_slope,
+        _slope,
         (0, times[-1]),
         start,
         'DOP853',
@@ -244,7 +201,7 @@ def scipy_sliding(scene: Scene, times: np.ndarray, rtol: float) -> np.ndarray:
         atol=rtol * 1e-2,
         args=given,
     )
-    return run.y[: 2 * n].T.reshape(-1, n, 2)
+    return run.y[: 2 * scene.n].T.reshape(-1, scene.n, 2)
 
 
 def mujoco(scene: Scene, times: np.ndarray, step_s: float, stiff: bool) -> np.ndarray:

@@ -23,7 +23,7 @@ def draw(result: dict, folder: Path) -> None:
     from matplotlib import pyplot as plt
 
     folder.mkdir(parents=True, exist_ok=True)
-    rows = [r for r in result['own'] + result['turning'] + result['peers'] if 'error_m' in r]
+    rows = [r for r in result['own'] + result['rotation'] + result['peers'] if 'error_m' in r]
     names = list(dict.fromkeys(r['scene'] for r in rows))
     wide = len(names) // 3 + 1  # at least one place is left, for the legend
     figure, axes = plt.subplots(

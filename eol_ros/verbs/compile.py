@@ -198,13 +198,13 @@ def _simulate():
     from eol_ros.core.physics.scene import from_mapping
 
     spinning = {'side': 0.084, 'spin0': [1.0]}
-    turning = builders.single({'kind': 'none'}, 0.1, dim1=False, rotation=spinning)
+    rotating = builders.single({'kind': 'none'}, 0.1, dim1=False, rotation=spinning)
     for scene, path in (
         ('S1', 'exact'),
         ('S1', 'event'),
         ('S1', 'stepping'),
-        (turning, 'event'),
-        (turning, 'stepping'),
+        (rotating, 'event'),
+        (rotating, 'stepping'),
     ):
         scene = presets.scene(scene) | {'T': 0.1} if isinstance(scene, str) else scene
         for ledger in (True, False):

@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         'model': model,
         'on_stiff': lambda: compile.ensure(['stiff']),
     }
-    result = choose.simulate(scene, ledger=True, **options)  # compiles, and keeps the energy books
+    result = choose.simulate(scene, ledger=True, **options)  # compiles, and keeps the energy ledger
     best = float('inf')
     for _ in range(args.repeat):
         begin = time.perf_counter()
@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(report))
     else:
-        swept = f' ({result.swept} swept over turns of friction)' if result.swept else ''
+        swept = f' ({result.swept} swept over reversals of friction)' if result.swept else ''
         print(
             f'{result.path} path, {result.status}: {len(result.event_t)} events in '
             f'{result.steps} steps{swept}, {best * 1e3:.3g} ms for {result.t_reached:g} s; '

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes by name: the paper's table, the Brown plate, the Burridge-Knopoff train, N x M of each.
 
-`rotation={'side': BLOCK_SIDE_M}` lets the blocks turn; springs then pull at their edges. All return
-plain mappings, so that what is built can be saved, read and changed.
+`rotation={'side': BLOCK_SIDE_M}` lets the blocks rotate; springs then pull at their edges. All
+return plain mappings, so that what is built can be saved, read and changed.
 """
 
 from typing import Any

@@ -58,7 +58,7 @@ class Rim(NamedTuple):
 
 
 class Log(NamedTuple):
-    """Room for events: time, block, 1 breaks loose or 0 sticks."""
+    """Events: time, block, 1 breaks loose or 0 sticks."""
 
     t: np.ndarray
     block: np.ndarray
@@ -66,7 +66,7 @@ class Log(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Samples: when, and room for what."""
+    """Samples: when, and what."""
 
     t: np.ndarray
     u: np.ndarray
@@ -121,6 +121,6 @@ def rim_of(model: 'Model') -> Rim:
     return Rim(model.kind, model.par, model.knots, model.cubics)
 
 
-def room(events: int) -> Log:
-    """Return an empty log."""
-    return Log(np.empty(events), np.empty(events, np.int64), np.empty(events, np.int8))
+def empty_log(capacity: int) -> Log:
+    """Return a log without events, for `capacity` of them."""
+    return Log(np.empty(capacity), np.empty(capacity, np.int64), np.empty(capacity, np.int8))

@@ -79,7 +79,7 @@ class Model:
     def tension(self, u: np.ndarray, t: float, yaw: np.ndarray | None = None) -> np.ndarray:
         """Return the force (s, 2) N of each spring on its first end, for displacements u (n, 2).
 
-        `yaw` (n,) turns the blocks, where the scene has rotation.
+        `yaw` (n,) rotates the blocks, where the scene has rotation.
         """
         d = self._along(u, t, yaw)
         if not self.geometric:
@@ -118,12 +118,12 @@ class Model:
         if yaw is None or self.rotation is None:
             return d
         inner = self.second < self.n
-        d -= turned(self.rotation.arm, yaw[self.first])
-        d[inner] += turned(self.rotation.arm_j[inner], yaw[self.second[inner]])
+        d -= rotated(self.rotation.arm, yaw[self.first])
+        d[inner] += rotated(self.rotation.arm_j[inner], yaw[self.second[inner]])
         return d
 
 
-def turned(arm: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+def rotated(arm: np.ndarray, yaw: np.ndarray) -> np.ndarray:
     """Return by how much points `arm` (s, 2) of blocks are displaced by their yaw (s,)."""
     c, s = -2 * np.sin(yaw / 2) ** 2, np.sin(yaw)
     x, y = arm[:, 0], arm[:, 1]

@@ -27,11 +27,11 @@ NAMED: dict[str, tuple[str, Callable[[], builders.Plain]]] = {
         lambda: builders.table(PULL, 10.0, mu_s=0.65, mu_k=0.65, u0=_at(25, 3)),
     ),
     'S4L': (
-        'table, circled and turned, linear',
+        'table, circled and rotated, linear',
         lambda: builders.table(CIRCLE, 10.0, u0=_at(25, 4, False)),
     ),
     'S4G': (
-        'table, circled and turned, geometric',
+        'table, circled and rotated, geometric',
         lambda: builders.table(CIRCLE, 10.0, geometric=True, u0=_at(25, 4, False)),
     ),
     'S5': ('Brown plate', lambda: builders.plate(PULL, 10.0, u0=_at(25, 5))),

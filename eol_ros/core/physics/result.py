@@ -16,7 +16,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Energy:
-    """The books of a run, in joules; what friction takes is heat."""
+    """The energy ledger of a run, in joules; what friction takes is heat."""
 
     work_J: float  # noqa: N815 the unit is the name
     kinetic_J: float  # noqa: N815 change since the start
@@ -25,7 +25,7 @@ class Energy:
 
     @property
     def residual_J(self) -> float:  # noqa: N802
-        """What the books miss."""
+        """What the ledger misses."""
         return self.work_J - self.kinetic_J - self.elastic_J - self.friction_J
 
 
@@ -44,9 +44,9 @@ class Run:
     steps: int
     t_reached: float
     energy: Energy | None = None
-    yaw: np.ndarray | None = None  # (k, n) rad, where blocks turn
+    yaw: np.ndarray | None = None  # (k, n) rad, where blocks rotate
     spin: np.ndarray | None = None  # (k, n) rad/s
-    swept: int = 0  # of the steps, those of the event path that sweep over turns of friction
+    swept: int = 0  # of the steps, those of the event path that sweep over reversals of friction
     notes: list[str] = field(default_factory=list)
 
 

@@ -54,7 +54,7 @@ class Springs:
 
 @dataclass(frozen=True)
 class Rotation:
-    """Blocks that turn: squares under even pressure; see `turning_series`."""
+    """Blocks that rotate: squares under even pressure; see `rotating_series`."""
 
     side_m: float
     yaw0: np.ndarray  # (n,) rad

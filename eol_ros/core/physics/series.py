@@ -50,7 +50,7 @@ def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs, phi):
     """Write the series at `t` of the rim's x, y, cos(phi) - 1 and sin(phi), k = 0..order.
 
     Returns (reach, used): up to which step the series holds (the next knot), and the highest k that
-    is not zero (for a drive with an infinite series: `order`). `phi` is room for the angle's own.
+    is not zero (for a drive with an infinite series: `order`). `phi` takes the angle's own.
     """
     for k in range(order + 1):
         cx[k] = cy[k] = cc[k] = cs[k] = phi[k] = 0.0
@@ -82,7 +82,7 @@ def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs, phi):
                     * (s if phase == 0 else (c if phase == 1 else (-s if phase == 2 else -c)))
                 )
                 f *= w2 / (k + 1)
-            turn_series(phi, order, order, cc, cs)
+            rotation_series(phi, order, order, cc, cs)
         return np.inf, order
     if kind == POSES:
         last = len(cubics) - 1
@@ -109,9 +109,9 @@ def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs, phi):
                 out[1] = c1 + s * (2.0 * c2 + 3.0 * s * c3)
                 out[2] = c2 + 3.0 * s * c3
                 out[3] = c3
-        turns = phi[0] != 0.0 or phi[1] != 0.0 or phi[2] != 0.0 or phi[3] != 0.0
-        if turns:
-            turn_series(phi, 0 if held else 3, 0 if held else order, cc, cs)
+        rotates = phi[0] != 0.0 or phi[1] != 0.0 or phi[2] != 0.0 or phi[3] != 0.0
+        if rotates:
+            rotation_series(phi, 0 if held else 3, 0 if held else order, cc, cs)
         if held:
             return np.inf, 0
         rest = phi[1] != 0.0 or phi[2] != 0.0 or phi[3] != 0.0
@@ -120,7 +120,7 @@ def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs, phi):
 
 
 @uncounted
-def turn_series(phi, degree, order, cc, cs):
+def rotation_series(phi, degree, order, cc, cs):
     """Write the series of cos(phi) - 1 and sin(phi) for the series `phi` of that degree."""
     s0, c0 = math.sin(phi[0]), math.cos(phi[0])
     cs[0] = s0

@@ -92,7 +92,7 @@ def test_exact_ties_topple_together():
 
 
 def test_a_lattice_of_equals_is_one_event():
-    """More equals than the queue has room for."""
+    """More equals than the queue has capacity for."""
     for queue in ('bucket', 'sweep'):
         automaton = Automaton(np.full((40, 40), 0.5), 0.2, queue)
         events = automaton.run(50, full=True)

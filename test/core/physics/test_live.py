@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live table: slips under moving hands, rest under still ones, closed energy books."""
+"""The live table: slips under moving hands, rest under still ones, a closed energy ledger."""
 
 import numpy as np
 import pytest
@@ -102,15 +102,15 @@ def led(table, rim, velocity, seconds):
 
 
 @pytest.mark.parametrize('way', [(0.35, -0.1), (-0.3, 0.3), (0.3, 0.3)])
-@pytest.mark.parametrize('turn', [0.35, -0.35])
-def test_a_rim_that_touches_a_block_turns_and_slides_along_it(way, turn):
+@pytest.mark.parametrize('yaw', [0.35, -0.35])
+def test_a_rim_that_touches_a_block_rotates_and_slides_along_it(way, yaw):
     table, rim = LiveTable(1), Rim()
     table.seconds = 0.0
     touching = led(table, rim, (*way, 0.0), 4.0)
     assert table.clearance_m(touching) < CLEAR_M + 1e-6, 'it has come to the end of its way'
-    turned = led(table, rim, (0.0, 0.0, turn), 0.6)
-    assert abs(turned[2] - touching[2] - 0.6 * turn) < 0.06
-    assert table.clearance_m(turned) > CLEAR_M - 1e-6
+    led_to = led(table, rim, (0.0, 0.0, yaw), 0.6)
+    assert abs(led_to[2] - touching[2] - 0.6 * yaw) < 0.06
+    assert table.clearance_m(led_to) > CLEAR_M - 1e-6
     along = (-way[1], way[0])
     slid = led(table, rim, (*(0.3 * np.array(along)), 0.0), 0.5)
-    assert (slid - turned)[:2] @ along > 0.01
+    assert (slid - led_to)[:2] @ along > 0.01

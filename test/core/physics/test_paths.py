@@ -117,13 +117,13 @@ def test_mirror_symmetry_of_simultaneous_breaks(build):
 
 
 @pytest.mark.parametrize('name', list(presets.NAMED))
-def test_energy_books_close(name):
+def test_the_energy_ledger_closes(name):
     run = solve(presets.scene(name))
     assert run.status == 'ok'
     assert len(run.event_t) >= 10
-    books = run.energy
-    assert abs(books.residual_J) <= 1e-9 * max(1.0, abs(books.work_J))
-    assert books.friction_J > 0
+    energy = run.energy
+    assert abs(energy.residual_J) <= 1e-9 * max(1.0, abs(energy.work_J))
+    assert energy.friction_J > 0
 
 
 @pytest.mark.parametrize('name', ['S3L', 'S3G', 'S4L', 'S5'])
@@ -399,12 +399,12 @@ def test_every_extreme_ends_with_a_status(name):
         assert abs(run.energy.residual_J) <= 1e-6 * max(1.0, abs(run.energy.friction_J))
 
 
-def test_books_that_do_not_close_are_told():
+def test_a_ledger_that_does_not_close_is_told():
     """Head-on, a spring goes exactly through length zero, where it has no direction."""
     away = {'kind': 'poses', 'par': [[0, 1, 0, 0], [1, 1, 0, 0]]}
     run = solve(builders.table(away, 3.0, geometric=True), limits=Limits(steps=20_000))
     missed = abs(run.energy.residual_J) > 1e-3
-    assert missed == any('books miss' in note for note in run.notes)
+    assert missed == any('ledger misses' in note for note in run.notes)
     aside = solve(EXTREMES['a step of one metre aside'], limits=Limits(steps=20_000))
     assert not aside.notes
 
@@ -426,7 +426,7 @@ def test_limits_are_told():
     assert solve(presets.scene('S3G'), limits=Limits(events=10)).status == 'event limit'
 
 
-def test_what_is_cut_short_has_true_places_and_books():
+def test_what_is_cut_short_has_true_places_and_energies():
     """A long run keeps its places local; a limit met on the way must not show that."""
     for limits in (Limits(steps=3000), Limits(events=2000)):
         run = solve(builders.single(PULL, 1e5), limits=limits, sample_s=1e4)

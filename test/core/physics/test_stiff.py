@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stiff springs in the plane: steps that sweep over the turns of friction, against SciPy."""
+"""Stiff springs in the plane: steps that sweep over the reversals of friction, against SciPy."""
 
 import numpy as np
 import pytest
@@ -46,8 +46,8 @@ def test_stiff_springs_in_the_plane(geometric, drive):
     assert len(run.event_t) == 9
     assert run.swept > 0.3 * run.steps
     assert np.abs(run.u - by_scipy(scene, run.t)).max() < 1e-10
-    books = run.energy
-    assert abs(books.residual_J) < 2e-7 * abs(books.friction_J)
+    energy = run.energy
+    assert abs(energy.residual_J) < 2e-7 * abs(energy.friction_J)
 
 
 def test_sweeps_leave_ordinary_scenes_alone():
@@ -59,7 +59,7 @@ def test_sweeps_leave_ordinary_scenes_alone():
 
 @pytest.mark.slow
 def test_a_light_block_between_heavy_ones():
-    """It turns thousands of times before friction stops it, and the others never move."""
+    """It reverses thousands of times before friction stops it, and the others never move."""
     mass = np.full(9, 1e3)
     mass[4] = 1e-5
     aside = [[0.005 * (i == 4), 0.002 * (i == 4)] for i in range(9)]
@@ -69,7 +69,7 @@ def test_a_light_block_between_heavy_ones():
     assert run.status == 'ok'
     assert run.swept > 0.2 * run.steps
 
-    # along a line, by formula: half a turn after the other about +-delta, 2 delta shorter each time
+    # along a line, by formula: half periods about +-delta, 2 delta shorter each time
     w, start = np.sqrt(160.0 / 1e-5), np.array([0.005, 0.002])
     delta, size = 0.65 * 9.81 / w**2, np.hypot(*start)
     half = np.floor(run.t * w / np.pi)

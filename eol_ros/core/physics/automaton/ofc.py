@@ -42,7 +42,7 @@ class Events:
 
     @classmethod
     def empty(cls, count: int, full: bool = True) -> 'Events':
-        """Return room for `count` events; without `full`, for their sizes only."""
+        """Return arrays for `count` events; without `full`, for their sizes only."""
         return cls(*(np.zeros(count if full or k == 0 else 0, np.int64) for k in range(4)))
 
     @classmethod

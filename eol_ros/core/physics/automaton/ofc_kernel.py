@@ -102,8 +102,8 @@ def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations,
     near = np.empty(4 * n + 8, np.int32)  # sites that may topple in the next layer, with repeats
     now = np.empty(n, np.int32)
     gifts = np.empty(n, np.int64)
-    room = n // 4 + 64
-    keys, sites = np.empty(room + 2, np.int64), np.empty(room + 2, np.int32)
+    capacity = n // 4 + 64
+    keys, sites = np.empty(capacity + 2, np.int64), np.empty(capacity + 2, np.int32)
     seen = np.full(n if areas.size else 1, -1, np.int64)
     count, refill, floor = 0, True, int64(0)
     depth = max(int64(1), int64(one) // 64)
@@ -117,7 +117,7 @@ def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations,
             while True:
                 if refill or count == 0:
                     mean = (toppled_since + 1.0) / (event - filled_at + 1.0)
-                    wanted = min(max(8, int(0.045 * n / np.sqrt(mean))), room // 2)
+                    wanted = min(max(8, int(0.045 * n / np.sqrt(mean))), capacity // 2)
                     filled_at, toppled_since, refill = event, 0, False
                     top = _maximum(stress)
                     while True:
@@ -126,10 +126,12 @@ def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations,
                         for k in range(n):
                             now[uintp(found)] = k
                             found += stress[k] >= floor
-                        if found <= room // 2 or depth <= 1:
+                        if found <= capacity // 2 or depth <= 1:
                             break
                         depth //= 2
-                    if 2 * found > room:  # more equals than the bucket holds: take them all, now
+                    if (
+                        2 * found > capacity
+                    ):  # more equals than the bucket holds: take them all, now
                         floor, refill = top, True
                         while stress[now[0]] != top:
                             now[0] += 1
@@ -190,7 +192,7 @@ def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations,
                     stress[j] = -drive
                     toppling += 1
                 elif bucketed and value >= floor:
-                    if count == room:
+                    if count == capacity:
                         count, refill = 0, True
                     _push(keys, sites, count, value, int64(j))
                     count += 1

@@ -245,13 +245,13 @@ def add_reply(last, m, at, pl, ab):
             for q in range(s):
                 r = ab.inverse[0, q]
                 along = r * r * (ab.dx[0, q] * w[0, q] + ab.dy[0, q] * w[1, q])
-                turn = ab.natural[q] * r
-                w[2, q] = ab.stiff[q] * (w[0, q] - turn * (w[0, q] - along * ab.dx[0, q]))
+                bend = ab.natural[q] * r
+                w[2, q] = ab.stiff[q] * (w[0, q] - bend * (w[0, q] - along * ab.dx[0, q]))
             for q in range(s):
                 r = ab.inverse[0, q]
                 along = r * r * (ab.dx[0, q] * w[0, q] + ab.dy[0, q] * w[1, q])
-                turn = ab.natural[q] * r
-                w[3, q] = ab.stiff[q] * (w[1, q] - turn * (w[1, q] - along * ab.dy[0, q]))
+                bend = ab.natural[q] * r
+                w[3, q] = ab.stiff[q] * (w[1, q] - bend * (w[1, q] - along * ab.dy[0, q]))
             for p in range(len(ab.ties)):
                 pull = w[2]
                 for c in range(lanes):

@@ -69,10 +69,10 @@ def stop_of(i, speed, x, y, u, v, rim_speed, rules, at):
         j = at.near[q]
         jerk += at.k_near[q] * (speed + math.sqrt(v[j, 0] ** 2 + v[j, 1] ** 2))
     jerk *= at.inverse[i]
-    room = limit - math.sqrt(x * x + y * y) * at.inverse[i]
+    margin = limit - math.sqrt(x * x + y * y) * at.inverse[i]
     late = at.k_sum[i] * at.inverse[i] * speed * stop_s * AFTER_S
     error = stop_s * (jerk * stop_s * stop_s / 6.0 + late)
-    return stop_s, dx, dy, error < 10.0 * rules.small and jerk * stop_s < 0.2 * room
+    return stop_s, dx, dy, error < 10.0 * rules.small and jerk * stop_s < 0.2 * margin
 
 
 class Workspace(NamedTuple):
@@ -320,18 +320,18 @@ def run(
         top, who, hit_any = h, -1, False
         if h > 0.0:
             planar_swing(o, m, h, pl)
-            rim_far = turn = 0.0
+            rim_far = rim_yaw = 0.0
             power = 1.0
             for q in range(1, used + 1):
                 power *= h
                 rim_far += power * math.sqrt(cx[q] ** 2 + cy[q] ** 2)
-                turn += power * math.sqrt(cc[q] ** 2 + cs[q] ** 2)
+                rim_yaw += power * math.sqrt(cc[q] ** 2 + cs[q] ** 2)
             doubtful = suspects(
                 watching,
                 watched,
                 u,
                 rim_far,
-                turn,
+                rim_yaw,
                 cx[0],
                 cy[0],
                 cc[0],
@@ -427,7 +427,7 @@ def run(
                 counts[1] += 1
             v[i, 0] = v[i, 1] = 0.0
             if math.sqrt(x * x + y * y) > at.static[i]:
-                fresh[i] = True  # turns round: its speed is zero for no time at all
+                fresh[i] = True  # reverses: its speed is zero for no time at all
                 continue
             energy[1] += 0.5 * at.mass[i] * speed * speed + x * dx + y * dy
             u[i, 0] += dx

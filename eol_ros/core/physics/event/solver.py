@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 from eol_ros.core.physics.event import kernel
-from eol_ros.core.physics.exact.solver import books_of, length_scale
-from eol_ros.core.physics.kernel_args import Grid, room
+from eol_ros.core.physics.exact.solver import energy_ledger, length_scale
+from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import Scene
@@ -77,8 +77,8 @@ def solve(
     u, v = scene.u0.copy(), scene.v0.copy()
     rules = rules_for(tolerance, length_scale(scene, model), order, floor)
     shape = (len(times), model.n, 2)
-    grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), room(limits.events)
-    books, counts = np.zeros(2), np.zeros(3, np.int64)
+    grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), empty_log(limits.events)
+    work_and_heat, counts = np.zeros(2), np.zeros(3, np.int64)
     sliding, done = np.zeros(model.n, bool), kernel.BEGIN
 
     def advance(order: int, sweeping: kernel.Sweeping | None) -> int:
@@ -95,7 +95,7 @@ def solve(
             grid,
             log,
             limits.steps,
-            books,
+            work_and_heat,
             ledger,
             counts,
             kernel.make_workspace(model.lattice, order),
@@ -127,10 +127,12 @@ def solve(
     if counts[1]:
         run.notes.append(f'{counts[1]} stops ended at the floor of {rules.floor:g} m/s')
     if ledger:
-        run.energy = books_of(scene, model, u, v, t, books)
-        if abs(run.energy.residual_J) > MISSED * max(1.0, abs(books[0]), abs(books[1])):
+        run.energy = energy_ledger(scene, model, u, v, t, work_and_heat)
+        if abs(run.energy.residual_J) > MISSED * max(
+            1.0, abs(work_and_heat[0]), abs(work_and_heat[1])
+        ):
             run.notes.append(
-                f'the energy books miss {run.energy.residual_J:.2g} J: a spring went through '
+                f'the energy ledger misses {run.energy.residual_J:.2g} J: a spring went through '
                 'length zero, where it has no direction, and the model knows no contact'
             )
     return run

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far a step in the plane may go, how blocks stop, and what the energy books say of it."""
+"""How far a step in the plane may go, how blocks stop, and what the energy ledger say of it."""
 
 import math
 
@@ -183,14 +183,14 @@ def spring_reach(e, dx, dy, far, at):
     more, spare = at.k[e] * far, np.inf
     if natural > 0.0:
         spare = length - 0.5 * natural
-        if far >= spare:  # short springs turn faster than they stretch
+        if far >= spare:  # short springs rotate faster than they stretch
             length -= far
             more = np.inf if length <= 0.0 else at.k[e] * far * max(1.0, natural / length - 1.0)
     return stiff * dx, stiff * dy, more, spare
 
 
 @inlined
-def force_and_reach(j, u, rim_far, turn, x, y, co, si, at, pl):
+def force_and_reach(j, u, rim_far, rim_yaw, x, y, co, si, at, pl):
     """Return (fx, fy, more, spare): of the stuck block j what `spring_reach` says of a spring."""
     more, spare = 0.0, np.inf
     if not at.geometric:
@@ -199,7 +199,7 @@ def force_and_reach(j, u, rim_far, turn, x, y, co, si, at, pl):
             c = pl.slot[at.near[q]]
             if c >= 0:
                 more += at.k_near[q] * pl.swing[c]
-        return fx, fy, more + rim_far * at.drive[j, 0] + turn * at.arm[j], spare
+        return fx, fy, more + rim_far * at.drive[j, 0] + rim_yaw * at.arm[j], spare
     fx = fy = 0.0
     for q in range(at.lo[j], at.lo[j + 1]):
         e, i = at.spring[q], at.near[q]
@@ -207,13 +207,13 @@ def force_and_reach(j, u, rim_far, turn, x, y, co, si, at, pl):
         dx = u[i, 0] - u[j, 0] + side * at.rest[e, 0]
         dy = u[i, 1] - u[j, 1] + side * at.rest[e, 1]
         far = pl.swing[pl.slot[i]] if pl.slot[i] >= 0 else 0.0
-        px, py, rise, room = spring_reach(e, dx, dy, far, at)
-        fx, fy, more, spare = fx + px, fy + py, more + rise, min(spare, room)
+        px, py, rise, free = spring_reach(e, dx, dy, far, at)
+        fx, fy, more, spare = fx + px, fy + py, more + rise, min(spare, free)
     for q in range(at.rim_lo[j], at.rim_lo[j + 1]):
         e = at.rim_spring[q]
         dx, dy = to_rim(e, u[j, 0], u[j, 1], at, x, y, co, si)
-        px, py, rise, room = spring_reach(e, dx, dy, rim_far + turn * at.far, at)
-        fx, fy, more, spare = fx + px, fy + py, more + rise, min(spare, room)
+        px, py, rise, free = spring_reach(e, dx, dy, rim_far + rim_yaw * at.far, at)
+        fx, fy, more, spare = fx + px, fy + py, more + rise, min(spare, free)
     return fx, 0.0 if at.rail else fy, more, spare
 
 
@@ -223,7 +223,7 @@ def suspects(
     watched,
     u,
     rim_far,
-    turn,
+    rim_yaw,
     x,
     y,
     co,
@@ -245,8 +245,8 @@ def suspects(
     count = 0
     for p in range(watching):
         j = watched[p]
-        more = rim_far * at.drive[j, 0] + turn * at.arm[j]
-        far = rim_far + turn * at.far if more > 0.0 else 0.0
+        more = rim_far * at.drive[j, 0] + rim_yaw * at.arm[j]
+        far = rim_far + rim_yaw * at.far if more > 0.0 else 0.0
         for q in range(at.lo[j], at.lo[j + 1]):
             c = pl.slot[at.near[q]]
             if c >= 0:
@@ -256,9 +256,9 @@ def suspects(
             slack[j] -= more
             spare[j] -= far
             continue
-        fx, fy, more, room = force_and_reach(j, u, rim_far, turn, x, y, co, si, at, pl)
+        fx, fy, more, free = force_and_reach(j, u, rim_far, rim_yaw, x, y, co, si, at, pl)
         slack[j] = at.static[j] * (1.0 - ON_LIMIT) - math.sqrt(fx * fx + fy * fy) - more
-        spare[j] = room - far
+        spare[j] = free - far
         if slack[j] <= 0.0:
             found[count], at_x[count], at_y[count], push[count] = j, fx, fy, more
             count += 1

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps as long as stiff springs allow, whatever friction does within them.
 
-Where springs are stiff a block turns about quickly, and the direction v/|v| of its friction with
+Where springs are stiff a block reverses often, and the direction v/|v| of its friction with
 it: a series of v/|v| ends at the complex zeros of v.v, far nearer than the springs' own reach. But
 there friction is a small perturbation. Its effect over a step goes through the springs' response,
 which is smooth, so that only its lowest moments count, and a polynomial with the same moments does
 as well. So: from a first guess of the motion v(t) the moments of v/|v| are found by quadrature,
-panels graded towards each turn; the series is worked out again under that polynomial; and the
+panels graded towards each reversal; the series is worked out again under that polynomial; and the
 moments once more along the better motion (Picard's iteration; it gains a factor mu_k g / |a| each
 time, a the acceleration by springs).
 """
@@ -27,18 +27,17 @@ DEGREE = (
 )
 PANELS, NODES = 4, 8
 LOW = 11  # order of the series that the first guess is made from
-GROWTH = 3.0  # of the panels that lead away from a turn
+GROWTH = 3.0  # of the panels that lead away from a reversal
 EARLIEST = 1e-9  # of a step: the first of these panels, where v passes zero itself
 CLEAR = 6.0  # how many plain steps one by the springs' own reach must be worth to compile sweeps
-APART = 4.0  # how many times friction the springs must pull where a block turns
+APART = 4.0  # how many times friction the springs must pull where a block reverses
 ROUNDS = 4
 REPLY = DEGREE + 6  # rows in which the springs answer the last change, to second order
 LATE = 30.0  # how much more than a step's truncation the last change of friction may leave,
 LEFT = 0.01  # which is so much of it: by the springs' own change, and higher orders
 SHORT = 0.93
-REST = (
-    1.7e-7  # |P_(DEGREE + 1)| of sin(w t) / w over a step, of (w h / 2)^(DEGREE + 1), by a turn's
-)
+# |P_(DEGREE + 1)| of sin(w t) / w over a step, of (w h / 2)^(DEGREE + 1), by a reversal's
+REST = 1.7e-7
 
 
 class Panels(NamedTuple):
@@ -155,11 +154,11 @@ def add_panel(order, c, lanes, begin, end, more_x, more_y, sw):
 
 
 @uncounted
-def add_turn(order, c, lanes, panel, h, ab, sw):
-    """Add the moments of a panel in which lane c turns; return False if it may stop there.
+def add_reversal(order, c, lanes, panel, h, ab, sw):
+    """Add the moments of a panel in which lane c reverses; return False if it may stop there.
 
-    When it turns hangs on the friction until then, and within a step the polynomial has that only
-    on the average: the velocity is put right by what the two differ.
+    When it reverses hangs on the friction until then, and within a step the polynomial has that
+    only on the average: the velocity is put right by what the two differ.
     """
     begin, end = panel / PANELS, (panel + 1) / PANELS
     tau, least = begin, np.inf
@@ -259,7 +258,7 @@ def sample(order, m, h, ab, sw):
                 continue
             for q in range(a, b + 1):
                 n[q, c] = n[q, lanes + c] = speed[q, c] = 0.0
-            if not add_turn(order, c, lanes, p, h, ab, sw):
+            if not add_reversal(order, c, lanes, p, h, ab, sw):
                 return False
     for q in range(q_end):
         weight = panels.weight[q]
@@ -320,7 +319,7 @@ def fastest(m, at, pl):
 def would_pay(order, m, plain, small, at, pl):
     """Return whether springs allow steps so much longer than `plain` (s) that sweeps would pay.
 
-    Not where a block may stop: one that is slow has to be turned round by its springs.
+    Not where a block may stop: one that is slow has to be reversed by its springs.
     """
     most, square = 0.0, fastest(m, at, pl)
     for c in range(m):
@@ -342,7 +341,7 @@ def would_pay(order, m, plain, small, at, pl):
 def sweep_top(m, small, at, pl):
     """Return the step up to which the higher moments of friction move no block by 10 `small`.
 
-    A turn leaves the polynomial REST mu_k g h^2 (w h / 2)^(DEGREE + 1) short;
+    A reversal leaves the polynomial REST mu_k g h^2 (w h / 2)^(DEGREE + 1) short;
     """
     square, most = fastest(m, at, pl), 0.0
     for c in range(m):

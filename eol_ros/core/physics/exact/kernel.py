@@ -328,7 +328,7 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
                 v[i] = 0.0
                 f = force_now(i, u, at, cx[0], cc[0], cs[0])
                 if abs(f) > at.static[i] * (1.0 + ON_LIMIT):
-                    sign[i] = np.sign(f)  # turns round: its speed is zero for no time at all
+                    sign[i] = np.sign(f)  # reverses: its speed is zero for no time at all
                     refill = True
                     continue
                 sign[i] = 0.0

@@ -5,7 +5,7 @@ import numpy as np
 
 from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.exact import kernel
-from eol_ros.core.physics.kernel_args import Grid, room
+from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Energy, Limits, Run
 from eol_ros.core.physics.scene import Scene
@@ -22,7 +22,7 @@ def solve(
     u, v = scene.u0[:, 0].copy(), scene.v0[:, 0].copy()
     small = TRUNCATION * length_scale(scene, model)
     grid = Grid(times, np.zeros((len(times), model.n)), np.zeros((len(times), model.n)))
-    log, books, state = room(limits.events), np.zeros(2), np.zeros(model.n, np.int8)
+    log, work_and_heat, state = empty_log(limits.events), np.zeros(2), np.zeros(model.n, np.int8)
     status, t, events, steps, base = kernel.run(
         u,
         v,
@@ -34,7 +34,7 @@ def solve(
         grid,
         log,
         limits.steps,
-        books,
+        work_and_heat,
         ledger,
         state,
         kernel.make_lanes(model.n, order),
@@ -57,7 +57,7 @@ def solve(
         t,
     )
     if ledger:
-        run.energy = books_of(scene, model, end, np.column_stack([v, 0 * v]), t, books)
+        run.energy = energy_ledger(scene, model, end, np.column_stack([v, 0 * v]), t, work_and_heat)
     return run
 
 
@@ -69,13 +69,13 @@ def length_scale(scene: Scene, model: Model) -> float:
     return max(hold, float(np.abs(scene.u0).max()), 1e-12)
 
 
-def books_of(
-    scene: Scene, model: Model, u: np.ndarray, v: np.ndarray, t: float, books: np.ndarray
+def energy_ledger(
+    scene: Scene, model: Model, u: np.ndarray, v: np.ndarray, t: float, work_and_heat: np.ndarray
 ) -> Energy:
     """Return the energy ledger between the start and the state u, v at t."""
     return Energy(
-        float(books[0]),
+        float(work_and_heat[0]),
         model.kinetic_energy(v) - model.kinetic_energy(scene.v0),
         model.elastic_energy(u, t) - model.elastic_energy(scene.u0, 0.0),
-        float(books[1]),
+        float(work_and_heat[1]),
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The compiled loop for blocks that turn: from event to event in x, y and s = c theta."""
+"""The compiled loop for blocks that rotate: from event to event in x, y and s = c theta."""
 
 import math
 from typing import NamedTuple
@@ -9,7 +9,7 @@ import numpy as np
 from eol_ros.core.physics.drive import NONE
 from eol_ros.core.physics.exact.taylor import GAUSS_W, GAUSS_X, ON_LIMIT
 from eol_ros.core.physics.kernel_args import Lattice
-from eol_ros.core.physics.rotation.taylor import Series, make_series, turning_series
+from eol_ros.core.physics.rotation.taylor import Series, make_series, rotating_series
 from eol_ros.core.physics.series import add_exactly, drive_series, entry, first_root, uncounted
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 
@@ -172,7 +172,7 @@ def make_workspace(at: Lattice, order: int) -> Workspace:
 
 
 @entry
-def run(q, v, sliding, t_end, rules, at, turn, rim, grid, log, max_steps, energy, ledger, ws):
+def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, ledger, ws):
     """Advance `q`, `v` (n, 3): x, y, s, and `sliding` to `t_end`.
 
     Returns (status, t, events, steps); `grid` takes u and v of (k, n, 3).
@@ -191,7 +191,7 @@ def run(q, v, sliding, t_end, rules, at, turn, rim, grid, log, max_steps, energy
         reach, used = drive_series(
             rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, work
         )
-        turning_series(order, q, v, sliding, fresh, driven, at, turn, b, cx, cy, cc, cs, work)
+        rotating_series(order, q, v, sliding, fresh, driven, at, ra, b, cx, cy, cc, cs, work)
         if settle:  # what is beyond its limit breaks now, and the series begin anew
             settle = again = False
             for i in range(n):
@@ -260,7 +260,7 @@ def run(q, v, sliding, t_end, rules, at, turn, rim, grid, log, max_steps, energy
             for p in range(3):
                 v[i, p] = 0.0
             if math.sqrt(force) > at.static[i]:
-                fresh[i] = True  # turns round: its speed is zero for no time at all
+                fresh[i] = True  # reverses: its speed is zero for no time at all
                 continue
             if events >= len(log.t):
                 return EVENT_LIMIT, t, events, steps

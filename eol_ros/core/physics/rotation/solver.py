@@ -1,27 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The event path for blocks that turn as they slide; imported only where a scene asks for it."""
+"""The event path for blocks that rotate as they slide; imported only where a scene asks for it."""
 
 import numpy as np
 
 from eol_ros.core.physics.event.solver import order_for, rules_for
 from eol_ros.core.physics.exact.solver import length_scale
-from eol_ros.core.physics.kernel_args import Grid, room
+from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Energy, Limits, Run
 from eol_ros.core.physics.rotation import kernel
-from eol_ros.core.physics.rotation.taylor import LEVER, Turn
+from eol_ros.core.physics.rotation.taylor import LEVER, RotationArgs
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.status import WORDS
 
 
-def turn_of(scene: Scene) -> Turn:
-    """Return what turning adds to the lattice of a scene with rotation."""
+def rotation_args(scene: Scene) -> RotationArgs:
+    """Return what rotation adds to the lattice of a scene with rotation."""
     r = scene.rotation
     assert r is not None
     lever = LEVER * r.side_m
     inertia = scene.mass * r.side_m**2 / 6
     mass = np.stack([scene.mass, scene.mass, inertia / lever**2], axis=1)
-    return Turn(lever, mass, r.arm, r.arm_j)
+    return RotationArgs(lever, mass, r.arm, r.arm_j)
 
 
 def floor_speed(tolerance: float) -> float:
@@ -29,13 +29,13 @@ def floor_speed(tolerance: float) -> float:
     return float(np.clip(1e-2 * np.sqrt(tolerance), 1e-9, 1e-6))
 
 
-def start_of(scene: Scene, turn: Turn) -> tuple[np.ndarray, np.ndarray]:
+def start_of(scene: Scene, ra: RotationArgs) -> tuple[np.ndarray, np.ndarray]:
     """Return places and velocities (n, 3) of x, y and s = lever * yaw."""
     r = scene.rotation
     assert r is not None
     return (
-        np.column_stack([scene.u0, turn.lever * r.yaw0]),
-        np.column_stack([scene.v0, turn.lever * r.spin0]),
+        np.column_stack([scene.u0, ra.lever * r.yaw0]),
+        np.column_stack([scene.v0, ra.lever * r.spin0]),
     )
 
 
@@ -43,14 +43,14 @@ def solve(
     scene: Scene, model: Model, times: np.ndarray, limits: Limits, ledger: bool, tolerance: float
 ) -> Run:
     """Return the run of a scene with rotation."""
-    turn = turn_of(scene)
-    q, v = start_of(scene, turn)
+    ra = rotation_args(scene)
+    q, v = start_of(scene, ra)
     rules = rules_for(
         tolerance, length_scale(scene, model), order_for(tolerance), floor_speed(tolerance)
     )
     shape = (len(times), model.n, 3)
-    grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), room(limits.events)
-    books = np.zeros(2)
+    grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), empty_log(limits.events)
+    work_and_heat = np.zeros(2)
     status, t, events, steps = kernel.run(
         q,
         v,
@@ -58,12 +58,12 @@ def solve(
         float(scene.duration_s),
         rules,
         model.lattice,
-        turn,
+        ra,
         model.rim,
         grid,
         log,
         limits.steps,
-        books,
+        work_and_heat,
         ledger,
         kernel.make_workspace(model.lattice, rules.order),
     )
@@ -78,26 +78,26 @@ def solve(
         log.start[:events].copy(),
         steps,
         t,
-        yaw=grid.u[:, :, 2] / turn.lever,
-        spin=grid.v[:, :, 2] / turn.lever,
+        yaw=grid.u[:, :, 2] / ra.lever,
+        spin=grid.v[:, :, 2] / ra.lever,
     )
     if ledger:
-        run.energy = books_of(scene, model, turn, q, v, t, books)
+        run.energy = energy_ledger(scene, model, ra, q, v, t, work_and_heat)
     return run
 
 
-def books_of(
+def energy_ledger(
     scene: Scene,
     model: Model,
-    turn: Turn,
+    ra: RotationArgs,
     q: np.ndarray,
     v: np.ndarray,
     t: float,
-    books: np.ndarray,
+    work_and_heat: np.ndarray,
 ) -> Energy:
     """Return the energy ledger between the start and the state q, v (n, 3) at t."""
-    q0, v0 = start_of(scene, turn)
-    kinetic = 0.5 * np.sum(turn.mass * (v**2 - v0**2))
-    elastic = model.elastic_energy(q[:, :2], t, q[:, 2] / turn.lever)
-    elastic -= model.elastic_energy(q0[:, :2], 0.0, q0[:, 2] / turn.lever)
-    return Energy(float(books[0]), float(kinetic), float(elastic), float(books[1]))
+    q0, v0 = start_of(scene, ra)
+    kinetic = 0.5 * np.sum(ra.mass * (v**2 - v0**2))
+    elastic = model.elastic_energy(q[:, :2], t, q[:, 2] / ra.lever)
+    elastic -= model.elastic_energy(q0[:, :2], 0.0, q0[:, 2] / ra.lever)
+    return Energy(float(work_and_heat[0]), float(kinetic), float(elastic), float(work_and_heat[1]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Moreau-Jean time stepping for blocks that turn: a preview, and an independent check of `turning`.
+"""Moreau-Jean time stepping for blocks that rotate: a preview, and an independent check.
 
 As `stepping`, in x, y and s = lever * yaw, with plain arrays: forces at the middle of the step,
 friction implicit in the new velocity, m (V - V_free) = -h F V / |V|, from the root of its size.
@@ -9,26 +9,28 @@ import numpy as np
 
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run
-from eol_ros.core.physics.rotation.solver import books_of, start_of, turn_of
-from eol_ros.core.physics.rotation.taylor import Turn
+from eol_ros.core.physics.rotation.solver import energy_ledger, rotation_args, start_of
+from eol_ros.core.physics.rotation.taylor import RotationArgs
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT, WORDS
 
 
-def forces(model: Model, turn: Turn, q: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+def forces(
+    model: Model, ra: RotationArgs, q: np.ndarray, t: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return force and torque / lever (n, 3) on each block, and the springs' forces (s, 2)."""
-    yaw = q[:, 2] / turn.lever
+    yaw = q[:, 2] / ra.lever
     pull = model.tension(q[:, :2], t, yaw)
     total = np.zeros((model.n, 3))
     inner = model.second < model.n
     for ends, arm, f in (
-        (model.first, turn.arm, pull),
-        (model.second[inner], turn.arm_j[inner], -pull[inner]),
+        (model.first, ra.arm, pull),
+        (model.second[inner], ra.arm_j[inner], -pull[inner]),
     ):
         c, s = np.cos(yaw[ends]), np.sin(yaw[ends])
         x, y = c * arm[:, 0] - s * arm[:, 1], s * arm[:, 0] + c * arm[:, 1]
         torque = x * f[:, 1] - y * f[:, 0]
-        np.add.at(total, ends, np.column_stack([f, torque / turn.lever]))
+        np.add.at(total, ends, np.column_stack([f, torque / ra.lever]))
     return total, pull
 
 
@@ -51,13 +53,13 @@ def braked(free: np.ndarray, impulse: np.ndarray, mass: np.ndarray) -> np.ndarra
 
 def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s: float) -> Run:
     """Return the run of a scene with rotation in steps of `step_s`, whole between samples."""
-    turn = turn_of(scene)
-    q, v = start_of(scene, turn)
+    ra = rotation_args(scene)
+    q, v = start_of(scene, ra)
     moving = np.any(v != 0, axis=1) | (model.static == 0)
     shape = (len(times), model.n, 3)
     q_out, v_out = np.zeros(shape), np.zeros(shape)
     q_out[0], v_out[0] = q, v
-    books, log = np.zeros(2), []
+    work_and_heat, log = np.zeros(2), []
     status, steps, reached = OK, 0, 0
     rim = model.second >= model.n
     for sample in range(1, len(times)):
@@ -70,21 +72,21 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
         for step in range(count):
             t = times[sample - 1] + step * h
             q += 0.5 * h * v
-            pull, spring = forces(model, turn, q, t + 0.5 * h)
+            pull, spring = forces(model, ra, q, t + 0.5 * h)
             led = scene.drive.displacement(t + h, model.anchors)
             led = led - scene.drive.displacement(t, model.anchors)
-            books[0] += np.sum(spring[rim] * led[model.second[rim] - model.n])
+            work_and_heat[0] += np.sum(spring[rim] * led[model.second[rim] - model.n])
             size = np.linalg.norm(pull, axis=1)
             starts = ~moving & (size > model.static)
-            free = v + h * pull / turn.mass
+            free = v + h * pull / ra.mass
             moving |= starts
-            new = np.where(moving[:, None], braked(free, h * model.kinetic, turn.mass), 0)
+            new = np.where(moving[:, None], braked(free, h * model.kinetic, ra.mass), 0)
             stops = moving & ~np.any(new, axis=1) & (size <= model.static)
             log += [(t + 0.5 * h, i, 1) for i in np.flatnonzero(starts)]
             log += [(t + 0.5 * h, i, 0) for i in np.flatnonzero(stops)]
             moving &= ~stops
-            gain = 0.5 * np.sum(turn.mass * (new**2 - v**2))
-            books[1] += 0.5 * h * np.sum(pull * (v + new)) - gain
+            gain = 0.5 * np.sum(ra.mass * (new**2 - v**2))
+            work_and_heat[1] += 0.5 * h * np.sum(pull * (v + new)) - gain
             v = new
             q += 0.5 * h * v
         steps += count
@@ -111,8 +113,8 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
         start.astype(np.int8),
         steps,
         float(times[reached]),
-        yaw=q_out[done, :, 2] / turn.lever,
-        spin=v_out[done, :, 2] / turn.lever,
+        yaw=q_out[done, :, 2] / ra.lever,
+        spin=v_out[done, :, 2] / ra.lever,
     )
-    run.energy = books_of(scene, model, turn, q, v, float(times[reached]), books)
+    run.energy = energy_ledger(scene, model, ra, q, v, float(times[reached]), work_and_heat)
     return run

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Power series of blocks that turn as they slide, springs fixed to them at lever arms.
+"""Power series of blocks that rotate as they slide, springs fixed to them at lever arms.
 
 A square of side w under even pressure can bear a force F and a torque T as long as
 (F / F_s)^2 + (T / (c F_s))^2 <= 1, c = 0.3826 w its points' mean distance from the centre: the
@@ -21,8 +21,8 @@ from eol_ros.core.physics.series import inlined, uncounted
 LEVER = (math.sqrt(2.0) + math.asinh(1.0)) / 6.0  # mean distance in a unit square from its centre
 
 
-class Turn(NamedTuple):
-    """What turning adds to a lattice."""
+class RotationArgs(NamedTuple):
+    """What rotation adds to a lattice."""
 
     lever: float  # c, m
     mass: np.ndarray  # (n, 3): m, m, I / c^2
@@ -91,7 +91,7 @@ def add_pull(i, k, side, e, ax, ay, moves, lever, b):
 
 
 @uncounted
-def springs_order(k, sliding, driven, at, turn, b, x, y, co, si):
+def springs_order(k, sliding, driven, at, ra, b, x, y, co, si):
     """Write order k of all forces on all blocks; x, y, co, si: that of the rim."""
     for i in range(at.n):
         b.g[i, 0, k] = b.g[i, 1, k] = b.g[i, 2, k] = 0.0
@@ -100,7 +100,7 @@ def springs_order(k, sliding, driven, at, turn, b, x, y, co, si):
         rim = j >= at.n
         if k > 0 and not (sliding[i] or (driven if rim else sliding[j])):
             continue
-        ax, ay, bx, by = turn.arm[e, 0], turn.arm[e, 1], turn.arm_j[e, 0], turn.arm_j[e, 1]
+        ax, ay, bx, by = ra.arm[e, 0], ra.arm[e, 1], ra.arm_j[e, 0], ra.arm_j[e, 1]
         dx = dy = 0.0
         if rim:
             px, py = at.anchors[j - at.n, 0], at.anchors[j - at.n, 1]
@@ -117,9 +117,9 @@ def springs_order(k, sliding, driven, at, turn, b, x, y, co, si):
             nx, ny = direction_order(k, e, b.dx, b.dy, b.d_square, b.d_inverse)
             dx, dy = dx - at.natural[e] * nx, dy - at.natural[e] * ny
         b.fx[e, k], b.fy[e, k] = at.k[e] * dx, at.k[e] * dy
-        add_pull(i, k, 1.0, e, ax, ay, sliding[i], turn.lever, b)
+        add_pull(i, k, 1.0, e, ax, ay, sliding[i], ra.lever, b)
         if not rim:
-            add_pull(j, k, -1.0, e, bx, by, sliding[j], turn.lever, b)
+            add_pull(j, k, -1.0, e, bx, by, sliding[j], ra.lever, b)
 
 
 @inlined
@@ -219,10 +219,10 @@ def slide_order(k, i, is_fresh, friction, mass, b, n):
 
 
 @uncounted
-def turning_series(order, q, v, sliding, fresh, driven, at, turn, b, cx, cy, cc, cs, n):
+def rotating_series(order, q, v, sliding, fresh, driven, at, ra, b, cx, cy, cc, cs, n):
     """Write the series of all that moves, and of the forces on all blocks to order - 2."""
     for i in range(at.n):
-        theta = q[i, 2] / turn.lever
+        theta = q[i, 2] / ra.lever
         half = math.sin(0.5 * theta)
         b.co[i, 0], b.si[i, 0] = -2.0 * half * half, math.sin(theta)
         for p in range(3):
@@ -232,11 +232,11 @@ def turning_series(order, q, v, sliding, fresh, driven, at, turn, b, cx, cy, cc,
             if sliding[i] and k > 0:
                 s = c = 0.0
                 for j in range(1, k + 1):
-                    rate = j * b.a[i, 2, j] / turn.lever
+                    rate = j * b.a[i, 2, j] / ra.lever
                     c -= rate * b.si[i, k - j]
                     s += rate * (b.co[i, k - j] + (1.0 if j == k else 0.0))
                 b.co[i, k], b.si[i, k] = c / k, s / k
-        springs_order(k, sliding, driven, at, turn, b, cx[k], cy[k], cc[k], cs[k])
+        springs_order(k, sliding, driven, at, ra, b, cx[k], cy[k], cc[k], cs[k])
         for i in range(at.n):
             if sliding[i]:
-                slide_order(k, i, fresh[i], at.friction[i], turn.mass, b, n)
+                slide_order(k, i, fresh[i], at.friction[i], ra.mass, b, n)

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from eol_ros.core.physics.exact.solver import books_of
+from eol_ros.core.physics.exact.solver import energy_ledger
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import Scene
@@ -18,7 +18,7 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
     place_anchors(ends, m.n, m.anchors, *scene.drive.pose(0.0))
     v, force = scene.v0.copy(), np.zeros_like(ends)
     moving = np.any(v != 0, axis=1) | (m.static == 0)
-    books, counts = np.zeros(2), np.zeros(1, np.int64)
+    work_and_heat, counts = np.zeros(2), np.zeros(1, np.int64)
     log = (
         np.empty(limits.events),
         np.empty(limits.events, np.int64),
@@ -40,7 +40,7 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
             v,
             moving,
             force,
-            books,
+            work_and_heat,
             counts,
             times[sample - 1],
             count,
@@ -87,5 +87,5 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
         steps,
         float(times[reached]),
     )
-    run.energy = books_of(scene, m, ends[: m.n], v, float(times[reached]), books)
+    run.energy = energy_ledger(scene, m, ends[: m.n], v, float(times[reached]), work_and_heat)
     return run

@@ -165,9 +165,9 @@ class Accelerometers:
         # those that were passed over have gone on looking meanwhile
         late = np.maximum(np.ceil((begin_s - self._next_s[blocks]) / self.period_s[blocks]), 0)
         self._next_s[blocks] += late * self.period_s[blocks]
-        room = int((end_s - begin_s) / self.period_s.min()) + 3
-        noise = self._random.standard_normal((len(blocks), room, 4))
-        out = np.zeros((len(blocks), room, 2))
+        capacity = int((end_s - begin_s) / self.period_s.min()) + 3
+        noise = self._random.standard_normal((len(blocks), capacity, 4))
+        out = np.zeros((len(blocks), capacity, 2))
         count, first_s = np.zeros(len(blocks), np.int64), np.zeros(len(blocks))
         _write(
             end_s - begin_s,
@@ -331,9 +331,9 @@ def _velocity(block, time, row, trace, own_t, own_start, events):
 def _decay(ring, rates, span):
     """Let the modes of one block ring for `span`, s."""
     for m in range(len(rates)):
-        turn = np.exp(rates[m] * span)
-        ring[m, 0] *= turn
-        ring[m, 1] *= turn
+        factor = np.exp(rates[m] * span)
+        ring[m, 0] *= factor
+        ring[m, 1] *= factor
 
 
 @njit(cache=True, inner=True)
@@ -399,7 +399,7 @@ def _write(
                 if max(abs(np.rint(ax / 16.0)), abs(np.rint(ay / 16.0))) * 16.0 >= wake_mg:
                     asleep[b] = False
                     woken[b] = True
-                    time += periods[b]  # turning on takes one sample
+                    time += periods[b]  # waking takes one sample
                 else:
                     time += wake_s
                 continue

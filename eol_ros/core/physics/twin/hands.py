@@ -20,7 +20,7 @@ MAX_HOLD_S = 1.0
 def reach_m(yaw: float) -> float:
     """Return how far (m) the rim may stand off centre along x or y and stay on the platform.
 
-    A square of side s turned by phi spans s (|cos phi| + |sin phi|); at yaw 0 this is RIM_REACH_M.
+    A square of side s rotated by phi spans s (|cos phi| + |sin phi|); at yaw 0 this is RIM_REACH_M.
     """
     span = RIM_SIDE_M * (abs(np.cos(yaw)) + abs(np.sin(yaw)))
     return max(0.0, (PLATFORM_SIDE_M - span) / 2)

@@ -11,7 +11,7 @@ from eol_ros.core.physics.drive import POSES
 from eol_ros.core.physics.event.kernel import BEGIN, make_workspace, run
 from eol_ros.core.physics.event.solver import rules_for
 from eol_ros.core.physics.exact.solver import length_scale
-from eol_ros.core.physics.kernel_args import Grid, Rim, room
+from eol_ros.core.physics.kernel_args import Grid, Rim, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.status import OK
@@ -79,8 +79,8 @@ class LiveTable:
         self._edges = (springs.anchor - springs.rest).view(complex)[:, 0]
         self._inward = -side.view(complex)[:, 0]
         self._u, self._v = scene.u0.copy(), scene.v0.copy()
-        self._books, self._counts = np.zeros(2), np.zeros(3, np.int64)
-        self._log = room(MOST_EVENTS)
+        self._work_and_heat, self._counts = np.zeros(2), np.zeros(3, np.int64)
+        self._log = empty_log(MOST_EVENTS)
         self._workspace = make_workspace(self._model.lattice, self._rules.order)
         self._sampled = np.linspace(0.0, 1.0, samples + 1)
         rows = (samples + 1, N_BLOCKS, 2)
@@ -96,7 +96,7 @@ class LiveTable:
         self._place()
         # a run of no time, on copies: compiles or loads the kernel before the clock runs
         self._solve(self._u.copy(), self._v.copy(), self.moving.copy(), 0.0)
-        self._books[:] = self._counts[:] = 0
+        self._work_and_heat[:] = self._counts[:] = 0
 
     def advance(self, start_s: float, stop_s: float, pose: np.ndarray, rate: np.ndarray) -> None:
         """Move from `start_s` to `stop_s`; the rim goes to `pose` (3,), arriving at `rate` (3,).
@@ -135,13 +135,13 @@ class LiveTable:
 
     def _near(self, pose: np.ndarray) -> np.ndarray:
         """Return the distance (m) from the rim at `pose` to the block beside it, at each spring."""
-        turn, way = self._ways(pose)
-        return (way * (turn * self._inward).conj()).real * -1.0
+        rotation, way = self._ways(pose)
+        return (way * (rotation * self._inward).conj()).real * -1.0
 
     def _ways(self, pose: np.ndarray) -> tuple[complex, np.ndarray]:
-        turn = complex(np.cos(pose[2]), np.sin(pose[2]))
+        rotation = complex(np.cos(pose[2]), np.sin(pose[2]))
         here = self._edges + self._u.view(complex)[self._beside, 0]
-        return turn, complex(pose[0], pose[1]) + turn * self._ends - here
+        return rotation, complex(pose[0], pose[1]) + rotation * self._ends - here
 
     def _stop_at_blocks(self, pose: np.ndarray, rate: np.ndarray, span_s: float) -> None:
         """Move `pose` to where no block is nearer than allowed, and `rate` with it.
@@ -173,11 +173,11 @@ class LiveTable:
 
     def _slope(self, pose: np.ndarray, which: int) -> np.ndarray:
         """Return the derivative (3,) of one distance of `_near` after x, y and yaw."""
-        turn, ways = self._ways(pose)
-        normal, way = turn * self._inward[which], ways[which]
-        turned = (1j * turn * self._ends[which] * normal.conjugate()).real
-        turned += (way * (1j * normal).conjugate()).real
-        return -np.array([normal.real, normal.imag, turned])
+        rotation, ways = self._ways(pose)
+        normal, way = rotation * self._inward[which], ways[which]
+        rotated = (1j * rotation * self._ends[which] * normal.conjugate()).real
+        rotated += (way * (1j * normal).conjugate()).real
+        return -np.array([normal.real, normal.imag, rotated])
 
     def _solve(
         self, u: np.ndarray, v: np.ndarray, moving: np.ndarray, span: float
@@ -196,7 +196,7 @@ class LiveTable:
             self._grid,
             self._log,
             MOST_STEPS,
-            self._books,
+            self._work_and_heat,
             True,
             self._counts,
             self._workspace,
@@ -212,7 +212,9 @@ class LiveTable:
     @property
     def energy_residual(self) -> float:
         """Drive work less friction heat less the change of energy (J) since the start."""
-        return float(self._books[0] - self._books[1] - (self._energy() - self._energy0))
+        return float(
+            self._work_and_heat[0] - self._work_and_heat[1] - (self._energy() - self._energy0)
+        )
 
     def _energy(self) -> float:
         m = self._model

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blocks that turn: against formulas, SciPy, time steps, the plain event path, and their books."""
+"""Blocks that rotate: against formulas, SciPy, time steps, the plain event path; their energy."""
 
 import numpy as np
 import pytest
@@ -21,8 +21,8 @@ def solve(scene, **options):
 
 def loose(**rotation):
     more = {'v0': [rotation.pop('v0')]} if 'v0' in rotation else {}
-    turns = {'side': SIDE, **rotation}
-    return builders.single(NONE, 2.0, k=0.0, dim1=False, rotation=turns, **more)
+    rotates = {'side': SIDE, **rotation}
+    return builders.single(NONE, 2.0, k=0.0, dim1=False, rotation=rotates, **more)
 
 
 def table(drive, seconds, **more):
@@ -43,14 +43,14 @@ def test_a_spinning_block_slows_at_a_constant_rate():
     assert run.event_start.tolist() == [0]
     assert run.event_t[0] == pytest.approx(6.0 / slowing, rel=1e-6)
     assert run.yaw[-1, 0] == pytest.approx(36.0 / (2 * slowing), rel=1e-9)
-    turning = run.t < 0.9 * run.event_t[0]
-    assert run.spin[turning, 0] == pytest.approx(6.0 - slowing * run.t[turning], rel=1e-12)
+    rotates = run.t < 0.9 * run.event_t[0]
+    assert run.spin[rotates, 0] == pytest.approx(6.0 - slowing * run.t[rotates], rel=1e-12)
     assert np.abs(run.u).max() == 0.0
     assert abs(run.energy.residual_J) < 1e-12
 
 
 @pytest.mark.parametrize('spin', [0.5, 6.0, 60.0])
-def test_sliding_and_turning_share_the_friction(spin):
+def test_sliding_and_rotation_share_the_friction(spin):
     """SciPy on the two speeds alone: friction is normal to the ellipsoid."""
     c = LEVER * SIDE
     mass = np.array([MASS, MASS * SIDE**2 / 6 / c**2])
@@ -76,7 +76,7 @@ def test_sliding_and_turning_share_the_friction(spin):
     assert run.event_t[0] == pytest.approx(found.t[-1], abs=1e-5)
     assert run.u[-1, 0, 0] == pytest.approx(found.y[2, -1], abs=1e-9)
     assert run.yaw[-1, 0] * c == pytest.approx(found.y[3, -1], abs=1e-9)
-    assert run.u[-1, 0, 0] > 0.4**2 / (2 * MU * G)  # a turning block slides further
+    assert run.u[-1, 0, 0] > 0.4**2 / (2 * MU * G)  # a rotating block slides further
     assert abs(run.energy.residual_J) < 1e-12
 
 
@@ -95,7 +95,7 @@ def test_a_pull_aside_turns_the_block():
 
 @pytest.mark.slow
 @pytest.mark.parametrize('geometric', [False, True])
-def test_books_close_and_tolerance_is_met(geometric):
+def test_the_ledger_closes_and_tolerance_is_met(geometric):
     scene = table(presets.CIRCLE, 6.0, geometric=geometric)
     fine = solve(scene, tolerance=1e-13)
     run = solve(scene, tolerance=1e-9)
@@ -105,9 +105,9 @@ def test_books_close_and_tolerance_is_met(geometric):
     assert run.event_block.tolist() == fine.event_block.tolist()
     assert np.abs(run.u - fine.u).max() < 1e-8
     assert np.abs(run.yaw - fine.yaw).max() < 1e-7
-    for books in (run.energy, fine.energy):
-        assert abs(books.residual_J) < 1e-9
-        assert books.friction_J > 0.1
+    for energy in (run.energy, fine.energy):
+        assert abs(energy.residual_J) < 1e-9
+        assert energy.friction_J > 0.1
 
 
 @pytest.mark.slow
@@ -133,14 +133,14 @@ def test_springs_at_the_centre_turn_nothing():
         spring |= {'arm': [0.0, 0.0], 'arm_j': [0.0, 0.0]}
     for spring in scene['springs_to_frame']:
         spring |= {'arm': [0.0, 0.0]}
-    turning = solve(scene, tolerance=1e-12)
+    rotating = solve(scene, tolerance=1e-12)
     for spring in scene['springs_between_blocks'] + scene['springs_to_frame']:
         spring.pop('arm'), spring.pop('arm_j', None)
     plain = solve(scene | {'rotation': None}, tolerance=1e-12)
-    assert not np.any(turning.yaw)
+    assert not np.any(rotating.yaw)
     assert plain.yaw is None
-    assert np.abs(turning.u - plain.u).max() < 1e-9
-    assert sorted(zip(turning.event_block, turning.event_start, strict=True)) == sorted(
+    assert np.abs(rotating.u - plain.u).max() < 1e-9
+    assert sorted(zip(rotating.event_block, rotating.event_start, strict=True)) == sorted(
         zip(plain.event_block, plain.event_start, strict=True)
     )
 
