@@ -400,7 +400,29 @@ def find(name: str) -> Path:
 
 
 def load(name: str | Path) -> Scene:
-    """Return the scene of a file or a shipped name; raise SceneError with all mistakes."""
+    """Read a scene, and check all of it.
+
+    Parameters
+    ----------
+    name : str or Path
+        A YAML file, or the name of a scene that ships.
+
+    Returns
+    -------
+    Scene
+        Nodes with their settings, and how they are wired to the world.
+
+    Raises
+    ------
+    SceneError
+        With all mistakes, each with file, line and column.
+
+    Examples
+    --------
+    >>> scene = load('rehearsal')
+    >>> scene.nodes['twin'].fps
+    60.0
+    """
     path = find(str(name))
     reader = _Reader()
     top = reader.read(path)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the generated parts of the docs: tables in README.md, docs/topics.md, docs/settings.md.
+"""Writes what of the docs is generated: tables in README.md, docs/topics.md, settings.md, api.md.
 
 python tools/generate_docs.py            write them
 python tools/generate_docs.py --check    exit 1 when they are not up to date
@@ -10,6 +10,8 @@ import dataclasses
 import re
 import sys
 from pathlib import Path
+
+import public_api
 
 from eol_ros.streams.graph import NODES, QOS, TOPICS
 
@@ -112,6 +114,7 @@ def main() -> int:
         'README.md': readme,
         'docs/topics.md': topics_page(),
         'docs/settings.md': settings_page(),
+        'docs/api.md': public_api.page(),
     }
     stale = [
         name

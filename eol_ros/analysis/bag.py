@@ -62,7 +62,21 @@ class Table(np.ndarray):
                 yield left + list(itertools.chain.from_iterable(_cells(v) for v in item))
 
     def to_csv(self, path: str | Path) -> None:
-        """Write `rows()` as CSV; times in seconds since the epoch with nine decimals."""
+        """Write `rows()` as CSV; times in s since the epoch with nine decimals.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file, which is replaced.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> file = Path(tempfile.mkdtemp()) / 'cascades.csv'
+        >>> open_bag('bags/sample').table('cascades').to_csv(file)
+        >>> file.read_text()[:26]
+        'log_time,publish_time,stam'
+        """
         with open(path, 'w', newline='', encoding='utf-8') as file:
             csv.writer(file, lineterminator='\n').writerows(self.rows())
 
@@ -75,9 +89,32 @@ class Bag(BagReader):
         return Decoder(self.topics[name].type, self.topics[name].definition)
 
     def table(self, topic: str, start_s: float = 0.0, end_s: float | None = None) -> Table:
-        """Return the messages of `topic` received in [start_s, end_s), from the start of the bag.
+        """Decode the messages of a topic into one array.
 
-        topic: with or without its namespace. Raises ConfigError where the bag has no such topic.
+        Parameters
+        ----------
+        topic : str
+            With or without its namespace.
+        start_s, end_s : float
+            Only messages received in [start_s, end_s), in s from the start of the bag; None: to
+            its end.
+
+        Returns
+        -------
+        Table
+            A structured array (n,) with `log_time`, `publish_time` and the fields of the message.
+            Times are datetime64[ns]; `stamp` is that of the header.
+
+        Raises
+        ------
+        ConfigError
+            The bag has no such topic.
+
+        Examples
+        --------
+        >>> slips = open_bag('bags/sample').table('slips', 10, 20)
+        >>> slips.shape, slips['stamp'].dtype
+        ((166,), dtype('<M8[ns]'))
         """
         name = self.find(topic)
         decoder = self.decoder(name)
@@ -104,12 +141,52 @@ class Bag(BagReader):
 
 
 def open_bag(path: str | Path) -> Bag:
-    """Return the bag at `path`: a bag folder, an .mcap file, or a folder of bags for its newest."""
+    """Open a recording, without ROS.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag folder, an .mcap file, or a folder of bags for the newest run in it.
+
+    Returns
+    -------
+    Bag
+        Its topics, counts, times in ns, gaps, and `table`.
+
+    Raises
+    ------
+    DeviceMissing
+        There is no such file.
+    ConfigError
+        It is not a bag.
+
+    Examples
+    --------
+    >>> bag = open_bag('bags/sample')
+    >>> bag.count('blocks'), round(bag.duration_s)
+    (3015, 55)
+    """
     return Bag(path)
 
 
 def seconds(times: np.ndarray) -> np.ndarray:
-    """Return datetime64[ns] as float seconds since the epoch, good to 0.2 us."""
+    """Convert times to float seconds, good to 0.2 us.
+
+    Parameters
+    ----------
+    times : ndarray of datetime64[ns]
+        Of any shape.
+
+    Returns
+    -------
+    ndarray of float
+        Seconds since the epoch, of the same shape.
+
+    Examples
+    --------
+    >>> round(float(seconds(np.array(['1970-01-01T00:01:00.5'], 'M8[ns]'))[0]), 6)
+    60.5
+    """
     return times.astype('i8') * 1e-9
 
 

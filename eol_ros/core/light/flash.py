@@ -32,8 +32,23 @@ DARK = 0.5 / 255  # rounds to level 0 on the wire
 class FlashField:
     """The light of all blocks, a pure function of the slips and the times it is asked for.
 
-    `decay_s` is the time constant of a fall, `peak` the level in 0..1 that a slip sets.
-    `limited=False` lifts the limit of three flashes a second.
+    Parameters
+    ----------
+    decay_s : float
+        Time constant of a fall.
+    peak : float
+        Level in 0..1 that a slip sets.
+    limited : bool
+        Keep to three flashes a second (WCAG 2.3.1).
+    n_blocks : int
+        How many blocks.
+
+    Examples
+    --------
+    >>> light = FlashField(decay_s=0.1)
+    >>> light.slip(0.0, block=7)
+    >>> float(light.levels(0.0)[7]), round(float(light.levels(0.1)[7]), 3)
+    (1.0, 0.368)
     """
 
     def __init__(

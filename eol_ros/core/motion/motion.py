@@ -30,7 +30,29 @@ class NumberedSlip:
 
 
 class Motion:
-    """What the motion node and `eol track` run."""
+    """Block positions to slips and cascades: what the motion node and `eol track` run.
+
+    Parameters
+    ----------
+    settings : MotionSettings
+        As a scene has them; `set` changes them.
+
+    Examples
+    --------
+    Block 12 moves 2 cm to the right, beginning at 1 s.
+
+    >>> from eol_ros.core.geometry import rest_lattice
+    >>> motion, slips = Motion(MotionSettings()), []
+    >>> x, y = rest_lattice().T.copy()
+    >>> for k in range(120):
+    ...     x[12] = 0.02 * min(max(k / 60 - 1.0, 0.0) / 0.2, 1.0)
+    ...     found, _ = motion.update(k / 60, x, y, np.ones(25, bool), np.full(25, 2e-5))
+    ...     slips += [one.event for one in found]
+    >>> [(slip.block, round(slip.onset_s, 2)) for slip in slips][-1]
+    (12, 1.0)
+    >>> round(slips[-1].distance_m, 3)
+    0.02
+    """
 
     def __init__(self, settings: MotionSettings):
         self.detector = SlipDetector(settings)
@@ -57,7 +79,32 @@ class Motion:
         seen: np.ndarray,
         sigma: np.ndarray | None = None,
     ) -> tuple[list[NumberedSlip], list[CascadeEvent]]:
-        """Take one image's blocks; see SlipDetector.update."""
+        """Take the blocks of one image.
+
+        Parameters
+        ----------
+        stamp_s : float
+            Mid-exposure, in s.
+        x, y : ndarray
+            (25,) metres.
+        seen : ndarray
+            (25,) bool.
+        sigma : ndarray, optional
+            (25,) standard deviation of x and y, in m.
+
+        Returns
+        -------
+        slips : list of NumberedSlip
+            Starts and stops that this image told.
+        cascades : list of CascadeEvent
+            Those that are over.
+
+        Examples
+        --------
+        >>> motion = Motion(MotionSettings())
+        >>> motion.update(0.0, np.zeros(25), np.zeros(25), np.ones(25, bool))
+        ([], [])
+        """
         begun = self.starts(stamp_s, x, y, seen, sigma)
         ended, closed = self.stops(stamp_s)
         return begun + ended, closed

@@ -25,7 +25,31 @@ _UNIT_COLUMN, _UNIT2_COLUMN = _UNIT[:, None], _UNIT[:, None] ** 2
 def onset(
     times_s: np.ndarray, path_m: np.ndarray, sigma_m: float, period_s: float
 ) -> tuple[float, float]:
-    """Return onset and its standard deviation, in s, on the clock of `times_s`; see onsets."""
+    """Estimate when a block broke loose, between images.
+
+    Parameters
+    ----------
+    times_s : ndarray
+        (n,) rising, in s.
+    path_m : ndarray
+        (n,) way along the slip in m, the first of them still at rest; NaN where there is none.
+    sigma_m : float
+        Noise of `path_m`, the error of the rest position included.
+    period_s : float
+        Between images.
+
+    Returns
+    -------
+    onset_s, sigma_s : float
+        Mean and standard deviation of what the samples leave open, on the clock of `times_s`.
+
+    Examples
+    --------
+    >>> t = np.arange(20) / 60
+    >>> found, sigma = onset(t, 0.8 * np.maximum(t - 0.15, 0) ** 2, 2e-5, 1 / 60)
+    >>> round(found, 3), sigma < 2e-3
+    (0.15, True)
+    """
     found, spread = onsets(
         np.asarray(times_s)[None], np.asarray(path_m)[None], np.array([sigma_m]), period_s
     )

@@ -90,7 +90,37 @@ def table(
     k: float = STIFFNESS,
     **more: Any,
 ) -> Plain:
-    """Return the paper's table: the outer blocks are tied to the rim, corners by two springs."""
+    """Build the paper's table: the outer blocks are tied to the rim, corners by two springs.
+
+    Parameters
+    ----------
+    drive : dict
+        How the rim moves: kind and par, as `eol simulate --help` lists them.
+    duration_s : float
+        Time to simulate.
+    rows, columns : int
+        Of blocks.
+    k : float
+        Stiffness of a spring, N/m.
+    **more
+        Other keys of a scene, such as u0 (n, 2) m, mu_s, geometric or rotation.
+
+    Returns
+    -------
+    dict
+        A plain mapping, for `from_mapping` or a JSON file.
+
+    Raises
+    ------
+    TypeError
+        A key that scenes do not have.
+
+    Examples
+    --------
+    >>> scene = table({'kind': 'constant_velocity', 'par': [0.02, 0.0]}, 5.0)
+    >>> scene['n'], len(scene['springs_between_blocks']), len(scene['springs_to_frame'])
+    (25, 40, 20)
+    """
     to_frame = []
     reach = BLOCK_SIDE_M / 2 + SPRING_M
     for i, (x, y) in enumerate(_centres(rows, columns)):

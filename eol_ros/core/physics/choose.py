@@ -72,11 +72,54 @@ def simulate(
     model: Model | None = None,
     on_stiff: Callable[[], None] | None = None,
 ) -> Run:
-    """Return the run of a scene.
+    """Solve the stick-slip motion of a scene.
 
-    `path`: one of PATHS; 'exact' is refused (UsageError) for what is not exact. `tolerance` is for
-    the event path, `step_s` for stepping. `ledger` keeps the energy ledger, at some cost in time.
-    `on_stiff` is called when the event path needs the kernel for stiff scenes, before it is loaded.
+    Parameters
+    ----------
+    scene : Scene
+        From `from_mapping`.
+    sample_s : float
+        Distance of the samples in the result.
+    path : str
+        The solver: auto, exact, event or stepping.
+    tolerance : float, optional
+        Of the event path, relative.
+    step_s : float
+        Of the path stepping.
+    limits : Limits, optional
+        Most events and steps.
+    ledger : bool
+        Keep the energy ledger, at some cost in time.
+    model : Model, optional
+        Of `scene`, where it was made before.
+    on_stiff : callable, optional
+        Called when the event path needs the kernel for stiff scenes, before it is loaded.
+
+    Returns
+    -------
+    Run
+        Samples, events and energies. Where a limit was reached, `status` says so.
+
+    Raises
+    ------
+    UsageError
+        No such path, or one that cannot solve this scene.
+
+    References
+    ----------
+    R. Burridge, L. Knopoff, Bull. Seismol. Soc. Am. 57 (1967) 341. S. R. Brown, C. H. Scholz,
+    J. B. Rundle, Geophys. Res. Lett. 18 (1991) 215. docs/numerics.md has error against run time.
+
+    Examples
+    --------
+    >>> from eol_ros.core.physics import builders
+    >>> from eol_ros.core.physics.scene import from_mapping
+    >>> drive = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
+    >>> run = simulate(from_mapping(builders.single(drive, 20.0)))
+    >>> run.status, int(run.event_start.sum()), round(float(run.event_t[0]), 3)
+    ('ok', 10, 2.759)
+    >>> abs(run.energy.residual_J) < 1e-12
+    True
     """
     model = model or Model.of(scene)
     limits = limits or Limits()

@@ -31,7 +31,41 @@ class Energy:
 
 @dataclass
 class Run:
-    """Samples (k,), (k, n, 2), events (e,), and how it went."""
+    """What a simulation gives: k samples of n blocks, and e events.
+
+    Parameters
+    ----------
+    path, status : str
+        The solver, and 'ok' or why it ended early.
+    t : ndarray
+        (k,) s.
+    u, v : ndarray
+        (k, n, 2) m from rest, and m/s.
+    event_t : ndarray
+        (e,) s, rising.
+    event_block, event_start : ndarray
+        (e,) which block; 1 where it breaks loose, 0 where it sticks.
+    steps : int
+        Of the solver.
+    t_reached : float
+        s; less than asked for where it ended early.
+    energy : Energy, optional
+        Work, kinetic, elastic and friction, in J, and what the ledger misses.
+    yaw, spin : ndarray, optional
+        (k, n) rad and rad/s, where blocks rotate.
+    swept : int
+        Of the steps, those of the event path that sweep over reversals of friction.
+    notes : list of str
+        For people.
+
+    Examples
+    --------
+    >>> from eol_ros.core.physics import builders, choose, scene
+    >>> drive = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
+    >>> run = choose.simulate(scene.from_mapping(builders.single(drive, 4.0)), sample_s=1.0)
+    >>> run.t.tolist(), run.u.shape
+    ([0.0, 1.0, 2.0, 3.0, 4.0], (5, 1, 2))
+    """
 
     path: str
     status: str

@@ -96,9 +96,29 @@ class Scene:
 
 
 def from_mapping(given: Mapping[str, Any]) -> Scene:
-    """Check what a JSON file says and return the scene.
+    """Check what a JSON file says of a scene.
 
-    Raises ConfigError, one line with the key, what was found there and what is wanted.
+    Parameters
+    ----------
+    given : mapping
+        Plain data, as `builders.table` returns or a file holds.
+
+    Returns
+    -------
+    Scene
+        Arrays in SI units, for `simulate`.
+
+    Raises
+    ------
+    ConfigError
+        One line with the key, what was found there and what is wanted.
+
+    Examples
+    --------
+    >>> from eol_ros.core.physics import builders
+    >>> drive = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
+    >>> from_mapping(builders.single(drive, 10.0)).n
+    1
     """
     if not isinstance(given, Mapping):
         raise ConfigError(f'a physics scene is an object with the keys {", ".join(KEYS)}')

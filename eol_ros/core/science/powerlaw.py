@@ -69,9 +69,35 @@ def exceedance(counts: np.ndarray) -> np.ndarray:
 
 
 def fit(counts: np.ndarray, x_min: int = 1, x_max: int | None = None) -> Fit:
-    """Return the power law of greatest likelihood through a histogram (see `histogram`).
+    """Fit the discrete power law of greatest likelihood.
 
-    Raises FitError with fewer than 30 events in the range, or all of them on one number.
+    Parameters
+    ----------
+    counts : ndarray
+        (m,) how often each whole number 0, 1, 2 ... was found; see `histogram`.
+    x_min, x_max : int
+        The range; x_max None means without end.
+
+    Returns
+    -------
+    Fit
+        `tau` of the density and its standard error for independent events; `b_value` is tau - 1.
+
+    Raises
+    ------
+    FitError
+        Fewer than 30 events in the range, or all of them on one number.
+
+    References
+    ----------
+    A. Clauset, C. R. Shalizi, M. E. J. Newman, SIAM Review 51 (2009) 661.
+
+    Examples
+    --------
+    >>> areas = sample(1.8, 1, 25, 5000, np.random.default_rng(1))
+    >>> found = fit(histogram(areas), 1, 25)
+    >>> abs(found.tau - 1.8) < 3 * found.error, found.count
+    (True, 5000)
     """
     counts = np.asarray(counts)
     if x_min < 1 or (x_max is not None and x_max <= x_min):
@@ -157,10 +183,28 @@ class CascadeLaw:
 
 
 def cascade_law(areas: np.ndarray) -> CascadeLaw:
-    """Return the power law of cascade areas in order of time, upper end at all blocks.
+    """Fit cascade areas as the panel and `eol report` do.
 
-    The one rule for panel and report: the lower end is the one of least KS distance. Raises
-    FitError, whose text is for people, with fewer than 200 cascades, or where they have no slope.
+    Parameters
+    ----------
+    areas : ndarray
+        (n,) int, distinct blocks of each cascade, in order of time.
+
+    Returns
+    -------
+    CascadeLaw
+        The fit whose lower end has the least KS distance, up to all blocks; its error and p-value.
+
+    Raises
+    ------
+    FitError
+        Fewer than 200 cascades, or no slope; the text is for people.
+
+    Examples
+    --------
+    >>> law = cascade_law(sample(1.8, 1, 25, 2000, np.random.default_rng(1)))
+    >>> law.fit.x_max, law.rejected
+    (25, False)
     """
     areas = np.asarray(areas)
     if len(areas) < FEWEST_CASCADES:
@@ -186,12 +230,41 @@ def goodness(
     blocks: int = BLOCKS,
     repeats: int = 400,
 ) -> Goodness:
-    """Return error and goodness of the best of `fits` (of one upper end) where events depend.
+    """Test a power law where events depend on those before them.
 
-    Blocks of `numbers`, in order of time, are drawn again (Kuensch 1989), every range is fitted
-    again and the nearest chosen again. The distance of a drawn sample is counted from that of the
-    numbers themselves, F* - F - (law* - law): so far would the numbers lie off if the law were true
-    and they hung together as they do. p_value is how often it is as far as was found.
+    Blocks of `numbers`, in order of time, are drawn again, every range is fitted again and the
+    nearest chosen again. The distance of a drawn sample is counted from that of the numbers
+    themselves, F* - F - (law* - law): so far would the numbers lie off if the law were true and
+    they hung together as they do.
+
+    Parameters
+    ----------
+    numbers : ndarray
+        (n,) int, in order of time.
+    fits : list of Fit
+        Of one upper end; see `candidates`.
+    rng : Generator
+        Draws the blocks.
+    blocks : int
+        How many a sample has.
+    repeats : int
+        How many samples are drawn.
+
+    Returns
+    -------
+    Goodness
+        Standard error of tau of the nearest fit; p_value, how often a sample is as far off.
+
+    References
+    ----------
+    H. R. Kuensch, Ann. Stat. 17 (1989) 1217.
+
+    Examples
+    --------
+    >>> areas = sample(1.8, 1, 25, 2000, np.random.default_rng(1))
+    >>> fits = [fit(histogram(areas), 1, 25)]
+    >>> goodness(areas, fits, np.random.default_rng(2), repeats=40).p_value > 0.1
+    True
     """
     numbers = np.asarray(numbers)
     x_max = fits[0].x_max

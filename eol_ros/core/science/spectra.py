@@ -86,11 +86,34 @@ def spectrum(
     high_hz: float,
     window_s: float = 0.0,
 ) -> Spectrum:
-    """Return the spectrum of `series`, (n,) at `rate_hz`, between `low_hz` and `high_hz`.
+    """Estimate a power spectrum in logarithmic bins, under one Hann taper over the whole.
 
-    One Hann taper over the whole. `window_s`: each value is a mean over so long; its response is
-    divided out. Raises SeriesError where the series is shorter than eight periods of `low_hz`, or
-    does not vary.
+    Parameters
+    ----------
+    series : ndarray
+        (n,) of even distance.
+    rate_hz : float
+        Samples a second.
+    low_hz, high_hz : float
+        The range.
+    window_s : float
+        Each value is a mean over so long; its response is divided out.
+
+    Returns
+    -------
+    Spectrum
+        Frequencies, powers and weights of the bins.
+
+    Raises
+    ------
+    SeriesError
+        No such band, shorter than eight periods of `low_hz`, or without variation.
+
+    Examples
+    --------
+    >>> noise = coloured_noise(1.0, 20000, np.random.default_rng(1))
+    >>> round(spectrum(noise, 100.0, 0.1, 10.0).decades, 2)
+    2.0
     """
     series = np.asarray(series, float)
     if high_hz > 0.45 * rate_hz or high_hz <= low_hz:
@@ -123,10 +146,33 @@ def spectrum(
 
 
 def slope(found: Spectrum, part: slice = slice(None)) -> Slope:
-    """Return the power law of greatest Whittle likelihood through the bins, or some of them.
+    """Fit S(f) ~ f^-beta through the bins, by the likelihood of Whittle.
 
     The interval is wider than the likelihood's where the bins scatter more about the line than it
     allows for.
+
+    Parameters
+    ----------
+    found : Spectrum
+        From `spectrum`.
+    part : slice
+        Of the bins.
+
+    Returns
+    -------
+    Slope
+        beta with its interval of 95 %.
+
+    References
+    ----------
+    P. Whittle, Ark. Mat. 2 (1953) 423.
+
+    Examples
+    --------
+    >>> noise = coloured_noise(1.0, 20000, np.random.default_rng(1))
+    >>> line = slope(spectrum(noise, 100.0, 0.1, 10.0))
+    >>> line.low < 1.0 < line.high
+    True
     """
     x = np.log(found.frequency_hz[part])
     log_power, weight = np.log(found.power[part]), found.weight[part]

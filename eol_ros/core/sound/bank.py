@@ -17,8 +17,24 @@ EDGE_S = 0.002  # the shortest edge: anything steeper is heard as a click
 class Bank:
     """The sound of one corpus in memory: what its grains are read from.
 
-    `sounds` are float32 arrays (n,) at the mixer's rate, `file` (g,) indexes them, `start` and
-    `duration` (g,) are in seconds. A grain that reaches beyond its sound is cut at its end.
+    A grain that reaches beyond its sound is cut at its end.
+
+    Parameters
+    ----------
+    sounds : sequence of ndarray
+        Each (n,) float32 at the mixer's rate.
+    file : array_like
+        (g,) which of `sounds` a grain is of.
+    start, duration : array_like
+        (g,) in s.
+    sample_rate : float
+        Of the mixer, in Hz.
+
+    Examples
+    --------
+    >>> bank = Bank([np.zeros(48000, np.float32)], [0, 0], [0.0, 0.5], [0.5, 0.5], 48000)
+    >>> len(bank)
+    2
     """
 
     def __init__(

@@ -26,8 +26,27 @@ class Source:
 class Corpus:
     """Sources and their grains.
 
-    `grains` is (n,) GRAIN: `file` indexes `sources`; `pitch_hz` is NaN where there is none; `x`,
-    `y` lie in 0..1, or are NaN for a grain that has no place because it is silent.
+    Parameters
+    ----------
+    sources : tuple of Source
+        The recordings.
+    grains : ndarray
+        (n,) GRAIN: `file` indexes `sources`; `pitch_hz` is NaN where there is none; `x`, `y` lie in
+        0..1, or are NaN for a grain that has no place because it is silent.
+    x_name, y_name : str
+        The descriptors of the axes.
+    digest : str
+        Of its content.
+    notes : tuple of str
+        What was left out in making it, for people.
+
+    Examples
+    --------
+    >>> grains = np.zeros(2, GRAIN)
+    >>> grains['x'] = grains['y'] = 0.5, np.nan
+    >>> corpus = Corpus((Source('ice.wav', 48000, 1.0, ''),), grains)
+    >>> len(corpus), corpus.placed.tolist()
+    (2, [True, False])
     """
 
     sources: tuple[Source, ...]

@@ -41,11 +41,35 @@ def analyse(
     silence_db: float = -70.0,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the grains (n,) GRAIN of `cuts` (n, 2), without places, and which are silent (n,)
-    bool.
+    """Describe each grain of a recording.
 
-    `samples` (m,) full scale 1; silent are grains without any spectrum or of RMS below
-    `silence_db`. `progress` is told the share done, 0..1.
+    Parameters
+    ----------
+    samples : ndarray
+        (m,) full scale 1.
+    rate : int
+        Samples a second.
+    cuts : ndarray
+        (n, 2) first sample of each grain and the one after its last.
+    silence_db : float
+        Grains of an RMS below are silent, and those without any spectrum.
+    progress : callable
+        Is told the share done, 0..1.
+
+    Returns
+    -------
+    grains : ndarray
+        (n,) GRAIN, without places.
+    silent : ndarray
+        (n,) bool.
+
+    Examples
+    --------
+    >>> from eol_ros.core.sound.segments import chop
+    >>> tone = np.sin(2 * np.pi * 440 * np.arange(48000) / 48000).astype(np.float32)
+    >>> grains, silent = analyse(tone, 48000, chop(48000, 48000, 0.5))
+    >>> grains['pitch_hz'].round(1).tolist(), silent.tolist()
+    ([440.0, 440.0], [False, False])
     """
     grains = np.zeros(len(cuts), GRAIN)
     grains['start_s'] = cuts[:, 0] / rate
@@ -141,7 +165,34 @@ def _periodic(
 
 
 def yin(frames: np.ndarray, rate: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return periodicity 0..1 and lag in samples of `frames` (k, 2048), each (k,)."""
+    """Estimate periodicity and pitch of frames.
+
+    Parameters
+    ----------
+    frames : ndarray
+        (k, 2048).
+    rate : int
+        Samples a second.
+
+    Returns
+    -------
+    periodicity : ndarray
+        (k,) 0..1.
+    lag : ndarray
+        (k,) period in samples, between samples by a parabola.
+
+    References
+    ----------
+    A. de Cheveigne, H. Kawahara, "YIN, a fundamental frequency estimator for speech and music",
+    J. Acoust. Soc. Am. 111 (2002) 1917.
+
+    Examples
+    --------
+    >>> tone = np.sin(2 * np.pi * 480 * np.arange(2048) / 48000)
+    >>> periodicity, lag = yin(tone[None], 48000)
+    >>> float(lag[0].round(2)), bool(periodicity[0] > 0.99)
+    (100.0, True)
+    """
     k = len(frames)
     lags = YIN_FRAME - YIN_SPAN
     # c(t) = sum_j x_j x_(j+t), j < 1024: a circular transform of 2048 does not wrap up to t = 1024.

@@ -78,10 +78,29 @@ def arrange(
     layout: str = 'even',
     blend: float = 1.0,
 ) -> np.ndarray:
-    """Return places (n, 2) in the unit square of grains with descriptors `x`, `y` called `names`.
+    """Place grains in the unit square by two descriptors.
 
-    `layout`: raw, rank or even (from rank, which keeps the order of both axes best); `blend` 0..1
-    moves each grain from its raw place (0) to its place in the layout (1).
+    Parameters
+    ----------
+    x, y : ndarray
+        (n,) descriptors.
+    names : tuple of str
+        What they are; frequencies are laid out by their logarithm.
+    layout : str
+        raw, rank or even (from rank, which keeps the order of both axes best).
+    blend : float
+        0..1: from its raw place (0) to its place in the layout (1).
+
+    Returns
+    -------
+    ndarray
+        (n, 2) in 0..1.
+
+    Examples
+    --------
+    >>> pitch, flatness = np.array([100.0, 200.0, 900.0]), np.array([0.3, 0.2, 0.1])
+    >>> arrange(pitch, flatness, ('pitch_hz', 'flatness'), 'rank').tolist()
+    [[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]]
     """
     raw = np.stack([scaled(x, names[0]), scaled(y, names[1])], axis=1)
     if layout == 'raw' or not len(raw):

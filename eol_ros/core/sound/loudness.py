@@ -31,5 +31,25 @@ def k_weighting(rate: float) -> np.ndarray:
 
 
 def lufs(mean_square: np.ndarray) -> np.ndarray:
-    """Return loudness in LUFS of the mean square of a K-weighted channel (eq. 2 of BS.1770-4)."""
+    """Convert the mean square of a K-weighted channel to loudness.
+
+    Parameters
+    ----------
+    mean_square : ndarray
+        Of full scale 1.
+
+    Returns
+    -------
+    ndarray
+        LUFS, of the same shape.
+
+    References
+    ----------
+    ITU-R BS.1770-4, eq. 2.
+
+    Examples
+    --------
+    >>> lufs(np.array([0.5])).round(2).tolist()
+    [-3.7]
+    """
     return -0.691 + 10 * np.log10(np.maximum(mean_square, 1e-20))

@@ -219,7 +219,38 @@ def render(address, out):
 
 
 class Mixer:
-    """A mixer with its memory. One thread pushes, one thread renders; neither waits."""
+    """A mixer with its memory. One thread pushes, one thread renders; neither waits.
+
+    Parameters
+    ----------
+    sample_rate : float
+        Hz.
+    channels : int
+        Loudspeakers, in a row from left to right.
+    max_voices : int
+        Polyphony: beyond it a voice is stolen.
+    cubic : bool
+        Interpolate by cubics (else by lines) where a grain is played at another rate.
+    gain_db : float
+        Of the master.
+    ceiling_db : float
+        Of the limiter, dBFS.
+    loudness_lufs, governor_db : float
+        Above this loudness the governor turns down, by so much at most.
+    epoch_s : float
+        The time of frame 0.
+
+    Raises
+    ------
+    ConfigError
+        The compiled loops are of another version: `eol compile` makes them again.
+
+    Examples
+    --------
+    >>> mixer = Mixer(48000, channels=2)
+    >>> mixer.render(512).shape, mixer.look_ahead > 0
+    ((512, 2), True)
+    """
 
     def __init__(
         self,
@@ -332,7 +363,23 @@ class Mixer:
         return n
 
     def render(self, frames: int) -> np.ndarray:
-        """Return the next `frames` frames, (frames, channels) f4."""
+        """Mix the next frames.
+
+        Parameters
+        ----------
+        frames : int
+            How many.
+
+        Returns
+        -------
+        ndarray
+            (frames, channels) float32, full scale 1.
+
+        Examples
+        --------
+        >>> float(np.abs(Mixer(48000).render(480)).max())
+        0.0
+        """
         out = np.empty((frames, self.channels), np.float32)
         render(self.address, out)
         return out

@@ -44,7 +44,37 @@ def play(
 def render_all(
     mixer: Mixer, triggers: np.ndarray, bank: Bank, frames: int, block_size: int = 512
 ) -> np.ndarray:
-    """Return (frames, channels) f4 of `triggers` (n,) TRIGGER; those refused count as dropped."""
+    """Play triggers into an array, as the node sound plays them live.
+
+    Parameters
+    ----------
+    mixer : Mixer
+        A new one.
+    triggers : ndarray
+        (n,) TRIGGER, times from the first frame on; those refused count as dropped.
+    bank : Bank
+        What their grains are read from.
+    frames : int
+        How many to render.
+    block_size : int
+        Frames at a time.
+
+    Returns
+    -------
+    ndarray
+        (frames, channels) float32.
+
+    Examples
+    --------
+    >>> from eol_ros.core.sound.triggers import TRIGGER
+    >>> tone = np.sin(2 * np.pi * 440 * np.arange(12000) / 48000).astype(np.float32)
+    >>> trigger = np.zeros(1, TRIGGER)
+    >>> trigger['time_s'], trigger['gain'], trigger['rate'] = 0.1, 0.5, 1.0
+    >>> bank = Bank([tone], [0], [0.0], [0.25], 48000)
+    >>> sound = render_all(Mixer(48000), trigger, bank, 24000)
+    >>> int(np.flatnonzero(np.abs(sound[:, 0]) > 1e-4)[0]) // 48  # ms
+    100
+    """
     rows = voice_rows(triggers, bank, mixer.channels)
     mixer.state['dropped'] += len(triggers) - len(rows)
     blocks = list(play(mixer, rows, frames, block_size))

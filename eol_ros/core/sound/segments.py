@@ -12,9 +12,28 @@ MIN_S = 0.02  # the shortest grain that a cut may leave
 
 
 def chop(n_samples: int, rate: int, grain_s: float, overlap: float = 0.0) -> np.ndarray:
-    """Cut into equal lengths; `overlap` 0..0.9 is the share of a grain that the next one repeats.
+    """Cut a recording into equal lengths.
 
     A rest shorter than half a grain is left out; a recording shorter than a grain is one grain.
+
+    Parameters
+    ----------
+    n_samples, rate : int
+        Length of the recording, and samples a second.
+    grain_s : float
+        Length of a grain, in s.
+    overlap : float
+        0..0.9, the share of a grain that the next one repeats.
+
+    Returns
+    -------
+    ndarray
+        (n, 2) int64, first sample of each grain and the one after its last.
+
+    Examples
+    --------
+    >>> chop(100, 10, 2.5).tolist()
+    [[0, 25], [25, 50], [50, 75], [75, 100]]
     """
     length = max(1, round(grain_s * rate))
     step = max(1, round(length * (1 - overlap)))
@@ -59,14 +78,41 @@ def gate(
 def onsets(
     samples: np.ndarray, rate: int, threshold_db: float = 4.0, min_gap_s: float = 0.05
 ) -> np.ndarray:
-    """Return the samples at which something begins, shape (n,) int64.
+    """Find the samples at which something begins.
 
     Novelty is the spectral flux in decibels: how much the power in 12 bands, about even in log
-    frequency, has risen within 10 ms, the mean over the bands with falls counted as 0 (after Bello
-    et al. 2005, "A tutorial on onset detection in music signals", section III.A; the logarithm
-    makes it blind to level). A peak counts when it exceeds the median of the 0.4 s around it by
-    `threshold_db`; of peaks nearer than `min_gap_s` the greater stays. Each is then set to the
-    millisecond before which the sound is quietest against after.
+    frequency, has risen within 10 ms, the mean over the bands with falls counted as 0; the
+    logarithm makes it blind to level. A peak counts when it exceeds the median of the 0.4 s around
+    it by `threshold_db`; of peaks nearer than `min_gap_s` the greater stays. Each is then set to
+    the millisecond before which the sound is quietest against after.
+
+    Parameters
+    ----------
+    samples : ndarray
+        (n,) full scale 1.
+    rate : int
+        Samples a second.
+    threshold_db : float
+        By which a peak stands out.
+    min_gap_s : float
+        Between two onsets.
+
+    Returns
+    -------
+    ndarray
+        (k,) int64.
+
+    References
+    ----------
+    J. P. Bello et al., "A tutorial on onset detection in music signals", IEEE Trans. Speech Audio
+    Process. 13 (2005) 1035, section III.A.
+
+    Examples
+    --------
+    >>> sound = np.zeros(48000, np.float32)
+    >>> sound[24000:] = 0.1 * np.random.default_rng(0).standard_normal(24000)
+    >>> onsets(sound, 48000).tolist()
+    [24000]
     """
     hop = max(1, round(HOP_S * rate))
     rise = _rise_db(samples, rate, hop)

@@ -33,7 +33,36 @@ NOISE_SIGMAS = 6.0  # a step below this many standard deviations of a step is no
 
 
 class Selector:
-    """Turns block positions into triggers; `settings` may be replaced between two images."""
+    """Turns block positions into triggers; `settings` may be replaced between two images.
+
+    Parameters
+    ----------
+    settings : GrainsSettings
+        Reach, mode (fence or bow), caps and envelopes.
+    corpus : Corpus, optional
+        The grains; without one nothing sounds.
+
+    References
+    ----------
+    D. Schwarz, "Corpus-based concatenative synthesis", IEEE Signal Process. Mag. 24 (2007) 92.
+
+    Examples
+    --------
+    A block passes the one grain, in the middle of the table.
+
+    >>> from eol_ros.core.geometry import rest_lattice
+    >>> from eol_ros.core.sound.corpus import GRAIN, Source
+    >>> grains = np.zeros(1, GRAIN)
+    >>> grains['x'], grains['y'], grains['duration_s'] = 0.5, 0.5, 0.25
+    >>> selector = Selector(GrainsSettings(), Corpus((Source('ice.wav', 48000, 1.0, ''),), grains))
+    >>> x, y = rest_lattice().T.copy()
+    >>> found = []
+    >>> for k in range(20):
+    ...     x[12] = -0.1 + 0.01 * k
+    ...     found += selector.update(k / 60, x, y, np.ones(25, bool), np.zeros(25)).tolist()
+    >>> len(found)
+    1
+    """
 
     def __init__(self, settings: GrainsSettings, corpus: Corpus | None = None):
         self.settings = settings
@@ -92,7 +121,30 @@ class Selector:
     def update(
         self, time_s: float, x: np.ndarray, y: np.ndarray, seen: np.ndarray, sigma_m: np.ndarray
     ) -> np.ndarray:
-        """Take one image, each (25,), positions in metres; return its triggers (n,) TRIGGER."""
+        """Take the blocks of one image.
+
+        Parameters
+        ----------
+        time_s : float
+            The stamp; one that is not later is left out, one far back begins again.
+        x, y : ndarray
+            (25,) metres.
+        seen : ndarray
+            (25,) bool.
+        sigma_m : ndarray
+            (25,) standard deviation of x and y.
+
+        Returns
+        -------
+        ndarray
+            (n,) TRIGGER.
+
+        Examples
+        --------
+        >>> still = np.zeros(25)
+        >>> Selector(GrainsSettings()).update(0.0, still, still, still == 0, still).shape
+        (0,)
+        """
         if self._time_s - BACK_S <= time_s <= self._time_s:
             return np.zeros(0, TRIGGER)
         if time_s < self._time_s:  # a bag begins again, or the clock was set back

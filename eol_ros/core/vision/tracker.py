@@ -72,9 +72,29 @@ class Tracked:
 class Tracker:
     """Keeps the 25 blocks of one camera.
 
-    calibration: of this camera; None starts with pixels and nominal metres of the size of the
-    squares, and asks the settings for a mirror. finder: what finds squares in an image; anything
-    with `find(image, predicted)`.
+    Parameters
+    ----------
+    settings : TrackerSettings
+        As a scene has them.
+    calibration : Calibration or None
+        Of this camera. None starts with pixels and nominal metres of the size of the squares, and
+        asks the settings for a mirror.
+    finder : object, optional
+        What finds squares in an image; anything with `find(image, predicted)`.
+
+    Examples
+    --------
+    >>> from eol_ros.core.geometry import rest_lattice
+    >>> from eol_ros.core.vision.render.renderer import Renderer
+    >>> camera, at = Calibration.ideal(), rest_lattice()
+    >>> tracker, renderer = Tracker(TrackerSettings(), camera), Renderer(calibration=camera)
+    >>> for k in range(30):
+    ...     image = renderer.render(at[:, 0], at[:, 1], np.zeros(25), k)
+    ...     found = tracker.update(k / 60, image)
+    >>> bool(found.state == TRACKING), int(found.seen.sum())
+    (True, 25)
+    >>> bool(np.abs(found.world - at).max() < 1e-4)  # m
+    True
     """
 
     def __init__(
@@ -151,7 +171,26 @@ class Tracker:
             spare.update(k / 60, image)
 
     def update(self, stamp_s: float, image: np.ndarray) -> Tracked:
-        """Take the next image, (h, w) uint8, stamped mid-exposure; never raises for a bad image."""
+        """Take the next image; never raises for a bad one.
+
+        Parameters
+        ----------
+        stamp_s : float
+            Mid-exposure, in s.
+        image : ndarray
+            (h, w) uint8, grey.
+
+        Returns
+        -------
+        Tracked
+            All blocks, by id: pixels (25, 2), metres (25, 2), yaw (25,) rad, and the state.
+
+        Examples
+        --------
+        >>> tracker = Tracker(TrackerSettings(), Calibration.ideal())
+        >>> int(tracker.update(0.0, np.zeros((800, 1280), np.uint8)).seen.sum())
+        0
+        """
         image = scan.read_only(image)
         for kind, value in self.requests.due(stamp_s):
             self._fulfil(stamp_s, kind, value)

@@ -405,9 +405,25 @@ class BagReader:
     `namespace` is that of the graph that was recorded; `name` and `count` speak of the topics of
     the table of the graph (`streams.graph`), which are in that namespace.
 
-    A folder that holds bags stands for the newest run in it, or for the sample that ships where
-    there is no run; recordings of a replay count only where they are named themselves. Raises
-    DeviceMissing when there is no such file, ConfigError when it is not a bag.
+    Parameters
+    ----------
+    path : str or Path
+        A bag folder, an .mcap file, or a folder that holds bags. This stands for the newest run in
+        it, or for the sample that ships where there is no run; recordings of a replay count only
+        where they are named themselves.
+
+    Raises
+    ------
+    DeviceMissing
+        There is no such file.
+    ConfigError
+        It is not a bag.
+
+    Examples
+    --------
+    >>> bag = BagReader('bags/sample')
+    >>> bag.topics['/eol/slips'].type
+    'eol_msgs/msg/Slip'
     """
 
     def __init__(self, path: str | Path):
@@ -481,7 +497,26 @@ class BagReader:
         start_ns: int = 0,
         end_ns: int | None = None,
     ) -> Iterator[BagMessage]:
-        """Yield messages of `topics` (None: all) with start_ns <= reception < end_ns, in order."""
+        """Read serialised messages in order of their reception.
+
+        Parameters
+        ----------
+        topics : collection of str, optional
+            Full names; None means all.
+        start_ns, end_ns : int
+            Only messages with start_ns <= reception < end_ns, in ns since the epoch.
+
+        Yields
+        ------
+        BagMessage
+            Topic, times in ns, sequence number and CDR bytes.
+
+        Examples
+        --------
+        >>> first = next(BagReader('bags/sample').messages(['/eol/slips']))
+        >>> first.topic, len(first.data)
+        ('/eol/slips', 100)
+        """
         files = [
             f
             for f in self.files

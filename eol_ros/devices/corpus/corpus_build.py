@@ -60,9 +60,38 @@ def of_this_machine(sound: str) -> Path:
 def build(
     sounds: list[Path], options: Options, progress: Callable[[float], None] = lambda share: None
 ) -> Corpus:
-    """Return the corpus of `sounds`; `progress` is told the share done, 0..1.
+    """Cut, describe and place the grains of recordings.
 
-    Raises DeviceMissing if a sound or label track is absent, ConfigError if one cannot be used.
+    Parameters
+    ----------
+    sounds : list of Path
+        WAV, FLAC, AIFF, OGG or MP3 files.
+    options : Options
+        How to cut and place them.
+    progress : callable
+        Is told the share done, 0..1.
+
+    Returns
+    -------
+    Corpus
+        For `corpus_file.save`, `Selector` and `Bank`.
+
+    Raises
+    ------
+    DeviceMissing
+        A sound or label track is absent.
+    ConfigError
+        One cannot be used.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from eol_ros.core.sound.ice import ice
+    >>> from eol_ros.devices.audio import audio_file
+    >>> file = Path(tempfile.mkdtemp()) / 'ice.wav'
+    >>> audio_file.write(file, ice(2.0, 16000), 16000)
+    >>> len(build([file], Options(grain_s=0.25)))
+    8
     """
     from eol_ros.core.sound.layout import arrange
 

@@ -228,13 +228,39 @@ def from_points(
     cover_height_m: float = 0.0,
     point_height_m: float = 0.0,
 ) -> Solution:
-    """Calibrate on points (n, 2) px whose table metres (n, 2) are known, n >= 4.
+    """Calibrate on points whose places on the table are known.
 
     The lens stays as in `start`. Points at `point_height_m` are carried to the plane of the covers,
     which needs the true focal length in `start` when the two differ.
 
-    Raises:
-        ConfigError: fewer than four points, or three of four in one line.
+    Parameters
+    ----------
+    px : ndarray
+        (n, 2) measured pixels, n >= 4.
+    xy : ndarray
+        (n, 2) table metres of the same points.
+    start : Calibration
+        Image size, camera matrix and lens.
+    cover_height_m, point_height_m : float
+        Heights above the platform, in m.
+
+    Returns
+    -------
+    Solution
+        The calibration with its residuals.
+
+    Raises
+    ------
+    ConfigError
+        Fewer than four points, or three of four in one line.
+
+    Examples
+    --------
+    >>> camera = Calibration.ideal()
+    >>> xy = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5], [0.1, 0.2]])
+    >>> solved = from_points(camera.to_pixels(xy), xy, camera).calibration
+    >>> bool(np.abs(solved.to_table(camera.to_pixels(xy)) - xy).max() < 1e-9)
+    True
     """
     px, xy = np.asarray(px, float).reshape(-1, 2), np.asarray(xy, float).reshape(-1, 2)
     if len(px) < 4 or len(px) != len(xy):

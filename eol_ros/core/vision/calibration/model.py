@@ -26,19 +26,40 @@ IDEAL_FOCAL_PX = 1000.0  # with 545 px/m: the camera hangs 1.835 m above the cov
 class Calibration:
     """One camera above one table.
 
-    Pixels: u right, v down, centres at integers. Table: metres, x right, y away.
+    Pixels: u right, v down, centres at integers. Table: metres, x right, y away. The lens is that
+    of Brown (1966) as OpenCV has it; the plane a homography (Zhang 2000).
 
-    Args:
-        image_width, image_height: pixels of the images it is for.
-        camera_matrix: (3, 3).
-        distortion_coefficients: (5,) k1, k2, p1, p2, k3.
-        homography: (3, 3), table metres (at cover height) to undistorted pixels.
-        cover_height_m: height of the block covers above the platform.
-        date: ISO date of the calibration.
-        residual_px, residual_mm: RMS of what the calibration could not explain, per axis.
+    Parameters
+    ----------
+    image_width, image_height : int
+        Pixels of the images it is for.
+    camera_matrix : ndarray
+        (3, 3).
+    distortion_coefficients : ndarray
+        (5,) k1, k2, p1, p2, k3.
+    homography : ndarray
+        (3, 3), table metres (at cover height) to undistorted pixels.
+    cover_height_m : float
+        Height of the block covers above the platform.
+    date : str
+        ISO date of the calibration.
+    residual_px, residual_mm : float
+        RMS of what the calibration could not explain, per axis.
 
-    Raises:
-        ConfigError: a matrix of the wrong shape, not finite, or without inverse.
+    Raises
+    ------
+    ConfigError
+        A matrix of the wrong shape, not finite, or without inverse.
+
+    References
+    ----------
+    Z. Zhang, "A flexible new technique for camera calibration", IEEE PAMI 22 (2000) 1330.
+
+    Examples
+    --------
+    >>> camera = Calibration.ideal(1280, 800)
+    >>> round(camera.px_per_m(), 6)
+    545.0
     """
 
     image_width: int
@@ -169,11 +190,43 @@ class Calibration:
         )
 
     def to_table(self, px: ArrayLike) -> np.ndarray:
-        """Return table metres, (n, 2), of image pixels (n, 2); NaN stays NaN."""
+        """Map pixels to the table.
+
+        Parameters
+        ----------
+        px : array_like
+            (n, 2) u, v; NaN stays NaN.
+
+        Returns
+        -------
+        ndarray
+            (n, 2) x, y in metres.
+
+        Examples
+        --------
+        >>> Calibration.ideal().to_table([[694.0, 399.5]]).round(6).tolist()
+        [[0.1, 0.0]]
+        """
         return project(self._inverse, self.undistort(px))
 
     def to_pixels(self, xy: ArrayLike) -> np.ndarray:
-        """Return image pixels, (n, 2), of table metres (n, 2)."""
+        """Map places on the table to pixels.
+
+        Parameters
+        ----------
+        xy : array_like
+            (n, 2) in metres.
+
+        Returns
+        -------
+        ndarray
+            (n, 2) u, v.
+
+        Examples
+        --------
+        >>> Calibration.ideal().to_pixels([[0.1, 0.0]]).round(6).tolist()
+        [[694.0, 399.5]]
+        """
         return self.distort(project(self.homography, np.asarray(xy, float).reshape(-1, 2)))
 
     def yaw_to_table(self, px: ArrayLike, theta: ArrayLike) -> np.ndarray:
