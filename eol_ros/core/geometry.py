@@ -27,6 +27,32 @@ def rest_lattice() -> np.ndarray:
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
+def spring_ends(blocks: np.ndarray, rim: np.ndarray | None = None) -> np.ndarray:
+    """Return where the springs end, shape (n, 2, 2) in metres: spring, end, x and y.
+
+    blocks: (25, 3) x, y in m and yaw in rad; springs pull at the middles of their edges. The first
+    40 are those between blocks; with `rim`, (3,) x, y and yaw of its centre, 20 to the rim follow.
+    """
+    place = blocks[:, 0] + 1j * blocks[:, 1]  # the plane of the table as complex numbers
+    edge = np.exp(1j * blocks[:, 2]) * BLOCK_SIDE_M / 2
+    ids, found = np.arange(N_BLOCKS).reshape(ROWS, COLS), []
+    for turn, first, second in (
+        (1, ids[:, :-1], ids[:, 1:]),
+        (1j, ids[:-1], ids[1:]),
+    ):
+        i, j = first.ravel(), second.ravel()
+        found.append(np.stack([place[i] + turn * edge[i], place[j] - turn * edge[j]], axis=1))
+    if rim is not None:
+        centre, axis = rim[0] + 1j * rim[1], np.exp(1j * rim[2])
+        rest = rest_lattice() @ [1, 1j]
+        for turn, i in ((-1, ids[:, 0]), (1, ids[:, -1]), (-1j, ids[0]), (1j, ids[-1])):
+            along = rest[i] - turn * np.real(rest[i] * np.conj(turn))  # without the part outwards
+            bar = centre + axis * (along + turn * RIM_SIDE_M / 2)
+            found.append(np.stack([place[i] + turn * edge[i], bar], axis=1))
+    ends = np.concatenate(found)
+    return np.stack([ends.real, ends.imag], axis=2)
+
+
 def neighbours(block: int, diagonal: bool = False) -> list[int]:
     """Return the ids of the 4 (or, with `diagonal`, 8) lattice neighbours of `block`."""
     row, column = divmod(block, COLS)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shows the graph to browsers, and takes what people ask for there."""
+"""Shows the graph to browsers and to RViz, and takes what people ask for in a browser."""
 
 import functools
 import sys
@@ -11,6 +11,7 @@ from eol_ros.devices.files.day_file import DayFile
 from eol_ros.devices.files.media_folder import Pictures
 from eol_ros.nodes.panel_bridge import PanelBridge
 from eol_ros.nodes.panel_health import Health
+from eol_ros.nodes.panel_markers import Markers
 from eol_ros.nodes.panel_streams import Streams
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
@@ -40,7 +41,7 @@ class PanelNode(EolNode):
         self.day_file = DayFile(f'{self.frame_prefix}{self.scene.name}')
         self.day = notices.Day(self.day_file.load())
         self.states = Health(self.server.hub, self.tell, self.namespace)
-        self.streams = Streams(self, self.server.hub)
+        self.streams, self.markers = Streams(self, self.server.hub), Markers(self)
         self.subscribe('wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s)))
         self.subscribe('corpus', self.on_corpus)
         self.subscribe('cascades', self.on_cascade)
@@ -77,6 +78,7 @@ class PanelNode(EolNode):
 
     def report(self) -> None:
         self.streams.follow()
+        self.markers.follow()
         viewers = len(self.server.hub.viewers)
         skew_ms = round(self.server.routes.skew_ms, 1)
         self.health.values.update(viewers=viewers, wall_skew_ms=skew_ms)

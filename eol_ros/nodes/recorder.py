@@ -25,7 +25,7 @@ from eol_ros.streams.cdr import counter
 from eol_ros.streams.graph import TOPICS, node_of
 
 IMAGES, INFO, SAMPLES = 'camera/image_raw', 'camera/camera_info', 'sound_samples'
-PREVIEW = 'camera/image_raw/compressed'
+PREVIEW, MARKERS = 'camera/image_raw/compressed', 'markers'
 COUNTERS = {'blocks': 'image', 'grain_triggers': 'sequence'}  # fields that count up by one
 RHYTHM = (IMAGES, 'blocks', 'truth')  # topics with a message for every image
 READER_DEPTH = 600  # small messages of ten seconds: nobody waits for a recorder without a processor
@@ -92,7 +92,7 @@ class RecorderNode(EolNode):
 
     def _wanted(self, topic: str) -> bool:
         """What exists only because somebody subscribes is recorded only where asked for."""
-        if topic in (SAMPLES, READY, CLOCK):
+        if topic in (SAMPLES, MARKERS, READY, CLOCK):
             return False
         images = self.settings.images
         if topic in (IMAGES, INFO):

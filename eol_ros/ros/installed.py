@@ -11,8 +11,8 @@ from eol_ros.errors import DeviceMissing
 
 # What `ros` and `nodes` import beyond the wheel of this package.
 PACKAGES = (
-    'rclpy', 'builtin_interfaces', 'diagnostic_msgs', 'rcl_interfaces', 'rosgraph_msgs',
-    'sensor_msgs', 'std_msgs', 'eol_msgs',
+    'rclpy', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces',
+    'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'visualization_msgs', 'eol_msgs',
 )  # fmt: skip
 
 

@@ -9,7 +9,8 @@ IMAGES, BLOCKS, TAPS, REQUESTS = 'camera/image_raw', 'blocks', 'block_taps', 're
 INFO = 'camera/camera_info'
 # Of that run's own processes: of today's there are some, too. Not even `--only all` plays them.
 OF_PROCESSES = ('ready', '/diagnostics', '/clock', '/rosout', '/parameter_events')
-NEVER = (*OF_PROCESSES, 'sound_samples', 'rim_command', 'request_results')  # or made again
+# Nor what is made again.
+NEVER = (*OF_PROCESSES, 'sound_samples', 'markers', 'rim_command', 'request_results')
 
 
 def played(scene: Any, images: bool) -> list[str]:
