@@ -21,6 +21,7 @@ GROUPS = {
         'run': 'start a scene (= python -m eol_ros.bringup)',
         'check': 'check a scene and list all its mistakes',
         'kiosk': 'open the two walls full screen',
+        'service': 'start at boot, watched by systemd',
     },
     'look': {
         'status': 'show the state of the running graph',

@@ -14,6 +14,7 @@ from eol_ros import cli, folders
 from eol_ros import scene as scenes
 from eol_ros.bringup import plan, status
 from eol_ros.bringup.event_log import EventLog
+from eol_ros.bringup.service_manager import ServiceManager
 from eol_ros.bringup.supervisor import Supervisor
 from eol_ros.bringup.terminal import Terminal
 from eol_ros.errors import UsageError
@@ -85,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
         server,
         EventLog(folders.state()) as events,
         Terminal() as terminal,
+        ServiceManager() as manager,
     ):
         say = terminal.say
         say(f'{scene.name}: {", ".join(scene.nodes)}')
@@ -105,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
             say,
             namespace=scene.namespace,
             compiler=plan.compiler(scene),
+            manager=manager,
         )
         return supervisor.run(args.seconds)
 

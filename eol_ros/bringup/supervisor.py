@@ -17,6 +17,7 @@ from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import FINE, HUNG, PAUSE_S, START_S, START_STARVED_S, STARVED, STARVED_S
+from eol_ros.bringup.service_manager import ServiceManager
 from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE
 
 FINAL = (2, 69, 78)  # a node that ends so at the start will not do better when started again
@@ -39,8 +40,10 @@ class Supervisor:
         compiler: Process | None = None,
         namespace: str = NAMESPACE,
         clock: Callable[[], float] = time.monotonic,
+        manager: ServiceManager | None = None,
     ):
         self.scene, self.namespace, self._clock = scene, namespace, clock
+        self._manager = manager or ServiceManager({}, clock)
         self.children = [Child(process) for process in processes]
         self._compiler = Child(compiler) if compiler else None
         self._server, self._events, self._say = server, events, say
@@ -90,8 +93,11 @@ class Supervisor:
                     break
                 if seconds is not None and age - (self.all_ok_s or age) >= seconds:
                     break
+                self._manager.ready()
+                self._manager.status(self._summary())
                 self._wait()
         finally:
+            self._manager.stopping()
             self._stop()
         restarts = sum(child.policy.restarts for child in self.children)
         age = int(self._clock() - self._began_s)
@@ -134,6 +140,7 @@ class Supervisor:
                 told = compiler.percent
                 self._note(f'compiling, {told} %')
             text = f'compiling, {compiler.percent} %'
+            self._manager.status(text)
             for child in self.children:
                 child.status = {
                     node: {
@@ -168,11 +175,18 @@ class Supervisor:
         self._events.entry(f'{self.scene}: {text}')
         self._say(text)
 
+    def _summary(self) -> str:
+        """Return all in a line, for people who look from outside."""
+        count = sum(len(child.status) for child in self.children)
+        restarts = sum(child.policy.restarts for child in self.children)
+        return f'{self.scene}: {self._not_ok() or "all OK"}; {count} nodes, {restarts} restarts'
+
     def _not_ok(self) -> str:
         rows = [row for child in self.children for row in child.status.values() if row['level']]
         return ', '.join(f'{row["node"]} ({row["text"]})' for row in rows)
 
     def _wait(self, children: Sequence[Child] = ()) -> None:
+        self._manager.beat()
         fds = [self._wake, self._server.fileno()]
         children = children or self.children
         fds += [fd for c in children for fd in (c.health_fd, c.output_fd) if fd >= 0]

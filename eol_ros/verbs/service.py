@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol service: start at boot, by systemd."""
+
+import os
+import pwd
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from eol_ros import scene as scenes
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError
+
+HELP = (
+    'Start the work at boot, watched by systemd, and its two walls when the user has logged in. '
+    'To be run as root, from the folder in which the scene is started by hand.'
+)
+EXAMPLES = [
+    'sudo .venv/bin/eol service install museum --user museum --log-in',
+    'eol service install museum --user museum --output units   # only write them, to look at',
+    'eol service status',
+    'sudo .venv/bin/eol service remove',
+]
+SYSTEM = Path('/etc/systemd/system')
+WORK, WALLS = 'eol.service', 'eol-walls.service'
+# Where each unit and drop-in lies below the root of the file system.
+WORK_PATH = 'etc/systemd/system/eol.service'
+WALLS_PATH = 'etc/systemd/user/eol-walls.service'
+GETTY_PATH = 'etc/systemd/system/getty@tty1.service.d/eol.conf'
+LIGHTDM_PATH = 'etc/lightdm/lightdm.conf.d/50-eol.conf'
+PATHS = (WORK_PATH, WALLS_PATH, GETTY_PATH, LIGHTDM_PATH)
+
+_WORK = """\
+# Written by `eol service install`, which will write it again.
+[Unit]
+Description=Echoes of the Land, scene {scene}
+Documentation=https://www.freedesktop.org/software/systemd/man/systemd.exec.html
+After=sound.target network.target
+StartLimitIntervalSec=0
+
+[Service]
+Type=notify
+NotifyAccess=main
+User={user}
+WorkingDirectory={folder}
+{environment}ExecStart={python} -m eol_ros.bringup {scene}
+# A camera that is not plugged in, a full disk: tried again for ever. A wrong scene is not.
+Restart=always
+RestartSec=5
+RestartPreventExitStatus=2 78
+# The first start after an upgrade compiles the loops, two minutes on two cores.
+TimeoutStartSec=15min
+WatchdogSec=30
+# Bringup ends its nodes in their order; what is left after 90 s is killed.
+KillMode=mixed
+KillSignal=SIGINT
+TimeoutStopSec=90
+LimitRTPRIO=1
+OOMPolicy=continue
+
+# What it may touch: its folders, its devices, {network}.
+SupplementaryGroups=video audio dialout
+UMask=0027
+ProtectSystem=strict
+ProtectHome=read-only
+ReadWritePaths={writes}
+PrivateTmp=yes
+DevicePolicy=closed
+DeviceAllow=char-video4linux rw
+DeviceAllow=char-alsa rw
+DeviceAllow=char-ttyACM rw
+DeviceAllow=char-ttyUSB rw
+{addresses}RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK
+CapabilityBoundingSet=
+AmbientCapabilities=
+NoNewPrivileges=yes
+ProtectClock=yes
+ProtectControlGroups=yes
+ProtectHostname=yes
+ProtectKernelLogs=yes
+ProtectKernelModules=yes
+ProtectKernelTunables=yes
+ProtectProc=invisible
+RestrictNamespaces=yes
+RestrictSUIDSGID=yes
+LockPersonality=yes
+RemoveIPC=no
+SystemCallArchitectures=native
+SystemCallFilter=@system-service
+SystemCallFilter=~@privileged
+SystemCallErrorNumber=EPERM
+
+[Install]
+WantedBy=multi-user.target
+"""
+_WALLS = """\
+# Written by `eol service install`, which will write it again.
+[Unit]
+Description=Echoes of the Land, the two walls
+PartOf=graphical-session.target
+After=graphical-session.target
+
+[Service]
+ExecStart={python} -m eol_ros kiosk --url {url}
+ExecCondition=/usr/bin/test %u = {user}
+Restart=always
+RestartSec=5
+TimeoutStopSec=15
+
+[Install]
+WantedBy=graphical-session.target
+"""
+_GETTY = """\
+# Written by `eol service install --log-in`: {user} is logged in on the first console.
+[Service]
+ExecStart=
+ExecStart=-/sbin/agetty --autologin {user} --noclear %I $TERM
+"""
+_LIGHTDM = """\
+# Written by `eol service install --log-in`: {user} is logged in when the screen comes up.
+[Seat:*]
+autologin-user={user}
+autologin-user-timeout=0
+"""
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    commands = parser.add_subparsers(dest='what', metavar='COMMAND', required=True)
+    install = commands.add_parser('install', help='write the units, and start them from now on')
+    install.add_argument('scene', nargs='?', default='museum', help='file, or one that ships')
+    install.add_argument(
+        '--user', default=os.environ.get('SUDO_USER', ''),
+        help='who runs it: an ordinary user of this machine (default: who called sudo)',
+    )  # fmt: skip
+    install.add_argument(
+        '--log-in', action='store_true', help='log this user in at boot, for the walls'
+    )
+    install.add_argument(
+        '--output', metavar='DIR', help='only write the files below this folder, and start nothing'
+    )
+    install.set_defaults(does=_install)
+    status = commands.add_parser('status', help='what systemd says of the work and the walls')
+    status.set_defaults(does=_status)
+    remove = commands.add_parser('remove', help='stop it, and start it at boot no more')
+    remove.set_defaults(does=_remove)
+
+
+def run(args):
+    """Do what is asked."""
+    return args.does(args)
+
+
+def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str = '') -> dict:
+    """Return the files to write, by their place below the root.
+
+    user: who runs it, with this home folder. folder: where it is started. log_in: 'getty',
+    'lightdm' or empty.
+    """
+    python = sys.executable
+    panel = scene.nodes.get('panel')
+    alone = scene.network == 'local' and (panel is None or _is_loopback(panel.host))
+    kept = ('EOL_CACHE', 'EOL_STATE', 'ROS_DOMAIN_ID')
+    environment = [f'Environment={k}={os.environ[k]}\n' for k in kept if os.environ.get(k)]
+    values = {
+        'scene': scene.path or scene.name,
+        'user': user,
+        'folder': folder,
+        'python': python,
+        'environment': ''.join(environment),
+        'network': 'this machine' if alone else 'the network',
+        'addresses': 'IPAddressDeny=any\nIPAddressAllow=localhost\n' if alone else '',
+        'writes': ' '.join(f'-{path}' for path in writes(scene, home, folder)),
+        'url': f'http://127.0.0.1:{panel.port if panel else 8080}',
+    }
+    for key in ('scene', 'folder', 'python'):
+        if any(c in str(values[key]) for c in ' \t"\'%\\'):
+            raise ConfigError(
+                f'{values[key]}: units of systemd name no such path; move it to one without spaces'
+            )
+    found = {WORK_PATH: _WORK.format(**values)}
+    if {'montage', 'panel'} <= set(scene.nodes):
+        found[WALLS_PATH] = _WALLS.format(**values)
+    if log_in:
+        place, text = (LIGHTDM_PATH, _LIGHTDM) if log_in == 'lightdm' else (GETTY_PATH, _GETTY)
+        found[place] = text.format(**values)
+    return found
+
+
+def writes(scene: scenes.Scene, home: Path, folder: Path) -> list[Path]:
+    """Return the folders that the nodes of a scene write to."""
+    found = [home / '.cache', home / '.local/state/eol_ros']
+    recorder, sound = scene.settings('recorder'), scene.nodes.get('sound')
+    found.append(folder / recorder.folder)
+    if sound and sound.wav:
+        found.append((folder / sound.wav).parent)
+    if (tracker := scene.nodes.get('tracker')) is not None:
+        found += [Path(f).parent for f in (tracker.background, tracker.calibration) if f]
+    grains = scene.nodes.get('grains')
+    if grains and grains.sound:  # what is moved by hand is kept beside the sound
+        sounds = Path(grains.sound)
+        found.append(sounds if sounds.is_dir() else sounds.parent)
+    return sorted(set(found))
+
+
+def _is_loopback(host: str) -> bool:
+    from eol_ros.web.guard import is_loopback
+
+    return is_loopback(host)
+
+
+def _install(args) -> int:
+    scene = scenes.load(args.scene)
+    try:
+        person = pwd.getpwnam(args.user or pwd.getpwuid(os.getuid()).pw_name)
+    except KeyError:
+        raise UsageError(f'--user {args.user}: there is no such user here') from None
+    if person.pw_uid == 0 and not args.output:
+        raise UsageError('--user: root runs no museum; name an ordinary user of this machine')
+    home, folder = Path(person.pw_dir), Path.cwd()
+    log_in = ('lightdm' if shutil.which('lightdm') else 'getty') if args.log_in else ''
+    files = units(scene, person.pw_name, home, folder, log_in)
+    if args.output:
+        for place, text in files.items():
+            path = Path(args.output, place)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+            print(path)
+        return 0
+    _need_root('install')
+    if shutil.which('gdm3') and log_in == 'getty':
+        raise ConfigError(
+            '--log-in: gdm3 has one file for this, /etc/gdm3/daemon.conf; write under [daemon] '
+            f'AutomaticLoginEnable=true and AutomaticLogin={person.pw_name}, and leave --log-in out'
+        )
+    for path in writes(scene, home, folder):
+        if not path.exists():
+            path.mkdir(parents=True)
+            os.chown(path, person.pw_uid, person.pw_gid)
+    for place, text in files.items():
+        path = Path('/', place)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        print(path)
+    _systemctl('daemon-reload')
+    if WALLS_PATH in files:
+        _systemctl('--global', 'enable', WALLS)
+    _systemctl('enable', '--now', WORK)
+    print(f'{scene.name} runs, and starts at boot: `eol service status`', file=sys.stderr)
+    return 0
+
+
+def _status(args) -> int:
+    """Show what systemd says; exit code as `systemctl status` has it: 0 only while it runs."""
+    command = [_found(), 'status', '--no-pager', '--lines', '5', WORK]
+    code = subprocess.run(command, check=False).returncode
+    if code == 4:
+        raise DeviceMissing(f'{WORK} is not installed: `sudo eol service install museum`')
+    return min(code, 1)
+
+
+def _remove(args) -> int:
+    _need_root('remove')
+    there = [Path('/', place) for place in PATHS if Path('/', place).exists()]
+    if not there:
+        raise DeviceMissing(f'{WORK} is not installed')
+    if Path('/', WORK_PATH) in there:
+        _systemctl('disable', '--now', WORK)
+    if Path('/', WALLS_PATH) in there:
+        _systemctl('--global', 'disable', WALLS)
+    for path in there:
+        path.unlink()
+        print(f'removed {path}')
+    _systemctl('daemon-reload')
+    return 0
+
+
+def _need_root(what: str) -> None:
+    if os.geteuid() != 0:
+        raise UsageError(f'systemd takes units from root only: sudo {sys.argv[0]} service {what}')
+    _found()
+
+
+def _found() -> str:
+    path = shutil.which('systemctl')
+    if not path:
+        raise DeviceMissing('there is no systemctl: this machine is not run by systemd')
+    return path
+
+
+def _systemctl(*words: str) -> None:
+    done = subprocess.run([_found(), *words], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise EolError(f'systemctl {" ".join(words)}: {done.stderr.strip() or done.returncode}')
