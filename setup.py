@@ -76,7 +76,11 @@ setup(
     version='0.2.0',
     packages=find_packages(include=['eol_ros', 'eol_ros.*']),
     ext_modules=[BLOCK],
-    package_data={'eol_ros': ['py.typed'], 'eol_ros.web': ['static/*', 'static/*/*']},
+    package_data={
+        'eol_ros': ['py.typed'],
+        'eol_ros.web': ['static/*', 'static/*/*'],
+        'eol_ros.devices.files': ['walls/*'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/eol_ros']),
         ('share/eol_ros', ['package.xml']),

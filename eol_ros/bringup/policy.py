@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from eol_ros.bringup.processor import Thread
+from eol_ros.devices.backoff import Backoff
 
-BACKOFF_S = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
 HEALTHY_S = 60.0  # a process that has lived this long begins again with the shortest wait
 SILENT_S = 5.0  # no heartbeat for this long, though it could have run: hung
 STARVED_S = 60.0  # nor for this long, whatever it waited for
@@ -134,7 +134,7 @@ class Policy:
     started_s: float = 0.0
     beat_s: float | None = None
     silence: Silence = field(default_factory=lambda: Silence(0.0))
-    failures: int = 0
+    backoff: Backoff = field(default_factory=Backoff)
     restarts: int = 0
     deaths_s: list[float] = field(default_factory=list)
 
@@ -157,9 +157,8 @@ class Policy:
     def died(self, now_s: float) -> float:
         """Return how long to wait before the next start, in seconds."""
         if now_s - self.started_s > HEALTHY_S:
-            self.failures = 0
-        wait = BACKOFF_S[min(self.failures, len(BACKOFF_S) - 1)]
-        self.failures += 1
+            self.backoff.succeeded()
+        wait = self.backoff.failed()
         self.restarts += 1
         self.beat_s = None
         self.deaths_s = [t for t in self.deaths_s if now_s - t < 60.0] + [now_s]

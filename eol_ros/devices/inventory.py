@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from eol_ros.devices.audio import outputs
 from eol_ros.devices.board.ports import list_ports
 from eol_ros.devices.camera.ports import list_cameras
 from eol_ros.devices.ports import Port
+from eol_ros.errors import DeviceMissing
 
 DRM = Path('/sys/class/drm')
 KINDS = ('camera', 'board', 'sound card', 'screen')
@@ -28,7 +30,7 @@ class Found:
 def find_all(
     cameras: Callable[[], Sequence[Port]] = list_cameras,
     boards: Callable[[], Sequence[Port]] = list_ports,
-    sounddevice: Callable[[], Any] | None = None,
+    sound_cards: Callable[[], Sequence[dict[str, Any]]] = outputs.cards,
     drm: Path = DRM,
 ) -> tuple[list[Found], list[str]]:
     """Return all devices found, and remarks on what could not be looked at."""
@@ -40,9 +42,9 @@ def find_all(
     ]
     remarks = []
     try:
-        found += _sound_cards((sounddevice or _sounddevice)())
-    except (ImportError, OSError):
-        remarks.append('sound cards: PortAudio is not installed (sudo apt install libportaudio2)')
+        found += [_sound_card(card) for card in sound_cards()]
+    except DeviceMissing as error:
+        remarks.append(f'sound cards: {error}')
     return found + _screens(drm), remarks
 
 
@@ -50,25 +52,9 @@ def _line(node: str, key: str, name: str) -> str:
     return f'{node}: {{{key}: {json.dumps(name, ensure_ascii=False)}}}'
 
 
-def _sounddevice() -> Any:
-    import sounddevice
-
-    return sounddevice
-
-
-def _sound_cards(sounddevice: Any) -> list[Found]:
-    apis = sounddevice.query_hostapis()
-    found = []
-    for card in sounddevice.query_devices():
-        channels = card['max_output_channels']
-        if channels < 1:
-            continue
-        rate, api = card['default_samplerate'], apis[card['hostapi']]['name']
-        words = f'{channels} channels, {rate:.0f} Hz, {api}'
-        found.append(
-            Found('sound card', card['name'], words, _line('sound', 'device', card['name']))
-        )
-    return found
+def _sound_card(card: dict[str, Any]) -> Found:
+    words = f'{card["channels"]} channels, {card["sample_rate"]:.0f} Hz, {card["api"]}'
+    return Found('sound card', card['name'], words, _line('sound', 'device', card['name']))
 
 
 def _screens(drm: Path) -> list[Found]:

@@ -271,6 +271,6 @@ def _devices(scene: Scene) -> Iterator[Check]:
         yield 'leds.port', lambda: find_port(leds.port)
     sound = scene.nodes.get('sound')
     if sound and sound.device != 'wav':
-        from eol_ros.devices.audio import soundcard
+        from eol_ros.devices.audio import outputs
 
-        yield 'sound.device', lambda: soundcard.find(sound.device, sound.channels)
+        yield 'sound.device', lambda: outputs.find(sound.device, sound.channels)

@@ -143,11 +143,9 @@ def test_hot_reload_takes_new_repaired_and_removed_pictures(folder):
     assert media.refresh() is False and 'no pairs.csv' in media.skipped[0]
 
 
-def test_default_set_is_drawn_once_and_whole(tmp_path, monkeypatch):
-    monkeypatch.setenv('EOL_CACHE', str(tmp_path))
+def test_the_set_that_ships_is_whole():
     media = MediaFolder()
     assert len(media.pairs) >= 24 and media.skipped == []
-    before = (media.path / LIST).stat().st_mtime_ns
-    monkeypatch.setattr(media_folder, 'draw_all', lambda seed: pytest.fail('drawn twice'))
-    assert MediaFolder().pairs == media.pairs
-    assert (media.path / LIST).stat().st_mtime_ns == before
+    assert all(pair.caption and pair.credit for pair in media.pairs)
+    shown = {name for pair in media.pairs for name in (pair.left, pair.right)}
+    assert shown | {LIST} == {path.name for path in media.path.iterdir()}

@@ -18,7 +18,8 @@ from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import render_all
 from eol_ros.core.sound.triggers import TRIGGER
-from eol_ros.devices.audio.soundcard import Card, Player, cards, find
+from eol_ros.devices.audio.outputs import cards, find
+from eol_ros.devices.audio.soundcard import Card, Player
 from eol_ros.devices.audio.wav_sink import WavSink
 from eol_ros.errors import DeviceMissing
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import json
+import sys
 
 import pytest
 import yaml
@@ -25,8 +26,8 @@ class Sound:
     def query_devices():
         card = {'hostapi': 0, 'default_samplerate': 48000.0}
         return [
-            card | {'name': 'USB Audio: "main"', 'max_output_channels': 2},
-            card | {'name': 'Microphone', 'max_output_channels': 0},
+            card | {'index': 0, 'name': 'USB Audio: "main"', 'max_output_channels': 2},
+            card | {'index': 1, 'name': 'Microphone', 'max_output_channels': 0},
         ]
 
 
@@ -42,12 +43,14 @@ def drm(tmp_path):
     return tmp_path
 
 
-def no_portaudio():
-    raise OSError('PortAudio library not found')
+@pytest.fixture
+def portaudio(monkeypatch):
+    """PortAudio with two cards."""
+    monkeypatch.setitem(sys.modules, 'sounddevice', Sound)
 
 
-def test_all_kinds_are_found(drm):
-    found, remarks = find_all(lambda: [CAMERA], lambda: [BOARD], lambda: Sound, drm)
+def test_all_kinds_are_found(drm, portaudio):
+    found, remarks = find_all(lambda: [CAMERA], lambda: [BOARD], drm=drm)
 
     assert [(f.kind, f.name) for f in found] == [
         ('camera', CAMERA.name),
@@ -58,8 +61,8 @@ def test_all_kinds_are_found(drm):
     assert remarks == []
 
 
-def test_each_line_is_what_a_scene_takes(drm):
-    found, _ = find_all(lambda: [CAMERA], lambda: [BOARD], lambda: Sound, drm)
+def test_each_line_is_what_a_scene_takes(drm, portaudio):
+    found, _ = find_all(lambda: [CAMERA], lambda: [BOARD], drm=drm)
     for device in found:
         if device.scene_line:
             ((node, values),) = yaml.safe_load(device.scene_line).items()
@@ -67,8 +70,15 @@ def test_each_line_is_what_a_scene_takes(drm):
             assert device.name in vars(settings).values()
 
 
-def test_without_portaudio_the_rest_is_still_listed(drm):
-    found, remarks = find_all(lambda: [CAMERA], list, no_portaudio, drm)
+def test_without_portaudio_the_rest_is_still_listed(drm, monkeypatch):
+    class Missing:
+        def find_spec(self, name, path=None, target=None):
+            if name == 'sounddevice':
+                raise OSError('PortAudio library not found')
+
+    monkeypatch.delitem(sys.modules, 'sounddevice', raising=False)
+    monkeypatch.setattr(sys, 'meta_path', [Missing(), *sys.meta_path])
+    found, remarks = find_all(lambda: [CAMERA], list, drm=drm)
 
     assert [f.kind for f in found] == ['camera', 'screen']
     assert 'sudo apt install libportaudio2' in remarks[0]

@@ -7,7 +7,6 @@ asking for samples, goes on with the file, and takes the card again when it is b
 
 import atexit
 import ctypes
-import os
 import threading
 import time
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.devices.audio.callback import OUTPUT_UNDERFLOW, callback, serve
+from eol_ros.devices.audio.outputs import find, portaudio, reason, rescan
 from eol_ros.devices.audio.wav_sink import WavSink
 from eol_ros.devices.backoff import Backoff
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -26,7 +26,6 @@ RETRY_S = 3.0  # longest wait between two tries to take the card again
 GIVE_UP_S = 0.2  # a block takes a few milliseconds at most
 CLOSE_S = 2.0  # a driver that needs longer to close hangs
 LOST_S = 0.5  # the same where the device is gone: there is nothing left to play to the end
-INSTALL = 'apt-get install libportaudio2'
 
 
 class Card:
@@ -37,7 +36,7 @@ class Card:
     """
 
     def __init__(self, mixer: Mixer, device: str, block_size: int, compiled: bool = True):
-        sd = _portaudio()
+        sd = portaudio()
         mixer.state['card'] = 0
         serve(mixer.address, np.zeros((0, mixer.channels), np.float32), 0)  # compile before
         number = find(device, mixer.channels)
@@ -70,7 +69,7 @@ class Card:
             self.close()
             raise DeviceMissing(
                 f'sound card {self.name}: cannot play {mixer.channels} channels at '
-                f'{mixer.sample_rate:.0f} Hz ({_reason(error)}); `eol devices` lists what there is'
+                f'{mixer.sample_rate:.0f} Hz ({reason(error)}); `eol devices` lists what there is'
             ) from None
         self.latency_s = float(self._stream.latency)
 
@@ -102,7 +101,7 @@ class Card:
         closing.start()
         closing.join(timeout_s)
         if closing.is_alive():  # to end PortAudio then, as sounddevice would at exit, aborts
-            atexit.unregister(_portaudio()._exit_handler)
+            atexit.unregister(portaudio()._exit_handler)
             return False
         self._held = False
         for kept in (self._mixer, self._stream):
@@ -121,76 +120,6 @@ def _ordinary(mixer: Mixer):
         serve(mixer.address, out, OUTPUT_UNDERFLOW if status.output_underflow else 0)
 
     return ordinary
-
-
-def _portaudio():
-    os.environ.setdefault('JACK_NO_START_SERVER', '1')  # who wants JACK has started it
-    try:
-        import sounddevice
-    except OSError as error:
-        raise DeviceMissing(f'PortAudio is not installed ({error}); {INSTALL}') from None
-    except ImportError:
-        raise DeviceMissing('sounddevice is not installed; pip install sounddevice') from None
-    return sounddevice
-
-
-def _reason(error: Exception) -> str:
-    return str(error.args[0]).removeprefix('Error opening OutputStream: ')
-
-
-def cards() -> list[dict]:
-    """Return the outputs that there are: name, host API, channels, default sample rate."""
-    sd = _portaudio()
-    apis = sd.query_hostapis()
-    return [
-        {
-            'index': d['index'],
-            'name': d['name'],
-            'api': apis[d['hostapi']]['name'],
-            'channels': d['max_output_channels'],
-            'sample_rate': d['default_samplerate'],
-        }
-        for d in sd.query_devices()
-        if d['max_output_channels'] > 0
-    ]
-
-
-def rescan() -> None:
-    """Look for sound cards again: PortAudio does so only when it starts. No stream may be open."""
-    sd = _portaudio()
-    sd._terminate()
-    try:
-        sd._initialize()
-    except sd.PortAudioError as error:
-        raise DeviceMissing(f'PortAudio does not start ({_reason(error)})') from None
-
-
-def find(device: str, channels: int = 1) -> int:
-    """Return the number of the output `device`: its name, a part of it, or auto for the default.
-
-    Raises DeviceMissing with the names that there are.
-    """
-    outputs = cards()
-    if not outputs:
-        raise DeviceMissing('there is no sound card')
-    if device == 'auto':
-        default = _portaudio().default.device[1]
-        numbers = [c['index'] for c in outputs]
-        default = default if default in numbers else numbers[0]
-        found = [c for c in outputs if c['index'] == default]
-    else:
-        found = [c for c in outputs if c['name'] == device]
-        found = found or [c for c in outputs if device.lower() in c['name'].lower()]
-    if not found:
-        names = ', '.join(c['name'] for c in outputs)
-        raise DeviceMissing(f'sound card {device}: not there; there are: {names}')
-    enough = [c for c in found if c['channels'] >= channels]
-    if not enough:
-        raise DeviceMissing(
-            f'sound card {found[0]["name"]}: it has {found[0]["channels"]} channels, '
-            f'the scene asks for {channels}'
-        )
-    return enough[0]['index']
 
 
 class Player:

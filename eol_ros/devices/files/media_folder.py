@@ -17,8 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-from eol_ros import folders
-from eol_ros.core.montage.drawing import draw_all
 from eol_ros.errors import DeviceMissing
 
 LIST = 'pairs.csv'
@@ -30,8 +28,7 @@ PICTURES = {
     '.webp': 'image/webp',
 }
 _ENDS = {'.jpg': b'\xff\xd9', '.jpeg': b'\xff\xd9', '.png': b'IEND'}  # absent: the file is cut off
-_DRAWN_SEED = 1
-_DRAWN_EDITION = 'drawn-2'  # another name whenever the drawings change
+DRAWN = Path(__file__).parent / 'walls'  # the pairs that ship, by tools/draw_walls.py
 
 
 @dataclass(frozen=True)
@@ -44,24 +41,6 @@ class Pair:
     credit: str = ''
 
 
-def default_folder() -> Path:
-    """Return the folder of the drawn pairs, drawn on first use."""
-    folder = folders.cache(_DRAWN_EDITION)
-    if not (folder / LIST).exists():
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator='\n')
-        table.writerow(('left', 'right', 'caption', 'credit'))
-        for pair in draw_all(_DRAWN_SEED):
-            names = f'{pair.name}-left.svg', f'{pair.name}-right.svg'
-            for name, svg in zip(names, (pair.left_svg, pair.right_svg), strict=True):
-                (folder / name).write_text(svg, encoding='utf-8')
-            table.writerow((*names, pair.caption, 'Echoes of the Land'))
-        part = folder / f'{LIST}.part'
-        part.write_text(text.getvalue(), encoding='utf-8')
-        part.replace(folder / LIST)  # the list comes last and whole: a half-drawn set is never used
-    return folder
-
-
 class MediaFolder:
     """Pairs of a folder, read again whenever something in it changes.
 
@@ -69,7 +48,7 @@ class MediaFolder:
     """
 
     def __init__(self, path: str | Path = ''):
-        self.path = Path(path) if path else default_folder()
+        self.path = Path(path) if path else DRAWN
         self.pairs: list[Pair] = []
         self.skipped: list[str] = []
         self._good: dict[tuple[str, int, int], str] = {}
@@ -155,7 +134,7 @@ class Pictures:
             return self._files.get(name)
 
     def _look(self) -> dict[str, Path]:
-        folder = Path(self._path) if self._path else default_folder()
+        folder = Path(self._path) if self._path else DRAWN
         names = {name for pair in _listed(folder) for name in (pair.left, pair.right)}
         return {name: folder / name for name in names if not _forbidden(folder, name)}
 

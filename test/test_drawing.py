@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The drawn pairs: well-formed, seeded, within the sheet, two halves of one land."""
+"""The drawn pairs: well-formed, seeded, within the sheet, two halves of one land; as they ship."""
 
+import subprocess
+import sys
 from itertools import pairwise
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from eol_ros.core.montage.drawing import combinations, draw_pair
-from eol_ros.core.montage.drawing_sheet import HEIGHT, PALETTES, WIDTH, Sheet, jagged
+TOOLS = Path(__file__).parents[1] / 'tools'
+sys.path.insert(0, str(TOOLS))
+
+from draw_walls import combinations, draw_pair  # noqa: E402
+from drawings.sheet import HEIGHT, PALETTES, WIDTH, Sheet, jagged  # noqa: E402
 
 SVG = '{http://www.w3.org/2000/svg}'
 
@@ -77,3 +83,10 @@ def test_a_broken_sheet_steps_at_the_fault_only():
 def test_jagged_keeps_its_ends():
     points = jagged(np.random.default_rng(0), (3.0, 4.0), (400.0, 90.0), 20)
     assert points[0] == (3.0, 4.0) and points[-1] == pytest.approx((400.0, 90.0))
+
+
+@pytest.mark.slow
+def test_what_ships_is_what_is_drawn():
+    words = [sys.executable, TOOLS / 'draw_walls.py', '--check']
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

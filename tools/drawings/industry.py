@@ -4,8 +4,7 @@
 from collections.abc import Callable
 
 import numpy as np
-
-from eol_ros.core.montage.drawing_sheet import HEIGHT, HORIZON, WIDTH, Sheet, jagged
+from drawings.sheet import HEIGHT, HORIZON, WIDTH, Sheet, jagged
 
 
 def dam(sheet: Sheet, rng: np.random.Generator) -> None:

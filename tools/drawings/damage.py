@@ -5,8 +5,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
-
-from eol_ros.core.montage.drawing_sheet import (
+from drawings.sheet import (
     FAULT_LEAN,
     FAULT_THROW,
     FAULT_X,

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draws the default pairs of the walls: what industry puts into the ground, and what it gives back.
+
+    python tools/draw_walls.py            write them to eol_ros/devices/files/walls
+    python tools/draw_walls.py --check    exit 1 where those differ
+
+Each picture is a section of the same earth: sky, horizon, layers. On the left a thread of light
+goes down from a machine into the layers; on the right the same colour comes up through a fault and
+breaks what people built. Both halves of a pair share palette, horizon and layers, so they read as
+one. All is vector geometry from a seed, written as SVG text; the files ship as they are drawn here.
+"""
+
+import csv
+import io
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from drawings import damage, industry
+from drawings.sheet import PALETTES, Sheet
+
+WALLS = Path(__file__).parents[1] / 'eol_ros' / 'devices' / 'files' / 'walls'
+MIN_PAIRS = 24
+SEED = 1
+
+
+@dataclass(frozen=True)
+class DrawnPair:
+    """One pair: its name, both halves as SVG text, a caption."""
+
+    name: str
+    left_svg: str
+    right_svg: str
+    caption: str
+
+
+def combinations(count: int = MIN_PAIRS) -> list[tuple[str, str]]:
+    """Return `count` (industry, damage) names, each combination once, every motif evenly used."""
+    causes, effects = list(industry.MOTIFS), list(damage.MOTIFS)
+    most = len(causes) * len(effects)
+    if not 0 < count <= most:
+        raise ValueError(f'{count} pairs asked for; there are 1 to {most}')
+    walk = [
+        (causes[i], effects[(i + shift) % len(effects)])
+        for shift in range(len(effects))
+        for i in range(len(causes))
+    ]
+    return walk[:count]
+
+
+def draw_pair(number: int, names: tuple[str, str], seed: int) -> DrawnPair:
+    """Draw pair `number` of `names`; equal arguments give equal text."""
+    left_name, right_name = names
+    # Neighbours in the walk share neither palette nor motif; a prime step spreads the palettes.
+    palette = PALETTES[(number * 5 + number // len(PALETTES)) % len(PALETTES)]
+    ground_seed, left_seed, right_seed = np.random.SeedSequence([seed, number]).spawn(3)
+    halves = []
+    for motif, motif_seed, broken in (
+        (industry.MOTIFS[left_name], left_seed, False),
+        (damage.MOTIFS[right_name], right_seed, True),
+    ):
+        sheet = Sheet(palette, np.random.default_rng(ground_seed), broken=broken)
+        motif(sheet, np.random.default_rng(motif_seed))
+        halves.append(sheet.svg())
+    caption = f'{left_name.capitalize()} | {right_name}'
+    return DrawnPair(f'{number:02d}', halves[0], halves[1], caption)
+
+
+def files() -> dict[str, str]:
+    """Return the whole default set: names and texts of the pictures, and of their list."""
+    found, list_ = {}, io.StringIO()
+    table = csv.writer(list_, lineterminator='\n')
+    table.writerow(('left', 'right', 'caption', 'credit'))
+    for number, names in enumerate(combinations()):
+        pair = draw_pair(number, names, SEED)
+        left, right = f'{pair.name}-left.svg', f'{pair.name}-right.svg'
+        found |= {left: pair.left_svg, right: pair.right_svg}
+        table.writerow((left, right, pair.caption, 'Echoes of the Land'))
+    return found | {'pairs.csv': list_.getvalue()}
+
+
+def main() -> int:
+    drawn = files()
+    if '--check' in sys.argv[1:]:
+        stale = [
+            name
+            for name in sorted(drawn.keys() | {path.name for path in WALLS.iterdir()})
+            if name not in drawn
+            or not (WALLS / name).exists()
+            or (WALLS / name).read_text(encoding='utf-8') != drawn[name]
+        ]
+        if stale:
+            print(f'not as they are drawn: {", ".join(stale)}', file=sys.stderr)
+        return bool(stale)
+    WALLS.mkdir(exist_ok=True)
+    for path in WALLS.iterdir():
+        path.unlink()
+    for name, text in drawn.items():
+        (WALLS / name).write_text(text, encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
