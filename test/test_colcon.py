@@ -81,6 +81,8 @@ def test_colcon_builds_both_packages(workspace, environment):
     messages, nodes, scenes = result.stdout.split()
     assert messages.startswith(str(workspace)) and nodes.startswith(str(workspace))
     assert int(scenes) >= 5
+    share = workspace / 'install' / 'eol_ros' / 'share' / 'eol_ros'  # where `ros2 launch` looks
+    assert (share / 'launch' / 'eol.launch.py').is_file()
     libexec = workspace / 'install' / 'eol_ros' / 'lib' / 'eol_ros'  # where `ros2 run` looks
     runnable = {p.name for p in libexec.iterdir() if os.access(p, os.X_OK)}
     assert runnable == {*NODES, 'bringup', 'eol'}
