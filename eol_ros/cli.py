@@ -25,6 +25,7 @@ GROUPS = {
     },
     'look': {
         'status': 'show the state of the running graph',
+        'bundle': 'gather what those who help need to know in one file',
         'devices': 'list cameras, boards, sound cards and screens',
         'topics': 'list the topics of the running graph',
         'echo': 'print the messages of a topic',

@@ -21,12 +21,13 @@ def setting(
     live: bool = False,
     path: bool | str = False,
     was: str = '',
+    secret: bool = False,
 ) -> Any:
     """Return a dataclass field that knows how to be checked and explained.
 
     `live`: may change while the node runs. `path`: names a file or folder, relative to the scene
     file; with 'maybe' it is one only if such a file is there. `was`: the name before, which is
-    still understood, with a warning.
+    still understood, with a warning. `secret`: shown to nobody: not in bags, parameters or words.
     A tuple default makes a list setting; its items are checked one by one.
     """
     return field(
@@ -40,6 +41,7 @@ def setting(
             'live': live,
             'path': path,
             'was': was,
+            'secret': secret,
         },
     )
 
@@ -325,7 +327,9 @@ class MontageSettings:
 class PanelSettings:
     host: str = setting('127.0.0.1', 'address to serve on; 0.0.0.0 opens it to the network')
     port: int = setting(8080, 'port to serve on; 0 takes any free one', '', 0, 65535)
-    pin: str = setting('', 'asked for every control; needed when the panel is open to the network')
+    pin: str = setting(
+        '', 'asked for every control; needed when the panel is open to the network', secret=True
+    )
     visitors: bool = setting(False, 'let everybody push the virtual table without the PIN')
     names: tuple[str, ...] = setting((), 'further host names under which browsers may reach it')
     viewers: int = setting(100, 'browsers at the same time', '', 1, 1000)
@@ -383,6 +387,15 @@ class ReplaySettings:
     clock_hz: float = setting(
         100.0, 'recorded time on /clock, also while nothing is due; 0: not at all', 'Hz', 0, 1000
     )
+
+
+MASK = '***'  # stands where a secret is not shown
+
+
+def masked(settings: Any) -> Any:
+    """Return `settings` with a mask in place of what is secret and set."""
+    secret = [f.name for f in dataclasses.fields(settings) if f.metadata.get('secret')]
+    return dataclasses.replace(settings, **{n: MASK for n in secret if getattr(settings, n)})
 
 
 def live_fields(settings: type) -> set[str]:

@@ -41,7 +41,7 @@ from eol_ros.ros.stamps import to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS, PUBLISHER_QOS, QOS, message_class
 from eol_ros.scene import Scene, check_namespace, check_value
-from eol_ros.settings import live_fields, renamed
+from eol_ros.settings import live_fields, masked, renamed
 from eol_ros.streams.graph import NODES, TOPICS, frame_prefix
 from eol_ros.streams.requests import SET, Asked
 
@@ -301,12 +301,13 @@ class EolNode(Node):
         settings = dataclasses.replace(settings, **checked)
         self._at_start = settings
         settings = dataclasses.replace(settings, **self._resumed_settings(fields))
+        shown = masked(settings)
         for name, field in fields.items():
             text = field.metadata.get('doc', '')
             unit = field.metadata.get('unit', '')
             self.declare_parameter(
                 name,
-                plain(getattr(settings, name)),
+                plain(getattr(shown, name)),
                 ParameterDescriptor(
                     description=f'{text} [{unit}]' if unit else text,
                     read_only=not field.metadata.get('live'),

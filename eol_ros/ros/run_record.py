@@ -10,7 +10,7 @@ from pathlib import Path
 
 import yaml
 
-from eol_ros.scene import Scene, plain
+from eol_ros.scene import Scene, plain, public
 
 # The distributions that decide what a run computes, and how it is transported and stored.
 _DISTRIBUTIONS = (
@@ -50,7 +50,8 @@ def _commit() -> str:
 
 
 def about(scene: Scene) -> dict[str, str]:
-    """Return the metadata of a bag as named texts, structured ones in YAML."""
+    """Return the metadata of a bag as named texts, structured ones in YAML; nothing secret."""
+    scene = public(scene)
     seeds = {
         name: settings.seed
         for name, settings in scene.nodes.items()

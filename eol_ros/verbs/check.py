@@ -54,6 +54,7 @@ def run(args):
         return error.exit_code
     warnings = [*scene.warnings, *_warnings(scene)]
     absent = _refused(scene, _devices(scene)) if args.devices else []
+    scene = scenes.public(scene)
     missing = installed.missing()
     if args.json:
         answer = {'ok': not missing and not absent, **scenes.plain(scene), 'warnings': warnings}

@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from support.waiting import wait_until
 
 from eol_ros import nodes
+from eol_ros import scene as scenes
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
 from eol_ros.ros import network
@@ -27,6 +28,7 @@ from eol_ros.ros.definitions import definition
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.run_record import about
 from eol_ros.ros.stamps import system_ns, to_msg, to_ns
 from eol_ros.ros.topics import CLOCK, PUBLISHER_QOS, QOS, message_class
 from eol_ros.settings import MontageSettings
@@ -168,6 +170,24 @@ def test_settings_are_parameters(ros):
         assert node.settings.period_s == 1.0
     else:
         assert not result.successful and 'read-only' in result.reason
+
+
+def test_the_pin_is_in_no_parameter_and_in_no_bag(ros, tmp_path):
+    """The node has it; who asks for its parameters, or is given a bag, does not get it."""
+
+    class Panel(EolNode):
+        NAME = 'panel'
+
+    path = tmp_path / 'scene.yaml'
+    path.write_text('nodes: {panel: {host: 0.0.0.0, pin: kept-to-ourselves}}')
+    scene = scenes.load(path)
+    node = Panel(scene.nodes['panel'], scene=scene)
+    assert node.settings.pin == 'kept-to-ourselves'
+    assert node.get_parameter('pin').value == '***'
+    told = about(scene)
+    assert 'kept-to-ourselves' not in str(told)
+    assert 'pin: ***' in told['scene'] and "pin: '***'" in told['settings']
+    node.destroy_node()
 
 
 def test_command_line_parameters_are_checked(ros):

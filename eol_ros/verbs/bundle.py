@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol bundle: all that somebody far away needs to know to help, in one file and without secrets."""
+
+import contextlib
+import dataclasses
+import io
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from eol_ros import folders
+from eol_ros import scene as scenes
+from eol_ros.bringup import status
+from eol_ros.errors import EolError, SupervisorSilent
+from eol_ros.ros.run_record import versions
+from eol_ros.settings import MASK
+from eol_ros.verbs import reach
+
+HELP = (
+    'Gather what somebody needs to know to help with this installation: versions, machine, scene, '
+    'the state of the running graph, logs, devices, and what is in the newest bags. No recorded '
+    'data, no picture, no PIN.'
+)
+EXAMPLES = ['eol bundle museum', 'eol bundle my/scene.yaml --output for-support.zip']
+NEWEST_BAGS = 5
+LOG_BYTES = 5_000_000  # of the end of each log
+JOURNAL = ['journalctl', '--no-pager', '--unit', 'eol', '--lines', '5000', '--output', 'short-iso']
+COMMAND_S = 20.0  # no program that is asked may take longer
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('scene', nargs='?', default='museum', help='file, or one that ships')
+    parser.add_argument(
+        '-o', '--output', metavar='FILE', default=time.strftime('eol-bundle-%Y%m%d-%H%M%S.zip'),
+        help='the file to write (default: eol-bundle-DATE.zip here)',
+    )  # fmt: skip
+    parser.add_argument('--domain', type=int, default=int(os.environ.get('ROS_DOMAIN_ID') or 0))
+    parser.add_argument('--namespace', metavar='NAME', help=reach.NAMESPACE_HELP)
+
+
+def run(args):
+    """Write the file; what cannot be gathered is said in it, and stops nothing."""
+    folders.check_writable(args.output, '--output')
+    secrets = _secrets(args.scene)
+    parts: dict[str, Callable[[], str]] = {
+        'about.json': lambda: _json(_about()),
+        'scene.json': lambda: _json(_scene(args.scene)),
+        'check.txt': lambda: _output('check', args.scene, '--devices'),
+        'status.json': lambda: _json(_status(args)),
+        'devices.json': lambda: _output('devices', '--json'),
+        'bags.json': lambda: _json(_bags(args.scene)),
+        'journal.txt': _journal,
+    }
+    with zipfile.ZipFile(args.output, 'w', zipfile.ZIP_DEFLATED) as bundle:
+        for name, part in parts.items():
+            try:
+                text = part()
+            except EolError as error:
+                text = f'{error}\n'
+            bundle.writestr(name, _without(text, secrets))
+            print(f'eol bundle: {name}', file=sys.stderr)
+        for path in _logs():
+            bundle.writestr(f'logs/{path.name}', _without(_end_of(path), secrets))
+            print(f'eol bundle: logs/{path.name}', file=sys.stderr)
+    print(args.output)
+    return 0
+
+
+def _about() -> dict:
+    memory = Path('/proc/meminfo').read_text().splitlines()[:3]
+    processor = {
+        line.partition(':')[2].strip()
+        for line in Path('/proc/cpuinfo').read_text().splitlines()
+        if line.startswith('model name')
+    }
+    release = Path('/etc/os-release')
+    return {
+        'written': time.strftime('%Y-%m-%d %H:%M:%S %z'),
+        'versions': versions(),
+        'system': release.read_text().splitlines() if release.exists() else [],
+        'processor': sorted(processor),
+        'cores': len(os.sched_getaffinity(0)),
+        'memory': memory,
+        'load': os.getloadavg(),
+        'up_s': float(Path('/proc/uptime').read_text().split()[0]),
+        'groups': os.getgroups(),
+        'environment': {
+            k: v for k, v in os.environ.items()
+            if k.startswith(('EOL_', 'ROS_', 'RMW_', 'FASTRTPS_', 'NUMBA_', 'XDG_')) or k == 'LANG'
+        },
+    }  # fmt: skip
+
+
+def _scene(name: str) -> dict:
+    scene = scenes.public(scenes.load(name))
+    return {'path': str(scene.path), 'text': scene.text, 'settings': scenes.plain(scene)}
+
+
+def _secrets(name: str) -> set[str]:
+    """Return the secret values of a scene, to be left out wherever they may stand."""
+    try:
+        scene = scenes.load(name)
+    except EolError:
+        return set()
+    return {
+        str(getattr(settings, f.name))
+        for settings in scene.nodes.values()
+        for f in dataclasses.fields(settings)
+        if f.metadata.get('secret') and getattr(settings, f.name)
+    }
+
+
+def _without(text: str, secrets: set[str]) -> str:
+    for secret in secrets:
+        text = text.replace(secret, MASK)
+    return text
+
+
+def _status(args) -> dict:
+    try:
+        namespace = status.namespace_of(args.namespace, args.domain)
+        return status.ask(args.domain, namespace=namespace)
+    except SupervisorSilent as error:
+        return {'silent': str(error)}
+
+
+def _output(verb: str, *words: str) -> str:
+    """Return what another verb prints, and what it says."""
+    from eol_ros import cli
+
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+        code = cli.main([verb, *words])
+    return f'{out.getvalue()}' + (f'\nexit code {code}\n' if code else '')
+
+
+def _bags(name: str) -> dict:
+    from eol_ros.devices.bag.reader import BagReader
+
+    folder = Path(scenes.load(name).settings('recorder').folder).absolute()
+    disk = shutil.disk_usage(folder) if folder.exists() else None
+    newest = sorted(
+        (p for p in folder.glob('*/') if any(p.glob('*.mcap*'))),
+        key=lambda p: p.stat().st_mtime_ns,
+        reverse=True,
+    )
+    rows = []
+    for path in newest[:NEWEST_BAGS]:
+        row: dict = {'bag': path.name, 'files': {f.name: f.stat().st_size for f in path.iterdir()}}
+        try:
+            bag = BagReader(path)
+            row |= {
+                'start_ns': bag.start_ns, 'duration_s': bag.duration_s, 'messages': bag.counts,
+                'gaps': bag.gaps, 'cut_short': bag.cut_short, 'damage': bag.damage,
+            }  # fmt: skip
+        except EolError as error:
+            row['error'] = str(error)
+        rows.append(row)
+    return {
+        'folder': str(folder), 'free_bytes': disk.free if disk else None, 'bags': len(newest),
+        'newest': rows,
+    }  # fmt: skip
+
+
+def _journal() -> str:
+    if not shutil.which(JOURNAL[0]):
+        return 'this machine has no journalctl\n'
+    try:
+        done = subprocess.run(
+            JOURNAL, capture_output=True, text=True, timeout=COMMAND_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return f'journalctl did not answer within {COMMAND_S:g} s\n'
+    return done.stdout + done.stderr
+
+
+def _logs() -> Iterator[Path]:
+    try:
+        names = sorted(folders.state_path().iterdir())
+    except OSError:
+        return
+    yield from (p for p in names if p.is_file() and '.log' in p.name)
+
+
+def _end_of(path: Path) -> str:
+    with path.open('rb') as file:
+        file.seek(max(0, path.stat().st_size - LOG_BYTES))
+        return file.read().decode(errors='replace')
+
+
+def _json(answer: dict) -> str:
+    return json.dumps(answer, indent=2, default=str)
