@@ -17,6 +17,7 @@ RUNTIME = [
     'zstandard>=0.22',
     'lz4>=4',
     'aiohttp>=3.8',
+    'python-osc>=1.9',
     'pyyaml>=6.0',
     'rich>=13',
 ]

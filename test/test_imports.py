@@ -30,6 +30,7 @@ ALLOWED = {
         'lz4',
         'numba',
         '_sounddevice',
+        'pythonosc',
     },
     'ros': BASE | ROS | {'yaml'},
     'nodes': BASE | ROS,

@@ -25,7 +25,12 @@ KEYS = {
     'yaml': 'python3-yaml',
 }
 PART_OF = {'_sounddevice': 'sounddevice', 'llvmlite': 'numba', 'mpl_toolkits': 'matplotlib'}
-WHEELS = {'cv2': 'opencv-python-headless', 'serial': 'pyserial', 'yaml': 'pyyaml'}
+WHEELS = {
+    'cv2': 'opencv-python-headless',
+    'pythonosc': 'python-osc',
+    'serial': 'pyserial',
+    'yaml': 'pyyaml',
+}
 
 
 def imports(*folders):

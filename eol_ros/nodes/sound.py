@@ -14,7 +14,6 @@ from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.soundcard import Player
 from eol_ros.errors import EolError
-from eol_ros.nodes.sound_osc import Osc
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.sound import SampleStream, meter_message
@@ -43,7 +42,11 @@ class SoundNode(EolNode):
             epoch_s=self.epoch_ns // NS,
         )
         self.on_settings(s)
-        self.osc = Osc(self) if s.osc_out or s.osc_in else None
+        self.osc = None
+        if s.osc_out or s.osc_in:  # python-osc only then
+            from eol_ros.nodes.sound_osc import Osc
+
+            self.osc = Osc(self)
         self.meter, self.banks = Meter(self.mixer), BankLoader(s.sample_rate)
         folder = Path(self.scene.settings('recorder').folder)
         wav = s.wav or folder / time.strftime('sound-%Y%m%d-%H%M%S.wav')

@@ -151,12 +151,17 @@ def _grains(settings: Any) -> Iterator[Check]:
 
 
 def _sound(settings: Any) -> Iterator[Check]:
-    if settings.osc_out:
-        from eol_ros.devices.audio.osc import target_of
-
-        yield 'sound.osc_out', lambda: target_of(settings.osc_out)
+    if settings.osc_out or settings.osc_in:
+        yield f'sound.osc_{"out" if settings.osc_out else "in"}', lambda: _osc(settings.osc_out)
     if settings.wav:
         yield 'sound.wav', lambda: _writable(Path(settings.wav).parent)
+
+
+def _osc(target: str) -> None:
+    from eol_ros.devices.audio.osc import target_of
+
+    if target:
+        target_of(target)
 
 
 def _montage(settings: Any) -> Iterator[Check]:

@@ -1,74 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
 """Open Sound Control 1.0 over UDP: the table plays another synthesiser, or is set by one.
 
-Only what that needs: messages of numbers, truth values and text; bundles are taken apart.
+python-osc reads and writes the packets. The sockets are ours: a node sends from its callbacks and
+looks from a timer, without a thread.
 """
 
 import socket
 import struct
-from typing import Any
 
 from eol_ros.errors import ConfigError, DeviceMissing
+
+try:
+    from pythonosc.osc_message_builder import OscMessageBuilder
+    from pythonosc.osc_packet import OscPacket, ParseError
+except ImportError:  # in a ROS workspace, where rosdep has no key for it
+    raise DeviceMissing('osc_out and osc_in need python-osc: pip install python-osc') from None
 
 LARGEST = 65536  # bytes in a datagram
 
 
-def _padded(data: bytes) -> bytes:
-    return data + b'\0' * (-len(data) % 4)
-
-
 def encode(address: str, *values: int | float | str | bool) -> bytes:
     """Return one OSC message."""
-    tags, data = ',', b''
+    message = OscMessageBuilder(address)
     for value in values:
-        if isinstance(value, bool):
-            tags += 'T' if value else 'F'
-        elif isinstance(value, int):
-            tags, data = tags + 'i', data + struct.pack('>i', value)
-        elif isinstance(value, float):
-            tags, data = tags + 'f', data + struct.pack('>f', value)
-        else:
-            tags, data = tags + 's', data + _padded(value.encode() + b'\0')
-    return _padded(address.encode() + b'\0') + _padded(tags.encode() + b'\0') + data
+        message.add_arg(value)
+    return message.build().dgram
 
 
 def decode(packet: bytes) -> list[tuple]:
     """Return (address, value, ...) of each message in a packet; raises ValueError if it is none."""
-    if packet.startswith(b'#bundle\0'):
-        messages, at = [], 16
-        while at + 4 <= len(packet):
-            (size,) = struct.unpack_from('>i', packet, at)
-            if size <= 0 or at + 4 + size > len(packet):
-                raise ValueError('bundle cut short')
-            messages += decode(packet[at + 4 : at + 4 + size])
-            at += 4 + size
-        return messages
-
-    def text(at: int) -> tuple[str, int]:
-        end = packet.index(b'\0', at)
-        return packet[at:end].decode(), (end // 4 + 1) * 4
-
     try:
-        address, at = text(0)
-        tags, at = text(at)
-        if not address.startswith('/') or not tags.startswith(','):
-            raise ValueError('no OSC message')
-        values: list[Any] = []
-        for tag in tags[1:]:
-            if tag in 'ifhd':
-                kind = {'i': '>i', 'f': '>f', 'h': '>q', 'd': '>d'}[tag]
-                values.append(struct.unpack_from(kind, packet, at)[0])
-                at += struct.calcsize(kind)
-            elif tag in 'TF':
-                values.append(tag == 'T')
-            elif tag == 's':
-                value, at = text(at)
-                values.append(value)
-            else:
-                raise ValueError(f'OSC type {tag}')
-    except (struct.error, UnicodeDecodeError) as error:
+        messages = [timed.message for timed in OscPacket(packet).messages]
+    except (ParseError, struct.error, IndexError) as error:
         raise ValueError(str(error)) from None
-    return [(address, *values)]
+    return [(message.address, *message.params) for message in messages]
 
 
 def target_of(target: str) -> tuple[str, int]:
