@@ -15,7 +15,8 @@ def test_figures_are_complete_and_within_bounds(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(bench, 'COUNTS', (100,))
     audio_file.write(tmp_path / 'a.wav', ice(2.0, 16000, 2), 16000, 'PCM_16')
     (tmp_path / 'bad.wav').write_text('no sound')
-    assert cli.main(['bench', 'corpus', str(tmp_path), '--json']) == 0
+    words = ['bench', 'corpus', str(tmp_path), '--table-seconds', '15', '--json']
+    assert cli.main(words) == 0
     out, err = capsys.readouterr()
     figures = json.loads(out)
     assert figures['machine']['vector_bits'] >= 128
@@ -28,6 +29,8 @@ def test_figures_are_complete_and_within_bounds(capsys, tmp_path, monkeypatch):
     assert figures['layout'][0]['kendall_tau_x'] > 0.7
     moving = figures['selection'][0]
     assert moving['still_triggers_per_s'] == 0 and moving['moving_triggers_per_s'] > 0
+    assert [row['images_per_s'] for row in figures['slips']] == [60, 120]
+    assert all(row['slips'] > 5 for row in figures['slips'])
     from eol_ros.core.sound import descriptors
 
     assert descriptors.HOP == HOP  # what was varied is put back

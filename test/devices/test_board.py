@@ -151,15 +151,12 @@ def test_a_board_in_use_is_said_to_be(host, fake):
 
 def test_a_line_that_nobody_reads_never_blocks(host, fake, monkeypatch):
     asleep = threading.Event()
-    monkeypatch.setattr(fake, '_take', lambda *_: asleep.wait(10))
+    monkeypatch.setattr(fake, '_take', lambda *_: asleep.wait())
     host.board.show(bytes(25), 0)
-    began = time.monotonic()
     results = [host.board.show(b'\xff' * 25, k) for k in range(3000)]
 
-    took_s = time.monotonic() - began
-    asleep.set()
+    asleep.set()  # one that blocked would not have come so far
 
-    assert took_s < 5
     assert None in results
     assert host.board.dropped > 0
 

@@ -31,7 +31,7 @@ def make_lights():
         lights.close()
 
 
-def storm(lights, seconds=3.0):
+def storm(lights, seconds=2.0):
     """A slip of one block every 90 ms; the levels that the board shows, and when."""
     fake, times, shown, at = lights.twin.fake, [], [], 0.0
     began = time.monotonic()
@@ -47,7 +47,7 @@ def storm(lights, seconds=3.0):
     return np.array(times), np.array(shown)
 
 
-def replayed_storm(lights, fake, rate, seconds=3.0):
+def replayed_storm(lights, fake, rate, seconds=2.0):
     """A slip of one block every 400 recorded ms, played at `rate`; as `storm`."""
     times, shown, at, began = [], [], 0.0, time.monotonic()
     while (now := time.monotonic() - began) < seconds:
