@@ -14,6 +14,7 @@ from eol_ros import cli, folders
 from eol_ros import scene as scenes
 from eol_ros.bringup import plan, status
 from eol_ros.bringup.event_log import EventLog
+from eol_ros.bringup.memory import Memory
 from eol_ros.bringup.service_manager import ServiceManager
 from eol_ros.bringup.supervisor import Supervisor
 from eol_ros.bringup.terminal import Terminal
@@ -108,6 +109,9 @@ def run(args: argparse.Namespace) -> int:
             namespace=scene.namespace,
             compiler=plan.compiler(scene),
             manager=manager,
+            memory=None
+            if 'replay' in scene.nodes  # which plays what was asked in its run
+            else Memory(scene, plan.domain(scene), always=manager.there),
         )
         return supervisor.run(args.seconds)
 

@@ -44,6 +44,11 @@ class ServiceManager:
         if self._socket is not None:
             self._socket.close()
 
+    @property
+    def there(self) -> bool:
+        """Whether a service manager started this process."""
+        return self._socket is not None
+
     def ready(self) -> None:
         """Say, once, that the nodes are being started and watched."""
         if not self._ready:

@@ -15,6 +15,7 @@ from typing import Any
 from eol_ros.bringup import status
 from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
+from eol_ros.bringup.memory import Memory, words
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import FINE, HUNG, PAUSE_S, START_S, START_STARVED_S, STARVED, STARVED_S
 from eol_ros.bringup.service_manager import ServiceManager
@@ -41,11 +42,13 @@ class Supervisor:
         namespace: str = NAMESPACE,
         clock: Callable[[], float] = time.monotonic,
         manager: ServiceManager | None = None,
+        memory: Memory | None = None,
     ):
         self.scene, self.namespace, self._clock = scene, namespace, clock
         self._manager = manager or ServiceManager({}, clock)
         self.children = [Child(process) for process in processes]
         self._compiler = Child(compiler) if compiler else None
+        self._memory = memory
         self._server, self._events, self._say = server, events, say
         self._asked_to_stop = self._hurry = False
         self._told: dict[str, tuple[int, str]] = {}
@@ -54,6 +57,7 @@ class Supervisor:
         self.real_time = any(process.real_time for process in processes)
         self._told_priority = False
         self._told_slow: list[Child] = []  # whom to wait for at the end
+        self._told_memory = ''
         self._wake, self._waker = os.pipe()
         for fd in (self._wake, self._waker):
             os.set_blocking(fd, False)
@@ -65,6 +69,7 @@ class Supervisor:
             signal.signal(number, self._on_signal)
         signal.signal(signal.SIGCHLD, lambda *_: None)  # only to wake the loop
         clean_shared_memory()
+        self._recall()
         self._began_s = self._clock()
         self._compile()
         began_s = last_s = self._clock()
@@ -99,6 +104,8 @@ class Supervisor:
         finally:
             self._manager.stopping()
             self._stop()
+            if self._memory:
+                self._memory.end(asked=self._asked_to_stop or code == 0)
         restarts = sum(child.policy.restarts for child in self.children)
         age = int(self._clock() - self._began_s)
         self._note(
@@ -109,6 +116,22 @@ class Supervisor:
     def stop(self) -> None:
         """Ask the loop to end."""
         self._asked_to_stop = True
+
+    def _recall(self) -> None:
+        """Give the nodes what they kept in a run that was cut short, or before the last boot."""
+        kept = self._memory.recall() if self._memory else {}
+        for child in self.children:
+            child.kept = {node: kept[node] for node in child.process.nodes if node in kept}
+        if text := words(kept):
+            self._note(f'as people left it: {text}')
+
+    def _remember(self) -> None:
+        if self._memory is None:
+            return
+        self._memory.note({k: v for child in self.children for k, v in child.kept.items()})
+        if (trouble := self._memory.trouble) != self._told_memory:
+            self._told_memory = trouble
+            self._note(trouble or 'what people ask is kept again')
 
     def describe(self) -> dict[str, Any]:
         """Return the state of everything as plain data."""
@@ -213,6 +236,7 @@ class Supervisor:
             if len(rows) >= len(self.children) and all(row['level'] == 0 for row in rows):
                 self.all_ok_s = round(now - self._began_s, 2)
                 self._note(f'all OK after {self.all_ok_s:.1f} s')
+        self._remember()
         status.answer(self._server, self.describe())
         return None
 

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What people asked of the nodes, on the disk: a power cut does not unmute the work.
+
+Nodes tell with every heartbeat what they must take up when they are started again: asleep, muted,
+settings changed live. Bringup gives it to a node's next life within a run; this keeps it for the
+next run. A run that ends as it was asked to forgets it, so that the next one begins as its scene
+says; one that a service manager starts at every boot remembers always.
+"""
+
+import contextlib
+import json
+import re
+import threading
+from typing import Any
+
+from eol_ros import folders
+from eol_ros.devices.bag.disk import DISK, Disk
+from eol_ros.errors import ConfigError
+from eol_ros.scene import Scene, check_value, plain, public
+from eol_ros.settings import live_fields
+
+Kept = dict[str, dict[str, Any]]  # by node
+FLAGS = ('asleep', 'muted')
+
+
+class Memory:
+    """Keeps one small file for a scene, written by a thread of its own: a slow disk stops nobody.
+
+    Changes since the last writing count from what is there when the disk is ready again. `always`:
+    also a run that ends as asked is remembered.
+    """
+
+    def __init__(self, scene: Scene, domain: int, always: bool = False, disk: Disk = DISK):
+        name = re.sub(r'[^\w.-]', '_', f'{scene.name}-{domain}-{scene.namespace}')
+        self.path = folders.state_path() / f'kept-{name}.json'
+        self.trouble = ''
+        self._always, self._disk = always, disk
+        self._scene, self._settings = scene, plain(public(scene))['nodes']
+        self._noted: Kept | None = None
+        self._waiting: Kept | None = None
+        self._change = threading.Condition()
+        self._ended = False
+        self._thread = threading.Thread(target=self._write_all, name='memory', daemon=True)
+
+    def recall(self) -> Kept:
+        """Return what the nodes kept in a run before this one; nothing where the scene has changed.
+
+        What is no setting any more, or out of its range, is left out.
+        """
+        try:
+            rows = json.loads(self.path.read_text('utf-8'))
+            found = {
+                node: self._sane(node, row['kept'])
+                for node, row in rows.items()
+                if node in self._settings and row['scene'] == self._settings[node]
+            }
+        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+            return {}  # none, or damaged
+        return {node: kept for node, kept in found.items() if kept}
+
+    def note(self, kept: Kept) -> None:
+        """Take note of what the nodes keep now."""
+        kept = {node: dict(state) for node, state in kept.items() if state}
+        if kept == self._noted:
+            return
+        self._noted = kept
+        with self._change:
+            self._waiting = kept
+            if not self._thread.is_alive():
+                self._thread.start()
+            self._change.notify()
+
+    def end(self, asked: bool) -> None:
+        """Write what waits; forget it all where the run has ended because it was asked to."""
+        with self._change:
+            if asked and not self._always:
+                self._waiting = {}
+            self._ended = True
+            self._change.notify()
+        if self._thread.is_alive():
+            self._thread.join()
+        elif self._waiting == {}:
+            self._write({})
+
+    def _sane(self, node: str, kept: dict[str, Any]) -> dict[str, Any]:
+        found: dict[str, Any] = {flag: True for flag in FLAGS if kept.get(flag) is True}
+        kind = type(self._scene.nodes[node])
+        fields = {f: kind.__dataclass_fields__[f] for f in live_fields(kind)}
+        settings = {}
+        for name, value in kept.get('settings', {}).items():
+            with contextlib.suppress(ConfigError, KeyError):
+                check_value(fields[name], value)
+                settings[name] = value
+        return found | ({'settings': settings} if settings else {})
+
+    def _write_all(self) -> None:
+        while True:
+            with self._change:
+                while self._waiting is None and not self._ended:
+                    self._change.wait()
+                kept, self._waiting = self._waiting, None
+                if kept is None:
+                    return
+            self._write(kept)
+
+    def _write(self, kept: Kept) -> None:
+        rows = {
+            node: {'scene': self._settings[node], 'kept': state}
+            for node, state in kept.items()
+            if node in self._settings
+        }
+        try:
+            if rows:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                self._disk.write_text(self.path, json.dumps(rows))
+            else:
+                self.path.unlink(missing_ok=True)
+        except OSError as error:
+            self.trouble = f'{self.path}: {error.strerror}; a power cut will forget what was asked'
+        else:
+            self.trouble = ''
+
+
+def words(kept: Kept) -> str:
+    """Return it in words: `montage asleep; grains radius 0.11`."""
+    found = []
+    for node, state in sorted(kept.items()):
+        what = [flag for flag in FLAGS if state.get(flag)]
+        what += [f'{name} {value}' for name, value in state.get('settings', {}).items()]
+        if what:
+            found.append(f'{node} {", ".join(what)}')
+    return '; '.join(found)
