@@ -16,6 +16,7 @@ from eol_ros.ros.played import played
 from eol_ros.streams.graph import TOPICS
 
 WATCHED = tuple(topic.name for topic in TOPICS.values() if topic.barrier)
+PICTURES = 'camera/image_raw', 'camera/camera_info'  # the recorder takes them where it is asked to
 READY = 'ready'
 SETTLE_S = 0.2  # after a restart of the source the others are still subscribed to `ready`
 PATIENCE_S = 15.0  # then the source starts without the nodes that are missing
@@ -36,7 +37,7 @@ def endpoints_of(scene: Any, topic: str) -> tuple[set[str], set[str]]:
             publishers.discard('replay')
     subscribers = set(row.subscribers) & set(scene.nodes) - {'panel', 'recorder'}
     recorder = scene.nodes.get('recorder')
-    if recorder and (topic != 'camera/image_raw' or recorder.images in ('all', 'around_slips')):
+    if recorder and (topic not in PICTURES or recorder.images in ('all', 'around_slips')):
         subscribers.add('recorder')
     return (publishers, subscribers) if publishers and subscribers else (set(), set())
 

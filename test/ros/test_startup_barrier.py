@@ -8,7 +8,13 @@ from eol_msgs.msg import Blocks
 from sensor_msgs.msg import Image
 from support.waiting import wait_until
 
-from eol_ros.ros.startup_barrier import PATIENCE_S, SETTLE_S, PeerDiscovery, StartupBarrier
+from eol_ros.ros.startup_barrier import (
+    PATIENCE_S,
+    SETTLE_S,
+    PeerDiscovery,
+    StartupBarrier,
+    endpoints_of,
+)
 from eol_ros.ros.topics import topic_class
 from eol_ros.settings import RecorderSettings
 
@@ -91,6 +97,14 @@ def test_a_source_begins_when_all_say_that_they_are_ready(reader):
     assert not barrier.ready()
     clock.now_s += SETTLE_S
     assert barrier.ready()
+
+
+@pytest.mark.parametrize('topic', ['camera/image_raw', 'camera/camera_info'])
+def test_a_recorder_is_waited_for_where_it_takes_pictures(topic):
+    for images, waits in (('all', True), ('around_slips', True), ('preview', False)):
+        nodes = {'twin': None, 'recorder': RecorderSettings(images=images)}
+        publishers, subscribers = endpoints_of(SimpleNamespace(nodes=nodes), topic)
+        assert (publishers, subscribers) == (({'twin'}, {'recorder'}) if waits else (set(), set()))
 
 
 def test_a_source_of_nobody_does_not_wait(reader):
