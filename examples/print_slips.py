@@ -12,8 +12,8 @@ from rclpy.node import Node
 
 class PrintSlips(Node):
     def __init__(self) -> None:
-        super().__init__('print_slips')
-        self.create_subscription(Slip, '/eol/slips', self.on_slip, 60)
+        super().__init__('print_slips', namespace='eol')  # `--ros-args -r __ns:=/north`: another
+        self.create_subscription(Slip, 'slips', self.on_slip, 60)
         print('waiting for slips', flush=True)
 
     def on_slip(self, slip: Slip) -> None:
