@@ -25,6 +25,7 @@ RUNTIME = [
 # these would be a second ROS, and who analyses a bag needs none: so they are an extra.
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces']
 SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5']
+METRICS = ['prometheus-client>=0.20']
 COLCON = [  # what a ROS workspace needs to build the messages, as wheels
     'colcon-common-extensions',
     'setuptools<80',
@@ -59,6 +60,7 @@ TEST = [
     *ORACLES,
     *COLCON,
     *SCIENCE,
+    *METRICS,
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo']  # peers, measured in the same run
 MESSAGES = 'msg_defs/eol_msgs'
@@ -97,7 +99,13 @@ setup(
     ],
     python_requires='>=3.10,<3.14',
     install_requires=RUNTIME,
-    extras_require={'ros': ROS, 'science': SCIENCE, 'test': TEST, 'bench': BENCH},
+    extras_require={
+        'ros': ROS,
+        'science': SCIENCE,
+        'metrics': METRICS,
+        'test': TEST,
+        'bench': BENCH,
+    },
     zip_safe=False,
     description='Echoes of the Land as a ROS 2 node graph',
     license='Apache-2.0',

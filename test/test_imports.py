@@ -35,6 +35,7 @@ ALLOWED = {
     'ros': BASE | ROS | {'yaml'},
     'nodes': BASE | ROS,
     'web': BASE | {'aiohttp'},
+    'web/metrics.py': {'prometheus_client'},
     'bringup': {'yaml'},
     'scene.py': {'yaml'},
     'settings.py': set(),

@@ -17,6 +17,7 @@ KEYS = {
     'matplotlib': 'python3-matplotlib',
     'numba': 'python3-numba',
     'numpy': 'python3-numpy',
+    'prometheus_client': 'python3-prometheus-client',
     'rich': 'python3-rich',
     'scipy': 'python3-scipy',
     'serial': 'python3-serial',
@@ -27,6 +28,7 @@ KEYS = {
 PART_OF = {'_sounddevice': 'sounddevice', 'llvmlite': 'numba', 'mpl_toolkits': 'matplotlib'}
 WHEELS = {
     'cv2': 'opencv-python-headless',
+    'prometheus_client': 'prometheus-client',
     'pythonosc': 'python-osc',
     'serial': 'pyserial',
     'yaml': 'pyyaml',

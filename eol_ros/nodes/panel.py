@@ -17,7 +17,7 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.streams import corpus
 from eol_ros.streams.requests import Asked
-from eol_ros.web import notices, wire
+from eol_ros.web import metrics, notices, wire
 from eol_ros.web.server import WebServer
 
 
@@ -50,6 +50,7 @@ class PanelNode(EolNode):
         self.subscribe('/diagnostics', self.states.take, raw=True)
         self.documents['terrain'] = lambda: landscape(self.settings.terrain_seed)
         self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
+        self.server.routes.metrics = lambda: metrics.text(self.states.nodes(), self.namespace)
         self.server.start()
         self.tell('limits', notices.limits())
         self.tell('cascades', self.day.notice())

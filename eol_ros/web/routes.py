@@ -15,7 +15,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from eol_ros.errors import EolError, UsageError
 from eol_ros.streams.requests import KINDS, Asked
-from eol_ros.web import guard
+from eol_ros.web import guard, metrics
 from eol_ros.web.controls import CONTROLS
 from eol_ros.web.hub import Hub
 from eol_ros.web.visitor import Visitor
@@ -52,6 +52,7 @@ class Routes:
         self.pin = guard.PinGate(settings.pin)
         self.open = not guard.is_loopback(settings.host)
         self.documents: dict[str, bytes | Callable[[], bytes]] = {}
+        self.metrics: Callable[[], bytes] = lambda: metrics.text({}, '')
         self.skew_ms = 0.0
         self._flips: dict[str, tuple[int, float]] = {}
         self._sockets: set[web.WebSocketResponse] = set()
@@ -70,6 +71,7 @@ class Routes:
         app.router.add_get('/media/{name:.+}', self._media)
         for name in ('terrain', 'corpus', 'status'):
             app.router.add_get(f'/{name}', self._document(name))
+        app.router.add_get('/metrics', self._metrics)
         app.router.add_get('/live', self._live)
         app.router.add_post('/pin', self._check_pin)
         app.router.add_post('/control/{name}', self._control)
@@ -122,6 +124,16 @@ class Routes:
             return web.Response(body=body, content_type=kind, headers={'Cache-Control': 'no-store'})
 
         return handler
+
+    async def _metrics(self, request: web.Request) -> web.Response:
+        try:
+            body = await asyncio.to_thread(self.metrics)
+        except EolError as error:
+            return _error(501, str(error))
+        return web.Response(
+            body=body, content_type=metrics.CONTENT_TYPE, charset=metrics.CHARSET,
+            headers={'Cache-Control': 'no-store'},
+        )  # fmt: skip
 
     async def _media(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info['name']
