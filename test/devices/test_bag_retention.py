@@ -203,6 +203,23 @@ def test_only_what_the_recorder_made_is_removed(root):
     writing.close()
 
 
+def test_pictures_of_another_namespace_are_pictures(root):
+    bag = BagWriter(root / 'north', [
+        replace(POINT, name='/north/camera/image_raw', type='sensor_msgs/msg/Image'),
+        replace(TEXT, name='/north/blocks', type='eol_msgs/msg/Blocks'),
+    ], {})  # fmt: skip
+    for i in range(3):
+        bag.write('/north/camera/image_raw', point(i), T0 + i, T0, i)
+        bag.write('/north/blocks', text('x'), T0 + i, T0, i)
+    bag.close()
+    store = Folder(root, '/eol/camera/image_raw')
+    [stored] = store.stored()
+    assert store.has_pictures(stored)
+    store.remove_pictures(stored)
+    left = BagReader(root / 'north')
+    assert (left.count('camera/image_raw'), left.count('blocks')) == (0, 3)
+
+
 def test_sound_files_and_logs_share_the_room(root):
     then = time.time() - 50 * DAY_S
     state = Path(os.environ['EOL_STATE'])

@@ -21,6 +21,7 @@ from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.recover import STATE, in_use, rewrite_metadata
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA
 from eol_ros.errors import EolError
+from eol_ros.streams.graph import namespace_of, relative_name
 
 KEPT = 'kept.txt'  # in a bag folder: nobody but its owner removes it
 THIN = '.thin'  # a file without its pictures, in the making
@@ -135,7 +136,9 @@ class Folder:
         writing: Callable[[], Path | None] = lambda: None,
         breathe: Callable[[], None] = lambda: None,
     ):
-        self._root, self._images = root, images
+        # Bags of before may have been recorded in another namespace.
+        namespace = namespace_of({images: 'sensor_msgs/msg/Image'})
+        self._root, self._images = root, relative_name(images, namespace)
         self._writing, self._breathe = writing, breathe
         self._without: set[Path] = set()  # bags known to have no pictures
 
@@ -163,7 +166,7 @@ class Folder:
             return False
         try:
             bag = BagReader(stored.path)
-            if bag.counts.get(self._images) and all(f.indexed for f in bag.files):
+            if bag.count(self._images) and all(f.indexed for f in bag.files):
                 return not bag.damage
         except EolError:
             pass
@@ -173,11 +176,12 @@ class Folder:
     def remove_pictures(self, stored: Stored) -> None:
         """Rewrite the files of a bag without images; each takes its name when it is complete."""
         self._without.add(stored.path)
-        for file in BagReader(stored.path).files:
+        bag = BagReader(stored.path)
+        for file in bag.files:
             changed = file.path.stat()
             thin = file.path.with_name(file.path.name + THIN)
             thin.unlink(missing_ok=True)
-            if file.counts.get(self._images):
+            if file.counts.get(bag.name(self._images)):
                 try:
                     self._copy(file.path, thin)
                     os.utime(thin, ns=(changed.st_atime_ns, changed.st_mtime_ns))
@@ -212,11 +216,12 @@ class Folder:
         bag = BagReader(path)
         topics = list(bag.topics.values())
         channel = {topic.name: number for number, topic in enumerate(topics, 1)}
-        removed = str(bag.counts[self._images])
+        images = bag.name(self._images)
+        removed = str(bag.counts[images])
         file = BagFile(out, topics)
         try:
             file.add_metadata(RUN_METADATA, bag.about)
-            for count, m in enumerate(bag.messages(set(channel) - {self._images})):
+            for count, m in enumerate(bag.messages(set(channel) - {images})):
                 file.write(channel[m.topic], m.data, m.log_ns, m.publish_ns, m.sequence)
                 if count % 1000 == 0:
                     self._breathe()
