@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from eol_ros.core.physics import builders
+from eol_ros.core.physics import builders, presets
 from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.exact.solver import length_scale
 from eol_ros.core.physics.model import Model
@@ -31,6 +31,37 @@ def by_scipy(scene, times):
     start = np.concatenate([scene.u0.ravel(), np.zeros(2 * n)])
     found = solve_ivp(rhs, times[[0, -1]], start, 'DOP853', times, rtol=3e-13, atol=1e-15)
     return found.y.T.reshape(-1, 2, n, 2)[:, 0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('name', 'events'), [('S4L', 32), ('S4G', 12)])
+def test_equal_friction_in_the_plane(name, events):
+    """It starts with no acceleration. Against steps of another method, whose error falls as h."""
+    scene = from_mapping(presets.scene(name) | {'mu_s': 0.65, 'mu_k': 0.65, 'T': 1.0})
+    run = simulate(scene, tolerance=1e-9, ledger=False)
+    fine = simulate(scene, tolerance=1e-12)
+
+    assert run.status == fine.status == 'ok'
+    assert len(run.event_t) >= events
+    assert run.steps < 30 * len(run.event_t)  # a solver that follows each direction takes 300
+    assert np.abs(run.u - fine.u).max() < 1e-10
+    assert abs(fine.energy.residual_J) < 1e-9
+    coarse, stepped = (
+        np.abs(simulate(scene, path='stepping', step_s=h, ledger=False).u - fine.u).max()
+        for h in (1e-4, 1e-5)
+    )
+    assert stepped < 4e-7
+    assert coarse / stepped == pytest.approx(10.0, rel=0.3)
+
+
+@pytest.mark.slow
+def test_equal_friction_along_a_line_is_the_exact_path():
+    """In places: whether a block that comes to rest on its limit stops there is rounding."""
+    given = builders.train(PULL, 8.0, n=3, k_plate=20.0, mu_s=0.65, mu_k=0.65)
+    exact = simulate(from_mapping(given), path='exact', ledger=False)
+    event = simulate(from_mapping(given), path='event', tolerance=1e-11, ledger=False)
+    assert len(exact.event_t) > 2
+    assert np.abs(exact.u - event.u).max() < 1e-10
 
 
 @pytest.mark.slow

@@ -8,7 +8,18 @@ import numpy as np
 
 from eol_ros.core.physics.drive import NONE
 from eol_ros.core.physics.event.abreast import Abreast, fill_abreast, into_lanes, make_abreast
-from eol_ros.core.physics.event.lanes import Plane, fill_plane, make_plane
+from eol_ros.core.physics.event.lanes import (
+    CREEPING,
+    LEVEL,
+    LOOSE,
+    MOVING,
+    NOTHING,
+    WEAK,
+    WEAKEST,
+    Plane,
+    fill_plane,
+    make_plane,
+)
 from eol_ros.core.physics.event.step import (
     break_root,
     planar_ledger,
@@ -28,7 +39,7 @@ from eol_ros.core.physics.event.sweep import (
     tables,
     would_pay,
 )
-from eol_ros.core.physics.event.taylor import blocks_series, force_on
+from eol_ros.core.physics.event.taylor import blocks_series, force_on, may_creep, settle_directions
 from eol_ros.core.physics.exact.taylor import GAUSS_W, GAUSS_X, ON_LIMIT
 from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.series import add_exactly, drive_series, entry, uncounted
@@ -40,7 +51,10 @@ PATIENCE = 24  # steps without an event after which a sweep is tried
 MOST_PATIENCE = 96
 PROBE = 32  # sweeps after which a step is taken without, to compare
 PAYS = 2.0  # a sweep costs as much as so many steps without
-KICK_MPS = 1e-6  # where mu_s = mu_k a block breaks loose with no acceleration at all
+KICK_MPS = 1e-6  # where mu_s = mu_k a block may be loose with no acceleration, and no growth of it
+CREEP_ROUNDS = 8  # in which the direction of what creeps has to settle,
+CREEP_TOP_S = 1.5e-3  # for a step so long
+SETTLED = 1e-12  # is as settled as rounding lets it be
 
 
 class Rules(NamedTuple):
@@ -239,18 +253,27 @@ def run(
         steady = m > 0
         for c in range(m):
             i = pl.slots[c]
-            pl.fresh[c] = fresh[i]
+            pl.start[c] = MOVING
             steady = steady and not fresh[i]
             if fresh[i]:
                 fresh[i] = False
+                pl.start[c] = LOOSE
                 x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
                 force = math.sqrt(x * x + y * y)
-                if force - at.friction[i] <= 1e-9 * force or at.friction[i] == 0.0:
-                    pl.fresh[c] = False
-                    if force > 0.0 and at.friction[i] > 0.0:
-                        v[i, 0], v[i, 1] = KICK_MPS * x / force, KICK_MPS * y / force
-                        kicked[i] = True
+                if at.friction[i] == 0.0:
+                    pl.start[c] = MOVING
+                elif force - at.friction[i] <= WEAKEST * force:
+                    pl.start[c] = LEVEL if force - at.friction[i] <= NOTHING * force else WEAK
         h = min(t_end - t, reach)
+        creeping = False
+        for c in range(m if len(pl.past_x) > 0 else 0):
+            i = pl.slots[c]
+            if pl.start[c] == MOVING and at.friction[i] > 0.0:
+                x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
+                if may_creep(i, x, y, v[i, 0], v[i, 1], rules.small, at):
+                    pl.start[c], creeping, h = CREEPING, True, min(h, CREEP_TOP_S)
+                    for k in range(order):
+                        pl.known_x[c, k] = pl.known_y[c, k] = 0.0
         ends = h == t_end - t
         near, o = h, order
         if steady and (eager or calm >= patience):
@@ -306,6 +329,25 @@ def run(
             pass
         elif m > 0 or count > 0:
             blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
+            for p in range(CREEP_ROUNDS if creeping else 0):
+                if settle_directions(order, m, CREEP_TOP_S, pl) < max(rules.relative, SETTLED):
+                    break
+                if p == CREEP_ROUNDS - 1:  # not slow enough
+                    for c in range(m):
+                        if pl.start[c] == CREEPING:
+                            pl.start[c] = MOVING
+                    creeping = False
+                blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
+            again = False
+            for c in range(m):  # level, and the pull does not grow: a push must tell where it goes
+                if pl.start[c] == LEVEL and pl.w.inverse[c, 2] <= 0.0:
+                    i, again = pl.slots[c], True
+                    force = pl.w.square[c, 0]
+                    v[i, 0] = KICK_MPS * pl.past_x[c, 0] / force
+                    v[i, 1] = KICK_MPS * pl.past_y[c, 0] / force
+                    kicked[i], pl.start[c] = True, MOVING
+            if again:
+                blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
             near = planar_reach(order, m, pl, rules.relative, rules.small, h)
             near = plain = slowing_reach(order, m, pl, near, KEPT, work)
         if used > 3:
@@ -414,6 +456,12 @@ def run(
                 continue
             if kicked[i] and speed >= 0.5 * KICK_MPS:
                 continue  # it has yet to gather speed
+            if pl.start[c] == WEAK or pl.start[c] == LEVEL:
+                if speed == 0.0:  # cut short at once
+                    fresh[i] = True
+                    continue
+                if pl.start[c] == LEVEL:
+                    continue
             x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
             stop_s, dx, dy, now = 0.0, 0.0, 0.0, True
             if speed > 0.0:

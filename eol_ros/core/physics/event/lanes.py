@@ -8,6 +8,12 @@ import numpy as np
 from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.series import uncounted
 
+# A lane moves already; or it starts at rest, pulled by more than its friction, by little more, or
+# by just as much. A lane that creeps moves so slowly that its direction follows the force at once.
+MOVING, LOOSE, WEAK, LEVEL, CREEPING = range(5)
+WEAKEST = 0.01  # of the pull: less of it beyond friction is a weak start
+NOTHING = 1e-12  # of the pull: so little beyond friction is rounding
+
 
 class Root(NamedTuple):
     """Vectors as series, and what the inverse of their length needs; rows are lanes."""
@@ -23,12 +29,16 @@ class Plane(NamedTuple):
 
     slot: np.ndarray  # lane of each block, or -1
     slots: np.ndarray  # block of each lane
-    fresh: np.ndarray  # lanes that start at rest
+    start: np.ndarray  # how each lane starts: MOVING, LOOSE, WEAK, LEVEL or CREEPING
     ax: np.ndarray  # displacement series
     ay: np.ndarray
     w: Root  # velocity, or for fresh lanes velocity / t
     fx: np.ndarray  # force of one order
     fy: np.ndarray
+    past_x: np.ndarray  # force of all orders, for lanes that start WEAK, LEVEL or CREEPING
+    past_y: np.ndarray
+    known_x: np.ndarray  # direction of all orders, for lanes that creep, as last worked out
+    known_y: np.ndarray
     tie_lo: np.ndarray  # rows tie_lo[c]..tie_lo[c + 1]: linear springs of lane c to other lanes
     tie: np.ndarray
     tie_k: np.ndarray
@@ -56,15 +66,20 @@ def make_plane(at: Lattice, order: int) -> Plane:
     """Return empty lanes for a lattice."""
     size, springs = order + 2, len(at.k) if at.geometric else 0
     ties = 1 if at.geometric else len(at.near)
+    weak = at.n if np.any((1 - 2 * WEAKEST) * at.static <= at.friction) else 0
     return Plane(
         np.full(at.n, -1, np.int64),
         np.zeros(at.n, np.int64),
-        np.zeros(at.n, np.bool_),
+        np.zeros(at.n, np.int64),
         np.zeros((at.n, size)),
         np.zeros((at.n, size)),
         _root(at.n, size),
         np.zeros(at.n),
         np.zeros(at.n),
+        np.zeros((weak, size)),
+        np.zeros((weak, size)),
+        np.zeros((weak, size)),
+        np.zeros((weak, size)),
         np.zeros(at.n + 1, np.int64),
         np.zeros(ties, np.int64),
         np.zeros(ties),

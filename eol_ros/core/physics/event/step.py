@@ -5,9 +5,10 @@ import math
 
 import numpy as np
 
+from eol_ros.core.physics.event.lanes import LOOSE, WEAK
 from eol_ros.core.physics.event.taylor import force_on, rim_spring_series, to_rim
 from eol_ros.core.physics.exact.taylor import ON_LIMIT
-from eol_ros.core.physics.series import first_root, inlined, uncounted
+from eol_ros.core.physics.series import ROOT_ROUNDS, first_root, inlined, uncounted
 
 
 @uncounted
@@ -24,7 +25,9 @@ def planar_reach(order, m, pl, relative, small, top):
             size = max(abs(ax[c, k]), abs(ay[c, k]))
             most = max(most, size)
             # not by squares: just before a stop the last terms are beyond 1e150
-            if pl.fresh[c]:
+            if pl.start[c] >= WEAK:
+                h = min(h, weak_reach(k, c, relative, size, ax, ay))
+            elif pl.start[c] == LOOSE:
                 rise = max(rise, size / math.sqrt(ax[c, 2] ** 2 + ay[c, 2] ** 2))
             else:
                 speed = math.sqrt(ax[c, 1] ** 2 + ay[c, 1] ** 2)
@@ -40,6 +43,31 @@ def planar_reach(order, m, pl, relative, small, top):
 
 
 @uncounted
+def weak_reach(k, c, relative, size, ax, ay):
+    """Return the step at which term k is `relative` to the speed that a weak start has won."""
+    if size == 0.0:
+        return np.inf
+    h = 0.0
+    for first in (1, 2, 3):
+        speed = first * math.sqrt(ax[c, first] ** 2 + ay[c, first] ** 2)
+        h = max(h, (relative * speed / (k * size)) ** (1.0 / (k - first)))
+    return h
+
+
+@uncounted
+def growing_reach(order, s, h):
+    """Return the step, at most h, in which a speed s, a series, loses less than half its gain."""
+    for _ in range(ROOT_ROUNDS):
+        loss = 0.0
+        for k in range(order - 1, 0, -1):
+            loss = (loss + max(0.0, -s[k])) * h
+        if loss < 0.5 * (s[0] + (max(0.0, s[1]) + max(0.0, s[2]) * h) * h):
+            break
+        h *= 0.7
+    return h
+
+
+@uncounted
 def slowing_reach(order, m, pl, h, share, work):
     """Return the step, at most h, within which no block loses more than 1 - `share` of its speed.
 
@@ -47,7 +75,10 @@ def slowing_reach(order, m, pl, h, share, work):
     passes zero, and where v does so on a straight line nothing else would tell.
     """
     for c in range(m):
-        first = 2 if pl.fresh[c] else 1
+        if pl.start[c] >= WEAK:
+            h = growing_reach(order, pl.w.inverse[c], h)
+            continue
+        first = 2 if pl.start[c] == LOOSE else 1
         x0, y0 = pl.w.x[c, 0], pl.w.y[c, 0]
         square = x0 * x0 + y0 * y0
         if square == 0.0:

@@ -9,9 +9,11 @@ regular, and w_k follows from a linear equation at each order instead of by tiny
 
 import math
 
-from eol_ros.core.physics.event.lanes import take_lane
+from eol_ros.core.physics.event.lanes import CREEPING, MOVING, NOTHING, WEAK, take_lane
 from eol_ros.core.physics.series import inlined, uncounted
 
+CREEP_S = 1e-3  # of a time so long a direction must settle
+CREEP = 10.0  # times at least; so many steps would follow it
 TINY = 1e-28  # squares of lengths and speeds below it are none: a plate's spring may have length 0
 
 
@@ -160,12 +162,104 @@ def linear_order(k, m, used, u, at, pl, x, y, co, si):
         pl.fx[c], pl.fy[c] = fx, fy
 
 
+@uncounted
+def weak_order(k, c, mass_inverse, friction, pl):
+    """Do what `slide_order` does for a lane that starts with little or no acceleration, or creeps.
+
+    v = s n, n a unit vector, s a signed speed, both series of their own: m s' = f.n - F, and
+    m s n' = f - (f.n) n gives n_k from s_1.. and n_0..n_(k-1), for s_0 = 0. Nothing is divided by
+    the speed, so that the series does not end where v/|v| would: at the zero of s = s_1 t + s_2 t^2
+    that lies just before the start. With s_1 = 0 it is asymptotic: its terms fall until
+    k s_2 t = F / m, long after they are below any tolerance. Where s_0 is not 0, but small, the
+    term m s_0 n' is taken from the round before, each of which gains a factor k m s_0 / (F t).
+    """
+    fx, fy, nx, ny = pl.past_x, pl.past_y, pl.w.x, pl.w.y
+    g, s = pl.w.square, pl.w.inverse
+    mass, top = 1.0 / mass_inverse, pl.known_x.shape[1] - 1
+    fx[c, k], fy[c, k] = pl.fx[c], pl.fy[c]
+    late_x, late_y, begin = 0.0, 0.0, 0.0
+    if pl.start[c] == CREEPING:
+        if k == 0:
+            s[c, 0] = math.sqrt(pl.ax[c, 1] ** 2 + pl.ay[c, 1] ** 2)
+        begin = s[c, 0]
+        if k + 1 < top:
+            late_x, late_y = begin * pl.known_x[c, k + 1], begin * pl.known_y[c, k + 1]
+    if k == 0:
+        x, y = fx[c, 0] - mass * late_x, fy[c, 0] - mass * late_y
+        size = math.sqrt(x * x + y * y)
+        nx[c, 0], ny[c, 0] = x / size, y / size
+        g[c, 0] = fx[c, 0] * nx[c, 0] + fy[c, 0] * ny[c, 0]
+        more = g[c, 0] - friction
+        if pl.start[c] == CREEPING:
+            pl.ax[c, 1], pl.ay[c, 1] = begin * nx[c, 0], begin * ny[c, 0]
+        else:
+            s[c, 0] = 0.0
+            more = more if more > NOTHING * friction else 0.0
+        s[c, 1] = more * mass_inverse
+        pl.ax[c, 2] = 0.5 * (s[c, 1] * nx[c, 0] + late_x)
+        pl.ay[c, 2] = 0.5 * (s[c, 1] * ny[c, 0] + late_y)
+        return
+    ex, ey = nx[c, 0], ny[c, 0]
+    x = fx[c, k] - mass * (k + 1) * late_x
+    y = fy[c, k] - mass * (k + 1) * late_y
+    along = 0.0
+    for j in range(1, k):
+        back = g[c, k - j] + mass * j * s[c, k + 1 - j]
+        x -= back * nx[c, j]
+        y -= back * ny[c, j]
+        along -= 0.5 * (nx[c, j] * nx[c, k - j] + ny[c, j] * ny[c, k - j])
+    across = (y * ex - x * ey) / (g[c, 0] + mass * k * s[c, 1])
+    nx[c, k], ny[c, k] = along * ex - across * ey, along * ey + across * ex
+    total = 0.0
+    for j in range(k + 1):
+        total += fx[c, j] * nx[c, k - j] + fy[c, j] * ny[c, k - j]
+    g[c, k] = total
+    s[c, k + 1] = total * mass_inverse / (k + 1)
+    x, y = late_x, late_y
+    for j in range(k + 1):
+        x += s[c, k + 1 - j] * nx[c, j]
+        y += s[c, k + 1 - j] * ny[c, j]
+    pl.ax[c, k + 2], pl.ay[c, k + 2] = x / (k + 2), y / (k + 2)
+
+
+@uncounted
+def settle_directions(order, m, span, pl):
+    """Return by how much the directions of creeping lanes have changed since the round before."""
+    change = 0.0
+    for c in range(m):
+        if pl.start[c] == CREEPING:
+            power = 1.0
+            for k in range(order - 1):
+                x, y = pl.w.x[c, k], pl.w.y[c, k]
+                more = abs(x - pl.known_x[c, k]) + abs(y - pl.known_y[c, k])
+                change = max(change, more * power)
+                pl.known_x[c, k], pl.known_y[c, k] = x, y
+                power *= span
+    return change
+
+
+@uncounted
+def may_creep(i, x, y, vx, vy, small, at):
+    """Return whether block i, with force (x, y), is so slow that its direction is that force's.
+
+    What it misses by being put on it must move it by less than `small`.
+    """
+    speed, limit = math.sqrt(vx * vx + vy * vy), at.friction[i] * at.inverse[i]
+    if speed == 0.0 or limit * CREEP_S < CREEP * speed or x * vx + y * vy <= 0.0:
+        return False
+    aside = abs(x * vy - y * vx) / math.sqrt(x * x + y * y)
+    return aside * speed < small * limit
+
+
 @inlined
 def slide_order(k, c, mass_inverse, friction, pl):
     """Write order k of the direction of lane c and order k + 2 of its displacement."""
     wx, wy, square, root = pl.w.x, pl.w.y, pl.w.square, pl.w.inverse
     fx, fy = pl.fx[c], pl.fy[c]
-    if not pl.fresh[c]:
+    if pl.start[c] >= WEAK:
+        weak_order(k, c, mass_inverse, friction, pl)
+        return
+    if pl.start[c] == MOVING:
         wx[c, k], wy[c, k] = (k + 1) * pl.ax[c, k + 1], (k + 1) * pl.ay[c, k + 1]
         nx = ny = 0.0
         if friction > 0.0:
