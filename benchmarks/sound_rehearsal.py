@@ -69,7 +69,11 @@ def figures(watch, begin_ns: int, scene) -> dict[str, Any]:
     first: dict[tuple[int, int], int] = {}  # (block, stamp) -> frame 0 of its sound at the latest
     late = 0
     triggers = watch.messages('grain_triggers')
-    for message, (stamp, arrival) in zip(triggers, watch.seen['grain_triggers'], strict=True):
+    for message, (stamp, arrival) in zip(
+        triggers,
+        watch.seen['grain_triggers'],
+        strict=False,  # one may have come meanwhile
+    ):
         due = stamp + latency_ns
         ready = arrival + round((LOOK_AHEAD_S + PERIOD / FS) * NS)
         late += ready > due

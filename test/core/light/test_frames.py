@@ -19,7 +19,7 @@ def shown(slips, delays, ticks, lag=LAG, decay_s=0.05):
     frames = Frames(FlashField(decay_s), 100.0)
     events = [
         (stamp + delay, 0, n)
-        for n, ((stamp, _), delay) in enumerate(zip(slips, delays, strict=True))
+        for n, ((stamp, _), delay) in enumerate(zip(slips, delays, strict=False))
     ]
     events += [(tick, 1, 0) for tick in ticks]
     levels = []
