@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A film of the moving twin as a video file: what a camera above a real table would deliver."""
+"""The moving twin as a video file: what a camera above a real table would deliver."""
 
 from pathlib import Path
 

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
                 print(f'{fps:g} images/s, {args.minutes:g} minutes', file=sys.stderr, flush=True)
                 rows += twin_slips.measure(fps, 60 * args.minutes, args.seed)
             for hands in ('visitors', 'sliding') if args.film_seconds else ():
-                print(f'{fps:g} images/s, film, {hands}', file=sys.stderr, flush=True)
+                print(f'{fps:g} images/s, video, {hands}', file=sys.stderr, flush=True)
                 rows += twin_slips.measure(fps, args.film_seconds, args.seed, hands, True)
     else:
         for fps in rates:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of `eol bench physics`: error against run time, cost against the number of blocks."""
+"""Plots of `eol bench physics`: error against run time, cost against the number of blocks."""
 
 from pathlib import Path
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol bench recording: what it costs that a power cut takes at most a second of a bag.
 
-The recorder's queue, thread and files, fed at the rate of the camera from memory: pictures of
+The recorder's queue, thread and files, fed at the rate of the camera from memory: images of
 infrared noise with 25 lights, which compress as recorded ones do, a message of 25 blocks with each,
 and two slips a second. Once with `sync_s` and once without, in turn, so that a busy disk hits both.
 Processor time is that of the process, so of the writer; what the kernel does later is not in it.
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('--seconds', type=float, default=20.0, help='of each of the recordings')
     parser.add_argument('--rounds', type=int, default=2, help='of each kind')
-    parser.add_argument('--rate', type=float, default=60.0, metavar='HZ', help='pictures a second')
+    parser.add_argument('--rate', type=float, default=60.0, metavar='HZ', help='images a second')
     parser.add_argument('--images', default='around_slips,none', help='kinds, parted by commas')
     parser.add_argument('--sync', type=float, default=1.0, metavar='S', help='recorder.sync_s')
     parser.add_argument(
@@ -158,7 +158,7 @@ def _repair_table(result: dict[str, Any]) -> str:
 
 
 def _pictures() -> Iterator[bytes]:
-    """Yield pictures of the infrared camera: noise of two bits on black, and 25 lights."""
+    """Yield images of the infrared camera: noise of two bits on black, and 25 lights."""
     rng = np.random.default_rng(1)
     y, x = np.mgrid[:800, :1280]
     lights = np.zeros((800, 1280))

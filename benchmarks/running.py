@@ -227,14 +227,14 @@ def summary(ms: list[float]) -> dict[str, float] | None:
 
 
 class Film:
-    """A film of the moving twin, made once: what a camera would see, for scenes with a camera."""
+    """A video of the moving twin, made once: what a camera would see, for scenes with a camera."""
 
     def __init__(self, folder: Path, seconds: float = 6.0):
         self.folder, self.seconds = folder, seconds
         self._file: Path | None = None
 
     def file(self) -> Path:
-        """Return the film, rendered on first use: 1280x800 MJPG at 60 images a second."""
+        """Return the video, rendered on first use: 1280x800 MJPG at 60 images a second."""
         if self._file is None:
             from benchmarks.film import write_film
 
@@ -242,7 +242,7 @@ class Film:
         return self._file
 
     def scene(self, fps: float) -> Path:
-        """Return a scene of camera and tracker, fed from the film at `fps`."""
+        """Return a scene of camera and tracker, fed from the video at `fps`."""
         path = self.folder / 'film.yaml'
         camera = {'device': str(self.file()), 'fps': fps, 'loop': True}
         nodes = {'camera': camera, 'tracker': {}, 'recorder': False}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of what `eol bench sound` measured."""
+"""Plots of what `eol bench sound` measured."""
 
 from pathlib import Path
 

@@ -16,10 +16,10 @@ CLUTTER = ('ordinary', 'hard', 'brutal')
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--seconds', type=float, default=4.0, help='film of each clutter level')
+    parser.add_argument('--seconds', type=float, default=4.0, help='video of each clutter level')
     parser.add_argument('--images', type=int, default=40, help='clean images of each noise level')
     parser.add_argument('--levels', default=','.join(CLUTTER), help='clutter levels, with commas')
-    parser.add_argument('--seeds', type=int, default=2, help='films of each clutter level')
+    parser.add_argument('--seeds', type=int, default=2, help='videos of each clutter level')
     parser.add_argument('--no-peers', action='store_true', help='only our own')
     parser.add_argument('--no-clean', action='store_true', help='leave the noise levels out')
     parser.add_argument('--plots', metavar='FOLDER', help='draw vision_*.png there')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of `eol bench vision`: error against run time, error against noise, error in clutter."""
+"""Plots of `eol bench vision`: error against run time, error against noise, error in clutter."""
 
 from pathlib import Path
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of the twin with known truth, and what each method makes of them."""
+"""Videos of the twin with known truth, and what each method makes of them."""
 
 from dataclasses import dataclass, field
 
@@ -21,7 +21,7 @@ _TUNING = 4  # images that the peers are tuned on
 
 @dataclass
 class Tally:
-    """What one method did over a film; errors in px of blocks by how much of them was visible."""
+    """What one method did over a video; errors in px of blocks by how much of them was visible."""
 
     ms: list = field(default_factory=list)
     whole: list = field(default_factory=list)
@@ -53,7 +53,7 @@ class Tally:
         self.images += 1
 
     def figures(self) -> dict:
-        """Return the figures of the film; None where nothing was to be measured."""
+        """Return the figures of the video; None where nothing was to be measured."""
 
         def rms(parts):
             flat = np.concatenate(parts) if parts else np.zeros((0, 2))
@@ -113,7 +113,7 @@ class Film:
 def run_film(
     clutter: str, noise: str, seed: int, images: int, peers: bool = True, every: int = 1
 ) -> dict:
-    """Return the figures of each method on one film; peers look at every `every`-th image."""
+    """Return the figures of each method on one video; peers look at every `every`-th image."""
     film = Film(clutter, noise, seed)
     calibration = film.calibration
     tracker = Tracker(TrackerSettings(), calibration)

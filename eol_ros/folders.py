@@ -8,7 +8,7 @@ from eol_ros.errors import ConfigError
 
 
 def cache(name: str) -> Path:
-    """Return the folder `name` for things made on first use: ice recording, pictures, analyses.
+    """Return the folder `name` for things made on first use: ice recording, images, analyses.
 
     It lies in $EOL_CACHE, else in $XDG_CACHE_HOME/eol_ros, else in ~/.cache/eol_ros, and is made if
     absent. Raises ConfigError where it cannot be.

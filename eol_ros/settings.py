@@ -136,7 +136,7 @@ class TrackerSettings:
     mirror: bool = setting(
         False, 'the camera sees the table in a mirror; a calibration file says it by itself'
     )
-    preview_hz: float = setting(10.0, 'JPEG pictures for people', 'Hz', 0.1, 30, live=True)
+    preview_hz: float = setting(10.0, 'JPEG images for people', 'Hz', 0.1, 30, live=True)
     trust_start: bool = setting(
         True, 'when the tracker starts, the rim is turned by less than 45 degrees'
     )
@@ -343,12 +343,12 @@ class RecorderSettings:
     )
     images: str = setting(
         'none',
-        'what is kept of the pictures; preview: one JPEG a display_period_s',
+        'what is kept of the images; preview: one JPEG a display_period_s',
         choices=('all', 'around_slips', 'preview', 'none'),
     )
-    before_s: float = setting(0.25, 'pictures kept before a slip, 60 MB a second', 's', 0, 5)
-    after_s: float = setting(0.25, 'pictures kept after a slip', 's', 0, 60)
-    images_max_gb: float = setting(20.0, 'raw pictures a day; no more after that', 'GB', 0)
+    before_s: float = setting(0.25, 'images kept before a slip, 60 MB a second', 's', 0, 5)
+    after_s: float = setting(0.25, 'images kept after a slip', 's', 0, 60)
+    images_max_gb: float = setting(20.0, 'raw images a day; no more after that', 'GB', 0)
     display_period_s: float = setting(
         1.0, 'one preview and one sound meter per so long; 0 keeps all', 's', 0, 60
     )
@@ -363,7 +363,7 @@ class RecorderSettings:
     )
     keep_gb: float = setting(
         0.0,
-        'with more than this of bags, sound files and logs, raw pictures are removed, then the '
+        'with more than this of bags, sound files and logs, raw images are removed, then the '
         'oldest; 0: never',
         'GB',
         0,

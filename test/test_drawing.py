@@ -53,7 +53,7 @@ def test_a_pair_is_wellformed_seeded_and_inside(number, names):
         assert np.all(np.isfinite(points))
         inside = (points > [-60, -60]) & (points < [WIDTH + 60, HEIGHT + 60])
         assert np.mean(inside.all(axis=1)) > 0.97
-        assert 'script' not in text and 'href' not in text  # a picture, nothing that acts or loads
+        assert 'script' not in text and 'href' not in text  # an image, nothing that acts or loads
 
 
 def test_both_halves_share_sun_and_sky():

@@ -4,7 +4,7 @@
     python tools/draw_walls.py            write them to eol_ros/devices/files/walls
     python tools/draw_walls.py --check    exit 1 where those differ
 
-Each picture is a section of the same earth: sky, horizon, layers. On the left a thread of light
+Each image is a section of the same earth: sky, horizon, layers. On the left a thread of light
 goes down from a machine into the layers; on the right the same colour comes up through a fault and
 breaks what people built. Both halves of a pair share palette, horizon and layers, so they read as
 one. All is vector geometry from a seed, written as SVG text; the files ship as they are drawn here.
@@ -68,7 +68,7 @@ def draw_pair(number: int, names: tuple[str, str], seed: int) -> DrawnPair:
 
 
 def files() -> dict[str, str]:
-    """Return the whole default set: names and texts of the pictures, and of their list."""
+    """Return the whole default set: names and texts of the images, and of their list."""
     found, list_ = {}, io.StringIO()
     table = csv.writer(list_, lineterminator='\n')
     table.writerow(('left', 'right', 'caption', 'credit'))

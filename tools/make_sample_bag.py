@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes bags/sample, the recording that ships: a rehearsal without pictures, packed tightly.
+"""Makes bags/sample, the recording that ships: a rehearsal without images, packed tightly.
 
     python tools/make_sample_bag.py                 run the rehearsal for 50 s and pack its bag
     python tools/make_sample_bag.py --bag DIR       pack this bag of a rehearsal
@@ -32,7 +32,7 @@ LEVEL = 19  # of zstd: made once, cloned often
 
 
 def rehearse(place: Path, seconds: float) -> Path:
-    """Run the rehearsal as its users do, only without pictures; return the bag."""
+    """Run the rehearsal as its users do, only without images; return the bag."""
     scene = {
         'include': str(Path(__file__).parents[1] / 'config' / 'rehearsal.yaml'),
         'scene': 'rehearsal',

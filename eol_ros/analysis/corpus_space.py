@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A picture of a corpus: what was measured, and the space that the blocks play."""
+"""A figure of a corpus: what was measured, and the space that the blocks play."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ def draw(corpus: Corpus, path: Path) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
-        raise DeviceMissing('pictures need matplotlib: pip install matplotlib') from None
+        raise DeviceMissing('images need matplotlib: pip install matplotlib') from None
     grains = corpus.grains[corpus.placed]
     x, y = grains[corpus.x_name], grains[corpus.y_name]
     loud = np.nan_to_num(grains['loudness_lufs'], nan=-70.0)  # of a corpus made elsewhere
@@ -60,4 +60,4 @@ def draw(corpus: Corpus, path: Path) -> None:
     try:
         figure.savefig(path, dpi=110, facecolor=figure.get_facecolor())
     except (OSError, ValueError) as error:
-        raise ConfigError(f'{path}: the picture cannot be written ({error})') from None
+        raise ConfigError(f'{path}: the image cannot be written ({error})') from None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Do the recorded pictures give the recorded results again? Bit for bit, by the same core code.
+"""Do the recorded images give the recorded results again? Bit for bit, by the same core code.
 
 Images -> blocks -> slips, cascades and grain triggers are each a pure function of the sequence of
 messages on one topic, so a bag of images proves or refutes its own results. It can do so only where
@@ -112,7 +112,7 @@ def retrack(bag: Bag, track: Callable[[Iterable, str, int], Iterable] | None = N
     if bag.count('camera/image_raw'):
         _compare_blocks(bag, lines, blocks, result, track)
     else:
-        result.notes.append('no pictures in the bag: compared from its blocks on')
+        result.notes.append('no images in the bag: compared from its blocks on')
     inputs = list(zip(blocks['log_time'].astype('i8').tolist(), each(blocks), strict=True))
     _compare_motion(bag, lines, inputs, result)
     if bag.count('grain_triggers'):
@@ -160,7 +160,7 @@ def _compare_blocks(
         compare()
     if check.recomputed < check.recorded:
         result.notes.append(
-            f'blocks compared up to image {check.recomputed} of {check.recorded}: the picture of '
+            f'blocks compared up to image {check.recomputed} of {check.recorded}: the image of '
             'the next is not in the bag'
         )
         check.recorded = check.recomputed

@@ -79,10 +79,10 @@ def _noise(rng: np.random.Generator, x: np.ndarray, y: np.ndarray) -> np.ndarray
 
 
 def fit(heights: np.ndarray, rows: int, cols: int, cells: int) -> np.ndarray:
-    """Return a height map (rows top to bottom, as a picture) as 0..1 on the covers' grid."""
+    """Return a height map (rows top to bottom, as an image) as 0..1 on the covers' grid."""
     source = np.asarray(heights, float)[::-1]
     if source.ndim != 2 or min(source.shape) < 2:
-        raise UsageError(f'a height map is a picture of 2 x 2 or more, not {source.shape}')
+        raise UsageError(f'a height map is an image of 2 x 2 or more, not {source.shape}')
     v = np.linspace(0, source.shape[0] - 1, rows * cells + 1)
     u = np.linspace(0, source.shape[1] - 1, cols * cells + 1)
     iv = np.minimum(v.astype(int), source.shape[0] - 2)
@@ -136,7 +136,7 @@ def volume_mm3(triangles: np.ndarray) -> float:
 
 
 def hillshade(heights: np.ndarray, contours: int = 14) -> np.ndarray:
-    """Return the landscape as a picture (rows top to bottom, uint8): light from the upper left."""
+    """Return the landscape as an image (rows top to bottom, uint8): light from the upper left."""
     steep_y, steep_x = np.gradient(heights * 22)
     light = (0.62 + 0.55 * (steep_x * 0.7 - steep_y * 0.7)) / np.sqrt(1 + steep_x**2 + steep_y**2)
     grey = np.clip(0.2 + 0.62 * light + 0.2 * heights, 0.05, 1)

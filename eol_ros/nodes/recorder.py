@@ -174,7 +174,7 @@ class RecorderNode(EolNode):
             health.warn(f'{recording.drop_cause}: {dropped} messages dropped')
         elif recording.image_budget_spent:
             limit = self.settings.images_max_gb
-            health.ok(f'recording without pictures: the {limit:g} GB of today are full')
+            health.ok(f'recording without images: the {limit:g} GB of today are full')
         else:
             health.ok(f'recording into {recording.folder}')
 

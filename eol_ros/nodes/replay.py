@@ -147,7 +147,7 @@ class ReplayNode(EolNode):
     def _await_readers(self) -> None:
         """Wait for those whom the scene names, else until there is any reader.
 
-        Raises ConfigError when another node gives the same pictures or blocks.
+        Raises ConfigError when another node gives the same images or blocks.
         """
         if self.barrier.expects:
             while not self._stop.wait(0.05) and not self.barrier.ready():

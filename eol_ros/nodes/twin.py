@@ -62,7 +62,7 @@ class TwinNode(EolNode):
         self.infrared = asked.values['mask'] >> np.arange(N_BLOCKS) & 1
 
     def expose(self, index: int, stamp_ns: int) -> None:
-        """Move hands, rim and table to `stamp_ns`, and film them."""
+        """Move hands, rim and table to `stamp_ns`, and video them."""
         span_s = (stamp_ns - self.stamp_ns) / NS if self.stamp_ns else 1 / self.settings.fps
         self.stamp_ns = stamp_ns
         self.film(index, min(max(span_s, 1e-4), LONGEST_STEP_S))

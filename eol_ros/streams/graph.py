@@ -132,7 +132,7 @@ QOS = {
 _TOPICS = (
     TopicSpec('rim_command', 'eol_msgs/msg/RimCommand', 'stream', 'hands on the rim of the twin'),
     TopicSpec('camera/image_raw', 'sensor_msgs/msg/Image', 'images',
-              'the infrared picture, mono8', barrier=True),
+              'the infrared image, mono8', barrier=True),
     TopicSpec('camera/camera_info', 'sensor_msgs/msg/CameraInfo', 'stream',
               'lens of the camera, with the stamp of each image; only while somebody subscribes',
               barrier=True),

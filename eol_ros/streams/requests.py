@@ -130,7 +130,7 @@ KINDS: dict[str, Kind] = {
              ' sound', ('grains',), (_GRAIN, Number('x', 0, 1), Number('y', 0, 1))),
         Kind('darkness', 'the infrared light is off until this stamp', ('tracker',), (_TIME,),
              within_s=15.0, internal=True),
-        Kind('background', 'a picture of what shines without blocks, as PNG; empty for none',
+        Kind('background', 'an image of what shines without blocks, as PNG; empty for none',
              ('tracker',), internal=True),
         Kind('infrared', 'blocks whose infrared light is on, one bit each', ('twin',),
              (Number('mask', 0, _MASK, whole=True),), internal=True),

@@ -25,7 +25,7 @@ from eol_ros.verbs import reach
 HELP = (
     'Gather what somebody needs to know to help with this installation: versions, machine, scene, '
     'the state of the running graph, logs, devices, and what is in the newest bags. No recorded '
-    'data, no picture, no PIN.'
+    'data, no image, no PIN.'
 )
 EXAMPLES = ['eol bundle museum', 'eol bundle my/scene.yaml --output for-support.zip']
 NEWEST_BAGS = 5

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""eol calibrate: from pictures of the table to the file that turns pixels into metres."""
+"""eol calibrate: from images of the table to the file that turns pixels into metres."""
 
 import json
 import sys
@@ -20,7 +20,7 @@ EXAMPLES = [
     'eol calibrate print board.pdf --square 0.03 --marker 0.022 --paper A3',
     'eol calibrate print board.svg',
 ]
-_VIEWS = 8  # pictures taken out of a long source
+_VIEWS = 8  # images taken out of a long source
 
 
 def add_arguments(parser):
@@ -35,11 +35,11 @@ def add_arguments(parser):
         'sources',
         nargs='+',
         metavar='FILE',
-        help='pictures, a film, a .npy stack, a folder or a bag; for `points` a '
+        help='images, a video, a .npy stack, a folder or a bag; for `points` a '
         'CSV of u,v,x,y a line: pixels, then metres (x right, y away)',
     )
     parser.add_argument('--out', metavar='C.yaml', help='where the calibration goes')
-    parser.add_argument('--picture', metavar='P.png', help='picture of what is left unexplained')
+    parser.add_argument('--picture', metavar='P.png', help='figure of the residuals')
     parser.add_argument('--lens', metavar='YAML', help='camera_info file, whose lens is kept')
     parser.add_argument(
         '--focal', type=float, metavar='PX', help='focal length in px, where no --lens is known'
@@ -75,7 +75,7 @@ def add_arguments(parser):
         nargs=2,
         default=(0.0, 0.0),
         metavar=('X', 'Y'),
-        help="the board's centre on the table in the first picture, in metres",
+        help="the board's centre on the table in the first image, in metres",
     )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
@@ -96,7 +96,7 @@ def run(args) -> int:
     if solution.calibration.mirrored and not args.mirror:
         raise ConfigError(
             f'{LEFT_HANDED} add --mirror; else y is counted downwards: let it point '
-            'away, to the top of the picture'
+            'away, to the top of the image'
         )
     if args.mirror and not solution.calibration.mirrored:
         raise ConfigError(
@@ -133,7 +133,7 @@ def _blocks(args, images):
         except ConfigError as error:
             reason = str(error)
     if not views:
-        raise ConfigError(f'no picture shows all blocks at rest: {reason}')
+        raise ConfigError(f'no image shows all blocks at rest: {reason}')
     return from_blocks(views, _start(args, images[0].shape), args.cover_height, lens=not args.lens)
 
 
@@ -227,7 +227,7 @@ def _images(sources) -> list[np.ndarray]:
                 raise DeviceMissing(f'{path}: there is no such file')
             image = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
             if image is None:
-                raise ConfigError(f'{path}: not a picture that can be read')
+                raise ConfigError(f'{path}: not an image that can be read')
             images.append(image)
             continue
         source = open_source(path)
@@ -238,7 +238,7 @@ def _images(sources) -> list[np.ndarray]:
     if not images:
         raise ConfigError('no image in ' + ', '.join(sources))
     if len({image.shape for image in images}) > 1:
-        raise ConfigError('the pictures differ in size: use pictures of one camera')
+        raise ConfigError('the images differ in size: use images of one camera')
     return images
 
 

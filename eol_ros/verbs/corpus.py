@@ -46,7 +46,7 @@ def add_arguments(parser):
     add('--layout', choices=('raw', 'rank', 'even'), default='even')
     add('--blend', type=float, default=1.0, metavar='0..1', help='0: as measured, 1: the layout')
     add('--seed', type=int, default=1, help='of the ice recording, where no sound is given')
-    add('--out', metavar='FILE', help='corpus JSON; with show, the picture')
+    add('--out', metavar='FILE', help='corpus JSON; with show, the image')
     add('--csv', metavar='FILE', help='one line per grain')
     add('--labels-out', metavar='FILE', help='the grains as an Audacity label track')
     add('--json', action='store_true', help='the corpus to stdout')

@@ -25,7 +25,7 @@ def add_arguments(parser):
     parser.add_argument('--seed', type=int, default=1, help="of the landscape; 1 is the panel's")
     parser.add_argument('--rows', type=int, default=5)
     parser.add_argument('--cols', type=int, default=5)
-    parser.add_argument('--heightmap', metavar='FILE', help='grey picture, white is high')
+    parser.add_argument('--heightmap', metavar='FILE', help='grey image, white is high')
     parser.add_argument('--cells', type=int, default=84, help='squares along a side (84: 1 mm)')
     parser.add_argument('--side', type=float, default=SIZES.side_mm, help='of a cover, mm')
     parser.add_argument('--wall', type=float, default=SIZES.wall_mm, help='thickness, mm')
@@ -35,7 +35,7 @@ def add_arguments(parser):
 
 
 def run(args):
-    """Write the covers and a picture of the whole; name them on stdout."""
+    """Write the covers and an image of the whole; name them on stdout."""
     from eol_ros.core import terrain
     from eol_ros.devices.files import picture_file, stl_file
 

@@ -19,7 +19,7 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('--url', default='http://127.0.0.1:8080', help='URL of the panel')
     parser.add_argument(
-        '--swap', action='store_true', help='show the left picture on the right screen'
+        '--swap', action='store_true', help='show the left image on the right screen'
     )
     parser.add_argument(
         '--screens',

@@ -33,7 +33,7 @@ def add_arguments(parser):
     parser.add_argument(
         '--only',
         metavar='TOPICS',
-        help='these, parted by commas, or all but diagnostics (default: the pictures if all were '
+        help='these, parted by commas, or all but diagnostics (default: the images if all were '
         'kept, else blocks; and the taps and requests that go with them)',
     )
     parser.add_argument(

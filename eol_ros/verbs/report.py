@@ -12,7 +12,7 @@ EXAMPLES = [
     'eol report bags                                # the newest run in bags/',
     'eol report run_0.mcap --out analysis',
     'eol report bags --csv slips,blocks --out analysis',
-    'eol report bags --retrack --json               # do the pictures give the results again?',
+    'eol report bags --retrack --json               # do the images give the results again?',
 ]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from eol_ros.errors import ConfigError
 
-HELP = 'Follow the 25 blocks through a .npy stack, a film, a folder of pictures or a bag.'
+HELP = 'Follow the 25 blocks through a .npy stack, a video, a folder of images or a bag.'
 EXAMPLES = [
     'eol track images.npy --fps 60 --out answer.npz --json',
     'eol track film.mp4 --calibration table.yaml --out answer.npz',
@@ -32,11 +32,11 @@ CASCADE = [
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('frames', metavar='FRAMES', help='.npy stack, film, folder or bag')
-    parser.add_argument('--fps', type=float, help='images a second (default: of the film, or 60)')
+    parser.add_argument('frames', metavar='FRAMES', help='.npy stack, video, folder or bag')
+    parser.add_argument('--fps', type=float, help='images a second (default: of the video, or 60)')
     parser.add_argument(
         '--stamps', metavar='FILE',
-        help='time of each image instead of --fps, for films with dropped images: mid-exposure, '
+        help='time of each image instead of --fps, for videos with dropped images: mid-exposure, '
              'one a line, in seconds with a decimal point or in whole nanoseconds',
     )  # fmt: skip
     parser.add_argument(
@@ -48,7 +48,7 @@ def add_arguments(parser):
         help='the camera sees the table in a mirror; a calibration file says it by itself',
     )  # fmt: skip
     parser.add_argument('--out', metavar='ANS.npz', help='where the answer goes')
-    parser.add_argument('--overlay', metavar='OUT.mp4', help='film, or picture, with what was seen')
+    parser.add_argument('--overlay', metavar='OUT.mp4', help='video, or image, with what was seen')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 

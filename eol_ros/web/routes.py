@@ -29,7 +29,7 @@ PAGES = {
 }
 MAX_BODY = 4096
 MAX_MESSAGE = 4096
-KERNEL_BUFFER = 131072  # bytes on their way to one viewer: some five pictures
+KERNEL_BUFFER = 131072  # bytes on their way to one viewer: some five images
 
 mimetypes.add_type('text/javascript', '.js')
 mimetypes.add_type('application/json', '.json')
@@ -139,9 +139,9 @@ class Routes:
         name = request.match_info['name']
         path = await asyncio.get_running_loop().run_in_executor(None, self.picture, name)
         if path is None or not path.is_file():
-            return _error(404, 'no such picture')
+            return _error(404, 'no such image')
         response = web.FileResponse(path)
-        # A picture acts on nothing, whatever an SVG file says.
+        # An image acts on nothing, whatever an SVG file says.
         response.headers['Content-Security-Policy'] = (
             "default-src 'none'; style-src 'unsafe-inline'"
         )

@@ -24,7 +24,7 @@ from eol_ros.web.hub import Hub
 from eol_ros.web.routes import Routes
 
 TICK_S = 1.0
-SPARE_CONNECTIONS = 128  # pages and pictures beside the viewers' sockets
+SPARE_CONNECTIONS = 128  # pages and images beside the viewers' sockets
 BATCH = 256  # accepted in one go, so the limit may be exceeded by as many
 
 

@@ -36,7 +36,7 @@ def truth(stamp_s: float, rim: tuple[float, float, float], pose: np.ndarray, mov
 
 
 def image(stamp_s: float, jpeg: bytes) -> bytes:
-    """Pack one JPEG picture."""
+    """Pack one JPEG image."""
     return head(IMAGE, stamp_s) + bytes(jpeg)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures through the real nodes into a bag; the bag's pictures give the bag's results again."""
+"""Images through the real nodes into a bag; the bag's images give the bag's results again."""
 
 import dataclasses
 import time
@@ -17,7 +17,7 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
 
 STEP_NS = 16_666_667
-DARK = range(112, 132)  # pictures without infrared light, of which the tracker is told
+DARK = range(112, 132)  # images without infrared light, of which the tracker is told
 LIVE = 86  # here settings of motion and grains are changed, while blocks slip
 CALIBRATE = 12  # here it is asked to calibrate again, while all blocks rest
 T0 = 1_700_000_000_000_000_000
@@ -40,7 +40,7 @@ def scene_of_blocks(count=150):
 
 @pytest.fixture(scope='module')
 def run(tmp_path_factory, matched):
-    """A bag of 150 pictures and all that tracker, motion and grains made of them."""
+    """A bag of 150 images and all that tracker, motion and grains made of them."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter
@@ -250,7 +250,7 @@ def test_the_proof_ends_where_a_picture_is_missing(run, monkeypatch):
     assert result.equal
     assert result.topics['blocks'].recomputed == 60
     assert result.notes == [
-        'blocks compared up to image 60 of 150: the picture of the next is not in the bag'
+        'blocks compared up to image 60 of 150: the image of the next is not in the bag'
     ]
 
 

@@ -89,7 +89,7 @@ def test_any_picture_fits_and_bad_ones_are_refused():
     assert fitted.shape == (21, 21)
     assert fitted[0] == pytest.approx(np.linspace(0, 1, 21))
     up = terrain.fit(np.arange(30.0)[:, None] * np.ones(9), 5, 5, 4)
-    assert up[0, 0] == 1 and up[-1, 0] == 0  # the picture's top row lies furthest away
+    assert up[0, 0] == 1 and up[-1, 0] == 0  # the image's top row lies furthest away
     assert np.array_equal(terrain.fit(np.ones((3, 3)), 2, 2, 2), np.zeros((5, 5)))
     with pytest.raises(UsageError, match='2 x 2'):
         terrain.fit(np.ones((1, 9)), 5, 5, 4)

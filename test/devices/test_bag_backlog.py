@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When there is no room, pictures go first; nothing goes uncounted or out of order."""
+"""When there is no room, images go first; nothing goes uncounted or out of order."""
 
 import random
 from collections import Counter
@@ -48,7 +48,7 @@ def test_random_loads(seed):
             before = Counter(backlog.dropped)
             backlog.put(float(number), new)
             put.append((new.topic, number))
-            if backlog.dropped[SLIPS] > before[SLIPS]:  # only where no picture could make room
+            if backlog.dropped[SLIPS] > before[SLIPS]:  # only where no image could make room
                 assert backlog.bytes + len(new.data) > limit
                 assert not any(isinstance(e.item, Item) for e in backlog._pictures)
                 assert pictures >= 0

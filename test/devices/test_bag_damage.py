@@ -22,7 +22,7 @@ GAPS = {'lost_before_recorder': '{"/eol/point": 3}'}
 
 
 def write(folder, whole=True):
-    """Write 120 points, 12 texts and 4 pictures in some ten chunks; return the file."""
+    """Write 120 points, 12 texts and 4 images in some ten chunks; return the file."""
     rng = np.random.default_rng(1)
     bag = BagWriter(folder, [POINT, TEXT], ABOUT)
     for i in range(120):

@@ -34,7 +34,7 @@ def picture(i: int, rng) -> bytes:
 
 
 def record(root: Path, settings: RecorderSettings, seed: int):
-    """Record 60 blocks and 10 pictures a second; return disk, clock, what was sent, start."""
+    """Record 60 blocks and 10 images a second; return disk, clock, what was sent, start."""
     rng = np.random.default_rng(seed)
     clock = Clock()
     disk = ForgetfulDisk(clock, rng, SLOW_S)

@@ -24,7 +24,7 @@ LIMITS = Limits(days=90, size=200 * GB, free=MIN_FREE + 5 * GB)
 
 @dataclass
 class Kept:
-    """One recording of the year: bytes of its messages and of its pictures."""
+    """One recording of the year: bytes of its messages and of its images."""
 
     messages: int
     pictures: int
@@ -65,7 +65,7 @@ class Year:
 @pytest.mark.slow
 @pytest.mark.parametrize('disk_gb', [128, 256])
 def test_a_year_is_never_full_and_never_without_the_last_thirty_days(disk_gb):
-    """Open ten hours a day, blocks always moving, 20 GB of pictures; a power cut now and then."""
+    """Open ten hours a day, blocks always moving, 20 GB of images; a power cut now and then."""
     rng, year = random.Random(disk_gb), Year(disk_gb * GB)
     now = datetime(2026, 1, 1, 10)
     bags: list[tuple[datetime, Path]] = []
@@ -99,7 +99,7 @@ def test_a_year_is_never_full_and_never_without_the_last_thirty_days(disk_gb):
         assert sum(s.size for s in year.stored()) <= LIMITS.size
         now = now.replace(hour=10, minute=0) + timedelta(days=1)
     marked = [p for p, k in year.kept.items() if k.marked]
-    assert marked and any('raw pictures' in line for line in said)
+    assert marked and any('raw images' in line for line in said)
     assert sum(k.pictures > 0 for k in year.kept.values()) >= 1  # the newest still have them
 
 
@@ -121,7 +121,7 @@ def test_pictures_go_before_bags_and_the_oldest_first():
     lines = list(enforce(year, replace(LIMITS, days=0), 1e9 + 40 * DAY_S))
     assert len(year.kept) == 40
     assert [k.pictures > 0 for k in year.kept.values()] == [False] * 23 + [True] * 17
-    assert lines[0] == 'run_0: raw pictures removed, for want of room'
+    assert lines[0] == 'run_0: raw images removed, for want of room'
     list(enforce(year, replace(LIMITS, days=0, size=33 * GB), 1e9 + 40 * DAY_S))
     assert sorted(int(p.name[4:]) for p in year.kept) == list(range(7, 40))
     list(enforce(year, replace(LIMITS, days=0, size=3 * GB), 1e9 + 40 * DAY_S))
@@ -129,7 +129,7 @@ def test_pictures_go_before_bags_and_the_oldest_first():
 
 
 def make(root: Path, name: str, days_ago: float = 0.0) -> Path:
-    """Record 20 points and 20 pictures into `name`, `days_ago`."""
+    """Record 20 points and 20 images into `name`, `days_ago`."""
     bag = BagWriter(root / name, [POINT, TEXT], {'scene': name})
     for i in range(20):
         bag.write('/eol/point', point(i), T0 + i * 10**9, T0, i + 1)
@@ -233,7 +233,7 @@ def test_sound_files_and_logs_share_the_room(root):
     assert not (root / 'sound-20260101-100000.wav').exists()
     assert [p.name for p in state.iterdir()] == ['eol.log']
     assert BagReader(root / 'new').counts['/eol/point'] == 20
-    assert lines[0] == 'new: raw pictures removed, for want of room'
+    assert lines[0] == 'new: raw images removed, for want of room'
 
 
 def test_the_sample_that_ships_is_marked():

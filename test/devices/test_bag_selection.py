@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which pictures are kept, and how losses are counted."""
+"""Which images are kept, and how losses are counted."""
 
 import pytest
 from hypothesis import given, settings
@@ -60,8 +60,8 @@ def test_a_slip_that_never_stops_is_over_after_ten_seconds():
     st.floats(0, 1),
 )
 def test_kept_is_what_lies_around_a_slip_and_nothing_else(drawn, before_s, after_s):
-    """Oracle: every picture against every slip. Some slips are never told to have stopped."""
-    at = {}  # of each picture, what is told just before it
+    """Oracle: every image against every slip. Some slips are never told to have stopped."""
+    at = {}  # of each image, what is told just before it
     slips = []
     for number, (begin, length, stops) in enumerate(drawn):
         if begin in at or begin + length in at or (stops and not length):

@@ -134,6 +134,6 @@ def test_clutter_maps_are_pictures(tmp_path):
         background_file.load(tmp_path / 'none.png')
     with pytest.raises(ConfigError, match='cannot write'):
         background_file.save(tmp_path / 'no' / 'm.png', BackgroundModel(light))
-    (tmp_path / 'bad.png').write_text('no picture')
+    (tmp_path / 'bad.png').write_text('no image')
     with pytest.raises(ConfigError):
         background_file.load(tmp_path / 'bad.png')

@@ -359,8 +359,8 @@ def test_broken_pictures_mean_a_new_start():
 @pytest.mark.parametrize(
     ('driver', 'words'),
     [
-        (FakeDriver(formats=['YUYV']), "gives 'YUYV' pictures, not GREY or MJPG"),
-        (FakeDriver(width=640), 'gives 640x200 pictures, the scene says 320x200'),
+        (FakeDriver(formats=['YUYV']), "gives 'YUYV' images, not GREY or MJPG"),
+        (FakeDriver(width=640), 'gives 640x200 images, the scene says 320x200'),
     ],
 )
 def test_a_camera_of_another_kind_is_one_clear_line(driver, words):

@@ -58,7 +58,7 @@ def test_skips_and_names_what_is_wrong(folder):
     whole = (folder / 'a.jpg').read_bytes()
     (folder / 'cut.jpg').write_bytes(whole[: len(whole) // 2])
     (folder / 'cut.png').write_bytes((folder / 'b.png').read_bytes()[:-20])
-    (folder / 'words.png').write_text('not a picture IEND')
+    (folder / 'words.png').write_text('not an image IEND')
     (folder / 'bad.svg').write_text('<svg><rect></svg>')
     (folder / 'empty.jpg').write_bytes(b'')
     (folder / 'film.mp4').write_bytes(b'x')
@@ -84,7 +84,7 @@ def test_skips_and_names_what_is_wrong(folder):
         'gone.jpg: missing',
         'cut.jpg: cut off',
         'cut.png: cut off',
-        'not a picture',
+        'not an image',
         'bad.svg: not an SVG',
         'film.mp4: not one of',
         '../secret.png: outside the folder',
@@ -117,7 +117,7 @@ def test_many_who_ask_at_once_cost_one_look_at_the_list(folder, monkeypatch):
     [
         (lambda f: f / 'nowhere', 'no such folder'),
         (lambda f: (f / LIST).unlink() or f, 'write one pair a line'),
-        (lambda f: touch_list(f, '') or f, 'no pair of pictures'),
+        (lambda f: touch_list(f, '') or f, 'no pair of images'),
         (lambda f: touch_list(f, 'x.jpg,y.jpg') or f, 'x.jpg: missing; y.jpg: missing'),
         (lambda f: (f / LIST).write_bytes(b'\xff\xfe\x00a') and f, 'UTF-8'),
     ],

@@ -142,7 +142,7 @@ def test_an_absent_camera_warns_and_looks_on(graph):
     ('name', 'error'), [('none.avi', DeviceMissing), ('text.avi', ConfigError)]
 )
 def test_a_file_that_cannot_be_used_stops_the_node(ros, tmp_path, name, error):
-    (tmp_path / 'text.avi').write_text('no film')
+    (tmp_path / 'text.avi').write_text('no video')
     with pytest.raises(error):
         CameraNode(settings(tmp_path / name))
 

@@ -231,8 +231,8 @@ def test_a_board_of_another_version_is_an_error_in_one_line(make_rig):
 def test_the_limit_goes_off_only_with_a_reason(ros, make_rig):
     with pytest.raises(ConfigError, match='needs a written reason'):
         LedsNode(LedsSettings(port='twin', flash_limit=False))
-    rig = make_rig(port='twin', flash_limit=False, flash_limit_off_because='a film of one slip')
-    assert rig.leds.lights.values()['flash_limit'] == 'off: a film of one slip'
+    rig = make_rig(port='twin', flash_limit=False, flash_limit_off_because='a video of one slip')
+    assert rig.leds.lights.values()['flash_limit'] == 'off: a video of one slip'
 
 
 def test_it_imports_nothing_heavy():

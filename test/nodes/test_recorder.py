@@ -213,7 +213,7 @@ def test_pictures_are_kept_around_a_slip(ros, matched, tmp_path):
     assert max(times) <= slip_ns + 0.6e9
 
 
-# Receives over a socket that holds less than one picture, as a network does that is too slow.
+# Receives over a socket that holds less than one image, as a network does that is too slow.
 LOSSY = """<?xml version="1.0" encoding="UTF-8" ?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
  <transport_descriptors><transport_descriptor>
@@ -240,9 +240,9 @@ node = Camera(CameraSettings())
 images = ImagePublisher(node, 'camera/image_raw')
 while not images.subscribers():
     rclpy.spin_once(node, timeout_sec=0.02)
-picture = np.zeros((800, 1280), np.uint8)
+image = np.zeros((800, 1280), np.uint8)
 for sent in range(300):
-    images.publish(now_ns(), picture)
+    images.publish(now_ns(), image)
     time.sleep(0.001)
 print('sent', flush=True)
 sys.stdin.read()

@@ -131,16 +131,16 @@ def test_health_goes_both_ways(ros, monkeypatch):
     node.subscribe('/diagnostics', seen.append)
     node.health.values['pairs'] = 24
     spin(node, lambda: seen)  # it says how it is once a second, also while it starts
-    node.health.warn('no picture on the right')
-    spin(node, lambda: any(m.status[0].message.startswith('no picture') for m in seen))
+    node.health.warn('no image on the right')
+    spin(node, lambda: any(m.status[0].message.startswith('no image') for m in seen))
     assert {m.status[0].level for m in seen} == {b'\x01'}  # also while starting: not stale
     lines = [json.loads(line) for line in os.read(out, 65536).splitlines()]
 
     assert lines[0]['level'] == 3  # starting
-    assert lines[-1]['level'] == 1 and lines[-1]['text'] == 'no picture on the right'
+    assert lines[-1]['level'] == 1 and lines[-1]['text'] == 'no image on the right'
     assert lines[-1]['values'] == {'pairs': 24}
     row = seen[-1].status[0]
-    assert (row.name, row.message) == ('eol: montage', 'no picture on the right')
+    assert (row.name, row.message) == ('eol: montage', 'no image on the right')
     assert any(kv.key == 'pairs' and kv.value == '24' for kv in row.values)
 
 
@@ -292,7 +292,7 @@ def test_a_full_health_pipe_does_not_hold_a_node_up(ros, monkeypatch):
     out, into, count = brimful()
     monkeypatch.setenv('EOL_HEALTH_FD', str(into))
     node = ProbeNode(MontageSettings())
-    thread = threading.Thread(target=node.health.warn, args=('no picture',), daemon=True)
+    thread = threading.Thread(target=node.health.warn, args=('no image',), daemon=True)
     thread.start()
     thread.join(5.0)
     stuck = thread.is_alive()
@@ -300,10 +300,10 @@ def test_a_full_health_pipe_does_not_hold_a_node_up(ros, monkeypatch):
     thread.join(5.0)
     assert not stuck
 
-    node.health.error('no pictures at all')
+    node.health.error('no images at all')
 
     lines = os.read(out, 65536).splitlines()
-    assert json.loads(lines[-1])['text'] == 'no pictures at all'
+    assert json.loads(lines[-1])['text'] == 'no images at all'
 
 
 def test_a_report_that_goes_in_parts_spoils_no_other():

@@ -117,7 +117,7 @@ def test_calibration_is_of_a_mirror_that_nobody_mentions(tmp_path):
 
 
 def test_film_is_no_film(tmp_path):
-    (tmp_path / 'film.avi').write_text('not a film')
+    (tmp_path / 'film.avi').write_text('not a video')
     code, words = stopped_by(tmp_path, '  camera: {device: film.avi}\n  tracker: {}\n')
 
     assert code in (69, 78)
@@ -136,7 +136,7 @@ NOT_RECORDED = 'not recorded: recorder is off in this scene'
 
 
 def test_a_scene_without_a_recorder_says_so_once_and_bag_brings_it_back(tmp_path):
-    (tmp_path / 'run.avi').write_text('not a film')  # ends the run as soon as it has begun
+    (tmp_path / 'run.avi').write_text('not a video')  # ends the run as soon as it has begun
     nodes = '  camera: {device: run.avi}\n  tracker: {}\n  recorder: off\n'
 
     _, words = stopped_by(tmp_path, nodes)

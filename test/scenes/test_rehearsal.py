@@ -97,7 +97,7 @@ def test_the_stamp_of_the_image_passes_unchanged(run):
     images = {stamp_ns(m.data) for m in BagReader(run['bag']).messages(['/eol/camera/image_raw'])}
     truth = set(bag.table('truth')['stamp'].tolist())
     assert len(images & truth) > 100
-    taken = images | truth  # a recorder that has no time leaves pictures out
+    taken = images | truth  # a recorder that has no time leaves images out
     for topic in ('blocks', 'slips', 'cascades', 'grain_triggers', 'led_commands'):
         stamps = set(bag.table(topic)['stamp'].tolist())
         if topic == 'led_commands':
@@ -127,7 +127,7 @@ def test_the_walls_shuffle_while_blocks_move(run):
     walls = run['graph'].watch.messages('wall')
 
     assert any(wall.moving for wall in walls)
-    # A change of state tells the same pair again: what counts are the changes of picture.
+    # A change of state tells the same pair again: what counts are the changes of image.
     flips = {w.change: w.flip.sec + w.flip.nanosec * 1e-9 for w in walls}
     assert np.all(np.diff(sorted(flips.values())) > 0.34 - 1e-3)
 
@@ -151,7 +151,7 @@ def test_the_bag_holds_everything(run):
         [stamp_ns(m.data) for m in bag.messages([bag.name(topic)])]
         for topic in ('camera/image_raw', 'camera/camera_info')
     )
-    assert images and set(images) <= set(lenses)  # a busy recorder drops pictures first
+    assert images and set(images) <= set(lenses)  # a busy recorder drops images first
     seen = {stamp for stamp, _ in run['graph'].watch.seen['blocks']}
     assert len(bag.table('blocks')) >= len(seen)
 
@@ -176,7 +176,7 @@ def test_replay_is_exact(run):
     topics = json.loads(done.stdout)
 
     assert set(topics) >= {'blocks', 'slips', 'grain_triggers'}
-    # A proof ends at the first picture that is missing from the bag.
+    # A proof ends at the first image that is missing from the bag.
     assert topics['blocks'][1] >= 300
     assert topics['slips'][1] > 0 and topics['grain_triggers'][1] > 0
     for topic, (recorded, recomputed, different, first) in topics.items():

@@ -129,16 +129,16 @@ def test_a_printed_board_is_read_back(tmp_path, capsys):
 def test_user_mistakes_get_one_line(picture, tmp_path, capsys):
     black = str(tmp_path / 'black.png')
     cv2.imwrite(black, np.zeros((800, 1280), np.uint8))
-    (tmp_path / 'text.png').write_text('no picture')
+    (tmp_path / 'text.png').write_text('no image')
     lens = tmp_path / 'lens.yaml'
     calibration_file.save(lens, clutter_calibration('clean', 640, 400))
     for words, code, told in (
         (['blocks', black], 78, '0 squares seen'),
         (['blocks', str(tmp_path / 'none.png')], 69, 'no such file'),
-        (['blocks', str(tmp_path / 'text.png')], 78, 'not a picture'),
+        (['blocks', str(tmp_path / 'text.png')], 78, 'not an image'),
         (['blocks', picture, '--lens', str(lens)], 78, 'is for images of 640x400'),
         (['blocks', picture, '--out', str(tmp_path / 'no' / 'c.yaml')], 78, 'cannot write'),
-        (['board', picture], 78, 'first picture shows'),
+        (['board', picture], 78, 'first image shows'),
     ):
         assert cli.main(['calibrate', *words]) == code
         error = capsys.readouterr().err.strip().splitlines()[-1]
@@ -215,7 +215,7 @@ def test_a_board_is_printed_to_scale(tmp_path, kind, read):
     drawn = board.generateImage((270 * scale, 210 * scale))
     left, top = np.rint(offset.mean(0) * scale).astype(int)
     mine = page[top : top + 210 * scale, left : left + 270 * scale]
-    assert np.mean(mine != drawn) < 2e-3  # the same picture, but for rounding at edges
+    assert np.mean(mine != drawn) < 2e-3  # the same image, but for rounding at edges
     around = page[: top + 220 * scale].copy()  # at least 10 mm are white on each side
     around[top : top + 210 * scale, left : left + 270 * scale] = 255
     assert left >= 10 * scale and top >= 10 * scale and around.min() == 255

@@ -56,7 +56,7 @@ def test_all_that_nodes_would_refuse_is_told_at_once(check, tmp_path):
     lines = [line.removeprefix('eol check: ') for line in words.splitlines()]
     scene = tmp_path / 'scene.yaml'
     for place, what in {
-        f'{tmp_path}/dirt.png:1:1 error tracker.background': 'not a picture',
+        f'{tmp_path}/dirt.png:1:1 error tracker.background': 'not an image',
         f'{tmp_path}/ice.wav:1:1 error grains.sound': 'not a sound that libsndfile reads',
         f'{tmp_path}/pictures:1:1 error montage.pairs': 'a.png: missing',
         f'{scene}:3:26 error tracker.calibration': 'images of 640x480, twin gives 1280x800',

@@ -81,7 +81,7 @@ def test_labels_in(capsys, floe, tmp_path):
 
 @pytest.mark.slow
 def test_show_draws_the_space(capsys, floe, tmp_path):
-    pytest.importorskip('matplotlib', reason='pictures: pip install matplotlib')
+    pytest.importorskip('matplotlib', reason='images: pip install matplotlib')
     eol(capsys, floe, '--out', tmp_path / 'c.json')
     code, out, _ = eol(capsys, 'show', tmp_path / 'c.json', '--out', tmp_path / 'c.png')
     assert code == 0 and out.strip() == str(tmp_path / 'c.png')

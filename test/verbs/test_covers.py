@@ -53,7 +53,7 @@ def test_a_height_map_of_ones_own_and_sizes(tmp_path, capsys):
         (['--rows', '99'], 2, '--rows 99'),
         (['--seed', '-1'], 2, '--seed -1'),
         (['--heightmap', 'nowhere.png'], 69, 'nowhere.png: no such file'),
-        (['--heightmap', __file__], 78, 'not a picture'),
+        (['--heightmap', __file__], 78, 'not an image'),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, capsys, words, code, says):

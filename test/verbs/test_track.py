@@ -91,7 +91,7 @@ def test_the_slip_is_found(answer):
 
 @pytest.fixture(scope='module')
 def dropped(stack):
-    """The film without 13 images, which are left, and the speed of the slip in the whole film."""
+    """The video without 13 images, which are left, and the speed of the slip in the whole video."""
     lost = [*range(20, 30), 40, 57, 58]
     left = np.setdiff1d(np.arange(COUNT), lost)
     path = stack.with_name('dropped.npy')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sheet every drawn picture begins with: palette, sky, hills, layers of earth; and its pencil.
+"""The sheet every drawn image begins with: palette, sky, hills, layers of earth; and its pencil.
 
 Coordinates are those of the SVG view box, 1600 x 900, x right, y down; the horizon lies at
 `HORIZON`.
@@ -114,7 +114,7 @@ def _points(points: Iterable[Point]) -> str:
 
 
 class Sheet:
-    """A picture in the making; draws the land first, then what is asked for, in order."""
+    """An image in the making; draws the land first, then what is asked for, in order."""
 
     def __init__(self, palette: Palette, land: np.random.Generator, broken: bool):
         self.palette = palette
@@ -261,7 +261,7 @@ class Sheet:
                 )
 
     def svg(self) -> str:
-        """Return the finished picture as SVG text."""
+        """Return the finished image as SVG text."""
         top, low = self.palette.sky
         return (
             '<?xml version="1.0" encoding="UTF-8"?>\n'

@@ -93,7 +93,7 @@ def local_complexity(lit: Pattern) -> float:
     """Return the mean information that a block has beyond its neighbour, bits: 0..1.
 
     Mean over four directions of the conditional entropy H(block | neighbour): mean information
-    gain, as Javaheri Javid et al. (2016) use it for binary pictures.
+    gain, as Javaheri Javid et al. (2016) use it for binary images.
     """
     pairs = (
         (lit[:, :-1], lit[:, 1:]),

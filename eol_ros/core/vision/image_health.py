@@ -8,7 +8,7 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
 
 STEP = 16  # every 16th pixel of every 16th row says enough, for 5 us
-BLACK = 3  # grey levels: a picture without spread and this dark is black
+BLACK = 3  # grey levels: an image without spread and this dark is black
 FROZEN_S = 0.5
 LIVELY = 60  # so many still images that all differed prove that the camera has noise
 

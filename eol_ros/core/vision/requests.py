@@ -41,7 +41,7 @@ def unpacked(png: bytes) -> BackgroundModel:
     except cv2.error:
         light = None
     if light is None:
-        raise ConfigError('a picture of the background cannot be read: it is not a PNG')
+        raise ConfigError('an image of the background cannot be read: it is not a PNG')
     return BackgroundModel(light)
 
 
@@ -60,7 +60,7 @@ class Requests:
         infrared light is off until the stamp `value` in ns. `calibrate`: by the blocks.
 
         Raises:
-            ConfigError: another kind, or no picture.
+            ConfigError: another kind, or no image.
         """
         if kind not in KINDS:
             raise ConfigError(f'{kind} is nothing that a tracker can be asked for')

@@ -150,7 +150,7 @@ class Tracker:
     def warm_up(self) -> None:
         """Compile or load all compiled code, on throw-away state, before the first image comes.
 
-        A film of the lattice at rest, then moving; a side goes and comes back; all goes and comes.
+        A video of the lattice at rest, then moving; a side goes and comes back; all goes and comes.
         """
         import cv2
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What waits to be written: bounded, and when it is full pictures go first. Pure bookkeeping."""
+"""What waits to be written: bounded, and when it is full images go first. Pure bookkeeping."""
 
 from collections import Counter, deque
 from typing import NamedTuple
@@ -20,8 +20,8 @@ class Waiting(NamedTuple):
 class Backlog:
     """At most `limit` bytes of messages, taken out in the order in which they came.
 
-    Where there is no room a picture (a message of topic `images`) is dropped; for any other message
-    those pictures that wait the longest make room. So nothing else is lost as long as pictures are
+    Where there is no room an image (a message of topic `images`) is dropped; for any other message
+    those images that wait the longest make room. So nothing else is lost as long as images are
     there to be lost. What is dropped leaves a `Dropped` in its place, and is counted in `dropped`.
     """
 
@@ -63,7 +63,7 @@ class Backlog:
             self.bytes -= len(entry.item.data)
 
     def _make_room(self, size: int) -> None:
-        """Drop pictures, those first that have waited longest, until `size` bytes are free."""
+        """Drop images, those first that have waited longest, until `size` bytes are free."""
         for index, entry in enumerate(self._pictures):
             if size <= 0:
                 break

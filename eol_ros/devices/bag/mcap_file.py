@@ -2,7 +2,7 @@
 """One MCAP file of a bag, written chunk by chunk (https://mcap.dev/spec, version 0).
 
 The records are those of the `mcap` package. Its own Writer is not used because it fixes the zstd
-level: a 1 MB infrared picture takes 8 ms at its level 3 and 1.3 ms at level 1, where it also
+level: a 1 MB infrared image takes 8 ms at its level 3 and 1.3 ms at level 1, where it also
 becomes smaller.
 """
 
@@ -36,7 +36,7 @@ from eol_ros.devices.bag.scan import CRC_KEY, MAGIC, pairs_crc
 
 LIBRARY = 'eol_ros 2'  # its metadata carry a checksum; its definitions are in the first chunk, too
 CHUNK_BYTES = 1 << 20  # what a killed writer can lose at most
-BIG_BYTES = 1 << 16  # such messages, pictures, get a chunk each: who wants the rest skips them
+BIG_BYTES = 1 << 16  # such messages, images, get a chunk each: who wants the rest skips them
 ZSTD_LEVEL = 1
 _MESSAGE = struct.Struct('<BQHIQQ')  # opcode, length, channel, sequence, log time, publish time
 
@@ -142,7 +142,7 @@ class BagFile:
         self._compressor = zstandard.ZstdCompressor(level=level)
         self._chunk = _Chunk()
         self._chunk_count = 0
-        self._chunk_index = bytearray()  # packed: pictures make 200 000 of them an hour
+        self._chunk_index = bytearray()  # packed: images make 200 000 of them an hour
         self._metadata_index: list[MetadataIndex] = []
         self._schemas, self._channels = describe_topics(topics)
         self.file = disk.create(path)
@@ -170,7 +170,7 @@ class BagFile:
     ) -> None:
         """Add one message, stamped with reception and sending time in ns since the epoch.
 
-        In a hurry, a picture is stored without compression: half the work, twice the bytes.
+        In a hurry, an image is stored without compression: half the work, twice the bytes.
         """
         big = len(data) >= BIG_BYTES
         chunk = _Chunk() if big else self._chunk

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a bag against a clock: rate, start, loop, pause. Bytes and stamps stay as recorded.
 
-Messages are played in the order in which they were recorded. Pictures and blocks, which carry the
+Messages are played in the order in which they were recorded. Images and blocks, which carry the
 time of exposure, are played when recorded time reaches that stamp; everything between them as long
 before or after as it was recorded. So nothing of the delays of the recorded run is waited for once
 more, at a low rate several times as long.
@@ -25,7 +25,7 @@ BACK_NS = 1_000_000_000  # stamps that fall back by more belong to a new round, 
 
 
 def complete(bag: BagReader, images: str = 'camera/image_raw', blocks: str = 'blocks') -> bool:
-    """Return whether a bag has all the pictures of its run, and not those of some moments."""
+    """Return whether a bag has all the images of its run, and not those of some moments."""
     count = bag.count(images)
     return count > 0 and count >= 0.99 * bag.count(blocks)
 

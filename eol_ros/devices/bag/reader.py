@@ -280,7 +280,7 @@ class BagFileReader:
             self.start_ns = min(p.start_ns for p in places)
             self.end_ns = max(p.end_ns for p in places)
         for index, hole in holes:
-            # between the neighbours of many messages, for pictures lie among them
+            # between the neighbours of many messages, for images lie among them
             before = [p.end_ns for p in places[:index] if p.start_ns < p.end_ns]
             after = [p.end_ns for p in places[index:] if p.start_ns < p.end_ns]
             span = _span(hole, before[-1] if before else 0, after[0] if after else FOREVER)

@@ -2,7 +2,7 @@
 """A run on its way to the disk: bounded queue in, one writing thread, a bag folder out.
 
 Whoever hands messages over never waits. When disk or processor is too slow the queue fills: first
-pictures are stored uncompressed, then pictures are dropped, at last anything; all is counted. When
+images are stored uncompressed, then images are dropped, at last anything; all is counted. When
 the disk is full or gone, recording pauses, says so, and begins a new bag when it can.
 What is deleted, if anything, `retention` says.
 """
@@ -46,14 +46,14 @@ BUDGET = '.pictures-of-today.json'  # beside the bags
 QUEUE_BYTES = 64 << 20
 SLOW = 'disk or processor too slow'
 CALM_BYTES = 4 << 20  # with more than this waiting, earlier bags are not cared for
-HURRY_BYTES = QUEUE_BYTES // 4  # with more than this waiting, pictures are not compressed
+HURRY_BYTES = QUEUE_BYTES // 4  # with more than this waiting, images are not compressed
 GB = 1e9
 
 
 class Recording:
     """Records messages of `topics` into a new folder under `root`.
 
-    `images` and `rhythm` name topics: the raw pictures, and those whose stamps come regularly;
+    `images` and `rhythm` name topics: the raw images, and those whose stamps come regularly;
     `blocks` what carries the stamps of images that were followed, so that images lost on the way
     are counted; `thinned` those made for the eye, of which one per `settings.display_period_s` is
     enough. Raises ConfigError when `root` cannot be written. `clock` and `disk` are arguments for
@@ -86,7 +86,7 @@ class Recording:
         self.transport_lost: Counter[str] = Counter()  # as DDS tells it, per topic
         self.time_jump_s = 0.0  # by which the system clock was set where this bag ends
         self.repaired: list[str] = []
-        self.image_bytes = 0  # of raw pictures, today
+        self.image_bytes = 0  # of raw images, today
         self._budget_spent = False
         self._told_bytes = 0
         self._today, self._day = today, today()
@@ -134,7 +134,7 @@ class Recording:
             self._ready.notify()
 
     def slip(self, news: Slipping) -> None:
-        """Tell that a slip has started or stopped: pictures around it are kept."""
+        """Tell that a slip has started or stopped: images around it are kept."""
         with self._ready:
             self._queue.put(self._clock(), news)
             self._ready.notify()
@@ -187,7 +187,7 @@ class Recording:
 
     @property
     def image_budget_spent(self) -> bool:
-        """Whether `images_max_gb` of raw pictures were kept today, and no more will be."""
+        """Whether `images_max_gb` of raw images were kept today, and no more will be."""
         return self._budget_spent
 
     def gaps(self) -> dict[str, str]:
@@ -390,7 +390,7 @@ class Recording:
             self.trouble = str(error)
 
     def _read_budget(self) -> None:
-        """Go on from the pictures that earlier runs of today have kept."""
+        """Go on from the images that earlier runs of today have kept."""
         with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
             kept = json.loads((self.root / BUDGET).read_text(encoding='utf-8'))
             if kept['day'] == self._day:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of the recordings goes when there are too many: raw pictures first, then the oldest.
+"""What of the recordings goes when there are too many: raw images first, then the oldest.
 
 Recordings of the last 30 days on which there were any stay, whatever the clock says: one that was
 set to another century must not empty the disk. Marked bags (`eol bag keep`) and what is being
@@ -24,10 +24,10 @@ from eol_ros.errors import EolError
 from eol_ros.streams.graph import namespace_of, relative_name
 
 KEPT = 'kept.txt'  # in a bag folder: nobody but its owner removes it
-THIN = '.thin'  # a file without its pictures, in the making
+THIN = '.thin'  # a file without its images, in the making
 PICTURES_REMOVED = 'pictures_removed'  # in GAPS_METADATA
 PROTECTED_DAYS = 30
-MARGIN_BYTES = 5e9  # above min_free_gb: a minute of pictures
+MARGIN_BYTES = 5e9  # above min_free_gb: a minute of images
 DAY_S = 86400.0
 
 
@@ -64,10 +64,10 @@ class Store(Protocol):
         """Return the bytes that the disk has left."""
 
     def has_pictures(self, stored: Stored) -> bool:
-        """Return whether a bag has raw pictures that can be removed."""
+        """Return whether a bag has raw images that can be removed."""
 
     def remove_pictures(self, stored: Stored) -> None:
-        """Remove the raw pictures of a bag, and nothing else."""
+        """Remove the raw images of a bag, and nothing else."""
 
     def remove(self, stored: Stored) -> None:
         """Remove all of it."""
@@ -89,7 +89,7 @@ def enforce(store: Store, limits: Limits, now_s: float) -> Iterator[str]:
         return
     for each in left:
         if each.bag and store.has_pictures(each):
-            yield from _done(store.remove_pictures, each, 'raw pictures removed, for want of room')
+            yield from _done(store.remove_pictures, each, 'raw images removed, for want of room')
             if not _too_much(store, limits):
                 return
     old = [s for s in left if _day(s) < safe]
@@ -140,7 +140,7 @@ class Folder:
         namespace = namespace_of({images: 'sensor_msgs/msg/Image'})
         self._root, self._images = root, relative_name(images, namespace)
         self._writing, self._breathe = writing, breathe
-        self._without: set[Path] = set()  # bags known to have no pictures
+        self._without: set[Path] = set()  # bags known to have no images
 
     def stored(self) -> list[Stored]:
         """Return bags, sound files and logs."""
@@ -161,7 +161,7 @@ class Folder:
         return shutil.disk_usage(self._root).free
 
     def has_pictures(self, stored: Stored) -> bool:
-        """Return whether a bag has raw pictures that can be removed."""
+        """Return whether a bag has raw images that can be removed."""
         if stored.path in self._without:
             return False
         try:

@@ -39,9 +39,9 @@ class Slipping(NamedTuple):
 
 
 class AroundSlips:
-    """Keeps the pictures from `before_s` before a slip's start to `after_s` after its stop.
+    """Keeps the images from `before_s` before a slip's start to `after_s` after its stop.
 
-    Holds `before_s` of pictures in memory while nothing slips: 1 MB each.
+    Holds `before_s` of images in memory while nothing slips: 1 MB each.
     """
 
     def __init__(self, before_s: float, after_s: float):
@@ -52,7 +52,7 @@ class AroundSlips:
         self._until_ns = -1
 
     def slip(self, news: Slipping) -> Iterator[Item]:
-        """Take note of a start or a stop; yield the pictures from before it."""
+        """Take note of a start or a stop; yield the images from before it."""
         if news.started:
             self._open[news.number] = news.log_ns
         else:
@@ -64,7 +64,7 @@ class AroundSlips:
                 yield item
 
     def image(self, item: Item) -> Iterator[Item]:
-        """Yield the picture if it is to be kept now; remember it for a while if not."""
+        """Yield the image if it is to be kept now; remember it for a while if not."""
         for number, start_ns in list(self._open.items()):
             if item.log_ns - start_ns > SLIP_LIMIT_NS:
                 del self._open[number]
@@ -77,7 +77,7 @@ class AroundSlips:
 
 
 class RateLimiter:
-    """Lets one message of a topic through per period: pictures and meters made for the eye."""
+    """Lets one message of a topic through per period: images and meters made for the eye."""
 
     def __init__(self, period_s: float):
         self._period_ns = round(period_s * NS)
@@ -120,9 +120,9 @@ class Gaps:
 
 
 class StampGaps:
-    """Counts pictures that were never sent, by holes in the regular rhythm of their stamps.
+    """Counts images that were never sent, by holes in the regular rhythm of their stamps.
 
-    An interval of k periods (k > 1.5) hides round(k) - 1 pictures. The period is the median of what
+    An interval of k periods (k > 1.5) hides round(k) - 1 images. The period is the median of what
     the last 31 intervals say of it, so it stays true where most of them are holes; `rate_hz` is
     what it was meant to be, 0 where that is not known.
     """
@@ -134,7 +134,7 @@ class StampGaps:
         self._intervals: deque[float] = deque(self._meant, maxlen=31)
 
     def take(self, stamp: int) -> int:
-        """Return how many more pictures are missing, now that one of `stamp` (ns) has come."""
+        """Return how many more images are missing, now that one of `stamp` (ns) has come."""
         interval = stamp - self._last_ns
         first, self._last_ns = not self._last_ns, stamp
         if first or interval <= 0:  # a source that began again

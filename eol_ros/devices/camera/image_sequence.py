@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images to be followed afterwards: a .npy stack, a film, a folder of pictures, or a bag."""
+"""Images to be followed afterwards: a .npy stack, a video, a folder of images, or a bag."""
 
 import itertools
 import math
@@ -183,7 +183,7 @@ def _folder(folder: Path, moments: Moments) -> ImageSource:
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in PICTURES)
     if not files:
         raise DeviceMissing(
-            f'{folder}: neither a bag nor a picture in this folder ({" ".join(PICTURES)})'
+            f'{folder}: neither a bag nor an image in this folder ({" ".join(PICTURES)})'
         )
 
     moments.check(len(files), str(folder))
@@ -192,7 +192,7 @@ def _folder(folder: Path, moments: Moments) -> ImageSource:
         for time_s, file in zip(moments.read(DEFAULT_FPS), files, strict=False):
             image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
             if image is None:
-                source.notes.append(f'{file}: not a picture that can be read; left out')
+                source.notes.append(f'{file}: not an image that can be read; left out')
                 continue
             yield time_s, image
 
@@ -207,7 +207,7 @@ def _film(path: str, moments: Moments) -> ImageSource:
 
     probe = cv2.VideoCapture(path)
     if not probe.isOpened():
-        raise ConfigError(f'{path}: OpenCV cannot open it as a film')
+        raise ConfigError(f'{path}: OpenCV cannot open it as a video')
     width = int(probe.get(cv2.CAP_PROP_FRAME_WIDTH))
     height = int(probe.get(cv2.CAP_PROP_FRAME_HEIGHT))
     rate = moments.fps or probe.get(cv2.CAP_PROP_FPS) or DEFAULT_FPS

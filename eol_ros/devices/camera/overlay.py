@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the tracker sees, drawn over the images: a film, or a picture of the last image."""
+"""What the tracker sees, drawn over the images: a video, or the last image alone."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ FINE = 4  # bits of sub-pixel that OpenCV draws with
 
 
 class Overlay:
-    """Draws and writes; the ending of `path` says film (.mp4, .avi) or picture (.png, .jpg)."""
+    """Draws and writes; the ending of `path` says video (.mp4, .avi) or image (.png, .jpg)."""
 
     def __init__(self, path: str, fps: float, shape: tuple[int, ...]):
         self.path = path
@@ -27,9 +27,9 @@ class Overlay:
             code = cv2.VideoWriter.fourcc(*('MJPG' if ending == '.avi' else 'mp4v'))
             self.film = cv2.VideoWriter(path, code, fps or 60.0, (shape[1], shape[0]))
             if not self.film.isOpened():
-                raise ConfigError(f'{path}: cannot write a film there')
+                raise ConfigError(f'{path}: cannot write a video there')
         elif ending not in ('.png', '.jpg', '.jpeg'):
-            raise ConfigError(f'{path}: an overlay is .mp4 or .avi, or a picture: .png, .jpg')
+            raise ConfigError(f'{path}: an overlay is .mp4 or .avi, or an image: .png, .jpg')
 
     def add(
         self,
@@ -52,7 +52,7 @@ class Overlay:
         if self.film is not None:
             self.film.release()
         elif self.last is not None and not cv2.imwrite(self.path, self.last):
-            raise ConfigError(f'{self.path}: cannot write a picture there')
+            raise ConfigError(f'{self.path}: cannot write an image there')
 
 
 def draw(

@@ -16,7 +16,7 @@ def list_cameras(by_id: Path = BY_ID, system: Path = SYSTEM) -> list[Port]:
     """Return the cameras, by stable name where the system gives one.
 
     A UVC camera has a second device for metadata only; the first, index 0, is the one with
-    pictures.
+    images.
     """
     stable = ports.stable_names(p for p in by_id.glob('*') if 'index0' in p.name)
     found = []

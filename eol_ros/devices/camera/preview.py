@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""JPEG pictures of the images, packed in a thread so that nothing waits for them."""
+"""JPEG copies of the images, packed in a thread so that nothing waits for them."""
 
 import queue
 import threading
@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 QUALITY = 80
-SCALE = 0.5  # of the image: noise averages out, and a picture takes a sixth of the bytes
+SCALE = 0.5  # of the image: noise averages out, and an image takes a sixth of the bytes
 
 
 class Preview:

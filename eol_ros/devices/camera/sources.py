@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where pictures come from: a V4L2 camera, or any file that OpenCV opens. Both give grey uint8."""
+"""Where images come from: a V4L2 camera, or any file that OpenCV opens. Both give grey uint8."""
 
 import os
 import time
@@ -12,7 +12,7 @@ from eol_ros.devices.camera.ports import find_camera
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import CameraSettings
 
-COLOUR_LEVELS = 12  # channels further apart are colour; JPEG of a grey picture stays within 2
+COLOUR_LEVELS = 12  # channels further apart are colour; JPEG of a grey image stays within 2
 COLOUR_SHARE = 1e-3  # of the pixels
 MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
 EXPOSURE_UNIT_US = 100  # of V4L2_CID_EXPOSURE_ABSOLUTE
@@ -34,7 +34,7 @@ class SourceLost(OSError):
 
 
 def is_file(device: str) -> bool:
-    """Return whether `device` names a video file or a numbered series of pictures, not a camera."""
+    """Return whether `device` names a video file or a numbered series of images, not a camera."""
     return not device.startswith('/dev/') and (
         os.path.isfile(device) or '%' in device or ('/' in device or '.' in device)
     )
@@ -216,13 +216,13 @@ class LiveCamera:
                 break
         else:
             raise ConfigError(
-                f'camera {path} gives {taken.strip()!r} pictures, not {" or ".join(wanted)}: '
+                f'camera {path} gives {taken.strip()!r} images, not {" or ".join(wanted)}: '
                 f'a monochrome camera is needed (camera.format chooses)'
             )
         width, height = (int(capture.get(p)) for p in (3, 4))
         if (width, height) != (s.width, s.height):
             raise ConfigError(
-                f'camera {path} gives {width}x{height} pictures, the scene says '
+                f'camera {path} gives {width}x{height} images, the scene says '
                 f'{s.width}x{s.height}: set camera.width and camera.height to a size it has'
             )
         rate = capture.get(cv2.CAP_PROP_FPS)
@@ -278,7 +278,7 @@ class LiveCamera:
         if self._format == 'MJPG' and data.size != height * width:
             image = cv2.imdecode(data.reshape(-1), cv2.IMREAD_GRAYSCALE)
             if image is None:
-                raise SourceLost(f'camera {self.name} sends broken JPEG pictures')
+                raise SourceLost(f'camera {self.name} sends broken JPEG images')
             check_image(image, self._settings, f'camera {self.name}')
             return image
         if data.size == height * width and data.dtype == np.uint8:

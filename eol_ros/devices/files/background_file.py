@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Background models as grey pictures, so that a person can look at what the tracker leaves out."""
+"""Background models as grey images, so that a person can look at what the tracker leaves out."""
 
 from pathlib import Path
 
@@ -30,11 +30,11 @@ def load(path: str | Path) -> BackgroundModel:
 
     Raises:
         DeviceMissing: no such file.
-        ConfigError: not a picture.
+        ConfigError: not an image.
     """
     if not Path(path).exists():
         raise DeviceMissing(f'{path}: no such background model')
     light = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if light is None:
-        raise ConfigError(f'{path}: not a picture that can be read')
+        raise ConfigError(f'{path}: not an image that can be read')
     return BackgroundModel(light)

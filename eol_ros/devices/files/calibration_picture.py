@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A picture of how well a calibration fits: what is left, and what is uncertain."""
+"""A figure of how well a calibration fits: what is left, and what is uncertain."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ _TEXT = (235, 235, 235)
 
 
 def draw(solution: Solution, image: np.ndarray | None) -> np.ndarray:
-    """Return the picture (h, w, 3) uint8: the image, the table's grid, and residuals as arrows."""
+    """Return the image (h, w, 3) uint8: the image, the table's grid, and residuals as arrows."""
     calibration = solution.calibration
     size = (calibration.image_height, calibration.image_width)
     grey = np.zeros(size, np.uint8) if image is None else (image * 0.6).astype(np.uint8)
@@ -52,7 +52,7 @@ def draw(solution: Solution, image: np.ndarray | None) -> np.ndarray:
 
 
 def save(path: str | Path, solution: Solution, image: np.ndarray | None) -> None:
-    """Write the picture to `path`.
+    """Write the image to `path`.
 
     Raises:
         ConfigError: it cannot be written there.
@@ -62,7 +62,7 @@ def save(path: str | Path, solution: Solution, image: np.ndarray | None) -> None
     except cv2.error:
         done = False
     if not done:
-        raise ConfigError(f'{path}: cannot write the picture; name a .png in a folder that exists')
+        raise ConfigError(f'{path}: cannot write the image; name a .png in a folder that exists')
 
 
 def _line(picture, px, colour) -> None:

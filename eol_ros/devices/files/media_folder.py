@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The artist's folder of pictures: `pairs.csv` and the files it names, watched for changes.
+"""The artist's folder of images: `pairs.csv` and the files it names, watched for changes.
 
 `pairs.csv` has one pair a line: left, right, caption, credit (the last two may be empty); a header
-line with these names is welcome, `;` works as well as `,`. A pair whose picture is missing or
+line with these names is welcome, `;` works as well as `,`. A pair whose image is missing or
 broken is skipped and named; the others go on.
 """
 
@@ -33,7 +33,7 @@ DRAWN = Path(__file__).parent / 'walls'  # the pairs that ship, by tools/draw_wa
 
 @dataclass(frozen=True)
 class Pair:
-    """Two pictures that are shown together, as paths relative to the folder, with `/`."""
+    """Two images that are shown together, as paths relative to the folder, with `/`."""
 
     left: str
     right: str
@@ -56,7 +56,7 @@ class MediaFolder:
         self.refresh()
         if not self.pairs:
             why = f': {"; ".join(self.skipped)}' if self.skipped else f' in its {LIST}'
-            raise DeviceMissing(f'{self.path}: no pair of pictures{why}')
+            raise DeviceMissing(f'{self.path}: no pair of images{why}')
 
     def refresh(self) -> bool:
         """Look at the folder again; return whether the pairs are other ones now.
@@ -96,9 +96,9 @@ class MediaFolder:
         return pairs, skipped
 
     def _wrong(self, name: str) -> str:
-        """Return what is wrong with a picture, or an empty string."""
+        """Return what is wrong with an image, or an empty string."""
         if not name:
-            return 'a pair lacks its left or right picture'
+            return 'a pair lacks its left or right image'
         path = self.path / name
         if why := _forbidden(self.path, name):
             return f'{name}: {why}'
@@ -111,10 +111,10 @@ class MediaFolder:
 
 
 class Pictures:
-    """The same folder for who only hands out pictures, from any thread.
+    """The same folder for who only hands out images, from any thread.
 
-    The list is read when a picture is asked for that is not in it, at most once a second, and no
-    picture is opened: which of them are good is for those to say who choose what is shown.
+    The list is read when an image is asked for that is not in it, at most once a second, and no
+    image is opened: which of them are good is for those to say who choose what is shown.
     """
 
     def __init__(self, path: str = ''):
@@ -124,7 +124,7 @@ class Pictures:
         self._looking = threading.Lock()
 
     def file(self, name: str) -> Path | None:
-        """Return the file of a picture that some pair shows, or None."""
+        """Return the file of an image that some pair shows, or None."""
         with self._looking:
             now_s = time.monotonic()
             if name not in self._files and now_s - self._looked_s > 1.0:
@@ -142,7 +142,7 @@ class Pictures:
 def _listed(folder: Path) -> list[Pair]:
     list_file = folder / LIST
     if not folder.is_dir():
-        raise DeviceMissing(f'{folder}: no such folder of pictures')
+        raise DeviceMissing(f'{folder}: no such folder of images')
     try:
         text = list_file.read_text(encoding='utf-8-sig')
     except FileNotFoundError:
@@ -182,7 +182,7 @@ def _stamp(path: str | Path) -> tuple[int, int]:
 
 
 def _broken(path: Path) -> str:
-    """Decode the picture once; return what is wrong with it, or an empty string."""
+    """Decode the image once; return what is wrong with it, or an empty string."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -192,8 +192,8 @@ def _broken(path: Path) -> str:
         try:
             root = ElementTree.fromstring(data)
         except ElementTree.ParseError as error:
-            return f'not an SVG picture ({error})'
-        return '' if root.tag.endswith('svg') else 'not an SVG picture'
+            return f'not an SVG image ({error})'
+        return '' if root.tag.endswith('svg') else 'not an SVG image'
     import cv2  # only for photographs: the drawn set needs none of its memory
     import numpy as np
 
@@ -201,4 +201,4 @@ def _broken(path: Path) -> str:
         return 'cut off before its end'
     pixels = np.frombuffer(data, np.uint8)
     image = cv2.imdecode(pixels, cv2.IMREAD_REDUCED_COLOR_8) if len(data) else None
-    return '' if image is not None else 'not a picture'
+    return '' if image is not None else 'not an image'

@@ -176,7 +176,7 @@ def test_wrong_images_are_refused_with_their_shape(image, words):
 @pytest.mark.slow
 @pytest.mark.parametrize('clutter', ['clean', 'ordinary', 'hard'])
 def test_an_arm_across_half_a_block_moves_it_little_and_is_told(clutter):
-    """Lens, tilt and texture included: the picture of a square is not a square there."""
+    """Lens, tilt and texture included: the image of a square is not a square there."""
     calibration = clutter_calibration(clutter)
     renderer = Renderer(RenderOptions(clutter=clutter), calibration, 4)
     renderer.clutter.arms = lambda index: (np.zeros((0, 5)), np.zeros(0))

@@ -86,7 +86,7 @@ def test_opencv_sees_the_same_table(angle, mirror):
     assert np.abs(ahead[:, :2] - seen[:25]).max() < 1e-9
     blobs = np.zeros(25, BLOB)
     blobs['u'], blobs['v'] = seen[:25].T
-    blobs['side_px'] = 1e-3  # so small that its middle is the middle of its picture
+    blobs['side_px'] = 1e-3  # so small that its middle is the middle of its image
     found, _ = mapping.poses(camera.packed(), blobs, BLOCK_SIDE_M)
     assert np.abs(found[:, :2] - met[:25, :2]).max() < 1e-7
 

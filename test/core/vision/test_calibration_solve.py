@@ -179,7 +179,7 @@ def test_a_board_gives_lens_and_table():
     )
     off = found.to_table(truth.to_pixels(GRID * 0.6)) - GRID * 0.6
     assert np.abs(off).max() < 1e-3
-    with pytest.raises(ConfigError, match='first picture shows 0'):
+    with pytest.raises(ConfigError, match='first image shows 0'):
         from_board([np.zeros((800, 1280), np.uint8)], board)
     with pytest.raises(ConfigError, match='not an ArUco dictionary'):
         replace(board, dictionary='DICT_NONE').made()

@@ -140,7 +140,7 @@ def test_blocks_calibrate_a_camera_with_a_mirror():
 
 
 def board_images(count=7):
-    """Pictures of a board by a camera without a mirror, and that camera."""
+    """Images of a board by a camera without a mirror, and that camera."""
     board = Board(9, 7, 0.07, 0.052)
     matrix = np.array([[1040, 0, 630.0], [0, 1040, 405], [0, 0, 1]])
     lens, down = np.array([-0.12, 0.02, 0, 0, 0]), np.diag([1.0, -1, -1])

@@ -182,14 +182,14 @@ def test_same_images_same_answer_to_the_bit(stills):
 
 
 def night(renderer, seed=1):
-    """A picture with all infrared lights off."""
+    """An image with all infrared lights off."""
     x, y = rest_lattice().T
     return renderer.render(x, y, np.zeros(25), 1000 + seed, ir=np.zeros(25)).copy()
 
 
 @pytest.fixture(scope='module')
 def scattered():
-    """Pictures of blocks some millimetres off their places: 60 at rest, and 30 in darkness."""
+    """Images of blocks some millimetres off their places: 60 at rest, and 30 in darkness."""
     with pytest.MonkeyPatch.context() as patch:
         level = dataclasses.replace(
             renderer_clutter.LEVELS['clean'], reflections=20, reflection_level=(30, 55)

@@ -12,9 +12,9 @@ import numpy as np
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.errors import ConfigError
 
-_EMPTY = 0.3  # share of the picture that is certainly free of lamps: its level is the ambient light
+_EMPTY = 0.3  # share of the image that is certainly free of lamps: its level is the ambient light
 _PART = 8  # images of one average: noise below a grey level
-_BLOCKS_LIT = 3  # squares in a dark picture that say it is not dark
+_BLOCKS_LIT = 3  # squares in a dark image that say it is not dark
 
 
 class BackgroundModel:
@@ -29,7 +29,7 @@ class BackgroundModel:
         if light.ndim != 2 or light.dtype != np.uint8:
             raise ConfigError(
                 f'background model has shape {light.shape} and type {light.dtype}; it is '
-                'an 8-bit grey picture'
+                'an 8-bit grey image'
             )
         self.light = light
         self._clean = np.empty_like(light)

@@ -66,13 +66,13 @@ class Solution:
             return (
                 f'residual {done.residual_px:.2f} px ({done.residual_mm:.2f} mm) is above '
                 f'{MOST_PX} px; worst is {worst[0]} with {worst[1][0]:.2f} px: check '
-                'that it is what it is taken for, and that the picture is sharp and still'
+                'that it is what it is taken for, and that the image is sharp and still'
             )
         if np.nanmax(self.corner_mm, initial=0.0) > MOST_CORNER_MM:
             return (
                 'the corners of the platform are only known to '
                 f'{np.nanmax(self.corner_mm):.1f} mm (at most {MOST_CORNER_MM:.0f}): '
-                'use more points or pictures, further out'
+                'use more points or images, further out'
             )
         return ''
 
@@ -266,7 +266,7 @@ def from_points(
     if len(px) < 4 or len(px) != len(xy):
         raise ConfigError(f'{len(px)} points are given; at least 4 are needed, each as u v x y')
     flat = start.undistort(px)
-    for where, one in (('the picture', flat), ('the table', xy)):
+    for where, one in (('the image', flat), ('the table', xy)):
         spread = np.linalg.svd(one - one.mean(axis=0), compute_uv=False)
         if spread[1] < 0.05 * spread[0]:
             raise ConfigError(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lens and the table from pictures of a ChArUco board (Garrido-Jurado et al. 2014, OpenCV)."""
+"""The lens and the table from images of a ChArUco board (Garrido-Jurado et al. 2014, OpenCV)."""
 
 from dataclasses import dataclass, replace
 
@@ -74,19 +74,19 @@ def from_board(
     focal_px: float | None = None,
     mirror: bool = False,
 ) -> Solution:
-    """Calibrate on pictures of a board.
+    """Calibrate on images of a board.
 
     In the first one it lies flat on the platform, its rows along x, its centre at (x_m, y_m). With
     four or more others, held at all angles, the lens is solved too. mirror: the camera sees the
     board in a mirror.
 
     Raises:
-        ConfigError: the board is not seen in the first picture, or seen there with a mirror where
-            there should be none, or the reverse, or pictures of different size.
+        ConfigError: the board is not seen in the first image, or seen there with a mirror where
+            there should be none, or the reverse, or images of different size.
     """
     shapes = {image.shape for image in images}
     if len(shapes) != 1:
-        raise ConfigError(f'pictures of different sizes: {sorted(shapes)}')
+        raise ConfigError(f'images of different sizes: {sorted(shapes)}')
     height, width = images[0].shape
     made = board.made()
     grid = np.asarray(made.getChessboardCorners(), float)[:, :2]
@@ -97,7 +97,7 @@ def from_board(
             views.append((px, ids))
         elif number == 0 and len(find(image, board, not mirror)[1]) >= _LEAST_CORNERS:
             raise ConfigError(
-                'the first picture shows the board '
+                'the first image shows the board '
                 + (
                     'directly, not in a mirror: leave out --mirror'
                     if mirror
@@ -106,7 +106,7 @@ def from_board(
             )
         elif number == 0:
             raise ConfigError(
-                f'the first picture shows {len(ids)} corners of the board, '
+                f'the first image shows {len(ids)} corners of the board, '
                 f'{_LEAST_CORNERS} are needed: lay it flat, light it evenly, '
                 'and give its true --board sizes'
             )

@@ -114,7 +114,7 @@ def poses(calibration, blobs, side_m):
 def answer(calibration, xy, seen, index, blobs, steps, px, world):
     """Fill px, world (25, 2): rounded to grids of `steps` (m, px).
 
-    A seen block stands in the picture where its square was found, a hidden one where it is carried.
+    A seen block stands in the image where its square was found, a hidden one where it is carried.
     """
     for i in range(xy.shape[0]):
         u, v = _to_pixel(calibration, xy[i, 0], xy[i, 1])

@@ -90,7 +90,7 @@ class Calibration:
         if self.image_width < 8 or self.image_height < 8:
             raise ConfigError(
                 f'calibration: image size {self.image_width} x {self.image_height} '
-                'is not the size of a picture'
+                'is not the size of an image'
             )
         if min(self.camera_matrix[0, 0], self.camera_matrix[1, 1]) <= 0:
             raise ConfigError('calibration: the focal length in camera_matrix must be positive')
@@ -247,7 +247,7 @@ class Calibration:
         """Return x, y, yaw, (n, 3), of squares fitted in the image.
 
         The middles of the four edges are carried over, not the centre: under tilt or distortion the
-        centre of the picture of a square is not the picture of its centre (0.05 px at 5 degrees).
+        centre of the image of a square is not the image of its centre (0.05 px at 5 degrees).
         """
         px = np.asarray(px, float).reshape(-1, 2)
         theta = np.broadcast_to(np.asarray(theta, float), len(px))
@@ -278,8 +278,8 @@ class Calibration:
     def shear(self, px: ArrayLike) -> np.ndarray:
         """Return (n, 2) real and imaginary part of what lens and tilt make of squares at `px`.
 
-        With table vectors and picture vectors (v up) as complex numbers the picture of w is
-        a w + b conj(w). A square at picture angle theta keeps its angle and size by `a`; by
+        With table vectors and image vectors (v up) as complex numbers the image of w is
+        a w + b conj(w). A square at image angle theta keeps its angle and size by `a`; by
         e = b / conj(a) exp(-2 i theta) it becomes a parallelogram: see profiles.gather. In a mirror
         w is the vector's mirror image.
         """

@@ -188,7 +188,7 @@ def regions(grid, tiles, over, least, most, label, parent, stats, found):
             bright = 0
             for c in range(begin, end):
                 bright += 1 if grid[r, c] > level else 0
-            if bright == 0:  # as nearly all of the picture is
+            if bright == 0:  # as nearly all of the image is
                 for c in range(begin, end):
                     label[r, c] = -1
                 continue

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What spoils the virtual camera's picture, in levels from clean to brutal."""
+"""What spoils the virtual camera's image, in levels from clean to brutal."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class ClutterLevel:
     glints: int = 0  # grains of the platform's sandpaper that mirror the light
     specks: int = 0  # bright and dark points on each cover
     glint_level: tuple[float, float] = (40.0, 250.0)  # of both: many faint ones, few bright ones
-    gradient: float = 0.0  # ambient light across the picture
+    gradient: float = 0.0  # ambient light across the image
     vignette: float = 0.0  # loss of light in the corners
     core: float = 0.0  # the LED seen through the cover; saturates
     core_px: float = 6.0
@@ -129,7 +129,7 @@ def clutter_calibration(level: str, width: int = 1280, height: int = 800) -> Cal
 
 
 class Clutter:
-    """The static picture of one clutter level, and what moves in it as the image index grows.
+    """The static image of one clutter level, and what moves in it as the image index grows.
 
     Args:
         level: name in LEVELS.
@@ -212,7 +212,7 @@ class Clutter:
         self.static += rng.uniform(*levels) * np.exp(-0.5 * ((a / wide) ** 2 + (b / narrow) ** 2))
 
     def _beside(self, rng: np.random.Generator, u: np.ndarray, v: np.ndarray) -> None:
-        """Add lamps that stand in the picture, but not on the platform."""
+        """Add lamps that stand in the image, but not on the platform."""
         level, missing = self.level, self.level.lights
         while missing:
             place = rng.uniform([0, 0], [u.shape[1], u.shape[0]])
@@ -291,7 +291,7 @@ def _points(
     shape: tuple[int, int], cells: np.ndarray, levels: np.ndarray, sigma_px: float
 ) -> np.ndarray:
     """Return points of light as a lens shows them: spots of `sigma_px` that reach `levels`."""
-    import cv2  # only for clutter: clean pictures need none of its memory
+    import cv2  # only for clutter: clean images need none of its memory
 
     light = np.zeros(shape, np.float32)
     np.add.at(light, tuple(cells.T), levels)

@@ -62,7 +62,7 @@ class Renderer:
     options : RenderOptions, optional
         Or anything with its fields.
     calibration : Calibration, optional
-        Where metres fall in the picture, distortion and tilt included.
+        Where metres fall in the image, distortion and tilt included.
     seed : int
         Of noise and clutter.
     n_blocks : int
