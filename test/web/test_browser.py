@@ -67,7 +67,7 @@ def test_pages_fill_every_screen(graph, browser, path, width):
     visit(browser, address, path, width, height)
     if path == '/':
         shown = (
-            'document.querySelector("#camera canvas").dataset.pictures > 1'
+            'document.querySelector("#camera canvas").dataset.images > 1'
             ' && document.querySelector("#space canvas").dataset.grains > 0'
             ' && document.querySelectorAll("#nodes li").length > 7'
         )
@@ -406,7 +406,7 @@ def test_outlines_are_of_the_picture_that_is_shown(graph, browser):
     """The image is older than the newest blocks; what is drawn over it must be as old."""
     address, _ = graph
     visit(browser, address, '/')
-    until_page(browser, 'document.querySelector("#camera canvas").dataset.pictures > 3')
+    until_page(browser, 'document.querySelector("#camera canvas").dataset.images > 3')
     ages = []
     for _ in range(20):
         shown, picture_s, known = run(
@@ -426,7 +426,7 @@ def test_the_threshold_is_tried_and_kept(graph, browser):
     """Through the tracker and back: no cover is as bright as 250, each is brighter than none."""
     address, _ = graph
     visit(browser, address, '/')
-    until_page(browser, 'document.querySelector("#camera canvas").dataset.pictures > 0')
+    until_page(browser, 'document.querySelector("#camera canvas").dataset.images > 0')
     press(browser, 't')
     slider, words = (f'document.getElementById("{name}")' for name in ('threshold', 'camera-state'))
     box = run(browser, 'return document.querySelector("#histogram").getBoundingClientRect().height')
@@ -593,7 +593,7 @@ def test_a_wall_outlives_the_panel_and_the_panel_forgets_nothing(graph, browser)
 def test_what_a_frozen_node_said_is_old_and_nothing_else(graph, browser):
     address, work = graph
     visit(browser, address, '/')
-    until_page(browser, 'document.querySelector("#camera canvas").dataset.pictures > 0')
+    until_page(browser, 'document.querySelector("#camera canvas").dataset.images > 0')
     run(browser, 'eol.link.emit("slip", {block: 7, start: true, stamp: 0})')
     until_page(browser, '/^1 /.test(document.getElementById("moving-count").textContent)')
     motion = int(status(address)['motion']['pid'])
@@ -615,7 +615,7 @@ def test_silence_is_seen_within_three_seconds(graph, browser):
     """Last: the graph is killed under a page that shows it."""
     address, work = graph
     visit(browser, address, '/')
-    until_page(browser, 'document.querySelector("#camera canvas").dataset.pictures > 0')
+    until_page(browser, 'document.querySelector("#camera canvas").dataset.images > 0')
     assert run(browser, 'return eol.staleAfter') < 3.0
     until_page(browser, '!document.body.classList.contains("stale")')
     work.nodes |= {int(s['pid']) for s in status(address).values()}
