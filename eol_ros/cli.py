@@ -133,12 +133,7 @@ def run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
 
 
 def _keep_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
+    message: Warning | str, category: type[Warning], filename: str, lineno: int
 ) -> None:
     """Write a warning of Python to the log: it says nothing to the person who typed the command."""
     when = time.strftime('%Y-%m-%d %H:%M:%S')

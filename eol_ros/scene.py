@@ -30,7 +30,7 @@ from typing import Any
 import yaml
 
 from eol_ros.errors import ConfigError, EolError
-from eol_ros.settings import MASK, masked, renamed
+from eol_ros.settings import MASK, masked, renamed, secrets
 from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
 
 _KEYS = (
@@ -351,15 +351,18 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
     return value
 
 
+def without_secrets(scene: Scene, text: str) -> str:
+    """Return `text` with a mask wherever a secret of the scene stands in it."""
+    for settings in scene.nodes.values():
+        for secret in secrets(settings).values():
+            text = text.replace(secret, MASK)
+    return text
+
+
 def public(scene: Scene) -> Scene:
     """Return the scene as it may be shown and kept: without what is secret in it."""
-    nodes, text = {name: masked(settings) for name, settings in scene.nodes.items()}, scene.text
-    for name, settings in scene.nodes.items():
-        for field_ in dataclasses.fields(settings):
-            value = getattr(settings, field_.name)
-            if value != getattr(nodes[name], field_.name):
-                text = text.replace(str(value), MASK)
-    return dataclasses.replace(scene, nodes=nodes, text=text)
+    nodes = {name: masked(settings) for name, settings in scene.nodes.items()}
+    return dataclasses.replace(scene, nodes=nodes, text=without_secrets(scene, scene.text))
 
 
 def plain(scene: Scene) -> dict[str, Any]:

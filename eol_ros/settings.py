@@ -392,10 +392,15 @@ class ReplaySettings:
 MASK = '***'  # stands where a secret is not shown
 
 
+def secrets(settings: Any) -> dict[str, str]:
+    """Return what is secret in `settings` and set, by name."""
+    names = [f.name for f in dataclasses.fields(settings) if f.metadata.get('secret')]
+    return {name: getattr(settings, name) for name in names if getattr(settings, name)}
+
+
 def masked(settings: Any) -> Any:
     """Return `settings` with a mask in place of what is secret and set."""
-    secret = [f.name for f in dataclasses.fields(settings) if f.metadata.get('secret')]
-    return dataclasses.replace(settings, **{n: MASK for n in secret if getattr(settings, n)})
+    return dataclasses.replace(settings, **dict.fromkeys(secrets(settings), MASK))
 
 
 def live_fields(settings: type) -> set[str]:

@@ -99,7 +99,8 @@ class Supervisor:
                 if seconds is not None and age - (self.all_ok_s or age) >= seconds:
                     break
                 self._manager.ready()
-                self._manager.status(self._summary())
+                if self._manager.there:
+                    self._manager.status(self._summary())
                 self._wait()
         finally:
             self._manager.stopping()
@@ -222,7 +223,7 @@ class Supervisor:
         for child in self.children:
             self._listen(child, now)
             if child.popen is not None and child.popen.poll() is not None:
-                ended = self._bury(child, now)
+                ended = self._ended(child, now)
                 if ended is not None:
                     return ended
             elif child.alive() and (verdict := child.look(now)) != FINE:
@@ -279,7 +280,7 @@ class Supervisor:
             if child.for_people(line):
                 self._say(f'{child.process.name} | {line}')
 
-    def _bury(self, child: Child, now: float) -> int | None:
+    def _ended(self, child: Child, now: float) -> int | None:
         self._listen(child, now)
         code = child.reap()
         never_ran = child.policy.beat_s is None or all(

@@ -76,15 +76,15 @@ class RecorderNode(EolNode):
 
     def restart(self) -> None:
         """What is replayed has begun again: so does the bag, for a bag is one run."""
-        self._begin_anew()
+        self._begin_again()
 
     def time_jumped(self, jump_ns: int) -> None:
         """In one bag time only goes on: end it with a mark, and begin another that names it."""
         ended = self.recording
         ended.time_jump_s = round(jump_ns * 1e-9, 3)
-        self._begin_anew(ended.folder.name if ended.folder else '')
+        self._begin_again(ended.folder.name if ended.folder else '')
 
-    def _begin_anew(self, continues: str = '') -> None:
+    def _begin_again(self, continues: str = '') -> None:
         self.recording.close()
         self.recording, self._last, self._dropped, self._log_ns = self.begin(continues), 0, 0, 0
         for item in self.latched.values():

@@ -2,7 +2,6 @@
 """eol bundle: all that somebody far away needs to know to help, in one file and without secrets."""
 
 import contextlib
-import dataclasses
 import io
 import json
 import os
@@ -19,7 +18,6 @@ from eol_ros import scene as scenes
 from eol_ros.bringup import status
 from eol_ros.errors import EolError, SupervisorSilent
 from eol_ros.ros.run_record import versions
-from eol_ros.settings import MASK
 from eol_ros.verbs import reach
 
 HELP = (
@@ -48,7 +46,10 @@ def add_arguments(parser):
 def run(args):
     """Write the file; what cannot be gathered is said in it, and stops nothing."""
     folders.check_writable(args.output, '--output')
-    secrets = _secrets(args.scene)
+    try:
+        scene = scenes.load(args.scene)
+    except EolError:
+        scene = None  # what is wrong with it is told in check.txt
     parts: dict[str, Callable[[], str]] = {
         'about.json': lambda: _json(_about()),
         'scene.json': lambda: _json(_scene(args.scene)),
@@ -64,10 +65,10 @@ def run(args):
                 text = part()
             except EolError as error:
                 text = f'{error}\n'
-            bundle.writestr(name, _without(text, secrets))
+            bundle.writestr(name, _without(text, scene))
             print(f'eol bundle: {name}', file=sys.stderr)
         for path in _logs():
-            bundle.writestr(f'logs/{path.name}', _without(_end_of(path), secrets))
+            bundle.writestr(f'logs/{path.name}', _without(_end_of(path), scene))
             print(f'eol bundle: logs/{path.name}', file=sys.stderr)
     print(args.output)
     return 0
@@ -103,24 +104,8 @@ def _scene(name: str) -> dict:
     return {'path': str(scene.path), 'text': scene.text, 'settings': scenes.plain(scene)}
 
 
-def _secrets(name: str) -> set[str]:
-    """Return the secret values of a scene, to be left out wherever they may stand."""
-    try:
-        scene = scenes.load(name)
-    except EolError:
-        return set()
-    return {
-        str(getattr(settings, f.name))
-        for settings in scene.nodes.values()
-        for f in dataclasses.fields(settings)
-        if f.metadata.get('secret') and getattr(settings, f.name)
-    }
-
-
-def _without(text: str, secrets: set[str]) -> str:
-    for secret in secrets:
-        text = text.replace(secret, MASK)
-    return text
+def _without(text: str, scene: scenes.Scene | None) -> str:
+    return scenes.without_secrets(scene, text) if scene else text
 
 
 def _status(args) -> dict:

@@ -203,11 +203,17 @@ _NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
 }
 
 
-def _writable(folder: Path) -> None:
-    """Raise EolError unless `folder` can be written, or made."""
+def _there(folder: Path) -> Path:
+    """Return `folder`, or of those above it the nearest that exists."""
     there = folder.absolute()
     while not there.exists():
         there = there.parent
+    return there
+
+
+def _writable(folder: Path) -> None:
+    """Raise EolError unless `folder` can be written, or made."""
+    there = _there(folder)
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
         raise EolError(f'nothing can be written in {there}; name another folder')
 
@@ -251,9 +257,7 @@ def _warnings(scene: Scene) -> Iterator[str]:
     if (leds := scene.nodes.get('leds')) and not leds.flash_limit:
         yield f'leds.flash_limit is off: {leds.flash_limit_off_because}'
     if recorder := scene.nodes.get('recorder'):
-        there = Path(recorder.folder).absolute()
-        while not there.exists():
-            there = there.parent
+        there = _there(Path(recorder.folder))
         free_gb = shutil.disk_usage(there).free / 1e9
         if free_gb < recorder.min_free_gb:
             yield (

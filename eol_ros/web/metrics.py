@@ -9,10 +9,10 @@ import math
 from typing import Any
 
 from eol_ros.errors import DeviceMissing
+from eol_ros.web.notices import LEVELS
 
 CONTENT_TYPE = 'text/plain'
 CHARSET = 'utf-8'
-LEVELS = {'ok': 0, 'warn': 1, 'error': 2, 'stale': 3, 'silent': 3}
 
 
 def text(states: dict[str, dict[str, Any]], namespace: str) -> bytes:
@@ -42,7 +42,7 @@ def text(states: dict[str, dict[str, Any]], namespace: str) -> bytes:
         'eol_node_value', 'A number of the status, by its name', labels=(*labels, 'name')
     )
     for node, state in sorted(states.items()):
-        level.add_metric([namespace, node], LEVELS.get(state['level'], 3))
+        level.add_metric([namespace, node], LEVELS.index(state['level']))
         rate.add_metric([namespace, node], state['rate'])
         age.add_metric([namespace, node], state['age_s'])
         for name, told in sorted(state['values'].items()):
