@@ -324,6 +324,16 @@ class MontageSettings:
 
 
 @dataclass(frozen=True)
+class HoursSettings:
+    time_zone: str = setting('', 'whose clock the hours mean, such as Europe/Vienna')
+    open: tuple[str, ...] = setting(
+        (),
+        'lines of days and their times, such as Tue-Sun 10:00-18:00 or 2026-12-24 closed; a later '
+        'line counts before an earlier one, past midnight is 20:00-26:00',
+    )
+
+
+@dataclass(frozen=True)
 class PanelSettings:
     host: str = setting('127.0.0.1', 'address to serve on; 0.0.0.0 opens it to the network')
     port: int = setting(8080, 'port to serve on; 0 takes any free one', '', 0, 65535)

@@ -21,6 +21,7 @@ from eol_ros.settings import live_fields
 
 Kept = dict[str, dict[str, Any]]  # by node
 FLAGS = ('asleep', 'muted')
+HEEDED = 'heeded_s'  # the time of opening or closing that the work was asked for
 
 
 class Memory:
@@ -84,6 +85,8 @@ class Memory:
 
     def _sane(self, node: str, kept: dict[str, Any]) -> dict[str, Any]:
         found: dict[str, Any] = {flag: True for flag in FLAGS if kept.get(flag) is True}
+        if type(kept.get(HEEDED)) in (int, float):
+            found[HEEDED] = kept[HEEDED]
         kind = type(self._scene.nodes[node])
         fields = {f: kind.__dataclass_fields__[f] for f in live_fields(kind)}
         settings = {}

@@ -110,14 +110,15 @@ def checked(
 _GRAIN = Number('grain', 0, 2**32 - 1, whole=True)
 _TIME = Number('until_ns', 0, 2**63 - 1, whole=True)
 
+_SLEEPERS = ('leds', 'sound', 'montage', 'hours')
 _LIVE = tuple(name for name, node in NODES.items() if live_fields(node.settings))
 
 KINDS: dict[str, Kind] = {
     kind.name: kind
     for kind in (
         Kind(SET, 'change live settings, from the next image on', _LIVE, within_s=20.0),
-        Kind('sleep', 'walls black, sound silent, LEDs dark', ('leds', 'sound', 'montage')),
-        Kind('wake', 'the work runs again', ('leds', 'sound', 'montage')),
+        Kind('sleep', 'walls black, sound silent, LEDs dark', _SLEEPERS),
+        Kind('wake', 'the work runs again', _SLEEPERS),
         Kind('mute', 'no sound', ('sound',)),
         Kind('unmute', 'sound again', ('sound',)),
         Kind('test', 'test card on the walls, test of the light', ('leds', 'panel')),

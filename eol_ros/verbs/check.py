@@ -2,6 +2,7 @@
 """eol check: would the nodes of this scene start?"""
 
 import dataclasses
+import functools
 import json
 import os
 import shutil
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from eol_ros import scene as scenes
-from eol_ros.errors import DeviceMissing, EolError
+from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.ros import installed
 from eol_ros.scene import Mistake, Scene
 
@@ -170,6 +171,18 @@ def _montage(settings: Any) -> Iterator[Check]:
     yield 'montage.pairs', lambda: MediaFolder(settings.pairs)
 
 
+def _hours(settings: Any) -> Iterator[Check]:
+    from eol_ros.core import opening_hours
+    from eol_ros.devices.files import time_zone
+
+    def refuse(what: str) -> None:
+        raise ConfigError(what)
+
+    yield 'hours.time_zone', lambda: time_zone.load(settings.time_zone)
+    for what in opening_hours.mistakes(settings.open):
+        yield 'hours.open', functools.partial(refuse, what)
+
+
 def _panel(settings: Any) -> Iterator[Check]:
     from eol_ros.web import guard
 
@@ -197,6 +210,7 @@ _NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
     'grains': _grains,
     'sound': _sound,
     'montage': _montage,
+    'hours': _hours,
     'panel': _panel,
     'replay': _replay,
     'recorder': _recorder,

@@ -53,6 +53,19 @@ def cut_short(scene, kept, **options):
     return memory
 
 
+def test_opening_hours_that_were_heeded_are_remembered(scene, tmp_path):
+    scene()
+    path = tmp_path / 'museum.yaml'
+    hours = '  hours: {time_zone: Asia/Taipei, open: [Tue-Sun 10:00-18:00]}\n'
+    path.write_text(path.read_text() + hours)
+    kept = {'hours': {'asleep': True, 'heeded_s': 1795800000.0}}
+    cut_short(scenes.load(path), kept)
+
+    assert Memory(scenes.load(path), 0).recall() == kept
+    path.write_text(path.read_text().replace('18:00', '17:00'))
+    assert Memory(scenes.load(path), 0).recall() == {}
+
+
 def test_the_next_run_has_what_a_cut_one_kept(scene):
     cut_short(scene(), KEPT)
 

@@ -2,12 +2,14 @@
 """What nodes would refuse is told before anything starts, all at once and each at its place."""
 
 import json
+import zoneinfo
 
 import pytest
 
 from eol_ros import cli
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.devices.files import calibration_file
+from eol_ros.devices.files import calibration_file, time_zone
+from eol_ros.errors import ConfigError
 
 
 @pytest.fixture
@@ -23,6 +25,43 @@ def check(tmp_path, capsys, monkeypatch):
         return code, told.out, told.err
 
     return run
+
+
+def test_each_line_of_opening_hours_that_cannot_be_meant(check):
+    code, _, words = check(
+        """\
+  twin: {}
+  hours:
+    time_zone: Europe/Viena
+    open: ['Tue-Sun 18:00-10:00', Mon closed, 'Thu 10-21']
+"""
+    )
+    lines = [line.partition(' error ')[2] for line in words.splitlines() if ' error ' in line]
+    assert code == 78
+    assert lines == [
+        "hours.time_zone: 'Europe/Viena': no such time zone. Did you mean Europe/Vienna?",
+        "hours.open: 'Thu 10-21': '10-21' is neither times nor closed, such as 'Tue-Sun"
+        " 10:00-18:00', '2026-12-24 closed'",
+        "hours.open: 'Tue-Sun 18:00-10:00': 18:00-10:00 ends before it begins; past midnight is"
+        ' written 18:00-34:00',
+    ]
+    assert ':4:16 error hours.time_zone' in words and ':5:11 error hours.open' in words
+
+    code, out, words = check(
+        '  twin: {}\n  hours: {time_zone: Asia/Taipei, open: [Tue-Sun 10:00-18:00]}\n'
+    )
+    assert (code, words) == (0, 'no mistakes\n') and 'hours' in out
+
+
+def test_a_system_without_time_zones_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(zoneinfo, 'available_timezones', set)
+    monkeypatch.setattr(zoneinfo, 'ZoneInfo', _no_zone)
+    with pytest.raises(ConfigError, match='apt install tzdata, or pip install tzdata'):
+        time_zone.load('Europe/Vienna')
+
+
+def _no_zone(name):
+    raise zoneinfo.ZoneInfoNotFoundError(name)
 
 
 EVERYTHING = """\

@@ -473,6 +473,33 @@ def test_both_languages(graph, browser, path):
     assert complaints(browser) == []
 
 
+def test_opening_hours_stand_in_words_at_the_top(graph, browser):
+    """In the clock of the museum, whatever that of the browser is."""
+    address, _ = graph
+    visit(browser, address, '/')
+    tell = 'eol.link.emit("health", {node: "hours", at: eol.link.now(), level: "ok", values: '
+    values = {
+        'asleep': 'True', 'open': 'False', 'trusted': 'True', 'time_zone': 'Asia/Taipei',
+        'until_s': '1795485600',  # Tuesday 2026-11-24 10:00 in Taipei
+    }  # fmt: skip
+    for name, words in (
+        ('en', ('asleep until Tue 10:00', 'closed until Tue 10:00, woken by hand')),
+        ('zh-Hant', ('休眠至 週二 10:00', '閉館至 週二 10:00，已手動喚醒')),
+    ):
+        browser.find_element('css selector', f'[data-language={name}]').click()
+        until_page(browser, f'document.documentElement.lang === "{name}"')
+        for asleep, text in zip(('True', 'False'), words, strict=True):
+            run(browser, tell + 'arguments[0], text: "", rate: 0})', values | {'asleep': asleep})
+            shown = run(browser, 'return document.getElementById("hours").textContent')
+            assert ' '.join(shown.split()).replace(' 10', ' 10') == text
+    run(browser, tell + 'arguments[0], text: "", rate: 0})', values | {'until_s': ''})
+    until_page(browser, 'document.getElementById("hours").textContent.startsWith("休眠至")')
+    run(browser, 'document.querySelector("[data-language=en]").click()')
+    until_page(browser, 'document.getElementById("hours").textContent'
+               ' === "asleep until further notice"')  # fmt: skip
+    assert complaints(browser) == []
+
+
 def test_the_fit_on_the_page_is_that_of_the_project(graph, browser):
     """The panel fits; the page draws the curve and says the numbers, or how many are missing."""
     address, _ = graph

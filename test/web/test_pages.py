@@ -33,7 +33,7 @@ def test_every_word_said_is_in_the_list_and_every_word_listed_is_said():
     # Said by a choice or by the name of a state or of a control:
     quoted = set(re.findall(r"'(\w+)'", scripts))
     assert {f'descriptor_{name}' for name in DESCRIPTORS} <= listed
-    built = {w for w in listed if w.startswith(('level_', 'tracker_', 'descriptor_'))}
+    built = {w for w in listed if w.startswith(('level_', 'tracker_', 'descriptor_', 'hours_'))}
     assert listed - in_pages - in_scripts - quoted - built == set()
 
 

@@ -76,12 +76,22 @@ link.on('meter', (packet) => sound.take(packet));
 link.on('leds', (packet) => lights.take(packet));
 link.on('trigger', ({ grain }) => space.hit(grain));
 link.on('cascades', (day) => cascades.take(day));
+let hours = null; // what the node of that name said last
 link.on('health', (status) => {
   nodes.take(status, Math.max(0, link.now() - status.at));
   if (status.node === 'tracker') camera.showThreshold(status.values.threshold);
   if (status.node === 'grains') showReach(Number(status.values.radius));
   if (status.node === 'sound') press('mute', 'unmute', status.values.muted === 'True');
+  if (status.node === 'hours') sayHours((hours = status));
 });
+// The times of the museum, whatever clock the browser has.
+function sayHours({ values }) {
+  const kind = `hours_${values.open === 'True' ? 'open' : 'closed'}_${values.asleep === 'True' ? 'asleep' : 'awake'}`;
+  const day = { weekday: 'short', hour: '2-digit', minute: '2-digit', hourCycle: 'h23', timeZone: values.time_zone };
+  const clock = new Intl.DateTimeFormat(language(), day);
+  const time = values.until_s ? clock.format(new Date(1000 * values.until_s)) : say('hours_later');
+  write($('hours'), values.trusted === 'True' ? say(kind, { time }) : say('hours_untrusted'));
+}
 function nameCorpus() {
   const { corpus } = space;
   if (corpus) write($('corpus-name'), say('corpus_words', { name: corpus.name, count: corpus.x.length }));
@@ -177,6 +187,7 @@ function markLanguage() {
   redraw();
   nodes.draw();
   nameCorpus();
+  if (hours) sayHours(hours);
 }
 
 addEventListener('keydown', (event) => {

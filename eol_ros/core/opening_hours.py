@@ -1,0 +1,348 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Opening hours: whether the work is open at an instant, when that changes, what to ask of it.
+
+A line names days and their times, and of the lines that name a day the last one counts:
+
+    Tue-Sun 10:00-18:00
+    Thu 10:00-12:30, 13:30-21:00
+    Sat 20:00-26:00                     until 2:00 of Sunday
+    2026-12-24 closed
+    2026-12-27-2026-12-31 10:00-14:00
+
+Times are those of the clocks on the wall. A time that a clock shows twice, in autumn, opens the
+first time and closes the second; one that it leaves out, in spring, is when it has gone past it.
+"""
+
+import datetime
+import itertools
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from eol_ros.errors import ConfigError
+
+NAMES = ('Monday', 'Tuesday', 'Wednesday', 'Thursday', 'Friday', 'Saturday', 'Sunday')
+HORIZON = datetime.timedelta(days=400)  # what does not change within that does not change
+CLOCK_SET_S = 1_767_225_600.0  # 2026: a clock that shows a time before has not been set
+SLEEP, WAKE = 'sleep', 'wake'
+_DAY = datetime.timedelta(days=1)
+_NEAR = 12 * _DAY  # where to look first
+_DATES = re.compile(r'(\d{4}-\d\d-\d\d)(?:-(\d{4}-\d\d-\d\d))?')
+_TIMES = re.compile(r'(\d{1,2}):([0-5]\d)-(\d{1,2}):([0-5]\d)')
+_LIKE = "such as 'Tue-Sun 10:00-18:00', '2026-12-24 closed'"
+
+Span = tuple[int, int]  # minutes from midnight, the second past the first
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of opening hours; `spans` is empty where it says closed."""
+
+    text: str
+    weekdays: frozenset[int]  # Monday is 0
+    dates: tuple[tuple[datetime.date, datetime.date], ...]  # first and last
+    spans: tuple[Span, ...]
+
+    def covers(self, day: datetime.date) -> bool:
+        """Tell whether it names a day."""
+        return day.weekday() in self.weekdays or any(a <= day <= b for a, b in self.dates)
+
+
+def line(text: str) -> Line:
+    """Read a line; raise ConfigError that quotes it and says what is wrong."""
+    try:
+        words = re.sub(r'\s*([,\N{EN DASH}-])\s*', r'\1', text.strip())
+        days, _, times = words.replace('\N{EN DASH}', '-').partition(' ')
+        if not times:
+            raise ValueError(f'not days and their times, {_LIKE}')
+        return Line(text, *_days(days), _spans(times.strip()))
+    except ValueError as error:
+        raise ConfigError(f'{text!r}: {error}') from None
+
+
+def _days(
+    text: str,
+) -> tuple[frozenset[int], tuple[tuple[datetime.date, datetime.date], ...]]:
+    weekdays: set[int] = set()
+    dates = []
+    for item in text.split(','):
+        if match := _DATES.fullmatch(item):
+            first, last = (_date(part or match[1]) for part in match.groups())
+            if last < first:
+                raise ValueError(f'{last} is before {first}')
+            dates.append((first, last))
+        else:
+            first_day, _, last_day = item.partition('-')
+            begin, end = _weekday(first_day), _weekday(last_day or first_day)
+            weekdays |= {(begin + i) % 7 for i in range((end - begin) % 7 + 1)}
+    return frozenset(weekdays), tuple(dates)
+
+
+def _date(text: str) -> datetime.date:
+    try:
+        return datetime.date.fromisoformat(text)
+    except ValueError:
+        raise ValueError(f'{text} is no date of the calendar') from None
+
+
+def _weekday(text: str) -> int:
+    for number, name in enumerate(NAMES):
+        if len(text) >= 3 and name.lower().startswith(text.lower()):
+            return number
+    raise ValueError(f'{text!r} is neither a weekday nor a date, {_LIKE}')
+
+
+def _spans(text: str) -> tuple[Span, ...]:
+    if text.lower() == 'closed':
+        return ()
+    spans = sorted(_span(item) for item in text.split(','))
+    for (_, end), (begin, later) in itertools.pairwise(spans):
+        if begin < end:
+            raise ValueError(f'{_clock(begin)}-{_clock(later)} overlaps the time before it')
+    return tuple(spans)
+
+
+def _span(text: str) -> Span:
+    match = _TIMES.fullmatch(text)
+    if not match:
+        raise ValueError(f'{text!r} is neither times nor closed, {_LIKE}')
+    hour, minute, end_hour, end_minute = map(int, match.groups())
+    begin, end = 60 * hour + minute, 60 * end_hour + end_minute
+    if begin >= 24 * 60:
+        raise ValueError(f'{_clock(begin)} is no time to open at')
+    if end <= begin:
+        late = f'{_clock(begin)}-{_clock(end + 24 * 60)}'
+        raise ValueError(f'{text} ends before it begins; past midnight is written {late}')
+    if end - begin > 24 * 60:
+        raise ValueError(f'{text} is longer than a day')
+    return begin, end
+
+
+def _clock(minutes: int) -> str:
+    return f'{minutes // 60:02d}:{minutes % 60:02d}'
+
+
+class State(NamedTuple):
+    """Open or closed, since when and until when; None: nothing changes within HORIZON."""
+
+    open: bool
+    since: datetime.datetime | None
+    until: datetime.datetime | None
+
+
+class OpeningHours:
+    """A calendar of opening hours in a time zone.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        Lines, later ones before earlier ones.
+    time_zone : datetime.tzinfo
+        Of the clock that they mean.
+
+    Raises
+    ------
+    ConfigError
+        With a line for each mistake.
+    """
+
+    def __init__(self, texts: Sequence[str], time_zone: datetime.tzinfo):
+        if found := mistakes(texts):
+            raise ConfigError('\n'.join(found))
+        self.zone = time_zone
+        self._lines = [line(text) for text in texts]
+
+    def is_open(self, at: datetime.datetime) -> bool:
+        """Tell whether it is open at an instant."""
+        return self.state(at).open
+
+    def next_change(self, at: datetime.datetime) -> datetime.datetime | None:
+        """Return when it opens or closes next after an instant, in UTC."""
+        return self.state(at).until
+
+    def state(self, at: datetime.datetime) -> State:
+        """Return how it is at an instant (with its zone), with the changes around it in UTC."""
+        for reach in (_NEAR, HORIZON):
+            found = self._state(at, reach)
+            if found.since and found.until:
+                break
+        return found
+
+    def _state(self, at: datetime.datetime, reach: datetime.timedelta) -> State:
+        """Return how it is, with the changes within `reach`, as far as they are sure."""
+        day = at.astimezone(self.zone).date()
+        sure = reach - 3 * _DAY  # what is open at the ends may go on beyond
+        since = until = None
+        is_open = False
+        for begin, end in self._joined(day - reach, day + reach):
+            if at < begin:
+                until = begin
+                break
+            if at < end:
+                is_open, since, until = True, begin, end
+                break
+            since = end
+        return State(
+            is_open,
+            since if since and at - since < sure else None,
+            until if until and until - at < sure else None,
+        )
+
+    def _joined(
+        self, first: datetime.date, last: datetime.date
+    ) -> Iterator[tuple[datetime.datetime, datetime.datetime]]:
+        """Yield the times of `first` to `last` at which it is open, those that touch as one."""
+        held = None
+        for begin, end in self._times(first, last):
+            if held is None:
+                held = begin, end
+            elif begin <= held[1]:
+                held = held[0], max(held[1], end)
+            else:
+                yield held
+                held = begin, end
+        if held is not None:
+            yield held
+
+    def _times(
+        self, first: datetime.date, last: datetime.date
+    ) -> Iterator[tuple[datetime.datetime, datetime.datetime]]:
+        for number in range((last - first).days + 1):
+            day = first + number * _DAY
+            told = _line_of(self._lines, day)
+            for begin, end in told.spans if told else ():
+                times = self._instant(day, begin, 0), self._instant(day, end, 1)
+                if times[0] < times[1]:  # else it lies in the hour that spring leaves out
+                    yield times
+
+    def _instant(self, day: datetime.date, minutes: int, fold: int) -> datetime.datetime:
+        """Return when the clock on the wall shows so many minutes after the midnight of a day."""
+        shown = datetime.datetime.combine(day, datetime.time()) + datetime.timedelta(
+            minutes=minutes
+        )
+        utc = datetime.timezone.utc
+        found = shown.replace(tzinfo=self.zone, fold=fold).astimezone(utc)
+        if found.astimezone(self.zone).replace(tzinfo=None) == shown:
+            return found
+        # Left out: by the offsets before and after it lies on either side of the clock's jump.
+        low, high = sorted(shown.replace(tzinfo=self.zone, fold=f).astimezone(utc) for f in (0, 1))
+        while high - low > datetime.timedelta(seconds=1):
+            middle = low + (high - low) // 2
+            if middle.astimezone(self.zone).replace(tzinfo=None) < shown:
+                low = middle
+            else:
+                high = middle
+        return high.replace(microsecond=0)
+
+
+def _line_of(lines: Sequence[Line], day: datetime.date) -> Line | None:
+    return next((found for found in reversed(lines) if found.covers(day)), None)
+
+
+def mistakes(texts: Sequence[str]) -> list[str]:
+    """Return what is wrong with lines of opening hours, a text for each."""
+    if not texts:
+        return [f'says no hours, {_LIKE}']
+    lines, found = [], []
+    for text in texts:
+        try:
+            lines.append(line(text))
+        except ConfigError as error:
+            found.append(str(error))
+    if found:
+        return found
+    days = _telling(lines)
+    used = {id(_line_of(lines, day)) for day in days}
+    for one in lines:
+        if id(one) not in used:
+            found.append(f'{one.text!r}: has no effect, later lines name all its days')
+    overlaps: dict[tuple[str, str], str] = {}
+    for day in days:
+        after = day + _DAY
+        late, early = _line_of(lines, day), _line_of(lines, after)
+        if not late or not early or not late.spans or not early.spans:
+            continue
+        if late.spans[-1][1] - 24 * 60 > early.spans[0][0]:
+            what = f'overlaps {early.text!r} on {NAMES[after.weekday()]} {after}'
+            overlaps.setdefault((late.text, early.text), f'{late.text!r}: {what}')
+    return found + list(overlaps.values())
+
+
+def _telling(lines: Sequence[Line]) -> list[datetime.date]:
+    """Return days that show all that lines can say: each named date, those beside it, a week."""
+    dates = {
+        first + number * _DAY
+        for one in lines
+        for first, last in one.dates
+        for number in range(-1, (last - first).days + 2)
+    }
+    start = max(dates, default=datetime.date(2026, 1, 1)) + 7 * _DAY
+    week = {start + number * _DAY for number in range(8)}
+    return sorted(day for day in dates | week if any(one.covers(day) for one in lines))
+
+
+class Door:
+    """Says what to ask of the work so that it sleeps while it is closed.
+
+    It asks once for each time of opening or closing: what people ask in between holds until the
+    next. A clock that was never set is not trusted, and the work stays open.
+
+    Parameters
+    ----------
+    hours : OpeningHours
+        The calendar.
+    heeded_s : float, optional
+        Which time the work has been asked for, as `heeded_s` had it in a life before.
+    """
+
+    def __init__(self, hours: OpeningHours, heeded_s: float | None = None):
+        self.hours = hours
+        self.heeded_s = heeded_s
+        self.state = State(True, None, None)
+        self.trusted = False
+        self._period_s = 0.0
+        self._looked_s: float | None = None
+
+    def look(self, now_s: float) -> str:
+        """Take the time of the system's clock; return SLEEP or WAKE where that is to be asked."""
+        at = datetime.datetime.fromtimestamp(now_s, datetime.timezone.utc)
+        self.trusted = now_s >= CLOCK_SET_S
+        if not self.trusted:
+            self.state = State(True, None, None)
+            self._looked_s = None
+        elif self._stale(now_s, at):
+            self.state, self._looked_s = self.hours.state(at), now_s
+        since = self.state.since
+        self._period_s = since.timestamp() if since else 0.0
+        if self.heeded_s == self._period_s:
+            return ''
+        return WAKE if self.state.open else SLEEP
+
+    def _stale(self, now_s: float, at: datetime.datetime) -> bool:
+        # A clock that is set back by some seconds at ten does not shut the doors again.
+        if self._looked_s is None or not -60 <= now_s - self._looked_s < 3600:
+            return True
+        return self.state.until is not None and at >= self.state.until
+
+    def heed(self) -> None:
+        """Take note that the work does what was to be asked, or what people want instead."""
+        self.heeded_s = self._period_s
+
+    def words(self, asleep: bool) -> str:
+        """Return it for people: `asleep until Tue 10:00`."""
+        is_open, _, until = self.state
+        end = f' until {self._shown(until)}' if until else ''
+        if is_open and asleep:
+            return f'open{end}, put to sleep by hand'
+        if is_open:
+            return f'open{end}' if until else 'open, and no closing ahead'
+        if not asleep:
+            return f'closed{end}, woken by hand'
+        return f'asleep{end}' if until else 'asleep, and no opening ahead'
+
+    def _shown(self, at: datetime.datetime) -> str:
+        local = at.astimezone(self.hours.zone)
+        far = at.timestamp() - (self._looked_s or 0.0) > 6 * 86400
+        date = f'{local:%Y-%m-%d} ' if far else ''
+        return f'{NAMES[local.weekday()][:3]} {date}{local:%H:%M}'

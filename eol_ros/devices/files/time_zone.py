@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The time zones that this system knows, by name."""
+
+import difflib
+import zoneinfo
+
+from eol_ros.errors import ConfigError
+
+
+def load(name: str) -> zoneinfo.ZoneInfo:
+    """Return the time zone called `name`; raise ConfigError where there is none."""
+    try:
+        return zoneinfo.ZoneInfo(name)
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
+        known = zoneinfo.available_timezones()
+    if not known:
+        raise ConfigError(
+            f'{name}: this system knows no time zones: apt install tzdata, or pip install tzdata'
+        )
+    if not name:
+        raise ConfigError('names no time zone; such as Europe/Vienna')
+    near = difflib.get_close_matches(name, known, 1, 0.6)
+    raise ConfigError(
+        f'{name!r}: no such time zone' + (f'. Did you mean {near[0]}?' if near else '')
+    )
