@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from eol_msgs.msg import GrainTrigger
 
+from eol_ros.core.sound.channel_test import ChannelTest
 from eol_ros.core.sound.meter import Meter
 from eol_ros.core.sound.mixer import AHEAD_S, Mixer
 from eol_ros.core.sound.triggers import TRIGGER
@@ -15,6 +16,7 @@ from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.soundcard import Player
 from eol_ros.errors import EolError
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
 from eol_ros.ros.sound import SampleStream, meter_message
 from eol_ros.ros.stamps import NS, now_ns, to_ns
@@ -23,6 +25,8 @@ from eol_ros.streams.requests import Asked
 
 COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
 FADES = ('mute', 'unmute', 'sleep', 'wake')
+TEST_IN_S = 0.1
+TEST_PATIENCE_S = 4.0  # a test whose channels come no further has failed
 
 
 class SoundNode(EolNode):
@@ -53,6 +57,8 @@ class SoundNode(EolNode):
         self.meters = self.publisher('sound_meter')
         self.samples = SampleStream(self, self.mixer, self.epoch_ns)
         self.unheard = 0
+        self.testing: tuple[Asked, ChannelTest] | None = None
+        self.tested_s = 0.0  # when a channel was measured last
         self.asleep = bool(self.resumed.get('asleep'))
         self.muted = bool(self.resumed.get('muted'))
         self.trouble = 'waiting for the corpus'
@@ -70,7 +76,7 @@ class SoundNode(EolNode):
         self.subscribe('corpus', self.on_corpus)
         self.by_hand = self.publisher('grain_triggers')  # those that people ask for
         fade = dict.fromkeys(FADES, self.on_fade)
-        self.requests.serve(play_grain=self.on_play_grain, **fade)
+        self.requests.serve(play_grain=self.on_play_grain, test=self.on_test, **fade)
         self.subscribe('grain_triggers', self.on_trigger)
 
     def on_settings(self, new) -> None:
@@ -109,6 +115,35 @@ class SoundNode(EolNode):
         row = triggers.of_person(stamp_ns, grain)
         self.by_hand.publish(triggers.RECORD.fill(GrainTrigger(), row, self.frame_prefix))
 
+    def on_test(self, asked: Asked) -> object:
+        """Play noise from each loudspeaker in turn; say how loud it came out of the mixer."""
+        if self.asleep or self.muted:
+            return f'no sound, it is {"asleep" if self.asleep else "muted"}'
+        if self.testing:
+            raise EolError('the test of before still sounds')
+        start_s = (now_ns() - self.epoch_ns) * 1e-9 + self.latency_s + TEST_IN_S
+        self.testing = asked, ChannelTest(self.mixer, start_s)
+        self.tested_s = time.monotonic()
+        return LATER
+
+    def test(self) -> None:
+        if self.testing is None:
+            return
+        asked, test = self.testing
+        measured, done = len(test.levels_db), test.look()
+        if len(test.levels_db) > measured:
+            self.tested_s = time.monotonic()
+        stuck = time.monotonic() - self.tested_s > TEST_PATIENCE_S
+        if not done and not stuck:
+            return
+        self.testing = None
+        silent = test.silent() if done else ['all but ' + (test.words() or 'none')]
+        if silent:
+            text = f'{self.player.text}: nothing came from {", ".join(silent)}'
+            self.requests.answer(asked, False, text)
+        else:
+            self.requests.answer(asked, True, f'{self.player.text}: {test.words()}')
+
     def restart(self) -> None:
         if self.asleep:  # the run had ended asleep, and begins awake
             self.asleep = False
@@ -143,6 +178,7 @@ class SoundNode(EolNode):
         reading = self.meter.read()
         self.meters.publish(meter_message(reading, self.epoch_ns, state, player.output.name, s))
         self.samples.look()
+        self.test()
         self.health.values.update(
             voices=reading.voices,
             load=round(reading.load, 3),

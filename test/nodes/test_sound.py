@@ -149,6 +149,40 @@ def test_bad_triggers_no_corpus_lost_audio_and_mute(graph, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_test_sounds_from_each_channel_and_says_how_loud(graph, tmp_path):
+    _node, probe, turn, close = graph
+    probe.ask('test')
+    probe.ask('test')
+    assert turn(lambda: len(probe.results) == 2)
+    refused, heard = probe.results
+    assert not refused.accepted and refused.reason == 'the test of before still sounds'
+    assert heard.accepted, heard.reason
+    assert heard.reason.startswith('writing') and 'out.wav: left -' in heard.reason
+    probe.ask('mute')
+    probe.ask('test')
+    assert turn(lambda: len(probe.results) == 4)
+    assert probe.results[3].reason == 'no sound, it is muted'
+    close()
+    with wave.open(str(tmp_path / 'out.wav')) as file:
+        pcm = np.frombuffer(file.readframes(file.getnframes()), '<i2').reshape(-1, 2)
+    loud = [np.flatnonzero(np.abs(pcm[:, channel].astype(int)) > 300) for channel in (0, 1)]
+    assert loud[0][-1] < loud[1][0]  # left has ended when right begins
+    for channel, name in enumerate(('left', 'right')):
+        peak_db = 20 * np.log10(np.abs(pcm[:, channel].astype(int)).max() / 32768)
+        assert f'{name} {peak_db:.0f} dBFS' in heard.reason
+
+
+@pytest.mark.slow
+def test_a_test_that_reaches_no_loudspeaker_is_refused(graph):
+    node, probe, turn, _ = graph
+    node.mixer.fade(0.0, 0.0)  # as by a fault: it is neither muted nor asleep
+    probe.ask('test')
+    assert turn(lambda: probe.results)
+    assert not probe.results[0].accepted
+    assert probe.results[0].reason.endswith('nothing came from left, right')
+
+
+@pytest.mark.slow
 def test_a_slow_replay_is_not_late(graph, tmp_path):
     """0.15 s from the stamp to the trigger are 0.6 s at a quarter: more than `latency_s`."""
     node, probe, turn, _ = graph

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+
+from eol_ros.core.sound.channel_test import BURST_S, EVERY_S, PEAK, ChannelTest, burst
+from eol_ros.core.sound.mixer import Mixer
+
+FS = 48000
+
+
+def played(channels, block=480, **options):
+    """Play a test to its end; return it and all samples, (n, channels)."""
+    mixer = Mixer(FS, channels, gain_db=0, governor_db=0, **options)
+    test, blocks = ChannelTest(mixer, 0.1), []
+    while not test.look():
+        blocks.append(mixer.render(block))
+        assert len(blocks) < 10_000
+    return test, np.concatenate(blocks)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('channels', [1, 2, 5, 16])
+def test_each_loudspeaker_sounds_alone_and_in_turn(channels):
+    test, samples = played(channels)
+    delay = Mixer(FS).look_ahead
+    for channel in range(channels):
+        begin = round((0.1 + channel * EVERY_S) * FS)
+        during = samples[begin : begin + round(BURST_S * FS)]
+        peaks = np.abs(during).max(0)
+        assert peaks[channel] == pytest.approx(PEAK, rel=0.1)
+        others = np.delete(peaks, channel)
+        assert others.max(initial=0.0) < 1e-5
+        pause = samples[begin + round(BURST_S * FS) + 2 * delay : begin + round(EVERY_S * FS)]
+        assert np.abs(pause).max(initial=0.0) < 1e-3  # the filter against DC rings out
+        assert test.levels_db[channel] == pytest.approx(20 * np.log10(peaks[channel]), abs=0.1)
+    assert test.silent() == []
+
+
+def test_words_name_the_channels():
+    test = ChannelTest(Mixer(FS), 0.0)
+    test.levels_db = [-16.4, float('nan')]
+    assert test.words() == 'left -16 dBFS, right not measured'
+    test = ChannelTest(Mixer(FS, 3), 0.0)
+    test.levels_db = [-16.4, -120.0, -16.0]
+    assert test.silent() == ['channel 2'] and test.words().startswith('channel 1 -16 dBFS, ch')
+
+
+@pytest.mark.slow
+def test_a_mixer_that_was_turned_off_is_silent():
+    mixer = Mixer(FS, 2)
+    mixer.fade(0.0, 0.0)
+    test = ChannelTest(mixer, 0.1)
+    while not test.look():
+        mixer.render(480)
+    assert test.silent() == ['left', 'right']
+
+
+@pytest.mark.slow
+def test_who_looks_too_late_has_not_measured():
+    mixer = Mixer(FS, 2)
+    test = ChannelTest(mixer, 0.1)
+    test.look()
+    mixer.render(3 * FS)
+    assert test.look() and np.isnan(test.levels_db[:1]).all()
+
+
+def test_the_noise_is_as_loud_in_each_octave():
+    power = np.abs(np.fft.rfft(burst(FS).astype(float), FS)) ** 2
+    octaves = [power[hz : 2 * hz].sum() for hz in (250, 500, 1000, 2000, 4000, 8000)]
+    assert max(octaves) / min(octaves) < 2
