@@ -162,7 +162,8 @@ def test_walls_that_slept_sleep_again_after_everything_was_killed(tmp_path):
         call = [sys.executable, '-m', 'eol_ros', 'call', 'sleep', 'montage']
         assert subprocess.run(call, env=environ, timeout=60).returncode == 0
         says(lambda text: 'asleep' in text)
-        wait_until(lambda: list((tmp_path / 'state').glob('kept-night-*.json')), 10)
+        (file,) = (tmp_path / 'state').glob('kept-night-*.json')
+        wait_until(lambda: '"asleep": true' in file.read_text(), 10)  # on the disk, too
         started[0].kill()
         started[0].wait()
 
