@@ -6,8 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from eol_ros.core.physics.twin.hands import Rim, Visitors
-from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.errors import DeviceMissing
@@ -25,15 +24,14 @@ def write_film(
     """Write `seconds` of the twin, visitors at work, with OpenCV's encoder; return `path`."""
     calibration = Calibration.ideal(*size)
     renderer = Renderer(RenderOptions(rate_hz=fps), calibration, seed)
-    table, rim, visitors = LiveTable(seed), Rim(), Visitors(seed)
+    play = Play(seed)
+    table = play.table
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), fps, size, isColor=False)
     if not writer.isOpened():
         raise DeviceMissing(f'{path}: OpenCV here has no encoder for {codec}')
     image = np.empty(size[::-1], np.uint8)
     for index in track(range(round(seconds * fps)), 'film'):
-        begin_s, end_s = index / fps, (index + 1) / fps
-        rim.advance(1 / fps, visitors.velocity(end_s, rim.pose), np.zeros(3))
-        table.advance(begin_s, end_s, rim.pose, rim.velocity)
+        play.advance(1 / fps)
         renderer.render(table.x, table.y, table.yaw, index, image, velocity=table.velocity)
         writer.write(image)
     writer.release()

@@ -22,8 +22,7 @@ from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, sample_times
 from eol_ros.core.physics.rotation import solver as rotation
 from eol_ros.core.physics.scene import Scene, from_mapping
-from eol_ros.core.physics.twin.hands import Rim, Visitors
-from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.core.physics.twin.play import Play
 from eol_ros.verbs.progress import track
 
 HELP = 'error against run time of the spring-block solvers and their peers'
@@ -376,13 +375,12 @@ def growth_row(rows: list[dict]) -> dict:
 
 def live_row(seconds: int = 60, rate_hz: int = 60) -> dict:
     """Return what the twin's table costs under unattended hands: mean and busiest second."""
-    table, visitors, rim = LiveTable(1), Visitors(1), Rim()
+    play = Play(1)
+    table = play.table
     spent = np.zeros(seconds)
     for image in range(seconds * rate_hz):
-        now = (image + 1) / rate_hz
-        rim.advance(1 / rate_hz, visitors.velocity(now, rim.pose), np.zeros(3))
         begin = time.process_time()
-        table.advance(image / rate_hz, now, rim.pose, rim.velocity)
+        play.advance(1 / rate_hz)
         spent[image // rate_hz] += time.process_time() - begin
     return {
         'simulated_s': seconds,

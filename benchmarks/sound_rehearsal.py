@@ -107,21 +107,17 @@ class Twin:
     """The table of a rehearsal, simulated here; tells when blocks broke loose."""
 
     def __init__(self, seed: int):
-        from eol_ros.core.physics.twin.hands import Rim, Visitors
-        from eol_ros.core.physics.twin.live import LiveTable
+        from eol_ros.core.physics.twin.play import Play
 
-        self.table, self.time_s = LiveTable(seed), 0.0
-        self._rim, self._visitors = Rim(), Visitors(seed)
+        self.play = Play(seed)
+        self.table = self.play.table
         self.step(1e-4)  # the twin's own first image, which nobody sees
 
     def step(self, span_s: float) -> list[tuple[float, int]]:
         """Move on by `span_s`; return (seconds, block) of every slip that began."""
-        begin_s, self.time_s = self.time_s, self.time_s + span_s
-        hands = self._visitors.velocity(self.time_s, self._rim.pose)
-        self._rim.advance(span_s, hands, np.zeros(3))
         log = self.table._log
         log.start[:] = -1
-        self.table.advance(begin_s, self.time_s, self._rim.pose, self._rim.velocity)
+        begin_s = self.play.advance(span_s)
         return [
             (begin_s + float(log.t[i]), int(log.block[i])) for i in np.flatnonzero(log.start == 1)
         ]
@@ -142,7 +138,9 @@ def onsets(truths: list, settings) -> list[tuple[int, int]]:
                 f'image {k}: the twin is not where it should be; a message was missed, so '
                 'measure again with less beside it'
             )
-        found += [(stamp_ns - round((twin.time_s - at_s) * NS), block) for at_s, block in begun]
+        found += [
+            (stamp_ns - round((twin.play.time_s - at_s) * NS), block) for at_s, block in begun
+        ]
     return sorted(found)
 
 

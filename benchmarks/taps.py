@@ -26,10 +26,9 @@ import numpy as np
 from benchmarks.machine import tell
 from benchmarks.twin_slips import wilson
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.physics.builders import MU_STATIC
 from eol_ros.core.physics.twin.accelerometer import MG, Accelerometers
-from eol_ros.core.physics.twin.hands import Rim, Visitors
-from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.core.physics.twin.live import Coupling
+from eol_ros.core.physics.twin.play import Play
 from eol_ros.devices.board.block import FELT, TOLD, WINDOW, Detector, defaults
 from eol_ros.devices.board.felt import LEARNT, TRACE, FeltBlocks
 from eol_ros.settings import TwinSettings
@@ -43,6 +42,7 @@ FALSE_PER_HOUR = 20.0  # asked of the whole table
 BINS_MM = (0.0, 1.0, 2.0, 5.0, np.inf)
 CHUNK = 120  # images whose samples are given to the firmware at once
 WAKING_S, SLEEPING_S = 15.0, 75.0
+DROP = TwinSettings.mu_static - TwinSettings.mu_kinetic
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--minutes', type=float, default=10.0, help='of the twin, per table')
     parser.add_argument('--thresholds', default='10,16,24,36', help='mg, parted by commas')
     parser.add_argument(
-        '--drops', default='0.25,0.1,0.04', help='mu_s - mu_k of each table, parted by commas'
+        '--drops',
+        default=f'{DROP:.2g},0.1,0.04',
+        help='mu_s - mu_k of each table, parted by commas',
     )
     parser.add_argument('--seed', type=int, default=3)
     parser.add_argument(
@@ -102,25 +104,20 @@ class Twin:
     """The table under visitors, and its slips."""
 
     def __init__(self, seed: int, drop: float, pauses: bool = False):
-        self.table = LiveTable(seed, TRACE, MU_STATIC - drop)
-        self.rim, self.visitors, self.pauses = Rim(), Visitors(seed), pauses
+        coupling = Coupling(mu_kinetic=TwinSettings.mu_static - drop)
+        self.play, self.pauses = Play(seed, TRACE, coupling), pauses
+        self.table, self.rim = self.play.table, self.play.rim
         self.slips: list[Slip] = []
         self._running: dict[int, tuple[Slip, np.ndarray]] = {}
         self._ended = np.full(N_BLOCKS, -np.inf)
-        self._time_s = 0.0  # of the visitors, who may be away
 
     def images(self, count: int) -> Iterator[tuple[float, float]]:
         """Move on image by image; yield begin and end of each."""
         for k in range(count):
-            begin_s, end_s = k / FPS, (k + 1) / FPS
-            hands = np.zeros(3)
-            if not self.pauses or end_s % (WAKING_S + SLEEPING_S) < WAKING_S:
-                self._time_s += 1 / FPS
-                hands = self.visitors.velocity(self._time_s, self.rim.pose)
-            self.rim.advance(1 / FPS, hands, np.zeros(3))
-            self.table.advance(begin_s, end_s, self.rim.pose, self.rim.velocity)
+            there = not self.pauses or (k + 1) / FPS % (WAKING_S + SLEEPING_S) < WAKING_S
+            begin_s = self.play.advance(1 / FPS, there)
             self._note(begin_s)
-            yield begin_s, end_s
+            yield begin_s, self.play.time_s
 
     def all_slips(self) -> list[Slip]:
         """Return the slips so far, those that go on included."""
@@ -269,7 +266,7 @@ def _shares(slips: list[Slip], found: set[int]) -> dict[str, Any]:
 
 def sleeping(seconds: float, seed: int) -> dict[str, Any]:
     """Return figures of blocks that sleep: visitors come for 15 s every 90 s."""
-    twin, blocks = Twin(seed, 0.25, pauses=True), FeltBlocks(TwinSettings(seed=seed))
+    twin, blocks = Twin(seed, DROP, pauses=True), FeltBlocks(TwinSettings(seed=seed))
     first, later = [], []
     for begin_s, end_s in twin.images(round(seconds * FPS)):
         for knock in blocks.advance(begin_s, end_s, twin.table.trace, twin.rim.velocity):
@@ -295,17 +292,14 @@ def cost(seed: int) -> dict[str, float]:
     result = {}
     for name, hands in (('visitors', True), ('at rest', False)):
         for what in ('table', 'table traced', 'table and blocks'):
-            table = LiveTable(seed, 0 if what == 'table' else TRACE)
+            play = Play(seed, 0 if what == 'table' else TRACE)
             blocks = FeltBlocks(replace(TwinSettings(), seed=seed)) if 'blocks' in what else None
-            rim, visitors, seconds = Rim(), Visitors(seed), 30
+            seconds = 30
             begun = time.process_time()
-            for k in range(round(seconds * FPS)):
-                begin_s, end_s = k / FPS, (k + 1) / FPS
-                led = visitors.velocity(end_s, rim.pose) if hands else np.zeros(3)
-                rim.advance(1 / FPS, led, np.zeros(3))
-                table.advance(begin_s, end_s, rim.pose, rim.velocity)
+            for _ in range(round(seconds * FPS)):
+                begin_s = play.advance(1 / FPS, hands)
                 if blocks:
-                    blocks.advance(begin_s, end_s, table.trace, rim.velocity)
+                    blocks.advance(begin_s, play.time_s, play.table.trace, play.rim.velocity)
             result[f'{name}: {what}'] = 1e3 * (time.process_time() - begun) / seconds
     return result
 

@@ -20,8 +20,7 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipDetector
 from eol_ros.core.motion.threshold import exceedance
-from eol_ros.core.physics.twin.hands import Rim, Visitors
-from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.core.physics.twin.play import Play
 from eol_ros.settings import MotionSettings
 
 NOISE_M = 9e-6
@@ -47,8 +46,8 @@ class Rehearsal:
 
     def __init__(self, seed: int, fps: float, hands: str = 'visitors'):
         self.fps, self.hands = fps, hands
-        self.table, self.rim = LiveTable(seed), Rim()
-        self.visitors = Visitors(seed)
+        self.play = Play(seed)
+        self.table = self.play.table
         self.random, self.led, self.until_s = np.random.default_rng([seed, 5]), np.zeros(3), 0.0
         self.events: list[tuple[float, int, bool]] = []  # time, block, begins
 
@@ -56,23 +55,21 @@ class Rehearsal:
         """Move on image by image; yield the stamp of each, in s."""
         log = self.table._log
         for k in range(count):
-            begin_s, end_s = k / self.fps, (k + 1) / self.fps
-            visitors = np.zeros(3)
-            if self.hands == 'visitors':
-                visitors = self.visitors.velocity(end_s, self.rim.pose)
-            elif end_s > self.until_s:  # somewhere else, at full speed, and turning
-                self.until_s += 0.35
-                way = self.random.uniform(0, 2 * np.pi)
-                self.led[:2] = SLIDING_MPS * np.cos(way), SLIDING_MPS * np.sin(way)
-                self.led[2] = self.random.uniform(-0.9, 0.9)
-            self.rim.advance(1 / self.fps, visitors, self.led)
+            end_s = (k + 1) / self.fps
+            if self.hands != 'visitors':
+                if end_s > self.until_s:  # somewhere else, at full speed, and turning
+                    self.until_s += 0.35
+                    way = self.random.uniform(0, 2 * np.pi)
+                    self.led[:2] = SLIDING_MPS * np.cos(way), SLIDING_MPS * np.sin(way)
+                    self.led[2] = self.random.uniform(-0.9, 0.9)
+                self.play.commands.take(end_s, self.hands, self.led, 1.0)
             log.start[:] = -1
-            self.table.advance(begin_s, end_s, self.rim.pose, self.rim.velocity)
+            begin_s = self.play.advance(1 / self.fps, self.hands == 'visitors')
             self.events += [
                 (begin_s + float(log.t[i]), int(log.block[i]), bool(log.start[i]))
                 for i in np.flatnonzero(log.start >= 0)
             ]
-            yield end_s
+            yield self.play.time_s
 
     def slips(self) -> list[TrueSlip]:
         """Return the slips so far, in the order of their onsets."""

@@ -60,7 +60,16 @@ class TwinSettings:
         'arms, reflections and dirt in view',
         choices=('clean', 'ordinary', 'hard', 'brutal'),
     )
-    hands: str = setting('visitors', 'who moves the rim', choices=('visitors', 'nobody'), live=True)
+    hands: str = setting(
+        'visitors', 'who moves the rim while no person does: simulated visitors, who let go for'
+        ' 20 s when a person touches it, or nobody', choices=('visitors', 'nobody'), live=True,
+    )  # fmt: skip
+    stiffness: float = setting(60.0, 'of a spring; a choice, docs/science.md', 'N/m', 5, 2000)
+    mu_static: float = setting(
+        0.9, 'static friction of a block on the grit, mean of the 25; they differ by up to 15 %',
+        '', 0, 2,
+    )  # fmt: skip
+    mu_kinetic: float = setting(0.6, 'the same while it slides; not above mu_static', '', 0, 2)
     mirror: bool = setting(False, 'the virtual camera sees the table in a mirror')
     seed: int = setting(
         1, 'of the hands, the friction of each block, the image noise and the accelerometers', '', 0

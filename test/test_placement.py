@@ -16,8 +16,7 @@ from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.physics import presets
 from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.scene import from_mapping
-from eol_ros.core.physics.twin.hands import Rim, Visitors
-from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import render_all
@@ -92,11 +91,10 @@ def places(monkeypatch):
 
 def film():
     """Yield images of the live table, with an arm over it, straight from the renderer."""
-    renderer, table = Renderer(RenderOptions(), Calibration.ideal(), 5), LiveTable(5)
-    rim, visitors = Rim(), Visitors(5)
+    renderer, play = Renderer(RenderOptions(), Calibration.ideal(), 5), Play(5)
+    table = play.table
     for k in range(40):
-        rim.advance(1 / 60, visitors.velocity((k + 1) / 60, rim.pose), np.zeros(3))
-        table.advance(k / 60, (k + 1) / 60, rim.pose, rim.velocity)
+        play.advance(1 / 60)
         yield renderer.render(table.x, table.y, table.yaw, k, velocity=table.velocity)
 
 

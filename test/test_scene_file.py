@@ -33,7 +33,7 @@ def test_shipped_scenes_are_right(name):
 
     assert scene.name == name
     assert list(scene.nodes) == [n for n in NODES if n in scene.nodes]  # in data order
-    pictures = {'rehearsal': 'around_slips', 'museum': 'preview'}
+    pictures = {'rehearsal': 'around_slips', 'soft': 'around_slips', 'museum': 'preview'}
     assert scene.nodes['recorder'].images == pictures.get(name, 'none')
 
 

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from numba.core import event
 
-from eol_ros.core.physics.twin.hands import Rim, Visitors
-from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
@@ -31,18 +30,17 @@ class Compiled(event.Listener):
 def film(seconds, fps=60.0, hole=()):
     """Yield (stamp_s, read-only image) as a node gets them, with images of nothing in `hole`."""
     renderer = Renderer(RenderOptions(rate_hz=fps), Calibration.ideal(), 5)
-    table, rim, visitors = LiveTable(5), Rim(), Visitors(5)
+    play = Play(5)
+    table = play.table
     for index in range(round(seconds * fps)):
-        begin_s, end_s = index / fps, (index + 1) / fps
-        rim.advance(1 / fps, visitors.velocity(end_s, rim.pose), np.zeros(3))
-        table.advance(begin_s, end_s, rim.pose, rim.velocity)
+        play.advance(1 / fps)
         image = renderer.render(table.x, table.y, table.yaw, index, velocity=table.velocity)
         if index in hole:
             image = np.full_like(image, 12)
         elif index % 120 > 100:
             image = image.copy()
             image[200:500, 300:700] = 14  # an arm
-        yield 1.7e9 + end_s, np.frombuffer(image.tobytes(), np.uint8).reshape(image.shape)
+        yield 1.7e9 + play.time_s, np.frombuffer(image.tobytes(), np.uint8).reshape(image.shape)
 
 
 def test_the_tracker_compiles_nothing_live():

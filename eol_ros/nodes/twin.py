@@ -7,8 +7,8 @@ import numpy as np
 from eol_msgs.msg import RimCommand, Truth
 
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.physics.twin.hands import Commands, Rim, Visitors
-from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.core.physics.twin.live import Coupling
+from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.board import block
@@ -40,11 +40,11 @@ class TwinNode(EolNode):
         if s.accelerometer and self.blocks is None:
             self.get_logger().warning(block.MISSING)
         self.radio, self.felt, self.knocks = Radio(self.namespace), [], 0
-        self.table, self.rim = LiveTable(s.seed, TRACE if self.blocks else 0), Rim()
-        self.visitors, self.commands = Visitors(s.seed), Commands()
+        coupling = Coupling(s.stiffness, s.mu_static, s.mu_kinetic)
+        self.play = Play(s.seed, TRACE if self.blocks else 0, coupling)
         self.image = np.empty((s.height, s.width), np.uint8)
         self.stamp_ns = 0
-        self.time_s = 0.0  # of the simulation: 0 at the first image
+        self.told = ''  # who has the table, as last reported
         self.images = ImagePublisher(self, 'camera/image_raw', 'camera/camera_info', calibration)
         self.truth = self.publisher('truth')
         self.infrared: np.ndarray = np.ones(N_BLOCKS)  # light of each block
@@ -56,7 +56,7 @@ class TwinNode(EolNode):
 
     def on_rim_command(self, command: RimCommand) -> None:
         velocity = command.vx, command.vy, command.yaw_rate
-        self.commands.take(self.time_s, command.source, velocity, command.hold)
+        self.play.commands.take(self.play.time_s, command.source, velocity, command.hold)
 
     def on_infrared(self, asked: Asked) -> None:
         self.infrared = asked.values['mask'] >> np.arange(N_BLOCKS) & 1
@@ -69,17 +69,12 @@ class TwinNode(EolNode):
         self.packed = self.images.packed(stamp_ns, self.image)
 
     def film(self, index: int, span_s: float) -> None:
-        begin_s, self.time_s = self.time_s, self.time_s + span_s
-        hands = np.zeros(3)
-        if self.settings.hands == 'visitors':
-            hands = self.visitors.velocity(self.time_s, self.rim.pose)
-        self.rim.advance(span_s, hands, self.commands.velocity(self.time_s))
-        t = self.table
-        t.advance(begin_s, self.time_s, self.rim.pose, self.rim.velocity)
+        begin_s = self.play.advance(span_s, self.settings.hands == 'visitors')
+        t, end_s = self.play.table, self.play.time_s
         if self.blocks:
-            knocks = self.blocks.advance(begin_s, self.time_s, t.trace, self.rim.velocity)
+            knocks = self.blocks.advance(begin_s, end_s, t.trace, self.play.rim.velocity)
             self.felt = [
-                Felt(self.stamp_ns - round((self.time_s - k.time_s) * NS), k.block, k.strength_mps2)
+                Felt(self.stamp_ns - round((end_s - k.time_s) * NS), k.block, k.strength_mps2)
                 for k in knocks
             ]
         ir = self.infrared
@@ -90,7 +85,7 @@ class TwinNode(EolNode):
         self.images.send(self.packed)
         self.radio.send(self.felt)
         self.knocks += len(self.felt)
-        table, truth = self.table, Truth()
+        table, truth = self.play.table, Truth()
         truth.header.stamp, truth.header.frame_id = (
             to_msg(self.stamp_ns),
             self.frame_prefix + 'table',
@@ -103,6 +98,8 @@ class TwinNode(EolNode):
         self.health.tick()
         self.health.values['slips'] = table.slips
         self.health.values['knocks'] = self.knocks
+        self.health.values['hands'] = self.settings.hands
+        self.health.values['playing'] = self.play.playing
         self.health.values['missed'] = self.camera.missed if self.camera else 0
 
     def check(self) -> None:
@@ -113,6 +110,9 @@ class TwinNode(EolNode):
             self.camera = VirtualCamera(s.fps, s.exposure_us * 1e-6, self.expose, self.deliver)
         elif self.camera is not None and self.camera.fault:
             raise self.camera.fault
+        if self.play.playing != self.told:  # pages name who plays: do not wait for the next second
+            self.told = self.play.playing
+            self.health.report()
 
     def close(self) -> None:
         if self.camera is not None:

@@ -15,8 +15,7 @@ from benchmarks.sound_engine import FS, error_db, make_score, ours, source, spee
 from benchmarks.sound_peers import PEERS
 from benchmarks.stalls import Stalls, overlap
 from eol_ros import cli
-from eol_ros.core.physics.twin.hands import Rim, Visitors
-from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.core.physics.twin.play import Play
 from eol_ros.errors import EolError
 from eol_ros.settings import SoundSettings, TwinSettings
 
@@ -117,14 +116,12 @@ def test_a_slip_is_followed_to_its_first_sample():
 
 def truth_of(settings, seconds):
     """Return what the twin would publish, and (time in ns, block) of each slip's beginning."""
-    table, rim, visitors = LiveTable(settings.seed), Rim(), Visitors(settings.seed)
-    truths, begun, time_s = [], [], 0.0
+    play = Play(settings.seed)
+    table, truths, begun = play.table, [], []
     for k in range(1 + round(seconds * 60)):
         span_s = 16_666_667 / NS if k > 1 else (1 / settings.fps if k else 1e-4)
-        begin_s, time_s = time_s, time_s + span_s
-        rim.advance(span_s, visitors.velocity(time_s, rim.pose), np.zeros(3))
         table._log.start[:] = -1
-        table.advance(begin_s, time_s, rim.pose, rim.velocity)
+        play.advance(span_s)
         if not k:
             continue
         stamp = 10**18 + k * 16_666_667

@@ -123,3 +123,28 @@ def test_a_commanded_rim_drags_the_blocks(graph):
     last = probe.truths[max(probe.truths)]
     assert np.mean(last.x) > np.mean(still.x)
     assert abs(last.energy_residual) < 1e-5
+
+
+@pytest.mark.slow
+def test_visitors_let_go_at_the_first_touch_of_a_person(ros):
+    twin = TwinNode(TwinSettings(fps=30.0, accelerometer=False))
+
+    def play(seconds):
+        ways = []
+        for _ in range(round(30 * seconds)):
+            before = twin.play.rim.pose.copy()
+            twin.film(0, 1 / 30)
+            ways.append(np.abs(twin.play.rim.pose - before).max())
+        return np.array(ways)
+
+    assert play(2.0).max() > 1e-3
+    assert twin.play.playing == 'visitors'
+    twin.on_rim_command(RimCommand(source='anna', vx=0.02, hold=0.25))
+    play(2.0)
+    assert twin.play.playing == 'people'
+    assert play(17.5).max() < 1e-12, 'nobody touches it, and nobody is to'
+    assert twin.play.playing == 'people'
+    assert play(3.0).max() > 1e-3
+    assert twin.play.playing == 'visitors'
+    twin.close()
+    twin.destroy_node()

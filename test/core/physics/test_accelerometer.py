@@ -7,33 +7,31 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import BLOCK_MASS_KG, BLOCK_SIDE_M, N_BLOCKS, SPRING_M
-from eol_ros.core.physics.builders import GRAVITY, NATURAL_M, STIFFNESS
+from eol_ros.core.physics.builders import GRAVITY, NATURAL_M
 from eol_ros.core.physics.twin import accelerometer
 from eol_ros.core.physics.twin.accelerometer import MG, Accelerometers
-from eol_ros.core.physics.twin.hands import Rim, Visitors
-from eol_ros.core.physics.twin.live import LiveTable
+from eol_ros.core.physics.twin.live import SOFT, Coupling
+from eol_ros.core.physics.twin.play import Play
 from eol_ros.settings import TwinSettings
 
 IMAGE_S = 1 / 60
 QUIET = TwinSettings(
-    accelerometer_noise_ug=0, accelerometer_offset_mg=0, rub_mg=0, rim_hits_per_min=0, footstep_mg=0
-)
+    accelerometer_noise_ug=0, accelerometer_offset_mg=0, rub_mg=0, rim_hits_per_min=0,
+    footstep_mg=0, **SOFT._asdict(),
+)  # fmt: skip
 NOBODY = np.zeros(N_BLOCKS, bool)
 
 
 def play(seconds, samples, seed=1, settings=QUIET, sensors=None):
     """Yield begin, table and samples of each image with visitors."""
-    table, visitors, rim = LiveTable(seed, samples), Visitors(seed), Rim()
-    sensors = sensors or Accelerometers(settings)
-    for i in range(int(seconds / IMAGE_S)):
-        begin_s, end_s = i * IMAGE_S, (i + 1) * IMAGE_S
-        rim.advance(IMAGE_S, visitors.velocity(end_s, rim.pose), np.zeros(3))
-        table.advance(begin_s, end_s, rim.pose, rim.velocity)
-        yield (
-            begin_s,
-            table,
-            sensors.advance(begin_s, end_s, table.trace, bool(rim.velocity.any()), NOBODY),
-        )
+    play = Play(
+        seed, samples, Coupling(settings.stiffness, settings.mu_static, settings.mu_kinetic)
+    )
+    table, rim, sensors = play.table, play.rim, sensors or Accelerometers(settings)
+    for _ in range(int(seconds / IMAGE_S)):
+        begin_s = play.advance(IMAGE_S)
+        moves = bool(rim.velocity.any())
+        yield begin_s, table, sensors.advance(begin_s, play.time_s, table.trace, moves, NOBODY)
 
 
 @pytest.fixture
@@ -43,13 +41,11 @@ def exact(monkeypatch):
 
 
 def test_looking_leaves_the_table_as_it_is():
-    tables = [LiveTable(4, samples) for samples in (0, 7, 64)]
-    visitors, rims = [Visitors(4) for _ in tables], [Rim() for _ in tables]
-    for i in range(300):
-        for table, hands, rim in zip(tables, visitors, rims, strict=True):
-            end_s = (i + 1) * IMAGE_S
-            rim.advance(IMAGE_S, hands.velocity(end_s, rim.pose), np.zeros(3))
-            table.advance(i * IMAGE_S, end_s, rim.pose, rim.velocity)
+    plays = [Play(4, samples) for samples in (0, 7, 64)]
+    tables = [play.table for play in plays]
+    for _ in range(300):
+        for play in plays:
+            play.advance(IMAGE_S)
     assert tables[0].slips > 5
     for table in tables[1:]:
         assert np.array_equal(table.x, tables[0].x) and np.array_equal(table.y, tables[0].y)
@@ -68,9 +64,9 @@ def test_same_seed_same_samples():
     assert not np.array_equal(one[0].xy, other[0].xy)
 
 
-def spring(way):
+def spring(table, way):
     length = np.hypot(*way)
-    return STIFFNESS * (length - NATURAL_M) * way / length
+    return table._model.k[0] * (length - NATURAL_M) * way / length
 
 
 def forces(table, u):
@@ -80,7 +76,7 @@ def forces(table, u):
     for i in range(N_BLOCKS):
         for j, rest in ((i + 1, (SPRING_M, 0.0)), (i + 5, (0.0, SPRING_M))):
             if j < N_BLOCKS and not (j == i + 1 and j % 5 == 0):
-                pull = spring(np.array(rest) + u[j] - u[i])
+                pull = spring(table, np.array(rest) + u[j] - u[i])
                 total[i] += pull
                 total[j] -= pull
     assert pitch == pytest.approx(0.174)
@@ -90,11 +86,12 @@ def forces(table, u):
 @pytest.mark.slow
 def test_samples_are_the_force_on_the_block_by_its_mass(exact):
     """Of inner blocks that slide all through a sample, from the springs between the blocks."""
-    settings = dataclasses.replace(QUIET, platform_kg=1000)  # others' knocks: 0.06 mg
+    lively = Coupling()._asdict()  # inner blocks slide
+    settings = dataclasses.replace(QUIET, platform_kg=1000, **lively)  # others' knocks: 0.06 mg
     inner, errors = [6, 7, 8, 11, 12, 13, 16, 17, 18], []
-    for begin_s, table, found in play(6, 128, settings=settings):
+    for begin_s, table, found in play(12, 128, settings=settings):
         trace = table.trace
-        for s in found:
+        for s in found if trace is not None else ():
             if s.block not in inner or s.block in trace.event_block:
                 continue
             mu = table._model.kinetic[s.block] / (BLOCK_MASS_KG * GRAVITY)

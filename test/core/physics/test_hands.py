@@ -5,7 +5,14 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_REACH_M, RIM_SIDE_M
-from eol_ros.core.physics.twin.hands import YAW_LIMIT_RAD, Commands, Rim, Visitors, reach_m
+from eol_ros.core.physics.twin.hands import (
+    YAW_LIMIT_RAD,
+    YIELD_S,
+    Commands,
+    Rim,
+    Visitors,
+    reach_m,
+)
 
 STEP_S = 1 / 60
 
@@ -43,6 +50,55 @@ def test_motion_is_smooth_and_pauses_are_still():
     runs = np.diff(np.flatnonzero(np.concatenate([[True], ~still, [True]]))) - 1
     assert runs.max() * STEP_S > 2.0
     assert np.abs(poses).max(axis=0).min() > 0.05
+
+
+@pytest.mark.slow
+def test_visitors_are_gentle_and_do_not_do_the_same_twice():
+    poses, rates = run(1, 600)
+    speed = np.hypot(rates[:, 0], rates[:, 1])
+    assert speed.max() < 0.30
+    moves = np.any(rates != 0, axis=1)
+    begins = np.flatnonzero(moves & ~np.concatenate([[False], moves[:-1]]))
+    ends = np.flatnonzero(moves & ~np.concatenate([moves[1:], [False]]))
+    assert 60 < len(begins) < 140
+    rows = []
+    for a, b in zip(begins, ends, strict=False):
+        path = np.abs(np.diff(poses[a : b + 1, :2], axis=0)).sum()
+        net = np.abs(poses[b, :2] - poses[a, :2]).sum()
+        rows.append((speed[a : b + 1].max(), path, net, abs(poses[b, 2] - poses[a, 2])))
+    peak, path, net, rotated = np.array(rows).T
+    assert np.median(peak) < 0.12
+    assert np.sum((peak < 0.12) & (net > 0.12)) > 10, 'pushes, slow and far'
+    assert np.sum((peak > 0.13) & (net < 0.12)) > 8, 'jerks, quick and short'
+    assert np.sum(path > 3 * net) > 4, 'circles, which come back'
+    assert np.sum(rotated > 0.1) > 8, 'rotations'
+
+
+def test_hands_let_go_at_a_touch_and_come_back_later():
+    visitors, pose = Visitors(3), np.zeros(3)
+    before = [visitors.velocity(t, pose) for t in np.arange(0, 1, STEP_S)][-1]
+    assert np.hypot(*before[:2]) > 0.01
+    for t in np.arange(1, 4, STEP_S):  # somebody's hand is on the rim for three seconds
+        visitors.let_go(t, YIELD_S)
+        velocity = visitors.velocity(t, pose)
+        assert np.all(np.abs(velocity) <= 1.1 * np.abs(before) * np.exp(-(t - 1) / 0.07))
+    for t in np.arange(4, 3.98 + YIELD_S, STEP_S):
+        assert visitors.away(t)
+        assert not np.any(visitors.velocity(t, pose))
+    after = [visitors.velocity(4 + YIELD_S + s, pose) for s in np.arange(0, 2, STEP_S)]
+    assert not visitors.away(4 + YIELD_S)
+    assert np.abs(np.diff(after, axis=0)[:, :2]).max() / STEP_S < 1.0, 'they begin gently'
+    assert np.hypot(*after[-1][:2]) > 0.01
+
+
+def test_a_hand_that_pushes_is_a_touch_and_one_that_lets_go_is_none():
+    commands = Commands()
+    assert commands.touched_s == -np.inf
+    commands.take(1.0, 'anna', (0.0, 0.0, 0.0), 0.25)
+    assert commands.touched_s == -np.inf
+    commands.take(2.0, 'anna', (0.0, 0.0, 0.1), 0.25)
+    commands.take(2.5, 'anna', (0.0, 0.0, 0.0), 0.25)
+    assert commands.touched_s == 2.0
 
 
 def test_same_seed_same_hands():

@@ -5,18 +5,18 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
-from eol_ros.core.physics.twin.hands import Commands, Rim, Visitors
-from eol_ros.core.physics.twin.live import CLEAR_M, LiveTable
+from eol_ros.core.physics.twin.hands import Commands, Rim
+from eol_ros.core.physics.twin.live import CLEAR_M, SOFT, LiveTable
+from eol_ros.core.physics.twin.play import Play
 
 IMAGE_S = 1 / 60
 
 
 def play(seed: int, seconds: float):
-    table, visitors, rim = LiveTable(seed), Visitors(seed), Rim()
-    xy, moving = [], []
-    for i in range(int(seconds / IMAGE_S)):
-        rim.advance(IMAGE_S, visitors.velocity((i + 1) * IMAGE_S, rim.pose), np.zeros(3))
-        table.advance(i * IMAGE_S, (i + 1) * IMAGE_S, rim.pose, rim.velocity)
+    hands = Play(seed)
+    table, xy, moving = hands.table, [], []
+    for _ in range(int(seconds / IMAGE_S)):
+        hands.advance(IMAGE_S)
         xy.append(np.stack([table.x, table.y], axis=1))
         moving.append(table.moving.copy())
     return table, np.array(xy), np.array(moving)
@@ -63,7 +63,7 @@ def test_same_seed_same_table():
 
 @pytest.mark.parametrize('pull', [(5.0, 0.0, 0.0), (5.0, -5.0, 0.0), (0.0, 5.0, 5.0)])
 def test_a_rim_that_is_pulled_hard_stops_at_the_blocks_and_comes_back(pull):
-    table, rim, commands = LiveTable(1), Rim(), Commands()
+    table, rim, commands = LiveTable(1, coupling=SOFT), Rim(), Commands()
     stopped = 0
     for i in range(480):
         way = 1.0 if i < 240 else -1.0
@@ -104,7 +104,7 @@ def led(table, rim, velocity, seconds):
 @pytest.mark.parametrize('way', [(0.35, -0.1), (-0.3, 0.3), (0.3, 0.3)])
 @pytest.mark.parametrize('yaw', [0.35, -0.35])
 def test_a_rim_that_touches_a_block_rotates_and_slides_along_it(way, yaw):
-    table, rim = LiveTable(1), Rim()
+    table, rim = LiveTable(1, coupling=SOFT), Rim()
     table.seconds = 0.0
     touching = led(table, rim, (*way, 0.0), 4.0)
     assert table.clearance_m(touching) < CLEAR_M + 1e-6, 'it has come to the end of its way'

@@ -15,15 +15,33 @@ from eol_ros.core.physics.kernel_args import Grid, Rim, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.status import OK
+from eol_ros.settings import TwinSettings
 
 TOLERANCE = 1e-5
 MOST_EVENTS, MOST_STEPS = 2000, 5000  # between two images: some 50 ms of work
 FRICTION_SPREAD = 0.15  # blocks differ by up to this share, as grit and weights do
-OFFSET_M = 0.004  # the blocks are set down by hand
+OFFSET_M = 0.004  # the blocks are set down by hand,
+REST = 0.0725  # and rest: no further off than this share of what stretches a spring to a break
 CLEAR_M = 0.002  # between the rim and a block: nearer the hands do not push
 TOUCH_M = 1e-7
 MOST_CONTACTS = 100
 RHO_M = RIM_SIDE_M / np.sqrt(6)  # the radius of gyration of a thin square frame
+
+
+class Coupling(NamedTuple):
+    """What couples the blocks: stiffness of a spring (N/m), and the mean friction on the grit."""
+
+    stiffness: float = TwinSettings.stiffness
+    mu_static: float = TwinSettings.mu_static
+    mu_kinetic: float = TwinSettings.mu_kinetic
+
+    @property
+    def break_m(self) -> float:
+        """By how much one spring must stretch to break a block loose."""
+        return self.mu_static * BLOCK_MASS_KG * builders.GRAVITY / self.stiffness
+
+
+SOFT = Coupling(builders.STIFFNESS, builders.MU_STATIC, builders.MU_KINETIC)  # of the named scenes
 
 
 class Trace(NamedTuple):
@@ -49,23 +67,23 @@ class LiveTable:
     ledger misses since the start. `faults` counts images in which the solver met a limit: then all
     blocks are stopped where they are, and the show goes on. With `samples`, `trace` tells how the
     blocks moved in the last step, at so many equal parts of it; None where all was still.
-    `mu_kinetic` is the mean of the blocks.
     """
 
-    def __init__(
-        self, seed: int, samples: int = 0, mu_kinetic: float = builders.MU_KINETIC
-    ) -> None:
+    def __init__(self, seed: int, samples: int = 0, coupling: Coupling | None = None) -> None:
+        coupling = coupling or Coupling()
         random = np.random.default_rng([seed, 0x7461626C])
         share = 1 + FRICTION_SPREAD * random.uniform(-1, 1, N_BLOCKS)
+        offset_m = min(OFFSET_M, REST * coupling.break_m)
         scene = from_mapping(
             builders.table(
                 {'kind': 'none'},
                 0.0,
+                k=coupling.stiffness,
                 mass=BLOCK_MASS_KG,
                 geometric=True,
-                mu_s=list(builders.MU_STATIC * share),
-                mu_k=list(mu_kinetic * share),
-                u0=random.uniform(-OFFSET_M, OFFSET_M, (N_BLOCKS, 2)).tolist(),
+                mu_s=list(coupling.mu_static * share),
+                mu_k=list(coupling.mu_kinetic * share),
+                u0=random.uniform(-offset_m, offset_m, (N_BLOCKS, 2)).tolist(),
             )
         )
         self._model = Model.of(scene)

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The table, its rim and who moves it, from image to image: what the twin and its measures run."""
+
+from eol_ros.core.physics.twin.hands import YIELD_S, Commands, Rim, Visitors
+from eol_ros.core.physics.twin.live import Coupling, LiveTable
+
+AWAY_S = 1.0  # visitors who were sent away come back this long after they may
+
+
+class Play:
+    """A live table under hands: simulated visitors, and people through `commands`.
+
+    Visitors let go at the first touch of a person and stay away for YIELD_S after the last. Who has
+    the table is in `playing`: 'people', 'visitors' or 'nobody'. `time_s` is 0 at the start.
+    """
+
+    def __init__(self, seed: int, samples: int = 0, coupling: Coupling | None = None) -> None:
+        self.table, self.rim = LiveTable(seed, samples, coupling), Rim()
+        self.visitors, self.commands = Visitors(seed), Commands()
+        self.time_s, self.playing = 0.0, ''
+
+    def advance(self, span_s: float, visitors: bool = True) -> float:
+        """Move on by `span_s`; without `visitors` only people move the rim. Return the begin, s."""
+        begin_s, self.time_s = self.time_s, self.time_s + span_s
+        people_s = self.commands.touched_s + YIELD_S - self.time_s
+        if not visitors:
+            self.visitors.let_go(self.time_s, max(people_s, AWAY_S))
+        elif people_s > 0:
+            self.visitors.let_go(self.time_s, people_s)
+        self.playing = 'people' if people_s > 0 else 'visitors' if visitors else 'nobody'
+        hands = self.visitors.velocity(self.time_s, self.rim.pose)
+        self.rim.advance(span_s, hands, self.commands.velocity(self.time_s))
+        self.table.advance(begin_s, self.time_s, self.rim.pose, self.rim.velocity)
+        return begin_s
