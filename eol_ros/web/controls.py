@@ -15,7 +15,8 @@ from eol_ros.streams.requests import KINDS, SET, Asked, Number, Word, checked
 class Control:
     """One button: a request of `kind`, to `node` or to all that heed it.
 
-    settings: of a request that sets, which field of the body each setting takes.
+    settings: of a request that sets, which field of the body each setting takes. fixed: what it
+    sets by itself.
     """
 
     name: str
@@ -24,6 +25,7 @@ class Control:
     node: str = ''
     takes: tuple[Number | Word, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
+    fixed: Mapping[str, Any] = field(default_factory=dict)
 
     def read(self, body: Any, source: str) -> Asked:
         """Return what a body asks for; raises UsageError that names what is wrong."""
@@ -32,7 +34,7 @@ class Control:
         values = checked(self.name, self.takes, body)
         if self.settings:
             values = {name: values[given] for name, given in self.settings.items()}
-        return Asked(self.kind, self.node, values, source=source)
+        return Asked(self.kind, self.node, {**values, **self.fixed}, source=source)
 
 
 def _setting(name: str, node: str, setting: str) -> Control:
@@ -52,6 +54,20 @@ CONTROLS: dict[str, Control] = {
     row.name: row
     for row in (
         *map(_plain, ('sleep', 'wake', 'mute', 'unmute', 'test', 'calibrate', 'learn_background')),
+        Control(
+            'plays_itself',
+            'simulated visitors play with the virtual table while nobody does',
+            SET,
+            'twin',
+            fixed={'hands': 'visitors'},
+        ),
+        Control(
+            'people_only',
+            'only people move the virtual table',
+            SET,
+            'twin',
+            fixed={'hands': 'nobody'},
+        ),
         _setting('radius', 'grains', 'radius'),
         _setting('threshold', 'tracker', 'threshold'),
         Control(

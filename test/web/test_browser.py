@@ -181,6 +181,39 @@ def test_keys_and_two_fingers_turn_the_rim(graph, browser):
     assert complaints(browser) == []
 
 
+def test_the_page_says_when_nobody_plays_and_the_panel_switches_it(graph, browser):
+    """From the button through the graph to the words on the table, and back at a touch."""
+    address, _ = graph
+    alone = 'document.getElementById("alone")'
+    visit(browser, address, '/table')
+    until_page(browser, 'eol.counts.packets > 30')
+    assert run(browser, f'return {alone}.hidden')
+    with urllib.request.urlopen(urllib.request.Request(
+        f'{address}/control/plays_itself', b'{}', {'Content-Type': 'application/json'}
+    )) as answer:  # fmt: skip
+        assert json.load(answer)['ok']
+    start = run(browser, 'return [...eol.state().rim]')
+    # the test before touched it, and has 20 s
+    until_page(browser, f'!{alone}.hidden && Math.hypot(eol.state().rim[0] - {start[0]},'
+                        f' eol.state().rim[1] - {start[1]}) > 0.005', 60)  # fmt: skip
+    for name, words in (('zh-Hant', '此刻沒有人'), ('en', 'Nobody is here')):
+        browser.find_element('css selector', f'#languages [lang={name}]').click()
+        until_page(browser, f'{alone}.textContent.startsWith("{words}")')
+        picture(browser, f'table-alone-{name}')
+    mouse(browser, 'mousePressed', 640, 400)
+    mouse(browser, 'mouseMoved', 645, 400)
+    until_page(browser, f'{alone}.hidden')
+    mouse(browser, 'mouseReleased', 645, 400, 0)
+    until_page(browser, '!eol.hands.holding')
+    until_page(browser, f'{alone}.hidden')  # theirs for 20 s
+    visit(browser, address, '/')
+    button = 'document.querySelector("[data-control=people_only]")'
+    until_page(browser, f'{button}.offsetParent && {button}.ariaPressed === "false"')
+    run(browser, f'{button}.click()')
+    until_page(browser, f'{button}.ariaPressed === "true"')
+    assert complaints(browser) == []
+
+
 def test_visitors_add_up(graph):
     """Two hands of 0.04 m/s each move the rim at 0.08 m/s, as the twin's own stamps tell."""
     address, _ = graph

@@ -160,6 +160,8 @@ def test_each_control_reaches_the_graph(serve):
     assert ('set', 'tracker', {'threshold': 90.0}, people) in calls
     axes = {'x_axis': 'centroid_mean_hz', 'y_axis': 'loudness'}
     assert ('set', 'grains', axes, people) in calls
+    assert ('set', 'twin', {'hands': 'visitors'}, people) in calls
+    assert ('set', 'twin', {'hands': 'nobody'}, people) in calls
     assert ('play_grain', '', {'grain': 7}, people) in calls
     assert ('move_grain', '', {'grain': 3, 'x': 0.5, 'y': 1.0}, people) in calls
     assert len(calls) == len(CONTROLS)

@@ -81,6 +81,10 @@ link.on('health', (status) => {
   nodes.take(status, Math.max(0, link.now() - status.at));
   if (status.node === 'tracker') camera.showThreshold(status.values.threshold);
   if (status.node === 'grains') showReach(Number(status.values.radius));
+  if (status.node === 'twin' && status.values.hands) {
+    $('ghosts').hidden = false;
+    press('plays_itself', 'people_only', status.values.hands === 'visitors');
+  }
   if (status.node === 'sound') press('mute', 'unmute', status.values.muted === 'True');
   if (status.node === 'hours') sayHours((hours = status));
 });

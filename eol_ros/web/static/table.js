@@ -6,6 +6,7 @@ import { Hands } from './hands.js';
 import { LANGUAGES, language, say, speak } from './i18n.js';
 import { Link, readBlocks, readLeds, readTruth } from './link.js';
 import { TableDrawing } from './tabledraw.js';
+import { write } from './paint.js';
 import { land } from './terrain.js';
 import { WallView } from './wallview.js';
 
@@ -21,6 +22,7 @@ const walls = ['left', 'right'].map((side) => new WallView($(side), side, link))
 const counts = { drawings: 0, slips: 0, flashes: 0, flips: 0, packets: 0, cascade: 0 };
 window.eol = { link, listener, hands, drawing, counts, walls, state: () => state };
 let state = null;
+let playing = ''; // who has the table: people, visitors that are simulated, or nobody
 let leds = new Uint8Array(25);
 let ledsAt = 0;
 
@@ -52,6 +54,11 @@ link.on('leds', (packet) => {
   if (white.some((level, id) => level > leds[id] + 40)) counts.flashes++;
   leds = white;
   ledsAt = performance.now();
+});
+link.on('health', ({ node, values }) => {
+  if (node !== 'twin') return;
+  playing = values.playing ?? '';
+  tell();
 });
 link.on('cascades', (day) => {
   const newest = day.recent[day.recent.length - 1];
@@ -115,6 +122,10 @@ function tell() {
       : !link.mayPush ? say('table_locked')
         : link.age('truth') > STALE_S ? say('table_none')
           : counts.cascade ? say('table_cascade', { area: counts.cascade }) : '';
+  if (hands.holding) playing = 'people'; // the twin says so a moment later
+  const alone = playing === 'visitors' && !stale && link.age('truth') < STALE_S;
+  $('alone').hidden = !alone;
+  if (alone) write($('alone'), `${say('table_alone')} ${link.mayPush ? say('table_touch') : ''}`);
   $('listen').setAttribute('aria-pressed', listener.on);
   $('listen').textContent = listener.on && listener.latency !== null
     ? say('table_sound', { latency: Math.round(listener.latency * 1000) }) : say('table_sound_on');
