@@ -240,8 +240,8 @@ def measure_slips(seconds: float, fps: float, seed: int) -> dict[str, float]:
     for _ in range(round(seconds * fps)):
         begun += twin.step(1 / fps)
         xy = np.stack([twin.table.x, twin.table.y]) + random.normal(0, NOISE_M, (2, 25))
-        found = selector.update(twin.time_s, *xy, np.ones(25, bool), np.full(25, NOISE_M))
-        sounded += [(int(row['block']), twin.time_s) for row in found]
+        found = selector.update(twin.play.time_s, *xy, np.ones(25, bool), np.full(25, NOISE_M))
+        sounded += [(int(row['block']), twin.play.time_s) for row in found]
     waits = []
     for at_s, block in begun:
         after = [s - at_s for b, s in sounded if b == block and 0 <= s - at_s < 0.25]
