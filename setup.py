@@ -56,6 +56,7 @@ TEST = [
     'ruff>=0.6',
     'mypy>=1.10',
     'selenium>=4',
+    'aiosmtpd>=1.4.6',  # a mail server of the tests
     *ROS,
     *ORACLES,
     *COLCON,

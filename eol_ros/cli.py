@@ -22,6 +22,7 @@ GROUPS = {
         'check': 'check a scene and list all its mistakes',
         'kiosk': 'open the two walls full screen',
         'service': 'start at boot, watched by systemd',
+        'notify': 'send a test message to those whom the scene tells of troubles',
     },
     'look': {
         'status': 'show the state of the running graph',

@@ -12,6 +12,7 @@ A scene names the nodes that run and what differs from their defaults:
       tracker: {}
     together: [[camera, tracker]]
     elsewhere: [motion]        # runs on another machine of the network
+    notify: {webhook: URL}     # who is told what lasts
 
 Every scene has a recorder, named or not; `recorder: off` among the nodes leaves it out.
 """
@@ -30,12 +31,12 @@ from typing import Any
 import yaml
 
 from eol_ros.errors import ConfigError, EolError
-from eol_ros.settings import MASK, masked, renamed, secrets
+from eol_ros.settings import MASK, NotifySettings, masked, renamed, secrets
 from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
 
 _KEYS = (
     'scene', 'include', 'network', 'domain', 'namespace', 'real_time', 'nodes', 'together',
-    'elsewhere',
+    'elsewhere', 'notify',
 )  # fmt: skip
 _WORDS = {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'text'}
 
@@ -55,6 +56,7 @@ class Scene:
     text: str = ''  # of the file and its includes, as it goes into a bag
     warnings: tuple[str, ...] = ()  # what is understood, and should be said in another way
     namespace: str = NAMESPACE  # without the slash at its beginning
+    notify: NotifySettings | None = None
     # Where nodes and their settings stand (`leds`, `leds.port`): file, line, column.
     places: dict[str, tuple[str, int, int]] = field(default_factory=dict, repr=False, compare=False)
 
@@ -96,7 +98,7 @@ def mistake(scene: Scene, where: str, error: EolError) -> Mistake:
     """
     what = str(error)
     head, colon, rest = what.partition(': ')
-    if colon and head.partition('.')[0] in scene.nodes:
+    if colon and head.partition('.')[0] in (*scene.nodes, 'notify'):
         where, what = head, rest
     file = str(scene.path) if scene.path else ''
     places = [where, where.partition('.')[0]]
@@ -229,18 +231,19 @@ class _Reader:
         kind = 'node' if where.startswith('nodes.') else 'key'
         self.wrong(place.keys[key], where, f'no such {kind}{hint}')
 
-    def node(self, name: str, place: _Place) -> Any:
-        """Return the settings of node `name`."""
+    def settings(self, name: str, kind: type, place: _Place) -> Any:
+        """Return the settings of `name`, a dataclass of this kind."""
         self.places[name] = place.file, place.line, place.column
-        fields = {f.name: f for f in dataclasses.fields(NODES[name].settings)}
+        fields = {f.name: f for f in dataclasses.fields(kind)}
         if place.value is None:  # `camera:` with nothing behind it: all defaults
-            return NODES[name].settings()
+            return kind()
         if not isinstance(place.value, dict):
-            such = '{images: all}, nor off' if name == 'recorder' else '{device: auto}'
-            self.wrong(place, name, f'not a mapping of settings, such as {such}')
-            return NODES[name].settings()
+            such = {'recorder': '{images: all}, nor off', 'notify': '{webhook: URL}'}
+            such_as = such.get(name, '{device: auto}')
+            self.wrong(place, name, f'not a mapping of settings, such as {such_as}')
+            return kind()
         values = {}
-        before = renamed(NODES[name].settings)
+        before = renamed(kind)
         for key, item in place.value.items():
             where = f'{name}.{key}'
             if key in before and before[key] not in place.value:
@@ -258,15 +261,15 @@ class _Reader:
             except ConfigError as error:
                 self.wrong(item, where, str(error))
                 continue
-            kind = fields[key].metadata.get('path')
-            if kind and value:
+            path = fields[key].metadata.get('path')
+            if path and value:
                 full = (Path(item.file).parent / Path(value).expanduser()).resolve()
                 if full.exists():
                     value = str(full)
-                elif kind is True:
+                elif path is True:
                     self.wrong(item, where, f'{value}: no such file or folder')
             values[key] = value
-        return NODES[name].settings(**values)
+        return kind(**values)
 
 
 def _bare(place: _Place) -> Any:
@@ -353,7 +356,7 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
 
 def without_secrets(scene: Scene, text: str) -> str:
     """Return `text` with a mask wherever a secret of the scene stands in it."""
-    for settings in scene.nodes.values():
+    for settings in filter(None, (*scene.nodes.values(), scene.notify)):
         for secret in secrets(settings).values():
             text = text.replace(secret, MASK)
     return text
@@ -362,7 +365,9 @@ def without_secrets(scene: Scene, text: str) -> str:
 def public(scene: Scene) -> Scene:
     """Return the scene as it may be shown and kept: without what is secret in it."""
     nodes = {name: masked(settings) for name, settings in scene.nodes.items()}
-    return dataclasses.replace(scene, nodes=nodes, text=without_secrets(scene, scene.text))
+    notify = masked(scene.notify) if scene.notify else None
+    text = without_secrets(scene, scene.text)
+    return dataclasses.replace(scene, nodes=nodes, notify=notify, text=text)
 
 
 def plain(scene: Scene) -> dict[str, Any]:
@@ -374,19 +379,20 @@ def plain(scene: Scene) -> dict[str, Any]:
         data['namespace'] = scene.namespace
     if not scene.real_time:
         data['real_time'] = False
-    data['nodes'] = {
-        name: {
-            k: list(v) if isinstance(v, tuple) else v
-            for k, v in dataclasses.asdict(settings).items()
-        }
-        for name, settings in scene.nodes.items()
-    }
+    data['nodes'] = {name: _plain(settings) for name, settings in scene.nodes.items()}
     if 'recorder' not in scene.nodes:
         data['nodes']['recorder'] = False  # as YAML 1.1 reads `off`
     data['together'] = [list(group) for group in scene.together]
     if scene.elsewhere:
         data['elsewhere'] = list(scene.elsewhere)
+    if scene.notify:
+        data['notify'] = _plain(scene.notify)
     return data
+
+
+def _plain(settings: Any) -> dict[str, Any]:
+    values = dataclasses.asdict(settings).items()
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in values}
 
 
 def shipped() -> dict[str, Path]:
@@ -454,6 +460,8 @@ def load(name: str | Path) -> Scene:
     namespace = _namespace(reader, values.get('namespace'))
     title = values.get('scene')
     together = _together(reader, values.get('together'), nodes)
+    place = values.get('notify')
+    notify = reader.settings('notify', NotifySettings, place) if place else None
     if reader.mistakes:
         raise SceneError(reader.mistakes)
     return Scene(
@@ -468,6 +476,7 @@ def load(name: str | Path) -> Scene:
         '\n'.join(reader.texts),
         tuple(reader.warnings),
         namespace,
+        notify,
         reader.places,
     )
 
@@ -517,7 +526,7 @@ def _nodes(reader: _Reader, top: _Place, elsewhere: tuple[str, ...]) -> dict[str
         if name not in NODES:
             reader.unknown(place, f'nodes.{name}', name, NODES)
         elif name != 'recorder' or not _off(item):
-            nodes[name] = reader.node(name, item)
+            nodes[name] = reader.settings(name, NODES[name].settings, item)
     if nodes and 'recorder' not in place.value:
         nodes['recorder'] = NODES['recorder'].settings()
     sources = [name for name in IMAGE_SOURCES if name in nodes]

@@ -408,6 +408,27 @@ class ReplaySettings:
     )
 
 
+@dataclass(frozen=True)
+class NotifySettings:
+    webhook: str = setting(
+        '', 'address that gets messages as JSON; `text` is all of it in words', secret=True
+    )
+    mail_to: tuple[str, ...] = setting((), 'mail addresses that get messages')
+    mail_from: str = setting('', 'mail address that they come from')
+    smtp: str = setting('', 'mail server, HOST:PORT')
+    smtp_security: str = setting(
+        'starttls', 'how the line to it is kept secret', choices=('starttls', 'tls', 'none')
+    )
+    smtp_user: str = setting('', 'who logs in there; empty: nobody')
+    smtp_password: str = setting('', 'of this user', secret=True)
+    after_s: float = setting(60.0, 'what is not OK for so long is told', 's', 5, 86400)
+    pause_s: float = setting(
+        300.0, 'least time between two messages; what changes in it is told at its end', 's', 10,
+        86400,
+    )  # fmt: skip
+    daily: str = setting('20:00', 'when the sum of the day is told; empty: never')
+
+
 MASK = '***'  # stands where a secret is not shown
 
 

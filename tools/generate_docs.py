@@ -13,6 +13,7 @@ from pathlib import Path
 
 import public_api
 
+from eol_ros.settings import NotifySettings
 from eol_ros.streams.graph import NODES, QOS, TOPICS
 
 ROOT = Path(__file__).parents[1]
@@ -77,7 +78,9 @@ def settings_page() -> str:
         'say of each node; the same names are ROS parameters. *Live* ones may change while '
         'the node runs (`ros2 param set /eol/NODE NAME VALUE`).',
     ]
-    for node, kind in ((node.name, node.settings) for node in NODES.values()):
+    kinds = {node.name: node.settings for node in NODES.values()}
+    kinds['notify, beside nodes'] = NotifySettings
+    for node, kind in kinds.items():
         rows = [
             f'## {node}',
             '',

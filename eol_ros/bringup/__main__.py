@@ -15,6 +15,7 @@ from eol_ros import scene as scenes
 from eol_ros.bringup import plan, status
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.memory import Memory
+from eol_ros.bringup.notify import Notifier
 from eol_ros.bringup.service_manager import ServiceManager
 from eol_ros.bringup.supervisor import Supervisor
 from eol_ros.bringup.terminal import Terminal
@@ -112,6 +113,7 @@ def run(args: argparse.Namespace) -> int:
             memory=None
             if 'replay' in scene.nodes  # which plays what was asked in its run
             else Memory(scene, plan.domain(scene), always=manager.there),
+            notifier=Notifier(scene) if scene.notify else None,
         )
         return supervisor.run(args.seconds)
 

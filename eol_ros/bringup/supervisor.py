@@ -16,6 +16,7 @@ from eol_ros.bringup import status
 from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.memory import Memory, words
+from eol_ros.bringup.notify import Notifier
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import FINE, HUNG, PAUSE_S, START_S, START_STARVED_S, STARVED, STARVED_S
 from eol_ros.bringup.service_manager import ServiceManager
@@ -43,12 +44,13 @@ class Supervisor:
         clock: Callable[[], float] = time.monotonic,
         manager: ServiceManager | None = None,
         memory: Memory | None = None,
+        notifier: Notifier | None = None,
     ):
         self.scene, self.namespace, self._clock = scene, namespace, clock
         self._manager = manager or ServiceManager({}, clock)
         self.children = [Child(process) for process in processes]
         self._compiler = Child(compiler) if compiler else None
-        self._memory = memory
+        self._memory, self._notifier = memory, notifier
         self._server, self._events, self._say = server, events, say
         self._asked_to_stop = self._hurry = False
         self._told: dict[str, tuple[int, str]] = {}
@@ -57,7 +59,7 @@ class Supervisor:
         self.real_time = any(process.real_time for process in processes)
         self._told_priority = False
         self._told_slow: list[Child] = []  # whom to wait for at the end
-        self._told_memory = ''
+        self._told_memory = self._told_notifier = ''
         self._wake, self._waker = os.pipe()
         for fd in (self._wake, self._waker):
             os.set_blocking(fd, False)
@@ -107,6 +109,8 @@ class Supervisor:
             self._stop()
             if self._memory:
                 self._memory.end(asked=self._asked_to_stop or code == 0)
+            if self._notifier:
+                self._notifier.end()
         restarts = sum(child.policy.restarts for child in self.children)
         age = int(self._clock() - self._began_s)
         self._note(
@@ -238,8 +242,21 @@ class Supervisor:
                 self.all_ok_s = round(now - self._began_s, 2)
                 self._note(f'all OK after {self.all_ok_s:.1f} s')
         self._remember()
-        status.answer(self._server, self.describe())
+        described = self.describe()
+        self._notify(now, described)
+        status.answer(self._server, described)
         return None
+
+    def _notify(self, now: float, described: dict[str, Any]) -> None:
+        """Let people be told of what lasts; nothing here waits for a server."""
+        if self._notifier is None:
+            return
+        restarts = {child.process.name: child.policy.restarts for child in self.children}
+        if message := self._notifier.look(now, described, restarts):
+            self._note(f'told: {message["title"]}')
+        if (trouble := self._notifier.trouble) != self._told_notifier:
+            self._told_notifier = trouble
+            self._note(f'nobody can be told: {trouble}' if trouble else 'messages arrive again')
 
     def _settle(self, child: Child) -> None:
         if not child.settle():

@@ -92,7 +92,7 @@ def _refused(scene: Scene, checks: Iterator[Check]) -> list[Mistake]:
             check()
         except EolError as error:
             node, _, key = where.partition('.')
-            named = str(getattr(scene.nodes[node], key, ''))
+            named = str(getattr(scene.nodes.get(node), key, ''))
             if named and str(error).startswith(f'{named}: '):
                 what = str(error).removeprefix(f'{named}: ')
                 found.append(Mistake(named, 1, 1, where, what))
@@ -106,12 +106,21 @@ def _settings(scene: Scene) -> Iterator[Check]:
     for name, settings in scene.nodes.items():
         if name in _NODES:
             yield from _NODES[name](settings)
+    if scene.notify:
+        from eol_ros.bringup import notify
+
+        for name, what in notify.mistakes(scene.notify):
+            yield f'notify.{name}', functools.partial(_refuse, what)
     cameras = [(n, scene.nodes[n]) for n in ('twin', 'camera') if n in scene.nodes]
     tracker, leds = scene.nodes.get('tracker'), scene.nodes.get('leds')
     if tracker and cameras and tracker.calibration:
         yield 'tracker.calibration', lambda: _same_size(tracker.calibration, *cameras[0])
     if tracker and leds:
         yield 'leds.blink_block', lambda: _same_blink(tracker, leds)
+
+
+def _refuse(what: str) -> None:
+    raise ConfigError(what)
 
 
 def _calibration(settings: Any, name: str) -> Iterator[Check]:
@@ -175,12 +184,9 @@ def _hours(settings: Any) -> Iterator[Check]:
     from eol_ros.core import opening_hours
     from eol_ros.devices.files import time_zone
 
-    def refuse(what: str) -> None:
-        raise ConfigError(what)
-
     yield 'hours.time_zone', lambda: time_zone.load(settings.time_zone)
     for what in opening_hours.mistakes(settings.open):
-        yield 'hours.open', functools.partial(refuse, what)
+        yield 'hours.open', functools.partial(_refuse, what)
 
 
 def _panel(settings: Any) -> Iterator[Check]:

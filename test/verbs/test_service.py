@@ -79,9 +79,10 @@ def test_a_scene_without_walls_opens_none(written):
 
 def test_what_is_open_to_the_network_is_not_shut_in(tmp_path):
     path = tmp_path / 'open.yaml'
-    path.write_text('network: lan\nnodes: {twin: {}, tracker: {}}\n')
-    units = service.units(scenes.load(path), 'museum', Path('/home/museum'), tmp_path)
-    assert 'IPAddressDeny' not in units[service.WORK_PATH]
+    for line in ('network: lan', 'notify: {webhook: "https://museum.at/hook"}'):
+        path.write_text(f'{line}\nnodes: {{twin: {{}}, tracker: {{}}}}\n')
+        units = service.units(scenes.load(path), 'museum', Path('/home/museum'), tmp_path)
+        assert 'IPAddressDeny' not in units[service.WORK_PATH]
 
 
 def test_all_folders_that_a_scene_writes_to_can_be_written(tmp_path):

@@ -17,9 +17,9 @@ class DayFile:
     the show goes on.
     """
 
-    def __init__(self, name: str):
+    def __init__(self, name: str, what: str = 'cascades'):
         plain = re.sub(r'[^\w.-]', '_', name)
-        self.path = folders.state_path() / f'cascades-{plain}.json'
+        self.path = folders.state_path() / f'{what}-{plain}.json'
         self.trouble = ''
         self._saved: Any = None
         self._next_s = 0.0

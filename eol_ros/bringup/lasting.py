@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What of a run is worth a message to people: troubles that last, and the sum of a day. Pure.
+
+Times and states are arguments.
+"""
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+SETTLED_S = 30.0  # well for so long: what flaps is not well in between
+STARTING, DOWN = 3, 4  # levels of a status
+START_S = 180.0  # who starts may be not OK for so long more: it may compile
+STORM, STORM_S = 5, 600.0  # so many starts within this time, though each lasts but seconds
+GB = 1e9
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """Something that is not as it should be: whose, in words, and how long it may last untold."""
+
+    what: str
+    text: str
+    patience_s: float
+
+
+@dataclass(frozen=True)
+class News:
+    """What has changed since people were told: troubles that last, in words; those that ended."""
+
+    lasting: tuple[str, ...]
+    over: tuple[str, ...]
+
+
+class Lasting:
+    """Tells what lasts, and that it is over; never more often than every `pause_s`.
+
+    What changes within the pause is told at its end, if it is still so.
+    """
+
+    def __init__(self, pause_s: float):
+        self.pause_s = pause_s
+        self._since: dict[str, float] = {}
+        self._well: dict[str, float] = {}  # since when what was not well is
+        self._troubles: dict[str, Trouble] = {}
+        self._told: set[str] = set()
+        self._last_s: float | None = None
+
+    def look(self, now_s: float, troubles: Iterable[Trouble]) -> News | None:
+        """Take the troubles of now; return what to tell, if anything."""
+        now = {trouble.what: trouble for trouble in troubles}
+        for what in now:
+            self._since.setdefault(what, now_s)
+            self._well.pop(what, None)
+        self._troubles |= now
+        for what in [what for what in self._since if what not in now]:
+            if now_s - self._well.setdefault(what, now_s) >= SETTLED_S:
+                for kept in (self._since, self._well, self._troubles):
+                    del kept[what]
+        lasting = {what for what in self._since if self._lasts(what, now_s)}
+        early = self._last_s is not None and now_s - self._last_s < self.pause_s
+        if lasting == self._told or early:
+            return None
+        over, self._told, self._last_s = self._told - lasting, lasting, now_s
+        return News(self.words(now_s), tuple(sorted(over)))
+
+    def _lasts(self, what: str, now_s: float) -> bool:
+        if what in self._told:  # it is over when it is settled, not before
+            return True
+        long = now_s - self._since[what] >= self._troubles[what].patience_s
+        return long and what not in self._well
+
+    def words(self, now_s: float) -> tuple[str, ...]:
+        """Return what has been told and is not over, a line each."""
+        return tuple(
+            f'{what}: {self._troubles[what].text}, for {duration(now_s - self._since[what])}'
+            for what in sorted(self._told)
+        )
+
+
+def duration(seconds: float) -> str:
+    """Return a time in words: `40 s`, `12 min`, `3.5 h`."""
+    if seconds < 120:
+        return f'{seconds:.0f} s'
+    return f'{seconds / 60:.0f} min' if seconds < 7200 else f'{seconds / 3600:.1f} h'
+
+
+class Storms:
+    """Finds processes that are started again and again."""
+
+    def __init__(self) -> None:
+        self._before: dict[str, int] = {}
+        self._at_s: dict[str, deque[float]] = {}
+
+    def look(self, now_s: float, restarts: Mapping[str, int]) -> list[Trouble]:
+        """Take how often each process was started again; return those that storm."""
+        found = []
+        for name, count in restarts.items():
+            times = self._at_s.setdefault(name, deque(maxlen=STORM))
+            times.extend([now_s] * (count - self._before.get(name, 0)))
+            self._before[name] = count
+            while times and now_s - times[0] > STORM_S:
+                times.popleft()
+            if len(times) == STORM:
+                minutes = STORM_S / 60
+                text = f'was started again {STORM} times within {minutes:.0f} min'
+                found.append(Trouble(f'{name} restarts', text, 0.0))
+        return found
+
+
+def of_nodes(
+    rows: Iterable[Mapping[str, Any]], words: tuple[str, ...], after_s: float
+) -> list[Trouble]:
+    """Return the nodes of a status that are not OK; `words` name the levels."""
+    return [
+        Trouble(
+            row['node'],
+            f'{words[row["level"]]}, {row["text"]}',
+            after_s + (START_S if row['level'] == STARTING else 0.0),
+        )
+        for row in rows
+        if row['level']
+    ]
+
+
+def of_disk(free_bytes: float | None, least_gb: float, after_s: float) -> list[Trouble]:
+    """Return whether the disk is nearly full: less free than twice what recording stops at."""
+    if free_bytes is None or free_bytes >= 2 * least_gb * GB:
+        return []
+    text = f'{free_bytes / GB:.1f} GB free; recording stops at {least_gb:g} GB'
+    return [Trouble('disk', text, after_s)]
+
+
+@dataclass
+class Sums:
+    """What adds up over a day; counters of a node that is started again begin from zero."""
+
+    since_s: float = 0.0  # system time at which it began; 0: not yet
+    open_s: float = 0.0
+    restarts: int = 0
+    slips: int = 0
+    lost: int = 0
+    _before: dict[str, int] = field(default_factory=dict)
+    _last_s: float | None = None
+
+    def take(self, now_s: float, rows: Iterable[Mapping[str, Any]], restarts: int) -> None:
+        """Add what has come since the last call; `now_s` is steady."""
+        nodes = {str(row['node']): row for row in rows}
+        asleep = any(bool(row['values'].get('asleep')) for row in nodes.values())
+        runs = any(row['level'] < STARTING for row in nodes.values())
+        if self._last_s is not None and runs and not asleep:
+            self.open_s += min(now_s - self._last_s, 60.0)  # not what the machine has slept
+        self._last_s = now_s
+        self.restarts += self._grown('restarts', restarts)
+        self.slips += self._grown('slips', _count(nodes, 'motion', 'slips'))
+        self.lost += self._grown('lost', _count(nodes, 'recorder', 'lost'))
+
+    def _grown(self, name: str, count: int | None) -> int:
+        if count is None:
+            return 0
+        before = self._before.get(name, 0)
+        self._before[name] = count
+        return count - before if count >= before else count
+
+    def words(self) -> str:
+        """Return the day in a line: `open 10.0 h, 1 restart, 14 213 slips, 0 lost`."""
+        restarts = f'{self.restarts} restart' + ('' if self.restarts == 1 else 's')
+        slips = f'{self.slips:,} slip'.replace(',', ' ') + ('' if self.slips == 1 else 's')
+        lost = f'{self.lost:,} lost'.replace(',', ' ')
+        return f'open {self.open_s / 3600:.1f} h, {restarts}, {slips}, {lost}'
+
+    def begin(self, since_s: float) -> None:
+        """Begin another day; what counters had counted stays counted."""
+        self.since_s, self.open_s = since_s, 0.0
+        self.restarts = self.slips = self.lost = 0
+
+    def kept(self) -> dict[str, Any]:
+        """Return the sums as plain data for a file."""
+        return {
+            'since_s': self.since_s, 'open_s': round(self.open_s, 1), 'restarts': self.restarts,
+            'slips': self.slips, 'lost': self.lost,
+        }  # fmt: skip
+
+    def resume(self, kept: Any) -> None:
+        """Take up what a run before this one has kept; damaged data count for nothing."""
+        names = self.kept()
+        if isinstance(kept, dict) and all(
+            type(kept.get(name)) in (int, float) and kept[name] >= 0 for name in names
+        ):
+            self.since_s, self.open_s = float(kept['since_s']), float(kept['open_s'])
+            self.restarts, self.slips = int(kept['restarts']), int(kept['slips'])
+            self.lost = int(kept['lost'])
+
+
+def _count(rows: Mapping[str, Mapping[str, Any]], node: str, name: str) -> int | None:
+    value = rows[node]['values'].get(name) if node in rows else None
+    return int(value) if isinstance(value, (int, float)) else None

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol notify: do messages arrive where the scene sends them?"""
+
+import json
+import sys
+
+from eol_ros import scene as scenes
+from eol_ros.bringup import notify
+from eol_ros.errors import ConfigError, EolError
+
+HELP = (
+    'Send a test message by every way that the scene names under notify (webhook, mail), and say '
+    'what each server answered. No graph needs to run. Exit code 1 where one was not taken.'
+)
+EXAMPLES = ['eol notify museum', 'eol notify my/scene.yaml --json']
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('scene', nargs='?', default='museum', help='file, or one that ships')
+    parser.add_argument('--json', action='store_true', help='what each answered, as one object')
+
+
+def run(args):
+    """Send it by each way; return 0 where all have taken it."""
+    scene = scenes.load(args.scene)
+    if scene.notify is None:
+        raise ConfigError(f'{scene.path}: names nobody to tell; add notify: {{webhook: URL}}')
+    notify.check(scene.notify)
+    message = notify.Message('test', scene.name, 'a test message', ('somebody asked for it',))
+    answers = {}
+    for way in notify.ways(scene.notify):
+        try:
+            answers[way.name] = {'ok': True, 'answer': way.send(message)}
+        except EolError as error:
+            answers[way.name] = {'ok': False, 'answer': str(error)}
+    if args.json:
+        print(json.dumps(answers))
+    else:
+        for name, told in answers.items():
+            print(f'{name}: {told["answer"]}', file=sys.stdout if told['ok'] else sys.stderr)
+    return 0 if all(told['ok'] for told in answers.values()) else 1
