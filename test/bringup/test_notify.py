@@ -269,9 +269,9 @@ def test_a_disk_that_is_nearly_full_is_told(scene, hook):
     recorder = loaded.nodes['recorder']
     loaded.nodes['recorder'] = type(recorder)(min_free_gb=1e6)
     notifier = Notifier(loaded, wall=lambda: NOON)
-    wait_until(lambda: notifier.look(time.monotonic() + 1e4, status([]), {}) is None
-               and notifier._free_bytes)  # fmt: skip
-    message = notifier.look(1e6, status([]), {})
+    wait_until(lambda: notifier._free_bytes)
+    assert notifier.look(0.0, status([]), {}) is None
+    message = notifier.look(61.0, status([]), {})
     assert 'GB free; recording stops at 1e+06 GB' in message['lines'][0]
     notifier.end()
 
