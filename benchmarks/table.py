@@ -32,7 +32,7 @@ EXAMPLES = ['eol bench table --minutes 10 --seeds 3', 'eol bench table --map --p
 FPS = 60.0
 INNER = [block for block in range(N_BLOCKS) if len(neighbours(block, diagonal=True)) == 8]
 MIDDLE = N_BLOCKS // 2
-PULL_MPS = 0.05
+PULL_MPS, HANDS = 0.05, ('anna', 'ben', 'carla', 'dora')
 LEAST_INNER, LEAST_BLOCK = 0.20, 0.01  # what the paper's words ask of a table
 STIFFNESSES = (20.0, 40.0, 70.0, 100.0, 150.0, 200.0)
 STATICS = (0.6, 0.75, 0.9)
@@ -157,7 +157,8 @@ def _led(coupling: Coupling, velocity: tuple[float, float, float]) -> Iterator[C
     """Lead the rim from rest at `velocity` (3,) as far as the platform lets it."""
     play = Counted(coupling, 1)
     for _ in range(round(2 * RIM_REACH_M / PULL_MPS * FPS)):
-        play.commands.take(play.time_s, 'hand', velocity, 1.0)
+        for hand in HANDS:  # one alone is not strong enough everywhere
+            play.commands.take(play.time_s, hand, velocity, 1.0)
         play.image(visitors=False)
         yield play
 

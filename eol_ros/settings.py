@@ -64,7 +64,7 @@ class TwinSettings:
         'visitors', 'who moves the rim while no person does: simulated visitors, who let go for'
         ' 20 s when a person touches it, or nobody', choices=('visitors', 'nobody'), live=True,
     )  # fmt: skip
-    stiffness: float = setting(60.0, 'of a spring; a choice, docs/science.md', 'N/m', 5, 2000)
+    stiffness: float = setting(70.0, 'of a spring; a choice, docs/science.md', 'N/m', 5, 2000)
     mu_static: float = setting(
         0.9, 'static friction of a block on the grit, mean of the 25; they differ by up to 15 %',
         '', 0, 2,

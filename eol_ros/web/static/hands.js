@@ -4,9 +4,16 @@
 // A held point is pulled to the pointer as by a short stiff spring. One finger off the centre turns the
 // rim as it would on a table: of all motions that bring the point along, the one of least effort,
 // |v|^2 + (rho w)^2 with rho the rim's radius of gyration. Two fingers fix both place and angle.
+// The rim has mass, springs and limits, and other people's hands on it: so it may stay behind.
 
 const GAIN = 14; // 1/s, how fast the held point follows
 const RHO = 0.39; // m, of a thin square of 0.96 m: side / sqrt(6)
+const RIM_M = 0.96;
+const PLATFORM_M = 1.4;
+const MOST_YAW = 0.25; // rad, as eol_ros/core/physics/twin/hands.py has it
+const NEAR_M = 0.003; // to a limit
+const BEHIND_M = 0.02; // from here on a hand is told why the rim does not come
+const STANDS_MPS = 0.01;
 const KEY_MPS = 0.1;
 const KEY_RADPS = 0.35;
 const PERIOD_MS = 16;
@@ -35,6 +42,34 @@ export class Hands {
 
   get holding() {
     return this.fingers.size + this.keys.size > 0;
+  }
+
+  // Where each finger holds the rim and where it is, metres on the table.
+  get pulls() {
+    const [rx, ry, yaw] = this.pose;
+    const [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+    return [...this.fingers.values()].map(({ x, y, grip: [gx, gy] }) => ({ from: [rx + c * gx - s * gy, ry + s * gx + c * gy], to: [x, y] }));
+  }
+
+  // How far the rim stays behind the hands, m.
+  get lag() {
+    return Math.max(0, ...this.pulls.map(({ from, to }) => Math.hypot(to[0] - from[0], to[1] - from[1])));
+  }
+
+  // Why it does not come: the words' key, empty where it does. `speed` is the rim's, m/s.
+  limit({ x, y }, speed) {
+    if (!this.holding || (!this.keys.size && this.lag < BEHIND_M)) return '';
+    const [vx, vy, w] = this.velocity();
+    const [rx, ry, yaw] = this.pose;
+    if (w * yaw > 0 && Math.abs(yaw) > MOST_YAW - 0.004) return 'limit_yaw';
+    const reach = (PLATFORM_M - RIM_M * (Math.abs(Math.cos(yaw)) + Math.abs(Math.sin(yaw)))) / 2;
+    if ((vx * rx > 0 && Math.abs(rx) > reach - NEAR_M) || (vy * ry > 0 && Math.abs(ry) > reach - NEAR_M)) return 'limit_edge';
+    const gaps = [...x].map((_, id) => {
+      const [u, v] = this.inRim(x[id], y[id]);
+      return RIM_M / 2 - Math.max(Math.abs(u), Math.abs(v)) - 0.042;
+    });
+    if (Math.min(...gaps) < 2 * NEAR_M) return 'limit_block';
+    return this.fingers.size && this.lag > 2 * BEHIND_M && speed < STANDS_MPS ? 'limit_force' : '';
   }
 
   inRim(x, y) {

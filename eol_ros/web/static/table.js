@@ -31,8 +31,15 @@ land(Math.min(Math.max(Math.round(0.09 * drawing.perM), 64), 320)).then((picture
 
 link.want(['truth', 'blocks', 'slips', 'leds']);
 
+let speed = 0; // of the rim, m/s, over a fifth of a second or so
 link.on('truth', (packet) => {
+  const before = state;
   state = readTruth(packet);
+  if (before?.rim && state.stamp > before.stamp) {
+    const far = Math.hypot(state.rim[0] - before.rim[0], state.rim[1] - before.rim[1]);
+    const passed = state.stamp - before.stamp;
+    speed += (far / passed - speed) * (1 - Math.exp(-passed / 0.2));
+  }
   hands.pose = state.rim;
   counts.packets++;
   if (counts.packets === 1) link.want(['truth', 'slips', 'leds']);
@@ -126,6 +133,9 @@ function tell() {
   const alone = playing === 'visitors' && !stale && link.age('truth') < STALE_S;
   $('alone').hidden = !alone;
   if (alone) write($('alone'), `${say('table_alone')} ${link.mayPush ? say('table_touch') : ''}`);
+  const limit = state?.rim && !stale ? hands.limit(state, speed) : '';
+  $('limit').hidden = !limit;
+  if (limit) write($('limit'), say(limit));
   $('listen').setAttribute('aria-pressed', listener.on);
   $('listen').textContent = listener.on && listener.latency !== null
     ? say('table_sound', { latency: Math.round(listener.latency * 1000) }) : say('table_sound_on');
@@ -142,6 +152,7 @@ let drawn = [null, null];
 function draw(now) {
   requestAnimationFrame(draw);
   const light = now - ledsAt < 1000 ? leds : DARK;
+  drawing.pulls = hands.pulls;
   if (!drawing.alive && !stirred(...drawn, state, light)) return;
   drawing.draw(now, state, light);
   drawn = [state, light];

@@ -12,6 +12,7 @@ const BAR_M = 0.022;
 const VIEW_M = PLATFORM_M + 0.06;
 const WAVE_S = 1.1;
 const COIL_M = 0.0085; // half the height of a spring's picture
+const TAUT_M = 0.1; // of the line between a hand and what it holds
 const TINTS = 8; // shades of strain, each way
 
 export class TableDrawing {
@@ -22,6 +23,7 @@ export class TableDrawing {
     this.glow = glowSprite();
     this.waves = []; // {block, since}
     this.joins = []; // {from, to, since}
+    this.pulls = []; // {from: where a finger holds the rim, to: where it is}
   }
 
   setLand(land) {
@@ -74,11 +76,12 @@ export class TableDrawing {
     for (let id = 0; id < 25; id++) this.drawBlock(id, state, leds[id] / 255);
     this.drawLight(state, leds);
     this.drawCascade(now, state);
+    for (const pull of this.pulls) this.drawPull(pull);
   }
 
   // Whether the next drawing would differ from the last: a table at rest costs nothing.
   get alive() {
-    return this.dirty || this.waves.length > 0 || this.joins.length > 0;
+    return this.dirty || this.waves.length > 0 || this.joins.length > 0 || this.pulls.length > 0;
   }
 
   drawRim([x, y, yaw]) {
@@ -96,6 +99,27 @@ export class TableDrawing {
     brush.fillStyle = steel;
     frame(brush, 0, 0, outer, RIM_M / 2);
     brush.restore();
+  }
+
+  // A hand and what it holds: the further the rim stays behind, the tauter and the redder the line.
+  drawPull({ from: [x0, y0], to: [x1, y1] }) {
+    const { brush } = this;
+    const strain = Math.min(Math.hypot(x1 - x0, y1 - y0) / TAUT_M, 1);
+    const mix = (a, b) => Math.round(a + (b - a) * strain);
+    brush.strokeStyle = brush.fillStyle = `rgb(${mix(232, 255)},${mix(226, 96)},${mix(213, 72)})`;
+    brush.lineCap = 'round';
+    brush.lineWidth = 0.007 - 0.004 * strain;
+    brush.beginPath();
+    brush.moveTo(x0, y0);
+    brush.lineTo(x1, y1);
+    brush.stroke();
+    brush.beginPath();
+    brush.arc(x0, y0, 0.009, 0, 7);
+    brush.fill();
+    brush.beginPath();
+    brush.arc(x1, y1, 0.018, 0, 7);
+    brush.lineWidth = 0.003;
+    brush.stroke();
   }
 
   drawSprings(state) {

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
-from eol_ros.core.physics.twin.hands import Commands, Rim
+from eol_ros.core.physics.twin.hands import HAND_N, Commands, Rim
 from eol_ros.core.physics.twin.live import CLEAR_M, SOFT, LiveTable
 from eol_ros.core.physics.twin.play import Play
 
@@ -68,7 +68,7 @@ def test_a_rim_that_is_pulled_hard_stops_at_the_blocks_and_comes_back(pull):
     for i in range(480):
         way = 1.0 if i < 240 else -1.0
         commands.take(i * IMAGE_S, 'anna', tuple(way * p for p in pull), 1.0)
-        rim.advance(IMAGE_S, np.zeros(3), commands.velocity(i * IMAGE_S))
+        rim.advance(IMAGE_S, commands.hands(i * IMAGE_S))
         wanted = rim.pose.copy()
         table.advance(i * IMAGE_S, (i + 1) * IMAGE_S, rim.pose, rim.velocity)
         stopped += bool(np.any(rim.pose != wanted))
@@ -95,7 +95,7 @@ def led(table, rim, velocity, seconds):
     """Lead the rim for some seconds; return its pose after."""
     start = table.seconds
     for i in range(int(seconds / IMAGE_S)):
-        rim.advance(IMAGE_S, np.array(velocity), np.zeros(3))
+        rim.advance(IMAGE_S, [np.array(velocity)])
         table.advance(start + i * IMAGE_S, start + (i + 1) * IMAGE_S, rim.pose, rim.velocity)
     table.seconds = start + (i + 1) * IMAGE_S
     return table.rim_pose.copy()
@@ -114,3 +114,35 @@ def test_a_rim_that_touches_a_block_rotates_and_slides_along_it(way, yaw):
     along = (-way[1], way[0])
     slid = led(table, rim, (*(0.3 * np.array(along)), 0.0), 0.5)
     assert (slid - led_to)[:2] @ along > 0.01
+
+
+def test_the_springs_pull_on_the_rim_as_their_energy_falls():
+    """Force and moment are the slope of the energy, which is worked out from all springs."""
+    table, pose = LiveTable(7), np.array([0.03, -0.02, 0.1])
+    table._u[:] = np.random.default_rng(7).normal(0, 0.01, table._u.shape)
+
+    def energy(at):
+        table.rim_pose = at
+        return table._energy()
+
+    slope = [energy(pose + d) - energy(pose - d) for d in 1e-6 * np.eye(3)]
+    assert table.pull(pose) == pytest.approx(-np.array(slope) / 2e-6, abs=1e-5)
+
+
+def test_a_hand_that_drags_the_table_feels_the_springs():
+    play = Play(1)
+    loads, strengths = [], []
+    for _ in range(120):
+        play.commands.take(play.time_s, 'anna', (0.1, 0.0, 0.0), 0.5)
+        play.advance(IMAGE_S)
+        loads.append(-play.rim.load[0])
+        strengths.append(play.rim.hands_n[0])
+    assert play.playing == 'people'
+    assert loads[0] < 1 and max(loads) > 30
+    assert max(strengths) <= HAND_N * (1 + 1e-12)
+    assert play.table.slips > 10
+    far = play.rim.pose[0]
+    for _ in range(120):
+        play.advance(IMAGE_S)
+    assert play.rim.pose[0] < far - 0.005, 'they draw it back when it is let go'
+    assert not play.rim.velocity.any()

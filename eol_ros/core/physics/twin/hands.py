@@ -4,15 +4,23 @@
 A pose of the rim is (x, y, yaw) in metres and radians; a velocity is its rate.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_SIDE_M
 
 YAW_LIMIT_RAD = 0.25
-EASE_S = 0.06  # the rim is heavy: a commanded velocity is reached with this time constant
+RIM_KG = 8.0  # a frame of steel tube on four casters; a guess
+ROLLING_N = 0.05 * RIM_KG * 9.81  # small casters on grit; a guess
+HAND_N = 60.0  # what one hand pulls with at most; 55 N hold all 25 blocks at mu_s 0.9
+HAND_NSPM = 1000.0  # how firmly it wants its velocity, N s/m
+GYRATION_M = RIM_SIDE_M / np.sqrt(6)  # radius, of a thin square frame
+ALIKE = np.array([1.0, 1.0, GYRATION_M])  # m, m, rad into m: the mass is the same in all three
+# By how many springs the table resists: ten lie along the way and ten across, where the pre-tension
+# leaves a third; in rotation the same forces at the lever arms of the 20 ends.
+RESISTS = np.array([40 / 3, 40 / 3, 16.0])
 MAX_SPEED_MPS = 0.35
 MAX_YAW_RATE_RADPS = 0.9
 MAX_HOLD_S = 1.0
@@ -21,8 +29,12 @@ YIELD_S = 20.0  # after the last touch of a person the visitors come back
 SHARES = (0.4, 0.2, 0.12, 0.1, 0.18)
 PUSH_MPS, JERK_MPS, CIRCLE_MPS = (0.03, 0.065), (0.08, 0.14), (0.05, 0.09)
 SHORTEST_S = 0.8
-LEFT_S = 0.5  # hands that let go give nothing any more
+HOLD_S = 0.3  # at the end of a gesture
+# How fast a hand wants to make up for what the rim stays behind, and what that is at most
+FOLLOW_PER_S, FOLLOW_MPS = 6.0, 0.05
 PAUSE_S = (1.5, 4.5)  # between gestures
+
+Springs = Callable[[np.ndarray], np.ndarray]
 
 
 def reach_m(yaw: float) -> float:
@@ -41,33 +53,40 @@ def within_reach(pose: np.ndarray) -> np.ndarray:
     return np.array([np.clip(pose[0], -reach, reach), np.clip(pose[1], -reach, reach), yaw])
 
 
-class _Reach(NamedTuple):
-    """One hand's way: from `begin_s` to `stop_s` by `move` (3,), and about a circle of `radius`."""
+@dataclass
+class _Reach:
+    """One hand's way from `begin_s` to `stop_s`: by `move` (3,), and about a circle of `radius`.
+
+    It has the minimum-jerk speed of a human reach (Flash and Hogan, J. Neurosci. 5, 1985),
+    s = 10 r^3 - 15 r^4 + 6 r^5. At its end it holds on for HOLD_S and slackens.
+    """
 
     begin_s: float
     stop_s: float
     move: np.ndarray
     radius: float = 0.0  # m
     heading: float = 0.0  # rad, where on the circle it begins
+    grip: np.ndarray | None = None  # pose at which it took hold
 
-    def velocity(self, time_s: float) -> np.ndarray:
-        """Return the velocity (3,) that this hand gives the rim at `time_s`.
-
-        It has the minimum-jerk speed of a human reach (Flash and Hogan, J. Neurosci. 5, 1985):
-        s = 10 r^3 - 15 r^4 + 6 r^5.
-        """
-        if not self.begin_s < time_s < self.stop_s:
-            return np.zeros(3)
+    def velocity(self, time_s: float, pose: np.ndarray) -> np.ndarray | None:
+        """Return the velocity (3,) that this hand wants of a rim at `pose`; None: it is off."""
+        if not self.begin_s < time_s < self.stop_s + HOLD_S:
+            return None
+        if self.grip is None:
+            self.grip = pose.copy()
         duration = self.stop_s - self.begin_s
-        r = (time_s - self.begin_s) / duration
-        rate = 30 * r * r * (1 - r) ** 2 / duration
-        velocity = self.move * rate
+        r = min((time_s - self.begin_s) / duration, 1.0)
+        s, rate = r**3 * (10 - 15 * r + 6 * r * r), 30 * r * r * (1 - r) ** 2 / duration
+        place, velocity = self.grip + s * self.move, rate * self.move
         if self.radius:
-            s = r**3 * (10 - 15 * r + 6 * r * r)
-            angle = self.heading + 2 * np.pi * s
-            speed = 2 * np.pi * rate * self.radius
-            velocity[:2] += speed * np.array([-np.sin(angle), np.cos(angle)])
-        return velocity
+            angles = self.heading + 2 * np.pi * np.array([0.0, s])
+            begin, here = self.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            place[:2] += here - begin
+            velocity[:2] += 2 * np.pi * rate * np.array([-here[1], here[0]])
+        behind = FOLLOW_PER_S * (place - pose)
+        much = float(np.linalg.norm(behind * ALIKE)) / FOLLOW_MPS
+        behind *= min(1.0, (self.stop_s + HOLD_S - time_s) / HOLD_S) / max(1.0, much)
+        return velocity + behind
 
 
 class Visitors:
@@ -81,41 +100,35 @@ class Visitors:
         self._random = np.random.default_rng([seed, 0x68616E64])
         self._reaches: list[_Reach] = []
         self._next_s: float | None = None  # when the next gesture begins; None: now
-        self._gone = np.zeros(3)  # what they had given the rim when they let go,
-        self._gone_s = self._back_s = -np.inf  # when that was, and until when they stay away
+        self._back_s = -np.inf  # until when they stay away
 
     def let_go(self, time_s: float, away_s: float) -> None:
         """Take the hands off the rim at `time_s`, until `away_s` later at least."""
-        if time_s >= self._back_s:
-            self._gone, self._gone_s = self._led(time_s), time_s
-            self._reaches, self._next_s = [], None
+        self._reaches, self._next_s = [], None
         self._back_s = max(self._back_s, time_s + away_s)
 
     def away(self, time_s: float) -> bool:
         """Whether they have let go and are not back yet."""
         return time_s < self._back_s
 
-    def velocity(self, time_s: float, pose: np.ndarray) -> np.ndarray:
-        """Return the rim velocity (3,) at `time_s`; `pose` is where the rim stands now.
+    def hands(self, time_s: float, pose: np.ndarray) -> list[np.ndarray]:
+        """Return the velocity (3,) that each hand on the rim wants at `time_s`; it is at `pose`.
 
         Times must not fall; the gestures are drawn as they pass.
         """
         if self.away(time_s):
-            gone_s = time_s - self._gone_s
-            return self._gone * np.exp(-gone_s / EASE_S) if gone_s < LEFT_S else np.zeros(3)
+            return []
         if self._next_s is None or time_s >= self._next_s:
             self._begin(time_s if self._next_s is None else self._next_s, pose)
-        return self._led(time_s)
-
-    def _led(self, time_s: float) -> np.ndarray:
-        return sum((reach.velocity(time_s) for reach in self._reaches), np.zeros(3))
+        wanted = [reach.velocity(time_s, pose) for reach in self._reaches]
+        return [velocity for velocity in wanted if velocity is not None]
 
     def _begin(self, begin_s: float, pose: np.ndarray) -> None:
         random = self._random
         kinds = (self._push, self._jerk, self._circle, self._rotate, self._two)
         kind = kinds[random.choice(len(kinds), p=SHARES)] if self._next_s else self._push
         self._reaches = kind(begin_s, pose)
-        self._next_s = max(r.stop_s for r in self._reaches) + random.uniform(*PAUSE_S)
+        self._next_s = max(r.stop_s for r in self._reaches) + HOLD_S + random.uniform(*PAUSE_S)
 
     def _push(self, begin_s: float, pose: np.ndarray) -> list[_Reach]:
         target = self._across(pose, 0.10, 0.20, pose[2] * self._random.uniform(0.0, 1.0))
@@ -175,16 +188,17 @@ class Visitors:
 
 
 class Commands:
-    """Commanded rim velocities: the newest of each source counts, all sources add up."""
+    """Commanded rim velocities: one hand for each source, its newest command counts."""
 
     def __init__(self) -> None:
-        self.touched_s = -np.inf  # when a hand last moved, or held against, the rim
+        self.touched_s = -np.inf  # when a hand last moved the rim, or held against it
         self._newest: dict[str, tuple[float, np.ndarray]] = {}
 
     def take(self, stamp_s: float, source: str, velocity: Sequence[float], hold_s: float) -> None:
         """Hold `velocity` (vx, vy, yaw_rate) of `source` from `stamp_s` for `hold_s`, at most 1 s.
 
-        A command with a value that is not finite is no command and is dropped.
+        Zero takes the hand off. A command with a value that is not finite is no command and is
+        dropped.
         """
         wanted = np.asarray(velocity, float)
         if np.all(np.isfinite(wanted)) and np.isfinite(hold_s):
@@ -193,32 +207,62 @@ class Commands:
             if wanted.any():
                 self.touched_s = stamp_s
 
-    def velocity(self, time_s: float) -> np.ndarray:
-        """Return the sum (3,) of what is held at `time_s`, and forget what has expired."""
+    def hands(self, time_s: float) -> list[np.ndarray]:
+        """Return the velocity (3,) that each hand wants at `time_s`; forget what has expired."""
         self._newest = {k: held for k, held in self._newest.items() if held[0] > time_s}
-        return sum((held[1] for held in self._newest.values()), np.zeros(3))
+        return [held[1] for held in self._newest.values() if held[1].any()]
 
 
 class Rim:
-    """The rim's pose under all hands: eased, bounded in speed, kept on the platform."""
+    """The rim under all hands: a square frame on casters, pulled by its springs and by people.
 
-    def __init__(self) -> None:
+    A hand wants the rim to go at some velocity, and pulls with HAND_NSPM times what that lacks, at
+    most with HAND_N. So hands that agree go at their common speed, and hands that do not stand
+    against each other. `springs` gives the force (3,) of the springs on the rim at a pose, N and
+    N m, and `stiffness` (N/m) is that of one of them; without them the rim runs free.
+
+    `pose` and `velocity` are (3,), `load` (3,) is what the springs pulled with in the last step,
+    `hands_n` how strongly each hand pulled, N.
+    """
+
+    def __init__(self, springs: Springs | None = None, stiffness: float = 0.0) -> None:
         self.pose = np.zeros(3)
         self.velocity = np.zeros(3)
-        self._commanded = np.zeros(3)
+        self.load = np.zeros(3)
+        self.hands_n = np.zeros(0)
+        self._springs, self._resists = springs, stiffness * RESISTS
 
-    def advance(self, step_s: float, hands: np.ndarray, commanded: np.ndarray) -> None:
-        """Move by one step: `hands` and `commanded` are velocities (3,) at its end.
+    def advance(self, step_s: float, hands: Sequence[np.ndarray]) -> None:
+        """Move by one step under `hands`, the velocity (3,) that each of them wants.
 
-        Afterwards `pose` and `velocity` are the ends of a cubic path through the step.
+        Implicit in the velocity, so that no step is too long; within it the springs resist as they
+        do about the middle. Afterwards `pose` and `velocity` are the ends of a cubic path.
         """
-        self._commanded += (commanded - self._commanded) * -np.expm1(-step_s / EASE_S)
-        wanted = hands + self._commanded
-        speed = np.hypot(wanted[0], wanted[1])
+        if self._springs is not None:
+            self.load = self._springs(self.pose)
+        wanted = np.reshape(list(hands), (-1, 3)) * ALIKE
+        inertia, stretch = RIM_KG / step_s, 0.5 * step_s * self._resists
+        passive = (inertia - stretch) * self.velocity * ALIKE + self.load / ALIKE
+        pulls, firm = np.zeros_like(wanted), np.ones(len(wanted), bool)
+        while True:
+            push = passive + HAND_NSPM * wanted[firm].sum(axis=0) + pulls[~firm].sum(axis=0)
+            strength = np.sqrt(push @ push)
+            push *= max(0.0, 1 - ROLLING_N / strength) if strength else 1.0  # casters roll, or hold
+            to = push / (inertia + stretch + HAND_NSPM * firm.sum())
+            pulls[firm] = HAND_NSPM * (wanted[firm] - to)
+            strong = np.linalg.norm(pulls, axis=1)
+            weak = firm & (strong > HAND_N)
+            if not weak.any():
+                break
+            pulls[weak] *= HAND_N / strong[weak, None]
+            firm &= ~weak
+        self.hands_n = strong
+        to = to / ALIKE
+        speed = np.hypot(to[0], to[1])
         if speed > MAX_SPEED_MPS:
-            wanted[:2] *= MAX_SPEED_MPS / speed
-        wanted[2] = np.clip(wanted[2], -MAX_YAW_RATE_RADPS, MAX_YAW_RATE_RADPS)
-        free = self.pose + 0.5 * step_s * (self.velocity + wanted)
+            to[:2] *= MAX_SPEED_MPS / speed
+        to[2] = np.clip(to[2], -MAX_YAW_RATE_RADPS, MAX_YAW_RATE_RADPS)
+        free = self.pose + 0.5 * step_s * (self.velocity + to)
         held = within_reach(free)
-        self.velocity = np.where(np.abs(held - free) > 1e-12, 0.0, wanted)
+        self.velocity = np.where(np.abs(held - free) > 1e-12, 0.0, to)
         self.pose = held

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_MASS_KG, N_BLOCKS, RIM_SIDE_M, rest_lattice
+from eol_ros.core.geometry import BLOCK_MASS_KG, N_BLOCKS, rest_lattice
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import POSES
 from eol_ros.core.physics.event.kernel import BEGIN, make_workspace, run
@@ -15,6 +15,7 @@ from eol_ros.core.physics.kernel_args import Grid, Rim, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.status import OK
+from eol_ros.core.physics.twin.hands import GYRATION_M
 from eol_ros.settings import TwinSettings
 
 TOLERANCE = 1e-5
@@ -25,7 +26,6 @@ REST = 0.0725  # and rest: no further off than this share of what stretches a sp
 CLEAR_M = 0.002  # between the rim and a block: nearer the hands do not push
 TOUCH_M = 1e-7
 MOST_CONTACTS = 100
-RHO_M = RIM_SIDE_M / np.sqrt(6)  # the radius of gyration of a thin square frame
 
 
 class Coupling(NamedTuple):
@@ -91,7 +91,7 @@ class LiveTable:
         self._rest = rest_lattice()
         springs = scene.to_frame
         side = springs.rest / np.linalg.norm(springs.rest, axis=1)[:, None]
-        self._beside = springs.i
+        self._beside, self._k = springs.i, coupling.stiffness
         # in the complex plane: ends at the rim, edges of the blocks at rest, the ways inwards
         self._ends = springs.anchor.copy().view(complex)[:, 0]
         self._edges = (springs.anchor - springs.rest).view(complex)[:, 0]
@@ -147,6 +147,14 @@ class LiveTable:
         self._rim_rate = np.array(rate, float)
         self._place()
 
+    def pull(self, pose: np.ndarray) -> np.ndarray:
+        """Return the force of the springs on the rim at `pose` (3,): N, N, and N m about it."""
+        rotation, ways = self._ways(pose)
+        length = np.abs(ways)
+        force = -self._k * (1 - builders.NATURAL_M / length) * ways
+        arms = rotation * self._ends
+        return np.array([force.real.sum(), force.imag.sum(), (arms.conj() * force).imag.sum()])
+
     def clearance_m(self, pose: np.ndarray) -> float:
         """Return the least distance (m) from the rim at `pose` (3,) inwards to the block beside."""
         return float(self._near(pose).min())
@@ -165,8 +173,8 @@ class LiveTable:
         """Move `pose` to where no block is nearer than allowed, and `rate` with it.
 
         The rim slides along what it touches, without friction: from where the hands want it, it is
-        put back by the least motion in |dx|^2 + |dy|^2 + (RHO dyaw)^2, block by block, until none
-        is too near (Kaczmarz 1937).
+        put back by the least motion in |dx|^2 + |dy|^2 + (GYRATION_M dyaw)^2, block by block, until
+        none is too near (Kaczmarz 1937).
         """
         if np.array_equal(pose, self.rim_pose):
             return
@@ -183,7 +191,7 @@ class LiveTable:
             if short[worst] <= TOUCH_M:
                 break
             slope = self._slope(pose, worst)
-            light = slope * (1.0, 1.0, RHO_M**-2)
+            light = slope * (1.0, 1.0, GYRATION_M**-2)
             pose += short[worst] / (slope @ light) * light
         else:  # held from all sides
             pose[:] = self.rim_pose

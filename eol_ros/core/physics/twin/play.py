@@ -15,7 +15,9 @@ class Play:
     """
 
     def __init__(self, seed: int, samples: int = 0, coupling: Coupling | None = None) -> None:
-        self.table, self.rim = LiveTable(seed, samples, coupling), Rim()
+        coupling = coupling or Coupling()
+        self.table = LiveTable(seed, samples, coupling)
+        self.rim = Rim(self.table.pull, coupling.stiffness)
         self.visitors, self.commands = Visitors(seed), Commands()
         self.time_s, self.playing = 0.0, ''
 
@@ -28,7 +30,7 @@ class Play:
         elif people_s > 0:
             self.visitors.let_go(self.time_s, people_s)
         self.playing = 'people' if people_s > 0 else 'visitors' if visitors else 'nobody'
-        hands = self.visitors.velocity(self.time_s, self.rim.pose)
-        self.rim.advance(span_s, hands, self.commands.velocity(self.time_s))
+        hands = self.visitors.hands(self.time_s, self.rim.pose)
+        self.rim.advance(span_s, hands + self.commands.hands(self.time_s))
         self.table.advance(begin_s, self.time_s, self.rim.pose, self.rim.velocity)
         return begin_s
