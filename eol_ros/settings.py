@@ -343,6 +343,17 @@ class HoursSettings:
 
 
 @dataclass(frozen=True)
+class ProjectorsSettings:
+    addresses: tuple[str, ...] = setting((), 'projectors that speak PJLink, HOST or HOST:PORT')
+    password: str = setting('', 'PJLink password of all; empty: they have none', secret=True)
+    off_after_s: float = setting(
+        300.0, 'so long after the work fell asleep they go off: a short sleep wears no lamp', 's',
+        0, 86400,
+    )  # fmt: skip
+    poll_s: float = setting(10.0, 'time between two questions how they are', 's', 1, 600)
+
+
+@dataclass(frozen=True)
 class PanelSettings:
     host: str = setting('127.0.0.1', 'address to serve on; 0.0.0.0 opens it to the network')
     port: int = setting(8080, 'port to serve on; 0 takes any free one', '', 0, 65535)

@@ -109,6 +109,8 @@ _NODES = (
     NodeSpec('hours', settings.HoursSettings, nice=3,
              publishes=('requests',), on_request=('request_results',),
              subscribes=('requests', 'request_results')),
+    NodeSpec('projectors', settings.ProjectorsSettings, nice=3,
+             on_request=_ANSWERS, subscribes=('requests',)),
     NodeSpec('panel', settings.PanelSettings, nice=3, publishes=('markers',),
              on_request=('rim_command', *_ANSWERS),
              subscribes=('camera/image_raw/compressed', 'calibration', 'truth', 'blocks',

@@ -110,7 +110,7 @@ def checked(
 _GRAIN = Number('grain', 0, 2**32 - 1, whole=True)
 _TIME = Number('until_ns', 0, 2**63 - 1, whole=True)
 
-_SLEEPERS = ('leds', 'sound', 'montage', 'hours')
+_SLEEPERS = ('leds', 'sound', 'montage', 'hours', 'projectors')
 _LIVE = tuple(name for name, node in NODES.items() if live_fields(node.settings))
 
 KINDS: dict[str, Kind] = {

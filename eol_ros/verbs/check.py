@@ -189,6 +189,15 @@ def _hours(settings: Any) -> Iterator[Check]:
         yield 'hours.open', functools.partial(_refuse, what)
 
 
+def _projectors(settings: Any) -> Iterator[Check]:
+    from eol_ros.devices.projector.pjlink import host_and_port
+
+    if not settings.addresses:
+        yield 'projectors.addresses', lambda: _refuse('names no projector')
+    for address in settings.addresses:
+        yield 'projectors.addresses', functools.partial(host_and_port, address)
+
+
 def _panel(settings: Any) -> Iterator[Check]:
     from eol_ros.web import guard
 
@@ -217,6 +226,7 @@ _NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
     'sound': _sound,
     'montage': _montage,
     'hours': _hours,
+    'projectors': _projectors,
     'panel': _panel,
     'replay': _replay,
     'recorder': _recorder,

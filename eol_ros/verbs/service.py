@@ -160,7 +160,7 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
     python = sys.executable
     panel = scene.nodes.get('panel')
     alone = scene.network == 'local' and (panel is None or _is_loopback(panel.host))
-    alone = alone and scene.notify is None
+    alone = alone and scene.notify is None and 'projectors' not in scene.nodes
     kept = ('EOL_CACHE', 'EOL_STATE', 'ROS_DOMAIN_ID')
     environment = [f'Environment={k}={os.environ[k]}\n' for k in kept if os.environ.get(k)]
     values = {

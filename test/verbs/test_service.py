@@ -79,8 +79,12 @@ def test_a_scene_without_walls_opens_none(written):
 
 def test_what_is_open_to_the_network_is_not_shut_in(tmp_path):
     path = tmp_path / 'open.yaml'
-    for line in ('network: lan', 'notify: {webhook: "https://museum.at/hook"}'):
-        path.write_text(f'{line}\nnodes: {{twin: {{}}, tracker: {{}}}}\n')
+    for head, node in (
+        ('network: lan', 'tracker: {}'),
+        ('notify: {webhook: "https://museum.at/hook"}', 'tracker: {}'),
+        ('', 'projectors: {addresses: [10.0.0.5]}'),
+    ):
+        path.write_text(f'{head}\nnodes: {{twin: {{}}, {node}}}\n')
         units = service.units(scenes.load(path), 'museum', Path('/home/museum'), tmp_path)
         assert 'IPAddressDeny' not in units[service.WORK_PATH]
 
