@@ -82,7 +82,13 @@ void eol_flash_levels(eol_flash_field *field, double now_s, uint8_t levels[EOL_F
     for (int b = 0; b < EOL_FLASH_BLOCKS; b++) levels[b] = (uint8_t)rint(field->level[b] * 255.0);
 }
 
+void eol_flash_hold(eol_flash_field *field, double now_s, double until_s)
+{
+    advance(field, now_s);
+    field->fall_at_s = until_s;
+}
+
 uint8_t eol_flash_holds(const eol_flash_field *field, double now_s)
 {
-    return field->limited && now_s < field->fall_at_s;
+    return now_s < field->fall_at_s;
 }

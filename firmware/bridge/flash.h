@@ -39,6 +39,9 @@ void eol_flash_slip(eol_flash_field *field, double now_s, uint8_t block);
 /* Write the level 0..255 of each block at `now_s`. */
 void eol_flash_levels(eol_flash_field *field, double now_s, uint8_t levels[EOL_FLASH_BLOCKS]);
 
+/* Let nothing fall before `until_s`, whatever the limit says. */
+void eol_flash_hold(eol_flash_field *field, double now_s, double until_s);
+
 /* 1 while light must not fall: the blocks decay by the hold rate, not by their own. */
 uint8_t eol_flash_holds(const eol_flash_field *field, double now_s);
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""firmware/bridge/flash.c, compiled, against core/light/flash.py: one limit in two languages."""
+"""firmware/bridge/flash.c, compiled, against core/light/flash.py: one limit in two languages.
+
+And with firmware/block/light.c: 25 blocks that flash by themselves, and the bridge that holds them.
+"""
 
 import ctypes
 import shutil
@@ -8,12 +11,56 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.flashes import most_flashes_in_a_second
 
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.light.flash import HOLD_RATE, MIN_PERIOD_S, FlashField
+from eol_ros.core.light.flash import FLASHES_PER_S, HOLD_RATE, MIN_PERIOD_S, FlashField
 
 BRIDGE = Path(__file__).parents[2] / 'firmware' / 'bridge'
-GLUE = '#include "flash.h"\nsize_t flash_size(void) { return sizeof(eol_flash_field); }\n'
+BLOCK = BRIDGE.parent / 'block'
+GLUE = """
+#include <stdlib.h>
+#include "flash.h"
+#include "light.h"
+size_t flash_size(void) { return sizeof(eol_flash_field); }
+
+enum { B = EOL_FLASH_BLOCKS, WAY_MS = 1, BEACON_MS = 2 };
+
+/* `ms` milliseconds of 25 blocks, their bridge and the link between them, which takes 1 ms either
+ * way and loses `lost` of 1000 words of the bridge. felt[t * B + b]: that block feels a knock. The
+ * bridge is there until `gone_ms`. shown[t * B + b]: its light. Without `limited` it may fall. */
+void show(int ms, const uint8_t *felt, int decay_ms, int lost, int gone_ms, int limited,
+          uint8_t *shown)
+{
+    eol_flash_field field;
+    eol_light light[B];
+    eol_flash_begin(&field, decay_ms * 1e-3, 1.0, (uint8_t)limited);
+    eol_flash_hold(&field, 0.0, 1.001 / 3);
+    for (int b = 0; b < B; b++) eol_light_begin(&light[b], 1, 255, (uint16_t)decay_ms);
+    int said = 0, beacon = 0, words[B];
+    srand(1);
+    for (int b = 0; b < B; b++) words[b] = -1;
+    for (int t = 0; t < ms; t++) {
+        for (int b = 0; b < B; b++) { /* what the bridge said a millisecond ago */
+            if (words[b] >= 0) eol_light_told(&light[b], (uint8_t)words[b]);
+            words[b] = -1;
+        }
+        for (int b = 0; b < B; b++) {
+            if (felt[t * B + b]) eol_light_felt(&light[b]);
+            if (t >= WAY_MS && felt[(t - WAY_MS) * B + b] && t < gone_ms)
+                eol_flash_slip(&field, t * 1e-3, (uint8_t)b);
+        }
+        int falls = !eol_flash_holds(&field, t * 1e-3);
+        if (t < gone_ms && (falls != said || ++beacon >= BEACON_MS)) {
+            for (int b = 0; b < B; b++)
+                if (rand() % 1000 >= lost) words[b] = falls;
+            said = falls;
+            beacon = 0;
+        }
+        for (int b = 0; b < B; b++) shown[t * B + b] = eol_light_tick(&light[b]);
+    }
+}
+"""
 
 
 @pytest.fixture(scope='module')
@@ -22,11 +69,12 @@ def bridge(tmp_path_factory):
     if compiler is None:
         pytest.skip('no C compiler here')
     folder = tmp_path_factory.mktemp('bridge')
-    (folder / 'glue.c').write_text('#include <stddef.h>\n' + GLUE)
+    (folder / 'glue.c').write_text(GLUE)
     library = folder / 'flash.so'
     strict = ['-std=c99', '-O2', '-Wall', '-Wextra', '-Werror', '-shared', '-fPIC']
     subprocess.run(
-        [compiler, *strict, '-I', BRIDGE, BRIDGE / 'flash.c', 'glue.c', '-o', library, '-lm'],
+        [compiler, *strict, '-I', BRIDGE, '-I', BLOCK, BRIDGE / 'flash.c', BLOCK / 'light.c',
+         'glue.c', '-o', library, '-lm'],
         cwd=folder, check=True,
     )  # fmt: skip
     lib = ctypes.CDLL(str(library))
@@ -35,6 +83,8 @@ def bridge(tmp_path_factory):
     lib.eol_flash_begin.argtypes = [memory, number, number, ctypes.c_uint8]
     lib.eol_flash_slip.argtypes = [memory, number, ctypes.c_uint8]
     lib.eol_flash_levels.argtypes = [memory, number, memory]
+    lib.eol_flash_hold.argtypes = [memory, number, number]
+    lib.show.argtypes = [ctypes.c_int, memory, *[ctypes.c_int] * 4, memory]
     lib.eol_flash_holds.argtypes = [memory, number]
     lib.eol_flash_holds.restype = ctypes.c_uint8
     lib.eol_flash_share.argtypes = [memory, number, ctypes.c_uint8]
@@ -52,6 +102,9 @@ class Field:
 
     def slip(self, now_s, block):
         self.lib.eol_flash_slip(self.memory, now_s, block)
+
+    def hold(self, now_s, until_s):
+        self.lib.eol_flash_hold(self.memory, now_s, until_s)
 
     def level_bytes(self, now_s):
         self.lib.eol_flash_levels(self.memory, now_s, self.out)
@@ -72,6 +125,10 @@ def furthest(lib, seed, sequences):
                 block = int(random.integers(N_BLOCKS))
                 ours.slip(now_s, block)
                 theirs.slip(now_s, block)
+            elif random.uniform() < 0.1:
+                until_s = now_s + random.exponential(0.5)
+                ours.hold(now_s, until_s)
+                theirs.hold(now_s, until_s)
             one = np.frombuffer(ours.level_bytes(now_s), np.uint8).astype(int)
             other = np.frombuffer(theirs.level_bytes(now_s), np.uint8).astype(int)
             most = max(most, int(np.abs(one - other).max()))
@@ -111,3 +168,84 @@ def test_a_block_that_is_none_lights_nothing(bridge):
     field.slip(1.0, 25)
     field.slip(1.0, 255)
     assert field.level_bytes(1.0) == bytes(25)
+
+
+MS = 4000
+PLENTY = np.iinfo(np.int32).max
+
+
+def shown(bridge, felt, decay_ms, lost=300, gone_ms=PLENTY, limited=True):
+    """Light (ms, 25) in 0..1 of blocks that feel `felt` (ms, 25)."""
+    felt, out = np.ascontiguousarray(felt, np.uint8), np.zeros(felt.shape, np.uint8)
+    bridge.show(len(felt), felt.ctypes.data, decay_ms, lost, gone_ms, limited, out.ctypes.data)
+    return out / 255
+
+
+def storm(seed, hz):
+    """Knocks (ms, 25) of some blocks, `hz` times a second in all, now and then in volleys."""
+    random = np.random.default_rng(seed)
+    felt = np.zeros((MS, N_BLOCKS), bool)
+    some = random.permutation(N_BLOCKS)[: random.integers(1, N_BLOCKS)]
+    at = np.cumsum(random.exponential(1000 / hz, 4 * MS)).astype(int)
+    at = at[at < MS]
+    felt[at, random.choice(some, len(at))] = True
+    return felt
+
+
+def eyes(levels, seed):
+    """What it is to eyes that take in all of the field, one block, or some of it, dazzled."""
+    random = np.random.default_rng(seed)
+    yield levels.mean(axis=1)
+    yield from levels.T[:4]
+    for _ in range(4):
+        some = random.permutation(N_BLOCKS)[: random.integers(2, 9)]
+        yield (levels[:, some] * random.uniform(0.1, 1, len(some))).sum(axis=1).clip(0, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('decay_ms', [182, 350, 1500])
+def test_blocks_that_flash_by_themselves_are_no_strobe(bridge, decay_ms):
+    """Over links that lose a third or nearly all, without a bridge, and when it goes in between."""
+    cases = [(4, 300, PLENTY), (25, 300, PLENTY), (12, 900, PLENTY), (12, 300, 0), (12, 300, 1500)]
+    for seed, (hz, lost, gone_ms) in enumerate(cases):
+        levels = shown(bridge, storm(seed, hz), decay_ms, lost, gone_ms)
+        for light in eyes(levels, seed):
+            assert most_flashes_in_a_second(light[::4], 250) <= FLASHES_PER_S
+
+
+@pytest.mark.parametrize('decay_ms', [20, 182, 350, 2000])
+def test_a_block_that_no_word_reaches_falls_by_1_1_percent_and_then_holds(bridge, decay_ms):
+    light = ctypes.create_string_buffer(64)
+    bridge.eol_light_begin(light, 1, 255, ctypes.c_uint16(decay_ms))
+    assert bridge.eol_light_felt(light) == 1
+    level = lambda: int.from_bytes(light.raw[:4], 'little') / (255 << 16)  # noqa: E731
+    bridge.eol_light_told(light, 1)
+    for _ in range(round(1000 * MIN_PERIOD_S)):
+        bridge.eol_light_tick(light)
+    held = np.exp(-HOLD_RATE * MIN_PERIOD_S)
+    assert held * np.exp(-0.011) - 1e-4 < level() < held * 0.9965
+    before = level()
+    bridge.eol_light_told(light, 1)
+    bridge.eol_light_felt(light)  # its own flash is the end of what it was told
+    bridge.eol_light_tick(light)
+    assert level() > before and level() > 0.999
+
+
+def test_a_storm_that_nobody_holds_is_a_strobe(bridge):
+    felt = np.zeros((MS, N_BLOCKS), bool)
+    felt[::120, 7] = True
+    free, held = (shown(bridge, felt, 182, limited=limited)[:, 7] for limited in (False, True))
+
+    assert most_flashes_in_a_second(free[::4], 250) > 5
+    assert most_flashes_in_a_second(held[::4], 250) <= FLASHES_PER_S
+
+
+def test_a_block_falls_by_its_decay_time_when_the_bridge_lets_it_and_else_slowly(bridge):
+    felt = np.zeros((MS, N_BLOCKS), bool)
+    felt[1000, 3] = True
+    for lost, gone_ms, tau_s in ((0, PLENTY, 0.35), (0, 0, 4.0), (1000, PLENTY, 4.0)):
+        light = shown(bridge, felt, 350, lost, gone_ms)[:, 3]
+        assert (light[999], light[1000]) == (0, 1)
+        fell = np.log(light[1100] / light[1400])
+        assert 0.3 / fell == pytest.approx(tau_s, rel=0.05)
+    assert pytest.approx(1 / 4.0, rel=0.001) == HOLD_RATE

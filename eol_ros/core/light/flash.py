@@ -75,6 +75,11 @@ class FlashField:
             self._fall_at_s = max(self._now_s, self._fell_s + MIN_PERIOD_S)
             self.lengthened += self._fall_at_s > self._now_s
 
+    def hold(self, now_s: float, until_s: float) -> None:
+        """Let nothing fall before `until_s`, whatever the limit says."""
+        self._advance(now_s)
+        self._fall_at_s = until_s
+
     def levels(self, now_s: float) -> np.ndarray:
         """Return the light of each block at `now_s`, shape (n_blocks,), 0..1 of full luminance."""
         self._advance(now_s)

@@ -5,33 +5,9 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.flashes import count_flashes, most_flashes_in_a_second
 
 from eol_ros.core.light.flash import FLASHES_PER_S, MIN_PERIOD_S, FlashField
-
-
-def count_flashes(luminance):
-    """Pairs of opposing changes of 10 % or more, from the samples alone (WCAG 2.2, 2.3.1)."""
-    transitions, direction, extreme = 0, 0, luminance[0]
-    low = high = luminance[0]
-    for value in luminance:
-        if direction == 0:
-            low, high = min(low, value), max(high, value)
-            if high - low >= 0.1:
-                direction, extreme, transitions = (1 if value == high else -1), value, 1
-        elif (value - extreme) * direction > 0:
-            extreme = value
-        elif abs(value - extreme) >= 0.1:
-            direction, extreme, transitions = -direction, value, transitions + 1
-    return transitions // 2
-
-
-def most_flashes_in_a_second(luminance, rate_hz):
-    window = int(rate_hz) + 1  # both ends of a closed second
-    step = max(1, window // 50)
-    return max(
-        count_flashes(luminance[at : at + window])
-        for at in range(0, max(1, len(luminance) - window), step)
-    )
 
 
 def render(field, slips, seconds, rate_hz=250.0):

@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light.h"
+
+enum { LEASE = 11 }; /* thousandths of the decay time */
+
+/* What is lost in a millisecond, 1 - exp(-1 / tau), in 1 / 2^32; tau in ms. */
+static uint32_t share(uint16_t tau_ms)
+{
+    uint64_t one = (uint64_t)1 << 32;
+    uint64_t first = one / tau_ms, second = first / (2u * tau_ms), third = second / (3u * tau_ms);
+    return (uint32_t)(first - second + third);
+}
+
+void eol_light_begin(eol_light *light, uint8_t by_itself, uint8_t peak, uint16_t decay_ms)
+{
+    uint32_t lease_ms;
+    if (decay_ms < EOL_LIGHT_SHORTEST_MS) decay_ms = EOL_LIGHT_SHORTEST_MS;
+    lease_ms = (uint32_t)decay_ms * LEASE / 1000;
+    light->level = 0;
+    light->fall = share(decay_ms);
+    light->peak = peak;
+    light->by_itself = by_itself;
+    light->lease_ms = (uint8_t)(lease_ms > 100 ? 100 : lease_ms);
+    light->left_ms = 0;
+}
+
+void eol_light_flash(eol_light *light)
+{
+    uint32_t peak = (uint32_t)light->peak << 16;
+    if (light->level < peak) light->level = peak;
+    light->left_ms = 0; /* until the bridge says so again */
+}
+
+uint8_t eol_light_felt(eol_light *light)
+{
+    if (light->by_itself) eol_light_flash(light);
+    return light->by_itself;
+}
+
+void eol_light_told(eol_light *light, uint8_t falls)
+{
+    light->left_ms = falls ? light->lease_ms : 0;
+}
+
+uint8_t eol_light_tick(eol_light *light)
+{
+    uint32_t lost = light->left_ms ? light->fall : share(EOL_LIGHT_HOLD_MS);
+    if (light->left_ms) light->left_ms--;
+    light->level -= (uint32_t)((uint64_t)light->level * lost >> 32);
+    if (light->level < 0x8000) light->level = 0; /* half of the least */
+    return (uint8_t)((light->level + 0x8000) >> 16);
+}
