@@ -181,9 +181,20 @@ class MotionSettings:
 @dataclass(frozen=True)
 class LedsSettings:
     port: str = setting('auto', 'serial port by stable name, auto, or twin for the simulated board')
+    trigger: str = setting(
+        'both', 'what lights a block: its own knock, a slip that the camera saw, or whichever of'
+        ' them is first', choices=('blocks', 'slips', 'both'), live=True,
+    )  # fmt: skip
+    knock_threshold_mg: float = setting(
+        16.0, 'mean acceleration over 12 ms that a block takes for a slip (protocol version 2)',
+        'mg', 4, 500, live=True,
+    )  # fmt: skip
     frame_hz: float = setting(100.0, 'light levels sent while anything glows', 'Hz', 10, 500)
     baud: int = setting(1_000_000, 'speed of the serial line', '', 9600, 4_000_000)
-    decay_s: float = setting(0.35, 'time constant of a flash', 's', 0.02, 10, live=True)
+    decay_s: float = setting(
+        0.35, 'time constant of a flash; 0.182 s at least where blocks flash by themselves', 's',
+        0.02, 10, live=True,
+    )  # fmt: skip
     peak: float = setting(1.0, 'light of a flash', '', 0, 1, live=True)
     flash_limit: bool = setting(True, 'at most three flashes of the whole field a second')
     flash_limit_off_because: str = setting('', 'written reason, needed to switch the limit off')

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * The board's side of docs/serial.md, version 1, in C99: no memory of its own, no library.
+ * The board's side of docs/serial.md, version 2, in C99: no memory of its own, no library.
  *
  *     static eol_decoder line;
  *     while (uart_has_byte()) {
@@ -8,7 +8,7 @@
  *         if (eol_decode(&line, uart_read(), &kind, &body, &size)) handle(kind, body, size);
  *     }
  *     uint8_t wire[EOL_MAX_WIRE];
- *     uart_write(wire, eol_encode(wire, EOL_TAP, sequence++, body, 7));
+ *     uart_write(wire, eol_encode(wire, EOL_KNOCKED, sequence++, body, 10));
  */
 #ifndef EOL_SERIAL_H
 #define EOL_SERIAL_H
@@ -18,7 +18,7 @@
 #include <string.h>
 
 enum {
-    EOL_VERSION = 1,
+    EOL_VERSION = 2,
     EOL_BLOCKS = 25,
     EOL_MAX_BODY = 48,
     EOL_MAX_ENCODED = EOL_MAX_BODY + 5, /* kind, sequence, crc, one byte of COBS */
@@ -27,8 +27,15 @@ enum {
 
 enum {
     EOL_HELLO = 0x01, EOL_LEVELS = 0x02, EOL_FLASH = 0x03, EOL_INFRARED = 0x04, EOL_PING = 0x05,
-    EOL_WELCOME = 0x81, EOL_PONG = 0x85, EOL_TAP = 0x86, EOL_REFUSED = 0x87
+    EOL_LIGHTING = 0x06, EOL_DETECTOR = 0x07, EOL_LIGHT = 0x08,
+    EOL_WELCOME = 0x81, EOL_PONG = 0x85, EOL_TAP = 0x86, EOL_REFUSED = 0x87,
+    EOL_KNOCKED = 0x88, EOL_BLOCK_STATUS = 0x89
 };
+
+enum { EOL_BRIDGE = 255, EOL_NOT_LIT = 0xFFFF };
+enum { EOL_BY_ITSELF = 1, EOL_LIMITED = 2 };             /* flags of EOL_LIGHTING */
+enum { EOL_WOKE = 1 };                                   /* of EOL_KNOCKED */
+enum { EOL_LINKED = 1, EOL_SENSOR_DEAD = 2, EOL_ASLEEP = 4 }; /* of EOL_BLOCK_STATUS */
 
 typedef struct {
     uint8_t bytes[EOL_MAX_ENCODED];

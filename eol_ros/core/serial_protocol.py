@@ -6,21 +6,31 @@ else, so a reader finds its feet again at the next 00 whatever happened before. 
 Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Trans. Networking 7 (1999) 159. The checksum is
 CRC-16 with polynomial 0x1021 and start value 0xFFFF (its value for b'123456789' is 0x29B1) over
 kind, sequence and body. All integers are little-endian. docs/serial.md says the same for people.
+
+Version 1 has boards whose white LEDs the host drives, level by level (Levels, Flash, Tap). In
+version 2 blocks flash by themselves, and the bridge between them and the host keeps the limit of
+flashes (Lighting, Detector, Light, Knock, BlockStatus). The other messages are in both.
 """
 
 import binascii
 import struct
 from dataclasses import astuple, dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, get_args
 
 from eol_ros.core.geometry import N_BLOCKS
 
-VERSION = 1
+VERSION = 2
+SPOKEN = (1, 2)  # by the host; a board speaks one
 MAX_BODY = 48
 MAX_PACKET = MAX_BODY + 4  # kind, sequence, body, crc
 MAX_ENCODED = MAX_PACKET + 1  # COBS adds one byte to fewer than 255
 ALL_BLOCKS = (1 << N_BLOCKS) - 1
-STRENGTH_UNIT = 0.01  # m/s^2 a count of Tap.strength on the wire
+STRENGTH_UNIT = 0.01  # m/s^2 a count of the strength of Tap and Knock on the wire
+BRIDGE = 255  # as the block of a BlockStatus
+BY_ITSELF, LIMITED = 1, 2  # flags of Lighting
+WOKE = 1  # flag of Knock
+LINKED, SENSOR_DEAD, ASLEEP = 1, 2, 4  # flags of BlockStatus
+NOT_LIT = 0xFFFF  # as Knock.lit_us
 
 _HEAD = struct.Struct('<BB')
 _CRC = struct.Struct('<H')
@@ -86,6 +96,49 @@ class Ping:
 
 
 @dataclass(frozen=True)
+class Lighting:
+    """Host to bridge: how blocks flash, from `peak` on, dying within `decay_ms`.
+
+    `flags`: BY_ITSELF, a knock lights its block; LIMITED, the field flashes three times a second at
+    most.
+    """
+
+    KIND: ClassVar[int] = 0x06
+    BODY: ClassVar[struct.Struct] = struct.Struct('<BBH')
+    flags: int
+    peak: int
+    decay_ms: int
+
+
+@dataclass(frozen=True)
+class Detector:
+    """Host to bridge: when blocks feel a knock; eol_knock_config of firmware/block/knock.h.
+
+    Zero leaves what the firmware has.
+    """
+
+    KIND: ClassVar[int] = 0x07
+    BODY: ClassVar[struct.Struct] = struct.Struct('<6HI')
+    threshold: int = 0
+    ratio: int = 0
+    quiet: int = 0
+    slow: int = 0
+    still: int = 0
+    longest: int = 0
+    idle: int = 0
+
+
+@dataclass(frozen=True)
+class Light:
+    """Host to bridge: flash the blocks of `mask` now, for the image of `stamp_us`, 0: of none."""
+
+    KIND: ClassVar[int] = 0x08
+    BODY: ClassVar[struct.Struct] = struct.Struct('<II')
+    stamp_us: int
+    mask: int
+
+
+@dataclass(frozen=True)
 class Welcome:
     """Board to host, answer to Hello: what it is. `name` is ASCII, filled up with zeros."""
 
@@ -120,6 +173,40 @@ class Tap:
 
 
 @dataclass(frozen=True)
+class Knock:
+    """Bridge to host: a block was let go at `board_us`, and lit itself `lit_us` later, or NOT_LIT.
+
+    `strength` in 0.01 m/s^2. `flags`: WOKE, it slept until then, and when is known to 3 ms only.
+    """
+
+    KIND: ClassVar[int] = 0x88
+    BODY: ClassVar[struct.Struct] = struct.Struct('<IBHHB')
+    board_us: int
+    block: int
+    strength: int
+    lit_us: int
+    flags: int
+
+
+@dataclass(frozen=True)
+class BlockStatus:
+    """Bridge to host, every ten seconds and at each change: how a block is, or the BRIDGE itself.
+
+    `millivolts` of its battery, 0 where it has none; `celsius`; version of its firmware; `flags`:
+    LINKED, the bridge hears it; SENSOR_DEAD, its accelerometer repeats one value; ASLEEP.
+    """
+
+    KIND: ClassVar[int] = 0x89
+    BODY: ClassVar[struct.Struct] = struct.Struct('<BHbBBB')
+    block: int
+    millivolts: int
+    celsius: int
+    major: int
+    minor: int
+    flags: int
+
+
+@dataclass(frozen=True)
 class Refused:
     """Board to host: it cannot speak `host_version`; it stays dark. It speaks `version`."""
 
@@ -129,10 +216,9 @@ class Refused:
     host_version: int
 
 
-Message = Hello | Levels | Flash | Infrared | Ping | Welcome | Pong | Tap | Refused
-MESSAGES: dict[int, Any] = {
-    m.KIND: m for m in (Hello, Levels, Flash, Infrared, Ping, Welcome, Pong, Tap, Refused)
-}
+_V1 = Hello | Levels | Flash | Infrared | Ping | Welcome | Pong | Tap | Refused
+Message = _V1 | Lighting | Detector | Light | Knock | BlockStatus
+MESSAGES: dict[int, Any] = {m.KIND: m for m in get_args(Message)}
 
 
 class Received(NamedTuple):

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Turns slips into light on the blocks at once, and publishes the blocks' own taps.
+"""Adds light for slips to what the blocks flash by themselves, and publishes the blocks' own taps.
 
 The packet with the light of a slip is written inside the callback that brings the slip, and carries
-the stamp of its image; the packets of the decay that follow carry none.
+the stamp of its image. What a block lights by itself has the stamp of its knock, that is of the
+tap; the levels of the decay that follows have none.
 """
 
 import sys
@@ -22,7 +23,7 @@ from eol_ros.streams.requests import Asked
 
 
 class LedsNode(EolNode):
-    """slips, requests (and truth, with the twin's board) -> led_commands, block_taps."""
+    """slips, block_taps, requests (with the twin's board, truth) -> led_commands, block_taps."""
 
     NAME = 'leds'
     MAPS_TIME = True
@@ -38,8 +39,9 @@ class LedsNode(EolNode):
         self.frames = self.create_timer(1 / self.settings.frame_hz, self.on_frame)
         self.frames.cancel()
         self.infrared = Infrared(self, self.lights, self.tell)
-        self.create_timer(1.0, lambda: self.health.values.update(self.lights.values()))
+        self.create_timer(1.0, self.on_second)
         self.subscribe('slips', self.on_slip)
+        self.subscribe('block_taps', self.on_own_tap)
         self.requests.serve(
             sleep=self.on_sleep,
             wake=self.on_sleep,
@@ -51,7 +53,7 @@ class LedsNode(EolNode):
         self.lights.start()
 
     def on_settings(self, new) -> None:
-        self.lights.set(new.decay_s, new.peak)
+        self.lights.set(new)
 
     def restart(self) -> None:
         self.lights.restart()
@@ -62,12 +64,17 @@ class LedsNode(EolNode):
     def on_slip(self, slip: Slip) -> None:
         self.stamped(to_ns(slip.header.stamp))
         if slip.kind == slips.START:
-            self.tell(self.lights.slip(slip.block, to_ns(slip.header.stamp)))
+            self.tell(self.lights.slip(slip.block, to_ns(slip.header.stamp), to_ns(slip.onset)))
             self.health.tick()
             self.fade()
 
+    def on_own_tap(self, tap: BlockTap) -> None:
+        """A tap that this node has published, or a replay."""
+        self.tell(self.lights.tap(tap.block, to_ns(tap.header.stamp), tap.board_time_us))
+        self.fade()
+
     def fade(self) -> None:
-        if self.frames.is_canceled():
+        if self.lights.glows and self.frames.is_canceled():
             self.frames.reset()
 
     def on_frame(self) -> None:
@@ -104,9 +111,18 @@ class LedsNode(EolNode):
         self.tell(self.lights.test(self.now_ns()))
         self.fade()
 
+    def on_second(self) -> None:
+        self.health.values.update(self.lights.values())
+        if self.lights.board.ready:
+            self.on_state(self.lights.board.state)
+
     def on_state(self, state: State) -> None:
         report = {'ready': self.health.ok, 'refused': self.health.error}
-        report.get(state.kind, self.health.warn)(state.text)
+        faults = self.lights.faults() if state.kind == 'ready' else []
+        if faults:
+            self.health.warn('; '.join(faults))
+        else:
+            report.get(state.kind, self.health.warn)(state.text)
 
     def close(self) -> None:
         self.lights.close()

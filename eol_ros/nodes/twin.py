@@ -13,7 +13,7 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.board import block
 from eol_ros.devices.board.felt import TRACE, FeltBlocks
-from eol_ros.devices.board.twin import Felt, Radio
+from eol_ros.devices.board.twin import Felt, Lamps, Radio
 from eol_ros.devices.camera.exposure_clock import VirtualCamera
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
@@ -40,6 +40,7 @@ class TwinNode(EolNode):
         if s.accelerometer and self.blocks is None:
             self.get_logger().warning(block.MISSING)
         self.radio, self.felt, self.knocks = Radio(self.namespace), [], 0
+        self.lamps = Lamps(self.radio)
         coupling = Coupling(s.stiffness, s.mu_static, s.mu_kinetic)
         self.play = Play(s.seed, TRACE if self.blocks else 0, coupling)
         self.image = np.empty((s.height, s.width), np.uint8)
@@ -71,14 +72,23 @@ class TwinNode(EolNode):
     def film(self, index: int, span_s: float) -> None:
         begin_s = self.play.advance(span_s, self.settings.hands == 'visitors')
         t, end_s = self.play.table, self.play.time_s
+        lit: list[tuple[float, int]] = []
         if self.blocks:
             knocks = self.blocks.advance(begin_s, end_s, t.trace, self.play.rim.velocity)
+            lit = self.blocks.lit
             self.felt = [
-                Felt(self.stamp_ns - round((end_s - k.time_s) * NS), k.block, k.strength_mps2)
+                Felt(
+                    self.stamp_ns - round((end_s - k.time_s) * NS),
+                    k.block, k.strength_mps2, k.lit_s, k.first,
+                )
                 for k in knocks
-            ]
-        ir = self.infrared
-        self.renderer.render(t.x, t.y, t.yaw, index, self.image, velocity=t.velocity, ir=ir)
+            ]  # fmt: skip
+        white, detector = self.lamps.advance(begin_s, end_s, lit)
+        if self.blocks and detector:
+            self.blocks.configure(detector)
+        self.renderer.render(
+            t.x, t.y, t.yaw, index, self.image, velocity=t.velocity, ir=self.infrared, flash=white
+        )
 
     def deliver(self) -> None:
         """Publish the image and what was true."""

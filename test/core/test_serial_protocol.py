@@ -18,6 +18,11 @@ MESSAGES = st.one_of(
     st.builds(p.Pong, U32, U32, U32, U16),
     st.builds(p.Tap, U32, U8, U16),
     st.builds(p.Refused, U8, U8),
+    st.builds(p.Lighting, U8, U8, U16),
+    st.builds(p.Detector, U16, U16, U16, U16, U16, U16, U32),
+    st.builds(p.Light, U32, U32),
+    st.builds(p.Knock, U32, U8, U16, U16, U8),
+    st.builds(p.BlockStatus, U8, U16, st.integers(-128, 127), U8, U8, U8),
 )
 
 

@@ -7,6 +7,7 @@ import time
 import pytest
 from support.waiting import wait_until
 
+from eol_ros.core import serial_protocol as protocol
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.board.board import Board
 from eol_ros.devices.board.fake import FakeBoard
@@ -43,25 +44,39 @@ def host(fake):
         yield host
 
 
+@pytest.fixture
+def old(tmp_path):
+    """A board of version 1."""
+    with FakeBoard(str(tmp_path / 'old'), version=1) as fake:
+        yield fake
+
+
+@pytest.fixture
+def old_host(old):
+    with Host(old.link) as host:
+        assert wait_until(lambda: host.board.ready), host.states
+        yield host
+
+
 def test_meets_the_board(host, fake):
     assert host.board.state.text == f'board fake on {fake.link}, 25 blocks'
     assert host.board.sent >= 1
 
 
-def test_levels_arrive_as_sent(host, fake):
-    sequence = host.board.show(bytes(range(25)), 0x1_2345_6789)
+def test_levels_arrive_as_sent(old_host, old):
+    sequence = old_host.board.show(bytes(range(25)), 0x1_2345_6789)
 
-    assert wait_until(lambda: fake.levels() == list(range(25)))
-    arrival = next(a for a in reversed(fake.log) if a.kind == 'Levels')
+    assert wait_until(lambda: old.levels() == list(range(25)))
+    arrival = next(a for a in reversed(old.log) if a.kind == 'Levels')
     assert (arrival.sequence, arrival.stamp_us) == (sequence, 0x2345_6789)
 
 
-def test_infrared_and_flash_reach_the_board(host, fake):
-    host.board.infrared(False)
-    host.board.flash(3, 255, 400)
+def test_infrared_and_flash_reach_the_board(old_host, old):
+    old_host.board.infrared(False)
+    old_host.board.flash(3, 255, 400)
 
-    assert wait_until(lambda: fake.infrared_mask == 0 and fake.levels()[3] > 100)
-    assert not host.board.infrared_on
+    assert wait_until(lambda: old.infrared_mask == 0 and old.levels()[3] > 100)
+    assert not old_host.board.infrared_on
 
 
 def test_a_tap_is_stamped_with_the_time_of_the_knock(host, fake):
@@ -77,21 +92,59 @@ def test_a_tap_is_stamped_with_the_time_of_the_knock(host, fake):
     assert tap.time.sigma_s < 0.02
 
 
-def test_an_unplugged_board_is_met_again_and_shown_what_it_missed(host, fake):
-    host.board.infrared(0b11)
-    fake.fault('unplug')
+def test_a_board_of_version_1_is_spoken_to_in_its_language(old_host, old):
+    board = old_host.board
+    assert board.version == 1
+    assert board.state.text == f'board fake on {old.link}, 25 blocks, protocol version 1'
+    assert board.light(1, 0) is None
+    board.configure(protocol.Lighting(0, 255, 350), protocol.Detector())
+    assert wait_until(lambda: old_host.board.round_trip_ms)
+    assert old_host.board.reported_bad == 0
+    old.tap(4, 1.0)
+    assert wait_until(lambda: old_host.taps)
+    assert old_host.taps[0].lit_s is None
 
+
+def test_a_block_that_lit_itself_says_when_and_one_that_slept_is_less_sure(host, fake):
+    assert host.board.version == 2
+    assert wait_until(lambda: len(host.board.round_trip_ms) >= 9)
+    fake.knock(3, 2.0, ago_s=0.005, lit_s=0.002)
+    fake.knock(4, 2.0, ago_s=0.012, lit_s=0.009, woke=True)
+    assert wait_until(lambda: len(host.taps) == 2)
+    first, second = host.taps
+    assert (first.lit_s, second.lit_s) == (pytest.approx(0.002), pytest.approx(0.009))
+    assert first.time.sigma_s < 3e-3 <= second.time.sigma_s
+
+
+def test_a_board_that_comes_back_is_told_how_blocks_flash_and_feel(host, fake):
+    detector = protocol.Detector(threshold=384)
+    host.board.configure(protocol.Lighting(protocol.LIMITED, 128, 500), detector)
+    assert wait_until(lambda: fake.detector == detector)
+    fake.fault('unplug')
     assert wait_until(lambda: not host.board.ready)
-    assert host.board.show(b'\x40' * 25, 5) is None
-    fake.fault('reboot')
+    fake.detector = protocol.Detector()
     fake.fault('plug')
-    assert wait_until(lambda: host.board.ready)
-    assert wait_until(lambda: fake.levels() == [0x40] * 25 and fake.infrared_mask == 0b11)
-    assert host.board.connections == 2
-    kinds = [s.kind for s in host.states]
+    assert wait_until(lambda: fake.detector == detector)
+    assert host.board.light(1 << 9, 5) is not None
+    assert wait_until(lambda: fake.levels()[9] == 128)
+    assert wait_until(lambda: len(host.board.blocks) == 26)
+
+
+def test_an_unplugged_board_is_met_again_and_shown_what_it_missed(old_host, old):
+    old_host.board.infrared(0b11)
+    old.fault('unplug')
+
+    assert wait_until(lambda: not old_host.board.ready)
+    assert old_host.board.show(b'\x40' * 25, 5) is None
+    old.fault('reboot')
+    old.fault('plug')
+    assert wait_until(lambda: old_host.board.ready)
+    assert wait_until(lambda: old.levels() == [0x40] * 25 and old.infrared_mask == 0b11)
+    assert old_host.board.connections == 2
+    kinds = [s.kind for s in old_host.states]
     assert kinds[0] == 'ready' and kinds[-1] == 'ready'
     assert {'lost', 'looking'} >= set(kinds[1:-1]) != set()
-    assert all('trying again in' in s.text for s in host.states[1:-1])
+    assert all('trying again in' in s.text for s in old_host.states[1:-1])
 
 
 def test_a_silent_board_counts_as_lost(host, fake, monkeypatch):
@@ -121,7 +174,7 @@ def test_another_version_is_one_clear_line(tmp_path):
             assert wait_until(lambda: host.states)
             state = host.states[0]
             assert state.kind == 'refused'
-            assert f'speaks protocol version {version}, this program 1' in state.text
+            assert f'speaks protocol version {version}, this program 1 and 2' in state.text
             assert cure in state.text
 
 
@@ -149,16 +202,16 @@ def test_a_board_in_use_is_said_to_be(host, fake):
         assert 'in use by another program' in second.states[0].text
 
 
-def test_a_line_that_nobody_reads_never_blocks(host, fake, monkeypatch):
+def test_a_line_that_nobody_reads_never_blocks(old_host, old, monkeypatch):
     asleep = threading.Event()
-    monkeypatch.setattr(fake, '_take', lambda *_: asleep.wait())
-    host.board.show(bytes(25), 0)
-    results = [host.board.show(b'\xff' * 25, k) for k in range(3000)]
+    monkeypatch.setattr(old, '_take', lambda *_: asleep.wait())
+    old_host.board.show(bytes(25), 0)
+    results = [old_host.board.show(b'\xff' * 25, k) for k in range(3000)]
 
     asleep.set()  # one that blocked would not have come so far
 
     assert None in results
-    assert host.board.dropped > 0
+    assert old_host.board.dropped > 0
 
 
 def test_back_off_grows_and_starts_anew():

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fake board, spoken to byte by byte, without the host's own class."""
 
+import math
 import os
 import select
 import subprocess
@@ -59,6 +60,20 @@ def line(board):
     os.close(line.fd)
 
 
+@pytest.fixture
+def old():
+    """Of version 1: the host drives it level by level."""
+    with FakeBoard(version=1) as board:
+        yield board
+
+
+@pytest.fixture
+def old_line(old):
+    line = Line(old.port)
+    yield line
+    os.close(line.fd)
+
+
 def test_says_who_it_is(line):
     line.say(p.Hello())
 
@@ -71,13 +86,13 @@ def test_refuses_another_version(line):
     assert line.hear(p.Refused) == p.Refused(p.VERSION, 9)
 
 
-def test_shows_levels_and_notes_when_they_came(board, line):
+def test_shows_levels_and_notes_when_they_came(old, old_line):
     white = bytes(range(25))
     before_ns = time.time_ns()
-    line.say(p.Levels(before_ns // 1000 & 0xFFFFFFFF, white))
+    old_line.say(p.Levels(before_ns // 1000 & 0xFFFFFFFF, white))
 
-    assert wait_until(lambda: board.levels() == list(white))
-    arrival = board.log[-1]
+    assert wait_until(lambda: old.levels() == list(white))
+    arrival = old.log[-1]
     assert (arrival.kind, arrival.sequence) == ('Levels', 0)
     assert before_ns < arrival.time_ns < time.time_ns()
     assert latency_s(arrival) >= 0
@@ -92,20 +107,20 @@ def test_latency_is_right_over_the_wrap_of_the_stamp(late_us):
     assert latency_s(arrival) == pytest.approx(late_us * 1e-6)
 
 
-def test_fades_a_flash_by_itself(board, line):
-    line.say(p.Flash(0, 6, 200, 100))
+def test_fades_a_flash_by_itself(old, old_line):
+    old_line.say(p.Flash(0, 6, 200, 100))
 
-    assert wait_until(lambda: board.levels()[6] > 100)
-    assert wait_until(lambda: 0 < board.levels()[6] < 20)
+    assert wait_until(lambda: old.levels()[6] > 100)
+    assert wait_until(lambda: 0 < old.levels()[6] < 20)
 
 
-def test_goes_dark_when_the_host_is_gone(board, line, monkeypatch):
+def test_goes_dark_when_the_host_is_gone(old, old_line, monkeypatch):
     monkeypatch.setattr('eol_ros.devices.board.fake.DARK_AFTER_S', 0.1)
-    line.say(p.Levels(0, b'\xff' * 25))
-    wait_until(lambda: board.log)
+    old_line.say(p.Levels(0, b'\xff' * 25))
+    wait_until(lambda: old.log)
     time.sleep(0.15)
 
-    assert board.levels() == [0] * 25
+    assert old.levels() == [0] * 25
 
 
 def test_switches_infrared(board, line):
@@ -126,11 +141,51 @@ def test_answers_pings_with_its_own_running_clock(board, line):
     assert second.good == 2
 
 
-def test_reports_taps(board, line):
-    board.tap(13, 2.5)
+def test_reports_taps(old, old_line):
+    old.tap(13, 2.5)
 
-    tap = line.hear(p.Tap)
+    tap = old_line.hear(p.Tap)
     assert (tap.block, tap.strength) == (13, 250)
+
+
+def test_a_block_lights_itself_and_says_so(board, line):
+    board.knock(13, 2.5, ago_s=4e-3, lit_s=1.5e-3, woke=True)
+
+    knock = line.hear(p.Knock)
+    assert (knock.block, knock.strength, knock.lit_us) == (13, 250, 1500)
+    assert knock.flags == p.WOKE
+    assert board.levels()[13] > 200
+
+
+def test_blocks_are_lit_as_the_host_says_and_flash_by_themselves_if_they_may(board, line):
+    line.say(p.Lighting(p.LIMITED, 100, 400))
+    line.say(p.Light(0, 1 << 3 | 1 << 24))
+    assert wait_until(lambda: board.levels()[24] > 50)
+    assert [b for b, level in enumerate(board.levels()) if level] == [3, 24]
+    assert max(board.levels()) <= 100
+    board.tap(7, 1.0)
+    assert line.hear(p.Knock).lit_us == p.NOT_LIT
+    assert board.levels()[7] == 0
+
+
+def test_without_a_bridge_blocks_flash_and_fade_slowly(board, line):
+    line.say(p.Lighting(p.BY_ITSELF | p.LIMITED, 255, 182))
+    assert line.hear(p.BlockStatus).block == p.BRIDGE
+    board.fault('unplug')
+    began = time.monotonic()
+    board.tap(5, 1.0)
+    time.sleep(0.3)
+    level, took = board.levels()[5] / 255, time.monotonic() - began
+    assert level == pytest.approx(math.exp(-took / 4.0), abs=0.02)  # and not exp(-0.3 / 0.182)
+    board.fault('plug')
+    assert wait_until(lambda: board.levels()[5] < 40)
+
+
+def test_says_how_blocks_are_when_it_is_told_how_they_flash(board, line):
+    line.say(p.Lighting(p.LIMITED, 255, 350))
+    found = [line.hear(p.BlockStatus) for _ in range(26)]
+    assert sorted(one.block for one in found) == [*range(25), p.BRIDGE]
+    assert all(one.flags & p.LINKED for one in found)
 
 
 @pytest.mark.parametrize(('fault', 'heard'), [('noise', 2), ('truncate', 1), ('oversize', 2)])
@@ -139,7 +194,7 @@ def test_spoils_one_packet_when_told(board, line, fault, heard):
     board.tap(1, 1.0)
     board.tap(2, 1.0)
 
-    assert len([t for t in (line.hear(p.Tap), line.hear(p.Tap, 0.2)) if t]) == heard
+    assert len([t for t in (line.hear(p.Knock), line.hear(p.Knock, 0.2)) if t]) == heard
     assert line.decoder.bad >= 1
 
 
@@ -182,7 +237,7 @@ def test_runs_as_a_program(tmp_path):
         line = Line(link)
         line.say(p.Hello())
         assert line.hear(p.Welcome)
-        assert line.hear(p.Tap).strength == 500
+        assert line.hear(p.Knock).strength == 500
         os.close(line.fd)
     finally:
         program.terminate()

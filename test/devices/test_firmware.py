@@ -47,6 +47,11 @@ MESSAGES = [
     p.Pong(1, 2, 3, 4),
     p.Tap(99, 24, 65535),
     p.Refused(1, 2),
+    p.Lighting(p.BY_ITSELF | p.LIMITED, 255, 350),
+    p.Detector(256, 13, 40, 7000, 67, 2016, 80640),
+    p.Light(2**32 - 1, p.ALL_BLOCKS),
+    p.Knock(99, 24, 65535, p.NOT_LIT, p.WOKE),
+    p.BlockStatus(p.BRIDGE, 3000, -5, 2, 0, p.LINKED | p.SENSOR_DEAD),
 ]
 
 
@@ -111,6 +116,17 @@ def test_the_board_reads_on_after_noise_and_damage(board):
     assert board.bad() > 100
 
 
+def test_both_name_the_same_kinds_and_flags(tmp_path):
+    """The header's own numbers, by its own compiler."""
+    kinds = {m.__name__.upper(): m.KIND for m in p.MESSAGES.values()}
+    kinds['KNOCKED'], kinds['BLOCK_STATUS'] = kinds.pop('KNOCK'), kinds.pop('BLOCKSTATUS')
+    flags = ('BY_ITSELF', 'LIMITED', 'WOKE', 'LINKED', 'SENSOR_DEAD', 'ASLEEP', 'BRIDGE')
+    numbers = kinds | {n: getattr(p, n) for n in (*flags, 'NOT_LIT', 'VERSION', 'MAX_BODY')}
+    tests = '\n'.join(f'typedef char is_{n}[EOL_{n} == {v} ? 1 : -1];' for n, v in numbers.items())
+    (tmp_path / 'numbers.c').write_text(f'#include "eol_serial.h"\n{tests}\n')
+    compiled(tmp_path, '-std=c99', '-I', HEADER.parent, '-c', 'numbers.c', '-o', 'numbers.o')
+
+
 def test_its_integers_are_little_endian(board):
     assert board.round_trip(ctypes.c_uint32(0x12345678)) == 0x12345678
 
@@ -163,7 +179,8 @@ def test_the_firmware_compiles_without_a_warning(source, tmp_path):
 
 def test_a_block_needs_no_floating_point(tmp_path):
     words = ['-std=c99', '-O2', '-mgeneral-regs-only', '-c']
-    compiled(tmp_path, *words, FIRMWARE / 'block' / 'knock.c', '-o', tmp_path / 'out.o')
+    for name in ('knock.c', 'light.c'):
+        compiled(tmp_path, *words, FIRMWARE / 'block' / name, '-o', tmp_path / 'out.o')
 
 
 def test_no_sample_makes_the_detector_do_what_is_undefined(tmp_path):

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the blocks really show, read from the board at the other end of the line."""
 
+import math
 import time
 
 import numpy as np
 import pytest
 from support.waiting import wait_until
 
+from eol_ros.core import serial_protocol as protocol
 from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.devices.board.lights import Lights, Played
-from eol_ros.devices.board.twin import Felt, Radio, TwinBoard
+from eol_ros.devices.board.twin import Felt, Lamps, Radio, TwinBoard
 from eol_ros.errors import ConfigError
 from eol_ros.settings import LedsSettings
 
@@ -20,8 +22,8 @@ DAY_NS = 1_700_000_000_000_000_000  # when the replayed run was
 def make_lights():
     made = []
 
-    def make(**settings):
-        made.append(Lights(LedsSettings(port='twin', **settings)))
+    def make(on_tap=lambda tap: None, **settings):
+        made.append(Lights(LedsSettings(**{'port': 'twin'} | settings), on_tap))
         made[-1].start()
         assert wait_until(lambda: made[-1].board.ready)
         return made[-1]
@@ -31,32 +33,45 @@ def make_lights():
         lights.close()
 
 
-def storm(lights, seconds=2.0):
+@pytest.fixture
+def old(tmp_path):
+    """A board of version 1, which shows what it is sent."""
+    with FakeBoard(str(tmp_path / 'old'), version=1) as fake:
+        yield fake
+
+
+def seen(lights, block, stamp_ns):
+    """A slip that began 15 ms before the image that shows it."""
+    return lights.slip(block, stamp_ns, stamp_ns - 15_000_000)
+
+
+def storm(lights, fake, seconds=2.0, shows=None):
     """A slip of one block every 90 ms; the levels that the board shows, and when."""
-    fake, times, shown, at = lights.twin.fake, [], [], 0.0
+    times, shown, at = [], [], 0.0
     began = time.monotonic()
     while (now := time.monotonic() - began) < seconds:
         if now >= at:
-            lights.slip(12, time.time_ns())
+            seen(lights, 12, time.time_ns())
             at += 0.09
         else:
             lights.frame()
         times.append(now)
-        shown.append(fake.levels()[12] / 255)
+        shown.append(shows() if shows else fake.levels()[12] / 255)
         time.sleep(0.002)
     return np.array(times), np.array(shown)
 
 
 def replayed_storm(lights, fake, rate, seconds=2.0):
-    """A slip of one block every 400 recorded ms, played at `rate`; as `storm`."""
-    times, shown, at, began = [], [], 0.0, time.monotonic()
+    """A slip of one block every 400 recorded ms, played at `rate`; as `storm`, or as it is told."""
+    times, shown, at, told, began = [], [], 0.0, 0.0, time.monotonic()
     while (now := time.monotonic() - began) < seconds:
         if now * rate >= at:
-            lights.slip(12, DAY_NS + round(at * 1e9))
+            seen(lights, 12, DAY_NS + round(at * 1e9))
             at += 0.4
-        lights.frame()
+        for sent in lights.frame():
+            told = sent.white[12] / 255
         times.append(now)
-        shown.append(fake.levels()[12] / 255)
+        shown.append(fake.levels()[12] / 255 if fake else told)
         time.sleep(0.002)
     return np.array(times), np.array(shown)
 
@@ -78,24 +93,46 @@ def changes(times, level):
     return np.array(found)
 
 
-@pytest.mark.slow
-def test_a_storm_of_slips_is_no_strobe_on_the_blocks(make_lights):
-    free = changes(
-        *storm(
-            make_lights(
-                decay_s=0.02, flash_limit=False, flash_limit_off_because='to see the difference'
-            )
-        )
-    )
-    held = changes(*storm(make_lights(decay_s=0.02)))
+FREE = {'flash_limit': False, 'flash_limit_off_because': 'to see the difference'}
 
-    assert flashes(free) > 8
-    assert flashes(held) <= 3
+
+@pytest.mark.slow
+@pytest.mark.parametrize('version', [1, 2])
+def test_a_storm_of_slips_is_no_strobe_on_the_blocks(make_lights, version):
+    most = []
+    for more in (FREE, {}):
+        with FakeBoard(version=version) as fake:
+            lights = make_lights(port=fake.port, decay_s=0.02 if version == 1 else 0.182, **more)
+            most.append(flashes(changes(*storm(lights, fake))))
+            lights.close()
+    free, held = most
+    assert free > 5
+    assert held <= 3
+
+
+@pytest.mark.slow
+def test_blocks_and_host_together_are_no_strobe(make_lights):
+    """A block that flashes by itself, and slips of its neighbour that only the camera saw."""
+    for more, strobes in ((FREE, True), ({}, False)):
+        with FakeBoard() as fake:
+            lights = make_lights(port=fake.port, decay_s=0.182, **more)
+            assert wait_until(lambda fake=fake: fake.bridge.field.decay_s == 0.182)
+            slip, count = lights.slip, [0]
+
+            def either(block, *stamps, slip=slip, count=count, fake=fake):
+                count[0] += 1
+                return fake.knock(13, 2.0) if count[0] % 2 else slip(block, *stamps)
+
+            lights.slip = either
+            shows = lambda fake=fake: np.array(fake.levels())[12:14].sum() / 255 / 2  # noqa: E731
+            found = flashes(changes(*storm(lights, fake, shows=shows)))
+            lights.close()
+        assert (found > 3) == strobes
 
 
 @pytest.mark.slow
 def test_a_real_board_keeps_its_limit_in_wall_time_at_any_rate():
-    """And the twin's does not: it is there to show the levels of the run again."""
+    """And the levels that are told with the twin's do not: they are those of the run again."""
     began_ns = time.time_ns()
     played = Played(
         lambda stamp: began_ns + (stamp - DAY_NS) // 4,
@@ -103,32 +140,121 @@ def test_a_real_board_keeps_its_limit_in_wall_time_at_any_rate():
         lambda: 1.0,
     )
     most = {}
-    with FakeBoard() as fake:
-        for port in ('twin', fake.port):
+    with FakeBoard(version=1) as old, FakeBoard() as fake:
+        boards = {'twin': None, old.port: old, fake.port: fake}
+        for port, board in boards.items():
             lights = Lights(LedsSettings(port=port, decay_s=0.02), played=played)
             lights.start()
             assert wait_until(lambda board=lights.board: board.ready)
             began_ns = time.time_ns()
-            board = lights.twin.fake if port == 'twin' else fake
             most[port] = flashes(changes(*replayed_storm(lights, board, 4.0)))
             lights.close()
     assert most['twin'] > 3
-    assert most[fake.port] <= 3
+    assert most[old.port] <= 3 and most[fake.port] <= 3
 
 
-def test_levels_that_a_slip_overtakes_are_told_in_their_order(make_lights):
-    lights = make_lights()
+def test_levels_that_a_slip_overtakes_are_told_in_their_order(make_lights, old):
+    lights = make_lights(port=old.port)
     now = time.time_ns()
-    lights.slip(1, now - 100_000_000)
-    told = lights.slip(2, now)
+    seen(lights, 1, now - 100_000_000)
+    told = seen(lights, 2, now)
 
     assert len(told) == 11 and {one.sequence for one in told} == {told[0].sequence}
     assert [one.stamp_ns for one in told] == [0] * 10 + [now]
     faded = [one.white[1] for one in told]
     assert faded == sorted(faded, reverse=True) and faded[0] < 255
     assert [one.white[2] for one in told] == [0] * 10 + [255]
-    assert wait_until(lambda: lights.twin.fake.levels()[2] == 255)
-    assert sum(a.kind == 'Levels' for a in lights.twin.fake.log) == 3  # one at the start
+    assert wait_until(lambda: old.levels()[2] == 255)
+    assert sum(a.kind == 'Levels' for a in old.log) == 3  # one at the start
+
+
+def told_by(lights, seconds=0.3):
+    told = []
+
+    def all_shown():
+        told.extend(lights.frame())
+        return time.monotonic() > end
+
+    end = time.monotonic() + seconds
+    assert wait_until(all_shown)
+    return told
+
+
+def test_a_block_that_felt_its_slip_is_not_lit_again(make_lights):
+    taps = []
+    with FakeBoard() as fake:
+        lights = make_lights(port=fake.port, on_tap=taps.append)
+        assert wait_until(lambda: lights.board.sync.ready)
+        fake.knock(3, 2.0, ago_s=0.004, lit_s=0.001)
+        assert wait_until(lambda: taps)
+        knock_ns = taps[0].stamp_ns
+        assert lights.tap(3, knock_ns, taps[0].board_us) == []
+        lights.slip(3, knock_ns + 20_000_000, knock_ns + 2_000_000)  # the same
+        lights.slip(4, knock_ns + 20_000_000, knock_ns + 2_000_000)  # only the camera saw it
+        assert wait_until(lambda: fake.levels()[4] > 0)
+        told = told_by(lights)
+        assert [a.kind for a in fake.log if a.kind in ('Light', 'Levels')] == ['Light']
+    by_knock, by_camera = (one for one in told if one.stamp_ns)
+    assert by_knock.stamp_ns == knock_ns and by_camera.stamp_ns == knock_ns + 20_000_000
+    assert by_knock.sent_ns - knock_ns == pytest.approx(1e6, abs=1)  # when it shone
+    assert by_knock.white[3] == 255 and by_knock.white[4] == 0
+    assert by_camera.white[4] == 255 and 0 < by_camera.white[3] < 255
+    sent = [one.sent_ns for one in told if one is not by_camera]
+    assert sent == sorted(sent)
+
+
+@pytest.mark.parametrize(
+    ('trigger', 'lit'), [('blocks', [3]), ('slips', [4]), ('both', [3, 4])]
+)  # fmt: skip
+@pytest.mark.parametrize('version', [1, 2])
+def test_what_lights_is_chosen(make_lights, version, trigger, lit):
+    """Block 3 knocks, block 4 is seen, on a board whose blocks flash, and on one of version 1."""
+    taps = []
+    with FakeBoard(version=version) as fake:
+        lights = make_lights(port=fake.port, trigger=trigger, on_tap=taps.append)
+        if version == 2:
+            wanted = trigger != 'slips'
+            assert wait_until(lambda: len(lights.board.blocks) == 26)
+            assert fake.bridge.by_itself == wanted
+        fake.tap(3, 2.0)
+        assert wait_until(lambda: taps)
+        lights.tap(3, taps[0].stamp_ns, taps[0].board_us)
+        seen(lights, 4, time.time_ns())
+        assert wait_until(lambda: all(fake.levels()[b] for b in lit))
+        assert [b for b, level in enumerate(fake.levels()) if level] == lit
+        lights.asleep = True
+        lights.close()
+        if version == 2:
+            assert wait_until(lambda: not fake.bridge.by_itself)
+
+
+def test_without_a_camera_light_goes_on_and_without_a_bridge_too(make_lights):
+    with FakeBoard() as fake:
+        lights = make_lights(port=fake.port)
+        fake.knock(1, 2.0)  # and no slip comes
+        assert fake.levels()[1] == 255
+        fake.fault('unplug')
+        assert wait_until(lambda: not lights.board.ready)
+        fake.knock(2, 2.0)
+        assert fake.levels()[2] > 250
+        assert seen(lights, 5, time.time_ns()) == []
+        assert fake.levels()[5] == 0
+
+
+def test_what_is_wrong_with_a_block_is_a_line(make_lights):
+    with FakeBoard() as fake:
+        lights = make_lights(port=fake.port)
+        assert wait_until(lambda: len(lights.board.blocks) == 26)
+        assert lights.faults() == []
+        fake.report(4, millivolts=3000)
+        fake.report(7, flags=protocol.LINKED | protocol.SENSOR_DEAD)
+        fake.report(9, flags=0)
+        assert wait_until(lambda: len(lights.faults()) == 3)
+        battery, sensor, link = lights.faults()
+        assert battery == 'the battery of block 4 is at 3.0 V: charge it'
+        assert sensor.startswith('the accelerometer of block 7 repeats one value')
+        assert link.startswith('block 9 is not heard')
+        assert lights.values()['lowest_battery_v'] == 3.0
 
 
 def test_a_slip_that_was_in_time_is_in_time_when_played_slowly(monkeypatch):
@@ -141,10 +267,12 @@ def test_a_slip_that_was_in_time_is_in_time_when_played_slowly(monkeypatch):
         lambda: 4.0,
     )
     lights = Lights(LedsSettings(port='twin'), played=played)
+    lights.start()
+    assert wait_until(lambda: lights.board.ready)
     for wall_ms in range(0, 2000, 4):
         wall_ns = DAY_NS + wall_ms * 1_000_000
         if wall_ms % 400 == 120:
-            lights.slip(wall_ms // 400, wall_ns // 4 + 3 * DAY_NS // 4 - 30_000_000)
+            seen(lights, wall_ms // 400, wall_ns // 4 + 3 * DAY_NS // 4 - 30_000_000)
         lights.frame()
     lights.close()
     assert lights.glows and lights.frames.late == 0
@@ -157,21 +285,21 @@ def test_after_a_jump_back_the_twin_begins_in_the_dark_and_a_real_board_fades():
             lights = Lights(LedsSettings(port=port), played=played)
             lights.start()
             assert wait_until(lambda board=lights.board: board.ready)
-            lights.slip(1, time.time_ns())
+            seen(lights, 1, time.time_ns())
             lights.restart()
             assert lights.glows is glows
             lights.close()
 
 
-def test_a_slip_is_shown_and_told(make_lights):
-    lights = make_lights()
-    (sent,) = lights.slip(4, 1_000_000_000)
+def test_a_slip_is_shown_and_told(make_lights, old):
+    lights = make_lights(port=old.port)
+    (sent,) = seen(lights, 4, 1_000_000_000)
 
     assert (sent.stamp_ns, sent.white[4], sent.infrared) == (1_000_000_000, 255, True)
-    assert wait_until(lambda: lights.twin.fake.levels()[4] > 0)
+    assert wait_until(lambda: old.levels()[4] > 0)
     assert lights.values()['sent'] >= 2
     lights.asleep = True
-    assert lights.slip(5, 2) == []
+    assert seen(lights, 5, 2) == []
 
 
 def test_the_limit_goes_off_only_with_a_reason():
@@ -184,38 +312,60 @@ def test_the_log_of_the_wire(tmp_path):
     lights = Lights(LedsSettings(port='twin', board_log=str(path)))
     lights.start()
     assert wait_until(lambda: lights.board.ready)
-    lights.slip(0, time.time_ns())
+    seen(lights, 0, time.time_ns())
     assert wait_until(lambda: 'wire_packets' in lights.values())
     lights.close()
     rows = [line.split(',') for line in path.read_text().split()]
 
     assert rows[0] == ['time_ns', 'kind', 'sequence', 'stamp_us']
-    assert {'Hello', 'Infrared', 'Levels'} <= {row[1] for row in rows}
+    assert {'Hello', 'Infrared', 'Lighting', 'Detector', 'Light'} <= {row[1] for row in rows}
     assert lights.values()['wire_packets'] == 1
     assert lights.values()['wire_p50_ms'] > 0
 
 
 def test_the_board_reports_what_the_blocks_of_the_twin_feel():
     board, radio, taps = TwinBoard(), Radio(), []
-    board.fake.tap = lambda *tap: taps.append(tap)
+    board.fake.knock = lambda *tap: taps.append([*tap])
     now = time.time_ns()
-    radio.send([Felt(now - 20_000_000, 3, 2.5), Felt(now - 5_000_000, 24, 0.25)])
+    radio.send([Felt(now - 20_000_000, 3, 2.5, 0.5), Felt(now - 5_000_000, 24, 0.25, 1.0, True)])
     sigma_s = board.listen()
     board.listen()  # nothing new
     board.close()
     radio.send([Felt(now, 1, 1.0)])  # nobody listens any more
     radio.close()
 
-    assert [(block, strength) for block, strength, _ in taps] == [(3, 2.5), (24, 0.25)]
-    ago_s = [ago_s for _, _, ago_s in taps]
+    ago_s = [tap.pop(2) for tap in taps]
+    assert taps == [[3, 2.5, 0.5, False], [24, 0.25, 1.0, True]]
     assert ago_s[0] - ago_s[1] == pytest.approx(0.015, abs=0.002) and ago_s[1] >= 0.005
     assert 0 < sigma_s < 1e-3
+
+
+def test_the_blocks_of_the_twin_do_what_their_board_says(make_lights):
+    radio = Radio()
+    lamps = Lamps(radio)
+    assert lamps.advance(0.0, 1.0, [(0.9, 3)])[0][3] == pytest.approx(
+        math.exp(-0.1 / 4.0), rel=1e-3
+    )
+    lights = make_lights(decay_s=0.5, knock_threshold_mg=20, peak=0.8)
+    assert wait_until(lambda: len(lights.board.blocks) == 26)
+    lights.truth(0, ())  # the twin has moved on
+    _, detector = lamps.advance(1.0, 1.1, [])
+    assert detector.threshold == 320
+    seen(lights, 9, time.time_ns())
+    assert wait_until(lambda: lights.twin.fake.levels()[9])
+    light, _ = lamps.advance(10.0, 10.0, [])
+    assert light[9] == pytest.approx(0.8, abs=0.01) and np.count_nonzero(light) == 1
+    lights.twin.fake.fault('unplug')
+    assert wait_until(lambda: not radio.linked)
+    radio.close()
+    before, after = (lamps.advance(10.5, t, [])[0][9] for t in (10.5, 11.5))
+    assert after == pytest.approx(before * math.exp(-1 / 4.0), rel=1e-3)
 
 
 def test_of_two_boards_in_one_graph_the_first_hears():
     first, second, radio, taps = TwinBoard(), TwinBoard(), Radio(), []
     for name, board in (('first', first), ('second', second)):
-        board.fake.tap = lambda *tap, name=name: taps.append(name)
+        board.fake.knock = lambda *tap, name=name: taps.append(name)
     radio.send([Felt(time.time_ns(), 3, 2.5)])
     second.listen()
     first.listen()

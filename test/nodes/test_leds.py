@@ -44,6 +44,7 @@ class Around(EolNode):
     def slip(self, block, kind=Slip.START, ahead_s=0):
         message = Slip(kind=kind, block=block)
         message.header.stamp = to_msg(now_ns() + ahead_s * 10**9)
+        message.onset = message.header.stamp
         self.slips.publish(message)
         return to_ns(message.header.stamp)
 
@@ -87,8 +88,8 @@ def heard_by(lights):
     """Return the list of what `lights` sends for each slip from now on."""
     heard, slip = [], lights.slip
 
-    def listen(block, stamp_ns):
-        heard.append(slip(block, stamp_ns))
+    def listen(*slipped):
+        heard.append(slip(*slipped))
         return heard[-1]
 
     lights.slip = listen
@@ -97,7 +98,7 @@ def heard_by(lights):
 
 @pytest.fixture
 def rig(make_rig):
-    rig = make_rig(port='twin', decay_s=0.1)
+    rig = make_rig(port='twin', decay_s=0.182)
     assert rig.until(lambda: rig.leds.lights.board.ready)
     return rig
 
@@ -128,6 +129,7 @@ def test_the_light_dies_away_and_then_the_line_is_quiet(rig):
 
     assert levels[0] == 255 and levels[-1] == 0
     assert max(np.diff(np.array(levels, int))) <= 0
+    assert {c.sequence for c in rig.around.commands} == {rig.around.commands[0].sequence}
     assert len(levels) > 20
     rig.until(rig.leds.frames.is_canceled)  # nothing is left that could write
     assert len(rig.around.commands) == len(levels)
@@ -174,6 +176,35 @@ def test_what_the_blocks_of_the_twin_feel_is_published(rig):
     assert (tap.block, tap.strength) == (11, pytest.approx(2.45))
     assert abs(to_ns(tap.header.stamp) - felt_ns) < 10e6
     assert 0 < tap.sigma < 0.03
+
+
+def test_the_light_of_a_block_by_itself_is_told_with_the_stamp_of_its_tap(make_rig):
+    """Here the fake board's; what the twin's blocks do by themselves comes by radio."""
+    with FakeBoard() as fake:
+        rig = make_rig(port=fake.port)
+        assert rig.until(lambda: rig.leds.lights.board.sync.ready)
+        fake.knock(11, 2.45, ago_s=0.004, lit_s=0.0015)
+        assert rig.until(lambda: len(rig.around.commands) > 2)
+        (tap,) = rig.around.taps
+        lit, *fades = rig.around.commands
+        assert to_ns(lit.header.stamp) == to_ns(tap.header.stamp)
+        assert to_ns(lit.sent) - to_ns(lit.header.stamp) == pytest.approx(1.5e6, abs=1)
+        assert np.flatnonzero(lit.white).tolist() == [11]
+        assert all(to_ns(c.header.stamp) == 0 for c in fades)
+        assert not [a for a in fake.log if a.kind in ('Light', 'Levels')]
+
+
+def test_a_battery_that_is_low_is_a_warning_and_the_rest_goes_on(make_rig):
+    with FakeBoard() as fake:
+        rig = make_rig(port=fake.port)
+        assert rig.until(lambda: len(rig.leds.lights.board.blocks) == 26)
+        fake.report(6, millivolts=2950)
+        words = 'the battery of block 6 is at 3.0 V: charge it'
+        assert rig.until(lambda: (1, words) in [(int(n), t) for n, t in rig.around.states])
+        rig.around.slip(6)
+        assert rig.until(lambda: fake.levels()[6] > 0)
+        fake.report(6)
+        assert rig.until(lambda: rig.around.states[-1][0] == 0)
 
 
 def test_infrared_goes_off_while_the_tracker_learns(rig, monkeypatch):
@@ -225,7 +256,7 @@ def test_a_board_of_another_version_is_an_error_in_one_line(make_rig):
         assert rig.until(lambda: any(level == 2 for level, _ in rig.around.states))
 
     text = next(text for level, text in rig.around.states if level == 2)
-    assert 'speaks protocol version 9, this program 1: update eol_ros' in text
+    assert 'speaks protocol version 9, this program 1 and 2: update eol_ros' in text
 
 
 def test_the_limit_goes_off_only_with_a_reason(ros, make_rig):

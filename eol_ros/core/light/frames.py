@@ -8,7 +8,13 @@ holds what was lit up to then: the same slips give the same frames, live and in 
 
 Frames are therefore asked for later than they lie, by more than a slip takes to be known. A slip
 that is known when frames before it are still to come returns those too.
+
+What a block lights by itself is known later than it shone, and what it and the host light may be
+told in another order than it happened: such light is kept until its frames are due (`lit`).
 """
+
+import heapq
+from typing import Any
 
 from eol_ros.core.light.flash import FlashField
 
@@ -24,32 +30,56 @@ class Frames:
         self._period = 1e9 / rate_hz
         self._anchor_ns = self._last_ns = 0
         self._count = 0  # frames since the anchor
+        self._kept: list[tuple[int, int, tuple[int, ...], Any]] = []  # a heap by stamp
+        self._number = 0
 
     @property
     def glows(self) -> bool:
         """Whether frames are to come."""
-        return not self.field.dark
+        return bool(self._kept) or not self.field.dark
+
+    def lit(self, stamp_ns: int, cause: Any, *blocks: int) -> None:
+        """Keep that `blocks` were lit at `stamp_ns` until `due` comes to it."""
+        self._number += 1
+        heapq.heappush(self._kept, (stamp_ns, self._number, blocks, cause))
+
+    def due(self, stamp_ns: int) -> list[tuple[int, bytes, Any]]:
+        """Return time, levels and cause of what was kept and of the frames up to `stamp_ns`.
+
+        The cause is None in a frame.
+        """
+        found: list[tuple[int, bytes, Any]] = []
+        while self._kept and self._kept[0][0] <= stamp_ns:
+            at_ns, _, blocks, cause = heapq.heappop(self._kept)
+            found += [(t, levels, None) for t, levels in self._until(at_ns)]
+            found.append((at_ns, self._lit(at_ns, blocks), cause))
+        return found + [(t, levels, None) for t, levels in self._until(stamp_ns)]
 
     def slip(self, stamp_ns: int, *blocks: int) -> list[bytes]:
         """Light `blocks`; return the frames that lie before, and last the levels with the light."""
-        frames = self.until(stamp_ns)
-        if not self.glows:
+        return [*self.until(stamp_ns), self._lit(stamp_ns, blocks)]
+
+    def until(self, stamp_ns: int) -> list[bytes]:
+        """Return the frames that lie at or before `stamp_ns` and were not returned before."""
+        return [levels for _, levels in self._until(stamp_ns)]
+
+    def _lit(self, stamp_ns: int, blocks: tuple[int, ...]) -> bytes:
+        if self.field.dark:
             self._anchor_ns, self._count = stamp_ns, 0
         elif stamp_ns < self._last_ns:
             self.late += 1
         self._last_ns = max(stamp_ns, self._last_ns)
         for block in blocks:
             self.field.slip(stamp_ns * NS, block)
-        return [*frames, self.field.level_bytes(stamp_ns * NS)]
+        return self.field.level_bytes(stamp_ns * NS)
 
-    def until(self, stamp_ns: int) -> list[bytes]:
-        """Return the frames that lie at or before `stamp_ns` and were not returned before."""
+    def _until(self, stamp_ns: int) -> list[tuple[int, bytes]]:
         frames = []
-        while self.glows:
+        while not self.field.dark:
             at_ns = self._anchor_ns + round((self._count + 1) * self._period)
             if at_ns > stamp_ns:
                 break
-            frames.append(self.field.level_bytes(at_ns * NS))
+            frames.append((at_ns, self.field.level_bytes(at_ns * NS)))
             self._count, self._last_ns = self._count + 1, max(at_ns, self._last_ns)
         return frames
 
@@ -59,3 +89,4 @@ class Frames:
         self.field.shift(by_ns * NS)
         self._anchor_ns += by_ns
         self._last_ns += by_ns
+        self._kept = [(stamp_ns + by_ns, *rest) for stamp_ns, *rest in self._kept]

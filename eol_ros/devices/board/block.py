@@ -112,6 +112,11 @@ class Detector:
         self._lib.eol_knock_wake(self._memory)
 
     @property
+    def running(self) -> Config:
+        """What it goes by; to be changed while it runs."""
+        return self._knock.config
+
+    @property
     def limit_mg(self) -> float:
         """The threshold as it is now: that of the noise, where it is greater."""
         return self._lib.eol_knock_limit(self._memory) / 16

@@ -6,6 +6,7 @@ opened again after 1, 2, 4 ... 30 s, and the board is then told once more what i
 """
 
 import errno
+import math
 import os
 import select
 import threading
@@ -27,6 +28,7 @@ HELLO_FOR_S = 5.0  # a board that resets when its port opens takes up to 2 s
 PING_EVERY_S = 0.5
 SILENT_AFTER_S = 2.0
 READ_BYTES = 4096
+WOKE_SIGMA_S = 3e-3  # of a knock that woke its block: `eol bench taps`
 UNSYNCED_SIGMA_S = 0.02  # of a tap that comes before the clocks have met: its arrival time is taken
 
 
@@ -40,12 +42,16 @@ class State:
 
 @dataclass(frozen=True)
 class TapReport:
-    """A knock on a block: when, on this host's monotonic clock, and how hard, m/s^2."""
+    """A knock on a block: when, on this host's monotonic clock, and how hard, m/s^2.
+
+    The block lit itself `lit_s` later, or not: None.
+    """
 
     block: int
     strength: float
     time: HostTime
     board_us: int
+    lit_s: float | None = None
 
 
 class LineLost(OSError):
@@ -71,6 +77,8 @@ class Board:
         self.sync = ClockSync()
         self.decoder = protocol.Decoder()
         self.sent = self.dropped = self.connections = self.taps = 0
+        self.version = 0  # of the protocol that the board speaks; 0 while that is not known
+        self.blocks: dict[int, protocol.BlockStatus] = {}  # as they were last reported
         self.reported_bad = 0  # damaged packets that the board itself counted
         self.round_trip_ms: deque[float] = deque(maxlen=64)
         self._port, self._baud = port, baud
@@ -81,6 +89,7 @@ class Board:
         self._sequence = 0
         self._white = bytes(N_BLOCKS)
         self._infrared = protocol.ALL_BLOCKS
+        self._configuration: list[protocol.Message] = []
         self._asked: dict[int, float] = {}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='board', daemon=True)
@@ -90,7 +99,7 @@ class Board:
         self._thread.start()
 
     def close(self) -> None:
-        """Let the lights go dark and close the port."""
+        """Let the lights go dark and close the port; blocks that light themselves go on."""
         self.show(bytes(N_BLOCKS), 0)
         self._stop.set()
         if self._thread.is_alive():
@@ -105,10 +114,25 @@ class Board:
         """Send the level of each white LED, 25 bytes, and the image's stamp in us (low 32 bits).
 
         Returns the number of the packet, or None when it could not be sent now. A board that comes
-        back is shown the last levels.
+        back is shown the last levels. To boards of version 1.
         """
         self._white = white
-        return self._send(protocol.Levels(stamp_us & 0xFFFFFFFF, white)) if self.ready else None
+        if not self.ready or self.version != 1:
+            return None
+        return self._send(protocol.Levels(stamp_us & 0xFFFFFFFF, white))
+
+    def light(self, mask: int, stamp_us: int) -> int | None:
+        """Let the blocks of `mask` flash; returns as `show` does. To boards from version 2 on."""
+        if not self.ready or self.version < 2:
+            return None
+        return self._send(protocol.Light(stamp_us & 0xFFFFFFFF, mask))
+
+    def configure(self, lighting: protocol.Lighting, detector: protocol.Detector) -> None:
+        """Say how blocks flash and what they feel; a board that comes back is told again."""
+        self._configuration = [lighting, detector]
+        if self.ready and self.version > 1:
+            for message in self._configuration:
+                self._send(message)
 
     def flash(self, block: int, peak: int, decay_ms: int, stamp_us: int = 0) -> int | None:
         """Let the board light one block and fade it by itself; returns as `show` does."""
@@ -183,12 +207,17 @@ class Board:
             self.sync, self.decoder = ClockSync(), protocol.Decoder()
             self._asked.clear()
             welcome = self._shake_hands(path)
+            self.version, self.blocks = welcome.version, {}
             name = welcome.name.rstrip(b'\0').decode('ascii', 'replace')
             self._backoff.succeeded()
             self.connections += 1
-            self._set_state('ready', f'board {name} on {path}, {welcome.blocks} blocks')
+            old = ', protocol version 1' if welcome.version == 1 else ''
+            self._set_state('ready', f'board {name} on {path}, {welcome.blocks} blocks{old}')
             self.infrared(self._infrared)
             self.show(self._white, 0)
+            if self.version > 1:
+                for message in self._configuration:
+                    self._send(message)
             self._serve()
         finally:
             with self._lock:
@@ -196,14 +225,16 @@ class Board:
             port.close()
 
     def _shake_hands(self, path: str) -> protocol.Welcome:
-        give_up = time.monotonic() + HELLO_FOR_S
+        give_up, say = time.monotonic() + HELLO_FOR_S, protocol.VERSION
         while not self._stop.is_set():
-            self._send(protocol.Hello())
+            self._send(protocol.Hello(say))
             for message in self._read(HELLO_EVERY_S):
                 if isinstance(message, protocol.Refused):
-                    raise VersionRefused(path, message.version)
+                    if message.version not in protocol.SPOKEN:
+                        raise VersionRefused(path, message.version)
+                    say = message.version
                 if isinstance(message, protocol.Welcome):
-                    if message.version != protocol.VERSION:
+                    if message.version not in protocol.SPOKEN:
                         raise VersionRefused(path, message.version)
                     return message
             if time.monotonic() > give_up:
@@ -233,13 +264,20 @@ class Board:
                 self.round_trip_ms.append((now - asked) * 1e3)
                 self._asked = {k: t for k, t in self._asked.items() if now - t < 10}
             self.reported_bad = message.bad
-        elif isinstance(message, protocol.Tap) and message.block < N_BLOCKS:
+        elif isinstance(message, protocol.BlockStatus):
+            self.blocks[message.block] = message
+        elif isinstance(message, protocol.Tap | protocol.Knock) and message.block < N_BLOCKS:
             self.taps += 1
             time_ = HostTime(now, UNSYNCED_SIGMA_S)
             if self.sync.ready:
                 time_ = self.sync.to_host(message.board_us)
-            strength = message.strength * protocol.STRENGTH_UNIT
-            self._on_tap(TapReport(message.block, strength, time_, message.board_us))
+            strength, lit_s = message.strength * protocol.STRENGTH_UNIT, None
+            if isinstance(message, protocol.Knock):
+                if message.lit_us != protocol.NOT_LIT:
+                    lit_s = message.lit_us * 1e-6
+                if message.flags & protocol.WOKE:
+                    time_ = HostTime(time_.time_s, math.hypot(time_.sigma_s, WOKE_SIGMA_S))
+            self._on_tap(TapReport(message.block, strength, time_, message.board_us, lit_s))
 
     def _read(self, timeout_s: float) -> list[protocol.Message]:
         """Return the messages that come within `timeout_s`; as soon as there is any."""
@@ -264,10 +302,10 @@ class VersionRefused(Exception):
     """The board speaks another version of the protocol."""
 
     def __init__(self, path: str, version: int):
-        older, way = version < protocol.VERSION, 'update the firmware of the board'
+        older, way = version < protocol.SPOKEN[0], 'update the firmware of the board'
         super().__init__(
             f'the board on {path} speaks protocol version {version}, this program '
-            f'{protocol.VERSION}: {way if older else "update eol_ros"}'
+            f'{" and ".join(map(str, protocol.SPOKEN))}: {way if older else "update eol_ros"}'
         )
 
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A board made of software: it speaks the protocol of docs/serial.md over a pty.
 
+In version 2 it is the bridge, and its blocks flash by themselves; in version 1 the host drives
+them.
 The twin's rehearsal runs on it, and the tests. It keeps its own clock, which neither agrees with
 the host's nor runs at quite its rate, and it can be told to misbehave.
 
@@ -23,9 +25,11 @@ from typing import NamedTuple
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.light.bridge import Bridge
 from eol_ros.errors import UsageError
 
 DARK_AFTER_S = 2.0  # without a packet from the host
+MILLIVOLTS, CELSIUS = 3900, 24  # of the battery of a block that has one
 FAULTS = ('noise', 'truncate', 'oversize', 'mute', 'unmute', 'unplug', 'plug', 'reboot')
 NOISE = bytes(range(1, 200, 7)) + b'\0\xff\xff\0'
 
@@ -45,11 +49,22 @@ def latency_s(arrival: Arrival) -> float:
     return ((late + 2**31) % 2**32 - 2**31) * 1e-6
 
 
+def obey(bridge: Bridge, now_s: float, message: protocol.Message) -> None:
+    """Let `bridge` do what the host says."""
+    if isinstance(message, protocol.Lighting):
+        flags = message.flags
+        by_itself, limited = bool(flags & protocol.BY_ITSELF), bool(flags & protocol.LIMITED)
+        bridge.configure(by_itself, limited, message.peak / 255, message.decay_ms * 1e-3)
+    elif isinstance(message, protocol.Light):
+        bridge.light(now_s, message.mask)
+
+
 class FakeBoard:
     """A board on a pty at `port`; with `link` there is a symbolic link to it, a stable name.
 
     `rate` is how much faster its clock runs than the host's, `clock_us` what it shows at the start.
-    `on_arrival` is called from the board's thread for every good packet.
+    `on_arrival` is called from the board's thread for every good packet, `on_message` for every
+    message that came in one.
     """
 
     def __init__(
@@ -60,19 +75,22 @@ class FakeBoard:
         rate: float = 30e-6,
         clock_us: int = 4_200_000_000,
         on_arrival: Callable[[Arrival], None] | None = None,
+        on_message: Callable[[protocol.Message], None] | None = None,
     ):
         self.link, self.version, self.name = link, version, name
         self.log: deque[Arrival] = deque(maxlen=8192)
         self.infrared_mask = protocol.ALL_BLOCKS
+        self.detector = protocol.Detector()  # as the host has set it
         self.port = ''
-        self._on_arrival = on_arrival
+        self.bridge = Bridge()  # with the blocks; of version 2
+        self._on_arrival, self._on_message = on_arrival, on_message
         self._rate, self._clock_us, self._boot = rate, clock_us, time.monotonic()
         self._white = [0.0] * N_BLOCKS
         self._fading: dict[int, tuple[float, float]] = {}  # block: since, time constant
         self._heard = self._boot
         self._muted, self._spoil = False, ''
         self._sequence = 0
-        self._lock = threading.Lock()
+        self._lock, self._field = threading.Lock(), threading.Lock()
         self._fds: tuple[int, int] | None = None
         self._decoder = protocol.Decoder()
         self._wake_read, self._wake_write = os.pipe()
@@ -103,9 +121,42 @@ class FakeBoard:
 
     def tap(self, block: int, strength: float, ago_s: float = 0.0) -> None:
         """Knock on `block` so hard, in m/s^2, that its accelerometer reports it as `ago_s` old."""
+        if self.version == 1:
+            felt_us, counts = self._felt(strength, ago_s)
+            self._send(protocol.Tap(felt_us, block, counts))
+        else:
+            self.knock(block, strength, ago_s)
+
+    def knock(
+        self,
+        block: int,
+        strength: float,
+        ago_s: float = 0.0,
+        lit_s: float = 0.0,
+        woke: bool = False,
+    ) -> None:
+        """Let `block` feel a knock `ago_s` ago, which lit it, if it may, `lit_s` after that."""
+        felt_us, counts = self._felt(strength, ago_s)
+        lit_us = protocol.NOT_LIT
+        with self._field:
+            if self.bridge.felt(time.monotonic(), block):
+                lit_us = min(round(lit_s * 1e6), protocol.NOT_LIT - 1)
+        self._send(protocol.Knock(felt_us, block, counts, lit_us, protocol.WOKE * woke))
+
+    def report(
+        self, block: int, millivolts: int = MILLIVOLTS, flags: int = protocol.LINKED
+    ) -> None:
+        """Say how `block` is, or the bridge itself."""
+        self._send(protocol.BlockStatus(block, millivolts, CELSIUS, 2, 0, flags))
+
+    def _felt(self, strength: float, ago_s: float) -> tuple[int, int]:
         counts = min(round(strength / protocol.STRENGTH_UNIT), 0xFFFF)
-        felt_us = (self.clock_us() - round(ago_s * 1e6)) & 0xFFFFFFFF
-        self._send(protocol.Tap(felt_us, block, counts))
+        return (self.clock_us() - round(ago_s * 1e6)) & 0xFFFFFFFF, counts
+
+    @property
+    def plugged(self) -> bool:
+        """Whether its cable is in."""
+        return self._fds is not None
 
     def clock_us(self) -> int:
         """Return what the board's 32-bit microsecond clock shows."""
@@ -115,6 +166,9 @@ class FakeBoard:
     def levels(self) -> list[int]:
         """Return the level 0..255 of each white LED now, 25 of them."""
         now = time.monotonic()
+        if self.version > 1:
+            with self._field:
+                return list(self.bridge.field.level_bytes(now))
         if now - self._heard > DARK_AFTER_S:
             return [0] * N_BLOCKS
         shown = list(self._white)
@@ -147,6 +201,7 @@ class FakeBoard:
             board_end, host_end = os.openpty()
             tty.setraw(host_end)
             os.set_blocking(board_end, False)
+            self._link(True)
             self._fds = (board_end, host_end)  # the second keeps the line up between users
             self._decoder = protocol.Decoder()
             self.port = os.ttyname(host_end)
@@ -162,11 +217,17 @@ class FakeBoard:
             if self._fds is None:
                 return
             fds, self._fds = self._fds, None
+            self._link(False)
             os.write(self._wake_write, b'x')  # a thread that waits on the line would hold it open
             if self.link:
                 Path(self.link).unlink(missing_ok=True)
             for fd in fds:
                 os.close(fd)
+
+    def _link(self, linked: bool) -> None:
+        """The plug feeds the bridge, too."""
+        with self._field:
+            self.bridge.link(time.monotonic(), linked)
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -194,22 +255,37 @@ class FakeBoard:
         self.log.append(arrival)
         if self._on_arrival:
             self._on_arrival(arrival)
+        if self._on_message:
+            self._on_message(message)
         if isinstance(message, protocol.Hello):
             if message.version == self.version:
                 name = self.name.encode('ascii')[:16]
                 self._send(protocol.Welcome(self.version, N_BLOCKS, name))
             else:
                 self._send(protocol.Refused(self.version, message.version))
-        elif isinstance(message, protocol.Levels):
-            self._white, self._fading = [float(level) for level in message.white], {}
-        elif isinstance(message, protocol.Flash) and message.block < N_BLOCKS:
-            self._white[message.block] = float(message.peak)
-            self._fading[message.block] = (self._heard, max(message.decay_ms, 1) * 1e-3)
         elif isinstance(message, protocol.Infrared):
             self.infrared_mask = message.mask
         elif isinstance(message, protocol.Ping):
             counters = (self._decoder.good & 0xFFFFFFFF, min(self._decoder.bad, 0xFFFF))
             self._send(protocol.Pong(message.host_us, self.clock_us(), *counters))
+        elif self.version == 1:
+            self._drive(message)
+        else:
+            with self._field:
+                obey(self.bridge, time.monotonic(), message)
+            if isinstance(message, protocol.Detector):
+                self.detector = message
+            elif isinstance(message, protocol.Lighting):
+                self.report(protocol.BRIDGE, 0)
+                for block in range(N_BLOCKS):
+                    self.report(block)
+
+    def _drive(self, message: protocol.Message) -> None:
+        if isinstance(message, protocol.Levels):
+            self._white, self._fading = [float(level) for level in message.white], {}
+        elif isinstance(message, protocol.Flash) and message.block < N_BLOCKS:
+            self._white[message.block] = float(message.peak)
+            self._fading[message.block] = (self._heard, max(message.decay_ms, 1) * 1e-3)
 
     def _send(self, message: protocol.Message) -> None:
         with self._lock:

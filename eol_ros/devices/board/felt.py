@@ -8,21 +8,27 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.accelerometer import Accelerometers
 from eol_ros.core.physics.twin.live import Trace
-from eol_ros.devices.board.block import LEARN, RESTS, TOLD, Detector
+from eol_ros.core.serial_protocol import Detector as Wanted
+from eol_ros.devices.board.block import FELT, LEARN, RESTS, TOLD, Detector
 from eol_ros.settings import TwinSettings
 
 LEARNT = LEARN + 4096  # samples: what is at rest, and how loud the noise is
 RIM_MOVES = 1e-3  # m/s or rad/s; below that it only settles
+LIGHT_S = 1e-3  # from a sample to the LED: reading it over I2C, deciding; a guess
 TRACE = 16  # samples of the solver from image to image, about one a millisecond at 60 images/s
 
 
 class Knock(NamedTuple):
-    """A knock that a block reports: when, s, how hard, m/s^2, whether it woke the block."""
+    """A knock that a block reports: when, s, how hard, m/s^2, whether it woke the block.
+
+    `lit_s` after that the block lit itself.
+    """
 
     block: int
     time_s: float
     strength_mps2: float
     first: bool
+    lit_s: float = 0.0
 
 
 class FeltBlocks:
@@ -38,6 +44,8 @@ class FeltBlocks:
             detector.feed(samples)
         self._awake = np.zeros(N_BLOCKS, bool)  # has felt something, and is not at rest since
         self._moved_s = np.zeros(N_BLOCKS)  # when it was last not at rest
+        self.lit: list[tuple[float, int]] = []  # in the last step: when which block felt a knock
+        self._lit_s = np.zeros(N_BLOCKS)
         self._nominal_s = 1 / settings.accelerometer_hz  # the block knows no better
         self._wake_s = 1 / settings.accelerometer_wake_hz
 
@@ -49,6 +57,7 @@ class FeltBlocks:
         rim_velocity: (3,) of the rim at the end; hands knock it while they move it.
         """
         knocks = []
+        self.lit = []
         rim_moves = bool(np.abs(rim_velocity).max() > RIM_MOVES)
         self.sensors.asleep |= self._sleepers(begin_s)
         for s in self.sensors.advance(begin_s, end_s, trace, rim_moves, self._awake):
@@ -56,18 +65,29 @@ class FeltBlocks:
             if s.woken:
                 detector.wake()
             for event in detector.feed(s.xy):
+                ended_s = s.first_s + event.sample * s.period_s
+                if event.what == FELT:
+                    self._lit_s[s.block] = ended_s + LIGHT_S
+                    self.lit.append((ended_s + LIGHT_S, s.block))
                 if event.what != TOLD:
                     continue
-                ended_s = s.first_s + event.sample * s.period_s
                 time_s = ended_s - event.age_samples * self._nominal_s
                 if event.first:  # it began before the sensor looked
                     time_s -= self._wake_s / 2
-                knocks.append(Knock(s.block, time_s, event.strength_mps2, event.first))
+                lit_s = float(self._lit_s[s.block]) - time_s
+                knocks.append(Knock(s.block, time_s, event.strength_mps2, event.first, lit_s))
             moves = detector.state != RESTS
             if moves or self._awake[s.block]:
                 self._moved_s[s.block] = end_s
             self._awake[s.block] = moves
         return sorted(knocks, key=lambda knock: knock.time_s)
+
+    def configure(self, wanted: Wanted) -> None:
+        """Set what the detectors take for a knock; zero leaves it."""
+        for detector in self.detectors:
+            for name, value in vars(wanted).items():
+                if value:
+                    setattr(detector.running, name, value)
 
     def _sleepers(self, now_s: float) -> np.ndarray:
         """Return which blocks (25,) have been at rest for so long that they sleep."""

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The light of the blocks: flash envelopes written straight to the board, real or the twin's.
+"""The light of the blocks: what they flash by themselves, and what the host adds to it.
+
+A board of protocol version 1 is sent levels, and its blocks' knocks are lit from here. From version
+2 on blocks light themselves, the host names those whose slip only the camera saw, and the board
+keeps the limit of flashes: the levels kept here are the same once more, for viewers and for bags.
 
 Levels are a function of the slips' stamps (core/light/frames.py), so that a replay shows the same
 light again. But behind a replay a real board is in front of real eyes, while recorded time may run
@@ -8,10 +12,11 @@ clock, and the limit of three flashes a second holds in that.
 """
 
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
+from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.frames import Frames
@@ -22,15 +27,19 @@ from eol_ros.settings import LedsSettings
 from eol_ros.streams.graph import NAMESPACE
 
 LAG_NS = 40_000_000  # frames wait so long for the slips before them: 4 times what p99 takes
+MOST_TAPS = 256  # between two looks at them
+LOW_MV = 3000  # of a lithium cell, whose protection lets go soon after
 SET_S = 0.02  # the system clock departs from steady time by more only where somebody sets it
+FELT_NS = 100_000_000  # a slip is not lit again that its block lit so long before its onset
 FOREIGN_NS = 1_000_000_000  # a stamp so old, or of the future, is of another clock
 
 
 class Sent(NamedTuple):
     """Levels that went out: the number of the packet, infrared, cause and time of writing.
 
-    `stamp_ns` is that of the image with the slip, 0 for what fades. Of levels that fall due
-    together only the last are written; the others name the packet that overtook them.
+    `stamp_ns` is that of the image with the slip, or of the knock, 0 for what fades. Of levels that
+    fall due together only the last are written; the others name the packet that overtook them.
+    What blocks and board do by themselves names the last packet, and the time at which it shone.
     """
 
     sequence: int
@@ -48,6 +57,13 @@ class Tap(NamedTuple):
     strength: float
     board_us: int
     sigma_s: float
+
+
+class _Cause(NamedTuple):
+    """Why blocks were lit: a stamp, and when the packet that said so was written."""
+
+    stamp_ns: int
+    sent_ns: int
 
 
 class Played(NamedTuple):
@@ -89,10 +105,13 @@ class Lights:
         self._settings, self._played = settings, played
         self.frames = self._new_frames()
         self._clock = StampWatch(SET_S, SET_S)
-        self.asleep = False
+        self._asleep = False
         self.twin: Any = None
         self._on_tap = on_tap
         self._white = bytes(N_BLOCKS)
+        self._sequence = 0  # of the last packet with light
+        self._felt_ns = [0] * N_BLOCKS  # when each block last felt a knock
+        self._shone: OrderedDict[tuple[int, int], int] = OrderedDict()  # knock: when it shone
         self._twin_sigma_s = 0.0
         if s.port == 'twin':
             from eol_ros.devices.board.twin import TwinBoard
@@ -101,9 +120,21 @@ class Lights:
         self.limit = 'on' if s.flash_limit else f'off: {s.flash_limit_off_because}'
         self.board = Board(self.twin.port if self.twin else s.port, self._tap, on_state, s.baud)
 
+        self._configure()
+
     def start(self) -> None:
         """Begin to look for the board."""
         self.board.start()
+
+    @property
+    def asleep(self) -> bool:
+        """Whether all stays dark, whatever moves."""
+        return self._asleep
+
+    @asleep.setter
+    def asleep(self, asleep: bool) -> None:
+        self._asleep = asleep
+        self._configure()
 
     def close(self) -> None:
         """Let all go dark."""
@@ -124,19 +155,42 @@ class Lights:
     def restart(self) -> None:
         """Time has jumped back: begin in the dark again. A real board's light goes on to fade."""
         self.asleep = False
+        self._felt_ns = [0] * N_BLOCKS
         if self.by_stamp:
             self.frames = self._new_frames()
 
-    def set(self, decay_s: float, peak: float) -> None:
+    def set(self, settings: LedsSettings) -> None:
         """Take new settings while running."""
-        self._settings = replace(self._settings, decay_s=decay_s, peak=peak)
-        self.frames.field.decay_s, self.frames.field.peak = decay_s, peak
+        self._settings = settings
+        self.frames.field.decay_s, self.frames.field.peak = settings.decay_s, settings.peak
+        self._configure()
 
-    def slip(self, block: int, stamp_ns: int) -> list[Sent]:
-        """Light `block` now, for a slip seen in the image of `stamp_ns`; not while asleep."""
-        if self.asleep:
+    @property
+    def by_themselves(self) -> bool:
+        """Whether blocks light themselves: the board can, and it is their own knocks that come."""
+        return self.board.version != 1 and self._played is None
+
+    def slip(self, block: int, stamp_ns: int, onset_ns: int) -> list[Sent]:
+        """Light `block` for a slip seen in the image of `stamp_ns`, unless it has felt it; not
+        while asleep.
+        """
+        trigger = self._settings.trigger
+        felt = trigger == 'both' and onset_ns - FELT_NS < self._felt_ns[block] <= stamp_ns
+        if self._asleep or felt or trigger == 'blocks':
             return []
-        return self._show(self.frames.slip(self._at_ns(stamp_ns), block), stamp_ns)
+        return self._light(stamp_ns, block)
+
+    def tap(self, block: int, stamp_ns: int, board_us: int) -> list[Sent]:
+        """Count the light of a block that felt a knock; give it where it does not do so itself."""
+        if self._asleep or self._settings.trigger == 'slips':
+            return []
+        self._felt_ns[block] = stamp_ns
+        if not self.by_themselves:
+            return self._light(stamp_ns, block)
+        shone_ns = self._shone.pop((block, board_us), None)
+        if shone_ns is not None:
+            self.frames.lit(self._at_ns(stamp_ns), _Cause(stamp_ns, shone_ns), block)
+        return []
 
     def frame(self) -> list[Sent]:
         """Send the light as it is by now; such a packet carries no stamp."""
@@ -147,12 +201,24 @@ class Lights:
             else:
                 lag_ns = round(LAG_NS * self._played.stretch())
                 until_ns = self._played.recorded_ns(until_ns - lag_ns)
-        levels = self.frames.until(until_ns)
-        return self._show(levels) if levels else []
+        if self.board.version == 1:
+            levels = self.frames.until(until_ns)
+            return self._show(levels) if levels else []
+        found = self.frames.due(until_ns)
+        if found:
+            self._white = found[-1][1]
+        if not self.board.ready:
+            return []
+        wall_ns = self._played.wall_ns if self._played and self.by_stamp else None
+        infrared, sent = self.board.infrared_on, []
+        for at_ns, white, cause in found:
+            cause = cause or _Cause(0, wall_ns(at_ns) if wall_ns else at_ns)
+            sent.append(Sent(self._sequence, white, infrared, *cause))
+        return sent
 
     def test(self, stamp_ns: int) -> list[Sent]:
         """Light all blocks once, for the people who set up and asked for it at `stamp_ns`."""
-        return self._show(self.frames.slip(self._at_ns(stamp_ns), *range(N_BLOCKS)))
+        return self._light(0, *range(N_BLOCKS), at_ns=self._at_ns(stamp_ns))
 
     def infrared(self, mask: int) -> list[Sent]:
         """Switch the infrared LEDs: bit b is that of block b."""
@@ -165,7 +231,8 @@ class Lights:
     def values(self) -> dict[str, Any]:
         """Return counters for the health report."""
         board = self.board
-        values = {
+        values: dict[str, Any] = {
+            'protocol': board.version,
             'sent': board.sent,
             'dropped': board.dropped,
             'taps': board.taps,
@@ -177,7 +244,50 @@ class Lights:
         }
         if board.round_trip_ms:
             values['round_trip_ms'] = round(min(board.round_trip_ms), 2)
+        batteries = [b.millivolts for b in dict(board.blocks).values() if b.millivolts]
+        if batteries:
+            values['lowest_battery_v'] = min(batteries) / 1000
         return values | (self.twin.late_ms() if self.twin else {})
+
+    def faults(self) -> list[str]:
+        """Return what is wrong with single blocks, a sentence each; the others go on."""
+        found = []
+        for number, block in sorted(dict(self.board.blocks).items()):
+            name = 'the bridge' if number == protocol.BRIDGE else f'block {number}'
+            if not block.flags & protocol.LINKED:
+                found.append(f'{name} is not heard, so all light fades slowly: look at its battery')
+            if block.flags & protocol.SENSOR_DEAD:
+                found.append(f'the accelerometer of {name} repeats one value: exchange it')
+            if 0 < block.millivolts <= LOW_MV:
+                found.append(
+                    f'the battery of {name} is at {block.millivolts / 1000:.1f} V: charge it'
+                )
+        return found
+
+    def _configure(self) -> None:
+        s = self._settings
+        flags = protocol.LIMITED * s.flash_limit
+        if s.trigger != 'slips' and not self._asleep and self._played is None:
+            flags |= protocol.BY_ITSELF
+        self.board.configure(
+            protocol.Lighting(flags, round(255 * s.peak), round(1000 * s.decay_s)),
+            protocol.Detector(threshold=round(16 * s.knock_threshold_mg)),
+        )
+
+    def _light(self, stamp_ns: int, *blocks: int, at_ns: int = 0) -> list[Sent]:
+        """Have `blocks` lit now, for the image or knock of `stamp_ns`, or of `at_ns` for none."""
+        at_ns = at_ns or self._at_ns(stamp_ns)
+        if self.board.version == 1:
+            return self._show(self.frames.slip(at_ns, *blocks), stamp_ns)
+        mask = sum(1 << block for block in blocks)
+        sequence = self.board.light(mask, self._wall_us(stamp_ns))
+        if sequence is not None:
+            self._sequence = sequence
+            self.frames.lit(at_ns, _Cause(stamp_ns, time.time_ns()), *blocks)
+        return []  # it is told when it is due
+
+    def _wall_us(self, stamp_ns: int) -> int:
+        return (self._played.wall_ns(stamp_ns) if self._played and stamp_ns else stamp_ns) // 1000
 
     def _now_ns(self) -> int:
         """Return system time. Where it was set, the light goes on as if it had not been."""
@@ -204,8 +314,7 @@ class Lights:
     def _show(self, levels: Sequence[bytes], stamp_ns: int = 0) -> list[Sent]:
         """Write the last of `levels`, for the image of `stamp_ns` or for none; tell of all."""
         self._white = levels[-1]
-        played_ns = self._played.wall_ns(stamp_ns) if self._played and stamp_ns else stamp_ns
-        return self._sent(self.board.show(self._white, played_ns // 1000), levels, stamp_ns)
+        return self._sent(self.board.show(self._white, self._wall_us(stamp_ns)), levels, stamp_ns)
 
     def _sent(self, sequence: int | None, levels: Sequence[bytes], stamp_ns: int = 0) -> list[Sent]:
         if sequence is None:
@@ -221,4 +330,8 @@ class Lights:
         ago_ns = time.monotonic_ns() - round(tap.time.time_s * 1e9)
         sigma_s = (tap.time.sigma_s**2 + self._twin_sigma_s**2) ** 0.5
         stamp_ns = time.time_ns() - ago_ns
+        if tap.lit_s is not None:
+            self._shone[tap.block, tap.board_us] = stamp_ns + round(tap.lit_s * 1e9)
+            if len(self._shone) > MOST_TAPS:  # nobody asks for them
+                self._shone.popitem(last=False)
         self._on_tap(Tap(stamp_ns, tap.block, tap.strength, tap.board_us, sigma_s))

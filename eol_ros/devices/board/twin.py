@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The twin's board: a fake one on a pty. The twin's blocks tell it by radio what they feel.
 
-The radio is a Unix datagram socket, for the board runs with `leds`, in another process than the
-twin, and what blocks say to their board is on no topic. It reaches as far as one machine.
+And it tells them what the host wants of them. The radio is a pair of Unix datagram sockets, for
+the board runs with `leds`, in another process than the twin, and what blocks and their board say to
+each other is on no topic. It reaches as far as one machine.
 """
 
+import math
 import os
 import socket
 import struct
@@ -14,27 +16,36 @@ from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from eol_ros.devices.board.fake import Arrival, FakeBoard, latency_s
+import numpy as np
+
+from eol_ros.core import serial_protocol as protocol
+from eol_ros.core.light.bridge import Bridge
+from eol_ros.devices.board.fake import Arrival, FakeBoard, latency_s, obey
 from eol_ros.streams.graph import NAMESPACE
 
-KNOCK = struct.Struct('<qBf')  # time, ns of the system clock; block; strength, m/s^2
+KNOCK = struct.Struct('<qBff?')  # of Felt
+SILENT_S = 0.25  # blocks that have not heard their board for so long are alone
 SIGMA_S = 5e-4  # of the time of a knock: `eol bench taps`
 
 
 class Felt(NamedTuple):
-    """A knock that a block of the twin felt, on the system's clock."""
+    """A knock that a block of the twin felt, on the system's clock, and when it lit itself."""
 
     time_ns: int
     block: int
     strength_mps2: float
+    lit_s: float = 0.0
+    woke: bool = False
 
 
 class Radio:
-    """The twin's end: what its blocks say. Nobody need listen."""
+    """The twin's end: what its blocks say, and hear. Nobody need listen."""
 
     def __init__(self, namespace: str = NAMESPACE) -> None:
         self._board = _address(namespace)
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        self._socket = _socket(_address(namespace, 'blocks'))
+        self._decoder = protocol.Decoder()
+        self._heard_s = -math.inf
 
     def send(self, knocks: Iterable[Felt]) -> None:
         """Say what was felt; where no board listens it is lost."""
@@ -44,14 +55,69 @@ class Radio:
             except OSError:
                 return
 
+    def hear(self) -> list[protocol.Message]:
+        """Return what the board has said to the blocks."""
+        found = []
+        while packet := _received(self._socket):
+            self._heard_s = time.monotonic()
+            found += [received.message for received in self._decoder.feed(packet)]
+        return found
+
+    @property
+    def linked(self) -> bool:
+        """Whether the board is there."""
+        return time.monotonic() - self._heard_s < SILENT_S
+
     def close(self) -> None:
         """Say no more."""
         self._socket.close()
 
 
-def _address(namespace: str) -> str:
-    """Return the abstract address of the board of a graph on this ROS domain."""
-    return f'\0eol_ros/twin/{os.environ.get("ROS_DOMAIN_ID", "0")}/{namespace}'
+class Lamps:
+    """The white LEDs of the twin's blocks; time is that of the table, in s."""
+
+    def __init__(self, radio: Radio):
+        self._radio, self._bridge = radio, Bridge()
+        self._bridge.link(0.0, False)
+
+    def advance(
+        self, begin_s: float, end_s: float, felt: Iterable[tuple[float, int]]
+    ) -> tuple[np.ndarray, protocol.Detector | None]:
+        """Return the light at `end_s`, (25,) in 0..1, and what the detectors are to be like.
+
+        felt: when blocks felt a knock since `begin_s`, and which.
+        """
+        detector = None
+        messages = self._radio.hear()
+        self._bridge.link(begin_s, self._radio.linked)
+        for message in messages:
+            obey(self._bridge, begin_s, message)
+            if isinstance(message, protocol.Detector):
+                detector = message
+        for time_s, block in felt:
+            self._bridge.felt(time_s, block)
+        return self._bridge.levels(end_s), detector
+
+
+def _address(namespace: str, end: str = 'board') -> str:
+    """Return the abstract address of one end in a graph on this ROS domain."""
+    return f'\0eol_ros/twin/{os.environ.get("ROS_DOMAIN_ID", "0")}/{namespace}/{end}'
+
+
+def _socket(address: str) -> socket.socket:
+    made = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+    try:
+        made.bind(address)
+    except OSError:  # another one of this graph has it: this one hears nothing
+        pass
+    return made
+
+
+def _received(radio: socket.socket) -> bytes:
+    try:
+        return radio.recv(128)
+    except OSError:  # no more
+        return b''
 
 
 class TwinBoard:
@@ -66,12 +132,11 @@ class TwinBoard:
             self._log.write('time_ns,kind,sequence,stamp_us\n')
         self._late_s: deque[float] = deque(maxlen=1000)
         self._guard = threading.Lock()
-        self._radio = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
-        try:
-            self._radio.bind(_address(namespace))
-        except OSError:  # another board of this graph has it: this one hears nothing
-            pass
-        self.fake = FakeBoard(name='twin', on_arrival=self._on_arrival).start()
+        self._radio, self._blocks = _socket(_address(namespace)), _address(namespace, 'blocks')
+        self._told: dict[type, protocol.Message] = {}
+        self.fake = FakeBoard(
+            name='twin', on_arrival=self._on_arrival, on_message=self._on_message
+        ).start()
 
     @property
     def port(self) -> str:
@@ -80,15 +145,27 @@ class TwinBoard:
 
     def listen(self) -> float:
         """Report what the blocks have felt; return the standard error of its times, s."""
-        while True:
-            try:
-                packet = self._radio.recv(64)
-            except OSError:  # no more
-                return SIGMA_S
+        while packet := _received(self._radio):
             if len(packet) == KNOCK.size:
                 knock = Felt(*KNOCK.unpack(packet))
                 ago_s = max(0.0, (time.time_ns() - knock.time_ns) * 1e-9)
-                self.fake.tap(knock.block, knock.strength_mps2, ago_s)
+                self.fake.knock(knock.block, knock.strength_mps2, ago_s, knock.lit_s, knock.woke)
+        if self.fake.plugged:  # its beacon: that it is there, and what holds
+            for message in list(self._told.values()):
+                self._tell(message)
+        return SIGMA_S
+
+    def _on_message(self, message: protocol.Message) -> None:
+        if isinstance(message, protocol.Lighting | protocol.Detector):
+            self._told[type(message)] = message
+        elif isinstance(message, protocol.Light):
+            self._tell(message)
+
+    def _tell(self, message: protocol.Message) -> None:
+        try:
+            self._radio.sendto(protocol.encode(message, 0), self._blocks)
+        except OSError:  # no twin, or it was started again
+            return
 
     def late_ms(self) -> dict[str, float]:
         """Return image stamp -> bytes on the wire of the last 1000 first packets, ms."""
@@ -112,6 +189,6 @@ class TwinBoard:
     def _on_arrival(self, arrival: Arrival) -> None:
         if self._log:
             print(*arrival, sep=',', file=self._log)
-        if arrival.kind == 'Levels' and arrival.stamp_us:
+        if arrival.kind in ('Levels', 'Light') and arrival.stamp_us:
             with self._guard:
                 self._late_s.append(latency_s(arrival))

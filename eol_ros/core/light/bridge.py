@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The white LEDs of blocks that flash by themselves, and the bridge that counts them together.
+
+What firmware/block/light.c and firmware/bridge/flash.c do, over a link without loss: a block lights
+itself when it feels a knock, or is told to; all fall together, and only while the bridge is there
+and the limit of flashes allows it.
+"""
+
+import math
+
+import numpy as np
+
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.light.flash import MIN_PERIOD_S, FlashField
+
+SHORTEST_S = 0.182  # of a decay: the blocks then obey within 0.022 of it, over a link of 2 ms
+
+
+class Bridge:
+    """Blocks and bridge as they are after power-up; times in s must not fall.
+
+    Examples
+    --------
+    >>> bridge = Bridge()
+    >>> bridge.felt(0.0, 7), float(bridge.levels(0.0)[7])
+    (True, 1.0)
+    >>> bridge.link(0.0, False)
+    >>> round(float(bridge.levels(1.0)[7]), 2)
+    0.78
+    """
+
+    def __init__(self) -> None:
+        self.field = FlashField(0.35)
+        self.by_itself = True
+        self.linked = True
+
+    def configure(self, by_itself: bool, limited: bool, peak: float, decay_s: float) -> None:
+        """Take what the host says of flashes."""
+        self.by_itself, self.field.limited, self.field.peak = by_itself, limited, peak
+        self.field.decay_s = max(decay_s, SHORTEST_S)
+
+    def felt(self, now_s: float, block: int) -> bool:
+        """A block feels a knock; return whether that lights it."""
+        if self.by_itself:
+            self.field.slip(now_s, block)
+        return self.by_itself
+
+    def light(self, now_s: float, mask: int) -> None:
+        """Light the blocks of `mask`; without the bridge nobody tells them."""
+        if self.linked:
+            for block in np.flatnonzero(mask >> np.arange(N_BLOCKS) & 1).tolist():
+                self.field.slip(now_s, block)
+
+    def link(self, now_s: float, linked: bool) -> None:
+        """The bridge comes, and lets nothing fall until it may have been gone for one period; or
+        goes.
+        """
+        if linked != self.linked:
+            self.linked = linked
+            self.field.hold(now_s, now_s + MIN_PERIOD_S if linked else math.inf)
+
+    def levels(self, now_s: float) -> np.ndarray:
+        """Return the light of each block at `now_s`, shape (25,), 0..1."""
+        return self.field.levels(now_s)
