@@ -21,7 +21,7 @@ from eol_ros.errors import EolError
 from eol_ros.ros.watch import Watch
 
 TICK_HZ = os.sysconf('SC_CLK_TCK')
-WATCHED = ('truth', 'blocks', 'slips', 'led_commands', 'grain_triggers')
+WATCHED = ('truth', 'blocks', 'slips', 'block_taps', 'led_commands', 'grain_triggers')
 
 
 def free_domain() -> int:
@@ -35,13 +35,18 @@ def free_domain() -> int:
     raise EolError('every DDS domain from 21 to 90 is taken: stop the graphs that run')
 
 
+def board_log(scene: Path) -> Path:
+    """Return where the arrivals at the board of a scene are written."""
+    return scene.with_name(f'{scene.stem}.board.csv')
+
+
 class Graph:
     """`python -m eol_ros.bringup SCENE` as a child, a board on a pty, a watch on the topics."""
 
     def __init__(self, scene: Path, bags: Path | None = None, watched=WATCHED, keep=()):
         self.domain = free_domain()
         self.board: subprocess.Popen[str] | None = None
-        self.board_log = scene.with_name(f'{scene.stem}.board.csv')
+        self.board_log = board_log(scene)
         values = scenes.plain(scenes.load(scene))
         self.replays = 'replay' in values['nodes']
         leds = values['nodes'].get('leds')
@@ -207,7 +212,7 @@ class Graph:
     def first_light(self) -> dict[int, Arrival]:
         """Return the first LED packet with each stamp since `mark`; keys as on the wire."""
         first: dict[int, Arrival] = {}
-        for arrival in self.arrivals() if self.board is not None else ():
+        for arrival in self.arrivals() if self.board_log.exists() else ():
             if arrival.stamp_us and arrival.time_ns >= self.begin_ns:
                 first.setdefault(arrival.stamp_us, arrival)
         return first
@@ -256,7 +261,10 @@ def stand_in(name: str, folder: Path, film: Film, bag: Path | None) -> Path:
     nodes = values['nodes']
     if 'camera' in nodes:
         nodes['camera'].update(device=str(film.file()), loop=True)
-    if 'leds' in nodes:
+    path = folder / f'{name}.yaml'
+    if 'twin' in nodes and 'leds' in nodes:  # its blocks speak to the board in that node
+        nodes['leds']['board_log'] = str(board_log(path))
+    elif 'leds' in nodes:
         nodes['leds']['port'] = 'pty'
     if 'sound' in nodes:
         nodes['sound']['card_needed'] = False
@@ -266,6 +274,5 @@ def stand_in(name: str, folder: Path, film: Film, bag: Path | None) -> Path:
         if bag is None:
             raise EolError(f'{name} needs a bag: name rehearsal before it in --scenes')
         nodes['replay']['bag'] = str(bag)
-    path = folder / f'{name}.yaml'
     path.write_text(yaml.safe_dump(values, sort_keys=False))
     return path

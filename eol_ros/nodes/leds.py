@@ -8,7 +8,7 @@ tap; the levels of the decay that follows have none.
 
 import sys
 
-from eol_msgs.msg import BlockTap, LedCommand, Slip, Truth
+from eol_msgs.msg import BlockTap, LedCommand, Slip
 
 from eol_ros.devices.board.board import State
 from eol_ros.devices.board.lights import Lights, Played, Sent, Tap
@@ -23,7 +23,7 @@ from eol_ros.streams.requests import Asked
 
 
 class LedsNode(EolNode):
-    """slips, block_taps, requests (with the twin's board, truth) -> led_commands, block_taps."""
+    """slips, block_taps, requests -> led_commands, block_taps."""
 
     NAME = 'leds'
     MAPS_TIME = True
@@ -48,8 +48,6 @@ class LedsNode(EolNode):
             test=self.on_test,
             learn_background=self.on_learn_background,
         )
-        if self.lights.twin and not self.sim_time:
-            self.subscribe('truth', self.on_truth)
         self.lights.start()
 
     def on_settings(self, new) -> None:
@@ -86,9 +84,6 @@ class LedsNode(EolNode):
         for one in sent:  # none while the line is down: health says so
             row = leds.of(one, self.recorded_ns(one.sent_ns))
             self.commands.publish(leds.RECORD.fill(LedCommand(), row))
-
-    def on_truth(self, truth: Truth) -> None:
-        self.lights.truth(to_ns(truth.header.stamp), truth.moving)
 
     def on_tap(self, tap: Tap) -> None:
         if self.taps is not None:

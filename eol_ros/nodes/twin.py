@@ -92,8 +92,8 @@ class TwinNode(EolNode):
 
     def deliver(self) -> None:
         """Publish the image and what was true."""
-        self.images.send(self.packed)
         self.radio.send(self.felt)
+        self.images.send(self.packed)
         self.knocks += len(self.felt)
         table, truth = self.play.table, Truth()
         truth.header.stamp, truth.header.frame_id = (

@@ -96,7 +96,7 @@ _NODES = (
     NodeSpec('leds', settings.LedsSettings, requires='slips', real_time=True,
              publishes=('led_commands', 'block_taps', 'requests'),
              on_request=('request_results',),
-             subscribes=('slips', 'truth', 'block_taps', 'requests')),
+             subscribes=('slips', 'block_taps', 'requests')),
     NodeSpec('grains', settings.GrainsSettings, requires='blocks', real_time=True,
              publishes=('grain_triggers', 'corpus'), on_request=_ANSWERS,
              subscribes=('blocks', 'requests')),

@@ -260,6 +260,7 @@ def test_what_is_wrong_with_a_block_is_a_line(make_lights):
 def test_a_slip_that_was_in_time_is_in_time_when_played_slowly(monkeypatch):
     """30 ms from the stamp to the light are 120 ms at a quarter of the speed."""
     wall_ns = DAY_NS
+    monkeypatch.setattr('eol_ros.devices.board.lights.PLAYED_NS', 40_000_000)
     monkeypatch.setattr('eol_ros.devices.board.lights.time.time_ns', lambda: wall_ns)
     played = Played(
         lambda stamp: DAY_NS + 4 * (stamp - DAY_NS),
@@ -328,8 +329,7 @@ def test_the_board_reports_what_the_blocks_of_the_twin_feel():
     board.fake.knock = lambda *tap: taps.append([*tap])
     now = time.time_ns()
     radio.send([Felt(now - 20_000_000, 3, 2.5, 0.5), Felt(now - 5_000_000, 24, 0.25, 1.0, True)])
-    sigma_s = board.listen()
-    board.listen()  # nothing new
+    assert wait_until(lambda: len(taps) == 2)
     board.close()
     radio.send([Felt(now, 1, 1.0)])  # nobody listens any more
     radio.close()
@@ -337,7 +337,6 @@ def test_the_board_reports_what_the_blocks_of_the_twin_feel():
     ago_s = [tap.pop(2) for tap in taps]
     assert taps == [[3, 2.5, 0.5, False], [24, 0.25, 1.0, True]]
     assert ago_s[0] - ago_s[1] == pytest.approx(0.015, abs=0.002) and ago_s[1] >= 0.005
-    assert 0 < sigma_s < 1e-3
 
 
 def test_the_blocks_of_the_twin_do_what_their_board_says(make_lights):
@@ -348,9 +347,13 @@ def test_the_blocks_of_the_twin_do_what_their_board_says(make_lights):
     )
     lights = make_lights(decay_s=0.5, knock_threshold_mg=20, peak=0.8)
     assert wait_until(lambda: len(lights.board.blocks) == 26)
-    lights.truth(0, ())  # the twin has moved on
-    _, detector = lamps.advance(1.0, 1.1, [])
-    assert detector.threshold == 320
+    told = []
+
+    def threshold():
+        told.append(lamps.advance(1.0, 1.0, [])[1])
+        return told[-1] and told[-1].threshold
+
+    assert wait_until(lambda: threshold() == 320)
     seen(lights, 9, time.time_ns())
     assert wait_until(lambda: lights.twin.fake.levels()[9])
     light, _ = lamps.advance(10.0, 10.0, [])
@@ -367,8 +370,7 @@ def test_of_two_boards_in_one_graph_the_first_hears():
     for name, board in (('first', first), ('second', second)):
         board.fake.knock = lambda *tap, name=name: taps.append(name)
     radio.send([Felt(time.time_ns(), 3, 2.5)])
-    second.listen()
-    first.listen()
+    assert wait_until(lambda: taps)
     for end in (first, second, radio):
         end.close()
     assert taps == ['first']

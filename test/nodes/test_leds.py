@@ -9,7 +9,7 @@ import types
 
 import numpy as np
 import pytest
-from eol_msgs.msg import BlockTap, LedCommand, Slip, Truth
+from eol_msgs.msg import BlockTap, LedCommand, Slip
 from rclpy.executors import SingleThreadedExecutor
 from support.waiting import wait_until
 
@@ -24,14 +24,14 @@ from eol_ros.streams.requests import Asked
 
 
 class Around(EolNode):
-    """The nodes around leds, in one: it gives slips and truth and keeps what comes."""
+    """The nodes around leds, in one: it gives slips and keeps what comes."""
 
     NAME = 'motion'
 
     def __init__(self, settings):
         super().__init__(settings)
         self.commands, self.taps, self.states = [], [], []
-        self.slips, self.truth = self.publisher('slips'), self.publisher('truth')
+        self.slips = self.publisher('slips')
         self.results = []
         self.subscribe('request_results', self.results.append)
         self.subscribe('led_commands', self.commands.append)
@@ -165,10 +165,8 @@ def test_a_stop_makes_no_light(rig):
 
 def test_what_the_blocks_of_the_twin_feel_is_published(rig):
     assert rig.until(lambda: rig.leds.lights.board.sync.ready)
-    assert rig.until(lambda: rig.around.truth.get_subscription_count())
     felt_ns, radio = now_ns() - 20_000_000, Radio()
     radio.send([Felt(felt_ns, 11, 2.45)])
-    rig.around.truth.publish(Truth())  # the twin has moved on
 
     assert rig.until(lambda: rig.around.taps)
     radio.close()

@@ -9,8 +9,9 @@ holds what was lit up to then: the same slips give the same frames, live and in 
 Frames are therefore asked for later than they lie, by more than a slip takes to be known. A slip
 that is known when frames before it are still to come returns those too.
 
-What a block lights by itself is known later than it shone, and what it and the host light may be
-told in another order than it happened: such light is kept until its frames are due (`lit`).
+What a block lights by itself is known later than it shone, and a knock and the image that shows its
+slip may be told in either order: such light is kept until its frames are due (`lit`), and only then
+is it decided, by the stamps alone, whether a slip had lit its block already.
 """
 
 import heapq
@@ -19,6 +20,7 @@ from typing import Any
 from eol_ros.core.light.flash import FlashField
 
 NS = 1e-9
+FELT_NS = 100_000_000  # a slip is not lit again that its block lit so long before its onset
 
 
 class Frames:
@@ -30,18 +32,22 @@ class Frames:
         self._period = 1e9 / rate_hz
         self._anchor_ns = self._last_ns = 0
         self._count = 0  # frames since the anchor
-        self._kept: list[tuple[int, int, tuple[int, ...], Any]] = []  # a heap by stamp
+        self._kept: list[tuple[int, int, tuple[int, ...], Any, int | None]] = []  # heap by stamp
         self._number = 0
+        self._knock_ns: dict[int, int] = {}  # the last of each block
 
     @property
     def glows(self) -> bool:
         """Whether frames are to come."""
         return bool(self._kept) or not self.field.dark
 
-    def lit(self, stamp_ns: int, cause: Any, *blocks: int) -> None:
-        """Keep that `blocks` were lit at `stamp_ns` until `due` comes to it."""
+    def lit(self, stamp_ns: int, cause: Any, *blocks: int, onset_ns: int | None = None) -> None:
+        """Keep that `blocks` were lit at `stamp_ns` until `due` comes to it.
+
+        By their knocks; or with `onset_ns` for a slip that began then, if they had not lit it.
+        """
         self._number += 1
-        heapq.heappush(self._kept, (stamp_ns, self._number, blocks, cause))
+        heapq.heappush(self._kept, (stamp_ns, self._number, blocks, cause, onset_ns))
 
     def due(self, stamp_ns: int) -> list[tuple[int, bytes, Any]]:
         """Return time, levels and cause of what was kept and of the frames up to `stamp_ns`.
@@ -50,7 +56,11 @@ class Frames:
         """
         found: list[tuple[int, bytes, Any]] = []
         while self._kept and self._kept[0][0] <= stamp_ns:
-            at_ns, _, blocks, cause = heapq.heappop(self._kept)
+            at_ns, _, blocks, cause, onset_ns = heapq.heappop(self._kept)
+            if onset_ns is None:
+                self._knock_ns.update(dict.fromkeys(blocks, at_ns))
+            elif any(self._knock_ns.get(b, -FELT_NS) > onset_ns - FELT_NS for b in blocks):
+                continue
             found += [(t, levels, None) for t, levels in self._until(at_ns)]
             found.append((at_ns, self._lit(at_ns, blocks), cause))
         return found + [(t, levels, None) for t, levels in self._until(stamp_ns)]
@@ -89,4 +99,8 @@ class Frames:
         self.field.shift(by_ns * NS)
         self._anchor_ns += by_ns
         self._last_ns += by_ns
-        self._kept = [(stamp_ns + by_ns, *rest) for stamp_ns, *rest in self._kept]
+        self._knock_ns.clear()
+        self._kept = [
+            (stamp_ns + by_ns, number, blocks, cause, onset_ns and onset_ns + by_ns)
+            for stamp_ns, number, blocks, cause, onset_ns in self._kept
+        ]

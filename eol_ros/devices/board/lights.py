@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.light.flash import FlashField
-from eol_ros.core.light.frames import Frames
+from eol_ros.core.light.frames import FELT_NS, Frames
 from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.devices.board.board import Board, State, TapReport
 from eol_ros.errors import ConfigError
@@ -27,10 +27,11 @@ from eol_ros.settings import LedsSettings
 from eol_ros.streams.graph import NAMESPACE
 
 LAG_NS = 40_000_000  # frames wait so long for the slips before them: 4 times what p99 takes
+TOLD_NS = 80_000_000  # and for knocks and slips, where they are only told: blocks have lit them
+PLAYED_NS = 400_000_000  # in a replay, which is as late as the recorder was
 MOST_TAPS = 256  # between two looks at them
 LOW_MV = 3000  # of a lithium cell, whose protection lets go soon after
 SET_S = 0.02  # the system clock departs from steady time by more only where somebody sets it
-FELT_NS = 100_000_000  # a slip is not lit again that its block lit so long before its onset
 FOREIGN_NS = 1_000_000_000  # a stamp so old, or of the future, is of another clock
 
 
@@ -112,11 +113,11 @@ class Lights:
         self._sequence = 0  # of the last packet with light
         self._felt_ns = [0] * N_BLOCKS  # when each block last felt a knock
         self._shone: OrderedDict[tuple[int, int], int] = OrderedDict()  # knock: when it shone
-        self._twin_sigma_s = 0.0
+        self._twin_sigma_s = 0.0  # of the time of a knock
         if s.port == 'twin':
-            from eol_ros.devices.board.twin import TwinBoard
+            from eol_ros.devices.board.twin import SIGMA_S, TwinBoard
 
-            self.twin = TwinBoard(s.board_log, namespace)
+            self.twin, self._twin_sigma_s = TwinBoard(s.board_log, namespace), SIGMA_S
         self.limit = 'on' if s.flash_limit else f'off: {s.flash_limit_off_because}'
         self.board = Board(self.twin.port if self.twin else s.port, self._tap, on_state, s.baud)
 
@@ -178,7 +179,10 @@ class Lights:
         felt = trigger == 'both' and onset_ns - FELT_NS < self._felt_ns[block] <= stamp_ns
         if self._asleep or felt or trigger == 'blocks':
             return []
-        return self._light(stamp_ns, block)
+        if self.board.version == 1:
+            return self._light(stamp_ns, block)
+        onset_ns = None if trigger == 'slips' else onset_ns + self._at_ns(stamp_ns) - stamp_ns
+        return self._light(stamp_ns, block, onset_ns=onset_ns)
 
     def tap(self, block: int, stamp_ns: int, board_us: int) -> list[Sent]:
         """Count the light of a block that felt a knock; give it where it does not do so itself."""
@@ -194,12 +198,12 @@ class Lights:
 
     def frame(self) -> list[Sent]:
         """Send the light as it is by now; such a packet carries no stamp."""
-        until_ns = self._now_ns()
+        until_ns, lag_ns = self._now_ns(), LAG_NS if self.board.version == 1 else TOLD_NS
         if self.by_stamp:
             if self._played is None:
-                until_ns -= LAG_NS
+                until_ns -= lag_ns
             else:
-                lag_ns = round(LAG_NS * self._played.stretch())
+                lag_ns = round(PLAYED_NS * self._played.stretch())
                 until_ns = self._played.recorded_ns(until_ns - lag_ns)
         if self.board.version == 1:
             levels = self.frames.until(until_ns)
@@ -223,10 +227,6 @@ class Lights:
     def infrared(self, mask: int) -> list[Sent]:
         """Switch the infrared LEDs: bit b is that of block b."""
         return self._sent(self.board.infrared(mask), [self._white])
-
-    def truth(self, stamp_ns: int, moving: Sequence[bool]) -> None:
-        """The twin has moved on: let its board hear what the blocks felt meanwhile."""
-        self._twin_sigma_s = self.twin.listen()
 
     def values(self) -> dict[str, Any]:
         """Return counters for the health report."""
@@ -274,7 +274,9 @@ class Lights:
             protocol.Detector(threshold=round(16 * s.knock_threshold_mg)),
         )
 
-    def _light(self, stamp_ns: int, *blocks: int, at_ns: int = 0) -> list[Sent]:
+    def _light(
+        self, stamp_ns: int, *blocks: int, at_ns: int = 0, onset_ns: int | None = None
+    ) -> list[Sent]:
         """Have `blocks` lit now, for the image or knock of `stamp_ns`, or of `at_ns` for none."""
         at_ns = at_ns or self._at_ns(stamp_ns)
         if self.board.version == 1:
@@ -283,7 +285,7 @@ class Lights:
         sequence = self.board.light(mask, self._wall_us(stamp_ns))
         if sequence is not None:
             self._sequence = sequence
-            self.frames.lit(at_ns, _Cause(stamp_ns, time.time_ns()), *blocks)
+            self.frames.lit(at_ns, _Cause(stamp_ns, time.time_ns()), *blocks, onset_ns=onset_ns)
         return []  # it is told when it is due
 
     def _wall_us(self, stamp_ns: int) -> int:

@@ -8,6 +8,7 @@ each other is on no topic. It reaches as far as one machine.
 
 import math
 import os
+import select
 import socket
 import struct
 import threading
@@ -24,6 +25,7 @@ from eol_ros.devices.board.fake import Arrival, FakeBoard, latency_s, obey
 from eol_ros.streams.graph import NAMESPACE
 
 KNOCK = struct.Struct('<qBff?')  # of Felt
+BEACON_S = 0.05
 SILENT_S = 0.25  # blocks that have not heard their board for so long are alone
 SIGMA_S = 5e-4  # of the time of a knock: `eol bench taps`
 
@@ -137,23 +139,29 @@ class TwinBoard:
         self.fake = FakeBoard(
             name='twin', on_arrival=self._on_arrival, on_message=self._on_message
         ).start()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._listen, name='twin radio', daemon=True)
+        self._thread.start()
 
     @property
     def port(self) -> str:
         """Return the path of the pty."""
         return self.fake.port
 
-    def listen(self) -> float:
-        """Report what the blocks have felt; return the standard error of its times, s."""
-        while packet := _received(self._radio):
-            if len(packet) == KNOCK.size:
-                knock = Felt(*KNOCK.unpack(packet))
-                ago_s = max(0.0, (time.time_ns() - knock.time_ns) * 1e-9)
-                self.fake.knock(knock.block, knock.strength_mps2, ago_s, knock.lit_s, knock.woke)
-        if self.fake.plugged:  # its beacon: that it is there, and what holds
-            for message in list(self._told.values()):
-                self._tell(message)
-        return SIGMA_S
+    def _listen(self) -> None:
+        """Report what the blocks feel, and tell them again and again that the board is there."""
+        while not self._stop.is_set():
+            ready, _, _ = select.select([self._radio], [], [], BEACON_S)
+            while ready and (packet := _received(self._radio)):
+                if len(packet) == KNOCK.size:
+                    knock = Felt(*KNOCK.unpack(packet))
+                    ago_s = max(0.0, (time.time_ns() - knock.time_ns) * 1e-9)
+                    self.fake.knock(
+                        knock.block, knock.strength_mps2, ago_s, knock.lit_s, knock.woke
+                    )
+            if self.fake.plugged:
+                for message in list(self._told.values()):
+                    self._tell(message)
 
     def _on_message(self, message: protocol.Message) -> None:
         if isinstance(message, protocol.Lighting | protocol.Detector):
@@ -181,6 +189,8 @@ class TwinBoard:
 
     def close(self) -> None:
         """Unplug it."""
+        self._stop.set()
+        self._thread.join(2.0)
         self._radio.close()
         self.fake.close()
         if self._log:

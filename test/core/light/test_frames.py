@@ -47,6 +47,55 @@ def test_the_same_slips_give_the_same_levels_whenever_they_are_known(slips, dela
     assert quick[-1] == bytes(25)
 
 
+KNOCKS = st.lists(
+    st.tuples(st.integers(0, 4000), st.integers(0, 24), st.booleans()), min_size=1, max_size=20
+)
+
+
+@pytest.mark.slow
+@given(KNOCKS, st.lists(st.integers(0, LAG), min_size=40, max_size=40), st.integers(1, 30))
+def test_knocks_and_slips_give_the_same_levels_in_whatever_order_they_are_told(
+    lit, delays, tick_ms
+):
+    """A slip is seen 12 ms after its onset; if its block was felt, that was 1 ms after it."""
+    events = []
+    for n, (ms, block, felt) in enumerate(sorted({(ms, block, felt) for ms, block, felt in lit})):
+        onset = T0 + ms * MS + n  # no two at one moment
+        events.append((onset + 12 * MS, block, onset))
+        if felt:
+            events.append((onset + MS, block, None))
+
+    def told(delays, tick_ms):
+        frames, found = Frames(FlashField(0.2), 100.0), []
+        known = sorted((e[0] + d, 0, e) for e, d in zip(events, delays, strict=False))
+        ticks = [(t, 1, None) for t in range(T0, T0 + 10**10, tick_ms * MS)]
+        for now, tick, event in sorted(known + ticks, key=lambda one: one[:2]):
+            if tick:
+                found += frames.due(now - LAG)
+            else:
+                stamp, block, onset = event
+                frames.lit(stamp, 'cause', block, onset_ns=onset)
+        return found, frames
+
+    quick, _ = told([0] * 40, 5)
+    slow, frames = told(delays, tick_ms)
+    assert quick == slow
+    assert not frames.late and not frames.glows
+    flashes = [t for t, _, cause in quick if cause]
+    assert len(flashes) <= len(lit)
+
+
+def test_a_slip_that_its_block_has_lit_is_not_lit_again():
+    frames = Frames(FlashField(0.2), 100.0)
+    frames.lit(T0 + 15 * MS, 'seen', 3, onset_ns=T0 - 2 * MS)  # told before the knock
+    frames.lit(T0 + 15 * MS, 'seen', 4, onset_ns=T0)
+    frames.lit(T0, 'felt', 3)
+    lit = [(t - T0, cause) for t, _, cause in frames.due(T0 + LAG) if cause]
+    assert lit == [(0, 'felt'), (15 * MS, 'seen')]
+    frames.lit(T0 + 515 * MS, 'seen', 3, onset_ns=T0 + 500 * MS)  # another slip, not felt
+    assert [cause for _, _, cause in frames.due(T0 + 600 * MS) if cause] == ['seen']
+
+
 def test_frames_lie_on_the_grid_of_the_slip_that_lit_the_dark():
     field = FlashField(0.2)
     frames = Frames(field, 100.0)
