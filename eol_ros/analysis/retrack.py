@@ -317,4 +317,4 @@ def _unequal(mine: np.ndarray, theirs: np.ndarray) -> Iterator[tuple[str, np.nda
             where = a != b
             if a.dtype.kind == 'f':
                 where &= ~(np.isnan(a) & np.isnan(b))
-            yield name, where.reshape(len(a), -1).any(axis=1)
+            yield name, where.any(axis=tuple(range(1, where.ndim)))

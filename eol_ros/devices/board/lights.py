@@ -181,8 +181,8 @@ class Lights:
             return []
         if self.board.version == 1:
             return self._light(stamp_ns, block)
-        onset_ns = None if trigger == 'slips' else onset_ns + self._at_ns(stamp_ns) - stamp_ns
-        return self._light(stamp_ns, block, onset_ns=onset_ns)
+        began_ns = None if trigger == 'slips' else onset_ns + self._at_ns(stamp_ns) - stamp_ns
+        return self._light(stamp_ns, block, onset_ns=began_ns)
 
     def tap(self, block: int, stamp_ns: int, board_us: int) -> list[Sent]:
         """Count the light of a block that felt a knock; give it where it does not do so itself."""

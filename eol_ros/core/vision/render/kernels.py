@@ -69,8 +69,6 @@ def draw_blocks(
     level,
     core,
     core_px,
-    halo,
-    halo_px,
     texture,
     psf_px,
     owner,
@@ -88,7 +86,7 @@ def draw_blocks(
 
     corners (p, 4, 2) px in turn round the square, one entry for each position that a block takes
     during the exposure; owner (p,) its block, weight (p,) its share of the exposure. Per block:
-    level, core, halo (k,), texture (k, T, T) relative, or (0, 0, 0) for smooth covers.
+    level, core (k,), texture (k, T, T) relative, or (0, 0, 0) for smooth covers.
     """
     size, glitters = texture.shape[1], glints.shape[0] > 0
     blur = math.sqrt(psf_px * psf_px + 1.0 / 12.0)
@@ -112,8 +110,6 @@ def draw_blocks(
             nx[k], ny[k], off[k] = nu, nv, nu * ax + nv * ay
             reach = max(reach, math.sqrt((ax - cu) ** 2 + (ay - cv) ** 2))
         pad = reach + 4.5 * blur
-        if halo[b] > 0:
-            pad = max(pad, 2.7 * halo_px)
         _window(windows, n, work.shape, cu - pad, cu + pad, cv - pad, cv + pad)
         r0, r1, c0, c1 = windows[n]
         n += 1
@@ -123,8 +119,6 @@ def draw_blocks(
             for c in range(c0, c1):
                 rr = (c - cu) ** 2 + (r - cv) ** 2
                 light = 0.0
-                if halo[b] > 0:
-                    light = halo[b] * math.exp(-0.5 * rr / (halo_px * halo_px))
                 a0 = nx[0] * c + ny[0] * r - off[0]
                 a1 = nx[1] * c + ny[1] * r - off[1]
                 a2 = nx[2] * c + ny[2] * r - off[2]
@@ -144,6 +138,29 @@ def draw_blocks(
                     if glitters:
                         light -= cover * glints[r, c]
                 work[r, c] += weight[p] * light
+    return n
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
+def draw_halos(work, centres, halo, halo_px, windows, n):
+    """Add to `work` what dust sends back of white light, Gaussians of `halo_px` round `centres`.
+
+    centres (k, 2) px, halo (k,) grey at the centre, none where 0; return the windows.
+    """
+    across = np.empty(work.shape[1], work.dtype)
+    for b in range(centres.shape[0]):
+        if halo[b] > 0:
+            cu, cv, pad = centres[b, 0], centres[b, 1], 2.7 * halo_px
+            _window(windows, n, work.shape, cu - pad, cu + pad, cv - pad, cv + pad)
+            r0, r1, c0, c1 = windows[n]
+            n += 1
+            for c in range(c0, c1):
+                across[c] = halo[b] * math.exp(-0.5 * ((c - cu) / halo_px) ** 2)
+            for r in range(r0, r1):
+                down = np.float32(math.exp(-0.5 * ((r - cv) / halo_px) ** 2))
+                row = work[r]
+                for c in range(c0, c1):
+                    row[c] += down * across[c]
     return n
 
 

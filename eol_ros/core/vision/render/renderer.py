@@ -108,7 +108,7 @@ class Renderer:
         deviates = np.random.default_rng([self.seed, 0]).standard_normal(_DEVIATES)
         self._noise = np.clip(np.rint(deviates / _NOISE_STEP), -127, 127).astype(np.int8)
         self._work = self.clutter.static.copy()
-        self._windows = np.zeros((n_blocks * _BLUR_STEPS + 64, 4), np.int64)
+        self._windows = np.zeros((n_blocks * (_BLUR_STEPS + 1) + 64, 4), np.int64)
         self._dirty = 0
 
     def render(
@@ -174,8 +174,6 @@ class Renderer:
             level,
             core,
             clutter.level.core_px * scale,
-            halo,
-            40.0 * scale,
             clutter.texture,
             self.options.psf_px,
             owner,
@@ -183,6 +181,9 @@ class Renderer:
             windows,
             0,
         )
+        if halo.any():
+            centres = self.corners_px(poses).mean(axis=1)
+            n = kernels.draw_halos(work, centres, halo, 40.0 * scale, windows, n)
         capsules, grey = self.arms(image_index, arms)
         if len(capsules):
             ends = self.calibration.to_pixels(capsules[:, :4].reshape(-1, 2)).reshape(-1, 4)
