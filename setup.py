@@ -26,6 +26,7 @@ RUNTIME = [
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces']
 SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5']
 METRICS = ['prometheus-client>=0.20']
+TLS = ['cryptography>=42']
 COLCON = [  # what a ROS workspace needs to build the messages, as wheels
     'colcon-common-extensions',
     'setuptools<80',
@@ -62,6 +63,7 @@ TEST = [
     *COLCON,
     *SCIENCE,
     *METRICS,
+    *TLS,
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo']  # peers, measured in the same run
 MESSAGES = 'msg_defs/eol_msgs'
@@ -104,6 +106,7 @@ setup(
         'ros': ROS,
         'science': SCIENCE,
         'metrics': METRICS,
+        'tls': TLS,
         'test': TEST,
         'bench': BENCH,
     },

@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
             scene = stand_in(name, folder, film, bag)
             results['scenes'][name] = measure(scene, folder / f'bags-{name}', args.seconds)
             if name == 'rehearsal':
-                bag = next(iter(sorted((folder / f'bags-{name}').iterdir())), None)
+                bag = folder / f'bags-{name}'  # the newest in it
         if args.fast:
             print(f'file-fed camera at {args.fast:g}/s', file=sys.stderr, flush=True)
             scene = film.scene(args.fast)

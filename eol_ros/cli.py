@@ -23,6 +23,8 @@ GROUPS = {
         'kiosk': 'open the two walls full screen',
         'service': 'start at boot, watched by systemd',
         'notify': 'send a test message to those whom the scene tells of troubles',
+        'keys': 'say who may reach the graph from other machines',
+        'certificate': 'let browsers reach the panel over HTTPS',
     },
     'look': {
         'status': 'show the state of the running graph',
@@ -59,7 +61,7 @@ ALIASES = {'walls': 'kiosk', 'warm': 'compile'}  # names before; they go with th
 def _overview() -> str:
     lines = ['usage: eol VERB [...]', '', 'Echoes of the Land as a ROS 2 graph.', '']
     for group, verbs in GROUPS.items():
-        lines += [f'{group}:', *(f'  {verb:10} {text}' for verb, text in verbs.items()), '']
+        lines += [f'{group}:', *(f'  {verb:11} {text}' for verb, text in verbs.items()), '']
     return '\n'.join([*lines, '`eol VERB --help` explains a verb, with examples.'])
 
 

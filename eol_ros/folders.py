@@ -29,6 +29,14 @@ def state() -> Path:
     return _made(state_path(), 'EOL_STATE')
 
 
+def config_path() -> Path:
+    """Return where the keys of `network: secure` lie; it may not be there yet.
+
+    It is $EOL_CONFIG, else eol_ros in $XDG_CONFIG_HOME or ~/.config.
+    """
+    return _root('EOL_CONFIG', 'XDG_CONFIG_HOME', '~/.config')
+
+
 def _root(own: str, common: str, usual: str) -> Path:
     root = os.environ.get(own) or os.path.join(os.environ.get(common) or usual, 'eol_ros')
     return Path(root).expanduser()

@@ -4,7 +4,7 @@
 A scene names the nodes that run and what differs from their defaults:
 
     scene: lights
-    network: local            # or lan
+    network: local            # or secure (by keys), or lan (everybody)
     namespace: eol            # topics are /eol/blocks ...: another for each graph of a domain
     include: table.yaml       # values there stand unless this file says otherwise
     nodes:
@@ -452,7 +452,7 @@ def load(name: str | Path) -> Scene:
             reader.unknown(top, key, key, _KEYS)
     elsewhere = _elsewhere(reader, top)
     nodes = _nodes(reader, top, elsewhere)
-    network = _choice(reader, values, 'network', ('local', 'lan'), 'local')
+    network = _choice(reader, values, 'network', ('local', 'secure', 'lan'), 'local')
     real_time = _choice(reader, values, 'real_time', (True, False), True)
     domain = values.get('domain')
     if domain is not None and (type(domain.value) is not int or not 0 <= domain.value <= 101):

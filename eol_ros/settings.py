@@ -371,7 +371,15 @@ class PanelSettings:
     pin: str = setting(
         '', 'asked for every control; needed when the panel is open to the network', secret=True
     )
-    visitors: bool = setting(False, 'let everybody push the virtual table without the PIN')
+    visitors: bool = setting(
+        False, 'let everybody push the virtual table and hear it without the PIN'
+    )
+    public: tuple[str, ...] = setting(
+        (), 'what everybody may see and hear without the PIN', choices=('image', 'sound')
+    )
+    certificate: str = setting(
+        '', 'PEM file with certificate and key; the panel is then served over HTTPS', path=True
+    )
     names: tuple[str, ...] = setting((), 'further host names under which browsers may reach it')
     viewers: int = setting(100, 'browsers at the same time', '', 1, 1000)
     terrain_seed: int = setting(1, 'of the landscape on the covers of the virtual table', '', 0)

@@ -36,6 +36,7 @@ ALLOWED = {
     'nodes': BASE | ROS,
     'web': BASE | {'aiohttp'},
     'web/metrics.py': {'prometheus_client'},
+    'web/certificate.py': {'cryptography'},
     'bringup': {'yaml'},
     'scene.py': {'yaml'},
     'settings.py': set(),

@@ -20,7 +20,7 @@ from eol_ros.bringup.service_manager import ServiceManager
 from eol_ros.bringup.supervisor import Supervisor
 from eol_ros.bringup.terminal import Terminal
 from eol_ros.errors import UsageError
-from eol_ros.ros import installed
+from eol_ros.ros import installed, network
 
 HELP = 'Start a scene, watch its nodes, start them again when they die; stop with Ctrl-C.'
 EXAMPLES = [
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         say = terminal.say
         say(f'{scene.name}: {", ".join(scene.nodes)}')
         events.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
-        for note in (*scene.warnings, *notes):
+        for note in (*scene.warnings, *notes, *network.warnings(scene.network)):
             say(note)
             events.entry(f'{scene.name}: {note}')
         if unrecorded:
@@ -110,6 +110,7 @@ def run(args: argparse.Namespace) -> int:
             namespace=scene.namespace,
             compiler=plan.compiler(scene),
             manager=manager,
+            changed=network.changes(scene.network),
             memory=None
             if 'replay' in scene.nodes  # which plays what was asked in its run
             else Memory(scene, plan.domain(scene), always=manager.there),

@@ -26,6 +26,7 @@ FINAL = (2, 69, 78)  # a node that ends so at the start will not do better when 
 DRAIN_S = 0.3  # from the last image to all that it causes
 DUMP_S = 0.5  # a hung process may take this long to write down its stacks
 AWAY_S = 5.0  # bringup was stopped, or blocked, for longer: that is told
+LOOK_S = 1.0  # between two looks whether all nodes must be started again
 STOP_STEPS = ((signal.SIGINT, 4.0), (signal.SIGTERM, 1.0), (signal.SIGKILL, 1.0))
 
 
@@ -45,12 +46,14 @@ class Supervisor:
         manager: ServiceManager | None = None,
         memory: Memory | None = None,
         notifier: Notifier | None = None,
+        changed: Callable[[], str] = lambda: '',
     ):
         self.scene, self.namespace, self._clock = scene, namespace, clock
         self._manager = manager or ServiceManager({}, clock)
         self.children = [Child(process) for process in processes]
         self._compiler = Child(compiler) if compiler else None
         self._memory, self._notifier = memory, notifier
+        self._changed = changed
         self._server, self._events, self._say = server, events, say
         self._asked_to_stop = self._hurry = False
         self._told: dict[str, tuple[int, str]] = {}
@@ -60,6 +63,7 @@ class Supervisor:
         self._told_priority = False
         self._told_slow: list[Child] = []  # whom to wait for at the end
         self._told_memory = self._told_notifier = ''
+        self._look_s = 0.0  # when to look next whether something has changed
         self._wake, self._waker = os.pipe()
         for fd in (self._wake, self._waker):
             os.set_blocking(fd, False)
@@ -80,6 +84,10 @@ class Supervisor:
         try:
             while not self._asked_to_stop:
                 now = self._clock()
+                if now >= self._look_s:
+                    self._look_s = now + LOOK_S
+                    if why := self._changed():
+                        self._begin_again(why)
                 ended = self._step(now)
                 if ended is not None:
                     code = ended
@@ -117,6 +125,14 @@ class Supervisor:
             f'stopped, {age // 3600:02d}:{age % 3600 // 60:02d}:{age % 60:02d}, {restarts} restarts'
         )
         return code
+
+    def _begin_again(self, why: str) -> None:
+        """Stop all nodes and start them again; none of them has failed."""
+        self._note(f'{why}: all nodes are started again')
+        running = [child for child in self.children if child.popen is not None]
+        self._stop()
+        for child in running:
+            child.start_at_s = self._clock()
 
     def stop(self) -> None:
         """Ask the loop to end."""

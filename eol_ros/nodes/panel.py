@@ -52,7 +52,7 @@ class PanelNode(EolNode):
         self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
         self.server.routes.metrics = lambda: metrics.text(self.states.nodes(), self.namespace)
         self.server.start()
-        self.tell('limits', notices.limits())
+        self.tell('limits', notices.limits(self.scene.network))
         self.tell('cascades', self.day.notice())
         self.create_timer(1.0, self.report)
         self.report()

@@ -7,14 +7,20 @@ no barrier: a peer that lists our address gets in; a UDP whitelist of the loopba
 
 import contextlib
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from eol_ros import folders
 from eol_ros.errors import ConfigError
+from eol_ros.ros import wireguard
 
 BIG_SEGMENT = 20 << 20  # of a process that publishes images: more than its history
 SMALL_SEGMENT = 2 << 20
 MAX_MESSAGE = 2 << 20
+OPEN = (
+    'network: lan lets every machine on the network see all topics and send requests; '
+    'keep that network closed, or use network: secure or local'
+)
 
 _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
@@ -28,7 +34,7 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
       </transport_descriptor>
       <transport_descriptor>
         <transport_id>eol_udp</transport_id>
-        <type>UDPv4</type>{whitelist}
+        <type>UDPv4</type>{peers}{whitelist}
       </transport_descriptor>
     </transport_descriptors>
     <participant profile_name="eol" is_default_profile="true">
@@ -43,19 +49,57 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
   </profiles>
 </dds>
 """
-_LOOPBACK = """
-        <interfaceWhiteList>
-          <address>127.0.0.1</address>
+_WHITELIST = """
+        <interfaceWhiteList>{addresses}
         </interfaceWhiteList>"""
+_ADDRESS = """
+          <address>{}</address>"""
+# A tunnel carries no multicast: so many participants of each peer are spoken to one by one.
+_PEERS = """
+        <maxInitialPeersRange>32</maxInitialPeersRange>"""
 
 
-def profile(network: str, images: bool) -> str:
-    """Return the Fast DDS profile for `network` ('local' or 'lan') as XML."""
+def profile(images: bool, addresses: Sequence[str] = ()) -> str:
+    """Return the Fast DDS profile as XML; it uses these `addresses` alone, or all if none."""
+    whitelist = _WHITELIST.format(addresses=''.join(map(_ADDRESS.format, addresses)))
     return _PROFILE.format(
         segment=BIG_SEGMENT if images else SMALL_SEGMENT,
         message=MAX_MESSAGE,
-        whitelist=_LOOPBACK if network == 'local' else '',
+        peers=_PEERS if len(addresses) > 1 else '',
+        whitelist=whitelist if addresses else '',
     )
+
+
+def warnings(network: str) -> list[str]:
+    """Return what a person should know of `network` at every start."""
+    if network == 'lan':
+        return [OPEN]
+    if network == 'secure' and not (keys := wireguard.read()).up:
+        return [
+            f'network: secure: {keys.address} is not up, so nobody else is let in; {keys.how_up}'
+        ]
+    return []
+
+
+def changes(network: str) -> Callable[[], str]:
+    """Return what says, each time it is called, whether all nodes must be started again, and why.
+
+    Participants tell each other their addresses once: those from before the tunnel came up or went
+    down, and those from after, would not find each other, not even on this machine.
+    """
+    if network != 'secure':
+        return lambda: ''
+    was = wireguard.read().up
+
+    def look() -> str:
+        nonlocal was
+        with contextlib.suppress(ConfigError):  # somebody writes the file just now
+            if (keys := wireguard.read()).up != was:
+                was = not was
+                return f'network: secure: {keys.address} is {"up" if was else "down"} now'
+        return ''
+
+    return look
 
 
 def environment(network: str = 'local', images: bool = False) -> dict[str, str]:
@@ -68,12 +112,20 @@ def environment(network: str = 'local', images: bool = False) -> dict[str, str]:
     theirs = os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', '')
     if theirs and 'eol-dds-' not in theirs:
         return {'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}
-    file = folders.cache('dds') / f'eol-dds-{network}-{"images" if images else "small"}.xml'
-    _keep(file, profile(network, images))
-    values = {'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp', 'FASTRTPS_DEFAULT_PROFILES_FILE': str(file)}
-    if network == 'lan':
+    values = {'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}
+    addresses = [] if network == 'lan' else ['127.0.0.1']
+    if network == 'secure':
+        keys = wireguard.read()
+        addresses.append(keys.address)
+        # Who is reached by others names none, and is found as ever by those on its own machine; who
+        # comes from elsewhere names both, for then that is how it finds its own machine's too.
+        if reached := [peer.address for peer in keys.peers if peer.endpoint]:
+            values['ROS_STATIC_PEERS'] = ';'.join(['127.0.0.1', *reached])
+    if network != 'local':
         values['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
-    return values
+    file = folders.cache('dds') / f'eol-dds-{network}-{"images" if images else "small"}.xml'
+    _keep(file, profile(images, addresses))
+    return values | {'FASTRTPS_DEFAULT_PROFILES_FILE': str(file)}
 
 
 def _keep(file: Path, text: str) -> None:

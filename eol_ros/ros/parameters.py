@@ -19,7 +19,7 @@ def read(node: str, names: Sequence[str], reach: str, namespace: str = NAMESPACE
 
         client = AsyncParameterClient(visit.node, visit.node.resolve_service_name(node))
         if not visit.run(client.services_are_ready, WAIT_S):
-            raise DeviceMissing(f'{node} does not run here (--lan looks on the network)')
+            raise DeviceMissing(f'{node} does not run here (--secure and --lan look further)')
         future = client.get_parameters(list(names))
         if not visit.run(future.done, WAIT_S):
             raise DeviceMissing(f'{node} does not answer')

@@ -289,7 +289,7 @@ def visit_and_ask(asked: Asked, reach: str, namespace: str = NAMESPACE) -> Answe
         try:
             answers = client.ask(asked, expected_of(asked.kind, asked.node, found.runs))
         except DeviceMissing as error:
-            raise DeviceMissing(f'{error} here (--lan looks on the network)') from None
+            raise DeviceMissing(f'{error} here (--secure and --lan look further)') from None
         visit.run(lambda: answers.whole, KINDS[asked.kind].within_s)
         return answers
 

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol check: would the nodes of this scene start?"""
 
+import contextlib
 import dataclasses
+import datetime
 import functools
 import json
 import os
@@ -13,7 +15,7 @@ from typing import Any
 
 from eol_ros import scene as scenes
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
-from eol_ros.ros import installed
+from eol_ros.ros import installed, network
 from eol_ros.scene import Mistake, Scene
 
 HELP = (
@@ -27,6 +29,7 @@ EXAMPLES = [
     'eol check config/museum.yaml --json',
 ]
 
+CERTIFICATE_DAYS = 30  # valid for less is worth a word
 Check = tuple[str, Callable[[], object]]  # the setting that is meant, and what raises EolError
 
 
@@ -202,6 +205,10 @@ def _panel(settings: Any) -> Iterator[Check]:
     from eol_ros.web import guard
 
     yield 'panel.host', lambda: guard.check_settings(settings.host, settings.pin)
+    if settings.certificate:
+        from eol_ros.web import certificate
+
+        yield 'panel.certificate', lambda: certificate.context(settings.certificate)
 
 
 def _replay(settings: Any) -> Iterator[Check]:
@@ -274,11 +281,9 @@ def _same_blink(tracker: Any, leds: Any) -> None:
 
 def _warnings(scene: Scene) -> Iterator[str]:
     """Yield what a scene may say, and a person should know before the doors open."""
-    if scene.network == 'lan':
-        yield (
-            'network: lan lets every machine on the network see all topics and send requests; '
-            'keep that network closed, or use network: local'
-        )
+    yield from network.warnings(scene.network)
+    if panel := scene.nodes.get('panel'):
+        yield from _panel_warnings(panel)
     if montage := scene.nodes.get('montage'):
         from eol_ros.devices.files.media_folder import MediaFolder
 
@@ -294,6 +299,23 @@ def _warnings(scene: Scene) -> Iterator[str]:
                 f'recorder.folder: {there} has {free_gb:.1f} GB free, less than min_free_gb '
                 f'({recorder.min_free_gb:g} GB): nothing would be recorded'
             )
+
+
+def _panel_warnings(panel: Any) -> Iterator[str]:
+    from eol_ros.web import certificate, guard
+
+    if not panel.certificate:
+        if not guard.is_loopback(panel.host):
+            yield (
+                'panel: without panel.certificate the PIN can be read on the network, and other '
+                'machines hear no sound; `eol certificate` makes one'
+            )
+        return
+    with contextlib.suppress(EolError):  # cannot be read: told already
+        found = certificate.read(panel.certificate)
+        left = certificate.days_left(found, datetime.datetime.now(datetime.timezone.utc))
+        if left < CERTIFICATE_DAYS:
+            yield f'panel.certificate: {panel.certificate} is valid for {left:.0f} days more'
 
 
 def _devices(scene: Scene) -> Iterator[Check]:

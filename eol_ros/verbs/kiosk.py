@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol kiosk: both walls, full screen."""
 
+import http.client
 import signal
+import ssl
 import sys
 import time
 import urllib.error
@@ -15,9 +17,15 @@ EXAMPLES = [
 ]
 
 
+HERE = ['http://127.0.0.1:8080', 'https://127.0.0.1:8080']
+
+
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--url', default='http://127.0.0.1:8080', help='URL of the panel')
+    parser.add_argument(
+        '--url',
+        help=f'URL of the panel (default: {HERE[0]}, or the same over HTTPS)',
+    )
     parser.add_argument(
         '--swap', action='store_true', help='show the left image on the right screen'
     )
@@ -63,11 +71,12 @@ def run(args):
     end_s = time.monotonic() + args.seconds if args.seconds else float('inf')
     windows = []
     try:
-        if not _wait_for(args.url, stop, end_s):
+        base = _wait_for([args.url] if args.url else HERE, stop, end_s)
+        if not base:
             return 0
         full_screen = not args.windowed and not shared
         for side, place in zip(sides, places[:2], strict=True):
-            url = f'{args.url.rstrip("/")}/wall/{side}'
+            url = f'{base}/wall/{side}'
             windows.append(kiosk.Window(browser, url, place, full_screen))
         while not stop and time.monotonic() < end_s:
             for window in windows:
@@ -81,24 +90,33 @@ def run(args):
     return 0
 
 
-def _wait_for(url, stop, end_s):
-    """Wait until the panel answers; return False when asked to stop before."""
+def _wait_for(urls, stop, end_s):
+    """Wait until the panel answers; return its URL, or an empty text when asked to stop before."""
+    from eol_ros.devices.browser import kiosk
+    from eol_ros.errors import DeviceMissing, UsageError
+
     told = False
     while not stop and time.monotonic() < end_s:
-        try:
-            urllib.request.urlopen(f'{url.rstrip("/")}/wall/left', timeout=2).close()
-            return True
-        except urllib.error.HTTPError as error:
-            from eol_ros.errors import DeviceMissing
-
-            raise DeviceMissing(f'{url}: not the panel of this work ({error})') from None
-        except ValueError as error:
-            from eol_ros.errors import UsageError
-
-            raise UsageError(f'--url {url}: {error}') from None
-        except OSError:
-            if not told:
-                print(f'waiting for the panel at {url}', file=sys.stderr, flush=True)
-                told = True
-            time.sleep(0.5)
-    return False
+        for url in (url.rstrip('/') for url in urls):
+            tls = ssl.create_default_context()
+            if kiosk.is_here(url):
+                tls.check_hostname, tls.verify_mode = False, ssl.CERT_NONE
+            try:
+                urllib.request.urlopen(f'{url}/wall/left', timeout=2, context=tls).close()
+                return url
+            except urllib.error.HTTPError as error:
+                raise DeviceMissing(f'{url}: not the panel of this work ({error})') from None
+            except ValueError as error:
+                raise UsageError(f'--url {url}: {error}') from None
+            except (OSError, http.client.HTTPException) as error:
+                if isinstance(getattr(error, 'reason', None), ssl.SSLCertVerificationError):
+                    raise DeviceMissing(
+                        f'{url}: its certificate is not trusted on this machine; make it one of '
+                        "this machine's authorities (update-ca-certificates), or open the walls "
+                        'on the machine of the panel'
+                    ) from None
+        if not told:
+            print(f'waiting for the panel at {urls[0]}', file=sys.stderr, flush=True)
+            told = True
+        time.sleep(0.5)
+    return ''

@@ -50,8 +50,7 @@ def add_arguments(parser):
         metavar='S',
         help='wait so long for a first reader (default 3)',
     )
-    parser.add_argument('--lan', action='store_true', help='reach other machines too')
-    parser.add_argument('--namespace', metavar='NAME', help=reach.NAMESPACE_HELP)
+    reach.add_arguments(parser)
     parser.add_argument('--list', action='store_true', help='say what is in the bag and end')
     parser.add_argument('--json', action='store_true', help='with --list: as one JSON object')
 

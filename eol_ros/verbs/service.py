@@ -159,6 +159,7 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
     """
     python = sys.executable
     panel = scene.nodes.get('panel')
+    scheme = 'https' if panel and panel.certificate else 'http'
     alone = scene.network == 'local' and (panel is None or _is_loopback(panel.host))
     alone = alone and scene.notify is None and 'projectors' not in scene.nodes
     kept = ('EOL_CACHE', 'EOL_STATE', 'ROS_DOMAIN_ID')
@@ -172,7 +173,7 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
         'network': 'this machine' if alone else 'the network',
         'addresses': 'IPAddressDeny=any\nIPAddressAllow=localhost\n' if alone else '',
         'writes': ' '.join(f'-{path}' for path in writes(scene, home, folder)),
-        'url': f'http://127.0.0.1:{panel.port if panel else 8080}',
+        'url': f'{scheme}://127.0.0.1:{panel.port if panel else 8080}',
     }
     for key in ('scene', 'folder', 'python'):
         if any(c in str(values[key]) for c in ' \t"\'%\\'):

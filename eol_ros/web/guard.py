@@ -3,8 +3,11 @@
 
 import hmac
 import ipaddress
+import math
 import socket
+from collections import deque
 from collections.abc import Iterable
+from itertools import pairwise
 from urllib.parse import urlsplit
 
 from eol_ros.errors import ConfigError
@@ -21,8 +24,11 @@ HEADERS = {
     'Cross-Origin-Resource-Policy': 'same-origin',
     'Permissions-Policy': 'camera=(), microphone=(), geolocation=()',
 }
-TRIES = 5
-TRIES_PERIOD_S = 60.0
+PRIVATE = ('image', 'sound')  # channels that show and let hear the people at the table
+FREE_TRIES = 3  # wrong PINs from an address before it has to wait
+LONGEST_WAIT_S = 900.0
+FORGOTTEN_S = 86_400.0  # wrong PINs of an address count this long
+WRONG_PER_HOUR = 20  # from all addresses that never knew it: one in a million needs six years
 
 
 def is_loopback(host: str) -> bool:
@@ -36,9 +42,11 @@ def is_loopback(host: str) -> bool:
 
 
 def check_settings(host: str, pin: str) -> None:
-    """Raise ConfigError when the panel would be open to the network without a PIN."""
-    if pin and not (pin.isascii() and pin.isprintable() and 4 <= len(pin) <= 32):
-        raise ConfigError('panel.pin: 4 to 32 plain characters')
+    """Raise ConfigError when the panel would be open to the network with no PIN or a weak one."""
+    if pin and not (pin.isascii() and pin.isprintable() and 6 <= len(pin) <= 64):
+        raise ConfigError('panel.pin: needs 6 to 64 plain characters, six digits or a passphrase')
+    if pin and len({ord(b) - ord(a) for a, b in pairwise(pin)}) == 1:
+        raise ConfigError('panel.pin: is one of the first that anybody tries; take another')
     if not is_loopback(host) and not pin:
         raise ConfigError(
             f'panel.host: {host} opens the panel to the network; set panel.pin too, which every'
@@ -87,29 +95,66 @@ def same_origin(origin: str | None, host: str) -> bool:
 
 
 class PinGate:
-    """Asks for the PIN; five wrong ones from an address lock it out for a minute."""
+    """Asks for the PIN. Who guesses waits longer after each wrong one: 2 s, 4 s, ... 15 min.
+
+    An address is an IPv4 address, or the network of 64 bits of an IPv6 address. Whoever takes many
+    addresses meets the bound on wrong PINs an hour of all of them together; addresses that have
+    given the right one before are not concerned by it.
+    """
 
     def __init__(self, pin: str):
         self._pin = pin
-        self._wrong: dict[str, list[float]] = {}
+        self._wrong: dict[str, tuple[int, float]] = {}  # how many, and when the last
+        self._known: set[str] = set()
+        self._strangers: deque[float] = deque(maxlen=WRONG_PER_HOUR)  # when they were wrong
 
     @property
     def needed(self) -> bool:
         """Whether there is a PIN at all."""
         return bool(self._pin)
 
+    def wait_s(self, address: str, now_s: float) -> float:
+        """Return for how many seconds no PIN is taken from `address`; 0: one may be tried now."""
+        key = _network(address)
+        count, last_s = self._wrong.get(key, (0, -math.inf))
+        wait = 0.0
+        if count >= FREE_TRIES:
+            wait = last_s + min(2.0 ** (count - FREE_TRIES + 1), LONGEST_WAIT_S) - now_s
+        if key not in self._known and len(self._strangers) == WRONG_PER_HOUR:
+            wait = max(wait, self._strangers[0] + 3600.0 - now_s)
+        return max(wait, 0.0)
+
     def check(self, given: str, address: str, now_s: float) -> str:
-        """Return 'ok', 'wrong' or 'locked'."""
+        """Return 'ok', 'wrong' or 'locked': not looked at, for the address has to wait."""
         if not self._pin:
             return 'ok'
-        recent = [t for t in self._wrong.get(address, ()) if now_s - t < TRIES_PERIOD_S]
-        if len(recent) >= TRIES:
+        if self.wait_s(address, now_s) > 0:
             return 'locked'
+        key = _network(address)
         if hmac.compare_digest(given.encode('utf-8', 'replace'), self._pin.encode()):
-            self._wrong.pop(address, None)
+            self._wrong.pop(key, None)
+            self._known.add(key)
             return 'ok'
         if given:  # a control tried without any PIN is no guess
+            count, last_s = self._wrong.get(key, (0, now_s))
+            if now_s - last_s > FORGOTTEN_S:
+                count = 0
             if len(self._wrong) > 4096:
                 self._wrong.clear()
-            self._wrong[address] = [*recent, now_s]
+            self._wrong[key] = count + 1, now_s
+            if key not in self._known:
+                self._strangers.append(now_s)
         return 'wrong'
+
+
+def _network(address: str) -> str:
+    """Return what one guesser has at hand: an IPv4 address, or 64 bits of an IPv6 address."""
+    try:
+        found = ipaddress.ip_address(address.partition('%')[0])
+    except ValueError:
+        return address
+    if isinstance(found, ipaddress.IPv4Address):
+        return address
+    if found.ipv4_mapped:
+        return str(found.ipv4_mapped)
+    return str(ipaddress.ip_network((found, 64), strict=False))

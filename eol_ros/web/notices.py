@@ -29,11 +29,11 @@ def wall(message: Any, fade_s: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def limits() -> dict[str, Any]:
-    """Return the range of each control that is a slider, as the settings have it."""
+def limits(network: str) -> dict[str, Any]:
+    """Return the range of each control that is a slider, and how far the graph can be reached."""
     (radius,) = CONTROLS['radius'].takes
     assert isinstance(radius, Number)
-    return {'t': 'limits', 'radius': [radius.low, radius.high]}
+    return {'t': 'limits', 'radius': [radius.low, radius.high], 'network': network}
 
 
 def meter(message: Any) -> dict[str, Any]:

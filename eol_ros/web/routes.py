@@ -4,6 +4,7 @@
 import asyncio
 import hashlib
 import json
+import math
 import mimetypes
 import socket
 import time
@@ -159,8 +160,11 @@ class Routes:
 
     def _refusal(self, request: web.Request, state: str) -> web.Response:
         if state == 'locked':
-            self.say(f'PIN: too many wrong ones from {request.remote}')
-            return _error(429, 'too many wrong PINs, wait a minute')
+            wait_s = math.ceil(self.pin.wait_s(request.remote or '', time.monotonic()))
+            self.say(f'PIN: too many wrong ones; {request.remote} has to wait {wait_s} s')
+            refusal = _error(429, f'too many wrong PINs, wait {wait_s} s')
+            refusal.headers['Retry-After'] = str(wait_s)
+            return refusal
         return _error(401, 'the PIN is asked for')
 
     async def _control(self, request: web.Request) -> web.Response:

@@ -10,22 +10,27 @@ import errno
 import logging
 import resource
 import socket
+import ssl
 import threading
 import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from aiohttp import web
+from aiohttp import web, web_response
 
-from eol_ros.errors import DeviceMissing, EolError
+from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.streams.requests import Asked
-from eol_ros.web import guard
+from eol_ros.web import certificate, guard
 from eol_ros.web.hub import Hub
 from eol_ros.web.routes import Routes
 
 TICK_S = 1.0
+HANDSHAKE_S = 5.0  # of TLS: who takes longer is sent away
+CERTIFICATE_S = 60.0  # between looks at whether it has been renewed
 SPARE_CONNECTIONS = 128  # pages and images beside the viewers' sockets
 BATCH = 256  # accepted in one go, so the limit may be exceeded by as many
+# Versions are nobody's business; this counts also for what aiohttp refuses by itself.
+web_response.__dict__['SERVER_SOFTWARE'] = 'eol'
 
 
 class Bridge(Protocol):
@@ -57,8 +62,8 @@ class _Lines(logging.Handler):
 class WebServer:
     """Serves the pages from `start` to `stop`.
 
-    Raises ConfigError when it would stand open without a PIN, DeviceMissing when the address cannot
-    be had.
+    Raises ConfigError when it would stand open without a PIN or its certificate is no good,
+    DeviceMissing when the address cannot be had.
     """
 
     def __init__(
@@ -69,6 +74,8 @@ class WebServer:
         self.settings = settings
         self._say = say
         self._said: dict[str, float] = {}
+        self._tls = certificate.context(settings.certificate) if settings.certificate else None
+        self._renewed_ns = certificate.changed_ns(settings.certificate)
         self.routes = Routes(settings, self.hub, bridge, self.say, **pages)
         self._socket = _listen(settings.host, settings.port)
         self.port = self._socket.getsockname()[1]
@@ -83,7 +90,10 @@ class WebServer:
         host = self.settings.host
         if host in ('0.0.0.0', '::'):
             host = socket.gethostname()
-        return f'http://[{host}]:{self.port}' if ':' in host else f'http://{host}:{self.port}'
+        scheme = 'https' if self._tls else 'http'
+        return (
+            f'{scheme}://[{host}]:{self.port}' if ':' in host else f'{scheme}://{host}:{self.port}'
+        )
 
     def say(self, text: str) -> None:
         """Report one line; the same kind of line at most every 5 s."""
@@ -135,12 +145,16 @@ class WebServer:
         most = self.settings.viewers + SPARE_CONNECTIONS
         _allow_files(most + 256)
         server = await self._loop.create_server(
-            _Limited(runner.server, most, self.say), sock=self._socket, backlog=BATCH
-        )
-        ticking = self._loop.create_task(self._tick())
+            _Limited(runner.server, most, self.say), sock=self._socket, backlog=BATCH,
+            ssl=self._tls, ssl_handshake_timeout=HANDSHAKE_S if self._tls else None,
+        )  # fmt: skip
+        ticking = [self._loop.create_task(self._tick())]
+        if self._tls:
+            ticking.append(self._loop.create_task(self._renew(self._tls)))
         self._ready.set()
         await self._stopping.wait()
-        ticking.cancel()
+        for task in ticking:
+            task.cancel()
         server.close()
         await self.routes.close()
         await runner.cleanup()
@@ -152,6 +166,24 @@ class WebServer:
             if self.hub.viewers:
                 tick = {'t': 'tick', 'now': time.time(), 'viewers': len(self.hub.viewers)}
                 self.hub.put('notices', tick)
+
+    async def _renew(self, tls: ssl.SSLContext) -> None:
+        """Take up a certificate that has been renewed; those who come from now on get it."""
+        while True:
+            await asyncio.sleep(CERTIFICATE_S)
+            self.renew(tls)
+
+    def renew(self, tls: ssl.SSLContext) -> None:
+        """Load the certificate again where its file has changed; keep the old one if it is bad."""
+        changed_ns = certificate.changed_ns(self.settings.certificate)
+        if changed_ns == self._renewed_ns:
+            return
+        self._renewed_ns = changed_ns
+        try:
+            certificate.load(tls, self.settings.certificate)
+            self.say('certificate: renewed')
+        except ConfigError as error:
+            self.say(f'certificate: the one before is kept: {error}')
 
     def _on_loop_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         self.say(f'web: {context.get("exception") or context.get("message")}')

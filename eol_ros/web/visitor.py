@@ -6,7 +6,7 @@ import math
 import time
 from typing import Any
 
-from eol_ros.web import wire
+from eol_ros.web import guard, wire
 from eol_ros.web.hub import Viewer
 
 MESSAGES_PER_S = 300.0
@@ -23,6 +23,7 @@ class Visitor:
         self._viewer: Viewer
         self._budget, self._then = MESSAGES_PER_S, time.monotonic()
         self._pushing = False
+        self._wants: frozenset[str] = frozenset()
         self.trusted = not routes.pin.needed
 
     def hello(self, viewer: Viewer) -> str:
@@ -35,6 +36,7 @@ class Visitor:
                 'now': time.time(),
                 'pin': self._routes.pin.needed,
                 'push': self.may_push,
+                'private': sorted(self.private),
             }
         )
 
@@ -42,6 +44,15 @@ class Visitor:
     def may_push(self) -> bool:
         """Whether this visitor may move the rim."""
         return self.trusted or self._routes.settings.visitors
+
+    @property
+    def private(self) -> frozenset[str]:
+        """The channels that are kept from this visitor until the PIN is given."""
+        if self.trusted:
+            return frozenset()
+        settings = self._routes.settings
+        public = {*settings.public, *(('sound',) if settings.visitors else ())}
+        return frozenset(guard.PRIVATE) - public
 
     def take(self, text: str) -> str:
         """Act on one message; return why it is refused, or an empty string."""
@@ -69,7 +80,8 @@ class Visitor:
     def _take_wants(self, value: Any) -> str:
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
             return 'wants: not a list of names'
-        self._routes.hub.want(self._viewer, value)
+        self._wants = frozenset(value)
+        self._routes.hub.want(self._viewer, self._wants - self.private)
         return ''
 
     def _take_pace(self, value: Any) -> str:
@@ -82,7 +94,9 @@ class Visitor:
         if not isinstance(value, str):
             return 'pin: not a text'
         self.trusted = self._routes.pin_state(self._request, value) == 'ok'
-        self._viewer.tell(wire.text({'t': 'trust', 'ok': self.trusted, 'push': self.may_push}))
+        trust = {'t': 'trust', 'ok': self.trusted, 'push': self.may_push}
+        self._viewer.tell(wire.text(trust | {'private': sorted(self.private)}))
+        self._routes.hub.want(self._viewer, self._wants - self.private)
         return ''
 
     def _take_rim(self, value: Any) -> str:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What nodes would refuse is told before anything starts, all at once and each at its place."""
 
+import datetime
 import json
 import zoneinfo
 
@@ -10,6 +11,7 @@ from eol_ros import cli
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import calibration_file, time_zone
 from eol_ros.errors import ConfigError
+from eol_ros.web import certificate
 
 
 @pytest.fixture
@@ -147,6 +149,23 @@ def test_what_is_allowed_and_should_be_known_is_a_warning(check, tmp_path):
         'no mistakes, 4 warnings',
     ):
         assert what in words
+
+
+def test_the_certificate_of_the_panel(check, tmp_path):
+    panel = "  panel: {host: 0.0.0.0, pin: '471147'%s}\n"
+    assert 'the PIN can be read on the network' in check(panel % '')[2]
+    (tmp_path / 'panel.pem').write_text('none')
+    code, _, words = check(panel % ', certificate: panel.pem')
+    assert code == 78 and words.count('panel.certificate: ') == 1 and 'eol certificate' in words
+    (tmp_path / 'panel.pem').unlink()
+    now = datetime.datetime.now(datetime.timezone.utc)
+    certificate.make(tmp_path / 'panel.pem', ['localhost'], now)
+    code, _, words = check(panel % ', certificate: panel.pem')
+    assert code == 0 and 'warning' not in words
+    (tmp_path / 'panel.pem').unlink()
+    long_ago = now - datetime.timedelta(days=365 * certificate.YEARS - 12.5)
+    certificate.make(tmp_path / 'panel.pem', ['localhost'], long_ago)
+    assert 'is valid for 12 days more' in check(panel % ', certificate: panel.pem')[2]
 
 
 def test_devices_that_are_not_there(check, monkeypatch):

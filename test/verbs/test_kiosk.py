@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol kiosk: with a browser that writes down how it was called, and goes away."""
 
+import datetime
 import http.server
+import socket
 import threading
 
 import pytest
@@ -10,6 +12,7 @@ from support.waiting import wait_until
 from eol_ros.cli import main
 from eol_ros.devices.browser import kiosk
 from eol_ros.devices.browser.kiosk import Screen
+from eol_ros.web import certificate
 
 XRANDR = """Screen 0: minimum 320 x 200, current 5760 x 1080, maximum 16384 x 16384
 HDMI-2 connected 1920x1080+1920+0 (normal left inverted right x axis y axis) 600mm x 340mm
@@ -21,21 +24,35 @@ DP-3 connected 1920x1200+3840+0 (normal left inverted right x axis y axis) 600mm
 """
 
 
+class Page(http.server.BaseHTTPRequestHandler):
+    def do_GET(self):
+        self.send_response(200 if self.path.startswith('/wall/') else 404)
+        self.end_headers()
+
+    def log_message(self, *args):
+        pass
+
+
 @pytest.fixture
 def panel():
     """A server that answers as the panel does."""
-
-    class Page(http.server.BaseHTTPRequestHandler):
-        def do_GET(self):
-            self.send_response(200 if self.path.startswith('/wall/') else 404)
-            self.end_headers()
-
-        def log_message(self, *args):
-            pass
-
     server = http.server.ThreadingHTTPServer(('127.0.0.1', 0), Page)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield f'http://127.0.0.1:{server.server_port}'
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.fixture
+def secure_panel(tmp_path):
+    """The same over HTTPS, with a certificate that nobody trusts."""
+    path = tmp_path / 'panel.pem'
+    certificate.make(path, ['localhost'], datetime.datetime.now(datetime.timezone.utc))
+    tls = certificate.context(str(path))
+    server = http.server.ThreadingHTTPServer(('0.0.0.0', 0), Page)
+    server.socket = tls.wrap_socket(server.socket, server_side=True)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield server.server_port
     server.shutdown()
     server.server_close()
 
@@ -147,6 +164,30 @@ def test_mistakes_are_one_line(capsys, browser, words, code, says):
     assert main([*base, *words]) == code
     text = capsys.readouterr().err
     assert says in text and text.count('\n') == 1
+
+
+def test_https_on_this_machine_is_trusted(tmp_path, browser, secure_panel):
+    url = f'https://127.0.0.1:{secure_panel}'
+    assert main(['kiosk', '--url', url, '--browser', str(browser), '--for', '0.6', *SCREENS]) == 0
+    calls = (tmp_path / 'calls').read_text().splitlines()
+    assert len(calls) >= 2 and all('--ignore-certificate-errors' in call for call in calls)
+
+
+def test_without_a_url_https_is_found(tmp_path, browser, secure_panel, panel, monkeypatch):
+    from eol_ros.verbs import kiosk as verb
+
+    urls = ['http://127.0.0.1:9', f'https://127.0.0.1:{secure_panel}']
+    monkeypatch.setattr(verb, 'HERE', urls)
+    assert main(['kiosk', '--browser', str(browser), '--for', '0.6', *SCREENS]) == 0
+    assert f'{urls[1]}/wall/left' in (tmp_path / 'calls').read_text()
+
+
+def test_https_elsewhere_must_be_trusted(capsys, browser, secure_panel):
+    url = f'https://{socket.gethostbyname(socket.gethostname())}:{secure_panel}'
+    if kiosk.is_here(url):  # the name of this machine stands for the loopback address
+        url = f'https://0.0.0.0:{secure_panel}'
+    assert main(['kiosk', '--url', url, '--browser', str(browser), *SCREENS]) == 69
+    assert 'is not trusted on this machine' in capsys.readouterr().err
 
 
 def test_another_server_is_not_the_panel(capsys, browser, panel):

@@ -8,6 +8,8 @@ import pytest
 from eol_ros.errors import ConfigError
 from eol_ros.web import guard
 
+PIN = '471147'
+
 
 @pytest.mark.parametrize('host', ['127.0.0.1', '127.8.8.8', '::1', 'localhost'])
 def test_loopback_needs_no_pin(host):
@@ -18,9 +20,14 @@ def test_loopback_needs_no_pin(host):
 def test_open_to_the_network_needs_one(host):
     with pytest.raises(ConfigError, match=r'panel\.pin'):
         guard.check_settings(host, '')
-    guard.check_settings(host, '4711')
-    with pytest.raises(ConfigError, match='4 to 32'):
-        guard.check_settings(host, '12')
+    guard.check_settings(host, '471147')
+    guard.check_settings(host, 'ice breaks slowly')
+    for weak in ('12', '47114', 'x' * 65, 'umlaut\xe4'):
+        with pytest.raises(ConfigError, match='six digits or a passphrase'):
+            guard.check_settings(host, weak)
+    for first in ('000000', '123456', '987654', 'abcdef'):
+        with pytest.raises(ConfigError, match='first that anybody tries'):
+            guard.check_settings(host, first)
 
 
 @pytest.mark.parametrize(
@@ -65,17 +72,52 @@ def test_origins(origin, good):
     assert guard.same_origin(origin, 'localhost:8080') is good
 
 
-def test_the_gate_opens_to_the_pin_and_locks_after_five_wrong_ones():
-    gate = guard.PinGate('4711')
-    assert gate.check('4711', 'a', 0.0) == 'ok'
-    assert gate.check('', 'a', 0.0) == 'wrong'
-    for i in range(5):
-        assert gate.check('0000', 'a', float(i)) == 'wrong'
-    assert gate.check('4711', 'a', 10.0) == 'locked'
-    assert gate.check('4711', 'b', 10.0) == 'ok'
-    assert gate.check('4711', 'a', 70.0) == 'ok'
+def test_the_gate_opens_to_the_pin():
+    gate = guard.PinGate(PIN)
+    assert gate.check(PIN, 'a', 0.0) == 'ok'
+    assert [gate.check('', 'a', 0.0) for _ in range(9)] == ['wrong'] * 9  # no guesses
     assert gate.check('\udcff', 'c', 0.0) == 'wrong'
+    assert gate.check(PIN, 'a', 0.0) == 'ok'
     assert guard.PinGate('').check('', 'a', 0.0) == 'ok'
+
+
+def test_who_guesses_waits_longer_after_each_wrong_one():
+    gate, now_s, waits = guard.PinGate(PIN), 0.0, []
+    assert gate.check(PIN, 'a', now_s) == 'ok'  # an address that is known: its own wait alone
+    for _ in range(14):
+        assert gate.check('000000', 'a', now_s) == 'wrong'
+        waits.append(gate.wait_s('a', now_s))
+        if waits[-1]:
+            assert gate.check(PIN, 'a', now_s + waits[-1] / 2) == 'locked'  # not looked at
+            assert gate.check(PIN, 'b', now_s) == 'ok'  # no concern of others
+        now_s += waits[-1]
+    assert waits == [0, 0, 2, 4, 8, 16, 32, 64, 128, 256, 512, 900, 900, 900]
+    assert gate.check(PIN, 'a', now_s) == 'ok'
+    assert gate.check('000000', 'a', now_s) == 'wrong'
+    assert gate.wait_s('a', now_s) == 0  # after the right one counting begins again
+
+
+def test_many_addresses_guess_no_more_than_their_bound_in_all():
+    gate, looked_at = guard.PinGate(PIN), 0
+    assert gate.check(PIN, '192.168.1.9', 0.0) == 'ok'
+    for i in range(40_000):  # ten hours, four a second, never the same address
+        now_s = i * 0.9
+        address = f'10.{i >> 16}.{i >> 8 & 255}.{i & 255}'
+        looked_at += gate.check('000000', address, now_s) == 'wrong'
+    assert looked_at <= 10 * guard.WRONG_PER_HOUR
+    assert gate.check(PIN, '192.168.1.9', now_s) == 'ok'  # who is known is not shut out
+    assert gate.check(PIN, '10.9.9.9', now_s) == 'locked'
+
+
+def test_an_ipv6_network_is_one_guesser():
+    gate = guard.PinGate(PIN)
+    for i in range(3):
+        assert gate.check('000000', f'2001:db8::{i}', 0.0) == 'wrong'
+    assert gate.check(PIN, '2001:db8::ffff', 1.0) == 'locked'
+    assert gate.check(PIN, '2001:db8:0:1::1', 1.0) == 'ok'
+    for _ in range(3):
+        assert gate.check('000000', '::ffff:192.0.2.1', 0.0) == 'wrong'
+    assert gate.check(PIN, '::ffff:192.0.2.2', 1.0) == 'ok'
 
 
 def test_the_policy_lets_nothing_in_from_elsewhere():

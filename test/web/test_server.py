@@ -230,29 +230,30 @@ def test_a_long_body_and_a_wrong_method(serve):
 
 
 def test_open_to_the_network_every_control_asks_for_the_pin(serve):
-    server = serve(host='0.0.0.0', pin='4711')
+    server = serve(host='0.0.0.0', pin='471147')
     for name in CONTROLS:
         assert ask(server, f'/control/{name}', '{}')[0] == 401
     assert ask(server, '/wall/left')[0] == 200  # walls stay read-only and open
-    assert ask(server, '/control/sleep', '{}', X_Pin='4711')[0] == 200
-    for _ in range(5):
-        assert ask(server, '/pin', '', X_Pin='0000')[0] == 401
-    assert ask(server, '/control/sleep', '{}', X_Pin='4711')[0] == 429
+    assert ask(server, '/control/sleep', '{}', X_Pin='471147')[0] == 200
+    for _ in range(3):
+        assert ask(server, '/pin', '', X_Pin='000000')[0] == 401
+    status, headers, text = ask(server, '/control/sleep', '{}', X_Pin='471147')
+    assert status == 429 and headers['Retry-After'] in ('1', '2') and 'wait' in text
     assert server.bridge.calls == [('sleep', '', {}, 'panel 127.0.0.1')]
     with pytest.raises(ConfigError):
         serve(host='0.0.0.0')
 
 
 def test_hands_on_the_rim_need_trust_and_are_bounded(serve):
-    server = serve(host='0.0.0.0', pin='4711')
+    server = serve(host='0.0.0.0', pin='471147')
 
     async def talk(ws):
         assert (await notice(ws, 'hello'))['push'] is False
         await ws.send_str('{"rim": [0.1, 0, 0]}')
-        await ws.send_str('{"pin": "0000"}')
+        await ws.send_str('{"pin": "000000"}')
         assert (await notice(ws, 'trust'))['ok'] is False
         await ws.send_str('{"rim": [0.1, 0, 0]}')
-        await ws.send_str('{"pin": "4711"}')
+        await ws.send_str('{"pin": "471147"}')
         assert (await notice(ws, 'trust'))['push'] is True
         await ws.send_str('{"rim": [30, 40, 1]}')
         await ws.send_str('{"ping": 1}')
@@ -266,7 +267,7 @@ def test_hands_on_the_rim_need_trust_and_are_bounded(serve):
 
 
 def test_visitors_may_be_let_in_without_the_pin(serve):
-    server = serve(host='0.0.0.0', pin='4711', visitors=True)
+    server = serve(host='0.0.0.0', pin='471147', visitors=True)
 
     async def talk(ws):
         assert (await notice(ws, 'hello'))['push'] is True
@@ -276,6 +277,55 @@ def test_visitors_may_be_let_in_without_the_pin(serve):
 
     live(server, talk)
     assert server.bridge.calls[0][2] == (0.1, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('settings', 'kept'),
+    [
+        ({}, {'image', 'sound'}),
+        ({'public': ('image',)}, {'sound'}),
+        ({'visitors': True}, {'image'}),
+        ({'public': ('image', 'sound')}, set()),
+    ],
+)
+def test_camera_and_sound_are_for_those_with_the_pin(serve, settings, kept):
+    server = serve(host='0.0.0.0', pin='471147', **settings)
+    wants = {'blocks', 'image', 'sound'}
+
+    async def talk(ws):
+        assert set((await notice(ws, 'hello'))['private']) == kept
+
+        async def wanted():
+            await ws.send_str('{"ping": 1}')
+            await notice(ws, 'pong')
+            (viewer,) = server.hub.viewers
+            return viewer.wants
+
+        await ws.send_str(json.dumps({'wants': sorted(wants)}))
+        assert await wanted() == wants - kept
+        await ws.send_str('{"pin": "471147"}')
+        assert (await notice(ws, 'trust'))['private'] == []
+        assert await wanted() == wants  # without asking again
+        await ws.send_str('{"pin": "000000"}')
+        assert set((await notice(ws, 'trust'))['private']) == kept
+        assert await wanted() == wants - kept
+
+    live(server, talk)
+
+
+def test_no_answer_names_a_library_or_a_version(serve):
+    server = serve()
+    for text in (
+        b'GET / HTTP/1.1\r\nHost: localhost\r\n\r\n',
+        b'GET /nothing HTTP/1.1\r\nHost: localhost\r\n\r\n',
+        b'GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n',
+        b'POST /control/sleep HTTP/1.1\r\nHost: localhost\r\nContent-Length: x\r\n\r\n',
+        b'nonsense\r\n\r\n',
+    ):
+        answer = raw(server, text).decode('latin-1')
+        head = answer.partition('\r\n\r\n')[0].lower()
+        assert 'server: eol\r\n' in head + '\r\n'
+        assert 'aiohttp' not in answer.lower() and 'python' not in answer.lower()
 
 
 @pytest.mark.parametrize(
@@ -290,7 +340,7 @@ def test_visitors_may_be_let_in_without_the_pin(serve):
         '{"rim": [0,0,0], "wants": []}',
         '{"wants": "blocks"}',
         '{"wants": [1]}',
-        '{"pin": 4711}',
+        '{"pin": 471147}',
         '{"pace": -1}',
         '{"pace": true}',
         '{"pace": NaN}',
@@ -482,9 +532,9 @@ def test_a_taken_port_and_a_wrong_address_are_one_line_with_code_69(serve):
         WebServer(PanelSettings(port=server.port), server.bridge)
     assert caught.value.exit_code == 69
     with pytest.raises(DeviceMissing):
-        serve(host='192.0.2.1', pin='4711')
+        serve(host='192.0.2.1', pin='471147')
     with pytest.raises(DeviceMissing):
-        serve(host='no.such.host.invalid', pin='4711')
+        serve(host='no.such.host.invalid', pin='471147')
 
 
 def test_documents_are_handed_out(serve):

@@ -10,6 +10,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from eol_ros.devices.backoff import Backoff
 from eol_ros.errors import DeviceMissing, UsageError
@@ -27,6 +28,8 @@ FLAGS = (
     '--overscroll-history-navigation=0',
     '--autoplay-policy=no-user-gesture-required',
 )
+# Of this machine: nobody stands between, and its certificate names other names, or itself alone.
+TRUSTING = ('--ignore-certificate-errors', '--test-type')
 LOG_BYTES = 1_000_000  # of what a browser says; it may run for months
 SETTLED_S = 20.0  # a window that lived this long failed for another reason, not the same
 
@@ -80,6 +83,12 @@ def find_browser(name: str = '') -> str:
     raise DeviceMissing('no Chromium found: apt install chromium, or name one with --browser')
 
 
+def is_here(url: str) -> bool:
+    """Return whether a URL is served over HTTPS by this very machine."""
+    parts = urlsplit(url)
+    return parts.scheme == 'https' and parts.hostname in ('127.0.0.1', '::1', 'localhost')
+
+
 class Window:
     """One full-screen browser window; `keep` brings it back when it is gone."""
 
@@ -93,6 +102,7 @@ class Window:
             f'--window-size={screen.width},{screen.height}',
             *(('--kiosk',) if full_screen else ()),
             *FLAGS,
+            *(TRUSTING if is_here(url) else ()),
             f'--app={url}',
         ]
         self._backoff = Backoff()

@@ -13,6 +13,12 @@ export class Listener {
     return Boolean(this.context);
   }
 
+  // Why nothing can be heard here: a key of the words, or an empty text.
+  get hindrance() {
+    if (this.link.private.includes('sound')) return 'private_sound';
+    return isSecureContext ? '' : 'insecure_sound'; // browsers give an AudioWorklet to HTTPS alone
+  }
+
   async start() {
     if (this.context) return;
     this.context = new AudioContext({ latencyHint: 'interactive', sampleRate: 48000 });
@@ -27,7 +33,7 @@ export class Listener {
     const { port1, port2 } = new MessageChannel();
     this.node.port.postMessage(port1, [port1]);
     this.wire = new Worker('/static/soundwire.js');
-    this.wire.postMessage(port2, [port2]);
+    this.wire.postMessage({ out: port2, pin: this.link.pin }, [port2]);
     await this.context.resume();
   }
 

@@ -2,6 +2,8 @@
 // The live connection: packets and notices in, wants and hands out; reconnects by itself and knows
 // how old what it has is. Packets are laid out in eol_ros/web/wire.py.
 
+import { say } from './i18n.js';
+
 const KINDS = ['', 'blocks', 'truth', 'image', 'meter', 'sound', 'leds'];
 const RETRY_S = [1, 2, 4, 8, 10];
 const SET_S = 1; // by which the server's clock departs only where somebody sets it
@@ -15,6 +17,7 @@ export class Link extends EventTarget {
     this.mayPush = false;
     this.pinNeeded = false;
     this.trusted = false;
+    this.private = []; // channels that are kept from us until the PIN is given
     this.pin = '';
     // performance.now() of the newest packet of each kind; 'any' of whatever, at first of the page.
     this.heard = { any: performance.now() };
@@ -99,7 +102,7 @@ export class Link extends EventTarget {
       const notice = JSON.parse(data);
       if (notice.t === 'pong') this.learnClock(notice, here);
       if (notice.t === 'hello') {
-        Object.assign(this, { viewer: notice.viewer, mayPush: notice.push, pinNeeded: notice.pin });
+        Object.assign(this, { viewer: notice.viewer, mayPush: notice.push, pinNeeded: notice.pin, private: notice.private });
         this.trusted = !notice.pin;
         if (!this.offsets.length) this.offset = notice.now - (performance.timeOrigin + here) / 1000;
       }
@@ -108,7 +111,7 @@ export class Link extends EventTarget {
         this.offsets = [];
         this.offset = notice.now - (performance.timeOrigin + here) / 1000;
       }
-      if (notice.t === 'trust') Object.assign(this, { trusted: notice.ok, mayPush: notice.push });
+      if (notice.t === 'trust') Object.assign(this, { trusted: notice.ok, mayPush: notice.push, private: notice.private });
       this.heard[notice.t] = here;
       this.emit(notice.t, notice);
       return;
@@ -143,13 +146,14 @@ export class Link extends EventTarget {
     }
   }
 
+  // Try a PIN; answers in words what came of it.
   async enter(pin) {
     const answer = await fetch('/pin', { method: 'POST', headers: { 'X-Pin': pin } });
-    if (answer.ok) {
-      this.pin = pin;
-      this.send({ pin });
-    }
-    return answer.status;
+    if (answer.status === 429) return say('pin_locked', { seconds: answer.headers.get('Retry-After') });
+    if (!answer.ok) return say('pin_wrong');
+    this.pin = pin;
+    this.send({ pin });
+    return say('unlocked');
   }
 }
 

@@ -124,7 +124,10 @@ function press(first, second, on) {
     document.querySelector(`[data-control=${name}]`).setAttribute('aria-pressed', (name === first) === on);
   }
 }
-link.on('limits', ({ radius }) => ([least, most] = radius));
+link.on('limits', ({ radius, network }) => {
+  [least, most] = radius;
+  $('open-network').hidden = network !== 'lan';
+});
 link.on('tick', ({ viewers }) => ($('visitors').textContent = say('visitors', { count: viewers })));
 link.on('trust', ({ ok }) => lock(!ok));
 link.on('hello', ({ pin }) => {
@@ -164,14 +167,16 @@ $('radius').onchange = () => act('radius', { value: Number(sliderReach().toPreci
 $('keep-threshold').onclick = () => act('threshold', { value: camera.level });
 $('pin-form').onsubmit = async (event) => {
   event.preventDefault();
-  const status = await link.enter($('pin').value);
-  $('answer').textContent = say(status === 200 ? 'unlocked' : status === 429 ? 'pin_locked' : 'pin_wrong');
-  $('answer').className = status === 200 ? 'legend' : 'legend bad';
+  $('answer').textContent = await link.enter($('pin').value);
+  $('answer').className = link.pin ? 'legend' : 'legend bad';
   $('pin').value = '';
 };
 $('listen').onclick = async () => {
   if (listener.on) await listener.stop();
-  else await listener.start();
+  else if (listener.hindrance) {
+    $('answer').textContent = say(listener.hindrance);
+    $('answer').className = 'legend bad';
+  } else await listener.start();
   $('listen').setAttribute('aria-pressed', listener.on);
 };
 for (const [name, words] of Object.entries(LANGUAGES)) {
@@ -229,6 +234,7 @@ setInterval(() => {
     const old = (Math.max(0, ...ages) > STALE_S && performance.now() > 4000) || silent > SILENT_S;
     card.classList.toggle('old', old);
     card.dataset.old = Number.isFinite(oldest) && oldest > 0 ? say('no_data', { seconds: oldest.toFixed(0) }) : say('no_data_yet');
+    if (card.id === 'camera' && link.private.includes('image')) card.dataset.old = say('private_image');
     if (stale && !old) card.dataset.old = $('stalebar').textContent;
   }
   if (nodes.age('motion') > SILENT_S) moving.fill(0); // whether they move is no longer known

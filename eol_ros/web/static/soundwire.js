@@ -4,16 +4,20 @@
 
 const RETRY_MS = 1000;
 let port = null;
+let pin = '';
 
 onmessage = ({ data }) => {
-  port = data;
+  ({ out: port, pin } = data);
   open();
 };
 
 function open() {
   const socket = new WebSocket(`${location.protocol === 'https:' ? 'wss' : 'ws'}://${location.host}/live`);
   socket.binaryType = 'arraybuffer';
-  socket.onopen = () => socket.send(JSON.stringify({ wants: ['sound'] }));
+  socket.onopen = () => {
+    if (pin) socket.send(JSON.stringify({ pin }));
+    socket.send(JSON.stringify({ wants: ['sound'] }));
+  };
   socket.onmessage = ({ data }) => {
     if (typeof data === 'string') return;
     const view = new DataView(data);

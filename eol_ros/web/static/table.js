@@ -136,8 +136,10 @@ function tell() {
   const limit = state?.rim && !stale ? hands.limit(state, speed) : '';
   $('limit').hidden = !limit;
   if (limit) write($('limit'), say(limit));
+  const silent = link.viewer && !listener.on && listener.hindrance;
+  $('listen').disabled = Boolean(silent);
   $('listen').setAttribute('aria-pressed', listener.on);
-  $('listen').textContent = listener.on && listener.latency !== null
+  $('listen').textContent = silent ? say(silent) : listener.on && listener.latency !== null
     ? say('table_sound', { latency: Math.round(listener.latency * 1000) }) : say('table_sound_on');
   $('table').style.filter = stale ? 'grayscale(1) brightness(.5)' : '';
   for (const button of $('languages').children) {

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol keys: who may reach the graph from other machines (`network: secure`)."""
+
+import shlex
+import socket
+import sys
+from pathlib import Path
+
+HELP = (
+    'Say who may reach the graph from other machines in a scene with `network: secure`: each by '
+    'a key of its own, through WireGuard. On the machine of the work: make, add, revoke, list. '
+    'On the other one: join, then `eol topics --secure` and the like; `env` prints what stock '
+    'ROS 2 tools need (eval "$(eol keys env)").'
+)
+EXAMPLES = [
+    'eol keys make',
+    'eol keys add laptop --endpoint museum.local > laptop.conf',
+    'eol keys revoke laptop',
+    'eol keys list',
+    'eol keys join laptop.conf',
+    'eol keys env',
+]
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    verbs = parser.add_subparsers(dest='action', required=True, metavar='ACTION')
+    make = verbs.add_parser('make', help='make the keys of this machine, which others will reach')
+    make.add_argument('--subnet', default='10.77.0.0/24', help='addresses inside of the tunnel')
+    make.add_argument('--port', type=int, default=51820, help='UDP port to listen on')
+    add = verbs.add_parser('add', help='let somebody in; prints what their machine joins with')
+    add.add_argument('name')
+    add.add_argument(
+        '--endpoint', metavar='HOST[:PORT]', default=socket.gethostname(),
+        help='under which they reach this machine (default: its name)',
+    )  # fmt: skip
+    add.add_argument('--public', metavar='KEY', default='', help='their key, where they made it')
+    revoke = verbs.add_parser('revoke', help='let somebody in no longer')
+    revoke.add_argument('name')
+    verbs.add_parser('list', help='say who is let in, and whether the tunnel is up')
+    join = verbs.add_parser('join', help='take what `add` gave to this machine')
+    join.add_argument('file', help='the file, or - for standard input')
+    verbs.add_parser('env', help='print the environment for stock ROS 2 tools')
+
+
+def run(args):
+    """Change or show the keys."""
+    from eol_ros.errors import ConfigError, UsageError
+    from eol_ros.ros import network, wireguard
+
+    if args.action == 'make':
+        if not 1 <= args.port <= 65535:
+            raise UsageError(f'--port {args.port}: 1 to 65535')
+        keys = wireguard.make(args.subnet, args.port)
+        _say(f'{keys.path}: made; it is secret. Bring the tunnel up with `{keys.how_up}`,')
+        _say(
+            'at every boot with `sudo systemctl enable --now wg-quick@eol0` and a link to the file'
+        )
+        _say(f'in /etc/wireguard. UDP port {args.port} must reach this machine.')
+    elif args.action == 'add':
+        keys, theirs = wireguard.add(args.name, args.endpoint, args.public)
+        print(theirs, end='')
+        _say(f'{args.name} is let in as {keys.peers[-1].address}; what is printed here is secret.')
+        _say(_renew(keys))
+    elif args.action == 'revoke':
+        keys = wireguard.revoke(args.name)
+        _say(f'{args.name} is let in no longer. {_renew(keys)}')
+    elif args.action == 'join':
+        try:
+            text = sys.stdin.read() if args.file == '-' else Path(args.file).read_text('utf-8')
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigError(f'{args.file}: {getattr(error, "strerror", error)}') from None
+        keys = wireguard.join(text)
+        _say(f'{keys.path}: joined as {keys.address}; `{keys.how_up}` brings the tunnel up')
+    elif args.action == 'env':
+        for name, value in network.environment('secure').items():
+            print(f'export {name}={shlex.quote(value)}')
+    else:
+        keys = wireguard.read()
+        print(f'{keys.address:15}  this machine, {"up" if keys.up else "not up: " + keys.how_up}')
+        for peer in keys.peers:
+            print(f'{peer.address:15}  {peer.name}  {peer.public}')
+    return 0
+
+
+def _renew(keys):
+    if not keys.up:
+        return f'It counts when the tunnel is up: {keys.how_up}'
+    return f"It counts after `sudo bash -c 'wg syncconf eol0 <(wg-quick strip {keys.path})'`"
+
+
+def _say(text):
+    print(text, file=sys.stderr)

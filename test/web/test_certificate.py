@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The panel over HTTPS, as the standard library's and aiohttp's clients meet it."""
+
+import asyncio
+import contextlib
+import datetime
+import hashlib
+import socket
+import ssl
+import stat
+import urllib.request
+
+import aiohttp
+import pytest
+
+from eol_ros.errors import ConfigError
+from eol_ros.verbs import certificate as verb
+from eol_ros.web import certificate
+
+NOW = datetime.datetime.now(datetime.timezone.utc)
+
+
+@pytest.fixture
+def pem(tmp_path):
+    """Return a fresh certificate with its key."""
+    path = tmp_path / 'panel.pem'
+    certificate.make(path, ['localhost', '127.0.0.1'], NOW)
+    return path
+
+
+def trusting(pem):
+    """Return a client's context that trusts this certificate and no other."""
+    return ssl.create_default_context(cafile=str(pem))
+
+
+def serial(server, pem):
+    """Return the serial number that a client is shown."""
+    with (
+        socket.create_connection(('127.0.0.1', server.port), 5) as sock,
+        trusting(pem).wrap_socket(sock, server_hostname='localhost') as line,
+    ):
+        return int(line.getpeercert()['serialNumber'], 16)
+
+
+def test_pages_and_live_data_come_over_https(serve, pem):
+    server = serve(certificate=str(pem))
+    assert server.address == f'https://127.0.0.1:{server.port}'
+    url = f'https://localhost:{server.port}'
+    with urllib.request.urlopen(f'{url}/wall/left', context=trusting(pem), timeout=5) as answer:
+        assert answer.status == 200
+    with pytest.raises(urllib.error.URLError, match='CERTIFICATE_VERIFY_FAILED'):
+        urllib.request.urlopen(url, timeout=5)  # by default nobody trusts it
+
+    async def talk():
+        async with (
+            aiohttp.ClientSession() as client,
+            client.ws_connect(f'{url}/live', ssl=trusting(pem)) as ws,
+        ):
+            hello = await asyncio.wait_for(ws.receive_json(), 5)
+            server.hub.put('notices', {'t': 'big', 'text': 'x' * 300_000}, sticky='big')
+            while (notice := await asyncio.wait_for(ws.receive_json(), 5))['t'] != 'big':
+                pass  # a tick
+        return hello['t'], len(notice['text'])
+
+    assert asyncio.run(asyncio.wait_for(talk(), 20)) == ('hello', 300_000)
+
+
+@pytest.mark.filterwarnings('ignore:ssl.TLSVersion:DeprecationWarning')  # what is tried is old
+def test_plain_http_and_old_tls_get_nothing(serve, pem):
+    server = serve(certificate=str(pem))
+    with socket.create_connection(('127.0.0.1', server.port), 5) as sock:
+        sock.sendall(b'GET / HTTP/1.1\r\nHost: localhost\r\n\r\n')
+        assert b'html' not in sock.recv(4096)
+    for version, taken in ((ssl.TLSVersion.TLSv1_2, True), (ssl.TLSVersion.TLSv1_1, False)):
+        client = trusting(pem)
+        client.minimum_version = client.maximum_version = version
+        client.set_ciphers('DEFAULT:@SECLEVEL=0')
+        with (
+            socket.create_connection(('127.0.0.1', server.port), 5) as sock,
+            contextlib.nullcontext() if taken else pytest.raises(ssl.SSLError),
+        ):
+            client.wrap_socket(sock, server_hostname='localhost').close()
+
+
+def test_who_connects_and_says_nothing_keeps_nobody_out(serve, pem):
+    server = serve(certificate=str(pem))
+    idle = [socket.create_connection(('127.0.0.1', server.port), 5) for _ in range(50)]
+    try:
+        assert serial(server, pem) == certificate.read(str(pem)).serial_number
+    finally:
+        for sock in idle:
+            sock.close()
+
+
+def test_a_renewed_certificate_is_taken_up_and_a_bad_one_is_not(serve, pem, tmp_path):
+    server = serve(certificate=str(pem))
+    before = serial(server, pem)
+    pem.write_text('damaged')
+    server.renew(server._tls)
+    assert 'certificate: the one before is kept' in server.lines[-1]
+    pem.unlink()
+    after = certificate.make(pem, ['localhost'], NOW).serial_number
+    server._said.clear()
+    server.renew(server._tls)
+    assert server.lines[-1] == 'certificate: renewed'
+    assert serial(server, pem) == after != before
+
+
+@pytest.mark.parametrize('wrong', ['missing', 'text', 'no key', 'other key', 'locked key'])
+def test_a_certificate_that_is_none_is_one_line(serve, pem, tmp_path, wrong):
+    other = tmp_path / 'other.pem'
+    certificate.make(other, ['localhost'], NOW)
+    begin = '-----BEGIN PRIVATE KEY'
+    cert, key = pem.read_text().split(begin)
+    if wrong == 'locked key':
+        from cryptography.hazmat.primitives import serialization
+
+        found = serialization.load_pem_private_key((begin + key).encode(), None)
+        form = serialization.PrivateFormat.PKCS8, serialization.BestAvailableEncryption(b'secret')
+        pem.write_text(cert + found.private_bytes(serialization.Encoding.PEM, *form).decode())
+    elif wrong == 'missing':
+        pem.unlink()
+    else:
+        its = {'text': 'hello', 'no key': cert, 'other key': cert + begin}[wrong]
+        pem.write_text(its + (other.read_text().split(begin)[1] if wrong == 'other key' else ''))
+    with pytest.raises(ConfigError) as caught:
+        serve(certificate=str(pem))
+    words = str(caught.value)
+    assert words.startswith(f'panel.certificate: {pem}: ') and 'eol certificate' in words
+    assert '\n' not in words
+
+
+def test_the_command_makes_one_and_shows_it(tmp_path, capsys, monkeypatch):
+    from eol_ros import cli
+
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(['certificate', 'echoes.museum', '192.168.1.20']) == 0
+    made = capsys.readouterr()
+    path = tmp_path / 'panel.pem'
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert f'panel: {{certificate: {path}}}' in made.err
+    assert made.out.splitlines()[:2] == [
+        'name         echoes.museum',
+        'name         192.168.1.20',
+    ]
+    assert cli.main(['certificate', '--show', 'panel.pem']) == 0
+    assert capsys.readouterr().out == made.out
+    own = ssl.PEM_cert_to_DER_cert(path.read_text().split('-----BEGIN PRIVATE')[0])
+    assert hashlib.sha256(own).hexdigest().upper() in made.out.replace(':', '')
+    assert cli.main(['certificate']) == 78 and 'is there already' in capsys.readouterr().err
+    assert cli.main(['certificate', '-o', 'x.pem', 'two words']) == 78
+    assert "'two words' is no host name" in capsys.readouterr().err
+    assert cli.main(['certificate', '--show', 'none.pem']) == 78
+    assert 'localhost' in verb._own_names()
