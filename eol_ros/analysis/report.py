@@ -200,7 +200,8 @@ def _latencies(bag: Bag) -> dict[str, dict[str, float]]:
 def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
     """Return the latency from the onset of a slip, as `slips` estimates it, to its light and sound.
 
-    Light: to the bytes of the first packet that carries the stamp of the slip's image. Sound: to
+    Light: to the bytes of the first packet that carries the stamp of the slip's image; or, where
+    the block felt it and lit itself, from the moment of the knock (`own_light`). Sound: to
     the first sample of the first grain of the block for an image from the onset on, which is due
     `latency_s` after the stamp of that image, or as late as its trigger came.
     """
@@ -217,6 +218,9 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
         at = order[np.minimum(at, len(order) - 1)]
         lit = light['stamp'][at] == starts['stamp']
         found['led_commands'] = (seconds(light['sent'][at]) - onset_s)[lit]
+    own = _first_packets(bag, own=True)
+    if own is not None:
+        found['own_light'] = seconds(own['sent']) - seconds(own['stamp'])
     triggers = _table(bag, 'grain_triggers')
     latency_s = _setting(bag, 'sound', 'latency_s')
     if triggers is not None and latency_s is not None:
@@ -232,11 +236,16 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
     return {name: _summary(late_s * 1e3) for name, late_s in found.items() if len(late_s)}
 
 
-def _first_packets(bag: Bag) -> Table | None:
-    """Return of `led_commands` the first packet for each stamp of an image."""
-    table = _table(bag, 'led_commands')
+def _first_packets(bag: Bag, own: bool = False) -> Table | None:
+    """Return of `led_commands` the first packet for each stamp of an image.
+
+    own: the blocks' own flashes, which have the stamps of their taps.
+    """
+    table, taps = _table(bag, 'led_commands'), _table(bag, 'block_taps')
     if table is None:
         return None
+    by_block = np.isin(table['stamp'], taps['stamp']) if taps is not None else False
+    table = table[np.broadcast_to(by_block, len(table)) == own]
     stamps, first = np.unique(table['stamp'], return_index=True)
     return table[np.sort(first[seconds(stamps) > 0])]
 

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from eol_msgs.msg import Cascade, GrainTrigger, LedCommand, Slip
+from eol_msgs.msg import BlockTap, Cascade, GrainTrigger, LedCommand, Slip
 from rclpy.serialization import serialize_message
 
 from eol_ros import cli
@@ -84,9 +84,13 @@ def test_too_few_cascades_are_not_fitted(tmp_path):
 
 @pytest.mark.parametrize('decay_repeats_the_stamp', [False, True], ids=['now', 'version 0.1.0'])
 def test_latency_of_light_and_sound(tmp_path, decay_repeats_the_stamp):
-    """Each slip: onset, image 10 ms later, first packet 6 ms after that, then 0.3 s of decay."""
+    """Each slip: onset, image 10 ms later, first packet 6 ms after that, then 0.3 s of decay.
+
+    And another one that its block felt, which lit itself 2 ms after the knock.
+    """
     topics = [
-        BagTopic(f'/eol/{t}', **describe(t)) for t in ('slips', 'led_commands', 'grain_triggers')
+        BagTopic(f'/eol/{t}', **describe(t))
+        for t in ('slips', 'block_taps', 'led_commands', 'grain_triggers')
     ]
     scene = 'nodes: {sound: {latency_s: 0.025}}\n'
     bag = BagWriter(tmp_path / 'run', topics, {'scene_name': 'x', 'settings': scene})
@@ -107,6 +111,11 @@ def test_latency_of_light_and_sound(tmp_path, decay_repeats_the_stamp):
             if k == 0 or decay_repeats_the_stamp:
                 light.header.stamp = to_msg(image)
             write('led_commands', light, sent + 3 * ms)
+        tap, sent = BlockTap(block=i % 25), onset + 502 * ms
+        own = LedCommand(sequence=31 * i + 30, sent=to_msg(sent))
+        tap.header.stamp = own.header.stamp = to_msg(onset + 500 * ms)
+        write('block_taps', tap, sent + 3 * ms)
+        write('led_commands', own, sent + 80 * ms)
         for later, block in ((0, (i + 1) % 25), (20, i % 25), (40, i % 25)):
             grain = GrainTrigger(sequence=3 * i + later // 20, block=block)
             grain.header.stamp = to_msg(image + later * ms)
@@ -118,6 +127,7 @@ def test_latency_of_light_and_sound(tmp_path, decay_repeats_the_stamp):
     assert light == {'p50': 6.0, 'p99': 6.0, 'max': 6.0, 'count': 50}
     assert onset['slips']['p50'] == pytest.approx(14.0, abs=0.01)
     assert onset['led_commands'] == {'p50': 16.0, 'p99': 16.0, 'max': 16.0, 'count': 50}
+    assert onset['own_light'] == {'p50': 2.0, 'p99': 2.0, 'max': 2.0, 'count': 50}
     # the block's own grain for an image 20 ms later, due after 25 ms more
     assert onset['first_sample']['p50'] == pytest.approx(55.0, abs=0.01)
     assert onset['first_sample']['max'] == pytest.approx(90.0, abs=0.01)
