@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.light.bridge import SHORTEST_S
 from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.frames import FELT_NS, Frames
 from eol_ros.core.stamp_watch import StampWatch
@@ -163,8 +164,14 @@ class Lights:
     def set(self, settings: LedsSettings) -> None:
         """Take new settings while running."""
         self._settings = settings
-        self.frames.field.decay_s, self.frames.field.peak = settings.decay_s, settings.peak
+        self.frames.field.decay_s, self.frames.field.peak = self._decay_s, settings.peak
         self._configure()
+
+    @property
+    def _decay_s(self) -> float:
+        """As the board has it."""
+        decay_s = self._settings.decay_s
+        return decay_s if self.board.version == 1 else max(decay_s, SHORTEST_S)
 
     @property
     def by_themselves(self) -> bool:
@@ -208,6 +215,7 @@ class Lights:
         if self.board.version == 1:
             levels = self.frames.until(until_ns)
             return self._show(levels) if levels else []
+        self.frames.field.decay_s = self._decay_s
         found = self.frames.due(until_ns)
         if found:
             self._white = found[-1][1]
