@@ -103,8 +103,11 @@ class Slip:
 class Twin:
     """The table under visitors, and its slips."""
 
-    def __init__(self, seed: int, drop: float, pauses: bool = False):
-        coupling = Coupling(mu_kinetic=TwinSettings.mu_static - drop)
+    def __init__(
+        self, seed: int, drop: float, pauses: bool = False, coupling: Coupling | None = None
+    ):
+        coupling = coupling or Coupling()
+        coupling = coupling._replace(mu_kinetic=coupling.mu_static - drop)
         self.play, self.pauses = Play(seed, TRACE, coupling), pauses
         self.table, self.rim = self.play.table, self.play.rim
         self.slips: list[Slip] = []

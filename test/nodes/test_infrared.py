@@ -101,7 +101,7 @@ def test_calibration_and_threshold_from_the_panel(show):
     panel.requests.ask(Asked('calibrate', 'tracker'))
     assert until(lambda: any('calibrated by the blocks' in text for text in panel.states))
     assert until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
-    assert abs(panel.blocks[-1].blocks[24].x - twin.table.x[24]) < 0.002
+    assert abs(panel.blocks[-1].blocks[24].x - twin.play.table.x[24]) < 0.002
     from rclpy.parameter import Parameter
 
     tracker.set_parameters([Parameter('threshold', value=250.0)])
