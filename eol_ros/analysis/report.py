@@ -155,11 +155,11 @@ def write(
     found = numbers(bag, answers)
     if retracked is not None:
         found['retracked'] = {
-            'equal': retracked.equal,
-            'notes': retracked.notes,
+            'equal': retracked.equal, 'verdict': retracked.verdict, 'words': retracked.words(),
+            'notes': retracked.notes, 'holes': retracked.holes, 'images': retracked.images,
             'topics': {
-                name: {'recorded': c.recorded, 'recomputed': c.recomputed,
-                       'different': c.different, 'first': c.first}
+                name: {'recorded': c.recorded, 'proved': c.proved, 'recomputed': c.recomputed,
+                       'different': c.different, 'first': c.first, 'words': c.words()}
                 for name, c in retracked.topics.items()
             },
         }  # fmt: skip
@@ -303,20 +303,27 @@ def _verdict(found: dict[str, Any]) -> str:
     proof = found.get('retracked')
     if proof is None:
         return ''
-    words = 'equal to the last bit' if proof['equal'] else 'NOT equal'
     rows = [
-        (t, c['recorded'], c['recomputed'], c['different'], c['first'])
+        (t, c['recorded'], c['proved'], c['recomputed'], c['different'], c['words'])
         for t, c in proof['topics'].items()
     ]
-    notes = ''.join(f'<p class="warn">{html.escape(n)}</p>' for n in proof['notes'])
+    limits = [*proof['notes'], *_of_images(proof['images']), *proof['holes']]
+    notes = ''.join(f'<p class="warn">{html.escape(n)}</p>' for n in limits)
     return (
         _rows(
-            f'Recomputed from the recorded input: {words}',
-            ('topic', 'recorded', 'recomputed', 'different', 'first'),
+            f'Recomputed from the recorded input: {proof["words"]}',
+            ('topic', 'recorded', 'provable', 'recomputed', 'different', ''),
             rows,
         )
         + notes
     )
+
+
+def _of_images(images: dict[str, int]) -> list[str]:
+    """Return how many images the proof lacks, for people; nothing where it lacks none."""
+    if not images or not images['lacking']:
+        return []
+    return [f'the tracker saw {images["seen"]} images, of which the bag lacks {images["lacking"]}']
 
 
 def _said_of_cascades(found: dict[str, Any]) -> list[str]:
@@ -367,12 +374,12 @@ def summary(found: dict[str, Any]) -> str:
     ):
         for topic, r in latencies.items():
             lines.append(f'{topic}: {r["p50"]:.1f} ms after {begin} (p99 {r["p99"]:.1f})')
-    for topic, c in found.get('retracked', {}).get('topics', {}).items():
-        words = 'equal to the last bit' if not c['different'] else f'{c["different"]} differ'
-        lines.append(
-            f'{topic}: {c["recorded"]} recorded, {c["recomputed"]} recomputed, {words} {c["first"]}'
-        )
-    lines += found.get('retracked', {}).get('notes', [])
+    if proof := found.get('retracked'):
+        for topic, c in proof['topics'].items():
+            counts = f'{c["recorded"]} recorded, {c["recomputed"]} recomputed'
+            lines.append(f'{topic}: {counts}, {c["words"]}')
+        lines += [*proof['notes'], *_of_images(proof['images']), *proof['holes']]
+        lines.append(f'recomputed from the recorded input: {proof["words"]}')
     return '\n'.join(line.rstrip() for line in lines)
 
 

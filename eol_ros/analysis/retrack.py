@@ -26,25 +26,53 @@ from eol_ros.streams.images import Codec
 from eol_ros.streams.requests import SET, Asked, Heeded, for_tracker
 
 CHUNK = 512  # images compared at a time
+LOST_AT_ONCE = 60  # images that are kept until it is known whether the tracker saw them
+
+
+EQUAL, PART, DIFFERENT = 'equal', 'part', 'different'
+SHOWN = 20  # holes that are named one by one
 
 
 @dataclass
 class Comparison:
-    """One topic: how many messages were recorded and recomputed, and the first that differ."""
+    """One topic: how many messages were recorded and recomputed, and the first that differ.
+
+    `proved` is of how many of the recorded ones the bag holds all that they were made from.
+    """
 
     topic: str
     recorded: int
     recomputed: int
     different: int = 0
     first: str = ''
+    proved: int = 0
+
+    @property
+    def verdict(self) -> str:
+        """EQUAL to the last bit, DIFFERENT, or no difference in the PART that can be proved."""
+        if self.different or self.recomputed != self.proved:
+            return DIFFERENT
+        return EQUAL if self.proved == self.recorded else PART
 
     @property
     def equal(self) -> bool:
-        """Whether every message is the same to the last bit."""
-        return self.recorded == self.recomputed and not self.different
+        """Whether every recorded message was recomputed and is the same to the last bit."""
+        return self.verdict == EQUAL
+
+    def words(self) -> str:
+        """Return it for people."""
+        if self.different:
+            return f'{self.different} differ, {self.first}'
+        if self.verdict == DIFFERENT:
+            return f'counts differ: {self.recomputed} came of what gave {self.proved}'
+        if self.verdict == PART:
+            return f'{self.proved} of {self.recorded} proved, no difference in these'
+        return 'equal to the last bit'
 
     def compare(self, mine: np.ndarray, theirs: np.ndarray, name: Callable[[int], str]) -> None:
         """Compare rows (n,) with as many recorded ones, column by column; `name` names a row."""
+        if not len(mine):
+            return
         unequal = dict(_unequal(mine, theirs))
         rows = np.logical_or.reduce([np.zeros(len(mine), bool), *unequal.values()])
         self.different += int(rows.sum())
@@ -62,15 +90,38 @@ class Comparison:
 
 @dataclass
 class Retracked:
-    """What came of it; `notes` say what limits the proof."""
+    """What came of it.
+
+    notes: what limits the proof. holes: where the bag lacks what a node had, in words. images: how
+    many the tracker saw, how many of these the bag lacks, and how many it has that the tracker did
+    not see; empty for a bag that keeps none.
+    """
 
     topics: dict[str, Comparison] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    holes: list[str] = field(default_factory=list)
+    images: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> str:
+        """EQUAL, DIFFERENT, or no difference in the PART that can be proved."""
+        verdicts = {check.verdict for check in self.topics.values()}
+        if DIFFERENT in verdicts:
+            return DIFFERENT
+        return EQUAL if verdicts == {EQUAL} and not self.notes and not self.holes else PART
 
     @property
     def equal(self) -> bool:
-        """Whether everything that could be compared is equal."""
-        return all(c.equal for c in self.topics.values())
+        """Whether the whole bag is proved, and equal to the last bit."""
+        return self.verdict == EQUAL
+
+    def words(self) -> str:
+        """Return the verdict for people."""
+        return {
+            EQUAL: 'equal to the last bit',
+            PART: 'no difference in the part that can be proved',
+            DIFFERENT: 'NOT equal',
+        }[self.verdict]
 
 
 def settings_of(bag: Bag, node: str) -> Any:
@@ -114,10 +165,41 @@ def retrack(bag: Bag, track: Callable[[Iterable, str, int], Iterable] | None = N
     else:
         result.notes.append('no images in the bag: compared from its blocks on')
     inputs = list(zip(blocks['log_time'].astype('i8').tolist(), each(blocks), strict=True))
-    _compare_motion(bag, lines, inputs, result)
+    broken = np.flatnonzero(np.diff(blocks['image'].astype('i8')) != 1)
+    until_ns = 2**63 - 1
+    if len(broken):  # behind it motion and grains knew more than the bag has
+        inputs = inputs[: broken[0] + 1]
+        until_ns = int(blocks['stamp'][broken[0]].astype('i8')) + 1
+    _name_lost_blocks(blocks, broken, result)
+    _compare_motion(bag, lines, inputs, result, until_ns)
     if bag.count('grain_triggers'):
-        _compare_triggers(bag, lines, inputs, result)
+        _compare_triggers(bag, lines, inputs, result, until_ns)
     return result
+
+
+def _name_lost_blocks(blocks: Table, broken: np.ndarray, result: Retracked) -> None:
+    """Say where the numbers of the tracker's images, which its answers carry, leave some out."""
+    numbers, start_ns = blocks['image'].astype('i8'), int(blocks['stamp'][0].astype('i8'))
+    found = []
+    for row in broken:
+        before, after = int(numbers[row]), int(numbers[row + 1])
+        at_s = (int(blocks['stamp'][row + 1].astype('i8')) - start_ns) * 1e-9
+        if after > before:
+            span = _span(before + 1, after - 1)
+            found.append(f'not in the bag: blocks of {span}, before {at_s:.3f} s')
+        else:
+            found.append(f'the tracker was started again at {at_s:.3f} s, after image {before}')
+    _name(found, result)
+
+
+def _span(first: int, last: int) -> str:
+    return f'image {first}' if first == last else f'images {first} to {last} ({last - first + 1})'
+
+
+def _name(found: list[str], result: Retracked) -> None:
+    result.holes += found[:SHOWN]
+    if len(found) > SHOWN:
+        result.holes.append(f'and {len(found) - SHOWN} more such holes')
 
 
 def _compare_blocks(
@@ -130,41 +212,92 @@ def _compare_blocks(
     for asked in _accepted(lines, 'tracker'):
         for kind, value in for_tracker(asked):
             tracker.requests.add(asked.from_ns, kind, value)
-    row_of = {int(stamp): i for i, stamp in enumerate(blocks['stamp'].astype('i8'))}
+    stamps = blocks['stamp'].astype('i8')
+    numbers = blocks['image'].astype('i8')
+    row_of = {int(stamp): i for i, stamp in enumerate(stamps)}
     check = Comparison('blocks', len(blocks), 0)
     pictures = images(bag)
     if track:
         pictures = track(pictures, 'tracking', bag.count('camera/image_raw'))
     waiting = _taps(bag)
     mine: list[np.void] = []
+    there: list[int] = []  # stamps of the images in the bag
+    unanswered: list[tuple[int, int, np.ndarray]] = []  # of these, since the last that was answered
+    many, proves = 0, True
 
     def compare() -> None:
         theirs = blocks[check.recomputed - len(mine) : check.recomputed]
         check.compare(np.array(mine, DTYPE), theirs, lambda row: f'image {theirs["image"][row]}')
         mine.clear()
 
-    for log_ns, stamp_ns, image in pictures:
+    def see(log_ns: int, stamp_ns: int, image: np.ndarray) -> Any:
         while waiting and waiting[0][0] <= log_ns:
             tracker.tap(*waiting.pop(0)[1:])
+        return tracker.update(stamp_ns * 1e-9, image)
+
+    for log_ns, stamp_ns, image in pictures:
+        there.append(stamp_ns)
         row = row_of.get(stamp_ns)
-        if row is None:  # the tracker never saw it
+        if not proves:
             continue
-        if row != check.recomputed:  # it saw one that is not here: from there on it knew more
-            break
-        tracked = tracker.update(stamp_ns * 1e-9, image)
+        if row is None:  # the tracker never saw it, or its answer is lost
+            many += 1
+            unanswered = [*unanswered, (log_ns, stamp_ns, image)][-LOST_AT_ONCE:]
+            continue
+        # It saw so many in between, by its own count; the first may be that of a later start.
+        seen = int(numbers[row] - numbers[row - 1]) - 1 if row else 0
+        if row != check.recomputed or seen not in (0, many) or seen > len(unanswered):
+            proves = False  # it saw what is not here, or not known: from there on it knew more
+            continue
+        for one in unanswered if seen else ():
+            see(*one)
+        unanswered, many = [], 0
+        tracked = see(log_ns, stamp_ns, image)
         check.recomputed += 1
         mine.append(blocks_row(stamp_ns, tracked, blocks['image'][row]))
         if len(mine) == CHUNK:
             compare()
     if mine:
         compare()
+    check.proved = check.recomputed
     if check.recomputed < check.recorded:
         result.notes.append(
-            f'blocks compared up to image {check.recomputed} of {check.recorded}: the image of '
-            'the next is not in the bag'
+            f'blocks compared up to number {check.recomputed} of {check.recorded}: what the '
+            'tracker saw next is not in the bag, or not known'
         )
-        check.recorded = check.recomputed
+    _name_lost_images(stamps, numbers, np.array(there, 'i8'), result)
     result.topics['blocks'] = check
+
+
+def _name_lost_images(
+    stamps: np.ndarray, numbers: np.ndarray, there: np.ndarray, result: Retracked
+) -> None:
+    """Count the images that the tracker saw and the bag lacks, and name each run of them.
+
+    stamps, numbers: (n,) of the recorded blocks. there: (m,) stamps of the images in the bag.
+    """
+    lacking = ~np.isin(stamps, there)
+    extra = np.sort(there[~np.isin(there, stamps)])  # not seen, or the answer is not in the bag
+    skipped = np.maximum(np.diff(numbers) - 1, 0)  # answers that are not in the bag
+    between = np.diff(np.searchsorted(extra, stamps))
+    unknown = np.maximum(skipped - between, 0)  # neither answer nor image
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], lacking, [0]])))
+    found = [
+        f'{_span(int(numbers[first]), int(numbers[end - 1]))}, from '
+        f'{(stamps[first] - stamps[0]) * 1e-9:.3f} s on'
+        for first, end in edges.reshape(-1, 2)
+    ]
+    found += [
+        f'{unknown[row]} between images {numbers[row]} and {numbers[row + 1]}, before '
+        f'{(stamps[row + 1] - stamps[0]) * 1e-9:.3f} s'
+        for row in np.flatnonzero(unknown)
+    ]
+    _name([f'the tracker saw it, the bag lacks it: {one}' for one in found], result)
+    result.images = {
+        'seen': len(stamps) + int(skipped.sum()),
+        'lacking': int(lacking.sum() + unknown.sum()),
+        'not_seen': int(np.maximum(between - skipped, 0).sum()),
+    }
 
 
 def _calibration(bag: Bag, settings: Any) -> Any:
@@ -223,7 +356,11 @@ def images(bag: Bag) -> Iterator[tuple[int, int, np.ndarray]]:
 
 
 def _compare_motion(
-    bag: Bag, lines: list[Heeded], inputs: list[tuple[int, Blocks]], result: Retracked
+    bag: Bag,
+    lines: list[Heeded],
+    inputs: list[tuple[int, Blocks]],
+    result: Retracked,
+    until_ns: int,
 ) -> None:
     from eol_ros.core.motion.motion import Motion
 
@@ -244,12 +381,16 @@ def _compare_motion(
         )
         new += [slips.of(image.stamp_ns, slip) for slip in begun]
         over += [cascades.of(image.stamp_ns, cascade) for cascade in closed]
-    _compare(bag, 'slips', slips.RECORD.rows(new), result)
-    _compare(bag, 'cascades', cascades.RECORD.rows(over), result)
+    _compare(bag, 'slips', slips.RECORD.rows(new), result, until_ns)
+    _compare(bag, 'cascades', cascades.RECORD.rows(over), result, until_ns)
 
 
 def _compare_triggers(
-    bag: Bag, lines: list[Heeded], inputs: list[tuple[int, Blocks]], result: Retracked
+    bag: Bag,
+    lines: list[Heeded],
+    inputs: list[tuple[int, Blocks]],
+    result: Retracked,
+    whole_ns: int,
 ) -> None:
     from eol_ros.core.sound.select import Selector
     from eol_ros.devices.corpus import corpus_build
@@ -263,7 +404,7 @@ def _compare_triggers(
         return
     # A corpus made while recording took as long as it took: from there on this proves nothing.
     other = recorded[recorded['digest'] != corpus.digest]
-    until_ns = int(other['stamp'][0].astype('i8')) if len(other) else 2**63 - 1
+    until_ns = min(int(other['stamp'][0].astype('i8')) if len(other) else 2**63 - 1, whole_ns)
     selector = Selector(live.settings)
     selector.load(corpus)
     made: list = []
@@ -283,18 +424,17 @@ def _compare_triggers(
     _compare(bag, 'grain_triggers', triggers.RECORD.rows(made), result, until_ns)
 
 
-def _compare(
-    bag: Bag, topic: str, mine: np.ndarray, result: Retracked, until_ns: int = 2**63 - 1
-) -> None:
+def _compare(bag: Bag, topic: str, mine: np.ndarray, result: Retracked, until_ns: int) -> None:
     """Compare recomputed rows with the recorded messages.
 
     Of the messages only those of stamps before `until_ns` count, and none that no block caused.
     """
     table = bag.table(topic)
-    table = table[table['stamp'].astype('i8') < until_ns]
     if topic == 'grain_triggers':
         table = table[table['block'] != triggers.NO_BLOCK]
-    check = Comparison(topic, len(table), len(mine))
+    recorded = len(table)
+    table = table[table['stamp'].astype('i8') < until_ns]
+    check = Comparison(topic, recorded, len(mine), proved=len(table))
     both = min(len(table), len(mine))
     check.compare(mine[:both], table[:both], lambda row: f'number {row}')
     result.topics[topic] = check

@@ -235,23 +235,126 @@ def test_a_result_that_was_tampered_with_is_found(run, monkeypatch, topic, colum
     assert result.topics[topic].first.startswith(first)
 
 
-@pytest.mark.slow
-def test_the_proof_ends_where_a_picture_is_missing(run, monkeypatch):
-    messages = run.messages
+def without(run, monkeypatch, images=(), blocks=(), slips=()):
+    """Let `run` lack these images, blocks and slips, by their numbers."""
+    messages, table = run.messages, run.table
 
     def lossy(topics=None, *span):
-        pictures = topics == ['/eol/camera/image_raw']
+        lost = images if topics == ['/eol/camera/image_raw'] else ()
         for number, message in enumerate(messages(topics, *span)):
-            if not pictures or number != 60:
+            if number not in lost:
                 yield message
 
+    def shorter(name, *span):
+        rows, lost = table(name, *span), {'blocks': blocks, 'slips': slips}.get(name, ())
+        return rows[[i not in lost for i in range(len(rows))]]
+
     monkeypatch.setattr(run, 'messages', lossy)
-    result = retrack(run)
-    assert result.equal
-    assert result.topics['blocks'].recomputed == 60
+    monkeypatch.setattr(run, 'table', shorter)
+    return retrack(run)
+
+
+@pytest.mark.slow
+def test_the_proof_ends_where_an_image_is_missing_and_each_hole_is_named(run, monkeypatch):
+    result = without(run, monkeypatch, images=(60, 90, 91, 92, 149))
+    check = result.topics['blocks']
+    assert (check.recorded, check.proved, check.recomputed, check.different) == (150, 60, 60, 0)
+    assert (check.verdict, check.words()) == ('part', '60 of 150 proved, no difference in these')
+    assert (result.verdict, result.equal) == ('part', False)
     assert result.notes == [
-        'blocks compared up to image 60 of 150: the image of the next is not in the bag'
+        'blocks compared up to number 60 of 150: what the tracker saw next is not in the bag, or'
+        ' not known'
     ]
+    lacks = 'the tracker saw it, the bag lacks it: '
+    assert result.holes == [
+        f'{lacks}image 60, from {60 * STEP_NS * 1e-9:.3f} s on',
+        f'{lacks}images 90 to 92 (3), from {90 * STEP_NS * 1e-9:.3f} s on',
+        f'{lacks}image 149, from {149 * STEP_NS * 1e-9:.3f} s on',
+    ]
+    assert result.images == {'seen': 150, 'lacking': 5, 'not_seen': 0}
+    assert all(result.topics[t].equal for t in ('slips', 'cascades', 'grain_triggers'))
+
+
+@pytest.mark.slow
+def test_answers_that_are_lost_end_the_proof_of_what_came_of_them_alone(run, monkeypatch):
+    """Their images are there: the tracker is proved to its end; motion knew more than is here."""
+    slips = run.table('slips')
+    result = without(run, monkeypatch, blocks=(86, 87))
+    blocks, found = result.topics['blocks'], result.topics['slips']
+    assert (blocks.recorded, blocks.recomputed, blocks.different) == (148, 148, 0)
+    begun = int((slips['stamp'].astype('i8') < T0 + 86 * STEP_NS).sum())
+    assert 0 < begun < len(slips)
+    assert (found.recorded, found.proved, found.recomputed) == (len(slips), begun, begun)
+    assert (found.verdict, result.verdict) == ('part', 'part')
+    assert result.holes == [
+        f'not in the bag: blocks of images 86 to 87 (2), before {88 * STEP_NS * 1e-9:.3f} s'
+    ]
+    assert result.images == {'seen': 150, 'lacking': 0, 'not_seen': 0}
+
+
+@pytest.mark.slow
+def test_neither_image_nor_answer(run, monkeypatch):
+    result = without(run, monkeypatch, images=(40,), blocks=(39, 40))
+    assert result.images == {'seen': 150, 'lacking': 1, 'not_seen': 0}
+    assert result.topics['blocks'].proved == 39 and result.verdict == 'part'
+    assert result.holes[0] == (
+        'the tracker saw it, the bag lacks it: 1 between images 38 and 41, before '
+        f'{41 * STEP_NS * 1e-9:.3f} s'
+    )
+
+
+@pytest.mark.slow
+def test_counts_that_differ_are_never_equal(run, monkeypatch):
+    last = len(run.table('slips')) - 1
+    result = without(run, monkeypatch, slips=(last,))
+    check = result.topics['slips']
+    assert check.different == 0 and check.recomputed == check.recorded + 1
+    assert check.words() == f'counts differ: {last + 1} came of what gave {last}'
+    assert (check.verdict, result.verdict, result.words()) == (
+        'different',
+        'different',
+        'NOT equal',
+    )
+
+
+@pytest.mark.slow
+def test_a_tracker_that_was_started_again_ends_the_proof(run, monkeypatch):
+    table = run.table
+
+    def twice(name, *span):
+        rows = table(name, *span)
+        if name == 'blocks':
+            rows['image'][100:] -= 100
+        return rows
+
+    monkeypatch.setattr(run, 'table', twice)
+    result = retrack(run)
+    assert result.topics['blocks'].proved == 100 and result.verdict == 'part'
+    at_s = 100 * STEP_NS * 1e-9
+    assert result.holes == [f'the tracker was started again at {at_s:.3f} s, after image 99']
+    assert result.images['lacking'] == 0
+
+
+@pytest.mark.slow
+def test_the_report_says_what_was_proved(run, monkeypatch, tmp_path, capsys):
+    from eol_ros.verbs import report
+
+    class Args:
+        bag, out, csv, retrack, json = str(run.path), str(tmp_path), '', True, False
+
+    monkeypatch.setattr('eol_ros.analysis.bag.open_bag', lambda path: run)
+    assert report.run(Args) == 0
+    assert 'recomputed from the recorded input: equal to the last bit' in capsys.readouterr().out
+    monkeypatch.setattr('eol_ros.analysis.retrack.retrack', lambda bag, track: result)
+    result = without(run, monkeypatch, images=(60,))
+    assert report.run(Args) == 1
+    words = capsys.readouterr().out
+    assert 'blocks: 150 recorded, 60 recomputed, 60 of 150 proved, no difference' in words
+    assert 'the tracker saw 150 images, of which the bag lacks 1' in words
+    assert words.endswith(': no difference in the part that can be proved\n')
+    page = (tmp_path / 'report.html').read_text()
+    assert 'recorded input: no difference in the part that can be proved</h2>' in page
+    assert 'the bag lacks it: image 60' in page and 'equal to the last bit</h2>' not in page
 
 
 @pytest.mark.slow

@@ -165,7 +165,7 @@ import json, sys
 from eol_ros.analysis import open_bag
 from eol_ros.analysis.retrack import retrack
 result = retrack(open_bag(sys.argv[1]))
-print(json.dumps({t.topic: [t.recorded, t.recomputed, t.different, t.first]
+print(json.dumps({t.topic: [t.proved, t.recomputed, t.different, t.first]
                   for t in result.topics.values()}))
 """
 
@@ -183,8 +183,8 @@ def test_replay_is_exact(run):
     # A proof ends at the first image that is missing from the bag.
     assert topics['blocks'][1] >= 300
     assert topics['slips'][1] > 0 and topics['grain_triggers'][1] > 0
-    for topic, (recorded, recomputed, different, first) in topics.items():
-        assert recorded == recomputed and not different, f'{topic}: {different} differ, {first}'
+    for topic, (proved, recomputed, different, first) in topics.items():
+        assert proved == recomputed and not different, f'{topic}: {different} differ, {first}'
 
 
 def eol(graph, *words):
