@@ -31,7 +31,8 @@ lint: setup-test  ## ruff, mypy and the terms that are not used
 docs: setup-test  ## rewrite the generated parts of the docs
 	$(PY) tools/generate_docs.py
 
-soak: setup-test  ## the long ones: hours of rehearsal, kills and floods
+soak: setup-test  ## the long ones: hours of rehearsal, kills, floods, fuzzing
+	-$(PY) -m pip install -q atheris
 	$(PY) -m pytest -m soak --override-ini addopts= test
 
 bench: setup-test  ## the graph's figures

@@ -194,9 +194,13 @@ class _Reader:
             self.wrong(place, 'include', f'{place.value!r} is not a file name')
             return
         other = path.parent / place.value
-        if other.resolve() in seen:
+        try:
+            there = other.is_file()
+        except (OSError, ValueError):  # no name of a file at all
+            there = False
+        if there and other.resolve() in seen:
             self.wrong(place, 'include', f'{place.value} includes itself')
-        elif not other.is_file():
+        elif not there:
             self.wrong(place, 'include', f'{place.value}: no such file beside {path.name}')
         else:
             _merge(top, self.read(other, seen))
@@ -570,7 +574,10 @@ def _together(
     if place is None:
         return ()
     groups = _bare(place)
-    if not isinstance(groups, list) or not all(isinstance(g, list) and g for g in groups):
+    if not isinstance(groups, list) or not all(
+        isinstance(group, list) and group and all(isinstance(name, str) for name in group)
+        for group in groups
+    ):
         reader.wrong(place, 'together', 'not a list of lists of nodes, such as [[camera, tracker]]')
         return ()
     seen: set[str] = set()

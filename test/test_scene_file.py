@@ -250,7 +250,8 @@ def values_of(field):
     meta = field.metadata
     low, high = meta.get('min'), meta.get('max')
     if meta.get('choices'):
-        return st.sampled_from(meta['choices'])
+        one = st.sampled_from(meta['choices'])
+        return st.lists(one, unique=True).map(tuple) if isinstance(field.default, tuple) else one
     if field.type is bool:
         return st.booleans()
     if low is None or high is None:

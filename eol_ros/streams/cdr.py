@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from eol_ros.errors import ConfigError
-from eol_ros.streams.definition import PRIMITIVES, Field, parse, short
+from eol_ros.streams.definition import PRIMITIVES, STRINGS, Field, parse, short
 
 HEADER = 4
 NS = 1_000_000_000
@@ -59,8 +59,12 @@ class Decoder:
 
     def __init__(self, type_name: str, definition: str):
         self.type = type_name
-        self.types = parse(definition, type_name)
+        try:
+            self.types = parse(definition, type_name)
+        except ValueError as error:
+            raise ConfigError(f'{type_name}: its definition cannot be read: {error}') from None
         self.root = short(type_name)
+        self._check(self.root, ())
         self._layouts: list[Layout] = []
 
     @cached_property
@@ -93,6 +97,16 @@ class Decoder:
         else:
             base = TIMES.get(field.type) or self.dtype(field.type)
         return (field.name, base) if field.length is None else (field.name, base, field.length)
+
+    def _check(self, kind: str, within: tuple[str, ...]) -> None:
+        """Raise ConfigError where a type that fields have is not defined, or holds itself."""
+        if kind not in self.types:
+            raise ConfigError(f'{self.type}: its definition does not say what {kind} is')
+        if kind in within:
+            raise ConfigError(f'{self.type}: by its definition {kind} holds itself')
+        for field in self.types[kind].fields:
+            if not field.plain and field.type not in STRINGS and field.type not in TIMES:
+                self._check(field.type, (*within, kind))
 
     def table(self, messages: Sequence[bytes]) -> dict[str, np.ndarray]:
         """Return the columns, in order of the definition; the header becomes stamp and frame_id.

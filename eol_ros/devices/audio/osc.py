@@ -5,6 +5,7 @@ python-osc reads and writes the packets. The sockets are ours: a node sends from
 looks from a timer, without a thread.
 """
 
+import logging
 import socket
 import struct
 
@@ -17,6 +18,9 @@ except ImportError:  # in a ROS workspace, where rosdep has no key for it
     raise DeviceMissing('osc_out and osc_in need python-osc: pip install python-osc') from None
 
 LARGEST = 65536  # bytes in a datagram
+# python-osc says on the root logger what is wrong with a packet; here it is counted instead, or a
+# stranger's packets would fill the logs.
+logging.getLogger().addFilter(lambda record: 'pythonosc' not in record.pathname)
 
 
 def encode(address: str, *values: int | float | str | bool) -> bytes:

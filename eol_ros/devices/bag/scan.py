@@ -271,6 +271,8 @@ def walk(file: BinaryIO, start: int, end: int, ours: bool = False) -> Iterator[F
 
 def record_at(file: BinaryIO, at: int, end: int, ours: bool = False) -> Found:
     """Return the record at `at`, or the damage there; `end` 0 where it cannot be known."""
+    if at + HEAD.size > end:
+        return Found(at, 0, 0, why='the file ends within it')
     opcode, length = HEAD.unpack(read_at(file, at, HEAD.size))
     after = at + HEAD.size + length
     if after > end:

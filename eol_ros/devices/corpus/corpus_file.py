@@ -188,22 +188,31 @@ def load(path: Path, trusted: bool = False) -> Corpus:
         )
     try:
         base = Path(path).resolve().parent
-        sources = tuple(Source(**{**row, 'path': str(base / row['path'])}) for row in data['files'])
+        sources = tuple(
+            Source(**{
+                **row,
+                'path': str(base / row['path']),
+                'sample_rate': int(row['sample_rate']),
+                'duration_s': float(row['duration_s']),
+            })
+            for row in data['files']
+        )  # fmt: skip
         number = {row['path']: i for i, row in enumerate(data['files'])}
         grains = np.zeros(len(data['grains']), GRAIN)
         for i, row in enumerate(data['grains']):
             values = [math.nan if row.get(n) is None else float(row[n]) for n in COLUMNS]
             grains[i] = (number[row['file']], *values)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        told = [str(note) for note in data.get('notes', ())]
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise ConfigError(f'{path}: a file or grain is not as it should be ({error!r})') from None
     _check(path, sources, grains)
     names = [data.get(key, axis) for key, axis in zip(('x_name', 'y_name'), AXES, strict=True)]
     for name in names:
-        if name not in DESCRIPTORS:
+        if not isinstance(name, str) or name not in DESCRIPTORS:
             raise ConfigError(
                 f'{path}: {name!r} is no descriptor; there are {", ".join(DESCRIPTORS)}'
             )
-    key, notes = data.get('digest', ''), [str(note) for note in data.get('notes', ())]
+    key, notes = str(data.get('digest', '')), told
     if not trusted:
         key = hashlib.sha256(text.encode()).hexdigest()
         for source in sources:

@@ -1,0 +1,376 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What comes from outside, and what reads it: targets for inputs that nobody would write.
+
+A target has seeds (whole, good inputs) and a function that takes bytes. It may raise EolError, for
+a file that is none; whatever else it raises is a fault. Run as a program this module lets Atheris
+(libFuzzer) search, guided by which lines an input reaches:
+
+    python -m support.fuzz scene -runs=1000000
+"""
+
+import asyncio
+import atexit
+import functools
+import json
+import os
+import random
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+
+from eol_ros.errors import BagDamaged, EolError
+
+
+class Target(NamedTuple):
+    """What is fed, and examples of what it should be fed with."""
+
+    feed: Callable[[bytes], object]
+    seeds: list[bytes]
+
+
+def target(name: str, folder: Path) -> Target:
+    """Return a target; `folder` takes what it has to write, best in memory."""
+    return _TARGETS[name](folder)
+
+
+def names() -> list[str]:
+    """Return the names of all targets."""
+    return list(_TARGETS)
+
+
+def tell(feed: Callable[[bytes], object], data: bytes) -> None:
+    """Feed an input: an EolError must be one line, anything else goes through."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        warnings.simplefilter('ignore', BagDamaged)
+        try:
+            feed(data)
+        except EolError as error:
+            if not str(error).strip():
+                raise AssertionError('an error without a word') from error
+
+
+def mutations(seeds: list[bytes], count: int, seed: int):
+    """Yield `count` inputs: seeds with bits flipped, parts cut, doubled, swapped and spliced."""
+    rng = random.Random(seed)
+    odd = [b'\x00', b'\xff', b'\x7f\xff\xff\xff', b'\xff\xff\xff\xff', b'\x80\x00\x00\x00', b'nan',
+           b'1e999', b'-1', b'null', b'[]', b'{}', b'"\\ud800"', b'&a', b'*a']  # fmt: skip
+    for _ in range(count):
+        data = bytearray(rng.choice(seeds))
+        for _ in range(rng.choice((1, 1, 1, 2, 4, 16))):
+            at = rng.randrange(len(data) + 1)
+            to = min(len(data), at + rng.choice((1, 1, 2, 4, 8, 64)))
+            match rng.randrange(7):
+                case 0 if data:
+                    data[at % len(data)] ^= 1 << rng.randrange(8)
+                case 1 if data:
+                    data[at % len(data)] = rng.randrange(256)
+                case 2:
+                    del data[at:to]
+                case 3:
+                    data[at:at] = data[at:to] * rng.choice((1, 2, 100))
+                case 4:
+                    data[at:to] = rng.choice(odd)
+                case 5:
+                    other = rng.choice(seeds)
+                    start = rng.randrange(len(other) + 1)
+                    data[at:to] = other[start : start + rng.choice((1, 4, 16, 64))]
+                case 6 if rng.random() < 0.2:
+                    del data[at:]
+        yield bytes(data)
+
+
+def _serial(_folder: Path) -> Target:
+    """Bytes from the blocks' board."""
+    from eol_ros.core import serial_protocol as protocol
+
+    kinds = [protocol.Pong, protocol.Tap, protocol.Knock, protocol.BlockStatus, protocol.Welcome,
+             protocol.Refused]  # fmt: skip
+    seeds = []
+    for i, kind in enumerate(kinds):
+        zeros = kind(*kind.BODY.unpack(bytes(kind.BODY.size)))
+        seeds.append(protocol.encode(zeros, i) + protocol.encode(zeros, i + 1))
+
+    def feed(data: bytes) -> None:
+        decoder = protocol.Decoder()
+        for part in (data[: len(data) // 2], data[len(data) // 2 :], b'\0'):
+            decoder.feed(part)
+        # Whatever came before, a whole packet behind a zero is read.
+        assert decoder.feed(seeds[0])
+
+    return Target(feed, seeds)
+
+
+def _websocket(_folder: Path) -> Target:
+    """Texts from a page."""
+    from eol_ros.settings import PanelSettings
+    from eol_ros.web.guard import PinGate
+    from eol_ros.web.hub import Hub, Viewer
+    from eol_ros.web.visitor import Visitor
+
+    loop = _loop()
+    wire = SimpleNamespace(
+        write=lambda data: None, get_write_buffer_size=lambda: 0, is_closing=lambda: False
+    )
+    messages = [
+        {'wants': ['blocks', 'image', 'sound']}, {'pace': 0.5}, {'rim': [0.1, -0.2, 0.3]},
+        {'pin': '471147'}, {'ping': 12.5}, {'flipped': ['left', 3, 1234.5]},
+    ]  # fmt: skip
+
+    def feed(data: bytes) -> None:
+        routes = SimpleNamespace(
+            settings=PanelSettings(), pin=PinGate('471147'), hub=Hub(),
+            bridge=SimpleNamespace(rim=_sane_rim), flipped=lambda *_: None,
+            pin_state=lambda request, given: 'ok' if given == '471147' else 'wrong',
+        )  # fmt: skip
+        visitor = Visitor(routes, SimpleNamespace(remote='192.0.2.1'))
+        visitor.hello(Viewer(1, wire, loop))
+        assert isinstance(visitor.take(data.decode('utf-8', 'surrogateescape')), str)
+        visitor.leave()
+
+    return Target(feed, [json.dumps(message).encode() for message in messages])
+
+
+@functools.cache
+def _loop() -> asyncio.AbstractEventLoop:
+    loop = asyncio.new_event_loop()
+    atexit.register(loop.close)
+    return loop
+
+
+def _sane_rim(_source: str, velocity: tuple[float, float, float], hold_s: float) -> None:
+    assert all(np.isfinite(velocity)) and np.hypot(*velocity[:2]) < 1 and hold_s < 1
+
+
+def _http(_folder: Path) -> Target:
+    """Requests to the panel, without a network between."""
+    from aiohttp import web
+
+    from eol_ros.settings import PanelSettings
+    from eol_ros.web.hub import Hub
+    from eol_ros.web.routes import Routes
+
+    loop = _loop()
+    bridge = SimpleNamespace(ask=None, give_up=None, rim=None)
+    routes = Routes(PanelSettings(), Hub(), bridge, lambda text: None)
+    faults: list[str] = []
+    runner = web.AppRunner(routes.application(), access_log=None)
+    loop.run_until_complete(runner.setup())
+    loop.set_exception_handler(lambda _loop, context: faults.append(str(context)))
+
+    class Line(asyncio.Transport):
+        """Takes what is answered."""
+
+        def __init__(self) -> None:
+            super().__init__({'peername': ('192.0.2.1', 1)})
+            self.answer, self.closed = b'', False
+
+        def write(self, data) -> None:
+            self.answer += bytes(data)
+
+        def close(self) -> None:
+            self.closed = True
+
+        abort = close
+
+        def is_closing(self) -> bool:
+            return self.closed
+
+        def pause_reading(self) -> None:
+            pass
+
+        resume_reading = pause_reading
+
+        def get_write_buffer_size(self) -> int:
+            return 0
+
+    head = 'HTTP/1.1\r\nHost: localhost\r\n'
+    seeds = [
+        f'GET / {head}\r\n', f'GET /static/panel.js {head}If-None-Match: "x"\r\n\r\n',
+        f'GET /media/..%2f..%2fetc/passwd {head}\r\n', f'GET /status {head}\r\n',
+        f'POST /control/nothing {head}X-Pin: 1\r\nContent-Length: 2\r\n\r\n{{}}',
+        f'POST /control/radius {head}Content-Length: 3\r\n\r\n[1]',
+        f'POST /pin {head}Transfer-Encoding: chunked\r\n\r\n2\r\nab\r\n0\r\n\r\n',
+        f'GET /live {head}Origin: http://localhost\r\n\r\n',
+    ]  # fmt: skip
+
+    async def once(data: bytes) -> bytes:
+        line, server = Line(), runner.server
+        handler = server()
+        handler.connection_made(line)
+        handler.data_received(data)
+        for _ in range(12):
+            await asyncio.sleep(0)
+        handler.connection_lost(None)
+        await asyncio.sleep(0)
+        return line.answer
+
+    def feed(data: bytes) -> None:
+        answer = loop.run_until_complete(once(data))
+        assert not faults, faults.pop()
+        assert b' 500 ' not in answer[:30] and b'Traceback' not in answer, answer[:200]
+
+    return Target(feed, [seed.encode() for seed in seeds])
+
+
+def _osc(_folder: Path) -> Target:
+    """Datagrams from other programs."""
+    from eol_ros.devices.audio import osc
+
+    seeds = [
+        osc.encode('/eol/gain', -3.5), osc.encode('/eol/grain', 12, 0.25, 0.5, 'ice', True),
+        b'#bundle\0' + bytes(8) + b'\0\0\0\x10' + osc.encode('/a', 1.0) + bytes(4),
+    ]  # fmt: skip
+
+    def feed(data: bytes) -> None:
+        try:
+            for address, *values in osc.decode(data):
+                assert isinstance(address, str) and isinstance(values, list)
+        except ValueError:
+            pass  # it is counted
+
+    return Target(feed, seeds)
+
+
+def _scene(folder: Path) -> Target:
+    """Scene files."""
+    from eol_ros import scene
+
+    path = folder / 'scene.yaml'
+    seeds = []
+    for file in scene.shipped().values():
+        bags = str((file.parent / '../bags').resolve()).encode()
+        seeds.append(file.read_bytes().replace(b'../bags', bags))
+        (folder / file.name).write_bytes(seeds[-1])  # some include others
+
+    def feed(data: bytes) -> None:
+        path.write_bytes(data)
+        scene.load(path)
+
+    return Target(feed, seeds)
+
+
+def _corpus(folder: Path) -> Target:
+    """Corpora that somebody has edited."""
+    from eol_ros.core.sound.corpus import AXES, GRAIN, Corpus, Source
+    from eol_ros.devices.corpus import corpus_file
+
+    sound = folder / 'ice.wav'
+    sound.write_bytes(_wav_bytes())
+    grains = np.zeros(2, GRAIN)
+    grains['duration_s'], grains['x'], grains['y'] = 0.01, 0.5, 0.25
+    source = Source(str(sound), 8000, 0.1, corpus_file.sha256(sound))
+    whole = corpus_file.as_json(Corpus((source,), grains, *AXES, 'digest'), folder)
+    path = folder / 'corpus.json'
+
+    def feed(data: bytes) -> None:
+        path.write_bytes(data)
+        corpus_file.load(path)
+
+    return Target(feed, [whole.encode()])
+
+
+def _wav_bytes() -> bytes:
+    import io
+
+    import soundfile
+
+    file = io.BytesIO()
+    samples = np.sin(np.arange(800) / 5.0).astype(np.float32)
+    soundfile.write(file, samples, 8000, format='WAV', subtype='PCM_16')
+    return file.getvalue()
+
+
+def _wav(folder: Path) -> Target:
+    """Sound files."""
+    from eol_ros.devices.audio import audio_file
+
+    path = folder / 'sound.wav'
+
+    def feed(data: bytes) -> None:
+        path.write_bytes(data)
+        sound = audio_file.read_mono(path)
+        assert np.isfinite(sound.samples).all()
+
+    return Target(feed, [_wav_bytes()])
+
+
+def _mcap(folder: Path) -> Target:
+    """Bags, as tables and message by message."""
+    from eol_ros.analysis.bag import open_bag
+    from eol_ros.devices.bag.mcap_file import BagTopic
+    from eol_ros.devices.bag.reader import BagReader
+    from eol_ros.devices.bag.writer import BagWriter
+    from eol_ros.ros.definitions import describe
+    from eol_ros.streams import cdr
+
+    about = describe('slips')
+    writer = BagWriter(folder / 'run', [BagTopic('/eol/slips', **about)], {'scene': 'x'})
+    message = cdr.encode(about['type'], about['definition'], {})
+    for i in range(20):
+        writer.write('/eol/slips', message, 1_000_000_000 + i, 1_000_000_000 + i)
+    writer.close()
+    [whole] = (folder / 'run').glob('*.mcap')
+    path = folder / 'fuzzed.mcap'
+
+    def feed(data: bytes) -> None:
+        path.write_bytes(data)
+        for _ in BagReader(path).messages():
+            pass
+        bag = open_bag(path)
+        for topic in bag.topics:
+            bag.table(topic)
+
+    return Target(feed, [whole.read_bytes()])
+
+
+def _cdr(_folder: Path) -> Target:
+    """Messages of every type that the graph has, cut and bent."""
+    from eol_ros.ros.definitions import describe
+    from eol_ros.streams import cdr
+
+    abouts = [describe(name) for name in ('slips', 'blocks', 'corpus', 'requests', 'wall')]
+    decoders = [cdr.Decoder(a['type'], a['definition']) for a in abouts]
+    seeds = [bytes([i]) + cdr.encode(a['type'], a['definition'], {})
+             for i, a in enumerate(abouts)]  # fmt: skip
+
+    def feed(data: bytes) -> None:
+        decoder = decoders[data[0] % len(decoders)] if data else decoders[0]
+        decoder.table([data[1:]])
+
+    return Target(feed, seeds)
+
+
+_TARGETS = {
+    'serial': _serial, 'websocket': _websocket, 'http': _http, 'osc': _osc, 'scene': _scene,
+    'corpus': _corpus, 'wav': _wav, 'mcap': _mcap, 'cdr': _cdr,
+}  # fmt: skip
+
+
+def main() -> None:
+    """Search with Atheris; ends with an exit code that is not 0 at the first fault."""
+    import atheris
+
+    name = sys.argv.pop(1)
+    with tempfile.TemporaryDirectory(
+        dir='/dev/shm' if os.path.isdir('/dev/shm') else None
+    ) as place:
+        folder = Path(place)
+        with atheris.instrument_imports(include=['eol_ros', 'pythonosc', 'yaml', 'mcap']):
+            found = target(name, folder)
+        seeds = folder / 'seeds'
+        seeds.mkdir()
+        for i, seed in enumerate(found.seeds):
+            (seeds / str(i)).write_bytes(seed)
+        atheris.Setup([*sys.argv, str(seeds)], lambda data: tell(found.feed, bytes(data)))
+        atheris.Fuzz()
+
+
+if __name__ == '__main__':
+    main()
