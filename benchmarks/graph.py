@@ -9,6 +9,7 @@ camera saw. The same for every scene that ships shows what each leaves out.
 """
 
 import argparse
+import math
 import os
 import sys
 import tempfile
@@ -28,6 +29,7 @@ EXAMPLES = [
     'eol bench graph --scenes rehearsal --seconds 60',
 ]
 ONSET_TOPICS = ('truth', 'slips', 'block_taps', 'led_commands', 'grain_triggers')
+NEAR_S = 0.05  # an onset that far from any true one is another's
 FELT_S = 0.01  # from the onset to the moment of the knock, at most: eol bench taps
 STAGES = ('blocks', 'slips', 'led_commands', 'grain_triggers')
 SCENES = ('rehearsal', 'museum', 'lights', 'instrument', 'playback')
@@ -109,10 +111,11 @@ def onset_latencies(graph: Graph, scene: scenes.Scene) -> dict[str, Any]:
         return {'why': str(error)}
     begun = [(onset_ns, block) for onset_ns, block in begun if onset_ns >= graph.begin_ns]
     felt_ms, seen_ms = light_latencies(graph, begun)
-    found = {
+    found: dict[str, Any] = {
         'light': summary(felt_ms + seen_ms),
         'light, felt': summary(felt_ms),
         'light, camera': summary(seen_ms),
+        'errors': onset_errors(graph, begun),
     }
     if 'sound' in scene.nodes:
         try:
@@ -154,6 +157,26 @@ def light_latencies(graph: Graph, begun: list[tuple[int, int]]) -> tuple[list[fl
     return felt, seen
 
 
+def onset_errors(graph: Graph, begun: list[tuple[int, int]]) -> dict[str, dict[str, float]]:
+    """Return how far, ms RMS, onsets are from the true ones, and of how many slips.
+
+    At the START, by the camera alone; at the STOP, of those that the block's own knock confirmed.
+    """
+    errors: dict[str, list[float]] = {'START': [], 'STOP, felt': []}
+    for slip in graph.watch.messages('slips'):
+        true = [at for at, block in begun if block == slip.block]
+        if true and (slip.kind == slip.START or slip.tapped):
+            error_ns = min((to_ns(slip.onset) - at for at in true), key=abs)
+            if abs(error_ns) < NEAR_S * NS:
+                kind = 'START' if slip.kind == slip.START else 'STOP, felt'
+                errors[kind].append(error_ns * 1e-6)
+    return {
+        sense: {'rms': round(math.hypot(*found) / math.sqrt(len(found)), 2), 'count': len(found)}
+        for sense, found in errors.items()
+        if found
+    }
+
+
 def table(results: dict[str, Any]) -> str:
     """Return the figures for people."""
     lines = []
@@ -180,6 +203,12 @@ def table(results: dict[str, Any]) -> str:
         for stage, ms in row['onset_latency_ms'].items():
             if stage == 'why':
                 lines.append(f'  true onset: {ms}')
+                continue
+            if stage == 'errors':
+                lines += [
+                    f'  onset at {kind:10} {of["rms"]:6.2f} ms RMS ({of["count"]})'
+                    for kind, of in ms.items()
+                ]
                 continue
             lines.append(
                 f'  true onset -> {stage:13} '

@@ -222,7 +222,7 @@ def _compare_blocks(
     waiting = _taps(bag)
     mine: list[np.void] = []
     there: list[int] = []  # stamps of the images in the bag
-    unanswered: list[tuple[int, int, np.ndarray]] = []  # of these, since the last that was answered
+    unanswered: list[tuple[int, np.ndarray]] = []  # of these, since the last that was answered
     many, proves = 0, True
 
     def compare() -> None:
@@ -230,19 +230,19 @@ def _compare_blocks(
         check.compare(np.array(mine, DTYPE), theirs, lambda row: f'image {theirs["image"][row]}')
         mine.clear()
 
-    def see(log_ns: int, stamp_ns: int, image: np.ndarray) -> Any:
-        while waiting and waiting[0][0] <= log_ns:
+    def see(stamp_ns: int, image: np.ndarray) -> Any:
+        while waiting and waiting[0][0] <= stamp_ns:
             tracker.tap(*waiting.pop(0)[1:])
         return tracker.update(stamp_ns * 1e-9, image)
 
-    for log_ns, stamp_ns, image in pictures:
+    for _log_ns, stamp_ns, image in pictures:
         there.append(stamp_ns)
         row = row_of.get(stamp_ns)
         if not proves:
             continue
         if row is None:  # the tracker never saw it, or its answer is lost
             many += 1
-            unanswered = [*unanswered, (log_ns, stamp_ns, image)][-LOST_AT_ONCE:]
+            unanswered = [*unanswered, (stamp_ns, image)][-LOST_AT_ONCE:]
             continue
         # It saw so many in between, by its own count; the first may be that of a later start.
         seen = int(numbers[row] - numbers[row - 1]) - 1 if row else 0
@@ -252,7 +252,7 @@ def _compare_blocks(
         for one in unanswered if seen else ():
             see(*one)
         unanswered, many = [], 0
-        tracked = see(log_ns, stamp_ns, image)
+        tracked = see(stamp_ns, image)
         check.recomputed += 1
         mine.append(blocks_row(stamp_ns, tracked, blocks['image'][row]))
         if len(mine) == CHUNK:
@@ -335,12 +335,16 @@ class _Live:
 
 
 def _taps(bag: Bag) -> list[tuple[int, float, int, float]]:
-    """Return log time in ns, stamp in s, block and sigma in s of every recorded tap."""
+    """Return stamp in ns, and in s, block and sigma in s of every recorded tap, in order.
+
+    By their stamps: the recorder may have had other things to do when they came.
+    """
     if bag.name('block_taps') not in bag.topics:
         return []
     table = bag.table('block_taps')
-    logs = table['log_time'].astype('i8').tolist()
-    return [(at, *taps.to_core(row)) for at, row in zip(logs, taps.RECORD.each(table), strict=True)]
+    stamps = table['stamp'].astype('i8').tolist()
+    rows = zip(stamps, taps.RECORD.each(table), strict=True)
+    return sorted((at, *taps.to_core(row)) for at, row in rows)
 
 
 def images(bag: Bag) -> Iterator[tuple[int, int, np.ndarray]]:
@@ -370,8 +374,8 @@ def _compare_motion(
     motion = Motion(live.settings)
     waiting = _taps(bag)
     new, over = [], []
-    for log_ns, image in inputs:
-        while waiting and waiting[0][0] <= log_ns:
+    for _log_ns, image in inputs:
+        while waiting and waiting[0][0] <= image.stamp_ns:
             motion.tap(*waiting.pop(0)[1:])
         if live.at(image.stamp_ns):
             motion.set(live.settings)

@@ -18,10 +18,11 @@ from eol_ros.devices.camera.exposure_clock import VirtualCamera
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
-from eol_ros.ros.stamps import NS, to_msg
+from eol_ros.ros.stamps import NS, now_ns, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.streams.requests import Asked
 
+REPORT_NS = 5_000_000  # from the moment of a knock until its block reports it, about
 LONGEST_STEP_S = 0.1  # a machine that slept does not make up for it
 
 
@@ -67,7 +68,15 @@ class TwinNode(EolNode):
         span_s = (stamp_ns - self.stamp_ns) / NS if self.stamp_ns else 1 / self.settings.fps
         self.stamp_ns = stamp_ns
         self.film(index, min(max(span_s, 1e-4), LONGEST_STEP_S))
+        self.say(now_ns())
         self.packed = self.images.packed(stamp_ns, self.image)
+
+    def say(self, until_ns: int) -> None:
+        """Let blocks report what they have felt, and measured, by then."""
+        due = [knock for knock in self.felt if knock.time_ns + REPORT_NS <= until_ns]
+        self.felt = self.felt[len(due) :]  # they are in the order of their times
+        self.radio.send(due)
+        self.knocks += len(due)
 
     def film(self, index: int, span_s: float) -> None:
         begin_s = self.play.advance(span_s, self.settings.hands == 'visitors')
@@ -92,9 +101,8 @@ class TwinNode(EolNode):
 
     def deliver(self) -> None:
         """Publish the image and what was true."""
-        self.radio.send(self.felt)
+        self.say(self.stamp_ns + REPORT_NS)
         self.images.send(self.packed)
-        self.knocks += len(self.felt)
         table, truth = self.play.table, Truth()
         truth.header.stamp, truth.header.frame_id = (
             to_msg(self.stamp_ns),

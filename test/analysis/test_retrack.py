@@ -376,3 +376,56 @@ def test_a_bag_without_blocks_is_said(tmp_path):
     BagWriter(tmp_path / 'run', [BagTopic('/eol/blocks', 'x/msg/X', 'uint8 a\n')], {}).close()
     with pytest.raises(ConfigError, match='no blocks in it'):
         retrack(open_bag(tmp_path))
+
+
+def test_taps_that_a_busy_recorder_got_late_count_from_their_stamps(tmp_path):
+    from eol_msgs.msg import Block, Blocks, BlockTap, Cascade, Slip
+    from rclpy.serialization import serialize_message
+
+    from eol_ros.core.motion.motion import Motion
+    from eol_ros.devices.bag.mcap_file import BagTopic
+    from eol_ros.devices.bag.writer import BagWriter
+    from eol_ros.ros.definitions import describe
+    from eol_ros.ros.stamps import to_msg
+    from eol_ros.settings import MotionSettings
+    from eol_ros.streams import cascades, slips
+
+    names = ('blocks', 'block_taps', 'slips', 'cascades')
+    topics = [BagTopic(f'/eol/{name}', **describe(name)) for name in names]
+    about = {'scene_name': 'x', 'settings': 'nodes: {motion: {}}\n'}
+    bag = BagWriter(tmp_path / 'run', topics, about)
+    random, motion = np.random.default_rng(0), Motion(MotionSettings())
+    knock_ns, told, tapped = T0 + 2 * 10**9 + 400_000, [], 0
+    tap = BlockTap(block=7, sigma=2e-4)
+    tap.header.stamp = to_msg(knock_ns)
+    told.append((knock_ns + 10**9, 'block_taps', tap))  # it had come in time, but not to the bag
+    motion.tap(knock_ns * 1e-9, 7, float(np.float32(2e-4)))
+    for k in range(240):
+        stamp_ns, t = T0 + k * STEP_NS, k * STEP_NS * 1e-9
+        at = rest_lattice() + random.normal(0, 1e-5, (25, 2))
+        at[7, 0] += 1.25 * min(max(t - 2.0, 0), 0.1) ** 2
+        message = Blocks(state=Blocks.TRACKING, image=k)
+        message.header.stamp, message.header.frame_id = to_msg(stamp_ns), 'table'
+        message.blocks = [
+            Block(id=b, x=float(at[b, 0]), y=float(at[b, 1]), sigma=1e-5, seen=True)
+            for b in range(25)
+        ]
+        told.append((stamp_ns + 5_000_000, 'blocks', message))
+        sigma = np.full(25, np.float32(1e-5))
+        found, closed = motion.update(stamp_ns * 1e-9, at[:, 0], at[:, 1], np.ones(25, bool), sigma)
+        for slip in found:
+            tapped += slip.tapped
+            row = slips.RECORD.fill(Slip(), slips.of(stamp_ns, slip))
+            told.append((stamp_ns + 7_000_000, 'slips', row))
+        for cascade in closed:
+            row = cascades.RECORD.fill(Cascade(), cascades.of(stamp_ns, cascade))
+            told.append((stamp_ns + 8_000_000, 'cascades', row))
+    for log_ns, topic, message in sorted(told, key=lambda one: one[0]):
+        bag.write(f'/eol/{topic}', bytes(serialize_message(message)), log_ns, log_ns)
+    bag.close()
+
+    assert tapped == 1
+    proofs = retrack(open_bag(tmp_path / 'run')).topics
+    slipped, cascaded = proofs['slips'], proofs['cascades']
+    assert (slipped.recorded, slipped.recomputed, slipped.first) == (2, 2, '')
+    assert (cascaded.recorded, cascaded.recomputed, cascaded.first) == (1, 1, '')
