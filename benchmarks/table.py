@@ -20,7 +20,15 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import tell
-from eol_ros.core.geometry import COLS, N_BLOCKS, RIM_REACH_M, RIM_SIDE_M, ROWS, neighbours
+from eol_ros.core.geometry import (
+    BLOCK_SIDE_M,
+    COLS,
+    N_BLOCKS,
+    RIM_REACH_M,
+    RIM_SIDE_M,
+    ROWS,
+    neighbours,
+)
 from eol_ros.core.motion.cascades import Cascades
 from eol_ros.core.motion.slips import START, STOP, SlipEvent
 from eol_ros.core.physics.twin.live import SOFT, Coupling
@@ -32,6 +40,8 @@ EXAMPLES = ['eol bench table --minutes 10 --seeds 3', 'eol bench table --map --p
 FPS = 60.0
 INNER = [block for block in range(N_BLOCKS) if len(neighbours(block, diagonal=True)) == 8]
 MIDDLE = N_BLOCKS // 2
+BESIDE = np.array([(i, j) for i in range(N_BLOCKS) for j in neighbours(i, True) if i < j]).T
+TOUCH_M = 0.0025  # the rim stops 2 mm from a block
 PULL_MPS, HANDS = 0.05, ('anna', 'ben', 'carla', 'dora')
 LEAST_INNER, LEAST_BLOCK = 0.20, 0.01  # what the paper's words ask of a table
 STIFFNESSES = (20.0, 40.0, 70.0, 100.0, 150.0, 200.0)
@@ -44,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--stiffness', type=float, help="N/m (default: the twin's)")
     parser.add_argument('--mu-static', type=float, help="default: the twin's")
     parser.add_argument('--mu-kinetic', type=float, help="default: the twin's")
+    parser.add_argument('--rotate', action=argparse.BooleanOptionalAction, help='of the blocks')
     parser.add_argument('--map', action='store_true', help='all tables of the map, and its best')
     parser.add_argument('--minutes', type=float, default=10.0, help='of each start (default 10)')
     parser.add_argument('--seeds', type=int, default=1, metavar='N', help='starts (default 1)')
@@ -64,10 +75,10 @@ def run(args: argparse.Namespace) -> int:
             Coupling(k, mu, round(mu * ratio, 3))
             for k in STIFFNESSES for mu in STATICS for ratio in RATIOS
         ]  # fmt: skip
-        tables += [one for one in (SOFT, Coupling()) if one not in tables]
+        tables += [SOFT, Coupling()]
     rows = []
     for number, coupling in enumerate(tables, 1):
-        words = ', '.join(f'{v:g}' for v in coupling)
+        words = ', '.join(f'{v:g}' for v in coupling[:3])
         print(f'{number} of {len(tables)}: {words}', file=sys.stderr, flush=True)
         rows.append(measure(coupling, args.minutes, range(1, 1 + args.seeds)))
     result = {'minutes': args.minutes, 'seeds': args.seeds, 'tables': rows}
@@ -80,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
 def measure(coupling: Coupling, minutes: float, seeds: Any) -> dict[str, Any]:
     """Return the row of one table: `minutes` from each start, and the two pulls."""
     slips, lengths, areas = np.zeros(N_BLOCKS, int), [], np.zeros(N_BLOCKS + 1, int)
-    until, spent, faults, farthest = [], 0.0, 0, 0.0
+    until, spent, faults, farthest, gap, rim_gap = [], 0.0, 0, 0.0, np.inf, np.inf
     for seed in seeds:
         play = Counted(coupling, seed)
         first = np.full(N_BLOCKS + 1, np.inf)
@@ -89,6 +100,7 @@ def measure(coupling: Coupling, minutes: float, seeds: Any) -> dict[str, Any]:
                 areas[cascade.area] += 1
                 first[cascade.area] = min(first[cascade.area], play.time_s)
             farthest = max(farthest, float(np.abs(play.rim.pose[:2]).max()))
+            gap, rim_gap = min(gap, play.gap_m()), min(rim_gap, play.rim_gap_m())
         slips += play.slips
         lengths += play.lengths
         until.append(float(first[1:].max()))
@@ -106,6 +118,7 @@ def measure(coupling: Coupling, minutes: float, seeds: Any) -> dict[str, Any]:
         'all_areas_s': until, 'reach_m': farthest,
         'pull_to_middle_m': pull_to_middle(coupling),
         'corner_s': from_a_corner(coupling),
+        'gap_mm': 1e3 * gap, 'rim_gap_mm': 1e3 * rim_gap, 'rough': rough(coupling),
         'ms_per_s': 1e3 * spent / (3600 * hours), 'faults': faults,
         'good': bool(inner >= LEAST_INNER and share.min() >= LEAST_BLOCK and areas[1:].all()),
     }  # fmt: skip
@@ -146,6 +159,35 @@ class Counted(Play):
                 self.lengths.append(length_m)
                 events.append(_event(STOP, slip, block, onset_s, at_s - onset_s, length_m))
         return self._cascades.update(self.time_s, events)[1]
+
+    def gap_m(self) -> float:
+        """Return the least distance between two blocks, m; less than none where they overlap."""
+        table, (i, j) = self.table, BESIDE
+        apart = np.stack([table.x[i] - table.x[j], table.y[i] - table.y[j]])
+        reach = abs(np.cos(table.yaw)) + abs(np.sin(table.yaw))  # of a square, along x and y
+        return float((abs(apart).max(axis=0) - 0.5 * BLOCK_SIDE_M * (reach[i] + reach[j])).min())
+
+    def rim_gap_m(self) -> float:
+        """Return the least distance from the rim to a block, m."""
+        return self.table.clearance_m(self.table.rim_pose)
+
+
+def rough(coupling: Coupling, minutes: float = 2.0) -> dict[str, float]:
+    """Return the same distances, mm, under three who jerk the rim at random as fast as may be."""
+    play, random, until_s, gaps = Counted(coupling, 3), np.random.default_rng(1), 0.0, []
+    velocity = np.zeros(3)
+    for _ in range(round(60 * minutes * FPS)):
+        if play.time_s >= until_s:
+            until_s = play.time_s + random.uniform(0.3, 2.0)
+            way = random.uniform(0, 2 * np.pi)
+            velocity = np.array([0.35 * np.cos(way), 0.35 * np.sin(way), random.uniform(-0.9, 0.9)])
+        for hand in HANDS[:3]:
+            play.commands.take(play.time_s, hand, velocity, 1.0)
+        play.image(visitors=False)
+        gaps.append((play.gap_m(), play.rim_gap_m()))
+    blocks, rim = np.array(gaps).T
+    return {'gap_mm': 1e3 * blocks.min(), 'rim_gap_mm': 1e3 * rim.min(),
+            'rim_touches': float(np.mean(rim < TOUCH_M))}  # fmt: skip
 
 
 def _event(kind: int, slip: int, block: int, onset_s: float, lasted_s: float, length_m: float):
@@ -250,7 +292,13 @@ def _table(result: dict[str, Any]) -> str:
             + ('  good' if r['good'] else '')
             + (f'  {r["faults"]} FAULTS' if r['faults'] else '')
         )
-    last = result['tables'][-1]['corner_s']
+    last, worst = result['tables'][-1]['corner_s'], result['tables'][-1]['rough']
+    lines.append(
+        f'least distance (last table) of two blocks {result["tables"][-1]["gap_mm"]:.1f} mm, to'
+        f' the rim {result["tables"][-1]["rim_gap_mm"]:.1f} mm; under three rough people'
+        f' {worst["gap_mm"]:.1f} and {worst["rim_gap_mm"]:.1f} mm, the rim at a block in'
+        f' {100 * worst["rim_touches"]:.1f} % of the images'
+    )
     lines.append(
         'pushed from one corner, s from the first slip to those n steps away (last table): '
         + ', '.join(f'{s:.2f}' for s in last)

@@ -42,7 +42,7 @@ class TwinNode(EolNode):
             self.get_logger().warning(block.MISSING)
         self.radio, self.felt, self.knocks = Radio(self.namespace), [], 0
         self.lamps = Lamps(self.radio)
-        coupling = Coupling(s.stiffness, s.mu_static, s.mu_kinetic)
+        coupling = Coupling(s.stiffness, s.mu_static, s.mu_kinetic, s.rotate)
         self.play = Play(s.seed, TRACE if self.blocks else 0, coupling)
         self.image = np.empty((s.height, s.width), np.uint8)
         self.stamp_ns = 0

@@ -1,12 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live table: slips under moving hands, rest under still ones, a closed energy ledger."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
+from eol_ros.core.geometry import BLOCK_MASS_KG, BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.physics import builders
+from eol_ros.core.physics.choose import simulate
+from eol_ros.core.physics.drive import Drive
+from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.twin.hands import HAND_N, Commands, Rim
-from eol_ros.core.physics.twin.live import CLEAR_M, SOFT, LiveTable
+from eol_ros.core.physics.twin.live import CLEAR_M, SOFT, Coupling, LiveTable
 from eol_ros.core.physics.twin.play import Play
 
 IMAGE_S = 1 / 60
@@ -146,3 +152,48 @@ def test_a_hand_that_drags_the_table_feels_the_springs():
         play.advance(IMAGE_S)
     assert play.rim.pose[0] < far - 0.005, 'they draw it back when it is let go'
     assert not play.rim.velocity.any()
+
+
+def test_blocks_rotate_as_the_solver_of_scenes_has_it():
+    """Image by image at the live tolerance, against one run of the whole at a far finer one."""
+    seconds, table, rows, rates = 1.5, LiveTable(1), [np.zeros(4)], [np.zeros(3)]
+    start = table._u.copy()
+    for i in range(round(seconds / IMAGE_S)):
+        t = (i + 1) * IMAGE_S
+        pose = np.array([0.05 * (1 - np.cos(2 * t)), 0.04 * t * t, 0.12 * np.sin(t) ** 2])
+        rate = np.array([0.10 * np.sin(2 * t), 0.08 * t, 0.12 * np.sin(2 * t)])
+        table.advance(i * IMAGE_S, t, pose, rate)
+        rows.append(np.array([t, *pose]))
+        rates.append(rate)
+    weight = BLOCK_MASS_KG * builders.GRAVITY
+    scene = from_mapping(
+        builders.table(
+            {'kind': 'none'}, seconds, k=Coupling().stiffness, mass=BLOCK_MASS_KG, geometric=True,
+            mu_s=list(table._model.static / weight), mu_k=list(table._model.kinetic / weight),
+            u0=start.tolist(), rotation={'side': BLOCK_SIDE_M},
+        )
+    )  # fmt: skip
+    drive = Drive.through(np.array(rows), np.array(rates))
+    whole = simulate(dataclasses.replace(scene, drive=drive), tolerance=1e-10)
+    assert table.slips > 20
+    assert table.slips == whole.event_start.sum()
+    assert np.abs(np.degrees(table.yaw)).max() > 2
+    place = np.stack([table.x, table.y], 1) - rest_lattice()
+    assert np.abs(place - whole.u[-1]).max() < 2e-6
+    assert np.abs(table.yaw - whole.yaw[-1]).max() < 2e-5
+
+
+def test_blocks_that_do_not_rotate_stay_straight():
+    play = Play(1, coupling=SOFT)
+    for _ in range(240):
+        play.advance(IMAGE_S)
+    assert play.table.slips > 5
+    assert not play.table.yaw.any()
+
+
+def test_a_block_that_stands_askew_reaches_further_to_the_rim():
+    table = LiveTable(1)
+    table._u[:] = 0.0
+    table.yaw = np.full(N_BLOCKS, np.pi / 4)
+    assert table.clearance_m(np.zeros(3)) == pytest.approx(0.132 - 0.042 * np.sqrt(2))
+    assert table.clearance_m(np.array([0.0, 0.0, np.pi / 4])) < 0.09

@@ -1,22 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated table as the twin runs it: from one image to the next, under a moving rim."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_MASS_KG, N_BLOCKS, rest_lattice
+from eol_ros.core.geometry import BLOCK_MASS_KG, BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import POSES
 from eol_ros.core.physics.event.kernel import BEGIN, make_workspace, run
 from eol_ros.core.physics.event.solver import rules_for
 from eol_ros.core.physics.exact.solver import length_scale
 from eol_ros.core.physics.kernel_args import Grid, Rim, empty_log
-from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.model import Model, rotated
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.status import OK
 from eol_ros.core.physics.twin.hands import GYRATION_M
 from eol_ros.settings import TwinSettings
+
+if TYPE_CHECKING:
+    from eol_ros.core.physics.twin.rotating import Rotating
 
 TOLERANCE = 1e-5
 MOST_EVENTS, MOST_STEPS = 2000, 5000  # between two images: some 50 ms of work
@@ -29,11 +32,15 @@ MOST_CONTACTS = 100
 
 
 class Coupling(NamedTuple):
-    """What couples the blocks: stiffness of a spring (N/m), and the mean friction on the grit."""
+    """What couples the blocks: stiffness of a spring (N/m) and the mean friction on the grit.
+
+    With `rotate` springs also rotate the blocks, at whose edges they pull.
+    """
 
     stiffness: float = TwinSettings.stiffness
     mu_static: float = TwinSettings.mu_static
     mu_kinetic: float = TwinSettings.mu_kinetic
+    rotate: bool = TwinSettings.rotate
 
     @property
     def break_m(self) -> float:
@@ -41,7 +48,7 @@ class Coupling(NamedTuple):
         return self.mu_static * BLOCK_MASS_KG * builders.GRAVITY / self.stiffness
 
 
-SOFT = Coupling(builders.STIFFNESS, builders.MU_STATIC, builders.MU_KINETIC)  # of the named scenes
+SOFT = Coupling(builders.STIFFNESS, builders.MU_STATIC, builders.MU_KINETIC, False)  # named scenes
 
 
 class Trace(NamedTuple):
@@ -84,6 +91,7 @@ class LiveTable:
                 mu_s=list(coupling.mu_static * share),
                 mu_k=list(coupling.mu_kinetic * share),
                 u0=random.uniform(-offset_m, offset_m, (N_BLOCKS, 2)).tolist(),
+                rotation={'side': BLOCK_SIDE_M} if coupling.rotate else None,
             )
         )
         self._model = Model.of(scene)
@@ -92,14 +100,22 @@ class LiveTable:
         springs = scene.to_frame
         side = springs.rest / np.linalg.norm(springs.rest, axis=1)[:, None]
         self._beside, self._k = springs.i, coupling.stiffness
-        # in the complex plane: ends at the rim, edges of the blocks at rest, the ways inwards
+        # in the complex plane: ends at the rim, centres of the blocks at rest, from there to their
+        # edges, the ways inwards
         self._ends = springs.anchor.copy().view(complex)[:, 0]
-        self._edges = (springs.anchor - springs.rest).view(complex)[:, 0]
+        self._centres = self._rest.view(complex)[self._beside, 0]
+        self._arms = (springs.anchor - springs.rest).view(complex)[:, 0] - self._centres
         self._inward = -side.view(complex)[:, 0]
         self._u, self._v = scene.u0.copy(), scene.v0.copy()
         self._work_and_heat, self._counts = np.zeros(2), np.zeros(3, np.int64)
         self._log = empty_log(MOST_EVENTS)
-        self._workspace = make_workspace(self._model.lattice, self._rules.order)
+        self._rotating: Rotating | None = None
+        if coupling.rotate:
+            from eol_ros.core.physics.twin import rotating
+
+            self._rotating = rotating.Rotating(scene, self._model, TOLERANCE, samples)
+        else:
+            self._workspace = make_workspace(self._model.lattice, self._rules.order)
         self._sampled = np.linspace(0.0, 1.0, samples + 1)
         rows = (samples + 1, N_BLOCKS, 2)
         self._path = np.zeros(samples + 1), np.zeros(rows), np.zeros(rows)
@@ -140,6 +156,8 @@ class LiveTable:
         if status != OK:
             self.faults += 1
             self._v[:] = 0.0
+            if self._rotating:
+                self._rotating.stop()
             self.moving[:] = False
         elif len(t) > 1:
             self.trace = Trace(t, u, v, *(column[:events] for column in self._log))
@@ -161,12 +179,26 @@ class LiveTable:
 
     def _near(self, pose: np.ndarray) -> np.ndarray:
         """Return the distance (m) from the rim at `pose` to the block beside it, at each spring."""
-        rotation, way = self._ways(pose)
-        return (way * (rotation * self._inward).conj()).real * -1.0
+        rotation, ways = self._ways_to_centres(pose)
+        reach, _ = self._reach(pose)
+        return (ways * (rotation * self._inward).conj()).real * -1.0 - reach
+
+    def _reach(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far (m) the blocks beside the rim reach towards it, and its slope by yaw."""
+        half = np.full(len(self._beside), 0.5 * BLOCK_SIDE_M)
+        if not self._rotating:  # as always: by the middles of their edges
+            return half, np.zeros(len(half))
+        offset = self.yaw[self._beside] - pose[2]
+        c, s = np.cos(offset), np.sin(offset)
+        return half * (abs(c) + abs(s)), half * (s * np.sign(c) - c * np.sign(s))
 
     def _ways(self, pose: np.ndarray) -> tuple[complex, np.ndarray]:
+        rotation, ways = self._ways_to_centres(pose)
+        return rotation, ways - np.exp(1j * self.yaw[self._beside]) * self._arms
+
+    def _ways_to_centres(self, pose: np.ndarray) -> tuple[complex, np.ndarray]:
         rotation = complex(np.cos(pose[2]), np.sin(pose[2]))
-        here = self._edges + self._u.view(complex)[self._beside, 0]
+        here = self._centres + self._u.view(complex)[self._beside, 0]
         return rotation, complex(pose[0], pose[1]) + rotation * self._ends - here
 
     def _stop_at_blocks(self, pose: np.ndarray, rate: np.ndarray, span_s: float) -> None:
@@ -199,16 +231,21 @@ class LiveTable:
 
     def _slope(self, pose: np.ndarray, which: int) -> np.ndarray:
         """Return the derivative (3,) of one distance of `_near` after x, y and yaw."""
-        rotation, ways = self._ways(pose)
+        rotation, ways = self._ways_to_centres(pose)
         normal, way = rotation * self._inward[which], ways[which]
         rotated = (1j * rotation * self._ends[which] * normal.conjugate()).real
         rotated += (way * (1j * normal).conjugate()).real
-        return -np.array([normal.real, normal.imag, rotated])
+        return -np.array([normal.real, normal.imag, rotated + self._reach(pose)[1][which]])
 
     def _solve(
         self, u: np.ndarray, v: np.ndarray, moving: np.ndarray, span: float
     ) -> tuple[int, int]:
         rim = Rim(POSES, self._par, self._knots, self._cubics)
+        if self._rotating:
+            return self._rotating.solve(
+                u, v, moving, span, rim, self._grid, self._log, MOST_STEPS, self._work_and_heat,
+                self._counts,
+            )  # fmt: skip
         lattice = self._model.lattice
         status, done = run(
             u,
@@ -250,11 +287,17 @@ class LiveTable:
         led = np.stack([x + c * ax - s * ay, y + s * ax + c * ay], axis=1)
         ends = np.concatenate([self._u, led])
         d = ends[m.second] - ends[m.first] + m.rest
+        if self._rotating and m.rotation:
+            inner, own = m.second < m.n, self._rotating.yaw
+            d -= rotated(m.rotation.arm, own[m.first])
+            d[inner] += rotated(m.rotation.arm_j[inner], own[m.second[inner]])
         held = 0.5 * np.sum(m.k * (np.hypot(d[:, 0], d[:, 1]) - m.natural) ** 2)
-        return float(held + m.kinetic_energy(self._v))
+        spinning = self._rotating.energy() if self._rotating else 0.0
+        return float(held + m.kinetic_energy(self._v) + spinning)
 
     def _place(self) -> None:
         self.x = self._rest[:, 0] + self._u[:, 0]
         self.y = self._rest[:, 1] + self._u[:, 1]
-        self.yaw = np.zeros(N_BLOCKS)
-        self.velocity = np.column_stack([self._v, np.zeros(N_BLOCKS)])
+        still = np.zeros(N_BLOCKS)
+        self.yaw = self._rotating.yaw if self._rotating else still
+        self.velocity = np.column_stack([self._v, self._rotating.spin if self._rotating else still])
