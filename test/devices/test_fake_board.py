@@ -181,6 +181,17 @@ def test_without_a_bridge_blocks_flash_and_fade_slowly(board, line):
     assert wait_until(lambda: board.levels()[5] < 40)
 
 
+def test_while_a_block_is_silent_that_might_flash_nothing_falls(board, line):
+    line.say(p.Lighting(p.BY_ITSELF | p.LIMITED, 255, 182))
+    assert all(line.hear(p.BlockStatus) for _ in range(26))
+    board.report(20, flags=0)
+    board.tap(5, 1.0)
+    time.sleep(0.5)
+    assert board.levels()[5] > 0.8 * 255
+    board.report(20)
+    assert wait_until(lambda: board.levels()[5] < 40)
+
+
 def test_says_how_blocks_are_when_it_is_told_how_they_flash(board, line):
     line.say(p.Lighting(p.LIMITED, 255, 350))
     found = [line.hear(p.BlockStatus) for _ in range(26)]

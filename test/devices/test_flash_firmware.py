@@ -14,6 +14,7 @@ import pytest
 from support.flashes import most_flashes_in_a_second
 
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.light.bridge import Bridge
 from eol_ros.core.light.flash import FLASHES_PER_S, HOLD_RATE, MIN_PERIOD_S, FlashField
 
 BRIDGE = Path(__file__).parents[2] / 'firmware' / 'bridge'
@@ -229,6 +230,23 @@ def test_a_block_that_no_word_reaches_falls_by_1_1_percent_and_then_holds(bridge
     bridge.eol_light_felt(light)  # its own flash is the end of what it was told
     bridge.eol_light_tick(light)
     assert level() > before and level() > 0.999
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_the_twins_blocks_and_bridge_are_those_of_the_firmware(bridge, seed):
+    """core/light/bridge.py has no link that takes a millisecond: 1 % of the light, after a slip."""
+    felt, model = storm(seed, 6), Bridge()
+    model.configure(True, True, 1.0, 0.35)
+    model.link(0.0, False)
+    model.link(0.0, True)
+    theirs = np.zeros((MS, N_BLOCKS))
+    for ms in range(MS):
+        for block in np.flatnonzero(felt[ms]).tolist():
+            model.felt(ms * 1e-3, block)
+        theirs[ms] = model.levels((ms + 1) * 1e-3)
+    ours = shown(bridge, felt, 350, lost=0)
+    assert np.abs(ours - theirs).max() < 0.03
+    assert theirs.min() < 0.5 * theirs.max()  # much has fallen
 
 
 def test_a_storm_that_nobody_holds_is_a_strobe(bridge):

@@ -33,6 +33,7 @@ class Bridge:
         self.field = FlashField(0.35)
         self.by_itself = True
         self.linked = True
+        self._silent: set[int] = set()  # blocks that might flash uncounted
 
     def configure(self, by_itself: bool, limited: bool, peak: float, decay_s: float) -> None:
         """Take what the host says of flashes."""
@@ -52,12 +53,23 @@ class Bridge:
                 self.field.slip(now_s, block)
 
     def link(self, now_s: float, linked: bool) -> None:
-        """The bridge comes, and lets nothing fall until it may have been gone for one period; or
-        goes.
+        """The bridge comes or goes.
+
+        One that comes lets nothing fall before it knows what was seen to fall.
         """
         if linked != self.linked:
             self.linked = linked
-            self.field.hold(now_s, now_s + MIN_PERIOD_S if linked else math.inf)
+            self._hold(now_s)
+
+    def hear(self, now_s: float, block: int, heard: bool) -> None:
+        """The bridge hears a block, or no longer: then that might flash, so nothing may fall."""
+        if heard == (block in self._silent):
+            self._silent ^= {block}
+            self._hold(now_s)
+
+    def _hold(self, now_s: float) -> None:
+        alone = not self.linked or bool(self._silent)
+        self.field.hold(now_s, math.inf if alone else now_s + MIN_PERIOD_S)
 
     def levels(self, now_s: float) -> np.ndarray:
         """Return the light of each block at `now_s`, shape (25,), 0..1."""

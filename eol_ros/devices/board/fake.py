@@ -147,6 +147,10 @@ class FakeBoard:
         self, block: int, millivolts: int = MILLIVOLTS, flags: int = protocol.LINKED
     ) -> None:
         """Say how `block` is, or the bridge itself."""
+        if block != protocol.BRIDGE:
+            with self._field:
+                heard = bool(flags & protocol.LINKED)
+                self.bridge.hear(time.monotonic(), block, heard)
         self._send(protocol.BlockStatus(block, millivolts, CELSIUS, 2, 0, flags))
 
     def _felt(self, strength: float, ago_s: float) -> tuple[int, int]:
