@@ -127,6 +127,14 @@ def run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
             raise
         print(f'{prog}: {known}', file=sys.stderr)
         return known.exit_code
+    except RuntimeError as error:
+        from eol_ros import compiled
+
+        line = compiled.explained(error)
+        if line is None:
+            raise
+        print(f'{prog}: {line}', file=sys.stderr)
+        return line.exit_code
     except KeyboardInterrupt:
         print(f'{prog}: stopped', file=sys.stderr)
         return 0

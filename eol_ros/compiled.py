@@ -18,6 +18,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from eol_ros.errors import ConfigError
+
 ROOT = Path(__file__).parent
 # What each part is made of, as packages with all below them; all use what stands in `core` itself.
 # A part has the name of the node or the command that needs it.
@@ -33,6 +35,7 @@ AT_FIRST = ('tracker', 'twin', 'sound', 'ice')  # what a scene may need
 _COMMON = 'core'
 _FILES = {'devices/audio': 'callback.py'}  # where only one file of a package is compiled
 _NO_MATTER = ('NUMBA_CACHE_DIR', 'NUMBA_NUM_THREADS')  # of the settings of numba
+_DO = 'set NUMBA_CACHE_DIR to a folder that can be written, where compiled loops are kept'
 _MACHINE = ('model name', 'flags', 'Features', 'CPU implementer', 'CPU part')
 
 
@@ -47,10 +50,21 @@ def stamp(part: str) -> None:
         name: {'sources': _digest(name), 'files': sorted(_cached(name))} for name in PARTS[part]
     }
     path = _stamp(part)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_suffix(f'.{os.getpid()}')
-    new.write_text(json.dumps(folders))
-    new.replace(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new = path.with_suffix(f'.{os.getpid()}')
+        new.write_text(json.dumps(folders))
+        new.replace(path)
+    except OSError as error:
+        raise ConfigError(f'{path.parent}: {error.strerror}; {_DO}') from None
+
+
+def explained(error: RuntimeError) -> ConfigError | None:
+    """Return what to do where numba finds no folder for machine code; None for other faults."""
+    if 'cannot cache function' not in str(error):
+        return None
+    folders = f'{cache_folder(_COMMON)} and {_user_cache()}'
+    return ConfigError(f'{folders}: neither can be written; {_DO}')
 
 
 def forget(everything: bool = False) -> None:

@@ -51,7 +51,17 @@ BELOW = {
     'streams': {'core', 'streams', 'settings', 'errors'},
     'scene.py': {'settings', 'streams', 'errors'},
     'devices': {'core', 'devices', 'settings', 'streams', 'errors', 'folders'},
-    'ros': {'core', 'ros', 'settings', 'streams', 'errors', 'folders', 'scene', 'nodes'},
+    'ros': {
+        'core',
+        'ros',
+        'settings',
+        'streams',
+        'errors',
+        'folders',
+        'scene',
+        'nodes',
+        'compiled',
+    },
     'nodes': {'core', 'devices', 'ros', 'nodes', 'web', 'settings', 'streams', 'errors', 'scene'},
     'web': {'core', 'devices', 'web', 'settings', 'streams', 'errors'},
     'bringup': {

@@ -13,9 +13,11 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from eol_ros import compiled
 from eol_ros import scene as scenes
 from eol_ros.errors import EolError, warning_line
 from eol_ros.ros import network, shutdown_watchdog
+from eol_ros.ros.session import NO_LOG_FILES
 from eol_ros.streams.graph import IMAGE_SOURCES, NODES
 
 
@@ -65,6 +67,11 @@ def run(names: Sequence[str], argv: Sequence[str] | None = None) -> int:
     except EolError as error:
         print(f'{"+".join(names)}: {error}', file=sys.stderr, flush=True)
         return error.exit_code
+    except RuntimeError as error:
+        if (line := compiled.explained(error)) is None:
+            raise
+        print(f'{"+".join(names)}: {line}', file=sys.stderr, flush=True)
+        return line.exit_code
 
 
 def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int:
@@ -83,7 +90,7 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
     from rclpy.experimental.events_executor import EventsExecutor
     from rclpy.signals import SignalHandlerOptions
 
-    rclpy.init(args=ros_args, signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=[*ros_args, *NO_LOG_FILES], signal_handler_options=SignalHandlerOptions.NO)
     logger = rclpy.logging.get_logger(names[0])
     # one line in the log, where people do not meet it
     warnings.showwarning = lambda *what, **_: logger.warning(warning_line(*what[:4]))

@@ -11,6 +11,10 @@ from typing import Any
 from eol_ros.ros import network, shutdown_watchdog
 from eol_ros.streams.graph import NAMESPACE
 
+# ROS would keep a file of each start of each node in ~/.ros/log for ever, and ends a process where
+# it cannot. What nodes say goes to stderr and /rosout all the same, and bringup keeps it, bounded.
+NO_LOG_FILES = ('--ros-args', '--disable-external-lib-logs')
+
 
 class Session:
     """`node` is on the graph; `run` lets it work."""
@@ -55,7 +59,7 @@ def session(
     from rclpy.node import Node
     from rclpy.signals import SignalHandlerOptions
 
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=list(NO_LOG_FILES), signal_handler_options=SignalHandlerOptions.NO)
     node = None
     executor = EventsExecutor()
     before = {}

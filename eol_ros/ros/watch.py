@@ -10,6 +10,7 @@ from typing import Any
 
 from eol_ros.core.played_clock import PlayedClock
 from eol_ros.ros import network
+from eol_ros.ros.session import NO_LOG_FILES
 from eol_ros.ros.stamps import to_ns
 from eol_ros.streams.cdr import stamp_ns
 from eol_ros.streams.graph import NAMESPACE, TOPICS
@@ -42,7 +43,7 @@ class Watch:
         self.seen: dict[str, list[tuple[int, int]]] = defaultdict(list)
         self.raw: dict[str, list[bytes]] = defaultdict(list)
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=domain)
+        rclpy.init(args=list(NO_LOG_FILES), context=self._context, domain_id=domain)
         self._node = Node(f'watch_{os.getpid()}', namespace=namespace, context=self._context)
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A first start: no clock that was ever set, and folders that cannot be written."""
+
+import os
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from support.checkout import ROOT
+from support.waiting import wait_until
+
+from eol_ros import compiled
+from eol_ros.bringup import status
+from eol_ros.errors import ConfigError, EolError
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+NOWHERE = '/proc/1/nothing'  # can be written by nobody, root included
+LIGHT = """\
+nodes:
+  montage: {}
+  hours: {time_zone: UTC, open: [2026-01-01 10:00-11:00]}
+  panel: {port: 0}
+  recorder: {folder: bags, min_free_gb: 0}
+elsewhere: [motion]
+"""
+WHOLE = """\
+include: rehearsal.yaml
+nodes:
+  panel: {port: 0}
+  sound: {device: wav}
+  hours: {time_zone: UTC, open: ['Mon-Sun 0:00-24:00']}
+  recorder: {folder: bags, min_free_gb: 0, images: none}
+"""
+
+
+def environment(tmp_path, **changes):
+    values = {**os.environ, 'EOL_STATE': str(tmp_path / 'state'), **changes}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def bringup(path, *words):
+    return [sys.executable, '-m', 'eol_ros.bringup', str(path), *words]
+
+
+@pytest.fixture(scope='module')
+def clock(tmp_path_factory):
+    """The library that shifts the system clock of what is started with it."""
+    library = tmp_path_factory.mktemp('clock') / 'clock.so'
+    source = Path(__file__).parents[1] / 'support' / 'fake_clock.c'
+    subprocess.run(['cc', '-shared', '-fPIC', '-O1', '-o', library, source, '-ldl'], check=True)
+    return library
+
+
+@pytest.mark.parametrize(
+    'scene', [LIGHT, pytest.param(WHOLE, marks=pytest.mark.soak)], ids=['light', 'whole']
+)
+def test_a_start_in_1970_and_then_a_jump_of_decades(tmp_path, clock, scene):
+    (tmp_path / 'scene.yaml').write_text(scene)
+    shutil.copy(ROOT / 'config' / 'rehearsal.yaml', tmp_path)
+    offset, domain = tmp_path / 'offset', 77
+    offset.write_bytes(struct.pack('<q', int((60 - time.time()) * 1e9)))
+    process = subprocess.Popen(
+        bringup('scene.yaml'), cwd=tmp_path, stderr=subprocess.PIPE, text=True,
+        env=environment(tmp_path, ROS_DOMAIN_ID=str(domain), LD_PRELOAD=str(clock),
+                        FAKE_CLOCK=str(offset)),
+    )  # fmt: skip
+
+    def rows(*levels):
+        """Return the text of each node, once all are of one of these levels."""
+        try:
+            nodes = status.ask(domain)['nodes']
+        except EolError:
+            return None
+        well = all(row['level'] in levels for row in nodes)
+        return {row['node']: row['text'] for row in nodes} if well else None
+
+    try:
+        texts = wait_until(lambda: rows(0, 1), 180)
+        assert 'the clock says 1970-01-01 00:0' in texts['hours']
+        assert 'stays open' in texts['hours'] and 'asleep' not in texts['montage']
+        assert 'scene_1970-01-01' in texts['recorder']
+        with offset.open('r+b') as file:  # it is mapped: never shorter
+            file.write(struct.pack('<q', 0))
+        asleep = scene == LIGHT
+        wait_until(lambda: rows(0) and asleep == rows(0)['hours'].startswith('asleep'), 60)
+        wait_until(lambda: asleep == ('asleep' in rows(0, 1)['montage']), 60)
+        wait_until(lambda: len(list((tmp_path / 'bags').glob('scene_*'))) == 2, 60)
+        assert status.ask(domain)['restarts'] == 0
+    finally:
+        process.send_signal(signal.SIGINT)
+        told = process.communicate(timeout=90)[1]
+    assert process.returncode == 0, told
+    names = sorted(path.name for path in (tmp_path / 'bags').glob('scene_*'))
+    assert names[0].startswith('scene_1970-01-01') and names[1] > 'scene_2026'
+    assert 'Traceback' not in (tmp_path / 'state' / 'eol.log').read_text()
+
+
+def test_a_home_that_cannot_be_written(tmp_path):
+    """State and cache are named; nothing else of a home is needed, not even by ROS."""
+    (tmp_path / 'scene.yaml').write_text(LIGHT)
+    nothing = {'HOME': NOWHERE, 'XDG_CACHE_HOME': None, 'XDG_STATE_HOME': None}
+    done = subprocess.run(
+        bringup('scene.yaml', '--for', '0.5'), cwd=tmp_path, capture_output=True, text=True,
+        env=environment(tmp_path, ROS_DOMAIN_ID='78', EOL_CACHE=str(tmp_path / 'cache'), **nothing),
+    )  # fmt: skip
+    assert done.returncode == 0 and 'all OK' in done.stderr, done.stderr
+
+    for missing in ('EOL_STATE', 'EOL_CACHE'):
+        folders = {'EOL_CACHE': str(tmp_path / 'cache'), missing: None}
+        done = subprocess.run(
+            bringup('scene.yaml'), cwd=tmp_path, capture_output=True, text=True,
+            env=environment(tmp_path, ROS_DOMAIN_ID='78', **folders, **nothing),
+        )  # fmt: skip
+        assert done.returncode == 78
+        last = done.stderr.splitlines()[-1]
+        assert f'; set {missing} to a folder that can be written' in last and NOWHERE in last
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A copy of the package in which nothing can be kept beside the sources."""
+    shutil.copytree(ROOT / 'eol_ros', tmp_path / 'eol_ros',
+                    ignore=shutil.ignore_patterns('__pycache__'))  # fmt: skip
+    for folder in [p for p in (tmp_path / 'eol_ros').rglob('*') if p.is_dir()]:
+        (folder / '__pycache__').touch()  # a file: no folder of this name can be made
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    'words', [['eol_ros.nodes', 'twin'], ['eol_ros', 'track', 'nothing.avi']], ids=['node', 'verb']
+)
+def test_no_folder_for_compiled_loops(package, words):
+    done = subprocess.run(
+        [sys.executable, '-m', *words], cwd=package, capture_output=True, text=True,
+        env=environment(package, PYTHONPATH=str(package), HOME=NOWHERE, XDG_CACHE_HOME=None,
+                        NUMBA_CACHE_DIR=None, EOL_CACHE=str(package / 'cache')),
+    )  # fmt: skip
+    assert done.returncode in (78, 1), done.stderr
+    assert 'Traceback' not in done.stderr
+    line = next(line for line in done.stderr.splitlines() if 'NUMBA_CACHE_DIR' in line)
+    assert f'{NOWHERE}/.cache/numba: neither can be written; set NUMBA_CACHE_DIR to a' in line
+
+
+def test_a_folder_for_compiled_loops_that_is_named_and_cannot_be_written(monkeypatch):
+    monkeypatch.setenv('NUMBA_CACHE_DIR', NOWHERE)
+    with pytest.raises(ConfigError, match='set NUMBA_CACHE_DIR to a folder that can be written'):
+        compiled.stamp('ice')
