@@ -95,6 +95,11 @@ class Child:
             for node in self.process.nodes
         }
 
+    def comes_back(self, now_s: float) -> bool:
+        """Tell whether it is about to be started again."""
+        due = self.start_at_s is not None and now_s >= self.start_at_s
+        return self.popen is None and due and self.policy.restarts > 0
+
     def settle(self) -> bool:
         """Give it its priority, once it is well; return False where the system forbids that."""
         allowed = True

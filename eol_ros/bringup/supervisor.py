@@ -46,7 +46,7 @@ class Supervisor:
         manager: ServiceManager | None = None,
         memory: Memory | None = None,
         notifier: Notifier | None = None,
-        changed: Callable[[], str] = lambda: '',
+        changed: Callable[[bool], str] = lambda restarting: '',
     ):
         self.scene, self.namespace, self._clock = scene, namespace, clock
         self._manager = manager or ServiceManager({}, clock)
@@ -84,9 +84,10 @@ class Supervisor:
         try:
             while not self._asked_to_stop:
                 now = self._clock()
-                if now >= self._look_s:
+                restarting = any(child.comes_back(now) for child in self.children)
+                if restarting or now >= self._look_s:
                     self._look_s = now + LOOK_S
-                    if why := self._changed():
+                    if why := self._changed(restarting):
                         self._begin_again(why)
                 ended = self._step(now)
                 if ended is not None:

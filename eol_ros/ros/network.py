@@ -7,6 +7,7 @@ no barrier: a peer that lists our address gets in; a UDP whitelist of the loopba
 
 import contextlib
 import os
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -81,25 +82,41 @@ def warnings(network: str) -> list[str]:
     return []
 
 
-def changes(network: str) -> Callable[[], str]:
+def changes(network: str) -> Callable[[bool], str]:
     """Return what says, each time it is called, whether all nodes must be started again, and why.
 
-    Participants tell each other their addresses once: those from before the tunnel came up or went
-    down, and those from after, would not find each other, not even on this machine.
+    Its argument says that one is about to be. Participants tell each other their addresses once,
+    and know by them whether they share a machine. Those from before the tunnel came up or went
+    down, and those from after, would not find each other. Where the machine has had other addresses
+    meanwhile (another lease, a cable pulled) they would, but a node that is started again then
+    would take images over UDP, with losses, and not through shared memory.
     """
-    if network != 'secure':
-        return lambda: ''
-    was = wireguard.read().up
+    was_up = network == 'secure' and wireguard.read().up
+    was = addresses()
 
-    def look() -> str:
-        nonlocal was
+    def look(restarting: bool) -> str:
+        nonlocal was_up, was
         with contextlib.suppress(ConfigError):  # somebody writes the file just now
-            if (keys := wireguard.read()).up != was:
-                was = not was
-                return f'network: secure: {keys.address} is {"up" if was else "down"} now'
+            if network == 'secure' and (keys := wireguard.read()).up != was_up:
+                was_up, was = not was_up, addresses()
+                return f'network: secure: {keys.address} is {"up" if was_up else "down"} now'
+        if restarting and (now := addresses()) != was:
+            was = now
+            return 'this machine has other addresses than before'
         return ''
 
     return look
+
+
+def addresses() -> frozenset[str]:
+    """Return the addresses of this machine, as the kernel lists them."""
+    found = set()
+    with contextlib.suppress(OSError):
+        tree = Path('/proc/net/fib_trie').read_text()
+        found.update(re.findall(r'-- (\S+)\n\s+/32 host LOCAL', tree))
+    with contextlib.suppress(OSError):
+        found.update(row.split()[0] for row in Path('/proc/net/if_inet6').read_text().splitlines())
+    return frozenset(found)
 
 
 def environment(network: str = 'local', images: bool = False) -> dict[str, str]:

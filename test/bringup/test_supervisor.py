@@ -228,6 +228,35 @@ while True:
 )
 
 
+def test_all_are_started_again_where_the_network_asks_for_it(start):
+    """At once, or only when one of them is started again anyway; nobody counts as failed."""
+    why, asked, after = [], [], []
+
+    def changed(restarting):
+        asked.append(restarting)
+        return why.pop() if why else ''
+
+    supervisor, lines = start(process('twin', STEADY), process('tracker', STEADY), changed=changed)
+
+    def work():
+        wait_until(lambda: supervisor.all_ok_s is not None)
+        before = [child.popen.pid for child in supervisor.children]
+        why.append('the tunnel is up')
+        wait_until(lambda: 'the tunnel is up: all nodes are started again' in lines)
+        wait_until(lambda: all(child.well() for child in supervisor.children))
+        after.extend(child.popen.pid for child in supervisor.children)
+        assert not set(before) & set(after)
+        assert True not in asked
+        os.kill(after[1], signal.SIGKILL)
+        wait_until(lambda: True in asked)
+        wait_until(lambda: all(child.well() for child in supervisor.children))
+        after.extend(child.popen.pid for child in supervisor.children)
+
+    attended(supervisor, work)
+    assert after[2] == after[0] and after[3] != after[1]  # nothing has changed: one comes back
+    assert lines[-1].endswith(' 1 restarts')
+
+
 def test_what_a_process_kept_it_has_again_after_a_restart(start):
     supervisor, _lines = start(process('twin', STEADY), process('tracker', KEEPING))
 

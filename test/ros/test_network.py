@@ -6,13 +6,15 @@ The other machine runs rclpy with stock transports, without a word of our config
 
 import contextlib
 import json
+import os
 import signal
 import sys
 
 import pytest
 from eol_msgs.msg import Slip
 from rclpy.serialization import serialize_message
-from support.machines import Machines, answer
+from support.machines import Machines, answer, ip
+from support.waiting import wait_until
 
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
@@ -101,3 +103,37 @@ def test_open_is_heard_by_a_stock_peer_and_by_our_own_echo(machines, bag):
 
 def _echo(*words):
     return [sys.executable, '-m', 'eol_ros', 'echo', 'slips', '--json', '--timeout', '25', *words]
+
+
+@pytest.mark.slow
+def test_a_machine_with_other_addresses_starts_all_again_with_the_first_that_is(
+    machines, bag, tmp_path
+):
+    """Else that one would take images over UDP: Fast DDS knows its own machine by its addresses."""
+    scene = tmp_path / 'scene.yaml'
+    scene.write_text(
+        'nodes:\n  recorder: off\n'
+        f'  replay: {{bag: {bag}, topics: [slips], loop: true, wait_s: 0.0}}\n'
+        '  panel: {port: 0}\n'
+    )
+    cable = machines.names['work'], f'{machines.address("work")}/24'
+    bringup = machines.run('work', sys.executable, '-m', 'eol_ros.bringup', str(scene))
+
+    def pids():
+        child = machines.run('work', sys.executable, '-m', 'eol_ros', 'status', '--json')
+        out, _ = child.communicate(timeout=30)
+        rows = json.loads(out)['nodes'] if out else []
+        return {r['node']: r['pid'] for r in rows if r['level'] == 0 and r['pid']}
+
+    try:
+        wait_until(lambda: len(pids()) == 2)
+        before = pids()
+        ip('-n', cable[0], 'addr', 'add', '192.0.2.7/24', 'dev', 'cable')
+        os.kill(before['panel'], signal.SIGKILL)
+        wait_until(lambda: len(found := pids()) == 2 and not {*found.items()} & {*before.items()})
+    finally:
+        ip('-n', cable[0], 'addr', 'del', '192.0.2.7/24', 'dev', 'cable')
+        bringup.send_signal(signal.SIGINT)
+        _, lines = bringup.communicate(timeout=30)
+    assert 'this machine has other addresses than before: all nodes are started again' in lines
+    assert lines.splitlines()[-1].endswith(' 1 restarts')
