@@ -238,19 +238,20 @@ def test_all_are_started_again_where_the_network_asks_for_it(start):
 
     supervisor, lines = start(process('twin', STEADY), process('tracker', STEADY), changed=changed)
 
+    def pids():
+        running = [child.popen.pid for child in supervisor.children if child.well()]
+        return running if len(running) == 2 else []
+
     def work():
         wait_until(lambda: supervisor.all_ok_s is not None)
-        before = [child.popen.pid for child in supervisor.children]
+        before = pids()
         why.append('the tunnel is up')
-        wait_until(lambda: 'the tunnel is up: all nodes are started again' in lines)
-        wait_until(lambda: all(child.well() for child in supervisor.children))
-        after.extend(child.popen.pid for child in supervisor.children)
-        assert not set(before) & set(after)
+        after.extend(wait_until(lambda: not set(before) & set(found := pids()) and found))
+        assert 'the tunnel is up: all nodes are started again' in lines
         assert True not in asked
         os.kill(after[1], signal.SIGKILL)
         wait_until(lambda: True in asked)
-        wait_until(lambda: all(child.well() for child in supervisor.children))
-        after.extend(child.popen.pid for child in supervisor.children)
+        after.extend(wait_until(pids))
 
     attended(supervisor, work)
     assert after[2] == after[0] and after[3] != after[1]  # nothing has changed: one comes back
