@@ -20,6 +20,7 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipDetector
 from eol_ros.core.motion.threshold import exceedance
+from eol_ros.core.physics.twin.live import Coupling
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.settings import MotionSettings
 
@@ -44,9 +45,11 @@ class TrueSlip:
 class Rehearsal:
     """The twin's table under `hands`: visitors, or sliding (a rim that is led at 0.3 m/s)."""
 
-    def __init__(self, seed: int, fps: float, hands: str = 'visitors'):
+    def __init__(
+        self, seed: int, fps: float, hands: str = 'visitors', coupling: Coupling | None = None
+    ):
         self.fps, self.hands = fps, hands
-        self.play = Play(seed)
+        self.play = Play(seed, coupling=coupling)
         self.table = self.play.table
         self.random, self.led, self.until_s = np.random.default_rng([seed, 5]), np.zeros(3), 0.0
         self.events: list[tuple[float, int, bool]] = []  # time, block, begins
@@ -120,10 +123,15 @@ class Difference:
 
 
 def measure(
-    fps: float, seconds: float, seed: int, hands: str = 'visitors', rendered: bool = False
+    fps: float,
+    seconds: float,
+    seed: int,
+    hands: str = 'visitors',
+    rendered: bool = False,
+    coupling: Coupling | None = None,
 ) -> list[dict[str, Any]]:
     """Return one row of figures for the motion node, one for the peer; times in ms."""
-    rehearsal = Rehearsal(seed, fps, hands)
+    rehearsal = Rehearsal(seed, fps, hands, coupling)
     seen_by = _tracked(rehearsal, seed) if rendered else _noisy(rehearsal, seed)
     detector, peer = SlipDetector(MotionSettings()), Difference(fps, NOISE_M)
     ours: list[tuple[int, float, float]] = []

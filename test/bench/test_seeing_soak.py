@@ -6,6 +6,7 @@ import pytest
 
 from benchmarks import identity, identity_ties, motion, twin_slips
 from benchmarks.vision_scenes import RATE_HZ, run_film
+from eol_ros.core.physics.twin.live import SOFT, Coupling
 
 pytestmark = pytest.mark.soak
 
@@ -42,9 +43,12 @@ def test_ten_minutes_of_brutal_film_report_few_hidden_blocks():
 
 
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize(('fps', 'start_ms'), [(60.0, 1.7), (120.0, 1.0)])
-def test_ten_minutes_of_visitors_lose_no_slip(fps, start_ms):
-    ours, peer = twin_slips.measure(fps, 600.0, 3)
+@pytest.mark.parametrize(
+    ('coupling', 'fps', 'start_ms'),
+    [(SOFT, 60.0, 1.7), (SOFT, 120.0, 1.0), (Coupling(), 60.0, 1.7), (Coupling(), 120.0, 1.2)],
+)
+def test_ten_minutes_of_visitors_lose_no_slip(coupling, fps, start_ms):
+    ours, peer = twin_slips.measure(fps, 600.0, 3, coupling=coupling)
     assert ours['slips'] > 3000
     assert ours['recall'] >= 0.995 and ours['precision'] >= 0.995
     assert ours['start_rms_ms'] <= start_ms < peer['start_rms_ms']

@@ -20,6 +20,7 @@ class Play:
         self.rim = Rim(self.table.pull, coupling.stiffness)
         self.visitors, self.commands = Visitors(seed), Commands()
         self.time_s, self.playing = 0.0, ''
+        self._rested = False  # in the last step: no hand, and nothing moved
 
     def advance(self, span_s: float, visitors: bool = True) -> float:
         """Move on by `span_s`; without `visitors` only people move the rim. Return the begin, s."""
@@ -31,6 +32,10 @@ class Play:
             self.visitors.let_go(self.time_s, people_s)
         self.playing = 'people' if people_s > 0 else 'visitors' if visitors else 'nobody'
         hands = self.visitors.hands(self.time_s, self.rim.pose)
-        self.rim.advance(span_s, hands + self.commands.hands(self.time_s))
+        hands += self.commands.hands(self.time_s)
+        rests = not (hands or self.rim.velocity.any() or self.table.moving.any())
+        if not (rests and self._rested):  # else nothing would come of it either
+            self.rim.advance(span_s, hands)
+        self._rested = rests
         self.table.advance(begin_s, self.time_s, self.rim.pose, self.rim.velocity)
         return begin_s
