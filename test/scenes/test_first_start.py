@@ -29,6 +29,7 @@ nodes:
 elsewhere: [motion]
 """
 WHOLE = """\
+scene: scene
 include: rehearsal.yaml
 nodes:
   panel: {port: 0}
