@@ -142,9 +142,9 @@ def table(status: dict[str, Any]) -> str:
     lines = [
         f'{status["scene"]} in /{status["namespace"]}  running {age}  '
         f'restarts {status["restarts"]}  {words}',
-        f'{"NODE":10}{"STATE":10}{"RATE":>9}  NOTE',
+        f'{"NODE":12}{"STATE":10}{"RATE":>9}  NOTE',
     ]
     for row in status['nodes']:
         rate = f'{row["rate"]:.1f} Hz' if row['rate'] else '-'
-        lines.append(f'{row["node"]:10}{WORDS[row["level"]]:10}{rate:>9}  {row["text"]}')
+        lines.append(f'{row["node"]:12}{WORDS[row["level"]]:10}{rate:>9}  {row["text"]}')
     return '\n'.join(lines)
