@@ -8,13 +8,15 @@ which files that made. Where the package's own folders cannot be written, numba 
 user's, and so do the stamps.
 """
 
+import contextlib
+import fcntl
 import hashlib
 import importlib.metadata
 import json
 import os
 import platform
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +44,29 @@ _MACHINE = ('model name', 'flags', 'Features', 'CPU implementer', 'CPU part')
 def cold(parts: Iterable[str]) -> list[str]:
     """Return those of `parts` (names of nodes; others need nothing) that must be compiled."""
     return [part for part in PARTS if part in set(parts) and not _is_warm(part)]
+
+
+@contextlib.contextmanager
+def alone(waiting: Callable[[], None]) -> Iterator[None]:
+    """Hold the cache while something is compiled into it; others wait, after `waiting()`.
+
+    So two first starts at once do not compile everything twice, and neither forgets what the other
+    has just made. Where no lock can be had they do.
+    """
+    path = _stamp('lock').with_suffix('.lock')
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = path.open('ab')
+    except OSError:
+        yield
+        return
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            waiting()
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def stamp(part: str) -> None:

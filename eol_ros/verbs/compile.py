@@ -17,6 +17,7 @@ from eol_ros.verbs.progress import track
 
 HELP = 'Compile the kernels of twin, tracker and sound into the cache; make the ice recording.'
 EXAMPLES = ['eol compile', 'eol compile --parts sound,simulate', 'eol compile --force']
+WAITING = 'another process compiles into the same cache; waiting until it is done'
 SAY_S = 5.0  # a line of progress at least so often where there is no terminal
 
 
@@ -50,17 +51,27 @@ def run(args):
     if args.here:
         return _here(parts)
     if args.force:
-        compiled.forget(everything=True)
+        with compiled.alone(_say_waiting):
+            compiled.forget(everything=True)
     ensure(parts)
     return 0
 
 
 def ensure(parts: Sequence[str]) -> None:
     """Compile what of `parts` is not in the cache as it should be, and show how far that is."""
-    cold = compiled.cold(parts)
-    if not cold:
+    if not compiled.cold(parts):
         return
-    compiled.forget()
+    with compiled.alone(_say_waiting):
+        if cold := compiled.cold(parts):  # still, behind whom it waited for
+            compiled.forget()
+            _compile(cold)
+
+
+def _say_waiting() -> None:
+    print(WAITING, file=sys.stderr, flush=True)
+
+
+def _compile(cold: Sequence[str]) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and the processes end with this one
     print('compiling, once for this version and this processor', file=sys.stderr, flush=True)
     if sys.stderr.isatty():
