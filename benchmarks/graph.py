@@ -20,13 +20,14 @@ from typing import Any
 from benchmarks.machine import tell
 from benchmarks.running import Film, Graph, stand_in, summary
 from eol_ros import scene as scenes
-from eol_ros.errors import EolError
+from eol_ros.errors import EolError, UsageError
 from eol_ros.ros.stamps import NS, to_ns
 
 HELP = 'Measure the running graph: images, latency, processor, memory, start-up, per scene.'
 EXAMPLES = [
     'eol bench graph --seconds 30 --json',
     'eol bench graph --scenes rehearsal --seconds 60',
+    'eol bench graph --scenes rehearsal --fast 0 --plot docs/img',
 ]
 ONSET_TOPICS = ('truth', 'slips', 'block_taps', 'led_commands', 'grain_triggers')
 NEAR_S = 0.05  # an onset that far from any true one is another's
@@ -46,11 +47,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='FPS',
         help='rate of the file-fed camera run; 0 leaves it out',
     )
+    parser.add_argument(
+        '--plot',
+        type=Path,
+        metavar='FOLDER',
+        help='measure the rehearsal again, lit by the camera alone; write light_latency.png there',
+    )
     parser.add_argument('--json', action='store_true')
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
+    light_ms: dict[str, list[float]] = {}
+    if args.plot and 'rehearsal' not in args.scenes.split(','):
+        raise UsageError('--plot draws the rehearsal: name it in --scenes')
+    light_ms: dict[str, list[float]] = {}
     results: dict[str, Any] = {'cores': os.cpu_count(), 'load': os.getloadavg()[0], 'scenes': {}}
     with tempfile.TemporaryDirectory(prefix='eol-bench-') as place:
         folder = Path(place)
@@ -60,14 +71,43 @@ def run(args: argparse.Namespace) -> int:
             print(f'{name}: {args.seconds:g} s', file=sys.stderr, flush=True)
             scene = stand_in(name, folder, film, bag)
             results['scenes'][name] = measure(scene, folder / f'bags-{name}', args.seconds)
+            light_ms[name] = results['scenes'][name].pop('light_ms')
             if name == 'rehearsal':
                 bag = folder / f'bags-{name}'  # the newest in it
         if args.fast:
             print(f'file-fed camera at {args.fast:g}/s', file=sys.stderr, flush=True)
             scene = film.scene(args.fast)
             results['file_camera'] = measure(scene, None, min(args.seconds, 30.0))
+            results['file_camera'].pop('light_ms')
+        if args.plot:
+            print('rehearsal, lit by the camera alone', file=sys.stderr, flush=True)
+            scene = stand_in('rehearsal', folder, film, None, {'leds': {'trigger': 'slips'}})
+            alone = measure(scene, folder / 'bags-alone', args.seconds)
+            draw(light_ms['rehearsal'], alone['light_ms'], args.plot)
     tell(results, args.json, table)
     return 0
+
+
+def draw(both_ms: list[float], camera_ms: list[float], folder: Path) -> None:
+    """Write light_latency.png: how many slips have light so long after their true onset."""
+    import matplotlib
+
+    matplotlib.use('Agg')
+    from matplotlib import pyplot as plt
+
+    figure, axis = plt.subplots(figsize=(6.5, 3.2), layout='constrained')
+    for ms, label in ((both_ms, 'blocks and camera'), (camera_ms, 'camera alone')):
+        axis.ecdf(ms, label=f'{label}, {len(ms)} slips')
+    axis.set(
+        xscale='log', xlim=(0.5, 200), xlabel='from the true onset of a slip to its light, ms',
+        ylabel='share of slips',
+    )  # fmt: skip
+    axis.grid(alpha=0.3, which='both')
+    axis.xaxis.set_major_formatter('{x:g}')
+    axis.legend(loc='upper left')
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(folder / 'light_latency.png', dpi=110)
+    plt.close(figure)
 
 
 def measure(scene: Path, bags: Path | None, seconds: float) -> dict[str, Any]:
@@ -83,6 +123,7 @@ def measure(scene: Path, bags: Path | None, seconds: float) -> dict[str, Any]:
         led_bytes = graph.led_latencies()
         from_onset = onset_latencies(graph, loaded) if keep else {}
         lived_s = graph.status()['running_s'] - all_ok_s
+    light_ms = from_onset.pop('light_ms', [])
     stages = {topic: graph.latencies(topic) for topic in STAGES}
     stages['led_bytes'] = led_bytes
     if bags is not None and bags.exists():
@@ -93,6 +134,7 @@ def measure(scene: Path, bags: Path | None, seconds: float) -> dict[str, Any]:
         **figures,
         'latency_ms': {stage: row for stage, row in stages.items() if row},
         'onset_latency_ms': from_onset,
+        'light_ms': light_ms,
     }
 
 
@@ -112,6 +154,7 @@ def onset_latencies(graph: Graph, scene: scenes.Scene) -> dict[str, Any]:
     begun = [(onset_ns, block) for onset_ns, block in begun if onset_ns >= graph.begin_ns]
     felt_ms, seen_ms = light_latencies(graph, begun)
     found: dict[str, Any] = {
+        'light_ms': felt_ms + seen_ms,
         'light': summary(felt_ms + seen_ms),
         'light, felt': summary(felt_ms),
         'light, camera': summary(seen_ms),

@@ -255,10 +255,21 @@ class Film:
         return path
 
 
-def stand_in(name: str, folder: Path, film: Film, bag: Path | None) -> Path:
-    """Return a scene file like the shipped `name`, with stand-ins in place of its devices."""
+def stand_in(
+    name: str,
+    folder: Path,
+    film: Film,
+    bag: Path | None,
+    changed: dict[str, dict[str, Any]] | None = None,
+) -> Path:
+    """Return a scene file like the shipped `name`, with stand-ins in place of its devices.
+
+    changed: settings by node.
+    """
     values = scenes.plain(scenes.load(name))
     nodes = values['nodes']
+    for node, settings in (changed or {}).items():
+        nodes[node].update(settings)
     if 'camera' in nodes:
         nodes['camera'].update(device=str(film.file()), loop=True)
     path = folder / f'{name}.yaml'
