@@ -30,7 +30,7 @@ class HoursNode(EolNode):
         self.door = Door(hours, self.resumed.get('heeded_s'))
         self.asleep = bool(self.resumed.get('asleep'))
         there = {*self.scene.nodes, *self.scene.elsewhere} - {self.NAME}
-        self.sleepers = there & set(KINDS[SLEEP].nodes)
+        self.sleepers = there & set(KINDS[SLEEP].whom(''))
         self.kind = ''  # what is being asked of the work
         self.waits: set[str] = set()  # for the answers of these
         self.began_s = self.asked_s = 0.0

@@ -263,7 +263,7 @@ def expected_of(kind: str, node: str, runs: Callable[[str], bool]) -> set[str]:
     if row.answered_by and not runs(row.answered_by):
         raise DeviceMissing(_do_not([row.answered_by], 'run'))
     if not heeding:
-        raise DeviceMissing(_do_not(asked, 'run'))
+        raise DeviceMissing(_do_not(asked if node else row.nodes, 'run'))
     return {row.answered_by} if row.answered_by else heeding
 
 

@@ -69,13 +69,15 @@ class Word:
 class Kind:
     """One kind of request.
 
-    nodes: who heeds it. takes: its values. answered_by: whose result is the last word, where that
-    is another node. within_s: how long that may take. internal: nodes ask it of each other.
+    nodes: who heeds it. also: who follows it where a scene has them. takes: its values.
+    answered_by: whose result is the last word, where that is another node. within_s: how long that
+    may take. internal: nodes ask it of each other.
     """
 
     name: str
     doc: str
     nodes: tuple[str, ...]
+    also: tuple[str, ...] = field(default=(), kw_only=True)
     takes: tuple[Number | Word, ...] = ()
     answered_by: str = ''
     within_s: float = 3.0
@@ -83,9 +85,10 @@ class Kind:
 
     def whom(self, node: str) -> tuple[str, ...]:
         """Return whom a request to `node` is for, empty for all; raise UsageError if nobody."""
-        if node and node not in self.nodes:
-            raise UsageError(f'{self.name}: {node} does not heed it, but {", ".join(self.nodes)}')
-        return (node,) if node else self.nodes
+        heeding = self.nodes + self.also
+        if node and node not in heeding:
+            raise UsageError(f'{self.name}: {node} does not heed it, but {", ".join(heeding)}')
+        return (node,) if node else heeding
 
     def check(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the checked values; raise UsageError that names what is wrong."""
@@ -110,15 +113,16 @@ def checked(
 _GRAIN = Number('grain', 0, 2**32 - 1, whole=True)
 _TIME = Number('until_ns', 0, 2**63 - 1, whole=True)
 
-_SLEEPERS = ('leds', 'sound', 'montage', 'hours', 'projectors')
+_SLEEPERS = ('leds', 'sound', 'montage')
+_FOLLOW = ('hours', 'projectors')
 _LIVE = tuple(name for name, node in NODES.items() if live_fields(node.settings))
 
 KINDS: dict[str, Kind] = {
     kind.name: kind
     for kind in (
         Kind(SET, 'change live settings, from the next image on', _LIVE, within_s=20.0),
-        Kind('sleep', 'walls black, sound silent, LEDs dark', _SLEEPERS),
-        Kind('wake', 'the work runs again', _SLEEPERS),
+        Kind('sleep', 'walls black, sound silent, LEDs dark', _SLEEPERS, also=_FOLLOW),
+        Kind('wake', 'the work runs again', _SLEEPERS, also=_FOLLOW),
         Kind('mute', 'no sound', ('sound',)),
         Kind('unmute', 'sound again', ('sound',)),
         Kind('test', 'test card on the walls, all lights, noise from each loudspeaker in turn',
