@@ -10,6 +10,7 @@ from support.waiting import wait_until
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.tracker import Tracker
+from eol_ros.devices.board import block
 from eol_ros.devices.files.tracker_files import calibration_of
 from eol_ros.nodes.twin import TwinNode
 from eol_ros.ros.definitions import definition
@@ -123,6 +124,32 @@ def test_a_commanded_rim_drags_the_blocks(graph):
     last = probe.truths[max(probe.truths)]
     assert np.mean(last.x) > np.mean(still.x)
     assert abs(last.energy_residual) < 1e-5
+
+
+@pytest.mark.skipif(
+    not block.compiled(), reason='in a checkout: python setup.py build_ext --inplace'
+)
+def test_a_block_that_lights_itself_shines_in_the_images(ros):
+    twin = TwinNode(TwinSettings(hands='nobody', noise='none'))
+    table = twin.play.table
+    try:
+        for _ in range(600):
+            before = twin.image.astype(int)
+            twin.play.commands.take(twin.play.time_s, 'test', (0.25, 0.0, 0.0), 0.3)
+            twin.film(0, 1 / 60)
+            if twin.blocks.lit:
+                break
+        lit = sorted({b for _, b in twin.blocks.lit})
+        u, v = np.rint(
+            Calibration.ideal(1280, 800).to_pixels(np.column_stack([table.x, table.y]))
+        ).T
+        brighter = (twin.image - before)[v.astype(int), u.astype(int)]
+    finally:
+        twin.close()
+        twin.destroy_node()
+    assert lit
+    assert brighter[lit].min() > 30
+    assert np.abs(np.delete(brighter, lit)).max() < 10
 
 
 @pytest.mark.slow
