@@ -13,9 +13,10 @@ import sys
 import pytest
 from eol_msgs.msg import Slip
 from rclpy.serialization import serialize_message
-from support.machines import Machines, answer, ip
+from support import needs
 from support.waiting import wait_until
 
+from benchmarks.machines import Machines, NoMachines, answer, ip
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.ros.definitions import describe
@@ -38,10 +39,13 @@ print(json.dumps({'heard': min(len(heard), 5), 'nodes': node.get_node_names()}))
 @pytest.fixture(scope='module')
 def machines():
     """The work and somebody else, on one cable."""
+    needs.system('iproute2')
     found = Machines('work', 'other')
     try:
         found.start()
         yield found
+    except NoMachines as error:
+        pytest.skip(str(error))
     finally:
         found.stop()
 

@@ -6,55 +6,53 @@ own.
 """
 
 import os
+import shutil
 import subprocess
-
-import pytest
-
-from support import needs
+import sys
+from collections.abc import Iterable
+from pathlib import Path
 
 DOMAIN = '61'
 
 
-class Machines:
-    """Network namespaces; the n-th has the address `net.n` and the name that it is given."""
+class NoMachines(RuntimeError):
+    """Network namespaces, or a program that they need, cannot be had here."""
 
-    def __init__(self, *names):
+
+class Machines:
+    """Network namespaces; the n-th has the address `net.n` on the cable, and a name.
+
+    `variables`: of the environment of what is run, by machine.
+    """
+
+    def __init__(self, *names: str):
         self.names = {name: f'eol-{name}-{os.getpid()}' for name in names}
         self.work = names[0]
         self.net = f'192.168.{os.getpid() % 250}'
-        self.variables = {}  # of the environment, by machine
+        self.variables: dict[str, dict[str, str]] = {}
 
-    def start(self):
-        """Make them; skip the test where that is not permitted."""
-        needs.system('iproute2')
+    def start(self) -> None:
+        """Make them; raises NoMachines where that is not permitted."""
+        require(['ip'])
         first, *others = self.names.values()
         try:
             ip('netns', 'add', first)
         except subprocess.CalledProcessError as error:
-            pytest.skip(f'network namespaces are not permitted here: {error.stderr.strip()}')
+            raise NoMachines(
+                f'network namespaces are not permitted: {error.stderr.strip()}'
+            ) from None
         ip('-n', first, 'link', 'add', 'cable', 'type', 'bridge')
         for i, name in enumerate(others):
             ip('netns', 'add', name)
-            ip(
-                '-n',
-                first,
-                'link',
-                'add',
-                f'port{i}',
-                'type',
-                'veth',
-                'peer',
-                'cable',
-                'netns',
-                name,
-            )
+            port = [f'port{i}', 'type', 'veth', 'peer', 'cable', 'netns', name]
+            ip('-n', first, 'link', 'add', *port)
             ip('-n', first, 'link', 'set', f'port{i}', 'master', 'cable', 'up')
         for i, name in enumerate(self.names.values()):
             ip('-n', name, 'addr', 'add', f'{self.net}.{i + 1}/24', 'dev', 'cable')
             for link in ('lo', 'cable'):
                 ip('-n', name, 'link', 'set', link, 'up')
 
-    def stop(self):
+    def stop(self) -> None:
         """Remove them, and whatever runs in them."""
         for name in self.names.values():
             pids = subprocess.run(
@@ -63,11 +61,11 @@ class Machines:
             subprocess.run(['kill', '-9', *pids], check=False, capture_output=True)
             subprocess.run(['ip', 'netns', 'del', name], check=False, capture_output=True)
 
-    def address(self, machine):
+    def address(self, machine: str) -> str:
         """Return the address of a machine on the cable."""
         return f'{self.net}.{list(self.names).index(machine) + 1}'
 
-    def run(self, machine, *command, **variables):
+    def run(self, machine: str, *command: str, **variables: str) -> subprocess.Popen[str]:
         """Start a command on a machine; stock transports, unless it sets its own."""
         env = {k: v for k, v in os.environ.items()
                if not k.startswith(('FASTRTPS', 'FASTDDS', 'ROS_', 'RMW_'))}  # fmt: skip
@@ -84,13 +82,44 @@ class Machines:
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env,
         )  # fmt: skip
 
+    def eol(self, machine: str, *words: str) -> str:
+        """Return what `eol` says there."""
+        return answer(self.run(machine, sys.executable, '-m', 'eol_ros', *words))
 
-def ip(*words):
+    def let_in(self, guest: str, folder: Path) -> None:
+        """Give the work keys, let `guest` in, and bring both ends of the tunnel up."""
+        require(['wg', 'wg-quick', 'nft'])
+        for name in (self.work, guest):
+            self.variables[name] = {'EOL_CONFIG': str(folder / name)}
+        self.eol(self.work, 'keys', 'make')
+        theirs = folder / f'{guest}.conf'
+        words = ['keys', 'add', guest, '--endpoint', self.address(self.work)]
+        theirs.write_text(self.eol(self.work, *words))
+        self.eol(guest, 'keys', 'join', str(theirs))
+        for name in (self.work, guest):
+            self.up(name)
+
+    def up(self, machine: str) -> None:
+        """Bring the tunnel up on a machine."""
+        config = f'{self.variables[machine]["EOL_CONFIG"]}/eol0.conf'
+        answer(self.run(machine, 'wg-quick', 'up', config))
+
+
+def require(programs: Iterable[str]) -> None:
+    """Raise NoMachines where one of the programs is missing."""
+    for program in programs:
+        if shutil.which(program) is None:
+            raise NoMachines(
+                f'no {program} here: apt-get install iproute2 wireguard-tools wireguard-go nftables'
+            )
+
+
+def ip(*words: str) -> None:
     """Run `ip`."""
     subprocess.run(['ip', *words], check=True, capture_output=True, text=True)
 
 
-def answer(child, seconds=40):
+def answer(child: subprocess.Popen[str], seconds: float = 40.0) -> str:
     """Return what a command said when it has ended well."""
     out, err = child.communicate(timeout=seconds)
     assert child.returncode == 0, err
