@@ -271,9 +271,12 @@ def sleeping(seconds: float, seed: int) -> dict[str, Any]:
     """Return figures of blocks that sleep: visitors come for 15 s every 90 s."""
     twin, blocks = Twin(seed, DROP, pauses=True), FeltBlocks(TwinSettings(seed=seed))
     first, later = [], []
+    lit: dict[str, list[tuple[int, float]]] = {'first': [], 'later': []}
     for begin_s, end_s in twin.images(round(seconds * FPS)):
         for knock in blocks.advance(begin_s, end_s, twin.table.trace, twin.rim.velocity):
             (first if knock.first else later).append((knock.time_s, knock.block, knock.time_s))
+            which = 'first' if knock.first else 'later'
+            lit[which].append((knock.block, knock.time_s + knock.lit_s))
     alone = {'reported': len(first), 'of_reports': len(first) + len(later)}
     both = compare(twin.all_slips(), first + later, seconds)
     onsets: dict[int, list[float]] = {b: [] for b in range(N_BLOCKS)}
@@ -281,12 +284,18 @@ def sleeping(seconds: float, seed: int) -> dict[str, Any]:
         onsets[slip.block].append(slip.onset_s)
     errors = [min((t - on for on in onsets[b]), key=abs, default=np.inf) for t, b, _ in first]
     near = [e for e in errors if abs(e) < 0.03]
+    light = {}
+    for which, told in lit.items():
+        late = [min((t - on for on in onsets[b] if on < t), default=np.inf) for b, t in told]
+        p50, p99 = np.percentile([1e3 * s for s in late if s < 0.05] or [np.nan], [50, 99])
+        light |= {f'{which}_light_p50_ms': float(p50), f'{which}_light_p99_ms': float(p99)}
     return alone | {
         'first_of_a_slip': len(near),
         'first_rms_ms': 1e3 * float(np.sqrt(np.mean(np.square(near or [np.nan])))),
         'over_2mm_found': both['over_2mm']['found'],
         'false_per_h': both['false_per_h'],
         'onset_rms_ms': both['onset_rms_ms'],
+        **light,
     }
 
 
