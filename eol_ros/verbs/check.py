@@ -134,6 +134,13 @@ def _calibration(settings: Any, name: str) -> Iterator[Check]:
         yield f'{name}.calibration', lambda: calibration_file.load(path, mirror)
 
 
+def _twin(settings: Any) -> Iterator[Check]:
+    static, kinetic = settings.mu_static, settings.mu_kinetic
+    if kinetic > static:
+        what = f'is {kinetic:g}, mu_static is {static:g}: kinetic friction cannot exceed static'
+        yield 'twin.mu_kinetic', functools.partial(_refuse, what)
+
+
 def _camera(settings: Any) -> Iterator[Check]:
     from eol_ros.devices.camera.sources import VideoFile, is_file
 
@@ -226,6 +233,7 @@ def _recorder(settings: Any) -> Iterator[Check]:
 
 
 _NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
+    'twin': _twin,
     'camera': _camera,
     'tracker': _tracker,
     'leds': _leds,

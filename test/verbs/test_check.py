@@ -67,7 +67,7 @@ def _no_zone(name):
 
 
 EVERYTHING = """\
-  twin: {}
+  twin: {mu_kinetic: 1.2}
   tracker: {calibration: camera.yaml, background: dirt.png, blink_block: 3}
   motion: {}
   leds:
@@ -100,6 +100,7 @@ def test_all_that_nodes_would_refuse_is_told_at_once(check, tmp_path):
         f'{tmp_path}/dirt.png:1:1 error tracker.background': 'not an image',
         f'{tmp_path}/ice.wav:1:1 error grains.sound': 'not a sound that libsndfile reads',
         f'{tmp_path}/pictures:1:1 error montage.pairs': 'a.png: missing',
+        f'{scene}:2:22 error twin.mu_kinetic': 'is 1.2, mu_static is 0.9',
         f'{scene}:3:26 error tracker.calibration': 'images of 640x480, twin gives 1280x800',
         f'{scene}:7:18 error leds.flash_limit': 'needs a written reason',
         f'{scene}:8:18 error leds.blink_block': 'is 4, tracker.blink_block is 3',
@@ -108,7 +109,7 @@ def test_all_that_nodes_would_refuse_is_told_at_once(check, tmp_path):
         f'{scene}:16:22 error recorder.folder': 'nothing can be written in /dev/null',
     }.items():
         assert [line for line in lines if line.startswith(place) and what in line], (place, words)
-    assert lines[-1] == '9 errors. Nothing was started.'
+    assert lines[-1] == '10 errors. Nothing was started.'
 
 
 def test_programs_get_the_mistakes_as_json(check):
