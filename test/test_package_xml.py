@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[1]
 # Import to rosdep key, where they differ; rosdep/python.yaml of ros/rosdistro has them.
 KEYS = {
     'aiohttp': 'python3-aiohttp',
+    'cryptography': 'python3-cryptography',
     'cv2': 'python3-opencv',
     'matplotlib': 'python3-matplotlib',
     'numba': 'python3-numba',
