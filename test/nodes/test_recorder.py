@@ -259,14 +259,21 @@ def test_what_dds_lost_on_the_way_is_counted(tmp_path):
     bags = tmp_path / 'bags'
     words = [sys.executable, '-m', 'eol_ros.nodes.recorder', '--ros-args']
     words += ['-p', f'folder:={bags}', '-p', 'images:=all', '-p', 'min_free_gb:=0.0']
-    recorder = subprocess.Popen(words, env=env, stderr=subprocess.DEVNULL)
+    log = tmp_path / 'recorder.log'
+    with log.open('wb') as said:
+        recorder = subprocess.Popen(words, env=env, stderr=said)
     camera = subprocess.Popen(
         [sys.executable, '-c', CAMERA], env=env, stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
     assert camera.stdout.readline() == b'sent\n'
     time.sleep(1.0)
     recorder.send_signal(signal.SIGTERM)
-    assert recorder.wait(timeout=120) == 0  # 300 MB to the disk, beside other tests
+    try:  # 300 MB to the disk, beside other tests
+        assert recorder.wait(timeout=60) == 0
+    except subprocess.TimeoutExpired:
+        recorder.send_signal(signal.SIGABRT)  # it says where it stands
+        recorder.wait(timeout=30)
+        pytest.fail(log.read_text(errors='replace')[-4000:])
     camera.communicate(timeout=30)
     bag = BagReader(bags)
     came = bag.counts['/eol/camera/image_raw']
