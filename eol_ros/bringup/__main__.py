@@ -6,7 +6,7 @@ import dataclasses
 import os
 import sys
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import yaml
 
@@ -15,12 +15,14 @@ from eol_ros import scene as scenes
 from eol_ros.bringup import plan, status
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.memory import Memory
-from eol_ros.bringup.notify import Notifier
 from eol_ros.bringup.service_manager import ServiceManager
 from eol_ros.bringup.supervisor import Supervisor
 from eol_ros.bringup.terminal import Terminal
 from eol_ros.errors import UsageError
 from eol_ros.ros import installed, network
+
+if TYPE_CHECKING:
+    from eol_ros.bringup.notify import Notifier
 
 HELP = 'Start a scene, watch its nodes, start them again when they die; stop with Ctrl-C.'
 EXAMPLES = [
@@ -114,9 +116,18 @@ def run(args: argparse.Namespace) -> int:
             memory=None
             if 'replay' in scene.nodes  # which plays what was asked in its run
             else Memory(scene, plan.domain(scene), always=manager.there),
-            notifier=Notifier(scene) if scene.notify else None,
+            notifier=_notifier(scene),
         )
         return supervisor.run(args.seconds)
+
+
+def _notifier(scene: scenes.Scene) -> 'Notifier | None':
+    """Return what tells people; mail and webhooks are loaded for scenes that name somebody."""
+    if scene.notify is None:
+        return None
+    from eol_ros.bringup.notify import Notifier
+
+    return Notifier(scene)
 
 
 def _scene_file(scene: scenes.Scene) -> TextIO:

@@ -10,17 +10,19 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from eol_ros.bringup import status
 from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.memory import Memory, words
-from eol_ros.bringup.notify import Notifier
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import FINE, HUNG, PAUSE_S, START_S, START_STARVED_S, STARVED, STARVED_S
 from eol_ros.bringup.service_manager import ServiceManager
 from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE
+
+if TYPE_CHECKING:
+    from eol_ros.bringup.notify import Notifier
 
 FINAL = (2, 69, 78)  # a node that ends so at the start will not do better when started again
 DRAIN_S = 0.3  # from the last image to all that it causes
@@ -45,7 +47,7 @@ class Supervisor:
         clock: Callable[[], float] = time.monotonic,
         manager: ServiceManager | None = None,
         memory: Memory | None = None,
-        notifier: Notifier | None = None,
+        notifier: 'Notifier | None' = None,
         changed: Callable[[bool], str] = lambda restarting: '',
     ):
         self.scene, self.namespace, self._clock = scene, namespace, clock
