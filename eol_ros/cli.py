@@ -119,28 +119,29 @@ def run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
     except EolError as error:
         print(f'{prog}: {error}' if '\n' not in str(error) else error, file=sys.stderr)
         return error.exit_code
-    except ModuleNotFoundError as error:
-        from eol_ros.ros import installed
-
-        known = installed.explained(error)
+    except (ModuleNotFoundError, RuntimeError) as error:
+        known = _explained(error)
         if known is None:
             raise
         print(f'{prog}: {known}', file=sys.stderr)
         return known.exit_code
-    except RuntimeError as error:
-        from eol_ros import compiled
-
-        line = compiled.explained(error)
-        if line is None:
-            raise
-        print(f'{prog}: {line}', file=sys.stderr)
-        return line.exit_code
     except KeyboardInterrupt:
         print(f'{prog}: stopped', file=sys.stderr)
         return 0
     except BrokenPipeError:  # the reader of our stdout has gone, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def _explained(error: ModuleNotFoundError | RuntimeError) -> EolError | None:
+    """Return what to do about what others' code has raised; None for a fault of ours."""
+    if isinstance(error, ModuleNotFoundError):
+        from eol_ros.ros import installed
+
+        return installed.explained(error)
+    from eol_ros import compiled
+
+    return compiled.explained(error)
 
 
 def _keep_warning(

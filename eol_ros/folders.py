@@ -37,6 +37,12 @@ def config_path() -> Path:
     return _root('EOL_CONFIG', 'XDG_CONFIG_HOME', '~/.config')
 
 
+def nearest(path: Path) -> Path:
+    """Return `path`, or of the folders above it the nearest that is there."""
+    path = path.absolute()
+    return next(there for there in (path, *path.parents) if there.exists())
+
+
 def _root(own: str, common: str, usual: str) -> Path:
     root = os.environ.get(own) or os.path.join(os.environ.get(common) or usual, 'eol_ros')
     return Path(root).expanduser()

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 SETTLED_S = 30.0  # well for so long: what flaps is not well in between
-STARTING, DOWN = 3, 4  # levels of a status
+STARTING = 3  # level of a status, and all above it do not run
 START_S = 180.0  # who starts may be not OK for so long more: it may compile
 STORM, STORM_S = 5, 600.0  # so many starts within this time, though each lasts but seconds
 GB = 1e9

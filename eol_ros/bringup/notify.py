@@ -24,9 +24,12 @@ from email.message import EmailMessage
 from pathlib import Path
 from typing import Any
 
+from eol_ros import folders
 from eol_ros.bringup.lasting import Lasting, Storms, Sums, of_disk, of_nodes
 from eol_ros.bringup.status import WORDS
+from eol_ros.devices.address import host_and_port
 from eol_ros.devices.files.day_file import DayFile
+from eol_ros.devices.files.time_zone import clock_is_set
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.scene import Scene
 from eol_ros.settings import NotifySettings, RecorderSettings
@@ -36,7 +39,6 @@ AGAIN_S = 30.0, 900.0  # a message that was not taken is sent again so much late
 QUEUE = 20  # messages that wait; beyond it the oldest goes
 LOOK_S = 1.0
 DISK_S = 60.0
-CLOCK_SET_S = 1_767_225_600.0  # 2026: a clock that shows a time before has not been set
 _MAIL = re.compile(r'[^@\s]+@[^@\s]+')
 
 
@@ -68,7 +70,7 @@ def mistakes(settings: NotifySettings) -> Iterator[tuple[str, str]]:
             yield 'mail_to', f'{address!r} is not a mail address'
     if settings.mail_to and not _MAIL.fullmatch(settings.mail_from):
         yield 'mail_from', f'{settings.mail_from!r} is not a mail address, which mail needs'
-    if settings.mail_to and _host_and_port(settings.smtp) is None:
+    if settings.mail_to and host_and_port(settings.smtp) is None:
         yield 'smtp', f'{settings.smtp!r} is not HOST:PORT, such as mail.museum.at:587'
     if settings.smtp_user and settings.smtp_security == 'none':
         yield 'smtp_user', 'would send the password in clear: choose smtp_security: starttls or tls'
@@ -80,12 +82,6 @@ def check(settings: NotifySettings) -> None:
     """Raise ConfigError with a line for each mistake."""
     if found := [f'notify.{name}: {what}' for name, what in mistakes(settings)]:
         raise ConfigError('\n'.join(found))
-
-
-def _host_and_port(text: str) -> tuple[str, int] | None:
-    host, _, port = text.rpartition(':')
-    good = host and port.isdigit() and 0 < int(port) < 65536
-    return (host.strip('[]'), int(port)) if good else None
 
 
 def _minutes(text: str) -> int | None:
@@ -135,7 +131,7 @@ class Mail:
 
     def __init__(self, settings: NotifySettings, context: ssl.SSLContext | None = None):
         self._settings, self._context = settings, context
-        self._server = _host_and_port(settings.smtp) or ('', 0)
+        self._server = host_and_port(settings.smtp) or ('', 0)
 
     def send(self, message: Mapping[str, Any]) -> str:
         """Send it; return what the server is called; raise NotDelivered where it refused."""
@@ -303,7 +299,7 @@ class Notifier:
     def _day(self, now_s: float) -> Message | None:
         """Return the sum of a day when it is due; one whose time came without power, later."""
         wall_s, daily = self._wall(), _minutes(self._settings.daily)
-        if daily is None or wall_s < CLOCK_SET_S:
+        if daily is None or not clock_is_set(wall_s):
             return None
         if not 0 < self._sums.since_s <= wall_s:
             self._sums.since_s = wall_s
@@ -316,11 +312,10 @@ class Notifier:
 
     def _keep_house(self) -> None:
         """Look at the disk now and then, and keep the sums: one that hangs hangs this thread."""
-        folder = Path(self._recorder.folder if self._recorder else '/').expanduser().absolute()
+        folder = Path(self._recorder.folder if self._recorder else '/').expanduser()
         while True:
             with contextlib.suppress(OSError):
-                there = next(path for path in (folder, *folder.parents) if path.exists())
-                self._free_bytes = shutil.disk_usage(there).free
+                self._free_bytes = shutil.disk_usage(folders.nearest(folder)).free
             if self._ended.wait(DISK_S):
                 return
             self._file.save(self._sums.kept(), float('inf'))

@@ -91,15 +91,14 @@ def changes(network: str) -> Callable[[bool], str]:
     meanwhile (another lease, a cable pulled) they would, but a node that is started again then
     would take images over UDP, with losses, and not through shared memory.
     """
-    was_up = network == 'secure' and wireguard.read().up
-    was = addresses()
+    keys = wireguard.read() if network == 'secure' else None
+    was_up, was = bool(keys and keys.up), addresses()
 
     def look(restarting: bool) -> str:
         nonlocal was_up, was
-        with contextlib.suppress(ConfigError):  # somebody writes the file just now
-            if network == 'secure' and (keys := wireguard.read()).up != was_up:
-                was_up, was = not was_up, addresses()
-                return f'network: secure: {keys.address} is {"up" if was_up else "down"} now'
+        if keys and keys.up != was_up:
+            was_up, was = not was_up, addresses()
+            return f'network: secure: {keys.address} is {"up" if was_up else "down"} now'
         if restarting and (now := addresses()) != was:
             was = now
             return 'this machine has other addresses than before'
@@ -130,10 +129,10 @@ def environment(network: str = 'local', images: bool = False) -> dict[str, str]:
     if theirs and 'eol-dds-' not in theirs:
         return {'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}
     values = {'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}
-    addresses = [] if network == 'lan' else ['127.0.0.1']
+    allowed = [] if network == 'lan' else ['127.0.0.1']
     if network == 'secure':
         keys = wireguard.read()
-        addresses.append(keys.address)
+        allowed.append(keys.address)
         # Who is reached by others names none, and is found as ever by those on its own machine; who
         # comes from elsewhere names both, for then that is how it finds its own machine's too.
         if reached := [peer.address for peer in keys.peers if peer.endpoint]:
@@ -141,7 +140,7 @@ def environment(network: str = 'local', images: bool = False) -> dict[str, str]:
     if network != 'local':
         values['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     file = folders.cache('dds') / f'eol-dds-{network}-{"images" if images else "small"}.xml'
-    _keep(file, profile(images, addresses))
+    _keep(file, profile(images, allowed))
     return values | {'FASTRTPS_DEFAULT_PROFILES_FILE': str(file)}
 
 

@@ -157,17 +157,16 @@ def add(name: str, endpoint: str, public: str = '') -> tuple[Keys, str]:
     if not address:
         raise ConfigError(f'{keys.subnet}: all its addresses are given away')
     own = _fields(text.partition('[Peer]')[0])
+    if not re.search(r':\d+$', endpoint):
+        endpoint = f'{endpoint}:{own["listenport"]}'
     private = '' if public else _wg('genkey')
     shared = _wg('genpsk')
-    host, _, port = (
-        endpoint.rpartition(':') if re.search(r':\d+$', endpoint) else (endpoint, '', '')
-    )
     theirs = (
         f'# Echoes of the Land: {name}. Written by `eol keys add`; `eol keys join` takes it.\n'
         f'[Interface]\nAddress = {address}/{keys.subnet.partition("/")[2]}\n'
         f'PrivateKey = {private or "YOUR-PRIVATE-KEY"}\n{_GUARD.format(subnet=keys.subnet)}\n'
         f'[Peer]\n# work\nPublicKey = {_wg("pubkey", own["privatekey"])}\nPresharedKey = {shared}\n'
-        f'AllowedIPs = {keys.address}/32\nEndpoint = {host}:{port or own["listenport"]}\n'
+        f'AllowedIPs = {keys.address}/32\nEndpoint = {endpoint}\n'
         f'PersistentKeepalive = {KEEPALIVE_S}\n'
     )
     _write(

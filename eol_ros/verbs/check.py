@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from eol_ros import folders
 from eol_ros import scene as scenes
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.ros import installed, network
@@ -248,17 +249,9 @@ _NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
 }
 
 
-def _there(folder: Path) -> Path:
-    """Return `folder`, or of those above it the nearest that exists."""
-    there = folder.absolute()
-    while not there.exists():
-        there = there.parent
-    return there
-
-
 def _writable(folder: Path) -> None:
     """Raise EolError unless `folder` can be written, or made."""
-    there = _there(folder)
+    there = folders.nearest(folder)
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
         raise EolError(f'nothing can be written in {there}; name another folder')
 
@@ -300,7 +293,7 @@ def _warnings(scene: Scene) -> Iterator[str]:
     if (leds := scene.nodes.get('leds')) and not leds.flash_limit:
         yield f'leds.flash_limit is off: {leds.flash_limit_off_because}'
     if recorder := scene.nodes.get('recorder'):
-        there = _there(Path(recorder.folder))
+        there = folders.nearest(Path(recorder.folder))
         free_gb = shutil.disk_usage(there).free / 1e9
         if free_gb < recorder.min_free_gb:
             yield (

@@ -6,6 +6,8 @@ import socket
 import sys
 from pathlib import Path
 
+from eol_ros.ros import wireguard
+
 HELP = (
     'Say who may reach the graph from other machines in a scene with `network: secure`: each by '
     'a key of its own, through WireGuard. On the machine of the work: make, add, revoke, list. '
@@ -26,8 +28,8 @@ def add_arguments(parser):
     """Declare the command line."""
     verbs = parser.add_subparsers(dest='action', required=True, metavar='ACTION')
     make = verbs.add_parser('make', help='make the keys of this machine, which others will reach')
-    make.add_argument('--subnet', default='10.77.0.0/24', help='addresses inside of the tunnel')
-    make.add_argument('--port', type=int, default=51820, help='UDP port to listen on')
+    make.add_argument('--subnet', default=wireguard.SUBNET, help='addresses inside of the tunnel')
+    make.add_argument('--port', type=int, default=wireguard.PORT, help='UDP port to listen on')
     add = verbs.add_parser('add', help='let somebody in; prints what their machine joins with')
     add.add_argument('name')
     add.add_argument(
@@ -46,7 +48,7 @@ def add_arguments(parser):
 def run(args):
     """Change or show the keys."""
     from eol_ros.errors import ConfigError, UsageError
-    from eol_ros.ros import network, wireguard
+    from eol_ros.ros import network
 
     if args.action == 'make':
         if not 1 <= args.port <= 65535:

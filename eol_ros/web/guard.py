@@ -97,7 +97,7 @@ def same_origin(origin: str | None, host: str) -> bool:
 class PinGate:
     """Asks for the PIN. Who guesses waits longer after each wrong one: 2 s, 4 s, ... 15 min.
 
-    An address is an IPv4 address, or the network of 64 bits of an IPv6 address. Whoever takes many
+    An address is an IPv4 address, or the network of 64 bits of an IPv6 address. Who takes many
     addresses meets the bound on wrong PINs an hour of all of them together; addresses that have
     given the right one before are not concerned by it.
     """

@@ -4,22 +4,17 @@
 The other machine runs rclpy with stock transports, without a word of our configuration.
 """
 
-import contextlib
 import json
 import os
 import signal
 import sys
 
 import pytest
-from eol_msgs.msg import Slip
-from rclpy.serialization import serialize_message
 from support import needs
+from support.played_slips import play, played_bag  # noqa: F401  a fixture
 from support.waiting import wait_until
 
 from benchmarks.machines import Machines, NoMachines, answer, ip
-from eol_ros.devices.bag.mcap_file import BagTopic
-from eol_ros.devices.bag.writer import BagWriter
-from eol_ros.ros.definitions import describe
 
 # Nothing but rclpy: counts what it hears of slips in some seconds, and whom it sees. Names of nodes
 # come on a topic of their own, some time after the first messages.
@@ -48,31 +43,6 @@ def machines():
         pytest.skip(str(error))
     finally:
         found.stop()
-
-
-@pytest.fixture(scope='module')
-def bag(tmp_path_factory):
-    """One second of slips."""
-    path = tmp_path_factory.mktemp('bags') / 'run'
-    writer = BagWriter(path, [BagTopic('/eol/slips', **describe('slips'))], {})
-    for i in range(50):
-        now = 1_700_000_000_000_000_000 + i * 20_000_000
-        writer.write('/eol/slips', bytes(serialize_message(Slip(slip=i))), now, now)
-    writer.close()
-    return str(path)
-
-
-@contextlib.contextmanager
-def play(machines, bag, *words):
-    """The work: a bag that plays for ever."""
-    child = machines.run('work', sys.executable, '-m', 'eol_ros', 'replay', bag, '--only', 'slips',
-                         '--loop', '--wait', '0', *words)  # fmt: skip
-    try:
-        yield
-    finally:
-        child.send_signal(signal.SIGTERM)
-        _, err = child.communicate(timeout=20)
-    assert child.returncode == 0, err
 
 
 @pytest.mark.slow

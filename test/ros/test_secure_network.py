@@ -13,14 +13,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from eol_msgs.msg import Slip
-from rclpy.serialization import serialize_message
 from support import needs
+from support.played_slips import play, played_bag  # noqa: F401  a fixture
 
 from benchmarks.machines import Machines, NoMachines, answer, ip
-from eol_ros.devices.bag.mcap_file import BagTopic
-from eol_ros.devices.bag.writer import BagWriter
-from eol_ros.ros.definitions import describe
 
 pytestmark = pytest.mark.slow
 INSIDE = '10.77.0.1'  # the work's address in the tunnel
@@ -91,31 +87,6 @@ def machines(tmp_path_factory):
         found.stop()
 
 
-@pytest.fixture(scope='module')
-def bag(tmp_path_factory):
-    """One second of slips."""
-    path = tmp_path_factory.mktemp('bags') / 'run'
-    writer = BagWriter(path, [BagTopic('/eol/slips', **describe('slips'))], {})
-    for i in range(50):
-        now = 1_700_000_000_000_000_000 + i * 20_000_000
-        writer.write('/eol/slips', bytes(serialize_message(Slip(slip=i))), now, now)
-    writer.close()
-    return str(path)
-
-
-@contextlib.contextmanager
-def play(machines, bag):
-    """The work: a bag that plays for ever."""
-    child = machines.run('work', sys.executable, '-m', 'eol_ros', 'replay', bag, '--only', 'slips',
-                         '--loop', '--wait', '0', '--secure')  # fmt: skip
-    try:
-        yield
-    finally:
-        child.send_signal(signal.SIGTERM)
-        _, err = child.communicate(timeout=20)
-    assert child.returncode == 0, err
-
-
 def visit(machines, machine, seconds, **variables):
     return machines.run(machine, sys.executable, '-c', VISITOR, str(seconds), **variables)
 
@@ -136,7 +107,7 @@ def ear(machines, seconds):
 
 
 def test_who_has_a_key_is_in_with_our_tools_and_with_stock_ones(machines, bag):
-    with play(machines, bag), ear(machines, 10) as asked:
+    with play(machines, bag, '--secure'), ear(machines, 10) as asked:
         assert json.loads(answer(echo(machines, 'work')))['slip'] in range(50)
         assert json.loads(answer(echo(machines, 'laptop')))['slip'] in range(50)
         exported = dict(
@@ -158,7 +129,7 @@ def test_a_stranger_hears_and_moves_nothing(machines, bag):
     name, cable = machines.names['stranger'], machines.address('work')
     ip('-n', name, 'route', 'add', INSIDE, 'via', cable)
     ip('-n', name, 'addr', 'add', '10.77.0.2/32', 'dev', 'cable')
-    with play(machines, bag), ear(machines, 8) as asked:
+    with play(machines, bag, '--secure'), ear(machines, 8) as asked:
         stranger = visit(machines, 'stranger', 5, ROS_STATIC_PEERS=f'{cable};{INSIDE}')
         assert json.loads(answer(echo(machines, 'work')))['slip'] in range(50)  # it does speak
         assert json.loads(answer(stranger)) == {'heard': 0, 'nodes': ['visitor']}
@@ -204,7 +175,7 @@ def test_a_revoked_key_opens_nothing(machines, bag):
     renew = f"wg syncconf eol0 <(wg-quick strip '{config}')"
     try:
         answer(machines.run('work', 'bash', '-c', renew))
-        with play(machines, bag):
+        with play(machines, bag, '--secure'):
             assert json.loads(answer(echo(machines, 'work')))['slip'] in range(50)
             laptop = echo(machines, 'laptop', 6)
             out, _ = laptop.communicate(timeout=30)

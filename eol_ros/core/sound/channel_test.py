@@ -40,7 +40,6 @@ class ChannelTest:
 
     def __init__(self, mixer: Mixer, start_s: float):
         self._mixer = mixer
-        self._start_s = start_s
         self.levels_db: list[float] = []
         rate, channels = mixer.sample_rate, mixer.channels
         bank = Bank([burst(rate)], [0], [0.0], [BURST_S], rate)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The time zones that this system knows, by name."""
+"""The time zones that this system knows, by name, and whether its clock was ever set."""
 
 import difflib
 import zoneinfo
 
+from eol_ros.core.opening_hours import CLOCK_SET_S
 from eol_ros.errors import ConfigError
 
 
@@ -23,3 +24,8 @@ def load(name: str) -> zoneinfo.ZoneInfo:
     raise ConfigError(
         f'{name!r}: no such time zone' + (f'. Did you mean {near[0]}?' if near else '')
     )
+
+
+def clock_is_set(now_s: float) -> bool:
+    """Return whether somebody has set the clock that shows the system time `now_s`."""
+    return now_s >= CLOCK_SET_S

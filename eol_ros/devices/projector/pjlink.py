@@ -10,6 +10,7 @@ import hashlib
 import socket
 from collections.abc import Iterator, Sequence
 
+from eol_ros.devices import address as addresses
 from eol_ros.errors import ConfigError, EolError
 
 PORT = 4352
@@ -36,10 +37,9 @@ class WrongPassword(Unanswered):
 
 def host_and_port(address: str) -> tuple[str, int]:
     """Return what HOST or HOST:PORT names; raise ConfigError where it is neither."""
-    host, colon, port = address.rpartition(':')
-    if colon and port.isdigit() and 0 < int(port) < 65536 and host:
-        return host.strip('[]'), int(port)
-    if not address or colon or any(c.isspace() for c in address):
+    if found := addresses.host_and_port(address):
+        return found
+    if not address or ':' in address or any(c.isspace() for c in address):
         raise ConfigError(f'{address!r} is not HOST or HOST:PORT')
     return address, PORT
 

@@ -4,7 +4,7 @@
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from eol_ros.devices.projector.pjlink import (
     COOLING,
@@ -34,7 +34,7 @@ class Reading:
     failed: tuple[str, ...] = ()
     warns: tuple[str, ...] = ()
     trouble: str = NOT_ASKED  # why nothing is known, or why it does not obey
-    wrong: bool = field(default=False)  # a person must act
+    wrong: bool = False  # a person must act
 
 
 class Projector:
