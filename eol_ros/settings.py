@@ -177,6 +177,10 @@ class MotionSettings:
         1.0, 'starts that noise may cause, all blocks together', '1/h', 1e-3, 1e5, live=True
     )
     cascade_gap_s: float = setting(0.05, 'pause that still joins two slips', 's', 0, 1, live=True)
+    felt_probability: float = setting(
+        0.99, 'a knock is told as a slip, before an image shows it, where the images have confirmed'
+        ' at least this share of such knocks; 1: none is', '', 0, 1,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.motion.felt import Knock
 from eol_ros.core.motion.motion import Motion
 from eol_ros.core.motion.slips import START, STOP
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
@@ -55,7 +56,7 @@ def run(jumps, jitter_s):
 def test_slips_and_cascades_go_on(jumps, jitter_s):
     motion, starts, stops, cascades = Motion(MotionSettings()), [], [], []
     for stretch, _, stamp_s, x, y in run(jumps, jitter_s):
-        motion.tap(stamp_s, 12, 1e-3)
+        motion.tap(Knock(round(stamp_s * 1e9), 12, 1e-3))
         slips, closed = motion.update(stamp_s, x, y, SEEN, SIGMA)
         for slip in slips:
             (starts if slip.event.kind == START else stops).append((stretch, slip.event.slip))

@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 
 from eol_ros.analysis.bag import Bag, Table
+from eol_ros.core.motion.felt import Knock
 from eol_ros.devices.bag.requests import heeded
 from eol_ros.errors import ConfigError
 from eol_ros.settings import by_today
@@ -231,8 +232,9 @@ def _compare_blocks(
         mine.clear()
 
     def see(stamp_ns: int, image: np.ndarray) -> Any:
-        while waiting and waiting[0][0] <= stamp_ns:
-            tracker.tap(*waiting.pop(0)[1:])
+        while waiting and waiting[0].stamp_ns <= stamp_ns:
+            knock = waiting.pop(0)
+            tracker.tap(knock.stamp_s, knock.block, knock.sigma_s)
         return tracker.update(stamp_ns * 1e-9, image)
 
     for _log_ns, stamp_ns, image in pictures:
@@ -334,17 +336,14 @@ class _Live:
         return changed
 
 
-def _taps(bag: Bag) -> list[tuple[int, float, int, float]]:
-    """Return stamp in ns, and in s, block and sigma in s of every recorded tap, in order.
+def _taps(bag: Bag) -> list[Knock]:
+    """Return every recorded tap, in order of stamps.
 
-    By their stamps: the recorder may have had other things to do when they came.
+    Not as they were recorded: the recorder may have had other things to do when they came.
     """
     if bag.name('block_taps') not in bag.topics:
         return []
-    table = bag.table('block_taps')
-    stamps = table['stamp'].astype('i8').tolist()
-    rows = zip(stamps, taps.RECORD.each(table), strict=True)
-    return sorted((at, *taps.to_core(row)) for at, row in rows)
+    return sorted(map(taps.to_knock, taps.RECORD.each(bag.table('block_taps'))))
 
 
 def images(bag: Bag) -> Iterator[tuple[int, int, np.ndarray]]:
@@ -375,8 +374,8 @@ def _compare_motion(
     waiting = _taps(bag)
     new, over = [], []
     for _log_ns, image in inputs:
-        while waiting and waiting[0][0] <= image.stamp_ns:
-            motion.tap(*waiting.pop(0)[1:])
+        while waiting and waiting[0].stamp_ns <= image.stamp_ns:
+            motion.tap(waiting.pop(0))
         if live.at(image.stamp_ns):
             motion.set(live.settings)
         rows = image.rows

@@ -35,7 +35,7 @@ class MotionNode(EolNode):
         """Motion sees it in the stamps themselves, as `eol report --retrack` does."""
 
     def on_tap(self, tap: BlockTap) -> None:
-        self.motion.tap(*taps.to_core(taps.RECORD.take(tap)))
+        self.motion.tap(taps.to_knock(taps.RECORD.take(tap)))
 
     def tell(self, stamp_ns: int, slip) -> None:
         row = slips.of(stamp_ns, slip)

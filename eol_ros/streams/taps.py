@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from eol_ros.core.motion.felt import Knock
 from eol_ros.streams.record import Record
 
 DTYPE = np.dtype(
@@ -20,5 +21,10 @@ def of(tap: Any) -> Any:
 
 
 def to_core(row: Any) -> tuple[float, int, float]:
-    """Return stamp in s, block and sigma in s, as tracker and motion take them."""
+    """Return stamp in s, block and sigma in s, as the tracker takes them."""
     return row.stamp * 1e-9, row.block, row.sigma
+
+
+def to_knock(row: Any) -> Knock:
+    """Return it as motion takes it."""
+    return Knock(row.stamp, row.block, row.sigma, row.strength)

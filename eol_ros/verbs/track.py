@@ -54,6 +54,7 @@ def add_arguments(parser):
 
 def run(args) -> int:
     """Track, write, tell."""
+    from eol_ros.core.motion.felt import Knock
     from eol_ros.core.motion.motion import Motion
     from eol_ros.core.vision.states import STATES, TRACKING
     from eol_ros.core.vision.tracker import Tracker
@@ -71,7 +72,7 @@ def run(args) -> int:
     motion = Motion(MotionSettings())
     for tap in source.taps:
         tracker.tap(*tap)
-        motion.tap(*tap)
+        motion.tap(Knock(round(tap[0] * 1e9), *tap[1:]))
     overlay, rows, spent = None, [], []
     starts: dict[int, Any] = {}
     slips: list[tuple] = []

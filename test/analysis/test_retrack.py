@@ -382,6 +382,7 @@ def test_taps_that_a_busy_recorder_got_late_count_from_their_stamps(tmp_path):
     from eol_msgs.msg import Block, Blocks, BlockTap, Cascade, Slip
     from rclpy.serialization import serialize_message
 
+    from eol_ros.core.motion.felt import Knock
     from eol_ros.core.motion.motion import Motion
     from eol_ros.devices.bag.mcap_file import BagTopic
     from eol_ros.devices.bag.writer import BagWriter
@@ -399,7 +400,7 @@ def test_taps_that_a_busy_recorder_got_late_count_from_their_stamps(tmp_path):
     tap = BlockTap(block=7, sigma=2e-4)
     tap.header.stamp = to_msg(knock_ns)
     told.append((knock_ns + 10**9, 'block_taps', tap))  # it had come in time, but not to the bag
-    motion.tap(knock_ns * 1e-9, 7, float(np.float32(2e-4)))
+    motion.tap(Knock(knock_ns, 7, float(np.float32(2e-4))))
     for k in range(240):
         stamp_ns, t = T0 + k * STEP_NS, k * STEP_NS * 1e-9
         at = rest_lattice() + random.normal(0, 1e-5, (25, 2))

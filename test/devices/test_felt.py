@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from benchmarks.taps import Twin, compare
+from eol_ros.core.motion.felt import CONFIRMED, PROVISIONAL, RETRACTED, Knock
+from eol_ros.core.motion.motion import Motion
 from eol_ros.core.physics.twin.live import SOFT
 from eol_ros.devices.board import block
 from eol_ros.devices.board.felt import FeltBlocks
-from eol_ros.settings import TwinSettings
+from eol_ros.settings import MotionSettings, TwinSettings
 
 pytestmark = pytest.mark.skipif(
     not block.compiled(), reason='in a checkout: python setup.py build_ext --inplace'
@@ -111,3 +113,31 @@ def test_another_part_feels_too():
     assert len(knocks) > 5
     settings = dataclasses.asdict(TwinSettings())
     assert {'accelerometer_hz', 'rim_hit_mg', 'platform_kg'} <= set(settings)
+
+
+@pytest.mark.slow
+def test_motion_tells_the_slips_that_the_twin_feels_and_retracts_hardly_any():
+    """Hands that knock the rim ten times as often and three times as hard as usual."""
+    twin = Twin(3, 0.25)
+    blocks = FeltBlocks(TwinSettings(seed=3, rim_hits_per_min=20, rim_hit_mg=30))
+    motion, random = Motion(MotionSettings()), np.random.default_rng(4)
+    told, seconds, seen = [], 40, np.ones(25, bool)
+    for begin_s, end_s in twin.images(seconds * FPS):
+        for k in blocks.advance(begin_s, end_s, twin.table.trace, twin.rim.velocity):
+            knock = Knock(round(k.time_s * 1e9), k.block, 5e-4, k.strength_mps2)
+            told += motion.tap(knock)
+        x, y = np.stack([twin.table.x, twin.table.y]) + random.normal(0, 9e-6, (2, 25))
+        motion.update(end_s, x, y, seen)
+        told += motion.felt_slips()
+
+    first = [one for one in told if one.kind == PROVISIONAL]
+    row = compare(
+        twin.all_slips(), [(k.knock.stamp_s, k.block, k.knock.stamp_s) for k in first], seconds
+    )
+    assert row['over_2mm']['slips'] > 200
+    assert row['over_2mm']['found'] >= 0.98  # 99 % are felt, and the strongest of a few retracted
+    assert row['onset_rms_ms'] < 0.5
+    retracted = sum(one.kind == RETRACTED for one in told)
+    assert retracted <= 0.01 * len(first)
+    confirmed = sum(one.kind == CONFIRMED for one in told)
+    assert 0 <= len(first) - confirmed - retracted <= 10  # the last have no verdict yet

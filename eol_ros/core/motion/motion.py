@@ -4,20 +4,24 @@
 Starts are decided by the camera alone, at once. A tap of a block's own accelerometer takes effect a
 fixed time after its stamp, however late or early it arrived, so that a replay decides the same; it
 gives the stop of a slip, and its cascade, a better onset: the camera says where, the tap says when.
+Sooner than the camera, what was felt is told beside (`felt.py`), to be confirmed or retracted.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.cascades import CascadeEvent, Cascades
-from eol_ros.core.motion.slips import SlipDetector, SlipEvent
+from eol_ros.core.motion.felt import VERDICT_S, Felt, FeltSlip, Knock
+from eol_ros.core.motion.slips import START, SlipDetector, SlipEvent
 from eol_ros.core.stamp_watch import BACK_S
 from eol_ros.settings import MotionSettings
 
-TAP_LAG_S = 0.1  # a tap counts from the first image this much later than it
+TAP_LAG_S = VERDICT_S  # a tap counts from the first image this much later than it
 TAP_WINDOW_S = 0.03  # a tap belongs to an onset this near, or within 4 of their joint sigmas
 FUSE_SIGMA_S = 1e-4  # no onset is known better
+BEGUN_S = 0.5  # slips are known by their onsets for so long
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,17 @@ class NumberedSlip:
     event: SlipEvent
     cascade: int
     tapped: bool
+
+
+@dataclass
+class _Begun:
+    """A slip that began lately; `felt`: a knock is its own."""
+
+    slip: int
+    block: int
+    onset_s: float
+    onset_sigma_s: float
+    felt: bool = False
 
 
 class Motion:
@@ -57,7 +72,10 @@ class Motion:
     def __init__(self, settings: MotionSettings):
         self.detector = SlipDetector(settings)
         self.cascades = Cascades(settings)
-        self.taps: list[tuple[float, int, float]] = []  # stamp, block, sigma
+        self.felt = Felt(settings.felt_probability)
+        self.taps: list[Knock] = []  # whose time has not come
+        self._begun: list[_Begun] = []
+        self._told: list[FeltSlip] = []  # in the newest image
         self.fused: dict[int, tuple[float, float]] = {}  # slip: onset and sigma with its tap
         self._went_back = False  # in the newest image
 
@@ -66,10 +84,22 @@ class Motion:
         self.detector.settings = settings
         self.cascades.settings = settings
 
-    def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
-        """Keep a report of a block's accelerometer; arrival order does not matter."""
-        if 0 <= block < 25 and np.isfinite(stamp_s):
-            self.taps.append((stamp_s, block, max(sigma_s, FUSE_SIGMA_S)))
+    def tap(self, knock: Knock) -> list[FeltSlip]:
+        """Take a report of a block's accelerometer; return the slip if it is told at once.
+
+        Arrival order does not matter: what is told then waits for images that are late, and comes
+        with `felt_slips`.
+        """
+        if not 0 <= knock.block < N_BLOCKS:
+            return []
+        knock = knock._replace(sigma_s=max(knock.sigma_s, FUSE_SIGMA_S))
+        self.taps.append(knock)
+        return self.felt.tap(knock)
+
+    def felt_slips(self) -> list[FeltSlip]:
+        """Return what the image given to `starts` says of knocks: that they are slips, or none."""
+        told, self._told = self._told, []
+        return told
 
     def update(
         self,
@@ -123,12 +153,16 @@ class Motion:
         """
         self._went_back = stamp_s < self.detector.last_s - BACK_S
         if self._went_back:  # what is left of the time before would come due some day
-            self.taps = [t for t in self.taps if t[0] <= stamp_s + TAP_LAG_S]
-        due = sorted(t for t in self.taps if t[0] + TAP_LAG_S <= stamp_s)
+            self.taps = [t for t in self.taps if t.stamp_s <= stamp_s + TAP_LAG_S]
+            self._begun.clear()
+            self.felt.reset()
+        self._begun = [one for one in self._begun if one.onset_s > stamp_s - BEGUN_S]
+        self._told = self.felt.look(stamp_s, x, y, seen)
+        due = sorted(t for t in self.taps if t.stamp_s + TAP_LAG_S <= stamp_s)
         if due:
-            self.taps = [t for t in self.taps if t[0] + TAP_LAG_S > stamp_s]
-        for tap in due:
-            self._fuse(tap)
+            self.taps = [t for t in self.taps if t.stamp_s + TAP_LAG_S > stamp_s]
+        for knock in due:
+            self._told += self.felt.judge(stamp_s, knock, self._fuse(knock))
         events = [
             self._with_tap(event) for event in self.detector.starts(stamp_s, x, y, seen, sigma)
         ]
@@ -147,25 +181,41 @@ class Motion:
             NumberedSlip(event, number, event.slip in self.fused)
             for event, number in zip(events, numbers, strict=True)
         ]
+        self._begun += [
+            _Begun(e.slip, e.block, e.onset_s, e.onset_sigma_s) for e in events if e.kind == START
+        ]
         for event in events:
             self.fused.pop(event.slip, None)
         return slips
 
-    def _fuse(self, tap: tuple[float, int, float]) -> None:
-        """Join a tap with the running slip of its block, if their times agree."""
-        stamp_s, block, sigma_s = tap
-        detector = self.detector
-        slip = int(detector.slip[block])
-        if not detector.moving[block] or slip in self.fused:
-            return
-        onset_s, onset_sigma_s = detector.onset_s[block], detector.onset_sigma_s[block]
-        joint = np.hypot(onset_sigma_s, sigma_s)
-        if abs(stamp_s - onset_s) > max(TAP_WINDOW_S, 4.0 * joint):
-            return
-        # Two independent measurements of one moment: weighted by their variances.
-        weight = onset_sigma_s**2 / joint**2
-        fused = onset_s + weight * (stamp_s - onset_s), onset_sigma_s * sigma_s / joint
-        self.fused[slip] = (float(fused[0]), float(fused[1]))
+    def _fuse(self, knock: Knock) -> int:
+        """Return the slip that began with `knock`, 0 for none; a running one gets its onset."""
+        detector, block, near = self.detector, knock.block, []
+        running = int(detector.slip[block]) if detector.moving[block] else 0
+        for begun in self._begun:
+            if begun.block != block or begun.felt:
+                continue
+            if begun.slip == running:  # known better by now
+                begun.onset_s = detector.onset_s[block]
+                begun.onset_sigma_s = detector.onset_sigma_s[block]
+            joint = np.hypot(begun.onset_sigma_s, knock.sigma_s)
+            if abs(knock.stamp_s - begun.onset_s) <= max(TAP_WINDOW_S, 4.0 * joint):
+                near.append(begun)
+        if not near:
+            return 0
+        begun = min(near, key=lambda one: abs(knock.stamp_s - one.onset_s))
+        begun.felt = True
+        if begun.slip == running:
+            onset_s, onset_sigma_s = begun.onset_s, begun.onset_sigma_s
+            joint = np.hypot(onset_sigma_s, knock.sigma_s)
+            # Two independent measurements of one moment: weighted by their variances.
+            weight = onset_sigma_s**2 / joint**2
+            fused = (
+                onset_s + weight * (knock.stamp_s - onset_s),
+                onset_sigma_s * knock.sigma_s / joint,
+            )
+            self.fused[running] = (float(fused[0]), float(fused[1]))
+        return begun.slip
 
     def _with_tap(self, event: SlipEvent) -> SlipEvent:
         if event.slip not in self.fused:

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
+from eol_ros.core.motion.felt import Knock
 from eol_ros.core.motion.motion import Motion
 from eol_ros.core.motion.slips import START, STOP
 from eol_ros.settings import MotionSettings
@@ -17,7 +18,8 @@ def run(taps, arrival_lag_s):
     for k in range(240):
         t = k / 60
         while waiting and waiting[0][0] + arrival_lag_s <= t:
-            motion.tap(*waiting.pop(0))
+            stamp_s, block, sigma_s = waiting.pop(0)
+            motion.tap(Knock(round(stamp_s * 1e9), block, sigma_s))
         place = rest_lattice() + random.normal(0, 1e-5, (N_BLOCKS, 2))
         place[7, 0] += 1.25 * min(max(t - 2.0, 0), 0.1) ** 2
         new, closed = motion.update(t, place[:, 0], place[:, 1], np.ones(N_BLOCKS, bool))

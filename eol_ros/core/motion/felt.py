@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Slips that a block's own accelerometer felt: told at the knock, before any image shows them.
+
+A knock comes some 6 ms after a block breaks loose, the image that shows it beyond doubt 10 to 40 ms
+after. So a slip is told provisionally at its knock, where such knocks have proved to be slips, and
+VERDICT_S later the images confirm or retract it.
+
+Such knocks: those of a strength within the same octave. A slip begins with (mu_s - mu_k) g, which
+is a matter of the table, while what hands and feet send through it mostly is weaker. So the
+probability that a knock is a slip is the share of those in its octave that the images have
+confirmed lately (the mean of a Beta posterior). Strong ones are believed until one is retracted,
+weak ones only when many were slips.
+
+All follows from the stamps of knocks and images. Each arrives with a delay of its own, so a knock
+is judged by the images that are LAG_S older than it, whichever have come since, and waits for them
+where they are late: a replay decides the same.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+PROVISIONAL = 1
+CONFIRMED = 2
+RETRACTED = 3
+LAG_S = 0.05  # three images at 60 a second: by the time of a knock's report these have come
+VERDICT_S = 0.1  # from a knock to the image that confirms or retracts it: twice what a START takes
+STALE_S = 0.25  # a block that was not seen for longer is nowhere
+KEPT_S = 0.5  # images and verdicts; knocks that are later than this are another day's
+WEAKEST_MPS2 = 0.16  # the firmware's threshold, 16 mg, where the first octave begins
+OCTAVES = 6
+WEAK = 2  # octaves in which rims that are hit and floors that are walked on are felt
+PRIOR, PRIOR_WEAK = (9.95, 10.0), (0.5, 1.0)  # confirmed, of all: what is believed before any
+MEMORY = 1000.0  # verdicts after which one counts for 1/e
+
+
+class Knock(NamedTuple):
+    """A report of a block's accelerometer: stamp, standard deviation of it, peak."""
+
+    stamp_ns: int
+    block: int
+    sigma_s: float
+    strength_mps2: float = 0.0
+
+    @property
+    def stamp_s(self) -> float:
+        """The stamp in seconds, as core counts time."""
+        return self.stamp_ns * 1e-9
+
+
+@dataclass(frozen=True)
+class FeltSlip:
+    """What is told of a knock, as in eol_msgs/FeltSlip.
+
+    `slip` is the number of the slip that confirms it, else 0; `x` and `y`, m, are where the block
+    was LAG_S before.
+    """
+
+    kind: int
+    knock: Knock
+    x: float
+    y: float
+    probability: float
+    slip: int = 0
+
+    @property
+    def block(self) -> int:
+        """Whose it is, 0..24."""
+        return self.knock.block
+
+
+class _Image(NamedTuple):
+    stamp_s: float
+    x: np.ndarray
+    y: np.ndarray
+    seen: np.ndarray
+
+
+class _Verdict(NamedTuple):
+    stamp_s: float
+    octave: int
+    confirmed: bool
+
+
+class Felt:
+    """Decides which knocks are told as slips, and learns from what the images say of them.
+
+    level: of the probability from which a knock is told; 1 tells none.
+    """
+
+    def __init__(self, level: float):
+        self.level = level
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all: the stamps begin again."""
+        self._images: deque[_Image] = deque()
+        self._held: list[Knock] = []  # until the images come that judge them
+        self._open: dict[Knock, FeltSlip | None] = {}  # None: not told
+        self._counts = np.array([PRIOR_WEAK] * WEAK + [PRIOR] * (OCTAVES - WEAK))
+        self._late: deque[_Verdict] = deque()  # not in the counts yet
+
+    def tap(self, knock: Knock) -> list[FeltSlip]:
+        """Take a knock; return it if it is told now."""
+        if self._images and self._images[-1].stamp_s > knock.stamp_s - LAG_S:
+            return self._decide(knock)
+        self._held.append(knock)
+        return []
+
+    def look(
+        self, stamp_s: float, x: np.ndarray, y: np.ndarray, seen: np.ndarray
+    ) -> list[FeltSlip]:
+        """Take the (25,) blocks of an image; return the knocks that waited for it and are told."""
+        if self._images and not stamp_s > self._images[-1].stamp_s:
+            return []
+        self._images.append(_Image(stamp_s, np.array(x), np.array(y), np.array(seen, bool)))
+        while self._images[0].stamp_s < stamp_s - KEPT_S:
+            self._images.popleft()
+        while self._late and self._late[0].stamp_s < stamp_s - KEPT_S:
+            _count(self._counts, self._late.popleft())
+        ready = [knock for knock in self._held if knock.stamp_s - LAG_S < stamp_s]
+        self._held = [knock for knock in self._held if knock.stamp_s - LAG_S >= stamp_s]
+        return [told for knock in sorted(ready) for told in self._decide(knock)]
+
+    def judge(self, stamp_s: float, knock: Knock, slip: int) -> list[FeltSlip]:
+        """Say in the image of `stamp_s` which slip (0: none) `knock` was; return the verdict."""
+        if knock not in self._open:
+            return []
+        told = self._open.pop(knock)
+        if self._images[-1].seen[knock.block]:
+            self._late.append(_Verdict(stamp_s, _octave(knock), slip > 0))
+        return [replace(told, kind=CONFIRMED if slip else RETRACTED, slip=slip)] if told else []
+
+    def _decide(self, knock: Knock) -> list[FeltSlip]:
+        until_s = knock.stamp_s - LAG_S
+        before = [image for image in self._images if image.stamp_s <= until_s]
+        after_s = self._images[len(before)].stamp_s
+        if not before or after_s >= knock.stamp_s + VERDICT_S:
+            return []
+        image = before[-1]
+        if until_s - image.stamp_s > STALE_S or not image.seen[knock.block]:
+            return []
+        probability = self._probability(_octave(knock), until_s)
+        x, y = float(image.x[knock.block]), float(image.y[knock.block])
+        told = FeltSlip(PROVISIONAL, knock, x, y, probability)
+        self._open[knock] = told if probability >= self.level else None
+        return [told] if probability >= self.level else []
+
+    def _probability(self, octave: int, until_s: float) -> float:
+        """Return the share of knocks in `octave` that images up to `until_s` have confirmed."""
+        counts = self._counts.copy()
+        for verdict in self._late:
+            if verdict.stamp_s <= until_s:
+                _count(counts, verdict)
+        confirmed, of = counts[octave].tolist()
+        return confirmed / of
+
+
+def _octave(knock: Knock) -> int:
+    above = knock.strength_mps2 / WEAKEST_MPS2
+    if not above > 1.0:
+        return 0
+    return int(min(math.log2(above), OCTAVES - 1))
+
+
+def _count(counts: np.ndarray, verdict: _Verdict) -> None:
+    counts[verdict.octave] *= 1.0 - 1.0 / MEMORY
+    counts[verdict.octave] += float(verdict.confirmed), 1.0
