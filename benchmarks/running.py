@@ -43,7 +43,10 @@ def board_log(scene: Path) -> Path:
 class Graph:
     """`python -m eol_ros.bringup SCENE` as a child, a board on a pty, a watch on the topics."""
 
-    def __init__(self, scene: Path, bags: Path | None = None, watched=WATCHED, keep=()):
+    def __init__(
+        self, scene: Path, bags: Path | None = None, watched=WATCHED, keep=(), environment=None
+    ):
+        """environment: what its processes are given beside that of this one."""
         self.domain = free_domain()
         self.board: subprocess.Popen[str] | None = None
         self.board_log = board_log(scene)
@@ -63,16 +66,15 @@ class Graph:
             sound['wav'] = str(scene.with_name(f'{scene.stem}.wav'))
         file = scene.with_name(f'{scene.stem}.running.yaml')
         file.write_text(yaml.safe_dump(values, sort_keys=False))
-        command = [sys.executable, '-m', 'eol_ros.bringup', str(file)]
+        self._command = [sys.executable, '-m', 'eol_ros.bringup', str(file)]
         if values['nodes']['recorder']:
-            command += ['--bag', str(bags or scene.with_name(f'{scene.stem}.bags'))]
-        environment = {**os.environ, 'ROS_DOMAIN_ID': str(self.domain)}
-        environment.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
+            self._command += ['--bag', str(bags or scene.with_name(f'{scene.stem}.bags'))]
+        self._environment = {
+            **os.environ, 'ROS_DOMAIN_ID': str(self.domain), **(environment or {})
+        }  # fmt: skip
+        self._environment.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
         self.log = scene.with_name(f'{scene.stem}.log')
-        with self.log.open('w') as log:
-            self.process = subprocess.Popen(
-                command, env=environment, stderr=log, stdout=subprocess.DEVNULL
-            )
+        self.start()
         self.watch = Watch(watched, self.domain, keep, self.replays)
         self.begin_ns = 0
 
@@ -81,6 +83,13 @@ class Graph:
 
     def __exit__(self, *_: object) -> None:
         self.stop()
+
+    def start(self) -> None:
+        """Start its bringup; again, where that has ended."""
+        with self.log.open('a') as log:
+            self.process = subprocess.Popen(
+                self._command, env=self._environment, stderr=log, stdout=subprocess.DEVNULL
+            )
 
     def stop(self) -> int:
         """Stop it as a person would; return its exit code."""
@@ -129,7 +138,8 @@ class Graph:
         self._begin_cpu = self._cpu()
         self._begin_values = {row['node']: row['values'] for row in self.status()['nodes']}
 
-    def _pids(self) -> dict[int, list[str]]:
+    def pids(self) -> dict[int, list[str]]:
+        """Return its processes, each with the names of its nodes; bringup is one of them."""
         pids: dict[int, list[str]] = {}
         for row in self.status()['nodes']:
             pids.setdefault(row['pid'], []).append(row['node'])
@@ -138,7 +148,7 @@ class Graph:
 
     def _cpu(self) -> dict[int, float]:
         used = {}
-        for pid in self._pids():
+        for pid in self.pids():
             fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
             used[pid] = (int(fields[11]) + int(fields[12])) / TICK_HZ
         return used
@@ -149,7 +159,7 @@ class Graph:
         used = self._cpu()
         rows = {row['node']: row for row in self.status()['nodes']}
         nodes = {}
-        for pid, names in self._pids().items():
+        for pid, names in self.pids().items():
             text = Path(f'/proc/{pid}/smaps_rollup').read_text()
             pss_kb = int(re.search(r'^Pss:\s+(\d+)', text, re.M)[1])  # type: ignore[index]
             share = 100 * (used[pid] - self._begin_cpu.get(pid, 0.0)) / span_s

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs all tests in their two parts, and says at the end what was not tested and why.
 
-    tools/run_tests.py            everything: two at a time, then what keeps real time, one by one
+    tools/run_tests.py            everything: three at a time, then what keeps real time, one by one
     tools/run_tests.py --quick    the pure core without its slow tests, in two processes
     tools/run_tests.py --bare     what touches devices, pages and scenes, on a machine that has none
                                   of the optional system packages: they are hidden, not removed
@@ -23,7 +23,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 # A shared machine can stand still for longer than real time allows: one more try, and told.
 RERUNS = ('--reruns', '1')
-BESIDE = ('-n', '2', '--dist', 'loadfile', '--no-loadscope-reorder')
+BESIDE = ('-n', '3', '--dist', 'loadfile', '--no-loadscope-reorder')  # many of them wait
 PARTS = {
     'side by side': (*RERUNS, *BESIDE, '-m', 'not live and not soak'),
     'one by one, in real time': (*RERUNS, '-m', 'live and not soak'),

@@ -4,16 +4,15 @@
 import os
 import shutil
 import signal
-import struct
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 from support.checkout import ROOT
 from support.waiting import wait_until
 
+from benchmarks.fake_clock import FakeClock
 from eol_ros import compiled
 from eol_ros.bringup import status
 from eol_ros.errors import ConfigError, EolError
@@ -48,27 +47,16 @@ def bringup(path, *words):
     return [sys.executable, '-m', 'eol_ros.bringup', str(path), *words]
 
 
-@pytest.fixture(scope='module')
-def clock(tmp_path_factory):
-    """The library that shifts the system clock of what is started with it."""
-    library = tmp_path_factory.mktemp('clock') / 'clock.so'
-    source = Path(__file__).parents[1] / 'support' / 'fake_clock.c'
-    subprocess.run(['cc', '-shared', '-fPIC', '-O1', '-o', library, source, '-ldl'], check=True)
-    return library
-
-
 @pytest.mark.parametrize(
     'scene', [LIGHT, pytest.param(WHOLE, marks=pytest.mark.soak)], ids=['light', 'whole']
 )
-def test_a_start_in_1970_and_then_a_jump_of_decades(tmp_path, clock, scene):
+def test_a_start_in_1970_and_then_a_jump_of_decades(tmp_path, scene):
     (tmp_path / 'scene.yaml').write_text(scene)
     shutil.copy(ROOT / 'config' / 'rehearsal.yaml', tmp_path)
-    offset, domain = tmp_path / 'offset', 77
-    offset.write_bytes(struct.pack('<q', int((60 - time.time()) * 1e9)))
+    clock, domain = FakeClock(tmp_path, int((60 - time.time()) * 1e9)), 77
     process = subprocess.Popen(
         bringup('scene.yaml'), cwd=tmp_path, stderr=subprocess.PIPE, text=True,
-        env=environment(tmp_path, ROS_DOMAIN_ID=str(domain), LD_PRELOAD=str(clock),
-                        FAKE_CLOCK=str(offset)),
+        env=environment(tmp_path, ROS_DOMAIN_ID=str(domain), **clock.environment),
     )  # fmt: skip
 
     def rows(*levels):
@@ -85,8 +73,7 @@ def test_a_start_in_1970_and_then_a_jump_of_decades(tmp_path, clock, scene):
         assert 'the clock says 1970-01-01 00:0' in texts['hours']
         assert 'stays open' in texts['hours'] and 'asleep' not in texts['montage']
         assert 'scene_1970-01-01' in texts['recorder']
-        with offset.open('r+b') as file:  # it is mapped: never shorter
-            file.write(struct.pack('<q', 0))
+        clock.set(0)
         asleep = scene == LIGHT
         wait_until(lambda: rows(0) and asleep == rows(0)['hours'].startswith('asleep'), 60)
         wait_until(lambda: asleep == ('asleep' in rows(0, 1)['montage']), 60)

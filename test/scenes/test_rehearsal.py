@@ -63,7 +63,7 @@ def run(tmp_path_factory):
         wait_until(lambda: graph.watch.seen['slips'] and graph.watch.seen['grain_triggers'], 60)
         time.sleep(6)
         figures = graph.figures()
-        pids = list(graph._pids())
+        pids = list(graph.pids())
         led_stamps = {a.stamp_us for a in graph.arrivals() if a.stamp_us}
         begin = time.monotonic()
     finally:
@@ -233,7 +233,7 @@ def test_lights_start_and_import_only_what_they_need(tmp_path):
     path = stand_in('lights', tmp_path, film=_film(tmp_path), bag=None)
     with Graph(path) as graph:
         graph.wait_until_ok()
-        pids = graph._pids()
+        pids = graph.pids()
         libraries = {}
         for pid, names in pids.items():
             libraries['+'.join(names)] = Path(f'/proc/{pid}/maps').read_text()

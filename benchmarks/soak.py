@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol bench soak: days of exhibition as fast as the machine allows, and hours of faults.
+
+exhibition: a run of the twin (blocks, knocks, requests; no images) is played round and round, each
+message as soon as the nodes have taken the one before, through motion, light, grains, sound, walls,
+panel and recorder, until so many hours of recorded time have passed. The recorder keeps to a
+budget of disk meanwhile.
+
+faults: the whole rehearsal in real time, with a board on a pty, JACK's dummy driver as sound card,
+images in the bag, a browser before the panel. One process after another is killed (SIGKILL) or
+stopped (SIGSTOP); between these the system clock is stepped, the disk filled, the board and the
+sound card pulled, the page reloaded, and eight processes that never sleep run beside it. A fault
+is over when every node is OK again, blocks are published, and what was killed is another process.
+"""
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from benchmarks import soak_faults
+from benchmarks.jack import Jack
+from benchmarks.machine import tell
+from benchmarks.running import Graph, stand_in
+from benchmarks.soak_proof import Held, growth, held, prove
+from eol_ros.analysis import open_bag
+from eol_ros.errors import EolError
+from eol_ros.verbs.progress import track
+
+HELP = 'Days of exhibition at full speed, hours of faults in real time; what was lost, what grows.'
+EXAMPLES = [
+    'eol bench soak --json > soak.json          # 72 hours at full speed, 2 hours of faults',
+    'eol bench soak --parts faults --faults-hours 0.2',
+    'eol bench soak --parts exhibition --hours 3',
+]
+PARTS = ('exhibition', 'faults')
+LOOK_S = 5.0  # between two looks at memory, open files and threads
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('--parts', default=','.join(PARTS), help='which, parted by commas')
+    parser.add_argument('--hours', type=float, default=72.0, help='of exhibition, recorded time')
+    parser.add_argument('--faults-hours', type=float, default=2.0, help='of faults, real time')
+    parser.add_argument(
+        '--run-minutes', type=float, default=10.0, help='how long a run is recorded to be played'
+    )
+    parser.add_argument('--bag', type=Path, help='play this run instead of recording one')
+    parser.add_argument('--keep', type=Path, help='a folder for logs and bags, which stay there')
+    parser.add_argument('--seed', type=int, default=1, help='of the order of the faults')
+    parser.add_argument('--json', action='store_true')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, print; exit code 1 where something did not come back or was lost uncounted."""
+    parts = args.parts.split(',')
+    for part in parts:
+        if part not in PARTS:
+            raise EolError(f'--parts {part}: there are {", ".join(PARTS)}')
+    found: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory(prefix='eol-soak-', ignore_cleanup_errors=True) as place:
+        folder = args.keep or Path(place)
+        folder.mkdir(parents=True, exist_ok=True)
+        if 'exhibition' in parts:
+            found['exhibition'] = exhibition(folder, args.hours, args.run_minutes, args.bag)
+        if 'faults' in parts:
+            found['faults'] = soak_faults.measure(folder, args.faults_hours, args.seed)
+    tell(found, args.json, table)
+    return int(any(part['faults'] for part in found.values()))
+
+
+def exhibition(
+    folder: Path, hours: float, run_minutes: float = 10.0, bag: Path | None = None
+) -> dict[str, Any]:
+    """Play a run in a loop until `hours` of recorded time have passed; return the figures."""
+    bag = bag or recorded(folder, run_minutes)
+    length_s = open_bag(bag).duration_s
+    folder = folder / 'exhibition'
+    folder.mkdir()
+    changed = {
+        'replay': {'fast': True, 'loop': True},
+        'leds': {'port': 'pty'},
+        'recorder': {'images': 'none', 'keep_gb': 0.5, 'split_minutes': 10.0, 'min_free_gb': 0.5},
+    }
+    jack = Jack('eol-soak')
+    path = stand_in('playback', folder, film=None, bag=bag, changed=changed)
+    jack.start()
+    looks: list[dict[str, Held]] = []
+    try:
+        with Graph(path, folder / 'bags', watched=(), environment=jack.environment) as graph:
+            graph.wait_until_ok()
+            begun_s, graph_s = time.monotonic(), 0.0
+
+            def played() -> float:
+                nonlocal graph_s
+                values = graph.node('replay')['values']
+                graph_s = values.get('rounds', 0) * length_s
+                return graph_s / 3600
+
+            last = 0.0
+            for _ in track(_steps(played, hours, looks, graph), 'exhibition', total=100):
+                last = time.monotonic() - begun_s
+            status = graph.status()
+            code = graph.stop()
+    finally:
+        jack.stop()
+    bags = prove(folder / 'bags')
+    grown = growth(looks)
+    values = {row['node']: row['values'] for row in status['nodes']}
+    faults = [f'{row["node"]}: {row["text"]}' for row in status['nodes'] if row['level']]
+    faults += [f'bringup ended with exit code {code}'] if code else []
+    faults += [f'{status["restarts"]} restarts'] if status['restarts'] else []
+    faults += [f'{row["name"]} grows: {row}' for row in grown if not row['flat']]
+    faults += bags['faults']
+    return {
+        'hours': round(graph_s / 3600, 2),
+        'run_s': round(length_s, 1),
+        'took_hours': round(last / 3600, 3),
+        'times_real_time': round(graph_s / last, 2),
+        'restarts': status['restarts'],
+        'recorder': {k: values['recorder'].get(k) for k in ('lost', 'bags', 'removed')},
+        'sound': {k: values['sound'].get(k) for k in ('underruns', 'late')},
+        'growth': grown,
+        'bags': bags,
+        'faults': faults,
+    }
+
+
+def _steps(played, hours, looks, graph):
+    """Yield once a hundredth of the hours; look at the processes meanwhile."""
+    done = 0
+    while done < 100:
+        time.sleep(LOOK_S)
+        looks.append(held(graph))
+        now = min(int(100 * played() / hours), 100)
+        for _ in range(now - done):
+            yield now
+        done = max(done, now)
+
+
+def recorded(folder: Path, minutes: float) -> Path:
+    """Record the rehearsal for so long, without images; return the bag."""
+    folder = folder / 'run'
+    folder.mkdir()
+    changed = {'recorder': {'images': 'none'}, 'sound': {'device': 'wav'}}
+    path = stand_in('rehearsal', folder, film=None, bag=None, changed=changed)
+    with Graph(path, folder / 'bags', watched=()) as graph:
+        graph.wait_until_ok()
+        for _ in track(range(round(minutes * 60)), 'recording a run'):
+            time.sleep(1)
+        if graph.stop():
+            raise EolError(f'the run was not recorded: {graph.log.read_text()}')
+    return next(path for path in (folder / 'bags').iterdir() if path.is_dir())
+
+
+def table(found: dict[str, Any]) -> str:
+    """Return the results for people."""
+    lines = []
+    if part := found.get('exhibition'):
+        lines += [
+            f'exhibition: {part["hours"]:g} h in {part["took_hours"]:g} h '
+            f'({part["times_real_time"]:g} times real time); {part["restarts"]} restarts; '
+            f'recorder {part["recorder"]}; sound {part["sound"]}',
+            *_growth(part),
+            _bags(part),
+        ]
+    if part := found.get('faults'):
+        lines += [
+            f'faults: {part["count"]} in {part["hours"]:g} h; within 10 s {part["within_10_s"]}, '
+            f'others disturbed {part["disturbed"]}',
+            f'{"fault":28} {"count":>6} {"p50 s":>7} {"p99 s":>7} {"worst":>7}',
+        ]
+        for row in part['kinds']:
+            lines.append(
+                f'{row["kind"]:28} {row["count"]:6} {row["p50_s"]:7.1f} {row["p99_s"]:7.1f} '
+                f'{row["worst_s"]:7.1f}'
+            )
+        lines += [*_growth(part), _bags(part)]
+    for part in found.values():
+        if isinstance(part, dict) and part.get('faults'):
+            lines += [f'NOT WELL: {line}' for line in part['faults']]
+    return '\n'.join(lines)
+
+
+def _growth(part: dict[str, Any]) -> list[str]:
+    head = f'{"process":28} {"open files":>15} {"threads":>13} {"PSS MB":>19}'
+    lines = [head]
+    for row in part['growth']:
+        pairs = [f'{a:g} -> {b:g}' for a, b in (row[n] for n in Held._fields)]
+        lines.append(f'{row["name"]:28} {pairs[0]:>15} {pairs[1]:>13} {pairs[2]:>19}')
+    return lines
+
+
+def _bags(part: dict[str, Any]) -> str:
+    bags = part['bags']
+    return (
+        f'bags: {bags["count"]}, proved to the last byte; {bags["unreadable"]} not readable, '
+        f'{bags["cut"]} cut off by a kill and read; messages missing {bags["missing"]}, of these '
+        f'not counted {bags["uncounted"]}'
+    )

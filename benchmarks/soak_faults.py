@@ -1,0 +1,373 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The part of `eol bench soak` in which everything is killed, stopped, filled and pulled out."""
+
+import contextlib
+import os
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from benchmarks.fake_clock import FakeClock
+from benchmarks.jack import Jack
+from benchmarks.running import Graph, stand_in
+from benchmarks.soak_proof import Held, growth, held, prove
+from eol_ros.errors import EolError
+from eol_ros.verbs.progress import track
+
+BACK_S = 10.0  # a fault must be over within this
+PATIENCE_S = 120.0  # nothing that takes longer comes back at all
+HEALTHY_S = 65.0  # who was killed is left alone so long, as its back-off begins anew after 60 s
+SETTLED_S = 1.5  # all must be well for so long: a heartbeat comes each second
+HELD_S = 8.0  # how long what is pulled out stays out
+LOOK_S = 10.0  # between two looks at memory
+DISK = '1g'  # on which the bags are, where one can be mounted
+# Between the kills: how often in two hours.
+EXTRAS_IN_2_H = {
+    'clock steps': 3,
+    'disk full': 10,
+    'board pulled out': 10,
+    'sound card pulled out': 10,
+    'page reloaded': 20,
+    'eight busy processes': 5,
+}
+CLOCK_STEPS_S = (-3600.0, 86400.0 * 30, -86400.0 * 30)
+
+
+class Page:
+    """A browser before the panel, which can be told to load it again."""
+
+    def __init__(self, url: str, folder: Path):
+        from selenium import webdriver
+
+        from benchmarks.web_browser import FLAGS
+
+        options = webdriver.ChromeOptions()
+        options.binary_location = shutil.which('chromium') or ''
+        for flag in (*FLAGS.split(), f'user-data-dir={folder}'):
+            options.add_argument(f'--{flag}')
+        driver = shutil.which('chromedriver')
+        self.driver = webdriver.Chrome(options, webdriver.ChromeService(driver))
+        self.driver.set_window_size(640, 480)  # it is drawn by software, beside all else
+        self.driver.get(url)
+
+    @staticmethod
+    def there() -> bool:
+        """Whether there is a browser here."""
+        with contextlib.suppress(ImportError):
+            import selenium  # noqa: F401
+
+            return bool(shutil.which('chromium') and shutil.which('chromedriver'))
+        return False
+
+    def reload(self) -> None:
+        """Load the page again."""
+        self.driver.refresh()
+
+    def linked(self) -> bool:
+        """Whether it has found its panel."""
+        with contextlib.suppress(Exception):  # whatever a page says that is just being loaded
+            return bool(self.driver.execute_script('return window.eol && eol.link.viewer'))
+        return False
+
+
+class Soak:
+    """The rehearsal and all that it stands on, with a way to break each of it."""
+
+    def __init__(self, folder: Path, seed: int):
+        self.folder, self.chance = folder, random.Random(seed)
+        self.events: list[dict[str, Any]] = []
+        self.looks: list[dict[str, Held]] = []
+        self.disturbed = 0
+        self.offset_s = 0.0  # of the system clock from the true time
+        self.hit_s: dict[str, float] = {}
+        self.log = folder / 'rehearsal.log'  # that of the graph: faults stand between its lines
+        self._stack = contextlib.ExitStack()
+        try:
+            self._begin()
+        except BaseException:
+            self._stack.close()
+            raise
+
+    def _begin(self) -> None:
+        self.clock = FakeClock(self.folder)
+        self.jack = Jack('eol-soak')
+        self.jack.start()
+        self._stack.callback(self.jack.stop)
+        self.board_port = self.folder / 'board'
+        self.board: subprocess.Popen | None = None
+        self.plug()
+        self._stack.callback(self.unplug)
+        bags = self.folder / 'bags'
+        bags.mkdir()
+        self.disk = self._disk(bags)
+        path = stand_in('rehearsal', self.folder, film=None, bag=None)
+        values = yaml.safe_load(path.read_text())
+        values['nodes']['leds'] = {'port': str(self.board_port)}
+        values['nodes']['recorder'] = {
+            'images': 'around_slips', 'images_max_gb': 0.2, 'keep_gb': 0.6, 'min_free_gb': 0.1,
+            'split_minutes': 10.0,
+        }  # fmt: skip
+        with socket.create_server(('127.0.0.1', 0)) as free:  # the same for every life of the panel
+            values['nodes']['panel'] = {'port': (port := free.getsockname()[1])}
+        path.write_text(yaml.safe_dump(values, sort_keys=False))
+        environment = {**self.clock.environment, **self.jack.environment}
+        self.graph = Graph(path, bags, watched=('blocks',), environment=environment)
+        self._stack.callback(self._end)
+        self.graph.wait_until_ok()
+        self.page: Page | None = None
+        if Page.there():
+            self.page = Page(f'http://127.0.0.1:{port}/', self.folder / 'profile')
+            self._stack.callback(self.page.driver.quit)
+        self.await_well(lambda: self.page is None or self.page.linked())
+
+    def _disk(self, bags: Path) -> bool:
+        done = subprocess.run(
+            ['mount', '-t', 'tmpfs', '-o', f'size={DISK}', 'none', str(bags)],
+            capture_output=True, check=False,
+        )  # fmt: skip
+        if done.returncode == 0:
+            self._stack.callback(lambda: subprocess.run(['umount', '-l', str(bags)], check=False))
+        return done.returncode == 0
+
+    def _end(self) -> None:
+        if self.graph.process.poll() is None:
+            self.graph.process.send_signal(signal.SIGCONT)
+        self.code = self.graph.stop()
+
+    def close(self) -> None:
+        """Stop all; the bags stay until then."""
+        self._stack.close()
+
+    def plug(self) -> None:
+        """Put the board in."""
+        words = ['-m', 'eol_ros.devices.board.fake', '--link', str(self.board_port)]
+        self.board = subprocess.Popen(
+            [sys.executable, *words], stdout=subprocess.PIPE, text=True, stderr=subprocess.DEVNULL
+        )
+        assert self.board.stdout is not None
+        self.board.stdout.readline()
+
+    def unplug(self) -> None:
+        """Pull the board out."""
+        assert self.board is not None
+        self.board.kill()
+        self.board.wait()
+
+    def rows(self) -> dict[str, dict[str, Any]] | None:
+        """Return the status of every node, or None where nobody answers."""
+        try:
+            return {row['node']: row for row in self.graph.status()['nodes']}
+        except EolError:
+            return None
+
+    def well(self) -> bool:
+        """Whether every node is OK, and blocks are published."""
+        rows, seen = self.rows(), self.graph.watch.seen['blocks']
+        if not rows or any(row['level'] or row['text'] == 'starting' for row in rows.values()):
+            return False
+        fresh = bool(seen) and time.time_ns() - seen[-1][1] < 1e9
+        del seen[:-1]  # hours of them are of no use
+        return fresh
+
+    def await_well(self, too: Callable[[], bool] = lambda: True) -> float:
+        """Wait until all is well and stays so, and `too`; return how long it took in seconds."""
+        begun = time.monotonic()
+        since = None
+        while since is None or time.monotonic() - since < SETTLED_S:
+            well = self.well() and too()
+            since = (since or time.monotonic()) if well else None
+            if time.monotonic() - begun > PATIENCE_S:
+                rows = self.rows() or {}
+                bad = {n: row['text'] for n, row in rows.items() if row['level']}
+                raise EolError(f'not back after {PATIENCE_S:g} s: {bad or "nobody answers"}')
+            if self.graph.process.poll() is not None:  # as a service manager would
+                self.graph.start()
+            time.sleep(0.1)
+        return since - begun
+
+    def fault(self, kind: str, target: str, do: Callable[[], Any], too=lambda: True) -> None:
+        """Do something bad; tell how long it took until all was well again."""
+        before = {row['pid']: n for n, row in (self.rows() or {}).items()}
+        begun_s = time.monotonic()
+        with self.log.open('a') as log:
+            print(f'--- {time.time():.3f} {kind} ({target})', file=log, flush=True)
+        fellows = do() or set()
+        try:
+            back_s = self.await_well(too)
+        except EolError as error:
+            raise EolError(f'{kind} ({target}): {error}') from None
+        after = {row['pid'] for row in (self.rows() or {}).values()}
+        others = {n for pid, n in before.items() if pid not in after} - set(fellows)
+        self.disturbed += len(others)
+        self.events.append(
+            {'kind': kind, 'target': target, 'back_s': round(back_s, 2), 'others': sorted(others),
+             'took_s': round(time.monotonic() - begun_s, 2)}
+        )  # fmt: skip
+
+    def strike(self, number: signal.Signals) -> None:
+        """Kill or stop one of those that were left alone the longest."""
+        pids = {'+'.join(names): pid for pid, names in self.graph.pids().items()}
+        while not (free := [n for n in pids if self._rested(n)]):
+            time.sleep(0.2)
+        oldest = sorted(free, key=lambda n: self.hit_s.get(n, 0.0))[:3]
+        name = self.chance.choice(oldest)
+        pid = pids[name]
+
+        def do() -> set[str]:
+            if name == 'bringup' and number == signal.SIGSTOP:
+                os.kill(pid, number)
+                time.sleep(HELD_S)  # nodes go on meanwhile
+                os.kill(pid, signal.SIGCONT)
+                return set()
+            os.kill(pid, number)
+            return set(self.rows() or {}) if name == 'bringup' else set(name.split('+'))
+
+        def replaced() -> bool:
+            if name == 'bringup':
+                return number == signal.SIGSTOP or self.graph.process.pid != pid
+            rows = self.rows()
+            return bool(rows) and rows[name.split('+')[0]]['pid'] != pid
+
+        words = {signal.SIGKILL: 'kill -9', signal.SIGSTOP: 'kill -STOP'}
+        self.fault(f'{words[number]} {name}', name, do, replaced)
+        self.hit_s[name] = time.monotonic()
+
+    def _rested(self, name: str) -> bool:
+        return time.monotonic() - self.hit_s.get(name, -HEALTHY_S) >= HEALTHY_S
+
+    def extra(self, kind: str, count: int) -> None:
+        """Do one of the faults that are no kill, for the `count`-th time."""
+        if kind == 'clock steps':
+            step_s = CLOCK_STEPS_S[count % len(CLOCK_STEPS_S)]
+            self.offset_s += step_s
+            self.fault(kind, f'{step_s:+g} s', lambda: self.clock.set(round(self.offset_s * 1e9)))
+        elif kind == 'disk full':
+            if self.disk:
+                self.fault(kind, 'bags', self._fill)
+        elif kind == 'board pulled out':
+            self.fault(kind, 'board', lambda: self._pull(self.unplug, self.plug))
+        elif kind == 'sound card pulled out':
+            self.fault(kind, 'card', lambda: self._pull(self.jack.stop, self.jack.start))
+        elif kind == 'page reloaded':
+            if self.page is not None:
+                self.fault(kind, 'page', self.page.reload, self.page.linked)
+        elif kind == 'eight busy processes':
+            self.fault(kind, 'processor', self._busy)
+
+    def _pull(self, out: Callable[[], None], back: Callable[[], None]) -> None:
+        out()
+        time.sleep(HELD_S)
+        back()
+
+    def _fill(self) -> None:
+        filler = self.folder / 'bags' / 'filler'
+        space = os.statvfs(self.folder / 'bags')
+        with filler.open('wb') as file, contextlib.suppress(OSError):
+            os.posix_fallocate(file.fileno(), 0, space.f_bavail * space.f_frsize)
+        with filler.open('ab') as file, contextlib.suppress(OSError):
+            while True:  # what became free meanwhile
+                file.write(bytes(1 << 16))
+                file.flush()
+        time.sleep(HELD_S)
+        filler.unlink()
+
+    def _busy(self) -> None:
+        hogs = [
+            subprocess.Popen([sys.executable, '-c', 'while True: pass'], start_new_session=True)
+            for _ in range(8)
+        ]
+        try:
+            time.sleep(30)
+        finally:
+            for hog in hogs:
+                hog.kill()
+                hog.wait()
+
+
+def measure(folder: Path, hours: float, seed: int) -> dict[str, Any]:
+    """Break things for so long; return the figures."""
+    folder = folder / 'faults'
+    folder.mkdir()
+    soak = Soak(folder, seed)
+    faults: list[str] = []
+    begun = time.monotonic()
+    try:
+        for _ in track(_steps(soak, hours), 'faults', total=100):
+            pass
+    except EolError as error:
+        faults.append(str(error))
+    took_h = (time.monotonic() - begun) / 3600
+    try:
+        soak.graph.process.send_signal(signal.SIGCONT)
+        code = soak.graph.stop()
+        bags = prove(folder / 'bags')
+    finally:
+        soak.close()
+    slow = [e for e in soak.events if e['back_s'] > BACK_S]
+    faults += [f'exit code {code}'] if code else []
+    faults += [f'{e["kind"]}: back after {e["back_s"]:g} s' for e in slow]
+    faults += [f'{e["kind"]}: {", ".join(e["others"])} went with it' for e in soak.events
+               if e['others']]  # fmt: skip
+    faults += bags['faults']
+    grown = growth(soak.looks)
+    return {
+        'hours': round(took_h, 3),
+        'count': len(soak.events),
+        'kills': sum(e['kind'].startswith('kill') for e in soak.events),
+        'within_10_s': len(soak.events) - len(slow),
+        'disturbed': soak.disturbed,
+        'left_out': [*([] if soak.disk else ['disk full: nothing can be mounted here']),
+                     *([] if soak.page else ['page reloaded: no Chromium, or no selenium'])],
+        'kinds': _kinds(soak.events),
+        'growth': grown,
+        'bags': bags,
+        'faults': faults,
+    }  # fmt: skip
+
+
+def _steps(soak: Soak, hours: float) -> Iterator[int]:
+    """Yield once a hundredth of the time; faults come one after another meanwhile."""
+    extras = []
+    for kind, count in EXTRAS_IN_2_H.items():
+        n = max(round(count * hours / 2), 1)
+        extras += [((k + soak.chance.random()) / n * hours * 3600, kind, k) for k in range(n)]
+    extras.sort()
+    begun = looked = time.monotonic()
+    done, number = 0, signal.SIGKILL
+    while done < 100:
+        now = time.monotonic() - begun
+        if extras and extras[0][0] <= now:
+            _, kind, count = extras.pop(0)
+            soak.extra(kind, count)
+        else:
+            soak.strike(number)
+            number = signal.SIGSTOP if number == signal.SIGKILL else signal.SIGKILL
+        if time.monotonic() - looked > LOOK_S:
+            soak.looks.append(held(soak.graph))
+            looked = time.monotonic()
+        percent = min(int(100 * (time.monotonic() - begun) / (hours * 3600)), 100)
+        for _ in range(percent - done):
+            yield percent
+        done = max(done, percent)
+
+
+def _kinds(events: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    by_kind = defaultdict(list)
+    for event in events:
+        by_kind[event['kind']].append(event['back_s'])
+    return [
+        {'kind': kind, 'count': len(times), 'p50_s': float(np.median(times)),
+         'p99_s': float(np.percentile(times, 99)), 'worst_s': max(times)}
+        for kind, times in sorted(by_kind.items())
+    ]  # fmt: skip
