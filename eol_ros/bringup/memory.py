@@ -22,6 +22,7 @@ from eol_ros.settings import live_fields
 Kept = dict[str, dict[str, Any]]  # by node
 FLAGS = ('asleep', 'muted')
 HEEDED = 'heeded_s'  # the time of opening or closing that the work was asked for
+LEARNT = 'yaw_offsets'  # of the blocks, as text; the tracker proves it
 
 
 class Memory:
@@ -87,6 +88,8 @@ class Memory:
         found: dict[str, Any] = {flag: True for flag in FLAGS if kept.get(flag) is True}
         if type(kept.get(HEEDED)) in (int, float):
             found[HEEDED] = kept[HEEDED]
+        if isinstance(kept.get(LEARNT), str):
+            found[LEARNT] = kept[LEARNT]
         kind = type(self._scene.nodes[node])
         fields = {f: kind.__dataclass_fields__[f] for f in live_fields(kind)}
         settings = {}

@@ -4,6 +4,7 @@
 What people ask for counts from a stamp that the answer names, so that a bag can be proved.
 """
 
+import base64
 import sys
 
 from eol_msgs.msg import BlockTap
@@ -11,14 +12,15 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import String
 
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.requests import BACKGROUND, THRESHOLD
+from eol_ros.core.vision.identity.yaw_signature import Yaws
+from eol_ros.core.vision.requests import BACKGROUND, THRESHOLD, YAW_OFFSETS
 from eol_ros.core.vision.states import STATES
 from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.devices.bag.selection import StampGaps
 from eol_ros.devices.camera.preview import Preview
 from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.tracker_files import TrackerFiles
-from eol_ros.errors import EolError
+from eol_ros.errors import ConfigError, EolError
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
@@ -26,6 +28,8 @@ from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_msg
 from eol_ros.streams import blocks, images, taps
 from eol_ros.streams.requests import Asked, for_tracker
+
+LEARNT_EVERY_S = 60.0  # between two looks at what was learnt of the blocks' yaw
 
 
 class TrackerNode(EolNode):
@@ -36,6 +40,8 @@ class TrackerNode(EolNode):
         super().__init__(settings, **kwargs)
         self.files = TrackerFiles(self.settings, keep=not self.sim_time)
         self.pending: dict[str, Asked] = {}  # by kind: what is not answered yet
+        self.learnt = self._learnt_before()
+        self.learnt_s = 0.0  # stamp
         self.told: Calibration | None = None
         self.restart()
         self.blocks = self.publisher('blocks')  # to be known by the time that there are any
@@ -51,7 +57,10 @@ class TrackerNode(EolNode):
         self.health.expects('images')
         self.health.values['threshold'] = self.threshold
         self.subscribe('block_taps', self.on_tap)
-        self.requests.serve(calibrate=self.pend, darkness=self.pend, background=self.on_background)
+        self.requests.serve(
+            calibrate=self.pend, darkness=self.pend, background=self.on_background,
+            yaw_offsets=self.on_yaw_offsets,
+        )  # fmt: skip
         self.subscribe('camera/image_raw', self.on_image, raw=True)
 
     def restart(self) -> None:
@@ -98,24 +107,51 @@ class TrackerNode(EolNode):
         self.lamps = b''  # a replay has those of that day, and not of today
         self.hand_over(asked)
 
+    def on_yaw_offsets(self, asked: Asked) -> None:
+        self.learnt = b''  # as above
+        self.hand_over(asked)
+
     def on_image(self, raw: bytes) -> None:
         try:
             self.stamp_ns, image = self.reader.read(raw)
         except ValueError as error:
             return self.health.error(str(error))
         self.stamped(self.stamp_ns)
-        if not self.images and self.lamps:
-            self.tracker.requests.add(self.stamp_ns, BACKGROUND, self.lamps)
-            self.requests.declare(BACKGROUND, {}, self.stamp_ns, self.lamps)
+        if not self.images:
+            self._begin_with(BACKGROUND, self.lamps)
+            self._begin_with(YAW_OFFSETS, self.learnt)
         self.gaps.take(self.stamp_ns)
         tracked = self.tracker.update(self.stamp_ns * 1e-9, image)
         self.blocks.publish(self._packed(tracked))
         self.images += 1
         self.health.tick()
         self._tell(tracked)
+        self._learn()
         looking = self.pictures.get_subscription_count()
         if looking and self.preview.due(self.stamp_ns, self.settings.preview_hz):
             self.preview.take(self.stamp_ns, image)
+
+    def _learnt_before(self) -> bytes:
+        """Return the yaw offsets that the life before had learnt; none where they are damaged."""
+        try:
+            learnt = base64.b64decode(self.resumed.get(YAW_OFFSETS, ''))
+            return Yaws.unpacked(learnt).packed() if learnt else b''
+        except (ConfigError, ValueError, TypeError) as error:
+            self.get_logger().warning(f'what was learnt of the blocks before is lost: {error}')
+            return b''
+
+    def _begin_with(self, kind: str, data: bytes) -> None:
+        if data:
+            self.tracker.requests.add(self.stamp_ns, kind, data)
+            self.requests.declare(kind, {}, self.stamp_ns, data)
+
+    def _learn(self) -> None:
+        """Keep how crooked each block stands, for the next life of this node."""
+        if not self.sim_time and abs(self.stamp_ns * 1e-9 - self.learnt_s) >= LEARNT_EVERY_S:
+            self.learnt_s = self.stamp_ns * 1e-9
+            if self.tracker.lattice.yaws.looks.any():
+                self.learnt = self.tracker.lattice.yaws.packed()
+                self.keep(**{YAW_OFFSETS: base64.b64encode(self.learnt).decode()})
 
     def _packed(self, t: Tracked) -> bytes:
         rows = blocks.rows_of(t, self.writer.rows)

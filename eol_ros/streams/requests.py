@@ -138,6 +138,8 @@ KINDS: dict[str, Kind] = {
              within_s=15.0, internal=True),
         Kind('background', 'an image of what shines without blocks, as PNG; empty for none',
              ('tracker',), internal=True),
+        Kind('yaw_offsets', 'how crooked each block stands, as learnt before, by which names are'
+             ' known after darkness', ('tracker',), internal=True),
         Kind('infrared', 'blocks whose infrared light is on, one bit each', ('twin',),
              (Number('mask', 0, _MASK, whole=True),), internal=True),
     )
@@ -145,7 +147,7 @@ KINDS: dict[str, Kind] = {
 PROVED = ('tracker', 'motion', 'grains')  # their results are recomputed from a bag
 PEOPLE = ('sleep', 'wake', 'test')  # asked of the work, not of a machine or a room
 Columns = Mapping[str, np.ndarray] | np.ndarray  # of a table, by name
-_KEPT = (SET, 'background')  # hold until the next such request
+_KEPT = (SET, 'background', 'yaw_offsets')  # hold until the next such request
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,7 @@ def for_tracker(asked: Asked) -> Iterator[tuple[str, Any]]:
     """Yield kind and value of a request as `core.vision.requests` has them."""
     if asked.kind == SET and 'threshold' in asked.values:
         yield 'threshold', asked.values['threshold']
-    elif asked.kind == 'background':
+    elif asked.kind in ('background', 'yaw_offsets'):
         yield asked.kind, asked.data
     elif asked.kind in ('darkness', 'calibrate'):
         yield asked.kind, asked.values.get('until_ns')

@@ -22,10 +22,12 @@ KEPT = {
     'grains': {'settings': {'radius': 0.11}},
     'leds': {'asleep': False},
     'motion': {},
+    'tracker': {'yaw_offsets': 'AAAA'},
 }
 SAME = {
     'sound': {'muted': True, 'settings': {'gain_db': -9.0}},
     'grains': {'settings': {'radius': 0.11}},
+    'tracker': {'yaw_offsets': 'AAAA'},
 }
 
 
@@ -91,7 +93,7 @@ def test_a_run_that_ended_as_asked_is_forgotten_but_where_it_starts_at_boot(scen
 def test_a_node_whose_settings_changed_in_the_scene_begins_as_that_says(scene):
     cut_short(scene(), KEPT)
 
-    assert Memory(scene('{radius: 0.05}'), 0).recall() == {'sound': SAME['sound']}
+    assert Memory(scene('{radius: 0.05}'), 0).recall() == {n: SAME[n] for n in ('sound', 'tracker')}
 
 
 def test_what_is_no_setting_or_out_of_range_is_left_out(scene):

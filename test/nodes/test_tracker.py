@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import json
 import types
 
 import cv2
@@ -18,12 +19,14 @@ from eol_ros.core.vision.tracker import Tracker
 from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.tracker_files import TrackerFiles
 from eol_ros.nodes.tracker import TrackerNode
+from eol_ros.ros.definitions import definition
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import request_from_msg, request_to_msg
 from eol_ros.ros.stamps import to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import TrackerSettings
+from eol_ros.streams import images
 from eol_ros.streams.requests import Asked
 
 START_NS = 1_700_000_000_123_456_789
@@ -114,6 +117,47 @@ def test_a_request_counts_from_its_stamp_and_an_own_one_once(ros):
     before, node.images = node.tracker, 5
     node.restart()
     assert node.tracker is not before and node.images == 0
+    node.close()
+    node.destroy_node()
+
+
+def life(monkeypatch, kept):
+    monkeypatch.setenv('EOL_KEPT', json.dumps({'tracker': kept}))
+    node = TrackerNode(TrackerSettings())
+    told = []
+    node.requests.publisher = types.SimpleNamespace(publish=told.append)
+    codec = images.Codec(definition(images.TYPE))
+    for k, image in enumerate(pictures(3)):
+        node.on_image(codec.pack(START_NS + k * 16_666_667, image))
+    return node, told
+
+
+def test_what_was_learnt_of_the_blocks_outlives_the_node(ros, monkeypatch):
+    node, told = life(monkeypatch, {})
+    assert not told and 'yaw_offsets' not in node.health.kept
+    yaws = node.tracker.lattice.yaws
+    yaws.mean[:], yaws.variance[:], yaws.looks[:] = np.arange(25) / 64, 1e-4, 40
+    node.learnt_s = 0.0  # a minute has passed
+    node._learn()
+    kept = node.health.kept
+    assert list(kept) == ['yaw_offsets']
+    close(node)
+
+    node, told = life(monkeypatch, kept)
+    assert np.allclose(node.tracker.lattice.yaws.mean, yaws.mean, atol=0.01)  # and a look
+    assert (node.tracker.lattice.yaws.looks >= 40).all()
+    asked = request_from_msg(told[0])
+    # The bag has what this life began with, so that it can be proved.
+    assert (asked.kind, asked.from_ns) == ('yaw_offsets', START_NS)
+    assert asked.data == yaws.packed()
+    close(node)
+
+    node, told = life(monkeypatch, {'yaw_offsets': 'dGhpcyBpcyBub3RoaW5n'})  # damaged
+    assert not told and node.tracker.lattice.yaws.looks.max() == 1
+    close(node)
+
+
+def close(node):
     node.close()
     node.destroy_node()
 

@@ -13,10 +13,11 @@ import cv2
 import numpy as np
 
 from eol_ros.core.vision.background.model import BackgroundLearner, BackgroundModel
+from eol_ros.core.vision.identity.yaw_signature import Yaws
 from eol_ros.errors import ConfigError
 
-THRESHOLD, BACKGROUND, DARKNESS, CALIBRATE = KINDS = (
-    'threshold', 'background', 'darkness', 'calibrate',
+THRESHOLD, BACKGROUND, DARKNESS, CALIBRATE, YAW_OFFSETS = KINDS = (
+    'threshold', 'background', 'darkness', 'calibrate', 'yaw_offsets',
 )  # fmt: skip
 
 
@@ -58,14 +59,17 @@ class Requests:
 
         `threshold`: value is grey levels. `background`: a PNG, or nothing for none. `darkness`: the
         infrared light is off until the stamp `value` in ns. `calibrate`: by the blocks.
+        `yaw_offsets`: how crooked each block stands, as it was learnt before (`Yaws.packed`).
 
         Raises:
-            ConfigError: another kind, or no image.
+            ConfigError: another kind, no image, or no yaw offsets.
         """
         if kind not in KINDS:
             raise ConfigError(f'{kind} is nothing that a tracker can be asked for')
         if kind == BACKGROUND:
             value = unpacked(value) if value else None
+        elif kind == YAW_OFFSETS:
+            value = Yaws.unpacked(value)
         self._waiting.append((from_ns * 1e-9, kind, value))
         self._waiting.sort(key=lambda request: request[0])
 

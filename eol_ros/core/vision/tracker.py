@@ -23,6 +23,7 @@ from eol_ros.core.vision.requests import (
     CALIBRATE,
     DARKNESS,
     THRESHOLD,
+    YAW_OFFSETS,
     Outcome,
     Requests,
 )
@@ -243,6 +244,8 @@ class Tracker:
             self.finder.threshold = value
         elif kind == BACKGROUND:
             self.finder.background = value
+        elif kind == YAW_OFFSETS:
+            self.lattice.yaws = value
         elif kind == CALIBRATE and self.calibration is None:
             self._tell(CALIBRATE, 'not calibrated: no squares seen yet', True)
         elif kind == CALIBRATE and self.learning is not None:

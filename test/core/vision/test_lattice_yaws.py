@@ -8,6 +8,7 @@ from benchmarks.stick_slip import Onlooker, Table
 from eol_ros.core.vision.identity.identity import Identity
 from eol_ros.core.vision.identity.symmetry import UNTURNED
 from eol_ros.core.vision.identity.yaw_signature import BLOCKS, ENOUGH, Yaws
+from eol_ros.errors import ConfigError
 
 ALL = np.ones(25, bool)
 
@@ -80,6 +81,25 @@ def test_a_block_that_was_never_seen_neither_helps_nor_harms():
         yaw_offsets = np.empty(25)
         yaw_offsets[UNTURNED[q]] = offsets + random.normal(0, 0.01, 25)
         assert yaws.quarters(yaw_offsets, ALL) == q
+
+
+@pytest.mark.parametrize('quarters', range(4))
+def test_what_was_learnt_tells_the_turn_in_another_life_too(quarters):
+    random = np.random.default_rng(10)
+    offsets = random.normal(0, 0.05, 25)
+    before = learnt(random, offsets)
+    after = Yaws.unpacked(before.packed())
+    yaw_offsets = np.empty(25)
+    yaw_offsets[UNTURNED[quarters]] = offsets
+    assert after.quarters(yaw_offsets, ALL) == quarters
+    assert (after.looks == before.looks).all()
+    assert np.allclose([after.mean, after.variance], [before.mean, before.variance], rtol=1e-6)
+
+
+@pytest.mark.parametrize('junk', [b'', b'x' * 299, np.full(75, np.nan, '<f4').tobytes()])
+def test_what_is_no_yaw_offset_is_refused_in_one_line(junk):
+    with pytest.raises(ConfigError, match='75 finite numbers'):
+        Yaws.unpacked(junk)
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.identity.symmetry import TURNED
+from eol_ros.errors import ConfigError
 
 EVERY_S = 0.25  # between two looks
 MOVED_M = 0.002  # and so far has a block moved, in the mean, or it is the same look again
@@ -50,6 +51,22 @@ class Yaws:
         share = 1.0 / np.minimum(self.looks, MEMORY)[seen]
         self.mean[seen] += share * off[seen]
         self.variance[seen] += share * ((1.0 - share) * off[seen] ** 2 - self.variance[seen])
+
+    def packed(self) -> bytes:
+        """Return what was learnt, as 75 little-endian float32: means, variances (rad), looks."""
+        return np.array([self.mean, self.variance, self.looks], '<f4').tobytes()
+
+    @classmethod
+    def unpacked(cls, data: bytes) -> 'Yaws':
+        """Return what `packed` gave; raises ConfigError for anything else."""
+        numbers = np.frombuffer(data, '<f4') if len(data) == 12 * N_BLOCKS else np.array([np.nan])
+        if not np.isfinite(numbers).all():
+            raise ConfigError('yaw offsets cannot be read: they are not 75 finite numbers')
+        yaws = cls()
+        mean, variance, looks = numbers.astype(float).reshape(3, N_BLOCKS)
+        yaws.mean, yaws.variance = mean, np.maximum(variance, 0.0)
+        yaws.looks = np.clip(looks, 0, MEMORY).astype(int)
+        return yaws
 
     def weigh(self, yaw_offsets: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how well each of 0 to 3 quarter turns of the names explains the yaws.
