@@ -302,6 +302,18 @@ class GrainsSettings:
     attack_s: float = setting(0.005, 'rise of a grain', 's', 0.002, 10, live=True)
     release_s: float = setting(0.2, 'fall of a grain', 's', 0.002, 10, live=True)
     edge_jitter: float = setting(0.3, 'of rise and fall, as a share', '', 0, 1, live=True)
+    bed_rate: float = setting(
+        0.0, 'creaks a second of a block at rest whose springs pull as hard as its friction holds;'
+        ' less goes by the square; 0: off', '1/s', 0, 100, live=True,
+    )  # fmt: skip
+    bed_gain: float = setting(0.05, 'of a creak at that stress', '', 0, 8, live=True)
+    bed_speed: float = setting(
+        0.25, 'speed of a creak, an octave either way by chance', '', 0.0625, 16, live=True
+    )
+    bed_break_m: float = setting(
+        0.03, 'by how much one spring must stretch to break a block loose, mu_static m g / k'
+        ' (docs/science.md)', 'm', 0.001, 1, live=True,
+    )  # fmt: skip
     crossfade_s: float = setting(
         0.0, 'time in which a new corpus fades in; 0: grain by grain as the old ones end', 's', 0,
         60, live=True, was='swap_s',
@@ -315,6 +327,11 @@ class SoundSettings:
     card_needed: bool = setting(True, 'warn while there is none; false: a WAV file is as good')
     sample_rate: int = setting(48000, 'of the output', 'Hz', 8000, 192000)
     channels: int = setting(2, 'loudspeakers in a row, left to right', '', 1, 64)
+    speakers: tuple[str, ...] = setting(
+        (),
+        'loudspeakers about the table, in order of the outputs: NAME AZIMUTH [DISTANCE [GAIN]] in'
+        ' degrees (0 ahead, 90 left), m and dB; none: `channels` in a row, left to right',
+    )
     block_size: int = setting(256, 'samples a callback', '', 32, 4096)
     latency_s: float = setting(0.025, 'from the stamp of an image to sound', 's', 0, 1, live=True)
     gain_db: float = setting(-4.0, 'master gain', 'dB', -90, 24, live=True)
@@ -324,6 +341,53 @@ class SoundSettings:
     polyphony: int = setting(
         512, 'maximum of simultaneous voices; beyond it the quietest is stolen', '', 1, 4096,
         was='voices',
+    )  # fmt: skip
+    rate_scaling: float = setting(
+        0.0, 'share of source scaling that slows grains down: at 1 a rupture of area A plays at'
+        ' A^-1/2 of the speed; 0: off', '', 0, 1, live=True,
+    )  # fmt: skip
+    corner_hz: float = setting(
+        0.0, 'corner frequency of a single slip; that of a rupture of area A is A^-1/2 of it,'
+        ' above it the sound falls as f^-2 (Brune 1970); 0: off', 'Hz', 0, 24000,
+    )  # fmt: skip
+    dynamics_db: float = setting(
+        0.0, 'by so much a grain of a single slip is quieter than one of a rupture of all blocks;'
+        ' 0: off', 'dB', 0, 60, live=True,
+    )  # fmt: skip
+    onset_duck_db: float = setting(
+        0.0, 'by so much the first grains of a rupture are quieter, less and less over'
+        ' onset_duck_s; 0: off', 'dB', 0, 40, live=True,
+    )  # fmt: skip
+    onset_duck_s: float = setting(
+        0.05, 'time over which that ends', 's', 0.001, 1,
+        live=True,
+    )  # fmt: skip
+    sub_db: float = setting(
+        -90.0, 'level of the sub voice of a rupture of all blocks; it goes as the moment, A^3/2;'
+        ' -90: off', 'dB', -90, 24, live=True,
+    )  # fmt: skip
+    sub_high_hz: float = setting(
+        60.0, 'of the sub voice of a single slip; that of area A is A^-1/2 of it', 'Hz', 10, 200,
+        live=True,
+    )  # fmt: skip
+    sub_low_hz: float = setting(18.0, 'the sub voice goes no lower', 'Hz', 10, 100, live=True)
+    sub_output: bool = setting(
+        False, 'the last of `channels` is for the sub voice alone: a subwoofer, a shaker'
+    )
+    room_s: float = setting(
+        0.0, 'time in which the room decays by 60 dB at low frequencies; 0: no room', 's', 0, 20
+    )
+    room_high_s: float = setting(1.5, 'the same at 4 kHz', 's', 0.1, 20)
+    room_db: float = setting(
+        -6.0, 'level of the room beside the sound itself, for a rupture of all blocks', 'dB', -90,
+        12, live=True,
+    )  # fmt: skip
+    room_range_db: float = setting(
+        12.0, 'by so much less of a single slip goes into the room', 'dB', 0, 60, live=True
+    )
+    rupture_gap_s: float = setting(
+        0.15, 'a block joins a rupture when it or a neighbour has sounded this short ago', 's',
+        0.01, 2, live=True,
     )  # fmt: skip
     ceiling_db: float = setting(-1.0, 'no sample exceeds it', 'dBFS', -40, 0)
     loudness_lufs: float = setting(

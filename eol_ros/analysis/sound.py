@@ -9,10 +9,10 @@ import numpy as np
 import yaml
 
 from eol_ros.analysis.bag import Bag, Table
-from eol_ros.core.sound.bank import Bank, voice_rows
-from eol_ros.core.sound.mixer import Mixer
+from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.core.sound.voicing import Voicing, new_mixer
 from eol_ros.devices.audio.bank import load_bank
 from eol_ros.devices.corpus.corpus_build import of_this_machine
 from eol_ros.errors import ConfigError
@@ -30,20 +30,11 @@ def settings_of(bag: Bag) -> SoundSettings:
     return SoundSettings(**{key: value for key, value in said.items() if key in known})
 
 
-def new_mixer(settings: SoundSettings) -> Mixer:
-    """Return the mixer of these settings, before its first frame."""
-    return Mixer(
-        settings.sample_rate, settings.channels, settings.polyphony,
-        settings.interpolation == 'cubic', settings.gain_db, settings.ceiling_db,
-        settings.loudness_lufs, settings.governor_db,
-    )  # fmt: skip
+def voices(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, int, int, list[Bank]]:
+    """Return the voices (n,) VOICE, how many triggers there were and were refused, and the banks.
 
-
-def voices(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, int, list[Bank]]:
-    """Return the voices (n,) VOICE, how many triggers there were, and the banks the voices read.
-
-    Times count from the start of the bag. Keep the banks until all is played. Raises ConfigError
-    where the bag has no corpus, or the sound of its corpus is not there.
+    Times count from the start of the bag. Keep the banks, which the voices read, until all is
+    played. Raises ConfigError where the bag has no corpus, or the sound of its corpus is not there.
     """
     played, times = bag_triggers(bag, settings.sample_rate)
     corpora = bag.table('corpus')
@@ -52,7 +43,7 @@ def voices(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, int, list[Ban
     digests = [''.join(d) for d in corpora['digest']]
     news = [i for i, d in enumerate(digests) if not i or d != digests[i - 1]]
     begins = corpora['stamp'][news]
-    rows, banks = [], []
+    voicing, rows, banks, refused = Voicing(settings), [], [], 0
     for k, i in enumerate(news):  # each trigger speaks of the corpus of its time
         mine = np.ones(len(times), bool)
         if k:
@@ -60,8 +51,10 @@ def voices(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, int, list[Ban
         if k + 1 < len(news):
             mine &= times < begins[k + 1]
         banks.append(_bank(corpora[i : i + 1], settings.sample_rate))
-        rows.append(voice_rows(played[mine], banks[-1], settings.channels))
-    return np.concatenate(rows), len(played), banks
+        made, few = voicing.rows(played[mine], banks[-1])
+        rows.append(made)
+        refused += few
+    return np.concatenate(rows), len(played), refused, banks
 
 
 def bag_triggers(bag: Bag, sample_rate: int) -> tuple[np.ndarray, np.ndarray]:
@@ -79,12 +72,13 @@ def bag_triggers(bag: Bag, sample_rate: int) -> tuple[np.ndarray, np.ndarray]:
 
 def rendered(bag: Bag, settings: SoundSettings, seconds: float) -> Iterator[np.ndarray]:
     """Yield the first `seconds` of the bag's sound in blocks (n, channels) f4."""
-    rows, _, banks = voices(bag, settings)
+    rows, _, _, banks = voices(bag, settings)
     yield from play(new_mixer(settings), rows, math.ceil(seconds * settings.sample_rate), BLOCK)
     del banks  # the voices read them to the end
 
 
 def _bank(table: Table, sample_rate: int) -> Bank:
-    files, file, start, duration = corpus.to_core(next(corpus.RECORD.each(table)))
+    row = next(corpus.RECORD.each(table))
+    files, file, start, duration = corpus.to_core(row)
     here = [str(of_this_machine(path)) for path in files]
-    return load_bank(here, file, start, duration, sample_rate)
+    return load_bank(here, file, start, duration, sample_rate, corpus.places(row))

@@ -10,8 +10,10 @@ from eol_msgs.msg import GrainTrigger
 
 from eol_ros.core.sound.channel_test import ChannelTest
 from eol_ros.core.sound.meter import Meter
-from eol_ros.core.sound.mixer import AHEAD_S, Mixer
+from eol_ros.core.sound.mixer import AHEAD_S
+from eol_ros.core.sound.ring import output_names
 from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.core.sound.voicing import Voicing, new_mixer, wets
 from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.soundcard import Player
 from eol_ros.errors import EolError
@@ -37,14 +39,7 @@ class SoundNode(EolNode):
         super().__init__(settings, **kwargs)
         s = self.settings
         self.epoch_ns = now_ns() // NS * NS
-        self.mixer = Mixer(
-            s.sample_rate,
-            s.channels,
-            s.polyphony,
-            ceiling_db=s.ceiling_db,
-            gain_db=s.gain_db,
-            epoch_s=self.epoch_ns // NS,
-        )
+        self.mixer, self.voicing = new_mixer(s, self.epoch_ns // NS), Voicing(s)
         self.on_settings(s)
         self.osc = None
         if s.osc_out or s.osc_in:  # python-osc only then
@@ -80,6 +75,9 @@ class SoundNode(EolNode):
         self.subscribe('grain_triggers', self.on_trigger)
 
     def on_settings(self, new) -> None:
+        self.voicing.settings = new
+        if new.room_s:
+            self.mixer.set_wets(wets(new))
         cubic = new.interpolation == 'cubic'
         self.mixer.set(cubic, new.gain_db, new.loudness_lufs, new.governor_db)
         # Whole frames: the grains then start as far apart as without it, as `eol render` has them.
@@ -87,7 +85,8 @@ class SoundNode(EolNode):
 
     def on_corpus(self, message) -> None:
         from_ns = to_ns(message.header.stamp)
-        if self.banks.ask(message.digest, from_ns, *corpus.to_core(message)):
+        grains, places = corpus.to_core(message), corpus.places(message)
+        if self.banks.ask(message.digest, from_ns, *grains, places=places):
             self.trouble = f'loading {message.name}'
 
     def on_fade(self, asked: Asked) -> None:
@@ -122,7 +121,7 @@ class SoundNode(EolNode):
         if self.testing:
             raise EolError('the test of before still sounds')
         start_s = (now_ns() - self.epoch_ns) * 1e-9 + self.latency_s + TEST_IN_S
-        self.testing = asked, ChannelTest(self.mixer, start_s)
+        self.testing = asked, ChannelTest(self.mixer, start_s, output_names(self.settings))
         self.tested_s = time.monotonic()
         return LATER
 
@@ -169,7 +168,7 @@ class SoundNode(EolNode):
             since_ns = now_ns() - self.epoch_ns
         latency_s = min(self.latency_s * self.stretch(), AHEAD_S / 2)
         trigger = triggers.to_core(message, since_ns * 1e-9 + latency_s)
-        self.mixer.play(np.array([trigger], TRIGGER), bank)
+        self.mixer.play(np.array([trigger], TRIGGER), bank, self.voicing)
 
     def on_timer(self) -> None:
         for error in self.banks.news():

@@ -48,6 +48,19 @@ def to_core(row: Any) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
+def places(row: Any) -> np.ndarray:
+    """Return where each grain lies on the table, (g, 2) m; NaN for those without a place.
+
+    row: of DTYPE, or a message.
+    """
+    if len(row.bounds) != 4 or not len(row.file) == len(row.x) == len(row.y):
+        return np.full((len(row.file), 2), np.nan)  # of somebody who places nothing
+    left, low, right, high = row.bounds
+    x = left + np.array(row.x, float) * (right - left)
+    y = low + np.array(row.y, float) * (high - low)
+    return np.stack([x, y], axis=1)
+
+
 def to_json(message: Any) -> dict[str, Any]:
     """Return a Corpus message as pages read it, its values as one list per descriptor."""
     count = len(message.descriptors)

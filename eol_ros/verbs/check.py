@@ -172,6 +172,10 @@ def _grains(settings: Any) -> Iterator[Check]:
 
 
 def _sound(settings: Any) -> Iterator[Check]:
+    from eol_ros.core.sound import ring
+
+    for name, what in ring.mistakes(settings):
+        yield f'sound.{name}', functools.partial(_refuse, what)
     if settings.osc_out or settings.osc_in:
         yield f'sound.osc_{"out" if settings.osc_out else "in"}', lambda: _osc(settings.osc_out)
     if settings.wav:

@@ -13,6 +13,7 @@ EXAMPLES = [
     'eol render bags/2026-11-21 --out afternoon.wav',
     'eol render triggers.csv --corpus corpus.json --out x.flac --json',
     'eol render bags --corpus other.json --out other.wav --scene config/museum.yaml',
+    'eol render bags --scene ring.yaml --binaural --out headphones.wav',
 ]
 TAIL_S = 0.5  # after the last grain: the DC block and the limiter come to rest
 
@@ -24,6 +25,9 @@ def add_arguments(parser):
     parser.add_argument('--out', metavar='X.wav', required=True, help='wav, flac, ogg ...')
     parser.add_argument('--scene', metavar='FILE', help='take the settings of sound from here')
     parser.add_argument('--seconds', type=float, help='length (default: to the end)')
+    parser.add_argument(
+        '--binaural', action='store_true', help='two channels for headphones, of a ring of speakers'
+    )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 
@@ -32,23 +36,29 @@ def run(args) -> int:
     import numpy as np
 
     from eol_ros import scene
-    from eol_ros.analysis.sound import BLOCK, new_mixer
+    from eol_ros.analysis.sound import BLOCK
     from eol_ros.core.sound.offline import play
+    from eol_ros.core.sound.voicing import new_mixer
     from eol_ros.settings import SoundSettings
     from eol_ros.verbs.progress import track
 
     settings = scene.load(args.scene).settings('sound') if args.scene else SoundSettings()
     if args.seconds is not None and not 0 < args.seconds < 1e6:
         raise UsageError(f'--seconds {args.seconds}: give a length above zero')
-    rows, count, banks = _voices(args, settings)
+    ears = None
+    if args.binaural:
+        settings, ears = _ears(settings)
+    rows, count, refused, banks = _voices(args, settings)
     rate = settings.sample_rate
     end_s = float((rows['time_s'] + rows['length'] / rate).max()) if len(rows) else 0.0
     frames = math.ceil((args.seconds or end_s + TAIL_S) * rate)
     mixer = new_mixer(settings)
     peak, energy = 0.0, 0.0
-    with _writer(args.out, settings) as file:
+    channels = 2 if ears else settings.channels
+    with writer(args.out, settings.sample_rate, channels) as file:
         blocks = play(mixer, rows, frames, BLOCK)
         for block in track(blocks, 'rendering', total=math.ceil(frames / BLOCK)):
+            block = ears(block) if ears else block
             file.write(block)
             peak = max(peak, float(np.abs(block).max()))
             energy += float(np.square(block, dtype=np.float64).sum())
@@ -58,12 +68,12 @@ def run(args) -> int:
         'out': args.out,
         'seconds': frames / rate,
         'sample_rate': rate,
-        'channels': settings.channels,
+        'channels': channels,
         'triggers': count,
-        'dropped': count - len(rows) + int(state['dropped']),
+        'dropped': refused + int(state['dropped']),
         'stolen': int(state['stolen']),
         'peak_dbfs': _decibels(peak),
-        'rms_dbfs': _decibels(math.sqrt(energy / max(1, frames * settings.channels))),
+        'rms_dbfs': _decibels(math.sqrt(energy / max(1, frames * channels))),
         'limiter_least_db': _decibels(float(state['limiter_least'])),
     }
     if args.json:
@@ -82,9 +92,23 @@ def _decibels(amplitude: float) -> float:
     return round(20 * math.log10(max(amplitude, 1e-6)), 2)
 
 
+def _ears(settings):
+    """Return the settings without what aligns real loudspeakers, and the ears that hear them."""
+    import dataclasses
+
+    from eol_ros.core.sound.binaural import Binaural
+    from eol_ros.core.sound.ring import parse
+
+    if not settings.speakers:
+        raise UsageError('--binaural: the scene names no speakers; add --scene')
+    near = tuple(f'{s.name} {s.azimuth:g}' for s in parse(settings.speakers))
+    settings = dataclasses.replace(settings, speakers=near)
+    return settings, Binaural(parse(near), settings.sample_rate)
+
+
 def _voices(args, settings):
-    """Return the voices, how many triggers there were, and the banks that the voices read."""
-    from eol_ros.core.sound.bank import voice_rows
+    """Return the voices, how many triggers there were and were refused, and the voices' banks."""
+    from eol_ros.core.sound.voicing import Voicing
 
     if Path(args.source).suffix.lower() == '.csv':
         from eol_ros.devices.files.trigger_file import load_triggers
@@ -93,7 +117,8 @@ def _voices(args, settings):
             raise UsageError(f'{args.source}: a CSV names no sound; add --corpus C.json')
         triggers = load_triggers(args.source)
         bank = _bank(args.corpus, settings.sample_rate)
-        return voice_rows(triggers, bank, settings.channels), len(triggers), [bank]
+        rows, refused = Voicing(settings).rows(triggers, bank)
+        return rows, len(triggers), refused, [bank]
     from eol_ros.analysis import sound
     from eol_ros.analysis.bag import open_bag
 
@@ -102,7 +127,8 @@ def _voices(args, settings):
         return sound.voices(bag, settings)
     triggers, _ = sound.bag_triggers(bag, settings.sample_rate)
     bank = _bank(args.corpus, settings.sample_rate)
-    return voice_rows(triggers, bank, settings.channels), len(triggers), [bank]
+    rows, refused = Voicing(settings).rows(triggers, bank)
+    return rows, len(triggers), refused, [bank]
 
 
 def _bank(path: str, sample_rate: int):
@@ -115,7 +141,7 @@ def _bank(path: str, sample_rate: int):
     return load_bank(files, grains['file'], grains['start_s'], grains['duration_s'], sample_rate)
 
 
-def _writer(path: str, settings):
+def writer(path: str, sample_rate: int, channels: int):
     """Open the file to write; 32-bit float where the format has it, so that no bit is lost."""
     import soundfile
 
@@ -124,8 +150,6 @@ def _writer(path: str, settings):
         raise UsageError(f'{path}: the ending names the format; give .wav, .flac or .ogg')
     subtype = 'FLOAT' if soundfile.check_format(kind, 'FLOAT') else None
     try:
-        return soundfile.SoundFile(
-            path, 'w', settings.sample_rate, settings.channels, subtype=subtype
-        )
+        return soundfile.SoundFile(path, 'w', sample_rate, channels, subtype=subtype)
     except (soundfile.LibsndfileError, OSError) as error:
         raise ConfigError(f'{path}: cannot be written ({error})') from None

@@ -2,6 +2,7 @@
 """The sound of a corpus in memory, the voices that read it, and how long it must stay there."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from eol_ros.core.sound.mixer_layout import FOREVER, GUARD, VOICE
 from eol_ros.core.sound.pan import pan
+from eol_ros.core.sound.ring import Ring
 from eol_ros.core.sound.triggers import playable
 
 EDGE_S = 0.002  # the shortest edge: anything steeper is heard as a click
@@ -29,6 +31,8 @@ class Bank:
         (g,) in s.
     sample_rate : float
         Of the mixer, in Hz.
+    places : array_like, optional
+        (g, 2) where on the table each grain lies, m; NaN for none.
 
     Examples
     --------
@@ -44,8 +48,10 @@ class Bank:
         start: ArrayLike,
         duration: ArrayLike,
         sample_rate: float,
+        places: ArrayLike | None = None,
     ):
         self.sample_rate = sample_rate
+        self.places = None if places is None else np.asarray(places, float).reshape(-1, 2)
         sizes = [len(s) for s in sounds]
         self._samples = np.zeros(sum(sizes) + GUARD * (len(sizes) + 1), np.float32)
         begins = np.empty(len(sizes), np.int64)
@@ -64,11 +70,26 @@ class Bank:
     def __len__(self) -> int:
         return len(self.length)
 
+    def placed(self, places: ArrayLike) -> 'Bank':
+        """Return a bank of the same sound in the same memory, its grains at `places` (g, 2), m."""
+        bank = copy(self)
+        bank.places = np.asarray(places, float).reshape(-1, 2)
+        return bank
 
-def voice_rows(triggers: np.ndarray, bank: Bank, channels: int) -> np.ndarray:
+
+def voice_rows(
+    triggers: np.ndarray,
+    bank: Bank,
+    channels: int,
+    first: np.ndarray | None = None,
+    ring: Ring | None = None,
+) -> np.ndarray:
     """Return the voices (m,) VOICE of those `triggers` (n,) TRIGGER that can play, in order.
 
-    They read the memory of `bank` by its address: keep the bank for as long as they sound.
+    They read the memory of `bank` by its address: keep the bank for as long as they sound. `first`
+    (n,): the row of the mixer's sums at which the `channels` loudspeakers of each begin; None: 0.
+    These stand in a row, and `pan` says where; those of a `ring` about the table, and the place of
+    the grain on it says where.
     """
     good = playable(triggers, len(bank))
     good[good] &= bank.length[triggers['grain'][good]] >= 4
@@ -86,9 +107,25 @@ def voice_rows(triggers: np.ndarray, bank: Bank, channels: int) -> np.ndarray:
     v['attack'] = np.maximum(1, np.floor(attack * squeeze))
     v['release'] = np.maximum(1, np.floor(release * squeeze))
     v['steal'] = FOREVER
-    v['channel_a'], v['channel_b'], a, b = pan(t['pan'], channels)
+    if ring is None:
+        v['channel_a'], v['channel_b'], a, b = pan(t['pan'], channels)
+    else:
+        v['channel_a'], v['channel_b'], a, b = ring.pan(*_places(t, bank))
     v['gain_a'], v['gain_b'] = a * t['gain'], b * t['gain']
+    if first is not None:
+        v['channel_a'] += first[good]
+        v['channel_b'] += first[good]
     return v[v['length'] >= 4]
+
+
+def _places(triggers: np.ndarray, bank: Bank) -> tuple[np.ndarray, np.ndarray]:
+    """Return x and y (n,) of the grains, m; one without a place lies on the line across, by pan."""
+    x, y = triggers['pan'].astype(float), np.zeros(len(triggers))
+    if bank.places is not None:
+        at = bank.places[triggers['grain']]
+        known = np.isfinite(at).all(axis=1)
+        x, y = np.where(known, at.T, (x, y))
+    return x, y
 
 
 class Lent:

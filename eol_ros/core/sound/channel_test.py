@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A burst of noise from each loudspeaker in turn, and how loud it came out of the mixer."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from eol_ros.core.sound.bank import Bank
@@ -14,9 +16,9 @@ EDGE_S = 0.01
 PEAK = 0.25  # of the noise, before the master
 
 
-def burst(sample_rate: float, seed: int = 1) -> np.ndarray:
-    """Return pink noise (n,) f4: as loud in each octave, which shows what a loudspeaker lacks."""
-    n = round(BURST_S * sample_rate)
+def pink_noise(sample_rate: float, seconds: float = BURST_S, seed: int = 1) -> np.ndarray:
+    """Return noise (n,) f4 as loud in each octave, which shows what a loudspeaker lacks."""
+    n = round(seconds * sample_rate)
     spectrum = np.fft.rfft(np.random.default_rng(seed).standard_normal(n))
     hz = np.fft.rfftfreq(n, 1 / sample_rate)
     spectrum *= (hz > 60) / np.sqrt(np.maximum(hz, 60))
@@ -24,25 +26,20 @@ def burst(sample_rate: float, seed: int = 1) -> np.ndarray:
     return (PEAK * noise / np.abs(noise).max()).astype(np.float32)
 
 
-def channel_name(channel: int, channels: int) -> str:
-    """Return what people call a loudspeaker; they stand in a row from left to right."""
-    if channels == 2:
-        return ('left', 'right')[channel]
-    return f'channel {channel + 1}' if channels > 1 else 'mono'
-
-
 class ChannelTest:
     """Plays the bursts, from `start_s` on the time axis of the engine, and measures each.
+
+    `names`: what people call each output.
 
     `levels_db` has a level for each channel that was measured: the peak of its samples while its
     burst sounded; NaN where nobody looked in time.
     """
 
-    def __init__(self, mixer: Mixer, start_s: float):
-        self._mixer = mixer
+    def __init__(self, mixer: Mixer, start_s: float, names: Sequence[str]):
+        self._mixer, self._names = mixer, names
         self.levels_db: list[float] = []
         rate, channels = mixer.sample_rate, mixer.channels
-        bank = Bank([burst(rate)], [0], [0.0], [BURST_S], rate)
+        bank = Bank([pink_noise(rate)], [0], [0.0], [BURST_S], rate)
         rows = np.zeros(channels, TRIGGER)
         rows['time_s'] = start_s + EVERY_S * np.arange(channels)
         rows['gain'] = rows['rate'] = 1.0
@@ -77,15 +74,14 @@ class ChannelTest:
     def silent(self) -> list[str]:
         """Return the names of the channels from which nothing came."""
         return [
-            channel_name(channel, self._mixer.channels)
-            for channel, level_db in enumerate(self.levels_db)
+            name
+            for name, level_db in zip(self._names, self.levels_db, strict=False)
             if level_db <= FLOOR_DB
         ]
 
     def words(self) -> str:
         """Return it for people: `left -16 dBFS, right -16 dBFS`."""
         return ', '.join(
-            f'{channel_name(channel, self._mixer.channels)} '
-            + (f'{level_db:.0f} dBFS' if level_db == level_db else 'not measured')
-            for channel, level_db in enumerate(self.levels_db)
+            f'{name} ' + (f'{level_db:.0f} dBFS' if level_db == level_db else 'not measured')
+            for name, level_db in zip(self._names, self.levels_db, strict=False)
         )

@@ -13,7 +13,7 @@ import operator
 from typing import Any
 
 from numba import types
-from numba.core import cgutils
+from numba.core import cgutils, errors
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
@@ -184,6 +184,26 @@ def _around(typing_context, address, place, step) -> Any:
     return types.UniTuple(lanes, 4)(types.int64, types.int64, types.int64), codegen
 
 
+def _butterfly(typing_context, x, stride) -> Any:
+    """Return the sums and differences of lanes `stride` apart: a step of a Hadamard transform.
+
+    Lane j becomes x[j] + x[j + stride] where bit `stride` (a literal) of j is clear, and
+    x[j - stride] - x[j] where it is set.
+    """
+    if not isinstance(stride, types.IntegerLiteral):
+        raise errors.RequireLiteralValue('stride')
+    step = stride.literal_value
+
+    def codegen(context, builder, sig, args):
+        lanes_of = range(WIDTH)
+        swapped = _shuffle(builder, args[0], args[0], [j ^ step for j in lanes_of])
+        signs = [_ir.Constant(_FLOAT, -1.0 if j & step else 1.0) for j in lanes_of]
+        signed = builder.fmul(args[0], _ir.Constant(_FLOATS, signs))  # exact, so no step is fused
+        return builder.fadd(swapped, signed)
+
+    return lanes(lanes, stride), codegen
+
+
 def _prefetch(typing_context, address) -> Any:
     """Ask for the cache line at `address`, and do not wait for it."""
 
@@ -207,4 +227,5 @@ count_from: Any = intrinsic(_count)
 keep: Any = intrinsic(_keep)
 fractions: Any = intrinsic(_fractions)
 around: Any = intrinsic(_around)
+butterfly: Any = intrinsic(_butterfly)
 prefetch: Any = intrinsic(_prefetch)

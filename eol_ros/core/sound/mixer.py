@@ -5,14 +5,17 @@
 the next frames. Nothing in it allocates, waits or calls Python, so a sound card may call it.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.sound import clock
+from eol_ros.core.sound import clock, room
 from eol_ros.core.sound.bank import Bank, Lent, voice_rows
+from eol_ros.core.sound.buses import blend, pole
 from eol_ros.core.sound.envelope import add_edge, add_flat, fade_out
 from eol_ros.core.sound.lanes import prefetch
-from eol_ros.core.sound.limiter import ONE, condition, limit
+from eol_ros.core.sound.limiter import ONE, align, condition, limit
 from eol_ros.core.sound.loudness import k_weighting
 from eol_ros.core.sound.mixer_layout import (
     CHUNK,
@@ -24,8 +27,12 @@ from eol_ros.core.sound.mixer_layout import (
     fits,
     memory,
 )
+from eol_ros.core.sound.room import reverberate
 from eol_ros.core.sound.taps import read
 from eol_ros.errors import ConfigError
+
+if TYPE_CHECKING:
+    from eol_ros.core.sound.voicing import Voicing
 
 STEAL_S = 0.002  # a voice that makes room for another fades out in this time
 LOOK_AHEAD_S = 0.003
@@ -62,6 +69,8 @@ def _mix(m, begin, end, origin):
             stop = min(stop, v.steal + steal_frames - v.start)
         if n >= stop:
             continue
+        if s.buses:  # a room has buses, too
+            m.summed[v.channel_a] = m.summed[v.channel_b] = 1
         row = v.source + 4 * n
         if v.rate != 1.0:
             row = scratch
@@ -203,10 +212,16 @@ def render(address, out):
     at = 0
     while at < out.shape[0]:
         n = min(CHUNK, out.shape[0] - at)
-        m.mix[:, :n] = 0
+        m.mix[: max(2, s.channels), :n] = 0
         _begin(m, s.frame + n)
+        if s.buses:
+            blend(m, n)
+        if s.room_tail:
+            reverberate(m, n)
         condition(m, n)
         limit(m, out, at, n)
+        if s.align_size:
+            align(m, out, at, n)
         k = 0
         while k < n:
             i = (s.frame + k) % s.history
@@ -239,6 +254,13 @@ class Mixer:
         Above this loudness the governor turns down, by so much at most.
     epoch_s : float
         The time of frame 0.
+    buses : int
+        Beside the mix, for grains that are filtered together: rows of `voice_rows(bus=...)`.
+    room_s, room_high_s : float
+        Decay by 60 dB of the room, at low frequencies and at 4 kHz; 0: there is none. It hears
+        the buses, by `set_wets`.
+    latest : int
+        Frames by which `align` may delay a loudspeaker, and one more; 0: it is not used.
 
     Raises
     ------
@@ -263,11 +285,20 @@ class Mixer:
         loudness_lufs: float = -18.0,
         governor_db: float = 6.0,
         epoch_s: float = 0.0,
+        buses: int = 0,
+        room_s: float = 0.0,
+        room_high_s: float = 0.0,
+        latest: int = 0,
     ):
         look_ahead = int(round(LOOK_AHEAD_S * sample_rate))
         history = 1 << int(np.ceil(np.log2(1.3 * sample_rate)))
         self.memory: Memory
-        self.memory, self._table = allocate(channels, 2 * max_voices, look_ahead, history)
+        lines = room.delays(sample_rate)
+        line_size = 1 << int(lines.max() + room.SPAN).bit_length() if room_s else 0
+        self.memory, self._table = allocate(
+            channels, 2 * max_voices, look_ahead, history, buses, line_size,
+            1 << latest.bit_length() if latest else 0,
+        )  # fmt: skip
         self.address = int(self._table.ctypes.data)
         self.sample_rate, self.channels = sample_rate, channels
         s = self.state = self.memory.state
@@ -276,6 +307,10 @@ class Mixer:
         s['ceiling'] = 10 ** (ceiling_db / 20) * (1 - 1e-6)  # room for the rounding to float32
         s['release'] = 1 - np.exp(-1 / (LIMITER_RELEASE_S * sample_rate))
         s['dc_pole'] = 1 - 2 * np.pi * DC_HZ / sample_rate
+        if room_s:
+            self.memory.room.delays[:] = lines
+            self.memory.room.coefficients[:] = room.coefficients(sample_rate, room_s, room_high_s)
+            s['room_tail'] = round(room_s * room.TAIL_DB / 60 * sample_rate)
         for gain in ('limiter', 'limiter_least', 'held', 'governor', 'fade', 'fade_target'):
             s[gain] = 1
         self.memory.box[:] = ONE
@@ -339,15 +374,33 @@ class Mixer:
         s = self.state[0]
         return float(s['clock_time'] + (frame - s['clock_frame']) * s['clock_period'])
 
-    def play(self, triggers: np.ndarray, bank: Bank) -> None:
+    def set_corners(self, corner_hz: np.ndarray) -> None:
+        """Set the corner of the low-passes of each bus, (1 + buses,), Hz; the first has none."""
+        self.memory.poles[:] = pole(corner_hz, self.sample_rate)
+
+    def align(self, delay: np.ndarray, gain: np.ndarray) -> None:
+        """Delay the first loudspeakers by (n,) frames, and turn them down to (n,) <= 1."""
+        self.memory.alignment.lateness[: len(delay)] = delay
+        self.memory.alignment.trims[: len(gain)] = gain
+
+    def set_wets(self, wets: np.ndarray) -> None:
+        """Set which share of each bus, (1 + buses,), the room hears; the first is the mix."""
+        self.memory.room.wets[:] = wets
+
+    def play(self, triggers: np.ndarray, bank: Bank, voicing: 'Voicing | None' = None) -> None:
         """Push what can be played of `triggers` (n,) TRIGGER; the rest counts as dropped.
 
-        The bank is kept in memory for as long as its voices may read it.
+        `voicing` makes the voices, if there is one. The bank is kept in memory for as long as its
+        voices may read it.
         """
-        rows = voice_rows(triggers, bank, self.channels)
+        if voicing is None:
+            rows = voice_rows(triggers, bank, self.channels)
+            refused = len(triggers) - len(rows)
+        else:
+            rows, refused = voicing.rows(triggers, bank)
         self.push(rows)
         s = self.state[0]
-        s['dropped'] += len(triggers) - len(rows)
+        s['dropped'] += refused
         if len(rows):
             self._lent.lend(bank, int(rows['length'].max()), int(s['ring_head']))
         self._lent.settle(int(s['ring_tail']), int(s['frame']))

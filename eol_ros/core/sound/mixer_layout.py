@@ -16,6 +16,7 @@ from numba.extending import intrinsic
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.sound.lanes import WIDTH
+from eol_ros.core.sound.room import LINES, SPAN
 from eol_ros.core.sound.triggers import MAX_RATE
 
 CHUNK = 512  # frames mixed in one go: two channels of it and a scratch row stay in the L1 cache
@@ -36,7 +37,7 @@ VOICE = np.dtype(
         ('steal', 'i8'),  # frame at which a fade-out for others begins; FOREVER if none
         ('source', 'i8'),  # address of the float32 samples that it reads
         ('rate', 'f8'),  # source samples a frame
-        ('channel_a', 'i8'),  # the two loudspeakers between which it stands
+        ('channel_a', 'i8'),  # the two loudspeakers between which it stands, as rows of the mix
         ('channel_b', 'i8'),
         ('gain_a', 'f4'),
         ('gain_b', 'f4'),
@@ -54,12 +55,16 @@ STATE = np.dtype(
         ('ingest', 'i8'),  # triggers taken from the ring in one call at most
         ('steal_frames', 'i8'),  # of the fade-out of a voice that makes room
         ('look_ahead', 'i8'),  # frames that the limiter delays by
+        ('buses', 'i8'),  # of grains that are filtered together, beside the mix; 0: there are none
         ('history', 'i8'),  # frames of output that are remembered
         ('ceiling', 'f8'),  # the limiter's
         ('release', 'f8'),  # of the limiter: share of the way to 1 made in a frame
         ('dc_pole', 'f8'),
         ('loudness', 'f8'),  # LUFS that the governor holds
         ('governor_range', 'f8'),  # dB that it may take away
+        ('align_size', 'i8'),  # samples that each loudspeaker may be late by; 0: none is
+        ('line_size', 'i8'),  # samples of a line of the room
+        ('room_tail', 'i8'),  # frames until the room has decayed; 0: there is no room
         # targets: Python writes, the callback reads
         ('cubic', 'i8'),
         ('gain_target', 'f8'),
@@ -88,6 +93,8 @@ STATE = np.dtype(
         ('settled', 'i8'),  # frames since the limiter last had to work
         ('queue_first', 'i8'),
         ('queue_count', 'i8'),
+        ('room_until', 'i8'),  # frame at which the room has decayed
+        ('room_awake', 'i8'),
         # counters
         ('triggers', 'i8'),
         ('late', 'i8'),
@@ -108,11 +115,25 @@ STATE = np.dtype(
     align=True,
 )
 
-# Compiled code is kept on disk and looks at the date of its own source only. It begins by comparing
-# this number, so that code of another layout does nothing rather than write anywhere.
-LAYOUT = zlib.crc32(
-    repr((VOICE.descr, STATE.descr, CHUNK, ROOM, GUARD, RING, WINDOWS, LOADS, FOREVER)).encode()
-)
+
+class Room(NamedTuple):
+    """The arrays of the room, empty where there is none."""
+
+    wets: np.ndarray  # (1 + buses,) f4, share of each bus that goes into the room
+    send: np.ndarray  # (2, ROOM) f4, what goes into it: of even channels, of odd ones
+    delays: np.ndarray  # (LINES,) i8, of the room's lines
+    lines: np.ndarray  # (LINES, a power of two) f4
+    coefficients: np.ndarray  # (4, LINES) f4, see room.coefficients
+    damping: np.ndarray  # (LINES,) f4, state of the low-pass of each line
+    turned: np.ndarray  # (2, SPAN, LINES) f4, samples of all lines side by side
+
+
+class Alignment(NamedTuple):
+    """The arrays that make all loudspeakers sound as if equally far away."""
+
+    late: np.ndarray  # (channels, align_size, a power of two) f4, ring of each loudspeaker
+    lateness: np.ndarray  # (channels,) i8, samples by which each is late
+    trims: np.ndarray  # (channels,) f4, its gain
 
 
 class Memory(NamedTuple):
@@ -124,7 +145,7 @@ class Memory(NamedTuple):
     pending: np.ndarray  # (RING,) VOICE, taken from the ring, sorted by start
     order: np.ndarray  # (capacity,) i8, rows of `voices`: those that sound, then the free ones
     ended: np.ndarray  # (capacity,) i8, room to sort `order` in
-    mix: np.ndarray  # (max(2, channels), ROOM) f4, sum of the voices
+    mix: np.ndarray  # (max(2, channels (1 + buses)), ROOM) f4, sums of voices, bus by bus
     scratch: np.ndarray  # (ROOM,) f4, one voice
     delay: np.ndarray  # (channels, look_ahead + CHUNK) f4, the limiter's
     queue_gain: np.ndarray  # (look_ahead + 2,) f8, of its sliding minimum
@@ -136,6 +157,19 @@ class Memory(NamedTuple):
     past: np.ndarray  # (history, channels) f4, ring of what was put out
     loads: np.ndarray  # (LOADS,) f8, ring of the share of its time that a callback took
     timespec: np.ndarray  # (2,) i8, for the clock
+    poles: np.ndarray  # (1 + buses,) f8, of the two low-passes of each bus; that of the mix unused
+    summed: np.ndarray  # (channels (1 + buses),) i8, rows of `mix` into which a voice was summed
+    lows: np.ndarray  # (channels (1 + buses), 2) f8, state of the two low-passes of each row
+    room: Room
+    alignment: Alignment
+
+
+_FIELDS = (*Memory._fields[:-2], *Room._fields, *Alignment._fields)
+ARRAYS = len(_FIELDS)
+# Compiled code is kept on disk and looks at the date of its own source only. It begins by comparing
+# this number, so that code of another layout does nothing rather than write anywhere.
+_WHAT = (VOICE.descr, STATE.descr, _FIELDS, CHUNK, ROOM, GUARD, RING, WINDOWS, LOADS)
+LAYOUT = zlib.crc32(repr((*_WHAT, FOREVER)).encode())
 
 
 def _pointer(typing_context, address):
@@ -172,10 +206,10 @@ def fits(address):
 @njit(cache=True)
 def memory(address):
     """View the arrays whose table stands at `address`."""
-    t = carray(pointer(address), 19, np.int64)[1:]
+    t = carray(pointer(address), 1 + ARRAYS, np.int64)[1:]
     state = carray(pointer(t[0]), 1, STATE)
     s = state[0]
-    c, look_ahead = s.channels, s.look_ahead
+    c, look_ahead, rows = s.channels, s.look_ahead, s.channels * (1 + s.buses)
     return Memory(
         state,
         carray(pointer(t[1]), s.capacity, VOICE),
@@ -183,7 +217,7 @@ def memory(address):
         carray(pointer(t[3]), RING, VOICE),
         carray(pointer(t[4]), s.capacity, np.int64),
         carray(pointer(t[5]), s.capacity, np.int64),
-        carray(pointer(t[6]), (max(2, c), ROOM), np.float32),
+        carray(pointer(t[6]), (max(2, rows), ROOM), np.float32),
         carray(pointer(t[7]), ROOM, np.float32),
         carray(pointer(t[8]), (c, look_ahead + CHUNK), np.float32),
         carray(pointer(t[9]), look_ahead + 2, np.float64),
@@ -195,13 +229,37 @@ def memory(address):
         carray(pointer(t[15]), (s.history, c), np.float32),
         carray(pointer(t[16]), LOADS, np.float64),
         carray(pointer(t[17]), 2, np.int64),
+        carray(pointer(t[18]), 1 + s.buses, np.float64),
+        carray(pointer(t[19]), rows, np.int64),
+        carray(pointer(t[20]), (rows, 2), np.float64),
+        Room(
+            carray(pointer(t[21]), 1 + s.buses, np.float32),
+            carray(pointer(t[22]), (2, ROOM if s.room_tail else 0), np.float32),
+            carray(pointer(t[23]), LINES, np.int64),
+            carray(pointer(t[24]), (LINES, s.line_size), np.float32),
+            carray(pointer(t[25]), (4, LINES), np.float32),
+            carray(pointer(t[26]), LINES, np.float32),
+            carray(pointer(t[27]), (2, SPAN, LINES), np.float32),
+        ),
+        Alignment(
+            carray(pointer(t[28]), (c, s.align_size), np.float32),
+            carray(pointer(t[29]), c, np.int64),
+            carray(pointer(t[30]), c, np.float32),
+        ),
     )
 
 
 def allocate(
-    channels: int, capacity: int, look_ahead: int, history: int
+    channels: int,
+    capacity: int,
+    look_ahead: int,
+    history: int,
+    buses: int = 0,
+    line_size: int = 0,
+    align_size: int = 0,
 ) -> tuple[Memory, np.ndarray]:
-    """Return the zeroed arrays of a mixer and its table, (19,) int64: LAYOUT and addresses."""
+    """Return the zeroed arrays of a mixer and its table, int64: LAYOUT and their addresses."""
+    rows = channels * (1 + buses)
     arrays = Memory(
         np.zeros(1, STATE),
         np.zeros(capacity, VOICE),
@@ -209,7 +267,7 @@ def allocate(
         np.zeros(RING, VOICE),
         np.arange(capacity),
         np.zeros(capacity, np.int64),
-        np.zeros((max(2, channels), ROOM), np.float32),
+        np.zeros((max(2, rows), ROOM), np.float32),
         np.zeros(ROOM, np.float32),
         np.zeros((channels, look_ahead + CHUNK), np.float32),
         np.zeros(look_ahead + 2),
@@ -221,8 +279,27 @@ def allocate(
         np.zeros((history, channels), np.float32),
         np.zeros(LOADS),
         np.zeros(2, np.int64),
+        np.zeros(1 + buses),
+        np.zeros(rows, np.int64),
+        np.zeros((rows, 2)),
+        Room(
+            np.zeros(1 + buses, np.float32),
+            np.zeros((2, ROOM if line_size else 0), np.float32),
+            np.zeros(LINES, np.int64),
+            np.zeros((LINES, line_size), np.float32),
+            np.zeros((4, LINES), np.float32),
+            np.zeros(LINES, np.float32),
+            np.zeros((2, SPAN if line_size else 0, LINES), np.float32),
+        ),
+        Alignment(
+            np.zeros((channels, align_size), np.float32),
+            np.zeros(channels, np.int64),
+            np.ones(channels, np.float32),
+        ),
     )
     s = arrays.state
-    s['channels'], s['capacity'] = channels, capacity
+    s['channels'], s['capacity'], s['buses'] = channels, capacity, buses
+    s['line_size'], s['align_size'] = line_size, align_size
     s['look_ahead'], s['history'] = look_ahead, history
-    return arrays, np.array([LAYOUT, *(a.ctypes.data for a in arrays)], np.int64)
+    flat = (*arrays[:-2], *arrays.room, *arrays.alignment)
+    return arrays, np.array([LAYOUT, *(a.ctypes.data for a in flat)], np.int64)

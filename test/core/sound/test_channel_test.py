@@ -2,8 +2,10 @@
 import numpy as np
 import pytest
 
-from eol_ros.core.sound.channel_test import BURST_S, EVERY_S, PEAK, ChannelTest, burst
+from eol_ros.core.sound.channel_test import BURST_S, EVERY_S, PEAK, ChannelTest, pink_noise
 from eol_ros.core.sound.mixer import Mixer
+from eol_ros.core.sound.ring import output_names
+from eol_ros.settings import SoundSettings
 
 FS = 48000
 
@@ -11,7 +13,7 @@ FS = 48000
 def played(channels, block=480, **options):
     """Play a test to its end; return it and all samples, (n, channels)."""
     mixer = Mixer(FS, channels, gain_db=0, governor_db=0, **options)
-    test, blocks = ChannelTest(mixer, 0.1), []
+    test, blocks = ChannelTest(mixer, 0.1, list(map(str, range(channels)))), []
     while not test.look():
         blocks.append(mixer.render(block))
         assert len(blocks) < 10_000
@@ -37,10 +39,10 @@ def test_each_loudspeaker_sounds_alone_and_in_turn(channels):
 
 
 def test_words_name_the_channels():
-    test = ChannelTest(Mixer(FS), 0.0)
+    test = ChannelTest(Mixer(FS), 0.0, output_names(SoundSettings()))
     test.levels_db = [-16.4, float('nan')]
     assert test.words() == 'left -16 dBFS, right not measured'
-    test = ChannelTest(Mixer(FS, 3), 0.0)
+    test = ChannelTest(Mixer(FS, 3), 0.0, output_names(SoundSettings(channels=3)))
     test.levels_db = [-16.4, -120.0, -16.0]
     assert test.silent() == ['channel 2'] and test.words().startswith('channel 1 -16 dBFS, ch')
 
@@ -49,7 +51,7 @@ def test_words_name_the_channels():
 def test_a_mixer_that_was_turned_off_is_silent():
     mixer = Mixer(FS, 2)
     mixer.fade(0.0, 0.0)
-    test = ChannelTest(mixer, 0.1)
+    test = ChannelTest(mixer, 0.1, ('left', 'right'))
     while not test.look():
         mixer.render(480)
     assert test.silent() == ['left', 'right']
@@ -58,13 +60,13 @@ def test_a_mixer_that_was_turned_off_is_silent():
 @pytest.mark.slow
 def test_who_looks_too_late_has_not_measured():
     mixer = Mixer(FS, 2)
-    test = ChannelTest(mixer, 0.1)
+    test = ChannelTest(mixer, 0.1, ('left', 'right'))
     test.look()
     mixer.render(3 * FS)
     assert test.look() and np.isnan(test.levels_db[:1]).all()
 
 
 def test_the_noise_is_as_loud_in_each_octave():
-    power = np.abs(np.fft.rfft(burst(FS).astype(float), FS)) ** 2
+    power = np.abs(np.fft.rfft(pink_noise(FS).astype(float), FS)) ** 2
     octaves = [power[hz : 2 * hz].sum() for hz in (250, 500, 1000, 2000, 4000, 8000)]
     assert max(octaves) / min(octaves) < 2

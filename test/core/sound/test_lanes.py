@@ -19,9 +19,9 @@ GIVEN = """
 import hashlib
 import numpy as np
 from benchmarks.sound_reference import score
-from eol_ros.core.sound.bank import Bank
+from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer
-from eol_ros.core.sound.offline import render_all
+from eol_ros.core.sound.offline import play, render_all
 
 rng = np.random.default_rng(3)
 bank = Bank([rng.standard_normal(48000).astype('f4') * 0.1], [0] * 20, np.linspace(0, 0.7, 20),
@@ -33,6 +33,11 @@ for cubic in (True, False):
     mixer = Mixer(48000, max_voices=20, loudness_lufs=-40, cubic=cubic)
     digest.update(render_all(mixer, triggers, bank, 2 * 48000).tobytes())
     assert mixer.state['stolen'][0] and mixer.state['limiter_least'][0] < 0.9
+mixer = Mixer(48000, gain_db=-12, buses=2, room_s=1.0, room_high_s=0.5, latest=100)
+mixer.set_corners(np.array([0.0, 5000.0, 900.0]))
+mixer.set_wets(np.array([0.2, 0.5, 1.0]))
+rows = voice_rows(triggers, bank, 2, 2 * (np.arange(400) % 3))
+digest.update(b''.join(b.tobytes() for b in play(mixer, rows, 2 * 48000)))
 """
 
 

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Triggers to voices whose sound says how large the rupture is: source scaling, dynamics, sub.
+
+Brune, "Tectonic stress and the spectra of seismic shear waves from earthquakes", J. Geophys. Res.
+75 (1970) 4997: a source of radius r has a flat displacement spectrum up to a corner frequency that
+goes as 1/r, and falls as f^-2 above it: 1 / (1 + (f / f_c)^2), after his eq. 31 and 36. A rupture
+of A blocks has r ~ A^(1/2), so f_c ~ A^(-1/2): the same sound, larger, is slower by A^(1/2) and
+darker. The area is that of now, as the rupture has grown so far (`rupture.py`).
+
+A corner is a property of the area, not of the grain: grains of like areas are summed on a bus, and
+a bus is filtered once (`buses.py`), so that the loop over the grains does not know of it.
+"""
+
+import numpy as np
+
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.mixer import Mixer
+from eol_ros.core.sound.ring import Ring, alignment, mistakes, parse
+from eol_ros.core.sound.rupture import Ruptures
+from eol_ros.core.sound.sub import pulse_bank, pulses
+from eol_ros.core.sound.triggers import MAX_GAIN, MAX_RATE, MIN_RATE, playable
+from eol_ros.errors import ConfigError
+from eol_ros.settings import SoundSettings
+
+BUSES = 10  # of areas in steps of half an octave: 1, 1.4, 2, 2.8, 4 ... 22.6; the first is the mix
+OFF_DB = -90.0
+AREA_OF_BUS = 2.0 ** (np.arange(BUSES) / 2)
+
+
+def bus_of(area: np.ndarray) -> np.ndarray:
+    """Return the bus of areas (n,) 1..25; each is within a quarter of an octave of its area."""
+    return np.rint(2 * np.log2(area)).astype(np.int64)
+
+
+def corners_hz(single_hz: float) -> np.ndarray:
+    """Return the corner frequency of each bus, (BUSES,), Hz; that of a single slip is `single_hz`.
+
+    Examples
+    --------
+    >>> corners_hz(8000.0)[[0, 4, 8]].tolist()
+    [8000.0, 4000.0, 2000.0]
+    """
+    return single_hz / np.sqrt(AREA_OF_BUS)
+
+
+def wets(settings: SoundSettings) -> np.ndarray:
+    """Return the share of each bus, (BUSES,), that the room hears."""
+    less_db = settings.room_range_db * (1 - np.log(AREA_OF_BUS) / np.log(N_BLOCKS))
+    return 10 ** ((settings.room_db - less_db) / 20)
+
+
+def new_mixer(settings: SoundSettings, epoch_s: float = 0.0) -> Mixer:
+    """Return the mixer of these settings, before its first frame; `epoch_s` is its time.
+
+    Raises ConfigError where its outputs do not fit each other.
+    """
+    s = settings
+    for name, what in mistakes(s):
+        raise ConfigError(f'sound.{name}: {what}')
+    delay, gain = alignment(parse(s.speakers), s.sample_rate)
+    uneven = delay.any() or (gain != 1).any()
+    mixer = Mixer(
+        s.sample_rate, s.channels, s.polyphony, s.interpolation == 'cubic', s.gain_db, s.ceiling_db,
+        s.loudness_lufs, s.governor_db, epoch_s, BUSES - 1 if s.corner_hz or s.room_s else 0,
+        s.room_s, s.room_high_s, int(delay.max()) + 1 if uneven else 0,
+    )  # fmt: skip
+    if s.corner_hz:
+        mixer.set_corners(corners_hz(s.corner_hz))
+    if s.room_s:
+        mixer.set_wets(wets(s))
+    if uneven:
+        mixer.align(delay, gain)
+    return mixer
+
+
+class Voicing:
+    """Makes voices of triggers; keeps which rupture each belongs to, so feed it in their order.
+
+    Parameters
+    ----------
+    settings : SoundSettings
+        May be replaced between two triggers.
+
+    Examples
+    --------
+    >>> from eol_ros.core.sound.triggers import TRIGGER
+    >>> bank = Bank([np.zeros(48000, np.float32)], [0], [0.0], [0.5], 48000)
+    >>> triggers = np.zeros(2, TRIGGER)
+    >>> triggers['gain'], triggers['rate'], triggers['block'] = 1.0, 1.0, (0, 1)
+    >>> rows, refused = Voicing(SoundSettings(rate_scaling=1.0)).rows(triggers, bank)
+    >>> rows['rate'].round(4).tolist(), refused
+    ([1.0, 0.7071], 0)
+    """
+
+    def __init__(self, settings: SoundSettings):
+        self.settings = settings
+        self._ruptures = Ruptures(settings.rupture_gap_s)
+        self._pulse: Bank | None = None
+        self._ring = Ring(parse(settings.speakers)) if settings.speakers else None
+
+    @property
+    def loudspeakers(self) -> int:
+        """How many outputs hear grains."""
+        return max(1, self.settings.channels - self.settings.sub_output)
+
+    @property
+    def plain(self) -> bool:
+        """Whether all that hangs on the size of a rupture is off."""
+        s = self.settings
+        parts = (s.rate_scaling, s.corner_hz, s.dynamics_db, s.onset_duck_db, s.room_s)
+        return not any(parts) and s.sub_db <= OFF_DB
+
+    def rows(self, triggers: np.ndarray, bank: Bank) -> tuple[np.ndarray, int]:
+        """Return the voices (m,) VOICE of `triggers` (n,) TRIGGER, and how many were refused."""
+        s = self.settings
+        if self.plain:
+            rows = voice_rows(triggers, bank, self.loudspeakers, ring=self._ring)
+            return rows, len(triggers) - len(rows)
+        t = triggers[playable(triggers, len(bank))]
+        area, since_s, grew = self._grown(t)
+        sub = self._sub(t[grew], area[grew]) if s.sub_db > OFF_DB else None
+        t['rate'] = np.clip(t['rate'] * area ** (-s.rate_scaling / 2), MIN_RATE, MAX_RATE)
+        level_db = s.dynamics_db * (np.log(area) / np.log(N_BLOCKS) - 1)
+        if s.onset_duck_db:
+            level_db -= s.onset_duck_db * np.maximum(0, 1 - since_s / s.onset_duck_s)
+        t['gain'] = np.minimum(t['gain'] * 10 ** (level_db / 20), MAX_GAIN)
+        first = s.channels * bus_of(area) if s.corner_hz or s.room_s else None
+        rows = voice_rows(t, bank, self.loudspeakers, first, self._ring)
+        refused = len(triggers) - len(rows)
+        return rows if sub is None else np.concatenate([rows, sub]), refused
+
+    def _sub(self, triggers: np.ndarray, area: np.ndarray) -> np.ndarray:
+        """Return the voices of the sub voice, for grains that let a rupture grow to `area`."""
+        s = self.settings
+        if self._pulse is None:
+            self._pulse = pulse_bank(s.sample_rate)
+        t = pulses(triggers, area, s.sub_low_hz, s.sub_high_hz)
+        t['gain'] *= 10 ** (s.sub_db / 20)
+        rows = voice_rows(t, self._pulse, self.loudspeakers, ring=self._ring)
+        if s.sub_output:
+            rows['channel_a'] = rows['channel_b'] = s.channels - 1
+            rows['gain_a'], rows['gain_b'] = t['gain'], 0.0
+        return rows
+
+    def _grown(self, triggers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (n,) area so far, seconds since the onset, and whether the rupture grew."""
+        self._ruptures.gap_s = self.settings.rupture_gap_s
+        found = [
+            self._ruptures.add(time_s, block) if 0 <= block < N_BLOCKS else (1, 10**6, False)
+            for time_s, block in zip(
+                triggers['time_s'].tolist(), triggers['block'].tolist(), strict=True
+            )
+        ]
+        area, since_ms, grew = np.array(found, np.int64).reshape(-1, 3).T
+        return area, 1e-3 * since_ms, grew.astype(bool)

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The low-passes of the buses: against scipy, and against Brune's formula."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.buses import pole
+from eol_ros.core.sound.mixer import Mixer
+from eol_ros.core.sound.offline import play, render_all
+from eol_ros.core.sound.triggers import TRIGGER
+
+FS = 48000
+CORNERS = np.array([20000.0, 4000.0, 500.0])
+
+
+def with_buses(**options):
+    mixer = Mixer(FS, governor_db=0, **{'gain_db': 0, 'buses': 2, **options})
+    mixer.set_corners(CORNERS)
+    return mixer
+
+
+def noise_bank():
+    rng = np.random.default_rng(1)
+    return Bank([0.1 * rng.standard_normal(FS).astype('f4')], [0], [0.0], [0.5], FS)
+
+
+def triggers(count):
+    t = np.zeros(count, TRIGGER)
+    t['time_s'], t['gain'], t['rate'] = 0.01 * np.arange(count), 0.5, 1.0
+    t['pan'] = np.linspace(-1, 1, count)
+    return t
+
+
+def rendered(mixer, rows, size=512):
+    return np.concatenate(list(play(mixer, rows, FS, size)))
+
+
+def test_each_bus_goes_through_two_equal_one_poles():
+    bank, t = noise_bank(), triggers(3)
+    bus = np.array([0, 1, 2])
+    found = rendered(with_buses(), voice_rows(t, bank, 2, 2 * bus))
+    wanted = 0.0
+    for k in range(3):  # alone, unfiltered; then scipy does it
+        alone = render_all(Mixer(FS, gain_db=0, governor_db=0), t[k : k + 1], bank, FS)
+        p = pole(CORNERS[k], FS)
+        b, a = ([(1 - p) ** 2], [1, -2 * p, p * p]) if k else ([1.0], [1.0])
+        wanted = wanted + lfilter(b, a, alone.astype(float), axis=0)
+    assert np.abs(found).max() > 0.1
+    assert np.abs(found - wanted).max() < 2e-7
+
+
+@pytest.mark.parametrize('bus', [1, 2])
+def test_the_spectrum_is_that_of_brunes_source(bus):
+    """A short click through a bus against 1 / (1 + (f / f_c)^2), to 10 times the corner."""
+    click = np.zeros(FS, 'f4')
+    click[FS // 4] = 0.9
+    bank = Bank([click], [0], [0.0], [0.5], FS)
+    t = triggers(1)
+    t['attack_s'] = t['release_s'] = 0.002
+    out = rendered(with_buses(), voice_rows(t, bank, 2, np.array([2 * bus])))[:, 0].astype(float)
+    plain = rendered(with_buses(), voice_rows(t, bank, 2))[:, 0].astype(float)
+    hz = np.fft.rfftfreq(len(out), 1 / FS)
+    ratio = np.abs(np.fft.rfft(out)) / np.abs(np.fft.rfft(plain))
+    band = (hz > 20) & (hz < min(10 * CORNERS[bus], 8000))
+    brune = 1 / (1 + (hz / CORNERS[bus]) ** 2)
+    assert np.abs(20 * np.log10(ratio[band] / brune[band])).max() < 1.0
+
+
+def test_block_size_changes_no_bit_and_tails_end_in_silence():
+    bank, t = noise_bank(), triggers(12)
+    rows = voice_rows(t, bank, 2, 2 * (np.arange(12) % 3))
+    outs = [rendered(with_buses(), rows, size) for size in (1, 37, 512, 2000)]
+    assert all(np.array_equal(out, outs[0]) for out in outs[1:])
+    assert outs[0].any() and not outs[0][-1000:].any()
+
+
+def test_buses_that_nobody_uses_change_no_bit():
+    bank, t = noise_bank(), triggers(12)
+    rows = voice_rows(t, bank, 2)
+    plain = rendered(Mixer(FS, gain_db=0, governor_db=0), rows)
+    assert np.array_equal(rendered(with_buses(), rows), plain)
+
+
+@pytest.mark.parametrize('channels', [1, 5])
+def test_other_numbers_of_channels(channels):
+    bank, t = noise_bank(), triggers(9)
+    rows = voice_rows(t, bank, channels, np.full(9, 2 * channels))
+    out = rendered(with_buses(channels=channels), rows)
+    assert out.shape == (FS, channels)
+    assert (np.abs(out).max(axis=0) > 0).all()

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loudspeakers about the table: VBAP against its linear equations, and their alignment."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.mixer import Mixer
+from eol_ros.core.sound.offline import play
+from eol_ros.core.sound.ring import Ring, Speaker, alignment, parse
+from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.core.sound.voicing import Voicing, new_mixer
+from eol_ros.errors import ConfigError
+from eol_ros.settings import SoundSettings
+
+FS = 48000
+FIVE = ('centre 0 2', 'left 30 2.4', 'right -30 2.4', 'back-left 110 1.5 -2', 'back-right -110 3')
+
+
+def vbap(speakers, x, y):
+    """Pulkki's eq. 7 for every pair of neighbours; that with gains above zero. Then eq. 10."""
+    unit = [(-np.sin(np.radians(s.azimuth)), np.cos(np.radians(s.azimuth))) for s in speakers]
+    found = []
+    for i, j in itertools.combinations(range(len(speakers)), 2):
+        turn = (speakers[j].azimuth - speakers[i].azimuth) % 360
+        inside = [
+            s for s in speakers if 1e-6 < (s.azimuth - speakers[i].azimuth) % 360 < turn - 1e-6
+        ]
+        outside = [
+            s for s in speakers if turn + 1e-6 < (s.azimuth - speakers[i].azimuth) % 360
+        ]  # fmt: skip
+        if inside and outside:
+            continue  # no neighbours
+        gains = np.linalg.solve(np.array([unit[i], unit[j]]).T, [x, y])
+        if (gains > -1e-12).all():
+            found.append((i, j, gains / np.hypot(*gains)))
+    return found
+
+
+@pytest.mark.parametrize('count', [4, 5, 8, 12])
+def test_pans_as_vbap_says(count):
+    rng = np.random.default_rng(count)
+    azimuth = rng.permutation(360 / count * (np.arange(count) + 0.4 * rng.uniform(-1, 1, count)))
+    speakers = [Speaker(str(k), float(a)) for k, a in enumerate(azimuth)]
+    x, y = rng.uniform(-0.6, 0.6, (2, 200))
+    a, b, gain_a, gain_b = Ring(speakers).pan(x, y)
+    for k in range(200):
+        (i, j, gains), *more = vbap(speakers, x[k], y[k])
+        assert not more
+        mine = {int(a[k]): float(gain_a[k]), int(b[k]): float(gain_b[k])}
+        assert mine == pytest.approx({i: gains[0], j: gains[1]}, abs=1e-6)
+
+
+def test_power_is_equal_all_round_and_a_loudspeaker_alone_has_what_is_there():
+    ring = Ring(parse(FIVE))
+    round_ = np.radians(np.arange(0, 360, 0.5))
+    a, b, left, right = ring.pan(-np.sin(round_), np.cos(round_))
+    assert np.abs(np.hypot(left, right) - 1).max() < 1e-6
+    for number, speaker in enumerate(parse(FIVE)):
+        at = np.radians(speaker.azimuth)
+        a, b, left, right = ring.pan(np.array([-np.sin(at)]), np.array([np.cos(at)]))
+        assert {int(a[0]): float(left[0]), int(b[0]): float(right[0])}[number] == pytest.approx(1)
+
+
+def test_where_nobody_stands_the_nearer_has_it():
+    ring = Ring(parse(['left 45', 'right -45']))
+    a, b, left, right = ring.pan(np.array([-0.3, 0.2]), np.array([-0.3, -0.3]))
+    gains = [{int(a[k]): left[k], int(b[k]): right[k]} for k in range(2)]
+    assert gains == [{0: 1, 1: 0}, {0: 0, 1: 1}]
+
+
+def test_the_nearer_is_later_and_quieter():
+    delay, gain = alignment(parse(FIVE), FS)
+    assert delay.tolist() == [round(w / 343.2 * FS) for w in (1.0, 0.6, 0.6, 1.5, 0.0)]
+    wanted = [2 / 3, 0.8, 0.8, 0.5 * 10 ** (-2 / 20), 1.0]
+    assert gain == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize('size', [1, 100, 512, 2000])
+def test_the_mixer_aligns_whatever_the_block(size):
+    rng = np.random.default_rng(1)
+    bank = Bank([0.1 * rng.standard_normal(FS).astype('f4')], [0], [0.0], [0.5], FS)
+    t = np.zeros(2, TRIGGER)
+    t['gain'], t['rate'], t['pan'], t['time_s'] = 0.5, 1.0, (-1, 1), (0.05, 0.1)
+    rows = voice_rows(t, bank, 2)
+    plain = np.concatenate(list(play(Mixer(FS, gain_db=0), rows, FS // 2)))
+    mixer = Mixer(FS, gain_db=0, latest=301)
+    mixer.align(np.array([300, 0]), np.array([0.5, 1.0]))
+    out = np.concatenate(list(play(mixer, rows, FS // 2, size)))
+    assert np.array_equal(out[:, 1], plain[:, 1])
+    assert np.array_equal(out[300:, 0], np.float32(0.5) * plain[:-300, 0])
+    assert plain[:-300, 0].any()
+
+
+def test_a_grain_sounds_where_it_lies_on_the_table():
+    settings = SoundSettings(channels=5, speakers=FIVE)
+    places = np.array([[0.0, 0.5], [-0.3, -0.3], [np.nan, np.nan]])
+    sound = np.ones(FS, 'f4')
+    bank = Bank([sound], [0, 0, 0], [0.0] * 3, [0.5] * 3, FS, places)
+    t = np.zeros(3, TRIGGER)
+    t['gain'], t['rate'], t['grain'], t['pan'] = 1.0, 1.0, (0, 1, 2), (1, 1, -1)
+    rows, _ = Voicing(settings).rows(t, bank)
+    loudest = np.where(rows['gain_a'] > rows['gain_b'], rows['channel_a'], rows['channel_b'])
+    assert loudest.tolist() == [0, 3, 3]  # ahead; back left; none, so by pan to the left
+    assert new_mixer(settings).memory.alignment.late.shape == (5, 256)
+    assert new_mixer(dataclasses.replace(settings, speakers=())).memory.alignment.late.size == 0
+
+
+@pytest.mark.parametrize(
+    ('lines', 'what'),
+    [
+        (['left'], 'is no loudspeaker: NAME AZIMUTH'),
+        (['left x'], 'is no loudspeaker'),
+        (['left nan'], 'is no loudspeaker'),
+        (['left 30 2 -1 5'], 'is no loudspeaker'),
+        (['left 30 0'], 'distance'),
+        (['left 30 2 3'], 'gain is -40 to 0 dB'),
+        (['left 30', 'left -30'], 'there is a loudspeaker left already'),
+        (['left 30', 'right 390'], 'left stands in that direction already'),
+    ],
+)
+def test_refuses_what_cannot_be(lines, what):
+    with pytest.raises(ConfigError, match=what):
+        parse(lines)

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How large a rupture is, and what its grains become."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from eol_ros.core.geometry import N_BLOCKS, neighbours
+from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.mixer_layout import VOICE
+from eol_ros.core.sound.rupture import Ruptures
+from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.core.sound.voicing import BUSES, Voicing, bus_of, corners_hz, new_mixer
+from eol_ros.settings import SoundSettings
+
+FS = 48000
+OFF = SoundSettings()
+
+
+def bank():
+    rng = np.random.default_rng(1)
+    return Bank([0.1 * rng.standard_normal(FS).astype('f4')], [0], [0.0], [0.5], FS)
+
+
+def spreading(count, step_s=0.02, begin_s=10.0):
+    """A rupture that takes block after block along the rows, to and fro."""
+    way = [row * 5 + (c if row % 2 == 0 else 4 - c) for row in range(5) for c in range(5)]
+    t = np.zeros(count, TRIGGER)
+    t['time_s'], t['block'] = begin_s + step_s * np.arange(count), way[:count]
+    t['gain'], t['rate'] = 1.0, 1.0
+    return t
+
+
+class Oracle:
+    """Areas by connected components of a graph of all grains so far: slow, and plain."""
+
+    def __init__(self, gap_ms):
+        self.gap_ms, self.grains, self.group = gap_ms, [], []
+
+    def add(self, ms, block):
+        near = {block, *neighbours(block, diagonal=True)}
+        last = {}
+        for k, (_, other) in enumerate(self.grains):
+            last[other] = k  # what counts is when a block sounded last
+        linked = {
+            self.group[k] for b, k in last.items()
+            if b in near and ms - self.grains[k][0] <= self.gap_ms
+        }  # fmt: skip
+        mine = min(linked, default=len(self.grains))
+        self.group = [mine if g in linked else g for g in self.group] + [mine]
+        self.grains.append((ms, block))
+        members = [self.grains[k] for k, g in enumerate(self.group) if g == mine]
+        return len({b for _, b in members}), ms - min(m for m, _ in members)
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_areas_agree_with_connected_components(seed):
+    rng = np.random.default_rng(seed)
+    ms = np.cumsum(rng.choice([0, 3, 17, 40, 120, 400], 300, p=[0.3, 0.2, 0.2, 0.15, 0.1, 0.05]))
+    blocks = rng.integers(0, N_BLOCKS, 300)
+    ruptures, oracle = Ruptures(0.1), Oracle(100)
+    for t, block in zip(ms.tolist(), blocks.tolist(), strict=True):
+        area, since_ms, _ = ruptures.add(1e-3 * t, block)
+        assert (area, since_ms) == oracle.add(t, block)
+
+
+def test_areas_do_not_hang_on_where_the_time_axis_begins():
+    rng = np.random.default_rng(3)
+    stamps = np.cumsum(rng.choice([0.0, 1 / 60, 1 / 30, 0.15, 0.5], 400))
+    blocks = rng.integers(0, N_BLOCKS, 400).tolist()
+    found = []
+    for begin_s in (0.0, 0.025, 1234.5678, 86400.1, 3e6):
+        ruptures = Ruptures(0.15)
+        times = (begin_s + stamps).tolist()
+        found.append([ruptures.add(*pair) for pair in zip(times, blocks, strict=True)])
+    assert all(f == found[0] for f in found[1:])
+
+
+def test_stamps_that_begin_again_begin_a_rupture():
+    ruptures = Ruptures(0.15)
+    assert ruptures.add(100.0, 0)[0] == 1
+    assert ruptures.add(5.0, 1) == (1, 0, True)
+    assert ruptures.add(5.1, 0) == (2, 100, True)
+
+
+def test_off_is_the_plain_voices():
+    t = spreading(25)
+    rows, refused = Voicing(OFF).rows(t, bank())
+    sound = bank()
+    plain = voice_rows(t, sound, 2)
+    made, _ = Voicing(OFF).rows(t, sound)
+    assert made.tobytes() == plain.tobytes()
+    assert (len(rows), refused) == (25, 0)
+    assert new_mixer(OFF).memory.mix.shape[0] == 2  # and has no room for what is off
+
+
+def test_speed_falls_as_the_root_of_the_area():
+    rows, _ = Voicing(dataclasses.replace(OFF, rate_scaling=1.0)).rows(spreading(25), bank())
+    assert np.allclose(rows['rate'], np.arange(1, 26) ** -0.5, rtol=1e-6)
+    rows, _ = Voicing(dataclasses.replace(OFF, rate_scaling=0.5)).rows(spreading(25), bank())
+    assert np.allclose(rows['rate'], np.arange(1, 26) ** -0.25, rtol=1e-6)
+
+
+def test_corners_fall_as_the_root_of_the_area():
+    area = np.arange(1, 26)
+    bus = bus_of(area)
+    assert (bus.min(), bus.max()) == (0, BUSES - 1)
+    wanted = 8000 / np.sqrt(area)
+    off = np.log2(corners_hz(8000.0)[bus] / wanted)
+    assert np.abs(off).max() <= 1 / 8 + 1e-9  # of an octave
+    rows, _ = Voicing(dataclasses.replace(OFF, corner_hz=8000.0)).rows(spreading(25), bank())
+    assert (rows['channel_a'] // 2 == bus).all() and (rows['channel_b'] // 2 == bus).all()
+
+
+def test_dynamics_go_from_a_single_slip_to_all_blocks():
+    settings = dataclasses.replace(OFF, dynamics_db=20.0)
+    rows, _ = Voicing(settings).rows(spreading(25), bank())
+    level_db = 20 * np.log10(np.hypot(rows['gain_a'], rows['gain_b']))
+    assert level_db[0] == pytest.approx(-20, abs=1e-4) and level_db[-1] == pytest.approx(0)
+    assert (np.diff(level_db) > 0).all()
+
+
+def test_the_beginning_leaves_room():
+    settings = dataclasses.replace(OFF, onset_duck_db=12.0, onset_duck_s=0.05)
+    rows, _ = Voicing(settings).rows(spreading(8, step_s=0.01), bank())
+    level_db = 20 * np.log10(np.hypot(rows['gain_a'], rows['gain_b']))
+    wanted = -12 * np.maximum(0, 1 - np.arange(8) / 5)
+    assert np.abs(level_db - wanted).max() < 0.01
+
+
+def test_one_by_one_and_all_at_once_are_the_same():
+    settings = dataclasses.replace(OFF, rate_scaling=1.0, corner_hz=6000.0, dynamics_db=15.0)
+    sound, t = bank(), spreading(25)
+    t['block'][::6] = -1  # of nobody: part of no rupture
+    whole, _ = Voicing(settings).rows(t, sound)
+    live = Voicing(settings)
+    rows = np.concatenate([live.rows(t[k : k + 1], sound)[0] for k in range(25)])
+    assert rows.dtype == VOICE and rows.tobytes() == whole.tobytes()
+    assert (whole['rate'][::6] == 1).all()
+
+
+def test_what_cannot_be_played_is_counted_and_part_of_no_rupture():
+    t = spreading(4)
+    t['time_s'][1], t['gain'][2] = np.nan, -1
+    rows, refused = Voicing(dataclasses.replace(OFF, rate_scaling=1.0)).rows(t, bank())
+    assert refused == 2
+    assert np.allclose(rows['rate'], [1, 1])  # block 3 does not touch block 0
