@@ -435,6 +435,7 @@ def _compare(bag: Bag, topic: str, mine: np.ndarray, result: Retracked, until_ns
     table = bag.table(topic)
     if topic == 'grain_triggers':
         table = table[table['block'] != triggers.NO_BLOCK]
+        mine = mine[mine['block'] != triggers.NO_BLOCK]
     recorded = len(table)
     table = table[table['stamp'].astype('i8') < until_ns]
     check = Comparison(topic, recorded, len(mine), proved=len(table))

@@ -12,6 +12,9 @@ its first image on. In mode `bow` a moving block sounds one of the grains in its
 and all blocks no more than `total_cap` times in any second; what a cap holds back is dropped, not
 saved.
 
+Beside that, where `bed_rate` is set, blocks at rest under stress creak: grains of nobody, quiet and
+slow, by chance and the oftener the greater the stress (`stress.py`). No rule above holds for them.
+
 Everything follows from the sequence of images alone: chance is a hash of seed, stamp, block and
 grain.
 """
@@ -23,12 +26,14 @@ from numpy.typing import ArrayLike
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.corpus import Corpus, table_bounds
+from eol_ros.core.sound.stress import stress
 from eol_ros.core.sound.triggers import MAX_RATE, MIN_RATE, TRIGGER
 from eol_ros.core.stamp_watch import BACK_S
 from eol_ros.settings import GrainsSettings
 
 FORGET_S = 0.25  # a block unseen for longer starts again
 LONGEST_LEAD_S = 60.0  # a switch farther ahead is left over from before the stamps began again
+BED_EDGE_S = 10.0  # of grains of the bed: longer than any, so half of it swells and half dies away
 NOISE_SIGMAS = 6.0  # a step below this many standard deviations of a step is not motion
 
 
@@ -151,21 +156,26 @@ class Selector:
             self._reset()
             self._sounded_s[:] = self._swapped_s = -np.inf
             self._armed[:] = True
-        self._time_s = time_s
+        before_s, self._time_s = self._time_s, time_s
         if self._next is not None and not time_s < self._next[0] <= time_s + LONGEST_LEAD_S:
             self._take(self._next[1])
+        span_s = time_s - before_s
         stopped = self._follow(time_s, np.stack([x, y], axis=1), np.asarray(seen, bool), sigma_m)
         if self.settings.rearm_at_rest:
             self._armed[stopped] = True
         while self._second and time_s - self._second[0][0] >= 1.0:
             self._in_second[self._second.popleft()[1]] -= 1
-        rows = np.nonzero(self.moving & seen)[0]
-        if not len(rows) or not len(self._grains):
+        if not len(self._grains):
             return np.zeros(0, TRIGGER)
-        far = self._distances(rows)
-        reached = self._reached(far)
-        pick = self._bow if self.settings.mode == 'bow' else self._fence
-        return self._triggers(time_s, pick(time_s, rows, far, reached))
+        rows, found = np.nonzero(self.moving & seen)[0], np.zeros(0, TRIGGER)
+        if len(rows):
+            far = self._distances(rows)
+            reached = self._reached(far)
+            pick = self._bow if self.settings.mode == 'bow' else self._fence
+            found = self._triggers(time_s, pick(time_s, rows, far, reached))
+        if self.settings.bed_rate and span_s <= FORGET_S:
+            found = np.concatenate([found, self._creaks(time_s, span_s)])
+        return found
 
     def _follow(
         self, time_s: float, at: np.ndarray, seen: np.ndarray, sigma_m: np.ndarray
@@ -284,6 +294,24 @@ class Selector:
         room = self._durations[column] / out['rate']
         squeeze = np.minimum(1, room / np.maximum(attack + release, 1e-9))
         out['attack_s'], out['release_s'] = attack * squeeze, release * squeeze
+        return out
+
+    def _creaks(self, time_s: float, span_s: float) -> np.ndarray:
+        """Return what blocks at rest under stress sound in the `span_s` up to now."""
+        s = self.settings
+        strain = np.minimum(stress(self._at, s.bed_break_m), 1.0)
+        u = chance(s.seed, time_s, np.arange(N_BLOCKS)[:, None], 0, salt=np.arange(5, 8))
+        likely = 1 - np.exp(-s.bed_rate * span_s * np.nan_to_num(strain) ** 2)
+        rows = np.nonzero(~self.moving & (u[:, 0] < likely))[0]
+        out = np.zeros(len(rows), TRIGGER)
+        if not len(rows):
+            return out
+        out['time_s'], out['block'] = time_s, -1
+        out['grain'] = self._grains[np.argmin(self._distances(rows), axis=1)]
+        out['gain'] = s.bed_gain * strain[rows] * (0.5 + 0.5 * u[rows, 1])
+        out['rate'] = np.clip(s.bed_speed * 4 ** (u[rows, 2] - 0.5), MIN_RATE, MAX_RATE)
+        out['pan'] = np.clip(s.pan_width * self._at[rows, 0] / (s.space_m / 2), -1, 1)
+        out['attack_s'] = out['release_s'] = BED_EDGE_S
         return out
 
 

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How strained each block is before it lets go: its springs' pull, from the places of the blocks.
+
+The springs between blocks pull along the lines between them, by what these are longer than the
+lattice's pitch. Their sum on a block, divided by the stretch at which a block lets go (mu_s m g /
+k), is its stress: 0 where nothing pulls, 1 where friction is at its limit. A camera does not see
+the rim, so what its springs pull at the outer blocks is left out.
+"""
+
+import numpy as np
+
+from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
+
+_IDS = np.arange(N_BLOCKS).reshape(ROWS, COLS)
+FIRST = np.concatenate([_IDS[:, :-1].ravel(), _IDS[:-1].ravel()])  # (40,) blocks at the springs
+SECOND = np.concatenate([_IDS[:, 1:].ravel(), _IDS[1:].ravel()])
+
+
+def stress(at: np.ndarray, break_m: float) -> np.ndarray:
+    """Return the stress of each block, (25,); NaN where a neighbour's place is not known.
+
+    Parameters
+    ----------
+    at : ndarray
+        (25, 2) places, m.
+    break_m : float
+        Stretch of one spring that breaks a block loose, m.
+
+    Examples
+    --------
+    Block 12 stands 1 cm nearer to 13: two springs pull it back, and the sideways two hardly.
+
+    >>> from eol_ros.core.geometry import rest_lattice
+    >>> at = rest_lattice()
+    >>> at[12, 0] += 0.01
+    >>> stress(at, 0.04)[[0, 12, 13]].round(2).tolist()
+    [0.0, 0.5, 0.25]
+    """
+    way = at[SECOND] - at[FIRST]
+    length = np.hypot(*way.T)
+    pull = way * ((length - PITCH_M) / np.maximum(length, 1e-9))[:, None]
+    total = np.zeros((N_BLOCKS, 2))
+    np.add.at(total, FIRST, pull)
+    np.subtract.at(total, SECOND, pull)
+    return np.hypot(*total.T) / break_m

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stress bed: forces against a plain sum over springs, and what it sounds."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from eol_ros.core.geometry import N_BLOCKS, PITCH_M, neighbours, rest_lattice
+from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
+from eol_ros.core.sound.select import Selector
+from eol_ros.core.sound.stress import stress
+from eol_ros.settings import GrainsSettings
+
+SEEN = np.ones(N_BLOCKS, bool)
+BED = GrainsSettings(bed_rate=4.0, bed_break_m=0.02)
+
+
+def corpus(side=8):
+    grains = np.zeros(side * side, GRAIN)
+    at = (np.arange(side) + 0.5) / side
+    grains['x'], grains['y'] = (a.ravel() for a in np.meshgrid(at, at))
+    grains['duration_s'] = 0.25
+    return Corpus((Source('a.wav', 48000, 99.0, ''),), grains)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_stress_is_the_sum_of_the_springs(seed):
+    at = rest_lattice() + np.random.default_rng(seed).normal(0, 0.01, (N_BLOCKS, 2))
+    wanted = []
+    for block in range(N_BLOCKS):
+        fx = fy = 0.0
+        for other in neighbours(block):
+            dx, dy = at[other] - at[block]
+            stretch = math.hypot(dx, dy) - PITCH_M
+            fx += stretch * dx / math.hypot(dx, dy)
+            fy += stretch * dy / math.hypot(dx, dy)
+        wanted.append(math.hypot(fx, fy) / 0.03)
+    assert np.abs(stress(at, 0.03) - wanted).max() < 1e-12
+
+
+def sounded(at, settings, seconds=60.0):
+    selector = Selector(settings, corpus())
+    found = [
+        selector.update(k / 60, *at.T, SEEN, np.zeros(N_BLOCKS)) for k in range(int(60 * seconds))
+    ]
+    return np.concatenate(found)
+
+
+def test_rest_is_silent_and_off_is_off():
+    assert not len(sounded(rest_lattice(), BED, 10))
+    at = rest_lattice() + np.random.default_rng(1).normal(0, 0.01, (N_BLOCKS, 2))
+    assert not len(sounded(at, dataclasses.replace(BED, bed_rate=0.0), 10))
+
+
+def test_creaks_come_as_often_as_the_stress_says():
+    at = rest_lattice() + np.random.default_rng(2).normal(0, 0.004, (N_BLOCKS, 2))
+    found = sounded(at, BED)
+    wanted = 60 * 4.0 * (np.minimum(stress(at, 0.02), 1) ** 2).sum()
+    assert abs(len(found) - wanted) < 4 * math.sqrt(wanted)
+    assert (found['block'] == -1).all()
+    assert (found['rate'] >= 0.125).all() and (found['rate'] <= 0.5).all()
+    assert (found['gain'] <= BED.bed_gain).all()
+    again = sounded(at, BED)
+    assert again.tobytes() == found.tobytes()  # by chance, and the same chance
+
+
+def test_a_block_that_is_not_seen_is_not_strained():
+    at = rest_lattice() + np.random.default_rng(2).normal(0, 0.01, (N_BLOCKS, 2))
+    at[:] = np.nan
+    assert not len(sounded(at, BED, 5))
+
+
+def test_what_slips_sound_does_not_hang_on_the_bed():
+    random = np.random.default_rng(5)
+    pace = 0.004 * (random.random((600, N_BLOCKS, 1)) < 0.1)  # mostly at rest
+    steps = np.cumsum(pace * random.standard_normal((600, N_BLOCKS, 2)), axis=0) + rest_lattice()
+    outs = []
+    for settings in (dataclasses.replace(BED, bed_rate=0.0), BED):
+        selector = Selector(settings, corpus())
+        found = [selector.update(k / 60, *at.T, SEEN, np.zeros(25)) for k, at in enumerate(steps)]
+        outs.append(np.concatenate(found))
+    with_bed = outs[1][outs[1]['block'] >= 0]
+    assert len(outs[0]) > 100 and with_bed.tobytes() == outs[0].tobytes()
