@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol speakers: the outputs of a scene by name, and noise from each in turn."""
+
+import json
+import sys
+
+from eol_ros.errors import UsageError
+
+HELP = 'List the loudspeakers of a scene with delay and trim; play noise from each in turn.'
+EXAMPLES = [
+    'eol speakers museum',
+    'eol speakers museum --test',
+    'eol speakers museum --test left,sub --seconds 5',
+    'eol speakers museum --test --out test.wav',
+]
+GAP_S = 0.2
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('scene', metavar='SCENE', help='a scene file, or one that ships')
+    parser.add_argument(
+        '--test', nargs='?', const='', metavar='NAMES', help='play these (default: all), in order'
+    )
+    parser.add_argument('--seconds', type=float, default=1.0, help='of noise from each')
+    parser.add_argument('--out', metavar='X.wav', help='write the noise here, play none')
+    parser.add_argument('--json', action='store_true', help='for programs')
+
+
+def run(args) -> int:
+    """Tell, and play."""
+    from eol_ros import scene
+    from eol_ros.core.sound.ring import alignment, output_names, parse
+
+    settings = scene.load(args.scene).settings('sound')
+    if args.out and args.test is None:
+        raise UsageError('--out takes what --test plays: add --test')
+    if not 0 < args.seconds <= 600:
+        raise UsageError(f'--seconds {args.seconds:g}: give 0 to 600')
+    speakers = parse(settings.speakers)
+    delay, gain = alignment(speakers, settings.sample_rate)
+    names = output_names(settings)
+    rows: list[dict] = [{'output': k + 1, 'name': name} for k, name in enumerate(names)]
+    for row, speaker, late, trim in zip(rows, speakers, delay, gain, strict=False):
+        row |= {
+            'azimuth': speaker.azimuth, 'distance_m': speaker.distance_m,
+            'delay_ms': round(1e3 * float(late) / settings.sample_rate, 2),
+            'trim_db': round(_decibels(float(trim)), 2),
+        }  # fmt: skip
+    if args.json:
+        print(json.dumps(rows))
+    else:
+        print('\n'.join(map(_line, rows)))
+    if args.test is not None:
+        wanted = args.test.split(',') if args.test else names
+        for name in wanted:
+            if name not in names:
+                raise UsageError(f'--test {name}: there are {", ".join(names)}')
+        _play(settings, [names.index(name) for name in wanted], args)
+    return 0
+
+
+def _decibels(amplitude: float) -> float:
+    import math
+
+    return 20 * math.log10(amplitude)
+
+
+def _line(row: dict) -> str:
+    line = f'{row["output"]:3}  {row["name"]:14}'
+    if 'azimuth' in row:
+        line += (
+            f'{row["azimuth"]:7g} deg{row["distance_m"]:7g} m'
+            f'{row["delay_ms"]:8.2f} ms later{row["trim_db"]:8.2f} dB'
+        )
+    return line.rstrip()
+
+
+def _play(settings, outputs: list[int], args) -> None:
+    """Play noise from each of `outputs` in turn, or write it."""
+    import numpy as np
+
+    from eol_ros.core.sound.channel_test import pink_noise
+
+    rate = settings.sample_rate
+    noise = pink_noise(rate, args.seconds)
+    step = len(noise) + round(GAP_S * rate)
+    sound = np.zeros((step * len(outputs), settings.channels), np.float32)
+    for k, output in enumerate(outputs):
+        sound[k * step : k * step + len(noise), output] = noise
+    if args.out:
+        from eol_ros.verbs.render import writer
+
+        with writer(args.out, rate, settings.channels) as file:
+            file.write(sound)
+        return
+    from eol_ros.devices.audio.outputs import find, portaudio
+
+    device = 'auto' if settings.device == 'wav' else settings.device
+    card = find(device, settings.channels)
+    print('playing noise from each in that order', file=sys.stderr)
+    portaudio().play(sound, rate, device=card, blocking=True)
