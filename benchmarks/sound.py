@@ -2,7 +2,7 @@
 """eol bench sound: voices per core, error against run time, and real time, beside other engines.
 
 Then the sound in a running graph: from a slip's true onset to its first sample, and a card that is
-pulled out and put in again.
+pulled out and put in again. And how deep the sound of a rehearsal is.
 """
 
 import argparse
@@ -13,15 +13,16 @@ from pathlib import Path
 
 from eol_ros.errors import UsageError
 
-HELP = 'Voices per core, beside other engines; error; underruns; slip to sound; loss of the card.'
+HELP = 'Voices per core, beside other engines; error; underruns; slip to sound; card lost; depth.'
 EXAMPLES = [
     'eol bench sound --json',
     'eol bench sound --parts engine,peers --grains 400 --peer scsynth --seconds 3',
     'eol bench sound --parts live --seconds 600',
     'eol bench sound --parts rehearsal,loss --seconds 60',
     'eol bench sound --parts engine,peers --plot docs/img',
+    'eol bench sound --parts art --seconds 600 --plot docs/img',
 ]
-PARTS = ('engine', 'peers', 'live', 'rehearsal', 'loss')
+PARTS = ('engine', 'peers', 'live', 'rehearsal', 'loss', 'art')
 BLOCKS = (64, 128, 256, 512)
 PEER_BLOCKS = (64, 256)
 OVERLAPS = (100, 400)
@@ -41,7 +42,11 @@ def add_arguments(parser):
     parser.add_argument('--peer', default='', metavar='TEXT', help='only those with it in the name')
     parser.add_argument('--repeats', type=int, default=3, help='the best of so many is taken')
     parser.add_argument('--seconds', type=float, default=10.0, help='of a score or a live run')
-    parser.add_argument('--plot', metavar='DIR', help='draw sound_speed.png and sound_error.png')
+    parser.add_argument(
+        '--plot',
+        metavar='DIR',
+        help='draw sound_speed.png and sound_error.png, or with art sound_depth.png',
+    )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 
@@ -51,9 +56,10 @@ def run(args) -> int:
     from benchmarks.sound_engine import source
     from benchmarks.sound_table import lines
 
-    if args.plot and not {'engine', 'peers'} <= set(args.parts):
-        raise UsageError('--plot draws engine and peers: measure both')
-    if args.plot and (args.peer or args.grains != OVERLAPS):
+    engines = bool({'engine', 'peers'} & set(args.parts))
+    if args.plot and not {'engine', 'peers'} <= set(args.parts) and 'art' not in args.parts:
+        raise UsageError('--plot draws engine and peers: measure both, or art')
+    if args.plot and engines and (args.peer or args.grains != OVERLAPS):
         raise UsageError('--plot draws all peers and numbers of grains: leave out --peer, --grains')
     result: dict = {'seconds': args.seconds}
     sound = source()
@@ -66,7 +72,12 @@ def run(args) -> int:
     for part in ('live', 'rehearsal', 'loss'):
         if part in args.parts:
             result[part] = list(_running(part, args.seconds))
-    if args.plot:
+    if 'art' in args.parts:
+        from benchmarks import sound_art
+
+        plot = Path(args.plot) if args.plot else None
+        result['art'] = sound_art.measure(args.seconds, args.repeats, plot=plot)
+    if args.plot and engines:
         from benchmarks.sound_plot import draw
 
         draw(result, Path(args.plot))

@@ -2,7 +2,7 @@
 """The scores that are played, and our own engine playing them: speed, and error against float64."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer, render
 from eol_ros.core.sound.mixer_layout import RING
 from eol_ros.core.sound.offline import play
+from eol_ros.core.sound.voicing import Voicing, new_mixer
+from eol_ros.settings import SoundSettings
 
 FS = 48000
 SOURCE_S = 40.0
@@ -63,19 +65,46 @@ def bank_of(sound: np.ndarray, s: Score) -> Bank:
     return Bank([sound], np.zeros(len(s.first), int), s.first / FS, s.size / FS, FS)
 
 
-def speed(sound: np.ndarray, s: Score, block: int, cubic: bool, repeats: int = 3) -> dict:
+class _Voicing(Voicing):
+    """Knows the areas beforehand; each tenth grain lets its rupture grow."""
+
+    def __init__(self, settings: SoundSettings, areas: np.ndarray | None):
+        super().__init__(settings)
+        self._areas = areas
+
+    def _grown(self, triggers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        count = np.arange(len(triggers))
+        areas = np.ones(len(count), np.int64) if self._areas is None else self._areas
+        return areas, np.zeros(len(count)), count % 10 == 0
+
+
+def speed(
+    sound: np.ndarray,
+    s: Score,
+    block: int,
+    cubic: bool,
+    repeats: int = 3,
+    settings: SoundSettings | None = None,
+    areas: np.ndarray | None = None,
+) -> dict:
     """Return voices per core and nanoseconds a voice and sample, the best of `repeats`.
 
     Voices per core: seconds of grains rendered in a second of CPU. All of the mixer works, limiter
-    and governor included; triggers are given to it block by block, as live.
+    and governor included; triggers are given to it block by block, as live. `settings` say what
+    else does, with grains of ruptures of `areas` (n,), or of single slips.
     """
     bank = bank_of(sound, s)
-    rows = voice_rows(s.triggers, bank, 2)
-    out = np.empty((block, 2), np.float32)
+    settings = settings or SoundSettings()
+    settings = replace(
+        settings, polyphony=4 * s.overlap, interpolation='cubic' if cubic else 'linear'
+    )
+    rows = _Voicing(settings, areas).rows(s.triggers, bank)[0]
+    rows = rows[np.argsort(rows['time_s'], kind='stable')]
+    out = np.empty((block, settings.channels), np.float32)
     blocks = int((s.span_s + 0.4) * FS) // block
     best, loads = np.inf, []
     for _ in range(repeats):
-        mixer = Mixer(FS, max_voices=2 * s.overlap, cubic=cubic)
+        mixer = new_mixer(settings)
         mixer.state['ingest'] = RING
         begins = rows['time_s'] * FS - mixer.look_ahead
         due = np.searchsorted(begins, np.arange(1, blocks + 1) * block)
@@ -90,7 +119,7 @@ def speed(sound: np.ndarray, s: Score, block: int, cubic: bool, repeats: int = 3
         best = min(best, sum(loads))
         if mixer.state['stolen'][0] or mixer.state['dropped'][0]:
             raise RuntimeError('the score does not fit into the mixer')
-    seconds = s.grain_seconds
+    seconds = float(rows['length'].sum()) / FS
     return {
         'voices_per_core': seconds / best,
         'ns_per_voice_sample': best / (seconds * FS) * 1e9,

@@ -13,7 +13,7 @@ def lines(result: dict) -> list[str]:
         for row in result.get(part, ()):
             words, text = tell(row)
             found.append(f'{words}: {row["skipped"] if "skipped" in row else text()}')
-    return found
+    return found + _art(result.get('art'))
 
 
 def _engine(result: dict) -> list[str]:
@@ -88,3 +88,33 @@ def _loss(r: dict):
             f'{r["restarts"]} restarts'
         ),
     )
+
+
+def _art(r: dict | None) -> list[str]:
+    if r is None:
+        return []
+    lines = [
+        f'{r["grains_sounded"]} of {r["grains_reached"]} grains within reach sounded in '
+        f'{r["seconds"]:.0f} s, and {r["creaks"]} creaks',
+        f'{"areas":>16}{"cascades":>10}{"LUFS off":>10}{"on":>8}{"< 120 Hz off":>14}{"on":>8}'
+        f'{"first 50 ms":>14}',
+    ]
+    for off, on in zip(r['off']['areas'], r['on']['areas'], strict=True):
+        lines.append(
+            f'{"{} to {}".format(*on["areas"]):>16}{on["cascades"]:10}{off["momentary_lufs"]:10.1f}'
+            f'{on["momentary_lufs"]:8.1f}{off["below_120_hz"]:14.3f}{on["below_120_hz"]:8.3f}'
+            f'{on["first_50_ms_db"]:11.1f} dB'
+        )
+    for name, unit in (
+        ('single_to_rupture_lu', 'LU'), ('lra_lu', 'LU'), ('integrated_lufs', 'LUFS'),
+        ('peak_dbfs', 'dBFS'), ('onset_frame', ''),
+    ):  # fmt: skip
+        lines.append(f'{name:24}{r["off"][name]:8.1f} off{r["on"][name]:8.1f} on  {unit}')
+    for row in r['cost']:
+        line = f'{row["part"]:24}{row["voices_per_core"]:10.0f} voices/core'
+        if 'share' in row:
+            line += f'{row["ns_per_voice_sample"]:8.2f} ns{100 * row["share"]:8.0f} %'
+            if row['to_grain_buf']:
+                line += f'{row["to_grain_buf"]:8.2f} x GrainBuf'
+        lines.append(line)
+    return lines
