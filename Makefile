@@ -38,6 +38,9 @@ soak: setup-test  ## the long ones: hours of rehearsal, kills, floods, fuzzing
 bench: setup-test  ## the graph's figures
 	$(PY) -m eol_ros bench graph
 
+lock:  ## renew the versions and hashes of all wheels (ARGS=--upgrade: the newest)
+	@tools/lock_requirements.sh $(ARGS)
+
 clean:  ## remove what was made here, but no bag
 	rm -rf .venv build install log *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -45,4 +48,4 @@ clean:  ## remove what was made here, but no bag
 setup-test:
 	@tools/setup_env.sh test
 
-.PHONY: help setup setup-test run test bare quick lint docs soak bench clean
+.PHONY: help setup setup-test run test bare quick lint docs soak bench lock clean

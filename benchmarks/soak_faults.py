@@ -31,6 +31,7 @@ HEALTHY_S = 65.0  # who was killed is left alone so long, as its back-off starts
 SETTLED_S = 1.5  # all must be well for so long: a heartbeat comes each second
 HELD_S = 8.0  # how long what is pulled out stays out
 LOOK_S = 10.0  # between two looks at memory
+NOTICES = 'which way round', 'messages dropped'
 DISK = '1g'  # on which the bags are, where one can be mounted
 # Between the kills: how often in two hours.
 EXTRAS_IN_2_H = {
@@ -174,12 +175,14 @@ class Soak:
     def well(self) -> bool:
         """Whether every node is OK, and blocks are published.
 
-        After the camera was gone, which way round the lattice lies may stay open: the board on the
-        pty feels no knocks that would tell.
+        Two notices do not count. After the camera was gone, which way round the lattice lies may
+        stay open, for the board on the pty feels no knocks; that messages were dropped is said for
+        a while after it is over.
         """
         rows, seen = self.rows(), self.graph.watch.seen['blocks']
         for row in (rows or {}).values():
-            if (row['level'] and 'which way round' not in row['text']) or row['text'] == 'starting':
+            notice = any(words in row['text'] for words in NOTICES)
+            if (row['level'] and not notice) or row['text'] == 'starting':
                 return False
         fresh = bool(rows and seen) and time.time_ns() - seen[-1][1] < 1e9
         del seen[:-1]  # hours of them are of no use

@@ -23,6 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 VENV = ROOT / '.venv'
 PYTHON = VENV / 'bin' / 'python'
 MESSAGES = ROOT / 'msg_defs' / 'eol_msgs'
+LOCKS = ROOT / 'tools' / 'requirements'
 TELL_S = 4.0  # between two lines that say how far a step is
 WIDTH = 100
 
@@ -141,13 +142,24 @@ def wait(*steps: Step) -> None:
             say('\n'.join(step.words() for step in left))
 
 
+def pip(python: Path, verb: str, *words) -> tuple:
+    """Return the command line of pip in an environment."""
+    options = ('--disable-pip-version-check', verb, '--progress-bar', 'off')
+    return (python, '-m', 'pip', *options, *words)
+
+
+def locked(name: str) -> tuple:
+    """Return what installs the wheels of a list, none but those whose hash stands there."""
+    return ('--no-deps', '--require-hashes', '--requirement', LOCKS / f'{name}.txt')
+
+
 def install_wheels(step: Step, extra: str) -> None:
-    """Install this package, editable, and all that it needs."""
-    target = f'.[ros,{extra}]' if extra else '.[ros]'
-    pip = (PYTHON, '-m', 'pip', '--disable-pip-version-check', 'install', '--progress-bar', 'off')
-    step.command(*pip, '--upgrade', 'setuptools<80', 'wheel')
+    """Install all that this package needs, and the package itself, editable."""
+    step.command(*pip(PYTHON, 'install', *locked('test' if extra else 'run')))
     # Without PEP 517 isolation: the build needs nothing but the setuptools just installed.
-    step.command(*pip, '--no-build-isolation', '--editable', target)
+    step.command(*pip(PYTHON, 'install', '--no-build-isolation', '--no-deps', '--editable', '.'))
+    if extra == 'bench':  # the peers are not locked: whatever version there is shall be measured
+        step.command(*pip(PYTHON, 'install', '--no-build-isolation', '--editable', '.[ros,bench]'))
 
 
 def message_wheel_folder(messages: str) -> Path:
@@ -167,11 +179,12 @@ def build_messages(step: Step, folder: Path) -> None:
     if not (headers / 'Python.h').exists():
         raise SetupFailed(f'no Python headers in {headers}: sudo apt-get install python3-dev')
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder.parent) as made:
-        step.command(
-            PYTHON, '-m', 'pip', '--disable-pip-version-check', 'wheel', '--verbose', '--no-deps',
-            '--progress-bar', 'off', '--wheel-dir', made, MESSAGES,
-        )  # fmt: skip
+    with tempfile.TemporaryDirectory(dir=folder.parent) as place:
+        made, python = Path(place, 'wheels'), Path(place, 'tools', 'bin', 'python')
+        step.command(sys.executable, '-m', 'venv', python.parents[1])
+        step.command(*pip(python, 'install', *locked('messages')))
+        words = ('--verbose', '--no-deps', '--no-build-isolation', '--wheel-dir', made, MESSAGES)
+        step.command(*pip(python, 'wheel', *words))
         if not folder.exists():  # another checkout may have been quicker
             shutil.copytree(made, folder.with_suffix('.part'), dirs_exist_ok=True)
             folder.with_suffix('.part').rename(folder)
@@ -180,7 +193,7 @@ def build_messages(step: Step, folder: Path) -> None:
 def setup(extra: str) -> None:
     """Do what is not done yet; raises SetupFailed."""
     block = sorted((ROOT / 'firmware' / 'block').glob('*.[ch]'))
-    key = digest(ROOT / 'setup.py', *block, Path(__file__))
+    key = digest(ROOT / 'setup.py', *block, *sorted(LOCKS.glob('*.txt')), Path(__file__))
     ready = VENV / f'.ready-{key}-{extra}'
     if not extra:  # what any extra has installed is enough
         ready = next(VENV.glob(f'.ready-{key}-*'), ready)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Makes everything ready: system packages, Python, the wheels, the messages, compiled kernels.
 # Does nothing, in a fraction of a second, when nothing changed.
-#   tools/setup_env.sh [EXTRA]      EXTRA: test, science, bench
+#   tools/setup_env.sh [EXTRA]      EXTRA: test, bench
 set -eu
 cd "$(dirname "$0")/.."
 
