@@ -232,6 +232,8 @@ class Soak:
         name = self.chance.choice(oldest)
         pid = pids[name]
 
+        fellows = set(name.split('+'))
+
         def do() -> set[str]:
             if name == 'bringup' and number == signal.SIGSTOP:
                 os.kill(pid, number)
@@ -239,7 +241,7 @@ class Soak:
                 os.kill(pid, signal.SIGCONT)
                 return set()
             os.kill(pid, number)
-            return set(self.rows() or {}) if name == 'bringup' else set(name.split('+'))
+            return {n for names in pids for n in names.split('+')} if name == 'bringup' else fellows
 
         def replaced() -> bool:
             if name == 'bringup':
@@ -266,7 +268,7 @@ class Soak:
         elif kind == 'board pulled out':
             self.fault(kind, 'board', lambda: self._pull(self.unplug, self.plug))
         elif kind == 'sound card pulled out':
-            self.fault(kind, 'card', lambda: self._pull(self.jack.stop, self.jack.start))
+            self.fault(kind, 'card', self._pull_card, self._plays)
         elif kind == 'page reloaded':
             if self.page is not None:
                 self.fault(kind, 'page', self.page.reload, self.page.linked)
@@ -277,6 +279,13 @@ class Soak:
         out()
         time.sleep(HELD_S)
         back()
+
+    def _pull_card(self) -> set[str]:
+        self._pull(self.jack.stop, self.jack.start)
+        return {'sound'}  # PortAudio ends a process whose server is gone
+
+    def _plays(self) -> bool:
+        return 'playing on' in (self.rows() or {}).get('sound', {}).get('text', '')
 
     def _fill(self) -> None:
         filler = self.folder / 'bags' / 'filler'

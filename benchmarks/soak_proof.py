@@ -64,10 +64,9 @@ def prove(folder: Path) -> dict[str, Any]:
         found['faults'] += [f'{path.name}: {line}' for line in others]
         missing, counted = _missing(path, bag)
         found['missing'] += missing
-        if not bag.cut_short:  # else the counts of its last second are lost with it
-            found['uncounted'] += max(missing - counted, 0)
-    if found['uncounted']:
-        found['faults'].append(f'{found["uncounted"]} messages are missing that nobody counted')
+        if missing > counted and not bag.cut_short:  # else its last counts are lost with it
+            found['uncounted'] += missing - counted
+            found['faults'].append(f'{path.name}: {missing} triggers missing, {counted} counted')
     return found
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from eol_ros.bringup.processor import Thread
 from eol_ros.devices.backoff import Backoff
 
-HEALTHY_S = 60.0  # a process that has lived this long begins again with the shortest wait
+HEALTHY_S = 60.0  # a process that has lived this long starts again at once
 SILENT_S = 5.0  # no heartbeat for this long, though it could have run: hung
 STARVED_S = 60.0  # nor for this long, whatever it waited for
 START_S = 180.0  # the first heartbeat may take this long: without a cache a node compiles itself
@@ -155,10 +155,12 @@ class Policy:
         return self.silence.verdict(SILENT_S, STARVED_S)
 
     def died(self, now_s: float) -> float:
-        """Return how long to wait before the next start, in seconds."""
+        """Return how long to wait before the next start, in seconds; 0 for one that was healthy."""
+        wait = 0.0
         if now_s - self.started_s > HEALTHY_S:
             self.backoff.succeeded()
-        wait = self.backoff.failed()
+        else:
+            wait = self.backoff.failed()
         self.restarts += 1
         self.beat_s = None
         self.deaths_s = [t for t in self.deaths_s if now_s - t < 60.0] + [now_s]

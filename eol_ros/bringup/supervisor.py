@@ -336,10 +336,11 @@ class Supervisor:
             return code
         wait = child.policy.died(now)
         how = f'killed by {signal.Signals(-code).name}' if code < 0 else f'exit code {code}'
+        again = f'again in {wait:.0f} s' if wait else 'starting again'
         red = ', for the third time within a minute' if child.policy.red() else ''
-        self._note(f'{name} has died ({how}){red}; again in {wait:.0f} s')
+        self._note(f'{name} has died ({how}){red}; {again}')
         for row in child.status.values():
-            row.update(level=status.DOWN, text=f'{how}; again in {wait:.0f} s', rate=0.0)
+            row.update(level=status.DOWN, text=f'{how}; {again}', rate=0.0)
         for node in child.process.nodes:
             self._told[node] = (status.DOWN, '')
         child.start_at_s = now + wait

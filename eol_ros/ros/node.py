@@ -210,10 +210,15 @@ class EolNode(Node):
         row = TOPICS[topic]
         qos = copy.copy(QOS[row.qos])
         qos.depth = depth or qos.depth
+
+        def whole(data: bytes) -> None:
+            if data:  # DDS hands over nothing where the writer was killed while it gave the message
+                callback(data)
+
         return self.create_subscription(
             message_class(row.type_name),
             topic,
-            callback,
+            whole if raw else callback,
             qos,
             raw=raw,
             event_callbacks=_loud(self, topic, False),

@@ -100,13 +100,17 @@ def test_back_off_grows_to_thirty_seconds():
     assert waits == [1, 2, 4, 8, 16, 30, 30, 30]
 
 
-def test_back_off_begins_again_after_a_healthy_minute():
+def test_after_a_healthy_minute_it_starts_again_at_once_and_the_back_off_too():
     policy = Policy()
     policy.start(0.0)
     policy.died(1.0)
     policy.start(2.0)
 
-    assert policy.died(100.0) == 1.0
+    assert policy.died(100.0) == 0.0
+
+    policy.start(100.0)
+
+    assert policy.died(101.0) == 1.0
 
 
 def test_three_deaths_in_a_minute_are_red():

@@ -224,6 +224,9 @@ def test_recording_stops_before_the_disk_is_full_and_goes_on_when_there_is_room(
     assert 'recorder.min_free_gb' in recording.trouble
     first = recording.folder
     assert sorted(p.suffix for p in first.iterdir()) == ['.mcap', '.yaml']
+    free[0] = 5.2e9  # room for one image: it would stop again at once
+    wait_until(lambda: '5.20 GB free' in recording.trouble)
+    assert 'goes on above 5.5 GB' in recording.trouble
     free[0] = 10e9
     wait_until(lambda: not recording.trouble)
     feed(recording, 50)

@@ -41,7 +41,8 @@ from eol_ros.settings import RecorderSettings
 from eol_ros.streams.cdr import stamp_ns
 
 FLUSH_S = 1.0
-RETRY_S = 10.0
+RETRY_S = 3.0
+ROOM = 1.1  # of `min_free_gb`, before it goes on: else each image that goes makes a bag of its own
 BUDGET = '.pictures-of-today.json'  # beside the bags
 QUEUE_BYTES = 64 << 20
 SLOW = 'disk or processor too slow'
@@ -346,9 +347,10 @@ class Recording:
             self._pause(self._full(free), whole=True)
 
     def _full(self, free_gb: float) -> str:
+        least = self._settings.min_free_gb
         return (
-            f'{free_gb:.2f} GB free on the disk of {self.root}, recording stops below '
-            f'{self._settings.min_free_gb:g} GB: make room, or lower recorder.min_free_gb'
+            f'{free_gb:.2f} GB free on the disk of {self.root}, recording stops below {least:g} GB '
+            f'and goes on above {ROOM * least:g} GB: make room, or lower recorder.min_free_gb'
         )
 
     def _pause(self, trouble: str, whole: bool) -> None:
@@ -367,7 +369,7 @@ class Recording:
         self.root.mkdir(parents=True, exist_ok=True) if _may_make(self.root) else None
         if self.root.is_dir():
             free = shutil.disk_usage(self.root).free / GB
-            if free < self._settings.min_free_gb:
+            if free < self._settings.min_free_gb * (ROOM if self.trouble else 1.0):
                 self.trouble = self._full(free)
                 return
         folder = _new_folder(self.root, self._name)
