@@ -17,6 +17,7 @@ EXAMPLES = [
     'eol calibrate points corners.csv --size 1280x800 --out table.yaml',
     'eol calibrate board flat.png held1.png held2.png held3.png held4.png --out table.yaml',
     'eol calibrate blocks still.png --mirror --out table.yaml',
+    'eol calibrate points corners.csv --size 1280x800 --covers covers --cover-height 0.013',
     'eol calibrate print board.pdf --square 0.03 --marker 0.022 --paper A3',
     'eol calibrate print board.svg',
 ]
@@ -55,6 +56,18 @@ def add_arguments(parser):
         default=0.0,
         metavar='M',
         help='covers above the platform, in metres',
+    )
+    parser.add_argument(
+        '--covers',
+        metavar='FOLDER',
+        help='of the STL files of `eol covers`: their relief moves what the camera sees of a block',
+    )
+    parser.add_argument(
+        '--cover-gap',
+        type=float,
+        default=0.001,
+        metavar='M',
+        help='lower rims of these covers above the platform, in metres',
     )
     parser.add_argument('--size', metavar='WxH', help='image size, for points without --lens')
     parser.add_argument('--board', default='11x8', metavar='CxR', help='squares of the board')
@@ -102,8 +115,11 @@ def run(args) -> int:
         raise ConfigError(
             'there is no mirror in these points: leave out --mirror, or exchange left and right'
         )
-    solution = replace(solution, calibration=replace(solution.calibration, date=_today()))
+    done = replace(solution.calibration, date=_today(), covers=_covers(args))
+    solution = replace(solution, calibration=done)
     _tell(args, solution)
+    if solution.note:
+        print(solution.note, file=sys.stderr)
     if args.picture:
         from eol_ros.devices.files import calibration_picture
 
@@ -120,21 +136,34 @@ def run(args) -> int:
 
 
 def _blocks(args, images):
-    from eol_ros.core.vision.calibration.calibrate import from_blocks, name_blocks
-    from eol_ros.core.vision.detect.blobs import BlobFinder
-    from eol_ros.core.vision.detect.corners import corners
+    from eol_ros.core.vision.calibration.calibrate import from_images
     from eol_ros.verbs.progress import track
 
-    views, reason = [], ''
-    for image in track(images, 'finding blocks'):
-        blobs = BlobFinder().find(image)
-        try:
-            views.append((name_blocks(blobs, args.mirror), corners(image, blobs)))
-        except ConfigError as error:
-            reason = str(error)
-    if not views:
-        raise ConfigError(f'no image shows all blocks at rest: {reason}')
-    return from_blocks(views, _start(args, images[0].shape), args.cover_height, lens=not args.lens)
+    return from_images(
+        track(images, 'finding blocks'),
+        _start(args, images[0].shape),
+        args.cover_height,
+        _covers(args),
+        args.mirror,
+        lens=not args.lens,
+    )
+
+
+def _covers(args):
+    """Return the outlines of the covers that `--covers` names, or None."""
+    if not args.covers:
+        return None
+    from eol_ros.core.geometry import N_BLOCKS
+    from eol_ros.core.vision.calibration.covers import CoverOutlines
+    from eol_ros.devices.files import stl_file
+
+    files = sorted(Path(args.covers).glob('cover-*.stl'))
+    if len(files) != N_BLOCKS:
+        raise ConfigError(
+            f'--covers {args.covers}: has {len(files)} files cover-*.stl, not {N_BLOCKS}; '
+            f'`eol covers --out {args.covers}` makes them'
+        )
+    return CoverOutlines.of_meshes([stl_file.load(file) for file in files], 1e3 * args.cover_gap)
 
 
 def _board(args, images):
@@ -266,6 +295,7 @@ def _tell(args, solution) -> None:
                     'residual_px': done.residual_px,
                     'residual_mm': done.residual_mm,
                     'refused': solution.refusal(),
+                    'note': solution.note,
                     'points': len(solution.px),
                     'mirror': done.mirrored,
                     'corner_sigma_mm': [

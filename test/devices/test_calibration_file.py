@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 import yaml
 
+from eol_ros.core.terrain import CoverShape, landscape
 from eol_ros.core.vision.background.model import BackgroundModel
+from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import background_file, calibration_file
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -37,6 +39,18 @@ def test_what_is_saved_is_loaded_to_the_bit(tmp_path, camera):
     assert [p.name for p in tmp_path.iterdir()] == ['c.yaml']
 
 
+def test_covers_are_kept_to_the_bit(tmp_path, camera):
+    land = landscape(1, cells=8)
+    camera = replace(camera, covers=CoverOutlines.of_landscape(land, CoverShape(), 1.0, 8))
+    calibration_file.save(tmp_path / 'c.yaml', camera)
+    back = calibration_file.load(tmp_path / 'c.yaml')
+
+    assert np.array_equal(back.covers.land_mm, camera.covers.land_mm)
+    assert back.digest == camera.digest != replace(camera, covers=None).digest
+    signed = calibration_file.loads(calibration_file.signed(camera), 'topic')
+    assert signed.digest == camera.digest
+
+
 def test_the_form_is_that_of_camera_info(tmp_path, camera):
     calibration_file.save(tmp_path / 'c.yaml', camera)
     content = yaml.safe_load((tmp_path / 'c.yaml').read_text())
@@ -61,6 +75,10 @@ def test_the_form_is_that_of_camera_info(tmp_path, camera):
         ({'residual_px': 'good'}, "residual_px is 'good'"),
         ({'mirror': 'yes, one'}, "mirror is 'yes, one'"),
         ({'homography': {'rows': 3, 'cols': 3, 'data': [0.0] * 9}}, 'no inverse'),
+        ({'covers': 26}, 'covers must have lower_mm'),
+        ({'covers': {'lower_mm': 1, 'land_mm': ['12 13'] * 99}}, 'has 99 sides, not 100'),
+        ({'covers': {'lower_mm': 1, 'land_mm': ['12 13'] * 99 + ['9']}}, 'as many heights each'),
+        ({'covers': {'lower_mm': 30, 'land_mm': ['12 13'] * 100}}, 'below the lower rim'),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path, camera, change, words):

@@ -61,6 +61,24 @@ def test_blocks_to_yaml_and_picture(picture, tmp_path, capsys):
     assert (drawn != cv2.cvtColor(drawn[..., 1], cv2.COLOR_GRAY2BGR)).any()
 
 
+def test_printed_covers_are_kept_with_the_calibration(tmp_path, capsys):
+    truth = clutter_calibration('clean')
+    xy = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]])
+    path, out, stl = tmp_path / 'p.csv', tmp_path / 'c.yaml', tmp_path / 'covers'
+    np.savetxt(path, np.hstack([truth.to_pixels(xy), xy]), delimiter=',')
+    way = ['calibrate', 'points', str(path), '--size', '1280x800', '--out', str(out)]
+    stl.mkdir()
+
+    assert cli.main([*way, '--covers', str(stl)]) == 78
+    told = capsys.readouterr().err
+    assert 'has 0 files cover-*.stl, not 25' in told and '`eol covers' in told
+    assert cli.main(['covers', '--out', str(stl), '--cells', '12', '--relief', '30']) == 0
+    assert cli.main([*way, '--covers', str(stl), '--cover-gap', '0.002']) == 0
+    covers = calibration_file.load(out).covers
+    assert covers.lower_mm == 2.0
+    assert 14.0 <= covers.land_mm.min() < 16 and 30 < covers.land_mm.max() <= 44.0
+
+
 def test_points_need_a_size_and_four_columns(tmp_path, capsys):
     truth = clutter_calibration('clean')
     xy = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]])

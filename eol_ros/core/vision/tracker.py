@@ -13,7 +13,7 @@ import numpy as np
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import scan
+from eol_ros.core.vision.detect import outline, scan
 from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.identity import Identity
@@ -107,7 +107,7 @@ class Tracker:
         self.settings = settings
         self.watch = Watch(calibration)
         self._take(calibration)
-        self.predicted = np.zeros((N_BLOCKS, 4))
+        self.predicted = np.zeros((N_BLOCKS, 5))
         self.finder = finder if finder is not None else BlobFinder(settings, calibration)
         blink = None
         if settings.blink_block >= 0:
@@ -258,7 +258,11 @@ class Tracker:
             shape = self.calibration.image_height, self.calibration.image_width
             side_px = self.calibration.px_per_m() * BLOCK_SIDE_M
             start = self_calibration.nominal(shape, side_px, self.calibration.mirrored)
-            start = replace(start, cover_height_m=self.calibration.cover_height_m)
+            start = replace(
+                start,
+                cover_height_m=self.calibration.cover_height_m,
+                covers=self.calibration.covers,
+            )
             self.learning = self_calibration.SelfCalibration(start)
             self.asked_s = stamp_s
 
@@ -282,7 +286,12 @@ class Tracker:
         lattice, learning = self.lattice, self.learning
         assert learning is not None and self.calibration is not None
         good = bool(lattice.seen.all() and self.visibility.min() > 0.8 and lattice.rests())
-        found = learning.add(image, self.blobs[lattice.index] if good else None)
+        blobs = self.blobs[lattice.index] if good else None
+        relief = None
+        if blobs is not None and self.calibration.covers is not None:
+            self._predicted(stamp_s)
+            relief = outline.tables(self.calibration, blobs, self.predicted[:, 4])
+        found = learning.add(image, blobs, relief)
         if found is not None:
             lattice.move(found.to_table(self.calibration.to_pixels(lattice.xy)))
             self._take(found)
@@ -317,6 +326,8 @@ class Tracker:
             ahead if 0 < ahead < 0.1 else 0.0,
             self.predicted,
         )
+        if lattice.ambiguous:  # then it is not known which cover is which
+            self.predicted[:, 4] = -1.0
         return self.predicted
 
     def _answer(self, stamp_s: float, state: int, why: str) -> Tracked:

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError, DeviceMissing
 
@@ -62,9 +64,16 @@ def _text(calibration: Calibration, camera_name: str = 'eol') -> str:
         'residual_px': float(calibration.residual_px),
         'residual_mm': float(calibration.residual_mm),
     }
+    if calibration.covers is not None:
+        sides = calibration.covers.land_mm.reshape(-1, calibration.covers.land_mm.shape[2])
+        content['covers'] = {
+            'lower_mm': float(calibration.covers.lower_mm),
+            'land_mm': [' '.join(repr(float(h)) for h in side) for side in sides],
+        }
     return (
         '# Pixels: u right, v down. homography: table metres (x right, y away, cover height)\n'
         '# to undistorted pixels of camera_matrix. mirror: the camera sees the table in one.\n'
+        '# covers: heights over the platform of lower rim and land; sides +x, +y, -x, -y a block.\n'
         '# Written by `eol calibrate`.\n'
         + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
     )
@@ -133,6 +142,7 @@ def loads(text: str, path: str | Path, mirror: bool = False) -> Calibration:
     said = content.get('mirror', False)
     if not isinstance(said, bool):
         wrong.append(f'mirror is {said!r}, not true or false')
+    fields['covers'] = _read_covers(content.get('covers'), wrong)
     if wrong:
         raise ConfigError(f'{path}: ' + '; '.join(wrong))
     date = content.get('date', '')
@@ -194,6 +204,26 @@ def _read_matrix(content: dict, name: str, shape: tuple[int, int], wrong: list[s
     except (TypeError, ValueError):
         wrong.append(f'{name} holds something that is not a number')
         return None
+
+
+def _read_covers(value: Any, wrong: list[str]) -> CoverOutlines | None:
+    """Return the heights of covers, None where the file names none, or note what is wrong."""
+    if value is None:
+        return None
+    try:
+        sides = [[float(h) for h in side.split()] for side in value['land_mm']]
+        lower = float(value['lower_mm'])
+        if len(sides) != 4 * N_BLOCKS or len({len(side) for side in sides}) != 1:
+            wrong.append(
+                f'covers has {len(sides)} sides, not {4 * N_BLOCKS} with as many heights each'
+            )
+            return None
+        return CoverOutlines(lower, np.reshape(sides, (N_BLOCKS, 4, -1)))
+    except (TypeError, ValueError, KeyError, AttributeError):
+        wrong.append('covers must have lower_mm, a number, and land_mm, a line of heights a side')
+    except ConfigError as error:
+        wrong.append(str(error))
+    return None
 
 
 def _first_line(error: Exception) -> str:

@@ -81,7 +81,7 @@ def test_opencv_sees_the_same_table(angle, mirror):
     assert np.abs(met[:, :2] - table).max() < 1e-9
     assert np.abs(camera.to_table(seen) - met[:, :2]).max() < 1e-9
 
-    ahead, still = np.zeros((25, 4)), np.zeros((25, 2))
+    ahead, still = np.zeros((25, 5)), np.zeros((25, 2))
     mapping.expected(camera.packed(), table[:25], still, np.zeros(25), np.ones(25), 0.0, ahead)
     assert np.abs(ahead[:, :2] - seen[:25]).max() < 1e-9
     blobs = np.zeros(25, BLOB)

@@ -29,7 +29,7 @@ def test_a_square_is_expected_at_the_angle_of_its_picture(calibration):
     """Oracle: the sides of small squares, carried into the image corner by corner."""
     random = np.random.default_rng(6)
     xy, yaw = rest_lattice(), random.uniform(-4, 4, 25)
-    ahead = np.zeros((25, 4))
+    ahead = np.zeros((25, 5))
     still, contrast = np.zeros((25, 2)), np.ones(25)
     mapping.expected(calibration.packed(), xy, still, yaw, contrast, 0.0, ahead)
     for place, turn, theta in zip(xy, yaw, ahead[:, 2], strict=True):
@@ -49,7 +49,7 @@ def test_compiled_and_plain_formulas_agree(calibration):
     random = np.random.default_rng(5)
     xy = rest_lattice() + random.normal(0, 0.01, (25, 2))
     velocity, yaw, contrast = random.normal(0, 0.2, (25, 2)), random.normal(0, 1, 25), np.ones(25)
-    ahead = np.zeros((25, 4))
+    ahead = np.zeros((25, 5))
     mapping.expected(calibration.packed(), xy, velocity, yaw, contrast, 0.02, ahead)
     assert np.allclose(ahead[:, :2], calibration.to_pixels(xy + 0.02 * velocity), atol=1e-9)
 

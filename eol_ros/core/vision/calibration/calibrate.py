@@ -5,7 +5,7 @@ Each way ends in a `Solution`: the calibration, what it could not explain, and h
 at the platform's corners. A poor one is refused, with the reason.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -21,12 +21,18 @@ from eol_ros.core.geometry import (
     ROWS,
     rest_lattice,
 )
+from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect import outline
+from eol_ros.core.vision.detect.blobs import BlobFinder
+from eol_ros.core.vision.detect.corners import corners
 from eol_ros.errors import ConfigError
 
 REST_SIGMA_M = 0.004  # friction leaves blocks this far from the lattice when all is still
 MOST_PX = 0.5  # RMS residual, per axis, above which a calibration is refused
 MOST_CORNER_MM = 8.0  # and the standard deviation at a corner of the platform
+_RELIEF_ROUNDS = 3
+_SIDE_SIGMA = 0.01  # of the length of lit covers' sides, as a share
 PLATFORM_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * PLATFORM_SIDE_M / 2
 _SQUARE = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
 
@@ -40,6 +46,7 @@ class Solution:
         px, rest_px: (n, 2) measured points and what is left of them, px.
         names: (n,) what each point is.
         corner_mm: (4,) standard deviation at the platform's corners; NaN where nothing tells.
+        note: what a person should know of a calibration that is good.
     """
 
     calibration: Calibration
@@ -47,6 +54,7 @@ class Solution:
     rest_px: np.ndarray
     names: list[str]
     corner_mm: np.ndarray
+    note: str = ''
 
     def by_name(self) -> dict[str, tuple[float, float]]:
         """Return RMS residual per axis in px and mm of each named thing."""
@@ -148,6 +156,7 @@ def from_blocks(
     cover_height_m: float = 0.0,
     rest_sigma_m: float = REST_SIGMA_M,
     lens: bool = True,
+    side_sigma: float = 0.0,
 ) -> Solution:
     """Calibrate on the blocks: squares of 84 mm near their places on the lattice of 174 mm.
 
@@ -160,6 +169,8 @@ def from_blocks(
             that run to the left, as seen in a mirror, give a calibration with a mirror.
         start: image size and camera matrix.
         lens: solve for the lens too; else it stays as in `start`.
+        side_sigma: share by which all sides together may seem longer than they are: a lit wall
+            shines on the sandpaper beside it. The lattice then gives the lengths. 0: not at all.
 
     Raises:
         ConfigError: fewer than 20 whole covers in all.
@@ -187,6 +198,7 @@ def from_blocks(
         [1, 1, 1, 1, 1, 1, 1e-3, 1e-3]
     )
     n_lens = 2 if lens else 0
+    n_camera = 8 + n_lens + (side_sigma > 0)
     frozen = start.distortion_coefficients
 
     def camera(x: np.ndarray) -> Calibration:
@@ -195,20 +207,32 @@ def from_blocks(
         return replace(start, homography=h, distortion_coefficients=k)
 
     def rests(x: np.ndarray) -> np.ndarray:
-        pose = x[8 + n_lens :].reshape(-1, 3)
-        seen = camera(x).to_pixels(_cover_corners(pose).reshape(-1, 2)).reshape(-1, 4, 2)
+        pose, longer = x[n_camera:].reshape(-1, 3), x[8 + n_lens : n_camera]
+        covers = _cover_corners(pose, 1 + longer.sum()).reshape(-1, 2)
+        seen = camera(x).to_pixels(covers).reshape(-1, 4, 2)
         return np.concatenate(
-            [((seen - corners) / 0.05).ravel(), ((pose[:, :2] - rest) / rest_sigma_m).ravel()]
+            [
+                ((seen - corners) / 0.05).ravel(),
+                ((pose[:, :2] - rest) / rest_sigma_m).ravel(),
+                longer / (side_sigma or 1.0),
+            ]
         )
 
-    x0 = np.concatenate([first.ravel()[:8] / first[2, 2] / scale, frozen[:n_lens], poses.ravel()])
+    x0 = np.concatenate(
+        [
+            first.ravel()[:8] / first[2, 2] / scale,
+            frozen[:n_lens],
+            np.zeros(n_camera - 8 - n_lens),
+            poses.ravel(),
+        ]
+    )
     done = least_squares(
         rests, x0, x_scale='jac', method='trf', loss='linear', max_nfev=60, jac_sparsity=None
     )
     solved = camera(done.x)
     n = len(corners)
     left = (done.fun[: 8 * n] * 0.05).reshape(n, 4, 2).reshape(-1, 2)
-    sigma = _corner_sigma(done, camera, 8 + n_lens)
+    sigma = _corner_sigma(done, camera, n_camera)
     names = [f'block {i}' for i in ids for _ in range(4)]
     return _solution(
         solved,
@@ -219,6 +243,65 @@ def from_blocks(
         cover_height_m,
         freedom=(8 * n + 2 * n - len(x0)) / (8 * n),
     )
+
+
+def from_images(
+    images: Iterable[np.ndarray],
+    start: Calibration,
+    cover_height_m: float = 0.0,
+    covers: CoverOutlines | None = None,
+    mirror: bool = False,
+    lens: bool = True,
+) -> Solution:
+    """Calibrate on images (h, w) uint8 that show all blocks at rest, as `from_blocks`.
+
+    With `covers` the corners are those that flat covers at `cover_height_m` would have; where the
+    outlines stand beside them follows from the camera, which is solved again until both agree. The
+    rim is turned by less than 45 degrees.
+
+    Raises:
+        ConfigError: no image shows 25 squares on their lattice; or as `from_blocks`.
+    """
+    start = replace(start, cover_height_m=cover_height_m, covers=covers)
+    seen, reason = [], 'there is none'
+    for image in images:
+        blobs = BlobFinder().find(image)
+        if covers is not None and len(blobs) >= 9:
+            scale = float(np.median(blobs['side_px'])) / BLOCK_SIDE_M
+            straight = Calibration.ideal(start.image_width, start.image_height, scale, mirror)
+            straight = replace(straight, cover_height_m=cover_height_m, covers=covers)
+            blobs = BlobFinder(calibration=straight).find(image)
+        try:
+            order = np.argsort(name_blocks(blobs, mirror))
+        except ConfigError as error:
+            reason = str(error)
+        else:
+            seen.append((image, blobs[order]))
+    if not seen:
+        raise ConfigError(f'no image shows all blocks at rest: {reason}')
+    ids = np.arange(N_BLOCKS)
+
+    def solved(camera: Calibration | None, lens: bool) -> Solution:
+        views = []
+        for image, blobs in seen:
+            tables = None if camera is None else outline.tables(camera, blobs, 0 * ids)
+            views.append((ids, corners(image, blobs, tables=tables)))
+        sure = _SIDE_SIGMA if covers is not None else 0.0
+        return from_blocks(views, start, cover_height_m, lens=lens, side_sigma=sure)
+
+    solution = solved(None, lens)
+    for _ in range(_RELIEF_ROUNDS if covers is not None else 0):
+        solution = solved(solution.calibration, lens)
+    if lens and np.nanmax(solution.corner_mm) > MOST_CORNER_MM:
+        held = solved(solution.calibration if covers is not None else None, False)
+        if not held.refusal():
+            k1 = start.distortion_coefficients[0]
+            return replace(
+                held,
+                note=f'these images do not tell the distortion of the lens: k1 is held at {k1:g}; '
+                'take several with the table stirred in between, or give --lens',
+            )
+    return solution
 
 
 def from_points(
@@ -299,31 +382,18 @@ def from_points(
 
 
 def raise_plane(calibration: Calibration, height_m: float) -> Calibration:
-    """Return `calibration` with its plane lifted by `height_m`.
-
-    The homography K [r1 r2 t] gives the pose of the plane (Zhang 2000); r3 = r1 x r2 points up,
-    to the camera, and the lifted plane is K [r1 r2 t + height r3]. A mirror turns r1 x r2 away
-    from the camera, while what stands on the plane still stands on the camera's side of it.
-    """
+    """Return `calibration` with its plane lifted by `height_m`."""
     if height_m == 0.0:
         return calibration
-    pose = np.linalg.inv(calibration.camera_matrix) @ calibration.homography
-    if pose[2, 2] < 0:
-        pose = -pose
-    norm = np.sqrt(np.linalg.norm(pose[:, 0]) * np.linalg.norm(pose[:, 1]))
-    pose = pose / norm
-    up = np.cross(pose[:, 0], pose[:, 1]) * (-1 if calibration.mirrored else 1)
-    up /= np.linalg.norm(up)
-    lifted = calibration.camera_matrix @ np.column_stack(
-        [pose[:, 0], pose[:, 1], pose[:, 2] + height_m * up]
-    )
+    lifted = calibration.homography.copy()
+    lifted[:, 2] += height_m * calibration.upward()
     return replace(calibration, homography=lifted / lifted[2, 2])
 
 
-def _cover_corners(poses: np.ndarray) -> np.ndarray:
-    """Return table corners (n, 4, 2) of covers at poses (n, 3)."""
+def _cover_corners(poses: np.ndarray, size: float = 1.0) -> np.ndarray:
+    """Return table corners (n, 4, 2) of covers at poses (n, 3), of `size` sides."""
     c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
-    x, y = _SQUARE.T
+    x, y = size * _SQUARE.T
     return np.stack([poses[:, :1] + c * x - s * y, poses[:, 1:2] + s * x + c * y], axis=-1)
 
 

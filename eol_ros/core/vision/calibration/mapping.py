@@ -2,8 +2,8 @@
 """Between pixels and table for the 25 blocks of a live image: Calibration's formulas, compiled.
 
 25 points cost numpy a hundred small calls an image. `calibration` is here Calibration.packed(): the
-homography, its inverse, fx, skew, cx, fy, cy and k1, k2, p1, p2, k3, in one row, and -1 for a
-camera that sees the table in a mirror, else 1.
+homography, its inverse, fx, skew, cx, fy, cy and k1, k2, p1, p2, k3, in one row, -1 for a camera
+that sees the table in a mirror, else 1, and what a metre of height adds to a point's image.
 """
 
 import math
@@ -13,8 +13,8 @@ import numpy as np
 from eol_ros.core.compiled import njit
 
 _INVERSE = 9
-_FX, _SKEW, _CX, _FY, _CY, _K1, _K2, _P1, _P2, _K3, _SENSE = range(18, 29)
-NUMBERS = 29
+_FX, _SKEW, _CX, _FY, _CY, _K1, _K2, _P1, _P2, _K3, _SENSE, UP = range(18, 30)
+NUMBERS = UP + 3
 _ROUNDS = 40
 _SETTLED = 1e-13  # of the image plane at distance 1
 _STEP_M = 0.02
@@ -35,8 +35,8 @@ def _bent(c):
 
 
 @njit(cache=True)
-def _to_pixel(c, x, y):
-    u, v = _project(c, 0, x, y)
+def distorted(c, u, v):
+    """Return the pixel of an undistorted pixel; see Calibration.distort."""
     if not _bent(c):
         return u, v
     y = (v - c[_CY]) / c[_FY]
@@ -49,7 +49,24 @@ def _to_pixel(c, x, y):
 
 
 @njit(cache=True)
-def _to_table(c, u, v):
+def _to_pixel(c, x, y):
+    u, v = _project(c, 0, x, y)
+    return distorted(c, u, v)
+
+
+@njit(cache=True)
+def lifted(c, u, v, height_m):
+    """Return the undistorted pixel of what stands `height_m` over the plane's point at `u`, `v`."""
+    # of the homogeneous image (u w, v w, w) of a point the table's coordinates give w
+    per_w = c[_INVERSE + 6] * u + c[_INVERSE + 7] * v + c[_INVERSE + 8]
+    s = height_m * per_w
+    w = 1.0 + s * c[UP + 2]
+    return (u + s * c[UP]) / w, (v + s * c[UP + 1]) / w
+
+
+@njit(cache=True)
+def undistorted(c, u, v):
+    """Return the undistorted pixel of a pixel; see Calibration.undistort."""
     if _bent(c):  # fixed point, as in OpenCV
         yd = (v - c[_CY]) / c[_FY]
         xd = (u - c[_CX] - c[_SKEW] * yd) / c[_FX]
@@ -64,6 +81,12 @@ def _to_table(c, u, v):
             if change < _SETTLED:
                 break
         u, v = c[_FX] * x + c[_SKEW] * y + c[_CX], c[_FY] * y + c[_CY]
+    return u, v
+
+
+@njit(cache=True)
+def _to_table(c, u, v):
+    u, v = undistorted(c, u, v)
     return _project(c, _INVERSE, u, v)
 
 
@@ -71,7 +94,8 @@ def _to_table(c, u, v):
 def _angle(c, x, y, yaw):
     """Return the image angle of a square with `yaw` at `x`, `y`; see Calibration.yaw_to_image.
 
-    In [-pi/4, pi/4], as edges takes it: there sides 0 and 2 are crossed by rows.
+    In [-pi/4, pi/4], as edges takes it: there sides 0 and 2 are crossed by rows; and the right
+    angles from there to the block's own x axis.
     """
     u0, v0 = _to_pixel(c, x - _STEP_M, y)
     u1, v1 = _to_pixel(c, x + _STEP_M, y)
@@ -79,16 +103,21 @@ def _angle(c, x, y, yaw):
     u3, v3 = _to_pixel(c, x, y + _STEP_M)
     s = c[_SENSE]
     theta = math.atan2(-(v1 - v0) - s * (u3 - u2), u1 - u0 - s * (v3 - v2)) + s * yaw
-    return theta - round(theta / (math.pi / 2)) * (math.pi / 2)
+    quarter = round(theta / (math.pi / 2))
+    return theta - quarter * (math.pi / 2), quarter
 
 
 @njit(cache=True)
 def expected(calibration, xy, velocity, yaw, contrast, ahead_s, out):
-    """Fill out (25, 4): u, v, theta and contrast of blocks `ahead_s` after xy, velocity (25, 2)."""
+    """Fill out (25, 5): u, v, theta and contrast of blocks `ahead_s` after xy, velocity (25, 2).
+
+    And the right angles, 0 to 3, from theta to the block's own x axis.
+    """
     for i in range(xy.shape[0]):
         x, y = xy[i, 0] + velocity[i, 0] * ahead_s, xy[i, 1] + velocity[i, 1] * ahead_s
         out[i, 0], out[i, 1] = _to_pixel(calibration, x, y)
-        out[i, 2], out[i, 3] = _angle(calibration, x, y, yaw[i]), contrast[i]
+        out[i, 2], quarter = _angle(calibration, x, y, yaw[i])
+        out[i, 3], out[i, 4] = contrast[i], quarter % 4
 
 
 @njit(cache=True)

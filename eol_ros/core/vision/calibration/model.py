@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.errors import ConfigError
 
 IDEAL_PX_PER_M = 545.0
@@ -45,6 +46,8 @@ class Calibration:
         ISO date of the calibration.
     residual_px, residual_mm : float
         RMS of what the calibration could not explain, per axis.
+    covers : CoverOutlines, optional
+        Heights of the blocks' covers over the platform; None for flat ones.
 
     Raises
     ------
@@ -71,6 +74,7 @@ class Calibration:
     date: str = ''
     residual_px: float = 0.0
     residual_mm: float = 0.0
+    covers: CoverOutlines | None = None
     _inverse: np.ndarray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -124,7 +128,13 @@ class Calibration:
     def digest(self) -> str:
         """SHA-256 of all that maps pixels to metres, in hex: equal ones give equal metres."""
         numbers = [self.image_width, self.image_height, self.cover_height_m]
-        arrays = (self.camera_matrix, self.distortion_coefficients, self.homography)
+        arrays: tuple[np.ndarray, ...] = (
+            self.camera_matrix,
+            self.distortion_coefficients,
+            self.homography,
+        )
+        if self.covers is not None:
+            arrays += (np.array([self.covers.lower_mm]), self.covers.land_mm)
         parts = [np.array(numbers, float), *(array.ravel() for array in arrays)]
         return hashlib.sha256(np.concatenate(parts).astype('<f8').tobytes()).hexdigest()
 
@@ -298,7 +308,7 @@ class Calibration:
         return one - 1j * other, one + 1j * other
 
     def packed(self) -> np.ndarray:
-        """Return all numbers of it in one row (29,), as mapping takes them."""
+        """Return all numbers of it in one row (32,), as mapping takes them."""
         camera = self.camera_matrix
         lens = [camera[0, 0], camera[0, 1], camera[0, 2], camera[1, 1], camera[1, 2]]
         return np.concatenate(
@@ -308,8 +318,23 @@ class Calibration:
                 lens,
                 self.distortion_coefficients,
                 [-1.0 if self.mirrored else 1.0],
+                self.upward(),
             ]
         )
+
+    def upward(self) -> np.ndarray:
+        """Return what a metre of height adds to the homogeneous image of a point, (3,).
+
+        The homography K [r1 r2 t] gives the pose of the plane (Zhang 2000); r3 = r1 x r2 points up,
+        to the camera. A mirror turns r1 x r2 away from the camera, while what stands on the plane
+        still stands on the camera's side of it.
+        """
+        pose = np.linalg.inv(self.camera_matrix) @ self.homography
+        scale = np.sqrt(np.linalg.norm(pose[:, 0]) * np.linalg.norm(pose[:, 1]))
+        up = np.cross(pose[:, 0], pose[:, 1]) * (-1 if self.mirrored else 1)
+        if pose[2, 2] < 0:
+            scale = -scale
+        return self.camera_matrix @ up * scale / np.linalg.norm(up)
 
     def px_per_m(self) -> float:
         """Return the scale at the table's centre in pixels per metre."""

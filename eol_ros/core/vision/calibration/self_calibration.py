@@ -35,16 +35,19 @@ class SelfCalibration:
         self.refused = False
         self.why = 'metres follow when 25 blocks have rested'
 
-    def add(self, image: np.ndarray, blobs: np.ndarray | None) -> Calibration | None:
+    def add(
+        self, image: np.ndarray, blobs: np.ndarray | None, relief: np.ndarray | None = None
+    ) -> Calibration | None:
         """Take an image (h, w) uint8 with its 25 squares, a BLOB array in order of id.
 
-        blobs is None when not all of them are seen whole and at rest. Returns the calibration once.
+        relief (25, outline.SIZE): of their covers, where these are not flat. blobs is None when not
+        all of them are seen whole and at rest. Returns the calibration once.
         """
         self.wait = max(self.wait - 1, 0)
         if blobs is None or self.wait:
             self.views = []
             return None
-        self.views.append(corners(image, np.ascontiguousarray(blobs, BLOB)))
+        self.views.append(corners(image, np.ascontiguousarray(blobs, BLOB), tables=relief))
         if len(self.views) < IMAGES:
             return None
         view = np.mean(self.views, axis=0)  # NaN where a side was hidden in any of them

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
+from eol_ros.core.vision.calibration import covers, mapping
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import edges, profiles, scan, search
+from eol_ros.core.vision.detect import edges, outline, profiles, scan, search
 from eol_ros.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -51,7 +52,8 @@ class BlobFinder:
 
     Args:
         settings: unused by the finder itself except `blur_px`, the edge blur, when it has one.
-        calibration: gives the expected size of a block anywhere in the image; None learns it.
+        calibration: gives the expected size of a block anywhere in the image, and the outlines of
+            its cover; None learns the size.
     """
 
     def __init__(self, settings: object = None, calibration: Calibration | None = None):
@@ -81,7 +83,8 @@ class BlobFinder:
 
         Args:
             predicted: (k, 3) u, v, theta where blocks are expected, good to a few px; a fourth
-                column says their contrast in grey levels, 0 where that is not known.
+                column says their contrast in grey levels, 0 where that is not known; a fifth that
+                row i is block i, and how many right angles lie from theta to its x axis, or -1.
 
         Raises:
             ConfigError: not an 8-bit grey image.
@@ -104,7 +107,7 @@ class BlobFinder:
         n = 0
         expected = np.zeros((0, 3)) if predicted is None else np.asarray(predicted, float)
         if len(expected) and known[search.FIELD]:
-            near = np.zeros((len(expected), 4))
+            near = np.full((len(expected), 5), (0.0, 0.0, 0.0, 0.0, -1.0))
             near[:, : expected.shape[1]] = expected
             n = search.at_predictions(
                 image,
@@ -112,6 +115,7 @@ class BlobFinder:
                 self._grid,
                 self._tiles,
                 near,
+                *self._relief,
                 *self._scratch,
                 self._fits,
                 kept,
@@ -126,8 +130,17 @@ class BlobFinder:
             starts = self._unexplained()
             if not len(starts):
                 break
+            self._table[0] = 0.0
             n = search.at_lights(
-                image, known, starts, self._refused, *self._scratch, self._fits, kept, n
+                image,
+                known,
+                starts,
+                self._refused,
+                *self._relief,
+                *self._scratch,
+                self._fits,
+                kept,
+                n,
             )
             if before or n == before:
                 break
@@ -165,6 +178,12 @@ class BlobFinder:
     def calibration(self, calibration: Calibration | None) -> None:
         self._calibration = calibration
         self._known[search.CALIBRATED] = calibration is not None
+        self._table = np.zeros(outline.SIZE, np.float32)
+        outlines, camera = covers.FLAT, np.zeros(mapping.NUMBERS)
+        if calibration is not None and calibration.covers is not None:
+            outlines = calibration.covers.over(calibration.cover_height_m)
+            camera = calibration.packed()
+        self._relief = camera, outlines, self._table
         if calibration is None or self._shape == (0, 0):
             return
         u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(-0.45, 0.45, 7)] * 2))

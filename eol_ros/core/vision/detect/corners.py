@@ -6,22 +6,24 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.vision.detect import profile_steps, profiles, scan
+from eol_ros.core.vision.detect import outline, profile_steps, profiles, scan
 
 
 @njit(cache=True)
-def side_lines(image, squares, blur, work, ends, out):
+def side_lines(image, squares, blur, tables, work, ends, out):
     """Fit a line to each side of `squares` (n, >= 4): u, v, theta, half side.
 
-    out (n, 4, 3): distance of the side from the centre in px, its turn against the square in rad,
-    and the share of its profiles that agree. A tilted camera makes the four differ.
+    tables (n, outline.SIZE): where the outline of a cover with relief stands; the lines are then
+    those of a flat one. out (n, 4, 3): distance of the side from the centre in px, its turn against
+    the square in rad, and the share of its profiles that agree. A tilted camera makes the four
+    differ.
     """
     spread = np.zeros(7)
     square = (0.0, 0.0)  # no shear: each side is measured on its own
     for s in range(squares.shape[0]):
         u, v, theta, half = squares[s, 0], squares[s, 1], squares[s, 2], squares[s, 3]
         out[s] = 0.0
-        profiles.gather(image, u, v, theta, half, blur, square, work, ends)
+        profiles.gather(image, u, v, theta, half, blur, square, tables[s], work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
         limit = half - profiles.CORNER * blur
         contrast, _ = profiles.levels(work, ends, slope, lean, limit, profiles.FLAT * blur, spread)
@@ -66,15 +68,22 @@ def side_lines(image, squares, blur, work, ends, out):
             out[s, side, 2] = share
 
 
-def corners(image: np.ndarray, blobs: np.ndarray, blur_px: float = 1.25) -> np.ndarray:
+def corners(
+    image: np.ndarray,
+    blobs: np.ndarray,
+    blur_px: float = 1.25,
+    tables: np.ndarray | None = None,
+) -> np.ndarray:
     """Return the corners (n, 4, 2) in px of `blobs` (BLOB array); NaN where a side is not whole.
 
     Order as seen from the block's own axes: (+x -y), (+x +y), (-x +y), (-x -y).
     """
+    if tables is None:
+        tables = np.zeros((len(blobs), outline.SIZE), np.float32)
     squares = np.column_stack([blobs['u'], blobs['v'], blobs['theta'], blobs['side_px'] / 2])
     lines = np.zeros((len(squares), 4, 3))
     for _ in range(2):  # the second time from nearer
-        side_lines(scan.read_only(image), squares, blur_px, *profiles.workspace(), lines)
+        side_lines(scan.read_only(image), squares, blur_px, tables, *profiles.workspace(), lines)
         squares[:, 3] = np.where(
             lines[:, :, 2].min(axis=1) > 0.5, lines[:, :, 0].mean(axis=1), squares[:, 3]
         )

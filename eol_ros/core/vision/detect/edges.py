@@ -248,6 +248,7 @@ def _fit(
     searches,
     again,
     least,
+    table,
     work,
     ends,
     a,
@@ -261,7 +262,7 @@ def _fit(
     for k in range(VISIBLE, FIELDS):
         square[k] = 0.0
     for _ in range(searches):
-        profiles.gather(image, u, v, theta, half, blur, shear, work, ends)
+        profiles.gather(image, u, v, theta, half, blur, shear, table, work, ends)
         profile_steps.search(work, ends, abs(math.cos(theta)))
         share, variance = _agree(
             work, ends, expected - half, max(half_sigma, 0.02 * half), 9.0, 1.5, 5, a, step, shares
@@ -279,7 +280,7 @@ def _fit(
     variance = 1.0
     contrast = level = 0.0
     for gather in range(4):
-        profiles.gather(image, u, v, theta, half, blur, shear, work, ends)
+        profiles.gather(image, u, v, theta, half, blur, shear, table, work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
         limit = half - CORNER * blur
         contrast, level = profiles.levels(work, ends, slope, lean, limit, FLAT * blur, spread)
@@ -343,13 +344,13 @@ def _fit(
 
 @njit(cache=True, fastmath=True, error_model='numpy')
 def fit_square(
-    image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, work, ends
+    image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, table, work, ends
 ):
     """Fit a square to `image` (h, w) uint8 from `square` (FIELDS,): u, v, theta, half as expected.
 
-    shear: see profiles.gather. search: rounds of rough search before the fit (0 when the start is
-    good to 2 px; a fit that comes out poor then searches once itself). least: contrast below which
-    no answer is wanted.
+    shear, table: see profiles.gather. search: rounds of rough search before the fit (0 when the
+    start is good to 2 px; a fit that comes out poor then searches once itself). least: contrast
+    below which no answer is wanted.
 
     `square` then holds u, v, theta, half, agreeing share of the edges, sigma px, quality, contrast,
     level inside, agreeing share of the worst side, and how certainly no other cover's light stands
@@ -368,6 +369,7 @@ def fit_square(
         search,
         False,
         least,
+        table,
         work,
         ends,
         a,
@@ -388,6 +390,7 @@ def fit_square(
             2,
             True,
             least,
+            table,
             work,
             ends,
             a,

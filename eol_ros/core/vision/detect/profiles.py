@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.vision.detect import outline
 
 REACH_PX = 4.8  # of a profile at least, along the normal, to both sides of its edge
 TAPS = 22  # pixels of a profile at 45 degrees
@@ -33,23 +34,25 @@ MIN_CONTRAST = 8.0  # grey levels
 )
 TAP = 15 * LINES  # then the pixels of the profiles, tap after tap
 
-# `ends` holds where each side begins, all lanes, taps, lines of each side, lines of all sides.
-BEGIN, LANES, TAPS_USED, COUNT, ALL = 0, 4, 5, 6, 10
+# `ends` holds where each side begins, all lanes, taps, lines of each side, lines of all sides, and
+# of these the ones that cross no outline.
+BEGIN, LANES, TAPS_USED, COUNT, ALL, BESIDE = 0, 4, 5, 6, 10, 11
 
 
 def workspace() -> tuple[np.ndarray, np.ndarray]:
     """Return scratch arrays of fit_squares, so that a live image allocates nothing."""
-    return np.zeros((15 + TAPS) * LINES, np.float32), np.zeros(11, np.int64)
+    return np.zeros((15 + TAPS) * LINES, np.float32), np.zeros(12, np.int64)
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def gather(image, u, v, theta, half, blur, shear, work, ends):
+def gather(image, u, v, theta, half, blur, shear, table, work, ends):
     """Copy the profiles of all sides into `work`, from TAP on (tap, line), running outwards.
 
     shear (2,): how lens and tilt make the square a parallelogram here: a side of normal angle phi
     lies `half Re e` further out and leans by `Im e` on t, with e = shear exp(-2 i phi).
+    table: of outline, how far outside of the square the outline of a cover with relief stands.
 
-    Fills first (d of the first tap), t, normal and validity of every line, and ends (11,): see
+    Fills first (d of the first tap), t, normal and validity of every line, and ends (12,): see
     BEGIN. All sides cross their rows or columns at the same slant, so that d grows by cos(theta)
     from tap to tap, and t by -tan(theta) with d. The edge lies within half a pixel of the middle.
     """
@@ -57,7 +60,7 @@ def gather(image, u, v, theta, half, blur, shear, work, ends):
     flat = image.reshape(height * width)
     steep = abs(math.cos(theta))
     taps = min(2 * int(REACH_PX / steep + 0.5) + 2, TAPS)
-    at = total = 0
+    at = total = beside = 0
     for side in range(4):
         angle = theta + side * math.pi / 2
         nu, nv = math.cos(angle), -math.sin(angle)
@@ -115,6 +118,28 @@ def gather(image, u, v, theta, half, blur, shear, work, ends):
             lines[NU + i] = f_nu
             lines[NV + i] = f_nv
             lines[_F + i] = start
+        if table[0] > zero:
+            tilt = np.float32(-math.tan(theta))
+            for i in range(n):
+                line = np.float32(i)
+                along = f_low + line * f_stride
+                edge = (f_half - f_slow * along) * per_fast
+                t = lines[T + i]
+                away = outline.outside(table, side, t)
+                if away != outline.NONE:  # rows are slanted: they meet that edge at another place
+                    t += away * tilt
+                    away = outline.outside(table, side, t)
+                if away == outline.NONE:
+                    lines[VALID + i] = zero
+                    beside += 1
+                    continue
+                outer = f_out + f_lean * t + away
+                start = np.floor(f_middle + edge + outer * per_fast + back)
+                inside = start >= least and start <= most and line >= from_line
+                lines[VALID + i] = one if inside and line <= to_line else zero
+                lines[FIRST + i] = f_fast * (start - f_middle - edge) - outer
+                lines[T + i] = t
+                lines[_F + i] = start
         # now the pixels, by unsigned indices: signed ones would be tested for being negative
         to_tap = np.uint64(LINES)
         ahead = np.uint64(step if along_row else step * width)
@@ -133,7 +158,7 @@ def gather(image, u, v, theta, half, blur, shear, work, ends):
                 place += ahead
         at += whole
         total += n
-    ends[LANES], ends[TAPS_USED], ends[ALL] = at, taps, total
+    ends[LANES], ends[TAPS_USED], ends[ALL], ends[BESIDE] = at, taps, total, beside
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -293,7 +318,7 @@ def levels(work, ends, slope, lean, limit, flat, spread):
     spread[3] = 0.0
     # a lamp's glow falls on and on, a cover has an edge between two flats
     spread[4] = -trend / (inner + outer) / slope * 2 * flat / contrast
-    spread[5] = n / max(n - float(short), 1.0)
+    spread[5] = n / max(n - ends[BESIDE] - float(short), 1.0)
     spread[6] = glare / max(n, 1)
     return contrast, mean_in
 

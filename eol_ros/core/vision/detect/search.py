@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.vision.detect import edges, scan
+from eol_ros.core.vision.detect import edges, outline, scan
 from eol_ros.core.vision.detect.edges import (
     ALONE,
     CONTRAST,
@@ -67,10 +67,11 @@ def expected(known, shape, u, v):
 
 
 @njit(cache=True)
-def attempt(image, known, u, v, theta, own, half, search, work, ends, square):
+def attempt(image, known, u, v, theta, own, half, search, table, work, ends, square):
     """Fit a square from `u`, `v`, `theta`; `square` (FIELDS,) says how it went.
 
     own: contrast that it is known to have, or 0. half: of its side, px; 0 where `known` says it.
+    table: see outline.
     """
     size, re, im = expected(known, image.shape, u, v)
     sure, tight = HALF_SIGMA_PX, TIGHT_PX if known[CALIBRATED] > 0 else 0.0
@@ -79,7 +80,7 @@ def attempt(image, known, u, v, theta, own, half, search, work, ends, square):
     square[U], square[V], square[THETA], square[HALF] = u, v, theta, size
     usual = known[CONTRASTS]
     edges.fit_square(
-        image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * usual, work, ends
+        image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * usual, table, work, ends
     )
     # a hand may stand where a block should; it is dimmer, or its edges are not all there
     contrast = square[CONTRAST]
@@ -132,21 +133,38 @@ def keep(fits, tried, kept, n, least):
 
 
 @njit(cache=True)
-def at_predictions(image, known, grid, tiles, near, work, ends, fits, kept, lit):
-    """Measure blocks where they are expected, `near` (k, 4): u, v, theta, contrast or 0.
+def _tabulate(known, shape, camera, outlines, near, i, table):
+    """Fill `table` for the block of row `i` of `near`, without a name one that stands for all."""
+    if len(outlines):
+        u, v, theta, _, quarter = near[i]
+        half = expected(known, shape, u, v)[0]
+        which = i if quarter >= 0 and i < len(outlines) - 1 else len(outlines) - 1
+        outline.tabulate(camera, outlines[which], u, v, theta, half, int(max(quarter, 0.0)), table)
+
+
+@njit(cache=True)
+def at_predictions(
+    image, known, grid, tiles, near, camera, outlines, table, work, ends, fits, kept, lit
+):
+    """Measure blocks where they are expected, `near` (k, 5).
+
+    Its columns: u, v, theta, contrast or 0, and the right angles from theta to the block's own x
+    axis, -1 where that is not known. camera: Calibration.packed(); outlines: CoverOutlines.over;
+    table (outline.SIZE,) is room for one, 0 where covers are flat.
 
     Where one is not, the scan says where about a square of light would fit best. Returns how many
     are in `kept`.
     """
     tried = 0
     for i in range(len(near)):
-        u, v, theta, own = near[i]
+        u, v, theta, own, _ = near[i]
         if not (math.isfinite(u) and math.isfinite(v) and math.isfinite(theta)):
             continue
         half = expected(known, image.shape, u, v)[0]
         over = max(FAINTEST * known[CONTRASTS], 8.0)
         if scan.lit_share(grid, tiles, u, v, theta, half, over) > LIT:
-            attempt(image, known, u, v, theta, own, 0.0, 0, work, ends, fits[tried])
+            _tabulate(known, image.shape, camera, outlines, near, i, table)
+            attempt(image, known, u, v, theta, own, 0.0, 0, table, work, ends, fits[tried])
             tried += 1
     n = keep(fits, tried, kept, 0, PREDICTED)
     if n == len(near):
@@ -154,7 +172,7 @@ def at_predictions(image, known, grid, tiles, near, work, ends, fits, kept, lit)
     scan.erase(grid, tiles, kept, 0, n, scan.STEP)
     tried = 0
     for i in range(len(near)):
-        u, v, theta, own = near[i]
+        u, v, theta, own, _ = near[i]
         there = not (math.isfinite(u) and math.isfinite(v) and math.isfinite(theta))
         for j in range(n):
             there = there or math.hypot(kept[j, U] - u, kept[j, V] - v) <= BESIDE_PX
@@ -164,7 +182,11 @@ def at_predictions(image, known, grid, tiles, near, work, ends, fits, kept, lit)
         over = 0.55 * own if own > 0 else max(0.4 * known[CONTRASTS], 20.0)
         du, dv, fuller = scan.seek(grid, tiles, u, v, theta, half, over, lit)
         if fuller > MIN_FILL_GAIN:
-            attempt(image, known, u + du, v + dv, theta, own, 0.0, 2, work, ends, fits[tried])
+            near[i, 0], near[i, 1] = u + du, v + dv
+            _tabulate(known, image.shape, camera, outlines, near, i, table)
+            attempt(
+                image, known, u + du, v + dv, theta, own, 0.0, 2, table, work, ends, fits[tried]
+            )
             tried += 1
     return keep(fits, tried, kept, n, REGAINED)
 
@@ -178,12 +200,13 @@ def _near(places, n, u, v):
 
 
 @njit(cache=True)
-def at_lights(image, known, starts, refused, work, ends, fits, kept, n):
+def at_lights(image, known, starts, refused, camera, outlines, table, work, ends, fits, kept, n):
     """Try squares at lights `starts` (m, 4): u, v, theta, half side or 0 where it is known.
 
     refused (m, 3), u, v and image number of those that were tried a moment ago: an arm stays an
-    arm. Returns how many are in `kept`, of which there were `n` before.
+    arm. Returns how many are in `kept`, of which there were `n` before. See at_predictions.
     """
+    one = np.zeros((1, 5))
     old = 0
     for i in range(int(known[REFUSED])):
         if known[TURN] - refused[i, 2] < RETRY_IMAGES:
@@ -203,10 +226,31 @@ def at_lights(image, known, starts, refused, work, ends, fits, kept, n):
                 0.0,
                 starts[i, 3],
                 2,
+                table,
                 work,
                 ends,
                 fits[tried],
             )
+            if len(outlines) and fits[tried, VISIBLE] > 0:
+                # it lies about there: now as a cover with relief, whichever it may be
+                one[0, 0], one[0, 1] = fits[tried, U], fits[tried, V]
+                one[0, 2], one[0, 4] = fits[tried, THETA], -1.0
+                _tabulate(known, image.shape, camera, outlines, one, 0, table)
+                attempt(
+                    image,
+                    known,
+                    one[0, 0],
+                    one[0, 1],
+                    one[0, 2],
+                    0.0,
+                    starts[i, 3],
+                    0,
+                    table,
+                    work,
+                    ends,
+                    fits[tried],
+                )
+                table[0] = 0.0
             tried += 1
     n = keep(fits, tried, kept, n, NEW)
     for i in range(min(len(starts), len(fits))):

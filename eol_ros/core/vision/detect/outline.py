@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The outline of a cover with relief: which of its edges a camera sees, and where in the image.
+
+A cover has straight sides. On the side that turns to the camera its lower rim is the outline, on
+the others the edge of the land, which rises and falls along the side. Both stand off the plane that
+the calibration is for, so the image shows them beside the square that a flat cover would be:
+parallax, up to some px. How far is a table along each side, made again for each place of a block.
+"""
+
+import math
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.vision.calibration.covers import POINTS
+from eol_ros.core.vision.calibration.mapping import distorted, lifted, undistorted
+from eol_ros.core.vision.calibration.model import Calibration
+
+BINS = 48  # of a table along a side
+REACH = 1.25  # half sides that a table reaches from the middle of its side
+NONE = np.float32(99.0)  # px: no edge here that would be the outline
+STEEP = 0.8  # px of parallax a px along the side above which an edge is too slanted to be read
+SIZE = 1 + 4 * BINS  # of a table: its reach in px, 0 where there is none, then the sides
+
+
+@njit(cache=True, inner=True)
+def _draw(table, reach, t0, d0, t1, d1):
+    """Raise `table` (BINS,) to the line from t0, d0 to t1, d1."""
+    if t1 < t0:
+        t0, d0, t1, d1 = t1, d1, t0, d0
+    per_px = BINS / (2.0 * reach)
+    first = max(int(math.ceil((t0 + reach) * per_px - 0.5)), 0)
+    last = min(int(math.floor((t1 + reach) * per_px - 0.5)), BINS - 1)
+    slope = (d1 - d0) / max(t1 - t0, 1e-9)
+    for b in range(first, last + 1):
+        d = d0 + ((b + 0.5) / per_px - reach - t0) * slope
+        if table[b] == NONE or table[b] < d:
+            table[b] = d
+
+
+@njit(cache=True)
+def tabulate(camera, heights, u, v, theta, half, quarter, table):
+    """Fill `table` (SIZE,) with how far outside the sides of a flat square the outline stands.
+
+    camera: Calibration.packed(). heights (4, 1 + POINTS) m over the calibration's plane. The square
+    is at `u`, `v` px, angle `theta`, half side in px as the fit takes it; `quarter` right angles
+    further is the block's own x axis.
+    """
+    table[0] = REACH * half
+    cu, cv = undistorted(camera, u, v)
+    low = heights[0, 0]
+    high = low
+    for side in range(4):
+        for j in range(1, POINTS + 1):
+            high = max(high, heights[side, j])
+    span = max(high - low, 1e-6)
+    # parallax at the corners: exact at three heights, and a parabola between
+    shift = np.empty((4, 3, 2))
+    for k in range(4):  # from side k - 1 to side k
+        angle = theta + (k - 0.5) * math.pi / 2
+        pu = cu + half * math.sqrt(2.0) * math.cos(angle)
+        pv = cv - half * math.sqrt(2.0) * math.sin(angle)
+        bu, bv = distorted(camera, pu, pv)
+        for m in range(3):
+            qu, qv = lifted(camera, pu, pv, low + 0.5 * m * span)
+            qu, qv = distorted(camera, qu, qv)
+            shift[k, m, 0], shift[k, m, 1] = qu - bu, qv - bv
+    mirrored = camera[28] < 0
+    upper = np.empty(BINS, np.float32)
+    for k in range(4):
+        angle = theta + k * math.pi / 2
+        nu, nv = math.cos(angle), -math.sin(angle)
+        tu, tv = -math.sin(angle), -math.cos(angle)
+        one, other = shift[k], shift[(k + 1) % 4]
+        mine = table[1 + k * BINS : 1 + (k + 1) * BINS]
+        mine[:] = NONE
+        upper[:] = NONE
+        physical = (quarter - k) % 4 if mirrored else (k - quarter) % 4
+        d0, d1 = one[0, 0] * nu + one[0, 1] * nv, other[0, 0] * nu + other[0, 1] * nv
+        t0, t1 = one[0, 0] * tu + one[0, 1] * tv, other[0, 0] * tu + other[0, 1] * tv
+        _draw(mine, table[0], t0 - half, d0, t1 + half, d1)
+        lower_d = 0.5 * (d0 + d1)
+        upper_d = 0.0
+        before_t = before_d = 0.0
+        for j in range(POINTS):
+            at = j if not mirrored else POINTS - 1 - j
+            s = (heights[physical, 1 + at] - low) / span
+            w0 = (1.0 - s) * (1.0 - 2.0 * s)
+            w1 = 4.0 * s * (1.0 - s)
+            w2 = s * (2.0 * s - 1.0)
+            f = j / (POINTS - 1.0)
+            du = dv = 0.0
+            for axis in range(2):
+                a = w0 * one[0, axis] + w1 * one[1, axis] + w2 * one[2, axis]
+                b = w0 * other[0, axis] + w1 * other[1, axis] + w2 * other[2, axis]
+                if axis == 0:
+                    du = a + f * (b - a)
+                else:
+                    dv = a + f * (b - a)
+            d = du * nu + dv * nv
+            t = (2.0 * f - 1.0) * half + du * tu + dv * tv
+            if j > 0:
+                _draw(upper, table[0], before_t, before_d, t, d)
+            before_t, before_d = t, d
+            upper_d += d / POINTS
+        far = upper_d > lower_d
+        for b in range(BINS):
+            if upper[b] != NONE and (mine[b] == NONE or upper[b] > mine[b]):
+                mine[b] = upper[b]
+            elif upper[b] == NONE and far:
+                mine[b] = NONE  # beside the land stands the slanting edge of another side
+        pitch = 2.0 * table[0] / BINS
+        for b in range(BINS - 1):  # where the land falls steeply no profile crosses it well
+            steep = mine[b] != NONE and mine[b + 1] != NONE
+            upper[b] = -NONE if steep and abs(mine[b + 1] - mine[b]) > STEEP * pitch else NONE
+        for b in range(BINS - 1):
+            if upper[b] == -NONE:
+                mine[b] = NONE
+
+
+@njit(inline='always')
+def outside(table, side, t):
+    """Return how far outside of a flat square's `side` the outline stands at `t`, or NONE."""
+    at = (t + table[0]) * (BINS / (2.0 * table[0])) - 0.5
+    b = int(at)
+    if at < 0.0 or b >= BINS - 1:
+        return NONE
+    first, second = table[1 + side * BINS + b], table[2 + side * BINS + b]
+    if first == NONE or second == NONE:
+        return NONE
+    return first + np.float32(at - b) * (second - first)
+
+
+def tables(calibration: Calibration, blobs: np.ndarray, quarters: np.ndarray) -> np.ndarray:
+    """Return tables (n, SIZE) of blocks 0 to n - 1, found as `blobs` (n,), a BLOB array.
+
+    quarters (n,): right angles from each square's angle in the image to the block's own x axis.
+    """
+    found = np.zeros((len(blobs), SIZE), np.float32)
+    if calibration.covers is None:
+        return found
+    camera, heights = calibration.packed(), calibration.covers.over(calibration.cover_height_m)
+    for i, blob in enumerate(blobs):
+        u, v, theta, half = (float(blob[k]) for k in ('u', 'v', 'theta', 'side_px'))
+        tabulate(camera, heights[i], u, v, theta, half / 2, int(quarters[i]), found[i])
+    return found

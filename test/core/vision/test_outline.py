@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The outline of a cover with relief, held against all points of the printed cover."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from eol_ros.core.geometry import BLOCK_SIDE_M
+from eol_ros.core.terrain import CoverShape, cover_mesh, land_edges, landscape, tile
+from eol_ros.core.vision.calibration.calibrate import raise_plane
+from eol_ros.core.vision.calibration.covers import CoverOutlines
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect import outline
+from eol_ros.errors import ConfigError
+
+CELLS = 42
+GAP_M = 0.001
+PLANE_M = 0.013
+HALF_M = BLOCK_SIDE_M / 2
+
+
+def tilted(k1=0.0, mirror=False):
+    """Return a camera that leans by 6 degrees, for the platform's plane, and its pose in OpenCV."""
+    turn = cv2.Rodrigues(np.array([np.pi - 0.1, 0.0, 0.0]))[0]
+    place = np.array([0.15, -0.2, 1.85])
+    camera = np.array([[1000.0, 0, 640], [0, 1000, 400], [0, 0, 1]])
+    homography = camera @ np.column_stack([turn[:, :2], -turn @ place])
+    lens = np.array([k1, 0, 0, 0, 0.0])
+    straight = Calibration(1280, 800, camera, lens, homography / homography[2, 2])
+    return (straight.in_mirror() if mirror else straight), turn, -turn @ place
+
+
+def points_px(triangles_mm, pose, camera, turn, shift, mirror):
+    """Return pixels (n, 2) of many points of a cover's surface, by OpenCV."""
+    share = np.random.default_rng(1).dirichlet([0.4] * 3, (len(triangles_mm), 12))
+    points = np.einsum('nks,nsx->nkx', share, triangles_mm).reshape(-1, 3) * 1e-3
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    world = np.column_stack(
+        [
+            pose[0] + c * points[:, 0] - s * points[:, 1],
+            pose[1] + s * points[:, 0] + c * points[:, 1],
+            points[:, 2] + GAP_M,
+        ]
+    )
+    if mirror:
+        world[:, 0] *= -1
+    seen, _ = cv2.projectPoints(
+        world, cv2.Rodrigues(turn)[0], shift, camera.camera_matrix, camera.distortion_coefficients
+    )
+    return seen[:, 0]
+
+
+@pytest.mark.parametrize('mirror', [False, True])
+@pytest.mark.parametrize('k1', [0.0, -0.1])
+@pytest.mark.parametrize('pose', [(0.35, 0.3, 0.1), (-0.3, 0.35, 2.0), (0.1, -0.2, -1.2)])
+def test_the_table_is_the_edge_of_all_that_is_seen(pose, k1, mirror):
+    shape = CoverShape()
+    heights = landscape(3, cells=CELLS)
+    block = 9
+    on_platform, turn, shift = tilted(k1, mirror)
+    camera = replace(raise_plane(on_platform, PLANE_M), cover_height_m=PLANE_M)
+    seen = points_px(
+        cover_mesh(tile(heights, *divmod(block, 5), CELLS), shape),
+        pose,
+        camera,
+        turn,
+        shift,
+        mirror,
+    )
+    covers = CoverOutlines.of_landscape(heights, shape, 1e3 * GAP_M, CELLS)
+    centre = camera.to_pixels([pose[:2]])
+    full = float(camera.yaw_to_image(centre, [pose[2]])[0])
+    quarter = round(full / (np.pi / 2))
+    theta = full - quarter * np.pi / 2
+    half = float(camera.side_px(centre, BLOCK_SIDE_M)[0]) / 2
+    shear = complex(*camera.shear(centre)[0])
+
+    def off(which):
+        """Return how far the outline stands outside of where the table of a cover says, (n,) px."""
+        table, found = np.zeros(outline.SIZE, np.float32), []
+        land = covers.over(PLANE_M)[which]
+        outline.tabulate(camera.packed(), land, *centre[0], theta, half, quarter % 4, table)
+        for side in range(4):
+            angle = theta + side * np.pi / 2
+            normal = np.array([np.cos(angle), -np.sin(angle)])
+            along = np.array([-np.sin(angle), -np.cos(angle)])
+            d, t = (seen - centre) @ normal, (seen - centre) @ along
+            e = shear * np.exp(-2j * angle)
+            for at in np.linspace(-0.85, 0.85, 35) * half:
+                stands = outline.outside.py_func(table, side, at)
+                if stands != outline.NONE:
+                    edge = half + half * e.real + e.imag * at + stands
+                    found.append(d[np.abs(t - at) < 0.25].max() - edge)
+        return np.array(found)
+
+    mine = off(block)
+    assert len(mine) > 0.8 * 4 * 35
+    # the points drawn miss the very edge by a little
+    assert np.quantile(np.abs(mine), 0.9) < 0.15 and abs(np.median(mine)) < 0.08
+    assert np.abs(off(3)).mean() > 3 * np.abs(mine).mean()  # another cover's is told from it
+
+
+def test_a_flat_cover_in_the_calibrations_plane_stands_nowhere_else():
+    camera = Calibration.ideal()
+    covers = CoverOutlines(20.0, np.full((1, 4, 9), 20.0))
+    table = np.zeros(outline.SIZE, np.float32)
+    outline.tabulate(camera.packed(), covers.over(0.02)[0], 900.0, 200.0, 0.2, 22.9, 0, table)
+
+    reached = table[1:][table[1:] != outline.NONE]
+    assert len(reached) > 100 and np.abs(reached).max() < 1e-5
+
+
+def test_the_land_along_the_sides_runs_round_the_cover():
+    heights = landscape(2, cells=8)
+    edges = land_edges(heights, CoverShape(), 8)
+
+    assert edges.shape == (25, 4, 9)
+    for block in range(25):
+        east, north, west, south = edges[block]
+        assert east[-1] == north[0] and north[-1] == west[0]
+        assert west[-1] == south[0] and south[-1] == east[0]
+    assert (edges[0, 0] == edges[1, 2][::-1]).all()  # neighbours share their edge
+    assert (edges[0, 1] == edges[5, 3][::-1]).all()
+
+
+def test_height_moves_a_point_as_the_lifted_plane_says():
+    camera, turn, shift = tilted()
+    at = np.array([[0.2, 0.1]])
+    seen, _ = cv2.projectPoints(
+        np.array([[0.2, 0.1, 0.03]]), cv2.Rodrigues(turn)[0], shift, camera.camera_matrix, None
+    )
+    image = camera.homography @ [0.2, 0.1, 1.0] + 0.03 * camera.upward()
+
+    assert np.allclose(image[:2] / image[2], seen[0, 0], atol=1e-6)
+    assert np.allclose(raise_plane(camera, 0.03).to_pixels(at), seen[:, 0], atol=1e-6)
+
+
+def test_printed_files_say_the_same_as_the_landscape():
+    heights, shape = landscape(5, cells=64), CoverShape(relief_mm=40.0)
+    meshes = [cover_mesh(tile(heights, *divmod(i, 5), 64), shape) for i in range(25)]
+    read = CoverOutlines.of_meshes([m.astype(np.float32) for m in meshes], 1.0)
+    known = CoverOutlines.of_landscape(heights, shape, 1.0, 64)
+
+    assert read.lower_mm == known.lower_mm == 1.0
+    assert np.abs(read.land_mm - known.land_mm).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ('lower', 'land', 'words'),
+    [
+        (1.0, np.zeros((25, 3, 9)), r'shape \(25, 3, 9\)'),
+        (1.0, np.full((25, 4, 9), np.nan), 'within 200 mm'),
+        (30.0, np.full((25, 4, 9), 20.0), 'below the lower rim'),
+    ],
+)
+def test_heights_that_no_cover_has_are_named(lower, land, words):
+    with pytest.raises(ConfigError, match=words):
+        CoverOutlines(lower, land)
+
+
+def test_a_mesh_in_metres_is_named():
+    mesh = cover_mesh(np.zeros((9, 9)), CoverShape()) * 1e-3
+    with pytest.raises(ConfigError, match='84 mm'):
+        CoverOutlines.of_meshes([mesh], 1.0)
