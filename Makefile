@@ -41,6 +41,10 @@ bench: setup-test  ## the graph's figures
 lock:  ## renew the versions and hashes of all wheels (ARGS=--upgrade: the newest)
 	@tools/lock_requirements.sh $(ARGS)
 
+films: setup-test  ## path-trace printed covers for `eol bench vision --films films` (needs LLVM 19)
+	$(PY) -m pip install -q 'mitsuba>=3.9'
+	$(PY) -m eol_ros bench films --out films $(ARGS)
+
 clean:  ## remove what was made here, but no bag
 	rm -rf .venv build install log *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -48,4 +52,4 @@ clean:  ## remove what was made here, but no bag
 setup-test:
 	@tools/setup_env.sh test
 
-.PHONY: help setup setup-test run test bare quick lint docs soak bench lock clean
+.PHONY: help setup setup-test run test bare quick lint docs soak bench lock films clean

@@ -66,6 +66,7 @@ TEST = [
     *TLS,
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo']  # peers, measured in the same run
+RENDER = ['mitsuba>=3.9']  # path-traced images, see `make films`; nothing that runs imports it
 MESSAGES = 'msg_defs/eol_msgs'
 # What the firmware of a block does, for the twin's blocks: plain C that is loaded with ctypes, so
 # that it needs no headers of Python. Without a C compiler all but that is installed.
@@ -109,6 +110,7 @@ setup(
         'tls': TLS,
         'test': TEST,
         'bench': BENCH,
+        'render': RENDER,
     },
     zip_safe=False,
     description='Echoes of the Land as a ROS 2 node graph',

@@ -2,6 +2,7 @@
 """eol bench vision: error against run time of the tracker and of its peers, on the same images."""
 
 import sys
+from pathlib import Path
 
 HELP = 'Position error and run time, beside tuned peers and the Cramer-Rao bound.'
 EXAMPLES = [
@@ -9,6 +10,8 @@ EXAMPLES = [
     'eol bench vision --json > vision.json',
     'eol bench vision --levels hard --seconds 60 --no-peers',
     'eol bench vision --plots docs/img',
+    'eol bench vision --films relief',
+    'eol bench vision --films my_films --images 200 --json',
     'eol bench vision --levels "" --no-clean --hours 1 --slip-seconds 60 --json',
 ]
 CLUTTER = ('ordinary', 'hard', 'brutal')
@@ -25,6 +28,11 @@ def add_arguments(parser):
     parser.add_argument('--plots', metavar='FOLDER', help='draw vision_*.png there')
     parser.add_argument('--hours', type=float, default=0.02, help='simulated, of identities')
     parser.add_argument('--slip-seconds', type=float, default=20.0, help='of slips, 60 and 120 Hz')
+    parser.add_argument(
+        '--films',
+        metavar='FOLDER',
+        help='only path-traced covers: `relief`, which is shipped, or a folder of `make films`',
+    )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 
@@ -41,6 +49,13 @@ def run(args) -> int:
     from eol_ros.verbs.progress import track
 
     cv2.setNumThreads(1)
+    if args.films:
+        from benchmarks import vision_relief
+        from benchmarks.relief.films import FOLDER
+
+        folder = FOLDER if args.films == 'relief' else Path(args.films)
+        tell(vision_relief.measure(folder, args.images), args.json, vision_relief.table)
+        return 0
     levels = [name for name in args.levels.split(',') if name]
     for name in levels:
         if name not in LEVELS:

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Path-traced images with their truth: which there are, how they are kept, what a sensor sees.
+
+An image is kept as light, 16-bit PNG in steps of 1/8 grey level, without sensor noise: that is
+added when it is used, so one image stands for hours of rest. What stands beyond the rim is left
+out and dark.
+"""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from benchmarks.relief import scene
+from benchmarks.relief.scene import Shot, View
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.errors import ConfigError
+
+FOLDER = Path(__file__).parent / 'films'
+STEPS = 8  # of a grey level
+NOISE = (2.0, 0.10)  # read noise and gain of the flat renderer's L2
+STRAIGHT = View()
+ASIDE = View(offset_m=(0.3, 0.0))
+TILTED = View(offset_m=(0.0, -0.13), tilt_deg=4, heading_deg=90)
+STEEP = View(offset_m=(0.3, 0.1), tilt_deg=10, heading_deg=198)
+LENS = View(offset_m=(-0.1, 0.1), tilt_deg=4, heading_deg=-30, k1=-0.1)
+
+
+@dataclass(frozen=True)
+class Film:
+    """One image with its truth.
+
+    light (h, w) float32 grey levels, without noise and not cut off at 255; the calibration is for
+    the plane of the sandpaper, the covers' lower rims lie scene.GAP_M above it.
+    """
+
+    shot: Shot
+    light: np.ndarray
+    calibration: Calibration
+
+    @property
+    def name(self) -> str:
+        """Its name in the set."""
+        return self.shot.name
+
+
+def small_set() -> list[Shot]:
+    """Return the shots that are shipped: cameras, reliefs, and blocks stirred between images."""
+    weak = np.random.default_rng(7).uniform(0.8, 1.2, 25)
+    shots = [Shot('tilted', TILTED, poses=scene.stirred(1), battery=weak)]
+    for k in (2, 3):
+        shots.append(replace(shots[0], name=f'tilted-stirred-{k}', poses=scene.stirred(k)))
+    away = np.random.default_rng(5).uniform(-1, 1, (25, 3)) * [0.0042, 0.0042, 0.01]
+    shots.append(replace(shots[0], name='tilted-moved', poses=shots[0].poses + away))
+    shots += [
+        Shot('straight', STRAIGHT, poses=scene.stirred(4), battery=weak),
+        Shot('aside', ASIDE, poses=scene.stirred(5, yaw_rad=0.15), battery=weak),
+        Shot('steep', STEEP, poses=scene.stirred(6), battery=weak),
+        Shot('lens', LENS, poses=scene.stirred(7, yaw_rad=0.15), battery=weak),
+    ]
+    for relief in (0.0, 40.0):
+        for name, view in (('straight', STRAIGHT), ('tilted', TILTED), ('steep', STEEP)):
+            shots.append(
+                Shot(f'{name}-{relief:.0f}mm', view, relief, poses=scene.stirred(8), battery=weak)
+            )
+    return shots
+
+
+def large_set(images: int = 40, seed: int = 1) -> list[Shot]:
+    """Return the shots of `make films`: cameras, covers, poses and batteries drawn by seed."""
+    rng = np.random.default_rng([seed, 2])
+    shots = []
+    for k in range(images):
+        heading, tilt = rng.uniform(-180, 180), rng.uniform(0, 10)
+        # the axis meets the table near its centre, the camera stands at most 0.33 m beside it
+        back = scene.CAMERA_HEIGHT_M * np.tan(np.radians(tilt))
+        aside = -back * np.array([np.cos(np.radians(heading)), np.sin(np.radians(heading))])
+        offset = aside + rng.uniform(-0.03, 0.03, 2)
+        view = View((offset[0], offset[1]), tilt, heading, rng.uniform(-0.12, 0.0))
+        relief = (0.0, 12.0, 26.0, 40.0)[k % 4]
+        poses = scene.stirred(seed * 1000 + k, yaw_rad=0.15)
+        battery = rng.uniform(0.5, 1.3, 25)
+        shots.append(Shot(f'drawn-{k:03d}', view, relief, 1, poses, battery))
+    return shots
+
+
+def save(folder: Path, shot: Shot, light: np.ndarray, low: tuple[int, int]) -> dict[str, Any]:
+    """Write one image, `light` with its corner `low` (u, v); return its truth."""
+    name = f'{shot.name}.png'
+    kept = np.clip(np.rint(light * STEPS), 0, 65535).astype(np.uint16)
+    if not cv2.imwrite(str(folder / name), kept, [cv2.IMWRITE_PNG_COMPRESSION, 9]):
+        raise ConfigError(f'{folder / name}: cannot be written')
+    view = shot.view
+    return {
+        'image': name,
+        'corner_px': [int(c) for c in low],
+        'camera': {
+            'offset_m': [float(c) for c in view.offset_m],
+            'tilt_deg': float(view.tilt_deg),
+            'heading_deg': float(view.heading_deg),
+            'k1': float(view.k1),
+            'size_px': [view.width, view.height],
+        },
+        'relief_mm': shot.relief_mm,
+        'landscape': shot.landscape,
+        'poses': np.round(shot.poses, 9).tolist(),
+        'battery': np.round(shot.battery, 6).tolist(),
+        'arms': shot.arms.tolist(),
+    }
+
+
+def save_truth(folder: Path, truth: dict[str, Any]) -> None:
+    """Write what is true of all images of a folder."""
+    (folder / 'films.json').write_text(json.dumps(truth, indent=1) + '\n')
+
+
+def load(folder: Path = FOLDER) -> list[Film]:
+    """Return all images of a folder; raises ConfigError where there is no set of films."""
+    listed = folder / 'films.json'
+    if not listed.is_file():
+        raise ConfigError(f'{folder}: has no films.json; `make films` draws a set of films')
+    return [
+        _load(folder, name, one) for name, one in json.loads(listed.read_text())['films'].items()
+    ]
+
+
+def _load(folder: Path, name: str, one: dict[str, Any]) -> Film:
+    camera = one['camera']
+    view = View(
+        (camera['offset_m'][0], camera['offset_m'][1]),
+        camera['tilt_deg'],
+        camera['heading_deg'],
+        camera['k1'],
+        *camera['size_px'],
+    )
+    shot = Shot(
+        name,
+        view,
+        one['relief_mm'],
+        one['landscape'],
+        np.array(one['poses']),
+        np.array(one['battery']),
+        np.reshape(one['arms'], (-1, 7)),
+    )
+    kept = cv2.imread(str(folder / one['image']), cv2.IMREAD_UNCHANGED)
+    if kept is None or kept.dtype != np.uint16:
+        raise ConfigError(f'{folder / one["image"]}: not a 16-bit image')
+    u, v = one['corner_px']
+    light = np.full((view.height, view.width), 2.0, np.float32)
+    light[v : v + kept.shape[0], u : u + kept.shape[1]] = kept / np.float32(STEPS)
+    return Film(shot, light, view.calibration())
+
+
+def sensed(light: np.ndarray, seed: int, noise: tuple[float, float] = NOISE) -> np.ndarray:
+    """Return what an 8-bit sensor of variance read^2 + gain * signal makes of `light` (h, w)."""
+    read, gain = noise
+    rng = np.random.default_rng([seed, 3])
+    spread = np.sqrt(np.float32(read**2) + np.float32(gain) * light)
+    seen = light + spread * rng.standard_normal(light.shape, np.float32)
+    return np.clip(np.rint(seen), 0, 255).astype(np.uint8)

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the tracker makes of path-traced covers: absolute error, hops, yaw, and whether sigma holds.
+
+One image is light without noise, so a block at rest is the same light with new noise in each image:
+what its place then does is the tracker's own.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.relief import films, scene
+from eol_ros.core import terrain
+from eol_ros.core.geometry import N_BLOCKS, PLATFORM_SIDE_M
+from eol_ros.core.vision.calibration.calibrate import from_images, raise_plane
+from eol_ros.core.vision.calibration.covers import CoverOutlines
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect.blobs import BlobFinder
+from eol_ros.core.vision.tracker import Tracker
+from eol_ros.errors import ConfigError
+from eol_ros.settings import TrackerSettings
+from eol_ros.verbs.progress import track
+
+RATE_HZ = 60.0
+SETTLED = 10  # images after which a block has its name
+FLAT, KNOWN = 'covers taken to be flat', 'outlines of the covers known'
+SKIRT_M = 0.012 + scene.GAP_M  # the lowest land: the plane that measured best before
+
+
+def measure(folder: Path, images: int) -> dict:
+    """Return figures of each image of a set, `images` exposures each, and of calibrating."""
+    shown = films.load(folder)
+    result: dict = {'images': images}
+    for known in (False, True):
+        at_rest = {film.name: rest(film, images, known) for film in track(shown, 'films')}
+        places = {name: one.pop('places') for name, one in at_rest.items()}
+        moved = {}
+        for film in shown:
+            first = next((f for f in shown if film.name == f'{f.name}-moved'), None)
+            if first is not None:
+                moved[film.name] = _displacement(first, film, places)
+        result[KNOWN if known else FLAT] = {
+            'rest': at_rest,
+            'moved': moved,
+            'calibration': _calibrations(shown, known),
+        }
+    return result
+
+
+def _calibration(film: films.Film, known: bool) -> Calibration:
+    """Return the camera's own calibration, for the plane of the lowest land."""
+    raised = raise_plane(film.calibration, SKIRT_M)
+    return replace(raised, cover_height_m=SKIRT_M, covers=_covers(film) if known else None)
+
+
+def _covers(film: films.Film) -> CoverOutlines:
+    land = terrain.landscape(film.shot.landscape, cells=scene.CELLS)
+    return CoverOutlines.of_landscape(land, film.shot.shape(), 1e3 * scene.GAP_M, scene.CELLS)
+
+
+def rest(film: films.Film, images: int, known: bool) -> dict:
+    """Return what `images` exposures of blocks at rest give; `known`: the covers' heights are."""
+    calibration, truth = _calibration(film, known), film.shot.poses
+    first = BlobFinder(calibration=calibration).find(films.sensed(film.light, 0))
+    centres = calibration.to_pixels(truth[:, :2])
+    found = np.column_stack([first['u'], first['v']])
+    near = np.hypot(*(centres[:, None] - found[None]).transpose(2, 0, 1)) < 10 if len(found) else ()
+    tracker = Tracker(TrackerSettings(), calibration)
+    place, yaw = np.full((2, images, N_BLOCKS, 2), np.nan)
+    sigma = np.full((images, N_BLOCKS), np.nan)
+    for k in range(images + SETTLED):
+        got = tracker.update(k / RATE_HZ, films.sensed(film.light, k))
+        if k >= SETTLED:
+            seen = got.seen
+            place[k - SETTLED, seen] = got.world[seen]
+            yaw[k - SETTLED, seen, 0] = got.yaw[seen]
+            sigma[k - SETTLED, seen] = got.sigma_m[seen]
+    left = place - truth[:, :2]
+    seen = np.isfinite(left[..., 0])
+    usual = np.nanmedian(place, axis=0)
+    away = np.hypot(*(place - usual).transpose(2, 0, 1))
+    # the median of the deviations: one hop does not make its own scale
+    scatter = np.nanmedian(np.abs(place - usual), axis=0).max(axis=1) / 0.6745
+    turned = np.angle(np.exp(4j * (yaw[..., 0] - truth[:, 2]))) / 4
+    return {
+        'first_sight': int(np.sum(np.any(near, axis=1))) if len(found) else 0,
+        'coverage': float(seen.mean()),
+        'error_mm_rms': _rms(left[seen]) * 2**0.5 * 1e3,
+        'error_mm_worst': float(np.nanmax(np.hypot(*left.transpose(2, 0, 1)))) * 1e3,
+        'yaw_deg_rms': float(np.degrees(_rms(turned[seen]))),
+        'scatter_um': float(np.median(scatter)) * 1e6,
+        'hop_mm': float(np.nanmax(away)) * 1e3,
+        'hop_scatters': float(np.nanmax(away / scatter)),
+        'sigma_of_scatter': float(np.median(np.nanmedian(sigma, axis=0) / scatter)),
+        'places': np.nanmean(place, axis=0),
+    }
+
+
+def _displacement(first: films.Film, second: films.Film, places: dict) -> dict:
+    """Return how well the motion of each block from one image to the other is known."""
+    true = (second.shot.poses - first.shot.poses)[:, :2]
+    off = places[second.name] - places[first.name] - true
+    return {
+        'longest_mm': float(np.hypot(*true.T).max()) * 1e3,
+        'error_um_rms': _rms(off[np.isfinite(off)]) * 1e6,
+    }
+
+
+def _calibrations(shown: list[films.Film], known: bool) -> dict:
+    """Return what `eol calibrate blocks` makes of images of the same camera and covers."""
+    groups: dict = {}
+    for film in shown:
+        groups.setdefault((film.shot.view, film.shot.relief_mm), []).append(film)
+    found = {}
+    for group in groups.values():
+        found[group[0].name] = {'images': len(group)} | solved(group, known)
+    return found
+
+
+def solved(group: list[films.Film], known: bool) -> dict:
+    film = group[0]
+    height, width = film.light.shape
+    try:
+        solution = from_images(
+            [films.sensed(one.light, 100 + k) for k, one in enumerate(group)],
+            Calibration.ideal(width, height),
+            SKIRT_M,
+            _covers(film) if known else None,
+        )
+    except ConfigError as error:
+        return {'refused': str(error), 'error_mm_rms': None, 'error_mm_worst': None}
+    # the platform, as far as blocks come, seen by the true camera at the height of the lowest land
+    axis = np.linspace(-0.5, 0.5, 11) * (PLATFORM_SIDE_M - 0.4)
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    off = solution.calibration.to_table(_calibration(film, known).to_pixels(grid)) - grid
+    # the lattice gives the frame: how blocks rest together beside it is no error of the camera
+    off -= off.mean(axis=0)
+    across = grid @ [[0, 1], [-1, 0]]
+    off -= across * (off * across).sum() / (across**2).sum()
+    return {
+        'refused': solution.refusal(),
+        'note': solution.note,
+        'residual_px': solution.calibration.residual_px,
+        'error_mm_rms': _rms(off) * 2**0.5 * 1e3,
+        'error_mm_worst': float(np.hypot(*off.T).max()) * 1e3,
+    }
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float('nan')
+
+
+def table(result: dict) -> str:
+    """Return the figures as lines of text."""
+    lines = [f'path-traced covers, {result["images"]} exposures each']
+    for how in (FLAT, KNOWN):
+        lines.append(f'{how}:')
+        lines += _lines(result[how])
+    return '\n'.join(lines)
+
+
+def _lines(result: dict) -> list[str]:
+    lines = []
+    for name, f in result['rest'].items():
+        lines.append(
+            f'  {name:18s} first sight {f["first_sight"]:2d}  coverage {f["coverage"]:.4f}'
+            f'  error {f["error_mm_rms"]:.3f} mm RMS, worst {f["error_mm_worst"]:.2f}'
+            f'  yaw {f["yaw_deg_rms"]:.2f} deg  scatter {f["scatter_um"]:.1f} um'
+            f'  hop {f["hop_mm"]:.3f} mm = {f["hop_scatters"]:.1f} scatters'
+            f'  sigma/scatter {f["sigma_of_scatter"]:.2f}'
+        )
+    for name, f in result['moved'].items():
+        lines.append(
+            f'  {name:18s} moved by up to {f["longest_mm"]:.1f} mm:'
+            f' {f["error_um_rms"]:.0f} um RMS per axis'
+        )
+    for name, f in result['calibration'].items():
+        rms = f['error_mm_rms']
+        said = f['refused'] or ', '.join(filter(None, ['accepted', f.get('note')]))
+        off = '' if rms is None else f'{rms:.2f} mm RMS, worst {f["error_mm_worst"]:.2f}; '
+        lines.append(f'  calibration, {name}, {f["images"]} images: {off}{said}')
+    return lines
