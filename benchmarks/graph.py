@@ -4,7 +4,7 @@
 Images a second and images lost; latency from an image's stamp (mid-exposure) to what each stage
 says, bytes of the LED packet on the pty included, and, with the twin, from the true onset of a slip
 to its light and to the first sample of its sound; processor and memory of each node; start-up time.
-Light is told apart: of slips that the block felt, which then lit itself, and of those that only the
+Both are told apart: of slips that the block felt, which then lit itself, and of those that only the
 camera saw. The same for every scene that ships shows what each leaves out.
 """
 
@@ -29,7 +29,14 @@ EXAMPLES = [
     'eol bench graph --scenes rehearsal --seconds 60',
     'eol bench graph --scenes rehearsal --fast 0 --plot docs/img',
 ]
-ONSET_TOPICS = ('truth', 'slips', 'block_taps', 'led_commands', 'grain_triggers')
+ONSET_TOPICS = (
+    'truth', 'slips', 'felt_slips', 'block_taps', 'led_commands', 'grain_triggers',
+    'felt_triggers',
+)  # fmt: skip
+ALONE: dict[str, dict[str, Any]] = {  # settings with which knocks count for nothing but onsets
+    'leds': {'trigger': 'slips'},
+    'motion': {'felt_probability': 1.0},
+}
 NEAR_S = 0.05  # an onset that far from any true one is another's
 FELT_S = 0.01  # from the onset to the moment of the knock, at most: eol bench taps
 STAGES = ('blocks', 'slips', 'led_commands', 'grain_triggers')
@@ -51,17 +58,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--plot',
         type=Path,
         metavar='FOLDER',
-        help='measure the rehearsal again, lit by the camera alone; write light_latency.png there',
+        help='measure the rehearsal again, by the camera alone; write senses.png there',
     )
     parser.add_argument('--json', action='store_true')
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
-    light_ms: dict[str, list[float]] = {}
     if args.plot and 'rehearsal' not in args.scenes.split(','):
         raise UsageError('--plot draws the rehearsal: name it in --scenes')
-    light_ms: dict[str, list[float]] = {}
+    late_ms: dict[str, dict[str, list[float]]] = {}
     results: dict[str, Any] = {'cores': os.cpu_count(), 'load': os.getloadavg()[0], 'scenes': {}}
     with tempfile.TemporaryDirectory(prefix='eol-bench-') as place:
         folder = Path(place)
@@ -71,42 +77,48 @@ def run(args: argparse.Namespace) -> int:
             print(f'{name}: {args.seconds:g} s', file=sys.stderr, flush=True)
             scene = stand_in(name, folder, film, bag)
             results['scenes'][name] = measure(scene, folder / f'bags-{name}', args.seconds)
-            light_ms[name] = results['scenes'][name].pop('light_ms')
+            late_ms[name] = results['scenes'][name].pop('late_ms')
             if name == 'rehearsal':
                 bag = folder / f'bags-{name}'  # the newest in it
         if args.fast:
             print(f'file-fed camera at {args.fast:g}/s', file=sys.stderr, flush=True)
             scene = film.scene(args.fast)
             results['file_camera'] = measure(scene, None, min(args.seconds, 30.0))
-            results['file_camera'].pop('light_ms')
+            results['file_camera'].pop('late_ms')
         if args.plot:
-            print('rehearsal, lit by the camera alone', file=sys.stderr, flush=True)
-            scene = stand_in('rehearsal', folder, film, None, {'leds': {'trigger': 'slips'}})
+            print('rehearsal, by the camera alone', file=sys.stderr, flush=True)
+            scene = stand_in('rehearsal', folder, film, None, ALONE)
             alone = measure(scene, folder / 'bags-alone', args.seconds)
-            draw(light_ms['rehearsal'], alone['light_ms'], args.plot)
+            draw(late_ms['rehearsal'], alone.pop('late_ms'), args.plot)
+            results['scenes']['rehearsal, camera alone'] = alone
     tell(results, args.json, table)
     return 0
 
 
-def draw(both_ms: list[float], camera_ms: list[float], folder: Path) -> None:
-    """Write light_latency.png: how many slips have light so long after their true onset."""
+def draw(both: dict[str, list[float]], camera: dict[str, list[float]], folder: Path) -> None:
+    """Write senses.png: how many slips have light, and sound, so long after their true onset.
+
+    both, camera: ms of each, with knocks and images, and with images alone.
+    """
     import matplotlib
 
     matplotlib.use('Agg')
     from matplotlib import pyplot as plt
 
-    figure, axis = plt.subplots(figsize=(6.5, 3.2), layout='constrained')
-    for ms, label in ((both_ms, 'blocks and camera'), (camera_ms, 'camera alone')):
-        axis.ecdf(ms, label=f'{label}, {len(ms)} slips')
-    axis.set(
-        xscale='log', xlim=(0.5, 200), xlabel='from the true onset of a slip to its light, ms',
-        ylabel='share of slips',
-    )  # fmt: skip
-    axis.grid(alpha=0.3, which='both')
-    axis.xaxis.set_major_formatter('{x:g}')
-    axis.legend(loc='upper left')
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.2), layout='constrained', sharey=True)
+    for axis, what in zip(axes, ('light', 'first sample'), strict=True):
+        for late, label in ((both, 'blocks and camera'), (camera, 'camera alone')):
+            if ms := late.get(what):
+                axis.ecdf(ms, label=f'{label}, {len(ms)} slips')
+        axis.set(
+            xscale='log', xlim=(0.5, 200), xlabel=f'from the true onset of a slip to its {what}, ms'
+        )
+        axis.grid(alpha=0.3, which='both')
+        axis.xaxis.set_major_formatter('{x:g}')
+        axis.legend(loc='upper left')
+    axes[0].set_ylabel('share of slips')
     folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / 'light_latency.png', dpi=110)
+    figure.savefig(folder / 'senses.png', dpi=110)
     plt.close(figure)
 
 
@@ -123,7 +135,7 @@ def measure(scene: Path, bags: Path | None, seconds: float) -> dict[str, Any]:
         led_bytes = graph.led_latencies()
         from_onset = onset_latencies(graph, loaded) if keep else {}
         lived_s = graph.status()['running_s'] - all_ok_s
-    light_ms = from_onset.pop('light_ms', [])
+    late_ms = from_onset.pop('late_ms', {})
     stages = {topic: graph.latencies(topic) for topic in STAGES}
     stages['led_bytes'] = led_bytes
     if bags is not None and bags.exists():
@@ -134,7 +146,7 @@ def measure(scene: Path, bags: Path | None, seconds: float) -> dict[str, Any]:
         **figures,
         'latency_ms': {stage: row for stage, row in stages.items() if row},
         'onset_latency_ms': from_onset,
-        'light_ms': light_ms,
+        'late_ms': late_ms,
     }
 
 
@@ -154,7 +166,7 @@ def onset_latencies(graph: Graph, scene: scenes.Scene) -> dict[str, Any]:
     begun = [(onset_ns, block) for onset_ns, block in begun if onset_ns >= graph.begin_ns]
     felt_ms, seen_ms = light_latencies(graph, begun)
     found: dict[str, Any] = {
-        'light_ms': felt_ms + seen_ms,
+        'late_ms': {'light': felt_ms + seen_ms},
         'light': summary(felt_ms + seen_ms),
         'light, felt': summary(felt_ms),
         'light, camera': summary(seen_ms),
@@ -163,13 +175,11 @@ def onset_latencies(graph: Graph, scene: scenes.Scene) -> dict[str, Any]:
     if 'sound' in scene.nodes:
         try:
             sound = sound_rehearsal.figures(graph.watch, graph.begin_ns, scene)
-            ms, count = sound['latency_ms'], round(sound['slips'] * sound['sounded'])
-            found['first_sample'] = {
-                'p50': ms['p50'],
-                'p99': ms['p99'],
-                'max': ms['most'],
-                'count': count,
-            }
+            ms = sound['ms']
+            found['late_ms']['first sample'] = ms['felt'] + ms['seen']
+            found['first_sample'] = summary(ms['felt'] + ms['seen'])
+            found['first sample, felt'] = summary(ms['felt'])
+            found['first sample, camera'] = summary(ms['seen'])
         except EolError as error:
             found['why'] = str(error)
     return {name: row for name, row in found.items() if row}
@@ -203,15 +213,21 @@ def light_latencies(graph: Graph, begun: list[tuple[int, int]]) -> tuple[list[fl
 def onset_errors(graph: Graph, begun: list[tuple[int, int]]) -> dict[str, dict[str, float]]:
     """Return how far, ms RMS, onsets are from the true ones, and of how many slips.
 
-    At the START, by the camera alone; at the STOP, of those that the block's own knock confirmed.
+    At the knock, where it is told as a slip; at the START, by the camera alone; at the STOP, of
+    those that the block's own knock confirmed.
     """
-    errors: dict[str, list[float]] = {'START': [], 'STOP, felt': []}
-    for slip in graph.watch.messages('slips'):
+    errors: dict[str, list[float]] = {'knock': [], 'START': [], 'STOP, felt': []}
+    told = [('knock', m) for m in graph.watch.messages('felt_slips') if m.kind == m.PROVISIONAL]
+    told += [
+        ('START' if m.kind == m.START else 'STOP, felt', m)
+        for m in graph.watch.messages('slips')
+        if m.kind == m.START or m.tapped
+    ]
+    for kind, slip in told:
         true = [at for at, block in begun if block == slip.block]
-        if true and (slip.kind == slip.START or slip.tapped):
+        if true:
             error_ns = min((to_ns(slip.onset) - at for at in true), key=abs)
             if abs(error_ns) < NEAR_S * NS:
-                kind = 'START' if slip.kind == slip.START else 'STOP, felt'
                 errors[kind].append(error_ns * 1e-6)
     return {
         sense: {'rms': round(math.hypot(*found) / math.sqrt(len(found)), 2), 'count': len(found)}
@@ -254,7 +270,7 @@ def table(results: dict[str, Any]) -> str:
                 ]
                 continue
             lines.append(
-                f'  true onset -> {stage:13} '
+                f'  true onset -> {stage:20} '
                 f'p50 {ms["p50"]:6.1f}  p99 {ms["p99"]:6.1f}  '
                 f'max {ms["max"]:6.1f} ms  ({ms["count"]})'
             )

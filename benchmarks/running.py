@@ -21,7 +21,10 @@ from eol_ros.errors import EolError
 from eol_ros.ros.watch import Watch
 
 TICK_HZ = os.sysconf('SC_CLK_TCK')
-WATCHED = ('truth', 'blocks', 'slips', 'block_taps', 'led_commands', 'grain_triggers')
+WATCHED = (
+    'truth', 'blocks', 'slips', 'felt_slips', 'block_taps', 'led_commands', 'grain_triggers',
+    'felt_triggers',
+)  # fmt: skip
 
 
 def free_domain() -> int:

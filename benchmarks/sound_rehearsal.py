@@ -3,9 +3,11 @@
 
 The twin is led by its seed and the stamps of its images alone, so it is simulated a second time
 from what `truth` says, which must agree to the last bit, and gives the instants at which blocks
-broke loose. A sound begins `latency_s` after the stamp of its image, or, if its trigger came too
-late for that, at the latest with the block of samples after its arrival. Where the output was
-silent before, the samples themselves say when it began; that is held against the reckoning.
+broke loose. A sound begins `latency_s` after the stamp of its image, where it was felt
+`felt_latency_s` after that of the knock, or, if its trigger came too late for that, at the latest
+with the block of samples after its arrival. Where the output was silent before, the samples
+themselves say when it began; that is held against the reckoning. Slips that their block felt are
+told apart from those that only the camera saw.
 """
 
 import os
@@ -20,13 +22,17 @@ import yaml
 from benchmarks.jack import FS, PERIOD, Jack
 from benchmarks.running import Graph
 from eol_ros import scene as scenes
+from eol_ros.core.sound.senses import FirstSense
 from eol_ros.errors import DeviceMissing, EolError
 
 NS = 1_000_000_000
 AFTER_S = 0.25  # a slip that has not sounded by then does not sound
 LOOK_AHEAD_S = 0.003  # of the mixer: it wants triggers that much earlier
 SILENT = 480  # samples of silence, after which an onset is plain to see
-TOPICS = ('truth', 'grain_triggers', 'sound_samples')
+FELT_NS = 10_000_000  # from an onset to the moment of its knock, at most: eol bench taps
+TOPICS = (
+    'truth', 'block_taps', 'felt_slips', 'grain_triggers', 'felt_triggers', 'sound_samples',
+)  # fmt: skip
 
 
 def measure(seconds: float, device: str) -> dict[str, Any]:
@@ -47,11 +53,13 @@ def measure(seconds: float, device: str) -> dict[str, Any]:
                 time.sleep(seconds)
                 sound, watch = graph.node('sound'), graph.watch
                 settings = scenes.load(scene)
+                found = figures(watch, graph.begin_ns, settings)
+                del found['ms']
                 return {
                     'device': device, 'seconds': seconds, 'output_ms': sound['values']['output_ms'],
                     'load_p99': sound['values']['load'], 'underruns': sound['values']['underruns'],
                     'late': sound['values']['late'], 'taken': sound['values']['triggers'],
-                    **figures(watch, graph.begin_ns, settings),
+                    'motion': graph.node('motion')['values'], **found,
                 }  # fmt: skip
     except DeviceMissing as error:
         return {'device': device, 'skipped': str(error)}
@@ -64,43 +72,69 @@ def measure(seconds: float, device: str) -> dict[str, Any]:
 
 def figures(watch, begin_ns: int, scene) -> dict[str, Any]:
     """Return what `watch` has seen of the onsets and their sounds after `begin_ns`."""
-    latency_ns = round(scene.settings('sound').latency_s * NS)
     begun = onsets(watch.messages('truth'), scene.settings('twin'))
-    first: dict[tuple[int, int], int] = {}  # (block, stamp) -> frame 0 of its sound at the latest
-    late = 0
-    triggers = watch.messages('grain_triggers')
-    for message, (stamp, arrival) in zip(
-        triggers,
-        watch.seen['grain_triggers'],
-        strict=False,  # one may have come meanwhile
-    ):
-        due = stamp + latency_ns
-        ready = arrival + round((LOOK_AHEAD_S + PERIOD / FS) * NS)
-        late += ready > due
-        first.setdefault((message.block, stamp), max(due, ready))
-    sounded, waits, slips = [], [], 0
+    played, late = _played(watch, scene.settings('sound'))
+    taps = [
+        (m.block, m.header.stamp.sec * NS + m.header.stamp.nanosec)
+        for m in watch.messages('block_taps')
+    ]
+    sounded: dict[str, list[float]] = {'felt': [], 'seen': []}
+    waits, slips = [], 0
     for time_ns, block in begun:
         if time_ns < begin_ns or time_ns > begun[-1][0] - NS:
             continue
         slips += 1
+        own = any(b == block and abs(t - time_ns) < FELT_NS for b, t in taps)
         after = [
-            (at - time_ns, stamp - time_ns) for (b, stamp), at in first.items()
-            if b == block and 0 <= stamp - time_ns < AFTER_S * NS
+            (at - time_ns, stamp - time_ns) for at, stamp, b, felt in played
+            if b == block and -FELT_NS * felt <= stamp - time_ns < AFTER_S * NS
         ]  # fmt: skip
         if after:
             sound_ns, stamp_ns = min(after)
-            sounded.append((sound_ns + NS // FS) * 1e-6)  # frame 0 of an envelope is zero
+            # frame 0 of an envelope is zero
+            sounded['felt' if own else 'seen'].append((sound_ns + NS // FS) * 1e-6)
             waits.append(stamp_ns * 1e-6)
-    if not sounded:
+    both = sounded['felt'] + sounded['seen']
+    if not both:
         raise EolError('no slip has sounded; measure for longer')
-    seen = _seen(watch, [at for at in first.values() if at > begin_ns])
-    arrivals = [(a - s) * 1e-6 for s, a in watch.seen['grain_triggers'] if s > begin_ns]
+    seen = _seen(watch, [at for at, *_ in played if at > begin_ns])
+    arrivals, knocks = (
+        [(a - s) * 1e-6 for s, a in watch.seen[topic] if s > begin_ns]
+        for topic in ('grain_triggers', 'felt_triggers')
+    )
     return {
-        'slips': slips, 'sounded': len(sounded) / slips, 'triggers': len(arrivals),
-        'late_at_most': late, 'latency_ms': _summary(sounded), 'onset_to_stamp_ms': _summary(waits),
-        'stamp_to_trigger_ms': _summary(arrivals),
+        'slips': slips, 'sounded': len(both) / slips, 'triggers': len(arrivals),
+        'late_at_most': late, 'latency_ms': _summary(both), 'onset_to_stamp_ms': _summary(waits),
+        **{f'{sense}_ms': _summary(ms) for sense, ms in sounded.items() if ms},
+        'stamp_to_trigger_ms': _summary(arrivals), 'ms': sounded,
+        'knock_to_trigger_ms': _summary(knocks) if knocks else None,
         'seen_alone': len(seen), 'seen_after_reckoning_ms': _summary(seen) if seen else None,
     }  # fmt: skip
+
+
+def _played(watch, sound) -> tuple[list[tuple[int, int, int, bool]], int]:
+    """Return frame 0 in ns at the latest, stamp, block and whether it was felt of each grain that
+    sounds, and how many may have been late.
+    """
+    came = []
+    for topic, latency_s in (
+        ('grain_triggers', sound.latency_s),
+        ('felt_triggers', sound.felt_latency_s),
+    ):
+        came += [
+            (arrival, stamp, stamp + round(latency_s * NS), message, topic == 'felt_triggers')
+            for message, (stamp, arrival) in zip(
+                watch.messages(topic), watch.seen[topic],
+                strict=False,  # one may have come meanwhile
+            )
+        ]  # fmt: skip
+    played, late, first = [], 0, FirstSense()
+    for arrival, stamp, due, message, felt in sorted(came, key=lambda one: one[0]):
+        if first.plays(stamp / NS, message.block, message.grain, felt):
+            ready = arrival + round((LOOK_AHEAD_S + PERIOD / FS) * NS)
+            late += ready > due
+            played.append((max(due, ready), stamp, message.block, felt))
+    return played, late
 
 
 class Twin:
@@ -182,5 +216,5 @@ def _summary(ms: list[float]) -> dict[str, float]:
     p50, p90, p99 = np.percentile(ms, [50, 90, 99])
     return {
         'p50': round(float(p50), 2), 'p90': round(float(p90), 2), 'p99': round(float(p99), 2),
-        'least': round(min(ms), 2), 'most': round(max(ms), 2),
+        'least': round(min(ms), 2), 'most': round(max(ms), 2), 'count': len(ms),
     }  # fmt: skip

@@ -67,6 +67,19 @@ def _rehearsal(r: dict):
         return (
             f'onset to first sample p50 {ms["p50"]:.1f}, p99 {ms["p99"]:.1f}, '
             f'most {ms["most"]:.1f} ms; {r["slips"]} slips, {100 * r["sounded"]:.1f} % sounded; '
+            + ''.join(
+                f'{sense} {one["count"]}: p50 {one["p50"]:.1f}, p99 {one["p99"]:.1f} ms; '
+                for sense in ('felt', 'seen')
+                if (one := r.get(f'{sense}_ms'))
+            )
+            + (
+                f'knock to trigger p50 {knock["p50"]:.1f}, p99 {knock["p99"]:.1f}, most '
+                f'{knock["most"]:.1f} ms; '
+                if (knock := r['knock_to_trigger_ms'])
+                else ''
+            )
+            + ', '.join(f'{r["motion"].get(k, 0)} {k}' for k in ('felt', 'confirmed', 'retracted'))
+            + '; '
             f'onset to stamp p99 {onset["p99"]:.1f} ms, stamp to trigger p99 {trigger["p99"]:.1f} '
             f'ms, late {r["late"]} of {r["taken"]}, card {r["output_ms"]:.1f} ms more'
             + (

@@ -11,6 +11,9 @@ later parts of a slip, and whatever struck the platform are told apart.
 `ideal` is the share missed by a detector that knows the slip's own shape and moment (a matched
 filter in the sensor's noise alone) at 20 false reports an hour in all, from the whole slip and from
 its first 12 ms: nothing can do better.
+
+`told` is what motion makes of the reports at the firmware's threshold: which slips it tells at
+their knocks, how many of these the images retract, and how long before the START of the camera.
 """
 
 import argparse
@@ -24,14 +27,18 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import tell
-from benchmarks.twin_slips import wilson
+from benchmarks.twin_slips import NOISE_M, wilson
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.motion.felt import CONFIRMED, PROVISIONAL, RETRACTED, FeltSlip, Knock
+from eol_ros.core.motion.motion import Motion, NumberedSlip
+from eol_ros.core.motion.slips import START
 from eol_ros.core.physics.twin.accelerometer import MG, Accelerometers
 from eol_ros.core.physics.twin.live import Coupling
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.devices.board.block import FELT, TOLD, WINDOW, Detector, defaults
 from eol_ros.devices.board.felt import LEARNT, TRACE, FeltBlocks
-from eol_ros.settings import TwinSettings
+from eol_ros.devices.board.twin import SIGMA_S
+from eol_ros.settings import MotionSettings, TwinSettings
 
 HELP = 'Knocks felt by the blocks: missed and false per hour over thresholds, by length of slip.'
 EXAMPLES = ['eol bench taps --minutes 10', 'eol bench taps --drops 0.25 --minutes 60 --json']
@@ -79,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     result = {
         'default_mg': defaults().threshold / 16,
         'curve': rows,
+        'told': [told(float(drop), 60 * args.minutes, settings) for drop in args.drops.split(',')],
         'sleep': sleeping(60 * args.minutes, args.seed),
         'cost': cost(args.seed),
     }
@@ -267,6 +275,48 @@ def _shares(slips: list[Slip], found: set[int]) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def told(drop: float, seconds: float, settings: TwinSettings) -> dict[str, Any]:
+    """Return figures of the slips that motion tells at their knocks."""
+    twin, blocks = Twin(settings.seed, drop), FeltBlocks(settings)
+    motion, alone = Motion(MotionSettings()), Motion(MotionSettings())
+    random, seen = np.random.default_rng([settings.seed, 17]), np.ones(N_BLOCKS, bool)
+    found: list[FeltSlip] = []
+    starts: dict[int, float] = {}  # stamp by number of the slip
+    same = True
+    for begin_s, end_s in twin.images(round(seconds * FPS)):
+        for k in blocks.advance(begin_s, end_s, twin.table.trace, twin.rim.velocity):
+            knock = Knock(round(k.time_s * 1e9), k.block, SIGMA_S, k.strength_mps2)
+            found += motion.tap(knock)
+        x, y = np.stack([twin.table.x, twin.table.y])
+        x, y = x + random.normal(0, NOISE_M, N_BLOCKS), y + random.normal(0, NOISE_M, N_BLOCKS)
+        with_knocks, _ = motion.update(end_s, x, y, seen)
+        by_camera, _ = alone.update(end_s, x, y, seen)
+        found += motion.felt_slips()
+        starts |= {s.event.slip: end_s for s in with_knocks if s.event.kind == START}
+        same &= [_seen(s) for s in with_knocks] == [_seen(s) for s in by_camera]
+    first = [one for one in found if one.kind == PROVISIONAL]
+    row = compare(
+        twin.all_slips(), [(f.knock.stamp_s, f.block, f.knock.stamp_s) for f in first], seconds
+    )
+    retracted = sum(one.kind == RETRACTED for one in found)
+    ahead = [1e3 * (starts[f.slip] - f.knock.stamp_s) for f in found if f.kind == CONFIRMED]
+    p50, p99 = np.percentile(ahead or [np.nan], [50, 99]).tolist()
+    return {
+        'drop': drop, 'told': len(first), 'retracted': retracted,
+        'retracted_per_h': retracted / (seconds / 3600), 'over_1mm': row['over_1mm'],
+        'over_2mm': row['over_2mm'], 'onset_rms_ms': row['onset_rms_ms'],
+        'start_after_p50_ms': p50, 'start_after_p99_ms': p99, 'camera_the_same': same,
+    }  # fmt: skip
+
+
+def _seen(slip: NumberedSlip) -> tuple[float, ...]:
+    """Return what of a START or STOP is the camera's alone."""
+    e = slip.event
+    return (e.kind, e.slip, e.block, e.x, e.y, e.speed_mps, e.distance_m) + (
+        (e.onset_s, e.onset_sigma_s) if e.kind == START else ()
+    )
+
+
 def sleeping(seconds: float, seed: int) -> dict[str, Any]:
     """Return figures of blocks that sleep: visitors come for 15 s every 90 s."""
     twin, blocks = Twin(seed, DROP, pauses=True), FeltBlocks(TwinSettings(seed=seed))
@@ -336,6 +386,15 @@ def _table(result: dict[str, Any]) -> str:
             f'drop {row["drop"]:g}, {row["threshold_mg"]:g} mg: {"  ".join(parts)} | '
             f'{row["false_per_h"]:.0f} = {" + ".join(f"{x:.0f}" for x in false)} | '
             f'{row["onset_rms_ms"]:.2f}, {row["felt_p50_ms"]:.1f} / {row["felt_p99_ms"]:.1f}'
+        )
+    for row in result['told']:
+        lines.append(
+            f'drop {row["drop"]:g}: {row["told"]} told at their knocks, {row["retracted"]} '
+            f'retracted ({row["retracted_per_h"]:.0f} an hour); of slips over 1 mm '
+            f'{row["over_1mm"]["found"]:.4f}, over 2 mm {row["over_2mm"]["found"]:.4f}; onset RMS '
+            f'{row["onset_rms_ms"]:.2f} ms; START {row["start_after_p50_ms"]:.1f} / '
+            f'{row["start_after_p99_ms"]:.1f} ms after the knock; slips of the camera '
+            + ('the same without knocks' if row['camera_the_same'] else 'DIFFER without knocks')
         )
     lines += [f'asleep: {key:18} {value:.4g}' for key, value in result['sleep'].items()]
     lines += [f'CPU, ms/s: {key:26} {value:.2f}' for key, value in result['cost'].items()]

@@ -334,6 +334,9 @@ class SoundSettings:
     )
     block_size: int = setting(256, 'samples a callback', '', 32, 4096)
     latency_s: float = setting(0.025, 'from the stamp of an image to sound', 's', 0, 1, live=True)
+    felt_latency_s: float = setting(
+        0.0195, 'from the knock of a slip that was felt to sound', 's', 0, 1, live=True
+    )
     gain_db: float = setting(-4.0, 'master gain', 'dB', -90, 24, live=True)
     interpolation: str = setting(
         'cubic', 'resampling interpolation', choices=('cubic', 'linear'), live=True, was='reading'

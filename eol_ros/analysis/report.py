@@ -18,10 +18,12 @@ from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import alternatives, catalogue, powerlaw
 from eol_ros.core.science.one_over_f import Answer
 from eol_ros.errors import ConfigError
+from eol_ros.streams import felt
 from eol_ros.streams.slips import START, STOP
 
 NOT_ASKED = 'Not asked of any series: the same hands on a table without coupling.'
 SOUNDS_WITHIN_S = 0.25  # a slip that has not sounded by then does not sound
+ONSET_S = 0.02  # by which a knock may come before the onset that images tell
 
 
 def numbers(bag: Bag, answers: list[Answer] | None = None) -> dict[str, Any]:
@@ -49,12 +51,27 @@ def numbers(bag: Bag, answers: list[Answer] | None = None) -> dict[str, Any]:
                 slips['block'][slips['kind'] == START], minlength=N_BLOCKS
             ).tolist(),
         }
+    felt_slips = _table(bag, 'felt_slips')
+    if felt_slips is not None:
+        found['felt_slips'] = _felt(felt_slips['kind'], bag.duration_s)
     if cascades is not None:
         found['cascades'] = law(cascades['area']) | {'median_size': _median(cascades['size'])}
         found['catalogue'] = catalogue_of(bag, cascades)
     if answers is not None:
         found['one_over_f'] = {answer.name: _spectral(answer) for answer in answers}
     return found
+
+
+def _felt(kinds: np.ndarray, duration_s: float) -> dict[str, Any]:
+    """Return how many slips were told at their knocks, and what the images said of them."""
+    told, confirmed, retracted = (
+        int((kinds == kind).sum()) for kind in (felt.PROVISIONAL, felt.CONFIRMED, felt.RETRACTED)
+    )
+    return {
+        'told': told, 'confirmed': confirmed, 'retracted': retracted,
+        'retracted_percent': round(100 * retracted / max(told, 1), 2),
+        'retracted_per_hour': round(3600 * retracted / max(duration_s, 1e-9), 1),
+    }  # fmt: skip
 
 
 def spectra(bag: Bag) -> Iterator[Answer]:
@@ -203,7 +220,8 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
     Light: to the bytes of the first packet that carries the stamp of the slip's image; or, where
     the block felt it and lit itself, from the moment of the knock (`own_light`). Sound: to
     the first sample of the first grain of the block for an image from the onset on, which is due
-    `latency_s` after the stamp of that image, or as late as its trigger came.
+    `latency_s` after the stamp of that image, or as late as its trigger came; or for its knock,
+    after `felt_latency_s`. `felt_slips` are told from the moment of the knock.
     """
     slips = _table(bag, 'slips')
     if slips is None:
@@ -221,14 +239,24 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
     own = _first_packets(bag, own=True)
     if own is not None:
         found['own_light'] = seconds(own['sent']) - seconds(own['stamp'])
-    triggers = _table(bag, 'grain_triggers')
-    latency_s = _setting(bag, 'sound', 'latency_s')
-    if triggers is not None and latency_s is not None:
-        stamp_s = seconds(triggers['stamp'])
-        due_s = np.maximum(stamp_s + latency_s, seconds(triggers['log_time']))
+    knocks = _table(bag, 'felt_slips')
+    if knocks is not None:
+        knocks = knocks[knocks['kind'] == felt.PROVISIONAL]
+        found['felt_slips'] = seconds(knocks['log_time']) - seconds(knocks['onset'])
+    due = [
+        (table['block'], seconds(table['stamp']) + early_s,
+         np.maximum(seconds(table['stamp']) + latency_s, seconds(table['log_time'])))
+        for topic, setting, early_s in (
+            ('grain_triggers', 'latency_s', 0.0), ('felt_triggers', 'felt_latency_s', ONSET_S),
+        )
+        if (table := _table(bag, topic)) is not None
+        and (latency_s := _setting(bag, 'sound', setting)) is not None
+    ]  # fmt: skip
+    if due:
+        blocks, stamp_s, due_s = (np.concatenate(parts) for parts in zip(*due, strict=True))
         sounded = []
         for block, begin_s in zip(starts['block'], onset_s, strict=True):
-            own = (triggers['block'] == block) & (stamp_s >= begin_s)
+            own = (blocks == block) & (stamp_s >= begin_s)
             own &= stamp_s < begin_s + SOUNDS_WITHIN_S
             if own.any():
                 sounded.append(due_s[own].min() - begin_s)
@@ -365,6 +393,12 @@ def summary(found: dict[str, Any]) -> str:
     if 'slips' in found:
         s = found['slips']
         lines.append(f'{s["count"]} slips, median {s["median_distance_mm"]} mm')
+    if 'felt_slips' in found:
+        f = found['felt_slips']
+        lines.append(
+            f'{f["told"]} slips told at their knocks, {f["retracted"]} retracted: '
+            f'{f["retracted_percent"]} %, {f["retracted_per_hour"]} an hour'
+        )
     if 'cascades' in found:
         lines += _said_of_cascades(found)
     lines += [answer['sentence'] for answer in found.get('one_over_f', {}).values()]

@@ -19,7 +19,7 @@ from eol_ros.core.motion.felt import Knock
 from eol_ros.devices.bag.requests import heeded
 from eol_ros.errors import ConfigError
 from eol_ros.settings import by_today
-from eol_ros.streams import cascades, slips, taps, triggers
+from eol_ros.streams import cascades, felt, slips, taps, triggers
 from eol_ros.streams.blocks import DTYPE, Blocks, each
 from eol_ros.streams.blocks import of as blocks_row
 from eol_ros.streams.graph import NODES
@@ -372,10 +372,10 @@ def _compare_motion(
     live = _Live(bag, lines, 'motion')
     motion = Motion(live.settings)
     waiting = _taps(bag)
-    new, over = [], []
+    new, over, told = [], [], []
     for _log_ns, image in inputs:
         while waiting and waiting[0].stamp_ns <= image.stamp_ns:
-            motion.tap(waiting.pop(0))
+            told += [felt.of(one) for one in motion.tap(waiting.pop(0))]
         if live.at(image.stamp_ns):
             motion.set(live.settings)
         rows = image.rows
@@ -383,8 +383,13 @@ def _compare_motion(
             image.stamp_s, rows['x'], rows['y'], image.known, rows['sigma']
         )
         new += [slips.of(image.stamp_ns, slip) for slip in begun]
+        told += [felt.of(one, image.stamp_ns) for one in motion.felt_slips()]
         over += [cascades.of(image.stamp_ns, cascade) for cascade in closed]
     _compare(bag, 'slips', slips.RECORD.rows(new), result, until_ns)
+    if bag.name('felt_slips') in bag.topics:
+        told += [felt.of(one) for knock in waiting for one in motion.tap(knock)]
+        last_ns = inputs[-1][1].stamp_ns
+        _compare(bag, 'felt_slips', felt.RECORD.rows(told), result, until_ns, last_ns)
     _compare(bag, 'cascades', cascades.RECORD.rows(over), result, until_ns)
 
 
@@ -411,6 +416,15 @@ def _compare_triggers(
     selector = Selector(live.settings)
     selector.load(corpus)
     made: list = []
+    knocks = _felt(bag)
+    by_knock: list = []
+
+    def knock(until_ns: int) -> None:
+        while knocks and knocks[0].stamp <= until_ns:
+            k = knocks.pop(0)
+            found = selector.felt(k.stamp * 1e-9, k.block, k.x, k.y, k.strength)
+            by_knock.extend(triggers.of(k.stamp, 0, trigger) for trigger in found)
+
     for _log_ns, image in inputs:
         if image.stamp_ns >= until_ns:
             result.notes.append(
@@ -420,17 +434,44 @@ def _compare_triggers(
             break
         if live.at(image.stamp_ns):
             selector.settings = live.settings
+        knock(image.stamp_ns)
         rows = image.rows
         found = selector.update(image.stamp_s, rows['x'], rows['y'], image.known, rows['sigma'])
         for trigger in found:
             made.append(triggers.of(image.stamp_ns, len(made), trigger))
     _compare(bag, 'grain_triggers', triggers.RECORD.rows(made), result, until_ns)
+    if bag.name('felt_triggers') in bag.topics:
+        knock(until_ns)
+        last_ns = inputs[-1][1].stamp_ns
+        _compare(bag, 'felt_triggers', triggers.RECORD.rows(by_knock), result, until_ns, last_ns)
 
 
-def _compare(bag: Bag, topic: str, mine: np.ndarray, result: Retracked, until_ns: int) -> None:
+def _felt(bag: Bag) -> list[Any]:
+    """Return the slips that were told at their knocks, in order of stamps."""
+    if bag.name('felt_slips') not in bag.topics:
+        return []
+    rows = felt.RECORD.each(bag.table('felt_slips'))
+    return sorted(row for row in rows if row.kind == felt.PROVISIONAL)
+
+
+ARRIVED = {  # topics whose order is that of arrival, and by what their messages are told apart
+    'felt_slips': ('kind', 'block', 'onset'),
+    'felt_triggers': ('grain', 'block', 'stamp'),
+}
+
+
+def _compare(
+    bag: Bag,
+    topic: str,
+    mine: np.ndarray,
+    result: Retracked,
+    until_ns: int,
+    last_ns: int = 2**63 - 1,
+) -> None:
     """Compare recomputed rows with the recorded messages.
 
     Of the messages only those of stamps before `until_ns` count, and none that no block caused.
+    What knocks after the last image, of `last_ns`, came to, the run may have ended before.
     """
     table = bag.table(topic)
     if topic == 'grain_triggers':
@@ -438,10 +479,23 @@ def _compare(bag: Bag, topic: str, mine: np.ndarray, result: Retracked, until_ns
         mine = mine[mine['block'] != triggers.NO_BLOCK]
     recorded = len(table)
     table = table[table['stamp'].astype('i8') < until_ns]
+    if topic in ARRIVED:
+        names = ARRIVED[topic]
+        stamps, known = mine['stamp'].astype('i8'), set(_keys(table, names))
+        late = np.array([key in known for key in _keys(mine, names)], bool)
+        mine = mine[np.where(stamps > last_ns, late, stamps < until_ns)]
+        mine = mine[np.lexsort([mine[name] for name in names])]
+        table = table[np.lexsort([table[name] for name in names])]
+        columns = [name for name in mine.dtype.names or () if name != 'sequence']
+        mine = mine[columns]  # it counts arrivals
     check = Comparison(topic, recorded, len(mine), proved=len(table))
     both = min(len(table), len(mine))
     check.compare(mine[:both], table[:both], lambda row: f'number {row}')
     result.topics[topic] = check
+
+
+def _keys(rows: np.ndarray, names: tuple[str, ...]) -> Iterator[tuple[Any, ...]]:
+    return zip(*(rows[name].tolist() for name in names), strict=True)
 
 
 def _unequal(mine: np.ndarray, theirs: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:

@@ -11,6 +11,7 @@ import yaml
 from eol_ros.analysis.bag import Bag, Table
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.offline import play
+from eol_ros.core.sound.senses import FirstSense
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing, new_mixer
 from eol_ros.devices.audio.bank import load_bank
@@ -36,7 +37,7 @@ def voices(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, int, int, lis
     Times count from the start of the bag. Keep the banks, which the voices read, until all is
     played. Raises ConfigError where the bag has no corpus, or the sound of its corpus is not there.
     """
-    played, times = bag_triggers(bag, settings.sample_rate)
+    played, times = bag_triggers(bag, settings)
     corpora = bag.table('corpus')
     if not len(corpora):
         raise ConfigError(f'{bag.path}: no corpus in this bag; add --corpus C.json')
@@ -57,17 +58,29 @@ def voices(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, int, int, lis
     return np.concatenate(rows), len(played), refused, banks
 
 
-def bag_triggers(bag: Bag, sample_rate: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the triggers of a bag, (n,) TRIGGER with time from its start, and their stamps.
+def bag_triggers(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, np.ndarray]:
+    """Return the triggers that sound, (n,) TRIGGER with time from the bag's start, and their
+    stamps.
 
-    Frames are counted from whole seconds on, as where a live run has no card to follow.
+    Frames are counted from whole seconds on, as where a live run has no card to follow. Time 0 of
+    a trigger is its stamp, or where it was felt as much earlier as its latency is shorter.
     """
-    table = bag.table('grain_triggers')
+    rate = settings.sample_rate
     second_ns = bag.start_ns // 10**9 * 10**9
-    begin_s = math.floor((bag.start_ns - second_ns) * 1e-9 * sample_rate) / sample_rate
-    time_s = (table['stamp'].astype('i8') - second_ns) * 1e-9 - begin_s
-    rows = zip(triggers.RECORD.each(table), time_s.tolist(), strict=True)
-    return np.array([triggers.to_core(*row) for row in rows], TRIGGER), table['stamp']
+    begin_s = math.floor((bag.start_ns - second_ns) * 1e-9 * rate) / rate
+    earlier_s = (round(settings.latency_s * rate) - round(settings.felt_latency_s * rate)) / rate
+    told = [(row, False) for row in triggers.RECORD.each(bag.table('grain_triggers'))]
+    if bag.count('felt_triggers'):
+        told += [(row, True) for row in triggers.RECORD.each(bag.table('felt_triggers'))]
+        told.sort(key=lambda one: one[0].stamp - (one[1] and round(earlier_s * 1e9)))
+    first, rows, stamps = FirstSense(), [], []
+    for row, felt in told:
+        by_hand = row.block == triggers.NO_BLOCK
+        if by_hand or first.plays(row.stamp * 1e-9, row.block, row.grain, felt):
+            time_s = (row.stamp - second_ns) * 1e-9 - begin_s - (earlier_s if felt else 0.0)
+            rows.append(triggers.to_core(row, time_s))
+            stamps.append(row.stamp)
+    return np.array(rows, TRIGGER), np.array(stamps, 'i8').astype('M8[ns]')
 
 
 def rendered(bag: Bag, settings: SoundSettings, seconds: float) -> Iterator[np.ndarray]:

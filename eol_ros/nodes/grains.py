@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from eol_msgs.msg import Corpus as CorpusMessage
-from eol_msgs.msg import GrainTrigger
+from eol_msgs.msg import FeltSlip, GrainTrigger
 
 from eol_ros.core.sound.corpus import Corpus
 from eol_ros.core.sound.select import Selector
@@ -16,6 +16,7 @@ from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
+from eol_ros.ros.stamps import to_ns
 from eol_ros.streams import blocks, triggers
 from eol_ros.streams import corpus as corpora
 from eol_ros.streams.requests import Asked
@@ -34,6 +35,7 @@ class GrainsNode(EolNode):
         self.sequence = 0
         self.reader = blocks.Codec(definition(blocks.TYPE))
         self.triggers = self.publisher('grain_triggers')
+        self.felt_triggers, self.felt = self.publisher('felt_triggers'), 0
         self.corpora = self.publisher('corpus')
         self.loader = CorpusLoader()
         self.awaited: list[Asked] = []
@@ -47,6 +49,7 @@ class GrainsNode(EolNode):
             self.loader.ask(self.spec)
         self.create_timer(0.2, self.on_timer)
         self.subscribe('blocks', self.on_blocks, raw=True)
+        self.subscribe('felt_slips', self.on_felt)
         self.requests.serve(move_grain=self.on_move_grain)
 
     def on_settings(self, new) -> None:
@@ -61,7 +64,8 @@ class GrainsNode(EolNode):
             self.corpora.publish(self.message(self.corpus))
 
     def restart(self) -> None:
-        self.selector, self.sequence = Selector(self.settings, self.corpus), 0
+        self.selector = Selector(self.settings, self.corpus)
+        self.sequence = self.felt = 0
 
     def time_jumped(self, jump_ns: int) -> None:
         """The selector sees it in the stamps themselves; the triggers count on."""
@@ -129,6 +133,18 @@ class GrainsNode(EolNode):
             self.triggers.publish(triggers.RECORD.fill(GrainTrigger(), trigger, self.frame_prefix))
             self.sequence += 1
         self.health.values.update(triggers=self.sequence, capped=self.selector.capped)
+
+    def on_felt(self, slip: FeltSlip) -> None:
+        if slip.kind != FeltSlip.PROVISIONAL:
+            return
+        stamp_ns = to_ns(slip.header.stamp)
+        for row in self.selector.felt(stamp_ns * 1e-9, slip.block, slip.x, slip.y, slip.strength):
+            trigger = triggers.of(stamp_ns, self.felt, row)
+            self.felt_triggers.publish(
+                triggers.RECORD.fill(GrainTrigger(), trigger, self.frame_prefix)
+            )
+            self.felt += 1
+        self.health.values['felt'] = self.felt
 
     def message(self, corpus: Corpus) -> CorpusMessage:
         row = corpora.of(self.since_ns, corpus, self.selector.bounds, self.settings.radius)

@@ -3,13 +3,16 @@
 
 import sys
 
-from eol_msgs.msg import BlockTap, Cascade, Slip
+from eol_msgs.msg import BlockTap, Cascade, FeltSlip, Slip
 
+from eol_ros.core.motion.felt import FeltSlip as Felt
 from eol_ros.core.motion.motion import Motion
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
-from eol_ros.streams import blocks, cascades, slips, taps
+from eol_ros.streams import blocks, cascades, felt, slips, taps
+
+TOLD = {felt.PROVISIONAL: 'felt', felt.CONFIRMED: 'confirmed', felt.RETRACTED: 'retracted'}
 
 
 class MotionNode(EolNode):
@@ -20,7 +23,9 @@ class MotionNode(EolNode):
         self.motion = Motion(self.settings)
         self.reader = blocks.Codec(definition(blocks.TYPE))
         self.slips = self.publisher('slips')
+        self.felt_slips = self.publisher('felt_slips')
         self.cascades = self.publisher('cascades')
+        self.felt = dict.fromkeys(TOLD, 0)
         self.health.expects('blocks')
         self.subscribe('blocks', self.on_blocks, raw=True)
         self.subscribe('block_taps', self.on_tap)
@@ -35,7 +40,13 @@ class MotionNode(EolNode):
         """Motion sees it in the stamps themselves, as `eol report --retrack` does."""
 
     def on_tap(self, tap: BlockTap) -> None:
-        self.motion.tap(taps.to_knock(taps.RECORD.take(tap)))
+        self.tell_felt(self.motion.tap(taps.to_knock(taps.RECORD.take(tap))))
+
+    def tell_felt(self, told: list[Felt], image_ns: int = 0) -> None:
+        for one in told:
+            row = felt.of(one, image_ns)
+            self.felt_slips.publish(felt.RECORD.fill(FeltSlip(), row, self.frame_prefix))
+            self.felt[one.kind] += 1
 
     def tell(self, stamp_ns: int, slip) -> None:
         row = slips.of(stamp_ns, slip)
@@ -51,6 +62,7 @@ class MotionNode(EolNode):
         # What begins goes out before anything else is thought of: light and sound wait for it.
         for slip in self.motion.starts(stamp_s, rows['x'], rows['y'], message.known, rows['sigma']):
             self.tell(message.stamp_ns, slip)
+        self.tell_felt(self.motion.felt_slips(), message.stamp_ns)
         ended, closed = self.motion.stops(stamp_s)
         for slip in ended:
             self.tell(message.stamp_ns, slip)
@@ -59,7 +71,11 @@ class MotionNode(EolNode):
             self.cascades.publish(cascades.RECORD.fill(Cascade(), row, self.frame_prefix))
         self.health.tick()
         moving = int(self.motion.detector.moving.sum())
-        self.health.values.update(moving=moving, slips=self.motion.detector.count)
+        self.health.values.update(
+            moving=moving,
+            slips=self.motion.detector.count,
+            **{name: self.felt[kind] for kind, name in TOLD.items()},
+        )
         self.health.ok(f'{moving} of 25 blocks move' if moving else 'all is still')
 
 

@@ -12,6 +12,7 @@ from eol_ros.core.sound.channel_test import ChannelTest
 from eol_ros.core.sound.meter import Meter
 from eol_ros.core.sound.mixer import AHEAD_S
 from eol_ros.core.sound.ring import output_names
+from eol_ros.core.sound.senses import FirstSense
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing, new_mixer, wets
 from eol_ros.devices.audio.bank import BankLoader
@@ -52,6 +53,8 @@ class SoundNode(EolNode):
         self.meters = self.publisher('sound_meter')
         self.samples = SampleStream(self, self.mixer, self.epoch_ns)
         self.unheard = 0
+        self.first = FirstSense()
+        self.felt = self.told_twice = 0
         self.testing: tuple[Asked, ChannelTest] | None = None
         self.tested_s = 0.0  # when a channel was measured last
         self.asleep = bool(self.resumed.get('asleep'))
@@ -73,6 +76,7 @@ class SoundNode(EolNode):
         fade = dict.fromkeys(FADES, self.on_fade)
         self.requests.serve(play_grain=self.on_play_grain, test=self.on_test, **fade)
         self.subscribe('grain_triggers', self.on_trigger)
+        self.subscribe('felt_triggers', self.on_felt)
 
     def on_settings(self, new) -> None:
         self.voicing.settings = new
@@ -82,6 +86,7 @@ class SoundNode(EolNode):
         self.mixer.set(cubic, new.gain_db, new.loudness_lufs, new.governor_db)
         # Whole frames: the grains then start as far apart as without it, as `eol render` has them.
         self.latency_s = round(new.latency_s * new.sample_rate) / new.sample_rate
+        self.felt_latency_s = round(new.felt_latency_s * new.sample_rate) / new.sample_rate
 
     def on_corpus(self, message) -> None:
         from_ns = to_ns(message.header.stamp)
@@ -144,6 +149,7 @@ class SoundNode(EolNode):
             self.requests.answer(asked, True, f'{self.player.text}: {test.words()}')
 
     def restart(self) -> None:
+        self.first = FirstSense()
         if self.asleep:  # the run had ended asleep, and begins awake
             self.asleep = False
             self.fade()
@@ -154,19 +160,32 @@ class SoundNode(EolNode):
 
     def on_trigger(self, message) -> None:
         self.health.tick()
-        if self.osc:
-            self.osc.trigger(message)
         stamp_ns = to_ns(message.header.stamp)
         if message.block != triggers.NO_BLOCK:
             self.stamped(stamp_ns)
+        self.play(message, stamp_ns, self.latency_s)
+
+    def on_felt(self, message) -> None:
+        self.felt += 1
+        self.play(message, to_ns(message.header.stamp), self.felt_latency_s, felt=True)
+
+    def play(self, message, stamp_ns: int, latency_s: float, felt: bool = False) -> None:
+        by_hand = message.block == triggers.NO_BLOCK
+        if not by_hand and not self.first.plays(
+            stamp_ns * 1e-9, message.block, message.grain, felt
+        ):
+            self.told_twice += 1
+            return
+        if self.osc:
+            self.osc.trigger(message)
         bank = self.banks.at(stamp_ns)
         if bank is None:
             self.unheard += 1
             return
         since_ns = self.wall_ns(stamp_ns) - self.epoch_ns
-        if self.sim_time and message.block == triggers.NO_BLOCK:  # of the panel, in a pause
+        if self.sim_time and by_hand:  # of the panel, in a pause
             since_ns = now_ns() - self.epoch_ns
-        latency_s = min(self.latency_s * self.stretch(), AHEAD_S / 2)
+        latency_s = min(latency_s * self.stretch(), AHEAD_S / 2)
         trigger = triggers.to_core(message, since_ns * 1e-9 + latency_s)
         self.mixer.play(np.array([trigger], TRIGGER), bank, self.voicing)
 
@@ -182,6 +201,8 @@ class SoundNode(EolNode):
             voices=reading.voices,
             load=round(reading.load, 3),
             unheard=self.unheard,
+            felt=self.felt,
+            told_twice=self.told_twice,
             muted=self.muted,
             asleep=self.asleep,
             peak_dbfs=round(reading.peak_dbfs, 1),

@@ -18,11 +18,10 @@ from eol_ros.devices.camera.exposure_clock import VirtualCamera
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
-from eol_ros.ros.stamps import NS, now_ns, to_msg
+from eol_ros.ros.stamps import NS, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.streams.requests import Asked
 
-REPORT_NS = 5_000_000  # from the moment of a knock until its block reports it, about
 LONGEST_STEP_S = 0.1  # a machine that slept does not make up for it
 
 
@@ -40,7 +39,7 @@ class TwinNode(EolNode):
         self.blocks = FeltBlocks(s) if s.accelerometer and block.compiled() else None
         if s.accelerometer and self.blocks is None:
             self.get_logger().warning(block.MISSING)
-        self.radio, self.felt, self.knocks = Radio(self.namespace), [], 0
+        self.radio, self.knocks = Radio(self.namespace), 0
         self.lamps = Lamps(self.radio)
         coupling = Coupling(s.stiffness, s.mu_static, s.mu_kinetic, s.rotate)
         self.play = Play(s.seed, TRACE if self.blocks else 0, coupling)
@@ -52,7 +51,8 @@ class TwinNode(EolNode):
         self.infrared: np.ndarray = np.ones(N_BLOCKS)  # light of each block
         self.subscribe('rim_command', self.on_rim_command)
         self.requests.serve(infrared=self.on_infrared)
-        self.film(0, 1e-4)  # compiles what is not compiled yet, before the clock runs
+        self.step(1e-4)  # compiles what is not compiled yet, before the clock runs
+        self.film(0)
         self.barrier, self.camera = StartupBarrier(self), None
         self.create_timer(0.1, self.check)
 
@@ -63,36 +63,35 @@ class TwinNode(EolNode):
     def on_infrared(self, asked: Asked) -> None:
         self.infrared = asked.values['mask'] >> np.arange(N_BLOCKS) & 1
 
-    def expose(self, index: int, stamp_ns: int) -> None:
-        """Move hands, rim and table to `stamp_ns`, and video them."""
+    def move(self, stamp_ns: int) -> None:
+        """Move hands, rim and table to `stamp_ns`; blocks report in their time what they feel."""
         span_s = (stamp_ns - self.stamp_ns) / NS if self.stamp_ns else 1 / self.settings.fps
         self.stamp_ns = stamp_ns
-        self.film(index, min(max(span_s, 1e-4), LONGEST_STEP_S))
-        self.say(now_ns())
+        self.step(min(max(span_s, 1e-4), LONGEST_STEP_S))
+
+    def expose(self, index: int, stamp_ns: int) -> None:
+        """Video the table as it is at `stamp_ns`, to which it has moved."""
+        self.film(index)
         self.packed = self.images.packed(stamp_ns, self.image)
 
-    def say(self, until_ns: int) -> None:
-        """Let blocks report what they have felt, and measured, by then."""
-        due = [knock for knock in self.felt if knock.time_ns + REPORT_NS <= until_ns]
-        self.felt = self.felt[len(due) :]  # they are in the order of their times
-        self.radio.send(due)
-        self.knocks += len(due)
-
-    def film(self, index: int, span_s: float) -> None:
-        begin_s = self.play.advance(span_s, self.settings.hands == 'visitors')
+    def step(self, span_s: float) -> None:
+        self.begin_s = self.play.advance(span_s, self.settings.hands == 'visitors')
+        if self.blocks is None:
+            return
         t, end_s = self.play.table, self.play.time_s
-        lit: list[tuple[float, int]] = []
-        if self.blocks:
-            knocks = self.blocks.advance(begin_s, end_s, t.trace, self.play.rim.velocity)
-            lit = self.blocks.lit
-            self.felt = [
-                Felt(
-                    self.stamp_ns - round((end_s - k.time_s) * NS),
-                    k.block, k.strength_mps2, k.lit_s, k.first,
-                )
-                for k in knocks
-            ]  # fmt: skip
-        white, detector = self.lamps.advance(begin_s, end_s, lit)
+        knocks = self.blocks.advance(self.begin_s, end_s, t.trace, self.play.rim.velocity)
+        self.radio.send(
+            Felt(
+                self.stamp_ns - round((end_s - k.time_s) * NS),
+                k.block, k.strength_mps2, k.lit_s, k.first, k.told_s,
+            )
+            for k in knocks
+        )  # fmt: skip
+        self.knocks += len(knocks)
+
+    def film(self, index: int) -> None:
+        t, lit = self.play.table, self.blocks.lit if self.blocks else []
+        white, detector = self.lamps.advance(self.begin_s, self.play.time_s, lit)
         if self.blocks and detector:
             self.blocks.configure(detector)
         self.renderer.render(
@@ -101,7 +100,6 @@ class TwinNode(EolNode):
 
     def deliver(self) -> None:
         """Publish the image and what was true."""
-        self.say(self.stamp_ns + REPORT_NS)
         self.images.send(self.packed)
         table, truth = self.play.table, Truth()
         truth.header.stamp, truth.header.frame_id = (
@@ -125,7 +123,9 @@ class TwinNode(EolNode):
         if self.camera is None and self.barrier.ready():
             self.health.expects('images')
             self.health.ok(f'{s.width}x{s.height} at {s.fps:g} images/s, hands: {s.hands}')
-            self.camera = VirtualCamera(s.fps, s.exposure_us * 1e-6, self.expose, self.deliver)
+            self.camera = VirtualCamera(
+                s.fps, s.exposure_us * 1e-6, self.expose, self.deliver, move=self.move
+            )
         elif self.camera is not None and self.camera.fault:
             raise self.camera.fault
         if self.play.playing != self.told:  # pages name who plays: do not wait for the next second

@@ -17,6 +17,7 @@ from eol_ros.streams.graph import TOPICS
 
 WATCHED = tuple(topic.name for topic in TOPICS.values() if topic.barrier)
 PICTURES = 'camera/image_raw', 'camera/camera_info'  # the recorder takes them where it is asked to
+FELT = 'felt_slips', 'felt_triggers'  # a bag of a table without accelerometers has none
 READY = 'ready'
 SETTLE_S = 0.2  # after a restart of the source the others are still subscribed to `ready`
 PATIENCE_S = 15.0  # then the source starts without the nodes that are missing
@@ -33,7 +34,7 @@ def endpoints_of(scene: Any, topic: str) -> tuple[set[str], set[str]]:
     publishers = set(row.sources) & set(scene.nodes)
     if 'replay' in publishers:
         topics = scene.nodes['replay'].topics or played(scene, True)
-        if topic not in topics:
+        if topic not in topics or topic in FELT:
             publishers.discard('replay')
     subscribers = set(row.subscribers) & set(scene.nodes) - {'panel', 'recorder'}
     recorder = scene.nodes.get('recorder')

@@ -125,7 +125,7 @@ def _voices(args, settings):
     bag = open_bag(args.source)
     if not args.corpus:
         return sound.voices(bag, settings)
-    triggers, _ = sound.bag_triggers(bag, settings.sample_rate)
+    triggers, _ = sound.bag_triggers(bag, settings)
     bank = _bank(args.corpus, settings.sample_rate)
     rows, refused = Voicing(settings).rows(triggers, bank)
     return rows, len(triggers), refused, [bank]

@@ -379,7 +379,7 @@ def test_a_bag_without_blocks_is_said(tmp_path):
 
 
 def test_taps_that_a_busy_recorder_got_late_count_from_their_stamps(tmp_path):
-    from eol_msgs.msg import Block, Blocks, BlockTap, Cascade, Slip
+    from eol_msgs.msg import Block, Blocks, BlockTap, Cascade, FeltSlip, Slip
     from rclpy.serialization import serialize_message
 
     from eol_ros.core.motion.felt import Knock
@@ -389,18 +389,35 @@ def test_taps_that_a_busy_recorder_got_late_count_from_their_stamps(tmp_path):
     from eol_ros.ros.definitions import describe
     from eol_ros.ros.stamps import to_msg
     from eol_ros.settings import MotionSettings
-    from eol_ros.streams import cascades, slips
+    from eol_ros.streams import cascades, felt, slips
 
-    names = ('blocks', 'block_taps', 'slips', 'cascades')
+    names = ('blocks', 'block_taps', 'slips', 'felt_slips', 'cascades')
     topics = [BagTopic(f'/eol/{name}', **describe(name)) for name in names]
     about = {'scene_name': 'x', 'settings': 'nodes: {motion: {}}\n'}
     bag = BagWriter(tmp_path / 'run', topics, about)
     random, motion = np.random.default_rng(0), Motion(MotionSettings())
     knock_ns, told, tapped = T0 + 2 * 10**9 + 400_000, [], 0
-    tap = BlockTap(block=7, sigma=2e-4)
-    tap.header.stamp = to_msg(knock_ns)
-    told.append((knock_ns + 10**9, 'block_taps', tap))  # it had come in time, but not to the bag
-    motion.tap(Knock(knock_ns, 7, float(np.float32(2e-4))))
+    sigma_s = float(np.float32(2e-4))
+    end_ns = T0 + 239 * STEP_NS
+    knocks = [  # the second moves nothing; of the two after the last image one reached the bag
+        Knock(knock_ns, 7, sigma_s, 3.0),
+        Knock(knock_ns + 10**9, 3, sigma_s, 3.0),
+        Knock(end_ns + 1000, 8, sigma_s, 1.0),
+        Knock(end_ns + 2000, 9, sigma_s, 1.0),
+    ]
+    for knock in knocks:
+        tap = BlockTap(block=knock.block, sigma=sigma_s, strength=knock.strength_mps2)
+        tap.header.stamp = to_msg(knock.stamp_ns)
+        # It had come in time, but not to the bag.
+        told.append((knock.stamp_ns + 10**9, 'block_taps', tap))
+
+    def tell_felt(found, image_ns=0):
+        for one in found:
+            row = felt.RECORD.fill(FeltSlip(), felt.of(one, image_ns))
+            log_ns = T0 + int(random.integers(0, 4 * 10**9))  # as they may have arrived
+            told.append((log_ns, 'felt_slips', row))
+
+    tell_felt([one for knock in knocks[:2] for one in motion.tap(knock)])
     for k in range(240):
         stamp_ns, t = T0 + k * STEP_NS, k * STEP_NS * 1e-9
         at = rest_lattice() + random.normal(0, 1e-5, (25, 2))
@@ -414,6 +431,7 @@ def test_taps_that_a_busy_recorder_got_late_count_from_their_stamps(tmp_path):
         told.append((stamp_ns + 5_000_000, 'blocks', message))
         sigma = np.full(25, np.float32(1e-5))
         found, closed = motion.update(stamp_ns * 1e-9, at[:, 0], at[:, 1], np.ones(25, bool), sigma)
+        tell_felt(motion.felt_slips(), stamp_ns)
         for slip in found:
             tapped += slip.tapped
             row = slips.RECORD.fill(Slip(), slips.of(stamp_ns, slip))
@@ -421,6 +439,7 @@ def test_taps_that_a_busy_recorder_got_late_count_from_their_stamps(tmp_path):
         for cascade in closed:
             row = cascades.RECORD.fill(Cascade(), cascades.of(stamp_ns, cascade))
             told.append((stamp_ns + 8_000_000, 'cascades', row))
+    tell_felt(motion.tap(knocks[2]))
     for log_ns, topic, message in sorted(told, key=lambda one: one[0]):
         bag.write(f'/eol/{topic}', bytes(serialize_message(message)), log_ns, log_ns)
     bag.close()
@@ -430,3 +449,11 @@ def test_taps_that_a_busy_recorder_got_late_count_from_their_stamps(tmp_path):
     slipped, cascaded = proofs['slips'], proofs['cascades']
     assert (slipped.recorded, slipped.recomputed, slipped.first) == (2, 2, '')
     assert (cascaded.recorded, cascaded.recomputed, cascaded.first) == (1, 1, '')
+    felt_slips = proofs['felt_slips']
+    assert (felt_slips.recorded, felt_slips.proved, felt_slips.recomputed) == (5, 5, 5)
+    assert felt_slips.equal, felt_slips.words()
+
+    table = felt.RECORD.rows([felt.of(one) for one in motion.tap(knocks[3])])
+    other = retracking.Retracked()
+    retracking._compare(open_bag(tmp_path / 'run'), 'felt_slips', table, other, 2**63 - 1)
+    assert other.topics['felt_slips'].verdict == retracking.DIFFERENT

@@ -4,7 +4,7 @@
 import types
 
 import pytest
-from eol_msgs.msg import BlockTap, LedCommand, Slip
+from eol_msgs.msg import BlockTap, FeltSlip, LedCommand, Slip
 
 from benchmarks import graph as bench
 from eol_ros.devices.board.fake import Arrival
@@ -33,6 +33,10 @@ def graph():
             LedCommand(sent=to_msg(felt + 12 * MS)),  # it fades
             stamped(LedCommand(sent=to_msg(seen + 22 * MS)), seen + 15 * MS),
         ],
+        'felt_slips': [
+            stamped(FeltSlip(kind=kind, block=3, onset=to_msg(knock)), knock)
+            for kind in (FeltSlip.PROVISIONAL, FeltSlip.CONFIRMED)
+        ],
         'slips': [
             slip(Slip.START, 3, felt + 3 * MS, felt + 15 * MS, False),
             slip(Slip.START, 4, seen - 4 * MS, seen + 15 * MS, False),
@@ -59,10 +63,12 @@ def test_light_of_slips_that_were_felt_and_of_those_only_seen(graph):
 def test_onsets_by_the_camera_at_the_start_and_by_the_knock_at_the_stop(graph):
     errors = bench.onset_errors(graph, BEGUN)
     assert errors['START'] == {'rms': pytest.approx((25 / 2) ** 0.5, abs=0.01), 'count': 2}
+    assert errors['knock'] == {'rms': pytest.approx(0.1), 'count': 1}
     assert errors['STOP, felt'] == {'rms': pytest.approx(0.1), 'count': 1}
 
 
 def test_the_picture_is_written(tmp_path):
     pytest.importorskip('matplotlib')
-    bench.draw([1.0, 2.0], [20.0, 30.0], tmp_path / 'new')
-    assert (tmp_path / 'new' / 'light_latency.png').stat().st_size > 1000
+    both = {'light': [1.0, 2.0], 'first sample': [15.0, 16.0]}
+    bench.draw(both, {'light': [20.0, 30.0]}, tmp_path / 'new')  # without sound
+    assert (tmp_path / 'new' / 'senses.png').stat().st_size > 1000

@@ -99,10 +99,13 @@ def test_a_slip_is_followed_to_its_first_sample():
     (first, a), (second, b) = found[0], next(one for one in found if one[1] != found[0][1])
     stamps, waits = [first + 20_000_000, second + 25_000_000], [10_000_000, 40_000_000]
     watch = SimpleNamespace(
-        seen={'grain_triggers': [(s, s + wait) for s, wait in zip(stamps, waits, strict=True)]},
+        seen={
+            'grain_triggers': [(s, s + wait) for s, wait in zip(stamps, waits, strict=True)],
+            'felt_triggers': [],
+        },
         messages=lambda topic: {
-            'truth': truths, 'grain_triggers': [SimpleNamespace(block=k) for k in (a, b)],
-            'sound_samples': [],
+            'truth': truths, 'block_taps': [], 'sound_samples': [], 'felt_triggers': [],
+            'grain_triggers': [SimpleNamespace(block=k, grain=k) for k in (a, b)],
         }[topic],
     )  # fmt: skip
     scene = SimpleNamespace(settings=lambda name: {'twin': twin, 'sound': sound}[name])
@@ -112,6 +115,23 @@ def test_a_slip_is_followed_to_its_first_sample():
     too_late = 25 + 40 + 3 + 1e3 * 256 / FS + 1e3 / FS
     assert latency == pytest.approx([in_time, too_late], abs=0.01)
     assert figures['late_at_most'] == 1 and figures['seen_alone'] == 0
+    assert 'felt_ms' not in figures
+
+    # The first of them is felt, and its knock sounds it before its image asks for the same grain.
+    knock = first + 100_000
+    at = SimpleNamespace(stamp=SimpleNamespace(sec=knock // NS, nanosec=knock % NS))
+    messages, seen = watch.messages, watch.seen
+    seen['felt_triggers'] = [(knock, knock + 4_000_000)]
+    felt = {
+        'block_taps': [SimpleNamespace(block=a, header=at)],
+        'felt_triggers': [SimpleNamespace(block=a, grain=a)],
+    }
+    watch = SimpleNamespace(seen=seen, messages=lambda topic: felt.get(topic) or messages(topic))
+    figures = sound_rehearsal.figures(watch, 0, scene)
+    (by_knock,), (by_image,) = figures['ms']['felt'], figures['ms']['seen']
+    assert by_knock == pytest.approx(0.1 + 1e3 * sound.felt_latency_s + 1e3 / FS, abs=0.01)
+    assert by_image == pytest.approx(too_late, abs=0.01)
+    assert (figures['late_at_most'], figures['felt_ms']['count']) == (1, 1)
 
 
 def truth_of(settings, seconds):

@@ -91,6 +91,25 @@ def test_stamps_follow_the_system_clock_where_it_is_set():
     assert steps[9] == 3600 * NS + PERIOD_NS and (np.delete(steps, 9) == PERIOD_NS).all()
 
 
+def test_what_an_image_shows_moves_as_soon_as_the_one_before_is_delivered():
+    calls, clock = [], Clock()
+    camera = VirtualCamera(
+        RATE_HZ, EXPOSURE_S,
+        lambda index, stamp_ns: calls.append(('expose', stamp_ns, clock.time_ns())),
+        lambda: calls.append(('deliver', 0, clock.time_ns())),
+        clock,
+        lambda stamp_ns: calls.append(('move', stamp_ns, clock.time_ns())),
+    )  # fmt: skip
+    wait_until(lambda: len(calls) > 60)
+    camera.close()
+    moved, exposed, delivered = calls[0:60:3], calls[1:60:3], calls[2:60:3]
+
+    assert {name for name, _, _ in moved} == {'move'}
+    assert [stamp for _, stamp, _ in moved] == [stamp for _, stamp, _ in exposed]
+    for before, then in zip(delivered, moved[1:], strict=False):
+        assert then[2] == before[2]  # and not when the image is made
+
+
 def test_a_real_clock_is_kept():
     stamps, done = [], threading.Event()
 

@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from eol_msgs.msg import FeltSlip
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from support.waiting import wait_until
@@ -22,7 +23,7 @@ from eol_ros.nodes.grains import GrainsNode
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import request_to_msg
-from eol_ros.ros.stamps import now_ns, to_ns
+from eol_ros.ros.stamps import NS, now_ns, to_msg, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import GrainsSettings
 from eol_ros.streams.blocks import BLOCK, TYPE, Codec
@@ -41,7 +42,9 @@ class Probe(EolNode):
         self.blocks, self.results = self.publisher('blocks'), []
         self.asks = self.publisher('requests')
         self.subscribe('request_results', self.results.append)
-        self.triggers, self.corpora = [], []
+        self.triggers, self.corpora, self.by_knock = [], [], []
+        self.felt = self.publisher('felt_slips')
+        self.subscribe('felt_triggers', self.by_knock.append)
         self.subscribe('grain_triggers', self.triggers.append)
         self.subscribe('corpus', self.corpora.append)
 
@@ -143,6 +146,28 @@ def test_triggers_are_those_of_the_selector_with_the_stamp_of_the_image(stage, s
                message.attack, message.release)  # fmt: skip
         names = ('grain', 'block', 'gain', 'rate', 'pan', 'attack_s', 'release_s')
         assert got == tuple(row[name] for name in names)
+
+
+def test_a_slip_that_was_felt_sounds_with_the_stamp_of_its_knock(stage, sounds):
+    stage = stage()
+    corpus, settings = build_cached([sounds[0]], Options()), stage.node.settings
+    selector, expected = Selector(settings, corpus), []
+    for n, kind in enumerate((FeltSlip.PROVISIONAL, FeltSlip.CONFIRMED, FeltSlip.PROVISIONAL)):
+        stamp_ns, grain = START_NS + n * NS, corpus.grains[n]
+        x, y = ((float(grain[axis]) - 0.5) * settings.space_m for axis in 'xy')
+        message = FeltSlip(kind=kind, block=7 + n, x=x, y=y, strength=2.5)
+        message.header.stamp = to_msg(stamp_ns)
+        stage.probe.felt.publish(message)
+        if kind == FeltSlip.PROVISIONAL:
+            rows = selector.felt(stamp_ns * 1e-9, 7 + n, x, y, 2.5)
+            expected += [(stamp_ns, int(r['grain']), int(r['block']), r['gain']) for r in rows]
+            assert len(rows)
+        stage.until(lambda: len(stage.probe.by_knock) == len(expected))  # noqa: B023
+
+    got = [(to_ns(m.header.stamp), m.grain, m.block, m.gain) for m in stage.probe.by_knock]
+    assert got == expected
+    assert [m.sequence for m in stage.probe.by_knock] == list(range(len(got)))
+    assert not stage.probe.triggers
 
 
 def test_two_runs_over_the_same_images_are_equal(stage, sounds):

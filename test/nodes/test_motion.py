@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from eol_msgs.msg import Block, Blocks, Cascade, Slip
+from eol_msgs.msg import Block, Blocks, BlockTap, Cascade, FeltSlip, Slip
 from rclpy.executors import SingleThreadedExecutor
+from support.waiting import wait_until
 
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.motion.slips import SlipDetector
 from eol_ros.nodes.motion import MotionNode
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.stamps import to_msg
+from eol_ros.ros.stamps import to_msg, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings
 
@@ -19,7 +20,9 @@ class Probe(EolNode):
     def __init__(self):
         super().__init__(MotionSettings(), scene=Scene('probe', {}))
         self.blocks = self.publisher('blocks')
-        self.slips, self.cascades = [], []
+        self.taps = self.publisher('block_taps')
+        self.slips, self.cascades, self.felt = [], [], []
+        self.subscribe('felt_slips', self.felt.append)
         self.subscribe('slips', self.slips.append)
         self.subscribe('cascades', self.cascades.append)
 
@@ -52,10 +55,22 @@ def test_a_slip_goes_through_the_graph(ros, matched):
             break
     random = np.random.default_rng(1)
     start_ns = 1_700_000_000_123_456_789
+    knock = BlockTap(block=12, strength=2.9, sigma=2e-4)
+    knock.header.stamp = to_msg(start_ns + 1_505_000_123)
+    struck = BlockTap(block=3, strength=2.9, sigma=2e-4)  # and does not move
+    struck.header.stamp = to_msg(start_ns + 2_000_000_000)
     for k in range(180):
         t = k / 60
         place = rest_lattice() + random.normal(0, 1e-5, (25, 2))
         place[12, 1] += 1.25 * min(max(t - 1.505, 0), 0.12) ** 2
+        for tap, at_s in ((knock, 1.505), (struck, 2.0)):
+            if t - 1 / 60 <= at_s < t:  # it comes before the image that follows
+                probe.taps.publish(tap)
+                told = len(probe.felt)
+                wait_until(
+                    lambda told=told: len(probe.felt) > told,
+                    turn=lambda: executor.spin_once(timeout_sec=0.02),
+                )
         track(probe, node, executor, k, start_ns + round(t * 1e9), place)
     for _ in range(600):
         executor.spin_once(timeout_sec=0.05)
@@ -65,6 +80,20 @@ def test_a_slip_goes_through_the_graph(ros, matched):
     assert (start.kind, stop.kind) == (Slip.START, Slip.STOP)
     assert start.block == stop.block == 12
     assert start.slip == stop.slip
+    assert [(f.kind, f.sense, f.block, f.slip) for f in probe.felt] == [
+        (FeltSlip.PROVISIONAL, FeltSlip.KNOCK, 12, 0),
+        (FeltSlip.CONFIRMED, FeltSlip.IMAGE, 12, start.slip),
+        (FeltSlip.PROVISIONAL, FeltSlip.KNOCK, 3, 0),
+        (FeltSlip.RETRACTED, FeltSlip.IMAGE, 3, 0),
+    ]
+    for tap, (first, verdict) in zip(
+        (knock, struck), (probe.felt[:2], probe.felt[2:]), strict=True
+    ):
+        assert first.header.stamp == first.onset == verdict.onset == tap.header.stamp
+        assert to_ns(verdict.header.stamp) - to_ns(first.onset) >= 100_000_000
+        assert first.probability > 0.99
+    assert (probe.felt[0].x, probe.felt[0].y) == pytest.approx(rest_lattice()[12], abs=1e-4)
+    assert stop.tapped
     onset_s = start.onset.sec - 1_700_000_000 + start.onset.nanosec * 1e-9
     assert onset_s == pytest.approx(1.505 + 0.123456789, abs=0.006)
     decided = [start_ns + round(k / 60 * 1e9) for k in range(180)]
@@ -73,7 +102,8 @@ def test_a_slip_goes_through_the_graph(ros, matched):
     assert isinstance(probe.cascades[0], Cascade)
     assert list(probe.cascades[0].blocks) == [12]
     assert isinstance(node.motion.detector, SlipDetector)
-    assert node.health.status()['values']['slips'] == 1
+    values = node.health.status()['values']
+    assert [values[k] for k in ('slips', 'felt', 'confirmed', 'retracted')] == [1, 2, 1, 1]
     node.close()
     node.destroy_node()
     probe.destroy_node()

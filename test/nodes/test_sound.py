@@ -33,6 +33,7 @@ class Probe(EolNode):
         super().__init__(MotionSettings(), scene=Scene('probe', {}))
         self.corpus = self.publisher('corpus')
         self.triggers = self.publisher('grain_triggers')
+        self.felt = self.publisher('felt_triggers')
         self.asks, self.results = self.publisher('requests'), []
         self.subscribe('request_results', self.results.append)
         self.meters, self.samples = [], []
@@ -111,6 +112,34 @@ def test_a_trigger_sounds_and_shows(graph, tmp_path):
     with wave.open(str(tmp_path / 'out.wav')) as file:
         pcm = np.frombuffer(file.readframes(file.getnframes()), '<i2').reshape(-1, 2)
     assert np.abs(pcm).max() > 1000
+
+
+@pytest.mark.slow
+def test_a_slip_that_is_told_twice_sounds_once_and_as_soon_as_it_was_felt(graph, tmp_path):
+    """`latency_s` is 0.3 s here; the knock sounds 0.2 s after its stamp, 20 ms before the image."""
+    node, probe, turn, close = graph
+    node.on_settings(dataclasses.replace(node.settings, felt_latency_s=0.2))
+    probe.corpus.publish(corpus_of(tmp_path))
+    assert turn(lambda: node.banks.at(now_ns()))
+    stamp_ns = now_ns()
+    probe.felt.publish(trigger(stamp_ns, block=3))
+    assert turn(lambda: node.felt == 1)
+    probe.triggers.publish(trigger(stamp_ns + NS // 50, block=3))
+    assert turn(lambda: node.told_twice == 1)
+    probe.triggers.publish(trigger(stamp_ns + NS // 50, block=3, grain=1))  # another grain
+    assert turn(lambda: node.mixer.state['triggers'][0] == 2)
+    assert turn(lambda: any(m.voices for m in probe.meters))
+    assert turn(lambda: probe.meters[-1].voices == 0)
+    assert probe.meters[-1].dropped == 0
+    values = node.health.status()['values']
+    assert (values['felt'], values['told_twice']) == (1, 1)
+    close()
+    with wave.open(str(tmp_path / 'out.wav')) as file:
+        pcm = np.frombuffer(file.readframes(file.getnframes()), '<i2').reshape(-1, 2)
+    loud = np.abs(pcm[:, 0].astype(int)) > 300
+    begins = int(np.flatnonzero(loud)[0])
+    # Two tones of 0.2 s that begin 0.12 s apart: by the knock of one, and by the image of the other
+    assert np.flatnonzero(loud)[-1] - begins == pytest.approx((0.12 + 0.2) * FS, abs=0.02 * FS)
 
 
 @pytest.mark.slow

@@ -10,13 +10,14 @@ import pytest
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.cascades import CascadeEvent
+from eol_ros.core.motion.felt import FeltSlip, Knock
 from eol_ros.core.motion.motion import NumberedSlip
 from eol_ros.core.motion.slips import SlipEvent
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.devices.board.lights import Sent, Tap
 from eol_ros.settings import DESCRIPTORS
-from eol_ros.streams import cascades, corpus, leds, slips, taps, triggers
+from eol_ros.streams import cascades, corpus, felt, leds, slips, taps, triggers
 from eol_ros.streams.cdr import Decoder
 from eol_ros.streams.definition import parse
 
@@ -24,12 +25,17 @@ ROOT = Path(__file__).parents[2]
 MESSAGES = ROOT / 'msg_defs' / 'eol_msgs' / 'msg'
 STAMP = 1_700_000_000_123_456_789
 ONSET = 1_700_000_000.0625
-RECORDS = [m.RECORD for m in (slips, cascades, triggers, taps, leds, corpus)]
+RECORDS = [m.RECORD for m in (slips, felt, cascades, triggers, taps, leds, corpus)]
 
 
 def slip_row():
     event = SlipEvent(slips.STOP, 7, 12, 0.0, ONSET, 1e-3, 0.1, -0.2, 0.3, 0.04, 0.05)
     return slips.of(STAMP, NumberedSlip(event, 3, True))
+
+
+def felt_row(kind=felt.CONFIRMED):
+    knock = Knock(STAMP - 100_000_000, 12, 2e-4, 2.9)
+    return felt.of(FeltSlip(kind, knock, 0.1, -0.2, 0.995, 7), STAMP)
 
 
 def cascade_row():
@@ -62,7 +68,7 @@ def corpus_row():
 
 ROWS = {
     'Slip': slip_row, 'Cascade': cascade_row, 'GrainTrigger': trigger_row, 'BlockTap': tap_row,
-    'LedCommand': led_row, 'Corpus': corpus_row,
+    'LedCommand': led_row, 'Corpus': corpus_row, 'FeltSlip': felt_row,
 }  # fmt: skip
 
 
@@ -83,6 +89,10 @@ def test_constants_are_those_of_the_definition():
     assert {n: getattr(slips, n) for n in slip.constants} == {
         n: constant.value for n, constant in slip.constants.items()
     }
+    told = parse((MESSAGES / 'FeltSlip.msg').read_text(), 'eol_msgs/msg/FeltSlip')
+    assert {n: c.value for n, c in told['eol_msgs/FeltSlip'].constants.items()} == {
+        n: getattr(felt, n) for n in ('PROVISIONAL', 'CONFIRMED', 'RETRACTED', 'KNOCK', 'IMAGE')
+    }
     text = (MESSAGES / 'GrainTrigger.msg').read_text()
     assert f'{triggers.NO_BLOCK} for none' in text
 
@@ -92,6 +102,12 @@ def test_rows_have_what_core_found():
     head, onset, rest = row[:4], row[4], row[5:]
     assert (head, rest) == ((STAMP, 2, 7, 12), (1e-3, 0.1, -0.2, 0.3, 0.04, 0.05, 3, True))
     assert abs(onset - 1_700_000_000_062_500_000) < 240  # ns: what a float of seconds can tell
+    row, first = felt_row(), felt_row(felt.PROVISIONAL)
+    assert (row.stamp, row.sense) == (STAMP, felt.IMAGE)
+    assert (first.stamp, first.sense) == (STAMP - 100_000_000, felt.KNOCK)
+    assert row.onset == first.onset == first.stamp
+    assert (row.block, row.x, row.y, row.slip) == (12, 0.1, -0.2, 7)
+    assert row.strength == np.float32(2.9) and row.probability == np.float32(0.995)
     row = cascade_row()
     assert (row.cascade, row.nucleus, row.area, row.size) == (3, 12, 2, 3)
     assert (row.blocks.tolist(), row.distance) == ([12, 7], 0.25)

@@ -28,7 +28,8 @@ CONFIRMED = 2
 RETRACTED = 3
 LAG_S = 0.05  # three images at 60 a second: by the time of a knock's report these have come
 VERDICT_S = 0.1  # from a knock to the image that confirms or retracts it: twice what a START takes
-STALE_S = 0.25  # a block that was not seen for longer is nowhere
+REST_S, REST_IMAGES = 0.25, 4  # by fewer, in that time, a block is not known to rest anywhere
+VERDICT_IMAGES = 4  # by fewer, since the knock, nothing is learnt: images were lost
 KEPT_S = 0.5  # images and verdicts; knocks that are later than this are another day's
 WEAKEST_MPS2 = 0.16  # the firmware's threshold, 16 mg, where the first octave begins
 OCTAVES = 6
@@ -130,7 +131,8 @@ class Felt:
         if knock not in self._open:
             return []
         told = self._open.pop(knock)
-        if self._images[-1].seen[knock.block]:
+        after = [image for image in self._images if image.stamp_s > knock.stamp_s]
+        if sum(image.seen[knock.block] for image in after) >= VERDICT_IMAGES:
             self._late.append(_Verdict(stamp_s, _octave(knock), slip > 0))
         return [replace(told, kind=CONFIRMED if slip else RETRACTED, slip=slip)] if told else []
 
@@ -141,7 +143,8 @@ class Felt:
         if not before or after_s >= knock.stamp_s + VERDICT_S:
             return []
         image = before[-1]
-        if until_s - image.stamp_s > STALE_S or not image.seen[knock.block]:
+        known = sum(i.seen[knock.block] for i in before if i.stamp_s > until_s - REST_S)
+        if known < REST_IMAGES or not image.seen[knock.block]:
             return []
         probability = self._probability(_octave(knock), until_s)
         x, y = float(image.x[knock.block]), float(image.y[knock.block])

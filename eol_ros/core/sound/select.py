@@ -34,6 +34,7 @@ from eol_ros.settings import GrainsSettings
 FORGET_S = 0.25  # a block unseen for longer starts again
 LONGEST_LEAD_S = 60.0  # a switch farther ahead is left over from before the stamps began again
 BED_EDGE_S = 10.0  # of grains of the bed: longer than any, so half of it swells and half dies away
+FELT_S = 0.01  # a block's acceleration at its knock times this is the speed that its image shows
 NOISE_SIGMAS = 6.0  # a step below this many standard deviations of a step is not motion
 
 
@@ -89,6 +90,8 @@ class Selector:
         self._bow_s = np.full(N_BLOCKS, -np.inf)
         self.moving = np.zeros(N_BLOCKS, bool)
         self.speed = np.zeros(N_BLOCKS)
+        self._felt: dict[tuple[int, int], float] = {}  # block, grain column: its last knock
+        self._felt_second: list[deque[float]] = [deque() for _ in range(N_BLOCKS)]
         self._second: deque[tuple[float, int]] = deque()
         self._in_second = [0] * N_BLOCKS
 
@@ -111,12 +114,13 @@ class Selector:
         self._durations = corpus.grains['duration_s'][self._grains]
         self._sounded_s = np.full(len(self._grains), -np.inf)
         self._armed = np.ones((N_BLOCKS, len(self._grains)), bool)
+        self._felt.clear()  # by columns of another corpus
         places = corpus.grains[self._grains]
         self._places = np.stack([places['x'], places['y']])
         if np.isfinite(self._time_s):
             self._swapped_s = self._time_s
             busy = np.nonzero(self.moving)[0]  # what they stand in was not touched by this motion
-            self._armed[busy] = self._distances(busy) > self._leave_m
+            self._armed[busy] = self._distances(self._at[busy]) > self._leave_m
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -169,13 +173,66 @@ class Selector:
             return np.zeros(0, TRIGGER)
         rows, found = np.nonzero(self.moving & seen)[0], np.zeros(0, TRIGGER)
         if len(rows):
-            far = self._distances(rows)
+            far = self._distances(self._at[rows])
             reached = self._reached(far)
             pick = self._bow if self.settings.mode == 'bow' else self._fence
-            found = self._triggers(time_s, pick(time_s, rows, far, reached))
+            touched = pick(time_s, rows, far, reached)
+            blocks = [block for block, _ in touched]
+            found = self._triggers(time_s, touched, self.speed[blocks], self._at[blocks, 0])
         if self.settings.bed_rate and span_s <= FORGET_S:
             found = np.concatenate([found, self._creaks(time_s, span_s)])
         return found
+
+    def felt(
+        self, time_s: float, block: int, x: float, y: float, strength_mps2: float
+    ) -> np.ndarray:
+        """Take a slip that its block felt, before an image shows it.
+
+        Where the rule is that each slip sounds at its start (`fence`, `rearm_at_rest`) the block
+        sounds the grains that it reaches from where it rested; `refractory_s` and `block_cap` hold
+        for the knocks of one block. Nothing of `update` changes, and nothing of it counts here:
+        images and knocks may come in any order.
+
+        Parameters
+        ----------
+        time_s : float
+            The stamp of the knock.
+        block : int
+            0..24.
+        x, y : float
+            Where it rested, in m.
+        strength_mps2 : float
+            Of the knock, in m/s^2.
+
+        Returns
+        -------
+        ndarray
+            (n,) TRIGGER.
+
+        Examples
+        --------
+        >>> Selector(GrainsSettings()).felt(1.0, 12, 0.0, 0.0, 2.9).shape
+        (0,)
+        """
+        s = self.settings
+        if s.mode != 'fence' or not s.rearm_at_rest or not len(self._grains):
+            return np.zeros(0, TRIGGER)
+        if time_s < self._swapped_s or (self._next is not None and time_s >= self._next[0]):
+            return np.zeros(0, TRIGGER)  # of another corpus than that of the images
+        far = self._distances(np.array([[x, y]]))
+        column = np.nonzero(self._reached(far)[0])[0]
+        second, found = self._felt_second[block], []
+        while second and not 0.0 <= time_s - second[0] < 1.0:
+            second.popleft()
+        for j in column[np.argsort(far[0, column], kind='stable')].tolist():
+            before_s = self._felt.get((block, j), -np.inf)
+            if 0.0 <= time_s - before_s < s.refractory_s or len(second) >= s.block_cap:
+                continue
+            self._felt[block, j] = time_s
+            second.append(time_s)
+            found.append((block, j))
+        n = len(found)
+        return self._triggers(time_s, found, np.full(n, FELT_S * strength_mps2), np.full(n, x))
 
     def _follow(
         self, time_s: float, at: np.ndarray, seen: np.ndarray, sigma_m: np.ndarray
@@ -204,12 +261,11 @@ class Selector:
     def _leave_m(self) -> float:
         return self.settings.radius * self.settings.rearm_ratio
 
-    def _distances(self, rows: np.ndarray) -> np.ndarray:
-        """Return (rows, grains) metres on the table."""
+    def _distances(self, at: np.ndarray) -> np.ndarray:
+        """Return how far the grains are from places (n, 2), (n, grains), in m on the table."""
         left, low, right, high = self.bounds
         x = left + self._places[0] * (right - left)
         y = low + self._places[1] * (high - low)
-        at = self._at[rows]
         return np.sqrt((x - at[:, :1]) ** 2 + (y - at[:, 1:]) ** 2)
 
     def _reached(self, far: np.ndarray) -> np.ndarray:
@@ -273,7 +329,10 @@ class Selector:
         self._in_second[block] += 1
         return True
 
-    def _triggers(self, time_s: float, found: list[tuple[int, int]]) -> np.ndarray:
+    def _triggers(
+        self, time_s: float, found: list[tuple[int, int]], speed: np.ndarray, x: np.ndarray
+    ) -> np.ndarray:
+        """Return the triggers of (block, grain column), of blocks at `x`, m, with `speed`, m/s."""
         s = self.settings
         out = np.zeros(len(found), TRIGGER)
         if not found:
@@ -282,13 +341,13 @@ class Selector:
         grain = self._grains[column]
         u = 2 * chance(s.seed, time_s, block[:, None], grain[:, None], np.arange(2, 5)) - 1
         rate = s.playback_rate * 2 ** (s.rate_jitter_st * u[:, 0] / 12)
-        loud = np.clip(self.speed[block] / s.full_mps, 0, 1) ** s.gain_curve
+        loud = np.clip(speed / s.full_mps, 0, 1) ** s.gain_curve
         rise = np.clip((time_s - self._swapped_s) / s.crossfade_s, 0, 1) if s.crossfade_s else 1.0
         out['time_s'], out['grain'], out['block'] = time_s, grain, block
         out['gain'] = s.gain * np.maximum(loud, s.gain_floor) * np.sin(np.pi / 2 * rise)
         out['rate'] = np.clip(rate, MIN_RATE, MAX_RATE)
         half = self.settings.space_m / 2
-        out['pan'] = np.clip(s.pan_width * self._at[block, 0] / half, -1, 1)
+        out['pan'] = np.clip(s.pan_width * x / half, -1, 1)
         attack = s.attack_s * (1 + s.edge_jitter * u[:, 1])
         release = s.release_s * (1 + s.edge_jitter * u[:, 2])
         room = self._durations[column] / out['rate']
@@ -307,7 +366,7 @@ class Selector:
         if not len(rows):
             return out
         out['time_s'], out['block'] = time_s, -1
-        out['grain'] = self._grains[np.argmin(self._distances(rows), axis=1)]
+        out['grain'] = self._grains[np.argmin(self._distances(self._at[rows]), axis=1)]
         out['gain'] = s.bed_gain * strain[rows] * (0.5 + 0.5 * u[rows, 1])
         out['rate'] = np.clip(s.bed_speed * 4 ** (u[rows, 2] - 0.5), MIN_RATE, MAX_RATE)
         out['pan'] = np.clip(s.pan_width * self._at[rows, 0] / (s.space_m / 2), -1, 1)

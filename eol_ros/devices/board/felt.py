@@ -21,7 +21,7 @@ TRACE = 16  # samples of the solver from image to image, about one a millisecond
 class Knock(NamedTuple):
     """A knock that a block reports: when, s, how hard, m/s^2, whether it woke the block.
 
-    `lit_s` after that the block lit itself.
+    `lit_s` after that the block lit itself, `told_s` after it the firmware had measured it.
     """
 
     block: int
@@ -29,6 +29,7 @@ class Knock(NamedTuple):
     strength_mps2: float
     first: bool
     lit_s: float = 0.0
+    told_s: float = 0.0
 
 
 class FeltBlocks:
@@ -75,7 +76,8 @@ class FeltBlocks:
                 if event.first:  # it began before the sensor looked
                     time_s -= self._wake_s / 2
                 lit_s = float(self._lit_s[s.block]) - time_s
-                knocks.append(Knock(s.block, time_s, event.strength_mps2, event.first, lit_s))
+                strength, told_s = event.strength_mps2, ended_s - time_s
+                knocks.append(Knock(s.block, time_s, strength, event.first, lit_s, told_s))
             moves = detector.state != RESTS
             if moves or self._awake[s.block]:
                 self._moved_s[s.block] = end_s

@@ -6,6 +6,7 @@ the board runs with `leds`, in another process than the twin, and what blocks an
 each other is on no topic. It reaches as far as one machine.
 """
 
+import heapq
 import math
 import os
 import select
@@ -24,20 +25,32 @@ from eol_ros.core.light.bridge import Bridge
 from eol_ros.devices.board.fake import Arrival, FakeBoard, latency_s, obey
 from eol_ros.streams.graph import NAMESPACE
 
-KNOCK = struct.Struct('<qBff?')  # of Felt
+KNOCK = struct.Struct('<qBff?f')  # of Felt
+LINK_NS = 1_000_000  # from block to board: a guess
+AHEAD_S = 0.2  # the twin is ahead by less; else the system clock was set back
 BEACON_S = 0.05
 SILENT_S = 0.25  # blocks that have not heard their board for so long are alone
 SIGMA_S = 5e-4  # of the time of a knock: `eol bench taps`
 
 
 class Felt(NamedTuple):
-    """A knock that a block of the twin felt, on the system's clock, and when it lit itself."""
+    """A knock that a block of the twin felt, on the system's clock; what it led to, so long after.
+
+    The block lit itself, and had measured the knock, which it then reports. The twin knows it
+    earlier: the table of its next image has moved already.
+    """
 
     time_ns: int
     block: int
     strength_mps2: float
     lit_s: float = 0.0
     woke: bool = False
+    told_s: float = 0.0
+
+    @property
+    def report_ns(self) -> int:
+        """When its board has it."""
+        return self.time_ns + round(self.told_s * 1e9) + LINK_NS
 
 
 class Radio:
@@ -149,17 +162,25 @@ class TwinBoard:
         return self.fake.port
 
     def _listen(self) -> None:
-        """Report what the blocks feel, and tell them again and again that the board is there."""
+        """Report what the blocks feel, when they report it, and tell them again and again that
+        the board is there."""
+        waiting: list[tuple[float, Felt]] = []  # steady time: the system clock may be set
+        beacon_s = 0.0
         while not self._stop.is_set():
-            ready, _, _ = select.select([self._radio], [], [], BEACON_S)
+            left_s = waiting[0][0] - time.monotonic() if waiting else BEACON_S
+            ready, _, _ = select.select([self._radio], [], [], min(max(left_s, 0.0), BEACON_S))
             while ready and (packet := _received(self._radio)):
                 if len(packet) == KNOCK.size:
                     knock = Felt(*KNOCK.unpack(packet))
-                    ago_s = max(0.0, (time.time_ns() - knock.time_ns) * 1e-9)
-                    self.fake.knock(
-                        knock.block, knock.strength_mps2, ago_s, knock.lit_s, knock.woke
-                    )
-            if self.fake.plugged:
+                    wait_s = (knock.report_ns - time.time_ns()) * 1e-9
+                    wait_s = wait_s if wait_s < AHEAD_S else 0.0
+                    heapq.heappush(waiting, (time.monotonic() + wait_s, knock))
+            while waiting and waiting[0][0] <= time.monotonic():
+                knock = heapq.heappop(waiting)[1]
+                ago_s = max(0.0, (time.time_ns() - knock.time_ns) * 1e-9)
+                self.fake.knock(knock.block, knock.strength_mps2, ago_s, knock.lit_s, knock.woke)
+            if self.fake.plugged and time.monotonic() - beacon_s >= BEACON_S:
+                beacon_s = time.monotonic()
                 for message in list(self._told.values()):
                     self._tell(message)
 

@@ -24,9 +24,11 @@ class VirtualCamera:
 
     Exposure i is centred on start + i * period, so the rate never drifts, and `stamp_ns` is that
     instant in system time. The image is made just ahead, when the readers of the one before it have
-    had the processor, and delivered when the exposure ends, as a global shutter does. When making
-    takes too long, whole images are skipped and counted in
-    `missed`. Both calls come from one thread of this object; what they raise is kept in `fault`.
+    had the processor, and delivered when the exposure ends, as a global shutter does. When
+    making takes too long, whole images are skipped and counted in `missed`. `move(stamp_ns)` is
+    called as soon as the image before is delivered, so that what happens until the exposure can
+    happen in its time. All calls come from one thread of this object; what they raise is kept in
+    `fault`.
     """
 
     def __init__(
@@ -36,11 +38,12 @@ class VirtualCamera:
         expose: Callable[[int, int], None],
         deliver: Callable[[], None],
         clock: SystemClock | None = None,
+        move: Callable[[int], None] = lambda stamp_ns: None,
     ) -> None:
         self.missed = 0
         self.fault: BaseException | None = None
         self._rate_hz, self._half_ns = rate_hz, int(0.5 * exposure_s * NS)
-        self._expose, self._deliver = expose, deliver
+        self._expose, self._deliver, self._move = expose, deliver, move
         self._clock = clock or SystemClock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='virtual camera', daemon=True)
@@ -72,11 +75,12 @@ class VirtualCamera:
             offset_ns = clock.time_ns() - clock.monotonic_ns()
             if abs(offset_ns - to_system_ns) > NS // 1000:  # somebody set the system clock
                 to_system_ns = offset_ns
-            end_ns = middle_ns + self._half_ns
+            end_ns, stamp_ns = middle_ns + self._half_ns, middle_ns + to_system_ns
+            self._move(stamp_ns)
             if self._wait_until(end_ns - min(2 * making_ns + SPARE_NS, int(period_ns))):
                 return
             began_ns = clock.monotonic_ns()
-            self._expose(index, middle_ns + to_system_ns)
+            self._expose(index, stamp_ns)
             making_ns = max(clock.monotonic_ns() - began_ns, making_ns * 15 // 16)
             if self._wait_until(end_ns):
                 return

@@ -175,6 +175,17 @@ def test_without_images_there_is_nothing_to_confirm_and_nothing_is_told():
     assert run(knocks_at([at_s]), 1, hidden=range(first - 1, first + 1))[0] == []
 
 
+def test_where_images_are_lost_nothing_is_learnt_of_a_knock():
+    at_s = onsets(2)[0]
+    lost = range(int(at_s * FPS) + 1, int((at_s + VERDICT_S) * FPS) - 1)
+    knocks = knocks_at([at_s + EVERY_S / 2, onsets(2)[1]])
+    shown, _ = run(knocks_at([at_s, *onsets(2)[1:]]), 2, lost=lost, slips=False)
+    kinds = [one.kind for _, one in shown]
+    assert kinds == [PROVISIONAL, RETRACTED, PROVISIONAL, RETRACTED]
+    told, _ = run(knocks, 2, slips=False)
+    assert [one.kind for _, one in told] == [PROVISIONAL, RETRACTED]  # it was learnt
+
+
 def test_level_1_tells_none():
     assert run(knocks_at(onsets(3)), 3, level=1.0)[0] == []
 
