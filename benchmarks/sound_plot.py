@@ -107,7 +107,7 @@ def draw_art(sounds: dict, rate: float, folder: Path) -> None:
         top.set(yscale='log', ylim=(15, 20000), title=name)
         loud = np.maximum(windows_lufs(span, rate, 0.4), -80)
         bottom.plot(0.4 + 0.1 * np.arange(len(loud)), loud, lw=0.7, color='#20507a')
-        bottom.set(xlabel='s', ylim=(-80, -5))
+        bottom.set(xlabel='s', ylim=(-80, -5), xlim=(0, len(span) / rate))
         bottom.grid(alpha=0.3)
     axes[0, 0].set_ylabel('Hz')
     axes[1, 0].set_ylabel('momentary loudness, LUFS')

@@ -51,7 +51,7 @@ def run(args) -> int:
     rows, count, refused, banks = _voices(args, settings)
     rate = settings.sample_rate
     end_s = float((rows['time_s'] + rows['length'] / rate).max()) if len(rows) else 0.0
-    frames = math.ceil((args.seconds or end_s + TAIL_S) * rate)
+    frames = math.ceil((args.seconds or end_s + TAIL_S + settings.room_s) * rate)
     mixer = new_mixer(settings)
     peak, energy = 0.0, 0.0
     channels = 2 if ears else settings.channels

@@ -26,9 +26,11 @@ FS = 48000
 def scene(folder):
     """A rehearsal without lights and walls; a latency that no machine is too slow for."""
     nodes = {
-        'twin': {'hands': 'nobody'}, 'tracker': {}, 'grains': {'gain': 2.0},
+        'twin': {'hands': 'nobody'}, 'tracker': {}, 'grains': {'gain': 2.0, 'bed_rate': 3.0},
         'sound': {'device': 'wav', 'wav': str(folder / 'live.wav'), 'latency_s': 1.0,
-                  'fade_in_s': 0.0, 'fade_out_s': 0.0, 'gain_db': 6.0, 'governor_db': 0.0},
+                  'fade_in_s': 0.0, 'fade_out_s': 0.0, 'gain_db': 6.0, 'governor_db': 0.0,
+                  'rate_scaling': 0.5, 'corner_hz': 6000, 'dynamics_db': 4, 'onset_duck_db': 4,
+                  'sub_db': -6, 'room_s': 2, 'speakers': ['left 30 2', 'right -30 2.5']},
         'recorder': {'images': 'none', 'display_period_s': 0.0},
     }  # fmt: skip
     path = folder / 'scene.yaml'

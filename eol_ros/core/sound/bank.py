@@ -91,6 +91,17 @@ def voice_rows(
     These stand in a row, and `pan` says where; those of a `ring` about the table, and the place of
     the grain on it says where.
     """
+    return numbered_rows(triggers, bank, channels, first, ring)[0]
+
+
+def numbered_rows(
+    triggers: np.ndarray,
+    bank: Bank,
+    channels: int,
+    first: np.ndarray | None = None,
+    ring: Ring | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `voice_rows` does, and the number (m,) of the trigger that each is of."""
     good = playable(triggers, len(bank))
     good[good] &= bank.length[triggers['grain'][good]] >= 4
     t = triggers[good]
@@ -115,7 +126,8 @@ def voice_rows(
     if first is not None:
         v['channel_a'] += first[good]
         v['channel_b'] += first[good]
-    return v[v['length'] >= 4]
+    long = v['length'] >= 4
+    return v[long], np.flatnonzero(good)[long]
 
 
 def _places(triggers: np.ndarray, bank: Bank) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,8 @@ M0 ~ A D ~ A^(3/2), as slip grows with the radius (Kanamori, Anderson, Bull. Sei
 (1975) 1073), and its frequency goes as the corner's, A^(-1/2).
 """
 
+import functools
+
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
@@ -27,8 +29,9 @@ def pulse(sample_rate: float) -> np.ndarray:
     return (swell * np.sin(2 * np.pi * periods)).astype(np.float32)
 
 
+@functools.cache  # voices know addresses only: it stays for as long as the process does
 def pulse_bank(sample_rate: float) -> Bank:
-    """Return the bank whose only grain is the pulse."""
+    """Return the bank whose only grain is the pulse; the same for the same rate."""
     return Bank([pulse(sample_rate)], [0], [0.0], [PERIODS / PULSE_HZ], sample_rate)
 
 

@@ -14,7 +14,7 @@ a bus is filtered once (`buses.py`), so that the loop over the grains does not k
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.bank import Bank, numbered_rows, voice_rows
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.ring import Ring, alignment, mistakes, parse
 from eol_ros.core.sound.rupture import Ruptures
@@ -96,7 +96,6 @@ class Voicing:
     def __init__(self, settings: SoundSettings):
         self.settings = settings
         self._ruptures = Ruptures(settings.rupture_gap_s)
-        self._pulse: Bank | None = None
         self._ring = Ring(parse(settings.speakers)) if settings.speakers else None
 
     @property
@@ -126,18 +125,19 @@ class Voicing:
             level_db -= s.onset_duck_db * np.maximum(0, 1 - since_s / s.onset_duck_s)
         t['gain'] = np.minimum(t['gain'] * 10 ** (level_db / 20), MAX_GAIN)
         first = s.channels * bus_of(area) if s.corner_hz or s.room_s else None
-        rows = voice_rows(t, bank, self.loudspeakers, first, self._ring)
+        rows, number = numbered_rows(t, bank, self.loudspeakers, first, self._ring)
         refused = len(triggers) - len(rows)
-        return rows if sub is None else np.concatenate([rows, sub]), refused
+        if sub is not None:  # each behind its grain, as where they come one by one
+            order = np.argsort(np.concatenate([number, np.flatnonzero(grew)]), kind='stable')
+            rows = np.concatenate([rows, sub])[order]
+        return rows, refused
 
     def _sub(self, triggers: np.ndarray, area: np.ndarray) -> np.ndarray:
         """Return the voices of the sub voice, for grains that let a rupture grow to `area`."""
         s = self.settings
-        if self._pulse is None:
-            self._pulse = pulse_bank(s.sample_rate)
         t = pulses(triggers, area, s.sub_low_hz, s.sub_high_hz)
         t['gain'] *= 10 ** (s.sub_db / 20)
-        rows = voice_rows(t, self._pulse, self.loudspeakers, ring=self._ring)
+        rows = voice_rows(t, pulse_bank(s.sample_rate), self.loudspeakers, ring=self._ring)
         if s.sub_output:
             rows['channel_a'] = rows['channel_b'] = s.channels - 1
             rows['gain_a'], rows['gain_b'] = t['gain'], 0.0

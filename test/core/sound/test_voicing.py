@@ -130,14 +130,17 @@ def test_the_beginning_leaves_room():
 
 
 def test_one_by_one_and_all_at_once_are_the_same():
-    settings = dataclasses.replace(OFF, rate_scaling=1.0, corner_hz=6000.0, dynamics_db=15.0)
+    settings = dataclasses.replace(
+        OFF, rate_scaling=1.0, corner_hz=6000.0, dynamics_db=15.0, sub_db=-6.0
+    )
     sound, t = bank(), spreading(25)
     t['block'][::6] = -1  # of nobody: part of no rupture
     whole, _ = Voicing(settings).rows(t, sound)
     live = Voicing(settings)
     rows = np.concatenate([live.rows(t[k : k + 1], sound)[0] for k in range(25)])
     assert rows.dtype == VOICE and rows.tobytes() == whole.tobytes()
-    assert (whole['rate'][::6] == 1).all()
+    grains = whole[whole['source'] == sound.address[0]]
+    assert len(whole) == 25 + 20 and (grains['rate'][::6] == 1).all()
 
 
 def test_what_cannot_be_played_is_counted_and_part_of_no_rupture():
