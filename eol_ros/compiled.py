@@ -36,6 +36,7 @@ PARTS = {
 AT_FIRST = ('tracker', 'twin', 'sound', 'ice')  # what a scene may need
 _COMMON = 'core'
 _FILES = {'devices/audio': 'callback.py'}  # where only one file of a package is compiled
+_CALLS = {'devices/audio': ('core/sound',)}  # whose machine code stands in that of the package too
 _NO_MATTER = ('NUMBA_CACHE_DIR', 'NUMBA_NUM_THREADS')  # of the settings of numba
 _DO = 'set NUMBA_CACHE_DIR to a folder that can be written, where compiled loops are kept'
 _MACHINE = ('model name', 'flags', 'Features', 'CPU implementer', 'CPU part')
@@ -175,10 +176,11 @@ def _is_warm(part: str) -> bool:
 
 
 def _digest(name: str) -> str:
-    """Return what the sources of a package, and those that all use, contain."""
+    """Return what the sources of a package, those that it calls and those that all use, contain."""
     digest = hashlib.blake2b(digest_size=12)
     own = (ROOT / name).rglob(_FILES.get(name, '*.py'))
-    for path in (*sorted((ROOT / _COMMON).glob('*.py')), *sorted(own)):
+    called = (path for other in _CALLS.get(name, ()) for path in (ROOT / other).rglob('*.py'))
+    for path in (*sorted((ROOT / _COMMON).glob('*.py')), *sorted(called), *sorted(own)):
         where = path.relative_to(ROOT).as_posix()
         digest.update(where.encode() + b'\0' + path.read_bytes())
     return digest.hexdigest()

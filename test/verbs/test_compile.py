@@ -2,6 +2,8 @@
 """eol compile: two at once share one cache."""
 
 import fcntl
+import re
+import shutil
 
 from eol_ros import cli, compiled
 from eol_ros.verbs import compile as verb
@@ -42,3 +44,35 @@ def test_who_comes_second_waits_and_compiles_nothing_again(tmp_path, monkeypatch
     assert made[3:] == [['sound', 'ice'], 'alone']
     assert cli.main(['compile', '--parts', 'trumpet']) == 2
     assert 'trumpet: not one of' in capsys.readouterr().err
+
+
+def test_a_change_in_what_is_called_makes_the_caller_cold(tmp_path, monkeypatch):
+    """Machine code of one package stands in that of those that call it."""
+    names = {name for folders in compiled.PARTS.values() for name in folders}
+    called = set()
+    for name in names:
+        for path in (compiled.ROOT / name).rglob(compiled._FILES.get(name, '*.py')):
+            text = path.read_text()
+            for module in re.findall(r'^from eol_ros\.([\w.]+) import', text, re.M):
+                place = module.replace('.', '/')
+                others = {o for o in names - {name} if place == o or place.startswith(f'{o}/')}
+                if 'njit' in text or 'kernel' in text or 'cfunc' in text:
+                    called |= {(name, other) for other in others}
+    assert ('devices/audio', 'core/sound') in called
+    missing = {pair for pair in called if pair[1] not in compiled._CALLS.get(pair[0], ())}
+    assert missing == set()
+
+    shutil.copytree(compiled.ROOT / 'core', tmp_path / 'core')
+    shutil.copytree(compiled.ROOT / 'devices', tmp_path / 'devices')
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'cache'))
+    monkeypatch.setattr(compiled, 'ROOT', tmp_path)
+    compiled.stamp('sound')
+    assert compiled.cold(['sound']) == []
+    kept = compiled.cache_folder('devices/audio')
+    kept.mkdir(parents=True)
+    (kept / 'callback.turn.nbi').touch()
+    with (tmp_path / 'core' / 'sound' / 'mixer.py').open('a') as file:
+        file.write('\n')
+    assert compiled.cold(['sound']) == ['sound']
+    compiled.forget()
+    assert not list(kept.iterdir())
