@@ -17,6 +17,7 @@ SILENT_S = 5.0  # no heartbeat for this long, though it could have run: hung
 STARVED_S = 60.0  # nor for this long, whatever it waited for
 START_S = 180.0  # the first heartbeat may take this long: without a cache a node compiles itself
 START_STARVED_S = 600.0
+UNFED_S = 15.0  # for so long a node may get nothing of what another node gives
 QUIET_S = 1.5  # a heartbeat is late: from here on it is looked what the process does
 LOOK_S = 0.5  # how often
 PAUSE_S = 0.5  # bringup looks ten times a second: of a longer gap it was away for the rest itself
@@ -125,6 +126,30 @@ class Silence:
             f'{self.processor_s:.1f} s for a processor, {self.disk_s:.1f} s for a disk; its '
             f'threads are {"".join(t.state for t in threads) or "not known"}'
         )
+
+
+@dataclass
+class Unfed:
+    """A node that lives and gets nothing, though the one before it gives: DDS has lost the two.
+
+    It was seen once in some seventy kills on a busy machine, for minutes; a new process is found.
+    """
+
+    since_s: float | None = None
+    looked_s: float = 0.0
+
+    def look(self, now_s: float, gets: float, given: float) -> bool:
+        """Tell whether it has lasted too long; rates in 1/s, looked at several times a second."""
+        away, self.looked_s = now_s - self.looked_s > PAUSE_S, now_s
+        if gets > 0.0 or given < 1.0 or away:
+            self.since_s = None
+            return False
+        if self.since_s is None:
+            self.since_s = now_s
+        if now_s - self.since_s < UNFED_S:
+            return False
+        self.since_s = None
+        return True
 
 
 @dataclass

@@ -17,9 +17,18 @@ from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.memory import Memory, words
 from eol_ros.bringup.plan import Process
-from eol_ros.bringup.policy import FINE, HUNG, PAUSE_S, START_S, START_STARVED_S, STARVED, STARVED_S
+from eol_ros.bringup.policy import (
+    FINE,
+    HUNG,
+    PAUSE_S,
+    START_S,
+    START_STARVED_S,
+    STARVED,
+    STARVED_S,
+    Unfed,
+)  # fmt: skip
 from eol_ros.bringup.service_manager import ServiceManager
-from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE
+from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
 
 if TYPE_CHECKING:
     from eol_ros.bringup.notify import Notifier
@@ -29,6 +38,12 @@ DRAIN_S = 0.3  # from the last image to all that it causes
 DUMP_S = 0.5  # a hung process may take this long to write down its stacks
 AWAY_S = 5.0  # bringup was stopped, or blocked, for longer: that is told
 LOOK_S = 1.0  # between two looks whether all nodes must be started again
+# Whose input never pauses while the node before it is well, and who that may be: a replay pauses.
+FED_BY = {
+    name: tuple(source for source in providers(name) if source != 'replay')
+    for name, node in NODES.items()
+    if node.requires in ('camera/image_raw', 'blocks')
+}
 STOP_STEPS = ((signal.SIGINT, 4.0), (signal.SIGTERM, 1.0), (signal.SIGKILL, 1.0))
 
 
@@ -63,6 +78,7 @@ class Supervisor:
         self.all_ok_s: float | None = None  # seconds from the start to all ok
         self.real_time = any(process.real_time for process in processes)
         self._told_priority = False
+        self._unfed = {name: Unfed() for name in FED_BY}
         self._told_slow: list[Child] = []  # whom to wait for at the end
         self._told_memory = self._told_notifier = ''
         self._look_s = 0.0  # when to look next whether something has changed
@@ -255,6 +271,7 @@ class Supervisor:
                 child.start(now)
             elif self.all_ok_s is not None and not child.settled and child.well():
                 self._settle(child)
+        self._feed(now)
         if self.all_ok_s is None:
             rows = [row for child in self.children for row in child.status.values()]
             if len(rows) >= len(self.children) and all(row['level'] == 0 for row in rows):
@@ -296,6 +313,22 @@ class Supervisor:
             child.signal(signal.SIGABRT)
         elif now - child.hung_s > DUMP_S:
             child.signal(signal.SIGKILL)
+
+    def _feed(self, now: float) -> None:
+        """Start a node again that gets nothing of what another node gives all the while."""
+        rows = {name: (row, child) for child in self.children for name, row in child.status.items()}
+        for name, sources in FED_BY.items():
+            well = [s for s in sources if s in rows and rows[s][0]['level'] == 0]
+            if name not in rows or not well:
+                continue
+            (row, child), given = rows[name], max(rows[s][0].get('rate', 0.0) for s in well)
+            judged = child.alive() and child.policy.beat_s is not None and not child.starved
+            if self._unfed[name].look(now, row.get('rate', 1.0) if judged else 1.0, given):
+                self._note(
+                    f'{name} gets nothing of the {given:.0f} a second that {well[0]} gives: it is '
+                    'started again'
+                )
+                child.signal(signal.SIGKILL)
 
     def _leave(self, child: Child) -> None:
         """A starved process is reported, once, and left alone."""

@@ -12,8 +12,10 @@ from eol_ros.bringup.policy import (
     START_STARVED_S,
     STARVED,
     STARVED_S,
+    UNFED_S,
     Look,
     Policy,
+    Unfed,
     waited_s,
 )  # fmt: skip
 from eol_ros.bringup.processor import Thread
@@ -123,6 +125,30 @@ def test_three_deaths_in_a_minute_are_red():
     policy.died(90.0)
 
     assert policy.red()
+
+
+def times(end_s):
+    return [0.1 * k for k in range(round(10 * end_s))]
+
+
+def test_who_gets_nothing_of_what_is_given_is_found_after_a_while():
+    unfed = Unfed()
+    assert [t for t in times(40) if unfed.look(t, 0.0, 60.0)] == [UNFED_S, 2 * UNFED_S + 0.1]
+
+
+@pytest.mark.parametrize(
+    ('gets', 'given'), [(60.0, 60.0), (0.5, 60.0), (0.0, 0.0)], ids=['all', 'little', 'none given']
+)
+def test_who_gets_something_or_is_given_nothing_is_left_alone(gets, given):
+    unfed = Unfed()
+    assert not any(unfed.look(t, gets, given) for t in times(60))
+
+
+def test_one_look_that_finds_something_is_enough_and_who_was_away_begins_again():
+    unfed = Unfed()
+    assert not any(unfed.look(t, float(round(10 * t) % 140 == 0), 60.0) for t in times(60))
+    unfed = Unfed()
+    assert not any(unfed.look(t * 10, 0.0, 60.0) for t in times(60))
 
 
 @pytest.mark.parametrize('counted', [True, False])

@@ -25,8 +25,8 @@ from eol_ros.errors import UsageError
 BEAT = """
 import json, os, signal, sys, time
 fd = int(os.environ['EOL_HEALTH_FD'])
-def beat(name, level=0):
-    os.write(fd, (json.dumps({'node': name, 'level': level, 'text': 'fine', 'rate': 60.0,
+def beat(name, level=0, rate=60.0):
+    os.write(fd, (json.dumps({'node': name, 'level': level, 'text': 'fine', 'rate': rate,
                               'values': {}, 'pid': os.getpid()}) + chr(10)).encode())
 signal.signal(signal.SIGINT, lambda *_: (print('bye', flush=True), sys.exit(0)))
 signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
@@ -214,6 +214,36 @@ def test_a_killed_process_comes_back_alone(start):
     assert pids['after'][0] == pids['before'][0]
     assert pids['after'][1] != pids['before'][1]
     assert 'tracker has died (killed by SIGKILL); again in 1 s' in lines
+
+
+DEAF = STEADY.replace('beat(sys.argv[1])', 'beat(sys.argv[1], 0, 0.0)')
+TROUBLED = STEADY.replace('beat(sys.argv[1])', 'beat(sys.argv[1], 1)')
+
+
+def test_a_node_that_gets_nothing_of_what_is_given_is_started_again_alone(start, monkeypatch):
+    monkeypatch.setattr(policy, 'UNFED_S', 0.4)
+    supervisor, lines = start(process('twin', STEADY), process('tracker', DEAF))
+    attended(supervisor, lambda: wait_until(lambda: supervisor.children[1].policy.restarts == 1))
+    assert supervisor.children[0].policy.restarts == 0
+    told = 'tracker gets nothing of the 60 a second that twin gives: it is started again'
+    assert told in lines
+
+
+def test_nobody_is_to_blame_where_a_camera_is_not_well_or_a_replay_stands(start, monkeypatch):
+    monkeypatch.setattr(policy, 'UNFED_S', 0.2)
+    others = (process('camera', TROUBLED), process('replay', STEADY), process('tracker', DEAF))
+    supervisor, _ = start(*others)
+
+    def beats():
+        return [child.policy.beat_s for child in supervisor.children]
+
+    def work():
+        wait_until(lambda: all(beats()))
+        first = max(beats())
+        wait_until(lambda: min(beats()) > first + 1.0)
+
+    attended(supervisor, work)
+    assert [child.policy.restarts for child in supervisor.children] == [0, 0, 0]
 
 
 KEEPING = (
