@@ -48,7 +48,7 @@ def measure(folder: Path, images: int) -> dict:
     return result
 
 
-def _calibration(film: films.Film, known: bool) -> Calibration:
+def calibration(film: films.Film, known: bool) -> Calibration:
     """Return the camera's own calibration, for the plane of the lowest land."""
     raised = raise_plane(film.calibration, SKIRT_M)
     return replace(raised, cover_height_m=SKIRT_M, covers=_covers(film) if known else None)
@@ -61,12 +61,12 @@ def _covers(film: films.Film) -> CoverOutlines:
 
 def rest(film: films.Film, images: int, known: bool) -> dict:
     """Return what `images` exposures of blocks at rest give; `known`: the covers' heights are."""
-    calibration, truth = _calibration(film, known), film.shot.poses
-    first = BlobFinder(calibration=calibration).find(films.sensed(film.light, 0))
-    centres = calibration.to_pixels(truth[:, :2])
+    camera, truth = calibration(film, known), film.shot.poses
+    first = BlobFinder(calibration=camera).find(films.sensed(film.light, 0))
+    centres = camera.to_pixels(truth[:, :2])
     found = np.column_stack([first['u'], first['v']])
     near = np.hypot(*(centres[:, None] - found[None]).transpose(2, 0, 1)) < 10 if len(found) else ()
-    tracker = Tracker(TrackerSettings(), calibration)
+    tracker = Tracker(TrackerSettings(), camera)
     place, yaw = np.full((2, images, N_BLOCKS, 2), np.nan)
     sigma = np.full((images, N_BLOCKS), np.nan)
     for k in range(images + SETTLED):
@@ -133,7 +133,7 @@ def solved(group: list[films.Film], known: bool) -> dict:
     # the platform, as far as blocks come, seen by the true camera at the height of the lowest land
     axis = np.linspace(-0.5, 0.5, 11) * (PLATFORM_SIDE_M - 0.4)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    off = solution.calibration.to_table(_calibration(film, known).to_pixels(grid)) - grid
+    off = solution.calibration.to_table(calibration(film, known).to_pixels(grid)) - grid
     # the lattice gives the frame: how blocks rest together beside it is no error of the camera
     off -= off.mean(axis=0)
     across = grid @ [[0, 1], [-1, 0]]

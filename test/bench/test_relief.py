@@ -12,6 +12,7 @@ from benchmarks import vision_relief
 from benchmarks.relief import films, path_tracer, scene
 from benchmarks.relief.scene import Shot
 from eol_ros.core import terrain
+from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.errors import ConfigError, DeviceMissing
 
 
@@ -142,6 +143,19 @@ def test_the_figures_are_those_of_a_tracker_that_sees_the_films():
     moved = film.calibration.homography @ np.array([[1, 0, -0.005], [0, 1, 0], [0, 0, 1.0]])
     wrong = replace(film, calibration=replace(film.calibration, homography=moved / moved[2, 2]))
     assert vision_relief.rest(wrong, 3, True)['error_mm_rms'] > 4.0
+
+
+@pytest.mark.slow
+def test_all_covers_are_found_in_the_first_image():
+    for film in films.load():
+        calibration = vision_relief.calibration(film, True)
+        truth = calibration.to_pixels(film.shot.poses[:, :2])
+        for seed in range(2):
+            blobs = BlobFinder(calibration=calibration).find(films.sensed(film.light, seed))
+            found = np.column_stack([blobs['u'], blobs['v']])
+            away = np.hypot(*(truth[:, None] - found[None]).transpose(2, 0, 1))
+
+            assert len(found) == 25 and away.min(axis=1).max() < 1.5, film.name
 
 
 @pytest.mark.slow

@@ -206,7 +206,7 @@ def at_lights(image, known, starts, refused, camera, outlines, table, work, ends
     refused (m, 3), u, v and image number of those that were tried a moment ago: an arm stays an
     arm. Returns how many are in `kept`, of which there were `n` before. See at_predictions.
     """
-    one = np.zeros((1, 5))
+    one, other = np.zeros((1, 5)), np.zeros(edges.FIELDS)
     old = 0
     for i in range(int(known[REFUSED])):
         if known[TURN] - refused[i, 2] < RETRY_IMAGES:
@@ -231,25 +231,32 @@ def at_lights(image, known, starts, refused, camera, outlines, table, work, ends
                 ends,
                 fits[tried],
             )
-            if len(outlines) and fits[tried, VISIBLE] > 0:
-                # it lies about there: now as a cover with relief, whichever it may be
+            if len(outlines):
+                # a cover with relief may be too poor a square: now as one, whichever it may be
                 one[0, 0], one[0, 1] = fits[tried, U], fits[tried, V]
                 one[0, 2], one[0, 4] = fits[tried, THETA], -1.0
                 _tabulate(known, image.shape, camera, outlines, one, 0, table)
-                attempt(
-                    image,
-                    known,
-                    one[0, 0],
-                    one[0, 1],
-                    one[0, 2],
-                    0.0,
-                    starts[i, 3],
-                    0,
-                    table,
-                    work,
-                    ends,
-                    fits[tried],
-                )
+                fits[tried, QUALITY] = 0.0
+                for rough in (0, 2):
+                    attempt(
+                        image,
+                        known,
+                        one[0, 0],
+                        one[0, 1],
+                        one[0, 2],
+                        0.0,
+                        starts[i, 3],
+                        rough,
+                        table,
+                        work,
+                        ends,
+                        other,
+                    )
+                    good = other[QUALITY] >= NEW[2] and other[WORST] >= NEW[1]
+                    if good or other[QUALITY] > fits[tried, QUALITY]:
+                        fits[tried] = other
+                    if good:
+                        break
                 table[0] = 0.0
             tried += 1
     n = keep(fits, tried, kept, n, NEW)
