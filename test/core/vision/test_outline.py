@@ -7,13 +7,16 @@ import cv2
 import numpy as np
 import pytest
 
-from eol_ros.core.geometry import BLOCK_SIDE_M
+from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.terrain import CoverShape, cover_mesh, land_edges, landscape, tile
 from eol_ros.core.vision.calibration.calibrate import raise_plane
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import outline
+from eol_ros.core.vision.render.renderer import Renderer
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
+from eol_ros.settings import TrackerSettings
 
 CELLS = 42
 GAP_M = 0.001
@@ -164,3 +167,54 @@ def test_a_mesh_in_metres_is_named():
     mesh = cover_mesh(np.zeros((9, 9)), CoverShape()) * 1e-3
     with pytest.raises(ConfigError, match='84 mm'):
         CoverOutlines.of_meshes([mesh], 1.0)
+
+
+@pytest.mark.parametrize('mirror', [False, True])
+def test_the_twin_draws_covers_with_their_parallax(mirror):
+    heights, shape = landscape(3, cells=CELLS), CoverShape()
+    on_platform, turn, shift = tilted(-0.1, mirror)
+    covers = CoverOutlines.of_landscape(heights, shape, 1e3 * GAP_M, CELLS)
+    camera = replace(raise_plane(on_platform, PLANE_M), cover_height_m=PLANE_M)
+    poses = np.column_stack([rest_lattice(), np.linspace(-3, 3, 25)])
+    drawn = Renderer(calibration=replace(camera, covers=covers)).corners_px(poses)
+    flat = Renderer(calibration=camera).corners_px(poses)
+
+    def shared(corners, hull):
+        both, _ = cv2.intersectConvexConvex(corners.astype(np.float32), hull)
+        sizes = cv2.contourArea(corners.astype(np.float32)) + cv2.contourArea(hull)
+        return both / (sizes - both)
+
+    for block in (0, 4, 12, 20, 24):
+        mesh = cover_mesh(tile(heights, *divmod(block, 5), CELLS), shape)
+        seen = points_px(mesh, poses[block], camera, turn, shift, mirror)
+        hull = cv2.convexHull(seen.astype(np.float32))
+        # land is no straight line, so the hull is a little larger than what is drawn
+        assert shared(drawn[block], hull) > 0.96
+        assert shared(drawn[block], hull) > shared(flat[block], hull) + (
+            0.0 if block == 12 else 0.02
+        )
+
+
+@pytest.mark.slow
+def test_the_tracker_is_right_about_the_twins_covers():
+    on_platform, _, _ = tilted()
+    covers = CoverOutlines.of_landscape(landscape(3, cells=CELLS), CoverShape(), 1.0, CELLS)
+    flat = replace(raise_plane(on_platform, PLANE_M), cover_height_m=PLANE_M)
+    camera = replace(flat, covers=covers)
+    rng = np.random.default_rng(4)
+    xy = rest_lattice() + rng.normal(0, 0.003, (25, 2))
+    yaw = rng.normal(0, 0.05, 25)
+    renderer = Renderer(calibration=camera, seed=2)
+    images = [renderer.render(*xy.T, yaw, k).copy() for k in range(8)]
+    error_mm = []
+    for calibration in (camera, flat):
+        tracker = Tracker(TrackerSettings(), calibration)
+        for k, image in enumerate(images):
+            found = tracker.update(k / 60, image)
+        seen = found.seen
+        error_mm.append(1e3 * np.hypot(*(found.world - xy)[seen].T).max())
+        if calibration is camera:
+            assert seen.all()
+            assert np.abs(np.degrees(found.yaw - yaw)).max() < 0.2
+
+    assert error_mm[0] < 0.3 and error_mm[1] > 3 * error_mm[0]

@@ -104,6 +104,7 @@ class Renderer:
             n_blocks,
             options.rate_hz,
         )
+        self._land = _land_lines(self.calibration)
         self._read, self._gain = NOISE_LEVELS[options.noise]
         deviates = np.random.default_rng([self.seed, 0]).standard_normal(_DEVIATES)
         self._noise = np.clip(np.rint(deviates / _NOISE_STEP), -127, 127).astype(np.int8)
@@ -170,7 +171,7 @@ class Renderer:
             work,
             clutter.vignette,
             clutter.glints,
-            self.corners_px(placed),
+            self.corners_px(placed, owner),
             level,
             core,
             clutter.level.core_px * scale,
@@ -228,8 +229,12 @@ class Renderer:
         capsules, _ = self.arms(image_index, arms)
         return 1.0 - self.clutter.hidden_share(x, y, yaw, capsules, BLOCK_SIDE_M)
 
-    def corners_px(self, poses: np.ndarray) -> np.ndarray:
-        """Return image corners (n, 4, 2) of covers at `poses` (n, 3)."""
+    def corners_px(self, poses: np.ndarray, blocks: np.ndarray | None = None) -> np.ndarray:
+        """Return image corners (n, 4, 2) of covers at `poses` (n, 3).
+
+        Where the calibration knows their heights, each side is the line that its lower rim or its
+        land makes in the image, whichever is further out; blocks (n,) then says whose they are.
+        """
         unit = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         xy = np.stack(
@@ -239,7 +244,34 @@ class Renderer:
             ],
             axis=-1,
         )
-        return self.calibration.to_pixels(xy.reshape(-1, 2)).reshape(-1, 4, 2)
+        if self._land is None:
+            return self.calibration.to_pixels(xy.reshape(-1, 2)).reshape(-1, 4, 2)
+        lower, land = self._land
+        land = land[np.arange(len(poses)) if blocks is None else blocks]
+        ends = np.stack([xy, np.roll(xy, -1, axis=1)], axis=2)  # (n, side, end, 2)
+        low, high = self._lifted(ends, np.full(land.shape, lower)), self._lifted(ends, land)
+        along = low[:, :, 1] - low[:, :, 0]
+        outwards = np.stack([along[..., 1], -along[..., 0]], axis=-1)
+        middle = low.mean(axis=(1, 2))[:, None]
+        outwards *= np.sign(((low.mean(axis=2) - middle) * outwards).sum(-1, keepdims=True))
+        further = ((high - low).mean(axis=2) * outwards).sum(-1) > 0
+        side = np.where(further[:, :, None, None], high, low)
+        # a corner is where a side meets the one before it
+        one, other = side, np.roll(side, 1, axis=1)
+        u, v = one[:, :, 1] - one[:, :, 0], other[:, :, 1] - other[:, :, 0]
+        gap = other[:, :, 0] - one[:, :, 0]
+        t = (gap[..., 0] * v[..., 1] - gap[..., 1] * v[..., 0]) / (
+            u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+        )
+        return one[:, :, 0] + t[..., None] * u
+
+    def _lifted(self, xy: np.ndarray, height_m: np.ndarray) -> np.ndarray:
+        """Return pixels (..., 2) of places `xy` (..., 2), `height_m` (...) over the plane."""
+        camera = self.calibration
+        image = np.append(xy, np.ones((*xy.shape[:-1], 1)), axis=-1) @ camera.homography.T
+        image += height_m[..., None] * camera.upward()
+        px = image[..., :2] / image[..., 2:]
+        return camera.distort(px.reshape(-1, 2)).reshape(px.shape)
 
     def _positions(
         self, poses: np.ndarray, velocity: ArrayLike | None
@@ -260,3 +292,18 @@ class Renderer:
         step = np.arange(len(owner)) - np.repeat(np.cumsum(steps) - steps, steps)
         moment = ((step + 0.5) / steps[owner] - 0.5) * self.options.exposure_s
         return poses[owner] + velocity[owner] * moment[:, None], owner, 1.0 / steps[owner]
+
+
+def _land_lines(calibration: Calibration) -> tuple[float, np.ndarray] | None:
+    """Return heights over the plane, m: of the lower rims, and of the land (n, 4, 2).
+
+    The land along a side is drawn as the straight line nearest to it, from end to end.
+    """
+    covers = calibration.covers
+    if covers is None:
+        return None
+    heights = covers.over(calibration.cover_height_m)[:-1]
+    at = np.linspace(-1, 1, heights.shape[2] - 1)
+    mean = heights[..., 1:].mean(axis=2)
+    slope = (heights[..., 1:] @ at) / (at @ at)
+    return float(heights[0, 0, 0]), np.stack([mean - slope, mean + slope], axis=-1)
