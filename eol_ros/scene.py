@@ -540,6 +540,9 @@ def _nodes(reader: _Reader, top: _Place, elsewhere: tuple[str, ...]) -> dict[str
     if twin and tracker and not tracker.calibration and twin.mirror != tracker.mirror:
         what = f'must be as twin.mirror, which is {str(twin.mirror).lower()}: one camera'
         reader.wrong(place.keys['tracker'], 'tracker.mirror', what)
+    if twin and tracker and twin.calibration and not tracker.calibration:
+        what = f'must be as twin.calibration, which is {twin.calibration}: one camera'
+        reader.wrong(place.keys['tracker'], 'tracker.calibration', what)
     for name in nodes:
         needed = providers(name)
         if needed and not any(other in place.value or other in elsewhere for other in needed):

@@ -71,6 +71,10 @@ class TwinSettings:
     )  # fmt: skip
     mu_kinetic: float = setting(0.6, 'the same while it slides; not above mu_static', '', 0, 2)
     rotate: bool = setting(True, 'springs rotate the blocks, at whose edges they pull')
+    calibration: str = setting(
+        '', 'calibration file of the camera to simulate: place, lens, heights of the covers;'
+        ' empty: an ideal camera above flat covers', path=True,
+    )  # fmt: skip
     mirror: bool = setting(False, 'the virtual camera sees the table in a mirror')
     seed: int = setting(
         1, 'of the hands, the friction of each block, the image noise and the accelerometers', '', 0

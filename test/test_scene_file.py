@@ -129,6 +129,15 @@ def test_twin_and_tracker_agree_on_the_mirror(tmp_path):
         assert [w for *_, w, _ in mistakes(write(tmp_path, words))] == ['tracker.mirror']
 
 
+def test_a_twin_with_a_calibration_is_tracked_with_one(tmp_path):
+    write(tmp_path, '', 'c.yaml')
+    text = 'nodes: {twin: {calibration: c.yaml}, tracker: {calibration: %s}}'
+    scenes.load(write(tmp_path, text % 'c.yaml'))
+    ((*_, where, why),) = mistakes(write(tmp_path, text % '""'))
+
+    assert where == 'tracker.calibration' and 'must be as twin.calibration' in why
+
+
 @pytest.mark.parametrize('pin', ['0042', '1234', '"0042"', 'on', '1e3', '2026-11-22', '0x1F'])
 def test_text_is_taken_as_it_is_written(tmp_path, pin):
     scene = scenes.load(write(tmp_path, f'nodes: {{panel: {{pin: {pin}, names: [10, museum]}}}}'))

@@ -9,12 +9,12 @@ from eol_msgs.msg import RimCommand, Truth
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.live import Coupling
 from eol_ros.core.physics.twin.play import Play
-from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.board import block
 from eol_ros.devices.board.felt import TRACE, FeltBlocks
 from eol_ros.devices.board.twin import Felt, Lamps, Radio
 from eol_ros.devices.camera.exposure_clock import VirtualCamera
+from eol_ros.devices.files.tracker_files import twin_camera
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
@@ -33,7 +33,7 @@ class TwinNode(EolNode):
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
         s, exposure_s = self.settings, self.settings.exposure_us * 1e-6
-        calibration = Calibration.ideal(s.width, s.height, mirror=s.mirror)
+        calibration = twin_camera(s)
         options = RenderOptions(s.noise, s.clutter, exposure_s=exposure_s, rate_hz=s.fps)
         self.renderer = Renderer(options, calibration, s.seed)
         self.blocks = FeltBlocks(s) if s.accelerometer and block.compiled() else None

@@ -140,6 +140,10 @@ def _twin(settings: Any) -> Iterator[Check]:
     if kinetic > static:
         what = f'is {kinetic:g}, mu_static is {static:g}: kinetic friction cannot exceed static'
         yield 'twin.mu_kinetic', functools.partial(_refuse, what)
+    if settings.calibration:
+        from eol_ros.devices.files.tracker_files import twin_camera
+
+        yield 'twin.calibration', lambda: twin_camera(settings)
 
 
 def _camera(settings: Any) -> Iterator[Check]:

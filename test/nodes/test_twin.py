@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The twin over real DDS: images on time, truth that fits them, a rim that obeys."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from eol_msgs.msg import RimCommand
@@ -8,10 +10,14 @@ from rclpy.executors import SingleThreadedExecutor
 from support.waiting import wait_until
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.terrain import CoverShape, landscape
+from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.devices.board import block
-from eol_ros.devices.files.tracker_files import calibration_of
+from eol_ros.devices.files import calibration_file
+from eol_ros.devices.files.tracker_files import calibration_of, twin_camera
+from eol_ros.errors import ConfigError
 from eol_ros.nodes.twin import TwinNode
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
@@ -106,6 +112,52 @@ def test_a_table_in_a_mirror_is_tracked_as_it_stands(graph):
     assert seen[0] == 1.0 and min(seen) > 0.5
     moved = np.column_stack([truth.x, truth.y]) - rest_lattice()
     assert moved[:, 0].max() > 0.01
+
+
+@pytest.fixture
+def printed(tmp_path):
+    """A calibration file of a camera above covers with relief, for images of 640 x 400."""
+    land = CoverOutlines.of_landscape(landscape(1, cells=16), CoverShape(), 1.0, 16)
+    camera = replace(Calibration.ideal(640, 400), cover_height_m=0.013, covers=land)
+    calibration_file.save(tmp_path / 'c.yaml', camera)
+    return str(tmp_path / 'c.yaml')
+
+
+@pytest.mark.slow
+def test_a_twin_above_printed_covers_sees_their_relief(ros, printed):
+    probe = Probe()
+    settings = TwinSettings(hands='nobody', fps=30.0, width=640, height=400, calibration=printed)
+    twin = TwinNode(settings)
+    executor = SingleThreadedExecutor()
+    executor.add_node(probe)
+    executor.add_node(twin)
+    try:
+        wait_until(
+            lambda: min(map(len, (probe.truths, probe.images))) >= 8,
+            20.0,
+            turn=lambda: executor.spin_once(timeout_sec=0.05),
+        )
+    finally:
+        twin.close()
+        executor.shutdown()
+        twin.destroy_node()
+        probe.destroy_node()
+    camera = calibration_file.load(printed)
+    known = Tracker(TrackerSettings(), camera)
+    flat = Tracker(TrackerSettings(), replace(camera, covers=None))
+    for stamp in sorted(set(probe.truths) & set(probe.images))[:8]:
+        truth = np.column_stack([probe.truths[stamp].x, probe.truths[stamp].y])
+        off = [
+            np.abs((tracked.world - truth)[tracked.seen]).max()
+            for tracked in (t.update(stamp * 1e-9, probe.images[stamp]) for t in (known, flat))
+        ]
+
+    assert off[0] < 4e-4 and off[1] > 3 * off[0]
+
+
+def test_a_calibration_of_other_images_is_refused(printed):
+    with pytest.raises(ConfigError, match=r'is for images of 640x400, the twin draws 1280x800'):
+        twin_camera(TwinSettings(calibration=printed))
 
 
 @pytest.mark.slow
