@@ -29,12 +29,12 @@ RETRACTED = 3
 LAG_S = 0.05  # three images at 60 a second: by the time of a knock's report these have come
 VERDICT_S = 0.1  # from a knock to the image that confirms or retracts it: twice what a START takes
 REST_S, REST_IMAGES = 0.25, 4  # by fewer, in that time, a block is not known to rest anywhere
-VERDICT_IMAGES = 4  # by fewer, since the knock, nothing is learnt: images were lost
+LOST = 1.5  # periods without an image: where one is lost about a knock nothing is learnt of it
 KEPT_S = 0.5  # images and verdicts; knocks that are later than this are another day's
 WEAKEST_MPS2 = 0.16  # the firmware's threshold, 16 mg, where the first octave begins
 OCTAVES = 6
 WEAK = 2  # octaves in which rims that are hit and floors that are walked on are felt
-PRIOR, PRIOR_WEAK = (9.95, 10.0), (0.5, 1.0)  # confirmed, of all: what is believed before any
+PRIOR, PRIOR_WEAK = (199.8, 200.0), (0.5, 1.0)  # confirmed, of all: what is believed before any
 MEMORY = 1000.0  # verdicts after which one counts for 1/e
 
 
@@ -131,10 +131,16 @@ class Felt:
         if knock not in self._open:
             return []
         told = self._open.pop(knock)
-        after = [image for image in self._images if image.stamp_s > knock.stamp_s]
-        if sum(image.seen[knock.block] for image in after) >= VERDICT_IMAGES:
+        if self._seen_throughout(knock):
             self._late.append(_Verdict(stamp_s, _octave(knock), slip > 0))
         return [replace(told, kind=CONFIRMED if slip else RETRACTED, slip=slip)] if told else []
+
+    def _seen_throughout(self, knock: Knock) -> bool:
+        """Whether no image about `knock` is missing, nor its block in any."""
+        about = [i for i in self._images if i.stamp_s > knock.stamp_s - LAG_S]
+        gaps = np.diff([i.stamp_s for i in self._images])
+        whole = bool(np.diff([i.stamp_s for i in about]).max(initial=0.0) < LOST * np.median(gaps))
+        return whole and all(i.seen[knock.block] for i in about)
 
     def _decide(self, knock: Knock) -> list[FeltSlip]:
         until_s = knock.stamp_s - LAG_S
