@@ -54,6 +54,8 @@ def run(args) -> int:
         from benchmarks.relief.films import FOLDER
 
         folder = FOLDER if args.films == 'relief' else Path(args.films)
+        if args.plots:
+            print(f'drawn {vision_relief.draw(folder, Path(args.plots))}', file=sys.stderr)
         tell(vision_relief.measure(folder, args.images), args.json, vision_relief.table)
         return 0
     levels = [name for name in args.levels.split(',') if name]

@@ -8,16 +8,18 @@ what its place then does is the tracker's own.
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from benchmarks.relief import films, scene
 from eol_ros.core import terrain
-from eol_ros.core.geometry import N_BLOCKS, PLATFORM_SIDE_M
+from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, PLATFORM_SIDE_M
 from eol_ros.core.vision.calibration.calibrate import from_images, raise_plane
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect import outline
 from eol_ros.core.vision.detect.blobs import BlobFinder
-from eol_ros.core.vision.tracker import Tracker
+from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 from eol_ros.verbs.progress import track
@@ -181,3 +183,53 @@ def _lines(result: dict) -> list[str]:
         off = '' if rms is None else f'{rms:.2f} mm RMS, worst {f["error_mm_worst"]:.2f}; '
         lines.append(f'  calibration, {name}, {f["images"]} images: {off}{said}')
     return lines
+
+
+def draw(folder: Path, to: Path, name: str = 'steep', zoom: int = 3) -> Path:
+    """Draw a corner of an image with what was fitted: flat squares blue, outlines orange."""
+    film = next((f for f in films.load(folder) if f.name == name), films.load(folder)[0])
+    image = films.sensed(film.light, 0)
+    u, v = np.argwhere(film.light > 60).min(axis=0)[::-1] - 12
+    side = slice(v, v + 230), slice(u, u + 330)
+    shown = cv2.resize(image[side], None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
+    shown = cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR)
+    for known, colour in ((False, (255, 140, 60)), (True, (40, 150, 255))):
+        camera = calibration(film, known)
+        tracker = Tracker(TrackerSettings(), camera)
+        for k in range(SETTLED):
+            tracked = tracker.update(k / RATE_HZ, films.sensed(film.light, k))
+        for line in _outlines(camera, tracked):
+            at = (line - [u, v] + 0.5) * zoom - 0.5
+            cv2.polylines(
+                shown, [np.rint(16 * at).astype(np.int32)], True, colour, 1, cv2.LINE_AA, 4
+            )
+    path = to / 'vision_relief.png'
+    cv2.imwrite(str(path), shown, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    return path
+
+
+def _outlines(camera: Calibration, tracked: Tracked) -> list[np.ndarray]:
+    """Return the outline (n, 2) px of each block as the fit has it."""
+    centres = camera.to_pixels(tracked.world)
+    half = camera.side_px(centres, BLOCK_SIDE_M) / 2
+    angle = camera.yaw_to_image(centres, tracked.yaw)
+    shear = camera.shear(centres) @ [1, 1j]
+    land = None if camera.covers is None else camera.covers.over(camera.cover_height_m)
+    found = []
+    for i in range(N_BLOCKS):
+        table = np.zeros(outline.SIZE, np.float32)
+        if land is not None:
+            outline.tabulate(camera.packed(), land[i], *centres[i], angle[i], half[i], 0, table)
+        points = []
+        for side in range(4):
+            turn = angle[i] + side * np.pi / 2
+            normal = np.array([np.cos(turn), -np.sin(turn)])
+            along = np.array([-np.sin(turn), -np.cos(turn)])
+            e = shear[i] * np.exp(-2j * turn)
+            for t in np.linspace(-1, 1, 41) * half[i]:
+                off = float(outline.outside.py_func(table, side, t)) if table[0] else 0.0
+                if off != outline.NONE:
+                    d = half[i] * (1 + e.real) + e.imag * t + off
+                    points.append(centres[i] + normal * d + along * t)
+        found.append(np.array(points))
+    return found

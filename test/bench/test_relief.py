@@ -146,6 +146,16 @@ def test_the_figures_are_those_of_a_tracker_that_sees_the_films():
 
 
 @pytest.mark.slow
+def test_the_picture_shows_outlines_that_stand_outside_of_squares(tmp_path):
+    shown = cv2.imread(str(vision_relief.draw(films.FOLDER, tmp_path))).astype(int)
+    orange = (shown[..., 2] - shown[..., 0] > 60).sum()
+    blue = (shown[..., 0] - shown[..., 2] > 60).sum()
+
+    assert shown.shape == (690, 990, 3)
+    assert orange > 2000 and blue > 500  # of a blue line only what no orange one covers is left
+
+
+@pytest.mark.slow
 def test_all_covers_are_found_in_the_first_image():
     for film in films.load():
         calibration = vision_relief.calibration(film, True)
