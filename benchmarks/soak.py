@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""eol bench soak: days of exhibition as fast as the machine allows, and hours of faults.
+"""eol bench soak: days of exhibition at a high rate, and hours of faults.
 
-exhibition: a run of the twin (blocks, knocks, requests; no images) is played round and round, each
-message as soon as the nodes have taken the one before, through motion, light, grains, sound, walls,
-panel and recorder, until so many hours of recorded time have passed. The recorder keeps to a
-budget of disk meanwhile.
+exhibition: a run of the twin (blocks, knocks, requests; no images) is played round and round,
+several times as fast as it was, through motion, light, grains, sound, walls, panel and recorder,
+until so many hours of recorded time have passed. The recorder keeps to a budget of disk meanwhile.
 
 faults: the whole rehearsal in real time, with a board on a pty, JACK's dummy driver as sound card,
 images in the bag, a browser before the panel. One process after another is killed (SIGKILL) or
@@ -28,9 +27,9 @@ from eol_ros.analysis import open_bag
 from eol_ros.errors import EolError
 from eol_ros.verbs.progress import track
 
-HELP = 'Days of exhibition at full speed, hours of faults in real time; what was lost, what grows.'
+HELP = 'Days of exhibition at a high rate, hours of faults in real time: what was lost, what grows.'
 EXAMPLES = [
-    'eol bench soak --json > soak.json          # 72 hours at full speed, 2 hours of faults',
+    'eol bench soak --json > soak.json          # 72 hours at eight times, 2 hours of faults',
     'eol bench soak --parts faults --faults-hours 0.2',
     'eol bench soak --parts exhibition --hours 3',
 ]
@@ -42,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('--parts', default=','.join(PARTS), help='which, parted by commas')
     parser.add_argument('--hours', type=float, default=72.0, help='of exhibition, recorded time')
+    parser.add_argument('--rate', type=float, default=8.0, help='of exhibition, times real time')
     parser.add_argument('--faults-hours', type=float, default=2.0, help='of faults, real time')
     parser.add_argument(
         '--run-minutes', type=float, default=10.0, help='how long a run is recorded to be played'
@@ -63,7 +63,9 @@ def run(args: argparse.Namespace) -> int:
         folder = args.keep or Path(place)
         folder.mkdir(parents=True, exist_ok=True)
         if 'exhibition' in parts:
-            found['exhibition'] = exhibition(folder, args.hours, args.run_minutes, args.bag)
+            found['exhibition'] = exhibition(
+                folder, args.hours, args.rate, args.run_minutes, args.bag
+            )
         if 'faults' in parts:
             found['faults'] = soak_faults.measure(folder, args.faults_hours, args.seed)
     tell(found, args.json, table)
@@ -71,7 +73,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def exhibition(
-    folder: Path, hours: float, run_minutes: float = 10.0, bag: Path | None = None
+    folder: Path,
+    hours: float,
+    rate: float = 8.0,
+    run_minutes: float = 10.0,
+    bag: Path | None = None,
 ) -> dict[str, Any]:
     """Play a run in a loop until `hours` of recorded time have passed; return the figures."""
     bag = bag or recorded(folder, run_minutes)
@@ -79,7 +85,7 @@ def exhibition(
     folder = folder / 'exhibition'
     folder.mkdir()
     changed = {
-        'replay': {'fast': True, 'loop': True},
+        'replay': {'rate': rate, 'loop': True},
         'leds': {'port': 'pty'},
         'recorder': {'images': 'none', 'keep_gb': 0.5, 'split_minutes': 10.0, 'min_free_gb': 0.5},
     }

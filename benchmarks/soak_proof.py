@@ -58,13 +58,13 @@ def prove(folder: Path) -> dict[str, Any]:
             found['unreadable'] += 1
             found['faults'].append(f'{path.name}: {error}')
             continue
-        if bag.cut_short:
-            found['cut'] += 1
+        whole = not bag.cut_short and 'recovered' not in bag.gaps  # else its counts are lost too
+        found['cut'] += not whole
         others = [line for line in wrong if line not in bag.cut_short]
         found['faults'] += [f'{path.name}: {line}' for line in others]
         missing, counted = _missing(path, bag)
         found['missing'] += missing
-        if missing > counted and not bag.cut_short:  # else its last counts are lost with it
+        if missing > counted and whole:
             found['uncounted'] += missing - counted
             found['faults'].append(f'{path.name}: {missing} triggers missing, {counted} counted')
     return found

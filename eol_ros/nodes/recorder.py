@@ -8,7 +8,6 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 from eol_msgs.msg import Slip
-from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.serialization import deserialize_message
 
 from eol_ros.devices.bag.mcap_file import BagTopic
@@ -16,6 +15,7 @@ from eol_ros.devices.bag.recording import Recording
 from eol_ros.devices.bag.selection import Item, Slipping
 from eol_ros.devices.bag.writer import CONTINUES, REPLAY_OF
 from eol_ros.ros.definitions import describe
+from eol_ros.ros.message_loss import MessageLoss
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.run_record import about
@@ -45,10 +45,12 @@ class RecorderNode(EolNode):
         self.latched: dict[str, Item] = {}  # what holds from one round of a replay to the next
         self._log_ns = 0
         self._early: deque[Item] = deque(maxlen=EARLY)  # came before there was a time to give it
+        self.losses: dict[str, MessageLoss] = {}
         for topic, bag_topic in self.described.items():
             depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None
             callback = self._callback(topic, bag_topic)
-            self._count_lost(self.subscribe(topic, callback, raw=True, depth=depth), bag_topic.name)
+            subscription = self.subscribe(topic, callback, raw=True, depth=depth)
+            self.losses[bag_topic.name] = MessageLoss(self, subscription, bag_topic.name)
         self._last = self._dropped = 0
         self._dropped_s = 0.0
         self.create_timer(1.0, self.tell)
@@ -85,6 +87,7 @@ class RecorderNode(EolNode):
         self._begin_again(ended.folder.name if ended.folder else '')
 
     def _begin_again(self, continues: str = '') -> None:
+        self._count_losses()
         self.recording.close()
         self.recording, self._last, self._dropped, self._log_ns = self.begin(continues), 0, 0, 0
         for item in self.latched.values():
@@ -98,22 +101,6 @@ class RecorderNode(EolNode):
         if topic in (IMAGES, INFO):
             return images in ('all', 'around_slips')
         return topic != PREVIEW or images == 'preview'
-
-    def _count_lost(self, subscription, name: str) -> None:
-        """Count what DDS says was lost on the way; not every middleware can tell."""
-
-        def lost(event) -> None:
-            self.recording.transport_lost[name] += event.total_count_change
-
-        events = SubscriptionEventCallbacks(message_lost=lost, use_default_callbacks=False)
-        group, handle = subscription.callback_group, subscription.handle
-        try:
-            handlers = events.create_event_handlers(group, handle, name)
-        except UnsupportedEventTypeError:
-            return
-        for handler in handlers:
-            subscription.event_handlers.append(handler)
-            self.add_waitable(handler)
 
     def _callback(self, topic, bag_topic):
         name, latched, sequence = bag_topic.name, TOPICS[topic].qos == 'latched', None
@@ -153,8 +140,13 @@ class RecorderNode(EolNode):
         self.recording.take(item._replace(log_ns=now_ns, publish_ns=now_ns))
         return now_ns
 
+    def _count_losses(self) -> None:
+        for name, loss in self.losses.items():
+            self.recording.transport_lost[name] += loss.take()
+
     def tell(self) -> None:
         recording, health = self.recording, self.health
+        self._count_losses()
         while recording.repaired:
             self.get_logger().info(recording.repaired.pop(0))
         count = recording.message_count
@@ -179,6 +171,7 @@ class RecorderNode(EolNode):
             health.ok(f'recording into {recording.folder}')
 
     def close(self) -> None:
+        self._count_losses()
         self.recording.close()
 
 
