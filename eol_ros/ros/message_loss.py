@@ -47,6 +47,7 @@ class MessageLoss:
         self._handler, self._take_data = handler, handler.take_data
         # What the executor calls for each event.
         handler.take_data = self._note  # type: ignore[method-assign]
+        # Annotated as one handler, and a list.
         subscription.event_handlers.append(handler)  # type: ignore[attr-defined]
         node.add_waitable(handler)
 
