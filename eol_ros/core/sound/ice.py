@@ -2,29 +2,42 @@
 """A recording of breaking ice that nobody recorded: procedural, seeded, free of rights.
 
 Rumble of the floe, and events that come as a Poisson process with sizes of a power law: stick-slip
-groans (an impulse train of gliding pitch through plate modes), cracks (showers of micro-impacts
-that ring the plate), debris, calving booms, and low moans for the corner of the space that is
-dark and periodic. Sizes follow a Pareto law because the work's own cascades do.
+groans, cracks (showers of micro-impacts that ring the plate), debris, booms, and moans (a mode of
+the floe that the wind of its own motion bows). Sizes follow a Pareto law because the work's own
+cascades do. Between them, evenly through the recording, long ones with a beginning, a middle and an
+end: cracks that run for seconds, and a calving.
+
+Nothing here is a train of equal intervals, for its harmonics would stand in the spectrum as a comb:
+ice sticks and slips irregularly. Intervals are gamma-distributed, modes inharmonic as those of a
+plate, and what has a pitch is one mode at a time that glides.
 """
 
 import numpy as np
-from scipy.signal import butter, lfilter, sosfilt
+from scipy.signal import butter, fftconvolve, lfilter, sosfilt
 
-EVENTS_PER_S = 1.25
+EVENTS_PER_S = 1.1
+CALVING_EVERY_S = 40.0
+CRACK_EVERY_S = 15.0
 
 
-def ice(seconds: float = 40.0, rate: int = 48000, seed: int = 1) -> np.ndarray:
+def ice(seconds: float = 120.0, rate: int = 48000, seed: int = 1) -> np.ndarray:
     """Return (n,) float32 of peak below 0.8; the same arguments give the same sound."""
     random = np.random.default_rng(seed)
     n = round(seconds * rate)
     sound = _rumble(random, n, rate)
-    count = random.poisson(EVENTS_PER_S * seconds)
-    for start in np.sort(random.integers(0, n, count)):
+    makers = [
+        (start, (_groan, _crack, _debris, _boom, _moan)[random.choice(len(KINDS), p=KINDS)])
+        for start in np.sort(random.integers(0, n, random.poisson(EVENTS_PER_S * seconds)))
+    ]
+    for make, every_s in ((_calving, CALVING_EVERY_S), (_long_crack, CRACK_EVERY_S)):
+        count = int(seconds / every_s)
+        places = (np.arange(count) + random.uniform(0.15, 0.45, count)) * every_s * rate
+        makers += [(int(start), make) for start in places]
+    for start, make in makers:
         size = min(random.pareto(1.5) + 1, 20.0)
-        make = (_groan, _crack, _debris, _boom, _moan)[random.choice(len(KINDS), p=KINDS)]
         event = make(random, rate, size)[: n - start]
         sound[start : start + len(event)] += event
-    lean = butter(2, 20 / (rate / 2), 'high', output='sos')  # impulse trains are all of one sign
+    lean = butter(2, 20 / (rate / 2), 'high', output='sos')  # impulses may all be of one sign
     sound = sosfilt(lean, sound)
     sound = 0.8 * np.tanh(1.2 * sound / np.percentile(np.abs(sound), 99.9))
     for edge, length in ((slice(None), 0.01), (slice(None, None, -1), 0.1)):
@@ -33,43 +46,63 @@ def ice(seconds: float = 40.0, rate: int = 48000, seed: int = 1) -> np.ndarray:
     return sound.astype(np.float32)
 
 
-KINDS = (0.27, 0.39, 0.14, 0.08, 0.12)  # groan, crack, debris, boom, moan
+KINDS = (0.24, 0.36, 0.14, 0.08, 0.18)  # groan, crack, debris, boom, moan
 
 
 def _rumble(random: np.random.Generator, n: int, rate: int) -> np.ndarray:
     noise = lfilter([1.0], [1.0, -0.9995], random.standard_normal(n))
     noise = _unit(sosfilt(_band(18, 110, rate), noise))
-    points = max(4, int(0.4 * n / rate) + 2)  # a slow swell of about 0.2 Hz
-    swell = np.interp(
+    wind = _unit(sosfilt(_band(60, 900, rate), random.standard_normal(n)))
+    return (0.016 * noise + 0.006 * wind) * np.exp(0.7 * _slow(random, n, rate, 0.4))
+
+
+def _slow(random: np.random.Generator, n: int, rate: int, hz: float) -> np.ndarray:
+    """Return noise (n,) that changes about `hz` times a second."""
+    points = max(4, int(hz * n / rate) + 2)
+    return np.interp(
         np.linspace(0, points - 1, n), np.arange(points), random.standard_normal(points)
     )
-    wind = _unit(sosfilt(_band(60, 900, rate), random.standard_normal(n)))
-    return (0.016 * noise + 0.006 * wind) * np.exp(0.7 * swell)
 
 
 def _groan(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
     n = round(random.uniform(0.4, 2.2) * rate)
-    train = _train(random, n, rate, random.uniform(45, 260), random.uniform(0.5, 1.9), 0.01, 0.25)
-    modes = random.uniform(150, 1400) * np.arange(1, 11) ** 1.3
-    sound = _ring(random, train, rate, modes, 0.06 / np.arange(1, 11) ** 0.6)
+    slips = _slips(random, n, rate, random.uniform(35, 220), random.uniform(0.4, 2.0), 0.45)
+    modes = random.uniform(120, 900) * np.sort(np.exp(random.uniform(0, 3.2, 9)))  # no ladder
+    sound = _ring(random, slips, rate, modes, 0.06 / np.arange(1, 10) ** 0.6)
     return 0.03 * size**0.5 * _unit(sound * np.sqrt(np.hanning(n)))
 
 
 def _moan(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
-    n = round(random.uniform(0.8, 2.5) * rate)
-    train = _train(random, n, rate, random.uniform(55, 190), random.uniform(0.7, 1.4), 0.002, 0.05)
-    modes = random.uniform(90, 320) * np.arange(1, 5) ** 1.1
-    sound = _ring(random, train, rate, modes, 0.05 / np.arange(1, 5))
-    sound = sosfilt(butter(2, 700 / (rate / 2), output='sos'), sound)
+    n = round(random.uniform(1.0, 3.5) * rate)
+    sound = _bowed(random, n, rate, random.uniform(55, 420), random.uniform(0.75, 1.35))
+    if random.random() < 0.5:
+        sound = sound + 0.4 * _bowed(random, n, rate, random.uniform(150, 700), 1.0)
     return 0.045 * size**0.3 * _unit(sound * np.sqrt(np.hanning(n)))
+
+
+def _bowed(random: np.random.Generator, n: int, rate: int, hz: float, glide: float) -> np.ndarray:
+    """One mode that noise keeps going: a tone of wandering level and pitch, without harmonics."""
+    along = np.arange(n) / n
+    pitch = hz * glide**along * np.exp(0.02 * _slow(random, n, rate, 6.0))
+    phase = 2 * np.pi * np.cumsum(pitch) / rate
+    breadth = butter(1, min(0.03 * hz + 2, 20) / (rate / 2))
+    level = [lfilter(*breadth, random.standard_normal(n)) for _ in range(2)]
+    return level[0] * np.cos(phase) - level[1] * np.sin(phase)
 
 
 def _crack(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
     spread = 0.06 * size**0.5
     count = random.poisson(25 * size) + 3
     delays = np.minimum(random.exponential(spread, count), 8 * spread)
+    return 0.22 * size**0.4 * _shattered(random, rate, delays, random.uniform(0.15, 0.9))
+
+
+def _shattered(
+    random: np.random.Generator, rate: int, delays: np.ndarray, longest: float
+) -> np.ndarray:
+    """Micro-impacts at `delays`, s, and the plate that they ring for at most `longest`, s."""
+    count = len(delays)
     levels = (random.pareto(1.6, count) + 1) * random.choice([-1.0, 1.0], count)
-    longest = random.uniform(0.15, 0.9)
     n = round((delays.max() + longest) * rate)
     impacts = np.zeros(n)
     np.add.at(impacts, (delays * rate).astype(int), levels)
@@ -77,22 +110,25 @@ def _crack(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
     burst = random.standard_normal(len(grit)) * np.exp(-grit / (0.0025 * rate))
     low = np.exp(random.uniform(np.log(500), np.log(9000 / 1.6)))
     burst = sosfilt(_band(low, 1.6 * low, rate), burst)
-    size_fft = 1 << (n + len(burst) - 1).bit_length()
-    hits = np.fft.irfft(np.fft.rfft(impacts, size_fft) * np.fft.rfft(burst, size_fft), size_fft)[:n]
+    hits = fftconvolve(impacts, burst)[:n]
     modes = random.uniform(180, 3500) * np.arange(1, 9) ** 1.7
     plate = _ring(random, impacts, rate, modes, longest / np.arange(1, 9) ** 0.5)
-    return 0.22 * size**0.4 * _peak(_peak(hits) + 0.6 * _peak(plate))
+    return _peak(_peak(hits) + 0.6 * _peak(plate))
 
 
 def _debris(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
     n = round(random.uniform(0.5, 2.5) * rate)
+    return 0.02 * size**0.5 * _unit(_rain(random, n, rate) * np.hanning(n))
+
+
+def _rain(random: np.random.Generator, n: int, rate: int) -> np.ndarray:
     count = random.poisson(random.uniform(400, 2500) * n / rate)
     rain = np.zeros(n)
     np.add.at(
         rain, random.integers(0, n, count), random.pareto(2, count) * random.choice([-1, 1], count)
     )
     band = _band(random.uniform(1200, 4000), min(random.uniform(7000, 15000), 0.45 * rate), rate)
-    return 0.02 * size**0.5 * _unit(sosfilt(band, rain) * np.hanning(n))
+    return sosfilt(band, rain)
 
 
 def _boom(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
@@ -104,22 +140,82 @@ def _boom(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
     return 0.35 * size**0.3 * _peak(_ring(random, strike, rate, modes, np.full(5, 1.6)))
 
 
-def _train(
-    random: np.random.Generator,
-    n: int,
-    rate: int,
-    hz: float,
-    glide: float,
-    wander: float,
-    uneven: float,
+def _long_crack(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
+    """It ticks ever faster, runs through the plate with a falling whistle, and shatters away."""
+    begin_s, run_s = random.uniform(1.0, 2.0), random.uniform(1.0, 2.5)
+    out = np.zeros(round((begin_s + run_s + 3.0) * rate))
+    count = 40
+    ticks_s = begin_s * (1 - random.uniform(0, 1, count) ** 2)  # the denser the nearer
+    _place(out, 0.06 * _shattered(random, rate, ticks_s, 0.1), 0)
+    running_s = run_s * np.sort(random.uniform(0, 1, 250)) ** 0.7
+    _place(out, 0.22 * _shattered(random, rate, running_s, 0.7), begin_s * rate)
+    _place(out, 0.16 * _dispersed(random, rate, run_s), begin_s * rate)
+    _place(out, 0.7 * _boom(random, rate, size), (begin_s + 0.8 * run_s) * rate)
+    tail = round(2.0 * rate)
+    fall = np.exp(-np.arange(tail) / (0.5 * rate))
+    _place(out, 0.03 * _unit(_rain(random, tail, rate)) * fall, (begin_s + run_s) * rate)
+    return out * size**0.15
+
+
+def _dispersed(random: np.random.Generator, rate: int, seconds: float) -> np.ndarray:
+    """Bending waves of a plate run as the root of their frequency: the high ones are there first.
+
+    So a crack far away is a whistle that falls as 1 / t^2.
+    """
+    n = round(seconds * rate)
+    t = np.arange(n) / rate + 0.12
+    hz = np.minimum(random.uniform(25, 60) / t**2, 0.2 * rate) + random.uniform(60, 150)
+    wander = np.exp(0.05 * _slow(random, n, rate, 30.0))
+    sound = np.sin(2 * np.pi * np.cumsum(hz * wander) / rate)
+    return sound * np.exp(-t / (0.25 * seconds)) * np.minimum(1, np.arange(n) / (0.01 * rate))
+
+
+def _calving(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
+    """Cracks that come ever faster, the fall, the wave that it makes, and what still drops."""
+    before_s, fall_s, after_s = random.uniform(2.5, 4.0), random.uniform(1.2, 2.2), 6.0
+    out = np.zeros(round((before_s + fall_s + after_s) * rate))
+    for at in before_s * (1 - np.geomspace(1.0, 0.03, 14)):  # as foreshocks do, Omori backwards
+        few = np.minimum(random.exponential(0.04, 20), 0.3)
+        hit = random.uniform(0.04, 0.15) * _shattered(random, rate, few, 0.3)
+        _place(out, hit, at * rate)
+    begin = before_s * rate
+    n = round((fall_s + 2.5) * rate)
+    t = np.arange(n) / rate
+    swell = np.minimum(t / (0.5 * fall_s), 1) ** 2 * np.exp(-np.maximum(t - fall_s, 0) / 0.7)
+    roar = _unit(sosfilt(_band(25, 160, rate), random.standard_normal(n)))
+    roar += 0.35 * _unit(sosfilt(_band(160, 2500, rate), random.standard_normal(n)))
+    _place(out, 0.16 * roar * swell * np.exp(0.3 * _slow(random, n, rate, 9.0)), begin)
+    _place(out, _boom(random, rate, 2.0 + size), begin + 0.4 * fall_s * rate)
+    slabs_s = fall_s * np.sort(random.uniform(0, 1, 300))
+    _place(out, 0.3 * _shattered(random, rate, slabs_s, 0.9), begin)
+    n = round(after_s * rate)
+    t = np.arange(n) / rate
+    wave = _unit(sosfilt(_band(40, 500, rate), random.standard_normal(n)))
+    wave *= (1 + 0.6 * np.sin(2 * np.pi * 0.7 * t)) * np.minimum(t / 0.8, 1) * np.exp(-t / 1.7)
+    _place(out, 0.05 * wave, begin + fall_s * rate)
+    drops = _unit(_rain(random, n, rate)) * np.exp(-t / 1.5)
+    _place(out, 0.025 * drops, begin + 0.7 * fall_s * rate)
+    return out * size**0.1
+
+
+def _place(out: np.ndarray, sound: np.ndarray, at: float) -> None:
+    begin = int(at)
+    part = sound[: max(0, len(out) - begin)]
+    out[begin : begin + len(part)] += part
+
+
+def _slips(
+    random: np.random.Generator, n: int, rate: int, hz: float, glide: float, spread: float
 ) -> np.ndarray:
-    """Impulses whose pitch glides from `hz` by the factor `glide`, with a random walk."""
+    """Impulses at irregular intervals, whose mean rate goes from `hz` by the factor `glide`.
+
+    Intervals have the gamma distribution with a standard deviation of `spread` of their mean.
+    """
     out = np.zeros(n)
-    at, walk = 0.0, 0.0
+    at, shape = 0.0, spread**-2
     while at < n:
-        out[int(at)] = 1 + random.uniform(-uneven, uneven)
-        walk += wander * random.standard_normal()
-        at += rate / (hz * glide ** (at / n) * np.exp(np.clip(walk, -0.3, 0.3)))
+        out[int(at)] = np.exp(0.5 * random.standard_normal())
+        at += random.gamma(shape, rate / (hz * glide ** (at / n)) / shape)
     return out
 
 

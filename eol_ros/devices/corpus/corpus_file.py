@@ -21,7 +21,7 @@ from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.settings import DESCRIPTORS, GrainsSettings
 
 VERSION = 1  # of the JSON
-ICE_RECIPE = 1  # counts up whenever the same seed gives another ice recording
+ICE_RECIPE = 2  # counts up whenever the same seed gives another ice recording
 ANALYSIS = 2  # counts up whenever the same sound gives other grains or descriptors
 SOUNDS = {'.wav', '.flac', '.ogg', '.oga', '.opus', '.aif', '.aiff', '.mp3', '.caf', '.au', '.w64'}
 DIGITS = 9  # significant, in JSON and CSV
@@ -51,9 +51,9 @@ class Options:
         return cls(**{f.name: getattr(settings, f.name) for f in fields(cls) if f.name in names})
 
 
-def ice_file(seed: int) -> Path:
+def ice_file(seed: int, recipe: int = ICE_RECIPE) -> Path:
     """Return where the procedural ice recording of this seed is kept once made."""
-    return folders.cache('ice') / f'ice-{ICE_RECIPE}-{seed}.wav'
+    return folders.cache('ice') / f'ice-{recipe}-{seed}.wav'
 
 
 def sounds_of(path: Path) -> list[Path]:

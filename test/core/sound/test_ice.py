@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from eol_ros.core.sound import segments
+from eol_ros.core.sound import ice_first, segments
 from eol_ros.core.sound.descriptors import analyse
 from eol_ros.core.sound.ice import ice
 
@@ -27,7 +27,7 @@ def test_starts_and_ends_in_silence_below_full_scale(rate):
 @pytest.mark.slow
 @pytest.mark.parametrize(('seed', 'grain_s'), [(1, 0.25), (1, 0.1), (2, 0.25)])
 def test_grains_spread_over_the_space(seed, grain_s):
-    sound = ice(40.0, 48000, seed)
+    sound = ice(120.0, 48000, seed)
     cuts = segments.chop(len(sound), 48000, grain_s)
     grains, silent = analyse(sound, 48000, cuts)
     assert not silent.any()
@@ -37,3 +37,56 @@ def test_grains_spread_over_the_space(seed, grain_s):
     low, high = np.percentile(periodicity, [10, 90])
     assert high - low >= 0.4
     assert abs(spearmanr(centroid, periodicity)[0]) <= 0.6
+
+
+def combs(sound, rate=48000, size=16384):
+    """Return the share of spans of 0.34 s whose log spectrum to 4 kHz repeats every 40 to 280 Hz.
+
+    By the largest amplitude of its spectrum, in units of what noise has in the mean.
+    """
+    found = []
+    for begin in range(0, len(sound) - size, size // 2):
+        span = sound[begin : begin + size] * np.hanning(size)
+        level = np.log(np.abs(np.fft.rfft(span))[: size * 4000 // rate] ** 2 + 1e-12)
+        ripple = (level - np.convolve(level, np.ones(61) / 61, 'same'))[30:-30]
+        ripple *= np.hanning(len(ripple))
+        period_hz = len(ripple) * rate / size / np.maximum(np.arange(len(ripple) // 2 + 1), 1)
+        depth = np.abs(np.fft.rfft(ripple)) / np.sqrt(np.sum(ripple**2))
+        found.append(depth[(period_hz > 40) & (period_hz < 280)].max())
+    return np.mean(np.array(found) > 6.0)
+
+
+@pytest.mark.slow
+def test_no_comb_of_harmonics_stands_in_its_spectrum():
+    noise = np.random.default_rng(1).standard_normal(20 * 48000)
+    assert combs(noise) == 0
+    assert combs(ice_first.ice(40.0)) > 0.1  # what it was to lose
+    assert combs(ice(120.0)) < 0.03
+
+
+@pytest.mark.slow
+def test_long_events_swell_and_die_away():
+    """Each calving: what comes before it, the fall and the wave after it differ by 10 dB."""
+    sound = ice(120.0).astype(float)
+    level = 10 * np.log10(np.square(sound).reshape(-1, 24000).mean(axis=1))  # every 0.5 s
+    loudest = [80 * k + int(np.argmax(level[80 * k : 80 * k + 80])) for k in range(3)]
+    for at in loudest:
+        assert level[at] - np.median(level) > 10
+        assert level[max(0, at - 14) : at].min() < level[at] - 10
+        assert level[at : at + 14].min() < level[at] - 10
+
+
+def test_the_first_recipe_makes_what_it_made():
+    """Bags name its grains."""
+    sound = ice_first.ice(2.0, 24000, seed=1)
+    wanted = [
+        -0.08115805,
+        -0.32193336,
+        -0.59268981,
+        -0.39273375,
+        -0.08290942,
+        -0.10156529,
+        -0.28239897,
+        -0.51665300,
+    ]
+    assert np.abs(sound[24000:24008] - wanted).max() < 1e-6
