@@ -227,8 +227,11 @@ def _outlines(camera: Calibration, tracked: Tracked) -> list[np.ndarray]:
             along = np.array([-np.sin(turn), -np.cos(turn)])
             e = shear[i] * np.exp(-2j * turn)
             for t in np.linspace(-1, 1, 41) * half[i]:
-                off = float(outline.outside.py_func(table, side, t)) if table[0] else 0.0
+                off = (
+                    float(outline.outside.py_func(table, side, np.float32(t))) if table[0] else 0.0
+                )
                 if off != outline.NONE:
+                    t -= off * np.tan(angle[i])
                     d = half[i] * (1 + e.real) + e.imag * t + off
                     points.append(centres[i] + normal * d + along * t)
         found.append(np.array(points))

@@ -92,8 +92,9 @@ def test_the_table_is_the_edge_of_all_that_is_seen(pose, k1, mirror):
             d, t = (seen - centre) @ normal, (seen - centre) @ along
             e = shear * np.exp(-2j * angle)
             for at in np.linspace(-0.85, 0.85, 35) * half:
-                stands = outline.outside.py_func(table, side, at)
+                stands = outline.outside.py_func(table, side, np.float32(at))
                 if stands != outline.NONE:
+                    at -= stands * np.tan(theta)  # a row meets it further along the side
                     edge = half + half * e.real + e.imag * at + stands
                     found.append(d[np.abs(t - at) < 0.25].max() - edge)
         return np.array(found)

@@ -45,7 +45,11 @@ def tabulate(camera, heights, u, v, theta, half, quarter, table):
     camera: Calibration.packed(). heights (4, 1 + POINTS) m over the calibration's plane. The square
     is at `u`, `v` px, angle `theta`, half side in px as the fit takes it; `quarter` right angles
     further is the block's own x axis.
+
+    Rows and columns cross a side at a slant: what they meet further out is further along the side
+    by -tan(theta) a px. The table is read where they would cross the flat square.
     """
+    slant = -math.tan(theta)
     table[0] = REACH * half
     cu, cv = undistorted(camera, u, v)
     low = heights[0, 0]
@@ -78,7 +82,7 @@ def tabulate(camera, heights, u, v, theta, half, quarter, table):
         physical = (quarter - k) % 4 if mirrored else (k - quarter) % 4
         d0, d1 = one[0, 0] * nu + one[0, 1] * nv, other[0, 0] * nu + other[0, 1] * nv
         t0, t1 = one[0, 0] * tu + one[0, 1] * tv, other[0, 0] * tu + other[0, 1] * tv
-        _draw(mine, table[0], t0 - half, d0, t1 + half, d1)
+        _draw(mine, table[0], t0 - half - d0 * slant, d0, t1 + half - d1 * slant, d1)
         lower_d = 0.5 * (d0 + d1)
         upper_d = 0.0
         before_t = before_d = 0.0
@@ -98,7 +102,7 @@ def tabulate(camera, heights, u, v, theta, half, quarter, table):
                 else:
                     dv = a + f * (b - a)
             d = du * nu + dv * nv
-            t = (2.0 * f - 1.0) * half + du * tu + dv * tv
+            t = (2.0 * f - 1.0) * half + du * tu + dv * tv - d * slant
             if j > 0:
                 _draw(upper, table[0], before_t, before_d, t, d)
             before_t, before_d = t, d
@@ -120,15 +124,18 @@ def tabulate(camera, heights, u, v, theta, half, quarter, table):
 
 @njit(inline='always')
 def outside(table, side, t):
-    """Return how far outside of a flat square's `side` the outline stands at `t`, or NONE."""
-    at = (t + table[0]) * (BINS / (2.0 * table[0])) - 0.5
+    """Return how far outside of a flat square's `side` the outline stands, or NONE.
+
+    On the profile that crosses the flat square at `t`: see tabulate.
+    """
+    at = (t + table[0]) * (np.float32(0.5 * BINS) / table[0]) - np.float32(0.5)
     b = int(at)
-    if at < 0.0 or b >= BINS - 1:
+    if at < np.float32(0.0) or b >= BINS - 1:
         return NONE
     first, second = table[1 + side * BINS + b], table[2 + side * BINS + b]
-    if first == NONE or second == NONE:
+    if max(first, second) == NONE:
         return NONE
-    return first + np.float32(at - b) * (second - first)
+    return first + (at - np.float32(b)) * (second - first)
 
 
 def tables(calibration: Calibration, blobs: np.ndarray, quarters: np.ndarray) -> np.ndarray:

@@ -126,13 +126,11 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
                 edge = (f_half - f_slow * along) * per_fast
                 t = lines[T + i]
                 away = outline.outside(table, side, t)
-                if away != outline.NONE:  # rows are slanted: they meet that edge at another place
-                    t += away * tilt
-                    away = outline.outside(table, side, t)
                 if away == outline.NONE:
                     lines[VALID + i] = zero
                     beside += 1
                     continue
+                t += away * tilt
                 outer = f_out + f_lean * t + away
                 start = np.floor(f_middle + edge + outer * per_fast + back)
                 inside = start >= least and start <= most and line >= from_line
