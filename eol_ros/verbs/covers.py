@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.terrain import CoverShape
 from eol_ros.errors import ConfigError, UsageError
 from eol_ros.verbs.progress import track
@@ -82,4 +83,6 @@ def run(args):
         f'{len(covers)} covers of {shape.side_mm:g} mm, {plastic:.0f} cm3 of plastic',
         file=sys.stderr,
     )
+    if len(covers) == N_BLOCKS:
+        print(f'the camera must know them: eol calibrate ... --covers {out}', file=sys.stderr)
     return 0

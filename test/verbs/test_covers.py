@@ -14,7 +14,9 @@ from eol_ros.devices.files import stl_file
 def test_writes_watertight_covers_that_fit(tmp_path, capsys):
     trimesh = pytest.importorskip('trimesh')
     assert main(['covers', '--out', str(tmp_path), '--cells', '10', '--json']) == 0
-    listed = json.loads(capsys.readouterr().out)
+    told = capsys.readouterr()
+    listed = json.loads(told.out)
+    assert f'eol calibrate ... --covers {tmp_path}' in told.err
     assert len(listed['covers']) == 25 and cv2.imread(listed['picture']) is not None
     meshes = {}
     for cover in listed['covers']:
