@@ -109,14 +109,16 @@ def draw(both: dict[str, list[float]], camera: dict[str, list[float]], folder: P
     for axis, what in zip(axes, ('light', 'first sample'), strict=True):
         for late, label in ((both, 'blocks and camera'), (camera, 'camera alone')):
             if ms := late.get(what):
-                axis.ecdf(ms, label=f'{label}, {len(ms)} slips')
+                axis.ecdf(ms, label=label)
+        slips = ' and '.join(str(len(late.get(what, ()))) for late in (both, camera))
+        axis.set_title(f'{slips} slips', fontsize='medium')
         axis.set(
             xscale='log', xlim=(0.5, 200), xlabel=f'from the true onset of a slip to its {what}, ms'
         )
         axis.grid(alpha=0.3, which='both')
         axis.xaxis.set_major_formatter('{x:g}')
-        axis.legend(loc='upper left')
     axes[0].set_ylabel('share of slips')
+    figure.legend(*axes[0].get_legend_handles_labels(), loc='outside upper center', ncols=2)
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / 'senses.png', dpi=110)
     plt.close(figure)
