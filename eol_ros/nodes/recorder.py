@@ -140,9 +140,9 @@ class RecorderNode(EolNode):
         self.recording.take(item._replace(log_ns=now_ns, publish_ns=now_ns))
         return now_ns
 
-    def _count_losses(self) -> None:
+    def _count_losses(self, last: bool = False) -> None:
         for name, loss in self.losses.items():
-            self.recording.transport_lost[name] += loss.take()
+            self.recording.transport_lost[name] += loss.take(last)
 
     def tell(self) -> None:
         recording, health = self.recording, self.health
@@ -171,7 +171,7 @@ class RecorderNode(EolNode):
             health.ok(f'recording into {recording.folder}')
 
     def close(self) -> None:
-        self._count_losses()
+        self._count_losses(last=True)
         self.recording.close()
 
 

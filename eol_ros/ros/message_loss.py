@@ -21,7 +21,7 @@ from rclpy.event_handler import (
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-STALE_S = 0.1  # an event that comes so soon after a take may be of what was taken
+STALE_S = 0.005  # an event that comes so soon after a take was queued before it, mostly
 
 
 class MessageLoss:
@@ -35,7 +35,7 @@ class MessageLoss:
         clock: Callable[[], float] = time.monotonic,
     ):
         self._clock, self._taken_s = clock, -STALE_S
-        self._some = False
+        self._some = self._late = False
         self._handler: EventHandler | None = None
         events = SubscriptionEventCallbacks(message_lost=print, use_default_callbacks=False)
         try:
@@ -54,12 +54,17 @@ class MessageLoss:
     def _note(self) -> None:
         if self._clock() - self._taken_s >= STALE_S:
             self._some = True
+        else:
+            self._late = True
 
-    def take(self) -> int:
-        """Return how many messages were lost since it was asked last; ask about once a second."""
-        if not self._some or self._handler is None:
+    def take(self, last: bool = False) -> int:
+        """Return how many messages were lost since it was asked last; ask about once a second.
+
+        last: nothing comes after this, so that a doubtful event counts too.
+        """
+        if self._handler is None or not (self._some or (last and self._late)):
             return 0
-        self._some = False
+        self._some = self._late = False
         self._handler._ready_to_take_data = True
         found: QoSMessageLostInfo | None = self._take_data()
         self._taken_s = self._clock()

@@ -280,7 +280,7 @@ def test_what_dds_lost_on_the_way_is_counted(tmp_path):
     lost = json.loads(bag.gaps['lost_before_recorder']).get('/eol/camera/image_raw', 0)
     dropped = json.loads(bag.gaps['dropped_in_recorder']).get('/eol/camera/image_raw', 0)
     assert lost > 0
-    assert 300 - 20 <= came + lost + dropped <= 300  # the last are not known to be lost
+    assert 300 - 50 <= came + lost + dropped <= 300  # the last are not known to be lost
 
 
 @pytest.mark.slow

@@ -76,3 +76,6 @@ def test_what_came_with_a_late_event_is_counted_with_the_next(made):
     assert loss.take() == 0
     lose(handler, 1, 1)
     assert loss.take() == 6
+    now[0] += STALE_S / 2
+    lose(handler, 3, 1)
+    assert loss.take() == 0 and loss.take(last=True) == 3
