@@ -68,6 +68,7 @@ def test_the_spectrum_is_that_of_brunes_source(bus):
     assert np.abs(20 * np.log10(ratio[band] / brune[band])).max() < 1.0
 
 
+@pytest.mark.slow
 def test_block_size_changes_no_bit_and_tails_end_in_silence():
     bank, t = noise_bank(), triggers(12)
     rows = voice_rows(t, bank, 2, 2 * (np.arange(12) % 3))

@@ -80,6 +80,7 @@ def test_noise_comes_out_as_loud_as_it_went_in_and_not_twice_the_same():
     assert abs(np.corrcoef(wet.T)[0, 1]) < 0.2
 
 
+@pytest.mark.slow
 def test_block_size_changes_no_bit_though_it_falls_asleep_between():
     sound = np.zeros(FS, 'f4')
     sound[480:500] = 0.5

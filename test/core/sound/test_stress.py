@@ -54,6 +54,7 @@ def test_rest_is_silent_and_off_is_off():
     assert not len(sounded(at, dataclasses.replace(BED, bed_rate=0.0), 10))
 
 
+@pytest.mark.slow
 def test_creaks_come_as_often_as_the_stress_says():
     at = rest_lattice() + np.random.default_rng(2).normal(0, 0.004, (N_BLOCKS, 2))
     found = sounded(at, BED)
