@@ -29,6 +29,7 @@ RETRACTED = 3
 LAG_S = 0.05  # three images at 60 a second: by the time of a knock's report these have come
 VERDICT_S = 0.1  # from a knock to the image that confirms or retracts it: twice what a START takes
 REST_S, REST_IMAGES = 0.25, 4  # by fewer, in that time, a block is not known to rest anywhere
+WHOLE = 0.75  # of the images of that time: where more are lost, slips go unseen
 LOST = 1.5  # periods without an image: where one is lost about a knock nothing is learnt of it
 KEPT_S = 0.5  # images and verdicts; knocks that are later than this are another day's
 WEAKEST_MPS2 = 0.16  # the firmware's threshold, 16 mg, where the first octave begins
@@ -138,8 +139,10 @@ class Felt:
     def _seen_throughout(self, knock: Knock) -> bool:
         """Whether no image about `knock` is missing, nor its block in any."""
         about = [i for i in self._images if i.stamp_s > knock.stamp_s - LAG_S]
+        if len(about) < 2:
+            return False
         gaps = np.diff([i.stamp_s for i in self._images])
-        whole = bool(np.diff([i.stamp_s for i in about]).max(initial=0.0) < LOST * np.median(gaps))
+        whole = bool(np.diff([i.stamp_s for i in about]).max() < LOST * np.median(gaps))
         return whole and all(i.seen[knock.block] for i in about)
 
     def _decide(self, knock: Knock) -> list[FeltSlip]:
@@ -149,8 +152,11 @@ class Felt:
         if not before or after_s >= knock.stamp_s + VERDICT_S:
             return []
         image = before[-1]
-        known = sum(i.seen[knock.block] for i in before if i.stamp_s > until_s - REST_S)
+        rest = [i for i in before if i.stamp_s > until_s - REST_S]
+        known = sum(i.seen[knock.block] for i in rest)
         if known < REST_IMAGES or not image.seen[knock.block]:
+            return []
+        if known < WHOLE * REST_S / np.median(np.diff([i.stamp_s for i in rest])):
             return []
         probability = self._probability(_octave(knock), until_s)
         x, y = float(image.x[knock.block]), float(image.y[knock.block])
