@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `eol bench soak` calls growth, loss and damage is that, and nothing else is."""
+
+import json
+import os
+import struct
+import subprocess
+import sys
+import time
+
+import pytest
+from support.bag_samples import HASH, QOS, T0
+
+from benchmarks.fake_clock import FakeClock
+from benchmarks.soak_proof import Held, growth, prove
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.writer import BagWriter
+
+TRIGGERS = BagTopic('/eol/grain_triggers', 'test_msgs/msg/Trigger', 'uint64 sequence\n', HASH, QOS)
+
+
+def looks(last, count=200, noise=0.5):
+    """Looks at a process that goes evenly from (20, 10, 100) to `last`, once it is warm."""
+    first = (20.0, 10.0, 100.0)
+    for k in range(count):
+        share = max(k / count - 0.1, 0) / 0.9
+        values = [a + share * (b - a) for a, b in zip(first, last, strict=True)]
+        warming = -40.0 if k < count / 20 else noise * (-1) ** k
+        yield {'tracker': Held(values[0], values[1], values[2] + warming)}
+
+
+@pytest.mark.parametrize(
+    ('last', 'flat'),
+    [((20, 10, 100), True), ((20, 10, 104), True), ((20, 10, 115), False), ((30, 10, 100), False),
+     ((20, 20, 100), False), ((10, 5, 50), True)],
+)  # fmt: skip
+def test_growth(last, flat):
+    [row] = growth(list(looks(last)))
+    assert (row['name'], row['flat']) == ('tracker', flat)
+    assert row['pss_mb'][1] == pytest.approx(last[2], abs=3)
+
+
+def test_a_process_that_was_away_at_some_looks_is_compared_all_the_same():
+    seen = [look if k % 3 else {} for k, look in enumerate(looks((20, 10, 130)))]
+    seen[-1] = {'tracker': Held(20, 10, 130)}
+    assert [row['flat'] for row in growth(seen)] == [False]
+
+
+def bag(folder, numbers, counted=0, whole=True):
+    writer = BagWriter(folder, [TRIGGERS], {'scene': 'scene: test'})
+    for k, number in enumerate(numbers):
+        data = b'\0\1\0\0' + struct.pack('<Q', number)
+        writer.write('/eol/grain_triggers', data, T0 + k * 10_000_000, T0, k + 1)
+    if whole:
+        counts = {'lost_before_recorder': {'/eol/grain_triggers': counted}}
+        writer.gaps = {name: json.dumps(value) for name, value in counts.items()}
+        writer.close()
+    else:
+        writer.flush()
+        writer.abandon()
+
+
+def test_what_is_missing_is_told_from_what_was_counted(tmp_path):
+    bag(tmp_path / 'a', range(100))
+    bag(tmp_path / 'b', [0, 1, 5, 6, 0, 1, 4], counted=5)  # its node was started again on the way
+    bag(tmp_path / 'c', [0, 1, 2], whole=False)
+    found = prove(tmp_path)
+    assert found['faults'] == []
+    assert (found['count'], found['missing'], found['uncounted'], found['cut']) == (3, 5, 0, 1)
+    bag(tmp_path / 'd', [0, 10], counted=4)
+    found = prove(tmp_path)
+    assert found['uncounted'] == 5
+    assert found['faults'] == ['d: 9 triggers missing, 4 counted']
+
+
+def test_damage_is_a_fault(tmp_path):
+    bag(tmp_path / 'a', range(1000))
+    [file] = (tmp_path / 'a').glob('*.mcap')
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    found = prove(tmp_path)
+    assert found['faults'] and found['faults'][0].startswith('a: ')
+
+
+def test_a_clock_that_is_set_moves_waits_too(tmp_path):
+    """A wait of two tenths of a second that ends at a time of the set clock, an hour ahead."""
+    clock = FakeClock(tmp_path, 3600 * 10**9)
+    code = (
+        'import ctypes, time\n'
+        'libc = ctypes.CDLL(None, use_errno=True)\n'
+        'class Time(ctypes.Structure): _fields_ = [("s", ctypes.c_long), ("ns", ctypes.c_long)]\n'
+        'semaphore, begun = ctypes.create_string_buffer(64), time.monotonic()\n'
+        'libc.sem_init(semaphore, 0, 0)\n'
+        'end = time.time() + 0.2\n'
+        'until = Time(int(end), int(end % 1 * 1e9))\n'
+        'assert libc.sem_timedwait(semaphore, ctypes.byref(until)) == -1\n'
+        'print(time.time(), time.monotonic() - begun)\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code], env={**os.environ, **clock.environment}, timeout=60,
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    now, took = map(float, done.stdout.split())
+    assert 3500 < now - time.time() < 3700
+    assert took >= 0.19
