@@ -77,6 +77,7 @@ class Graph:
         }  # fmt: skip
         self._environment.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
         self.log = scene.with_name(f'{scene.stem}.log')
+        self.log.unlink(missing_ok=True)
         self.start()
         self.watch = Watch(watched, self.domain, keep, self.replays)
         self.begin_ns = 0

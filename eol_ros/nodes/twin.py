@@ -14,7 +14,7 @@ from eol_ros.devices.board import block
 from eol_ros.devices.board.felt import TRACE, FeltBlocks
 from eol_ros.devices.board.twin import Felt, Lamps, Radio
 from eol_ros.devices.camera.exposure_clock import VirtualCamera
-from eol_ros.devices.files.tracker_files import twin_camera
+from eol_ros.devices.files.twin_camera import twin_camera
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner

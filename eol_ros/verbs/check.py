@@ -141,7 +141,7 @@ def _twin(settings: Any) -> Iterator[Check]:
         what = f'is {kinetic:g}, mu_static is {static:g}: kinetic friction cannot exceed static'
         yield 'twin.mu_kinetic', functools.partial(_refuse, what)
     if settings.calibration:
-        from eol_ros.devices.files.tracker_files import twin_camera
+        from eol_ros.devices.files.twin_camera import twin_camera
 
         yield 'twin.calibration', lambda: twin_camera(settings)
 

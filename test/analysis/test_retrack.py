@@ -124,7 +124,8 @@ def run(tmp_path_factory, matched):
 def test_pictures_give_the_recorded_results_to_the_last_bit(run):
     result = retrack(run)
     assert result.notes == []
-    assert set(result.topics) == {'blocks', 'slips', 'cascades', 'grain_triggers'}
+    topics = {'blocks', 'slips', 'cascades', 'grain_triggers', 'felt_slips', 'felt_triggers'}
+    assert set(result.topics) == topics
     for check in result.topics.values():
         assert check.equal, check
     assert result.topics['blocks'].recorded == 150

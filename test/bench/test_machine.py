@@ -45,7 +45,7 @@ def test_figures_of_an_earlier_run_keep_theirs(capsys):
     assert capsys.readouterr().out.startswith('another (')
 
 
-@pytest.mark.parametrize('name', names())
+@pytest.mark.parametrize('name', [name for name in names() if name != 'films'])  # makes images
 def test_every_benchmark_names_it(name):
     source = inspect.getsource(importlib.import_module(f'benchmarks.{name}').run)
     assert 'tell(' in source and 'print(json' not in source

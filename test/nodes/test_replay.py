@@ -292,7 +292,8 @@ def test_what_is_played_follows_from_what_runs():
     assert 'blocks' in played(scene_of('replay', *behind[2:]), True)
     assert 'camera/image_raw' not in played(scene_of('replay', *behind[2:], 'recorder'), True)
     assert played(scene_of('replay', 'leds'), True) == ['block_taps', 'slips', 'requests']
-    assert played(scene_of('replay', 'sound'), True) == ['corpus', 'grain_triggers', 'requests']
+    triggers = ['grain_triggers', 'felt_triggers']
+    assert played(scene_of('replay', 'sound'), True) == ['corpus', *triggers, 'requests']
     assert 'wall' in played(scene_of('replay', 'panel'), True)
     assert played(scene_of('replay'), True)[1] == 'camera/image_raw'
     assert played(scene_of('replay'), False) == ['blocks', 'block_taps', 'requests']

@@ -16,7 +16,8 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.devices.board import block
 from eol_ros.devices.files import calibration_file
-from eol_ros.devices.files.tracker_files import calibration_of, twin_camera
+from eol_ros.devices.files.tracker_files import calibration_of
+from eol_ros.devices.files.twin_camera import twin_camera
 from eol_ros.errors import ConfigError
 from eol_ros.nodes.twin import TwinNode
 from eol_ros.ros.definitions import definition

@@ -8,8 +8,8 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.requests import DARKNESS, Outcome, packed
 from eol_ros.core.vision.states import STATES, TRACKING
 from eol_ros.core.vision.tracker import Tracked, Tracker
-from eol_ros.errors import ConfigError, EolError
-from eol_ros.settings import TrackerSettings, TwinSettings
+from eol_ros.errors import EolError
+from eol_ros.settings import TrackerSettings
 
 TOLD_S = 20.0  # how long the status says what came of a request
 
@@ -25,25 +25,6 @@ def calibration_of(settings: TrackerSettings) -> Calibration:
     from eol_ros.devices.files import calibration_file
 
     return calibration_file.load(settings.calibration, settings.mirror)
-
-
-def twin_camera(settings: TwinSettings) -> Calibration:
-    """Return the camera that a twin with these settings simulates.
-
-    Raises:
-        ConfigError, DeviceMissing: a file that cannot be read, of another image size or mirror.
-    """
-    if not settings.calibration:
-        return Calibration.ideal(settings.width, settings.height, mirror=settings.mirror)
-    from eol_ros.devices.files import calibration_file
-
-    found = calibration_file.load(settings.calibration, settings.mirror)
-    if (found.image_width, found.image_height) != (settings.width, settings.height):
-        raise ConfigError(
-            f'{settings.calibration}: is for images of {found.image_width}x{found.image_height}, '
-            f'the twin draws {settings.width}x{settings.height}: set its width and height so'
-        )
-    return found
 
 
 class TrackerFiles:
