@@ -94,6 +94,8 @@ def check(status, bags):
     )
 
 
+@pytest.mark.soak
+@pytest.mark.live
 def test_twenty_seconds_beside_eight_busy_processes(tmp_path):
     check(*loaded(tmp_path, 8, 20))
 
