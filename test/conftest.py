@@ -16,8 +16,9 @@ from eol_ros.ros import network
 
 # Set before any test imports rclpy: every worker process has a domain of its own.
 _worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
-_BASE = 1 + _worker % 2 * 10  # from 1 to 20, below those that `eol bench` takes for its graphs
-_rounds = itertools.cycle(range(1, 10))
+_SHARE = 20 // int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
+_BASE = 1 + _worker * _SHARE  # from 1 to 20, below those that `eol bench` takes for its graphs
+_rounds = itertools.cycle(range(1, _SHARE))
 os.environ['ROS_DOMAIN_ID'] = str(_BASE)
 os.environ['EOL_STATE'] = tempfile.mkdtemp(prefix='eol-test-state-')
 for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'NUMBA_NUM_THREADS'):
