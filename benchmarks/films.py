@@ -3,7 +3,6 @@
 
 import sys
 import time
-from pathlib import Path
 
 HELP = 'Path-trace images of printed covers for `eol bench vision --films`; needs Mitsuba 3.'
 EXAMPLES = [
@@ -27,17 +26,14 @@ def add_arguments(parser):
 def run(args) -> int:
     """Draw the set; images that are there already are drawn again."""
     from benchmarks.relief import films, path_tracer
-    from eol_ros.errors import ConfigError, UsageError
+    from eol_ros import folders
+    from eol_ros.errors import UsageError
     from eol_ros.verbs.progress import track
 
     for name, most in (('images', 10000), ('strata', 64), ('samples', 1 << 20), ('threads', 256)):
         if not 1 <= getattr(args, name) <= most:
             raise UsageError(f'--{name} {getattr(args, name)}: 1 to {most}')
-    out = Path(args.out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f'--out {out}: {error.strerror}') from None
+    out = folders.made(args.out, '--out')
     path_tracer.mitsuba(args.threads)
     shots = films.small_set() if args.small else films.large_set(args.images, args.seed)
     began = time.process_time()

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A graph that runs for a measurement or a test: started by its command, watched from outside."""
 
+import contextlib
 import json
 import os
 import re
@@ -25,6 +26,19 @@ WATCHED = (
     'truth', 'blocks', 'slips', 'felt_slips', 'block_taps', 'led_commands', 'grain_triggers',
     'felt_triggers',
 )  # fmt: skip
+
+
+@contextlib.contextmanager
+def busy(count):
+    """Have `count` processes that never sleep, each in a session, and so in a group, of its own."""
+    command = [sys.executable, '-c', 'while True: pass']
+    hogs = [subprocess.Popen(command, start_new_session=True) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for hog in hogs:
+            hog.kill()
+            hog.wait()
 
 
 def free_domain() -> int:

@@ -15,6 +15,7 @@ is over when every node is OK again, blocks are published, and what was killed i
 import argparse
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -96,17 +97,10 @@ def exhibition(
     try:
         with Graph(path, folder / 'bags', watched=(), environment=jack.environment) as graph:
             graph.wait_until_ok()
-            begun_s, graph_s = time.monotonic(), 0.0
-
-            def played() -> float:
-                nonlocal graph_s
-                values = graph.node('replay')['values']
-                graph_s = values.get('rounds', 0) * length_s
-                return graph_s / 3600
-
-            last = 0.0
-            for _ in track(_steps(played, hours, looks, graph), 'exhibition', total=100):
-                last = time.monotonic() - begun_s
+            begun_s = time.monotonic()
+            for _ in track(_steps(graph, length_s, hours, looks), 'exhibition', total=100):
+                pass
+            took_s, played_s = time.monotonic() - begun_s, _played_s(graph, length_s)
             status = graph.status()
             code = graph.stop()
     finally:
@@ -120,26 +114,32 @@ def exhibition(
     faults += [f'{row["name"]} grows: {row}' for row in grown if not row['flat']]
     faults += bags['faults']
     return {
-        'hours': round(graph_s / 3600, 2),
+        'hours': round(played_s / 3600, 2),
         'run_s': round(length_s, 1),
-        'took_hours': round(last / 3600, 3),
-        'times_real_time': round(graph_s / last, 2),
+        'took_hours': round(took_s / 3600, 3),
+        'times_real_time': round(played_s / took_s, 2),
         'restarts': status['restarts'],
-        'recorder': {k: values['recorder'].get(k) for k in ('lost', 'bags', 'removed')},
-        'sound': {k: values['sound'].get(k) for k in ('underruns', 'late')},
+        'lost': values['recorder']['lost'],
+        'sound': {name: values['sound'][name] for name in ('underruns', 'late')},
         'growth': grown,
         'bags': bags,
         'faults': faults,
     }
 
 
-def _steps(played, hours, looks, graph):
+def _played_s(graph: Graph, length_s: float) -> float:
+    return graph.node('replay')['values'].get('rounds', 0) * length_s
+
+
+def _steps(
+    graph: Graph, length_s: float, hours: float, looks: list[dict[str, Held]]
+) -> Iterator[int]:
     """Yield once a hundredth of the hours; look at the processes meanwhile."""
     done = 0
     while done < 100:
         time.sleep(LOOK_S)
         looks.append(held(graph))
-        now = min(int(100 * played() / hours), 100)
+        now = min(int(100 * _played_s(graph, length_s) / (3600 * hours)), 100)
         for _ in range(now - done):
             yield now
         done = max(done, now)
@@ -167,7 +167,7 @@ def table(found: dict[str, Any]) -> str:
         lines += [
             f'exhibition: {part["hours"]:g} h in {part["took_hours"]:g} h '
             f'({part["times_real_time"]:g} times real time); {part["restarts"]} restarts; '
-            f'recorder {part["recorder"]}; sound {part["sound"]}',
+            f'recorder: {part["lost"]} lost; sound {part["sound"]}',
             *_growth(part),
             _bags(part),
         ]
@@ -175,6 +175,7 @@ def table(found: dict[str, Any]) -> str:
         lines += [
             f'faults: {part["count"]} in {part["hours"]:g} h; within 10 s {part["within_10_s"]}, '
             f'others disturbed {part["disturbed"]}',
+            *(f'not done here: {words}' for words in part['left_out']),
             f'{"fault":28} {"count":>6} {"p50 s":>7} {"p99 s":>7} {"worst":>7}',
         ]
         for row in part['kinds']:

@@ -4,7 +4,6 @@
 import contextlib
 import os
 import random
-import shutil
 import signal
 import socket
 import subprocess
@@ -18,9 +17,10 @@ from typing import Any
 import numpy as np
 import yaml
 
+from benchmarks import web_browser
 from benchmarks.fake_clock import FakeClock
 from benchmarks.jack import Jack
-from benchmarks.running import Graph, stand_in
+from benchmarks.running import Graph, busy, stand_in
 from benchmarks.soak_proof import Held, growth, held, prove
 from eol_ros.errors import EolError
 from eol_ros.verbs.progress import track
@@ -45,43 +45,6 @@ EXTRAS_IN_2_H = {
 CLOCK_STEPS_S = (-3600.0, 86400.0 * 30, -86400.0 * 30)
 
 
-class Page:
-    """A browser before the panel, which can be told to load it again."""
-
-    def __init__(self, url: str, folder: Path):
-        from selenium import webdriver
-
-        from benchmarks.web_browser import FLAGS
-
-        options = webdriver.ChromeOptions()
-        options.binary_location = shutil.which('chromium') or ''
-        for flag in (*FLAGS.split(), f'user-data-dir={folder}'):
-            options.add_argument(f'--{flag}')
-        driver = shutil.which('chromedriver')
-        self.driver = webdriver.Chrome(options, webdriver.ChromeService(driver))
-        self.driver.set_window_size(640, 480)  # it is drawn by software, beside all else
-        self.driver.get(url)
-
-    @staticmethod
-    def there() -> bool:
-        """Whether there is a browser here."""
-        with contextlib.suppress(ImportError):
-            import selenium  # noqa: F401
-
-            return bool(shutil.which('chromium') and shutil.which('chromedriver'))
-        return False
-
-    def reload(self) -> None:
-        """Load the page again."""
-        self.driver.refresh()
-
-    def linked(self) -> bool:
-        """Whether it has found its panel."""
-        with contextlib.suppress(Exception):  # whatever a page says that is just being loaded
-            return bool(self.driver.execute_script('return window.eol && eol.link.viewer'))
-        return False
-
-
 class Soak:
     """The rehearsal and all that it stands on, with a way to break each of it."""
 
@@ -89,7 +52,7 @@ class Soak:
         self.folder, self.chance = folder, random.Random(seed)
         self.events: list[dict[str, Any]] = []
         self.looks: list[dict[str, Held]] = []
-        self.disturbed = 0
+        self.left_out: list[str] = []  # faults that this machine does not allow, and why
         self.offset_s = 0.0  # of the system clock from the true time
         self.hit_s: dict[str, float] = {}
         self.log = folder / 'rehearsal.log'  # that of the graph: faults stand between its lines
@@ -111,7 +74,7 @@ class Soak:
         self._stack.callback(self.unplug)
         bags = self.folder / 'bags'
         bags.mkdir()
-        self.disk = self._disk(bags)
+        self._mount(bags)
         path = stand_in('rehearsal', self.folder, film=None, bag=None)
         values = yaml.safe_load(path.read_text())
         values['nodes']['leds'] = {'port': str(self.board_port)}
@@ -126,25 +89,43 @@ class Soak:
         self.graph = Graph(path, bags, watched=('blocks',), environment=environment)
         self._stack.callback(self._end)
         self.graph.wait_until_ok()
-        self.page: Page | None = None
-        if Page.there():
-            self.page = Page(f'http://127.0.0.1:{port}/', self.folder / 'profile')
-            self._stack.callback(self.page.driver.quit)
-        self.await_well(lambda: self.page is None or self.page.linked())
+        self.page: Any = None
+        try:
+            self.page = web_browser.start(self.folder / 'profile')
+        except EolError as error:
+            self.left_out.append(f'page reloaded: {error}')
+        else:
+            self._stack.callback(self.page.quit)
+            self.page.set_window_size(640, 480)  # it is drawn by software, beside all else
+            self.page.get(f'http://127.0.0.1:{port}/')
+        self.await_well(self._linked)
 
-    def _disk(self, bags: Path) -> bool:
+    def _mount(self, bags: Path) -> None:
+        """Give the bags a disk of their own, which can be filled."""
         done = subprocess.run(
             ['mount', '-t', 'tmpfs', '-o', f'size={DISK}', 'none', str(bags)],
             capture_output=True, check=False,
         )  # fmt: skip
         if done.returncode == 0:
             self._stack.callback(lambda: subprocess.run(['umount', '-l', str(bags)], check=False))
-        return done.returncode == 0
+        else:
+            self.left_out.append(f'disk full: {done.stderr.decode().strip()}')
 
-    def _end(self) -> None:
+    def _end(self) -> int:
         if self.graph.process.poll() is None:
             self.graph.process.send_signal(signal.SIGCONT)
-        self.code = self.graph.stop()
+        return self.graph.stop()
+
+    def _linked(self) -> bool:
+        if self.page is None:
+            return True
+        with contextlib.suppress(Exception):  # whatever a page says that is just being loaded
+            return bool(self.page.execute_script('return window.eol && eol.link.viewer'))
+        return False
+
+    def prove(self) -> tuple[int, dict[str, Any]]:
+        """Stop the graph; return its exit code and what its bags prove."""
+        return self._end(), prove(self.folder / 'bags')
 
     def close(self) -> None:
         """Stop all; the bags stay until then."""
@@ -207,7 +188,6 @@ class Soak:
     def fault(self, kind: str, target: str, do: Callable[[], Any], too=lambda: True) -> None:
         """Do something bad; tell how long it took until all was well again."""
         before = {row['pid']: n for n, row in (self.rows() or {}).items()}
-        begun_s = time.monotonic()
         with self.log.open('a') as log:
             print(f'--- {time.time():.3f} {kind} ({target})', file=log, flush=True)
         fellows = do() or set()
@@ -217,11 +197,7 @@ class Soak:
             raise EolError(f'{kind} ({target}): {error}') from None
         after = {row['pid'] for row in (self.rows() or {}).values()}
         others = {n for pid, n in before.items() if pid not in after} - set(fellows)
-        self.disturbed += len(others)
-        self.events.append(
-            {'kind': kind, 'target': target, 'back_s': round(back_s, 2), 'others': sorted(others),
-             'took_s': round(time.monotonic() - begun_s, 2)}
-        )  # fmt: skip
+        self.events.append({'kind': kind, 'back_s': round(back_s, 2), 'others': sorted(others)})
 
     def strike(self, number: signal.Signals) -> None:
         """Kill or stop one of those that were left alone the longest."""
@@ -231,7 +207,6 @@ class Soak:
         oldest = sorted(free, key=lambda n: self.hit_s.get(n, 0.0))[:3]
         name = self.chance.choice(oldest)
         pid = pids[name]
-
         fellows = set(name.split('+'))
 
         def do() -> set[str]:
@@ -263,15 +238,13 @@ class Soak:
             self.offset_s += step_s
             self.fault(kind, f'{step_s:+g} s', lambda: self.clock.set(round(self.offset_s * 1e9)))
         elif kind == 'disk full':
-            if self.disk:
-                self.fault(kind, 'bags', self._fill)
+            self.fault(kind, 'bags', self._fill)
         elif kind == 'board pulled out':
             self.fault(kind, 'board', lambda: self._pull(self.unplug, self.plug))
         elif kind == 'sound card pulled out':
             self.fault(kind, 'card', self._pull_card, self._plays)
         elif kind == 'page reloaded':
-            if self.page is not None:
-                self.fault(kind, 'page', self.page.reload, self.page.linked)
+            self.fault(kind, 'page', self.page.refresh, self._linked)
         elif kind == 'eight busy processes':
             self.fault(kind, 'processor', self._busy)
 
@@ -300,16 +273,8 @@ class Soak:
         filler.unlink()
 
     def _busy(self) -> None:
-        hogs = [
-            subprocess.Popen([sys.executable, '-c', 'while True: pass'], start_new_session=True)
-            for _ in range(8)
-        ]
-        try:
+        with busy(8):
             time.sleep(30)
-        finally:
-            for hog in hogs:
-                hog.kill()
-                hog.wait()
 
 
 def measure(folder: Path, hours: float, seed: int) -> dict[str, Any]:
@@ -326,9 +291,7 @@ def measure(folder: Path, hours: float, seed: int) -> dict[str, Any]:
         faults.append(str(error))
     took_h = (time.monotonic() - begun) / 3600
     try:
-        soak.graph.process.send_signal(signal.SIGCONT)
-        code = soak.graph.stop()
-        bags = prove(folder / 'bags')
+        code, bags = soak.prove()
     finally:
         soak.close()
     slow = [e for e in soak.events if e['back_s'] > BACK_S]
@@ -337,26 +300,27 @@ def measure(folder: Path, hours: float, seed: int) -> dict[str, Any]:
     faults += [f'{e["kind"]}: {", ".join(e["others"])} went with it' for e in soak.events
                if e['others']]  # fmt: skip
     faults += bags['faults']
-    grown = growth(soak.looks)
     return {
         'hours': round(took_h, 3),
         'count': len(soak.events),
         'kills': sum(e['kind'].startswith('kill') for e in soak.events),
         'within_10_s': len(soak.events) - len(slow),
-        'disturbed': soak.disturbed,
-        'left_out': [*([] if soak.disk else ['disk full: nothing can be mounted here']),
-                     *([] if soak.page else ['page reloaded: no Chromium, or no selenium'])],
+        'disturbed': sum(len(e['others']) for e in soak.events),
+        'left_out': soak.left_out,
         'kinds': _kinds(soak.events),
-        'growth': grown,
+        'growth': growth(soak.looks),
         'bags': bags,
         'faults': faults,
-    }  # fmt: skip
+    }
 
 
 def _steps(soak: Soak, hours: float) -> Iterator[int]:
     """Yield once a hundredth of the time; faults come one after another meanwhile."""
     extras = []
+    left_out = {words.partition(':')[0] for words in soak.left_out}
     for kind, count in EXTRAS_IN_2_H.items():
+        if kind in left_out:
+            continue
         n = max(round(count * hours / 2), 1)
         extras += [((k + soak.chance.random()) / n * hours * 3600, kind, k) for k in range(n)]
     extras.sort()

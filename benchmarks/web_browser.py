@@ -4,6 +4,7 @@
 import shutil
 import tempfile
 import time
+from pathlib import Path
 from typing import Any
 
 from benchmarks.running import summary
@@ -17,8 +18,11 @@ FLAGS = (
 CASCADES = 3  # kept going in the drawing while its rate is counted
 
 
-def measure_browser(url: str, seconds: float, sound_latency_s: float) -> dict[str, Any]:
-    """Look at the monitor, push the rim of the table, count two walls; return the figures."""
+def start(profile: str | Path) -> Any:
+    """Start a Chromium that keeps what it keeps in the folder `profile`; return its driver.
+
+    Raises EolError without selenium, DeviceMissing without Chromium.
+    """
     try:
         from selenium import webdriver
     except ImportError:
@@ -28,10 +32,15 @@ def measure_browser(url: str, seconds: float, sound_latency_s: float) -> dict[st
         raise DeviceMissing('--browser needs chromium and chromedriver (chromium-driver)')
     options = webdriver.ChromeOptions()
     options.binary_location = browser
+    for flag in (*FLAGS.split(), f'user-data-dir={profile}'):
+        options.add_argument(f'--{flag}')
+    return webdriver.Chrome(options, webdriver.ChromeService(driver_path))
+
+
+def measure_browser(url: str, seconds: float, sound_latency_s: float) -> dict[str, Any]:
+    """Look at the monitor, push the rim of the table, count two walls; return the figures."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        for flag in (*FLAGS.split(), f'user-data-dir={profile}'):
-            options.add_argument(f'--{flag}')
-        driver = webdriver.Chrome(options, webdriver.ChromeService(driver_path))
+        driver = start(profile)
         try:
             driver.set_script_timeout(seconds + 30)
             return {

@@ -58,6 +58,19 @@ def _made(path: Path, variable: str) -> Path:
     return path
 
 
+def made(path: str | Path, option: str) -> Path:
+    """Return the folder `path`, made where it is not there; raise ConfigError where it cannot be.
+
+    option: as for `check_writable`.
+    """
+    path = Path(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f'{option} {path}: {error.strerror}') from None
+    return path
+
+
 def check_writable(path: str | Path, option: str) -> None:
     """Raise ConfigError when a file cannot be written there: before the work, not after it.
 

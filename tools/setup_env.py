@@ -217,8 +217,7 @@ def setup(extra: str) -> None:
     wait(*steps)
     if not messages_ready.exists():
         step = Step('messages-install', lambda step: step.command(
-            PYTHON, '-m', 'pip', '--disable-pip-version-check', 'install', '--force-reinstall',
-            '--no-deps', *wheels.glob('*.whl'),
+            *pip(PYTHON, 'install', '--force-reinstall', '--no-deps', *wheels.glob('*.whl'))
         ))  # fmt: skip
         wait(step)
         for old in VENV.glob('.messages-*'):

@@ -37,7 +37,10 @@ class MessageLoss:
         self._clock, self._taken_s = clock, -STALE_S
         self._some = self._late = False
         self._handler: EventHandler | None = None
-        events = SubscriptionEventCallbacks(message_lost=print, use_default_callbacks=False)
+        # rclpy calls it with what the executor took, and that is nothing: see `_note`.
+        events = SubscriptionEventCallbacks(
+            message_lost=lambda event: None, use_default_callbacks=False
+        )
         try:
             [handler] = events.create_event_handlers(
                 subscription.callback_group, subscription.handle, topic

@@ -3,12 +3,12 @@
 
 import json
 import sys
-from pathlib import Path
 from typing import Any
 
+from eol_ros import folders
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.terrain import CoverShape
-from eol_ros.errors import ConfigError, UsageError
+from eol_ros.errors import UsageError
 from eol_ros.verbs.progress import track
 
 HELP = 'Cut one continuous landscape into covers for the blocks: a watertight STL file each, in mm.'
@@ -46,11 +46,7 @@ def run(args):
             raise UsageError(f'--{name} {getattr(args, name)}: 1 to {most}')
     if args.seed < 0:
         raise UsageError(f'--seed {args.seed}: 0 or more')
-    out = Path(args.out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f'--out {out}: {error.strerror}') from None
+    out = folders.made(args.out, '--out')
     if args.heightmap:
         heights = terrain.fit(
             picture_file.load_grey(args.heightmap), args.rows, args.cols, args.cells

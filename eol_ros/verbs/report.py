@@ -5,7 +5,8 @@ import json
 import sys
 from pathlib import Path
 
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros import folders
+from eol_ros.errors import DeviceMissing
 
 HELP = 'Figures, numbers and tables from a bag: one HTML page, SVG, PDF and CSV. No ROS needed.'
 EXAMPLES = [
@@ -41,7 +42,7 @@ def run(args):
     out = Path(args.out or f'report-{bag.path.stem}')
     if args.csv:
         names = topic_names(bag, args.csv)
-        _folder(out)
+        folders.made(out, '--out')
         for name in track(names, 'writing'):
             file = out / f'{relative_name(name, bag.namespace).strip("/").replace("/", "_")}.csv'
             bag.table(name).to_csv(file)
@@ -65,10 +66,3 @@ def run(args):
     print(out / 'report.html', file=sys.stderr)
     whole = retracked is None or (retracked.verdict != 'different' and not retracked.holes)
     return 0 if whole else 1
-
-
-def _folder(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f'--out {out}: {error.strerror}') from None

@@ -4,32 +4,16 @@
 The long ones are in `make soak`.
 """
 
-import contextlib
 import json
-import subprocess
-import sys
 import time
 
 import pytest
 import yaml
 
-from benchmarks.running import Graph, stand_in
+from benchmarks.running import Graph, busy, stand_in
 from eol_ros.analysis import open_bag
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-
-
-@contextlib.contextmanager
-def busy(count):
-    """Have `count` processes that never sleep, each in a session, and so in a group, of its own."""
-    command = [sys.executable, '-c', 'while True: pass']
-    hogs = [subprocess.Popen(command, start_new_session=True) for _ in range(count)]
-    try:
-        yield
-    finally:
-        for hog in hogs:
-            hog.kill()
-            hog.wait()
 
 
 def settled(graph):

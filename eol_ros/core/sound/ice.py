@@ -37,16 +37,21 @@ def ice(seconds: float = 120.0, rate: int = 48000, seed: int = 1) -> np.ndarray:
         size = min(random.pareto(1.5) + 1, 20.0)
         event = make(random, rate, size)[: n - start]
         sound[start : start + len(event)] += event
+    return _mastered(sound, rate)
+
+
+KINDS = (0.24, 0.36, 0.14, 0.08, 0.18)  # groan, crack, debris, boom, moan
+
+
+def _mastered(sound: np.ndarray, rate: int) -> np.ndarray:
+    """Return `sound` (n,) leaning to no side, its peaks rounded off, faded in and out."""
     lean = butter(2, 20 / (rate / 2), 'high', output='sos')  # impulses may all be of one sign
     sound = sosfilt(lean, sound)
     sound = 0.8 * np.tanh(1.2 * sound / np.percentile(np.abs(sound), 99.9))
     for edge, length in ((slice(None), 0.01), (slice(None, None, -1), 0.1)):
-        m = min(round(length * rate), n)
+        m = min(round(length * rate), len(sound))
         sound[edge][:m] *= 0.5 - 0.5 * np.cos(np.pi * np.arange(m) / m)
     return sound.astype(np.float32)
-
-
-KINDS = (0.24, 0.36, 0.14, 0.08, 0.18)  # groan, crack, debris, boom, moan
 
 
 def _rumble(random: np.random.Generator, n: int, rate: int) -> np.ndarray:

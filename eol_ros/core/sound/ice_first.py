@@ -9,7 +9,7 @@ groans (an impulse train of gliding pitch through plate modes), cracks, debris, 
 import numpy as np
 from scipy.signal import butter, lfilter, sosfilt
 
-from eol_ros.core.sound.ice import _band, _boom, _debris, _peak, _ring, _unit
+from eol_ros.core.sound.ice import _band, _boom, _debris, _mastered, _peak, _ring, _slow, _unit
 
 EVENTS_PER_S = 1.25
 
@@ -25,13 +25,7 @@ def ice(seconds: float = 40.0, rate: int = 48000, seed: int = 1) -> np.ndarray:
         make = (_groan, _crack, _debris, _boom, _moan)[random.choice(len(KINDS), p=KINDS)]
         event = make(random, rate, size)[: n - start]
         sound[start : start + len(event)] += event
-    lean = butter(2, 20 / (rate / 2), 'high', output='sos')  # impulse trains are all of one sign
-    sound = sosfilt(lean, sound)
-    sound = 0.8 * np.tanh(1.2 * sound / np.percentile(np.abs(sound), 99.9))
-    for edge, length in ((slice(None), 0.01), (slice(None, None, -1), 0.1)):
-        m = min(round(length * rate), n)
-        sound[edge][:m] *= 0.5 - 0.5 * np.cos(np.pi * np.arange(m) / m)
-    return sound.astype(np.float32)
+    return _mastered(sound, rate)
 
 
 KINDS = (0.27, 0.39, 0.14, 0.08, 0.12)  # groan, crack, debris, boom, moan
@@ -40,10 +34,7 @@ KINDS = (0.27, 0.39, 0.14, 0.08, 0.12)  # groan, crack, debris, boom, moan
 def _rumble(random: np.random.Generator, n: int, rate: int) -> np.ndarray:
     noise = lfilter([1.0], [1.0, -0.9995], random.standard_normal(n))
     noise = _unit(sosfilt(_band(18, 110, rate), noise))
-    points = max(4, int(0.4 * n / rate) + 2)  # a slow swell of about 0.2 Hz
-    swell = np.interp(
-        np.linspace(0, points - 1, n), np.arange(points), random.standard_normal(points)
-    )
+    swell = _slow(random, n, rate, 0.4)
     wind = _unit(sosfilt(_band(60, 900, rate), random.standard_normal(n)))
     return (0.016 * noise + 0.006 * wind) * np.exp(0.7 * swell)
 
