@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a bag as if it happened now: the recorded bytes, stamps unchanged, and their time."""
 
+import copy
 import sys
 import threading
 import time
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
 from eol_ros.devices.bag.player import BagPlayer, choose, complete
@@ -27,6 +31,8 @@ from eol_ros.streams.requests import PEOPLE, Asked, ahead
 
 READY_S = 1.0  # from the last reader found to the first message
 ACKNOWLEDGED_S = 2.0  # longest wait for readers to say that they have all
+LOOK_S = 0.02  # in pieces of this: rclpy keeps Python's lock while it waits
+FAST_DEPTH = 10  # messages given in one go where readers set the pace: well within their queues
 
 
 class ReplayNode(EolNode):
@@ -44,6 +50,9 @@ class ReplayNode(EolNode):
         # Requests are asked again, by today's definition; topics asked for by name go as they are.
         self._asked_on = () if s.topics else (recorded(REQUESTS), recorded(CONTROL))
         self.publishers_of = {n: self._publisher(n) for n in self.names if n not in self._asked_on}
+        self._given: Counter[Publisher] = (
+            Counter()
+        )  # since the readers last said that they have all
         self._asks: Any = None
         self._ahead: list[Asked] = []
         self._then: dict[int, Asked] = {}
@@ -74,12 +83,13 @@ class ReplayNode(EolNode):
                 'than the installed one; it can be analysed, and not be played'
             )
         name = relative_name(name, self.bag.namespace)
+        depth = FAST_DEPTH if self.settings.fast else None
         ours = TOPICS.get(name)
         if ours and ours.type_name == recorded.type:
-            return self.publisher(name)
-        return self.create_publisher(
-            message_class(recorded.type), name, QOS['latched' if recorded.latched else 'stream']
-        )
+            return self.publisher(name, depth)
+        qos = copy.copy(QOS['latched' if recorded.latched else 'stream'])
+        qos.depth = depth or qos.depth
+        return self.create_publisher(message_class(recorded.type), name, qos)
 
     def _asked_for(self) -> bool:
         """Whether a node of the scene heeds requests, or the scene is not known."""
@@ -101,7 +111,7 @@ class ReplayNode(EolNode):
     def ask(self, asked: Asked) -> None:
         asked = replace(asked, id=new_id(self.NAME), source=self.NAME)
         self._asks.publish(request_to_msg(asked, now_ns()))
-        self._acknowledged([self._asks])  # it keeps no more than 60
+        self._keep_pace(self._asks)
 
     def begin(self) -> None:
         """Tell what holds when a round begins, and ask what must be known before."""
@@ -123,8 +133,8 @@ class ReplayNode(EolNode):
             return
         publisher = self.publishers_of[message.topic]
         publisher.publish(message.data)
-        if self.settings.fast:  # the reader has it before the next comes
-            self._acknowledged([publisher])
+        if self.settings.fast:
+            self._keep_pace(publisher)
         self.health.tick()
 
     def _play(self) -> None:
@@ -140,9 +150,22 @@ class ReplayNode(EolNode):
             self.fault = error
         self.state = 'over'
 
-    def _acknowledged(self, publishers) -> None:
+    def _keep_pace(self, publisher: Publisher) -> None:
+        """Wait for the readers each time the publisher's history is full.
+
+        With the message that fills it Fast DDS asks them what they have; before, once in 3 s.
+        """
+        self._given[publisher] += 1
+        if self._given[publisher] >= publisher.qos_profile.depth:
+            self._given[publisher] = 0
+            self._acknowledged([publisher])
+
+    def _acknowledged(self, publishers: Iterable[Publisher]) -> None:
+        look = Duration(seconds=LOOK_S)
         for publisher in publishers:
-            publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_S))
+            end_s = time.monotonic() + ACKNOWLEDGED_S
+            while not publisher.wait_for_all_acked(look) and time.monotonic() < end_s:
+                time.sleep(0)  # for those who wait for the lock
 
     def _await_readers(self) -> None:
         """Wait for those whom the scene names, else until there is any reader.

@@ -186,13 +186,18 @@ class EolNode(Node):
             )
             self.time_jumped(jump_ns)
 
-    def publisher(self, topic: str) -> Publisher:
-        """Return a publisher of `topic` with type and QoS of the table."""
+    def publisher(self, topic: str, depth: int | None = None) -> Publisher:
+        """Return a publisher of `topic` with type and QoS of the table.
+
+        `depth` keeps more messages to send again, or fewer, than the table says.
+        """
         row = TOPICS[topic]
+        qos = copy.copy(PUBLISHER_QOS[row.qos])
+        qos.depth = depth or qos.depth
         return self.create_publisher(
             message_class(row.type_name),
             topic,
-            PUBLISHER_QOS[row.qos],
+            qos,
             event_callbacks=_loud(self, topic, True),
         )
 

@@ -2,7 +2,9 @@
 """The replay node over real DDS: the recorded bytes come out again, in order, at their time."""
 
 import argparse
+import json
 import struct
+import subprocess
 import time
 
 import pytest
@@ -12,6 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage
+from support.waiting import wait_until
 
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
@@ -131,6 +134,25 @@ def test_without_pictures_the_blocks_are_played(ros, bag):
     assert node.names == ['/eol/blocks']
     assert listener.got == {'blocks': sent['blocks'][50:], 'slips': []}
     listener.destroy_node()
+
+
+@pytest.mark.slow
+def test_a_reader_in_another_process_sets_the_pace(ros, bag, python):
+    """It says what it has when it is asked: by itself Fast DDS asks every 3 s."""
+    path, sent = bag
+    echo = [python, '-m', 'eol_ros', 'echo', 'slips', '--json', '--namespace', 'eol']
+    reader = subprocess.Popen(echo, stdout=subprocess.PIPE, text=True)
+    node = ReplayNode(ReplaySettings(bag=str(path), topics=('slips',), wait_s=60.0, fast=True))
+    try:
+        wait_until(lambda: node.state == 'playing', 70)
+        wait_until(lambda: node.state == 'over', 10)  # 3 s for each but the last would be 57
+        lines = [json.loads(reader.stdout.readline()) for _ in sent['slips']]
+        assert [line['slip'] for line in lines] == list(range(0, 100, 5))
+    finally:
+        reader.kill()
+        reader.communicate()
+        node.close()
+        node.destroy_node()
 
 
 @pytest.mark.slow
