@@ -47,22 +47,28 @@ class MontageNode(EolNode):
         self.shuffle.slip(slip.block, slip.kind == Slip.START, time.monotonic())
         if self.wall.moving != bool(self.shuffle.moving):
             self.wall.header.stamp = slip.header.stamp
-        self.on_beat()
+        self.look()
 
     def restart(self) -> None:
         self.shuffle.forget()
         if self.asleep:
             self.turn(False)
-        self.on_beat()
+        self.look()
 
     def on_beat(self) -> None:
+        self.beat.cancel()
+        self.look()
+
+    def look(self) -> None:
         flip = None if self.asleep else self.shuffle.update(time.monotonic())
         if flip:
             self.show(flip)
         elif self.wall.moving != bool(self.shuffle.moving):
             self.send()
-        self.beat.cancel()  # it wakes when the next change is due, and not before
-        if self.shuffle.moving and not self.asleep:
+        # It wakes when the next change is due. One that is set is left to fire: with each reset
+        # rclpy's EventsExecutor calls every timer that is due once more, and each of these calls
+        # puts off that timer's next by a period; thirty slips at once silenced the node for 30 s.
+        if self.shuffle.moving and not self.asleep and self.beat.is_canceled():
             wait_s = self.shuffle.due_s - time.monotonic()
             self.beat.timer_period_ns = round(max(wait_s, 0.001) * NS)
             self.beat.reset()
@@ -87,7 +93,7 @@ class MontageNode(EolNode):
             return
         self.wall.header.stamp = to_msg(now_ns())
         self.turn(not self.asleep)
-        self.on_beat()
+        self.look()
         self.report()
 
     def turn(self, asleep: bool) -> None:

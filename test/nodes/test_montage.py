@@ -9,6 +9,7 @@ import time
 import pytest
 from eol_msgs.msg import Slip, Wall
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
 from support.waiting import wait_until
 
 from eol_ros.errors import DeviceMissing
@@ -156,6 +157,30 @@ def test_an_empty_folder_is_one_clear_line(ros, tmp_path):
 
 
 @pytest.mark.slow
+def test_many_slips_at_once_silence_no_timer(ros):
+    """In the executor of `ros/run.py`, where they have waited for the processor."""
+    montage = MontageNode(MontageSettings())
+    executor, told = EventsExecutor(), []
+    executor.add_node(montage)
+    montage.create_timer(0.5, lambda: told.append(time.monotonic()))
+
+    def come():
+        burst.cancel()
+        time.sleep(0.5)
+        for block in range(20):
+            montage.on_slip(Slip(kind=Slip.START, block=block))
+
+    burst = montage.create_timer(1.2, come)
+    end = time.monotonic() + 6
+    while time.monotonic() < end:
+        executor.spin_once(timeout_sec=0.05)
+    # Twenty resets would have called it twenty times in a row, and then not for 10 s.
+    assert burst.is_canceled() and end - told[-1] < 3
+    executor.remove_node(montage)
+    montage.destroy_node()
+    executor.shutdown(timeout_sec=1.0)
+
+
 def test_too_fast_a_change_is_refused_with_code_78():
     done = subprocess.run(
         [sys.executable, '-m', 'eol_ros.nodes.montage', '--ros-args', '-p', 'period_s:=0.1'],
