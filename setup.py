@@ -24,7 +24,8 @@ RUNTIME = [
 # ROS 2 as wheels, for a machine without a ROS installation. Where there is one, as under colcon,
 # these would be a second ROS, and who analyses a bag needs none: so they are an extra.
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces']
-SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5']
+SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5', 'pyarrow>=14']
+CLUSTER = ['dask>=2024.1', 'distributed>=2024.1']  # sweeps on more than one machine
 METRICS = ['prometheus-client>=0.20']
 TLS = ['cryptography>=42']
 COLCON = [  # what a ROS workspace needs to build the messages, as wheels
@@ -62,6 +63,7 @@ TEST = [
     *ORACLES,
     *COLCON,
     *SCIENCE,
+    *CLUSTER,
     *METRICS,
     *TLS,
 ]
@@ -106,6 +108,7 @@ setup(
     extras_require={
         'ros': ROS,
         'science': SCIENCE,
+        'cluster': CLUSTER,
         'metrics': METRICS,
         'tls': TLS,
         'test': TEST,

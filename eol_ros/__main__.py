@@ -5,4 +5,5 @@ import sys
 
 from eol_ros.cli import main
 
-sys.exit(main())
+if __name__ == '__main__':  # not in the processes of a sweep, which import this again
+    sys.exit(main())

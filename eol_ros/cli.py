@@ -52,6 +52,7 @@ GROUPS = {
         'track': 'track the blocks in images, a video or a bag',
         'simulate': 'solve a scene of springs and blocks',
         'lattice': 'run the earthquake automaton',
+        'sweep': 'compute the law of cascades over many parameters',
         'bench': 'measure error against run time, and speed against peers',
     },
 }

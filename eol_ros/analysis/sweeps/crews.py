@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who computes: processes of this machine, or the workers of a Dask cluster.
+
+Both take batches and give back what came of them, in the order in which they are done. What a dead
+worker had in hand is computed again by another.
+"""
+
+import multiprocessing
+import os
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from importlib import metadata
+from typing import Any, Protocol
+
+from eol_ros.analysis.sweeps import work
+from eol_ros.errors import DeviceMissing, EolError, UsageError
+
+MOST_DEATHS = 3  # of workers over one batch: then it is the batch
+REACH_S = 10.0
+POLL_S = 0.5
+Done = tuple[list[dict[str, Any]], float]
+
+
+class Crew(Protocol):
+    """Takes batches, and gives back rows and seconds of those that are done."""
+
+    def size(self) -> int:
+        """How many workers there are now."""
+
+    def give(self, batch: work.Batch) -> None:
+        """Let some worker compute a batch."""
+
+    def done(self) -> Iterator[Done]:
+        """Wait, and yield what is done: nothing after POLL_S."""
+
+    def waiting(self) -> int:
+        """How many batches are given and not done."""
+
+    def close(self) -> None:
+        """Let go of the workers, and of what they have in hand."""
+
+
+class Local:
+    """Processes of this machine. One that is killed is replaced."""
+
+    def __init__(self, workers: int) -> None:
+        if workers < 1:
+            raise UsageError(f'--workers {workers}: 1 or more')
+        os.environ.setdefault(work.THREADS, '1')  # the workers inherit it
+        self._workers = workers
+        self._given: dict[Future, work.Batch] = {}
+        self._deaths: dict[str, int] = {}
+        self._pool = self._new()
+
+    def _new(self) -> ProcessPoolExecutor:
+        # not forked: this process may have threads, and numba's caches are quick to load
+        context = multiprocessing.get_context('spawn')
+        return ProcessPoolExecutor(self._workers, context, _ignore_interrupts)
+
+    def size(self) -> int:
+        """How many workers there are."""
+        return self._workers
+
+    def pids(self) -> list[int]:
+        """Return the processes that compute."""
+        return list(self._pool._processes or {})
+
+    def give(self, batch: work.Batch) -> None:
+        """Let some process compute a batch."""
+        try:
+            self._given[self._pool.submit(work.compute, batch)] = batch
+        except BrokenProcessPool:  # told by the next `done`, with what was given before
+            broken: Future = Future()
+            broken.set_exception(BrokenProcessPool())
+            self._given[broken] = batch
+
+    def waiting(self) -> int:
+        """How many batches are given and not done."""
+        return len(self._given)
+
+    def done(self) -> Iterator[Done]:
+        """Wait, and yield what is done: nothing after POLL_S."""
+        ready, _ = wait(self._given, POLL_S, FIRST_COMPLETED)
+        died = False
+        for future in ready:
+            if isinstance(future.exception(), BrokenProcessPool):
+                died = True
+                continue
+            del self._given[future]
+            found: Done = future.result()
+            yield found
+        if died:
+            self._replace()
+
+    def _replace(self) -> None:
+        """Begin anew after the death of a worker: what it and the others had in hand is lost."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+        lost = {
+            future: batch
+            for future, batch in self._given.items()
+            if future.cancelled() or isinstance(future.exception(), BrokenProcessPool)
+        }
+        self._pool = self._new()
+        for place, (future, batch) in enumerate(lost.items()):
+            del self._given[future]
+            name = batch.tasks[0][0]
+            in_hand = place < self._workers  # the others stood in the queue
+            self._deaths[name] = self._deaths.get(name, 0) + in_hand
+            if self._deaths[name] > MOST_DEATHS:
+                raise EolError(
+                    f'workers died {self._deaths[name]} times while they had this in hand (out of '
+                    f'memory?): {_first(batch)}'
+                )
+            self.give(batch)
+
+    def close(self) -> None:
+        """End the processes."""
+        processes = list((self._pool._processes or {}).values())
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.join()
+
+
+def _ignore_interrupts() -> None:
+    """Let the process that gives the work decide what Ctrl-C means."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+class Cluster:
+    """The workers of a Dask cluster: as many as there are, also those that come later."""
+
+    def __init__(self, address: str) -> None:
+        try:
+            import distributed
+        except ModuleNotFoundError:
+            raise UsageError(
+                "--scheduler needs Dask: pip install dask distributed (the extra 'cluster')"
+            ) from None
+        self._address = address
+        try:
+            self._client = distributed.Client(address, timeout=REACH_S, name='eol sweep')
+        except (OSError, ValueError) as error:
+            raise DeviceMissing(
+                f'--scheduler {address}: no Dask scheduler answers there ({error}); '
+                'start one with: dask scheduler'
+            ) from None
+        self.others: list[str] = []  # processors of workers that are not as here
+        self._given: dict[Any, work.Batch] = {}
+        try:
+            self._check()
+        except BaseException:
+            self._client.close()
+            raise
+
+    def _check(self) -> None:
+        own = metadata.version('distributed')
+        versions: Any = self._client.get_versions()
+        found = versions['scheduler']['packages']['distributed']
+        work.check({'distributed': own}, {'distributed': found}, f'scheduler {self._address}')
+        try:
+            there = self._client.run(_identity)
+        except ModuleNotFoundError as error:
+            raise work.OtherVersion(
+                f'a worker of {self._address} has no {error.name}, here is eol_ros '
+                f'{work.version()["eol_ros"]}: install the same on both'
+            ) from None
+        own_where = work.where()
+        for address, (version, where) in there.items():
+            work.check(work.version(), version, f'worker {address}')
+            work.check_threads(where['threads'], f'worker {address}')
+            if where['processor'] != own_where['processor']:
+                self.others.append(f'{address} ({where["processor"]})')
+
+    def size(self) -> int:
+        """How many workers there are now."""
+        return len(self._client.nthreads())
+
+    def give(self, batch: work.Batch) -> None:
+        """Let some worker compute a batch; the scheduler gives it to another if that one dies."""
+        self._given[self._client.submit(work.compute, batch, pure=False)] = batch
+
+    def waiting(self) -> int:
+        """How many batches are given and not done."""
+        return len(self._given)
+
+    def done(self) -> Iterator[Done]:
+        """Wait, and yield what is done: nothing after POLL_S."""
+        import distributed
+
+        try:
+            ready = distributed.wait(list(self._given), POLL_S, 'FIRST_COMPLETED').done
+        except (TimeoutError, distributed.TimeoutError):
+            if self._client.status not in ('running', 'connecting'):
+                raise DeviceMissing(f'--scheduler {self._address}: it has gone') from None
+            return
+        for future in ready:
+            batch = self._given.pop(future)
+            if future.status == 'cancelled':
+                raise DeviceMissing(f'--scheduler {self._address}: it has gone')
+            try:
+                found: Done = future.result()
+            except distributed.KilledWorker as error:
+                raise EolError(f'{error}: {_first(batch)}') from None
+            yield found
+
+    def close(self) -> None:
+        """Take back what is not computed, and leave the cluster."""
+        if self._client.status == 'running':
+            self._client.cancel(list(self._given))
+        self._given.clear()
+        self._client.close()
+
+
+def _identity() -> tuple[dict[str, str], dict[str, str]]:
+    return work.version(), work.where()
+
+
+def _first(batch: work.Batch) -> str:
+    more = f' (the first of {len(batch.tasks)})' if len(batch.tasks) > 1 else ''
+    return f'task {batch.tasks[0][1]}{more}'

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a worker of a sweep does, in a process of this machine or of a Dask cluster."""
+
+import functools
+import hashlib
+import os
+import platform
+import threading
+import time
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from eol_ros.errors import ConfigError, EolError
+
+ROOT = Path(__file__).parents[2]
+COMPUTES = ('core/physics', 'core/science', 'core/geometry.py', 'core/compiled.py')
+THREADS = 'OPENBLAS_NUM_THREADS'
+_ONE_AT_A_TIME = threading.Lock()  # the solvers are no more than one thread's
+
+
+class OtherVersion(ConfigError):
+    """A worker, or rows of a table, of another version than this."""
+
+
+@dataclass
+class Batch:
+    """Tasks for one worker: their keys and parameters, and the scenes that they name."""
+
+    model: str
+    tasks: list[tuple[str, dict[str, Any]]]
+    scenes: dict[str, Any]
+    made_by: dict[str, str]
+
+
+@functools.cache
+def version() -> dict[str, str]:
+    """Return what must be the same wherever a table is computed."""
+    digest = hashlib.blake2b(digest_size=6)
+    for name in COMPUTES:
+        path = ROOT / name
+        for file in sorted(path.rglob('*.py')) if path.is_dir() else [path]:
+            digest.update(file.relative_to(ROOT).as_posix().encode() + file.read_bytes())
+    try:
+        own = metadata.version('eol_ros')
+    except metadata.PackageNotFoundError:  # a checkout on the path
+        own = 'of no package'
+    found = {'eol_ros': f'{own} (sources {digest.hexdigest()})'}
+    return found | {name: metadata.version(name) for name in ('numpy', 'scipy', 'numba')}
+
+
+def where() -> dict[str, str]:
+    """Return what else the last bits depend on: processor, and threads of linear algebra."""
+    import llvmlite.binding
+
+    return {
+        'processor': llvmlite.binding.get_host_cpu_name(),
+        'python': platform.python_version(),
+        'threads': os.environ.get(THREADS, 'all'),
+    }
+
+
+def check(wanted: dict[str, str], there: dict[str, str], who: str) -> None:
+    """Raise OtherVersion, with both versions, unless they are the same."""
+    for name, value in wanted.items():
+        if there.get(name) != value:
+            raise OtherVersion(
+                f'{who} has {name} {there.get(name)}, here is {name} {value}: '
+                'install the same on both'
+            )
+
+
+def check_threads(threads: str, who: str) -> None:
+    """Raise EolError where several threads solve one system: its last bits are then others."""
+    if threads != '1':
+        raise EolError(
+            f'{who} lets {threads} threads solve one system, and its last bits are others: start '
+            f'it with {THREADS}=1 (dask worker with its nanny does so)'
+        )
+
+
+def compute(batch: Batch) -> tuple[list[dict[str, Any]], float]:
+    """Return the rows of a batch, and the seconds that they took."""
+    from eol_ros.analysis.sweeps.table import row_of
+    from eol_ros.core.science import sweep
+
+    who = f'worker {os.getpid()} on {platform.node()}'
+    check(batch.made_by, version(), who)
+    check_threads(where()['threads'], who)
+    with _ONE_AT_A_TIME:
+        begin_s = time.perf_counter()
+        rows = []
+        for key, parameters in batch.tasks:
+            try:
+                result = sweep.compute(batch.model, parameters, batch.scenes)
+            except Exception as fault:
+                # not `from fault`: it may not survive the way to the other process
+                raise EolError(f'task {parameters}: {type(fault).__name__}: {fault}') from None
+            rows.append(row_of(key, parameters, result))
+        return rows, time.perf_counter() - begin_s

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`eol sweep`: the law of cascades over all combinations of parameters, as a table."""
+
+import argparse
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+
+HELP = """Run a table, plate, automaton or any scene over all combinations of parameters.
+
+The results are a table (Parquet, or CSV). The same command again computes only what is missing,
+and a sweep file with more values adds to it. docs/science.md explains the file and the columns."""
+EXAMPLES = [
+    'eol sweep examples/sweeps/friction.yaml',
+    'eol sweep examples/sweeps/friction.yaml --out friction.csv --workers 4',
+    'eol sweep sweep.yaml --scheduler tcp://host:8786',
+    'eol sweep sweep.yaml --count',
+    'eol sweep --parameters plate',
+]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('spec', metavar='SPEC.yaml', nargs='?', help='what is to be computed')
+    parser.add_argument(
+        '--out', metavar='FILE', help='.parquet or .csv (default: named as the sweep file, here)'
+    )
+    parser.add_argument(
+        '--workers', type=int, metavar='N', help='processes on this machine (default: its cores)'
+    )
+    parser.add_argument(
+        '--scheduler', metavar='tcp://HOST:8786', help='of a Dask cluster, which computes instead'
+    )
+    parser.add_argument('--count', action='store_true', help='check the file, count the tasks')
+    parser.add_argument('--parameters', metavar='MODEL', help='list the parameters of a model')
+    parser.add_argument('--json', action='store_true', help='what was done, as JSON')
+
+
+def run(args: argparse.Namespace) -> int:
+    from eol_ros.analysis.sweeps import spec as specs
+    from eol_ros.analysis.sweeps import work
+    from eol_ros.analysis.sweeps.run import Counts, missing
+    from eol_ros.analysis.sweeps.table import Table
+    from eol_ros.errors import UsageError
+
+    if args.parameters:
+        return _parameters(args.parameters)
+    if not args.spec:
+        raise UsageError('name a sweep file; --parameters MODEL lists what can stand in it')
+    if args.workers is not None and args.scheduler:
+        raise UsageError('--workers counts processes of this machine: leave out --scheduler')
+    spec = specs.load(args.spec)
+    if args.count:
+        print(json.dumps({'tasks': len(spec)}) if args.json else f'{len(spec)} tasks')
+        return 0
+    out = Path(args.out) if args.out else _default(args.spec)
+    signal.signal(signal.SIGTERM, _interrupt)  # what is done is then kept, as with Ctrl-C
+    table = Table(out, spec.model, work.version())
+    counts, stopped = Counts(), False
+    try:
+        lacks = missing(spec, table)
+        _compute(args, spec, table, counts, lacks)
+    except KeyboardInterrupt:
+        stopped = True
+    finally:
+        table.close()
+    words = {
+        'table': str(out), 'tasks': len(spec), 'computed': counts.done,
+        'missing': lacks - counts.done, 'rows': len(table), 'seconds': counts.seconds,
+    }  # fmt: skip
+    if args.json:
+        print(json.dumps(words))
+    else:
+        print(
+            f'{out}: {len(table)} rows; {counts.done} of {len(spec)} tasks computed now, in '
+            f'{counts.seconds:.3g} s of work'
+        )
+    if stopped:
+        left = words['missing']
+        print(f'stopped; {left} tasks are left: the same command goes on', file=sys.stderr)
+    return 0
+
+
+def _compute(args, spec, table, counts, lacks: int) -> None:
+    from eol_ros.analysis.sweeps import crews
+    from eol_ros.analysis.sweeps.run import run as run_sweep
+    from eol_ros.verbs import compile
+    from eol_ros.verbs.progress import track
+
+    if not lacks:
+        return
+    if args.scheduler:
+        cluster = crews.Cluster(args.scheduler)
+        crew: crews.Crew = cluster
+        if not crew.size():
+            print(f'no worker at {args.scheduler} yet: waiting for one', file=sys.stderr)
+        for other in cluster.others:
+            print(
+                f'worker {other} has another processor than this machine: chaotic models will '
+                'agree in their laws only, not to the bit',
+                file=sys.stderr,
+            )
+    else:
+        if spec.model not in ('ofc', 'oslo'):
+            compile.ensure(['simulate'])
+        cores = len(os.sched_getaffinity(0))
+        crew = crews.Local(args.workers if args.workers is not None else min(cores, lacks))
+    try:
+        for _ in track(run_sweep(spec, table, crew, counts), 'sweep', total=lacks):
+            pass
+    finally:
+        crew.close()
+
+
+def _default(spec: str) -> Path:
+    from eol_ros.analysis.sweeps.table import has_parquet
+
+    if has_parquet():
+        return Path(f'{Path(spec).stem}.parquet')
+    print('pyarrow is not installed: the table is a CSV file', file=sys.stderr)
+    return Path(f'{Path(spec).stem}.csv')
+
+
+def _interrupt(*_args) -> None:
+    raise KeyboardInterrupt
+
+
+def _parameters(model: str) -> int:
+    import dataclasses
+
+    from eol_ros.analysis.sweeps.table import columns
+    from eol_ros.core.science.sweep import MODELS, RESULTS
+    from eol_ros.errors import UsageError
+
+    if model not in MODELS:
+        raise UsageError(f'--parameters {model}: not one of {", ".join(MODELS)}')
+    defaults = {f.name: f.default for f in dataclasses.fields(MODELS[model])}
+    there = columns(model)
+    print(f'{model}: {(MODELS[model].__doc__ or "").splitlines()[0]}')
+    for name, default in sorted(defaults.items(), key=lambda item: list(there).index(item[0])):
+        unit = f' {there[name].unit}' if there[name].unit else ''
+        shown = f'{default:.6g}' if isinstance(default, float) else default
+        print(f'  {name:17} {shown!s:>9}{unit:7} {there[name].text}')
+    print('columns of the table besides:')
+    for name in RESULTS:
+        unit = f' [{there[name].unit}]' if there[name].unit else ''
+        print(f'  {name:17} {there[name].text}{unit}')
+    return 0

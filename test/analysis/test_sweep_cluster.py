@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sweep on a real Dask scheduler and its workers, started as docs/science.md says."""
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import eol_ros
+from eol_ros import cli
+from eol_ros.analysis.sweeps import crews, spec, table, work
+from eol_ros.analysis.sweeps.run import Counts, run
+from eol_ros.errors import ConfigError
+
+pytestmark = pytest.mark.slow
+
+SWEEP = """
+model: ofc
+fixed: {events: 100000, warmup: 2000, bootstrap: 20}
+vary:
+  size: [8, 12]
+  alpha: [0.15, 0.2]
+  seed: {from: 1, to: 8}
+"""
+DASK = [sys.executable, '-m', 'dask']
+
+
+class Cluster:
+    def __init__(self, folder):
+        self.folder, self.processes = folder, {}
+        file = folder / 'scheduler.json'
+        scheduler = ['scheduler', '--host', '127.0.0.1', '--port', '0', '--no-dashboard']
+        self.start('scheduler', *scheduler, '--scheduler-file', str(file))
+        self.address = None
+        end_s = time.monotonic() + 60
+        while self.address is None and time.monotonic() < end_s:
+            time.sleep(0.05)
+            if file.exists() and file.read_text():
+                self.address = json.loads(file.read_text())['address']
+
+    def start(self, name, *words, path=Path(eol_ros.__file__).parents[1]):
+        environment = os.environ | {'PYTHONPATH': str(path), work.THREADS: '1'}
+        log = open(self.folder / f'{name}.log', 'wb')  # noqa: SIM115  the process writes to it
+        self.processes[name] = subprocess.Popen(
+            [*DASK, *words], env=environment, stdout=log, stderr=log, cwd=self.folder
+        )
+        log.close()
+
+    def worker(self, name, **more):
+        host = ['--host', '127.0.0.1', '--no-dashboard', '--name', name]
+        only = ['--nthreads', '1', '--no-nanny']
+        self.start(name, 'worker', self.address, *host, *only, **more)
+
+    def close(self):
+        for process in self.processes.values():
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture(scope='module')
+def cluster(tmp_path_factory):
+    cluster = Cluster(tmp_path_factory.mktemp('dask'))
+    try:
+        assert cluster.address
+        cluster.worker('one')
+        cluster.worker('two')
+        yield cluster
+    finally:
+        cluster.close()
+
+
+@pytest.fixture
+def given(tmp_path, monkeypatch):
+    monkeypatch.setenv(work.THREADS, '1')
+    path = tmp_path / 'sweep.yaml'
+    path.write_text(SWEEP)
+    return spec.load(path)
+
+
+def computed(path, given, crew, on_done=lambda count: None):
+    rows = table.Table(path, given.model, work.version())
+    try:
+        for count in run(given, rows, crew, Counts()):
+            on_done(count)
+    finally:
+        crew.close()
+        rows.close()
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_a_worker_of_a_cluster_killed_in_mid_task_loses_nothing(cluster, given, tmp_path):
+    crew = crews.Cluster(cluster.address)
+    end_s = time.monotonic() + 60
+    while crew.size() < 2 and time.monotonic() < end_s:
+        time.sleep(0.05)
+    sizes = []
+
+    def kill(count):
+        sizes.append(crew.size())
+        if count == 3:
+            cluster.processes['one'].send_signal(signal.SIGKILL)
+
+    there = computed(tmp_path / 'cluster.parquet', given, crew, kill)
+    here = computed(tmp_path / 'here.parquet', given, crews.Local(1))
+
+    assert there == here
+    assert sizes[0] == 2 and sizes[-1] == 1
+
+
+def test_the_command_uses_the_cluster(cluster, given, tmp_path, capsys):
+    words = ['sweep', str(tmp_path / 'sweep.yaml'), '--out', str(tmp_path / 'out.csv'), '--json']
+
+    assert cli.main([*words, '--scheduler', cluster.address]) == 0
+    assert json.loads(capsys.readouterr().out)['computed'] == 32
+
+
+def test_a_cluster_of_another_version_is_refused_with_both(cluster, given, tmp_path):
+    """The worker's own sources differ; one that comes in mid-sweep is refused, too."""
+    other = tmp_path / 'other'
+    ignored = shutil.ignore_patterns('__pycache__', 'static', 'walls')
+    shutil.copytree(Path(eol_ros.__file__).parent, other / 'eol_ros', ignore=ignored)
+    changed = other / 'eol_ros' / 'core' / 'science' / 'sweep.py'
+    changed.write_text(changed.read_text() + '\n# another version\n')
+    crew = crews.Cluster(cluster.address)
+    cluster.worker('stranger', path=other)
+    cluster.processes['two'].kill()
+    pattern = r'has eol_ros .*\(sources (\w+)\), here is eol_ros .*\(sources (?!\1)\w+\)'
+    with pytest.raises(ConfigError, match=pattern):
+        computed(tmp_path / 'late.parquet', given, crew)
+    with pytest.raises(ConfigError, match=f'worker tcp.* {pattern}'):
+        crews.Cluster(cluster.address)
+
+
+def test_nobody_at_the_address_is_said(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(crews, 'REACH_S', 0.5)
+    path = tmp_path / 'sweep.yaml'
+    path.write_text('model: ofc')
+    words = ['sweep', str(path), '--out', str(tmp_path / 'a.csv'), '--scheduler']
+
+    assert cli.main([*words, 'tcp://127.0.0.1:9']) == os.EX_UNAVAILABLE
+    assert 'no Dask scheduler answers there' in capsys.readouterr().err
+    assert cli.main([*words, 'nonsense://x']) == os.EX_UNAVAILABLE

@@ -1,0 +1,330 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sweep files, tables that are resumed, and workers that are killed."""
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from eol_ros import cli
+from eol_ros.analysis.sweeps import crews, spec, table, work
+from eol_ros.analysis.sweeps.run import Counts, run
+from eol_ros.core.science import sweep
+from eol_ros.errors import ConfigError, EolError, UsageError
+
+AUTOMATA = """
+model: ofc
+fixed: {events: 20000, warmup: 3e3, bootstrap: 20}
+vary:
+  size: [8, 12]
+  alpha: {from: 0.15, to: 0.2, steps: 3}
+  seed: {from: 1, to: 4}
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text, name='sweep.yaml'):
+        path = tmp_path / name
+        path.write_text(text.replace('3e3', '3000'))
+        return path
+
+    return write
+
+
+def computed(path, given, crew, on_done=lambda count: None):
+    """Run a sweep into `path`; return the digest of the file."""
+    rows = table.Table(path, given.model, work.version())
+    try:
+        for count in run(given, rows, crew, Counts()):
+            on_done(count)
+    finally:
+        crew.close()
+        rows.close()
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_every_combination_is_one_task(write):
+    found = spec.load(write(AUTOMATA))
+    tasks = list(found.tasks())
+    defaults = sweep.Ofc()
+
+    assert len(found) == len(tasks) == 24
+    assert len({sweep.key('ofc', task) for task in tasks}) == 24
+    assert {task['alpha'] for task in tasks} == {0.15, 0.175, 0.2}
+    assert {task['seed'] for task in tasks} == {1, 2, 3, 4}
+    assert all(task['fit_to'] == defaults.fit_to and task['warmup'] == 3000 for task in tasks)
+
+
+def test_yaml_takes_some_numbers_for_text_and_the_sweep_does_not(write):
+    given = 'model: plate\nfixed: {speed_mps: 5e-4}\nvary: {stiffness_ratio: {from: 1, to: 4, '
+    found = spec.load(write(given + 'steps: 3, spacing: log}}'))
+
+    assert found.fixed['speed_mps'] == 5e-4
+    assert found.varied['stiffness_ratio'] == pytest.approx([1, 2, 4])
+
+
+@pytest.mark.parametrize(
+    'text, said',
+    [
+        ('model: plat', "1:8 error model: 'plat' is none. Did you mean plate?"),
+        ('fixed: {rows: 3}', '1:1 error model: is missing'),
+        ('model: ofc\nvaries: {}', '2:1 error varies: no such key. Did you mean vary?'),
+        ('model: ofc\nvary: {sise: [3]}', '2:8 error vary.sise: ofc has no such parameter. Did '),
+        ('model: ofc\nfixed:\n  alpha: 0.3', '3:10 error fixed.alpha: 0.3 is out of range (0 to'),
+        ('model: ofc\nvary:\n  seed: [1, 1]', '3:9 error vary.seed: a value stands twice'),
+        ('model: ofc\nvary:\n  seed: {from: 4}', '3:9 error vary.seed: lacks to'),
+        ('model: ofc\nvary:\n  seed: {from: 4, to: 2}', '3:9 error vary.seed: from 4 to 2: rising'),
+        ('model: ofc\nvary: {alpha: {from: 0, to: 0.2}}', '2:15 error vary.alpha: lacks steps'),
+        ('model: ofc\nvary: {alpha: 0.2}', '2:15 error vary.alpha: a list, or {from: A, to: B}'),
+        ('model: table\nfixed: {drive: shove}', "2:16 error fixed.drive: 'shove' is not one of"),
+        ('model: table\nfixed: {rows: 2.5}', '2:15 error fixed.rows: 2.5 is not a whole number'),
+        ('model: scene\nfixed: {scene: no.json}', '2:16 error scene: '),
+        ('model: ofc\nfixed: {seed: 1}\nvary: {seed: [2]}', '3:8 error vary.seed: stands under'),
+        ('model: ofc\nfixed: [', 'error not YAML'),
+        ('- 1', '1:1 error a sweep is a mapping with the keys model, fixed, vary'),
+    ],
+)
+def test_a_mistake_names_its_key_and_its_place(write, text, said):
+    path = write(text)
+    with pytest.raises(spec.SpecError) as error:
+        spec.load(path)
+
+    assert f'{path}:' in str(error.value) and said in str(error.value)
+
+
+def test_all_mistakes_are_said_at_once(write):
+    path = write('model: ofc\nfixed: {alpha: 1}\nvary: {size: [0, x], sede: [1]}')
+    with pytest.raises(spec.SpecError) as error:
+        spec.load(path)
+
+    assert str(error.value).splitlines()[-1] == '4 errors. Nothing was computed.'
+
+
+def test_a_scene_in_a_file_is_known_by_what_it_contains(write):
+    from eol_ros.core.physics import presets
+
+    write(json.dumps(presets.scene('S1')), 'one.json')
+    given = 'model: scene\nvary: {scene: [S1, one.json]}'
+    first = spec.load(write(given))
+    write(json.dumps(presets.scene('S1') | {'T': 30.0}), 'one.json')
+    second = spec.load(write(given))
+    keys = [[sweep.key('scene', task) for task in s.tasks()] for s in (first, second)]
+
+    assert keys[0][0] == keys[1][0] and keys[0][1] != keys[1][1]
+    assert next(iter(second.scenes.values()))['T'] == 30.0
+
+
+class Here:
+    """A crew of this process: computes when it is asked what is done."""
+
+    def __init__(self):
+        self.given = []
+
+    def size(self):
+        return 2
+
+    def give(self, batch):
+        self.given.append(batch)
+
+    def waiting(self):
+        return len(self.given)
+
+    def done(self):
+        yield work.compute(self.given.pop())  # the last first: order must not matter
+
+    def close(self):
+        self.given = []
+
+
+@pytest.fixture(autouse=True)
+def one_thread(monkeypatch):
+    monkeypatch.setenv(work.THREADS, '1')
+
+
+@pytest.mark.parametrize('suffix', ['.parquet', '.csv'])
+def test_a_table_is_resumed_and_added_to_and_the_same_to_the_bit(write, tmp_path, suffix):
+    given = spec.load(write(AUTOMATA))
+    whole = computed(tmp_path / f'whole{suffix}', given, Here())
+
+    path = tmp_path / f'parts{suffix}'
+
+    def stop(count):
+        if count >= 7:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        computed(path, given, Here(), stop)
+    fewer = spec.load(write(AUTOMATA.replace('to: 4', 'to: 2')))
+    computed(path, fewer, Here())
+    rows = table.Table(path, 'ofc', work.version())
+    there = len(rows)
+    rows.close()
+    again = Counts()
+    rows = table.Table(path, 'ofc', work.version())
+    for _ in run(given, rows, Here(), again):
+        pass
+    rows.close()
+
+    assert 12 <= there < 24 and again.done == 24 - there
+    assert hashlib.sha256(path.read_bytes()).hexdigest() == whole
+    assert not list(tmp_path.glob('*.parts'))
+
+
+def test_a_killed_sweep_loses_what_was_not_written_yet_and_no_more(write, tmp_path, monkeypatch):
+    given = spec.load(write(AUTOMATA))
+    whole = computed(tmp_path / 'whole.parquet', given, Here())
+    path = tmp_path / 'killed.parquet'
+    monkeypatch.setattr(table, 'FLUSH_ROWS', 2)
+    monkeypatch.setattr(table, 'MOST_PARTS', 3)
+    rows = table.Table(path, 'ofc', work.version())
+    for count in run(given, rows, Here(), Counts()):
+        if count == 15:
+            break
+    os.close(rows._lock)  # as the kernel does for a process that is killed
+    (tmp_path / 'killed.parquet.parts' / '.000099.parquet').write_bytes(b'half')
+
+    later = table.Table(path, 'ofc', work.version())
+    kept = len(later)
+    later.close()
+
+    assert kept >= 12
+    assert computed(path, given, Here()) == whole
+
+
+def test_two_sweeps_do_not_write_to_one_table(tmp_path):
+    first = table.Table(tmp_path / 'a.csv', 'ofc', work.version())
+    with pytest.raises(ConfigError, match='another sweep writes to it'):
+        table.Table(tmp_path / 'a.csv', 'ofc', work.version())
+    first.close()
+
+
+def test_rows_of_another_version_or_model_are_refused_with_both(write, tmp_path):
+    path = tmp_path / 'a.parquet'
+    few = AUTOMATA.replace('[8, 12]', '[8]').replace('to: 4', 'to: 2')
+    computed(path, spec.load(write(few)), Here())
+    other = work.version() | {'numpy': '1.0.0'}
+
+    with pytest.raises(ConfigError, match=f'numpy {work.version()["numpy"]}, here is numpy 1.0.0'):
+        table.Table(path, 'ofc', other)
+    with pytest.raises(ConfigError, match='the table of a sweep over ofc; give another file'):
+        table.Table(path, 'oslo', work.version())
+    with pytest.raises(UsageError, match=r'ends in \.parquet or \.csv'):
+        table.Table(tmp_path / 'a.xls', 'ofc', work.version())
+    (tmp_path / 'b.parquet').write_text('nonsense')
+    with pytest.raises(ConfigError, match='not a Parquet file'):
+        table.Table(tmp_path / 'b.parquet', 'ofc', work.version())
+
+
+def test_the_file_says_its_units_and_where_it_is_from(write, tmp_path):
+    path = tmp_path / 'a.parquet'
+    given = 'model: train\nfixed: {travel_m: 0.1, blocks: 2}'
+    computed(path, spec.load(write(given)), Here())
+    schema = pq.read_schema(path)
+    about = json.loads(schema.metadata[b'eol_ros'])
+
+    assert schema.field('speed_mps').metadata[b'unit'] == b'm/s'
+    assert about['made_by'] == work.version() and about['model'] == 'train'
+    assert list(schema.names) == list(table.columns('train'))
+
+
+def test_memory_holds_a_few_batches_whatever_there_is_to_do(write):
+    text = 'model: ofc\nfixed: {size: 1, events: 1, warmup: 0}\nvary: {seed: {from: 1, to: 90000}}'
+    given = spec.load(write(text))
+    most = [0]
+
+    class Counting(Here):
+        def done(self):
+            most[0] = max(most[0], sum(len(b.tasks) for b in self.given))
+            batch = self.given.pop()
+            row = sweep.Result('ok')
+            yield [table.row_of(k, p, row) for k, p in batch.tasks], 1e-3 * len(batch.tasks)
+
+    class Sink:
+        has, add, length = (lambda *_: False), (lambda *_: None), 0
+        __len__ = lambda self: 0  # noqa: E731
+
+    done = sum(1 for _ in run(given, Sink(), Counting(), Counts()))
+
+    assert done == 90_000
+    assert most[0] <= 6 * 1000
+
+
+@pytest.mark.slow
+def test_a_worker_killed_in_mid_task_loses_nothing(write, tmp_path):
+    text = AUTOMATA.replace('20000', '200000')
+    given = spec.load(write(text))
+    whole = computed(tmp_path / 'whole.parquet', given, crews.Local(1))
+    killed = []
+
+    def kill(count):
+        if count in (2, 12):
+            killed.append(crew.pids()[0])
+            os.kill(killed[-1], signal.SIGKILL)
+
+    crew = crews.Local(2)
+
+    assert computed(tmp_path / 'killed.parquet', given, crew, kill) == whole
+    assert len(set(killed)) == 2
+
+
+@pytest.mark.slow
+def test_a_task_that_kills_each_worker_is_named(write, monkeypatch):
+    monkeypatch.setattr(crews, 'MOST_DEATHS', 1)
+    crew = crews.Local(1)
+    batch = work.Batch('ofc', [('00', {'seed': 5})], {}, work.version())
+    monkeypatch.setattr(work, 'compute', _die)
+    crew.give(batch)
+    with pytest.raises(EolError, match=r"workers died 2 times .*'seed': 5"):
+        while crew.waiting():
+            list(crew.done())
+    crew.close()
+
+
+def _die(_batch):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_the_command_computes_counts_and_goes_on(write, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    few = AUTOMATA.replace('[8, 12]', '[8]').replace('to: 4', 'to: 2')
+    path = write(few)
+
+    assert cli.main(['sweep', str(path), '--count', '--json']) == 0
+    assert json.loads(capsys.readouterr().out) == {'tasks': 6}
+    assert cli.main(['sweep', str(path), '--workers', '1', '--json']) == 0
+    first = json.loads(capsys.readouterr().out)
+    assert cli.main(['sweep', str(path), '--json']) == 0
+    second = json.loads(capsys.readouterr().out)
+
+    assert first['computed'] == first['rows'] == 6 and first['missing'] == 0
+    assert second['computed'] == 0 and second['rows'] == 6
+    assert pq.read_table(tmp_path / 'sweep.parquet').num_rows == 6
+    assert cli.main(['sweep', str(path), '--workers', '0', '--out', 'b.csv']) == 2
+    assert cli.main(['sweep', str(write('model: ofc\nfixed: {sze: 3}'))]) == os.EX_CONFIG
+    assert 'sweep.yaml:2:9 error fixed.sze' in capsys.readouterr().err
+    assert cli.main(['sweep', '--parameters', 'plate']) == 0
+    assert 'stiffness_ratio' in capsys.readouterr().out
+
+
+def test_sigterm_keeps_what_is_done(write, tmp_path):
+    path = write(AUTOMATA.replace('20000', '2000000'))
+    command = [sys.executable, '-m', 'eol_ros', 'sweep', str(path), '--workers', '1', '--json']
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=os.environ | {'PYTHONPATH': str(Path(__file__).parents[2])},
+    ) as process:  # fmt: skip
+        assert '10 %' in process.stderr.readline()
+        process.terminate()
+        out, err = process.communicate(timeout=60)
+    words = json.loads(out)
+
+    assert process.returncode == 0
+    assert words['rows'] == words['computed'] == 24 - words['missing'] > 0
+    assert 'the same command goes on' in err
