@@ -258,7 +258,7 @@ def test_memory_holds_a_few_batches_whatever_there_is_to_do(write):
 
 @pytest.mark.slow
 def test_a_worker_killed_in_mid_task_loses_nothing(write, tmp_path):
-    text = AUTOMATA.replace('20000', '200000')
+    text = AUTOMATA.replace('20000', '100000')
     given = spec.load(write(text))
     whole = computed(tmp_path / 'whole.parquet', given, crews.Local(1))
     killed = []

@@ -94,7 +94,7 @@ class Local:
             self._replace()
 
     def _replace(self) -> None:
-        """Begin anew after the death of a worker: what it and the others had in hand is lost."""
+        """Begin again after the death of a worker: what it and the others had in hand is lost."""
         self._pool.shutdown(wait=True, cancel_futures=True)
         lost = {
             future: batch

@@ -3,7 +3,7 @@
 
 While a sweep runs, rows go to small files in `FILE.parts`, each there as a whole or not at all, so
 that a power cut costs half a minute. At its end they are merged into FILE, sorted by their
-parameters: the same rows make the same file, whoever computed them and when. Memory holds
+parameters: the same rows make the same file, with any worker and at any time. Memory holds
 `BATCH_ROWS` of each file at a time.
 """
 

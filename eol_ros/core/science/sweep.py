@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One task of a parameter sweep: from the parameters of a model to the law of its cascades.
 
-A task depends on its parameters alone, its seed among them: whoever computes it, and in whatever
-order, gets the same numbers to the bit (on processors of one kind, see docs/science.md).
+A task depends on its parameters alone, its seed among them: whatever process computes it, in any
+order, the numbers are the same to the bit (on processors of one kind, see docs/science.md).
 """
 
 import dataclasses
