@@ -31,6 +31,11 @@ lint: setup-test  ## ruff, mypy and the terms that are not used
 docs: setup-test  ## rewrite the generated parts of the docs
 	$(PY) tools/generate_docs.py
 
+firmware: setup-test  ## build what runs in the blocks, and test it in emulated controllers
+	@tools/system_packages.sh firmware
+	$(MAKE) -s -C firmware all
+	$(PY) -m pytest -m 'firmware and not soak' test/firmware $(ARGS)
+
 soak: setup-test  ## the long ones: hours of rehearsal, kills, floods, fuzzing
 	-$(PY) -m pip install -q atheris
 	$(PY) -m pytest -m soak --override-ini addopts= test
@@ -52,4 +57,4 @@ clean:  ## remove what was made here, but no bag
 setup-test:
 	@tools/setup_env.sh test
 
-.PHONY: help setup setup-test run test bare quick lint docs soak bench lock films clean
+.PHONY: help setup setup-test run test bare quick lint docs firmware soak bench lock films clean

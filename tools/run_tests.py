@@ -25,8 +25,8 @@ ROOT = Path(__file__).resolve().parents[1]
 RERUNS = ('--reruns', '1')
 BESIDE = ('-n', '3', '--dist', 'loadfile', '--no-loadscope-reorder')  # many of them wait
 PARTS = {
-    'side by side': (*RERUNS, *BESIDE, '-m', 'not live and not soak'),
-    'one by one, in real time': (*RERUNS, '-m', 'live and not soak'),
+    'side by side': (*RERUNS, *BESIDE, '-m', 'not live and not soak and not firmware'),
+    'one by one, in real time': (*RERUNS, '-m', 'live and not soak and not firmware'),
 }
 # Halves of about the same length; xdist would have both processes import and compile everything.
 FIRST_HALF = [f'test/core/{name}' for name in ('physics', 'light', 'montage', 'science')]

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Installs the system packages of tools/system_packages.txt that are missing, where it may: as root,
 # or with a sudo that asks for no password. Elsewhere it names them once, and the set-up goes on.
-#   tools/system_packages.sh run|test         EOL_SYSTEM=no: leave the system as it is
+#   tools/system_packages.sh run|test|firmware    EOL_SYSTEM=no: leave the system as it is
 set -eu
 cd "$(dirname "$0")/.."
 wanted=${1:-run}
@@ -27,7 +27,7 @@ sys.exit(not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.
 missing=''
 while read -r package stage probe _; do
     case "$wanted $stage" in
-        *' build' | *' run' | 'test test') there "$probe" || missing="$missing $package" ;;
+        *' build' | *' run' | 'test test' | 'firmware firmware') there "$probe" || missing="$missing $package" ;;
     esac
 done <<LIST
 $(grep -v '^#' tools/system_packages.txt)

@@ -4,12 +4,11 @@
 enum { LEASE = 11 }; /* thousandths of the decay time */
 
 /* What is lost in a millisecond, 1 - exp(-1 / tau), in 1 / 2^32; tau in ms. */
-static uint32_t share(uint16_t tau_ms)
-{
-    uint64_t one = (uint64_t)1 << 32;
-    uint64_t first = one / tau_ms, second = first / (2u * tau_ms), third = second / (3u * tau_ms);
-    return (uint32_t)(first - second + third);
-}
+#define FIRST(tau) (((uint64_t)1 << 32) / (tau))
+#define SECOND(tau) (FIRST(tau) / (2u * (tau)))
+#define THIRD(tau) (SECOND(tau) / (3u * (tau)))
+#define SHARE(tau) ((uint32_t)(FIRST(tau) - SECOND(tau) + THIRD(tau)))
+static const uint32_t HELD = SHARE(EOL_LIGHT_HOLD_MS); /* a division takes longer than a millisecond */
 
 void eol_light_begin(eol_light *light, uint8_t by_itself, uint8_t peak, uint16_t decay_ms)
 {
@@ -17,7 +16,7 @@ void eol_light_begin(eol_light *light, uint8_t by_itself, uint8_t peak, uint16_t
     if (decay_ms < EOL_LIGHT_SHORTEST_MS) decay_ms = EOL_LIGHT_SHORTEST_MS;
     lease_ms = (uint32_t)decay_ms * LEASE / 1000;
     light->level = 0;
-    light->fall = share(decay_ms);
+    light->fall = SHARE((uint32_t)decay_ms);
     light->peak = peak;
     light->by_itself = by_itself;
     light->lease_ms = (uint8_t)(lease_ms > 100 ? 100 : lease_ms);
@@ -44,7 +43,7 @@ void eol_light_told(eol_light *light, uint8_t falls)
 
 uint8_t eol_light_tick(eol_light *light)
 {
-    uint32_t lost = light->left_ms ? light->fall : share(EOL_LIGHT_HOLD_MS);
+    uint32_t lost = light->left_ms ? light->fall : HELD;
     if (light->left_ms) light->left_ms--;
     light->level -= (uint32_t)((uint64_t)light->level * lost >> 32);
     if (light->level < 0x8000) light->level = 0; /* half of the least */

@@ -1,0 +1,170 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "block.h"
+
+#include <string.h>
+
+enum { FLAG_WOKE = 1, FLAG_LINKED = 1, FLAG_DEAD = 2, FLAG_ASLEEP = 4, NOT_LIT = 0xFFFF };
+
+void eol_block_begin(eol_block *b, uint8_t number)
+{
+    memset(b, 0, sizeof *b);
+    b->number = number;
+    b->infrared = 1;
+    b->by_itself = 1;
+    b->peak = 255;
+    b->decay_ms = 350;
+    b->silent_ms = EOL_BLOCK_ALONE_MS;
+    b->due = 1;
+    eol_knock_begin(&b->knock, &EOL_KNOCK_DEFAULTS);
+    eol_light_begin(&b->light, b->by_itself, b->peak, b->decay_ms);
+}
+
+uint8_t eol_block_sample(eol_block *b, uint32_t now_us, int16_t x, int16_t y)
+{
+    uint8_t what = eol_knock_sample(&b->knock, x, y);
+    if (what == EOL_KNOCK_FELT) {
+        b->flags = eol_light_felt(&b->light);
+        b->lit_us = now_us;
+    } else if (what == EOL_KNOCK_TOLD) {
+        uint32_t lit_us, age_us = ((uint32_t)b->knock.age * EOL_BLOCK_PERIOD_US) >> 4;
+        if (b->knock.first) age_us += EOL_BLOCK_WAKE_LATE_US;
+        b->onset_us = now_us - age_us;
+        b->strength = (uint16_t)((uint32_t)b->knock.strength * 4017u >> 16); /* 0.01 m/s^2 */
+        lit_us = b->flags ? b->lit_us - b->onset_us : NOT_LIT;
+        b->lit_us = lit_us < NOT_LIT ? lit_us : b->flags ? NOT_LIT - 1u : NOT_LIT;
+        b->tries = EOL_BLOCK_TRIES;
+        b->pause_ms = 0;
+        b->knocks++;
+    }
+    if (b->knock.dead != b->was_dead) {
+        b->was_dead = b->knock.dead;
+        b->due = 1;
+    }
+    return what;
+}
+
+void eol_block_sensor(eol_block *b, uint8_t answers)
+{
+    if (b->absent == !answers) return;
+    b->absent = !answers;
+    b->due = 1;
+    if (answers) eol_knock_wake(&b->knock);
+}
+
+void eol_block_shines(eol_block *b, uint32_t now_us)
+{
+    b->lit_us = now_us;
+}
+
+/* How blocks flash has changed; what shines goes on to shine. */
+static void relight(eol_block *b)
+{
+    uint32_t level = b->light.level;
+    eol_light_begin(&b->light, b->by_itself, b->peak, b->decay_ms);
+    b->light.level = level;
+}
+
+static void take_word(eol_block *b, const uint8_t *frame)
+{
+    uint8_t by_itself = frame[1] & EOL_WORD_BY_ITSELF ? 1 : 0, peak = frame[2], count = frame[13];
+    uint16_t decay_ms = eol_link_get16(frame + 3);
+    uint32_t own = b->number < EOL_BLOCK_NUMBERS ? (uint32_t)1 << b->number : 0;
+    if (by_itself != b->by_itself || peak != b->peak || decay_ms != b->decay_ms) {
+        b->by_itself = by_itself;
+        b->peak = peak;
+        b->decay_ms = decay_ms;
+        relight(b);
+    }
+    b->infrared = own ? (eol_link_get32(frame + 5) & own) != 0 : 1;
+    eol_light_told(&b->light, (frame[1] & EOL_WORD_FALLS) != 0);
+    /* the order is in every word until the next one; to a block that has just come it is old */
+    if (b->words && count != b->light_count && (eol_link_get32(frame + 9) & own))
+        eol_light_flash(&b->light);
+    b->light_count = count;
+    b->words = 1;
+    b->silent_ms = 0;
+}
+
+static void take_detector(eol_knock_config *to, const uint8_t *body)
+{
+    uint16_t *fields[] = {&to->threshold, &to->ratio, &to->quiet, &to->slow, &to->still, &to->longest};
+    for (uint8_t k = 0; k < 6; k++) {
+        uint16_t value = eol_link_get16(body + 2 * k);
+        if (value) *fields[k] = value;
+    }
+    if (eol_link_get32(body + 12)) to->idle = eol_link_get32(body + 12);
+}
+
+void eol_block_heard(eol_block *b, const uint8_t *frame)
+{
+    if (frame[0] == EOL_FRAME_WORD) take_word(b, frame);
+    if (frame[0] == EOL_FRAME_FEELS) take_detector(&b->knock.config, frame + 1);
+}
+
+uint8_t eol_block_says(eol_block *b, uint32_t now_us, uint8_t *frame)
+{
+    if (b->number >= EOL_BLOCK_NUMBERS || b->pause_ms) return 0;
+    if (b->tries) {
+        uint32_t age_us = now_us - b->onset_us;
+        memset(frame, 0, EOL_FRAME);
+        frame[0] = EOL_FRAME_KNOCK;
+        frame[1] = b->number;
+        frame[2] = b->knock.first ? FLAG_WOKE : 0;
+        eol_link_put16(frame + 3, (uint16_t)(age_us > UINT16_MAX ? UINT16_MAX : age_us));
+        eol_link_put16(frame + 5, b->strength);
+        eol_link_put16(frame + 7, (uint16_t)b->lit_us);
+        frame[9] = b->knocks;
+        return 1;
+    }
+    if (!b->due) return 0;
+    memset(frame, 0, EOL_FRAME);
+    frame[0] = EOL_FRAME_STATUS;
+    frame[1] = b->number;
+    eol_link_put16(frame + 2, b->millivolts);
+    frame[4] = (uint8_t)b->celsius;
+    frame[5] = EOL_BLOCK_MAJOR;
+    frame[6] = EOL_BLOCK_MINOR;
+    frame[7] = (uint8_t)(FLAG_LINKED | (b->knock.dead || b->absent ? FLAG_DEAD : 0) | (b->asleep ? FLAG_ASLEEP : 0));
+    return 1;
+}
+
+void eol_block_told(eol_block *b, uint8_t heard)
+{
+    if (b->tries) {
+        b->tries = heard ? 0 : (uint8_t)(b->tries - 1);
+    } else {
+        b->due = 0; /* the next one comes anyway */
+        b->status_ms = 0;
+    }
+    /* two blocks that spoke at once must not do so again: each waits its own way */
+    if (!heard) b->pause_ms = (uint8_t)(1 + (b->number * 5 + b->tries * 3 + (uint8_t)b->lit_us) % 4);
+}
+
+uint8_t eol_block_level(const eol_block *b)
+{
+    return (uint8_t)((b->light.level + 0x8000) >> 16);
+}
+
+void eol_block_tick(eol_block *b)
+{
+    eol_light_tick(&b->light);
+    if (b->pause_ms) b->pause_ms--;
+    if (b->silent_ms < EOL_BLOCK_ALONE_MS) b->silent_ms++;
+    if (++b->status_ms >= EOL_BLOCK_STATUS_MS) {
+        b->status_ms = 0;
+        b->due = 1;
+    }
+}
+
+uint8_t eol_block_may_sleep(const eol_block *b)
+{
+    return b->knock.state == EOL_KNOCK_RESTS && b->knock.rested >= b->knock.config.idle && !b->light.level &&
+           !b->tries && !b->due;
+}
+
+void eol_block_sleeps(eol_block *b, uint8_t sleeps)
+{
+    b->asleep = sleeps;
+    b->due = 1;
+    if (!sleeps) eol_knock_wake(&b->knock);
+}

@@ -1,0 +1,488 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * One block in emulation, for the tests: simavr runs the firmware, instruction by instruction, and
+ * here is what it is wired to: an LIS3DH on I2C that is given samples, an nRF24L01+ on SPI whose
+ * frames come and go, the LEDs, a battery. Loaded with ctypes; test/firmware/emulated.py.
+ *
+ * Each says only what its data sheet says it would to this firmware; what it does not know it counts
+ * in `strange`. Where libsimavr is quicker on I2C than the bit rate that was set, the rest is waited.
+ */
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <simavr/avr_adc.h>
+#include <simavr/avr_eeprom.h>
+#include <simavr/avr_ioport.h>
+#include <simavr/avr_twi.h>
+#include <simavr/sim_avr.h>
+#include <simavr/sim_irq.h>
+
+#include "../link.h"
+
+enum { HZ = 8000000, FIFO = 32, FRAMES = 3, EVENTS = 4096, PATTERN = 0xA5, SMCR = 0x53, PORTD = 0x2B, TCCR0A = 0x44, OCR0A = 0x47, SPCR = 0x4C, SPSR, SPDR, TWBR = 0xB8, TWSR, TWCR = 0xBC };
+enum { E_LEVEL = 1, E_INFRARED, E_SENT };
+enum { X_REST, X_SENDS, X_WAITS }; /* of the radio */
+
+typedef struct {
+    uint64_t cycle;
+    uint32_t what, value;
+    uint8_t frame[EOL_FRAME];
+    uint8_t pad[6];
+} event;
+
+typedef struct {
+    avr_t *avr;
+    /* accelerometer */
+    uint8_t reg[64], at, addressed, address, first_byte;
+    int16_t fifo[FIFO][2];
+    int fifo_begin, fifo_count;
+    const int16_t *samples;
+    uint64_t sample_count, sample_next;
+    double sample_first, sample_period;
+    uint64_t read, lost; /* samples */
+    int dead_bus, motion, settled, skipped;
+    double mean[2]; /* of its high-pass */
+    avr_io_write_t twcr; /* what libsimavr does where it is written to */
+    void *twcr_param;
+    /* radio */
+    uint8_t radio[32][5], csn, ce, command, byte, spi, tx[EOL_FRAME], rx[FRAMES][EOL_FRAME];
+    int rx_count, tx_full, phase, acks;
+    uint64_t phase_ends;
+    uint64_t said_at; /* on I2C */
+    uint64_t asleep, power_down, strange, resets;
+    uint8_t level, infrared, driven;
+    event events[EVENTS];
+    int event_count;
+} emulator;
+
+static void note(emulator *e, uint32_t what, uint32_t value)
+{
+    if (e->event_count == EVENTS) return;
+    event *to = &e->events[e->event_count++];
+    memset(to, 0, sizeof *to);
+    to->cycle = e->avr->cycle;
+    to->what = what;
+    to->value = value;
+}
+
+/* A pin of port D is driven from outside; what the firmware writes to the port does not change it. */
+static void pin(emulator *e, int number, int high)
+{
+    e->driven = (uint8_t)(high ? e->driven | 1 << number : e->driven & ~(1 << number));
+    avr_ioport_external_t outside = {.name = 'D', .mask = 1 << 2 | 1 << 3, .value = e->driven};
+    avr_ioctl(e->avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('D'), &outside);
+    avr_raise_irq(avr_io_getirq(e->avr, AVR_IOCTL_IOPORT_GETIRQ('D'), number), high);
+}
+
+/* ---- LIS3DH */
+
+enum { CTRL1 = 0x20, CTRL2, CTRL3, CTRL4, CTRL5, FIFO_CTRL = 0x2E, INT1_CFG = 0x30, INT1_THS = 0x32 };
+
+static void sensor_pin(emulator *e)
+{
+    int has = e->fifo_count > (e->reg[FIFO_CTRL] & 31);
+    pin(e, 2, (e->reg[CTRL3] & 0x04 && has) || (e->reg[CTRL3] & 0x40 && e->motion));
+}
+
+static void sensor_sample(emulator *e, int16_t x, int16_t y)
+{
+    uint8_t rate = e->reg[CTRL1] >> 4;
+    if (rate == 9 && e->reg[CTRL5] & 0x40 && e->reg[FIFO_CTRL] >> 6 == 2) {
+        if (e->fifo_count == FIFO) {
+            e->fifo_begin = (e->fifo_begin + 1) % FIFO;
+            e->fifo_count--;
+            e->lost++;
+        }
+        int to = (e->fifo_begin + e->fifo_count++) % FIFO;
+        e->fifo[to][0] = x;
+        e->fifo[to][1] = y;
+    } else if (rate == 5 && ++e->skipped >= 13) { /* 100 of 1344, less their mean: a fiftieth of 100 Hz */
+        const int16_t raw[2] = {x, y};
+        e->skipped = e->motion = 0;
+        for (int axis = 0; axis < 2; axis++) {
+            if (!e->settled) e->mean[axis] = raw[axis];
+            e->motion |= fabs(raw[axis] - e->mean[axis]) > e->reg[INT1_THS] * 256;
+            e->mean[axis] += (raw[axis] - e->mean[axis]) * 0.126;
+        }
+        e->settled = 1;
+    }
+    sensor_pin(e);
+}
+
+static uint8_t sensor_byte(emulator *e)
+{
+    uint8_t at = e->at & 0x7F, value = at < 64 ? e->reg[at] : 0;
+    if (at == 0x0F) value = 0x33;
+    if (at >= 0x28 && at <= 0x2D) {
+        int16_t raw[3] = {0, 0, 16384};
+        if (e->fifo_count) memcpy(raw, e->fifo[e->fifo_begin], sizeof e->fifo[0]);
+        value = (uint8_t)((uint16_t)raw[(at - 0x28) / 2] >> 8 * (at & 1));
+        if (at == 0x2D && e->fifo_count) {
+            e->fifo_begin = (e->fifo_begin + 1) % FIFO;
+            e->fifo_count--;
+            e->read++;
+            sensor_pin(e);
+        }
+    } else if (at == 0x2F) {
+        value = (uint8_t)(e->fifo_count | (e->fifo_count ? 0 : 0x20));
+    }
+    if (e->at & 0x80) e->at = at == 0x2D ? 0x80 | 0x28 : e->at + 1;
+    return value;
+}
+
+static void on_twi(struct avr_irq_t *irq, uint32_t value, void *param)
+{
+    emulator *e = param;
+    avr_twi_msg_irq_t m = {.u.v = value};
+    avr_irq_t *in = avr_io_getirq(e->avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_INPUT);
+    (void)irq;
+    if (e->dead_bus) return;
+    e->said_at = e->avr->cycle;
+    if (m.u.twi.msg & TWI_COND_STOP) e->addressed = 0;
+    if (m.u.twi.msg & TWI_COND_START) {
+        e->addressed = m.u.twi.addr >> 1 == 0x18;
+        e->first_byte = e->address = !(m.u.twi.addr & 1);
+        if (e->addressed) avr_raise_irq(in, avr_twi_irq_msg(TWI_COND_ACK, m.u.twi.addr, 1));
+        else e->strange++;
+        return;
+    }
+    if (!e->addressed) return;
+    if (m.u.twi.msg & TWI_COND_WRITE) {
+        avr_raise_irq(in, avr_twi_irq_msg(TWI_COND_ACK, m.u.twi.addr, 1));
+        if (e->first_byte) {
+            e->at = m.u.twi.data;
+            e->first_byte = 0;
+        } else if ((e->at & 0x7F) < 64) {
+            e->reg[e->at & 0x7F] = m.u.twi.data;
+            if (e->at == CTRL1 || (e->at == FIFO_CTRL && m.u.twi.data >> 6 == 0)) e->fifo_count = e->motion = e->settled = 0;
+            sensor_pin(e);
+        }
+    } else if (m.u.twi.msg & TWI_COND_READ) {
+        avr_raise_irq(in, avr_twi_irq_msg(TWI_COND_READ, m.u.twi.addr, sensor_byte(e)));
+    }
+}
+
+/* Writing TWINT clears it; libsimavr 1.6 leaves it, which only who waits by interrupt does not notice. */
+static void on_twcr(avr_t *avr, avr_io_addr_t at, uint8_t value, void *param)
+{
+    emulator *e = param;
+    e->twcr(avr, at, value, e->twcr_param);
+    if (value & 0x80) avr->data[at] &= 0x7F;
+}
+
+/* A byte takes nine bits of the rate that was set, a start one. */
+static void on_twi_status(struct avr_irq_t *irq, uint32_t value, void *param)
+{
+    emulator *e = param;
+    uint64_t bit = 16 + 2 * (uint64_t)e->avr->data[TWBR], took = e->avr->cycle - e->said_at;
+    uint64_t right = value == 0x08 || value == 0x10 ? bit : value == 0xF8 ? 0 : 9 * bit;
+    (void)irq;
+    if (value == 0x28 && e->address) /* simavr 1.6 says that of an address, too */
+        e->avr->data[TWSR] = (uint8_t)((e->avr->data[TWSR] & 7) | 0x18);
+    e->address = 0;
+    if (value == 0x08 || value == 0x10) took = 0;
+    if (took < right && e->said_at) e->avr->cycle += right - took;
+}
+
+/* ---- nRF24L01+ */
+
+enum { R_CONFIG, R_STATUS = 7, R_FIFO = 0x17 };
+
+static void radio_pin(emulator *e)
+{
+    pin(e, 3, !(e->radio[R_STATUS][0] & ~e->radio[R_CONFIG][0] & 0x70));
+}
+
+static int radio_listens(const emulator *e)
+{
+    return e->ce && (e->radio[R_CONFIG][0] & 3) == 3 && e->phase == X_REST && e->radio[2][0] & 2;
+}
+
+static uint8_t radio_byte(emulator *e, uint8_t in)
+{
+    uint8_t out = 0;
+    if (e->csn) return 0; /* not for the radio */
+    if (e->byte == 0) {
+        e->command = in;
+        out = (uint8_t)(e->radio[R_STATUS][0] | 0x0E);
+        if (in == 0xE1) e->tx_full = 0;
+        if (in == 0xE2) e->rx_count = 0;
+    } else if (e->command == 0x61) {
+        out = e->rx_count && e->byte <= EOL_FRAME ? e->rx[0][e->byte - 1] : 0;
+        if (e->byte == EOL_FRAME && e->rx_count) {
+            memmove(e->rx[0], e->rx[1], sizeof e->rx[0] * (size_t)--e->rx_count);
+        }
+    } else if (e->command == 0xA0) {
+        if (e->byte <= EOL_FRAME) e->tx[e->byte - 1] = in;
+        e->tx_full = e->byte == EOL_FRAME;
+    } else if (e->command < 0x20) {
+        out = e->command == R_FIFO ? (uint8_t)(e->rx_count ? 0 : 1) : e->radio[e->command][(e->byte - 1) % 5];
+    } else if (e->command < 0x40) {
+        uint8_t reg = e->command & 31;
+        if (reg == R_STATUS)
+            e->radio[reg][0] &= (uint8_t)~(in & 0x70);
+        else
+            e->radio[reg][(e->byte - 1) % 5] = in;
+        radio_pin(e);
+    } else if (e->command != 0xFF) {
+        e->strange++;
+    }
+    if (e->byte < 250) e->byte++;
+    return out;
+}
+
+/* SPI by its registers: libsimavr 1.6 has a byte take 100 us, whatever its clock is. */
+static void on_spdr_write(avr_t *avr, avr_io_addr_t at, uint8_t value, void *param)
+{
+    static const uint16_t DIVIDER[4] = {4, 16, 64, 128};
+    emulator *e = param;
+    (void)at;
+    if (!(avr->data[SPCR] & 0x40)) return;
+    e->spi = radio_byte(e, value);
+    avr->cycle += 8 * DIVIDER[avr->data[SPCR] & 3];
+    avr->data[SPSR] |= 0x80;
+}
+
+static uint8_t on_spdr_read(avr_t *avr, avr_io_addr_t at, void *param)
+{
+    (void)at;
+    avr->data[SPSR] &= 0x7F;
+    return ((emulator *)param)->spi;
+}
+
+static void on_csn(struct avr_irq_t *irq, uint32_t value, void *param)
+{
+    emulator *e = param;
+    (void)irq;
+    e->csn = value & 1;
+    e->byte = 0;
+}
+
+static void on_ce(struct avr_irq_t *irq, uint32_t value, void *param)
+{
+    emulator *e = param;
+    uint8_t before = e->ce;
+    (void)irq;
+    e->ce = value & 1;
+    if (e->ce && !before && (e->radio[R_CONFIG][0] & 3) == 2 && e->tx_full && e->phase == X_REST) {
+        e->phase = X_SENDS; /* 130 us to settle; preamble, address, control, frame, checksum */
+        e->phase_ends = e->avr->cycle + HZ / 1000000 * (130 + 8 * (1 + 5 + EOL_FRAME + 2) + 9);
+    }
+}
+
+static void radio_advance(emulator *e)
+{
+    if (e->phase == X_REST || e->avr->cycle < e->phase_ends) return;
+    if (e->phase == X_SENDS) {
+        note(e, E_SENT, (uint32_t)e->acks);
+        memcpy(e->events[e->event_count - 1].frame, e->tx, EOL_FRAME);
+        e->phase = X_WAITS; /* an acknowledgement takes 130 us and 73 us in the air */
+        e->phase_ends += HZ / 1000000 * (e->acks ? 203 : 250);
+    } else {
+        e->radio[R_STATUS][0] |= e->acks ? 0x20 : 0x10;
+        if (e->acks) e->tx_full = 0;
+        e->phase = X_REST;
+        radio_pin(e);
+    }
+}
+
+/* ---- the rest of the block */
+
+/* 0..255: pulsed by the timer, or as the pin of port D stands. */
+static uint8_t white(const emulator *e)
+{
+    return e->avr->data[TCCR0A] ? e->avr->data[OCR0A] : e->avr->data[PORTD] & 0x40 ? 255 : 0;
+}
+
+static void on_infrared(struct avr_irq_t *irq, uint32_t value, void *param)
+{
+    emulator *e = param;
+    (void)irq;
+    e->infrared = value & 1;
+    note(e, E_INFRARED, value & 1);
+}
+
+static void on_adc(struct avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq;
+    (void)value;
+    (void)param;
+}
+
+static void no_sleep(avr_t *avr, avr_cycle_count_t how_long)
+{
+    (void)avr;
+    (void)how_long;
+}
+
+static void no_log(avr_t *avr, const int level, const char *format, va_list words)
+{
+    (void)avr;
+    (void)level;
+    (void)format;
+    (void)words;
+}
+
+static void listen(emulator *e, uint32_t port, int number, avr_irq_notify_t to)
+{
+    avr_irq_register_notify(avr_io_getirq(e->avr, port, number), to, e);
+}
+
+emulator *emulator_new(uint8_t *code, uint32_t size, uint8_t block)
+{
+    emulator *e = calloc(1, sizeof *e);
+    avr_eeprom_desc_t rom = {.ee = &block, .offset = 0, .size = 1};
+    avr_global_logger_set(no_log);
+    e->avr = avr_make_mcu_by_name("atmega328p");
+    if (!e->avr) return NULL;
+    avr_init(e->avr);
+    e->avr->frequency = HZ;
+    e->avr->vcc = e->avr->avcc = 3300;
+    e->avr->log = LOG_NONE;
+    e->avr->sleep = no_sleep;
+    avr_loadcode(e->avr, code, size, 0);
+    e->avr->codeend = e->avr->flashend;
+    avr_ioctl(e->avr, AVR_IOCTL_EEPROM_SET, &rom);
+    memset(e->avr->data + 0x100, PATTERN, e->avr->ramend - 0xFF);
+    e->csn = e->acks = 1;
+    e->twcr = e->avr->io[AVR_DATA_TO_IO(TWCR)].w.c;
+    e->twcr_param = e->avr->io[AVR_DATA_TO_IO(TWCR)].w.param;
+    e->avr->io[AVR_DATA_TO_IO(TWCR)].w.c = on_twcr;
+    e->avr->io[AVR_DATA_TO_IO(TWCR)].w.param = e;
+    listen(e, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_OUTPUT, on_twi);
+    listen(e, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_STATUS, on_twi_status);
+    e->avr->io[AVR_DATA_TO_IO(SPDR)].w.c = on_spdr_write;
+    e->avr->io[AVR_DATA_TO_IO(SPDR)].r.c = on_spdr_read;
+    e->avr->io[AVR_DATA_TO_IO(SPDR)].w.param = e->avr->io[AVR_DATA_TO_IO(SPDR)].r.param = e;
+    listen(e, AVR_IOCTL_IOPORT_GETIRQ('B'), 1, on_ce);
+    listen(e, AVR_IOCTL_IOPORT_GETIRQ('B'), 2, on_csn);
+    listen(e, AVR_IOCTL_IOPORT_GETIRQ('D'), 5, on_infrared);
+    listen(e, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_OUT_TRIGGER, on_adc);
+    avr_raise_irq(avr_io_getirq(e->avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0), 3700 / 4);
+    avr_raise_irq(avr_io_getirq(e->avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_TEMP), 313);
+    pin(e, 2, 0);
+    pin(e, 3, 1);
+    return e;
+}
+
+void emulator_free(emulator *e)
+{
+    avr_terminate(e->avr);
+    free(e->avr);
+    free(e);
+}
+
+/* Samples x, y: the first ends at cycle `first`, the others every `period` cycles. Not copied. */
+void emulator_samples(emulator *e, const int16_t *xy, uint64_t count, double first, double period)
+{
+    e->samples = xy;
+    e->sample_count = count;
+    e->sample_next = 0;
+    e->sample_first = first;
+    e->sample_period = period;
+}
+
+/* Run until `cycle`; returns the state of the core: 2 runs, 3 sleeps, more: it ended. */
+int emulator_run(emulator *e, uint64_t cycle)
+{
+    avr_t *avr = e->avr;
+    while (avr->cycle < cycle) {
+        uint64_t before = avr->cycle;
+        int asleep = avr->state == cpu_Sleeping;
+        uint8_t mode = avr->data[SMCR] & 0x0E;
+        int state;
+        if (asleep) { /* never further than what comes from outside */
+            uint64_t next = cycle;
+            if (e->sample_next < e->sample_count) {
+                double at = ceil(e->sample_first + (double)e->sample_next * e->sample_period);
+                if (at < (double)next) next = (uint64_t)at;
+            }
+            if (e->phase != X_REST && e->phase_ends < next) next = e->phase_ends;
+            avr->run_cycle_limit = next > avr->cycle ? next - avr->cycle : 1;
+        } else {
+            avr->run_cycle_limit = 1;
+        }
+        state = avr_run(avr);
+        if (asleep && state == cpu_Sleeping) {
+            e->asleep += avr->cycle - before;
+            if (mode == 0x04) e->power_down += avr->cycle - before;
+        }
+        if (state > cpu_Sleeping) return state;
+        while (e->sample_next < e->sample_count &&
+               (double)avr->cycle >= e->sample_first + (double)e->sample_next * e->sample_period) {
+            const int16_t *s = e->samples + 2 * e->sample_next++;
+            sensor_sample(e, s[0], s[1]);
+        }
+        radio_advance(e);
+        if (white(e) != e->level) {
+            e->level = white(e);
+            note(e, E_LEVEL, e->level);
+        }
+    }
+    return avr->state;
+}
+
+uint64_t emulator_cycle(const emulator *e) { return e->avr->cycle; }
+
+/* The bridge sends; returns whether the block's radio took it. */
+int emulator_radio(emulator *e, const uint8_t *frame)
+{
+    if (!radio_listens(e) || e->rx_count == FRAMES) return 0;
+    memcpy(e->rx[e->rx_count++], frame, EOL_FRAME);
+    e->radio[R_STATUS][0] |= 0x40;
+    radio_pin(e);
+    return 1;
+}
+
+void emulator_set(emulator *e, int acks, int dead_bus)
+{
+    e->acks = acks;
+    e->dead_bus = dead_bus;
+}
+
+/* Jump to an endless loop in flash that nothing uses, with or without interrupts. */
+void emulator_hang(emulator *e, int interrupts)
+{
+    uint32_t at = e->avr->flashend - 1;
+    e->avr->flash[at] = 0xFF; /* rjmp to itself */
+    e->avr->flash[at + 1] = 0xCF;
+    e->avr->pc = at;
+    e->avr->state = cpu_Running;
+    e->avr->sreg[7] = (uint8_t)interrupts;
+}
+
+void emulator_reset(emulator *e) { avr_reset(e->avr); }
+
+/* Take the events since the last call; returns how many, `room` at most. */
+int emulator_events(emulator *e, event *to, int room)
+{
+    int count = e->event_count < room ? e->event_count : room;
+    memcpy(to, e->events, sizeof *to * (size_t)count);
+    e->event_count = 0;
+    return count;
+}
+
+/* Counters: cycles asleep, of these powered down, samples read and lost, what was not understood,
+ * bytes of RAM that were ever written to, the program counter, whether infrared shines, level of white. */
+void emulator_counts(const emulator *e, uint64_t *to)
+{
+    uint64_t used = 0;
+    for (uint32_t at = 0x100; at <= e->avr->ramend; at++) used += e->avr->data[at] != PATTERN;
+    to[0] = e->asleep;
+    to[1] = e->power_down;
+    to[2] = e->read;
+    to[3] = e->lost;
+    to[4] = e->strange;
+    to[5] = used;
+    to[6] = e->avr->pc;
+    to[7] = e->infrared;
+    to[8] = e->level;
+}
+
+void emulator_memory(const emulator *e, uint32_t at, uint8_t *to, uint32_t count)
+{
+    memcpy(to, e->avr->data + at, count);
+}

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * What blocks and bridge say to each other by radio, docs/serial.md: frames of one size, little-endian.
+ * The radio (nRF24L01+, block/nrf24.h) adds address and checksum, and lets nothing through that is damaged.
+ */
+#ifndef EOL_LINK_H
+#define EOL_LINK_H
+
+#include <stdint.h>
+
+enum {
+    EOL_FRAME = 18, /* bytes of every frame; those that a kind does not use are 0 */
+    EOL_CHANNEL = 76, /* 2.476 GHz, above WLAN */
+    EOL_WORD_MS = 2   /* from word to word of the bridge while light may fall */
+};
+
+enum { /* first byte of a frame */
+    EOL_FRAME_WORD = 0x57,    /* bridge to all: flags, peak, decay_ms u16, infrared u32, light u32, count */
+    EOL_FRAME_FEELS = 0x46,   /* bridge to all: the body of EOL_DETECTOR */
+    EOL_FRAME_KNOCK = 0x4B,   /* block: block, flags, age_us u16, strength u16, lit_us u16, number */
+    EOL_FRAME_STATUS = 0x53   /* block: the body of EOL_BLOCK_STATUS */
+};
+
+enum { EOL_WORD_BY_ITSELF = 1, EOL_WORD_FALLS = 4 }; /* flags of a word */
+
+static inline uint16_t eol_link_get16(const uint8_t *from)
+{
+    return (uint16_t)(from[0] | from[1] << 8);
+}
+
+static inline uint32_t eol_link_get32(const uint8_t *from)
+{
+    return eol_link_get16(from) | (uint32_t)eol_link_get16(from + 2) << 16;
+}
+
+static inline void eol_link_put16(uint8_t *to, uint16_t value)
+{
+    to[0] = (uint8_t)value;
+    to[1] = (uint8_t)(value >> 8);
+}
+
+static inline void eol_link_put32(uint8_t *to, uint32_t value)
+{
+    eol_link_put16(to, (uint16_t)value);
+    eol_link_put16(to + 2, (uint16_t)(value >> 16));
+}
+
+#endif
