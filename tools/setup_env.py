@@ -24,6 +24,7 @@ VENV = ROOT / '.venv'
 PYTHON = VENV / 'bin' / 'python'
 MESSAGES = ROOT / 'msg_defs' / 'eol_msgs'
 LOCKS = ROOT / 'tools' / 'requirements'
+BROWSER = LOCKS / 'browser'  # what the tests put into a browser: npm's own list and lock
 TELL_S = 4.0  # between two lines that say how far a step is
 WIDTH = 100
 
@@ -162,6 +163,26 @@ def install_wheels(step: Step, extra: str) -> None:
         step.command(*pip(PYTHON, 'install', '--no-build-isolation', '--editable', '.[ros,bench]'))
 
 
+def install_browser(step: Step, ready: Path) -> None:
+    """Install what the tests put into a browser, by the hashes of its lock; npm keeps a copy.
+
+    Only tests of the pages need it: without npm, or offline before the first time, those are
+    skipped and say why.
+    """
+    folder = ready.parent.resolve()  # npm takes no prefix that is a link
+    folder.mkdir(exist_ok=True)
+    for name in ('package.json', 'package-lock.json'):
+        shutil.copy(BROWSER / name, folder)
+    quiet = ('--no-audit', '--no-fund', '--no-update-notifier')
+    try:
+        words = ('npm', 'ci', '--prefer-offline', '--ignore-scripts', *quiet, '--prefix', folder)
+        step.command(*words)
+    except SetupFailed as error:
+        say(f'{error}\ngoing on without: accessibility of the pages is not tested')
+    else:
+        ready.touch()
+
+
 def message_wheel_folder(messages: str) -> Path:
     """Return where the wheel of these message definitions is kept for this Python."""
     cache = os.environ.get('EOL_CACHE') or os.path.join(
@@ -210,6 +231,9 @@ def setup(extra: str) -> None:
     if not ready.exists():
         say('installing the wheels (about a minute, once)')
         steps.append(Step('wheels', install_wheels, extra))
+    browser_ready = VENV / 'browser' / f'.ready-{digest(*sorted(BROWSER.glob("*.json")))}'
+    if extra and not browser_ready.exists() and shutil.which('npm'):
+        steps.append(Step('browser', install_browser, browser_ready))
     wheels = message_wheel_folder(messages)
     if not messages_ready.exists() and not wheels.exists():
         say('compiling the messages (about a minute, once)')

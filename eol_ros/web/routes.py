@@ -25,6 +25,7 @@ STATIC = Path(__file__).parent / 'static'
 PAGES = {
     '/': 'panel.html',
     '/table': 'table.html',
+    '/about': 'about.html',
     '/wall/left': 'wall.html',
     '/wall/right': 'wall.html',
 }

@@ -4,6 +4,7 @@
 Nothing here trusts a clock: each wait is for a condition, with time enough for a busy machine.
 """
 
+import contextlib
 import json
 import os
 import shutil
@@ -124,11 +125,22 @@ def browser(tmp_path_factory):
     driver.quit()
 
 
-def visit(browser, address, path, width=1280, height=800):
+@contextlib.contextmanager
+def phone(browser):
+    """Make the browser one that has fingers, and neither mouse nor keyboard."""
+    touches = 'Emulation.setTouchEmulationEnabled'
+    browser.execute_cdp_cmd(touches, {'enabled': True, 'maxTouchPoints': 5})
+    try:
+        yield
+    finally:
+        browser.execute_cdp_cmd(touches, {'enabled': False})
+
+
+def visit(browser, address, path, width=1280, height=800, mobile=False):
     """Open a page, and wait until its connection lives."""
     browser.execute_cdp_cmd(
         'Emulation.setDeviceMetricsOverride',
-        {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': False},
+        {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': mobile},
     )
     browser.get(address + path)
     until_page(browser, 'eol.link.viewer')

@@ -10,6 +10,7 @@ import contextlib
 import json
 import os
 import signal
+import sys
 import time
 import urllib.error
 import urllib.request
@@ -23,6 +24,7 @@ from support.chromium import (
     complaints,
     healthy,
     mouse,
+    phone,
     picture,
     press,
     release,
@@ -41,6 +43,7 @@ pytestmark = [
     pytest.mark.slow,
     needs.marker('chromium', 'chromium-driver'),
 ]
+AXE = Path(sys.prefix, 'browser', 'node_modules', 'axe-core', 'axe.min.js')
 IMAGE_MS = 1000 / 60 + 0.5  # of the screen, as the browser's clock tells it
 CANVASES = """
 return [...document.querySelectorAll('.card canvas')].filter((c) => c.offsetParent).map((c) => {
@@ -60,7 +63,7 @@ PAINTED = """[...document.querySelectorAll('.card canvas')].every((c) => {
 
 
 @pytest.mark.parametrize('width', [360, 1280, 3840])
-@pytest.mark.parametrize('path', ['/', '/table', '/wall/left', '/wall/right'])
+@pytest.mark.parametrize('path', ['/', '/table', '/about', '/wall/left', '/wall/right'])
 def test_pages_fill_every_screen(graph, browser, path, width):
     address, _ = graph
     height = {360: 740, 1280: 800, 3840: 2160}[width]
@@ -81,6 +84,8 @@ def test_pages_fill_every_screen(graph, browser, path, width):
             browser, 'eol.counts.packets > 5 && eol.drawing.land && eol.walls.every((w) => w.shows)'
         )
         until_page(browser, 'eol.state() && eol.counts.drawings && !eol.drawing.dirty')
+    elif path == '/about':
+        until_page(browser, 'document.querySelectorAll("dd.unknown").length === 0')
     else:
         until_page(browser, 'document.getElementById("wall").dataset.picture && eol.view.shows')
     shot = picture(browser, f'{path.strip("/").replace("/", "-") or "panel"}-{width}')
@@ -94,7 +99,7 @@ def test_pages_fill_every_screen(graph, browser, path, width):
         for box in run(browser, CANVASES):
             part = shot[box['y'] : box['y'] + box['h'], box['x'] : box['x'] + box['w']]
             assert part.size and part.std() > 1.5, box
-    else:
+    elif path != '/about':
         rows, columns = (np.array_split(np.arange(n), 3) for n in (shot.shape[0], width))
         for r in rows:
             for c in columns:
@@ -214,6 +219,158 @@ def test_the_page_says_when_nobody_plays_and_the_panel_switches_it(graph, browse
     assert complaints(browser) == []
 
 
+@pytest.mark.parametrize('path', ['/', '/table', '/about', '/wall/left'])
+def test_axe_finds_no_barrier(graph, browser, path):
+    """All rules of axe-core, also those on the size of what is touched; in both languages."""
+    if not AXE.exists():
+        pytest.skip('tools/setup_env.sh test installs axe-core, with npm')
+    address, _ = graph
+    visit(browser, address, path)
+    run(browser, AXE.read_text(encoding='utf-8'))
+    for name in ('zh-Hant', 'en') if 'wall' not in path else ('en',):
+        if 'wall' not in path:
+            browser.find_element('css selector', f'#languages [lang={name}]').click()
+            until_page(browser, f'document.documentElement.lang === "{name}"')
+        barriers, passed = browser.execute_async_script(
+            'const done = arguments[arguments.length - 1];'
+            "axe.run({rules: {'target-size': {enabled: true}}})"
+            '.then(({violations, passes}) => done([violations, passes.length]));'
+        )
+        nodes = [f'{v["id"]}: {v["help"]}: {n["html"]}' for v in barriers for n in v['nodes']]
+        assert nodes == []
+        assert passed > 5, 'rules that had something to look at'
+
+
+TARGETS = """
+return [...document.querySelectorAll('a, button, input, select')]
+  .filter((e) => e.getClientRects().length && !e.matches('.skip'))
+  .map((e) => [e.textContent.trim() || e.id, e.getBoundingClientRect()])
+  .filter(([, {width, height}]) => width < 44 || height < 44)
+  .map(([name, {width, height}]) => [name, width, height]);
+"""
+KEYS = r'/\b(keys?|arrows?|shift|enter|ctrl)\b|按鍵|方向鍵/i.test(document.body.innerText)'
+
+
+@pytest.mark.parametrize('size', [(360, 740), (740, 360)])
+@pytest.mark.parametrize('path', ['/', '/table', '/about'])
+def test_a_phone_is_told_of_fingers_alone_and_has_room_for_them(graph, browser, path, size):
+    address, _ = graph
+    with phone(browser):
+        visit(browser, address, path, *size, mobile=True)
+        until_page(browser, 'document.querySelector("#languages button")')
+        if path == '/table':
+            until_page(browser, 'eol.drawing.hint && eol.counts.packets > 5')
+            until_page(browser, '/finger/.test(document.getElementById("invite").textContent)')
+        for name in ('zh-Hant', 'en'):
+            run(browser, f'document.querySelector("#languages [lang={name}]").click()')
+            until_page(browser, f'document.documentElement.lang === "{name}"')
+            assert run(browser, TARGETS) == []
+            assert not run(browser, f'return {KEYS}')
+            picture(browser, f'phone-{path.strip("/") or "panel"}-{size[0]}-{name}')
+        overflow = 'return document.documentElement.scrollWidth - innerWidth'
+        assert run(browser, overflow) <= 0
+
+
+def test_the_table_shows_what_can_be_done_until_somebody_does_it(graph, browser):
+    address, _ = graph
+    visit(browser, address, '/table')
+    until_page(browser, 'eol.drawing.hint && !document.getElementById("invite").hidden')
+    until_page(browser, KEYS)  # this one has a keyboard
+    mouse(browser, 'mousePressed', 640, 400)
+    mouse(browser, 'mouseMoved', 645, 400)
+    until_page(browser, '!eol.drawing.hint && document.getElementById("invite").hidden')
+    mouse(browser, 'mouseReleased', 645, 400, 0)
+    until_page(browser, '!eol.hands.holding')
+    assert not run(browser, 'return eol.drawing.hint')
+    run(browser, 'eol.hands.heldAt -= 61000')  # a minute later
+    until_page(browser, 'eol.drawing.hint')
+
+
+def test_cascades_in_words_and_by_the_motor_of_a_phone(graph, browser):
+    address, _ = graph
+    visit(browser, address, '/table')
+    until_page(browser, 'eol.link.heard.cascades && eol.counts.packets > 5')
+    run(browser, 'navigator.vibrate = (ms) => { eol.shaken = ms; return true; }')
+    tell = 'eol.link.emit("cascades", {recent: [[arguments[0], 24, arguments[1], 9, 0.5]]})'
+    line = 'document.getElementById("caption")'
+    run(browser, tell, 1, 7)
+    assert run(browser, f'return {line}.hidden')  # nobody asked for words
+    mouse(browser, 'mousePressed', 640, 400)  # vibration is for pages that have been touched
+    mouse(browser, 'mouseReleased', 640, 400, 0)
+    browser.find_element('id', 'captions').click()
+    try:
+        for area, words in ((1, 'single'), (7, 'Cascade: 7'), (20, 'Rupture: 20')):
+            run(browser, tell, 1 + area, area)
+            until_page(browser, f'{line}.textContent.startsWith("A {words}") || '
+                                f'{line}.textContent.startsWith("{words}")')  # fmt: skip
+            assert 'far right' in run(browser, f'return {line}.textContent')
+        assert run(browser, 'return eol.shaken') == 520
+        run(browser, 'eol.modes.said[2] -= 6000')
+        until_page(browser, f'{line}.hidden')
+        visit(browser, address, '/table')
+        assert run(browser, 'return document.getElementById("captions").ariaPressed') == 'true'
+    finally:
+        run(browser, 'localStorage.removeItem("captions")')
+
+
+def test_a_page_without_sound_says_why(graph, browser):
+    """Muted in the graph, heard of on the page."""
+    address, _ = graph
+
+    def ask(control):
+        body = {'Content-Type': 'application/json'}
+        request = urllib.request.Request(f'{address}/control/{control}', b'{}', body)
+        with urllib.request.urlopen(request) as answer:
+            assert json.load(answer)['ok']
+
+    visit(browser, address, '/table')
+    why = 'document.getElementById("sound-why").textContent'
+    until_page(browser, 'eol.link.heard.health')
+    browser.find_element('id', 'listen').click()
+    until_page(browser, f'eol.listener.on && {why} === ""')
+    ask('mute')
+    until_page(browser, f'{why} === "The work is muted."')
+    visit(browser, address, '/about')
+    until_page(browser, 'document.getElementById("sound").textContent === "The work is muted."')
+    ask('unmute')
+    until_page(browser, 'document.getElementById("sound").textContent === "can be heard"')
+
+
+def test_who_hears_the_page_is_told_what_is_under_the_cursor(graph, browser):
+    address, _ = graph
+    visit(browser, address, '/table')
+    until_page(browser, 'eol.counts.packets > 5')
+    under = 'document.getElementById("under").textContent'
+    at = """
+        const {x, y} = eol.state(), {left, top, width} = eol.drawing.canvas.getBoundingClientRect();
+        const perM = width / 1.46;
+        return [left + width / 2 + perM * x[12], top + width / 2 - perM * y[12]].map(Math.round);
+    """
+    mouse(browser, 'mouseMoved', *run(browser, at), 0)
+    until_page(browser, f'{under} === "block 12, in the middle, at rest"')
+    visit(browser, address, '/')
+    until_page(browser, 'eol.camera.past.length && eol.camera.lies && eol.space.box')
+    run(browser, 'eol.camera.canvas.focus()')
+    for key in ('ArrowUp', 'ArrowUp', 'ArrowRight'):
+        stroke = f"new KeyboardEvent('keydown', {{key: '{key}'}})"
+        run(browser, f'eol.camera.canvas.dispatchEvent({stroke})')
+    assert run(browser, f'return {under}').startswith('block 6, near left, ')
+    at = """
+        const box = eol.camera.canvas.getBoundingClientRect(), {k, left, top} = eol.camera.lies;
+        const {rows} = eol.camera.past.at(-1).blocks;
+        const [u, v] = rows.subarray(12 * 8 + 3, 12 * 8 + 5);
+        return [box.left + left + k * u, box.top + top + k * v].map(Math.round);
+    """
+    mouse(browser, 'mouseMoved', *run(browser, at), 0)
+    until_page(browser, f'{under}.startsWith("block 12, in the middle, at rest, x ")')
+    run(browser, 'eol.space.pick(7)')
+    words = 'document.querySelector("#grain[aria-live]").textContent'
+    until_page(browser, f'/^grain 7, from/.test({words})')
+    radius = 'document.getElementById("radius")'
+    run(browser, f'{radius}.value = 0.61803; {radius}.oninput()')
+    assert run(browser, f'return {radius}.getAttribute("aria-valuetext")') == '71 mm'
+
+
 def test_visitors_pull_against_each_other(graph):
     """Two hands that agree go at their common speed; two that do not hold the rim between them."""
     address, _ = graph
@@ -273,7 +430,7 @@ def test_walls_never_flash_nor_go_black_and_change_together(graph, browser):
     """Shuffle by pushing, and count in the captured images, as WCAG 2.3.1 does."""
     address, _ = graph
     visit(browser, address, '/table')
-    until_page(browser, 'eol.counts.packets > 30')
+    until_page(browser, 'eol.counts.packets > 30 && eol.walls.every((wall) => wall.shows)')
     sides = browser.execute_async_script(SAMPLE_WALLS)
     for side in sides:
         times, light = np.array(side['times']), np.array(side['light'])
@@ -510,7 +667,7 @@ def test_the_threshold_is_tried_and_kept(graph, browser):
     assert complaints(browser) == []
 
 
-@pytest.mark.parametrize('path', ['/', '/table'])
+@pytest.mark.parametrize('path', ['/', '/table', '/about'])
 def test_both_languages(graph, browser, path):
     address, _ = graph
     visit(browser, address, path)
@@ -561,6 +718,7 @@ def test_the_fit_on_the_page_is_that_of_the_project(graph, browser):
     """The panel fits; the page draws the curve and says the numbers, or how many are missing."""
     address, _ = graph
     visit(browser, address, '/')
+    until_page(browser, 'eol.link.heard.cascades')  # else what follows is soon no news
     shown = 'eol.link.emit("cascades", arguments[0]);'
     for count, words in ((29, '29 so far'), (300, 'b = ')):
         areas = powerlaw.sample(1.7, 1, 25, count, np.random.default_rng(3))
@@ -617,6 +775,16 @@ def test_a_grain_is_heard_by_a_click_and_moved_by_a_drag_or_by_keys(graph, brows
     assert name == 'move' and moved['x'] == pytest.approx(body['x'] + 0.02, abs=1e-6)
 
 
+SAME_IN_ANY_LIGHT = """
+const [dark, lit] = [0, 255].map((level) => {
+  eol.drawing.waves = [];
+  eol.drawing.draw(0, eol.state(), new Uint8Array(25).fill(level));
+  return eol.drawing.canvas.toDataURL();
+});
+return dark === lit;
+"""
+
+
 def test_reduced_motion_stills_flashes_and_waves(graph, browser):
     address, _ = graph
     feature = {'name': 'prefers-reduced-motion', 'value': 'reduce'}
@@ -636,6 +804,9 @@ def test_reduced_motion_stills_flashes_and_waves(graph, browser):
         until_page(browser, 'eol.counts.packets > 3')
         arcs, waves = run(browser, still)
         assert arcs == 0 and waves > 0
+        run(browser, 'eol.hands.heldAt = performance.now()')  # else a hand shows what can be done
+        until_page(browser, '!eol.drawing.hint')
+        assert run(browser, SAME_IN_ANY_LIGHT), 'slips are told by outlines, nothing flashes'
         browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
         arcs, waves = run(browser, still)
         assert arcs == waves > 0

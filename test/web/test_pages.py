@@ -10,6 +10,7 @@ from eol_ros.settings import DESCRIPTORS
 from eol_ros.web.routes import STATIC
 
 WORDS = {p.stem: json.loads(p.read_text('utf-8')) for p in (STATIC / 'lang').glob('*.json')}
+BUILT = ('level_', 'tracker_', 'descriptor_', 'hours_', 'where_', 'caption_', 'playing_')
 TEXTS = {p.name: p.read_text('utf-8') for p in STATIC.glob('*.*')}
 
 
@@ -33,7 +34,7 @@ def test_every_word_said_is_in_the_list_and_every_word_listed_is_said():
     # Said by a choice or by the name of a state or of a control:
     quoted = set(re.findall(r"'(\w+)'", scripts))
     assert {f'descriptor_{name}' for name in DESCRIPTORS} <= listed
-    built = {w for w in listed if w.startswith(('level_', 'tracker_', 'descriptor_', 'hours_'))}
+    built = {w for w in listed if w.startswith(BUILT)}
     assert listed - in_pages - in_scripts - quoted - built == set()
 
 

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The live infrared picture with the outlines, ids and states of the blocks over it.
 
-import { fit, fontPx, INK, MOVE, QUIET, THREAD } from './paint.js';
+import { fit, fontPx, INK, MOVE, QUIET, THREAD, write } from './paint.js';
 import { say } from './i18n.js';
+import { part } from './modes.js';
 
 const BLOCK_M = 0.084;
+const TABLE_M = 1.44; // of the image, across: the platform and a little of the floor
+const STRAYS = 0.01; // of the image: by less the part that is shown does not follow
 
 const REMEMBERED = 60; // places of the blocks, one an image: a second of them
 
@@ -29,6 +32,8 @@ export class CameraView {
     this.row = card.querySelector('#threshold-row');
     this.buttons = [...card.querySelectorAll('[data-view]')];
     this.size = { width: 1280, height: 800 };
+    this.part = null; // of the image that shows the table: its middle and its side, pixels
+    this.canvas.dataset.images = 0;
     this.outlines = true;
     this.labels = new Map();
     this.past = [];
@@ -37,6 +42,7 @@ export class CameraView {
     this.slider.oninput = () => {
       this.level = Number(this.slider.value);
       this.slider.nextElementSibling.value = this.level || say('threshold_none');
+      this.slider.setAttribute('aria-valuetext', this.slider.nextElementSibling.value);
       this.dirty = true;
     };
     this.slider.oninput();
@@ -47,6 +53,11 @@ export class CameraView {
       this.dirty = true;
     };
     toggle.onclick = this.toggleOutlines;
+    this.under = card.querySelector('#under');
+    this.pointed = -1; // the block under the pointer, or that the arrows have come to
+    this.canvas.onpointermove = ({ offsetX, offsetY }) => this.point(this.blockAt(offsetX, offsetY));
+    this.canvas.onpointerleave = () => this.point(-1);
+    this.canvas.onkeydown = (event) => this.key(event);
     this.onview = () => {};
     this.show('source');
   }
@@ -75,10 +86,13 @@ export class CameraView {
       const bytes = new Uint8Array(data, 16);
       this.size = imageSize(bytes) ?? this.size;
       const jpeg = new Blob([bytes], { type: 'image/jpeg' });
-      const { width } = this.canvas; // scaled once here, not at each drawing
-      const picture = await createImageBitmap(jpeg, { resizeWidth: Math.max(width, 64), resizeQuality: 'medium' });
+      const { width, height } = this.canvas; // cut and scaled once here, not at each drawing
+      const cut = this.cut(width / height);
+      const [x, y, w, h] = [cut.x, cut.y, cut.w, cut.h].map((pixels) => Math.round(pixels * PREVIEW_SCALE));
+      const picture = await createImageBitmap(jpeg, x, y, w, h, { resizeWidth: Math.max(width, 64), resizeQuality: 'medium' });
       if (this.picture) this.picture.close();
       this.picture = picture;
+      this.pictureCut = cut;
       this.stamp = stamp;
       this.canvas.dataset.images = Number(this.canvas.dataset.images || 0) + 1;
       this.dirty = true;
@@ -88,9 +102,51 @@ export class CameraView {
     this.decoding = false;
   }
 
+  // The part of the image to show on a canvas of this aspect: the table, whole, and what is beside it.
+  cut(aspect) {
+    const { width, height } = this.size;
+    const { u, v, side } = this.part ?? { u: width / 2, v: height / 2, side: height };
+    const w = Math.min(side * Math.max(aspect, 1), width);
+    const h = Math.min(side / Math.min(aspect, 1), height);
+    const within = (middle, long, all) => Math.min(Math.max(middle - long / 2, 0), all - long);
+    return { x: within(u, w, width), y: within(v, h, height), w, h };
+  }
+
+  // How the cut lies on a canvas: pixels of the screen for one of the image, and where its corner is.
+  lie({ x, y, w: cw, h: ch }, w, h) {
+    const k = Math.min(w / cw, h / ch);
+    return { k, left: (w - k * cw) / 2 - k * x, top: (h - k * ch) / 2 - k * y };
+  }
+
   blocks(blocks, moving) {
+    const found = tableInImage(blocks.rows);
+    const far = (a, b) => Math.abs(a - b) > STRAYS * this.size.width;
+    if (found && (!this.part || far(found.u, this.part.u) || far(found.v, this.part.v) || far(found.side, this.part.side))) this.part = found;
     this.past.push({ blocks, moving: moving.slice() });
     if (this.past.length > REMEMBERED) this.past.shift();
+  }
+
+  // Arrows walk from block to block.
+  key(event) {
+    const step = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+    if (!step) return;
+    const within = (n) => Math.min(Math.max(n, 0), 4);
+    const [row, column] = [Math.floor(this.pointed / 5), this.pointed % 5];
+    this.point(this.pointed < 0 ? 0 : within(row + step[1]) * 5 + within(column + step[0]));
+    event.preventDefault();
+  }
+
+  // Say which block it is and how it stands, for who hears the page, and mark it.
+  point(id) {
+    if (id === this.pointed) return;
+    this.pointed = id;
+    this.dirty = true;
+    const newest = this.past[this.past.length - 1];
+    if (id < 0 || !newest) return write(this.under, '');
+    const [x, y] = newest.blocks.rows.subarray(id * 8, id * 8 + 2);
+    const state = say(!newest.blocks.rows[id * 8 + 7] ? 'unseen' : newest.moving[id] ? 'slipping' : 'at_rest');
+    const words = say('under_words', { block: id, where: say(`where_${part(id)}`), state });
+    write(this.under, Number.isFinite(x + y) ? `${words}, x ${Math.round(1000 * x)} mm, y ${Math.round(1000 * y)} mm` : words);
   }
 
   // Where the blocks were in the picture that is shown: it is older than the newest of them.
@@ -104,9 +160,13 @@ export class CameraView {
     if (!this.dirty) return;
     this.dirty = false;
     const { brush, w, h } = fit(this.canvas, '#000');
-    if (this.view !== 'off' && this.picture) {
-      if (this.view === 'threshold') this.drawThreshold(brush, w, h);
-      else brush.drawImage(this.picture, 0, 0, w, h);
+    const shown = this.view !== 'off' && this.picture;
+    const cut = shown ? this.pictureCut : this.cut(w / h);
+    const { k, left, top } = (this.lies = this.lie(cut, w, h));
+    if (shown) {
+      const place = [left + k * cut.x, top + k * cut.y, k * cut.w, k * cut.h];
+      if (this.view === 'threshold') this.drawThreshold(brush, ...place);
+      else brush.drawImage(this.picture, ...place);
     }
     if (this.view === 'off') {
       brush.fillStyle = QUIET;
@@ -114,13 +174,13 @@ export class CameraView {
       brush.textAlign = 'center';
       brush.fillText(say('picture_off'), w / 2, 2 * fontPx(1));
     }
-    if (this.outlines && this.past.length) this.drawBlocks(brush, w, h);
+    if (this.outlines && this.past.length) this.drawBlocks(brush);
   }
 
-  drawThreshold(brush, w, h) {
+  drawThreshold(brush, ...place) {
     const small = (this.small ??= new OffscreenCanvas(1, 1));
     const of = `${this.stamp} ${this.level}`;
-    if (this.smallOf === of) return brush.drawImage(small, 0, 0, w, h);
+    if (this.smallOf === of) return brush.drawImage(small, ...place);
     this.smallOf = of;
     small.width = this.picture.width;
     small.height = this.picture.height;
@@ -135,7 +195,7 @@ export class CameraView {
       if (this.level) data[i] = grey >= this.level ? 0xffffffff : 0xff000000;
     }
     pen.putImageData(pixels, 0, 0);
-    brush.drawImage(small, 0, 0, w, h);
+    brush.drawImage(small, ...place);
     this.drawHistogram(counts);
   }
 
@@ -153,19 +213,31 @@ export class CameraView {
     brush.fillRect(this.level, 0, 1, height);
   }
 
-  drawBlocks(brush, w, h) {
+  // The block whose cover lies under a place on the canvas; -1 for none.
+  blockAt(x, y) {
+    const newest = this.past[this.past.length - 1];
+    if (!newest || !this.lies) return -1;
+    const { k, left, top } = this.lies;
+    const { rows } = newest.blocks;
+    const half = (BLOCK_M * pixelsPerMetre(rows) * k) / 2;
+    return [...Array(25).keys()].find((id) => Math.max(
+      Math.abs(left + k * rows[id * 8 + 3] - x), Math.abs(top + k * rows[id * 8 + 4] - y),
+    ) < half) ?? -1;
+  }
+
+  drawBlocks(brush) {
     const { blocks: { rows }, moving } = this.atPicture();
-    const k = w / this.size.width;
+    const { k, left, top } = this.lies;
     const side = BLOCK_M * pixelsPerMetre(rows) * k;
     const size = Math.max(fontPx(0.72), 9);
     for (let id = 0; id < 25; id++) {
       const at = id * 8;
-      const [u, v, seen] = [rows[at + 3] * k, rows[at + 4] * k, rows[at + 7]];
+      const [u, v, seen] = [left + k * rows[at + 3], top + k * rows[at + 4], rows[at + 7]];
       if (!Number.isFinite(u + v)) continue;
       brush.save();
       brush.translate(u, v);
       brush.strokeStyle = moving[id] ? MOVE : seen ? INK : QUIET;
-      brush.lineWidth = moving[id] ? 2.5 : 1.2;
+      brush.lineWidth = id === this.pointed ? 4 : moving[id] ? 2.5 : 1.2;
       brush.setLineDash(seen ? [] : [3, 3]);
       brush.save();
       brush.rotate(-rows[at + 2]);
@@ -210,4 +282,22 @@ function pixelsPerMetre(rows) {
     }
   }
   return metres > 0.05 ? pixels / metres : 545;
+}
+
+// Where the table's middle lies in the image and how long its side is there, pixels; null if unknown.
+// u and v are taken for linear in x and y: least squares over the blocks.
+function tableInImage(rows) {
+  const seen = [...Array(25).keys()].map((id) => rows.subarray(id * 8, id * 8 + 8)).filter((row) => row.subarray(0, 5).every(Number.isFinite));
+  if (seen.length < 5) return null;
+  const mean = (i) => seen.reduce((sum, row) => sum + row[i], 0) / seen.length;
+  const [x, y, u, v] = [0, 1, 3, 4].map(mean);
+  const product = (i, a, j, b) => seen.reduce((sum, row) => sum + (row[i] - a) * (row[j] - b), 0);
+  const [xx, xy, yy] = [product(0, x, 0, x), product(0, x, 1, y), product(1, y, 1, y)];
+  const det = xx * yy - xy * xy;
+  if (!(det > 1e-6)) return null;
+  const origin = (i, m) => {
+    const [xm, ym] = [product(0, x, i, m), product(1, y, i, m)];
+    return m - (x * (yy * xm - xy * ym) + y * (xx * ym - xy * xm)) / det;
+  };
+  return { u: origin(3, u), v: origin(4, v), side: TABLE_M * pixelsPerMetre(rows) };
 }

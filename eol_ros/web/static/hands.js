@@ -28,6 +28,7 @@ export class Hands {
     this.keys = new Set();
     this.still = true;
     this.pushedAt = 0;
+    this.heldAt = -Infinity; // when a hand was last on it, performance.now()
     canvas.onpointerdown = (event) => this.down(event);
     canvas.onpointermove = (event) => this.move(event);
     for (const name of ['pointerup', 'pointercancel', 'lostpointercapture']) {
@@ -141,6 +142,7 @@ export class Hands {
   }
 
   push() {
+    if (this.holding) this.heldAt = performance.now();
     if (!this.holding && this.still) return;
     const velocity = this.velocity();
     this.still = !this.holding;

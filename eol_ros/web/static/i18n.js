@@ -32,3 +32,23 @@ export function say(key, places = {}) {
   const text = words[key] ?? key;
   return text.replace(/\{(\w+)\}/g, (_, name) => places[name] ?? '');
 }
+
+// A button for each language; `then` is called when another one is spoken.
+export function addLanguages(place, then = () => {}) {
+  const mark = () => {
+    for (const button of place.children) button.setAttribute('aria-pressed', button.lang === document.documentElement.lang);
+  };
+  for (const [name, words] of Object.entries(LANGUAGES)) {
+    const button = document.createElement('button');
+    button.textContent = words;
+    button.lang = name;
+    button.dataset.language = name;
+    button.onclick = () => speak(name);
+    place.append(button);
+  }
+  document.addEventListener('language', () => {
+    mark();
+    then();
+  });
+  mark();
+}

@@ -9,7 +9,14 @@ export const MOVE = '#ff8a5c';
 export const WATER = '#7fd1c7';
 export const GROUND = '#0b0d10';
 
-export const calm = matchMedia('(prefers-reduced-motion: reduce)');
+// Whether flashes, waves and quick changes are unwelcome: the system says so, or a person on the page.
+const reduced = matchMedia('(prefers-reduced-motion: reduce)');
+export const calm = {
+  quiet: false,
+  get matches() {
+    return this.quiet || reduced.matches;
+  },
+};
 
 // Sizes are told by the browser when they change: asking for them at each drawing would make it lay
 // the page out again each time.

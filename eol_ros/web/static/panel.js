@@ -4,7 +4,7 @@
 import { Listener } from './audio.js';
 import { CameraView } from './camera.js';
 import { CascadeView } from './cascades.js';
-import { LANGUAGES, language, say, speak } from './i18n.js';
+import { addLanguages, language, say, speak } from './i18n.js';
 import { Link, readBlocks } from './link.js';
 import { CoordinateList, LightField, NodeList } from './lists.js';
 import { write } from './paint.js';
@@ -111,7 +111,9 @@ link.on('corpus', async () => {
 let [least, most] = [0.001, 1];
 const sliderReach = () => least * (most / least) ** $('radius').value;
 function sayReach(metres) {
-  $('radius').nextElementSibling.value = `${Number((metres * 1000).toPrecision(3))} mm`;
+  const words = `${Number((metres * 1000).toPrecision(2))} mm`;
+  $('radius').nextElementSibling.value = words;
+  $('radius').setAttribute('aria-valuetext', words);
 }
 function showReach(metres) {
   if (!(metres > 0) || metres === space.reach) return; // the same: a hand may be on the slider
@@ -163,7 +165,7 @@ async function act(name, body = {}) {
 
 for (const button of document.querySelectorAll('[data-control]')) button.onclick = () => act(button.dataset.control);
 $('radius').oninput = () => sayReach(sliderReach());
-$('radius').onchange = () => act('radius', { value: Number(sliderReach().toPrecision(3)) });
+$('radius').onchange = () => act('radius', { value: Number(sliderReach().toPrecision(2)) });
 $('keep-threshold').onclick = () => act('threshold', { value: camera.level });
 $('pin-form').onsubmit = async (event) => {
   event.preventDefault();
@@ -179,18 +181,7 @@ $('listen').onclick = async () => {
   } else await listener.start();
   $('listen').setAttribute('aria-pressed', listener.on);
 };
-for (const [name, words] of Object.entries(LANGUAGES)) {
-  const button = document.createElement('button');
-  button.textContent = words;
-  button.lang = name;
-  button.dataset.language = name;
-  button.onclick = () => speak(name);
-  $('languages').append(button);
-}
-function markLanguage() {
-  for (const button of $('languages').children) {
-    button.setAttribute('aria-pressed', button.lang === document.documentElement.lang);
-  }
+function retell() {
   if (space.corpus) space.setCorpus(space.corpus);
   camera.slider.oninput();
   redraw();
@@ -273,5 +264,5 @@ function redraw() {
   sound.dirty = Boolean(sound.meter);
 }
 document.addEventListener('fitted', redraw);
-document.addEventListener('language', markLanguage);
-markLanguage();
+addLanguages($('languages'), retell);
+retell();

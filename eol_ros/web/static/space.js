@@ -89,9 +89,20 @@ export class SpaceView {
     const { corpus } = this;
     const column = corpus.descriptors.indexOf(this.menus.colour.value);
     const value = column >= 0 ? `${descriptor(this.menus.colour.value)} ${round(corpus.values[column][grain])}` : '';
-    this.legend.textContent = say('grain_words', {
+    const words = say('grain_words', {
       grain, start: corpus.start[grain].toFixed(2), duration: corpus.duration[grain].toFixed(2), value,
     });
+    const near = this.blocksOver(grain);
+    this.legend.textContent = near.length ? `${words}; ${say('grain_reached', { blocks: near.join(', ') })}` : words;
+  }
+
+  // Which blocks stand so near to a grain that they would play it.
+  blocksOver(grain) {
+    if (!this.seen || !this.reach) return [];
+    const { bounds: [x0, y0, x1, y1], x, y } = this.corpus;
+    const { rows } = this.seen;
+    const [gx, gy] = [x0 + (x1 - x0) * x[grain], y0 + (y1 - y0) * y[grain]];
+    return [...Array(25).keys()].filter((id) => Math.hypot(rows[id * 8] - gx, rows[id * 8 + 1] - gy) < this.reach);
   }
 
   hover(event) {

@@ -3,14 +3,16 @@
 
 import { Listener } from './audio.js';
 import { Hands } from './hands.js';
-import { LANGUAGES, language, say, speak } from './i18n.js';
+import { addLanguages, language, say, speak } from './i18n.js';
 import { Link, readBlocks, readLeds, readTruth } from './link.js';
+import { Modes, part } from './modes.js';
 import { TableDrawing } from './tabledraw.js';
 import { write } from './paint.js';
 import { land } from './terrain.js';
 import { WallView } from './wallview.js';
 
 const STALE_S = 2.5;
+const IDLE_S = 60; // without a hand of this page's: it shows once more what can be done
 const $ = (id) => document.getElementById(id);
 
 await speak(language());
@@ -18,9 +20,10 @@ const link = new Link([]);
 const listener = new Listener(link);
 const drawing = new TableDrawing($('table'));
 const hands = new Hands($('table'), link, (x, y) => drawing.toTable(x, y));
+const modes = new Modes({ captions: $('captions'), quiet: $('quiet') }, $('caption'));
 const walls = ['left', 'right'].map((side) => new WallView($(side), side, link));
 const counts = { drawings: 0, slips: 0, flashes: 0, flips: 0, packets: 0, cascade: 0 };
-window.eol = { link, listener, hands, drawing, counts, walls, state: () => state };
+window.eol = { link, listener, hands, drawing, counts, walls, modes, state: () => state };
 let state = null;
 let playing = ''; // who has the table: people, visitors that are simulated, or nobody
 let leds = new Uint8Array(25);
@@ -62,14 +65,20 @@ link.on('leds', (packet) => {
   leds = white;
   ledsAt = performance.now();
 });
-link.on('health', ({ node, values }) => {
-  if (node !== 'twin') return;
-  playing = values.playing ?? '';
-  tell();
+let sounds = null; // what the node of that name said last
+let asleep = false;
+link.on('health', (status) => {
+  if (status.node === 'sound') sounds = { ...status, heard: performance.now() - 1000 * Math.max(link.now() - status.at, 0) };
+  if (status.node === 'twin') playing = status.values.playing ?? '';
+  if (status.node === 'sound' || status.node === 'twin') tell();
 });
+link.on('wall', ({ left, right }) => (asleep = !left && !right));
+let told = null; // onset of the newest cascade; those of before this page are no news
 link.on('cascades', (day) => {
-  const newest = day.recent[day.recent.length - 1];
-  counts.cascade = newest ? newest[2] : 0;
+  const [onset, nucleus, area] = day.recent[day.recent.length - 1] ?? [0, 0, 0];
+  counts.cascade = area;
+  if (told !== null && onset !== told) modes.cascade(area, nucleus);
+  told = onset;
 });
 for (const wall of walls) {
   wall.onflip = () => counts.flips++;
@@ -83,14 +92,16 @@ function upright() {
 function place() {
   drawing.resize();
   const free = (upright() ? innerHeight : innerWidth) - drawing.side;
-  document.documentElement.style.setProperty('--free', `${Math.ceil(free / 2)}px`);
+  const { style } = document.documentElement;
+  style.setProperty('--free', `${Math.ceil(free / 2)}px`);
+  style.setProperty('--side', `${drawing.side}px`);
   drawing.dirty = true;
 }
 
 // They are dimmed, and fade towards the table. Painted into each picture once, so that it costs
 // nothing at each drawing.
 function fadeOut(brush, w, h, way) {
-  const shade = upright() ? brush.createLinearGradient(0, h, 0, 0)
+  const shade = upright() ? brush.createLinearGradient(0, way > 0 ? h : 0, 0, way > 0 ? 0 : h)
     : way > 0 ? brush.createLinearGradient(w, 0, 0, 0) : brush.createLinearGradient(0, 0, w, 0);
   shade.addColorStop(0, 'rgba(6,8,9,1)');
   shade.addColorStop(0.3, 'rgba(6,8,9,.38)');
@@ -111,24 +122,40 @@ $('listen').onclick = async () => {
   else await listener.start();
   tell();
 };
-for (const [name, words] of Object.entries(LANGUAGES)) {
-  const button = document.createElement('button');
-  button.textContent = words;
-  button.lang = name;
-  button.onclick = () => speak(name).then(tell);
-  $('languages').append(button, ' ');
+// Why nothing is heard, as a key of the words; empty where it is, or where nobody asked for it.
+function silence() {
+  if (!link.viewer) return '';
+  if (listener.hindrance) return listener.hindrance;
+  if (asleep) return 'sound_asleep';
+  if (!sounds) return link.age('hello') > 2 * STALE_S ? 'sound_none' : '';
+  if (performance.now() - sounds.heard > 2000 * STALE_S) return 'sound_silent';
+  if (sounds.values.muted === 'True') return 'sound_muted';
+  if (sounds.level === 'error') return 'sound_fault';
+  return listener.on && listener.context.state !== 'running' ? 'sound_blocked' : '';
 }
+const fingers = matchMedia('(hover: none) and (pointer: coarse)'); // and neither mouse nor keys
+
+// The block under the pointer, for who hears the page.
+$('table').addEventListener('pointermove', ({ clientX, clientY }) => {
+  if (!state || hands.holding) return;
+  const [x, y] = drawing.toTable(clientX, clientY);
+  const id = state.x.findIndex((bx, i) => Math.max(Math.abs(bx - x), Math.abs(state.y[i] - y)) < 0.045);
+  const moves = id >= 0 && state.moving[id];
+  write($('under'), id < 0 ? '' : say('under_words', { block: id, where: say(`where_${part(id)}`), state: say(moves ? 'slipping' : 'at_rest') }));
+});
+addLanguages($('languages'), tell);
 
 function tell() {
   const age = link.age();
   const stale = age > STALE_S;
   $('words').classList.toggle('stale', stale);
-  $('words').textContent = stale
+  const words = stale
     ? link.viewer ? say('no_data', { seconds: age.toFixed(0) }) : say('no_connection')
     : !link.viewer || performance.now() < 1000 * STALE_S ? ''
       : !link.mayPush ? say('table_locked')
         : link.age('truth') > STALE_S ? say('table_none')
-          : counts.cascade ? say('table_cascade', { area: counts.cascade }) : '';
+          : counts.cascade && !modes.captions ? say('table_cascade', { area: counts.cascade }) : '';
+  write($('words'), words);
   if (hands.holding) playing = 'people'; // the twin says so a moment later
   const alone = playing === 'visitors' && !stale && link.age('truth') < STALE_S;
   $('alone').hidden = !alone;
@@ -136,15 +163,20 @@ function tell() {
   const limit = state?.rim && !stale ? hands.limit(state, speed) : '';
   $('limit').hidden = !limit;
   if (limit) write($('limit'), say(limit));
-  const silent = link.viewer && !listener.on && listener.hindrance;
-  $('listen').disabled = Boolean(silent);
+  const lonely = performance.now() - hands.heldAt > 1000 * IDLE_S;
+  drawing.hint = lonely && link.mayPush && !stale && Boolean(state?.rim) && link.age('truth') < STALE_S;
+  $('invite').hidden = !drawing.hint;
+  const touch = fingers.matches;
+  if (drawing.hint) write($('invite'), say(touch ? 'invite_touch' : 'invite'));
+  write($('help'), !link.mayPush || !state?.rim ? '' : say(touch ? 'table_help_touch' : 'table_help'));
+  modes.show();
+  const why = stale ? '' : silence();
+  $('listen').disabled = Boolean(listener.hindrance) && !listener.on;
   $('listen').setAttribute('aria-pressed', listener.on);
-  $('listen').textContent = silent ? say(silent) : listener.on && listener.latency !== null
-    ? say('table_sound', { latency: Math.round(listener.latency * 1000) }) : say('table_sound_on');
+  write($('listen'), !listener.on ? say($('listen').disabled ? 'table_sound_off' : 'table_sound_on')
+    : listener.latency === null || why ? say('table_sound_is_on') : say('table_sound', { latency: Math.round(listener.latency * 1000) }));
+  write($('sound-why'), why && (listener.on || $('listen').disabled || why === 'sound_none') ? say(why) : '');
   $('table').style.filter = stale ? 'grayscale(1) brightness(.5)' : '';
-  for (const button of $('languages').children) {
-    button.setAttribute('aria-pressed', button.lang === document.documentElement.lang);
-  }
 }
 setInterval(tell, 250);
 tell();

@@ -14,6 +14,8 @@ const WAVE_S = 1.1;
 const COIL_M = 0.0085; // half the height of a spring's picture
 const TAUT_M = 0.1; // of the line between a hand and what it holds
 const TINTS = 8; // shades of strain, each way
+const HINT_S = 3.2; // one gesture of the hand that shows what can be done
+const HINT_M = 0.16;
 
 export class TableDrawing {
   constructor(canvas) {
@@ -24,6 +26,7 @@ export class TableDrawing {
     this.waves = []; // {block, since}
     this.joins = []; // {from, to, since}
     this.pulls = []; // {from: where a finger holds the rim, to: where it is}
+    this.hint = false; // whether a hand shows what can be done
   }
 
   setLand(land) {
@@ -33,7 +36,8 @@ export class TableDrawing {
 
   resize() {
     const ratio = Math.min(devicePixelRatio || 1, 2);
-    const room = 0.045 * innerHeight + 24; // for the words above and below
+    // For the words above and below; on a wide screen they stand beside it (table.css).
+    const room = innerWidth >= 1.5 * innerHeight ? 0 : 0.045 * innerHeight + 32;
     const side = Math.max(Math.floor(Math.min(innerWidth, innerHeight - 2 * room)), 100);
     if (side === this.side && ratio === this.ratio) return;
     this.side = side;
@@ -73,15 +77,17 @@ export class TableDrawing {
     brush.setTransform(perM, 0, 0, -perM, w / 2, h / 2); // metres, y away
     if (state.rim) this.drawSprings(state);
     if (state.rim) this.drawRim(state.rim);
-    for (let id = 0; id < 25; id++) this.drawBlock(id, state, leds[id] / 255);
-    this.drawLight(state, leds);
+    // Where flashes are unwelcome a slip is told by its block's outline alone.
+    for (let id = 0; id < 25; id++) this.drawBlock(id, state, calm.matches ? 0 : leds[id] / 255);
+    if (!calm.matches) this.drawLight(state, leds);
     this.drawCascade(now, state);
     for (const pull of this.pulls) this.drawPull(pull);
+    if (this.hint && state.rim) this.drawHint(now, state.rim);
   }
 
   // Whether the next drawing would differ from the last: a table at rest costs nothing.
   get alive() {
-    return this.dirty || this.waves.length > 0 || this.joins.length > 0 || this.pulls.length > 0;
+    return this.dirty || this.waves.length > 0 || this.joins.length > 0 || this.pulls.length > 0 || this.hint;
   }
 
   drawRim([x, y, yaw]) {
@@ -98,6 +104,40 @@ export class TableDrawing {
     steel.addColorStop(1, '#4a5054');
     brush.fillStyle = steel;
     frame(brush, 0, 0, outer, RIM_M / 2);
+    brush.restore();
+  }
+
+  // First a finger that takes the near bar and pulls, then two that turn the rim. Nothing is moved by
+  // them; where motion is unwelcome they stand still at the end of their way.
+  drawHint(now, [x, y, yaw]) {
+    const { brush } = this;
+    const turns = !calm.matches && Math.floor(now / 1000 / HINT_S) % 2 === 1;
+    const t = calm.matches ? 0.8 : ((now / 1000) % HINT_S) / HINT_S;
+    const along = Math.min(Math.max((t - 0.2) / 0.5, 0), 1);
+    const way = along * along * (3 - 2 * along);
+    const bar = (RIM_M + BAR_M) / 2;
+    const fingers = turns ? [[-bar, 0], [bar, 0]] : [[0, -bar]];
+    brush.save();
+    brush.translate(x, y);
+    brush.rotate(yaw);
+    brush.globalAlpha = Math.min(t / 0.15, (1 - t) / 0.2, 1);
+    brush.strokeStyle = brush.fillStyle = THREAD;
+    brush.lineCap = 'round';
+    for (const [fx, fy] of fingers) {
+      const to = turns ? [fx, fy + Math.sign(fx) * HINT_M * way] : [fx + HINT_M * way, fy];
+      brush.lineWidth = 0.008;
+      brush.beginPath();
+      brush.moveTo(fx, fy);
+      brush.lineTo(...to);
+      brush.stroke();
+      brush.beginPath();
+      brush.arc(...to, 0.024, 0, 7);
+      brush.fill();
+      brush.lineWidth = 0.004;
+      brush.beginPath();
+      brush.arc(...to, 0.036 + 0.01 * (1 - way), 0, 7);
+      brush.stroke();
+    }
     brush.restore();
   }
 

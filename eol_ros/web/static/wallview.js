@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // One wall: two layers, the next picture drawn and ready in the hidden one, changed at the told time.
 
+import { calm } from './paint.js';
+
+const CALM_GAP_MS = 4000; // where quick changes are unwelcome, and each is a slow cross-fade
+const CALM_FADE_S = 1.5;
 const SAFE_GAP_MS = 340; // WCAG 2.3.1; the server never asks for less, a bad network might
 
 export class WallView {
@@ -105,7 +109,8 @@ export class WallView {
         return;
       }
       this.prepare();
-      const due = this.link.now() >= next.at && now - this.lastFlip >= SAFE_GAP_MS;
+      const gap = calm.matches && next.name ? CALM_GAP_MS : SAFE_GAP_MS;
+      const due = this.link.now() >= next.at && now - this.lastFlip >= gap;
       if (due && this.drawn[1 - this.front] === next.name) this.flip(next, now);
       requestAnimationFrame(step);
     };
@@ -114,7 +119,8 @@ export class WallView {
 
   flip(next, now) {
     const [shown, hidden] = [this.layers[1 - this.front], this.layers[this.front]];
-    const fade = next.name ? this.fade : Math.max(this.fade, 2); // into sleep: softly
+    const slow = calm.matches ? CALM_FADE_S : 0;
+    const fade = Math.max(this.fade, next.name ? slow : 2); // into sleep: softly
     this.front = 1 - this.front;
     this.lastFlip = now;
     this.pending = null;

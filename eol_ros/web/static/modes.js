@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// How a person wants to be told of the work: without flashes, or in words and by the phone's motor.
+
+import { calm, write } from './paint.js';
+import { say } from './i18n.js';
+
+const CAPTION_MS = 5000;
+const RUPTURE = 10; // blocks, from here on a cascade is called one
+
+// Which part of the table a block stands in, 0..8 row by row from the near left.
+export function part(block) {
+  const third = (n) => (n < 2 ? 0 : n > 2 ? 2 : 1);
+  return 3 * third(Math.floor(block / 5)) + third(block % 5);
+}
+
+// A cascade in words; `nucleus` is the block in which it began.
+export function caption(area, nucleus) {
+  const size = area < 2 ? 'slip' : area < RUPTURE ? 'cascade' : 'rupture';
+  return say(`caption_${size}`, { area, where: say(`where_${part(nucleus)}`) });
+}
+
+export class Modes {
+  constructor(buttons, line) {
+    this.buttons = buttons; // by name
+    this.line = line;
+    this.said = null; // [area, nucleus, performance.now() when it was told]
+    for (const [name, button] of Object.entries(buttons)) {
+      this[name] = localStorage.getItem(name) === 'yes';
+      button.onclick = () => {
+        this[name] = !this[name];
+        localStorage.setItem(name, this[name] ? 'yes' : 'no');
+        this.show();
+      };
+    }
+    this.show();
+  }
+
+  // A phone shakes the longer the more blocks slipped.
+  cascade(area, nucleus) {
+    if (!this.captions) return;
+    this.said = [area, nucleus, performance.now()];
+    this.show();
+    if (navigator.userActivation?.hasBeenActive) navigator.vibrate?.(Math.min(20 + 25 * area, 600));
+  }
+
+  show() {
+    calm.quiet = this.quiet;
+    for (const [name, button] of Object.entries(this.buttons)) button.setAttribute('aria-pressed', this[name]);
+    const fresh = this.captions && this.said && performance.now() - this.said[2] < CAPTION_MS;
+    this.line.hidden = !fresh;
+    if (fresh) write(this.line, caption(...this.said));
+  }
+}
