@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`eol bench physics`: error against run time of solvers and peers, extremes, cost by size."""
+"""`eol bench physics`: error against run time of solvers and peers, and cost by size."""
 
 import argparse
 import functools
@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import physics_peers as peers
-from benchmarks import physics_stiff
 from benchmarks.machine import tell
 from eol_ros.core.physics import builders, choose, presets
 from eol_ros.core.physics.event import solver as event
@@ -34,7 +33,7 @@ EXAMPLES = [
 PEER_S = 2.5  # slow peers run this far; we are timed on the same stretch beside them
 SIZES = (1, 4, 25, 100, 400, 2500, 10_000)
 LIMITS = Limits(events=200_000, steps=2_000_000)
-PARTS = ('own', 'rotation', 'peers', 'stiff', 'extremes', 'sizes', 'live')
+PARTS = ('own', 'rotation', 'peers', 'sizes', 'live')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='take the other parts from an earlier --json run',
     )
     parser.add_argument('--peer', default='', metavar='TEXT', help='only peers whose row has TEXT')
-    parser.add_argument('--case', default='', metavar='TEXT', help='only stiff cases with TEXT')
 
 
 def cpu_s(work: Callable, repeat: int) -> tuple[object, float]:
@@ -248,87 +246,6 @@ def rotation_rows() -> list[dict]:
     return rows
 
 
-def extreme_scenes() -> dict[str, dict]:
-    """Return scenes at the edge of what the model allows."""
-    still = {'kind': 'none'}
-    offsets = builders.offsets(25, 0.01, 1)
-    aside = builders.offsets(25, 0.005, 2)
-    away = {'kind': 'poses', 'par': [[0, 1, 0, 0], [1, 1, 0, 0]]}
-    stepped = [[x + (i == 12), y] for i, (x, y) in enumerate(aside)]
-    scenes = {
-        'K_C / K_L = 1e6': presets.scene('S6a'),
-        'mass x 1e-4': presets.scene('S6b'),
-        'mu = 0 over 1e8 s': builders.table(still, 1e8, mu_s=0.0, mu_k=0.0, u0=offsets),
-        'mu = 1e9': builders.table(presets.PULL, 1e5, mu_s=1e9, mu_k=1e9),
-        'no drive, 1e5 s': builders.table(still, 1e5, u0=builders.offsets(25, 1e-3, 1)),
-        'one-metre step of a block': builders.table(still, 2.0, geometric=True, u0=stepped),
-        'one-metre step of the rim': builders.table(away, 3.0, geometric=True, u0=aside),
-        'the same, head-on': builders.table(away, 3.0, geometric=True),
-        'one block, 1e5 s': builders.single(presets.PULL, 1e5),
-        'simultaneous breaks': builders.plate(presets.PULL, 10.0),
-        'mu_s = mu_k, 1-D': presets.scene('S3E'),
-        'mu_s = mu_k, 2-D': builders.table(
-            presets.PULL, 10.0, geometric=True, mu_s=0.65, mu_k=0.65, u0=offsets
-        ),
-    }
-    for side in (1, 5, 20, 100):
-        n, spread = side * side, builders.offsets(side * side, 0.005, 5, True)
-        more = {'rows': side, 'columns': side, 'u0': spread}
-        short = 10.0 if n < 1000 else 5.6  # just past the first breaks
-        scenes |= {
-            f'K_C / K_L = 1e6, n = {n}': builders.plate(
-                presets.PULL, short, k_between=2e7, **more | {'u0': [[0.0, 0.0]] * n}
-            ),
-            f'mass x 1e-4, n = {n}': builders.plate(
-                presets.PULL, short, mass=2.5e-5, g=9.81e4, **more
-            ),
-            f'table, n = {n}': builders.table(
-                presets.PULL,
-                10.0 if n < 100 else 3.0,
-                geometric=True,
-                **more | {'u0': builders.offsets(n, 0.005, 5)},
-            ),
-            f'mu huge, n = {n}': builders.table(presets.PULL, 1e5, mu_s=1e9, mu_k=1e9, **more),
-        }
-        if n <= 400:
-            scenes[f'mu = 0 over 1e8 s, n = {n}'] = builders.table(
-                still, 1e8, mu_s=0.0, mu_k=0.0, **more
-            )
-    return scenes
-
-
-def extreme_rows() -> list[dict]:
-    """Return how each extreme ends."""
-    rows = []
-    scenes = extreme_scenes()
-    for name, given in track(scenes.items(), 'extremes', total=len(scenes)):
-        scene = from_mapping(given)
-        sample_s = max(0.1, scene.duration_s / 100)
-        limits = Limits(events=200_000, steps=200_000)
-        run = choose.simulate(scene, sample_s, limits=limits)  # keeps the ledger, and compiles
-        energy = run.energy
-        solve = functools.partial(choose.simulate, scene, sample_s, limits=limits, ledger=False)
-        _, seconds = cpu_s(solve, 1)
-        if seconds < 0.1:
-            _, seconds = cpu_s(solve, 5)
-        rows.append(
-            {
-                'case': name,
-                'path': run.path,
-                'status': run.status,
-                'events': len(run.event_t),
-                'steps': run.steps,
-                'ms': seconds * 1e3,
-                't_reached': run.t_reached,
-                'residual_J': energy.residual_J,
-                'work_J': energy.work_J,
-                'friction_J': energy.friction_J,
-                'notes': '; '.join(run.notes),
-            }
-        )
-    return rows
-
-
 def size_rows(sizes: tuple[int, ...]) -> list[dict]:
     """Return cost and memory of plates of n blocks, from their first breaks on."""
     rows = []
@@ -424,12 +341,6 @@ def run(args: argparse.Namespace) -> int:
         result['rotation'] = rotation_rows()
     if 'peers' in parts:
         result['peers'] = peer_rows(args.peer)
-    if 'stiff' in parts:
-        result['stiff'] = physics_stiff.rows(
-            lambda cases, name, n: track(cases, name, total=n), args.case
-        )
-    if 'extremes' in parts:
-        result['extremes'] = extreme_rows()
     if 'sizes' in parts:
         result['sizes'] = size_rows(SIZES[:5] if args.quick else SIZES)
         result['growth'] = [growth_row(result['sizes'])]

@@ -15,75 +15,75 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
+from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.stepping.moreau_jean import place_anchors, rim_pose, spring_forces
 
 CAPTURE_MPS = 1e-6
+STUCK_M = 5e-4  # by which the rim moves in a step, where nothing slides
 ARM_S = 1e-5  # after a break a stop is looked for only once the block has gathered speed
 
 
 def scipy_events(scene: Scene, times: np.ndarray, rtol: float) -> np.ndarray:
-    """DOP853 of SciPy between its own located events, sliding blocks only; u at `times`."""
+    """DOP853 of SciPy between its own located events; u at `times`."""
+    return scipy_run(scene, times, rtol)[0]
+
+
+def scipy_run(
+    scene: Scene, times: np.ndarray, rtol: float
+) -> tuple[np.ndarray, list[tuple[float, int, int]]]:
+    """Return what `scipy_events` does, and its events: when, which block, 1 a break or 0 a stop.
+
+    Forces are compiled; steps, roots and what happens at them are SciPy's and NumPy's.
+    """
     from scipy.integrate import solve_ivp
 
     model, n = Model.of(scene), scene.n
-    out = np.zeros((len(times), n, 2))
-    u, v, t = scene.u0.copy(), scene.v0.copy(), 0.0
-    on, since = np.any(v != 0, axis=1), np.full(n, -1.0)
+    out, events = np.zeros((len(times), n, 2)), []
+    y, t = np.concatenate([scene.u0.ravel(), scene.v0.ravel()]), 0.0
+    on, since = np.any(scene.v0 != 0, axis=1), np.full(n, -1.0)
     lead = np.zeros((n, 2))
-    rail = np.array([1.0, 0.0]) if model.rail else np.ones(2)
     done = 0
+    _, given = _initial_values(scene, smooth=False)
+    forces, rail, drive = given[1:9], given[12], given[13:]
 
-    def force(here, s):
-        return model.force(here, s) * rail
+    def force(s, y):
+        return _pull(s, y, *forces, rail, *drive)
 
+    def slope(s, y):  # s counts from the last event: t may be 1e9 s, of which digits are lost
+        return _slope(t + s, y, *given, on, lead)
+
+    def breaks(s, y):
+        return (model.static - np.linalg.norm(force(t + s, y), axis=1))[~on].min(initial=1.0)
+
+    def stops(s, y):
+        speed = np.linalg.norm(y[2 * n :].reshape(-1, 2), axis=1)
+        return np.where(t + s > since + ARM_S, speed - CAPTURE_MPS, 1.0)[on].min(initial=1.0)
+
+    breaks.terminal = stops.terminal = True
+    breaks.direction = stops.direction = -1
+    w = np.sqrt(8 * model.k.max() / model.mass.min())
+    fastest = max(np.hypot(*model.par[:2]) if scene.drive.kind == VELOCITY else 0.1, 1e-30)
     while t < times[-1]:
-        slots = np.flatnonzero(on)
-
-        def place(y, slots=slots, u=u, v=v):
-            here, rate = u.copy(), v.copy()
-            here[slots], rate[slots] = np.split(y.reshape(-1, 2), 2)
-            return here, rate
-
-        def slope(s, y, slots=slots):
-            here, rate = place(y, slots)
-            rate = rate[slots]
-            size = np.linalg.norm(rate, axis=1)[:, None]
-            unit = np.where(size > 1e-12, rate / np.maximum(size, 1e-300), lead[slots])
-            pull = force(here, s)[slots] - model.kinetic[slots, None] * unit
-            return np.concatenate([rate.ravel(), (pull / model.mass[slots, None]).ravel()])
-
-        def breaks(s, y, slots=slots, on=on):
-            margin = model.static - np.linalg.norm(force(place(y, slots)[0], s), axis=1)
-            return margin[~on].min(initial=1.0)
-
-        def stops(s, y, slots=slots):
-            speed = np.linalg.norm(place(y, slots)[1][slots], axis=1)
-            return np.where(s > since[slots] + ARM_S, speed - CAPTURE_MPS, 1.0).min(initial=1.0)
-
-        breaks.terminal = stops.terminal = True
-        breaks.direction = stops.direction = -1
-        start = np.concatenate([u[slots].ravel(), v[slots].ravel()])
-        w = np.sqrt(8 * model.k.max() / model.mass.min())
         run = solve_ivp(
             slope,
-            (t, times[-1]),
-            start,
+            (0.0, times[-1] - t),
+            y,
             'DOP853',
             rtol=rtol,
             atol=rtol * 1e-3,
             dense_output=True,
             events=(breaks, stops),
-            max_step=0.1 * np.pi / w if len(slots) else 0.02,
+            max_step=0.1 * np.pi / w if on.any() else STUCK_M / fastest,
         )
-        end = run.t[-1]
+        end = t + run.t[-1]
         while done < len(times) and times[done] <= end:
-            out[done] = place(run.sol(times[done]))[0] if end > t else u
+            out[done] = (run.sol(times[done] - t) if end > t else y)[: 2 * n].reshape(-1, 2)
             done += 1
-        u, v = place(run.y[:, -1])
-        t = end
-        pull = force(u, t)
+        y, t = run.y[:, -1].copy(), end
+        v = y[2 * n :].reshape(-1, 2)
+        pull = force(t, y)
         size = np.linalg.norm(pull, axis=1)
         speed = np.linalg.norm(v, axis=1)
         for i in np.flatnonzero(on):
@@ -91,53 +91,56 @@ def scipy_events(scene: Scene, times: np.ndarray, rtol: float) -> np.ndarray:
                 v[i] = 0.0
                 if size[i] <= model.static[i]:
                     on[i] = False
+                    events.append((t, int(i), 0))
                 else:
                     since[i], lead[i] = t, pull[i] / size[i]
         for i in np.flatnonzero(~on & (size >= model.static * (1 - 1e-11)) & (since < t)):
             on[i], since[i], lead[i] = True, t, pull[i] / size[i]
-    out[done:] = u
-    return out
+            events.append((t, int(i), 1))
+    out[done:] = y[: 2 * n].reshape(-1, 2)
+    return out, events
 
 
 @njit(cache=True)
-def _slope(
-    t,
-    y,
-    smooth,
-    n,
-    first,
-    second,
-    k,
-    natural,
-    rest,
-    anchors,
-    mass,
-    static,
-    kinetic,
-    geometric,
-    rail,
-    kind,
-    par,
-    knots,
-    cubics,
+def _pull(
+    t, y, n, first, second, k, natural, rest, anchors, geometric, rail, kind, par, knots, cubics
 ):
-    """The right-hand side of blocks that all slide, with sharp friction mu_k.
-
-    Or, where `smooth`, with friction tanh(|v| / 1e-4) that falls from mu_s to mu_k.
-    """
+    """Return the force of the springs (n, 2) on the blocks."""
     ends, force = np.zeros((n + len(anchors), 2)), np.zeros((n + len(anchors), 2))
     for i in range(n):
         ends[i, 0], ends[i, 1] = y[2 * i], y[2 * i + 1]
     x, z, phi = rim_pose(kind, par, knots, cubics, t)
     place_anchors(ends, n, anchors, x, z, phi)
     spring_forces(ends, force, first, second, k, natural, rest, geometric)
+    if rail:
+        force[:, 1] = 0.0
+    return force[:n]
+
+
+@njit(cache=True)
+def _slope(
+    t, y, smooth, n, first, second, k, natural, rest, anchors, geometric, mass, static, kinetic,
+    rail, kind, par, knots, cubics, on, lead,
+):  # fmt: skip
+    """The right-hand side: sharp friction mu_k on blocks that are `on`; the others stand still.
+
+    Or, where `smooth`, with friction tanh(|v| / 1e-4) that falls from mu_s to mu_k. A block without
+    speed sets off along `lead`, or along the pull where `lead` is zero.
+    """
+    force = _pull(
+        t, y, n, first, second, k, natural, rest, anchors, geometric, rail, kind, par, knots, cubics
+    )
     out = np.zeros(4 * n)
-    out[: 2 * n] = y[2 * n :]
     for i in range(n):
+        if not on[i]:
+            continue
         vx, vy = y[2 * n + 2 * i], y[2 * n + 2 * i + 1]
+        out[2 * i], out[2 * i + 1] = vx, vy
         speed = np.sqrt(vx * vx + vy * vy)
-        if not smooth and speed < 1e-13:  # at rest: it sets off along the pull
-            vx, vy = force[i, 0], force[i, 1]
+        if not smooth and speed < 1e-12:
+            vx, vy = lead[i, 0], lead[i, 1]
+            if vx == 0.0 and vy == 0.0:
+                vx, vy = force[i, 0], force[i, 1]
             speed = np.sqrt(vx * vx + vy * vy)
         hold = kinetic[i] / speed if speed > 0.0 else 0.0
         if smooth:
@@ -149,30 +152,19 @@ def _slope(
 
 
 def _initial_values(scene: Scene, smooth: bool) -> tuple[np.ndarray, tuple]:
-    """Return y(0) and the arguments of `_slope` after t and y; compiles it."""
+    """Return y(0) and the arguments of `_slope` after t and y, but for its last two; compiles."""
     m = Model.of(scene)
     start = np.concatenate([scene.u0.ravel(), scene.v0.ravel()])
     given = (
-        smooth,
-        m.n,
-        m.first,
-        m.second,
-        m.k,
-        m.natural,
-        m.rest,
-        m.anchors,
-        m.mass,
-        m.static,
-        m.kinetic,
-        m.geometric,
-        m.rail,
-        m.kind,
-        m.par,
-        m.knots,
-        m.cubics,
-    )
-    _slope(0.0, start, *given)
+        smooth, m.n, m.first, m.second, m.k, m.natural, m.rest, m.anchors, m.geometric, m.mass,
+        m.static, m.kinetic, m.rail, m.kind, m.par, m.knots, m.cubics,
+    )  # fmt: skip
+    _slope(0.0, start, *given, *_all_slide(scene))
     return start, given
+
+
+def _all_slide(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    return np.ones(scene.n, bool), np.zeros((scene.n, 2))
 
 
 def scipy_smooth(scene: Scene, times: np.ndarray, method: str) -> np.ndarray:
@@ -180,8 +172,9 @@ def scipy_smooth(scene: Scene, times: np.ndarray, method: str) -> np.ndarray:
     from scipy.integrate import solve_ivp
 
     start, given = _initial_values(scene, smooth=True)
+    args = (*given, *_all_slide(scene))
     run = solve_ivp(
-        _slope, (0, times[-1]), start, method, t_eval=times, rtol=1e-6, atol=1e-9, args=given
+        _slope, (0, times[-1]), start, method, t_eval=times, rtol=1e-6, atol=1e-9, args=args
     )
     return run.y[: 2 * scene.n].T.reshape(-1, scene.n, 2)
 
@@ -199,7 +192,7 @@ def scipy_sliding(scene: Scene, times: np.ndarray, rtol: float) -> np.ndarray:
         t_eval=times,
         rtol=rtol,
         atol=rtol * 1e-2,
-        args=given,
+        args=(*given, *_all_slide(scene)),
     )
     return run.y[: 2 * scene.n].T.reshape(-1, scene.n, 2)
 

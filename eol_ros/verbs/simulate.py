@@ -117,10 +117,7 @@ def run(args: argparse.Namespace) -> int:
         )
     for note in result.notes:
         print(note, file=sys.stderr)
-    if result.status != 'ok':
-        print(f'stopped at t = {result.t_reached:g} s: {result.status}', file=sys.stderr)
-        return 1
-    return 0
+    return 0 if result.status == 'ok' else 1
 
 
 def _scene(given: str):

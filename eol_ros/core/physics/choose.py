@@ -8,7 +8,7 @@ import numpy as np
 from eol_ros.core.physics import modal
 from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.model import Model
-from eol_ros.core.physics.result import Energy, Limits, Run, sample_times
+from eol_ros.core.physics.result import Energy, Limits, Run, cut_short, sample_times
 from eol_ros.core.physics.scene import Scene
 from eol_ros.errors import UsageError
 
@@ -98,7 +98,8 @@ def simulate(
     Returns
     -------
     Run
-        Samples, events and energies. Where a limit was reached, `status` says so.
+        Samples, events and energies. Where a limit was reached, `status` says so, samples end
+        there, and a note says what would let the run go on.
 
     Raises
     ------
@@ -124,6 +125,22 @@ def simulate(
     model = model or Model.of(scene)
     limits = limits or Limits()
     times = sample_times(scene.duration_s, sample_s)
+    run = _solved(scene, times, path, tolerance, step_s, limits, ledger, model, on_stiff)
+    return cut_short(run, scene.duration_s, limits)
+
+
+def _solved(
+    scene: Scene,
+    times: np.ndarray,
+    path: str,
+    tolerance: float | None,
+    step_s: float,
+    limits: Limits,
+    ledger: bool,
+    model: Model,
+    on_stiff: Callable[[], None] | None,
+) -> Run:
+    """Return the run by the path that is asked for, or by the least that is enough."""
     chosen = choose_path(scene, model) if path == 'auto' else path
     if chosen == 'rest':
         return _rest(scene, model, times)

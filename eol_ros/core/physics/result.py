@@ -5,6 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from eol_ros.core.physics.status import OK, WORDS
+
+OK_WORD = WORDS[OK]
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -38,7 +42,7 @@ class Run:
     path, status : str
         The solver, and 'ok' or why it ended early.
     t : ndarray
-        (k,) s.
+        (k,) s; a run that ended early has the samples that it reached.
     u, v : ndarray
         (k, n, 2) m from rest, and m/s.
     event_t : ndarray
@@ -82,6 +86,37 @@ class Run:
     spin: np.ndarray | None = None  # (k, n) rad/s
     swept: int = 0  # of the steps, those of the event path that sweep over reversals of friction
     notes: list[str] = field(default_factory=list)
+
+
+def cut_short(run: Run, duration_s: float, limits: Limits) -> Run:
+    """Return a run that ended early without samples that it did not reach, and with a note.
+
+    The note says how far the run came and what would let it go on.
+    """
+    if run.status == OK_WORD:
+        return run
+    with np.errstate(invalid='ignore'):
+        finite = np.isfinite(run.u).all(axis=(1, 2)) & np.isfinite(run.v).all(axis=(1, 2))
+    kept = (run.t <= run.t_reached) & np.logical_and.accumulate(finite)
+    for name in ('t', 'u', 'v', 'yaw', 'spin'):
+        samples = getattr(run, name)
+        if samples is not None:
+            setattr(run, name, samples[kept])
+    share = run.t_reached / duration_s if duration_s > 0 else 1.0
+    came = f'{run.status} at {run.t_reached:.6g} of {duration_s:g} s'
+    if run.status == 'step limit':
+        more = f'; at this pace the whole takes {limits.steps / share:.1g} steps' if share else ''
+        advice = f'more than {limits.steps} steps (--max-steps) let it go on{more}'
+    elif run.status == 'event limit':
+        more = f'; at this pace the whole has {limits.events / share:.1g} events' if share else ''
+        advice = f'more than {limits.events} events (--max-events) let it go on{more}'
+    else:
+        advice = (
+            'forces or speeds leave the range of double precision there: take lengths, masses and '
+            'stiffness nearer to each other, or --path stepping with a step below 1 / frequency'
+        )
+    run.notes.append(f'{came}: {advice}')
+    return run
 
 
 def sample_times(duration_s: float, sample_s: float) -> np.ndarray:

@@ -435,6 +435,57 @@ def test_what_is_cut_short_has_true_places_and_energies():
         assert abs(run.energy.residual_J) < 1e-8
 
 
+def test_a_run_that_ends_early_says_what_it_has_and_what_would_let_it_go_on():
+    """Samples that it did not reach were zeros: blocks at home."""
+    for name in ('S3L', 'S3G'):
+        given = presets.scene(name)
+        whole = solve(given)
+        run = solve(given, limits=Limits(steps=300))
+        assert 0.5 < run.t_reached < 9
+        assert len(run.t) == len(run.u) == len(run.v) == int(run.t_reached / 0.1) + 1
+        assert np.array_equal(run.u, whole.u[: len(run.u)])
+        assert run.notes[-1].startswith(f'step limit at {run.t_reached:.6g} of 10 s: more than 300')
+        assert 'more than 12 events' in solve(given, limits=Limits(events=12)).notes[-1]
+    rotating = presets.scene('S4G') | {'rotation': {'side': 0.084}}
+    run = solve(rotating, limits=Limits(steps=300))
+    assert len(run.t) == len(run.u) == len(run.yaw) == len(run.spin) < 101
+    assert solve(presets.scene('S3L')).notes == []
+
+
+@pytest.mark.parametrize('speed', [1e-6, 1e-9, 1e-12])
+def test_friction_that_is_gone_as_soon_as_a_block_moves(speed):
+    """A bound on places alone let series run beyond where they converge."""
+    run = solve(builders.train(PULL, 10.0, n=1, k_plate=40.0, weakening={'speed': speed}))
+    # without friction from the break on: m x'' = k (V t - x) from rest at k V t = F_s
+    first, slip, *_ = single_by_formula(mu_k=0.0)
+    assert run.status == 'ok'
+    assert run.steps < 1000
+    assert run.event_t[:2] == pytest.approx([first, first + slip], abs=3 * speed + 1e-12)
+    assert abs(run.energy.residual_J) < 1e-12
+
+
+def test_a_block_that_is_dragged_takes_one_step():
+    lag = 0.65 * 0.25 * 9.81 / 40
+    given = builders.single(PULL, 1e6, mu_s=0.65, mu_k=0.65, u0=[[-lag, 0.0]], v0=[[0.03, 0.0]])
+    run = solve(given, sample_s=1e3)
+    w = np.sqrt(160.0)
+    assert run.steps == 1
+    assert len(run.event_t) == 0
+    expected = 0.02 * run.t - lag + 0.01 / w * np.sin(w * run.t)
+    assert np.abs(run.u[:, 0, 0] - expected).max() < 1e-9
+    assert abs(run.energy.residual_J) < 1e-7 * run.energy.work_J
+
+
+def test_the_ledger_of_stiff_modes_closes():
+    """By formula: quadrature that saw every oscillation of these took 75 s."""
+    aside = builders.offsets(9, 1e-9, 5, along_x=True)
+    run = solve(builders.plate(PULL, 6.0, 3, 3, k_between=1e12, u0=aside))
+    assert run.status == 'ok'
+    assert len(run.event_t) > 50
+    assert run.energy.work_J > 0.1
+    assert abs(run.energy.residual_J) < 1e-6 * run.energy.work_J
+
+
 def test_a_block_that_flies_stops_where_it_must():
     run = solve(EXTREMES['a loose block in the plane'])
     speed, brake = np.hypot(1.0, 0.5), 0.65 * 9.81

@@ -149,6 +149,18 @@ def modes_state(mo, s, m, x, d, a):
 
 
 @njit(cache=True, inner=True)
+def modes_path(mo, k, h):
+    """Return the integral of mode k over the time h since the start."""
+    w, p, r, d = mo.w[k], mo.p[k], mo.r[k], mo.d[k]
+    if w == 0.0:
+        return h * h * (0.5 * d + h * (p / 6.0 + h * r / 24.0))
+    half = math.sin(0.5 * w * h)
+    rise = 2.0 * half * half
+    lag = h - math.sin(w * h) / w
+    return (p * lag / w + r * (0.5 * h * h - rise / w**2) / w + d * rise / w) / w
+
+
+@njit(cache=True, inner=True)
 def safe_step(g, d, bound):
     """Return how far g > 0 with rate d cannot reach zero, |g''| <= bound."""
     reach = math.sqrt(d * d + 2.0 * bound * max(g, 0.0))

@@ -14,12 +14,11 @@ from eol_ros.core.physics.exact.closed_form import (
     lone_state,
     march,
     modes_of,
+    modes_path,
     modes_state,
 )
 from eol_ros.core.physics.exact.taylor import (
     DENSE,
-    GAUSS_W,
-    GAUSS_X,
     ON_LIMIT,
     Lanes,
     bounds,
@@ -31,6 +30,7 @@ from eol_ros.core.physics.exact.taylor import (
     segment_series,
     state_at,
     stop_root,
+    weakening_reach,
 )
 from eol_ros.core.physics.kernel_args import LANES
 from eol_ros.core.physics.series import add_exactly, drive_series
@@ -70,19 +70,18 @@ def modes_ledger(mo, m, h, t, speed, u, at, la, x, d, a, energy):
         energy[1] += la.friction[c] * abs(x[c])
     if speed == 0.0:
         return
-    parts = 1 + int(h * mo.w[m - 1])  # so that a quadrature of 10 points sees every mode
-    parts = min(parts, 100_000)
-    for q in range(parts):
-        for g in range(len(GAUSS_X)):
-            s = h * (q + GAUSS_X[g]) / parts
-            modes_state(mo, s, m, x, d, a)
-            power = 0.0
-            for i in range(at.n):
-                if at.drive[i, 0] != 0.0:
-                    c = la.slot[i]
-                    here = u[i] + (x[c] if c >= 0 else 0.0)
-                    power += at.drive[i, 0] * (speed * (t + s) - here)
-            energy[0] += h / parts * GAUSS_W[g] * power * speed
+    # where the blocks are in the mean of the step, from the integrals of their modes
+    for c in range(m):
+        a[c] = 0.0
+    for k in range(m):
+        path = modes_path(mo, k, h)
+        for c in range(m):
+            a[c] += mo.root[c] * mo.shape[c, k] * path
+    for i in range(at.n):
+        if at.drive[i, 0] != 0.0:
+            c = la.slot[i]
+            moved = a[c] if c >= 0 else 0.0
+            energy[0] += speed * at.drive[i, 0] * (h * (speed * (t + 0.5 * h) - u[i]) - moved)
 
 
 @njit(cache=True)
@@ -195,6 +194,10 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
                 far, _ = lone_state(motion, stops)
                 if clear_of_limits(watched, count, forces, stops, abs(far), slots[0], speed, at):
                     by, kind_of, who, h, ends = BY_ONE, 2, slots[0], stops, False
+            elif stops == np.inf and h > 0.0:  # it is dragged along, and swings about that
+                far = abs(motion.b) * h + 2.0 * abs(motion.e) + abs(motion.q) / motion.w
+                if clear_of_limits(watched, count, forces, h, far, slots[0], speed, at):
+                    by, who = BY_ONE, slots[0]
         if by == BY_SERIES and closed and 1 < m <= DENSE and since >= STIFF_AFTER and h > 0.0:
             modes = modes_of(m, u, v, t, speed, h, at, la)
             near, kind_of, who = march(
@@ -209,6 +212,8 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
             if m > 0:
                 segment_series(order, m, mp, u, v, at, cx, cc, cs, used, la)
                 near = reach_of(order, mp, la.a, small, h)
+                if at.weakening > 0.0:
+                    near = weakening_reach(order, m, la.a, at.weakening, near)
                 if near < h:
                     h, ends = near, False
             if not plain and used == order:
@@ -274,11 +279,11 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
                     grid.v[sampled, slots[c]] = d_out[c]
             sampled += 1
         if by == BY_ONE:
-            x, _ = lone_state(motion, h)
+            x, d = lone_state(motion, h)
             if ledger:
                 lone_ledger(who, motion, h, x, t, speed, u, at, energy)
             u[who] += x
-            v[who] = 0.0
+            v[who] = 0.0 if kind_of == 2 else d
         elif by == BY_MODES:
             if ledger:
                 modes_ledger(modes, m, h, t, speed, u, at, la, x_out, d_out, a_out, energy)

@@ -15,6 +15,7 @@ from eol_ros.core.physics.series import FAST, first_root
 
 ON_LIMIT = 1e-13  # a force this close to the limit, relative, is on it: simultaneous breaks
 DENSE = 48  # up to so many sliding blocks their stiffness stands as a square matrix
+SPEED_SHARE = 1e-14  # of speed and weakening speed: the error in speed that a step may make
 GAUSS_X, GAUSS_W = np.polynomial.legendre.leggauss(10)
 GAUSS_X, GAUSS_W = 0.5 * (GAUSS_X + 1), 0.5 * GAUSS_W
 
@@ -133,6 +134,23 @@ def reach_of(order, mp, a, small, top):
             most = max(most, abs(a[k, c]))
         if most > 0.0:
             h = min(h, (small / most) ** (1.0 / k))
+    return h
+
+
+@njit(cache=True, inner=True, fastmath=FAST)
+def weakening_reach(order, m, a, speed, top):
+    """Return the step within which friction that weakens at `speed` is known.
+
+    At a small `speed` it has weakened before the block has moved by anything that counts: there the
+    speed has to be right, not only the place.
+    """
+    h = top
+    for c in range(m):
+        fine = SPEED_SHARE * (speed + abs(a[1, c]))
+        for k in range(order - 1, order + 1):
+            size = k * abs(a[k, c])
+            if size > 0.0:
+                h = min(h, (fine / size) ** (1.0 / (k - 1)))
     return h
 
 

@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`eol bench extremes`: stiff and extreme cases: error, time, status, and a peer beside."""
+
+import argparse
+import importlib.util
+import math
+import signal
+import sys
+import time
+from collections.abc import Callable
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from benchmarks import extreme_parts
+from benchmarks import physics_peers as peers
+from benchmarks.extreme_scenes import Case, cases
+from benchmarks.machine import tell
+from benchmarks.physics_oracles import ORACLES, modes_of_mpmath
+from eol_ros.core.physics import choose
+from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.result import Limits, Run, sample_times
+from eol_ros.core.physics.scene import Scene, from_mapping
+from eol_ros.errors import UsageError
+from eol_ros.verbs.progress import track
+
+HELP = 'error, run time and status of stiff and extreme cases, with a peer beside each'
+EXAMPLES = [
+    'eol bench extremes',
+    'eol bench extremes --case "mu_s = mu_k" --no-peers',
+    'eol bench extremes --markdown > extremes.md',
+    'eol bench extremes --json > extremes.json',
+]
+PATIENCE_S = 120  # an oracle or a peer that takes longer is left, and the row says so
+SAMPLES = 50
+PEERS: dict[str, tuple[str, str, Callable[[Scene, np.ndarray], np.ndarray]]] = {
+    'dop853': ('SciPy DOP853 events 1e-7', 'scipy', lambda s, t: peers.scipy_events(s, t, 1e-7)),
+    'sliding': ('SciPy DOP853 1e-9', 'scipy', lambda s, t: peers.scipy_sliding(s, t, 1e-9)),
+    'radau': ('SciPy Radau, smooth', 'scipy', lambda s, t: peers.scipy_smooth(s, t, 'Radau')),
+    'mujoco': ('MuJoCo 1e-4 stiff', 'mujoco', lambda s, t: peers.mujoco(s, t, 1e-4, True)),
+    'mujoco plane': ('MuJoCo contacts 1e-3', 'mujoco', lambda s, t: peers.mujoco_plane(s, t, 1e-3)),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--case', default='', metavar='TEXT', help='only rows whose name has TEXT')
+    parser.add_argument('--where', choices=('line', 'plane', 'live'), help='only these rows')
+    parser.add_argument('--no-peers', action='store_true', help='no peers')
+    parser.add_argument('--no-errors', action='store_true', help='no references, the longest part')
+    parser.add_argument('--hours', type=float, default=24.0, help='of the live clock (24)')
+    parser.add_argument('--markdown', action='store_true', help='the table as docs/ has it')
+    parser.add_argument('--json', action='store_true', help='everything as JSON')
+
+
+def judge(run: Run, duration_s: float, limits: Limits) -> list[str]:
+    """Return what is wrong with how a run ended: nothing, whatever the scene was.
+
+    It has no NaN, has kept within its limits, and says how far it came where that is not the end.
+    """
+    wrong = []
+    for name in ('t', 'u', 'v', 'event_t'):
+        if not np.isfinite(getattr(run, name)).all():
+            wrong.append(f'{name} is not finite')
+    if run.steps > limits.steps or len(run.event_t) > limits.events:
+        wrong.append(f'{run.steps} steps and {len(run.event_t)} events are above the limits')
+    if not 0 <= run.t_reached <= duration_s:
+        wrong.append(f'reached {run.t_reached} of {duration_s} s')
+    if np.any(np.diff(run.event_t) < 0):
+        wrong.append('events do not rise')
+    early = run.status != 'ok'
+    if not early and run.t_reached != duration_s:
+        wrong.append('ok, but not at its end')
+    if early and (len(run.t) and run.t[-1] > run.t_reached):
+        wrong.append('samples of what was not reached')
+    if early and not any(run.status in note and ':' in note for note in run.notes):
+        wrong.append('ends early and does not say what would let it go on')
+    return wrong
+
+
+def ended(case: Case, ledger: bool = False) -> tuple[Run, list[str]]:
+    """Return the run of a case within its limits, and what is wrong with how it ended."""
+    scene, limits = from_mapping(case.build()), Limits(case.steps, case.steps)
+    sample_s = max(scene.duration_s / SAMPLES, 1e-12)
+    run = choose.simulate(scene, sample_s, tolerance=case.tolerance, limits=limits, ledger=ledger)
+    wrong = judge(run, scene.duration_s, limits)
+    if run.status != case.ends:
+        wrong.append(f'status {run.status}, where {case.ends} was known')
+    return run, wrong
+
+
+def row(case: Case, errors: bool, with_peers: bool) -> dict[str, Any]:
+    """Return the row of a spring-block scene."""
+    run, wrong = ended(case, ledger=True)
+    timed = [_cpu_ms(lambda: ended(case)) for _ in range(2)]
+    if min(timed) < 100:
+        timed += [_cpu_ms(lambda: ended(case)) for _ in range(3)]
+    assert run.energy is not None
+    scale = max(abs(run.energy.work_J), abs(run.energy.friction_J), abs(run.energy.elastic_J))
+    found = {
+        'case': case.name,
+        'where': case.where,
+        'path': run.path,
+        'status': '; '.join(wrong) or run.status,
+        't_reached': run.t_reached,
+        'duration_s': from_mapping(case.build()).duration_s,
+        'events': len(run.event_t),
+        'steps': run.steps,
+        'ms': min(timed),
+        'residual_J': run.energy.residual_J,
+        'of_J': scale,
+        'notes': '; '.join(filter(None, [case.holds, *run.notes])),
+    }
+    if errors and case.oracle:
+        found |= _measured(case, with_peers)
+    return found
+
+
+def _measured(case: Case, with_peers: bool) -> dict[str, Any]:
+    """Return error on a stretch against what shares no code, and that of a peer."""
+    given = case.build()
+    stretch = case.stretch_s or given['T']
+    scene = from_mapping(given | {'T': stretch})
+    model, limits = Model.of(scene), Limits(case.steps, case.steps)
+    sample_s = max(stretch / SAMPLES, 1e-12)
+    times = sample_times(stretch, sample_s)
+
+    def ours() -> Run:
+        return choose.simulate(
+            scene, sample_s, tolerance=case.tolerance, limits=limits, ledger=False, model=model
+        )
+
+    found: dict[str, Any] = {'against': case.oracle, 'stretch_s': stretch}
+    oracle = ORACLES[case.oracle]
+    truth = patiently(lambda: oracle(scene, times))
+    if truth is None:
+        return found | {'against': f'{case.oracle}: gave up after {PATIENCE_S} s'}
+    run, own_ms = ours(), min(_cpu_ms(ours) for _ in range(3))
+    last = oracle is modes_of_mpmath
+    found |= {'error_m': _error(run.u[-1:] if last else run.u, truth), 'own_ms': own_ms}
+    if not with_peers or not case.peer:
+        return found
+    name, module, solve = PEERS[case.peer]
+    if importlib.util.find_spec(module) is None:
+        return found | {'peer': f'{name}: not installed'}
+    begin = time.process_time()
+    try:
+        u = patiently(lambda: solve(scene, times))
+    except ImportError as error:
+        return found | {'peer': f'{name}: {error}'.splitlines()[0]}
+    took = (time.process_time() - begin) * 1e3
+    if u is None or len(u) < len(times):
+        reached = f'{times[len(u) - 1]:.3g} s' if u is not None else f'{PATIENCE_S} s of time'
+        return found | {'peer': f'{name}: gave up at {reached}', 'peer_ms': took}
+    return found | {'peer': name, 'peer_ms': took, 'peer_error_m': _error(u, truth)}
+
+
+def _error(u: np.ndarray, truth: np.ndarray) -> float:
+    both = min(len(u), len(truth))
+    return float(np.abs(u[:both] - truth[:both]).max())
+
+
+def _cpu_ms(work: Callable[[], Any]) -> float:
+    begin = time.process_time()
+    work()
+    return (time.process_time() - begin) * 1e3
+
+
+def patiently(work: Callable[[], np.ndarray], seconds: float = PATIENCE_S) -> np.ndarray | None:
+    """Return what `work` gives, or None where it takes longer than `seconds`."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        return work()
+    except TimeoutError:
+        return None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, then print; 1 where a row does not end as it must."""
+    scenes = [
+        case for case in cases() if args.case in case.name and args.where in (None, case.where)
+    ]
+    parts = {
+        name: part
+        for name, part in extreme_parts.PARTS.items()
+        if args.where in (None, 'live') and args.case in name
+    }
+    if not scenes and not parts:
+        raise UsageError(f'--case {args.case!r}: no row has that in its name')
+    rows = [
+        row(case, not args.no_errors, not args.no_peers)
+        for case in track(scenes, 'scenes', total=len(scenes))
+    ]
+    for name, part in track(parts.items(), 'live parts', total=len(parts)):
+        rows.append(extreme_parts.live_day(args.hours) if name == 'clock' else part())
+    tell({'rows': rows}, args.json, markdown if args.markdown else table)
+    print('times are processor time, compilation and energy ledger left out', file=sys.stderr)
+    return 0
+
+
+def table(result: dict[str, Any]) -> str:
+    """Return the rows for a terminal."""
+    return '\n'.join(
+        '  '.join(f'{key} {_short(value)}' for key, value in row.items() if value not in ('', None))
+        for row in result['rows']
+    )
+
+
+def markdown(result: dict[str, Any]) -> str:
+    """Return the rows as the tables of docs/numerics/extremes.md."""
+    lines = []
+    for where, title in (('line', 'Along a line'), ('plane', 'In the plane')):
+        rows = [row for row in result['rows'] if row['where'] == where]
+        if not rows:
+            continue
+        lines += [
+            f'\n## {title}\n',
+            '| case | path | status | reached, s | events / steps | ms | error, m | against | peer:'
+            ' error, m; ms (ours on the same stretch) | energy missed, J |',
+            '| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |',
+        ]
+        for r in rows:
+            against = r.get('against', 'none')
+            if r.get('stretch_s', r['duration_s']) != r['duration_s']:
+                against += f', first {r["stretch_s"]:g} s'
+            peer = r.get('peer', '-')
+            if 'peer_error_m' in r:
+                peer += f': {r["peer_error_m"]:.0e}; {r["peer_ms"]:.3g} ({r["own_ms"]:.2g})'
+            reached = f'{r["t_reached"]:.4g}'
+            if r['t_reached'] != r['duration_s']:
+                reached += f' of {r["duration_s"]:g}'
+            lines.append(
+                f'| {r["case"]} | {r["path"]} | {r["status"]} | {reached} | {r["events"]} /'
+                f' {r["steps"]} | {r["ms"]:.3g} | {_exponent(r.get("error_m"))} | {against} |'
+                f' {peer} | {r["residual_J"]:.0e} of {r["of_J"]:.2g} |'
+            )
+        told = [row for row in rows if row['notes']]
+        lines += ['', *(f'- **{row["case"]}**: {row["notes"]}.' for row in told)]
+    live = [row for row in result['rows'] if row['where'] == 'live']
+    if live:
+        lines += [
+            '\n## Live parts\n',
+            '| case | status | error | against | ms | what holds |',
+            '| --- | --- | --- | --- | --- | --- |',
+        ]
+        lines += [
+            f'| {r["case"]} | {r["status"]} | {r["error"] or "-"} | {r["against"] or "-"} |'
+            f' {r.get("ms", math.nan):.3g} | {r["notes"]} |'
+            for r in live
+        ]
+    return '\n'.join(lines)
+
+
+def _exponent(value: float | None) -> str:
+    return '-' if value is None else '0' if value == 0 else f'{value:.0e}'
+
+
+def _short(value: object) -> str:
+    return f'{value:.3g}' if isinstance(value, float) else str(value)

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What solvers are measured against and share no code with: formulas, mpmath, SciPy."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from benchmarks import physics_peers as peers
+from eol_ros.core.physics.drive import VELOCITY
+from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.scene import Scene
+
+
+def still(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Return u where nothing ever moves."""
+    return np.broadcast_to(scene.u0, (len(times), scene.n, 2))
+
+
+def as_one(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Return u of blocks that are all alike and move as one block on its spring to the rim.
+
+    Between slips it rests; a slip is m x'' = k (V t - x) - F_k from rest at k (V t - x) = F_s.
+    """
+    model = Model.of(scene)
+    k, m = model.lattice.drive[0, 0], model.mass[0]
+    speed, w = model.par[0], np.sqrt(k / m)
+    static, kinetic = model.static[0], model.kinetic[0]
+    slip = 2 / w * (np.pi - np.arctan2((static - kinetic) * w, k * speed))
+    drop = 2 * (static - kinetic) / k
+    period = drop / speed + slip
+    after = times - static / (k * speed)
+    cycle = np.floor(after / period)
+    s = np.clip(after - cycle * period, 0.0, slip)
+    lag = (static - kinetic) / k
+    moved = lag * (1 - np.cos(w * s)) + speed * s - speed / w * np.sin(w * s)
+    x = np.where(after < 0, 0.0, cycle * (drop + speed * slip) + moved)
+    u = np.zeros((len(times), scene.n, 2))
+    u[:, :, 0] = x[:, None]
+    return u
+
+
+def carried(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Return u of one block that always slides: it swings about where the rim drags it."""
+    model = Model.of(scene)
+    k, speed = model.lattice.drive[0, 0], model.par[0]
+    w = np.sqrt(k / model.mass[0])
+    lag = model.kinetic[0] / k
+    a, b = scene.u0[0, 0] + lag, (scene.v0[0, 0] - speed) / w
+    # full periods are taken off in long double: the phase of 1e8 s has 10 digits before the point
+    angle = np.fmod(times.astype(np.longdouble) * np.longdouble(w), 2 * np.longdouble(np.pi))
+    angle = angle.astype(float)
+    u = np.zeros((len(times), 1, 2))
+    u[:, 0, 0] = speed * times - lag + a * np.cos(angle) + b * np.sin(angle)
+    return u
+
+
+def modes_of_mpmath(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Return u at the last of `times`, without friction and drive, by mpmath in 40 digits."""
+    from mpmath import mp
+
+    model, n = Model.of(scene), scene.n
+    digits, mp.dps = mp.dps, 40
+    try:
+        stiff = mp.zeros(n, n)
+        for i, j, k in zip(model.first, model.second, model.k, strict=True):
+            stiff[int(i), int(i)] += mp.mpf(float(k))
+            if j < n:
+                stiff[int(j), int(j)] += mp.mpf(float(k))
+                stiff[int(i), int(j)] -= mp.mpf(float(k))
+                stiff[int(j), int(i)] -= mp.mpf(float(k))
+        mass = [mp.sqrt(mp.mpf(float(m))) for m in model.mass]
+        for i in range(n):
+            for j in range(n):
+                stiff[i, j] /= mass[i] * mass[j]
+        squares, shapes = mp.eigsy(stiff)
+        out = np.zeros((1, n, 2))
+        t = mp.mpf(float(times[-1]))
+        swing = [mp.cos(mp.sqrt(square) * t) for square in squares]
+        for axis in range(1 if model.rail else 2):
+            start = [mass[i] * mp.mpf(float(scene.u0[i, axis])) for i in range(n)]
+            parts = [sum(shapes[i, q] * start[i] for i in range(n)) for q in range(n)]
+            for i in range(n):
+                total = sum(shapes[i, q] * parts[q] * swing[q] for q in range(n))
+                out[0, i, axis] = float(total / mass[i])
+        return out
+    finally:
+        mp.dps = digits
+
+
+def events_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Return u by SciPy's DOP853 between its own located events, tolerance 3e-13."""
+    return peers.scipy_run(scene, times, 3e-13)[0]
+
+
+def sliding_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Return u by SciPy's DOP853 where all blocks slide from the start on, tolerance 3e-13."""
+    return peers.scipy_sliding(scene, times, 3e-13)
+
+
+def weakening_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Return u by SciPy's DOP853 of one block whose friction weakens with its speed."""
+    from scipy.integrate import solve_ivp
+
+    model = Model.of(scene)
+    k, m, speed = model.lattice.drive[0, 0], model.mass[0], model.par[0]
+    static, kinetic, weak = model.static[0], model.kinetic[0], scene.weakening_speed
+    out = np.zeros((len(times), 1, 2))
+    x, t, done = scene.u0[0, 0], 0.0, 0
+    while done < len(times):
+        begin = (static / k + x) / speed
+        while done < len(times) and times[done] <= begin:
+            out[done, 0, 0] = x
+            done += 1
+        if done == len(times):
+            break
+
+        def slope(s, y):
+            force = k * (speed * s - y[0])
+            return [y[1], (force - kinetic / (1 + abs(y[1]) / weak)) / m]
+
+        def stops(s, y, begin=begin):
+            return y[1] if s > begin + 1e-3 else 1.0
+
+        stops.terminal, stops.direction = True, -1
+        run = solve_ivp(
+            slope, (begin, times[-1] + 1), [x, 0.0], 'DOP853', rtol=3e-13, atol=1e-16,
+            dense_output=True, events=stops, max_step=0.01,
+        )  # fmt: skip
+        t = run.t[-1]
+        while done < len(times) and times[done] <= t:
+            out[done, 0, 0] = run.sol(times[done])[0]
+            done += 1
+        x = run.y[0, -1]
+        pull = k * (speed * t - x)
+        assert abs(pull) <= static, 'it reverses, which this formula does not follow'
+    return out
+
+
+def spinning_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Return u by SciPy's DOP853 of blocks that rotate, without friction and drive."""
+    from scipy.integrate import solve_ivp
+
+    model, n, spun = Model.of(scene), scene.n, scene.rotation
+    assert spun is not None and not np.any(model.kinetic) and model.kind != VELOCITY
+    inertia = model.mass * spun.side_m**2 / 6
+    inner = model.second < n
+    arms = np.zeros((len(model.first), 2))
+    arms[inner] = spun.arm_j[inner]
+
+    def rotated(arm, yaw):
+        c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+        return np.concatenate([c * arm[:, :1] - s * arm[:, 1:], s * arm[:, :1] + c * arm[:, 1:]], 1)
+
+    def slope(t, y):
+        u, yaw = y[: 2 * n].reshape(-1, 2), y[2 * n : 3 * n]
+        own, other = rotated(spun.arm, yaw[model.first]), np.zeros_like(arms)
+        far = np.zeros_like(arms)
+        far[inner] = u[model.second[inner]]
+        other[inner] = rotated(arms[inner], yaw[model.second[inner]]) - arms[inner]
+        d = far + other - u[model.first] - (own - spun.arm) + model.rest
+        if model.geometric:
+            d = d * (model.k * (1 - model.natural / np.hypot(*d.T)))[:, None]
+        else:
+            d = (d - model.rest) * model.k[:, None]
+        force, torque = np.zeros((n, 2)), np.zeros(n)
+        np.add.at(force, model.first, d)
+        np.add.at(torque, model.first, own[:, 0] * d[:, 1] - own[:, 1] * d[:, 0])
+        there, back = model.second[inner], -d[inner]
+        tip = rotated(arms[inner], yaw[there])
+        np.add.at(force, there, back)
+        np.add.at(torque, there, tip[:, 0] * back[:, 1] - tip[:, 1] * back[:, 0])
+        return np.concatenate([y[3 * n :], (force / model.mass[:, None]).ravel(), torque / inertia])
+
+    start = np.concatenate([scene.u0.ravel(), spun.yaw0, scene.v0.ravel(), spun.spin0])
+    found = solve_ivp(slope, times[[0, -1]], start, 'DOP853', times, rtol=3e-13, atol=1e-15)
+    return found.y[: 2 * n].T.reshape(-1, n, 2)
+
+
+Oracle = Callable[[Scene, np.ndarray], np.ndarray]
+ORACLES: dict[str, Oracle] = {
+    'formula, at rest': still,
+    'formula, one block': as_one,
+    'formula, sliding block': carried,
+    'mpmath modes, 40 digits': modes_of_mpmath,
+    'SciPy DOP853, events': events_of_scipy,
+    'SciPy DOP853, all slide': sliding_of_scipy,
+    'SciPy DOP853, weakening': weakening_of_scipy,
+    'SciPy DOP853, rotation': spinning_of_scipy,
+}
