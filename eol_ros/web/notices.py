@@ -141,6 +141,7 @@ class Day:
             self._law = {
                 'fitted': self._law_of, 'fewest': powerlaw.FEWEST_CASCADES, 'rejected': True,
                 'ks': law.fit.ks, 'p': law.p_value, 'count': law.fit.count,
+                'automaton': powerlaw.AUTOMATON_B,
             }  # fmt: skip
             return True
         logs = np.log(np.arange(law.fit.x_min, N_BLOCKS + 1))
@@ -149,6 +150,7 @@ class Day:
             'fitted': self._law_of, 'b': law.fit.b_value, 'error': law.b_error,
             'from': law.fit.x_min, 'count': law.fit.count,
             'exceedance': (shares[::-1].cumsum()[::-1] / shares.sum()).tolist(),
+            'automaton': powerlaw.AUTOMATON_B,
         }  # fmt: skip
         return True
 
@@ -157,7 +159,8 @@ class Day:
 
         `law` has `b`, `error` and `exceedance`, the fitted share of N(>= from) for each area from
         `from` on; `rejected`, `ks`, `p` and `count` where they follow no power law; or, where there
-        is no fit, only how many cascades there are and how many it takes.
+        is no fit, only how many cascades there are and how many it takes. `automaton` is the b of
+        the automaton of the table's size, to compare with.
         """
         counts = np.bincount(np.array(self._areas, np.int64), minlength=N_BLOCKS + 1).tolist()
         return {

@@ -21,6 +21,7 @@ FEWEST_CASCADES = 200  # 20 blocks of 10, from which error and goodness of fit a
 BLOCKS = 20  # long enough to hold what hangs together; with 50 more true laws are rejected
 REJECTED = 0.05  # the p-value below which a law is called none
 FEWEST = 30  # events in the range of a fit: with fewer, a slope would be invented
+AUTOMATON_B = 0.77  # of the 5x5 automaton, alpha 0.20: eol bench exponents (docs/science.md)
 STEEPEST, FLATTEST = 12.0, -4.0
 TAU_TOLERANCE = 1e-12
 UNLIMITED = 1 << 20  # untruncated: sums go this far, the zeta function does the rest

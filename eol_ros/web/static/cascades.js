@@ -39,10 +39,11 @@ export class CascadeView {
 
   lawWords() {
     if (!this.law) return '';
-    const { b, error, from, count, fitted, fewest, rejected, ks, p } = this.law;
-    if (rejected) return say('law_rejected', { ks: ks.toFixed(2), p: p.toPrecision(1), count });
-    if (b === undefined) return say(fitted < fewest ? 'law_few' : 'law_none', { count: fitted, fewest });
-    return say('law_words', { b: b.toFixed(2), error: error.toFixed(2), from, count });
+    const { b, error, from, count, fitted, fewest, rejected, ks, p, automaton } = this.law;
+    if (b === undefined && !rejected) return say(fitted < fewest ? 'law_few' : 'law_none', { count: fitted, fewest });
+    const words = rejected ? say('law_rejected', { ks: ks.toFixed(2), p: p.toPrecision(1), count })
+      : say('law_words', { b: b.toFixed(2), error: error.toFixed(2), from, count });
+    return `${words}; ${say('law_automaton', { b: automaton.toFixed(2) })}`;
   }
 
   drawLaw(areas, total) {
@@ -86,8 +87,8 @@ export class CascadeView {
     if (law && law.b !== undefined) {
       const begin = areas.reduce((sum, n, area) => (area >= law.from ? sum + n : sum), 0);
       brush.strokeStyle = WATER;
-      brush.lineWidth = 2;
-      brush.setLineDash([6, 5]);
+      brush.lineWidth = fontPx(0.13);
+      brush.setLineDash([fontPx(0.4), fontPx(0.3)]);
       brush.beginPath();
       for (let area = law.from; area <= 25; area++) {
         const height = begin * law.exceedance[area - law.from];
@@ -98,7 +99,7 @@ export class CascadeView {
       brush.setLineDash([]);
     }
     brush.strokeStyle = THREAD;
-    brush.lineWidth = 1.6;
+    brush.lineWidth = fontPx(0.1);
     brush.beginPath();
     points.forEach(([px, py], i) => {
       if (i) brush.lineTo(px, points[i - 1][1]);
@@ -108,7 +109,7 @@ export class CascadeView {
     brush.fillStyle = INK;
     for (const [px, py] of points) {
       brush.beginPath();
-      brush.arc(px, py, 2.4, 0, 7);
+      brush.arc(px, py, fontPx(0.15), 0, 7);
       brush.fill();
     }
   }

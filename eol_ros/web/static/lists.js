@@ -72,13 +72,14 @@ export class LightField {
     this.dirty = false;
     const { brush, w, h } = fit(this.canvas);
     const pitch = Math.min(w, h) / 5;
+    const [left, top] = [(w - 5 * pitch) / 2, (h - 5 * pitch) / 2];
     let lit = 0;
     brush.textAlign = 'center';
     brush.textBaseline = 'middle';
     brush.font = `400 ${fontPx(0.72)}px ui-monospace, monospace`;
     for (let id = 0; id < 25; id++) {
       const [row, column] = [Math.floor(id / 5), id % 5];
-      const [x, y] = [column * pitch, (4 - row) * pitch];
+      const [x, y] = [left + column * pitch, top + (4 - row) * pitch];
       const level = this.levels[id] / 255;
       if (level > 0.02) lit++;
       const shade = (c) => Math.round(c[0] + (c[1] - c[0]) * level ** 0.6);
@@ -114,6 +115,15 @@ export class NodeList {
   age(node) {
     const known = this.nodes.get(node);
     return known ? (performance.now() - known.heard) / 1000 : 0;
+  }
+
+  // Whether a node has said anything, and what values it told last.
+  heard(node) {
+    return this.nodes.has(node);
+  }
+
+  values(node) {
+    return this.nodes.get(node)?.values ?? {};
   }
 
   draw() {

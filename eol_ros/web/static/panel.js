@@ -14,6 +14,8 @@ import { SpaceView } from './space.js';
 const STALE_S = 2.2; // without data: with the time between looks, less than 3 s
 const LOOK_MS = 250;
 const PACE_S = 0.033; // eyes that read figures need no more; a slip comes at once
+const SILENT_S = 3.2; // of a node, from here on nothing is known of it
+const ANSWER_MS = 60000; // so long the answer to a request is news
 const STIR_M = 0.0004; // a fifth of a pixel of the camera
 const $ = (id) => document.getElementById(id);
 
@@ -31,6 +33,7 @@ const cascades = new CascadeView($('cascades'));
 const coordinates = new CoordinateList($('coords'));
 const lights = new LightField($('lights'));
 const nodes = new NodeList($('nodes'), $('faults'), $('node-state'));
+Object.assign(window.eol, { nodes, views: { sound, cascades } });
 const listener = new Listener(link);
 window.eol.listener = listener;
 
@@ -83,9 +86,8 @@ link.on('health', (status) => {
   if (status.node === 'grains') showReach(Number(status.values.radius));
   if (status.node === 'twin' && status.values.hands) {
     $('ghosts').hidden = false;
-    press('plays_itself', 'people_only', status.values.hands === 'visitors');
   }
-  if (status.node === 'sound') press('mute', 'unmute', status.values.muted === 'True');
+  if (['twin', 'sound', 'montage'].includes(status.node)) sayState(false);
   if (status.node === 'hours') sayHours((hours = status));
 });
 // The times of the museum, whatever clock the browser has.
@@ -121,10 +123,28 @@ function showReach(metres) {
   sayReach(metres);
   space.setReach(metres);
 }
+// Which of two buttons is pressed; neither where `on` is null: it is not known.
 function press(first, second, on) {
   for (const name of [first, second]) {
-    document.querySelector(`[data-control=${name}]`).setAttribute('aria-pressed', (name === first) === on);
+    document.querySelector(`[data-control=${name}]`).setAttribute('aria-pressed', on !== null && (name === first) === on);
   }
+}
+// Asleep and muted in words. What a node said holds while it is heard, and no longer.
+let asleep = null; // as the walls have it
+function sayState(stale) {
+  const known = (node, value) => (stale || !nodes.heard(node) || nodes.age(node) > SILENT_S ? null : value);
+  const sleeps = known('montage', asleep);
+  const muted = known('sound', nodes.values('sound').muted === 'True');
+  const hands = known('twin', nodes.values('twin').hands);
+  for (const [id, on, words] of [['work-state', sleeps, ['awake', 'asleep']], ['mute-state', muted, ['sound_on', 'muted']]]) {
+    write($(id), on === null ? '' : say(words[Number(on)]));
+    $(id).classList.toggle('loud', Boolean(on));
+  }
+  press('sleep', 'wake', sleeps);
+  press('mute', 'unmute', muted);
+  press('plays_itself', 'people_only', hands ? hands === 'visitors' : null);
+  $('hours').classList.toggle('old', nodes.age('hours') > SILENT_S);
+  if (performance.now() - answered > ANSWER_MS) write($('answer'), '');
 }
 link.on('limits', ({ radius, network }) => {
   [least, most] = radius;
@@ -137,9 +157,9 @@ link.on('hello', ({ pin }) => {
   lock(pin && !link.pin);
 });
 link.on('wall', ({ left, right }) => {
-  const asleep = !left && !right;
-  press('sleep', 'wake', asleep);
+  asleep = !left && !right;
   $('live').dataset.asleep = asleep;
+  sayState(false);
 });
 
 // What people ask for
@@ -150,11 +170,14 @@ function lock(locked) {
 
 // What is shown is the answer to the newest request; until it comes, that it was asked.
 let asked = 0;
+let answered = 0; // when, performance.now()
 async function act(name, body = {}) {
   const mine = ++asked;
   $('answer').className = 'legend';
   $('answer').textContent = `${say(name)}: ${say('asked')}`;
+  answered = Infinity; // not yet
   const answer = await link.control(name, body);
+  if (mine === asked) answered = performance.now();
   if (mine === asked) {
     $('answer').className = answer.error ? 'legend bad' : 'legend';
     $('answer').textContent = `${say(name)}: ${answer.error ?? (answer.text || say('done'))}`;
@@ -171,6 +194,7 @@ $('pin-form').onsubmit = async (event) => {
   event.preventDefault();
   $('answer').textContent = await link.enter($('pin').value);
   $('answer').className = link.pin ? 'legend' : 'legend bad';
+  answered = performance.now();
   $('pin').value = '';
 };
 $('listen').onclick = async () => {
@@ -178,6 +202,7 @@ $('listen').onclick = async () => {
   else if (listener.hindrance) {
     $('answer').textContent = say(listener.hindrance);
     $('answer').className = 'legend bad';
+    answered = performance.now();
   } else await listener.start();
   $('listen').setAttribute('aria-pressed', listener.on);
 };
@@ -186,6 +211,7 @@ function retell() {
   camera.slider.oninput();
   redraw();
   nodes.draw();
+  sayState(false);
   nameCorpus();
   if (hours) sayHours(hours);
 }
@@ -207,13 +233,13 @@ addEventListener('keydown', (event) => {
 const STREAMS = { camera: ['image', 'blocks'], coords: ['blocks'], sound: ['meter'] };
 // Where data come only when something happens, the node that gives them must still be heard once a second.
 const SOURCES = { camera: ['tracker'], coords: ['tracker', 'motion'], space: ['grains'], sound: ['sound'], cascades: ['motion'], lights: ['leds'] };
-const SILENT_S = 3.2;
 setInterval(() => {
   const age = link.age();
   const stale = age > STALE_S;
   document.body.classList.toggle('stale', stale);
   $('stalebar').hidden = !stale;
   $('live').hidden = stale;
+  sayState(stale);
   if (stale) {
     $('stalebar').textContent = link.viewer ? say('no_data', { seconds: age.toFixed(0) }) : say('no_connection');
   }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The descriptor space: every grain, the moving blocks as squares, their reach as circles.
 
-import { calm, fit, fontPx, INK, MOVE, QUIET, scale, THREAD } from './paint.js';
+import { calm, fit, fontPx, INK, MOVE, QUIET, scale, THREAD, write } from './paint.js';
 import { descriptor, say } from './i18n.js';
 
 const FLASH_S = 0.5;
@@ -85,7 +85,7 @@ export class SpaceView {
     if (grain === this.picked) return;
     this.picked = grain;
     this.dirty = true;
-    if (grain < 0) return;
+    if (grain < 0) return write(this.legend, '');
     const { corpus } = this;
     const column = corpus.descriptors.indexOf(this.menus.colour.value);
     const value = column >= 0 ? `${descriptor(this.menus.colour.value)} ${round(corpus.values[column][grain])}` : '';
@@ -273,8 +273,8 @@ export class SpaceView {
       const [x, y] = this.at(bx, by);
       const live = this.moving[id];
       brush.strokeStyle = live ? MOVE : '#5d6972';
-      brush.lineWidth = live ? 2 : 1;
-      const half = live ? 7 : 4;
+      brush.lineWidth = fontPx(live ? 0.13 : 0.07);
+      const half = fontPx(live ? 0.45 : 0.26);
       brush.strokeRect(x - half, y - half, 2 * half, 2 * half);
       if (live) {
         brush.beginPath();
