@@ -98,6 +98,23 @@ class Watch:
         kind = topic_class(topic)
         return [deserialize_message(raw, kind) for raw in self.raw[topic]]
 
+    def entities(self) -> dict[str, int]:
+        """Return how many DDS writers and readers each node has; a service or a client is two."""
+        me, found = self._node, {}
+        for name, namespace in me.get_node_names_and_namespaces():
+            if name == me.get_name():
+                continue
+            asked = (
+                (1, me.get_publisher_names_and_types_by_node),
+                (1, me.get_subscriber_names_and_types_by_node),
+                (2, me.get_service_names_and_types_by_node),
+                (2, me.get_client_names_and_types_by_node),
+            )
+            found[name] = sum(
+                each * len(types) for each, ask in asked for _, types in ask(name, namespace)
+            )
+        return found
+
     def close(self) -> None:
         """Leave the graph."""
         self._going = False

@@ -8,6 +8,8 @@ import subprocess
 import pytest
 import yaml
 
+from benchmarks import lean
+from benchmarks.lean_list import ONLY, VERBS, node_faults, other_faults
 from eol_ros import scene as scenes
 
 # Runs the node as bringup does; once it is made and has looked around, says what it has loaded.
@@ -28,34 +30,6 @@ from eol_ros.ros.run import run
 sys.exit(run([sys.argv[1]], ['--scene', sys.argv[2]]))
 """
 SCENE = {'camera': 'museum'}  # all others: rehearsal
-ONLY = {  # which nodes may have loaded a package
-    'numba': {'twin', 'tracker', 'sound'},
-    'llvmlite': {'twin', 'tracker', 'sound'},
-    'cv2': {'camera', 'tracker'},
-    'aiohttp': {'panel'},
-    'mcap': {'recorder'},
-    'zstandard': {'recorder'},
-    'sounddevice': {'sound'},
-    'soundfile': {'sound'},
-    'serial': {'leds'},
-}
-NOBODY = (
-    'matplotlib',
-    'rich',
-    'pytest',
-    'unittest',
-    'numpy.testing',
-    'numpy.f2py',
-    'scipy.linalg',
-    'scipy.special',
-    'scipy.signal',
-    'scipy.optimize',
-    'scipy.sparse',
-    'numba.np.linalg',
-    'numba.np.arraymath',  # numba's compiler, where nothing is compiled
-    'lark',
-    'rosidl_parser.parser',  # the generator of message code
-)
 
 
 @pytest.fixture(scope='module')
@@ -113,13 +87,24 @@ ALL = (
 def test_a_node_loads_nothing_that_it_does_not_use(loaded, node):
     modules, files = loaded(node)
     assert 'rclpy' in modules and f'eol_ros.nodes.{node}' in modules
-    barred = [name for name, nodes in ONLY.items() if node not in nodes] + list(NOBODY)
-    if node not in ONLY['numba']:
-        barred.append('scipy')  # numba looks at the version of it
-    assert sorted(modules & set(barred)) == []
-    libraries = {'avcodec': ONLY['cv2'], 'libllvmlite': ONLY['numba'], '/scipy/linalg': set()}
-    libraries['board/_block'] = {'twin'}
-    for part, nodes in libraries.items():
-        mapped = [file for file in files if part in file]
-        assert bool(mapped) <= (node in nodes), mapped
+    assert node_faults([node], modules, files) == []
     assert node not in ONLY['numba'] or any('libllvmlite' in file for file in files)
+
+
+@pytest.mark.parametrize(
+    'words',
+    [pytest.param(w, marks=[pytest.mark.soak] if w == 'topics' else []) for w in VERBS],  # 10 s
+)
+def test_a_verb_loads_nothing_that_it_does_not_use(words, tmp_path, monkeypatch):
+    monkeypatch.setenv('EOL_STATE', str(tmp_path))
+    row = lean.verb_row(words)
+    assert row['modules'] > 50
+    assert row['faults'] == []
+
+
+def test_the_list_finds_what_a_node_must_not_have():
+    modules = ['rclpy', 'numba', 'scipy', 'rich', 'cv2']
+    assert node_faults(['motion', 'leds'], modules, []) == ['cv2', 'numba', 'rich', 'scipy']
+    assert node_faults(['tracker'], modules, ['/lib/libavcodec.so']) == ['rich']
+    assert node_faults(['motion'], [], ['/lib/libavcodec.so']) == ['/lib/libavcodec.so']
+    assert other_faults({'yaml'}, ['yaml', 'numpy', 'json']) == ['numpy']

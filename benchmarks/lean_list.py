@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a node or a verb must not load: one list for `eol bench lean` and test/nodes/test_lean.py.
+
+A package is loaded where it is used: a museum without a twin has no solver, a report no ROS.
+"""
+
+from collections.abc import Iterable
+
+ONLY = {  # which nodes may have loaded a package
+    'numba': {'twin', 'tracker', 'sound'},
+    'llvmlite': {'twin', 'tracker', 'sound'},
+    'cv2': {'camera', 'tracker'},
+    'aiohttp': {'panel'},
+    'mcap': {'recorder', 'replay'},
+    'zstandard': {'recorder', 'replay'},
+    'sounddevice': {'sound'},
+    'soundfile': {'sound'},
+    'serial': {'leds'},
+}
+NOBODY = (
+    'matplotlib',
+    'rich',
+    'pytest',
+    'unittest',
+    'numpy.testing',
+    'numpy.f2py',
+    'scipy.linalg',
+    'scipy.special',
+    'scipy.signal',
+    'scipy.optimize',
+    'scipy.sparse',
+    'numba.np.linalg',
+    'numba.np.arraymath',  # numba's compiler, where nothing is compiled
+    'lark',
+    'rosidl_parser.parser',  # the generator of message code
+)
+LIBRARIES = {  # part of a mapped file's name: which nodes may have it
+    'avcodec': ONLY['cv2'],
+    'libllvmlite': ONLY['numba'],
+    '/scipy/linalg': set(),
+    'board/_block': {'twin'},
+}
+# Besides what no node loads, for processes that are no nodes
+HEAVY = (
+    'rclpy', 'numpy', 'numba', 'scipy', 'cv2', 'aiohttp', 'mcap', 'zstandard', 'sounddevice',
+    'soundfile', 'serial', 'matplotlib', 'rich', 'yaml', 'pytest', 'unittest',
+)  # fmt: skip
+VERBS: dict[str, set[str]] = {  # words after `eol`: what it may load of HEAVY
+    '--help': set(),
+    'check rehearsal': {'yaml', 'numpy'},
+    'status': {'yaml'},
+    'devices': {'serial', 'sounddevice'},
+    'keys list': set(),
+    'topics': {'yaml', 'numpy', 'rclpy'},
+    'bag info bags/sample': {'yaml', 'mcap', 'zstandard'},
+    'simulate S1': {'yaml', 'numpy', 'numba', 'scipy'},
+    'lattice --help': set(),
+    'corpus --help': set(),
+    'call --help': {'yaml'},
+}
+BRINGUP = {'yaml'}
+
+
+def barred(nodes: Iterable[str]) -> list[str]:
+    """Return the modules that a process of `nodes` must not have."""
+    here = set(nodes)
+    names = [name for name, allowed in ONLY.items() if not here & allowed] + list(NOBODY)
+    if not here & ONLY['numba']:
+        names.append('scipy')  # numba looks at the version of it
+    return names
+
+
+def node_faults(nodes: Iterable[str], modules: Iterable[str], files: Iterable[str]) -> list[str]:
+    """Return what a process of `nodes` has loaded and must not have."""
+    here = set(nodes)
+    found = sorted(set(modules) & set(barred(here)))
+    for part, allowed in LIBRARIES.items():
+        if not here & allowed:
+            found += [file for file in files if part in file]
+    return found
+
+
+def other_faults(allowed: set[str], modules: Iterable[str]) -> list[str]:
+    """Return what bringup or a verb has loaded of HEAVY beyond `allowed`."""
+    return sorted((set(HEAVY) - allowed) & set(modules))
