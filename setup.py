@@ -48,7 +48,7 @@ COLCON = [  # what a ROS workspace needs to build the messages, as wheels
     'ros-jazzy-python-cmake-module',
 ]
 # Independent witnesses.
-ORACLES = ['librosa', 'essentia', 'mpmath', 'powerlaw', 'trimesh', 'rosbags']
+ORACLES = ['librosa', 'essentia', 'mpmath', 'powerlaw', 'trimesh', 'rosbags', 'pybdm']
 TEST = [
     'pytest>=8',
     'pytest-timeout>=2',

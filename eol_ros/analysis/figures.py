@@ -58,8 +58,12 @@ def of(
     cascades: Table | None,
     found: dict[str, Any],
     answers: Sequence[Answer] = (),
+    light: dict[str, np.ndarray] | None = None,
 ) -> list[Figure]:
-    """Return the figures that the bag has data for; `found` are the numbers of the report."""
+    """Return the figures that the bag has data for; `found` are the numbers of the report.
+
+    light: of the greatest cascade in frames (`light.frames`).
+    """
     note = f'{Path(found["bag"]).name}, {found["duration_s"]:.0f} s'
     figures = []
     if cascades is not None:
@@ -77,6 +81,8 @@ def of(
             )
         figures.append(_map(starts['block'], note))
         figures.append(_activity(seconds(starts['stamp']), note))
+    if light is not None:
+        figures.append(_frames(light, note))
     return figures + [_spectrum(a, note) for a in answers if a.spectrum is not None]
 
 
@@ -166,6 +172,27 @@ def _activity(times_s: np.ndarray, note: str) -> Figure:
         axes.set(xlabel='time since the first slip (s)', ylabel='slips per second', ylim=(0, None))
 
     return Figure('activity', 'Slips over time', columns, paint, note)
+
+
+def _frames(light: dict[str, np.ndarray], note: str) -> Figure:
+    from matplotlib import colormaps
+
+    def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
+        levels = c['level'].reshape(-1, ROWS, COLS)
+        times_s = c['time_s'].reshape(len(levels), -1)[:, 0]
+        across = (len(levels) + 1) // 2  # two rows of frames
+        wall = np.full((2 * (ROWS + 2), across * (COLS + 1)), np.nan)
+        for k, (level, time_s) in enumerate(zip(levels, times_s, strict=True)):
+            below, right = divmod(k, across)
+            row, column = (1 - below) * (ROWS + 2), right * (COLS + 1)
+            wall[row : row + ROWS, column : column + COLS] = level
+            axes.text(column + 2, row + ROWS, f'{1e3 * time_s:+.0f} ms', ha='center', va='center')
+        colours = colormaps['gray'].with_extremes(bad='#c8d8e8')
+        axes.imshow(wall, cmap=colours, origin='lower', vmin=0, vmax=1)
+        axes.set_axis_off()
+
+    title = 'Light of the greatest cascade, time since its onset'
+    return Figure('light', title, light, paint, note)
 
 
 def _spectrum(answer: Answer, note: str) -> Figure:

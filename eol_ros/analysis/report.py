@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from eol_ros.analysis import exposure, figures, series
+from eol_ros.analysis import exposure, figures, light, series
 from eol_ros.analysis.bag import Bag, Table, seconds
 from eol_ros.analysis.retrack import Retracked
 from eol_ros.core.geometry import N_BLOCKS
@@ -57,6 +57,9 @@ def numbers(bag: Bag, answers: list[Answer] | None = None) -> dict[str, Any]:
     if cascades is not None:
         found['cascades'] = law(cascades['area']) | {'median_size': _median(cascades['size'])}
         found['catalogue'] = catalogue_of(bag, cascades)
+    flashing = light.ask(bag)
+    if flashing is not None:
+        found['light'] = flashing
     if answers is not None:
         found['one_over_f'] = {answer.name: _spectral(answer) for answer in answers}
     return found
@@ -181,7 +184,8 @@ def write(
             },
         }  # fmt: skip
     drawn = []
-    jobs = figures.of(_table(bag, 'slips'), _table(bag, 'cascades'), found, answers)
+    slips, cascades = _table(bag, 'slips'), _table(bag, 'cascades')
+    jobs = figures.of(slips, cascades, found, answers, light.frames(bag, cascades))
     for job in _tracked(jobs, 'drawing', track):
         drawn.append((job.title, job.draw(out)))
     (out / 'report.html').write_text(_page(bag, found, drawn), encoding='utf-8')
@@ -317,6 +321,7 @@ def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
               [(where.replace('_', ' '), topic, count) for where, topics in found['gaps'].items()
                if where != 'received' for topic, count in topics.items() if count]),
         _sentences('Cascades', _said_of_cascades(found)),
+        _sentences('Patterns of light', found.get('light', {}).get('sentences', [])),
         _sentences('Is it 1/f?', [a['sentence'] for a in found.get('one_over_f', {}).values()],
                    NOT_ASKED),
         *(f'<h2>{html.escape(title)}</h2>{svg}' for title, svg in drawn),
@@ -401,6 +406,7 @@ def summary(found: dict[str, Any]) -> str:
         )
     if 'cascades' in found:
         lines += _said_of_cascades(found)
+    lines += found.get('light', {}).get('sentences', [])
     lines += [answer['sentence'] for answer in found.get('one_over_f', {}).values()]
     for begin, latencies in (
         ('the image', found['latency_ms']),

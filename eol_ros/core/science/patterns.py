@@ -1,157 +1,368 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a pattern of lit and dark blocks looks, in numbers: complexity, order, symmetry.
+"""Patterns of flashing blocks: how complex, how ordered, and are they more than chance?
 
-Krpan and van Tilburg found beauty greatest at high complexity with little randomness; Chipman
-measured complexity by turns, Birkhoff divided order by it. These are exact counts on the little
-lattice, not judgements; algorithmic complexity (BDM) says little on 5x5 and is left out.
+A moment is a span of time, its pattern the blocks that flashed in it. Measures are counts on the
+lattice and judge nothing; whether a pattern is due to chance is asked against surrogates that keep
+what needs no explanation: how often each block flashes, and how many do in each moment.
 """
 
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
-Pattern = np.ndarray
+from eol_ros.errors import EolError
 
-
-@dataclass(frozen=True)
-class Measures:
-    """Of one pattern. Edges, turns, components: counts. Entropies in bits. Order: 0..1."""
-
-    lit: int
-    edges: int
-    turns: int
-    components: int
-    symmetries: int
-    entropy_2x2: float
-    local_complexity: float
-
-    @property
-    def order(self) -> float:
-        """Share of the seven symmetries of the square that it has."""
-        return self.symmetries / 7
-
-    @property
-    def birkhoff(self) -> float:
-        """Order over complexity (Birkhoff 1933), which is turns; nan without turns."""
-        return self.order / self.turns if self.turns else float('nan')
-
-
-def measures(pattern: Pattern) -> Measures:
-    """Return the measures of `pattern`, (n, n) of bool."""
-    lit = np.asarray(pattern, bool)
-    if lit.ndim != 2 or lit.shape[0] != lit.shape[1]:
-        raise ValueError(f'a pattern is square; this one has shape {lit.shape}')
-    return Measures(
-        lit=int(lit.sum()),
-        edges=edges(lit),
-        turns=turns(lit),
-        components=components(lit),
-        symmetries=symmetries(lit),
-        entropy_2x2=_entropy(_windows(lit)),
-        local_complexity=local_complexity(lit),
-    )
+FEWEST = 30  # moments
+MOST = 300  # that are asked; of more, so many evenly over the time
+SURROGATES = 399  # with half of that, eight tests at once could not reject anything
+SWEEPS = 3  # trades of every moment with another, between two surrogates
+REJECTED = 0.05
+SHIFT_S = (1.0, 5.0)  # each block's flashes are moved by so much, to either side
+# What the coding theorem method gives for the patterns of 3x3, bits, by the least number that the
+# pattern has among its turns, mirrors and negatives (read as binary, row by row): the table of
+# H. Zenil, F. Soler-Toscano, J.-P. Delahaye, N. Gauvrit, PeerJ Comput. Sci. 1 (2015) e23, from the
+# data of pybdm 0.1.0 (S. Talaga, MIT licence).
+CTM_3X3 = {
+    0: 13.713357, 1: 14.914491, 2: 14.815062, 3: 15.94158, 5: 16.90003, 7: 16.955627,
+    10: 15.696613, 11: 17.623731, 12: 15.787352, 13: 17.854607, 14: 16.26188, 15: 17.79099,
+    16: 14.366394, 17: 15.410042, 18: 15.321693, 19: 16.495127, 21: 18.336873, 23: 18.327674,
+    26: 16.149905, 27: 17.616158, 28: 15.970999, 29: 18.928904, 30: 16.476307, 40: 16.255262,
+    41: 17.104692, 42: 16.733656, 43: 18.455551, 45: 18.580864, 56: 16.161731, 57: 17.018774,
+    58: 16.719592, 59: 17.491111, 61: 18.680113, 68: 15.490455, 69: 17.316633, 70: 16.273164,
+    78: 16.853239, 84: 15.601134, 85: 18.131051, 86: 16.361828, 94: 16.812794, 97: 18.382864,
+    98: 17.212915, 99: 18.980869, 101: 17.231501, 106: 17.393555, 108: 16.217358, 113: 18.596271,
+    114: 17.165765, 170: 17.082165, 186: 17.355908,
+}  # fmt: skip
 
 
-def edges(lit: Pattern) -> int:
-    """Return how many pairs of 4-neighbours are unequal: 0..40 on 5x5."""
-    return int((lit[1:] != lit[:-1]).sum() + (lit[:, 1:] != lit[:, :-1]).sum())
+class TooFew(EolError):
+    """These patterns carry no test."""
 
 
-def turns(lit: Pattern) -> int:
-    """Return how many corners the outlines of the lit regions have; a diagonal touch is two."""
-    windows = _windows(np.pad(lit, 1))
-    count = windows.sum(axis=1)
-    diagonal = (count == 2) & (windows[:, 0] == windows[:, 3])
-    return int((count % 2).sum() + 2 * diagonal.sum())
+def _square(patterns: np.ndarray) -> np.ndarray:
+    lit = np.asarray(patterns, bool)
+    if lit.ndim != 3 or lit.shape[1] != lit.shape[2] or lit.shape[1] < 3:
+        raise ValueError(f'patterns are (k, n, n) with n of 3 or more; these are {lit.shape}')
+    return lit
 
 
-def components(lit: Pattern) -> int:
-    """Return how many connected regions there are, lit and dark together (4-neighbours)."""
-    parent = np.arange(lit.size)
-
-    def root(k: int) -> int:
-        while parent[k] != k:
-            k = parent[k]
-        return k
-
-    side = lit.shape[1]
-    flat = lit.ravel()
-    for k in range(lit.size):
-        for near in ((k + 1) if (k + 1) % side else -1, k + side):
-            if 0 <= near < lit.size and flat[near] == flat[k]:
-                parent[root(near)] = root(k)
-    return len({root(k) for k in range(lit.size)})
+def edges(patterns: np.ndarray) -> np.ndarray:
+    """Return how many pairs of 4-neighbours are unequal, (k,): 0..40 on 5x5."""
+    lit = _square(patterns)
+    down = (lit[:, 1:] != lit[:, :-1]).sum(axis=(1, 2))
+    return down + (lit[:, :, 1:] != lit[:, :, :-1]).sum(axis=(1, 2))
 
 
-def symmetries(lit: Pattern) -> int:
-    """Return how many of the seven turns and mirrors of the square leave it as it is."""
-    turned = [np.rot90(m, k) for m in (lit, lit.T) for k in range(4)]
-    return sum(np.array_equal(lit, t) for t in turned[1:])
+def turns(patterns: np.ndarray) -> np.ndarray:
+    """Return how many corners the outlines of the lit regions have, (k,); a diagonal touch is two.
 
-
-def local_complexity(lit: Pattern) -> float:
-    """Return the mean information that a block has beyond its neighbour, bits: 0..1.
-
-    Mean over four directions of the conditional entropy H(block | neighbour): mean information
-    gain, as Javaheri Javid et al. (2016) use it for binary images.
+    It is the complexity of Chipman, J. Exp. Psychol. Gen. 106 (1977) 269.
     """
+    lit = np.pad(_square(patterns), ((0, 0), (1, 1), (1, 1))).astype(np.int8)
+    a, b, c, d = lit[:, :-1, :-1], lit[:, :-1, 1:], lit[:, 1:, :-1], lit[:, 1:, 1:]
+    count = a + b + c + d
+    diagonal = (count == 2) & (a == d)
+    return (count % 2 + 2 * diagonal).sum(axis=(1, 2))
+
+
+def regions(patterns: np.ndarray) -> np.ndarray:
+    """Return how many connected regions there are, lit and dark together, (k,); 4-neighbours.
+
+    Nath and others call it intricacy.
+    """
+    lit = _square(patterns)
+    flat = ndimage.generate_binary_structure(3, 1)
+    flat[0] = flat[2] = False  # patterns do not touch each other
+    total = np.zeros(len(lit), int)
+    for kind in (lit, ~lit):
+        labels, _ = ndimage.label(kind, flat)  # numbered on from pattern to pattern
+        last = np.maximum.accumulate(labels.max(axis=(1, 2), initial=0))
+        total += np.diff(last, prepend=0)
+    return total
+
+
+def symmetries(patterns: np.ndarray) -> np.ndarray:
+    """Return how many of the seven turns and mirrors of the square leave each as it is, (k,)."""
+    lit = _square(patterns)
+    turned = [np.rot90(m, k, axes=(1, 2)) for m in (lit, lit.transpose(0, 2, 1)) for k in range(4)]
+    return np.sum([(lit == t).all(axis=(1, 2)) for t in turned[1:]], axis=0)
+
+
+def birkhoff(patterns: np.ndarray) -> np.ndarray:
+    """Return order over complexity (Birkhoff 1933), (k,): share of symmetries over turns.
+
+    nan where nothing is lit, for that has no turns.
+    """
+    complexity = turns(patterns).astype(float)
+    complexity[complexity == 0] = np.nan
+    return symmetries(patterns) / 7 / complexity
+
+
+def local_complexity(patterns: np.ndarray) -> np.ndarray:
+    """Return the mean information that a block has beyond its neighbour, bits, (k,): 0..1.
+
+    Mean over the eight directions of the conditional entropy H(block | neighbour): mean information
+    gain, as Javaheri Javid and others (2016) use it for binary images.
+    """
+    lit = _square(patterns)
     pairs = (
+        (lit[:, :, :-1], lit[:, :, 1:]),
         (lit[:, :-1], lit[:, 1:]),
-        (lit[:-1], lit[1:]),
-        (lit[:-1, :-1], lit[1:, 1:]),
-        (lit[:-1, 1:], lit[1:, :-1]),
+        (lit[:, :-1, :-1], lit[:, 1:, 1:]),
+        (lit[:, :-1, 1:], lit[:, 1:, :-1]),
     )
-    gains = []
+    gains = np.zeros(len(lit))
     for one, other in pairs:
-        both = np.stack([one.ravel(), other.ravel()], axis=1)
-        gains.append(_entropy(both) - _entropy(both[:, 1:]))
-    return float(np.mean(gains))
+        codes = (2 * one + other).reshape(len(lit), -1)
+        share = np.stack([(codes == c).mean(axis=1) for c in range(4)], axis=1)
+        second = share[:, 1::2].sum(axis=1)
+        first = share[:, 2:].sum(axis=1)
+        alone = sum(_entropies(np.stack([p, 1 - p], axis=1)) for p in (first, second))
+        gains += _entropies(share) - alone / 2
+    return gains / len(pairs)
+
+
+def _entropies(share: np.ndarray) -> np.ndarray:
+    return -(share * np.log2(np.where(share > 0, share, 1))).sum(axis=1)
+
+
+def _ctm_table() -> np.ndarray:
+    table = np.empty(512)
+    for code in range(512):
+        window = np.array(list(f'{code:09b}'), int).reshape(3, 3)
+        alike = [np.rot90(m, k) for m in (window, window.T) for k in range(4)]
+        numbers = [int(''.join(map(str, m.ravel())), 2) for m in alike]
+        table[code] = CTM_3X3[min(numbers + [511 - n for n in numbers])]
+    return table
+
+
+_CTM = _ctm_table()
+
+
+def algorithmic(patterns: np.ndarray) -> np.ndarray:
+    """Return an estimate of the algorithmic complexity of each, bits, (k,).
+
+    Block decomposition (Zenil and others, Entropy 20 (2018) 605) in all windows of 3x3: of each
+    kind of window its complexity by the coding theorem method, and log2 of how often it stands
+    there. Windows overlap, so it is an index rather than bits of a program.
+    """
+    lit = _square(patterns)
+    windows = np.lib.stride_tricks.sliding_window_view(lit, (3, 3), axis=(1, 2))
+    codes = windows.reshape(len(lit), -1, 9) @ (1 << np.arange(8, -1, -1))
+    codes = np.sort(codes, axis=1)
+    first = np.diff(codes, axis=1, prepend=-1) != 0
+    total = (_CTM[codes] * first).sum(axis=1)
+    # log2 of how many are alike: at the last of each run, its place less that of the first
+    place = np.arange(codes.shape[1])
+    begins = np.maximum.accumulate(np.where(first, place, 0), axis=1)
+    last = np.roll(first, -1, axis=1)
+    last[:, -1] = True
+    return total + (np.log2(place - begins + 1) * last).sum(axis=1)
+
+
+MEASURES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    'turns': turns,
+    'edges': edges,
+    'regions': regions,
+    'symmetries': symmetries,
+    'order over complexity': birkhoff,
+    'local complexity': local_complexity,
+    'algorithmic complexity': algorithmic,
+}
+
+
+def traded(moments: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return `moments`, (k, blocks) of bool, after every row has traded with another.
+
+    Of two rows, the blocks that are lit in one alone are dealt out again, to each as many as it
+    had: each block's and each moment's count stays (curveball: Strona and others, Nat. Commun. 5
+    (2014) 4114). The way back is as likely as the way there.
+    """
+    made = moments.copy()
+    pairs = rng.permutation(len(made))[: len(made) // 2 * 2].reshape(2, -1)
+    one, other = made[pairs[0]], made[pairs[1]]
+    differ = one ^ other
+    keys = np.where(differ, rng.random(differ.shape), 2.0)
+    rank = keys.argsort(axis=1).argsort(axis=1)
+    mine = differ & (rank < (one & differ).sum(axis=1, keepdims=True))
+    both = one & other
+    made[pairs[0]], made[pairs[1]] = both | mine, both | (differ & ~mine)
+    return made
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """A measure over a series of patterns, beside patterns of as many lit blocks at random places.
+class Compared:
+    """A mean over all moments, beside that of surrogates.
 
-    `p_less`: how often a random series has as small a mean.
+    p_value: two-sided, alone. p_holm: after Holm's correction for all that were asked.
     """
 
+    name: str
     mean: float
-    shuffled_mean: float
-    p_less: float
+    by_chance: float
+    p_value: float
+    p_holm: float
+
+    @property
+    def clear(self) -> bool:
+        """Whether chance does not give this."""
+        return self.p_holm < REJECTED
+
+    @property
+    def words(self) -> str:
+        """The comparison for people."""
+        more = 'more' if self.mean > self.by_chance else 'less'
+        said = f'{more} than by chance' if self.clear else 'as by chance'
+        return (
+            f'{self.name} {said} ({self.mean:.3g} against {self.by_chance:.3g}, p '
+            f'{self.p_holm:.2g})'
+        )
 
 
-def against_shuffled(
-    patterns: np.ndarray, rng: np.random.Generator, repeats: int = 200
-) -> dict[str, Comparison]:
-    """Compare `patterns`, (k, n, n) of bool, with themselves shuffled, measure by measure."""
-    names = [f.name for f in fields(Measures) if f.name != 'lit']
-    patterns = np.asarray(patterns, bool)
-    true = _means(patterns, names)
-    flat = patterns.reshape(len(patterns), -1)
-    drawn = np.array(
-        [_means(rng.permuted(flat, axis=1).reshape(patterns.shape), names) for _ in range(repeats)]
-    )
-    less = ((drawn <= true).sum(axis=0) + 1) / (repeats + 1)
-    return {
-        name: Comparison(float(true[k]), float(drawn[:, k].mean()), float(less[k]))
-        for k, name in enumerate(names)
-    }
+@dataclass(frozen=True)
+class Patterns:
+    """What was asked of the patterns, and what came of it."""
+
+    moments: int
+    asked: int
+    static: list[Compared]
+    follows: Compared
+
+    @property
+    def random(self) -> bool:
+        """Whether nothing tells them from chance."""
+        return not any(c.clear for c in (*self.static, self.follows))
+
+    @property
+    def sentences(self) -> list[str]:
+        """The verdict for people."""
+        of = f'{self.asked} of {self.moments}' if self.asked < self.moments else f'{self.moments}'
+        head = 'patterns of light are not random' if not self.random else (
+            'patterns of light: chance is not ruled out'
+        )  # fmt: skip
+        clear = '; '.join(c.words for c in self.static)
+        return [
+            f'{head}: {of} moments, with each block and each moment flashing as often elsewhere, '
+            f'{clear}',
+            'light in time: of two blocks that flash one moment after the other, '
+            f'{self.follows.words}, each block shifted by {SHIFT_S[0]:g} to {SHIFT_S[1]:g} s',
+        ]
 
 
-def _means(patterns: np.ndarray, names: list[str]) -> np.ndarray:
-    rows = [measures(p) for p in patterns]
-    return np.array([[getattr(m, name) for name in names] for m in rows]).mean(axis=0)
+def ask(
+    flashes: np.ndarray, rate_hz: float, rng: np.random.Generator, surrogates: int = SURROGATES
+) -> Patterns:
+    """Ask whether the patterns of flashes are due to chance, and how they differ from it.
+
+    Parameters
+    ----------
+    flashes : ndarray
+        (t, n, n) of bool, which blocks flashed in each moment; dark moments included.
+    rate_hz : float
+        Moments in a second.
+    rng : Generator
+        Draws the surrogates.
+    surrogates : int
+        How many of either kind.
+
+    Returns
+    -------
+    Patterns
+        Each measure beside its surrogates. The test of the static measures is exact whatever the
+        mixing of the chain (serial method of Besag and Clifford), as long as moments do not depend
+        on each other; where they do, chance is rejected too often (docs/science.md).
+
+    Raises
+    ------
+    TooFew
+        Fewer than 30 moments with some blocks lit and some dark.
+
+    References
+    ----------
+    J. Besag, P. Clifford, Biometrika 76 (1989) 633. S. Holm, Scand. J. Stat. 6 (1979) 65.
+    """
+    flashes = _square(flashes)
+    count = flashes.sum(axis=(1, 2))
+    some = np.flatnonzero((count > 0) & (count < flashes[0].size)) if len(flashes) else count
+    if len(some) < FEWEST:
+        raise TooFew(f'{len(some)} moments of light: no test below {FEWEST}')
+    used = some[np.linspace(0, len(some) - 1, min(len(some), MOST)).astype(int)]
+    side = flashes.shape[1]
+    found = flashes[used].reshape(len(used), -1)
+
+    def values(moments: np.ndarray) -> list[float]:
+        stack = moments.reshape(-1, side, side)
+        return [float(measure(stack).mean()) for measure in MEASURES.values()]
+
+    drawn = np.array([values(moments) for moments in _chain(found, surrogates, rng)])
+    own = np.array(values(found))
+    follows, shifted = _follows(flashes, rate_hz, rng, surrogates)
+    ps = [_two_sided(own[k], drawn[:, k]) for k in range(len(own))]
+    ps.append(_two_sided(follows, shifted))
+    holm = _holm(np.array(ps))
+    static = [
+        Compared(name, float(own[k]), float(drawn[:, k].mean()), ps[k], float(holm[k]))
+        for k, name in enumerate(MEASURES)
+    ]
+    last = Compared('neighbours', follows, float(shifted.mean()), ps[-1], float(holm[-1]))
+    return Patterns(len(some), len(used), static, last)
 
 
-def _windows(lit: Pattern) -> np.ndarray:
-    """All 2x2 windows, (k, 4): top left, top right, bottom left, bottom right."""
-    parts = (lit[:-1, :-1], lit[:-1, 1:], lit[1:, :-1], lit[1:, 1:])
-    return np.stack([p.ravel() for p in parts], axis=1).astype(int)
+def _chain(found: np.ndarray, count: int, rng: np.random.Generator) -> list[np.ndarray]:
+    """Return `count` surrogates from both sides of `found` in a chain where it stands anywhere."""
+    before = int(rng.integers(0, count + 1))
+    made = []
+    for steps in (before, count - before):
+        now = found
+        for _ in range(steps):
+            for _ in range(SWEEPS):
+                now = traded(now, rng)
+            made.append(now)
+    return made
 
 
-def _entropy(rows: np.ndarray) -> float:
-    """Entropy of the rows as symbols, bits."""
-    codes = np.asarray(rows, int) @ (1 << np.arange(rows.shape[1]))
-    share = np.bincount(codes) / len(codes)
-    share = share[share > 0]
-    return float(-(share * np.log2(share)).sum())
+def _follows(
+    flashes: np.ndarray, rate_hz: float, rng: np.random.Generator, surrogates: int
+) -> tuple[float, np.ndarray]:
+    """Return the share of neighbours among two blocks of which one flashes a moment after another.
+
+    And the same, (surrogates,), with each block's flashes moved in time by a lag of its own. A
+    share, so that it does not matter how many blocks flash in a moment: hands move all of them.
+    """
+    series = flashes.reshape(len(flashes), -1).astype(np.float32)
+    blocks, side = series.shape[1], flashes.shape[1]
+    row, column = np.divmod(np.arange(blocks), side)
+    apart = abs(row[:, None] - row) + abs(column[:, None] - column)
+    least, most = (max(1, round(s * rate_hz)) for s in SHIFT_S)
+    reach = min(2 * most + 1, len(series) - 1)
+    # how often b flashes so many moments after a, from -reach on
+    later = np.array([series[: len(series) - d].T @ series[d:] for d in range(reach + 1)])
+    every = np.concatenate([later[:0:-1].transpose(0, 2, 1), later])
+    a, b = np.indices(apart.shape)
+
+    def share(lags: np.ndarray) -> float:
+        pairs = every[np.clip(1 + lags[a] - lags[b] + reach, 0, 2 * reach), a, b]
+        return float(pairs[apart == 1].sum() / max(pairs[apart > 0].sum(), 1))
+
+    drawn = [
+        share(rng.integers(least, most + 1, blocks) * rng.choice((-1, 1), blocks))
+        for _ in range(surrogates)
+    ]
+    return share(np.zeros(blocks, int)), np.array(drawn)
+
+
+def _two_sided(own: float, drawn: np.ndarray) -> float:
+    close = 1e-12 * max(1.0, abs(own))
+    low = 1 + int((drawn <= own + close).sum())
+    high = 1 + int((drawn >= own - close).sum())
+    return min(1.0, 2 * min(low, high) / (len(drawn) + 1))
+
+
+def _holm(p_values: np.ndarray) -> np.ndarray:
+    order = np.argsort(p_values, kind='stable')
+    steps = np.minimum(1, p_values[order] * np.arange(len(order), 0, -1))
+    corrected = np.empty(len(order))
+    corrected[order] = np.maximum.accumulate(steps)
+    return corrected

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who flashed when, against packets made here; a cascade's light, against its levels."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from eol_msgs.msg import Cascade, LedCommand
+from rclpy.serialization import serialize_message
+
+from eol_ros.analysis import figures, light, report
+from eol_ros.analysis.bag import open_bag
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.writer import BagWriter
+from eol_ros.ros.definitions import describe
+from eol_ros.ros.stamps import to_msg
+
+T0 = 1_700_000_000_000_000_000
+S = 1_000_000_000
+SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
+
+
+def at_ns(at_s):
+    return T0 + round(at_s * S)
+
+
+def bag_of(folder, messages):
+    names = {topic for topic, _, _ in messages}
+    bag = BagWriter(folder, [BagTopic(f'/eol/{t}', **describe(t)) for t in names], {})
+    for topic, message, at_s in sorted(messages, key=lambda m: m[2]):
+        bag.write(f'/eol/{topic}', bytes(serialize_message(message)), at_ns(at_s), at_ns(at_s))
+    bag.close()
+    return open_bag(folder)
+
+
+def packet(at_s, **levels):
+    white = np.zeros(25, np.uint8)
+    for block, level in levels.items():
+        white[int(block[1:])] = level
+    return 'led_commands', LedCommand(white=white, sent=to_msg(at_ns(at_s))), at_s
+
+
+@pytest.fixture
+def bag(tmp_path):
+    """Blocks 7 and 8 flash at 0.05 s, 8 again before it is dark at 0.5 s, 9 at 1.3 s."""
+    cascade = Cascade(cascade=1, area=3, size=4, blocks=[7, 8, 9], duration=1.3)
+    cascade.onset = to_msg(at_ns(0.05))
+    small = Cascade(cascade=2, area=1, size=1, blocks=[3], duration=0.1)
+    small.onset = to_msg(at_ns(0.0))
+    packets = [
+        packet(0.0), packet(0.05, b7=255, b8=200), packet(0.3, b7=180, b8=120),
+        packet(0.5, b7=120, b8=255), packet(0.9, b8=100), packet(1.3, b8=60, b9=90),
+        packet(2.0, b8=80), packet(3.0),
+    ]  # fmt: skip
+    cascades = [('cascades', cascade, 1.4), ('cascades', small, 0.2)]
+    return bag_of(tmp_path / 'run', [*packets, *cascades])
+
+
+@pytest.mark.parametrize('chunk_s', [600.0, 0.45])
+def test_a_flash_is_a_rise_of_light_and_counts_once(bag, monkeypatch, chunk_s):
+    monkeypatch.setattr(light, 'CHUNK_S', chunk_s)
+    found = light.flashes(bag)
+    when, row, column = np.nonzero(found)
+
+    assert found.shape == (16, 5, 5)
+    assert list(zip(when, 5 * row + column, strict=True)) == [(0, 7), (0, 8), (2, 8), (6, 9)]
+
+
+def test_the_greatest_cascade_is_shown_as_its_light_was(bag):
+    found = light.frames(bag, bag.table('cascades'))
+    level = found['level'].reshape(light.FRAMES, 25)
+    times_s = found['time_s'].reshape(light.FRAMES, 25)[:, 0]
+
+    assert times_s[0] == pytest.approx(-light.BEFORE_S)
+    assert times_s[-1] == pytest.approx(1.3 + light.AFTER_S)
+    assert not level[0].any()
+    for time_s, row in zip(times_s, level, strict=True):
+        levels = {0.05: 255, 0.3: 180, 0.5: 120, 0.9: 0}
+        held = [v for sent_s, v in levels.items() if sent_s <= 0.05 + time_s + 1e-9]
+        assert row[7] * 255 == (held[-1] if held else 0)
+
+
+def test_the_report_says_and_shows_it(bag, tmp_path):
+    said = light.ask(bag)
+    found = report.write(bag, tmp_path / 'out')
+    page = (tmp_path / 'out' / 'report.html').read_text()
+
+    assert said == {'sentences': ['patterns of light: 3 moments of light: no test below 30']}
+    assert found['light'] == said and said['sentences'][0] in page
+    assert said['sentences'][0] in report.summary(found)
+    assert (tmp_path / 'out' / 'light.svg').read_text().count(' ms</text>') == light.FRAMES
+    assert (tmp_path / 'out' / 'light.csv').read_text().count('\n') == 1 + 25 * light.FRAMES
+
+
+def test_a_bag_without_light_has_none(tmp_path):
+    bag = bag_of(tmp_path / 'run', [('cascades', Cascade(area=1), 0.0)])
+
+    assert light.ask(bag) is None and light.frames(bag, bag.table('cascades')) is None
+    assert 'light' not in [f.name for f in figures.of(None, None, {'bag': 'x', 'duration_s': 1.0})]
+
+
+@pytest.mark.slow
+def test_the_sample_flashes_where_its_slips_begin():
+    bag = open_bag(SAMPLE)
+    said = light.ask(bag)
+    flashed = light.flashes(bag).sum(axis=0).ravel()
+    slipped = report.numbers(bag)['slips']['per_block']
+
+    assert np.corrcoef(flashed, slipped)[0, 1] > 0.9
+    assert said['moments'] == said['asked'] > 30
+    assert not said['random'] and 'not random' in said['sentences'][0]
+    assert said['sentences'][-1] == light.JUDGED
