@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who goes first where all want the two cores in the same millisecond: the kernel's side of it.
 
-An image wakes six processes at once. Those between an image and what people see and hear of it get
+An image wakes six processes at once. Those between a camera and what people see and hear get
 real-time priority (SCHED_RR, the lowest), so that they run when their message is there; those that
 nobody waits for step back. Both are set when all is up: a start is work for everybody alike.
 """
@@ -10,8 +10,10 @@ import contextlib
 import os
 from pathlib import Path
 
+from eol_ros.devices.carrier_thread import PREFIX
+
 REAL_TIME = 1  # of 99: below every sound server
-_DDS = 'dds.'  # what Fast DDS calls its threads
+CARRIERS = ('dds.', PREFIX)  # what Fast DDS calls its threads, and we those that carry
 
 
 def step_back(pid: int, nice: int) -> None:
@@ -31,14 +33,15 @@ def step_back(pid: int, nice: int) -> None:
 def step_ahead(pid: int) -> bool:
     """Give real-time priority to what carries messages in `pid`; return whether we may.
 
-    That is the main thread, where every callback runs, and the threads of DDS; what loads files,
-    compiles or records stays with everybody else, and so does whatever these start.
+    That is the main thread, where every callback runs, the threads of DDS, and those that carry
+    images and knocks; what loads files, compiles or records stays with everybody else, and so does
+    whatever these start.
     """
     parameter = os.sched_param(REAL_TIME)
     with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # it, or a thread, has ended
         for task in Path('/proc', str(pid), 'task').iterdir():
             name = (task / 'comm').read_text()
-            if int(task.name) == pid or name.startswith(_DDS):
+            if int(task.name) == pid or name.startswith(CARRIERS):
                 try:
                     os.sched_setscheduler(
                         int(task.name), os.SCHED_RR | os.SCHED_RESET_ON_FORK, parameter

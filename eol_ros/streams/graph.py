@@ -79,10 +79,10 @@ _ANSWERS = ('requests', 'request_results')
 # In data order: a node stands after those whose topics it subscribes to.
 # fmt: off
 _NODES = (
-    NodeSpec('twin', settings.TwinSettings, images=True,
+    NodeSpec('twin', settings.TwinSettings, images=True, real_time=True,
              publishes=('camera/image_raw', 'camera/camera_info', 'truth'), on_request=_ANSWERS,
              subscribes=('rim_command', 'requests')),
-    NodeSpec('camera', settings.CameraSettings, images=True,
+    NodeSpec('camera', settings.CameraSettings, images=True, real_time=True,
              publishes=('camera/image_raw', 'camera/camera_info')),
     NodeSpec('replay', settings.ReplaySettings, images=True,
              publishes=('camera/image_raw', 'camera/camera_info', 'truth', 'blocks', 'block_taps',

@@ -151,29 +151,49 @@ THREADED = (
     BEAT
     + """
 import threading
+from eol_ros.devices.carrier_thread import carrier_thread
 threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
+carrier_thread('camera', lambda: time.sleep(60)).start()
+while not os.path.exists(sys.argv[2]):
+    beat(sys.argv[1]); time.sleep(0.1)
+carrier_thread('later', lambda: time.sleep(60)).start()
 while True:
     beat(sys.argv[1]); time.sleep(0.1)
 """
 )
 
 
-def test_what_carries_messages_goes_ahead(start):
-    first = Process(('tracker',), (sys.executable, '-c', THREADED, 'tracker'), {}, real_time=True)
+def policies(pid):
+    """Return the scheduling of each thread of ours, by the kernel's name for it."""
+    found = {}
+    for task in Path(f'/proc/{pid}/task').iterdir():
+        name = 'main' if int(task.name) == pid else (task / 'comm').read_text().strip()
+        found[name] = os.sched_getscheduler(int(task.name)) & ~os.SCHED_RESET_ON_FORK
+    return found
+
+
+def test_what_carries_messages_goes_ahead(start, tmp_path):
+    begin = tmp_path / 'begin'
+    words = (sys.executable, '-c', THREADED, 'tracker', str(begin))
+    first = Process(('tracker',), words, {}, real_time=True)
     supervisor, lines = start(first, process('montage', STEADY))
-    may = allowed()
+    ahead = os.SCHED_RR if (may := allowed()) else os.SCHED_OTHER
     seen = []
 
     def work():
         wait_until(lambda: all(child.settled for child in supervisor.children))
         pids = [child.popen.pid for child in supervisor.children]
-        threads = [int(name) for name in os.listdir(f'/proc/{pids[0]}/task')]
-        seen.extend(os.sched_getscheduler(n) & os.SCHED_RR for n in sorted(threads))
+        begin.touch()
+        wait_until(lambda: policies(pids[0]).get('eol.later') == ahead)
+        seen.append(policies(pids[0]))
         seen.append(os.sched_getscheduler(pids[1]))
 
     attended(supervisor, work)
-    # the main thread alone: what else runs in there is no hurry
-    assert seen == [os.SCHED_RR if may else 0, 0, os.SCHED_OTHER]
+    threads, montage = seen
+    carrying = {name: threads.pop(name) for name in ('main', 'eol.camera', 'eol.later')}
+    assert set(carrying.values()) == {ahead}
+    # what else runs in there is no hurry
+    assert len(threads) == 1 and set(threads.values()) == {montage} == {os.SCHED_OTHER}
     assert supervisor.describe()['real_time'] == may
     assert any('no real-time priority' in line for line in lines) == (not may)
 

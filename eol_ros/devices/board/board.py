@@ -20,6 +20,7 @@ from eol_ros.core.clock_sync import ClockSync, HostTime
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.board.ports import find_port
+from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.errors import DeviceMissing
 
 BAUD = 1_000_000
@@ -92,7 +93,7 @@ class Board:
         self._configuration: list[protocol.Message] = []
         self._asked: dict[int, float] = {}
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='board', daemon=True)
+        self._thread = carrier_thread('board', self._run)
 
     def start(self) -> None:
         """Begin to look for the board; returns at once."""

@@ -26,6 +26,7 @@ from typing import NamedTuple
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.light.bridge import Bridge
+from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.errors import UsageError
 
 DARK_AFTER_S = 2.0  # without a packet from the host
@@ -95,7 +96,7 @@ class FakeBoard:
         self._decoder = protocol.Decoder()
         self._wake_read, self._wake_write = os.pipe()
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='fake board', daemon=True)
+        self._thread = carrier_thread('fake', self._run)
 
     def start(self) -> 'FakeBoard':
         """Plug the board in and power it."""

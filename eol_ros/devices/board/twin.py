@@ -23,6 +23,7 @@ import numpy as np
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.light.bridge import Bridge
 from eol_ros.devices.board.fake import Arrival, FakeBoard, latency_s, obey
+from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.streams.graph import NAMESPACE
 
 KNOCK = struct.Struct('<qBff?f')  # of Felt
@@ -153,7 +154,7 @@ class TwinBoard:
             name='twin', on_arrival=self._on_arrival, on_message=self._on_message
         ).start()
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._listen, name='twin radio', daemon=True)
+        self._thread = carrier_thread('radio', self._listen)
         self._thread.start()
 
     @property

@@ -16,6 +16,7 @@ import numpy as np
 
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.camera.sources import LiveCamera, Picture, VideoFile
+from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.errors import ConfigError, DeviceMissing
 
 AHEAD = 6  # images of a file decoded before their time
@@ -66,7 +67,7 @@ class Camera:
         self._stop = threading.Event()
         self._at_end = False
         self._threads = [
-            threading.Thread(target=run, name=f'camera {name}', daemon=True)
+            carrier_thread(name, run)
             for name, run in (('reader', self._read), ('hand-over', self._hand_over))
         ]
 

@@ -5,6 +5,8 @@ import threading
 import time
 from collections.abc import Callable
 
+from eol_ros.devices.carrier_thread import carrier_thread
+
 NS = 1_000_000_000
 SPARE_NS = 2_000_000
 
@@ -46,7 +48,7 @@ class VirtualCamera:
         self._expose, self._deliver, self._move = expose, deliver, move
         self._clock = clock or SystemClock()
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='virtual camera', daemon=True)
+        self._thread = carrier_thread('camera', self._run)
         self._thread.start()
 
     def close(self) -> None:

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Threads that carry images or knocks: they run when the callbacks of their process would."""
+
+import contextlib
+import os
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+PREFIX = 'eol.'
+"""What the kernel calls them begins with; bringup gives these its real-time priority, too."""
+
+
+def carrier_thread(name: str, run: Callable[[], None]) -> threading.Thread:
+    """Return a daemon thread of `run`, not yet started.
+
+    One that begins later than bringup gave its process a priority takes that of the main thread.
+    """
+
+    def carry() -> None:
+        own = threading.get_native_id()
+        with contextlib.suppress(OSError):  # not Linux, or not allowed here: as all the others
+            Path(f'/proc/self/task/{own}/comm').write_text(PREFIX + name)
+            policy = os.sched_getscheduler(os.getpid())
+            if policy & ~os.SCHED_RESET_ON_FORK in (os.SCHED_RR, os.SCHED_FIFO):
+                os.sched_setscheduler(own, policy, os.sched_getparam(os.getpid()))
+        run()
+
+    return threading.Thread(target=carry, name=name, daemon=True)
