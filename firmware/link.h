@@ -11,7 +11,8 @@
 enum {
     EOL_FRAME = 18, /* bytes of every frame; those that a kind does not use are 0 */
     EOL_CHANNEL = 76, /* 2.476 GHz, above WLAN */
-    EOL_WORD_MS = 2   /* from word to word of the bridge while light may fall */
+    EOL_WORD_MS = 2,  /* from word to word of the bridge */
+    EOL_AIR_US = 550  /* from when a knock's age is taken to the end of its frame: SPI, 130 us, air */
 };
 
 enum { /* first byte of a frame */
@@ -20,6 +21,9 @@ enum { /* first byte of a frame */
     EOL_FRAME_KNOCK = 0x4B,   /* block: block, flags, age_us u16, strength u16, lit_us u16, number */
     EOL_FRAME_STATUS = 0x53   /* block: the body of EOL_BLOCK_STATUS */
 };
+
+/* Where the radio is at the end of a serial line, a frame is the body of a packet of this kind. */
+enum { EOL_AIR = 0x7E };
 
 enum { EOL_WORD_BY_ITSELF = 1, EOL_WORD_FALLS = 4 }; /* flags of a word */
 

@@ -133,7 +133,7 @@ def test_its_integers_are_little_endian(board):
 
 FIRMWARE = HEADER.parent
 # What needs its own processor's compiler `make firmware` compiles, without a warning, too.
-OF_A_PROCESSOR = ('<avr/', '<simavr/')
+OF_A_PROCESSOR = ('<avr/', '<simavr/', '__asm')
 SOURCES = [
     path
     for path in sorted(FIRMWARE.glob('*/*.c'))
@@ -251,3 +251,58 @@ def test_a_million_bytes_by_radio_make_a_block_do_nothing_undefined(tmp_path):
     said, lit = map(int, done.stdout.split())
     assert said > 100
     assert lit > 10
+
+
+BRIDGE_STORM = """
+#include <stdio.h>
+#include "bridge.h"
+static uint32_t seed = 1;
+static uint8_t any(void)
+{
+    return (uint8_t)((seed = seed * 1664525u + 1013904223u) >> 24);
+}
+int main(void)
+{
+    uint64_t now = 0;
+    uint32_t sent = 0, said = 0;
+    uint8_t frame[EOL_FRAME], wire[EOL_MAX_WIRE], body[EOL_MAX_BODY], byte;
+    static eol_bridge bridge;
+    eol_bridge_begin(&bridge, now);
+    for (uint32_t n = 0; n < 40000; n++) {
+        size_t size = any() % (EOL_MAX_BODY + 1), length;
+        now += any() * 40u;
+        for (size_t k = 0; k < size; k++) body[k] = any();
+        size = n % 2 ? size : (const size_t[]){1, 4, 4, 4, 16, 8}[n / 2 % 6];
+        length = eol_encode(wire, (const uint8_t[]){1, 4, 5, 6, 7, 8}[n / 2 % 6], 0, body, size);
+        if (n % 5 == 0) wire[any() % length] = any();
+        for (size_t k = 0; k < length; k++) eol_bridge_byte(&bridge, now, wire[k]);
+        for (int k = 0; k < EOL_FRAME; k++) frame[k] = any();
+        if (n % 4) {
+            frame[0] = n % 3 ? EOL_FRAME_KNOCK : EOL_FRAME_STATUS;
+            frame[1] %= 32;
+        }
+        eol_bridge_heard(&bridge, now, frame);
+        for (int k = 0; k < 4 && eol_bridge_says(&bridge, now, frame); k++) said++;
+        for (int k = 0; k < 30 && eol_bridge_sends(&bridge, &byte); k++) sent++;
+        if (bridge.count > EOL_BRIDGE_ROOM) return 2;
+    }
+    printf("%u %u %u\\n", sent, said, bridge.dropped);
+    return 0;
+}
+"""
+
+
+def test_a_million_bytes_make_the_bridge_do_nothing_undefined(tmp_path):
+    """Whole packets, spoilt ones and frames of the radio, and a host that reads too slowly."""
+    (tmp_path / 'storm.c').write_text(BRIDGE_STORM)
+    trap = ['-fsanitize=undefined,bounds', '-fsanitize-undefined-trap-on-error']
+    bridge = FIRMWARE / 'bridge'
+    sources = [bridge / 'bridge.c', bridge / 'flash.c']
+    words = ['-std=c99', '-O1', '-Wno-unused-function', *trap, '-I', bridge]
+    compiled(tmp_path, *words, 'storm.c', *sources, '-lm', '-o', 'storm')
+    done = subprocess.run([tmp_path / 'storm'], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f'it ended with {done.returncode}'
+    sent, said, dropped = map(int, done.stdout.split())
+    assert sent > 100_000
+    assert said > 1000
+    assert dropped > 100  # whole packets, so that the next one is read

@@ -1,0 +1,199 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "bridge.h"
+
+static const double HOLD_AT_FIRST_S = 1.001 / 3;
+static const double FOR_EVER_S = 1e30;
+enum {
+    SHORTEST_MS = 182,   /* as EOL_LIGHT_SHORTEST_MS of a block */
+    OLD_ORDER_US = 100000, /* who has not heard it by then is not to flash */
+    VERSION = 4, FLAGS = 6 /* in the body of a status */
+};
+
+static double seconds(uint64_t us)
+{
+    return (double)us * 1e-6;
+}
+
+/* A packet that does not fit is dropped whole. */
+static void send(eol_bridge *b, uint8_t kind, const uint8_t *body, size_t size)
+{
+    uint8_t wire[EOL_MAX_WIRE];
+    size_t length = eol_encode(wire, kind, b->sequence, body, size);
+    if (length > (size_t)EOL_BRIDGE_ROOM - b->count) {
+        b->dropped++;
+        return;
+    }
+    b->sequence++;
+    for (size_t k = 0; k < length; k++) b->ring[(b->begin + b->count++) % EOL_BRIDGE_ROOM] = wire[k];
+}
+
+uint8_t eol_bridge_sends(eol_bridge *b, uint8_t *byte)
+{
+    if (!b->count) return 0;
+    *byte = b->ring[b->begin];
+    b->begin = (uint16_t)((b->begin + 1) % EOL_BRIDGE_ROOM);
+    b->count--;
+    return 1;
+}
+
+void eol_bridge_begin(eol_bridge *b, uint64_t now_us)
+{
+    memset(b, 0, sizeof *b);
+    b->flags = EOL_BY_ITSELF | EOL_LIMITED;
+    b->peak = 255;
+    b->decay_ms = 350;
+    b->infrared = ((uint32_t)1 << EOL_BLOCKS) - 1;
+    eol_flash_begin(&b->field, b->decay_ms * 1e-3, 1.0, 1);
+    eol_flash_hold(&b->field, seconds(now_us), seconds(now_us) + HOLD_AT_FIRST_S);
+    b->word_us = now_us;
+}
+
+static void report(eol_bridge *b, uint64_t now_us, uint8_t number)
+{
+    eol_bridge_block *one = &b->blocks[number];
+    one->body[0] = number;
+    one->body[FLAGS] = (uint8_t)(one->linked ? one->body[FLAGS] | EOL_LINKED : one->body[FLAGS] & ~EOL_LINKED);
+    one->said_us = now_us;
+    send(b, EOL_BLOCK_STATUS, one->body, sizeof one->body);
+}
+
+/* While a block is silent that was heard and does not sleep, nothing falls: it might flash. */
+static void relink(eol_bridge *b, uint64_t now_us)
+{
+    double until_s = seconds(now_us) + HOLD_AT_FIRST_S;
+    for (int k = 0; k < EOL_BLOCKS; k++)
+        if (b->blocks[k].heard && !b->blocks[k].linked) until_s = FOR_EVER_S;
+    eol_flash_hold(&b->field, seconds(now_us), until_s);
+}
+
+static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *body, size_t size)
+{
+    uint8_t out[20] = {0};
+    if (kind == EOL_HELLO && size == 1) {
+        out[0] = EOL_VERSION;
+        out[1] = EOL_BLOCKS;
+        memcpy(out + 2, "eol bridge 2.0", 14);
+        if (body[0] == EOL_VERSION) {
+            send(b, EOL_WELCOME, out, 18);
+        } else {
+            out[1] = body[0];
+            send(b, EOL_REFUSED, out, 2);
+        }
+    } else if (kind == EOL_INFRARED && size == 4) {
+        b->infrared = eol_get32(body);
+    } else if (kind == EOL_PING && size == 4) {
+        memcpy(out, body, 4);
+        eol_put32(out + 4, (uint32_t)now_us);
+        eol_put32(out + 8, b->line.good);
+        eol_link_put16(out + 12, b->line.bad);
+        send(b, EOL_PONG, out, 14);
+    } else if (kind == EOL_LIGHTING && size == 4) {
+        uint16_t decay_ms = eol_link_get16(body + 2);
+        b->flags = body[0];
+        b->peak = body[1];
+        b->decay_ms = decay_ms < SHORTEST_MS ? SHORTEST_MS : decay_ms;
+        eol_flash_hold(&b->field, seconds(now_us), b->field.fall_at_s); /* until now as it was */
+        b->field.decay_s = b->decay_ms * 1e-3;
+        b->field.peak = b->peak / 255.0;
+        b->field.limited = (body[0] & EOL_LIMITED) != 0;
+        out[0] = EOL_BRIDGE;
+        out[4] = EOL_BRIDGE_MAJOR;
+        out[5] = EOL_BRIDGE_MINOR;
+        out[6] = EOL_LINKED;
+        send(b, EOL_BLOCK_STATUS, out, 7);
+        for (uint8_t k = 0; k < EOL_BLOCKS; k++) report(b, now_us, k);
+    } else if (kind == EOL_DETECTOR && size == 16) {
+        memcpy(b->detector, body, 16);
+        b->feels = 1;
+        b->feels_us = now_us;
+    } else if (kind == EOL_LIGHT && size == 8) {
+        uint32_t mask = eol_get32(body + 4);
+        b->order = now_us - b->order_us < EOL_BRIDGE_ORDER_US ? b->order | mask : mask;
+        b->order_us = now_us;
+        b->orders++;
+        b->word_us = now_us;
+        for (uint8_t k = 0; k < EOL_BLOCKS; k++)
+            if (mask >> k & 1) eol_flash_slip(&b->field, seconds(now_us), k);
+    }
+}
+
+void eol_bridge_byte(eol_bridge *b, uint64_t now_us, uint8_t byte)
+{
+    uint8_t kind;
+    const uint8_t *body;
+    size_t size;
+    if (eol_decode(&b->line, byte, &kind, &body, &size)) take(b, now_us, kind, body, size);
+}
+
+void eol_bridge_heard(eol_bridge *b, uint64_t now_us, const uint8_t *frame)
+{
+    uint8_t number = frame[1], body[10];
+    eol_bridge_block *one = &b->blocks[number % EOL_BLOCKS];
+    if ((frame[0] != EOL_FRAME_KNOCK && frame[0] != EOL_FRAME_STATUS) || number >= EOL_BLOCKS) return;
+    one->heard_us = now_us;
+    if (!one->linked) {
+        uint8_t was = one->heard;
+        one->linked = one->heard = 1;
+        if (was) relink(b, now_us);
+        one->said_us = now_us - EOL_BRIDGE_SAID_US; /* with its next status */
+    }
+    if (frame[0] == EOL_FRAME_STATUS) {
+        uint8_t changed = memcmp(one->body + VERSION, frame + 1 + VERSION, 3) != 0; /* and flags */
+        memcpy(one->body, frame + 1, sizeof one->body);
+        if (changed || now_us - one->said_us >= EOL_BRIDGE_SAID_US)
+            report(b, now_us, number);
+        return;
+    }
+    if (one->knocked && one->knocks == frame[9]) return; /* said again, for its answer was lost */
+    one->knocked = 1;
+    one->knocks = frame[9];
+    if (eol_link_get16(frame + 7) != EOL_NOT_LIT) {
+        eol_flash_slip(&b->field, seconds(now_us), number);
+        if (b->decided && eol_flash_holds(&b->field, seconds(now_us))) b->word_us = now_us; /* at once */
+    }
+    eol_put32(body, (uint32_t)now_us - eol_link_get16(frame + 3) - EOL_AIR_US);
+    body[4] = number;
+    memcpy(body + 5, frame + 5, 4); /* strength, lit */
+    body[9] = frame[2];
+    send(b, EOL_KNOCKED, body, sizeof body);
+}
+
+/* Blocks that have fallen silent. */
+static void miss(eol_bridge *b, uint64_t now_us)
+{
+    for (uint8_t k = 0; k < EOL_BLOCKS; k++) {
+        eol_bridge_block *one = &b->blocks[k];
+        uint64_t longest = one->body[FLAGS] & EOL_ASLEEP ? UINT64_MAX : EOL_BRIDGE_SILENT_US;
+        if (one->linked && now_us - one->heard_us > longest) {
+            one->linked = 0;
+            relink(b, now_us);
+            report(b, now_us, k);
+        }
+    }
+}
+
+uint8_t eol_bridge_says(eol_bridge *b, uint64_t now_us, uint8_t *frame)
+{
+    memset(frame, 0, EOL_FRAME);
+    if (now_us >= b->word_us) {
+        miss(b, now_us);
+        b->word_us = now_us + EOL_WORD_MS * 1000;
+        if (now_us - b->order_us > OLD_ORDER_US) b->order = 0;
+        b->decided = !eol_flash_holds(&b->field, seconds(now_us));
+        frame[0] = EOL_FRAME_WORD;
+        frame[1] = (uint8_t)((b->flags & EOL_BY_ITSELF) | (b->decided ? EOL_WORD_FALLS : 0));
+        frame[2] = b->peak;
+        eol_link_put16(frame + 3, b->decay_ms);
+        eol_link_put32(frame + 5, b->infrared);
+        eol_link_put32(frame + 9, b->order);
+        frame[13] = b->orders;
+        return 1;
+    }
+    if (b->feels && now_us >= b->feels_us) {
+        b->feels_us = now_us + EOL_BRIDGE_DETECTOR_US;
+        frame[0] = EOL_FRAME_FEELS;
+        memcpy(frame + 1, b->detector, 16);
+        return 1;
+    }
+    return 0;
+}

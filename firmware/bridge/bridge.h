@@ -1,0 +1,79 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * The bridge, whatever it is built of: bytes of the host and frames of the blocks in, bytes and
+ * frames out (docs/serial.md). mps2.c gives it a Cortex-M3.
+ *
+ *     for (;;) {
+ *         now_us = ...;                                       64 bits, never backwards
+ *         eol_bridge_byte(&bridge, now_us, byte);             for each that came from the host
+ *         eol_bridge_heard(&bridge, now_us, frame);           for each that came by radio
+ *         if (eol_bridge_says(&bridge, now_us, frame)) ...    send it by radio
+ *         while (eol_bridge_sends(&bridge, &byte)) ...        send it to the host
+ *     }
+ */
+#ifndef EOL_BRIDGE_H
+#define EOL_BRIDGE_H
+
+#include <stdint.h>
+
+#include "../eol_serial.h"
+#include "../link.h"
+#include "flash.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum {
+    EOL_BRIDGE_MAJOR = 2,
+    EOL_BRIDGE_MINOR = 0,
+    EOL_BRIDGE_ROOM = 1024,           /* bytes that wait for the host; a power of two */
+    EOL_BRIDGE_SILENT_US = 3000000,   /* a block that was heard and now is not */
+    EOL_BRIDGE_ORDER_US = 20000,      /* orders so near to each other are one */
+    EOL_BRIDGE_DETECTOR_US = 1000000, /* from one telling of the detector's numbers to the next */
+    EOL_BRIDGE_SAID_US = 10000000     /* a status is told again after that, changed or not */
+};
+
+typedef struct {
+    uint8_t body[7]; /* of its last status */
+    uint8_t heard;   /* 1: ever */
+    uint8_t linked;
+    uint8_t knocks;  /* number of its last knock */
+    uint8_t knocked; /* 1: there was one */
+    uint64_t heard_us, said_us;
+} eol_bridge_block;
+
+typedef struct {
+    eol_decoder line;
+    eol_flash_field field;
+    eol_bridge_block blocks[EOL_BLOCKS];
+    uint8_t flags, peak, decided; /* of Lighting; `decided`: light may fall, as it was said last */
+    uint16_t decay_ms;
+    uint32_t infrared, order;     /* masks */
+    uint8_t orders;
+    uint8_t detector[16], feels;  /* as the host has set it; 1: it has */
+    uint64_t word_us, order_us, feels_us;
+    uint8_t sequence;
+    uint16_t begin, count;        /* of the ring */
+    uint8_t ring[EOL_BRIDGE_ROOM];
+    uint32_t dropped;             /* packets for which there was no room */
+} eol_bridge;
+
+void eol_bridge_begin(eol_bridge *bridge, uint64_t now_us);
+
+/* Take a byte of the host. */
+void eol_bridge_byte(eol_bridge *bridge, uint64_t now_us, uint8_t byte);
+
+/* Take EOL_FRAME bytes of the radio; whatever they are. */
+void eol_bridge_heard(eol_bridge *bridge, uint64_t now_us, const uint8_t *frame);
+
+/* Write a frame that is to be sent now, and return 1. */
+uint8_t eol_bridge_says(eol_bridge *bridge, uint64_t now_us, uint8_t *frame);
+
+/* Take the next byte for the host; returns 0 where there is none. */
+uint8_t eol_bridge_sends(eol_bridge *bridge, uint8_t *byte);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
