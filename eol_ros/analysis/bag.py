@@ -9,13 +9,13 @@ t = blocks['stamp']                # datetime64[ns], mid-exposure
 
 import csv
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.reader import BagMessage, BagReader
 from eol_ros.errors import UsageError
 from eol_ros.streams.cdr import Decoder
 
@@ -120,24 +120,49 @@ class Bag(BagReader):
         decoder = self.decoder(name)
         start_ns = self.start_ns + round(start_s * 1e9)
         end_ns = None if end_s is None else self.start_ns + round(end_s * 1e9)
-        parts = []
         messages = self.messages([name], start_ns, end_ns)
+        parts = []
         while batch := list(itertools.islice(messages, BATCH)):
-            times = {
-                'log_time': np.array([m.log_ns for m in batch], 'datetime64[ns]'),
-                'publish_time': np.array([m.publish_ns for m in batch], 'datetime64[ns]'),
-            }
-            parts.append(times | decoder.table([m.data for m in batch]))
-        if not parts:
-            none = np.empty(0, 'datetime64[ns]')
-            parts = [{'log_time': none, 'publish_time': none} | decoder.table([])]
-        columns = {field: _joined([part[field] for part in parts]) for field in parts[0]}
-        kinds = [(n, c.dtype, c.shape[1:]) for n, c in columns.items()]
-        table = np.empty(len(columns['log_time']), kinds).view(Table)
-        for field, values in columns.items():
-            table[field] = values
-        table.topic, table.comments = name, decoder.comments
-        return table
+            parts.append(_decoded(decoder, batch))
+        return _table(name, decoder, parts)
+
+    def tables(self, topics: Sequence[str]) -> dict[str, Table]:
+        """Return the tables of those of `topics` that have messages; the bag is read once."""
+        names = {self.name(topic): topic for topic in topics if self.count(topic)}
+        decoders = {name: self.decoder(name) for name in names}
+        waiting: dict[str, list[BagMessage]] = {name: [] for name in names}
+        parts: dict[str, list[dict]] = {name: [] for name in names}
+        for message in self.messages(list(names)) if names else ():
+            batch = waiting[message.topic]
+            batch.append(message)
+            if len(batch) == BATCH:
+                parts[message.topic].append(_decoded(decoders[message.topic], batch))
+                batch.clear()
+        for name, batch in waiting.items():
+            if batch:
+                parts[name].append(_decoded(decoders[name], batch))
+        return {topic: _table(name, decoders[name], parts[name]) for name, topic in names.items()}
+
+
+def _decoded(decoder: Decoder, batch: list[BagMessage]) -> dict[str, np.ndarray]:
+    times = {
+        'log_time': np.array([m.log_ns for m in batch], 'datetime64[ns]'),
+        'publish_time': np.array([m.publish_ns for m in batch], 'datetime64[ns]'),
+    }
+    return times | decoder.table([m.data for m in batch])
+
+
+def _table(name: str, decoder: Decoder, parts: list[dict[str, np.ndarray]]) -> Table:
+    if not parts:
+        none = np.empty(0, 'datetime64[ns]')
+        parts = [{'log_time': none, 'publish_time': none} | decoder.table([])]
+    columns = {field: _joined([part[field] for part in parts]) for field in parts[0]}
+    kinds = [(n, c.dtype, c.shape[1:]) for n, c in columns.items()]
+    table = np.empty(len(columns['log_time']), kinds).view(Table)
+    for field, values in columns.items():
+        table[field] = values
+    table.topic, table.comments = name, decoder.comments
+    return table
 
 
 def open_bag(path: str | Path) -> Bag:

@@ -86,6 +86,46 @@ def of(
     return figures + [_spectrum(a, note) for a in answers if a.spectrum is not None]
 
 
+def of_exhibition(areas: np.ndarray, found: dict[str, Any]) -> list[Figure]:
+    """Return the figures of many bags; `found` is what `exhibition.numbers` returns."""
+    note = f'{found["bags"]} bags, {found["up_s"] / 3600:.1f} h'
+    figures = [_areas(areas, found['cascades'], note), _by_hour(found['hours'], note)]
+    if 'medians' in found['friction']:
+        figures.append(_drift(found['friction'], note))
+    return figures
+
+
+def _by_hour(hours: list[dict[str, Any]], note: str) -> Figure:
+    of_day = np.array([int(h['hour'][11:13]) for h in hours])
+    columns: dict[str, np.ndarray] = {'hour': np.arange(24)}
+    for name in ('up_s', 'active_s', 'slips', 'visits'):
+        columns[name] = np.bincount(of_day, [h[name] for h in hours], 24)
+
+    def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
+        share = np.divide(100 * c['active_s'], c['up_s'], out=np.zeros(24), where=c['up_s'] > 0)
+        axes.bar(c['hour'] + 0.5, share, color=GREEN)
+        axes.set(
+            xlabel='hour of the day', ylabel='seconds with a slip (% of time on)', xlim=(0, 24)
+        )
+        axes.set_xticks(range(0, 25, 3))
+
+    return Figure('hours', 'Visitors by hour of the day', columns, paint, note)
+
+
+def _drift(friction: dict[str, Any], note: str) -> Figure:
+    columns = {'at': np.array(friction['at']), 'relative_distance': np.array(friction['medians'])}
+
+    def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
+        place = np.arange(len(c['at']))
+        axes.plot(place, c['relative_distance'], 'o-', color=BLUE)
+        shown = place[:: max(1, len(place) // 6)]
+        axes.set_xticks(shown, labels=[c['at'][k][: 10 if friction['per'] == 'day' else 13]
+                                       for k in shown])  # fmt: skip
+        axes.set(ylabel=f'single slips: median distance by {friction["per"]} over that of all')
+
+    return Figure('friction', 'Drift of friction', columns, paint, note)
+
+
 def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
     support = np.arange(1, N_BLOCKS + 1)
     reached = np.array([(areas >= a).sum() for a in support])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from eol_ros.analysis import exposure, figures, light, series
+from eol_ros.analysis import catalogue_file, exposure, figures, light, series
 from eol_ros.analysis.bag import Bag, Table, seconds
 from eol_ros.analysis.retrack import Retracked
 from eol_ros.core.geometry import N_BLOCKS
@@ -135,7 +135,7 @@ def catalogue_of(bag: Bag, cascades: Table) -> dict[str, Any]:
     found: dict[str, Any] = {}
     moved = exposure.of(bag)
     if moved is not None:
-        found['exposure'] = _plain(moved)
+        found['exposure'] = plain(moved)
     for name, ask in (
         ('magnitudes', lambda: catalogue.magnitude_law(magnitudes, np.random.default_rng(1))),
         ('waiting', lambda: catalogue.waiting(onsets_s, np.random.default_rng(1))),
@@ -146,11 +146,11 @@ def catalogue_of(bag: Bag, cascades: Table) -> dict[str, Any]:
         except powerlaw.FitError as error:
             found[name] = {'sentence': f'{name}: {error}'}
         else:
-            found[name] = _plain(answer)
+            found[name] = plain(answer)
     return found
 
 
-def _plain(answer: Any) -> dict[str, Any]:
+def plain(answer: Any) -> dict[str, Any]:
     """Return a dataclass with a sentence as JSON can hold it: what is not finite becomes None."""
     values = dataclasses.asdict(answer).items()
     finite = {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values}
@@ -163,7 +163,7 @@ def write(
     retracked: Retracked | None = None,
     track: Callable[..., Any] | None = None,
 ) -> dict[str, Any]:
-    """Write report.html, and each figure as SVG, PDF and CSV, into `out`; return the numbers.
+    """Write report.html, the catalogue, each figure as SVG, PDF and CSV into `out`; return numbers.
 
     Raises ConfigError when `out` cannot be written.
     """
@@ -188,6 +188,9 @@ def write(
     jobs = figures.of(slips, cascades, found, answers, light.frames(bag, cascades))
     for job in _tracked(jobs, 'drawing', track):
         drawn.append((job.title, job.draw(out)))
+    if cascades is not None:
+        origin = {'bags': [str(bag.path)], 'recorded_with': bag.about.get('versions', 'not known')}
+        catalogue_file.write(out, catalogue_file.of(bag, cascades), origin)
     (out / 'report.html').write_text(_page(bag, found, drawn), encoding='utf-8')
     (out / 'report.json').write_text(json.dumps(found, indent=2) + '\n', encoding='utf-8')
     return found
@@ -305,24 +308,24 @@ def _median(values: np.ndarray) -> float | None:
 def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
     parts = [
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
-        f'<title>{html.escape(bag.path.name)}</title><style>{_STYLE}</style></head><body>',
+        f'<title>{html.escape(bag.path.name)}</title><style>{STYLE}</style></head><body>',
         f'<h1>{html.escape(bag.path.name)}</h1>',
         f'<p>{found["duration_s"]:.1f} s, {sum(found["messages"].values())} messages. '
         f'Scene {html.escape(bag.about.get("scene_name", "not known"))}; seeds '
         f'{html.escape(" ".join(bag.about.get("seeds", "not known").split()))}.</p>',
         *(f'<p class="warn">{html.escape(line)}</p>' for line in bag.cut_short),
         _verdict(found),
-        _rows('Received messages', ('topic', 'messages'), found['messages'].items()),
+        table_of('Received messages', ('topic', 'messages'), found['messages'].items()),
         _latency_rows('From the stamp of the image to the recorder, of light to its bytes on the '
                       'line, ms', found['latency_ms']),
         _latency_rows('From the onset of a slip, as it was estimated, ms',
                       found['onset_latency_ms']),
-        _rows('Lost on the way', ('where', 'topic', 'messages'),
+        table_of('Lost on the way', ('where', 'topic', 'messages'),
               [(where.replace('_', ' '), topic, count) for where, topics in found['gaps'].items()
                if where != 'received' for topic, count in topics.items() if count]),
-        _sentences('Cascades', _said_of_cascades(found)),
-        _sentences('Patterns of light', found.get('light', {}).get('sentences', [])),
-        _sentences('Is it 1/f?', [a['sentence'] for a in found.get('one_over_f', {}).values()],
+        paragraphs('Cascades', _said_of_cascades(found)),
+        paragraphs('Patterns of light', found.get('light', {}).get('sentences', [])),
+        paragraphs('Is it 1/f?', [a['sentence'] for a in found.get('one_over_f', {}).values()],
                    NOT_ASKED),
         *(f'<h2>{html.escape(title)}</h2>{svg}' for title, svg in drawn),
         '<h2>Versions</h2><pre>', html.escape(bag.about.get('versions', 'not known')), '</pre>',
@@ -343,7 +346,7 @@ def _verdict(found: dict[str, Any]) -> str:
     limits = [*proof['notes'], *_of_images(proof['images']), *proof['holes']]
     notes = ''.join(f'<p class="warn">{html.escape(n)}</p>' for n in limits)
     return (
-        _rows(
+        table_of(
             f'Recomputed from the recorded input: {proof["words"]}',
             ('topic', 'recorded', 'provable', 'recomputed', 'different', ''),
             rows,
@@ -371,7 +374,8 @@ def _said_of_cascades(found: dict[str, Any]) -> list[str]:
     return [whole, *(part['sentence'] for part in found['catalogue'].values())]
 
 
-def _sentences(title: str, said: list[str], last: str = '') -> str:
+def paragraphs(title: str, said: list[str], last: str = '') -> str:
+    """Return sentences as HTML under a heading, nothing without any."""
     if not said:
         return ''
     lines = ''.join(f'<p>{html.escape(line)}</p>' for line in [*said, last] if line)
@@ -380,10 +384,11 @@ def _sentences(title: str, said: list[str], last: str = '') -> str:
 
 def _latency_rows(title: str, latencies: dict[str, dict[str, float]]) -> str:
     rows = [(t, r['p50'], r['p99'], r['max'], r['count']) for t, r in latencies.items()]
-    return _rows(title, ('to', 'p50', 'p99', 'max', 'count'), rows)
+    return table_of(title, ('to', 'p50', 'p99', 'max', 'count'), rows)
 
 
-def _rows(title: str, head: tuple[str, ...], rows: Any) -> str:
+def table_of(title: str, head: tuple[str, ...], rows: Any) -> str:
+    """Return rows as an HTML table under a heading."""
     cells = [''.join(f'<td>{html.escape(str(v))}</td>' for v in row) for row in rows]
     if not cells:
         return f'<h2>{html.escape(title)}</h2><p>nothing</p>'
@@ -423,7 +428,7 @@ def summary(found: dict[str, Any]) -> str:
     return '\n'.join(line.rstrip() for line in lines)
 
 
-_STYLE = """
+STYLE = """
 body { font: 16px/1.5 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222 }
 table { border-collapse: collapse } td, th { padding: .2em .8em; border-bottom: 1px solid #ccc;
 text-align: left } svg { max-width: 100%; height: auto } pre { background: #f4f4f4; padding: 1em;

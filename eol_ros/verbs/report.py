@@ -6,20 +6,25 @@ import sys
 from pathlib import Path
 
 from eol_ros import folders
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import DeviceMissing, UsageError
 
 HELP = 'Figures, numbers and tables from a bag: one HTML page, SVG, PDF and CSV. No ROS needed.'
 EXAMPLES = [
     'eol report bags                                # the newest run in bags/',
     'eol report run_0.mcap --out analysis',
     'eol report bags --csv slips,blocks --out analysis',
+    'eol report bags --all --out exhibition         # every run in bags/: days, hours, wear',
     'eol report bags --retrack --json               # do the images give the results again?',
 ]
 
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('bag', help='bag folder, .mcap file, or a folder of bags: its newest run')
+    parser.add_argument(
+        'bag', nargs='+', help='bag folder, .mcap file, or a folder of bags: its newest run; '
+        'several become one report, a folder with all that is in it'
+    )  # fmt: skip
+    parser.add_argument('--all', action='store_true', help='all bags of a folder as one report')
     parser.add_argument('--out', metavar='DIR', help='where it goes (default: report-NAME here)')
     parser.add_argument('--csv', metavar='TOPICS', help='write these topics as CSV, no report')
     parser.add_argument(
@@ -36,7 +41,9 @@ def run(args):
     from eol_ros.streams.graph import relative_name
     from eol_ros.verbs.progress import track
 
-    bag = open_bag(args.bag)
+    if args.all or len(args.bag) > 1:
+        return _exhibition(args)
+    bag = open_bag(args.bag[0])
     for line in bag.cut_short:
         print(line, file=sys.stderr)
     out = Path(args.out or f'report-{bag.path.stem}')
@@ -53,12 +60,7 @@ def run(args):
         from eol_ros.analysis.retrack import retrack
 
         retracked = retrack(bag, track)
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise DeviceMissing(
-            'matplotlib is not installed: pip install matplotlib; eol report --csv works without'
-        ) from None
+    _want_matplotlib()
     from eol_ros.analysis.report import summary, write
 
     found = write(bag, out, retracked, track)
@@ -66,3 +68,36 @@ def run(args):
     print(out / 'report.html', file=sys.stderr)
     whole = retracked is None or (retracked.verdict != 'different' and not retracked.holes)
     return 0 if whole else 1
+
+
+def _exhibition(args):
+    """Report many bags as one; what cannot be read is named and left out."""
+    from eol_ros.analysis import exhibition
+    from eol_ros.verbs.progress import track
+
+    for option in ('csv', 'retrack'):
+        if getattr(args, option):
+            raise UsageError(f'--{option} is for one bag: name one, without --all')
+    _want_matplotlib()
+    digests: list[exhibition.Digest] = []
+    left_out: list[str] = []
+    for path in track(exhibition.bags_in(args.bag), 'reading'):
+        one = exhibition.digest(path)
+        if isinstance(one, str):
+            left_out.append(one)
+        else:
+            digests.append(one)
+    out = Path(args.out or 'report-exhibition')
+    found = exhibition.write(digests, left_out, out, track)
+    print(json.dumps(found, indent=2) if args.json else '\n'.join(exhibition.sentences(found)))
+    print(out / 'report.html', file=sys.stderr)
+    return 0
+
+
+def _want_matplotlib():
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError:
+        raise DeviceMissing(
+            'matplotlib is not installed: pip install matplotlib; eol report --csv works without'
+        ) from None

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The catalogue of cascades as files that other programs read: ZMAP, and Parquet or CSV."""
+
+import csv
+import datetime
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eol_ros.analysis.bag import Bag, Table
+from eol_ros.core.geometry import rest_lattice
+
+# name: type, unit, what it is
+COLUMNS = {
+    'onset_ns': ('i8', 'ns', 'onset of the first slip, since 1970-01-01 UTC'),
+    'duration_s': ('f8', 's', 'from the first onset to the last rest'),
+    'nucleus': ('i8', '', 'block that slipped first: row * 5 + column'),
+    'x_m': ('f8', 'm', 'place of the nucleus at rest, to the right, from the middle of the table'),
+    'y_m': ('f8', 'm', 'the same, away from the viewer'),
+    'area': ('i8', 'blocks', 'distinct blocks that slipped'),
+    'size': ('i8', '', 'slips'),
+    'potency_m': ('f8', 'm', 'distances of all slips, summed'),
+    'magnitude': ('f8', '', 'log10 of potency_m'),
+    'bag': ('U64', '', 'recording that it stands in'),
+}
+ZMAP = ('x', 'y', 'decimal year', 'month', 'day', 'magnitude', 'depth', 'hour', 'minute', 'second')
+
+
+def of(bag: Bag, cascades: Table | None) -> np.ndarray:
+    """Return the cascades of a bag as rows of COLUMNS, by onset."""
+    count = 0 if cascades is None else len(cascades)
+    rows = np.zeros(count, [(name, kind) for name, (kind, _, _) in COLUMNS.items()])
+    if cascades is None:
+        return rows
+    place = rest_lattice()[cascades['nucleus']]
+    with np.errstate(divide='ignore'):
+        magnitude = np.log10(cascades['distance'])
+    for name, values in (
+        ('onset_ns', cascades['onset'].astype('i8')), ('duration_s', cascades['duration']),
+        ('nucleus', cascades['nucleus']), ('x_m', place[:, 0]), ('y_m', place[:, 1]),
+        ('area', cascades['area']), ('size', cascades['size']),
+        ('potency_m', cascades['distance']), ('magnitude', magnitude), ('bag', bag.path.name),
+    ):  # fmt: skip
+        rows[name] = values
+    return rows[np.argsort(rows['onset_ns'], kind='stable')]
+
+
+def write(out: Path, rows: np.ndarray, provenance: dict[str, Any]) -> list[Path]:
+    """Write catalogue_zmap.csv, catalogue.parquet (or .csv without pyarrow) and catalogue.json."""
+    zmap = out / 'catalogue_zmap.csv'
+    with open(zmap, 'w', newline='', encoding='ascii') as file:
+        csv.writer(file, lineterminator='\n').writerows(_zmap_rows(rows))
+    about = {
+        'provenance': provenance,
+        'columns': {n: {'unit': unit, 'is': text} for n, (_, unit, text) in COLUMNS.items()},
+        'catalogue_zmap.csv': {
+            'columns': ZMAP, 'is': 'no head; x, y in m stand for degrees, depth is 0, UTC; '
+            'a cascade without a distance has the magnitude nan',
+        },
+    }  # fmt: skip
+    (out / 'catalogue.json').write_text(json.dumps(about, indent=2) + '\n', encoding='utf-8')
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        plain = out / 'catalogue.csv'
+        with open(plain, 'w', newline='', encoding='utf-8') as file:
+            table = csv.writer(file, lineterminator='\n')
+            table.writerow(COLUMNS)
+            table.writerows(rows.tolist())
+        return [zmap, plain, out / 'catalogue.json']
+    fields = [
+        pa.field(n, pa.from_numpy_dtype(rows.dtype[n]) if kind[0] != 'U' else pa.string(),
+                 metadata={'unit': unit, 'description': text})
+        for n, (kind, unit, text) in COLUMNS.items()
+    ]  # fmt: skip
+    schema = pa.schema(fields, metadata={'eol_ros': json.dumps(about['provenance'])})
+    arrays = [pa.array(rows[n].tolist() if rows.dtype[n].kind == 'U' else rows[n]) for n in COLUMNS]
+    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), out / 'catalogue.parquet')
+    return [zmap, out / 'catalogue.parquet', out / 'catalogue.json']
+
+
+def _zmap_rows(rows: np.ndarray) -> Any:
+    for row in rows:
+        whole_s, rest_ns = divmod(int(row['onset_ns']), 10**9)
+        at = datetime.datetime.fromtimestamp(whole_s, datetime.timezone.utc)
+        begin, end = (
+            datetime.datetime(year, 1, 1, tzinfo=datetime.timezone.utc)
+            for year in (at.year, at.year + 1)
+        )
+        year = (
+            at.year
+            + ((at - begin).total_seconds() + rest_ns * 1e-9) / (end - begin).total_seconds()
+        )
+        magnitude = row['magnitude']
+        yield [
+            f'{row["x_m"]:.3f}', f'{row["y_m"]:.3f}', f'{year:.13f}', at.month, at.day,
+            f'{magnitude:.4f}' if np.isfinite(magnitude) else 'nan', 0, at.hour, at.minute,
+            f'{at.second + rest_ns * 1e-9:.6f}',
+        ]  # fmt: skip

@@ -1,0 +1,339 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Many bags as one: a whole exhibition, day by day and hour by hour.
+
+Of each bag only what the nodes have told is read (slips, cascades, knocks), once; images and places
+of blocks are left alone. What is kept of it is small, so that hundreds of bags fit into memory.
+"""
+
+import datetime
+import html
+import json
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from eol_ros.analysis import catalogue_file, figures, report
+from eol_ros.analysis.bag import Bag, open_bag
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.science import catalogue, powerlaw
+from eol_ros.devices.bag.writer import REPLAY_OF, SAMPLE
+from eol_ros.errors import ConfigError, EolError
+from eol_ros.streams.slips import START
+
+TOPICS = ('slips', 'cascades', 'block_taps')
+HOUR_NS, S_NS = 3600 * 10**9, 10**9
+VISIT_GAP_S = 20.0  # of rest: what follows is another visit
+DEAD = 20.0  # slips (or knocks) that a block would have had: none by chance once in 5e8
+LEAST_SHARE = 0.5 / N_BLOCKS  # of a block that has never slipped
+FEWEST_SINGLES = 30  # of a day or an hour, for a median
+FEWEST_SPANS = 3
+ALL_S = 1.0  # a bag shorter than that is none of an exhibition
+
+
+@dataclass
+class Digest:
+    """What is kept of one bag. Hours are counted from 1970 in local time."""
+
+    path: str
+    start_ns: int
+    end_ns: int
+    zone_ns: int  # local time less UTC, at its start
+    hours: dict[int, dict[str, float]]
+    slips: np.ndarray  # (k, 2) int64: ns, block
+    taps: np.ndarray
+    rows: np.ndarray  # of the catalogue
+    version: str = ''
+    notes: list[str] = field(default_factory=list)
+
+
+def bags_in(paths: Iterable[str | Path]) -> list[Path]:
+    """Return the bags named, and of folders of bags all that are in them, replays left out.
+
+    Raises ConfigError where a folder has none.
+    """
+    found: dict[Path, None] = {}
+    for given in map(Path, paths):
+        inner = sorted({p.parent for p in given.glob('*/*.mcap*')}) if given.is_dir() else []
+        if any(given.glob('*.mcap*')) or not given.is_dir():
+            inner = [given]
+        if not inner:
+            raise ConfigError(f'{given}: no bags in this folder')
+        found |= dict.fromkeys(inner)
+    return list(found)
+
+
+def digest(path: str | Path, zone: datetime.tzinfo | None = None) -> Digest | str:
+    """Return what is kept of one bag, or why it is left out; zone: None is that of the machine."""
+    try:
+        bag = open_bag(path)
+        about = bag.about
+        if REPLAY_OF in about:
+            return f'{path}: a replay, left out'
+        if SAMPLE in about:
+            return f'{path}: the sample that ships, left out'
+        if bag.duration_s < ALL_S:
+            return f'{path}: {bag.duration_s:.1f} s, left out'
+        return _digest(bag, zone)
+    except EolError as error:
+        return f'{path}: left out: {error}'
+
+
+def _digest(bag: Bag, zone: datetime.tzinfo | None) -> Digest:
+    begin = datetime.datetime.fromtimestamp(bag.start_ns / S_NS, datetime.timezone.utc)
+    offset = begin.astimezone(zone).utcoffset() or datetime.timedelta()
+    zone_ns = round(offset.total_seconds()) * S_NS
+    tables = bag.tables(TOPICS)
+    slips, taps = np.zeros((0, 2), np.int64), np.zeros((0, 2), np.int64)
+    if 'slips' in tables:
+        starts = tables['slips'][tables['slips']['kind'] == START]
+        slips = _pairs(starts['stamp'], starts['block'])
+    if 'block_taps' in tables:
+        taps = _pairs(tables['block_taps']['stamp'], tables['block_taps']['block'])
+    rows = catalogue_file.of(bag, tables.get('cascades'))
+    found = Digest(
+        str(bag.path), bag.start_ns, bag.end_ns, zone_ns, {}, slips, taps, rows,
+        version=bag.about.get('versions', '').splitlines()[0] if bag.about.get('versions') else '',
+        notes=[*bag.cut_short, *bag.damage],
+    )  # fmt: skip
+    first, last = ((ns + zone_ns) // HOUR_NS for ns in (bag.start_ns, bag.end_ns))
+    for hour in range(first, last + 1):
+        begin_ns = hour * HOUR_NS - zone_ns
+        up_ns = min(bag.end_ns, begin_ns + HOUR_NS) - max(bag.start_ns, begin_ns)
+        found.hours[hour] = {'up_s': up_ns / S_NS} | dict.fromkeys(_COUNTED, 0.0)
+    seconds = np.unique(slips[:, 0] // S_NS)
+    visits = seconds[np.diff(seconds, prepend=-(10**6)) > VISIT_GAP_S]
+    for name, times_ns in (
+        ('slips', slips[:, 0]), ('cascades', rows['onset_ns']), ('active_s', seconds * S_NS),
+        ('visits', visits * S_NS),
+    ):  # fmt: skip
+        hours, counts = np.unique((times_ns + zone_ns) // HOUR_NS, return_counts=True)
+        for hour, count in zip(hours.tolist(), counts.tolist(), strict=True):
+            if hour in found.hours:
+                found.hours[hour][name] += count
+    return found
+
+
+_COUNTED = ('slips', 'cascades', 'active_s', 'visits')
+
+
+def _pairs(times: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    pairs = np.stack([times.astype('i8'), blocks.astype(np.int64)], axis=1)
+    return pairs[np.argsort(pairs[:, 0], kind='stable')]
+
+
+def numbers(digests: list[Digest], left_out: list[str]) -> dict[str, Any]:
+    """Return the exhibition as plain data."""
+    if not digests:
+        raise ConfigError('no bag that can be reported: ' + '; '.join(left_out))
+    digests = sorted(digests, key=lambda d: d.start_ns)
+    hours: dict[int, dict[str, float]] = {}
+    for one in digests:
+        for hour, counts in one.hours.items():
+            into = hours.setdefault(hour, dict.fromkeys(counts, 0.0))
+            for name, value in counts.items():
+                into[name] += value
+    rows = np.concatenate([d.rows for d in digests])
+    days = _days(digests, hours, rows)
+    found: dict[str, Any] = {
+        'bags': len(digests), 'left_out': left_out,
+        'begin': _iso(digests[0].start_ns, digests[0].zone_ns),
+        'end': _iso(max(d.end_ns for d in digests), digests[-1].zone_ns),
+        'up_s': sum(h['up_s'] for h in hours.values()),
+        'slips': int(sum(h['slips'] for h in hours.values())),
+        'active_s': int(sum(h['active_s'] for h in hours.values())),
+        'visits': int(sum(h['visits'] for h in hours.values())),
+        'days': days,
+        'hours': [{'hour': _iso(h * HOUR_NS, 0)[:13], **hours[h]} for h in sorted(hours)],
+        'friction': _friction(digests),
+        'dead_blocks': _dead(digests, 'slips') + _dead(digests, 'taps'),
+        'versions': sorted({d.version for d in digests if d.version}),
+        'notes': [note for d in digests for note in d.notes],
+        'cascades': report.law(rows['area']),
+    }  # fmt: skip
+    try:
+        magnitudes = catalogue.magnitude_law(rows['magnitude'], np.random.default_rng(1))
+        found['magnitudes'] = report.plain(magnitudes)
+    except powerlaw.FitError as why:
+        found['magnitudes'] = {'sentence': f'magnitudes: {why}'}
+    return found
+
+
+def _days(digests: list[Digest], hours: dict[int, dict], rows: np.ndarray) -> list[dict[str, Any]]:
+    zone_ns = np.concatenate([np.full(len(d.rows), d.zone_ns) for d in digests])
+    day_of = (rows['onset_ns'] + zone_ns) // (24 * HOUR_NS)
+    found = []
+    for day in sorted({hour // 24 for hour in hours}):
+        there = [(h, c) for h, c in hours.items() if h // 24 == day]
+        starts = [d for d in digests if (d.start_ns + d.zone_ns) // (24 * HOUR_NS) == day]
+        edges = [
+            (max(d.start_ns + d.zone_ns, day * 24 * HOUR_NS),
+             min(d.end_ns + d.zone_ns, (day + 1) * 24 * HOUR_NS))
+            for d in digests
+        ]  # fmt: skip
+        edges = [(begin, end) for begin, end in edges if begin < end]
+        opened_ns = max(e for _, e in edges) - min(b for b, _ in edges)
+        law = report.law(rows['area'][day_of == day])
+        up_s = sum(c['up_s'] for _, c in there)
+        found.append({
+            'day': _iso(day * 24 * HOUR_NS, 0)[:10], 'starts': len(starts), 'up_s': up_s,
+            'up_share': min(1.0, up_s / (opened_ns / S_NS)),
+            **{name: int(sum(c[name] for _, c in there)) for name in _COUNTED},
+            'b_value': law.get('b_value'), 'b_error': law.get('b_error'),
+            'law': law['sentence'],
+        })  # fmt: skip
+    return found
+
+
+def _friction(digests: list[Digest]) -> dict[str, Any]:
+    """Whether single slips, which no neighbour helps, go further or less far as time passes.
+
+    Their distance is proportional to the friction drop as long as the springs stay the same.
+    """
+    singles = [(d.rows[d.rows['size'] == 1], d.zone_ns) for d in digests]
+    rows = np.concatenate([r for r, _ in singles])
+    local = np.concatenate([r['onset_ns'] + zone for r, zone in singles])
+    good = rows['potency_m'] > 0
+    rows, local = rows[good], local[good]
+    relative = np.empty(len(rows))
+    for block in range(N_BLOCKS):
+        own = rows['nucleus'] == block
+        if own.any():
+            relative[own] = rows['potency_m'][own] / np.median(rows['potency_m'][own])
+    spans = {'day': 24 * HOUR_NS, 'hour': HOUR_NS}
+    kept = {}
+    for name, span_ns in spans.items():
+        every, counts = np.unique(local // span_ns, return_counts=True)
+        kept[name] = every[counts >= FEWEST_SINGLES]
+    words = next((name for name in spans if len(kept[name]) >= FEWEST_SPANS), None)
+    if words is None:
+        why = f'{len(rows)} single slips: at least {FEWEST_SINGLES} in each of {FEWEST_SPANS}'
+        return {'sentence': f'drift of friction: {why} hours are needed'}
+    at, span_ns = kept[words], spans[words]
+    medians = np.array([np.median(relative[local // span_ns == s]) for s in at])
+    slope, _, low, high = stats.theilslopes(medians, at.astype(float))
+    p_value = float(stats.kendalltau(at, medians).pvalue)
+    p_value = 1.0 if math.isnan(p_value) else p_value  # all medians alike
+    change = f'{100 * slope:+.2g} % a {words} ({100 * low:+.2g} to {100 * high:+.2g})'
+    if p_value < powerlaw.REJECTED:
+        said = f'single slips become {"longer" if slope > 0 else "shorter"}: {change}'
+    else:
+        said = f'no trend in the distance of single slips: {change}'
+    return {
+        'sentence': f'drift of friction: {said}, Theil-Sen over {len(at)} {words}s, Kendall p '
+        f'{p_value:.2g}, n {len(rows)}; the distance goes with mu_s - mu_k while springs stay',
+        'per': words, 'slope': float(slope), 'low': float(low), 'high': float(high),
+        'p_value': p_value, 'medians': medians.tolist(),
+        'at': [_iso(int(s) * span_ns, 0)[:13] for s in at],
+    }  # fmt: skip
+
+
+def _dead(digests: list[Digest], what: str) -> list[dict[str, Any]]:
+    """Return the blocks that have stopped to slip (or to report knocks) while others go on."""
+    pairs = np.concatenate([getattr(d, what) for d in digests])
+    pairs = pairs[np.argsort(pairs[:, 0], kind='stable')]
+    found = []
+    for block in range(N_BLOCKS):
+        own = np.flatnonzero(pairs[:, 1] == block)
+        last = own[-1] + 1 if len(own) else 0
+        after = len(pairs) - last
+        share = max(len(own) / last if last else 0.0, LEAST_SHARE)
+        if after * share < DEAD:
+            continue
+        doing = 'slipped' if what == 'slips' else 'told of a knock'
+        since = f' since {_since(digests, int(pairs[last - 1, 0]))}' if last else ''
+        found.append({
+            'block': block, 'what': what, 'others': int(after), 'expected': float(after * share),
+            'sentence': f'block {block} has {"not" if last else "never"} {doing}{since}: the '
+            f'others {after} times, of which {after * share:.0f} would have been its',
+        })  # fmt: skip
+    return found
+
+
+def _since(digests: list[Digest], ns: int) -> str:
+    zone_ns = max((d for d in digests if d.start_ns <= ns), key=lambda d: d.start_ns).zone_ns
+    return _iso(ns, zone_ns)[:16].replace('T', ' ')
+
+
+def _iso(ns: int, zone_ns: int) -> str:
+    """Return local time; `ns` with a zone of 0 is local already."""
+    whole_s = (ns + zone_ns) // S_NS
+    return datetime.datetime.fromtimestamp(whole_s, datetime.timezone.utc).isoformat()[:19]
+
+
+def sentences(found: dict[str, Any]) -> list[str]:
+    """Return the exhibition for people, a sentence a line."""
+    hours = found['up_s'] / 3600
+    share = found['active_s'] / found['up_s'] if found['up_s'] else 0.0
+    c = found['cascades']
+    return [
+        f'{found["bags"]} bags, {found["begin"][:16].replace("T", " ")} to '
+        f'{found["end"][:16].replace("T", " ")}: {hours:.1f} hours on {len(found["days"])} days',
+        f'{found["slips"]} slips in {found["visits"]} visits (parted by {VISIT_GAP_S:g} s of '
+        f'rest); something slipped in {100 * share:.0f} % of all seconds',
+        f'{c["count"]} cascades, up to {c["largest"]} blocks: {c["sentence"]}',
+        found['magnitudes']['sentence'],
+        found['friction']['sentence'],
+        *(block['sentence'] for block in found['dead_blocks']),
+        *([] if found['dead_blocks'] else ['no block has fallen silent']),
+        *found['notes'],
+        *found['left_out'],
+    ]
+
+
+def write(
+    digests: list[Digest], left_out: list[str], out: Path, track: Callable[..., Any] | None = None
+) -> dict[str, Any]:
+    """Write report.html, report.json, the figures and the catalogue into `out`."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f'{out}: {error.strerror}') from None
+    found = numbers(digests, left_out)
+    rows = np.concatenate([d.rows for d in digests])
+    rows = rows[np.argsort(rows['onset_ns'], kind='stable')]
+    catalogue_file.write(out, rows, {
+        'bags': sorted(d.path for d in digests), 'recorded_with': found['versions'],
+    })  # fmt: skip
+    drawn = []
+    jobs = figures.of_exhibition(rows['area'], found)
+    for job in track(jobs, 'drawing') if track else jobs:
+        drawn.append((job.title, job.draw(out)))
+    (out / 'report.html').write_text(_page(found, drawn), encoding='utf-8')
+    (out / 'report.json').write_text(json.dumps(found, indent=2) + '\n', encoding='utf-8')
+    return found
+
+
+def _page(found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
+    days = [
+        (d['day'], d['starts'], f'{d["up_s"] / 3600:.2f}', f'{100 * d["up_share"]:.1f}',
+         d['visits'], f'{d["active_s"] / 60:.0f}', d['slips'], d['cascades'], d['law'])
+        for d in found['days']
+    ]  # fmt: skip
+    hours = [
+        (h['hour'].replace('T', ' ') + ':00', f'{h["up_s"] / 60:.0f}', int(h['visits']),
+         f'{h["active_s"] / 60:.1f}', int(h['slips']), int(h['cascades']))
+        for h in found['hours']
+    ]  # fmt: skip
+    parts = [
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">',
+        f'<title>Exhibition</title><style>{report.STYLE}</style></head><body><h1>Exhibition</h1>',
+        report.paragraphs('In short', sentences(found)),
+        report.table_of(
+            'Day by day, local time',
+            ('day', 'starts', 'hours on', '% of open', 'visits', 'active min', 'slips', 'cascades',
+             'law of areas'), days,
+        ),
+        *(f'<h2>{html.escape(title)}</h2>{svg}' for title, svg in drawn),
+        report.table_of(
+            'Hour by hour, local time',
+            ('hour', 'min on', 'visits', 'active min', 'slips', 'cascades'), hours,
+        ),
+        '<h2>Recorded with</h2><pre>', html.escape('\n'.join(found['versions']) or 'not known'),
+        '</pre></body></html>',
+    ]  # fmt: skip
+    return '\n'.join(parts)

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A week of bags made here, with a known drift, a block that dies and an hour of visitors."""
+
+import csv
+import datetime
+import json
+import os
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from eol_msgs.msg import BlockTap, Cascade, Slip
+from rclpy.serialization import serialize_message
+
+from eol_ros import cli
+from eol_ros.analysis import catalogue_file, exhibition, report
+from eol_ros.analysis.bag import open_bag
+from eol_ros.core.geometry import rest_lattice
+from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.writer import REPLAY_OF, BagWriter
+from eol_ros.errors import ConfigError
+from eol_ros.ros.definitions import describe
+from eol_ros.ros.stamps import to_msg
+
+S = 1_000_000_000
+ZONE = datetime.timezone(datetime.timedelta(hours=2))
+MONDAY = int(datetime.datetime(2026, 6, 1, 9, 30, tzinfo=ZONE).timestamp()) * S
+DAY_S, DAYS, SLIPS = 24 * 3600, 6, 240
+DRIFT = 0.05  # of the distance, a day
+DEAD, DIES = 7, 3  # block, and the day from which on it does not slip
+HOURS = 3.0  # each day from 9:30
+VISITS = (0.25, 1.0, 2.6)  # hours after 9:30 when a minute of visit begins
+
+
+def write(folder, day, about=None):
+    """One day: slips in three visits, one after the other, each a cascade of its own."""
+    rng = np.random.default_rng(day)
+    topics = [BagTopic(f'/eol/{t}', **describe(t)) for t in ('slips', 'cascades', 'block_taps')]
+    bag = BagWriter(folder / f'day{day}', topics, {'versions': 'eol_ros 0.2.0', **(about or {})})
+    begin = MONDAY + day * DAY_S * S
+    told = []
+
+    def tell(topic, message, at):
+        told.append((at, f'/eol/{topic}', bytes(serialize_message(message))))
+
+    def knock(at):
+        tap = BlockTap(block=3)
+        tap.header.stamp = to_msg(at)
+        tell('block_taps', tap, at)
+
+    knock(begin)
+    for k in range(SLIPS):
+        at = begin + round((VISITS[k % 3] * 3600 + 60 * (k // 3) / (SLIPS // 3)) * S)
+        block = int(rng.integers(25))
+        if block == DEAD and day >= DIES:
+            block = 8
+        area = 1 if k % 5 else 4
+        distance = 0.01 * (1 + DRIFT * day) * rng.uniform(0.9, 1.1)
+        for kind, when in ((Slip.START, at), (Slip.STOP, at + S // 10)):
+            slip = Slip(kind=kind, slip=k, block=block, distance=distance * (kind == Slip.STOP))
+            slip.header.stamp = to_msg(when)
+            tell('slips', slip, when)
+        cascade = Cascade(
+            cascade=k, area=area, size=area, blocks=list(range(area)), nucleus=block,
+            distance=area * distance, duration=0.1,
+        )  # fmt: skip
+        cascade.onset = to_msg(at)
+        tell('cascades', cascade, at + S // 5)
+    knock(begin + round(HOURS * 3600) * S)
+    for at, topic, raw in sorted(told, key=lambda row: row[0]):
+        bag.write(topic, raw, at, at)
+    bag.close()
+
+
+@pytest.fixture(scope='module')
+def week(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('week')
+    for day in range(DAYS):
+        write(folder, day)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def digests(week):
+    return [exhibition.digest(path, ZONE) for path in exhibition.bags_in([week])]
+
+
+@pytest.fixture(scope='module')
+def found(digests):
+    return exhibition.numbers(list(reversed(digests)), [])
+
+
+def test_days_and_hours_are_counted_in_local_time(found):
+    assert [d['day'] for d in found['days']] == [f'2026-06-0{k + 1}' for k in range(DAYS)]
+    for day in found['days']:
+        assert day['starts'] == 1 and day['up_s'] == pytest.approx(HOURS * 3600)
+        assert day['up_share'] == pytest.approx(1) and day['visits'] == len(VISITS)
+        assert day['slips'] == day['cascades'] == SLIPS
+    monday = {h['hour'][11:]: h for h in found['hours'] if h['hour'].startswith('2026-06-01')}
+
+    assert {h: row['up_s'] for h, row in monday.items()} == {
+        '09': 1800, '10': 3600, '11': 3600, '12': 1800
+    }  # fmt: skip
+    assert {h: row['visits'] for h, row in monday.items()} == {'09': 1, '10': 1, '11': 0, '12': 1}
+    assert sum(row['slips'] for row in monday.values()) == SLIPS
+    assert found['up_s'] == pytest.approx(DAYS * HOURS * 3600)
+
+
+def test_friction_drifts_as_much_as_was_made(found):
+    friction = found['friction']
+    # medians are relative to that of all days, which lies in their middle
+    assert friction['per'] == 'day'
+    assert friction['slope'] == pytest.approx(DRIFT / (1 + DRIFT * (DAYS - 1) / 2), rel=0.15)
+    assert friction['p_value'] < 0.01
+    assert 'single slips become longer' in friction['sentence']
+
+
+def test_without_drift_there_is_no_trend(digests):
+    still = [d for d in digests if d.path.endswith('day2')]
+    copies = []
+    for day in range(6):
+        rows = still[0].rows.copy()
+        rows['onset_ns'] += (day - 2) * DAY_S * S
+        copies.append(exhibition.Digest(**{**vars(still[0]), 'rows': rows}))
+
+    assert 'no trend' in exhibition._friction(copies)['sentence']
+
+
+def test_a_dead_block_is_named_with_its_last_slip(found):
+    dead = [d for d in found['dead_blocks'] if d['what'] == 'slips']
+
+    assert [d['block'] for d in dead] == [DEAD]
+    assert f'block {DEAD} has not slipped since 2026-06-03' in dead[0]['sentence']
+    assert dead[0]['expected'] >= exhibition.DEAD
+    assert not [d for d in found['dead_blocks'] if d['what'] == 'taps']  # twelve in all
+
+
+def test_the_law_is_that_of_one_bag_with_all_cascades(found, digests):
+    areas = np.concatenate([d.rows['area'] for d in digests])
+
+    assert found['cascades'] == report.law(areas)
+
+
+def test_the_catalogue_has_units_and_origin_and_zmap_columns(week, tmp_path, capsys):
+    assert cli.main(['report', str(week), '--all', '--out', str(tmp_path), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    table = pq.read_table(tmp_path / 'catalogue.parquet')
+    provenance = json.loads(table.schema.metadata[b'eol_ros'])
+    with open(tmp_path / 'catalogue_zmap.csv', newline='') as file:
+        zmap = np.array([[float(v) for v in row] for row in csv.reader(file)])
+
+    assert found['bags'] == DAYS and len(table) == len(zmap) == DAYS * SLIPS
+    assert table.schema.field('potency_m').metadata[b'unit'] == b'm'
+    assert len(provenance['bags']) == DAYS and provenance['recorded_with'] == ['eol_ros 0.2.0']
+    onset = np.array(table['onset_ns'])
+    assert (np.diff(onset) >= 0).all() and zmap.shape[1] == len(catalogue_file.ZMAP)
+    place = rest_lattice()[np.array(table['nucleus'])]
+    np.testing.assert_allclose(zmap[:, :2], place, atol=1e-3)
+    np.testing.assert_allclose(zmap[:, 5], np.log10(np.array(table['potency_m'])), atol=1e-4)
+    first = datetime.datetime.fromtimestamp(onset[0] / S, datetime.timezone.utc)
+    assert zmap[0, [3, 4, 7, 8]].tolist() == [first.month, first.day, first.hour, first.minute]
+    days = (zmap[:, 2] - 2026) * 365
+    made = (onset - int(datetime.datetime(2026, 1, 1).replace(
+        tzinfo=datetime.timezone.utc).timestamp()) * S) / (DAY_S * S)  # fmt: skip
+    np.testing.assert_allclose(days, made, atol=1e-6)
+    page = (tmp_path / 'report.html').read_text()
+    assert 'block 7 has not slipped since' in page and '2026-06-06' in page
+    assert (tmp_path / 'friction.svg').exists() and (tmp_path / 'hours.svg').exists()
+
+
+def test_what_is_no_bag_is_named_and_left_out(week, tmp_path, capsys):
+    write(tmp_path, 0, {REPLAY_OF: 'day0'})
+    (tmp_path / 'broken').mkdir()
+    (tmp_path / 'broken' / 'x_0.mcap').write_bytes(b'nonsense')
+    empty = tmp_path / 'empty'
+    empty.mkdir()
+    words = [str(week / 'day1'), str(tmp_path), '--out', str(tmp_path / 'out')]
+
+    assert cli.main(['report', *words]) == 0
+    said = capsys.readouterr().out
+    assert '1 bags' in said and 'day0: a replay, left out' in said and 'broken' in said
+    with pytest.raises(ConfigError, match='no bags in this folder'):
+        exhibition.bags_in([empty])
+    assert cli.main(['report', str(empty), '--all']) == os.EX_CONFIG
+    assert cli.main(['report', *words, '--csv', 'slips']) == 2
+    assert (
+        cli.main(['report', str(tmp_path), '--all', '--out', str(tmp_path / 'o')]) == os.EX_CONFIG
+    )
+    assert 'no bag that can be reported' in capsys.readouterr().err
+
+
+def test_topics_are_read_in_one_pass_and_are_the_same(week):
+    bag = open_bag(week / 'day1')
+    found = bag.tables(['slips', 'cascades', 'blocks'])
+
+    assert set(found) == {'slips', 'cascades'}
+    for topic, table in found.items():
+        other = bag.table(topic)
+        assert table.topic == other.topic and table.dtype == other.dtype
+        for name in table.dtype.names:
+            assert [str(v) for v in table[name]] == [str(v) for v in other[name]]
