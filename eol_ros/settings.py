@@ -415,6 +415,9 @@ class MontageSettings:
     pairs: str = setting('', 'folder with pairs.csv; empty: the drawn default set', path=True)
     period_s: float = setting(0.5, 'time between changes while anything moves', 's', 0.34, 60)
     fade_s: float = setting(0.0, 'cross-fade from pair to pair; 0 cuts', 's', 0, 60)
+    heal_s: float = setting(
+        120.0, 'time in which calm heals pictures that come in degrees of damage', 's', 1, 86400
+    )
     lead_s: float = setting(0.06, 'told to the walls this long before the change', 's', 0, 1)
     seed: int = setting(1, 'of the order of the pairs', '', 0)
 

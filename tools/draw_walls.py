@@ -13,25 +13,28 @@ one. All is vector geometry from a seed, written as SVG text; the files ship as 
 import csv
 import io
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from drawings import damage, industry
-from drawings.sheet import PALETTES, Sheet
+from drawings.sheet import PALETTES, WEATHERS, Sheet, View
 
 WALLS = Path(__file__).parents[1] / 'eol_ros' / 'devices' / 'files' / 'walls'
 MIN_PAIRS = 24
 SEED = 1
+DEGREES = 4  # of damage, in which each right half comes
+Motif = Callable[[Sheet, np.random.Generator], None]
 
 
 @dataclass(frozen=True)
 class DrawnPair:
-    """One pair: its name, both halves as SVG text, a caption."""
+    """One pair: its name, its halves as SVG text, a caption."""
 
     name: str
     left_svg: str
-    right_svg: str
+    right_svgs: tuple[str, ...]  # of ever greater damage
     caption: str
 
 
@@ -54,17 +57,32 @@ def draw_pair(number: int, names: tuple[str, str], seed: int) -> DrawnPair:
     left_name, right_name = names
     # Neighbours in the walk share neither palette nor motif; a prime step spreads the palettes.
     palette = PALETTES[(number * 5 + number // len(PALETTES)) % len(PALETTES)]
-    ground_seed, left_seed, right_seed = np.random.SeedSequence([seed, number]).spawn(3)
-    halves = []
-    for motif, motif_seed, broken in (
-        (industry.MOTIFS[left_name], left_seed, False),
-        (damage.MOTIFS[right_name], right_seed, True),
-    ):
-        sheet = Sheet(palette, np.random.default_rng(ground_seed), broken=broken)
+    ground_seed, left_seed, right_seed, air_seed = np.random.SeedSequence([seed, number]).spawn(4)
+
+    def drawn(motif: Motif, motif_seed: np.random.SeedSequence, damage: float) -> str:
+        view = view_of(number, left=damage == 0)
+        sheet = Sheet(palette, np.random.default_rng(ground_seed), damage, view)
         motif(sheet, np.random.default_rng(motif_seed))
-        halves.append(sheet.svg())
+        sheet.draw_weather(np.random.default_rng(air_seed))
+        return sheet.svg()
+
+    left = drawn(industry.MOTIFS[left_name], left_seed, 0.0)
+    broken = damage.MOTIFS[right_name]
+    rights = [drawn(broken, right_seed, (k + 1) / DEGREES) for k in range(DEGREES)]
     caption = f'{left_name.capitalize()} | {right_name}'
-    return DrawnPair(f'{number:02d}', halves[0], halves[1], caption)
+    return DrawnPair(f'{number:02d}', left, tuple(rights), caption)
+
+
+def view_of(number: int, left: bool) -> View:
+    """Return how a half of pair `number` is seen."""
+    return View(
+        mirrored=bool(number // 6 % 2),
+        near=(1.0, 1.22, 1.0, 1.5)[(number + number // 6) % 4],
+        middle=(800.0, 700.0, 900.0)[number % 3],
+        weather=WEATHERS[(number + 2 * (number // 6)) % len(WEATHERS)],
+        moon=left == bool((number + number // 6) % 2),
+        people=(0, 3, 0, 7, 1)[number % 5],
+    )
 
 
 def files() -> dict[str, str]:
@@ -75,7 +93,9 @@ def files() -> dict[str, str]:
     for number, names in enumerate(combinations()):
         pair = draw_pair(number, names, SEED)
         left, right = f'{pair.name}-left.svg', f'{pair.name}-right.svg'
-        found |= {left: pair.left_svg, right: pair.right_svg}
+        found[left] = pair.left_svg
+        for degree, text in enumerate(pair.right_svgs, 1):
+            found[f'{pair.name}-right.{degree}.svg'] = text
         table.writerow((left, right, pair.caption, 'Echoes of the Land'))
     return found | {'pairs.csv': list_.getvalue()}
 

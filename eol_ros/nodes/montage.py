@@ -7,8 +7,9 @@ import time
 import numpy as np
 from eol_msgs.msg import Slip, Wall
 
+from eol_ros.core.montage.damage import Damage
 from eol_ros.core.montage.shuffle import Flip, Shuffle
-from eol_ros.devices.files.media_folder import MediaFolder
+from eol_ros.devices.files.media_folder import MediaFolder, Pair
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import NS, now_ns, system_ns, to_msg
@@ -31,6 +32,8 @@ class MontageNode(EolNode):
         self.folder = MediaFolder(s.pairs)
         rng = np.random.default_rng(s.seed)
         self.shuffle = Shuffle(len(self.folder.pairs), s.period_s, rng, s.lead_s)
+        self.damage = Damage(s.heal_s)
+        self.pair = self.folder.pairs[0]  # that is shown
         self.asleep = bool(self.resumed.get('asleep'))
         self.wall = Wall()
         self.wall.header.stamp = to_msg(now_ns())
@@ -44,7 +47,10 @@ class MontageNode(EolNode):
         self.report()
 
     def on_slip(self, slip: Slip) -> None:
-        self.shuffle.slip(slip.block, slip.kind == Slip.START, time.monotonic())
+        now_s = time.monotonic()
+        self.shuffle.slip(slip.block, slip.kind == Slip.START, now_s)
+        if slip.kind == Slip.START:
+            self.damage.slip(slip.block, slip.cascade, now_s)
         if self.wall.moving != bool(self.shuffle.moving):
             self.wall.header.stamp = slip.header.stamp
         self.look()
@@ -74,15 +80,37 @@ class MontageNode(EolNode):
             self.beat.reset()
 
     def show(self, flip: Flip) -> None:
-        self.health.tick()
-        pairs = self.folder.pairs
-        pair, wall = pairs[flip.pair], self.wall
-        wall.change += 1
-        wall.flip = to_msg(system_ns(flip.time_s))
-        wall.left, wall.right = pair.left, pair.right
+        pairs, wall = self.folder.pairs, self.wall
+        self.pair = pair = pairs[flip.pair]
+        # As it was announced: that picture is decoded. Damage shows in the pair after it.
+        announced = tuple(wall.ahead[:2])
+        known = len(announced) == 2 and announced[0] in pair.lefts and announced[1] in pair.rights
+        sides = announced if known else self.sides(pair)
         wall.caption, wall.credit = pair.caption, pair.credit
-        wall.ahead = [name for n in flip.coming for name in (pairs[n].left, pairs[n].right)]
+        wall.ahead = [name for n in flip.coming for name in self.sides(pairs[n])]
+        self.change(sides, flip.time_s)
+
+    def sides(self, pair: Pair) -> tuple[str, str]:
+        """Return left and right image of a pair, damaged as far as the table has slipped."""
+        now_s = time.monotonic()
+        left, right = (
+            names[self.damage.degree(len(names), now_s)] for names in (pair.lefts, pair.rights)
+        )
+        return left, right
+
+    def change(self, sides: tuple[str, str], time_s: float) -> None:
+        self.health.tick()
+        self.wall.change += 1
+        self.wall.flip = to_msg(system_ns(time_s))
+        self.wall.left, self.wall.right = sides
         self.send()
+
+    def redress(self) -> None:
+        """Show the pair that stands there as damaged, or as healed, as it is by now."""
+        sides, now_s = self.sides(self.pair), time.monotonic()
+        frozen = not self.asleep and not self.shuffle.moving
+        if frozen and sides != (self.wall.left, self.wall.right) and self.shuffle.may_change(now_s):
+            self.change(sides, now_s + self.settings.lead_s)
 
     def send(self) -> None:
         self.wall.moving = bool(self.shuffle.moving)
@@ -112,6 +140,7 @@ class MontageNode(EolNode):
             self.shuffle.replace(len(self.folder.pairs))
             if not self.asleep:
                 self.show(self.shuffle.show(time.monotonic()))
+        self.redress()
         self.report()
 
     def report(self) -> None:

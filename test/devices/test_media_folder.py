@@ -128,6 +128,24 @@ def test_nothing_to_show_is_one_clear_line(folder, make, words):
     assert caught.value.exit_code == 69 and '\n' not in str(caught.value)
 
 
+def test_an_image_may_come_in_degrees_of_damage(tmp_path):
+    for name in ('dam.1.png', 'dam.2.png', 'dam.4.png', 'wall.png', 'wall.1.PNG'):
+        picture(tmp_path / name)
+    (tmp_path / 'pairs.csv').write_text('dam.png,wall.png\n')
+    folder = MediaFolder(tmp_path)
+    (pair,) = folder.pairs  # dam.png itself need not be there; without a third there is no fourth
+    assert (pair.left, pair.lefts, pair.rights) == (
+        'dam.png', ('dam.1.png', 'dam.2.png'), ('wall.png',),
+    )  # fmt: skip
+    assert Pictures(str(tmp_path)).file('dam.2.png') == tmp_path / 'dam.2.png'
+    assert Pictures(str(tmp_path)).file('dam.4.png') is None
+    picture(tmp_path / 'dam.3.png')
+    assert folder.refresh() and len(folder.pairs[0].lefts) == 4
+    (tmp_path / 'dam.2.png').write_bytes(b'broken')
+    folder.refresh()
+    assert folder.skipped and 'dam.2.png' in folder.skipped[0]
+
+
 def test_hot_reload_takes_new_repaired_and_removed_pictures(folder):
     media = MediaFolder(folder)
     touch_list(folder, 'a.jpg,b.png\na.jpg,new.png\n')
@@ -147,5 +165,6 @@ def test_the_set_that_ships_is_whole():
     media = MediaFolder()
     assert len(media.pairs) >= 24 and media.skipped == []
     assert all(pair.caption and pair.credit for pair in media.pairs)
-    shown = {name for pair in media.pairs for name in (pair.left, pair.right)}
+    assert all(len(pair.rights) == 4 for pair in media.pairs)
+    shown = {name for pair in media.pairs for name in pair.images}
     assert shown | {LIST} == {path.name for path in media.path.iterdir()}

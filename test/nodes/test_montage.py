@@ -35,8 +35,8 @@ class Around(EolNode):
     def on_diagnostics(self, array):
         self.states += [(s.level[0], s.message) for s in array.status if s.name == 'eol: montage']
 
-    def slip(self, block, kind):
-        message = Slip(kind=kind, block=block)
+    def slip(self, block, kind, cascade=0):
+        message = Slip(kind=kind, block=block, cascade=cascade)
         message.header.stamp = to_msg(now_ns())
         self.slips.publish(message)
         return message.header.stamp
@@ -123,6 +123,40 @@ def test_shuffles_while_a_block_moves_and_freezes_with_the_last(rig):
     assert flips[0] - to_ns(begun) < 0.5e9
     for now, following in itertools.pairwise(moved):
         assert now.ahead[:2] == [following.left, following.right]
+
+
+@pytest.mark.slow
+def test_a_rupture_damages_the_pair_that_stands_and_calm_heals_it(ros, folder, matched):
+    for i in range(4):
+        (folder / f'{i}r.svg').rename(folder / f'{i}r.1.svg')
+        for degree in (2, 3, 4):
+            (folder / f'{i}r.{degree}.svg').write_text(SVG)
+    rig = Rig(matched, pairs=str(folder), period_s=0.34, lead_s=0.05, heal_s=3.0)
+    around = rig.around
+    try:
+        assert around.walls[0].right.endswith('r.1.svg') and around.walls[0].left.endswith('l.svg')
+        for block in range(25):
+            around.slip(block, Slip.START, cascade=9)
+        rig.until(lambda: around.walls[-1].ahead[1].endswith('.4.svg'))
+        for block in range(25):
+            around.slip(block, Slip.STOP, cascade=9)
+        rig.until(lambda: not around.walls[-1].moving and around.walls[-1].right[3] > '1')
+        broken = len(around.walls)
+        rig.until(lambda: around.walls[-1].right.endswith('.1.svg'))
+    finally:
+        rig.montage.close()
+        for node in (rig.montage, around):
+            rig.executor.remove_node(node)
+            node.destroy_node()
+    healing = around.walls[broken - 1 :]
+    assert len({w.left for w in healing}) == 1  # the pair with which it froze
+    degrees = [int(w.right[3]) for w in healing]
+    assert degrees == sorted(degrees, reverse=True) and len(set(degrees)) > 1
+    flips = [to_ns(w.flip) for w in changes(around.walls)]
+    assert min(b - a for a, b in itertools.pairwise(flips)) >= 0.34e9 - 100_000
+    known = set().union(*(w.ahead for w in around.walls))
+    moved = [w for w in changes(around.walls)[1:] if w.moving]
+    assert all({w.left, w.right} <= known for w in moved)  # and so decoded in time
 
 
 @pytest.mark.slow

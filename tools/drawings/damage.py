@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Right halves: the fault that comes up through the layers, and what it breaks."""
+"""Right halves: the fault that comes up through the layers, and what it breaks.
+
+`sheet.damage` says how far, 0.25 to 1. What is random is drawn in the same order whatever it is, or
+from a generator of its own, so that the degrees of an image are one place at different times.
+"""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -7,21 +11,27 @@ from itertools import pairwise
 import numpy as np
 from drawings.sheet import (
     FAULT_LEAN,
-    FAULT_THROW,
     FAULT_X,
     HEIGHT,
     HORIZON,
     WIDTH,
     Point,
     Sheet,
+    apart,
     jagged,
 )
 
 
 def _fault(sheet: Sheet, rng: np.random.Generator, top: float = HORIZON) -> None:
-    """Draw the fault itself, from the deep up to `top`."""
+    """Draw the fault itself, from the deep up to `top`, or not so far yet."""
     foot = (FAULT_X + FAULT_LEAN * (HEIGHT - HORIZON), float(HEIGHT))
-    sheet.crack(rng, foot, (FAULT_X, top), 13.0, 4.2)
+    share = min(0.35 + 0.9 * sheet.damage, 1.0)
+    sheet.crack(rng, foot, (FAULT_X, top), 13.0, 1.8 + 2.4 * sheet.damage, share)
+
+
+def _some(sheet: Sheet, count: int) -> int:
+    """How many of `count` things have fallen by now."""
+    return round(count * sheet.damage**1.5)
 
 
 def _turned(points: list[Point], pivot: Point, angle: float) -> list[Point]:
@@ -83,17 +93,26 @@ def cracked_wall(sheet: Sheet, rng: np.random.Generator) -> None:
     rows, tall = 11, 30.0
     gap = jagged(rng, (FAULT_X, HORIZON), (FAULT_X + rng.uniform(-150, 150), top), 34)
     way = np.array(gap)[::-1]
+    reach = 330 * (0.15 + 1.2 * sheet.damage)  # of the crack, up the wall
 
     def cut(y: float) -> float:
         return float(np.interp(y, way[:, 1], way[:, 0]))
 
-    for side, drop in ((-1, 0.0), (1, FAULT_THROW)):
-        edge = [(px + side * 7, py + drop) for px, py in gap]
+    def wide(y: float) -> float:
+        return 26 * sheet.damage * max(1 - (HORIZON - y) / reach, 0.0)
+
+    open_gap = [(px, py + 6) for px, py in gap if wide(py) > 0.5]
+    if len(open_gap) > 1:
+        sheet.thread(
+            open_gap, 3.0
+        )  # its halo is seen through the gap alone: the bricks lie over it
+    for side, drop in ((-1, 0.0), (1, sheet.throw)):
+        edge = [(px + side * wide(py), py + drop) for px, py in gap]
         far = left if side < 0 else right
-        sheet.polygon([(far, HORIZON + drop), *edge, (far, top + drop)], look.shade, 0.94)
+        sheet.polygon([(far, HORIZON + drop), *edge, (far, top + drop)], look.shade)
         for row in range(rows + 1):
             y = HORIZON - row * tall
-            near = cut(max(y, top)) + side * 7
+            near = cut(max(y, top)) + side * wide(y)
             sheet.line(
                 [(far, y + drop), (near, y + drop)],
                 width=2.4 if row == rows else 1.3,
@@ -103,15 +122,15 @@ def cracked_wall(sheet: Sheet, rng: np.random.Generator) -> None:
                 break
             shift = 48.0 if row % 2 else 0.0
             for x in np.arange(left + shift, right, 96.0):
-                if (x - cut(y - tall / 2)) * side > 16:
+                if (x - cut(y - tall / 2)) * side > 10 + wide(y - tall / 2):
                     sheet.line([(x, y + drop), (x, y - tall + drop)], width=1.3, opacity=0.42)
-        sheet.line(edge, width=2.4)
-    sheet.crack(rng, (FAULT_X, HORIZON + 12), gap[-1], 3.0, 3.0)
-    sheet.thread([(px, py + 6) for px, py in gap], 3.6)
-    for _ in range(13):
-        x, y = rng.uniform(560, 1040), HORIZON + rng.uniform(-14, 0)
-        _stone(sheet, rng, x, y + (FAULT_THROW if x > FAULT_X else 0), rng.uniform(8, 22))
-    _fault(sheet, rng)
+        sheet.line([p for p in edge if wide(p[1] - drop) > 0.5], width=2.4)
+        sheet.line([(far, HORIZON + drop), (far, top + drop)], width=2.0, opacity=0.8)
+    fault = apart(rng)
+    for _ in range(_some(sheet, 16)):
+        x, y = rng.uniform(620, 1000), HORIZON + rng.uniform(-14, 0)
+        _stone(sheet, rng, x, y + (sheet.throw if x > FAULT_X else 0), rng.uniform(8, 22))
+    _fault(sheet, fault)
 
 
 def _stone(sheet: Sheet, rng: np.random.Generator, x: float, y: float, r: float) -> None:
@@ -123,14 +142,24 @@ def _stone(sheet: Sheet, rng: np.random.Generator, x: float, y: float, r: float)
 
 def tilted_house(sheet: Sheet, rng: np.random.Generator) -> None:
     """A street of houses; the one over the fault has leaned and sunk."""
-    lean = rng.uniform(0.15, 0.21)
+    lean = rng.uniform(0.24, 0.3) * sheet.damage**1.3
     for x, wide, floors, gable in ((120, 150, 3, False), (285, 190, 2, True), (490, 170, 4, False)):
         _house(sheet, x, HORIZON, wide, floors, rng.normal(0, 0.006), rng, gable)
     for x, wide, floors, gable in ((1110, 180, 2, True), (1305, 160, 4, False)):
-        _house(sheet, x, HORIZON + FAULT_THROW, wide, floors, rng.normal(0.012, 0.006), rng, gable)
-    _house(sheet, 742, HORIZON + 18, 230, 4, lean, rng, bool(rng.random() < 0.5))
-    _fault(sheet, rng, HORIZON + 14)
-    for _ in range(9):
+        _house(
+            sheet,
+            x,
+            HORIZON + sheet.throw,
+            wide,
+            floors,
+            rng.normal(0.012, 0.006) * sheet.damage,
+            rng,
+            gable,
+        )
+    sunk = 30 * sheet.damage
+    _house(sheet, 742, HORIZON + sunk, 230, 4, lean, rng, bool(rng.random() < 0.5))
+    _fault(sheet, apart(rng), HORIZON + 14)
+    for _ in range(_some(sheet, 12)):
         px = rng.uniform(700, 1080)
         _stone(sheet, rng, px, sheet.ground(px) - 4, rng.uniform(6, 15))
 
@@ -152,13 +181,15 @@ def broken_road(sheet: Sheet, rng: np.random.Generator) -> None:
         sheet.line(zip(vanish[0] + reach, y, strict=True), width=1.2, opacity=0.16)
     sheet.line([(0, HORIZON), (WIDTH, HORIZON)], width=2.5, opacity=0.9)
     tear = HORIZON + 168.0
-    for y0, y1, offset in ((HORIZON + 1.0, tear - 16, 0.0), (tear + 26, float(HEIGHT), 118.0)):
+    upper, lower = tear + 4 - 22 * sheet.damage, tear + 4 + 30 * sheet.damage
+    halves = (HORIZON + 1.0, upper, 0.0), (lower, float(HEIGHT), 190 * sheet.damage**1.4)
+    for y0, y1, offset in halves:
         (a0, b0), (a1, b1) = across(y0, offset), across(y1, offset)
         far, near = [(a0, y0), (b0, y0)], [(b1, y1), (a1, y1)]
         if offset:
-            far = jagged(rng, (a0, y0), (b0, y0), 20)
+            far = jagged(rng, (a0, y0), (b0, y0), 20 * sheet.damage)
         else:
-            near = jagged(rng, (b1, y1), (a1, y1), 14)
+            near = jagged(rng, (b1, y1), (a1, y1), 14 * sheet.damage)
         sheet.polygon([*far, *near], look.shade)
         sheet.line([*far, *near, far[0]], width=2.6)
         for share in (0.06, 0.94):
@@ -174,9 +205,10 @@ def broken_road(sheet: Sheet, rng: np.random.Generator) -> None:
             sm, em = (sa + sb) / 2, (ea + eb) / 2
             sheet.polygon([(sm - sw, s), (sm + sw, s), (em + ew, e), (em - ew, e)], look.line, 0.9)
     a, b = across(tear)
-    sheet.crack(rng, (max(a - 420, 0), tear + 40), (min(b + 480, WIDTH), tear - 24), 17, 5.0)
+    ends = (max(a - 420, 0), tear + 40), (min(b + 480, WIDTH), tear - 24)
+    sheet.crack(apart(rng), *ends, 17, 1.6 + 3.8 * sheet.damage, 0.25 + 0.75 * sheet.damage)
     for k, x in enumerate((vanish[0] - 330, vanish[0] - 520, vanish[0] - 800)):
-        _pylon(sheet, x, HORIZON, 120 + 62 * k, -0.02 - 0.05 * k)
+        _pylon(sheet, x, HORIZON, 120 + 62 * k, (-0.02 - 0.12 * k) * sheet.damage)
 
 
 def _pylon(sheet: Sheet, x: float, y: float, tall: float, lean: float) -> None:
@@ -198,19 +230,23 @@ def collapsed_bridge(sheet: Sheet, rng: np.random.Generator) -> None:
     """A bridge on piers; its middle spans hang into the gap."""
     look = sheet.palette
     deck, thick = HORIZON - 168.0, 26.0
-    piers = [150.0, 430.0, 710.0, 1010.0, 1290.0, 1510.0]
-    for i, x in enumerate(piers):
-        y = sheet.ground(x)
-        top = deck + thick
-        lean = 0.0 if i not in (2, 3) else (-0.06 if i == 2 else 0.13)
-        shape = _turned([(x - 20, y), (x - 15, top), (x + 15, top), (x + 20, y)], (x, y), lean)
+    d = sheet.damage
+    for i, x in enumerate((150.0, 430.0, 710.0, 1010.0, 1290.0, 1510.0)):
+        y, top = sheet.ground(x), deck + thick + (sheet.throw * 0.7 if x > FAULT_X else 0.0)
+        lean = {2: -0.06, 3: 0.13}.get(i, 0.0) * d
+        head = top + 6  # under the deck, into which no pier reaches
+        shape = _turned([(x - 20, y), (x - 15, head), (x + 15, head), (x + 20, y)], (x, y), lean)
         sheet.polygon(shape, look.shade)
         sheet.line(shape, width=2.4)
+    # Two spans over the fault: they crack, sag, and fall one after the other.
+    right = deck + 0.7 * sheet.throw
+    fall, fell = min(max((d - 0.25) / 0.5, 0), 1), min(max((d - 0.5) / 0.5, 0), 1)
+    middle = 862.0 + 4 * d
     spans: list[list[Point]] = [
-        [(0, deck), (692, deck - 4)],
-        [(700, deck + 8), (908, HORIZON + 6)],
-        [(1046, deck + 26), (930, HORIZON + FAULT_THROW - 8)],
-        [(1052, deck + 22), (WIDTH, deck + 34)],
+        [(0, deck), (700, deck)],
+        [(704, deck + 6 * d), (middle + 46 * fall, deck + 10 * d + (HORIZON - deck - 4) * fall)],
+        [(1018, right), (middle + 60 * fell, right + (HORIZON + sheet.throw - right - 8) * fell)],
+        [(1022, right), (WIDTH, right)],
     ]
     for (x0, y0), (x1, y1) in spans:
         along = np.array([x1 - x0, y1 - y0]) / np.hypot(x1 - x0, y1 - y0)
@@ -229,59 +265,62 @@ def collapsed_bridge(sheet: Sheet, rng: np.random.Generator) -> None:
         for k in range(steps + 1):
             px, py = x0 + (x1 - x0) * k / steps, y0 + (y1 - y0) * k / steps
             sheet.line([(px, py), (px - nx * 24, py - ny * 24)], width=1.3, opacity=0.7)
-    for x0, x1 in ((700.0, 640.0), (1046.0, 1110.0)):
-        for k in range(4):
-            sheet.line(
-                jagged(rng, (x0, deck + 8 + k * 7), (x0 + (x1 - x0) * -0.5, deck + 40 + k * 16), 8),
-                width=1.5,
-            )
-    for _ in range(16):
-        x = rng.uniform(700, 1120)
+    bars = apart(rng)
+    for x0, way, torn in ((704.0, 1, fall), (1018.0, -1, fell)):
+        for k in range(4 if torn > 0.3 else 0):  # what reinforced it sticks out of the break
+            end = (x0 + way * bars.uniform(18, 40), deck + 30 + k * 9)
+            sheet.line(jagged(bars, (x0, deck + 6 + k * 6), end, 5), width=1.5)
+    fault = apart(rng)
+    for _ in range(_some(sheet, 18)):
+        x = rng.uniform(720, 1010)
         _stone(sheet, rng, x, sheet.ground(x) - 4, rng.uniform(7, 24))
-    _fault(sheet, rng, HORIZON + 6)
+    _fault(sheet, fault, HORIZON + 6)
 
 
 def sinkhole(sheet: Sheet, rng: np.random.Generator) -> None:
     """A hole opened under a field; a house stands over its edge, a fence hangs across."""
     look = sheet.palette
-    left, right, deep = 560.0, 1120.0, HORIZON + 275
-    rim_l = jagged(rng, (left, HORIZON), (left + 96, deep), 22)
-    rim_r = jagged(rng, (right - 110, deep + FAULT_THROW * 0.5), (right, HORIZON + FAULT_THROW), 22)
+    reach = 0.3 + 0.7 * sheet.damage
+    left, right = FAULT_X + 40 - 280 * reach, FAULT_X + 40 + 280 * reach
+    deep = HORIZON + 275 * reach
+    slope = 100 * reach
+    crack, rng_hole = apart(rng), apart(rng)
+    rim_l = jagged(rng_hole, (left, HORIZON), (left + slope, deep), 22 * reach)
+    low = (right - slope, deep + sheet.throw * 0.5)
+    rim_r = jagged(rng_hole, low, (right, HORIZON + sheet.throw), 22 * reach)
     hole = [*rim_l, *rim_r]
     sheet.polygon(hole, look.shade)
     for k in range(1, 6):
-        y = HORIZON + k * 46
-        inset = 22 + k * 13
+        y = HORIZON + k * 46 * reach
+        inset = (22 + k * 13) * reach
         sheet.line(
-            jagged(rng, (left + inset, y), (right - inset, y + 16), 9), width=1.2, opacity=0.24
+            jagged(rng_hole, (left + inset, y), (right - inset, y + 16), 9), width=1.2, opacity=0.24
         )
     sheet.line(hole, width=2.6)
-    sheet.crack(rng, (FAULT_X + 40, float(HEIGHT)), (FAULT_X + 20, deep + 6), 12, 4.2)
-    for x0, x1 in ((left + 96, left + 250), (right - 110, right - 260)):
-        sheet.crack(rng, (FAULT_X + 20, deep + 6), ((x0 + x1) / 2, HORIZON + 200), 14, 2.2)
-    _house(sheet, left - 126, HORIZON + 3, 200, 2, rng.uniform(0.07, 0.12), rng, True)
+    width = 1.8 + 2.4 * sheet.damage
+    sheet.crack(crack, (FAULT_X + 40, float(HEIGHT)), (FAULT_X + 20, deep + 6), 12, width)
+    for x0 in (left + 1.7 * slope, right - 1.8 * slope):
+        end = (x0, HORIZON + 200 * reach)
+        sheet.crack(crack, (FAULT_X + 20, deep + 6), end, 14, 0.5 * width)
+    # The house stood 60 m from the edge; the hole comes to it, and it leans in.
+    lean = rng.uniform(0.07, 0.12) * max(sheet.damage - 0.4, 0) / 0.6
+    _house(sheet, 434, HORIZON + 3, 200, 2, lean, rng, True)
     _house(sheet, 190, HORIZON, 150, 2, 0.0, rng, True)
-    posts = np.linspace(right - 30, WIDTH - 40, 8)
-    ground = HORIZON + FAULT_THROW
+    # A fence to the edge: the posts that have lost their ground have gone, their wires hang down.
+    ground = HORIZON + sheet.throw
+    posts = [x for x in np.arange(WIDTH - 40.0, 900.0, -62.0) if x > right + 8]
     for x in posts:
-        sheet.line(
-            [(x, ground + (26 if x < right else 0)), (x - (12 if x < right else 0), ground - 58)],
-            width=3,
-        )
-    wire_x = np.linspace(left + 80, right - 40, 20)
+        sheet.line([(x, ground), (x, ground - 58)], width=3)
     for level in (22, 44):
-        sag = 90 * np.sin(np.pi * (wire_x - wire_x[0]) / np.ptp(wire_x)) + level
-        sheet.line(zip(wire_x, HORIZON - 60 + sag, strict=True), width=1.3, opacity=0.7)
-        sheet.line(
-            [(right - 40, ground - 78 + level), (WIDTH - 40, ground - 70 + level)],
-            width=1.3,
-            opacity=0.7,
-        )
-    for _ in range(12):
+        end, torn = posts[-1], ground - 78 + level + 20
+        sheet.line([(end, torn), (WIDTH - 40, torn)], width=1.3, opacity=0.7)
+        curl = [(end, torn), (end - 12, torn + 8), (right - 4, ground - 10 + level / 2)]
+        sheet.line([*curl, (right - 14, ground + 26 + level)], width=1.3, opacity=0.7)
+    for _ in range(_some(sheet, 12)):
         _stone(
             sheet,
             rng,
-            rng.uniform(left + 110, right - 130),
+            rng.uniform(left + slope + 10, right - slope - 20),
             deep + rng.uniform(-16, 12),
             rng.uniform(8, 20),
         )
@@ -289,32 +328,32 @@ def sinkhole(sheet: Sheet, rng: np.random.Generator) -> None:
 
 def fallen_pylons(sheet: Sheet, rng: np.random.Generator) -> None:
     """A line of pylons that lean towards the fault, their wires down."""
+    # Lean of each when the damage is whole: the two at the fault lie on the ground.
     feet = (
-        (190.0, 330.0, 0.03),
-        (520.0, 300.0, 0.17),
-        (1040.0, 300.0, -0.36),
-        (1400.0, 330.0, -0.05),
+        (190.0, 330.0, 0.1),
+        (500.0, 300.0, 1.46),
+        (1150.0, 300.0, -1.5),
+        (1430.0, 330.0, -0.12),
     )
-    tips: list[Point] = []
-    for x, tall, lean in feet:
-        lean += rng.normal(0, 0.015)
+    arms: list[tuple[Point, Point]] = []
+    for x, tall, most in feet:
+        lean = (most + rng.normal(0, 0.015)) * sheet.damage**2
         y = sheet.ground(x)
         _pylon(sheet, x, y, tall, lean)
-        tips += _turned([(x, y - 0.84 * tall)], (x, y), lean)
-    for (x0, y0), (x1, y1) in pairwise(tips):
-        for shift in (0.0, 26.0):
+        tips = [(x - 0.28 * tall, y - 0.84 * tall), (x + 0.28 * tall, y - 0.84 * tall)]
+        left, right = _turned(tips, (x, y), lean)
+        arms.append((left, right))
+    for (left0, right0), (left1, right1) in pairwise(arms):
+        for (x0, y0), (x1, y1) in ((left0, left1), (right0, right1)):
             s = np.linspace(0, 1, 24)
-            sag = (52 + shift) * 4 * s * (1 - s)
             xs = x0 + (x1 - x0) * s
-            ys = np.minimum(y0 + (y1 - y0) * s + sag, [sheet.ground(v) - 3 for v in xs])
+            sagged = y0 + (y1 - y0) * s + 52 * 4 * s * (1 - s)
+            ys = np.minimum(sagged, [sheet.ground(v) - 3 for v in xs])  # what hangs lower lies
             sheet.line(zip(xs, ys, strict=True), width=1.4, opacity=0.85)
-    sheet.line(
-        jagged(rng, (FAULT_X + 30, HORIZON - 12), (FAULT_X - 130, HORIZON - 2), 6), width=1.6
-    )
-    _house(sheet, 640, HORIZON, 118, 2, -0.04, rng, True)
-    _house(sheet, 1180, HORIZON + FAULT_THROW, 130, 1, 0.05, rng, True)
-    _fault(sheet, rng, HORIZON - 2)
-    for _ in range(8):
+    _house(sheet, 700, HORIZON, 96, 2, -0.05 * sheet.damage, rng, True)
+    _house(sheet, 1250, HORIZON + sheet.throw, 110, 1, 0.05 * sheet.damage, rng, True)
+    _fault(sheet, apart(rng), HORIZON - 2)
+    for _ in range(_some(sheet, 10)):
         x = rng.uniform(700, 980)
         _stone(sheet, rng, x, sheet.ground(x) - 4, rng.uniform(6, 15))
 

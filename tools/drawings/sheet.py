@@ -17,6 +17,8 @@ FAULT_X = 800.0
 """Where a broken sheet's layers are displaced; the fault leans by `FAULT_LEAN` of its depth."""
 FAULT_LEAN = 0.32
 FAULT_THROW = 46.0
+"""How far the right half hangs lower where the damage is whole."""
+WEATHERS = ('clear', 'clouds', 'rain', 'snow', 'stars', 'fog')
 
 Point = tuple[float, float]
 
@@ -113,12 +115,37 @@ def _points(points: Iterable[Point]) -> str:
     return ' '.join(f'{x:.1f},{y:.1f}' for x, y in points)
 
 
-class Sheet:
-    """An image in the making; draws the land first, then what is asked for, in order."""
+@dataclass(frozen=True)
+class View:
+    """From where and when a pair is seen: mirrored, how near and around which x, in what weather,
+    with how many people in it. One half of a pair has the moon: both hang in one room."""
 
-    def __init__(self, palette: Palette, land: np.random.Generator, broken: bool):
+    mirrored: bool = False
+    near: float = 1.0
+    middle: float = 800.0
+    weather: str = 'clear'
+    moon: bool = True
+    people: int = 0
+
+
+class Sheet:
+    """An image in the making; draws the land first, then what is asked for, in order.
+
+    `damage` is 0 where the land is whole, and 1 where it is as broken as can be.
+    """
+
+    def __init__(
+        self,
+        palette: Palette,
+        land: np.random.Generator,
+        damage: float = 0.0,
+        view: View | None = None,
+    ):
         self.palette = palette
-        self.broken = broken
+        self.damage = damage
+        self.view = view or View()
+        self.broken = damage > 0
+        self.throw = FAULT_THROW * damage
         self._parts: list[str] = []
         self._draw_land(land)
 
@@ -185,10 +212,17 @@ class Sheet:
             self.line([high[0], high[1]], width=width * 0.7, opacity=0.85)
 
     def crack(
-        self, rng: np.random.Generator, start: Point, end: Point, rough: float, width: float
+        self,
+        rng: np.random.Generator,
+        start: Point,
+        end: Point,
+        rough: float,
+        width: float,
+        share: float = 1.0,
     ) -> list[Point]:
-        """Draw a branching fissure from `start` to `end`; return its points."""
+        """Draw a branching fissure from `start` to `end`, or its first part; return its points."""
         points = jagged(rng, start, end, rough)
+        points = points[: max(round(share * len(points)), 2)]
         self.thread(points, width)
         for i in range(3, len(points) - 3, 4):
             if rng.random() < 0.6:
@@ -204,14 +238,13 @@ class Sheet:
 
     def ground(self, x: float) -> float:
         """Return the height of the surface at `x`: level, and stepped where the sheet is broken."""
-        return HORIZON + (FAULT_THROW if self.broken and x > FAULT_X else 0.0)
+        return HORIZON + (self.throw if x > FAULT_X else 0.0)
 
     def _draw_land(self, rng: np.random.Generator) -> None:
         look = self.palette
         sun_x = rng.uniform(260, 1340)
         sun_y, sun_r = rng.uniform(150, 300), rng.uniform(62, 105)
-        self.disc(sun_x, sun_y, sun_r * 1.9, look.disc, 0.05)
-        self.disc(sun_x, sun_y, sun_r, look.disc, 0.88)
+        self._draw_sky(apart(rng), (sun_x, sun_y), sun_r)
         x = np.linspace(0, WIDTH, 161)
         for hill, (base, height) in zip(look.hills, ((70, 95), (26, 46)), strict=True):
             y = HORIZON - base + waves(rng, x, height, rng.uniform(900, 1700))
@@ -232,13 +265,67 @@ class Sheet:
         for xs, ys in self._halves(x, np.full_like(x, HORIZON)):
             self.line(zip(xs, ys, strict=True), width=2.5, opacity=0.9)
 
+    def _draw_sky(self, rng: np.random.Generator, sun: Point, r: float) -> None:
+        """One disc in the sky, and the weather before it."""
+        look, weather = self.palette, self.view.weather
+        veiled = weather in ('rain', 'snow', 'fog')
+        if weather == 'stars':
+            for _ in range(130):
+                x, y = rng.uniform(0, WIDTH), HORIZON * rng.random() ** 1.6
+                self.disc(x, y, rng.uniform(0.7, 1.9), look.disc, rng.uniform(0.3, 0.8))
+        if self.view.moon:
+            self.disc(*sun, r * (2.6 if weather == 'fog' else 1.9), look.disc, 0.05)
+        if self.view.moon and weather == 'stars':
+            turn = np.linspace(-np.pi / 2, np.pi / 2, 24)
+            outer = [(sun[0] + r * np.cos(a), sun[1] + r * np.sin(a)) for a in turn]
+            inner = [(sun[0] + 0.55 * r * np.cos(a), sun[1] + r * np.sin(a)) for a in turn[::-1]]
+            self.polygon([*outer, *inner], look.disc, 0.88)
+        elif self.view.moon:
+            self.disc(*sun, r, look.disc, 0.3 if veiled else 0.88)
+        if weather in ('clouds', 'rain', 'snow'):
+            for _ in range(7):
+                x, y, wide = rng.uniform(-100, WIDTH), rng.uniform(60, 300), rng.uniform(160, 460)
+                for k in range(5):
+                    cx, cr = x + wide * k / 4, wide * (0.16 - 0.03 * abs(k - 2)) + 14
+                    self._parts.append(
+                        f'<ellipse cx="{cx:.1f}" cy="{y:.1f}" rx="{1.5 * cr:.1f}"'
+                        f' ry="{0.5 * cr:.1f}" fill="{look.hills[0]}" opacity=".6"/>'
+                    )
+
+    def draw_weather(self, rng: np.random.Generator) -> None:
+        """What falls or lies before everything: rain, snow, fog; and people, for the scale."""
+        look, weather = self.palette, self.view.weather
+        for _ in range(self.view.people):
+            x = rng.uniform(120, 1480)
+            self._person(x, self.ground(x), rng.uniform(24, 30), rng)
+        if weather == 'rain':
+            for _ in range(240):
+                x, y, long = rng.uniform(0, WIDTH), rng.uniform(-20, HORIZON), rng.uniform(16, 44)
+                self.line([(x, y), (x - 0.22 * long, y + long)], width=1.1, opacity=0.26)
+        if weather == 'snow':
+            for _ in range(200):
+                x, y = rng.uniform(0, WIDTH), rng.uniform(0, HORIZON)
+                self.disc(x, y, rng.uniform(1.2, 3.2), look.line, rng.uniform(0.25, 0.65))
+        if weather == 'fog':
+            for k in range(6):
+                self.rect(0, HORIZON - 26 - 30 * k, WIDTH, 34, look.sky[1], 0.3 - 0.035 * k)
+
+    def _person(self, x: float, y: float, tall: float, rng: np.random.Generator) -> None:
+        colour, lean = self.palette.line, rng.uniform(-0.06, 0.06) * tall
+        hip, neck = (x, y - 0.48 * tall), (x + lean, y - 0.8 * tall)
+        for foot in (-0.12, 0.12):
+            self.line([(x + foot * tall, y), hip], colour, 2.6)
+        self.line([hip, neck], colour, 4.4)
+        self.line([neck, (x + lean + 0.16 * tall, y - 0.56 * tall)], colour, 2.0)
+        self.disc(x + lean, y - 0.9 * tall, 0.1 * tall, colour)
+
     def _halves(self, x: np.ndarray, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Split a seam at the fault when broken; the right half hangs lower by the throw."""
         if not self.broken:
             return [(x, y)]
         cut = FAULT_X + FAULT_LEAN * (np.interp(FAULT_X, x, y) - HORIZON)
         at_cut = np.interp(cut, x, y)
-        low = FAULT_THROW
+        low = self.throw
         left, right = x < cut, x > cut
         return [
             (np.append(x[left], cut), np.append(y[left], at_cut)),
@@ -250,7 +337,7 @@ class Sheet:
         kind = layer % 3
         for _ in range(46):
             x, dy = rng.uniform(0, WIDTH), rng.uniform(-6, 26)
-            drop = FAULT_THROW if self.broken and x > FAULT_X + FAULT_LEAN * (y - HORIZON) else 0.0
+            drop = self.throw if x > FAULT_X + FAULT_LEAN * (y - HORIZON) else 0.0
             if kind == 0:
                 self.disc(x, y + dy + drop, 1.5, self.palette.line, 0.16)
             elif kind == 1:
@@ -259,6 +346,17 @@ class Sheet:
                 self.line(
                     [(x, y + dy + drop + 7), (x + 9, y + dy + drop - 7)], width=1.2, opacity=0.13
                 )
+
+    def _seen(self) -> str:
+        """The transform by which the drawing fills the sheet as its view has it."""
+        view = self.view
+        if view.near == 1 and not view.mirrored:
+            return ''
+        left = min(max(view.middle - WIDTH / 2 / view.near, 0), WIDTH - WIDTH / view.near)
+        top = (HORIZON - 0.54 * HEIGHT / view.near) if view.near > 1 else 0.0
+        top = min(max(top, 0), HEIGHT - HEIGHT / view.near)
+        flip = f'translate({WIDTH} 0) scale(-1 1) ' if view.mirrored else ''
+        return f' transform="{flip}scale({view.near:g}) translate({-left:.1f} {-top:.1f})"'
 
     def svg(self) -> str:
         """Return the finished image as SVG text."""
@@ -269,11 +367,16 @@ class Sheet:
             f'width="{WIDTH}" height="{HEIGHT}" preserveAspectRatio="xMidYMid slice">\n'
             f'<defs><linearGradient id="sky" x1="0" y1="0" x2="0" y2="1"><stop offset="0" '
             f'stop-color="{top}"/><stop offset="1" stop-color="{low}"/></linearGradient></defs>\n'
-            f'<rect width="{WIDTH}" height="{HORIZON + FAULT_THROW:g}" fill="url(#sky)"/>\n'
-            '<g stroke-linejoin="round" stroke-linecap="round">\n'
+            f'<rect width="{WIDTH}" height="{HEIGHT}" fill="url(#sky)"/>\n'
+            f'<g stroke-linejoin="round" stroke-linecap="round"{self._seen()}>\n'
             + '\n'.join(self._parts)
             + '\n</g>\n</svg>\n'
         )
+
+
+def apart(rng: np.random.Generator) -> np.random.Generator:
+    """Return a generator for a part whose draws shall not shift those that follow."""
+    return np.random.default_rng(rng.integers(2**63))
 
 
 def jagged(rng: np.random.Generator, start: Point, end: Point, rough: float) -> list[Point]:

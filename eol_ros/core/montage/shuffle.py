@@ -116,6 +116,13 @@ class Shuffle:
         """Nothing moves any more as far as anyone knows; the beat is kept."""
         self._open.clear()
 
+    def may_change(self, now_s: float) -> bool:
+        """Return whether a change out of turn keeps `period_s` from the last; if so, count it."""
+        if now_s < self._beat_s + self.period_s:
+            return False
+        self._beat_s = now_s
+        return True
+
     def show(self, now_s: float) -> Flip:
         """Change now, whatever moves: the first picture of a run."""
         self._beat_s = now_s

@@ -3,7 +3,9 @@
 
 `pairs.csv` has one pair a line: left, right, caption, credit (the last two may be empty); a header
 line with these names is welcome, `;` works as well as `,`. A pair whose image is missing or
-broken is skipped and named; the others go on.
+broken is skipped and named; the others go on. An image may come in degrees of damage: where the
+list says `dam.svg`, `dam.1.svg` to `dam.9.svg`, as many as there are, stand for it, the whole one
+first.
 """
 
 import contextlib
@@ -39,6 +41,17 @@ class Pair:
     right: str
     caption: str = ''
     credit: str = ''
+    lefts: tuple[str, ...] = ()  # each image in its degrees of damage; one where it has none
+    rights: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'lefts', self.lefts or (self.left,))
+        object.__setattr__(self, 'rights', self.rights or (self.right,))
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """All images that may be shown for this pair."""
+        return self.lefts + self.rights
 
 
 class MediaFolder:
@@ -83,13 +96,13 @@ class MediaFolder:
 
     def _state(self, listed: list[Pair]) -> tuple:
         """Return time and size of the list and of everything it names, to notice a change by."""
-        names = {LIST, *(n for p in listed for n in (p.left, p.right))}
+        names = {LIST, *(n for p in listed for n in p.images)}
         return tuple(sorted((name, *_stamp(os.path.join(self.path, name))) for name in names))
 
     def _read(self, listed: list[Pair]) -> tuple[list[Pair], list[str]]:
         pairs, skipped = [], []
         for pair in listed:
-            wrong = [w for w in (self._wrong(pair.left), self._wrong(pair.right)) if w]
+            wrong = [w for w in map(self._wrong, pair.images) if w]
             skipped += [w for w in wrong if w not in skipped]
             if not wrong:
                 pairs.append(pair)
@@ -135,7 +148,7 @@ class Pictures:
 
     def _look(self) -> dict[str, Path]:
         folder = Path(self._path) if self._path else DRAWN
-        names = {name for pair in _listed(folder) for name in (pair.left, pair.right)}
+        names = {name for pair in _listed(folder) for name in pair.images}
         return {name: folder / name for name in names if not _forbidden(folder, name)}
 
 
@@ -159,10 +172,24 @@ def _listed(folder: Path) -> list[Pair]:
     if rows and [cell.lower() for cell in rows[0][:2]] == ['left', 'right']:
         rows = rows[1:]
     filled = [(row + ['', '', '', ''])[:4] for row in rows]
-    return [
-        Pair(left.replace('\\', '/'), right.replace('\\', '/'), *words)
-        for left, right, *words in filled
-    ]
+    pairs = []
+    for row in filled:
+        left, right = (name.replace('\\', '/') for name in row[:2])
+        degrees = _degrees(folder, left), _degrees(folder, right)
+        pairs.append(Pair(left, right, row[2], row[3], *degrees))
+    return pairs
+
+
+def _degrees(folder: Path, name: str) -> tuple[str, ...]:
+    """Return the names of an image in its degrees of damage; none where it has none."""
+    stem, dot, kind = name.rpartition('.')
+    found = []
+    for number in range(1, 10):
+        one = f'{stem}.{number}{dot}{kind}'
+        if not dot or not os.path.isfile(folder / one):
+            break
+        found.append(one)
+    return tuple(found)
 
 
 def _forbidden(folder: Path, name: str) -> str:

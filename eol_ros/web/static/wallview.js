@@ -5,6 +5,7 @@ import { calm } from './paint.js';
 
 const CALM_GAP_MS = 4000; // where quick changes are unwelcome, and each is a slow cross-fade
 const CALM_FADE_S = 1.5;
+const HEAL_FADE_S = 2; // from one degree of damage of a picture to another
 const SAFE_GAP_MS = 340; // WCAG 2.3.1; the server never asks for less, a bad network might
 
 export class WallView {
@@ -120,7 +121,8 @@ export class WallView {
   flip(next, now) {
     const [shown, hidden] = [this.layers[1 - this.front], this.layers[this.front]];
     const slow = calm.matches ? CALM_FADE_S : 0;
-    const fade = Math.max(this.fade, next.name ? slow : 2); // into sleep: softly
+    const mends = next.name && whole(next.name) === whole(this.shows);
+    const fade = Math.max(this.fade, mends ? HEAL_FADE_S : next.name ? slow : 2); // into sleep: softly
     this.front = 1 - this.front;
     this.lastFlip = now;
     this.pending = null;
@@ -154,4 +156,9 @@ export class WallView {
       if (name) this.paint(i, name);
     }
   }
+}
+
+// The name of a picture without its degree of damage: dam.3.svg and dam.1.svg are the same dam.
+function whole(name) {
+  return name.replace(/\.\d(\.\w+)$/, '$1');
 }
