@@ -39,6 +39,7 @@ def exact(monkeypatch):
     monkeypatch.setattr(accelerometer, '_counts', lambda mg: mg)
 
 
+@pytest.mark.slow
 def test_looking_leaves_the_table_as_it_is():
     plays = [Play(4, samples) for samples in (0, 7, 64)]
     tables = [play.table for play in plays]
@@ -52,6 +53,7 @@ def test_looking_leaves_the_table_as_it_is():
     assert tables[0].trace is None
 
 
+@pytest.mark.slow
 def test_same_seed_same_samples():
     one, two, other = (
         [s for _, _, found in play(6, 16, settings=TwinSettings(seed=seed)) for s in found]

@@ -40,7 +40,9 @@ def corners(pose: np.ndarray) -> np.ndarray:
     return square @ np.array([[c, s], [-s, c]]) + pose[:2]
 
 
-@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize(
+    'seed', [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 5))]
+)
 def test_rim_never_leaves_the_platform(seed):
     poses, _ = run(seed, 60)
     assert max(np.abs(corners(p)).max() for p in poses) <= PLATFORM_SIDE_M / 2 + 1e-12

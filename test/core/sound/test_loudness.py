@@ -19,7 +19,12 @@ def tone(levels_db, span_s):
 
 @pytest.mark.parametrize(
     ('levels_db', 'wanted'),
-    [((-20, -30), 10), ((-20, -15), 5), ((-40, -20), 20), ((-50, -35, -20, -35, -50), 15)],
+    [
+        ((-20, -30), 10),
+        ((-20, -15), 5),
+        ((-40, -20), 20),
+        pytest.param((-50, -35, -20, -35, -50), 15, marks=pytest.mark.slow),
+    ],
 )
 def test_range_of_the_signals_of_ebu_tech_3342(levels_db, wanted):
     """Table 1, signals 1 to 4: each level for 20 s, tolerance 1 LU."""

@@ -79,7 +79,7 @@ def test_the_nearer_is_later_and_quieter():
     assert gain == pytest.approx(wanted)
 
 
-@pytest.mark.parametrize('size', [1, 100, 512, 2000])
+@pytest.mark.parametrize('size', [pytest.param(1, marks=pytest.mark.slow), 100, 512, 2000])
 def test_the_mixer_aligns_whatever_the_block(size):
     rng = np.random.default_rng(1)
     bank = Bank([0.1 * rng.standard_normal(FS).astype('f4')], [0], [0.0], [0.5], FS)

@@ -56,7 +56,7 @@ def points_px(triangles_mm, pose, camera, turn, shift, mirror):
 
 
 @pytest.mark.parametrize('mirror', [False, True])
-@pytest.mark.parametrize('k1', [0.0, -0.1])
+@pytest.mark.parametrize('k1', [pytest.param(0.0, marks=pytest.mark.slow), -0.1])
 @pytest.mark.parametrize('pose', [(0.35, 0.3, 0.1), (-0.3, 0.35, 2.0), (0.1, -0.2, -1.2)])
 def test_the_table_is_the_edge_of_all_that_is_seen(pose, k1, mirror):
     shape = CoverShape()
@@ -170,7 +170,7 @@ def test_a_mesh_in_metres_is_named():
         CoverOutlines.of_meshes([mesh], 1.0)
 
 
-@pytest.mark.parametrize('mirror', [False, True])
+@pytest.mark.parametrize('mirror', [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_twin_draws_covers_with_their_parallax(mirror):
     heights, shape = landscape(3, cells=CELLS), CoverShape()
     on_platform, turn, shift = tilted(-0.1, mirror)
