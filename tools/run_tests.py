@@ -33,6 +33,8 @@ FIRST_HALF = [f'test/core/{name}' for name in ('physics', 'light', 'montage', 's
 QUICK = (FIRST_HALF, ['test/core', *(f'--ignore={folder}' for folder in FIRST_HALF)])
 BARE = ('test/devices', 'test/web', 'test/scenes', 'test/nodes', 'test/verbs', 'test/bringup',
         'test/bench/test_bench_sound.py', 'test/test_cli.py')  # fmt: skip
+# Thousands of processes would each compile all modules; numba keeps its code in the same folders.
+os.environ.pop('PYTHONDONTWRITEBYTECODE', None)
 BARE_MOUNTS = 'EOL_TEST_BARE'  # set once the packages are hidden
 
 
