@@ -33,7 +33,7 @@ docs: setup-test  ## rewrite the generated parts of the docs
 
 firmware: setup-test  ## build what runs in the blocks, and test it in emulated controllers
 	@tools/system_packages.sh firmware
-	$(MAKE) -s -C firmware all
+	$(MAKE) -s -C firmware all emulator
 	$(PY) -m pytest -m 'firmware and not soak' test/firmware $(ARGS)
 
 soak: setup-test  ## the long ones: hours of rehearsal, kills, floods, fuzzing

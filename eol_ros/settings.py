@@ -189,7 +189,15 @@ class MotionSettings:
 
 @dataclass(frozen=True)
 class LedsSettings:
-    port: str = setting('auto', 'serial port by stable name, auto, or twin for the simulated board')
+    port: str = setting(
+        'auto', 'serial port by stable name, auto, twin for the simulated board, or firmware for'
+        " the twin's blocks and their bridge running their own programs (in a checkout, after"
+        ' `make firmware`)',
+    )  # fmt: skip
+    radio_loss: float = setting(
+        0.0, 'share of the frames between blocks and bridge that are lost, of port: firmware', '',
+        0, 1,
+    )  # fmt: skip
     trigger: str = setting(
         'both', 'what lights a block: its own knock, a slip that the camera saw, or whichever of'
         ' them is first', choices=('blocks', 'slips', 'both'), live=True,

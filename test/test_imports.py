@@ -205,7 +205,8 @@ def test_the_package_does_without_benchmarks_and_tests():
 
 def test_the_firmware_of_the_blocks_is_loaded_by_the_twin_alone():
     firmware = 'eol_ros.devices.board.block'
-    users = {'devices/board/block.py', 'devices/board/felt.py', 'nodes/twin.py'}
+    boards = {f'devices/board/{user}.py' for user in ('block', 'felt', 'firmware')}
+    users = boards | {'nodes/twin.py'}
     for path in MODULES:
         if name(path) not in users:
             found = {module for _, module in imports(path)}

@@ -201,7 +201,7 @@ def test_any_bytes_leave_it_sane():
 
 def test_where_it_was_not_compiled_one_line_says_so(monkeypatch):
     monkeypatch.setattr(block, 'find_spec', lambda name: None)
-    block._library.cache_clear()
+    block.library.cache_clear()
     with pytest.raises(DeviceMissing, match='apt-get install'):
         Detector()
     assert not block.compiled()

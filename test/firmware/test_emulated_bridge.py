@@ -102,7 +102,7 @@ def words(bridge, until):
     found = []
 
     def look():
-        found.extend(f for f in bridge.frames(0.05) if f[0] == WORD)
+        found.extend(f for f in bridge.sent(0.05) if f[0] == WORD)
         return any(map(until, found))
 
     wait_until(look)
@@ -136,7 +136,7 @@ def test_it_tells_the_blocks_what_the_host_wants(bridge, host):
     wanted = protocol.Detector(256, 13, 40, 7000, 67, 2016, 80640)
     host.send(wanted)
     found = []
-    wait_until(lambda: found.extend(f for f in bridge.frames(0.05) if f[0] != WORD) or found)
+    wait_until(lambda: found.extend(f for f in bridge.sent(0.05) if f[0] != WORD) or found)
     assert found[0][1:17] == wanted.BODY.pack(*vars(wanted).values())
 
 
@@ -246,7 +246,7 @@ def test_the_leds_node_opens_it_and_publishes_its_taps(bridge, ros):
     def tapped():
         if leds.lights.board.sync.ready and not taps:
             bridge.say(knock(4, next(number) % 256))
-            bridge.frames(0.05)
+            bridge.sent(0.05)
         return taps
 
     try:
@@ -291,7 +291,7 @@ def assert_lives(bridge, host):
 
     def told():
         bridge.say(knock(3, next(number) % 256, strength=777))
-        bridge.frames(0.02)
+        bridge.sent(0.02)
         return [k for k in host.of(protocol.Knock) if (k.block, k.strength) == (3, 777)]
 
     wait_until(told)

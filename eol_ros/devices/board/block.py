@@ -75,7 +75,7 @@ class Event(NamedTuple):
 
 def defaults() -> Config:
     """Return a copy of EOL_KNOCK_DEFAULTS; raises DeviceMissing as `Detector` does."""
-    return Config.from_buffer_copy(Config.in_dll(_library(), 'EOL_KNOCK_DEFAULTS'))
+    return Config.from_buffer_copy(Config.in_dll(library(), 'EOL_KNOCK_DEFAULTS'))
 
 
 class Detector:
@@ -85,7 +85,7 @@ class Detector:
     """
 
     def __init__(self, config: Config | None = None):
-        self._lib = _library()
+        self._lib = library()
         self._memory = ctypes.create_string_buffer(self._lib.eol_knock_size())
         self._knock = ctypes.cast(self._memory, ctypes.POINTER(_Knock)).contents
         self._events = (_Event * 64)()
@@ -138,7 +138,8 @@ def compiled() -> bool:
 
 
 @cache
-def _library() -> ctypes.CDLL:
+def library() -> ctypes.CDLL:
+    """Return what was compiled; raises DeviceMissing."""
     found = find_spec('eol_ros.devices.board._block')
     if found is None or found.origin is None:
         raise DeviceMissing(MISSING)
@@ -151,4 +152,5 @@ def _library() -> ctypes.CDLL:
     lib.eol_knock_wake.argtypes = [memory]
     lib.eol_knock_limit.argtypes = [memory]
     lib.eol_knock_limit.restype = ctypes.c_uint16
+    lib.eol_block_size.restype = lib.eol_blocks_tick.restype = size
     return lib

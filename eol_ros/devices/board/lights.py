@@ -119,8 +119,14 @@ class Lights:
             from eol_ros.devices.board.twin import SIGMA_S, TwinBoard
 
             self.twin, self._twin_sigma_s = TwinBoard(s.board_log, namespace), SIGMA_S
+        self.firmware: Any = None
+        if s.port == 'firmware':
+            from eol_ros.devices.board.firmware import FirmwareBoard
+
+            self.firmware = FirmwareBoard(namespace, s.radio_loss)
         self.limit = 'on' if s.flash_limit else f'off: {s.flash_limit_off_because}'
-        self.board = Board(self.twin.port if self.twin else s.port, self._tap, on_state, s.baud)
+        board = self.twin or self.firmware
+        self.board = Board(board.port if board else s.port, self._tap, on_state, s.baud)
 
         self._configure()
 
@@ -141,8 +147,9 @@ class Lights:
     def close(self) -> None:
         """Let all go dark."""
         self.board.close()
-        if self.twin:
-            self.twin.close()
+        for made in (self.twin, self.firmware):
+            if made:
+                made.close()
 
     @property
     def by_stamp(self) -> bool:

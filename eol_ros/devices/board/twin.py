@@ -15,7 +15,7 @@ import struct
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +27,8 @@ from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.streams.graph import NAMESPACE
 
 KNOCK = struct.Struct('<qBff?f')  # of Felt
+SAMPLES = struct.Struct('<qdBBH')  # of Chunk: first_ns, period_s, block, kind, how many
+LIVE, WOKEN, REST = range(3)
 LINK_NS = 1_000_000  # from block to board: a guess
 AHEAD_S = 0.2  # the twin is ahead by less; else the system clock was set back
 BEACON_S = 0.05
@@ -54,14 +56,55 @@ class Felt(NamedTuple):
         return self.time_ns + round(self.told_s * 1e9) + LINK_NS
 
 
+class Chunk(NamedTuple):
+    """Samples (n, 2) of the accelerometer of a block, the first ended at `first_ns`.
+
+    `kind`: LIVE; WOKEN, the first after a sleep; REST, of no time, to learn from.
+    """
+
+    block: int
+    kind: int
+    first_ns: int
+    period_s: float
+    xy: np.ndarray
+
+    def packed(self) -> bytes:
+        """Return it as bytes, for one of several in a datagram."""
+        xy = self.xy.astype('<i2')
+        return SAMPLES.pack(self.first_ns, self.period_s, self.block, self.kind, len(xy)) + (
+            xy.tobytes()
+        )
+
+    @classmethod
+    def unpack(cls, packet: bytes) -> Iterator['Chunk']:
+        """Yield those of a datagram."""
+        at = 0
+        while at < len(packet):
+            first_ns, period_s, block, kind, count = SAMPLES.unpack_from(packet, at)
+            at += SAMPLES.size
+            xy = np.frombuffer(packet, '<i2', 2 * count, at).reshape(count, 2)
+            at += 4 * count
+            yield cls(block, kind, first_ns, period_s, xy)
+
+
 class Radio:
     """The twin's end: what its blocks say, and hear. Nobody need listen."""
 
     def __init__(self, namespace: str = NAMESPACE) -> None:
-        self._board = _address(namespace)
-        self._socket = _socket(_address(namespace, 'blocks'))
+        self._board = board_address(namespace)
+        self._socket = unix_socket(board_address(namespace, 'blocks'))
+        self._firmware = board_address(namespace, 'firmware')
         self._decoder = protocol.Decoder()
         self._heard_s = -math.inf
+
+    @property
+    def firmware(self) -> bool:
+        """Whether blocks run their firmware elsewhere, and want samples."""
+        return _sent(self._socket, b'', self._firmware)
+
+    def feel(self, chunks: Iterable[Chunk]) -> None:
+        """Give samples to the blocks that run their firmware elsewhere."""
+        _sent(self._socket, b''.join(chunk.packed() for chunk in chunks), self._firmware)
 
     def send(self, knocks: Iterable[Felt]) -> None:
         """Say what was felt; where no board listens it is lost."""
@@ -95,6 +138,7 @@ class Lamps:
     def __init__(self, radio: Radio):
         self._radio, self._bridge = radio, Bridge()
         self._bridge.link(0.0, False)
+        self._shown: np.ndarray | None = None  # by blocks that run their firmware elsewhere
 
     def advance(
         self, begin_s: float, end_s: float, felt: Iterable[tuple[float, int]]
@@ -110,23 +154,39 @@ class Lamps:
             obey(self._bridge, begin_s, message)
             if isinstance(message, protocol.Detector):
                 detector = message
+            elif isinstance(message, protocol.Levels):
+                self._shown = np.frombuffer(message.white, np.uint8) / 255
+        if not self._radio.linked:
+            self._shown = None
         for time_s, block in felt:
             self._bridge.felt(time_s, block)
-        return self._bridge.levels(end_s), detector
+        own = self._bridge.levels(end_s)
+        return own if self._shown is None else self._shown, detector
 
 
-def _address(namespace: str, end: str = 'board') -> str:
+def board_address(namespace: str, end: str = 'board') -> str:
     """Return the abstract address of one end in a graph on this ROS domain."""
     return f'\0eol_ros/twin/{os.environ.get("ROS_DOMAIN_ID", "0")}/{namespace}/{end}'
 
 
-def _socket(address: str) -> socket.socket:
+def unix_socket(address: str) -> socket.socket:
+    """Return a datagram socket that never waits, at an abstract address."""
     made = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
     try:
         made.bind(address)
     except OSError:  # another one of this graph has it: this one hears nothing
         pass
     return made
+
+
+def _sent(radio: socket.socket, packet: bytes, to: str) -> bool:
+    try:
+        radio.sendto(packet, to)
+    except BlockingIOError:  # it is there, and has more to do than it can
+        return True
+    except OSError:
+        return False
+    return True
 
 
 def _received(radio: socket.socket) -> bytes:
@@ -148,7 +208,10 @@ class TwinBoard:
             self._log.write('time_ns,kind,sequence,stamp_us\n')
         self._late_s: deque[float] = deque(maxlen=1000)
         self._guard = threading.Lock()
-        self._radio, self._blocks = _socket(_address(namespace)), _address(namespace, 'blocks')
+        self._radio, self._blocks = (
+            unix_socket(board_address(namespace)),
+            board_address(namespace, 'blocks'),
+        )
         self._told: dict[type, protocol.Message] = {}
         self.fake = FakeBoard(
             name='twin', on_arrival=self._on_arrival, on_message=self._on_message

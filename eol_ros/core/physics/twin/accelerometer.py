@@ -94,9 +94,13 @@ class Accelerometers:
         # of no block, for no time: compiles or loads the kernel before the clock runs
         self._sample(0.0, 0.0, None, self.asleep, *_NEVER)
 
-    def at_rest(self, count: int) -> np.ndarray:
-        """Return `count` samples of each block at rest, (25, count, 2)."""
-        noise = self._noise_mg * self._random.standard_normal((N_BLOCKS, count, 2))
+    def at_rest(self, count: int, random: np.random.Generator | None = None) -> np.ndarray:
+        """Return `count` samples of each block at rest, (25, count, 2).
+
+        With a generator of the caller's the samples to come stay what they are.
+        """
+        random = random or self._random
+        noise = self._noise_mg * random.standard_normal((N_BLOCKS, count, 2))
         return _counts(self._offset_mg[:, None] + noise)
 
     def advance(

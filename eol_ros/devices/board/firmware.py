@@ -1,0 +1,404 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The twin's blocks and their bridge, each as its own firmware: one block and the bridge emulated.
+
+What the twin's accelerometers write goes to 25 blocks: 24 run their firmware compiled for this
+machine, one the program of an ATmega328P in simavr; their frames go through the bridge's program in
+QEMU, whose line is a pty. A checkout is needed in which `make firmware` has run.
+
+    python -m eol_ros.devices.board.firmware        # prints the pty of the bridge
+"""
+
+import argparse
+import contextlib
+import ctypes
+import random
+import re
+import select
+import shutil
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+
+from eol_ros.core import serial_protocol as protocol
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.devices.board.block import library
+from eol_ros.devices.board.twin import REST, WOKEN, Chunk, board_address, unix_socket
+from eol_ros.errors import DeviceMissing, EolError
+from eol_ros.streams.graph import NAMESPACE
+
+BUILT = Path(__file__).parents[3] / 'firmware' / 'build'
+EMULATED = 12  # the block in the middle
+HZ, RATE_HZ = 8_000_000, 1344.0
+FRAME, AIR, AIR_US, KNOCK = 18, 0x7E, 550, 0x4B  # firmware/link.h
+TURN_S = 1e-3
+TOLD_S = 0.01  # from one telling of the levels to the next
+BEHIND_S = 0.2  # a machine that stood still does not make up for more
+SENT = 3  # of an event of the emulator
+
+
+class _Event(ctypes.Structure):
+    _fields_ = [
+        ('cycle', ctypes.c_uint64),
+        ('what', ctypes.c_uint32),
+        ('value', ctypes.c_uint32),
+        ('frame', ctypes.c_uint8 * FRAME),
+        ('pad', ctypes.c_uint8 * 6),
+    ]
+
+
+def needed() -> None:
+    """Raise DeviceMissing where the firmware or an emulator is missing."""
+    for name in ('block.bin', 'bridge.elf', 'emulator.so'):
+        if not (BUILT / name).exists():
+            raise DeviceMissing(f'{BUILT / name} is missing: run `make firmware` in a checkout')
+    if shutil.which('qemu-system-arm') is None:
+        raise DeviceMissing('qemu-system-arm is missing: sudo apt-get install qemu-system-arm')
+
+
+def _ends_with_its_parent() -> None:
+    """Have the system kill this process when its parent is gone, however that ended."""
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+
+
+class Bridge:
+    """The bridge in QEMU. `port` is the pty of its host line; `frames` what it has sent.
+
+    `words`: more of QEMU's command line.
+    """
+
+    def __init__(self, *words: str) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix='eol-bridge-')
+        air = Path(self._folder.name) / 'air'
+        server = socket.socket(socket.AF_UNIX)
+        server.bind(str(air))
+        server.listen(1)
+        self._qemu = subprocess.Popen(
+            [
+                'qemu-system-arm', '-M', 'mps2-an385', '-display', 'none',
+                '-kernel', str(BUILT / 'bridge.elf'), '-serial', 'pty', '-serial', f'unix:{air}',
+                *(words or ('-monitor', 'none')),
+            ],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, text=True,
+            preexec_fn=_ends_with_its_parent,
+        )  # fmt: skip
+        assert self._qemu.stdout is not None
+        self.port, said = '', ''
+        while not self.port:
+            line = self._qemu.stdout.readline()
+            if not line:
+                raise EolError(f'qemu-system-arm has ended: {said.strip()}')
+            said, found = line, re.search(r'/dev/pts/\d+', line)
+            self.port = found.group() if found else ''
+        self._air = server.accept()[0]
+        server.close()
+        self.frames: deque[bytes] = deque(maxlen=1000)
+        self._sequence = 0
+        threading.Thread(target=self._listen, name='air', daemon=True).start()
+
+    def say(self, frame: bytes) -> None:
+        """A block sends; raises OSError where the bridge is gone."""
+        packet = bytes([AIR, self._sequence]) + frame.ljust(FRAME, b'\0')
+        self._sequence = (self._sequence + 1) & 0xFF
+        packet += struct.pack('<H', protocol.crc16(packet))
+        self.noise(b'\0' + protocol.cobs_encode(packet) + b'\0')
+
+    def noise(self, data: bytes) -> None:
+        """Bytes on the line of the radio, whatever they are."""
+        self._air.sendall(data)
+
+    def _listen(self) -> None:
+        pending = b''
+        with contextlib.suppress(OSError):
+            while data := self._air.recv(4096):
+                *whole, pending = (pending + data).split(b'\0')
+                for part in filter(None, whole):
+                    with contextlib.suppress(protocol.ProtocolError):
+                        packet = protocol.cobs_decode(part)
+                        crc = struct.unpack('<H', packet[-2:])[0]
+                        if packet[0] == AIR and protocol.crc16(packet[:-2]) == crc:
+                            self.frames.append(packet[2:-2])
+
+    def close(self) -> None:
+        """Cut its power."""
+        self._qemu.kill()
+        self._qemu.communicate()
+        self._air.close()
+        self._folder.cleanup()
+
+
+class EmulatedBlock:
+    """One block in simavr; times are in s since it has power."""
+
+    def __init__(self, number: int):
+        code = (BUILT / 'block.bin').read_bytes()
+        lib = self._lib = ctypes.CDLL(str(BUILT / 'emulator.so'))
+        lib.emulator_new.restype = lib.emulator_free.restype = ctypes.c_void_p
+        lib.emulator_cycle.restype = ctypes.c_uint64
+        self._memory = ctypes.c_void_p(lib.emulator_new(code, len(code), number))
+        self._events = (_Event * 256)()
+        self._counts = (ctypes.c_uint64 * 9)()
+        self._rest = np.zeros((1, 2), np.int16)
+        self._filled = 0
+        self._chunks: deque[tuple[float, float, np.ndarray]] = deque()
+        self._next_s, self._base_s = 0.0, 0.0
+
+    def feel(self, first_s: float, period_s: float, xy: np.ndarray) -> None:
+        """Give it samples to come; between them it rests."""
+        self._chunks.append((first_s, period_s, xy))
+
+    def rest(self, xy: np.ndarray) -> None:
+        """What it feels where nothing else is given."""
+        self._rest = xy
+
+    def run(self, now_s: float, heard: bool) -> list[bytes]:
+        """Go on to `now_s`; return the frames that it has sent, which were heard, or not."""
+        cycle = self._lib.emulator_cycle(self._memory)
+        if now_s - self._base_s - cycle / HZ > BEHIND_S:  # the machine stood still
+            self._base_s = now_s - cycle / HZ
+            self._next_s = max(self._next_s, now_s)
+        samples, first_s = [], self._next_s
+        while self._next_s <= now_s:
+            samples.append(self._sample(self._next_s))
+            self._next_s += 1 / RATE_HZ
+        self._given = np.array(samples, np.int16).reshape(-1, 2)
+        self._lib.emulator_samples(
+            self._memory, ctypes.c_void_p(self._given.ctypes.data), ctypes.c_uint64(len(samples)),
+            ctypes.c_double((first_s - self._base_s) * HZ), ctypes.c_double(HZ / RATE_HZ),
+        )  # fmt: skip
+        self._lib.emulator_set(self._memory, int(heard), 0)
+        until = ctypes.c_uint64(max(0, int((now_s - self._base_s) * HZ)))
+        self._lib.emulator_run(self._memory, until)
+        count = self._lib.emulator_events(self._memory, self._events, len(self._events))
+        return [
+            _late(bytes(e.frame), now_s - self._base_s - e.cycle / HZ)
+            for e in self._events[:count]
+            if e.what == SENT and e.value
+        ]
+
+    def _sample(self, at_s: float) -> np.ndarray:
+        while self._chunks:
+            first_s, period_s, xy = self._chunks[0]
+            n = round((at_s - first_s) / period_s)
+            if n < len(xy):
+                if n >= 0:
+                    return xy[n]
+                break
+            self._chunks.popleft()
+        self._filled += 1
+        return self._rest[self._filled % len(self._rest)]
+
+    def hear(self, frame: bytes) -> None:
+        """The bridge sends."""
+        self._lib.emulator_radio(self._memory, frame)
+
+    @property
+    def level(self) -> int:
+        """Of its white LED, 0..255."""
+        self._lib.emulator_counts(self._memory, self._counts)
+        return int(self._counts[8])
+
+
+def _late(frame: bytes, by_s: float) -> bytes:
+    """Return a frame that is handed on so much later than it was sent: a knock has aged."""
+    if frame[0] != KNOCK:
+        return frame
+    age_us = struct.unpack_from('<H', frame, 3)[0] + round(max(by_s, 0.0) * 1e6)
+    return frame[:3] + struct.pack('<H', min(age_us, 0xFFFF)) + frame[5:]
+
+
+class NativeBlocks:
+    """All 25, compiled for this machine; times are in s."""
+
+    def __init__(self) -> None:
+        lib = self._lib = library()
+        size = lib.eol_block_size()
+        self._size = size
+        self._memory = ctypes.create_string_buffer(size * N_BLOCKS)
+        self._at = [ctypes.addressof(self._memory) + k * size for k in range(N_BLOCKS)]
+        self._levels = (ctypes.c_uint8 * N_BLOCKS)()
+        self._frames = ctypes.create_string_buffer(FRAME * N_BLOCKS)
+        self._ticked_ms = 0
+        self._chunks: list[deque[tuple[Chunk, float]]] = [deque() for _ in range(N_BLOCKS)]
+        lib.eol_blocks_begin(self._memory, ctypes.c_size_t(N_BLOCKS))
+
+    def feel(self, chunk: Chunk, first_s: float) -> None:
+        """Give a block samples to come."""
+        if chunk.kind == REST:
+            self._give(chunk.block, 0.0, chunk.period_s, chunk.xy, False)
+        else:
+            self._chunks[chunk.block].append((chunk, first_s))
+
+    def _give(
+        self, block: int, first_s: float, period_s: float, xy: np.ndarray, woken: bool
+    ) -> None:
+        xy = np.ascontiguousarray(xy, np.int16)
+        self._lib.eol_blocks_feel(
+            ctypes.c_void_p(self._at[block]), ctypes.c_double(first_s * 1e6),
+            ctypes.c_double(period_s * 1e6), ctypes.c_void_p(xy.ctypes.data),
+            ctypes.c_size_t(len(xy)), ctypes.c_uint8(woken),
+        )  # fmt: skip
+
+    def run(self, now_s: float, heard: int) -> tuple[bytes, list[bytes]]:
+        """Go on to `now_s`; return the levels, and the frames that were heard."""
+        for block, chunks in enumerate(self._chunks):
+            while chunks:
+                chunk, first_s = chunks[0]
+                due = int((now_s - first_s) / chunk.period_s) + 1
+                if due <= 0:
+                    break
+                woken = chunk.kind == WOKEN
+                self._give(block, first_s, chunk.period_s, chunk.xy[:due], woken)
+                if due >= len(chunk.xy):
+                    chunks.popleft()
+                    continue
+                left = chunk._replace(kind=-1, xy=chunk.xy[due:])
+                chunks[0] = left, first_s + due * chunk.period_s
+                break
+        ms, self._ticked_ms = int(now_s * 1e3) - self._ticked_ms, int(now_s * 1e3)
+        count = self._lib.eol_blocks_tick(
+            self._memory, ctypes.c_size_t(N_BLOCKS), ctypes.c_uint32(ms),
+            ctypes.c_double(now_s * 1e6 - AIR_US), ctypes.c_uint32(heard), self._levels,
+            self._frames,
+        )  # fmt: skip
+        raw = self._frames.raw
+        return bytes(self._levels), [raw[k * FRAME : (k + 1) * FRAME] for k in range(count)]
+
+    def hear(self, frame: bytes, deaf: int) -> None:
+        """The bridge sends, to all but those of the mask."""
+        count = ctypes.c_size_t(N_BLOCKS)
+        self._lib.eol_blocks_heard(self._memory, count, frame, ctypes.c_uint32(deaf))
+
+
+class Table:
+    """Blocks, bridge and the air between them, in real time, until `close`."""
+
+    def __init__(self, namespace: str = NAMESPACE, loss: float = 0.0):
+        needed()
+        self.bridge, self.blocks = Bridge(), NativeBlocks()
+        self.emulated = EmulatedBlock(EMULATED)
+        self._random, self._loss = random.Random(1), loss
+        self._samples = unix_socket(board_address(namespace, 'firmware'))
+        self._twin = board_address(namespace, 'blocks')
+        self._packets: deque[bytes] = deque(maxlen=1000)
+        self._begun_s = time.monotonic()
+        threading.Thread(target=self._listen, name='twin', daemon=True).start()
+
+    @property
+    def port(self) -> str:
+        """The pty of the bridge's host line."""
+        return self.bridge.port
+
+    def _lost(self) -> int:
+        """Return a mask of blocks whose frame is lost."""
+        if not self._loss:
+            return 0
+        return sum(1 << k for k in range(N_BLOCKS) if self._random.random() < self._loss)
+
+    def turn(self, now_s: float) -> bytes:
+        """Go on to `now_s`, since the start; return the levels of all 25."""
+        ahead_s = self._begun_s - (time.monotonic() - time.time())
+        while self._packets:
+            for chunk in Chunk.unpack(self._packets.popleft()):
+                first_s = chunk.first_ns * 1e-9 - ahead_s
+                if chunk.block != EMULATED:
+                    self.blocks.feel(chunk, first_s)
+                elif chunk.kind == REST:
+                    self.emulated.rest(chunk.xy)
+                else:
+                    self.emulated.feel(first_s, chunk.period_s, chunk.xy)
+        while self.bridge.frames:
+            frame, deaf = self.bridge.frames.popleft(), self._lost()
+            self.blocks.hear(frame, deaf)
+            if not deaf >> EMULATED & 1:
+                self.emulated.hear(frame)
+        heard = ~self._lost()
+        levels, said = self.blocks.run(now_s, heard & ~(1 << EMULATED))
+        said += self.emulated.run(now_s, bool(heard >> EMULATED & 1))
+        for frame in said:
+            self.bridge.say(frame)
+        return levels[:EMULATED] + bytes([self.emulated.level]) + levels[EMULATED + 1 :]
+
+    def _listen(self) -> None:
+        """Take what the twin sends as it comes: the system keeps ten datagrams."""
+        with contextlib.suppress(OSError, ValueError):  # closed
+            while select.select([self._samples], [], [])[0]:
+                with contextlib.suppress(BlockingIOError):
+                    packet = self._samples.recv(1 << 18)
+                    if packet:  # an empty one asks whether somebody is here
+                        self._packets.append(packet)
+
+    def run(self, stop: threading.Event) -> None:
+        """Go on in real time until `stop`; where it gets no processor, in longer turns."""
+        told_s = 0.0
+        while not stop.wait(TURN_S):
+            now_s = time.monotonic() - self._begun_s
+            levels = self.turn(now_s)
+            if now_s - told_s >= TOLD_S:
+                told_s = now_s
+                with contextlib.suppress(OSError):  # no twin, or it was started again
+                    packet = protocol.encode(protocol.Levels(0, levels), 0)
+                    self._samples.sendto(packet, self._twin)
+
+    def close(self) -> None:
+        """Cut the power."""
+        self.bridge.close()
+        self._samples.close()
+
+
+class FirmwareBoard:
+    """A process with such a table; `port` is the pty of its bridge."""
+
+    def __init__(self, namespace: str = NAMESPACE, loss: float = 0.0):
+        needed()
+        words = ['--namespace', namespace, '--loss', str(loss)]
+        self._process = subprocess.Popen(
+            [sys.executable, '-m', 'eol_ros.devices.board.firmware', *words],
+            stdout=subprocess.PIPE, text=True, preexec_fn=_ends_with_its_parent,
+        )  # fmt: skip
+        assert self._process.stdout is not None
+        self.port = self._process.stdout.readline().strip()
+        if not self.port:
+            raise DeviceMissing('the emulated bridge did not start: see the log')
+
+    def close(self) -> None:
+        """Cut the power."""
+        self._process.terminate()
+        self._process.communicate()
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a table until Ctrl-C or SIGTERM; its port is the one line on stdout."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--namespace', default=NAMESPACE, help='of the graph whose twin it serves')
+    parser.add_argument('--loss', type=float, default=0.0, help='share of lost frames of the radio')
+    args = parser.parse_args(argv)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        table = Table(args.namespace, args.loss)
+    except EolError as error:
+        print(f'firmware: {error}', file=sys.stderr)
+        return error.exit_code
+    print(table.port, flush=True)
+    try:
+        table.run(stop)
+    except OSError as error:
+        print(f'firmware: the emulated bridge is gone: {error}', file=sys.stderr)
+        return 1
+    finally:
+        table.close()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
