@@ -9,6 +9,8 @@ t = blocks['stamp']                # datetime64[ns], mid-exposure
 
 import csv
 import itertools
+import struct
+from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -84,6 +86,41 @@ class Table(np.ndarray):
 class Bag(BagReader):
     """A bag whose topics can be read as tables; see BagReader for what else it knows."""
 
+    def __init__(self, path: str | Path) -> None:
+        super().__init__(path)
+        self._kept: dict[str, Table] = {}
+        self._stamps: dict[str, tuple[np.ndarray, ...]] = {}
+
+    def keep(self, topics: Sequence[str]) -> None:
+        """Read `topics` once into memory: `table` then takes them from there."""
+        self._kept |= {table.topic: table for table in self.tables(topics).values()}
+
+    def stamps(self, topic: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return reception and stamp of each message, two (n,) datetime64[ns], nothing decoded.
+
+        The message begins with a header, as all of the graph do that have a stamp.
+        """
+        name = self.find(topic)
+        if name not in self._stamps:
+            received, stamped = array('q'), array('q')
+            for m in self.messages([name]):
+                seconds, ns = struct.unpack_from('<iI' if m.data[1] & 1 else '>iI', m.data, 4)
+                received.append(m.log_ns)
+                stamped.append(seconds * 10**9 + ns)
+            both = (np.array(times, np.int64).view('M8[ns]') for times in (received, stamped))
+            self._stamps[name] = tuple(both)
+        received_at, stamp = self._stamps[name]
+        return received_at, stamp
+
+    def rows(self, topic: str, which: np.ndarray) -> Table:
+        """Return the rows of `table(topic)` with the numbers `which`, and decode no others."""
+        name = self.find(topic)
+        decoder, wanted, parts = self.decoder(name), set(which.tolist()), []
+        some = (m for k, m in enumerate(self.messages([name])) if k in wanted)
+        while batch := list(itertools.islice(some, BATCH)):
+            parts.append(_decoded(decoder, batch))
+        return _table(name, decoder, parts)
+
     def decoder(self, name: str) -> Decoder:
         """Return the decoder of the full topic name."""
         return Decoder(self.topics[name].type, self.topics[name].definition)
@@ -117,9 +154,15 @@ class Bag(BagReader):
         ((166,), dtype('<M8[ns]'))
         """
         name = self.find(topic)
-        decoder = self.decoder(name)
         start_ns = self.start_ns + round(start_s * 1e9)
         end_ns = None if end_s is None else self.start_ns + round(end_s * 1e9)
+        if name in self._kept:
+            whole = self._kept[name]
+            received = whole['log_time'].astype('i8')
+            first = np.searchsorted(received, start_ns)
+            last = len(whole) if end_ns is None else np.searchsorted(received, end_ns)
+            return whole[first:last]
+        decoder = self.decoder(name)
         messages = self.messages([name], start_ns, end_ns)
         parts = []
         while batch := list(itertools.islice(messages, BATCH)):

@@ -9,7 +9,6 @@ from eol_ros.analysis.bag import Bag
 
 STEP_S = 0.5
 MOVES_MPS = 0.002  # the mean of 25 blocks seems to move at 0.1 mm/s by the camera's noise alone
-CHUNK_S = 120.0
 
 
 @dataclass(frozen=True)
@@ -52,19 +51,15 @@ def _moved(at_s: np.ndarray, place_m: np.ndarray, name: str) -> Exposure:
 
 def _path(bag: Bag, topic: str) -> tuple[np.ndarray, np.ndarray]:
     """Return times (n,), s, and places (n, 2), m, at least STEP_S apart."""
-    times, places = [], []
-    last = -np.inf
-    for begin_s in np.arange(0.0, bag.duration_s + 1e-9, CHUNK_S):
-        table = bag.table(topic, begin_s, begin_s + CHUNK_S)
-        at_s = (table['stamp'].astype('i8') - bag.start_ns) * 1e-9
-        for k in np.flatnonzero(np.diff(np.floor(at_s / STEP_S), prepend=-1) > 0):
-            if at_s[k] < last + STEP_S / 2:
-                continue
+    kept, last = [], -np.inf
+    stamps = bag.stamps(topic)[1].astype('i8')
+    at_s = (stamps - bag.start_ns) * 1e-9
+    for k in np.flatnonzero(np.diff(np.floor(at_s / STEP_S), prepend=-1) > 0):
+        if at_s[k] >= last + STEP_S / 2:
             last = at_s[k]
-            row = table[k]
-            times.append(last)
-            if topic == 'truth':
-                places.append((row['rim_x'], row['rim_y']))
-            else:
-                places.append((row['blocks']['x'].mean(), row['blocks']['y'].mean()))
-    return np.array(times), np.reshape(places, (-1, 2))
+            kept.append(k)
+    table = bag.rows(topic, np.array(kept, int))
+    if topic == 'truth':
+        return at_s[kept], np.stack([table['rim_x'], table['rim_y']], axis=1)
+    middle = [table['blocks'][axis].mean(axis=1) for axis in ('x', 'y')]
+    return at_s[kept], np.stack(middle, axis=1)

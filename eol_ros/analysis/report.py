@@ -21,6 +21,11 @@ from eol_ros.errors import ConfigError
 from eol_ros.streams import felt
 from eol_ros.streams.slips import START, STOP
 
+# Read once: all but the places of blocks, which for a day do not fit into memory.
+KEPT = (
+    'slips', 'cascades', 'felt_slips', 'block_taps', 'led_commands', 'grain_triggers',
+    'felt_triggers',
+)  # fmt: skip
 NOT_ASKED = 'Not asked of any series: the same hands on a table without coupling.'
 SOUNDS_WITHIN_S = 0.25  # a slip that has not sounded by then does not sound
 ONSET_S = 0.02  # by which a knock may come before the onset that images tell
@@ -171,6 +176,7 @@ def write(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f'{out}: {error.strerror}') from None
+    bag.keep(KEPT)
     answers = list(_tracked(spectra(bag), 'asking for 1/f', track, len(series.NAMES)))
     found = numbers(bag, answers)
     if retracked is not None:
@@ -214,10 +220,17 @@ def _latencies(bag: Bag) -> dict[str, dict[str, float]]:
     """
     found = {}
     for topic in ('blocks', 'slips', 'led_commands', 'grain_triggers'):
-        table = _first_packets(bag) if topic == 'led_commands' else _table(bag, topic)
-        if table is not None and len(table):
-            arrival = table['sent'] if topic == 'led_commands' else table['log_time']
-            found[topic] = _summary((seconds(arrival) - seconds(table['stamp'])) * 1e3)
+        if topic == 'led_commands':
+            light_of = _first_packets(bag)
+            if light_of is None:
+                continue
+            arrival, stamp = light_of['sent'], light_of['stamp']
+        elif bag.count(topic):
+            arrival, stamp = bag.stamps(topic)  # a day of blocks is too much to decode
+        else:
+            continue
+        if len(stamp):
+            found[topic] = _summary((arrival - stamp).astype('i8') * 1e-6)
     return found
 
 
@@ -262,11 +275,15 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
     if due:
         blocks, stamp_s, due_s = (np.concatenate(parts) for parts in zip(*due, strict=True))
         sounded = []
-        for block, begin_s in zip(starts['block'], onset_s, strict=True):
-            own = (blocks == block) & (stamp_s >= begin_s)
-            own &= stamp_s < begin_s + SOUNDS_WITHIN_S
-            if own.any():
-                sounded.append(due_s[own].min() - begin_s)
+        for block in range(N_BLOCKS):
+            its = np.flatnonzero(blocks == block)
+            its = its[np.argsort(stamp_s[its], kind='stable')]
+            begins_s = onset_s[starts['block'] == block]
+            first = np.searchsorted(stamp_s[its], begins_s)
+            last = np.searchsorted(stamp_s[its], begins_s + SOUNDS_WITHIN_S)
+            for begin_s, i, j in zip(begins_s, first, last, strict=True):
+                if i < j:
+                    sounded.append(due_s[its[i:j]].min() - begin_s)
         found['first_sample'] = np.array(sounded)
     return {name: _summary(late_s * 1e3) for name, late_s in found.items() if len(late_s)}
 

@@ -5,16 +5,19 @@ import csv
 import struct
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from eol_ros.analysis import exposure
 from eol_ros.analysis.bag import open_bag, seconds, topic_names
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError, UsageError
 
 T0 = 1_700_000_000_000_000_000
+SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
 DEFINITION = """\
 # Things seen.
 std_msgs/Header header   # stamp: mid-exposure
@@ -139,3 +142,42 @@ def test_no_ros_is_imported(tmp_path):
     )
     out = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert out.stdout.split('\n')[:2] == ['1', '[]']
+
+
+def same(one, other):
+    assert one.dtype.names == other.dtype.names and len(one) == len(other)
+    assert list(one.rows()) == list(other.rows())
+
+
+def test_what_is_kept_is_what_is_read():
+    bag, kept = open_bag(SAMPLE), open_bag(SAMPLE)
+    kept.keep(['slips', 'cascades', 'felt_slips'])
+
+    for span in ((), (10.0, 20.0), (50.0, None), (1000.0, None)):
+        for topic in ('slips', 'cascades', 'wall'):
+            same(kept.table(topic, *span), bag.table(topic, *span))
+
+
+def test_stamps_and_single_rows_are_those_of_the_table():
+    bag = open_bag(SAMPLE)
+    table = bag.table('blocks')
+    received, stamp = bag.stamps('blocks')
+    which = np.array([0, 7, 3014])
+
+    np.testing.assert_array_equal(received, table['log_time'])
+    np.testing.assert_array_equal(stamp, table['stamp'])
+    same(bag.rows('blocks', which), table[which])
+    assert len(bag.rows('blocks', np.zeros(0, int))) == 0
+
+
+def test_the_exposure_of_the_sample_is_that_of_all_its_poses():
+    bag = open_bag(SAMPLE)
+    truth = bag.table('truth')
+    at_s = truth['stamp'].astype('i8') * 1e-9
+    picked = np.arange(0, len(truth), 30)  # 60 images a second
+    path = np.hypot(np.diff(truth['rim_x'][picked]), np.diff(truth['rim_y'][picked])).sum()
+    found = exposure.of(bag)
+
+    assert found.of == 'the rim'
+    assert found.duration_s == pytest.approx(at_s[-1] - at_s[0], abs=0.6)
+    assert found.path_m == pytest.approx(path, rel=0.02)

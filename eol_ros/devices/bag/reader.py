@@ -127,9 +127,9 @@ class BagFileReader:
                     continue
                 while waiting and waiting[0][0] < place.start_ns:
                     yield self._message(heapq.heappop(waiting)[3])
-                for count, m in enumerate(self._load(file, place)):
+                for count, m in enumerate(self._load(file, place, wanted)):
                     inside = m.log_ns >= start_ns and (end_ns is None or m.log_ns < end_ns)
-                    if inside and m.channel in wanted:
+                    if inside:
                         heapq.heappush(waiting, (m.log_ns, place.offset, count, m))
             while waiting:
                 yield self._message(heapq.heappop(waiting)[3])
@@ -142,12 +142,13 @@ class BagFileReader:
     def _message(self, m: ChunkMessage) -> BagMessage:
         return BagMessage(self.names[m.channel], m.log_ns, m.publish_ns, m.sequence, m.data)
 
-    def _load(self, file: BinaryIO, place: Place) -> list[ChunkMessage]:
+    def _load(self, file: BinaryIO, place: Place, wanted: set[int]) -> list[ChunkMessage]:
         try:
             if not place.chunk:
                 body = scan.read_at(file, place.offset, place.end - place.offset)
-                return [scan.parse(Opcode.MESSAGE, body[scan.HEAD.size :])]
-            return list(scan.messages_in(unpacked(file, place)))
+                found = [scan.parse(Opcode.MESSAGE, body[scan.HEAD.size :])]
+                return [m for m in found if m.channel in wanted]
+            return list(scan.messages_in(unpacked(file, place), wanted))
         except DamagedRecord as error:
             self._damaged(place.offset, place.end, str(error), place.start_ns, place.end_ns)
             return []

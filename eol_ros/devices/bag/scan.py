@@ -10,7 +10,7 @@ import io
 import re
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any, BinaryIO, NamedTuple
 
 import zstandard
@@ -233,14 +233,28 @@ def records_in(data: bytes) -> Iterator[tuple[int, int, bytes]]:
         at = begin + length
 
 
-def messages_in(data: bytes) -> Iterator[ChunkMessage]:
-    """Yield the messages of a chunk; raise DamagedRecord."""
-    for _at, opcode, body in records_in(data):
-        if opcode == Opcode.MESSAGE:
-            if len(body) < MESSAGE_HEAD.size:
-                raise DamagedRecord('ends within a message')
-            channel, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(body)
-            yield ChunkMessage(channel, sequence, log_ns, publish_ns, body[MESSAGE_HEAD.size :])
+def messages_in(data: bytes, channels: Collection[int] | None = None) -> Iterator[ChunkMessage]:
+    """Yield the messages of a chunk, of these `channels` (None: all); raise DamagedRecord.
+
+    Most of a chunk is skipped where few topics are wanted, so nothing is made of what is skipped.
+    """
+    at, size = 0, len(data)
+    while at < size:
+        if at + HEAD.size > size:
+            raise DamagedRecord('ends within a record')
+        opcode, length = HEAD.unpack_from(data, at)
+        begin = at + HEAD.size
+        at = begin + length
+        if at > size:
+            raise DamagedRecord('ends within a record')
+        if opcode != Opcode.MESSAGE:
+            continue
+        if length < MESSAGE_HEAD.size:
+            raise DamagedRecord('ends within a message')
+        channel, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(data, begin)
+        if channels is None or channel in channels:
+            body = data[begin + MESSAGE_HEAD.size : at]
+            yield ChunkMessage(channel, sequence, log_ns, publish_ns, body)
 
 
 def walk(file: BinaryIO, start: int, end: int, ours: bool = False) -> Iterator[Found]:
