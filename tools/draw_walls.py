@@ -25,6 +25,20 @@ WALLS = Path(__file__).parents[1] / 'eol_ros' / 'devices' / 'files' / 'walls'
 MIN_PAIRS = 24
 SEED = 1
 DEGREES = 4  # of damage, in which each right half comes
+CHINESE = {
+    'dam': '水壩',
+    'deep wells': '深井',
+    'fracking rig': '水力壓裂',
+    'oil pumps': '油泵',
+    'open pit': '露天礦場',
+    'mine': '礦井',
+    'cracked wall': '裂牆',
+    'tilted house': '傾斜的房屋',
+    'broken road': '斷裂的道路',
+    'collapsed bridge': '崩塌的橋',
+    'sinkhole': '天坑',
+    'fallen pylons': '倒下的電塔',
+}
 Motif = Callable[[Sheet, np.random.Generator], None]
 
 
@@ -89,14 +103,15 @@ def files() -> dict[str, str]:
     """Return the whole default set: names and texts of the images, and of their list."""
     found, list_ = {}, io.StringIO()
     table = csv.writer(list_, lineterminator='\n')
-    table.writerow(('left', 'right', 'caption', 'credit'))
+    table.writerow(('left', 'right', 'caption', 'credit', 'caption_zh'))
     for number, names in enumerate(combinations()):
         pair = draw_pair(number, names, SEED)
         left, right = f'{pair.name}-left.svg', f'{pair.name}-right.svg'
         found[left] = pair.left_svg
         for degree, text in enumerate(pair.right_svgs, 1):
             found[f'{pair.name}-right.{degree}.svg'] = text
-        table.writerow((left, right, pair.caption, 'Echoes of the Land'))
+        chinese = '｜'.join(CHINESE[word] for word in names)
+        table.writerow((left, right, pair.caption, 'Echoes of the Land', chinese))
     return found | {'pairs.csv': list_.getvalue()}
 
 

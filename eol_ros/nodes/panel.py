@@ -17,7 +17,7 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.streams import corpus
 from eol_ros.streams.requests import Asked
-from eol_ros.web import metrics, notices, wire
+from eol_ros.web import metrics, notices, screens, wire
 from eol_ros.web.server import WebServer
 
 
@@ -35,14 +35,18 @@ class PanelNode(EolNode):
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
         montage = self.scene.settings('montage')
-        say, picture = self.get_logger().warning, Pictures(montage.pairs).file
-        self.server = WebServer(self.settings, PanelBridge(self), say, picture=picture)
+        say, pictures = self.get_logger().warning, Pictures(montage.pairs)
+        self.server = WebServer(self.settings, PanelBridge(self), say, picture=pictures.file)
         self.documents = self.server.routes.documents
         self.day_file = DayFile(f'{self.frame_prefix}{self.scene.name}')
+        self.screen_file = DayFile(f'{self.frame_prefix}{self.scene.name}', 'screens')
+        self.server.routes.screens = screens.kept(self.screen_file.load())
         self.day = notices.Day(self.day_file.load())
         self.states = Health(self.server.hub, self.tell, self.namespace)
         self.streams, self.markers = Streams(self, self.server.hub), Markers(self)
-        self.subscribe('wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s)))
+        self.subscribe(
+            'wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s, pictures.look))
+        )
         self.subscribe('corpus', self.on_corpus)
         self.subscribe('cascades', self.on_cascade)
         self.requests.serve(test=self.on_test)
@@ -88,13 +92,15 @@ class PanelNode(EolNode):
         if fitted or turned:
             self.tell('cascades', self.day.notice())
         self.day_file.save(self.day.kept(), time.monotonic())
-        trouble = self.day_file.trouble
+        self.screen_file.save(self.server.routes.screens, time.monotonic())
+        trouble = self.day_file.trouble or self.screen_file.trouble
         say = self.health.warn if trouble else self.health.ok
         say(f'{self.server.address}, {viewers} viewers' + (trouble and f'; {trouble}'))
 
     def close(self) -> None:
         self.server.stop()
         self.day_file.save(self.day.kept(), float('inf'))
+        self.screen_file.save(self.server.routes.screens, float('inf'))
 
 
 main = runner(PanelNode)

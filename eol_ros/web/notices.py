@@ -3,6 +3,7 @@
 
 import datetime
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,13 +20,20 @@ RECENT = 40
 LEVELS = ('ok', 'warn', 'error', 'silent')
 
 
-def wall(message: Any, fade_s: float) -> dict[str, Any]:
-    """Return a Wall message; an empty left and right means black."""
+def wall(
+    message: Any, fade_s: float, look: Callable[[str, list[str]], dict[str, Any]]
+) -> dict[str, Any]:
+    """Return a Wall message; an empty left and right means black.
+
+    `look` gives what a page must know of the images beside their names: `caption_zh`, and in
+    `looks` their fit and focus.
+    """
+    shown = [name for name in (message.left, message.right, *message.ahead) if name]
     return {
         't': 'wall', 'change': message.change, 'moving': message.moving,
         'flip': seconds(message.flip), 'left': message.left, 'right': message.right,
         'caption': message.caption, 'credit': message.credit, 'ahead': list(message.ahead),
-        'fade': fade_s,
+        'fade': fade_s, **look(message.left, shown),
     }  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from eol_ros.errors import EolError, UsageError
 from eol_ros.streams.requests import KINDS, Asked
-from eol_ros.web import guard, metrics
+from eol_ros.web import guard, metrics, screens
 from eol_ros.web.controls import CONTROLS
 from eol_ros.web.hub import Hub
 from eol_ros.web.visitor import Visitor
@@ -55,6 +55,7 @@ class Routes:
         self.open = not guard.is_loopback(settings.host)
         self.documents: dict[str, bytes | Callable[[], bytes]] = {}
         self.metrics: Callable[[], bytes] = lambda: metrics.text({}, '')
+        self.screens: dict[str, Any] = {}  # by name: corners and edges, kept by the panel
         self.skew_ms = 0.0
         self._flips: dict[str, tuple[int, float]] = {}
         self._sockets: set[web.WebSocketResponse] = set()
@@ -76,6 +77,8 @@ class Routes:
         app.router.add_get('/metrics', self._metrics)
         app.router.add_get('/live', self._live)
         app.router.add_post('/pin', self._check_pin)
+        app.router.add_get('/screen/{name:[a-z0-9-]{1,40}}', self._screen)
+        app.router.add_post('/screen/{name:[a-z0-9-]{1,40}}', self._keep_screen)
         app.router.add_post('/control/{name}', self._control)
         return app
 
@@ -167,6 +170,25 @@ class Routes:
             refusal.headers['Retry-After'] = str(wait_s)
             return refusal
         return _error(401, 'the PIN is asked for')
+
+    async def _screen(self, request: web.Request) -> web.Response:
+        found = self.screens.get(request.match_info['name'], {})
+        return web.json_response(found, headers={'Cache-Control': 'no-store'})
+
+    async def _keep_screen(self, request: web.Request) -> web.Response:
+        if (state := self._pin_state(request)) != 'ok':
+            return self._refusal(request, state)
+        name = request.match_info['name']
+        if name not in self.screens and len(self.screens) >= screens.MOST_SCREENS:
+            return _error(409, f'{screens.MOST_SCREENS} screens are kept, and no more')
+        try:
+            found = screens.checked(json.loads(await request.text()))
+        except (ValueError, RecursionError):
+            return _error(400, 'the request is not JSON')
+        except UsageError as error:
+            return _error(400, str(error))
+        self.screens = self.screens | {name: found}
+        return web.json_response({'ok': True})
 
     async def _control(self, request: web.Request) -> web.Response:
         control = CONTROLS.get(request.match_info['name'])

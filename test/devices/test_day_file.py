@@ -34,4 +34,4 @@ def test_a_broken_file_counts_as_none_and_a_full_disk_is_told(tmp_path, monkeypa
     monkeypatch.setenv('EOL_STATE', str(tmp_path / 'file'))
     file = DayFile('museum')
     file.save(1, 0.0)
-    assert 'a restart will forget the day' in file.trouble and '\n' not in file.trouble
+    assert 'a restart will forget it' in file.trouble and '\n' not in file.trouble

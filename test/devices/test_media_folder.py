@@ -146,6 +146,31 @@ def test_an_image_may_come_in_degrees_of_damage(tmp_path):
     assert folder.skipped and 'dam.2.png' in folder.skipped[0]
 
 
+def test_a_list_with_a_header_may_say_more(folder):
+    touch_list(folder, 'right,left\na.jpg,b.png\n')  # not these two first: no header
+    assert MediaFolder(folder).skipped
+    touch_list(
+        folder,
+        'left,right,credit,fit,focus_left,focus_right,caption_zh,caption\n'
+        'a.jpg,b.png,Ann,contain,0.2 1,,大壩,Dam\n'
+        'c.webp,e.svg,,fill,0.5 1.5,left,,\n',
+    )
+    media, pictures = MediaFolder(folder), Pictures(str(folder))
+    first, second = media.pairs  # what makes no sense is named, and the pair is shown all the same
+    assert (first.caption, first.caption_zh, first.credit) == ('Dam', '大壩', 'Ann')
+    assert media.skipped == [
+        "c.webp: fit 'fill' is not cover or contain",
+        "c.webp: focus '0.5 1.5' is not two numbers from 0 to 1",
+        "e.svg: focus 'left' is not two numbers from 0 to 1",
+    ]
+    assert pictures.look('a.jpg', ['a.jpg', 'b.png', 'c.webp', 'e.svg', 'gone.png']) == {
+        'caption_zh': '大壩',
+        'looks': {'a.jpg': ['contain', 0.2, 1.0], 'b.png': ['contain', 0.5, 0.5]},
+    }
+    assert pictures.look('', []) == {'caption_zh': '', 'looks': {}}
+    assert second.fit == 'fill'
+
+
 def test_hot_reload_takes_new_repaired_and_removed_pictures(folder):
     media = MediaFolder(folder)
     touch_list(folder, 'a.jpg,b.png\na.jpg,new.png\n')

@@ -533,6 +533,93 @@ const push = setInterval(() => {
 """
 
 
+def test_a_picture_is_cut_around_its_focus_or_shown_whole(graph, browser):
+    address, _ = graph
+    visit(browser, address, '/wall/left', 640, 640)  # of a picture of 16:9
+    until_page(browser, 'eol.view.shows && !eol.view.pending')
+    placed = """
+        const {view} = eol, name = view.shows, {prototype} = CanvasRenderingContext2D;
+        const {drawImage} = prototype;
+        const found = [];
+        prototype.drawImage = (image, ...place) => found.push(place.map(Math.round));
+        const looks = [['cover', 0.5, 0.5], ['cover', 0, 0.5], ['cover', 1, 0], ['contain', 0, 0]];
+        for (const look of looks) {
+          view.looks = {[name]: look};
+          view.paint(view.front, name);
+        }
+        prototype.drawImage = drawImage;
+        return found;
+    """
+    assert run(browser, placed) == [
+        [-249, 0, 1138, 640], [0, 0, 1138, 640], [-498, 0, 1138, 640], [0, 140, 640, 360],
+    ]  # fmt: skip
+    press(browser, 'c')
+    until_page(browser, '!document.getElementById("caption").hidden')
+    words = run(browser, 'return [...document.querySelectorAll("#caption span")]'
+                         '.map((e) => e.textContent)')  # fmt: skip
+    assert ' | ' in words[0] and '｜' in words[1] and words[2] == 'Echoes of the Land'
+
+
+def test_the_corners_of_a_projection_are_dragged_and_kept(graph, browser):
+    address, _ = graph
+    where = '/wall/left?screen=north'
+    corners = """
+        const shown = document.getElementById('wall');
+        const map = new DOMMatrix(getComputedStyle(shown).transform);
+        return [[0, 0], [1, 0], [1, 1], [0, 1]].map(([x, y]) => {
+          const p = map.transformPoint(new DOMPoint(x * innerWidth, y * innerHeight));
+          return [p.x / p.w, p.y / p.w];
+        });
+    """
+    visit(browser, address, where, 800, 400)
+    until_page(browser, 'eol.view.shows')
+    press(browser, 'k')
+    until_page(browser, '!document.getElementById("pins").hidden')
+    for kind, x, y, buttons in (
+        ('mousePressed', 800, 0, 1), ('mouseMoved', 700, 40, 1), ('mouseReleased', 700, 40, 0),
+    ):  # fmt: skip
+        mouse(browser, kind, min(x, 799), y, buttons)
+    run(browser, 'document.querySelector("[data-corner=\\"3\\"]").focus()')
+    stroke = "new KeyboardEvent('keydown', {key: 'ArrowUp', shiftKey: true})"
+    run(browser, f'document.activeElement.dispatchEvent({stroke})')
+    expected = [[0, 0], [700, 40], [800, 400], [0, 390]]
+    assert np.allclose(run(browser, corners), expected, atol=0.5)
+    picture(browser, 'wall-pinning')
+    slider = 'document.querySelectorAll("#pins input[type=range]")[0]'
+    run(browser, f'{slider}.value = 0.2; {slider}.oninput()')
+    run(browser, 'document.querySelector("#pin-form button:last-of-type").click()')
+    until_page(browser, 'document.getElementById("pin-words").textContent === "done"')
+    visit(browser, address, where, 800, 400)
+    until_page(browser, 'eol.view.shows && eol.pin.place.edges[0] === 0.2')
+    assert np.allclose(run(browser, corners), expected, atol=0.5)
+    wait_until(lambda: picture(browser).std() > 5)
+    shot = picture(browser, 'wall-pinned').astype(float)
+    assert shot[:15, 780:].max() < 8  # outside of the four corners
+    assert shot[100:300, :4].mean() < 0.3 * shot[100:300, 170:200].mean()  # and soft on the left
+    visit(browser, address, '/wall/left', 800, 400)  # another screen
+    until_page(browser, 'eol.view.shows')
+    assert run(browser, 'return document.getElementById("wall").style.transform') == ''
+
+
+def test_the_test_card_tells_greys_apart_and_flashes_by_the_second(graph, browser):
+    address, _ = graph
+    visit(browser, address, '/wall/right', 960, 540)
+    press(browser, 't')
+    until_page(browser, '!document.getElementById("card").hidden')
+    greys = """
+        const card = document.getElementById('card'), {width, height} = card;
+        const {data} = card.getContext('2d').getImageData(0, Math.round(0.79 * height), width, 1);
+        const middles = Array.from({length: 16}, (_, i) => 0.1 + 0.05 * (i + 0.5));
+        return middles.map((share) => data[4 * Math.round(width * share)]);
+    """
+    assert run(browser, greys) == [17 * i for i in range(16)]
+    sync = 'document.getElementById("sync").hidden'
+    until_page(browser, f'!{sync} && eol.link.now() % 1 < 0.2')
+    until_page(browser, f'{sync} && eol.link.now() % 1 > 0.1')
+    press(browser, 't')
+    until_page(browser, f'document.getElementById("card").hidden && {sync}')
+
+
 def test_a_wall_without_a_server_keeps_its_pair_and_fades_to_black(graph, browser):
     """The minute is 3 s here (`?lost=3`); the connection is cut in the page itself."""
     address, _ = graph
@@ -906,6 +993,31 @@ def test_reduced_motion_stills_flashes_and_waves(graph, browser):
         browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
         arcs, waves = run(browser, still)
         assert arcs == waves > 0
+    finally:
+        browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
+
+
+def test_walls_change_slowly_where_quick_changes_are_unwelcome(graph, browser):
+    address, _ = graph
+    feature = {'name': 'prefers-reduced-motion', 'value': 'reduce'}
+    browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [feature]})
+    try:
+        visit(browser, address, '/wall/left', 640, 360)
+        until_page(browser, 'eol.view.shows && !eol.view.pending && eol.view.ahead.length > 2')
+        change = 'const [left] = eol.view.ahead.splice(0, 1); eol.link.emit("wall", {change:'
+        change += ' arguments[0], left, right: "x", flip: 0, moving: true, fade: 0, ahead:'
+        change += ' eol.view.ahead.flatMap((name) => [name, "x"])});'
+        count = run(browser, 'return eol.flips.length')
+        for number in (1, 2, 3):  # the second is passed over: the third has come meanwhile
+            run(browser, change, 1000 + number)
+            if number == 1:
+                until_page(browser, f'eol.flips.length > {count}')
+        until_page(browser, f'eol.flips.length > {count + 1}')
+        flips = run(browser, f'return eol.flips.slice({count})')
+        assert [number for number, _ in flips] == [1001, 1003]
+        assert flips[1][1] - flips[0][1] >= 3990
+        fades = run(browser, 'return eol.view.layers[eol.view.front].style.transition')
+        assert '1.5s' in fades
     finally:
         browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
 

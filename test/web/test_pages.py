@@ -10,7 +10,17 @@ from eol_ros.settings import DESCRIPTORS
 from eol_ros.web.routes import STATIC
 
 WORDS = {p.stem: json.loads(p.read_text('utf-8')) for p in (STATIC / 'lang').glob('*.json')}
-BUILT = ('level_', 'tracker_', 'descriptor_', 'hours_', 'where_', 'caption_', 'playing_')
+BUILT = (
+    'level_',
+    'tracker_',
+    'descriptor_',
+    'hours_',
+    'where_',
+    'caption_',
+    'playing_',
+    'corner_',
+    'edge_',
+)
 TEXTS = {p.name: p.read_text('utf-8') for p in STATIC.glob('*.*')}
 
 

@@ -18,6 +18,7 @@ import pytest
 from eol_ros.core import terrain
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.streams.requests import KINDS
+from eol_ros.web import screens
 from eol_ros.web.controls import CONTROLS
 from eol_ros.web.hub import FULL
 from eol_ros.web.routes import MAX_MESSAGE, describe
@@ -227,6 +228,38 @@ def test_a_long_body_and_a_wrong_method(serve):
     assert ask(server, '/control/sleep', 'x' * 10000)[0] == 413
     assert ask(server, '/control/sleep')[0] == 405
     assert ask(server, '/', '{}')[0] == 405
+
+
+WHOLE = {'corners': [[0, 0], [1, 0], [1, 1], [0, 1]], 'edges': [0, 0, 0.1, 0]}
+
+
+def test_a_screen_is_kept_by_its_name_with_the_pin(serve):
+    server = serve(host='0.0.0.0', pin='471147')
+    assert json.loads(ask(server, '/screen/north')[2]) == {}
+    assert ask(server, '/screen/north', json.dumps(WHOLE))[0] == 401
+    assert ask(server, '/screen/north', json.dumps(WHOLE), X_Pin='471147')[0] == 200
+    assert json.loads(ask(server, '/screen/north')[2]) == WHOLE
+    assert ask(server, '/screen/North!')[0] == 404
+    for number in range(15):
+        assert ask(server, f'/screen/s{number}', json.dumps(WHOLE), X_Pin='471147')[0] == 200
+    assert ask(server, '/screen/one-more', json.dumps(WHOLE), X_Pin='471147')[0] == 409
+    assert screens.kept(server.routes.screens | {'bad': {'corners': 1}}) == server.routes.screens
+    assert screens.kept(None) == {}
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [[], {}, {**WHOLE, 'more': 1}, {**WHOLE, 'edges': [0, 0, 0, 1]}, {**WHOLE, 'edges': [0, 0, 0]},
+     {**WHOLE, 'corners': [[0, 0], [1, 0], [1, 1]]}, {**WHOLE, 'corners': [[0, 0]] * 4},
+     {**WHOLE, 'corners': [[0, 0], [1, 0], [1, 1], [0, 'x']]},
+     {**WHOLE, 'corners': [[0, 0], [0, 1], [1, 1], [1, 0]]},
+     {**WHOLE, 'corners': [[0, 0], [1, 0], [0.1, 0.1], [0, 1]]}],
+)  # fmt: skip
+def test_a_screen_that_makes_no_sense_is_refused_in_words(serve, wrong):
+    server = serve()
+    code, _, text = ask(server, '/screen/left', json.dumps(wrong))
+    assert code == 400 and json.loads(text)['error'] and server.routes.screens == {}
+    assert ask(server, '/screen/left', '{')[0] == 400
 
 
 def test_open_to_the_network_every_control_asks_for_the_pin(serve):

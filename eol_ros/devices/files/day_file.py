@@ -41,7 +41,7 @@ class DayFile:
             part.write_text(json.dumps(value), 'utf-8')
             part.replace(self.path)
         except OSError as error:
-            self.trouble = f'{self.path}: {error.strerror}; a restart will forget the day'
+            self.trouble = f'{self.path}: {error.strerror}; a restart will forget it'
             return
         self.trouble = ''
         self._saved, self._next_s = value, now_s + SAVE_EVERY_S

@@ -2,7 +2,10 @@
 """The artist's folder of images: `pairs.csv` and the files it names, watched for changes.
 
 `pairs.csv` has one pair a line: left, right, caption, credit (the last two may be empty); a header
-line with these names is welcome, `;` works as well as `,`. A pair whose image is missing or
+line with these names is welcome, `;` works as well as `,`. With a header there may be further
+columns: `caption_zh` (the caption in Chinese), `fit` (cover: fill the wall, or contain: show the
+image whole), `focus_left` and `focus_right` (what must be seen of an image that is cut: two numbers
+from 0 to 1, from the left and from the top, such as `0.3 0.5`). A pair whose image is missing or
 broken is skipped and named; the others go on. An image may come in degrees of damage: where the
 list says `dam.svg`, `dam.1.svg` to `dam.9.svg`, as many as there are, stand for it, the whole one
 first.
@@ -15,13 +18,17 @@ import math
 import os
 import threading
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 from eol_ros.errors import DeviceMissing
 
 LIST = 'pairs.csv'
+FITS = ('cover', 'contain')
+WORDS = ('left', 'right', 'caption', 'credit', 'caption_zh', 'fit', 'focus_left', 'focus_right')
 PICTURES = {
     '.svg': 'image/svg+xml',
     '.png': 'image/png',
@@ -43,6 +50,10 @@ class Pair:
     credit: str = ''
     lefts: tuple[str, ...] = ()  # each image in its degrees of damage; one where it has none
     rights: tuple[str, ...] = ()
+    caption_zh: str = ''
+    fit: str = ''
+    focus_left: str = ''
+    focus_right: str = ''
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'lefts', self.lefts or (self.left,))
@@ -103,7 +114,7 @@ class MediaFolder:
         pairs, skipped = [], []
         for pair in listed:
             wrong = [w for w in map(self._wrong, pair.images) if w]
-            skipped += [w for w in wrong if w not in skipped]
+            skipped += [w for w in [*wrong, *_misfits(pair)] if w not in skipped]
             if not wrong:
                 pairs.append(pair)
         return pairs, skipped
@@ -133,6 +144,7 @@ class Pictures:
     def __init__(self, path: str = ''):
         self._path = path
         self._files: dict[str, Path] = {}
+        self._pairs: dict[str, list[Pair]] = {}  # that show an image, by its name
         self._looked_s = -math.inf
         self._looking = threading.Lock()
 
@@ -146,10 +158,59 @@ class Pictures:
                     self._files = self._look()
             return self._files.get(name)
 
+    def look(self, left: str, names: Iterable[str]) -> dict[str, Any]:
+        """Return what a wall must know beside the names: the Chinese caption of the pair whose left
+        image is `left`, and fit and focus of those of `names` that have any."""
+        for name in names:
+            self.file(name)  # looks at the list again where there is a new one
+        pairs = self._pairs
+        return {
+            'caption_zh': next((p.caption_zh for p in pairs.get(left, ())), ''),
+            'looks': {
+                name: look
+                for name in names
+                for pair in pairs.get(name, ())[:1]
+                if (look := _look_of(pair, name)) != DEFAULT_LOOK
+            },
+        }
+
     def _look(self) -> dict[str, Path]:
         folder = Path(self._path) if self._path else DRAWN
-        names = {name for pair in _listed(folder) for name in pair.images}
-        return {name: folder / name for name in names if not _forbidden(folder, name)}
+        listed = _listed(folder)
+        pairs: dict[str, list[Pair]] = {}
+        for pair in listed:
+            for name in pair.images:
+                pairs.setdefault(name, []).append(pair)
+        self._pairs = pairs
+        return {name: folder / name for name in pairs if not _forbidden(folder, name)}
+
+
+DEFAULT_LOOK = ['cover', 0.5, 0.5]
+
+
+def _look_of(pair: Pair, name: str) -> list[Any]:
+    """Return fit and focus of an image; what makes no sense is as if it were not there."""
+    focus = _focus(pair.focus_left if name in pair.lefts else pair.focus_right)
+    return [pair.fit if pair.fit in FITS else 'cover', *(focus or DEFAULT_LOOK[1:])]
+
+
+def _focus(text: str) -> list[float] | None:
+    try:
+        x, y = (float(word) for word in text.split())
+    except ValueError:
+        return None
+    return [x, y] if 0 <= x <= 1 and 0 <= y <= 1 else None
+
+
+def _misfits(pair: Pair) -> list[str]:
+    """Return what of a pair's fit and focus makes no sense."""
+    found = []
+    if pair.fit and pair.fit not in FITS:
+        found.append(f'{pair.left}: fit {pair.fit[:20]!r} is not {" or ".join(FITS)}')
+    for name, text in ((pair.left, pair.focus_left), (pair.right, pair.focus_right)):
+        if text and _focus(text) is None:
+            found.append(f'{name}: focus {text[:20]!r} is not two numbers from 0 to 1')
+    return found
 
 
 def _listed(folder: Path) -> list[Pair]:
@@ -169,14 +230,17 @@ def _listed(folder: Path) -> list[Pair]:
     table = csv.reader(io.StringIO(text), delimiter=mark)
     rows = [[cell.strip() for cell in row] for row in table]
     rows = [row for row in rows if any(row) and not row[0].startswith('#')]
-    if rows and [cell.lower() for cell in rows[0][:2]] == ['left', 'right']:
+    columns = ['left', 'right', 'caption', 'credit']
+    if rows and [cell.lower() for cell in rows[0][:2]] == columns[:2]:
+        columns = [cell.lower() for cell in rows[0]]
         rows = rows[1:]
-    filled = [(row + ['', '', '', ''])[:4] for row in rows]
     pairs = []
-    for row in filled:
-        left, right = (name.replace('\\', '/') for name in row[:2])
+    for row in rows:
+        words = dict.fromkeys(WORDS, '') | dict(zip(columns, row, strict=False))
+        left, right = (words[side].replace('\\', '/') for side in ('left', 'right'))
         degrees = _degrees(folder, left), _degrees(folder, right)
-        pairs.append(Pair(left, right, row[2], row[3], *degrees))
+        caption, credit, *more = (words[name] for name in WORDS[2:])
+        pairs.append(Pair(left, right, caption, credit, *degrees, *more))
     return pairs
 
 

@@ -2,11 +2,15 @@
 // A wall of the room. Never an error text: on a lost connection the last pair stays, and after a
 // minute it fades to black.
 
+import { language, speak } from './i18n.js';
 import { Link } from './link.js';
+import { Pin } from './pin.js';
 import { WallView } from './wallview.js';
 
 const LOST_S = Number(new URLSearchParams(location.search).get('lost')) || 60; // ?lost=5 to try it
 const side = location.pathname.endsWith('right') ? 'right' : 'left';
+// Which projector this is, for its name on the test card and the corners that are kept for it.
+const screenName = /^[a-z0-9-]{1,40}$/.exec(new URLSearchParams(location.search).get('screen') ?? '')?.[0] ?? side;
 const wall = document.getElementById('wall');
 const caption = document.getElementById('caption');
 const card = document.getElementById('card');
@@ -14,17 +18,21 @@ const keys = document.getElementById('keys');
 
 const link = new Link([]);
 const view = new WallView(wall, side, link);
+const pin = new Pin(screenName, link, wall, card, document.getElementById('pins'));
 document.title = `${side === 'left' ? 'Left' : 'Right'} wall`;
 
 const flips = []; // [change, time of the image in which it was shown, ms since the epoch]
-window.eol = { link, view, flips };
+window.eol = { link, view, flips, pin };
+speak(language());
 
 view.onflip = (next, now) => {
   flips.push([next.change, performance.timeOrigin + now]);
   if (flips.length > 500) flips.shift();
   link.send({ flipped: [side, next.change, link.now() * 1000] });
-  const { caption: words, credit } = view.current;
-  caption.textContent = [words, credit].filter(Boolean).join('  \u00b7  ');
+  const { caption: words, caption_zh: chinese, credit } = view.current;
+  for (const [part, text] of [['words', words], ['chinese', chinese], ['credit', credit]]) {
+    document.getElementById(part).textContent = text ?? '';
+  }
   wall.dataset.change = next.change;
   wall.dataset.picture = next.name;
 };
@@ -35,10 +43,24 @@ let cardTimer = 0;
 function testCard(on, forMs = 0) {
   clearTimeout(cardTimer);
   card.hidden = !on;
-  if (on) drawCard();
+  if (on) {
+    drawCard();
+    requestAnimationFrame(flash);
+  }
   if (on && forMs) cardTimer = setTimeout(() => testCard(false), forMs);
 }
 link.on('test', () => testCard(true, 20000));
+
+// A tenth of a second of each, on the server's clock: a camera before both walls sees them apart.
+const FLASH_S = 0.1;
+const sync = document.getElementById('sync');
+function flash() {
+  sync.hidden = card.hidden || link.now() % 1 > FLASH_S;
+  if (!card.hidden) requestAnimationFrame(flash);
+}
+
+const OVERSCAN = [0.025, 0.05]; // of the width and the height, on each side
+const GREYS = 16;
 
 function drawCard() {
   const ratio = window.devicePixelRatio || 1;
@@ -69,6 +91,19 @@ function drawCard() {
     brush.lineTo(w / 2, h / 2);
   }
   brush.stroke();
+  brush.font = `400 ${h / 48}px system-ui, sans-serif`;
+  brush.textAlign = 'left';
+  brush.fillStyle = '#e8e2d5';
+  for (const share of OVERSCAN) {
+    brush.lineWidth = line;
+    brush.strokeRect(share * w, share * h, (1 - 2 * share) * w, (1 - 2 * share) * h);
+    brush.fillText(`${100 * share} %`, share * w + h / 100, (1 - share) * h - h / 100);
+  }
+  for (let i = 0; i < GREYS; i++) { // the darkest and the lightest steps must be told apart
+    const grey = Math.round((255 * i) / (GREYS - 1));
+    brush.fillStyle = `rgb(${grey},${grey},${grey})`;
+    brush.fillRect(w * (0.1 + (0.8 * i) / GREYS), 0.78 * h, (0.8 * w) / GREYS + 1, 0.08 * h);
+  }
   const word = side.toUpperCase();
   brush.textAlign = 'center';
   brush.textBaseline = 'middle';
@@ -83,11 +118,13 @@ function drawCard() {
   brush.fillText(word, w / 2, h / 2);
   brush.fillStyle = '#e8e2d5';
   brush.font = `400 ${h / 32}px system-ui, sans-serif`;
-  brush.fillText(`${w} x ${h}`, w / 2, h * 0.93);
+  brush.fillText(`${screenName}  ${w} x ${h}`, w / 2, h * 0.91);
 }
 
 addEventListener('resize', () => card.hidden || drawCard());
 addEventListener('keydown', (event) => {
+  if (event.target.tagName === 'INPUT') return;
+  if (event.key === 'k') pin.toggle();
   if (event.key === 't') testCard(card.hidden);
   if (event.key === 'c') caption.hidden = !caption.hidden;
   if (event.key === '?') keys.hidden = !keys.hidden;

@@ -22,6 +22,7 @@ export class WallView {
     this.drawn = ['', '']; // name of what each layer holds, complete
     this.front = 0;
     this.pictures = new Map();
+    this.looks = {}; // fit and focus of pictures that have any
     this.current = null;
     this.pending = null;
     this.lastFlip = -1e9;
@@ -47,6 +48,7 @@ export class WallView {
     this.moving = wall.moving;
     this.fade = wall.fade;
     this.ahead = this.pick(wall.ahead);
+    this.looks = { ...this.looks, ...wall.looks };
     for (const each of [name, ...this.ahead]) this.load(each);
     this.forget([name, ...this.ahead, ...this.drawn]);
     if (this.current && this.current.change === wall.change) return; // only the state changed
@@ -91,10 +93,14 @@ export class WallView {
     brush.fillRect(0, 0, canvas.width, canvas.height);
     if (name) {
       const { image } = entry;
-      const scale = Math.max(canvas.width / image.naturalWidth, canvas.height / image.naturalHeight);
+      const [fit, x, y] = this.looks[name] ?? ['cover', 0.5, 0.5];
+      const scales = [canvas.width / image.naturalWidth, canvas.height / image.naturalHeight];
+      const scale = fit === 'contain' ? Math.min(...scales) : Math.max(...scales);
       const w = image.naturalWidth * scale;
       const h = image.naturalHeight * scale;
-      brush.drawImage(image, (canvas.width - w) / 2, (canvas.height - h) / 2, w, h);
+      // The focus comes to the middle, as far as the image reaches.
+      const place = (all, long, focus) => (long <= all ? (all - long) / 2 : Math.min(Math.max(all / 2 - focus * long, all - long), 0));
+      brush.drawImage(image, place(canvas.width, w, x), place(canvas.height, h, y), w, h);
       this.finish(brush, canvas.width, canvas.height);
     }
     this.drawn[layer] = name;
