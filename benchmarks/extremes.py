@@ -3,11 +3,13 @@
 
 import argparse
 import importlib.util
+import json
 import math
 import signal
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -29,10 +31,10 @@ HELP = 'error, run time and status of stiff and extreme cases, with a peer besid
 EXAMPLES = [
     'eol bench extremes',
     'eol bench extremes --case "mu_s = mu_k" --no-peers',
-    'eol bench extremes --markdown > extremes.md',
     'eol bench extremes --json > extremes.json',
+    'eol bench extremes --with extremes.json --markdown > docs/numerics/extremes.md',
 ]
-PATIENCE_S = 120  # an oracle or a peer that takes longer is left, and the row says so
+PATIENCE_S = 60  # an oracle or a peer that takes longer is left, and the row says so
 SAMPLES = 50
 PEERS: dict[str, tuple[str, str, Callable[[Scene, np.ndarray], np.ndarray]]] = {
     'dop853': ('SciPy DOP853 events 1e-7', 'scipy', lambda s, t: peers.scipy_events(s, t, 1e-7)),
@@ -41,6 +43,17 @@ PEERS: dict[str, tuple[str, str, Callable[[Scene, np.ndarray], np.ndarray]]] = {
     'mujoco': ('MuJoCo 1e-4 stiff', 'mujoco', lambda s, t: peers.mujoco(s, t, 1e-4, True)),
     'mujoco plane': ('MuJoCo contacts 1e-3', 'mujoco', lambda s, t: peers.mujoco_plane(s, t, 1e-3)),
 }
+INTRODUCTION = """
+# Stiff and extreme cases
+
+Made by `eol bench extremes --markdown`, on the machine named above. Times are processor time of
+one core, without energy ledger and compilation. *Error* is the largest displacement error against
+what shares no code with the solver: a formula, mpmath, or SciPy's DOP853 between events of its
+own (tolerance 3e-13; it stops blocks below 1e-8 m/s); on the first seconds only where that takes
+too long, and `-` where nothing independent came to an end within 60 s. A peer stands beside on
+the same stretch, with its error, its time, and ours in brackets. Each row is a test of its status
+(`test/bench/test_extremes.py`, the long ones in `make soak`): no NaN, no more steps than allowed,
+and what ends early says how far it came and what would let it go on."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +62,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--no-peers', action='store_true', help='no peers')
     parser.add_argument('--no-errors', action='store_true', help='no references, the longest part')
     parser.add_argument('--hours', type=float, default=24.0, help='of the live clock (24)')
-    parser.add_argument('--markdown', action='store_true', help='the table as docs/ has it')
+    parser.add_argument('--markdown', action='store_true', help='docs/numerics/extremes.md')
+    parser.add_argument(
+        '--with',
+        dest='earlier',
+        metavar='FILE.json',
+        action='append',
+        default=[],
+        help='measure nothing: take the rows of earlier --json runs',
+    )
     parser.add_argument('--json', action='store_true', help='everything as JSON')
 
 
@@ -134,7 +155,7 @@ def _measured(case: Case, with_peers: bool) -> dict[str, Any]:
     oracle = ORACLES[case.oracle]
     truth = patiently(lambda: oracle(scene, times))
     if truth is None:
-        return found | {'against': f'{case.oracle}: gave up after {PATIENCE_S} s'}
+        return found | {'against': f'{case.oracle}: not done in {PATIENCE_S} s'}
     run, own_ms = ours(), min(_cpu_ms(ours) for _ in range(3))
     last = oracle is modes_of_mpmath
     found |= {'error_m': _error(run.u[-1:] if last else run.u, truth), 'own_ms': own_ms}
@@ -150,8 +171,8 @@ def _measured(case: Case, with_peers: bool) -> dict[str, Any]:
         return found | {'peer': f'{name}: {error}'.splitlines()[0]}
     took = (time.process_time() - begin) * 1e3
     if u is None or len(u) < len(times):
-        reached = f'{times[len(u) - 1]:.3g} s' if u is not None else f'{PATIENCE_S} s of time'
-        return found | {'peer': f'{name}: gave up at {reached}', 'peer_ms': took}
+        reached = f'{times[len(u) - 1]:.3g} s' if u is not None else f'{PATIENCE_S} s'
+        return found | {'peer': f'{name}: gave up after {reached}', 'peer_ms': took}
     return found | {'peer': name, 'peer_ms': took, 'peer_error_m': _error(u, truth)}
 
 
@@ -184,7 +205,13 @@ def patiently(work: Callable[[], np.ndarray], seconds: float = PATIENCE_S) -> np
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, then print; 1 where a row does not end as it must."""
+    """Measure, then print."""
+    if args.earlier:
+        results = [json.loads(Path(file).read_text()) for file in args.earlier]
+        merged = {'machine': results[-1]['machine']}
+        merged['rows'] = [row for result in results for row in result['rows']]
+        tell(merged, args.json, markdown if args.markdown else table)
+        return 0
     scenes = [
         case for case in cases() if args.case in case.name and args.where in (None, case.where)
     ]
@@ -215,8 +242,8 @@ def table(result: dict[str, Any]) -> str:
 
 
 def markdown(result: dict[str, Any]) -> str:
-    """Return the rows as the tables of docs/numerics/extremes.md."""
-    lines = []
+    """Return the page docs/numerics/extremes.md."""
+    lines = [INTRODUCTION]
     for where, title in (('line', 'Along a line'), ('plane', 'In the plane')):
         rows = [row for row in result['rows'] if row['where'] == where]
         if not rows:

@@ -59,6 +59,7 @@ VERBS: dict[str, set[str]] = {  # words after `eol`: what it may load of HEAVY
     'call --help': {'yaml'},
 }
 BRINGUP = {'yaml'}
+OF_A_BAG = {'mcap', 'zstandard', 'numpy'}  # of a bringup that looks what a bag has
 
 
 def barred(nodes: Iterable[str]) -> list[str]:

@@ -8,7 +8,11 @@ import numpy as np
 from benchmarks import physics_peers as peers
 from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import Scene
+from eol_ros.core.physics.stepping import solver as stepping
+
+CAPTURE_MPS, ARM_S = 1e-8, 1e-6  # a hundredth and a tenth of what a peer takes
 
 
 def still(scene: Scene, times: np.ndarray) -> np.ndarray:
@@ -23,7 +27,7 @@ def as_one(scene: Scene, times: np.ndarray) -> np.ndarray:
     """
     model = Model.of(scene)
     k, m = model.lattice.drive[0, 0], model.mass[0]
-    speed, w = model.par[0], np.sqrt(k / m)
+    speed, w = float(np.hypot(*model.par[:2])), np.sqrt(k / m)
     static, kinetic = model.static[0], model.kinetic[0]
     slip = 2 / w * (np.pi - np.arctan2((static - kinetic) * w, k * speed))
     drop = 2 * (static - kinetic) / k
@@ -34,9 +38,8 @@ def as_one(scene: Scene, times: np.ndarray) -> np.ndarray:
     lag = (static - kinetic) / k
     moved = lag * (1 - np.cos(w * s)) + speed * s - speed / w * np.sin(w * s)
     x = np.where(after < 0, 0.0, cycle * (drop + speed * slip) + moved)
-    u = np.zeros((len(times), scene.n, 2))
-    u[:, :, 0] = x[:, None]
-    return u
+    way = model.par[:2] / speed
+    return np.broadcast_to((x[:, None] * way)[:, None], (len(times), scene.n, 2))
 
 
 def carried(scene: Scene, times: np.ndarray) -> np.ndarray:
@@ -89,6 +92,11 @@ def modes_of_mpmath(scene: Scene, times: np.ndarray) -> np.ndarray:
 
 def events_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Return u by SciPy's DOP853 between its own located events, tolerance 3e-13."""
+    return peers.scipy_run(scene, times, 3e-13, CAPTURE_MPS, ARM_S)[0]
+
+
+def coarse_events_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Return the same with stops as the peers have them, where finer ones do not come to an end."""
     return peers.scipy_run(scene, times, 3e-13)[0]
 
 
@@ -176,6 +184,11 @@ def spinning_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
     return found.y[: 2 * n].T.reshape(-1, n, 2)
 
 
+def steps_of_moreau(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Return u by the stepping path, which shares nothing with the others but the scene."""
+    return stepping.solve(scene, Model.of(scene), times, Limits(), 1e-5).u
+
+
 Oracle = Callable[[Scene, np.ndarray], np.ndarray]
 ORACLES: dict[str, Oracle] = {
     'formula, at rest': still,
@@ -183,7 +196,9 @@ ORACLES: dict[str, Oracle] = {
     'formula, sliding block': carried,
     'mpmath modes, 40 digits': modes_of_mpmath,
     'SciPy DOP853, events': events_of_scipy,
+    'SciPy DOP853, events, stops below 1e-6 m/s': coarse_events_of_scipy,
     'SciPy DOP853, all slide': sliding_of_scipy,
     'SciPy DOP853, weakening': weakening_of_scipy,
     'SciPy DOP853, rotation': spinning_of_scipy,
+    'own stepping at 1e-5 s': steps_of_moreau,
 }

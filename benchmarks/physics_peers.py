@@ -31,11 +31,16 @@ def scipy_events(scene: Scene, times: np.ndarray, rtol: float) -> np.ndarray:
 
 
 def scipy_run(
-    scene: Scene, times: np.ndarray, rtol: float
+    scene: Scene,
+    times: np.ndarray,
+    rtol: float,
+    capture_mps: float = CAPTURE_MPS,
+    arm_s: float = ARM_S,
 ) -> tuple[np.ndarray, list[tuple[float, int, int]]]:
     """Return what `scipy_events` does, and its events: when, which block, 1 a break or 0 a stop.
 
-    Forces are compiled; steps, roots and what happens at them are SciPy's and NumPy's.
+    Forces are compiled; steps, roots and what happens at them are SciPy's and NumPy's. A block
+    slower than `capture_mps` stops; the error of that goes as its square.
     """
     from scipy.integrate import solve_ivp
 
@@ -59,8 +64,15 @@ def scipy_run(
 
     def stops(s, y):
         speed = np.linalg.norm(y[2 * n :].reshape(-1, 2), axis=1)
-        return np.where(t + s > since + ARM_S, speed - CAPTURE_MPS, 1.0)[on].min(initial=1.0)
+        return np.where(t + s > since + arm_s, speed - capture_mps, 1.0)[on].min(initial=1.0)
 
+    def set_off(pull):
+        size = np.linalg.norm(pull, axis=1)
+        for i in np.flatnonzero(~on & (size >= model.static * (1 - 1e-11)) & (since < t)):
+            on[i], since[i], lead[i] = True, t, pull[i] / size[i]
+            events.append((t, int(i), 1))
+
+    set_off(force(0.0, y))
     breaks.terminal = stops.terminal = True
     breaks.direction = stops.direction = -1
     w = np.sqrt(8 * model.k.max() / model.mass.min())
@@ -87,16 +99,14 @@ def scipy_run(
         size = np.linalg.norm(pull, axis=1)
         speed = np.linalg.norm(v, axis=1)
         for i in np.flatnonzero(on):
-            if speed[i] <= CAPTURE_MPS * (1 + 1e-6) and t > since[i] + ARM_S:
+            if speed[i] <= capture_mps * (1 + 1e-6) and t > since[i] + arm_s:
                 v[i] = 0.0
                 if size[i] <= model.static[i]:
                     on[i] = False
                     events.append((t, int(i), 0))
                 else:
                     since[i], lead[i] = t, pull[i] / size[i]
-        for i in np.flatnonzero(~on & (size >= model.static * (1 - 1e-11)) & (since < t)):
-            on[i], since[i], lead[i] = True, t, pull[i] / size[i]
-            events.append((t, int(i), 1))
+        set_off(pull)
     out[done:] = y[: 2 * n].reshape(-1, 2)
     return out, events
 

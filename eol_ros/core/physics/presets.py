@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scenes that methods are compared on; docs/numerics.md says what each is for."""
+"""The scenes that methods are compared on; docs/numerics/physics.md says what each is for."""
 
 from collections.abc import Callable
 

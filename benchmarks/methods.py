@@ -1,0 +1,513 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol bench methods: error against run time of methods that no other benchmark draws.
+
+Clocks, onsets, calibration, layout, pitch, power-law fits, the limiter: each against a truth made
+in code or a formula, with what it costs, beside what one would else take.
+"""
+
+import argparse
+import dataclasses
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.machine import tell
+from eol_ros.core.clock_sync import ClockSync
+from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.motion import onset
+from eol_ros.core.played_clock import PlayedClock
+from eol_ros.core.science import powerlaw
+from eol_ros.core.sound import descriptors, layout
+from eol_ros.core.sound.bank import Bank
+from eol_ros.core.sound.mixer import Mixer
+from eol_ros.core.sound.offline import render_all
+from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.core.vision.calibration import calibrate
+from eol_ros.core.vision.render.clutter import clutter_calibration
+from eol_ros.errors import UsageError
+from eol_ros.verbs.progress import track
+
+HELP = 'error against run time of clocks, onsets, calibration, layout, pitch, fits and the limiter'
+EXAMPLES = [
+    'eol bench methods',
+    'eol bench methods --part onset --part calibration --json',
+    'eol bench methods --markdown --plots docs/img > methods.md',
+]
+
+
+@dataclasses.dataclass
+class Curve:
+    """Error against run time of one method.
+
+    Args:
+        method, reference: what is measured, against what.
+        unit: of the errors; `per` what a time in ms is of.
+        points: (label, ms, error) of ours; `peers` of others.
+        default: the label of what runs.
+        limit: what is known of the best that can be.
+        breaks: where it does not hold.
+    """
+
+    method: str
+    reference: str
+    unit: str
+    per: str
+    default: str
+    limit: str
+    breaks: str
+    points: list[tuple[str, float, float]] = dataclasses.field(default_factory=list)
+    peers: list[tuple[str, float, float]] = dataclasses.field(default_factory=list)
+
+
+def _ms(work: Callable[[], Any], repeat: int = 5) -> float:
+    best = float('inf')
+    for _ in range(repeat):
+        begin = time.process_time()
+        work()
+        best = min(best, time.process_time() - begin)
+    return best * 1e3
+
+
+def _rms(values: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(np.asarray(values, float)))))
+
+
+def board_clock(seconds: float = 600.0) -> Curve:
+    """A board's crystal, 40 ppm off and drifting, asked once a second over a USB line."""
+    rng = np.random.default_rng(1)
+    sent = np.arange(0.0, seconds, 1.0)
+    out, back = (1e-4 + rng.exponential(3e-4, len(sent)) for _ in range(2))
+
+    def board_s(host: np.ndarray) -> np.ndarray:
+        return 12.5 + host * (1 + 40e-6) + 20e-6 * 300 * np.sin(host / 300)
+
+    read_us = np.floor(board_s(sent + out) * 1e6).astype(np.int64)
+    asked = sent[60:] + 0.6
+    asked_us = np.floor(board_s(asked) * 1e6).astype(np.int64)
+
+    def ours(window: int) -> list[float]:
+        clock, found = ClockSync(window), []
+        for k, at in enumerate(sent):
+            clock.add(at, int(read_us[k]), at + out[k] + back[k])
+            if k >= 60:
+                found.append(clock.to_host(int(asked_us[k - 60])).time_s - asked[k - 60])
+        return found
+
+    def newest() -> list[float]:
+        middle = sent + (out + back) / 2
+        return [
+            middle[k] + (asked_us[k - 60] - read_us[k]) * 1e-6 - asked[k - 60]
+            for k in range(60, len(sent))
+        ]
+
+    def line() -> list[float]:
+        middle, found = sent + (out + back) / 2, []
+        for k in range(60, len(sent)):
+            fit = np.polyfit(read_us[k - 59 : k + 1] * 1e-6 - read_us[k] * 1e-6,
+                             middle[k - 59 : k + 1], 1)  # fmt: skip
+            at = (asked_us[k - 60] - read_us[k]) * 1e-6
+            found.append(fit[0] * at + fit[1] - asked[k - 60])
+        return found
+
+    curve = Curve(
+        'board clock', 'truth in code: 40 ppm, a drift of 20 ppm, delays of 0.1 ms and more',
+        'µs RMS', 'exchange', 'window 64',
+        'half the quickest round trip is what nobody can tell apart: 100 µs',
+        'delays that differ one way from the other by always the same',
+    )  # fmt: skip
+    for window in (2, 4, 16, 64, 256):
+        took = _ms(lambda w=window: ours(w), 2) / len(sent)
+        curve.points.append((f'window {window}', took, _rms(ours(window)) * 1e6))
+    for name, work in (('newest exchange', newest), ('least squares of 60', line)):
+        curve.peers.append((name, _ms(work, 2) / len(sent), _rms(work()) * 1e6))
+    return curve
+
+
+def replay_clock() -> Curve:
+    """Recorded time on /clock, 100 a second, at a rate of 0.7, each message late by chance."""
+    rng = np.random.default_rng(2)
+    recorded = np.arange(0, 3_000_000_000, 10_000_000)
+    true_ns = recorded / 0.7
+    late = rng.exponential(1.5e6, len(recorded)) + 2e7 * (rng.uniform(size=len(recorded)) < 0.02)
+    heard = (true_ns + late).astype(np.int64)
+
+    def ours() -> list[float]:
+        clock, found = PlayedClock(), []
+        for k, stamp in enumerate(recorded):
+            clock.take(int(stamp), int(heard[k]))
+            if k > 70:
+                found.append(clock.wall_ns(int(stamp) + 5_000_000) - (stamp + 5e6) / 0.7)
+        return found
+
+    def newest() -> list[float]:
+        return [heard[k] + 5e6 - (recorded[k] + 5e6) / 0.7 for k in range(71, len(recorded))]
+
+    def line() -> list[float]:
+        found = []
+        for k in range(71, len(recorded)):
+            x, y = recorded[k - 63 : k + 1] - recorded[k], heard[k - 63 : k + 1] - heard[k]
+            fit = np.polyfit(x, y, 1)
+            found.append(heard[k] + fit[0] * 5e6 + fit[1] - (recorded[k] + 5e6) / 0.7)
+        return found
+
+    curve = Curve(
+        'clock of a replay', 'truth in code: delays of 1.5 ms by chance, 2 % of them 20 ms more',
+        'ms RMS', 'message', '64 messages', 'the least delay of five: 0.3 ms',
+        'a replay that changes its pace by less than 25 ms shows it late',
+    )  # fmt: skip
+    curve.points.append(('64 messages', _ms(ours, 2) / len(recorded), _rms(ours()) * 1e-6))
+    for name, work in (('newest message', newest), ('least squares of 64', line)):
+        curve.peers.append((name, _ms(work, 2) / len(recorded), _rms(work()) * 1e-6))
+    return curve
+
+
+def onsets(count: int = 400) -> Curve:
+    """Blocks that break loose at a true moment, seen 60 times a second with 20 µm of noise."""
+    from scipy.optimize import curve_fit
+
+    rng = np.random.default_rng(3)
+    period, sigma = 1 / 60, 20e-6
+    true = rng.uniform(0.1, 0.1 + period, count)
+    pull = rng.normal(onset.ACCELERATION_MPS2, onset.ACCELERATION_SPREAD, count)
+
+    def paths(after: int) -> tuple[np.ndarray, np.ndarray]:
+        times = np.arange(6 + after) * period + 0.1 - 5 * period
+        since = np.maximum(times - true[:, None], 0)
+        w = 12.6  # a block of 0.25 kg on springs of 40 N/m
+        path = pull[:, None] / w**2 * (1 - np.cos(np.minimum(w * since, np.pi)))
+        noise = np.random.default_rng(4).normal(0, sigma, path.shape)
+        return np.broadcast_to(times, path.shape).copy(), path + noise
+
+    curve = Curve(
+        'onset of a slip', 'truth in code: springs of 40 N/m, 20 µm of noise, 60 images a second',
+        'ms RMS', 'slip', '3 images',
+        'an image that crosses a threshold: period / sqrt(12) = 4.8 ms',
+        'slips that begin while the rim pushes harder than friction falls',
+    )  # fmt: skip
+    noise = np.full(count, sigma)
+    for after in (1, 2, 3, 4, 6, 10):
+        times, path = paths(after)
+        found = onset.onsets(times, path, noise, period)[0]
+        took = _ms(lambda t=times, p=path: onset.onsets(t, p, noise, period)) / count
+        curve.points.append((f'{after} images', took, _rms(found - true) * 1e3))
+    times, path = paths(3)
+
+    def threshold() -> np.ndarray:
+        first = np.argmax(path > 5 * sigma, axis=1)
+        way_s = np.sqrt(2 * 5 * sigma / onset.ACCELERATION_MPS2)  # to the threshold
+        return times[np.arange(count), first] - way_s - period / 2
+
+    def parabola() -> np.ndarray:
+        def shape(t: np.ndarray, t0: float, a: float) -> np.ndarray:
+            return 0.5 * a * np.maximum(t - t0, 0) ** 2
+
+        return np.array(
+            [
+                curve_fit(shape, t, p, (0.1 + period / 2, 2.5), maxfev=2000)[0][0]
+                for t, p in zip(times, path, strict=True)
+            ]
+        )
+
+    for name, work in (('threshold', threshold), ('SciPy curve_fit, 3 images', parabola)):
+        curve.peers.append((name, _ms(work, 1) / count, _rms(work() - true) * 1e3))
+    return curve
+
+
+def calibration() -> Curve:
+    """Corners of covers at 0.05 px, blocks 4 mm off their lattice, a tilted camera with a lens."""
+    import cv2
+
+    truth = clutter_calibration('ordinary')
+    start = calibrate.nominal(1280, 800, truth.camera_matrix[0, 0])
+    ids = np.arange(25)
+
+    def view(seed: int) -> tuple[np.ndarray, np.ndarray]:
+        rng = np.random.default_rng([5, seed])
+        poses = np.column_stack(
+            [rest_lattice() + rng.normal(0, calibrate.REST_SIGMA_M, (25, 2)),
+             rng.normal(0, 0.05, 25)]
+        )  # fmt: skip
+        half = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * 0.042
+        c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
+        x, y = half.T
+        corners = np.stack(
+            [poses[:, :1] + c * x - s * y, poses[:, 1:2] + s * x + c * y], axis=-1
+        ).reshape(-1, 2)
+        px = truth.to_pixels(corners) + rng.normal(0, 0.05, corners.shape)
+        return ids, px.reshape(25, 4, 2)
+
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.6, 0.6, 9)] * 2), axis=-1).reshape(-1, 2)
+
+    def off(found: Any) -> float:
+        return _rms(found.to_table(truth.to_pixels(grid)) - grid) * 1e3
+
+    curve = Curve(
+        'calibration from blocks', 'truth in code: a tilted camera with a lens, blocks 4 mm off',
+        'mm RMS', 'solution', '4 images',
+        'blocks set 4 mm off tell the frame to 4 mm / sqrt(25 n)',
+        'one image does not tell the lens; covers with relief need their heights',
+    )  # fmt: skip
+    for count in (1, 2, 4, 8):
+        errors, took = [], []
+        for trial in range(3):
+            views = [view(100 * trial + k) for k in range(count)]
+            begin = time.process_time()
+            errors.append(off(calibrate.from_blocks(views, start).calibration))
+            took.append((time.process_time() - begin) * 1e3)
+        label = f'{count} image{"s" if count > 1 else ""}'
+        curve.points.append((label, min(took), _rms(errors)))
+
+    def homography() -> Any:
+        px = np.concatenate([view(k)[1].mean(axis=1) for k in range(4)])
+        found, _ = cv2.findHomography(np.tile(rest_lattice(), (4, 1)), px)
+        return dataclasses.replace(start, homography=found, distortion_coefficients=np.zeros(5))
+
+    curve.peers.append(('OpenCV findHomography, 4 images', _ms(homography, 2), off(homography())))
+    return curve
+
+
+def grain_layout(n: int = 2048) -> Curve:
+    """Clustered grains onto an even lattice: how much further they move than they must."""
+    rng = np.random.default_rng(6)
+    middles = rng.uniform(size=(12, 2))
+    raw = middles[rng.integers(0, 12, n)] + rng.normal(0, 0.06, (n, 2))
+    places = np.column_stack([layout.ranked(raw[:, 0]), layout.ranked(raw[:, 1])])
+
+    def moved(to: np.ndarray) -> float:
+        return float(((to - places) ** 2).sum())
+
+    before = layout.EXACT_UP_TO
+    curve = Curve(
+        f'layout of {n} grains', 'the exact assignment (SciPy)',
+        '% further than must be', 'layout', 'parts of 2048',
+        'the exact assignment, n^3', 'more than 2048 grains are halved: the row of 1024 tells how',
+    )  # fmt: skip
+    try:
+        exact = moved(layout.even(places))
+        for most in (16, 64, 256, 1024, 2048):
+            layout.EXACT_UP_TO = most
+            took = _ms(lambda: layout.even(places), 2)
+            more = 100 * (np.sqrt(moved(layout.even(places)) / exact) - 1)
+            curve.points.append((f'parts of {most}', took, more))
+    finally:
+        layout.EXACT_UP_TO = before
+    cells = layout.lattice(n)
+
+    def sorted_rows() -> np.ndarray:
+        out, rows = np.empty((n, 2)), round(np.sqrt(n))
+        order = np.argsort(places[:, 1], kind='stable')
+        by_row = np.lexsort((cells[:, 0], cells[:, 1]))
+        for part in np.array_split(np.arange(n), rows):
+            mine = order[part]
+            out[mine[np.argsort(places[mine, 0])]] = cells[by_row[part]]
+        return out
+
+    more = 100 * (np.sqrt(moved(sorted_rows()) / exact) - 1)
+    curve.peers.append(('sort by rows', _ms(sorted_rows), more))
+    return curve
+
+
+def pitch() -> Curve:
+    """Tones with three partials and noise, 80 to 1200 Hz, in frames of 2048 at 48 kHz."""
+    rate, size, count = 48_000, 2048, 300
+    rng = np.random.default_rng(7)
+    hz = np.exp(rng.uniform(np.log(80), np.log(1200), count))
+    t = np.arange(size) / rate
+    phase = 2 * np.pi * hz[:, None] * t
+    frames = np.sin(phase) + 0.5 * np.sin(2 * phase + 1) + 0.25 * np.sin(3 * phase + 2)
+    frames = (frames + rng.normal(0, 0.02, frames.shape)).astype(np.float32)
+
+    def cents(found: np.ndarray) -> np.ndarray:
+        return 1200 * np.log2(found / hz)
+
+    lags = descriptors.yin(frames, rate)[1]
+    curve = Curve(
+        'pitch of a grain (YIN)', 'formula: the tones that were made',
+        'cents, median', 'frame', 'YIN', '0.05 cents: Cramer-Rao of the first partial',
+        'two tones at once have none; below 50 Hz a frame is too short',
+    )  # fmt: skip
+    took = _ms(lambda: descriptors.yin(frames, rate)) / count
+    curve.points.append(('YIN', took, float(np.nanmedian(abs(cents(rate / lags))))))
+    try:
+        import librosa
+    except ImportError:
+        return curve
+
+    def peer() -> np.ndarray:
+        return np.array(
+            [
+                librosa.yin(f, fmin=60, fmax=1500, sr=rate, frame_length=size, center=False)[0]
+                for f in frames
+            ]
+        )
+
+    found = peer()
+    curve.peers.append(('librosa.yin', _ms(peer, 1) / count, float(np.median(abs(cents(found))))))
+    return curve
+
+
+def tail() -> Curve:
+    """Sizes drawn from s^-1.6 on 1..25: how far the fitted exponent is off."""
+    tau, trials = 1.6, 100
+    rng = np.random.default_rng(8)
+    counts = (100, 300, 1000, 10_000)
+    drawn = {
+        n: [powerlaw.histogram(powerlaw.sample(tau, 1, 25, n, rng)) for _ in range(trials)]
+        for n in counts
+    }
+
+    def line(histogram: np.ndarray) -> float:
+        size = np.flatnonzero(histogram)
+        return -float(np.polyfit(np.log(size), np.log(histogram[size]), 1)[0])
+
+    curve = Curve(
+        'power-law fit', 'truth in code: tau = 1.6 on 1 to 25', 'RMS of tau', 'fit',
+        '1000 sizes', 'Fisher: 0.035 for 1000 sizes', 'sizes that hang together: blocks of them',
+    )  # fmt: skip
+    for n in counts:
+        found = [powerlaw.fit(h, 1, 25).tau - tau for h in drawn[n]]
+        took = _ms(lambda n=n: powerlaw.fit(drawn[n][0], 1, 25))
+        curve.points.append((f'{n} sizes', took, _rms(found)))
+    at = drawn[1000]
+    error = _rms([line(h) - tau for h in at])
+    curve.peers.append(('least squares, 1000 sizes', _ms(lambda: line(at[0])), error))
+    return curve
+
+
+def limiter() -> Curve:
+    """A tone of 440 Hz, 6 to 18 dB above the ceiling: what is left beside the tone."""
+    rate = 48_000
+    tone = np.sin(2 * np.pi * 440 * np.arange(2 * rate) / rate).astype('f4')
+    bank = Bank([tone], [0], [0.0], [2.0], rate)
+    trigger = np.zeros(1, TRIGGER)
+    trigger['rate'], trigger['attack_s'], trigger['release_s'] = 1.0, 0.05, 0.05
+    ceiling = 10 ** (-1 / 20)
+
+    def beside(out: np.ndarray) -> float:
+        part = out[rate // 2 : rate // 2 + rate].astype(float)
+        angle = 2 * np.pi * 440 * np.arange(rate) / rate
+        basis = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        left = part - basis @ np.linalg.lstsq(basis, part, rcond=None)[0]
+        return 100 * _rms(left) / _rms(part)
+
+    def render(db: float) -> np.ndarray:
+        trigger['gain'] = 10 ** ((db + 2) / 20)  # 3 dB by the panning law, -1 dB of ceiling
+        return render_all(Mixer(rate, governor_db=0, gain_db=0), trigger, bank, 2 * rate)[:, 0]
+
+    curve = Curve(
+        'limiter', 'formula: the tone that went in', '% beside the tone', 'second of stereo',
+        '12 dB over', 'a gain that does not change: 0',
+        'a ceiling for samples: between them a peak may be higher',
+    )  # fmt: skip
+    for db in (6, 12, 18):
+        out = render(db)
+        assert np.abs(out).max() <= ceiling
+        took = _ms(lambda d=db: render(d), 2) / 2
+        curve.points.append((f'{db} dB over', took, beside(out)))
+
+    def clip() -> np.ndarray:
+        return np.clip(tone * ceiling * 10 ** (12 / 20), -ceiling, ceiling)
+
+    curve.peers.append(('clipping, 12 dB over', _ms(clip) / 2, beside(clip())))
+    return curve
+
+
+PARTS: dict[str, Callable[[], Curve]] = {
+    'board-clock': board_clock,
+    'replay-clock': replay_clock,
+    'onset': onsets,
+    'calibration': calibration,
+    'layout': grain_layout,
+    'pitch': pitch,
+    'power-law': tail,
+    'limiter': limiter,
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('--part', choices=PARTS, action='append', help='only this; may be repeated')
+    parser.add_argument('--plots', metavar='FOLDER', help='draw method_*.png there')
+    parser.add_argument('--markdown', action='store_true', help='rows as docs/numerics has them')
+    parser.add_argument('--json', action='store_true')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, draw, print."""
+    if args.markdown and args.json:
+        raise UsageError('--markdown or --json, not both')
+    names = args.part or list(PARTS)
+    curves = {name: PARTS[name]() for name in track(names, 'methods')}
+    if args.plots:
+        for name, curve in curves.items():
+            print(f'drawn {draw(name, curve, Path(args.plots))}', file=sys.stderr)
+    result = {name: dataclasses.asdict(curve) for name, curve in curves.items()}
+    tell(result, args.json, markdown if args.markdown else table)
+    return 0
+
+
+def draw(name: str, curve: Curve, folder: Path) -> Path:
+    """Write the picture of a curve; return its path."""
+    import matplotlib
+
+    matplotlib.use('Agg')
+    from matplotlib import pyplot as plt
+
+    folder.mkdir(parents=True, exist_ok=True)
+    figure, axis = plt.subplots(figsize=(4.2, 3), layout='constrained')
+    floor = 0.5 * min([e for _, _, e in curve.points + curve.peers if e > 0], default=1e-3)
+    for rows, mark in ((curve.points, 'C0o-'), (curve.peers, 'C3d')):
+        axis.loglog([ms for _, ms, _ in rows], [max(e, floor) for *_, e in rows], mark)
+        for label, ms, error in rows:
+            axis.annotate(
+                label, (ms, max(error, floor)), fontsize=7, xytext=(3, 3),
+                textcoords='offset points',
+            )  # fmt: skip
+    axis.set(xlabel=f'ms each {curve.per}', ylabel=curve.unit, title=curve.method)
+    axis.margins(0.25)
+    axis.grid(alpha=0.3, which='both')
+    path = folder / f'method_{name.replace("-", "_")}.png'
+    figure.savefig(path, dpi=80)
+    plt.close(figure)
+    return path
+
+
+def table(result: dict[str, Any]) -> str:
+    """Return the rows for a terminal."""
+    lines = []
+    for name, curve in result.items():
+        if name == 'machine':
+            continue
+        lines.append(f'{curve["method"]}, {curve["unit"]}, against {curve["reference"]}')
+        for rows, whose in ((curve['points'], 'ours'), (curve['peers'], 'peer')):
+            lines += [
+                f'  {whose}  {label:32s} {error:.3g}  {ms:.3g} ms each {curve["per"]}'
+                for label, ms, error in rows
+            ]
+    return '\n'.join(lines)
+
+
+def markdown(result: dict[str, Any]) -> str:
+    """Return the rows of the table of docs/numerics/README.md."""
+    lines = []
+    for name, curve in result.items():
+        if name == 'machine':
+            continue
+        _, ms, error = next(row for row in curve['points'] if row[0] == curve['default'])
+        peer, ratio = '-', '-'
+        if curve['peers']:
+            label, peer_ms, peer_error = min(curve['peers'], key=lambda row: row[2])
+            peer = f'{label}: {peer_error:.2g}, {peer_ms:.2g} ms'
+            ratio = f'error {peer_error / error:.2g}, time {peer_ms / ms:.2g}' if error else '-'
+        picture = f'../img/method_{name.replace("-", "_")}.png'
+        lines.append(
+            f'| <a href="{picture}"><img src="{picture}" width="160"></a> | {curve["method"]} |'
+            f' {curve["reference"]} | {error:.2g} {curve["unit"]} ({curve["default"]}) |'
+            f' {ms:.2g} ms each {curve["per"]} | {peer} | {ratio} | {curve["limit"]} |'
+            f' {curve["breaks"]} | `eol bench methods --part {name}` |'
+        )
+    return '\n'.join(lines)
