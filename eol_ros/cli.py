@@ -43,6 +43,7 @@ GROUPS = {
     },
     'prepare': {
         'calibrate': 'calibrate the camera',
+        'board': 'list the blocks with battery and firmware; find them by blinks and knocks',
         'speakers': 'list the loudspeakers of a scene, and play noise from each',
         'corpus': 'cut a sound into grains and describe them',
         'covers': 'cut a landscape into the covers of the blocks',

@@ -13,7 +13,7 @@ clock, and the limit of three flashes a second holds in that.
 
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from eol_ros.core import serial_protocol as protocol
@@ -85,6 +85,20 @@ def check_settings(settings: LedsSettings) -> None:
         raise ConfigError(
             'leds.flash_limit: false needs a written reason in leds.flash_limit_off_because'
         )
+
+
+def faults(blocks: Mapping[int, protocol.BlockStatus]) -> list[str]:
+    """Return what is wrong with single blocks, by their last status; a sentence each."""
+    found = []
+    for number, block in sorted(blocks.items()):
+        name = 'the bridge' if number == protocol.BRIDGE else f'block {number}'
+        if not block.flags & protocol.LINKED:
+            found.append(f'{name} is not heard, so all light fades slowly: look at its battery')
+        if block.flags & protocol.SENSOR_DEAD:
+            found.append(f'the accelerometer of {name} repeats one value: exchange it')
+        if 0 < block.millivolts <= LOW_MV:
+            found.append(f'the battery of {name} is at {block.millivolts / 1000:.1f} V: charge it')
+    return found
 
 
 class Lights:
@@ -266,18 +280,7 @@ class Lights:
 
     def faults(self) -> list[str]:
         """Return what is wrong with single blocks, a sentence each; the others go on."""
-        found = []
-        for number, block in sorted(dict(self.board.blocks).items()):
-            name = 'the bridge' if number == protocol.BRIDGE else f'block {number}'
-            if not block.flags & protocol.LINKED:
-                found.append(f'{name} is not heard, so all light fades slowly: look at its battery')
-            if block.flags & protocol.SENSOR_DEAD:
-                found.append(f'the accelerometer of {name} repeats one value: exchange it')
-            if 0 < block.millivolts <= LOW_MV:
-                found.append(
-                    f'the battery of {name} is at {block.millivolts / 1000:.1f} V: charge it'
-                )
-        return found
+        return faults(dict(self.board.blocks))
 
     def _configure(self) -> None:
         s = self._settings

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+import json
+import threading
+
+import pytest
+from support.waiting import wait_until
+
+from eol_ros import cli
+from eol_ros.core import serial_protocol as protocol
+from eol_ros.core.clock_sync import HostTime
+from eol_ros.devices.board.board import TapReport
+from eol_ros.devices.board.fake import FakeBoard
+from eol_ros.verbs import board
+
+
+@pytest.fixture
+def fake():
+    with FakeBoard() as made:
+        yield made
+
+
+def greeted(fake):
+    """Whether the board is ready for knocks: it has been told what its blocks are to be like."""
+    return any(arrival.kind == 'Detector' for arrival in fake.log)
+
+
+def beside(act):
+    thread = threading.Thread(target=act)
+    thread.start()
+    return thread
+
+
+def test_lists_the_blocks(fake, capsys):
+    assert cli.main(['board', '--port', fake.port]) == 0
+    out, err = capsys.readouterr()
+    lines = out.splitlines()
+    assert len(lines) == 26
+    assert lines[7].split() == ['7', '3.90', 'V', '24', 'C', 'firmware', '2.0']
+    assert lines[25].split() == ['bridge', '-', '-', 'firmware', '2.0']
+    assert 'board fake' in err
+
+
+def test_says_what_is_wrong(fake, capsys, monkeypatch):
+    report = fake.report
+    wrong = {3: (3000, protocol.LINKED), 4: (3900, 0), 5: (3900, protocol.LINKED | protocol.ASLEEP)}
+
+    def of(block, *rest):
+        report(block, *(wrong.get(block, rest)))
+
+    monkeypatch.setattr(fake, 'report', of)
+    assert cli.main(['board', '--port', fake.port, '--json']) == 1
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert len(told['blocks']) == 26
+    assert told['blocks'][3]['millivolts'] == 3000
+    assert len(told['faults']) == 2  # who sleeps is well
+    assert 'the battery of block 3 is at 3.0 V: charge it' in err
+    assert 'block 4 is not heard' in err
+
+
+def test_lets_one_block_flash(fake, capsys):
+    lit = []
+    fake._on_message = lambda m: lit.append(m.mask) if isinstance(m, protocol.Light) else None
+    assert cli.main(['board', '--port', fake.port, '--blink', '7', '--seconds', '1.2']) == 0
+    assert lit == [1 << 7] * len(lit)
+    assert 1 <= len(lit) <= 3  # never more than two a second
+
+
+def test_names_what_was_knocked_on_and_what_was_not(capsys):
+    felt = [TapReport(b, 2.5, HostTime(0.0, 0.0), 0, 0.0011 if b else None) for b in range(24)]
+    assert board._knocks(felt, 1e-3, as_json=False) == 1
+    out, err = capsys.readouterr()
+    lines = out.splitlines()
+    assert lines[7].split() == ['block', '7', '2.50', 'm/s^2', 'lit', 'after', '1.1', 'ms']
+    assert lines[0].endswith('not lit')
+    assert 'no knock from: 24' in err
+
+
+def test_ends_when_all_were_knocked_on(fake, capsys):
+    def knock():
+        wait_until(lambda: greeted(fake))
+        for block in range(25):
+            fake.knock(block, 2.5, lit_s=0.0011)
+
+    thread = beside(knock)
+    assert cli.main(['board', '--port', fake.port, '--knocks', '--seconds', '3600', '--json']) == 0
+    thread.join()
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert {row['block'] for row in rows} == set(range(25))
+    assert rows[0]['lit_s'] == pytest.approx(1.1e-3)
+
+
+def test_an_old_board_blinks_too(capsys):
+    with FakeBoard(version=1) as old:
+        assert cli.main(['board', '--port', old.port, '--blink', '7', '--seconds', '0.4']) == 0
+        assert 'Flash' in [a.kind for a in old.log]
+        assert cli.main(['board', '--port', old.port]) == 0
+    assert 'tells nothing of single blocks' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    'words, code, said',
+    [
+        (['--blink', '25'], 2, 'blocks are 0 to 24'),
+        (['--blink', '3', '--knocks'], 2, 'not both'),
+        (['--seconds', '0'], 2, 'give 0 to 3600'),
+        (['--port', '/dev/nothing'], 69, '/dev/nothing'),
+    ],
+)
+def test_bad_words_are_one_line(words, code, said, capsys):
+    assert cli.main(['board', *words]) == code
+    err = capsys.readouterr().err
+    assert said in err
+    assert 'Traceback' not in err
+    assert len(err.splitlines()) == 1
