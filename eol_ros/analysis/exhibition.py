@@ -9,7 +9,7 @@ import datetime
 import html
 import json
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ from scipy import stats
 
 from eol_ros.analysis import catalogue_file, figures, report
 from eol_ros.analysis.bag import Bag, open_bag
+from eol_ros.analysis.sweeps import work
+from eol_ros.analysis.sweeps.crews import Crew
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import catalogue, powerlaw
 from eol_ros.devices.bag.writer import REPLAY_OF, SAMPLE
@@ -83,6 +85,40 @@ def digest(path: str | Path, zone: datetime.tzinfo | None = None) -> Digest | st
         return f'{path}: left out: {error}'
 
 
+@dataclass
+class Reading:
+    """A bag to be read by a worker (`sweeps.crews`), by a path that it finds there too."""
+
+    path: str
+    made_by: dict[str, str]
+    computes = ('analysis', 'core/geometry.py', 'devices/bag', 'streams')
+
+    @property
+    def title(self) -> str:
+        """Tell people which it is."""
+        return self.path
+
+    def rows(self) -> list[Any]:
+        """Return its digest, or why it is left out."""
+        return [digest(self.path)]
+
+
+def read(paths: Iterable[Path], crew: Crew) -> Iterator[Digest | str]:
+    """Let a crew read the bags; yield what is kept of each, in the order in which they are done."""
+    made_by = work.version(Reading.computes)
+    waiting = iter([Reading(str(path.resolve()), made_by) for path in paths])
+    more = True
+    while more or crew.waiting():
+        while more and crew.waiting() < 2 * max(crew.size(), 1):
+            one = next(waiting, None)
+            more = one is not None
+            if one is not None:
+                crew.give(one)
+        if crew.waiting():
+            for rows, _ in crew.done():
+                yield from rows
+
+
 def _digest(bag: Bag, zone: datetime.tzinfo | None) -> Digest:
     begin = datetime.datetime.fromtimestamp(bag.start_ns / S_NS, datetime.timezone.utc)
     offset = begin.astimezone(zone).utcoffset() or datetime.timedelta()
@@ -140,7 +176,7 @@ def numbers(digests: list[Digest], left_out: list[str]) -> dict[str, Any]:
     rows = np.concatenate([d.rows for d in digests])
     days = _days(digests, hours, rows)
     found: dict[str, Any] = {
-        'bags': len(digests), 'left_out': left_out,
+        'bags': len(digests), 'left_out': sorted(left_out),
         'begin': _iso(digests[0].start_ns, digests[0].zone_ns),
         'end': _iso(max(d.end_ns for d in digests), digests[-1].zone_ns),
         'up_s': sum(h['up_s'] for h in hours.values()),

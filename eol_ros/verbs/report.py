@@ -24,6 +24,13 @@ def add_arguments(parser):
         'bag', nargs='+', help='bag folder, .mcap file, or a folder of bags: its newest run; '
         'several become one report, a folder with all that is in it'
     )  # fmt: skip
+    parser.add_argument(
+        '--workers', type=int, metavar='N', help='read many bags with N processes (1)'
+    )
+    parser.add_argument(
+        '--scheduler', metavar='tcp://HOST:8786',
+        help='read many bags on a Dask cluster, whose workers find them at the same paths',
+    )  # fmt: skip
     parser.add_argument('--all', action='store_true', help='all bags of a folder as one report')
     parser.add_argument('--out', metavar='DIR', help='where it goes (default: report-NAME here)')
     parser.add_argument('--csv', metavar='TOPICS', help='write these topics as CSV, no report')
@@ -75,14 +82,16 @@ def _exhibition(args):
     from eol_ros.analysis import exhibition
     from eol_ros.verbs.progress import track
 
+    if args.workers is not None and args.scheduler:
+        raise UsageError('--workers counts processes of this machine: leave out --scheduler')
     for option in ('csv', 'retrack'):
         if getattr(args, option):
             raise UsageError(f'--{option} is for one bag: name one, without --all')
     _want_matplotlib()
     digests: list[exhibition.Digest] = []
     left_out: list[str] = []
-    for path in track(exhibition.bags_in(args.bag), 'reading'):
-        one = exhibition.digest(path)
+    paths = exhibition.bags_in(args.bag)
+    for one in track(_read(args, paths), 'reading', total=len(paths)):
         if isinstance(one, str):
             left_out.append(one)
         else:
@@ -92,6 +101,23 @@ def _exhibition(args):
     print(json.dumps(found, indent=2) if args.json else '\n'.join(exhibition.sentences(found)))
     print(out / 'report.html', file=sys.stderr)
     return 0
+
+
+def _read(args, paths):
+    """Yield what is kept of each bag: read here, by processes, or on a cluster."""
+    from eol_ros.analysis import exhibition
+    from eol_ros.analysis.sweeps import crews
+
+    if not args.scheduler and args.workers in (None, 1):
+        yield from map(exhibition.digest, paths)
+        return
+    crew: crews.Crew = (
+        crews.Cluster(args.scheduler) if args.scheduler else crews.Local(args.workers)
+    )
+    try:
+        yield from exhibition.read(paths, crew)
+    finally:
+        crew.close()
 
 
 def _want_matplotlib():

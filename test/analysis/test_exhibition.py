@@ -15,6 +15,7 @@ from rclpy.serialization import serialize_message
 from eol_ros import cli
 from eol_ros.analysis import catalogue_file, exhibition, report
 from eol_ros.analysis.bag import open_bag
+from eol_ros.analysis.sweeps import crews, work
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import REPLAY_OF, BagWriter
@@ -199,3 +200,19 @@ def test_topics_are_read_in_one_pass_and_are_the_same(week):
         assert table.topic == other.topic and table.dtype == other.dtype
         for name in table.dtype.names:
             assert [str(v) for v in table[name]] == [str(v) for v in other[name]]
+
+
+@pytest.mark.slow
+def test_two_processes_read_the_same_as_one(week, digests, monkeypatch):
+    monkeypatch.setenv(work.THREADS, '1')
+    crew = crews.Local(2)
+    try:
+        read = list(exhibition.read([*exhibition.bags_in([week]), week / 'none'], crew))
+    finally:
+        crew.close()
+    left_out = [one for one in read if isinstance(one, str)]
+    there = exhibition.numbers([one for one in read if not isinstance(one, str)], left_out)
+    here = exhibition.numbers([exhibition.digest(path) for path in exhibition.bags_in([week])], [])
+
+    assert len(left_out) == 1 and 'no such bag' in left_out[0]
+    assert there | {'left_out': []} == here

@@ -17,6 +17,8 @@ import eol_ros
 from eol_ros import cli
 from eol_ros.analysis.sweeps import crews, spec, table, work
 from eol_ros.analysis.sweeps.run import Counts, run
+from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError
 
 pytestmark = pytest.mark.slow
@@ -119,6 +121,24 @@ def test_the_command_uses_the_cluster(cluster, given, tmp_path, capsys):
 
     assert cli.main([*words, '--scheduler', cluster.address]) == 0
     assert json.loads(capsys.readouterr().out)['computed'] == 32
+
+
+def test_many_bags_are_read_on_the_cluster(cluster, given, tmp_path, capsys):
+    sample = BagReader(Path(eol_ros.__file__).parents[1] / 'bags' / 'sample')
+    kept = [name for name in sample.topics if name.endswith(('/slips', '/cascades', '/block_taps'))]
+    for later_s in (0, 3600):
+        bag = BagWriter(tmp_path / 'bags' / f'run{later_s}', [sample.topics[n] for n in kept], {})
+        for m in sample.messages(kept):
+            more_ns = later_s * 10**9  # of the reception alone
+            bag.write(m.topic, m.data, m.log_ns + more_ns, m.publish_ns + more_ns)
+        bag.close()
+    words = ['report', str(tmp_path / 'bags'), '--all', '--json', '--out', str(tmp_path / 'out')]
+
+    assert cli.main(words) == 0
+    here = json.loads(capsys.readouterr().out)
+    assert cli.main([*words, '--scheduler', cluster.address]) == 0
+    there = json.loads(capsys.readouterr().out)
+    assert here == there and here['bags'] == 2 and here['cascades']['count'] > 50
 
 
 def test_a_cluster_of_another_version_is_refused_with_both(cluster, given, tmp_path):

@@ -19,7 +19,7 @@ from eol_ros.errors import DeviceMissing, EolError, UsageError
 MOST_DEATHS = 3  # of workers over one batch: then it is the batch
 REACH_S = 10.0
 POLL_S = 0.5
-Done = tuple[list[dict[str, Any]], float]
+Done = tuple[list[Any], float]
 
 
 class Crew(Protocol):
@@ -28,7 +28,7 @@ class Crew(Protocol):
     def size(self) -> int:
         """How many workers there are now."""
 
-    def give(self, batch: work.Batch) -> None:
+    def give(self, batch: work.Work) -> None:
         """Let some worker compute a batch."""
 
     def done(self) -> Iterator[Done]:
@@ -49,7 +49,7 @@ class Local:
             raise UsageError(f'--workers {workers}: 1 or more')
         os.environ.setdefault(work.THREADS, '1')  # the workers inherit it
         self._workers = workers
-        self._given: dict[Future, work.Batch] = {}
+        self._given: dict[Future, work.Work] = {}
         self._deaths: dict[str, int] = {}
         self._pool = self._new()
 
@@ -66,7 +66,7 @@ class Local:
         """Return the processes that compute."""
         return list(self._pool._processes or {})
 
-    def give(self, batch: work.Batch) -> None:
+    def give(self, batch: work.Work) -> None:
         """Let some process compute a batch."""
         try:
             self._given[self._pool.submit(work.compute, batch)] = batch
@@ -104,13 +104,13 @@ class Local:
         self._pool = self._new()
         for place, (future, batch) in enumerate(lost.items()):
             del self._given[future]
-            name = batch.tasks[0][0]
+            name = batch.title
             in_hand = place < self._workers  # the others stood in the queue
             self._deaths[name] = self._deaths.get(name, 0) + in_hand
             if self._deaths[name] > MOST_DEATHS:
                 raise EolError(
                     f'workers died {self._deaths[name]} times while they had this in hand (out of '
-                    f'memory?): {_first(batch)}'
+                    f'memory?): {batch.title}'
                 )
             self.give(batch)
 
@@ -150,7 +150,7 @@ class Cluster:
                 'start one with: dask scheduler'
             ) from None
         self.others: list[str] = []  # processors of workers that are not as here
-        self._given: dict[Any, work.Batch] = {}
+        self._given: dict[Any, work.Work] = {}
         try:
             self._check()
         except BaseException:
@@ -180,7 +180,7 @@ class Cluster:
         """How many workers there are now."""
         return len(self._client.nthreads())
 
-    def give(self, batch: work.Batch) -> None:
+    def give(self, batch: work.Work) -> None:
         """Let some worker compute a batch; the scheduler gives it to another if that one dies."""
         self._given[self._client.submit(work.compute, batch, pure=False)] = batch
 
@@ -205,7 +205,7 @@ class Cluster:
             try:
                 found: Done = future.result()
             except distributed.KilledWorker as error:
-                raise EolError(f'{error}: {_first(batch)}') from None
+                raise EolError(f'{error}: {batch.title}') from None
             yield found
 
     def close(self) -> None:
@@ -218,8 +218,3 @@ class Cluster:
 
 def _identity() -> tuple[dict[str, str], dict[str, str]]:
     return work.version(), work.where()
-
-
-def _first(batch: work.Batch) -> str:
-    more = f' (the first of {len(batch.tasks)})' if len(batch.tasks) > 1 else ''
-    return f'task {batch.tasks[0][1]}{more}'

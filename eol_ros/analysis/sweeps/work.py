@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from eol_ros.errors import ConfigError, EolError
 
@@ -32,13 +32,52 @@ class Batch:
     tasks: list[tuple[str, dict[str, Any]]]
     scenes: dict[str, Any]
     made_by: dict[str, str]
+    computes = COMPUTES
+
+    @property
+    def title(self) -> str:
+        """Tell people which it is."""
+        more = f' (the first of {len(self.tasks)})' if len(self.tasks) > 1 else ''
+        return f'task {self.tasks[0][1]}{more}'
+
+    def rows(self) -> list[Any]:
+        """Compute: return a row for each task."""
+        from eol_ros.analysis.sweeps.table import row_of
+        from eol_ros.core.science import sweep
+
+        rows = []
+        for key, parameters in self.tasks:
+            try:
+                result = sweep.compute(self.model, parameters, self.scenes)
+            except Exception as fault:
+                # not `from fault`: it may not survive the way to the other process
+                raise EolError(f'task {parameters}: {type(fault).__name__}: {fault}') from None
+            rows.append(row_of(key, parameters, result))
+        return rows
+
+
+class Work(Protocol):
+    """What a crew computes: a batch of a sweep, or another that knows how."""
+
+    made_by: dict[str, str]
+
+    @property
+    def computes(self) -> tuple[str, ...]:
+        """The sources that must be the same where it is computed."""
+
+    @property
+    def title(self) -> str:
+        """Tell people which it is."""
+
+    def rows(self) -> list[Any]:
+        """Compute."""
 
 
 @functools.cache
-def version() -> dict[str, str]:
-    """Return what must be the same wherever a table is computed."""
+def version(computes: tuple[str, ...] = COMPUTES) -> dict[str, str]:
+    """Return what must be the same wherever something is computed by these sources."""
     digest = hashlib.blake2b(digest_size=6)
-    for name in COMPUTES:
+    for name in computes:
         path = ROOT / name
         for file in sorted(path.rglob('*.py')) if path.is_dir() else [path]:
             digest.update(file.relative_to(ROOT).as_posix().encode() + file.read_bytes())
@@ -80,22 +119,11 @@ def check_threads(threads: str, who: str) -> None:
         )
 
 
-def compute(batch: Batch) -> tuple[list[dict[str, Any]], float]:
+def compute(batch: Work) -> tuple[list[Any], float]:
     """Return the rows of a batch, and the seconds that they took."""
-    from eol_ros.analysis.sweeps.table import row_of
-    from eol_ros.core.science import sweep
-
     who = f'worker {os.getpid()} on {platform.node()}'
-    check(batch.made_by, version(), who)
+    check(batch.made_by, version(batch.computes), who)
     check_threads(where()['threads'], who)
     with _ONE_AT_A_TIME:
         begin_s = time.perf_counter()
-        rows = []
-        for key, parameters in batch.tasks:
-            try:
-                result = sweep.compute(batch.model, parameters, batch.scenes)
-            except Exception as fault:
-                # not `from fault`: it may not survive the way to the other process
-                raise EolError(f'task {parameters}: {type(fault).__name__}: {fault}') from None
-            rows.append(row_of(key, parameters, result))
-        return rows, time.perf_counter() - begin_s
+        return batch.rows(), time.perf_counter() - begin_s
