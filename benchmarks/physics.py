@@ -7,13 +7,16 @@ import importlib.util
 import json
 import sys
 import time
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks import parting
 from benchmarks import physics_peers as peers
 from benchmarks.machine import tell
+from benchmarks.physics_oracles import ORACLES
 from eol_ros.core.physics import builders, choose, presets
 from eol_ros.core.physics.event import solver as event
 from eol_ros.core.physics.exact import solver as exact
@@ -81,6 +84,9 @@ def own_rows(name: str, quick: bool) -> list[dict]:
     scene = from_mapping(presets.scene(name))
     model, times = Model.of(scene), sample_times(scene.duration_s, 0.1)
     truth = reference_of(scene, model, times)
+    stretch = parting.SCIPY_S.get(name, parting.OTHERS_S)
+    early = times[times <= stretch * (1 + 1e-12)]
+    witness = ORACLES['SciPy DOP853, events'](scene, early)
     rows = []
 
     def add(method: str, solve: Callable, repeat: int) -> None:
@@ -93,6 +99,8 @@ def own_rows(name: str, quick: bool) -> list[dict]:
                 'seconds': scene.duration_s,
                 'ms': seconds * 1e3,
                 'error_m': error_of(run.u, truth),
+                'scipy_s': stretch,
+                'scipy_error_m': error_of(run.u[: len(early)], witness),
                 'events': len(run.event_t),
                 'steps': run.steps,
                 'status': run.status,
@@ -252,8 +260,6 @@ def size_rows(sizes: tuple[int, ...]) -> list[dict]:
     choose.simulate(from_mapping(builders.plate(presets.PULL, 6.0, 2, 2)), ledger=False)  # compiles
     for n in track(sizes, 'sizes'):
         side = int(round(n**0.5))
-        _reset_peak()
-        before = _peak_mb()
         offsets = builders.offsets(n, 0.005, 5, True)
         given = builders.plate(presets.PULL, 2e3, side, side, u0=offsets)
         scene = from_mapping(given)
@@ -264,16 +270,27 @@ def size_rows(sizes: tuple[int, ...]) -> list[dict]:
         rows.append(
             {
                 'n': n,
+                'bytes': _most_bytes(given, limits, times),
                 'ms': seconds * 1e3,
                 'events': len(run.event_t),
                 'steps': run.steps,
                 'us_per_event': seconds * 1e6 / max(1, len(run.event_t)),
-                'grown_mb': _peak_mb() - before,
                 't_reached': run.t_reached,
                 'status': run.status,
             }
         )
     return rows
+
+
+def _most_bytes(given: dict, limits: Limits, times: np.ndarray) -> int:
+    """Return the most memory that Python and NumPy held for scene, model and run, bytes."""
+    tracemalloc.start()
+    try:
+        scene = from_mapping(given)
+        exact.solve(scene, Model.of(scene), times, limits, False)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
 
 
 def growth_row(rows: list[dict]) -> dict:
@@ -286,7 +303,7 @@ def growth_row(rows: list[dict]) -> dict:
         'from_n': big[0]['n'],
         'to_n': last['n'],
         'cost_exponent': float(cost),
-        'memory_kb_per_block': last['grown_mb'] * 1024 / last['n'],
+        'memory_kb_per_block': last['bytes'] / 1024 / last['n'],
     }
 
 
@@ -307,20 +324,6 @@ def live_row(seconds: int = 60, rate_hz: int = 60) -> dict:
         'residual_J': table.energy_residual,
         'faults': table.faults,
     }
-
-
-def _reset_peak() -> None:
-    try:
-        Path('/proc/self/clear_refs').write_text('5')
-    except OSError:
-        pass  # the peak is then the process's own so far
-
-
-def _peak_mb() -> float:
-    for line in Path('/proc/self/status').read_text().splitlines():
-        if line.startswith('VmHWM'):
-            return int(line.split()[1]) / 1024
-    return float('nan')
 
 
 def run(args: argparse.Namespace) -> int:

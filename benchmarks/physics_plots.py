@@ -20,12 +20,20 @@ def draw(result: dict, folder: Path) -> None:
     import matplotlib
 
     matplotlib.use('Agg')
-    from matplotlib import pyplot as plt
-
     folder.mkdir(parents=True, exist_ok=True)
     rows = [r for r in result['own'] + result['rotation'] + result['peers'] if 'error_m' in r]
     names = list(dict.fromkeys(r['scene'] for r in rows))
     wide = len(names) // 3 + 1  # at least one place is left, for the legend
+    if names:
+        _errors(result, rows, names, wide, folder)
+    if any(r['events'] for r in result['sizes']):
+        _sizes(result, folder)
+
+
+def _errors(result: dict, rows: list[dict], names: list[str], wide: int, folder: Path) -> None:
+    """Draw error against run time, one panel a scene."""
+    from matplotlib import pyplot as plt
+
     figure, axes = plt.subplots(
         3,
         wide,
@@ -67,12 +75,24 @@ def draw(result: dict, folder: Path) -> None:
     axes.flat[-1].legend(shown.values(), shown.keys(), loc='center', frameon=False)
     figure.savefig(folder / 'physics_error.png', dpi=90)
     plt.close(figure)
+
+
+def _sizes(result: dict, folder: Path) -> None:
+    """Draw cost and memory against the number of blocks."""
+    from matplotlib import pyplot as plt
+
     sizes = [r for r in result['sizes'] if r['events']]
     figure, (axis, memory) = plt.subplots(1, 2, figsize=(10, 4), layout='constrained')
     axis.loglog([r['n'] for r in sizes], [r['us_per_event'] for r in sizes], 'o-')
     axis.set_ylabel('processor time per event, µs')
-    memory.loglog([r['n'] for r in sizes], [max(r['grown_mb'], 0.1) for r in sizes], 'o-')
-    memory.set_ylabel('memory of scene and run, MB')
+    memory.loglog([r['n'] for r in sizes], [r['bytes'] for r in sizes], 'o-')
+    floor = min(r['bytes'] for r in sizes)
+    memory.axhline(floor, color='0.6', linestyle='--')
+    memory.annotate(
+        f'floor: {floor / 1024:.0f} kB, of which the log of 1000 events is 17', (1, floor),
+        xytext=(0, 4), textcoords='offset points', fontsize=8,
+    )  # fmt: skip
+    memory.set_ylabel('memory of scene and run, bytes')
     for side in (axis, memory):
         side.set_xlabel('blocks')
         side.grid(alpha=0.3, which='both')
