@@ -17,7 +17,7 @@ def carrier_thread(name: str, run: Callable[[], None]) -> threading.Thread:
     One that begins later than bringup gave its process a priority takes that of the main thread.
     """
 
-    def carry() -> None:
+    def body() -> None:
         own = threading.get_native_id()
         with contextlib.suppress(OSError):  # not Linux, or not allowed here: as all the others
             Path(f'/proc/self/task/{own}/comm').write_text(PREFIX + name)
@@ -26,4 +26,4 @@ def carrier_thread(name: str, run: Callable[[], None]) -> threading.Thread:
                 os.sched_setscheduler(own, policy, os.sched_getparam(os.getpid()))
         run()
 
-    return threading.Thread(target=carry, name=name, daemon=True)
+    return threading.Thread(target=body, name=name, daemon=True)
