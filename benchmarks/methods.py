@@ -20,8 +20,8 @@ from eol_ros.core.clock_sync import ClockSync
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.motion import onset
 from eol_ros.core.played_clock import PlayedClock
-from eol_ros.core.science import powerlaw
-from eol_ros.core.sound import descriptors, layout
+from eol_ros.core.science import powerlaw, spectra
+from eol_ros.core.sound import descriptors, layout, loudness
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import render_all
@@ -31,7 +31,7 @@ from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.errors import UsageError
 from eol_ros.verbs.progress import track
 
-HELP = 'error against run time of clocks, onsets, calibration, layout, pitch, fits and the limiter'
+HELP = 'error against run time of clocks, onsets, calibration, layout, pitch, fits, loudness ...'
 EXAMPLES = [
     'eol bench methods',
     'eol bench methods --part onset --part calibration --json',
@@ -416,6 +416,68 @@ def limiter() -> Curve:
     return curve
 
 
+def spectral_slope(trials: int = 40) -> Curve:
+    """1/f noise sampled at 20 Hz, of some minutes to an hour: how far the slope is off."""
+    from scipy.signal import welch
+
+    rate, low, high = 20.0, 0.05, 5.0
+    noise = {
+        seconds: [
+            spectra.coloured_noise(1.0, round(seconds * rate), np.random.default_rng([9, k]))
+            for k in range(trials)
+        ]
+        for seconds in (160, 600, 3600)
+    }
+
+    def ours(values: np.ndarray) -> float:
+        return spectra.slope(spectra.spectrum(values, rate, low, high)).beta
+
+    def peer(values: np.ndarray) -> float:
+        hz, power = welch(values, rate, nperseg=min(len(values), 2048))
+        inside = (hz >= low) & (hz <= high)
+        return -float(np.polyfit(np.log(hz[inside]), np.log(power[inside]), 1)[0])
+
+    curve = Curve(
+        'slope of a spectrum', 'truth in code: 1/f noise', 'RMS of beta', 'series', '600 s',
+        'the interval that it states: 95 % of them hold',
+        'what has a slope and is no 1/f: `eol bench spectra`',
+    )  # fmt: skip
+    for seconds, series in noise.items():
+        error = _rms([ours(values) - 1 for values in series])
+        curve.points.append((f'{seconds} s', _ms(lambda v=series[0]: ours(v)), error))
+    at = noise[600]
+    error = _rms([peer(values) - 1 for values in at])
+    curve.peers.append(('SciPy welch, least squares, 600 s', _ms(lambda: peer(at[0])), error))
+    return curve
+
+
+def tone_loudness() -> Curve:
+    """A tone of 997 Hz at -20 dBFS at several sample rates: -23.01 LUFS by ITU-R BS.1770."""
+    from scipy.signal import sosfilt
+
+    printed = loudness.k_weighting(48_000)  # BS.1770 prints them for 48 kHz only
+    curve = Curve(
+        'loudness', 'formula: ITU-R BS.1770, 997 Hz at -20 dBFS is -23.01 LUFS', 'LU',
+        'second of sound', '44100 Hz', 'the recommendation: 0.1 LU',
+        'frequencies near half the sample rate: the filter is warped there',
+    )  # fmt: skip
+    for rate in (8_000, 22_050, 44_100, 48_000, 96_000, 192_000):
+        tone = 0.1 * np.sin(2 * np.pi * 997 * np.arange(10 * rate) / rate)
+
+        def ours(tone: np.ndarray = tone, rate: int = rate) -> float:
+            return float(loudness.windows_lufs(tone[:, None], rate, 3.0)[-1])
+
+        def peer(tone: np.ndarray = tone, rate: int = rate) -> float:
+            part = sosfilt(printed, tone)[-3 * rate :]
+            return float(loudness.lufs(np.mean(part**2)))
+
+        curve.points.append((f'{rate} Hz', _ms(ours, 2) / 10, abs(ours() + 23.01)))
+        if rate in (8_000, 44_100, 192_000):
+            name = f'the 48 kHz filter at {rate} Hz'
+            curve.peers.append((name, _ms(peer, 2) / 10, abs(peer() + 23.01)))
+    return curve
+
+
 PARTS: dict[str, Callable[[], Curve]] = {
     'board-clock': board_clock,
     'replay-clock': replay_clock,
@@ -425,6 +487,8 @@ PARTS: dict[str, Callable[[], Curve]] = {
     'pitch': pitch,
     'power-law': tail,
     'limiter': limiter,
+    'slope': spectral_slope,
+    'loudness': tone_loudness,
 }
 
 
