@@ -101,25 +101,39 @@ class Bag(BagReader):
         The message begins with a header, as all of the graph do that have a stamp.
         """
         name = self.find(topic)
+        if name in self._kept:
+            return self._kept[name]['log_time'], self._kept[name]['stamp']
         if name not in self._stamps:
             received, stamped = array('q'), array('q')
             for m in self.messages([name]):
-                seconds, ns = struct.unpack_from('<iI' if m.data[1] & 1 else '>iI', m.data, 4)
                 received.append(m.log_ns)
-                stamped.append(seconds * 10**9 + ns)
+                stamped.append(_stamp_ns(m.data))
             both = (np.array(times, np.int64).view('M8[ns]') for times in (received, stamped))
             self._stamps[name] = tuple(both)
         received_at, stamp = self._stamps[name]
         return received_at, stamp
 
-    def rows(self, topic: str, which: np.ndarray) -> Table:
-        """Return the rows of `table(topic)` with the numbers `which`, and decode no others."""
+    def thinned(self, topic: str, step_s: float) -> Table:
+        """Return the first row of each `step_s` by the stamps, and decode no others.
+
+        The message begins with a header; a row has half a step of distance at least.
+        """
         name = self.find(topic)
-        decoder, wanted, parts = self.decoder(name), set(which.tolist()), []
-        some = (m for k, m in enumerate(self.messages([name])) if k in wanted)
+        decoder, parts = self.decoder(name), []
+        some = self._thinned(name, round(step_s * 1e9))
         while batch := list(itertools.islice(some, BATCH)):
             parts.append(_decoded(decoder, batch))
         return _table(name, decoder, parts)
+
+    def _thinned(self, name: str, step_ns: int) -> Iterator[BagMessage]:
+        last_ns, last_step = -(1 << 62), None
+        for m in self.messages([name]):
+            at_ns = _stamp_ns(m.data)
+            step = (at_ns - self.start_ns) // step_ns
+            if step != last_step and at_ns >= last_ns + step_ns // 2:
+                last_ns = at_ns
+                yield m
+            last_step = step
 
     def decoder(self, name: str) -> Decoder:
         """Return the decoder of the full topic name."""
@@ -185,6 +199,12 @@ class Bag(BagReader):
             if batch:
                 parts[name].append(_decoded(decoders[name], batch))
         return {topic: _table(name, decoders[name], parts[name]) for name, topic in names.items()}
+
+
+def _stamp_ns(data: bytes) -> int:
+    """Return the stamp of a serialised message that begins with a header."""
+    seconds, ns = struct.unpack_from('<iI' if data[1] & 1 else '>iI', data, 4)
+    return int(seconds * 10**9 + ns)
 
 
 def _decoded(decoder: Decoder, batch: list[BagMessage]) -> dict[str, np.ndarray]:

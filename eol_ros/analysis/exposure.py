@@ -51,15 +51,8 @@ def _moved(at_s: np.ndarray, place_m: np.ndarray, name: str) -> Exposure:
 
 def _path(bag: Bag, topic: str) -> tuple[np.ndarray, np.ndarray]:
     """Return times (n,), s, and places (n, 2), m, at least STEP_S apart."""
-    kept, last = [], -np.inf
-    stamps = bag.stamps(topic)[1].astype('i8')
-    at_s = (stamps - bag.start_ns) * 1e-9
-    for k in np.flatnonzero(np.diff(np.floor(at_s / STEP_S), prepend=-1) > 0):
-        if at_s[k] >= last + STEP_S / 2:
-            last = at_s[k]
-            kept.append(k)
-    table = bag.rows(topic, np.array(kept, int))
+    table = bag.thinned(topic, STEP_S)
+    at_s = (table['stamp'].astype('i8') - bag.start_ns) * 1e-9
     if topic == 'truth':
-        return at_s[kept], np.stack([table['rim_x'], table['rim_y']], axis=1)
-    middle = [table['blocks'][axis].mean(axis=1) for axis in ('x', 'y')]
-    return at_s[kept], np.stack(middle, axis=1)
+        return at_s, np.stack([table['rim_x'], table['rim_y']], axis=1)
+    return at_s, np.stack([table['blocks'][axis].mean(axis=1) for axis in ('x', 'y')], axis=1)

@@ -288,18 +288,22 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
     return {name: _summary(late_s * 1e3) for name, late_s in found.items() if len(late_s)}
 
 
-def _first_packets(bag: Bag, own: bool = False) -> Table | None:
-    """Return of `led_commands` the first packet for each stamp of an image.
+def _first_packets(bag: Bag, own: bool = False) -> np.ndarray | None:
+    """Return stamp and sent of the first packet of `led_commands` for each stamp of an image.
 
     own: the blocks' own flashes, which have the stamps of their taps.
     """
     table, taps = _table(bag, 'led_commands'), _table(bag, 'block_taps')
     if table is None:
         return None
-    by_block = np.isin(table['stamp'], taps['stamp']) if taps is not None else False
-    table = table[np.broadcast_to(by_block, len(table)) == own]
-    stamps, first = np.unique(table['stamp'], return_index=True)
-    return table[np.sort(first[seconds(stamps) > 0])]
+    stamp_ns, sent = table['stamp'].astype('i8'), table['sent']  # integers sort faster than dates
+    by_block = np.isin(stamp_ns, taps['stamp'].astype('i8')) if taps is not None else False
+    some = np.flatnonzero(np.broadcast_to(by_block, len(stamp_ns)) == own)
+    stamps, first = np.unique(stamp_ns[some], return_index=True)
+    kept = some[np.sort(first[stamps > 0])]
+    found = np.empty(len(kept), [('stamp', 'M8[ns]'), ('sent', 'M8[ns]')])
+    found['stamp'], found['sent'] = table['stamp'][kept], sent[kept]
+    return found
 
 
 def _setting(bag: Bag, node: str, name: str) -> Any:
