@@ -20,6 +20,7 @@ from eol_ros.ros.stamps import to_ns
 from eol_ros.streams import blocks, triggers
 from eol_ros.streams import corpus as corpora
 from eol_ros.streams.requests import Asked
+from eol_ros.streams.said import said
 
 LEAD_S = 1.0  # a new corpus is told this long before its grains are, for the sound to be read in
 READ = 50.0  # and a long one longer: this many seconds of sound are read in a second
@@ -114,7 +115,8 @@ class GrainsNode(EolNode):
         for note in corpus.notes:
             self.get_logger().warning(note)
         self.health.values['grains'] = len(corpus)
-        self.words = f'{int(corpus.placed.sum())} grains of {Path(corpus.sources[0].path).name}'
+        count, name = int(corpus.placed.sum()), Path(corpus.sources[0].path).name
+        self.words = said('grains', '{count} grains of {name}', count=count, name=name)
         self.health.ok(self.words)
 
     def on_blocks(self, raw: bytes) -> None:

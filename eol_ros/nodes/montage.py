@@ -14,6 +14,7 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import NS, now_ns, system_ns, to_msg
 from eol_ros.streams.requests import Asked
+from eol_ros.streams.said import said
 
 RELOAD_S = 1.0
 
@@ -147,9 +148,14 @@ class MontageNode(EolNode):
         count, skipped = len(self.folder.pairs), self.folder.skipped
         self.health.values.update(pairs=count, skipped=len(skipped), changes=self.wall.change)
         if skipped:
-            self.health.warn(f'{count} pairs; skipped {"; ".join(skipped[:3])}')
+            names = '; '.join(skipped[:3])
+            self.health.warn(
+                said('skipped', '{count} pairs; skipped {names}', count=count, names=names)
+            )
+        elif self.asleep:
+            self.health.ok(said('pairs_asleep', '{count} pairs, asleep', count=count))
         else:
-            self.health.ok(f'{count} pairs' + (', asleep' if self.asleep else ''))
+            self.health.ok(said('pairs', '{count} pairs', count=count))
 
 
 main = runner(MontageNode)

@@ -11,6 +11,7 @@ from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.streams import blocks, cascades, felt, slips, taps
+from eol_ros.streams.said import said
 
 TOLD = {felt.PROVISIONAL: 'felt', felt.CONFIRMED: 'confirmed', felt.RETRACTED: 'retracted'}
 
@@ -76,7 +77,10 @@ class MotionNode(EolNode):
             slips=self.motion.detector.count,
             **{name: self.felt[kind] for kind, name in TOLD.items()},
         )
-        self.health.ok(f'{moving} of 25 blocks move' if moving else 'all is still')
+        still = said('still', 'all is still')
+        self.health.ok(
+            said('moving', '{moving} of 25 blocks move', moving=moving) if moving else still
+        )
 
 
 main = runner(MotionNode)

@@ -17,6 +17,7 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.streams import corpus
 from eol_ros.streams.requests import Asked
+from eol_ros.streams.said import clauses, said
 from eol_ros.web import metrics, notices, screens, wire
 from eol_ros.web.server import WebServer
 
@@ -95,7 +96,10 @@ class PanelNode(EolNode):
         self.screen_file.save(self.server.routes.screens, time.monotonic())
         trouble = self.day_file.trouble or self.screen_file.trouble
         say = self.health.warn if trouble else self.health.ok
-        say(f'{self.server.address}, {viewers} viewers' + (trouble and f'; {trouble}'))
+        here = said(
+            'panel', '{address}, {viewers} viewers', address=self.server.address, viewers=viewers
+        )
+        say(clauses([here, trouble]))
 
     def close(self) -> None:
         self.server.stop()

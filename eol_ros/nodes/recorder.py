@@ -23,6 +23,7 @@ from eol_ros.ros.startup_barrier import READY
 from eol_ros.ros.topics import CLOCK
 from eol_ros.streams.cdr import counter
 from eol_ros.streams.graph import TOPICS, node_of
+from eol_ros.streams.said import said
 
 IMAGES, INFO, SAMPLES = 'camera/image_raw', 'camera/camera_info', 'sound_samples'
 PREVIEW, MARKERS = 'camera/image_raw/compressed', 'markers'
@@ -161,14 +162,24 @@ class RecorderNode(EolNode):
         if dropped != self._dropped:
             self._dropped, self._dropped_s = dropped, time.monotonic()
         if recording.trouble:
-            health.error(f'not recording: {recording.trouble}')
+            health.error(said('not_recording', 'not recording: {why}', why=recording.trouble))
         elif dropped and time.monotonic() - self._dropped_s < DROPS_TOLD_S:
-            health.warn(f'{recording.drop_cause}: {dropped} messages dropped')
+            health.warn(
+                said(
+                    'dropped', '{cause}: {count} messages dropped',
+                    cause=recording.drop_cause, count=dropped,
+                )
+            )  # fmt: skip
         elif recording.image_budget_spent:
-            limit = self.settings.images_max_gb
-            health.ok(f'recording without images: the {limit:g} GB of today are full')
+            limit = f'{self.settings.images_max_gb:g}'
+            health.ok(
+                said(
+                    'no_images', 'recording without images: the {limit} GB of today are full',
+                    limit=limit,
+                )
+            )  # fmt: skip
         else:
-            health.ok(f'recording into {recording.folder}')
+            health.ok(said('recording', 'recording into {folder}', folder=recording.folder))
 
     def close(self) -> None:
         self._count_losses(last=True)

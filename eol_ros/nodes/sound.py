@@ -25,6 +25,7 @@ from eol_ros.ros.sound import SampleStream, meter_message
 from eol_ros.ros.stamps import NS, now_ns, to_ns
 from eol_ros.streams import corpus, triggers
 from eol_ros.streams.requests import Asked
+from eol_ros.streams.said import clauses, said
 
 COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
 FADES = ('mute', 'unmute', 'sleep', 'wake')
@@ -211,8 +212,9 @@ class SoundNode(EolNode):
             relocks=int(state['clock_locks']),
             **{k: int(state[k]) for k in COUNTERS},
         )
-        silent = 'asleep' if self.asleep else 'muted' if self.muted else ''
-        text = '; '.join(t for t in (silent, player.text, self.trouble) if t)
+        silent = said('muted', 'muted') if self.muted else ''
+        silent = said('asleep', 'asleep') if self.asleep else silent
+        text = clauses([silent, player.text, self.trouble])
         level = 'warn' if self.trouble and player.level == 'ok' else player.level
         getattr(self.health, level)(text)
         if player.stuck:

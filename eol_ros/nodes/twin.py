@@ -21,6 +21,7 @@ from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import NS, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.streams.requests import Asked
+from eol_ros.streams.said import said
 
 REST_SAMPLES = 288  # after those that a block's detector learns from
 LONGEST_STEP_S = 0.1  # a machine that slept does not make up for it
@@ -140,7 +141,12 @@ class TwinNode(EolNode):
         s = self.settings
         if self.camera is None and self.barrier.ready():
             self.health.expects('images')
-            self.health.ok(f'{s.width}x{s.height} at {s.fps:g} images/s, hands: {s.hands}')
+            self.health.ok(
+                said(
+                    'twin', '{width}x{height} at {fps} images/s, hands: {hands}',
+                    width=s.width, height=s.height, fps=f'{s.fps:g}', hands=s.hands,
+                )
+            )  # fmt: skip
             self.camera = VirtualCamera(
                 s.fps, s.exposure_us * 1e-6, self.expose, self.deliver, move=self.move
             )

@@ -6,6 +6,7 @@ line to the pipe inherited from bringup. It is written by the executor, so a nod
 hangs falls silent, and that is how bringup notices.
 """
 
+import json
 import os
 import platform
 import time
@@ -18,6 +19,7 @@ from eol_ros.ros.give_back import give_back
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.stamps import to_msg
 from eol_ros.streams.graph import status_name
+from eol_ros.streams.said import SAID, Said, said
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 OK, WARN, ERROR, STARTING = 0, 1, 2, 3
 WORDS = ('ok', 'WARN', 'ERROR', 'starting')
 PERIOD_S = 1.0
+STARTS = said('starting', 'starting')
 SETTLED = 4, 10  # reports in a row that all is well, after which to give back memory
 
 
@@ -34,7 +37,8 @@ class Health:
     def __init__(self, node: 'EolNode'):
         self.values: dict[str, Any] = {}
         self.kept: dict[str, Any] = {}  # what the node must take up if it is started again
-        self.level, self.text = STARTING, 'starting'
+        self.level = STARTING
+        self.text: str = STARTS
         self._name = node.get_name()
         self._node = node
         self._publisher = node.publisher('/diagnostics')
@@ -100,7 +104,10 @@ class Health:
                 self._last_tick_s = now_s
             silent_s = now_s - self._last_tick_s
             if silent_s > within_s:
-                level, text = WARN, f'no {what} for {silent_s:.0f} s'
+                level = WARN
+                text = said(
+                    'nothing_of', 'no {what} for {seconds} s', what=what, seconds=f'{silent_s:.0f}'
+                )
         return {
             'node': self._name,
             'level': level,
@@ -133,5 +140,8 @@ class Health:
             KeyValue(key='pid', value=str(status['pid'])),
         ]
         row.values += [KeyValue(key=k, value=str(v)) for k, v in self.values.items()]
+        if isinstance(status['text'], Said):
+            words = json.dumps(status['text'].parts, ensure_ascii=False)
+            row.values.append(KeyValue(key=SAID, value=words))
         header = Header(stamp=to_msg(self._node.now_ns()))
         self._publisher.publish(DiagnosticArray(header=header, status=[row]))

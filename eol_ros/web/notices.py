@@ -2,6 +2,7 @@
 """Messages of the graph as the plain dicts that pages read. Takes anything with the same fields."""
 
 import datetime
+import json
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -14,6 +15,7 @@ from eol_ros.streams import cascades
 from eol_ros.streams.graph import node_of
 from eol_ros.streams.record import seconds
 from eol_ros.streams.requests import Number
+from eol_ros.streams.said import SAID
 from eol_ros.web.controls import CONTROLS
 
 RECENT = 40
@@ -56,11 +58,12 @@ def health(status: Any) -> dict[str, Any]:
     """Return a DiagnosticStatus (REP 107) of one of our nodes."""
     level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
     values = {pair.key: pair.value for pair in status.values}
+    parts = values.pop(SAID, '')
     return {
         't': 'health', 'node': node_of(status.name)[0],
         'level': LEVELS[min(level, 3)], 'text': status.message,
         'rate': float(values.pop('rate_hz', 0.0)), 'values': values,
-        'pid': values.pop('pid', ''),
+        'pid': values.pop('pid', ''), 'said': json.loads(parts) if parts else [status.message],
     }  # fmt: skip
 
 

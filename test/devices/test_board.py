@@ -95,7 +95,7 @@ def test_a_tap_is_stamped_with_the_time_of_the_knock(host, fake):
 def test_a_board_of_version_1_is_spoken_to_in_its_language(old_host, old):
     board = old_host.board
     assert board.version == 1
-    assert board.state.text == f'board fake on {old.link}, 25 blocks, protocol version 1'
+    assert board.state.text == f'board fake on {old.link}, 25 blocks; protocol version 1'
     assert board.light(1, 0) is None
     board.configure(protocol.Lighting(0, 255, 350), protocol.Detector())
     assert wait_until(lambda: old_host.board.round_trip_ms)

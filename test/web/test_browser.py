@@ -768,6 +768,10 @@ def test_both_languages(graph, browser, path):
             'return [...document.querySelectorAll("[data-say]")]'
             '.map((e) => [e.dataset.say, e.textContent])',
         )
+        if path == '/':  # nodes say how they are by codes
+            still = {'en': 'still|move', 'zh-Hant': '靜止|移動'}[name]
+            why = 'document.querySelector("[data-node=motion] .why")'
+            until_page(browser, f'/{still}/.test({why}?.textContent)')
         picture(browser, f'{path.strip("/") or "panel"}-{name}')
     assert [key for key, text in texts['en'] if not text or '_' in text] == []
     same = [k for (k, a), (_, b) in zip(texts['en'], texts['zh-Hant'], strict=True) if a == b]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The static pages: both languages whole, nothing from elsewhere, nothing the policy forbids."""
 
+import ast
 import json
 import re
 
@@ -11,16 +12,10 @@ from eol_ros.web.routes import STATIC
 
 WORDS = {p.stem: json.loads(p.read_text('utf-8')) for p in (STATIC / 'lang').glob('*.json')}
 BUILT = (
-    'level_',
-    'tracker_',
-    'descriptor_',
-    'hours_',
-    'where_',
-    'caption_',
-    'playing_',
-    'corner_',
-    'edge_',
-)
+    'level_', 'tracker_', 'descriptor_', 'hours_', 'where_', 'caption_', 'playing_', 'corner_',
+    'edge_', 'said_',
+)  # fmt: skip
+PLACE = re.compile(r'\{(\w+)\}')
 TEXTS = {p.name: p.read_text('utf-8') for p in STATIC.glob('*.*')}
 
 
@@ -61,6 +56,18 @@ def test_nothing_comes_from_elsewhere_and_no_inline_code(name):
         assert 'innerHTML' not in text and 'eval(' not in text
         for path in re.findall(r"from '\./([^']+)'", text):
             assert (STATIC / path).is_file()
+
+
+def test_what_nodes_say_has_the_same_words_in_the_code_and_in_both_languages():
+    found = {}
+    for path in STATIC.parents[1].rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text('utf-8'))):
+            if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'said':
+                code, words = (a.value for a in node.args)
+                assert found.setdefault(code, words) == words
+                assert sorted(k.arg for k in node.keywords) == sorted(set(PLACE.findall(words)))
+    listed = {k.removeprefix('said_'): v for k, v in WORDS['en'].items() if k.startswith('said_')}
+    assert len(found) > 20 and listed == found
 
 
 def luminance(colour):

@@ -19,6 +19,7 @@ from eol_ros.devices.audio.outputs import find, portaudio, reason, rescan
 from eol_ros.devices.audio.wav_sink import WavSink
 from eol_ros.devices.backoff import Backoff
 from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.streams.said import clauses, said
 
 WATCH_S = 0.1  # between two looks at the card
 STILL_S = 0.6  # a card that asks for nothing for so long is gone
@@ -179,11 +180,12 @@ class Player:
         """Return what is being done, for people."""
         output = self.output
         if isinstance(output, Card):
-            return f'playing on {output.name}'
-        full = '; the file has reached its limit' if output.full else ''
+            return said('playing', 'playing on {name}', name=output.name)
+        full = said('full', 'the file has reached its limit') if output.full else ''
         if self.device == 'wav' and not self._why:
-            return f'writing {output.name}{full}'
-        return f'{self._why}; the sound goes to {output.name}{full}'
+            return clauses([said('writing', 'writing {name}', name=output.name), full])
+        instead = said('instead', 'the sound goes to {name}', name=output.name)
+        return clauses([self._why, instead, full])
 
     def close(self, fade_out_s: float = 0.5) -> None:
         """Fade out and stop."""

@@ -22,6 +22,7 @@ from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.board.ports import find_port
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.errors import DeviceMissing
+from eol_ros.streams.said import clauses, said
 
 BAUD = 1_000_000
 HELLO_EVERY_S = 0.25
@@ -212,8 +213,12 @@ class Board:
             name = welcome.name.rstrip(b'\0').decode('ascii', 'replace')
             self._backoff.succeeded()
             self.connections += 1
-            old = ', protocol version 1' if welcome.version == 1 else ''
-            self._set_state('ready', f'board {name} on {path}, {welcome.blocks} blocks{old}')
+            board = said(
+                'board', 'board {name} on {path}, {count} blocks',
+                name=name, path=path, count=welcome.blocks,
+            )  # fmt: skip
+            old = said('protocol_1', 'protocol version 1') if welcome.version == 1 else ''
+            self._set_state('ready', clauses([board, old]))
             self.infrared(self._infrared)
             self.show(self._white, 0)
             if self.version > 1:

@@ -18,6 +18,7 @@ from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.camera.sources import LiveCamera, Picture, VideoFile
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.streams.said import clauses, said
 
 AHEAD = 6  # images of a file decoded before their time
 WATCHDOG_IMAGES = 3
@@ -93,10 +94,11 @@ class Camera:
         self._streams()
 
     def _streams(self) -> None:
-        self._tell('streaming', f'{self.source.name} at {self.source.fps:g} images/s')
+        name, fps = self.source.name, f'{self.source.fps:g}'
+        self._tell('streaming', said('camera', '{name} at {fps} images/s', name=name, fps=fps))
 
     def _tell(self, kind: str, text: str) -> None:
-        self._set_state(kind, text + ''.join(f'; {note}' for note in self.source.notes))
+        self._set_state(kind, clauses([text, *self.source.notes]))
 
     def _set_state(self, kind: str, text: str) -> None:
         state = State(kind, text)
@@ -171,7 +173,7 @@ class Camera:
             patience_s = WATCHDOG_IMAGES * period_s
             picture = self._take(patience_s if self.source.live else max(patience_s, 0.5))
             if picture is None and self._at_end and not self._waiting:
-                self._tell('ended', f'{self.source.name} is at its end')
+                self._tell('ended', said('ended', '{name} is at its end', name=self.source.name))
                 return
             if picture is None:
                 self._miss()

@@ -10,6 +10,7 @@ from eol_ros.core.vision.states import STATES, TRACKING
 from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.errors import EolError
 from eol_ros.settings import TrackerSettings
+from eol_ros.streams.said import clauses, said
 
 TOLD_S = 20.0  # how long the status says what came of a request
 
@@ -61,14 +62,18 @@ class TrackerFiles:
 
     def words(self, tracked: Tracked) -> tuple[bool, str]:
         """Return whether all is well, and one line; what came of a request is said for a while."""
-        good, text = tracked.state == TRACKING, f'{STATES[tracked.state]}: {tracked.why}'
+        good = tracked.state == TRACKING
+        text: str = f'{STATES[tracked.state]}: {tracked.why}'
         if good:
-            text = f'{int(tracked.seen.sum())} of 25 blocks seen'
+            text = said('seen', '{seen} of 25 blocks seen', seen=int(tracked.seen.sum()))
             if tracked.symmetry_ambiguous:
                 good = False
-                text = 'which way round the lattice lies is open: ids may be turned by 90 deg'
+                text = said(
+                    'ambiguous',
+                    'which way round the lattice lies is open: ids may be turned by 90 deg',
+                )
         if self.told is not None and tracked.stamp_s < self._until_s:
-            return good and not self.told.refused, f'{self.told.text}; {text}'
+            return good and not self.told.refused, clauses([self.told.text, text])
         return good, text
 
     def _keep(self, tracker: Tracker, kind: str) -> str:

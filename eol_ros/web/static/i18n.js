@@ -33,6 +33,13 @@ export function say(key, places = {}) {
   return text.replace(/\{(\w+)\}/g, (_, name) => places[name] ?? '');
 }
 
+// What a node says of itself: each clause in the reader's language where it has a code that the words
+// know, else as it came.
+export function sentence({ text, said }) {
+  if (!said) return text;
+  return said.map((part) => (Array.isArray(part) && `said_${part[0]}` in words ? say(`said_${part[0]}`, part[1]) : part)).join('; ');
+}
+
 // A button for each language; `then` is called when another one is spoken.
 export function addLanguages(place, then = () => {}) {
   const mark = () => {

@@ -3,7 +3,7 @@
 
 import { fit, fontPx, write } from './paint.js';
 import { readLeds } from './link.js';
-import { say } from './i18n.js';
+import { say, sentence } from './i18n.js';
 
 const MARKS = { ok: '\u2713', warn: '\u25b2', error: '\u2716', silent: '\u25cb' };
 const SILENT_S = 3;
@@ -106,7 +106,7 @@ export class NodeList {
     const old = this.nodes.get(status.node);
     this.nodes.set(status.node, { ...status, heard: performance.now() - 1000 * age });
     if (old && old.level === 'ok' && status.level !== 'ok') {
-      this.faults.textContent = `${status.node}: ${say(`level_${status.level}`)}. ${status.text}`;
+      this.faults.textContent = `${status.node}: ${say(`level_${status.level}`)}. ${sentence(status)}`;
     }
     this.draw();
   }
@@ -142,7 +142,7 @@ export class NodeList {
     }
     let good = 0;
     names.forEach((name, i) => {
-      const { level, text, rate } = this.nodes.get(name);
+      const { level, rate } = this.nodes.get(name);
       const silent = this.age(name);
       const shown = silent > SILENT_S ? 'silent' : level;
       if (shown === 'ok') good++;
@@ -151,7 +151,7 @@ export class NodeList {
       item.dataset.node = name;
       const words = [MARKS[shown], name, say(`level_${shown}`)];
       const hz = rate >= 0.5 ? `${rate.toFixed(rate < 10 ? 1 : 0)} Hz, ` : '';
-      words.push(shown === 'silent' ? say('silent_for', { seconds: silent.toFixed(0) }) : hz + text);
+      words.push(shown === 'silent' ? say('silent_for', { seconds: silent.toFixed(0) }) : hz + sentence(this.nodes.get(name)));
       words.forEach((word, k) => write(item.children[k], word));
     });
     const words = say('nodes_words', { good, all: names.length });
