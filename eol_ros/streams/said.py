@@ -12,7 +12,7 @@ SAID = 'said'  # the key in a DiagnosticStatus under which the parts go, as JSON
 
 
 class Said(str):
-    """An English text that knows its codes: it is a str for whoever needs no other language.
+    """An English text that knows its codes: a plain str to all that need no other language.
 
     `parts` has for each clause [code, places], or a plain str where there is no code.
     """
