@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images through the real nodes into a bag; the bag's images give the bag's results again."""
 
+import argparse
 import dataclasses
 import time
 
@@ -340,15 +341,15 @@ def test_a_tracker_that_was_started_again_ends_the_proof(run, monkeypatch):
 def test_the_report_says_what_was_proved(run, monkeypatch, tmp_path, capsys):
     from eol_ros.verbs import report
 
-    class Args:
-        bag, out, csv, retrack, json = str(run.path), str(tmp_path), '', True, False
-
+    parser = argparse.ArgumentParser()
+    report.add_arguments(parser)
+    args = parser.parse_args([str(run.path), '--out', str(tmp_path), '--retrack'])
     monkeypatch.setattr('eol_ros.analysis.bag.open_bag', lambda path: run)
-    assert report.run(Args) == 0
+    assert report.run(args) == 0
     assert 'recomputed from the recorded input: equal to the last bit' in capsys.readouterr().out
     monkeypatch.setattr('eol_ros.analysis.retrack.retrack', lambda bag, track: result)
     result = without(run, monkeypatch, images=(60,))
-    assert report.run(Args) == 1
+    assert report.run(args) == 1
     words = capsys.readouterr().out
     assert 'blocks: 150 recorded, 60 recomputed, 60 of 150 proved, no difference' in words
     assert 'the tracker saw 150 images, of which the bag lacks 1' in words

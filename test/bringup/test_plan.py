@@ -37,7 +37,7 @@ def test_what_hurries_and_what_waits(tmp_path):
     found = {p.name: p for p in plan.processes(scenes.load('rehearsal'), Path('s.yaml'))}
 
     hurry = {name for name, process in found.items() if process.real_time}
-    assert hurry == {'tracker', 'motion', 'leds', 'grains', 'sound'}
+    assert hurry == {'twin', 'tracker', 'motion', 'leds', 'grains', 'sound'}
     assert {name for name, process in found.items() if process.nice} == {
         'recorder',
         'panel',
