@@ -213,7 +213,8 @@ def build_messages(step: Step, folder: Path) -> None:
 
 def setup(extra: str) -> None:
     """Do what is not done yet; raises SetupFailed."""
-    block = sorted((ROOT / 'firmware' / 'block').glob('*.[ch]'))
+    firmware = ROOT / 'firmware'
+    block = (firmware / 'link.h', *sorted((firmware / 'block').glob('*.[ch]')))
     key = digest(ROOT / 'setup.py', *block, *sorted(LOCKS.glob('*.txt')), Path(__file__))
     ready = VENV / f'.ready-{key}-{extra}'
     if not extra:  # what any extra has installed is enough

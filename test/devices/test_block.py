@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The detector of the firmware on steps, noise, rings and faults made here."""
 
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 
@@ -205,3 +207,10 @@ def test_where_it_was_not_compiled_one_line_says_so(monkeypatch):
     with pytest.raises(DeviceMissing, match='apt-get install'):
         Detector()
     assert not block.compiled()
+
+
+def test_what_was_compiled_for_another_version_is_said(monkeypatch):
+    another = find_spec('numpy.random.bit_generator')  # a library, without what is looked for
+    monkeypatch.setattr(block, 'find_spec', lambda name: another)
+    with pytest.raises(DeviceMissing, match='another version of eol_ros: install eol_ros again'):
+        block.library.__wrapped__()

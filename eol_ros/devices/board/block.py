@@ -145,12 +145,18 @@ def library() -> ctypes.CDLL:
         raise DeviceMissing(MISSING)
     lib = ctypes.CDLL(found.origin)
     memory, size = ctypes.c_void_p, ctypes.c_size_t
-    lib.eol_knock_size.restype = size
-    lib.eol_knock_batch.argtypes = [memory, memory, size, memory, size]
-    lib.eol_knock_batch.restype = size
-    lib.eol_knock_begin.argtypes = [memory, memory]
-    lib.eol_knock_wake.argtypes = [memory]
-    lib.eol_knock_limit.argtypes = [memory]
-    lib.eol_knock_limit.restype = ctypes.c_uint16
-    lib.eol_block_size.restype = lib.eol_blocks_tick.restype = size
+    try:
+        lib.eol_knock_size.restype = size
+        lib.eol_knock_batch.argtypes = [memory, memory, size, memory, size]
+        lib.eol_knock_batch.restype = size
+        lib.eol_knock_begin.argtypes = [memory, memory]
+        lib.eol_knock_wake.argtypes = [memory]
+        lib.eol_knock_limit.argtypes = [memory]
+        lib.eol_knock_limit.restype = ctypes.c_uint16
+        lib.eol_block_size.restype = lib.eol_blocks_tick.restype = size
+    except AttributeError:  # what the library lacks
+        raise DeviceMissing(
+            f'{found.origin} was compiled for another version of eol_ros: install eol_ros again '
+            '(in a checkout: make setup)'
+        ) from None
     return lib
