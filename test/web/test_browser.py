@@ -130,6 +130,39 @@ def test_what_came_of_a_request_stands_beside_the_buttons_in_both_languages(
     assert complaints(browser) == []
 
 
+def test_the_page_says_when_nobody_plays_and_the_panel_switches_it(graph, browser):
+    """From the button through the graph to the words on the table, and back at a touch."""
+    address, _ = graph
+    alone = 'document.getElementById("alone")'
+    visit(browser, address, '/table')
+    until_page(browser, 'eol.counts.packets > 30')
+    assert run(browser, f'return {alone}.hidden')
+    with urllib.request.urlopen(urllib.request.Request(
+        f'{address}/control/plays_itself', b'{}', {'Content-Type': 'application/json'}
+    )) as answer:  # fmt: skip
+        assert json.load(answer)['ok']
+    start = run(browser, 'return [...eol.state().rim]')
+    # nobody has touched it yet: after a touch it would be theirs for 20 s
+    until_page(browser, f'!{alone}.hidden && Math.hypot(eol.state().rim[0] - {start[0]},'
+                        f' eol.state().rim[1] - {start[1]}) > 0.005', 60)  # fmt: skip
+    for name, words in (('zh-Hant', '此刻沒有人'), ('en', 'Nobody is here')):
+        browser.find_element('css selector', f'#languages [lang={name}]').click()
+        until_page(browser, f'{alone}.textContent.startsWith("{words}")')
+        picture(browser, f'table-alone-{name}')
+    mouse(browser, 'mousePressed', 640, 400)
+    mouse(browser, 'mouseMoved', 645, 400)
+    until_page(browser, f'{alone}.hidden')
+    mouse(browser, 'mouseReleased', 645, 400, 0)
+    until_page(browser, '!eol.hands.holding')
+    until_page(browser, f'{alone}.hidden')  # theirs for 20 s
+    visit(browser, address, '/')
+    button = 'document.querySelector("[data-control=people_only]")'
+    until_page(browser, f'{button}.offsetParent && {button}.ariaPressed === "false"')
+    run(browser, f'{button}.click()')
+    until_page(browser, f'{button}.ariaPressed === "true"')
+    assert complaints(browser) == []
+
+
 def test_a_drag_moves_lights_sounds_and_changes_the_pair(graph, browser):
     """End to end: hand -> rim -> slip -> flash, sound, walls, all in one browser."""
     address, _ = graph
@@ -183,39 +216,6 @@ def test_keys_and_two_fingers_turn_the_rim(graph, browser):
         touch(browser, 'touchMove', (640 - dx, 400 - dy), (640 + dx, 400 + dy))
     until_page(browser, f'eol.state().rim[2] < {turned} - 0.05')
     touch(browser, 'touchEnd')
-    assert complaints(browser) == []
-
-
-def test_the_page_says_when_nobody_plays_and_the_panel_switches_it(graph, browser):
-    """From the button through the graph to the words on the table, and back at a touch."""
-    address, _ = graph
-    alone = 'document.getElementById("alone")'
-    visit(browser, address, '/table')
-    until_page(browser, 'eol.counts.packets > 30')
-    assert run(browser, f'return {alone}.hidden')
-    with urllib.request.urlopen(urllib.request.Request(
-        f'{address}/control/plays_itself', b'{}', {'Content-Type': 'application/json'}
-    )) as answer:  # fmt: skip
-        assert json.load(answer)['ok']
-    start = run(browser, 'return [...eol.state().rim]')
-    # the test before touched it, and has 20 s
-    until_page(browser, f'!{alone}.hidden && Math.hypot(eol.state().rim[0] - {start[0]},'
-                        f' eol.state().rim[1] - {start[1]}) > 0.005', 60)  # fmt: skip
-    for name, words in (('zh-Hant', '此刻沒有人'), ('en', 'Nobody is here')):
-        browser.find_element('css selector', f'#languages [lang={name}]').click()
-        until_page(browser, f'{alone}.textContent.startsWith("{words}")')
-        picture(browser, f'table-alone-{name}')
-    mouse(browser, 'mousePressed', 640, 400)
-    mouse(browser, 'mouseMoved', 645, 400)
-    until_page(browser, f'{alone}.hidden')
-    mouse(browser, 'mouseReleased', 645, 400, 0)
-    until_page(browser, '!eol.hands.holding')
-    until_page(browser, f'{alone}.hidden')  # theirs for 20 s
-    visit(browser, address, '/')
-    button = 'document.querySelector("[data-control=people_only]")'
-    until_page(browser, f'{button}.offsetParent && {button}.ariaPressed === "false"')
-    run(browser, f'{button}.click()')
-    until_page(browser, f'{button}.ariaPressed === "true"')
     assert complaints(browser) == []
 
 
@@ -989,10 +989,10 @@ def test_reduced_motion_stills_flashes_and_waves(graph, browser):
             return [arcs, eol.drawing.waves.length];
         """
         until_page(browser, 'eol.counts.packets > 3')
-        arcs, waves = run(browser, still)
-        assert arcs == 0 and waves > 0
         run(browser, 'eol.hands.heldAt = performance.now()')  # else a hand shows what can be done
         until_page(browser, '!eol.drawing.hint')
+        arcs, waves = run(browser, still)
+        assert arcs == 0 and waves > 0
         assert run(browser, SAME_IN_ANY_LIGHT), 'slips are told by outlines, nothing flashes'
         browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
         arcs, waves = run(browser, still)
