@@ -7,7 +7,8 @@ broke loose. A sound begins `latency_s` after the stamp of its image, where it w
 `felt_latency_s` after that of the knock, or, if its trigger came too late for that, at the latest
 with the block of samples after its arrival. Where the output was silent before, the samples
 themselves say when it began; that is held against the reckoning. Slips that their block felt are
-told apart from those that only the camera saw.
+told apart from those that only the camera saw, and among them those that come so soon after the
+block's last sound that its grains may not sound again yet (`refractory_s`): an image's are heard.
 """
 
 import os
@@ -30,6 +31,7 @@ AFTER_S = 0.25  # a slip that has not sounded by then does not sound
 LOOK_AHEAD_S = 0.003  # of the mixer: it wants triggers that much earlier
 SILENT = 480  # samples of silence, after which an onset is plain to see
 FELT_NS = 10_000_000  # from an onset to the moment of its knock, at most: eol bench taps
+TRIGGERS = ('grain_triggers', 'felt_triggers')
 TOPICS = (
     'truth', 'block_taps', 'felt_slips', 'grain_triggers', 'felt_triggers', 'sound_samples',
 )  # fmt: skip
@@ -74,11 +76,14 @@ def figures(watch, begin_ns: int, scene) -> dict[str, Any]:
     """Return what `watch` has seen of the onsets and their sounds after `begin_ns`."""
     begun = onsets(watch.messages('truth'), scene.settings('twin'))
     played, late = _played(watch, scene.settings('sound'))
-    taps = [
-        (m.block, m.header.stamp.sec * NS + m.header.stamp.nanosec)
-        for m in watch.messages('block_taps')
-    ]
+    taps = [(m.block, _stamp_ns(m)) for m in watch.messages('block_taps')]
+    refractory_ns = round(scene.settings('grains').refractory_s * NS)
+    stamps = [
+        (message.block, stamp) for topic in TRIGGERS
+        for message, (stamp, _) in zip(watch.messages(topic), watch.seen[topic], strict=False)
+    ]  # fmt: skip
     sounded: dict[str, list[float]] = {'felt': [], 'seen': []}
+    by_knock = []
     waits, slips = [], 0
     for time_ns, block in begun:
         if time_ns < begin_ns or time_ns > begun[-1][0] - NS:
@@ -94,22 +99,31 @@ def figures(watch, begin_ns: int, scene) -> dict[str, Any]:
             # frame 0 of an envelope is zero
             sounded['felt' if own else 'seen'].append((sound_ns + NS // FS) * 1e-6)
             waits.append(stamp_ns * 1e-6)
+            barred = stamp_ns > FELT_NS and any(
+                b == block and 0 < time_ns - stamp <= refractory_ns for b, stamp in stamps
+            )
+            if own and not barred:
+                by_knock.append(sounded['felt'][-1])
     both = sounded['felt'] + sounded['seen']
     if not both:
         raise EolError('no slip has sounded; measure for longer')
     seen = _seen(watch, [at for at, *_ in played if at > begin_ns])
     arrivals, knocks = (
-        [(a - s) * 1e-6 for s, a in watch.seen[topic] if s > begin_ns]
-        for topic in ('grain_triggers', 'felt_triggers')
+        [(a - s) * 1e-6 for s, a in watch.seen[topic] if s > begin_ns] for topic in TRIGGERS
     )
     return {
         'slips': slips, 'sounded': len(both) / slips, 'triggers': len(arrivals),
         'late_at_most': late, 'latency_ms': _summary(both), 'onset_to_stamp_ms': _summary(waits),
         **{f'{sense}_ms': _summary(ms) for sense, ms in sounded.items() if ms},
+        'felt_not_barred_ms': _summary(by_knock) if by_knock else None,
         'stamp_to_trigger_ms': _summary(arrivals), 'ms': sounded,
         'knock_to_trigger_ms': _summary(knocks) if knocks else None,
         'seen_alone': len(seen), 'seen_after_reckoning_ms': _summary(seen) if seen else None,
     }  # fmt: skip
+
+
+def _stamp_ns(message) -> int:
+    return message.header.stamp.sec * NS + message.header.stamp.nanosec
 
 
 def _played(watch, sound) -> tuple[list[tuple[int, int, int, bool]], int]:
@@ -163,7 +177,7 @@ def onsets(truths: list, settings) -> list[tuple[int, int]]:
 
     twin, found, before_ns = Twin(settings.seed), [], 0
     for k, truth in enumerate(truths, 1):
-        stamp_ns = truth.header.stamp.sec * NS + truth.header.stamp.nanosec
+        stamp_ns = _stamp_ns(truth)
         span_s = (stamp_ns - before_ns) / NS if before_ns else 1 / settings.fps
         before_ns = stamp_ns
         begun = twin.step(min(max(span_s, 1e-4), LONGEST_STEP_S))

@@ -73,6 +73,11 @@ def _rehearsal(r: dict):
                 if (one := r.get(f'{sense}_ms'))
             )
             + (
+                f'{one["count"]} felt whose grains might sound: p99 {one["p99"]:.1f} ms; '
+                if (one := r.get('felt_not_barred_ms'))
+                else ''
+            )
+            + (
                 f'knock to trigger p50 {knock["p50"]:.1f}, p99 {knock["p99"]:.1f}, most '
                 f'{knock["most"]:.1f} ms; '
                 if (knock := r['knock_to_trigger_ms'])

@@ -23,7 +23,7 @@ from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.errors import EolError
-from eol_ros.settings import SoundSettings, TwinSettings
+from eol_ros.settings import GrainsSettings, SoundSettings, TwinSettings
 
 NS = 10**9
 HOLD = """
@@ -157,7 +157,7 @@ def test_a_slip_is_followed_to_its_first_sample():
             'grain_triggers': [SimpleNamespace(block=k, grain=k) for k in (a, b)],
         }[topic],
     )  # fmt: skip
-    scene = SimpleNamespace(settings=lambda name: {'twin': twin, 'sound': sound}[name])
+    scene = SimpleNamespace(settings={'twin': twin, 'sound': sound, 'grains': GrainsSettings()}.get)
     figures = sound_rehearsal.figures(watch, 0, scene)
     latency = sorted(figures['latency_ms'][key] for key in ('least', 'most'))
     in_time = 20 + 1e3 * sound.latency_s + 1e3 / FS
@@ -181,6 +181,19 @@ def test_a_slip_is_followed_to_its_first_sample():
     assert by_knock == pytest.approx(0.1 + 1e3 * sound.felt_latency_s + 1e3 / FS, abs=0.01)
     assert by_image == pytest.approx(too_late, abs=0.01)
     assert (figures['late_at_most'], figures['felt_ms']['count']) == (1, 1)
+    assert figures['felt_not_barred_ms']['count'] == 1
+
+    # The second was felt too, soon after a knock whose grains may not sound again yet.
+    before, knock = second - 100_000_000, second + 100_000
+    at = SimpleNamespace(stamp=SimpleNamespace(sec=knock // NS, nanosec=knock % NS))
+    seen['felt_triggers'].insert(0, (before, before + 4_000_000))
+    felt['felt_triggers'].insert(0, SimpleNamespace(block=b, grain=999))
+    felt['block_taps'].append(SimpleNamespace(block=b, header=at))
+    figures = sound_rehearsal.figures(watch, 0, scene)
+    assert figures['felt_ms']['count'] == 2 and 'seen_ms' not in figures
+    assert figures['felt_ms']['most'] == pytest.approx(too_late, abs=0.01)
+    rested = figures['felt_not_barred_ms']
+    assert (rested['count'], rested['most']) == (1, pytest.approx(by_knock, abs=0.01))
 
 
 def truth_of(settings, seconds):
