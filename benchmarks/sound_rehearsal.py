@@ -25,8 +25,8 @@ from benchmarks.running import Graph
 from eol_ros import scene as scenes
 from eol_ros.core.sound.senses import FirstSense
 from eol_ros.errors import DeviceMissing, EolError
+from eol_ros.ros.stamps import NS, to_ns
 
-NS = 1_000_000_000
 AFTER_S = 0.25  # a slip that has not sounded by then does not sound
 LOOK_AHEAD_S = 0.003  # of the mixer: it wants triggers that much earlier
 SILENT = 480  # samples of silence, after which an onset is plain to see
@@ -76,7 +76,7 @@ def figures(watch, begin_ns: int, scene) -> dict[str, Any]:
     """Return what `watch` has seen of the onsets and their sounds after `begin_ns`."""
     begun = onsets(watch.messages('truth'), scene.settings('twin'))
     played, late = _played(watch, scene.settings('sound'))
-    taps = [(m.block, _stamp_ns(m)) for m in watch.messages('block_taps')]
+    taps = [(m.block, to_ns(m.header.stamp)) for m in watch.messages('block_taps')]
     refractory_ns = round(scene.settings('grains').refractory_s * NS)
     stamps = [
         (message.block, stamp) for topic in TRIGGERS
@@ -120,10 +120,6 @@ def figures(watch, begin_ns: int, scene) -> dict[str, Any]:
         'knock_to_trigger_ms': _summary(knocks) if knocks else None,
         'seen_alone': len(seen), 'seen_after_reckoning_ms': _summary(seen) if seen else None,
     }  # fmt: skip
-
-
-def _stamp_ns(message) -> int:
-    return message.header.stamp.sec * NS + message.header.stamp.nanosec
 
 
 def _played(watch, sound) -> tuple[list[tuple[int, int, int, bool]], int]:
@@ -177,7 +173,7 @@ def onsets(truths: list, settings) -> list[tuple[int, int]]:
 
     twin, found, before_ns = Twin(settings.seed), [], 0
     for k, truth in enumerate(truths, 1):
-        stamp_ns = _stamp_ns(truth)
+        stamp_ns = to_ns(truth.header.stamp)
         span_s = (stamp_ns - before_ns) / NS if before_ns else 1 / settings.fps
         before_ns = stamp_ns
         begun = twin.step(min(max(span_s, 1e-4), LONGEST_STEP_S))
@@ -208,8 +204,7 @@ def _seen(watch, due: list[int]) -> list[float]:
             silent += len(frames)
             continue
         if silent + loud[0] >= SILENT:
-            stamp = message.header.stamp
-            at = stamp.sec * NS + stamp.nanosec + round(int(loud[0]) * NS / FS)
+            at = to_ns(message.header.stamp) + round(int(loud[0]) * NS / FS)
             near = due[np.searchsorted(due, at - NS // 50) :]
             if len(near) and abs(int(near[0]) - at) < NS // 50:
                 found.append((at - int(near[0])) * 1e-6)

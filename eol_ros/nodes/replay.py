@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a bag as if it happened now: the recorded bytes, stamps unchanged, and their time."""
 
-import copy
 import sys
 import threading
 import time
@@ -25,7 +24,7 @@ from eol_ros.ros.requests import new_id, request_to_msg
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
-from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class
+from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class, with_depth
 from eol_ros.streams.graph import TOPICS, relative_name
 from eol_ros.streams.requests import PEOPLE, Asked, ahead
 
@@ -50,9 +49,7 @@ class ReplayNode(EolNode):
         # Requests are asked again, by today's definition; topics asked for by name go as they are.
         self._asked_on = () if s.topics else (recorded(REQUESTS), recorded(CONTROL))
         self.publishers_of = {n: self._publisher(n) for n in self.names if n not in self._asked_on}
-        self._given: Counter[Publisher] = (
-            Counter()
-        )  # since the readers last said that they have all
+        self._given: Counter[Publisher] = Counter()  # since its readers said that they have all
         self._asks: Any = None
         self._ahead: list[Asked] = []
         self._then: dict[int, Asked] = {}
@@ -87,8 +84,7 @@ class ReplayNode(EolNode):
         ours = TOPICS.get(name)
         if ours and ours.type_name == recorded.type:
             return self.publisher(name, depth)
-        qos = copy.copy(QOS['latched' if recorded.latched else 'stream'])
-        qos.depth = depth or qos.depth
+        qos = with_depth(QOS['latched' if recorded.latched else 'stream'], depth)
         return self.create_publisher(message_class(recorded.type), name, qos)
 
     def _asked_for(self) -> bool:

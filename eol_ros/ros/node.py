@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every node of the graph is: settings as parameters, topics from the table, health."""
 
-import copy
 import dataclasses
 import difflib
 import json
@@ -39,7 +38,14 @@ from eol_ros.ros.health import Health
 from eol_ros.ros.requests import REQUESTS, RequestServer, parameters, plain
 from eol_ros.ros.stamps import to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
-from eol_ros.ros.topics import CLOCK, CLOCK_QOS, PUBLISHER_QOS, QOS, message_class
+from eol_ros.ros.topics import (
+    CLOCK,
+    CLOCK_QOS,
+    PUBLISHER_QOS,
+    QOS,
+    message_class,
+    with_depth,
+)
 from eol_ros.scene import Scene, check_namespace, check_value
 from eol_ros.settings import live_fields, masked, renamed
 from eol_ros.streams.graph import NODES, TOPICS, frame_prefix
@@ -192,12 +198,10 @@ class EolNode(Node):
         `depth` keeps more messages to send again, or fewer, than the table says.
         """
         row = TOPICS[topic]
-        qos = copy.copy(PUBLISHER_QOS[row.qos])
-        qos.depth = depth or qos.depth
         return self.create_publisher(
             message_class(row.type_name),
             topic,
-            qos,
+            with_depth(PUBLISHER_QOS[row.qos], depth),
             event_callbacks=_loud(self, topic, True),
         )
 
@@ -213,8 +217,6 @@ class EolNode(Node):
         `depth` keeps more messages, or fewer, than the table says; no writer needs to know.
         """
         row = TOPICS[topic]
-        qos = copy.copy(QOS[row.qos])
-        qos.depth = depth or qos.depth
 
         def whole(data: bytes) -> None:
             if data:  # DDS hands over nothing where the writer was killed while it gave the message
@@ -224,7 +226,7 @@ class EolNode(Node):
             message_class(row.type_name),
             topic,
             whole if raw else callback,
-            qos,
+            with_depth(QOS[row.qos], depth),
             raw=raw,
             event_callbacks=_loud(self, topic, False),
         )

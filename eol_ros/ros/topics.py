@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The topics of `streams.graph` as ROS wants them: message classes and QoS profiles."""
 
+import copy
 import importlib
 from typing import Any
 
@@ -33,4 +34,15 @@ QOS: dict[str, QoSProfile] = {name: _profile(qos, qos.depth) for name, qos in gr
 PUBLISHER_QOS: dict[str, QoSProfile] = {
     name: _profile(qos, qos.sent or qos.depth) for name, qos in graph.QOS.items()
 }
+
+
+def with_depth(qos: QoSProfile, depth: int | None) -> QoSProfile:
+    """Return `qos`, but with a history of `depth` messages; None: as it is."""
+    if depth is None:
+        return qos
+    qos = copy.copy(qos)
+    qos.depth = depth
+    return qos
+
+
 CLOCK, CLOCK_QOS = '/clock', QOS['clock']

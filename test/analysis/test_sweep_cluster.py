@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sweep on a real Dask scheduler and its workers, started as docs/science.md says."""
 
-import hashlib
 import json
 import os
 import shutil
@@ -12,11 +11,11 @@ import time
 from pathlib import Path
 
 import pytest
+from support.sweeps import computed
 
 import eol_ros
 from eol_ros import cli
-from eol_ros.analysis.sweeps import crews, spec, table, work
-from eol_ros.analysis.sweeps.run import Counts, run
+from eol_ros.analysis.sweeps import crews, spec, work
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError
@@ -84,17 +83,6 @@ def given(tmp_path, monkeypatch):
     path = tmp_path / 'sweep.yaml'
     path.write_text(SWEEP)
     return spec.load(path)
-
-
-def computed(path, given, crew, on_done=lambda count: None):
-    rows = table.Table(path, given.model, work.version())
-    try:
-        for count in run(given, rows, crew, Counts()):
-            on_done(count)
-    finally:
-        crew.close()
-        rows.close()
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def test_a_worker_of_a_cluster_killed_in_mid_task_loses_nothing(cluster, given, tmp_path):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from support.sweeps import computed
 
 from eol_ros import cli
 from eol_ros.analysis.sweeps import crews, spec, table, work
@@ -36,18 +37,6 @@ def write(tmp_path):
         return path
 
     return write
-
-
-def computed(path, given, crew, on_done=lambda count: None):
-    """Run a sweep into `path`; return the digest of the file."""
-    rows = table.Table(path, given.model, work.version())
-    try:
-        for count in run(given, rows, crew, Counts()):
-            on_done(count)
-    finally:
-        crew.close()
-        rows.close()
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def test_every_combination_is_one_task(write):

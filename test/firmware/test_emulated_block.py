@@ -13,14 +13,9 @@ import pytest
 from support import needs
 from support.emulated import (
     FEELS,
-    FRAME,
-    HZ,
     INFRARED,
-    KNOCK,
     LEVEL,
     MS,
-    RATE_HZ,
-    SENT,
     STATUS,
     WORD,
     Block,
@@ -33,6 +28,7 @@ from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.accelerometer import Accelerometers
 from eol_ros.core.serial_protocol import NOT_LIT
 from eol_ros.devices.board.block import FELT, LEARN, TOLD, Detector
+from eol_ros.devices.board.firmware import FRAME, HZ, KNOCK, RATE_HZ, SENT
 from eol_ros.settings import TwinSettings
 
 pytestmark = [

@@ -12,12 +12,13 @@ import tty
 
 import pytest
 from support import needs
-from support.emulated import KNOCK, STATUS, WORD
+from support.emulated import STATUS, WORD
 from support.emulated_bridge import Bridge
 from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.devices.board.board import Board
+from eol_ros.devices.board.firmware import KNOCK
 from eol_ros.settings import LedsSettings, MotionSettings
 
 pytestmark = [

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import needs
-from support.emulated import KNOCK, WORD, built
+from support.emulated import WORD, built
 from support.waiting import wait_until
 
 from benchmarks.running import Graph
@@ -15,7 +15,13 @@ from benchmarks.taps import FPS, Twin
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.accelerometer import Accelerometers
 from eol_ros.devices.board.block import LEARN
-from eol_ros.devices.board.firmware import EMULATED, EmulatedBlock, FirmwareBoard, NativeBlocks
+from eol_ros.devices.board.firmware import (
+    EMULATED,
+    KNOCK,
+    EmulatedBlock,
+    FirmwareBoard,
+    NativeBlocks,
+)
 from eol_ros.devices.board.twin import LIVE, REST, Chunk
 from eol_ros.errors import DeviceMissing
 from eol_ros.settings import TwinSettings

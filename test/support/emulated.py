@@ -9,24 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eol_ros.devices.board.firmware import FRAME, HZ, RATE_HZ, SENT, EmulatorEvent
+
 FIRMWARE = Path(__file__).parents[2] / 'firmware'
-HZ = 8_000_000
 MS = HZ // 1000
-RATE_HZ = 1344.0
-FRAME = 18
-LEVEL, INFRARED, SENT = range(1, 4)
-WORD, FEELS, KNOCK, STATUS = 0x57, 0x46, 0x4B, 0x53
+LEVEL, INFRARED = 1, 2  # of an event; and SENT
+WORD, FEELS, STATUS = 0x57, 0x46, 0x53
 RUNS, SLEEPS = 2, 3
-
-
-class _Event(ctypes.Structure):
-    _fields_ = [
-        ('cycle', ctypes.c_uint64),
-        ('what', ctypes.c_uint32),
-        ('value', ctypes.c_uint32),
-        ('frame', ctypes.c_uint8 * FRAME),
-        ('pad', ctypes.c_uint8 * 6),
-    ]
 
 
 class Event(NamedTuple):
@@ -96,7 +85,7 @@ class Block:
         code = (built() / 'block.bin').read_bytes()
         self._lib = _library()
         self._memory = self._lib.emulator_new(code, len(code), number)
-        self._room = (_Event * 4096)()
+        self._room = (EmulatorEvent * 4096)()
         self._samples = np.zeros((0, 2), np.int16)
 
     def __enter__(self) -> 'Block':

@@ -77,22 +77,24 @@ class _Blocks(_Law):
 
 
 @dataclass(frozen=True)
-class Table(_Blocks):
-    """The table of the paper: the outer blocks hang in a rim."""
-
+class _Rows(_Blocks):
     rows: int = setting(5, 'rows of blocks', '', 1, 1000)
     columns: int = setting(0, 'columns of blocks; 0: as many as rows', '', 0, 1000)
+
+
+@dataclass(frozen=True)
+class Table(_Rows):
+    """The table of the paper: the outer blocks hang in a rim."""
+
     stiffness_ratio: float = setting(
         1.0, 'stiffness over that of the springs to the rim', '', 1e-9, 1e9
     )
 
 
 @dataclass(frozen=True)
-class Plate(_Blocks):
+class Plate(_Rows):
     """The plate of Brown, Scholz and Rundle: every block hangs from above."""
 
-    rows: int = setting(5, 'rows of blocks', '', 1, 1000)
-    columns: int = setting(0, 'columns of blocks; 0: as many as rows', '', 0, 1000)
     stiffness_ratio: float = setting(
         2.0, 'stiffness over that of the springs to the plate', '', 1e-9, 1e9
     )

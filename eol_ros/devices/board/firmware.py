@@ -45,7 +45,9 @@ BEHIND_S = 0.2  # a machine that stood still does not make up for more
 SENT = 3  # of an event of the emulator
 
 
-class _Event(ctypes.Structure):
+class EmulatorEvent(ctypes.Structure):
+    """As in firmware/emulator/block.c: when, in cycles, what, and its value or its frame."""
+
     _fields_ = [
         ('cycle', ctypes.c_uint64),
         ('what', ctypes.c_uint32),
@@ -144,7 +146,7 @@ class EmulatedBlock:
         lib.emulator_new.restype = lib.emulator_free.restype = ctypes.c_void_p
         lib.emulator_cycle.restype = ctypes.c_uint64
         self._memory = ctypes.c_void_p(lib.emulator_new(code, len(code), number))
-        self._events = (_Event * 256)()
+        self._events = (EmulatorEvent * 256)()
         self._counts = (ctypes.c_uint64 * 9)()
         self._rest = np.zeros((1, 2), np.int16)
         self._filled = 0

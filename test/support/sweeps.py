@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sweep run to its end by whatever crew a test has."""
+
+import hashlib
+
+from eol_ros.analysis.sweeps import table, work
+from eol_ros.analysis.sweeps.run import Counts, run
+
+
+def computed(path, given, crew, on_done=lambda count: None):
+    """Run a sweep into `path`; return the digest of the file."""
+    rows = table.Table(path, given.model, work.version())
+    try:
+        for count in run(given, rows, crew, Counts()):
+            on_done(count)
+    finally:
+        crew.close()
+        rows.close()
+    return hashlib.sha256(path.read_bytes()).hexdigest()
