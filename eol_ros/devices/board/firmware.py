@@ -71,6 +71,26 @@ def _ends_with_its_parent() -> None:
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 
 
+def frame_to_air(frame: bytes, sequence: int) -> bytes:
+    """Return the bytes of `frame` on the line of the radio; `sequence` is below 256."""
+    packet = bytes([AIR, sequence]) + frame.ljust(FRAME, b'\0')
+    packet += struct.pack('<H', protocol.crc16(packet))
+    return b'\0' + protocol.cobs_encode(packet) + b'\0'
+
+
+def frame_from_air(data: bytes) -> bytes:
+    """Return the frame of what stood between two zeros on the line of the radio.
+
+    Raises ProtocolError where it is none, as when the bridge was reset while it sent.
+    """
+    packet = protocol.cobs_decode(data)
+    if len(packet) != FRAME + 4 or packet[0] != AIR:
+        raise protocol.ProtocolError(f'{len(packet)} bytes that are no frame of the radio')
+    if protocol.crc16(packet[:-2]) != struct.unpack('<H', packet[-2:])[0]:
+        raise protocol.ProtocolError('a frame of the radio with a wrong check sum')
+    return packet[2:-2]
+
+
 class Bridge:
     """The bridge in QEMU. `port` is the pty of its host line; `frames` what it has sent.
 
@@ -108,10 +128,8 @@ class Bridge:
 
     def say(self, frame: bytes) -> None:
         """A block sends; raises OSError where the bridge is gone."""
-        packet = bytes([AIR, self._sequence]) + frame.ljust(FRAME, b'\0')
+        self.noise(frame_to_air(frame, self._sequence))
         self._sequence = (self._sequence + 1) & 0xFF
-        packet += struct.pack('<H', protocol.crc16(packet))
-        self.noise(b'\0' + protocol.cobs_encode(packet) + b'\0')
 
     def noise(self, data: bytes) -> None:
         """Bytes on the line of the radio, whatever they are."""
@@ -124,10 +142,7 @@ class Bridge:
                 *whole, pending = (pending + data).split(b'\0')
                 for part in filter(None, whole):
                     with contextlib.suppress(protocol.ProtocolError):
-                        packet = protocol.cobs_decode(part)
-                        crc = struct.unpack('<H', packet[-2:])[0]
-                        if packet[0] == AIR and protocol.crc16(packet[:-2]) == crc:
-                            self.frames.append(packet[2:-2])
+                        self.frames.append(frame_from_air(part))
 
     def close(self) -> None:
         """Cut its power."""
