@@ -423,7 +423,7 @@ def _compare_triggers(
         while knocks and knocks[0].stamp <= until_ns:
             k = knocks.pop(0)
             found = selector.felt(k.stamp * 1e-9, k.block, k.x, k.y, k.strength)
-            by_knock.extend(triggers.of(k.stamp, 0, trigger) for trigger in found)
+            by_knock.extend(triggers.of_knock(k.stamp, 0, trigger) for trigger in found)
 
     for _log_ns, image in inputs:
         if image.stamp_ns >= until_ns:

@@ -141,7 +141,7 @@ class GrainsNode(EolNode):
             return
         stamp_ns = to_ns(slip.header.stamp)
         for row in self.selector.felt(stamp_ns * 1e-9, slip.block, slip.x, slip.y, slip.strength):
-            trigger = triggers.of(stamp_ns, self.felt, row)
+            trigger = triggers.of_knock(stamp_ns, self.felt, row)
             self.felt_triggers.publish(
                 triggers.RECORD.fill(GrainTrigger(), trigger, self.frame_prefix)
             )

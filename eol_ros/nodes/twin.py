@@ -68,15 +68,25 @@ class TwinNode(EolNode):
         self.infrared = asked.values['mask'] >> np.arange(N_BLOCKS) & 1
 
     def move(self, stamp_ns: int) -> None:
-        """Move hands, rim and table to `stamp_ns`; blocks report in their time what they feel."""
+        """Move hands, rim and table to `stamp_ns`; blocks report in their time what they feel.
+
+        That is before they feel it: the image before is not delivered yet.
+        """
         span_s = (stamp_ns - self.stamp_ns) / NS if self.stamp_ns else 1 / self.settings.fps
         self.stamp_ns = stamp_ns
         self.step(min(max(span_s, 1e-4), LONGEST_STEP_S))
 
     def expose(self, index: int, stamp_ns: int) -> None:
-        """Video the table as it is at `stamp_ns`, to which it has moved."""
+        """Video the table as it is at `stamp_ns`, to which it has moved, and say where it is."""
         self.film(index)
         self.packed = self.images.packed(stamp_ns, self.image)
+        table, self.shown = self.play.table, Truth()
+        self.shown.header.stamp = to_msg(stamp_ns)
+        self.shown.header.frame_id = self.frame_prefix + 'table'
+        self.shown.rim_x, self.shown.rim_y, self.shown.rim_yaw = table.rim_pose.tolist()
+        self.shown.x, self.shown.y, self.shown.yaw = table.x, table.y, table.yaw
+        self.shown.moving = table.moving.tolist()
+        self.shown.slips, self.shown.energy_residual = table.slips, table.energy_residual
 
     def step(self, span_s: float) -> None:
         self.begin_s = self.play.advance(span_s, self.settings.hands == 'visitors')
@@ -118,20 +128,11 @@ class TwinNode(EolNode):
         )
 
     def deliver(self) -> None:
-        """Publish the image and what was true."""
+        """Publish the image and what it shows."""
         self.images.send(self.packed)
-        table, truth = self.play.table, Truth()
-        truth.header.stamp, truth.header.frame_id = (
-            to_msg(self.stamp_ns),
-            self.frame_prefix + 'table',
-        )
-        truth.rim_x, truth.rim_y, truth.rim_yaw = table.rim_pose.tolist()
-        truth.x, truth.y, truth.yaw = table.x, table.y, table.yaw
-        truth.moving = table.moving.tolist()
-        truth.slips, truth.energy_residual = table.slips, table.energy_residual
-        self.truth.publish(truth)
+        self.truth.publish(self.shown)
         self.health.tick()
-        self.health.values['slips'] = table.slips
+        self.health.values['slips'] = self.shown.slips
         self.health.values['knocks'] = self.knocks
         self.health.values['hands'] = self.settings.hands
         self.health.values['playing'] = self.play.playing

@@ -24,6 +24,12 @@ def of(stamp_ns: int, sequence: int, trigger: np.void) -> Any:
     return RECORD.row(stamp_ns, sequence, grain, block, gain, rate, pan, attack, release)
 
 
+def of_knock(stamp_ns: int, sequence: int, trigger: np.void) -> Any:
+    """Return the row of one TRIGGER of a knock at `stamp_ns`; its stamp is when it may sound."""
+    wait_ns = round((float(trigger['time_s']) - stamp_ns * 1e-9) * 1e9)
+    return of(stamp_ns + wait_ns, sequence, trigger)
+
+
 def of_person(stamp_ns: int, grain: int) -> Any:
     """Return the row of a grain that a person wants to hear; the node grains does not count it."""
     return RECORD.row(stamp_ns, 0, grain, NO_BLOCK, 1.0, 1.0, 0.0, 0.005, 0.02)

@@ -9,6 +9,7 @@ from support.waiting import wait_until
 from eol_ros.devices.camera.exposure_clock import NS, VirtualCamera
 
 RATE_HZ, PERIOD_NS, EXPOSURE_S = 200.0, NS // 200, 0.004
+HALF_NS = round(EXPOSURE_S / 2 * NS)
 BOOT_NS = 1_700_000_000 * NS  # when the steady clock was 0
 
 
@@ -91,7 +92,7 @@ def test_stamps_follow_the_system_clock_where_it_is_set():
     assert steps[9] == 3600 * NS + PERIOD_NS and (np.delete(steps, 9) == PERIOD_NS).all()
 
 
-def test_what_an_image_shows_moves_as_soon_as_the_one_before_is_delivered():
+def test_what_an_image_shows_has_moved_before_the_one_before_is_delivered():
     calls, clock = [], Clock()
     camera = VirtualCamera(
         RATE_HZ, EXPOSURE_S,
@@ -102,12 +103,14 @@ def test_what_an_image_shows_moves_as_soon_as_the_one_before_is_delivered():
     )  # fmt: skip
     wait_until(lambda: len(calls) > 60)
     camera.close()
-    moved, exposed, delivered = calls[0:60:3], calls[1:60:3], calls[2:60:3]
 
-    assert {name for name, _, _ in moved} == {'move'}
-    assert [stamp for _, stamp, _ in moved] == [stamp for _, stamp, _ in exposed]
-    for before, then in zip(delivered, moved[1:], strict=False):
-        assert then[2] == before[2]  # and not when the image is made
+    assert [name for name, _, _ in calls[:58]] == ['move', *['expose', 'move', 'deliver'] * 19]
+    moved, exposed, delivered = calls[0:1] + calls[2:58:3], calls[1:58:3], calls[3:58:3]
+    stamps = [stamp for _, stamp, _ in exposed]
+    assert [stamp for _, stamp, _ in moved][:19] == stamps
+    for stamp, at in zip(stamps, (at for _, _, at in moved[1:]), strict=False):
+        assert at <= stamp + HALF_NS  # what follows an exposure is known at its end
+    assert [at for _, _, at in delivered] == [stamp + HALF_NS for stamp in stamps]
 
 
 def test_a_real_clock_is_kept():

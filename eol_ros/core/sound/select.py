@@ -35,6 +35,7 @@ FORGET_S = 0.25  # a block unseen for longer starts again
 LONGEST_LEAD_S = 60.0  # a switch farther ahead is left over from before the stamps began again
 BED_EDGE_S = 10.0  # of grains of the bed: longer than any, so half of it swells and half dies away
 FELT_S = 0.01  # a block's acceleration at its knock times this is the speed that its image shows
+SLIP_S = 0.04  # a slip that is felt lasts longer: what may sound again so soon still belongs to it
 NOISE_SIGMAS = 6.0  # a step below this many standard deviations of a step is not motion
 
 
@@ -190,8 +191,9 @@ class Selector:
 
         Where the rule is that each slip sounds at its start (`fence`, `rearm_at_rest`) the block
         sounds the grains that it reaches from where it rested; `refractory_s` and `block_cap` hold
-        for the knocks of one block. Nothing of `update` changes, and nothing of it counts here:
-        images and knocks may come in any order.
+        for the knocks of one block. A grain that may sound again within SLIP_S sounds then, as it
+        would by the images of a block that goes on moving. Nothing of `update` changes, and nothing
+        of it counts here: images and knocks may come in any order.
 
         Parameters
         ----------
@@ -221,18 +223,23 @@ class Selector:
             return np.zeros(0, TRIGGER)  # of another corpus than that of the images
         far = self._distances(np.array([[x, y]]))
         column = np.nonzero(self._reached(far)[0])[0]
-        second, found = self._felt_second[block], []
+        second, found, waits = self._felt_second[block], [], []
         while second and not 0.0 <= time_s - second[0] < 1.0:
             second.popleft()
         for j in column[np.argsort(far[0, column], kind='stable')].tolist():
-            before_s = self._felt.get((block, j), -np.inf)
-            if 0.0 <= time_s - before_s < s.refractory_s or len(second) >= s.block_cap:
+            wait_s = max(self._felt.get((block, j), -np.inf) + s.refractory_s - time_s, 0.0)
+            if wait_s > s.refractory_s + SLIP_S:  # it sounded in a time to come: clocks were set
+                wait_s = 0.0
+            if wait_s > SLIP_S or len(second) >= s.block_cap:
                 continue
-            self._felt[block, j] = time_s
+            self._felt[block, j] = time_s + wait_s
             second.append(time_s)
             found.append((block, j))
+            waits.append(wait_s)
         n = len(found)
-        return self._triggers(time_s, found, np.full(n, FELT_S * strength_mps2), np.full(n, x))
+        out = self._triggers(time_s, found, np.full(n, FELT_S * strength_mps2), np.full(n, x))
+        out['time_s'] += waits
+        return out
 
     def _follow(
         self, time_s: float, at: np.ndarray, seen: np.ndarray, sigma_m: np.ndarray

@@ -27,10 +27,10 @@ class VirtualCamera:
     Exposure i is centred on start + i * period, so the rate never drifts, and `stamp_ns` is that
     instant in system time. The image is made just ahead, when the readers of the one before it have
     had the processor, and delivered when the exposure ends, as a global shutter does. When
-    making takes too long, whole images are skipped and counted in `missed`. `move(stamp_ns)` is
-    called as soon as the image before is delivered, so that what happens until the exposure can
-    happen in its time. All calls come from one thread of this object; what they raise is kept in
-    `fault`.
+    making takes too long, whole images are skipped and counted in `missed`. `move(stamp_ns)` to the
+    next exposure is called before an image is delivered: from its middle on it is the past, and
+    what happens after that is known before it happens. All calls come from one thread of this
+    object; what they raise is kept in `fault`.
     """
 
     def __init__(
@@ -69,27 +69,30 @@ class VirtualCamera:
     def _loop(self) -> None:
         clock, period_ns = self._clock, NS / self._rate_hz
         start_ns = clock.monotonic_ns() + int(period_ns)
-        index = image = 0
         making_ns = int(period_ns)  # the longest of late: how far ahead an image must be begun
         to_system_ns = clock.time_ns() - clock.monotonic_ns()
+        index, image = 0, 0
+        middle_ns, stamp_ns = start_ns, start_ns + to_system_ns
+        self._move(stamp_ns)
         while not self._stop.is_set():
-            middle_ns = start_ns + round(image * period_ns)
-            offset_ns = clock.time_ns() - clock.monotonic_ns()
-            if abs(offset_ns - to_system_ns) > NS // 1000:  # somebody set the system clock
-                to_system_ns = offset_ns
-            end_ns, stamp_ns = middle_ns + self._half_ns, middle_ns + to_system_ns
-            self._move(stamp_ns)
+            end_ns = middle_ns + self._half_ns
             if self._wait_until(end_ns - min(2 * making_ns + SPARE_NS, int(period_ns))):
                 return
             began_ns = clock.monotonic_ns()
             self._expose(index, stamp_ns)
-            making_ns = max(clock.monotonic_ns() - began_ns, making_ns * 15 // 16)
-            if self._wait_until(end_ns):
-                return
-            self._deliver()
             index += 1
             image += 1
             behind = int((clock.monotonic_ns() - start_ns) / period_ns) - image
             if behind > 0:
                 self.missed += behind
                 image += behind
+            middle_ns = start_ns + round(image * period_ns)
+            offset_ns = clock.time_ns() - clock.monotonic_ns()
+            if abs(offset_ns - to_system_ns) > NS // 1000:  # somebody set the system clock
+                to_system_ns = offset_ns
+            stamp_ns = middle_ns + to_system_ns
+            self._move(stamp_ns)
+            making_ns = max(clock.monotonic_ns() - began_ns, making_ns * 15 // 16)
+            if self._wait_until(end_ns):
+                return
+            self._deliver()

@@ -9,7 +9,7 @@ import pytest
 
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
-from eol_ros.core.sound.select import Selector
+from eol_ros.core.sound.select import SLIP_S, Selector
 from eol_ros.core.sound.senses import MOST, SAME_S, FirstSense
 from eol_ros.settings import GrainsSettings
 
@@ -116,10 +116,24 @@ def test_caps_hold_for_the_knocks_of_a_block():
     assert count > 1
     selector = Selector(SETTINGS, space())
     assert len(selector.felt(1.0, 12, x, y, 2.9)) == count
-    assert len(selector.felt(1.0 + 0.9 * SETTINGS.refractory_s, 12, x, y, 2.9)) == 0
-    assert len(selector.felt(1.0 + 1.1 * SETTINGS.refractory_s, 12, x, y, 2.9)) == count
+    free_s = 1.0 + SETTINGS.refractory_s
+    assert len(selector.felt(free_s - 1.1 * SLIP_S, 12, x, y, 2.9)) == 0
+    assert len(selector.felt(free_s + 0.01, 12, x, y, 2.9)) == count
     selector = Selector(dataclasses.replace(SETTINGS, block_cap=1), space())
     assert [len(selector.felt(t, 12, x, y, 2.9)) for t in (1.0, 1.5, 2.1)] == [1, 0, 1]
+
+
+def test_a_slip_felt_a_little_too_soon_sounds_as_soon_as_it_may():
+    x, y = rest_lattice()[12]
+    selector = Selector(SETTINGS, space())
+    first = selector.felt(1.0, 12, x, y, 2.9)
+    early_s = 1.0 + SETTINGS.refractory_s - 0.9 * SLIP_S
+    waits = selector.felt(early_s, 12, x, y, 2.9)
+    assert waits['grain'].tolist() == first['grain'].tolist()
+    assert waits['time_s'] == pytest.approx(1.0 + SETTINGS.refractory_s, abs=1e-12)
+    assert len(selector.felt(early_s + 0.01, 12, x, y, 2.9)) == 0  # the same slip, felt again
+    # a clock that was set back holds nothing back
+    assert selector.felt(0.1, 12, x, y, 2.9)['time_s'].tolist() == [0.1] * len(first)
 
 
 @pytest.mark.parametrize('rule', [{'mode': 'bow'}, {'rearm_at_rest': False}])
