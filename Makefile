@@ -31,6 +31,9 @@ lint: setup-test  ## ruff, mypy and the terms that are not used
 docs: setup-test  ## rewrite the generated parts of the docs
 	$(PY) tools/generate_docs.py
 
+kit: setup-test  ## draw what a workshop needs again: docs/build
+	$(PY) tools/draw_kit.py
+
 firmware: setup-test  ## build what runs in the blocks, and test it in emulated controllers
 	@tools/system_packages.sh firmware
 	$(MAKE) -s -C firmware all emulator
@@ -58,4 +61,4 @@ clean:  ## remove what was made here, but no bag
 setup-test:
 	@tools/setup_env.sh test
 
-.PHONY: help setup setup-test run test bare quick lint docs firmware soak bench lock films clean
+.PHONY: help setup setup-test run test bare quick lint docs kit firmware soak bench lock films clean

@@ -28,6 +28,7 @@ SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5', 'pyarrow>=14']
 CLUSTER = ['dask>=2024.1', 'distributed>=2024.1']  # sweeps on more than one machine
 METRICS = ['prometheus-client>=0.20']
 TLS = ['cryptography>=42']
+KIT = ['schemdraw>=0.19', 'ezdxf>=1.3']  # drawings of docs/build, see `make kit`
 COLCON = [  # what a ROS workspace needs to build the messages, as wheels
     'colcon-common-extensions',
     'setuptools<80',
@@ -66,6 +67,7 @@ TEST = [
     *CLUSTER,
     *METRICS,
     *TLS,
+    *KIT,
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo']  # peers, measured in the same run
 RENDER = ['mitsuba>=3.9']  # path-traced images, see `make films`; nothing that runs imports it
@@ -114,6 +116,7 @@ setup(
         'test': TEST,
         'bench': BENCH,
         'render': RENDER,
+        'kit': KIT,
     },
     zip_safe=False,
     description='Echoes of the Land as a ROS 2 node graph',

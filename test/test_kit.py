@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a workshop builds from is what the firmware runs on: docs/build against firmware/."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from support.checkout import ROOT
+
+sys.path.insert(0, str(ROOT / 'tools'))
+
+from kit import netlist
+from kit.netlist import NetlistError
+
+BLOCK = ROOT / 'firmware' / 'block'
+# What the ATmega328P has at fixed pins (data sheet 8271, 14.3); firmware/block/pins.h says so, too.
+FIXED = {'SCK': 'PB5', 'MISO': 'PB4', 'MOSI': 'PB3', 'SDA': 'PC4', 'SCL': 'PC5'}
+# DIP-28: a port's pins lie in a row
+ROWS = {14: [f'PB{n}' for n in range(6)], 23: [f'PC{n}' for n in range(6)],
+        2: [f'PD{n}' for n in range(5)], 11: ['PD5', 'PD6', 'PD7']}  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def circuit():
+    return netlist.load()
+
+
+def firmware_pins():
+    """Return the pins of pins.h by their names, like PB1; a comment says from where which port."""
+    text = (BLOCK / 'pins.h').read_text().split('enum {')[1].split('};')[0]
+    found, port = {}, ''
+    for line in text.splitlines():
+        said = re.search(r'/\* port ([BCD])', line)
+        port = said[1] if said else port
+        for name, number in re.findall(r'(\w+) = (\d)', line):
+            found[name] = f'P{port}{number}'
+    return found
+
+
+def test_the_pins_are_those_of_the_firmware(circuit):
+    pins = firmware_pins()
+    assert {'RADIO_CE', 'BATTERY', 'SENSOR_INT', 'INFRARED', 'WHITE'} <= pins.keys()
+    for name, pin in {**pins, **FIXED}.items():
+        assert ('U1', pin) in circuit.nets[name], f'{name}: the firmware has it at {pin}'
+    named = {pin for name in circuit.nets for ref, pin in circuit.nets[name] if ref == 'U1'}
+    ports = {pin for pin in named if re.fullmatch('P[BCD][0-7]', pin)}
+    assert ports == {*pins.values(), *FIXED.values()}
+
+
+def test_the_numbers_of_the_controllers_pins_are_those_of_its_package(circuit):
+    pins = circuit.parts['U1'].pins
+    for first, names in ROWS.items():
+        assert [pins[name] for name in names] == [[first + n] for n in range(len(names))]
+    assert sorted(n for numbers in pins.values() for n in numbers) == list(range(1, 29))
+
+
+def test_a_programmer_finds_its_pins(circuit):
+    """The header of six pins (application note AVR042) at the controller's own lines."""
+    header = circuit.parts['J2'].pins
+    assert header == {'MISO': [1], 'VCC': [2], 'SCK': [3], 'MOSI': [4], 'RESET': [5], 'GND': [6]}
+    ours = {
+        'MISO': 'PB4',
+        'SCK': 'PB5',
+        'MOSI': 'PB3',
+        'RESET': 'RESET',
+        'VCC': 'VCC',
+        'GND': 'GND',
+    }
+    for name, pin in ours.items():
+        assert circuit.net('J2', name) == circuit.net('U1', pin)
+
+
+def test_the_radio_gets_the_lines_that_it_is_driven_by(circuit):
+    joined = {'CE': 'RADIO_CE', 'CSN': 'RADIO_CSN', 'IRQ': 'RADIO_IRQ', 'SCK': 'SCK',
+              'MOSI': 'MOSI', 'MISO': 'MISO', 'VCC': '+3V3', 'GND': 'GND'}  # fmt: skip
+    assert {pin: circuit.net('U3', pin) for pin in circuit.parts['U3'].pins} == joined
+    # IRQ is open-drain only by name: the firmware pulls it up for the case that no radio is there
+    assert 'PORTD = (1 << INFRARED) | (1 << RADIO_IRQ)' in (BLOCK / 'main.c').read_text()
+
+
+def test_the_accelerometer_has_the_address_that_is_asked(circuit):
+    address = int(re.search(r'ADDRESS = (0x\w+)', (BLOCK / 'lis3dh.c').read_text())[1], 16)
+    high = circuit.net('U2', 'SDO') == '+3V3'
+    assert circuit.net('U2', 'SDO') in ('+3V3', 'GND')
+    assert address == 0x18 + high
+    assert circuit.net('U2', 'CS') == '+3V3'  # I2C
+    assert {'R6', 'R7'} == {
+        r for net in ('SDA', 'SCL') for r, _ in circuit.nets[net] if r[0] == 'R'
+    }
+
+
+def ohms(circuit, ref):
+    number, unit = circuit.parts[ref].name.split()
+    return float(number) * {'Ohm': 1, 'kOhm': 1e3}[unit]
+
+
+def test_the_battery_is_read_by_the_divider_that_is_there(circuit):
+    reads = re.search(r'millivolts = .*ADC \* (\d+) / 1024\)', (BLOCK / 'main.c').read_text())
+    divider = (ohms(circuit, 'R4') + ohms(circuit, 'R5')) / ohms(circuit, 'R5')
+    assert int(reads[1]) == pytest.approx(1100 * divider, rel=1e-3)  # mV; 1.1 V is its reference
+    ends = {circuit.net('R4', '1'), circuit.net('R4', '2'), circuit.net('R5', '2')}
+    assert ends == {'BATT', 'BATTERY', 'GND'}
+    assert circuit.nets['AREF'] == [('U1', 'AREF'), ('C3', '1')]  # never driven: it is 1.1 V
+
+
+def test_leds_light_when_their_pins_are_high(circuit):
+    """The infrared one through a resistor, within 20 mA; the white one through a transistor."""
+    assert circuit.net('D1', 'K') == 'GND' and circuit.net('Q1', 'E') == 'GND'
+    assert {circuit.net('R1', '1'), circuit.net('R1', '2')} == {'INFRARED', circuit.net('D1', 'A')}
+    assert (3.3 - 1.35) / ohms(circuit, 'R1') <= 0.020
+    assert circuit.net('D2', 'A') == 'BATT'
+    assert {circuit.net('R2', '1'), circuit.net('R2', '2')} == {'WHITE_K', circuit.net('Q1', 'C')}
+    most = (4.2 - 3.0) / ohms(circuit, 'R2')
+    base = (3.3 - 0.7) / ohms(circuit, 'R3')
+    assert most <= 0.040 and base * 100 > most  # saturated, its gain being 250 and more
+    assert circuit.parts['U1'].pins['PD6'] == [12]  # OC0A, by which main.c dims it
+    assert 'OCR0A = level' in (BLOCK / 'main.c').read_text()
+
+
+def test_the_fuses_are_those_of_the_clock_that_the_firmware_counts_with(circuit):
+    """Data sheet 8271, tables 9-4 and 28-7: a programmed fuse is 0."""
+    assert '-DF_CPU=8000000UL' in (ROOT / 'firmware' / 'Makefile').read_text()
+    assert '8 MHz' in circuit.parts['Y1'].what
+    low, high, extended = (circuit.fuses[f]['value'] for f in ('lfuse', 'hfuse', 'efuse'))
+    assert low & 0x80 and low & 0x0F == 0x0F and low & 0x30 == 0  # not divided; 8 to 16 MHz; 1K CK
+    assert not high & 0x08  # EESAVE: an erased chip keeps its number
+    assert high & 0x80 and not high & 0x20  # RESET is a reset; SPI programming stays possible
+    assert extended & 7 == 0b101  # brown-out at 2.7 V: 8 MHz is safe from 2.4 V on
+
+
+def test_each_net_joins_something(circuit):
+    assert all(len(pins) > 1 for pins in circuit.nets.values())
+    for part in circuit.parts.values():  # both ends of a resistor at one net would be no use
+        if len(part.pins) == 2:
+            assert len({circuit.net(part.ref, pin) for pin in part.pins}) == 2, part.ref
+
+
+@pytest.mark.parametrize(
+    ('change', 'says'),
+    [
+        (lambda raw: raw['nets']['SDA'].append('U1.PC5'), r'U1.PC5 is in SDA and in SCL'),
+        (lambda raw: raw['nets']['SDA'].remove('U2.SDA'), r'U2.SDA is in no net'),
+        (lambda raw: raw['nets']['SDA'].append('U9.SDA'), r'no pin U9.SDA'),
+    ],
+)
+def test_a_circuit_that_cannot_be_is_refused(tmp_path, change, says):
+    raw = yaml.safe_load(netlist.FILE.read_text())
+    change(raw)
+    file = tmp_path / 'block.yaml'
+    file.write_text(yaml.safe_dump(raw, sort_keys=False))
+    with pytest.raises(NetlistError, match=says):
+        netlist.load(file)
+
+
+def test_the_schematic_shows_every_pin_at_its_net(circuit):
+    pytest.importorskip('schemdraw')
+    from kit import schematic
+
+    texts = re.findall(r'<tspan[^>]*>([^<]*)</tspan>', schematic.draw(circuit))
+    for part in circuit.parts.values():
+        assert any(part.ref in text.split() for text in texts), part.ref
+    for name, pins in circuit.nets.items():
+        if name != 'GND':  # which is a sign
+            plain = sum(
+                len(circuit.parts[ref].pins[pin]) for ref, pin in pins
+            )  # a name with two numbers is drawn twice
+            own = sum(pin == name for ref, pin in pins if len(circuit.parts[ref].pins) > 2)
+            assert texts.count(name) == plain + own, name
+
+
+def test_what_is_made_is_up_to_date():
+    pytest.importorskip('schemdraw')
+    done = subprocess.run(
+        [sys.executable, Path('tools') / 'draw_kit.py', '--check'],
+        cwd=ROOT, capture_output=True, text=True,
+    )  # fmt: skip
+
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes what of docs/build is made: schematic, tables, drawings, pictures of the assembly.
+
+python tools/draw_kit.py            write them (make kit)
+python tools/draw_kit.py --check    exit 1 when they are not up to date
+"""
+
+import sys
+from pathlib import Path
+
+from kit import netlist, schematic
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / 'docs' / 'build'
+BLOCKS = 25
+
+
+def page(name: str, tables: dict[str, list[str]]) -> str:
+    """Return a page with its marked tables made again."""
+    text = (FOLDER / name).read_text()
+    for mark, rows in tables.items():
+        begin, end = f'<!-- {mark} -->', f'<!-- /{mark} -->'
+        before, rest = text.split(begin)
+        text = before + '\n'.join([begin, *rows, end]) + rest.split(end)[1]
+    return text
+
+
+def made() -> dict[str, str]:
+    """Return the text of every file that is made."""
+    circuit = netlist.load()
+    tables = {
+        'materials': netlist.materials(circuit, BLOCKS),
+        'wiring': netlist.wiring(circuit),
+        'fuses': netlist.fuses(circuit),
+    }
+    return {'README.md': page('README.md', tables), 'block.svg': schematic.draw(circuit)}
+
+
+def main() -> int:
+    """Write, or compare."""
+    stale = 0
+    for name, text in made().items():
+        path = FOLDER / name
+        if path.exists() and path.read_text() == text:
+            continue
+        stale += 1
+        if '--check' in sys.argv:
+            print(f'docs/build/{name} is not up to date: make kit', file=sys.stderr)
+        else:
+            path.write_text(text)
+            print(f'docs/build/{name}')
+    return 1 if stale and '--check' in sys.argv else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

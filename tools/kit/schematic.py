@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The schematic of a block, drawn with schemdraw from its netlist, pins joined by names of nets."""
+
+import schemdraw
+import schemdraw.elements as elm
+
+from kit.netlist import Circuit, Part
+
+GROUPS = ('controller', 'supply', 'accelerometer', 'radio', 'light', 'measuring')
+POWER = {'+3V3', 'BATT', 'CELL'}
+# where a group stands: left edge and top, in units of schemdraw
+PLACES = {
+    'controller': (0.0, 0.0),
+    'radio': (22.0, 0.0),
+    'accelerometer': (22.0, -14.0),
+    'supply': (38.0, 0.0),
+    'light': (38.0, -21.0),
+    'measuring': (0.0, -25.0),
+}
+BOX_WIDTH, PIN_STEP, STUB = 4.5, 1.0, 1.0
+COLUMN, ROW = 10.5, 4.6  # of boxes, of two-pin parts
+
+
+def _tag(drawing: schemdraw.Drawing, net: str, at: tuple[float, float], side: str) -> None:
+    """Draw a stub from a pin, and what it is joined to."""
+    ways = {'left': (-STUB, 0), 'right': (STUB, 0), 'up': (0, STUB / 2), 'down': (0, -STUB / 2)}
+    dx, dy = ways[side]
+    end = (at[0] + dx, at[1] + dy)
+    drawing += elm.Line().at(at).to(end)
+    if net == 'GND' and side in ('down', 'left', 'right'):
+        drawing += elm.Ground().at(end).theta(0)
+        return
+    if not net:
+        drawing += elm.NoConnect().theta(0).at(end)
+        return
+    if net in POWER:
+        drawing += elm.Dot(open=True).theta(0).at(end)
+    align = {'left': ('right', 'center'), 'right': ('left', 'center')}.get(
+        side, ('center', 'bottom')
+    )
+    shift = {'left': -0.25, 'right': 0.25}.get(side, 0.0)
+    lift = {'up': 0.15, 'down': -0.55}.get(side, 0.0)
+    drawing += (
+        elm.Label()
+        .theta(0)
+        .at((end[0] + shift, end[1] + lift))
+        .label(net, halign=align[0], valign=align[1], fontsize=11, ofst=0)
+    )
+
+
+def _box(drawing: schemdraw.Drawing, circuit: Circuit, part: Part, x: float, top: float) -> float:
+    """Draw a part of many pins; return how far down it reaches."""
+    pins = [(name, number) for name, numbers in part.pins.items() for number in numbers]
+    pins.sort(key=lambda pin: pin[1])
+    half = (len(pins) + 1) // 2
+    sides = {'left': pins[:half], 'right': pins[half:][::-1]}
+    if len(pins) < 5:
+        sides = {'left': [], 'right': pins}
+    height = (max(map(len, sides.values())) + 1) * PIN_STEP
+    drawing += elm.Rect(corner1=(0, 0), corner2=(BOX_WIDTH, -height)).theta(0).at((x, top))
+    drawing += (
+        elm.Label()
+        .theta(0)
+        .at((x + BOX_WIDTH / 2, top + 0.15))
+        .label(f'{part.ref}  {part.name}', halign='center', valign='bottom', fontsize=12, ofst=0)
+    )
+    for side, listed in sides.items():
+        for row, (name, number) in enumerate(listed):
+            y = top - (row + 1) * PIN_STEP
+            edge = x if side == 'left' else x + BOX_WIDTH
+            inside = 0.2 if side == 'left' else -0.2
+            align = 'left' if side == 'left' else 'right'
+            drawing += (
+                elm.Label()
+                .theta(0)
+                .at((edge + inside, y))
+                .label(name, halign=align, valign='center', fontsize=11, ofst=0)
+            )
+            outside = -0.15 if side == 'left' else 0.15
+            drawing += elm.Label().theta(0).at((edge + outside, y + 0.05)).label(
+                str(number), halign='right' if side == 'left' else 'left', valign='bottom',
+                fontsize=8, ofst=0,
+            )  # fmt: skip
+            _tag(drawing, circuit.net(part.ref, name), (edge, y), side)
+    return height
+
+
+def _small(drawing: schemdraw.Drawing, circuit: Circuit, part: Part, x: float, y: float) -> None:
+    """Draw a resistor, capacitor or LED upright, the first pin above."""
+    kinds = {'R': elm.Resistor, 'C': elm.Capacitor, 'D': elm.LED}
+    first, second = part.pins
+    symbol = kinds[part.ref[0]]().at((x, y)).down().length(2.0)
+    drawing += symbol.label(f'{part.ref}\n{part.name}', loc='bottom', fontsize=11)
+    _tag(drawing, circuit.net(part.ref, first), (x, y), 'up')
+    _tag(drawing, circuit.net(part.ref, second), (x, y - 2.0), 'down')
+
+
+def draw(circuit: Circuit) -> str:
+    """Return the schematic as SVG."""
+    schemdraw.use('svg')
+    schemdraw.svgconfig.text = 'text'
+    with schemdraw.Drawing(show=False) as drawing:
+        drawing.config(unit=2.0, fontsize=11, bgcolor='white', margin=0.6)
+        for group in GROUPS:
+            left, top = PLACES[group]
+            drawing += (
+                elm.Label()
+                .theta(0)
+                .at((left, top + 1.3))
+                .label(group, halign='left', valign='bottom', fontsize=15, ofst=0)
+            )
+            parts = [part for part in circuit.parts.values() if part.group == group]
+            small = [part for part in parts if part.ref[0] in 'RCD']
+            boxes = sorted((p for p in parts if p not in small), key=lambda p: -len(p.pins))
+            ends = [top, top]  # of the two columns of boxes
+            for part in boxes:
+                column = max((0, 1), key=lambda c: ends[c])
+                x = left + 3.0 + column * COLUMN
+                ends[column] -= _box(drawing, circuit, part, x, ends[column]) + 1.6
+            for n, part in enumerate(small):
+                row, place = divmod(n, 4)
+                x, y = left + 1.5 + 4.6 * place, min(ends) - 0.4 - row * ROW
+                _small(drawing, circuit, part, x, y)
+    return drawing.get_imagedata('svg').decode()
