@@ -7,10 +7,11 @@ right)].
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, COLS, ROWS
+from eol_ros.core.geometry import BLOCK_SIDE_M, BODY_WALL_M, COLS, ROWS
 from eol_ros.errors import UsageError
 
 
@@ -22,6 +23,9 @@ class CoverShape:
     wall_mm: float = 1.6  # thickness of sides and roof
     skirt_mm: float = 12.0  # from the lower rim to the lowest point of the landscape
     relief_mm: float = 26.0  # from the lowest to the highest point of the landscape
+    lip_mm: float = 0.0  # how far a lip reaches down into the block's body; 0: there is none
+    body_mm: float = BODY_WALL_M * 1e3  # thickness of the body's walls, on which the cover stands
+    clearance_mm: float = 0.2  # between lip and body on each side
 
     def check(self) -> 'CoverShape':
         """Return self, or raise UsageError when no such cover can stand."""
@@ -31,7 +35,37 @@ class CoverShape:
             raise UsageError(f'wall {self.wall_mm:g} mm leaves no room inside {self.side_mm:g} mm')
         if self.wall_mm >= self.skirt_mm:
             raise UsageError(f'skirt {self.skirt_mm:g} mm must exceed the wall {self.wall_mm:g} mm')
+        if min(self.lip_mm, self.body_mm, self.clearance_mm) < 0:
+            raise UsageError('lip, body and clearance must be 0 mm or more')
+        if self.lip_mm:
+            inside = self.side_mm - 2 * (self.body_mm + self.clearance_mm + self.wall_mm)
+            if inside <= 0:
+                raise UsageError(f'a body of {self.body_mm:g} mm leaves no room for a lip')
+            if self.wall_mm + self._shoulder_mm() >= self.skirt_mm - self.wall_mm:
+                raise UsageError(
+                    f'skirt {self.skirt_mm:g} mm is too low for the shoulder above a lip, which is '
+                    f'{self.wall_mm + self._shoulder_mm():g} mm high: make it higher, or --lip 0'
+                )
         return self
+
+    def _shoulder_mm(self) -> float:
+        """How much narrower the inside is at the lip than above it."""
+        return self.body_mm + self.clearance_mm
+
+    def rings(self) -> list[tuple[float, float]]:
+        """Return half width and height of the edges around the opening, from inside to outside."""
+        inner, outer = self.side_mm / 2 - self.wall_mm, self.side_mm / 2
+        if not self.lip_mm:
+            return [(inner, 0.0), (outer, 0.0)]
+        lip, shoulder = outer - self.body_mm - self.clearance_mm, self._shoulder_mm()
+        return [
+            (inner, self.wall_mm + shoulder),  # slopes by 45 degrees, so that it prints
+            (lip - self.wall_mm, self.wall_mm),
+            (lip - self.wall_mm, -self.lip_mm),
+            (lip, -self.lip_mm),
+            (lip, 0.0),
+            (outer, 0.0),
+        ]
 
 
 def landscape(seed: int, rows: int = ROWS, cols: int = COLS, cells: int = 32) -> np.ndarray:
@@ -119,7 +153,8 @@ def cover_mesh(heights: np.ndarray, shape: CoverShape) -> np.ndarray:
 
     `heights` (cells + 1, cells + 1) in 0..1. The cover is a hollow cap, open below, its lower rim
     centred on the origin: landscape on top, straight sides, and a roof inside that follows the
-    landscape at one wall's thickness, so that light shines through it evenly.
+    landscape at one wall's thickness, so that light shines through it evenly. A lip reaches into
+    the body of the block, below z = 0.
     """
     shape.check()
     cells = heights.shape[0] - 1
@@ -131,14 +166,15 @@ def cover_mesh(heights: np.ndarray, shape: CoverShape) -> np.ndarray:
     inner = _surface(inside, roof)
 
     loop = _border(cells)
-    outer_rim, inner_rim = (p[loop] * [1, 1, 0] for p in (outer, inner))
+    square = outer[loop] * [2 / shape.side_mm, 2 / shape.side_mm, 0]
+    rings = [square * half + [0, 0, z] for half, z in shape.rings()]
+    below = [inner[loop], *rings]
     return np.concatenate(
         [
             _grid_triangles(outer, cells, up=True),
             _grid_triangles(inner, cells, up=False),
-            _band(outer_rim, outer[loop]),
-            _band(inner[loop], inner_rim),
-            _band(inner_rim, outer_rim),
+            _band(rings[-1], outer[loop]),
+            *(_band(low, high) for low, high in pairwise(below)),
         ]
     )
 

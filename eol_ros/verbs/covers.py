@@ -6,7 +6,7 @@ import sys
 from typing import Any
 
 from eol_ros import folders
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.geometry import BODY_HEIGHT_M, N_BLOCKS
 from eol_ros.core.terrain import CoverShape
 from eol_ros.errors import UsageError
 from eol_ros.verbs.progress import track
@@ -15,9 +15,10 @@ HELP = 'Cut one continuous landscape into covers for the blocks: a watertight ST
 EXAMPLES = [
     'eol covers --out covers',
     'eol covers --out covers --seed 7 --relief 40 --wall 2',
+    'eol covers --out covers --clearance 0.3      # the lip is too tight for the block',
     'eol covers --out covers --heightmap island.png --json',
 ]
-SIZES = CoverShape()
+SIZES = CoverShape(lip_mm=6.0)
 
 
 def add_arguments(parser):
@@ -32,6 +33,13 @@ def add_arguments(parser):
     parser.add_argument('--wall', type=float, default=SIZES.wall_mm, help='thickness, mm')
     parser.add_argument('--skirt', type=float, default=SIZES.skirt_mm, help='below the land, mm')
     parser.add_argument('--relief', type=float, default=SIZES.relief_mm, help='of the land, mm')
+    parser.add_argument(
+        '--lip', type=float, default=SIZES.lip_mm, help='into the body of the block, mm; 0: none'
+    )
+    parser.add_argument('--body', type=float, default=SIZES.body_mm, help='walls of the body, mm')
+    parser.add_argument(
+        '--clearance', type=float, default=SIZES.clearance_mm, help='of the lip on each side, mm'
+    )
     parser.add_argument('--json', action='store_true', help='list the files on stdout')
 
 
@@ -40,7 +48,9 @@ def run(args):
     from eol_ros.core import terrain
     from eol_ros.devices.files import picture_file, stl_file
 
-    shape = CoverShape(args.side, args.wall, args.skirt, args.relief).check()
+    shape = CoverShape(
+        args.side, args.wall, args.skirt, args.relief, args.lip, args.body, args.clearance
+    ).check()
     for name, most in (('rows', 50), ('cols', 50), ('cells', 512)):
         if not 1 <= getattr(args, name) <= most:
             raise UsageError(f'--{name} {getattr(args, name)}: 1 to {most}')
@@ -80,5 +90,6 @@ def run(args):
         file=sys.stderr,
     )
     if len(covers) == N_BLOCKS:
-        print(f'the camera must know them: eol calibrate ... --covers {out}', file=sys.stderr)
+        gap = f' --cover-gap {BODY_HEIGHT_M:g}' if shape.lip_mm else ''
+        print(f'the camera must know them: eol calibrate ... --covers {out}{gap}', file=sys.stderr)
     return 0

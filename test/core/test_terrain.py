@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from eol_ros.core import terrain
+from eol_ros.core.geometry import BODY_WALL_M
 from eol_ros.core.terrain import CoverShape
 from eol_ros.errors import UsageError
 
@@ -50,7 +51,14 @@ def test_neighbouring_edges_match_to_the_bit():
 
 
 @pytest.mark.parametrize(
-    'shape', [CoverShape(), CoverShape(60, 3, 5, 40), CoverShape(84, 0.8, 2, 0)]
+    'shape',
+    [
+        CoverShape(),
+        CoverShape(60, 3, 5, 40),
+        CoverShape(84, 0.8, 2, 0),
+        CoverShape(lip_mm=6),
+        CoverShape(60, 3, 14, 40, 9, 3, 0.5),
+    ],
 )
 def test_each_cover_is_watertight(shape):
     trimesh = pytest.importorskip('trimesh')
@@ -61,6 +69,33 @@ def test_each_cover_is_watertight(shape):
     assert mesh.volume > 0
     assert mesh.volume == pytest.approx(terrain.volume_mm3(triangles), rel=1e-5)
     assert mesh.bounds[1][:2] == pytest.approx([shape.side_mm / 2] * 2)
+
+
+def test_a_lip_fits_into_the_body_and_the_rim_stands_on_it():
+    """Cut by planes: below its rim the cover keeps within the body, above it is as wide as that."""
+    trimesh = pytest.importorskip('trimesh')
+    land, shape = terrain.landscape(1, cells=CELLS), CoverShape(lip_mm=6)
+    triangles = terrain.cover_mesh(terrain.tile(land, 1, 4, CELLS), shape)
+    mesh = trimesh.Trimesh(*_indexed(triangles))
+    inside = shape.side_mm / 2 - 1e3 * BODY_WALL_M
+
+    def half_widths(z):
+        cut = mesh.section([0, 0, 1], [0, 0, z])
+        loops = [cut.vertices[entity.points] for entity in cut.entities]
+        return sorted(np.abs(loop[:, :2]).max() for loop in loops)
+
+    assert mesh.bounds[0][2] == -6
+    for z in (-5.9, -0.1):
+        inner, outer = half_widths(z)
+        assert inside - outer == pytest.approx(shape.clearance_mm)
+        assert outer - inner == pytest.approx(shape.wall_mm)
+    inner, outer = half_widths(0.1)
+    assert outer == pytest.approx(shape.side_mm / 2)
+    assert inner < inside  # what stands on the wall is one with the lip
+    steps = [half_widths(z)[0] for z in np.arange(0.5, 4.0, 0.25)]
+    assert np.diff(steps).max() <= 0.25 + 1e-9  # overhangs by 45 degrees at most
+    lightest = terrain.cover_mesh(terrain.tile(land, 1, 4, CELLS), CoverShape())
+    assert terrain.volume_mm3(triangles) > terrain.volume_mm3(lightest)
 
 
 def test_volumes_add_up_to_the_whole_landscape():

@@ -16,7 +16,7 @@ def test_writes_watertight_covers_that_fit(tmp_path, capsys):
     assert main(['covers', '--out', str(tmp_path), '--cells', '10', '--json']) == 0
     told = capsys.readouterr()
     listed = json.loads(told.out)
-    assert f'eol calibrate ... --covers {tmp_path}' in told.err
+    assert f'eol calibrate ... --covers {tmp_path} --cover-gap 0.034' in told.err
     assert len(listed['covers']) == 25 and cv2.imread(listed['picture']) is not None
     meshes = {}
     for cover in listed['covers']:
@@ -39,6 +39,7 @@ def test_a_height_map_of_ones_own_and_sizes(tmp_path, capsys):
     cv2.imwrite(str(picture), np.tile(np.linspace(0, 65535, 40).astype(np.uint16), (30, 1)))
     out = tmp_path / 'out'
     sizes = ['--rows=1', '--cols=2', '--cells=4', '--side=60', '--skirt=5', '--relief=30']
+    sizes += ['--lip=0']
     assert main(['covers', '--out', str(out), '--heightmap', str(picture), *sizes]) == 0
     names = capsys.readouterr().out.split()
     assert [n.rsplit('/', 1)[1] for n in names] == ['cover-00.stl', 'cover-01.stl', 'covers.png']
@@ -51,6 +52,9 @@ def test_a_height_map_of_ones_own_and_sizes(tmp_path, capsys):
     ('words', 'code', 'says'),
     [
         (['--wall', '60'], 2, 'no room'),
+        (['--skirt', '5'], 2, 'too low for the shoulder above a lip, which is 3.8 mm high'),
+        (['--body', '41'], 2, 'a body of 41 mm leaves no room for a lip'),
+        (['--clearance', '-1'], 2, 'lip, body and clearance must be 0 mm or more'),
         (['--cells', '0'], 2, '--cells 0: 1 to 512'),
         (['--rows', '99'], 2, '--rows 99'),
         (['--seed', '-1'], 2, '--seed -1'),

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.geometry import BLOCK_SIDE_M, BODY_HEIGHT_M, rest_lattice
 from eol_ros.core.terrain import CoverShape, cover_mesh, land_edges, landscape, tile
 from eol_ros.core.vision.calibration.calibrate import raise_plane
 from eol_ros.core.vision.calibration.covers import CoverOutlines
@@ -197,10 +197,20 @@ def test_the_twin_draws_covers_with_their_parallax(mirror):
 
 
 @pytest.mark.slow
-def test_the_tracker_is_right_about_the_twins_covers():
+@pytest.mark.parametrize(
+    ('shape', 'gap_m'),
+    [(CoverShape(), GAP_M), (CoverShape(lip_mm=6), BODY_HEIGHT_M)],
+    ids=['over the platform', 'with a lip, on bodies'],
+)
+def test_the_tracker_is_right_about_the_twins_covers(shape, gap_m):
     on_platform, _, _ = tilted()
-    covers = CoverOutlines.of_landscape(landscape(3, cells=CELLS), CoverShape(), 1.0, CELLS)
-    flat = replace(raise_plane(on_platform, PLANE_M), cover_height_m=PLANE_M)
+    land = landscape(3, cells=CELLS)
+    meshes = [cover_mesh(tile(land, *divmod(i, 5), CELLS), shape) for i in range(25)]
+    covers = CoverOutlines.of_meshes(meshes, 1e3 * gap_m)
+    expected = CoverOutlines.of_landscape(land, shape, 1e3 * gap_m, CELLS)
+    assert covers.land_mm == pytest.approx(expected.land_mm, abs=0.02)  # the lip is none of it
+    plane_m = gap_m + 1e-3 * shape.skirt_mm
+    flat = replace(raise_plane(on_platform, plane_m), cover_height_m=plane_m)
     camera = replace(flat, covers=covers)
     rng = np.random.default_rng(4)
     xy = rest_lattice() + rng.normal(0, 0.003, (25, 2))
