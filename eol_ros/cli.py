@@ -65,7 +65,18 @@ def _overview() -> str:
     lines = ['usage: eol VERB [...]', '', 'Echoes of the Land as a ROS 2 graph.', '']
     for group, verbs in GROUPS.items():
         lines += [f'{group}:', *(f'  {verb:11} {text}' for verb, text in verbs.items()), '']
-    return '\n'.join([*lines, '`eol VERB --help` explains a verb, with examples.'])
+    lines += ['`eol VERB --help` explains a verb, with examples; `eol --version` names versions.']
+    return '\n'.join(lines)
+
+
+def _versions() -> str:
+    """Return the version of the work, and of what decides what it computes, a line each."""
+    from eol_ros.ros.run_record import versions
+
+    found = versions()
+    own, commit = found.pop('eol_ros', 'not installed'), found.pop('commit', '')
+    lines = [f'{name} {version}' for name, version in found.items()]
+    return '\n'.join([f'eol_ros {own}' + (f' ({commit})' if commit else ''), *lines])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -73,6 +84,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     if not words or words[0] in ('-h', '--help', 'help'):
         print(_overview())
+        return 0
+    if words[0] in ('-V', '--version', 'version'):
+        print(_versions())
         return 0
     verb = words[0]
     if verb in ALIASES:

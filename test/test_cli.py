@@ -2,6 +2,7 @@
 """Every verb explains itself, and its examples are real command lines."""
 
 import importlib
+import importlib.metadata
 import os
 import re
 import shlex
@@ -9,6 +10,7 @@ import subprocess
 import sys
 from argparse import ArgumentParser
 
+import numpy
 import pytest
 
 from eol_ros import cli
@@ -54,6 +56,13 @@ def test_overview_names_every_verb(capsys):
     assert cli.main([]) == 0
     text = capsys.readouterr().out
     assert all(verb in text for verb in cli.VERBS)
+
+
+def test_version_names_what_decides_what_a_run_computes(capsys):
+    assert cli.main(['--version']) == 0
+    own, *others = capsys.readouterr().out.splitlines()
+    assert own.startswith(f'eol_ros {importlib.metadata.version("eol_ros")}')
+    assert f'numpy {numpy.__version__}' in others
 
 
 @pytest.mark.parametrize('sent', [1, 3])

@@ -41,7 +41,7 @@ def run(args):
         print(_list(KINDS, args.json))
         return 0
     if args.kind is None:
-        raise UsageError('eol call: name what to ask for; --list shows all')
+        raise UsageError('name what to ask for; --list shows all')
     kind = KINDS.get(args.kind)
     if kind is None or kind.internal:
         known = ', '.join(k for k, row in KINDS.items() if not row.internal)
