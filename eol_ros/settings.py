@@ -132,7 +132,10 @@ class TwinSettings:
 @dataclass(frozen=True)
 class CameraSettings:
     device: str = setting(
-        'auto', 'stable camera name, /dev path, or a file that OpenCV opens', path='maybe'
+        'auto',
+        'stable camera name, /dev path, genicam:NAME (or genicam:auto) for an industrial camera,'
+        ' or a file that OpenCV opens',
+        path='maybe',
     )
     fps: float = setting(60.0, 'images a second; 0 takes a file as it says', 'Hz', 0, 240)
     width: int = setting(1280, 'image width', 'px', 160, 4096)
@@ -140,6 +143,12 @@ class CameraSettings:
     exposure_us: int = setting(3000, 'manual exposure', 'us', 50, 16000)
     gain: float = setting(-1.0, "sensor gain in the driver's own unit; -1 leaves it", '', -1, 1000)
     format: str = setting('auto', 'of a live camera', choices=('auto', 'GREY', 'MJPG'))
+    trigger: str = setting(
+        '', 'input of a GenICam camera that starts each exposure, such as Line0; empty: none does'
+    )
+    stamped_at: str = setting(
+        'start', 'which end of the exposure a GenICam camera stamps', choices=('start', 'end')
+    )
     loop: bool = setting(True, 'start a file again at its end')
     calibration: str = setting('', 'calibration file for camera_info; empty: none', path=True)
 

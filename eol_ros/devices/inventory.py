@@ -9,6 +9,7 @@ from typing import Any
 
 from eol_ros.devices.audio import outputs
 from eol_ros.devices.board.ports import list_ports
+from eol_ros.devices.camera import aravis
 from eol_ros.devices.camera.ports import list_cameras
 from eol_ros.devices.ports import Port
 from eol_ros.errors import DeviceMissing
@@ -32,15 +33,20 @@ def find_all(
     boards: Callable[[], Sequence[Port]] = list_ports,
     sound_cards: Callable[[], Sequence[dict[str, Any]]] = outputs.cards,
     drm: Path = DRM,
+    industrial: Callable[[], Sequence[Port]] = aravis.list_cameras,
 ) -> tuple[list[Found], list[str]]:
     """Return all devices found, and remarks on what could not be looked at."""
+    remarks, listed = [], list(cameras())
+    try:
+        listed += industrial()
+    except DeviceMissing as error:
+        remarks.append(f'industrial cameras: {error}')
     found = [
-        Found('camera', c.name, c.description, _line('camera', 'device', c.name)) for c in cameras()
+        Found('camera', c.name, c.description, _line('camera', 'device', c.name)) for c in listed
     ]
     found += [
         Found('board', p.name, p.description, _line('leds', 'port', p.name)) for p in boards()
     ]
-    remarks = []
     try:
         found += [_sound_card(card) for card in sound_cards()]
     except DeviceMissing as error:

@@ -47,11 +47,7 @@ class CameraNode(EolNode):
             opened=camera.opened,
         )
         if camera.source.live:
-            values.update(
-                odd_stamps=camera.source.odd_stamps,
-                repeated=camera.source.repeated,
-                exposure_us=camera.source.exposure_us,
-            )
+            values.update(camera.source.values)
         else:
             values['late_ms'] = round(camera.late_ms, 1)
 

@@ -50,7 +50,7 @@ def portaudio(monkeypatch):
 
 
 def test_all_kinds_are_found(drm, portaudio):
-    found, remarks = find_all(lambda: [CAMERA], lambda: [BOARD], drm=drm)
+    found, remarks = find_all(lambda: [CAMERA], lambda: [BOARD], drm=drm, industrial=list)
 
     assert [(f.kind, f.name) for f in found] == [
         ('camera', CAMERA.name),
@@ -62,7 +62,7 @@ def test_all_kinds_are_found(drm, portaudio):
 
 
 def test_each_line_is_what_a_scene_takes(drm, portaudio):
-    found, _ = find_all(lambda: [CAMERA], lambda: [BOARD], drm=drm)
+    found, _ = find_all(lambda: [CAMERA], lambda: [BOARD], drm=drm, industrial=list)
     for device in found:
         if device.scene_line:
             ((node, values),) = yaml.safe_load(device.scene_line).items()
@@ -78,7 +78,7 @@ def test_without_portaudio_the_rest_is_still_listed(drm, monkeypatch):
 
     monkeypatch.delitem(sys.modules, 'sounddevice', raising=False)
     monkeypatch.setattr(sys, 'meta_path', [Missing(), *sys.meta_path])
-    found, remarks = find_all(lambda: [CAMERA], list, drm=drm)
+    found, remarks = find_all(lambda: [CAMERA], list, drm=drm, industrial=list)
 
     assert [f.kind for f in found] == ['camera', 'screen']
     assert 'sudo apt install libportaudio2' in remarks[0]

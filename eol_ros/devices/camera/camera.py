@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eol_ros.devices.backoff import Backoff
-from eol_ros.devices.camera.sources import LiveCamera, Picture, VideoFile
+from eol_ros.devices.camera.sources import Live, Picture, VideoFile
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.streams.said import clauses, said
@@ -50,7 +50,7 @@ class Camera:
 
     def __init__(
         self,
-        source: VideoFile | LiveCamera,
+        source: VideoFile | Live,
         deliver: Callable[[int, np.ndarray], None],
         on_state: Callable[[State], None] = lambda state: None,
         loop: bool = True,
@@ -134,6 +134,8 @@ class Camera:
             picture = self.source.read()
             if picture is not None:
                 self._offer(picture)
+                continue
+            if self.source.live:  # none yet: it waits for its trigger
                 continue
             if not self._loop:
                 self._at_end = True  # the last images are still on their way

@@ -10,6 +10,7 @@ from eol_ros.devices.ports import Port
 
 BY_ID = Path('/dev/v4l/by-id')
 SYSTEM = Path('/sys/class/video4linux')
+GENICAM = 'genicam:'  # begins the name of an industrial camera in a scene
 
 
 def list_cameras(by_id: Path = BY_ID, system: Path = SYSTEM) -> list[Port]:

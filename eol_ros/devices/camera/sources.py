@@ -4,11 +4,11 @@
 import os
 import time
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from eol_ros.devices.camera.ports import find_camera
+from eol_ros.devices.camera.ports import GENICAM, find_camera
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import CameraSettings
 
@@ -35,7 +35,7 @@ class SourceLost(OSError):
 
 def is_file(device: str) -> bool:
     """Return whether `device` names a video file or a numbered series of images, not a camera."""
-    return not device.startswith('/dev/') and (
+    return not device.startswith(('/dev/', GENICAM)) and (
         os.path.isfile(device) or '%' in device or ('/' in device or '.' in device)
     )
 
@@ -183,6 +183,15 @@ class LiveCamera:
         self._format = ''
         self._last_ns = 0
 
+    @property
+    def values(self) -> dict[str, Any]:
+        """Return what /diagnostics tells of the camera."""
+        return {
+            'odd_stamps': self.odd_stamps,
+            'repeated': self.repeated,
+            'exposure_us': self.exposure_us,
+        }
+
     def open(self) -> None:
         """Open the camera, set format, then exposure, and read back what it took."""
         import cv2
@@ -295,6 +304,40 @@ class LiveCamera:
             self._capture = None
 
 
-def source_of(settings: CameraSettings) -> VideoFile | LiveCamera:
+class Live(Protocol):
+    """What `Camera` asks of a camera: V4L2, GenICam, or a fake."""
+
+    live: Literal[True]
+    name: str
+    fps: float
+    notes: list[str]
+    exposure_us: float
+
+    @property
+    def values(self) -> dict[str, Any]: ...
+
+    def open(self) -> None: ...
+
+    def read(self) -> Picture | None:
+        """Return the next image; None where there is none yet, and none is overdue."""
+
+    def close(self) -> None: ...
+
+
+def source_of(settings: CameraSettings) -> VideoFile | Live:
     """Return the source that `settings.device` names."""
+    if settings.device.startswith(GENICAM):
+        from eol_ros.devices.camera.genicam import GenicamCamera
+
+        return GenicamCamera(settings)
     return VideoFile(settings) if is_file(settings.device) else LiveCamera(settings)
+
+
+def check_present(device: str) -> None:
+    """Raise DeviceMissing unless the camera that `device` names is there, or can be looked for."""
+    if device.startswith(GENICAM):
+        from eol_ros.devices.camera import genicam
+
+        genicam.find_camera(device)
+    else:
+        find_camera(device)
