@@ -50,6 +50,9 @@ bench: setup-test  ## the graph's figures
 lock:  ## renew the versions and hashes of all wheels (ARGS=--upgrade: the newest)
 	@tools/lock_requirements.sh $(ARGS)
 
+film: setup-test  ## the film that the README opens with, and its sound (needs Chromium)
+	$(PY) -m tools.make_film $(ARGS)
+
 films: setup-test  ## path-trace printed covers for `eol bench vision --films films` (needs LLVM 19)
 	$(PY) -m pip install -q 'mitsuba>=3.9'
 	$(PY) -m eol_ros bench films --out films $(ARGS)
@@ -61,4 +64,4 @@ clean:  ## remove what was made here, but no bag
 setup-test:
 	@tools/setup_env.sh test
 
-.PHONY: help setup setup-test run test bare quick lint docs kit firmware soak bench lock films clean
+.PHONY: help setup setup-test run test bare quick lint docs kit firmware soak bench lock film films clean

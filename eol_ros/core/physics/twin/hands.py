@@ -54,7 +54,7 @@ def within_reach(pose: np.ndarray) -> np.ndarray:
 
 
 @dataclass
-class _Reach:
+class Reach:
     """One hand's way from `begin_s` to `stop_s`: by `move` (3,), and about a circle of `radius`.
 
     It has the minimum-jerk speed of a human reach (Flash and Hogan, J. Neurosci. 5, 1985),
@@ -74,6 +74,20 @@ class _Reach:
             return None
         if self.grip is None:
             self.grip = pose.copy()
+        place, velocity = self._led(time_s)
+        behind = FOLLOW_PER_S * (place - pose)
+        much = float(np.linalg.norm(behind * ALIKE)) / FOLLOW_MPS
+        behind *= min(1.0, (self.stop_s + HOLD_S - time_s) / HOLD_S) / max(1.0, much)
+        return velocity + behind
+
+    def place(self, time_s: float) -> np.ndarray | None:
+        """Return the pose (3,) at which this hand wants the rim; None: it is off."""
+        on = self.grip is not None and time_s < self.stop_s + HOLD_S
+        return self._led(time_s)[0] if on else None
+
+    def _led(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pose (3,) of its way at `time_s`, and its rate."""
+        assert self.grip is not None
         duration = self.stop_s - self.begin_s
         r = min((time_s - self.begin_s) / duration, 1.0)
         s, rate = r**3 * (10 - 15 * r + 6 * r * r), 30 * r * r * (1 - r) ** 2 / duration
@@ -83,10 +97,7 @@ class _Reach:
             begin, here = self.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
             place[:2] += here - begin
             velocity[:2] += 2 * np.pi * rate * np.array([-here[1], here[0]])
-        behind = FOLLOW_PER_S * (place - pose)
-        much = float(np.linalg.norm(behind * ALIKE)) / FOLLOW_MPS
-        behind *= min(1.0, (self.stop_s + HOLD_S - time_s) / HOLD_S) / max(1.0, much)
-        return velocity + behind
+        return place, velocity
 
 
 class Visitors:
@@ -98,13 +109,13 @@ class Visitors:
 
     def __init__(self, seed: int) -> None:
         self._random = np.random.default_rng([seed, 0x68616E64])
-        self._reaches: list[_Reach] = []
+        self.reaches: list[Reach] = []
         self._next_s: float | None = None  # when the next gesture begins; None: now
         self._back_s = -np.inf  # until when they stay away
 
     def let_go(self, time_s: float, away_s: float) -> None:
         """Take the hands off the rim at `time_s`, until `away_s` later at least."""
-        self._reaches, self._next_s = [], None
+        self.reaches, self._next_s = [], None
         self._back_s = max(self._back_s, time_s + away_s)
 
     def away(self, time_s: float) -> bool:
@@ -120,37 +131,37 @@ class Visitors:
             return []
         if self._next_s is None or time_s >= self._next_s:
             self._begin(time_s if self._next_s is None else self._next_s, pose)
-        wanted = [reach.velocity(time_s, pose) for reach in self._reaches]
+        wanted = [reach.velocity(time_s, pose) for reach in self.reaches]
         return [velocity for velocity in wanted if velocity is not None]
 
     def _begin(self, begin_s: float, pose: np.ndarray) -> None:
         random = self._random
         kinds = (self._push, self._jerk, self._circle, self._rotate, self._two)
         kind = kinds[random.choice(len(kinds), p=SHARES)] if self._next_s else self._push
-        self._reaches = kind(begin_s, pose)
-        self._next_s = max(r.stop_s for r in self._reaches) + HOLD_S + random.uniform(*PAUSE_S)
+        self.reaches = kind(begin_s, pose)
+        self._next_s = max(r.stop_s for r in self.reaches) + HOLD_S + random.uniform(*PAUSE_S)
 
-    def _push(self, begin_s: float, pose: np.ndarray) -> list[_Reach]:
+    def _push(self, begin_s: float, pose: np.ndarray) -> list[Reach]:
         target = self._across(pose, 0.10, 0.20, pose[2] * self._random.uniform(0.0, 1.0))
         return [self._reach(begin_s, target - pose, PUSH_MPS)]
 
-    def _jerk(self, begin_s: float, pose: np.ndarray) -> list[_Reach]:
+    def _jerk(self, begin_s: float, pose: np.ndarray) -> list[Reach]:
         way = self._way(pose) * self._random.uniform(0.04, 0.09)
         target = within_reach(pose + np.array([*way, 0.0]))
         return [self._reach(begin_s, target - pose, JERK_MPS)]
 
-    def _circle(self, begin_s: float, pose: np.ndarray) -> list[_Reach]:
+    def _circle(self, begin_s: float, pose: np.ndarray) -> list[Reach]:
         target = within_reach(pose * (0.6, 0.6, 0.5))
         heading = np.arctan2(pose[1], pose[0])  # it leads back over the middle
         radius = self._random.uniform(0.04, 0.08)
         return [self._reach(begin_s, target - pose, CIRCLE_MPS, radius, heading)]
 
-    def _rotate(self, begin_s: float, pose: np.ndarray) -> list[_Reach]:
+    def _rotate(self, begin_s: float, pose: np.ndarray) -> list[Reach]:
         yaw = -np.sign(pose[2] or 1.0) * self._random.uniform(0.12, 0.24)
         target = within_reach(np.array([pose[0] * 0.5, pose[1] * 0.5, yaw]))
         return [self._reach(begin_s, target - pose, PUSH_MPS)]
 
-    def _two(self, begin_s: float, pose: np.ndarray) -> list[_Reach]:
+    def _two(self, begin_s: float, pose: np.ndarray) -> list[Reach]:
         """One pushes; the other, at another side, soon pulls another way and rotates the rim."""
         first = self._across(pose, 0.10, 0.18, pose[2]) - pose
         off = self._random.choice((-1.0, 1.0)) * self._random.uniform(np.pi / 3, np.pi)
@@ -169,10 +180,10 @@ class Visitors:
         speed: tuple[float, float],
         radius: float = 0.0,
         heading: float = 0.0,
-    ) -> _Reach:
+    ) -> Reach:
         length = np.hypot(move[0], move[1]) + 0.4 * abs(move[2]) + 2 * np.pi * radius
         duration = max(SHORTEST_S, float(length) / self._random.uniform(*speed))
-        return _Reach(begin_s, begin_s + duration, move, radius, heading)
+        return Reach(begin_s, begin_s + duration, move, radius, heading)
 
     def _way(self, pose: np.ndarray) -> np.ndarray:
         """Return a direction (2,), back over the middle where the rim stands off it."""
