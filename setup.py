@@ -70,6 +70,7 @@ TEST = [
     *KIT,
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo']  # peers, measured in the same run
+MAP = ['umap-learn>=0.5']  # maps of grains by UMAP
 RENDER = ['mitsuba>=3.9']  # path-traced images, see `make films`; nothing that runs imports it
 MESSAGES = 'msg_defs/eol_msgs'
 # What the firmware of a block does, for the twin's blocks: plain C that is loaded with ctypes, so
@@ -117,6 +118,7 @@ setup(
         'bench': BENCH,
         'render': RENDER,
         'kit': KIT,
+        'map': MAP,
     },
     zip_safe=False,
     description='Echoes of the Land as a ROS 2 node graph',

@@ -31,7 +31,7 @@ from typing import Any
 import yaml
 
 from eol_ros.errors import ConfigError, EolError
-from eol_ros.settings import MASK, NotifySettings, masked, renamed, secrets
+from eol_ros.settings import FORMS, MASK, NotifySettings, masked, renamed, secrets
 from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
 
 _KEYS = (
@@ -266,14 +266,20 @@ class _Reader:
                 self.wrong(item, where, str(error))
                 continue
             path = fields[key].metadata.get('path')
-            if path and value:
-                full = (Path(item.file).parent / Path(value).expanduser()).resolve()
-                if full.exists():
-                    value = str(full)
-                elif path is True:
-                    self.wrong(item, where, f'{value}: no such file or folder')
+            if path and isinstance(value, tuple):
+                value = tuple(self._path(item, where, one, path) for one in value)
+            elif path and value:
+                value = self._path(item, where, value, path)
             values[key] = value
         return kind(**values)
+
+    def _path(self, item: _Place, where: str, value: str, path: bool | str) -> str:
+        full = (Path(item.file).parent / Path(value).expanduser()).resolve()
+        if full.exists():
+            return str(full)
+        if path is True:
+            self.wrong(item, where, f'{value}: no such file or folder')
+        return value
 
 
 def _bare(place: _Place) -> Any:
@@ -350,6 +356,8 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
         near = difflib.get_close_matches(str(value), meta['choices'], 1, 0.6)
         hint = f'. Did you mean {near[0]}?' if near else ''
         raise ConfigError(f'{value!r} is not one of {", ".join(meta["choices"])}{hint}')
+    if (form := meta.get('form')) and not re.fullmatch(FORMS[form], str(value)):
+        raise ConfigError(f'{value!r} is not {form}')
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         low, high = meta.get('min'), meta.get('max')
         inside = (low is None or value >= low) and (high is None or value <= high)

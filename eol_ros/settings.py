@@ -22,12 +22,14 @@ def setting(
     path: bool | str = False,
     was: str = '',
     secret: bool = False,
+    form: str = '',
 ) -> Any:
     """Return a dataclass field that knows how to be checked and explained.
 
     `live`: may change while the node runs. `path`: names a file or folder, relative to the scene
     file; with 'maybe' it is one only if such a file is there. `was`: the name before, which is
     still understood, with a warning. `secret`: shown to nobody: not in bags, parameters or words.
+    `form`: what a text looks like, one of FORMS.
     A tuple default makes a list setting; its items are checked one by one.
     """
     return field(
@@ -42,6 +44,7 @@ def setting(
             'path': path,
             'was': was,
             'secret': secret,
+            'form': form,
         },
     )
 
@@ -247,6 +250,27 @@ DESCRIPTORS = (
     'loudness_lufs',
     'duration_s',
 )
+# What takes longer to describe, and is described where it is asked for (core/sound/timbre.py).
+MORE_DESCRIPTORS = (
+    'spectral_flux',
+    'attack_time_s',
+    'loudness_range_lu',
+    'harmonic_ratio',
+    *(f'mfcc_{k}' for k in range(1, 13)),
+)
+# Places made of all descriptors together, for the two axes of a map.
+PROJECTIONS = ('pca_1', 'pca_2', 'umap_1', 'umap_2')
+MAP_AXES = (*DESCRIPTORS, *MORE_DESCRIPTORS, *PROJECTIONS)
+
+
+_NUMBER = r'[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?'
+_SHARE = r'(0|1|0?\.\d+|[01]\.0*)'
+# What the lines of a setting look like, by the words for people.
+FORMS = {
+    'NAME WEIGHT': rf'\S.* {_SHARE}',
+    'DESCRIPTOR WEIGHT SOURCE': rf'({"|".join(MAP_AXES)}) {_NUMBER} (x|y|speed|last)',
+    'NAME REGION': rf'\S.* (left|right|near|far|{_SHARE}(,{_SHARE}){{3}})',
+}
 
 
 @dataclass(frozen=True)
@@ -257,6 +281,18 @@ class GrainsSettings:
         path=True,
         live=True,
     )
+    more_sounds: tuple[str, ...] = setting(
+        (), 'further audio files or folders, in the same corpus', path=True, live=True
+    )
+    weights: tuple[str, ...] = setting(
+        (), 'lines: the share, 0 to 1, of the grains of that sound that a block can'
+        ' play; 0: none. NAME is that of the file without its ending, or ice', live=True,
+        form='NAME WEIGHT',
+    )  # fmt: skip
+    regions: tuple[str, ...] = setting(
+        (), 'lines: the part of the space in which the grains of that sound lie: left, right, near,'
+        ' far, or X MIN,Y MIN,X MAX,Y MAX in 0..1', live=True, form='NAME REGION',
+    )  # fmt: skip
     segment: str = setting(
         'chop', 'how it is cut', choices=('chop', 'onset', 'gate', 'none', 'labels'), live=True
     )
@@ -266,11 +302,16 @@ class GrainsSettings:
     overlap: float = setting(
         0.0, 'share of a grain that the next one repeats', '', 0, 0.9, live=True
     )
+    more_descriptors: bool = setting(
+        False, 'describe MFCC, spectral flux, attack time, loudness range and harmonic ratio, too;'
+        ' an axis that is one of them does so by itself', live=True,
+    )  # fmt: skip
     x_axis: str = setting(
-        'centroid_mean_hz', 'descriptor from left to right', choices=DESCRIPTORS, live=True
-    )
+        'centroid_mean_hz', 'descriptor from left to right; pca and umap are made of all'
+        ' descriptors', choices=MAP_AXES, live=True,
+    )  # fmt: skip
     y_axis: str = setting(
-        'periodicity_mean', 'descriptor from near to far', choices=DESCRIPTORS, live=True
+        'periodicity_mean', 'descriptor from near to far', choices=MAP_AXES, live=True
     )
     layout: str = setting('even', 'places in the space', choices=('raw', 'rank', 'even'), live=True)
     blend: float = setting(1.0, '0: as measured, 1: as the layout says', '', 0, 1, live=True)
@@ -278,15 +319,20 @@ class GrainsSettings:
         1.2, 'side of the square of the table that the space covers', 'm', 0.1, 10, live=True
     )
     mode: str = setting(
-        'fence',
-        'a touched grain sounds once, or moving blocks rumble',
-        choices=('fence', 'bow'),
-        live=True,
-    )
+        'fence', 'when: a touched grain sounds once; or a moving block sounds one of those in its'
+        ' reach every so often (bow), at the beats of all (beat), when the one before has ended'
+        ' (chain), or then the one that follows it in the recording (continue)',
+        choices=('fence', 'bow', 'beat', 'chain', 'continue'), live=True,
+    )  # fmt: skip
     choose: str = setting(
         'all', 'which grains within reach', choices=('all', 'nearest', 'k'), live=True
     )
     k: int = setting(3, 'with choose: k, the nearest so many', '', 1, 100, live=True)
+    match: tuple[str, ...] = setting(
+        (), 'lines: nearest are not those in place, but those whose descriptors are most like the'
+        " block's x, y, speed, or the grain that it sounded last; distance is that of ranks, 0 to"
+        ' 1, by weight', live=True, form='DESCRIPTOR WEIGHT SOURCE',
+    )  # fmt: skip
     radius: float = setting(0.07, 'reach of a block', 'm', 0.001, 1, live=True)
     rearm_ratio: float = setting(
         1.2, 'hysteresis: a grain is armed again beyond the reach times this', '', 1, 10, live=True,
@@ -304,6 +350,9 @@ class GrainsSettings:
         0.08, 'with mode: bow, from grain to grain', 's', 0.01, 10, live=True
     )
     bow_jitter: float = setting(0.5, 'of that time, as a share', '', 0, 1, live=True)
+    beat_period_s: float = setting(
+        0.5, 'with mode: beat, from beat to beat', 's', 0.02, 60, live=True
+    )
     start_mps: float = setting(0.008, 'a block this fast moves', 'm/s', 0, 1, live=True)
     stop_mps: float = setting(0.006, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
     rest_s: float = setting(

@@ -35,6 +35,7 @@ ALLOWED = {
     'ros': BASE | ROS | {'yaml'},
     'nodes': BASE | ROS,
     'web': BASE | {'aiohttp'},
+    'devices/corpus/umap_map.py': {'numpy', 'umap'},
     'web/metrics.py': {'prometheus_client'},
     'web/certificate.py': {'cryptography'},
     'bringup': {'yaml'},

@@ -336,3 +336,24 @@ def test_a_recorder_is_settings_or_off(tmp_path, value):
     assert mistakes(path) == [
         (1, 29, 'recorder', 'not a mapping of settings, such as {images: all}, nor off')
     ]
+
+
+def test_every_path_of_a_list_is_resolved_and_every_line_has_its_form(tmp_path):
+    write(tmp_path, '', 'a.wav')
+    path = write(
+        tmp_path,
+        'scene: s\nnodes:\n  twin: {}\n  tracker: {}\n'
+        '  grains: {more_sounds: [a.wav], weights: [a 0.5]}\n',
+    )
+    alone = scenes.load(path).settings('grains')
+    assert alone.more_sounds == (str(tmp_path / 'a.wav'),) and alone.weights == ('a 0.5',)
+    bad = write(
+        tmp_path,
+        'scene: s\nnodes:\n  grains:\n    more_sounds: [b.wav]\n    weights: [a 5]\n'
+        '    match: [flatness 1 moon]\n',
+        'bad.yaml',
+    )
+    found = [what for *_, what in mistakes(bad)]
+    assert 'b.wav: no such file or folder' in found
+    assert "'a 5' is not NAME WEIGHT" in found
+    assert "'flatness 1 moon' is not DESCRIPTOR WEIGHT SOURCE" in found

@@ -2,7 +2,6 @@
 """Publishes the corpus, and a trigger for every grain that a moving block touches."""
 
 import sys
-from pathlib import Path
 
 from eol_msgs.msg import Corpus as CorpusMessage
 from eol_msgs.msg import FeltSlip, GrainTrigger
@@ -115,7 +114,7 @@ class GrainsNode(EolNode):
         for note in corpus.notes:
             self.get_logger().warning(note)
         self.health.values['grains'] = len(corpus)
-        count, name = int(corpus.placed.sum()), Path(corpus.sources[0].path).name
+        count, name = int(corpus.placed.sum()), corpora.title(corpus)
         self.words = said('grains', '{count} grains of {name}', count=count, name=name)
         self.health.ok(self.words)
 

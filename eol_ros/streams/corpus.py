@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eol_ros.settings import DESCRIPTORS
 from eol_ros.streams.record import Record
 
 if TYPE_CHECKING:
@@ -22,16 +21,23 @@ DTYPE = np.dtype(
 RECORD = Record('eol_msgs/msg/Corpus', DTYPE, 'table')
 
 
+def title(corpus: 'Corpus') -> str:
+    """Return what people call a corpus: its first sound, and how many more there are."""
+    name, more = PurePath(corpus.sources[0].path).name, len(corpus.sources) - 1
+    return f'{name} + {more}' if more else name
+
+
 def of(stamp_ns: int, corpus: 'Corpus', bounds: Sequence[float], radius_m: float) -> Any:
     """Return the row of a corpus over `bounds`: x min, y min, x max, y max in metres."""
     grains = corpus.grains
-    values = np.stack([grains[name] for name in DESCRIPTORS], axis=1)
+    names = corpus.descriptors
+    values = np.stack([grains[name] for name in names], axis=1)
     return RECORD.row(
-        stamp_ns, PurePath(corpus.sources[0].path).name, corpus.digest, corpus.sample_rate,
+        stamp_ns, title(corpus), corpus.digest, corpus.sample_rate,
         [source.path for source in corpus.sources], grains['file'].astype('u4'),
         grains['start_s'].copy(), grains['duration_s'].copy(), grains['x'].astype('f4'),
         grains['y'].astype('f4'), corpus.x_name, corpus.y_name, np.array(bounds, 'f8'), radius_m,
-        list(DESCRIPTORS), values.astype('f4').ravel(),
+        list(names), values.astype('f4').ravel(),
     )  # fmt: skip
 
 
@@ -68,6 +74,7 @@ def to_json(message: Any) -> dict[str, Any]:
         'name': message.name, 'digest': message.digest, 'radius': message.radius,
         'x': list(message.x), 'y': list(message.y), 'x_name': message.x_name,
         'y_name': message.y_name, 'start': list(message.start), 'duration': list(message.duration),
+        'files': [PurePath(path).stem for path in message.files], 'file': list(message.file),
         'bounds': list(message.bounds), 'descriptors': list(message.descriptors),
         'values': [list(message.values[i::count]) for i in range(count)],
     }  # fmt: skip

@@ -4,17 +4,20 @@
 import dataclasses
 import hashlib
 import json
+import re
 import sys
 import time
 from pathlib import Path
 
 from eol_ros.errors import UsageError
-from eol_ros.settings import DESCRIPTORS
+from eol_ros.settings import FORMS, MAP_AXES
 
 HELP = 'Cut sounds into grains, describe them and lay them out for the blocks to play.'
 EXAMPLES = [
     'eol corpus iceberg.wav --out iceberg.json',
     'eol corpus field/*.flac --grain 0.1 --overlap 0.5 --x pitch_hz --y loudness_lufs --out f.json',
+    'eol corpus ice.wav harbour.flac --region "ice left" --region "harbour right" --out two.json',
+    'eol corpus iceberg.wav --more --x pca_1 --y pca_2 --out iceberg.json',
     'eol corpus door.ogg --segment onset --csv door.csv --labels-out door.labels.txt',
     'eol corpus door.ogg --segment labels --labels door.labels.txt --out door.json',
     'eol corpus                               (the procedural ice recording)',
@@ -41,8 +44,12 @@ def add_arguments(parser):
     add('--gate-on', type=float, default=-40.0, metavar='DB', help='a grain begins above')
     add('--gate-off', type=float, default=-50.0, metavar='DB', help='and ends below')
     add('--silence', type=float, default=-70.0, metavar='DB', help='quieter grains get no place')
-    add('--x', choices=DESCRIPTORS, default=DESCRIPTORS[0], metavar='NAME', help=_NAMES)
-    add('--y', choices=DESCRIPTORS, default=DESCRIPTORS[1], metavar='NAME')
+    add('--x', choices=MAP_AXES, default=MAP_AXES[0], metavar='NAME', help=_NAMES)
+    add('--y', choices=MAP_AXES, default=MAP_AXES[1], metavar='NAME')
+    further = 'MFCC, spectral flux, attack time, loudness range and harmonic ratio'
+    add('--more', action='store_true', help=f'describe {further}, too')
+    where = 'where the grains of a sound lie: left, right, near, far, or X,Y,X,Y in 0..1'
+    add('--region', action='append', default=[], metavar='"NAME REGION"', help=where)
     add('--layout', choices=('raw', 'rank', 'even'), default='even')
     add('--blend', type=float, default=1.0, metavar='0..1', help='0: as measured, 1: the layout')
     add('--seed', type=int, default=1, help='of the ice recording, where no sound is given')
@@ -52,7 +59,7 @@ def add_arguments(parser):
     add('--json', action='store_true', help='the corpus to stdout')
 
 
-_NAMES = 'one of ' + ', '.join(DESCRIPTORS)
+_NAMES = 'one of ' + ', '.join(MAP_AXES)
 
 
 def run(args):
@@ -112,6 +119,9 @@ def _options(args):
     ):
         if not low <= value <= high:
             raise UsageError(f'{name} {value:g}: must lie in {low:g}..{high:g}')
+    for line in args.region:
+        if not re.fullmatch(FORMS['NAME REGION'], line):
+            raise UsageError(f'--region {line!r} is not NAME REGION')
     if args.labels and args.segment != 'labels':
         raise UsageError('--labels is read only with --segment labels')
     return Options(
@@ -127,6 +137,8 @@ def _options(args):
         gate_off_db=args.gate_off,
         silence_db=args.silence,
         labels=args.labels,
+        more_descriptors=args.more,
+        regions=tuple(args.region),
     )
 
 
@@ -136,7 +148,7 @@ def _summary(corpus):
     placed = corpus.placed
     print(f'{len(corpus)} grains, {int(placed.sum())} placed, {int((~placed).sum())} silent')
     print(f'{"":18}{"least":>12}{"10 %":>12}{"middle":>12}{"90 %":>12}{"most":>12}')
-    for name in DESCRIPTORS:
+    for name in corpus.descriptors:
         values = corpus.values(name)[placed]
         values = values[np.isfinite(values)]
         cells = np.percentile(values, [0, 10, 50, 90, 100]) if len(values) else []

@@ -2,6 +2,7 @@
 """A corpus made, kept, moved by hand, found again, and refused when it is spoilt."""
 
 import csv
+import hashlib
 import json
 import os
 import shutil
@@ -16,6 +17,7 @@ import pytest
 from support import needs
 from support.waiting import wait_until
 
+from eol_ros.core.sound import projection
 from eol_ros.core.sound.corpus import GRAIN
 from eol_ros.core.sound.ice import ice
 from eol_ros.devices.audio import audio_file
@@ -24,6 +26,7 @@ from eol_ros.devices.corpus.corpus_build import build, build_cached
 from eol_ros.devices.corpus.corpus_file import Options
 from eol_ros.devices.corpus.loader import CorpusLoader
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
+from eol_ros.settings import MORE_DESCRIPTORS
 
 RATE = 16000
 
@@ -428,3 +431,86 @@ def test_a_sound_that_goes_away_is_noticed_without_a_fault(sound):
 def test_a_grain_or_a_place_that_is_not_there_is_refused(grain, x, y, words):
     with pytest.raises(ConfigError, match=words):
         corpus_file.move([None, None], grain, x, y)
+
+
+@pytest.fixture
+def two(sound, tmp_path):
+    audio_file.write(tmp_path / 'shelf.wav', ice(3.0, RATE, seed=6), RATE, 'PCM_16')
+    return [sound, tmp_path / 'shelf.wav']
+
+
+def test_further_options_at_their_defaults_leave_digests_as_they_were(sound):
+    words = {
+        'segment': 'chop', 'grain_s': 0.25, 'overlap': 0.0, 'x_axis': 'centroid_mean_hz',
+        'y_axis': 'periodicity_mean', 'layout': 'even', 'blend': 1.0, 'onset_db': 4.0,
+        'gate_on_db': -40.0, 'gate_off_db': -50.0, 'silence_db': -70.0, 'labels': '',
+    }  # fmt: skip
+    parts = [1, 2, words, corpus_file.sha256(sound)]  # as in every bag so far
+    expected = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+    assert corpus_file.digest([sound], Options()) == expected
+    assert corpus_file.digest([sound], Options(more_descriptors=True)) != expected
+
+
+def test_each_sound_in_its_region(two):
+    options = Options(regions=('floe left', 'shelf .5,.5,1,1'))
+    corpus = build(two, options)
+    grains = corpus.grains
+    floe, shelf = grains[grains['file'] == 0], grains[grains['file'] == 1]
+    assert len(floe) == 16 and len(shelf) == 12
+    assert floe['x'].max() < 0.5 and floe['y'].min() < 0.2 and floe['y'].max() > 0.8
+    assert shelf['x'].min() > 0.5 and shelf['y'].min() > 0.5
+    alone = build(two[:1], Options())
+    np.testing.assert_allclose(floe['x'], alone.grains['x'] / 2)
+    np.testing.assert_allclose(floe['y'], alone.grains['y'])
+    assert corpus_file.digest(two, options) != corpus_file.digest(two, Options())
+    with pytest.raises(ConfigError, match='no sound of this name; there are floe, shelf'):
+        build(two, Options(regions=('gone left',)))
+
+
+def test_all_sounds_of_the_settings_are_in_one_corpus(two):
+    options = Options(more_sounds=(str(two[1]),))
+    corpus = corpus_build.apart(str(two[0]), options, 0)
+    assert [source.name for source in corpus.sources] == ['floe', 'shelf']
+    assert corpus_build.ready(str(two[0]), options, 0).same_as(corpus)
+    assert len(corpus_file.times(str(two[0]), options, 0)) == 2
+    corpus_file.save(corpus, two[0].with_name('c.json'))
+    with pytest.raises(ConfigError, match='has its sounds and places already'):
+        corpus_build.ready(str(two[0].with_name('c.json')), options, 0)
+
+
+@pytest.mark.parametrize(
+    'options', [Options(more_descriptors=True), Options(x_axis='mfcc_2', y_axis='spectral_flux')]
+)
+def test_further_descriptors_are_there_where_they_are_asked_for(sound, tmp_path, options):
+    assert build([sound], Options()).grains.dtype == GRAIN
+    corpus = build_cached([sound], options)
+    assert set(MORE_DESCRIPTORS) <= set(corpus.descriptors) and 'pca_1' not in corpus.descriptors
+    assert np.isfinite(corpus.values('mfcc_12')).all()
+    corpus_file.save_csv(corpus, tmp_path / 'c.csv')
+    with open(tmp_path / 'c.csv', newline='') as file:
+        first = next(csv.DictReader(file))
+    assert float(first['harmonic_ratio']) == pytest.approx(corpus.values('harmonic_ratio')[0])
+    corpus_file.save(corpus, tmp_path / 'c.json')
+    loaded = corpus_file.load(tmp_path / 'c.json', trusted=True)
+    assert loaded.same_as(corpus)
+    plain = build_cached([sound], Options())
+    for name in GRAIN.names[:-2]:
+        np.testing.assert_array_equal(corpus.grains[name], plain.grains[name])
+
+
+@pytest.mark.parametrize('more', [False, True])
+def test_a_map_by_principal_components_is_snapped_to_a_grid(sound, more):
+    corpus = build([sound], Options(more_descriptors=more, x_axis='pca_1', y_axis='pca_2'))
+    assert ('mfcc_1' in corpus.descriptors) == more
+    names = [n for n in corpus.descriptors if n[:3] != 'pca']
+    matrix = projection.standardised([corpus.values(n) for n in names], names)
+    np.testing.assert_allclose(corpus.values('pca_1'), projection.pca(matrix)[:, 0])
+    assert len({(round(x, 9), round(y, 9)) for x, y in corpus.grains[['x', 'y']].tolist()}) == 16
+    assert np.corrcoef(corpus.values('pca_1'), corpus.grains['x'])[0, 1] > 0.7
+
+
+def test_without_umap_one_line_says_what_to_do(sound, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'umap', None)
+    monkeypatch.delitem(sys.modules, 'eol_ros.devices.corpus.umap_map', raising=False)
+    with pytest.raises(DeviceMissing, match='pip install umap-learn, or take pca_1'):
+        build([sound], Options(x_axis='umap_1', y_axis='umap_2'))

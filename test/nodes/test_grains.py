@@ -294,3 +294,26 @@ def test_the_node_stays_light(sounds):
 def test_every_setting_is_live():
     for field in dataclasses.fields(GrainsSettings):
         assert field.metadata['live'], field.name
+
+
+def test_several_sounds_weighed_and_placed_while_it_runs(stage, sounds):
+    stage = stage()
+    put = stage.node.set_parameters
+    both = Parameter('more_sounds', value=[str(sounds[1])])
+    halves = Parameter('regions', value=['shelf left', 'floe right'])
+    assert stage.node.set_parameters_atomically([both, halves]).successful
+    stage.until(lambda: stage.probe.corpora[-1].name == 'floe.wav + 1')
+    message = stage.probe.corpora[-1]
+    assert [name.rpartition('/')[2] for name in message.files] == ['floe.wav', 'shelf.wav']
+    assert set(message.file) == {0, 1}
+    x, file = np.array(stage.probe.corpora[-1].x), np.array(stage.probe.corpora[-1].file)
+    assert x[file == 1].max() < 0.5 < x[file == 0].min()
+    assert put([Parameter('weights', value=['floe 0'])])[0].successful
+    assert not put([Parameter('weights', value=['floe'])])[0].successful
+    assert stage.node.settings.weights == ('floe 0',)
+    play(stage, range(150))
+    heard = {int(file[t.grain]) for t in stage.probe.triggers}
+    assert heard == {1}
+    alone = [Parameter('more_sounds', value=[]), Parameter('regions', value=[])]
+    assert stage.node.set_parameters_atomically(alone).successful
+    stage.until(lambda: stage.probe.corpora[-1].name == 'floe.wav')

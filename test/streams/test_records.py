@@ -119,7 +119,7 @@ def test_rows_have_what_core_found():
     row = led_row()
     assert (row.white.tolist(), row.sent) == (list(range(25)), STAMP + 5)
     row = corpus_row()
-    assert (row.name, row.files) == ('ice.wav', ['/a/ice.wav', '/a/b.wav'])
+    assert (row.name, row.files) == ('ice.wav + 1', ['/a/ice.wav', '/a/b.wav'])
     assert row.values.shape == (4 * len(DESCRIPTORS),)
 
 

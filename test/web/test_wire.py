@@ -177,11 +177,15 @@ def test_corpus_values_become_columns():
         y_name='b',
         start=[0.0, 1.0],
         duration=[1.0, 1.0],
+        files=['/a/ice.wav', '/b/low tide.flac'],
+        file=[0, 1],
         bounds=[-1, -1, 1, 1],
         descriptors=['a', 'b', 'c'],
         values=[1, 2, 3, 4, 5, 6],
     )
-    assert corpus.to_json(message)['values'] == [[1, 4], [2, 5], [3, 6]]
+    found = corpus.to_json(message)
+    assert found['values'] == [[1, 4], [2, 5], [3, 6]]
+    assert (found['files'], found['file']) == (['ice', 'low tide'], [0, 1])
 
 
 def test_health_takes_the_level_as_ros_gives_it():

@@ -1,15 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The corpus: every grain of the sound with its descriptors and its place in the space."""
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eol_ros.settings import DESCRIPTORS
+from eol_ros.settings import DESCRIPTORS, MAP_AXES
 
 COLUMNS = ('start_s', 'duration_s', *DESCRIPTORS[:-1], 'x', 'y')  # all but the file
 GRAIN = np.dtype([('file', 'i4'), *((name, 'f8') for name in COLUMNS)])
 AXES = ('centroid_mean_hz', 'periodicity_mean')  # of the paper: x, y
+
+
+def grain_dtype(further: Iterable[str] = ()) -> np.dtype:
+    """Return the dtype of grains that have `further` descriptors, too."""
+    return np.dtype([*GRAIN.descr, *((name, 'f8') for name in further)])
 
 
 @dataclass(frozen=True)
@@ -21,6 +28,13 @@ class Source:
     duration_s: float
     sha256: str = ''  # of the file's bytes
 
+    @property
+    def name(self) -> str:
+        """What `weights` and `regions` call it: its file without the ending; `ice` is made."""
+        name = self.path.rpartition('/')[2]
+        stem = name.rpartition('.')[0] or name
+        return 'ice' if re.fullmatch(r'ice-\d+-\d+', stem) else stem
+
 
 @dataclass(frozen=True)
 class Corpus:
@@ -31,8 +45,9 @@ class Corpus:
     sources : tuple of Source
         The recordings.
     grains : ndarray
-        (n,) GRAIN: `file` indexes `sources`; `pitch_hz` is NaN where there is none; `x`, `y` lie in
-        0..1, or are NaN for a grain that has no place because it is silent.
+        (n,) GRAIN, or with further descriptors (`grain_dtype`): `file` indexes `sources`;
+        `pitch_hz` is NaN where there is none; `x`, `y` lie in 0..1, or are NaN for a grain that
+        has no place because it is silent.
     x_name, y_name : str
         The descriptors of the axes.
     digest : str
@@ -74,9 +89,14 @@ class Corpus:
         alike = self.sources == other.sources and self.digest == other.digest
         return alike and self.grains.tobytes() == other.grains.tobytes()
 
+    @property
+    def descriptors(self) -> tuple[str, ...]:
+        """Names of what the grains are described by."""
+        return tuple(name for name in MAP_AXES if name in (self.grains.dtype.names or ()))
+
     def values(self, name: str) -> np.ndarray:
         """Return one descriptor of every grain, shape (n,)."""
-        if name not in DESCRIPTORS:
+        if name not in self.descriptors:
             raise KeyError(name)
         return self.grains[name]
 

@@ -98,6 +98,14 @@ def frame_starts(cuts: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     return cuts[owner, 0] + nth * HOP, owner
 
 
+def frames_of(samples: np.ndarray, cut: np.ndarray, size: int) -> np.ndarray:
+    """Return the frames (k, size) inside one cut; what lies past its end is silence."""
+    starts = frame_starts(cut[None], size)[0]
+    inside = np.zeros(max(int(starts[-1]) + size, int(cut[1])) - int(cut[0]))
+    inside[: cut[1] - cut[0]] = samples[cut[0] : cut[1]]
+    return np.lib.stride_tricks.sliding_window_view(inside, size)[starts - cut[0]]
+
+
 def _batches(
     samples: np.ndarray, cuts: np.ndarray, size: int, progress: Callable[[float], None]
 ) -> Iterator[tuple[slice, np.ndarray]]:

@@ -4,6 +4,8 @@
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from eol_ros.core.sound.projection import ranked
+
 EXACT_UP_TO = 2048  # grains placed in one assignment, which costs n^3; more are halved first
 
 
@@ -22,14 +24,6 @@ def scaled(values: np.ndarray, name: str) -> np.ndarray:
     if high <= low:
         return np.full(len(values), 0.5)
     return np.where(known, (values - low) / (high - low), 0.5)
-
-
-def ranked(values: np.ndarray) -> np.ndarray:
-    """Return (n,) in 0..1: the share of the others that are smaller, ties taking the mean."""
-    ordered = np.sort(values)
-    low = np.searchsorted(ordered, values, 'left')
-    high = np.searchsorted(ordered, values, 'right') - 1
-    return (low + high) / (2 * max(len(values) - 1, 1)) if len(values) > 1 else np.full(1, 0.5)
 
 
 def lattice(n: int) -> np.ndarray:

@@ -7,10 +7,16 @@ The rule, image by image. A block *moves* from the image in which its speed reac
 nearest, or the k nearest. In mode `fence` a grain that it reaches sounds if it is armed for this
 block, and is then disarmed. It is armed again once the moving block is farther than `radius *
 rearm_ratio`, or (`rearm_at_rest`) when the block comes to rest, so that the next slip sounds from
-its first image on. In mode `bow` a moving block sounds one of the grains in its reach every
-`bow_period_s`. No grain sounds twice within `refractory_s`, no block more than `block_cap` times
-and all blocks no more than `total_cap` times in any second; what a cap holds back is dropped, not
-saved.
+its first image on. In the other modes a moving block sounds one of the grains in its reach, from
+its first image on: every `bow_period_s` (`bow`), in the first image after each beat (`beat`),
+whenever the grain before has ended (`chain`), or then the one after it in the recording for as long
+as this motion lasts (`continue`). No grain sounds twice within `refractory_s`, no block more than
+`block_cap` times and all blocks no more than `total_cap` times in any second; what a cap holds back
+is dropped, not saved.
+
+Where `match` says so, the nearest are those most like the block in weighted descriptors, not in
+place. Where `weights` says so, a block can play only a share of the grains of a sound: always the
+same ones, other ones for each block.
 
 Beside that, where `bed_rate` is set, blocks at rest under stress creak: grains of nobody, quiet and
 slow, by chance and the oftener the greater the stress (`stress.py`). No rule above holds for them.
@@ -26,6 +32,8 @@ from numpy.typing import ArrayLike
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.corpus import Corpus, table_bounds
+from eol_ros.core.sound.projection import ranked
+from eol_ros.core.sound.sources import weights
 from eol_ros.core.sound.stress import stress
 from eol_ros.core.sound.triggers import MAX_RATE, MIN_RATE, TRIGGER
 from eol_ros.core.stamp_watch import BACK_S
@@ -80,6 +88,15 @@ class Selector:
         self._armed = np.ones((N_BLOCKS, 0), bool)
         self._sounded_s = np.zeros(0)
         self._next: tuple[float, Corpus] | None = None
+        self._corpus: Corpus | None = None
+        self._weighed: tuple[tuple[str, ...], int] = (
+            (),
+            0,
+        )  # the lines and the seed that `_absent` is of
+        self._absent: np.ndarray | None = None  # (25, grains), where somebody weighs sounds
+        self._matched: tuple[str, ...] = ()  # the lines that `_ranks` is of
+        self._ranks: np.ndarray | None = None  # (grains, lines), where somebody matches
+        self._successor: np.ndarray | None = None  # (grains,), in mode continue
         if corpus is not None:
             self._take(corpus)
 
@@ -89,6 +106,9 @@ class Selector:
         self._seen_s = np.full(N_BLOCKS, -np.inf)
         self._fast_s = np.full(N_BLOCKS, -np.inf)
         self._bow_s = np.full(N_BLOCKS, -np.inf)
+        self._last = np.full(N_BLOCKS, -1)  # column of the grain that each block sounded last
+        self._last_s = np.full(N_BLOCKS, -np.inf)  # and when
+        self._since_s = np.full(N_BLOCKS, -np.inf)  # when its motion began
         self.moving = np.zeros(N_BLOCKS, bool)
         self.speed = np.zeros(N_BLOCKS)
         self._felt: dict[tuple[int, int], float] = {}  # block, grain column: its last knock
@@ -110,8 +130,13 @@ class Selector:
         return self._next[0]
 
     def _take(self, corpus: Corpus) -> None:
-        self._next = None
+        self._next, self._corpus = None, corpus
         self._grains = np.nonzero(corpus.placed)[0]
+        self._last[:] = -1
+        self._weighed, self._absent = ((), 0), None
+        self._last_s[:] = -np.inf
+        self._matched, self._ranks = (), None
+        self._successor = None
         self._durations = corpus.grains['duration_s'][self._grains]
         self._sounded_s = np.full(len(self._grains), -np.inf)
         self._armed = np.ones((N_BLOCKS, len(self._grains)), bool)
@@ -166,7 +191,8 @@ class Selector:
             self._take(self._next[1])
         span_s = time_s - before_s
         stopped = self._follow(time_s, np.stack([x, y], axis=1), np.asarray(seen, bool), sigma_m)
-        if self.settings.rearm_at_rest:
+        s = self.settings
+        if s.rearm_at_rest:
             self._armed[stopped] = True
         while self._second and time_s - self._second[0][0] >= 1.0:
             self._in_second[self._second.popleft()[1]] -= 1
@@ -175,12 +201,20 @@ class Selector:
         rows, found = np.nonzero(self.moving & seen)[0], np.zeros(0, TRIGGER)
         if len(rows):
             far = self._distances(self._at[rows])
-            reached = self._reached(far)
-            pick = self._bow if self.settings.mode == 'bow' else self._fence
-            touched = pick(time_s, rows, far, reached)
+            if s.weights:
+                self._hide(far, rows)
+            like = self._likeness(far, self._at[rows], self.speed[rows], rows) if s.match else far
+            reached = self._reached(far, like)
+            if s.mode == 'fence':
+                touched = self._fence(time_s, rows, far, reached)
+            else:
+                touched = self._sustain(time_s, before_s, rows, reached)
             blocks = [block for block, _ in touched]
             found = self._triggers(time_s, touched, self.speed[blocks], self._at[blocks, 0])
-        if self.settings.bed_rate and span_s <= FORGET_S:
+            if s.match or s.mode == 'continue':
+                for block, column in touched:
+                    self._last[block], self._last_s[block] = column, time_s
+        if s.bed_rate and span_s <= FORGET_S:
             found = np.concatenate([found, self._creaks(time_s, span_s)])
         return found
 
@@ -221,8 +255,12 @@ class Selector:
             return np.zeros(0, TRIGGER)
         if time_s < self._swapped_s or (self._next is not None and time_s >= self._next[0]):
             return np.zeros(0, TRIGGER)  # of another corpus than that of the images
-        far = self._distances(np.array([[x, y]]))
-        column = np.nonzero(self._reached(far)[0])[0]
+        at = np.array([[x, y]])
+        far, speed = self._distances(at), FELT_S * strength_mps2
+        if s.weights:
+            self._hide(far, np.array([block]))
+        like = self._likeness(far, at, np.array([speed])) if s.match else far
+        column = np.nonzero(self._reached(far, like)[0])[0]
         second, found, waits = self._felt_second[block], [], []
         while second and not 0.0 <= time_s - second[0] < 1.0:
             second.popleft()
@@ -237,7 +275,7 @@ class Selector:
             found.append((block, j))
             waits.append(wait_s)
         n = len(found)
-        out = self._triggers(time_s, found, np.full(n, FELT_S * strength_mps2), np.full(n, x))
+        out = self._triggers(time_s, found, np.full(n, speed), np.full(n, x))
         out['time_s'] += waits
         return out
 
@@ -258,6 +296,7 @@ class Selector:
         stopped = self.moving & ~moving
         started = moving & ~self.moving
         self._bow_s[started] = time_s
+        self._since_s[started] = time_s
         self.moving = moving
         self.speed = np.where(seen, speed, self.speed)
         self._at[seen] = at[seen]
@@ -275,12 +314,65 @@ class Selector:
         y = low + self._places[1] * (high - low)
         return np.sqrt((x - at[:, :1]) ** 2 + (y - at[:, 1:]) ** 2)
 
-    def _reached(self, far: np.ndarray) -> np.ndarray:
-        """Return which grains each block reaches, as `choose` says; ties go to the lower number."""
+    def _hide(self, far: np.ndarray, rows: np.ndarray) -> None:
+        """Put the grains that blocks `rows` cannot play infinitely far away."""
+        s = self.settings
+        if self._weighed != (s.weights, s.seed):
+            assert self._corpus is not None  # there are grains
+            share = weights(s.weights, [source.name for source in self._corpus.sources])
+            of_grain = share[self._corpus.grains['file'][self._grains]]
+            u = chance(s.seed, 0.0, np.arange(N_BLOCKS)[:, None], self._grains, salt=8)
+            self._weighed, self._absent = (s.weights, s.seed), u >= of_grain
+        if self._absent is not None:
+            far[self._absent[rows]] = np.inf
+
+    def _likeness(
+        self, far: np.ndarray, at: np.ndarray, speed: np.ndarray, rows: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the distance in descriptors of what lies within reach, as `far` has it in place.
+
+        `rows` are the blocks; without them nothing counts that a block has sounded before.
+        """
+        s = self.settings
+        lines = [line.split() for line in s.match]
+        if self._matched != s.match:
+            assert self._corpus is not None  # there are grains
+            columns = []
+            for name, _, _ in lines:
+                if name not in self._corpus.descriptors:
+                    columns.append(np.full(len(self._grains), 0.5))
+                    continue
+                values = self._corpus.grains[name][self._grains]
+                known = np.isfinite(values)
+                rank = np.full(len(values), 0.5)  # what is missing lies in the middle
+                rank[known] = ranked(values[known])
+                columns.append(rank)
+            self._matched, self._ranks = s.match, np.stack(columns, axis=1)
+        assert self._ranks is not None
+        half, total = s.space_m / 2, np.zeros(far.shape)
+        for j, (_, weight, source) in enumerate(lines):
+            if source == 'last':
+                if rows is None:
+                    continue
+                last = self._last[rows]
+                target = np.where(last >= 0, self._ranks[last, j], np.nan)
+            elif source == 'speed':
+                target = np.clip(speed / s.full_mps, 0, 1)
+            else:
+                target = np.clip((at[:, 'xy'.index(source)] + half) / (2 * half), 0, 1)
+            apart = (self._ranks[:, j] - target[:, None]) ** 2
+            total += float(weight) * np.nan_to_num(apart)
+        return np.where(far <= s.radius, total, np.inf)
+
+    def _reached(self, far: np.ndarray, like: np.ndarray) -> np.ndarray:
+        """Return which grains each block reaches, as `choose` says; ties go to the lower number.
+
+        `like` says what is nearest: places, or descriptors.
+        """
         near = far <= self.settings.radius
         count = {'all': 0, 'nearest': 1, 'k': self.settings.k}[self.settings.choose]
         if 0 < count < far.shape[1]:
-            first = np.argsort(far, axis=1, kind='stable')[:, :count]
+            first = np.argsort(like, axis=1, kind='stable')[:, :count]
             among = np.zeros_like(near)
             np.put_along_axis(among, first, True, axis=1)
             near &= among
@@ -304,27 +396,50 @@ class Selector:
                 found.append((block, j))
         return found
 
-    def _bow(
-        self, time_s: float, rows: np.ndarray, far: np.ndarray, reached: np.ndarray
+    def _sustain(
+        self, time_s: float, before_s: float, rows: np.ndarray, reached: np.ndarray
     ) -> list[tuple[int, int]]:
         """Return (block, grain column) of every moving block whose time has come."""
         s = self.settings
+        if s.mode == 'beat' and time_s // s.beat_period_s == before_s // s.beat_period_s:
+            return []
         ready = time_s - self._sounded_s >= s.refractory_s
         found = []
         for i, block in enumerate(rows.tolist()):
-            if time_s < self._bow_s[block]:
-                continue
-            choice = np.nonzero(reached[i] & ready)[0]
-            if not len(choice):
+            if s.mode != 'beat' and time_s < self._bow_s[block]:
                 continue
             u = chance(s.seed, time_s, block, 0, salt=np.arange(2))
-            self._bow_s[block] = time_s + s.bow_period_s * (1 + s.bow_jitter * (2 * u[0] - 1))
-            j = int(choice[int(u[1] * len(choice))])
+            j = self._follower(block) if s.mode == 'continue' else -1
+            if j < 0 or not ready[j]:
+                choice = np.nonzero(reached[i] & ready)[0]
+                if not len(choice):
+                    continue
+                j = int(choice[int(u[1] * len(choice))])
+            if s.mode == 'bow':
+                lasts_s = s.bow_period_s * (1 + s.bow_jitter * (2 * u[0] - 1))
+            else:
+                lasts_s = self._durations[j] / s.playback_rate
+            self._bow_s[block] = time_s + lasts_s
             if self._allowed(time_s, block):
                 self._sounded_s[j] = time_s
                 ready[j] = s.refractory_s <= 0
                 found.append((block, j))
         return found
+
+    def _follower(self, block: int) -> int:
+        """Return the column of the grain that follows the block's last in its sound; -1: none."""
+        if self._last[block] < 0 or self._last_s[block] < self._since_s[block]:
+            return -1  # of another motion
+        if self._successor is None:
+            assert self._corpus is not None  # there are grains
+            of = self._corpus.grains[self._grains]
+            order = np.lexsort((of['start_s'], of['file']))
+            same = of['file'][order][1:] == of['file'][order][:-1]
+            self._successor = np.full(len(order), -1)
+            self._successor[order[:-1][same]] = order[1:][same]
+        follower = int(self._successor[self._last[block]])
+        absent = self._absent if self.settings.weights else None
+        return -1 if absent is not None and absent[block, follower] else follower
 
     def _allowed(self, time_s: float, block: int) -> bool:
         """Count a trigger against the caps of the last second; False if it must be dropped."""
@@ -369,11 +484,16 @@ class Selector:
         u = chance(s.seed, time_s, np.arange(N_BLOCKS)[:, None], 0, salt=np.arange(5, 8))
         likely = 1 - np.exp(-s.bed_rate * span_s * np.nan_to_num(strain) ** 2)
         rows = np.nonzero(~self.moving & (u[:, 0] < likely))[0]
-        out = np.zeros(len(rows), TRIGGER)
         if not len(rows):
-            return out
+            return np.zeros(0, TRIGGER)
+        far = self._distances(self._at[rows])
+        if s.weights:
+            self._hide(far, rows)
+            there = np.isfinite(far).any(axis=1)
+            far, rows = far[there], rows[there]
+        out = np.zeros(len(rows), TRIGGER)
         out['time_s'], out['block'] = time_s, -1
-        out['grain'] = self._grains[np.argmin(self._distances(self._at[rows]), axis=1)]
+        out['grain'] = self._grains[np.argmin(far, axis=1)]
         out['gain'] = s.bed_gain * strain[rows] * (0.5 + 0.5 * u[rows, 1])
         out['rate'] = np.clip(s.bed_speed * 4 ** (u[rows, 2] - 0.5), MIN_RATE, MAX_RATE)
         out['pan'] = np.clip(s.pan_width * self._at[rows, 0] / (s.space_m / 2), -1, 1)

@@ -20,10 +20,12 @@ from zipfile import BadZipFile
 import numpy as np
 
 from eol_ros import folders
-from eol_ros.core.sound.corpus import Corpus, Source
+from eol_ros.core.sound import sources as several
+from eol_ros.core.sound.corpus import GRAIN, Corpus, Source, grain_dtype
 from eol_ros.devices.corpus import corpus_file
 from eol_ros.devices.corpus.corpus_file import ANALYSIS, Options
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
+from eol_ros.settings import DESCRIPTORS, MORE_DESCRIPTORS, PROJECTIONS
 
 ICE_S, ICE_RATE = 120.0, 48000
 FIRST_ICE_S = 40.0  # of recipe 1
@@ -122,12 +124,48 @@ def build(
             'give a louder sound or another threshold'
         )
     names = (options.x_axis, options.y_axis)
-    seen = grains[placed]
-    places = arrange(seen[names[0]], seen[names[1]], names, options.layout, options.blend)
-    grains['x'][placed], grains['y'][placed] = places.T
+    boxes = several.regions(options.regions, [source.name for source in sources])
+    grains = _projected(grains, placed, names)
+    for box in dict.fromkeys(boxes):
+        files = [i for i, other in enumerate(boxes) if other == box]
+        here = np.flatnonzero(placed & np.isin(grains['file'], files))
+        seen = grains[here]
+        places = arrange(seen[names[0]], seen[names[1]], names, options.layout, options.blend)
+        if box != several.WHOLE:
+            places = np.array(box[:2]) + places * (np.array(box[2:]) - box[:2])
+        grains['x'][here], grains['y'][here] = places.T
     _move_by_hand(sounds, grains, placed)
     key = corpus_file.digest(sounds, options)
     return Corpus(tuple(sources), grains, *names, key, tuple(notes))
+
+
+def _projected(grains: np.ndarray, placed: np.ndarray, axes: tuple[str, str]) -> np.ndarray:
+    """Return `grains` with those of `axes` that are made of all their descriptors."""
+    wanted = [name for name in PROJECTIONS if name in axes]
+    if not wanted:
+        return grains
+    from eol_ros.core.sound import projection
+
+    known = grains.dtype.names or ()
+    names = [n for n in (*DESCRIPTORS, *MORE_DESCRIPTORS) if n in known]
+    matrix = projection.standardised([grains[n][placed] for n in names], names)
+    further = [n for n in names if n in MORE_DESCRIPTORS]
+    found = np.zeros(len(grains), grain_dtype([*further, *wanted]))
+    for name in wanted:
+        found[name] = np.nan
+    for name in known:
+        found[name] = grains[name]
+    for kind in sorted({name[:-2] for name in wanted}):
+        if kind == 'pca':
+            places = projection.pca(matrix)
+        else:
+            from eol_ros.devices.corpus.umap_map import umap
+
+            places = umap(matrix)
+        for k in (1, 2):
+            if (name := f'{kind}_{k}') in wanted:
+                found[name][placed] = places[:, k - 1]
+    return found
 
 
 def build_cached(
@@ -150,12 +188,13 @@ def ready(sound: str, options: Options, seed: int) -> Corpus | None:
     DeviceMissing if it is absent, ConfigError if it is no corpus.
     """
     if sound.endswith('.json'):
+        if options.more_sounds or options.regions:
+            raise ConfigError(
+                f'{sound}: a corpus has its sounds and places already: leave more_sounds and'
+                ' regions out, or name sounds'
+            )
         return corpus_file.load(Path(sound))
-    return corpus_file.cached(_sounds(sound, seed), options)
-
-
-def _sounds(sound: str, seed: int) -> list[Path]:
-    return corpus_file.sounds_of(Path(sound)) if sound else [corpus_file.ice_file(seed)]
+    return corpus_file.cached(corpus_file.all_sounds(sound, options, seed), options)
 
 
 def apart(
@@ -167,7 +206,7 @@ def apart(
     """
     corpus = ready(sound, options, seed)
     if corpus is None:
-        sounds = _sounds(sound, seed)
+        sounds = corpus_file.all_sounds(sound, options, seed)
         order: dict = {'ice': None if sound else seed, 'sounds': [str(s) for s in sounds]}
         order |= {'options': asdict(options), 'parent': os.getpid()}
         with subprocess.Popen(
@@ -200,6 +239,8 @@ def _analysed(sound: Path, options: Options, progress):
     words = [ANALYSIS, sha, *(getattr(options, name) for name in CUT)]
     times = None if labels is None else corpus_file.load_labels(labels)
     words.append(None if times is None else times.tolist())
+    if options.more:
+        words.append(MORE_DESCRIPTORS)
     path = folders.cache('grains') / (
         hashlib.sha256(json.dumps(words).encode()).hexdigest() + '.npz'
     )
@@ -214,7 +255,12 @@ def _analysed(sound: Path, options: Options, progress):
 
         heard = read_mono(sound)
         cuts = _cut(heard, options, times)
-        grains, silent = analyse(heard.samples, heard.rate, cuts, options.silence_db, progress)
+        part_of = 0.3 if options.more else 1.0
+        grains, silent = analyse(
+            heard.samples, heard.rate, cuts, options.silence_db, lambda s: progress(part_of * s)
+        )
+        if options.more:
+            grains = _further(grains, heard, cuts, lambda s: progress(0.3 + 0.7 * s))
         rate, duration_s, notes = heard.rate, heard.duration_s, list(heard.notes)
         kept = {'rate': rate, 'duration_s': duration_s, 'grains': grains, 'silent': silent}
         part = path.with_name(f'.{os.getpid()}-{path.name}')
@@ -226,6 +272,17 @@ def _analysed(sound: Path, options: Options, progress):
             raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
     progress(1.0)
     return Source(str(sound.resolve()), rate, duration_s, sha), grains, silent, notes
+
+
+def _further(grains: np.ndarray, heard, cuts: np.ndarray, progress) -> np.ndarray:
+    from eol_ros.core.sound import timbre
+
+    found = np.zeros(len(grains), grain_dtype(MORE_DESCRIPTORS))
+    for name in GRAIN.names or ():
+        found[name] = grains[name]
+    for name, values in timbre.describe(heard.samples, heard.rate, cuts, progress).items():
+        found[name] = values
+    return found
 
 
 def _cut(heard, options: Options, times: np.ndarray | None) -> np.ndarray:
@@ -259,6 +316,11 @@ def _move_by_hand(sounds, grains, placed) -> None:
                 grains['x'][nearest], grains['y'][nearest] = x, y
 
 
+def _options(words: dict) -> Options:
+    lists = {name: tuple(words[name]) for name in ('more_sounds', 'regions')}
+    return Options(**{**words, **lists})
+
+
 def _child() -> int:
     """Make what the order on stdin asks for; the parent's death is ours."""
     order = json.load(sys.stdin)
@@ -268,7 +330,7 @@ def _child() -> int:
     try:
         if order['ice'] is not None:
             make_ice(order['ice'])
-        build_cached([Path(s) for s in order['sounds']], Options(**order['options']))
+        build_cached([Path(s) for s in order['sounds']], _options(order['options']))
     except EolError as error:
         print(error, file=sys.stderr)
         return error.exit_code

@@ -16,15 +16,16 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros import folders
-from eol_ros.core.sound.corpus import AXES, COLUMNS, GRAIN, Corpus, Source
+from eol_ros.core.sound.corpus import AXES, COLUMNS, Corpus, Source, grain_dtype
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
-from eol_ros.settings import DESCRIPTORS, GrainsSettings
+from eol_ros.settings import MAP_AXES, MORE_DESCRIPTORS, PROJECTIONS, GrainsSettings
 
 VERSION = 1  # of the JSON
 ICE_RECIPE = 2  # counts up whenever the same seed gives another ice recording
 ANALYSIS = 2  # counts up whenever the same sound gives other grains or descriptors
 SOUNDS = {'.wav', '.flac', '.ogg', '.oga', '.opus', '.aif', '.aiff', '.mp3', '.caf', '.au', '.w64'}
 DIGITS = 9  # significant, in JSON and CSV
+_FURTHER = (*MORE_DESCRIPTORS, *PROJECTIONS)  # columns that a corpus may have or not
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,16 @@ class Options:
     gate_off_db: float = -50.0
     silence_db: float = -70.0
     labels: str = ''  # label track; empty: the one beside the sound
+    # Younger than the digests that are about: they count only where they are not as here.
+    more_descriptors: bool = False
+    more_sounds: tuple[str, ...] = ()
+    regions: tuple[str, ...] = ()
+
+    @property
+    def more(self) -> bool:
+        """Whether what takes longer is described, too."""
+        axes = {self.x_axis, self.y_axis}
+        return self.more_descriptors or not axes.isdisjoint(MORE_DESCRIPTORS)
 
     @classmethod
     def of(cls, settings: GrainsSettings) -> 'Options':
@@ -54,6 +65,12 @@ class Options:
 def ice_file(seed: int, recipe: int = ICE_RECIPE) -> Path:
     """Return where the procedural ice recording of this seed is kept once made."""
     return folders.cache('ice') / f'ice-{recipe}-{seed}.wav'
+
+
+def all_sounds(sound: str, options: Options, seed: int) -> list[Path]:
+    """Return all sound files of the setting `sound`, empty for ice, and of `more_sounds`."""
+    found = sounds_of(Path(sound)) if sound else [ice_file(seed)]
+    return [*found, *(file for more in options.more_sounds for file in sounds_of(Path(more)))]
 
 
 def sounds_of(path: Path) -> list[Path]:
@@ -77,10 +94,9 @@ def beside(sound: Path, ending: str) -> Path:
 
 def times(sound: str, options: Options, seed: int) -> list[tuple[str, int]]:
     """Return name and time of change, ns, of every file that the corpus of `sound` is made of."""
-    path = Path(sound) if sound else ice_file(seed)
     try:
-        sounds = sounds_of(path)
-        files = [(s, beside(s, 'moved.csv'), label_file(s, options)) for s in sounds]
+        heard = [Path(sound)] if sound.endswith('.json') else all_sounds(sound, options, seed)
+        files = [(s, beside(s, 'moved.csv'), label_file(s, options)) for s in heard]
         found = [p for row in files for p in row if p is not None and p.exists()]
         return [(str(p), p.stat().st_mtime_ns) for p in found]
     except (EolError, OSError):  # gone, or going at this moment
@@ -108,7 +124,14 @@ def label_file(sound: Path, options: Options) -> Path | None:
 
 def digest(sounds: list[Path], options: Options) -> str:
     """Return the SHA-256 that stands for a corpus: what it is made of and how."""
-    parts: list = [VERSION, ANALYSIS, asdict(options)]
+    words = asdict(options)
+    words.pop('more_sounds')  # they are among `sounds`
+    for name in ('more_descriptors', 'regions'):
+        if not words[name]:
+            del words[name]
+    parts: list = [VERSION, ANALYSIS, words]
+    if options.regions:
+        parts.append([sound.stem for sound in sounds])
     for sound in sounds:
         parts.append(sha256(sound))
         for companion in (beside(sound, 'moved.csv'), label_file(sound, options)):
@@ -145,10 +168,10 @@ def as_json(corpus: Corpus, base: Path | None = None) -> str:
     for row in files:
         if base and Path(row['path']).is_relative_to(base):  # both may move house
             row['path'] = str(Path(row['path']).relative_to(base))
-    rows = []
+    rows, names = [], _columns(corpus)
     for grain in corpus.grains:
         row = {'file': files[grain['file']]['path']}
-        row.update((name, _plain(grain[name])) for name in COLUMNS)
+        row.update((name, _plain(grain[name])) for name in names)
         rows.append(row)
     head = {
         'version': VERSION,
@@ -162,6 +185,10 @@ def as_json(corpus: Corpus, base: Path | None = None) -> str:
     lines = [f'{json.dumps(k)}: {json.dumps(v)},' for k, v in head.items()]
     body = ',\n'.join(json.dumps(row) for row in rows)  # one grain a line, for people and for diff
     return '{\n' + '\n'.join(lines) + '\n"grains": [\n' + body + '\n]}\n'
+
+
+def _columns(corpus: Corpus) -> tuple[str, ...]:
+    return (*COLUMNS, *(n for n in corpus.descriptors if n in _FURTHER))
 
 
 def load(path: Path, trusted: bool = False) -> Corpus:
@@ -198,9 +225,11 @@ def load(path: Path, trusted: bool = False) -> Corpus:
             for row in data['files']
         )  # fmt: skip
         number = {row['path']: i for i, row in enumerate(data['files'])}
-        grains = np.zeros(len(data['grains']), GRAIN)
+        further = [n for n in _FURTHER if data['grains'] and n in data['grains'][0]]
+        grains = np.zeros(len(data['grains']), grain_dtype(further))
         for i, row in enumerate(data['grains']):
-            values = [math.nan if row.get(n) is None else float(row[n]) for n in COLUMNS]
+            given = (row.get(n) for n in (*COLUMNS, *further))
+            values = [math.nan if value is None else float(value) for value in given]
             grains[i] = (number[row['file']], *values)
         told = [str(note) for note in data.get('notes', ())]
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -208,10 +237,8 @@ def load(path: Path, trusted: bool = False) -> Corpus:
     _check(path, sources, grains)
     names = [data.get(key, axis) for key, axis in zip(('x_name', 'y_name'), AXES, strict=True)]
     for name in names:
-        if not isinstance(name, str) or name not in DESCRIPTORS:
-            raise ConfigError(
-                f'{path}: {name!r} is no descriptor; there are {", ".join(DESCRIPTORS)}'
-            )
+        if not isinstance(name, str) or name not in MAP_AXES:
+            raise ConfigError(f'{path}: {name!r} is no descriptor; there are {", ".join(MAP_AXES)}')
     key, notes = str(data.get('digest', '')), told
     if not trusted:
         key = hashlib.sha256(text.encode()).hexdigest()
@@ -248,10 +275,11 @@ def _check(path, sources, grains) -> None:
 
 def save_csv(corpus: Corpus, path: Path) -> None:
     """Write one line per grain, with the same names as the JSON."""
-    lines = [','.join(('file', *COLUMNS))]
+    names = _columns(corpus)
+    lines = [','.join(('file', *names))]
     for grain in corpus.grains:
         name = corpus.sources[grain['file']].path
-        values = [_plain(grain[n]) for n in COLUMNS]
+        values = [_plain(grain[n]) for n in names]
         lines.append(','.join([_quoted(name), *('' if v is None else repr(v) for v in values)]))
     _write(path, '\n'.join(lines) + '\n')
 

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several sounds in one corpus: which is meant, how much of it sounds, where it lies."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
+from eol_ros.core.sound.select import Selector
+from eol_ros.core.sound.sources import regions, weights
+from eol_ros.errors import ConfigError
+from eol_ros.settings import FORMS, GrainsSettings
+
+SOURCES = (Source('/a/ice-2-1.wav', 48000, 99.0), Source('/b/low tide.flac', 48000, 99.0))
+NAMES = [source.name for source in SOURCES]
+
+
+def test_names_are_those_of_the_files():
+    assert NAMES == ['ice', 'low tide']
+
+
+def test_weights_and_regions_by_name():
+    assert weights(('low tide 0.25',), NAMES).tolist() == [1.0, 0.25]
+    assert weights(('gone 0',), NAMES).tolist() == [1.0, 1.0]  # of a sound that may come yet
+    assert regions(('low tide far', 'ice 0,0,.5,.25'), NAMES) == [(0, 0, 0.5, 0.25), (0, 0.5, 1, 1)]
+
+
+@pytest.mark.parametrize('line', ['gone left', 'ice 0.5,0,0.5,1', 'ice 0,1,1,0'])
+def test_a_region_that_cannot_be_is_refused(line):
+    with pytest.raises(ConfigError, match='regions'):
+        regions((line,), NAMES)
+
+
+@pytest.mark.parametrize(
+    ('form', 'good', 'bad'),
+    [
+        ('NAME WEIGHT', ['ice 0', 'low tide .5', 'a 1', 'a 0.25'], ['ice', 'a 2', 'a -1', 'a x']),
+        ('NAME REGION', ['ice left', 'low tide 0,0,0.5,1'], ['ice', 'ice up', 'ice 0,0,2,1']),
+        (
+            'DESCRIPTOR WEIGHT SOURCE',
+            ['flatness 1 x', 'mfcc_3 0.5 last', 'pca_1 2e-1 speed'],
+            ['flat 1 x', 'flatness x', 'flatness 1 z'],
+        ),
+    ],
+)
+def test_forms(form, good, bad):
+    assert all(re.fullmatch(FORMS[form], line) for line in good)
+    assert not any(re.fullmatch(FORMS[form], line) for line in bad)
+
+
+def played(settings, grains=400):
+    """Which grains of a lattice of two sounds in turn 25 wandering blocks sound."""
+    rows = np.zeros(grains, GRAIN)
+    random = np.random.default_rng(1)
+    rows['x'], rows['y'] = random.random((2, grains))
+    rows['file'], rows['duration_s'] = np.arange(grains) % 2, 0.25
+    selector, found = Selector(settings, Corpus(SOURCES, rows)), []
+    at = rest_lattice()
+    for k in range(60):
+        x, y = (at + 0.06 * np.array([np.sin(k / 4), np.cos(k / 4)])).T.copy()
+        found += selector.update(k / 60, x, y, np.ones(25, bool), np.zeros(25))['grain'].tolist()
+    return np.array(found)
+
+
+def test_a_weight_thins_its_sound_and_no_other():
+    settings = GrainsSettings(block_cap=1000, total_cap=10000)
+    all_of = played(settings)
+    half = played(replace(settings, weights=('low tide 0.5',)))
+    none = played(replace(settings, weights=('low tide 0',)))
+    count = np.sum(all_of % 2 == 1)
+    assert count > 150
+    assert abs(np.sum(half % 2 == 1) / count - 0.5) < 0.12
+    assert set(none % 2) == {0}
+    assert np.sum(none % 2 == 0) >= np.sum(all_of % 2 == 0)
+    assert (played(replace(settings, weights=('low tide 1',))) == all_of).all()
+
+
+def test_with_a_silent_sound_away_the_nearest_is_of_another():
+    settings = GrainsSettings(choose='nearest', weights=('ice 0',), radius=0.2)
+    assert set(played(settings) % 2) == {1}
+
+
+def test_likeness_finds_loud_grains_for_fast_blocks():
+    rows = np.zeros(50, GRAIN)
+    rows['x'] = rows['y'] = 0.5
+    rows['duration_s'], rows['loudness_lufs'] = 0.25, np.random.default_rng(2).permutation(50)
+    corpus = Corpus(SOURCES[:1], rows)
+    settings = GrainsSettings(choose='nearest', match=('loudness_lufs 1 speed',), full_mps=1.0)
+    heard = []
+    for speed in (0.02, 0.5, 1.0):
+        selector = Selector(settings, corpus)
+        x, y = (rest_lattice() + 5.0).T.copy()
+        for k in range(3):
+            x[12], y[12] = speed * (k - 1) / 60, 0.0
+            found = selector.update(k / 60, x, y, np.ones(25, bool), np.zeros(25))
+            heard += rows['loudness_lufs'][found['grain']].tolist()
+            if len(found):
+                break
+    assert heard[0] == 1 and heard[2] == 49 and 23 <= heard[1] <= 26
