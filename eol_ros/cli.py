@@ -43,6 +43,7 @@ GROUPS = {
     },
     'prepare': {
         'calibrate': 'calibrate the camera',
+        'camera': 'focus a camera, set its exposure, see how late its images come',
         'board': 'list the blocks with battery and firmware; find them by blinks and knocks',
         'speakers': 'list the loudspeakers of a scene, and play noise from each',
         'corpus': 'cut a sound into grains and describe them',

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+import functools
+import math
+
+import numpy as np
+import pytest
+from scipy.special import erf
+
+from eol_ros.core.vision import lens
+from eol_ros.core.vision.lens import Light, advice, edge_blur, light
+
+W, H = 288, 288
+
+
+@functools.cache
+def squares(blur_px, level=180.0, ground=14.0, angle=0.2, side=46.0, shift=0.0):
+    """Blurred squares in closed form: along each axis, the difference of two error functions."""
+    image = np.full((H, W), ground, np.float32)
+    v, u = np.mgrid[:H, :W].astype(np.float32)
+    for cu in range(48, W, 96):
+        for cv in range(48, H, 96):
+            x = (u - cu - shift) * math.cos(angle) + (v - cv) * math.sin(angle)
+            y = -(u - cu - shift) * math.sin(angle) + (v - cv) * math.cos(angle)
+            ways = [
+                (
+                    erf((a + side / 2) / (blur_px * 2**0.5))
+                    - erf((a - side / 2) / (blur_px * 2**0.5))
+                )
+                / 2
+                for a in (x, y)
+            ]
+            image += (level - ground) * ways[0] * ways[1]
+    return image
+
+
+def noisy(image, seed, sigma=2.0):
+    rng = np.random.default_rng(seed)
+    return (image + rng.normal(0, sigma, image.shape)).round().clip(0, 255).astype(np.uint8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('blur_px', [0.8, 1.2, 4.0])
+@pytest.mark.parametrize(('level', 'sigma'), [(60, 2.0), (180, 8.0)])
+def test_blur_is_that_of_the_edges_whatever_light_and_noise(blur_px, level, sigma):
+    image = squares(blur_px, level)
+    found = edge_blur(noisy(image, 1, sigma), noisy(image, 2, sigma))
+
+    assert found.px == pytest.approx(blur_px, rel=0.06)
+    np.testing.assert_allclose(found.tiles, blur_px, rtol=0.15)
+
+
+@pytest.mark.slow
+def test_a_corner_out_of_focus_shows_in_its_part():
+    image = np.where(np.arange(W) < W // 3 * 2, squares(1.0), squares(3.0))
+    found = edge_blur(noisy(image, 1), noisy(image, 2))
+
+    np.testing.assert_allclose(found.tiles[:, 0], 1.0, rtol=0.15)
+    np.testing.assert_allclose(found.tiles[:, 2], 3.0, rtol=0.15)
+
+
+def test_where_nothing_is_there_is_no_number():
+    dark = np.full((H, W), 14.0)
+    assert math.isnan(edge_blur(noisy(dark, 1), noisy(dark, 2)).px)
+    assert math.isnan(edge_blur(noisy(dark, 1, 0), noisy(dark, 2, 0)).px)
+
+
+def test_what_moves_between_the_images_gives_no_number():
+    found = edge_blur(noisy(squares(1.0), 1), noisy(squares(1.0, shift=4.0), 2))
+
+    assert math.isnan(found.px)
+
+
+def test_light_is_told_of_blocks_and_ground():
+    image = np.full((H, W), 14, np.uint8)
+    image[100:140, 100:184] = 170  # 4 % of the image
+    assert light(image) == Light(170, 14, 0)
+    image[100:140, 100:121] = 255
+    assert light(image).saturated == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ('seen', 'flicker', 'words'),
+    [
+        (Light(180, 14, 0), 0.0, ''),
+        (Light(97, 14, 0), 0.0, 'exposure_us 6000'),
+        (Light(255, 14, 0.6), 0.0, '60% of what is bright is saturated: exposure_us 1500'),
+        (Light(240, 14, 0), 0.0, 'leave no room: exposure_us 2204'),
+        (Light(3, 1, 0), 0.0, 'no block stands out'),
+        (Light(180, 14, 0), 0.05, 'brightness varies by 5%'),
+    ],
+)
+def test_advice_is_one_line(seen, flicker, words):
+    told = advice(seen, 3000, flicker)
+
+    assert words in told if words else told == ''
+    assert '\n' not in told
+    assert ' us' not in advice(seen, None).replace('3000 us', '')
+
+
+def test_its_derivatives_are_those_of_polynomials():
+    v, u = np.mgrid[:31, :31].astype(np.float32)
+    slope, curve = lens._energies(3 * u - 4 * v)
+    assert slope[15, 15] == pytest.approx(25, rel=1e-4) and curve[15, 15] == pytest.approx(
+        0, abs=1e-6
+    )
+    _, curve = lens._energies((u - 15) ** 2 + 3 * (u - 15) * (v - 15))
+    assert curve[15, 15] == pytest.approx(2**2 + 2 * 3**2, rel=1e-4)

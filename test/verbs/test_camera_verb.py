@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+import json
+import threading
+import urllib.error
+import urllib.request
+
+import cv2
+import numpy as np
+import pytest
+from support.gige import Gige, own_network
+from support.waiting import wait_until
+
+from eol_ros.cli import main
+from eol_ros.devices.camera.fake import FakeDriver
+from eol_ros.devices.camera.live_view import LiveView
+from eol_ros.devices.camera.sources import LiveCamera
+from eol_ros.errors import UsageError
+from eol_ros.settings import CameraSettings
+from eol_ros.verbs import camera as verb
+
+
+def lines(capsys):
+    return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_the_twins_lens_is_as_its_renderer_says(capsys):
+    """Its point spread function is a Gaussian of 1.2 px."""
+    words = 'camera focus --device twin --size 640x400 --fps 30 --seconds 0.3 --json'
+    assert main(words.split()) == 0
+
+    found = lines(capsys)[-1]
+    assert found['blur_px'] == pytest.approx(1.2, abs=0.08)
+    np.testing.assert_allclose(found['tiles_px'], 1.2, atol=0.1)
+
+
+def test_exposure_of_the_twin_is_good(capsys):
+    words = 'camera expose --scene rehearsal --size 640x400 --fps 30 --seconds 0.3 --json'
+    assert main(words.split()) == 0
+
+    found = lines(capsys)[-1]
+    assert found['block_level'] == pytest.approx(184, abs=8)  # as RenderOptions has it
+    assert found['saturated'] == 0 and found['advice'] == ''
+
+
+def test_latency_counts_what_did_not_arrive():
+    """Stamps of 100 Hz with two holes, arrivals 5 ms later, one of them 9 ms."""
+    stamps = np.delete(np.arange(100) * 10_000_000, [40, 41, 70])
+    arrivals = stamps + 5_000_000
+    arrivals[10] += 4_000_000
+    found = verb.Latency(None)._figures(list(zip(stamps, arrivals, strict=True)))
+
+    assert found['images'] == 97 and found['not_arrived'] == 3
+    assert found['p50_ms'] == 5 and found['worst_ms'] == 9
+    assert found['rate_hz'] == 100 and found['jitter_ms'] == 0
+
+
+def test_latency_of_a_v4l2_camera(monkeypatch, capsys):
+    """The fake's driver stamps half a millisecond before an image can be had."""
+    settings = CameraSettings(device='fake', width=320, height=200, fps=200.0, exposure_us=4000)
+    source = LiveCamera(settings, FakeDriver().open, find=lambda name: name)
+    monkeypatch.setattr(verb, '_source', lambda args: source)
+    assert main(['camera', 'latency', '--seconds', '0.3', '--json']) == 0
+
+    [found] = lines(capsys)
+    assert found['p50_ms'] >= 2.5  # half the exposure, and that half millisecond
+    assert found['images'] > 0 and found['odd_stamps'] == 0
+
+
+def test_an_industrial_camera(tmp_path, capsys):
+    with own_network(), Gige(tmp_path, latch=True, readout_ns=8_000_000):
+        words = 'camera latency --device genicam:127.0.0.1 --size 320x200 --fps 50 --seconds 0.5'
+        assert main([*words.split(), '--exposure-us', '2000', '--json']) == 0
+
+    [found] = lines(capsys)
+    assert found['camera'] == 'genicam:127.0.0.1'
+    assert found['p50_ms'] > 6  # a middle of the exposure 9 ms before it goes out; see Gige
+    assert found['incomplete'] == 0 and found['stamp_error_us'] > 0
+
+
+def film(folder, image, n=40):
+    path = folder / 'film.mkv'
+    writer = cv2.VideoWriter(
+        str(path), cv2.VideoWriter_fourcc(*'FFV1'), 60, image.shape[::-1], False
+    )
+    for _ in range(n):
+        writer.write(image)
+    writer.release()
+    return ['--device', str(path), '--size', 'x'.join(map(str, image.shape[::-1]))]
+
+
+@pytest.mark.parametrize(
+    ('level', 'words'), [(0, 'image is black: check lens cap'), (255, 'image is white')]
+)
+def test_a_black_and_a_white_image_are_one_line(tmp_path, capsys, level, words):
+    device = film(tmp_path, np.full((200, 320), level, np.uint8))
+    assert main(['camera', 'focus', '--seconds', '0.2', *device]) == 0
+
+    told = capsys.readouterr()
+    assert sum(words in line for line in told.err.splitlines()) == 1
+    assert 'no edge at rest in sight' in told.out
+
+
+def test_a_saturated_image_says_what_to_do(tmp_path, capsys):
+    image = np.full((200, 320), 20, np.uint8)
+    image[50:100, 50:200] = 255
+    device = film(tmp_path, image)
+    assert main(['camera', 'expose', '--seconds', '0.2', *device]) == 0
+
+    assert '100% of what is bright is saturated: 0.5 times the exposure' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('words', 'code', 'told'),
+    [
+        ('focus --device /dev/video77', 69, 'camera /dev/video77 is not there'),
+        ('focus --device none.avi', 69, 'there is no file none.avi'),
+        ('focus --size 3', 2, '--size 3: give width and height, such as 1280x800'),
+        ('focus --size 1x1', 2, '--size: 1 is out of range (160 to 4096 px)'),
+        ('focus --seconds 0', 2, '--seconds 0: give 0 to 86400'),
+        ('focus --device twin --view 99999', 2, '--view 99999: a port lies between'),
+        ('expose --device twin --gain 3', 2, '--gain: the twin has none'),
+        ('latency --device film.avi', 2, 'film.avi is a video; name a camera'),
+        ('focus --scene playback', 78, 'playback: has neither a camera nor a twin'),
+    ],
+)
+def test_a_mistake_is_one_line(capsys, words, code, told, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if 'film' in words:
+        (tmp_path / 'film.avi').touch()
+    assert main(['camera', *words.split()]) == code
+
+    assert told in capsys.readouterr().err.strip()
+
+
+def test_a_picture_is_in_the_browser():
+    view = LiveView(0)
+    try:
+        assert b'/stream' in urllib.request.urlopen(view.url, timeout=10).read()
+        with pytest.raises(urllib.error.HTTPError):
+            urllib.request.urlopen(view.url + 'etc/passwd', timeout=10)
+        image = np.zeros((200, 320), np.uint8)
+        image[100:, 160:] = 200
+        stop = threading.Event()
+
+        def show():
+            while not stop.wait(0.02):
+                view.show(image, '1.20 px')
+
+        shower = threading.Thread(target=show)
+        shower.start()
+        with urllib.request.urlopen(view.url + 'stream', timeout=10) as stream:
+            head = [stream.readline().strip() for _ in range(4)]
+            jpeg = stream.read(int(head[2].rpartition(b' ')[2]))
+        stop.set()
+        shower.join()
+        seen = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+        assert seen.shape == (200, 320, 3)
+        assert seen[150, 240].mean() == pytest.approx(200, abs=8)
+        with pytest.raises(UsageError, match='cannot serve there'):
+            LiveView(int(view.url.rstrip('/').rpartition(':')[2]))
+    finally:
+        view.close()
+    assert wait_until(lambda: not view._thread.is_alive())
