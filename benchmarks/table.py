@@ -55,6 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--mu-static', type=float, help="default: the twin's")
     parser.add_argument('--mu-kinetic', type=float, help="default: the twin's")
     parser.add_argument('--rotate', action=argparse.BooleanOptionalAction, help='of the blocks')
+    parser.add_argument('--spring-natural-m', type=float, help="m (default: the twin's)")
+    parser.add_argument('--block-kg', type=float, help="default: the twin's")
     parser.add_argument('--map', action='store_true', help='all tables of the map, and its best')
     parser.add_argument('--minutes', type=float, default=10.0, help='of each start (default 10)')
     parser.add_argument('--seeds', type=int, default=1, metavar='N', help='starts (default 1)')

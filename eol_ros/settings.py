@@ -68,6 +68,14 @@ class TwinSettings:
         ' 20 s when a person touches it, or nobody', choices=('visitors', 'nobody'), live=True,
     )  # fmt: skip
     stiffness: float = setting(70.0, 'of a spring; a choice, docs/science.md', 'N/m', 5, 2000)
+    stiffness_error: float = setting(
+        0.0, 'standard error of stiffness, by `eol measure springs`; 0: not measured', 'N/m', 0,
+        2000,
+    )  # fmt: skip
+    spring_natural_m: float = setting(
+        0.06, 'length of a spring that nothing pulls; built in it is 0.09 m', 'm', 0.01, 0.088
+    )
+    block_kg: float = setting(0.25, 'mass of a block with its cover', 'kg', 0.05, 2)
     mu_static: float = setting(
         0.9, 'static friction of a block on the grit, mean of the 25; they differ by up to 15 %',
         '', 0, 2,

@@ -40,6 +40,7 @@ ALLOWED = {
     'web/certificate.py': {'cryptography'},
     'bringup': {'yaml'},
     'scene.py': {'yaml'},
+    'scene_text.py': {'yaml'},
     'settings.py': set(),
     'errors.py': set(),
     'folders.py': set(),
@@ -51,6 +52,7 @@ BELOW = {
     'core': {'core', 'settings', 'errors'},
     'streams': {'core', 'streams', 'settings', 'errors'},
     'scene.py': {'settings', 'streams', 'errors'},
+    'scene_text.py': {'scene', 'errors'},
     'devices': {'core', 'devices', 'settings', 'streams', 'errors', 'folders'},
     'ros': {
         'core',

@@ -45,7 +45,7 @@ class TwinNode(EolNode):
         self.firmware = False  # runs elsewhere, and has learnt what rest is
         self.rest_noise = np.random.default_rng(s.seed)
         self.lamps = Lamps(self.radio)
-        coupling = Coupling(s.stiffness, s.mu_static, s.mu_kinetic, s.rotate)
+        coupling = Coupling(*(getattr(s, name) for name in Coupling._fields))
         self.play = Play(s.seed, TRACE if self.blocks else 0, coupling)
         self.image = np.empty((s.height, s.width), np.uint8)
         self.stamp_ns = 0

@@ -57,18 +57,20 @@ def _scene(
     return scene | more
 
 
-def _lattice_springs(rows: int, columns: int, k: float) -> list[Plain]:
+def _lattice_springs(
+    rows: int, columns: int, k: float, natural_m: float = NATURAL_M
+) -> list[Plain]:
     springs = []
     for i in range(rows * columns):
         if i % columns < columns - 1:
-            springs.append(_spring(i, k, [1.0, 0.0], j=i + 1))
+            springs.append(_spring(i, k, [1.0, 0.0], natural_m, j=i + 1))
         if i < (rows - 1) * columns:
-            springs.append(_spring(i, k, [0.0, 1.0], j=i + columns))
+            springs.append(_spring(i, k, [0.0, 1.0], natural_m, j=i + columns))
     return springs
 
 
-def _spring(i: int, k: float, direction: list[float], **end: Any) -> Plain:
-    return {'i': i, **end, 'k': k, 'L0': NATURAL_M, 'dir': direction, 'Lnom': SPRING_M}
+def _spring(i: int, k: float, direction: list[float], natural_m: float, **end: Any) -> Plain:
+    return {'i': i, **end, 'k': k, 'L0': natural_m, 'dir': direction, 'Lnom': SPRING_M}
 
 
 def _plate_spring(i: int, k: float, at: tuple[float, float]) -> Plain:
@@ -88,6 +90,7 @@ def table(
     rows: int = 5,
     columns: int = 5,
     k: float = STIFFNESS,
+    natural_m: float = NATURAL_M,
     **more: Any,
 ) -> Plain:
     """Build the paper's table: the outer blocks are tied to the rim, corners by two springs.
@@ -102,6 +105,8 @@ def table(
         Of blocks.
     k : float
         Stiffness of a spring, N/m.
+    natural_m : float
+        Its length while nothing pulls, m; built in it is 0.09 m.
     **more
         Other keys of a scene, such as u0 (n, 2) m, mu_s, geometric or rotation.
 
@@ -134,8 +139,8 @@ def table(
         for there, dx, dy in sides:
             if there:
                 anchor = [x + reach * dx, y + reach * dy]
-                to_frame.append(_spring(i, k, [dx, dy], anchor=anchor))
-    springs = _lattice_springs(rows, columns, k)
+                to_frame.append(_spring(i, k, [dx, dy], natural_m, anchor=anchor))
+    springs = _lattice_springs(rows, columns, k, natural_m)
     return _scene(rows * columns, springs, to_frame, drive, duration_s, **more)
 
 

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.geometry import BLOCK_MASS_KG, N_BLOCKS, RIM_SIDE_M, rest_lattice
+from eol_ros.core.geometry import N_BLOCKS, RIM_SIDE_M, rest_lattice
 from eol_ros.core.physics.twin.live import Trace
 from eol_ros.settings import TwinSettings
 
@@ -85,8 +85,8 @@ class Accelerometers:
         self._rings = np.zeros((N_BLOCKS, 3, 2), complex)  # of each mode, as it is now, m/s^2
         self._ringing = False
         self._rest = rest_lattice()
-        self._by_platform = BLOCK_MASS_KG / s.platform_kg
-        self._by_spring = s.stiffness / (BLOCK_MASS_KG * grit**2)
+        self._by_platform = s.block_kg / s.platform_kg
+        self._by_spring = s.stiffness / (s.block_kg * grit**2)
         apart = np.abs(self._rest[:, None] - self._rest[None]).sum(axis=2)
         pitch = np.sort(apart[0])[1]
         self._beside = np.abs(apart - pitch) < 0.1 * pitch

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_MASS_KG, BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import POSES
 from eol_ros.core.physics.event.kernel import BEGIN, make_workspace, run
@@ -34,18 +34,21 @@ MOST_CONTACTS = 100
 class Coupling(NamedTuple):
     """What couples the blocks: stiffness of a spring (N/m) and the mean friction on the grit.
 
-    With `rotate` springs also rotate the blocks, at whose edges they pull.
+    With `rotate` springs also rotate the blocks, at whose edges they pull. `spring_natural_m` is
+    the length of a spring that nothing pulls, `block_kg` the mass of a block.
     """
 
     stiffness: float = TwinSettings.stiffness
     mu_static: float = TwinSettings.mu_static
     mu_kinetic: float = TwinSettings.mu_kinetic
     rotate: bool = TwinSettings.rotate
+    spring_natural_m: float = TwinSettings.spring_natural_m
+    block_kg: float = TwinSettings.block_kg
 
     @property
     def break_m(self) -> float:
         """By how much one spring must stretch to break a block loose."""
-        return self.mu_static * BLOCK_MASS_KG * builders.GRAVITY / self.stiffness
+        return self.mu_static * self.block_kg * builders.GRAVITY / self.stiffness
 
 
 SOFT = Coupling(builders.STIFFNESS, builders.MU_STATIC, builders.MU_KINETIC, False)  # named scenes
@@ -86,7 +89,8 @@ class LiveTable:
                 {'kind': 'none'},
                 0.0,
                 k=coupling.stiffness,
-                mass=BLOCK_MASS_KG,
+                mass=coupling.block_kg,
+                natural_m=coupling.spring_natural_m,
                 geometric=True,
                 mu_s=list(coupling.mu_static * share),
                 mu_k=list(coupling.mu_kinetic * share),
@@ -100,6 +104,7 @@ class LiveTable:
         springs = scene.to_frame
         side = springs.rest / np.linalg.norm(springs.rest, axis=1)[:, None]
         self._beside, self._k = springs.i, coupling.stiffness
+        self._natural_m = coupling.spring_natural_m
         # in the complex plane: ends at the rim, centres of the blocks at rest, from there to their
         # edges, the ways inwards
         self._ends = springs.anchor.copy().view(complex)[:, 0]
@@ -169,7 +174,7 @@ class LiveTable:
         """Return the force of the springs on the rim at `pose` (3,): N, N, and N m about it."""
         rotation, ways = self._ways(pose)
         length = np.abs(ways)
-        force = -self._k * (1 - builders.NATURAL_M / length) * ways
+        force = -self._k * (1 - self._natural_m / length) * ways
         arms = rotation * self._ends
         return np.array([force.real.sum(), force.imag.sum(), (arms.conj() * force).imag.sum()])
 

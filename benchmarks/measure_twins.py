@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Twins whose springs and friction nobody has told, as their camera sees them being measured.
+
+What is drawn and not told: stiffness, natural length within what a ruler leaves open, friction of
+every block, how the blocks stand, how the rim lies, the direction of the thread, and what the
+kitchen scale is off. `images` yields stamp (s), places (25, 3) and who was seen (25,).
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.measure.springs import GRAVITY, NATURAL_SIGMA_M, RIM_SIGMA_M, outwards
+from eol_ros.core.physics import builders
+from eol_ros.core.physics.choose import simulate
+from eol_ros.core.physics.scene import from_mapping
+
+NOISE_M, NOISE_RAD = 9e-6, 3e-4  # of the tracker, `eol bench vision`
+SCALE_KG = 6e-4  # of a kitchen scale that shows grams
+STIFFNESSES = 20.0, 200.0  # N/m, evenly in its logarithm
+THREAD_M = 100.0  # the weight is a spring so long that its pull is the same everywhere
+SHARES = (0.25, 0.5, 0.75, 1.0, 0.85, 0.6, 0.35, 0.1)  # of the greatest weight, up and down
+STEPS = 7  # in which a hand lowers a weight
+FPS, LOWERED_S, SWING_S, REST_S = 12.0, 3.0, 1.5, 5.0
+
+Image = tuple[float, np.ndarray, np.ndarray]
+
+
+def noisy(places: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """Return `places` (25, 3) as the tracker gives them."""
+    sigma = np.array([NOISE_M, NOISE_M, NOISE_RAD])
+    return places + sigma * random.standard_normal(places.shape)
+
+
+class Hung:
+    """A table of which one block, on rollers, is pulled by weights.
+
+    `stiffness` (N/m) is the truth; `weights_kg` what the scale says, `natural_m` what the ruler.
+    """
+
+    def __init__(self, seed: int, shares: Sequence[float] = SHARES, block: int = 14):
+        random = self._random = np.random.default_rng([seed, 0x6873])
+        self.block, self.natural_m = block, builders.NATURAL_M
+        self.stiffness = float(np.exp(random.uniform(*np.log(STIFFNESSES))))
+        self._natural_m = float(self.natural_m + random.normal(0, NATURAL_SIGMA_M))
+        self._static = random.uniform(0.6, 1.1) * (1 + random.uniform(-0.15, 0.15, N_BLOCKS))
+        self._static[block] = random.uniform(0.01, 0.05)
+        self._kinetic = self._static * random.uniform(0.6, 0.85)
+        most_kg = 2.67 * self.stiffness * 0.022 / GRAVITY  # two springs along, two across: 22 mm
+        self.weights_kg = np.round(most_kg * np.array(shares), 3).tolist()
+        self._hung_kg = np.array(self.weights_kg) + random.normal(0, SCALE_KG, len(shares))
+        self._rim = random.normal(0, [RIM_SIGMA_M, RIM_SIGMA_M, 0.004])
+        self._u = random.uniform(-0.002, 0.002, (N_BLOCKS, 2))
+        self._yaw = random.normal(0, 0.02, N_BLOCKS)
+        turn = random.normal(0, 0.02)
+        c, s = np.cos(turn), np.sin(turn)
+        self._thread = np.array([[c, -s], [s, c]]) @ outwards(block)
+        self._time_s = 0.0
+
+    def images(self) -> Iterator[Image]:
+        """Yield the images of the whole measurement, from before the first weight on."""
+        hung = 0.0
+        for weight in (0.0, *self._hung_kg):
+            for part in np.linspace(hung, weight, STEPS + 1)[1:]:
+                yield from self._solved(float(part), LOWERED_S / STEPS)
+            yield from self._solved(weight, SWING_S)
+            hung = weight
+            for _ in range(round(REST_S * FPS)):
+                yield self._image(self._u, self._yaw)
+
+    def _image(self, u: np.ndarray, yaw: np.ndarray) -> Image:
+        self._time_s += 1 / FPS
+        places = np.column_stack([rest_lattice() + u, yaw])
+        return self._time_s, noisy(places, self._random), np.ones(N_BLOCKS, bool)
+
+    def _solved(self, weight_kg: float, span_s: float) -> Iterator[Image]:
+        scene = builders.table(
+            {'kind': 'none'}, span_s, k=self.stiffness, natural_m=self._natural_m, geometric=True,
+            mu_s=self._static.tolist(), mu_k=self._kinetic.tolist(), u0=self._u.tolist(),
+            rotation={'side': BLOCK_SIDE_M, 'yaw0': self._yaw.tolist()},
+        )  # fmt: skip
+        x, y, yaw = self._rim
+        c, s = np.cos(yaw), np.sin(yaw)
+        for spring in scene['springs_to_frame']:
+            ax, ay = spring['anchor']
+            spring['anchor'] = [float(x + c * ax - s * ay), float(y + s * ax + c * ay)]
+        if weight_kg > 0:
+            edge = outwards(self.block) * BLOCK_SIDE_M / 2
+            far = rest_lattice()[self.block] + edge + THREAD_M * self._thread
+            scene['springs_to_frame'].append({
+                'i': self.block, 'k': weight_kg * GRAVITY / THREAD_M, 'L0': 0.0,
+                'dir': self._thread.tolist(), 'Lnom': THREAD_M, 'anchor': far.tolist(),
+                'arm': edge.tolist(),
+            })  # fmt: skip
+        run = simulate(from_mapping(scene), 1 / FPS, ledger=False, tolerance=1e-6)
+        assert run.yaw is not None
+        for u, turned in zip(run.u[1:], run.yaw[1:], strict=True):
+            yield self._image(u, turned)
+        self._u, self._yaw = run.u[-1].copy(), run.yaw[-1].copy()

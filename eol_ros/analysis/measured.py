@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of what `eol measure` has fitted."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eol_ros.analysis.figures import BLUE, GREY, ORANGE
+from eol_ros.core.measure.springs import Springs
+from eol_ros.errors import ConfigError
+
+
+def save(path: str | Path, found: Springs) -> None:
+    """Write the figure of `found`, in the format that the name ends with."""
+    import matplotlib
+
+    matplotlib.use('Agg')
+    from matplotlib import pyplot
+
+    picture, axes = pyplot.subplots(1, 2, figsize=(9, 3.6), layout='constrained')
+    _springs(axes, found)
+    try:
+        picture.savefig(path, dpi=110)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f'{path}: cannot be written ({error})') from None
+    finally:
+        pyplot.close(picture)
+
+
+def _springs(axes: Any, found: Springs) -> None:
+    left, right = axes
+    k, pulled = found.stiffness, found.pull - found.missed
+    order = np.argsort(found.reach)
+    free = pulled - found.friction_n * found.way
+    left.plot(1e3 * found.reach[order], free[order], color=GREY, label=f'{k.value:.1f} N/m')
+    for way, colour, mark, words in (
+        (1, BLUE, '>', 'weight added'),
+        (-1, ORANGE, '<', 'taken off'),
+    ):
+        rows = found.way == way
+        for axis, ys in ((left, found.pull), (right, found.missed)):
+            axis.plot(1e3 * found.reach[rows], ys[rows], mark, color=colour, label=words)
+    right.axhline(0, color=GREY, linewidth=0.8)
+    left.set(xlabel='stretch of the springs along the thread, mm', ylabel='weight, N')
+    right.set(xlabel='stretch, mm', ylabel='left over by the fit, N')
+    left.set_title(f'{k.value:.1f} ± {k.sigma:.1f} N/m', fontsize=10)
+    left.legend(fontsize=8)
