@@ -9,19 +9,19 @@ t = blocks['stamp']                # datetime64[ns], mid-exposure
 
 import csv
 import itertools
-import struct
-from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eol_ros.devices.bag.reader import BagMessage, BagReader
+from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.scan import Batch, joined
 from eol_ros.errors import UsageError
 from eol_ros.streams.cdr import Decoder
 
 BATCH = 4096  # messages decoded at a time
+NOTHING = Batch(np.zeros(0, np.int64), np.zeros(0, np.int64), [])
 
 
 class Table(np.ndarray):
@@ -89,11 +89,73 @@ class Bag(BagReader):
     def __init__(self, path: str | Path) -> None:
         super().__init__(path)
         self._kept: dict[str, Table] = {}
-        self._stamps: dict[str, tuple[np.ndarray, ...]] = {}
+        self._stamps: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._thin: dict[tuple[str, float], Table] = {}
 
-    def keep(self, topics: Sequence[str]) -> None:
-        """Read `topics` once into memory: `table` then takes them from there."""
-        self._kept |= {table.topic: table for table in self.tables(topics).values()}
+    def keep(
+        self,
+        topics: Mapping[str, Collection[str]],
+        each: Mapping[str, tuple[Collection[str], Callable[[Table], object]]] | None = None,
+        thin: Mapping[str, float] | None = None,
+    ) -> None:
+        """Read the bag once, so that what follows need not; topics without messages are left out.
+
+        Parameters
+        ----------
+        topics : mapping
+            What `table` then takes from memory: the fields of each topic, none for all of them.
+        each : mapping
+            For topics too large for memory, fields (`blocks.x` of blocks that are in a message) and
+            what is called with them, BATCH rows at a time; their `stamps` are kept.
+        thin : mapping
+            For each topic the step in s of which the rows are kept that `thinned` returns.
+        """
+        used = {self.name(t): asked for t, asked in (each or {}).items() if self.count(t)}
+        steps = {self.name(t): step_s for t, step_s in (thin or {}).items() if self.count(t)}
+        rows = {
+            self.name(t): self._rows(self.name(t), f) for t, f in topics.items() if self.count(t)
+        }
+        pieces = {name: self._rows(name, fields, 0) for name, (fields, _) in used.items()}
+        thinner = {n: _Thinner(self.start_ns, s, self._rows(n)) for n, s in steps.items()}
+        stamps: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {name: [] for name in used}
+        for name, batch in self._large({*rows, *used, *steps}):
+            if name in rows:
+                rows[name].add(batch)
+            if name in used:
+                stamps[name].append((batch.log_ns, _stamps_ns(batch.data)))
+                used[name][1](pieces[name].of(batch))
+            if name in steps:
+                thinner[name].add(batch)
+        self._kept |= {name: taken.table() for name, taken in rows.items()}
+        self._stamps |= {name: _times(both) for name, both in stamps.items()}
+        self._thin |= {(name, steps[name]): one.table() for name, one in thinner.items()}
+
+    def release(self) -> None:
+        """Keep nothing any more: what follows is read from the bag, with all its fields."""
+        self._kept, self._stamps, self._thin = {}, {}, {}
+
+    def _rows(self, name: str, fields: Collection[str] = (), most: int | None = None) -> '_Rows':
+        """Return an empty table of a topic that has room for `most` messages, None: for all."""
+        decoder = self.decoder(name, ['header.stamp' if f == 'stamp' else f for f in fields])
+        return _Rows(name, decoder, self.counts[name] if most is None else most, fields)
+
+    def _large(
+        self, topics: Collection[str], start_ns: int = 0, end_ns: int | None = None
+    ) -> Iterator[tuple[str, Batch]]:
+        """Yield the messages of `topics`, full names, BATCH of one at a time or those left over."""
+        waiting: dict[str, list[Batch]] = {}
+        count = dict.fromkeys(topics, 0)
+        for name, batch in self.batches(topics, start_ns, end_ns):
+            waiting.setdefault(name, []).append(batch)
+            count[name] += len(batch.data)
+            while count[name] >= BATCH:
+                whole = joined(waiting[name])
+                yield name, whole.part(0, BATCH)
+                waiting[name] = [whole.part(BATCH, count[name])]
+                count[name] -= BATCH
+        for name, batches in waiting.items():
+            if count[name]:
+                yield name, joined(batches)
 
     def stamps(self, topic: str) -> tuple[np.ndarray, np.ndarray]:
         """Return reception and stamp of each message, two (n,) datetime64[ns], nothing decoded.
@@ -104,12 +166,8 @@ class Bag(BagReader):
         if name in self._kept:
             return self._kept[name]['log_time'], self._kept[name]['stamp']
         if name not in self._stamps:
-            received, stamped = array('q'), array('q')
-            for m in self.messages([name]):
-                received.append(m.log_ns)
-                stamped.append(_stamp_ns(m.data))
-            both = (np.array(times, np.int64).view('M8[ns]') for times in (received, stamped))
-            self._stamps[name] = tuple(both)
+            both = [(b.log_ns, _stamps_ns(b.data)) for _, b in self.batches([name])]
+            self._stamps[name] = _times(both)
         received_at, stamp = self._stamps[name]
         return received_at, stamp
 
@@ -119,25 +177,16 @@ class Bag(BagReader):
         The message begins with a header; a row has half a step of distance at least.
         """
         name = self.find(topic)
-        decoder, parts = self.decoder(name), []
-        some = self._thinned(name, round(step_s * 1e9))
-        while batch := list(itertools.islice(some, BATCH)):
-            parts.append(_decoded(decoder, batch))
-        return _table(name, decoder, parts)
+        if (name, step_s) in self._thin:
+            return self._thin[name, step_s]
+        thinner = _Thinner(self.start_ns, step_s, self._rows(name))
+        for _, batch in self.batches([name]):
+            thinner.add(batch)
+        return thinner.table()
 
-    def _thinned(self, name: str, step_ns: int) -> Iterator[BagMessage]:
-        last_ns, last_step = -(1 << 62), None
-        for m in self.messages([name]):
-            at_ns = _stamp_ns(m.data)
-            step = (at_ns - self.start_ns) // step_ns
-            if step != last_step and at_ns >= last_ns + step_ns // 2:
-                last_ns = at_ns
-                yield m
-            last_step = step
-
-    def decoder(self, name: str) -> Decoder:
-        """Return the decoder of the full topic name."""
-        return Decoder(self.topics[name].type, self.topics[name].definition)
+    def decoder(self, name: str, only: Collection[str] = ()) -> Decoder:
+        """Return the decoder of the full topic name; see `Decoder` for `only`."""
+        return Decoder(self.topics[name].type, self.topics[name].definition, only)
 
     def table(self, topic: str, start_s: float = 0.0, end_s: float | None = None) -> Table:
         """Decode the messages of a topic into one array.
@@ -176,56 +225,135 @@ class Bag(BagReader):
             first = np.searchsorted(received, start_ns)
             last = len(whole) if end_ns is None else np.searchsorted(received, end_ns)
             return whole[first:last]
-        decoder = self.decoder(name)
-        messages = self.messages([name], start_ns, end_ns)
-        parts = []
-        while batch := list(itertools.islice(messages, BATCH)):
-            parts.append(_decoded(decoder, batch))
-        return _table(name, decoder, parts)
+        rows = self._rows(name)
+        for _, batch in self._large([name], start_ns, end_ns):
+            rows.add(batch)
+        return rows.table()
 
     def tables(self, topics: Sequence[str]) -> dict[str, Table]:
         """Return the tables of those of `topics` that have messages; the bag is read once."""
         names = {self.name(topic): topic for topic in topics if self.count(topic)}
-        decoders = {name: self.decoder(name) for name in names}
-        waiting: dict[str, list[BagMessage]] = {name: [] for name in names}
-        parts: dict[str, list[dict]] = {name: [] for name in names}
-        for message in self.messages(list(names)) if names else ():
-            batch = waiting[message.topic]
-            batch.append(message)
-            if len(batch) == BATCH:
-                parts[message.topic].append(_decoded(decoders[message.topic], batch))
-                batch.clear()
-        for name, batch in waiting.items():
-            if batch:
-                parts[name].append(_decoded(decoders[name], batch))
-        return {topic: _table(name, decoders[name], parts[name]) for name, topic in names.items()}
+        rows = {name: self._rows(name) for name in names}
+        for name, batch in self._large(names):
+            rows[name].add(batch)
+        return {topic: rows[name].table() for name, topic in names.items()}
 
 
-def _stamp_ns(data: bytes) -> int:
-    """Return the stamp of a serialised message that begins with a header."""
-    seconds, ns = struct.unpack_from('<iI' if data[1] & 1 else '>iI', data, 4)
-    return int(seconds * 10**9 + ns)
+class _Thinner:
+    """Picks the first message of each step by the stamps, at least half a step from the last."""
+
+    def __init__(self, start_ns: int, step_s: float, rows: '_Rows'):
+        self._start_ns, self._step_ns = start_ns, round(step_s * 1e9)
+        self._last_ns, self._last_step = -(1 << 62), -(1 << 62)
+        self._picked: list[Batch] = []
+        self._rows = rows
+
+    def add(self, batch: Batch) -> None:
+        """Take the messages that follow."""
+        at_ns = _stamps_ns(batch.data)
+        step = (at_ns - self._start_ns) // self._step_ns
+        for i in np.flatnonzero(np.diff(step, prepend=self._last_step)).tolist():
+            if at_ns[i] >= self._last_ns + self._step_ns // 2:
+                self._last_ns = int(at_ns[i])
+                self._picked.append(batch.part(i, i + 1))
+        self._last_step = int(step[-1])
+        if len(self._picked) >= BATCH // 4:
+            self._decode()
+
+    def table(self) -> Table:
+        """Return the rows that were picked."""
+        self._decode()
+        return self._rows.table()
+
+    def _decode(self) -> None:
+        if self._picked:
+            self._rows.add(joined(self._picked))
+            self._picked = []
 
 
-def _decoded(decoder: Decoder, batch: list[BagMessage]) -> dict[str, np.ndarray]:
+def _times(both: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return receptions and stamps, (n,) int64 each in parts, as two (n,) datetime64[ns]."""
+    none = np.zeros(0, np.int64)
+    received, stamped = (np.concatenate([none, *(b[k] for b in both)]) for k in (0, 1))
+    return received.view('M8[ns]'), stamped.view('M8[ns]')
+
+
+def _stamps_ns(messages: Sequence[bytes]) -> np.ndarray:
+    """Return the stamps of serialised messages that begin with a header, (n,) int64."""
+    heads = np.frombuffer(b''.join([data[:12] for data in messages]), 'u1').reshape(-1, 12)
+    found = np.empty(len(heads), np.int64)
+    for little in (True, False):
+        some = (heads[:, 1] & 1) == little
+        order = '<' if little else '>'
+        times = np.ascontiguousarray(heads[some, 4:]).view(
+            [('s', f'{order}i4'), ('ns', f'{order}u4')]
+        )
+        found[some] = times['s'][:, 0].astype(np.int64) * 10**9 + times['ns'][:, 0]
+    return found
+
+
+def _decoded(decoder: Decoder, batch: Batch) -> dict[str, np.ndarray]:
+    """Return the columns of messages."""
     times = {
-        'log_time': np.array([m.log_ns for m in batch], 'datetime64[ns]'),
-        'publish_time': np.array([m.publish_ns for m in batch], 'datetime64[ns]'),
+        'log_time': batch.log_ns.view('M8[ns]'),
+        'publish_time': batch.publish_ns.view('M8[ns]'),
     }
-    return times | decoder.table([m.data for m in batch])
+    return times | decoder.table(batch.data)
 
 
-def _table(name: str, decoder: Decoder, parts: list[dict[str, np.ndarray]]) -> Table:
-    if not parts:
-        none = np.empty(0, 'datetime64[ns]')
-        parts = [{'log_time': none, 'publish_time': none} | decoder.table([])]
-    columns = {field: _joined([part[field] for part in parts]) for field in parts[0]}
-    kinds = [(n, c.dtype, c.shape[1:]) for n, c in columns.items()]
-    table = np.empty(len(columns['log_time']), kinds).view(Table)
-    for field, values in columns.items():
-        table[field] = values
-    table.topic, table.comments = name, decoder.comments
-    return table
+class _Rows:
+    """A table that grows without a second copy of itself: memory is taken for all rows at once."""
+
+    def __init__(self, name: str, decoder: Decoder, most: int, fields: Collection[str] = ()):
+        self._name, self._decoder = name, decoder
+        self._fields = list(dict.fromkeys(field.split('.')[0] for field in fields))
+        self._left = most
+        self._parts: list[np.ndarray] = []  # of one dtype each: as long as strings have one width
+        self._count = 0  # rows of the last one
+
+    def add(self, batch: Batch) -> None:
+        """Take the messages that follow; a few thousand, for each is held twice meanwhile."""
+        columns = _decoded(self._decoder, batch)
+        kept = ('log_time', *self._fields) if self._fields else tuple(columns)
+        kinds = np.dtype([(f, columns[f].dtype, columns[f].shape[1:]) for f in kept])
+        if not self._parts or kinds != self._parts[-1].dtype:
+            self._close()
+            self._parts.append(np.empty(max(self._left, len(batch.data)), kinds))
+        last = self._count + len(batch.data)
+        rows = self._parts[-1][self._count : last]
+        for field in kept:
+            rows[field] = columns[field]
+        self._left -= len(batch.data)
+        self._count = last
+
+    def of(self, batch: Batch) -> Table:
+        """Return the table of one batch alone."""
+        self._parts, self._count = [], 0
+        self.add(batch)
+        return self.table()
+
+    def table(self) -> Table:
+        """Return what has been taken."""
+        if not self._parts:
+            self.add(NOTHING)
+        self._close()
+        whole = self._parts[0]
+        if len(self._parts) > 1:
+            names = whole.dtype.names or ()
+            columns = {f: _joined([part[f] for part in self._parts]) for f in names}
+            whole = np.empty(
+                len(columns['log_time']), [(f, c.dtype, c.shape[1:]) for f, c in columns.items()]
+            )
+            for field, values in columns.items():
+                whole[field] = values
+        table = whole.view(Table)
+        table.topic, table.comments = self._name, self._decoder.comments
+        return table
+
+    def _close(self) -> None:
+        if self._parts and self._count < len(self._parts[-1]):
+            self._parts[-1] = self._parts[-1][: self._count].copy()
+        self._count = 0
 
 
 def open_bag(path: str | Path) -> Bag:

@@ -29,7 +29,10 @@ ZMAP = ('x', 'y', 'decimal year', 'month', 'day', 'magnitude', 'depth', 'hour', 
 
 
 def of(bag: Bag, cascades: Table | None) -> np.ndarray:
-    """Return the cascades of a bag as rows of COLUMNS, by onset."""
+    """Return the cascades of a bag as rows of COLUMNS, in the order in which they were told.
+
+    The law of their areas is asked in that order, which is the one that a live panel knows.
+    """
     count = 0 if cascades is None else len(cascades)
     rows = np.zeros(count, [(name, kind) for name, (kind, _, _) in COLUMNS.items()])
     if cascades is None:
@@ -44,11 +47,15 @@ def of(bag: Bag, cascades: Table | None) -> np.ndarray:
         ('potency_m', cascades['distance']), ('magnitude', magnitude), ('bag', bag.path.name),
     ):  # fmt: skip
         rows[name] = values
-    return rows[np.argsort(rows['onset_ns'], kind='stable')]
+    return rows
 
 
 def write(out: Path, rows: np.ndarray, provenance: dict[str, Any]) -> list[Path]:
-    """Write catalogue_zmap.csv, catalogue.parquet (or .csv without pyarrow) and catalogue.json."""
+    """Write catalogue_zmap.csv, catalogue.parquet (or .csv without pyarrow) and catalogue.json.
+
+    By onset.
+    """
+    rows = rows[np.argsort(rows['onset_ns'], kind='stable')]
     zmap = out / 'catalogue_zmap.csv'
     with open(zmap, 'w', newline='', encoding='ascii') as file:
         csv.writer(file, lineterminator='\n').writerows(_zmap_rows(rows))

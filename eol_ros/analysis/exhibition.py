@@ -191,8 +191,9 @@ def numbers(digests: list[Digest], left_out: list[str]) -> dict[str, Any]:
         'notes': [note for d in digests for note in d.notes],
         'cascades': report.law(rows['area']),
     }  # fmt: skip
+    by_onset = rows[np.argsort(rows['onset_ns'], kind='stable')]
     try:
-        magnitudes = catalogue.magnitude_law(rows['magnitude'], np.random.default_rng(1))
+        magnitudes = catalogue.magnitude_law(by_onset['magnitude'], np.random.default_rng(1))
         found['magnitudes'] = report.plain(magnitudes)
     except powerlaw.FitError as why:
         found['magnitudes'] = {'sentence': f'magnitudes: {why}'}
@@ -331,7 +332,6 @@ def write(
         raise ConfigError(f'{out}: {error.strerror}') from None
     found = numbers(digests, left_out)
     rows = np.concatenate([d.rows for d in digests])
-    rows = rows[np.argsort(rows['onset_ns'], kind='stable')]
     catalogue_file.write(out, rows, {
         'bags': sorted(d.path for d in digests), 'recorded_with': found['versions'],
     })  # fmt: skip

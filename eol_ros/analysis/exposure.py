@@ -8,6 +8,7 @@ import numpy as np
 from eol_ros.analysis.bag import Bag
 
 STEP_S = 0.5
+SEEN = {'truth': 'the rim', 'blocks': 'the mean of the blocks'}  # the first that is there
 MOVES_MPS = 0.002  # the mean of 25 blocks seems to move at 0.1 mm/s by the camera's noise alone
 
 
@@ -32,10 +33,15 @@ class Exposure:
 
 def of(bag: Bag) -> Exposure | None:
     """Return the exposure of a bag; None where it says nothing of motion."""
-    for topic, name in (('truth', 'the rim'), ('blocks', 'the mean of the blocks')):
-        if bag.count(topic) > 1:
-            return _moved(*_path(bag, topic), name)
+    for topic in topic_of(bag):
+        return _moved(*_path(bag, topic), SEEN[topic])
     return None
+
+
+def topic_of(bag: Bag) -> dict[str, float]:
+    """Return the topic that tells it and how far apart, in s, its rows are looked at; or none."""
+    topic = next((topic for topic in SEEN if bag.count(topic) > 1), None)
+    return {topic: STEP_S} if topic else {}
 
 
 def _moved(at_s: np.ndarray, place_m: np.ndarray, name: str) -> Exposure:

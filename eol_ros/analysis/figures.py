@@ -17,6 +17,7 @@ from eol_ros.streams.slips import START, STOP
 
 # Okabe and Ito's colours, told apart by everyone.
 BLUE, ORANGE, GREEN, GREY = '#0072B2', '#D55E00', '#009E73', '#777777'
+DRAWN = 2000  # points of a curve: a day has hundreds of thousands
 
 
 @dataclass(frozen=True)
@@ -164,10 +165,16 @@ def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
 def _survival(name: str, title: str, unit: str, values: np.ndarray, note: str) -> Figure:
     values = np.sort(values[np.isfinite(values) & (values > 0)])
     share = 1.0 - np.arange(len(values)) / max(len(values), 1)
+    count = len(values)
+    if count > DRAWN:  # half of them even in share, half in its logarithm: no gap can be seen
+        even = np.linspace(0, count - 1, DRAWN // 2)
+        rare = count - np.geomspace(1, count, DRAWN // 2)
+        some = np.unique(np.concatenate([even, rare]).round().astype(int))
+        values, share = values[some], share[some]
 
     def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
         x, y = c.values()
-        axes.loglog(x, y, '.', color=BLUE, label=f'{len(x)} events')
+        axes.loglog(x, y, '.', color=BLUE, label=f'{count} events')
         axes.set(xlabel=f'{title.lower()} ({unit})', ylabel='share at least as large')
         axes.legend()
 

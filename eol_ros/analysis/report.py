@@ -21,11 +21,12 @@ from eol_ros.errors import ConfigError
 from eol_ros.streams import felt
 from eol_ros.streams.slips import START, STOP
 
-# Read once: all but the places of blocks, which for a day do not fit into memory.
-KEPT = (
-    'slips', 'cascades', 'felt_slips', 'block_taps', 'led_commands', 'grain_triggers',
-    'felt_triggers',
-)  # fmt: skip
+# Kept in memory of a bag that is read once: what the report asks for (nothing named: all).
+KEPT: dict[str, tuple[str, ...]] = {
+    'slips': ('stamp', 'kind', 'block', 'onset', 'speed', 'distance', 'duration'),
+    'cascades': (), 'felt_slips': ('stamp', 'kind', 'onset'), 'block_taps': ('stamp',),
+    'led_commands': ('stamp', 'white', 'sent'), 'grain_triggers': (), 'felt_triggers': (),
+}  # fmt: skip
 NOT_ASKED = 'Not asked of any series: the same hands on a table without coupling.'
 SOUNDS_WITHIN_S = 0.25  # a slip that has not sounded by then does not sound
 ONSET_S = 0.02  # by which a knock may come before the onset that images tell
@@ -82,9 +83,9 @@ def _felt(kinds: np.ndarray, duration_s: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def spectra(bag: Bag) -> Iterator[Answer]:
-    """Yield the verdict on each series of a bag: is it 1/f?"""
-    yield from map(series.ask, series.of(bag))
+def spectra(bag: Bag, energy: series.Series | None = None) -> Iterator[Answer]:
+    """Yield the verdict on each series of a bag: is it 1/f? `energy`: see `series.of`."""
+    yield from map(series.ask, series.of(bag, energy))
 
 
 def _spectral(answer: Answer) -> dict[str, Any]:
@@ -176,8 +177,10 @@ def write(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f'{out}: {error.strerror}') from None
-    bag.keep(KEPT)
-    answers = list(_tracked(spectra(bag), 'asking for 1/f', track, len(series.NAMES)))
+    energy = series.KineticEnergy(bag.duration_s, bag.start_ns)
+    bag.keep(KEPT, {'blocks': (energy.fields, energy.add)}, exposure.topic_of(bag))
+    asked = spectra(bag, energy.series())
+    answers = list(_tracked(asked, 'asking for 1/f', track, len(series.NAMES)))
     found = numbers(bag, answers)
     if retracked is not None:
         found['retracked'] = {
@@ -197,6 +200,7 @@ def write(
     if cascades is not None:
         origin = {'bags': [str(bag.path)], 'recorded_with': bag.about.get('versions', 'not known')}
         catalogue_file.write(out, catalogue_file.of(bag, cascades), origin)
+    bag.release()
     (out / 'report.html').write_text(_page(bag, found, drawn), encoding='utf-8')
     (out / 'report.json').write_text(json.dumps(found, indent=2) + '\n', encoding='utf-8')
     return found

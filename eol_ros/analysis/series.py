@@ -8,7 +8,7 @@ import numpy as np
 from scipy import signal
 
 from eol_ros.analysis import sound
-from eol_ros.analysis.bag import Bag
+from eol_ros.analysis.bag import Bag, Table
 from eol_ros.core.science import one_over_f, surrogates
 from eol_ros.core.sound.loudness import k_weighting, lufs
 from eol_ros.errors import EolError
@@ -22,7 +22,7 @@ SILENCE_LUFS = -70.0  # the absolute gate of BS.1770
 BLOCK_KG = 0.25
 FASTEST_MPS = 3.0  # a block that seems faster was taken for another
 REST_J = 1.25e-5  # one block at 10 mm/s; what the camera's noise makes of 25 at rest is a tenth
-CHUNK_S = 120.0  # of blocks in memory at a time
+AT_ONCE = 20_000  # values of the light in memory with those that are finer
 MOST_SOUND_S = 3600.0  # is rendered
 SHORTEST_S = 1.0  # a bag with one message of each topic has no length at all
 NAMES = ('triggers', 'light', 'kinetic energy', 'sound power', 'loudness')
@@ -48,8 +48,8 @@ class Absent:
     why: str
 
 
-def of(bag: Bag) -> Iterator[Series | Absent]:
-    """Yield every series, or why it is absent."""
+def of(bag: Bag, energy: Series | None = None) -> Iterator[Series | Absent]:
+    """Yield every series, or why it is absent; `energy`: kinetic, where it has been read."""
     if bag.duration_s < SHORTEST_S:
         for name in NAMES:
             yield Absent(name, f'the bag is of {bag.duration_s:.1f} s')
@@ -57,7 +57,7 @@ def of(bag: Bag) -> Iterator[Series | Absent]:
     for name, topic, make in (
         ('triggers', 'grain_triggers', triggers),
         ('light', 'led_commands', light),
-        ('kinetic energy', 'blocks', kinetic_energy),
+        ('kinetic energy', 'blocks', lambda bag: energy or kinetic_energy(bag)),
     ):
         if bag.count(topic):
             yield make(bag)
@@ -98,44 +98,63 @@ def light(bag: Bag) -> Series:
     sent_s = _since_start(bag, table['sent'])
     order = np.argsort(sent_s, kind='stable')
     held = np.concatenate([[0.0], table['white'].mean(axis=1)[order] / 255])  # dark at first
-    at_s = (np.arange(round(bag.duration_s * RATE_HZ) * FINER) + 0.5) / (RATE_HZ * FINER)
-    values = held[np.searchsorted(sent_s[order], at_s, side='right')]
-    values = values.reshape(-1, FINER).mean(axis=1)
+    sent_s = sent_s[order]
+    values = np.empty(round(bag.duration_s * RATE_HZ))
+    for first in range(0, len(values), AT_ONCE):
+        last = min(first + AT_ONCE, len(values))
+        at_s = (np.arange(first * FINER, last * FINER) + 0.5) / (RATE_HZ * FINER)
+        levels = held[np.searchsorted(sent_s, at_s, side='right')]
+        values[first:last] = levels.reshape(-1, FINER).mean(axis=1)
     return Series('light', values, rest=0.0)
 
 
-def kinetic_energy(bag: Bag) -> Series:
-    """Return the kinetic energy of the blocks, J: from their steps between images, 250 g each.
+class KineticEnergy:
+    """The kinetic energy of the blocks, J: from their steps between images, 250 g each.
 
-    Their rotation is left out. Read in pieces, for a day of blocks does not fit into memory.
+    Their rotation is left out. `add` takes the rows of `blocks` in pieces, for a day of them does
+    not fit into memory.
     """
-    bins = round(bag.duration_s * RATE_HZ)
-    total, count = np.zeros(bins), np.zeros(bins)
-    before = None
-    for begin_s in np.arange(0.0, bag.duration_s + 1e-9, CHUNK_S):
-        table = bag.table('blocks', begin_s, begin_s + CHUNK_S)
-        if not len(table):
-            continue
-        at_s = _since_start(bag, table['stamp'])
-        place = np.stack([table['blocks']['x'], table['blocks']['y']], axis=2)
-        if before is not None:
-            at_s, place = np.r_[before[0], at_s], np.concatenate([before[1], place])
-        before = at_s[-1:], place[-1:]
+
+    fields = ('stamp', 'blocks.x', 'blocks.y')
+
+    def __init__(self, duration_s: float, start_ns: int):
+        bins = round(duration_s * RATE_HZ)
+        self._start_ns = start_ns
+        self._total, self._count = np.zeros(bins), np.zeros(bins)
+        self._before: tuple[np.ndarray, np.ndarray] | None = None
+
+    def add(self, table: Table) -> None:
+        """Take the rows that follow."""
+        at_s = (table['stamp'].astype('i8') - self._start_ns) * 1e-9
+        place = np.stack([table['blocks']['x'], table['blocks']['y']])
+        if self._before is not None:
+            at_s = np.r_[self._before[0], at_s]
+            place = np.concatenate([self._before[1], place], axis=1)
+        self._before = at_s[-1:], place[:, -1:]
         step_s = np.diff(at_s)
         good = step_s > 0
-        speed = np.linalg.norm(np.diff(place, axis=0), axis=2)[good] / step_s[good, None]
+        speed = np.hypot(*np.diff(place, axis=1)[:, good]) / step_s[good, None]
         speed[~(speed <= FASTEST_MPS)] = 0.0  # nan, too
         energy = 0.5 * BLOCK_KG * (speed**2).sum(axis=1)
         where = np.floor((at_s[:-1] + step_s / 2)[good] * RATE_HZ).astype(int)
-        inside = (where >= 0) & (where < bins)
-        total += np.bincount(where[inside], energy[inside], bins)
-        count += np.bincount(where[inside], minlength=bins)
-    known = count > 0
-    values = np.zeros(bins)
-    if known.any():
-        middle = np.arange(bins)
-        values = np.interp(middle, middle[known], total[known] / count[known])
-    return Series('kinetic energy', values, rest=REST_J)
+        inside = (where >= 0) & (where < len(self._total))
+        np.add.at(self._total, where[inside], energy[inside])
+        np.add.at(self._count, where[inside], 1)
+
+    def series(self) -> Series:
+        """Return it; between images it is interpolated."""
+        known, middle = self._count > 0, np.arange(len(self._total))
+        values = np.zeros(len(middle))
+        if known.any():
+            values = np.interp(middle, middle[known], self._total[known] / self._count[known])
+        return Series('kinetic energy', values, rest=REST_J)
+
+
+def kinetic_energy(bag: Bag) -> Series:
+    """Return the kinetic energy of the blocks of a bag."""
+    energy = KineticEnergy(bag.duration_s, bag.start_ns)
+    bag.keep({}, {'blocks': (energy.fields, energy.add)})
+    return energy.series()
 
 
 def loudness(bag: Bag) -> Iterator[Series]:
@@ -161,10 +180,11 @@ def mean_squares(blocks: Iterator[np.ndarray], sample_rate: int) -> np.ndarray:
     filters = k_weighting(sample_rate)
     state, left, made = None, np.zeros(0), []
     for block in blocks:
+        channels = np.ascontiguousarray(block.T, float)
         if state is None:
-            state = np.zeros((len(filters), 2, block.shape[1]))
-        weighted, state = signal.sosfilt(filters, block, axis=0, zi=state)
-        square = np.concatenate([left, (weighted**2).sum(axis=1)])
+            state = np.zeros((len(filters), len(channels), 2))
+        weighted, state = signal.sosfilt(filters, channels, zi=state)
+        square = np.concatenate([left, np.einsum('cn,cn->n', weighted, weighted)])
         whole = len(square) // step * step
         made.append(square[:whole].reshape(-1, step).mean(axis=1))
         left = square[whole:]

@@ -20,7 +20,8 @@ from eol_ros.errors import ConfigError
 from eol_ros.settings import SoundSettings
 from eol_ros.streams import corpus, triggers
 
-BLOCK = 4096
+BLOCK = 1 << 16  # frames
+LATE_S = 10.0  # by which a trigger may be received after it was due
 
 
 def settings_of(bag: Bag) -> SoundSettings:
@@ -31,13 +32,16 @@ def settings_of(bag: Bag) -> SoundSettings:
     return SoundSettings(**{key: value for key, value in said.items() if key in known})
 
 
-def voices(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, int, int, list[Bank]]:
+def voices(
+    bag: Bag, settings: SoundSettings, until_s: float | None = None
+) -> tuple[np.ndarray, int, int, list[Bank]]:
     """Return the voices (n,) VOICE, how many triggers there were and were refused, and the banks.
 
-    Times count from the start of the bag. Keep the banks, which the voices read, until all is
-    played. Raises ConfigError where the bag has no corpus, or the sound of its corpus is not there.
+    Of triggers received before `until_s`, None: of all. Times count from the start of the bag. Keep
+    the banks, which the voices read, until all is played. Raises ConfigError where the bag has no
+    corpus, or the sound of its corpus is not there.
     """
-    played, times = bag_triggers(bag, settings)
+    played, times = bag_triggers(bag, settings, until_s)
     corpora = bag.table('corpus')
     if not len(corpora):
         raise ConfigError(f'{bag.path}: no corpus in this bag; add --corpus C.json')
@@ -58,7 +62,9 @@ def voices(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, int, int, lis
     return np.concatenate(rows), len(played), refused, banks
 
 
-def bag_triggers(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, np.ndarray]:
+def bag_triggers(
+    bag: Bag, settings: SoundSettings, until_s: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the triggers that sound, (n,) TRIGGER with time from the bag's start, and their
     stamps.
 
@@ -69,9 +75,11 @@ def bag_triggers(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, np.ndar
     second_ns = bag.start_ns // 10**9 * 10**9
     begin_s = math.floor((bag.start_ns - second_ns) * 1e-9 * rate) / rate
     earlier_s = (round(settings.latency_s * rate) - round(settings.felt_latency_s * rate)) / rate
-    told = [(row, False) for row in triggers.RECORD.each(bag.table('grain_triggers'))]
+    seen = bag.table('grain_triggers', end_s=until_s)
+    told = [(row, False) for row in triggers.RECORD.each(seen)]
     if bag.count('felt_triggers'):
-        told += [(row, True) for row in triggers.RECORD.each(bag.table('felt_triggers'))]
+        knocks = bag.table('felt_triggers', end_s=until_s)
+        told += [(row, True) for row in triggers.RECORD.each(knocks)]
         told.sort(key=lambda one: one[0].stamp - (one[1] and round(earlier_s * 1e9)))
     first, rows, stamps = FirstSense(), [], []
     for row, felt in told:
@@ -85,7 +93,7 @@ def bag_triggers(bag: Bag, settings: SoundSettings) -> tuple[np.ndarray, np.ndar
 
 def rendered(bag: Bag, settings: SoundSettings, seconds: float) -> Iterator[np.ndarray]:
     """Yield the first `seconds` of the bag's sound in blocks (n, channels) f4."""
-    rows, _, _, banks = voices(bag, settings)
+    rows, _, _, banks = voices(bag, settings, seconds + LATE_S)
     yield from play(new_mixer(settings), rows, math.ceil(seconds * settings.sample_rate), BLOCK)
     del banks  # the voices read them to the end
 

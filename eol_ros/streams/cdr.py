@@ -8,7 +8,7 @@ matrix, `Fixed` reads and writes one at a time in place.
 """
 
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -55,9 +55,12 @@ class Layout:
 
 
 class Decoder:
-    """Turns messages of one type into a structured array, one row a message."""
+    """Turns messages of one type into a structured array, one row a message.
 
-    def __init__(self, type_name: str, definition: str):
+    only: dotted names of fields, as they stand in the definition; the others are left out.
+    """
+
+    def __init__(self, type_name: str, definition: str, only: Collection[str] = ()):
         self.type = type_name
         try:
             self.types = parse(definition, type_name)
@@ -66,6 +69,12 @@ class Decoder:
         self.root = short(type_name)
         self._check(self.root, ())
         self._layouts: list[Layout] = []
+        self._only: dict[str, set[str]] = {}
+        for path in only:
+            kind = self.root
+            for name in path.split('.'):
+                self._only.setdefault(kind, set()).add(name)
+                kind = next(f.type for f in self.types[kind].fields if f.name == name)
 
     @cached_property
     def comments(self) -> dict[str, str]:
@@ -87,7 +96,12 @@ class Decoder:
 
     def dtype(self, kind: str) -> np.dtype:
         """Return the dtype of message type `kind` inside an array of messages."""
-        return np.dtype([self._slot(f) for f in self.types[kind].fields] or [('nothing', 'u1')])
+        return np.dtype([self._slot(f) for f in self._fields(kind)] or [('nothing', 'u1')])
+
+    def _fields(self, kind: str) -> list[Field]:
+        """Return the fields of a type that are wanted."""
+        fields = self.types[kind].fields
+        return [f for f in fields if f.name in self._only[kind]] if kind in self._only else fields
 
     def _slot(self, field: Field) -> tuple[Any, ...]:
         if field.length == -1 or field.type in ('string', 'wstring'):
@@ -118,7 +132,7 @@ class Decoder:
         rows: list[np.ndarray] = []
         for layout, index, raw in self._groups(messages):
             rows.append(index)
-            for name, values in self._message(layout.tree, raw, top=True).items():
+            for name, values in self._message(self.root, layout.tree, raw, top=True).items():
                 columns.setdefault(name, []).append(values)
         if not rows:
             return self._empty(self.root)
@@ -127,7 +141,7 @@ class Decoder:
 
     def _empty(self, kind: str) -> dict[str, np.ndarray]:
         columns = {}
-        for field in self.types[kind].fields:
+        for field in self._fields(kind):
             if field.type == 'std_msgs/Header' and field.length is None:
                 columns.update(self._empty(field.type))
             else:
@@ -221,11 +235,14 @@ class Decoder:
             raise ConfigError(f'{self.type}: a message of {len(data)} bytes, {at} are needed')
         return Layout(len(data), tree, np.array(lengths, int).reshape(-1, 2))
 
-    def _message(self, tree: dict[Field, Any], raw: np.ndarray, top: bool) -> dict[str, np.ndarray]:
+    def _message(
+        self, kind: str, tree: dict[Field, Any], raw: np.ndarray, top: bool
+    ) -> dict[str, np.ndarray]:
         out = {}
-        for field, node in tree.items():
+        for field in self._fields(kind):
+            node = tree[field]
             if top and field.type == 'std_msgs/Header' and field.length is None:
-                out.update(self._message(node, raw, top))
+                out.update(self._message(field.type, node, raw, top))
             else:
                 out[field.name] = self._value(field, node, raw, top)
         return out
@@ -265,7 +282,7 @@ class Decoder:
             times: np.ndarray = seconds * NS + nanoseconds
             return times.view(TIMES[kind])
         table = np.empty(len(raw), self.dtype(kind))
-        for name, values in self._message(node, raw, False).items():
+        for name, values in self._message(kind, node, raw, False).items():
             table[name] = values
         return table
 

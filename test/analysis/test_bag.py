@@ -151,13 +151,35 @@ def same(one, other):
 
 def test_what_is_kept_is_what_is_read():
     bag, kept = open_bag(SAMPLE), open_bag(SAMPLE)
-    kept.keep(['slips', 'cascades', 'felt_slips'])
+    kept.keep({'slips': (), 'cascades': (), 'felt_slips': ()})
 
     for span in ((), (10.0, 20.0), (50.0, None), (1000.0, None)):
         for topic in ('slips', 'cascades', 'wall'):
             same(kept.table(topic, *span), bag.table(topic, *span))
     for one, other in zip(kept.stamps('slips'), bag.stamps('slips'), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_fields_are_kept_and_rows_shown_in_the_only_pass(monkeypatch):
+    whole, bag, seen = open_bag(SAMPLE), open_bag(SAMPLE), []
+    kept = {'slips': ('stamp', 'distance'), 'led_commands': ('white',), 'no_such_topic': ()}
+    bag.keep(kept, {'blocks': (('stamp', 'blocks.x'), seen.append)}, {'truth': 0.5, 'blocks': 0.25})
+    monkeypatch.setattr(bag, 'batches', None)  # the bag is not read again
+
+    for topic, fields in (('slips', ('stamp', 'distance')), ('led_commands', ('white',))):
+        table = bag.table(topic)
+        assert table.dtype.names == ('log_time', *fields)
+        for field in table.dtype.names:
+            np.testing.assert_array_equal(table[field], whole.table(topic)[field])
+    blocks = whole.table('blocks')
+    assert seen[0].dtype.names == ('log_time', 'stamp', 'blocks')
+    assert seen[0]['blocks'].dtype.names == ('x',)
+    x = np.concatenate([table['blocks']['x'] for table in seen])
+    np.testing.assert_array_equal(x, blocks['blocks']['x'])
+    for times, field in zip(bag.stamps('blocks'), ('log_time', 'stamp'), strict=True):
+        np.testing.assert_array_equal(times, blocks[field])
+    same(bag.thinned('truth', 0.5), whole.thinned('truth', 0.5))
+    same(bag.thinned('blocks', 0.25), whole.thinned('blocks', 0.25))
 
 
 def test_stamps_and_thinned_rows_are_those_of_the_table():

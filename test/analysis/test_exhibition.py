@@ -17,11 +17,13 @@ from eol_ros.analysis import catalogue_file, exhibition, report
 from eol_ros.analysis.bag import open_bag
 from eol_ros.analysis.sweeps import crews, work
 from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.science import powerlaw
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import REPLAY_OF, BagWriter
 from eol_ros.errors import ConfigError
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.stamps import to_msg
+from eol_ros.web import notices
 
 S = 1_000_000_000
 ZONE = datetime.timezone(datetime.timedelta(hours=2))
@@ -188,6 +190,34 @@ def test_what_is_no_bag_is_named_and_left_out(week, tmp_path, capsys):
         cli.main(['report', str(tmp_path), '--all', '--out', str(tmp_path / 'o')]) == os.EX_CONFIG
     )
     assert 'no bag that can be reported' in capsys.readouterr().err
+
+
+def test_panel_report_and_exhibition_give_one_answer(tmp_path):
+    """Cascades that were told in another order than they began: blocks of the bootstrap differ."""
+    rng = np.random.default_rng(5)
+    areas = powerlaw.sample(1.5, 1, 25, 1500, rng)
+    bag = BagWriter(tmp_path / 'run', [BagTopic('/eol/cascades', **describe('cascades'))], {})
+    day = notices.Day()
+    for i, area in enumerate(areas.tolist()):
+        told = MONDAY + i * S
+        cascade = Cascade(cascade=i, area=area, size=area, blocks=list(range(area)), distance=0.01)
+        cascade.onset = cascade.header.stamp = to_msg(told - int(rng.integers(0, 300)) * S)
+        bag.write('/eol/cascades', bytes(serialize_message(cascade)), told, told)
+        day.add(cascade, MONDAY / S)
+    bag.close()
+    day.fit()
+    shown = day.notice()['law']
+    alone = report.numbers(open_bag(tmp_path / 'run'))['cascades']
+    whole = exhibition.numbers([exhibition.digest(tmp_path / 'run', ZONE)], [])
+
+    assert shown['fitted'] == alone['count'] == whole['cascades']['count'] == 1500
+    assert whole['cascades'] == {k: v for k, v in alone.items() if k != 'median_size'}
+    assert (shown['b'], shown['error'], shown['from'], shown['count']) == tuple(
+        alone[name] for name in ('b_value', 'b_error', 'area_min', 'fitted')
+    )
+    onsets = exhibition.digest(tmp_path / 'run', ZONE).rows
+    order = np.argsort(onsets['onset_ns'], kind='stable')
+    assert report.law(onsets['area'][order]) != whole['cascades']  # so the order matters
 
 
 def test_topics_are_read_in_one_pass_and_are_the_same(week):

@@ -247,8 +247,8 @@ def without(run, monkeypatch, images=(), blocks=(), slips=()):
             if number not in lost:
                 yield message
 
-    def shorter(name, *span):
-        rows, lost = table(name, *span), {'blocks': blocks, 'slips': slips}.get(name, ())
+    def shorter(name, *span, **more):
+        rows, lost = table(name, *span, **more), {'blocks': blocks, 'slips': slips}.get(name, ())
         return rows[[i not in lost for i in range(len(rows))]]
 
     monkeypatch.setattr(run, 'messages', lossy)

@@ -9,6 +9,7 @@ import pytest
 from eol_msgs.msg import Block, Blocks, Cascade, GrainTrigger, LedCommand, Slip
 from rclpy.serialization import serialize_message
 
+from eol_ros.analysis import bag as bag_module
 from eol_ros.analysis import report, series
 from eol_ros.analysis.bag import open_bag
 from eol_ros.devices.bag.mcap_file import BagTopic
@@ -84,7 +85,7 @@ def test_kinetic_energy_does_not_depend_on_how_the_bag_is_read(tmp_path, monkeyp
         messages.append(('blocks', message, k / 60))
     bag = bag_of(tmp_path / 'run', messages, 299 / 60)
     whole = series.kinetic_energy(bag).values
-    monkeypatch.setattr(series, 'CHUNK_S', 0.7)
+    monkeypatch.setattr(bag_module, 'BATCH', 7)
 
     assert whole.max() > 0
     np.testing.assert_array_equal(series.kinetic_energy(bag).values, whole)

@@ -63,12 +63,29 @@ class Truth:
         self.all = set().union(*(rows for _, _, rows in self.chunks))
 
 
+def by_topic(messages):
+    found = {}
+    for m in messages:
+        found.setdefault(m.topic, []).append((m.log_ns, m.publish_ns, m.data))
+    return found
+
+
+def in_batches(bag):
+    """What `batches` gives, which does not take messages apart one by one."""
+    found = {}
+    for topic, batch in bag.batches(list(bag.topics)):
+        found.setdefault(topic, []).extend(zip(*(list(c) for c in batch), strict=True))
+    return found
+
+
 def read(path):
     """Return the bag, its messages, and the times of what it calls damaged."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', BagDamaged)
         bag = BagReader(path)
-        rows = [(m.log_ns, m.sequence, m.data) for m in bag.messages()]
+        messages = list(bag.messages())
+        rows = [(m.log_ns, m.sequence, m.data) for m in messages]
+        assert in_batches(bag) == by_topic(messages)
     assert rows == sorted(rows, key=lambda row: row[0]) and len(rows) == len(set(rows))
     spans = [(d.start_ns, d.end_ns) for f in bag.files for d in f.damage]
     return bag, set(rows), spans

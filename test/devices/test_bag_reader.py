@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading whole bags, cut ones, and things that are not bags."""
 
+import numpy as np
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
-from support.bag_samples import POINT, T0, point, write_bag
+from support.bag_samples import POINT, T0, TEXT, point, text, write_bag
 
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.writer import BagWriter
@@ -77,6 +78,34 @@ def test_what_is_not_a_bag(tmp_path):
         BagReader(tmp_path / 'folder')
 
 
+@pytest.mark.parametrize('files', [1, 3])
+def test_batches_are_in_order_although_chunks_and_files_overlap(tmp_path, files):
+    """As messages are, ties apart: images stand in chunks of their own between the others."""
+    rng = np.random.default_rng(1)
+    for k in range(files):
+        bag = BagWriter(tmp_path / 'run' if files == 1 else tmp_path / f'b{k}', [POINT, TEXT], {})
+        for i in range(300):
+            now = T0 + 1_000_000 * i + int(rng.integers(-40, 40)) * 500_000 + k
+            bag.write('/eol/point', point(i), now, i, i + 1)
+            if i % 7 == 0:
+                bag.write('/eol/text', text('x' * (70_000 if i % 2 else 3)), now + 3, i, i + 1)
+            if i % 20 == 0:
+                bag.flush()
+        bag.close()
+        if files > 1:
+            (tmp_path / 'run').mkdir(exist_ok=True)
+            (tmp_path / f'b{k}' / f'b{k}_0.mcap').rename(tmp_path / 'run' / f'run_{k}.mcap')
+    bag = BagReader(tmp_path / 'run')
+    for span in ((0, None), (T0 + 50_000_000, T0 + 120_000_000)):
+        for topic in bag.topics:
+            expected = [(m.log_ns, m.publish_ns, m.data) for m in bag.messages([topic], *span)]
+            batches = [batch for _, batch in bag.batches([topic], *span)]
+            got = [row for batch in batches for row in zip(*batch, strict=True)]
+            assert [row[0] for row in got] == sorted(row[0] for row in got)
+            assert sorted(got) == sorted(expected) and len(got) > 9
+    assert len(list(bag.batches(['/eol/point']))) > 3 or files > 1
+
+
 def test_a_folder_of_bags_stands_for_its_newest(tmp_path):
     for name, count in (('b', 3), ('a', 7)):
         write_bag(tmp_path / name, count).close()
@@ -141,3 +170,5 @@ def test_bags_of_other_programs_are_read(tmp_path, compression, options):
     assert bag.counts == {'/eol/point': 100} and bag.damage == []
     assert bag.topics['/eol/point'].definition == POINT.definition
     assert bag.files[0].metadata['notes'] == {'by': 'them'}
+    got = [row for _, b in bag.batches(['/eol/point']) for row in zip(*b, strict=True)]
+    assert got == [(log_ns, log_ns, data) for log_ns, _, data in sent]

@@ -13,23 +13,25 @@ import struct
 import time
 import warnings
 import zlib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+import numpy as np
 import yaml
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema
 
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.mcap_file import LIBRARY, BagTopic
-from eol_ros.devices.bag.scan import MAGIC, ChunkHead, ChunkMessage, DamagedRecord
+from eol_ros.devices.bag.scan import MAGIC, Batch, ChunkHead, ChunkMessage, DamagedRecord
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA, SAMPLE
 from eol_ros.errors import BagDamaged, ConfigError, DeviceMissing
 from eol_ros.streams.graph import TOPICS, full_name, namespace_of
 
 FOOTER = struct.Struct('<BQQQI')  # opcode, length, start of the summary, of its offsets, crc
 FOREVER = (1 << 63) - 1
+MERGED = 4096  # messages of files that overlap in time, in memory at a time
 LOOK_BACK_NS = 60_000_000_000
 _INDEX = struct.Struct('<QQQQI')  # start, end, offset, length, bytes of the map that follows
 _COUNTS = struct.Struct('<QHIIIIQQI')  # messages, schemas, ..., start, end, bytes of the map
@@ -120,11 +122,7 @@ class BagFileReader:
         wanted = {k for k, name in self.names.items() if topics is None or name in topics}
         waiting: list[tuple[int, int, int, ChunkMessage]] = []
         with open(self.path, 'rb') as file:
-            for place in self.places:
-                if place.end_ns < start_ns or (end_ns is not None and place.start_ns >= end_ns):
-                    continue
-                if place.channels and not place.channels & wanted:
-                    continue
+            for place in self._places(wanted, start_ns, end_ns):
                 while waiting and waiting[0][0] < place.start_ns:
                     yield self._message(heapq.heappop(waiting)[3])
                 for count, m in enumerate(self._load(file, place, wanted)):
@@ -134,10 +132,40 @@ class BagFileReader:
             while waiting:
                 yield self._message(heapq.heappop(waiting)[3])
 
+    def batches(
+        self, topics: Collection[str], start_ns: int, end_ns: int | None
+    ) -> Iterator[tuple[str, Batch]]:
+        """Yield what `messages` yields, some of one topic at a time; each topic in its order."""
+        wanted = {k for k, name in self.names.items() if name in topics}
+        waiting: dict[str, Batch] = {}  # may lie behind messages of the next chunk
+        with open(self.path, 'rb') as file:
+            for place in self._places(wanted, start_ns, end_ns):
+                for topic, batch in list(waiting.items()):
+                    ready, waiting[topic] = batch.split(place.start_ns)
+                    if ready.data:
+                        yield topic, ready
+                for number, batch in self._load_batches(file, place, wanted).items():
+                    topic = self.names[number]
+                    _, batch = batch.split(start_ns)
+                    if end_ns is not None:
+                        batch, _ = batch.split(end_ns)
+                    before = waiting.get(topic)
+                    waiting[topic] = scan.joined([before, batch]) if before else batch
+            for topic, batch in waiting.items():
+                if batch.data:
+                    yield topic, batch
+
     def defines(self, record: Schema | Channel) -> bool:
         """Return whether a schema or channel is the one that holds for its number."""
         known: dict = self._schemas if isinstance(record, Schema) else self._channels
         return known.get(record.id) == record
+
+    def _places(self, wanted: set[int], start_ns: int, end_ns: int | None) -> Iterator[Place]:
+        for place in self.places:
+            if place.end_ns < start_ns or (end_ns is not None and place.start_ns >= end_ns):
+                continue
+            if not place.channels or place.channels & wanted:
+                yield place
 
     def _message(self, m: ChunkMessage) -> BagMessage:
         return BagMessage(self.names[m.channel], m.log_ns, m.publish_ns, m.sequence, m.data)
@@ -152,6 +180,15 @@ class BagFileReader:
         except DamagedRecord as error:
             self._damaged(place.offset, place.end, str(error), place.start_ns, place.end_ns)
             return []
+
+    def _load_batches(self, file: BinaryIO, place: Place, wanted: set[int]) -> dict[int, Batch]:
+        if not place.chunk:
+            return {m.channel: _batch([m]) for m in self._load(file, place, wanted)}
+        try:
+            return scan.batches_in(unpacked(file, place), wanted)
+        except DamagedRecord as error:
+            self._damaged(place.offset, place.end, str(error), place.start_ns, place.end_ns)
+            return {}
 
     def _damaged(self, start: int, end: int, why: str, start_ns: int = 0, end_ns: int = 0) -> None:
         damage = Damage(self.path.name, start, end, why, start_ns, end_ns)
@@ -357,6 +394,12 @@ class BagFileReader:
         )
 
 
+def _batch(messages: Sequence[ChunkMessage | BagMessage]) -> Batch:
+    times = ([m.log_ns for m in messages], [m.publish_ns for m in messages])
+    log_ns, publish_ns = (np.array(column, np.int64) for column in times)
+    return Batch(log_ns, publish_ns, [m.data for m in messages])
+
+
 def by_this_project(file: BinaryIO, size: int) -> bool:
     """Return whether the header of a file says that this project wrote it."""
     first = next(scan.walk(file, len(MAGIC), size), None)
@@ -518,18 +561,39 @@ class BagReader:
         >>> first.topic, len(first.data)
         ('/eol/slips', 100)
         """
-        files = [
-            f
-            for f in self.files
-            if f.places and f.end_ns >= start_ns and (end_ns is None or f.start_ns < end_ns)
-        ]
+        files, apart = self._files(start_ns, end_ns)
         streams = [f.messages(topics, start_ns, end_ns) for f in files]
-        apart = all(a.end_ns <= b.start_ns for a, b in itertools.pairwise(files))
         if apart:  # one file at a time in memory
             for stream in streams:
                 yield from stream
         else:
             yield from heapq.merge(*streams, key=lambda m: m.log_ns)
+
+    def batches(
+        self, topics: Collection[str], start_ns: int = 0, end_ns: int | None = None
+    ) -> Iterator[tuple[str, Batch]]:
+        """Yield what `messages` yields, full topic and some of its messages at a time.
+
+        Each topic is in order of reception; one is not in order with another.
+        """
+        files, apart = self._files(start_ns, end_ns)
+        if apart:
+            for f in files:
+                yield from f.batches(topics, start_ns, end_ns)
+            return
+        messages = self.messages(topics, start_ns, end_ns)
+        while some := list(itertools.islice(messages, MERGED)):
+            for topic in {m.topic: None for m in some}:
+                yield topic, _batch([m for m in some if m.topic == topic])
+
+    def _files(self, start_ns: int, end_ns: int | None) -> tuple[list[BagFileReader], bool]:
+        """Return the files with messages of a span, and whether they follow each other in time."""
+        files = [
+            f
+            for f in self.files
+            if f.places and f.end_ns >= start_ns and (end_ns is None or f.start_ns < end_ns)
+        ]
+        return files, all(a.end_ns <= b.start_ns for a, b in itertools.pairwise(files))
 
     def latched(self, topics: Collection[str] | None, at_ns: int) -> list[BagMessage]:
         """Return what holds at a time: of each latched topic the last message received before it.
