@@ -81,6 +81,19 @@ def test_stiff_springs_in_the_plane(geometric, drive):
     assert abs(energy.residual_J) < 2e-7 * abs(energy.friction_J)
 
 
+@pytest.mark.slow
+def test_a_sweep_is_no_finer_than_what_its_friction_misses():
+    """Below 1e-9 its series would cost twice the steps, and the motion would be as wrong."""
+    given = builders.table(PULL, 0.05, 3, 3, k=1e6, u0=builders.offsets(9, 0.005, 3))
+    scene = from_mapping(given)
+    plain, fine, finest = (
+        simulate(scene, sample_s=0.01, tolerance=t, ledger=False) for t in (1e-9, 1e-12, 1e-15)
+    )
+    assert 50 < fine.swept < 1.2 * plain.swept
+    assert finest.swept > 1.2 * fine.swept
+    assert np.abs(fine.u - finest.u).max() < 5e-11
+
+
 def test_sweeps_leave_ordinary_scenes_alone():
     scene = builders.table(CIRCLE, 3.0, geometric=True, u0=builders.offsets(25, 0.005, 4))
     run = simulate(from_mapping(scene))

@@ -32,6 +32,7 @@ from eol_ros.core.physics.event.step import (
 )
 from eol_ros.core.physics.event.sweep import (
     Sweep,
+    all_fast,
     make_sweep,
     sample,
     sweep_step,
@@ -115,9 +116,13 @@ class Workspace(NamedTuple):
 
 
 class Sweeping(NamedTuple):
-    """What sweeps are made with: the order of their series, and arrays."""
+    """What sweeps are made with: the order of their series, and arrays.
+
+    `small`: the error (m) that one may make where all blocks are fast.
+    """
 
     order: int
+    small: float
     ab: Abreast
     sw: Sweep
 
@@ -164,10 +169,11 @@ def make_workspace(at: Lattice, order: int) -> Workspace:
     )
 
 
-def make_sweeping(at: Lattice, order: int) -> Sweeping:
+def make_sweeping(at: Lattice, order: int, small: float) -> Sweeping:
     """Return what sweeps with series of that order need; their workspace is of that order too."""
     ab = make_abreast(at, order + 2)
-    return Sweeping(order, ab, make_sweep(tables(order + 2), len(ab.inverse_mass), order + 2))
+    sw = make_sweep(tables(order + 2), len(ab.inverse_mass), order + 2)
+    return Sweeping(order, small, ab, sw)
 
 
 @entry
@@ -217,7 +223,7 @@ def run(
     changed = settle = True
     # stiff springs: steps since an event, how many to wait, sweeps since a plain step
     calm, patience, sweeps, plain, try_s = 0, PATIENCE, 0, np.inf, 0.0
-    eager, abreast, longest = False, False, np.inf
+    eager, abreast, longest, furthest = False, False, np.inf, np.inf
     while True:
         reach, used = drive_series(
             rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, gx
@@ -292,8 +298,10 @@ def run(
                 if not abreast:
                     fill_abreast(m, count, at, pl, sweeping.ab)
                     longest = sweep_top(m, rules.small, at, pl)
+                    furthest = sweep_top(m, sweeping.small, at, pl)
                     abreast = True
-                top = min(top, longest)
+                fast = all_fast(m, v, at, pl)
+                top = min(top, furthest if fast else longest)
                 near, try_s = sweep_step(
                     far,
                     m,
@@ -309,7 +317,7 @@ def run(
                     cy,
                     cc,
                     cs,
-                    rules.small,
+                    sweeping.small if fast else rules.small,
                     try_s,
                     top,
                 )

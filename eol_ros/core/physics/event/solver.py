@@ -17,6 +17,8 @@ TIGHTEST, LOOSEST = 1e-15, 1e-3
 SMALL = 0.01  # of tolerance and length scale: the error in place that a step may make
 MISSED = 1e-4  # of the work and the heat: more than any tolerance leaves open
 MORE_IN_SWEEPS = 4  # a sweep has so much work besides the series that longer steps pay
+# Where all blocks are fast, what a sweep's friction misses outweighs a finer series:
+SWEPT, COARSER = 1e-9, 1e3  # the tolerance of its series, and how much coarser than asked at most
 CAPTURE_MPS = 2e-2  # slower than this, the closed form of a stop is tried
 
 
@@ -107,8 +109,10 @@ def solve(
     if status == STIFF:
         if on_stiff is not None:
             on_stiff()
-        far = rules.order + MORE_IN_SWEEPS
-        status = advance(far, kernel.make_sweeping(model.lattice, far))
+        coarse = max(tolerance, min(SWEPT, COARSER * tolerance))
+        far = max(order_for(coarse) + MORE_IN_SWEEPS, rules.order + 1)
+        small = rules.small * coarse / tolerance
+        status = advance(far, kernel.make_sweeping(model.lattice, far, small))
     t, events, steps = done.t, done.events, done.steps
     in_time = np.argsort(log.t[:events], kind='stable')
     run = Run(

@@ -25,7 +25,7 @@ from eol_ros.core.vectors import lane_product
 DEGREE = (
     5  # of the polynomial: of a step w h < 2 the higher moments move nothing by 1e-7 of mu_k g h^2
 )
-PANELS, NODES = 4, 8
+PANELS, NODES = 6, 8
 LOW = 11  # order of the series that the first guess is made from
 GROWTH = 3.0  # of the panels that lead away from a reversal
 EARLIEST = 1e-9  # of a step: the first of these panels, where v passes zero itself
@@ -38,6 +38,7 @@ LEFT = 0.01  # which is so much of it: by the springs' own change, and higher or
 SHORT = 0.93
 # |P_(DEGREE + 1)| of sin(w t) / w over a step, of (w h / 2)^(DEGREE + 1), by a reversal's
 REST = 1.7e-7
+FAST = 300.0  # how many times friction springs pull where what friction misses outweighs the series
 
 
 class Panels(NamedTuple):
@@ -335,6 +336,19 @@ def would_pay(order, m, plain, small, at, pl):
     # terms of a motion of that acceleration and frequency are most w^(k - 2) / k!
     power = math.log(small / most) + math.lgamma(order + 1.0) - 0.5 * (order - 2) * math.log(square)
     return math.exp(power / order) > CLEAR * plain
+
+
+@uncounted
+def all_fast(m, v, at, pl):
+    """Return whether the springs of each sliding block pull, or soon will, by far the most."""
+    for c in range(m):
+        i = pl.slots[c]
+        limit = FAST * at.friction[i] * at.inverse[i]
+        square = 4.0 * (pl.ax[c, 2] ** 2 + pl.ay[c, 2] ** 2)
+        square += (v[i, 0] ** 2 + v[i, 1] ** 2) * at.k_sum[i] * at.inverse[i]
+        if square < limit * limit:
+            return False
+    return True
 
 
 @uncounted
