@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.running import summary
+from benchmarks.running import TICK_HZ, summary
 from eol_ros.errors import DeviceMissing, EolError
 
 FLAGS = (
@@ -44,6 +44,7 @@ def measure_browser(url: str, seconds: float, sound_latency_s: float) -> dict[st
         try:
             driver.set_script_timeout(seconds + 30)
             return {
+                **_idle(driver, url, seconds),
                 **_monitor(driver, url, seconds),
                 **_table(driver, url, seconds, sound_latency_s),
                 **_walls(driver, url, seconds / 2),
@@ -58,6 +59,41 @@ def _wait(driver: Any, condition: str) -> None:
         if time.monotonic() > end:
             raise EolError(f'the page does not come to: {condition}')
         time.sleep(0.1)
+
+
+def _idle(driver: Any, url: str, seconds: float) -> dict[str, Any]:
+    """Processor of the whole browser before a table that nobody touches, with its hint and without.
+
+    Of a core, in percent; an empty page beside it.
+    """
+    driver.get(f'{url}/table')
+    _wait(driver, 'eol.counts.packets > 30 && eol.drawing.land')
+    found = {}
+    for name, script in (
+        ('table_hint_percent', 'eol.hands.heldAt = -Infinity'),
+        ('table_still_percent', 'eol.hands.heldAt = performance.now()'),
+        ('empty_page_percent', 'location = "about:blank"'),
+    ):
+        driver.execute_script(script)
+        time.sleep(2)
+        pids = _with_children(driver.service.process.pid)
+        before, begin_s = _used_s(pids), time.monotonic()
+        time.sleep(seconds)
+        span_s = time.monotonic() - begin_s
+        found[name] = round(100 * (_used_s(pids) - before) / span_s, 1)
+    return found
+
+
+def _with_children(pid: int) -> list[int]:
+    found = [pid]
+    for task in Path(f'/proc/{pid}/task').glob('*/children'):
+        found += [one for child in task.read_text().split() for one in _with_children(int(child))]
+    return found
+
+
+def _used_s(pids: list[int]) -> float:
+    fields = [Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split() for pid in pids]
+    return sum(int(one[11]) + int(one[12]) for one in fields) / TICK_HZ
 
 
 def _monitor(driver: Any, url: str, seconds: float) -> dict[str, Any]:

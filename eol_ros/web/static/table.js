@@ -187,7 +187,7 @@ function draw(now) {
   requestAnimationFrame(draw);
   const light = now - ledsAt < 1000 ? leds : DARK;
   drawing.pulls = hands.pulls;
-  if (!drawing.alive && !stirred(...drawn, state, light)) return;
+  if (!drawing.alive && !drawing.hintDue(now) && !stirred(...drawn, state, light)) return;
   drawing.draw(now, state, light);
   drawn = [state, light];
   counts.drawings++;

@@ -14,7 +14,8 @@ const WAVE_S = 1.1;
 const COIL_M = 0.0085; // half the height of a spring's picture
 const TAUT_M = 0.1; // of the line between a hand and what it holds
 const TINTS = 8; // shades of strain, each way
-const HINT_S = 3.2; // one gesture of the hand that shows what can be done
+const HINT_S = 3.2; // one gesture of the hand that shows what can be done, and as long a rest
+const HINT_MS = 60; // between its drawings, each of which is one of the whole table
 const HINT_M = 0.16;
 
 export class TableDrawing {
@@ -27,6 +28,8 @@ export class TableDrawing {
     this.joins = []; // {from, to, since}
     this.pulls = []; // {from: where a finger holds the rim, to: where it is}
     this.hint = false; // whether a hand shows what can be done
+    this.hinted = false; // it is in the last drawing
+    this.hintedAt = 0;
   }
 
   setLand(land) {
@@ -82,12 +85,25 @@ export class TableDrawing {
     if (!calm.matches) this.drawLight(state, leds);
     this.drawCascade(now, state);
     for (const pull of this.pulls) this.drawPull(pull);
-    if (this.hint && state.rim) this.drawHint(now, state.rim);
+    this.hinted = this.beckons(now) && Boolean(state.rim);
+    this.hintedAt = now;
+    if (this.hinted) this.drawHint(now, state.rim);
+  }
+
+  // Whether a hand is to be seen at `now`.
+  beckons(now) {
+    return this.hint && (calm.matches || Math.floor(now / 1000 / HINT_S) % 2 === 0);
+  }
+
+  // Whether the hand is to be drawn anew.
+  hintDue(now) {
+    if (this.beckons(now) !== this.hinted) return true;
+    return this.hinted && !calm.matches && now - this.hintedAt >= HINT_MS;
   }
 
   // Whether the next drawing would differ from the last: a table at rest costs nothing.
   get alive() {
-    return this.dirty || this.waves.length > 0 || this.joins.length > 0 || this.pulls.length > 0 || this.hint;
+    return this.dirty || this.waves.length > 0 || this.joins.length > 0 || this.pulls.length > 0;
   }
 
   drawRim([x, y, yaw]) {
@@ -111,7 +127,7 @@ export class TableDrawing {
   // them; where motion is unwelcome they stand still at the end of their way.
   drawHint(now, [x, y, yaw]) {
     const { brush } = this;
-    const turns = !calm.matches && Math.floor(now / 1000 / HINT_S) % 2 === 1;
+    const turns = !calm.matches && Math.floor(now / 2000 / HINT_S) % 2 === 1;
     const t = calm.matches ? 0.8 : ((now / 1000) % HINT_S) / HINT_S;
     const along = Math.min(Math.max((t - 0.2) / 0.5, 0), 1);
     const way = along * along * (3 - 2 * along);
