@@ -332,14 +332,16 @@ class Door:
     def words(self, asleep: bool) -> str:
         """Return it for people: `asleep until Tue 10:00`."""
         is_open, _, until = self.state
-        end = f' until {self._shown(until)}' if until else ''
+        end = self._shown(until) if until else ''
         if is_open and asleep:
-            return f'open{end}, put to sleep by hand'
+            return (
+                f'open until {end}, put to sleep by hand' if end else 'open, put to sleep by hand'
+            )
         if is_open:
-            return f'open{end}' if until else 'open, and no closing ahead'
+            return f'open until {end}' if end else 'open, and no closing ahead'
         if not asleep:
-            return f'closed{end}, woken by hand'
-        return f'asleep{end}' if until else 'asleep, and no opening ahead'
+            return f'closed until {end}, woken by hand' if end else 'closed, woken by hand'
+        return f'asleep until {end}' if end else 'asleep, and no opening ahead'
 
     def _shown(self, at: datetime.datetime) -> str:
         local = at.astimezone(self.hours.zone)

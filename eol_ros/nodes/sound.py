@@ -123,7 +123,7 @@ class SoundNode(EolNode):
     def on_test(self, asked: Asked) -> object:
         """Play noise from each loudspeaker in turn; say how loud it came out of the mixer."""
         if self.asleep or self.muted:
-            return f'no sound, it is {"asleep" if self.asleep else "muted"}'
+            return 'no sound, it is asleep' if self.asleep else 'no sound, it is muted'
         if self.testing:
             raise EolError('the test of before still sounds')
         start_s = (now_ns() - self.epoch_ns) * 1e-9 + self.latency_s + TEST_IN_S
@@ -147,7 +147,7 @@ class SoundNode(EolNode):
             text = f'{self.player.text}: nothing came from {", ".join(silent)}'
             self.requests.answer(asked, False, text)
         else:
-            self.requests.answer(asked, True, f'{self.player.text}: {test.words()}')
+            self.requests.answer(asked, True, f'{self.player.text}: measured {test.words()}')
 
     def restart(self) -> None:
         self.first = FirstSense()

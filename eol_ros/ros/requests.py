@@ -212,7 +212,9 @@ class Answers:
     @property
     def silent(self) -> str:
         """Return who has not answered, in words."""
-        return _do_not(sorted(self.expected - set(self.found)), 'answer')
+        nodes = sorted(self.expected - set(self.found))
+        names = ', '.join(nodes)
+        return f'{names} does not answer' if len(nodes) == 1 else f'{names} do not answer'
 
 
 class RequestClient:
@@ -261,14 +263,15 @@ def expected_of(kind: str, node: str, runs: Callable[[str], bool]) -> set[str]:
     asked = row.whom(node)
     heeding = {name for name in asked if runs(name)}
     if row.answered_by and not runs(row.answered_by):
-        raise DeviceMissing(_do_not([row.answered_by], 'run'))
+        raise DeviceMissing(_do_not_run([row.answered_by]))
     if not heeding:
-        raise DeviceMissing(_do_not(asked if node else row.nodes, 'run'))
+        raise DeviceMissing(_do_not_run(asked if node else row.nodes))
     return {row.answered_by} if row.answered_by else heeding
 
 
-def _do_not(nodes: Sequence[str], verb: str) -> str:
-    return f'{", ".join(nodes)} {"does" if len(nodes) == 1 else "do"} not {verb}'
+def _do_not_run(nodes: Sequence[str]) -> str:
+    names = ', '.join(nodes)
+    return f'{names} does not run' if len(nodes) == 1 else f'{names} do not run'
 
 
 def visit_and_ask(asked: Asked, reach: str, namespace: str = NAMESPACE) -> Answers:

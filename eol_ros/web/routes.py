@@ -17,6 +17,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from eol_ros.errors import EolError, UsageError
 from eol_ros.streams.requests import KINDS, Asked
 from eol_ros.web import guard, metrics, screens
+from eol_ros.web.answers import recognised
 from eol_ros.web.controls import CONTROLS
 from eol_ros.web.hub import Hub
 from eol_ros.web.visitor import Visitor
@@ -224,7 +225,8 @@ class Routes:
             return _error(409, answers.silent)
         if answers.refusal:
             return _error(409, answers.refusal)
-        return web.json_response({'ok': True, 'text': answers.text})
+        text = answers.text
+        return web.json_response({'ok': True, 'text': text, 'said': recognised(text)})
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         if len(self.hub.viewers) >= self.settings.viewers:
@@ -303,7 +305,7 @@ class _File:
 
 
 def _error(status: int, why: str) -> web.Response:
-    return web.json_response({'error': why}, status=status)
+    return web.json_response({'error': why, 'said': recognised(why)}, status=status)
 
 
 def describe() -> str:

@@ -186,7 +186,7 @@ def test_a_test_sounds_from_each_channel_and_says_how_loud(graph, tmp_path):
     refused, heard = probe.results
     assert not refused.accepted and refused.reason == 'the test of before still sounds'
     assert heard.accepted, heard.reason
-    assert heard.reason.startswith('writing') and 'out.wav: left -' in heard.reason
+    assert heard.reason.startswith('writing') and 'out.wav: measured left -' in heard.reason
     probe.ask('mute')
     probe.ask('test')
     assert turn(lambda: len(probe.results) == 4)

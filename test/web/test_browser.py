@@ -107,27 +107,48 @@ def test_pages_fill_every_screen(graph, browser, path, width):
 
 
 @pytest.mark.parametrize(
-    ('control', 'outcome'),
-    [('calibrate', r'calibrated by the blocks: 0\.\d+ px'),
-     ('learn_background', r'background learnt: lamps light \d+\.\d % of it')],
+    ('control', 'outcome', 'chinese'),
+    [('calibrate', r'calibrated by the blocks: 0\.\d+ px', r'已依方塊校準：剩餘誤差 0\.\d+ px'),
+     ('learn_background', r'background learnt: lamps light \d+\.\d % of it',
+      r'已學習背景：燈光佔 \d+\.\d %')],
 )  # fmt: skip
 def test_what_came_of_a_request_stands_beside_the_buttons_in_both_languages(
-    graph, browser, control, outcome
+    graph, browser, control, outcome, chinese
 ):
     """From the button through panel, tracker and light, and back; nobody has pushed a block yet."""
     address, _ = graph
     visit(browser, address, '/')
     until_page(browser, 'document.querySelector("[data-node=tracker]")')
-    for name in ('zh-Hant', 'en'):
-        browser.find_element('css selector', f'[data-language={name}]').click()
-        until_page(browser, f'document.documentElement.lang === "{name}"')
-        button = f'document.querySelector("[data-control={control}]")'
-        run(browser, f'{button}.focus()')
-        words = run(browser, f'return {button}.textContent') + ': '
-        press(browser, 'Enter')
-        text = 'document.getElementById("answer").textContent'
-        until_page(browser, f'/{words}{outcome}/.test({text})', 60)
+    button = f'document.querySelector("[data-control={control}]")'
+    text = 'document.getElementById("answer").textContent'
+    speak(browser, 'zh-Hant')
+    run(browser, f'{button}.focus()')
+    press(browser, 'Enter')
+    words = f'return {button}.textContent'
+    until_page(browser, f'/{run(browser, words)}: {chinese}/.test({text})', 60)
+    speak(browser, 'en')  # what came of it stays, in the other language
+    until_page(browser, f'/{run(browser, words)}: {outcome}/.test({text})')
     assert complaints(browser) == []
+
+
+def speak(browser, language):
+    browser.find_element('css selector', f'[data-language={language}]').click()
+    until_page(browser, f'document.documentElement.lang === "{language}"')
+
+
+def test_a_refusal_stands_in_the_language_of_the_page(graph, browser):
+    address, _ = graph
+    visit(browser, address, '/')
+    until_page(browser, 'document.querySelector("[data-node=sound]")')
+    for name, refusal in (
+        ('zh-Hant', 'sound：聲粒 999：語料庫只有聲粒 0 至 479'),
+        ('en', 'sound: grain 999: the corpus has grains 0 to 479'),
+    ):
+        speak(browser, name)
+        run(browser, 'eol.space.act("play", {grain: 999})')
+        text = 'document.getElementById("answer").textContent'
+        until_page(browser, f'{text}.endsWith({json.dumps(refusal)})')
+    assert all('409' in line for line in complaints(browser))
 
 
 def test_the_page_says_when_nobody_plays_and_the_panel_switches_it(graph, browser):

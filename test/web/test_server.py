@@ -152,7 +152,7 @@ def test_each_control_reaches_the_graph(serve):
     }
     for name in CONTROLS:
         status, _, text = ask(server, f'/control/{name}', json.dumps(bodies.get(name, {})))
-        assert (status, json.loads(text)) == (200, {'ok': True, 'text': ''}), name
+        assert (status, json.loads(text)) == (200, {'ok': True, 'text': '', 'said': []}), name
     calls = server.bridge.calls
     people = 'panel 127.0.0.1'
     for name in ('sleep', 'wake', 'mute', 'unmute', 'test', 'calibrate', 'learn_background'):
@@ -173,7 +173,11 @@ def test_the_answer_is_that_of_the_nodes(serve):
     server.bridge.answer = False, 'grain 7: the corpus has grains 0 to 3'
     status, _, text = ask(server, '/control/play', '{"grain": 7}')
     assert status == 409
-    assert json.loads(text) == {'error': 'sound: grain 7: the corpus has grains 0 to 3'}
+    why = [['no_grain', {'grain': '7', 'last': '3'}]]
+    assert json.loads(text) == {
+        'error': 'sound: grain 7: the corpus has grains 0 to 3',
+        'said': [['of_node', {'node': 'sound', 'why': why}]],
+    }
     server.bridge.answer = True, 'background learnt'
     status, _, text = ask(server, '/control/learn_background', '{}')
     assert (status, json.loads(text)['text']) == (200, 'background learnt')
@@ -184,7 +188,8 @@ def test_a_node_that_does_not_answer_is_named(serve, monkeypatch):
     server.bridge.answer = None
     monkeypatch.setitem(KINDS, 'mute', dataclasses.replace(KINDS['mute'], within_s=0.05))
     status, _, text = ask(server, '/control/mute', '{}')
-    assert (status, json.loads(text)) == (409, {'error': 'sound does not answer'})
+    said = [['does_not_answer', {'names': 'sound'}]]
+    assert (status, json.loads(text)) == (409, {'error': 'sound does not answer', 'said': said})
     assert server.bridge.calls[-1] == ('give up', 'mute')
 
 

@@ -87,13 +87,13 @@ class TrackerFiles:
                 from eol_ros.devices.files import background_file
 
                 background_file.save(self.settings.background, tracker.finder.background)
-                return f', kept in {self.settings.background}'
+                return f'; kept in {self.settings.background}'
             if not self.settings.calibration or tracker.calibration is None:
-                return ', until the next start'
+                return '; until the next start'
             from eol_ros.devices.files import calibration_file
 
             path = Path(self.settings.calibration).with_suffix('.new.yaml')
             calibration_file.save(path, tracker.calibration)
-            return f', kept in {path}'
+            return f'; kept in {path}'
         except EolError as error:
-            return f', but not kept: {error}'
+            return f'; but not kept: {error}'

@@ -33,11 +33,16 @@ export function say(key, places = {}) {
   return text.replace(/\{(\w+)\}/g, (_, name) => places[name] ?? '');
 }
 
-// What a node says of itself: each clause in the reader's language where it has a code that the words
-// know, else as it came.
+// What a node says of itself, or answers: each clause in the reader's language where it has a code that
+// the words know, else as it came. Places may hold clauses themselves.
 export function sentence({ text, said }) {
   if (!said) return text;
-  return said.map((part) => (Array.isArray(part) && `said_${part[0]}` in words ? say(`said_${part[0]}`, part[1]) : part)).join('; ');
+  const clause = (part) => {
+    if (!Array.isArray(part) || !(`said_${part[0]}` in words)) return part;
+    const places = Object.entries(part[1]).map(([name, value]) => [name, Array.isArray(value) ? sentence({ said: value }) : value]);
+    return say(`said_${part[0]}`, Object.fromEntries(places));
+  };
+  return said.map(clause).join('; ');
 }
 
 // A button for each language; `then` is called when another one is spoken.

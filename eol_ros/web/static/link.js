@@ -142,7 +142,7 @@ export class Link extends EventTarget {
       });
       return { status: answer.status, ...(await answer.json()) };
     } catch {
-      return { status: 0, error: 'no connection' };
+      return { status: 0, error: say('no_connection') };
     }
   }
 

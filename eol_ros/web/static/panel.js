@@ -4,7 +4,7 @@
 import { Listener } from './audio.js';
 import { CameraView } from './camera.js';
 import { CascadeView } from './cascades.js';
-import { addLanguages, language, say, speak } from './i18n.js';
+import { addLanguages, language, say, sentence, speak } from './i18n.js';
 import { Link, readBlocks } from './link.js';
 import { CoordinateList, LightField, NodeList } from './lists.js';
 import { write } from './paint.js';
@@ -144,7 +144,7 @@ function sayState(stale) {
   press('mute', 'unmute', muted);
   press('plays_itself', 'people_only', hands ? hands === 'visitors' : null);
   $('hours').classList.toggle('old', nodes.age('hours') > SILENT_S);
-  if (performance.now() - answered > ANSWER_MS) write($('answer'), '');
+  if (performance.now() - answered > ANSWER_MS) forget();
 }
 link.on('limits', ({ radius, network }) => {
   [least, most] = radius;
@@ -168,19 +168,28 @@ function lock(locked) {
   for (const element of document.querySelectorAll('[data-control], #radius, #keep-threshold')) element.disabled = locked;
 }
 
+function forget() {
+  sayAnswer = () => {};
+  write($('answer'), '');
+}
 // What is shown is the answer to the newest request; until it comes, that it was asked.
 let asked = 0;
 let answered = 0; // when, performance.now()
+let sayAnswer = () => {}; // again, in another language
 async function act(name, body = {}) {
   const mine = ++asked;
-  $('answer').className = 'legend';
-  $('answer').textContent = `${say(name)}: ${say('asked')}`;
+  const show = (words, kind) => {
+    sayAnswer = () => write($('answer'), `${say(name)}: ${words()}`);
+    sayAnswer();
+    $('answer').className = kind;
+  };
+  show(() => say('asked'), 'legend');
   answered = Infinity; // not yet
   const answer = await link.control(name, body);
-  if (mine === asked) answered = performance.now();
   if (mine === asked) {
-    $('answer').className = answer.error ? 'legend bad' : 'legend';
-    $('answer').textContent = `${say(name)}: ${answer.error ?? (answer.text || say('done'))}`;
+    answered = performance.now();
+    const { error, text, said } = answer;
+    show(() => sentence({ text: error ?? text, said }) || say('done'), error ? 'legend bad' : 'legend');
   }
   if (answer.error && (name === 'move' || name === 'axes')) link.emit('corpus'); // show what really is
   return answer;
@@ -192,6 +201,7 @@ $('radius').onchange = () => act('radius', { value: Number(sliderReach().toPreci
 $('keep-threshold').onclick = () => act('threshold', { value: camera.level });
 $('pin-form').onsubmit = async (event) => {
   event.preventDefault();
+  forget();
   $('answer').textContent = await link.enter($('pin').value);
   $('answer').className = link.pin ? 'legend' : 'legend bad';
   answered = performance.now();
@@ -200,6 +210,7 @@ $('pin-form').onsubmit = async (event) => {
 $('listen').onclick = async () => {
   if (listener.on) await listener.stop();
   else if (listener.hindrance) {
+    forget();
     $('answer').textContent = say(listener.hindrance);
     $('answer').className = 'legend bad';
     answered = performance.now();
@@ -214,6 +225,7 @@ function retell() {
   sayState(false);
   nameCorpus();
   if (hours) sayHours(hours);
+  sayAnswer();
 }
 
 addEventListener('keydown', (event) => {

@@ -2,7 +2,7 @@
 // How the picture lies on this wall: its corners dragged to those of the projection, its edges soft
 // where another projector's picture overlaps. The server keeps it for each screen.
 
-import { say } from './i18n.js';
+import { say, sentence } from './i18n.js';
 
 const WHOLE = { corners: [[0, 0], [1, 0], [1, 1], [0, 1]], edges: [0, 0, 0, 0] };
 const STEP_PX = 1; // of an arrow key; with Shift ten times as far
@@ -55,7 +55,7 @@ export class Pin {
     const headers = { 'Content-Type': 'application/json', 'X-Pin': pin };
     try {
       const answer = await fetch(`/screen/${this.name}`, { method: 'POST', headers, body: JSON.stringify(this.place) });
-      this.words.textContent = answer.ok ? say('done') : answer.status === 401 ? say('pin_wrong') : (await answer.json()).error;
+      this.words.textContent = answer.ok ? say('done') : answer.status === 401 ? say('pin_wrong') : sentence(await answer.json());
     } catch {
       this.words.textContent = say('no_connection');
     }

@@ -95,7 +95,7 @@ export class TableDrawing {
     return this.hint && (calm.matches || Math.floor(now / 1000 / HINT_S) % 2 === 0);
   }
 
-  // Whether the hand is to be drawn anew.
+  // Whether the hand is to be drawn again.
   hintDue(now) {
     if (this.beckons(now) !== this.hinted) return true;
     return this.hinted && !calm.matches && now - this.hintedAt >= HINT_MS;
