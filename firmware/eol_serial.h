@@ -27,14 +27,15 @@ enum {
 
 enum {
     EOL_HELLO = 0x01, EOL_LEVELS = 0x02, EOL_FLASH = 0x03, EOL_INFRARED = 0x04, EOL_PING = 0x05,
-    EOL_LIGHTING = 0x06, EOL_DETECTOR = 0x07, EOL_LIGHT = 0x08,
+    EOL_LIGHTING = 0x06, EOL_DETECTOR = 0x07, EOL_LIGHT = 0x08, EOL_SELF_TEST = 0x09,
     EOL_WELCOME = 0x81, EOL_PONG = 0x85, EOL_TAP = 0x86, EOL_REFUSED = 0x87,
-    EOL_KNOCKED = 0x88, EOL_BLOCK_STATUS = 0x89
+    EOL_KNOCKED = 0x88, EOL_BLOCK_STATUS = 0x89, EOL_SELF_TESTED = 0x8A
 };
 
 enum { EOL_BRIDGE = 255, EOL_NOT_LIT = 0xFFFF };
 enum { EOL_BY_ITSELF = 1, EOL_LIMITED = 2 };             /* flags of EOL_LIGHTING */
 enum { EOL_WOKE = 1 };                                   /* of EOL_KNOCKED */
+enum { EOL_ANSWERS = 1 };                                /* of EOL_SELF_TESTED */
 enum { EOL_LINKED = 1, EOL_SENSOR_DEAD = 2, EOL_ASLEEP = 4 }; /* of EOL_BLOCK_STATUS */
 
 typedef struct {

@@ -16,10 +16,11 @@ enum {
 };
 
 enum { /* first byte of a frame */
-    EOL_FRAME_WORD = 0x57,    /* bridge to all: flags, peak, decay_ms u16, infrared u32, light u32, count */
+    EOL_FRAME_WORD = 0x57,    /* bridge to all: flags, peak, decay_ms u16, infrared u32, light u32, count, test */
     EOL_FRAME_FEELS = 0x46,   /* bridge to all: the body of EOL_DETECTOR */
     EOL_FRAME_KNOCK = 0x4B,   /* block: block, flags, age_us u16, strength u16, lit_us u16, number */
-    EOL_FRAME_STATUS = 0x53   /* block: the body of EOL_BLOCK_STATUS */
+    EOL_FRAME_STATUS = 0x53,  /* block: the body of EOL_BLOCK_STATUS */
+    EOL_FRAME_TESTED = 0x54   /* block: the body of EOL_SELF_TESTED */
 };
 
 /* Where the radio is at the end of a serial line, a frame is the body of a packet of this kind. */

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from support.checkout import ROOT
@@ -14,6 +15,16 @@ sys.path.insert(0, str(ROOT / 'tools'))
 
 from kit import netlist
 from kit.netlist import NetlistError
+
+from eol_ros.core.geometry import (
+    BLOCK_MASS_KG,
+    COLS,
+    PLATFORM_SIDE_M,
+    RIM_SIDE_M,
+    rest_lattice,
+    spring_ends,
+)
+from eol_ros.settings import TwinSettings
 
 BLOCK = ROOT / 'firmware' / 'block'
 # What the ATmega328P has at fixed pins (data sheet 8271, 14.3); firmware/block/pins.h says so, too.
@@ -94,13 +105,20 @@ def test_the_accelerometer_has_the_address_that_is_asked(circuit):
 
 def ohms(circuit, ref):
     number, unit = circuit.parts[ref].name.split()
-    return float(number) * {'Ohm': 1, 'kOhm': 1e3}[unit]
+    return float(number) * {'Ohm': 1, 'kOhm': 1e3, 'MOhm': 1e6}[unit]
 
 
 def test_the_battery_is_read_by_the_divider_that_is_there(circuit):
     reads = re.search(r'millivolts = .*ADC \* (\d+) / 1024\)', (BLOCK / 'main.c').read_text())
     divider = (ohms(circuit, 'R4') + ohms(circuit, 'R5')) / ohms(circuit, 'R5')
     assert int(reads[1]) == pytest.approx(1100 * divider, rel=1e-3)  # mV; 1.1 V is its reference
+    for above, below, name in (('R10', 'R11', 'WHITE_SENSE'), ('R12', 'R13', 'INFRARED_SENSE')):
+        share = 1 + ohms(circuit, above) / ohms(circuit, below)
+        assert share == pytest.approx(divider, rel=0.02)  # as main.c has it: four times
+        assert circuit.net(above, '2') == circuit.net(below, '1') == name
+    assert 'ADC * 4400 / 1024' in (BLOCK / 'main.c').read_text().split('four_times(')[1]
+    assert circuit.net('R10', '1') == circuit.net('Q1', 'C')
+    assert circuit.net('R12', '1') == circuit.net('D1', 'A')
     ends = {circuit.net('R4', '1'), circuit.net('R4', '2'), circuit.net('R5', '2')}
     assert ends == {'BATT', 'BATTERY', 'GND'}
     assert circuit.nets['AREF'] == [('U1', 'AREF'), ('C3', '1')]  # never driven: it is 1.1 V
@@ -169,6 +187,108 @@ def test_the_schematic_shows_every_pin_at_its_net(circuit):
             )  # a name with two numbers is drawn twice
             own = sum(pin == name for ref, pin in pins if len(circuit.parts[ref].pins) > 2)
             assert texts.count(name) == plain + own, name
+
+
+@pytest.fixture(scope='module')
+def read():
+    """Read a drawing as somebody's CAD does."""
+    ezdxf = pytest.importorskip('ezdxf')
+    from kit import drawings
+
+    def one(name):
+        doc = ezdxf.readfile(ROOT / 'docs' / 'build' / f'{name}.dxf')
+        assert not doc.audit().has_errors
+        assert doc.units == ezdxf.units.MM
+        told = [d.get_measurement() for d in doc.modelspace().query('DIMENSION')]
+        assert told == pytest.approx(drawings.SHEETS[name]().measured())
+        svg = (ROOT / 'docs' / 'build' / f'{name}.svg').read_text()
+        for length in told:
+            assert f'>{length:.2f}'.rstrip('0').rstrip('.') in svg
+        return doc.modelspace(), told
+
+    return one
+
+
+def test_the_table_is_drawn_as_it_is_simulated(read):
+    space, told = read('table')
+    assert sorted(told) == pytest.approx([84, 90, 174, 960, 1400])
+    drawn = space.query('LWPOLYLINE[layer=="OUTLINE"]')
+    squares = [np.array(line.get_points('xy')) for line in drawn]
+    blocks = [s.mean(axis=0) for s in squares if np.ptp(s[:, 0]) == pytest.approx(84)]
+    assert np.array(blocks) == pytest.approx(1e3 * rest_lattice())
+    sides = {round(np.ptp(s[:, 0])) for s in squares}
+    assert 1e3 * PLATFORM_SIDE_M in sides
+    springs = [line.get_points('xy') for line in space.query('LWPOLYLINE[layer=="HIDDEN"]')]
+    lengths = [np.hypot(*np.subtract(*ends)) for ends in springs]
+    assert len(lengths) == 60 and lengths == pytest.approx([90] * 60)
+
+
+def test_springs_are_straight_between_the_pins_of_blocks_and_rim(read):
+    space, told = read('rim')
+    pins = np.array([c.dxf.center.vec2 for c in space.query('CIRCLE') if c.dxf.radius == 2])
+    assert len(pins) == 20
+    rest = np.column_stack([rest_lattice(), np.zeros(25)])
+    ends = 1e3 * spring_ends(rest, np.zeros(3))[40:, 1]
+    assert np.abs(pins - ends).sum(axis=1) == pytest.approx([2] * 20)  # as deep as in a block
+    assert np.abs(pins).max() == pytest.approx(1e3 * RIM_SIDE_M / 2 + 2)
+    assert 174 in [round(length, 6) for length in told]
+    _, told = read('section')
+    assert {90, 94} <= {round(length, 6) for length in told}
+
+
+def test_the_jig_holds_blocks_at_their_pitch(read):
+    space, _ = read('jig')
+    (comb,) = space.query('LWPOLYLINE[layer=="OUTLINE"]')
+    deep = sorted({x for x, y in comb.get_points('xy') if y == 35})
+    slots = np.array(deep).reshape(COLS, 2)
+    assert slots.mean(axis=1) == pytest.approx(1e3 * rest_lattice()[:COLS, 0])
+    assert np.diff(slots)[:, 0] == pytest.approx([84.4] * COLS)
+
+
+def test_body_and_spring_fit_what_they_are_for(read):
+    pytest.importorskip('ezdxf')
+    from kit import drawings
+
+    _, told = read('body')
+    assert {84, 80, 34, 17, 79.6} <= {round(length, 6) for length in told}
+    _, told = read('spring')
+    assert told == pytest.approx([64, 94])  # natural length and gap of the model, and two pins
+    # k of a helical spring from its wire, and what is left of its length for the hooks
+    k = 81.5e9 * 0.6e-3**4 / (8 * 6e-3**3 * round(drawings.spring_coils()))
+    assert k == pytest.approx(TwinSettings().stiffness, rel=0.01)
+    assert drawings.spring_coils() * drawings.WIRE + 2 * drawings.COIL <= 65
+    assert drawings.coil_stress(30 + 90) < 0.45 * 2060  # shear strength of music wire of 0.6 mm
+
+
+def test_the_pictures_show_all_blocks_and_the_rim():
+    pytest.importorskip('ezdxf')
+    from kit import steps
+
+    text = steps.together()
+    strokes = re.findall(r'<polyline points="([^"]+)"', text)
+    assert len(strokes) == 60  # springs
+    numbers = [[float(n) for n in p.split(',')] for line in re.findall(r'points="([^"]+)"', text)
+               for p in line.split()]  # fmt: skip
+    assert np.min(numbers) >= 0
+    assert (np.max(numbers, axis=0) <= [steps.WIDTH, steps.HEIGHT_PX]).all()
+
+
+def test_it_stays_small():
+    files = list((ROOT / 'docs' / 'build').iterdir())
+    assert sum(file.stat().st_size for file in files) < 2_000_000
+
+
+def test_a_block_weighs_what_the_model_says(circuit):
+    pytest.importorskip('ezdxf')
+    from kit import drawings
+
+    rows = drawings.masses(circuit)
+    assert sum(grams for _, grams in rows) == pytest.approx(1e3 * BLOCK_MASS_KG)
+    plate = rows[-1][1]
+    assert 20 < plate < 200
+    thick = plate / drawings.STEEL / drawings.BALLAST_SIDE**2
+    inside = drawings.HEIGHT - drawings.FLOOR - drawings.COVER.lip_mm
+    assert thick + 7 + 1.6 + 12 < inside  # plate, cell, board, and what stands on it
 
 
 def test_what_is_made_is_up_to_date():

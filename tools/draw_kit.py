@@ -8,7 +8,7 @@ python tools/draw_kit.py --check    exit 1 when they are not up to date
 import sys
 from pathlib import Path
 
-from kit import netlist, schematic
+from kit import drawings, netlist, schematic, steps
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / 'docs' / 'build'
@@ -32,8 +32,20 @@ def made() -> dict[str, str]:
         'materials': netlist.materials(circuit, BLOCKS),
         'wiring': netlist.wiring(circuit),
         'fuses': netlist.fuses(circuit),
+        'masses': drawings.mass_table(circuit),
     }
-    return {'README.md': page('README.md', tables), 'block.svg': schematic.draw(circuit)}
+    files = {'README.md': page('README.md', tables), 'circuit.svg': schematic.draw(circuit)}
+    for name, draw in drawings.SHEETS.items():
+        sheet = draw()
+        files[f'{name}.svg'], files[f'{name}.dxf'] = sheet.svg(), sheet.dxf()
+    return files | {f'{name}.svg': draw() for name, draw in steps.STEPS.items()}
+
+
+def same(name: str, was: str, now: str) -> bool:
+    """Tell whether two files are alike; ezdxf writes some sections in no fixed order."""
+    if name.endswith('.dxf'):
+        return sorted(was.splitlines()) == sorted(now.splitlines())
+    return was == now
 
 
 def main() -> int:
@@ -41,7 +53,7 @@ def main() -> int:
     stale = 0
     for name, text in made().items():
         path = FOLDER / name
-        if path.exists() and path.read_text() == text:
+        if path.exists() and same(name, path.read_text(), text):
             continue
         stale += 1
         if '--check' in sys.argv:

@@ -9,7 +9,8 @@ kind, sequence and body. All integers are little-endian. docs/serial.md says the
 
 Version 1 has boards whose white LEDs the host drives, level by level (Levels, Flash, Tap). In
 version 2 blocks flash by themselves, and the bridge between them and the host keeps the limit of
-flashes (Lighting, Detector, Light, Knock, BlockStatus). The other messages are in both.
+flashes (Lighting, Detector, Light, SelfTest, Knock, BlockStatus, SelfTested). The other messages
+are in both.
 """
 
 import binascii
@@ -30,7 +31,9 @@ BRIDGE = 255  # as the block of a BlockStatus
 BY_ITSELF, LIMITED = 1, 2  # flags of Lighting
 WOKE = 1  # flag of Knock
 LINKED, SENSOR_DEAD, ASLEEP = 1, 2, 4  # flags of BlockStatus
+ANSWERS = 1  # flag of SelfTested
 NOT_LIT = 0xFFFF  # as Knock.lit_us
+FIRMWARE = (2, 1)  # of firmware/: major and minor; from 2.1 on blocks test themselves
 
 _HEAD = struct.Struct('<BB')
 _CRC = struct.Struct('<H')
@@ -139,6 +142,15 @@ class Light:
 
 
 @dataclass(frozen=True)
+class SelfTest:
+    """Host to bridge: let `block` test its LEDs and accelerometer; SelfTested answers."""
+
+    KIND: ClassVar[int] = 0x09
+    BODY: ClassVar[struct.Struct] = struct.Struct('<B')
+    block: int
+
+
+@dataclass(frozen=True)
 class Welcome:
     """Board to host, answer to Hello: what it is. `name` is ASCII, filled up with zeros."""
 
@@ -207,6 +219,27 @@ class BlockStatus:
 
 
 @dataclass(frozen=True)
+class SelfTested:
+    """Bridge to host, answer to SelfTest: what `block` has measured.
+
+    `flags`: ANSWERS, its accelerometer says what it is. `x_mg`, `y_mg`, `z_mg`: by how much they
+    change while its own force pulls. `white_off_mv`, `white_on_mv`: behind the white LED, dark and
+    lit. `infrared_mv`: over the infrared LED, lit. `devices.board.self_test` judges.
+    """
+
+    KIND: ClassVar[int] = 0x8A
+    BODY: ClassVar[struct.Struct] = struct.Struct('<BB3h3H')
+    block: int
+    flags: int
+    x_mg: int
+    y_mg: int
+    z_mg: int
+    white_off_mv: int
+    white_on_mv: int
+    infrared_mv: int
+
+
+@dataclass(frozen=True)
 class Refused:
     """Board to host: it cannot speak `host_version`; it stays dark. It speaks `version`."""
 
@@ -217,7 +250,7 @@ class Refused:
 
 
 _V1 = Hello | Levels | Flash | Infrared | Ping | Welcome | Pong | Tap | Refused
-Message = _V1 | Lighting | Detector | Light | Knock | BlockStatus
+Message = _V1 | Lighting | Detector | Light | SelfTest | Knock | BlockStatus | SelfTested
 MESSAGES: dict[int, Any] = {m.KIND: m for m in get_args(Message)}
 
 

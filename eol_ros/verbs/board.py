@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""eol board: how the blocks are, and which block is which. The leds node must not have the port."""
+"""eol board: how the blocks are, which is which, whether their parts work, and their firmware.
+
+The leds node must not have the port.
+"""
 
 import dataclasses
 import json
@@ -8,15 +11,21 @@ import time
 
 from eol_ros.errors import DeviceMissing, UsageError
 
-HELP = 'List the blocks with battery, temperature and firmware; find them by blinks and knocks.'
+HELP = 'List the blocks with battery and firmware; find them, let them test themselves, write them.'
 EXAMPLES = [
     'eol board',
     'eol board --port /dev/serial/by-id/usb-bridge --json',
     'eol board --blink 7',
     'eol board --knocks --seconds 120',
+    'eol board --self-test',
+    'eol board --self-test 7',
+    'eol board --flash 7 --new                # a chip from the factory becomes block 7',
+    'eol board --flash 7 --programmer arduino --programmer-port /dev/ttyUSB0',
 ]
 TOLD_S = 5.0  # at most, until all statuses are there
 BLINK_S = 0.5  # from flash to flash
+TESTED_S = 10.0  # a block that sleeps looks for words every 4 s
+TESTS_FROM = (2, 1)  # firmware
 
 
 def add_arguments(parser):
@@ -29,6 +38,26 @@ def add_arguments(parser):
         '--knocks', action='store_true',
         help='print what blocks feel: knock on each, to see which it is and that it works',
     )  # fmt: skip
+    parser.add_argument(
+        '--self-test',
+        nargs='?',
+        const='all',
+        metavar='BLOCK',
+        help='let one, or all, measure their LEDs and their accelerometer',
+    )
+    parser.add_argument(
+        '--flash',
+        type=int,
+        metavar='BLOCK',
+        help='write firmware and number into the block at the programmer, with avrdude',
+    )
+    parser.add_argument('--new', action='store_true', help='write the fuses of the chip before')
+    parser.add_argument('--program', metavar='HEX', help='default: firmware/build/block.hex')
+    parser.add_argument('--programmer', default='usbasp', help="as avrdude's -c (default: usbasp)")
+    parser.add_argument('--programmer-port', default='', metavar='PORT', help="as avrdude's -P")
+    parser.add_argument(
+        '--dry-run', action='store_true', help='of --flash: print what would be run'
+    )
     parser.add_argument(
         '--seconds', type=float, help='of blinks (default: 5) or knocks (default: 60)'
     )
@@ -44,8 +73,12 @@ def run(args) -> int:
 
     if args.blink is not None and not 0 <= args.blink < N_BLOCKS:
         raise UsageError(f'--blink {args.blink}: blocks are 0 to {N_BLOCKS - 1}')
-    if args.blink is not None and args.knocks:
-        raise UsageError('give --blink or --knocks, not both')
+    ways = [args.blink is not None, args.knocks, args.self_test is not None, args.flash is not None]
+    if sum(ways) > 1:
+        raise UsageError('give one of --blink, --knocks, --self-test and --flash, not both')
+    if args.flash is not None:
+        return _flash(args)
+    tested = _tested(args.self_test)
     seconds = args.seconds if args.seconds is not None else 60.0 if args.knocks else 5.0
     if not 0 < seconds <= 3600:
         raise UsageError(f'--seconds {seconds:g}: give 0 to 3600')
@@ -70,6 +103,8 @@ def run(args) -> int:
         while len(board.blocks) <= N_BLOCKS and board.version > 1 and time.monotonic() < end:
             time.sleep(0.01)
         blocks = dict(sorted(board.blocks.items()))
+        if tested:
+            return _self_test(board, blocks, tested, args.json)
     finally:
         board.close()
     wrong = faults(blocks)
@@ -81,7 +116,92 @@ def run(args) -> int:
             print(_line(block))
     for sentence in wrong:
         print(sentence, file=sys.stderr)
+    _say_old(blocks)
     return 1 if wrong else 0
+
+
+def _say_old(blocks) -> None:
+    from eol_ros.core.serial_protocol import BRIDGE, FIRMWARE, LINKED
+
+    old = [
+        'the bridge' if block.block == BRIDGE else f'block {block.block}'
+        for block in blocks.values()
+        if block.flags & LINKED and (block.major, block.minor) < FIRMWARE
+    ]
+    if old:
+        newest = '.'.join(map(str, FIRMWARE))
+        print(f'firmware {newest} is newer than that of {", ".join(old)}', file=sys.stderr)
+
+
+def _flash(args) -> int:
+    import shlex
+    from pathlib import Path
+
+    from eol_ros.core.geometry import N_BLOCKS
+    from eol_ros.core.serial_protocol import FIRMWARE
+    from eol_ros.devices.board.programmer import PROGRAM, commands, flash
+
+    if not 0 <= args.flash < N_BLOCKS:
+        raise UsageError(f'--flash {args.flash}: blocks are 0 to {N_BLOCKS - 1}')
+    program = Path(args.program) if args.program else PROGRAM
+    words = (args.flash, program, args.programmer, args.programmer_port, args.new)
+    if args.dry_run:
+        for command in commands(*words):
+            print(shlex.join(command))
+        return 0
+    flash(*words)
+    version = '' if args.program else f' {".".join(map(str, FIRMWARE))}'
+    print(f'block {args.flash} has its firmware{version}; `eol board --self-test {args.flash}`')
+    return 0
+
+
+def _tested(words: str | None) -> list[int]:
+    from eol_ros.core.geometry import N_BLOCKS
+
+    if words is None:
+        return []
+    if words == 'all':
+        return list(range(N_BLOCKS))
+    if not words.isdecimal() or int(words) >= N_BLOCKS:
+        raise UsageError(f'--self-test {words}: blocks are 0 to {N_BLOCKS - 1}')
+    return [int(words)]
+
+
+def _self_test(board, blocks, tested: list[int], as_json: bool) -> int:
+    from eol_ros.core.serial_protocol import LINKED
+    from eol_ros.devices.board.self_test import faults
+
+    failed = False
+    for number in tested:
+        status, found, wrong = blocks.get(number), None, []
+        if status is None or not status.flags & LINKED:
+            wrong = ['it is not heard: look at its battery, and at the radio']
+        elif (status.major, status.minor) < TESTS_FROM:
+            wrong = [
+                f'its firmware {status.major}.{status.minor} cannot test itself: '
+                f'eol board --flash {number}'
+            ]
+        else:
+            board.self_test(number)
+            end = time.monotonic() + TESTED_S
+            while (found := board.tests.get(number)) is None and time.monotonic() < end:
+                time.sleep(0.01)
+            wrong = faults(found) if found else [f'no answer within {TESTED_S:g} s']
+        failed |= bool(wrong)
+        if as_json:
+            row = {'block': number, **(dataclasses.asdict(found) if found else {}), 'faults': wrong}
+            print(json.dumps(row), flush=True)
+        else:
+            print(f'block {number:2}  {"; ".join(wrong) or _measured(found)}', flush=True)
+    return 1 if failed else 0
+
+
+def _measured(test) -> str:
+    pulled = ', '.join(f'{abs(v)}' for v in (test.x_mg, test.y_mg, test.z_mg))
+    return (
+        f'accelerometer {pulled} mg, white {test.white_off_mv / 1000:.2f} and '
+        f'{test.white_on_mv / 1000:.2f} V, infrared {test.infrared_mv / 1000:.2f} V: all well'
+    )
 
 
 def _line(block) -> str:

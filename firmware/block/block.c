@@ -15,6 +15,7 @@ void eol_block_begin(eol_block *b, uint8_t number)
     b->decay_ms = 350;
     b->silent_ms = EOL_BLOCK_ALONE_MS;
     b->due = 1;
+    b->test_ms = EOL_BLOCK_TEST_MS;
     eol_knock_begin(&b->knock, &EOL_KNOCK_DEFAULTS);
     eol_light_begin(&b->light, b->by_itself, b->peak, b->decay_ms);
 }
@@ -83,6 +84,7 @@ static void take_word(eol_block *b, const uint8_t *frame)
     b->light_count = count;
     b->words = 1;
     b->silent_ms = 0;
+    if (own && frame[14] == b->number + 1 && !b->test_tries && b->test_ms >= EOL_BLOCK_TEST_MS) b->testing = 1;
 }
 
 static void take_detector(eol_knock_config *to, const uint8_t *body)
@@ -116,8 +118,18 @@ uint8_t eol_block_says(eol_block *b, uint32_t now_us, uint8_t *frame)
         frame[9] = b->knocks;
         return 1;
     }
-    if (!b->due) return 0;
     memset(frame, 0, EOL_FRAME);
+    if (b->test_tries) {
+        frame[0] = EOL_FRAME_TESTED;
+        frame[1] = b->number;
+        frame[2] = b->test.answers;
+        for (uint8_t k = 0; k < 3; k++) eol_link_put16(frame + 3 + 2 * k, (uint16_t)b->test.change_mg[k]);
+        eol_link_put16(frame + 9, b->test.white_off_mv);
+        eol_link_put16(frame + 11, b->test.white_on_mv);
+        eol_link_put16(frame + 13, b->test.infrared_mv);
+        return 1;
+    }
+    if (!b->due) return 0;
     frame[0] = EOL_FRAME_STATUS;
     frame[1] = b->number;
     eol_link_put16(frame + 2, b->millivolts);
@@ -132,12 +144,24 @@ void eol_block_told(eol_block *b, uint8_t heard)
 {
     if (b->tries) {
         b->tries = heard ? 0 : (uint8_t)(b->tries - 1);
+    } else if (b->test_tries) {
+        b->test_tries = heard ? 0 : (uint8_t)(b->test_tries - 1);
     } else {
         b->due = 0; /* the next one comes anyway */
         b->status_ms = 0;
     }
     /* two blocks that spoke at once must not do so again: each waits its own way */
     if (!heard) b->pause_ms = (uint8_t)(1 + (b->number * 5 + b->tries * 3 + (uint8_t)b->lit_us) % 4);
+}
+
+void eol_block_tested(eol_block *b, const eol_test *test)
+{
+    b->test = *test;
+    b->testing = 0;
+    b->test_ms = 0;
+    b->test_tries = EOL_BLOCK_TRIES;
+    b->pause_ms = 0;
+    eol_knock_wake(&b->knock); /* what the sensor has felt since was its own */
 }
 
 uint8_t eol_block_level(const eol_block *b)
@@ -149,6 +173,7 @@ void eol_block_tick(eol_block *b)
 {
     eol_light_tick(&b->light);
     if (b->pause_ms) b->pause_ms--;
+    if (b->test_ms < EOL_BLOCK_TEST_MS) b->test_ms++;
     if (b->silent_ms < EOL_BLOCK_ALONE_MS) b->silent_ms++;
     if (++b->status_ms >= EOL_BLOCK_STATUS_MS) {
         b->status_ms = 0;
@@ -159,7 +184,7 @@ void eol_block_tick(eol_block *b)
 uint8_t eol_block_may_sleep(const eol_block *b)
 {
     return b->knock.state == EOL_KNOCK_RESTS && b->knock.rested >= b->knock.config.idle && !b->light.level &&
-           !b->tries && !b->due;
+           !b->tries && !b->due && !b->testing && !b->test_tries;
 }
 
 void eol_block_sleeps(eol_block *b, uint8_t sleeps)

@@ -20,14 +20,24 @@ extern "C" {
 
 enum {
     EOL_BLOCK_MAJOR = 2,
-    EOL_BLOCK_MINOR = 0,
+    EOL_BLOCK_MINOR = 1,
     EOL_BLOCK_NUMBERS = 25,
     EOL_BLOCK_TRIES = 12,          /* of one knock, until somebody has heard it */
     EOL_BLOCK_STATUS_MS = 1000,    /* from status to status; the bridge misses a block after three */
     EOL_BLOCK_PERIOD_US = 744,     /* from sample to sample: 1344 Hz */
     EOL_BLOCK_WAKE_LATE_US = 5000, /* half of the time between two looks of a sensor that sleeps */
-    EOL_BLOCK_ALONE_MS = 250       /* without a word of the bridge */
+    EOL_BLOCK_ALONE_MS = 250,      /* without a word of the bridge */
+    EOL_BLOCK_TEST_MS = 1000       /* from self-test to self-test: the order stays in the words for a while */
 };
+
+/* What a self-test has measured; the host judges. */
+typedef struct {
+    uint8_t answers;       /* 1: the accelerometer says what it is */
+    int16_t change_mg[3];  /* of x, y, z while its own force pulls */
+    uint16_t white_off_mv; /* behind the white LED, dark and lit: the battery less what the LED keeps, and nothing */
+    uint16_t white_on_mv;
+    uint16_t infrared_mv;  /* over the infrared LED, lit */
+} eol_test;
 
 typedef struct {
     eol_knock knock;
@@ -44,6 +54,10 @@ typedef struct {
     uint8_t pause_ms;    /* until the next try */
     uint8_t knocks;      /* so far, modulo 256 */
     uint8_t due;         /* 1: a status is to be told */
+    uint8_t testing;     /* 1: it is to test itself, and then to call eol_block_tested */
+    uint8_t test_tries;  /* left of what that brought */
+    uint16_t test_ms;    /* since the last one */
+    eol_test test;
     uint8_t was_dead, absent; /* the sensor: repeats one value when last looked at; is not there */
     uint8_t flags;
     uint16_t status_ms, silent_ms;
@@ -71,6 +85,9 @@ uint8_t eol_block_says(eol_block *block, uint32_t now_us, uint8_t *frame);
 
 /* The frame was heard, or not. */
 void eol_block_told(eol_block *block, uint8_t heard);
+
+/* It has tested itself, for `testing`. */
+void eol_block_tested(eol_block *block, const eol_test *test);
 
 /* The level 0..255 now. */
 uint8_t eol_block_level(const eol_block *block);

@@ -2,14 +2,16 @@
 #include "lis3dh.h"
 
 #include <avr/io.h>
+#include <util/delay.h>
 #include <util/twi.h>
 
 enum {
     ADDRESS = 0x18, /* SA0 to ground */
     WHO_AM_I = 0x0F, ITS_NAME = 0x33,
     CTRL_REG1 = 0x20, CTRL_REG2, CTRL_REG3, CTRL_REG4, CTRL_REG5,
-    OUT_X = 0x28, FIFO_CTRL = 0x2E, INT1_CFG = 0x30, INT1_THS = 0x32, INT1_DURATION,
+    STATUS = 0x27, FRESH = 0x08, OUT_X = 0x28, FIFO_CTRL = 0x2E, INT1_CFG = 0x30, INT1_THS = 0x32, INT1_DURATION,
     ONWARD = 0x80, /* of a register: count up while reading */
+    SETTLE_MS = 20, MEAN = 16, /* of a self-test: until it rests, samples of a mean (AN3308, 5) */
     TRIES = 250    /* turns of a loop of 7 cycles: some 220 us, ten times a byte */
 };
 
@@ -99,4 +101,37 @@ uint8_t lis3dh_sleep(void)
            write(INT1_DURATION, 0) && write(CTRL_REG3, 0x40) &&
            write(INT1_CFG, 0x0A) &&      /* x or y is high */
            write(CTRL_REG1, 0x5F);       /* 100 Hz, low power */
+}
+
+/* Mean of x, y and z, 1/16 mg; 0 where samples do not come. */
+static uint8_t mean(int32_t sum[3], void (*feed)(void))
+{
+    uint8_t raw[6], state;
+    sum[0] = sum[1] = sum[2] = 0;
+    for (uint8_t n = 0; n < SETTLE_MS; n++) {
+        feed();
+        _delay_ms(1);
+    }
+    for (uint8_t n = 0; n <= MEAN; n++) { /* the first one is of before */
+        uint8_t left = 40;                /* looks, of more than 100 us each */
+        feed();
+        do {
+            if (!left-- || !read(STATUS, &state, 1)) return 0;
+        } while (!(state & FRESH));
+        if (!read(OUT_X | ONWARD, raw, sizeof raw)) return 0;
+        for (uint8_t k = 0; n && k < 3; k++) sum[k] += (int16_t)(raw[2 * k] | raw[2 * k + 1] << 8);
+    }
+    return 1;
+}
+
+uint8_t lis3dh_test(int16_t change_mg[3], void (*feed)(void))
+{
+    int32_t rest[3], pulled[3];
+    uint8_t name = 0;
+    if (!read(WHO_AM_I, &name, 1) || name != ITS_NAME) return 0;
+    if (write(CTRL_REG1, 0) && write(CTRL_REG3, 0) && write(CTRL_REG5, 0) && write(FIFO_CTRL, 0) &&
+        write(CTRL_REG4, 0x80) && write(CTRL_REG1, 0x97) && mean(rest, feed) && write(CTRL_REG4, 0x82) &&
+        mean(pulled, feed))
+        for (uint8_t k = 0; k < 3; k++) change_mg[k] = (int16_t)((pulled[k] - rest[k]) / (16 * MEAN));
+    return 1;
 }

@@ -12,6 +12,7 @@
 #include <avr/sleep.h>
 #include <avr/wdt.h>
 #include <util/atomic.h>
+#include <util/delay.h>
 
 #include "block.h"
 #include "lis3dh.h"
@@ -23,7 +24,9 @@ enum {
     SENSOR_MS = 50, /* without a sample until it is set up again */
     RADIO_MS = 20,  /* until a frame is taken for lost */
     LOOK_MS = 8,    /* for a word, of a block that sleeps */
-    CELSIUS_0 = 289 /* mV of the controller's own sensor, some 10 K wrong */
+    CELSIUS_0 = 289, /* mV of the controller's own sensor, some 10 K wrong */
+    REFERENCE = (1 << REFS1) | (1 << REFS0), /* 1.1 V */
+    CONVERT = (1 << ADEN) | (1 << ADSC) | (1 << ADPS2) | (1 << ADPS1)
 };
 
 static eol_block block;
@@ -133,15 +136,17 @@ static void say(void)
     sending_ms = RADIO_MS;
 }
 
-/* Battery and temperature in turns, a conversion every half second. */
+/* Battery and temperature in turns every half second; the first conversion is of a reference that rises. */
 static void measure(void)
 {
     static uint8_t temperature;
     uint16_t phase = block.status_ms % 512;
     if (phase == 0) {
-        ADMUX = (uint8_t)((1 << REFS1) | (1 << REFS0) | (temperature ? 8 : BATTERY));
-        ADCSRA = (1 << ADEN) | (1 << ADSC) | (1 << ADPS2) | (1 << ADPS1);
+        ADMUX = (uint8_t)(REFERENCE | (temperature ? 8 : BATTERY));
+        ADCSRA = CONVERT;
     } else if (phase == 2 && ADCSRA) {
+        ADCSRA = CONVERT;
+    } else if (phase == 4 && ADCSRA) {
         if (temperature)
             block.celsius = (int8_t)((int16_t)((uint32_t)ADC * 1100 / 1024) - CELSIUS_0);
         else
@@ -149,6 +154,42 @@ static void measure(void)
         temperature = !temperature;
         ADCSRA = 0;
     }
+}
+
+static void feed(void)
+{
+    wdt_reset();
+}
+
+/* What lies at four times a pin, mV, once it has settled. */
+static uint16_t four_times(uint8_t pin)
+{
+    ADMUX = (uint8_t)(REFERENCE | pin);
+    for (uint8_t n = 0; n < 6; n++) { /* the last one counts */
+        ADCSRA = CONVERT;
+        _delay_ms(1);
+    }
+    ADCSRA = 0;
+    return (uint16_t)((uint32_t)ADC * 4400 / 1024);
+}
+
+/* Both LEDs and the accelerometer, in 0.1 s; nothing else is done meanwhile. */
+static void test(void)
+{
+    eol_test found = {0};
+    TCCR0A = 0;
+    PORTD = (uint8_t)((PORTD | 1 << INFRARED) & ~(1 << WHITE));
+    feed();
+    found.white_off_mv = four_times(WHITE_SENSE);
+    found.infrared_mv = four_times(INFRARED_SENSE);
+    PORTD |= 1 << WHITE;
+    found.white_on_mv = four_times(WHITE_SENSE);
+    show(eol_block_level(&block));
+    found.answers = lis3dh_test(found.change_mg, feed);
+    lis3dh_begin();
+    rose = 0;
+    sensor_ms = 0;
+    eol_block_tested(&block, &found);
 }
 
 static void tick(void)
@@ -205,7 +246,7 @@ static void sleep_long(void)
     nrf24_sleep();
     ADCSRA = 0;
     rose = 0;
-    while (!(PIND & (1 << SENSOR_INT))) {
+    while (!(PIND & (1 << SENSOR_INT)) && !block.testing) {
         TIMSK1 = 0;
         TCCR1B = 0;
         wdt_enable(WDTO_4S);
@@ -254,6 +295,7 @@ int main(void)
                 }
             }
         }
+        if (block.testing) test();
         say();
         wait_for(SLEEP_MODE_IDLE);
     }

@@ -9,6 +9,8 @@ enum {
     RADIO_CE = 1,   /* port B */
     RADIO_CSN = 2,
     BATTERY = 0,    /* port C: a quarter of the battery's voltage */
+    WHITE_SENSE = 1,    /* a quarter of what the white LED leaves of it: none when it is lit, or broken */
+    INFRARED_SENSE = 2, /* a quarter of what lies over the infrared LED */
     SENSOR_INT = 2, /* port D: high while the accelerometer has something */
     RADIO_IRQ = 3,  /* low while the radio has something */
     INFRARED = 5,

@@ -72,7 +72,7 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
     if (kind == EOL_HELLO && size == 1) {
         out[0] = EOL_VERSION;
         out[1] = EOL_BLOCKS;
-        memcpy(out + 2, "eol bridge 2.0", 14);
+        memcpy(out + 2, "eol bridge 2.1", 14);
         if (body[0] == EOL_VERSION) {
             send(b, EOL_WELCOME, out, 18);
         } else {
@@ -106,6 +106,9 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
         memcpy(b->detector, body, 16);
         b->feels = 1;
         b->feels_us = now_us;
+    } else if (kind == EOL_SELF_TEST && size == 1 && body[0] < EOL_BLOCKS) {
+        b->test = (uint8_t)(body[0] + 1);
+        b->test_us = now_us;
     } else if (kind == EOL_LIGHT && size == 8) {
         uint32_t mask = eol_get32(body + 4);
         b->order = now_us - b->order_us < EOL_BRIDGE_ORDER_US ? b->order | mask : mask;
@@ -129,7 +132,9 @@ void eol_bridge_heard(eol_bridge *b, uint64_t now_us, const uint8_t *frame)
 {
     uint8_t number = frame[1], body[10];
     eol_bridge_block *one = &b->blocks[number % EOL_BLOCKS];
-    if ((frame[0] != EOL_FRAME_KNOCK && frame[0] != EOL_FRAME_STATUS) || number >= EOL_BLOCKS) return;
+    if ((frame[0] != EOL_FRAME_KNOCK && frame[0] != EOL_FRAME_STATUS && frame[0] != EOL_FRAME_TESTED) ||
+        number >= EOL_BLOCKS)
+        return;
     one->heard_us = now_us;
     if (!one->linked) {
         uint8_t was = one->heard;
@@ -142,6 +147,11 @@ void eol_bridge_heard(eol_bridge *b, uint64_t now_us, const uint8_t *frame)
         memcpy(one->body, frame + 1, sizeof one->body);
         if (changed || now_us - one->said_us >= EOL_BRIDGE_SAID_US)
             report(b, now_us, number);
+        return;
+    }
+    if (frame[0] == EOL_FRAME_TESTED) {
+        if (b->test == number + 1) b->test = 0;
+        send(b, EOL_SELF_TESTED, frame + 1, 14);
         return;
     }
     if (one->knocked && one->knocks == frame[9]) return; /* said again, for its answer was lost */
@@ -187,6 +197,8 @@ uint8_t eol_bridge_says(eol_bridge *b, uint64_t now_us, uint8_t *frame)
         eol_link_put32(frame + 5, b->infrared);
         eol_link_put32(frame + 9, b->order);
         frame[13] = b->orders;
+        if (now_us - b->test_us > EOL_BRIDGE_TEST_US) b->test = 0;
+        frame[14] = b->test;
         return 1;
     }
     if (b->feels && now_us >= b->feels_us) {

@@ -26,12 +26,13 @@ extern "C" {
 
 enum {
     EOL_BRIDGE_MAJOR = 2,
-    EOL_BRIDGE_MINOR = 0,
+    EOL_BRIDGE_MINOR = 1,
     EOL_BRIDGE_ROOM = 1024,           /* bytes that wait for the host; a power of two */
     EOL_BRIDGE_SILENT_US = 3000000,   /* a block that was heard and now is not */
     EOL_BRIDGE_ORDER_US = 20000,      /* orders so near to each other are one */
     EOL_BRIDGE_DETECTOR_US = 1000000, /* from one telling of the detector's numbers to the next */
-    EOL_BRIDGE_SAID_US = 10000000     /* a status is told again after that, changed or not */
+    EOL_BRIDGE_SAID_US = 10000000,    /* a status is told again after that, changed or not */
+    EOL_BRIDGE_TEST_US = 10000000     /* so long a block is asked to test itself: one that sleeps looks every 4 s */
 };
 
 typedef struct {
@@ -52,7 +53,8 @@ typedef struct {
     uint32_t infrared, order;     /* masks */
     uint8_t orders;
     uint8_t detector[16], feels;  /* as the host has set it; 1: it has */
-    uint64_t word_us, order_us, feels_us;
+    uint8_t test;                 /* number of the block that is to test itself, plus 1; 0: none */
+    uint64_t word_us, order_us, feels_us, test_us;
     uint8_t sequence;
     uint16_t begin, count;        /* of the ring */
     uint8_t ring[EOL_BRIDGE_ROOM];

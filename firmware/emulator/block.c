@@ -25,6 +25,7 @@
 enum { HZ = 8000000, FIFO = 32, FRAMES = 3, EVENTS = 4096, PATTERN = 0xA5, SMCR = 0x53, PORTD = 0x2B, TCCR0A = 0x44, OCR0A = 0x47, SPCR = 0x4C, SPSR, SPDR, TWBR = 0xB8, TWSR, TWCR = 0xBC };
 enum { E_LEVEL = 1, E_INFRARED, E_SENT };
 enum { X_REST, X_SENDS, X_WAITS }; /* of the radio */
+enum { STIFF = 1, WHITE_OPEN = 2, INFRARED_OPEN = 4, WHITE_STAYS = 8 }; /* parts that are broken */
 
 typedef struct {
     uint64_t cycle;
@@ -43,7 +44,9 @@ typedef struct {
     uint64_t sample_count, sample_next;
     double sample_first, sample_period;
     uint64_t read, lost; /* samples */
-    int dead_bus, motion, settled, skipped;
+    int dead_bus, motion, settled, skipped, broken;
+    int16_t last[2]; /* sample, where it is not kept in the FIFO */
+    uint8_t fresh;
     double mean[2]; /* of its high-pass */
     avr_io_write_t twcr; /* what libsimavr does where it is written to */
     void *twcr_param;
@@ -99,6 +102,10 @@ static void sensor_sample(emulator *e, int16_t x, int16_t y)
         int to = (e->fifo_begin + e->fifo_count++) % FIFO;
         e->fifo[to][0] = x;
         e->fifo[to][1] = y;
+    } else if (rate == 9) {
+        e->last[0] = x;
+        e->last[1] = y;
+        e->fresh = 1;
     } else if (rate == 5 && ++e->skipped >= 13) { /* 100 of 1344, less their mean: a fiftieth of 100 Hz */
         const int16_t raw[2] = {x, y};
         e->skipped = e->motion = 0;
@@ -116,9 +123,15 @@ static uint8_t sensor_byte(emulator *e)
 {
     uint8_t at = e->at & 0x7F, value = at < 64 ? e->reg[at] : 0;
     if (at == 0x0F) value = 0x33;
+    if (at == 0x27) value = e->fresh ? 0x0F : 0;
     if (at >= 0x28 && at <= 0x2D) {
         int16_t raw[3] = {0, 0, 16384};
-        if (e->fifo_count) memcpy(raw, e->fifo[e->fifo_begin], sizeof e->fifo[0]);
+        memcpy(raw, e->fifo_count ? e->fifo[e->fifo_begin] : e->reg[FIFO_CTRL] >> 6 ? raw : e->last, sizeof e->last);
+        if ((e->reg[CTRL4] >> 1 & 3) == 1 && !(e->broken & STIFF)) { /* its own force: 300, 340, 500 mg */
+            static const int16_t PULLS[3] = {300 * 16, 340 * 16, 500 * 16};
+            for (int k = 0; k < 3; k++) raw[k] = (int16_t)(raw[k] + PULLS[k]);
+        }
+        if (at == 0x2D) e->fresh = 0;
         value = (uint8_t)((uint16_t)raw[(at - 0x28) / 2] >> 8 * (at & 1));
         if (at == 0x2D && e->fifo_count) {
             e->fifo_begin = (e->fifo_begin + 1) % FIFO;
@@ -305,11 +318,18 @@ static void on_infrared(struct avr_irq_t *irq, uint32_t value, void *param)
     note(e, E_INFRARED, value & 1);
 }
 
+/* Before each conversion: what the dividers make of the LEDs' voltages, mV. */
 static void on_adc(struct avr_irq_t *irq, uint32_t value, void *param)
 {
+    emulator *e = param;
+    uint8_t port = e->avr->data[PORTD];
+    int lit = port & 1 << 6 && !(e->broken & WHITE_STAYS), shines = port & 1 << 5;
+    uint32_t white = lit ? 100 : e->broken & WHITE_OPEN ? 0 : 3700 - 2200;
+    uint32_t infrared = !shines ? 0 : e->broken & INFRARED_OPEN ? 3300 : 1350;
     (void)irq;
     (void)value;
-    (void)param;
+    avr_raise_irq(avr_io_getirq(e->avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC1), white / 4);
+    avr_raise_irq(avr_io_getirq(e->avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC2), infrared / 4);
 }
 
 static void no_sleep(avr_t *avr, avr_cycle_count_t how_long)
@@ -442,6 +462,9 @@ void emulator_set(emulator *e, int acks, int dead_bus)
     e->acks = acks;
     e->dead_bus = dead_bus;
 }
+
+/* Break parts: the sensor's mass sticks, an LED is open, the white one's transistor never lets go of it. */
+void emulator_break(emulator *e, int broken) { e->broken = broken; }
 
 /* Jump to an endless loop in flash that nothing uses, with or without interrupts. */
 void emulator_hang(emulator *e, int interrupts)

@@ -120,7 +120,8 @@ def test_both_name_the_same_kinds_and_flags(tmp_path):
     """The header's own numbers, by its own compiler."""
     kinds = {m.__name__.upper(): m.KIND for m in p.MESSAGES.values()}
     kinds['KNOCKED'], kinds['BLOCK_STATUS'] = kinds.pop('KNOCK'), kinds.pop('BLOCKSTATUS')
-    flags = ('BY_ITSELF', 'LIMITED', 'WOKE', 'LINKED', 'SENSOR_DEAD', 'ASLEEP', 'BRIDGE')
+    kinds['SELF_TEST'], kinds['SELF_TESTED'] = kinds.pop('SELFTEST'), kinds.pop('SELFTESTED')
+    flags = ('BY_ITSELF', 'LIMITED', 'WOKE', 'LINKED', 'SENSOR_DEAD', 'ASLEEP', 'ANSWERS', 'BRIDGE')
     numbers = kinds | {n: getattr(p, n) for n in (*flags, 'NOT_LIT', 'VERSION', 'MAX_BODY')}
     tests = '\n'.join(f'typedef char is_{n}[EOL_{n} == {v} ? 1 : -1];' for n, v in numbers.items())
     (tmp_path / 'numbers.c').write_text(f'#include "eol_serial.h"\n{tests}\n')

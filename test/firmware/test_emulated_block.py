@@ -17,6 +17,7 @@ from support.emulated import (
     LEVEL,
     MS,
     STATUS,
+    TESTED,
     WORD,
     Block,
     built,
@@ -26,7 +27,8 @@ from support.emulated import (
 from benchmarks.taps import FPS, Twin
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.accelerometer import Accelerometers
-from eol_ros.core.serial_protocol import NOT_LIT
+from eol_ros.core.serial_protocol import FIRMWARE, NOT_LIT, SelfTested
+from eol_ros.devices.board import self_test
 from eol_ros.devices.board.block import FELT, LEARN, TOLD, Detector
 from eol_ros.devices.board.firmware import FRAME, HZ, KNOCK, RATE_HZ, SENT
 from eol_ros.settings import TwinSettings
@@ -41,9 +43,12 @@ LATENCY = 2 * MS  # from the end of the sample that crosses the threshold to the
 NUMBER = 7
 
 
-def word(falls=False, by_itself=True, peak=255, decay_ms=350, infrared=2**25 - 1, light=0, count=0):
+def word(
+    falls=False, by_itself=True, peak=255, decay_ms=350, infrared=2**25 - 1, light=0, count=0,
+    test=-1,
+):  # fmt: skip
     flags = 1 * by_itself + 4 * falls
-    frame = struct.pack('<BBBHIIB', WORD, flags, peak, decay_ms, infrared, light, count)
+    frame = struct.pack('<BBBHIIBB', WORD, flags, peak, decay_ms, infrared, light, count, test + 1)
     return frame.ljust(FRAME, b'\0')
 
 
@@ -297,9 +302,80 @@ def test_battery_temperature_and_version_are_told(block):
     kind, number, millivolts, celsius, major, minor, flags = struct.unpack(
         '<BBHbBBB', sent(events, STATUS)[-1].frame[:8]
     )
-    assert (kind, number, major, minor, flags) == (STATUS, NUMBER, 2, 0, 1)
+    assert (kind, number, major, minor, flags) == (STATUS, NUMBER, *FIRMWARE, 1)
     assert millivolts == pytest.approx(3700, abs=10)  # a step of the converter is 4.3 mV
     assert celsius == pytest.approx(24, abs=2)
+
+
+def found_by(events):
+    """Return what self-tests have told, and how the host reads it."""
+    found = [SelfTested(*SelfTested.BODY.unpack(e.frame[1:15])) for e in sent(events, TESTED)]
+    return found, [sentence for one in found for sentence in self_test.faults(one)]
+
+
+def test_it_tests_itself_when_the_bridge_asks_and_goes_on(block):
+    rng = np.random.default_rng(8)
+    block.feel(at_rest(rng, 5000))
+    talking(block, 600 * MS, word())
+    events = talking(block, 50 * MS, word(test=3))  # another one
+    events += talking(block, 400 * MS, word(test=NUMBER))
+    found, wrong = found_by(events)
+    assert len(found) == 1 and wrong == []
+    assert (found[0].block, found[0].flags) == (NUMBER, 1)
+    pulled = (found[0].x_mg, found[0].y_mg, found[0].z_mg)
+    assert pulled == pytest.approx((300, 340, 500), abs=7)  # noise of two means of 16
+    volts = (found[0].white_off_mv, found[0].white_on_mv, found[0].infrared_mv)
+    assert volts == pytest.approx((1500, 100, 1350), abs=9)
+    assert not sent(events, KNOCK)
+    assert_lives(block)
+
+
+@pytest.mark.parametrize(
+    ('broken', 'says'),
+    [
+        (1, ['along x', 'along y', 'along z']),
+        (2, ['its white LED does not conduct']),
+        (4, ['its infrared LED does not conduct']),
+        (8, ['its white LED is not switched on']),
+    ],
+)
+def test_a_self_test_finds_what_is_broken(block, broken, says):
+    block.feel(at_rest(np.random.default_rng(8), 5000))
+    block.break_parts(broken)
+    _, wrong = found_by(talking(block, 400 * MS, word(test=NUMBER)))
+    assert len(wrong) == len(says)
+    assert all(one in sentence for one, sentence in zip(says, wrong, strict=True))
+
+
+def test_a_self_test_without_a_sensor_ends_and_says_so(block):
+    block.feel(at_rest(np.random.default_rng(8), 9000))
+    block.surround(dead_bus=True)
+    found, wrong = found_by(talking(block, 400 * MS, word(test=NUMBER)))
+    assert len(found) == 1 and len(wrong) == 1
+    assert 'does not answer' in wrong[0]
+    block.surround(dead_bus=False)
+    assert_lives(block)
+
+
+def test_what_a_self_test_has_found_is_told_until_it_is_heard(block):
+    block.feel(at_rest(np.random.default_rng(8), 9000))
+    block.surround(acknowledged=False)
+    events = talking(block, 250 * MS, word(test=NUMBER))
+    assert len(found_by(events)[0]) == 12
+    block.surround(acknowledged=True)
+    events = talking(block, 1000 * MS, word(test=NUMBER))  # asked still: once more
+    assert len(found_by(events)[0]) == 1
+
+
+def test_a_block_that_sleeps_tests_itself_when_it_next_looks(block):
+    block.feel(at_rest(np.random.default_rng(6), 6000))
+    talking(block, 50 * MS, word())
+    assert block.hear(detector(0, 0, 0, 0, 0, 0, 1000))
+    talking(block, 2500 * MS, word())
+    assert block.counts.power_down > 0
+    block.feel(at_rest(np.random.default_rng(7), 9000))
+    found, wrong = found_by(talking(block, 6000 * MS, word(test=NUMBER)))
+    assert len(found) >= 1 and wrong == []
 
 
 def test_a_block_that_rests_sleeps_and_wakes_at_a_knock(block):

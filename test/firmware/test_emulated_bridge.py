@@ -12,11 +12,12 @@ import tty
 
 import pytest
 from support import needs
-from support.emulated import STATUS, WORD
+from support.emulated import STATUS, TESTED, WORD
 from support.emulated_bridge import Bridge
 from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
+from eol_ros.core.serial_protocol import FIRMWARE
 from eol_ros.devices.board.board import Board
 from eol_ros.devices.board.firmware import KNOCK
 from eol_ros.settings import LedsSettings, MotionSettings
@@ -35,7 +36,7 @@ def knock(block, number, age_us=6000, strength=299, lit_us=1100, flags=0):
 
 
 def status(block, flags=1, millivolts=3700, celsius=24):
-    return struct.pack('<BBHbBBB', STATUS, block, millivolts, celsius, 2, 0, flags)
+    return struct.pack('<BBHbBBB', STATUS, block, millivolts, celsius, *FIRMWARE, flags)
 
 
 class Host:
@@ -117,7 +118,7 @@ def falls(word):
 def test_it_says_who_it_is_and_refuses_another_version(bridge):
     host = Host(bridge.port)
     assert host.ask(protocol.Hello(), protocol.Welcome) == protocol.Welcome(
-        2, 25, b'eol bridge 2.0\0\0'
+        2, 25, b'eol bridge %d.%d\0\0' % FIRMWARE
     )
     assert host.ask(protocol.Hello(1), protocol.Refused) == protocol.Refused(2, 1)
     host.close()
@@ -131,7 +132,7 @@ def test_it_tells_the_blocks_what_the_host_wants(bridge, host):
     wait_until(lambda: len(host.of(protocol.BlockStatus)) == 26)
     told = {s.block: s for s in host.of(protocol.BlockStatus)}
     assert sorted(told) == [*range(25), protocol.BRIDGE]
-    assert told[protocol.BRIDGE] == protocol.BlockStatus(255, 0, 0, 2, 0, 1)
+    assert told[protocol.BRIDGE] == protocol.BlockStatus(255, 0, 0, *FIRMWARE, 1)
     assert told[7].flags == 0  # not heard so far
 
     wanted = protocol.Detector(256, 13, 40, 7000, 67, 2016, 80640)
@@ -170,6 +171,18 @@ def test_the_time_of_a_knock_lies_between_two_pings(bridge, host):
         assert before <= told.board_us + age_us + AIR_US <= after
 
 
+def test_a_block_is_asked_to_test_itself_until_it_has(bridge, host):
+    host.send(protocol.SelfTest(7))
+    words(bridge, lambda w: w[14] == 8)
+    found = protocol.SelfTested(7, 1, 300, -340, 500, 1500, 100, 1350)
+    bridge.say(bytes([TESTED]) + found.BODY.pack(*vars(found).values()))
+    assert wait_until(lambda: host.of(protocol.SelfTested))[-1] == found
+    words(bridge, lambda w: w[14] == 0)
+    host.send(protocol.SelfTest(25))  # there is none
+    host.ask(protocol.Ping(1), protocol.Pong)
+    assert words(bridge, lambda w: True)[-1][14] == 0
+
+
 def test_an_order_to_light_is_in_the_words_for_a_while_only(bridge, host):
     first = words(bridge, lambda w: True)[-1]
     host.send(protocol.Light(5, 1 << 3))
@@ -198,7 +211,7 @@ def test_while_a_block_is_silent_nothing_falls(bridge, host):
     words(bridge, falls)
     bridge.say(status(5))
     heard = wait_until(lambda: [s for s in host.of(protocol.BlockStatus) if s.block == 5])
-    assert heard[-1] == protocol.BlockStatus(5, 3700, 24, 2, 0, protocol.LINKED)
+    assert heard[-1] == protocol.BlockStatus(5, 3700, 24, *FIRMWARE, protocol.LINKED)
     bridge.say(status(6, flags=protocol.LINKED | protocol.ASLEEP))
     words(bridge, falls)
     words(bridge, lambda w: not falls(w))

@@ -14,7 +14,7 @@ from eol_ros.devices.board.firmware import FRAME, HZ, RATE_HZ, SENT, EmulatorEve
 FIRMWARE = Path(__file__).parents[2] / 'firmware'
 MS = HZ // 1000
 LEVEL, INFRARED = 1, 2  # of an event; and SENT
-WORD, FEELS, STATUS = 0x57, 0x46, 0x53
+WORD, FEELS, STATUS, TESTED = 0x57, 0x46, 0x53, 0x54
 RUNS, SLEEPS = 2, 3
 
 
@@ -62,6 +62,7 @@ def _library() -> ctypes.CDLL:
     lib.emulator_run.argtypes = [memory, u64]
     lib.emulator_radio.argtypes = [memory, ctypes.c_char_p]
     lib.emulator_set.argtypes = [memory, ctypes.c_int, ctypes.c_int]
+    lib.emulator_break.argtypes = [memory, ctypes.c_int]
     lib.emulator_hang.argtypes = [memory, ctypes.c_int]
     lib.emulator_events.argtypes = [memory, memory, ctypes.c_int]
     lib.emulator_counts.argtypes = [memory, memory]
@@ -136,6 +137,10 @@ class Block:
     def surround(self, acknowledged: bool = True, dead_bus: bool = False) -> None:
         """Whether the bridge acknowledges, and whether the sensor is gone."""
         self._lib.emulator_set(self._memory, acknowledged, dead_bus)
+
+    def break_parts(self, broken: int) -> None:
+        """Let the sensor stick (1), LEDs be open (white 2, infrared 4), white stay dark (8)."""
+        self._lib.emulator_break(self._memory, broken)
 
     def hang(self, interrupts: bool) -> None:
         """Let the processor run in an endless loop."""

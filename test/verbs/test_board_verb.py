@@ -12,6 +12,8 @@ from eol_ros.devices.board.board import TapReport
 from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.verbs import board
 
+VERSION = '.'.join(map(str, protocol.FIRMWARE))
+
 
 @pytest.fixture
 def fake():
@@ -35,8 +37,8 @@ def test_lists_the_blocks(fake, capsys):
     out, err = capsys.readouterr()
     lines = out.splitlines()
     assert len(lines) == 26
-    assert lines[7].split() == ['7', '3.90', 'V', '24', 'C', 'firmware', '2.0']
-    assert lines[25].split() == ['bridge', '-', '-', 'firmware', '2.0']
+    assert lines[7].split() == ['7', '3.90', 'V', '24', 'C', 'firmware', VERSION]
+    assert lines[25].split() == ['bridge', '-', '-', 'firmware', VERSION]
     assert 'board fake' in err
 
 
@@ -98,11 +100,41 @@ def test_an_old_board_blinks_too(capsys):
     assert 'tells nothing of single blocks' in capsys.readouterr().err
 
 
+def test_blocks_test_themselves(fake, capsys, monkeypatch):
+    monkeypatch.setattr(board, 'TESTED_S', 0.2)
+    fake.self_tests = {3: (protocol.ANSWERS, 20, 400, 400, 0, 0, 3290), 5: None, 6: (0,) * 7}
+    assert cli.main(['board', '--port', fake.port, '--self-test']) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 25
+    assert [n for n, line in enumerate(lines) if not line.endswith('all well')] == [3, 5, 6]
+    assert 'moves by 20 mg along x' in lines[3]
+    assert 'white LED does not conduct' in lines[3]
+    assert 'infrared LED does not conduct' in lines[3]
+    assert 'no answer' in lines[5]
+    assert 'accelerometer does not answer' in lines[6]
+    assert cli.main(['board', '--port', fake.port, '--self-test', '7', '--json']) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told['block'], told['z_mg'], told['faults']) == (7, 400, [])
+
+
+def test_old_firmware_is_named_and_does_not_test_itself(fake, capsys):
+    fake.firmware = (2, 0)
+    assert cli.main(['board', '--port', fake.port]) == 0
+    assert f'firmware {VERSION} is newer than that of block 0, ' in capsys.readouterr().err
+    assert cli.main(['board', '--port', fake.port, '--self-test', '7']) == 1
+    assert 'firmware 2.0 cannot test itself: eol board --flash 7' in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     'words, code, said',
     [
         (['--blink', '25'], 2, 'blocks are 0 to 24'),
         (['--blink', '3', '--knocks'], 2, 'not both'),
+        (['--self-test', '25'], 2, 'blocks are 0 to 24'),
+        (['--self-test', 'x'], 2, 'blocks are 0 to 24'),
+        (['--flash', '-1'], 2, 'blocks are 0 to 24'),
+        (['--flash', '3', '--knocks'], 2, 'not both'),
+        (['--flash', '3', '--program', '/nowhere.hex'], 69, '/nowhere.hex: no such file'),
         (['--seconds', '0'], 2, 'give 0 to 3600'),
         (['--port', '/dev/nothing'], 69, '/dev/nothing'),
     ],

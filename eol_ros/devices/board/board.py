@@ -81,6 +81,7 @@ class Board:
         self.sent = self.dropped = self.connections = self.taps = 0
         self.version = 0  # of the protocol that the board speaks; 0 while that is not known
         self.blocks: dict[int, protocol.BlockStatus] = {}  # as they were last reported
+        self.tests: dict[int, protocol.SelfTested] = {}  # the last of each block
         self.reported_bad = 0  # damaged packets that the board itself counted
         self.round_trip_ms: deque[float] = deque(maxlen=64)
         self._port, self._baud = port, baud
@@ -140,6 +141,11 @@ class Board:
         """Let the board light one block and fade it by itself; returns as `show` does."""
         message = protocol.Flash(stamp_us & 0xFFFFFFFF, block, peak, decay_ms)
         return self._send(message) if self.ready else None
+
+    def self_test(self, block: int) -> int | None:
+        """Let a block test itself; `tests` then has it. Returns as `show` does."""
+        self.tests.pop(block, None)
+        return self._send(protocol.SelfTest(block)) if self.ready and self.version > 1 else None
 
     def infrared(self, on: bool | int) -> int | None:
         """Switch the infrared LEDs: all, none, or a bit per block; returns as `show` does."""
@@ -272,6 +278,8 @@ class Board:
             self.reported_bad = message.bad
         elif isinstance(message, protocol.BlockStatus):
             self.blocks[message.block] = message
+        elif isinstance(message, protocol.SelfTested):
+            self.tests[message.block] = message
         elif isinstance(message, protocol.Tap | protocol.Knock) and message.block < N_BLOCKS:
             self.taps += 1
             time_ = HostTime(now, UNSYNCED_SIGMA_S)

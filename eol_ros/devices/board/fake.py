@@ -31,6 +31,7 @@ from eol_ros.errors import UsageError
 
 DARK_AFTER_S = 2.0  # without a packet from the host
 MILLIVOLTS, CELSIUS = 3900, 24  # of the battery of a block that has one
+WHOLE = (protocol.ANSWERS, 400, 400, 400, 1700, 100, 1350)  # of a self-test
 FAULTS = ('noise', 'truncate', 'oversize', 'mute', 'unmute', 'unplug', 'plug', 'reboot')
 NOISE = bytes(range(1, 200, 7)) + b'\0\xff\xff\0'
 
@@ -82,6 +83,8 @@ class FakeBoard:
         self.log: deque[Arrival] = deque(maxlen=8192)
         self.infrared_mask = protocol.ALL_BLOCKS
         self.detector = protocol.Detector()  # as the host has set it
+        self.firmware = protocol.FIRMWARE
+        self.self_tests: dict[int, tuple[int, ...] | None] = {}  # but for WHOLE; None: no answer
         self.port = ''
         self.bridge = Bridge()  # with the blocks; of version 2
         self._on_arrival, self._on_message = on_arrival, on_message
@@ -152,7 +155,7 @@ class FakeBoard:
             with self._field:
                 heard = bool(flags & protocol.LINKED)
                 self.bridge.hear(time.monotonic(), block, heard)
-        self._send(protocol.BlockStatus(block, millivolts, CELSIUS, 2, 0, flags))
+        self._send(protocol.BlockStatus(block, millivolts, CELSIUS, *self.firmware, flags))
 
     def _felt(self, strength: float, ago_s: float) -> tuple[int, int]:
         counts = min(round(strength / protocol.STRENGTH_UNIT), 0xFFFF)
@@ -270,6 +273,10 @@ class FakeBoard:
                 self._send(protocol.Refused(self.version, message.version))
         elif isinstance(message, protocol.Infrared):
             self.infrared_mask = message.mask
+        elif isinstance(message, protocol.SelfTest) and message.block < N_BLOCKS:
+            found = self.self_tests.get(message.block, WHOLE)
+            if found is not None:
+                self._send(protocol.SelfTested(message.block, *found))
         elif isinstance(message, protocol.Ping):
             counters = (self._decoder.good & 0xFFFFFFFF, min(self._decoder.bad, 0xFFFF))
             self._send(protocol.Pong(message.host_us, self.clock_us(), *counters))
