@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.physics.drive import NONE
-from eol_ros.core.physics.exact.taylor import GAUSS_W, GAUSS_X, ON_LIMIT
+from eol_ros.core.physics.exact.taylor import ON_LIMIT
 from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.rotation.taylor import Series, make_series, rotating_series
 from eol_ros.core.physics.series import add_exactly, drive_series, entry, first_root, uncounted
@@ -167,8 +167,17 @@ def make_workspace(at: Lattice, order: int) -> Workspace:
         np.zeros(n, np.bool_),
         np.zeros((n, 3)),
         np.zeros((n, 3)),
-        np.stack((GAUSS_X, GAUSS_W)),
+        gauss_rule(order),
     )
+
+
+def gauss_rule(order: int) -> np.ndarray:
+    """Return nodes and weights (2, m) on 0..1 for the power of a step.
+
+    They are exact for the rim's, a product of series; the speed is a root of one, and smooth.
+    """
+    x, weight = np.polynomial.legendre.leggauss(min(order // 2 + 1, 10))
+    return np.stack((0.5 * (x + 1), 0.5 * weight))
 
 
 @entry
@@ -191,9 +200,9 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
         reach, used = drive_series(
             rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, work
         )
-        rotating_series(order, q, v, sliding, fresh, driven, at, ra, b, cx, cy, cc, cs, work)
-        if settle:  # what is beyond its limit breaks now, and the series begin anew
-            settle = again = False
+        if settle:  # what is beyond its limit breaks now; the forces of now tell it
+            settle = False
+            rotating_series(2, q, v, sliding, fresh, driven, at, ra, b, cx, cy, cc, cs, work)
             for i in range(n):
                 force = math.sqrt(b.g[i, 0, 0] ** 2 + b.g[i, 1, 0] ** 2 + b.g[i, 2, 0] ** 2)
                 if not sliding[i] and (i == due or force >= at.static[i] * (1.0 - ON_LIMIT)):
@@ -201,13 +210,12 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
                         return EVENT_LIMIT, t, events, steps
                     log.t[events], log.block[events], log.start[events] = t, i, 1
                     events += 1
-                    sliding[i] = again = True
+                    sliding[i] = True
                     fresh[i] = force - at.friction[i] > 1e-9 * force
                     for p in range(3):
                         v[i, p] = 0.0 if fresh[i] else KICK_MPS * b.g[i, p, 0] / force
             due = -1
-            if again:
-                continue
+        rotating_series(order, q, v, sliding, fresh, driven, at, ra, b, cx, cy, cc, cs, work)
         h = min(t_end - t, reach)
         near = step_of(order, sliding, fresh, driven and used > 0, rules, at, b, h, work)
         ends = near == t_end - t

@@ -40,6 +40,8 @@ class Series(NamedTuple):
     square: np.ndarray
     inverse: np.ndarray
     g: np.ndarray  # (n, 3, size) force, torque / c
+    across: np.ndarray  # (n, size) sum of arm x force of its springs, the arms as in its frame
+    along: np.ndarray  # (n, size) sum of arm . force
     dx: np.ndarray  # (s, size) along the springs
     dy: np.ndarray
     d_square: np.ndarray
@@ -59,6 +61,8 @@ def make_series(at: Lattice, order: int) -> Series:
         np.zeros((n, size)),
         np.zeros((n, size)),
         np.zeros((n, 3, size)),
+        np.zeros((n, size)),
+        np.zeros((n, size)),
         np.zeros((s, size)),
         np.zeros((s, size)),
         np.zeros((s, size)),
@@ -76,25 +80,33 @@ def end_of(i, k, ax, ay, b):
 
 
 @inlined
-def add_pull(i, k, side, e, ax, ay, moves, lever, b):
-    """Add order k of the force of spring e, and of its torque, to block i."""
-    b.g[i, 0, k] += side * b.fx[e, k]
-    b.g[i, 1, k] += side * b.fy[e, k]
-    torque = 0.0
+def add_pull(i, k, side, e, ax, ay, b):
+    """Add order k of the force of spring e to block i."""
+    fx, fy = side * b.fx[e, k], side * b.fy[e, k]
+    b.g[i, 0, k] += fx
+    b.g[i, 1, k] += fy
+    b.across[i, k] += ax * fy - ay * fx
+    b.along[i, k] += ax * fx + ay * fy
+
+
+@inlined
+def add_torque(i, k, moves, lever, b):
+    """Write order k of the torque on block i.
+
+    With arms that rotate by theta the torque is cos(theta) across - sin(theta) along: one product
+    of series for a block, not one for each of its springs.
+    """
+    torque = b.across[i, k]
     for q in range(k + 1 if moves else 1):
-        rx = b.co[i, q] * ax - b.si[i, q] * ay
-        ry = b.si[i, q] * ax + b.co[i, q] * ay
-        if q == 0:
-            rx, ry = rx + ax, ry + ay
-        torque += rx * b.fy[e, k - q] - ry * b.fx[e, k - q]
-    b.g[i, 2, k] += side * torque / lever
+        torque += b.co[i, q] * b.across[i, k - q] - b.si[i, q] * b.along[i, k - q]
+    b.g[i, 2, k] = torque / lever
 
 
 @uncounted
 def springs_order(k, sliding, driven, at, ra, b, x, y, co, si):
     """Write order k of all forces on all blocks; x, y, co, si: that of the rim."""
     for i in range(at.n):
-        b.g[i, 0, k] = b.g[i, 1, k] = b.g[i, 2, k] = 0.0
+        b.g[i, 0, k] = b.g[i, 1, k] = b.across[i, k] = b.along[i, k] = 0.0
     for e in range(len(at.k)):
         i, j = at.first[e], at.second[e]
         rim = j >= at.n
@@ -117,9 +129,11 @@ def springs_order(k, sliding, driven, at, ra, b, x, y, co, si):
             nx, ny = direction_order(k, e, b.dx, b.dy, b.d_square, b.d_inverse)
             dx, dy = dx - at.natural[e] * nx, dy - at.natural[e] * ny
         b.fx[e, k], b.fy[e, k] = at.k[e] * dx, at.k[e] * dy
-        add_pull(i, k, 1.0, e, ax, ay, sliding[i], ra.lever, b)
+        add_pull(i, k, 1.0, e, ax, ay, b)
         if not rim:
-            add_pull(j, k, -1.0, e, bx, by, sliding[j], ra.lever, b)
+            add_pull(j, k, -1.0, e, bx, by, b)
+    for i in range(at.n):
+        add_torque(i, k, sliding[i], ra.lever, b)
 
 
 @inlined
@@ -133,18 +147,26 @@ def direction3(k, i, b, n):
         for p in range(3):
             n[p] = inverse[i, 0] * w[i, p, 0]
         return
-    s = r = 0.0
-    for j in range(k + 1):
-        for p in range(3):
-            s += w[i, p, j] * w[i, p, k - j]
-    square[i, k] = s
-    for j in range(1, k + 1):
-        r += (0.5 * j / k - 1.0) * square[i, j] * inverse[i, k - j]
-    inverse[i, k] = r * inverse[i, 0] ** 2
-    for p in range(3):
-        n[p] = 0.0
-        for j in range(k + 1):
-            n[p] += inverse[i, j] * w[i, p, k - j]
+    x0, y0, z0, r0 = w[i, 0, 0], w[i, 1, 0], w[i, 2, 0], inverse[i, 0]
+    xk, yk, zk = w[i, 0, k], w[i, 1, k], w[i, 2, k]
+    s, sx, sy, sz = 2.0 * (x0 * xk + y0 * yk + z0 * zk), 0.0, 0.0, 0.0
+    r = nx = ny = nz = 0.0
+    half = 0.5 / k
+    for j in range(1, k):  # sums side by side, so that none waits for another
+        xj, yj, zj, rj = w[i, 0, j], w[i, 1, j], w[i, 2, j], inverse[i, k - j]
+        sx += xj * w[i, 0, k - j]
+        sy += yj * w[i, 1, k - j]
+        sz += zj * w[i, 2, k - j]
+        r += (half * j - 1.0) * square[i, j] * rj
+        nx += rj * xj
+        ny += rj * yj
+        nz += rj * zj
+    s += sx + sy + sz
+    r = (r - 0.5 * s * r0) * r0 * r0
+    square[i, k], inverse[i, k] = s, r
+    n[0] = nx + r0 * xk + r * x0
+    n[1] = ny + r0 * yk + r * y0
+    n[2] = nz + r0 * zk + r * z0
 
 
 @uncounted

@@ -4,6 +4,7 @@
 A pose of the rim is (x, y, yaw) in metres and radians; a velocity is its rate.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -16,11 +17,11 @@ RIM_KG = 8.0  # a frame of steel tube on four casters; a guess
 ROLLING_N = 0.05 * RIM_KG * 9.81  # small casters on grit; a guess
 HAND_N = 60.0  # what one hand pulls with at most; 55 N hold all 25 blocks at mu_s 0.9
 HAND_NSPM = 1000.0  # how firmly it wants its velocity, N s/m
-GYRATION_M = RIM_SIDE_M / np.sqrt(6)  # radius, of a thin square frame
-ALIKE = np.array([1.0, 1.0, GYRATION_M])  # m, m, rad into m: the mass is the same in all three
+GYRATION_M = RIM_SIDE_M / math.sqrt(6)  # radius, of a thin square frame
+ALIKE = (1.0, 1.0, GYRATION_M)  # m, m, rad into m: the mass is the same in all three
 # By how many springs the table resists: ten lie along the way and ten across, where the pre-tension
 # leaves a third; in rotation the same forces at the lever arms of the 20 ends.
-RESISTS = np.array([40 / 3, 40 / 3, 16.0])
+RESISTS = (40 / 3, 40 / 3, 16.0)
 MAX_SPEED_MPS = 0.35
 MAX_YAW_RATE_RADPS = 0.9
 MAX_HOLD_S = 1.0
@@ -42,15 +43,16 @@ def reach_m(yaw: float) -> float:
 
     A square of side s rotated by phi spans s (|cos phi| + |sin phi|); at yaw 0 this is RIM_REACH_M.
     """
-    span = RIM_SIDE_M * (abs(np.cos(yaw)) + abs(np.sin(yaw)))
+    span = RIM_SIDE_M * (abs(math.cos(yaw)) + abs(math.sin(yaw)))
     return max(0.0, (PLATFORM_SIDE_M - span) / 2)
 
 
 def within_reach(pose: np.ndarray) -> np.ndarray:
     """Return the nearest pose that keeps the rim on the platform, shape (3,)."""
-    yaw = float(np.clip(pose[2], -YAW_LIMIT_RAD, YAW_LIMIT_RAD))
+    x, y, yaw = pose.tolist()
+    yaw = min(max(yaw, -YAW_LIMIT_RAD), YAW_LIMIT_RAD)
     reach = reach_m(yaw)
-    return np.array([np.clip(pose[0], -reach, reach), np.clip(pose[1], -reach, reach), yaw])
+    return np.array([min(max(x, -reach), reach), min(max(y, -reach), reach), yaw])
 
 
 @dataclass
@@ -76,7 +78,8 @@ class Reach:
             self.grip = pose.copy()
         place, velocity = self._led(time_s)
         behind = FOLLOW_PER_S * (place - pose)
-        much = float(np.linalg.norm(behind * ALIKE)) / FOLLOW_MPS
+        bx, by, yaw = behind.tolist()
+        much = math.hypot(bx, by, GYRATION_M * yaw) / FOLLOW_MPS
         behind *= min(1.0, (self.stop_s + HOLD_S - time_s) / HOLD_S) / max(1.0, much)
         return velocity + behind
 
@@ -241,7 +244,7 @@ class Rim:
         self.velocity = np.zeros(3)
         self.load = np.zeros(3)
         self.hands_n = np.zeros(0)
-        self._springs, self._resists = springs, stiffness * RESISTS
+        self._springs, self._resists = springs, [stiffness * share for share in RESISTS]
 
     def advance(self, step_s: float, hands: Sequence[np.ndarray]) -> None:
         """Move by one step under `hands`, the velocity (3,) that each of them wants.
@@ -251,29 +254,40 @@ class Rim:
         """
         if self._springs is not None:
             self.load = self._springs(self.pose)
-        wanted = np.reshape(list(hands), (-1, 3)) * ALIKE
-        inertia, stretch = RIM_KG / step_s, 0.5 * step_s * self._resists
-        passive = (inertia - stretch) * self.velocity * ALIKE + self.load / ALIKE
-        pulls, firm = np.zeros_like(wanted), np.ones(len(wanted), bool)
+        inertia = RIM_KG / step_s
+        stretch = [0.5 * step_s * resists for resists in self._resists]
+        passive = [
+            (inertia - s) * v * a + n / a
+            for s, v, a, n in zip(
+                stretch, self.velocity.tolist(), ALIKE, self.load.tolist(), strict=True
+            )
+        ]
+        wanted = [[v * a for v, a in zip(hand.tolist(), ALIKE, strict=True)] for hand in hands]
+        pulls: list[list[float]] = [[] for _ in wanted]
+        firm = list(range(len(wanted)))
         while True:
-            push = passive + HAND_NSPM * wanted[firm].sum(axis=0) + pulls[~firm].sum(axis=0)
-            strength = np.sqrt(push @ push)
-            push *= max(0.0, 1 - ROLLING_N / strength) if strength else 1.0  # casters roll, or hold
-            to = push / (inertia + stretch + HAND_NSPM * firm.sum())
-            pulls[firm] = HAND_NSPM * (wanted[firm] - to)
-            strong = np.linalg.norm(pulls, axis=1)
-            weak = firm & (strong > HAND_N)
-            if not weak.any():
+            push = passive
+            for k, want in enumerate(wanted):
+                by = [HAND_NSPM * w for w in want] if k in firm else pulls[k]
+                push = [p + b for p, b in zip(push, by, strict=True)]
+            strength = math.hypot(*push)
+            left = max(0.0, 1 - ROLLING_N / strength) if strength else 1.0  # they roll, or hold
+            held = HAND_NSPM * len(firm)
+            to = [left * p / (inertia + s + held) for p, s in zip(push, stretch, strict=True)]
+            for k in firm:
+                pulls[k] = [HAND_NSPM * (w - t) for w, t in zip(wanted[k], to, strict=True)]
+            strong = [math.hypot(*pull) for pull in pulls]
+            weak = [k for k in firm if strong[k] > HAND_N]
+            if not weak:
                 break
-            pulls[weak] *= HAND_N / strong[weak, None]
-            firm &= ~weak
-        self.hands_n = strong
-        to = to / ALIKE
-        speed = np.hypot(to[0], to[1])
-        if speed > MAX_SPEED_MPS:
-            to[:2] *= MAX_SPEED_MPS / speed
-        to[2] = np.clip(to[2], -MAX_YAW_RATE_RADPS, MAX_YAW_RATE_RADPS)
-        free = self.pose + 0.5 * step_s * (self.velocity + to)
-        held = within_reach(free)
-        self.velocity = np.where(np.abs(held - free) > 1e-12, 0.0, to)
-        self.pose = held
+            for k in weak:
+                pulls[k] = [p * HAND_N / strong[k] for p in pulls[k]]
+                firm.remove(k)
+        self.hands_n = np.array(strong)
+        vx, vy, yaw_rate = (t / a for t, a in zip(to, ALIKE, strict=True))
+        slow = min(1.0, MAX_SPEED_MPS / max(math.hypot(vx, vy), 1e-12))
+        yaw_rate = min(max(yaw_rate, -MAX_YAW_RATE_RADPS), MAX_YAW_RATE_RADPS)
+        wished = np.array([vx * slow, vy * slow, yaw_rate])
+        free = self.pose + 0.5 * step_s * (self.velocity + wished)
+        self.pose = within_reach(free)
+        self.velocity = np.where(np.abs(self.pose - free) > 1e-12, 0.0, wished)

@@ -15,6 +15,7 @@ from eol_ros.core.physics.kernel_args import Grid, Rim, empty_log
 from eol_ros.core.physics.model import Model, rotated
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.status import OK
+from eol_ros.core.physics.twin import rim_springs
 from eol_ros.core.physics.twin.hands import GYRATION_M
 from eol_ros.settings import TwinSettings
 
@@ -172,11 +173,12 @@ class LiveTable:
 
     def pull(self, pose: np.ndarray) -> np.ndarray:
         """Return the force of the springs on the rim at `pose` (3,): N, N, and N m about it."""
-        rotation, ways = self._ways(pose)
-        length = np.abs(ways)
-        force = -self._k * (1 - self._natural_m / length) * ways
-        arms = rotation * self._ends
-        return np.array([force.real.sum(), force.imag.sum(), (arms.conj() * force).imag.sum()])
+        force = np.empty(3)
+        rim_springs.pull(
+            pose, self._u, self.yaw, self._beside, self._ends, self._centres, self._arms, self._k,
+            self._natural_m, force,
+        )  # fmt: skip
+        return force
 
     def clearance_m(self, pose: np.ndarray) -> float:
         """Return the least distance (m) from the rim at `pose` (3,) inwards to the block beside."""
@@ -184,27 +186,12 @@ class LiveTable:
 
     def _near(self, pose: np.ndarray) -> np.ndarray:
         """Return the distance (m) from the rim at `pose` to the block beside it, at each spring."""
-        rotation, ways = self._ways_to_centres(pose)
-        reach, _ = self._reach(pose)
-        return (ways * (rotation * self._inward).conj()).real * -1.0 - reach
-
-    def _reach(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far (m) the blocks beside the rim reach towards it, and its slope by yaw."""
-        half = np.full(len(self._beside), 0.5 * BLOCK_SIDE_M)
-        if not self._rotating:  # as always: by the middles of their edges
-            return half, np.zeros(len(half))
-        offset = self.yaw[self._beside] - pose[2]
-        c, s = np.cos(offset), np.sin(offset)
-        return half * (abs(c) + abs(s)), half * (s * np.sign(c) - c * np.sign(s))
-
-    def _ways(self, pose: np.ndarray) -> tuple[complex, np.ndarray]:
-        rotation, ways = self._ways_to_centres(pose)
-        return rotation, ways - np.exp(1j * self.yaw[self._beside]) * self._arms
-
-    def _ways_to_centres(self, pose: np.ndarray) -> tuple[complex, np.ndarray]:
-        rotation = complex(np.cos(pose[2]), np.sin(pose[2]))
-        here = self._centres + self._u.view(complex)[self._beside, 0]
-        return rotation, complex(pose[0], pose[1]) + rotation * self._ends - here
+        gap = np.empty(len(self._beside))
+        rim_springs.gaps(
+            pose, self._u, self.yaw, self._rotating is not None, 0.5 * BLOCK_SIDE_M, self._beside,
+            self._ends, self._centres, self._inward, gap,
+        )  # fmt: skip
+        return gap
 
     def _stop_at_blocks(self, pose: np.ndarray, rate: np.ndarray, span_s: float) -> None:
         """Move `pose` to where no block is nearer than allowed, and `rate` with it.
@@ -236,11 +223,15 @@ class LiveTable:
 
     def _slope(self, pose: np.ndarray, which: int) -> np.ndarray:
         """Return the derivative (3,) of one distance of `_near` after x, y and yaw."""
-        rotation, ways = self._ways_to_centres(pose)
-        normal, way = rotation * self._inward[which], ways[which]
-        rotated = (1j * rotation * self._ends[which] * normal.conjugate()).real
-        rotated += (way * (1j * normal).conjugate()).real
-        return -np.array([normal.real, normal.imag, rotated + self._reach(pose)[1][which]])
+        block = self._beside[which]
+        rotation = complex(np.cos(pose[2]), np.sin(pose[2]))
+        end, normal = rotation * self._ends[which], rotation * self._inward[which]
+        way = complex(pose[0], pose[1]) + end - self._centres[which] - complex(*self._u[block])
+        rotated = (1j * end * normal.conjugate()).real + (way * (1j * normal).conjugate()).real
+        if self._rotating:  # it reaches further with its corners
+            c, s = np.cos(self.yaw[block] - pose[2]), np.sin(self.yaw[block] - pose[2])
+            rotated += 0.5 * BLOCK_SIDE_M * (s * np.sign(c) - c * np.sign(s))
+        return -np.array([normal.real, normal.imag, rotated])
 
     def _solve(
         self, u: np.ndarray, v: np.ndarray, moving: np.ndarray, span: float
