@@ -9,7 +9,9 @@ enum {
     NOISE_SHIFT = 11,
     STUCK = 2048,    /* equal samples: noise alone makes two unequal */
     WOKEN = 64,      /* samples */
-    DRIFT = 4        /* 1/4 mg: what the base may be wrong by, so much a sample in the speed */
+    DRIFT = 4,       /* 1/4 mg: what the base may be wrong by, so much a sample in the speed */
+    WEAK = 4,        /* a knock so many times weaker than is usual is none */
+    USUAL_SHIFT = 4  /* the median of the strengths is followed by a sixteenth for each knock */
 };
 
 /* 16 mg; 10 standard deviations of the window's mean; then, at 1344 Hz, 30 ms, 3.2 mm/s, 50 ms,
@@ -47,6 +49,7 @@ void eol_knock_begin(eol_knock *k, const eol_knock_config *config)
 {
     memset(k, 0, sizeof *k);
     k->config = *config;
+    k->usual = config->threshold;
 }
 
 void eol_knock_wake(eol_knock *k)
@@ -117,6 +120,18 @@ static void measure(eol_knock *k)
     k->woken = 0;
 }
 
+/* Is what was measured as strong as the knocks of this block are? Learn from it what they are: the
+ * median, so that what hits it hard does not make it deaf. */
+static uint8_t strong(eol_knock *k)
+{
+    uint32_t step = k->usual >> USUAL_SHIFT;
+    uint8_t is = WEAK * (uint32_t)k->strength >= k->usual;
+    if (k->first) return 1; /* its beginning was not heard */
+    k->usual = k->strength > k->usual ? k->usual + step : k->usual - step;
+    if (k->usual < k->config.threshold) k->usual = k->config.threshold;
+    return is;
+}
+
 uint8_t eol_knock_sample(eol_knock *k, int16_t x, int16_t y)
 {
     uint32_t mean, limit, speed, slow;
@@ -154,7 +169,7 @@ uint8_t eol_knock_sample(eol_knock *k, int16_t x, int16_t y)
         enter(k, EOL_KNOCK_MOVES);
         k->speed_x = k->sum_x;
         k->speed_y = k->sum_y;
-        return EOL_KNOCK_TOLD;
+        return strong(k) ? EOL_KNOCK_TOLD : EOL_KNOCK_NONE;
     default:
         k->speed_x += k->x[k->at];
         k->speed_y += k->y[k->at];

@@ -17,7 +17,9 @@
  * is felt with its first sample, a weak one when the window is filled, ringing averages out. When
  * the block is let go is where one step explains the window best (maximum likelihood). From then on
  * the samples' sum is its speed: it is at rest again when that is gone, not where the acceleration
- * passes through zero in mid-slip; until then nothing is felt (the refractory time).
+ * passes through zero in mid-slip; until then nothing is felt (the refractory time). A block that all
+ * but stops and goes on feels as if it were let go, but gently: what is far weaker than the knocks of
+ * this block usually are is lit, and not told. So are hands on the rim, and feet.
  *
  * Acceleration is in 1/16 mg: what the LIS3DH writes, left-justified in 16 bits, at +-2 g.
  */
@@ -51,7 +53,8 @@ extern const eol_knock_config EOL_KNOCK_DEFAULTS;
 enum { /* what a sample brings */
     EOL_KNOCK_NONE,
     EOL_KNOCK_FELT, /* a knock: light it */
-    EOL_KNOCK_TOLD, /* `strength`, `age` and `first` are those of the knock that was felt */
+    EOL_KNOCK_TOLD, /* `strength`, `age` and `first` are those of the knock that was felt: of each
+                       but the weak ones */
     EOL_KNOCK_IDLE  /* nothing has moved for long: the block may sleep */
 };
 
@@ -70,6 +73,7 @@ typedef struct {
     uint16_t woken;     /* samples in which a knock still counts as that which woke the block */
     uint16_t same;      /* samples with one value */
     uint32_t rested;    /* samples at rest */
+    uint32_t usual;     /* half of all knocks are stronger, 1/16 mg */
     int32_t base_x, base_y, noise; /* in 1/4096 of the unit */
     int32_t sum_x, sum_y;
     int32_t speed_x, speed_y; /* sums since the knock */

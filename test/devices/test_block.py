@@ -133,6 +133,34 @@ def test_a_speed_that_never_comes_back_does_not_make_it_deaf():
     assert [e.what for e in events] == [FELT, TOLD]
 
 
+def knocks(detector, random, strengths_mg):
+    """Return what slips of such strengths bring, a list for each."""
+    found = []
+    for strength in strengths_mg:
+        signal = slip(strength, random.uniform(0, 2 * np.pi), 10)
+        found.append([e.what for e in detector.feed(counts(signal + noise(random, len(signal))))])
+    return found
+
+
+def test_what_is_far_weaker_than_usual_is_lit_and_not_told():
+    random = np.random.default_rng(12)
+    detector = learnt(random)
+    assert knocks(detector, random, [60] * 5) == [[FELT, TOLD]] * 5  # nothing is usual yet
+    assert knocks(detector, random, [300] * 60) == [[FELT, TOLD]] * 60
+    weak = knocks(detector, random, [40, 110, 40])
+    assert weak == [[FELT], [FELT, TOLD], [FELT]]
+    # the table is another one now: what was weak becomes usual
+    assert knocks(detector, random, [40] * 40)[-20:] == [[FELT, TOLD]] * 20
+
+
+def test_being_hit_hard_makes_no_block_deaf():
+    random = np.random.default_rng(13)
+    detector = learnt(random)
+    knocks(detector, random, [150] * 60)
+    knocks(detector, random, [1900] * 5)
+    assert knocks(detector, random, [150] * 20) == [[FELT, TOLD]] * 20
+
+
 def test_what_rings_counts_for_less_than_what_goes_on():
     random = np.random.default_rng(5)
     detector, time = learnt(random), np.arange(400) / RATE_HZ

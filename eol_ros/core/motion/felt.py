@@ -5,11 +5,12 @@ A knock comes some 6 ms after a block breaks loose, the image that shows it beyo
 after. So a slip is told provisionally at its knock, where such knocks have proved to be slips, and
 VERDICT_S later the images confirm or retract it.
 
-Such knocks: those of a strength within the same octave. A slip begins with (mu_s - mu_k) g, which
-is a matter of the table, while what hands and feet send through it mostly is weaker. So the
-probability that a knock is a slip is the share of those in its octave that the images have
-confirmed lately (the mean of a Beta posterior). Strong ones are believed until one is retracted,
-weak ones only when many were slips.
+Such knocks: those of a strength within the same octave, of a block that rested before them or that
+moved. A slip begins with (mu_s - mu_k) g, which is a matter of the table, while what hands and feet
+send through it mostly is weaker; and a block that all but stopped and goes on feels as if it had
+broken loose, on worn grit one time in ten. So the probability that a knock is a slip is the share
+of those of its kind that the images have confirmed lately (the mean of a Beta posterior). Strong
+ones are believed until one is retracted, weak ones only when many were slips.
 
 All follows from the stamps of knocks and images. Each arrives with a delay of its own, so a knock
 is judged by the images that are LAG_S older than it, whichever have come since, and waits for them
@@ -36,6 +37,7 @@ WEAKEST_MPS2 = 0.16  # the firmware's threshold, 16 mg, where the first octave b
 OCTAVES = 6
 WEAK = 2  # octaves in which rims that are hit and floors that are walked on are felt
 PRIOR, PRIOR_WEAK = (199.8, 200.0), (0.5, 1.0)  # confirmed, of all: what is believed before any
+MOVES_MPS, MOVES_S = 0.003, 0.02  # a block that went so fast, over so long, was moving
 MEMORY = 1000.0  # verdicts after which one counts for 1/e
 
 
@@ -83,7 +85,7 @@ class _Image(NamedTuple):
 
 class _Verdict(NamedTuple):
     stamp_s: float
-    octave: int
+    kind: tuple[int, int]  # 1: it moved; octave
     confirmed: bool
 
 
@@ -101,8 +103,8 @@ class Felt:
         """Forget all: the stamps begin again."""
         self._images: deque[_Image] = deque()
         self._held: list[Knock] = []  # until the images come that judge them
-        self._open: dict[Knock, FeltSlip | None] = {}  # None: not told
-        self._counts = np.array([PRIOR_WEAK] * WEAK + [PRIOR] * (OCTAVES - WEAK))
+        self._open: dict[Knock, tuple[tuple[int, int], FeltSlip | None]] = {}  # None: not told
+        self._counts = np.array([[PRIOR_WEAK] * WEAK + [PRIOR] * (OCTAVES - WEAK)] * 2)
         self._late: deque[_Verdict] = deque()  # not in the counts yet
 
     def tap(self, knock: Knock) -> list[FeltSlip]:
@@ -131,9 +133,9 @@ class Felt:
         """Say in the image of `stamp_s` which slip (0: none) `knock` was; return the verdict."""
         if knock not in self._open:
             return []
-        told = self._open.pop(knock)
+        kind, told = self._open.pop(knock)
         if self._seen_throughout(knock):
-            self._late.append(_Verdict(stamp_s, _octave(knock), slip > 0))
+            self._late.append(_Verdict(stamp_s, kind, slip > 0))
         return [replace(told, kind=CONFIRMED if slip else RETRACTED, slip=slip)] if told else []
 
     def _seen_throughout(self, knock: Knock) -> bool:
@@ -158,19 +160,20 @@ class Felt:
             return []
         if known < WHOLE * REST_S / np.median(np.diff([i.stamp_s for i in rest])):
             return []
-        probability = self._probability(_octave(knock), until_s)
+        kind = int(_moves(rest, knock.block)), _octave(knock)
+        probability = self._probability(kind, until_s)
         x, y = float(image.x[knock.block]), float(image.y[knock.block])
         told = FeltSlip(PROVISIONAL, knock, x, y, probability)
-        self._open[knock] = told if probability >= self.level else None
+        self._open[knock] = kind, told if probability >= self.level else None
         return [told] if probability >= self.level else []
 
-    def _probability(self, octave: int, until_s: float) -> float:
-        """Return the share of knocks in `octave` that images up to `until_s` have confirmed."""
+    def _probability(self, kind: tuple[int, int], until_s: float) -> float:
+        """Return the share of knocks of this kind that images up to `until_s` have confirmed."""
         counts = self._counts.copy()
         for verdict in self._late:
             if verdict.stamp_s <= until_s:
                 _count(counts, verdict)
-        confirmed, of = counts[octave].tolist()
+        confirmed, of = counts[kind].tolist()
         return confirmed / of
 
 
@@ -181,6 +184,15 @@ def _octave(knock: Knock) -> int:
     return int(min(math.log2(above), OCTAVES - 1))
 
 
+def _moves(images: list[_Image], block: int) -> bool:
+    """Return whether `block` moves in the last of `images`, where it is seen."""
+    seen = [i for i in images if i.seen[block]]
+    last = seen[-1]
+    lately = [i for i in seen[:-1] if i.stamp_s >= last.stamp_s - MOVES_S] or seen[-2:-1]
+    far = math.hypot(last.x[block] - lately[0].x[block], last.y[block] - lately[0].y[block])
+    return far > MOVES_MPS * (last.stamp_s - lately[0].stamp_s)
+
+
 def _count(counts: np.ndarray, verdict: _Verdict) -> None:
-    counts[verdict.octave] *= 1.0 - 1.0 / MEMORY
-    counts[verdict.octave] += float(verdict.confirmed), 1.0
+    counts[verdict.kind] *= 1.0 - 1.0 / MEMORY
+    counts[verdict.kind] += float(verdict.confirmed), 1.0
