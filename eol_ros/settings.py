@@ -377,6 +377,14 @@ class GrainsSettings:
     rate_jitter_st: float = setting(
         0.5, 'of that speed, in semitones either way', 'st', 0, 24, live=True
     )
+    reverse: float = setting(
+        0.0, 'share of the grains, by chance, that are played backwards', '', 0, 1, live=True
+    )
+    envelope: str = setting(
+        'edges', 'of a grain: it rises and falls in attack_s and release_s (edges), over its whole'
+        ' length (hann), falls all the while after attack_s (percussive), or rises until release_s'
+        ' before its end (swell)', choices=('edges', 'hann', 'percussive', 'swell'), live=True,
+    )  # fmt: skip
     attack_s: float = setting(0.005, 'rise of a grain', 's', 0.002, 10, live=True)
     release_s: float = setting(0.2, 'fall of a grain', 's', 0.002, 10, live=True)
     edge_jitter: float = setting(0.3, 'of rise and fall, as a share', '', 0, 1, live=True)

@@ -8,7 +8,7 @@ from eol_msgs.msg import FeltSlip, GrainTrigger
 
 from eol_ros.core.sound.corpus import Corpus
 from eol_ros.core.sound.select import Selector
-from eol_ros.devices.corpus.corpus_file import move
+from eol_ros.devices.corpus.corpus_file import move, moved, restore
 from eol_ros.devices.corpus.loader import CorpusLoader, corpus_spec
 from eol_ros.errors import EolError
 from eol_ros.ros.definitions import definition
@@ -41,7 +41,7 @@ class GrainsNode(EolNode):
         self.awaited: list[Asked] = []
         self.spec = corpus_spec(self.settings)
         self.health.expects('blocks')
-        self.health.values['radius'] = self.settings.radius
+        self.tell_settings(self.settings)
         ready = self.loader.at_once(self.spec)
         if ready is not None:  # before the first image: a replay must find the corpus in place
             self.show(ready)
@@ -50,18 +50,22 @@ class GrainsNode(EolNode):
         self.create_timer(0.2, self.on_timer)
         self.subscribe('blocks', self.on_blocks, raw=True)
         self.subscribe('felt_slips', self.on_felt)
-        self.requests.serve(move_grain=self.on_move_grain)
+        self.requests.serve(move_grain=self.on_move_grain, restore_grain=self.on_restore_grain)
 
     def on_settings(self, new) -> None:
         if corpus_spec(new) != self.spec:
             self.spec = corpus_spec(new)
             self.loader.ask(self.spec)
-        if self.health.values['radius'] != new.radius:
-            self.health.values['radius'] = new.radius
-            self.health.report()
+        self.tell_settings(new)
         told, self.selector.settings = self.selector.settings.space_m, new
         if self.corpus is not None and told != new.space_m:
             self.corpora.publish(self.message(self.corpus))
+
+    def tell_settings(self, new) -> None:
+        told = {'radius': new.radius, 'blend': new.blend}  # sliders of the panel
+        if not told.items() <= self.health.values.items():
+            self.health.values.update(told)
+            self.health.report()
 
     def restart(self) -> None:
         self.selector = Selector(self.settings, self.corpus)
@@ -89,6 +93,11 @@ class GrainsNode(EolNode):
         v = asked.values
         path = move(self.corpus, v['grain'], v['x'], v['y'])  # the timer sees the file change
         return f'kept in {path.name}'
+
+    def on_restore_grain(self, asked: Asked) -> str:
+        if self.corpus is None:
+            raise EolError('there is no corpus yet')
+        return f'forgotten in {restore(self.corpus, asked.values["grain"]).name}'
 
     def on_timer(self) -> None:
         if self.loader.changed(self.spec):  # a grain moved by hand, another sound of the same name
@@ -148,7 +157,8 @@ class GrainsNode(EolNode):
         self.health.values['felt'] = self.felt
 
     def message(self, corpus: Corpus) -> CorpusMessage:
-        row = corpora.of(self.since_ns, corpus, self.selector.bounds, self.settings.radius)
+        bounds, radius = self.selector.bounds, self.settings.radius
+        row = corpora.of(self.since_ns, corpus, bounds, radius, moved(corpus))
         return corpora.RECORD.fill(CorpusMessage(), row, self.frame_prefix)
 
     def close(self) -> None:

@@ -91,6 +91,8 @@ class SoundNode(EolNode):
 
     def on_corpus(self, message) -> None:
         from_ns = to_ns(message.header.stamp)
+        if self.osc:
+            self.osc.corpus(message, from_ns)
         grains, places = corpus.to_core(message), corpus.places(message)
         if self.banks.ask(message.digest, from_ns, *grains, places=places):
             self.trouble = f'loading {message.name}'
@@ -178,7 +180,7 @@ class SoundNode(EolNode):
             self.told_twice += 1
             return
         if self.osc:
-            self.osc.trigger(message)
+            self.osc.trigger(message, stamp_ns)
         bank = self.banks.at(stamp_ns)
         if bank is None:
             self.unheard += 1

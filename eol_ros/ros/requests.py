@@ -7,7 +7,8 @@ import threading
 import time
 from array import array
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -279,22 +280,68 @@ def visit_and_ask(asked: Asked, reach: str, namespace: str = NAMESPACE) -> Answe
 
     Raises DeviceMissing when nobody is there to answer.
     """
-    from eol_ros.ros.session import session
-    from eol_ros.ros.topics import PUBLISHER_QOS, QOS
+    with visiting(reach, namespace, asked.node) as visit:
+        return visit.ask(asked)
 
-    with session(reach=reach, namespace=namespace) as visit:
-        node = visit.node
-        publisher = node.create_publisher(Request, REQUESTS, PUBLISHER_QOS['stream'])
-        client = RequestClient(node, publisher)
-        node.create_subscription(RequestResult, RESULTS, client.heard, QOS['stream'])
-        found = _Heeding(node)
-        visit.run(lambda: found.whole(asked.node, publisher.get_subscription_count()), _DISCOVERY_S)
+
+class Visit:
+    """On the graph from the command line: asks nodes, and reads their parameters."""
+
+    def __init__(self, session: Any, node: str):
+        from eol_ros.ros.topics import PUBLISHER_QOS, QOS
+
+        self._session, graph = session, session.node
+        self._publisher = graph.create_publisher(Request, REQUESTS, PUBLISHER_QOS['stream'])
+        self._client = RequestClient(graph, self._publisher)
+        graph.create_subscription(RequestResult, RESULTS, self._client.heard, QOS['stream'])
+        self._found = _Heeding(graph)
+        known = self._publisher.get_subscription_count
+        self.run(lambda: self._found.whole(node, known()), _DISCOVERY_S)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a signal has come."""
+        return bool(self._session.stopped)
+
+    def run(self, until: Callable[[], bool], seconds: float) -> bool:
+        """Let it work until `until()` holds or the time is over; return whether it held."""
+        return bool(self._session.run(until, seconds))
+
+    def ask(self, asked: Asked) -> Answers:
+        """Return what nodes have answered in time; raise DeviceMissing when nobody is there to."""
         try:
-            answers = client.ask(asked, expected_of(asked.kind, asked.node, found.runs))
+            expected = expected_of(asked.kind, asked.node, self._found.runs)
         except DeviceMissing as error:
             raise DeviceMissing(f'{error} here (--secure and --lan look further)') from None
-        visit.run(lambda: answers.whole, KINDS[asked.kind].within_s)
+        answers = self._client.ask(asked, expected)
+        self.run(lambda: answers.whole, KINDS[asked.kind].within_s)
         return answers
+
+    def parameters(self, node: str, names: Sequence[str]) -> dict[str, Any] | None:
+        """Return the parameters `names` of a node, None where it does not run."""
+        from rclpy.parameter import parameter_value_to_python
+        from rclpy.parameter_client import AsyncParameterClient
+
+        if not self._found.runs(node):
+            return None
+        graph = self._session.node
+        client = AsyncParameterClient(graph, graph.resolve_service_name(node))
+        if not self.run(client.services_are_ready, _DISCOVERY_S):
+            return None
+        future = client.get_parameters(list(names))
+        if not self.run(future.done, _DISCOVERY_S):
+            return None
+        values = [parameter_value_to_python(value) for value in future.result().values]
+        return dict(zip(names, values, strict=True))
+
+
+@contextmanager
+def visiting(reach: str, namespace: str = NAMESPACE, node: str = '') -> Iterator[Visit]:
+    """Visit the running graph once its nodes have been discovered; `node` is enough if named."""
+    from eol_ros.ros.session import session
+
+    with session(reach=reach, namespace=namespace) as visit:
+        yield Visit(visit, node)
 
 
 class _Heeding:

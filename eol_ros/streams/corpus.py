@@ -18,6 +18,7 @@ DTYPE = np.dtype(
      ('y', object), ('x_name', object), ('y_name', object), ('bounds', object), ('radius', 'f4'),
      ('descriptors', object), ('values', object)]
 )  # fmt: skip
+MOVED = 'moved_by_hand'  # 1 or 0, among the values where somebody has moved a grain
 RECORD = Record('eol_msgs/msg/Corpus', DTYPE, 'table')
 
 
@@ -27,11 +28,23 @@ def title(corpus: 'Corpus') -> str:
     return f'{name} + {more}' if more else name
 
 
-def of(stamp_ns: int, corpus: 'Corpus', bounds: Sequence[float], radius_m: float) -> Any:
-    """Return the row of a corpus over `bounds`: x min, y min, x max, y max in metres."""
+def of(
+    stamp_ns: int,
+    corpus: 'Corpus',
+    bounds: Sequence[float],
+    radius_m: float,
+    moved: Sequence[int] = (),
+) -> Any:
+    """Return the row of a corpus over `bounds`: x min, y min, x max, y max in metres.
+
+    `moved`: the grains that were moved by hand; they are told as if it were a descriptor.
+    """
     grains = corpus.grains
     names = corpus.descriptors
     values = np.stack([grains[name] for name in names], axis=1)
+    if moved:
+        by_hand = np.isin(np.arange(len(grains)), moved)[:, None]
+        names, values = (*names, MOVED), np.hstack([values, by_hand])
     return RECORD.row(
         stamp_ns, title(corpus), corpus.digest, corpus.sample_rate,
         [source.path for source in corpus.sources], grains['file'].astype('u4'),
@@ -69,12 +82,16 @@ def places(row: Any) -> np.ndarray:
 
 def to_json(message: Any) -> dict[str, Any]:
     """Return a Corpus message as pages read it, its values as one list per descriptor."""
-    count = len(message.descriptors)
+    names = list(message.descriptors)
+    count = len(names)
+    columns = [list(message.values[i::count]) for i in range(count)]
+    by_hand = columns.pop(names.index(MOVED)) if MOVED in names else []
     return {
         'name': message.name, 'digest': message.digest, 'radius': message.radius,
         'x': list(message.x), 'y': list(message.y), 'x_name': message.x_name,
         'y_name': message.y_name, 'start': list(message.start), 'duration': list(message.duration),
         'files': [PurePath(path).stem for path in message.files], 'file': list(message.file),
-        'bounds': list(message.bounds), 'descriptors': list(message.descriptors),
-        'values': [list(message.values[i::count]) for i in range(count)],
+        'descriptors': [name for name in names if name != MOVED], 'values': columns,
+        'bounds': list(message.bounds),
+        'moved': [grain for grain, yes in enumerate(by_hand) if yes],
     }  # fmt: skip

@@ -134,6 +134,8 @@ KINDS: dict[str, Kind] = {
         Kind('play_grain', 'hear one grain', ('sound',), (_GRAIN,)),
         Kind('move_grain', 'put a grain elsewhere in the descriptor space, 0..1; kept beside the'
              ' sound', ('grains',), (_GRAIN, Number('x', 0, 1), Number('y', 0, 1))),
+        Kind('restore_grain', 'put a grain back where the layout has it, and forget that it was'
+             ' moved', ('grains',), (_GRAIN,)),
         Kind('darkness', 'the infrared light is off until this stamp', ('tracker',), (_TIME,),
              within_s=15.0, internal=True),
         Kind('background', 'an image of what shines without blocks, as PNG; empty for none',
@@ -147,6 +149,7 @@ KINDS: dict[str, Kind] = {
 PROVED = ('tracker', 'motion', 'grains')  # their results are recomputed from a bag
 PEOPLE = ('sleep', 'wake', 'test')  # asked of the work, not of a machine or a room
 Columns = Mapping[str, np.ndarray] | np.ndarray  # of a table, by name
+_WRITING = ('move_grain', 'restore_grain')  # to files that are there when it is replayed
 _KEPT = (SET, 'background', 'yaw_offsets')  # hold until the next such request
 
 
@@ -191,7 +194,7 @@ def ahead(heeded: list[Heeded], start_ns: int) -> list[Asked]:
         if one.log_ns < start_ns and one.asked.kind in _KEPT:
             key = (one.asked.node, one.asked.kind, tuple(sorted(one.asked.values)))
             before[key] = one.asked
-    after = [h.asked for h in mine if h.log_ns >= start_ns and h.asked.kind != 'move_grain']
+    after = [h.asked for h in mine if h.log_ns >= start_ns and h.asked.kind not in _WRITING]
     return [*before.values(), *after]
 
 

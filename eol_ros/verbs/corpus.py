@@ -23,6 +23,8 @@ EXAMPLES = [
     'eol corpus                               (the procedural ice recording)',
     'eol corpus show iceberg.json --out iceberg.png',
     'eol corpus move iceberg.json 17 0.5 0.25',
+    'eol corpus export iceberg.json iceberg-flucoma.json',
+    'eol corpus import iceberg.json grid.json --out iceberg-grid.json  # places by FluCoMa',
 ]
 
 
@@ -32,7 +34,7 @@ def add_arguments(parser):
         'words',
         nargs='*',
         metavar='AUDIO',
-        help='sound files or folders; or show JSON; or move ...',
+        help='sound files or folders; or show, move, export, import ...',
     )
     add = parser.add_argument
     add('--segment', choices=('chop', 'onset', 'gate', 'none', 'labels'), default='chop')
@@ -57,6 +59,7 @@ def add_arguments(parser):
     add('--csv', metavar='FILE', help='one line per grain')
     add('--labels-out', metavar='FILE', help='the grains as an Audacity label track')
     add('--json', action='store_true', help='the corpus to stdout')
+    add('--columns', metavar='A,B', default='', help='with import, what the columns are')
 
 
 _NAMES = 'one of ' + ', '.join(MAP_AXES)
@@ -68,6 +71,10 @@ def run(args):
         return _show(args)
     if args.words[:1] == ['move']:
         return _move(args)
+    if args.words[:1] == ['export']:
+        return _export(args)
+    if args.words[:1] == ['import']:
+        return _import(args)
     return _make(args)
 
 
@@ -189,6 +196,29 @@ def _move(args):
     key = hashlib.sha256(f'{corpus.digest} {grain} {x!r} {y!r}'.encode()).hexdigest()
     corpus_file.save(dataclasses.replace(corpus, digest=key), Path(path))
     print(json.dumps({'grain': grain, 'x': x, 'y': y, 'kept_in': str(kept)}))
+    return 0
+
+
+def _export(args):
+    from eol_ros.devices.corpus import corpus_file, flucoma_file
+
+    if len(args.words) != 3:
+        raise UsageError('export takes: CORPUS.json DATASET.json')
+    corpus = corpus_file.load(Path(args.words[1]))
+    columns = flucoma_file.save(corpus, Path(args.words[2]))
+    print(f'{int(corpus.placed.sum())} points of {len(columns)} columns: {" ".join(columns)}')
+    return 0
+
+
+def _import(args):
+    from eol_ros.devices.corpus import corpus_file, flucoma_file
+
+    if len(args.words) != 3 or not args.out:
+        raise UsageError('import takes: CORPUS.json DATASET.json --out NEW.json')
+    corpus = corpus_file.load(Path(args.words[1]))
+    names = [name.strip() for name in args.columns.split(',') if name.strip()]
+    corpus_file.save(flucoma_file.apply(corpus, Path(args.words[2]), names), Path(args.out))
+    print(args.out)
     return 0
 
 

@@ -69,6 +69,7 @@ CONTROLS: dict[str, Control] = {
             fixed={'hands': 'nobody'},
         ),
         _setting('radius', 'grains', 'radius'),
+        _setting('blend', 'grains', 'blend'),
         _setting('threshold', 'tracker', 'threshold'),
         Control(
             'axes',
@@ -80,5 +81,6 @@ CONTROLS: dict[str, Control] = {
         ),
         _plain('play', 'play_grain'),
         _plain('move', 'move_grain'),
+        _plain('restore', 'restore_grain'),
     )
 }

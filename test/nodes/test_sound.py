@@ -296,7 +296,7 @@ def test_samples_are_published_while_somebody_listens(graph, matched, tmp_path):
 
 
 @pytest.mark.slow
-def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path):
+def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch):
     ear, port = OscIn(0), OscIn(0)
     number = port.port
     port.close()
@@ -307,6 +307,19 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path):
     try:
         node.on_trigger(trigger(now_ns(), grain=7, block=3, pan=-0.5))
         assert ear.take() == [('/eol/grain', 3, 7, 0.5, 1.0, -0.5)]
+        told = Corpus(
+            descriptors=['flatness', 'pitch_hz'], values=[0.25, 100.0, 0.5, 200.0],
+            x=[0.0, 0.75], y=[0.0, 0.5], file=[0, 0], bounds=[-0.5, -0.5, 0.5, 0.5],
+        )  # fmt: skip
+        node.osc.corpus(told, now_ns())
+        node.osc.corpus(Corpus(), now_ns() + 10**10)  # counts from then on
+        node.on_trigger(trigger(now_ns(), grain=1, block=3, pan=-0.5))
+        place = (0.25, 0.0, 0.5, 200.0)
+        assert ear.take() == [
+            ('/eol/descriptors', 'flatness', 'pitch_hz'),
+            ('/eol/descriptors',),
+            ('/eol/grain', 3, 1, 0.5, 1.0, -0.5, *place),
+        ]
         hand = OscOut(f'127.0.0.1:{number}')
         for address, value in (('gain_db', -12), ('latency_s', -5.0), ('channels', 4)):
             hand.send(f'/eol/set/{address}', value)
@@ -317,6 +330,26 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path):
         node.osc._settings()
         hand.close()
         assert node.settings == dataclasses.replace(settings, gain_db=-12.0)
+        asked = []
+        monkeypatch.setattr(node.requests, 'ask', asked.append)
+        hand = OscOut(f'127.0.0.1:{number}')
+        for address, values in {
+            'grains/radius': (1,), 'grains/mode': ('chain',), 'grains/rearm_at_rest': (0,),
+            'grains/k': (4.0,), 'grains/weights': ('ice 0.5', 'sea 0'), 'grains/gone': (1,),
+            'motion/rest_s': (1.0,), 'sound/gain_db': (-20,),
+        }.items():  # fmt: skip
+            hand.send(f'/eol/set/{address}', *values)
+        for _ in range(300):
+            node.osc._settings()
+            if node.settings.gain_db == -20:
+                break
+        hand.close()
+        expected = [
+            {'radius': 1.0}, {'mode': 'chain'}, {'rearm_at_rest': False}, {'k': 4},
+            {'weights': ['ice 0.5', 'sea 0']},
+        ]  # fmt: skip
+        found = [(one.kind, one.node, repr(one.values)) for one in asked]  # 1.0, not 1
+        assert found == [('set', 'grains', repr(values)) for values in expected]
     finally:
         node.close()
         node.destroy_node()

@@ -983,6 +983,74 @@ def test_a_grain_is_heard_by_a_click_and_moved_by_a_drag_or_by_keys(graph, brows
     assert name == 'move' and moved['x'] == pytest.approx(body['x'] + 0.02, abs=1e-6)
 
 
+def test_the_space_says_what_lies_where_and_gives_moved_grains_back(graph, browser):
+    address, _ = graph
+    visit(browser, address, '/')
+    until_page(browser, 'eol.space.corpus && eol.space.box')
+    # What is asked for; not sent, for it would be kept beside the sound for good.
+    asked = 'eol.asked = []; eol.link.control = async (...ask) => ({ok: eol.asked.push(ask)});'
+    run(browser, asked)
+    # Grains of equal length: length is no axis; what takes longer to describe may be one.
+    names = run(browser, 'return [...eol.space.menus.x.options].map((option) => option.value)')
+    assert 'duration_s' not in names and {'centroid_mean_hz', 'mfcc_3', 'pca_1'} <= set(names)
+    # A tick says the median of what lies there.
+    ticks = run(browser, 'return [0, .25, .5, .75, 1].map((at) => Number(eol.space.tick("x", at)))')
+    assert ticks == sorted(ticks) and 20 < ticks[0] < ticks[4] / 2
+    # Hearing under the pointer.
+    run(browser, 'eol.space.canvas.scrollIntoView({block: "center"})')
+    x, y = run(
+        browser,
+        """
+        const box = eol.space.canvas.getBoundingClientRect();
+        const [x, y] = eol.space.at(eol.space.corpus.x[7], eol.space.corpus.y[7]);
+        return [Math.round(box.x + x), Math.round(box.y + y)];
+    """,
+    )
+    mouse(browser, 'mouseMoved', x - 90, y, 0)
+    mouse(browser, 'mouseMoved', x, y, 0)
+    assert run(browser, 'return eol.asked.length') == 0
+    run(browser, 'document.querySelector("#hover").click()')
+    mouse(browser, 'mouseMoved', x - 90, y, 0)
+    run(browser, 'eol.space.heard = -Infinity; eol.asked.length = 0;')
+    mouse(browser, 'mouseMoved', x, y, 0)
+    assert until_page(browser, 'eol.asked[0]') == ['play', {'grain': 7}]
+    run(browser, 'document.querySelector("#hover").click(); eol.asked.length = 0;')
+    # Undo: a grain that lay where the layout has it is given back to it, one moved before is not.
+    assert run(browser, 'return eol.space.undoing.disabled')
+    run(browser, 'eol.space.canvas.focus(); eol.space.pick(7)')
+    stroke = "new KeyboardEvent('keydown', {key: 'ArrowRight', shiftKey: true})"
+    run(browser, f'eol.space.canvas.dispatchEvent({stroke})')
+    until_page(browser, 'eol.asked.length === 1 && !eol.space.undoing.disabled')
+    first = run(browser, 'return eol.asked[0]')
+    run(browser, 'eol.space.setCorpus({...eol.space.corpus, moved: [7]})')
+    run(browser, f'eol.space.canvas.dispatchEvent({stroke})')
+    until_page(browser, 'eol.asked.length === 2')
+    run(browser, 'eol.space.undoing.click()')
+    assert until_page(browser, 'eol.asked[2]') == first
+    run(browser, 'eol.space.undoing.click()')
+    assert until_page(browser, 'eol.asked[3]') == ['restore', {'grain': 7}]
+    assert run(browser, 'return eol.space.undoing.disabled')
+    # The list, and a colour for each sound.
+    run(browser, 'document.querySelector("#moved").open = true')
+    press_it = 'document.querySelector("#moved li button").click()'
+    run(browser, press_it)
+    assert until_page(browser, 'eol.asked[4]') == ['restore', {'grain': 7}]
+    run(
+        browser,
+        """
+        const {corpus} = eol.space;
+        const file = corpus.x.map((_, grain) => grain % 2);
+        eol.space.setCorpus({...corpus, files: ['ice', 'harbour'], file});
+        eol.space.menus.colour.value = 'by_sound';
+        eol.space.recolour();
+    """,
+    )
+    assert run(browser, 'return new Set(eol.space.colours).size') == 2
+    until_page(browser, '!eol.space.dirty || eol.space.flashes.size')
+    picture(browser, 'space-of-two-sounds')
+    run(browser, 'eol.link.emit("corpus")')
+
+
 SAME_IN_ANY_LIGHT = """
 const [dark, lit] = [0, 255].map((level) => {
   eol.drawing.waves = [];

@@ -149,6 +149,8 @@ def test_each_control_reaches_the_graph(serve):
         'play': {'grain': 7},
         'axes': {'x': 'centroid_mean_hz', 'y': 'loudness'},
         'move': {'grain': 3, 'x': 0.5, 'y': 1},
+        'blend': {'value': 0.5},
+        'restore': {'grain': 3},
     }
     for name in CONTROLS:
         status, _, text = ask(server, f'/control/{name}', json.dumps(bodies.get(name, {})))

@@ -60,6 +60,7 @@ class Bank:
             self._samples[at : at + len(sound)] = sound
             begins[i] = at
             at += len(sound) + GUARD
+        self._backwards: np.ndarray | None = None
         file = np.asarray(file, np.int64)
         first = np.round(np.asarray(start, float) * sample_rate).astype(np.int64)
         length = np.round(np.asarray(duration, float) * sample_rate).astype(np.int64)
@@ -69,6 +70,17 @@ class Bank:
 
     def __len__(self) -> int:
         return len(self.length)
+
+    @property
+    def backwards(self) -> np.ndarray:
+        """Addresses (g,) of the last sample of each grain, of a copy that goes back from there.
+
+        The copy is made when somebody first asks for it.
+        """
+        if self._backwards is None:
+            self._backwards = self._samples[::-1].copy()
+        size, start = self._samples.nbytes, self._samples.ctypes.data
+        return self._backwards.ctypes.data + size - (self.address - start) - 4 * self.length
 
     def placed(self, places: ArrayLike) -> 'Bank':
         """Return a bank of the same sound in the same memory, its grains at `places` (g, 2), m."""
@@ -107,8 +119,11 @@ def numbered_rows(
     t = triggers[good]
     v = np.zeros(len(t), VOICE)
     v['time_s'] = t['time_s']
-    v['rate'] = t['rate']
+    v['rate'] = np.abs(t['rate'])
     v['source'] = bank.address[t['grain']]
+    back = t['rate'] < 0
+    if back.any():
+        v['source'][back] = bank.backwards[t['grain'][back]]
     v['length'] = ((bank.length[t['grain']] - 1) / v['rate']).astype(np.int64) + 1
     last = v['length'] - 1
     least = EDGE_S * bank.sample_rate

@@ -473,8 +473,17 @@ class Selector:
         attack = s.attack_s * (1 + s.edge_jitter * u[:, 1])
         release = s.release_s * (1 + s.edge_jitter * u[:, 2])
         room = self._durations[column] / out['rate']
+        if s.envelope == 'hann':
+            attack = release = room
+        elif s.envelope == 'percussive':
+            release = np.maximum(room - attack, 0.0)
+        elif s.envelope == 'swell':
+            attack = np.maximum(room - release, 0.0)
         squeeze = np.minimum(1, room / np.maximum(attack + release, 1e-9))
         out['attack_s'], out['release_s'] = attack * squeeze, release * squeeze
+        if s.reverse:
+            back = chance(s.seed, time_s, block, grain, 9) < s.reverse
+            out['rate'] = np.where(back, -out['rate'], out['rate'])
         return out
 
     def _creaks(self, time_s: float, span_s: float) -> np.ndarray:

@@ -119,7 +119,8 @@ class Voicing:
         t = triggers[playable(triggers, len(bank))]
         area, since_s, grew = self._grown(t)
         sub = self._sub(t[grew], area[grew]) if s.sub_db > OFF_DB else None
-        t['rate'] = np.clip(t['rate'] * area ** (-s.rate_scaling / 2), MIN_RATE, MAX_RATE)
+        speed = np.clip(np.abs(t['rate']) * area ** (-s.rate_scaling / 2), MIN_RATE, MAX_RATE)
+        t['rate'] = np.copysign(speed, t['rate'])
         level_db = s.dynamics_db * (np.log(area) / np.log(N_BLOCKS) - 1)
         if s.onset_duck_db:
             level_db -= s.onset_duck_db * np.maximum(0, 1 - since_s / s.onset_duck_s)

@@ -25,7 +25,7 @@ ICE_RECIPE = 2  # counts up whenever the same seed gives another ice recording
 ANALYSIS = 2  # counts up whenever the same sound gives other grains or descriptors
 SOUNDS = {'.wav', '.flac', '.ogg', '.oga', '.opus', '.aif', '.aiff', '.mp3', '.caf', '.au', '.w64'}
 DIGITS = 9  # significant, in JSON and CSV
-_FURTHER = (*MORE_DESCRIPTORS, *PROJECTIONS)  # columns that a corpus may have or not
+FURTHER = (*MORE_DESCRIPTORS, *PROJECTIONS)  # columns that a corpus may have or not
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,10 @@ class Options:
         """Return those that the settings of the node name."""
         names = {f.name for f in fields(settings)}
         return cls(**{f.name: getattr(settings, f.name) for f in fields(cls) if f.name in names})
+
+
+# Settings of `grains` that make another corpus.
+REMAKING = frozenset({'sound', 'seed', *(f.name for f in fields(Options))})
 
 
 def ice_file(seed: int, recipe: int = ICE_RECIPE) -> Path:
@@ -159,7 +163,7 @@ def cached_path(sounds: list[Path], key: str) -> Path:
 
 def save(corpus: Corpus, path: Path) -> None:
     """Write a corpus as JSON; `load` reads it back."""
-    _write(path, as_json(corpus, path.resolve().parent))
+    write_text(path, as_json(corpus, path.resolve().parent))
 
 
 def as_json(corpus: Corpus, base: Path | None = None) -> str:
@@ -188,7 +192,7 @@ def as_json(corpus: Corpus, base: Path | None = None) -> str:
 
 
 def _columns(corpus: Corpus) -> tuple[str, ...]:
-    return (*COLUMNS, *(n for n in corpus.descriptors if n in _FURTHER))
+    return (*COLUMNS, *(n for n in corpus.descriptors if n in FURTHER))
 
 
 def load(path: Path, trusted: bool = False) -> Corpus:
@@ -225,7 +229,7 @@ def load(path: Path, trusted: bool = False) -> Corpus:
             for row in data['files']
         )  # fmt: skip
         number = {row['path']: i for i, row in enumerate(data['files'])}
-        further = [n for n in _FURTHER if data['grains'] and n in data['grains'][0]]
+        further = [n for n in FURTHER if data['grains'] and n in data['grains'][0]]
         grains = np.zeros(len(data['grains']), grain_dtype(further))
         for i, row in enumerate(data['grains']):
             given = (row.get(n) for n in (*COLUMNS, *further))
@@ -281,14 +285,14 @@ def save_csv(corpus: Corpus, path: Path) -> None:
         name = corpus.sources[grain['file']].path
         values = [_plain(grain[n]) for n in names]
         lines.append(','.join([_quoted(name), *('' if v is None else repr(v) for v in values)]))
-    _write(path, '\n'.join(lines) + '\n')
+    write_text(path, '\n'.join(lines) + '\n')
 
 
 def save_labels(corpus: Corpus, path: Path, source: int = 0) -> None:
     """Write the grains of one sound as an Audacity label track."""
     rows = [(i, g) for i, g in enumerate(corpus.grains) if g['file'] == source]
     text = [f'{g["start_s"]:.6f}\t{g["start_s"] + g["duration_s"]:.6f}\t{i}' for i, g in rows]
-    _write(path, '\n'.join(text) + '\n')
+    write_text(path, '\n'.join(text) + '\n')
 
 
 def load_labels(path: Path) -> np.ndarray:
@@ -342,18 +346,48 @@ def move(corpus: Corpus, grain: int, x: float, y: float) -> Path:
 
     A grain is known by a moment in its sound, so that the note survives another cut of it.
     """
-    if not 0 <= grain < len(corpus):
-        raise ConfigError(f'grain {grain}: the corpus has grains 0 to {len(corpus) - 1}')
     if not (0 <= x <= 1 and 0 <= y <= 1):
         raise ConfigError(f'{x:g}, {y:g}: x and y must lie in 0..1')
-    row = corpus.grains[grain]
-    sound = Path(corpus.sources[row['file']].path)
-    start, end = row['start_s'], row['start_s'] + row['duration_s']
+    sound, (start, end) = _span(corpus, grain)
     kept = [m for m in load_moved(sound) if not start <= m[0] < end]
-    kept.append(np.array([(start + end) / 2, x, y]))
+    return _save_moved(sound, [*kept, np.array([(start + end) / 2, x, y])])
+
+
+def restore(corpus: Corpus, grain: int) -> Path:
+    """Forget that a grain was moved by hand; return the file beside its sound that said so."""
+    sound, (start, end) = _span(corpus, grain)
+    noted = load_moved(sound)
+    kept = [m for m in noted if not start <= m[0] < end]
+    if len(kept) == len(noted):
+        raise ConfigError(f'grain {grain}: was not moved')
+    return _save_moved(sound, kept)
+
+
+def moved(corpus: Corpus) -> list[int]:
+    """Return the numbers of the grains that were moved by hand."""
+    found = []
+    for i, source in enumerate(corpus.sources):
+        for time_s in load_moved(Path(source.path))[:, 0].tolist():
+            start = corpus.grains['start_s']
+            end = start + corpus.grains['duration_s']
+            here = (corpus.grains['file'] == i) & (start <= time_s) & (time_s < end)
+            found += np.flatnonzero(here & corpus.placed)[:1].tolist()
+    return sorted(found)
+
+
+def _span(corpus: Corpus, grain: int) -> tuple[Path, tuple[float, float]]:
+    """Return the sound of a grain, and where in it the grain lies, s."""
+    if not 0 <= grain < len(corpus):
+        raise ConfigError(f'grain {grain}: the corpus has grains 0 to {len(corpus) - 1}')
+    row = corpus.grains[grain]
+    start = row['start_s']
+    return Path(corpus.sources[row['file']].path), (start, start + row['duration_s'])
+
+
+def _save_moved(sound: Path, rows: list[np.ndarray]) -> Path:
     path = beside(sound, 'moved.csv')
-    lines = [','.join(repr(_plain(v)) for v in m) for m in sorted(kept, key=lambda m: m[0])]
-    _write(path, 'time_s,x,y\n' + '\n'.join(lines) + '\n')
+    lines = [','.join(repr(_plain(v)) for v in m) for m in sorted(rows, key=lambda m: m[0])]
+    write_text(path, '\n'.join(['time_s,x,y', *lines]) + '\n')
     return path
 
 
@@ -365,7 +399,7 @@ def _quoted(text: str) -> str:
     return '"' + text.replace('"', '""') + '"' if set(text) & set(',"\n') else text
 
 
-def _write(path: Path, text: str) -> None:
+def write_text(path: Path, text: str) -> None:
     """Write all or nothing: a reader never meets half a file."""
     part = path.with_name(f'.{path.name}.{os.getpid()}')
     try:

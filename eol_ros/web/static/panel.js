@@ -83,7 +83,10 @@ let hours = null; // what the node of that name said last
 link.on('health', (status) => {
   nodes.take(status, Math.max(0, link.now() - status.at));
   if (status.node === 'tracker') camera.showThreshold(status.values.threshold);
-  if (status.node === 'grains') showReach(Number(status.values.radius));
+  if (status.node === 'grains') {
+    showReach(Number(status.values.radius));
+    space.showBlend(status.values.blend);
+  }
   if (status.node === 'twin' && status.values.hands) {
     $('ghosts').hidden = false;
   }
@@ -165,7 +168,8 @@ link.on('wall', ({ left, right }) => {
 // What people ask for
 
 function lock(locked) {
-  for (const element of document.querySelectorAll('[data-control], #radius, #keep-threshold')) element.disabled = locked;
+  for (const element of document.querySelectorAll('[data-control], #radius, #keep-threshold, #blend')) element.disabled = locked;
+  space.lock(locked);
 }
 
 function forget() {
@@ -191,7 +195,7 @@ async function act(name, body = {}) {
     const { error, text, said } = answer;
     show(() => sentence({ text: error ?? text, said }) || say('done'), error ? 'legend bad' : 'legend');
   }
-  if (answer.error && (name === 'move' || name === 'axes')) link.emit('corpus'); // show what really is
+  if (answer.error && ['move', 'axes', 'restore'].includes(name)) link.emit('corpus'); // show what really is
   return answer;
 }
 

@@ -1,11 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// The descriptor space: every grain, the moving blocks as squares, their reach as circles.
+// The descriptor space: every grain, the blocks as squares, their reach as circles.
 
 import { calm, fit, fontPx, INK, MOVE, QUIET, scale, THREAD, write } from './paint.js';
 import { descriptor, say } from './i18n.js';
 
 const FLASH_S = 0.5;
-const PAD = 0.05;
+const PAD = 0.08;
+const HEARD_MS = 120; // hearing under the pointer: no grain sooner after the one before
+const TICKS = [0, 0.25, 0.5, 0.75, 1];
+// What an axis may be though the corpus does not have it yet: it is described when it is chosen.
+const FURTHER = [
+  'spectral_flux', 'attack_time_s', 'loudness_range_lu', 'harmonic_ratio',
+  ...Array.from({ length: 12 }, (_, k) => `mfcc_${k + 1}`), 'pca_1', 'pca_2', 'umap_1', 'umap_2',
+];
+const BY_SOUND = 'by_sound';
+// One of its own for each sound, told apart by those who see few colours, too (Okabe, Ito).
+const SOUNDS = ['#56b4e9', '#e69f00', '#009e73', '#f0e442', '#cc79a7', '#d55e00', '#0072b2', '#bbbbbb'];
 
 export class SpaceView {
   constructor(card, act) {
@@ -20,6 +30,16 @@ export class SpaceView {
     for (const axis of ['x', 'y']) {
       this.menus[axis].onchange = () => act('axes', { x: this.menus.x.value, y: this.menus.y.value });
     }
+    this.hearing = card.querySelector('#hover');
+    this.undoing = card.querySelector('#undo');
+    this.list = card.querySelector('#moved');
+    this.slider = card.querySelector('#blend');
+    this.moves = []; // newest last: grain, and where it was; nowhere, if the layout had it there
+    this.heard = -Infinity;
+    this.hearing.onclick = () => this.hearing.setAttribute('aria-pressed', this.hearing.ariaPressed !== 'true');
+    this.undoing.onclick = () => this.undo();
+    this.slider.oninput = () => this.sayBlend();
+    this.slider.onchange = () => act('blend', { value: Number(this.slider.value) });
     this.canvas.onpointermove = (event) => this.hover(event);
     this.canvas.onpointerleave = () => this.dragging || this.pick(-1);
     this.canvas.onpointerdown = (event) => this.grab(event);
@@ -28,25 +48,80 @@ export class SpaceView {
   }
 
   setCorpus(corpus) {
+    if (corpus !== this.corpus) this.held = null;
     this.corpus = corpus;
-    const options = (chosen) =>
-      corpus.descriptors.map((name) => new Option(descriptor(name), name, false, name === chosen));
-    this.menus.x.replaceChildren(...options(corpus.x_name));
-    this.menus.y.replaceChildren(...options(corpus.y_name));
-    const colour = this.menus.colour.value || corpus.descriptors[0];
-    this.menus.colour.replaceChildren(...options(colour));
+    // What is the same for all grains tells nothing of a place.
+    const varied = corpus.descriptors.filter((_, i) => new Set(corpus.values[i]).size > 1);
+    const options = (names, chosen) =>
+      [...new Set([...names, chosen])].map((name) => new Option(name === BY_SOUND ? say(BY_SOUND) : descriptor(name), name, false, name === chosen));
+    for (const axis of ['x', 'y']) {
+      this.menus[axis].replaceChildren(...options([...varied, ...FURTHER.filter((name) => !corpus.descriptors.includes(name))], corpus[`${axis}_name`]));
+    }
+    const names = corpus.files.length > 1 ? [BY_SOUND, ...varied] : varied;
+    const before = this.menus.colour.value;
+    this.menus.colour.replaceChildren(...options(names, names.includes(before) ? before : names[0]));
+    this.showMoved();
     this.canvas.dataset.grains = corpus.x.length;
     this.recolour();
   }
 
+  lock(locked) {
+    this.locked = locked;
+    this.showMoved();
+  }
+
+  // What was moved by hand, each with a button that puts it back.
+  showMoved() {
+    const { moved = [] } = this.corpus ?? {};
+    this.undoing.disabled = this.locked || !this.moves.length;
+    this.list.hidden = !moved.length;
+    write(this.list.querySelector('summary'), say('moved_words', { count: moved.length }));
+    const rows = moved.map((grain) => {
+      const button = document.createElement('button');
+      button.textContent = say('restore_grain', { grain });
+      button.disabled = this.locked;
+      button.onclick = () => this.act('restore', { grain });
+      button.onpointerenter = button.onfocus = () => this.pick(grain);
+      const row = document.createElement('li');
+      row.append(button);
+      return row;
+    });
+    this.list.querySelector('ul').replaceChildren(...rows);
+  }
+
+  undo() {
+    const last = this.moves.pop();
+    if (!last) return;
+    if (last.by_hand) this.act('move', { grain: last.grain, x: last.x, y: last.y });
+    else this.act('restore', { grain: last.grain });
+    this.showMoved();
+  }
+
+  showBlend(told) {
+    if (told === undefined || Number(told) === this.told) return; // the same: a hand may be on it
+    this.told = Number(told);
+    this.slider.value = told;
+    this.sayBlend();
+  }
+
+  sayBlend() {
+    const words = `${Math.round(100 * this.slider.value)} %`;
+    this.slider.nextElementSibling.value = words;
+    this.slider.setAttribute('aria-valuetext', words);
+  }
+
   recolour() {
+    this.dirty = true;
+    this.still = null;
+    if (this.menus.colour.value === BY_SOUND) {
+      this.colours = this.corpus.file.map((file) => SOUNDS[file % SOUNDS.length]);
+      return;
+    }
     const column = this.corpus.descriptors.indexOf(this.menus.colour.value);
     const values = this.corpus.values[column] ?? this.corpus.x;
     const order = values.map((_, i) => i).sort((a, b) => values[a] - values[b]);
     this.colours = [];
-    this.still = null;
     order.forEach((grain, rank) => (this.colours[grain] = scale(rank / Math.max(values.length - 1, 1))));
-    this.dirty = true;
   }
 
   blocks(blocks, moving) {
@@ -88,7 +163,8 @@ export class SpaceView {
     if (grain < 0) return write(this.legend, '');
     const { corpus } = this;
     const column = corpus.descriptors.indexOf(this.menus.colour.value);
-    const value = column >= 0 ? `${descriptor(this.menus.colour.value)} ${round(corpus.values[column][grain])}` : '';
+    const sound = corpus.files.length > 1 ? corpus.files[corpus.file[grain]] : '';
+    const value = column < 0 ? sound : `${descriptor(this.menus.colour.value)} ${round(corpus.values[column][grain])}`;
     const words = say('grain_words', {
       grain, start: corpus.start[grain].toFixed(2), duration: corpus.duration[grain].toFixed(2), value,
     });
@@ -113,7 +189,12 @@ export class SpaceView {
       if (this.dragging.moved) this.put(this.picked, ...this.back(event.offsetX, event.offsetY));
       return;
     }
+    const before = this.picked;
     this.pick(this.nearest(event.offsetX, event.offsetY));
+    if (this.hearing.ariaPressed !== 'true' || this.picked < 0 || this.picked === before) return;
+    if (performance.now() - this.heard < HEARD_MS) return;
+    this.heard = performance.now();
+    this.play(this.picked);
   }
 
   grab(event) {
@@ -134,6 +215,10 @@ export class SpaceView {
   }
 
   put(grain, x, y) {
+    const { corpus } = this;
+    if (this.held?.grain !== grain) {
+      this.held = { grain, x: corpus.x[grain], y: corpus.y[grain], by_hand: corpus.moved.includes(grain) };
+    }
     this.corpus.x[grain] = x;
     this.corpus.y[grain] = y;
     this.still = null;
@@ -142,6 +227,9 @@ export class SpaceView {
 
   send() {
     const { corpus, picked } = this;
+    if (this.held) this.moves.push(this.held);
+    this.held = null;
+    this.showMoved();
     this.act('move', { grain: picked, x: corpus.x[picked], y: corpus.y[picked] });
   }
 
@@ -253,6 +341,43 @@ export class SpaceView {
     brush.textAlign = 'left';
     brush.textBaseline = 'top';
     brush.fillText(`\u2191 ${descriptor(this.corpus.y_name)}`, 6, 4);
+    const small = fontPx(0.66);
+    brush.font = `300 ${small}px system-ui`;
+    const under = Math.min(this.at(0, 0)[1] + 3, h - 3 - size - small);
+    for (const at of TICKS) {
+      const [px, py] = this.at(at, at);
+      brush.textAlign = 'center';
+      brush.textBaseline = 'top';
+      brush.fillText(this.tick('x', at), px, under);
+      brush.textAlign = 'left';
+      brush.textBaseline = 'middle';
+      if (py > size + small && (at || h > 300)) brush.fillText(this.tick('y', at), 4, py);
+    }
+    if (this.menus.colour.value === BY_SOUND) this.drawSounds(brush, w);
+  }
+
+  // The descriptor's median among the tenth of the grains that lie nearest to a tick: grains are not
+  // always where a scale has them, and so this holds in any layout.
+  tick(axis, at) {
+    const { corpus } = this;
+    const column = corpus.values[corpus.descriptors.indexOf(corpus[`${axis}_name`])];
+    if (!column) return '';
+    const near = [...column.keys()].filter((i) => Number.isFinite(corpus[axis][i]) && Number.isFinite(column[i]));
+    near.sort((a, b) => Math.abs(corpus[axis][a] - at) - Math.abs(corpus[axis][b] - at));
+    const values = near.slice(0, Math.max(1, Math.round(near.length / 10))).map((i) => column[i]);
+    values.sort((a, b) => a - b);
+    return values.length ? round(values[values.length >> 1]) : '';
+  }
+
+  drawSounds(brush, w) {
+    const size = fontPx(0.72);
+    brush.font = `400 ${size}px system-ui`;
+    brush.textAlign = 'right';
+    brush.textBaseline = 'top';
+    this.corpus.files.slice(0, SOUNDS.length).forEach((name, i) => {
+      brush.fillStyle = SOUNDS[i];
+      brush.fillText(`${name} \u25cf`, w - 6, 4 + i * size * 1.3);
+    });
   }
 
   // The reach of a block, in metres.
@@ -276,11 +401,11 @@ export class SpaceView {
       brush.lineWidth = fontPx(live ? 0.13 : 0.07);
       const half = fontPx(live ? 0.45 : 0.26);
       brush.strokeRect(x - half, y - half, 2 * half, 2 * half);
-      if (live) {
-        brush.beginPath();
-        brush.ellipse(x, y, this.reach * perM, this.reach * tallM, 0, 0, 7);
-        brush.stroke();
-      }
+      brush.globalAlpha = live ? 1 : 0.55;
+      brush.beginPath();
+      brush.ellipse(x, y, this.reach * perM, this.reach * tallM, 0, 0, 7);
+      brush.stroke();
+      brush.globalAlpha = 1;
     }
   }
 }

@@ -543,3 +543,30 @@ def test_chance_is_uniform_and_depends_on_each_argument():
     base = chance(1, 12.5, 2, 3, 4)
     for other in [(2, 12.5, 2, 3, 4), (1, 12.6, 2, 3, 4), (1, 12.5, 3, 3, 4), (1, 12.5, 2, 4, 4)]:
         assert chance(*other) != base
+
+
+@pytest.mark.parametrize(
+    ('envelope', 'attack_s', 'release_s'),
+    [
+        ('edges', 0.005, 0.2),
+        ('hann', 0.125, 0.125),
+        ('percussive', 0.005, 0.245),
+        ('swell', 0.05, 0.2),
+    ],
+)
+def test_envelopes_fill_the_grain_as_they_say(envelope, attack_s, release_s):
+    settings = dataclasses.replace(STILL, envelope=envelope)
+    found = run(settings, CENTRE, THROUGH)
+    assert found['attack_s'] == pytest.approx(attack_s)
+    assert found['release_s'] == pytest.approx(release_s)
+
+
+def test_a_share_of_the_grains_goes_backwards_and_nothing_else_changes():
+    places = np.random.default_rng(3).random((300, 2))
+    wide = dataclasses.replace(STILL, radius=0.3)
+    runs = [run(dataclasses.replace(wide, reverse=r), places, THROUGH) for r in (0.0, 0.5, 1.0)]
+    assert (runs[0]['rate'] == 1).all() and (runs[2]['rate'] == -1).all()
+    assert 0.3 < np.mean(runs[1]['rate'] < 0) < 0.7
+    for some in runs[1:]:
+        some['rate'] = np.abs(some['rate'])
+        assert (some == runs[0]).all() and len(some) > 40
