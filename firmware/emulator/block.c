@@ -23,6 +23,7 @@
 #include "../link.h"
 
 enum { HZ = 8000000, FIFO = 32, FRAMES = 3, EVENTS = 4096, PATTERN = 0xA5, SMCR = 0x53, PORTD = 0x2B, TCCR0A = 0x44, OCR0A = 0x47, SPCR = 0x4C, SPSR, SPDR, TWBR = 0xB8, TWSR, TWCR = 0xBC };
+enum { L_ACTIVE, L_IDLE, L_POWER_DOWN, L_LISTENING, L_SENDING, L_SENSOR_FAST, L_SENSOR_SLOW, L_INFRARED, L_WHITE, LOADS };
 enum { E_LEVEL = 1, E_INFRARED, E_SENT };
 enum { X_REST, X_SENDS, X_WAITS }; /* of the radio */
 enum { STIFF = 1, WHITE_OPEN = 2, INFRARED_OPEN = 4, WHITE_STAYS = 8 }; /* parts that are broken */
@@ -56,6 +57,7 @@ typedef struct {
     uint64_t phase_ends;
     uint64_t said_at; /* on I2C */
     uint64_t asleep, power_down, strange, resets;
+    uint64_t loads[LOADS]; /* cycles in which each of them drew current */
     uint8_t level, infrared, driven;
     event events[EVENTS];
     int event_count;
@@ -310,6 +312,19 @@ static uint8_t white(const emulator *e)
     return e->avr->data[TCCR0A] ? e->avr->data[OCR0A] : e->avr->data[PORTD] & 0x40 ? 255 : 0;
 }
 
+/* What has drawn current in the last `cycles`; L_WHITE in 1/255 of them. */
+static void load(emulator *e, uint64_t cycles, int asleep, uint8_t mode)
+{
+    uint8_t rate = e->reg[CTRL1] >> 4;
+    e->loads[!asleep ? L_ACTIVE : mode == 0x04 ? L_POWER_DOWN : L_IDLE] += cycles;
+    if (e->phase == X_SENDS) e->loads[L_SENDING] += cycles;
+    else if (radio_listens(e) || e->phase == X_WAITS) e->loads[L_LISTENING] += cycles;
+    if (rate == 9) e->loads[L_SENSOR_FAST] += cycles;
+    if (rate == 5) e->loads[L_SENSOR_SLOW] += cycles;
+    if (e->infrared) e->loads[L_INFRARED] += cycles;
+    e->loads[L_WHITE] += cycles * e->level;
+}
+
 static void on_infrared(struct avr_irq_t *irq, uint32_t value, void *param)
 {
     emulator *e = param;
@@ -430,6 +445,7 @@ int emulator_run(emulator *e, uint64_t cycle)
             e->asleep += avr->cycle - before;
             if (mode == 0x04) e->power_down += avr->cycle - before;
         }
+        load(e, avr->cycle - before, asleep && state == cpu_Sleeping, mode);
         if (state > cpu_Sleeping) return state;
         while (e->sample_next < e->sample_count &&
                (double)avr->cycle >= e->sample_first + (double)e->sample_next * e->sample_period) {
@@ -444,6 +460,9 @@ int emulator_run(emulator *e, uint64_t cycle)
     }
     return avr->state;
 }
+
+/* Cycles since the start in which each part of the block drew current; see L_ACTIVE and on. */
+void emulator_loads(const emulator *e, uint64_t *to) { memcpy(to, e->loads, sizeof e->loads); }
 
 uint64_t emulator_cycle(const emulator *e) { return e->avr->cycle; }
 

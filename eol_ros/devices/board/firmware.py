@@ -43,6 +43,11 @@ TURN_S = 1e-3
 TOLD_S = 0.01  # from one telling of the levels to the next
 BEHIND_S = 0.2  # a machine that stood still does not make up for more
 SENT = 3  # of an event of the emulator
+# What draws current, as the emulator counts it; the names are those of docs/build/block.yaml.
+LOADS = (
+    'active', 'idle', 'power_down', 'listening', 'sending', 'sensor_fast', 'sensor_slow',
+    'infrared', 'white',
+)  # fmt: skip
 
 
 class EmulatorEvent(ctypes.Structure):
@@ -216,6 +221,14 @@ class EmulatedBlock:
     def hear(self, frame: bytes) -> None:
         """The bridge sends."""
         self._lib.emulator_radio(self._memory, frame)
+
+    def loads_s(self) -> dict[str, float]:
+        """Return for how long each part has drawn its current; for `white`, that of full light."""
+        cycles = (ctypes.c_uint64 * len(LOADS))()
+        self._lib.emulator_loads(self._memory, cycles)
+        found = {name: count / HZ for name, count in zip(LOADS, cycles, strict=True)}
+        found['white'] /= 255
+        return found
 
     @property
     def level(self) -> int:
