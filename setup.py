@@ -69,7 +69,7 @@ TEST = [
     *TLS,
     *KIT,
 ]
-BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo']  # peers, measured in the same run
+BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo', 'av']  # peers, measured in the same run
 MAP = ['umap-learn>=0.5']  # maps of grains by UMAP
 RENDER = ['mitsuba>=3.9']  # path-traced images, see `make films`; nothing that runs imports it
 MESSAGES = 'msg_defs/eol_msgs'

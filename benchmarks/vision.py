@@ -12,6 +12,7 @@ EXAMPLES = [
     'eol bench vision --plots docs/img',
     'eol bench vision --films relief',
     'eol bench vision --films my_films --images 200 --json',
+    'eol bench vision --videos --seconds 4 --plots docs/img',
     'eol bench vision --levels "" --no-clean --hours 1 --slip-seconds 60 --json',
 ]
 CLUTTER = ('ordinary', 'hard', 'brutal')
@@ -32,6 +33,9 @@ def add_arguments(parser):
         '--films',
         metavar='FOLDER',
         help='only path-traced covers: `relief`, which is shipped, or a folder of `make films`',
+    )
+    parser.add_argument(
+        '--videos', action='store_true', help='only what MJPEG and H.264 cost, against their size'
     )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
@@ -57,6 +61,14 @@ def run(args) -> int:
         if args.plots:
             print(f'drawn {vision_relief.draw(folder, Path(args.plots))}', file=sys.stderr)
         tell(vision_relief.measure(folder, args.images), args.json, vision_relief.table)
+        return 0
+    if args.videos:
+        from benchmarks import vision_videos
+
+        found = vision_videos.measure(args.seconds)
+        if args.plots:
+            print(f'drawn {vision_videos.draw(found, Path(args.plots))}', file=sys.stderr)
+        tell(found, args.json, vision_videos.table)
         return 0
     levels = [name for name in args.levels.split(',') if name]
     for name in levels:

@@ -2,6 +2,7 @@
 """eol track: the tracker and the motion node over recorded images, to the bit as they run live."""
 
 import json
+import re
 import sys
 import time
 from collections import Counter
@@ -73,18 +74,43 @@ def run(args) -> int:
     for tap in source.taps:
         tracker.tap(*tap)
         motion.tap(Knock(round(tap[0] * 1e9), *tap[1:]))
-    overlay, rows, spent = None, [], []
+    from eol_ros.core.vision.image_health import Sizes
+    from eol_ros.core.vision.lens import FULL_SHARE, light
+
+    sizes = Sizes(tracker.calibration) if tracker.calibration is not None else None
+    overlay, spent = None, []
+    rows: list[Any] = []
     starts: dict[int, Any] = {}
     slips: list[tuple] = []
     cascades, told = [], set()
     for stamp_s, image in track(source.read(), 'tracking', total=source.count):
+        if not rows and tracker.calibration is not None:
+            try:
+                tracker.calibration.check_image(image)
+            except ConfigError as error:
+                raise ConfigError(f'{args.frames}: {error}') from None
+        first = light(image) if not rows else None
+        if first and first.saturated > FULL_SHARE and first.level > first.dark:
+            print(
+                f'{stamp_s:.3f} s: {first.saturated:.0%} of what is bright is saturated: blocks '
+                f'look larger, and flashes are lost; expose less',
+                file=sys.stderr,
+            )
         begun = time.perf_counter()
         tracked = tracker.update(stamp_s, image)
         spent.append(time.perf_counter() - begun)
         rows.append(tracked)
-        if tracked.why not in told and tracked.state != TRACKING:
-            told.add(tracked.why)
+        kind = re.sub(r'\d+', '', tracked.why)  # how many lights it sees is no news
+        if kind not in told and tracked.state != TRACKING:
+            told.add(kind)
             print(f'{stamp_s:.3f} s: {STATES[tracked.state]}: {tracked.why}', file=sys.stderr)
+        if tracked.state == TRACKING and sizes is not None:
+            side_px = np.zeros(len(tracked.seen))
+            side_px[tracked.seen] = tracker.blobs['side_px'][tracker.lattice.index[tracked.seen]]
+            if sizes.add(tracked.world, side_px, tracked.visibility):
+                if sizes.fault():
+                    print(f'{stamp_s:.3f} s: {sizes.fault()}', file=sys.stderr)
+                sizes = None
         x, y = tracked.world.T
         seen = tracked.seen & (tracked.state == TRACKING)
         new, closed = motion.update(stamp_s, x, y, seen, tracked.sigma_m)

@@ -204,7 +204,7 @@ class SlipDetector:
         if sigma is None:
             return np.ones(N_BLOCKS)
         usual = np.where(self.reported > 0, self.reported, np.inf)
-        return np.where(seen, np.maximum(sigma / usual, 1.0), 1.0)
+        return np.maximum(np.where(seen, sigma, 0.0) / usual, 1.0)
 
     def _learn(
         self,

@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
@@ -10,6 +11,10 @@ from eol_ros.errors import ConfigError
 STEP = 16  # every 16th pixel of every 16th row says enough, for 5 us
 BLACK = 3  # grey levels: an image without spread and this dark is black
 FROZEN_S = 0.5
+WHOLE = 0.98  # of an outline in view
+SIZED_IMAGES = 20  # of blocks in full view say how large they are
+SIZED_BLOCKS = 12
+UNLIKE = 0.0022  # spread of sizes; at most 0.0012 with the right covers, 0.003 with others
 LIVELY = 60  # so many still images that all differed prove that the camera has noise
 
 
@@ -53,10 +58,62 @@ class Watch:
         if low >= 250:
             return 'image is white: check exposure and lamps'
         if self.same and self.differed >= LIVELY and stamp_s - self.since_s > FROZEN_S:
-            return f'image is frozen for {stamp_s - self.since_s:.1f} s: check camera and cable'
+            return f'image is frozen for more than {FROZEN_S:g} s: check camera and cable'
         return ''
 
     def rests(self, resting: bool) -> None:
         """Learn whether images of a table at rest differ: only then an identical one is a fault."""
         if resting and self.differed < LIVELY:
             self.differed = 0 if self.same else self.differed + 1
+
+
+class Sizes:
+    """Notices covers that are not those of the calibration: their blocks differ in size.
+
+    How large a block looks follows from the heights of its own cover, so with those of other covers
+    (or of none) some look larger and some smaller than they should. A scale that is wrong for all
+    is no sign of it: light that spreads at edges does that too.
+    """
+
+    def __init__(self, calibration: Calibration):
+        self._calibration = calibration
+        self._ratios: list[np.ndarray] = []
+        self.spread = np.nan  # of the sizes of blocks over what they should be; NaN: not known yet
+
+    def add(self, world: np.ndarray, side_px: np.ndarray, visibility: np.ndarray) -> bool:
+        """Take in one image: places (25, 2) in m, sides (25,) px and shares in view (25,).
+
+        True when enough images have come, and `spread` is known.
+        """
+        if len(self._ratios) == SIZED_IMAGES:
+            return True
+        whole = (visibility > WHOLE) & np.isfinite(world[:, 0])
+        if whole.sum() < SIZED_BLOCKS:
+            return False
+        ratios = np.full(N_BLOCKS, np.nan)
+        ratios[whole] = side_px[whole] / self._expected_px(world[whole])
+        self._ratios.append(ratios)
+        if len(self._ratios) < SIZED_IMAGES:
+            return False
+        often = np.isfinite(self._ratios).sum(axis=0) > SIZED_IMAGES // 2
+        sizes = np.nanmedian(np.array(self._ratios)[:, often], axis=0)
+        self.spread = float(1.4826 * np.median(np.abs(sizes - np.median(sizes))))
+        return True
+
+    def _expected_px(self, world: np.ndarray) -> np.ndarray:
+        half = BLOCK_SIDE_M / 2
+        sides = [
+            self._calibration.to_pixels(world + step) - self._calibration.to_pixels(world - step)
+            for step in (np.array([half, 0.0]), np.array([0.0, half]))
+        ]
+        return np.sqrt(np.abs(sides[0][:, 0] * sides[1][:, 1] - sides[0][:, 1] * sides[1][:, 0]))
+
+    def fault(self) -> str:
+        """Return what is wrong with the covers, in one line, or an empty string."""
+        if not self.spread > UNLIKE:
+            return ''
+        known = 'others' if self._calibration.covers is not None else 'flat ones'
+        return (
+            f'blocks differ in size by {self.spread:.1%} from what their covers should look like: '
+            f'the calibration is of {known}; `eol calibrate blocks --covers FOLDER` names these'
+        )

@@ -17,7 +17,7 @@ LEAST_STEP = 8.0  # grey levels: less is no edge of a block
 SATURATED = 254
 BRIGHT = 0.975  # quantile: blocks fill a twentieth of the image
 TARGET = 180.0  # grey levels of a block: room for flashes, far from the noise
-FULL_SHARE = 0.01  # of the blocks' pixels, from which their edges are no longer where they seem
+FULL_SHARE = 0.05  # of the blocks' pixels: more than the lights inside, so edges are, too
 MIN_LEVEL, MAX_LEVEL = 110.0, 225.0
 FLICKER = 0.02  # of the blocks' brightness
 
