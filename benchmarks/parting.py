@@ -2,7 +2,9 @@
 """eol bench parting: how long a motion can be foretold, and two methods agree event by event.
 
 The largest distance between two runs whose starts differ by 1e-10 m grows as exp(t / T_L) where a
-scene is chaotic; T_L is the Lyapunov time. SciPy's own event code is the other method.
+scene is chaotic; T_L is the Lyapunov time. Where blocks go along x the tangent of the exact solver
+(`core/physics/exact/tangent.py`) says the same of infinitely small distances, and over the whole
+run. SciPy's own event code is the other method for events.
 """
 
 import argparse
@@ -15,7 +17,8 @@ from benchmarks import physics_peers as peers
 from benchmarks.machine import tell
 from benchmarks.physics_oracles import ARM_S, CAPTURE_MPS
 from eol_ros.core.physics import presets
-from eol_ros.core.physics.choose import simulate
+from eol_ros.core.physics.choose import along_x, simulate
+from eol_ros.core.physics.exact.tangent import tangent
 from eol_ros.core.physics.result import Run, sample_times
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.errors import UsageError
@@ -26,6 +29,8 @@ EXAMPLES = ['eol bench parting', 'eol bench parting --scenes S3L,S5 --seconds 40
 PUSH_M, FAR_M = 1e-10, 1e-6
 LINEAR_M = (1e-9, 1e-4)  # distances between which growth is measured
 SAMPLE_S = 0.05
+TANGENT_DRIVES = ('none', 'constant_velocity')
+LOG_MOST = 50.0  # far beyond the end of the growth, and no overflow
 SCIPY_S = {'S1': 20.0, 'S2': 12.0, 'S6a': 6.2, 'S6b': 6.0, 'S4L': 4.0, 'S4G': 6.0}
 OTHERS_S = 8.0
 
@@ -71,7 +76,8 @@ def row(name: str, seconds: float, starts: int, with_scipy: bool) -> dict[str, A
     given = presets.scene(name) | {'T': seconds}
     base = simulate(from_mapping(given), SAMPLE_S, ledger=False)
     rng = np.random.default_rng(9)
-    times, parts = [], []
+    times, parts, tangents, rates = [], [], [], []
+    by_tangent = along_x(from_mapping(given)) and given['drive']['kind'] in TANGENT_DRIVES
     for _ in range(starts):
         push = rng.uniform(-PUSH_M, PUSH_M, (given['n'], 2))
         if given['dim1'] or not np.any(np.asarray(given['u0'])[:, 1]):
@@ -80,6 +86,11 @@ def row(name: str, seconds: float, starts: int, with_scipy: bool) -> dict[str, A
         run = simulate(from_mapping(near), SAMPLE_S, ledger=False)
         distance = np.abs(run.u - base.u).max(axis=(1, 2))
         times.append(growth(base.t, distance))
+        if by_tangent:
+            small = tangent(from_mapping(given), push[:, 0], 0 * push[:, 0])
+            size_m = np.linalg.norm(push) * np.exp(np.minimum(small.log_du, LOG_MOST))
+            tangents.append(growth(base.t, np.interp(base.t, small.t, size_m)))
+            rates.append(small.exponent())
         far = distance > FAR_M
         parts.append(float(base.t[np.argmax(far)]) if far.any() else None)
     grown = [t for t in times if t is not None]
@@ -93,6 +104,15 @@ def row(name: str, seconds: float, starts: int, with_scipy: bool) -> dict[str, A
         'parted': len(parted),
         'starts': starts,
     }
+    if by_tangent:
+        both = [(a, b) for a, b in zip(times, tangents, strict=True) if a and b]
+        rate, error = np.mean(rates, axis=0)
+        found |= {
+            'tangent_s': float(np.median([b for _, b in both])) if both else None,
+            'tangent_off': max((abs(a / b - 1) for a, b in both), default=None),
+            'exponent_hz': rate,
+            'exponent_error_hz': error,
+        }
     if with_scipy:
         stretch = SCIPY_S.get(name, OTHERS_S)
         scene = from_mapping(given | {'T': stretch})
@@ -136,9 +156,10 @@ def table(result: dict[str, Any]) -> str:
 def markdown(result: dict[str, Any]) -> str:
     """Return the table of docs/numerics/physics.md."""
     lines = [
-        '| scene | events in 30 s | Lyapunov time, s | 1e-10 m is 1e-6 m after, s | SciPy: first |'
+        '| scene | events in 30 s | Lyapunov time, s | by the tangent | exponent of all, 1/s |'
+        ' 1e-10 m is 1e-6 m after, s | SciPy: first |'
         ' events alike | their times differ by, s | places differ by, m |',
-        '| --- | --- | --- | --- | --- | --- | --- | --- |',
+        '| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |',
     ]
     for r in result['rows']:
         lyapunov = 'no growth' if r['lyapunov_s'] is None else f'{r["lyapunov_s"]:.2g}'
@@ -149,7 +170,12 @@ def markdown(result: dict[str, Any]) -> str:
                 f'{r["scipy_s"]:g} s | {r["same_events"]} of {r["own_events"]} |'
                 f' {r["events_off_s"]:.0e} | {r["error_m"]:.0e}'
             )
-        lines.append(f'| {r["scene"]} | {r["events"]} | {lyapunov} | {parted} | {scipy} |')
+        small = whole = '-'
+        if 'exponent_hz' in r:
+            small = 'no growth' if r['tangent_s'] is None else f'{r["tangent_s"]:.2g}'
+            whole = f'{r["exponent_hz"]:.2f} +- {r["exponent_error_hz"]:.2f}'
+        cells = (r['scene'], r['events'], lyapunov, small, whole, parted, scipy)
+        lines.append(f'| {" | ".join(map(str, cells))} |')
     return '\n'.join(lines)
 
 

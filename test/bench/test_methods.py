@@ -43,3 +43,12 @@ def test_events_are_alike_up_to_the_first_that_is_not():
     t, block, start = found[3]
     found[3] = (t, block, 1 - start)
     assert parting.same_events(run, found) == 3
+
+
+@pytest.mark.slow
+def test_neighbours_part_as_the_tangent_says():
+    row = parting.row('S3L', 14.0, 2, with_scipy=False)
+    assert row['lyapunov_s'] > 0 and row['tangent_off'] < 0.2
+    assert abs(1 / row['tangent_s'] - row['exponent_hz']) < 4 * row['exponent_error_hz']
+    words = parting.markdown({'rows': [row, parting.row('S4L', 1.0, 1, with_scipy=False)]})
+    assert len({line.count('|') for line in words.splitlines()}) == 1
