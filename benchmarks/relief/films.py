@@ -55,6 +55,9 @@ def small_set() -> list[Shot]:
         shots.append(replace(shots[0], name=f'tilted-stirred-{k}', poses=scene.stirred(k)))
     away = np.random.default_rng(5).uniform(-1, 1, (25, 3)) * [0.0042, 0.0042, 0.01]
     shots.append(replace(shots[0], name='tilted-moved', poses=shots[0].poses + away))
+    flash = np.where(np.arange(25) % 3 == 1, 2.0, 1.0)
+    half = np.where(np.arange(25) % 3 == 2, 0.5, 1.0)
+    shots.append(replace(shots[0], name='tilted-lit', battery=weak * flash, half=half))
     shots += [
         Shot('straight', STRAIGHT, poses=scene.stirred(4), battery=weak),
         Shot('aside', ASIDE, poses=scene.stirred(5, yaw_rad=0.15), battery=weak),
@@ -108,6 +111,7 @@ def save(folder: Path, shot: Shot, light: np.ndarray, low: tuple[int, int]) -> d
         'landscape': shot.landscape,
         'poses': np.round(shot.poses, 9).tolist(),
         'battery': np.round(shot.battery, 6).tolist(),
+        'half': shot.half.tolist(),
         'arms': shot.arms.tolist(),
     }
 
@@ -143,6 +147,7 @@ def _load(folder: Path, name: str, one: dict[str, Any]) -> Film:
         one['landscape'],
         np.array(one['poses']),
         np.array(one['battery']),
+        np.array(one.get('half', np.ones(scene.N_BLOCKS))),
         np.reshape(one['arms'], (-1, 7)),
     )
     kept = cv2.imread(str(folder / one['image']), cv2.IMREAD_UNCHANGED)

@@ -170,7 +170,7 @@ def render(
     u, v = np.meshgrid(np.arange(size[0]) + low[0], np.arange(size[1]) + low[1])
     px = np.column_stack([u.ravel(), v.ravel()]).astype(float)
     centre, grid = _rays(calibration, px)
-    total = np.zeros(len(px))
+    fine = np.empty((size[1], strata, size[0], strata), np.float32)  # v, row in a pixel, u, column
     sampler = mi.load_dict({'type': 'independent'})
     cells = [(a, b) for a in range(strata) for b in range(strata)]
     lines = max(1, _AT_ONCE // size[0])
@@ -179,18 +179,27 @@ def render(
         n = part.stop - part.start
         place, du, dv = (mi.Vector3f(*grid[k][part].T.astype(np.float32)) for k in range(3))
         sampler.seed(seed * 1000 + first, n)
-        got = mi.Float(0.0)
         for a, b in cells:
             shift_u = (a + sampler.next_1d()) / strata - 0.5
             shift_v = (b + sampler.next_1d()) / strata - 0.5
             ray = mi.Ray3f(
                 mi.Point3f(*map(float, centre)), dr.normalize(place + shift_u * du + shift_v * dv)
             )
-            got += _light(mi, dr, world, ray, sampler, ambient)
+            got = _light(mi, dr, world, ray, sampler, ambient)
             dr.eval(got, sampler)
-        total[part] = np.array(got) / strata**2
-    image = total.reshape(size[1], size[0])
-    return cv2.GaussianBlur(image, (0, 0), PSF_PX, borderType=cv2.BORDER_REPLICATE), low
+            fine[first : first + n // size[0], b, :, a] = np.array(got).reshape(-1, size[0])
+    return through_lens(fine.reshape(strata * size[1], strata * size[0]), strata), low
+
+
+def through_lens(fine: np.ndarray, strata: int) -> np.ndarray:
+    """Return the image of the light `fine`, so many `strata` a pixel each way.
+
+    The lens blurs first, then pixels take what falls on them: were whole pixels blurred, the width
+    of an edge would change with its place in a pixel.
+    """
+    blurred = cv2.GaussianBlur(fine, (0, 0), strata * PSF_PX, borderType=cv2.BORDER_REPLICATE)
+    size = fine.shape[1] // strata, fine.shape[0] // strata
+    return cv2.resize(blurred, size, interpolation=cv2.INTER_AREA)
 
 
 def _light(mi: Any, dr: Any, world: Any, ray: Any, sampler: Any, ambient: float) -> Any:
@@ -216,7 +225,8 @@ def _table(mi: Any, shot: scene.Shot, light: np.ndarray, ambient: float) -> dict
     shape, found = shot.shape(), {}
     for i, land in enumerate(scene.covers(shot)):
         vertices, faces = scene.cover_surface(land, shape)
-        glow = light[i] * shot.battery[i] + 0.5 * ambient
+        shade = np.where(vertices[:, 0] > 0, shot.half[i], 1.0)
+        glow = light[i] * shot.battery[i] * shade + 0.5 * ambient
         mesh = scene.Mesh(
             scene.placed(vertices, shot.poses[i]), faces, glow, np.zeros(len(vertices))
         )

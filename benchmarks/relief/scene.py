@@ -79,6 +79,7 @@ class Shot:
     landscape: int = 1  # seed of `eol covers`
     poses: np.ndarray = field(default_factory=lambda: stirred(0))  # (25, 3) x, y, yaw
     battery: np.ndarray = field(default_factory=lambda: np.ones(N_BLOCKS))
+    half: np.ndarray = field(default_factory=lambda: np.ones(N_BLOCKS))  # light of the half at +x
     arms: np.ndarray = field(default_factory=lambda: np.zeros((0, 7)))  # two ends and a radius
 
     def shape(self) -> terrain.CoverShape:

@@ -106,6 +106,20 @@ def test_the_sensor_adds_the_noise_that_is_said():
     assert films.sensed(light + 400, 1).min() == 255
 
 
+@pytest.mark.parametrize('place', [20.0, 20.25, 20.5])
+def test_an_edge_is_as_wide_wherever_in_a_pixel_it_lies(place):
+    strata = 8
+    fine = np.zeros((16 * strata, 40 * strata), np.float32)
+    fine[:, : int(place * strata)] = 1.0
+    row = path_tracer.through_lens(fine, strata)[8].astype(float)
+    steps, at = row[:-1] - row[1:], np.arange(1, 40)
+    width = np.sqrt((steps * at**2).sum() - (steps * at).sum() ** 2)
+
+    assert (steps * at).sum() == pytest.approx(place, abs=1e-3)
+    # lens, the box of a pixel, and the step from one to the next of which the differences are
+    assert width == pytest.approx(np.sqrt(path_tracer.PSF_PX**2 + 2 / 12), abs=3e-3)
+
+
 def test_a_folder_without_films_is_told(tmp_path):
     with pytest.raises(ConfigError, match='has no films.json'):
         films.load(tmp_path)

@@ -30,7 +30,7 @@ def side_lines(image, squares, blur, tables, work, ends, out):
         if contrast == 0.0:
             continue
         profiles.shrink_levels(work, ends, spread)
-        profile_steps.offsets(work, ends, slope, lean, limit, blur, spread)
+        profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, tables[s, 0] > 0.0)
         for side in range(4):
             begin = ends[profiles.BEGIN + side]
             end = begin + ends[profiles.COUNT + side]

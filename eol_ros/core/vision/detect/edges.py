@@ -279,6 +279,7 @@ def _fit(
     share = 0.0
     variance = 1.0
     contrast = level = 0.0
+    soft = table[0] > 0.0
     for gather in range(4):
         profiles.gather(image, u, v, theta, half, blur, shear, table, work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
@@ -290,7 +291,7 @@ def _fit(
         profiles.shrink_levels(work, ends, spread)
         far = 0.0
         for r in range(4):
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread)
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
             first = r == 0 and gather == 0
             share, variance = _agree(
                 work,
@@ -319,7 +320,7 @@ def _fit(
     if tight > 0 and share < WHOLE:
         # an arm along one side moves it; what is known of the size speaks for the side across
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
-        profile_steps.offsets(work, ends, slope, lean, limit, blur, spread)
+        profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
         share, variance = _agree(work, ends, expected - half, tight, 0.6, 0.05, 4, a, step, shares)
         if share == 0.0:
             return
@@ -329,7 +330,9 @@ def _fit(
     for side in range(4):
         shares[side] = min(shares[side] * spread[5], 1.0)
     square[VISIBLE] = share
-    square[SIGMA] = math.sqrt(variance * _alike(work, ends, step) * 0.5 * (a[0, 0] + a[1, 1]))
+    # a whole cover's outline is off by the same amounts from image to image: that is no scatter
+    scale = 1.0 if soft and share > WHOLE else variance * _alike(work, ends, step)
+    square[SIGMA] = math.sqrt(scale * 0.5 * (a[0, 0] + a[1, 1]))
     both_ways = min(max(shares[0], shares[2]), max(shares[1], shares[3]))
     off = (free_half - expected) / (3.0 * half_sigma + 0.04 * expected)
     sharp = 1.0 - min(max(2.5 * (spread[4] - 0.15), 0.0), 1.0)

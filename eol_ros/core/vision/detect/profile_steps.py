@@ -24,7 +24,10 @@ from eol_ros.core.vision.detect.profiles import (
     T,
 )
 
-EDGE = 2.4  # blurs from the edge over which the light inside counts as one level
+# Blurs from the edge over which the light inside counts as one level: all pixels up to there. Light
+# that falls towards the edge makes the level one of just these pixels, and what is cut off sharply
+# jumps from pixel to pixel as a block moves: on covers with relief their weight falls to nothing.
+EDGE, SOFT_EDGE = 2.4, (1.6, 3.0)
 ROUGH = 0.1  # share of the texture's variance that is new from pixel to pixel
 
 # Half the error function of x / sqrt 2, divided by x, in powers of x^2, to 3e-5 for x up to 3.5.
@@ -43,14 +46,14 @@ _E0, _E1, _E2, _E3, _E4, _E5, _E6 = (
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def offsets(work, ends, slope, lean, limit, blur, spread):
+def offsets(work, ends, slope, lean, limit, blur, spread, soft):
     """Answer for every profile how far its edge lies outside the present square, and how surely.
 
     One step of maximum likelihood for a Gaussian-blurred step between known levels, each pixel
     weighted by its own variance: noise grows with the share of light from the cover, texture with
     its square, so that a speckled cover is measured by the outer foot of its edge. Bell and its
     integral are polynomials, so that the loop over profiles becomes vector code. Pixels further
-    than 3 px from the edge say nothing of it.
+    than 3 px from the edge say nothing of it. soft: whether light inside falls, see SOFT_EDGE.
     """
     n, taps = ends[LANES], ends[TAPS_USED]
     used = min(2 * int(3.5 / slope + 0.5) + 2, taps)
@@ -62,6 +65,10 @@ def offsets(work, ends, slope, lean, limit, blur, spread):
     rough = np.float32(ROUGH) * t_in
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     f_limit, f_lean, f_slope = np.float32(limit), np.float32(lean), np.float32(slope)
+    reach, sharp = np.float32(EDGE * EDGE), np.float32(1e9)
+    if soft:
+        reach = np.float32(SOFT_EDGE[1] ** 2)
+        sharp = np.float32(1.0 / (SOFT_EDGE[1] ** 2 - SOFT_EDGE[0] ** 2))
     most, stiff = np.float32(3.5), one / max(t_in, np.float32(1e-3))
     for i in range(n):
         work[_A + i] = zero
@@ -100,7 +107,9 @@ def offsets(work, ends, slope, lean, limit, blur, spread):
             rest = pixels[at + i] - outer - (work[IN + i] - outer) * cover
             w = one / (v_out + cover * (v_more + cover * rough) + bare * bare * t_out)
             w = w if abs(work[T + i] + away * f_lean) < f_limit else zero
-            close = w if q < np.float32(EDGE * EDGE) else zero
+            close = (reach - q) * sharp
+            close = close if close < one else one
+            close = w * (close if close > zero else zero)
             w *= bell
             close *= cover
             work[_A + i] += w * rest
