@@ -242,8 +242,8 @@ class _Walk:
             push -= self.side[sliding] * self.model.kinetic[sliding]
             p, r = shape.T @ push, shape.T @ self.linear.drive[sliding]
             motion = _Motion(w, back @ self.u[sliding], back @ self.v[sliding], p, r)
-            turns, who = self._turn(motion, shape, h, sliding)
-            s = np.array([turns])
+            until, who = self._reversal(motion, shape, h, sliding)
+            s = np.array([until])
             at, rate = motion.at(s)
             self.u[sliding], self.v[sliding] = (shape @ at)[:, 0], (shape @ rate)[:, 0]
             held = np.where(self.slides, 0.0, self.du)
@@ -251,11 +251,11 @@ class _Walk:
             small = _Motion(w, back @ self.du[sliding], back @ self.dv[sliding], pull, 0 * pull)
             at, rate = small.at(s)
             self.du[sliding], self.dv[sliding] = (shape @ at)[:, 0], (shape @ rate)[:, 0]
-            self.t = end if who < 0 else self.t + turns
+            self.t = end if who < 0 else self.t + until
             if who >= 0:
                 self._reverse(who)
 
-    def _turn(
+    def _reversal(
         self, motion: _Motion, shape: np.ndarray, h: float, sliding: np.ndarray
     ) -> tuple[float, int]:
         """Return when the first block reverses within h, and which; h and -1: none does."""
