@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -11,6 +12,7 @@ JUMPS = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.integers(0, 1_500_000_000), min_size=2, max_size=40),
     st.lists(st.integers(-150_000_000, 150_000_000), min_size=40, max_size=40),

@@ -150,7 +150,10 @@ def test_what_hands_do_to_the_rim_is_not_told_and_does_not_spoil_what_slips_do()
     assert not any(one.kind == RETRACTED for _, one in told)
 
 
-@pytest.mark.parametrize('delay_s', [0.001, 0.03, 0.08])
+@pytest.mark.parametrize(
+    'delay_s',
+    [pytest.param(0.001, marks=pytest.mark.slow), pytest.param(0.03, marks=pytest.mark.slow), 0.08],
+)
 def test_when_a_knock_arrives_does_not_matter(delay_s):
     knocks = knocks_at([1.2, 1.9], STRONG) + knocks_at(onsets(6)) + knocks_at([1.21], STRONG, 3)
     random = np.random.default_rng(1)

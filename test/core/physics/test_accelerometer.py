@@ -161,6 +161,7 @@ def test_a_slip_begins_and_ends_with_a_shock(exact):
     assert rings > 5 and starts > 5
 
 
+@pytest.mark.slow
 def test_others_feel_a_slip_by_the_ratio_of_the_masses(exact):
     sensors = Accelerometers(QUIET, always=True)
     felt = []

@@ -338,6 +338,7 @@ def test_event_path_against_scipy(name, seconds):
         on[block] = bool(start)
 
 
+@pytest.mark.slow
 def test_stepping_converges_to_the_event_path():
     scene = builders.table(PULL, 4.0, geometric=True, u0=builders.offsets(25, 0.005, 3))
     reference = solve(scene)

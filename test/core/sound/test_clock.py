@@ -24,7 +24,10 @@ def jitter(rng, count):
     return rng.exponential(60e-6, count) + seldom * rng.uniform(0, 2.5e-3, count)
 
 
-@pytest.mark.parametrize('block', [64, 128, 256])
+@pytest.mark.parametrize(
+    'block',
+    [pytest.param(64, marks=pytest.mark.slow), 128, pytest.param(256, marks=pytest.mark.slow)],
+)
 def test_smooths_the_lateness_of_callbacks(block):
     rng = np.random.default_rng(1)
     count = 20 * FS // block

@@ -73,6 +73,7 @@ def test_a_block_that_is_not_seen_is_not_strained():
     assert not len(sounded(at, BED, 5))
 
 
+@pytest.mark.slow
 def test_what_slips_sound_does_not_hang_on_the_bed():
     random = np.random.default_rng(5)
     pace = 0.004 * (random.random((600, N_BLOCKS, 1)) < 0.1)  # mostly at rest

@@ -171,7 +171,8 @@ def test_a_mesh_in_metres_is_named():
         CoverOutlines.of_meshes([mesh], 1.0)
 
 
-@pytest.mark.parametrize('mirror', [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize('mirror', [False, True])
 def test_the_twin_draws_covers_with_their_parallax(mirror):
     heights, shape = landscape(3, cells=CELLS), CoverShape()
     on_platform, turn, shift = tilted(-0.1, mirror)
