@@ -25,7 +25,7 @@ FINER = 0.3  # rad of the fastest mode between the places where a speed is looke
 AT_REST = 1e-7  # of the greatest speed: such a block is about to stop
 BISECTIONS = 60
 PARTS = 10  # of a run, by whose growth the error of the exponent is estimated
-SKIPPED = 0.1  # of a run, until the change has turned into the direction that grows fastest
+SKIPPED = 0.1  # of a run, until the change points where it grows fastest
 
 
 @dataclass(frozen=True)
