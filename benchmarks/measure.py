@@ -8,15 +8,15 @@ in `eol measure` too. Of 100 the 68 % interval should hold the true value for 68
 
 import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.machine import tell
-from benchmarks.measure_twins import Hung
-from eol_ros.core.measure import springs
+from benchmarks.measure_twins import Blinks, Hung, Image, Pulled
+from eol_ros.core.measure import friction, light, springs
 from eol_ros.core.measure.estimate import Estimate
 from eol_ros.errors import EolError, UsageError
 from eol_ros.verbs.progress import track
@@ -48,7 +48,43 @@ def measured_springs(twin: Hung) -> springs.Springs:
     return springs.fit(rests.found, twin.weights_kg, twin.block, twin.natural_m)
 
 
-PARTS: dict[str, Callable[[int], dict[str, tuple[float, Estimate]]]] = {'springs': of_springs}
+def of_friction(seed: int) -> dict[str, tuple[float, Estimate]]:
+    """Return true and measured friction of a twin."""
+    twin = Pulled(seed)
+    found = measured_friction(twin)
+    return {
+        'mu_static': (twin.coupling.mu_static, found.static),
+        'mu_kinetic': (twin.coupling.mu_kinetic, found.kinetic),
+    }
+
+
+def measured_friction(twin: Pulled) -> friction.Friction:
+    """Return what pulling the rim of a twin says."""
+    track = tracked(twin.images())
+    slips = friction.find_slips(track, twin.stiffness.value, twin.mass.value, twin.natural_m)
+    return friction.fit(slips, track, twin.stiffness, twin.mass, twin.natural_m)
+
+
+def tracked(images: Iterable[Image]) -> friction.Track:
+    """Return images as one track."""
+    return friction.Track(*(np.array(part) for part in zip(*images, strict=True)))
+
+
+def of_light(seed: int) -> dict[str, tuple[float, Estimate]]:
+    """Return true and measured delay of a light, s."""
+    blinks = Blinks(seed)
+    return {'light_seen_s': (blinks.delay_s, measured_light(blinks).delay)}
+
+
+def measured_light(blinks: Blinks) -> light.Light:
+    """Return what a camera says of blinks."""
+    heard_s = blinks.stamp_s + blinks.heard_s
+    return light.fit(blinks.sent_s, blinks.stamp_s, heard_s, blinks.seen, blinks.exposure_s)
+
+
+PARTS: dict[str, Callable[[int], dict[str, tuple[float, Estimate]]]] = {
+    'springs': of_springs, 'friction': of_friction, 'light': of_light,
+}  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
@@ -79,14 +115,14 @@ def study(part: str, seeds: range) -> list[dict[str, Any]]:
         except EolError as error:
             refused.append(str(error))
     spent_s = (time.perf_counter() - begun) / len(seeds)
-    return [
-        row(name, pairs) | {'refused': refused, 'seconds': spent_s} for name, pairs in found.items()
-    ]
+    about = {'part': part, 'refused': refused, 'seconds': spent_s}
+    return [row(name, pairs) | about for name, pairs in found.items()]
 
 
 def row(name: str, pairs: list[tuple[float, Estimate]]) -> dict[str, Any]:
     """Return how far the measured are from the true, and how often their intervals hold them."""
-    off = np.array([e.value / truth - 1 for truth, e in pairs])
+    scale = np.mean([truth for truth, _ in pairs]) if name == 'light_seen_s' else 0.0
+    off = np.array([(e.value - truth) / (scale or truth) for truth, e in pairs])
     held = {
         level: sum(low <= truth <= high for truth, (low, high) in (
             (truth, e.interval(0.01 * level)) for truth, e in pairs
@@ -98,13 +134,13 @@ def row(name: str, pairs: list[tuple[float, Estimate]]) -> dict[str, Any]:
         'held_68': held[68], 'held_95': held[95],
         'rms': float(np.sqrt(np.mean(off**2))), 'bias': float(off.mean()),
         'worst': float(np.abs(off).max()),
-        'sigma': float(np.median([e.sigma / truth for truth, e in pairs])),
+        'sigma': float(np.median([e.sigma / (scale or truth) for truth, e in pairs])),
         'each': [(truth, e.value, e.sigma, *e.interval(0.95)) for truth, e in pairs],
     }  # fmt: skip
 
 
 def draw(folder: Path, seed: int, rows: list[dict[str, Any]]) -> None:
-    """Write measure_springs.png, the fit of one twin, and measure_coverage.png, all intervals."""
+    """Write of each part measure_PART.png, the fit of one twin, and measure_coverage_PART.png."""
     import matplotlib
 
     matplotlib.use('Agg')
@@ -113,23 +149,30 @@ def draw(folder: Path, seed: int, rows: list[dict[str, Any]]) -> None:
     from eol_ros.analysis import measured
 
     folder.mkdir(parents=True, exist_ok=True)
-    if any(r['value'] == 'stiffness' for r in rows):
-        measured.save(folder / 'measure_springs.png', measured_springs(Hung(seed)))
-    figure, axes = plt.subplots(
-        len(rows), 1, figsize=(9, 1.8 * len(rows) + 0.4), layout='constrained', squeeze=False
-    )
-    for axis, r in zip(axes[:, 0], rows, strict=True):
-        truth, _, _, low, high = np.array(r['each']).T
-        holds = (low <= truth) & (truth <= high)
-        for which, colour in ((holds, 'C0'), (~holds, 'C3')):
-            at = np.flatnonzero(which)
-            span = [100 * (ends[which] / truth[which] - 1) for ends in (low, high)]
-            axis.vlines(at, *span, color=colour)
-        axis.axhline(0, color='0.5', linewidth=0.8)
-        axis.set(ylabel=f'{r["value"]}\n95 %, off by %', xlim=(-1, len(truth)))
-    axes[-1, 0].set_xlabel('twin')
-    figure.savefig(folder / 'measure_coverage.png', dpi=110)
-    plt.close(figure)
+    for part in dict.fromkeys(r['part'] for r in rows):
+        fit = {
+            'springs': lambda: measured_springs(Hung(seed)),
+            'friction': lambda: measured_friction(Pulled(seed)),
+            'light': lambda: measured_light(Blinks(seed)),
+        }[part]()
+        measured.save(folder / f'measure_{part}.png', fit)
+        mine = [r for r in rows if r['part'] == part]
+        figure, axes = plt.subplots(
+            len(mine), 1, figsize=(9, 1.8 * len(mine) + 0.4), layout='constrained', squeeze=False
+        )
+        for axis, r in zip(axes[:, 0], mine, strict=True):
+            truth, _, _, low, high = np.array(r['each']).T
+            holds = (low <= truth) & (truth <= high)
+            scale = np.full(len(truth), truth.mean()) if part == 'light' else truth
+            for which, colour in ((holds, 'C0'), (~holds, 'C3')):
+                at = np.flatnonzero(which)
+                span = [100 * (ends - truth)[which] / scale[which] for ends in (low, high)]
+                axis.vlines(at, *span, color=colour)
+            axis.axhline(0, color='0.5', linewidth=0.8)
+            axis.set(ylabel=f'{r["value"]}\n95 %, off by %', xlim=(-1, len(truth)))
+        axes[-1, 0].set_xlabel('twin')
+        figure.savefig(folder / f'measure_coverage_{part}.png', dpi=110)
+        plt.close(figure)
 
 
 def _table(result: dict[str, Any]) -> str:

@@ -11,10 +11,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.measure.estimate import Estimate
 from eol_ros.core.measure.springs import GRAVITY, NATURAL_SIGMA_M, RIM_SIGMA_M, outwards
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.scene import from_mapping
+from eol_ros.core.physics.twin.live import Coupling, LiveTable
 
 NOISE_M, NOISE_RAD = 9e-6, 3e-4  # of the tracker, `eol bench vision`
 SCALE_KG = 6e-4  # of a kitchen scale that shows grams
@@ -22,6 +24,10 @@ STIFFNESSES = 20.0, 200.0  # N/m, evenly in its logarithm
 THREAD_M = 100.0  # the weight is a spring so long that its pull is the same everywhere
 SHARES = (0.25, 0.5, 0.75, 1.0, 0.85, 0.6, 0.35, 0.1)  # of the greatest weight, up and down
 STEPS = 7  # in which a hand lowers a weight
+CAMERA_FPS, PULL_MPS, PULL_M = 60.0, 0.03, 0.10
+BREAKS_M = 0.012, 0.032  # how far one spring stretches until a block slips
+BLINK_S = 0.1
+STIFFNESS_SHARE = 0.01  # to which the springs were measured
 FPS, LOWERED_S, SWING_S, REST_S = 12.0, 3.0, 1.5, 5.0
 
 Image = tuple[float, np.ndarray, np.ndarray]
@@ -31,6 +37,68 @@ def noisy(places: np.ndarray, random: np.random.Generator) -> np.ndarray:
     """Return `places` (25, 3) as the tracker gives them."""
     sigma = np.array([NOISE_M, NOISE_M, NOISE_RAD])
     return places + sigma * random.standard_normal(places.shape)
+
+
+class Pulled:
+    """A table whose rim is pulled to and fro at PULL_MPS, such that its middle answers.
+
+    `coupling` is the truth, `each` (25, 2) mu_s and mu_k of the blocks; `stiffness` and `mass` are
+    what was measured before, with their errors.
+    """
+
+    def __init__(self, seed: int, seconds: float = 30.0):
+        random = self._random = np.random.default_rng([seed, 0x70756C])
+        static, kilos = random.uniform(0.6, 1.1), 0.25 * random.uniform(0.95, 1.05)
+        stiffness = static * kilos * GRAVITY / random.uniform(*BREAKS_M)
+        natural_m = builders.NATURAL_M + random.normal(0, NATURAL_SIGMA_M)
+        self.coupling = Coupling(
+            stiffness, static, static * random.uniform(0.6, 0.85), True, natural_m, kilos
+        )
+        share = random.normal(0, STIFFNESS_SHARE)
+        self.stiffness = Estimate(stiffness * (1 + share), stiffness * STIFFNESS_SHARE)
+        self.mass = Estimate(kilos + random.normal(0, SCALE_KG), SCALE_KG)
+        self.natural_m, self._seconds = builders.NATURAL_M, seconds
+        self._table = LiveTable(int(random.integers(2**31)), 0, self.coupling)
+        model = self._table._model
+        self.each = np.column_stack([model.static, model.kinetic]) / (kilos * GRAVITY)
+        self._way = np.exp(2j * np.pi * random.uniform())
+
+    def images(self) -> Iterator[Image]:
+        """Yield the images of the pull."""
+        table, along, speed, seen = self._table, 0.0, PULL_MPS, np.ones(N_BLOCKS, bool)
+        for k in range(round(self._seconds * CAMERA_FPS)):
+            step = np.array([self._way.real, self._way.imag, 0.0]) * speed
+            begin_s, end_s = k / CAMERA_FPS, (k + 1) / CAMERA_FPS
+            table.advance(begin_s, end_s, table.rim_pose + step / CAMERA_FPS, step)
+            along += speed / CAMERA_FPS
+            if abs(along) > PULL_M:
+                speed = -np.sign(along) * PULL_MPS
+            yield end_s, noisy(np.column_stack([table.x, table.y, table.yaw]), self._random), seen
+
+
+class Blinks:
+    """A light of unknown delay and jitter, and a camera that calls it dark from some share on.
+
+    `delay_s` is the truth; commands `sent_s` (m,), images `stamp_s` (n,) and `seen` (n, 25), whose
+    blocks arrive `heard_s` later.
+    """
+
+    block, exposure_s, heard_s = 12, 0.003, 0.006
+
+    def __init__(self, seed: int, blinks: int = 40, period_s: float = 2.007):
+        random = np.random.default_rng([seed, 0x626C])
+        self.delay_s = float(random.uniform(0.0, 0.06))
+        jitter_s, share = random.uniform(0.0, 0.003), random.uniform(0.0, 1.0)
+        off_s = 1.0 + period_s * np.arange(blinks) + random.uniform(0, 0.1)
+        self.sent_s = np.sort(np.concatenate([off_s, off_s + BLINK_S]))
+        self.stamp_s = np.arange(int((off_s[-1] + 2) * CAMERA_FPS)) / CAMERA_FPS
+        self.seen = np.ones((len(self.stamp_s), N_BLOCKS), bool)
+        for begin_s in off_s + self.delay_s + random.normal(0, jitter_s, blinks):
+            passed = (self.stamp_s - begin_s) / self.exposure_s + 0.5  # of the exposure in the dark
+            back = self.stamp_s < begin_s + BLINK_S + 0.05  # believed again some images later
+            self.seen[(passed > share) & back, self.block] = False
+        hidden = random.integers(0, len(self.stamp_s), 30)  # arms pass
+        self.seen[hidden, random.integers(0, N_BLOCKS, 30)] = False
 
 
 class Hung:

@@ -45,8 +45,8 @@ GROUPS = {
     'prepare': {
         'calibrate': 'calibrate the camera',
         'camera': 'focus a camera, set its exposure, see how late its images come',
-        'measure': 'measure the springs of your own table, for its twin',
         'board': 'list the blocks with battery and firmware; find, test and write them',
+        'measure': 'measure springs, friction and delay of light of your own table',
         'speakers': 'list the loudspeakers of a scene, and play noise from each',
         'corpus': 'cut a sound into grains and describe them',
         'covers': 'cut a landscape into the covers of the blocks',

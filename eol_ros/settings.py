@@ -81,6 +81,10 @@ class TwinSettings:
         '', 0, 2,
     )  # fmt: skip
     mu_kinetic: float = setting(0.6, 'the same while it slides; not above mu_static', '', 0, 2)
+    mu_static_error: float = setting(
+        0.0, 'standard error of mu_static, by `eol measure friction`; 0: not measured', '', 0, 2
+    )  # fmt: skip
+    mu_kinetic_error: float = setting(0.0, 'the same of mu_kinetic', '', 0, 2)
     rotate: bool = setting(True, 'springs rotate the blocks, at whose edges they pull')
     calibration: str = setting(
         '', 'calibration file of the camera to simulate: place, lens, heights of the covers;'
@@ -160,6 +164,11 @@ class CameraSettings:
     stamped_at: str = setting(
         'start', 'which end of the exposure a GenICam camera stamps', choices=('start', 'end')
     )
+    light_seen_s: float = setting(
+        0.0, 'how long after its command a light is seen, by the stamp of its image, as `eol'
+        ' measure camera` has found; nothing is corrected by it; 0: not measured', 's', -0.1, 1,
+    )  # fmt: skip
+    light_seen_error_s: float = setting(0.0, 'standard error of that', 's', 0, 1)
     loop: bool = setting(True, 'start a file again at its end')
     calibration: str = setting('', 'calibration file for camera_info; empty: none', path=True)
 

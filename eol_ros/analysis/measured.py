@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 
 from eol_ros.analysis.figures import BLUE, GREY, ORANGE
+from eol_ros.core.measure.friction import INNER, Friction
+from eol_ros.core.measure.light import Light
 from eol_ros.core.measure.springs import Springs
 from eol_ros.errors import ConfigError
 
 
-def save(path: str | Path, found: Springs) -> None:
+def save(path: str | Path, found: Springs | Friction | Light) -> None:
     """Write the figure of `found`, in the format that the name ends with."""
     import matplotlib
 
@@ -19,7 +21,12 @@ def save(path: str | Path, found: Springs) -> None:
     from matplotlib import pyplot
 
     picture, axes = pyplot.subplots(1, 2, figsize=(9, 3.6), layout='constrained')
-    _springs(axes, found)
+    if isinstance(found, Springs):
+        _springs(axes, found)
+    elif isinstance(found, Friction):
+        _friction(axes, found)
+    else:
+        _light(axes, found)
     try:
         picture.savefig(path, dpi=110)
     except (OSError, ValueError) as error:
@@ -46,3 +53,34 @@ def _springs(axes: Any, found: Springs) -> None:
     right.set(xlabel='stretch, mm', ylabel='left over by the fit, N')
     left.set_title(f'{k.value:.1f} ± {k.sigma:.1f} N/m', fontsize=10)
     left.legend(fontsize=8)
+
+
+def _friction(axes: Any, found: Friction) -> None:
+    left, right = axes
+    for column, estimate, colour, words in (
+        (0, found.static, BLUE, 'static'), (1, found.kinetic, ORANGE, 'kinetic'),
+    ):  # fmt: skip
+        name = ('static', 'kinetic')[column]
+        each = [(slip.block, slip.stamp_s, getattr(slip, name)) for slip in found.slips]
+        block, stamp_s, mu = np.array(each).T
+        left.plot(np.searchsorted(INNER, block), mu, '.', color=colour, alpha=0.3, markersize=4)
+        left.plot(np.arange(len(INNER)), found.each[:, column], '_', color='black', markersize=14)
+        low, high = estimate.interval(0.95)
+        for axis in (left, right):
+            axis.axhspan(low, high, color=colour, alpha=0.15, linewidth=0)
+        right.plot(stamp_s - stamp_s.min(), mu, '.', color=colour, markersize=4, label=words)
+    left.set(xlabel='block', ylabel='friction', xticks=range(len(INNER)), xticklabels=INNER)
+    left.set_title('each slip, the blocks (dashes), 95 % of the mean (bands)', fontsize=10)
+    right.set(xlabel='time, s', ylabel='friction')
+    right.legend(fontsize=8)
+
+
+def _light(axes: Any, found: Light) -> None:
+    left, right = axes
+    left.plot(1e3 * found.middles_s, '.', color=BLUE)
+    low, high = found.delay.interval(0.95)
+    left.axhspan(1e3 * low, 1e3 * high, color=BLUE, alpha=0.2, linewidth=0)
+    left.set(xlabel='blink', ylabel='delay by stamps, ms')
+    left.set_title('middle of the two images around each change, 95 % of the mean', fontsize=10)
+    right.hist(1e3 * found.heard_s, bins=20, color=ORANGE)
+    right.set(xlabel='from the command until its image has been tracked, ms', ylabel='blinks')

@@ -9,27 +9,35 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from eol_ros.errors import DeviceMissing, UsageError
+from eol_ros.errors import DeviceMissing, EolError, UsageError
 from eol_ros.verbs import reach
 
 HELP = (
-    'Measure the stiffness of the springs of your own table with its camera, and write it into\n'
-    'a scene, whose twin then is that table; docs/measure.md says what to prepare.'
+    'Measure springs and friction of your own table with its camera, and write them into a\n'
+    'scene, whose twin then is that table; and how late the camera sees a light.\n'
+    'docs/measure.md says what to prepare.'
 )
 EXAMPLES = [
     'eol measure springs my/rehearsal.yaml --weights 300,600,900,1200,900,600,300',
     'eol measure springs --weights 300,600,900,600,300 --bag bags/2026-11-22 --picture fit.png',
+    'eol measure friction my/rehearsal.yaml --mass 251',
+    'eol measure friction --stiffness 81.3 --bag bags/2026-11-22',
+    'eol measure camera my/museum.yaml',
 ]
 SILENT_S = 5.0  # without a message: the graph does not run
 HINT_S = 40.0  # after which who waits is told why
+TELL_S = 5.0  # from line to line of progress
+ENOUGH = 8  # slips of each inner block: more make nothing better, for blocks differ
+SCALE_KG = 6e-4  # of a kitchen scale that shows grams
 
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('what', choices=['springs'], help='what to measure')
+    parser.add_argument('what', choices=['springs', 'friction', 'camera'], help='what to measure')
     parser.add_argument(
         'scene', nargs='?', metavar='SCENE',
-        help='a scene file with a twin, into which the values go; its comments stay',
+        help='a scene file with a twin (camera: with a camera), into which the values go; its'
+        ' comments stay',
     )  # fmt: skip
     parser.add_argument(
         '--bag', metavar='BAG', help='a recording of it, in place of the running graph'
@@ -46,6 +54,18 @@ def add_arguments(parser):
         '--natural', type=float, metavar='MM',
         help='length of a spring that nothing pulls, by a ruler (default: as in the scene)',
     )  # fmt: skip
+    parser.add_argument(
+        '--mass', type=float, metavar='G',
+        help='friction: grams of a block with its cover, by a scale (default: as in the scene)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--stiffness', type=float, metavar='N/M',
+        help='friction: of a spring, taken for exact (default: as in the scene, with its error)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--seconds', type=float, default=90.0, metavar='S',
+        help='friction, camera: how long to look at most (default: 90)',
+    )  # fmt: skip
     parser.add_argument('--picture', metavar='P.png', help='figure of the fit; .svg and .pdf, too')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
     reach.add_arguments(parser)
@@ -54,12 +74,15 @@ def add_arguments(parser):
 def run(args) -> int:
     """Guide, compute, tell, and write."""
     from eol_ros import scene_text
-    from eol_ros.settings import TwinSettings
+    from eol_ros.settings import CameraSettings, TwinSettings
 
-    twin = TwinSettings()
+    measure = {'springs': _springs, 'friction': _friction, 'camera': _camera}[args.what]
+    node, settings = (
+        ('camera', CameraSettings()) if args.what == 'camera' else ('twin', TwinSettings())
+    )
     if args.scene:
-        twin = scene_text.to_write(Path(args.scene), 'twin').nodes['twin']
-    values, about, picture = _springs(args, twin)
+        settings = scene_text.to_write(Path(args.scene), node).nodes[node]
+    values, about, picture = measure(args, settings)
     if args.json:
         print(json.dumps(about))
     if args.picture:
@@ -67,9 +90,9 @@ def run(args) -> int:
 
         measured.save(args.picture, picture)
     if args.scene:
-        scene_text.write(Path(args.scene), 'twin', values)
+        scene_text.write(Path(args.scene), node, values)
         said = ', '.join(f'{name} {scene_text.plain(value)}' for name, value in values.items())
-        _say(f'written into {args.scene}, twin: {said}')
+        _say(f'written into {args.scene}, {node}: {said}')
     return 0
 
 
@@ -124,6 +147,178 @@ def _springs(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
         f' of up to {found.pull.max():.1f} N'
     )
     return values, about, found
+
+
+def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
+    import numpy as np
+
+    from eol_ros.core.measure import friction
+
+    stiffness, mass, natural_m = _stiffness(args, twin), _mass(args, twin), _natural(args, twin)
+    _check_seconds(args)
+    if not args.bag:
+        _say(
+            'Push the rim to and fro by hand, 10 cm each way at some 3 cm/s, evenly, until the'
+            ' middle of the table slips.'
+        )
+    images, told_s = [], math.nan
+    for image in _images(args):
+        images.append(image)
+        stamp_s = image[0]
+        told_s = stamp_s if math.isnan(told_s) else told_s
+        if args.bag or stamp_s - told_s < TELL_S:
+            continue
+        told_s = stamp_s
+        spent_s = stamp_s - images[0][0]
+        track = friction.Track(*map(np.array, zip(*images, strict=True)))
+        few, words = _so_far(track, stiffness.value, mass.value, natural_m)
+        _say(f'{spent_s:.0f} of {args.seconds:g} s: {words}')
+        if few >= ENOUGH or spent_s >= args.seconds:
+            break
+    if not images:
+        raise EolError(f'{args.bag}: no image of the blocks')
+    track = friction.Track(*map(np.array, zip(*images, strict=True)))
+    slips = friction.find_slips(track, stiffness.value, mass.value, natural_m)
+    found = friction.fit(slips, track, stiffness, mass, natural_m)
+    values: dict[str, float] = {}
+    about: dict[str, Any] = {}
+    for name, estimate in (('mu_static', found.static), ('mu_kinetic', found.kinetic)):
+        values[name], values[f'{name}_error'] = _rounded(estimate)
+        about |= _intervals(name, estimate)
+        if not args.json:
+            print(f'{name} {_words(estimate)}')
+    if args.mass is not None:
+        values['block_kg'] = mass.value
+    if args.natural is not None:
+        values['spring_natural_m'] = natural_m
+    each = {
+        int(block): None if np.isnan(row[0]) else row.tolist()
+        for block, row in zip(friction.INNER, found.each, strict=True)
+    }
+    about |= values | {'slips': len(slips), 'blocks': each}
+    known = found.each[np.isfinite(found.each[:, 0])]
+    spread = known.std(axis=0, ddof=1) / known.mean(axis=0)
+    _say(
+        f'{len(slips)} slips of {len(known)} blocks, which differ by {100 * spread[0]:.0f} %'
+        ' (standard deviation)'
+    )
+    return values, about, found
+
+
+def _camera(args, camera) -> tuple[dict[str, float], dict[str, Any], Any]:
+    import numpy as np
+
+    from eol_ros.core.measure import light
+
+    _check_seconds(args)
+    if args.bag:
+        sent_s, stamp_s, heard_s, seen = _recorded_blinks(args.bag)
+    else:
+        _say('One block blinks, and nothing else moves: hands off, no arm above the table.')
+        sent_s, stamp_s, heard_s, seen = _live_blinks(args)
+    found = light.fit(sent_s, stamp_s, heard_s, seen, 1e-6 * camera.exposure_us)
+    names = ('light_seen_s', 'light_seen_error_s')
+    values = dict(zip(names, _rounded(found.delay), strict=True))
+    p50, p95 = np.percentile(found.heard_s, [50, 95]).tolist()
+    about: dict[str, Any] = values | _intervals('light_seen_s', found.delay)
+    about |= {'block': found.block, 'blinks': len(found.middles_s), 'tracked_s': [p50, p95]}
+    if not args.json:
+        print(f'light_seen_s {_words(found.delay, "s")}')
+    _say(
+        f'{len(found.middles_s)} blinks of block {found.block}; its blocks were here '
+        f'{1e3 * p50:.1f} ms after the command (median), {1e3 * p95:.1f} ms (95 %)'
+    )
+    return values, about, found
+
+
+def _recorded_blinks(path: str) -> tuple[Any, Any, Any, Any]:
+    """Return commands (m,) s, images (n,) s, their arrival (n,) s, who was seen (n, 25)."""
+    import numpy as np
+
+    from eol_ros.analysis.bag import open_bag
+    from eol_ros.core.vision.states import TRACKING
+
+    bag = open_bag(path)
+    blocks, commands = bag.table('blocks'), bag.table('led_commands')
+    seen = blocks['blocks']['seen'] & (blocks['state'] == TRACKING)[:, None]
+    first = np.datetime64(bag.start_ns, 'ns')
+    times = commands['sent'], blocks['stamp'], blocks['log_time']
+    sent_s, stamp_s, heard_s = ((t - first) / np.timedelta64(1, 's') for t in times)
+    return sent_s, stamp_s, heard_s, seen
+
+
+def _live_blinks(args) -> tuple[Any, Any, Any, Any]:
+    """The same of the running graph."""
+    import time
+
+    import numpy as np
+
+    commands: list[float] = []
+
+    def hear(message: Any) -> None:
+        commands.append(message.sent.sec + 1e-9 * message.sent.nanosec)
+
+    images, told_s = [], math.nan
+    for blocks in _live(args, {'led_commands': hear}):
+        images.append((blocks.stamp_s, time.time(), blocks.known.copy()))
+        told_s = blocks.stamp_s if math.isnan(told_s) else told_s
+        if blocks.stamp_s - told_s >= TELL_S:
+            told_s = blocks.stamp_s
+            spent_s = told_s - images[0][0]
+            _say(f'{spent_s:.0f} of {args.seconds:g} s: {len(commands)} commands to the lights')
+            if spent_s >= args.seconds:
+                break
+    first_s = images[0][0]
+    stamp_s, heard_s, seen = map(np.array, zip(*images, strict=True))
+    return np.array(commands) - first_s, stamp_s - first_s, heard_s - first_s, seen
+
+
+def _check_seconds(args) -> None:
+    if not 5 <= args.seconds <= 3600:
+        raise UsageError(f'--seconds {args.seconds:g}: give 5 to 3600')
+
+
+def _so_far(track, stiffness: float, mass: float, natural_m: float) -> tuple[int, str]:
+    """Return how many slips the inner block with fewest has, and words for that."""
+    from collections import Counter
+
+    from eol_ros.core.measure import friction
+
+    try:
+        slips = friction.find_slips(track, stiffness, mass, natural_m)
+    except EolError as error:
+        return 0, str(error)
+    counts = Counter(slip.block for slip in slips)
+    fewest = min(friction.INNER.tolist(), key=lambda block: counts[block])
+    few = counts[fewest]
+    return (
+        few,
+        f'{len(slips)} slips in the middle, fewest of block {fewest}: {few} ({ENOUGH} are enough)',
+    )
+
+
+def _stiffness(args, twin) -> Any:
+    from eol_ros.core.measure.estimate import Estimate
+
+    if args.stiffness is not None:
+        if not 5 <= args.stiffness <= 2000:
+            raise UsageError(f'--stiffness {args.stiffness:g}: N/m, 5 to 2000')
+        return Estimate(args.stiffness, 0.0)
+    if not twin.stiffness_error:
+        raise UsageError(
+            'friction needs the stiffness of the springs: measure it before, `eol measure springs'
+            ' SCENE`, and name the same scene, or say --stiffness'
+        )
+    return Estimate(twin.stiffness, twin.stiffness_error)
+
+
+def _mass(args, twin) -> Any:
+    from eol_ros.core.measure.estimate import Estimate
+
+    grams = 1e3 * twin.block_kg if args.mass is None else args.mass
+    if not 50 <= grams <= 2000:
+        raise UsageError(f'--mass {grams:g}: grams, 50 to 2000')
+    return Estimate(round(1e-3 * grams, 6), SCALE_KG)
 
 
 def _tell_rest(args, rests, weights, out) -> None:
@@ -188,7 +383,8 @@ def _recorded(path: str) -> Iterator[Any]:
     return blocks.each(bag.table('blocks'))
 
 
-def _live(args) -> Iterator[Any]:
+def _live(args, others: dict[str, Any] | None = None) -> Iterator[Any]:
+    """Yield the blocks of each image; each of `others` hears the messages of its topic."""
     from eol_ros.ros.definitions import definition
     from eol_ros.ros.echo import listen
     from eol_ros.ros.session import session
@@ -201,6 +397,8 @@ def _live(args) -> Iterator[Any]:
     topic = full_name('blocks', namespace)
     with session(reach=network, namespace=namespace) as visit:
         listen(visit.node, topic, lambda raw: waiting.append(bytes(raw)), raw=True)
+        for name, hear in (others or {}).items():
+            listen(visit.node, full_name(name, namespace), hear)
         while visit.run(lambda: bool(waiting), SILENT_S):
             while waiting:
                 yield codec.read(waiting.popleft())

@@ -10,10 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from eol_msgs.msg import Blocks
+from builtin_interfaces.msg import Time
+from eol_msgs.msg import Blocks, LedCommand
+from rclpy.serialization import serialize_message
 
-from benchmarks.measure_twins import Hung
+from benchmarks.measure_twins import Blinks, Hung, Pulled
 from eol_ros import cli, scene
+from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.states import TRACKING
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
@@ -67,6 +70,12 @@ def mine(tmp_path):
     path = tmp_path / 'mine.yaml'
     path.write_text(SCENE)
     return str(path)
+
+
+@pytest.fixture(scope='module')
+def pulled(tmp_path_factory):
+    twin = Pulled(7, seconds=15.0)
+    return twin, recorded(tmp_path_factory.mktemp('pulled') / 'bag', twin.images())
 
 
 def grams(twin):
@@ -129,6 +138,96 @@ def test_refusals_are_one_line(hung, capsys, words, code, said):
     assert cli.main(['measure', 'springs', *words, '--bag', hung[2]]) == code
     err = capsys.readouterr().err.splitlines()
     assert said in err[-1] and err[-1].startswith('eol measure: ')
+
+
+def test_a_pull_of_the_rim_gives_friction(pulled, mine, tmp_path, capsys):
+    twin, bag = pulled
+    mass = f'{1e3 * twin.mass.value:.1f}'
+    words = ['measure', 'friction', mine, '--bag', bag, '--mass', mass]
+    assert cli.main(words) == 2
+    assert 'measure it before, `eol measure springs SCENE`' in capsys.readouterr().err
+    value, error, _ = twin.stiffness
+    known = f'{{stiffness: {value:.2f}, stiffness_error: {error:.2f}, hands'
+    Path(mine).write_text(SCENE.replace('{hands', known))
+    picture = tmp_path / 'fit.png'
+
+    assert cli.main([*words, '--picture', str(picture)]) == 0
+
+    out = capsys.readouterr().out.splitlines()
+    found = scene.load(mine).nodes['twin']
+    assert out[0].startswith(f'mu_static {found.mu_static:g} +- {found.mu_static_error:g}; 95 %')
+    for name in ('mu_static', 'mu_kinetic'):
+        value, error = getattr(found, name), getattr(found, f'{name}_error')
+        assert abs(value - getattr(twin.coupling, name)) < 3.5 * error
+        assert 0 < error < 0.07 * value
+    assert found.block_kg == pytest.approx(twin.mass.value, abs=1e-4)
+    assert Path(mine).read_text().count('#') == SCENE.count('#')
+    assert picture.stat().st_size > 10_000
+
+
+def test_who_pulls_is_told_how_far_it_is(pulled, monkeypatch, capsys):
+    twin, bag = pulled
+    monkeypatch.setattr(measure, '_live', lambda args: measure._recorded(bag))
+    words = ['measure', 'friction', '--stiffness', f'{twin.stiffness.value:.2f}', '--json']
+
+    assert cli.main([*words, '--seconds', '14']) == 0
+
+    told = capsys.readouterr()
+    lines = [line for line in told.err.splitlines() if ' of 14 s: ' in line]
+    assert [line.partition(' ')[0] for line in lines] == ['5', '10']  # it ends where that is enough
+    assert 'slips in the middle, fewest of block' in lines[-1]
+    found = json.loads(told.out)
+    assert found['mu_static'] > found['mu_kinetic'] and set(found['blocks']) == {
+        str(block) for block in (6, 7, 8, 11, 12, 13, 16, 17, 18)
+    }
+
+
+def test_blinks_tell_how_late_light_is_seen(tmp_path, monkeypatch, capsys):
+    blinks = Blinks(11, blinks=14)
+    still = np.column_stack([rest_lattice(), np.zeros(25)])
+    images = [(s, still, seen) for s, seen in zip(blinks.stamp_s, blinks.seen, strict=True)]
+    topics = [BagTopic(f'/eol/{name}', **describe(name)) for name in ('blocks', 'led_commands')]
+    writer = BagWriter(tmp_path / 'bag', topics, {'seeds': '{}'})
+    rows = [(ns, '/eol/blocks', data, 6_000_000) for ns, data in messages(images)]
+    commands = []
+    for sent_s in blinks.sent_s.tolist():
+        sec, nanosec = divmod(T0 + round(1e9 * sent_s), 10**9)
+        commands.append(LedCommand(sent=Time(sec=sec, nanosec=nanosec)))
+        rows.append(
+            (sec * 10**9 + nanosec, '/eol/led_commands', serialize_message(commands[-1]), 0)
+        )
+    for ns, topic, data, later in sorted(rows, key=lambda row: row[0] + row[3]):
+        writer.write(topic, bytes(data), ns + later, ns)
+    writer.close()
+    mine = tmp_path / 'museum.yaml'
+    mine.write_text('nodes:\n  camera: {fps: 60}  # above\n  tracker: {}\n')
+
+    assert cli.main(['measure', 'camera', str(mine), '--bag', str(tmp_path / 'bag')]) == 0
+
+    told = capsys.readouterr()
+    found = scene.load(mine).nodes['camera']
+    assert told.out.startswith(f'light_seen_s {found.light_seen_s:g} +- ')
+    assert abs(found.light_seen_s - blinks.delay_s) < 4 * found.light_seen_error_s < 0.01
+    assert 'blinks of block 12' in told.err and '# above' in mine.read_text()
+
+    def live(_args, others):
+        for command in commands:
+            others['led_commands'](command)
+        yield from measure._recorded(str(tmp_path / 'bag'))
+
+    monkeypatch.setattr(measure, '_live', live)
+    assert cli.main(['measure', 'camera', '--json', '--seconds', '3600']) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again['light_seen_s'] == found.light_seen_s and again['block'] == 12
+    assert cli.main(['measure', 'camera', '--seconds', '5']) == 1
+    assert 'blinks seen, 10 are needed' in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_weights_are_no_pull_of_the_rim(hung, mine, capsys):
+    words = ['measure', 'friction', mine, '--stiffness', '70', '--bag', hung[2]]
+    assert cli.main(words) == 1
+    assert 'no block inside moved' in capsys.readouterr().err.splitlines()[-1]
+    assert Path(mine).read_text() == SCENE
 
 
 def test_a_person_is_guided_while_the_table_is_measured(hung, mine):

@@ -5,7 +5,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 
 class Estimate(NamedTuple):
@@ -17,8 +17,11 @@ class Estimate(NamedTuple):
 
     def interval(self, level: float) -> tuple[float, float]:
         """Return the interval that holds the true value with probability `level` (Student's t)."""
-        quantile = stats.norm if math.isinf(self.dof) else stats.t(self.dof)
-        half = float(quantile.ppf(0.5 + 0.5 * level)) * self.sigma
+        above = 0.5 + 0.5 * level
+        known = math.isinf(self.dof)
+        half = self.sigma * float(
+            special.ndtri(above) if known else special.stdtrit(self.dof, above)
+        )
         return self.value - half, self.value + half
 
     def widened(self, sigma: float) -> 'Estimate':

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Friction by pulling the rim: against twins of which it knows only what a camera sees."""
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks import measure
+from benchmarks.measure_twins import Pulled
+from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.measure import friction
+from eol_ros.core.measure.estimate import Estimate, mean
+from eol_ros.core.physics import builders
+from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.scene import from_mapping
+from eol_ros.errors import EolError
+
+MASS = Estimate(0.25, 1e-6)
+
+
+def test_the_force_on_inner_blocks_is_that_of_the_twin():
+    """The energy of the springs falls along the force, by differences of the model's own."""
+    random = np.random.default_rng(5)
+    u, yaw = random.normal(0, 0.01, (N_BLOCKS, 2)), random.normal(0, 0.1, N_BLOCKS)
+    scene = from_mapping(
+        builders.table({'kind': 'none'}, 1.0, k=1.0, geometric=True,
+                       rotation={'side': BLOCK_SIDE_M})
+    )  # fmt: skip
+    model, step = Model.of(scene), 1e-6
+    found = friction.force(np.column_stack([rest_lattice() + u, yaw])[None], builders.NATURAL_M)[0]
+    lever = friction.LEVER * BLOCK_SIDE_M
+    for row, block in zip(found, friction.INNER, strict=True):
+        slope = []
+        for axis in range(3):
+            energy = []
+            for sign in (1, -1):
+                there, turned = u.copy(), yaw.copy()
+                if axis < 2:
+                    there[block, axis] += sign * step
+                else:
+                    turned[block] += sign * step / lever
+                energy.append(model.elastic_energy(there, 0.0, turned))
+            slope.append(-(energy[0] - energy[1]) / (2 * step))
+        np.testing.assert_allclose(row, slope, atol=1e-8)
+
+
+@pytest.fixture(scope='module')
+def pulled():
+    twin = Pulled(7, seconds=15.0)
+    return twin, measure.tracked(twin.images())
+
+
+@pytest.mark.slow
+def test_friction_of_each_block_is_found(pulled):
+    twin, track = pulled
+    stiffness, mass = Estimate(twin.coupling.stiffness, 0.0), Estimate(twin.coupling.block_kg, 0.0)
+    natural_m = twin.coupling.spring_natural_m
+    slips = friction.find_slips(track, stiffness.value, mass.value, natural_m)
+    found = friction.fit(slips, track, stiffness, mass, natural_m)
+
+    known = np.isfinite(found.each[:, 0])
+    assert known.sum() >= 7
+    off = found.each[known] / twin.each[friction.INNER][known] - 1
+    assert np.abs(off).max() < 0.006 and np.sqrt(np.mean(off**2)) < 0.003
+    for estimate, truth in (
+        (found.static, twin.coupling.mu_static), (found.kinetic, twin.coupling.mu_kinetic),
+    ):  # fmt: skip
+        low, high = estimate.interval(0.99)
+        assert low < truth < high
+
+
+@pytest.mark.slow
+def test_errors_of_scale_and_spring_are_in_that_of_friction(pulled):
+    twin, track = pulled
+    sure, unsure = Estimate(twin.coupling.stiffness, 1e-6), Estimate(twin.coupling.stiffness, 10.0)
+    slips = friction.find_slips(track, sure.value, MASS.value, builders.NATURAL_M)
+    first, then = (
+        friction.fit(slips, track, k, MASS, builders.NATURAL_M).static for k in (sure, unsure)
+    )
+    added = math.sqrt(then.sigma**2 - first.sigma**2) / first.value
+    assert added == pytest.approx(10.0 / twin.coupling.stiffness, rel=1e-3)
+    assert then.dof > first.dof
+
+
+def still(images):
+    return np.tile(np.column_stack([rest_lattice(), np.zeros(N_BLOCKS)]), (images, 1, 1))
+
+
+def of(places, fps=60.0):
+    stamps = np.arange(len(places)) / fps
+    return friction.Track(stamps, places, np.ones(places.shape[:2], bool))
+
+
+def test_what_cannot_be_known_is_refused():
+    def slips(track):
+        return friction.find_slips(track, 70.0, MASS.value, builders.NATURAL_M)
+
+    with pytest.raises(EolError, match='5 images with all blocks'):
+        slips(of(still(5)))
+    with pytest.raises(EolError, match='no block inside moved'):
+        slips(of(still(600)))
+    sliding = still(600)
+    sliding[..., 0] += np.linspace(0, 0.4, 600)[:, None]  # all at 4 cm/s, without rest
+    with pytest.raises(EolError, match='pulled too fast'):
+        slips(of(sliding))
+    once = still(600)
+    once[300:, 12, 0] += 0.01
+    once[300, 12, 0] -= 0.005
+    track = of(once)
+    with pytest.raises(EolError, match='1 slip in the middle, and 0 of its nine'):
+        friction.fit(slips(track), track, Estimate(70.0, 1.0), MASS, builders.NATURAL_M)
+
+
+def test_slips_with_holes_are_left_out():
+    places = still(600)
+    for image in (100, 300, 500):
+        places[image:, 12, 0] += 0.004
+    track = of(places)
+    find = lambda track: [  # noqa: E731
+        s.stamp_s for s in friction.find_slips(track, 70.0, MASS.value, builders.NATURAL_M)
+    ]
+    whole = find(track)
+    assert len(whole) == 3
+    hidden = track.seen.copy()
+    hidden[298:303, 7] = False  # a neighbour
+    assert find(track._replace(seen=hidden)) == [whole[0], whole[2]]
+    late = track.stamp_s.copy()
+    late[500:] += 1 / 60  # an image is missing
+    assert find(track._replace(stamp_s=late)) == whole[:2]
+
+
+def test_nine_blocks_stand_for_a_table_as_often_as_the_interval_says():
+    """Blocks that differ evenly by up to 15 %, measured perfectly: a bound of the coverage."""
+    drawn = 1 + np.random.default_rng(0).uniform(-0.15, 0.15, (5000, 9))
+    for level, wanted in ((0.68, 0.69), (0.95, 0.945)):
+        ends = [mean(nine).interval(level) for nine in drawn]
+        held = np.mean([low <= 1 <= high for low, high in ends])
+        assert held == pytest.approx(wanted, abs=0.02)
+
+
+@pytest.mark.soak
+def test_intervals_hold_as_often_as_they_say():
+    for row in measure.study('friction', range(2000, 2100)):
+        assert row['measured'] >= 95  # the middle of some hardly slips
+        assert 59 <= row['held_68'] <= 77 and row['held_95'] >= 90
