@@ -27,20 +27,27 @@ def size_of(v, i):
 def step_of(order, sliding, fresh, driven, rules, at, b, h, work):
     """Return the step, at most h: truncation within the rules, no block slower than KEPT allows."""
     for k in range(order - 1, order + 1):
+        most, moving, begun = 0.0, np.inf, np.inf  # a power of the least, not the least power
         for i in range(at.n):
             if not sliding[i]:
                 continue
-            top = 0.0
-            for p in range(3):
-                top = max(top, abs(b.a[i, p, k]))
+            top = max(abs(b.a[i, 0, k]), abs(b.a[i, 1, k]), abs(b.a[i, 2, k]))
             if top > 0.0:
-                h = min(h, (rules.small / top) ** (1.0 / k))
+                most = max(most, top)
                 first = 2 if fresh[i] else 1
                 rate = math.sqrt(
                     b.a[i, 0, first] ** 2 + b.a[i, 1, first] ** 2 + b.a[i, 2, first] ** 2
                 )
-                if rate > 0.0:
-                    h = min(h, (rules.relative * rate / (k * top)) ** (1.0 / (k - first)))
+                if rate > 0.0 and fresh[i]:
+                    begun = min(begun, rules.relative * rate / (k * top))
+                elif rate > 0.0:
+                    moving = min(moving, rules.relative * rate / (k * top))
+        if most > 0.0:
+            h = min(h, (rules.small / most) ** (1.0 / k))
+        if moving < np.inf:
+            h = min(h, moving ** (1.0 / (k - 1)))
+        if begun < np.inf:
+            h = min(h, begun ** (1.0 / (k - 2)))
     for e in range(len(at.k)):  # a spring may be the only thing that moves
         if driven and at.second[e] >= at.n and at.k[e] > 0.0:
             top = max(abs(b.fx[e, order - 2]), abs(b.fy[e, order - 2])) / at.k[e]

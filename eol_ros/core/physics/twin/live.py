@@ -119,7 +119,7 @@ class LiveTable:
         if coupling.rotate:
             from eol_ros.core.physics.twin import rotating
 
-            self._rotating = rotating.Rotating(scene, self._model, TOLERANCE, samples)
+            self._rotating = rotating.Rotating(scene, self._model, samples)
         else:
             self._workspace = make_workspace(self._model.lattice, self._rules.order)
         self._sampled = np.linspace(0.0, 1.0, samples + 1)
@@ -134,7 +134,9 @@ class LiveTable:
         self.faults = 0
         self._energy0 = self._energy()
         self._place()
-        # a run of no time, on copies: compiles or loads the kernel before the clock runs
+        # a run of no time, on copies: compiles or loads the kernels before the clock runs
+        self.pull(self.rim_pose)
+        self.clearance_m(self.rim_pose)
         self._solve(self._u.copy(), self._v.copy(), self.moving.copy(), 0.0)
         self._work_and_heat[:] = self._counts[:] = 0
 
