@@ -255,6 +255,7 @@ def test_a_trigger_that_pauses_is_no_loss(plugged, monkeypatch):
     source.close()
 
 
+@pytest.mark.soak  # the simulated camera leaves a stranger without an answer: seconds
 def test_two_programs_do_not_share_one(plugged):
     plugged()
     first = camera()
