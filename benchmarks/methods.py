@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import method_parts
+from benchmarks.curve import Curve, milliseconds, rms
 from benchmarks.machine import tell
 from eol_ros.core.clock_sync import ClockSync
 from eol_ros.core.geometry import rest_lattice
@@ -37,43 +39,6 @@ EXAMPLES = [
     'eol bench methods --part onset --part calibration --json',
     'eol bench methods --markdown --plots docs/img > methods.md',
 ]
-
-
-@dataclasses.dataclass
-class Curve:
-    """Error against run time of one method.
-
-    Args:
-        method, reference: what is measured, against what.
-        unit: of the errors; `per` what a time in ms is of.
-        points: (label, ms, error) of ours; `peers` of others.
-        default: the label of what runs.
-        limit: what is known of the best that can be.
-        breaks: where it does not hold.
-    """
-
-    method: str
-    reference: str
-    unit: str
-    per: str
-    default: str
-    limit: str
-    breaks: str
-    points: list[tuple[str, float, float]] = dataclasses.field(default_factory=list)
-    peers: list[tuple[str, float, float]] = dataclasses.field(default_factory=list)
-
-
-def _ms(work: Callable[[], Any], repeat: int = 5) -> float:
-    best = float('inf')
-    for _ in range(repeat):
-        begin = time.process_time()
-        work()
-        best = min(best, time.process_time() - begin)
-    return best * 1e3
-
-
-def _rms(values: Any) -> float:
-    return float(np.sqrt(np.mean(np.square(np.asarray(values, float)))))
 
 
 def board_clock(seconds: float = 600.0) -> Curve:
@@ -120,10 +85,10 @@ def board_clock(seconds: float = 600.0) -> Curve:
         'delays that differ one way from the other by always the same',
     )  # fmt: skip
     for window in (2, 4, 16, 64, 256):
-        took = _ms(lambda w=window: ours(w), 2) / len(sent)
-        curve.points.append((f'window {window}', took, _rms(ours(window)) * 1e6))
+        took = milliseconds(lambda w=window: ours(w), 2) / len(sent)
+        curve.points.append((f'window {window}', took, rms(ours(window)) * 1e6))
     for name, work in (('newest exchange', newest), ('least squares of 60', line)):
-        curve.peers.append((name, _ms(work, 2) / len(sent), _rms(work()) * 1e6))
+        curve.peers.append((name, milliseconds(work, 2) / len(sent), rms(work()) * 1e6))
     return curve
 
 
@@ -159,9 +124,9 @@ def replay_clock() -> Curve:
         'ms RMS', 'message', '64 messages', 'the least delay of five: 0.3 ms',
         'a replay that changes its pace by less than 25 ms shows it late',
     )  # fmt: skip
-    curve.points.append(('64 messages', _ms(ours, 2) / len(recorded), _rms(ours()) * 1e-6))
+    curve.points.append(('64 messages', milliseconds(ours, 2) / len(recorded), rms(ours()) * 1e-6))
     for name, work in (('newest message', newest), ('least squares of 64', line)):
-        curve.peers.append((name, _ms(work, 2) / len(recorded), _rms(work()) * 1e-6))
+        curve.peers.append((name, milliseconds(work, 2) / len(recorded), rms(work()) * 1e-6))
     return curve
 
 
@@ -192,8 +157,8 @@ def onsets(count: int = 400) -> Curve:
     for after in (1, 2, 3, 4, 6, 10):
         times, path = paths(after)
         found = onset.onsets(times, path, noise, period)[0]
-        took = _ms(lambda t=times, p=path: onset.onsets(t, p, noise, period)) / count
-        curve.points.append((f'{after} images', took, _rms(found - true) * 1e3))
+        took = milliseconds(lambda t=times, p=path: onset.onsets(t, p, noise, period)) / count
+        curve.points.append((f'{after} images', took, rms(found - true) * 1e3))
     times, path = paths(3)
 
     def threshold() -> np.ndarray:
@@ -213,7 +178,7 @@ def onsets(count: int = 400) -> Curve:
         )
 
     for name, work in (('threshold', threshold), ('SciPy curve_fit, 3 images', parabola)):
-        curve.peers.append((name, _ms(work, 1) / count, _rms(work() - true) * 1e3))
+        curve.peers.append((name, milliseconds(work, 1) / count, rms(work() - true) * 1e3))
     return curve
 
 
@@ -243,7 +208,7 @@ def calibration() -> Curve:
     grid = np.stack(np.meshgrid(*[np.linspace(-0.6, 0.6, 9)] * 2), axis=-1).reshape(-1, 2)
 
     def off(found: Any) -> float:
-        return _rms(found.to_table(truth.to_pixels(grid)) - grid) * 1e3
+        return rms(found.to_table(truth.to_pixels(grid)) - grid) * 1e3
 
     curve = Curve(
         'calibration from blocks', 'truth in code: a tilted camera with a lens, blocks 4 mm off',
@@ -259,14 +224,16 @@ def calibration() -> Curve:
             errors.append(off(calibrate.from_blocks(views, start).calibration))
             took.append((time.process_time() - begin) * 1e3)
         label = f'{count} image{"s" if count > 1 else ""}'
-        curve.points.append((label, min(took), _rms(errors)))
+        curve.points.append((label, min(took), rms(errors)))
 
     def homography() -> Any:
         px = np.concatenate([view(k)[1].mean(axis=1) for k in range(4)])
         found, _ = cv2.findHomography(np.tile(rest_lattice(), (4, 1)), px)
         return dataclasses.replace(start, homography=found, distortion_coefficients=np.zeros(5))
 
-    curve.peers.append(('OpenCV findHomography, 4 images', _ms(homography, 2), off(homography())))
+    curve.peers.append(
+        ('OpenCV findHomography, 4 images', milliseconds(homography, 2), off(homography()))
+    )
     return curve
 
 
@@ -290,7 +257,7 @@ def grain_layout(n: int = 2048) -> Curve:
         exact = moved(layout.even(places))
         for most in (16, 64, 256, 1024, 2048):
             layout.EXACT_UP_TO = most
-            took = _ms(lambda: layout.even(places), 2)
+            took = milliseconds(lambda: layout.even(places), 2)
             more = 100 * (np.sqrt(moved(layout.even(places)) / exact) - 1)
             curve.points.append((f'parts of {most}', took, more))
     finally:
@@ -307,7 +274,7 @@ def grain_layout(n: int = 2048) -> Curve:
         return out
 
     more = 100 * (np.sqrt(moved(sorted_rows()) / exact) - 1)
-    curve.peers.append(('sort by rows', _ms(sorted_rows), more))
+    curve.peers.append(('sort by rows', milliseconds(sorted_rows), more))
     return curve
 
 
@@ -330,7 +297,7 @@ def pitch() -> Curve:
         'cents, median', 'frame', 'YIN', '0.05 cents: Cramer-Rao of the first partial',
         'two tones at once have none; below 50 Hz a frame is too short',
     )  # fmt: skip
-    took = _ms(lambda: descriptors.yin(frames, rate)) / count
+    took = milliseconds(lambda: descriptors.yin(frames, rate)) / count
     curve.points.append(('YIN', took, float(np.nanmedian(abs(cents(rate / lags))))))
     try:
         import librosa
@@ -346,7 +313,9 @@ def pitch() -> Curve:
         )
 
     found = peer()
-    curve.peers.append(('librosa.yin', _ms(peer, 1) / count, float(np.median(abs(cents(found))))))
+    curve.peers.append(
+        ('librosa.yin', milliseconds(peer, 1) / count, float(np.median(abs(cents(found)))))
+    )
     return curve
 
 
@@ -370,11 +339,11 @@ def tail() -> Curve:
     )  # fmt: skip
     for n in counts:
         found = [powerlaw.fit(h, 1, 25).tau - tau for h in drawn[n]]
-        took = _ms(lambda n=n: powerlaw.fit(drawn[n][0], 1, 25))
-        curve.points.append((f'{n} sizes', took, _rms(found)))
+        took = milliseconds(lambda n=n: powerlaw.fit(drawn[n][0], 1, 25))
+        curve.points.append((f'{n} sizes', took, rms(found)))
     at = drawn[1000]
-    error = _rms([line(h) - tau for h in at])
-    curve.peers.append(('least squares, 1000 sizes', _ms(lambda: line(at[0])), error))
+    error = rms([line(h) - tau for h in at])
+    curve.peers.append(('least squares, 1000 sizes', milliseconds(lambda: line(at[0])), error))
     return curve
 
 
@@ -392,7 +361,7 @@ def limiter() -> Curve:
         angle = 2 * np.pi * 440 * np.arange(rate) / rate
         basis = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         left = part - basis @ np.linalg.lstsq(basis, part, rcond=None)[0]
-        return 100 * _rms(left) / _rms(part)
+        return 100 * rms(left) / rms(part)
 
     def render(db: float) -> np.ndarray:
         trigger['gain'] = 10 ** ((db + 2) / 20)  # 3 dB by the panning law, -1 dB of ceiling
@@ -406,13 +375,13 @@ def limiter() -> Curve:
     for db in (6, 12, 18):
         out = render(db)
         assert np.abs(out).max() <= ceiling
-        took = _ms(lambda d=db: render(d), 2) / 2
+        took = milliseconds(lambda d=db: render(d), 2) / 2
         curve.points.append((f'{db} dB over', took, beside(out)))
 
     def clip() -> np.ndarray:
         return np.clip(tone * ceiling * 10 ** (12 / 20), -ceiling, ceiling)
 
-    curve.peers.append(('clipping, 12 dB over', _ms(clip) / 2, beside(clip())))
+    curve.peers.append(('clipping, 12 dB over', milliseconds(clip) / 2, beside(clip())))
     return curve
 
 
@@ -443,11 +412,13 @@ def spectral_slope(trials: int = 40) -> Curve:
         'what has a slope and is no 1/f: `eol bench spectra`',
     )  # fmt: skip
     for seconds, series in noise.items():
-        error = _rms([ours(values) - 1 for values in series])
-        curve.points.append((f'{seconds} s', _ms(lambda v=series[0]: ours(v)), error))
+        error = rms([ours(values) - 1 for values in series])
+        curve.points.append((f'{seconds} s', milliseconds(lambda v=series[0]: ours(v)), error))
     at = noise[600]
-    error = _rms([peer(values) - 1 for values in at])
-    curve.peers.append(('SciPy welch, least squares, 600 s', _ms(lambda: peer(at[0])), error))
+    error = rms([peer(values) - 1 for values in at])
+    curve.peers.append(
+        ('SciPy welch, least squares, 600 s', milliseconds(lambda: peer(at[0])), error)
+    )
     return curve
 
 
@@ -471,10 +442,10 @@ def tone_loudness() -> Curve:
             part = sosfilt(printed, tone)[-3 * rate :]
             return float(loudness.lufs(np.mean(part**2)))
 
-        curve.points.append((f'{rate} Hz', _ms(ours, 2) / 10, abs(ours() + 23.01)))
+        curve.points.append((f'{rate} Hz', milliseconds(ours, 2) / 10, abs(ours() + 23.01)))
         if rate in (8_000, 44_100, 192_000):
             name = f'the 48 kHz filter at {rate} Hz'
-            curve.peers.append((name, _ms(peer, 2) / 10, abs(peer() + 23.01)))
+            curve.peers.append((name, milliseconds(peer, 2) / 10, abs(peer() + 23.01)))
     return curve
 
 
@@ -489,6 +460,10 @@ PARTS: dict[str, Callable[[], Curve]] = {
     'limiter': limiter,
     'slope': spectral_slope,
     'loudness': tone_loudness,
+    'automaton': method_parts.automaton,
+    'identity': method_parts.names,
+    'selection': method_parts.selection,
+    'mixer': method_parts.mixer,
 }
 
 
@@ -525,12 +500,14 @@ def draw(name: str, curve: Curve, folder: Path) -> Path:
     figure, axis = plt.subplots(figsize=(4.2, 3), layout='constrained')
     floor = 0.5 * min([e for _, _, e in curve.points + curve.peers if e > 0], default=1e-3)
     for rows, mark in ((curve.points, 'C0o-'), (curve.peers, 'C3d')):
-        axis.loglog([ms for _, ms, _ in rows], [max(e, floor) for *_, e in rows], mark)
+        axis.loglog([ms for _, ms, _ in rows], [e for *_, e in rows], mark)
         for label, ms, error in rows:
             axis.annotate(
-                label, (ms, max(error, floor)), fontsize=7, xytext=(3, 3),
-                textcoords='offset points',
+                label, (ms, error), fontsize=7, xytext=(3, 3), textcoords='offset points',
+                rotation=0 if error else 40,
             )  # fmt: skip
+    if any(error == 0 for *_, error in curve.points + curve.peers):
+        axis.set_yscale('symlog', linthresh=floor)
     axis.set(xlabel=f'ms each {curve.per}', ylabel=curve.unit, title=curve.method)
     axis.margins(0.25)
     axis.grid(alpha=0.3, which='both')

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import parting
+from benchmarks import parting, physics_rotating
 from benchmarks import physics_peers as peers
 from benchmarks.machine import tell
 from benchmarks.physics_oracles import ORACLES
@@ -36,6 +36,7 @@ EXAMPLES = [
 PEER_S = 2.5  # slow peers run this far; we are timed on the same stretch beside them
 SIZES = (1, 4, 25, 100, 400, 2500, 10_000)
 LIMITS = Limits(events=200_000, steps=2_000_000)
+ROTATION_S = 3.0  # for so long SciPy follows blocks that rotate
 PARTS = ('own', 'rotation', 'peers', 'sizes', 'live')
 
 
@@ -225,12 +226,14 @@ def peer_rows(only: str) -> list[dict]:
 
 
 def rotation_rows() -> list[dict]:
-    """Return error against time of blocks that rotate, against tolerance 1e-14."""
+    """Return error against time of blocks that rotate, against tolerance 1e-14 and SciPy."""
     rows = []
     for name in ('S4L', 'S4G'):
         scene = from_mapping(presets.scene(name) | {'rotation': {'side': 0.084}})
         model, times = Model.of(scene), sample_times(scene.duration_s, 0.1)
         truth = rotation.solve(scene, model, times, LIMITS, False, 1e-14).u
+        early = times[times <= ROTATION_S * (1 + 1e-12)]
+        witness, _, _ = physics_rotating.solve(scene, early)
         for tolerance in (1e-6, 1e-8, 1e-10, 1e-12):
             run, seconds = cpu_s(
                 lambda s=scene, m=model, t=times, e=tolerance: rotation.solve(
@@ -245,6 +248,8 @@ def rotation_rows() -> list[dict]:
                     'seconds': scene.duration_s,
                     'ms': seconds * 1e3,
                     'error_m': error_of(run.u, truth),
+                    'scipy_s': ROTATION_S,
+                    'scipy_error_m': error_of(run.u[: len(early)], witness),
                     'events': len(run.event_t),
                     'steps': run.steps,
                     'residual_J': run.energy.residual_J,

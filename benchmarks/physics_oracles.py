@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks import physics_peers as peers
-from eol_ros.core.physics.drive import VELOCITY
+from benchmarks import physics_rotating
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import Scene
@@ -144,44 +144,9 @@ def weakening_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
     return out
 
 
-def spinning_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
-    """Return u by SciPy's DOP853 of blocks that rotate, without friction and drive."""
-    from scipy.integrate import solve_ivp
-
-    model, n, spun = Model.of(scene), scene.n, scene.rotation
-    assert spun is not None and not np.any(model.kinetic) and model.kind != VELOCITY
-    inertia = model.mass * spun.side_m**2 / 6
-    inner = model.second < n
-    arms = np.zeros((len(model.first), 2))
-    arms[inner] = spun.arm_j[inner]
-
-    def rotated(arm, yaw):
-        c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-        return np.concatenate([c * arm[:, :1] - s * arm[:, 1:], s * arm[:, :1] + c * arm[:, 1:]], 1)
-
-    def slope(t, y):
-        u, yaw = y[: 2 * n].reshape(-1, 2), y[2 * n : 3 * n]
-        own, other = rotated(spun.arm, yaw[model.first]), np.zeros_like(arms)
-        far = np.zeros_like(arms)
-        far[inner] = u[model.second[inner]]
-        other[inner] = rotated(arms[inner], yaw[model.second[inner]]) - arms[inner]
-        d = far + other - u[model.first] - (own - spun.arm) + model.rest
-        if model.geometric:
-            d = d * (model.k * (1 - model.natural / np.hypot(*d.T)))[:, None]
-        else:
-            d = (d - model.rest) * model.k[:, None]
-        force, torque = np.zeros((n, 2)), np.zeros(n)
-        np.add.at(force, model.first, d)
-        np.add.at(torque, model.first, own[:, 0] * d[:, 1] - own[:, 1] * d[:, 0])
-        there, back = model.second[inner], -d[inner]
-        tip = rotated(arms[inner], yaw[there])
-        np.add.at(force, there, back)
-        np.add.at(torque, there, tip[:, 0] * back[:, 1] - tip[:, 1] * back[:, 0])
-        return np.concatenate([y[3 * n :], (force / model.mass[:, None]).ravel(), torque / inertia])
-
-    start = np.concatenate([scene.u0.ravel(), spun.yaw0, scene.v0.ravel(), spun.spin0])
-    found = solve_ivp(slope, times[[0, -1]], start, 'DOP853', times, rtol=3e-13, atol=1e-15)
-    return found.y[: 2 * n].T.reshape(-1, n, 2)
+def rotating_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
+    """Return u by SciPy's DOP853 of blocks that rotate, between its own events."""
+    return physics_rotating.solve(scene, times, 3e-13)[0]
 
 
 def steps_of_moreau(scene: Scene, times: np.ndarray) -> np.ndarray:
@@ -199,6 +164,6 @@ ORACLES: dict[str, Oracle] = {
     'SciPy DOP853, events, stops below 1e-6 m/s': coarse_events_of_scipy,
     'SciPy DOP853, all slide': sliding_of_scipy,
     'SciPy DOP853, weakening': weakening_of_scipy,
-    'SciPy DOP853, rotation': spinning_of_scipy,
+    'SciPy DOP853, rotation': rotating_of_scipy,
     'own stepping at 1e-5 s': steps_of_moreau,
 }

@@ -2,14 +2,18 @@
 """Curves of methods and Lyapunov times: what they are made from is told apart rightly."""
 
 import dataclasses
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
-from benchmarks import methods, parting
+from benchmarks import method_parts, methods, parting
 from eol_ros.core.physics import presets
+from eol_ros.core.physics.automaton.ofc import ExactAutomaton
 from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.scene import from_mapping
+from eol_ros.core.sound.select import Selector
+from eol_ros.settings import GrainsSettings
 
 
 @pytest.mark.parametrize(
@@ -24,6 +28,30 @@ def test_a_curve_has_its_default_and_a_peer(make):
     assert all(ms > 0 and np.isfinite(error) for _, ms, error in curve.points + curve.peers)
     assert errors[curve.default] < max(error for *_, error in curve.peers)
     assert row.count('|') == 11
+
+
+def test_the_automaton_in_c_has_the_same_events():
+    start = np.random.default_rng(3).integers(0, 10**9, (12, 12))
+    exact = ExactAutomaton(start, 10**9, Fraction(1, 5)).run(150)
+    size, first, topplings = method_parts.Rescan().run(start / 10**9, 0.2, 150)
+
+    assert size.max() > 5
+    assert topplings == size.sum() == exact.size.sum()
+    assert np.array_equal(first, exact.first)
+
+
+def test_loops_choose_the_same_grains():
+    settings = GrainsSettings(bed_rate=0.0)
+    corpus = method_parts._corpus(128)
+    selector, loops = Selector(settings, corpus), method_parts.Loops(settings, corpus)
+    places, seen = method_parts._walk(60)
+    found = 0
+    for k in range(60):
+        row = selector.update(k / 60, *places[k].T, seen[k], np.zeros(25))
+        expected = loops.image(k / 60, places[k].tolist(), seen[k].tolist())
+        assert list(zip(row['block'], row['grain'], strict=True)) == expected
+        found += len(expected)
+    assert found > 20
 
 
 def test_growth_is_that_of_the_exponential():
