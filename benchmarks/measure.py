@@ -22,7 +22,11 @@ from eol_ros.errors import EolError, UsageError
 from eol_ros.verbs.progress import track
 
 HELP = 'Measure twins with unknown springs and friction: error, and how often intervals hold.'
-EXAMPLES = ['eol bench measure', 'eol bench measure --parts springs --twins 20 --plot docs/img']
+EXAMPLES = [
+    'eol bench measure',
+    'eol bench measure --parts springs --twins 20 --plot docs/img',
+    'eol bench measure --rendered 20 --first 7',
+]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,6 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--parts', default=','.join(PARTS), help='parted by commas (default: all)')
     parser.add_argument('--twins', type=int, default=100, metavar='N', help='of each (100)')
     parser.add_argument('--first', type=int, default=0, metavar='SEED', help='of the first (0)')
+    parser.add_argument(
+        '--rendered', type=float, metavar='SECONDS',
+        help='instead: friction of the blocks of the first twin, through drawn images',
+    )  # fmt: skip
     parser.add_argument('--plot', type=Path, metavar='FOLDER', help='write measure_*.png there')
     parser.add_argument('--json', action='store_true')
 
@@ -82,6 +90,25 @@ def measured_light(blinks: Blinks) -> light.Light:
     return light.fit(blinks.sent_s, blinks.stamp_s, heard_s, blinks.seen, blinks.exposure_s)
 
 
+def of_images(seed: int, seconds: float) -> dict[str, Any]:
+    """Return by what share friction of single blocks is off, seen in drawn images by the tracker.
+
+    Stiffness, mass and natural length are told, so that only seeing and the method are left.
+    """
+    twin = Pulled(seed, seconds)
+    c, known = twin.coupling, (twin.coupling.stiffness, twin.coupling.block_kg)
+    track = tracked(twin.rendered(seed))
+    slips = friction.find_slips(track, *known, c.spring_natural_m)
+    exact = (Estimate(value, 0.0) for value in known)
+    found = friction.fit(slips, track, *exact, c.spring_natural_m)
+    off = found.each / twin.each[friction.INNER] - 1
+    return {
+        'seconds': seconds, 'slips': len(slips), 'blocks': int(np.isfinite(off[:, 0]).sum()),
+        'rms': np.sqrt(np.nanmean(off**2, axis=0)).tolist(),
+        'worst': np.nanmax(np.abs(off), axis=0).tolist(),
+    }  # fmt: skip
+
+
 PARTS: dict[str, Callable[[int], dict[str, tuple[float, Estimate]]]] = {
     'springs': of_springs, 'friction': of_friction, 'light': of_light,
 }  # fmt: skip
@@ -93,6 +120,11 @@ def run(args: argparse.Namespace) -> int:
     for part in parts:
         if part not in PARTS:
             raise UsageError(f'--parts {part}: there are {", ".join(PARTS)}')
+    if args.rendered is not None:
+        if not 5 <= args.rendered <= 600:
+            raise UsageError(f'--rendered {args.rendered:g}: 5 to 600')
+        tell(of_images(args.first, args.rendered), args.json, _images)
+        return 0
     if args.twins < 2:
         raise UsageError(f'--twins {args.twins}: 2 or more')
     rows = []
@@ -173,6 +205,17 @@ def draw(folder: Path, seed: int, rows: list[dict[str, Any]]) -> None:
         axes[-1, 0].set_xlabel('twin')
         figure.savefig(folder / f'measure_coverage_{part}.png', dpi=110)
         plt.close(figure)
+
+
+def _images(result: dict[str, Any]) -> str:
+    lines = [f'{result["slips"]} slips in {result["seconds"]:g} s, {result["blocks"]} blocks']
+    for name, rms, worst in zip(
+        ('mu_static', 'mu_kinetic'), result['rms'], result['worst'], strict=True
+    ):
+        lines.append(
+            f'{name:11} of single blocks off {100 * rms:.2f} % RMS, {100 * worst:.2f} % at most'
+        )
+    return '\n'.join(lines)
 
 
 def _table(result: dict[str, Any]) -> str:

@@ -63,6 +63,26 @@ class Pulled:
         self.each = np.column_stack([model.static, model.kinetic]) / (kilos * GRAVITY)
         self._way = np.exp(2j * np.pi * random.uniform())
 
+    def rendered(self, seed: int) -> Iterator[Image]:
+        """Yield the same as a tracker sees them in drawn images."""
+        from eol_ros.core.vision.calibration.model import Calibration
+        from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+        from eol_ros.core.vision.states import TRACKING
+        from eol_ros.core.vision.tracker import Tracker
+        from eol_ros.settings import TrackerSettings, TwinSettings
+
+        s, calibration, table = TwinSettings(), Calibration.ideal(), self._table
+        exposure_s = s.exposure_us * 1e-6
+        options = RenderOptions(s.noise, s.clutter, exposure_s=exposure_s, rate_hz=CAMERA_FPS)
+        renderer = Renderer(options, calibration, seed)
+        tracker = Tracker(TrackerSettings(), calibration)
+        tracker.warm_up()
+        for k, (stamp_s, _, _) in enumerate(self.images()):
+            image = renderer.render(table.x, table.y, table.yaw, k, velocity=table.velocity)
+            found = tracker.update(stamp_s, image)
+            places = np.column_stack([found.world, found.yaw])
+            yield stamp_s, places, found.seen & (found.state == TRACKING)
+
     def images(self) -> Iterator[Image]:
         """Yield the images of the pull."""
         table, along, speed, seen = self._table, 0.0, PULL_MPS, np.ones(N_BLOCKS, bool)

@@ -10,7 +10,7 @@ from eol_ros.errors import EolError
 
 
 def test_the_delay_is_found_far_finer_than_an_image():
-    for seed in range(5):
+    for seed in range(3):
         blinks = Blinks(seed)
         found = measure.measured_light(blinks)
         low, high = found.delay.interval(0.99)

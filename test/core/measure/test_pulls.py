@@ -132,11 +132,11 @@ def test_slips_with_holes_are_left_out():
 
 def test_nine_blocks_stand_for_a_table_as_often_as_the_interval_says():
     """Blocks that differ evenly by up to 15 %, measured perfectly: a bound of the coverage."""
-    drawn = 1 + np.random.default_rng(0).uniform(-0.15, 0.15, (5000, 9))
+    drawn = 1 + np.random.default_rng(0).uniform(-0.15, 0.15, (1200, 9))
     for level, wanted in ((0.68, 0.69), (0.95, 0.945)):
         ends = [mean(nine).interval(level) for nine in drawn]
         held = np.mean([low <= 1 <= high for low, high in ends])
-        assert held == pytest.approx(wanted, abs=0.02)
+        assert held == pytest.approx(wanted, abs=0.04)
 
 
 @pytest.mark.soak
