@@ -49,6 +49,7 @@ GROUPS = {
         'measure': 'measure springs, friction and delay of light of your own table',
         'speakers': 'list the loudspeakers of a scene, and play noise from each',
         'corpus': 'cut a sound into grains and describe them',
+        'listen': 'record a microphone, sound by sound, into the corpus',
         'covers': 'cut a landscape into the covers of the blocks',
         'compile': 'compile the loops that a first run would wait for',
     },

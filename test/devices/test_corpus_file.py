@@ -514,3 +514,20 @@ def test_without_umap_one_line_says_what_to_do(sound, monkeypatch):
     monkeypatch.delitem(sys.modules, 'eol_ros.devices.corpus.umap_map', raising=False)
     with pytest.raises(DeviceMissing, match='pip install umap-learn, or take pca_1'):
         build([sound], Options(x_axis='umap_1', y_axis='umap_2'))
+
+
+def test_a_grain_put_back_lies_where_the_layout_has_it(sound):
+    corpus = build([sound], Options())
+    corpus_file.move(corpus, 3, 0.25, 0.75)
+    path = corpus_file.move(corpus, 7, 0.5, 0.5)
+    moved = build([sound], Options())
+    assert corpus_file.moved(moved) == [3, 7] and corpus_file.moved(corpus) == [3, 7]
+    assert tuple(moved.grains[['x', 'y']][3]) == (0.25, 0.75)
+    assert corpus_file.restore(moved, 3) == path
+    again = build([sound], Options())
+    assert corpus_file.moved(again) == [7]
+    assert again.grains[['x', 'y']][3] == corpus.grains[['x', 'y']][3]
+    with pytest.raises(ConfigError, match='grain 3: was not moved'):
+        corpus_file.restore(again, 3)
+    with pytest.raises(ConfigError, match='grain 99: the corpus has grains 0 to 15'):
+        corpus_file.restore(again, 99)

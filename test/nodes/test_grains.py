@@ -27,6 +27,7 @@ from eol_ros.ros.stamps import NS, now_ns, to_msg, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import GrainsSettings
 from eol_ros.streams.blocks import BLOCK, TYPE, Codec
+from eol_ros.streams.corpus import to_json
 from eol_ros.streams.requests import Asked
 
 CODEC = Codec(definition(TYPE))
@@ -251,6 +252,14 @@ def test_a_grain_dragged_on_the_panel_is_kept_beside_the_sound(stage, sounds):
     again = stage.__class__(stage.node.settings)  # and the next run has it from the start
     assert tuple(again.node.corpus.grains[['x', 'y']][7]) == (0.125, 0.875)
     again.close()
+    assert to_json(moved)['moved'] == [7] and 'moved_by_hand' not in to_json(moved)['descriptors']
+    back = Asked('restore_grain', 'grains', {'grain': 7})
+    stage.probe.asks.publish(request_to_msg(back, now_ns()))
+    stage.until(lambda: len(stage.probe.results) > 3)
+    assert stage.probe.results[3].accepted
+    stage.until(lambda: to_json(stage.probe.corpora[-1])['moved'] == [])
+    first, last = stage.probe.corpora[0], stage.probe.corpora[-1]
+    assert (last.x[7], last.y[7]) == (first.x[7], first.y[7])
 
 
 def test_a_sound_that_goes_and_comes_back(stage, sounds):

@@ -74,13 +74,22 @@ def ice_file(seed: int, recipe: int = ICE_RECIPE) -> Path:
 def all_sounds(sound: str, options: Options, seed: int) -> list[Path]:
     """Return all sound files of the setting `sound`, empty for ice, and of `more_sounds`."""
     found = sounds_of(Path(sound)) if sound else [ice_file(seed)]
-    return [*found, *(file for more in options.more_sounds for file in sounds_of(Path(more)))]
+    for more in map(Path, options.more_sounds):
+        if not more.is_dir() or _sounds_in(more):  # else `eol listen` may fill it yet
+            found += sounds_of(more)
+    return found
+
+
+def _sounds_in(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        return []
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in SOUNDS)
 
 
 def sounds_of(path: Path) -> list[Path]:
     """Return the sound files that `path` means: itself, or those of a folder in order of name."""
     if path.is_dir():
-        found = sorted(p for p in path.iterdir() if p.suffix.lower() in SOUNDS)
+        found = _sounds_in(path)
         if not found:
             raise ConfigError(
                 f'{path}: no sound file in this folder; put WAV, FLAC or OGG files there'

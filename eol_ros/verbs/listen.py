@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol listen: record a microphone or contact pickup, sound by sound, into a folder of grains."""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+from eol_ros.errors import ConfigError, UsageError
+
+HELP = 'Record a microphone or contact pickup, sound by sound, into a folder that grains are of.'
+EXAMPLES = [
+    'eol listen --into voices                    # a scene says: grains: {more_sounds: [voices]}',
+    'eol listen --into table --device Scarlett --on -30 --keep 20',
+    'eol listen --into voices --from walk.wav    # a recording in place of the microphone',
+    'eol listen --list',
+]
+TAKE = 'take-*.wav'
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    add = parser.add_argument
+    add('--into', metavar='DIR', help='folder for the sounds; made if it is not there')
+    add('--device', default='auto', metavar='NAME', help='input by name or part of it')
+    add('--from', dest='source', metavar='FILE', help='cut this recording instead, and end')
+    add('--on', type=float, default=-40.0, metavar='DB', help='a sound begins above')
+    add('--off', type=float, default=-50.0, metavar='DB', help='and ends below')
+    add('--most', type=float, default=30.0, metavar='S', help='a longer one is cut')
+    add('--keep', type=int, default=50, metavar='N', help='the oldest beyond so many are removed')
+    add('--for', dest='seconds', type=float, default=0.0, metavar='S', help='end after; 0: Ctrl-C')
+    add('--list', action='store_true', help='the inputs that there are')
+
+
+def run(args):
+    """Record until told to stop; exit code 69 where there is no such input."""
+    if args.list:
+        from eol_ros.devices.audio.microphone import inputs
+
+        print('\n'.join(inputs()))
+        return 0
+    if not args.into:
+        raise UsageError('--into: name the folder for the sounds')
+    for name, value, low, high in (
+        ('--on', args.on, -120, 0), ('--off', args.off, -120, args.on),
+        ('--most', args.most, 0.1, 600), ('--keep', args.keep, 1, 10000),
+        ('--for', args.seconds, 0, 1e9),
+    ):  # fmt: skip
+        if not low <= value <= high:
+            raise UsageError(f'{name} {value:g}: must lie in {low:g}..{high:g}')
+    folder = Path(args.into)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f'{folder}: cannot be made ({error.strerror})') from None
+    if args.source:
+        from eol_ros.devices.audio.audio_file import read_mono
+
+        heard = read_mono(args.source)
+        return _record([heard.samples], heard.rate, folder, args)
+    from eol_ros.devices.audio.microphone import Microphone
+
+    with Microphone(args.device) as microphone:
+        print(f'listening at {microphone.rate} Hz', file=sys.stderr, flush=True)
+        return _record(microphone.blocks(), microphone.rate, folder, args)
+
+
+def _record(blocks, rate, folder, args):
+    from eol_ros.core.sound.takes import Takes
+
+    takes, stopping = Takes(rate, args.on, args.off, most_s=args.most), []
+    before = {
+        number: signal.signal(number, lambda *_: stopping.append(True))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    end_s = time.monotonic() + args.seconds if args.seconds else float('inf')
+    try:
+        for block in blocks:
+            for take in takes.feed(block):
+                _keep(take, rate, folder, args.keep)
+            if stopping or time.monotonic() >= end_s:
+                break
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for take in takes.end():
+        _keep(take, rate, folder, args.keep)
+    return 0
+
+
+def _keep(take, rate, folder, most):
+    """Write a take whole or not at all, for the corpus is read meanwhile; forget the oldest."""
+    from eol_ros.devices.audio import audio_file
+
+    path = folder / time.strftime(f'take-%Y%m%d-%H%M%S-{time.time_ns() % 10**9:09d}.wav')
+    part = folder / '.parts' / path.name  # of a folder only its own files are the corpus's
+    try:
+        part.parent.mkdir(exist_ok=True)
+        audio_file.write(part, take, rate, 'PCM_16')
+        os.replace(part, path)
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
+    print(f'{path} {len(take) / rate:.2f} s', flush=True)
+    for old in sorted(folder.glob(TAKE))[:-most]:
+        old.unlink(missing_ok=True)
