@@ -68,12 +68,16 @@ ISR(TIMER1_COMPA_vect)
     OCR1A = (uint16_t)(OCR1A + TICK_US); /* it wakes the loop */
 }
 
+/* Also when the radio's pin moves, so it must know what the sensor's was. */
 ISR(PCINT2_vect)
 {
-    if ((PIND & (1 << SENSOR_INT)) && !rose) {
+    static uint8_t was;
+    uint8_t high = PIND & (1 << SENSOR_INT);
+    if (high && !was && !rose) {
         rose_us = now_us();
         rose = 1;
     }
+    was = high;
 }
 
 EMPTY_INTERRUPT(WDT_vect)
