@@ -11,7 +11,7 @@ from eol_ros.core.terrain import CoverShape
 from eol_ros.errors import UsageError
 from eol_ros.verbs.progress import track
 
-HELP = 'Cut one continuous landscape into covers for the blocks: a watertight STL file each, in mm.'
+HELP = 'Cut one continuous landscape into covers for the blocks, as STL in mm; and the body below.'
 EXAMPLES = [
     'eol covers --out covers',
     'eol covers --out covers --seed 7 --relief 40 --wall 2',
@@ -46,11 +46,15 @@ def add_arguments(parser):
 def run(args):
     """Write the covers and an image of the whole; name them on stdout."""
     from eol_ros.core import terrain
+    from eol_ros.core.body import BodyShape, body_mesh
     from eol_ros.devices.files import picture_file, stl_file
 
     shape = CoverShape(
         args.side, args.wall, args.skirt, args.relief, args.lip, args.body, args.clearance
     ).check()
+    below = BodyShape(shape.side_mm, wall_mm=shape.body_mm, lip_mm=shape.lip_mm)
+    if shape.lip_mm:
+        below.check()
     for name, most in (('rows', 50), ('cols', 50), ('cells', 512)):
         if not 1 <= getattr(args, name) <= most:
             raise UsageError(f'--{name} {getattr(args, name)}: 1 to {most}')
@@ -78,12 +82,19 @@ def run(args):
                 'plastic_cm3': round(terrain.volume_mm3(mesh) / 1e3, 2),
             }
         )
+    body = out / 'body.stl'
+    if shape.lip_mm:
+        stl_file.save(body, body_mesh(below), f'Echoes of the Land, body of {len(covers)} blocks')
+    else:
+        body.unlink(missing_ok=True)
     picture = out / 'covers.png'
     picture_file.save(picture, terrain.hillshade(heights))
     if args.json:
-        print(json.dumps({'picture': str(picture), 'covers': covers}, indent=2))
+        told = {'picture': str(picture), 'covers': covers}
+        print(json.dumps(told | ({'body': str(body)} if shape.lip_mm else {}), indent=2))
     else:
-        print(*(cover['file'] for cover in covers), picture, sep='\n')
+        files = [*(cover['file'] for cover in covers), *([body] if shape.lip_mm else [])]
+        print(*files, picture, sep='\n')
     plastic = sum(cover['plastic_cm3'] for cover in covers)
     print(
         f'{len(covers)} covers of {shape.side_mm:g} mm, {plastic:.0f} cm3 of plastic',

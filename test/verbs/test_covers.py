@@ -18,6 +18,8 @@ def test_writes_watertight_covers_that_fit(tmp_path, capsys):
     listed = json.loads(told.out)
     assert f'eol calibrate ... --covers {tmp_path} --cover-gap 0.034' in told.err
     assert len(listed['covers']) == 25 and cv2.imread(listed['picture']) is not None
+    body = trimesh.load_mesh(listed['body'])
+    assert body.is_watertight and body.extents == pytest.approx([84, 84, 34])
     meshes = {}
     for cover in listed['covers']:
         mesh = trimesh.load_mesh(cover['file'])

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from eol_ros.core.body import BodyShape, body_mesh
 from eol_ros.core.geometry import (
     BLOCK_MASS_KG,
     BLOCK_SIDE_M,
@@ -32,12 +33,12 @@ PITCH, GAP, RIM = 1e3 * PITCH_M, 1e3 * SPRING_M, 1e3 * RIM_SIDE_M
 PLATFORM = 1e3 * PLATFORM_SIDE_M
 COVER = CoverShape(lip_mm=6.0)
 
-FLOOR = 3.0
-PULL = 17.0  # height of the springs over the platform
-POCKET = (8.0, 10.0)  # width and height of the hole in a wall behind which a pin stands
-PIN, INSET = 2.0, 2.0  # diameter of the pin, and of its axis from the face of the block
+BODY = BodyShape()
+FLOOR, PULL = BODY.floor_mm, BODY.spring_mm
+POCKET, BOSS = BODY.window_mm, BODY.boss_mm
+PIN, INSET = BODY.pin_mm, BODY.inset_mm
 BOARD = (70.0, 50.0)
-BALLAST_SIDE = 74.0
+BALLAST_SIDE = 70.0
 BAR = (30.0, 20.0)  # width and height of the tube of which the rim is made
 CASTER = 25.0  # height of the ball casters under the corners of the rim
 BAR_INSIDE = 3.0  # of the bar before the line at which its springs pull
@@ -59,11 +60,6 @@ def spring_lengths() -> tuple[float, float]:
     return 1e3 * NATURAL_M + 2 * INSET, GAP + 2 * INSET
 
 
-def body_mm3() -> float:
-    """Return how much plastic the body of a block takes, its pockets not counted."""
-    return SIDE**2 * HEIGHT - (SIDE - 2 * WALL) ** 2 * (HEIGHT - FLOOR)
-
-
 def masses(circuit: Circuit) -> list[tuple[str, float]]:
     """Return what a block is made of, g; the last is the steel that makes it as heavy as it is."""
     land = landscape(1, cells=28)
@@ -72,7 +68,7 @@ def masses(circuit: Circuit) -> list[tuple[str, float]]:
         ('electronics', sum(p.mass_g for p in circuit.parts.values() if p.ref != 'BT1')),
         ('cell', circuit.parts['BT1'].mass_g),
         ('board with holes, socket, wire, screws, pins', WIRES_G),
-        ('body, printed', PLASTIC * body_mm3()),
+        ('body, printed', PLASTIC * volume_mm3(body_mesh(BODY))),
         ('cover, printed, in the mean', PLASTIC * float(np.mean(covers))),
     ]
     return [*rows, ('steel plate, to make it up', 1e3 * BLOCK_MASS_KG - sum(g for _, g in rows))]
@@ -103,6 +99,11 @@ def body() -> Sheet:
     for x, y in ((1, 0), (0, 1), (-1, 0), (0, -1)):
         s.circle(x * (half - INSET), y * (half - INSET), PIN)
         wide, deep = POCKET[0] / 2, WALL
+        boss, back = BOSS[0] / 2, inner - BOSS[1]
+        if x:
+            s.line((x * inner, -boss), (x * back, -boss), (x * back, boss), (x * inner, boss))
+        else:
+            s.line((-boss, y * inner), (-boss, y * back), (boss, y * back), (boss, y * inner))
         if x:
             s.line((x * half, -wide), (x * (half - deep), -wide), layer='hidden')
             s.line((x * half, wide), (x * (half - deep), wide), layer='hidden')
