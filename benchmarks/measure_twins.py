@@ -12,7 +12,7 @@ import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.measure.estimate import Estimate
-from eol_ros.core.measure.springs import GRAVITY, NATURAL_SIGMA_M, RIM_SIGMA_M, outwards
+from eol_ros.core.measure.springs import NATURAL_SIGMA_M, RIM_SIGMA_M, outwards
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.scene import from_mapping
@@ -49,7 +49,7 @@ class Pulled:
     def __init__(self, seed: int, seconds: float = 30.0):
         random = self._random = np.random.default_rng([seed, 0x70756C])
         static, kilos = random.uniform(0.6, 1.1), 0.25 * random.uniform(0.95, 1.05)
-        stiffness = static * kilos * GRAVITY / random.uniform(*BREAKS_M)
+        stiffness = static * kilos * builders.GRAVITY / random.uniform(*BREAKS_M)
         natural_m = builders.NATURAL_M + random.normal(0, NATURAL_SIGMA_M)
         self.coupling = Coupling(
             stiffness, static, static * random.uniform(0.6, 0.85), True, natural_m, kilos
@@ -60,7 +60,7 @@ class Pulled:
         self.natural_m, self._seconds = builders.NATURAL_M, seconds
         self._table = LiveTable(int(random.integers(2**31)), 0, self.coupling)
         model = self._table._model
-        self.each = np.column_stack([model.static, model.kinetic]) / (kilos * GRAVITY)
+        self.each = np.column_stack([model.static, model.kinetic]) / (kilos * builders.GRAVITY)
         self._way = np.exp(2j * np.pi * random.uniform())
 
     def rendered(self, seed: int) -> Iterator[Image]:
@@ -135,7 +135,9 @@ class Hung:
         self._static = random.uniform(0.6, 1.1) * (1 + random.uniform(-0.15, 0.15, N_BLOCKS))
         self._static[block] = random.uniform(0.01, 0.05)
         self._kinetic = self._static * random.uniform(0.6, 0.85)
-        most_kg = 2.67 * self.stiffness * 0.022 / GRAVITY  # two springs along, two across: 22 mm
+        most_kg = (
+            2.67 * self.stiffness * 0.022 / builders.GRAVITY
+        )  # two springs along, two across: 22 mm
         self.weights_kg = np.round(most_kg * np.array(shares), 3).tolist()
         self._hung_kg = np.array(self.weights_kg) + random.normal(0, SCALE_KG, len(shares))
         self._rim = random.normal(0, [RIM_SIGMA_M, RIM_SIGMA_M, 0.004])
@@ -177,7 +179,7 @@ class Hung:
             edge = outwards(self.block) * BLOCK_SIDE_M / 2
             far = rest_lattice()[self.block] + edge + THREAD_M * self._thread
             scene['springs_to_frame'].append({
-                'i': self.block, 'k': weight_kg * GRAVITY / THREAD_M, 'L0': 0.0,
+                'i': self.block, 'k': weight_kg * builders.GRAVITY / THREAD_M, 'L0': 0.0,
                 'dir': self._thread.tolist(), 'Lnom': THREAD_M, 'anchor': far.tolist(),
                 'arm': edge.tolist(),
             })  # fmt: skip

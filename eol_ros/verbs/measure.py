@@ -153,6 +153,7 @@ def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
     import numpy as np
 
     from eol_ros.core.measure import friction
+    from eol_ros.core.physics.builders import GRAVITY
 
     stiffness, mass, natural_m = _stiffness(args, twin), _mass(args, twin), _natural(args, twin)
     _check_seconds(args)
@@ -202,6 +203,9 @@ def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
         f'{len(slips)} slips of {len(known)} blocks, which differ by {100 * spread[0]:.0f} %'
         ' (standard deviation)'
     )
+    break_m = found.static.value * mass.value * GRAVITY / stiffness.value
+    _say(f'one spring lets a block go at {1e3 * break_m:.1f} mm: grains.bed_break_m {break_m:.4f}')
+    about['break_m'] = break_m
     return values, about, found
 
 

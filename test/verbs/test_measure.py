@@ -177,6 +177,8 @@ def test_who_pulls_is_told_how_far_it_is(pulled, monkeypatch, capsys):
     assert [line.partition(' ')[0] for line in lines] == ['5', '10']  # it ends where that is enough
     assert 'slips in the middle, fewest of block' in lines[-1]
     found = json.loads(told.out)
+    wanted = twin.coupling.break_m  # the scale said 250 g
+    assert found['break_m'] == pytest.approx(wanted, rel=0.15)
     assert found['mu_static'] > found['mu_kinetic'] and set(found['blocks']) == {
         str(block) for block in (6, 7, 8, 11, 12, 13, 16, 17, 18)
     }

@@ -19,7 +19,8 @@ import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, COLS, N_BLOCKS, ROWS
 from eol_ros.core.measure.estimate import Estimate, mean
-from eol_ros.core.measure.springs import GRAVITY, NATURAL_SIGMA_M
+from eol_ros.core.measure.springs import NATURAL_SIGMA_M
+from eol_ros.core.physics.builders import GRAVITY
 from eol_ros.core.physics.rotation.taylor import LEVER
 from eol_ros.errors import EolError
 

@@ -22,9 +22,9 @@ from eol_ros.core.geometry import (
     spring_ends,
 )
 from eol_ros.core.measure.estimate import Estimate
+from eol_ros.core.physics.builders import GRAVITY
 from eol_ros.errors import EolError
 
-GRAVITY = 9.81
 REST_S = 4.0  # nobody holds a weight so still for so long
 STILL_M = 2e-4  # what a block may be seen to move by at rest
 MOVED_M = 5e-4  # and between two rests
