@@ -26,6 +26,7 @@ RUNTIME = [
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces']
 SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5', 'pyarrow>=14']
 CLUSTER = ['dask>=2024.1', 'distributed>=2024.1']  # sweeps on more than one machine
+MAP = ['umap-learn>=0.5']  # maps of grains by UMAP
 METRICS = ['prometheus-client>=0.20']
 TLS = ['cryptography>=42']
 KIT = ['schemdraw>=0.19', 'ezdxf>=1.3']  # drawings of docs/build, see `make kit`
@@ -70,7 +71,6 @@ TEST = [
     *KIT,
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo', 'av']  # peers, measured in the same run
-MAP = ['umap-learn>=0.5']  # maps of grains by UMAP
 RENDER = ['mitsuba>=3.9']  # path-traced images, see `make films`; nothing that runs imports it
 MESSAGES = 'msg_defs/eol_msgs'
 # What the firmware of a block does, for the twin's blocks: plain C that is loaded with ctypes, so

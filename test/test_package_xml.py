@@ -32,6 +32,7 @@ WHEELS = {
     'prometheus_client': 'prometheus-client',
     'pythonosc': 'python-osc',
     'serial': 'pyserial',
+    'umap': 'umap-learn',
     'yaml': 'pyyaml',
 }
 
