@@ -108,7 +108,7 @@ def test_pages_fill_every_screen(graph, browser, path, width):
 
 @pytest.mark.parametrize(
     ('control', 'outcome', 'chinese'),
-    [('calibrate', r'calibrated by the blocks: 0\.\d+ px', r'已依方塊校準：剩餘誤差 0\.\d+ px'),
+    [('calibrate', r'calibrated by the blocks: 0\.\d+ px', r'已依方塊校正：剩餘誤差 0\.\d+ px'),
      ('learn_background', r'background learnt: lamps light \d+\.\d % of it',
       r'已學習背景：燈光佔 \d+\.\d %')],
 )  # fmt: skip
