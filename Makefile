@@ -57,6 +57,11 @@ films: setup-test  ## path-trace printed covers for `eol bench vision --films fi
 	$(PY) -m pip install -q 'mitsuba>=3.9'
 	$(PY) -m eol_ros bench films --out films $(ARGS)
 
+figures: setup-test  ## the figures of docs/science.md
+	$(PY) -m eol_ros bench chaos --seeds 2 --travel 0.6 --plot docs/img
+	$(PY) -m eol_ros bench critical --plot docs/img
+	$(PY) -m eol_ros bench table --map --minutes 4 --plot docs/img
+
 clean:  ## remove what was made here, but no bag
 	rm -rf .venv build install log *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -64,4 +69,4 @@ clean:  ## remove what was made here, but no bag
 setup-test:
 	@tools/setup_env.sh test
 
-.PHONY: help setup setup-test run test bare quick lint docs kit firmware soak bench lock film films clean
+.PHONY: help setup setup-test run test bare quick lint docs kit firmware soak bench lock film films figures clean

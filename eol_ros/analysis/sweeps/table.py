@@ -326,6 +326,19 @@ def _value(text: str, kind: type) -> Any:
     return text == 'true' if kind is bool else kind(text)
 
 
+def rows_of(path: str | Path) -> Iterator[Row]:
+    """Yield the rows of a table as they are: parameters and results by name.
+
+    Raises ConfigError where it is not the table of a sweep.
+    """
+    path = Path(path)
+    form = _format_of(path)
+    model = form.about(path).get('model')
+    if model not in sweep.MODELS:
+        raise ConfigError(f'{path}: not the table of a sweep')
+    return form.rows(path, columns(model))
+
+
 def _format_of(path: Path) -> type[_Parquet] | type[_Csv]:
     if path.suffix == '.csv':
         return _Csv
