@@ -349,7 +349,8 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch):
             {'weights': ['ice 0.5', 'sea 0']},
         ]  # fmt: skip
         found = [(one.kind, one.node, repr(one.values)) for one in asked]  # 1.0, not 1
-        assert found == [('set', 'grains', repr(values)) for values in expected]
+        own = ('set', 'sound', repr({'gain_db': -20.0}))  # told for the bag
+        assert found == [*(('set', 'grains', repr(values)) for values in expected), own]
     finally:
         node.close()
         node.destroy_node()
