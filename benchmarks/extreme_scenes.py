@@ -121,6 +121,8 @@ def _along_a_line() -> list[Case]:
         row('K_C / K_L = 5e10, 7 s', lambda: plate(PULL, 7.0, k_between=1e12, u0=_line(25, 1e-9))),
         row('one block, k = 1e12', lambda: single(PULL, 1.0, k=1e12), ONE, steps=2_000_000),
         row('table, k = 1e12', lambda: table(PULL, 1.0, k=1e12, u0=_line()), ends='step limit'),
+        row('table, k = 1e12, to the end', lambda: table(PULL, 1.0, k=1e12, u0=_line()),
+            steps=60_000_000, long=True, holds='4e7 reversals, each worked out: minutes'),
         row('masses 1e-6 to 1e3 kg', lambda: plate(PULL, 3.0, mass=masses(), u0=_line()),
             COARSE, 0.02, 'dop853'),
         row('stiffness 1e-3 to 1e9 N/m', lambda: uneven(plate(PULL, 1.0, u0=_line(25, 1e-9))),
