@@ -35,6 +35,9 @@ def add_arguments(parser):
         help='only path-traced covers: `relief`, which is shipped, or a folder of `make films`',
     )
     parser.add_argument(
+        '--rest-minutes', type=float, default=0.0, help='with --films: rest, all images together'
+    )
+    parser.add_argument(
         '--videos', action='store_true', help='only what MJPEG and H.264 cost, against their size'
     )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
@@ -60,7 +63,8 @@ def run(args) -> int:
         folder = FOLDER if args.films == 'relief' else Path(args.films)
         if args.plots:
             print(f'drawn {vision_relief.draw(folder, Path(args.plots))}', file=sys.stderr)
-        tell(vision_relief.measure(folder, args.images), args.json, vision_relief.table)
+        figures = vision_relief.measure(folder, args.images, args.rest_minutes)
+        tell(figures, args.json, vision_relief.table)
         return 0
     if args.videos:
         from benchmarks import vision_videos

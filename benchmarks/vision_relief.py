@@ -11,9 +11,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.relief import films, scene
+from benchmarks.relief import bound, films, scene
 from eol_ros.core import terrain
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, PLATFORM_SIDE_M
+from eol_ros.core.motion.motion import Motion
+from eol_ros.core.motion.slips import START
 from eol_ros.core.vision.calibration.calibrate import from_images, raise_plane
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
@@ -21,7 +23,7 @@ from eol_ros.core.vision.detect import outline
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.errors import ConfigError
-from eol_ros.settings import TrackerSettings
+from eol_ros.settings import MotionSettings, TrackerSettings
 from eol_ros.verbs.progress import track
 
 RATE_HZ = 60.0
@@ -30,23 +32,32 @@ FLAT, KNOWN = 'covers taken to be flat', 'outlines of the covers known'
 SKIRT_M = 0.012 + scene.GAP_M  # the lowest land: the plane that measured best before
 
 
-def measure(folder: Path, images: int) -> dict:
-    """Return figures of each image of a set, `images` exposures each, and of calibrating."""
+def measure(folder: Path, images: int, rest_minutes: float = 0.0) -> dict:
+    """Return figures of each image of a set, `images` exposures each, and of calibrating.
+
+    rest_minutes: of rest, all images of the set together, in which nothing should be seen to move.
+    """
     shown = films.load(folder)
     result: dict = {'images': images}
     for known in (False, True):
         at_rest = {film.name: rest(film, images, known) for film in track(shown, 'films')}
         places = {name: one.pop('places') for name, one in at_rest.items()}
-        moved = {}
+        sigmas = {name: one.pop('sigmas') for name, one in at_rest.items()}
+        moved, lit = {}, {}
         for film in shown:
-            first = next((f for f in shown if film.name == f'{f.name}-moved'), None)
-            if first is not None:
-                moved[film.name] = _displacement(first, film, places)
+            for first in shown:
+                if film.name == f'{first.name}-moved':
+                    moved[film.name] = _displacement(first, film, places)
+                if film.name == f'{first.name}-lit':
+                    lit[film.name] = _differently_lit(first, film, places, sigmas)
         result[KNOWN if known else FLAT] = {
             'rest': at_rest,
             'moved': moved,
+            'lit': lit,
             'calibration': _calibrations(shown, known),
         }
+    if rest_minutes:
+        result['still'] = still(shown, rest_minutes)
     return result
 
 
@@ -85,7 +96,12 @@ def rest(film: films.Film, images: int, known: bool) -> dict:
     # the median of the deviations: one hop does not make its own scale
     scatter = np.nanmedian(np.abs(place - usual), axis=0).max(axis=1) / 0.6745
     turned = np.angle(np.exp(4j * (yaw[..., 0] - truth[:, 2]))) / 4
+    noise = np.sqrt(np.nanmean(np.nanvar(place, axis=0, ddof=1), axis=1))
+    limits = bound.outline_bounds_m(film, camera) if known else np.full((2, N_BLOCKS), np.nan)
     return {
+        'noise_um': _rms(noise) * 1e6,
+        'bound_um': _rms(limits[0]) * 1e6,
+        'bound_one_scale_um': _rms(limits[1]) * 1e6,
         'first_sight': int(np.sum(np.any(near, axis=1))) if len(found) else 0,
         'coverage': float(seen.mean()),
         'error_mm_rms': _rms(left[seen]) * 2**0.5 * 1e3,
@@ -96,6 +112,7 @@ def rest(film: films.Film, images: int, known: bool) -> dict:
         'hop_scatters': float(np.nanmax(away / scatter)),
         'sigma_of_scatter': float(np.median(np.nanmedian(sigma, axis=0) / scatter)),
         'places': np.nanmean(place, axis=0),
+        'sigmas': np.nanmedian(sigma, axis=0),
     }
 
 
@@ -109,10 +126,63 @@ def _displacement(first: films.Film, second: films.Film, places: dict) -> dict:
     }
 
 
+def _differently_lit(
+    first: films.Film, second: films.Film, places: dict, sigmas: dict
+) -> dict[str, float]:
+    """Return by how many sigmas blocks seem moved that only shine otherwise."""
+    changed = (first.shot.battery != second.shot.battery) | (first.shot.half != second.shot.half)
+    off = np.abs(places[second.name] - places[first.name]).max(axis=1)[changed]
+    sigma = np.hypot(sigmas[first.name], sigmas[second.name])[changed]
+    return {
+        'blocks': int(changed.sum()),
+        'within_2_sigma': int((off < 2 * sigma).sum()),
+        'worst_sigmas': float(np.nanmax(off / sigma)),
+        'worst_um': float(np.nanmax(off)) * 1e6,
+    }
+
+
+def still(shown: list[films.Film], minutes: float) -> dict:
+    """Return what is seen to move in so many minutes of rest, all images of the set together.
+
+    The noise of an image is one of eight, shifted by a whole number of pixels of its own.
+    """
+    rng = np.random.default_rng(4)
+    bank = rng.standard_normal((8, *shown[0].light.shape), np.float32)
+    images = max(round(60 * minutes * RATE_HZ / len(shown)), SETTLED + 2)
+    deviations, slips = [], 0
+    for film in track(shown, 'rest'):
+        spread = np.sqrt(np.float32(films.NOISE[0] ** 2) + np.float32(films.NOISE[1]) * film.light)
+        tracker, motion = (
+            Tracker(TrackerSettings(), calibration(film, True)),
+            Motion(MotionSettings()),
+        )
+        places = np.full((images, N_BLOCKS, 2), np.nan)
+        for k in range(images + SETTLED):
+            noise = np.roll(bank[rng.integers(len(bank))].ravel(), rng.integers(film.light.size))
+            seen = np.clip(np.rint(film.light + spread * noise.reshape(film.light.shape)), 0, 255)
+            got = tracker.update(k / RATE_HZ, seen.astype(np.uint8))
+            if k >= SETTLED:
+                places[k - SETTLED, got.seen] = got.world[got.seen]
+                found, _ = motion.update(k / RATE_HZ, *got.world.T, got.seen, got.sigma_m)
+                slips += sum(slip.event.kind == START for slip in found)
+        away = np.abs(places - np.nanmedian(places, axis=0))
+        scatter = np.nanmedian(away, axis=0).max(axis=1) / 0.6745
+        deviations.append(np.nanmax(away.max(axis=2) / scatter))
+    return {
+        'minutes': images * len(shown) / RATE_HZ / 60,
+        'places': len(shown),
+        'worst_scatters': float(max(deviations)),
+        'false_slips': slips,
+        'stated_an_hour': MotionSettings().false_alarms_per_hour,
+    }
+
+
 def _calibrations(shown: list[films.Film], known: bool) -> dict:
     """Return what `eol calibrate blocks` makes of images of the same camera and covers."""
     groups: dict = {}
     for film in shown:
+        if film.name.endswith('-lit'):  # the same places once more
+            continue
         groups.setdefault((film.shot.view, film.shot.relief_mm), []).append(film)
     found = {}
     for group in groups.values():
@@ -159,6 +229,13 @@ def table(result: dict) -> str:
     for how in (FLAT, KNOWN):
         lines.append(f'{how}:')
         lines += _lines(result[how])
+    if 'still' in result:
+        f = result['still']
+        lines.append(
+            f'at rest for {f["minutes"]:.1f} minutes at {f["places"]} places: worst deviation'
+            f' {f["worst_scatters"]:.1f} scatters, {f["false_slips"]} false slips'
+            f' (stated: {f["stated_an_hour"]:g} an hour)'
+        )
     return '\n'.join(lines)
 
 
@@ -172,10 +249,20 @@ def _lines(result: dict) -> list[str]:
             f'  hop {f["hop_mm"]:.3f} mm = {f["hop_scatters"]:.1f} scatters'
             f'  sigma/scatter {f["sigma_of_scatter"]:.2f}'
         )
+        if np.isfinite(f['bound_um']):
+            lines[-1] += (
+                f'  noise {f["noise_um"]:.1f} um = {f["noise_um"] / f["bound_um"]:.2f} x Cramer-Rao'
+                f' ({f["noise_um"] / f["bound_one_scale_um"]:.2f} with one scale of light)'
+            )
     for name, f in result['moved'].items():
         lines.append(
             f'  {name:18s} moved by up to {f["longest_mm"]:.1f} mm:'
             f' {f["error_um_rms"]:.0f} um RMS per axis'
+        )
+    for name, f in result['lit'].items():
+        lines.append(
+            f'  {name:18s} {f["within_2_sigma"]} of {f["blocks"]} blocks that flash or are half'
+            f' dark within 2 sigma; worst {f["worst_sigmas"]:.1f} sigma, {f["worst_um"]:.0f} um'
         )
     for name, f in result['calibration'].items():
         rms = f['error_mm_rms']

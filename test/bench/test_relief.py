@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from benchmarks import vision_relief
-from benchmarks.relief import films, path_tracer, scene
+from benchmarks.relief import bound, films, path_tracer, scene
 from benchmarks.relief.scene import Shot
+from benchmarks.vision_bound import position_bound_px
 from eol_ros.core import terrain
+from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.detect.blobs import BlobFinder
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.errors import ConfigError, DeviceMissing
 
 
@@ -157,6 +160,39 @@ def test_the_figures_are_those_of_a_tracker_that_sees_the_films():
     moved = film.calibration.homography @ np.array([[1, 0, -0.005], [0, 1, 0], [0, 0, 1.0]])
     wrong = replace(film, calibration=replace(film.calibration, homography=moved / moved[2, 2]))
     assert vision_relief.rest(wrong, 3, True)['error_mm_rms'] > 4.0
+
+
+@pytest.mark.slow
+def test_the_bound_of_an_outline_is_that_of_a_flat_square_where_covers_are_flat():
+    """By the benchmark's other bound, which draws a square and differentiates it."""
+    shot = Shot('flat', relief_mm=0.0, poses=scene.stirred(3))
+    film = films.Film(shot, np.zeros((800, 1280), np.float32), shot.view.calibration())
+    flat = CoverOutlines(
+        1e3 * vision_relief.SKIRT_M, np.full((25, 4, 2), 1e3 * vision_relief.SKIRT_M)
+    )
+    camera = replace(vision_relief.calibration(film, False), covers=flat)
+    renderer = Renderer(RenderOptions(noise='none'), calibration=replace(camera, covers=None))
+    light = renderer.render(*shot.poses.T, 0).astype(np.float32)
+    sides, scale = bound.outline_bounds_m(replace(film, light=light), camera) * camera.px_per_m()
+
+    assert np.sqrt((scale**2).mean()) == pytest.approx(position_bound_px(2.0, 0.1), rel=0.04)
+    assert (sides > scale).all()
+
+
+@pytest.mark.slow
+def test_blocks_at_rest_are_seen_to_rest_and_others_to_move():
+    film = next(f for f in films.load() if f.name == 'straight')
+    still = vision_relief.still([film], 0.02)
+    assert still['false_slips'] == 0 and still['worst_scatters'] < 6.0
+
+    first, second = (vision_relief.rest(film, 4, True) for _ in range(2))
+    brighter = replace(film, shot=replace(film.shot, battery=film.shot.battery * 2))
+    places = {'a': first['places'], 'b': second['places'] + [0.0, 1e-3]}
+    sigmas = {'a': first['sigmas'], 'b': second['sigmas']}
+    named = [replace(f, shot=replace(f.shot, name=n)) for f, n in ((film, 'a'), (brighter, 'b'))]
+    lit = vision_relief._differently_lit(*named, places, sigmas)
+    assert lit['blocks'] == 25 and lit['within_2_sigma'] == 0
+    assert lit['worst_um'] == pytest.approx(1000, abs=5)
 
 
 @pytest.mark.slow
