@@ -11,13 +11,13 @@ shares of time, and as right as data sheets about mA.
     night        asleep, and the host has switched the infrared LEDs off
 """
 
-import json
 import struct
 from pathlib import Path
 
 import numpy as np
 import yaml
 
+from benchmarks.machine import tell
 from eol_ros.devices.board.firmware import RATE_HZ, EmulatedBlock, needed
 from eol_ros.verbs.progress import track
 
@@ -147,21 +147,26 @@ def run(args) -> int:
     capacity = raw['parts']['BT1']['mAh']
     shares = measure(args.seconds, args.slips)
     told = budget(shares, currents, capacity, args.open, args.played)
-    if args.json:
-        print(json.dumps({'shares': shares, 'capacity_mAh': capacity, **told}, indent=2))
-        return 0
+    result = {'shares': shares, 'capacity_mAh': capacity, **told}
+    tell(result, args.json, lambda found: _table(found, raw['currents'], args))
+    return 0
+
+
+def _table(found: dict, currents: dict, args) -> str:
+    shares = found['shares']
     names = list(shares)
-    print('| share of the time | mA | ' + ' | '.join(names) + ' |')
-    print('| --- | --- |' + ' --- |' * len(names))
+    lines = [
+        '| share of the time | mA | ' + ' | '.join(names) + ' |',
+        '| --- | --- |' + ' --- |' * len(names),
+    ]
     for part in next(iter(shares.values())):
         row = ' | '.join(f'{100 * shares[name][part]:.2f} %' for name in names)
-        print(f'| {raw["currents"][part]["of"]} | {currents[part]:g} | {row} |')
+        lines.append(f'| {currents[part]["of"]} | {currents[part]["mA"]:g} | {row} |')
     for what, form in (('mA', '{:.2f}'), ('hours', '{:.0f}')):
-        row = ' | '.join(f'**{form.format(told[what][name])}**' for name in names)
-        says = 'all, mA' if what == 'mA' else f'hours by {USABLE:.0%} of {capacity} mAh'
-        print(f'| {says} | | {row} |')
-    print(
-        f'\na day of {args.open:g} h, played with in {args.played:.0%} of them: '
-        f'{told["mAh_a_day"]:.0f} mAh; {told["days"]:.1f} days'
+        row = ' | '.join(f'**{form.format(found[what][name])}**' for name in names)
+        says = f'hours by {USABLE:.0%} of {found["capacity_mAh"]} mAh'
+        lines.append(f'| {"all, mA" if what == "mA" else says} | | {row} |')
+    return '\n'.join(lines) + (
+        f'\n\na day of {args.open:g} h, played with in {args.played:.0%} of them: '
+        f'{found["mAh_a_day"]:.0f} mAh; {found["days"]:.1f} days'
     )
-    return 0

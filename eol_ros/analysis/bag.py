@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from eol_ros.devices.bag.batches import Batch, joined
 from eol_ros.devices.bag.reader import BagReader
-from eol_ros.devices.bag.scan import Batch, joined
 from eol_ros.errors import UsageError
 from eol_ros.streams.cdr import Decoder
 

@@ -13,21 +13,23 @@ import struct
 import time
 import warnings
 import zlib
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
-import numpy as np
 import yaml
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema
 
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.mcap_file import LIBRARY, BagTopic
-from eol_ros.devices.bag.scan import MAGIC, Batch, ChunkHead, ChunkMessage, DamagedRecord
+from eol_ros.devices.bag.scan import MAGIC, ChunkHead, ChunkMessage, DamagedRecord
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA, SAMPLE
 from eol_ros.errors import BagDamaged, ConfigError, DeviceMissing
 from eol_ros.streams.graph import TOPICS, full_name, namespace_of
+
+if TYPE_CHECKING:
+    from eol_ros.devices.bag.batches import Batch
 
 FOOTER = struct.Struct('<BQQQI')  # opcode, length, start of the summary, of its offsets, crc
 FOREVER = (1 << 63) - 1
@@ -134,8 +136,10 @@ class BagFileReader:
 
     def batches(
         self, topics: Collection[str], start_ns: int, end_ns: int | None
-    ) -> Iterator[tuple[str, Batch]]:
+    ) -> Iterator[tuple[str, 'Batch']]:
         """Yield what `messages` yields, some of one topic at a time; each topic in its order."""
+        from eol_ros.devices.bag.batches import joined  # brings NumPy, which few need
+
         wanted = {k for k, name in self.names.items() if name in topics}
         waiting: dict[str, Batch] = {}  # may lie behind messages of the next chunk
         with open(self.path, 'rb') as file:
@@ -150,7 +154,7 @@ class BagFileReader:
                     if end_ns is not None:
                         batch, _ = batch.split(end_ns)
                     before = waiting.get(topic)
-                    waiting[topic] = scan.joined([before, batch]) if before else batch
+                    waiting[topic] = joined([before, batch]) if before else batch
             for topic, batch in waiting.items():
                 if batch.data:
                     yield topic, batch
@@ -181,11 +185,13 @@ class BagFileReader:
             self._damaged(place.offset, place.end, str(error), place.start_ns, place.end_ns)
             return []
 
-    def _load_batches(self, file: BinaryIO, place: Place, wanted: set[int]) -> dict[int, Batch]:
+    def _load_batches(self, file: BinaryIO, place: Place, wanted: set[int]) -> dict[int, 'Batch']:
+        from eol_ros.devices.bag.batches import batch_of, batches_in
+
         if not place.chunk:
-            return {m.channel: _batch([m]) for m in self._load(file, place, wanted)}
+            return {m.channel: batch_of([m]) for m in self._load(file, place, wanted)}
         try:
-            return scan.batches_in(unpacked(file, place), wanted)
+            return batches_in(unpacked(file, place), wanted)
         except DamagedRecord as error:
             self._damaged(place.offset, place.end, str(error), place.start_ns, place.end_ns)
             return {}
@@ -394,12 +400,6 @@ class BagFileReader:
         )
 
 
-def _batch(messages: Sequence[ChunkMessage | BagMessage]) -> Batch:
-    times = ([m.log_ns for m in messages], [m.publish_ns for m in messages])
-    log_ns, publish_ns = (np.array(column, np.int64) for column in times)
-    return Batch(log_ns, publish_ns, [m.data for m in messages])
-
-
 def by_this_project(file: BinaryIO, size: int) -> bool:
     """Return whether the header of a file says that this project wrote it."""
     first = next(scan.walk(file, len(MAGIC), size), None)
@@ -571,11 +571,13 @@ class BagReader:
 
     def batches(
         self, topics: Collection[str], start_ns: int = 0, end_ns: int | None = None
-    ) -> Iterator[tuple[str, Batch]]:
+    ) -> Iterator[tuple[str, 'Batch']]:
         """Yield what `messages` yields, full topic and some of its messages at a time.
 
         Each topic is in order of reception; one is not in order with another.
         """
+        from eol_ros.devices.bag.batches import batch_of
+
         files, apart = self._files(start_ns, end_ns)
         if apart:
             for f in files:
@@ -584,7 +586,7 @@ class BagReader:
         messages = self.messages(topics, start_ns, end_ns)
         while some := list(itertools.islice(messages, MERGED)):
             for topic in {m.topic: None for m in some}:
-                yield topic, _batch([m for m in some if m.topic == topic])
+                yield topic, batch_of([m for m in some if m.topic == topic])
 
     def _files(self, start_ns: int, end_ns: int | None) -> tuple[list[BagFileReader], bool]:
         """Return the files with messages of a span, and whether they follow each other in time."""

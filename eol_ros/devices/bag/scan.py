@@ -13,7 +13,6 @@ import zlib
 from collections.abc import Collection, Iterator
 from typing import Any, BinaryIO, NamedTuple
 
-import numpy as np
 import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, MessageIndex, Metadata, Schema
@@ -28,11 +27,7 @@ NEAR = 6  # so many of the eight first bytes must be right for a file to be a da
 MOST_BYTES = 1 << 30  # of a chunk: more is a damaged length
 WINDOW = 1 << 20
 HEAD = struct.Struct('<BQ')  # of a record: opcode, length
-LENGTH = struct.Struct('<Q')
 MESSAGE_HEAD = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time
-MESSAGE_DTYPE = np.dtype(
-    [('channel', '<u2'), ('sequence', '<u4'), ('log_ns', '<u8'), ('publish_ns', '<u8')]
-)
 CHUNK = struct.Struct('<QQQII')  # start, end, uncompressed size, its crc, length of compression
 _ANCHOR = re.compile(rb'(?=[\x06\x0c\x0f][\s\S]{4}\0{4})')  # a record of less than 4 GB
 
@@ -76,37 +71,6 @@ class ChunkMessage(NamedTuple):
     log_ns: int
     publish_ns: int
     data: bytes
-
-
-class Batch(NamedTuple):
-    """Messages of one topic in order of reception: times (n,) int64 in ns, and their data."""
-
-    log_ns: np.ndarray
-    publish_ns: np.ndarray
-    data: list[bytes]
-
-    def part(self, first: int, last: int) -> 'Batch':
-        """Return some of them, by number."""
-        rows = slice(first, last)
-        return Batch(self.log_ns[rows], self.publish_ns[rows], self.data[rows])
-
-    def split(self, at_ns: int) -> tuple['Batch', 'Batch']:
-        """Return those received before `at_ns`, and the others."""
-        n = int(np.searchsorted(self.log_ns, at_ns))
-        return self.part(0, n), self.part(n, len(self.data))
-
-
-def joined(batches: list[Batch]) -> Batch:
-    """Return batches as one, in order of reception."""
-    if len(batches) == 1:
-        return batches[0]
-    log_ns, publish_ns = (np.concatenate([b[k] for b in batches]) for k in (0, 1))
-    data = [message for batch in batches for message in batch.data]
-    if np.any(log_ns[1:] < log_ns[:-1]):
-        order = np.argsort(log_ns, kind='stable')
-        log_ns, publish_ns = log_ns[order], publish_ns[order]
-        data = [data[i] for i in order.tolist()]
-    return Batch(log_ns, publish_ns, data)
 
 
 class Body:
@@ -291,39 +255,6 @@ def messages_in(data: bytes, channels: Collection[int] | None = None) -> Iterato
         if channels is None or channel in channels:
             body = data[begin + MESSAGE_HEAD.size : at]
             yield ChunkMessage(channel, sequence, log_ns, publish_ns, body)
-
-
-def batches_in(data: bytes, channels: Collection[int]) -> dict[int, Batch]:
-    """Return the messages of these `channels` in a chunk, by channel; raise DamagedRecord.
-
-    Nothing is made for each message but its data: a day of them is read in a quarter of the time.
-    """
-    places, at, size = [], 0, len(data)
-    while at < size:
-        if at + HEAD.size > size:
-            raise DamagedRecord('ends within a record')
-        places.append(at)
-        at += HEAD.size + LENGTH.unpack_from(data, at + 1)[0]
-    if at != size:
-        raise DamagedRecord('ends within a record')
-    raw, edges = np.frombuffer(data, 'u1'), np.array([*places, size])
-    told = np.flatnonzero(raw[edges[:-1]] == Opcode.MESSAGE)
-    begins, ends = edges[told] + HEAD.size, edges[told + 1]
-    if np.any(ends - begins < MESSAGE_HEAD.size):
-        raise DamagedRecord('ends within a message')
-    heads = raw[begins[:, None] + np.arange(MESSAGE_HEAD.size)].view(MESSAGE_DTYPE)[:, 0]
-    found = {}
-    for channel in channels:
-        own = np.flatnonzero(heads['channel'] == channel)
-        if not len(own):
-            continue
-        own = own[np.argsort(heads['log_ns'][own], kind='stable')]
-        spans = zip((begins[own] + MESSAGE_HEAD.size).tolist(), ends[own].tolist(), strict=True)
-        found[channel] = Batch(
-            heads['log_ns'][own].astype(np.int64), heads['publish_ns'][own].astype(np.int64),
-            [data[begin:end] for begin, end in spans],
-        )  # fmt: skip
-    return found
 
 
 def walk(file: BinaryIO, start: int, end: int, ours: bool = False) -> Iterator[Found]:
