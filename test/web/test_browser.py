@@ -880,7 +880,8 @@ for (const list of labels.values()) list.forEach(([one, x, y], i) => list.slice(
 return [[...labels.keys()], found];
 """
 INNER = """
-return [...document.querySelectorAll('main *')].filter((e) => {
+const shown = (e) => e.getClientRects().length;
+return [...document.querySelectorAll('main *')].filter(shown).filter((e) => {
   const {overflowX, overflowY} = getComputedStyle(e);
   const over = e.scrollHeight > e.clientHeight + 1 || e.scrollWidth > e.clientWidth + 1;
   return /auto|scroll/.test(overflowX + overflowY) || (e.matches('.card') && over);
