@@ -29,7 +29,9 @@ PARTS = {
     'one by one, in real time': (*RERUNS, '-m', 'live and not soak and not firmware'),
 }
 # Halves of about the same length; xdist would have both processes import and compile everything.
-FIRST_HALF = [f'test/core/{name}' for name in ('physics', 'light', 'montage', 'science')]
+FIRST_HALF = [
+    f'test/core/{name}' for name in ('physics', 'light', 'montage', 'science', 'motion', 'measure')
+]
 QUICK = (FIRST_HALF, ['test/core', *(f'--ignore={folder}' for folder in FIRST_HALF)])
 BARE = ('test/devices', 'test/web', 'test/scenes', 'test/nodes', 'test/verbs', 'test/bringup',
         'test/bench/test_bench_sound.py', 'test/test_cli.py')  # fmt: skip
