@@ -60,6 +60,9 @@ films: setup-test  ## path-trace printed covers for `eol bench vision --films fi
 figures: setup-test  ## the figures of docs/science.md
 	$(PY) -m eol_ros bench chaos --seeds 2 --travel 0.6 --plot docs/img
 	$(PY) -m eol_ros bench critical --plot docs/img
+	$(PY) -m eol_ros bench definitions --plot docs/img
+	$(PY) -m eol_ros bench mapping --plot docs/img
+	$(PY) -m eol_ros bench sizes --seeds 2 --travel 0.02 --plot docs/img
 	$(PY) -m eol_ros bench table --map --minutes 4 --plot docs/img
 
 clean:  ## remove what was made here, but no bag

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import picture
 from benchmarks.machine import tell
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.exact.tangent import tangent
@@ -121,13 +122,8 @@ def table(result: dict[str, Any]) -> str:
 
 def draw(result: dict[str, Any], folder: Path) -> None:
     """Write lyapunov.png."""
-    import matplotlib
-
-    matplotlib.use('Agg')
-    from matplotlib import pyplot as plt
-
-    folder.mkdir(parents=True, exist_ok=True)
-    figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True, layout='constrained')
+    figure, grid = picture.axes(1, 2, (9, 3.8), sharey=True)
+    axes = grid[0]
     for axis, model in zip(axes, MODELS, strict=True):
         rows = [r for r in result['rows'] if r['model'] == model]
         for ratio in sorted({r['ratio'] for r in rows}):
@@ -140,9 +136,8 @@ def draw(result: dict[str, Any], folder: Path) -> None:
         axis.set(xscale='log', xlabel='drive (mm/s)', title=model)
     axes[0].set_ylabel('largest Lyapunov exponent (1/m of the drive)')
     axes[1].legend(title='stiffness ratio')
-    figure.text(
-        0.995, 0.005, f'eol bench chaos --seeds {result["seeds"]} --travel {result["travel_m"]:g}: '
-        f'mean and twice its error', ha='right', fontsize=6, color='#777777',
-    )  # fmt: skip
-    figure.savefig(folder / 'lyapunov.png', dpi=110)
-    plt.close(figure)
+    said = (
+        f'eol bench chaos --seeds {result["seeds"]} --travel {result["travel_m"]:g}: '
+        'mean and twice its error'
+    )
+    picture.save(figure, folder, 'lyapunov', said)

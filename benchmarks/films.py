@@ -9,6 +9,7 @@ EXAMPLES = [
     'eol bench films --out films',
     'eol bench films --out films --images 200 --seed 3',
     'eol bench films --small --out benchmarks/relief/films',
+    'eol bench films --turned --out benchmarks/relief/turned',
 ]
 
 
@@ -16,6 +17,9 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('--out', metavar='FOLDER', required=True, help='for images and truth')
     parser.add_argument('--small', action='store_true', help='the set that is shipped')
+    parser.add_argument(
+        '--turned', action='store_true', help='the set by which names are known again, also shipped'
+    )
     parser.add_argument('--images', type=int, default=40, help='how many')
     parser.add_argument('--seed', type=int, default=1, help='of cameras, poses and brightness')
     parser.add_argument('--strata', type=int, default=8, help='of a pixel each way; squared: rays')
@@ -35,7 +39,12 @@ def run(args) -> int:
             raise UsageError(f'--{name} {getattr(args, name)}: 1 to {most}')
     out = folders.made(args.out, '--out')
     path_tracer.mitsuba(args.threads)
-    shots = films.small_set() if args.small else films.large_set(args.images, args.seed)
+    if args.small:
+        shots = films.small_set()
+    elif args.turned:
+        shots = films.turned_set()
+    else:
+        shots = films.large_set(args.images, args.seed)
     began = time.process_time()
     lights: dict = {}
     truth = {}

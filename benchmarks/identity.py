@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import cover_library
 from benchmarks.machine import tell
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.vision.identity import cover_patterns
 
 HELP = 'Identity failures per simulated hour, ours against nearest neighbour and Hungarian.'
 EXAMPLES = [
@@ -22,6 +24,7 @@ EXAMPLES = [
     'eol bench identity --fps 120 --rough 1.4 --permanent 3',
     'eol bench identity --hours 10 --methods lattice --seed 7',
     'eol bench identity --hours 1 --methods lattice --losses 120 --yaw-offset 0',
+    'eol bench identity --recoveries 3000',
     'eol bench identity --hours 0.001 --methods lattice --ties 500 --tap-jitter 1',
 ]
 LASTING_S = 2.0
@@ -42,6 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=2.9,
         help='yaw offsets of the blocks: sd, degrees',
     )
+    parser.add_argument(
+        '--covers',
+        default='relief',
+        choices=('unseen', *cover_library.KINDS),
+        help='covers that are looked at, path-traced or flat; unseen: names by place alone',
+    )
     parser.add_argument('--no-taps', action='store_true', help='accelerometers are silent')
     parser.add_argument('--methods', default=','.join(METHODS))
     parser.add_argument(
@@ -49,12 +58,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--tap-jitter', default='1,8', help='ms, of taps in --ties, with commas')
     parser.add_argument('--tie-noise', type=float, default=13.0, help='um, of places in --ties')
+    parser.add_argument(
+        '--recoveries',
+        type=int,
+        default=0,
+        help='only: so many times of darkness in path-traced images, names by covers alone',
+    )
     parser.add_argument('--json', action='store_true')
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
-    trackers = {name: make(name) for name in args.methods.split(',')}
+    if args.recoveries:
+        from benchmarks import recoveries
+
+        tell(recoveries.measure(args.recoveries, args.seed), args.json, _lines)
+        return 0
+    covers = None if args.covers == 'unseen' else cover_library.patterns(args.covers)
+    trackers = {name: make(name, covers) for name in args.methods.split(',')}
     scores = measure(
         trackers, args.hours, args.fps, args.seed, args.rough, args.permanent, args.losses,
         not args.no_taps, np.radians(args.yaw_offset),
@@ -68,6 +89,10 @@ def run(args: argparse.Namespace) -> int:
             )
     tell(scores, args.json, _table)
     return 0
+
+
+def _lines(figures: dict[str, float]) -> str:
+    return '\n'.join(f'{key:34}{value:14.6g}' for key, value in figures.items())
 
 
 def _table(scores: dict[str, dict]) -> str:
@@ -138,13 +163,20 @@ class Slots:
 
 
 class Ours:
-    """The tracker's own identity, fed with detections instead of images."""
+    """The tracker's own identity, fed with detections instead of images.
+
+    covers (m, 25, SIZE): patterns of each block's cover as images show them, of which each look
+    takes one by chance; None: the covers are not looked at.
+    """
+
+    def __init__(self, covers: np.ndarray | None = None) -> None:
+        self.covers, self.random = covers, np.random.default_rng(13)
 
     def begin(self, xy: np.ndarray) -> None:
         from eol_ros.core.vision.identity.fitting import turn
         from eol_ros.core.vision.identity.identity import Identity
 
-        self.identity = Identity()
+        self.identity = Identity(covers=self.covers is not None)
         lattice = self.identity.lattice
         lattice.angle = float(turn(lattice.rest, xy, np.ones(N_BLOCKS, bool)))
 
@@ -158,13 +190,26 @@ class Ours:
 
     def update(self, moment: Any, seen: Any) -> np.ndarray:
         """Return the detection of each block (25,), -1 for none."""
-        self.identity.update(moment.stamp_s, seen.xy, seen.yaw, seen.sigma)
         lattice = self.identity.lattice
+
+        def glance(at: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            true = seen.true[at]
+            shown = self.covers[self.random.integers(len(self.covers), size=len(at)), true]
+            off = yaw - moment.yaw[true]
+            quarters = np.round(off / (np.pi / 2)).astype(int) % 4
+            cells = cover_patterns.TURNED_CELLS[quarters]
+            good = seen.whole[at] & np.isfinite(shown[:, 0])
+            return np.take_along_axis(shown, cells, axis=1), good
+
+        self.identity.update(
+            moment.stamp_s, seen.xy, seen.yaw, seen.sigma,
+            glance=None if self.covers is None else glance,
+        )  # fmt: skip
         return lattice.index if lattice.state == 1 else np.full(N_BLOCKS, -1)
 
 
-def make(name: str) -> Any:
-    return Ours() if name == 'lattice' else Slots(name == 'hungarian')
+def make(name: str, covers: np.ndarray | None = None) -> Any:
+    return Ours(covers) if name == 'lattice' else Slots(name == 'hungarian')
 
 
 class Score:

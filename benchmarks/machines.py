@@ -86,14 +86,14 @@ class Machines:
         """Return what `eol` says there."""
         return answer(self.run(machine, sys.executable, '-m', 'eol_ros', *words))
 
-    def let_in(self, guest: str, folder: Path) -> None:
+    def let_in(self, guest: str, folder: Path, *how: str) -> None:
         """Give the work keys, let `guest` in, and bring both ends of the tunnel up."""
         require(['wg', 'wg-quick', 'nft'])
         for name in (self.work, guest):
             self.variables[name] = {'EOL_CONFIG': str(folder / name)}
         self.eol(self.work, 'keys', 'make')
         theirs = folder / f'{guest}.conf'
-        words = ['keys', 'add', guest, '--endpoint', self.address(self.work)]
+        words = ['keys', 'add', guest, '--endpoint', self.address(self.work), *how]
         theirs.write_text(self.eol(self.work, *words))
         self.eol(guest, 'keys', 'join', str(theirs))
         for name in (self.work, guest):

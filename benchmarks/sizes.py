@@ -2,21 +2,28 @@
 """`eol bench sizes`: what becomes of the laws as table, plate and automaton grow.
 
 The paper's rim and the plate of Brown, Scholz and Rundle (1991) on the same blocks, side by side:
-how far their cascades differ, from 3x3 to 24x24. Finite-size scaling by moments (De Menech, Stella
+how far their cascades differ, from 3x3 to 32x32. Finite-size scaling by moments (De Menech, Stella
 and Tebaldi, Phys. Rev. E 58 (1998) R2677): where P(A) = A^-tau g(A / L^D), <A^q> ~ L^sigma(q) with
 sigma(q) = D (q + 1 - tau) for q > tau - 1, a straight line in q; what is bent does not scale.
+`--plot` draws N(>= A) as it is, and collapsed: N(>= A) A^(tau - 1) over A / L^D.
 """
 
 import argparse
+import itertools
+from pathlib import Path
 
+from benchmarks import picture
 from eol_ros.errors import UsageError
 
 HELP = (
     'Compare rim and plate, and the automaton, from small to large: scaling of cascades with size.'
 )
-EXAMPLES = ['eol bench sizes', 'eol bench sizes --speed 5e-4 --seeds 2 --json']
-SIDES = (3, 5, 8, 12, 16, 24)
-LATTICES = (8, 16, 32, 64, 128)
+EXAMPLES = [
+    'eol bench sizes --seeds 2 --travel 0.02 --plot docs/img',
+    'eol bench sizes --speed 5e-4 --seeds 2 --json',
+]
+SIDES = (3, 5, 8, 12, 16, 24, 32)
+LATTICES = (8, 16, 32, 64, 128, 256, 512)
 ALPHA = 0.2
 MOMENTS = (1.0, 1.5, 2.0, 2.5, 3.0)
 SPEED_MPS = 2e-5  # of the rim; at 0.5 mm/s cascades of a large table run into each other
@@ -24,6 +31,11 @@ SPEED_MPS = 2e-5  # of the rim; at 0.5 mm/s cascades of a large table run into e
 # the other: at most n^2 / 8 times the 55 mm that move one block. Half of the run is dropped.
 TRAVEL_M = 0.04  # of the rim, times the square of the side
 LEAST_M = 8.0
+MOST_EVENTS = 40_000_000
+# Events until an automaton has forgotten its start go as L^2 for each rise of the drive, of which
+# it needs as many as L^1.3 (Lise 2002).
+FORGETS = 10 / 128**3.3  # for each recorded one
+TAIL = 30  # cascades that a point of N(>= A) stands on, at least
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,6 +51,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--speed', type=float, default=SPEED_MPS, metavar='M/S', help='of the rim (default 2e-5)'
     )
+    parser.add_argument(
+        '--side', type=int, default=SIDES[-1], metavar='N', help='the greatest table (default 32)'
+    )
+    parser.add_argument(
+        '--lattice', type=int, default=LATTICES[-1], metavar='L', help='automaton (default 512)'
+    )
+    parser.add_argument('--plot', metavar='DIR', help='draw sizes.png and collapse.png there')
     parser.add_argument('--json', action='store_true')
 
 
@@ -49,22 +68,30 @@ def run(args: argparse.Namespace) -> int:
 
     if args.seeds < 2 or not args.speed > 0 or not args.travel > 0:
         raise UsageError('two seeds at least, and speed and travel above zero')
+    sides = tuple(n for n in SIDES if n <= args.side)
+    lattice_sides = tuple(n for n in LATTICES if n <= args.lattice)
+    if min(len(sides), len(lattice_sides)) < 3:
+        raise UsageError('--side 8 and --lattice 32 at least: three sizes of each')
     seeds = range(11, 11 + args.seeds)
-    work = [(kind, side, seed) for side in SIDES for kind in ('table', 'plate') for seed in seeds]
+    work = [(kind, side, seed) for side in sides for kind in ('table', 'plate') for seed in seeds]
     areas = {w: _areas(*w, args.travel, args.speed) for w in track(work, 'tables')}
     lattices = {
         (side, seed): _toppled(side, seed, args.events)
-        for side, seed in track([(n, s) for n in LATTICES for s in seeds], 'automata')
+        for side, seed in track([(n, s) for n in lattice_sides for s in seeds], 'automata')
     }
     result = {
         'speed_mps': args.speed, 'travel_m': args.travel, 'seeds': args.seeds,
-        'sides': [_side(side, seeds, areas) for side in SIDES],
+        'sides': [_side(side, seeds, areas) for side in sides],
         'scaling': [
-            _scaling('table', SIDES, seeds, lambda n, s: areas['table', n, s]),
-            _scaling('plate', SIDES, seeds, lambda n, s: areas['plate', n, s]),
-            _scaling(f'automaton, alpha {ALPHA}', LATTICES, seeds, lambda n, s: lattices[n, s]),
+            _scaling('table', sides, seeds, lambda n, s: areas['table', n, s]),
+            _scaling('plate', sides, seeds, lambda n, s: areas['plate', n, s]),
+            _scaling(
+                f'automaton, alpha {ALPHA}', lattice_sides, seeds, lambda n, s: lattices[n, s]
+            ),
         ],
     }  # fmt: skip
+    if args.plot:
+        draw(result, Path(args.plot))
     tell(result, args.json, _table)
     return 0
 
@@ -80,7 +107,12 @@ def _areas(kind: str, side: int, seed: int, travel_m: float, speed_mps: float):
     drive = {'kind': 'constant_velocity', 'par': [speed_mps, 0.0]}
     start = builders.offsets(side * side, 0.001, seed, along_x=True)
     scene = getattr(builders, kind)(drive, seconds, side, side, u0=start, dim1=True)
-    made = choose.simulate(from_mapping(scene), sample_s=seconds, ledger=False, limits=Limits())
+    made = choose.simulate(
+        from_mapping(scene),
+        sample_s=seconds,
+        ledger=False,
+        limits=Limits(MOST_EVENTS, 10 * MOST_EVENTS),
+    )
     if made.status != 'ok':
         raise UsageError(f'{kind} {side}x{side}: {made.status}; less --travel may do')
     found = cascades(made.event_block, made.event_start)[1]
@@ -92,7 +124,7 @@ def _toppled(side: int, seed: int, events: int):
     from eol_ros.core.physics.automaton.ofc import Automaton
 
     lattice = Automaton.random(side, ALPHA, seed)
-    lattice.run(max(10 * events * side // 128, 20_000))
+    lattice.run(max(int(FORGETS * side**3.3 * events), 10 * events * side // 128, 20_000))
     return lattice.run(events, full=True).area
 
 
@@ -119,6 +151,7 @@ def _side(side: int, seeds: range, areas: dict) -> dict:
         row[kind] = {
             'cascades': float(np.mean([len(a) for a in own])),
             'mean_area': float(np.mean([a.mean() for a in own])),
+            'mean_area_deviation': float(np.std([a.mean() for a in own], ddof=1)),
             'half_of_all': float(np.mean(tops)),
             'tau': float(np.mean(taus)), 'tau_deviation': float(np.std(taus, ddof=1)),
         }  # fmt: skip
@@ -151,7 +184,7 @@ def _scaling(model: str, sides: tuple, seeds: range, areas) -> dict:
     dimension, at_zero = np.polyfit(MOMENTS, sigma.T, 1)
     off = sigma.mean(axis=0) - np.polyval(np.polyfit(MOMENTS, sigma.mean(axis=0), 1), MOMENTS)
     taus = 1 - at_zero / dimension
-    return {
+    found = {
         'model': model, 'sides': list(sides), 'q': list(MOMENTS),
         'sigma': sigma.mean(axis=0).tolist(),
         'sigma_local': local.mean(axis=0).tolist(),
@@ -159,6 +192,93 @@ def _scaling(model: str, sides: tuple, seeds: range, areas) -> dict:
         'tau': float(taus.mean()), 'tau_deviation': float(taus.std(ddof=1)),
         'bend': float(np.abs(off).max()),
     }  # fmt: skip
+    curves = [at_least(np.concatenate([areas(n, s) for s in seeds])) for n in sides]
+    found['curves'] = [[a.tolist(), share.tolist()] for a, share in curves]
+    return found | {'apart': apart(sides, curves, found['D'], found['tau'])}
+
+
+def at_least(areas):
+    """Return areas, some to a decade, and the share of cascades that have them at least."""
+    import numpy as np
+
+    counts = np.bincount(areas)[::-1].cumsum()[::-1]
+    some = np.unique(np.geomspace(1, len(counts) - 1, 60).round().astype(int))
+    some = some[counts[some] >= TAIL]
+    return some, counts[some] / len(areas)
+
+
+def collapsed(side, curve, dimension: float, tau: float):
+    """Return log A / L^D and log N(>= A) A^(tau - 1) of the tail, beyond its first blocks."""
+    import numpy as np
+
+    a, share = (np.asarray(part, float) for part in curve)
+    tail = a >= min(3, a[-1])
+    a, share = a[tail], share[tail]
+    return np.log(a) - dimension * np.log(side), np.log(share) + (tau - 1) * np.log(a)
+
+
+def apart(sides: tuple, curves: list, dimension: float, tau: float) -> float:
+    """Return how far collapsed curves of neighbouring sizes lie apart, RMS of the log, where both
+    are.
+    """
+    import numpy as np
+
+    off = []
+    each = [collapsed(n, c, dimension, tau) for n, c in zip(sides, curves, strict=True)]
+    for (x, y), (other_x, other_y) in itertools.pairwise(each):
+        both = (x >= other_x[0]) & (x <= other_x[-1])
+        off.append(y[both] - np.interp(x[both], other_x, other_y))
+    return float(np.sqrt(np.mean(np.concatenate(off) ** 2)))
+
+
+def draw(result: dict, folder: Path) -> None:
+    """Write sizes.png, rim against plate, and collapse.png, N(>= A) as it is and collapsed."""
+    import numpy as np
+
+    said = (
+        f'eol bench sizes --seeds {result["seeds"]} --travel {result["travel_m"]:g} '
+        f'--side {result["sides"][-1]["side"]} --lattice {result["scaling"][-1]["sides"][-1]}: '
+        f'{1e3 * result["speed_mps"]:g} mm/s'
+    )
+    figure, axes = picture.axes(2, len(result['scaling']), (10.5, 6.4))
+    for line, found in zip(axes.T, result['scaling'], strict=True):
+        for k, (side, curve) in enumerate(zip(found['sides'], found['curves'], strict=True)):
+            colour = f'C{k}'
+            line[0].loglog(*curve, color=colour, label=str(side))
+            x, y = collapsed(side, curve, found['D'], found['tau'])
+            line[1].loglog(np.exp(x), np.exp(y), color=colour)
+        line[0].set(title=found['model'], xlabel='area A')
+        line[1].set(
+            xlabel=f'A / L^{found["D"]:.2f}',
+            title=f'tau {found["tau"]:.2f}; curves apart by {found["apart"]:.2f} (log)',
+        )
+        for axis in line:
+            axis.xaxis.set_minor_formatter('')
+            axis.yaxis.set_minor_formatter('')
+        line[0].legend(title='L', fontsize=7, title_fontsize=7)
+    axes[0, 0].set_ylabel('share of cascades of at least A')
+    axes[1, 0].set_ylabel('the same times A^(tau - 1)')
+    picture.save(figure, folder, 'collapse', f'{said}; starts together')
+    figure, axes = picture.axes(1, 2, (8.5, 3.6))
+    sides = [r['side'] for r in result['sides']]
+    for kind, words in (('table', 'rim'), ('plate', 'plate')):
+        means = [r[kind]['mean_area'] for r in result['sides']]
+        spread = [r[kind]['mean_area_deviation'] for r in result['sides']]
+        axes[0, 0].errorbar(sides, means, spread, marker='o', capsize=2, label=words)
+    axes[0, 1].errorbar(
+        sides, [r['ks'] for r in result['sides']], [r['ks_deviation'] for r in result['sides']],
+        marker='o', capsize=2, label='rim and plate',
+    )  # fmt: skip
+    axes[0, 1].plot(
+        sides, [r['ks_of_two_starts'] for r in result['sides']], ':', color='#777777',
+        label='two starts of one',
+    )  # fmt: skip
+    for axis, words in zip(axes[0], ('mean area', 'KS distance of areas'), strict=True):
+        axis.set(xscale='log', xlabel='blocks a side', ylabel=words, ylim=0)
+        axis.set_xticks(sides, labels=[str(n) for n in sides])
+        axis.minorticks_off()
+        axis.legend()
+    picture.save(figure, folder, 'sizes', f'{said}; bars: deviation of a start')
 
 
 def _table(result: dict) -> str:
@@ -186,6 +306,7 @@ def _table(result: dict) -> str:
         lines.append(
             f'{r["model"]:22} L {r["sides"][0]}..{r["sides"][-1]}: D {r["D"]:.2f} +- '
             f'{r["D_deviation"]:.2f}, tau {r["tau"]:.2f} +- {r["tau_deviation"]:.2f}, bend '
-            f'{r["bend"]:.2f}; sigma {sigma}; between the two largest {last}'
+            f'{r["bend"]:.2f}, collapsed curves apart by {r["apart"]:.2f}; sigma {sigma}; '
+            f'between the two largest {last}'
         )
     return '\n'.join(lines)

@@ -10,6 +10,8 @@ images in the bag, a browser before the panel. One process after another is kill
 stopped (SIGSTOP); between these the system clock is stepped, the disk filled, the board and the
 sound card pulled, the page reloaded, and eight processes that never sleep run beside it. A fault
 is over when every node is OK again, blocks are published, and what was killed is another process.
+Its camera is the twin; so afterwards the museum's scene sees a film through a simulated GigE Vision
+camera, which is pulled out (benchmarks/soak_camera.py).
 """
 
 import argparse
@@ -19,7 +21,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from benchmarks import soak_faults
+from benchmarks import soak_camera, soak_faults
 from benchmarks.jack import Jack
 from benchmarks.machine import tell
 from benchmarks.running import Graph, stand_in
@@ -69,6 +71,7 @@ def run(args: argparse.Namespace) -> int:
             )
         if 'faults' in parts:
             found['faults'] = soak_faults.measure(folder, args.faults_hours, args.seed)
+            found['camera'] = soak_camera.measure(folder, args.faults_hours)
     tell(found, args.json, table)
     return int(any(part['faults'] for part in found.values()))
 
@@ -173,21 +176,34 @@ def table(found: dict[str, Any]) -> str:
         ]
     if part := found.get('faults'):
         lines += [
-            f'faults: {part["count"]} in {part["hours"]:g} h; within 10 s {part["within_10_s"]}, '
-            f'others disturbed {part["disturbed"]}',
+            f'faults: {part["count"]} in {part["hours"]:g} h; {_well(part)}',
             *(f'not done here: {words}' for words in part['left_out']),
-            f'{"fault":28} {"count":>6} {"p50 s":>7} {"p99 s":>7} {"worst":>7}',
-        ]
-        for row in part['kinds']:
-            lines.append(
-                f'{row["kind"]:28} {row["count"]:6} {row["p50_s"]:7.1f} {row["p99_s"]:7.1f} '
-                f'{row["worst_s"]:7.1f}'
-            )
-        lines += [*_growth(part), _bags(part)]
+            *_kinds(part), *_growth(part), _bags(part),
+        ]  # fmt: skip
+    if part := found.get('camera'):
+        told = ', '.join('never' if s is None else f'{s:g}' for s in part['said_s'])
+        lines += [
+            f'camera pulled out: {part["count"]} times; {_well(part)}; told after {told} s',
+            *_kinds(part), _bags(part),
+        ]  # fmt: skip
     for part in found.values():
         if isinstance(part, dict) and part.get('faults'):
             lines += [f'NOT WELL: {line}' for line in part['faults']]
     return '\n'.join(lines)
+
+
+def _well(part: dict[str, Any]) -> str:
+    return f'within 10 s {part["within_10_s"]}, others disturbed {part["disturbed"]}'
+
+
+def _kinds(part: dict[str, Any]) -> list[str]:
+    lines = [f'{"fault":28} {"count":>6} {"p50 s":>7} {"p99 s":>7} {"worst":>7}']
+    for row in part['kinds']:
+        lines.append(
+            f'{row["kind"]:28} {row["count"]:6} {row["p50_s"]:7.1f} {row["p99_s"]:7.1f} '
+            f'{row["worst_s"]:7.1f}'
+        )
+    return lines
 
 
 def _growth(part: dict[str, Any]) -> list[str]:

@@ -294,22 +294,27 @@ def measure(folder: Path, hours: float, seed: int) -> dict[str, Any]:
         code, bags = soak.prove()
     finally:
         soak.close()
-    slow = [e for e in soak.events if e['back_s'] > BACK_S]
     faults += [f'exit code {code}'] if code else []
-    faults += [f'{e["kind"]}: back after {e["back_s"]:g} s' for e in slow]
-    faults += [f'{e["kind"]}: {", ".join(e["others"])} went with it' for e in soak.events
-               if e['others']]  # fmt: skip
-    faults += bags['faults']
     return {
         'hours': round(took_h, 3),
-        'count': len(soak.events),
-        'kills': sum(e['kind'].startswith('kill') for e in soak.events),
-        'within_10_s': len(soak.events) - len(slow),
-        'disturbed': sum(len(e['others']) for e in soak.events),
         'left_out': soak.left_out,
-        'kinds': _kinds(soak.events),
         'growth': growth(soak.looks),
         'bags': bags,
+        **summary(soak.events, faults + bags['faults']),
+    }
+
+
+def summary(events: list[dict[str, Any]], faults: list[str]) -> dict[str, Any]:
+    """Return what is told of events, and of faults those that the events show too."""
+    slow = [e for e in events if e['back_s'] > BACK_S]
+    faults = [f'{e["kind"]}: back after {e["back_s"]:g} s' for e in slow] + faults
+    faults += [f'{e["kind"]}: {", ".join(e["others"])} went with it' for e in events if e['others']]
+    return {
+        'count': len(events),
+        'kills': sum(e['kind'].startswith('kill') for e in events),
+        'within_10_s': len(events) - len(slow),
+        'disturbed': sum(len(e['others']) for e in events),
+        'kinds': _kinds(events),
         'faults': faults,
     }
 

@@ -38,10 +38,19 @@ COST_S = 1.5
 PARTS: dict[str, dict[str, Any]] = {  # what switches each part off
     'slower': {'rate_scaling': 0.0},
     'darker': {'corner_hz': 0.0},
+    'thinner': {'low_corner_hz': 0.0},
     'dynamics': {'dynamics_db': 0.0, 'onset_duck_db': 0.0},
     'sub': {'sub_db': OFF_DB},
     'room': {'room_s': 0.0},
 }
+FILTER = {'filter': 'low-pass', 'filter_by': 'area', 'filter_octaves': -2.0}  # off as shipped
+RATE = 48000
+FILTERS = tuple(
+    (hz, q, band)
+    for hz in (20, 100, 500, 2000, 9000, 21600)
+    for q in (0.5, 0.7071, 20)
+    for band in (False, True)
+)
 OFF: dict[str, Any] = {key: value for part in PARTS.values() for key, value in part.items()}
 
 
@@ -162,6 +171,26 @@ def figures(played: Played, bank: Bank, settings: SoundSettings) -> tuple[dict, 
     }, out  # fmt: skip
 
 
+def through_filter(x: np.ndarray, hz: float, q: float, band: bool) -> np.ndarray:
+    """Return `x` (n,) f4 through the mixer's filter of a grain."""
+    from eol_ros.core.sound.grain_filter import TABLE, design, run, tuned
+    from eol_ros.core.sound.lanes import WIDTH
+
+    table, out = np.empty(TABLE, np.float32), np.empty(len(x) + WIDTH, np.float32)
+    padded = np.concatenate([x, np.zeros(WIDTH, np.float32)])
+    design(table, float(tuned(np.array([hz]), RATE)[0]), 1 / q, int(band))
+    run(out.ctypes.data, padded.ctypes.data, len(x), table)
+    return out[: len(x)]
+
+
+def filter_error_db(hz: float, q: float, band: bool) -> float:
+    """Return the error of the filter on noise against SciPy in double precision."""
+    from benchmarks.sound_reference import filtered, snr_db
+
+    x = np.random.default_rng(1).standard_normal(8000).astype(np.float32) * np.float32(0.1)
+    return -float(snr_db(through_filter(x, hz, q, band), filtered(x, hz, q, band, RATE)))
+
+
 def cost(sound: SoundSettings, seconds: float, repeats: int) -> list[dict[str, Any]]:
     """Return what the mixer can sound at once without any part, with each alone, and with all.
 
@@ -184,8 +213,10 @@ def cost(sound: SoundSettings, seconds: float, repeats: int) -> list[dict[str, A
     cases = {
         'none': {},
         **parts,
+        'filter of each grain': FILTER,
         'ring of 8': {'speakers': ring, 'channels': 8},
-        'all but ring': on,
+        'all but filter, ring': on,
+        'all but ring': on | FILTER,
     }
     source_sound, score = source(), make_score(400, seconds, False)
     areas = np.random.default_rng(3).integers(1, N_BLOCKS + 1, len(score.triggers))
@@ -238,5 +269,9 @@ def measure(
         'seconds': seconds, 'seed': seed, 'grains_reached': int(played.reached.sum()),
         'grains_sounded': int((played.reached & played.sounded).sum()),
         'creaks': int((played.triggers['block'] < 0).sum()), 'off': before, 'on': after,
+        'filter_error_db': {
+            str(hz): max(filter_error_db(*f) for f in FILTERS if f[0] == hz)
+            for hz in sorted({f[0] for f in FILTERS})
+        },
         'cost': cost(sound, min(seconds, COST_S), repeats),
     }  # fmt: skip

@@ -2,7 +2,7 @@
 """The mixer written again, slowly and in double precision, to hold the fast one against."""
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.signal import bilinear, lfilter
 
 from eol_ros.core.sound.triggers import TRIGGER
 
@@ -45,6 +45,13 @@ def reference(triggers, sounds, grains, sample_rate, frames, gain, cubic=True, s
         return out[shift:]
     pole = 1 - 2 * np.pi * 7 / sample_rate
     return lfilter([1, -1], [1, -pole], out, axis=0)[shift:]
+
+
+def filtered(x, hz, q, band, sample_rate):
+    """Return `x` (n,) through the analogue filter of a grain by the bilinear transform, (n,) f8."""
+    w = 2 * sample_rate * np.tan(np.pi * hz / sample_rate)
+    above = [w / q, 0] if band else [w * w]
+    return lfilter(*bilinear(above, [1, w / q, w * w], sample_rate), np.asarray(x, float))
 
 
 def snr_db(found, wanted):

@@ -26,15 +26,15 @@ from eol_ros import scene as scenes
 from eol_ros.core.sound.senses import FirstSense
 from eol_ros.errors import DeviceMissing, EolError
 from eol_ros.ros.stamps import NS, to_ns
+from eol_ros.streams.felt import PROVISIONAL
 
 AFTER_S = 0.25  # a slip that has not sounded by then does not sound
 LOOK_AHEAD_S = 0.003  # of the mixer: it wants triggers that much earlier
 SILENT = 480  # samples of silence, after which an onset is plain to see
 FELT_NS = 10_000_000  # from an onset to the moment of its knock, at most: eol bench taps
 TRIGGERS = ('grain_triggers', 'felt_triggers')
-TOPICS = (
-    'truth', 'block_taps', 'felt_slips', 'grain_triggers', 'felt_triggers', 'sound_samples',
-)  # fmt: skip
+KNOCK = ('block_taps', 'felt_slips', 'felt_triggers')  # where a knock is told, one after another
+TOPICS = ('truth', 'grain_triggers', 'sound_samples', *KNOCK)
 
 
 def measure(seconds: float, device: str) -> dict[str, Any]:
@@ -108,16 +108,21 @@ def figures(watch, begin_ns: int, scene) -> dict[str, Any]:
     if not both:
         raise EolError('no slip has sounded; measure for longer')
     seen = _seen(watch, [at for at, *_ in played if at > begin_ns])
-    arrivals, knocks = (
-        [(a - s) * 1e-6 for s, a in watch.seen[topic] if s > begin_ns] for topic in TRIGGERS
-    )
+    delays = {
+        topic: [
+            (at - stamp) * 1e-6
+            for message, (stamp, at) in zip(watch.messages(topic), watch.seen[topic], strict=False)
+            if stamp > begin_ns and getattr(message, 'kind', PROVISIONAL) == PROVISIONAL
+        ]
+        for topic in ('grain_triggers', *KNOCK)
+    }  # fmt: skip
     return {
-        'slips': slips, 'sounded': len(both) / slips, 'triggers': len(arrivals),
+        'slips': slips, 'sounded': len(both) / slips, 'triggers': len(delays['grain_triggers']),
         'late_at_most': late, 'latency_ms': _summary(both), 'onset_to_stamp_ms': _summary(waits),
         **{f'{sense}_ms': _summary(ms) for sense, ms in sounded.items() if ms},
         'felt_not_barred_ms': _summary(by_knock) if by_knock else None,
-        'stamp_to_trigger_ms': _summary(arrivals), 'ms': sounded,
-        'knock_to_trigger_ms': _summary(knocks) if knocks else None,
+        'stamp_to_trigger_ms': _summary(delays['grain_triggers']), 'ms': sounded,
+        'knock_to_ms': {topic: _summary(delays[topic]) for topic in KNOCK if delays[topic]},
         'seen_alone': len(seen), 'seen_after_reckoning_ms': _summary(seen) if seen else None,
     }  # fmt: skip
 

@@ -77,11 +77,10 @@ def _rehearsal(r: dict):
                 if (one := r.get('felt_not_barred_ms'))
                 else ''
             )
-            + (
-                f'knock to trigger p50 {knock["p50"]:.1f}, p99 {knock["p99"]:.1f}, most '
+            + ''.join(
+                f'knock to {topic} p50 {knock["p50"]:.1f}, p99 {knock["p99"]:.1f}, most '
                 f'{knock["most"]:.1f} ms; '
-                if (knock := r['knock_to_trigger_ms'])
-                else ''
+                for topic, knock in r['knock_to_ms'].items()
             )
             + ', '.join(f'{r["motion"].get(k, 0)} {k}' for k in ('felt', 'confirmed', 'retracted'))
             + '; '
@@ -128,6 +127,8 @@ def _art(r: dict | None) -> list[str]:
         ('peak_dbfs', 'dBFS'), ('onset_frame', ''),
     ):  # fmt: skip
         lines.append(f'{name:24}{r["off"][name]:8.1f} off{r["on"][name]:8.1f} on  {unit}')
+    worst = ', '.join(f'{hz} Hz {db:.0f}' for hz, db in r['filter_error_db'].items())
+    lines.append(f'filter against SciPy, worst of all Q, dB: {worst}')
     for row in r['cost']:
         line = f'{row["part"]:24}{row["voices_per_core"]:10.0f} voices/core'
         if 'share' in row:

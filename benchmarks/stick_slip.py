@@ -195,13 +195,14 @@ class Table:
 class Detections:
     """What a camera would report: xy (n, 2) m, yaw (n,) rad mod 90 deg, sigma (n,) m, true (n,).
 
-    true: the block behind each light, -1 for none.
+    true: the block behind each light, -1 for none. whole (n,): no arm is near its cover.
     """
 
     xy: np.ndarray
     yaw: np.ndarray
     sigma: np.ndarray
     true: np.ndarray
+    whole: np.ndarray
 
 
 class Onlooker:
@@ -229,7 +230,7 @@ class Onlooker:
     def look(self, moment: Moment) -> Detections:
         """Return what is seen of `moment`."""
         r = self.random
-        hidden = self._arms(moment)
+        hidden, touched = self._arms(moment)
         shown = np.flatnonzero(~hidden)
         count = r.poisson(self.false_per_image)
         false = np.concatenate([r.uniform(-0.7, 0.7, (count, 2)), self.permanent])
@@ -243,14 +244,18 @@ class Onlooker:
         yaw = (yaw + np.pi / 4) % (np.pi / 2) - np.pi / 4
         true = np.concatenate([shown, np.full(len(false), -1)])
         order = r.permutation(len(true))
-        return Detections(xy[order], yaw[order], np.full(len(true), self.noise_m), true[order])
+        whole = np.append(~touched, False)[true]
+        return Detections(
+            xy[order], yaw[order], np.full(len(true), self.noise_m), true[order], whole[order]
+        )
 
     def listen(self, begun: list[tuple[float, int]]) -> list[tuple[float, int]]:
         """Return the taps (stamp_s, block) of slips that began so: 3 % are lost, 8 ms of jitter."""
         r = self.random
         return [(on + r.normal(0, 0.008), b) for on, b in begun if r.random() > 0.03]
 
-    def _arms(self, moment: Moment) -> np.ndarray:
+    def _arms(self, moment: Moment) -> tuple[np.ndarray, np.ndarray]:
+        """Return which blocks (25,) arms hide, and of which they cover any part."""
         r = self.random
         now = moment.stamp_s
         step = now - self.last_s
@@ -270,7 +275,7 @@ class Onlooker:
                     r.uniform(0.04, 0.06),
                 )
             )
-        hidden = np.zeros(N_BLOCKS, bool)
+        hidden, touched = np.zeros((2, N_BLOCKS), bool)
         kept = []
         for until, shoulder, hand, speed, width in self.arms:
             if now > until:
@@ -280,6 +285,7 @@ class Onlooker:
             t = np.clip((moment.xy - shoulder) @ along / (along @ along), 0, 1)
             near = np.hypot(*(moment.xy - shoulder - t[:, None] * along).T)
             hidden |= near < width + 0.02
+            touched |= near < width + 0.06  # half the diagonal of a cover
             kept.append((until, shoulder, hand, speed, width))
         self.arms = kept
-        return hidden
+        return hidden, touched

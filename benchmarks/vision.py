@@ -12,6 +12,9 @@ EXAMPLES = [
     'eol bench vision --plots docs/img',
     'eol bench vision --films relief',
     'eol bench vision --films my_films --images 200 --json',
+    'eol bench vision --rest --minutes 60',
+    'eol bench vision --hard all --seconds 10 --seeds 3',
+    'eol bench vision --hard sleeves --seconds 60 --json',
     'eol bench vision --videos --seconds 4 --plots docs/img',
     'eol bench vision --levels "" --no-clean --hours 1 --slip-seconds 60 --json',
 ]
@@ -35,8 +38,18 @@ def add_arguments(parser):
         help='only path-traced covers: `relief`, which is shipped, or a folder of `make films`',
     )
     parser.add_argument(
-        '--rest-minutes', type=float, default=0.0, help='with --films: rest, all images together'
+        '--rest', action='store_true', help='only path-traced covers at rest: what seems to move'
     )
+    parser.add_argument(
+        '--minutes', type=float, default=3.0, help='with --rest: of rest, all places together'
+    )
+    parser.add_argument(
+        '--hard',
+        metavar='KINDS',
+        help='only hard videos, of flat and path-traced covers: `all`, or clutter levels, dropped,'
+        ' doubled, exposure, focus and sleeves, with commas; --seconds and --seeds of each',
+    )
+    parser.add_argument('--surfaces', default='flat,relief', help='with --hard')
     parser.add_argument(
         '--videos', action='store_true', help='only what MJPEG and H.264 cost, against their size'
     )
@@ -52,7 +65,6 @@ def run(args) -> int:
     from benchmarks.vision_scenes import RATE_HZ, run_clean, run_film
     from eol_ros.core.vision.render.clutter import LEVELS
     from eol_ros.core.vision.render.renderer import NOISE_LEVELS
-    from eol_ros.errors import UsageError
     from eol_ros.verbs.progress import track
 
     cv2.setNumThreads(1)
@@ -63,8 +75,21 @@ def run(args) -> int:
         folder = FOLDER if args.films == 'relief' else Path(args.films)
         if args.plots:
             print(f'drawn {vision_relief.draw(folder, Path(args.plots))}', file=sys.stderr)
-        figures = vision_relief.measure(folder, args.images, args.rest_minutes)
+        figures = vision_relief.measure(folder, args.images)
         tell(figures, args.json, vision_relief.table)
+        return 0
+    if args.rest:
+        from benchmarks import vision_rest
+
+        tell(vision_rest.measure(args.minutes), args.json, vision_rest.table)
+        return 0
+    if args.hard:
+        from benchmarks import vision_hard
+
+        kinds = _named('--hard', args.hard, vision_hard.KINDS)
+        surfaces = _named('--surfaces', args.surfaces, vision_hard.SURFACES)
+        found = vision_hard.measure(kinds, surfaces, args.seconds, args.seeds)
+        tell(found, args.json, vision_hard.table)
         return 0
     if args.videos:
         from benchmarks import vision_videos
@@ -74,10 +99,7 @@ def run(args) -> int:
             print(f'drawn {vision_videos.draw(found, Path(args.plots))}', file=sys.stderr)
         tell(found, args.json, vision_videos.table)
         return 0
-    levels = [name for name in args.levels.split(',') if name]
-    for name in levels:
-        if name not in LEVELS:
-            raise UsageError(f'--levels {name}: not one of {", ".join(LEVELS)}')
+    levels = _named('--levels', args.levels, LEVELS)
     result: dict = {'noise': {}, 'clutter': {}}
     if not args.no_clean:
         for noise in track([n for n in NOISE_LEVELS if n != 'none'], 'noise levels'):
@@ -114,14 +136,27 @@ def run(args) -> int:
     return 0
 
 
+def _named(option, given, known) -> list[str]:
+    """Return what `given` names, with commas, of those that are `known`; `all` names all."""
+    from eol_ros.errors import UsageError
+
+    names = list(known) if given == 'all' else [name for name in given.split(',') if name]
+    for name in names:
+        if name not in known:
+            raise UsageError(f'{option} {name}: not one of {", ".join(known)}')
+    return names
+
+
 def _table(result) -> str:
+    from benchmarks.vision_scenes import number
+
     lines = []
     for noise, entry in result['noise'].items():
         lines.append(f'clean, {noise}: bound {entry["bound_px"]:.4f} px')
         for name, f in entry['methods'].items():
             lines.append(
-                f'  {name:24s} {_number(f["rms_px"], 4)} px'
-                f'  {_number(f["times_bound"], 2)} x bound  {f["ms_median"]:7.2f} ms'
+                f'  {name:24s} {number(f["rms_px"], 4)} px'
+                f'  {number(f["times_bound"], 2)} x bound  {f["ms_median"]:7.2f} ms'
                 f'  coverage {f["coverage"]:.4f}  false {f["false_per_image"]:.2f}'
             )
     for level, films in result['clutter'].items():
@@ -129,9 +164,9 @@ def _table(result) -> str:
             lines.append(f'{level}, {film}')
             for name, f in methods.items():
                 lines.append(
-                    f'  {name:24s} whole {_number(f["rms_px"], 3)} px {_number(f["coverage"], 4)}'
-                    f'  partly {_number(f["rms_partly_px"], 3)} px'
-                    f' {_number(f["coverage_partly"], 3)} of {f["partly"]}'
+                    f'  {name:24s} whole {number(f["rms_px"], 3)} px {number(f["coverage"], 4)}'
+                    f'  partly {number(f["rms_partly_px"], 3)} px'
+                    f' {number(f["coverage_partly"], 3)} of {f["partly"]}'
                     f'  hidden {f["hidden_reported"]}/{f["hidden"]}'
                     f'  false {f["false_per_image"]:.3f}'
                     f'  {f["ms_median"]:.2f} ms p99 {f["ms_p99"]:.2f}'
@@ -151,7 +186,3 @@ def _table(result) -> str:
             f'  recall {f["recall"]:.4f}  precision {f["precision"]:.4f}'
         )
     return '\n'.join(lines)
-
-
-def _number(value, digits) -> str:
-    return '-' if value is None else f'{value:.{digits}f}'

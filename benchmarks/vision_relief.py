@@ -14,8 +14,6 @@ import numpy as np
 from benchmarks.relief import bound, films, scene
 from eol_ros.core import terrain
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, PLATFORM_SIDE_M
-from eol_ros.core.motion.motion import Motion
-from eol_ros.core.motion.slips import START
 from eol_ros.core.vision.calibration.calibrate import from_images, raise_plane
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
@@ -23,7 +21,7 @@ from eol_ros.core.vision.detect import outline
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.errors import ConfigError
-from eol_ros.settings import MotionSettings, TrackerSettings
+from eol_ros.settings import TrackerSettings
 from eol_ros.verbs.progress import track
 
 RATE_HZ = 60.0
@@ -32,11 +30,8 @@ FLAT, KNOWN = 'covers taken to be flat', 'outlines of the covers known'
 SKIRT_M = 0.012 + scene.GAP_M  # the lowest land: the plane that measured best before
 
 
-def measure(folder: Path, images: int, rest_minutes: float = 0.0) -> dict:
-    """Return figures of each image of a set, `images` exposures each, and of calibrating.
-
-    rest_minutes: of rest, all images of the set together, in which nothing should be seen to move.
-    """
+def measure(folder: Path, images: int) -> dict:
+    """Return figures of each image of a set, `images` exposures each, and of calibrating."""
     shown = films.load(folder)
     result: dict = {'images': images}
     for known in (False, True):
@@ -56,8 +51,6 @@ def measure(folder: Path, images: int, rest_minutes: float = 0.0) -> dict:
             'lit': lit,
             'calibration': _calibrations(shown, known),
         }
-    if rest_minutes:
-        result['still'] = still(shown, rest_minutes)
     return result
 
 
@@ -141,42 +134,6 @@ def _differently_lit(
     }
 
 
-def still(shown: list[films.Film], minutes: float) -> dict:
-    """Return what is seen to move in so many minutes of rest, all images of the set together.
-
-    The noise of an image is one of eight, shifted by a whole number of pixels of its own.
-    """
-    rng = np.random.default_rng(4)
-    bank = rng.standard_normal((8, *shown[0].light.shape), np.float32)
-    images = max(round(60 * minutes * RATE_HZ / len(shown)), SETTLED + 2)
-    deviations, slips = [], 0
-    for film in track(shown, 'rest'):
-        spread = np.sqrt(np.float32(films.NOISE[0] ** 2) + np.float32(films.NOISE[1]) * film.light)
-        tracker, motion = (
-            Tracker(TrackerSettings(), calibration(film, True)),
-            Motion(MotionSettings()),
-        )
-        places = np.full((images, N_BLOCKS, 2), np.nan)
-        for k in range(images + SETTLED):
-            noise = np.roll(bank[rng.integers(len(bank))].ravel(), rng.integers(film.light.size))
-            seen = np.clip(np.rint(film.light + spread * noise.reshape(film.light.shape)), 0, 255)
-            got = tracker.update(k / RATE_HZ, seen.astype(np.uint8))
-            if k >= SETTLED:
-                places[k - SETTLED, got.seen] = got.world[got.seen]
-                found, _ = motion.update(k / RATE_HZ, *got.world.T, got.seen, got.sigma_m)
-                slips += sum(slip.event.kind == START for slip in found)
-        away = np.abs(places - np.nanmedian(places, axis=0))
-        scatter = np.nanmedian(away, axis=0).max(axis=1) / 0.6745
-        deviations.append(np.nanmax(away.max(axis=2) / scatter))
-    return {
-        'minutes': images * len(shown) / RATE_HZ / 60,
-        'places': len(shown),
-        'worst_scatters': float(max(deviations)),
-        'false_slips': slips,
-        'stated_an_hour': MotionSettings().false_alarms_per_hour,
-    }
-
-
 def _calibrations(shown: list[films.Film], known: bool) -> dict:
     """Return what `eol calibrate blocks` makes of images of the same camera and covers."""
     groups: dict = {}
@@ -229,13 +186,6 @@ def table(result: dict) -> str:
     for how in (FLAT, KNOWN):
         lines.append(f'{how}:')
         lines += _lines(result[how])
-    if 'still' in result:
-        f = result['still']
-        lines.append(
-            f'at rest for {f["minutes"]:.1f} minutes at {f["places"]} places: worst deviation'
-            f' {f["worst_scatters"]:.1f} scatters, {f["false_slips"]} false slips'
-            f' (stated: {f["stated_an_hour"]:g} an hour)'
-        )
     return '\n'.join(lines)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from benchmarks import vision_peers
 from benchmarks.vision_peers import errors, match, timed, tuned
 from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
@@ -110,6 +111,25 @@ class Film:
         return image, pose, self.renderer.visible_share(*pose.T, index)
 
 
+def number(value: float | None, digits: int) -> str:
+    """Return a figure for a table; a dash where nothing was to be measured."""
+    return '-' if value is None else f'{value:.{digits}f}'
+
+
+def track_image(
+    tracker: Tracker, camera: Calibration, stamp_s: float, image: np.ndarray, pose: np.ndarray
+) -> tuple[float, np.ndarray, int]:
+    """Return ms, errors (25, 2) px with NaN where nothing was seen, and false blobs of an image.
+
+    camera: by which it was taken. pose: (25, 3), the truth.
+    """
+    tracked, ms = timed(tracker.update, stamp_s, image)
+    left = (tracked.world - pose[:, :2]) * camera.px_per_m()
+    left[~tracked.seen] = np.nan
+    blobs = np.column_stack([tracker.blobs['u'], tracker.blobs['v']])
+    return ms, left, match(blobs, camera.to_pixels(pose[:, :2]))[1]
+
+
 def run_film(
     clutter: str, noise: str, seed: int, images: int, peers: bool = True, every: int = 1
 ) -> dict:
@@ -125,15 +145,10 @@ def run_film(
         for peer in (vision_peers.peers() if peers else ())
     ]
     tallies = {OURS: Tally()} | {peer.name: Tally() for peer in others}
-    scale = calibration.px_per_m()
     for index in range(images):
         image, pose, visible = film.image(index)
-        tracked, ms = timed(tracker.update, index / RATE_HZ, image)
-        left = (tracked.world[:, :2] - pose[:, :2]) * scale
-        left[~tracked.seen] = np.nan
+        ms, left, false = track_image(tracker, calibration, index / RATE_HZ, image, pose)
         truth = calibration.to_pixels(pose[:, :2])
-        blobs = tracker.blobs
-        false = match(np.column_stack([blobs['u'], blobs['v']]), truth)[1]
         if index >= 10:  # the first images find the lattice
             tallies[OURS].add(ms, left, visible, false)
             if index % every == 0:

@@ -24,6 +24,7 @@ GROUPS = {
         'service': 'start at boot, watched by systemd',
         'notify': 'send a test message to those whom the scene tells of troubles',
         'keys': 'say who may reach the graph from other machines',
+        'mirror': 'let those with a read-only key hear the graph',
         'certificate': 'let browsers reach the panel over HTTPS',
     },
     'look': {
@@ -35,6 +36,7 @@ GROUPS = {
         'param': 'list, read and change the settings of a running node',
         'call': 'ask the nodes for something, as the panel does',
         'preset': 'keep, recall and glide between settings of the sound',
+        'midi': 'list MIDI inputs, watch them, learn what controllers do',
     },
     'record': {
         'replay': 'play a bag',

@@ -31,7 +31,8 @@ PARTS = {
     'sound': ('core/sound', 'devices/audio'),
     'ice': ('core/sound',),  # no node: the recording that is made where a scene names none
     'simulate': ('core/physics',),  # `eol simulate`: the solvers beside that of the twin
-    'stiff': ('core/physics',),  # and what the first scene with stiff springs needs
+    'stiff': ('core/physics',),  # and what the first scene with stiff springs needs,
+    'glide': ('core/physics',),  # or the first in which all blocks vibrate against each other
 }
 AT_FIRST = ('tracker', 'twin', 'sound', 'ice')  # what a scene may need
 _COMMON = 'core'

@@ -2,6 +2,7 @@
 """Changes settings in a scene file, and leaves all else in it as it was written."""
 
 import dataclasses
+import json
 import os
 from collections.abc import Mapping
 from decimal import Decimal
@@ -31,7 +32,7 @@ def to_write(path: Path, node: str) -> scene.Scene:
     return loaded
 
 
-def write(path: Path, node: str, values: Mapping[str, float]) -> None:
+def write(path: Path, node: str, values: Mapping[str, Any]) -> None:
     """Set `values` of `node` in the scene file `path`; its comments and all else stay.
 
     The file is replaced whole, once what was written reads as it should. Raises ConfigError.
@@ -74,7 +75,7 @@ def _says(path: Path, wanted: Mapping[str, Any]) -> bool:
     return found | {'scene': wanted['scene']} == wanted
 
 
-def changed(text: str, node: str, values: Mapping[str, float]) -> str:
+def changed(text: str, node: str, values: Mapping[str, Any]) -> str:
     """Return the YAML `text` of a scene with `values` of `node` set in it."""
     top = yaml.compose(text, Loader=yaml.SafeLoader)
     nodes = _child(top, 'nodes')
@@ -94,16 +95,19 @@ def changed(text: str, node: str, values: Mapping[str, float]) -> str:
             # each edit moves what stands behind it
             here = _child(_child(_child(yaml.compose(text), 'nodes'), node), name)
             begin, end = here.start_mark.index, here.end_mark.index
+            end = begin + len(text[begin:end].rstrip())  # a list in lines ends at the next key
             text = text[:begin] + plain(values[name]) + text[end:]
     return text
 
 
-def plain(value: float) -> str:
-    """Return a number as YAML 1.1 reads it: without an exponent."""
+def plain(value: Any) -> str:
+    """Return a number as YAML 1.1 reads it: without an exponent; or a list of texts."""
+    if isinstance(value, list):
+        return json.dumps(value, ensure_ascii=False)
     return format(Decimal(repr(value)), 'f')
 
 
-def _flow(values: Mapping[str, float]) -> str:
+def _flow(values: Mapping[str, Any]) -> str:
     return '{' + ', '.join(f'{name}: {plain(value)}' for name, value in values.items()) + '}'
 
 

@@ -188,6 +188,9 @@ class TrackerSettings:
     )
     blink_period_s: float = setting(2.0, 'from blink to blink', 's', 0.5, 60)
     blink_off_s: float = setting(0.1, 'how long it is dark', 's', 0.05, 0.2)
+    know_covers: bool = setting(
+        True, 'know each block by how its cover spreads its light, as well as by its place'
+    )
     threshold: float = setting(
         0.0, 'brightness from which a spot may be a block, 0..255; 0 leaves it to contrast alone',
         '', 0, 255, live=True,
@@ -286,6 +289,7 @@ _SHARE = r'(0|1|0?\.\d+|[01]\.0*)'
 FORMS = {
     'NAME WEIGHT': rf'\S.* {_SHARE}',
     'DESCRIPTOR WEIGHT SOURCE': rf'({"|".join(MAP_AXES)}) {_NUMBER} (x|y|speed|last)',
+    'MIDI ACTION': r'(cc|note|program) (\d{1,2}:)?\d{1,3} \S.*',
     'NAME REGION': rf'\S.* (left|right|near|far|{_SHARE}(,{_SHARE}){{3}})',
 }
 
@@ -448,6 +452,10 @@ class SoundSettings:
         0.0, 'corner frequency of a single slip; that of a rupture of area A is A^-1/2 of it,'
         ' above it the sound falls as f^-2 (Brune 1970); 0: off', 'Hz', 0, 24000,
     )  # fmt: skip
+    low_corner_hz: float = setting(
+        0.0, 'below it a single slip has less and less, 6 dB an octave; below A^-1/2 of it a'
+        ' rupture of area A; 0: off', 'Hz', 0, 1000,
+    )  # fmt: skip
     dynamics_db: float = setting(
         0.0, 'by so much a grain of a single slip is quieter than one of a rupture of all blocks;'
         ' 0: off', 'dB', 0, 60, live=True,
@@ -487,6 +495,26 @@ class SoundSettings:
         0.15, 'a block joins a rupture when it or a neighbour has sounded this short ago', 's',
         0.01, 2, live=True,
     )  # fmt: skip
+    filter: str = setting(
+        'off', 'of each grain by itself, 12 dB an octave at either side of what passes',
+        choices=('off', 'low-pass', 'band-pass'), live=True,
+    )  # fmt: skip
+    filter_hz: float = setting(
+        2000.0, 'its cutoff, or the middle of its band', 'Hz', 20, 20000, live=True
+    )
+    filter_q: float = setting(
+        0.7071, 'its resonance: the gain at the cutoff of a low-pass, middle over width of a band',
+        '', 0.5, 20, live=True,
+    )  # fmt: skip
+    filter_by: str = setting(
+        'nothing', 'what moves the cutoff: how large the rupture has grown (area), or the rank of'
+        ' the grain among all by a descriptor, where the corpus has it',
+        choices=('nothing', 'area', *DESCRIPTORS, *MORE_DESCRIPTORS), live=True,
+    )  # fmt: skip
+    filter_octaves: float = setting(
+        0.0, 'by so much: from a single slip to a rupture of all blocks, from the least to the'
+        ' greatest of a descriptor; below 0: down', 'oct', -8, 8, live=True,
+    )  # fmt: skip
     ceiling_db: float = setting(-1.0, 'no sample exceeds it', 'dBFS', -40, 0)
     loudness_lufs: float = setting(
         -18.0, 'mean of 30 s that the governor holds', 'LUFS', -60, 0, live=True
@@ -499,6 +527,15 @@ class SoundSettings:
     meter_hz: float = setting(20.0, 'sound_meter messages', 'Hz', 1, 60)
     osc_out: str = setting('', 'host:port that hears of triggers and slips by OSC')
     osc_in: int = setting(0, 'UDP port that takes settings by OSC; 0 for none', '', 0, 65535)
+    midi: str = setting(
+        '', 'MIDI input by name or part of it, auto for the first, virtual for a port that others'
+        ' connect to, all of them with jack: before it; empty: none',
+    )  # fmt: skip
+    midi_map: tuple[str, ...] = setting(
+        (), 'lines: what a controller, key or program does: cc|note|program [CHANNEL:]NUMBER and'
+        ' NODE.SETTING [LEAST MOST], NODE.SETTING VALUE, recall PRESET or morph PRESET PRESET',
+        live=True, form='MIDI ACTION',
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ enum { EOL_BRIDGE = 255, EOL_NOT_LIT = 0xFFFF };
 enum { EOL_BY_ITSELF = 1, EOL_LIMITED = 2 };             /* flags of EOL_LIGHTING */
 enum { EOL_WOKE = 1 };                                   /* of EOL_KNOCKED */
 enum { EOL_ANSWERS = 1 };                                /* of EOL_SELF_TESTED */
-enum { EOL_LINKED = 1, EOL_SENSOR_DEAD = 2, EOL_ASLEEP = 4 }; /* of EOL_BLOCK_STATUS */
+enum { EOL_LINKED = 1, EOL_SENSOR_DEAD = 2, EOL_ASLEEP = 4, EOL_RADIO_DEAD = 8 }; /* of EOL_BLOCK_STATUS */
 
 typedef struct {
     uint8_t bytes[EOL_MAX_ENCODED];
@@ -45,7 +45,7 @@ typedef struct {
     uint16_t bad;
 } eol_decoder;
 
-static uint16_t eol_crc16(const uint8_t *data, size_t size)
+static inline uint16_t eol_crc16(const uint8_t *data, size_t size)
 {
     uint16_t crc = 0xFFFF;
     while (size--) {
@@ -56,18 +56,18 @@ static uint16_t eol_crc16(const uint8_t *data, size_t size)
     return crc;
 }
 
-static void eol_put32(uint8_t *to, uint32_t value)
+static inline void eol_put32(uint8_t *to, uint32_t value)
 {
     for (int k = 0; k < 4; k++) to[k] = (uint8_t)(value >> (8 * k));
 }
 
-static uint32_t eol_get32(const uint8_t *from)
+static inline uint32_t eol_get32(const uint8_t *from)
 {
     return from[0] | (uint32_t)from[1] << 8 | (uint32_t)from[2] << 16 | (uint32_t)from[3] << 24;
 }
 
 /* Write the packet into `wire` (EOL_MAX_WIRE bytes) and return its length; 0 if the body is too long. */
-static size_t eol_encode(uint8_t *wire, uint8_t kind, uint8_t sequence, const uint8_t *body, size_t size)
+static inline size_t eol_encode(uint8_t *wire, uint8_t kind, uint8_t sequence, const uint8_t *body, size_t size)
 {
     uint8_t packet[EOL_MAX_BODY + 4];
     size_t code = 1, out = 2;
@@ -93,7 +93,7 @@ static size_t eol_encode(uint8_t *wire, uint8_t kind, uint8_t sequence, const ui
 }
 
 /* Take one byte; return 1 when it ends a good packet, whose body then stays valid until the next call. */
-static int eol_decode(eol_decoder *line, uint8_t byte, uint8_t *kind, const uint8_t **body, size_t *size)
+static inline int eol_decode(eol_decoder *line, uint8_t byte, uint8_t *kind, const uint8_t **body, size_t *size)
 {
     uint8_t *data = line->bytes, count = line->count, run = 0, length = 0;
     if (byte) {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
  * What blocks and bridge say to each other by radio, docs/serial.md: frames of one size, little-endian.
- * The radio (nRF24L01+, block/nrf24.h) adds address and checksum, and lets nothing through that is damaged.
+ * The radio (nRF24L01+, nrf24.h) adds address and checksum, and lets nothing through that is damaged.
  */
 #ifndef EOL_LINK_H
 #define EOL_LINK_H
@@ -14,6 +14,10 @@ enum {
     EOL_WORD_MS = 2,  /* from word to word of the bridge */
     EOL_AIR_US = 550  /* from when a knock's age is taken to the end of its frame: SPI, 130 us, air */
 };
+
+/* Where frames go: to the one bridge, to all blocks. */
+#define EOL_TO_BRIDGE {0xE7, 0x4C, 0x6F, 0x45, 0xB1}
+#define EOL_TO_BLOCKS {0xC2, 0x4C, 0x6F, 0x45, 0xB1}
 
 enum { /* first byte of a frame */
     EOL_FRAME_WORD = 0x57,    /* bridge to all: flags, peak, decay_ms u16, infrared u32, light u32, count, test */

@@ -36,6 +36,7 @@ ALLOWED = {
     'nodes': BASE | ROS,
     'web': BASE | {'aiohttp'},
     'devices/corpus/umap_map.py': {'numpy', 'umap'},
+    'devices/audio/midi.py': {'rtmidi'},
     'web/metrics.py': {'prometheus_client'},
     'web/certificate.py': {'cryptography'},
     'bringup': {'yaml'},

@@ -149,6 +149,38 @@ def test_the_fuses_are_those_of_the_clock_that_the_firmware_counts_with(circuit)
     assert extended & 7 == 0b101  # brown-out at 2.7 V: 8 MHz is safe from 2.4 V on
 
 
+@pytest.fixture(scope='module')
+def bridge():
+    return netlist.load(netlist.BRIDGE)
+
+
+def test_the_bridge_is_wired_as_its_firmware_has_it(bridge):
+    text = (ROOT / 'firmware' / 'bridge' / 'pins.h').read_text().split('enum {')[1].split('};')[0]
+    port, found = '', {}
+    for line in text.splitlines():
+        said = re.search(r'/\* port ([ABC])', line)
+        port = said[1] if said else port
+        for name, number in re.findall(r'(\w+) = (\d+)', line):
+            found[name] = f'{port}{number}'
+    assert found.pop('LIT') == 'C13'  # the board's own LED
+    assert found == {name: pin for name, pins in bridge.nets.items() for ref, pin in pins
+                     if ref == 'U1' and re.fullmatch(r'[ABC]\d+', pin)}  # fmt: skip
+    # SPI 1 and USART 1 of the part (DS5319, table 5); its loader listens there, too
+    fixed = {'SCK': 'A5', 'MISO': 'A6', 'MOSI': 'A7', 'TO_HOST': 'A9', 'FROM_HOST': 'A10'}
+    assert fixed.items() <= found.items()
+    assert '8 MHz' in bridge.parts['U1'].what  # which bluepill.c makes nine times as much of
+    source = (ROOT / 'firmware' / 'bridge' / 'bluepill.c').read_text()
+    assert 'PLL_9_TIMES_HSE' in source and 'CLOCK_HZ = 72000000' in source
+
+
+def test_the_radio_of_the_bridge_gets_its_lines_and_the_computer_crossed_ones(bridge):
+    joined = {'CE': 'RADIO_CE', 'CSN': 'RADIO_CSN', 'IRQ': 'RADIO_IRQ', 'SCK': 'SCK',
+              'MOSI': 'MOSI', 'MISO': 'MISO', 'VCC': '+3V3', 'GND': 'GND'}  # fmt: skip
+    assert {pin: bridge.net('U2', pin) for pin in bridge.parts['U2'].pins} == joined
+    assert (bridge.net('U3', 'RXD'), bridge.net('U3', 'TXD')) == ('TO_HOST', 'FROM_HOST')
+    assert all(len(pins) > 1 for pins in bridge.nets.values())
+
+
 def test_each_net_joins_something(circuit):
     assert all(len(pins) > 1 for pins in circuit.nets.values())
     for part in circuit.parts.values():  # both ends of a resistor at one net would be no use
@@ -173,17 +205,19 @@ def test_a_circuit_that_cannot_be_is_refused(tmp_path, change, says):
         netlist.load(file)
 
 
-def test_the_schematic_shows_every_pin_at_its_net(circuit):
+@pytest.mark.parametrize('which', ['circuit', 'bridge'])
+def test_the_schematic_shows_every_pin_at_its_net(which, request):
     pytest.importorskip('schemdraw')
     from kit import schematic
 
+    circuit = request.getfixturevalue(which)
     texts = re.findall(r'<tspan[^>]*>([^<]*)</tspan>', schematic.draw(circuit))
     for part in circuit.parts.values():
         assert any(part.ref in text.split() for text in texts), part.ref
     for name, pins in circuit.nets.items():
         if name != 'GND':  # which is a sign
             plain = sum(
-                len(circuit.parts[ref].pins[pin]) for ref, pin in pins
+                max(1, len(circuit.parts[ref].pins[pin])) for ref, pin in pins
             )  # a name with two numbers is drawn twice
             own = sum(pin == name for ref, pin in pins if len(circuit.parts[ref].pins) > 2)
             assert texts.count(name) == plain + own, name

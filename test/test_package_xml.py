@@ -31,6 +31,7 @@ WHEELS = {
     'cv2': 'opencv-python-headless',
     'prometheus_client': 'prometheus-client',
     'pythonosc': 'python-osc',
+    'rtmidi': 'python-rtmidi',
     'serial': 'pyserial',
     'umap': 'umap-learn',
     'yaml': 'pyyaml',

@@ -7,6 +7,7 @@ What is renamed stays renamed: a word of the table in code, docs or help fails `
 the place is allowed, with its reason.
 """
 
+import functools
 import re
 import subprocess
 import sys
@@ -67,6 +68,12 @@ def allowed(path: str, word: str) -> bool:
     return any(re.fullmatch(p, path) and re.fullmatch(w, word) for p, w in ALLOWED)
 
 
+@functools.cache
+def any_of(patterns: tuple[str, ...]) -> re.Pattern:
+    """Return what finds, in one pass, at least the texts in which one of `patterns` stands."""
+    return re.compile(r'\b(?:' + '|'.join(p.replace(r'\b', '') for p in patterns) + ')')
+
+
 def main() -> int:
     """Print every place with a word of the table; return 1 where there is one."""
     listed = subprocess.run(
@@ -82,10 +89,12 @@ def main() -> int:
             if re.fullmatch(there, name):
                 words |= more
         try:
-            lines = path.read_text(encoding='utf-8').splitlines()
+            text = path.read_text(encoding='utf-8')
         except UnicodeDecodeError:
             continue
-        for number, line in enumerate(lines, 1):
+        if not any_of(tuple(words)).search(text):
+            continue
+        for number, line in enumerate(text.splitlines(), 1):
             for pattern, term in words.items():
                 for match in re.finditer(pattern, line):
                     if not allowed(name, match.group()):

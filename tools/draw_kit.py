@@ -27,14 +27,20 @@ def page(name: str, tables: dict[str, list[str]]) -> str:
 
 def made() -> dict[str, str]:
     """Return the text of every file that is made."""
-    circuit = netlist.load()
+    circuit, bridge = netlist.load(), netlist.load(netlist.BRIDGE)
     tables = {
-        'materials': netlist.materials(circuit, BLOCKS),
+        'materials': netlist.materials(circuit, BLOCKS, 'blocks'),
         'wiring': netlist.wiring(circuit),
+        'bridge-materials': netlist.materials(bridge, 1, 'bridge'),
+        'bridge-wiring': netlist.wiring(bridge),
         'fuses': netlist.fuses(circuit),
         'masses': drawings.mass_table(circuit),
     }
-    files = {'README.md': page('README.md', tables), 'circuit.svg': schematic.draw(circuit)}
+    files = {
+        'README.md': page('README.md', tables),
+        'circuit.svg': schematic.draw(circuit),
+        'bridge.svg': schematic.draw(bridge),
+    }
     for name, draw in drawings.SHEETS.items():
         sheet = draw()
         files[f'{name}.svg'], files[f'{name}.dxf'] = sheet.svg(), sheet.dxf()

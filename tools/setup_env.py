@@ -250,7 +250,7 @@ def setup(extra: str) -> None:
         messages_ready.touch()
     ready.touch()
     # Does nothing where the cache has what this version, on this processor, needs.
-    parts = ['--parts', 'tracker,twin,sound,ice,simulate'] if extra else []
+    parts = ['--parts', 'tracker,twin,sound,ice,simulate,stiff,glide'] if extra else []
     wait(
         Step(
             'kernels',

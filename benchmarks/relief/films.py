@@ -20,6 +20,7 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
 
 FOLDER = Path(__file__).parent / 'films'
+TURNED = Path(__file__).parent / 'turned'
 STEPS = 8  # of a grey level
 NOISE = (2.0, 0.10)  # read noise and gain of the flat renderer's L2
 STRAIGHT = View()
@@ -69,6 +70,26 @@ def small_set() -> list[Shot]:
             shots.append(
                 Shot(f'{name}-{relief:.0f}mm', view, relief, poses=scene.stirred(8), battery=weak)
             )
+    return shots
+
+
+def turned_set() -> list[Shot]:
+    """Return the shots by which names are known again: one camera, the rim in all four quarters.
+
+    All of one set of covers; between images the rim is pushed and turned, the blocks are stirred,
+    and each shines otherwise.
+    """
+    shots = []
+    for quarters in range(4):
+        for stir in range(3):
+            rng = np.random.default_rng([quarters, stir, 11])
+            poses = scene.stirred(100 + 10 * quarters + stir)
+            angle = quarters * np.pi / 2 + rng.uniform(-0.35, 0.35)
+            c, s = np.cos(angle), np.sin(angle)
+            poses[:, :2] = poses[:, :2] @ [[c, s], [-s, c]] + rng.uniform(-0.06, 0.06, 2)
+            poses[:, 2] += angle
+            battery = rng.uniform(0.5, 1.3, scene.N_BLOCKS)
+            shots.append(Shot(f'tilted-{quarters}-{stir}', TILTED, poses=poses, battery=battery))
     return shots
 
 

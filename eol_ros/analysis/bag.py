@@ -21,14 +21,16 @@ from eol_ros.errors import UsageError
 from eol_ros.streams.cdr import Decoder
 
 BATCH = 4096  # messages decoded at a time
+TIMES = ('log_time', 'publish_time')
 NOTHING = Batch(np.zeros(0, np.int64), np.zeros(0, np.int64), [])
 
 
 class Table(np.ndarray):
     """A structured array, one row a message, that knows the meaning and unit of its fields.
 
-    `log_time` and `publish_time` are those of the recorder, `stamp` is the message's own; all are
-    datetime64[ns]. `comments` maps dotted field names to what the definition says of them.
+    `log_time` is when DDS received the message for the recorder, `publish_time` when it was sent,
+    `stamp` is the message's own; all are datetime64[ns]. `comments` maps dotted field names to
+    what the definition says of them.
     """
 
     topic: str
@@ -314,7 +316,7 @@ class _Rows:
     def add(self, batch: Batch) -> None:
         """Take the messages that follow; a few thousand, for each is held twice meanwhile."""
         columns = _decoded(self._decoder, batch)
-        kept = ('log_time', *self._fields) if self._fields else tuple(columns)
+        kept = (*TIMES, *self._fields) if self._fields else tuple(columns)
         kinds = np.dtype([(f, columns[f].dtype, columns[f].shape[1:]) for f in kept])
         if not self._parts or kinds != self._parts[-1].dtype:
             self._close()

@@ -2,15 +2,19 @@
 """The catalogue of cascades as files that other programs read: ZMAP, and Parquet or CSV."""
 
 import csv
+import dataclasses
 import datetime
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from eol_ros.analysis.bag import Bag, Table
-from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.geometry import PITCH_M, rest_lattice
+from eol_ros.core.physics.builders import GRAVITY
+from eol_ros.settings import TwinSettings
 
 # name: type, unit, what it is
 COLUMNS = {
@@ -23,15 +27,28 @@ COLUMNS = {
     'size': ('i8', '', 'slips'),
     'potency_m': ('f8', 'm', 'distances of all slips, summed'),
     'magnitude': ('f8', '', 'log10 of potency_m'),
+    'moment_nm': ('f8', 'N m', 'stiffness of a spring * pitch of the lattice * potency_m'),
+    'energy_j': ('f8', 'J', 'that friction took: mu_kinetic * block_kg * g * potency_m'),
     'bag': ('U64', '', 'recording that it stands in'),
 }
 ZMAP = ('x', 'y', 'decimal year', 'month', 'day', 'magnitude', 'depth', 'hour', 'minute', 'second')
 
 
-def of(bag: Bag, cascades: Table | None) -> np.ndarray:
+def constants(bag: Bag) -> TwinSettings | None:
+    """Return springs, friction and mass of the twin that a bag is of; None for a real table."""
+    nodes = (yaml.safe_load(bag.about.get('settings', '')) or {}).get('nodes', {})
+    if 'twin' not in nodes:
+        return None
+    known = {field.name for field in dataclasses.fields(TwinSettings)}
+    return TwinSettings(**{k: v for k, v in (nodes['twin'] or {}).items() if k in known})
+
+
+def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -> np.ndarray:
     """Return the cascades of a bag as rows of COLUMNS, in the order in which they were told.
 
     The law of their areas is asked in that order, which is the one that a live panel knows.
+    measured: springs, friction and mass of the table; None: as the bag's twin has them. Without
+    them moments and energies are nan.
     """
     count = 0 if cascades is None else len(cascades)
     rows = np.zeros(count, [(name, kind) for name, (kind, _, _) in COLUMNS.items()])
@@ -47,7 +64,30 @@ def of(bag: Bag, cascades: Table | None) -> np.ndarray:
         ('potency_m', cascades['distance']), ('magnitude', magnitude), ('bag', bag.path.name),
     ):  # fmt: skip
         rows[name] = values
+    made = measured or constants(bag)
+    rows['moment_nm'] = rows['energy_j'] = np.nan
+    if made is not None:
+        rows['moment_nm'] = made.stiffness * PITCH_M * rows['potency_m']
+        rows['energy_j'] = made.mu_kinetic * made.block_kg * GRAVITY * rows['potency_m']
     return rows
+
+
+def energy_sentence(rows: np.ndarray, made: TwinSettings | None) -> str:
+    """Return what friction took, and the greatest moment, for people."""
+    if made is None:
+        return (
+            'energy and moment: not known without springs, friction and mass of this table: '
+            'eol measure springs and friction, then --measured SCENE'
+        )
+    if not len(rows):
+        return 'energy and moment: no cascades'
+    errors = made.stiffness_error, made.mu_kinetic_error
+    k, mu = (f' +- {e:g}' if e else ' (not measured)' for e in errors)
+    return (
+        f'energy: friction took {rows["energy_j"].sum():.3g} J in all cascades, at most '
+        f'{rows["energy_j"].max():.3g} J in one; moment at most {rows["moment_nm"].max():.3g} N m '
+        f'(spring {made.stiffness:g} N/m{k}, mu_k {made.mu_kinetic:g}{mu}, {made.block_kg:g} kg)'
+    )
 
 
 def write(out: Path, rows: np.ndarray, provenance: dict[str, Any]) -> list[Path]:

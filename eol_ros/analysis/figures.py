@@ -136,6 +136,8 @@ def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
         weight = support[inside] ** -law['tau']
         fitted[inside] = law['fitted'] * weight[::-1].cumsum()[::-1] / weight.sum()
     columns = {'area_blocks': support, 'cascades_at_least': reached, 'fit': fitted}
+    if 'from_rest_to_rest' in law:
+        columns['from_rest_to_rest'] = np.array(law['from_rest_to_rest']['at_least'])
 
     def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
         some = c['cascades_at_least'] > 0
@@ -154,6 +156,12 @@ def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
             axes.loglog(c['area_blocks'], c['fit'], style, color=ORANGE, label=words)
         else:
             axes.plot([], [], ' ', label=law['why'])
+        if 'from_rest_to_rest' in c:
+            other = c['from_rest_to_rest'] > 0
+            axes.loglog(
+                c['area_blocks'][other], c['from_rest_to_rest'][other], 'x', color=GREEN,
+                label='from rest to rest of the table',
+            )  # fmt: skip
         axes.axvline(N_BLOCKS, color=GREY, linestyle=':', label='A ≤ 25: all blocks')
         axes.set(xlabel='area A (blocks)', ylabel='cascades of area ≥ A')
         axes.set_xticks([1, 2, 5, 10, N_BLOCKS], labels=['1', '2', '5', '10', str(N_BLOCKS)])

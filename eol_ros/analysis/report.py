@@ -15,9 +15,10 @@ from eol_ros.analysis import catalogue_file, exposure, figures, light, series
 from eol_ros.analysis.bag import Bag, Table, seconds
 from eol_ros.analysis.retrack import Retracked
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.science import alternatives, catalogue, powerlaw
+from eol_ros.core.science import alternatives, catalogue, powerlaw, quiescent
 from eol_ros.core.science.one_over_f import Answer
 from eol_ros.errors import ConfigError
+from eol_ros.settings import TwinSettings
 from eol_ros.streams import felt
 from eol_ros.streams.slips import START, STOP
 
@@ -32,10 +33,12 @@ SOUNDS_WITHIN_S = 0.25  # a slip that has not sounded by then does not sound
 ONSET_S = 0.02  # by which a knock may come before the onset that images tell
 
 
-def numbers(bag: Bag, answers: list[Answer] | None = None) -> dict[str, Any]:
+def numbers(
+    bag: Bag, answers: list[Answer] | None = None, measured: TwinSettings | None = None
+) -> dict[str, Any]:
     """Return the figures of a bag as plain data: counts, losses, latencies, laws.
 
-    answers: what was found of its series (`spectra`).
+    answers: what was found of its series (`spectra`). measured: see `catalogue_file.of`.
     """
     found: dict[str, Any] = {
         'bag': str(bag.path),
@@ -62,7 +65,12 @@ def numbers(bag: Bag, answers: list[Answer] | None = None) -> dict[str, Any]:
         found['felt_slips'] = _felt(felt_slips['kind'], bag.duration_s)
     if cascades is not None:
         found['cascades'] = law(cascades['area']) | {'median_size': _median(cascades['size'])}
+        if slips is not None:
+            found['cascades']['from_rest_to_rest'] = rest_to_rest(stops)
         found['catalogue'] = catalogue_of(bag, cascades)
+        rows = catalogue_file.of(bag, cascades, measured)
+        made = measured or catalogue_file.constants(bag)
+        found['catalogue']['energy'] = {'sentence': catalogue_file.energy_sentence(rows, made)}
     flashing = light.ask(bag)
     if flashing is not None:
         found['light'] = flashing
@@ -128,6 +136,21 @@ def law(areas: np.ndarray) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def rest_to_rest(stops: Table) -> dict[str, Any]:
+    """Return the law of the same slips, cut where the whole table rests: another definition.
+
+    stops: STOP rows of `slips`. `at_least`: how many cascades have areas of 1 to 25 at least.
+    """
+    begin_ns = stops['onset'].astype('i8')
+    end_ns = begin_ns + (1e9 * stops['duration']).astype('i8')
+    areas = quiescent.joined(begin_ns, end_ns, stops['block'])
+    found = law(areas)
+    at_least = [int((areas >= a).sum()) for a in range(1, N_BLOCKS + 1)]
+    said = found['sentence'] if 'why' in found else f'{len(areas)} cascades: {found["sentence"]}'
+    said = f'the same slips from rest to rest of the whole table: {said}'
+    return found | {'at_least': at_least, 'sentence': said}
+
+
 def catalogue_of(bag: Bag, cascades: Table) -> dict[str, Any]:
     """Return exposure, magnitudes, waiting times and aftershocks, each as a sentence with figures.
 
@@ -146,6 +169,12 @@ def catalogue_of(bag: Bag, cascades: Table) -> dict[str, Any]:
         ('magnitudes', lambda: catalogue.magnitude_law(magnitudes, np.random.default_rng(1))),
         ('waiting', lambda: catalogue.waiting(onsets_s, np.random.default_rng(1))),
         ('aftershocks', lambda: catalogue.omori(onsets_s, areas, bag.duration_s)),
+        (
+            'productivity',
+            lambda: catalogue.productivity(
+                onsets_s, areas, bag.duration_s, np.random.default_rng(1)
+            ),
+        ),
     ):
         try:
             answer = ask()
@@ -168,6 +197,7 @@ def write(
     out: Path,
     retracked: Retracked | None = None,
     track: Callable[..., Any] | None = None,
+    measured: TwinSettings | None = None,
 ) -> dict[str, Any]:
     """Write report.html, the catalogue, each figure as SVG, PDF and CSV into `out`; return numbers.
 
@@ -181,7 +211,7 @@ def write(
     bag.keep(KEPT, {'blocks': (energy.fields, energy.add)}, exposure.topic_of(bag))
     asked = spectra(bag, energy.series())
     answers = list(_tracked(asked, 'asking for 1/f', track, len(series.NAMES)))
-    found = numbers(bag, answers)
+    found = numbers(bag, answers, measured)
     if retracked is not None:
         found['retracked'] = {
             'equal': retracked.equal, 'verdict': retracked.verdict, 'words': retracked.words(),
@@ -199,7 +229,7 @@ def write(
         drawn.append((job.title, job.draw(out)))
     if cascades is not None:
         origin = {'bags': [str(bag.path)], 'recorded_with': bag.about.get('versions', 'not known')}
-        catalogue_file.write(out, catalogue_file.of(bag, cascades), origin)
+        catalogue_file.write(out, catalogue_file.of(bag, cascades, measured), origin)
     bag.release()
     (out / 'report.html').write_text(_page(bag, found, drawn), encoding='utf-8')
     (out / 'report.json').write_text(json.dumps(found, indent=2) + '\n', encoding='utf-8')
@@ -252,7 +282,7 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
         return {}
     starts = slips[slips['kind'] == START]
     onset_s = seconds(starts['onset'])
-    found = {'slips': seconds(starts['log_time']) - onset_s}
+    found = {'slips': seconds(starts['publish_time']) - onset_s}
     light = _first_packets(bag)
     if light is not None and len(light):
         order = np.argsort(light['stamp'])
@@ -266,10 +296,10 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
     knocks = _table(bag, 'felt_slips')
     if knocks is not None:
         knocks = knocks[knocks['kind'] == felt.PROVISIONAL]
-        found['felt_slips'] = seconds(knocks['log_time']) - seconds(knocks['onset'])
+        found['felt_slips'] = seconds(knocks['publish_time']) - seconds(knocks['onset'])
     due = [
         (table['block'], seconds(table['stamp']) + early_s,
-         np.maximum(seconds(table['stamp']) + latency_s, seconds(table['log_time'])))
+         np.maximum(seconds(table['stamp']) + latency_s, seconds(table['publish_time'])))
         for topic, setting, early_s in (
             ('grain_triggers', 'latency_s', 0.0), ('felt_triggers', 'felt_latency_s', ONSET_S),
         )
@@ -396,7 +426,8 @@ def _said_of_cascades(found: dict[str, Any]) -> list[str]:
         whole = f'{c["why"]}; the largest had {c["largest"]} blocks'
     else:
         whole = f'{c["count"]} cascades, up to {c["largest"]} blocks: {c["sentence"]}'
-    return [whole, *(part['sentence'] for part in found['catalogue'].values())]
+    other = [c['from_rest_to_rest']['sentence']] if 'from_rest_to_rest' in c else []
+    return [whole, *other, *(part['sentence'] for part in found['catalogue'].values())]
 
 
 def paragraphs(title: str, said: list[str], last: str = '') -> str:

@@ -102,4 +102,5 @@ def _bank(table: Table, sample_rate: int) -> Bank:
     row = next(corpus.RECORD.each(table))
     files, file, start, duration = corpus.to_core(row)
     here = [str(of_this_machine(path)) for path in files]
-    return load_bank(here, file, start, duration, sample_rate, corpus.places(row))
+    places, told = corpus.places(row), corpus.values(row)
+    return load_bank(here, file, start, duration, sample_rate, places, told)

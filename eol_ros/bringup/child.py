@@ -13,8 +13,8 @@ from typing import Any
 from eol_ros.bringup import priority, processor
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import STARVED, Look, Policy, Silence
+from eol_ros.ros.inherited import AGAIN, HEALTH_FD, KEPT
 
-KEPT = 'EOL_KEPT'
 _PR_SET_PDEATHSIG = 1
 _LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', '[DEBUG]')
 _INSIDE = (' ', 'Thread 0x', 'Current thread 0x', 'Extension modules:')  # of a traceback
@@ -50,8 +50,8 @@ class Child:
         self._rest = {'health': b'', 'output': b''}
         self._in_traceback = False
 
-    def start(self, now_s: float) -> None:
-        """Start it."""
+    def start(self, now_s: float, again: bool = False) -> None:
+        """Start it; `again` while the others run."""
         health_out, health_in = os.pipe()
         output_out, output_in = os.pipe()
         for fd in (health_in, output_in):  # while we are away it does not wait for us to read
@@ -59,8 +59,9 @@ class Child:
         environment = {
             **os.environ,
             **self.process.environment,
-            'EOL_HEALTH_FD': str(health_in),
+            HEALTH_FD: str(health_in),
             KEPT: json.dumps(self.kept),
+            **({AGAIN: '1'} if again else {}),
             'PYTHONUNBUFFERED': '1',  # so print() drops what does not fit; else it would raise
         }
         parent = os.getpid()
@@ -106,7 +107,7 @@ class Child:
         if self.popen is not None and self.process.nice:
             priority.step_back(self.popen.pid, self.process.nice)
         if self.popen is not None and self.process.real_time:
-            allowed = priority.step_ahead(self.popen.pid)
+            allowed = priority.step_ahead(self.popen.pid, self.process.real_time)
         self.settled = True
         return allowed
 

@@ -18,11 +18,11 @@ from eol_ros.devices.bag.disk import DISK, Disk
 from eol_ros.errors import ConfigError
 from eol_ros.scene import Scene, check_value, plain, public
 from eol_ros.settings import live_fields
+from eol_ros.streams.requests import LEARNT
 
 Kept = dict[str, dict[str, Any]]  # by node
 FLAGS = ('asleep', 'muted')
 HEEDED = 'heeded_s'  # the time of opening or closing that the work was asked for
-LEARNT = 'yaw_offsets'  # of the blocks, as text; the tracker proves it
 
 
 class Memory:
@@ -88,8 +88,9 @@ class Memory:
         found: dict[str, Any] = {flag: True for flag in FLAGS if kept.get(flag) is True}
         if type(kept.get(HEEDED)) in (int, float):
             found[HEEDED] = kept[HEEDED]
-        if isinstance(kept.get(LEARNT), str):
-            found[LEARNT] = kept[LEARNT]
+        for learnt in LEARNT:  # as text; the tracker proves it
+            if isinstance(kept.get(learnt), str):
+                found[learnt] = kept[learnt]
         kind = type(self._scene.nodes[node])
         fields = {f: kind.__dataclass_fields__[f] for f in live_fields(kind)}
         settings = {}

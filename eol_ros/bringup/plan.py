@@ -37,7 +37,7 @@ class Process:
     command: tuple[str, ...]
     environment: dict[str, str]
     nice: int = 0
-    real_time: bool = False
+    real_time: int = 0  # priority; 0: none
     files: tuple[int, ...] = ()  # descriptors that it inherits
 
     @property
@@ -105,7 +105,7 @@ def processes(
         command = (sys.executable, '-m', 'eol_ros.nodes', *nodes, '--scene', str(file))
         command += tuple(_ros_args(scene, sim_time, nodes))
         nice = min(NODES[node].nice for node in nodes)
-        real_time = scene.real_time and any(NODES[node].real_time for node in nodes)
+        real_time = max(NODES[node].real_time for node in nodes) if scene.real_time else 0
         found.append(Process(tuple(nodes), command, environment, nice, real_time, tuple(inherit)))
     return found
 

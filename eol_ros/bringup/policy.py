@@ -17,7 +17,9 @@ SILENT_S = 5.0  # no heartbeat for this long, though it could have run: hung
 STARVED_S = 60.0  # nor for this long, whatever it waited for
 START_S = 180.0  # the first heartbeat may take this long: without a cache a node compiles itself
 START_STARVED_S = 600.0
-UNFED_S = 15.0  # for so long a node may get nothing of what another node gives
+UNFED_S = 4.0  # for so long a node may get nothing of what another node gives
+UNFED_FIRST_S = 15.0  # before all have been well for the first time
+UNFED_MOST_S = 60.0  # and twice as long each time, if that did not help
 QUIET_S = 1.5  # a heartbeat is late: from here on it is looked what the process does
 LOOK_S = 0.5  # how often
 PAUSE_S = 0.5  # bringup looks ten times a second: of a longer gap it was away for the rest itself
@@ -133,22 +135,32 @@ class Unfed:
     """A node that lives and gets nothing, though the one before it gives: DDS has lost the two.
 
     It was seen once in some seventy kills on a busy machine, for minutes; a new process is found.
+    Where it is the machine that is slow, a new process would be no sooner: each time it is given
+    longer, until it has been well for a minute.
     """
 
     since_s: float | None = None
     looked_s: float = 0.0
+    patience_s: float = field(default_factory=lambda: UNFED_S)
+    judged_s: float = 0.0
 
-    def look(self, now_s: float, gets: float, given: float) -> bool:
-        """Tell whether it has lasted too long; rates in 1/s, looked at several times a second."""
+    def look(self, now_s: float, gets: float, given: float, starting: bool = False) -> bool:
+        """Tell whether it has lasted too long; rates in 1/s, looked at several times a second.
+
+        starting: all start at the same time, and DDS and the processors are busy with that.
+        """
         away, self.looked_s = now_s - self.looked_s > PAUSE_S, now_s
         if gets > 0.0 or given < 1.0 or away:
             self.since_s = None
+            if gets > 0.0 and now_s - self.judged_s > HEALTHY_S:
+                self.patience_s = UNFED_S
             return False
         if self.since_s is None:
             self.since_s = now_s
-        if now_s - self.since_s < UNFED_S:
+        if now_s - self.since_s < max(self.patience_s, UNFED_FIRST_S if starting else 0.0):
             return False
-        self.since_s = None
+        self.since_s, self.judged_s = None, now_s
+        self.patience_s = min(2 * self.patience_s, UNFED_MOST_S)
         return True
 
 

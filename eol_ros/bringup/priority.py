@@ -2,8 +2,10 @@
 """Who goes first where all want the two cores in the same millisecond: the kernel's side of it.
 
 An image wakes six processes at once. Those between a camera and what people see and hear get
-real-time priority (SCHED_RR, the lowest), so that they run when their message is there; those that
-nobody waits for step back. Both are set when all is up: a start is work for everybody alike.
+real-time priority (SCHED_RR, 1 or 2 of 99: below every sound server), so that they run when their
+message is there; those that nobody waits for step back. Both are set when all is up: a start is
+work for everybody alike. A thread of the same level is not put aside for another: what works for
+milliseconds on each image has the lower one, or a knock would wait for it.
 """
 
 import contextlib
@@ -12,7 +14,6 @@ from pathlib import Path
 
 from eol_ros.devices.carrier_thread import PREFIX
 
-REAL_TIME = 1  # of 99: below every sound server
 CARRIERS = ('dds.', PREFIX)  # what Fast DDS calls its threads, and we those that carry
 
 
@@ -30,22 +31,28 @@ def step_back(pid: int, nice: int) -> None:
         (proc / 'autogroup').write_text(str(nice))
 
 
-def step_ahead(pid: int) -> bool:
+def step_ahead(pid: int, level: int, main: bool = True) -> bool:
     """Give real-time priority to what carries messages in `pid`; return whether we may.
 
-    That is the main thread, where every callback runs, the threads of DDS, and those that carry
+    It is `level`, or the highest below it that we may.
+
+    That is the `main` thread, where every callback runs, the threads of DDS, and those that carry
     images and knocks; what loads files, compiles or records stays with everybody else, and so does
     whatever these start.
     """
-    parameter = os.sched_param(REAL_TIME)
     with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # it, or a thread, has ended
         for task in Path('/proc', str(pid), 'task').iterdir():
             name = (task / 'comm').read_text()
-            if int(task.name) == pid or name.startswith(CARRIERS):
-                try:
-                    os.sched_setscheduler(
-                        int(task.name), os.SCHED_RR | os.SCHED_RESET_ON_FORK, parameter
-                    )
-                except PermissionError:
-                    return False
+            carries = name.startswith(CARRIERS) or (main and int(task.name) == pid)
+            if carries and not _step_ahead(int(task.name), level):
+                return False
     return True
+
+
+def _step_ahead(thread: int, level: int) -> bool:
+    for given in range(level, 0, -1):
+        with contextlib.suppress(PermissionError):
+            policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
+            os.sched_setscheduler(thread, policy, os.sched_param(given))
+            return True
+    return False

@@ -76,7 +76,7 @@ class Supervisor:
         self._told: dict[str, tuple[int, str]] = {}
         self._began_s = self._clock()
         self.all_ok_s: float | None = None  # seconds from the start to all ok
-        self.real_time = any(process.real_time for process in processes)
+        self.real_time = any(process.real_time > 0 for process in processes)
         self._told_priority = False
         self._unfed = {name: Unfed() for name in FED_BY}
         self._told_slow: list[Child] = []  # whom to wait for at the end
@@ -268,7 +268,7 @@ class Supervisor:
             elif child.alive() and (verdict := child.look(now)) != FINE:
                 self._end_hung(child, now) if verdict == HUNG else self._leave(child)
             elif child.popen is None and child.start_at_s is not None and now >= child.start_at_s:
-                child.start(now)
+                child.start(now, any(one.settled and one.alive() for one in self.children))
             elif self.all_ok_s is not None and not child.settled and child.well():
                 self._settle(child)
         self._feed(now)
@@ -323,7 +323,8 @@ class Supervisor:
                 continue
             (row, child), given = rows[name], max(rows[s][0].get('rate', 0.0) for s in well)
             judged = child.alive() and child.policy.beat_s is not None and not child.starved
-            if self._unfed[name].look(now, row.get('rate', 1.0) if judged else 1.0, given):
+            gets = row.get('rate', 1.0) if judged else 1.0
+            if self._unfed[name].look(now, gets, given, self.all_ok_s is None):
                 self._note(
                     f'{name} gets nothing of the {given:.0f} a second that {well[0]} gives: it is '
                     'started again'

@@ -20,8 +20,10 @@ import llvmlite.binding as llvm
 import numba
 from numba import types
 from numba.core import environment, sigutils
-from numba.core.caching import FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.ccallback import CFunc
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, compile_result
 from numba.core.runtime import rtsys
 
 
@@ -35,15 +37,18 @@ def njit(
     """Return `function` compiled as by `numba.njit`; with `cache` it is loaded as told above.
 
     `inner`: only other compiled functions call it. It then gets no entry for Python, which takes
-    each array of its arguments apart and can be more to compile than the function itself.
+    each array of its arguments apart and can be more to compile than the function itself, and no
+    machine code but in what calls it.
     """
     if function is None:
         return lambda function: njit(function, cache=cache, inner=inner, **options)
     options |= {'no_cpython_wrapper': inner, 'no_cfunc_wrapper': True}
+    if inner:
+        options['pipeline_class'] = _InnerCompiler
     compiled = numba.njit(**options)(function)
     compiled.get_call_template = functools.partial(_without_literals, compiled.get_call_template)
     if cache:
-        compiled._cache = _Cache(function)
+        compiled._cache = _InnerCache(function) if inner else _Cache(function)
     if inner:  # numba would call an entry that is not there
         compiled.add_overload = functools.partial(_add_inner, compiled)
         compiled._compile_for_args = functools.partial(_refuse, function)
@@ -66,6 +71,53 @@ def _without_literals(template: Callable[..., Any], args: Any, kws: Any) -> Any:
     """
     kws = {name: types.unliteral(kind) for name, kind in kws.items()}
     return template(tuple(types.unliteral(kind) for kind in args), kws)
+
+
+_INNER = 'intermediate code'
+
+
+class _InnerLibrary(JITCodeLibrary):
+    """Intermediate code of a function that only others call: optimised as part of these, once.
+
+    numba would optimise each function with all that it calls, and make machine code of them that
+    nobody runs.
+    """
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        self._ensure_finalized()
+        return self.name, _INNER, self._get_module_for_linking().as_bitcode()
+
+    def get_pointer_to_function(self, name: str) -> int:
+        return 0
+
+    @property
+    def codegen(self) -> Any:
+        return _NO_ENVIRONMENTS
+
+
+class _NoEnvironments:
+    """What has no machine code has no variables to point to what it was compiled from."""
+
+    def set_env(self, env_name: str, env: Any) -> None:
+        pass
+
+
+_NO_ENVIRONMENTS = _NoEnvironments()
+
+
+class _InnerCompiler(Compiler):
+    def compile_extra(self, func: Callable[..., Any]) -> Any:
+        codegen = self.state.targetctx.codegen()
+        self.state.library = _InnerLibrary(codegen, func.__qualname__)
+        return super().compile_extra(func)
 
 
 def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -106,6 +158,37 @@ class _Cache(FunctionCache):
             return library._shared_module
 
         library._get_module_for_linking = read_again
+
+
+class _InnerCacheImpl(CompileResultCacheImpl):
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        (name, kind, bitcode), fndesc, env, signature, *_rest = payload
+        if kind != _INNER:  # machine code of an earlier version
+            return None
+        library = _InnerLibrary(target_context.codegen(), name)
+        library._final_module = llvm.parse_bitcode(bitcode)
+        library._finalize_final_module()
+        return compile_result(
+            target_context=target_context,
+            typing_context=target_context.typing_context,
+            library=library,
+            environment=env,
+            entry_point=target_context.get_executable(library, fndesc, env),
+            fndesc=fndesc,
+            signature=signature,
+            objectmode=False,
+            lifted=(),
+            reload_init=(),
+            referenced_envs=(),
+        )
+
+
+class _InnerCache(_Cache):
+    # numba declares it as None
+    _impl_class = _InnerCacheImpl  # type: ignore[assignment]
+
+    def _leave_bitcode(self, library: Any, sig: Any, target_context: Any) -> None:
+        pass
 
 
 @contextmanager

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two inner loops that keep their sums in vector registers; rows of the arrays are lanes abreast.
+"""Inner loops that keep their sums in vector registers; rows of the arrays are lanes abreast.
 
 LLVM makes vectors of a loop over lanes, but then each term passes through memory: the sums of eight
 lanes stay in registers only if the loop over the terms is the inner one. That is what these say, in
@@ -20,7 +20,7 @@ _VECTOR = ir.VectorType(_F64, WIDTH)
 
 
 class _Code:
-    """What both loops are written with."""
+    """What the loops are written with."""
 
     def __init__(self, context: Any, builder: Any, signature: Any, values: Any) -> None:
         self.builder = builder
@@ -132,5 +132,39 @@ def _direction_sums(typing: Any, k: Any, x: Any, y: Any, square: Any, inverse: A
     return types.void(k, x, y, square, inverse, out), generate
 
 
+def _lane_response(parts: int) -> Any:
+    def lane_response(typing: Any, out: Any, table: Any, terms: Any, count: Any):
+        """Write out[r, q] = sum of table[r count + e, q] terms[e, q] over e < count, r < count.
+
+        With two parts, once more for the `count` rows after those, by the same table.
+        """
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            code = _Code(context, builder, signature, values)
+            count, zero = values[3], ir.Constant(_VECTOR, [0.0] * WIDTH)
+            sums, shifts = code.sums(parts), (code.constant(0), count)
+            with (
+                code.loop(code.constant(0), count) as (r, _),
+                code.loop(code.constant(0), code.columns(0), WIDTH) as (q, _),
+            ):
+                for total in sums:
+                    builder.store(zero, total)
+                row = builder.mul(r, count)
+                with code.loop(code.constant(0), count) as (e, _):
+                    share = code.load(1, builder.add(row, e), q)
+                    for total, shift in zip(sums, shifts, strict=False):
+                        term = code.load(2, builder.add(e, shift), q)
+                        builder.store(code.fma(share, term, builder.load(total)), total)
+                for total, shift in zip(sums, shifts, strict=False):
+                    code.store(builder.load(total), 0, builder.add(r, shift), q)
+            return context.get_dummy_value()
+
+        return types.void(out, table, terms, count), generate
+
+    return lane_response
+
+
 lane_product: Any = intrinsic(_lane_product)
+lane_response: Any = intrinsic(_lane_response(1))
+lane_responses: Any = intrinsic(_lane_response(2))
 direction_sums: Any = intrinsic(_direction_sums)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publishes the corpus, and a trigger for every grain that a moving block touches."""
 
+import json
 import sys
 
 from eol_msgs.msg import Corpus as CorpusMessage
@@ -62,7 +63,8 @@ class GrainsNode(EolNode):
             self.corpora.publish(self.message(self.corpus))
 
     def tell_settings(self, new) -> None:
-        told = {'radius': new.radius, 'blend': new.blend}  # sliders of the panel
+        told = {'radius': new.radius, 'blend': new.blend, 'mode': new.mode}  # for the panel
+        told |= {name: json.dumps(getattr(new, name)) for name in ('weights', 'regions')}
         if not told.items() <= self.health.values.items():
             self.health.values.update(told)
             self.health.report()

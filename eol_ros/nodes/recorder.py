@@ -30,6 +30,7 @@ PREVIEW, MARKERS = 'camera/image_raw/compressed', 'markers'
 COUNTERS = {'blocks': 'image', 'grain_triggers': 'sequence'}  # fields that count up by one
 RHYTHM = (IMAGES, 'blocks', 'truth')  # topics with a message for every image
 READER_DEPTH = 600  # small messages of ten seconds: nobody waits for a recorder without a processor
+LATEST_NS = 10_000_000_000  # as late as a reader of READER_DEPTH may be
 EARLY = 1000  # messages kept until a replay tells its time
 DROPS_TOLD_S = 20.0  # after the last; the count stays in the values and in the bag
 
@@ -44,13 +45,14 @@ class RecorderNode(EolNode):
         self.described = {t: BagTopic(self.resolve_topic_name(t), **describe(t)) for t in topics}
         self.recording = self.begin()
         self.latched: dict[str, Item] = {}  # what holds from one round of a replay to the next
-        self._log_ns = 0
+        self._begun_ns = 0  # no message of this bag came before
+        self._logged: dict[str, int] = {}  # topic: when its last message was received
         self._early: deque[Item] = deque(maxlen=EARLY)  # came before there was a time to give it
         self.losses: dict[str, MessageLoss] = {}
         for topic, bag_topic in self.described.items():
             depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None
             callback = self._callback(topic, bag_topic)
-            subscription = self.subscribe(topic, callback, raw=True, depth=depth)
+            subscription = self.subscribe(topic, callback, raw=True, depth=depth, with_times=True)
             self.losses[bag_topic.name] = MessageLoss(self, subscription, bag_topic.name)
         self._last = self._dropped = 0
         self._dropped_s = 0.0
@@ -86,13 +88,15 @@ class RecorderNode(EolNode):
         ended = self.recording
         ended.time_jump_s = round(jump_ns * 1e-9, 3)
         self._begin_again(ended.folder.name if ended.folder else '')
+        self._begun_ns = self.now_ns()
 
     def _begin_again(self, continues: str = '') -> None:
         self._count_losses()
         self.recording.close()
-        self.recording, self._last, self._dropped, self._log_ns = self.begin(continues), 0, 0, 0
+        self.recording, self._last, self._dropped = self.begin(continues), 0, 0
+        self._begun_ns, self._logged, now_ns = 0, {}, time.time_ns()
         for item in self.latched.values():
-            self._keep(item)
+            self._keep(item, now_ns, now_ns)
 
     def _wanted(self, topic: str) -> bool:
         """What exists only because somebody subscribes is recorded only where asked for."""
@@ -108,16 +112,16 @@ class RecorderNode(EolNode):
         if topic in COUNTERS:
             sequence = counter(bag_topic.type, bag_topic.definition, COUNTERS[topic])
 
-        def keep(raw: bytes) -> None:
+        def keep(raw: bytes, received_ns: int, sent_ns: int) -> None:
             if topic == '/diagnostics' and self._of_another_graph(raw):
                 return
             item = Item(name, raw, 0, 0, sequence(raw) if sequence else 0)
             if latched:
                 self.latched[name] = item
-            now_ns = self._keep(item)
+            log_ns = self._keep(item, received_ns, sent_ns)
             if topic == 'slips':
                 slip = deserialize_message(raw, Slip)
-                self.recording.slip(Slipping(slip.slip, slip.kind == Slip.START, now_ns))
+                self.recording.slip(Slipping(slip.slip, slip.kind == Slip.START, log_ns))
 
         return keep
 
@@ -127,19 +131,29 @@ class RecorderNode(EolNode):
         named = [node_of(row.name) for row in rows]
         return any(node and namespace != self.namespace for node, namespace in named)
 
-    def _keep(self, item: Item) -> int:
-        """Hand `item` over as of now; return when that is. Bags of a replay are in its time."""
+    def _keep(self, item: Item, received_ns: int, sent_ns: int) -> int:
+        """Hand `item` over; return when it was received. Bags of a replay are in its time.
+
+        `received_ns` and `sent_ns` are DDS's, for this node may be late without anybody's harm.
+        Where they cannot be, the clock having been set, it is now.
+        """
         now_ns = self.now_ns()
         if not now_ns:
             self._early.append(item)
             return 0
         self.stamped(now_ns)
-        # It may step back a little: a clock that is set, or what is known of the time of a replay.
-        now_ns = self._log_ns = max(now_ns, self._log_ns + 1)
+        log_ns = self._believed(self.recorded_ns(received_ns), now_ns)
+        # What is known of the time of a replay may step back a little, and so may a clock.
+        log_ns = self._logged[item.topic] = max(log_ns, self._logged.get(item.topic, 0) + 1)
+        publish_ns = min(self._believed(self.recorded_ns(sent_ns), log_ns), log_ns)
         while self._early:
-            self.recording.take(self._early.popleft()._replace(log_ns=now_ns, publish_ns=now_ns))
-        self.recording.take(item._replace(log_ns=now_ns, publish_ns=now_ns))
-        return now_ns
+            self.recording.take(self._early.popleft()._replace(log_ns=log_ns, publish_ns=log_ns))
+        self.recording.take(item._replace(log_ns=log_ns, publish_ns=publish_ns))
+        return log_ns
+
+    def _believed(self, at_ns: int, by_ns: int) -> int:
+        """Return `at_ns` where it is one of the last moments before `by_ns`, else that."""
+        return at_ns if max(self._begun_ns, by_ns - LATEST_NS) <= at_ns <= by_ns else by_ns
 
     def _count_losses(self, last: bool = False) -> None:
         for name, loss in self.losses.items():

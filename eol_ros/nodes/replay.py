@@ -16,6 +16,7 @@ from rosgraph_msgs.msg import Clock
 from eol_ros.devices.bag.player import BagPlayer, choose, complete
 from eol_ros.devices.bag.reader import BagMessage, BagReader
 from eol_ros.devices.bag.requests import CONTROL, heeded
+from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.errors import ConfigError
 from eol_ros.ros.definitions import type_hash
 from eol_ros.ros.node import EolNode
@@ -68,7 +69,10 @@ class ReplayNode(EolNode):
             self.clock = self.create_publisher(Clock, CLOCK, CLOCK_QOS)
             self.create_timer(1 / s.clock_hz, self.tick)
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._play, name='replay', daemon=True)
+        if s.fast or s.rate > 1:  # it must not keep readers from what they are given
+            self._thread = threading.Thread(target=self._play, name='replay', daemon=True)
+        else:
+            self._thread = carrier_thread('replay', self._play)
         self._thread.start()
         self.create_timer(0.2, self.tell)
 

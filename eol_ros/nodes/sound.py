@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays grain triggers as sound, and publishes a meter that shows it."""
 
+import functools
 import sys
 import time
 from pathlib import Path
@@ -14,7 +15,7 @@ from eol_ros.core.sound.mixer import AHEAD_S
 from eol_ros.core.sound.ring import output_names
 from eol_ros.core.sound.senses import FirstSense
 from eol_ros.core.sound.triggers import TRIGGER
-from eol_ros.core.sound.voicing import Voicing, new_mixer, wets
+from eol_ros.core.sound.voicing import Voicing, new_mixer, set_room
 from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.soundcard import Player
 from eol_ros.errors import EolError
@@ -28,6 +29,7 @@ from eol_ros.streams.requests import Asked
 from eol_ros.streams.said import clauses, said
 
 COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
+FILTER = ('filter', 'filter_hz', 'filter_q', 'filter_by', 'filter_octaves')
 FADES = ('mute', 'unmute', 'sleep', 'wake')
 TEST_IN_S = 0.1
 TEST_PATIENCE_S = 4.0  # a test whose channels come no further has failed
@@ -43,11 +45,15 @@ class SoundNode(EolNode):
         self.epoch_ns = now_ns() // NS * NS
         self.mixer, self.voicing = new_mixer(s, self.epoch_ns // NS), Voicing(s)
         self.on_settings(s)
-        self.osc = None
+        self.osc = self.midi = None
         if s.osc_out or s.osc_in:  # python-osc only then
             from eol_ros.nodes.sound_osc import Osc
 
-            self.osc = Osc(self)
+            self.osc = Osc(self, self.instrument)
+        if s.midi:  # python-rtmidi only then
+            from eol_ros.nodes.sound_midi import Midi
+
+            self.midi = Midi(self, self.instrument)
         self.meter, self.banks = Meter(self.mixer), BankLoader(s.sample_rate)
         folder = Path(self.scene.settings('recorder').folder)
         wav = s.wav or folder / time.strftime('sound-%Y%m%d-%H%M%S.wav')
@@ -72,17 +78,53 @@ class SoundNode(EolNode):
             quiet=self.asleep or self.muted,
         )
         self.create_timer(1 / s.meter_hz, self.on_timer)
+        self.create_timer(1.0, self.tell_instrument)
         self.subscribe('corpus', self.on_corpus)
         self.by_hand = self.publisher('grain_triggers')  # those that people ask for
         fade = dict.fromkeys(FADES, self.on_fade)
-        self.requests.serve(play_grain=self.on_play_grain, test=self.on_test, **fade)
+        self.requests.serve(
+            play_grain=self.on_play_grain,
+            test=self.on_test,
+            save_preset=self.on_save_preset,
+            recall_preset=self.on_recall_preset,
+            morph_presets=self.on_morph_presets,
+            **fade,
+        )
         self.subscribe('grain_triggers', self.on_trigger)
         self.subscribe('felt_triggers', self.on_felt)
 
+    @functools.cached_property
+    def instrument(self):
+        """What plays the settings of grains and sound; made for the first who does."""
+        from eol_ros.nodes.sound_control import Instrument
+
+        return Instrument(self)
+
+    def tell_instrument(self) -> None:
+        """Tell the panel which presets there are, and how grains are filtered."""
+        from eol_ros.ros import presets
+
+        told = {name: getattr(self.settings, name) for name in FILTER}
+        self.health.values.update(told, presets=' '.join(presets.names(presets.folder())))
+
+    def on_save_preset(self, asked: Asked) -> object:
+        self.instrument.save(
+            asked.values['preset'],
+            lambda words: self.requests.answer(asked, True, words),
+            lambda words: self.requests.answer(asked, False, words),
+        )
+        return LATER
+
+    def on_recall_preset(self, asked: Asked) -> None:
+        self.instrument.recall(asked.values['preset'], asked.values['over_s'])
+
+    def on_morph_presets(self, asked: Asked) -> None:
+        v = asked.values
+        self.instrument.morph(v['from'], v['to'], v['share'])
+
     def on_settings(self, new) -> None:
         self.voicing.settings = new
-        if new.room_s:
-            self.mixer.set_wets(wets(new))
+        set_room(self.mixer, new)
         cubic = new.interpolation == 'cubic'
         self.mixer.set(cubic, new.gain_db, new.loudness_lufs, new.governor_db)
         # Whole frames: the grains then start as far apart as without it, as `eol render` has them.
@@ -94,7 +136,8 @@ class SoundNode(EolNode):
         if self.osc:
             self.osc.corpus(message, from_ns)
         grains, places = corpus.to_core(message), corpus.places(message)
-        if self.banks.ask(message.digest, from_ns, *grains, places=places):
+        told = corpus.values(message)
+        if self.banks.ask(message.digest, from_ns, *grains, places=places, descriptors=told):
             self.trouble = f'loading {message.name}'
 
     def on_fade(self, asked: Asked) -> None:
@@ -223,8 +266,9 @@ class SoundNode(EolNode):
             raise EolError(f'{text}: only a new process gets it back')
 
     def close(self) -> None:
-        if self.osc:
-            self.osc.close()
+        for end in (self.osc, self.midi):
+            if end:
+                end.close()
         self.banks.close()
         self.player.close(self.settings.fade_out_s)
 

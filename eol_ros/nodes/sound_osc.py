@@ -9,32 +9,29 @@ In: /eol/set/NAME VALUE for any live setting of the node, such as /eol/set/gain_
 In place of `eol` stands the namespace of the graph.
 """
 
-import dataclasses
 from collections import deque
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from rclpy.parameter import Parameter
 
 from eol_ros.devices.audio.osc import OscIn, OscOut
-from eol_ros.settings import live_fields
-from eol_ros.streams.corpus import places
-from eol_ros.streams.graph import NODES, full_name
-from eol_ros.streams.requests import SET, Asked
+from eol_ros.errors import ConfigError
+from eol_ros.nodes.sound_control import Instrument
+from eol_ros.streams import corpus as corpora
+from eol_ros.streams.graph import full_name
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
 
 PERIOD_S = 0.02
-SET_BY_OSC = ('grains', 'sound')
 
 
 class Osc:
     """Speaks OSC for `node` as its settings `osc_out` and `osc_in` say."""
 
-    def __init__(self, node: 'EolNode'):
+    def __init__(self, node: 'EolNode', instrument: Instrument):
         s = node.settings
-        self._node = node
+        self._node, self._instrument = node, instrument
         self._grain, self._slipped, self._set, self._names = (
             full_name(name, node.namespace) for name in ('grain', 'slip', 'set/', 'descriptors')
         )
@@ -51,12 +48,12 @@ class Osc:
         """Take the grains that triggers from a stamp on name."""
         if self._out is None:
             return
-        names = list(message.descriptors)
-        values = np.array(message.values, float).reshape(-1, len(names) or 1)
-        at = places(message)
-        if len(values) == len(at):
-            self._corpora.append((from_ns, np.hstack([at, values])))
-            self._out.send(self._names, *names)
+        told = corpora.values(message)
+        if len(told) == len(message.descriptors):
+            self._corpora.append(
+                (from_ns, np.stack([*corpora.places(message).T, *told.values()], axis=1))
+            )
+            self._out.send(self._names, *told)
 
     def trigger(self, message, stamp_ns: int) -> None:
         """Send one grain trigger."""
@@ -83,34 +80,10 @@ class Osc:
     def _settings(self) -> None:
         assert self.input is not None  # there is a timer only then
         for address, *values in self.input.take():
-            log = self._node.get_logger()
-            name = address.removeprefix(self._set)
-            node, _, name = name.rpartition('/')
-            node = node or self._node.NAME
-            if not address.startswith(self._set) or node not in SET_BY_OSC:
-                log.warning(f'OSC {address}: there is no such live setting')
-                continue
-            kind = NODES[node].settings
-            if name not in live_fields(kind):
-                log.warning(f'OSC {address}: there is no such live setting')
-                continue
-            value = _value(kind, name, values)
-            if node != self._node.NAME:  # refused in its own log
-                self._node.requests.ask(Asked(SET, node, {name: value}))
-                continue
-            result = self._node.set_parameters([Parameter(name, value=value)])[0]
-            if not result.successful:
-                log.warning(f'OSC {address}: {result.reason}')
-
-
-def _value(kind: type, name: str, values: list[Any]) -> Any:
-    """Return what was sent as the setting has it: OSC has no booleans that all can send."""
-    field = next(f for f in dataclasses.fields(kind) if f.name == name)
-    if isinstance(field.default, tuple):
-        return values
-    value = values[0] if values else None
-    if field.type is float and isinstance(value, int):
-        return float(value)
-    if field.type is int and isinstance(value, float) and value.is_integer():
-        return int(value)
-    return bool(value) if field.type is bool and value in (0, 1) else value
+            node, _, name = address.removeprefix(self._set).rpartition('/')
+            try:
+                if not address.startswith(self._set):
+                    raise ConfigError('there is no such live setting')
+                self._instrument.change(node or self._node.NAME, name, values)
+            except ConfigError as error:
+                self._node.get_logger().warning(f'OSC {address}: {error}')

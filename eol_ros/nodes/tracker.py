@@ -12,8 +12,9 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import String
 
 from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.identity.cover_patterns import CoverPatterns
 from eol_ros.core.vision.identity.yaw_signature import Yaws
-from eol_ros.core.vision.requests import BACKGROUND, THRESHOLD, YAW_OFFSETS
+from eol_ros.core.vision.requests import BACKGROUND, COVER_PATTERNS, THRESHOLD, YAW_OFFSETS
 from eol_ros.core.vision.states import STATES
 from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.devices.bag.selection import StampGaps
@@ -29,7 +30,11 @@ from eol_ros.ros.stamps import to_msg
 from eol_ros.streams import blocks, images, taps
 from eol_ros.streams.requests import Asked, for_tracker
 
-LEARNT_EVERY_S = 60.0  # between two looks at what was learnt of the blocks' yaw
+LEARNT_EVERY_S = 60.0  # between two looks at what was learnt of the blocks
+LEARNT: dict[str, type[Yaws | CoverPatterns]] = {
+    YAW_OFFSETS: Yaws,
+    COVER_PATTERNS: CoverPatterns,
+}  # by the kind of request
 
 
 class TrackerNode(EolNode):
@@ -40,7 +45,7 @@ class TrackerNode(EolNode):
         super().__init__(settings, **kwargs)
         self.files = TrackerFiles(self.settings, keep=not self.sim_time)
         self.pending: dict[str, Asked] = {}  # by kind: what is not answered yet
-        self.learnt = self._learnt_before()
+        self.learnt = {kind: self._learnt_before(kind) for kind in LEARNT}
         self.learnt_s = 0.0  # stamp
         self.told: Calibration | None = None
         self.restart()
@@ -59,7 +64,7 @@ class TrackerNode(EolNode):
         self.subscribe('block_taps', self.on_tap)
         self.requests.serve(
             calibrate=self.pend, darkness=self.pend, background=self.on_background,
-            yaw_offsets=self.on_yaw_offsets,
+            yaw_offsets=self.on_learnt, cover_patterns=self.on_learnt,
         )  # fmt: skip
         self.subscribe('camera/image_raw', self.on_image, raw=True)
 
@@ -107,8 +112,8 @@ class TrackerNode(EolNode):
         self.lamps = b''  # a replay has those of that day, and not of today
         self.hand_over(asked)
 
-    def on_yaw_offsets(self, asked: Asked) -> None:
-        self.learnt = b''  # as above
+    def on_learnt(self, asked: Asked) -> None:
+        self.learnt[asked.kind] = b''  # as above
         self.hand_over(asked)
 
     def on_image(self, raw: bytes) -> None:
@@ -119,7 +124,8 @@ class TrackerNode(EolNode):
         self.stamped(self.stamp_ns)
         if not self.images:
             self._begin_with(BACKGROUND, self.lamps)
-            self._begin_with(YAW_OFFSETS, self.learnt)
+            for kind, data in self.learnt.items():
+                self._begin_with(kind, data)
         self.gaps.take(self.stamp_ns)
         tracked = self.tracker.update(self.stamp_ns * 1e-9, image)
         self.blocks.publish(self._packed(tracked))
@@ -131,11 +137,11 @@ class TrackerNode(EolNode):
         if looking and self.preview.due(self.stamp_ns, self.settings.preview_hz):
             self.preview.take(self.stamp_ns, image)
 
-    def _learnt_before(self) -> bytes:
-        """Return the yaw offsets that the life before had learnt; none where they are damaged."""
+    def _learnt_before(self, kind: str) -> bytes:
+        """Return what the life before had learnt of a kind; nothing where it is damaged."""
         try:
-            learnt = base64.b64decode(self.resumed.get(YAW_OFFSETS, ''))
-            return Yaws.unpacked(learnt).packed() if learnt else b''
+            learnt = base64.b64decode(self.resumed.get(kind, ''))
+            return LEARNT[kind].unpacked(learnt).packed() if learnt else b''
         except (ConfigError, ValueError, TypeError) as error:
             self.get_logger().warning(f'what was learnt of the blocks before is lost: {error}')
             return b''
@@ -146,12 +152,18 @@ class TrackerNode(EolNode):
             self.requests.declare(kind, {}, self.stamp_ns, data)
 
     def _learn(self) -> None:
-        """Keep how crooked each block stands, for the next life of this node."""
-        if not self.sim_time and abs(self.stamp_ns * 1e-9 - self.learnt_s) >= LEARNT_EVERY_S:
-            self.learnt_s = self.stamp_ns * 1e-9
-            if self.tracker.lattice.yaws.looks.any():
-                self.learnt = self.tracker.lattice.yaws.packed()
-                self.keep(**{YAW_OFFSETS: base64.b64encode(self.learnt).decode()})
+        """Keep how crooked each block stands, and its cover, for the next life of this node."""
+        if self.sim_time or abs(self.stamp_ns * 1e-9 - self.learnt_s) < LEARNT_EVERY_S:
+            return
+        self.learnt_s = self.stamp_ns * 1e-9
+        found = {
+            YAW_OFFSETS: self.tracker.lattice.yaws,
+            COVER_PATTERNS: self.tracker.identity.covers,
+        }
+        for kind, learnt in found.items():
+            if learnt is not None and learnt.looks.any():
+                self.learnt[kind] = learnt.packed()
+                self.keep(**{kind: base64.b64encode(self.learnt[kind]).decode()})
 
     def _packed(self, t: Tracked) -> bytes:
         rows = blocks.rows_of(t, self.writer.rows)
@@ -166,6 +178,7 @@ class TrackerNode(EolNode):
         asked = self.pending.pop(outcome.kind, None) if outcome else None
         if outcome and asked:
             self.requests.answer(asked, not outcome.refused, outcome.text)
+        self.files.look(self.tracker, tracked)
         good, text = self.files.words(tracked)
         (self.health.ok if good else self.health.warn)(text)
 

@@ -6,9 +6,11 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
+from eol_ros.ros.inherited import HEALTH_FD
+
 
 class HealthPipe:
-    """The write end, which EOL_HEALTH_FD names.
+    """The write end, which HEALTH_FD names.
 
     A report that does not fit is dropped: the reader stands still, and has older ones to read when
     it goes on. Who reports does so every second, so the newest state comes within a second of that.
@@ -22,7 +24,7 @@ class HealthPipe:
     @classmethod
     def inherited(cls) -> 'HealthPipe | None':
         """Return the pipe of this process; None where no bringup has started it."""
-        fd = os.environ.get('EOL_HEALTH_FD')
+        fd = os.environ.get(HEALTH_FD)
         return cls(int(fd)) if fd else None
 
     def send(self, report: Mapping[str, Any]) -> bool:

@@ -35,6 +35,7 @@ from eol_ros.core.played_clock import PlayedClock
 from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
+from eol_ros.ros.inherited import KEPT
 from eol_ros.ros.requests import REQUESTS, RequestServer, parameters, plain
 from eol_ros.ros.stamps import to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
@@ -44,6 +45,7 @@ from eol_ros.ros.topics import (
     PUBLISHER_QOS,
     QOS,
     message_class,
+    timed,
     with_depth,
 )
 from eol_ros.scene import Scene, check_namespace, check_value
@@ -208,13 +210,16 @@ class EolNode(Node):
     def subscribe(
         self,
         topic: str,
-        callback: Callable[[Any], None],
+        callback: Callable[..., None],
         raw: bool = False,
         depth: int | None = None,
+        with_times: bool = False,
     ) -> Subscription:
         """Subscribe to `topic` with type and QoS of the table; `raw` hands over the CDR bytes.
 
-        `depth` keeps more messages, or fewer, than the table says; no writer needs to know.
+        `with_times`, for `raw`, hands over after them when DDS received and when the publisher
+        sent them, in ns of the system clock. `depth` keeps more messages, or fewer, than the table
+        says; no writer needs to know.
         """
         row = TOPICS[topic]
 
@@ -222,10 +227,12 @@ class EolNode(Node):
             if data:  # DDS hands over nothing where the writer was killed while it gave the message
                 callback(data)
 
+        raw_callback = timed(callback) if with_times else whole
+
         return self.create_subscription(
             message_class(row.type_name),
             topic,
-            whole if raw else callback,
+            raw_callback if raw else callback,
             with_depth(QOS[row.qos], depth),
             raw=raw,
             event_callbacks=_loud(self, topic, False),
@@ -374,7 +381,7 @@ class EolNode(Node):
 
 def _kept(name: str) -> dict[str, Any]:
     """Return what node `name` kept in the life that bringup saw end."""
-    kept: dict[str, dict[str, Any]] = json.loads(os.environ.get('EOL_KEPT', '{}'))
+    kept: dict[str, dict[str, Any]] = json.loads(os.environ.get(KEPT, '{}'))
     return kept.get(name, {})
 
 

@@ -15,9 +15,13 @@ from eol_ros.ros.stamps import to_ns
 from eol_ros.streams.cdr import stamp_ns
 from eol_ros.streams.graph import NAMESPACE, TOPICS
 
+DEPTH = 600  # small messages of ten seconds: it has a low priority
+
 
 class Watch:
     """Keeps (stamp, arrival) in nanoseconds of every message of `topics` on `domain`.
+
+    It arrives when DDS has received it, however late this process comes to look at it.
 
     Behind a `replay` a stamp is given as the system time at which its moment was played. It runs in
     a thread with a DDS context of its own, so that one program can watch several graphs one after
@@ -38,7 +42,7 @@ class Watch:
         from rclpy.node import Node
         from rosgraph_msgs.msg import Clock
 
-        from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class
+        from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class, timed, with_depth
 
         self.seen: dict[str, list[tuple[int, int]]] = defaultdict(list)
         self.raw: dict[str, list[bytes]] = defaultdict(list)
@@ -53,8 +57,8 @@ class Watch:
             self._node.create_subscription(
                 message_class(row.type_name),
                 topic,
-                self._callback(topic, topic in kept),
-                QOS[row.qos],
+                timed(self._callback(topic, topic in kept)),
+                with_depth(QOS[row.qos], DEPTH if row.qos == 'stream' else None),
                 raw=True,
             )
         self.played = PlayedClock() if replay else None
@@ -65,14 +69,14 @@ class Watch:
         self._thread = threading.Thread(target=self._spin, name='watch', daemon=True)
         self._thread.start()
 
-    def _callback(self, topic: str, keep: bool) -> Callable[[bytes], None]:
+    def _callback(self, topic: str, keep: bool) -> Callable[[bytes, int, int], None]:
         seen, raws = self.seen[topic], self.raw[topic]
 
-        def take(raw: bytes) -> None:
-            stamp, now = stamp_ns(raw), time.time_ns()
+        def take(raw: bytes, received_ns: int, _sent_ns: int) -> None:
+            stamp = stamp_ns(raw)
             if self.played is not None and stamp:
-                stamp = self._moments.setdefault(stamp, self.played.wall_ns(stamp) or now)
-            seen.append((stamp, now))
+                stamp = self._moments.setdefault(stamp, self.played.wall_ns(stamp) or received_ns)
+            seen.append((stamp, received_ns))
             if keep:
                 raws.append(raw)
 

@@ -80,6 +80,18 @@ def places(row: Any) -> np.ndarray:
     return np.stack([x, y], axis=1)
 
 
+def values(row: Any) -> dict[str, np.ndarray]:
+    """Return what each grain is described by, (g,) by name; NaN where there is nothing.
+
+    row: of DTYPE, or a message.
+    """
+    names = list(row.descriptors)
+    if len(row.values) != len(names) * len(row.file):
+        return {}
+    table = np.array(row.values, float).reshape(-1, len(names) or 1)
+    return dict(zip(names, table.T, strict=False))
+
+
 def to_json(message: Any) -> dict[str, Any]:
     """Return a Corpus message as pages read it, its values as one list per descriptor."""
     names = list(message.descriptors)

@@ -15,6 +15,8 @@ from eol_ros import settings
 
 NAMESPACE = 'eol'  # of a graph whose scene names none
 EVERY_NODE = 'every node'
+INSTRUMENT = ('grains', 'sound')  # whose live settings are played, and make a preset
+LONG, SHORT = 1, 2  # real-time priority of what works for milliseconds an image, and of the rest
 
 
 @dataclass(frozen=True)
@@ -24,8 +26,9 @@ class NodeSpec:
     settings: its dataclass. on_request: what it publishes beside, but only when people ask for
     it. optional: what it subscribes to only where a setting asks for it, and nobody waits for.
     requires: the topic without which it has nothing to do. images: it is a source of images, of
-    which a scene has one at most. real_time: it stands between an image and what people see and
-    hear of it. nice: how much it gives way when both processors are wanted.
+    which a scene has one at most. real_time: the priority of what stands between an image or a
+    knock and what people see and hear of it; 0: none. nice: how much it gives way when both
+    processors are wanted.
     """
 
     name: str
@@ -36,7 +39,7 @@ class NodeSpec:
     optional: tuple[str, ...] = ()
     requires: str = ''
     images: bool = False
-    real_time: bool = False
+    real_time: int = 0
     nice: int = 0
 
 
@@ -79,29 +82,29 @@ _ANSWERS = ('requests', 'request_results')
 # In data order: a node stands after those whose topics it subscribes to.
 # fmt: off
 _NODES = (
-    NodeSpec('twin', settings.TwinSettings, images=True, real_time=True,
+    NodeSpec('twin', settings.TwinSettings, images=True, real_time=LONG,
              publishes=('camera/image_raw', 'camera/camera_info', 'truth'), on_request=_ANSWERS,
              subscribes=('rim_command', 'requests')),
-    NodeSpec('camera', settings.CameraSettings, images=True, real_time=True,
+    NodeSpec('camera', settings.CameraSettings, images=True, real_time=LONG,
              publishes=('camera/image_raw', 'camera/camera_info')),
-    NodeSpec('replay', settings.ReplaySettings, images=True,
+    NodeSpec('replay', settings.ReplaySettings, images=True, real_time=LONG,
              publishes=('camera/image_raw', 'camera/camera_info', 'truth', 'blocks', 'block_taps',
                         'slips', 'felt_slips', 'cascades', 'grain_triggers', 'felt_triggers',
                         'requests', '/clock')),
-    NodeSpec('tracker', settings.TrackerSettings, requires='camera/image_raw', real_time=True,
+    NodeSpec('tracker', settings.TrackerSettings, requires='camera/image_raw', real_time=LONG,
              publishes=('blocks', 'camera/image_raw/compressed', 'calibration', *_ANSWERS),
              subscribes=('camera/image_raw', 'block_taps', 'requests')),
-    NodeSpec('motion', settings.MotionSettings, requires='blocks', real_time=True,
+    NodeSpec('motion', settings.MotionSettings, requires='blocks', real_time=SHORT,
              publishes=('slips', 'felt_slips', 'cascades'), on_request=_ANSWERS,
              subscribes=('blocks', 'block_taps', 'requests')),
-    NodeSpec('leds', settings.LedsSettings, requires='slips', real_time=True,
+    NodeSpec('leds', settings.LedsSettings, requires='slips', real_time=SHORT,
              publishes=('led_commands', 'block_taps', 'requests'),
              on_request=('request_results',),
              subscribes=('slips', 'block_taps', 'requests')),
-    NodeSpec('grains', settings.GrainsSettings, requires='blocks', real_time=True,
+    NodeSpec('grains', settings.GrainsSettings, requires='blocks', real_time=SHORT,
              publishes=('grain_triggers', 'felt_triggers', 'corpus'), on_request=_ANSWERS,
              subscribes=('blocks', 'felt_slips', 'requests')),
-    NodeSpec('sound', settings.SoundSettings, requires='grain_triggers', real_time=True,
+    NodeSpec('sound', settings.SoundSettings, requires='grain_triggers', real_time=SHORT,
              publishes=('sound_meter', 'sound_samples'), on_request=('grain_triggers', *_ANSWERS),
              subscribes=('grain_triggers', 'felt_triggers', 'corpus', 'requests'),
              optional=('slips',)),

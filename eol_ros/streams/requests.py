@@ -57,12 +57,26 @@ class Word:
         """Return the value; raise UsageError where it is another."""
         if not (
             isinstance(value, str)
-            and value.replace('_', '').isalnum()
+            and value.replace('_', '').replace('-', '').isalnum()
             and value.isascii()
             and len(value) <= 64
         ):
             raise UsageError(f'{self.name}: {str(value)[:40]!r} is not a name')
         return value
+
+
+@dataclass(frozen=True)
+class Lines:
+    """A list of texts that a request takes, as settings of lines have it."""
+
+    name: str
+
+    def check(self, value: Any) -> tuple[str, ...]:
+        """Return the value; raise UsageError where it is another."""
+        good = isinstance(value, (list, tuple)) and len(value) <= 100
+        if not good or not all(isinstance(line, str) and len(line) <= 200 for line in value):
+            raise UsageError(f'{self.name}: {str(value)[:40]!r} is not a list of texts')
+        return tuple(value)
 
 
 @dataclass(frozen=True)
@@ -78,7 +92,7 @@ class Kind:
     doc: str
     nodes: tuple[str, ...]
     also: tuple[str, ...] = field(default=(), kw_only=True)
-    takes: tuple[Number | Word, ...] = ()
+    takes: tuple[Number | Word | Lines, ...] = ()
     answered_by: str = ''
     within_s: float = 3.0
     internal: bool = False
@@ -98,7 +112,7 @@ class Kind:
 
 
 def checked(
-    name: str, takes: tuple[Number | Word, ...], values: Mapping[str, Any]
+    name: str, takes: tuple[Number | Word | Lines, ...], values: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return `values` where they are what `takes` names; raise UsageError that says what not."""
     known = {item.name for item in takes}
@@ -111,6 +125,7 @@ def checked(
 
 
 _GRAIN = Number('grain', 0, 2**32 - 1, whole=True)
+_PRESET = Word('preset')
 _TIME = Number('until_ns', 0, 2**63 - 1, whole=True)
 
 _SLEEPERS = ('leds', 'sound', 'montage')
@@ -132,6 +147,12 @@ KINDS: dict[str, Kind] = {
         Kind('learn_background', 'take what shines now, without blocks, for background',
              ('leds',), answered_by='tracker', within_s=15.0),
         Kind('play_grain', 'hear one grain', ('sound',), (_GRAIN,)),
+        Kind('save_preset', 'keep the live settings of grains and sound by a name', ('sound',),
+             (_PRESET,), within_s=10.0),
+        Kind('recall_preset', 'bring the settings of a preset back, or glide to them',
+             ('sound',), (_PRESET, Number('over_s', 0, 3600))),
+        Kind('morph_presets', 'be a share of the way from one preset to another', ('sound',),
+             (Word('from'), Word('to'), Number('share', 0, 1))),
         Kind('move_grain', 'put a grain elsewhere in the descriptor space, 0..1; kept beside the'
              ' sound', ('grains',), (_GRAIN, Number('x', 0, 1), Number('y', 0, 1))),
         Kind('restore_grain', 'put a grain back where the layout has it, and forget that it was'
@@ -142,6 +163,8 @@ KINDS: dict[str, Kind] = {
              ('tracker',), internal=True),
         Kind('yaw_offsets', 'how crooked each block stands, as learnt before, by which names are'
              ' known after darkness', ('tracker',), internal=True),
+        Kind('cover_patterns', 'how each cover spreads its light, as learnt before, by which names'
+             ' are known', ('tracker',), internal=True),
         Kind('infrared', 'blocks whose infrared light is on, one bit each', ('twin',),
              (Number('mask', 0, _MASK, whole=True),), internal=True),
     )
@@ -150,7 +173,8 @@ PROVED = ('tracker', 'motion', 'grains')  # their results are recomputed from a 
 PEOPLE = ('sleep', 'wake', 'test')  # asked of the work, not of a machine or a room
 Columns = Mapping[str, np.ndarray] | np.ndarray  # of a table, by name
 _WRITING = ('move_grain', 'restore_grain')  # to files that are there when it is replayed
-_KEPT = (SET, 'background', 'yaw_offsets')  # hold until the next such request
+LEARNT = ('yaw_offsets', 'cover_patterns')  # of the blocks, by the tracker
+_KEPT = (SET, 'background', *LEARNT)  # hold until the next such request
 
 
 @dataclass(frozen=True)
@@ -202,7 +226,7 @@ def for_tracker(asked: Asked) -> Iterator[tuple[str, Any]]:
     """Yield kind and value of a request as `core.vision.requests` has them."""
     if asked.kind == SET and 'threshold' in asked.values:
         yield 'threshold', asked.values['threshold']
-    elif asked.kind in ('background', 'yaw_offsets'):
+    elif asked.kind in ('background', *LEARNT):
         yield asked.kind, asked.data
     elif asked.kind in ('darkness', 'calibrate'):
         yield asked.kind, asked.values.get('until_ns')

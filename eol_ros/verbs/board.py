@@ -20,6 +20,7 @@ EXAMPLES = [
     'eol board --self-test',
     'eol board --self-test 7',
     'eol board --flash 7 --new                # a chip from the factory becomes block 7',
+    'eol board --flash bridge                 # its jumper BOOT0 at 1, and its button pushed',
     'eol board --flash 7 --programmer arduino --programmer-port /dev/ttyUSB0',
 ]
 TOLD_S = 5.0  # at most, until all statuses are there
@@ -47,12 +48,14 @@ def add_arguments(parser):
     )
     parser.add_argument(
         '--flash',
-        type=int,
-        metavar='BLOCK',
-        help='write firmware and number into the block at the programmer, with avrdude',
+        metavar='BLOCK|bridge',
+        help='write firmware and number into the block at the programmer, with avrdude; '
+        'or write the bridge at --port, with stm32flash',
     )
     parser.add_argument('--new', action='store_true', help='write the fuses of the chip before')
-    parser.add_argument('--program', metavar='HEX', help='default: firmware/build/block.hex')
+    parser.add_argument(
+        '--program', metavar='FILE', help='default: firmware/build/block.hex, or bluepill.bin'
+    )
     parser.add_argument('--programmer', default='usbasp', help="as avrdude's -c (default: usbasp)")
     parser.add_argument('--programmer-port', default='', metavar='PORT', help="as avrdude's -P")
     parser.add_argument(
@@ -141,17 +144,40 @@ def _flash(args) -> int:
     from eol_ros.core.serial_protocol import FIRMWARE
     from eol_ros.devices.board.programmer import PROGRAM, commands, flash
 
-    if not 0 <= args.flash < N_BLOCKS:
-        raise UsageError(f'--flash {args.flash}: blocks are 0 to {N_BLOCKS - 1}')
+    version = '' if args.program else f' {".".join(map(str, FIRMWARE))}'
+    if args.flash == 'bridge':
+        return _flash_bridge(args, version)
+    if not args.flash.isdecimal() or int(args.flash) >= N_BLOCKS:
+        raise UsageError(f'--flash {args.flash}: blocks are 0 to {N_BLOCKS - 1}, or bridge')
     program = Path(args.program) if args.program else PROGRAM
-    words = (args.flash, program, args.programmer, args.programmer_port, args.new)
+    words = (int(args.flash), program, args.programmer, args.programmer_port, args.new)
     if args.dry_run:
         for command in commands(*words):
             print(shlex.join(command))
         return 0
     flash(*words)
-    version = '' if args.program else f' {".".join(map(str, FIRMWARE))}'
     print(f'block {args.flash} has its firmware{version}; `eol board --self-test {args.flash}`')
+    return 0
+
+
+def _flash_bridge(args, version: str) -> int:
+    import shlex
+    from pathlib import Path
+
+    from eol_ros.devices.board.ports import find_port
+    from eol_ros.devices.board.programmer import BRIDGE_PROGRAM, bridge_command, flash_bridge
+
+    if args.new:
+        raise UsageError('--new is for blocks: the bridge has no fuses')
+    program = Path(args.program) if args.program else BRIDGE_PROGRAM
+    if args.dry_run:
+        port = 'PORT' if args.port == 'auto' else args.port
+        print(shlex.join(bridge_command(program, port)))
+        return 0
+    flash_bridge(find_port(args.port), program)
+    print(
+        f'the bridge has its firmware{version}: put BOOT0 back to 0, push its button; `eol board`'
+    )
     return 0
 
 

@@ -180,10 +180,26 @@ def _sound(settings: Any) -> Iterator[Check]:
 
     for name, what in ring.mistakes(settings):
         yield f'sound.{name}', functools.partial(_refuse, what)
+    if settings.midi_map:
+        yield 'sound.midi_map', lambda: _midi_map(settings.midi_map)
+    if settings.midi:
+        yield 'sound.midi', lambda: _midi(settings.midi)
     if settings.osc_out or settings.osc_in:
         yield f'sound.osc_{"out" if settings.osc_out else "in"}', lambda: _osc(settings.osc_out)
     if settings.wav:
         yield 'sound.wav', lambda: _writable(Path(settings.wav).parent)
+
+
+def _midi_map(lines: tuple[str, ...]) -> None:
+    from eol_ros.ros.presets import midi_mapping
+
+    midi_mapping(lines)
+
+
+def _midi(wanted: str) -> None:
+    from eol_ros.devices.audio.midi import MidiIn
+
+    MidiIn(wanted).close()
 
 
 def _osc(target: str) -> None:

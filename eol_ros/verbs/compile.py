@@ -234,6 +234,21 @@ def _stiff():
         simulate(from_mapping(scene), ledger=ledger)
 
 
+def _glide():
+    from eol_ros.core.physics import builders
+    from eol_ros.core.physics.choose import simulate
+    from eol_ros.core.physics.scene import from_mapping
+
+    scene = builders.plate(
+        {'kind': 'none'},
+        0.01,
+        k_between=2e7,
+        u0=builders.offsets(25, 1e-8, 3),
+        v0=[[0.1, 0.1]] * 25,
+    )
+    simulate(from_mapping(scene))
+
+
 WORK = {
     'tracker': _tracker,
     'twin': _twin,
@@ -241,8 +256,25 @@ WORK = {
     'ice': _ice,
     'simulate': _simulate,
     'stiff': _stiff,
+    'glide': _glide,
 }
 # To tell how far it is: how many functions each of them compiles or loads (numba's own events), and
 # how many seconds that took where it was measured.
-FUNCTIONS = {'tracker': 235, 'twin': 80, 'sound': 103, 'ice': 1, 'simulate': 141, 'stiff': 56}
-SECONDS = {'tracker': 50, 'twin': 30, 'sound': 18, 'ice': 10, 'simulate': 35, 'stiff': 25}
+FUNCTIONS = {
+    'tracker': 235,
+    'twin': 80,
+    'sound': 103,
+    'ice': 1,
+    'simulate': 141,
+    'stiff': 56,
+    'glide': 58,
+}
+SECONDS = {
+    'tracker': 50,
+    'twin': 30,
+    'sound': 18,
+    'ice': 10,
+    'simulate': 35,
+    'stiff': 25,
+    'glide': 55,
+}

@@ -25,6 +25,7 @@ EXAMPLES = [
     'eol corpus move iceberg.json 17 0.5 0.25',
     'eol corpus export iceberg.json iceberg-flucoma.json',
     'eol corpus import iceberg.json grid.json --out iceberg-grid.json  # places by FluCoMa',
+    'eol corpus export iceberg.json iceberg.sdif',
 ]
 
 
@@ -200,26 +201,33 @@ def _move(args):
 
 
 def _export(args):
-    from eol_ros.devices.corpus import corpus_file, flucoma_file
+    from eol_ros.devices.corpus import corpus_file
 
     if len(args.words) != 3:
-        raise UsageError('export takes: CORPUS.json DATASET.json')
+        raise UsageError('export takes: CORPUS.json DATASET.json, or a file.sdif')
     corpus = corpus_file.load(Path(args.words[1]))
-    columns = flucoma_file.save(corpus, Path(args.words[2]))
+    columns = _exchanged(args).save(corpus, Path(args.words[2]))
     print(f'{int(corpus.placed.sum())} points of {len(columns)} columns: {" ".join(columns)}')
     return 0
 
 
 def _import(args):
-    from eol_ros.devices.corpus import corpus_file, flucoma_file
+    from eol_ros.devices.corpus import corpus_file
 
     if len(args.words) != 3 or not args.out:
-        raise UsageError('import takes: CORPUS.json DATASET.json --out NEW.json')
+        raise UsageError('import takes: CORPUS.json DATASET.json --out NEW.json, or a file.sdif')
     corpus = corpus_file.load(Path(args.words[1]))
     names = [name.strip() for name in args.columns.split(',') if name.strip()]
-    corpus_file.save(flucoma_file.apply(corpus, Path(args.words[2]), names), Path(args.out))
+    corpus_file.save(_exchanged(args).apply(corpus, Path(args.words[2]), names), Path(args.out))
     print(args.out)
     return 0
+
+
+def _exchanged(args):
+    """Return who reads and writes the format of the file named last."""
+    from eol_ros.devices.corpus import flucoma_file, sdif_file
+
+    return sdif_file if args.words[2].endswith('.sdif') else flucoma_file
 
 
 class _Progress:

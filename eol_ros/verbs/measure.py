@@ -171,14 +171,14 @@ def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
             continue
         told_s = stamp_s
         spent_s = stamp_s - images[0][0]
-        track = friction.Track(*map(np.array, zip(*images, strict=True)))
+        track = friction.track_of(images)
         few, words = _so_far(track, stiffness.value, mass.value, natural_m)
         _say(f'{spent_s:.0f} of {args.seconds:g} s: {words}')
         if few >= ENOUGH or spent_s >= args.seconds:
             break
     if not images:
         raise EolError(f'{args.bag}: no image of the blocks')
-    track = friction.Track(*map(np.array, zip(*images, strict=True)))
+    track = friction.track_of(images)
     slips = friction.find_slips(track, stiffness.value, mass.value, natural_m)
     found = friction.fit(slips, track, stiffness, mass, natural_m)
     values: dict[str, float] = {}

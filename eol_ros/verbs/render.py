@@ -138,7 +138,9 @@ def _bank(path: str, sample_rate: int):
     corpus = load(Path(path))
     grains = corpus.grains
     files = [source.path for source in corpus.sources]
-    return load_bank(files, grains['file'], grains['start_s'], grains['duration_s'], sample_rate)
+    told = {name: corpus.values(name).astype('f4') for name in corpus.descriptors}  # as nodes do
+    file, start, duration = (grains[name] for name in ('file', 'start_s', 'duration_s'))
+    return load_bank(files, file, start, duration, sample_rate, descriptors=told)
 
 
 def writer(path: str, sample_rate: int, channels: int):

@@ -39,6 +39,11 @@ def add_arguments(parser):
         action='store_true',
         help='recompute blocks, slips, cascades and triggers and compare them',
     )
+    parser.add_argument(
+        '--measured', metavar='SCENE',
+        help='a scene into which `eol measure` has written springs, friction and mass of the table,'
+        ' for moments and energies (default: those of the twin, if the bag is of one)',
+    )  # fmt: skip
     parser.add_argument('--json', action='store_true', help='the numbers to stdout as JSON')
 
 
@@ -62,6 +67,11 @@ def run(args):
             bag.table(name).to_csv(file)
             print(file)
         return 0
+    measured = None
+    if args.measured:
+        from eol_ros import scene as scenes
+
+        measured = scenes.load(args.measured).settings('twin')
     retracked = None
     if args.retrack:
         from eol_ros.analysis.retrack import retrack
@@ -70,7 +80,7 @@ def run(args):
     _want_matplotlib()
     from eol_ros.analysis.report import summary, write
 
-    found = write(bag, out, retracked, track)
+    found = write(bag, out, retracked, track, measured)
     print(json.dumps(found, indent=2) if args.json else summary(found))
     print(out / 'report.html', file=sys.stderr)
     whole = retracked is None or (retracked.verdict != 'different' and not retracked.holes)
@@ -84,7 +94,7 @@ def _exhibition(args):
 
     if args.workers is not None and args.scheduler:
         raise UsageError('--workers counts processes of this machine: leave out --scheduler')
-    for option in ('csv', 'retrack'):
+    for option in ('csv', 'retrack', 'measured'):
         if getattr(args, option):
             raise UsageError(f'--{option} is for one bag: name one, without --all')
     _want_matplotlib()

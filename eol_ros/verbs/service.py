@@ -55,7 +55,7 @@ WatchdogSec=30
 KillMode=mixed
 KillSignal=SIGINT
 TimeoutStopSec=90
-LimitRTPRIO=1
+LimitRTPRIO=2
 OOMPolicy=continue
 
 # What it may touch: its folders, its devices, {network}.

@@ -104,13 +104,12 @@ def run(args) -> int:
         if kind not in told and tracked.state != TRACKING:
             told.add(kind)
             print(f'{stamp_s:.3f} s: {STATES[tracked.state]}: {tracked.why}', file=sys.stderr)
-        if tracked.state == TRACKING and sizes is not None:
-            side_px = np.zeros(len(tracked.seen))
-            side_px[tracked.seen] = tracker.blobs['side_px'][tracker.lattice.index[tracked.seen]]
-            if sizes.add(tracked.world, side_px, tracked.visibility):
-                if sizes.fault():
-                    print(f'{stamp_s:.3f} s: {sizes.fault()}', file=sys.stderr)
-                sizes = None
+        named = tracked.state == TRACKING and not tracked.symmetry_ambiguous
+        sides = tracker.sides_px()
+        if named and sizes is not None and sizes.add(tracked.world, sides, tracked.visibility):
+            if sizes.fault():
+                print(f'{stamp_s:.3f} s: {sizes.fault()}', file=sys.stderr)
+            sizes = None
         x, y = tracked.world.T
         seen = tracked.seen & (tracked.state == TRACKING)
         new, closed = motion.update(stamp_s, x, y, seen, tracked.sigma_m)

@@ -8,7 +8,7 @@ from typing import Any
 
 from eol_ros.errors import UsageError
 from eol_ros.streams.graph import NODES
-from eol_ros.streams.requests import KINDS, SET, Asked, Number, Word, checked
+from eol_ros.streams.requests import KINDS, SET, Asked, Lines, Number, Word, checked
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Control:
     doc: str
     kind: str
     node: str = ''
-    takes: tuple[Number | Word, ...] = ()
+    takes: tuple[Number | Word | Lines, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     fixed: Mapping[str, Any] = field(default_factory=dict)
 
@@ -38,11 +38,16 @@ class Control:
 
 
 def _setting(name: str, node: str, setting: str) -> Control:
-    """A number that is a live setting, within the range that the setting has."""
+    """A live setting: a number within its range, lines, or a word, which its node checks."""
     row = next(f for f in dataclasses.fields(NODES[node].settings) if f.name == setting)
     low, high, unit = (row.metadata[key] for key in ('min', 'max', 'unit'))
     doc = f'{row.metadata["doc"]}' + (f', in {unit}' if unit else '')
-    return Control(name, doc, SET, node, (Number('value', low, high),), {setting: 'value'})
+    value: Number | Word | Lines = Word('value')
+    if isinstance(row.default, tuple):
+        value = Lines('value')
+    elif row.type in (int, float):
+        value = Number('value', low, high)
+    return Control(name, doc, SET, node, (value,), {setting: 'value'})
 
 
 def _plain(name: str, kind: str = '') -> Control:
@@ -79,6 +84,12 @@ CONTROLS: dict[str, Control] = {
             (Word('x'), Word('y')),
             {'x_axis': 'x', 'y_axis': 'y'},
         ),
+        *(_setting(name, 'grains', name) for name in ('mode', 'weights', 'regions')),
+        *(
+            _setting(name, 'sound', name)
+            for name in ('filter', 'filter_hz', 'filter_q', 'filter_by', 'filter_octaves')
+        ),
+        *map(_plain, ('save_preset', 'recall_preset', 'morph_presets')),
         _plain('play', 'play_grain'),
         _plain('move', 'move_grain'),
         _plain('restore', 'restore_grain'),

@@ -14,9 +14,9 @@
 #include <util/atomic.h>
 #include <util/delay.h>
 
+#include "../nrf24.h"
 #include "block.h"
 #include "lis3dh.h"
-#include "nrf24.h"
 #include "pins.h"
 
 enum {
@@ -201,7 +201,7 @@ static void tick(void)
     eol_block_tick(&block);
     measure();
     if (sending_ms && !--sending_ms) { /* it has not answered: set it up again */
-        nrf24_begin();
+        nrf24_begin(NRF24_BLOCK);
         eol_block_told(&block, 0);
     }
     if (++sensor_ms >= SENSOR_MS) {
@@ -236,7 +236,7 @@ static void look(void)
 {
     uint32_t until_us;
     start_time();
-    nrf24_begin();
+    nrf24_begin(NRF24_BLOCK);
     until_us = clock_us() + LOOK_MS * 1000ul;
     block.silent_ms = EOL_BLOCK_ALONE_MS;
     while ((int32_t)(until_us - clock_us()) > 0 && block.silent_ms) talk();
@@ -263,7 +263,7 @@ static void sleep_long(void)
     start_time();
     lis3dh_begin();
     eol_block_sleeps(&block, 0);
-    nrf24_begin();
+    nrf24_begin(NRF24_BLOCK);
     sensor_ms = 0;
 }
 
@@ -272,6 +272,8 @@ int main(void)
     uint32_t ticked_us;
     eol_block_begin(&block, eeprom_read_byte((const uint8_t *)0));
     DDRB = (1 << RADIO_CE) | (1 << RADIO_CSN) | (1 << 3) | (1 << 5);
+    PORTB |= 1 << RADIO_CSN;
+    SPCR = (1 << SPE) | (1 << MSTR); /* a quarter of the clock: 2 MHz */
     DDRD = (1 << INFRARED) | (1 << WHITE);
     PORTD = (1 << INFRARED) | (1 << RADIO_IRQ); /* pulled up, should there be no radio */
     TCCR0B = 1 << CS00;                         /* 31 kHz */
@@ -281,7 +283,7 @@ int main(void)
     wdt_enable(WDTO_120MS);
     sei();
     lis3dh_begin();
-    nrf24_begin();
+    nrf24_begin(NRF24_BLOCK);
     ticked_us = clock_us();
     for (;;) {
         wdt_reset();

@@ -57,6 +57,20 @@ static void report(eol_bridge *b, uint64_t now_us, uint8_t number)
     send(b, EOL_BLOCK_STATUS, one->body, sizeof one->body);
 }
 
+static void report_self(eol_bridge *b)
+{
+    const uint8_t body[7] = {EOL_BRIDGE, 0, 0, 0, EOL_BRIDGE_MAJOR, EOL_BRIDGE_MINOR,
+                             (uint8_t)(EOL_LINKED | (b->mute ? EOL_RADIO_DEAD : 0))};
+    send(b, EOL_BLOCK_STATUS, body, sizeof body);
+}
+
+void eol_bridge_radio(eol_bridge *b, uint8_t works)
+{
+    if (b->mute == !works) return;
+    b->mute = !works;
+    report_self(b);
+}
+
 /* While a block is silent that was heard and does not sleep, nothing falls: it might flash. */
 static void relink(eol_bridge *b, uint64_t now_us)
 {
@@ -72,7 +86,7 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
     if (kind == EOL_HELLO && size == 1) {
         out[0] = EOL_VERSION;
         out[1] = EOL_BLOCKS;
-        memcpy(out + 2, "eol bridge 2.1", 14);
+        memcpy(out + 2, "eol bridge 2.2", 14);
         if (body[0] == EOL_VERSION) {
             send(b, EOL_WELCOME, out, 18);
         } else {
@@ -96,11 +110,7 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
         b->field.decay_s = b->decay_ms * 1e-3;
         b->field.peak = b->peak / 255.0;
         b->field.limited = (body[0] & EOL_LIMITED) != 0;
-        out[0] = EOL_BRIDGE;
-        out[4] = EOL_BRIDGE_MAJOR;
-        out[5] = EOL_BRIDGE_MINOR;
-        out[6] = EOL_LINKED;
-        send(b, EOL_BLOCK_STATUS, out, 7);
+        report_self(b);
         for (uint8_t k = 0; k < EOL_BLOCKS; k++) report(b, now_us, k);
     } else if (kind == EOL_DETECTOR && size == 16) {
         memcpy(b->detector, body, 16);

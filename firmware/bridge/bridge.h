@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
  * The bridge, whatever it is built of: bytes of the host and frames of the blocks in, bytes and
- * frames out (docs/serial.md). mps2.c gives it a Cortex-M3.
+ * frames out (docs/serial.md). bluepill.c gives it a part that can be bought, mps2.c one that QEMU has.
  *
  *     for (;;) {
  *         now_us = ...;                                       64 bits, never backwards
@@ -26,7 +26,7 @@ extern "C" {
 
 enum {
     EOL_BRIDGE_MAJOR = 2,
-    EOL_BRIDGE_MINOR = 1,
+    EOL_BRIDGE_MINOR = 2,
     EOL_BRIDGE_ROOM = 1024,           /* bytes that wait for the host; a power of two */
     EOL_BRIDGE_SILENT_US = 3000000,   /* a block that was heard and now is not */
     EOL_BRIDGE_ORDER_US = 20000,      /* orders so near to each other are one */
@@ -53,6 +53,7 @@ typedef struct {
     uint32_t infrared, order;     /* masks */
     uint8_t orders;
     uint8_t detector[16], feels;  /* as the host has set it; 1: it has */
+    uint8_t mute;                 /* 1: its radio does not work */
     uint8_t test;                 /* number of the block that is to test itself, plus 1; 0: none */
     uint64_t word_us, order_us, feels_us, test_us;
     uint8_t sequence;
@@ -68,6 +69,9 @@ void eol_bridge_byte(eol_bridge *bridge, uint64_t now_us, uint8_t byte);
 
 /* Take EOL_FRAME bytes of the radio; whatever they are. */
 void eol_bridge_heard(eol_bridge *bridge, uint64_t now_us, const uint8_t *frame);
+
+/* Its radio works, or does not; the host is told where that changes. */
+void eol_bridge_radio(eol_bridge *bridge, uint8_t works);
 
 /* Write a frame that is to be sent now, and return 1. */
 uint8_t eol_bridge_says(eol_bridge *bridge, uint64_t now_us, uint8_t *frame);

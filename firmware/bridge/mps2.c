@@ -10,6 +10,7 @@
 #include <stdint.h>
 
 #include "bridge.h"
+#include "start.h"
 
 typedef volatile struct {
     uint32_t data, state, control, interrupt, divider;
@@ -40,8 +41,6 @@ enum {
     UNLOCK = 0x1ACCE551,
     WAITING = 256                    /* bytes of each line that may come within a turn of the loop */
 };
-
-extern uint32_t stack_end[], data_begin[], data_end[], data_source[], bss_begin[], bss_end[];
 
 static eol_bridge bridge;
 static eol_decoder air;
@@ -181,22 +180,6 @@ int main(void)
         __asm volatile("cpsie i" ::: "memory");
     }
 }
-
-void on_reset(void);
-void on_reset(void)
-{
-    uint32_t *from = data_source;
-    for (uint32_t *to = data_begin; to < data_end; to++) *to = *from++;
-    for (uint32_t *to = bss_begin; to < bss_end; to++) *to = 0;
-    main();
-}
-
-static void on_fault(void)
-{
-    for (;;) {} /* until the watchdog bites */
-}
-
-typedef void (*handler)(void);
 
 __attribute__((used, section(".vectors"))) static const handler VECTORS[16 + 4] = {
     (handler)stack_end, on_reset, on_fault, on_fault, on_fault, on_fault, on_fault, 0, 0, 0, 0, on_fault,

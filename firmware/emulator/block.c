@@ -21,11 +21,11 @@
 #include <simavr/sim_irq.h>
 
 #include "../link.h"
+#include "radio.h"
 
-enum { HZ = 8000000, FIFO = 32, FRAMES = 3, EVENTS = 4096, PATTERN = 0xA5, SMCR = 0x53, PORTD = 0x2B, TCCR0A = 0x44, OCR0A = 0x47, SPCR = 0x4C, SPSR, SPDR, TWBR = 0xB8, TWSR, TWCR = 0xBC };
+enum { HZ = 8000000, FIFO = 32, EVENTS = 4096, PATTERN = 0xA5, SMCR = 0x53, PORTD = 0x2B, TCCR0A = 0x44, OCR0A = 0x47, SPCR = 0x4C, SPSR, SPDR, TWBR = 0xB8, TWSR, TWCR = 0xBC };
 enum { L_ACTIVE, L_IDLE, L_POWER_DOWN, L_LISTENING, L_SENDING, L_SENSOR_FAST, L_SENSOR_SLOW, L_INFRARED, L_WHITE, LOADS };
 enum { E_LEVEL = 1, E_INFRARED, E_SENT };
-enum { X_REST, X_SENDS, X_WAITS }; /* of the radio */
 enum { STIFF = 1, WHITE_OPEN = 2, INFRARED_OPEN = 4, WHITE_STAYS = 8 }; /* parts that are broken */
 
 typedef struct {
@@ -51,10 +51,10 @@ typedef struct {
     double mean[2]; /* of its high-pass */
     avr_io_write_t twcr; /* what libsimavr does where it is written to */
     void *twcr_param;
-    /* radio */
-    uint8_t radio[32][5], csn, ce, command, byte, spi, tx[EOL_FRAME], rx[FRAMES][EOL_FRAME];
-    int rx_count, tx_full, phase, acks;
-    uint64_t phase_ends;
+    radio radio;
+    uint8_t spi;
+    int acks;
+    uint64_t answer; /* ns: when an acknowledgement has come; 0: none will */
     uint64_t said_at; /* on I2C */
     uint64_t asleep, power_down, strange, resets;
     uint64_t loads[LOADS]; /* cycles in which each of them drew current */
@@ -204,49 +204,16 @@ static void on_twi_status(struct avr_irq_t *irq, uint32_t value, void *param)
 
 /* ---- nRF24L01+ */
 
-enum { R_CONFIG, R_STATUS = 7, R_FIFO = 0x17 };
+enum { CYCLE_NS = 1000000000 / HZ, ANSWER_NS = 203000 /* 130 us, and 73 us in the air */ };
+
+static uint64_t now_ns(const emulator *e)
+{
+    return e->avr->cycle * CYCLE_NS;
+}
 
 static void radio_pin(emulator *e)
 {
-    pin(e, 3, !(e->radio[R_STATUS][0] & ~e->radio[R_CONFIG][0] & 0x70));
-}
-
-static int radio_listens(const emulator *e)
-{
-    return e->ce && (e->radio[R_CONFIG][0] & 3) == 3 && e->phase == X_REST && e->radio[2][0] & 2;
-}
-
-static uint8_t radio_byte(emulator *e, uint8_t in)
-{
-    uint8_t out = 0;
-    if (e->csn) return 0; /* not for the radio */
-    if (e->byte == 0) {
-        e->command = in;
-        out = (uint8_t)(e->radio[R_STATUS][0] | 0x0E);
-        if (in == 0xE1) e->tx_full = 0;
-        if (in == 0xE2) e->rx_count = 0;
-    } else if (e->command == 0x61) {
-        out = e->rx_count && e->byte <= EOL_FRAME ? e->rx[0][e->byte - 1] : 0;
-        if (e->byte == EOL_FRAME && e->rx_count) {
-            memmove(e->rx[0], e->rx[1], sizeof e->rx[0] * (size_t)--e->rx_count);
-        }
-    } else if (e->command == 0xA0) {
-        if (e->byte <= EOL_FRAME) e->tx[e->byte - 1] = in;
-        e->tx_full = e->byte == EOL_FRAME;
-    } else if (e->command < 0x20) {
-        out = e->command == R_FIFO ? (uint8_t)(e->rx_count ? 0 : 1) : e->radio[e->command][(e->byte - 1) % 5];
-    } else if (e->command < 0x40) {
-        uint8_t reg = e->command & 31;
-        if (reg == R_STATUS)
-            e->radio[reg][0] &= (uint8_t)~(in & 0x70);
-        else
-            e->radio[reg][(e->byte - 1) % 5] = in;
-        radio_pin(e);
-    } else if (e->command != 0xFF) {
-        e->strange++;
-    }
-    if (e->byte < 250) e->byte++;
-    return out;
+    pin(e, 3, radio_irq(&e->radio));
 }
 
 /* SPI by its registers: libsimavr 1.6 has a byte take 100 us, whatever its clock is. */
@@ -256,7 +223,8 @@ static void on_spdr_write(avr_t *avr, avr_io_addr_t at, uint8_t value, void *par
     emulator *e = param;
     (void)at;
     if (!(avr->data[SPCR] & 0x40)) return;
-    e->spi = radio_byte(e, value);
+    e->spi = radio_byte(&e->radio, value, now_ns(e));
+    radio_pin(e);
     avr->cycle += 8 * DIVIDER[avr->data[SPCR] & 3];
     avr->data[SPSR] |= 0x80;
 }
@@ -270,38 +238,36 @@ static uint8_t on_spdr_read(avr_t *avr, avr_io_addr_t at, void *param)
 
 static void on_csn(struct avr_irq_t *irq, uint32_t value, void *param)
 {
-    emulator *e = param;
     (void)irq;
-    e->csn = value & 1;
-    e->byte = 0;
+    radio_csn(&((emulator *)param)->radio, value & 1);
 }
 
 static void on_ce(struct avr_irq_t *irq, uint32_t value, void *param)
 {
     emulator *e = param;
-    uint8_t before = e->ce;
     (void)irq;
-    e->ce = value & 1;
-    if (e->ce && !before && (e->radio[R_CONFIG][0] & 3) == 2 && e->tx_full && e->phase == X_REST) {
-        e->phase = X_SENDS; /* 130 us to settle; preamble, address, control, frame, checksum */
-        e->phase_ends = e->avr->cycle + HZ / 1000000 * (130 + 8 * (1 + 5 + EOL_FRAME + 2) + 9);
-    }
+    radio_ce(&e->radio, value & 1, now_ns(e));
 }
 
-static void radio_advance(emulator *e)
+static void advance_radio(emulator *e)
 {
-    if (e->phase == X_REST || e->avr->cycle < e->phase_ends) return;
-    if (e->phase == X_SENDS) {
+    if (e->radio.phase == RADIO_RESTS || now_ns(e) < e->radio.phase_ends_ns) return;
+    radio_advance(&e->radio, now_ns(e));
+    if (e->radio.was_sent) {
+        e->radio.was_sent = 0;
         note(e, E_SENT, (uint32_t)e->acks);
-        memcpy(e->events[e->event_count - 1].frame, e->tx, EOL_FRAME);
-        e->phase = X_WAITS; /* an acknowledgement takes 130 us and 73 us in the air */
-        e->phase_ends += HZ / 1000000 * (e->acks ? 203 : 250);
-    } else {
-        e->radio[R_STATUS][0] |= e->acks ? 0x20 : 0x10;
-        if (e->acks) e->tx_full = 0;
-        e->phase = X_REST;
-        radio_pin(e);
+        memcpy(e->events[e->event_count - 1].frame, e->radio.sent.bytes, EOL_FRAME);
+        if (e->acks) e->answer = now_ns(e) + ANSWER_NS;
     }
+    radio_pin(e);
+}
+
+static void take_answer(emulator *e)
+{
+    if (!e->answer || now_ns(e) < e->answer) return;
+    e->answer = 0;
+    radio_acknowledged(&e->radio, now_ns(e));
+    radio_pin(e);
 }
 
 /* ---- the rest of the block */
@@ -317,8 +283,8 @@ static void load(emulator *e, uint64_t cycles, int asleep, uint8_t mode)
 {
     uint8_t rate = e->reg[CTRL1] >> 4;
     e->loads[!asleep ? L_ACTIVE : mode == 0x04 ? L_POWER_DOWN : L_IDLE] += cycles;
-    if (e->phase == X_SENDS) e->loads[L_SENDING] += cycles;
-    else if (radio_listens(e) || e->phase == X_WAITS) e->loads[L_LISTENING] += cycles;
+    if (e->radio.phase == RADIO_SENDS) e->loads[L_SENDING] += cycles;
+    else if (e->radio.listens_ns != UINT64_MAX || e->radio.phase == RADIO_WAITS) e->loads[L_LISTENING] += cycles;
     if (rate == 9) e->loads[L_SENSOR_FAST] += cycles;
     if (rate == 5) e->loads[L_SENSOR_SLOW] += cycles;
     if (e->infrared) e->loads[L_INFRARED] += cycles;
@@ -366,6 +332,8 @@ static void listen(emulator *e, uint32_t port, int number, avr_irq_notify_t to)
     avr_irq_register_notify(avr_io_getirq(e->avr, port, number), to, e);
 }
 
+int emulator_hears(emulator *e, const radio_packet *packet);
+
 emulator *emulator_new(uint8_t *code, uint32_t size, uint8_t block)
 {
     emulator *e = calloc(1, sizeof *e);
@@ -382,7 +350,8 @@ emulator *emulator_new(uint8_t *code, uint32_t size, uint8_t block)
     e->avr->codeend = e->avr->flashend;
     avr_ioctl(e->avr, AVR_IOCTL_EEPROM_SET, &rom);
     memset(e->avr->data + 0x100, PATTERN, e->avr->ramend - 0xFF);
-    e->csn = e->acks = 1;
+    e->acks = 1;
+    radio_begin(&e->radio);
     e->twcr = e->avr->io[AVR_DATA_TO_IO(TWCR)].w.c;
     e->twcr_param = e->avr->io[AVR_DATA_TO_IO(TWCR)].w.param;
     e->avr->io[AVR_DATA_TO_IO(TWCR)].w.c = on_twcr;
@@ -420,6 +389,12 @@ void emulator_samples(emulator *e, const int16_t *xy, uint64_t count, double fir
     e->sample_period = period;
 }
 
+static uint64_t sooner(uint64_t cycle, uint64_t ns)
+{
+    uint64_t other = (ns + CYCLE_NS - 1) / CYCLE_NS;
+    return ns && other < cycle ? other : cycle;
+}
+
 /* Run until `cycle`; returns the state of the core: 2 runs, 3 sleeps, more: it ended. */
 int emulator_run(emulator *e, uint64_t cycle)
 {
@@ -435,7 +410,8 @@ int emulator_run(emulator *e, uint64_t cycle)
                 double at = ceil(e->sample_first + (double)e->sample_next * e->sample_period);
                 if (at < (double)next) next = (uint64_t)at;
             }
-            if (e->phase != X_REST && e->phase_ends < next) next = e->phase_ends;
+            next = sooner(next, e->radio.phase == RADIO_RESTS ? 0 : e->radio.phase_ends_ns);
+            next = sooner(next, e->answer);
             avr->run_cycle_limit = next > avr->cycle ? next - avr->cycle : 1;
         } else {
             avr->run_cycle_limit = 1;
@@ -452,7 +428,8 @@ int emulator_run(emulator *e, uint64_t cycle)
             const int16_t *s = e->samples + 2 * e->sample_next++;
             sensor_sample(e, s[0], s[1]);
         }
-        radio_advance(e);
+        advance_radio(e);
+        take_answer(e);
         if (white(e) != e->level) {
             e->level = white(e);
             note(e, E_LEVEL, e->level);
@@ -469,11 +446,33 @@ uint64_t emulator_cycle(const emulator *e) { return e->avr->cycle; }
 /* The bridge sends; returns whether the block's radio took it. */
 int emulator_radio(emulator *e, const uint8_t *frame)
 {
-    if (!radio_listens(e) || e->rx_count == FRAMES) return 0;
-    memcpy(e->rx[e->rx_count++], frame, EOL_FRAME);
-    e->radio[R_STATUS][0] |= 0x40;
+    radio_packet packet = {.address = EOL_TO_BLOCKS, .channel = EOL_CHANNEL, .setup = 0x0C, .size = EOL_FRAME, .unanswered = 1};
+    packet.begin_ns = packet.end_ns = now_ns(e);
+    memcpy(packet.bytes, frame, EOL_FRAME);
+    return emulator_hears(e, &packet);
+}
+
+/* A packet has ended that may have begun long before. */
+int emulator_hears(emulator *e, const radio_packet *packet)
+{
+    int took = radio_hears(&e->radio, packet);
     radio_pin(e);
-    return 1;
+    return took;
+}
+
+/* The acknowledgement of what it has sent has come. */
+void emulator_answered(emulator *e)
+{
+    radio_acknowledged(&e->radio, now_ns(e));
+    radio_pin(e);
+}
+
+/* Break or mend the radio (radio.h: `fault`), or let its supply fail for a moment (-1). */
+void emulator_radio_fault(emulator *e, int fault)
+{
+    if (fault < 0) radio_reset(&e->radio);
+    else e->radio.fault = (uint8_t)fault;
+    radio_pin(e);
 }
 
 void emulator_set(emulator *e, int acks, int dead_bus)
@@ -517,7 +516,7 @@ void emulator_counts(const emulator *e, uint64_t *to)
     to[1] = e->power_down;
     to[2] = e->read;
     to[3] = e->lost;
-    to[4] = e->strange;
+    to[4] = e->strange + e->radio.strange;
     to[5] = used;
     to[6] = e->avr->pc;
     to[7] = e->infrared;

@@ -168,11 +168,11 @@ def test_fields_are_kept_and_rows_shown_in_the_only_pass(monkeypatch):
 
     for topic, fields in (('slips', ('stamp', 'distance')), ('led_commands', ('white',))):
         table = bag.table(topic)
-        assert table.dtype.names == ('log_time', *fields)
+        assert table.dtype.names == ('log_time', 'publish_time', *fields)
         for field in table.dtype.names:
             np.testing.assert_array_equal(table[field], whole.table(topic)[field])
     blocks = whole.table('blocks')
-    assert seen[0].dtype.names == ('log_time', 'stamp', 'blocks')
+    assert seen[0].dtype.names == ('log_time', 'publish_time', 'stamp', 'blocks')
     assert seen[0]['blocks'].dtype.names == ('x',)
     x = np.concatenate([table['blocks']['x'] for table in seen])
     np.testing.assert_array_equal(x, blocks['blocks']['x'])

@@ -12,12 +12,13 @@ from eol_msgs.msg import BlockTap, Cascade, GrainTrigger, LedCommand, Slip
 from rclpy.serialization import serialize_message
 
 from eol_ros import cli
-from eol_ros.analysis import report
+from eol_ros.analysis import catalogue_file, report
 from eol_ros.analysis.bag import open_bag
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.stamps import to_msg
+from eol_ros.settings import TwinSettings
 
 T0 = 1_700_000_000_000_000_000
 TAU = 1.6
@@ -34,9 +35,11 @@ def made(folder, cascades):
         now = T0 + i * 200_000_000
         for kind, at in ((Slip.START, now), (Slip.STOP, now + 20_000_000)):
             slip = Slip(kind=kind, slip=i, block=i % 5, distance=0.004 * (kind == Slip.STOP))
-            slip.header.stamp = to_msg(at)
+            slip.header.stamp, slip.onset = to_msg(at), to_msg(now)
+            slip.duration = 0.02 * (kind == Slip.STOP)
             bag.write('/eol/slips', bytes(serialize_message(slip)), at + 8_000_000, at)
         cascade = Cascade(cascade=i, area=int(area), size=int(area), blocks=list(range(area)))
+        cascade.distance = 0.004 * area
         cascade.header.stamp = cascade.onset = to_msg(now)
         raw = bytes(serialize_message(cascade))
         bag.write('/eol/cascades', raw, now + 30_000_000, now)
@@ -77,9 +80,33 @@ def test_too_few_cascades_are_not_fitted(tmp_path):
     assert 'b_value' not in found['cascades']
     words = report.summary(found)
     assert '18 cascades: no fit below 200; the largest had' in words
-    for name in ('magnitudes', 'waiting', 'aftershocks'):
+    for name in ('magnitudes', 'waiting', 'aftershocks', 'productivity'):
         assert found['catalogue'][name]['sentence'] in words
         assert ' below ' in found['catalogue'][name]['sentence']
+
+
+def test_moment_and_energy_need_what_was_measured(big, tmp_path):
+    bag, _ = big
+    told = bag.table('cascades')
+    table = TwinSettings(stiffness=50.0, stiffness_error=2.0, mu_kinetic=0.5, block_kg=0.3)
+    known = report.numbers(bag, measured=table)['catalogue']['energy']['sentence']
+    rows = catalogue_file.of(bag, told, table)
+
+    assert 'not known' in report.numbers(bag)['catalogue']['energy']['sentence']
+    assert np.isnan(catalogue_file.of(bag, told)['energy_j']).all()
+    np.testing.assert_allclose(rows['energy_j'], 0.5 * 0.3 * 9.81 * told['distance'])
+    np.testing.assert_allclose(rows['moment_nm'], 50.0 * 0.174 * told['distance'])
+    assert 'spring 50 N/m +- 2, mu_k 0.5 (not measured), 0.3 kg' in known
+    assert f'friction took {rows["energy_j"].sum():.3g} J' in known
+
+
+def test_the_same_slips_from_rest_to_rest(big):
+    """In this bag every slip is over before the next: each is a cascade of one block."""
+    bag, _ = big
+    other = report.numbers(bag)['cascades']['from_rest_to_rest']
+    assert other['count'] == 2000 and other['largest'] == 1
+    assert other['at_least'] == [2000] + [0] * 24
+    assert other['sentence'].startswith('the same slips from rest to rest of the whole table')
 
 
 @pytest.mark.parametrize('decay_repeats_the_stamp', [False, True], ids=['now', 'version 0.1.0'])

@@ -24,6 +24,7 @@ from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.errors import EolError
 from eol_ros.settings import GrainsSettings, SoundSettings, TwinSettings
+from eol_ros.streams.felt import CONFIRMED, PROVISIONAL
 
 NS = 10**9
 HOLD = """
@@ -150,10 +151,11 @@ def test_a_slip_is_followed_to_its_first_sample():
     watch = SimpleNamespace(
         seen={
             'grain_triggers': [(s, s + wait) for s, wait in zip(stamps, waits, strict=True)],
-            'felt_triggers': [],
+            'block_taps': [], 'felt_slips': [], 'felt_triggers': [],
         },
         messages=lambda topic: {
             'truth': truths, 'block_taps': [], 'sound_samples': [], 'felt_triggers': [],
+            'felt_slips': [],
             'grain_triggers': [SimpleNamespace(block=k, grain=k) for k in (a, b)],
         }[topic],
     )  # fmt: skip
@@ -171,9 +173,11 @@ def test_a_slip_is_followed_to_its_first_sample():
     at = SimpleNamespace(stamp=SimpleNamespace(sec=knock // NS, nanosec=knock % NS))
     messages, seen = watch.messages, watch.seen
     seen['felt_triggers'] = [(knock, knock + 4_000_000)]
+    seen['felt_slips'] = [(knock, knock + 3_000_000), (knock, knock + 90_000_000)]
     felt = {
         'block_taps': [SimpleNamespace(block=a, header=at)],
         'felt_triggers': [SimpleNamespace(block=a, grain=a)],
+        'felt_slips': [SimpleNamespace(kind=PROVISIONAL), SimpleNamespace(kind=CONFIRMED)],
     }
     watch = SimpleNamespace(seen=seen, messages=lambda topic: felt.get(topic) or messages(topic))
     figures = sound_rehearsal.figures(watch, 0, scene)
@@ -182,6 +186,8 @@ def test_a_slip_is_followed_to_its_first_sample():
     assert by_image == pytest.approx(too_late, abs=0.01)
     assert (figures['late_at_most'], figures['felt_ms']['count']) == (1, 1)
     assert figures['felt_not_barred_ms']['count'] == 1
+    hops = {topic: (one['count'], one['most']) for topic, one in figures['knock_to_ms'].items()}
+    assert hops == {'felt_slips': (1, 3.0), 'felt_triggers': (1, 4.0)}
 
     # The second was felt too, soon after a knock whose grains may not sound again yet.
     before, knock = second - 100_000_000, second + 100_000

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from benchmarks import sizes
 from benchmarks.sizes import MOMENTS, _scaling
 from eol_ros.core.science.powerlaw import sample
 
@@ -31,3 +32,24 @@ def test_a_law_that_does_not_grow_has_no_dimension():
     found = _scaling('x', (16, 32, 64), range(2), lambda n, s: areas[n, s])
 
     np.testing.assert_allclose(found['sigma'], 0, atol=0.05)
+
+
+@pytest.mark.slow
+def test_curves_of_a_law_that_scales_fall_on_one_another(tmp_path):
+    sides, seeds = (16, 32, 64), range(2)
+    areas = {
+        (n, s): sample(1.5, 1, n * n, 20_000, np.random.default_rng([n, s]))
+        for n in sides for s in seeds
+    }  # fmt: skip
+    found = _scaling('x', sides, seeds, lambda n, s: areas[n, s])
+    off = sizes.apart(sides, found['curves'], 1.0, 1.5)  # areas that grow with L, not L^2
+
+    assert sizes.apart(sides, found['curves'], 2.0, 1.5) < 0.1 < 0.4 < off
+    side = {'mean_area': 2.0, 'mean_area_deviation': 0.1}
+    rows = [
+        {'side': n, 'table': side, 'plate': side, 'ks': 0.1, 'ks_deviation': 0.0,
+         'ks_of_two_starts': 0.0} for n in sides
+    ]  # fmt: skip
+    result = {'seeds': 2, 'travel_m': 1.0, 'speed_mps': 1e-3, 'sides': rows, 'scaling': [found]}
+    sizes.draw(result, tmp_path)
+    assert {f.name for f in tmp_path.iterdir()} == {'sizes.png', 'collapse.png'}

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from support.domains import next_domain
 from support.forgetful_disk import Clock, ForgetfulDisk
 from support.waiting import wait_until
 
@@ -22,12 +23,12 @@ KEPT = {
     'grains': {'settings': {'radius': 0.11}},
     'leds': {'asleep': False},
     'motion': {},
-    'tracker': {'yaw_offsets': 'AAAA'},
+    'tracker': {'yaw_offsets': 'AAAA', 'cover_patterns': 'AAAA'},
 }
 SAME = {
     'sound': {'muted': True, 'settings': {'gain_db': -9.0}},
     'grains': {'settings': {'radius': 0.11}},
-    'tracker': {'yaw_offsets': 'AAAA'},
+    'tracker': {'yaw_offsets': 'AAAA', 'cover_patterns': 'AAAA'},
 }
 
 
@@ -140,7 +141,7 @@ def test_a_disk_that_is_full_is_told_and_stops_nobody(scene):
 def test_walls_that_slept_sleep_again_after_everything_was_killed(tmp_path):
     scene = tmp_path / 'night.yaml'
     scene.write_text('nodes: {montage: {}, recorder: off}\nelsewhere: [motion]\n')
-    domain = 90
+    domain = next_domain()
     environ = {**os.environ, 'ROS_DOMAIN_ID': str(domain), 'EOL_STATE': str(tmp_path / 'state')}
     started = []
 

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import numpy as np
 import pytest
 
 from eol_ros.bringup.policy import (
@@ -12,6 +13,7 @@ from eol_ros.bringup.policy import (
     START_STARVED_S,
     STARVED,
     STARVED_S,
+    UNFED_FIRST_S,
     UNFED_S,
     Look,
     Policy,
@@ -133,7 +135,16 @@ def times(end_s):
 
 def test_who_gets_nothing_of_what_is_given_is_found_after_a_while():
     unfed = Unfed()
-    assert [t for t in times(40) if unfed.look(t, 0.0, 60.0)] == [UNFED_S, 2 * UNFED_S + 0.1]
+    found = [t for t in times(130) if unfed.look(t, 0.0, 60.0)]
+    assert np.diff([-0.1, *found]) == pytest.approx([UNFED_S * k + 0.1 for k in (1, 2, 4, 8, 15)])
+
+    for t in times(61):  # a minute in which it gets something
+        assert not unfed.look(130 + t, 60.0, 60.0)
+    found = [t for t in times(10) if unfed.look(191 + t, 0.0, 60.0)]
+    assert found == [pytest.approx(UNFED_S)]
+
+    unfed = Unfed()
+    assert [t for t in times(20) if unfed.look(t, 0.0, 60.0, starting=True)] == [UNFED_FIRST_S]
 
 
 @pytest.mark.parametrize(
@@ -146,7 +157,7 @@ def test_who_gets_something_or_is_given_nothing_is_left_alone(gets, given):
 
 def test_one_look_that_finds_something_is_enough_and_who_was_away_begins_again():
     unfed = Unfed()
-    assert not any(unfed.look(t, float(round(10 * t) % 140 == 0), 60.0) for t in times(60))
+    assert not any(unfed.look(t, float(round(10 * t) % 39 == 0), 60.0) for t in times(60))
     unfed = Unfed()
     assert not any(unfed.look(t * 10, 0.0, 60.0) for t in times(60))
 

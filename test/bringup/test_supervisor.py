@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from support.waiting import wait_until
 
-from eol_ros.bringup import policy, status
+from eol_ros.bringup import policy, priority, status
 from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
@@ -169,13 +169,29 @@ def policies(pid):
     for task in Path(f'/proc/{pid}/task').iterdir():
         name = 'main' if int(task.name) == pid else (task / 'comm').read_text().strip()
         found[name] = os.sched_getscheduler(int(task.name)) & ~os.SCHED_RESET_ON_FORK
+        if found[name] == os.SCHED_RR:
+            assert os.sched_getparam(int(task.name)).sched_priority == 2
     return found
+
+
+@pytest.mark.parametrize(('may', 'given'), [(2, 2), (1, 1), (0, None)])
+def test_a_limit_of_before_gives_the_lower_priority(monkeypatch, may, given):
+    taken = set()
+
+    def set_scheduler(thread, policy, parameter):
+        if parameter.sched_priority > may:
+            raise PermissionError
+        taken.add(parameter.sched_priority)
+
+    monkeypatch.setattr(os, 'sched_setscheduler', set_scheduler)
+    assert priority.step_ahead(os.getpid(), 2) == (given is not None)
+    assert taken == ({given} if given else set())
 
 
 def test_what_carries_messages_goes_ahead(start, tmp_path):
     begin = tmp_path / 'begin'
     words = (sys.executable, '-c', THREADED, 'tracker', str(begin))
-    first = Process(('tracker',), words, {}, real_time=True)
+    first = Process(('tracker',), words, {}, real_time=2)
     supervisor, lines = start(first, process('montage', STEADY))
     ahead = os.SCHED_RR if (may := allowed()) else os.SCHED_OTHER
     seen = []
@@ -276,6 +292,24 @@ while True:
     time.sleep(0.1)
 """
 )
+
+
+BEATING_AGAIN = STEADY.replace("'fine'", "os.environ.get('EOL_AGAIN', 'first')")
+
+
+def test_who_is_started_again_is_told_that_the_others_run(start):
+    supervisor, _ = start(process('twin', BEATING_AGAIN), process('tracker', BEATING_AGAIN))
+
+    def texts():
+        return [row['text'] for child in supervisor.children for row in child.status.values()]
+
+    def work():
+        wait_until(lambda: texts() == ['first', 'first'] and supervisor.all_ok_s is not None)
+        wait_until(lambda: all(child.settled for child in supervisor.children))
+        os.kill(supervisor.children[1].popen.pid, signal.SIGKILL)
+        wait_until(lambda: texts() == ['first', '1'])
+
+    attended(supervisor, work)
 
 
 def test_all_are_started_again_where_the_network_asks_for_it(start):

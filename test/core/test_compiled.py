@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops: no more is compiled than is called."""
 
+import subprocess
+import sys
+
 import pytest
 
 from eol_ros.core.compiled import njit
@@ -37,6 +40,41 @@ def test_what_has_no_entry_for_python_says_so():
     assert _count(1) == 5
 
 
+CALLS = """
+import sys
+from eol_ros.core.compiled import njit
+
+@njit(cache=True, inner=True)
+def half(x):
+    return 0.5 * x
+
+@njit(cache=True)
+def once(x):
+    return half(x)
+
+@njit(cache=True)
+def twice(x):
+    return half(half(x))
+
+print(getattr(sys.modules[__name__], sys.argv[1])(12.0), sum(half.stats.cache_hits.values()))
+kinds = [cres.library.serialize_using_object_code()[1] for cres in half.overloads.values()]
+print(*kinds, *(cres.library.get_pointer_to_function('half') for cres in half.overloads.values()))
+"""
+
+
+@pytest.mark.slow
+def test_what_others_call_has_no_machine_code_and_is_taken_from_the_cache(tmp_path):
+    script = tmp_path / 'calls.py'
+    script.write_text(CALLS)
+    command = [sys.executable, str(script)]
+    told = [
+        subprocess.run([*command, name], capture_output=True, text=True, check=True).stdout.split()
+        for name in ('once', 'twice', 'twice')
+    ]
+    code = ['intermediate', 'code', '0']
+    assert told == [['6.0', '0', *code], ['3.0', '1', *code], ['3.0', '0']]
+
+
 @pytest.mark.slow
 def test_sweeps_are_compiled_for_stiff_scenes_only():
     """In a process of its own the order of tests would not matter; here signatures are counted."""
@@ -44,5 +82,6 @@ def test_sweeps_are_compiled_for_stiff_scenes_only():
     before = set(kernel.run.signatures)
     given = builders.table(pull, 3.0, geometric=True, u0=builders.offsets(25, 0.005, 3))
     run = simulate(from_mapping(given), ledger=False)
-    assert run.swept == 0 and len(run.event_t) > 20
-    assert not [s for s in set(kernel.run.signatures) - before if 'Sweep' in str(s[-1])]
+    assert run.swept == run.glided == 0 and len(run.event_t) > 20
+    made = [str(s[-2:]) for s in set(kernel.run.signatures) - before]
+    assert not [kinds for kinds in made if 'Sweep' in kinds or 'Glide' in kinds]

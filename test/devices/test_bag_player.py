@@ -167,6 +167,21 @@ def test_stamped_messages_come_at_their_stamps_and_the_rest_between(stamped, rat
     ]
 
 
+def test_what_came_late_to_the_recorder_is_played_as_it_was_sent(tmp_path):
+    writer = BagWriter(tmp_path / 'late', [POINT], {})
+    for i, late_ms in enumerate((0, 40, 900, 900, 0)):
+        sent_ns = T0 + i * 20_000_000
+        came_ns = max(sent_ns + late_ms * 1_000_000, T0 + i)
+        writer.write(POINTS, bytes(28), came_ns, sent_ns, i)
+    writer.write(POINTS, bytes(28), T0 + 2 * NS, 0, 9)  # not known when sent
+    writer.close()
+    clock, player = play(BagReader(tmp_path / 'late'))
+    player.run()
+    assert [m.sequence for _, m in clock.given] == [0, 1, 4, 2, 3, 9]  # as they were received
+    times = [LEAD_S + t for t in (0, 0.02, 0.08, 0.08, 0.08, 2)]
+    assert [t for t, _ in clock.given] == pytest.approx(times)
+
+
 def test_recorded_time_is_that_of_the_stamps_and_stands_in_a_pause(stamped):
     clock, player = play(stamped, (IMAGES,), rate=0.5, stamped=[IMAGES])
     assert player.now_ns() == T0 - LEAD_NS

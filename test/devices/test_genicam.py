@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """GenICam cameras: the real protocol on a loopback, from the simulated camera of Aravis."""
 
+import signal
+import subprocess
+import sys
 import time
 
+import cv2
 import numpy as np
 import pytest
 from support.gige import GREY, NAME, Gige, own_network, without
@@ -243,6 +247,49 @@ def test_pulled_out_it_is_lost_and_plugged_in_it_goes_on(plugged):
         s.text for s in states if s.kind == 'lost'
     )
     assert not any(t.is_alive() for t in watched._threads), time.monotonic() - began
+
+
+def test_a_camera_that_hangs_or_ends_is_lost_and_found_again(tmp_path, monkeypatch):
+    """As `eol bench soak` pulls it out: its process is stopped, then killed."""
+    monkeypatch.setattr(genicam, 'PATIENCE_S', 0.2)
+    film = tmp_path / 'film.avi'
+    out = cv2.VideoWriter(str(film), cv2.VideoWriter_fourcc(*'MJPG'), 30, (W, H), isColor=False)
+    out.write(np.full((H, W), 77, np.uint8))
+    out.release()
+
+    def plug():
+        one = subprocess.Popen(
+            [sys.executable, '-m', 'benchmarks.gige', str(film)], stdout=subprocess.PIPE, text=True
+        )
+        assert one.stdout.readline() == 'ready\n'
+        return one
+
+    states, images = [], []
+    with own_network():
+        gige = plug()
+        source = Camera(
+            camera(fps=30.0), lambda *a: images.append(a[1]), states.append,
+            backoff=Backoff(0.05, 0.1),
+        )  # fmt: skip
+        source.start()
+        try:
+            for number in (signal.SIGSTOP, signal.SIGKILL):
+                assert wait_until(lambda: len(images) > 5)
+                gige.send_signal(number)
+                assert wait_until(lambda: states[-1].kind == 'lost')
+                if number == signal.SIGSTOP:
+                    gige.send_signal(signal.SIGCONT)
+                else:
+                    gige.communicate()
+                    gige = plug()
+                images.clear()
+            assert wait_until(lambda: len(images) > 5)
+        finally:
+            source.close()
+            gige.kill()
+            gige.communicate()
+    assert source.opened == 3
+    assert np.abs(images[-1].astype(int) - 77).max() < 4
 
 
 def test_a_trigger_that_pauses_is_no_loss(plugged, monkeypatch):

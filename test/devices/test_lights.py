@@ -10,7 +10,7 @@ from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.devices.board.fake import FakeBoard
-from eol_ros.devices.board.lights import Lights, Played
+from eol_ros.devices.board.lights import Lights, Played, faults
 from eol_ros.devices.board.twin import LINK_NS, Felt, Lamps, Radio, TwinBoard
 from eol_ros.errors import ConfigError
 from eol_ros.settings import LedsSettings
@@ -255,6 +255,18 @@ def test_what_is_wrong_with_a_block_is_a_line(make_lights):
         assert sensor.startswith('the accelerometer of block 7 repeats one value')
         assert link.startswith('block 9 is not heard')
         assert lights.values()['lowest_battery_v'] == 3.0
+
+
+def test_a_bridge_without_its_radio_is_one_line():
+    def status(block, flags=0):
+        return protocol.BlockStatus(block, 0, 0, *protocol.FIRMWARE, flags)
+
+    blocks = {n: status(n) for n in range(25)}
+    alone = status(protocol.BRIDGE, protocol.LINKED | protocol.RADIO_DEAD)
+    (line,) = faults(blocks | {protocol.BRIDGE: alone})
+    assert line.startswith('the radio of the bridge does not work')
+    well = status(protocol.BRIDGE, protocol.LINKED)
+    assert len(faults(blocks | {protocol.BRIDGE: well})) == 25
 
 
 def test_a_slip_that_was_in_time_is_in_time_when_played_slowly(monkeypatch):

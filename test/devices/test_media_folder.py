@@ -61,7 +61,7 @@ def test_skips_and_names_what_is_wrong(folder):
     (folder / 'words.png').write_text('not an image IEND')
     (folder / 'bad.svg').write_text('<svg><rect></svg>')
     (folder / 'empty.jpg').write_bytes(b'')
-    (folder / 'film.mp4').write_bytes(b'x')
+    (folder / 'film.avi').write_bytes(b'x')
     names = [
         'gone.jpg',
         'cut.jpg',
@@ -69,7 +69,7 @@ def test_skips_and_names_what_is_wrong(folder):
         'words.png',
         'bad.svg',
         'empty.jpg',
-        'film.mp4',
+        'film.avi',
         '',
         '../secret.png',
         '/etc/passwd.png',
@@ -86,7 +86,7 @@ def test_skips_and_names_what_is_wrong(folder):
         'cut.png: cut off',
         'not an image',
         'bad.svg: not an SVG',
-        'film.mp4: not one of',
+        'film.avi: not one of',
         '../secret.png: outside the folder',
         '/etc/passwd.png: outside the folder',
         'lacks its left or right',
@@ -94,7 +94,7 @@ def test_skips_and_names_what_is_wrong(folder):
         assert word in text
     pictures = Pictures(str(folder))
     assert pictures.file('a.jpg') == folder / 'a.jpg'
-    for name in ('../secret.png', '/etc/passwd.png', 'film.mp4', 'c.webp', LIST, ''):
+    for name in ('../secret.png', '/etc/passwd.png', 'film.avi', 'c.webp', LIST, ''):
         assert pictures.file(name) is None
 
 

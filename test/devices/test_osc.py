@@ -39,6 +39,24 @@ def bundle(*parts):
     return b'#bundle\0' + bytes(8) + b''.join(len(p).to_bytes(4, 'big') + p for p in parts)
 
 
+def test_a_bundle_whose_sizes_do_not_add_up_is_refused():
+    """A part of -4 bytes had python-osc read the same size for ever: one datagram, no sound."""
+    head, message = b'#bundle\0' + bytes(8), encode('/eol/x', 1)
+    for size in (-4, -1, -(2**31), len(message) + 1, 2**31 - 1):
+        with pytest.raises(ValueError, match=f'part of {size} bytes'):
+            decode(head + size.to_bytes(4, 'big', signed=True) + message)
+    with pytest.raises(ValueError, match='part of 0 bytes'):
+        decode(bundle(message) + b'\0\0')  # a size that is cut off
+    nested = message
+    for _ in range(16):
+        nested = bundle(nested)
+    assert decode(nested) == [('/eol/x', 1)]
+    for _ in range(3000):
+        nested = bundle(nested)
+    with pytest.raises(ValueError, match='more than 16'):
+        decode(nested)
+
+
 @st.composite
 def packets(draw):
     """Draw noise, and messages and bundles of which some bytes are others, or missing."""

@@ -91,6 +91,15 @@ def test_a_dry_run_prints_what_a_person_can_run(capsys):
     assert len(lines) == 2 and all(line.startswith('avrdude ') for line in lines)
 
 
+def test_the_bridge_is_written_by_the_line_that_it_uses(capsys):
+    assert cli.main(['board', '--flash', 'bridge', '--port', '/dev/ttyUSB7', '--dry-run']) == 0
+    words = capsys.readouterr().out.split()
+    assert words[0] == 'stm32flash' and words[-1] == '/dev/ttyUSB7'
+    assert words[words.index('-w') + 1].endswith('firmware/build/bluepill.bin')
+    assert cli.main(['board', '--flash', 'bridge', '--new', '--dry-run']) == 2
+    assert 'no fuses' in capsys.readouterr().err
+
+
 def test_fuses_are_those_of_the_circuit():
     said = yaml.safe_load((ROOT / 'docs' / 'build' / 'block.yaml').read_text())['fuses']
     assert {name: fuse['value'] for name, fuse in said.items()} == programmer.FUSES

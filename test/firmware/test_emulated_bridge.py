@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The firmware of the bridge on an emulated Cortex-M3, its line a pty, against the host's code.
 
+Each runs twice: on QEMU's MPS2 board, whose radio is a serial line, and on an STM32F103 with an
+nRF24L01+, the program that docs/build has written into a "Blue Pill".
+
 `make firmware` installs the compiler and the emulator, builds and runs this.
 """
 
@@ -13,6 +16,7 @@ import tty
 import pytest
 from support import needs
 from support.emulated import STATUS, TESTED, WORD
+from support.emulated_bluepill import LiveBluePill
 from support.emulated_bridge import Bridge
 from support.waiting import wait_until
 
@@ -24,8 +28,11 @@ from eol_ros.settings import LedsSettings, MotionSettings
 
 pytestmark = [
     pytest.mark.firmware,
-    needs.marker('gcc-arm-none-eabi', 'libnewlib-arm-none-eabi', 'qemu-system-arm', 'gcc-avr'),
-]
+    needs.marker(
+        'gcc-arm-none-eabi', 'libnewlib-arm-none-eabi', 'qemu-system-arm', 'gcc-avr',
+        'libunicorn-dev',
+    ),
+]  # fmt: skip
 BY_ITSELF, FALLS = 1, 4
 AIR_US = 550  # EOL_AIR_US
 HELD_US = 1_001_000 // 3
@@ -85,9 +92,9 @@ class Host:
         os.close(self._fd)
 
 
-@pytest.fixture
-def bridge(tmp_path):
-    with Bridge(tmp_path) as one:
+@pytest.fixture(params=['mps2', 'bluepill'])
+def bridge(request, tmp_path):
+    with Bridge(tmp_path) if request.param == 'mps2' else LiveBluePill() as one:
         yield one
 
 

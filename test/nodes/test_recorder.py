@@ -100,6 +100,25 @@ def test_the_bag_holds_the_bytes_that_were_published(ros, matched, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_late_recorder_says_when_messages_were_sent_and_received(ros, matched, tmp_path):
+    recorder, source = record(tmp_path), Source()
+    rig = Rig(recorder, source)
+    rig.spin(lambda: matched(recorder, source))
+    around = []
+    for k in range(5):
+        before_ns = now_ns()
+        source.send(source.blocks, Blocks(image=k))
+        around.append((before_ns, now_ns()))
+    time.sleep(0.5)  # nothing is taken
+    looked_ns = now_ns()
+    rig.spin(lambda: recorder.recording.received['/eol/blocks'] == 5)
+    rig.close()
+    found = list(BagReader(tmp_path).messages(['/eol/blocks']))
+    for (before_ns, after_ns), m in zip(around, found, strict=True):
+        assert before_ns <= m.publish_ns <= min(after_ns, m.log_ns) and m.log_ns < looked_ns
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize('jump_s', [-3600, 3600])
 def test_a_set_clock_ends_the_bag_with_a_mark_and_begins_another(
     ros, matched, tmp_path, monkeypatch, jump_s

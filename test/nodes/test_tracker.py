@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import json
 import types
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,9 +11,10 @@ from eol_msgs.msg import Blocks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.identity.cover_patterns import CoverPatterns
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.requests import Outcome
 from eol_ros.core.vision.tracker import Tracker
@@ -140,10 +142,13 @@ def test_what_was_learnt_of_the_blocks_outlives_the_node(ros, monkeypatch):
     node.learnt_s = 0.0  # a minute has passed
     node._learn()
     kept = node.health.kept
-    assert list(kept) == ['yaw_offsets']
+    assert sorted(kept) == ['cover_patterns', 'yaw_offsets']
     close(node)
 
     node, told = life(monkeypatch, kept)
+    asked = request_from_msg(told[1])
+    assert (asked.kind, asked.from_ns) == ('cover_patterns', START_NS)
+    assert CoverPatterns.unpacked(asked.data).looks.sum() == 3  # one cover an image
     assert np.allclose(node.tracker.lattice.yaws.mean, yaws.mean, atol=0.01)  # and a look
     assert (node.tracker.lattice.yaws.looks >= 40).all()
     asked = request_from_msg(told[0])
@@ -152,9 +157,37 @@ def test_what_was_learnt_of_the_blocks_outlives_the_node(ros, monkeypatch):
     assert asked.data == yaws.packed()
     close(node)
 
-    node, told = life(monkeypatch, {'yaw_offsets': 'dGhpcyBpcyBub3RoaW5n'})  # damaged
+    damaged = 'dGhpcyBpcyBub3RoaW5n'
+    node, told = life(monkeypatch, {'yaw_offsets': damaged, 'cover_patterns': damaged})
     assert not told and node.tracker.lattice.yaws.looks.max() == 1
     close(node)
+
+
+def test_covers_that_are_not_those_of_the_calibration_are_told():
+    files, tracker = (
+        TrackerFiles(TrackerSettings()),
+        Tracker(TrackerSettings(), Calibration.ideal()),
+    )
+    renderer = Renderer(calibration=tracker.calibration)
+    image = renderer.render(*rest_lattice().T, np.zeros(25), 0)
+    for k in range(40):
+        tracked = tracker.update(k / 60, image)
+        files.look(tracker, tracked)
+    assert files.words(tracked)[0]
+
+    sides = tracker.sides_px()
+    assert sides == pytest.approx(BLOCK_SIDE_M * tracker.calibration.px_per_m(), rel=1e-3)
+    tracker.sides_px = lambda: sides * np.linspace(0.99, 1.01, 25)
+    for later_s, good in ((30.0, True), (61.0, False)):
+        for k in range(20):
+            files.look(tracker, replace(tracked, stamp_s=tracked.stamp_s + later_s + k / 60))
+        told = files.words(tracked)
+        assert told[0] is good
+    assert 'the calibration is of other covers' in told[1] and '25 of 25' in told[1]
+
+    tracker.calibration = replace(tracker.calibration, cover_height_m=0.01)
+    files.look(tracker, tracked)
+    assert files.words(tracked)[0]  # nothing is known of the new one yet
 
 
 def close(node):
@@ -175,6 +208,19 @@ def test_what_a_replay_learns_again_is_not_written_down(tmp_path):
         _, text = files.words(tracked)
         assert ('kept in' in text) is keep is (tmp_path / 'lamps.png').exists()
         (tmp_path / 'lamps.png').unlink(missing_ok=True)
+
+
+def test_covers_that_were_changed_are_said_with_a_code(tmp_path):
+    tracker = Tracker(TrackerSettings(), Calibration.ideal())
+    for k, image in enumerate(pictures(3)):
+        tracked = tracker.update(k / 60, image)
+    files = TrackerFiles(TrackerSettings())
+    assert files.words(tracked)[0]
+    for block in (3, 8):
+        tracker.identity.names.change(2 / 60, block)
+    good, text = files.words(tracker.update(3 / 60, image))
+    assert not good and text == '25 of 25 blocks seen; other covers than before on blocks 3, 8'
+    assert text.parts[1] == ['covers', {'blocks': '3, 8'}]
 
 
 @pytest.mark.slow

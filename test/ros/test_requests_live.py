@@ -2,12 +2,12 @@
 """Requests over real DDS: who answers, from when it counts, and the tools of the command line."""
 
 import json
-import threading
 
 import pytest
 from eol_msgs.msg import Slip
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from support.spinning import spinning_in
 from support.waiting import wait_until
 
 from eol_ros.cli import main
@@ -134,29 +134,9 @@ def test_who_must_answer_and_who_does_not_run():
 
 @pytest.fixture
 def spinning(ros, matched):
-    """The node motion in a thread of its own context, for what visits the graph."""
-    import rclpy
-
-    context = rclpy.Context()
-    context.init()
-    node = MotionNode(MotionSettings(), context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    stopping = threading.Event()
-
-    def spin():
-        while not stopping.is_set():
-            executor.spin_once(timeout_sec=0.05)
-
-    thread = threading.Thread(target=spin, daemon=True)
-    thread.start()
-    rclpy.try_shutdown()  # the visit brings a context of its own
-    yield node
-    stopping.set()
-    thread.join()
-    executor.remove_node(node)
-    node.destroy_node()
-    context.try_shutdown()
+    """The node motion, for what visits the graph."""
+    with spinning_in(lambda context: MotionNode(MotionSettings(), context=context)) as node:
+        yield node
 
 
 @pytest.mark.slow

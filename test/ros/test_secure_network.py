@@ -183,3 +183,50 @@ def test_a_revoked_key_opens_nothing(machines, bag):
     finally:
         config.write_text(before)
         answer(machines.run('work', 'bash', '-c', renew))
+
+
+@pytest.fixture(scope='module')
+def viewer(machines, tmp_path_factory):
+    """The work, and a machine with a read-only key; the machines of before are gone."""
+    machines.stop()  # there is one work at a time
+    found = Machines('work', 'viewer')
+    try:
+        found.start()
+        found.let_in('viewer', tmp_path_factory.mktemp('keys'), '--read-only')
+        yield found
+    except NoMachines as error:
+        pytest.skip(str(error))
+    finally:
+        found.stop()
+
+
+def test_who_has_a_read_only_key_hears_and_moves_nothing(viewer, bag):
+    """Neither with the domain that it is given, nor by that of the work, nor by other ports."""
+    listener = 'import socket, time; s = socket.create_server(("10.77.0.1", 8080)); '
+    listener += 'print("ready", flush=True); time.sleep(60)'
+    knock = f'import socket; socket.create_connection(("{INSIDE}", 8080), 2).close(); print("in")'
+    panel = viewer.run('work', sys.executable, '-c', listener)
+    mirror = viewer.run('work', sys.executable, '-m', 'eol_ros', 'mirror', '--secure')
+    try:
+        with play(viewer, bag, '--secure'), ear(viewer, 14) as asked:
+            exported = dict(
+                line.removeprefix('export ').split('=', 1)
+                for line in viewer.eol('viewer', 'keys', 'env').splitlines()
+            )
+            given = {name: shlex.split(value)[0] for name, value in exported.items()}
+            assert given['ROS_DOMAIN_ID'] == '100'
+            seen = [visit(viewer, 'viewer', 8, **given | {'ROS_DOMAIN_ID': domain})
+                    for domain in ('100', '61')]  # fmt: skip
+            assert json.loads(answer(seen[0])) == {'heard': 5, 'nodes': ['mirror', 'visitor']}
+            assert json.loads(answer(seen[1])) == {'heard': 0, 'nodes': ['visitor']}
+            assert panel.stdout.readline() == 'ready\n'
+            knocks = [viewer.run(where, sys.executable, '-c', knock).communicate()[0]
+                      for where in ('work', 'viewer')]  # fmt: skip
+            assert knocks == ['in\n', '']
+            assert asked() == 0
+    finally:
+        mirror.send_signal(signal.SIGINT)
+        panel.kill()
+        said = [child.communicate(timeout=20)[1] for child in (mirror, panel)]
+    assert mirror.returncode == 0
+    assert 'read: slips' in said[0]

@@ -9,6 +9,7 @@ from sensor_msgs.msg import Image
 from support.waiting import wait_until
 
 from eol_ros.ros.startup_barrier import (
+    AGAIN_PATIENCE_S,
     PATIENCE_S,
     SETTLE_S,
     PeerDiscovery,
@@ -74,6 +75,22 @@ def test_a_node_has_met_those_whom_its_scene_names_and_nobody_else_counts(reader
 
     reader('recorder', 'blocks')
     assert wait_until(discovery.complete) and discovery.missing() == []
+
+
+def test_who_is_started_again_while_the_others_run_waits_less(ros, monkeypatch):
+    """Once twin and tracker were not brought together, and the twin waited for it for 15 s."""
+    node = ros.create_node('twin', namespace='/eol')
+    node.scene = scene_of('twin', 'tracker')
+    begun = []
+    for again, wait_s in (('', PATIENCE_S), ('1', AGAIN_PATIENCE_S)):
+        monkeypatch.setenv('EOL_AGAIN', again)
+        barrier = StartupBarrier(node, clock := Clock())
+        clock.now_s = wait_s
+        begun += [barrier.ready(), barrier.complete()]
+        clock.now_s += 0.1
+        begun += [barrier.ready(), barrier.complete()]
+    assert begun == [False, False, True, True] * 2
+    node.destroy_node()
 
 
 def test_a_source_begins_when_all_say_that_they_are_ready(reader):

@@ -7,17 +7,17 @@ import subprocess
 import sys
 
 import pytest
+from support.domains import next_domain
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
 
 
 def bringup(*words, cwd=None):
-    domain = 60 + os.getpid() % 40
     return subprocess.run(
         [sys.executable, '-m', 'eol_ros.bringup', *words],
         cwd=cwd,
         timeout=90,
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+        env={**os.environ, 'ROS_DOMAIN_ID': str(next_domain())},
         capture_output=True,
         text=True,
     )

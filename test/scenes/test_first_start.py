@@ -10,6 +10,7 @@ import time
 
 import pytest
 from support.checkout import ROOT
+from support.domains import next_domain
 from support.waiting import wait_until
 
 from benchmarks.fake_clock import FakeClock
@@ -53,7 +54,7 @@ def bringup(path, *words):
 def test_a_start_in_1970_and_then_a_jump_of_decades(tmp_path, scene):
     (tmp_path / 'scene.yaml').write_text(scene)
     shutil.copy(ROOT / 'config' / 'rehearsal.yaml', tmp_path)
-    clock, domain = FakeClock(tmp_path, int((60 - time.time()) * 1e9)), 77
+    clock, domain = FakeClock(tmp_path, int((60 - time.time()) * 1e9)), next_domain()
     process = subprocess.Popen(
         bringup('scene.yaml'), cwd=tmp_path, stderr=subprocess.PIPE, text=True,
         env=environment(tmp_path, ROS_DOMAIN_ID=str(domain), **clock.environment),
@@ -94,7 +95,8 @@ def test_a_home_that_cannot_be_written(tmp_path):
     nothing = {'HOME': NOWHERE, 'XDG_CACHE_HOME': None, 'XDG_STATE_HOME': None}
     done = subprocess.run(
         bringup('scene.yaml', '--for', '0.5'), cwd=tmp_path, capture_output=True, text=True,
-        env=environment(tmp_path, ROS_DOMAIN_ID='78', EOL_CACHE=str(tmp_path / 'cache'), **nothing),
+        env=environment(tmp_path, ROS_DOMAIN_ID=str(next_domain()),
+                        EOL_CACHE=str(tmp_path / 'cache'), **nothing),
     )  # fmt: skip
     assert done.returncode == 0 and 'all OK' in done.stderr, done.stderr
 
@@ -102,7 +104,7 @@ def test_a_home_that_cannot_be_written(tmp_path):
         folders = {'EOL_CACHE': str(tmp_path / 'cache'), missing: None}
         done = subprocess.run(
             bringup('scene.yaml'), cwd=tmp_path, capture_output=True, text=True,
-            env=environment(tmp_path, ROS_DOMAIN_ID='78', **folders, **nothing),
+            env=environment(tmp_path, ROS_DOMAIN_ID=str(next_domain()), **folders, **nothing),
         )  # fmt: skip
         assert done.returncode == 78
         last = done.stderr.splitlines()[-1]

@@ -13,6 +13,7 @@ import pytest
 import yaml
 from eol_msgs.msg import Blocks
 from rclpy.serialization import deserialize_message
+from support.domains import next_domain
 
 from eol_ros.analysis.bag import open_bag
 from eol_ros.analysis.retrack import retrack
@@ -21,7 +22,7 @@ from eol_ros.errors import EolError
 from eol_ros.streams.graph import node_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(420)]
-DOMAIN = 91
+DOMAIN = next_domain()
 RECORDED = 100  # messages of each, after both are OK
 SEEDS = {'north': 1, 'south': 2}
 

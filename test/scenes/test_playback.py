@@ -14,7 +14,7 @@ from eol_ros.analysis import open_bag
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 CHAIN = {
     'motion': {}, 'leds': {'port': 'twin'}, 'grains': {},
-    'sound': {'device': 'wav', 'felt_latency_s': 0.1},
+    'sound': {'device': 'wav', 'latency_s': 0.1, 'felt_latency_s': 0.1},  # equal, not in time
 }  # fmt: skip
 SECONDS = 2.5  # recorded after the first slip
 RESULTS = ('slips', 'cascades', 'grain_triggers')
@@ -118,4 +118,5 @@ def test_a_run_that_is_played_is_the_run_again(first, tmp_path, rate, tracker):
     assert sound['triggers'] == triggers + sound['felt'] - sound['told_twice']
     assert sound['late'] == 0
     assert values['sound']['dropped'] == 0
-    assert 0 < values['leds']['wire_p50_ms'] < 1000
+    # On the wall clock; knocks come as long before their images, and those at their stamps.
+    assert -100 < values['leds']['wire_p50_ms'] < 1000

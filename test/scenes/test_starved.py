@@ -4,11 +4,11 @@
 The long ones are in `make soak`.
 """
 
-import json
 import time
 
 import pytest
 import yaml
+from support.bags import counted_losses
 
 from benchmarks.running import Graph, busy, stand_in
 from eol_ros.analysis import open_bag
@@ -56,13 +56,7 @@ def check(status, bags):
     assert len(bags) == 1
     bag = open_bag(bags[0])
     nodes = {row['node']: row['values'] for row in status['nodes']}
-    lost = {
-        name: json.loads(bag.gaps[name]) for name in ('lost_before_recorder', 'dropped_in_recorder')
-    }
-    for topic, counter in (('blocks', 'image'), ('grain_triggers', 'sequence')):
-        numbers = bag.table(topic)[counter].astype(int)
-        absent = numbers[-1] - numbers[0] + 1 - len(numbers)
-        assert absent == sum(counts.get(f'/eol/{topic}', 0) for counts in lost.values()), topic
+    lost = counted_losses(bag)
 
     # Every image that should have been is in the bag's blocks, or was counted by somebody.
     blocks = bag.table('blocks')

@@ -61,6 +61,9 @@ def _library() -> ctypes.CDLL:
     lib.emulator_samples.argtypes = [memory, memory, u64, ctypes.c_double, ctypes.c_double]
     lib.emulator_run.argtypes = [memory, u64]
     lib.emulator_radio.argtypes = [memory, ctypes.c_char_p]
+    lib.emulator_answered.argtypes = [memory]
+    lib.emulator_hears.argtypes = [memory, memory]
+    lib.emulator_radio_fault.argtypes = [memory, ctypes.c_int]
     lib.emulator_set.argtypes = [memory, ctypes.c_int, ctypes.c_int]
     lib.emulator_break.argtypes = [memory, ctypes.c_int]
     lib.emulator_hang.argtypes = [memory, ctypes.c_int]
@@ -133,6 +136,18 @@ class Block:
         """The bridge sends; return whether the radio of the block took it."""
         assert len(frame) == FRAME
         return bool(self._lib.emulator_radio(self._memory, frame))
+
+    def hears(self, packet: ctypes.Structure) -> bool:
+        """A packet ends now, or has ended; return whether its radio took it."""
+        return bool(self._lib.emulator_hears(self._memory, ctypes.byref(packet)))
+
+    def break_radio(self, fault: int) -> None:
+        """See support/emulated_bluepill.py."""
+        self._lib.emulator_radio_fault(self._memory, fault)
+
+    def acknowledged(self) -> None:
+        """The acknowledgement of what it has sent is there."""
+        self._lib.emulator_answered(self._memory)
 
     def surround(self, acknowledged: bool = True, dead_bus: bool = False) -> None:
         """Whether the bridge acknowledges, and whether the sensor is gone."""

@@ -1,37 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Aravis' own simulated GigE Vision camera on a loopback that nobody else hears.
-
-It speaks the real protocol over real sockets; the tests draw its images and wind its clock.
-"""
+"""A loopback that nobody else hears, for the simulated camera of `benchmarks/gige.py`."""
 
 import contextlib
 import ctypes
-import re
 import subprocess
-import threading
-import time
 
-from eol_ros.devices.camera import aravis
+from benchmarks.gige import GREY, NAME, Gige, without
 from support import needs
 
-GREY = 20
-NAME, LIBRARY = 'EOL01', 'libaravis-0.8-0'
+__all__ = ['GREY', 'NAME', 'Gige', 'own_network', 'without']
+
+LIBRARY = 'libaravis-0.8-0'
 CLONE_NEWNET = 0x40000000
-LATCHED, TICKS = 0x0948, 0x0940  # bootstrap registers: time stamp value, tick frequency (low)
-FILL = ctypes.CFUNCTYPE(
-    None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
-)
-# Features that real cameras have and the simulated one's description lacks
-CLOCK = """
-<Command Name="GevTimestampControlLatch" NameSpace="Standard">
-  <pValue>LatchRegister</pValue><CommandValue>2</CommandValue></Command>
-<IntReg Name="LatchRegister" NameSpace="Custom"><Address>0x944</Address><Length>4</Length>
-  <AccessMode>WO</AccessMode><pPort>Device</pPort><Endianess>BigEndian</Endianess></IntReg>
-<Integer Name="GevTimestampValue" NameSpace="Standard"><pValue>StampRegister</pValue></Integer>
-<IntReg Name="StampRegister" NameSpace="Custom"><Address>0x948</Address><Length>8</Length>
-  <AccessMode>RO</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign>
-  <Cachable>NoCache</Cachable><Endianess>BigEndian</Endianess></IntReg>
-"""
 
 
 @contextlib.contextmanager
@@ -48,130 +28,3 @@ def own_network():
             yield
         finally:
             assert libc.setns(before.fileno(), CLONE_NEWNET) == 0
-
-
-class Gige:
-    """A simulated camera; `plug` and `unplug` it.
-
-    describe: changes the GenICam description that it hands out. clock(monotonic_ns): its own time
-    in ns; latch: whether that can be asked for. An image has its number in its first four bytes, is
-    stamped where its exposure begins, and goes out `readout_ns` after that has ended. lost: share
-    of packets that never arrive.
-    """
-
-    def __init__(
-        self, folder, describe=None, clock=None, latch=False, readout_ns=5_000_000, lost=0
-    ):
-        self.library = aravis.load()._library
-        self.glib = aravis.load()._gobject
-        self.number = 0
-        self.exposed = []  # (begin, duration) of each image, in ns of the host
-        self.latched = []  # (from, to, value): what the register held, when
-        self._lost, self._readout_ns = lost, readout_ns
-        self._clock, self._latch = clock or (lambda ns: ns), latch
-        self._fill = FILL(self._on_image)
-        self._handle = None
-        for name, takes in {
-            'gv_fake_camera_new_full': [ctypes.c_char_p] * 3,
-            'gv_fake_camera_get_fake_camera': [ctypes.c_void_p],
-        }.items():
-            function = getattr(self.library, f'arv_{name}')
-            function.argtypes, function.restype = takes, ctypes.c_void_p
-        self.library.arv_fake_camera_set_fill_pattern.argtypes = [
-            ctypes.c_void_p, FILL, ctypes.c_void_p,
-        ]  # fmt: skip
-        self.library.arv_fake_camera_get_payload.argtypes = [ctypes.c_void_p]
-        self.library.arv_fake_camera_set_trigger_frequency.argtypes = [
-            ctypes.c_void_p, ctypes.c_double,
-        ]  # fmt: skip
-        self.library.arv_fake_camera_write_memory.argtypes = [
-            ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_char_p,
-        ]  # fmt: skip
-        self.library.arv_buffer_set_timestamp.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
-        text = description()
-        if latch:
-            text = text.replace('</RegisterDescription>', f'{CLOCK}</RegisterDescription>')
-        self._xml = folder / 'camera.xml'
-        self._xml.write_text(describe(text) if describe else text)
-        self._stop = threading.Event()
-
-    def plug(self):
-        self._handle = self.library.arv_gv_fake_camera_new_full(
-            b'127.0.0.1', NAME.encode(), str(self._xml).encode()
-        )
-        assert self._handle
-        self.glib.g_object_set(
-            ctypes.c_void_p(self._handle), b'gvsp-lost-ratio', ctypes.c_double(self._lost), None
-        )
-        self.memory = self.library.arv_gv_fake_camera_get_fake_camera(self._handle)
-        self.library.arv_fake_camera_set_fill_pattern(self.memory, self._fill, None)
-        self._stop.clear()
-        if self._latch:
-            self._ticker = threading.Thread(target=self._tick)
-            self._ticker.start()
-
-    def trigger(self, rate_hz):
-        """Let its trigger come at this rate."""
-        self.library.arv_fake_camera_set_trigger_frequency(self.memory, rate_hz)
-
-    def unplug(self):
-        self._stop.set()
-        if self._latch:
-            self._ticker.join()
-        if self._handle:
-            self.glib.g_object_unref(self._handle)
-        self._handle = None
-
-    def __enter__(self):
-        self.plug()
-        return self
-
-    def __exit__(self, *_):
-        self.unplug()
-
-    def _tick(self):
-        """Keep its time in the register; it knows no latch, so it holds the last millisecond."""
-        while not self._stop.is_set():
-            now_ns = time.monotonic_ns()
-            value = self._clock(now_ns)
-            self.library.arv_fake_camera_write_memory(
-                self.memory, LATCHED, 8, value.to_bytes(8, 'big')
-            )
-            self.latched.append((now_ns, value))
-            self._stop.wait(0.001)
-
-    def _on_image(self, buffer, _data, exposure_us, _gain, _format):
-        arv = aravis.load()
-        began_ns = time.monotonic_ns() - exposure_us * 1000 - self._readout_ns
-        self.exposed.append((began_ns, exposure_us * 1000))
-        pixels = self.library.arv_fake_camera_get_payload(self.memory)
-        arv._library.arv_buffer_set_timestamp(buffer, self._clock(began_ns))
-        size = ctypes.c_size_t()  # of what has been received: nothing here
-        data = arv.call('buffer_get_data', buffer, ctypes.byref(size))
-        ctypes.memset(data, GREY, pixels)
-        ctypes.memmove(data, self.number.to_bytes(4, 'little'), 4)
-        self.number += 1
-
-
-def description():
-    """Return the GenICam description of the simulated camera."""
-    library = aravis.load()._library
-    library.arv_fake_camera_new.restype = ctypes.c_void_p
-    library.arv_fake_camera_new.argtypes = [ctypes.c_char_p]
-    library.arv_fake_camera_get_genicam_xml.restype = ctypes.c_void_p
-    library.arv_fake_camera_get_genicam_xml.argtypes = [
-        ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t),
-    ]  # fmt: skip
-    camera, size = library.arv_fake_camera_new(b'description'), ctypes.c_size_t()
-    data = library.arv_fake_camera_get_genicam_xml(camera, ctypes.byref(size))
-    text = ctypes.string_at(data, size.value).decode().rstrip('\0')
-    aravis.load().release(camera)
-    return text
-
-
-def without(text, *names):
-    """Return a description without these features."""
-    for name in names:
-        text, n = re.subn(rf'<(\w+) Name="{name}".*?</\1>', '', text, flags=re.DOTALL)
-        assert n, name
-    return text

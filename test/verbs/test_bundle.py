@@ -2,10 +2,12 @@
 """One file for those who help: what is in it, and what is not."""
 
 import json
+import os
 import zipfile
 from pathlib import Path
 
 import pytest
+from support.domains import next_domain
 
 from eol_ros import cli, folders
 
@@ -24,7 +26,7 @@ def bundle(tmp_path, monkeypatch, capsys):
     """Write a bundle of this scene; return what is in it."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('EOL_STATE', str(tmp_path / 'state'))
-    monkeypatch.setenv('ROS_DOMAIN_ID', '87')  # where nothing runs
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(next_domain()))  # where nothing runs
     folders.state().joinpath('events.log').write_text(f'panel: somebody typed {PIN}\n')
     folders.state().joinpath('eol.log').write_text('x' * 6_000_000 + 'the end')
 
@@ -45,7 +47,7 @@ def test_it_has_what_helps_and_no_secret(bundle, bag_cut_short):
     assert 'pin: ***' in json.loads(found['scene.json'])['text']
     assert json.loads(found['scene.json'])['settings']['nodes']['panel']['pin'] == '***'
     assert json.loads(found['about.json'])['versions']['eol_ros']
-    assert 'no graph runs on domain 87' in found['status.json']
+    assert f'no graph runs on domain {os.environ["ROS_DOMAIN_ID"]}' in found['status.json']
     assert 'no mistakes' in found['check.txt'] and 'devices' in json.loads(found['devices.json'])
     (bag,) = json.loads(found['bags.json'])['newest']
     assert bag['bag'] == bag_cut_short.name and bag['cut_short']

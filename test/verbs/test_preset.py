@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings of the sound kept by name, recalled in a running graph and glided to."""
 
-import threading
-
 import pytest
 import yaml
-from rclpy.executors import SingleThreadedExecutor
+from support.spinning import spinning_in
 
 from eol_ros import scene as scenes
 from eol_ros.cli import main
@@ -17,36 +15,20 @@ from eol_ros.settings import GrainsSettings
 
 @pytest.fixture
 def grains(ros, tmp_path, monkeypatch):
-    """The node grains in a thread of its own context, and what is asked of it."""
-    import rclpy
-
+    """The node grains and what is asked of it."""
     monkeypatch.setenv('EOL_CACHE', str(tmp_path / 'cache'))
     monkeypatch.setenv('EOL_STATE', str(tmp_path / 'state'))
     audio_file.write(tmp_path / 'floe.wav', ice(2.0, 16000, 1), 16000, 'PCM_16')
-    context = rclpy.Context()
-    context.init()
-    node = GrainsNode(GrainsSettings(sound=str(tmp_path / 'floe.wav')), context=context)
     seen = []
-    told = node.on_settings
-    monkeypatch.setattr(node, 'on_settings', lambda new: (seen.append(new), told(new)))
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    stopping = threading.Event()
 
-    def spin():
-        while not stopping.is_set():
-            executor.spin_once(timeout_sec=0.05)
+    def make(context):
+        node = GrainsNode(GrainsSettings(sound=str(tmp_path / 'floe.wav')), context=context)
+        told = node.on_settings
+        monkeypatch.setattr(node, 'on_settings', lambda new: (seen.append(new), told(new)))
+        return node
 
-    thread = threading.Thread(target=spin, daemon=True)
-    thread.start()
-    rclpy.try_shutdown()  # the visit brings a context of its own
-    yield node, seen
-    stopping.set()
-    thread.join()
-    executor.remove_node(node)
-    node.close()
-    node.destroy_node()
-    context.try_shutdown()
+    with spinning_in(make) as node:
+        yield node, seen
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from eol_ros.web.routes import STATIC
 WORDS = {p.stem: json.loads(p.read_text('utf-8')) for p in (STATIC / 'lang').glob('*.json')}
 BUILT = (
     'level_', 'tracker_', 'descriptor_', 'hours_', 'where_', 'caption_', 'playing_', 'corner_',
-    'edge_', 'said_',
+    'edge_', 'said_', 'mode_', 'filter_', 'by_', 'region_',
 )  # fmt: skip
 PLACE = re.compile(r'\{(\w+)\}')
 TEXTS = {p.name: p.read_text('utf-8') for p in STATIC.glob('*.*')}

@@ -151,6 +151,17 @@ def test_each_control_reaches_the_graph(serve):
         'move': {'grain': 3, 'x': 0.5, 'y': 1},
         'blend': {'value': 0.5},
         'restore': {'grain': 3},
+        'mode': {'value': 'chain'},
+        'weights': {'value': ['ice 0.5']},
+        'regions': {'value': []},
+        'filter': {'value': 'low-pass'},
+        'filter_hz': {'value': 300},
+        'filter_q': {'value': 2},
+        'filter_by': {'value': 'area'},
+        'filter_octaves': {'value': -2},
+        'save_preset': {'preset': 'calm'},
+        'recall_preset': {'preset': 'calm', 'over_s': 3},
+        'morph_presets': {'from': 'calm', 'to': 'storm', 'share': 0.25},
     }
     for name in CONTROLS:
         status, _, text = ask(server, f'/control/{name}', json.dumps(bodies.get(name, {})))
@@ -167,6 +178,9 @@ def test_each_control_reaches_the_graph(serve):
     assert ('set', 'twin', {'hands': 'nobody'}, people) in calls
     assert ('play_grain', '', {'grain': 7}, people) in calls
     assert ('move_grain', '', {'grain': 3, 'x': 0.5, 'y': 1.0}, people) in calls
+    assert ('set', 'sound', {'filter': 'low-pass'}, people) in calls
+    assert ('set', 'grains', {'weights': ('ice 0.5',)}, people) in calls
+    assert ('recall_preset', '', {'preset': 'calm', 'over_s': 3.0}, people) in calls
     assert len(calls) == len(CONTROLS)
 
 

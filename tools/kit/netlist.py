@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The circuit of a block: docs/build/block.yaml, read and checked."""
+"""The circuits of a block and of the bridge: docs/build/*.yaml, read and checked."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 FILE = Path(__file__).resolve().parents[2] / 'docs' / 'build' / 'block.yaml'
+BRIDGE = FILE.with_name('bridge.yaml')
 TWO_PINS = {'resistor', 'capacitor'}
 
 
@@ -17,7 +18,10 @@ class NetlistError(ValueError):
 
 @dataclass(frozen=True)
 class Part:
-    """A component: `pins` are name to numbers, `group` its place in the schematic."""
+    """A component: `pins` are name to numbers, `group` its place in the schematic.
+
+    Where names are printed beside the pins there are no numbers: empty lists.
+    """
 
     ref: str
     what: str
@@ -36,7 +40,7 @@ class Circuit:
 
     parts: dict[str, Part]
     nets: dict[str, list[tuple[str, str]]]
-    fuses: dict[str, dict[str, Any]]
+    fuses: dict[str, dict[str, Any]]  # of a block, as are
     currents: dict[str, dict[str, Any]]
     capacity_mah: float
 
@@ -47,6 +51,8 @@ class Circuit:
 
 def _part(ref: str, raw: dict[str, Any]) -> Part:
     pins = raw.get('pins', {1: 1, 2: 2})
+    if isinstance(pins, list):
+        pins = {name: [] for name in pins}
     return Part(
         ref,
         raw['what'],
@@ -78,14 +84,14 @@ def load(path: Path = FILE) -> Circuit:
         for pin in part.pins:
             if (part.ref, pin) not in seen:
                 raise NetlistError(f'{path.name}: {part.ref}.{pin} is in no net, nor unused')
-    capacity = next(part['mAh'] for part in raw['parts'].values() if 'mAh' in part)
-    return Circuit(parts, nets, raw['fuses'], raw['currents'], capacity)
+    capacity = next((part['mAh'] for part in raw['parts'].values() if 'mAh' in part), 0.0)
+    return Circuit(parts, nets, raw.get('fuses', {}), raw.get('currents', {}), capacity)
 
 
-def materials(circuit: Circuit, blocks: int) -> list[str]:
-    """Return the bill of materials of so many blocks as rows of a Markdown table."""
+def materials(circuit: Circuit, count: int, of: str) -> list[str]:
+    """Return the bill of materials of so many `of` as rows of a Markdown table."""
     rows = [
-        f'| reference | what | part | maker | for {blocks} blocks | instead |',
+        f'| reference | what | part | maker | for {count} {of} | instead |',
         '| --- | --- | --- | --- | --- | --- |',
     ]
     alike: dict[tuple[str, str], list[Part]] = {}
@@ -95,7 +101,7 @@ def materials(circuit: Circuit, blocks: int) -> list[str]:
         refs = ', '.join(part.ref for part in parts)
         more = '; '.join(parts[0].alternatives) or '-'
         maker = parts[0].maker or 'any'
-        rows.append(f'| {refs} | {what} | {name} | {maker} | {blocks * len(parts)} | {more} |')
+        rows.append(f'| {refs} | {what} | {name} | {maker} | {count * len(parts)} | {more} |')
     return rows
 
 
@@ -107,7 +113,8 @@ def wiring(circuit: Circuit) -> list[str]:
         for ref, pin in pins:
             numbers = circuit.parts[ref].pins[pin]
             plain = circuit.parts[ref].what in TWO_PINS
-            told = ref if plain else f'{ref} {"/".join(map(str, numbers))} ({pin})'
+            named = f'{"/".join(map(str, numbers))} ({pin})' if numbers else pin
+            told = ref if plain else f'{ref} {named}'
             words.append(told)
         rows.append(f'| `{name}` | {", ".join(words)} |')
     return rows

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The schematic of a block, drawn with schemdraw from its netlist, pins joined by names of nets."""
+"""A schematic, drawn with schemdraw from its netlist, pins joined by names of nets."""
 
 import schemdraw
 import schemdraw.elements as elm
 
 from kit.netlist import Circuit, Part
 
-GROUPS = ('controller', 'supply', 'accelerometer', 'radio', 'light', 'measuring')
-POWER = {'+3V3', 'BATT', 'CELL'}
+GROUPS = ('controller', 'supply', 'accelerometer', 'radio', 'light', 'measuring', 'host')
+POWER = {'+3V3', '+5V', 'BATT', 'CELL'}
 # where a group stands: left edge and top, in units of schemdraw
 PLACES = {
     'controller': (0.0, 0.0),
@@ -16,6 +16,7 @@ PLACES = {
     'supply': (38.0, 0.0),
     'light': (38.0, -21.0),
     'measuring': (0.0, -25.0),
+    'host': (38.0, 0.0),
 }
 BOX_WIDTH, PIN_STEP, STUB = 4.5, 1.0, 1.0
 COLUMN, ROW = 10.5, 4.6  # of boxes, of two-pin parts
@@ -50,8 +51,9 @@ def _tag(drawing: schemdraw.Drawing, net: str, at: tuple[float, float], side: st
 
 def _box(drawing: schemdraw.Drawing, circuit: Circuit, part: Part, x: float, top: float) -> float:
     """Draw a part of many pins; return how far down it reaches."""
-    pins = [(name, number) for name, numbers in part.pins.items() for number in numbers]
-    pins.sort(key=lambda pin: pin[1])
+    pins = [(name, number) for name, numbers in part.pins.items() for number in numbers or ['']]
+    if all(part.pins.values()):
+        pins.sort(key=lambda pin: pin[1])
     half = (len(pins) + 1) // 2
     sides = {'left': pins[:half], 'right': pins[half:][::-1]}
     if len(pins) < 5:
@@ -102,6 +104,9 @@ def draw(circuit: Circuit) -> str:
     with schemdraw.Drawing(show=False) as drawing:
         drawing.config(unit=2.0, fontsize=11, bgcolor='white', margin=0.6)
         for group in GROUPS:
+            parts = [part for part in circuit.parts.values() if part.group == group]
+            if not parts:
+                continue
             left, top = PLACES[group]
             drawing += (
                 elm.Label()
@@ -109,7 +114,6 @@ def draw(circuit: Circuit) -> str:
                 .at((left, top + 1.3))
                 .label(group, halign='left', valign='bottom', fontsize=15, ofst=0)
             )
-            parts = [part for part in circuit.parts.values() if part.group == group]
             small = [part for part in parts if part.ref[0] in 'RCD']
             boxes = sorted((p for p in parts if p not in small), key=lambda p: -len(p.pins))
             ends = [top, top]  # of the two columns of boxes

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 from eol_ros.errors import ConfigError, EolError
 
 ROOT = Path(__file__).parents[2]
-COMPUTES = ('core/physics', 'core/science', 'core/geometry.py', 'core/compiled.py')
+COMPUTES = ('core/physics', 'core/science', 'core/geometry.py', 'core/compiled.py', 'settings.py')
 THREADS = 'OPENBLAS_NUM_THREADS'
 _ONE_AT_A_TIME = threading.Lock()  # the solvers are no more than one thread's
 

@@ -13,6 +13,7 @@ slip says when: it was accelerated by the force less mu_k.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +42,11 @@ class Track(NamedTuple):
     stamp_s: np.ndarray
     places: np.ndarray
     seen: np.ndarray
+
+
+def track_of(images: Sequence[tuple[float, np.ndarray, np.ndarray]]) -> Track:
+    """Return the track of images one by one: stamp s, places (25, 3), who was seen (25,)."""
+    return Track(*map(np.array, zip(*images, strict=True)))
 
 
 class Slip(NamedTuple):

@@ -192,3 +192,18 @@ def single(drive: Plain, duration_s: float, k: float = STIFFNESS, **more: Any) -
     return _scene(
         1, [], [_plate_spring(0, k, (0.0, 0.0))], drive, duration_s, **{'dim1': True, **more}
     )
+
+
+def uncoupled(scene: Plain, rows: int, columns: int) -> Plain:
+    """Return a table or plate without springs between blocks: what the drive makes of each alone.
+
+    A block that no spring ties to the rim gets one from above, as stiff as the first of theirs.
+    """
+    held = scene['springs_to_frame']
+    tied = {spring['i'] for spring in held}
+    leaves = [
+        _plate_spring(i, held[0]['k'], at)
+        for i, at in enumerate(_centres(rows, columns))
+        if i not in tied
+    ]
+    return scene | {'springs_between_blocks': [], 'springs_to_frame': [*held, *leaves]}

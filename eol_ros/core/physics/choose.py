@@ -70,7 +70,7 @@ def simulate(
     limits: Limits | None = None,
     ledger: bool = True,
     model: Model | None = None,
-    on_stiff: Callable[[], None] | None = None,
+    on_stiff: Callable[[str], None] | None = None,
 ) -> Run:
     """Solve the stick-slip motion of a scene.
 
@@ -93,7 +93,8 @@ def simulate(
     model : Model, optional
         Of `scene`, where it was made before.
     on_stiff : callable, optional
-        Called when the event path needs the kernel for stiff scenes, before it is loaded.
+        Called with 'stiff' or 'glide' when the event path needs one of its kernels for stiff
+        scenes, before it is loaded.
 
     Returns
     -------
@@ -138,7 +139,7 @@ def _solved(
     limits: Limits,
     ledger: bool,
     model: Model,
-    on_stiff: Callable[[], None] | None,
+    on_stiff: Callable[[str], None] | None,
 ) -> Run:
     """Return the run by the path that is asked for, or by the least that is enough."""
     chosen = choose_path(scene, model) if path == 'auto' else path

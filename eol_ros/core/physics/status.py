@@ -2,5 +2,5 @@
 """How a simulation ended."""
 
 OK, STEP_LIMIT, EVENT_LIMIT, NOT_FINITE, STALLED = range(5)
-STIFF = 5  # not an end: a run that goes on by sweeps
+STIFF, GLIDING = 5, 6  # no ends: a run that goes on by sweeps, or by the modes of all blocks
 WORDS = ('ok', 'step limit', 'event limit', 'not finite', 'stalled')

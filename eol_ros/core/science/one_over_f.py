@@ -12,6 +12,7 @@ yes        where the interval lies within 0.5 .. 1.5 over at least two decades, 
 undecided  where the series is too short or too uneven for either.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -82,11 +83,13 @@ def ask(
     window_s: float = 0.0,
     times_s: np.ndarray | None = None,
     rest: float | None = None,
+    others: Mapping[str, Callable[[], np.ndarray]] | None = None,
 ) -> Answer:
     """Return the verdict on `series`, (n,) at `rate_hz`, up to `high_hz` and three decades down.
 
     window_s: each value is a mean over so long. times_s: the events that `series` counts, from its
-    beginning. rest: the level at and below which a series that is no count rests.
+    beginning. rest: the level at and below which a series that is no count rests. others: further
+    controls by name, each a series as long as this one and made only when it is needed.
     """
     series = np.asarray(series, float)
     duration_s = len(series) / rate_hz
@@ -135,6 +138,12 @@ def ask(
                 controls = surrogates.slopes(
                     lambda kind: surrogates.of_bouts(kind, series, rest, rng), beta
                 )
+        for kind, make in (others or {}).items():
+            try:
+                slope = beta(make())
+            except spectra.SeriesError:  # it does not vary: no 1/f comes from there
+                slope = 0.0
+            controls[kind] = (slope, slope)
         for kind, (low, high) in controls.items():
             if high >= ONE_OVER_F[0]:
                 against.append(f'the control ({kind}) has a slope of {low:.2f} to {high:.2f} too')

@@ -29,3 +29,18 @@ def cascades(block: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarr
     sizes = np.add.reduceat(start[: ends[-1]], begins) if len(ends) else np.zeros(0, np.int64)
     areas = [len(np.unique(block[b:e][start[b:e]])) for b, e in zip(begins, ends, strict=False)]
     return sizes.astype(np.int64), np.array(areas, np.int64)
+
+
+def joined(begin: np.ndarray, end: np.ndarray, block: np.ndarray) -> np.ndarray:
+    """Return the area of each cascade of slips from rest to rest, (c,) int64.
+
+    begin, end: (n,) of slips in any order, in one unit; block: (n,). As `cascades`, where what is
+    known are slips and not events: a slip belongs to the cascade that is under way as it begins.
+    """
+    order = np.argsort(begin, kind='stable')
+    begin, end, block = (np.asarray(part)[order] for part in (begin, end, block))
+    if not len(begin):
+        return np.zeros(0, np.int64)
+    reached = np.maximum.accumulate(end)
+    first = np.flatnonzero(np.r_[True, begin[1:] > reached[:-1]])
+    return np.array([len(np.unique(part)) for part in np.split(block, first[1:])], np.int64)

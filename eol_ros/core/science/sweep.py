@@ -6,6 +6,7 @@ order, the numbers are the same to the bit (on processors of one kind, see docs/
 """
 
 import dataclasses
+import functools
 import hashlib
 import json
 import math
@@ -21,16 +22,18 @@ from eol_ros.core.physics.automaton.oslo import OsloPile
 from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.twin.hands import PUSH_MPS, Rim, Visitors
-from eol_ros.core.science import powerlaw
+from eol_ros.core.science import one_over_f, powerlaw, sounding, surrogates
 from eol_ros.core.science.quiescent import cascades
 from eol_ros.errors import EolError
-from eol_ros.settings import setting
+from eol_ros.settings import GrainsSettings, setting
 
 DRIVES = ('pull', 'circle', 'hands')
 CIRCLE_M, CIRCLE_YAW, CIRCLE_YAW_PACE = 0.06, 0.12, 0.7 / 0.9  # as in the scenes S4
 HANDS_MPS = sum(PUSH_MPS) / 2  # the mean speed of a push
 HANDS_STEP_S = 1 / 30
 MOST_DISORDER = 0.5  # a uniform law of that deviation is still above zero
+SPECTRA_HZ, SPECTRA_HIGH_HZ = 20.0, 5.0  # as `eol report` asks the series of a bag
+HANDS_APART = 'the same hands without coupling'
 EVENTS_AT_ONCE = 1 << 16  # of an automaton, in memory
 Plain = dict[str, Any]
 
@@ -74,6 +77,7 @@ class _Blocks(_Law):
     travel_m: float = setting(8.0, 'simulated are travel_m / speed_mps seconds', 'm', 1e-6, 1e6)
     geometric: bool = setting(False, 'springs turn with their blocks instead of being linear')
     skip: float = setting(0.5, 'share of the cascades, the first ones, left out', '', 0.0, 0.99)
+    spectra: bool = setting(False, 'ask slips and sound whether they are 1/f')
 
 
 @dataclass(frozen=True)
@@ -172,6 +176,10 @@ class Result:
     tau_error: float | None = setting(None, 'standard error of tau by blocks drawn again')
     ks: float | None = setting(None, 'distance of the cumulative law')
     p_value: float | None = setting(None, 'of a power law: below 0.05 it is none')
+    slips_slope: float | None = setting(None, 'beta of the slips in time, S(f) ~ f^-beta')
+    slips_one_over_f: str | None = setting(None, 'yes, no or undecided')
+    sound_slope: float | None = setting(None, 'beta of the power of the grains that they sound')
+    sound_one_over_f: str | None = setting(None, 'yes, no or undecided')
     areas: str | None = setting(None, 'how many cascades of each area, as area:count')
 
 
@@ -197,25 +205,29 @@ def compute(model: str, parameters: Mapping[str, Any], scenes: Mapping[str, Plai
         return Result(str(error))
 
 
-def _table(task: Table, scenes: Mapping[str, Plain]) -> Result:
-    scene = builders.table(_drive(task), _seconds(task), task.rows, task.columns or task.rows)
+def slips_under_hands(seconds: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return when slips of the paper's table under visitors begin, (n,) s, and their blocks."""
+    travel_m = HANDS_MPS * seconds
+    task = Table(drive='hands', speed_mps=HANDS_MPS, travel_m=travel_m, seed=seed)
+    return _slips(run_of(task), 0.0)
+
+
+def _built(task: Table | Plate | Train) -> Plain:
+    """Return the scene of a task."""
+    drive, seconds, loose = _drive(task), _seconds(task), task.stiffness / task.stiffness_ratio
+    if isinstance(task, Train):
+        return _set(task, builders.train(drive, seconds, task.blocks, loose))
+    rows, columns = _shape(task)
+    if isinstance(task, Plate):
+        return _set(task, builders.plate(drive, seconds, rows, columns, loose))
+    scene = builders.table(drive, seconds, rows, columns)
     for spring in scene['springs_to_frame']:
-        spring['k'] = task.stiffness / task.stiffness_ratio
-    return _blocks(task, scene)
+        spring['k'] = loose
+    return _set(task, scene)
 
 
-def _plate(task: Plate, scenes: Mapping[str, Plain]) -> Result:
-    rows, columns = task.rows, task.columns or task.rows
-    loose = task.stiffness / task.stiffness_ratio
-    return _blocks(task, builders.plate(_drive(task), _seconds(task), rows, columns, loose))
-
-
-def _train(task: Train, scenes: Mapping[str, Plain]) -> Result:
-    loose = task.stiffness / task.stiffness_ratio
-    return _blocks(task, builders.train(_drive(task), _seconds(task), task.blocks, loose))
-
-
-def _blocks(task: _Blocks, scene: Plain) -> Result:
+def _set(task: _Blocks, scene: Plain) -> Plain:
+    """Give a scene the springs, the friction and the start of its task."""
     along_x = task.drive == 'pull' and not task.geometric
     n = scene['n']
     for spring in scene['springs_between_blocks']:
@@ -228,7 +240,20 @@ def _blocks(task: _Blocks, scene: Plain) -> Result:
         'dim1': along_x,
         'u0': builders.offsets(n, task.offset_m, task.seed, along_x),
     }
-    return _simulated(task, scene, task.skip)
+    return scene
+
+
+def run_of(task: Table | Plate | Train) -> Run:
+    """Return the run of a task, with all its events."""
+    return _run(_built(task))
+
+
+def _blocks(task: Table | Plate | Train, scenes: Mapping[str, Plain]) -> Result:
+    scene = _built(task)
+    found, run = _simulated(task, scene, task.skip)
+    if not task.spectra or run is None or not run.t_reached:
+        return found
+    return dataclasses.replace(found, **_spectra(task, scene, run))
 
 
 def _any_scene(task: AnyScene, scenes: Mapping[str, Plain]) -> Result:
@@ -249,20 +274,72 @@ def _any_scene(task: AnyScene, scenes: Mapping[str, Plain]) -> Result:
         'drive': _faster(scene['drive'], task.speed_factor),
         'T': task.duration_s or scene['T'],
     }  # fmt: skip
-    return _simulated(task, scene, task.skip)
+    return _simulated(task, scene, task.skip)[0]
 
 
-def _simulated(task: _Law, scene: Plain, skip: float) -> Result:
+def _run(scene: Plain) -> Run:
     checked = from_mapping(scene)
-    run = choose.simulate(checked, sample_s=max(scene['T'], 1e-9), ledger=False, limits=Limits())
+    return choose.simulate(checked, sample_s=max(scene['T'], 1e-9), ledger=False, limits=Limits())
+
+
+def _simulated(task: _Law, scene: Plain, skip: float) -> tuple[Result, Run | None]:
+    run = _run(scene)
     if run.status != 'ok':
-        return Result(f'stopped at {run.t_reached:g} s: {run.status}')
+        return Result(f'stopped at {run.t_reached:g} s: {run.status}'), None
     sizes, areas = cascades(run.event_block, run.event_start)
     first = int(skip * len(areas))
-    found = _law(task, areas[first:], int(sizes[first:].sum()), checked.n)
-    return dataclasses.replace(
-        found, rate_hz=len(areas) / run.t_reached if run.t_reached else None, sliding=_sliding(run)
-    )
+    found = _law(task, areas[first:], int(sizes[first:].sum()), scene['n'])
+    rate_hz = len(areas) / run.t_reached if run.t_reached else None
+    return dataclasses.replace(found, rate_hz=rate_hz, sliding=_sliding(run)), run
+
+
+def _spectra(task: Table | Plate | Train, scene: Plain, run: Run) -> Plain:
+    """Ask slips and sound for 1/f; hands are a control, too, on blocks that are not coupled."""
+    begin_s = task.skip * run.t_reached
+    span_s = run.t_reached - begin_s
+    rule = GrainsSettings()
+
+    @functools.cache
+    def apart() -> tuple[np.ndarray, np.ndarray]:
+        return _slips(_run(builders.uncoupled(scene, *_shape(task))), begin_s)
+
+    def counts(slips: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        return surrogates.event_counts(slips[0], span_s, SPECTRA_HZ)
+
+    def power(slips: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        times_s, block = slips
+        return sounding.power(
+            times_s[sounding.heard(times_s, block, rule)], span_s, SPECTRA_HZ, rule
+        )
+
+    def alone(series: Callable[[tuple[np.ndarray, np.ndarray]], np.ndarray]) -> np.ndarray:
+        return series(apart())
+
+    slips = _slips(run, begin_s)
+    found: Plain = {}
+    for name, series, more in (
+        ('slips', counts, {'times_s': slips[0]}), ('sound', power, {'rest': 0.0}),
+    ):  # fmt: skip
+        others = {HANDS_APART: functools.partial(alone, series)}
+        answer = one_over_f.ask(
+            name, series(slips), SPECTRA_HZ, SPECTRA_HIGH_HZ, np.random.default_rng(task.seed),
+            others=others if task.drive == 'hands' else None, **more,
+        )  # fmt: skip
+        found[f'{name}_one_over_f'] = answer.answer
+        found[f'{name}_slope'] = answer.slope.beta if answer.slope is not None else None
+    return found
+
+
+def _shape(task: Table | Plate | Train) -> tuple[int, int]:
+    if isinstance(task, Train):
+        return 1, task.blocks
+    return task.rows, task.columns or task.rows
+
+
+def _slips(run: Run, begin_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return when slips after `begin_s` began, since then, and their blocks."""
+    those = (run.event_start != 0) & (run.event_t >= begin_s)
+    return run.event_t[those] - begin_s, run.event_block[those]
 
 
 def _sliding(run: Run) -> float:
@@ -363,6 +440,6 @@ def _faster(drive: Plain, factor: float) -> Plain:
 
 
 _RUN: dict[str, Callable[[Any, Mapping[str, Plain]], Result]] = {
-    'table': _table, 'plate': _plate, 'train': _train, 'scene': _any_scene, 'ofc': _ofc,
+    'table': _blocks, 'plate': _blocks, 'train': _blocks, 'scene': _any_scene, 'ofc': _ofc,
     'oslo': _oslo,
 }  # fmt: skip

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sound of a corpus in memory, the voices that read it, and how long it must stay there."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from eol_ros.core.sound.mixer_layout import FOREVER, GUARD, VOICE
 from eol_ros.core.sound.pan import pan
+from eol_ros.core.sound.projection import rank_shares
 from eol_ros.core.sound.ring import Ring
 from eol_ros.core.sound.triggers import playable
 
@@ -33,6 +34,8 @@ class Bank:
         Of the mixer, in Hz.
     places : array_like, optional
         (g, 2) where on the table each grain lies, m; NaN for none.
+    descriptors : mapping, optional
+        Values (g,) by name; NaN for none.
 
     Examples
     --------
@@ -49,8 +52,10 @@ class Bank:
         duration: ArrayLike,
         sample_rate: float,
         places: ArrayLike | None = None,
+        descriptors: Mapping[str, np.ndarray] | None = None,
     ):
         self.sample_rate = sample_rate
+        self._describe(descriptors)
         self.places = None if places is None else np.asarray(places, float).reshape(-1, 2)
         sizes = [len(s) for s in sounds]
         self._samples = np.zeros(sum(sizes) + GUARD * (len(sizes) + 1), np.float32)
@@ -71,6 +76,18 @@ class Bank:
     def __len__(self) -> int:
         return len(self.length)
 
+    def _describe(self, descriptors: Mapping[str, np.ndarray] | None) -> None:
+        self._descriptors = descriptors or {}
+        self._shares: dict[str, np.ndarray] = {}
+
+    def shares(self, name: str) -> np.ndarray:
+        """Return the rank (g,) in 0..1 of each grain by a descriptor; 0 where there is none."""
+        if name not in self._shares:
+            values = self._descriptors.get(name)
+            found = np.zeros(len(self)) if values is None else rank_shares(values)
+            self._shares[name] = found
+        return self._shares[name]
+
     @property
     def backwards(self) -> np.ndarray:
         """Addresses (g,) of the last sample of each grain, of a copy that goes back from there.
@@ -82,10 +99,13 @@ class Bank:
         size, start = self._samples.nbytes, self._samples.ctypes.data
         return self._backwards.ctypes.data + size - (self.address - start) - 4 * self.length
 
-    def placed(self, places: ArrayLike) -> 'Bank':
+    def placed(
+        self, places: ArrayLike, descriptors: Mapping[str, np.ndarray] | None = None
+    ) -> 'Bank':
         """Return a bank of the same sound in the same memory, its grains at `places` (g, 2), m."""
         bank = copy(self)
         bank.places = np.asarray(places, float).reshape(-1, 2)
+        bank._describe(descriptors)
         return bank
 
 

@@ -3,7 +3,8 @@
 
 The rows of `m.mix` are the loudspeakers of the mix, then those of bus 1, of bus 2 ... A bus goes
 into the mix through two equal one-pole low-passes, whose spectrum 1 / (1 + (f / f_c)^2) is that of
-Brune's source (J. Geophys. Res. 75 (1970) 4997). A bus on which nothing sounds costs nothing.
+Brune's source (J. Geophys. Res. 75 (1970) 4997), and through a one-pole high-pass, which is
+what remains of a one-pole low-pass. A bus on which nothing sounds costs nothing.
 """
 
 import math
@@ -21,17 +22,18 @@ def pole(corner_hz: np.ndarray, sample_rate: float) -> np.ndarray:
 
 
 @njit(cache=True)
-def _low_pass(row, state, pole):
-    """Put `row` (n,) f4 through two one-poles, in place."""
-    a, b, share = state[0], state[1], 1.0 - pole
+def _pass(row, state, pole, high):
+    """Put `row` (n,) f4 through two one-pole low-passes and a high-pass, in place."""
+    a, b, c, share, rest = state[0], state[1], state[2], 1.0 - pole, 1.0 - high
     for k in range(row.size):
         x = np.float64(row[k])
         a = share * x + pole * a
         b = share * a + pole * b
-        if x == 0.0 and abs(a) + abs(b) < TAIL:
-            a = b = 0.0
-        row[k] = np.float32(b)
-    state[0], state[1] = a, b
+        c = rest * b + high * c
+        if x == 0.0 and abs(a) + abs(b) + abs(c) < TAIL:
+            a = b = c = 0.0
+        row[k] = np.float32(b - c)
+    state[0], state[1], state[2] = a, b, c
 
 
 @njit(cache=True)
@@ -55,9 +57,9 @@ def blend(m, n):
     for bus in range(1, s.buses + 1):
         for c in range(channels):
             i = channels * bus + c
-            if m.summed[i] or m.lows[i, 0] != 0.0 or m.lows[i, 1] != 0.0:
+            if m.summed[i] or m.passes[i].any():
                 row = m.mix[i, :n]
-                _low_pass(row, m.lows[i], m.poles[bus])
+                _pass(row, m.passes[i], m.poles[bus], m.highs[bus])
                 if s.room_tail:
                     _add(row, m.room.send[c % 2, :n], m.room.wets[bus])
                 _add(row, m.mix[c, :n], np.float32(1.0))

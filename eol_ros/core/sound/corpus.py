@@ -19,6 +19,22 @@ def grain_dtype(further: Iterable[str] = ()) -> np.dtype:
     return np.dtype([*GRAIN.descr, *((name, 'f8') for name in further)])
 
 
+def widened(grains: np.ndarray, further: Iterable[str]) -> np.ndarray:
+    """Return a copy of `grains` (n,) that has `further` descriptors, too; NaN where it had none.
+
+    Examples
+    --------
+    >>> wider = widened(np.zeros(1, GRAIN), ['spectral_flux'])
+    >>> wider['flatness'].tolist(), wider['spectral_flux'].tolist()
+    ([0.0], [nan])
+    """
+    known, wanted = grains.dtype.names or (), {*(grains.dtype.names or ()), *further}
+    found = np.zeros(len(grains), grain_dtype(n for n in MAP_AXES if n in wanted - {*COLUMNS}))
+    for name in found.dtype.names or ():
+        found[name] = grains[name] if name in known else np.nan
+    return found
+
+
 @dataclass(frozen=True)
 class Source:
     """One sound file that grains were cut from."""

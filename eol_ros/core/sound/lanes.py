@@ -204,6 +204,45 @@ def _butterfly(typing_context, x, stride) -> Any:
     return lanes(lanes, stride), codegen
 
 
+def _total(typing_context, x) -> Any:
+    """Return the sum of all lanes, in each of them."""
+
+    def codegen(context, builder, sig, args):
+        x = args[0]
+        for step in (8, 4, 2, 1):
+            x = builder.fadd(x, _shuffle(builder, x, x, [j ^ step for j in range(WIDTH)]))
+        return x
+
+    return lanes(lanes), codegen
+
+
+def _convolve(typing_context, row, response) -> Any:
+    """Return what sixteen float32 from address `row` make of a response at rest, cut to sixteen.
+
+    Lane k is the sum over j <= k of row[j] response[k - j]; fifteen zeros stand before `response`,
+    an address too. The four sums of every fourth j do not wait for each other.
+    """
+
+    def codegen(context, builder, sig, args):
+        row, response = args
+        step = cgutils.get_or_insert_function(
+            builder.module, _ir.FunctionType(_FLOATS, [_FLOATS] * 3), f'llvm.fmuladd.v{WIDTH}f32'
+        )
+        sums = []
+        for j in range(WIDTH):
+            at = builder.add(row, _ir.Constant(_I64, 4 * j))
+            sample = _spread(builder, builder.load(_pointer(builder, at, _FLOAT)), _FLOATS)
+            begin = builder.sub(response, _ir.Constant(_I64, 4 * j))
+            late = builder.load(_pointer(builder, begin, _FLOATS), align=4)
+            if j < 4:
+                sums.append(builder.fmul(sample, late))
+            else:
+                sums[j % 4] = builder.call(step, (sample, late, sums[j % 4]))
+        return builder.fadd(builder.fadd(sums[0], sums[1]), builder.fadd(sums[2], sums[3]))
+
+    return lanes(types.int64, types.int64), codegen
+
+
 def _prefetch(typing_context, address) -> Any:
     """Ask for the cache line at `address`, and do not wait for it."""
 
@@ -228,4 +267,6 @@ keep: Any = intrinsic(_keep)
 fractions: Any = intrinsic(_fractions)
 around: Any = intrinsic(_around)
 butterfly: Any = intrinsic(_butterfly)
+total: Any = intrinsic(_total)
+convolve: Any = intrinsic(_convolve)
 prefetch: Any = intrinsic(_prefetch)

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.sound import clock, room
+from eol_ros.core.sound import clock, grain_filter, room
 from eol_ros.core.sound.bank import Bank, Lent, voice_rows
 from eol_ros.core.sound.buses import blend, pole
 from eol_ros.core.sound.envelope import add_edge, add_flat, fade_out
-from eol_ros.core.sound.lanes import prefetch
+from eol_ros.core.sound.lanes import WIDTH, prefetch
 from eol_ros.core.sound.limiter import ONE, align, condition, limit
 from eol_ros.core.sound.loudness import k_weighting
 from eol_ros.core.sound.mixer_layout import (
@@ -71,10 +71,15 @@ def _mix(m, begin, end, origin):
             continue
         if s.buses:  # a room has buses, too
             m.summed[v.channel_a] = m.summed[v.channel_b] = 1
-        row = v.source + 4 * n
+        # A filter works by groups of samples of its grain, and comes to what it had begun again.
+        again = (n - 1) % WIDTH if v.tuning != 0.0 else 0
+        row = v.source + 4 * (n - again)
         if v.rate != 1.0:
             row = scratch
-            read(row, v.source, v.rate, n, stop - n, cubic)
+            read(row, v.source, v.rate, n - again, stop - n + again, cubic)
+        if v.tuning != 0.0:
+            grain_filter.run(scratch, row, stop - n + again, m.tables[order[i]])
+            row = scratch + 4 * again
         if stop > v.steal - v.start:
             left = v.steal + steal_frames - v.start - n
             fade_out(scratch, row, stop - n, left, steal_frames)
@@ -189,6 +194,8 @@ def _begin(m, until):
         if s.voices >= s.max_voices:
             _make_room(m, v.start)
         m.voices[m.order[s.voices]] = v
+        if v.tuning != 0.0:
+            grain_filter.design(m.tables[m.order[s.voices]], v.tuning, v.damping, v.band)
         s.voices += 1
     if used:
         for i in range(s.pending - used):
@@ -377,6 +384,10 @@ class Mixer:
     def set_corners(self, corner_hz: np.ndarray) -> None:
         """Set the corner of the low-passes of each bus, (1 + buses,), Hz; the first has none."""
         self.memory.poles[:] = pole(corner_hz, self.sample_rate)
+
+    def set_low_corners(self, corner_hz: np.ndarray) -> None:
+        """Set the corner of the high-pass of each bus, (1 + buses,), Hz; the first has none."""
+        self.memory.highs[:] = pole(corner_hz, self.sample_rate)
 
     def align(self, delay: np.ndarray, gain: np.ndarray) -> None:
         """Delay the first loudspeakers by (n,) frames, and turn them down to (n,) <= 1."""

@@ -15,6 +15,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.sound.grain_filter import TABLE
 from eol_ros.core.sound.lanes import WIDTH
 from eol_ros.core.sound.room import LINES, SPAN
 from eol_ros.core.sound.triggers import MAX_RATE
@@ -41,6 +42,9 @@ VOICE = np.dtype(
         ('channel_b', 'i8'),
         ('gain_a', 'f4'),
         ('gain_b', 'f4'),
+        ('tuning', 'f8'),  # gain of the integrators of its filter; 0: it has none
+        ('damping', 'f8'),  # of that, 1 / Q
+        ('band', 'i8'),  # 1: a band-pass, 0: a low-pass
     ],
     align=True,
 )
@@ -146,7 +150,7 @@ class Memory(NamedTuple):
     order: np.ndarray  # (capacity,) i8, rows of `voices`: those that sound, then the free ones
     ended: np.ndarray  # (capacity,) i8, room to sort `order` in
     mix: np.ndarray  # (max(2, channels (1 + buses)), ROOM) f4, sums of voices, bus by bus
-    scratch: np.ndarray  # (ROOM,) f4, one voice
+    scratch: np.ndarray  # (ROOM + WIDTH,) f4, one voice, and what its filter comes to again
     delay: np.ndarray  # (channels, look_ahead + CHUNK) f4, the limiter's
     queue_gain: np.ndarray  # (look_ahead + 2,) f8, of its sliding minimum
     queue_frame: np.ndarray  # (look_ahead + 2,) i8
@@ -159,7 +163,9 @@ class Memory(NamedTuple):
     timespec: np.ndarray  # (2,) i8, for the clock
     poles: np.ndarray  # (1 + buses,) f8, of the two low-passes of each bus; that of the mix unused
     summed: np.ndarray  # (channels (1 + buses),) i8, rows of `mix` into which a voice was summed
-    lows: np.ndarray  # (channels (1 + buses), 2) f8, state of the two low-passes of each row
+    passes: np.ndarray  # (channels (1 + buses), 3) f8, state of each row's low- and high-passes
+    highs: np.ndarray  # (1 + buses,) f8, pole of the high-pass of each bus; 1: there is none
+    tables: np.ndarray  # (capacity, TABLE) f4, of the filters of `voices`, see grain_filter.py
     room: Room
     alignment: Alignment
 
@@ -168,7 +174,7 @@ _FIELDS = (*Memory._fields[:-2], *Room._fields, *Alignment._fields)
 ARRAYS = len(_FIELDS)
 # Compiled code is kept on disk and looks at the date of its own source only. It begins by comparing
 # this number, so that code of another layout does nothing rather than write anywhere.
-_WHAT = (VOICE.descr, STATE.descr, _FIELDS, CHUNK, ROOM, GUARD, RING, WINDOWS, LOADS)
+_WHAT = (VOICE.descr, STATE.descr, _FIELDS, CHUNK, ROOM, TABLE, GUARD, RING, WINDOWS, LOADS)
 LAYOUT = zlib.crc32(repr((*_WHAT, FOREVER)).encode())
 
 
@@ -218,7 +224,7 @@ def memory(address):
         carray(pointer(t[4]), s.capacity, np.int64),
         carray(pointer(t[5]), s.capacity, np.int64),
         carray(pointer(t[6]), (max(2, rows), ROOM), np.float32),
-        carray(pointer(t[7]), ROOM, np.float32),
+        carray(pointer(t[7]), ROOM + WIDTH, np.float32),
         carray(pointer(t[8]), (c, look_ahead + CHUNK), np.float32),
         carray(pointer(t[9]), look_ahead + 2, np.float64),
         carray(pointer(t[10]), look_ahead + 2, np.int64),
@@ -231,20 +237,22 @@ def memory(address):
         carray(pointer(t[17]), 2, np.int64),
         carray(pointer(t[18]), 1 + s.buses, np.float64),
         carray(pointer(t[19]), rows, np.int64),
-        carray(pointer(t[20]), (rows, 2), np.float64),
+        carray(pointer(t[20]), (rows, 3), np.float64),
+        carray(pointer(t[21]), 1 + s.buses, np.float64),
+        carray(pointer(t[22]), (s.capacity, TABLE), np.float32),
         Room(
-            carray(pointer(t[21]), 1 + s.buses, np.float32),
-            carray(pointer(t[22]), (2, ROOM if s.room_tail else 0), np.float32),
-            carray(pointer(t[23]), LINES, np.int64),
-            carray(pointer(t[24]), (LINES, s.line_size), np.float32),
-            carray(pointer(t[25]), (4, LINES), np.float32),
-            carray(pointer(t[26]), LINES, np.float32),
-            carray(pointer(t[27]), (2, SPAN, LINES), np.float32),
+            carray(pointer(t[23]), 1 + s.buses, np.float32),
+            carray(pointer(t[24]), (2, ROOM if s.room_tail else 0), np.float32),
+            carray(pointer(t[25]), LINES, np.int64),
+            carray(pointer(t[26]), (LINES, s.line_size), np.float32),
+            carray(pointer(t[27]), (4, LINES), np.float32),
+            carray(pointer(t[28]), LINES, np.float32),
+            carray(pointer(t[29]), (2, SPAN, LINES), np.float32),
         ),
         Alignment(
-            carray(pointer(t[28]), (c, s.align_size), np.float32),
-            carray(pointer(t[29]), c, np.int64),
-            carray(pointer(t[30]), c, np.float32),
+            carray(pointer(t[30]), (c, s.align_size), np.float32),
+            carray(pointer(t[31]), c, np.int64),
+            carray(pointer(t[32]), c, np.float32),
         ),
     )
 
@@ -268,7 +276,7 @@ def allocate(
         np.arange(capacity),
         np.zeros(capacity, np.int64),
         np.zeros((max(2, rows), ROOM), np.float32),
-        np.zeros(ROOM, np.float32),
+        np.zeros(ROOM + WIDTH, np.float32),
         np.zeros((channels, look_ahead + CHUNK), np.float32),
         np.zeros(look_ahead + 2),
         np.zeros(look_ahead + 2, np.int64),
@@ -281,7 +289,9 @@ def allocate(
         np.zeros(2, np.int64),
         np.zeros(1 + buses),
         np.zeros(rows, np.int64),
-        np.zeros((rows, 2)),
+        np.zeros((rows, 3)),
+        np.ones(1 + buses),
+        np.zeros((capacity, TABLE), np.float32),
         Room(
             np.zeros(1 + buses, np.float32),
             np.zeros((2, ROOM if line_size else 0), np.float32),

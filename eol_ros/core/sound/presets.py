@@ -5,20 +5,8 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+STEP_S = 0.1  # between two steps of a glide
 STEPPED = ('choices', 'path', 'form')  # settings of these kinds have nothing between
-
-
-def live_values(settings: Any) -> dict[str, Any]:
-    """Return the live settings, by name.
-
-    Examples
-    --------
-    >>> from eol_ros.settings import SoundSettings
-    >>> live_values(SoundSettings())['gain_db'], 'device' in live_values(SoundSettings())
-    (-4.0, False)
-    """
-    fields = dataclasses.fields(settings)
-    return {f.name: getattr(settings, f.name) for f in fields if f.metadata.get('live')}
 
 
 def between(
@@ -60,3 +48,38 @@ def between(
                 value = begin + share * (goal - begin)
             found[name] = round(value) if field.type is int else value
     return found
+
+
+class Glide:
+    """On the way from one preset to another: what changes with each step, so that it is told once.
+
+    kinds: the class of settings of each node; start, end: values by node and name, of the same
+    names. What only one of them has stays as it is. 0 s: there at once.
+    """
+
+    def __init__(
+        self,
+        kinds: Mapping[str, type],
+        start: Mapping[str, Mapping[str, Any]],
+        end: Mapping[str, Mapping[str, Any]],
+        over_s: float,
+        whole: frozenset[str] = frozenset(),
+    ):
+        self._kinds = {node: kinds[node] for node in end if node in start}
+        self._start, self._end, self._whole = start, end, whole
+        self._over_s = over_s
+        self.given = {node: dict(values) for node, values in start.items()}
+        self.over = False
+
+    def step(self, elapsed_s: float) -> dict[str, dict[str, Any]]:
+        """Return what changes by `elapsed_s` after the start, by node; nothing where none does."""
+        share = min(elapsed_s / self._over_s, 1.0) if self._over_s else 1.0
+        found = {}
+        for node, kind in self._kinds.items():
+            now = between(kind, self._start[node], self._end[node], share, self._whole)
+            changed = {k: v for k, v in now.items() if v != self.given[node][k]}
+            if changed:
+                self.given[node] |= changed
+                found[node] = changed
+        self.over = share >= 1.0
+        return found

@@ -12,6 +12,14 @@ def ranked(values: np.ndarray) -> np.ndarray:
     return (low + high) / (2 * max(len(values) - 1, 1)) if len(values) > 1 else np.full(1, 0.5)
 
 
+def rank_shares(values: np.ndarray) -> np.ndarray:
+    """Return `ranked` of what is known; what is missing (NaN) lies in the middle."""
+    known = np.isfinite(values)
+    found = np.full(len(values), 0.5)
+    found[known] = ranked(values[known])
+    return found
+
+
 def standardised(columns: list[np.ndarray], names: list[str]) -> np.ndarray:
     """Return descriptors side by side, each of mean 0 and deviation 1, (n, m).
 

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.corpus import Corpus, table_bounds
-from eol_ros.core.sound.projection import ranked
+from eol_ros.core.sound.projection import rank_shares
 from eol_ros.core.sound.sources import weights
 from eol_ros.core.sound.stress import stress
 from eol_ros.core.sound.triggers import MAX_RATE, MIN_RATE, TRIGGER
@@ -343,10 +343,7 @@ class Selector:
                     columns.append(np.full(len(self._grains), 0.5))
                     continue
                 values = self._corpus.grains[name][self._grains]
-                known = np.isfinite(values)
-                rank = np.full(len(values), 0.5)  # what is missing lies in the middle
-                rank[known] = ranked(values[known])
-                columns.append(rank)
+                columns.append(rank_shares(values))
             self._matched, self._ranks = s.match, np.stack(columns, axis=1)
         assert self._ranks is not None
         half, total = s.space_m / 2, np.zeros(far.shape)

@@ -16,22 +16,6 @@ REGIONS = {
 WHOLE = (0.0, 0.0, 1.0, 1.0)
 
 
-def by_name(lines: Sequence[str], names: Sequence[str], setting: str) -> dict[str, str]:
-    """Return the word behind each name in lines "NAME WORD"; names must be among `names`.
-
-    Raises ConfigError that says which line is wrong.
-    """
-    found = {}
-    for line in lines:
-        name, _, word = line.rpartition(' ')
-        if name.strip() not in names:
-            raise ConfigError(
-                f'{setting} {line!r}: no sound of this name; there are {", ".join(names)}'
-            )
-        found[name.strip()] = word
-    return found
-
-
 def weights(lines: Sequence[str], names: Sequence[str]) -> np.ndarray:
     """Return the weight of each of the sounds `names`, (n,) in 0..1; 1 where nothing is said.
 
@@ -42,8 +26,8 @@ def weights(lines: Sequence[str], names: Sequence[str]) -> np.ndarray:
     >>> weights(['ice 0.25'], ['ice', 'harbour']).tolist()
     [0.25, 1.0]
     """
-    said = {line.rpartition(' ')[0].strip(): float(line.rpartition(' ')[2]) for line in lines}
-    return np.array([said.get(name, 1.0) for name in names])
+    said = _by_name(lines)
+    return np.array([float(said.get(name, 1.0)) for name in names])
 
 
 def regions(lines: Sequence[str], names: Sequence[str]) -> list[tuple[float, ...]]:
@@ -57,7 +41,11 @@ def regions(lines: Sequence[str], names: Sequence[str]) -> list[tuple[float, ...
     [(0.0, 0.0, 0.5, 1.0), (0.0, 0.0, 1.0, 1.0)]
     """
     found = {}
-    for name, word in by_name(lines, names, 'regions').items():
+    for name, word in _by_name(lines).items():
+        if name not in names:
+            raise ConfigError(
+                f'regions {f"{name} {word}"!r}: no sound of this name; there are {", ".join(names)}'
+            )
         try:
             box = REGIONS.get(word) or tuple(float(part) for part in word.split(','))
             left, low, right, high = box
@@ -69,3 +57,9 @@ def regions(lines: Sequence[str], names: Sequence[str]) -> list[tuple[float, ...
             )
         found[name] = box
     return [found.get(name, WHOLE) for name in names]
+
+
+def _by_name(lines: Sequence[str]) -> dict[str, str]:
+    """Return the word behind each name in lines "NAME WORD"; of one name the last line counts."""
+    parted = [line.rpartition(' ') for line in lines]
+    return {name.strip(): word for name, _, word in parted}

@@ -7,6 +7,9 @@ goes as 1/r, and falls as f^-2 above it: 1 / (1 + (f / f_c)^2), after his eq. 31
 of A blocks has r ~ A^(1/2), so f_c ~ A^(-1/2): the same sound, larger, is slower by A^(1/2) and
 darker. The area is that of now, as the rupture has grown so far (`rupture.py`).
 
+What is heard is not displacement but its rate, whose spectrum rises as f below the corner: a small
+rupture has no lows. So a second corner, far below the first and as A^(-1/2) too, takes them away.
+
 A corner is a property of the area, not of the grain: grains of like areas are summed on a bus, and
 a bus is filtered once (`buses.py`), so that the loop over the grains does not know of it.
 """
@@ -15,6 +18,7 @@ import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank, numbered_rows, voice_rows
+from eol_ros.core.sound.grain_filter import tuned
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.ring import Ring, alignment, mistakes, parse
 from eol_ros.core.sound.rupture import Ruptures
@@ -44,10 +48,26 @@ def corners_hz(single_hz: float) -> np.ndarray:
     return single_hz / np.sqrt(AREA_OF_BUS)
 
 
-def wets(settings: SoundSettings) -> np.ndarray:
-    """Return the share of each bus, (BUSES,), that the room hears."""
-    less_db = settings.room_range_db * (1 - np.log(AREA_OF_BUS) / np.log(N_BLOCKS))
-    return 10 ** ((settings.room_db - less_db) / 20)
+def set_room(mixer: Mixer, settings: SoundSettings) -> None:
+    """Set what share of each bus the room hears, if there is one; as often as that changes."""
+    if settings.room_s:
+        less_db = settings.room_range_db * (1 - np.log(AREA_OF_BUS) / np.log(N_BLOCKS))
+        mixer.set_wets(per_bus(10 ** ((settings.room_db - less_db) / 20), settings))
+
+
+def bussed(settings: SoundSettings) -> bool:
+    """Whether grains are summed on buses."""
+    return bool(settings.corner_hz or settings.low_corner_hz or settings.room_s)
+
+
+def first_bus(settings: SoundSettings) -> int:
+    """Return the bus of area 1: the mix itself, but for a high-pass, which the mix has not."""
+    return int(settings.low_corner_hz > 0)
+
+
+def per_bus(values: np.ndarray, settings: SoundSettings) -> np.ndarray:
+    """Return `values` (BUSES,) for the mix and each bus beside it."""
+    return np.concatenate([values[: first_bus(settings)], values])
 
 
 def new_mixer(settings: SoundSettings, epoch_s: float = 0.0) -> Mixer:
@@ -62,13 +82,17 @@ def new_mixer(settings: SoundSettings, epoch_s: float = 0.0) -> Mixer:
     uneven = delay.any() or (gain != 1).any()
     mixer = Mixer(
         s.sample_rate, s.channels, s.polyphony, s.interpolation == 'cubic', s.gain_db, s.ceiling_db,
-        s.loudness_lufs, s.governor_db, epoch_s, BUSES - 1 if s.corner_hz or s.room_s else 0,
+        s.loudness_lufs, s.governor_db, epoch_s,
+        BUSES - 1 + first_bus(s) if bussed(s) else 0,
         s.room_s, s.room_high_s, int(delay.max()) + 1 if uneven else 0,
     )  # fmt: skip
     if s.corner_hz:
-        mixer.set_corners(corners_hz(s.corner_hz))
-    if s.room_s:
-        mixer.set_wets(wets(s))
+        corners = per_bus(corners_hz(s.corner_hz), s)
+        corners[: 1 + first_bus(s)] = np.inf  # single slips pass whole
+        mixer.set_corners(corners)
+    if s.low_corner_hz:
+        mixer.set_low_corners(per_bus(corners_hz(s.low_corner_hz), s))
+    set_room(mixer, s)
     if uneven:
         mixer.align(delay, gain)
     return mixer
@@ -105,10 +129,10 @@ class Voicing:
 
     @property
     def plain(self) -> bool:
-        """Whether all that hangs on the size of a rupture is off."""
+        """Whether all that hangs on the size of a rupture is off, and the filter of grains."""
         s = self.settings
-        parts = (s.rate_scaling, s.corner_hz, s.dynamics_db, s.onset_duck_db, s.room_s)
-        return not any(parts) and s.sub_db <= OFF_DB
+        parts = (s.rate_scaling, s.dynamics_db, s.onset_duck_db, bussed(s))
+        return not any(parts) and s.sub_db <= OFF_DB and s.filter == 'off'
 
     def rows(self, triggers: np.ndarray, bank: Bank) -> tuple[np.ndarray, int]:
         """Return the voices (m,) VOICE of `triggers` (n,) TRIGGER, and how many were refused."""
@@ -125,13 +149,29 @@ class Voicing:
         if s.onset_duck_db:
             level_db -= s.onset_duck_db * np.maximum(0, 1 - since_s / s.onset_duck_s)
         t['gain'] = np.minimum(t['gain'] * 10 ** (level_db / 20), MAX_GAIN)
-        first = s.channels * bus_of(area) if s.corner_hz or s.room_s else None
+        first = None
+        if bussed(s):
+            # Creaks are no ruptures: they keep their lows.
+            first = s.channels * (bus_of(area) + first_bus(s) * (t['block'] >= 0))
         rows, number = numbered_rows(t, bank, self.loudspeakers, first, self._ring)
         refused = len(triggers) - len(rows)
+        if s.filter != 'off':
+            self._filter(rows, t['grain'][number], area[number], bank)
         if sub is not None:  # each behind its grain, as where they come one by one
             order = np.argsort(np.concatenate([number, np.flatnonzero(grew)]), kind='stable')
             rows = np.concatenate([rows, sub])[order]
         return rows, refused
+
+    def _filter(self, rows: np.ndarray, grain: np.ndarray, area: np.ndarray, bank: Bank) -> None:
+        """Give the voices `rows` (n,) their filter; of grains (n,), of ruptures of areas (n,)."""
+        s = self.settings
+        share = np.zeros(len(rows))
+        if s.filter_by == 'area':
+            share = np.log(area) / np.log(N_BLOCKS)
+        elif s.filter_by != 'nothing':
+            share = bank.shares(s.filter_by)[grain]
+        rows['tuning'] = tuned(s.filter_hz * 2.0 ** (s.filter_octaves * share), s.sample_rate)
+        rows['damping'], rows['band'] = 1 / s.filter_q, s.filter == 'band-pass'
 
     def _sub(self, triggers: np.ndarray, area: np.ndarray) -> np.ndarray:
         """Return the voices of the sub voice, for grains that let a rupture grow to `area`."""

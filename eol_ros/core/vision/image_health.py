@@ -76,7 +76,7 @@ class Sizes:
     """
 
     def __init__(self, calibration: Calibration):
-        self._calibration = calibration
+        self.calibration = calibration
         self._ratios: list[np.ndarray] = []
         self.spread = np.nan  # of the sizes of blocks over what they should be; NaN: not known yet
 
@@ -103,7 +103,7 @@ class Sizes:
     def _expected_px(self, world: np.ndarray) -> np.ndarray:
         half = BLOCK_SIDE_M / 2
         sides = [
-            self._calibration.to_pixels(world + step) - self._calibration.to_pixels(world - step)
+            self.calibration.to_pixels(world + step) - self.calibration.to_pixels(world - step)
             for step in (np.array([half, 0.0]), np.array([0.0, half]))
         ]
         return np.sqrt(np.abs(sides[0][:, 0] * sides[1][:, 1] - sides[0][:, 1] * sides[1][:, 0]))
@@ -112,7 +112,7 @@ class Sizes:
         """Return what is wrong with the covers, in one line, or an empty string."""
         if not self.spread > UNLIKE:
             return ''
-        known = 'others' if self._calibration.covers is not None else 'flat ones'
+        known = 'others' if self.calibration.covers is not None else 'flat ones'
         return (
             f'blocks differ in size by {self.spread:.1%} from what their covers should look like: '
             f'the calibration is of {known}; `eol calibrate blocks --covers FOLDER` names these'

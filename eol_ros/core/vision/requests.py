@@ -13,11 +13,12 @@ import cv2
 import numpy as np
 
 from eol_ros.core.vision.background.model import BackgroundLearner, BackgroundModel
+from eol_ros.core.vision.identity.cover_patterns import CoverPatterns
 from eol_ros.core.vision.identity.yaw_signature import Yaws
 from eol_ros.errors import ConfigError
 
-THRESHOLD, BACKGROUND, DARKNESS, CALIBRATE, YAW_OFFSETS = KINDS = (
-    'threshold', 'background', 'darkness', 'calibrate', 'yaw_offsets',
+THRESHOLD, BACKGROUND, DARKNESS, CALIBRATE, YAW_OFFSETS, COVER_PATTERNS = KINDS = (
+    'threshold', 'background', 'darkness', 'calibrate', 'yaw_offsets', 'cover_patterns',
 )  # fmt: skip
 
 
@@ -60,9 +61,10 @@ class Requests:
         `threshold`: value is grey levels. `background`: a PNG, or nothing for none. `darkness`: the
         infrared light is off until the stamp `value` in ns. `calibrate`: by the blocks.
         `yaw_offsets`: how crooked each block stands, as it was learnt before (`Yaws.packed`).
+        `cover_patterns`: how each cover spreads its light, likewise (`CoverPatterns.packed`).
 
         Raises:
-            ConfigError: another kind, no image, or no yaw offsets.
+            ConfigError: another kind, no image, or nothing that was learnt.
         """
         if kind not in KINDS:
             raise ConfigError(f'{kind} is nothing that a tracker can be asked for')
@@ -70,6 +72,8 @@ class Requests:
             value = unpacked(value) if value else None
         elif kind == YAW_OFFSETS:
             value = Yaws.unpacked(value)
+        elif kind == COVER_PATTERNS:
+            value = CoverPatterns.unpacked(value)
         self._waiting.append((from_ns * 1e-9, kind, value))
         self._waiting.sort(key=lambda request: request[0])
 

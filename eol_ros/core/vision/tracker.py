@@ -13,7 +13,7 @@ import numpy as np
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import outline, scan
+from eol_ros.core.vision.detect import cover_light, outline, scan
 from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.identity import Identity
@@ -21,6 +21,7 @@ from eol_ros.core.vision.image_health import Watch
 from eol_ros.core.vision.requests import (
     BACKGROUND,
     CALIBRATE,
+    COVER_PATTERNS,
     DARKNESS,
     THRESHOLD,
     YAW_OFFSETS,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 HIDDEN = 0.35  # less of the outline than this in view, and the block counts as hidden
 WHOLE = 0.9
+NEARLY_WHOLE = 0.8  # from here on a block's brightness is taken, until it is seen whole
 REST_S = 20.0  # for so long a calibration that was asked for waits for the blocks to rest
 SETTLE_S = 0.3  # after a new calibration; longer than any rest that motion compares with
 LAMP_LEVEL = 5  # grey levels
@@ -56,6 +58,7 @@ class Tracked:
     px (25, 2) and world (25, 2) in m hold for hidden blocks too (`seen` false), carried by their
     fellows; both are NaN while the state is searching or fault, world also while calibrating. yaw
     (25,) rad, unwrapped. sigma_m, visibility (25,). why: one line when the state is not tracking.
+    changed: blocks whose covers were lately found to be others than before.
     """
 
     stamp_s: float
@@ -68,6 +71,7 @@ class Tracked:
     state: int
     symmetry_ambiguous: bool
     why: str = ''
+    changed: tuple[int, ...] = ()
 
 
 class Tracker:
@@ -112,11 +116,12 @@ class Tracker:
         blink = None
         if settings.blink_block >= 0:
             blink = Blink(settings.blink_block, settings.blink_period_s, settings.blink_off_s)
-        self.identity = Identity(settings.trust_start, blink)
+        self.identity = Identity(settings.trust_start, blink, settings.know_covers)
         self.lattice = self.identity.lattice
         self.visibility: np.ndarray = np.zeros(N_BLOCKS, np.float32)
         self.contrast = np.zeros(N_BLOCKS)  # of each block when it was last seen whole, 0: never
         self.last_s = -np.inf
+        self._image, self._pose = np.zeros((0, 0), np.uint8), np.zeros((0, 3))  # of the last one
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
         self.learning: self_calibration.SelfCalibration | None = None
         self.requests = Requests()
@@ -143,6 +148,12 @@ class Tracker:
     def side_px(self) -> float:
         """Return the side of a block in the middle of the last image, 0 when none was found."""
         return float(np.median(self.blobs['side_px'])) if len(self.blobs) else 0.0
+
+    def sides_px(self) -> np.ndarray:
+        """Return the side (25,) of each block in the last image, 0 where it was not seen."""
+        seen, sides = self.lattice.seen, np.zeros(N_BLOCKS)
+        sides[seen] = self.blobs['side_px'][self.lattice.index[seen]]
+        return sides
 
     def cover_height_m(self) -> float:
         """Return the height of what is measured above the platform."""
@@ -220,12 +231,15 @@ class Tracker:
             self.learning = self_calibration.SelfCalibration(self.calibration)
         pose, sigma = mapping.poses(self.packed, blobs, BLOCK_SIDE_M)
         faint = blobs['visibility'] < FAINT
-        self.identity.update(stamp_s, pose[:, :2].copy(), pose[:, 2].copy(), sigma, faint)
+        self._image, self._pose = image, pose
+        self.identity.update(
+            stamp_s, pose[:, :2].copy(), pose[:, 2].copy(), sigma, faint, self._glance
+        )
         self.watch.rests(lattice.state == TRACKING and lattice.rests())
         seen = lattice.seen
         self.visibility = np.zeros(N_BLOCKS, np.float32)
         self.visibility[seen] = blobs['visibility'][lattice.index[seen]]
-        whole = seen & (self.visibility > WHOLE)
+        whole = seen & (self.visibility > np.where(self.contrast > 0, WHOLE, NEARLY_WHOLE))
         self.contrast[whole] = blobs['contrast'][lattice.index[whole]]
         self.last_s = stamp_s
         why = {SEARCHING: f'{len(blobs)} lights, not yet a lattice', LOST: 'blocks out of sight'}
@@ -238,6 +252,13 @@ class Tracker:
             return self._answer(stamp_s, CALIBRATING, 'metres are new')
         return self._answer(stamp_s, lattice.state, why.get(lattice.state, ''))
 
+    def _glance(self, detections: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how light is spread over the covers of detections (k,), as Identity asks."""
+        patterns = np.empty((len(detections), cover_light.SIZE))
+        good = self.blobs['visibility'][detections] > WHOLE
+        cover_light.glance(self.packed, self._image, self._pose, detections, yaw, patterns, good)
+        return patterns, good
+
     def _fulfil(self, stamp_s: float, kind: str, value: Any) -> None:
         """Do what was asked for, from this image on."""
         if kind == THRESHOLD:
@@ -246,6 +267,9 @@ class Tracker:
             self.finder.background = value
         elif kind == YAW_OFFSETS:
             self.lattice.yaws = value
+        elif kind == COVER_PATTERNS:
+            if self.identity.covers is not None:
+                self.identity.covers = value
         elif kind == CALIBRATE and self.calibration is None:
             self._tell(CALIBRATE, 'not calibrated: no squares seen yet', True)
         elif kind == CALIBRATE and self.learning is not None:
@@ -325,6 +349,7 @@ class Tracker:
             self.contrast,
             ahead if 0 < ahead < 0.1 else 0.0,
             self.predicted,
+            mapping.BEND if self.calibration.covers is not None else 0.0,
         )
         if lattice.ambiguous:  # then it is not known which cover is which
             self.predicted[:, 4] = -1.0
@@ -356,4 +381,5 @@ class Tracker:
             state,
             bool(lattice.ambiguous),
             why,
+            self.identity.names.changed(stamp_s),
         )

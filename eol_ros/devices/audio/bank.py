@@ -3,7 +3,7 @@
 
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,10 +24,11 @@ def load_bank(
     duration: np.ndarray,
     sample_rate: int,
     places: np.ndarray | None = None,
+    descriptors: Mapping[str, np.ndarray] | None = None,
 ) -> Bank:
     """Read the `files` at `sample_rate` and return the bank of the grains (g,) cut from them.
 
-    `places` (g, 2): where on the table each lies, m.
+    `places` (g, 2): where on the table each lies, m; `descriptors`: values (g,) by name.
     Raises DeviceMissing if a file is gone, ConfigError if it cannot be read or a grain is outside.
     """
     if len(file) and (not files or np.max(file) >= len(files)):
@@ -40,7 +41,7 @@ def load_bank(
                 f'{files[number]}: grain {int(np.argmax(outside))} begins after its end; '
                 'make the corpus again'
             )
-    return Bank(sounds, file, start, duration, sample_rate, places)
+    return Bank(sounds, file, start, duration, sample_rate, places, descriptors)
 
 
 class BankLoader:
@@ -59,17 +60,22 @@ class BankLoader:
         self._news: list[EolError | None] = []
 
     def ask(
-        self, digest: str, from_ns: int, *grains: Any, places: np.ndarray | None = None
+        self,
+        digest: str,
+        from_ns: int,
+        *grains: Any,
+        places: np.ndarray | None = None,
+        descriptors: Mapping[str, np.ndarray] | None = None,
     ) -> bool:
         """Begin to load the corpus `digest`, of which triggers speak whose stamp is `from_ns` on.
 
-        `places` (g, 2): where on the table each grain lies, m.
+        `places` (g, 2): where on the table each grain lies, m; `descriptors`: values (g,) by name.
         Return False if it was the last one asked for.
         """
         with self._lock:
             if self._entries and digest == self._entries[-1].digest:
                 return False
-            entry = _Entry(digest, from_ns, grains, places)
+            entry = _Entry(digest, from_ns, grains, places, descriptors)
             self._entries = [*self._entries[1 - KEPT :], entry]
         threading.Thread(target=self._load, args=(entry,), daemon=True).start()
         return True
@@ -124,10 +130,11 @@ class BankLoader:
         entry.key += [cut.tobytes() for cut in cuts]
         for other in self._entries:  # a grain was moved: the same sound, cut alike
             if other.bank is not None and other.key == entry.key:
-                there = entry.places
-                entry.bank = other.bank if there is None else other.bank.placed(there)
+                entry.bank = other.bank
+                if entry.places is not None:
+                    entry.bank = other.bank.placed(entry.places, entry.descriptors)
                 return
-        entry.bank = load_bank(*entry.grains, self._sample_rate, entry.places)
+        entry.bank = load_bank(*entry.grains, self._sample_rate, entry.places, entry.descriptors)
 
 
 @dataclass(eq=False)
@@ -137,5 +144,6 @@ class _Entry:
     # what load_bank takes, but for the rate
     grains: tuple[Sequence[str], np.ndarray, np.ndarray, np.ndarray]
     places: np.ndarray | None = None
+    descriptors: Mapping[str, np.ndarray] | None = None
     bank: Bank | None = None
     key: list | None = None  # equal keys, equal banks

@@ -18,6 +18,8 @@ except ImportError:  # in a ROS workspace, where rosdep has no key for it
     raise DeviceMissing('osc_out and osc_in need python-osc: pip install python-osc') from None
 
 LARGEST = 65536  # bytes in a datagram
+DEEPEST = 16  # bundles in bundles; the specification names no limit, Python's stack has one
+_BUNDLE, _HEAD = b'#bundle\0', 16  # then a time tag, then sizes with what they measure
 # python-osc says on the root logger what is wrong with a packet; here it is counted instead, or a
 # stranger's packets would fill the logs.
 logging.getLogger().addFilter(lambda record: 'pythonosc' not in record.pathname)
@@ -33,11 +35,28 @@ def encode(address: str, *values: int | float | str | bool) -> bytes:
 
 def decode(packet: bytes) -> list[tuple]:
     """Return (address, value, ...) of each message in a packet; raises ValueError if it is none."""
+    _measure(packet)
     try:
         messages = [timed.message for timed in OscPacket(packet).messages]
     except (ParseError, struct.error, IndexError) as error:
         raise ValueError(str(error)) from None
     return [(message.address, *message.params) for message in messages]
+
+
+def _measure(packet: bytes, depth: int = 0) -> None:
+    """Raise ValueError for a bundle whose sizes do not add up: python-osc (1.10.2) follows a size
+    below 0 backwards, for ever."""
+    if not packet.startswith(_BUNDLE):
+        return
+    if depth == DEEPEST:
+        raise ValueError(f'bundles in more than {DEEPEST} bundles')
+    at = _HEAD
+    while at < len(packet):
+        size = int.from_bytes(packet[at : at + 4], 'big', signed=True)
+        at += 4 + size
+        if not 0 <= size <= len(packet) - (at - size):
+            raise ValueError(f'a bundle with a part of {size} bytes')
+        _measure(packet[at - size : at], depth + 1)
 
 
 def target_of(target: str) -> tuple[str, int]:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a bag against a clock: rate, start, loop, pause. Bytes and stamps stay as recorded.
 
-Messages are played in the order in which they were recorded. Images and blocks, which carry the
+Messages are played in the order in which they were received. Images and blocks, which carry the
 time of exposure, are played when recorded time reaches that stamp; everything between them as long
-before or after as it was recorded. So nothing of the delays of the recorded run is waited for once
+before or after as it was sent. So nothing of the delays of the recorded run is waited for once
 more, at a low rate several times as long.
 """
 
@@ -21,6 +21,7 @@ NAP_S = 0.1  # longest wait before stop and pause are looked at again
 LEAD_NS = 1_000_000  # recorded time begins so long before the first message
 TAIL_NS = 300_000_000  # and ends so long after the last: what fades goes on to fade
 STAND_S = 0.5  # before a new round, for all that follow recorded time to have noticed
+LATEST_NS = 10_000_000_000  # a message on its way for longer was kept for who comes late
 BACK_NS = 1_000_000_000  # stamps that fall back by more belong to a new round, too
 
 
@@ -93,8 +94,8 @@ class BagPlayer:
         self._delay_ns = 0  # from the stamp of the last stamped message to its recording
         first = next(iter(bag.messages(self._stamped or self._topics, self._first_ns)), None)
         if first is not None and self._stamped:
-            self._delay_ns = first.log_ns - stamp_ns(first.data)
-        start_ns = (first.log_ns if first else self._first_ns) - self._delay_ns
+            self._delay_ns = _sent_ns(first) - stamp_ns(first.data)
+        start_ns = (_sent_ns(first) if first else self._first_ns) - self._delay_ns
         self._start = start_ns - LEAD_NS, self._delay_ns
         self._pace = Pace(clock(), start_ns - LEAD_NS, 0.0, start_ns)
         self._shown_ns = 0
@@ -136,8 +137,8 @@ class BagPlayer:
         due_ns = begin_ns
         for message in self._bag.messages(self._topics, self._first_ns):
             if message.topic in self._stamped:
-                self._delay_ns = message.log_ns - stamp_ns(message.data)
-            wish_ns = message.log_ns - self._delay_ns
+                self._delay_ns = _sent_ns(message) - stamp_ns(message.data)
+            wish_ns = _sent_ns(message) - self._delay_ns
             if wish_ns < due_ns - BACK_NS:
                 self._stand(wish_ns - LEAD_NS, STAND_S)
                 due_ns = wish_ns
@@ -194,3 +195,9 @@ class BagPlayer:
                     self._pace = Pace(now_s, due_ns, self._rate, due_ns)
                 return
             self._sleep(min(left_s, NAP_S))
+
+
+def _sent_ns(message: BagMessage) -> int:
+    """Return when it was sent; not all who write bags know, or by the same clock."""
+    known = 0 <= message.log_ns - message.publish_ns < LATEST_NS
+    return message.publish_ns if known else message.log_ns

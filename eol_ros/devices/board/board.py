@@ -5,6 +5,7 @@ One thread reads; any thread writes, straight into the port. The line may break 
 opened again after 1, 2, 4 ... 30 s, and the board is then told once more what it should show.
 """
 
+import contextlib
 import errno
 import math
 import os
@@ -14,6 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.clock_sync import ClockSync, HostTime
@@ -64,7 +66,8 @@ class Board:
     """The line to one board, kept open from `start` to `close`.
 
     `on_tap` and `on_state` are called from the reader thread. `port` as for `find_port`, looked up
-    again at each try.
+    again at each try; or `line` opens what is no serial port, whose descriptor it returns, and
+    raises OSError where it cannot.
     """
 
     def __init__(
@@ -74,6 +77,7 @@ class Board:
         on_state: Callable[[State], None] = lambda state: None,
         baud: int = BAUD,
         backoff: Backoff | None = None,
+        line: Callable[[], int] | None = None,
     ):
         self.state = State('looking', f'looking for the board on {port}')
         self.sync = ClockSync()
@@ -84,7 +88,7 @@ class Board:
         self.tests: dict[int, protocol.SelfTested] = {}  # the last of each block
         self.reported_bad = 0  # damaged packets that the board itself counted
         self.round_trip_ms: deque[float] = deque(maxlen=64)
-        self._port, self._baud = port, baud
+        self._port, self._baud, self._line = port, baud, line
         self._on_tap, self._on_state = on_tap, on_state
         self._backoff = backoff or Backoff()
         self._lock = threading.Lock()
@@ -202,16 +206,16 @@ class Board:
 
     def _talk(self) -> None:
         """Open the port and serve it until it fails (OSError) or `close` is called (returns)."""
-        import serial
-
-        path = find_port(self._port)
-        try:
-            port = serial.Serial(path, self._baud, timeout=0, exclusive=True)
-        except serial.SerialException as error:
-            raise OSError(error.errno, str(error)) from error
-        try:
+        with contextlib.ExitStack() as opened:
+            if self._line:
+                path, fd = self._port, self._line()
+                opened.callback(os.close, fd)
+            else:
+                path = find_port(self._port)
+                fd = opened.enter_context(_serial_port(path, self._baud)).fileno()
             with self._lock:
-                self._fd = port.fileno()
+                self._fd = fd
+            opened.callback(self._put_down)
             self.sync, self.decoder = ClockSync(), protocol.Decoder()
             self._asked.clear()
             welcome = self._shake_hands(path)
@@ -231,10 +235,10 @@ class Board:
                 for message in self._configuration:
                     self._send(message)
             self._serve()
-        finally:
-            with self._lock:
-                self._fd = None
-            port.close()
+
+    def _put_down(self) -> None:
+        with self._lock:
+            self._fd = None
 
     def _shake_hands(self, path: str) -> protocol.Welcome:
         give_up, say = time.monotonic() + HELLO_FOR_S, protocol.VERSION
@@ -321,6 +325,19 @@ class VersionRefused(Exception):
             f'the board on {path} speaks protocol version {version}, this program '
             f'{" and ".join(map(str, protocol.SPOKEN))}: {way if older else "update eol_ros"}'
         )
+
+
+def _serial_port(path: str, baud: int) -> Any:
+    """Return it open and ours alone; raise OSError where it cannot be."""
+    import serial
+
+    try:
+        port = serial.Serial(path, baud, timeout=0, exclusive=True)
+    except serial.SerialException as error:
+        raise OSError(error.errno, str(error)) from error
+    with contextlib.suppress(ValueError, OSError):  # not every driver knows it
+        port.set_low_latency_mode(True)  # one of FTDI keeps bytes back for 16 ms
+    return port
 
 
 def _why(port: str, error: OSError) -> str:

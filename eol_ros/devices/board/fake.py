@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A board made of software: it speaks the protocol of docs/serial.md over a pty.
+"""A board made of software: it speaks the protocol of docs/serial.md, over a pty as a rule.
 
 In version 2 it is the bridge, and its blocks flash by themselves; in version 1 the host drives
 them.
@@ -10,10 +10,12 @@ the host's nor runs at quite its rate, and it can be told to misbehave.
 """
 
 import argparse
+import errno
 import math
 import os
 import select
 import signal
+import socket
 import sys
 import threading
 import time
@@ -64,6 +66,10 @@ def obey(bridge: Bridge, now_s: float, message: protocol.Message) -> None:
 class FakeBoard:
     """A board on a pty at `port`; with `link` there is a symbolic link to it, a stable name.
 
+    Or, with `socket_pair`, on a line within this process, which `open_line` opens: what goes
+    through a pty is carried by a worker of the kernel that has no real-time priority, and waits
+    for some milliseconds where both processors are taken.
+
     `rate` is how much faster its clock runs than the host's, `clock_us` what it shows at the start.
     `on_arrival` is called from the board's thread for every good packet, `on_message` for every
     message that came in one.
@@ -78,6 +84,7 @@ class FakeBoard:
         clock_us: int = 4_200_000_000,
         on_arrival: Callable[[Arrival], None] | None = None,
         on_message: Callable[[protocol.Message], None] | None = None,
+        socket_pair: bool = False,
     ):
         self.link, self.version, self.name = link, version, name
         self.log: deque[Arrival] = deque(maxlen=8192)
@@ -85,7 +92,7 @@ class FakeBoard:
         self.detector = protocol.Detector()  # as the host has set it
         self.firmware = protocol.FIRMWARE
         self.self_tests: dict[int, tuple[int, ...] | None] = {}  # but for WHOLE; None: no answer
-        self.port = ''
+        self._socket_pair, self.port = socket_pair, 'the simulated table' if socket_pair else ''
         self.bridge = Bridge()  # with the blocks; of version 2
         self._on_arrival, self._on_message = on_arrival, on_message
         self._rate, self._clock_us, self._boot = rate, clock_us, time.monotonic()
@@ -106,6 +113,13 @@ class FakeBoard:
         self.fault('plug')
         self._thread.start()
         return self
+
+    def open_line(self) -> int:
+        """Return a descriptor of the host's end, the caller's to close; OSError when unplugged."""
+        with self._lock:
+            if self._fds is None:
+                raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+            return os.dup(self._fds[1])
 
     def close(self) -> None:
         """Unplug it for good."""
@@ -206,13 +220,17 @@ class FakeBoard:
         with self._lock:
             if self._fds is not None:
                 return
-            board_end, host_end = os.openpty()
-            tty.setraw(host_end)
+            if self._socket_pair:
+                board_end, host_end = (end.detach() for end in socket.socketpair())
+                os.set_blocking(host_end, False)
+            else:
+                board_end, host_end = os.openpty()
+                tty.setraw(host_end)
+                self.port = os.ttyname(host_end)
             os.set_blocking(board_end, False)
             self._link(True)
             self._fds = (board_end, host_end)  # the second keeps the line up between users
             self._decoder = protocol.Decoder()
-            self.port = os.ttyname(host_end)
             if self.link:
                 fresh = Path(f'{self.link}.new')
                 fresh.unlink(missing_ok=True)

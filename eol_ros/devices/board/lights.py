@@ -88,11 +88,18 @@ def check_settings(settings: LedsSettings) -> None:
 
 
 def faults(blocks: Mapping[int, protocol.BlockStatus]) -> list[str]:
-    """Return what is wrong with single blocks, by their last status; a sentence each."""
+    """Return what is wrong with single blocks, by their last status; a sentence each.
+
+    Where the bridge hears nobody because of its own radio, that is said, and not 25 times more.
+    """
     found = []
+    bridge = blocks.get(protocol.BRIDGE)
+    mute = bridge is not None and bool(bridge.flags & protocol.RADIO_DEAD)
+    if mute:
+        found.append('the radio of the bridge does not work: look at the eight wires of its module')
     for number, block in sorted(blocks.items()):
         name = 'the bridge' if number == protocol.BRIDGE else f'block {number}'
-        if not block.flags & protocol.LINKED:
+        if not block.flags & protocol.LINKED and not mute:
             found.append(f'{name} is not heard, so all light fades slowly: look at its battery')
         if block.flags & protocol.SENSOR_DEAD:
             found.append(f'the accelerometer of {name} repeats one value: exchange it')
@@ -140,7 +147,9 @@ class Lights:
             self.firmware = FirmwareBoard(namespace, s.radio_loss)
         self.limit = 'on' if s.flash_limit else f'off: {s.flash_limit_off_because}'
         board = self.twin or self.firmware
-        self.board = Board(board.port if board else s.port, self._tap, on_state, s.baud)
+        line = self.twin.fake.open_line if self.twin else None
+        port = board.port if board else s.port
+        self.board = Board(port, self._tap, on_state, s.baud, line=line)
 
         self._configure()
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the firmware into a block: avrdude with a programmer at its six pins (J2)."""
+"""Writes the firmware: avrdude into a block, by its six pins (J2); stm32flash into the bridge.
+
+The bridge has the loader of its maker in ROM, at the line that it uses later (ST: AN3155).
+"""
 
 import shutil
 import subprocess
@@ -12,6 +15,8 @@ PROGRAMMER = 'usbasp'
 NEW_BITCLOCK_US = 10  # a new chip runs at 1 MHz, and must be written to slower than a quarter of it
 FUSES = {'lfuse': 0xCF, 'hfuse': 0xD1, 'efuse': 0xFD}  # docs/build/block.yaml says why
 PROGRAM = Path(__file__).parents[3] / 'firmware' / 'build' / 'block.hex'
+BRIDGE_PROGRAM = PROGRAM.with_name('bluepill.bin')
+BRIDGE_BAUD, BRIDGE_AT = 115200, 0x08000000
 TIMEOUT_S = 120.0
 # What avrdude says where it has found no programmer, or that no chip.
 ABSENT = ('could not find', 'cannot find', "can't open", 'cannot open', 'unable to open',
@@ -30,24 +35,46 @@ def commands(
     return [*first, [*avrdude, *write]]
 
 
+def bridge_command(program: Path, port: str) -> list[str]:
+    """Return what is to be run to write the bridge at `port`, whose jumper BOOT0 is at 1."""
+    words = ['-b', str(BRIDGE_BAUD), '-w', str(program), '-v', '-g', f'{BRIDGE_AT:#010x}']
+    return ['stm32flash', *words, port]
+
+
+def flash_bridge(port: str, program: Path = BRIDGE_PROGRAM) -> None:
+    """Write it and read it back; raises DeviceMissing without program, stm32flash or board."""
+    done = _run(bridge_command(program, port), program, 'look at the cable of the bridge')
+    if done.returncode:
+        said = [line.strip() for line in (done.stdout + done.stderr).splitlines() if line.strip()]
+        line = said[-1] if said else 'no word'
+        if any(words in line for words in ('Failed to init', 'Failed to open', 'Cannot handle')):
+            raise DeviceMissing(
+                f'stm32flash does not reach the bridge on {port} ({line}): put its jumper BOOT0 to '
+                '1, push its button, and let no other program have the port'
+            )
+        raise EolError(f'stm32flash failed: {line}')
+
+
+def _run(command: list[str], program: Path, look: str) -> 'subprocess.CompletedProcess[str]':
+    if not program.exists():
+        raise DeviceMissing(f'{program}: no such file: run `make -C firmware` in a checkout')
+    if shutil.which(command[0]) is None:
+        raise DeviceMissing(f'{command[0]} is missing: sudo apt-get install {command[0]}')
+    try:
+        return subprocess.run(
+            command, capture_output=True, text=True, errors='replace', timeout=TIMEOUT_S
+        )
+    except subprocess.TimeoutExpired:
+        raise DeviceMissing(f'{command[0]} has not ended within {TIMEOUT_S:g} s: {look}') from None
+
+
 def flash(
     block: int, program: Path = PROGRAM, programmer: str = PROGRAMMER, port: str = '',
     new: bool = False,
 ) -> None:  # fmt: skip
     """Write it; raises DeviceMissing without program, avrdude, programmer or chip."""
-    if not program.exists():
-        raise DeviceMissing(f'{program}: no such file: run `make -C firmware` in a checkout')
-    if shutil.which('avrdude') is None:
-        raise DeviceMissing('avrdude is missing: sudo apt-get install avrdude')
     for command in commands(block, program, programmer, port, new):
-        try:
-            done = subprocess.run(
-                command, capture_output=True, text=True, errors='replace', timeout=TIMEOUT_S
-            )
-        except subprocess.TimeoutExpired:
-            raise DeviceMissing(
-                f'avrdude has not ended within {TIMEOUT_S:g} s: look at the cable to J2'
-            ) from None
+        done = _run(command, program, 'look at the cable to J2')
         if done.returncode:
             raise _failure(done.stderr, programmer)
 

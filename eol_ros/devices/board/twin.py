@@ -214,7 +214,10 @@ class TwinBoard:
         )
         self._told: dict[type, protocol.Message] = {}
         self.fake = FakeBoard(
-            name='twin', on_arrival=self._on_arrival, on_message=self._on_message
+            name='twin',
+            on_arrival=self._on_arrival,
+            on_message=self._on_message,
+            socket_pair=True,
         ).start()
         self._stop = threading.Event()
         self._thread = carrier_thread('radio', self._listen)
@@ -222,7 +225,7 @@ class TwinBoard:
 
     @property
     def port(self) -> str:
-        """Return the path of the pty."""
+        """Return what its line is called."""
         return self.fake.port
 
     def _listen(self) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from eol_ros import folders
 from eol_ros.core.sound import sources as several
-from eol_ros.core.sound.corpus import GRAIN, Corpus, Source, grain_dtype
+from eol_ros.core.sound.corpus import Corpus, Source, widened
 from eol_ros.devices.corpus import corpus_file
 from eol_ros.devices.corpus.corpus_file import ANALYSIS, Options
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
@@ -149,12 +149,7 @@ def _projected(grains: np.ndarray, placed: np.ndarray, axes: tuple[str, str]) ->
     known = grains.dtype.names or ()
     names = [n for n in (*DESCRIPTORS, *MORE_DESCRIPTORS) if n in known]
     matrix = projection.standardised([grains[n][placed] for n in names], names)
-    further = [n for n in names if n in MORE_DESCRIPTORS]
-    found = np.zeros(len(grains), grain_dtype([*further, *wanted]))
-    for name in wanted:
-        found[name] = np.nan
-    for name in known:
-        found[name] = grains[name]
+    found = widened(grains, wanted)
     for kind in sorted({name[:-2] for name in wanted}):
         if kind == 'pca':
             places = projection.pca(matrix)
@@ -277,9 +272,7 @@ def _analysed(sound: Path, options: Options, progress):
 def _further(grains: np.ndarray, heard, cuts: np.ndarray, progress) -> np.ndarray:
     from eol_ros.core.sound import timbre
 
-    found = np.zeros(len(grains), grain_dtype(MORE_DESCRIPTORS))
-    for name in GRAIN.names or ():
-        found[name] = grains[name]
+    found = widened(grains, MORE_DESCRIPTORS)
     for name, values in timbre.describe(heard.samples, heard.rate, cuts, progress).items():
         found[name] = values
     return found

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The artist's folder of images: `pairs.csv` and the files it names, watched for changes.
+"""The artist's images and videos: a folder with `pairs.csv` and what it names, watched for changes.
 
 `pairs.csv` has one pair a line: left, right, caption, credit (the last two may be empty); a header
 line with these names is welcome, `;` works as well as `,`. With a header there may be further
 columns: `caption_zh` (the caption in Chinese), `fit` (cover: fill the wall, or contain: show the
 image whole), `focus_left` and `focus_right` (what must be seen of an image that is cut: two numbers
-from 0 to 1, from the left and from the top, such as `0.3 0.5`). A pair whose image is missing or
-broken is skipped and named; the others go on. An image may come in degrees of damage: where the
-list says `dam.svg`, `dam.1.svg` to `dam.9.svg`, as many as there are, stand for it, the whole one
-first.
+from 0 to 1, from the left and from the top, such as `0.3 0.5`), `play` (how its videos play: one of
+PLAYS). A pair whose image is missing or broken is skipped and named; the others go on. An image may
+come in degrees of damage: where the list says `dam.svg`, `dam.1.svg` to `dam.9.svg`, as many as
+there are, stand for it, the whole one first. A video comes in degrees by itself where its `play` is
+damage: then `dam.mp4#33` is what it shows at 33 % of its length. An image of the same name
+(`dam.jpg`) is what is shown of a video until that is there.
 """
 
 import contextlib
@@ -16,6 +18,7 @@ import csv
 import io
 import math
 import os
+import re
 import threading
 import time
 from collections.abc import Iterable
@@ -24,11 +27,15 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from eol_ros.devices.files import video_file
 from eol_ros.errors import DeviceMissing
 
 LIST = 'pairs.csv'
 FITS = ('cover', 'contain')
-WORDS = ('left', 'right', 'caption', 'credit', 'caption_zh', 'fit', 'focus_left', 'focus_right')
+PLAYS = ('loop', 'once', 'moving', 'damage')
+"""Round and round; once, and then its last image; while anything moves; as far as the damage is."""
+WORDS = ('left', 'right', 'caption', 'credit', 'caption_zh', 'fit', 'focus_left', 'focus_right',
+         'play')  # fmt: skip
 PICTURES = {
     '.svg': 'image/svg+xml',
     '.png': 'image/png',
@@ -36,7 +43,10 @@ PICTURES = {
     '.jpeg': 'image/jpeg',
     '.webp': 'image/webp',
 }
+VIDEOS = ('.mp4', '.webm', '.gif')  # web/static/film.js knows them too
+DEGREES = 10  # of a video, from its first image to its last
 _ENDS = {'.jpg': b'\xff\xd9', '.jpeg': b'\xff\xd9', '.png': b'IEND'}  # absent: the file is cut off
+_PLACED = re.compile(r'(?<=\.mp4|webm|\.gif)#\d+$', re.I)
 DRAWN = Path(__file__).parent / 'walls'  # the pairs that ship, by tools/draw_walls.py
 
 
@@ -54,6 +64,8 @@ class Pair:
     fit: str = ''
     focus_left: str = ''
     focus_right: str = ''
+    play: str = ''
+    posters: tuple[str, str] = ('', '')  # images that stand for the videos until those are there
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'lefts', self.lefts or (self.left,))
@@ -63,6 +75,16 @@ class Pair:
     def images(self) -> tuple[str, ...]:
         """All images that may be shown for this pair."""
         return self.lefts + self.rights
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The files that this takes, each once."""
+        return tuple(dict.fromkeys([*map(source, self.images), *filter(None, self.posters)]))
+
+
+def source(name: str) -> str:
+    """Return the file of an image; that of a video may be named with a place in it (`#33`: %)."""
+    return _PLACED.sub('', name)
 
 
 class MediaFolder:
@@ -75,7 +97,7 @@ class MediaFolder:
         self.path = Path(path) if path else DRAWN
         self.pairs: list[Pair] = []
         self.skipped: list[str] = []
-        self._good: dict[tuple[str, int, int], str] = {}
+        self._good: dict[tuple[str, bool, int, int], str] = {}
         self._seen: tuple = ()
         self.refresh()
         if not self.pairs:
@@ -107,20 +129,21 @@ class MediaFolder:
 
     def _state(self, listed: list[Pair]) -> tuple:
         """Return time and size of the list and of everything it names, to notice a change by."""
-        names = {LIST, *(n for p in listed for n in p.images)}
+        names = {LIST, *(n for p in listed for n in p.files)}
         return tuple(sorted((name, *_stamp(os.path.join(self.path, name))) for name in names))
 
     def _read(self, listed: list[Pair]) -> tuple[list[Pair], list[str]]:
         pairs, skipped = [], []
         for pair in listed:
-            wrong = [w for w in map(self._wrong, pair.images) if w]
+            placed = pair.play == 'damage'
+            wrong = [w for name in pair.files if (w := self._wrong(name, placed))]
             skipped += [w for w in [*wrong, *_misfits(pair)] if w not in skipped]
             if not wrong:
                 pairs.append(pair)
         return pairs, skipped
 
-    def _wrong(self, name: str) -> str:
-        """Return what is wrong with an image, or an empty string."""
+    def _wrong(self, name: str, placed: bool) -> str:
+        """Return what is wrong with an image or a video, or an empty string."""
         if not name:
             return 'a pair lacks its left or right image'
         path = self.path / name
@@ -128,9 +151,9 @@ class MediaFolder:
             return f'{name}: {why}'
         if not path.is_file():
             return f'{name}: missing'
-        key = (name, *_stamp(path))
+        key = (name, placed, *_stamp(path))
         if key not in self._good:
-            self._good[key] = _broken(path)
+            self._good[key] = _broken(path, placed)
         return f'{name}: {self._good[key]}' if self._good[key] else ''
 
 
@@ -160,9 +183,10 @@ class Pictures:
 
     def look(self, left: str, names: Iterable[str]) -> dict[str, Any]:
         """Return what a wall must know beside the names: the Chinese caption of the pair whose left
-        image is `left`, and fit and focus of those of `names` that have any."""
+        image is `left`; fit and focus of those of `names` that have any; and how those of them that
+        are videos play, with the image that stands for them until they are there."""
         for name in names:
-            self.file(name)  # looks at the list again where there is a new one
+            self.file(source(name))  # looks at the list again where there is a new one
         pairs = self._pairs
         return {
             'caption_zh': next((p.caption_zh for p in pairs.get(left, ())), ''),
@@ -182,16 +206,26 @@ class Pictures:
             for name in pair.images:
                 pairs.setdefault(name, []).append(pair)
         self._pairs = pairs
-        return {name: folder / name for name in pairs if not _forbidden(folder, name)}
+        files = {name for pair in listed for name in pair.files}
+        return {name: folder / name for name in files if not _forbidden(folder, name)}
 
 
 DEFAULT_LOOK = ['cover', 0.5, 0.5]
 
 
 def _look_of(pair: Pair, name: str) -> list[Any]:
-    """Return fit and focus of an image; what makes no sense is as if it were not there."""
-    focus = _focus(pair.focus_left if name in pair.lefts else pair.focus_right)
-    return [pair.fit if pair.fit in FITS else 'cover', *(focus or DEFAULT_LOOK[1:])]
+    """Return fit and focus of an image, of a video also play and poster; what makes no sense is as
+    if it were not there."""
+    left = name in pair.lefts
+    focus = _focus(pair.focus_left if left else pair.focus_right)
+    look = [pair.fit if pair.fit in FITS else 'cover', *(focus or DEFAULT_LOOK[1:])]
+    if _moves(name):
+        look += [pair.play if pair.play in PLAYS else PLAYS[0], pair.posters[0 if left else 1]]
+    return look
+
+
+def _moves(name: str) -> bool:
+    return source(name).lower().endswith(VIDEOS)
 
 
 def _focus(text: str) -> list[float] | None:
@@ -203,13 +237,17 @@ def _focus(text: str) -> list[float] | None:
 
 
 def _misfits(pair: Pair) -> list[str]:
-    """Return what of a pair's fit and focus makes no sense."""
+    """Return what of a pair's fit, focus and play makes no sense."""
     found = []
     if pair.fit and pair.fit not in FITS:
         found.append(f'{pair.left}: fit {pair.fit[:20]!r} is not {" or ".join(FITS)}')
     for name, text in ((pair.left, pair.focus_left), (pair.right, pair.focus_right)):
         if text and _focus(text) is None:
             found.append(f'{name}: focus {text[:20]!r} is not two numbers from 0 to 1')
+    if pair.play and pair.play not in PLAYS:
+        found.append(f'{pair.left}: play {pair.play[:20]!r} is not one of {" ".join(PLAYS)}')
+    elif pair.play and not any(map(_moves, pair.images)):
+        found.append(f'{pair.left}: play {pair.play} means videos; this pair has none')
     return found
 
 
@@ -238,14 +276,24 @@ def _listed(folder: Path) -> list[Pair]:
     for row in rows:
         words = dict.fromkeys(WORDS, '') | dict(zip(columns, row, strict=False))
         left, right = (words[side].replace('\\', '/') for side in ('left', 'right'))
-        degrees = _degrees(folder, left), _degrees(folder, right)
-        caption, credit, *more = (words[name] for name in WORDS[2:])
-        pairs.append(Pair(left, right, caption, credit, *degrees, *more))
+        lefts, rights = (_degrees(folder, name, words['play']) for name in (left, right))
+        more = {name: words[name] for name in WORDS[2:]}
+        posters = _poster(folder, left), _poster(folder, right)
+        pairs.append(Pair(left, right, lefts=lefts, rights=rights, posters=posters, **more))
     return pairs
 
 
-def _degrees(folder: Path, name: str) -> tuple[str, ...]:
+def _poster(folder: Path, name: str) -> str:
+    """Return the name of the image that stands for a video until it is there, or an empty one."""
+    stem = name.rpartition('.')[0]
+    found = (f'{stem}{kind}' for kind in PICTURES) if _moves(name) else ()
+    return next((one for one in found if os.path.isfile(folder / one)), '')
+
+
+def _degrees(folder: Path, name: str, play: str) -> tuple[str, ...]:
     """Return the names of an image in its degrees of damage; none where it has none."""
+    if play == 'damage' and _moves(name):
+        return tuple(f'{name}#{round(100 * i / (DEGREES - 1))}' for i in range(DEGREES))
     stem, dot, kind = name.rpartition('.')
     found = []
     for number in range(1, 10):
@@ -261,7 +309,8 @@ def _forbidden(folder: Path, name: str) -> str:
     path = folder / name
     if not path.resolve().is_relative_to(folder.resolve()):
         return 'outside the folder'
-    return '' if path.suffix.lower() in PICTURES else f'not one of {" ".join(PICTURES)}'
+    kinds = *PICTURES, *VIDEOS
+    return '' if path.suffix.lower() in kinds else f'not one of {" ".join(kinds)}'
 
 
 def _stamp(path: str | Path) -> tuple[int, int]:
@@ -272,9 +321,11 @@ def _stamp(path: str | Path) -> tuple[int, int]:
     return status.st_mtime_ns, status.st_size
 
 
-def _broken(path: Path) -> str:
-    """Decode the image once; return what is wrong with it, or an empty string."""
+def _broken(path: Path, placed: bool) -> str:
+    """Decode the image once, or the first of a video; return what is wrong, or an empty string."""
     try:
+        if _moves(path.name):
+            return video_file.fault(path, placed)
         data = path.read_bytes()
     except OSError as error:
         return f'cannot be read ({error.strerror})'

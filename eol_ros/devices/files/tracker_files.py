@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a tracker reads when it begins and keeps when it has learnt: calibration and lamps."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.image_health import Sizes
 from eol_ros.core.vision.requests import DARKNESS, Outcome, packed
 from eol_ros.core.vision.states import STATES, TRACKING
 from eol_ros.core.vision.tracker import Tracked, Tracker
@@ -12,6 +14,7 @@ from eol_ros.errors import EolError
 from eol_ros.settings import TrackerSettings
 from eol_ros.streams.said import clauses, said
 
+SIZED_EVERY_S = 60.0  # between two looks whether the covers are those of the calibration
 TOLD_S = 20.0  # how long the status says what came of a request
 
 
@@ -49,6 +52,32 @@ class TrackerFiles:
         self.told: Outcome | None = None  # the last outcome, with where it is kept
         self._seen: Outcome | None = None
         self._until_s = 0.0
+        self._sizes: Sizes | None = None
+        self._sized = self.calibration  # whose covers were looked at
+        self._sized_s = -math.inf
+        self._covers = ''  # what is wrong with them, in words
+
+    def look(self, tracker: Tracker, tracked: Tracked) -> None:
+        """Notice covers that are not those of the calibration; `words` then says so."""
+        if tracked.state != TRACKING or tracked.symmetry_ambiguous or tracker.calibration is None:
+            return
+        if tracker.calibration is not self._sized:
+            self._sizes, self._sized, self._covers = None, tracker.calibration, ''
+            self._sized_s = -math.inf
+        if self._sizes is None:
+            if 0 <= tracked.stamp_s - self._sized_s < SIZED_EVERY_S:
+                return
+            self._sizes = Sizes(tracker.calibration)
+        if self._sizes.add(tracked.world, tracker.sides_px(), tracked.visibility):
+            self._covers = ''
+            if self._sizes.fault():
+                self._covers = said(
+                    'other_covers',
+                    'blocks differ in size by {spread} from what their covers should look like: '
+                    'the calibration is of other covers, or of flat ones',
+                    spread=f'{self._sizes.spread:.1%}',
+                )
+            self._sizes, self._sized_s = None, tracked.stamp_s
 
     def news(self, tracker: Tracker, stamp_s: float) -> Outcome | None:
         """Keep what a request has brought; return its outcome, and where it is kept, once."""
@@ -72,6 +101,14 @@ class TrackerFiles:
                     'ambiguous',
                     'which way round the lattice lies is open: ids may be turned by 90 deg',
                 )
+            if self._covers:
+                good, text = False, clauses([self._covers, text])
+        if tracked.changed:
+            good = False
+            blocks = ', '.join(map(str, tracked.changed))
+            text = clauses(
+                [text, said('covers', 'other covers than before on blocks {blocks}', blocks=blocks)]
+            )
         if self.told is not None and tracked.stamp_s < self._until_s:
             return good and not self.told.refused, clauses([self.told.text, text])
         return good, text

@@ -5,6 +5,7 @@ import { Listener } from './audio.js';
 import { CameraView } from './camera.js';
 import { CascadeView } from './cascades.js';
 import { addLanguages, language, say, sentence, speak } from './i18n.js';
+import { InstrumentView } from './instrument.js';
 import { Link, readBlocks } from './link.js';
 import { CoordinateList, LightField, NodeList } from './lists.js';
 import { write } from './paint.js';
@@ -29,6 +30,7 @@ window.eol.drawn = drawn;
 const camera = (window.eol.camera = new CameraView($('camera')));
 const space = (window.eol.space = new SpaceView($('space'), act));
 const sound = new SoundView($('sound'));
+const instrument = new InstrumentView($('instrument'), $('instrument-open'), act);
 const cascades = new CascadeView($('cascades'));
 const coordinates = new CoordinateList($('coords'));
 const lights = new LightField($('lights'));
@@ -83,6 +85,7 @@ let hours = null; // what the node of that name said last
 link.on('health', (status) => {
   nodes.take(status, Math.max(0, link.now() - status.at));
   if (status.node === 'tracker') camera.showThreshold(status.values.threshold);
+  if (['grains', 'sound'].includes(status.node)) instrument.take(status.node, status.values);
   if (status.node === 'grains') {
     showReach(Number(status.values.radius));
     space.showBlend(status.values.blend);
@@ -110,6 +113,7 @@ link.on('corpus', async () => {
   if (!answer.ok) return;
   const corpus = await answer.json();
   space.setCorpus(corpus);
+  instrument.setCorpus(corpus);
   nameCorpus();
 });
 // The slider is logarithmic over the range that the setting has.
@@ -170,6 +174,7 @@ link.on('wall', ({ left, right }) => {
 function lock(locked) {
   for (const element of document.querySelectorAll('[data-control], #radius, #keep-threshold, #blend')) element.disabled = locked;
   space.lock(locked);
+  instrument.lock(locked);
 }
 
 function forget() {
@@ -226,6 +231,7 @@ function retell() {
   camera.slider.oninput();
   redraw();
   nodes.draw();
+  instrument.retell();
   sayState(false);
   nameCorpus();
   if (hours) sayHours(hours);

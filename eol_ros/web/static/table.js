@@ -21,7 +21,7 @@ const listener = new Listener(link);
 const drawing = new TableDrawing($('table'));
 const hands = new Hands($('table'), link, (x, y) => drawing.toTable(x, y));
 const modes = new Modes({ captions: $('captions'), quiet: $('quiet') }, $('caption'));
-const walls = ['left', 'right'].map((side) => new WallView($(side), side, link));
+const walls = ['left', 'right'].map((side) => new WallView($(side), side, link, true));
 const counts = { drawings: 0, slips: 0, flashes: 0, flips: 0, packets: 0, cascade: 0 };
 window.eol = { link, listener, hands, drawing, counts, walls, modes, state: () => state };
 let state = null;

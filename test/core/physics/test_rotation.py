@@ -80,6 +80,19 @@ def test_sliding_and_rotation_share_the_friction(spin):
     assert abs(run.energy.residual_J) < 1e-12
 
 
+@pytest.mark.parametrize('share', [0.0, 0.5, 0.8])
+def test_the_end_of_a_stop_is_not_stepped_through(share):
+    """Pulled along by a share of its friction: few steps to rest, and where fine steps put it."""
+    pull = {'k': 4.0, 'u0': [[-share * MU * MASS * G / 4.0, 0.0]], 'v0': [[0.02, 0.05]]}
+    scene = builders.single(NONE, 0.3, dim1=False, rotation={'side': SIDE, 'spin0': [1.0]}, **pull)
+    fine, run = solve(scene, tolerance=1e-12), solve(scene, tolerance=1e-6)
+    assert run.event_start.tolist() == [0]
+    assert run.event_t == pytest.approx(fine.event_t, abs=1e-6)
+    assert run.steps <= 12 < fine.steps
+    assert np.abs(run.u[-1] - fine.u[-1]).max() < 1e-10
+    assert abs(run.energy.residual_J) < 1e-10
+
+
 def test_a_pull_aside_turns_the_block():
     """At rest until |(F, T / c)| = F_s: a spring at the middle of an edge, pulled along it."""
     scene = builders.table(

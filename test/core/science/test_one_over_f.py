@@ -84,3 +84,25 @@ def test_bouts_at_other_times_are_the_control_of_a_series_that_rests():
     found = one_over_f.ask('light', series, 20.0, 5.0, rng, rest=0.0)
 
     assert found.answer == 'no' and 'bends' in found.sentence
+
+
+def test_a_control_that_has_the_slope_too_refuses_it():
+    """The same hands without coupling are such a control."""
+    rng = np.random.default_rng(2)
+    series, same = (spectra.coloured_noise(1.0, 12_000, rng) for _ in range(2))
+    asked = []
+
+    def given(values):
+        return lambda: asked.append(1) or values
+
+    def ask_with(values, found=series):
+        return one_over_f.ask(
+            'x', found, 20.0, 5.0, np.random.default_rng(1), others={'hands': given(values)}
+        )
+
+    assert ask_with(rng.normal(size=12_000)).answer == 'yes'
+    assert ask_with(np.zeros(12_000)).controls['hands'] == (0.0, 0.0)  # nothing slips: no 1/f
+    refused = ask_with(same)
+    assert refused.answer == 'no' and 'the control (hands) has a slope of' in refused.sentence
+    asked.clear()
+    assert ask_with(same, rng.normal(size=12_000)).answer == 'no' and not asked  # not needed

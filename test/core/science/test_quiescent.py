@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from eol_ros.core.science.quiescent import NotAtRest, cascades
+from eol_ros.core.science.quiescent import NotAtRest, cascades, joined
 
 
 def test_cascades_end_where_nothing_moves():
@@ -31,3 +31,24 @@ def test_one_that_is_never_over_is_left_out():
 def test_events_that_cannot_be_are_refused(block, start):
     with pytest.raises(NotAtRest, match='at rest'):
         cascades(np.array(block), np.array(start))
+
+
+def test_slips_are_joined_as_their_events_are():
+    rng = np.random.default_rng(1)
+    begin, end, block = [], [], []
+    for one in range(6):  # a block rests between its slips
+        gaps = rng.exponential(1.0, 120)
+        edges = np.cumsum(gaps * np.tile([12.0, 1.0], 60))
+        begin += edges[::2].tolist()
+        end += edges[1::2].tolist()
+        block += [one] * 60
+    times = np.r_[begin, end]
+    order = np.argsort(times)
+    start = np.r_[np.ones(360, bool), np.zeros(360, bool)][order]
+    areas = cascades(np.r_[block, block][order], start)[1]
+    mixed = rng.permutation(360)
+    found = joined(np.array(begin)[mixed], np.array(end)[mixed], np.array(block)[mixed])
+
+    assert len(areas) > 50 and areas.max() > 2
+    np.testing.assert_array_equal(found, areas)
+    assert len(joined(np.zeros(0), np.zeros(0), np.zeros(0, int))) == 0

@@ -51,6 +51,23 @@ def test_each_bus_goes_through_two_equal_one_poles():
     assert np.abs(found - wanted).max() < 2e-7
 
 
+def test_lows_are_what_a_one_pole_takes_away():
+    bank, t = noise_bank(), triggers(2)
+    mixer, corners = with_buses(), np.array([30.0, 300.0, 40.0])
+    mixer.set_low_corners(corners)
+    found = rendered(mixer, voice_rows(t, bank, 2, np.array([0, 2])))
+    wanted = 0.0
+    for k, bus in enumerate((0, 1)):  # the mix has no high-pass, whatever its corner
+        alone = render_all(Mixer(FS, gain_db=0, governor_db=0), t[k : k + 1], bank, FS)
+        alone, p, h = alone.astype(float), *(pole(c[bus], FS) for c in (CORNERS, corners))
+        if bus:
+            alone = lfilter([(1 - p) ** 2], [1, -2 * p, p * p], alone, axis=0)
+            alone = lfilter([h, -h], [1, -h], alone, axis=0)
+        wanted = wanted + alone
+    assert np.abs(found - wanted).max() < 2e-7
+    assert not found[-1000:].any()
+
+
 @pytest.mark.parametrize('bus', [1, 2])
 def test_the_spectrum_is_that_of_brunes_source(bus):
     """A short click through a bus against 1 / (1 + (f / f_c)^2), to 10 times the corner."""

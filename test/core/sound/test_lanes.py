@@ -37,6 +37,8 @@ mixer = Mixer(48000, gain_db=-12, buses=2, room_s=1.0, room_high_s=0.5, latest=1
 mixer.set_corners(np.array([0.0, 5000.0, 900.0]))
 mixer.set_wets(np.array([0.2, 0.5, 1.0]))
 rows = voice_rows(triggers, bank, 2, 2 * (np.arange(400) % 3))
+rows['tuning'], rows['damping'] = np.arange(400) % 4 / 8, 0.2
+rows['band'] = np.arange(400) % 2
 digest.update(b''.join(b.tobytes() for b in play(mixer, rows, 2 * 48000)))
 """
 

@@ -3,9 +3,9 @@ import dataclasses
 
 import pytest
 
-from eol_ros.core.sound.presets import between, live_values
+from eol_ros.core.sound.presets import Glide, between
 from eol_ros.scene import check_value
-from eol_ros.settings import GrainsSettings, SoundSettings
+from eol_ros.settings import GrainsSettings, SoundSettings, live_fields
 
 START = GrainsSettings()
 END = GrainsSettings(
@@ -14,8 +14,12 @@ END = GrainsSettings(
 )  # fmt: skip
 
 
+def live(settings):
+    return {name: getattr(settings, name) for name in live_fields(type(settings))}
+
+
 def test_both_ends_are_the_presets():
-    a, b = live_values(START), live_values(END)
+    a, b = live(START), live(END)
     differ = {name for name in a if a[name] != b[name]}
     assert between(GrainsSettings, a, b, 0.0) == {name: a[name] for name in differ}
     assert between(GrainsSettings, a, b, 1.0) == {name: b[name] for name in differ}
@@ -24,9 +28,7 @@ def test_both_ends_are_the_presets():
 
 @pytest.mark.parametrize('share', [0.1, 0.25, 0.49, 0.5, 0.75, 0.99])
 def test_on_the_way_everything_is_a_setting_and_lies_between(share):
-    found = between(
-        GrainsSettings, live_values(START), live_values(END), share, frozenset(['blend'])
-    )
+    found = between(GrainsSettings, live(START), live(END), share, frozenset(['blend']))
     fields = {f.name: f for f in dataclasses.fields(GrainsSettings)}
     for name, value in found.items():
         assert check_value(fields[name], value) == value, name
@@ -45,3 +47,23 @@ def test_on_the_way_everything_is_a_setting_and_lies_between(share):
 def test_levels_glide_in_decibels():
     found = between(SoundSettings, {'gain_db': -40.0}, {'gain_db': 0.0}, 0.25)
     assert found == {'gain_db': -30.0}
+
+
+@pytest.mark.parametrize('over_s', [0.0, 2.0])
+def test_a_glide_tells_each_change_once_and_ends_there(over_s):
+    start, end = {'grains': live(START), 'sound': {}}, {'grains': live(END)}
+    glide = Glide({'grains': GrainsSettings}, start, end, over_s, frozenset(['blend']))
+    at, told = dict(start['grains']), []
+    for k in range(100):
+        changed = glide.step(0.04 * k)
+        assert set(changed) <= {'grains'}
+        for name, value in changed.get('grains', {}).items():
+            assert at[name] != value
+            at[name] = value
+            told.append(name)
+        if glide.over:
+            break
+    assert 0.04 * k == pytest.approx(over_s) and at == live(END) == glide.given['grains']
+    assert told.count('mode') == told.count('blend') == 1
+    assert told.count('gain') == max(round(over_s / 0.04), 1)
+    assert start['grains'] == live(START)

@@ -11,7 +11,14 @@ from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer_layout import VOICE
 from eol_ros.core.sound.rupture import Ruptures
 from eol_ros.core.sound.triggers import TRIGGER
-from eol_ros.core.sound.voicing import BUSES, Voicing, bus_of, corners_hz, new_mixer
+from eol_ros.core.sound.voicing import (
+    BUSES,
+    Voicing,
+    bus_of,
+    corners_hz,
+    new_mixer,
+    set_room,
+)
 from eol_ros.settings import SoundSettings
 
 FS = 48000
@@ -111,6 +118,34 @@ def test_corners_fall_as_the_root_of_the_area():
     assert np.abs(off).max() <= 1 / 8 + 1e-9  # of an octave
     rows, _ = Voicing(dataclasses.replace(OFF, corner_hz=8000.0)).rows(spreading(25), bank())
     assert (rows['channel_a'] // 2 == bus).all() and (rows['channel_b'] // 2 == bus).all()
+
+
+def test_small_ruptures_lack_lows_and_creaks_and_sub_do_not():
+    settings = dataclasses.replace(OFF, low_corner_hz=200.0, corner_hz=8000.0, sub_db=-6.0)
+    t, sound = spreading(25), bank()
+    t['block'][0] = -1
+    rows, _ = Voicing(settings).rows(t, sound)
+    grains, sub = (rows[(rows['source'] == sound.address[0]) == own] for own in (True, False))
+    bus = grains['channel_a'] // 2
+    assert bus[0] == 0 and (bus[1:] == 1 + bus_of(np.arange(1, 25))).all()
+    assert len(sub) == 24 and (sub['channel_a'] // 2 == 0).all()
+    memory = new_mixer(settings).memory
+    assert len(memory.mix) == 2 * (2 + bus_of(np.array(25)))
+    assert memory.poles[1] == 0 and memory.poles[2:] == pytest.approx(
+        np.exp(-2 * np.pi * corners_hz(8000.0)[1:] / 48000)
+    )
+    assert memory.highs[1:] == pytest.approx(np.exp(-2 * np.pi * corners_hz(200.0) / 48000))
+
+
+@pytest.mark.parametrize('low_corner_hz', [0.0, 200.0])
+def test_a_room_that_is_changed_live_is_that_of_a_new_mixer(low_corner_hz):
+    settings = dataclasses.replace(OFF, room_s=3.0, low_corner_hz=low_corner_hz)
+    changed = dataclasses.replace(settings, room_db=settings.room_db - 6)
+    mixer = new_mixer(settings)
+    before = mixer.memory.room.wets.copy()
+    set_room(mixer, changed)
+    assert np.array_equal(mixer.memory.room.wets, new_mixer(changed).memory.room.wets)
+    assert mixer.memory.room.wets[1:] == pytest.approx(before[1:] / 10 ** (6 / 20))
 
 
 def test_dynamics_go_from_a_single_slip_to_all_blocks():

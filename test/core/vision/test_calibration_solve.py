@@ -27,7 +27,7 @@ def still(level='ordinary', seed=0, scatter=0.003):
     index = next(
         k
         for k in range(0, 3000, 30)
-        if renderer.visible_share(*xy.T, yaw, k).min() == 1 and not len(renderer.arms(k)[0])
+        if renderer.visible_share(*xy.T, yaw, k).min() == 1 and not len(renderer.clutter.arms(k)[0])
     )
     return renderer.render(*xy.T, yaw, index).copy(), np.column_stack([xy, yaw]), renderer
 

@@ -13,7 +13,7 @@ from eol_ros.core.vision.calibration.calibrate import raise_plane
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import outline
-from eol_ros.core.vision.detect.blobs import BlobFinder
+from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.render.renderer import Renderer
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
@@ -115,6 +115,40 @@ def test_a_flat_cover_in_the_calibrations_plane_stands_nowhere_else():
 
     reached = table[1:][table[1:] != outline.NONE]
     assert len(reached) > 100 and np.abs(reached).max() < 1e-5
+
+
+@pytest.mark.parametrize('mirror', [False, True])
+def test_corners_stand_where_those_of_the_printed_cover_do(mirror):
+    """A box with straight edges, by the camera's own lifting of planes: height is all it adds."""
+    on_platform = tilted(0.0, mirror)[0]
+    camera = replace(raise_plane(on_platform, PLANE_M), cover_height_m=PLANE_M)
+    camera = replace(camera, covers=CoverOutlines(1.0, np.full((25, 4, 9), 33.0)))
+    pose = np.array([0.35, -0.3, 0.1])
+    square = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * HALF_M
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    corners = pose[:2] + square @ np.array([[c, s], [-s, c]])
+    flat = camera.to_pixels(corners)
+    top, rim = (
+        raise_plane(on_platform, height_m).to_pixels(corners) - flat for height_m in (0.033, 0.001)
+    )
+    if mirror:  # the same turn round the square as seen in the image
+        flat, top, rim = (part[[2, 3, 0, 1]][::-1] for part in (flat, top, rim))
+    blob = np.zeros(1, BLOB)
+    middle = flat.mean(axis=0)
+    blob['u'], blob['v'] = middle
+    blob['theta'] = camera.yaw_to_image([middle], [pose[2]])
+    blob['side_px'] = camera.side_px([middle], BLOCK_SIDE_M)
+
+    shifts = outline.corner_shifts(camera, blob, np.zeros(1, int))[0]
+    angle = blob['theta'][0] + np.arange(4) * np.pi / 2
+    normals = np.stack([np.cos(angle), -np.sin(angle)], axis=1)
+    for corner, sides in enumerate(((3, 0), (0, 1), (1, 2), (2, 3))):
+        for side in sides:
+            ends = [k for k in range(4) if side in ((3, 0), (0, 1), (1, 2), (2, 3))[k]]
+            lower, upper = ((part[ends] @ normals[side]).mean() for part in (rim, top))
+            expected = (rim if lower > upper else top)[corner] @ normals[side]
+            glow = 0.1 * min(max(lower - upper, 0.0), 1.0)
+            assert shifts[corner] @ normals[side] == pytest.approx(expected + glow, abs=0.03)
 
 
 def test_the_land_along_the_sides_runs_round_the_cover():

@@ -8,6 +8,7 @@ import numpy as np
 
 from eol_ros.core.physics.drive import NONE
 from eol_ros.core.physics.event.abreast import Abreast, fill_abreast, into_lanes, make_abreast
+from eol_ros.core.physics.event.glide import WAIT, glide_on, would_glide
 from eol_ros.core.physics.event.lanes import (
     CREEPING,
     LEVEL,
@@ -40,11 +41,17 @@ from eol_ros.core.physics.event.sweep import (
     tables,
     would_pay,
 )
-from eol_ros.core.physics.event.taylor import blocks_series, force_on, may_creep, settle_directions
+from eol_ros.core.physics.event.taylor import (
+    blocks_series,
+    force_on,
+    keep_direction,
+    may_creep,
+    settle_directions,
+)
 from eol_ros.core.physics.exact.taylor import GAUSS_W, GAUSS_X, ON_LIMIT
 from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.series import add_exactly, drive_series, entry, uncounted
-from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT, STIFF
+from eol_ros.core.physics.status import EVENT_LIMIT, GLIDING, NOT_FINITE, OK, STEP_LIMIT, STIFF
 
 AFTER_S = 0.1  # for how long what a stop gets wrong goes on to act on the neighbours
 KEPT = 0.1  # of its speed a block keeps at least within a step
@@ -110,6 +117,7 @@ class Workspace(NamedTuple):
     spare: np.ndarray
     fresh: np.ndarray  # blocks that begin to slide now
     kicked: np.ndarray
+    crept: np.ndarray  # blocks whose lane has the direction of a creeping start already
     here: np.ndarray
     rate: np.ndarray
     gauss: np.ndarray
@@ -163,6 +171,7 @@ def make_workspace(at: Lattice, order: int) -> Workspace:
         spare,
         np.zeros(n, np.bool_),
         np.zeros(n, np.bool_),
+        np.zeros(n, np.bool_),
         np.zeros((n, 2)),
         np.zeros((n, 2)),
         np.stack((GAUSS_X, GAUSS_W)),
@@ -194,25 +203,28 @@ def run(
     counts,
     ws,
     sweeping,
+    glide,
 ):
     """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, progress).
 
     `begin` is a progress too. `counts` (3,): slips begun, stops at the floor against a pull above
-    mu_k, sweeps. Events are written in the order they are found: a stop may bear a time a little
-    later than a break behind it. Without `sweeping` (None) the run ends with STIFF where sweeps
-    would pay; it goes on from the progress returned.
+    mu_k, sweeps or glides. Events are written in the order they are found: a stop may bear a time a
+    little later than a break behind it. Without `sweeping` (None) the run ends with STIFF where
+    sweeps would pay, without `glide` too with GLIDING where glides would; it goes on from the
+    progress returned.
     """
     order, far, n, pl = rules.order, 0, at.n, ws.pl
     cx, cy, cc, cs, gx, gy, work = ws.cx, ws.cy, ws.cc, ws.cs, ws.gx, ws.gy, ws.work
     watched, found, push = ws.watched, ws.found, ws.push
     slack, spare = ws.slack, ws.spare
     found_x, found_y = ws.found_x, ws.found_y
-    fresh, kicked, here, rate, gauss = ws.fresh, ws.kicked, ws.here, ws.rate, ws.gauss
+    fresh, kicked, crept = ws.fresh, ws.kicked, ws.crept
+    here, rate, gauss = ws.here, ws.rate, ws.gauss
     if sweeping is not None:
         far = sweeping.order
     driven = rim.kind != NONE
     for i in range(n):
-        fresh[i] = kicked[i] = False
+        fresh[i] = kicked[i] = crept[i] = False
         slack[i] = 0.0
         if v[i, 0] != 0.0 or v[i, 1] != 0.0 or at.static[i] == 0.0:
             sliding[i] = True
@@ -224,6 +236,7 @@ def run(
     # stiff springs: steps since an event, how many to wait, sweeps since a plain step
     calm, patience, sweeps, plain, try_s = 0, PATIENCE, 0, np.inf, 0.0
     eager, abreast, longest, furthest = False, False, np.inf, np.inf
+    gain = last = 1.0  # of a round that settles directions; the last change of them
     while True:
         reach, used = drive_series(
             rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, gx
@@ -243,6 +256,8 @@ def run(
                     sliding[i] = fresh[i] = changed = True
         if changed:
             changed = False
+            for i in range(n):
+                crept[i] = False
             m, count = fill_plane(sliding, at, pl)
             abreast = False
             calm = watching = 0
@@ -278,8 +293,54 @@ def run(
                 x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
                 if may_creep(i, x, y, v[i, 0], v[i, 1], rules.small, at):
                     pl.start[c], creeping, h = CREEPING, True, min(h, CREEP_TOP_S)
-                    for k in range(order):
+                    for k in range(0 if crept[i] else order):
                         pl.known_x[c, k] = pl.known_y[c, k] = 0.0
+                    gain = gain if crept[i] else 1.0
+        if steady and watching == 0 and calm >= PATIENCE and m == n:
+            if glide is None:
+                if sweeping is None and would_glide(m, v, plain, h, at, pl):
+                    return GLIDING, Progress(t, left, events, steps, sampled)
+            else:
+                span, reached = 0.0, -1
+                for p in range(2):
+                    if reached >= 0 or steps < glide.due[p]:
+                        continue
+                    gl = glide.long if p == 0 else glide.short
+                    span = gl.modes.span
+                    reached = glide_on(
+                        t,
+                        h,
+                        u,
+                        v,
+                        m,
+                        used,
+                        at,
+                        gl,
+                        pl,
+                        cx,
+                        cy,
+                        cc,
+                        cs,
+                        rules.small,
+                        grid,
+                        sampled,
+                        ledger,
+                        energy,
+                        here,
+                        rate,
+                    )
+                    if reached < 0:
+                        glide.due[p] = steps + WAIT
+                if reached >= 0:
+                    sampled = reached
+                    t, left = add_exactly(t, left, span)
+                    steps += 1
+                    counts[2] += 1
+                    if not math.isfinite(u[0, 0] + v[0, 0] + u[0, 1]):
+                        return NOT_FINITE, Progress(t, left, events, steps, sampled)
+                    if steps >= max_steps:
+                        return STEP_LIMIT, Progress(t, left, events, steps, sampled)
+                    continue
         ends = h == t_end - t
         near, o = h, order
         if steady and (eager or calm >= patience):
@@ -338,8 +399,12 @@ def run(
         elif m > 0 or count > 0:
             blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
             for p in range(CREEP_ROUNDS if creeping else 0):
-                if settle_directions(order, m, CREEP_TOP_S, pl) < max(rules.relative, SETTLED):
+                change = settle_directions(order, m, CREEP_TOP_S, pl)
+                if p > 0:
+                    gain = min(change / last, 1.0)
+                if change * gain < max(rules.relative, SETTLED):  # so little would change next
                     break
+                last = change
                 if p == CREEP_ROUNDS - 1:  # not slow enough
                     for c in range(m):
                         if pl.start[c] == CREEPING:
@@ -443,6 +508,10 @@ def run(
                 o, m, o != far, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss
             )
         planar_state(o, m, h, pl, u, v)
+        for c in range(m if len(pl.past_x) > 0 else 0):
+            crept[pl.slots[c]] = pl.start[c] == CREEPING
+            if pl.start[c] == CREEPING:
+                keep_direction(order, c, h, pl)
         t, left = add_exactly(t, left, h)
         steps += 1
         calm += 1

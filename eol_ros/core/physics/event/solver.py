@@ -5,13 +5,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eol_ros.core.physics.event import kernel
+from eol_ros.core.physics.event import glide, kernel
 from eol_ros.core.physics.exact.solver import energy_ledger, length_scale
 from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import Scene
-from eol_ros.core.physics.status import STIFF, WORDS
+from eol_ros.core.physics.status import GLIDING, STIFF, WORDS
 
 TIGHTEST, LOOSEST = 1e-15, 1e-3
 SMALL = 0.01  # of tolerance and length scale: the error in place that a step may make
@@ -25,8 +25,12 @@ CAPTURE_MPS = 2e-2  # slower than this, the closed form of a stop is tried
 def default_tolerance(scene: Scene) -> float:
     """Return the tolerance that keeps a busy table of 10 s within 1e-9 m.
 
-    Linear springs take a finer one: their steps are cheaper, and their motions part sooner.
+    Linear springs take a finer one: their steps are cheaper, and their motions part sooner. Where
+    friction does not drop when a block breaks loose, motions hardly part at all.
     """
+    steady = np.all(scene.kinetic_force > 0) and np.all(scene.static_limit <= scene.kinetic_force)
+    if steady and scene.rotation is None:
+        return 1e-8 if scene.geometric else 1e-9
     return 1e-9 if scene.geometric else 1e-12
 
 
@@ -70,11 +74,12 @@ def solve(
     tolerance: float,
     order: int | None = None,
     floor: float | None = None,
-    on_stiff: Callable[[], None] | None = None,
+    on_stiff: Callable[[str], None] | None = None,
 ) -> Run:
     """Return the run of a scene by power series between events, steps bound by `tolerance`.
 
-    `on_stiff` is called before sweeps begin, which have a kernel of their own.
+    `on_stiff` is called before sweeps or glides begin, which have kernels of their own, with the
+    name of what is to be compiled: stiff or glide.
     """
     u, v = scene.u0.copy(), scene.v0.copy()
     rules = rules_for(tolerance, length_scale(scene, model), order, floor)
@@ -83,7 +88,9 @@ def solve(
     work_and_heat, counts = np.zeros(2), np.zeros(3, np.int64)
     sliding, done = np.zeros(model.n, bool), kernel.BEGIN
 
-    def advance(order: int, sweeping: kernel.Sweeping | None) -> int:
+    def advance(
+        order: int, sweeping: kernel.Sweeping | None = None, modes: glide.Glide | None = None
+    ) -> int:
         nonlocal done
         status, done = kernel.run(
             u,
@@ -102,13 +109,19 @@ def solve(
             counts,
             kernel.make_workspace(model.lattice, order),
             sweeping,
+            modes,
         )
         return status
 
-    status = advance(rules.order, None)
+    status, glides = advance(rules.order), False
+    if status == GLIDING:
+        if on_stiff is not None:
+            on_stiff('glide')
+        glides = True
+        status = advance(rules.order, modes=glide.make_glide(model.lattice))
     if status == STIFF:
         if on_stiff is not None:
-            on_stiff()
+            on_stiff('stiff')
         coarse = max(tolerance, min(SWEPT, COARSER * tolerance))
         far = max(order_for(coarse) + MORE_IN_SWEEPS, rules.order + 1)
         small = rules.small * coarse / tolerance
@@ -126,7 +139,8 @@ def solve(
         log.start[in_time],
         steps,
         t,
-        swept=int(counts[2]),
+        swept=0 if glides else int(counts[2]),
+        glided=int(counts[2]) if glides else 0,
     )
     if counts[1]:
         run.notes.append(f'{counts[1]} stops ended at the floor of {rules.floor:g} m/s')

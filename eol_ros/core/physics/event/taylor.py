@@ -239,6 +239,19 @@ def settle_directions(order, m, span, pl):
 
 
 @uncounted
+def keep_direction(order, c, h, pl):
+    """Write the direction of a creeping lane as a series about h: where its next step begins."""
+    x, y = pl.known_x, pl.known_y
+    for k in range(order - 1):
+        x[c, k], y[c, k] = pl.w.x[c, k], pl.w.y[c, k]
+    x[c, order - 1] = y[c, order - 1] = 0.0
+    for k in range(order - 2):
+        for j in range(order - 3, k - 1, -1):
+            x[c, j] += h * x[c, j + 1]
+            y[c, j] += h * y[c, j + 1]
+
+
+@uncounted
 def may_creep(i, x, y, vx, vy, small, at):
     """Return whether block i, with force (x, y), is so slow that its direction is that force's.
 

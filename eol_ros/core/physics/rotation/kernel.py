@@ -9,12 +9,32 @@ import numpy as np
 from eol_ros.core.physics.drive import NONE
 from eol_ros.core.physics.exact.taylor import ON_LIMIT
 from eol_ros.core.physics.kernel_args import Lattice
-from eol_ros.core.physics.rotation.taylor import Series, make_series, rotating_series
-from eol_ros.core.physics.series import add_exactly, drive_series, entry, first_root, uncounted
+from eol_ros.core.physics.rotation.taylor import (
+    RotationArgs,
+    Series,
+    make_series,
+    rotating_series,
+    springs_order,
+    start_series,
+)
+from eol_ros.core.physics.series import (
+    add_exactly,
+    drive_series,
+    entry,
+    first_root,
+    inlined,
+    uncounted,
+)
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 
 KEPT = 0.1  # of its speed a block keeps at least within a step
 KICK_MPS = 1e-6  # where mu_s = mu_k a block breaks loose with no acceleration at all
+STOP_ROUNDS = 8  # a stop is followed until ln(speed) is STOP_LOG less, in so many rounds,
+STOP_LOG = 3.2
+STOP_FORCE = 0.6  # or in more where a force near friction changes the direction quickly,
+STOP_TOP = 0.99  # but none where it is nearer than this
+STOP_MISS = 2e-3  # what they miss of the way: they are over at 4 % of the speed
+STOP_SHARE = 0.1  # of `small` (m) a stop in closed form may miss
 
 
 @uncounted
@@ -50,7 +70,7 @@ def step_of(order, sliding, fresh, driven, rules, at, b, h, work):
             h = min(h, begun ** (1.0 / (k - 2)))
     for e in range(len(at.k)):  # a spring may be the only thing that moves
         if driven and at.second[e] >= at.n and at.k[e] > 0.0:
-            top = max(abs(b.fx[e, order - 2]), abs(b.fy[e, order - 2])) / at.k[e]
+            top = max(abs(b.springs.px[order - 2, e]), abs(b.springs.py[order - 2, e])) / at.k[e]
             if top > 0.0:
                 h = min(h, (rules.small / top) ** (1.0 / (order - 2)))
     for i in range(at.n):
@@ -69,6 +89,70 @@ def step_of(order, sliding, fresh, driven, rules, at, b, h, work):
             work[0] = 1.0 - KEPT
             h, _ = first_root(work, degree, h)
     return h
+
+
+@inlined
+def fall(gx, gy, gz, x, y, z, friction, mass):
+    """Return (slowing, dx, dy, dz): dv/dt of a block that slides along (x, y, z), and what its
+    direction changes by as ln v grows by one.
+    """
+    ax = (gx - friction * x) / mass[0]
+    ay = (gy - friction * y) / mass[1]
+    az = (gz - friction * z) / mass[2]
+    along = x * ax + y * ay + z * az
+    return along, ax / along - x, ay / along - y, az / along - z
+
+
+@uncounted
+def stop_of(i, speed, force, v, rules, at, mass, jerk, out):
+    """Return (time, now): how slow block i comes to rest, its way in out[:3]; `now` if exact.
+
+    Under a force that does not change, direction n depends on ln v alone, and the rest of the way
+    is the integral of v^2 n / (dv/dt) over it: smooth to the end, where time is not. By Runge and
+    Kutta's rule of fourth order; the last 4 % of the speed fall along a line.
+    """
+    friction, g0, g1, g2 = at.friction[i], force[0], force[1], force[2]
+    x, y, z = v[i, 0] / speed, v[i, 1] / speed, v[i, 2] / speed
+    a1, kx, ky, kz = fall(g0, g1, g2, x, y, z, friction, mass)
+    size = math.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
+    if size > STOP_TOP * friction:
+        return 0.0, False
+    slowing = (friction - size) / mass[2]  # at least
+    bound_s = speed / slowing
+    change = jerk * bound_s / (slowing * mass[2])
+    swing = math.sqrt(at.k_sum[i] / mass[0]) * bound_s
+    missed = 0.5 * speed * bound_s * (STOP_MISS + change + swing)
+    if missed > STOP_SHARE * rules.small or change > 0.2:
+        return 0.0, False
+    out[0] = out[1] = out[2] = 0.0
+    spare = (friction - size) / ((1.0 - STOP_FORCE) * friction)
+    rounds = int(STOP_ROUNDS / min(1.0, spare))
+    stop_s, h, u = 0.0, -STOP_LOG / rounds, speed
+    middle, end = math.exp(0.5 * h), math.exp(h)
+    for _ in range(rounds):
+        half = 0.5 * h
+        x2, y2, z2 = x + half * kx, y + half * ky, z + half * kz
+        a2, lx, ly, lz = fall(g0, g1, g2, x2, y2, z2, friction, mass)
+        x3, y3, z3 = x + half * lx, y + half * ly, z + half * lz
+        a3, mx, my, mz = fall(g0, g1, g2, x3, y3, z3, friction, mass)
+        x4, y4, z4 = x + h * mx, y + h * my, z + h * mz
+        a4, nx, ny, nz = fall(g0, g1, g2, x4, y4, z4, friction, mass)
+        t1, t2, t3, t4 = u / a1, 2.0 * middle * u / a2, 2.0 * middle * u / a3, end * u / a4
+        stop_s += h / 6.0 * (t1 + t2 + t3 + t4)
+        w = u * h / 6.0
+        t2, t3, t4 = middle * t2, middle * t3, end * t4
+        out[0] += w * (t1 * x + t2 * x2 + t3 * x3 + t4 * x4)
+        out[1] += w * (t1 * y + t2 * y2 + t3 * y3 + t4 * y4)
+        out[2] += w * (t1 * z + t2 * z2 + t3 * z3 + t4 * z4)
+        x += h / 6.0 * (kx + 2.0 * (lx + mx) + nx)
+        y += h / 6.0 * (ky + 2.0 * (ly + my) + ny)
+        z += h / 6.0 * (kz + 2.0 * (lz + mz) + nz)
+        long = 1.0 / math.sqrt(x * x + y * y + z * z)
+        x, y, z, u = x * long, y * long, z * long, u * end
+        a1, kx, ky, kz = fall(g0, g1, g2, x, y, z, friction, mass)
+    last = -0.5 * u * u / a1
+    out[0], out[1], out[2] = out[0] + last * x, out[1] + last * y, out[2] + last * z
+    return stop_s - u / a1, True
 
 
 @uncounted
@@ -129,21 +213,18 @@ def add_ledger(order, sliding, at, b, cx, cy, cc, cs, used, h, energy, gauss):
                         d = d * s + k * b.a[i, p, k]
                     square += d * d
                 energy[1] += weight * at.friction[i] * math.sqrt(square)
-        if used == 0:
-            continue
-        xr = yr = cor = sir = 0.0
+    if used == 0:
+        return
+    for g in range(gauss.shape[1]):
+        s, weight = gauss[0, g] * h, gauss[1, g] * h
+        xr = yr = cor = sir = x = y = along = across = 0.0
         for k in range(used, 0, -1):
             xr, yr = xr * s + k * cx[k], yr * s + k * cy[k]
             cor, sir = cor * s + k * cc[k], sir * s + k * cs[k]
-        for e in range(len(at.k)):
-            if at.second[e] < at.n:
-                continue
-            bx, by = at.anchors[at.second[e] - at.n, 0], at.anchors[at.second[e] - at.n, 1]
-            fx = fy = 0.0
-            for k in range(order - 2, -1, -1):
-                fx, fy = fx * s + b.fx[e, k], fy * s + b.fy[e, k]
-            energy[0] += weight * fx * (xr + cor * bx - sir * by)
-            energy[0] += weight * fy * (yr + sir * bx + cor * by)
+        for k in range(order - 2, -1, -1):
+            x, y = x * s + b.rim[0, k], y * s + b.rim[1, k]
+            across, along = across * s + b.rim[2, k], along * s + b.rim[3, k]
+        energy[0] += weight * (x * xr + y * yr + along * cor + across * sir)
 
 
 class Workspace(NamedTuple):
@@ -156,21 +237,23 @@ class Workspace(NamedTuple):
     cs: np.ndarray
     work: np.ndarray
     fresh: np.ndarray  # blocks that begin to slide now
+    moved: np.ndarray  # blocks that slid until now, so that their springs are to be looked at
     here: np.ndarray
     rate: np.ndarray
     gauss: np.ndarray
 
 
-def make_workspace(at: Lattice, order: int) -> Workspace:
+def make_workspace(at: Lattice, ra: RotationArgs, order: int) -> Workspace:
     """Return the arrays for a lattice and the order of the series."""
     n, size = at.n, order + 2
     return Workspace(
-        make_series(at, order),
+        make_series(at, ra, order),
         np.zeros(size),
         np.zeros(size),
         np.zeros(size),
         np.zeros(size),
         np.zeros(2 * size),
+        np.zeros(n, np.bool_),
         np.zeros(n, np.bool_),
         np.zeros((n, 3)),
         np.zeros((n, 3)),
@@ -194,12 +277,12 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
     Returns (status, t, events, steps); `grid` takes u and v of (k, n, 3).
     """
     b, cx, cy, cc, cs, work = ws.b, ws.cx, ws.cy, ws.cc, ws.cs, ws.work
-    fresh, here, rate, gauss = ws.fresh, ws.here, ws.rate, ws.gauss
+    fresh, moved, here, rate, gauss = ws.fresh, ws.moved, ws.here, ws.rate, ws.gauss
     order, n, driven = rules.order, at.n, rim.kind != NONE
     t, left = 0.0, 0.0
     events = steps = sampled = 0
     for i in range(n):
-        fresh[i] = False
+        fresh[i], moved[i] = False, True
         if size_of(v, i) > 0.0 or at.static[i] == 0.0:
             sliding[i] = True
     settle, due = True, -1
@@ -207,9 +290,11 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
         reach, used = drive_series(
             rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, work
         )
+        known = settle
         if settle:  # what is beyond its limit breaks now; the forces of now tell it
             settle = False
-            rotating_series(2, q, v, sliding, fresh, driven, at, ra, b, cx, cy, cc, cs, work)
+            start_series(q, v, sliding, moved, ra, b)
+            springs_order(0, sliding, at, ra, b, cx[0], cy[0], cc[0], cs[0])
             for i in range(n):
                 force = math.sqrt(b.g[i, 0, 0] ** 2 + b.g[i, 1, 0] ** 2 + b.g[i, 2, 0] ** 2)
                 if not sliding[i] and (i == due or force >= at.static[i] * (1.0 - ON_LIMIT)):
@@ -222,7 +307,12 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
                     for p in range(3):
                         v[i, p] = 0.0 if fresh[i] else KICK_MPS * b.g[i, p, 0] / force
             due = -1
-        rotating_series(order, q, v, sliding, fresh, driven, at, ra, b, cx, cy, cc, cs, work)
+        start_series(q, v, sliding, moved, ra, b)
+        if not known:
+            springs_order(0, sliding, at, ra, b, cx[0], cy[0], cc[0], cs[0])
+        for i in range(n):
+            moved[i] = False
+        rotating_series(order, sliding, fresh, at, ra, b, cx, cy, cc, cs, work)
         h = min(t_end - t, reach)
         near = step_of(order, sliding, fresh, driven and used > 0, rules, at, b, h, work)
         ends = near == t_end - t
@@ -260,25 +350,43 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
             return STEP_LIMIT, t, events, steps
         for i in range(n):  # blocks that come to rest
             speed = size_of(v, i)
-            if not sliding[i] or at.friction[i] == 0.0 or speed > rules.floor or fresh[i]:
+            slow = speed <= rules.floor
+            if (
+                not sliding[i]
+                or at.friction[i] == 0.0
+                or fresh[i]
+                or not (slow or speed < rules.capture)
+            ):
                 continue
-            along = force = 0.0
+            along = force = jerk = spin = 0.0
             for p in range(3):
-                g = 0.0
+                g = d = 0.0
                 for k in range(order - 2, -1, -1):
+                    d = d * h + g
                     g = g * h + b.g[i, p, k]
+                work[p] = g
                 along += g * v[i, p]
                 force += g * g
+                jerk += abs(d)
+                spin += ra.mass[i, p] * v[i, p] * v[i, p]
             if along >= at.friction[i] * speed and speed > 0.0:
                 continue  # gains speed
-            energy[1] += 0.5 * at.mass[i] * speed * speed
+            stop_s, now = 0.0, False
+            if speed > 0.0:
+                stop_s, now = stop_of(i, speed, work, v, rules, at, ra.mass[i], jerk, work[3:])
+            if not (now or slow):
+                continue
+            energy[1] += 0.5 * spin
             for p in range(3):
                 v[i, p] = 0.0
+                if now:
+                    energy[1] += work[p] * work[3 + p]
+                    q[i, p] += work[3 + p]
             if math.sqrt(force) > at.static[i]:
                 fresh[i] = True  # reverses: its speed is zero for no time at all
                 continue
             if events >= len(log.t):
                 return EVENT_LIMIT, t, events, steps
-            log.t[events], log.block[events], log.start[events] = t, i, 0
+            log.t[events], log.block[events], log.start[events] = t + stop_s, i, 0
             events += 1
-            sliding[i] = False
+            sliding[i], moved[i] = False, True

@@ -65,7 +65,7 @@ def solve(
         limits.steps,
         work_and_heat,
         ledger,
-        kernel.make_workspace(model.lattice, rules.order),
+        kernel.make_workspace(model.lattice, ra, rules.order),
     )
     run = Run(
         'event',

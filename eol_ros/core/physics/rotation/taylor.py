@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.physics.event.taylor import direction_order
+from eol_ros.core.physics.event.abreast import directions_order
 from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.series import inlined, uncounted
+from eol_ros.core.vectors import WIDTH
 
 LEVER = (math.sqrt(2.0) + math.asinh(1.0)) / 6.0  # mean distance in a unit square from its centre
 
@@ -30,110 +31,137 @@ class RotationArgs(NamedTuple):
     arm_j: np.ndarray  # (s, 2): to its second; not used at the rim
 
 
-class Series(NamedTuple):
-    """Series along the last axis, for every block and spring; those at rest have order 0 only."""
+class Springs(NamedTuple):
+    """Springs abreast: row k of an array of series is order k of all, row n of blocks is the rim.
 
-    a: np.ndarray  # (n, 3, size) x, y, s
-    co: np.ndarray  # (n, size) cos(theta) - 1
-    si: np.ndarray
-    w: np.ndarray  # (n, 3, size) velocity, or for fresh blocks velocity / t
+    Springs beyond the lattice's fill the last vector; they stay zero.
+    """
+
+    ends: np.ndarray  # (n + 1, 4) x, y, cos(theta) - 1, sin(theta), of one order
+    force: np.ndarray  # (n + 1, 4) x, y, sums of arm x force and arm . force, as in its frame
+    dx: np.ndarray  # (size, s) along the springs
+    dy: np.ndarray
     square: np.ndarray
     inverse: np.ndarray
+    px: np.ndarray  # (size, s) their force
+    py: np.ndarray
+    work: np.ndarray  # (4, s)
+    second: np.ndarray  # (s,) row of its second end
+    arms: np.ndarray  # (s, 4) to the first end, x and y, and to the second
+    stiff: np.ndarray  # (s,)
+    natural: np.ndarray  # (s,)
+    co: np.ndarray  # (size, b) cos(theta) - 1
+    si: np.ndarray
+    across: np.ndarray  # (size, b) of `force`
+    along: np.ndarray
+    torque: np.ndarray  # (b,) of one order
+
+
+class Series(NamedTuple):
+    """Series along the last axis, for every block; those at rest have order 0 only."""
+
+    a: np.ndarray  # (n, 3, size) x, y, s
+    w: np.ndarray  # (n, 3, size) velocity, or for fresh blocks velocity / t
+    square: np.ndarray  # (n, size)
+    inverse: np.ndarray
     g: np.ndarray  # (n, 3, size) force, torque / c
-    across: np.ndarray  # (n, size) sum of arm x force of its springs, the arms as in its frame
-    along: np.ndarray  # (n, size) sum of arm . force
-    dx: np.ndarray  # (s, size) along the springs
-    dy: np.ndarray
-    d_square: np.ndarray
-    d_inverse: np.ndarray
-    fx: np.ndarray  # their force
-    fy: np.ndarray
+    rim: np.ndarray  # (4, size) that of the springs on the rim; arm x and arm . force, too
+    springs: Springs
 
 
-def make_series(at: Lattice, order: int) -> Series:
+def _whole(count: int) -> int:
+    return -(-count // WIDTH) * WIDTH
+
+
+def make_springs(at: Lattice, ra: RotationArgs, size: int) -> Springs:
+    """Return the lanes of a lattice's springs, their rows 0..size - 1."""
+    count, rim = len(at.k), at.second >= at.n
+    b, s = _whole(at.n + 1), _whole(count)
+    arms, stiff, natural = np.zeros((count, 4)), np.zeros(s), np.zeros(s)
+    arms[:, :2] = ra.arm
+    arms[:, 2:] = ra.arm_j
+    arms[rim, 2:] = at.anchors[at.second[rim] - at.n]
+    stiff[:count], natural[:count] = at.k, at.natural
+    dx, dy, square, inverse, px, py = (np.zeros((size, s)) for _ in range(6))
+    co, si, across, along = (np.zeros((size, b)) for _ in range(4))
+    return Springs(
+        np.zeros((at.n + 1, 4)), np.zeros((at.n + 1, 4)), dx, dy, square, inverse, px, py,
+        np.zeros((4, s)), np.minimum(at.second, at.n), arms, stiff, natural,
+        co, si, across, along, np.zeros(b),
+    )  # fmt: skip
+
+
+def make_series(at: Lattice, ra: RotationArgs, order: int) -> Series:
     """Return the arrays for a lattice and the order of the series."""
-    n, s, size = at.n, len(at.k), order + 2
+    n, size = at.n, order + 2
     return Series(
         np.zeros((n, 3, size)),
-        np.zeros((n, size)),
-        np.zeros((n, size)),
         np.zeros((n, 3, size)),
         np.zeros((n, size)),
         np.zeros((n, size)),
         np.zeros((n, 3, size)),
-        np.zeros((n, size)),
-        np.zeros((n, size)),
-        np.zeros((s, size)),
-        np.zeros((s, size)),
-        np.zeros((s, size)),
-        np.zeros((s, size)),
-        np.zeros((s, size)),
-        np.zeros((s, size)),
+        np.zeros((4, size)),
+        make_springs(at, ra, size),
     )
 
 
-@inlined
-def end_of(i, k, ax, ay, b):
-    """Return order k of the displacement of a point of block i, given in its frame."""
-    x = b.a[i, 0, k] + b.co[i, k] * ax - b.si[i, k] * ay
-    return x, b.a[i, 1, k] + b.si[i, k] * ax + b.co[i, k] * ay
-
-
-@inlined
-def add_pull(i, k, side, e, ax, ay, b):
-    """Add order k of the force of spring e to block i."""
-    fx, fy = side * b.fx[e, k], side * b.fy[e, k]
-    b.g[i, 0, k] += fx
-    b.g[i, 1, k] += fy
-    b.across[i, k] += ax * fy - ay * fx
-    b.along[i, k] += ax * fx + ay * fy
-
-
-@inlined
-def add_torque(i, k, moves, lever, b):
-    """Write order k of the torque on block i.
-
-    With arms that rotate by theta the torque is cos(theta) across - sin(theta) along: one product
-    of series for a block, not one for each of its springs.
-    """
-    torque = b.across[i, k]
-    for q in range(k + 1 if moves else 1):
-        torque += b.co[i, q] * b.across[i, k - q] - b.si[i, q] * b.along[i, k - q]
-    b.g[i, 2, k] = torque / lever
-
-
 @uncounted
-def springs_order(k, sliding, driven, at, ra, b, x, y, co, si):
-    """Write order k of all forces on all blocks; x, y, co, si: that of the rim."""
-    for i in range(at.n):
-        b.g[i, 0, k] = b.g[i, 1, k] = b.across[i, k] = b.along[i, k] = 0.0
+def springs_order(k, sliding, at, ra, b, x, y, co, si):
+    """Write order k of all forces on all blocks; x, y, co, si: that of the rim.
+
+    With arms that rotate by theta the torque on a block is cos(theta) across - sin(theta) along:
+    one product of series for a block, not one for each of its springs.
+    """
+    sp, n, ends, force = b.springs, at.n, b.springs.ends, b.springs.force
+    for i in range(n):
+        moves = k == 0 or sliding[i]
+        ends[i, 0], ends[i, 1] = b.a[i, 0, k] if moves else 0.0, b.a[i, 1, k] if moves else 0.0
+        ends[i, 2], ends[i, 3] = sp.co[k, i], sp.si[k, i]
+    ends[n, 0], ends[n, 1], ends[n, 2], ends[n, 3] = x, y, co, si
+    for i in range(n + 1):
+        for p in range(4):
+            force[i, p] = 0.0
+    dx, dy, px, py, arms = sp.dx, sp.dy, sp.px, sp.py, sp.arms
     for e in range(len(at.k)):
-        i, j = at.first[e], at.second[e]
-        rim = j >= at.n
-        if k > 0 and not (sliding[i] or (driven if rim else sliding[j])):
-            continue
-        ax, ay, bx, by = ra.arm[e, 0], ra.arm[e, 1], ra.arm_j[e, 0], ra.arm_j[e, 1]
-        dx = dy = 0.0
-        if rim:
-            px, py = at.anchors[j - at.n, 0], at.anchors[j - at.n, 1]
-            dx, dy = x + co * px - si * py, y + si * px + co * py
-        elif k == 0 or sliding[j]:
-            dx, dy = end_of(j, k, bx, by, b)
-        if k == 0 or sliding[i]:
-            px, py = end_of(i, k, ax, ay, b)
-            dx, dy = dx - px, dy - py
-        if k == 0 and at.geometric:
-            dx, dy = dx + at.rest[e, 0], dy + at.rest[e, 1]
-        b.dx[e, k], b.dy[e, k] = dx, dy
-        if at.geometric and at.natural[e] > 0.0:
-            nx, ny = direction_order(k, e, b.dx, b.dy, b.d_square, b.d_inverse)
-            dx, dy = dx - at.natural[e] * nx, dy - at.natural[e] * ny
-        b.fx[e, k], b.fy[e, k] = at.k[e] * dx, at.k[e] * dy
-        add_pull(i, k, 1.0, e, ax, ay, b)
-        if not rim:
-            add_pull(j, k, -1.0, e, bx, by, b)
-    for i in range(at.n):
-        add_torque(i, k, sliding[i], ra.lever, b)
+        i, j = at.first[e], sp.second[e]
+        ax, ay, bx, by = arms[e, 0], arms[e, 1], arms[e, 2], arms[e, 3]
+        c, s = ends[j, 2], ends[j, 3]
+        far_x, far_y = ends[j, 0] + c * bx - s * by, ends[j, 1] + s * bx + c * by
+        c, s = ends[i, 2], ends[i, 3]
+        dx[k, e] = far_x - (ends[i, 0] + c * ax - s * ay)
+        dy[k, e] = far_y - (ends[i, 1] + s * ax + c * ay)
+        if at.geometric and k == 0:
+            dx[0, e] += at.rest[e, 0]
+            dy[0, e] += at.rest[e, 1]
+    if at.geometric:
+        directions_order(k, sp)
+    for e in range(len(sp.stiff)):
+        px[k, e] = sp.stiff[e] * (dx[k, e] - sp.natural[e] * sp.work[2, e])
+    for e in range(len(sp.stiff)):
+        py[k, e] = sp.stiff[e] * (dy[k, e] - sp.natural[e] * sp.work[3, e])
+    for e in range(len(at.k)):
+        i, j, fx, fy = at.first[e], sp.second[e], px[k, e], py[k, e]
+        ax, ay, bx, by = arms[e, 0], arms[e, 1], arms[e, 2], arms[e, 3]
+        force[i, 0] += fx
+        force[i, 1] += fy
+        force[i, 2] += ax * fy - ay * fx
+        force[i, 3] += ax * fx + ay * fy
+        force[j, 0] -= fx
+        force[j, 1] -= fy
+        force[j, 2] -= bx * fy - by * fx
+        force[j, 3] -= bx * fx + by * fy
+    for i in range(n):
+        sp.torque[i] = sp.across[k, i] = force[i, 2]
+        sp.along[k, i] = force[i, 3]
+    for q in range(k + 1):
+        for i in range(n):
+            more = sp.co[q, i] * sp.across[k - q, i] - sp.si[q, i] * sp.along[k - q, i]
+            sp.torque[i] += more
+    for i in range(n):
+        b.g[i, 0, k], b.g[i, 1, k] = force[i, 0], force[i, 1]
+        b.g[i, 2, k] = sp.torque[i] / ra.lever
+    for p in range(4):
+        b.rim[p, k] = -force[n, p]
 
 
 @inlined
@@ -241,24 +269,34 @@ def slide_order(k, i, is_fresh, friction, mass, b, n):
 
 
 @uncounted
-def rotating_series(order, q, v, sliding, fresh, driven, at, ra, b, cx, cy, cc, cs, n):
-    """Write the series of all that moves, and of the forces on all blocks to order - 2."""
-    for i in range(at.n):
-        theta = q[i, 2] / ra.lever
-        half = math.sin(0.5 * theta)
-        b.co[i, 0], b.si[i, 0] = -2.0 * half * half, math.sin(theta)
-        for p in range(3):
-            b.a[i, p, 0], b.a[i, p, 1] = q[i, p], v[i, p]
+def start_series(q, v, sliding, moved, ra, b):
+    """Write places and velocities of what slides or has moved since they were written."""
+    for i in range(len(q)):
+        if sliding[i] or moved[i]:
+            theta = q[i, 2] / ra.lever
+            half = math.sin(0.5 * theta)
+            b.springs.co[0, i], b.springs.si[0, i] = -2.0 * half * half, math.sin(theta)
+            for p in range(3):
+                b.a[i, p, 0], b.a[i, p, 1] = q[i, p], v[i, p]
+
+
+@uncounted
+def rotating_series(order, sliding, fresh, at, ra, b, cx, cy, cc, cs, n):
+    """Write the series of all that moves, and of the forces on all blocks to order - 2.
+
+    Places, velocities and the forces of now are there already.
+    """
+    co, si = b.springs.co, b.springs.si
     for k in range(order - 1):
-        for i in range(at.n):
-            if sliding[i] and k > 0:
+        if k > 0:
+            for i in range(at.n):
                 s = c = 0.0
-                for j in range(1, k + 1):
+                for j in range(1, k + 1 if sliding[i] else 0):
                     rate = j * b.a[i, 2, j] / ra.lever
-                    c -= rate * b.si[i, k - j]
-                    s += rate * (b.co[i, k - j] + (1.0 if j == k else 0.0))
-                b.co[i, k], b.si[i, k] = c / k, s / k
-        springs_order(k, sliding, driven, at, ra, b, cx[k], cy[k], cc[k], cs[k])
+                    c -= rate * si[k - j, i]
+                    s += rate * (co[k - j, i] + (1.0 if j == k else 0.0))
+                co[k, i], si[k, i] = c / k, s / k
+            springs_order(k, sliding, at, ra, b, cx[k], cy[k], cc[k], cs[k])
         for i in range(at.n):
             if sliding[i]:
                 slide_order(k, i, fresh[i], at.friction[i], ra.mass, b, n)

@@ -128,7 +128,7 @@ class LiveTable:
         self._grid = Grid(*(part[1:] for part in self._path))
         self.trace: Trace | None = None
         self._par, self._knots, self._cubics = np.zeros(4), np.zeros(2), np.zeros((1, 3, 4))
-        self._rim_rate = np.zeros(3)
+        self._rim_rate, self.yaw = np.zeros(3), np.zeros(N_BLOCKS)
         self.moving = np.zeros(N_BLOCKS, bool)
         self.rim_pose = np.zeros(3)
         self.faults = 0
@@ -149,17 +149,19 @@ class LiveTable:
         """
         span = float(stop_s - start_s)
         self._stop_at_blocks(pose, rate, span)
-        way = pose - self.rim_pose
         self.trace = None
-        if not (self.moving.any() or way.any() or rate.any() or self._rim_rate.any()):
+        # plain numbers: arrays of three cost more than what they hold
+        begin, end = self.rim_pose.tolist(), pose.tolist()
+        leaves, arrives = self._rim_rate.tolist(), rate.tolist()
+        if not (begin != end or any(arrives) or any(leaves) or self.moving.any()):
             return  # all is still: nothing to work out
-        c = self._cubics[0]
-        c[:, 0], c[:, 1] = self.rim_pose, self._rim_rate
-        c[:, 2] = (3 * way / span - 2 * self._rim_rate - rate) / span
-        c[:, 3] = (self._rim_rate + rate - 2 * way / span) / span**2
+        for c, p, q, a, b in zip(self._cubics[0], begin, end, leaves, arrives, strict=True):
+            mean = (q - p) / span
+            c[:] = p, a, (3 * mean - 2 * a - b) / span, (a + b - 2 * mean) / span**2
         self._knots[1] = span
         t, u, v = self._path
-        t[:], u[0], v[0] = span * self._sampled, self._u, self._v
+        if len(t) > 1:
+            t[:], u[0], v[0] = span * self._sampled, self._u, self._v
         status, events = self._solve(self._u, self._v, self.moving, span)
         if status != OK:
             self.faults += 1
@@ -262,6 +264,7 @@ class LiveTable:
             self._counts,
             self._workspace,
             None,
+            None,
         )
         return int(status), int(done.events)
 
@@ -296,6 +299,11 @@ class LiveTable:
     def _place(self) -> None:
         self.x = self._rest[:, 0] + self._u[:, 0]
         self.y = self._rest[:, 1] + self._u[:, 1]
-        still = np.zeros(N_BLOCKS)
-        self.yaw = self._rotating.yaw if self._rotating else still
-        self.velocity = np.column_stack([self._v, self._rotating.spin if self._rotating else still])
+        if self._rotating:
+            self.yaw = self._rotating.yaw
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Return the rates (25, 3) of x, y and yaw."""
+        spin = self._rotating.spin if self._rotating else np.zeros(N_BLOCKS)
+        return np.column_stack([self._v, spin])

@@ -29,7 +29,7 @@ class Rotating:
         self._rules = rules_for(
             TOLERANCE, length_scale(scene, model), ORDER, floor_speed(TOLERANCE)
         )
-        self._workspace = kernel.make_workspace(model.lattice, ORDER)
+        self._workspace = kernel.make_workspace(model.lattice, self._args, ORDER)
         self.yaw, self.spin = scene.rotation.yaw0.copy(), scene.rotation.spin0.copy()
         self._q, self._w = np.zeros((model.n, 3)), np.zeros((model.n, 3))
         rows = (samples, model.n, 3)
@@ -53,7 +53,9 @@ class Rotating:
         q[:, :2], q[:, 2] = u, lever * self.yaw
         w[:, :2], w[:, 2] = v, lever * self.spin
         moving &= w.any(axis=1)  # what has only just broken loose does so again
-        self._grid.t[:] = grid.t
+        sampled = len(grid.t) > 0
+        if sampled:
+            self._grid.t[:] = grid.t
         status, _, events, _ = kernel.run(
             q,
             w,
@@ -72,7 +74,8 @@ class Rotating:
         )
         u[:], v[:] = q[:, :2], w[:, :2]
         self.yaw, self.spin = q[:, 2] / lever, w[:, 2] / lever
-        grid.u[:], grid.v[:] = self._grid.u[:, :, :2], self._grid.v[:, :, :2]
+        if sampled:
+            grid.u[:], grid.v[:] = self._grid.u[:, :, :2], self._grid.v[:, :, :2]
         counts[0] += int(log.start[:events].sum())
         return int(status), int(events)
 

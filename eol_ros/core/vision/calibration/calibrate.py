@@ -32,6 +32,9 @@ REST_SIGMA_M = 0.004  # friction leaves blocks this far from the lattice when al
 MOST_PX = 0.5  # RMS residual, per axis, above which a calibration is refused
 MOST_CORNER_MM = 8.0  # and the standard deviation at a corner of the platform
 _RELIEF_ROUNDS = 3
+CORNER_SIGMA_PX = 0.05
+_RELIEF_SIGMA_PX = 0.15  # of lit covers' corners: light that falls moves each side by 0.1 px
+_STEP = 1e-6  # of finite differences, in the solver's own units
 _SIDE_SIGMA = 0.01  # of the length of lit covers' sides, as a share
 PLATFORM_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * PLATFORM_SIDE_M / 2
 _SQUARE = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
@@ -157,6 +160,8 @@ def from_blocks(
     rest_sigma_m: float = REST_SIGMA_M,
     lens: bool = True,
     side_sigma: float = 0.0,
+    corner_sigma_px: float = CORNER_SIGMA_PX,
+    relief: tuple[Calibration, Callable[[Calibration], np.ndarray]] | None = None,
 ) -> Solution:
     """Calibrate on the blocks: squares of 84 mm near their places on the lattice of 174 mm.
 
@@ -171,6 +176,10 @@ def from_blocks(
         lens: solve for the lens too; else it stays as in `start`.
         side_sigma: share by which all sides together may seem longer than they are: a lit wall
             shines on the sandpaper beside it. The lattice then gives the lengths. 0: not at all.
+        corner_sigma_px: standard deviation of a corner.
+        relief: the camera that the outlines of covers were found with, and how far (m, 4, 2) px
+            corners of all views stand beside those of flat covers under any camera: covers of known
+            heights look the wider, the further they are from the point below it.
 
     Raises:
         ConfigError: fewer than 20 whole covers in all.
@@ -189,8 +198,8 @@ def from_blocks(
     first, _ = cv2.findHomography(rest, flat)
     # poses of the covers under that homography
     there = replace(start, homography=first)
-    if there.mirrored:  # the same turn round the square, as the table has it
-        corners = corners[:, [1, 0, 3, 2]]
+    turn = [1, 0, 3, 2] if there.mirrored else [0, 1, 2, 3]  # round the square, as the table has it
+    corners = corners[:, turn]
     table = there.to_table(corners.reshape(-1, 2)).reshape(-1, 4, 2)
     side = table[:, 0] - table[:, 3] + table[:, 1] - table[:, 2]
     poses = np.column_stack([table.mean(axis=1), np.arctan2(side[:, 1], side[:, 0])])
@@ -206,17 +215,38 @@ def from_blocks(
         k = np.array([*x[8 : 8 + n_lens], *frozen[n_lens:]]) if lens else frozen
         return replace(start, homography=h, distortion_coefficients=k)
 
+    n = len(corners)
+    leads = np.zeros((8 + n_lens, n, 4, 2))  # of relief, by each number of the camera
+
     def rests(x: np.ndarray) -> np.ndarray:
         pose, longer = x[n_camera:].reshape(-1, 3), x[8 + n_lens : n_camera]
         covers = _cover_corners(pose, 1 + longer.sum()).reshape(-1, 2)
         seen = camera(x).to_pixels(covers).reshape(-1, 4, 2)
+        seen += np.tensordot(x[: 8 + n_lens] - x0[: 8 + n_lens], leads, 1)
         return np.concatenate(
             [
-                ((seen - corners) / 0.05).ravel(),
+                ((seen - corners) / corner_sigma_px).ravel(),
                 ((pose[:, :2] - rest) / rest_sigma_m).ravel(),
                 longer / (side_sigma or 1.0),
             ]
         )
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        """Return the Jacobian: a cover's pose moves nothing but its own corners."""
+        found = np.zeros((10 * n + n_camera - 8 - n_lens, len(x)))
+        base, cover = rests(x), np.arange(n)
+        for k in range(n_camera):
+            there = x.copy()
+            there[k] += _STEP
+            found[:, k] = (rests(there) - base) / _STEP
+        for k in range(3):
+            there = x.copy()
+            there[n_camera + k :: 3] += _STEP
+            moved = (rests(there) - base) / _STEP
+            for begin, size in ((0, 8), (8 * n, 2)):  # its corners, its place on the lattice
+                rows = begin + size * cover[:, None] + np.arange(size)
+                found[rows, (n_camera + 3 * cover + k)[:, None]] = moved[rows]
+        return found
 
     x0 = np.concatenate(
         [
@@ -226,12 +256,18 @@ def from_blocks(
             poses.ravel(),
         ]
     )
-    done = least_squares(
-        rests, x0, x_scale='jac', method='trf', loss='linear', max_nfev=60, jac_sparsity=None
-    )
+    if relief is not None:
+        known = relief[0].homography / relief[0].homography[2, 2]
+        x0[:8] = known.ravel()[:8] / scale
+        x0[8 : 8 + n_lens] = relief[0].distortion_coefficients[:n_lens]
+        steps = np.full(8 + n_lens, 0.01)
+        steps[6:8] = 0.003 / scale[6:]
+        for k, step in enumerate(np.diag(steps)):
+            ahead, back = (relief[1](camera(x0[: 8 + n_lens] + d)) for d in (step, -step))
+            leads[k] = ((ahead - back) / (2 * steps[k]))[whole][:, turn]
+    done = least_squares(rests, x0, slopes, method='lm', x_scale='jac', max_nfev=60)
     solved = camera(done.x)
-    n = len(corners)
-    left = (done.fun[: 8 * n] * 0.05).reshape(n, 4, 2).reshape(-1, 2)
+    left = (done.fun[: 8 * n] * corner_sigma_px).reshape(n, 4, 2).reshape(-1, 2)
     sigma = _corner_sigma(done, camera, n_camera)
     names = [f'block {i}' for i in ids for _ in range(4)]
     return _solution(
@@ -286,8 +322,23 @@ def from_images(
         for image, blobs in seen:
             tables = None if camera is None else outline.tables(camera, blobs, 0 * ids)
             views.append((ids, corners(image, blobs, tables=tables)))
-        sure = _SIDE_SIGMA if covers is not None else 0.0
-        return from_blocks(views, start, cover_height_m, lens=lens, side_sigma=sure)
+        if covers is None:
+            return from_blocks(views, start, cover_height_m, lens=lens)
+
+        def shifts(camera: Calibration) -> np.ndarray:
+            return np.concatenate(
+                [outline.corner_shifts(camera, blobs, 0 * ids) for _, blobs in seen]
+            )
+
+        return from_blocks(
+            views,
+            start,
+            cover_height_m,
+            lens=lens,
+            side_sigma=_SIDE_SIGMA,
+            corner_sigma_px=_RELIEF_SIGMA_PX,
+            relief=None if camera is None else (camera, shifts),
+        )
 
     solution = solved(None, lens)
     for _ in range(_RELIEF_ROUNDS if covers is not None else 0):
@@ -403,7 +454,7 @@ def _corner_sigma(
     """Return the standard deviation in mm (4,) at the platform's corners, from the Jacobian."""
     freedom = max(len(done.fun) - len(done.x), 1)
     variance = 2 * done.cost / freedom
-    covariance = np.linalg.pinv(done.jac.T @ done.jac) * variance
+    covariance = np.linalg.pinv(done.jac.T @ done.jac, hermitian=True) * variance
     at = camera(done.x).to_pixels(PLATFORM_CORNERS)
     moves = np.zeros((8, n_camera))
     for k in range(n_camera):

@@ -36,6 +36,10 @@ from eol_ros.core.vision.detect.profiles import (
 
 SETTLED_PX = 0.03  # a last step below this leaves no error that counts,
 SETTLED_SIGMAS = 6.0  # nor one of so many standard deviations: a twentieth of a step is left
+# On covers with relief a step stops short of its end by a quarter, as light inside is weighed from
+# where it began. A step that noise may have caused is the last one, so that all of them are short
+# by the same share: were the greatest followed by a second, noise would have long tails.
+SOFT_SETTLED_SIGMAS = 12.0
 SETTLED_MOST_PX = 0.2  # where the square was expected no further off than this
 RUN = 10  # profiles of one stretch of an edge
 CHANCE = 1.8  # noise alone makes stretches seldom differ by more
@@ -280,6 +284,7 @@ def _fit(
     variance = 1.0
     contrast = level = 0.0
     soft = table[0] > 0.0
+    settled = SOFT_SETTLED_SIGMAS if soft else SETTLED_SIGMAS
     for gather in range(4):
         profiles.gather(image, u, v, theta, half, blur, shear, table, work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
@@ -312,7 +317,7 @@ def _fit(
             change = max(abs(step[0]) + abs(step[1]), abs(step[2]) * half)
             far += change
             sigma = math.sqrt(variance * 0.5 * (a[0, 0] + a[1, 1]))
-            if change < SETTLED_PX or (far < SETTLED_MOST_PX and change < SETTLED_SIGMAS * sigma):
+            if change < SETTLED_PX or (far < SETTLED_MOST_PX and change < settled * sigma):
                 break
         if far < 0.2 or (far < 0.7 and share > WHOLE):  # levels were read in the right place
             break

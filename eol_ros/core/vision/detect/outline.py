@@ -18,8 +18,12 @@ from eol_ros.core.vision.calibration.model import Calibration
 
 BINS = 48  # of a table along a side
 REACH = 1.25  # half sides that a table reaches from the middle of its side
+MIDDLE = 0.92  # half sides of it that profiles read: at its ends other edges stand
 NONE = np.float32(99.0)  # px: no edge here that would be the outline
 STEEP = 0.8  # px of parallax a px along the side above which an edge is too slanted to be read
+# px by which a lit wall in sight, a px of it or more, is found too far out: it shines on the
+# sandpaper beside its lower rim.
+GLOW_PX = np.float32(0.1)
 SIZE = 1 + 4 * BINS  # of a table: its reach in px, 0 where there is none, then the sides
 
 
@@ -113,6 +117,9 @@ def tabulate(camera, heights, u, v, theta, half, quarter, table):
                 mine[b] = upper[b]
             elif upper[b] == NONE and far:
                 mine[b] = NONE  # beside the land stands the slanting edge of another side
+            elif mine[b] != NONE:
+                wall = mine[b] - upper[b] if upper[b] != NONE else np.float32(1.0)
+                mine[b] += GLOW_PX * min(wall, np.float32(1.0))
         pitch = 2.0 * table[0] / BINS
         for b in range(BINS - 1):  # where the land falls steeply no profile crosses it well
             steep = mine[b] != NONE and mine[b + 1] != NONE
@@ -151,3 +158,27 @@ def tables(calibration: Calibration, blobs: np.ndarray, quarters: np.ndarray) ->
         u, v, theta, half = (float(blob[k]) for k in ('u', 'v', 'theta', 'side_px'))
         tabulate(camera, heights[i], u, v, theta, half / 2, int(quarters[i]), found[i])
     return found
+
+
+def corner_shifts(calibration: Calibration, blobs: np.ndarray, quarters: np.ndarray) -> np.ndarray:
+    """Return how far (n, 4, 2) px the corners of outlines stand beside those of flat covers.
+
+    Arguments as of `tables`; order of the corners as of corners.corners. A side stands where the
+    straight line nearest to its outline does.
+    """
+    sides = tables(calibration, blobs, quarters)[:, 1:].reshape(-1, 4, BINS).astype(float)
+    there = sides < NONE
+    t = ((np.arange(BINS) + 0.5) / BINS * 2 - 1) * REACH
+    weight = np.where(there & (abs(t) < MIDDLE), 1.0, 0.0)
+    n = np.maximum(weight.sum(axis=2), 1.0)
+    middle = (weight * t).sum(axis=2) / n
+    lever = weight * (t - middle[..., None])
+    mean = (weight * np.where(there, sides, 0.0)).sum(axis=2) / n
+    slope = (lever * np.where(there, sides, 0.0)).sum(axis=2) / np.maximum((lever * t).sum(2), 1e-9)
+    low, high = mean - slope * (1 + middle), mean + slope * (1 - middle)  # at t = -1 and 1
+    angle = blobs['theta'][:, None] + np.arange(4) * np.pi / 2
+    normal = np.stack([np.cos(angle), -np.sin(angle)], axis=-1)
+    pairs = ((3, 0), (0, 1), (1, 2), (2, 3))  # each ends where the next begins
+    return np.stack(
+        [high[:, i, None] * normal[:, i] + low[:, j, None] * normal[:, j] for i, j in pairs], axis=1
+    )

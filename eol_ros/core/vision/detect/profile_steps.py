@@ -28,7 +28,14 @@ from eol_ros.core.vision.detect.profiles import (
 # that falls towards the edge makes the level one of just these pixels, and what is cut off sharply
 # jumps from pixel to pixel as a block moves: on covers with relief their weight falls to nothing.
 EDGE, SOFT_EDGE = 2.4, (1.6, 3.0)
+# Saturated pixels say nothing, and beside them nobody knows the light: its variance is 50^2. So a
+# flash does not move the edges of a cover with relief, which shines more on some sides than others.
+FULL, OPEN = 254.0, 1.0 / 50.0**2
 ROUGH = 0.1  # share of the texture's variance that is new from pixel to pixel
+# On covers with relief the light inside falls and rises by more than that. By what share of the
+# contrast it differs from pixel to pixel, and from the level zone to the edge: shares, so that
+# pixels weigh alike in a dim, a half-dark and a flashing cover, and the edge stays where it was.
+SOFT_ROUGH, SOFT_LEVEL = 0.043, 0.2
 
 # Half the error function of x / sqrt 2, divided by x, in powers of x^2, to 3e-5 for x up to 3.5.
 _E0, _E1, _E2, _E3, _E4, _E5, _E6 = (
@@ -62,14 +69,19 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
     v_out = np.float32(spread[1])
     v_more = np.float32(max(spread[0] - spread[2], spread[1]) - spread[1])
     t_in, t_out = np.float32(spread[2]), np.float32(spread[3])
-    rough = np.float32(ROUGH) * t_in
+    rough = np.float32(0.0 if soft else ROUGH) * t_in
+    uneven = np.float32(SOFT_ROUGH**2 if soft else 0.0)
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     f_limit, f_lean, f_slope = np.float32(limit), np.float32(lean), np.float32(slope)
-    reach, sharp = np.float32(EDGE * EDGE), np.float32(1e9)
+    reach, sharp, falls, full = np.float32(EDGE * EDGE), np.float32(1e9), zero, np.float32(1e9)
     if soft:
+        falls, full = one, np.float32(FULL)
         reach = np.float32(SOFT_EDGE[1] ** 2)
         sharp = np.float32(1.0 / (SOFT_EDGE[1] ** 2 - SOFT_EDGE[0] ** 2))
-    most, stiff = np.float32(3.5), one / max(t_in, np.float32(1e-3))
+    bright = np.float32(0.9) * full
+    most = np.float32(3.5)
+    loose = np.float32(1e-3) if soft else max(t_in, np.float32(1e-3))
+    looser = np.float32(SOFT_LEVEL**2 if soft else 0.0)
     for i in range(n):
         work[_A + i] = zero
         work[_B + i] = zero
@@ -104,9 +116,12 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
             )
             bare = one - cover
             outer = work[OUT + i]
-            rest = pixels[at + i] - outer - (work[IN + i] - outer) * cover
-            w = one / (v_out + cover * (v_more + cover * rough) + bare * bare * t_out)
+            gap = work[IN + i] - outer
+            rest = pixels[at + i] - outer - gap * cover
+            texture = rough + uneven * gap * gap
+            w = one / (v_out + cover * (v_more + cover * texture) + bare * bare * t_out)
             w = w if abs(work[T + i] + away * f_lean) < f_limit else zero
+            w = w if pixels[at + i] < full else zero
             close = (reach - q) * sharp
             close = close if close < one else one
             close = w * (close if close > zero else zero)
@@ -118,11 +133,17 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
             work[_D + i] += close * cover
             work[_E + i] += close * rest
     for i in range(n):
-        slant = (work[IN + i] - work[OUT + i]) * scale * np.float32(0.39894228)  # grey per px
-        share = work[_C + i] / (work[_D + i] + stiff)
+        gap = work[IN + i] - work[OUT + i]
+        stiff = one / (loose + looser * gap * gap)
+        held = work[_D + i] + (stiff if work[IN + i] < bright else np.float32(OPEN))
+        share = work[_C + i] / held
         bottom = work[_B + i] - share * work[_C + i] + np.float32(1e-9)
+        far = (work[_A + i] - share * work[_E + i]) / bottom
+        # what stands at the edge is the light there, not that further inside
+        less = falls * (work[_E + i] - work[_C + i] * far) / held
+        slant = (work[IN + i] + less - work[OUT + i]) * scale * np.float32(0.39894228)  # grey / px
         safe = slant if slant > one else one
-        work[OFFSET + i] = (work[_A + i] - share * work[_E + i]) / (bottom * safe)
+        work[OFFSET + i] = far / safe
         work[WEIGHT + i] = work[VALID + i] * bottom * safe * safe
 
 

@@ -13,7 +13,7 @@ from eol_ros.core.compiled import njit
 
 STEP = 4  # px between samples
 TILE = 16  # samples along the side of a tile of background
-SEEK_PX = 12.0
+SEEK_PX = 24.0  # the rim may have led a block that far while an arm hid it
 
 
 def read_only(image: np.ndarray) -> np.ndarray:

@@ -28,7 +28,9 @@ from eol_ros.core.vision.detect.edges import (
 HALF_SIGMA_PX = 0.25  # how well the size of a block is known beforehand
 ROUGHLY = 0.05  # and, while nothing is known, as a share of the size
 TIGHT_PX = 0.05  # and with a calibration
-MOST_SIGMA_PX = 0.3  # a square less sure than this is not reported
+# A square less sure than this is not reported: whole, and where much of it does not agree, for then
+# it may be an arm's edge or a lamp's that the rest was fitted to.
+MOST_SIGMA_PX, MOST_PARTLY_PX = 0.3, 0.24
 # least share of edges that agree, of the worst side, and least quality
 PREDICTED = (0.30, 0.0, 0.10)
 NEW = (0.60, 0.30, 0.40)
@@ -91,7 +93,7 @@ def attempt(image, known, u, v, theta, own, half, search, table, work, ends, squ
         square[QUALITY] *= square[ALONE]
     moved = math.hypot(square[U] - u, square[V] - v)
     if not (
-        square[SIGMA] < MOST_SIGMA_PX
+        square[SIGMA] < (MOST_SIGMA_PX if square[VISIBLE] > edges.WHOLE else MOST_PARTLY_PX)
         and moved < size
         and square[LEVEL] >= known[THRESHOLD]
         and abs(square[HALF] / size - 1.0) < (0.25 if half > 0 else 0.06)

@@ -1,18 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lattice and taps together: 25 names, and an answer to which way round the lattice lies."""
+"""Lattice, covers and taps together: 25 names, and which way round the lattice lies."""
+
+from collections.abc import Callable
 
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipDetector
 from eol_ros.core.vision.identity.blink import Blink
+from eol_ros.core.vision.identity.cover_patterns import FIRST, FIT, ODD, CoverPatterns
 from eol_ros.core.vision.identity.lattice import Lattice
+from eol_ros.core.vision.identity.name_proofs import FORGET_S, HOLD_S, TRIES, NameProofs
 from eol_ros.core.vision.identity.symmetry import Coincidence
 from eol_ros.core.vision.states import TRACKING
 from eol_ros.settings import MotionSettings
 
 RESTED_S = 0.085  # a block seen at rest for less may have begun before it came into view
 PATIENCE_S = 0.15  # and then for better times of its onset
+ASK_S = 0.25  # between two looks at all covers while the turn is open
+RESUMED_S = 1.0  # for so long after darkness the covers are asked whether the turn is right
+
+# of detections (k,) turned by yaw (k,): patterns (k, SIZE), and for which (k,) there is one
+Glance = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class Identity:
@@ -22,13 +31,17 @@ class Identity:
     nothing here costs anything but while the turn is open.
     """
 
-    def __init__(self, trust_start: bool = True, blink: Blink | None = None):
+    def __init__(
+        self, trust_start: bool = True, blink: Blink | None = None, covers: bool = True
+    ) -> None:
         self.lattice = Lattice(trust_start)
         self.blink = blink
         self.coincidence = Coincidence()
         self.onsets: SlipDetector | None = None  # while the turn of the lattice is in question
         self.begun = np.zeros(N_BLOCKS, bool)  # slips whose onset is still to be told
         self.confirmed = False  # taps have agreed with the turn since the lattice was found
+        self.covers = CoverPatterns() if covers else None
+        self.names = NameProofs()
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
         """Take a knock that the accelerometer of `block` felt."""
@@ -41,10 +54,15 @@ class Identity:
         yaw: np.ndarray,
         sigma: np.ndarray,
         faint: np.ndarray | None = None,
+        glance: Glance | None = None,
     ) -> None:
-        """Take the detections of one image; see Lattice.update."""
+        """Take the detections of one image; see Lattice.update. glance: looks at covers in it."""
         lattice = self.lattice
-        lattice.update(stamp_s, xy, yaw, sigma, faint)
+        if self.covers is None or glance is None:
+            lattice.update(stamp_s, xy, yaw, sigma, faint)
+        else:
+            lattice.update(stamp_s, xy, yaw, sigma, faint, self._vouches(glance))
+            self._know_covers(stamp_s, xy, yaw, sigma, glance)
         if lattice.state != TRACKING:
             self.onsets, self.confirmed = None, False
             self.coincidence.update(stamp_s)
@@ -94,8 +112,118 @@ class Identity:
         moving = onsets.moving
         self.coincidence.look(stamp_s, lattice.seen & ~moving, lattice.seen & moving)
 
+    def _vouches(self, glance: Glance) -> Callable[[np.ndarray, np.ndarray], bool]:
+        """Return what asks covers whether a reading of the lattice can be believed at once."""
+        covers = self.covers
+        assert covers is not None
+
+        def vouch(index: np.ndarray, yaw: np.ndarray) -> bool:
+            blocks = np.flatnonzero(index >= 0)
+            patterns, good = glance(index[blocks], yaw[blocks])
+            return covers.quarters(patterns[good], blocks[good]) is not None
+
+        return vouch
+
+    def _look(self, blocks: np.ndarray, glance: Glance) -> tuple[np.ndarray, np.ndarray]:
+        """Return patterns and for which there is one, of blocks (k,) that are in sight."""
+        return glance(self.lattice.index[blocks], self.lattice.yaw[blocks])
+
+    def _know_covers(
+        self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray, glance: Glance
+    ) -> None:
+        """Prove new names by the covers that bear them, and learn one cover more."""
+        lattice, names, covers = self.lattice, self.names, self.covers
+        assert covers is not None
+        if lattice.state != TRACKING:
+            names.lost()
+            return
+        if np.isinf(names.resumed_s):
+            names.resumed_s = names.ask_s = stamp_s
+        resumed = stamp_s - names.resumed_s < RESUMED_S and not names.sure
+        if stamp_s >= names.ask_s and (lattice.ambiguous or resumed):
+            names.ask_s = stamp_s + ASK_S
+            blocks = np.flatnonzero(lattice.seen)
+            patterns, good = self._look(blocks, glance)
+            quarters = covers.quarters(patterns[good], blocks[good])
+            if quarters is not None:
+                names.sure = True
+                if quarters:  # the lattice has guessed, and what was learnt stays true
+                    lattice.ambiguous = True
+                if lattice.ambiguous:
+                    self._settle(quarters, final=False)
+        if lattice.ambiguous:
+            return
+        if names.doubtful(lattice):
+            self._prove(stamp_s, xy, yaw, sigma, glance)
+        block = names.turn(covers)
+        if block >= 0:
+            patterns, good = self._look(np.array([block]), glance)
+            x, y = lattice.xy[block]
+            if good[0] and covers.learn(stamp_s, block, patterns[0], x, y):
+                names.change(stamp_s, block)
+
+    def _prove(
+        self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray, glance: Glance
+    ) -> None:
+        """Look at the covers of blocks that were not simply followed; give them their names."""
+        names, covers = self.names, self.covers
+        assert covers is not None
+        asked = names.asked()
+        patterns, good = self._look(asked, glance)
+        own, other = np.full((2, asked.size), np.inf)
+        off = covers.departures(patterns[good])
+        own[good], other[good] = off[np.arange(len(off)), asked[good]], off.min(axis=1)
+        own[good & (covers.looks[asked] == 0)] = 0.0  # there is nothing to prove it by
+        names.tried(asked[good], own[good] < FIT)
+        if own.max() < FIT:
+            return
+        disproved = bool((own[good] >= FIT).any())  # where nothing is to be seen all may be right
+        if not (disproved and self._put_right(stamp_s, xy, yaw, sigma, glance)):
+            self._hold_back(asked[own >= ODD], other[own >= ODD] < FIT)
+
+    def _put_right(
+        self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray, glance: Glance
+    ) -> bool:
+        """Look at all covers in sight, and give them their names where others are wrong."""
+        lattice, names, covers = self.lattice, self.names, self.covers
+        assert covers is not None
+        blocks = np.flatnonzero(lattice.seen)
+        patterns, good = self._look(blocks, glance)
+        free = ~(lattice.seen & names.checked)  # who is not proved can lose a name
+        free[blocks[good]] = True
+        right = covers.named(patterns[good], blocks[good], free)
+        if right is None:
+            return False
+        index = np.where(free, -1, lattice.index)
+        index[right] = lattice.index[blocks[good]]
+        renamed = lattice.rename(stamp_s, index, xy, yaw, sigma)
+        if renamed:
+            names.renamed()
+        return renamed
+
+    def _hold_back(self, blocks: np.ndarray, others: np.ndarray) -> None:
+        """Take names from lights that have others' covers (k,), or are far from where blocks were.
+
+        Not for long: a cover may be of no help for ever.
+        """
+        lattice, names, covers = self.lattice, self.names, self.covers
+        assert covers is not None
+        waited = lattice.last_s - names.held_s[blocks]
+        begun = ~((waited >= 0.0) & (waited < FORGET_S))  # -inf: not yet
+        names.held_s[blocks[begun]] = lattice.last_s
+        late = ~begun & (waited > HOLD_S)
+        wait = others & (names.waited[blocks] <= TRIES)
+        wait |= names.far[blocks] & (names.waited[blocks] == 1)  # a name just given
+        wait &= ~late & (covers.looks[blocks] >= FIRST)
+        for block in blocks[wait]:
+            lattice.drop(block, names.came[block])
+            names.was[block], names.place[block] = False, names.came[block]
+
     def _settle(self, quarters: int, final: bool = True) -> None:
         """Turn the ids; what taps settled first is heard again, and must be surer to be final."""
+        if quarters and not self.lattice.ambiguous and self.covers is not None:
+            self.covers = CoverPatterns()  # what was learnt was learnt under other names
         self.lattice.turn_ids(quarters)
+        self.names.renamed()
         self.confirmed, self.onsets = final, None
         self.coincidence.forget()

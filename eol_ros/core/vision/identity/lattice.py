@@ -9,6 +9,8 @@ lattice is read from nothing; a square lattice looks the same after a quarter tu
 and speed leave that open it is said (`ambiguous`), not guessed in silence.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
@@ -39,7 +41,9 @@ LAMP_S = 0.1  # a light that has been no block for so long is not taken for one 
 REST_M, REST_S = 6e-4, 0.1  # a lattice whose blocks stay within this for so long rests
 UNMOVED, UNMOVED_M = 20, 0.001  # so many blocks, so near to where they were in the light
 TELLING = 5.0  # and so much nearer than after a quarter turn
+ORDER_M2 = 1e-3  # two neighbours that have changed places add 2.4e-3 to the misfit of the lattice
 QUARTER = np.pi / 2
+Vouch = Callable[[np.ndarray, np.ndarray], bool]
 
 
 def wrap_quarter(angle: np.ndarray | float) -> np.ndarray | float:
@@ -91,10 +95,13 @@ class Lattice:
         yaw: np.ndarray,
         sigma: np.ndarray,
         faint: np.ndarray | None = None,
+        vouch: Vouch | None = None,
     ) -> None:
         """Take the detections of one image: xy (n, 2) m, yaw (n,) rad modulo 90 deg, sigma (n,) m.
 
         faint (n,) bool: little of the outline is in view, so that it may be something else's.
+        vouch: whether the covers of the detections (25,), -1 for none, of blocks turned by (25,)
+        rad, are those of a lattice that is known, whichever way round it lies.
         """
         step = stamp_s - self.last_s
         if not 0.0 < step < JUMP_S:
@@ -112,7 +119,7 @@ class Lattice:
             self._follow(stamp_s, step, xy, yaw, sigma, faint)
             self.lamps.learn(stamp_s, self.xy, self.seen, self.candidate_xy, self.candidate_born)
         if self.state != TRACKING:
-            self._search(stamp_s, xy, yaw, sigma)
+            self._search(stamp_s, xy, yaw, sigma, vouch, kept)
         if kept is not None:
             self.index = np.where(self.index >= 0, kept[self.index], -1)
 
@@ -297,7 +304,15 @@ class Lattice:
             turned[rotate_cell(block, quarters % 4)] = index[block]
         return turned, angle + quarters * QUARTER
 
-    def _search(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray) -> None:
+    def _search(
+        self,
+        stamp_s: float,
+        xy: np.ndarray,
+        yaw: np.ndarray,
+        sigma: np.ndarray,
+        vouch: Vouch | None,
+        kept: np.ndarray | None,
+    ) -> None:
         known = self.state == LOST
         self.index = np.full(N_BLOCKS, -1)
         self.seen = np.zeros(N_BLOCKS, bool)
@@ -314,7 +329,10 @@ class Lattice:
         off = angle - self.angle
         self.agreed += 1
         if self.agreed < AGREE and (index < 0).any():
-            return
+            shown = index if kept is None else np.where(index >= 0, kept[index], -1)
+            turned = angle + np.asarray(wrap_quarter(yaw[index] - angle))
+            if vouch is None or not vouch(shown, turned):
+                return
         self.agreed = 0
         if not known:
             self.ambiguous = not self.trust_start
@@ -346,6 +364,31 @@ class Lattice:
                 ((place - (place.mean(0) if quarters else 0.0) - before) ** 2).mean()
             )
         return bool(off[0] < UNMOVED_M and off[1:].min() > TELLING * max(off[0], UNMOVED_M / 2))
+
+    def rename(
+        self, stamp_s: float, index: np.ndarray, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray
+    ) -> bool:
+        """Take `index` (25,) for the blocks' detections, unless their order speaks against it.
+
+        Blocks cannot pass one another; so names that fit the lattice worse are refused.
+        """
+        if self._misfit(xy, index) > self._misfit(xy, self.index) + ORDER_M2:
+            return False
+        velocity = np.zeros_like(self.velocity)
+        owner = self._named(index)
+        velocity[owner >= 0] = self.velocity[owner[owner >= 0]]
+        self._adopt(stamp_s, index, xy, yaw)
+        self.velocity = velocity
+        self.sigma[self.seen] = sigma[index[self.seen]]
+        self.agreed = 0
+        return True
+
+    def drop(self, block: int, place: np.ndarray) -> None:
+        """Take the light of `block` for nobody's; the block is hidden, and stands at `place`."""
+        self.index[block] = -1
+        self.seen[block] = False
+        self.xy[block] = place
+        self.velocity[block] = 0.0
 
     def _adopt(self, stamp_s: float, index: np.ndarray, xy: np.ndarray, yaw: np.ndarray) -> None:
         """Take a reading of the lattice as the truth; hidden blocks go where their fellows say."""

@@ -5,6 +5,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eol_ros.core.geometry import PLATFORM_SIDE_M
 from eol_ros.core.vision.calibration.model import Calibration
@@ -12,6 +13,7 @@ from eol_ros.core.vision.calibration.model import Calibration
 _SLOT_S = 3.0  # one visit of one arm
 _FLASH_SLOT_S = 0.5
 _ARM_RADIUS_M = 0.040
+_MORE_ARMS_LEVEL = 80.0  # grey of arms that are asked for
 _HAND_RADIUS_M = 0.055
 _COVER_LEVEL = 170.0  # grey levels of a cover, of which specks are a share
 
@@ -257,6 +259,13 @@ class Clutter:
             found += [[*shoulder, *wrist, _ARM_RADIUS_M], [*wrist, *hand, _HAND_RADIUS_M]]
             levels += [grey, grey * 1.1]
         return np.reshape(found, (-1, 5)), np.array(levels)
+
+    def arms_and(self, more: ArrayLike | None, image_index: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return those of `arms` and capsules `more` (k, 5) beside them, and all grey levels."""
+        capsules, grey = self.arms(image_index)
+        added = np.reshape([] if more is None else more, (-1, 5))
+        levels = np.concatenate([grey, np.full(len(added), _MORE_ARMS_LEVEL)])
+        return np.concatenate([capsules, added]), levels
 
     def flashes(self, image_index: int) -> np.ndarray:
         """Return the white light of each block, (n,) in 0..1, that decays after a random start."""

@@ -32,6 +32,25 @@ _BLUR_STEP_PX = 0.7  # an exposure is cut into positions no further apart than t
 _BLUR_STEPS = 15
 
 
+class Sensor:
+    """The noise of an 8-bit sensor: variance read^2 + gain * signal, plus 1/12 of rounding.
+
+    key: of the stored deviates; with its first number and an image's index, where in them the
+    image's rows begin.
+    """
+
+    def __init__(self, read: float, gain: float, key: tuple[int, int]):
+        self._read, self._gain, self._seed = read, gain, key[0]
+        deviates = np.random.default_rng(key).standard_normal(_DEVIATES)
+        self._noise = np.clip(np.rint(deviates / _NOISE_STEP), -127, 127).astype(np.int8)
+
+    def sense(self, light: np.ndarray, index: int, out: np.ndarray) -> None:
+        """Write what it makes of `light` (h, w) f4, in grey levels, to `out` (h, w) uint8."""
+        kernels.sense(
+            light, self._noise, _NOISE_STEP, self._read, self._gain, self._seed, index, out
+        )
+
+
 @dataclass(frozen=True)
 class RenderOptions:
     """What the virtual camera is like.
@@ -105,9 +124,7 @@ class Renderer:
             options.rate_hz,
         )
         self._land = _land_lines(self.calibration)
-        self._read, self._gain = NOISE_LEVELS[options.noise]
-        deviates = np.random.default_rng([self.seed, 0]).standard_normal(_DEVIATES)
-        self._noise = np.clip(np.rint(deviates / _NOISE_STEP), -127, 127).astype(np.int8)
+        self._sensor = Sensor(*NOISE_LEVELS[options.noise], (self.seed, 0))
         self._work = self.clutter.static.copy()
         self._windows = np.zeros((n_blocks * (_BLUR_STEPS + 1) + 64, 4), np.int64)
         self._dirty = 0
@@ -185,7 +202,7 @@ class Renderer:
         if halo.any():
             centres = self.corners_px(poses).mean(axis=1)
             n = kernels.draw_halos(work, centres, halo, 40.0 * scale, windows, n)
-        capsules, grey = self.arms(image_index, arms)
+        capsules, grey = clutter.arms_and(arms, image_index)
         if len(capsules):
             ends = self.calibration.to_pixels(capsules[:, :4].reshape(-1, 2)).reshape(-1, 4)
             radius = capsules[:, 4:] * self.calibration.px_per_m()
@@ -201,21 +218,13 @@ class Renderer:
         self._dirty = n
         if out is None:
             out = np.empty(work.shape, np.uint8)
-        kernels.sense(
-            work, self._noise, _NOISE_STEP, self._read, self._gain, self.seed, int(image_index), out
-        )
+        self._sensor.sense(work, int(image_index), out)
         return out
 
-    def arms(
-        self, image_index: int, more: ArrayLike | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return capsules (k, 5) in metres that cover the table in this image, and greys (k,)."""
-        capsules, grey = self.clutter.arms(image_index)
-        if more is not None:
-            added = np.asarray(more, float).reshape(-1, 5)
-            capsules = np.concatenate([capsules, added])
-            grey = np.concatenate([grey, np.full(len(added), 80.0)])
-        return capsules, grey
+    @property
+    def light(self) -> np.ndarray:
+        """The light (h, w) f4 of the last image, before the sensor; the next one overwrites it."""
+        return self._work
 
     def visible_share(
         self,
@@ -226,7 +235,7 @@ class Renderer:
         arms: ArrayLike | None = None,
     ) -> np.ndarray:
         """Return the true share (n,) of each cover that no arm hides in this image."""
-        capsules, _ = self.arms(image_index, arms)
+        capsules, _ = self.clutter.arms_and(arms, image_index)
         return 1.0 - self.clutter.hidden_share(x, y, yaw, capsules, BLOCK_SIDE_M)
 
     def corners_px(self, poses: np.ndarray, blocks: np.ndarray | None = None) -> np.ndarray:

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which names rest on a look at the cover, and which are only guessed from a place so far."""
+
+import math
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.vision.identity.cover_patterns import FIRST, CoverPatterns
+from eol_ros.core.vision.identity.lattice import Lattice
+
+JUMP_M = 0.03  # a block that is found further than this from where it went is looked at,
+TRIES = 8  # so many times
+HOLD_S, FORGET_S = 0.3, 2.0  # a light waits so long for its name, at most, and then not soon again
+FAR_M = 0.04  # and that only so far from where its block should be
+TOLD_S = 600.0  # it is said so long that covers were changed
+RARELY = 16  # images between looks at a cover of which nothing was to be seen so often,
+LOOK_EACH = 4  # and between looks at covers that are known
+
+
+class NameProofs:
+    """Which names are proved by their covers; what was followed since stays proved.
+
+    changed_s (25,): when a cover was last found to be another one, -inf: never.
+    """
+
+    def __init__(self) -> None:
+        self.changed_s, self.last_change_s = np.full(N_BLOCKS, -np.inf), -np.inf
+        self._images = self._next = 0
+        self.lost()
+
+    def lost(self) -> None:
+        """Start over: the lattice is not known."""
+        self.checked: np.ndarray = np.zeros(N_BLOCKS, bool)
+        self.tries: np.ndarray = np.zeros(N_BLOCKS, np.int64)
+        self.waited: np.ndarray = np.zeros(N_BLOCKS, np.int64)  # images
+        self.was: np.ndarray = np.zeros(N_BLOCKS, bool)  # in sight
+        self.place = np.full((N_BLOCKS, 2), np.nan)  # where each block should be next
+        self.came = np.full((N_BLOCKS, 2), np.nan)  # and where it should have been now
+        self.far: np.ndarray = np.zeros(N_BLOCKS, bool)  # from there, when it got its name
+        self.held_s = np.full(N_BLOCKS, np.inf)  # when its name was first held back
+        self.last_s = -np.inf
+        self.resumed_s = self.ask_s = np.inf
+        self.sure = False
+
+    def changed(self, stamp_s: float) -> tuple[int, ...]:
+        """Return the blocks whose covers were found to be others in the last TOLD_S."""
+        if self.last_change_s < stamp_s - TOLD_S:
+            return ()
+        return tuple(np.flatnonzero(self.changed_s >= stamp_s - TOLD_S).tolist())
+
+    def change(self, stamp_s: float, block: int) -> None:
+        """Take that the cover of `block` is another one."""
+        self.changed_s[block] = self.last_change_s = stamp_s
+
+    def turn(self, covers: CoverPatterns) -> int:
+        """Return whose cover is to be learnt from this image, -1 for none."""
+        self._images += 1
+        block = self._next
+        if self._images % LOOK_EACH and covers.looks[block] >= FIRST:
+            return -1
+        self._next = (block + 1) % N_BLOCKS
+        return block if self.checked[block] or self.tries[block] >= TRIES else -1
+
+    def doubtful(self, lattice: Lattice) -> bool:
+        """Take what the lattice says; return whether a name is to be proved now."""
+        step = min(lattice.last_s - self.last_s, 0.1)
+        self.last_s = lattice.last_s
+        return bool(
+            _doubtful(
+                lattice.xy, lattice.velocity, lattice.seen, step, self.was, self.place, self.came,
+                self.far, self.held_s, self.checked, self.tries, self.waited,
+            )
+        )  # fmt: skip
+
+    def asked(self) -> np.ndarray:
+        """Return the blocks whose names are to be proved now."""
+        return np.flatnonzero(_due(self.waited))
+
+    def tried(self, blocks: np.ndarray, proved: np.ndarray) -> None:
+        """Take that the covers of `blocks` (k,) were looked at, and which names that proved."""
+        self.tries[blocks] += 1
+        self.checked[blocks] = proved
+
+    def renamed(self) -> None:
+        """Go on from places under new names."""
+        self.was[:] = False
+        self.place[:] = np.nan
+
+
+@njit(cache=True)
+def _due(waited):
+    return (waited > 0) & ((waited <= TRIES) | (waited % RARELY == 0))
+
+
+@njit(cache=True)
+def _doubtful(xy, velocity, seen, step, was, place, came, far, held_s, checked, tries, waited):
+    """Note what is not where it should be, and where it should be next; is one to be proved now?"""
+    for i in range(N_BLOCKS):
+        off = math.hypot(xy[i, 0] - place[i, 0], xy[i, 1] - place[i, 1])
+        if not (seen[i] and was[i] and off < JUMP_M):
+            checked[i], tries[i], waited[i], far[i] = False, 0, 0, off > FAR_M
+        waited[i] = 0 if checked[i] or not seen[i] else waited[i] + 1
+        if waited[i] > 1 or checked[i]:
+            held_s[i] = np.inf
+        was[i] = seen[i]
+        for k in range(2):
+            came[i, k] = place[i, k]
+            place[i, k] = xy[i, k] + velocity[i, k] * step
+    return _due(waited).any()

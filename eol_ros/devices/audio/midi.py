@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MIDI inputs by python-rtmidi: over ALSA or JACK, CoreMIDI elsewhere.
+
+The library has a thread of its own that fills a queue; a node looks there from a timer.
+"""
+
+from eol_ros.errors import DeviceMissing
+
+try:
+    import rtmidi
+except ImportError:
+    raise DeviceMissing('midi needs python-rtmidi: pip install python-rtmidi') from None
+
+CLIENT = 'eol_ros'
+VIRTUAL = 'virtual'
+
+
+def _client(api: int) -> rtmidi.MidiIn:
+    try:
+        return rtmidi.MidiIn(api, CLIENT, 1024)
+    except rtmidi.SystemError as error:
+        raise DeviceMissing(f'midi: there is no such MIDI system here ({error})') from None
+
+
+def inputs(jack: bool = False) -> list[str]:
+    """Return the names of the inputs that there are."""
+    client = _client(rtmidi.API_UNIX_JACK if jack else rtmidi.API_UNSPECIFIED)
+    try:
+        return list(client.get_ports())
+    finally:
+        client.delete()
+
+
+class MidiIn:
+    """Listens to the input `wanted`.
+
+    Its name or a part of it, `auto` for the first, `virtual` for a port of ours that others connect
+    to; `jack:` before it asks JACK. Raises DeviceMissing where there is none.
+    """
+
+    def __init__(self, wanted: str):
+        jack = wanted.startswith('jack:')
+        name = wanted.removeprefix('jack:')
+        self._client = _client(rtmidi.API_UNIX_JACK if jack else rtmidi.API_UNSPECIFIED)
+        try:
+            self.name = self._open(name)
+        except (rtmidi.SystemError, rtmidi.InvalidPortError, DeviceMissing) as error:
+            self._client.delete()
+            raise DeviceMissing(f'midi {wanted!r}: {error}') from None
+        self._client.ignore_types(sysex=True, timing=True, active_sense=True)
+
+    def _open(self, name: str) -> str:
+        if name == VIRTUAL:
+            self._client.open_virtual_port('in')
+            return f'{CLIENT}:in'
+        ports = self._client.get_ports()
+        found = [i for i, port in enumerate(ports) if name == 'auto' or name in port]
+        if not found:
+            there = f'there are {", ".join(ports)}' if ports else 'there is none'
+            raise DeviceMissing(f'no such input; {there}')
+        self._client.open_port(found[0], 'in')
+        return str(ports[found[0]])
+
+    @property
+    def there(self) -> bool:
+        """Whether the input has not gone."""
+        return self.name == f'{CLIENT}:in' or self.name in self._client.get_ports()
+
+    def take(self, most: int = 1024) -> list[list[int]]:
+        """Return the bytes of each message that has come."""
+        found: list[list[int]] = []
+        while len(found) < most and (message := self._client.get_message()):
+            found.append(message[0])
+        return found
+
+    def close(self) -> None:
+        """Give the input back."""
+        self._client.close_port()
+        self._client.delete()

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Presets as files: the live settings of grains and sound by name, a YAML that a scene can include.
+
+nodes: {grains: {radius: 0.05, mode: chain}, sound: {gain_db: -6.0}}
+"""
+
+import dataclasses
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from eol_ros import folders
+from eol_ros.core.sound.midi import Mapping
+from eol_ros.errors import ConfigError, DeviceMissing, UsageError
+from eol_ros.scene import check_value
+from eol_ros.settings import live_fields
+from eol_ros.streams.graph import INSTRUMENT, NODES
+
+NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,63}')
+Preset = dict[str, dict[str, Any]]
+
+
+def folder() -> Path:
+    """Return where presets lie unless somebody says otherwise."""
+    return folders.state_path() / 'presets'
+
+
+def names(where: Path) -> list[str]:
+    """Return the names of the presets in a folder, in order."""
+    return sorted(path.stem for path in where.glob('*.yaml') if NAME.fullmatch(path.stem))
+
+
+def path_of(name: str, where: Path) -> Path:
+    """Return the file of a preset; raise UsageError where that is no name of one."""
+    if not NAME.fullmatch(name):
+        raise UsageError(f'{name[:64]!r}: name the preset by letters, digits, - and _')
+    return where / f'{name}.yaml'
+
+
+def load(path: Path) -> Preset:
+    """Return the settings of a preset by node; raises ConfigError where they cannot be."""
+    try:
+        data = yaml.safe_load(path.read_text('utf-8'))
+    except FileNotFoundError:
+        raise DeviceMissing(f'{path}: no such preset; eol preset list names them') from None
+    except (OSError, UnicodeError, yaml.YAMLError) as error:
+        raise ConfigError(f'{path}: cannot be read ({type(error).__name__})') from None
+    found = data.get('nodes') if isinstance(data, dict) else None
+    if not isinstance(found, dict) or not found or not set(found) <= set(INSTRUMENT):
+        raise ConfigError(f'{path}: not a preset: no settings of {" and ".join(INSTRUMENT)} in it')
+    for node, values in found.items():
+        kind = NODES[node].settings
+        known = {f.name: f for f in dataclasses.fields(kind) if f.name in live_fields(kind)}
+        if not isinstance(values, dict):
+            raise ConfigError(f'{path}: {node}: no settings')
+        for name, value in values.items():
+            if name not in known:
+                raise ConfigError(f'{path}: {node} has no live setting {name}')
+            try:
+                values[name] = check_value(known[name], value)
+            except ConfigError as error:
+                raise ConfigError(f'{path}: {node}.{name}: {error}') from None
+    return found
+
+
+def save(path: Path, values: Preset) -> None:
+    """Write the settings of nodes as a preset, whole or not at all; raises ConfigError."""
+    nodes = {
+        node: {k: list(v) if isinstance(v, tuple) else v for k, v in of_node.items()}
+        for node, of_node in values.items()
+    }
+    part = path.with_name(f'.{path.name}')
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_text(yaml.safe_dump({'nodes': nodes}, sort_keys=False, allow_unicode=True))
+        part.replace(path)
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
+
+
+def midi_mapping(lines: Iterable[str]) -> Mapping:
+    """Return the mapping of the setting `midi_map`; raises ConfigError that quotes the line."""
+    mapping = Mapping(lines, {node: NODES[node].settings for node in INSTRUMENT})
+    for line, change in mapping.changes:
+        kind = NODES[change.node].settings
+        field = next(f for f in dataclasses.fields(kind) if f.name == change.name)
+        try:
+            check_value(field, change.value)
+        except ConfigError as error:
+            raise ConfigError(f'midi_map {line!r}: {error}') from None
+    for name in mapping.presets:
+        path_of(name, folder())
+    return mapping

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol midi: the inputs that there are, what comes from one, and lines for `midi_map` learnt."""
+
+import signal
+import time
+from pathlib import Path
+
+from eol_ros.errors import DeviceMissing, UsageError
+
+HELP = (
+    'MIDI: list the inputs, watch what comes, and learn which controller plays which setting of\n'
+    'grains and sound (docs/sound.md).'
+)
+EXAMPLES = [
+    'eol midi list',
+    'eol midi watch --input nanoKONTROL',
+    'eol midi learn "sound.filter_hz 200 8000" my/museum.yaml   # turn a controller: it is written',
+    'eol midi learn "recall storm"',
+    'eol midi watch --input jack:virtual --for 60',
+]
+PERIOD_S = 0.01
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    add = parser.add_argument
+    parser.add_argument('action', choices=('list', 'watch', 'learn'))
+    parser.add_argument('what', nargs='?', help='learn: what it does: a line without its begin')
+    parser.add_argument('scene', nargs='?', metavar='SCENE', help='learn: write the line into it')
+    add('--input', default='auto', metavar='NAME', help='by name or part of it, auto or virtual')
+    add('--jack', action='store_true', help='list: the inputs of JACK')
+    add('--for', dest='seconds', type=float, default=0.0, metavar='S', help='end after; 0: Ctrl-C')
+
+
+def run(args):
+    """Do it; exit code 69 where there is no such input, or nothing came."""
+    if args.action == 'list':
+        from eol_ros.devices.audio.midi import inputs
+
+        print(''.join(f'{name}\n' for name in inputs(args.jack)), end='')
+        return 0
+    if args.action == 'learn' and not args.what:
+        raise UsageError('eol midi learn: say what it does, such as sound.filter_hz')
+    if args.action == 'watch':
+        for event in _events(args):
+            print(event.words, event.value, flush=True)
+        return 0
+    from eol_ros import scene_text
+    from eol_ros.ros.presets import midi_mapping
+
+    midi_mapping((f'cc 0 {args.what}',) if 'program' not in args.what else ())  # refused at once
+    before: tuple[str, ...] = ()
+    if args.scene:
+        before = scene_text.to_write(Path(args.scene), 'sound').nodes['sound'].midi_map
+    for event in _events(args):
+        if not event.value:
+            continue  # a key let go
+        line = f'{event.words} {args.what}'
+        midi_mapping((line,))
+        print(line)
+        if args.scene:
+            same = event.words + ' '
+            lines = [*(old for old in before if not old.startswith(same)), line]
+            scene_text.write(Path(args.scene), 'sound', {'midi_map': lines})
+        return 0
+    raise DeviceMissing('eol midi learn: no controller, key or program came')
+
+
+def _events(args):
+    """Yield what comes until it is told to stop."""
+    from eol_ros.core.sound.midi import event_of
+    from eol_ros.devices.audio.midi import MidiIn
+
+    stopping: list[bool] = []
+    before = {
+        number: signal.signal(number, lambda *_: stopping.append(True))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    end_s = time.monotonic() + args.seconds if args.seconds else float('inf')
+    port = MidiIn(args.input)
+    try:
+        while not stopping and time.monotonic() < end_s:
+            for message in port.take():
+                event = event_of(message)
+                if event is not None:
+                    yield event
+            time.sleep(PERIOD_S)
+    finally:
+        port.close()
+        for number, handler in before.items():
+            signal.signal(number, handler)

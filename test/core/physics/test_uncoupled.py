@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A table without coupling: each block slips as one alone does; and what friction takes of it."""
+
+import numpy as np
+import pytest
+
+from eol_ros.core.physics import builders, choose
+from eol_ros.core.physics.scene import from_mapping
+
+DRIVE = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
+
+
+def test_no_block_of_an_uncoupled_table_feels_another():
+    scene = builders.table(DRIVE, 12.0, 3, 3, dim1=True)
+    apart = choose.simulate(from_mapping(builders.uncoupled(scene, 3, 3)))
+    alone = choose.simulate(from_mapping(builders.single(DRIVE, 12.0)))
+    middle = apart.event_block == 4  # one spring, from above; it had none to the rim
+    side = apart.event_block == 3  # one along the pull: the same
+
+    np.testing.assert_allclose(apart.event_t[middle], alone.event_t, atol=1e-9)
+    np.testing.assert_allclose(apart.event_t[side], alone.event_t, atol=1e-9)
+    assert scene['springs_between_blocks']  # the given scene is as it was
+
+
+@pytest.mark.slow
+def test_friction_takes_what_the_catalogue_says():
+    """The ledger of the exact solver: mu_k m g times the way of all blocks, along x."""
+    scene = builders.table(DRIVE, 30.0, u0=builders.offsets(25, 0.001, 1, along_x=True), dim1=True)
+    run = choose.simulate(from_mapping(scene), sample_s=0.01)
+    way = np.abs(np.diff(run.u[:, :, 0], axis=0)).sum()
+
+    assert way > 1.0
+    assert run.energy.friction_J == pytest.approx(0.65 * 0.25 * 9.81 * way, rel=1e-3)

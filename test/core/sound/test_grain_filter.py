@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The filter of single grains: against SciPy in double precision, and in the mixer."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from benchmarks.sound_art import FILTERS, filter_error_db, through_filter
+from benchmarks.sound_reference import filtered, score, snr_db
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.sound.bank import Bank
+from eol_ros.core.sound.grain_filter import LEAST_HZ, MOST
+from eol_ros.core.sound.offline import play
+from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.core.sound.voicing import Voicing, new_mixer
+from eol_ros.settings import SoundSettings
+
+FS = 48000
+OFF = SoundSettings(gain_db=0.0, governor_db=0.0)
+LOW = dataclasses.replace(OFF, filter='low-pass', filter_hz=900.0, filter_q=4.0)
+
+
+@pytest.mark.parametrize('case', FILTERS, ids=str)
+def test_agrees_with_scipy(case):
+    assert filter_error_db(*case) < (-125 if case[0] >= 100 else -110)
+
+
+def test_a_resonance_has_its_height_and_its_place():
+    click = np.zeros(FS, 'f4')
+    click[0] = 1.0
+    for band, height in ((False, 8.0), (True, 1.0)):
+        response = np.abs(np.fft.rfft(through_filter(click, 3000.0, 8.0, band).astype(float)))
+        assert response[3000] == pytest.approx(height, rel=1e-4)
+        assert abs(int(response.argmax()) - 3000) < 15
+    assert not through_filter(click, 5000.0, 0.5, False)[-FS // 2 :].any()  # at rest, not denormal
+
+
+def heard(settings, triggers, bank, frames=FS, block=512):
+    rows, refused = Voicing(settings).rows(triggers, bank)
+    assert not refused
+    return np.concatenate(list(play(new_mixer(settings), rows, frames, block)))
+
+
+def triggers_of(count, seed=3):
+    rng = np.random.default_rng(seed)
+    found = score(rng, count, 0.7, 30, rate=rng.uniform(0.3, 3, count), gain=0.1)
+    found['rate'][::3] = 1
+    found['block'] = rng.integers(0, N_BLOCKS, count)
+    return found
+
+
+def noise_bank(seed=4, **more):
+    rng = np.random.default_rng(seed)
+    sound = [rng.standard_normal(FS).astype('f4') * 0.1]
+    return Bank(sound, np.zeros(30, int), np.linspace(0, 0.7, 30), np.full(30, 0.25), FS, **more)
+
+
+@pytest.mark.parametrize('band', [False, True])
+def test_a_grain_sounds_as_if_its_sound_had_been_filtered_before(band):
+    x = np.random.default_rng(5).standard_normal(FS).astype('f4') * 0.1
+    first, size = 5000, 12000
+    there = x.astype(float)
+    there[first + 1 : first + size] = filtered(x[first + 1 : first + size], 900.0, 4.0, band, FS)
+    t = np.zeros(1, TRIGGER)
+    t['gain'], t['rate'], t['time_s'] = 0.5, 1.0, 0.01
+    made = dataclasses.replace(LOW, filter='band-pass' if band else 'low-pass')
+    cut = ([0], [first / FS], [size / FS], FS)
+    found = heard(made, t, Bank([x], *cut))
+    assert snr_db(found, heard(OFF, t, Bank([there.astype('f4')], *cut)).astype(float)) > 115
+
+
+def test_how_output_is_cut_changes_no_bit():
+    few = dataclasses.replace(LOW, polyphony=12, filter_by='area', filter_octaves=3.0)
+    outs = [heard(few, triggers_of(200), noise_bank(), block=n) for n in (1, 37, 256, 512, 4096)]
+    assert outs[0].any()
+    assert all(np.array_equal(out, outs[0]) for out in outs[1:])
+
+
+def test_off_is_as_if_there_were_none():
+    off = dataclasses.replace(LOW, filter='off', filter_by='area', filter_octaves=4.0)
+    plain = heard(OFF, triggers_of(60), noise_bank())
+    assert np.array_equal(heard(off, triggers_of(60), noise_bank()), plain)
+    assert not Voicing(off).rows(triggers_of(60), noise_bank())[0]['tuning'].any()
+    assert not np.array_equal(heard(LOW, triggers_of(60), noise_bank()), plain)
+
+
+def cutoffs(settings, triggers, bank):
+    rows, _ = Voicing(settings).rows(triggers, bank)
+    return np.arctan(rows['tuning']) * FS / np.pi
+
+
+def test_a_larger_rupture_moves_the_cutoff():
+    t = np.zeros(N_BLOCKS, TRIGGER)
+    t['block'], t['gain'], t['rate'] = np.arange(N_BLOCKS), 1.0, 1.0
+    t['time_s'] = 0.01 * np.arange(N_BLOCKS)
+    by = dataclasses.replace(LOW, filter_by='area', filter_octaves=-2.0)
+    found = cutoffs(by, t, noise_bank())
+    assert found[0] == pytest.approx(900.0) and found[-1] == pytest.approx(225.0)
+    assert (np.diff(found) < 0).all()
+
+
+def test_a_descriptor_moves_the_cutoff_by_its_rank():
+    loud = np.random.default_rng(6).permutation(30).astype(float)
+    bank = noise_bank(descriptors={'loudness_lufs': loud})
+    t = np.zeros(30, TRIGGER)
+    t['grain'], t['gain'], t['rate'] = np.arange(30), 1.0, 1.0
+    by = dataclasses.replace(LOW, filter_by='loudness_lufs', filter_octaves=3.0)
+    assert cutoffs(by, t, bank) == pytest.approx(900.0 * 2 ** (3 * loud / 29))
+    assert cutoffs(by, t, bank.placed(np.zeros((30, 2)))) == pytest.approx(900.0)  # it has none
+
+
+def test_no_cutoff_leaves_what_can_be():
+    for hz, octaves, least in ((20.0, -8.0, LEAST_HZ), (20000.0, 8.0, MOST * FS)):
+        far = dataclasses.replace(LOW, filter_hz=hz, filter_by='area', filter_octaves=octaves)
+        found = cutoffs(far, triggers_of(80), noise_bank())
+        assert found.min() >= LEAST_HZ - 1e-6 and found.max() <= MOST * FS + 1e-6
+        assert np.isclose(found, least).any()
