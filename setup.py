@@ -27,6 +27,7 @@ ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces']
 SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5', 'pyarrow>=14']
 CLUSTER = ['dask>=2024.1', 'distributed>=2024.1']  # sweeps on more than one machine
 MAP = ['umap-learn>=0.5']  # maps of grains by UMAP
+MIDI = ['python-rtmidi>=1.5']
 METRICS = ['prometheus-client>=0.20']
 TLS = ['cryptography>=42']
 KIT = ['schemdraw>=0.19', 'ezdxf>=1.3']  # drawings of docs/build, see `make kit`
@@ -55,7 +56,6 @@ TEST = [
     'pytest>=8',
     'pytest-timeout>=2',
     'pytest-xdist>=3',
-    'pytest-rerunfailures>=14',
     'hypothesis>=6',
     'ruff>=0.6',
     'mypy>=1.10',
@@ -69,6 +69,7 @@ TEST = [
     *METRICS,
     *TLS,
     *KIT,
+    *MIDI,
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo', 'av']  # peers, measured in the same run
 RENDER = ['mitsuba>=3.9']  # path-traced images, see `make films`; nothing that runs imports it
@@ -119,6 +120,7 @@ setup(
         'render': RENDER,
         'kit': KIT,
         'map': MAP,
+        'midi': MIDI,
     },
     zip_safe=False,
     description='Echoes of the Land as a ROS 2 node graph',

@@ -107,8 +107,9 @@ def pytest_terminal_summary(terminalreporter):
         str(report.longrepr[2]).removeprefix('Skipped: ') for report in stats.get('skipped', ())
     )
     counts = {name: len(stats.get(name, ())) for name in names}
-    again = [f'{report.nodeid}: {_why(report)}' for report in stats.get('rerun', ())]
-    Path(path).write_text(json.dumps({'counts': counts, 'skipped': reasons, 'rerun': again}))
+    failures = [*stats.get('failed', ()), *stats.get('error', ())]
+    failed = {report.nodeid: _why(report) for report in failures}
+    Path(path).write_text(json.dumps({'counts': counts, 'skipped': reasons, 'failed': failed}))
 
 
 def _why(report):

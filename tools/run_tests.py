@@ -21,12 +21,15 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-# A shared machine can stand still for longer than real time allows: one more try, and told.
-RERUNS = ('--reruns', '1')
+# A shared machine can stand still for longer than real time allows: what failed is tried once more
+# when all else is over, in a new process with nothing beside it, and told. A graph that does not
+# start takes all tests of its file along; more than that is no accident.
+MOST_AGAIN = 100
+NOTHING_SELECTED = 5  # pytest's exit code, where a part holds none of what was asked for
 BESIDE = ('-n', '3', '--dist', 'loadfile', '--no-loadscope-reorder')  # many of them wait
 PARTS = {
-    'side by side': (*RERUNS, *BESIDE, '-m', 'not live and not soak and not firmware'),
-    'one by one, in real time': (*RERUNS, '-m', 'live and not soak and not firmware'),
+    'side by side': (*BESIDE, '-m', 'not live and not soak and not firmware'),
+    'one by one, in real time': ('-m', 'live and not soak and not firmware'),
 }
 # Halves of about the same length; xdist would have both processes import and compile everything.
 FIRST_HALF = [
@@ -131,19 +134,27 @@ def main() -> int:
         return run_bare(words)
     if args.bare:
         hide()
-    codes, counts, skipped, again = [], Counter(), Counter(), []
+    codes, counts, skipped, failed = [], Counter(), Counter(), {}
     for name, selection in PARTS.items():
         print(f'\n=== tests, {name}{", bare" if args.bare else ""}', flush=True)
         code, found = run_part(selection, list(BARE) if args.bare else ['test'], words)
         codes.append(code)
         counts.update(found.get('counts', {}))
         skipped.update(found.get('skipped', {}))
-        again += found.get('rerun', [])
+        failed |= found.get('failed', {})
+    if set(codes) <= {0, 1, NOTHING_SELECTED} and 0 < len(failed) <= MOST_AGAIN:
+        print('\n=== tests that failed, once more with nothing beside them', flush=True)
+        code, found = run_part((), list(failed), words)
+        if found:
+            codes = [code]
+            counts['passed'] += found['counts']['passed']
+            for name in ('failed', 'error'):
+                counts[name] = found['counts'][name]
     print('\nnot tested here:' if skipped else '\neverything was tested')
     for reason, count in sorted(skipped.items()):
         print(f'  {count:3} test{"s" if count > 1 else " "}  {reason}')
-    for name in again:
-        print(f'  failed at first, and was tried again: {name}')
+    for name, why in failed.items():
+        print(f'  failed at first: {name}: {why}')
     if args.bare and not skipped:
         print('run_tests: nothing was skipped, so nothing was hidden')
         codes.append(1)

@@ -74,7 +74,7 @@ def run(args):
         before, deadline = 0, _Deadline(args.timeout)
         begun_s, told = time.monotonic(), False
         while not visit.stopped and not visit.run(shown, 1.0):
-            if args.hz and heard != before:
+            if args.hz and heard != before and heard > 1:  # one message has no rate
                 print(json.dumps(rate.numbers()) if args.json else rate.text(), flush=True)
             found = heard or visit.node.count_publishers(topic)
             if not told and not found and time.monotonic() - begun_s > DISCOVERY_S:

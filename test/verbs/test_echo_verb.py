@@ -14,6 +14,7 @@ import pytest
 import yaml
 from eol_msgs.msg import Cascade, Slip
 from rclpy.serialization import serialize_message
+from support.domains import next_domain
 
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
@@ -32,6 +33,22 @@ def eol(*words):
 def end(child, seconds=20):
     out, err = child.communicate(timeout=seconds)
     return child.returncode, out, err
+
+
+@pytest.fixture
+def start():
+    """Starts `eol` with words; what a test leaves running, having failed, is stopped."""
+    children = []
+
+    def begin(*words):
+        children.append(eol(*words))
+        return children[-1]
+
+    yield begin
+    for child in children:
+        if child.poll() is None:
+            child.kill()
+            child.communicate()
 
 
 @pytest.fixture(scope='module')
@@ -73,8 +90,8 @@ def test_echo_once_prints_one_message_as_yaml(graph):
 
 
 @pytest.mark.slow
-def test_echo_json_and_rate(graph):
-    lines, rate = eol('echo', '/eol/slips', '--json'), eol('echo', 'slips', '--hz', '--json')
+def test_echo_json_and_rate(graph, start):
+    lines, rate = start('echo', '/eol/slips', '--json'), start('echo', 'slips', '--hz', '--json')
     got = [json.loads(lines.stdout.readline())['slip'] for _ in range(50)]
     assert all(b == (a + 1) % 300 for a, b in itertools.pairwise(got))
     numbers = [json.loads(rate.stdout.readline()) for _ in range(3)]
@@ -107,13 +124,16 @@ def test_topics_with_rates(graph):
 
 @pytest.mark.slow
 def test_topics_are_the_same_each_time(graph):
+    until = time.monotonic() + 60
+    while any(row['readers'] for row in json.loads(end(eol('topics', '--json'))[1])):
+        assert time.monotonic() < until, 'readers of the tests before do not go away'
     looks = [end(eol('topics', '--json')) for _ in range(3)]
     assert [code for code, _, _ in looks] == [0, 0, 0]
     assert looks[0][1] == looks[1][1] == looks[2][1]
 
 
 def test_no_graph_has_no_topics(monkeypatch):
-    monkeypatch.setenv('ROS_DOMAIN_ID', '97')
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(next_domain()))
     code, out, err = end(eol('topics', '--seconds', '3'))
     assert (code, out) == (69, '')
     assert 'no graph runs here' in err
