@@ -2,6 +2,8 @@
 """Simulates table, visitors and camera, so that the graph runs without hardware."""
 
 import sys
+from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 from eol_msgs.msg import RimCommand, Truth
@@ -27,6 +29,17 @@ REST_SAMPLES = 288  # after those that a block's detector learns from
 LONGEST_STEP_S = 0.1  # a machine that slept does not make up for it
 
 
+class Moment(NamedTuple):
+    """The table as it is at `end_s`, and which blocks lit up since `begin_s`."""
+
+    stamp_ns: int
+    begin_s: float
+    end_s: float
+    truth: Truth
+    velocity: np.ndarray
+    lit: list[tuple[float, int]]
+
+
 class TwinNode(EolNode):
     """rim_command, requests -> camera/image_raw, camera/camera_info, truth."""
 
@@ -48,6 +61,7 @@ class TwinNode(EolNode):
         coupling = Coupling(*(getattr(s, name) for name in Coupling._fields))
         self.play = Play(s.seed, TRACE if self.blocks else 0, coupling)
         self.image = np.empty((s.height, s.width), np.uint8)
+        self.moments: deque[Moment] = deque()  # that no image has shown yet
         self.stamp_ns = 0
         self.told = ''  # who has the table, as last reported
         self.images = ImagePublisher(self, 'camera/image_raw', 'camera/camera_info', calibration)
@@ -56,7 +70,7 @@ class TwinNode(EolNode):
         self.subscribe('rim_command', self.on_rim_command)
         self.requests.serve(infrared=self.on_infrared)
         self.step(1e-4)  # compiles what is not compiled yet, before the clock runs
-        self.film(0)
+        self.film(0, [self.moment()])
         self.barrier, self.camera = StartupBarrier(self), None
         self.create_timer(0.1, self.check)
 
@@ -70,23 +84,33 @@ class TwinNode(EolNode):
     def move(self, stamp_ns: int) -> None:
         """Move hands, rim and table to `stamp_ns`; blocks report in their time what they feel.
 
-        That is before they feel it: the image before is not delivered yet.
+        That is before they feel it: the image before is not even made yet.
         """
         span_s = (stamp_ns - self.stamp_ns) / NS if self.stamp_ns else 1 / self.settings.fps
         self.stamp_ns = stamp_ns
         self.step(min(max(span_s, 1e-4), LONGEST_STEP_S))
+        self.moments.append(self.moment())
+
+    def moment(self) -> Moment:
+        """Return what an image of the table as it is now shows."""
+        table, truth = self.play.table, Truth()
+        truth.header.stamp = to_msg(self.stamp_ns)
+        truth.header.frame_id = self.frame_prefix + 'table'
+        truth.rim_x, truth.rim_y, truth.rim_yaw = table.rim_pose.tolist()
+        truth.x, truth.y, truth.yaw = table.x, table.y, table.yaw
+        truth.moving = table.moving.tolist()
+        truth.slips, truth.energy_residual = table.slips, table.energy_residual
+        lit = list(self.blocks.lit) if self.blocks else []
+        begin_s, end_s = self.begin_s, self.play.time_s
+        return Moment(self.stamp_ns, begin_s, end_s, truth, table.velocity.copy(), lit)
 
     def expose(self, index: int, stamp_ns: int) -> None:
-        """Video the table as it is at `stamp_ns`, to which it has moved, and say where it is."""
-        self.film(index)
-        self.packed = self.images.packed(stamp_ns, self.image)
-        table, self.shown = self.play.table, Truth()
-        self.shown.header.stamp = to_msg(stamp_ns)
-        self.shown.header.frame_id = self.frame_prefix + 'table'
-        self.shown.rim_x, self.shown.rim_y, self.shown.rim_yaw = table.rim_pose.tolist()
-        self.shown.x, self.shown.y, self.shown.yaw = table.x, table.y, table.yaw
-        self.shown.moving = table.moving.tolist()
-        self.shown.slips, self.shown.energy_residual = table.slips, table.energy_residual
+        """Video the table as it was at `stamp_ns`, and say where it was."""
+        moments = [self.moments.popleft()]
+        while moments[-1].stamp_ns != stamp_ns:  # one whose image was skipped
+            moments.append(self.moments.popleft())
+        self.film(index, moments)
+        self.packed, self.shown = self.images.packed(stamp_ns, self.image), moments[-1].truth
 
     def step(self, span_s: float) -> None:
         self.begin_s = self.play.advance(span_s, self.settings.hands == 'visitors')
@@ -118,14 +142,17 @@ class TwinNode(EolNode):
         if chunks:
             self.radio.feel(chunks)
 
-    def film(self, index: int) -> None:
-        t, lit = self.play.table, self.blocks.lit if self.blocks else []
-        white, detector = self.lamps.advance(self.begin_s, self.play.time_s, lit)
-        if self.blocks and detector:
-            self.blocks.configure(detector)
+    def film(self, index: int, moments: list[Moment]) -> None:
+        """Make the image of the last of `moments`; before it are those that no image has shown."""
+        for moment in moments:
+            white, detector = self.lamps.advance(moment.begin_s, moment.end_s, moment.lit)
+            if self.blocks and detector:
+                self.blocks.configure(detector)
+        at = moments[-1]
         self.renderer.render(
-            t.x, t.y, t.yaw, index, self.image, velocity=t.velocity, ir=self.infrared, flash=white
-        )
+            at.truth.x, at.truth.y, at.truth.yaw, index, self.image,
+            velocity=at.velocity, ir=self.infrared, flash=white,
+        )  # fmt: skip
 
     def deliver(self) -> None:
         """Publish the image and what it shows."""

@@ -28,9 +28,10 @@ class VirtualCamera:
     instant in system time. The image is made just ahead, when the readers of the one before it have
     had the processor, and delivered when the exposure ends, as a global shutter does. When
     making takes too long, whole images are skipped and counted in `missed`. `move(stamp_ns)` to the
-    next exposure is called before an image is delivered: from its middle on it is the past, and
-    what happens after that is known before it happens. All calls come from one thread of this
-    object; what they raise is kept in `fault`.
+    next exposure is called before an image is made, so that what happens after its middle is known
+    before it happens, however long making takes: `expose` is for the moment to which a call before
+    the last one has moved. All calls come from one thread of this object; what they raise is kept
+    in `fault`.
     """
 
     def __init__(
@@ -72,13 +73,25 @@ class VirtualCamera:
         making_ns = int(period_ns)  # the longest of late: how far ahead an image must be begun
         to_system_ns = clock.time_ns() - clock.monotonic_ns()
         index, image = 0, 0
-        middle_ns, stamp_ns = start_ns, start_ns + to_system_ns
+
+        def exposure(image: int) -> tuple[int, int]:
+            """Return the middle of an exposure in monotonic and in system time."""
+            nonlocal to_system_ns
+            offset_ns = clock.time_ns() - clock.monotonic_ns()
+            if abs(offset_ns - to_system_ns) > NS // 1000:  # somebody set the system clock
+                to_system_ns = offset_ns
+            middle_ns = start_ns + round(image * period_ns)
+            return middle_ns, middle_ns + to_system_ns
+
+        middle_ns, stamp_ns = exposure(0)
         self._move(stamp_ns)
         while not self._stop.is_set():
             end_ns = middle_ns + self._half_ns
             if self._wait_until(end_ns - min(2 * making_ns + SPARE_NS, int(period_ns))):
                 return
             began_ns = clock.monotonic_ns()
+            middle_ns, next_ns = exposure(image + 1)
+            self._move(next_ns)
             self._expose(index, stamp_ns)
             index += 1
             image += 1
@@ -86,12 +99,9 @@ class VirtualCamera:
             if behind > 0:
                 self.missed += behind
                 image += behind
-            middle_ns = start_ns + round(image * period_ns)
-            offset_ns = clock.time_ns() - clock.monotonic_ns()
-            if abs(offset_ns - to_system_ns) > NS // 1000:  # somebody set the system clock
-                to_system_ns = offset_ns
-            stamp_ns = middle_ns + to_system_ns
-            self._move(stamp_ns)
+                middle_ns, next_ns = exposure(image)
+                self._move(next_ns)
+            stamp_ns = next_ns
             making_ns = max(clock.monotonic_ns() - began_ns, making_ns * 15 // 16)
             if self._wait_until(end_ns):
                 return

@@ -8,6 +8,7 @@ import numpy as np
 from eol_ros.core.compiled import njit
 
 _STEPS = 4096
+_ZERO = np.float32(0.0)
 _REACH = 5.0  # standard deviations after which an edge is fully on or off
 _PHI = np.array(
     [
@@ -19,15 +20,16 @@ _PHI = np.array(
 
 
 @njit(inline='always', fastmath=True)
-def _phi(table, x):
-    """Return the normal distribution function at `x`, interpolated (error below 2e-7)."""
-    place = (x + _REACH) * (_STEPS / (2 * _REACH))
-    if place <= 0.0:
-        return 0.0
-    if place >= _STEPS:
-        return 1.0
-    i = int(place)
-    return table[i] + (table[i + 1] - table[i]) * (place - i)
+def _phi(x):
+    """Return the normal distribution function at `x` f4, interpolated (error below 2e-7).
+
+    It has no branch, so loops over it are vectorised.
+    """
+    place = (x + np.float32(_REACH)) * np.float32(_STEPS / (2 * _REACH))
+    place = min(max(place, _ZERO), np.float32(_STEPS))
+    i = np.uint32(np.int32(place))
+    low = _PHI[i]
+    return low + (_PHI[i + np.uint32(1)] - low) * (place - np.float32(i))
 
 
 @njit(cache=True)
@@ -35,8 +37,9 @@ def restore(work, static, windows, n):
     """Copy `static` back into `work` inside the first `n` windows (row0, row1, col0, col1)."""
     for i in range(n):
         for r in range(windows[i, 0], windows[i, 1]):
-            for c in range(windows[i, 2], windows[i, 3]):
-                work[r, c] = static[r, c]
+            row, clean = work[r, windows[i, 2] :], static[r, windows[i, 2] :]
+            for c in range(windows[i, 3] - windows[i, 2]):  # from 0: so it is vectorised
+                row[c] = clean[c]
 
 
 @njit(cache=True)
@@ -90,9 +93,13 @@ def draw_blocks(
     """
     size, glitters = texture.shape[1], glints.shape[0] > 0
     blur = math.sqrt(psf_px * psf_px + 1.0 / 12.0)
+    far = _REACH * blur
     nx = np.empty(4)
     ny = np.empty(4)
-    off = np.empty(4)
+    at = np.empty(4)  # distance from each side, inwards: at the row's first pixel
+    inwards = np.empty(4)  # of the centre
+    across = np.empty(work.shape[1], np.float32)
+    cover = np.empty(work.shape[1], np.float32)
     for p in range(corners.shape[0]):
         b = owner[p]
         cu = cv = 0.0
@@ -105,40 +112,82 @@ def draw_blocks(
             ex, ey = corners[p, (k + 1) % 4, 0] - ax, corners[p, (k + 1) % 4, 1] - ay
             length = math.sqrt(ex * ex + ey * ey)
             nu, nv = -ey / length, ex / length
-            if (cu - ax) * nu + (cv - ay) * nv < 0:
-                nu, nv = -nu, -nv
-            nx[k], ny[k], off[k] = nu, nv, nu * ax + nv * ay
+            inwards[k] = (cu - ax) * nu + (cv - ay) * nv
+            if inwards[k] < 0:
+                nu, nv, inwards[k] = -nu, -nv, -inwards[k]
+            nx[k], ny[k] = nu, nv
             reach = max(reach, math.sqrt((ax - cu) ** 2 + (ay - cv) ** 2))
         pad = reach + 4.5 * blur
         _window(windows, n, work.shape, cu - pad, cu + pad, cv - pad, cv + pad)
         r0, r1, c0, c1 = windows[n]
         n += 1
-        far = _REACH * blur
-        core_reach = 20.0 * core_px * core_px if core[b] > 0 else -1.0
+        share, shine, lit = np.float32(weight[p]), np.float32(level[b]), core[b] > 0
+        for i in range(c1 - c0):
+            x = (c0 + i - cu) / core_px
+            across[i] = core[b] * math.exp(-0.5 * x * x) if lit else 0.0
         for r in range(r0, r1):
-            for c in range(c0, c1):
-                rr = (c - cu) ** 2 + (r - cv) ** 2
-                light = 0.0
-                a0 = nx[0] * c + ny[0] * r - off[0]
-                a1 = nx[1] * c + ny[1] * r - off[1]
-                a2 = nx[2] * c + ny[2] * r - off[2]
-                a3 = nx[3] * c + ny[3] * r - off[3]
-                if a0 > -far and a1 > -far and a2 > -far and a3 > -far:
-                    cover = 1.0
-                    if a0 < far or a1 < far or a2 < far or a3 < far:
-                        cover = (_phi(_PHI, a0 / blur) + _phi(_PHI, a2 / blur) - 1.0) * (
-                            _phi(_PHI, a1 / blur) + _phi(_PHI, a3 / blur) - 1.0
-                        )
-                    glow = level[b]
-                    if size > 0:
-                        glow *= 1.0 + _grain(texture[b], a0 / (a0 + a2), a1 / (a1 + a3))
-                    if rr < core_reach:
-                        glow += core[b] * math.exp(-0.5 * rr / (core_px * core_px))
-                    light += cover * vignette[r, c] * glow
-                    if glitters:
-                        light -= cover * glints[r, c]
-                work[r, c] += weight[p] * light
+            for k in range(4):
+                at[k] = inwards[k] + nx[k] * (c0 - cu) + ny[k] * (r - cv)
+            begin, end = _beyond(nx, at, -far, c1 - c0)
+            if begin >= end:
+                continue
+            full, edge = _beyond(nx, at, far, c1 - c0)
+            if full >= edge:  # no pixel of the row is wholly covered
+                full = edge = end
+            width = end - begin
+            _edges(cover[: full - begin], nx, at, blur, begin)
+            _edges(cover[edge - begin : width], nx, at, blur, edge)
+            inner = cover[full - begin : edge - begin]
+            for i in range(len(inner)):
+                inner[i] = 1.0
+            row, fall = work[r, c0 + begin : c0 + end], vignette[r, c0 + begin : c0 + end]
+            down = np.float32(math.exp(-0.5 * ((r - cv) / core_px) ** 2)) if lit else _ZERO
+            beam = across[begin:end]
+            for i in range(width):
+                row[i] += share * cover[i] * fall[i] * (shine + down * beam[i])
+            if size > 0:
+                for i in range(width):
+                    a0, a1 = at[0] + nx[0] * (begin + i), at[1] + nx[1] * (begin + i)
+                    a2, a3 = at[2] + nx[2] * (begin + i), at[3] + nx[3] * (begin + i)
+                    grain = _grain(texture[b], a0 / (a0 + a2), a1 / (a1 + a3))
+                    row[i] += share * cover[i] * fall[i] * shine * np.float32(grain)
+            if glitters:
+                hidden = glints[r, c0 + begin : c0 + end]
+                for i in range(width):
+                    row[i] -= share * cover[i] * hidden[i]
     return n
+
+
+@njit(inline='always', fastmath=True)
+def _beyond(nx, at, bound, width):
+    """Return the pixels, from one to before the other, that are over `bound` inside all sides."""
+    begin, end = 0, width
+    for k in range(4):
+        if abs(nx[k]) < 1e-9:
+            if at[k] <= bound:
+                end = 0
+        elif nx[k] > 0:
+            begin = max(begin, int(math.floor(min((bound - at[k]) / nx[k], float(width)))) + 1)
+        else:
+            end = min(end, int(math.ceil(max((bound - at[k]) / nx[k], 0.0))))
+    return begin, end
+
+
+@njit(inline='always', fastmath=True)
+def _edges(cover, nx, at, blur, first):
+    """Write to `cover` (n,) f4 how much of the pixels from `first` on a cover covers.
+
+    nx, at (4,): what a pixel more adds to the distance from each side, and that of pixel 0.
+    """
+    u0, u1 = np.float32(nx[0] / blur), np.float32(nx[1] / blur)
+    u2, u3 = np.float32(nx[2] / blur), np.float32(nx[3] / blur)
+    a0, a1 = np.float32(at[0] / blur) + u0 * first, np.float32(at[1] / blur) + u1 * first
+    a2, a3 = np.float32(at[2] / blur) + u2 * first, np.float32(at[3] / blur) + u3 * first
+    for i in range(len(cover)):
+        c = np.float32(np.int32(i))
+        one = _phi(np.float32(a0 + u0 * c)) + _phi(np.float32(a2 + u2 * c))
+        other = _phi(np.float32(a1 + u1 * c)) + _phi(np.float32(a3 + u3 * c))
+        cover[i] = (one - np.float32(1.0)) * (other - np.float32(1.0))
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -154,12 +203,12 @@ def draw_halos(work, centres, halo, halo_px, windows, n):
             _window(windows, n, work.shape, cu - pad, cu + pad, cv - pad, cv + pad)
             r0, r1, c0, c1 = windows[n]
             n += 1
-            for c in range(c0, c1):
-                across[c] = halo[b] * math.exp(-0.5 * ((c - cu) / halo_px) ** 2)
+            for c in range(c1 - c0):
+                across[c] = halo[b] * math.exp(-0.5 * ((c0 + c - cu) / halo_px) ** 2)
             for r in range(r0, r1):
                 down = np.float32(math.exp(-0.5 * ((r - cv) / halo_px) ** 2))
-                row = work[r]
-                for c in range(c0, c1):
+                row = work[r, c0:c1]
+                for c in range(c1 - c0):
                     row[c] += down * across[c]
     return n
 
@@ -196,7 +245,7 @@ def draw_arms(work, vignette, arms, level, psf_px, windows, n):
                 d2 = (c - u0 - t * du) ** 2 + (r - v0 - t * dv) ** 2
                 if d2 >= outer:
                     continue
-                cover = _phi(_PHI, (radius - math.sqrt(d2)) / blur)
+                cover = _phi(np.float32((radius - math.sqrt(d2)) / blur))
                 shade = level[a] * (1.0 - 0.5 * min(d2 / (radius * radius), 1.0)) * vignette[r, c]
                 work[r, c] += cover * (shade - work[r, c])
     return n
