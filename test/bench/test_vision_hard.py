@@ -82,6 +82,16 @@ def test_hard_videos_are_measured(capsys):
     assert found['whole_beyond_2px'] == 0 and found['coverage'] > 0.997
 
 
+@pytest.mark.slow
+def test_covers_with_relief_are_found_among_sparkling_grains_and_lamps_are_not(capsys):
+    line = 'bench vision --hard glittering --surfaces relief --seconds 1 --seeds 1 --json'
+    assert cli.main(line.split()) == 0
+    found = json.loads(capsys.readouterr().out)['hard']['relief']['glittering'][OURS]
+
+    assert found['coverage'] > 0.99 and found['whole_beyond_2px'] == 0
+    assert found['false_per_image'] == 0.0
+
+
 def test_an_unknown_kind_is_named(capsys):
     assert cli.main(['bench', 'vision', '--hard', 'foggy']) == 2
     assert 'foggy' in capsys.readouterr().err

@@ -26,11 +26,13 @@ def side_lines(image, squares, blur, tables, work, ends, out):
         profiles.gather(image, u, v, theta, half, blur, square, tables[s], work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
         limit = half - profiles.CORNER * blur
-        contrast, _ = profiles.levels(work, ends, slope, lean, limit, profiles.FLAT * blur, spread)
+        soft = tables[s, 0] > 0.0
+        flat = profiles.FLAT * blur
+        contrast, _ = profiles.levels(work, ends, slope, lean, limit, flat, spread, soft)
         if contrast == 0.0:
             continue
         profiles.shrink_levels(work, ends, spread)
-        profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, tables[s, 0] > 0.0)
+        profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
         for side in range(4):
             begin = ends[profiles.BEGIN + side]
             end = begin + ends[profiles.COUNT + side]

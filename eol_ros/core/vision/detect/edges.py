@@ -47,6 +47,9 @@ ALIKE_PX = 1.0  # what is further off is another edge
 DOUBTFUL = 0.65  # share below which a good start is mistrusted, and the edges are searched for
 HOPELESS = 0.1  # share below which no round makes a square of it
 WHOLE = 0.9  # share of the edge in sight from which a block needs no help
+# Share of the contrast by which light may fall in the flats beside an edge, and how fast more makes
+# a lamp of it. Outside of covers with relief it is 0.12 at most, of lamps hardly ever below 0.2.
+GLOW, SOFT_GLOW = (0.15, 2.5), (0.1, 5.0)
 FIELDS = 11  # of one fitted square
 U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST, ALONE = range(FIELDS)
 
@@ -284,12 +287,13 @@ def _fit(
     variance = 1.0
     contrast = level = 0.0
     soft = table[0] > 0.0
+    flat, steep = SOFT_GLOW if soft else GLOW
     settled = SOFT_SETTLED_SIGMAS if soft else SETTLED_SIGMAS
     for gather in range(4):
         profiles.gather(image, u, v, theta, half, blur, shear, table, work, ends)
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
         limit = half - CORNER * blur
-        contrast, level = profiles.levels(work, ends, slope, lean, limit, FLAT * blur, spread)
+        contrast, level = profiles.levels(work, ends, slope, lean, limit, FLAT * blur, spread, soft)
         share = 0.0
         if contrast == 0.0 or contrast < least:
             return
@@ -340,7 +344,7 @@ def _fit(
     square[SIGMA] = math.sqrt(scale * 0.5 * (a[0, 0] + a[1, 1]))
     both_ways = min(max(shares[0], shares[2]), max(shares[1], shares[3]))
     off = (free_half - expected) / (3.0 * half_sigma + 0.04 * expected)
-    sharp = 1.0 - min(max(2.5 * (spread[4] - 0.15), 0.0), 1.0)
+    sharp = 1.0 - min(max(steep * (spread[4] - flat), 0.0), 1.0)
     # covers do not overlap: light like a cover's just outside says that this is half beside one
     alone = 1.0 if share > 0.75 else max(1.0 - 5.0 * spread[6], 0.0)
     square[QUALITY] = share * both_ways * math.exp(-0.5 * off * off) * sharp

@@ -20,6 +20,7 @@ VECTOR = 16  # lanes; each side begins with a new vector, and two lanes at least
 SIDE_LINES = 88  # of one side; a wider one is read on every second line
 CORNER = 1.4  # blurs left out at each end of a side, where two edges mix
 UNLIKE = 1.0  # of the variance from line to line, what differs between level zone and edge
+WIDER = 5  # lines than a grain that sparkles is the light of another cover
 OTHER = 0.2  # of the contrast, light that is not the platform's
 FLAT = 2.1  # blurs from the edge at which light counts as inside or outside
 FLAT_TAPS = 6  # pixels at each end of a profile, among which are all that lie so far away
@@ -160,17 +161,19 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def _zones(work, n, taps, slope, lean, limit, flat):
+def _zones(work, n, taps, slope, lean, limit, flat, soft):
     """Sum each profile's pixels inside and outside: counts to A and C, sums to B and D.
 
     Sums are of differences to the innermost and the outermost pixel, so that their squares, to
     OFFSET and WEIGHT, keep their digits. To E the squared changes from pixel to pixel inside, to F
-    the changes inside and outside. Pixels further than `limit` along the side are left out: around
-    the corner stands another edge.
+    the changes inside and outside; if `soft`, only those outside, further from the edge by a pixel.
+    Pixels further than `limit` along the side are left out: around the corner stands another edge.
     """
     f_slope, f_lean = np.float32(slope), np.float32(lean)
     f_limit, f_flat = np.float32(limit), np.float32(flat)
     zero, one = np.float32(0.0), np.float32(1.0)
+    falls = zero if soft else one
+    f_both = f_flat + (f_slope if soft else zero)  # without the foot of the edge
     for i in range(n):
         work[_A + i] = zero
         work[_B + i] = zero
@@ -193,7 +196,7 @@ def _zones(work, n, taps, slope, lean, limit, flat):
             work[_A + i] += w
             work[_B + i] += x
             work[_E + i] += change * change
-            work[_F + i] += change
+            work[_F + i] += falls * change
             work[OFFSET + i] += x * x
     outside = work[TAP + (taps - FLAT_TAPS - 1) * LINES :]
     start = f_slope * np.float32(taps - FLAT_TAPS)
@@ -207,8 +210,9 @@ def _zones(work, n, taps, slope, lean, limit, flat):
             x = w * (outside[at + LINES + i] - outside[FLAT_TAPS * LINES + i])
             work[_C + i] += w
             work[_D + i] += x
-            work[_F + i] += w * (outside[at + LINES + i] - outside[at + i])
             work[WEIGHT + i] += x * x
+            both = w if away > f_both else zero
+            work[_F + i] += both * (outside[at + LINES + i] - outside[at + i])
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -248,19 +252,20 @@ def _quantiles(work, n, contrasts, bares):
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def levels(work, ends, slope, lean, limit, flat, spread):
+def levels(work, ends, slope, lean, limit, flat, spread, soft):
     """Measure the light inside and outside along every profile, and judge which ones show an edge.
 
     Fills IN and OUT and clears VALID of profiles that show no edge like the others.
     spread (7,): variance of one pixel inside and outside, the parts of them that are texture, which
     unlike noise is alike from pixel to pixel; the fall of light over the width of an edge that the
     flats beside it show, as a share of the contrast; all lines for each one that is not cut short
-    by a corner; the share of lines with a cover's light on the wrong side. Returns (contrast, level
-    inside) of the block, or zeros.
+    by a corner; the share of lines with a cover's light on the wrong side. soft: a cover with
+    relief, whose light falls towards its edge, so that only what stands outside tells it from a
+    lamp. Returns (contrast, level inside) of the block, or zeros.
     """
     n, wide, taps = ends[ALL], ends[LANES], ends[TAPS_USED]
     last = (taps - 1) * LINES
-    _zones(work, wide, taps, slope, lean, limit, flat)
+    _zones(work, wide, taps, slope, lean, limit, flat, soft)
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     total = short = zero
     for i in range(wide):
@@ -298,7 +303,6 @@ def levels(work, ends, slope, lean, limit, flat, spread):
     glare = v_in = v_out = k_in = k_out = changes = trend = zero
     for i in range(wide):
         glow = one if work[OUT + i] > bright else zero
-        glare += glow if work[_C + i] >= two else zero
         valid = work[VALID + i] if abs(work[IN + i] - mean_in) <= near else zero
         work[VALID + i] = valid
         off_in, off_out = work[IN + i] - work[TAP + i], work[OUT + i] - work[TAP + last + i]
@@ -308,6 +312,14 @@ def levels(work, ends, slope, lean, limit, flat, spread):
         changes += valid * work[_E + i]
         trend += valid * work[_F + i]
         k_out += valid * (work[_C + i] - one)
+        glow = glow if work[_C + i] >= two else zero
+        glare += glow
+        work[_F + i] = glow
+    if soft:  # these stand among sparkling grains, too
+        glare = zero
+        for i in range(WIDER, wide - WIDER):
+            before, after = work[_F + i - WIDER], work[_F + i + WIDER]
+            glare += work[_F + i] * (before if before > after else after)
     inner, outer = max(float(k_in), 1.0), max(float(k_out), 1.0)
     spread[0] = max(v_in / inner, 0.25)
     spread[1] = max(v_out / outer, 0.25)
@@ -315,7 +327,8 @@ def levels(work, ends, slope, lean, limit, flat, spread):
     spread[2] = max(spread[0] - max(0.55 * changes / inner, spread[1]), 0.0)
     spread[3] = 0.0
     # a lamp's glow falls on and on, a cover has an edge between two flats
-    spread[4] = -trend / (inner + outer) / slope * 2 * flat / contrast
+    lines = outer if soft else inner + outer
+    spread[4] = -trend / lines / slope * 2 * flat / contrast
     spread[5] = n / max(n - ends[BESIDE] - float(short), 1.0)
     spread[6] = glare / max(n, 1)
     return contrast, mean_in
