@@ -57,13 +57,8 @@ films: setup-test  ## path-trace printed covers for `eol bench vision --films fi
 	$(PY) -m pip install -q 'mitsuba>=3.9'
 	$(PY) -m eol_ros bench films --out films $(ARGS)
 
-figures: setup-test  ## the figures of docs/science.md
-	$(PY) -m eol_ros bench chaos --seeds 2 --travel 0.6 --plot docs/img
-	$(PY) -m eol_ros bench critical --plot docs/img
-	$(PY) -m eol_ros bench definitions --plot docs/img
-	$(PY) -m eol_ros bench mapping --plot docs/img
-	$(PY) -m eol_ros bench sizes --seeds 2 --travel 0.02 --plot docs/img
-	$(PY) -m eol_ros bench table --map --minutes 4 --plot docs/img
+figures: setup-test  ## the figures of docs/science.md, as far as they are old (ARGS=--list: tell only)
+	$(PY) -m eol_ros bench figures $(ARGS)
 
 clean:  ## remove what was made here, but no bag
 	rm -rf .venv build install log *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis

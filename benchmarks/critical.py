@@ -12,6 +12,7 @@ of them N(>= A) with the band of 95 % over starts and over what is not known of 
 
 import argparse
 import contextlib
+import hashlib
 import json
 import math
 import sys
@@ -46,7 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('--sweeps', default=str(SWEEPS), metavar='DIR', help='of *.yaml')
     parser.add_argument('--parts', default=str(PARTS), metavar='DIR', help='of tables to build')
-    parser.add_argument('--out', default='build/critical', metavar='DIR', help='for the tables')
+    parser.add_argument(
+        '--out', metavar='DIR',
+        help='for the tables (build/critical/ and a digest of what computes them)',
+    )  # fmt: skip
     parser.add_argument('--workers', type=int, default=2, metavar='N', help='processes (2)')
     parser.add_argument('--plot', metavar='DIR', help='draw critical.png and parts.png there')
     parser.add_argument('--json', action='store_true')
@@ -141,7 +145,7 @@ def run(args: argparse.Namespace) -> int:
     """Sweep, ask, print, draw."""
     if args.workers < 1:
         raise UsageError(f'--workers {args.workers}: 1 or more')
-    out, begin_s = Path(args.out), time.perf_counter()
+    out, begin_s = Path(args.out) if args.out else _own_folder(), time.perf_counter()
     rows = _swept('--sweeps', args.sweeps, out, args.workers)
     parts = _swept('--parts', args.parts, out / 'parts', args.workers)
     map_ = cells(rows)
@@ -156,6 +160,14 @@ def run(args: argparse.Namespace) -> int:
         draw_parts(result['parts'], Path(args.plot))
     tell(result, args.json, table_of)
     return 0
+
+
+def _own_folder() -> Path:
+    """Return where tables are that these sources and versions have computed."""
+    from eol_ros.analysis.sweeps import work
+
+    made_by = json.dumps(work.version(), sort_keys=True).encode()
+    return Path('build/critical', hashlib.blake2b(made_by, digest_size=6).hexdigest())
 
 
 def _swept(option: str, folder: str, out: Path, workers: int) -> list[Row]:

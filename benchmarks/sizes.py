@@ -35,6 +35,7 @@ MOST_EVENTS = 40_000_000
 # Events until an automaton has forgotten its start go as L^2 for each rise of the drive, of which
 # it needs as many as L^1.3 (Lise 2002).
 FORGETS = 10 / 128**3.3  # for each recorded one
+AT_ONCE = 1 << 16  # events of an automaton in memory, while it forgets
 TAIL = 30  # cascades that a point of N(>= A) stands on, at least
 
 
@@ -75,13 +76,15 @@ def run(args: argparse.Namespace) -> int:
     seeds = range(11, 11 + args.seeds)
     work = [(kind, side, seed) for side in sides for kind in ('table', 'plate') for seed in seeds]
     areas = {w: _areas(*w, args.travel, args.speed) for w in track(work, 'tables')}
-    lattices = {
+    toppled = {
         (side, seed): _toppled(side, seed, args.events)
         for side, seed in track([(n, s) for n in lattice_sides for s in seeds], 'automata')
     }
+    lattices = {where: areas for where, (_, areas) in toppled.items()}
     result = {
         'speed_mps': args.speed, 'travel_m': args.travel, 'seeds': args.seeds,
         'sides': [_side(side, seeds, areas) for side in sides],
+        'automata': [_forgotten(side, [toppled[side, s] for s in seeds]) for side in lattice_sides],
         'scaling': [
             _scaling('table', sides, seeds, lambda n, s: areas['table', n, s]),
             _scaling('plate', sides, seeds, lambda n, s: areas['plate', n, s]),
@@ -120,12 +123,34 @@ def _areas(kind: str, side: int, seed: int, travel_m: float, speed_mps: float):
 
 
 def _toppled(side: int, seed: int, events: int):
-    """Areas of the automaton's events, once its start is forgotten."""
+    """Areas of the automaton's events when half of the warm-up is over, and when all of it is."""
     from eol_ros.core.physics.automaton.ofc import Automaton
 
     lattice = Automaton.random(side, ALPHA, seed)
-    lattice.run(max(int(FORGETS * side**3.3 * events), 10 * events * side // 128, 20_000))
-    return lattice.run(events, full=True).area
+    found = []
+    for _ in range(2):
+        for begun in range(0, warmup := _warmup(side, events) // 2, AT_ONCE):
+            lattice.run(min(AT_ONCE, warmup - begun))
+        found.append(lattice.run(events, full=True).area)
+    return found
+
+
+def _warmup(side: int, events: int) -> int:
+    """Return after how many events the start of an automaton is forgotten."""
+    return max(int(FORGETS * side**3.3 * events), 10 * events * side // 128, 20_000)
+
+
+def _forgotten(side: int, each: list) -> dict:
+    """Whether the start is forgotten: mean areas after half of the warm-up and after all of it."""
+    import numpy as np
+
+    means = np.array([[areas.mean() for areas in two] for two in each])
+    (half, whole), deviations = means.mean(axis=0), means.std(axis=0, ddof=1)
+    return {
+        'side': side, 'warmup': _warmup(side, len(each[0][1])),
+        'mean_area': float(whole), 'mean_area_deviation': float(deviations[1]),
+        'mean_area_at_half': float(half), 'mean_area_at_half_deviation': float(deviations[0]),
+    }  # fmt: skip
 
 
 def _side(side: int, seeds: range, areas: dict) -> dict:
@@ -236,7 +261,7 @@ def draw(result: dict, folder: Path) -> None:
     import numpy as np
 
     said = (
-        f'eol bench sizes --seeds {result["seeds"]} --travel {result["travel_m"]:g} '
+        f'eol bench sizes --seeds {result["seeds"]} (11 and on) --travel {result["travel_m"]:g} '
         f'--side {result["sides"][-1]["side"]} --lattice {result["scaling"][-1]["sides"][-1]}: '
         f'{1e3 * result["speed_mps"]:g} mm/s'
     )
@@ -299,6 +324,13 @@ def _table(result: dict) -> str:
             )
         cells.append(f'{r["ks"]:5.3f} +- {r["ks_deviation"]:5.3f} {r["ks_of_two_starts"]:13.3f}')
         lines.append(' '.join(cells))
+    lines.append('automata: mean area after half of the warm-up, and after all of it')
+    for r in result['automata']:
+        lines.append(
+            f'{r["side"]:4d}  {r["warmup"]:10d} events: {r["mean_area_at_half"]:6.3f} +- '
+            f'{r["mean_area_at_half_deviation"]:5.3f}  {r["mean_area"]:6.3f} +- '
+            f'{r["mean_area_deviation"]:5.3f}'
+        )
     lines.append('scaling: <A^q> ~ L^sigma(q), D and tau from its line, bend: how far off the line')
     for r in result['scaling']:
         sigma = ', '.join(f'{q:g}: {s:.2f}' for q, s in zip(r['q'], r['sigma'], strict=True))

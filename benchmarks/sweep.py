@@ -53,18 +53,19 @@ def run(args: argparse.Namespace) -> int:
         )
         counts, workers = Counts(), max(crew.size(), 1)
         table = Table(Path(folder) / 'sweep.parquet', 'ofc', work.version())
-        begin_s = time.perf_counter()
+        begin_s, used_s = time.perf_counter(), time.process_time()
         try:
             for _ in track(run_sweep(given, table, crew, counts), 'sweep', total=len(given)):
                 pass
         finally:
             crew.close()
             table.close()
-        seconds = time.perf_counter() - begin_s
+        seconds, used_s = time.perf_counter() - begin_s, time.process_time() - used_s
     ideal_s = counts.seconds / workers
     result = {
         'tasks': args.tasks, 'workers': workers, 'task_ms': 1e3 * counts.each_s,
         'seconds': seconds, 'ideal_s': ideal_s, 'ratio': seconds / ideal_s,
+        'giving_us': 1e6 * used_s / args.tasks,
         'peak_MB': resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
     }  # fmt: skip
     tell(result, args.json, _table)
@@ -88,5 +89,6 @@ def _table(result: dict) -> str:
     return (
         f'{result["tasks"]} tasks of {result["task_ms"]:.2f} ms on {result["workers"]} workers: '
         f'{result["seconds"]:.2f} s, start, table and end included; ideal {result["ideal_s"]:.2f} s'
-        f': {result["ratio"]:.3f} times; {result["peak_MB"]:.0f} MB in the process that gives them'
+        f': {result["ratio"]:.3f} times; the process that gives them: {result["peak_MB"]:.0f} MB, '
+        f'{result["giving_us"]:.0f} us of processor a task'
     )

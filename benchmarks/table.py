@@ -85,7 +85,8 @@ def run(args: argparse.Namespace) -> int:
         rows.append(measure(coupling, args.minutes, range(1, 1 + args.seeds)))
     result = {'minutes': args.minutes, 'seeds': args.seeds, 'tables': rows}
     if args.plot:
-        draw(rows, args.plot)
+        what = f'--map --minutes {args.minutes:g}' if args.map else f'--minutes {args.minutes:g}'
+        draw(rows, args.plot, f'eol bench table {what} --seeds {args.seeds} (1 and on): together')
     tell(result, args.json, _table)
     return 0
 
@@ -230,15 +231,12 @@ def from_a_corner(coupling: Coupling) -> list[float]:
     return [float(np.median(after[steps == n])) for n in range(ROWS + COLS - 1)]
 
 
-def draw(rows: list[dict[str, Any]], folder: Path) -> None:
+def draw(rows: list[dict[str, Any]], folder: Path, said: str) -> None:
     """Write table_map.png: inner share over stiffness by friction, and spectra of area."""
-    import matplotlib
+    from benchmarks import picture
 
-    matplotlib.use('Agg')
-    from matplotlib import pyplot as plt
-
-    folder.mkdir(parents=True, exist_ok=True)
-    figure, axes = plt.subplots(1, 3, figsize=(11, 3.4), layout='constrained')
+    figure, grid = picture.axes(1, 3, (11, 3.4))
+    axes = grid[0]
     shipped = Coupling()._asdict()
     chosen = next((r for r in rows if all(r[k] == v for k, v in shipped.items())), rows[-1])
     soft = next((r for r in rows if all(r[k] == v for k, v in SOFT._asdict().items())), None)
@@ -269,8 +267,7 @@ def draw(rows: list[dict[str, Any]], folder: Path) -> None:
             axes[2].loglog(range(1, N_BLOCKS + 1), at_least, mark, label=words)
     axes[2].set(xlabel='area A, blocks', ylabel='cascades of at least A')
     axes[2].legend(fontsize=7)
-    figure.savefig(folder / 'table_map.png', dpi=110)
-    plt.close(figure)
+    picture.save(figure, folder, 'table_map', said)
 
 
 def _table(result: dict[str, Any]) -> str:
