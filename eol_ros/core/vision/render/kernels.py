@@ -34,12 +34,19 @@ def _phi(x):
 
 @njit(cache=True)
 def restore(work, static, windows, n):
-    """Copy `static` back into `work` inside the first `n` windows (row0, row1, col0, col1)."""
+    """Copy `static` back into `work` where the first `n` windows are (row0, row1, col0, col1).
+
+    They overlap: of each row all between the first and the last column is copied, once.
+    """
+    height, width = work.shape
+    first, last = np.full(height, width), np.zeros(height, np.int64)
     for i in range(n):
         for r in range(windows[i, 0], windows[i, 1]):
-            row, clean = work[r, windows[i, 2] :], static[r, windows[i, 2] :]
-            for c in range(windows[i, 3] - windows[i, 2]):  # from 0: so it is vectorised
-                row[c] = clean[c]
+            first[r] = min(first[r], windows[i, 2])
+            last[r] = max(last[r], windows[i, 3])
+    for r in range(height):
+        if first[r] < last[r]:
+            work[r, first[r] : last[r]] = static[r, first[r] : last[r]]
 
 
 @njit(cache=True)
