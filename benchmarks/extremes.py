@@ -19,7 +19,7 @@ from benchmarks import extreme_parts
 from benchmarks import physics_peers as peers
 from benchmarks.extreme_scenes import Case, cases
 from benchmarks.machine import tell
-from benchmarks.physics_oracles import ORACLES, modes_of_mpmath
+from benchmarks.physics_oracles import ORACLES, modes_of_mpmath, sines
 from eol_ros.core.physics import choose
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run, sample_times
@@ -34,7 +34,6 @@ EXAMPLES = [
     'eol bench extremes --json > extremes.json',
     'eol bench extremes --with extremes.json --markdown > docs/numerics/extremes.md',
 ]
-MOST_EVENTS = 4_000_000
 PATIENCE_S = 60  # an oracle or a peer that takes longer is left, and the row says so
 SAMPLES = 50
 PEERS: dict[str, tuple[str, str, Callable[[Scene, np.ndarray], np.ndarray]]] = {
@@ -53,8 +52,9 @@ what shares no code with the solver: a formula, mpmath, or SciPy's DOP853 betwee
 own (tolerance 3e-13; it stops blocks below 1e-8 m/s); on the first seconds only where that takes
 too long, and `-` where nothing independent came to an end within 60 s. A peer stands beside on
 the same stretch, with its error, its time, and ours in brackets. Each row is a test of its status
-(`test/bench/test_extremes.py`, the long ones in `make soak`): no NaN, no more steps than allowed,
-and what ends early says how far it came and what would let it go on."""
+(`test/bench/test_extremes.py`, the long ones in `make soak`): no NaN, no more steps than allowed
+(as `eol simulate`, but for k = 1e12), and what ends early says how far it came and what would let
+it go on."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -102,7 +102,7 @@ def judge(run: Run, duration_s: float, limits: Limits) -> list[str]:
 
 def ended(case: Case, ledger: bool = False) -> tuple[Run, list[str]]:
     """Return the run of a case within its limits, and what is wrong with how it ended."""
-    scene, limits = from_mapping(case.build()), Limits(min(case.steps, MOST_EVENTS), case.steps)
+    scene, limits = from_mapping(case.build()), Limits(steps=case.steps)
     sample_s = max(scene.duration_s / SAMPLES, 1e-12)
     run = choose.simulate(scene, sample_s, tolerance=case.tolerance, limits=limits, ledger=ledger)
     wrong = judge(run, scene.duration_s, limits)
@@ -145,7 +145,7 @@ def _measured(case: Case, with_peers: bool) -> dict[str, Any]:
     given = case.build()
     stretch = case.stretch_s or given['T']
     scene = from_mapping(given | {'T': stretch})
-    model, limits = Model.of(scene), Limits(case.steps, case.steps)
+    model, limits = Model.of(scene), Limits(steps=case.steps)
     sample_s = max(stretch / SAMPLES, 1e-12)
     times = sample_times(stretch, sample_s)
 
@@ -160,7 +160,7 @@ def _measured(case: Case, with_peers: bool) -> dict[str, Any]:
     if truth is None:
         return found | {'against': f'{case.oracle}: not done in {PATIENCE_S} s'}
     run, own_ms = ours(), min(_cpu_ms(ours) for _ in range(3))
-    last = oracle is modes_of_mpmath
+    last = oracle in (modes_of_mpmath, sines)
     found |= {'error_m': _error(run.u[-1:] if last else run.u, truth), 'own_ms': own_ms}
     if not with_peers or not case.peer:
         return found

@@ -66,9 +66,12 @@ def scipy_run(
         speed = np.linalg.norm(y[2 * n :].reshape(-1, 2), axis=1)
         return np.where(t + s > since + arm_s, speed - capture_mps, 1.0)[on].min(initial=1.0)
 
-    def set_off(pull):
+    def set_off(pull, broken=False):
         size = np.linalg.norm(pull, axis=1)
-        for i in np.flatnonzero(~on & (size >= model.static * (1 - 1e-11)) & (since < t)):
+        near = 1e-11
+        if broken:  # stiff springs pass their limit by more than that in the last digit of t
+            near = max(near, ((model.static - size) / model.static)[~on].min(initial=1.0))
+        for i in np.flatnonzero(~on & (size >= model.static * (1 - near)) & (since < t)):
             on[i], since[i], lead[i] = True, t, pull[i] / size[i]
             events.append((t, int(i), 1))
 
@@ -106,7 +109,7 @@ def scipy_run(
                     events.append((t, int(i), 0))
                 else:
                     since[i], lead[i] = t, pull[i] / size[i]
-        set_off(pull)
+        set_off(pull, len(run.t_events[0]) > 0)
     out[done:] = y[: 2 * n].reshape(-1, 2)
     return out, events
 
