@@ -52,9 +52,9 @@ what shares no code with the solver: a formula, mpmath, or SciPy's DOP853 betwee
 own (tolerance 3e-13; it stops blocks below 1e-8 m/s); on the first seconds only where that takes
 too long, and `-` where nothing independent came to an end within 60 s. A peer stands beside on
 the same stretch, with its error, its time, and ours in brackets. Each row is a test of its status
-(`test/bench/test_extremes.py`, the long ones in `make soak`): no NaN, no more steps than allowed
-(as `eol simulate`, but for k = 1e12), and what ends early says how far it came and what would let
-it go on."""
+(`test/bench/test_extremes.py`, the long ones in `make soak`): no NaN, no more steps than
+`eol simulate` allows (one says how many more), and what ends early says how far it came and what
+would let it go on."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
