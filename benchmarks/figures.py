@@ -57,10 +57,10 @@ class Part:
 PARTS = {
     'lyapunov': Part(
         ('chaos', '--seeds', '2', '--travel', '0.6'), ('lyapunov',), '1, 2',
-        'twice the error of the mean', 32,
+        'twice the error of the mean', 60,
     ),
     'definitions': Part(
-        ('definitions', '--seeds', '3'), ('definitions',), '1 to 3', 'deviation of a start', 60,
+        ('definitions', '--seeds', '3'), ('definitions',), '1 to 3', 'deviation of a start', 25,
         (*COMPUTES, 'core/motion'),
     ),
     'mapping': Part(

@@ -20,6 +20,7 @@ from eol_ros.core.science.one_over_f import Answer
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TwinSettings
 from eol_ros.streams import felt
+from eol_ros.streams.graph import topic_of
 from eol_ros.streams.slips import START, STOP
 
 # Kept in memory of a bag that is read once: what the report asks for (nothing named: all).
@@ -74,9 +75,31 @@ def numbers(
     flashing = light.ask(bag)
     if flashing is not None:
         found['light'] = flashing
+    if lacks := _lacking(bag):
+        found['lacking'] = lacks
     if answers is not None:
         found['one_over_f'] = {answer.name: _spectral(answer) for answer in answers}
     return found
+
+
+def _lacking(bag: Bag) -> list[str]:
+    """Return what cannot be said of a bag that is empty, foreign, or has no cascades or light."""
+    there = [name for name, count in bag.counts.items() if count]
+    if not there:
+        lines = ['the bag is empty: no messages, so nothing can be said of a table']
+    elif not any(topic_of(name, bag.namespace) for name in there):
+        few = ', '.join(sorted(there)[:3])
+        lines = [f'a bag of something else: none of its {len(there)} topics ({few}) is of eol_ros']
+    else:
+        lines = []
+    if not bag.count('cascades'):
+        lines.append(
+            'cascades: law, waiting times, aftershocks and energies cannot be told: '
+            'no cascades in this bag'
+        )
+    if not bag.count('led_commands'):
+        lines.append('patterns of light: cannot be told: no led_commands in this bag')
+    return lines
 
 
 def _felt(kinds: np.ndarray, duration_s: float) -> dict[str, Any]:
@@ -378,6 +401,7 @@ def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
         table_of('Lost on the way', ('where', 'topic', 'messages'),
               [(where.replace('_', ' '), topic, count) for where, topics in found['gaps'].items()
                if where != 'received' for topic, count in topics.items() if count]),
+        paragraphs('What this bag cannot say', found.get('lacking', [])),
         paragraphs('Cascades', _said_of_cascades(found)),
         paragraphs('Patterns of light', found.get('light', {}).get('sentences', [])),
         paragraphs('Is it 1/f?', [a['sentence'] for a in found.get('one_over_f', {}).values()],
@@ -456,6 +480,7 @@ def table_of(title: str, head: tuple[str, ...], rows: Any) -> str:
 def summary(found: dict[str, Any]) -> str:
     """Return the numbers as a few lines for people."""
     lines = [f'{found["bag"]}: {found["duration_s"]:.1f} s']
+    lines += found.get('lacking', [])
     if 'slips' in found:
         s = found['slips']
         lines.append(f'{s["count"]} slips, median {s["median_distance_mm"]} mm')

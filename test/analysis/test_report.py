@@ -85,6 +85,35 @@ def test_too_few_cascades_are_not_fitted(tmp_path):
         assert ' below ' in found['catalogue'][name]['sentence']
 
 
+@pytest.mark.parametrize(
+    ('topic', 'messages', 'said'),
+    [
+        ('/eol/slips', 0, 'the bag is empty: no messages, so nothing can be said of a table'),
+        ('/chatter', 9, 'a bag of something else: none of its 1 topics (/chatter) is of eol_ros'),
+        ('/eol/slips', 2, None),
+    ],
+)
+def test_an_empty_or_foreign_bag_says_what_it_cannot_say(tmp_path, capsys, topic, messages, said):
+    bag = BagWriter(tmp_path / 'run', [BagTopic(topic, **describe('slips'))], {})
+    slip = bytes(serialize_message(Slip(kind=Slip.START)))
+    for i in range(messages):
+        bag.write(topic, slip, T0 + i * 10**9, T0 + i * 10**9)
+    bag.close()
+
+    assert cli.main(['report', str(tmp_path / 'run'), '--out', str(tmp_path / 'out')]) == 0
+    lines = [
+        'cascades: law, waiting times, aftershocks and energies cannot be told: no cascades in '
+        'this bag',
+        'patterns of light: cannot be told: no led_commands in this bag',
+    ]
+    page = (tmp_path / 'out/report.html').read_text()
+    words = capsys.readouterr().out
+    for line in [said, *lines] if said else lines:
+        assert line in page and line in words.splitlines()
+    assert said or ('is of eol_ros' not in words and 'is empty' not in words)
+    assert words.count('whether it is 1/f cannot be said') == 5
+
+
 def test_moment_and_energy_need_what_was_measured(big, tmp_path):
     bag, _ = big
     told = bag.table('cascades')
