@@ -259,7 +259,7 @@ WORK = {
     'glide': _glide,
 }
 # To tell how far it is: how many functions each of them compiles or loads (numba's own events), and
-# how many seconds that took where it was measured.
+# how many seconds of a processor that took, cold, where it was measured.
 FUNCTIONS = {
     'tracker': 235,
     'twin': 80,
@@ -270,11 +270,11 @@ FUNCTIONS = {
     'glide': 58,
 }
 SECONDS = {
-    'tracker': 50,
-    'twin': 30,
-    'sound': 18,
+    'tracker': 76,
+    'twin': 49,
+    'sound': 45,
     'ice': 10,
-    'simulate': 35,
-    'stiff': 25,
-    'glide': 55,
+    'simulate': 60,
+    'stiff': 33,
+    'glide': 24,
 }
