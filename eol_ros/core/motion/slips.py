@@ -30,6 +30,7 @@ STOP = 2
 RING = 64  # samples kept: 0.27 s at 240 images/s, 1.07 s at 60
 LEARN_S = 20.0  # memory of the noise
 BELIEVED = 10.0  # samples that the tracker's sigma is worth
+ROUND = 300.0  # samples that it is worth that noise is alike both ways, as far as anyone knows
 FLOOR_M = 1e-6  # no camera measures better than a micrometre
 HIDDEN_S = 0.25  # a moving block out of sight for longer has stopped, as far as anyone knows
 BEFORE_IMAGES = 4  # that the onset of a START rests on, the crossing one included
@@ -78,7 +79,8 @@ class SlipDetector:
         self.last_s = -np.inf
         self.period_s = 0.0
         self.moving = np.zeros(N_BLOCKS, bool)
-        self.variance = np.zeros(N_BLOCKS)  # m^2 an axis, of a block at rest
+        self.variance = np.zeros(N_BLOCKS)  # m^2 an axis, of a block at rest: mean of both
+        self.uneven = np.zeros((2, N_BLOCKS))  # and (xx - yy) / 2 and xy of its covariance
         self.reported = np.zeros(N_BLOCKS)  # mean sigma that the tracker gave with it
         self.samples = np.zeros(N_BLOCKS)  # that the variance rests on
         self.seen_s = np.full(N_BLOCKS, -np.inf)
@@ -161,16 +163,18 @@ class SlipDetector:
         n = resting.sum(1)
         anchor = (self.place * resting).sum(2) / np.maximum(n, 1)
         offset = now - anchor
-        square = (offset**2).sum(0)
+        x_m, y_m = offset
+        square = x_m * x_m + y_m * y_m
+        ways = np.stack([x_m * x_m - y_m * y_m, 2.0 * x_m * y_m])
         tests = N_BLOCKS / max(self.period_s, 1e-4)
         chance = exceedance(self.settings.false_alarms_per_hour, tests)
         limit = threshold_sigmas(chance, 2.0 * self.samples) * deviation
         again = self._leave(stamp_s, now, seen & self.moving, deviation, limit)
         limit *= np.sqrt(1.0 + 1.0 / np.maximum(n, 1))
         ready = seen & ~self.moving & (n >= 3) & (self.samples >= 3)
-        starting = ready & (square > limit**2)
+        starting = ready & (self._rounded(square, ways) > limit**2)
         quiet = seen & ~self.moving & ~starting
-        self._learn(quiet & (n >= 3), square, n, loose, sigma)
+        self._learn(quiet & (n >= 3), square, ways, n, loose, sigma)
         self._keep(stamp_s, now, seen, quiet)
         events = []
         if again.any():
@@ -206,10 +210,21 @@ class SlipDetector:
         usual = np.where(self.reported > 0, self.reported, np.inf)
         return np.maximum(np.where(seen, sigma, 0.0) / usual, 1.0)
 
+    def _rounded(self, square: np.ndarray, ways: np.ndarray) -> np.ndarray:
+        """Return squared distances (25,), each way in units of its noise, times the mean variance.
+
+        Noise that is alike both ways leaves `square` (25,) as it is; else it is Mahalanobis's
+        distance (Proc. Natl. Inst. Sci. India 2, 1936). ways (2, 25): x^2 - y^2 and 2 x y.
+        """
+        known = self.samples / (self.samples + ROUND)  # few samples never seem round
+        a, b = self.uneven * (known / np.maximum(self.variance, FLOOR_M**2))
+        return (square - a * ways[0] - b * ways[1]) / (1.0 - a * a - b * b)
+
     def _learn(
         self,
         quiet: np.ndarray,
         square: np.ndarray,
+        ways: np.ndarray,
         n: np.ndarray,
         loose: np.ndarray,
         sigma: np.ndarray | None,
@@ -218,8 +233,9 @@ class SlipDetector:
         self.samples[quiet] = np.minimum(self.samples[quiet] + 1, memory)
         gain = np.where(quiet, 1.0 / np.maximum(self.samples, 1.0), 0.0)
         # Two axes, and the anchor has an error of its own.
-        sample = square / (2.0 * (1.0 + 1.0 / np.maximum(n, 1))) / loose**2
-        self.variance += gain * (sample - self.variance)
+        scale = 1.0 / (2.0 * (1.0 + 1.0 / np.maximum(n, 1)) * loose**2)
+        self.variance += gain * (scale * square - self.variance)
+        self.uneven += gain * (scale * ways - self.uneven)
         if sigma is not None:
             self.reported += gain * (np.minimum(sigma, 3 * self.reported + 1e-3) - self.reported)
 

@@ -83,6 +83,23 @@ def test_noise_differs_from_block_to_block():
     assert np.sqrt(detector.variance) == pytest.approx(noise, rel=0.15)
 
 
+@pytest.mark.slow
+def test_noise_that_differs_from_way_to_way_alarms_as_often_as_stated():
+    random = np.random.default_rng(5)
+    detector = SlipDetector(dataclasses.replace(MotionSettings(), false_alarms_per_hour=3600.0))
+    along = np.array([[0.8, 0.6], [-0.6, 0.8]]) * [[60e-6], [30e-6]]
+    starts = 0
+    for k in range(120 * 60):
+        place = rest_lattice() + random.normal(0, 1, (N_BLOCKS, 2)) @ along
+        starts += sum(e.kind == START for e in detector.update(k / 60, *place.T, SEEN))
+    assert 120 / 2.0 < starts < 120 * 1.5  # were it taken to be round: 500
+    off = np.array([[-0.6], [0.8]]) * 0.2e-3  # across, where it is quiet: 6.7 of its sigmas
+    assert not detector.moving[7]
+    place = rest_lattice()
+    place[7] += off[:, 0]
+    assert [e.block for e in detector.update(120.0, *place.T, SEEN) if e.kind == START] == [7]
+
+
 def test_a_block_that_moves_out_of_sight_stops_where_it_was_last_seen():
     def seen(t):
         mask = SEEN.copy()
