@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.machine import line, machine, tell
 from eol_ros.analysis.sweeps.work import COMPUTES
 from eol_ros.errors import EolError, UsageError
 
@@ -102,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('parts', nargs='*', metavar='PART', help=f'of {", ".join(PARTS)} (all)')
     parser.add_argument('--list', action='store_true', help='tell what would be run, run nothing')
     parser.add_argument('--again', action='store_true', help='also what is up to date')
-    parser.add_argument('--json', action='store_true', help='with --list: as JSON')
+    parser.add_argument('--json', action='store_true', help='what would be run, as JSON')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -114,14 +115,12 @@ def run(args: argparse.Namespace) -> int:
     chosen = {name: part for name, part in PARTS.items() if name in (args.parts or PARTS)}
     states = {name: state(name, part, places) for name, part in chosen.items()}
     todo = {n: p for n, p in chosen.items() if args.again or states[n] != DONE}
-    if args.list and args.json:
-        rows = [
-            {'part': n, 'command': p.command, 'expected_s': p.expected_s, 'state': states[n]}
-            for n, p in chosen.items()
-        ]
-        print(json.dumps(rows, indent=2))
-        return 0
-    print(listed(chosen, states, todo), flush=True)
+    rows = [
+        {'part': n, 'command': p.command, 'expected_s': p.expected_s, 'state': states[n]}
+        for n, p in chosen.items()
+    ]
+    tell({'parts': rows}, args.json, lambda result: listed(chosen, states, todo))
+    sys.stdout.flush()
     if not args.list:
         draw(todo, places)
     return 0
@@ -217,8 +216,6 @@ def _drawn(name: str, part: Part, places: Places) -> bool:
         spent.write_text(f'{took_s:.1f}\n')
     if status or not all((folder / f'{d}.png').exists() for d in part.draws):
         return False
-    from benchmarks.machine import line, machine
-
     for one in part.draws:
         shutil.copyfile(folder / f'{one}.png', places.images / f'{one}.png')
     records = read_records(places)
