@@ -177,14 +177,9 @@ class Graph:
         return used
 
     def figures(self) -> dict[str, Any]:
-        """Return images, losses, processor and memory since `mark`.
-
-        idle_percent: of the machine's processors; what its host gave to others is not idle.
-        """
+        """Return images, losses, processor and memory since `mark`."""
         span_s = (time.time_ns() - self.begin_ns) * 1e-9
         used = self._cpu()
-        passed_s, idle_s = (now - then for now, then in zip(
-            _machine_s(), self._begin_machine, strict=True))  # fmt: skip
         rows = {row['node']: row for row in self.status()['nodes']}
         nodes = {}
         for pid, names in self.pids().items():
@@ -202,13 +197,25 @@ class Graph:
             'processes': len(nodes),
             'cpu_percent': round(sum(row['cpu_percent'] for row in nodes.values()), 1),
             'pss_mb': round(sum(row['pss_mb'] for row in nodes.values()), 1),
-            'idle_percent': round(100 * idle_s / passed_s, 1),
+            **self.machine(),
             'real_time': self.status()['real_time'],
             'images_per_s': round((len(stamps) - 1) / ((stamps[-1] - stamps[0]) * 1e-9), 3)
             if len(stamps) > 1
             else 0.0,
             'lost': self.lost(),
             'nodes': nodes,
+        }
+
+    def machine(self) -> dict[str, float]:
+        """Return shares of the machine's processors since `mark`, in percent.
+
+        idle_percent: without work; stolen_percent: what a virtual machine's host gave to others.
+        """
+        passed_s, idle_s, stolen_s = (now - then for now, then in zip(
+            _machine_s(), self._begin_machine, strict=True))  # fmt: skip
+        return {
+            'idle_percent': round(100 * idle_s / passed_s, 1),
+            'stolen_percent': round(100 * stolen_s / passed_s, 1),
         }
 
     def latencies(self, topic: str) -> dict[str, float] | None:
@@ -270,10 +277,11 @@ def summary(ms: list[float]) -> dict[str, float] | None:
     }
 
 
-def _machine_s() -> tuple[float, float]:
-    """Return the time that has passed over all processors, and how much of it they were idle."""
+def _machine_s() -> tuple[float, float, float]:
+    """Return the time that has passed over all processors; of it, what was idle and was stolen."""
     ticks = [int(word) for word in Path('/proc/stat').read_text().splitlines()[0].split()[1:9]]
-    return sum(ticks) / TICK_HZ, (ticks[3] + ticks[4]) / TICK_HZ  # idle and iowait, proc(5)
+    idle, stolen = ticks[3] + ticks[4], ticks[7]  # idle and iowait; steal: proc(5)
+    return sum(ticks) / TICK_HZ, idle / TICK_HZ, stolen / TICK_HZ
 
 
 class Film:
