@@ -63,8 +63,8 @@ class Gige:
         images: list[np.ndarray] | None = None,
     ):
         self._images = itertools.cycle(images) if images else None
-        self.library = aravis.load()._library
-        self.glib = aravis.load()._gobject
+        self.library = aravis.load().library
+        self.glib = aravis.load().gobject
         self.number = 0
         self.exposed: list[
             tuple[int, int]
@@ -152,7 +152,7 @@ class Gige:
         began_ns = time.monotonic_ns() - exposure_us * 1000 - self._readout_ns
         self.exposed.append((began_ns, exposure_us * 1000))
         pixels = self.library.arv_fake_camera_get_payload(self.memory)
-        arv._library.arv_buffer_set_timestamp(buffer, self._clock(began_ns))
+        arv.library.arv_buffer_set_timestamp(buffer, self._clock(began_ns))
         size = ctypes.c_size_t()  # of what has been received: nothing here
         data = arv.call('buffer_get_data', buffer, ctypes.byref(size))
         if self._images:
@@ -166,7 +166,7 @@ class Gige:
 
 def description() -> str:
     """Return the GenICam description of the simulated camera."""
-    library = aravis.load()._library
+    library = aravis.load().library
     library.arv_fake_camera_new.restype = ctypes.c_void_p
     library.arv_fake_camera_new.argtypes = [ctypes.c_char_p]
     library.arv_fake_camera_get_genicam_xml.restype = ctypes.c_void_p

@@ -93,26 +93,29 @@ class _GError(ctypes.Structure):
 
 
 class Aravis:
-    """The library, its functions declared; `call` turns a GError into an AravisError."""
+    """The library, its functions declared; `call` turns a GError into an AravisError.
+
+    library, gobject: libaravis and the GObject it is linked against, as ctypes loaded them.
+    """
 
     def __init__(self) -> None:
-        self._library = ctypes.CDLL(LIBRARY)
+        self.library = ctypes.CDLL(LIBRARY)
         # Both are in the process already: libaravis is linked against them.
         self._glib = ctypes.CDLL('libglib-2.0.so.0')
-        self._gobject = ctypes.CDLL('libgobject-2.0.so.0')
+        self.gobject = ctypes.CDLL('libgobject-2.0.so.0')
         self._glib.g_error_free.argtypes = [c_void_p]
-        self._gobject.g_object_unref.argtypes = [c_void_p]
+        self.gobject.g_object_unref.argtypes = [c_void_p]
         for name, (returns, takes) in _PLAIN.items():
-            function = getattr(self._library, name)
+            function = getattr(self.library, name)
             function.restype, function.argtypes = returns, takes
         for name, (returns, takes) in _CHECKED.items():
-            function = getattr(self._library, name)
+            function = getattr(self.library, name)
             function.restype, function.argtypes = returns, [*takes, POINTER(POINTER(_GError))]
 
     def call(self, name: str, *args: Any) -> Any:
         """Return what `arv_`NAME(*args) returns; AravisError where it reports an error."""
         name = f'arv_{name}'
-        function = getattr(self._library, name)
+        function = getattr(self.library, name)
         if name in _PLAIN:
             return function(*args)
         error = POINTER(_GError)()
@@ -132,7 +135,7 @@ class Aravis:
     def release(self, handle: int | None) -> None:
         """Give up one reference to an object."""
         if handle:
-            self._gobject.g_object_unref(handle)
+            self.gobject.g_object_unref(handle)
 
 
 _loaded: list[Aravis] = []
