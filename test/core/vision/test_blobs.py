@@ -4,6 +4,7 @@ import pytest
 
 from benchmarks.vision_bound import position_bound_px
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.vision.detect import scan
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
@@ -205,3 +206,31 @@ def test_an_arm_across_half_a_block_moves_it_little_and_is_told(clutter):
     rms = np.sqrt(np.mean(np.square(left)))
     assert rms < {'clean': 0.05, 'ordinary': 0.12, 'hard': 0.2}[clutter]
     assert rms < 3 * np.sqrt(np.mean(np.square(sigma)))
+
+
+def test_a_square_of_light_is_sought_as_the_count_of_all_samples_says():
+    rng = np.random.default_rng(5)
+    tiles = np.full((8, 8), 12, np.uint8)
+    for _ in range(6):
+        grid = rng.choice(np.array([12, 12, 12, 200], np.uint8), (128, 128))
+        row, column = 60 + rng.integers(-4, 5, 2)
+        grid[row - 5 : row + 6, column - 5 : column + 6] = 200
+        u = v = 60.0 * scan.STEP + 1
+        theta, half = float(rng.uniform(-0.7, 0.7)), 23.0
+        got = scan.seek(grid, tiles, u, v, theta, half, 40.0, np.zeros(40000, np.float32))
+        y, x = np.nonzero(grid > 52)
+        near = (np.abs(y - 60) <= 20) & (np.abs(x - 60) <= 20)
+        best = (0.0, 0.0, 0.0)
+        size, c, s = half / scan.STEP, np.cos(theta), np.sin(theta)
+        for dv in range(-6, 7):
+            for du in range(-6, 7):
+                dx, dy = x[near] - 60 - du, y[near] - 60 - dv
+                away = np.maximum(np.abs(dx * c - dy * s), np.abs(dx * s + dy * c))
+                full = (away < size - 0.3).sum()
+                rim = ((away > size + 0.4) & (away < size + 1.7)).sum()
+                gain = full / (2 * size - 0.6) ** 2
+                gain -= rim / (4 * ((size + 1.7) ** 2 - (size + 0.4) ** 2))
+                if full > 0.3 * (2 * size - 0.6) ** 2 and gain > best[2]:
+                    best = (du * scan.STEP, dv * scan.STEP, gain)
+        assert got == pytest.approx(best)
+        assert best[2] > 0.1

@@ -163,7 +163,7 @@ class BlobFinder:
         self._label = np.zeros((rows, cols), np.int32)
         self._parent = np.zeros(_LABELS, np.int32)
         self._stats = np.zeros((_LABELS, 7))
-        self._lit = np.zeros((1024, 2), np.float32)
+        self._lit = np.zeros(2048, np.float32)
         for what in (search.CONTRASTS, search.TURN, search.REFUSED):
             self._known[what] = 0.0
         self._known[search.FIELD :] = 0.0

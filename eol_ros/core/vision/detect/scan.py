@@ -127,9 +127,9 @@ def lit_share(grid, tiles, u, v, theta, half, over):
 def seek(grid, tiles, u, v, theta, half, over, lit):
     """Look around u, v for where a square of light would fit best.
 
-    half px of its side, over grey levels above the background that count as light, lit (m, 2)
-    scratch. Returns (du, dv) px in whole samples up to SEEK_PX, and how much fuller of light the
-    square is than a rim around it, 0 where it holds little at all.
+    half px of its side, over grey levels above the background that count as light, lit (2 m,)
+    float32 scratch. Returns (du, dv) px in whole samples up to SEEK_PX, and how much fuller of
+    light the square is than a rim around it, 0 where it holds little at all.
     """
     rows, cols = grid.shape
     most = int(SEEK_PX / STEP)
@@ -138,25 +138,30 @@ def seek(grid, tiles, u, v, theta, half, over, lit):
     reach = int((size + 2.0) * (abs(c) + abs(sn))) + 1
     u0, v0 = (u - 1) / STEP, (v - 1) / STEP
     far = reach + most
-    n = 0
+    n, room = 0, len(lit) // 2
     for r in range(max(int(v0) - far, 0), min(int(v0) + far + 1, rows)):
         for q in range(max(int(u0) - far, 0), min(int(u0) + far + 1, cols)):
-            if grid[r, q] > tiles[r // TILE, q // TILE] + over and n < len(lit):
-                lit[n, 0], lit[n, 1] = (q - u0) * c - (r - v0) * sn, (q - u0) * sn + (r - v0) * c
+            if grid[r, q] > tiles[r // TILE, q // TILE] + over and n < room:
+                lit[n], lit[room + n] = (q - u0) * c - (r - v0) * sn, (q - u0) * sn + (r - v0) * c
                 n += 1
     inside, rim = 4.0 * (size - 0.3) ** 2, 4.0 * ((size + 1.7) ** 2 - (size + 0.4) ** 2)
     best_u = best_v = best = 0.0
     if n <= 0.3 * inside:
         return best_u, best_v, best
+    zero, one = np.float32(0.0), np.float32(1.0)
+    well, low, high = np.float32(size - 0.3), np.float32(size + 0.4), np.float32(size + 1.7)
+    across = lit[room:]  # indices that are plainly not negative: else each would be tested
     for dv in range(-most, most + 1):
         for du in range(-most, most + 1):
-            x0, y0 = du * c - dv * sn, du * sn + dv * c
-            full = glow = 0.0
+            x0, y0 = np.float32(du * c - dv * sn), np.float32(du * sn + dv * c)
+            full = below = near = zero
             for i in range(n):
-                away = max(abs(lit[i, 0] - x0), abs(lit[i, 1] - y0))
-                full += 1.0 if away < size - 0.3 else 0.0
-                glow += 1.0 if size + 0.4 < away < size + 1.7 else 0.0
-            gain = full / inside - glow / rim
+                x, y = abs(lit[i] - x0), abs(across[i] - y0)
+                away = x if x > y else y
+                full += one if away < well else zero
+                below += one if away < high else zero
+                near += one if away <= low else zero
+            gain = full / inside - (below - near) / rim
             if full > 0.3 * inside and gain > best:
                 best_u, best_v, best = du * STEP, dv * STEP, gain
     return best_u, best_v, best
