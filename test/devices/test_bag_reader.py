@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading whole bags, cut ones, and things that are not bags."""
 
+import struct
+
 import numpy as np
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
@@ -8,7 +10,7 @@ from support.bag_samples import POINT, T0, TEXT, point, text, write_bag
 
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.writer import BagWriter
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.errors import BagDamaged, ConfigError, DeviceMissing
 
 
 @pytest.fixture
@@ -172,3 +174,26 @@ def test_bags_of_other_programs_are_read(tmp_path, compression, options):
     assert bag.files[0].metadata['notes'] == {'by': 'them'}
     got = [row for _, b in bag.batches(['/eol/point']) for row in zip(*b, strict=True)]
     assert got == [(log_ns, log_ns, data) for log_ns, _, data in sent]
+
+
+@pytest.mark.parametrize(
+    ('offset', 'length', 'why'),
+    [(2**64 - 1, 70, 'the file ends within it'), (1 << 40, 70, 'the file ends within it'),
+     (8, 9, 'the file ends within it'), (8, 70, 'no metadata there')],
+)  # fmt: skip
+def test_an_index_of_metadata_that_points_elsewhere_is_told(tmp_path, offset, length, why):
+    path = tmp_path / 'foreign.mcap'
+    with path.open('wb') as file:
+        writer = Writer(file, enable_crcs=False)
+        writer.start('', 'somebody else')
+        channel = writer.register_channel('/words', 'json', 0)
+        writer.add_message(channel, T0, b'{}', T0, 1)
+        writer.add_metadata('theirs', {'a': 'b'})
+        writer.finish()
+    data = path.read_bytes()
+    at = data.rindex(b'theirs') - 4 - 16  # of offset and length, which stand before the name
+    path.write_bytes(data[:at] + struct.pack('<QQ', offset, length) + data[at + 16 :])
+    with pytest.warns(BagDamaged, match=why):
+        bag = BagReader(path)
+    assert bag.counts == {'/words': 1}
+    assert [m.data for m in bag.messages()] == [b'{}']

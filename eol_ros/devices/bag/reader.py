@@ -230,10 +230,10 @@ class BagFileReader:
         if size < 2 * tail:
             return False
         opcode, length, start, _, crc = FOOTER.unpack(scan.read_at(file, size - tail, FOOTER.size))
-        places: list[bytes] = []
+        places: list[tuple[int, int]] = []  # offset and length of each record of metadata
         if opcode != Opcode.FOOTER or length != 20 or not len(MAGIC) < start < size - tail:
             return False
-        counts, per_channel = None, b''
+        counts, per_channel = None, []
         found_crc, at, end = 0, start, size - tail
         try:
             while at < end:
@@ -245,11 +245,12 @@ class BagFileReader:
                 body = file.read(length)
                 found_crc = zlib.crc32(body, zlib.crc32(head, found_crc))
                 if kind == Opcode.STATISTICS:
-                    counts, per_channel = _COUNTS.unpack_from(body), body[_COUNTS.size :]
+                    counts = _COUNTS.unpack_from(body)
+                    per_channel = list(struct.iter_unpack('<HQ', body[_COUNTS.size :]))
                 elif kind == Opcode.CHUNK_INDEX and self._with_places:
                     self._add_place(body)
                 elif kind == Opcode.METADATA_INDEX:
-                    places.append(body)
+                    places.append(struct.unpack_from('<QQ', body))
                 elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
                     self._define(scan.parse(kind, body), trusted=True)
         except (DamagedRecord, struct.error):
@@ -260,9 +261,9 @@ class BagFileReader:
             return False
         if counts is None or (counts[0] and self._with_places and not self.places):
             return False
-        for body in places:
-            self._add_metadata(file, body)
-        self._count(struct.iter_unpack('<HQ', per_channel))
+        for offset, length in places:
+            self._add_metadata(file, offset, length)
+        self._count(per_channel)
         self.start_ns, self.end_ns = counts[6], counts[7]
         self.places.sort()
         self.indexed = True
@@ -277,8 +278,7 @@ class BagFileReader:
         if end_ns or channels:  # else definitions only
             self.places.append(Place(start_ns, end_ns, offset, offset + length, channels, kind))
 
-    def _add_metadata(self, file: BinaryIO, body: bytes) -> None:
-        offset, length = struct.unpack_from('<QQ', body)
+    def _add_metadata(self, file: BinaryIO, offset: int, length: int) -> None:
         found = scan.record_at(file, offset, offset + length)
         if isinstance(found.body, Metadata) and found.end == offset + length:
             self._metadata.append((offset, found.body))

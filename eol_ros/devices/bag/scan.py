@@ -7,6 +7,7 @@ next chunk with a right checksum is searched, and the stretch is yielded as what
 """
 
 import io
+import os
 import re
 import struct
 import zlib
@@ -163,11 +164,11 @@ def size_of(file: BinaryIO) -> int:
 
 def read_at(file: BinaryIO, offset: int, count: int) -> bytes:
     """Return `count` bytes from `offset`; raise DamagedRecord where the file ends before."""
-    file.seek(offset)
-    data = file.read(count)
-    if len(data) < count:
+    # Both may be any number that a damaged file holds: nothing is allocated before they are proved.
+    if count < 0 or offset + count > os.fstat(file.fileno()).st_size:
         raise DamagedRecord('the file ends within it')
-    return data
+    file.seek(offset)
+    return file.read(count)
 
 
 def chunk_head(file: BinaryIO, offset: int, end: int) -> ChunkHead:
@@ -287,7 +288,10 @@ def record_at(file: BinaryIO, at: int, end: int, ours: bool = False) -> Found:
     """Return the record at `at`, or the damage there; `end` 0 where it cannot be known."""
     if at + HEAD.size > end:
         return Found(at, 0, 0, why='the file ends within it')
-    opcode, length = HEAD.unpack(read_at(file, at, HEAD.size))
+    try:
+        opcode, length = HEAD.unpack(read_at(file, at, HEAD.size))
+    except DamagedRecord as error:
+        return Found(at, 0, 0, why=str(error))
     after = at + HEAD.size + length
     if after > end:
         return Found(at, 0, opcode, why='the file ends within it')
