@@ -145,17 +145,18 @@ def _here(parts: Sequence[str]) -> int:
 
 
 def _twin():
-    import numpy as np
 
     from eol_ros.core.physics.twin.accelerometer import Accelerometers
     from eol_ros.core.physics.twin.live import SOFT, LiveTable
+    from eol_ros.core.physics.twin.play import Play
     from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
     from eol_ros.settings import TwinSettings
 
     Accelerometers(TwinSettings())
     LiveTable(0, coupling=SOFT)  # blocks that do not rotate have a kernel of their own
-    table = LiveTable(0)
-    table.advance(0.0, 1 / 60, np.zeros(3), np.zeros(3))
+    play = Play(0)
+    play.advance(1 / 60)  # a hand takes the rim
+    table = play.table
     Renderer(RenderOptions(), None, 0).render(table.x, table.y, table.yaw, 0)
 
 

@@ -272,9 +272,10 @@ def gauss_rule(order: int) -> np.ndarray:
 
 @entry
 def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, ledger, ws):
-    """Advance `q`, `v` (n, 3): x, y, s, and `sliding` to `t_end`.
+    """Advance `q`, `v` (n, 3): x, y, s, to `t_end`; `sliding` (n,) takes which blocks slide then.
 
-    Returns (status, t, events, steps); `grid` takes u and v of (k, n, 3).
+    What slides has a speed: what has only just broken loose does so again. Returns (status, t,
+    events, steps); `grid` takes u and v of (k, n, 3).
     """
     b, cx, cy, cc, cs, work = ws.b, ws.cx, ws.cy, ws.cc, ws.cs, ws.work
     fresh, moved, here, rate, gauss = ws.fresh, ws.moved, ws.here, ws.rate, ws.gauss
@@ -283,8 +284,7 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
     events = steps = sampled = 0
     for i in range(n):
         fresh[i], moved[i] = False, True
-        if size_of(v, i) > 0.0 or at.static[i] == 0.0:
-            sliding[i] = True
+        sliding[i] = size_of(v, i) > 0.0 or at.static[i] == 0.0
     settle, due = True, -1
     while True:
         reach, used = drive_series(

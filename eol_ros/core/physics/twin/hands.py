@@ -7,12 +7,14 @@ A pose of the rim is (x, y, yaw) in metres and radians; a velocity is its rate.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_SIDE_M
+from eol_ros.core.physics.series import entry
 
-# The platform would bear any yaw. But rough hands bring blocks to 12 mm from each other at this
+# The platform would bear any yaw. But rough hands bring blocks to 23 mm from each other at this
 # limit, at 30 degrees into each other (`eol bench table`), and blocks have no contact.
 YAW_LIMIT_RAD = 0.35
 VISITORS_YAW_RAD = 0.25
@@ -41,7 +43,8 @@ PAUSE_S = (1.5, 4.5)  # between gestures
 Springs = Callable[[np.ndarray], np.ndarray]
 
 
-def reach_m(yaw: float) -> float:
+@entry
+def reach_m(yaw):
     """Return how far (m) the rim may stand off centre along x or y and stay on the platform.
 
     A square of side s rotated by phi spans s (|cos phi| + |sin phi|); at yaw 0 this is RIM_REACH_M.
@@ -50,16 +53,51 @@ def reach_m(yaw: float) -> float:
     return max(0.0, (PLATFORM_SIDE_M - span) / 2)
 
 
+@entry
+def keep_within(pose, most_yaw):
+    """Move `pose` (3,) to the nearest that keeps the rim on the platform."""
+    pose[2] = min(max(pose[2], -most_yaw), most_yaw)
+    reach = reach_m(pose[2])
+    for p in range(2):
+        pose[p] = min(max(pose[p], -reach), reach)
+
+
 def within_reach(pose: np.ndarray, most_yaw: float = YAW_LIMIT_RAD) -> np.ndarray:
     """Return the nearest pose that keeps the rim on the platform, shape (3,)."""
-    x, y, yaw = pose.tolist()
-    return np.array(_within_reach(x, y, yaw, most_yaw))
+    pose = np.array(pose, float)
+    keep_within(pose, most_yaw)
+    return pose
 
 
-def _within_reach(x: float, y: float, yaw: float, most_yaw: float) -> list[float]:
-    yaw = min(max(yaw, -most_yaw), most_yaw)
-    reach = reach_m(yaw)
-    return [min(max(x, -reach), reach), min(max(y, -reach), reach), yaw]
+@entry
+def led(time_s, begin_s, stop_s, move, circle, grip, place, rate):
+    """Write the pose (3,) at `time_s` of a hand's way, and its rate; see `Reach`."""
+    duration = stop_s - begin_s
+    r = min((time_s - begin_s) / duration, 1.0)
+    s, fast = r**3 * (10 - 15 * r + 6 * r * r), 30 * r * r * (1 - r) ** 2 / duration
+    for p in range(3):
+        place[p], rate[p] = grip[p] + s * move[p], fast * move[p]
+    radius, heading = circle
+    if radius != 0.0:
+        angle = heading + 2 * math.pi * s
+        x, y = radius * math.cos(angle), radius * math.sin(angle)
+        place[0] += x - radius * math.cos(heading)
+        place[1] += y - radius * math.sin(heading)
+        rate[0] -= 2 * math.pi * fast * y
+        rate[1] += 2 * math.pi * fast * x
+
+
+@entry
+def follow(time_s, pose, begin_s, stop_s, move, circle, grip, place, wanted):
+    """Write the velocity (3,) that a hand on its way wants of a rim at `pose`."""
+    led(time_s, begin_s, stop_s, move, circle, grip, place, wanted)
+    square = 0.0
+    for p in range(3):
+        place[p] = FOLLOW_PER_S * (place[p] - pose[p])
+        square += (ALIKE[p] * place[p]) ** 2
+    slack = min(1.0, (stop_s + HOLD_S - time_s) / HOLD_S)
+    for p in range(3):
+        wanted[p] += place[p] * slack / max(1.0, math.sqrt(square) / FOLLOW_MPS)
 
 
 @dataclass
@@ -83,31 +121,21 @@ class Reach:
             return None
         if self.grip is None:
             self.grip = pose.copy()
-        place, velocity = self._led(time_s)
-        behind = FOLLOW_PER_S * (place - pose)
-        bx, by, yaw = behind.tolist()
-        much = math.hypot(bx, by, GYRATION_M * yaw) / FOLLOW_MPS
-        behind *= min(1.0, (self.stop_s + HOLD_S - time_s) / HOLD_S) / max(1.0, much)
-        return velocity + behind
+        place, wanted = np.empty(3), np.empty(3)
+        follow(time_s, pose, *self._way(), place, wanted)
+        return wanted
 
     def place(self, time_s: float) -> np.ndarray | None:
         """Return the pose (3,) at which this hand wants the rim; None: it is off."""
-        on = self.grip is not None and time_s < self.stop_s + HOLD_S
-        return self._led(time_s)[0] if on else None
+        if self.grip is None or time_s >= self.stop_s + HOLD_S:
+            return None
+        place = np.empty(3)
+        led(time_s, *self._way(), place, np.empty(3))
+        return place
 
-    def _led(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pose (3,) of its way at `time_s`, and its rate."""
-        assert self.grip is not None
-        duration = self.stop_s - self.begin_s
-        r = min((time_s - self.begin_s) / duration, 1.0)
-        s, rate = r**3 * (10 - 15 * r + 6 * r * r), 30 * r * r * (1 - r) ** 2 / duration
-        place, velocity = self.grip + s * self.move, rate * self.move
-        if self.radius:
-            angles = self.heading + 2 * np.pi * np.array([0.0, s])
-            begin, here = self.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-            place[:2] += here - begin
-            velocity[:2] += 2 * np.pi * rate * np.array([-here[1], here[0]])
-        return place, velocity
+    def _way(self) -> tuple[Any, ...]:
+        circle = float(self.radius), float(self.heading)
+        return self.begin_s, self.stop_s, self.move, circle, self.grip
 
 
 def _gently(pose: np.ndarray) -> np.ndarray:
@@ -126,6 +154,8 @@ class Visitors:
         self.reaches: list[Reach] = []
         self._next_s: float | None = None  # when the next gesture begins; None: now
         self._back_s = -np.inf  # until when they stay away
+        # compiles or loads what moves them before the clock runs
+        Reach(0.0, 1.0, np.zeros(3)).velocity(0.5, _gently(np.zeros(3)))
 
     def let_go(self, time_s: float, away_s: float) -> None:
         """Take the hands off the rim at `time_s`, until `away_s` later at least."""
@@ -238,6 +268,52 @@ class Commands:
         return [held[1] for held in self._newest.values() if held[1].any()]
 
 
+@entry
+def drag(step_s, wanted, load, resists, pose, velocity, push, pulls, strong, firm):
+    """Move `pose` and `velocity` (3,) of the rim by one step under hands and the springs' `load`.
+
+    `wanted` (h, 3) is the velocity that each hand wants, `pulls` (h, 3) and `strong` (h,) take what
+    it pulls with, N; `firm` (h,) must be true, and stays so for those that could pull harder still.
+    `resists` (3,) is the stiffness of the table, N/m, `push` (3,) is for work. See `Rim`.
+    """
+    inertia = RIM_KG / step_s
+    weak = True
+    while weak:
+        held = square = 0.0
+        for p in range(3):
+            push[p] = (inertia - 0.5 * step_s * resists[p]) * velocity[p] * ALIKE[p]
+            push[p] += load[p] / ALIKE[p]
+        for k in range(len(wanted)):
+            held += HAND_NSPM if firm[k] else 0.0
+            for p in range(3):
+                push[p] += HAND_NSPM * ALIKE[p] * wanted[k, p] if firm[k] else pulls[k, p]
+        for p in range(3):
+            square += push[p] * push[p]
+        left = max(0.0, 1.0 - ROLLING_N / math.sqrt(square))  # they roll, or hold
+        for p in range(3):
+            push[p] *= left / (inertia + 0.5 * step_s * resists[p] + held)
+        weak = False
+        for k in range(len(wanted)):
+            if firm[k]:
+                for p in range(3):
+                    pulls[k, p] = HAND_NSPM * (ALIKE[p] * wanted[k, p] - push[p])
+                strong[k] = math.sqrt(pulls[k, 0] ** 2 + pulls[k, 1] ** 2 + pulls[k, 2] ** 2)
+                if strong[k] > HAND_N:
+                    for p in range(3):
+                        pulls[k, p] *= HAND_N / strong[k]
+                    strong[k], firm[k], weak = HAND_N, False, True
+    speed = math.sqrt(push[0] ** 2 + push[1] ** 2)
+    slow = min(1.0, MAX_SPEED_MPS / max(speed, 1e-12))
+    push[0], push[1] = slow * push[0], slow * push[1]
+    push[2] = min(max(push[2] / ALIKE[2], -MAX_YAW_RATE_RADPS), MAX_YAW_RATE_RADPS)
+    for p in range(3):
+        pose[p] += 0.5 * step_s * (velocity[p] + push[p])
+        velocity[p] = pose[p]
+    keep_within(pose, YAW_LIMIT_RAD)
+    for p in range(3):
+        velocity[p] = 0.0 if abs(pose[p] - velocity[p]) > 1e-12 else push[p]
+
+
 class Rim:
     """The rim under all hands: a square frame on casters, pulled by its springs and by people.
 
@@ -255,7 +331,8 @@ class Rim:
         self.velocity = np.zeros(3)
         self.load = np.zeros(3)
         self.hands_n = np.zeros(0)
-        self._springs, self._resists = springs, [stiffness * share for share in RESISTS]
+        self._springs, self._resists = springs, tuple(stiffness * share for share in RESISTS)
+        self.advance(1.0, [np.zeros(3)])  # stays where it is: compiles or loads the loop
 
     def advance(self, step_s: float, hands: Sequence[np.ndarray]) -> None:
         """Move by one step under `hands`, the velocity (3,) that each of them wants.
@@ -265,43 +342,10 @@ class Rim:
         """
         if self._springs is not None:
             self.load = self._springs(self.pose)
-        inertia = RIM_KG / step_s
-        stretch = [0.5 * step_s * resists for resists in self._resists]
-        passive = [
-            (inertia - s) * v * a + n / a
-            for s, v, a, n in zip(
-                stretch, self.velocity.tolist(), ALIKE, self.load.tolist(), strict=True
-            )
-        ]
-        wanted = [[v * a for v, a in zip(hand.tolist(), ALIKE, strict=True)] for hand in hands]
-        pulls: list[list[float]] = [[] for _ in wanted]
-        firm = list(range(len(wanted)))
-        while True:
-            push = passive
-            for k, want in enumerate(wanted):
-                by = [HAND_NSPM * w for w in want] if k in firm else pulls[k]
-                push = [p + b for p, b in zip(push, by, strict=True)]
-            strength = math.hypot(*push)
-            left = max(0.0, 1 - ROLLING_N / strength) if strength else 1.0  # they roll, or hold
-            held = HAND_NSPM * len(firm)
-            to = [left * p / (inertia + s + held) for p, s in zip(push, stretch, strict=True)]
-            for k in firm:
-                pulls[k] = [HAND_NSPM * (w - t) for w, t in zip(wanted[k], to, strict=True)]
-            strong = [math.hypot(*pull) for pull in pulls]
-            weak = [k for k in firm if strong[k] > HAND_N]
-            if not weak:
-                break
-            for k in weak:
-                pulls[k] = [p * HAND_N / strong[k] for p in pulls[k]]
-                firm.remove(k)
-        self.hands_n = np.array(strong)
-        vx, vy, yaw_rate = (t / a for t, a in zip(to, ALIKE, strict=True))
-        slow = min(1.0, MAX_SPEED_MPS / max(math.hypot(vx, vy), 1e-12))
-        yaw_rate = min(max(yaw_rate, -MAX_YAW_RATE_RADPS), MAX_YAW_RATE_RADPS)
-        wished = (vx * slow, vy * slow, yaw_rate)
-        before = zip(self.pose.tolist(), self.velocity.tolist(), wished, strict=True)
-        free = [place + 0.5 * step_s * (v + w) for place, v, w in before]
-        pose = _within_reach(free[0], free[1], free[2], YAW_LIMIT_RAD)
-        held_off = [abs(p - f) > 1e-12 for p, f in zip(pose, free, strict=True)]
-        self.pose = np.array(pose)
-        self.velocity = np.array([0.0 if h else w for h, w in zip(held_off, wished, strict=True)])
+        wanted = np.array(hands, float).reshape(len(hands), 3)
+        self.pose, self.velocity = self.pose.copy(), self.velocity.copy()
+        self.hands_n = np.empty(len(wanted))
+        drag(
+            step_s, wanted, self.load, self._resists, self.pose, self.velocity, np.empty(3),
+            np.empty_like(wanted), self.hands_n, np.ones(len(wanted), bool),
+        )  # fmt: skip

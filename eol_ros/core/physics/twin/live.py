@@ -186,16 +186,16 @@ class LiveTable:
 
     def clearance_m(self, pose: np.ndarray) -> float:
         """Return the least distance (m) from the rim at `pose` (3,) inwards to the block beside."""
-        return float(self._near(pose).min())
+        return self._near(pose)[0]
 
-    def _near(self, pose: np.ndarray) -> np.ndarray:
-        """Return the distance (m) from the rim at `pose` to the block beside it, at each spring."""
+    def _near(self, pose: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return the least distance (m) from the rim at `pose` to a block, and all, by spring."""
         gap = np.empty(len(self._beside))
-        rim_springs.gaps(
+        least = rim_springs.gaps(
             pose, self._u, self.yaw, self._rotating is not None, 0.5 * BLOCK_SIDE_M, self._beside,
             self._ends, self._centres, self._inward, gap,
         )  # fmt: skip
-        return gap
+        return least, gap
 
     def _stop_at_blocks(self, pose: np.ndarray, rate: np.ndarray, span_s: float) -> None:
         """Move `pose` to where no block is nearer than allowed, and `rate` with it.
@@ -204,17 +204,15 @@ class LiveTable:
         put back by the least motion in |dx|^2 + |dy|^2 + (GYRATION_M dyaw)^2, block by block, until
         none is too near (Kaczmarz 1937).
         """
-        if np.array_equal(pose, self.rim_pose):
-            return
-        near = self._near(pose)
-        if near.min() >= CLEAR_M:
+        nearest, near = self._near(pose)
+        if nearest >= CLEAR_M or np.array_equal(pose, self.rim_pose):
             return
         # a block may have come nearer by itself
-        least = np.minimum(CLEAR_M, self._near(self.rim_pose))
+        least = np.minimum(CLEAR_M, self._near(self.rim_pose)[1])
         if np.all(near >= least):
             return
         for _ in range(MOST_CONTACTS):
-            short = least - self._near(pose)
+            short = least - self._near(pose)[1]
             worst = int(np.argmax(short))
             if short[worst] <= TOUCH_M:
                 break

@@ -38,11 +38,12 @@ def pull(pose, u, yaw, beside, ends, centres, arms, stiffness, natural, force):
 
 @entry
 def gaps(pose, u, yaw, rotates, half, beside, ends, centres, inward, gap):
-    """Write the distance (m) from the rim inwards to the block beside it, at each spring.
+    """Write the distance (m) from the rim inwards to the block beside it, at each spring; return
+    the least.
 
     A block reaches towards the rim by `half` its side, one that `rotates` by its corner.
     """
-    c, s = math.cos(pose[2]), math.sin(pose[2])
+    c, s, least = math.cos(pose[2]), math.sin(pose[2]), math.inf
     for e in range(len(beside)):
         wx, wy = way_to_centre(pose, c, s, u, beside, ends, centres, e)
         nx, ny = c * inward[e].real - s * inward[e].imag, s * inward[e].real + c * inward[e].imag
@@ -51,3 +52,5 @@ def gaps(pose, u, yaw, rotates, half, beside, ends, centres, inward, gap):
             offset = yaw[beside[e]] - pose[2]
             reach *= abs(math.cos(offset)) + abs(math.sin(offset))
         gap[e] = -(wx * nx + wy * ny) - reach
+        least = min(least, gap[e])
+    return least

@@ -10,10 +10,25 @@ from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.rotation import kernel
 from eol_ros.core.physics.rotation.solver import floor_speed, rotation_args
 from eol_ros.core.physics.scene import Scene
+from eol_ros.core.physics.series import entry
 
 # Of the positions, in 9 cm: 0.1 um in a second and a half, a hundredth of what the camera sees.
 TOLERANCE = 1e-3
 ORDER = 6  # of the series: most steps end at an event or an image, and a higher one is for longer
+
+
+@entry
+def gather(xy, angle, lever, out):
+    """Write x, y and s = lever angle of each block into a row of `out` (n, 3)."""
+    for i in range(len(out)):
+        out[i, 0], out[i, 1], out[i, 2] = xy[i, 0], xy[i, 1], lever * angle[i]
+
+
+@entry
+def part(rows, lever, xy, angle):
+    """Write what `gather` put together back into `xy` (n, 2) and `angle` (n,)."""
+    for i in range(len(rows)):
+        xy[i, 0], xy[i, 1], angle[i] = rows[i, 0], rows[i, 1], rows[i, 2] / lever
 
 
 class Rotating:
@@ -50,9 +65,8 @@ class Rotating:
     ) -> tuple[int, int]:
         """Advance as `event.kernel.run` does; return status and count of events."""
         q, w, lever = self._q, self._w, self._args.lever
-        q[:, :2], q[:, 2] = u, lever * self.yaw
-        w[:, :2], w[:, 2] = v, lever * self.spin
-        moving &= w.any(axis=1)  # what has only just broken loose does so again
+        gather(u, self.yaw, lever, q)
+        gather(v, self.spin, lever, w)
         sampled = len(grid.t) > 0
         if sampled:
             self._grid.t[:] = grid.t
@@ -72,11 +86,13 @@ class Rotating:
             True,
             self._workspace,
         )
-        u[:], v[:] = q[:, :2], w[:, :2]
-        self.yaw, self.spin = q[:, 2] / lever, w[:, 2] / lever
+        self.yaw, self.spin = np.empty(len(q)), np.empty(len(q))  # others keep those of before
+        part(q, lever, u, self.yaw)
+        part(w, lever, v, self.spin)
         if sampled:
             grid.u[:], grid.v[:] = self._grid.u[:, :, :2], self._grid.v[:, :, :2]
-        counts[0] += int(log.start[:events].sum())
+        if events:
+            counts[0] += int(log.start[:events].sum())
         return int(status), int(events)
 
     def energy(self) -> float:
