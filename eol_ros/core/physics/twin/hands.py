@@ -15,7 +15,7 @@ from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_SIDE_M
 from eol_ros.core.physics.series import entry
 
 # The platform would bear any yaw. But rough hands bring blocks to 23 mm from each other at this
-# limit, at 30 degrees into each other (`eol bench table`), and blocks have no contact.
+# limit, at 30 degrees to 22 mm (`eol bench table`), and blocks have no contact.
 YAW_LIMIT_RAD = 0.35
 VISITORS_YAW_RAD = 0.25
 RIM_KG = 8.0  # a frame of steel tube on four casters; a guess
