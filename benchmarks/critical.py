@@ -15,8 +15,9 @@ import contextlib
 import hashlib
 import json
 import math
+import os
 import sys
-import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ EXAMPLES = [
 ]
 SWEEPS = Path(__file__).parents[1] / 'examples/sweeps/critical'
 PARTS = SWEEPS.with_name('parts')
+SPENT = 'processor_s'  # beside the tables, which stay: what all runs took
 SHOWN = (1, 2, 3, 5, 8, 12, 18, 25)
 PAPER = {'stiffness_ratio': 1.0, 'friction_drop': 0.28}  # 5x5, all springs alike
 B_RANGE = (0.8, 1.2)
@@ -145,12 +147,13 @@ def run(args: argparse.Namespace) -> int:
     """Sweep, ask, print, draw."""
     if args.workers < 1:
         raise UsageError(f'--workers {args.workers}: 1 or more')
-    out, begin_s = Path(args.out) if args.out else _own_folder(), time.perf_counter()
-    rows = _swept('--sweeps', args.sweeps, out, args.workers)
-    parts = _swept('--parts', args.parts, out / 'parts', args.workers)
+    out = Path(args.out) if args.out else _own_folder()
+    with _counted(out):
+        rows = _swept('--sweeps', args.sweeps, out, args.workers)
+        parts = _swept('--parts', args.parts, out / 'parts', args.workers)
     map_ = cells(rows)
     result = {
-        'tasks': len(rows), 'seconds': time.perf_counter() - begin_s, 'cells': map_,
+        'tasks': len(rows), 'processor_s': spent_s(out), 'cells': map_,
         'in_range': sum(c['in_range'] for c in map_), 'critical': sum(c['critical'] for c in map_),
         'parts': predicted(parts),
     }  # fmt: skip
@@ -160,6 +163,34 @@ def run(args: argparse.Namespace) -> int:
         draw_parts(result['parts'], Path(args.plot))
     tell(result, args.json, table_of)
     return 0
+
+
+@contextlib.contextmanager
+def _counted(out: Path) -> Iterator[None]:
+    """Add the processor time of this run and its workers to that of the runs before."""
+    before_s = spent_s(out) if any(out.rglob('*.csv*')) else 0.0
+    begin_s = _processor_s()
+    try:
+        yield
+    finally:
+        if before_s is not None and out.is_dir():
+            (out / SPENT).write_text(f'{before_s + _processor_s() - begin_s:.1f}\n')
+
+
+def spent_s(out: Path | None = None) -> float | None:
+    """Return the processor time of all runs that computed the tables in `out`, s.
+
+    None where some of them were computed without counting.
+    """
+    try:
+        return float(((out or _own_folder()) / SPENT).read_text())
+    except FileNotFoundError:
+        return None
+
+
+def _processor_s() -> float:
+    used = os.times()
+    return used.user + used.system + used.children_user + used.children_system
 
 
 def _own_folder() -> Path:
@@ -201,10 +232,13 @@ def table_of(result: Row) -> str:
     slips, sound = (
         sum(c[f'{what}_one_over_f'] > 0 for c in result['cells']) for what in ('slips', 'sound')
     )
+    took = 'processor time not known'
+    if result['processor_s'] is not None:
+        took = f'{result["processor_s"]:.0f} s of processor, all runs together'
     lines = [
         f'{len(result["cells"])} cells, {result["tasks"]} runs: b in {low} to {high} in '
         f'{result["in_range"]}, and a power law over more than a decade in {result["critical"]}; '
-        f'slips 1/f in a start of {slips} cells, sound in one of {sound}',
+        f'slips 1/f in a start of {slips} cells, sound in one of {sound}; {took}',
         '| model, drive | blocks | mm/s | disorder | ratio | drop | b (band) | p | of half |'
         ' slope of slips, sound |',
         '| --- ' * 10 + '|',

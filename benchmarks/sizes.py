@@ -10,7 +10,9 @@ sigma(q) = D (q + 1 - tau) for q > tau - 1, a straight line in q; what is bent d
 
 import argparse
 import itertools
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from benchmarks import picture
 from eol_ros.errors import UsageError
@@ -34,8 +36,9 @@ LEAST_M = 8.0
 MOST_EVENTS = 40_000_000
 # Events until an automaton has forgotten its start go as L^2 for each rise of the drive, of which
 # it needs as many as L^1.3 (Lise 2002).
-FORGETS = 10 / 128**3.3  # for each recorded one
-AT_ONCE = 1 << 16  # events of an automaton in memory, while it forgets
+FORGETS = 2_000_000 / 128**3.3
+LEAST_EVENTS = 4_000_000  # that are left out, and that each half of what is recorded has
+AT_ONCE = 1 << 16  # events of an automaton in memory
 TAIL = 30  # cascades that a point of N(>= A) stands on, at least
 
 
@@ -46,9 +49,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='of the rim, times the square of the side (default 0.04; at least 8 m in all)',
     )  # fmt: skip
     parser.add_argument(
-        '--seeds', type=int, default=3, metavar='N', help='starts of each (default 3)'
+        '--seeds', type=int, default=3, metavar='N', help='starts of each table (default 3)'
     )
-    parser.add_argument('--events', type=int, default=400_000, help='of each automaton')
+    parser.add_argument(
+        '--starts', type=int, default=8, metavar='N', help='of each automaton (default 8)'
+    )
+    parser.add_argument('--workers', type=int, default=2, metavar='N', help='processes (2)')
     parser.add_argument(
         '--speed', type=float, default=SPEED_MPS, metavar='M/S', help='of the rim (default 2e-5)'
     )
@@ -65,31 +71,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate, compare, print."""
     from benchmarks.machine import tell
-    from eol_ros.verbs.progress import track
 
-    if args.seeds < 2 or not args.speed > 0 or not args.travel > 0:
-        raise UsageError('two seeds at least, and speed and travel above zero')
+    if min(args.seeds, args.starts) < 2 or not args.speed > 0 or not args.travel > 0:
+        raise UsageError('two seeds and starts at least, and speed and travel above zero')
+    if args.workers < 1:
+        raise UsageError(f'--workers {args.workers}: 1 or more')
     sides = tuple(n for n in SIDES if n <= args.side)
     lattice_sides = tuple(n for n in LATTICES if n <= args.lattice)
     if min(len(sides), len(lattice_sides)) < 3:
         raise UsageError('--side 8 and --lattice 32 at least: three sizes of each')
-    seeds = range(11, 11 + args.seeds)
-    work = [(kind, side, seed) for side in sides for kind in ('table', 'plate') for seed in seeds]
-    areas = {w: _areas(*w, args.travel, args.speed) for w in track(work, 'tables')}
-    toppled = {
-        (side, seed): _toppled(side, seed, args.events)
-        for side, seed in track([(n, s) for n in lattice_sides for s in seeds], 'automata')
-    }
-    lattices = {where: areas for where, (_, areas) in toppled.items()}
+    seeds, starts = range(11, 11 + args.seeds), range(11, 11 + args.starts)
+    tables = [
+        (kind, side, seed, args.travel, args.speed)
+        for side in sides for kind in ('table', 'plate') for seed in seeds
+    ]  # fmt: skip
+    found = _each(_areas, tables, args.workers, 'tables')
+    counts = {job[:3]: one for job, one in found.items()}
+    toppled = _each(
+        _toppled, [(n, s) for n in lattice_sides for s in starts], args.workers, 'automata'
+    )
     result = {
         'speed_mps': args.speed, 'travel_m': args.travel, 'seeds': args.seeds,
-        'sides': [_side(side, seeds, areas) for side in sides],
-        'automata': [_forgotten(side, [toppled[side, s] for s in seeds]) for side in lattice_sides],
+        'starts': args.starts,
+        'sides': [_side(side, seeds, counts) for side in sides],
+        'automata': [_forgotten(n, [toppled[n, s] for s in starts]) for n in lattice_sides],
         'scaling': [
-            _scaling('table', sides, seeds, lambda n, s: areas['table', n, s]),
-            _scaling('plate', sides, seeds, lambda n, s: areas['plate', n, s]),
+            _scaling('table', sides, seeds, lambda n, s: counts['table', n, s]),
+            _scaling('plate', sides, seeds, lambda n, s: counts['plate', n, s]),
             _scaling(
-                f'automaton, alpha {ALPHA}', lattice_sides, seeds, lambda n, s: lattices[n, s]
+                f'automaton, alpha {ALPHA}', lattice_sides, starts, lambda n, s: sum(toppled[n, s])
             ),
         ],
     }  # fmt: skip
@@ -99,8 +109,23 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _each(compute: Callable, jobs: list[tuple], workers: int, words: str) -> dict[tuple, Any]:
+    """Return what `compute` makes of each job, in processes; the last and largest begin first."""
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
+    from eol_ros.verbs.progress import track
+
+    jobs = jobs[::-1]
+    with ProcessPoolExecutor(workers, multiprocessing.get_context('spawn')) as pool:
+        made = pool.map(compute, *zip(*jobs, strict=True))
+        return dict(zip(jobs, track(made, words, total=len(jobs)), strict=True))
+
+
 def _areas(kind: str, side: int, seed: int, travel_m: float, speed_mps: float):
-    """Areas of the cascades of a table or plate of side x side blocks, pulled along x."""
+    """How many cascades of each area a table or plate has, side x side blocks, pulled along x."""
+    import numpy as np
+
     from eol_ros.core.physics import builders, choose
     from eol_ros.core.physics.result import Limits
     from eol_ros.core.physics.scene import from_mapping
@@ -119,70 +144,84 @@ def _areas(kind: str, side: int, seed: int, travel_m: float, speed_mps: float):
     if made.status != 'ok':
         raise UsageError(f'{kind} {side}x{side}: {made.status}; less --travel may do')
     found = cascades(made.event_block, made.event_start)[1]
-    return found[len(found) // 2 :]
+    return np.bincount(found[len(found) // 2 :], minlength=side * side + 1)
 
 
-def _toppled(side: int, seed: int, events: int):
-    """Areas of the automaton's events when half of the warm-up is over, and when all of it is."""
+def _toppled(side: int, seed: int) -> list:
+    """How many events of each area an automaton has: two halves, after its start is forgotten."""
+    import numpy as np
+
     from eol_ros.core.physics.automaton.ofc import Automaton
 
-    lattice = Automaton.random(side, ALPHA, seed)
-    found = []
-    for _ in range(2):
-        for begun in range(0, warmup := _warmup(side, events) // 2, AT_ONCE):
-            lattice.run(min(AT_ONCE, warmup - begun))
-        found.append(lattice.run(events, full=True).area)
-    return found
+    lattice, half = Automaton.random(side, ALPHA, seed), _half(side)
+    for begun in range(0, 2 * half, AT_ONCE):
+        lattice.run(min(AT_ONCE, 2 * half - begun))
+    counts = [np.zeros(side * side + 1, np.int64) for _ in range(2)]
+    for one in counts:
+        for begun in range(0, half, AT_ONCE):
+            areas = lattice.run(min(AT_ONCE, half - begun), full=True).area
+            one += np.bincount(areas, minlength=len(one))
+    return counts
 
 
-def _warmup(side: int, events: int) -> int:
-    """Return after how many events the start of an automaton is forgotten."""
-    return max(int(FORGETS * side**3.3 * events), 10 * events * side // 128, 20_000)
+def _half(side: int) -> int:
+    """Return the events in a half of what is recorded; twice as many before are left out."""
+    return max(int(FORGETS * side**3.3 / 4), LEAST_EVENTS)
 
 
 def _forgotten(side: int, each: list) -> dict:
-    """Whether the start is forgotten: mean areas after half of the warm-up and after all of it."""
+    """Whether the start is forgotten: mean areas of both halves, and how they differ."""
     import numpy as np
 
-    means = np.array([[areas.mean() for areas in two] for two in each])
-    (half, whole), deviations = means.mean(axis=0), means.std(axis=0, ddof=1)
+    means = np.array([[_moment(counts, 1.0) for counts in two] for two in each])
+    first, second = means.mean(axis=0)
+    whole, rise = means.mean(axis=1), means[:, 1] - means[:, 0]
     return {
-        'side': side, 'warmup': _warmup(side, len(each[0][1])),
-        'mean_area': float(whole), 'mean_area_deviation': float(deviations[1]),
-        'mean_area_at_half': float(half), 'mean_area_at_half_deviation': float(deviations[0]),
+        'side': side, 'left_out': 2 * _half(side), 'recorded': 2 * _half(side),
+        'mean_area': float(whole.mean()), 'mean_area_deviation': float(whole.std(ddof=1)),
+        'mean_area_first': float(first), 'mean_area_second': float(second),
+        'rise_error': float(rise.std(ddof=1) / np.sqrt(len(rise))),
     }  # fmt: skip
 
 
-def _side(side: int, seeds: range, areas: dict) -> dict:
+def _moment(counts, q: float) -> float:
+    """<A^q> of how many there are of each area 0, 1, 2 ..."""
+    import numpy as np
+
+    return float(counts @ np.arange(len(counts), dtype=float) ** q / counts.sum())
+
+
+def _side(side: int, seeds: range, counts: dict) -> dict:
     """Rim against plate on one size: KS distance of their areas, beside that of two starts."""
     import numpy as np
 
     from eol_ros.core.science import powerlaw
 
     def far(one, other) -> float:
-        shares = [np.bincount(a, minlength=side * side + 1).cumsum() / len(a) for a in (one, other)]
+        shares = [c.cumsum() / c.sum() for c in (one, other)]
         return float(np.abs(shares[0] - shares[1]).max())
 
     row: dict = {'side': side}
     for kind in ('table', 'plate'):
-        own = [areas[kind, side, s] for s in seeds]
-        tops = [np.mean(a >= side * side / 2) for a in own]
+        own = [counts[kind, side, s] for s in seeds]
+        tops = [c[-(-side * side // 2) :].sum() / c.sum() for c in own]
+        means = [_moment(c, 1.0) for c in own]
         taus = []
-        for a in own:
+        for c in own:
             try:
-                taus.append(powerlaw.fit(powerlaw.histogram(a), 1, side * side // 2).tau)
+                taus.append(powerlaw.fit(c, 1, side * side // 2).tau)
             except powerlaw.FitError:
                 taus.append(np.nan)
         row[kind] = {
-            'cascades': float(np.mean([len(a) for a in own])),
-            'mean_area': float(np.mean([a.mean() for a in own])),
-            'mean_area_deviation': float(np.std([a.mean() for a in own], ddof=1)),
+            'cascades': float(np.mean([c.sum() for c in own])),
+            'mean_area': float(np.mean(means)),
+            'mean_area_deviation': float(np.std(means, ddof=1)),
             'half_of_all': float(np.mean(tops)),
             'tau': float(np.mean(taus)), 'tau_deviation': float(np.std(taus, ddof=1)),
         }  # fmt: skip
-    between = [far(areas['table', side, s], areas['plate', side, s]) for s in seeds]
+    between = [far(counts['table', side, s], counts['plate', side, s]) for s in seeds]
     within = [
-        far(areas[kind, side, s], areas[kind, side, t])
+        far(counts[kind, side, s], counts[kind, side, t])
         for kind in ('table', 'plate')
         for s in seeds
         for t in seeds
@@ -194,14 +233,16 @@ def _side(side: int, seeds: range, areas: dict) -> dict:
     return row
 
 
-def _scaling(model: str, sides: tuple, seeds: range, areas) -> dict:
-    """sigma(q) by least squares over the sizes, D and tau from its line, and how straight it is."""
+def _scaling(model: str, sides: tuple, seeds: range, counts: Callable) -> dict:
+    """sigma(q) by least squares over the sizes, D and tau from its line, and how straight it is.
+
+    `counts(side, seed)`: how many there are of each area 0, 1, 2 ...
+    """
     import numpy as np
 
     logs = np.log(sides)
     moments = np.array([
-        [[np.log(np.mean(areas(n, s).astype(float) ** q)) for n in sides] for q in MOMENTS]
-        for s in seeds
+        [[np.log(_moment(counts(n, s), q)) for n in sides] for q in MOMENTS] for s in seeds
     ])  # fmt: skip  # (seeds, moments, sizes)
     centred = logs - logs.mean()
     sigma = moments @ centred / (centred @ centred)
@@ -215,21 +256,23 @@ def _scaling(model: str, sides: tuple, seeds: range, areas) -> dict:
         'sigma_local': local.mean(axis=0).tolist(),
         'D': float(dimension.mean()), 'D_deviation': float(dimension.std(ddof=1)),
         'tau': float(taus.mean()), 'tau_deviation': float(taus.std(ddof=1)),
+        'sigma_deviation': sigma.std(axis=0, ddof=1).tolist(),
+        'sigma_local_deviation': local.std(axis=0, ddof=1).tolist(),
         'bend': float(np.abs(off).max()),
     }  # fmt: skip
-    curves = [at_least(np.concatenate([areas(n, s) for s in seeds])) for n in sides]
+    curves = [at_least(sum(counts(n, s) for s in seeds)) for n in sides]
     found['curves'] = [[a.tolist(), share.tolist()] for a, share in curves]
     return found | {'apart': apart(sides, curves, found['D'], found['tau'])}
 
 
-def at_least(areas):
+def at_least(counts):
     """Return areas, some to a decade, and the share of cascades that have them at least."""
     import numpy as np
 
-    counts = np.bincount(areas)[::-1].cumsum()[::-1]
-    some = np.unique(np.geomspace(1, len(counts) - 1, 60).round().astype(int))
-    some = some[counts[some] >= TAIL]
-    return some, counts[some] / len(areas)
+    there = counts[::-1].cumsum()[::-1]
+    some = np.unique(np.geomspace(1, np.flatnonzero(counts)[-1], 60).round().astype(int))
+    some = some[there[some] >= TAIL]
+    return some, there[some] / counts.sum()
 
 
 def collapsed(side, curve, dimension: float, tau: float):
@@ -263,7 +306,7 @@ def draw(result: dict, folder: Path) -> None:
     said = (
         f'eol bench sizes --seeds {result["seeds"]} (11 and on) --travel {result["travel_m"]:g} '
         f'--side {result["sides"][-1]["side"]} --lattice {result["scaling"][-1]["sides"][-1]}: '
-        f'{1e3 * result["speed_mps"]:g} mm/s'
+        f'{1e3 * result["speed_mps"]:g} mm/s; {result["starts"]} starts of the automaton'
     )
     figure, axes = picture.axes(2, len(result['scaling']), (10.5, 6.4))
     for line, found in zip(axes.T, result['scaling'], strict=True):
@@ -324,17 +367,23 @@ def _table(result: dict) -> str:
             )
         cells.append(f'{r["ks"]:5.3f} +- {r["ks_deviation"]:5.3f} {r["ks_of_two_starts"]:13.3f}')
         lines.append(' '.join(cells))
-    lines.append('automata: mean area after half of the warm-up, and after all of it')
+    lines.append(
+        f'automata, {result["starts"]} starts: mean area, deviation of a start; of the first and '
+        'the second half of the events, error of their difference'
+    )
     for r in result['automata']:
         lines.append(
-            f'{r["side"]:4d}  {r["warmup"]:10d} events: {r["mean_area_at_half"]:6.3f} +- '
-            f'{r["mean_area_at_half_deviation"]:5.3f}  {r["mean_area"]:6.3f} +- '
-            f'{r["mean_area_deviation"]:5.3f}'
+            f'{r["side"]:4d}  {r["recorded"]:10d} events after {r["left_out"]}: '
+            f'{r["mean_area"]:6.3f} +- {r["mean_area_deviation"]:5.3f}  '
+            f'{r["mean_area_first"]:6.3f} {r["mean_area_second"]:6.3f} +- {r["rise_error"]:5.3f}'
         )
     lines.append('scaling: <A^q> ~ L^sigma(q), D and tau from its line, bend: how far off the line')
     for r in result['scaling']:
         sigma = ', '.join(f'{q:g}: {s:.2f}' for q, s in zip(r['q'], r['sigma'], strict=True))
-        last = ', '.join(f'{steps[-1]:.2f}' for steps in r['sigma_local'])
+        last = ', '.join(
+            f'{steps[-1]:.2f} +- {off[-1]:.2f}'
+            for steps, off in zip(r['sigma_local'], r['sigma_local_deviation'], strict=True)
+        )
         lines.append(
             f'{r["model"]:22} L {r["sides"][0]}..{r["sides"][-1]}: D {r["D"]:.2f} +- '
             f'{r["D_deviation"]:.2f}, tau {r["tau"]:.2f} +- {r["tau_deviation"]:.2f}, bend '

@@ -7,7 +7,8 @@ table: what share of the slips the inner nine blocks have, and the block that ha
 of each area, and how long it took until every area from 1 to 25 had occurred; length of a slip.
 
 Two pulls from rest say what hands need: along x until the middle block slips (the rim has 22 cm,
-and 9 cm of gap), and towards a corner, with the time from the first slip to each block's own.
+and 9 cm of gap), and, of the last table, towards a corner, with the time from the first slip to
+each block's own.
 """
 
 import argparse
@@ -19,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import picture
 from benchmarks.machine import tell
 from eol_ros.core.geometry import (
     BLOCK_SIDE_M,
@@ -83,7 +85,11 @@ def run(args: argparse.Namespace) -> int:
         words = ', '.join(f'{v:g}' for v in coupling[:3])
         print(f'{number} of {len(tables)}: {words}', file=sys.stderr, flush=True)
         rows.append(measure(coupling, args.minutes, range(1, 1 + args.seeds)))
-    result = {'minutes': args.minutes, 'seeds': args.seeds, 'tables': rows}
+    last = tables[-1]
+    result = {
+        'minutes': args.minutes, 'seeds': args.seeds, 'tables': rows,
+        'last': {'rough': rough(last), 'corner_s': from_a_corner(last)},
+    }  # fmt: skip
     if args.plot:
         what = f'--map --minutes {args.minutes:g}' if args.map else f'--minutes {args.minutes:g}'
         draw(rows, args.plot, f'eol bench table {what} --seeds {args.seeds} (1 and on): together')
@@ -92,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def measure(coupling: Coupling, minutes: float, seeds: Any) -> dict[str, Any]:
-    """Return the row of one table: `minutes` from each start, and the two pulls."""
+    """Return the row of one table: `minutes` from each start, and the pull along x."""
     slips, lengths, areas = np.zeros(N_BLOCKS, int), [], np.zeros(N_BLOCKS + 1, int)
     until, spent, faults, farthest, gap, rim_gap = [], 0.0, 0, 0.0, np.inf, np.inf
     for seed in seeds:
@@ -120,8 +126,7 @@ def measure(coupling: Coupling, minutes: float, seeds: Any) -> dict[str, Any]:
         'areas': areas[1:].tolist(), 'areas_missing': int((areas[1:] == 0).sum()),
         'all_areas_s': until, 'reach_m': farthest,
         'pull_to_middle_m': pull_to_middle(coupling),
-        'corner_s': from_a_corner(coupling),
-        'gap_mm': 1e3 * gap, 'rim_gap_mm': 1e3 * rim_gap, 'rough': rough(coupling),
+        'gap_mm': 1e3 * gap, 'rim_gap_mm': 1e3 * rim_gap,
         'ms_per_s': 1e3 * spent / (3600 * hours), 'faults': faults,
         'good': bool(inner >= LEAST_INNER and share.min() >= LEAST_BLOCK and areas[1:].all()),
     }  # fmt: skip
@@ -247,8 +252,6 @@ def from_a_corner(coupling: Coupling) -> list[float]:
 
 def draw(rows: list[dict[str, Any]], folder: Path, said: str) -> None:
     """Write table_map.png: inner share over stiffness by friction, and spectra of area."""
-    from benchmarks import picture
-
     figure, grid = picture.axes(1, 3, (11, 3.4))
     axes = grid[0]
     shipped = Coupling()._asdict()
@@ -305,7 +308,7 @@ def _table(result: dict[str, Any]) -> str:
             + ('  good' if r['good'] else '')
             + (f'  {r["faults"]} FAULTS' if r['faults'] else '')
         )
-    last, worst = result['tables'][-1]['corner_s'], result['tables'][-1]['rough']
+    last, worst = result['last']['corner_s'], result['last']['rough']
     lines.append(
         f'least distance (last table) of two blocks {result["tables"][-1]["gap_mm"]:.1f} mm, to'
         f' the rim {result["tables"][-1]["rim_gap_mm"]:.1f} mm; under three rough people'

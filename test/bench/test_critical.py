@@ -45,9 +45,10 @@ def test_a_cell_is_critical_with_such_a_law_over_more_than_a_decade(tmp_path):
     assert small['in_range'] and not small['critical'] and small['decades'] < 1
     assert whole['slips_one_over_f'] == 1 and whole['sound_one_over_f'] == 0
     assert whole['slips_slope'] == pytest.approx(1.15) and whole['sound_slope'] is None
-    told = {'cells': critical.cells(rows), 'tasks': 16, 'in_range': 3, 'critical': 1, 'parts': []}
+    told = {'cells': critical.cells(rows), 'tasks': 16, 'in_range': 3, 'critical': 1, 'parts': [],
+            'processor_s': 90.0}  # fmt: skip
     words = critical.table_of(told)
-    assert words.count('| table, pull |') == 3
+    assert words.count('| table, pull |') == 3 and '; 90 s of processor' in words
     critical.draw(critical.cells(rows), tmp_path)
     assert (tmp_path / 'critical.png').stat().st_size > 1000
 
@@ -76,10 +77,26 @@ def test_what_is_predicted_of_a_table_holds_its_own_runs(tmp_path):
         assert one['runs'] == 40 and one['cascades_per_m'] == 500 and one['share'][0] == 1
     assert few['high'][9] - few['low'][9] > 2 * (many['high'][9] - many['low'][9])
     assert few['rejected'] == 39
-    told = {'cells': [], 'tasks': 80, 'in_range': 0, 'critical': 0, 'parts': [few, many]}
+    told = {'cells': [], 'tasks': 80, 'in_range': 0, 'critical': 0, 'parts': [few, many],
+            'processor_s': None}  # fmt: skip
     assert '| ratio 0.25, pull 1 mm/s | 40 | 500 | 100 (' in critical.table_of(told)
     critical.draw_parts([few, many], tmp_path)
     assert (tmp_path / 'parts.png').stat().st_size > 1000
+
+
+def test_the_time_of_tables_is_that_of_all_runs_that_computed_them(tmp_path):
+    assert critical.spent_s(tmp_path) is None
+    for _ in range(2):
+        before_s, used_s = critical.spent_s(tmp_path) or 0.0, critical._processor_s()
+        with critical._counted(tmp_path):
+            while critical._processor_s() < used_s + 0.3:
+                pass
+            (tmp_path / 'table.csv').touch()
+        assert critical.spent_s(tmp_path) >= before_s + 0.29
+    (tmp_path / critical.SPENT).unlink()  # tables that nobody counted for
+    with critical._counted(tmp_path):
+        pass
+    assert critical.spent_s(tmp_path) is None
 
 
 def test_what_has_no_place_on_the_map_is_refused(tmp_path, capsys):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import figures
+from benchmarks import critical, figures
 from eol_ros import cli
 from eol_ros.errors import EolError
 
@@ -101,16 +101,26 @@ def test_a_figure_is_old_when_what_it_rests_on_has_changed(tmp_path, monkeypatch
 
 
 def test_what_was_spent_before_an_interruption_counts(places, ran, monkeypatch):
-    name, part = 'critical', figures.PARTS['critical']
+    name, part = 'mapping', figures.PARTS['mapping']
     spent = places.work / f'{name}-{figures.made_by(part)["sources"]}.spent'
     places.work.mkdir()
     spent.write_text('600\n')
     figures.draw({name: part}, places)
 
     assert figures.read_records(places)[name]['processor_s'] >= 600
-    row = next(r for r in places.page.read_text().splitlines() if r.startswith('| critical.png'))
+    row = next(r for r in places.page.read_text().splitlines() if r.startswith('| mapping.png'))
     assert row.endswith('| 10 min |')
     assert places.page.read_text().startswith('before') and 'old' not in places.page.read_text()
+
+
+def test_of_a_part_that_keeps_its_tables_all_runs_count_or_none(places, ran, monkeypatch):
+    part = {'critical': figures.PARTS['critical']}
+    for spent_s, words in ((1500.0, '25 min'), (None, '?')):
+        monkeypatch.setattr(critical, 'spent_s', lambda spent_s=spent_s: spent_s)
+        figures.draw(part, places)
+        assert figures.read_records(places)['critical']['processor_s'] == spent_s
+        rows = places.page.read_text().splitlines()
+        assert next(r for r in rows if r.startswith('| critical.png')).endswith(f'| {words} |')
 
 
 def test_parts_are_all_figures_of_the_page_and_commands_that_there_are():
