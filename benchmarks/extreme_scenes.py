@@ -233,8 +233,8 @@ def _in_the_plane() -> list[Case]:
             'dop853', holds='the same'),
         row('springs through length zero', lambda: table(AWAY, 3.0, geometric=True),
             EVENTS, 0.3, 'dop853',
-            holds='a force of k L0 reverses at once, which no series follows; the notes say'
-            ' what the ledger misses'),
+            holds='a force of k L0 reverses at once, and there a step ends; the notes say how'
+            ' often'),
         row('100 blocks at one instant', lambda: plate(ASLANT, 20.0, 10, 10), ONE),
         row('400 blocks at one instant', lambda: plate(ASLANT, 20.0, 20, 20), ONE,
             long=True),

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.physics.event.taylor import TINY, force_on, to_rim
+from eol_ros.core.physics.event.taylor import TINY, force_on, spring_vector
 from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.series import inlined, uncounted
 from eol_ros.core.vectors import WIDTH, direction_sums
@@ -140,14 +140,7 @@ def springs_abreast(k, count, used, u, at, pl, ab, x0, y0, co, si):
     force, n, px, py = ab.force, ab.work, ab.px, ab.py
     if k == 0:
         for q in range(count):
-            e = pl.act[q]
-            i, j = at.first[e], at.second[e]
-            if pl.act_anchor[q] >= 0:
-                x, y = to_rim(e, u[i, 0], u[i, 1], at, x0, y0, co, si)
-            else:
-                x = u[j, 0] - u[i, 0] + at.rest[e, 0]
-                y = u[j, 1] - u[i, 1] + at.rest[e, 1]
-            ab.dx[0, q], ab.dy[0, q] = x, y
+            ab.dx[0, q], ab.dy[0, q] = spring_vector(pl.act[q], u, at, x0, y0, co, si)
     else:
         ends = ab.a[k]
         for q in range(s):

@@ -23,6 +23,7 @@ from eol_ros.core.physics.event.lanes import (
 )
 from eol_ros.core.physics.event.step import (
     break_root,
+    pass_zero,
     planar_ledger,
     planar_reach,
     planar_state,
@@ -30,10 +31,12 @@ from eol_ros.core.physics.event.step import (
     slowing_reach,
     stop_in_closed_form,
     suspects,
+    zero_reach,
 )
 from eol_ros.core.physics.event.sweep import (
     Sweep,
     all_fast,
+    fastest,
     make_sweep,
     sample,
     sweep_step,
@@ -59,6 +62,9 @@ PATIENCE = 24  # steps without an event after which a sweep is tried
 MOST_PATIENCE = 96
 PROBE = 32  # sweeps after which a step is taken without, to compare
 PAYS = 2.0  # a sweep costs as much as so many steps without
+# rad of the springs' own motion in a sweep: a shorter one, where a spring is all but passing length
+# zero, is right in place and far off in velocity
+LEAST = 0.3
 KICK_MPS = 1e-6  # where mu_s = mu_k a block may be loose with no acceleration, and no growth of it
 CREEP_ROUNDS = 8  # in which the direction of what creeps has to settle,
 CREEP_TOP_S = 1.5e-3  # for a step so long
@@ -207,11 +213,11 @@ def run(
 ):
     """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, progress).
 
-    `begin` is a progress too. `counts` (3,): slips begun, stops at the floor against a pull above
-    mu_k, sweeps or glides. Events are written in the order they are found: a stop may bear a time a
-    little later than a break behind it. Without `sweeping` (None) the run ends with STIFF where
-    sweeps would pay, without `glide` too with GLIDING where glides would; it goes on from the
-    progress returned.
+    `begin` is a progress too. `counts` (4,): slips begun, stops at the floor against a pull above
+    mu_k, sweeps or glides, springs that passed length zero. Events are written in the order they
+    are found: a stop may bear a time a little later than a break behind it. Without `sweeping`
+    (None) the run ends with STIFF where sweeps would pay, without `glide` too with GLIDING where
+    glides would; it goes on from the progress returned.
     """
     order, far, n, pl = rules.order, 0, at.n, ws.pl
     cx, cy, cc, cs, gx, gy, work = ws.cx, ws.cy, ws.cc, ws.cs, ws.gx, ws.gy, ws.work
@@ -232,10 +238,10 @@ def run(
             fresh[i] = True  # at rest for no time at all
     t, left, events, steps, sampled = begin
     m = count = watching = 0
-    changed = settle = True
+    changed = settle = by_zero = True
     # stiff springs: steps since an event, how many to wait, sweeps since a plain step
     calm, patience, sweeps, plain, try_s = 0, PATIENCE, 0, np.inf, 0.0
-    eager, abreast, longest, furthest = False, False, np.inf, np.inf
+    eager, abreast, longest, furthest, least = False, False, np.inf, np.inf, 0.0
     gain = last = 1.0  # of a round that settles directions; the last change of them
     while True:
         reach, used = drive_series(
@@ -259,6 +265,7 @@ def run(
             for i in range(n):
                 crept[i] = False
             m, count = fill_plane(sliding, at, pl)
+            by_zero = at.geometric
             abreast = False
             calm = watching = 0
             for i in range(n):
@@ -272,6 +279,9 @@ def run(
                     watched[watching] = i
                     watching += 1
         steady = m > 0
+        if by_zero:
+            passing = pass_zero(count, u, v, rules.relative, rules.small, at, pl, cx, cy, cc, cs)
+            steady = steady and passing == 0
         for c in range(m):
             i = pl.slots[c]
             pl.start[c] = MOVING
@@ -360,6 +370,7 @@ def run(
                     fill_abreast(m, count, at, pl, sweeping.ab)
                     longest = sweep_top(m, rules.small, at, pl)
                     furthest = sweep_top(m, sweeping.small, at, pl)
+                    least = LEAST / math.sqrt(fastest(m, at, pl))
                     abreast = True
                 fast = all_fast(m, v, at, pl)
                 top = min(top, furthest if fast else longest)
@@ -382,7 +393,7 @@ def run(
                     try_s,
                     top,
                 )
-                eager = near > PAYS * plain
+                eager = near > max(PAYS * plain, least)
                 if eager:
                     o = far
                     sweeps += 1
@@ -432,7 +443,7 @@ def run(
         if not h >= 0.0:
             return NOT_FINITE, Progress(t, left, events, steps, sampled)
         # the first stuck block to break within the step
-        top, who, hit_any = h, -1, False
+        top, who, hit_any, through = h, -1, False, 0
         if h > 0.0:
             planar_swing(o, m, h, pl)
             rim_far = rim_yaw = 0.0
@@ -441,6 +452,28 @@ def run(
                 power *= h
                 rim_far += power * math.sqrt(cx[q] ** 2 + cy[q] ** 2)
                 rim_yaw += power * math.sqrt(cc[q] ** 2 + cs[q] ** 2)
+            if at.geometric:
+                clear, by_zero, through = zero_reach(
+                    o,
+                    used,
+                    count,
+                    watching,
+                    watched,
+                    h,
+                    rim_far + rim_yaw * at.far,
+                    rules.small,
+                    rules.relative,
+                    u,
+                    at,
+                    pl,
+                    cx,
+                    cy,
+                    cc,
+                    cs,
+                    work,
+                )
+                if clear < h:
+                    h, top, ends = clear, clear, False
             doubtful = suspects(
                 watching,
                 watched,
@@ -515,6 +548,9 @@ def run(
         t, left = add_exactly(t, left, h)
         steps += 1
         calm += 1
+        if through > 0 and h == top:
+            counts[3] += through
+            settle = True  # the force of these springs has reversed
         if m > 0:
             i = pl.slots[0]
             if not math.isfinite(u[i, 0] + v[i, 0] + u[i, 1]):

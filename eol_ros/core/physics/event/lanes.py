@@ -50,6 +50,7 @@ class Plane(NamedTuple):
     act_first: np.ndarray  # lanes of its ends, or -1
     act_second: np.ndarray
     act_anchor: np.ndarray
+    natural: np.ndarray  # length (m) of each lane's spring without force; 0 while it passes zero
     swing: np.ndarray
 
 
@@ -91,6 +92,7 @@ def make_plane(at: Lattice, order: int) -> Plane:
         np.zeros(springs, np.int64),
         np.zeros(springs, np.int64),
         np.zeros(springs, np.int64),
+        np.zeros(springs),
         np.zeros(at.n),
     )
 
@@ -131,6 +133,7 @@ def take_lane(e, lane, at, pl):
     """Give spring e a lane."""
     i, j = at.first[e], at.second[e]
     pl.place[e], pl.act[lane] = lane, e
+    pl.natural[lane] = at.natural[e]
     pl.act_first[lane] = pl.slot[i]
     pl.act_second[lane] = -1 if j >= at.n else pl.slot[j]
     pl.act_anchor[lane] = j - at.n if j >= at.n else -1

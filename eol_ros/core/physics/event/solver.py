@@ -85,7 +85,7 @@ def solve(
     rules = rules_for(tolerance, length_scale(scene, model), order, floor)
     shape = (len(times), model.n, 2)
     grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), empty_log(limits.events)
-    work_and_heat, counts = np.zeros(2), np.zeros(3, np.int64)
+    work_and_heat, counts = np.zeros(2), np.zeros(4, np.int64)
     sliding, done = np.zeros(model.n, bool), kernel.BEGIN
 
     def advance(
@@ -144,13 +144,18 @@ def solve(
     )
     if counts[1]:
         run.notes.append(f'{counts[1]} stops ended at the floor of {rules.floor:g} m/s')
+    if counts[3]:
+        run.notes.append(
+            f'springs passed length zero, where they have no direction, {counts[3]} times: the '
+            'model knows no contact'
+        )
     if ledger:
         run.energy = energy_ledger(scene, model, u, v, t, work_and_heat)
         if abs(run.energy.residual_J) > MISSED * max(
             1.0, abs(work_and_heat[0]), abs(work_and_heat[1])
         ):
             run.notes.append(
-                f'the energy ledger misses {run.energy.residual_J:.2g} J: a spring went through '
-                'length zero, where it has no direction, and the model knows no contact'
+                f'the energy ledger misses {run.energy.residual_J:.2g} J: a finer tolerance (--tol)'
+                ' may tell whether that counts'
             )
     return run

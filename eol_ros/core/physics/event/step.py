@@ -6,7 +6,13 @@ import math
 import numpy as np
 
 from eol_ros.core.physics.event.lanes import LOOSE, WEAK
-from eol_ros.core.physics.event.taylor import force_on, rim_spring_series, to_rim
+from eol_ros.core.physics.event.taylor import (
+    TINY,
+    force_on,
+    rim_spring_series,
+    spring_vector,
+    to_rim,
+)
 from eol_ros.core.physics.exact.taylor import ON_LIMIT
 from eol_ros.core.physics.series import ROOT_ROUNDS, first_root, inlined, uncounted
 
@@ -105,6 +111,135 @@ def planar_swing(order, m, h, pl):
             x = (x + abs(pl.ax[c, k])) * h
             y = (y + abs(pl.ay[c, k])) * h
         pl.swing[c] = math.sqrt(x * x + y * y)
+
+
+@inlined
+def would_pass(e, x, y, vx, vy, inverse, relative, small, at):
+    """Return whether spring e, (x, y) long and changing at (vx, vy), is about to pass length zero.
+
+    Its force reverses there, in a time len / |v|. So short that what it does meanwhile to ends
+    of 1 / mass `inverse` is within the tolerances of a step, it is left out.
+    """
+    square, speed = x * x + y * y, math.sqrt(vx * vx + vy * vy)
+    if square <= TINY:
+        return True
+    if x * vx + y * vy >= 0.0:
+        return False
+    length, push = math.sqrt(square), 2.0 * at.k[e] * at.natural[e] * inverse
+    return push * length <= min(relative * speed, small * speed / length) * speed
+
+
+@uncounted
+def pass_zero(count, u, v, relative, small, at, pl, cx, cy, cc, cs):
+    """Leave out the force of natural length in lanes about to pass zero; return their number."""
+    passing = 0
+    for q in range(count):
+        e, inverse = pl.act[q], 0.0
+        pl.natural[q] = at.natural[e]
+        if at.natural[e] == 0.0:
+            continue
+        x, y = spring_vector(e, u, at, cx[0], cy[0], cc[0], cs[0])
+        vx, vy = rim_order(1, pl.act_anchor[q], at, cx, cy, cc, cs)
+        if pl.act_anchor[q] < 0:
+            j = at.second[e]
+            vx, vy = v[j, 0], v[j, 1]
+        i = at.first[e]
+        vx, vy = vx - v[i, 0], vy - v[i, 1]
+        if pl.act_first[q] >= 0:
+            inverse += at.inverse[i]
+        if pl.act_second[q] >= 0:
+            inverse += at.inverse[at.second[e]]
+        if would_pass(e, x, y, vx, vy, inverse, relative, small, at):
+            pl.natural[q] = 0.0
+            passing += 1
+    return passing
+
+
+@inlined
+def rim_order(k, a, at, cx, cy, cc, cs):
+    """Return order k of where anchor a is; none for a < 0, a spring between blocks."""
+    if a < 0:
+        return 0.0, 0.0
+    ax, ay = at.anchors[a, 0], at.anchors[a, 1]
+    return cx[k] + cc[k] * ax - cs[k] * ay, cy[k] + cs[k] * ax + cc[k] * ay
+
+
+@inlined
+def length_reach(degree, x0, y0, h, passing, work):
+    """Return the step, at most h, after which a spring has a tenth of its length left,
+
+    or, where it passes zero, as much on the far side; `work` has its vector, x in the first half.
+    """
+    square, half = x0 * x0 + y0 * y0, len(work) // 2
+    most, total = 0.9, 0.0
+    if passing:
+        most = 2.0 * math.sqrt(max(square, TINY))
+    for k in range(degree, 0, -1):
+        x, y = work[k], work[half + k]
+        work[k] = -math.sqrt(x * x + y * y) if passing else (x * x0 + y * y0) / square
+        total = (total - min(work[k], 0.0)) * h
+    if total < most:
+        return h
+    work[0] = most
+    h, _ = first_root(work, degree, h)
+    return h
+
+
+@uncounted
+def zero_reach(
+    order, used, count, watching, watched, h, rim_far, small, relative, u, at, pl, cx, cy, cc, cs,
+    work,
+):  # fmt: skip
+    """Return (h, near, through): the step, at most h, in which no spring passes length zero,
+
+    whether one comes near it, and how many pass it now: each in a step of its own, `pass_zero`
+    says which. No series of d/|d| holds across zero, and where ends meet head-on d/|d| is constant
+    until there: nothing else would tell. `rim_far` (m) bounds the way of the rim's anchors.
+    """
+    half, near, through = len(work) // 2, False, 0
+    for q in range(count):
+        e, f, s, a = pl.act[q], pl.act_first[q], pl.act_second[q], pl.act_anchor[q]
+        if at.natural[e] == 0.0:
+            continue
+        x, y = spring_vector(e, u, at, cx[0], cy[0], cc[0], cs[0])
+        far = rim_far if a >= 0 else 0.0
+        if f >= 0:
+            far += pl.swing[f]
+        if s >= 0:
+            far += pl.swing[s]
+        passing = pl.natural[q] == 0.0
+        if not passing and far * far < 0.81 * (x * x + y * y):
+            continue
+        near = True
+        if passing:
+            through += 1
+        elif x * x + y * y <= TINY:
+            continue  # met by chance: it passes in the next step
+        for k in range(1, order + 1):
+            dx, dy = rim_order(k, a if k <= used else -1, at, cx, cy, cc, cs)
+            if s >= 0:
+                dx, dy = dx + pl.ax[s, k], dy + pl.ay[s, k]
+            if f >= 0:
+                dx, dy = dx - pl.ax[f, k], dy - pl.ay[f, k]
+            work[k], work[half + k] = dx, dy
+        h = length_reach(order, x, y, h, passing, work)
+    for p in range(watching if rim_far > 0.0 else 0):
+        j = watched[p]
+        for q in range(at.rim_lo[j], at.rim_lo[j + 1]):
+            e = at.rim_spring[q]
+            x, y = to_rim(e, u[j, 0], u[j, 1], at, cx[0], cy[0], cc[0], cs[0])
+            if at.natural[e] == 0.0 or rim_far * rim_far < 0.81 * (x * x + y * y):
+                continue
+            near, a = True, at.second[e] - at.n
+            for k in range(1, used + 1):
+                work[k], work[half + k] = rim_order(k, a, at, cx, cy, cc, cs)
+            passing = would_pass(
+                e, x, y, work[1], work[half + 1], at.inverse[j], relative, small, at
+            )
+            if passing:
+                through += 1
+            h = length_reach(used, x, y, h, passing, work)
+    return h, near, through
 
 
 @uncounted

@@ -58,6 +58,15 @@ def to_rim(e, ux, uy, at, x, y, co, si):
 
 
 @inlined
+def spring_vector(e, u, at, x, y, co, si):
+    """Return the vector along spring e from its first end to its second, a block or the rim."""
+    i, j = at.first[e], at.second[e]
+    if j >= at.n:
+        return to_rim(e, u[i, 0], u[i, 1], at, x, y, co, si)
+    return u[j, 0] - u[i, 0] + at.rest[e, 0], u[j, 1] - u[i, 1] + at.rest[e, 1]
+
+
+@inlined
 def direction_order(k, q, x, y, square, inverse):
     """Write order k of the square and the inverse length in row q; return that of the direction."""
     xk, yk = x[q, k], y[q, k]
@@ -84,7 +93,7 @@ def direction_order(k, q, x, y, square, inverse):
 def pull_order(k, q, at, pl):
     """Write order k of the force of the spring in lane q."""
     e = pl.act[q]
-    stiff, natural = at.k[e], at.natural[e]
+    stiff, natural = at.k[e], pl.natural[q]
     x, y = pl.d.x[q, k], pl.d.y[q, k]
     if natural > 0.0:
         nx, ny = direction_order(k, q, pl.d.x, pl.d.y, pl.d.square, pl.d.inverse)
@@ -99,13 +108,7 @@ def springs_order(k, count, u, at, pl, x0, y0, co, si):
     for q in range(count):
         f, s, a = pl.act_first[q], pl.act_second[q], pl.act_anchor[q]
         if k == 0:
-            e = pl.act[q]
-            i, j = at.first[e], at.second[e]
-            if a >= 0:
-                x, y = to_rim(e, u[i, 0], u[i, 1], at, x0, y0, co, si)
-            else:
-                x = u[j, 0] - u[i, 0] + at.rest[e, 0]
-                y = u[j, 1] - u[i, 1] + at.rest[e, 1]
+            x, y = spring_vector(pl.act[q], u, at, x0, y0, co, si)
         else:
             x = y = 0.0
             if a >= 0:

@@ -113,7 +113,7 @@ class LiveTable:
         self._arms = (springs.anchor - springs.rest).view(complex)[:, 0] - self._centres
         self._inward = -side.view(complex)[:, 0]
         self._u, self._v = scene.u0.copy(), scene.v0.copy()
-        self._work_and_heat, self._counts = np.zeros(2), np.zeros(3, np.int64)
+        self._work_and_heat, self._counts = np.zeros(2), np.zeros(4, np.int64)
         self._log = empty_log(MOST_EVENTS)
         self._rotating: Rotating | None = None
         if coupling.rotate:
