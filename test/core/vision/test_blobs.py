@@ -234,3 +234,24 @@ def test_a_square_of_light_is_sought_as_the_count_of_all_samples_says():
                     best = (du * scan.STEP, dv * scan.STEP, gain)
         assert got == pytest.approx(best)
         assert best[2] > 0.1
+
+
+def test_a_dim_block_beside_a_reflection_is_found_where_the_lattice_misses_it():
+    renderer = Renderer(RenderOptions(noise='L2'))
+    xy, yaw = rest_lattice(), np.zeros(25)
+    image = renderer.render(*xy.T, yaw, 0).copy()
+    truth = renderer.calibration.to_pixels(xy)
+    u, v = np.rint(truth[12]).astype(int)
+    block = image[v - 40 : v + 41, u - 40 : u + 41]
+    ground = np.median(image)
+    block[:] = np.rint(ground + 0.35 * (block - ground)).clip(0, 255)
+    half = round(renderer.calibration.px_per_m() * BLOCK_SIDE_M / 2)
+    block[:, 40 + half + 1 : 40 + half + 9] = 200
+    others = np.arange(25) != 12
+    finder = BlobFinder(calibration=renderer.calibration)
+    near = np.column_stack([truth, yaw])
+    finder.find(image, near[others])
+    assert np.isfinite(paired(finder.find(image, near), truth, 2.0)[12]).all()
+    finder = BlobFinder(calibration=renderer.calibration)
+    finder.find(image, near[others])
+    assert np.isnan(paired(finder.find(image, near[others]), truth, 2.0)[12]).all()

@@ -37,6 +37,9 @@ NEW = (0.60, 0.30, 0.40)
 REGAINED = (0.35, 0.0, 0.25)
 # Of the contrast that the block had when it was last seen whole.
 MIN_CONTRAST, MAX_CONTRAST = 0.65, 1.9
+# From this quality on, and so sure, an outline where the lattice misses a block is that block's: if
+# it was never seen whole, its battery may be weak, and a reflection may stand beside it for ever.
+OUTLINE, OUTLINE_PX = 0.25, 0.12
 FAINTEST = 0.2  # of the usual contrast: less is no block
 LIT = 0.12  # where less of a block's place is lit, none is asked for
 MIN_FILL_GAIN = 0.2  # by this share a square must be fuller of light than its surroundings
@@ -69,10 +72,11 @@ def expected(known, shape, u, v):
 
 
 @njit(cache=True)
-def attempt(image, known, u, v, theta, own, half, search, table, work, ends, square):
+def attempt(image, known, u, v, theta, own, half, search, table, work, ends, square, missed=False):
     """Fit a square from `u`, `v`, `theta`; `square` (FIELDS,) says how it went.
 
-    own: contrast that it is known to have, or 0. half: of its side, px; 0 where `known` says it.
+    own: contrast that it is known to have, or 0. missed: a block of the lattice should be here.
+    half: of its side, px; 0 where `known` says it.
     table: see outline.
     """
     size, re, im = expected(known, image.shape, u, v)
@@ -90,7 +94,10 @@ def attempt(image, known, u, v, theta, own, half, search, table, work, ends, squ
         dim = contrast < MIN_CONTRAST * own or contrast > MAX_CONTRAST * own
     else:
         dim = contrast < 0.5 * usual
-        square[QUALITY] *= square[ALONE]
+        if missed and square[QUALITY] >= OUTLINE and square[SIGMA] < OUTLINE_PX:
+            dim = False
+        else:
+            square[QUALITY] *= square[ALONE]
     moved = math.hypot(square[U] - u, square[V] - v)
     if not (
         square[SIGMA] < (MOST_SIGMA_PX if square[VISIBLE] > edges.WHOLE else MOST_PARTLY_PX)
@@ -166,7 +173,7 @@ def at_predictions(
         over = max(FAINTEST * known[CONTRASTS], 8.0)
         if scan.lit_share(grid, tiles, u, v, theta, half, over) > LIT:
             _tabulate(known, image.shape, camera, outlines, near, i, table)
-            attempt(image, known, u, v, theta, own, 0.0, 0, table, work, ends, fits[tried])
+            attempt(image, known, u, v, theta, own, 0.0, 0, table, work, ends, fits[tried], True)
             tried += 1
     n = keep(fits, tried, kept, 0, PREDICTED)
     if n == len(near):
