@@ -76,11 +76,11 @@ PARTS = {
     ),
     'sizes': Part(
         ('sizes', '--seeds', '2', '--travel', '0.02'), ('sizes', 'collapse'),
-        '11, 12 (automata: 11 to 18)', 'deviation of a start', 2000,
+        '11, 12 (automata: 11 to 18)', 'deviation of a start', 1240,
     ),
     'critical': Part(
         ('critical',), ('critical', 'parts'), '1, 2 (hands: 1); parts 1 to 8 (hands: 1 to 4)',
-        'twice the error of b; 95 % of runs', 2400, COMPUTES,
+        'twice the error of b; 95 % of runs', 400, COMPUTES,
         ('examples/sweeps/critical', 'examples/sweeps/parts'), keeps=True,
     ),
 }  # fmt: skip
