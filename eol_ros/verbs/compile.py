@@ -145,7 +145,6 @@ def _here(parts: Sequence[str]) -> int:
 
 
 def _twin():
-
     from eol_ros.core.physics.twin.accelerometer import Accelerometers
     from eol_ros.core.physics.twin.live import SOFT, LiveTable
     from eol_ros.core.physics.twin.play import Play
