@@ -64,7 +64,7 @@ PROBE = 32  # sweeps after which a step is taken without, to compare
 PAYS = 2.0  # a sweep costs as much as so many steps without
 # rad of the springs' own motion in a sweep: a shorter one, where a spring is all but passing length
 # zero, is right in place and far off in velocity
-LEAST = 0.3
+LEAST = 0.1
 KICK_MPS = 1e-6  # where mu_s = mu_k a block may be loose with no acceleration, and no growth of it
 CREEP_ROUNDS = 8  # in which the direction of what creeps has to settle,
 CREEP_TOP_S = 1.5e-3  # for a step so long
