@@ -23,6 +23,7 @@ from eol_ros.core.physics.event.lanes import (
 )
 from eol_ros.core.physics.event.step import (
     break_root,
+    fastest_rotation,
     pass_zero,
     planar_ledger,
     planar_reach,
@@ -62,9 +63,10 @@ PATIENCE = 24  # steps without an event after which a sweep is tried
 MOST_PATIENCE = 96
 PROBE = 32  # sweeps after which a step is taken without, to compare
 PAYS = 2.0  # a sweep costs as much as so many steps without
-# rad of the springs' own motion in a sweep: a shorter one, where a spring is all but passing length
-# zero, is right in place and far off in velocity
-LEAST = 0.1
+# A sweep is right in place, and the shorter the worse in velocity. Where springs rotate
+# at more than ROTATION of their own motion's rate, all but passing length zero, that comes to
+# count: there a sweep has to last LEAST rad of that motion.
+ROTATION, LEAST = 0.1, 0.3
 KICK_MPS = 1e-6  # where mu_s = mu_k a block may be loose with no acceleration, and no growth of it
 CREEP_ROUNDS = 8  # in which the direction of what creeps has to settle,
 CREEP_TOP_S = 1.5e-3  # for a step so long
@@ -241,7 +243,7 @@ def run(
     changed = settle = by_zero = True
     # stiff springs: steps since an event, how many to wait, sweeps since a plain step
     calm, patience, sweeps, plain, try_s = 0, PATIENCE, 0, np.inf, 0.0
-    eager, abreast, longest, furthest, least = False, False, np.inf, np.inf, 0.0
+    eager, abreast, longest, furthest, swings = False, False, np.inf, np.inf, 0.0
     gain = last = 1.0  # of a round that settles directions; the last change of them
     while True:
         reach, used = drive_series(
@@ -370,7 +372,7 @@ def run(
                     fill_abreast(m, count, at, pl, sweeping.ab)
                     longest = sweep_top(m, rules.small, at, pl)
                     furthest = sweep_top(m, sweeping.small, at, pl)
-                    least = LEAST / math.sqrt(fastest(m, at, pl))
+                    swings = fastest(m, at, pl)
                     abreast = True
                 fast = all_fast(m, v, at, pl)
                 top = min(top, furthest if fast else longest)
@@ -393,7 +395,10 @@ def run(
                     try_s,
                     top,
                 )
-                eager = near > max(PAYS * plain, least)
+                eager = near > PAYS * plain
+                if eager and at.geometric and near * near * swings < LEAST * LEAST:
+                    rotation = fastest_rotation(count, u, v, at, pl, cx, cy, cc, cs)
+                    eager = rotation < ROTATION * ROTATION * swings
                 if eager:
                     o = far
                     sweeps += 1

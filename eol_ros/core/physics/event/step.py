@@ -139,20 +139,37 @@ def pass_zero(count, u, v, relative, small, at, pl, cx, cy, cc, cs):
         if at.natural[e] == 0.0:
             continue
         x, y = spring_vector(e, u, at, cx[0], cy[0], cc[0], cs[0])
-        vx, vy = rim_order(1, pl.act_anchor[q], at, cx, cy, cc, cs)
-        if pl.act_anchor[q] < 0:
-            j = at.second[e]
-            vx, vy = v[j, 0], v[j, 1]
-        i = at.first[e]
-        vx, vy = vx - v[i, 0], vy - v[i, 1]
+        vx, vy = spring_rate(q, v, at, pl, cx, cy, cc, cs)
         if pl.act_first[q] >= 0:
-            inverse += at.inverse[i]
+            inverse += at.inverse[at.first[e]]
         if pl.act_second[q] >= 0:
             inverse += at.inverse[at.second[e]]
         if would_pass(e, x, y, vx, vy, inverse, relative, small, at):
             pl.natural[q] = 0.0
             passing += 1
     return passing
+
+
+@inlined
+def spring_rate(q, v, at, pl, cx, cy, cc, cs):
+    """Return how the vector along the spring in lane q changes, m/s."""
+    e = pl.act[q]
+    i, j = at.first[e], at.second[e]
+    vx, vy = rim_order(1, pl.act_anchor[q], at, cx, cy, cc, cs)
+    if j < at.n:
+        vx, vy = v[j, 0], v[j, 1]
+    return vx - v[i, 0], vy - v[i, 1]
+
+
+@uncounted
+def fastest_rotation(count, u, v, at, pl, cx, cy, cc, cs):
+    """Return the square (1/s^2) of the fastest |d'| / |d| of the springs in lanes."""
+    square = 0.0
+    for q in range(count):
+        x, y = spring_vector(pl.act[q], u, at, cx[0], cy[0], cc[0], cs[0])
+        vx, vy = spring_rate(q, v, at, pl, cx, cy, cc, cs)
+        square = max(square, (vx * vx + vy * vy) / max(x * x + y * y, TINY))
+    return square
 
 
 @inlined
