@@ -174,22 +174,23 @@ class Twin:
 
 def onsets(truths: list, settings) -> list[tuple[int, int]]:
     """Return (time in ns, block) of each slip's beginning, in order; raise if the twins differ."""
+    from eol_ros.devices.camera.exposure_clock import moved_to
     from eol_ros.nodes.twin import LONGEST_STEP_S
 
     twin, found, before_ns = Twin(settings.seed), [], 0
-    for k, truth in enumerate(truths, 1):
-        stamp_ns = to_ns(truth.header.stamp)
-        span_s = (stamp_ns - before_ns) / NS if before_ns else 1 / settings.fps
-        before_ns = stamp_ns
-        begun = twin.step(min(max(span_s, 1e-4), LONGEST_STEP_S))
+    stamps = [to_ns(truth.header.stamp) for truth in truths]
+    for k, (truth, stamp_ns) in enumerate(zip(truths, stamps, strict=True), 1):
+        moves = moved_to(stamps[0], before_ns, stamp_ns, settings.fps) if k > 1 else [stamp_ns]
+        for move_ns in moves:
+            span_s = (move_ns - before_ns) / NS if before_ns else 1 / settings.fps
+            begun = twin.step(min(max(span_s, 1e-4), LONGEST_STEP_S))
+            end_s, before_ns = twin.play.time_s, move_ns
+            found += [(move_ns - round((end_s - at_s) * NS), block) for at_s, block in begun]
         if not (np.array_equal(twin.table.x, truth.x) and np.array_equal(twin.table.y, truth.y)):
             raise EolError(
                 f'image {k}: the twin is not where it should be; a message was missed, so '
                 'measure again with less beside it'
             )
-        found += [
-            (stamp_ns - round((twin.play.time_s - at_s) * NS), block) for at_s, block in begun
-        ]
     return sorted(found)
 
 

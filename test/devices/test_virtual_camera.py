@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The virtual camera keeps absolute deadlines, counts what it skips, hides no fault."""
 
+import itertools
 import threading
 
 import numpy as np
 from support.waiting import wait_until
 
-from eol_ros.devices.camera.exposure_clock import NS, SPARE_NS, VirtualCamera
+from eol_ros.devices.camera.exposure_clock import NS, SPARE_NS, VirtualCamera, moved_to
 
 RATE_HZ, PERIOD_NS, EXPOSURE_S = 200.0, NS // 200, 0.004
 HALF_NS = round(EXPOSURE_S / 2 * NS)
@@ -67,6 +68,23 @@ def test_slow_images_are_skipped_and_counted():
     assert np.flatnonzero(steps > 1).tolist() == [4, 11]
     assert camera.missed == (steps - 1).sum() == 5
     assert (delivered - stamps >= EXPOSURE_S / 2 * NS).all()
+
+
+def test_who_has_the_stamps_of_images_knows_to_what_the_table_moved():
+    moves, shown, clock, rate_hz = [], [], Clock(), 60.0
+
+    def expose(index, stamp_ns):
+        shown.append(stamp_ns)
+        clock.now_ns += round({4: 3.5, 5: 2.5, 11: 1.2, 20: 9.0}.get(index, 0) * NS / rate_hz)
+
+    camera = VirtualCamera(rate_hz, EXPOSURE_S, expose, lambda: None, clock, moves.append)
+    wait_until(lambda: len(shown) > 30)
+    camera.close()
+    told = [shown[0]]
+    for before_ns, stamp_ns in itertools.pairwise(shown):
+        told += moved_to(shown[0], before_ns, stamp_ns, rate_hz)
+    assert told == moves[: len(told)]
+    assert camera.missed == 10 and len(told) > len(shown)
 
 
 def test_a_machine_that_wakes_late_does_not_drift():
