@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whatever comes from outside, no reader crashes, hangs, or raises what is no error of ours."""
 
+import gc
 import os
 import subprocess
 import sys
+import tracemalloc
 
 import pytest
 from support import fuzz
@@ -28,6 +30,28 @@ def test_bent_inputs(name, tmp_path):
             fuzz.tell(found.feed, data)
         except Exception as error:
             pytest.fail(f'{data!r}: {error!r}')
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', fuzz.names())
+def test_readers_keep_nothing_of_what_they_have_read(name, tmp_path):
+    """It is read for months: what 100 inputs leave in memory, the next 300 may not add to."""
+    found = fuzz.target(name, tmp_path)
+    inputs = list(fuzz.mutations(found.seeds, 400, 2))
+
+    def feed(some):
+        for data in some:
+            fuzz.tell(found.feed, data)
+        gc.collect()
+
+    feed(inputs[:100])  # what is loaded and cached at first use
+    tracemalloc.start()
+    try:
+        feed(inputs[100:])
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept < 300_000
 
 
 @pytest.mark.soak

@@ -59,6 +59,13 @@ class _Lines(logging.Handler):
         self._say(f'{text}: {cause!r}' if cause else text)
 
 
+def logger(say: Callable[[str], None]) -> logging.Logger:
+    """Return to what the HTTP library reports; `say` is given each report as one line."""
+    log = logging.Logger('eol.web')
+    log.addHandler(_Lines(say))
+    return log
+
+
 class WebServer:
     """Serves the pages from `start` to `stop`.
 
@@ -132,12 +139,10 @@ class WebServer:
         self._stopping = asyncio.Event()
         self.hub.attach(self._loop)
         self._loop.set_exception_handler(self._on_loop_error)
-        log = logging.Logger('eol.web')
-        log.addHandler(_Lines(self.say))
         runner = web.AppRunner(
             self.routes.application(),
             access_log=None,
-            logger=log,
+            logger=logger(self.say),
             keepalive_timeout=15.0,
             shutdown_timeout=1.0,
         )

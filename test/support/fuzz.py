@@ -155,12 +155,17 @@ def _http(_folder: Path) -> Target:
     from eol_ros.settings import PanelSettings
     from eol_ros.web.hub import Hub
     from eol_ros.web.routes import Routes
+    from eol_ros.web.server import logger
+
+    def say(line: str) -> None:
+        if len(line.splitlines()) != 1:
+            faults.append(f'no line: {line!r}')
 
     loop = _loop()
     bridge = SimpleNamespace(ask=None, give_up=None, rim=None)
     routes = Routes(PanelSettings(), Hub(), bridge, lambda text: None)
     faults: list[str] = []
-    runner = web.AppRunner(routes.application(), access_log=None)
+    runner = web.AppRunner(routes.application(), access_log=None, logger=logger(say))
     loop.run_until_complete(runner.setup())
     loop.set_exception_handler(lambda _loop, context: faults.append(str(context)))
 
