@@ -10,7 +10,6 @@ const GAIN = 14; // 1/s, how fast the held point follows
 const RHO = 0.39; // m, of a thin square of 0.96 m: side / sqrt(6)
 const RIM_M = 0.96;
 const PLATFORM_M = 1.4;
-const MOST_YAW = 0.25; // rad, as eol_ros/core/physics/twin/hands.py has it
 const NEAR_M = 0.003; // to a limit
 const BEHIND_M = 0.02; // from here on a hand is told why the rim does not come
 const STANDS_MPS = 0.01;
@@ -60,9 +59,8 @@ export class Hands {
   // Why it does not come: the words' key, empty where it does. `speed` is the rim's, m/s.
   limit({ x, y }, speed) {
     if (!this.holding || (!this.keys.size && this.lag < BEHIND_M)) return '';
-    const [vx, vy, w] = this.velocity();
+    const [vx, vy] = this.velocity();
     const [rx, ry, yaw] = this.pose;
-    if (w * yaw > 0 && Math.abs(yaw) > MOST_YAW - 0.004) return 'limit_yaw';
     const reach = (PLATFORM_M - RIM_M * (Math.abs(Math.cos(yaw)) + Math.abs(Math.sin(yaw)))) / 2;
     if ((vx * rx > 0 && Math.abs(rx) > reach - NEAR_M) || (vy * ry > 0 && Math.abs(ry) > reach - NEAR_M)) return 'limit_edge';
     const gaps = [...x].map((_, id) => {

@@ -6,12 +6,20 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmarks.table import Counted
 from eol_ros.core.geometry import BLOCK_MASS_KG, BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.drive import Drive
 from eol_ros.core.physics.scene import from_mapping
-from eol_ros.core.physics.twin.hands import HAND_N, Commands, Rim
+from eol_ros.core.physics.twin.hands import (
+    HAND_N,
+    VISITORS_YAW_RAD,
+    YIELD_S,
+    Commands,
+    Rim,
+    keep_within,
+)
 from eol_ros.core.physics.twin.live import CLEAR_M, SOFT, Coupling, LiveTable
 from eol_ros.core.physics.twin.play import Play
 
@@ -37,6 +45,25 @@ def test_slips_within_ten_seconds_and_still_between(seed):
     still = ~moving.any(axis=1)
     runs = np.diff(np.flatnonzero(np.concatenate([[True], ~still, [True]]))) - 1
     assert runs.max() * IMAGE_S > 1.5
+
+
+def test_people_rotate_the_rim_all_the_way_round_and_visitors_take_it_back():
+    """Blocks go along and stay apart; the rim stays on the platform though its corners reach it."""
+    hands = Counted(Coupling(), 5)
+    table, rim = hands.table, hands.rim
+    while rim.pose[2] < 2 * np.pi + 1.0:
+        for name in ('anna', 'ben'):
+            hands.commands.take(hands.time_s, name, (0.1, -0.05, 0.9), 0.5)
+        hands.advance(IMAGE_S)
+        on = rim.pose.copy()
+        keep_within(on)
+        assert on == pytest.approx(rim.pose, abs=1e-12)
+        assert hands.gap_m() > 0.01
+    assert table.faults == 0 and abs(table.energy_residual) < 1e-4
+    assert np.abs(table.yaw - rim.pose[2]).max() < 0.5
+    while hands.time_s < hands.commands.touched_s + YIELD_S + 60:
+        hands.advance(IMAGE_S)
+    assert abs(rim.pose[2] - 2 * np.pi) < VISITORS_YAW_RAD + 0.05
 
 
 def test_what_rests_does_not_creep():

@@ -14,10 +14,7 @@ import numpy as np
 from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_SIDE_M
 from eol_ros.core.physics.series import entry
 
-# The platform would bear any yaw. But rough hands bring blocks to 23 mm from each other at this
-# limit, at 30 degrees to 22 mm (`eol bench table`), and blocks have no contact.
-YAW_LIMIT_RAD = 0.35
-VISITORS_YAW_RAD = 0.25
+VISITORS_YAW_RAD = 0.25  # people may rotate the rim at will: on the platform it fits at any yaw
 RIM_KG = 8.0  # a frame of steel tube on four casters; a guess
 ROLLING_N = 0.05 * RIM_KG * 9.81  # small casters on grit; a guess
 HAND_N = 60.0  # what one hand pulls with at most; 55 N hold all 25 blocks at mu_s 0.9
@@ -54,19 +51,11 @@ def reach_m(yaw):
 
 
 @entry
-def keep_within(pose, most_yaw):
-    """Move `pose` (3,) to the nearest that keeps the rim on the platform."""
-    pose[2] = min(max(pose[2], -most_yaw), most_yaw)
+def keep_within(pose):
+    """Move `pose` (3,) along x and y to the nearest that keeps the rim on the platform."""
     reach = reach_m(pose[2])
     for p in range(2):
         pose[p] = min(max(pose[p], -reach), reach)
-
-
-def within_reach(pose: np.ndarray, most_yaw: float = YAW_LIMIT_RAD) -> np.ndarray:
-    """Return the nearest pose that keeps the rim on the platform, shape (3,)."""
-    pose = np.array(pose, float)
-    keep_within(pose, most_yaw)
-    return pose
 
 
 @entry
@@ -139,7 +128,11 @@ class Reach:
 
 
 def _gently(pose: np.ndarray) -> np.ndarray:
-    return within_reach(pose, VISITORS_YAW_RAD)
+    """Return the nearest pose (3,) to which unattended hands would lead the rim."""
+    pose = np.array(pose, float)
+    pose[2] = min(max(pose[2], -VISITORS_YAW_RAD), VISITORS_YAW_RAD)
+    keep_within(pose)
+    return pose
 
 
 class Visitors:
@@ -180,6 +173,8 @@ class Visitors:
 
     def _begin(self, begin_s: float, pose: np.ndarray) -> None:
         random = self._random
+        # people may have left it after whole rotations: that is as if there were none
+        pose = pose - (0.0, 0.0, 2 * math.pi * round(pose[2] / (2 * math.pi)))
         kinds = (self._push, self._jerk, self._circle, self._rotate, self._two)
         kind = kinds[random.choice(len(kinds), p=SHARES)] if self._next_s else self._push
         self.reaches = kind(begin_s, pose)
@@ -309,7 +304,7 @@ def drag(step_s, wanted, load, resists, pose, velocity, push, pulls, strong, fir
     for p in range(3):
         pose[p] += 0.5 * step_s * (velocity[p] + push[p])
         velocity[p] = pose[p]
-    keep_within(pose, YAW_LIMIT_RAD)
+    keep_within(pose)
     for p in range(3):
         velocity[p] = 0.0 if abs(pose[p] - velocity[p]) > 1e-12 else push[p]
 

@@ -16,7 +16,7 @@ from eol_ros.core.physics.model import Model, rotated
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.status import OK
 from eol_ros.core.physics.twin import rim_springs
-from eol_ros.core.physics.twin.hands import GYRATION_M
+from eol_ros.core.physics.twin.hands import GYRATION_M, keep_within
 from eol_ros.settings import TwinSettings
 
 if TYPE_CHECKING:
@@ -202,7 +202,7 @@ class LiveTable:
 
         The rim slides along what it touches, without friction: from where the hands want it, it is
         put back by the least motion in |dx|^2 + |dy|^2 + (GYRATION_M dyaw)^2, block by block, until
-        none is too near (Kaczmarz 1937).
+        none is too near (Kaczmarz 1937), and between blocks onto the platform.
         """
         nearest, near = self._near(pose)
         if nearest >= CLEAR_M or np.array_equal(pose, self.rim_pose):
@@ -212,6 +212,7 @@ class LiveTable:
         if np.all(near >= least):
             return
         for _ in range(MOST_CONTACTS):
+            keep_within(pose)
             short = least - self._near(pose)[1]
             worst = int(np.argmax(short))
             if short[worst] <= TOUCH_M:
