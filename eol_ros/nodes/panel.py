@@ -97,7 +97,7 @@ class PanelNode(EolNode):
         trouble = self.day_file.trouble or self.screen_file.trouble
         say = self.health.warn if trouble else self.health.ok
         here = said(
-            'panel', '{address}, {viewers} viewers', address=self.server.address, viewers=viewers
+            'panel', '{address}, viewers: {viewers}', address=self.server.address, viewers=viewers
         )
         say(clauses([here, trouble]))
 

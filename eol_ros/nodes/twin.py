@@ -27,6 +27,10 @@ from eol_ros.streams.said import said
 
 REST_SAMPLES = 288  # after those that a block's detector learns from
 LONGEST_STEP_S = 0.1  # a machine that slept does not make up for it
+HANDS = {
+    'visitors': said('hands_visitors', 'visitors'),
+    'nobody': said('hands_nobody', 'nobody'),
+}
 
 
 class Moment(NamedTuple):
@@ -63,7 +67,7 @@ class TwinNode(EolNode):
         self.image = np.empty((s.height, s.width), np.uint8)
         self.moments: deque[Moment] = deque()  # that no image has shown yet
         self.stamp_ns = 0
-        self.told = ''  # who has the table, as last reported
+        self.told = '', ''  # whose hands, and who has the table, as last reported
         self.images = ImagePublisher(self, 'camera/image_raw', 'camera/camera_info', calibration)
         self.truth = self.publisher('truth')
         self.infrared: np.ndarray = np.ones(N_BLOCKS)  # light of each block
@@ -169,20 +173,20 @@ class TwinNode(EolNode):
         s = self.settings
         if self.camera is None and self.barrier.ready():
             self.health.expects('images')
-            self.health.ok(
-                said(
-                    'twin', '{width}x{height} at {fps} images/s, hands: {hands}',
-                    width=s.width, height=s.height, fps=f'{s.fps:g}', hands=s.hands,
-                )
-            )  # fmt: skip
             self.camera = VirtualCamera(
                 s.fps, s.exposure_us * 1e-6, self.expose, self.deliver, move=self.move
             )
         elif self.camera is not None and self.camera.fault:
             raise self.camera.fault
-        if self.play.playing != self.told:  # pages name who plays: do not wait for the next second
-            self.told = self.play.playing
-            self.health.report()
+        if self.camera is not None and self.told != (now := (s.hands, self.play.playing)):
+            self.told = now
+            self.health.ok(
+                said(
+                    'twin', '{width}x{height} at {fps} images/s, hands: {hands}',
+                    width=s.width, height=s.height, fps=f'{s.fps:g}', hands=HANDS[s.hands],
+                )
+            )  # fmt: skip
+            self.health.report()  # pages name who plays: do not wait for the next second
 
     def close(self) -> None:
         if self.camera is not None:

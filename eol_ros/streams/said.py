@@ -21,15 +21,17 @@ class Said(str):
 
 
 def said(code: str, words: str, /, **places: Any) -> Said:
-    """Return `words` with its {places} filled, and its code.
+    """Return `words` with its {places} filled, and its code; what fills them may have codes, too.
 
     >>> text = said('pairs', '{count} pairs', count=24)
     >>> text, text.parts
     ('24 pairs', [['pairs', {'count': '24'}]])
     """
-    filled = {name: str(value) for name, value in places.items()}
-    text = Said(words.format(**filled))
-    text.parts = [[code, filled]]
+    text = Said(words.format(**places))
+    text.parts = [[code, {
+        name: value.parts if isinstance(value, Said) else str(value)
+        for name, value in places.items()
+    }]]  # fmt: skip
     return text
 
 

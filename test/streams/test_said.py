@@ -21,3 +21,9 @@ def test_clauses_keep_their_codes():
     assert isinstance(whole, Said) and whole == 'muted; no corpus; full'
     assert parts_of(whole) == [['muted', {}], 'no corpus', ['full', {}]]
     assert clauses([]) == ''
+
+
+def test_what_fills_a_place_keeps_its_code():
+    text = said('twin', 'hands: {hands}', hands=said('hands_nobody', 'nobody'))
+    assert text == 'hands: nobody'
+    assert parts_of(text) == [['twin', {'hands': [['hands_nobody', {}]]}]]

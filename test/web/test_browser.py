@@ -228,8 +228,11 @@ def test_the_page_says_when_nobody_plays_and_the_panel_switches_it(graph, browse
     visit(browser, address, '/')
     button = 'document.querySelector("[data-control=people_only]")'
     until_page(browser, f'{button}.offsetParent && {button}.ariaPressed === "false"')
+    nodes = 'document.getElementById("nodes").textContent'
+    until_page(browser, f'{nodes}.includes("hands: visitors")')
     run(browser, f'{button}.click()')
     until_page(browser, f'{button}.ariaPressed === "true"')
+    until_page(browser, f'{nodes}.includes("hands: nobody")')  # the state of the node follows
     assert complaints(browser) == []
 
 

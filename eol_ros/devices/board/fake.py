@@ -30,7 +30,9 @@ from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.light.bridge import Bridge
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.errors import UsageError
+from eol_ros.streams.said import said
 
+TABLE = said('simulated_table', 'the simulated table')  # the port of a bridge that a twin plays
 DARK_AFTER_S = 2.0  # without a packet from the host
 MILLIVOLTS, CELSIUS = 3900, 24  # of the battery of a block that has one
 WHOLE = (protocol.ANSWERS, 400, 400, 400, 1700, 100, 1350)  # of a self-test
@@ -92,7 +94,7 @@ class FakeBoard:
         self.detector = protocol.Detector()  # as the host has set it
         self.firmware = protocol.FIRMWARE
         self.self_tests: dict[int, tuple[int, ...] | None] = {}  # but for WHOLE; None: no answer
-        self._socket_pair, self.port = socket_pair, 'the simulated table' if socket_pair else ''
+        self._socket_pair, self.port = socket_pair, TABLE if socket_pair else ''
         self.bridge = Bridge()  # with the blocks; of version 2
         self._on_arrival, self._on_message = on_arrival, on_message
         self._rate, self._clock_us, self._boot = rate, clock_us, time.monotonic()
