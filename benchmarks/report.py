@@ -7,44 +7,72 @@ thread.
 """
 
 import argparse
+from pathlib import Path
 
 from eol_ros.errors import UsageError
 
 HELP = 'Report a day of exhibition made of the sample bag: seconds and memory.'
-EXAMPLES = ['eol bench report --hours 1', 'eol bench report --hours 10 --whole --json']
+EXAMPLES = [
+    'eol bench report --hours 1',
+    'eol bench report --hours 10 --whole --json',
+    'eol bench report --bags 200 --keep exhibition',
+]
 SAMPLE = 'bags/sample'
+BAGS_A_DAY, BETWEEN_S = 40, 840  # from the start of one to the start of the next: 9.3 h a day
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('--hours', type=float, default=10.0, metavar='H', help='of the day (10)')
+    parser.add_argument('--bags', type=int, metavar='N', help='N bags of a minute for the one day')
+    parser.add_argument('--keep', metavar='DIR', help='leave bags and report there (a new folder)')
     parser.add_argument('--whole', action='store_true', help='also the report of the one bag')
     parser.add_argument('--json', action='store_true')
 
 
 def run(args: argparse.Namespace) -> int:
     """Make the day, report it, print."""
+    import contextlib
     import tempfile
-    from pathlib import Path
 
     from benchmarks.machine import tell
 
     if not args.hours > 0:
         raise UsageError('--hours: more than 0')
-    with tempfile.TemporaryDirectory() as folder:
-        day = Path(folder) / 'day'
-        made = _day(day, args.hours)
+    if args.bags is not None and (args.bags < 1 or args.whole):
+        raise UsageError('--bags: one or more, without --whole')
+    with contextlib.ExitStack() as stack:
+        if args.keep:
+            folder = Path(args.keep)
+            if folder.exists():
+                raise UsageError(f'{folder}: is there already')
+        else:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        if args.bags:
+            made = _days(folder, args.bags)
+        else:
+            made = _day(folder / 'day', args.hours)
         rows = [_measured('exhibition (--all)', [str(folder), '--all'], folder)]
         if args.whole:
-            rows.append(_measured('one bag', [str(day)], folder))
+            rows.append(_measured('one bag', [str(folder / 'day')], folder))
     tell({**made, 'rows': rows}, args.json, _table)
     return 0
 
 
-def _day(folder, hours: float) -> dict:
-    """Write the sample over and over into a bag; return its hours, messages and size."""
+def _days(folder: Path, bags: int) -> dict:
+    """Write bags of a minute each, BETWEEN_S apart; return what they hold together."""
+    total: dict = {'bags': bags}
+    for number in range(bags):
+        day, of_day = divmod(number, BAGS_A_DAY)
+        later_s = day * 86400 + of_day * BETWEEN_S
+        for key, value in _day(folder / f'run_{number:04}', 1 / 60, later_s).items():
+            total[key] = total.get(key, 0) + value
+    return total
+
+
+def _day(folder: Path, hours: float, later_s: int = 0) -> dict:
+    """Write the sample over and over, later_s later; return the hours, messages and bytes."""
     import struct
-    from pathlib import Path
 
     from eol_ros.devices.bag.reader import BagReader
     from eol_ros.devices.bag.writer import SAMPLE as NO_SAMPLE
@@ -65,7 +93,7 @@ def _day(folder, hours: float) -> dict:
     bag = BagWriter(folder, list(sample.topics.values()), about)
     rounds = max(1, round(3600 * hours / whole_s))
     for turn in track(range(rounds), 'making the day'):
-        more_s = turn * whole_s
+        more_s = later_s + turn * whole_s
         for m, places, seconds in messages:
             data = bytearray(m.data)
             for place, value in zip(places, seconds, strict=True):
@@ -73,11 +101,11 @@ def _day(folder, hours: float) -> dict:
             log_ns, publish_ns = m.log_ns + more_s * 10**9, m.publish_ns + more_s * 10**9
             bag.write(m.topic, bytes(data), log_ns, publish_ns)
     bag.close()
-    size = sum(p.stat().st_size for p in Path(folder).iterdir())
+    size = sum(p.stat().st_size for p in folder.iterdir())
     return {'hours': rounds * whole_s / 3600, 'messages': rounds * len(messages), 'bytes': size}
 
 
-def _measured(name: str, words: list[str], folder: str) -> dict:
+def _measured(name: str, words: list[str], folder: Path) -> dict:
     import os
     import subprocess
     import sys

@@ -91,18 +91,19 @@ def energy_sentence(rows: np.ndarray, made: TwinSettings | None) -> str:
 
 
 def write(out: Path, rows: np.ndarray, provenance: dict[str, Any]) -> list[Path]:
-    """Write catalogue_zmap.csv, catalogue.parquet (or .csv without pyarrow) and catalogue.json.
+    """Write catalogue_zmap.tsv, catalogue.parquet (or .csv without pyarrow) and catalogue.json.
 
     By onset.
     """
     rows = rows[np.argsort(rows['onset_ns'], kind='stable')]
-    zmap = out / 'catalogue_zmap.csv'
+    zmap = out / 'catalogue_zmap.tsv'
     with open(zmap, 'w', newline='', encoding='ascii') as file:
-        csv.writer(file, lineterminator='\n').writerows(_zmap_rows(rows))
+        # tabs: with commas ObsPy reads events without a value, and says nothing
+        csv.writer(file, delimiter='\t', lineterminator='\n').writerows(_zmap_rows(rows))
     about = {
         'provenance': provenance,
         'columns': {n: {'unit': unit, 'is': text} for n, (_, unit, text) in COLUMNS.items()},
-        'catalogue_zmap.csv': {
+        'catalogue_zmap.tsv': {
             'columns': ZMAP, 'is': 'no head; x, y in m stand for degrees, depth is 0, UTC; '
             'a cascade without a distance has the magnitude nan',
         },
@@ -145,5 +146,5 @@ def _zmap_rows(rows: np.ndarray) -> Any:
         yield [
             f'{row["x_m"]:.3f}', f'{row["y_m"]:.3f}', f'{year:.13f}', at.month, at.day,
             f'{magnitude:.4f}' if np.isfinite(magnitude) else 'nan', 0, at.hour, at.minute,
-            f'{at.second + rest_ns * 1e-9:.6f}',
+            f'{at.second}.{rest_ns // 1000:06}',
         ]  # fmt: skip

@@ -184,6 +184,7 @@ def mean_squares(blocks: Iterator[np.ndarray], sample_rate: int) -> np.ndarray:
         if state is None:
             state = np.zeros((len(filters), len(channels), 2))
         weighted, state = signal.sosfilt(filters, channels, zi=state)
+        state[np.abs(state) < 1e-30] = 0.0  # silence decays into subnormals: 14 times slower
         square = np.concatenate([left, np.einsum('cn,cn->n', weighted, weighted)])
         whole = len(square) // step * step
         made.append(square[:whole].reshape(-1, step).mean(axis=1))

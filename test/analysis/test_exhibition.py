@@ -149,8 +149,8 @@ def test_the_catalogue_has_units_and_origin_and_zmap_columns(week, tmp_path, cap
     found = json.loads(capsys.readouterr().out)
     table = pq.read_table(tmp_path / 'catalogue.parquet')
     provenance = json.loads(table.schema.metadata[b'eol_ros'])
-    with open(tmp_path / 'catalogue_zmap.csv', newline='') as file:
-        zmap = np.array([[float(v) for v in row] for row in csv.reader(file)])
+    with open(tmp_path / 'catalogue_zmap.tsv', newline='') as file:
+        zmap = np.array([[float(v) for v in row] for row in csv.reader(file, delimiter='\t')])
 
     assert found['bags'] == DAYS and len(table) == len(zmap) == DAYS * SLIPS
     assert table.schema.field('potency_m').metadata[b'unit'] == b'm'
@@ -162,6 +162,7 @@ def test_the_catalogue_has_units_and_origin_and_zmap_columns(week, tmp_path, cap
     np.testing.assert_allclose(zmap[:, 5], np.log10(np.array(table['potency_m'])), atol=1e-4)
     first = datetime.datetime.fromtimestamp(onset[0] / S, datetime.timezone.utc)
     assert zmap[0, [3, 4, 7, 8]].tolist() == [first.month, first.day, first.hour, first.minute]
+    assert (zmap[:, 9] == onset // 1000 % (60 * 10**6) / 1e6).all()  # and never 60
     days = (zmap[:, 2] - 2026) * 365
     made = (onset - int(datetime.datetime(2026, 1, 1).replace(
         tzinfo=datetime.timezone.utc).timestamp()) * S) / (DAY_S * S)  # fmt: skip
