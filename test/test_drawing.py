@@ -31,14 +31,15 @@ def test_combinations_are_distinct_and_even():
     walk = combinations(24)
     assert len(set(walk)) == 24
     assert all(a[0] != b[0] and a[1] != b[1] for a, b in pairwise(walk))
-    for side in (0, 1):
+    for side, times in ((0, 4), (1, 2)):
         names = [w[side] for w in walk]
-        assert {names.count(n) for n in names} == {4}
-    with pytest.raises(ValueError, match='1 to 36'):
-        combinations(37)
+        assert {names.count(n) for n in names} == {times}
+    assert len(set(combinations(72))) == 72
+    with pytest.raises(ValueError, match='1 to 72'):
+        combinations(73)
 
 
-@pytest.mark.parametrize(('number', 'names'), list(enumerate(combinations()))[::5])
+@pytest.mark.parametrize(('number', 'names'), list(enumerate(combinations()))[::2])
 def test_a_pair_is_wellformed_seeded_and_inside(number, names):
     pair = draw_pair(number, names, seed=1)
     assert pair == draw_pair(number, names, seed=1)
@@ -80,10 +81,10 @@ def test_no_two_pairs_are_composed_alike():
     for side in (0, 1):  # nor is a motif ever seen twice in the same way
         for name in {w[side] for w in walk}:
             views = [view_of(n, left=True) for n in range(24) if walk[n][side] == name]
-            assert len(set(views)) == 4, name
+            assert len(set(views)) == len(views) == (2 if side else 4), name
 
 
-@pytest.mark.parametrize('number', range(6))
+@pytest.mark.parametrize('number', range(12))
 def test_the_degrees_are_one_place_ever_more_broken(number):
     """The ground steps further and the fault comes higher; what stood there before stands there."""
     pair = draw_pair(number, combinations()[number], seed=1)

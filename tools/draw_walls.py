@@ -13,12 +13,12 @@ one. All is vector geometry from a seed, written as SVG text; the files ship as 
 import csv
 import io
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from drawings import damage, industry
+from drawings import aftermath, damage, industry
+from drawings.damage import Motif
 from drawings.sheet import PALETTES, WEATHERS, Sheet, View
 
 WALLS = Path(__file__).parents[1] / 'eol_ros' / 'devices' / 'files' / 'walls'
@@ -38,8 +38,16 @@ CHINESE = {
     'collapsed bridge': '崩塌的橋',
     'sinkhole': '天坑',
     'fallen pylons': '倒下的電塔',
+    'offset streets': '錯開的街道',
+    'cracked room': '開裂的房間',
+    'breached dyke': '決口的堤防',
+    'landslide': '山崩',
+    'stranded ship': '擱淺的船',
+    'split tower': '裂開的高樓',
 }
-Motif = Callable[[Sheet, np.random.Generator], None]
+# A section and what is seen otherwise, by turns
+EFFECTS = dict(pair for both in zip(damage.MOTIFS.items(), aftermath.MOTIFS.items(), strict=True)
+               for pair in both)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -54,16 +62,14 @@ class DrawnPair:
 
 def combinations(count: int = MIN_PAIRS) -> list[tuple[str, str]]:
     """Return `count` (industry, damage) names, each combination once, every motif evenly used."""
-    causes, effects = list(industry.MOTIFS), list(damage.MOTIFS)
+    causes, effects = list(industry.MOTIFS), list(EFFECTS)
     most = len(causes) * len(effects)
     if not 0 < count <= most:
         raise ValueError(f'{count} pairs asked for; there are 1 to {most}')
-    walk = [
-        (causes[i], effects[(i + shift) % len(effects)])
-        for shift in range(len(effects))
-        for i in range(len(causes))
+    return [
+        (causes[n % len(causes)], effects[(n + n // len(effects)) % len(effects)])
+        for n in range(count)
     ]
-    return walk[:count]
 
 
 def draw_pair(number: int, names: tuple[str, str], seed: int) -> DrawnPair:
@@ -74,27 +80,28 @@ def draw_pair(number: int, names: tuple[str, str], seed: int) -> DrawnPair:
     ground_seed, left_seed, right_seed, air_seed = np.random.SeedSequence([seed, number]).spawn(4)
 
     def drawn(motif: Motif, motif_seed: np.random.SeedSequence, damage: float) -> str:
-        view = view_of(number, left=damage == 0)
+        view = view_of(number, damage == 0, right_name not in aftermath.WITHOUT_SKY)
         sheet = Sheet(palette, np.random.default_rng(ground_seed), damage, view)
         motif(sheet, np.random.default_rng(motif_seed))
         sheet.draw_weather(np.random.default_rng(air_seed))
         return sheet.svg()
 
     left = drawn(industry.MOTIFS[left_name], left_seed, 0.0)
-    broken = damage.MOTIFS[right_name]
+    broken = EFFECTS[right_name]
     rights = [drawn(broken, right_seed, (k + 1) / DEGREES) for k in range(DEGREES)]
     caption = f'{left_name.capitalize()} | {right_name}'
     return DrawnPair(f'{number:02d}', left, tuple(rights), caption)
 
 
-def view_of(number: int, left: bool) -> View:
+def view_of(number: int, left: bool, right_has_sky: bool = True) -> View:
     """Return how a half of pair `number` is seen."""
+    moon_is_left = bool((number + number // 6) % 2) or not right_has_sky
     return View(
-        mirrored=bool(number // 6 % 2),
+        mirrored=bool(number // 12 % 2),
         near=(1.0, 1.22, 1.0, 1.5)[(number + number // 6) % 4],
         middle=(800.0, 700.0, 900.0)[number % 3],
         weather=WEATHERS[(number + 2 * (number // 6)) % len(WEATHERS)],
-        moon=left == bool((number + number // 6) % 2),
+        moon=left == moon_is_left,
         people=(0, 3, 0, 7, 1)[number % 5],
     )
 

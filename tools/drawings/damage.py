@@ -22,19 +22,19 @@ from drawings.sheet import (
 )
 
 
-def _fault(sheet: Sheet, rng: np.random.Generator, top: float = HORIZON) -> None:
+def fault(sheet: Sheet, rng: np.random.Generator, top: float = HORIZON) -> None:
     """Draw the fault itself, from the deep up to `top`, or not so far yet."""
     foot = (FAULT_X + FAULT_LEAN * (HEIGHT - HORIZON), float(HEIGHT))
     share = min(0.35 + 0.9 * sheet.damage, 1.0)
     sheet.crack(rng, foot, (FAULT_X, top), 13.0, 1.8 + 2.4 * sheet.damage, share)
 
 
-def _some(sheet: Sheet, count: int) -> int:
+def some(sheet: Sheet, count: int) -> int:
     """How many of `count` things have fallen by now."""
     return round(count * sheet.damage**1.5)
 
 
-def _turned(points: list[Point], pivot: Point, angle: float) -> list[Point]:
+def turned(points: list[Point], pivot: Point, angle: float) -> list[Point]:
     c, s = np.cos(angle), np.sin(angle)
     return [
         (
@@ -45,7 +45,7 @@ def _turned(points: list[Point], pivot: Point, angle: float) -> list[Point]:
     ]
 
 
-def _house(
+def house(
     sheet: Sheet,
     x: float,
     y: float,
@@ -67,10 +67,10 @@ def _house(
             (x + wide + 8, y - tall - 16),
             (x + wide + 8, y - tall),
         ]
-    sheet.polygon(_turned(box, (x, y), angle), look.shade)
-    sheet.line(_turned([*box, box[0]], (x, y), angle), width=2.6)
-    sheet.polygon(_turned(roof, (x, y), angle), look.body)
-    sheet.line(_turned([*roof, roof[0]], (x, y), angle), width=2.6)
+    sheet.polygon(turned(box, (x, y), angle), look.shade)
+    sheet.line(turned([*box, box[0]], (x, y), angle), width=2.6)
+    sheet.polygon(turned(roof, (x, y), angle), look.body)
+    sheet.line(turned([*roof, roof[0]], (x, y), angle), width=2.6)
     columns = max(int(wide // 56), 2)
     for floor in range(floors):
         for column in range(columns):
@@ -79,11 +79,11 @@ def _house(
             pane = [(wx, wy), (wx + 26, wy), (wx + 26, wy + 36), (wx, wy + 36)]
             lit = rng.random() < 0.16
             sheet.polygon(
-                _turned(pane, (x, y), angle),
+                turned(pane, (x, y), angle),
                 look.thread if lit else look.line,
                 0.75 if lit else 0.13,
             )
-            sheet.line(_turned([*pane, pane[0]], (x, y), angle), width=1.4, opacity=0.7)
+            sheet.line(turned([*pane, pane[0]], (x, y), angle), width=1.4, opacity=0.7)
 
 
 def cracked_wall(sheet: Sheet, rng: np.random.Generator) -> None:
@@ -126,14 +126,14 @@ def cracked_wall(sheet: Sheet, rng: np.random.Generator) -> None:
                     sheet.line([(x, y + drop), (x, y - tall + drop)], width=1.3, opacity=0.42)
         sheet.line([p for p in edge if wide(p[1] - drop) > 0.5], width=2.4)
         sheet.line([(far, HORIZON + drop), (far, top + drop)], width=2.0, opacity=0.8)
-    fault = apart(rng)
-    for _ in range(_some(sheet, 16)):
+    deep = apart(rng)
+    for _ in range(some(sheet, 16)):
         x, y = rng.uniform(620, 1000), HORIZON + rng.uniform(-14, 0)
-        _stone(sheet, rng, x, y + (sheet.throw if x > FAULT_X else 0), rng.uniform(8, 22))
-    _fault(sheet, fault)
+        stone(sheet, rng, x, y + (sheet.throw if x > FAULT_X else 0), rng.uniform(8, 22))
+    fault(sheet, deep)
 
 
-def _stone(sheet: Sheet, rng: np.random.Generator, x: float, y: float, r: float) -> None:
+def stone(sheet: Sheet, rng: np.random.Generator, x: float, y: float, r: float) -> None:
     angles = np.sort(rng.uniform(0, 2 * np.pi, 6))
     shape = [(x + r * np.cos(a), y + 0.7 * r * np.sin(a)) for a in angles]
     sheet.polygon(shape, sheet.palette.body)
@@ -144,9 +144,9 @@ def tilted_house(sheet: Sheet, rng: np.random.Generator) -> None:
     """A street of houses; the one over the fault has leaned and sunk."""
     lean = rng.uniform(0.24, 0.3) * sheet.damage**1.3
     for x, wide, floors, gable in ((120, 150, 3, False), (285, 190, 2, True), (490, 170, 4, False)):
-        _house(sheet, x, HORIZON, wide, floors, rng.normal(0, 0.006), rng, gable)
+        house(sheet, x, HORIZON, wide, floors, rng.normal(0, 0.006), rng, gable)
     for x, wide, floors, gable in ((1110, 180, 2, True), (1305, 160, 4, False)):
-        _house(
+        house(
             sheet,
             x,
             HORIZON + sheet.throw,
@@ -157,11 +157,11 @@ def tilted_house(sheet: Sheet, rng: np.random.Generator) -> None:
             gable,
         )
     sunk = 30 * sheet.damage
-    _house(sheet, 742, HORIZON + sunk, 230, 4, lean, rng, bool(rng.random() < 0.5))
-    _fault(sheet, apart(rng), HORIZON + 14)
-    for _ in range(_some(sheet, 12)):
+    house(sheet, 742, HORIZON + sunk, 230, 4, lean, rng, bool(rng.random() < 0.5))
+    fault(sheet, apart(rng), HORIZON + 14)
+    for _ in range(some(sheet, 12)):
         px = rng.uniform(700, 1080)
-        _stone(sheet, rng, px, sheet.ground(px) - 4, rng.uniform(6, 15))
+        stone(sheet, rng, px, sheet.ground(px) - 4, rng.uniform(6, 15))
 
 
 def broken_road(sheet: Sheet, rng: np.random.Generator) -> None:
@@ -208,15 +208,15 @@ def broken_road(sheet: Sheet, rng: np.random.Generator) -> None:
     ends = (max(a - 420, 0), tear + 40), (min(b + 480, WIDTH), tear - 24)
     sheet.crack(apart(rng), *ends, 17, 1.6 + 3.8 * sheet.damage, 0.25 + 0.75 * sheet.damage)
     for k, x in enumerate((vanish[0] - 330, vanish[0] - 520, vanish[0] - 800)):
-        _pylon(sheet, x, HORIZON, 120 + 62 * k, (-0.02 - 0.12 * k) * sheet.damage)
+        pylon(sheet, x, HORIZON, 120 + 62 * k, (-0.02 - 0.12 * k) * sheet.damage)
 
 
-def _pylon(sheet: Sheet, x: float, y: float, tall: float, lean: float) -> None:
+def pylon(sheet: Sheet, x: float, y: float, tall: float, lean: float) -> None:
     foot = (x, y)
     wide = tall * 0.11
 
     def t(points: list[Point]) -> list[Point]:
-        return _turned(points, foot, lean)
+        return turned(points, foot, lean)
 
     a, b, ta, tb = t([(x - wide, y), (x + wide, y), (x - 4, y - tall), (x + 4, y - tall)])
     sheet.truss(a, b, ta, tb, 7, 1.7)
@@ -235,7 +235,7 @@ def collapsed_bridge(sheet: Sheet, rng: np.random.Generator) -> None:
         y, top = sheet.ground(x), deck + thick + (sheet.throw * 0.7 if x > FAULT_X else 0.0)
         lean = {2: -0.06, 3: 0.13}.get(i, 0.0) * d
         head = top + 6  # under the deck, into which no pier reaches
-        shape = _turned([(x - 20, y), (x - 15, head), (x + 15, head), (x + 20, y)], (x, y), lean)
+        shape = turned([(x - 20, y), (x - 15, head), (x + 15, head), (x + 20, y)], (x, y), lean)
         sheet.polygon(shape, look.shade)
         sheet.line(shape, width=2.4)
     # Two spans over the fault: they crack, sag, and fall one after the other.
@@ -270,11 +270,11 @@ def collapsed_bridge(sheet: Sheet, rng: np.random.Generator) -> None:
         for k in range(4 if torn > 0.3 else 0):  # what reinforced it sticks out of the break
             end = (x0 + way * bars.uniform(18, 40), deck + 30 + k * 9)
             sheet.line(jagged(bars, (x0, deck + 6 + k * 6), end, 5), width=1.5)
-    fault = apart(rng)
-    for _ in range(_some(sheet, 18)):
+    deep = apart(rng)
+    for _ in range(some(sheet, 18)):
         x = rng.uniform(720, 1010)
-        _stone(sheet, rng, x, sheet.ground(x) - 4, rng.uniform(7, 24))
-    _fault(sheet, fault, HORIZON + 6)
+        stone(sheet, rng, x, sheet.ground(x) - 4, rng.uniform(7, 24))
+    fault(sheet, deep, HORIZON + 6)
 
 
 def sinkhole(sheet: Sheet, rng: np.random.Generator) -> None:
@@ -304,8 +304,8 @@ def sinkhole(sheet: Sheet, rng: np.random.Generator) -> None:
         sheet.crack(crack, (FAULT_X + 20, deep + 6), end, 14, 0.5 * width)
     # The house stood 60 m from the edge; the hole comes to it, and it leans in.
     lean = rng.uniform(0.07, 0.12) * max(sheet.damage - 0.4, 0) / 0.6
-    _house(sheet, 434, HORIZON + 3, 200, 2, lean, rng, True)
-    _house(sheet, 190, HORIZON, 150, 2, 0.0, rng, True)
+    house(sheet, 434, HORIZON + 3, 200, 2, lean, rng, True)
+    house(sheet, 190, HORIZON, 150, 2, 0.0, rng, True)
     # A fence to the edge: the posts that have lost their ground have gone, their wires hang down.
     ground = HORIZON + sheet.throw
     posts = [x for x in np.arange(WIDTH - 40.0, 900.0, -62.0) if x > right + 8]
@@ -316,8 +316,8 @@ def sinkhole(sheet: Sheet, rng: np.random.Generator) -> None:
         sheet.line([(end, torn), (WIDTH - 40, torn)], width=1.3, opacity=0.7)
         curl = [(end, torn), (end - 12, torn + 8), (right - 4, ground - 10 + level / 2)]
         sheet.line([*curl, (right - 14, ground + 26 + level)], width=1.3, opacity=0.7)
-    for _ in range(_some(sheet, 12)):
-        _stone(
+    for _ in range(some(sheet, 12)):
+        stone(
             sheet,
             rng,
             rng.uniform(left + slope + 10, right - slope - 20),
@@ -339,9 +339,9 @@ def fallen_pylons(sheet: Sheet, rng: np.random.Generator) -> None:
     for x, tall, most in feet:
         lean = (most + rng.normal(0, 0.015)) * sheet.damage**2
         y = sheet.ground(x)
-        _pylon(sheet, x, y, tall, lean)
+        pylon(sheet, x, y, tall, lean)
         tips = [(x - 0.28 * tall, y - 0.84 * tall), (x + 0.28 * tall, y - 0.84 * tall)]
-        left, right = _turned(tips, (x, y), lean)
+        left, right = turned(tips, (x, y), lean)
         arms.append((left, right))
     for (left0, right0), (left1, right1) in pairwise(arms):
         for (x0, y0), (x1, y1) in ((left0, left1), (right0, right1)):
@@ -350,15 +350,16 @@ def fallen_pylons(sheet: Sheet, rng: np.random.Generator) -> None:
             sagged = y0 + (y1 - y0) * s + 52 * 4 * s * (1 - s)
             ys = np.minimum(sagged, [sheet.ground(v) - 3 for v in xs])  # what hangs lower lies
             sheet.line(zip(xs, ys, strict=True), width=1.4, opacity=0.85)
-    _house(sheet, 700, HORIZON, 96, 2, -0.05 * sheet.damage, rng, True)
-    _house(sheet, 1250, HORIZON + sheet.throw, 110, 1, 0.05 * sheet.damage, rng, True)
-    _fault(sheet, apart(rng), HORIZON - 2)
-    for _ in range(_some(sheet, 10)):
+    house(sheet, 700, HORIZON, 96, 2, -0.05 * sheet.damage, rng, True)
+    house(sheet, 1250, HORIZON + sheet.throw, 110, 1, 0.05 * sheet.damage, rng, True)
+    fault(sheet, apart(rng), HORIZON - 2)
+    for _ in range(some(sheet, 10)):
         x = rng.uniform(700, 980)
-        _stone(sheet, rng, x, sheet.ground(x) - 4, rng.uniform(6, 15))
+        stone(sheet, rng, x, sheet.ground(x) - 4, rng.uniform(6, 15))
 
 
-MOTIFS: dict[str, Callable[[Sheet, np.random.Generator], None]] = {
+Motif = Callable[[Sheet, np.random.Generator], None]
+MOTIFS: dict[str, Motif] = {
     'cracked wall': cracked_wall,
     'tilted house': tilted_house,
     'broken road': broken_road,

@@ -5,7 +5,7 @@ Coordinates are those of the SVG view box, 1600 x 900, x right, y down; the hori
 `HORIZON`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -146,6 +146,9 @@ class Sheet:
         self.view = view or View()
         self.broken = damage > 0
         self.throw = FAULT_THROW * damage
+        # Where people stand (None: none can be seen), and whether rain, snow and fog come in.
+        self.stands: Callable[[float], float] | None = self.ground
+        self.open_air = True
         self._parts: list[str] = []
         self._draw_land(land)
 
@@ -295,9 +298,11 @@ class Sheet:
     def draw_weather(self, rng: np.random.Generator) -> None:
         """What falls or lies before everything: rain, snow, fog; and people, for the scale."""
         look, weather = self.palette, self.view.weather
-        for _ in range(self.view.people):
+        for _ in range(self.view.people if self.stands else 0):
             x = rng.uniform(120, 1480)
-            self._person(x, self.ground(x), rng.uniform(24, 30), rng)
+            self._person(x, self.stands(x), rng.uniform(24, 30), rng)
+        if not self.open_air:
+            return
         if weather == 'rain':
             for _ in range(240):
                 x, y, long = rng.uniform(0, WIDTH), rng.uniform(-20, HORIZON), rng.uniform(16, 44)
