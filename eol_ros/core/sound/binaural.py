@@ -86,6 +86,8 @@ class Binaural:
             row, self._states[k] = lfilter(
                 b, a, heard[begin : begin + n, k // 2], zi=self._states[k]
             )
+            if abs(self._states[k][0]) < 1e-20:  # silence ends as subnormal numbers, which are slow
+                self._states[k][0] = 0.0
             out[:, ear] += row
         out += block[:, count:].sum(axis=1, keepdims=True)
         self._past = heard[len(heard) - len(self._past) :]

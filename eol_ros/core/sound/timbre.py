@@ -19,10 +19,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.fft import dct, rfft
 from scipy.ndimage import median_filter
-from scipy.signal import sosfilt
 
 from eol_ros.core.sound.descriptors import FRAME, SILENT_SUM, frames_of
-from eol_ros.core.sound.loudness import k_weighting, lufs
+from eol_ros.core.sound.loudness import k_weighted, lufs
 from eol_ros.settings import MORE_DESCRIPTORS
 
 MELS, MFCCS = 40, 12
@@ -67,7 +66,7 @@ def describe(
     found = {name: np.full(len(cuts), np.nan) for name in MORE_DESCRIPTORS}
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(FRAME) / FRAME)
     bands = mel_bands(rate).T
-    weighted = sosfilt(k_weighting(rate), samples.astype(np.float64))
+    weighted, _ = k_weighted(samples, rate)
     for i, (first, last) in enumerate(cuts.tolist()):
         magnitude = np.abs(rfft(frames_of(samples, cuts[i], FRAME) * window))
         total = magnitude.sum(axis=1)

@@ -49,3 +49,11 @@ def test_blocks_make_no_difference_and_the_sub_is_in_the_middle():
     sub = sound.copy()
     sub[:, :3] = 0
     assert np.allclose(Binaural(speakers, FS)(sub), sound[:, 3:])
+
+
+def test_silence_ends_in_exact_zeros():
+    binaural = Binaural([Speaker('a', 30.0), Speaker('b', -110.0)], FS)
+    binaural(np.ones((64, 2), np.float32))
+    for _ in range(200):
+        out = binaural(np.zeros((256, 2), np.float32))
+    assert not out.any() and not any(state.any() for state in binaural._states)

@@ -3,8 +3,15 @@
 
 import numpy as np
 import pytest
+from scipy.signal import sosfilt
 
-from eol_ros.core.sound.loudness import integrated_lufs, loudness_range, windows_lufs
+from eol_ros.core.sound.loudness import (
+    integrated_lufs,
+    k_weighted,
+    k_weighting,
+    loudness_range,
+    windows_lufs,
+)
 
 FS = 48000
 
@@ -43,3 +50,15 @@ def test_loudness_of_the_signals_of_ebu_tech_3341():
 def test_silence_has_no_loudness_and_no_range():
     silent = windows_lufs(np.zeros((5 * FS, 2)), FS, 0.4)
     assert integrated_lufs(silent) == -np.inf and loudness_range(silent) == 0
+
+
+def test_silence_after_a_sound_leaves_no_subnormal_numbers_in_the_filters():
+    """They would take a processor 14 times as long, for hours where nobody comes."""
+    sound = np.random.default_rng(1).normal(0, 0.1, (2, FS))
+    weighted, state = k_weighted(sound, FS)
+    wanted = sosfilt(k_weighting(FS), sound)
+    assert (weighted == wanted).mean() > 0.999 and np.abs(weighted - wanted).max() < 1e-15
+    for _ in range(20):
+        weighted, state = k_weighted(np.zeros((2, FS)), FS, state)
+        assert (np.abs(state) > np.finfo(float).tiny).all()
+    assert np.abs(weighted).max() < 1e-24
