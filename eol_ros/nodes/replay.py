@@ -51,6 +51,7 @@ class ReplayNode(EolNode):
         self._asked_on = () if s.topics else (recorded(REQUESTS), recorded(CONTROL))
         self.publishers_of = {n: self._publisher(n) for n in self.names if n not in self._asked_on}
         self._given: Counter[Publisher] = Counter()  # since its readers said that they have all
+        self._unanswered: set[Publisher] = set()  # a reader of theirs did not say so in time
         self._asks: Any = None
         self._ahead: list[Asked] = []
         self._then: dict[int, Asked] = {}
@@ -133,8 +134,7 @@ class ReplayNode(EolNode):
             return
         publisher = self.publishers_of[message.topic]
         publisher.publish(message.data)
-        if self.settings.fast:
-            self._keep_pace(publisher)
+        self._keep_pace(publisher)
         self.health.tick()
 
     def _play(self) -> None:
@@ -153,7 +153,9 @@ class ReplayNode(EolNode):
     def _keep_pace(self, publisher: Publisher) -> None:
         """Wait for the readers each time the publisher's history is full.
 
-        With the message that fills it Fast DDS asks them what they have; before, once in 3 s.
+        At every rate: a reader whom the system held up for a moment misses nothing; recorded time
+        waits for it. With the message that fills the history Fast DDS asks the readers what they
+        have; before, once in 3 s.
         """
         self._given[publisher] += 1
         if self._given[publisher] >= publisher.qos_profile.depth:
@@ -161,11 +163,16 @@ class ReplayNode(EolNode):
             self._acknowledged([publisher])
 
     def _acknowledged(self, publishers: Iterable[Publisher]) -> None:
+        """Wait until the readers have all; one that was killed is waited for once."""
         look = Duration(seconds=LOOK_S)
         for publisher in publishers:
-            end_s = time.monotonic() + ACKNOWLEDGED_S
-            while not publisher.wait_for_all_acked(look) and time.monotonic() < end_s:
+            patience_s = 0.0 if publisher in self._unanswered else ACKNOWLEDGED_S
+            end_s = time.monotonic() + patience_s
+            while not (answered := publisher.wait_for_all_acked(look)):
+                if time.monotonic() >= end_s or self._stop.is_set():
+                    break
                 time.sleep(0)  # for those who wait for the lock
+            (self._unanswered.discard if answered else self._unanswered.add)(publisher)
 
     def _await_readers(self) -> None:
         """Wait for those whom the scene names, else until there is any reader.

@@ -3,6 +3,7 @@
 
 import argparse
 import json
+import signal
 import struct
 import subprocess
 import time
@@ -13,7 +14,7 @@ from eol_msgs.msg import Blocks, BlockTap, Corpus, RequestResult, Slip, Wall
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import CompressedImage, Image
 from support.waiting import wait_until
 
 from eol_ros.devices.bag.mcap_file import BagTopic
@@ -153,6 +154,52 @@ def test_a_reader_in_another_process_sets_the_pace(ros, bag, python):
         reader.communicate()
         node.close()
         node.destroy_node()
+
+
+IMAGES = 'camera/image_raw'
+
+
+@pytest.fixture
+def played_images(tmp_path, python):
+    """A replay of 60 images, 30 a second, and a process that reads them, not yet begun."""
+    images = [(IMAGES, i / 30, Image(step=i, data=bytes(100))) for i in range(60)]
+    write(tmp_path / 'run', images)
+    echo = [python, '-m', 'eol_ros', 'echo', IMAGES, '--json', '--namespace', 'eol']
+    reader = subprocess.Popen(echo, stdout=subprocess.PIPE, text=True)
+    settings = ReplaySettings(bag=str(tmp_path / 'run'), topics=(IMAGES,), wait_s=60.0)
+    node = ReplayNode(settings)
+    try:
+        wait_until(lambda: node.player.played > 10, 70)
+        yield node, reader
+    finally:
+        node.close()
+        node.destroy_node()
+        reader.kill()
+        reader.communicate()
+
+
+@pytest.mark.slow
+def test_a_reader_that_was_held_up_misses_no_image(ros, played_images):
+    node, reader = played_images
+    reader.send_signal(signal.SIGSTOP)
+    begin_s = node.player.position_s
+    time.sleep(0.9)  # 27 images; the publisher keeps 12
+    assert node.player.position_s - begin_s < 0.6
+    reader.send_signal(signal.SIGCONT)
+    wait_until(lambda: node.state == 'over', 10)
+    assert [json.loads(reader.stdout.readline())['step'] for _ in range(60)] == list(range(60))
+
+
+@pytest.mark.slow
+def test_a_reader_that_does_not_come_back_is_waited_for_once(ros, played_images, monkeypatch):
+    monkeypatch.setattr('eol_ros.nodes.replay.ACKNOWLEDGED_S', 1.0)
+    node, reader = played_images
+    reader.kill()
+    begin = time.monotonic(), node.player.position_s
+    wait_until(lambda: node.state == 'over', 20)
+    taken_s = time.monotonic() - begin[0]
+    expected_s = node.bag.duration_s - begin[1] + 0.3
+    assert expected_s <= taken_s < expected_s + 2.5  # once for each history would be 4 s
 
 
 @pytest.mark.slow
