@@ -16,6 +16,7 @@ import hashlib
 import json
 import math
 import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -203,7 +204,6 @@ def _own_folder() -> Path:
 
 def _swept(option: str, folder: str, out: Path, workers: int) -> list[Row]:
     """Return the rows of all sweeps of a folder, of which only what is missing is computed."""
-    from eol_ros import cli
     from eol_ros.analysis.sweeps import spec as specs
     from eol_ros.analysis.sweeps.table import rows_of
 
@@ -218,9 +218,8 @@ def _swept(option: str, folder: str, out: Path, workers: int) -> list[Row]:
     for file, one in given.items():
         table = out / f'{file.stem}.csv'
         words = ['sweep', str(file), '--out', str(table), '--workers', str(workers)]
-        with contextlib.redirect_stdout(sys.stderr):
-            status = cli.main(words)
-        if status:
+        command = [sys.executable, '-m', 'eol_ros', *words]
+        if subprocess.run(command, stdout=sys.stderr, check=False).returncode:
             raise EolError(f'{file}: the sweep ended early; the same command goes on with it')
         rows += [row | {'model': one.model} for row in rows_of(table)]
     return rows

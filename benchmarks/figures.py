@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.machine import line, machine, tell
+from eol_ros.analysis import sources
 from eol_ros.analysis.sweeps.work import COMPUTES
 from eol_ros.errors import EolError, UsageError
 
@@ -31,15 +32,14 @@ EXAMPLES = [
 ]
 ROOT = Path(__file__).parents[1]
 BEGIN, END = '<!-- figures: written by `eol bench figures` -->', '<!-- /figures -->'
-SOUNDS = ('core/sound', 'devices/audio', 'devices/corpus', 'analysis/series.py')
 
 
 @dataclass(frozen=True)
 class Part:
     """A benchmark that draws: its command without --plot, and what its figures rest on.
 
-    `expected_s` is processor time of one quiet core; `sources` are folders and files of eol_ros,
-    `files` of the repository, beside the benchmark itself.
+    `expected_s` is processor time of one quiet core; `roots` are modules that it starts without
+    importing them (`analysis.sources`), `files` YAML files and folders of them that it reads.
     """
 
     words: tuple[str, ...]
@@ -47,7 +47,7 @@ class Part:
     starts: str
     spread: str
     expected_s: float
-    sources: tuple[str, ...] = COMPUTES
+    roots: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
     keeps: bool = False  # tables for the next run, and what they took: `spent_s` of the benchmark
 
@@ -64,15 +64,13 @@ PARTS = {
     ),
     'definitions': Part(
         ('definitions', '--seeds', '3'), ('definitions',), '1 to 3', 'deviation of a start', 25,
-        (*COMPUTES, 'core/motion'),
     ),
     'mapping': Part(
-        ('mapping',), ('mapping',), '1', 'one realisation', 120, (*COMPUTES, *SOUNDS),
-        ('benchmarks/known_series.py', 'config/rehearsal.yaml'),
+        ('mapping',), ('mapping',), '1', 'one realisation', 120,
+        files=('config/rehearsal.yaml',),
     ),
     'table': Part(
         ('table', '--map', '--minutes', '4'), ('table_map',), '1', 'none: one start', 250,
-        (*COMPUTES, 'core/motion'),
     ),
     'sizes': Part(
         ('sizes', '--seeds', '2', '--travel', '0.02'), ('sizes', 'collapse'),
@@ -155,16 +153,22 @@ def read_records(places: Places) -> dict[str, Any]:
         raise EolError(f'{places.records}: not JSON ({error}); remove it') from None
 
 
-def made_by(part: Part) -> dict[str, str]:
-    """Return the sources and versions that a part's figures rest on."""
+def made_by(part: Part, root: Path = ROOT) -> dict[str, str]:
+    """Return a digest of the code and the files that a part's figures rest on, and versions.
+
+    root: the checkout that is asked. The words of its code and files do not count: see `sources`.
+    """
     from importlib import metadata
 
-    digest = hashlib.blake2b(digest_size=6)
-    own = (f'benchmarks/{part.words[0]}.py', 'benchmarks/picture.py', *part.files)
-    for path in (*(ROOT / 'eol_ros' / name for name in part.sources), *(ROOT / n for n in own)):
-        inside = sorted(f for f in path.rglob('*') if f.suffix in ('.py', '.yaml'))
-        for file in inside if path.is_dir() else [path]:
-            digest.update(file.relative_to(ROOT).as_posix().encode() + file.read_bytes())
+    import yaml
+
+    bench = f'benchmarks.{part.words[0]}'
+    roots = (f'{bench}.add_arguments', f'{bench}.run', 'benchmarks.picture', *part.roots)
+    digest = hashlib.blake2b(sources.digest(roots, root).encode(), digest_size=6)
+    for path in (root / name for name in part.files):
+        for file in sorted(path.rglob('*.yaml')) if path.is_dir() else [path]:
+            content = yaml.safe_load(file.read_text(encoding='utf-8'))
+            digest.update(f'{file.relative_to(root).as_posix()} {content}'.encode())
     versions = {name: metadata.version(name) for name in ('numpy', 'scipy', 'numba')}
     return {'sources': digest.hexdigest(), **versions}
 

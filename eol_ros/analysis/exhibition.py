@@ -91,7 +91,7 @@ class Reading:
 
     path: str
     made_by: dict[str, str]
-    computes = ('analysis', 'core/geometry.py', 'devices/bag', 'streams')
+    computes = (f'{__name__}.Reading',)
 
     @property
     def title(self) -> str:

@@ -135,7 +135,7 @@ def test_a_cluster_of_another_version_is_refused_with_both(cluster, given, tmp_p
     ignored = shutil.ignore_patterns('__pycache__', 'static', 'walls')
     shutil.copytree(Path(eol_ros.__file__).parent, other / 'eol_ros', ignore=ignored)
     changed = other / 'eol_ros' / 'core' / 'science' / 'sweep.py'
-    changed.write_text(changed.read_text() + '\n# another version\n')
+    changed.write_text(changed.read_text() + '\n_RUN |= {}  # another version\n')
     crew = crews.Cluster(cluster.address)
     cluster.worker('stranger', path=other)
     cluster.processes['two'].kill()

@@ -3,6 +3,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -83,21 +84,44 @@ def test_other_sources_another_command_or_a_lost_figure_are_told(places, ran, mo
     assert said['definitions'] == said['lyapunov'] == said['critical'] == figures.DONE
 
 
-def test_a_figure_is_old_when_what_it_rests_on_has_changed(tmp_path, monkeypatch):
-    part = figures.Part(('own',), ('own',), '1', 'none', 1.0, ('core/model',), ('sweeps',))
-    for name in ('eol_ros/core/model/a.py', 'sweeps/b.yaml', 'benchmarks/own.py',
-                 'benchmarks/picture.py', 'eol_ros/core/other.py'):  # fmt: skip
+def test_a_figure_is_old_when_what_it_rests_on_has_changed(tmp_path):
+    """Code that is reached, and what files say: not their comments (`test_sources.py` has more)."""
+    part = figures.Part(('own',), ('own',), '1', 'none', 1.0, ('eol_ros.core.named',), ('sweeps',))
+    files = {
+        'eol_ros/core/used.py': 'WIDTH = 1\n', 'eol_ros/core/named.py': 'DEEP = 1\n',
+        'eol_ros/core/other.py': 'HIGH = 1\n', 'sweeps/b.yaml': 'seed: 1\n',
+        'benchmarks/picture.py': 'FOOT = 1\n',
+        'benchmarks/own.py': 'from eol_ros.core.used import WIDTH\nSEEDS = 1\n'
+        'def add_arguments(parser): pass\ndef run(args): return SEEDS * WIDTH\n',
+    }  # fmt: skip
+    for package in ('eol_ros', 'eol_ros/core', 'benchmarks'):
+        files[f'{package}/__init__.py'] = ''
+    for name, text in files.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text('1')
-    monkeypatch.setattr(figures, 'ROOT', tmp_path)
-    first = figures.made_by(part)
-    (tmp_path / 'eol_ros/core/other.py').write_text('2')
-    assert figures.made_by(part) == first
-    for name in ('eol_ros/core/model/a.py', 'sweeps/b.yaml', 'benchmarks/own.py'):
-        (tmp_path / name).write_text('2')
-        changed = figures.made_by(part)
-        assert changed != first
-        first = changed
+        (tmp_path / name).write_text(text)
+    first = figures.made_by(part, tmp_path)
+    for name, text in files.items():
+        for changed in (text + '# said\n', text.replace('1', '2')):
+            (tmp_path / name).write_text(changed)
+            alike = changed.startswith(text) or name == 'eol_ros/core/other.py'
+            assert (figures.made_by(part, tmp_path) == first) is alike, (name, changed)
+        (tmp_path / name).write_text(text)
+
+
+def test_vectors_count_where_bodies_rotate_and_the_settings_of_others_never(tmp_path):
+    """The two faults that a digest of whole folders had."""
+    for name in ('eol_ros', 'benchmarks', 'config', 'examples'):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns('static'))
+    table = figures.PARTS['table']
+    first = figures.made_by(table, tmp_path)
+    for name, before, after, alike in (
+        ('eol_ros/settings.py', 'PanelSettings:\n', 'PanelSettings:\n    more: int = 1\n', True),
+        ('eol_ros/core/vectors.py', 'TILE = 2', 'TILE = 3', False),
+    ):  # fmt: skip
+        text = (tmp_path / name).read_text()
+        assert before in text
+        (tmp_path / name).write_text(text.replace(before, after, 1))
+        assert (figures.made_by(table, tmp_path) == first) is alike, name
 
 
 def test_what_was_spent_before_an_interruption_counts(places, ran, monkeypatch):
@@ -129,7 +153,7 @@ def test_parts_are_all_figures_of_the_page_and_commands_that_there_are():
     assert drawn == set(re.findall(r'\((img/[a-z_]+\.png)\)', page))
     for part in figures.PARTS.values():
         assert f'`{part.command}`' in page
-        for name in (*(f'eol_ros/{s}' for s in part.sources), *part.files):
+        for name in part.files:
             assert (ROOT / name).exists(), name
 
 

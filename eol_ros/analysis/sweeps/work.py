@@ -2,20 +2,18 @@
 """What a worker of a sweep does, in a process of this machine or of a Dask cluster."""
 
 import functools
-import hashlib
 import os
 import platform
 import threading
 import time
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 from typing import Any, Protocol
 
+from eol_ros.analysis import sources
 from eol_ros.errors import ConfigError, EolError
 
-ROOT = Path(__file__).parents[2]
-COMPUTES = ('core/physics', 'core/science', 'core/geometry.py', 'core/compiled.py', 'settings.py')
+COMPUTES = (f'{__name__}.Batch',)  # and what it rests on, by `sources`
 THREADS = 'OPENBLAS_NUM_THREADS'
 _ONE_AT_A_TIME = threading.Lock()  # the solvers are no more than one thread's
 
@@ -63,7 +61,7 @@ class Work(Protocol):
 
     @property
     def computes(self) -> tuple[str, ...]:
-        """The sources that must be the same where it is computed."""
+        """What must be the same, with all that it rests on, where it is computed: `sources`."""
 
     @property
     def title(self) -> str:
@@ -75,17 +73,12 @@ class Work(Protocol):
 
 @functools.cache
 def version(computes: tuple[str, ...] = COMPUTES) -> dict[str, str]:
-    """Return what must be the same wherever something is computed by these sources."""
-    digest = hashlib.blake2b(digest_size=6)
-    for name in computes:
-        path = ROOT / name
-        for file in sorted(path.rglob('*.py')) if path.is_dir() else [path]:
-            digest.update(file.relative_to(ROOT).as_posix().encode() + file.read_bytes())
+    """Return what must be the same wherever something is computed by this code: `sources`."""
     try:
         own = metadata.version('eol_ros')
     except metadata.PackageNotFoundError:  # a checkout on the path
         own = 'of no package'
-    found = {'eol_ros': f'{own} (sources {digest.hexdigest()})'}
+    found = {'eol_ros': f'{own} (sources {sources.digest(computes)})'}
     return found | {name: metadata.version(name) for name in ('numpy', 'scipy', 'numba')}
 
 
