@@ -13,11 +13,19 @@ import pytest
 TOOLS = Path(__file__).parents[1] / 'tools'
 sys.path.insert(0, str(TOOLS))
 
-from draw_walls import DEGREES, combinations, draw_pair, view_of  # noqa: E402
-from drawings.damage import sinkhole  # noqa: E402
+import draw_walls  # noqa: E402
+from draw_walls import DEGREES, DRAWN, combinations, draw_pair, palette_of, view_of  # noqa: E402
+from drawings import aftermath, before, damage, industry, works  # noqa: E402
 from drawings.sheet import FAULT_X, HEIGHT, PALETTES, WIDTH, Sheet, jagged  # noqa: E402
 
 SVG = '{http://www.w3.org/2000/svg}'
+
+
+def lines_of(text):
+    """Return all lines of an image: polylines, and the strokes of its paths."""
+    root = ElementTree.fromstring(text)
+    strokes = [s for p in root.iter(f'{SVG}path') for s in p.get('d').split('M')[1:]]
+    return {*strokes, *(p.get('points') for p in root.iter(f'{SVG}polyline'))}
 
 
 def luminance(colour: str) -> float:
@@ -28,15 +36,31 @@ def luminance(colour: str) -> float:
 
 
 def test_combinations_are_distinct_and_even():
-    walk = combinations(24)
-    assert len(set(walk)) == 24
-    assert all(a[0] != b[0] and a[1] != b[1] for a, b in pairwise(walk))
-    for side, times in ((0, 4), (1, 2)):
-        names = [w[side] for w in walk]
-        assert {names.count(n) for n in names} == {times}
-    assert len(set(combinations(72))) == 72
-    with pytest.raises(ValueError, match='1 to 72'):
-        combinations(73)
+    walk = combinations()
+    assert len(set(walk)) == len(walk) == 30
+    both = [*walk, walk[0]]
+    assert all(a[0] != b[0] and a[1] != b[1] for a, b in pairwise(both))
+    times = {name: sum(name in pair for pair in walk) for name in DRAWN}
+    for motifs, count in ((industry, 2), (works, 2), (before, 1), (damage, 2), (aftermath, 3)):
+        assert {times[name] for name in motifs.MOTIFS} == {count}
+    assert len(DRAWN) == 30 and set(draw_walls.CHINESE) == set(DRAWN)
+    assert len(set(draw_walls.CHINESE.values())) == 30
+
+
+def test_a_place_before_is_the_place_after():
+    """What the right half draws from its numbers where all is whole, the left half has."""
+    places = [(n, names) for n, names in enumerate(combinations()) if names[0] in before.MOTIFS]
+    assert len(places) == 6
+    for number, (left, right) in places:
+        assert before.BEFORE[right][0] == left
+        text = draw_pair(number, (left, right), seed=1).left_svg
+        ground, _, seed, _ = np.random.SeedSequence([1, number]).spawn(4)
+        view = view_of(number, (left, right), left=True)
+        whole = Sheet(palette_of(number), np.random.default_rng(ground), 0.0, view)
+        DRAWN[right](whole, np.random.default_rng(seed))
+        added = set(text.splitlines()) - set(whole._parts)
+        assert set(whole._parts) <= set(text.splitlines()), left
+        assert any(palette_of(number).thread in part for part in added), left
 
 
 @pytest.mark.parametrize(('number', 'names'), list(enumerate(combinations()))[::2])
@@ -49,7 +73,7 @@ def test_a_pair_is_wellformed_seeded_and_inside(number, names):
         root = ElementTree.fromstring(text)
         assert root.get('viewBox') == f'0 0 {WIDTH} {HEIGHT}'
         shapes = list(root.iter(f'{SVG}polygon')) + list(root.iter(f'{SVG}polyline'))
-        assert len(shapes) > 60
+        assert len(shapes) + text.count('M') > 60
         points = np.array(
             [p.split(',') for s in shapes for p in s.get('points').split()], dtype=float
         )
@@ -60,9 +84,9 @@ def test_a_pair_is_wellformed_seeded_and_inside(number, names):
 
 
 def test_one_moon_hangs_in_the_room():
-    for number in range(24):
-        pair = draw_pair(number, combinations()[number], seed=1)
-        moon = PALETTES[(number * 5 + number // len(PALETTES)) % len(PALETTES)].disc
+    for number, names in enumerate(combinations()):
+        pair = draw_pair(number, names, seed=1)
+        moon = palette_of(number).disc
         shown = [
             any(
                 s.get('fill') == moon and float(s.get('opacity', 1)) >= 0.3
@@ -71,30 +95,68 @@ def test_one_moon_hangs_in_the_room():
             )
             for text in (pair.left_svg, *pair.right_svgs)
         ]
-        assert len(set(shown[1:])) == 1 and shown[0] != shown[1], number
+        skies = sum(name not in draw_walls.SKYLESS for name in names)
+        assert len(set(shown[1:])) == 1 and shown[0] + shown[1] == (skies > 0), number
+        assert not any(
+            on and name in draw_walls.SKYLESS for on, name in zip(shown, names, strict=False)
+        )
 
 
 def test_no_two_pairs_are_composed_alike():
     walk = combinations()
-    seen = {(*walk[n], view_of(n, left=True)) for n in range(24)}
-    assert len(seen) == 24
-    for side in (0, 1):  # nor is a motif ever seen twice in the same way
-        for name in {w[side] for w in walk}:
-            views = [view_of(n, left=True) for n in range(24) if walk[n][side] == name]
-            assert len(set(views)) == len(views) == (2 if side else 4), name
+    views = [view_of(n, names, left=True) for n, names in enumerate(walk)]
+    assert len({*zip(walk, views, strict=True)}) == len(walk)
+    for name in DRAWN:  # nor is a motif ever seen twice in the same way
+        seen = [(views[n], palette_of(n)) for n, names in enumerate(walk) if name in names]
+        assert len(set(seen)) == len(seen)
+        if name not in before.MOTIFS:
+            assert {view.mirrored for view, _ in seen} == {False, True}, name
 
 
-@pytest.mark.parametrize('number', range(12))
+@pytest.mark.parametrize('shown', [*DRAWN])
+def test_nobody_stands_where_nothing_carries_them(shown):
+    """Not in water, not over a pit or a hole, not in the air."""
+    for share in (0.0,) if shown not in draw_walls.EFFECTS else (0.25, 0.5, 0.75, 1.0):
+        sheet = Sheet(PALETTES[0], np.random.default_rng(1), share)
+        DRAWN[shown](sheet, np.random.default_rng(2))
+        if sheet.stands is None:
+            continue
+        places = {x: sheet.stands(x) for x in np.linspace(120, 1480, 400)}
+        feet = [(x, y) for x, y in places.items() if np.isfinite(y)]
+        assert feet, 'say None'
+        for x, y in feet:
+            carried = any(carries(part, x, y) for part in sheet._parts)
+            assert carried, (shown, share, x, y)
+
+
+def carries(part, x, y):
+    """Whether an edge of a drawn shape passes within a few pixels of (x, y) from below."""
+    if 'points="' not in part:
+        return False
+    points = np.array(
+        [p.split(',') for p in part.split('points="')[1].split('"')[0].split()], dtype=float
+    )
+    if part.startswith('<polygon'):
+        points = np.vstack([points, points[:1]])
+    for (x0, y0), (x1, y1) in pairwise(points):
+        if min(x0, x1) - 1 <= x <= max(x0, x1) + 1 and abs(x1 - x0) > 1e-9:
+            at = y0 + (y1 - y0) * (x - x0) / (x1 - x0)
+            if abs(at - y) < 9 and abs(y1 - y0) < 2 * abs(x1 - x0):
+                return True
+    return False
+
+
+@pytest.mark.parametrize('number', range(15))
 def test_the_degrees_are_one_place_ever_more_broken(number):
     """The ground steps further and the fault comes higher; what stood there before stands there."""
     pair = draw_pair(number, combinations()[number], seed=1)
     threads, points = [], []
     for text in pair.right_svgs:
         lines = list(ElementTree.fromstring(text).iter(f'{SVG}polyline'))
-        thread = PALETTES[(number * 5 + number // len(PALETTES)) % len(PALETTES)].thread
+        thread = palette_of(number).thread
         glowing = [p for p in lines if p.get('stroke') == thread and not p.get('opacity')]
         threads.append(sum(len(p.get('points').split()) for p in glowing))
-        points.append({p.get('points') for p in lines})
+        points.append(lines_of(text))
     if combinations()[number][1] != 'sinkhole':  # which comes down to meet its fault
         assert threads == sorted(threads) and threads[-1] > threads[0]
     assert all(len(a & b) > 0.25 * len(a) for a, b in pairwise(points))  # hills, layers, houses
@@ -102,12 +164,12 @@ def test_the_degrees_are_one_place_ever_more_broken(number):
 
 def test_no_wire_hangs_without_a_post():
     """Of the fence at the sinkhole nothing stands over the hole."""
-    for damage in (0.25, 0.5, 0.75, 1.0):
-        sheet = Sheet(PALETTES[0], np.random.default_rng(1), damage)
-        before = len(sheet._parts)
-        sinkhole(sheet, np.random.default_rng(2))
-        right = FAULT_X + 40 + 280 * (0.3 + 0.7 * damage)
-        for part in sheet._parts[before:]:
+    for share in (0.25, 0.5, 0.75, 1.0):
+        sheet = Sheet(PALETTES[0], np.random.default_rng(1), share)
+        first = len(sheet._parts)
+        damage.sinkhole(sheet, np.random.default_rng(2))
+        right = FAULT_X + 40 + 280 * (0.3 + 0.7 * share)
+        for part in sheet._parts[first:]:
             if 'polyline' in part and 'width="1.3"' in part and 'opacity="0.7"' in part:
                 xs = [float(p.split(',')[0]) for p in part.split('"')[1].split()]
                 assert min(xs) >= right - 14.1

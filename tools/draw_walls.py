@@ -4,10 +4,11 @@
     python tools/draw_walls.py            write them to eol_ros/devices/files/walls
     python tools/draw_walls.py --check    exit 1 where those differ
 
-Each image is a section of the same earth: sky, horizon, layers. On the left a thread of light
-goes down from a machine into the layers; on the right the same colour comes up through a fault and
-breaks what people built. Both halves of a pair share palette, horizon and layers, so they read as
-one. All is vector geometry from a seed, written as SVG text; the files ship as they are drawn here.
+Most are sections of the same earth: sky, horizon, layers; others are seen from above or from
+within. On the left a thread of light goes from what people do into the ground; on the right the
+same colour comes up through a fault and breaks what people built. Both halves of a pair share
+palette and earth, so they read as one; six pairs are one place before and after. All is vector
+geometry from a seed, written as SVG text; the files ship as they are drawn here.
 """
 
 import csv
@@ -17,12 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from drawings import aftermath, damage, industry
+from drawings import aftermath, before, damage, industry, works
 from drawings.damage import Motif
-from drawings.sheet import PALETTES, WEATHERS, Sheet, View
+from drawings.sheet import PALETTES, WEATHERS, Palette, Sheet, View
 
 WALLS = Path(__file__).parents[1] / 'eol_ros' / 'devices' / 'files' / 'walls'
-MIN_PAIRS = 24
 SEED = 1
 DEGREES = 4  # of damage, in which each right half comes
 CHINESE = {
@@ -32,6 +32,18 @@ CHINESE = {
     'oil pumps': '油泵',
     'open pit': '露天礦場',
     'mine': '礦井',
+    'open-cast mine': '露天煤礦',
+    'turbine hall': '渦輪機房',
+    'oil platform': '鑽油平台',
+    'interchange': '交流道',
+    'tunnel': '隧道',
+    'cooling towers': '冷卻塔',
+    'town on its gas field': '氣田上的小鎮',
+    'warm room': '溫暖的房間',
+    'drained land': '抽乾的低地',
+    'undermined slope': '挖空的山坡',
+    'oil harbour': '油港',
+    'heated tower': '地熱高樓',
     'cracked wall': '裂牆',
     'tilted house': '傾斜的房屋',
     'broken road': '斷裂的道路',
@@ -45,9 +57,22 @@ CHINESE = {
     'stranded ship': '擱淺的船',
     'split tower': '裂開的高樓',
 }
-# A section and what is seen otherwise, by turns
-EFFECTS = dict(pair for both in zip(damage.MOTIFS.items(), aftermath.MOTIFS.items(), strict=True)
-               for pair in both)  # fmt: skip
+
+
+def by_turns(sections: dict[str, Motif], others: dict[str, Motif]) -> dict[str, Motif]:
+    """Return what is seen as a section and what is seen otherwise, one after the other."""
+    rows = zip(sections.items(), others.items(), strict=True)
+    return dict(motif for row in rows for motif in row)
+
+
+CAUSES = by_turns(industry.MOTIFS, works.MOTIFS)
+EFFECTS = by_turns(damage.MOTIFS, aftermath.MOTIFS)
+DRAWN = CAUSES | before.MOTIFS | EFFECTS
+SKYLESS = {*works.WITHOUT_SKY, *before.WITHOUT_SKY, *aftermath.WITHOUT_SKY}
+# How near a half is seen at most: what is tall, or fills its sheet, and some of it to the edge.
+NEAREST = dict.fromkeys(('fracking rig', 'mine', *works.MOTIFS, *aftermath.MOTIFS), 1.22)
+NEAREST |= dict.fromkeys(('open-cast mine', 'tunnel', 'oil platform', 'cooling towers'), 1.0)
+NEAREST |= dict.fromkeys(('cracked room', 'split tower'), 1.0)
 
 
 @dataclass(frozen=True)
@@ -60,48 +85,59 @@ class DrawnPair:
     caption: str
 
 
-def combinations(count: int = MIN_PAIRS) -> list[tuple[str, str]]:
-    """Return `count` (industry, damage) names, each combination once, every motif evenly used."""
-    causes, effects = list(industry.MOTIFS), list(EFFECTS)
-    most = len(causes) * len(effects)
-    if not 0 < count <= most:
-        raise ValueError(f'{count} pairs asked for; there are 1 to {most}')
-    return [
-        (causes[n % len(causes)], effects[(n + n // len(effects)) % len(effects)])
-        for n in range(count)
-    ]
+def combinations() -> list[tuple[str, str]]:
+    """Return the (left, right) names of all pairs, each combination once.
+
+    Each cause comes twice, each effect too, never both without a sky; and after every fourth pair
+    comes one place before and after.
+    """
+    causes, effects, places = list(CAUSES), list(EFFECTS), list(before.BEFORE)
+    found = []
+    for n in range(2 * len(causes)):
+        once = n // len(causes)
+        found.append((causes[n % len(causes)], effects[(n + (1, 4)[once]) % len(effects)]))
+        if n % 4 == 3:
+            place = places[(n // 4 + 4) % len(places)]  # which none of its neighbours shows
+            found.append((before.BEFORE[place][0], place))
+    return found
+
+
+def palette_of(number: int) -> Palette:
+    """Return the colours of pair `number`, which are not those of its neighbours."""
+    return PALETTES[(number * 5 + 2 * (number // len(PALETTES))) % len(PALETTES)]
 
 
 def draw_pair(number: int, names: tuple[str, str], seed: int) -> DrawnPair:
     """Draw pair `number` of `names`; equal arguments give equal text."""
     left_name, right_name = names
-    # Neighbours in the walk share neither palette nor motif; a prime step spreads the palettes.
-    palette = PALETTES[(number * 5 + number // len(PALETTES)) % len(PALETTES)]
     ground_seed, left_seed, right_seed, air_seed = np.random.SeedSequence([seed, number]).spawn(4)
+    if left_name in before.MOTIFS:
+        left_seed = right_seed  # the same place
 
-    def drawn(motif: Motif, motif_seed: np.random.SeedSequence, damage: float) -> str:
-        view = view_of(number, damage == 0, right_name not in aftermath.WITHOUT_SKY)
-        sheet = Sheet(palette, np.random.default_rng(ground_seed), damage, view)
-        motif(sheet, np.random.default_rng(motif_seed))
+    def drawn(name: str, motif_seed: np.random.SeedSequence, damage: float) -> str:
+        view = view_of(number, names, left=damage == 0)
+        sheet = Sheet(palette_of(number), np.random.default_rng(ground_seed), damage, view)
+        DRAWN[name](sheet, np.random.default_rng(motif_seed))
         sheet.draw_weather(np.random.default_rng(air_seed))
         return sheet.svg()
 
-    left = drawn(industry.MOTIFS[left_name], left_seed, 0.0)
-    broken = EFFECTS[right_name]
-    rights = [drawn(broken, right_seed, (k + 1) / DEGREES) for k in range(DEGREES)]
+    left = drawn(left_name, left_seed, 0.0)
+    rights = [drawn(right_name, right_seed, (k + 1) / DEGREES) for k in range(DEGREES)]
     caption = f'{left_name.capitalize()} | {right_name}'
     return DrawnPair(f'{number:02d}', left, tuple(rights), caption)
 
 
-def view_of(number: int, left: bool, right_has_sky: bool = True) -> View:
+def view_of(number: int, names: tuple[str, str], left: bool) -> View:
     """Return how a half of pair `number` is seen."""
-    moon_is_left = bool((number + number // 6) % 2) or not right_has_sky
+    skies = [name not in SKYLESS for name in names]
+    moon_is_left = skies[0] and (bool((number + number // 6) % 2) or not skies[1])
+    near = (1.0, 1.22, 1.0, 1.5)[(number + number // 6) % 4]
     return View(
-        mirrored=bool(number // 12 % 2),
-        near=(1.0, 1.22, 1.0, 1.5)[(number + number // 6) % 4],
+        mirrored=bool(number // 15 % 2),
+        near=min(near, *(NEAREST.get(name, near) for name in names)),
         middle=(800.0, 700.0, 900.0)[number % 3],
         weather=WEATHERS[(number + 2 * (number // 6)) % len(WEATHERS)],
-        moon=left == moon_is_left,
+        moon=skies[not left] and left == moon_is_left,
         people=(0, 3, 0, 7, 1)[number % 5],
     )
 

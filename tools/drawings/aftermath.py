@@ -2,7 +2,7 @@
 """Right halves that are seen otherwise than as a section: a town from above, a room, a slope, a
 flood, a harbour, a tower that fills the sheet.
 
-For their degrees holds what holds in `damage`.
+For their degrees holds what holds in `damage`; without damage they are whole (see `before`).
 """
 
 from typing import Any
@@ -20,7 +20,7 @@ def _part(damage: float, begin: float, end: float) -> float:
 def offset_streets(sheet: Sheet, rng: np.random.Generator) -> None:
     """A town from above: the fault crosses it, and beyond it all streets have moved along."""
     look, d = sheet.palette, sheet.damage
-    sheet.stands, sheet.open_air = None, False
+    sheet.stands, sheet.falls_to = None, None
     sheet.rect(0, 0, WIDTH, HEIGHT, look.layers[3])
     foot, head = np.array([560.0, 900.0]), np.array([1010.0, 0.0])
     along = (head - foot) / np.hypot(*(head - foot))
@@ -73,7 +73,7 @@ def offset_streets(sheet: Sheet, rng: np.random.Generator) -> None:
         for joint in joints:
             at, seen = placed(joint[None])
             if seen:
-                pieces[bool(beyond(joint @ turn + (800.0, 450.0)) > 0)].append(at[0])
+                pieces[sheet.broken and beyond(joint @ turn + (800.0, 450.0)) > 0].append(at[0])
         for piece in pieces.values():
             if len(piece) > 1:
                 sheet.line([tuple(piece[0]), tuple(piece[-1])], **style)
@@ -91,35 +91,25 @@ def offset_streets(sheet: Sheet, rng: np.random.Generator) -> None:
             street(np.array([-whole[0], y + off]), np.array([whole[0], y + off]), width=3.2)
         if bed:
             street(np.array([-whole[0], y]), np.array([whole[0], y]), width=24, opacity=0.2)
-    crack = apart(rng)
-    sheet.crack(
-        crack,
-        (float(foot[0]), 900.0),
-        (float(head[0]), 0.0),
-        20,
-        2.4 + 3.6 * d,
-        min(0.35 + 0.9 * d, 1.0),
-    )
+    if sheet.broken:
+        share = min(0.35 + 0.9 * d, 1.0)
+        ends = (float(foot[0]), 900.0), (float(head[0]), 0.0)
+        sheet.crack(apart(rng), *ends, 20, 2.4 + 3.6 * d, share)
 
 
 def cracked_room(sheet: Sheet, rng: np.random.Generator) -> None:
     """Indoors: the floor opens, the crack climbs the far wall, what hung and stood has fallen."""
     look, d = sheet.palette, sheet.damage
-    sheet.stands, sheet.open_air = None, False
-    x0, x1, y0, y1, vanish = 400.0, 1200.0, 150.0, 610.0, (800.0, 390.0)
+    sheet.stands, sheet.falls_to = None, None
+    x0, x1, y0, y1, vanish = 400.0, 1200.0, 150.0, 610.0, (800.0, 320.0)
     sheet.polygon([(0, 0), (WIDTH, 0), (x1, y0), (x0, y0)], look.layers[0])
     sheet.polygon([(0, 0), (x0, y0), (x0, y1), (0, HEIGHT)], look.layers[1])
     sheet.polygon([(WIDTH, 0), (x1, y0), (x1, y1), (WIDTH, HEIGHT)], look.layers[1])
     sheet.polygon([(0, HEIGHT), (x0, y1), (x1, y1), (WIDTH, HEIGHT)], look.layers[5])
     sheet.rect(x0, y0, x1 - x0, y1 - y0, look.hills[1])
-    for x in np.linspace(-700, 2300, 31):  # boards of the floor
-        k = (y1 - vanish[1]) / (HEIGHT - vanish[1])
-        near, far = (x, float(HEIGHT)), (vanish[0] + k * (x - vanish[0]), y1)
-        if near[0] < -40 or near[0] > WIDTH + 40:
-            edge = -40.0 if near[0] < 0 else WIDTH + 40.0
-            t = (edge - far[0]) / (near[0] - far[0])
-            near = (edge, far[1] + t * (near[1] - far[1]))
-        sheet.line([far, near], width=1.2, opacity=0.3)
+    k = (y1 - vanish[1]) / (HEIGHT - vanish[1])
+    for x in np.linspace(0, WIDTH, 19)[1:-1]:  # boards of the floor
+        sheet.line([(vanish[0] + k * (x - vanish[0]), y1), (x, HEIGHT)], width=1.2, opacity=0.3)
     for a, b in (((0, 0), (x0, y0)), ((WIDTH, 0), (x1, y0)), ((0, HEIGHT), (x0, y1)),
                  ((WIDTH, HEIGHT), (x1, y1))):  # fmt: skip
         sheet.line([a, b], width=2.4)
@@ -171,13 +161,14 @@ def cracked_room(sheet: Sheet, rng: np.random.Generator) -> None:
     wide = [gap * (y - y1) / (HEIGHT - y1) for _, y in seam]
     edge = [(x + w, y) for (x, y), w in zip(seam, wide, strict=True)]
     hole = [*((x - w, y) for (x, y), w in zip(seam, wide, strict=True)), *edge[::-1]]
-    sheet.polygon(hole, look.shade)
-    sheet.line([*hole, hole[0]], width=2.2)
-    share = min(0.2 + 0.9 * d, 1.0)
-    floor = sheet.crack(crack, (850.0, 896.0), (806.0, y1), 12, 3 + 4 * d, min(3 * share, 1.0))
-    wall = sheet.crack(crack, floor[-1], (745.0, y0), 20, 2 + 3 * d, share)
-    if share == 1.0:
-        sheet.crack(crack, wall[-1], (640.0, 4.0), 14, 2 + 3 * d)
+    if sheet.broken:
+        sheet.polygon(hole, look.shade)
+        sheet.line([*hole, hole[0]], width=2.2)
+        share = min(0.2 + 0.9 * d, 1.0)
+        floor = sheet.crack(crack, (850.0, 896.0), (806.0, y1), 12, 3 + 4 * d, min(3 * share, 1.0))
+        wall = sheet.crack(crack, floor[-1], (745.0, y0), 20, 2 + 3 * d, share)
+        if share == 1.0:
+            sheet.crack(crack, wall[-1], (640.0, 4.0), 14, 2 + 3 * d)
     # table, chair, lamp
     drop = 26 * d
     top_board: list[Point] = [(500, 640), (760, 640 + drop), (790, 700 + drop), (470, 700)]
@@ -189,7 +180,7 @@ def cracked_room(sheet: Sheet, rng: np.random.Generator) -> None:
     for part in ([(1000, 850), (1000, 640)], [(1090, 850), (1090, 750), (1000, 750)],
                  [(1000, 640), (1000, 690)], [(1018, 838), (1018, 752)]):  # fmt: skip
         sheet.line(turned([(float(x), float(y)) for x, y in part], (1090.0, 850.0), fall), width=5)
-    swing = (0.05 + 0.4 * d) * 1.0
+    swing = 0.45 * d
     cord = turned([(800, 60), (800, 205)], (800.0, 60.0), swing)
     sheet.line(cord, width=1.8)
     bx, by = cord[1]
@@ -252,7 +243,16 @@ def breached_dyke(sheet: Sheet, rng: np.random.Generator) -> None:
                   (960, level_r), (1080, level_r)]  # fmt: skip
         for k in range(6):
             sheet.line([(x, y + 5.0 * k) for x, y in stream], width=2.2, opacity=0.7 - 0.09 * k)
-    if level_r < HORIZON + sheet.throw:
+    flooded = level_r < HORIZON + sheet.throw
+    crown = np.array(bank)
+
+    def stands(x: float) -> float:
+        if 580 < x < FAULT_X - 60 or FAULT_X + 80 < x < 940:
+            return float(np.interp(x, crown[:, 0], crown[:, 1]))
+        return np.nan if flooded or x < 1040 else HORIZON + sheet.throw
+
+    sheet.stands = stands
+    if flooded:
         flood = [(955, level_r), (WIDTH, level_r), (WIDTH, HORIZON + sheet.throw),
                  (1040, HORIZON + sheet.throw)]  # fmt: skip
         sheet.polygon(flood, look.hills[0], 0.86)
@@ -277,7 +277,7 @@ def landslide(sheet: Sheet, rng: np.random.Generator) -> None:
     def slope(at: float) -> float:
         return float(np.interp(at, x, y))
 
-    sheet.stands = lambda at: slope(at) if not 430 < at < 1300 else HEIGHT + 50.0
+    sheet.stands = lambda at: np.nan if sheet.broken and 430 < at < 1300 else slope(at)
     sheet.polygon([*zip(x, y, strict=True), (WIDTH, HEIGHT), (0, HEIGHT)], look.layers[3])
     for k in range(1, 7):
         seam = np.minimum(y + 62 * k + 10 * np.sin(x / 120 + k), HEIGHT)
@@ -294,8 +294,9 @@ def landslide(sheet: Sheet, rng: np.random.Generator) -> None:
     scar = [*zip(inner, np.interp(inner, x, y), strict=True),
             *zip(inner[::-1], bowl[::-1], strict=True)]  # fmt: skip
     moved = 300 * d**1.6
-    sheet.polygon(scar, look.shade)
-    sheet.line(zip(inner, bowl, strict=True), width=2.2)
+    if sheet.broken:
+        sheet.polygon(scar, look.shade)
+        sheet.line(zip(inner, bowl, strict=True), width=2.2)
     scratches = apart(rng)
     for _ in range(some(sheet, 26)):
         at = scratches.uniform(head + 20, toe - 120)
@@ -314,8 +315,9 @@ def landslide(sheet: Sheet, rng: np.random.Generator) -> None:
     foot = [(px, max(slope(px) + 2 + 0.55 * (by - slope(at)) * (1 - d), slope(px) + 3))
             for (px, _), at, by in zip(top, inner, bowl, strict=True)]  # fmt: skip
     mass = [*top, *foot[::-1]]
-    sheet.polygon(mass, look.body)
-    sheet.line([*mass, mass[0]], width=2.2)
+    if sheet.broken:
+        sheet.polygon(mass, look.body)
+        sheet.line([*mass, mass[0]], width=2.2)
     for at, wide, floors in ((560.0, 92, 1), (700.0, 110, 2), (850.0, 96, 1)):
         (px, py), angle = slid(at)
         house(sheet, px, py + 16, wide, floors, angle + 0.2 * d, rng, True)
@@ -341,15 +343,20 @@ def landslide(sheet: Sheet, rng: np.random.Generator) -> None:
         stone(sheet, rocks, min(at, WIDTH - 30.0), slope(min(at, 1570)) - 6, rocks.uniform(7, 26))
     share = min(0.35 + 0.9 * d, 1.0)
     start = (780.0, 896.0)
-    sheet.crack(apart(rng), start, (head + 6, slope(head) + 10), 15, 1.8 + 2.6 * d, share)
+    if sheet.broken:
+        end = (head + 6, slope(head) + 10)
+        sheet.crack(apart(rng), start, end, 15, 1.8 + 2.6 * d, share)
 
 
 def stranded_ship(sheet: Sheet, rng: np.random.Generator) -> None:
     """A harbour: the sea has gone, come back, and left a ship among the houses."""
     look, d = sheet.palette, sheet.damage
     quay = FAULT_X + 60
+    sheet.stands = lambda x: HORIZON if x < quay - 20 else np.nan
     # the sea of each degree: it draws back, comes over the quay, and goes
-    level = float(np.interp(d, [0.25, 0.5, 0.75, 1.0], [66.0, -58.0, -20.0, 40.0])) + HORIZON
+    level = (
+        float(np.interp(d, [0, 0.25, 0.5, 0.75, 1.0], [20.0, 66.0, -58.0, -20.0, 40.0])) + HORIZON
+    )
     far = level < HORIZON
     shore = 180.0 if far else quay
     bed = [
@@ -387,10 +394,10 @@ def stranded_ship(sheet: Sheet, rng: np.random.Generator) -> None:
         tall, lean = cranes.uniform(190, 240), 0.5 * d**2 * (1 if x < 800 else 0.2)
         y = HORIZON if x < 800 else HORIZON + 196.0
         pylon(sheet, x, y, tall + (196.0 if x > 800 else 0), lean)
-    place = np.interp(d, [0.25, 0.5, 0.75, 1.0], [1000.0, 730.0, 470.0, 430.0])
-    lies = np.interp(d, [0.25, 0.5, 0.75, 1.0],
-                     [level + 34, level + 30, HORIZON - 16, HORIZON - 40])  # fmt: skip
-    lean = np.interp(d, [0.25, 0.5, 0.75, 1.0], [0.03, -0.07, -0.12, -0.2])
+    place = np.interp(d, [0, 0.25, 0.5, 0.75, 1.0], [930.0, 1000.0, 730.0, 470.0, 430.0])
+    lies = np.interp(d, [0, 0.25, 0.5, 0.75, 1.0],
+                     [level + 34, level + 34, level + 30, HORIZON - 16, HORIZON - 40])  # fmt: skip
+    lean = np.interp(d, [0, 0.25, 0.5, 0.75, 1.0], [0.0, 0.03, -0.07, -0.12, -0.2])
     _ship(sheet, float(place), float(lies), float(lean))
     wreck = apart(rng)
     for _ in range(some(sheet, 34)):
@@ -439,6 +446,8 @@ def split_tower(sheet: Sheet, rng: np.random.Generator) -> None:
         drop = sheet.throw if x > FAULT_X else 0.0
         sheet.line([(x, HORIZON + drop), (x, HORIZON + 210 + drop)], width=7, opacity=0.5)
     way = jagged(apart(rng), (FAULT_X, HORIZON), (FAULT_X + rng.uniform(-40, 40), top), 40)
+    if not sheet.broken:
+        way = [(FAULT_X, HORIZON), (FAULT_X, top)]
     ys, xs = np.array([p[1] for p in way])[::-1], np.array([p[0] for p in way])[::-1]
     lit, hanging = apart(rng), apart(rng)
     open_up = 0.5 + 0.5 * d
@@ -449,7 +458,7 @@ def split_tower(sheet: Sheet, rng: np.random.Generator) -> None:
     for level in range(1, floors):  # floors and rods that still hang across
         y = HORIZON - level * tall
         sag = hanging.uniform(10, 40) * d
-        if hanging.random() < 1.15 - 0.6 * d:
+        if hanging.random() < 1.15 - 0.6 * d and sheet.broken:
             middle = (cut(y) + 34 * d * level / floors, y + sag)
             ends = (cut(y) - 24 - 20 * d, y), (cut(y) + 40 + 90 * d * level / floors, y + 12 * d)
             sheet.line([ends[0], middle, ends[1]], width=3, opacity=0.7)
@@ -461,8 +470,8 @@ def split_tower(sheet: Sheet, rng: np.random.Generator) -> None:
         inner = [(px, py + drop) for px, py in way]
         wall = [(far, HORIZON + drop), *inner, (far, top + drop)]
         wall = turned(wall, pivot, angle)
-        sheet.polygon(wall, look.body if side < 0 else look.shade)
-        sheet.line([*wall, wall[0]], width=3)
+        sheet.polygon(wall, look.body if side < 0 or not sheet.broken else look.shade)
+        sheet.line([*wall, wall[0]] if sheet.broken else [wall[0], wall[-1], wall[-2]], width=3)
         for level in range(floors):
             y = HORIZON + drop - level * tall
             near = cut(y - drop)
@@ -478,7 +487,8 @@ def split_tower(sheet: Sheet, rng: np.random.Generator) -> None:
                 sheet.line([*pane, pane[0]], width=1.2, opacity=0.7)
     light = [(cut(y) + 0.075 * d**1.3 * (HORIZON - y), y + 0.5 * sheet.throw)
              for y in np.linspace(HORIZON, HORIZON - open_up * floors * tall, 24)]  # fmt: skip
-    sheet.thread(light, 2.0 + 2 * d)
+    if sheet.broken:
+        sheet.thread(light, 2.0 + 2 * d)
     for x, wide_h, rows, gable in ((60, 120, 1, True), (230, 150, 2, True), (430, 96, 1, False),
                                    (1130, 120, 1, True), (1310, 170, 2, False)):  # fmt: skip
         y = HORIZON + (sheet.throw if x > FAULT_X else 0.0)

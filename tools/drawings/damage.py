@@ -23,7 +23,9 @@ from drawings.sheet import (
 
 
 def fault(sheet: Sheet, rng: np.random.Generator, top: float = HORIZON) -> None:
-    """Draw the fault itself, from the deep up to `top`, or not so far yet."""
+    """Draw the fault itself, from the deep up to `top`, or not so far yet, where one is."""
+    if not sheet.broken:
+        return
     foot = (FAULT_X + FAULT_LEAN * (HEIGHT - HORIZON), float(HEIGHT))
     share = min(0.35 + 0.9 * sheet.damage, 1.0)
     sheet.crack(rng, foot, (FAULT_X, top), 13.0, 1.8 + 2.4 * sheet.damage, share)
@@ -168,6 +170,7 @@ def broken_road(sheet: Sheet, rng: np.random.Generator) -> None:
     """A road seen along its length, torn and displaced where the fault crosses it."""
     look = sheet.palette
     vanish = (rng.uniform(720, 880), HORIZON - 26)
+    sheet.stands = lambda x: HORIZON
 
     def across(y: float, offset: float = 0.0) -> tuple[float, float]:
         near = (y - vanish[1]) / (HEIGHT - vanish[1])
@@ -285,6 +288,7 @@ def sinkhole(sheet: Sheet, rng: np.random.Generator) -> None:
     deep = HORIZON + 275 * reach
     slope = 100 * reach
     crack, rng_hole = apart(rng), apart(rng)
+    sheet.stands = lambda x: np.nan if left - 15 < x < right + 15 else sheet.footing(x)
     rim_l = jagged(rng_hole, (left, HORIZON), (left + slope, deep), 22 * reach)
     low = (right - slope, deep + sheet.throw * 0.5)
     rim_r = jagged(rng_hole, low, (right, HORIZON + sheet.throw), 22 * reach)
@@ -335,6 +339,8 @@ def fallen_pylons(sheet: Sheet, rng: np.random.Generator) -> None:
         (1150.0, 300.0, -1.5),
         (1430.0, 330.0, -0.12),
     )
+    house(sheet, 700, HORIZON, 96, 2, -0.05 * sheet.damage, rng, True)
+    house(sheet, 1250, HORIZON + sheet.throw, 110, 1, 0.05 * sheet.damage, rng, True)
     arms: list[tuple[Point, Point]] = []
     for x, tall, most in feet:
         lean = (most + rng.normal(0, 0.015)) * sheet.damage**2
@@ -350,8 +356,6 @@ def fallen_pylons(sheet: Sheet, rng: np.random.Generator) -> None:
             sagged = y0 + (y1 - y0) * s + 52 * 4 * s * (1 - s)
             ys = np.minimum(sagged, [sheet.ground(v) - 3 for v in xs])  # what hangs lower lies
             sheet.line(zip(xs, ys, strict=True), width=1.4, opacity=0.85)
-    house(sheet, 700, HORIZON, 96, 2, -0.05 * sheet.damage, rng, True)
-    house(sheet, 1250, HORIZON + sheet.throw, 110, 1, 0.05 * sheet.damage, rng, True)
     fault(sheet, apart(rng), HORIZON - 2)
     for _ in range(some(sheet, 10)):
         x = rng.uniform(700, 980)

@@ -19,6 +19,9 @@ def dam(sheet: Sheet, rng: np.random.Generator) -> None:
         y = level + (bed - level) * (i / 11) ** 1.25
         sheet.line([(0, y), (x, y)], width=2.6 if i == 0 else 1.2, opacity=0.9 if i == 0 else 0.28)
     foot = x + 210
+    sheet.stands = lambda at: (
+        HORIZON - 6 if at > foot + 20 else crest if x < at < x + 46 else np.nan
+    )
     sheet.polygon(
         [(x, crest), (x + 46, crest), (x + 58, crest + 46), (foot, bed), (x - 14, bed)], look.shade
     )
@@ -194,10 +197,16 @@ def open_pit(sheet: Sheet, rng: np.random.Generator) -> None:
         a, b = middle - wide + i * run, middle + wide - i * run
         sheet.line([(a, y), (b, y)], width=1.1, opacity=0.3)
     bottom = HORIZON + benches * tall
+
+    def stands(x: float) -> float:
+        bench = min(int((wide - abs(x - middle)) // run) + 1, benches)
+        return HORIZON + tall * max(bench, 0)
+
+    sheet.stands = stands
     for x in np.linspace(middle - floor + 30, middle + floor - 30, 7):
         sheet.thread([(x, bottom), (x, bottom + rng.uniform(48, 92))], 3.0)
-    _shovel(sheet, middle - wide - 60, HORIZON, 1.25)
-    _shovel(sheet, middle + 12, bottom, 0.55)
+    shovel(sheet, middle - wide - 60, HORIZON, 1.25)
+    shovel(sheet, middle + 12, bottom, 0.55)
     heap = [
         (middle + wide + 20, HORIZON),
         (middle + wide + 130, HORIZON - 84),
@@ -207,7 +216,7 @@ def open_pit(sheet: Sheet, rng: np.random.Generator) -> None:
     sheet.line(heap, width=2.2)
 
 
-def _shovel(sheet: Sheet, x: float, y: float, size: float) -> None:
+def shovel(sheet: Sheet, x: float, y: float, size: float) -> None:
     look = sheet.palette
 
     def at(dx: float, dy: float) -> tuple[float, float]:

@@ -146,9 +146,10 @@ class Sheet:
         self.view = view or View()
         self.broken = damage > 0
         self.throw = FAULT_THROW * damage
-        # Where people stand (None: none can be seen), and whether rain, snow and fog come in.
-        self.stands: Callable[[float], float] | None = self.ground
-        self.open_air = True
+        # Where people stand (None: none can be seen; NaN: nobody there), and down to where rain,
+        # snow and fog fall (None: they do not come in).
+        self.stands: Callable[[float], float] | None = self.footing
+        self.falls_to: float | None = HORIZON
         self._parts: list[str] = []
         self._draw_land(land)
 
@@ -186,11 +187,28 @@ class Sheet:
             f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{r:.1f}" fill="{fill}"{_opacity(opacity)}/>'
         )
 
+    def ellipse(
+        self, x: float, y: float, rx: float, ry: float, fill: str, opacity: float = 1.0
+    ) -> None:
+        """Fill an ellipse that lies along the axes."""
+        self._parts.append(
+            f'<ellipse cx="{x:.1f}" cy="{y:.1f}" rx="{rx:.1f}" ry="{ry:.1f}" fill="{fill}"'
+            f'{_opacity(opacity)}/>'
+        )
+
     def ring(self, x: float, y: float, r: float, width: float = 2.0, opacity: float = 1.0) -> None:
         """Draw a circle's outline in the line colour."""
         self._parts.append(
             f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{r:.1f}" fill="none"'
             f' stroke="{self.palette.line}" stroke-width="{width:g}"{_opacity(opacity)}/>'
+        )
+
+    def marks(self, strokes: Iterable[tuple[Point, Point]], width: float, opacity: float) -> None:
+        """Draw many strokes (start, step) that do not meet, as one path; step (0, 0): a dot."""
+        d = ''.join(f'M{x:.1f} {y:.1f}l{dx:.1f} {dy:.1f}' for (x, y), (dx, dy) in strokes)
+        self._parts.append(
+            f'<path d="{d}" fill="none" stroke="{self.palette.line}" stroke-width="{width:g}"'
+            f'{_opacity(opacity)}/>'
         )
 
     def thread(self, points: Iterable[Point], width: float = 4.0) -> None:
@@ -243,6 +261,11 @@ class Sheet:
         """Return the height of the surface at `x`: level, and stepped where the sheet is broken."""
         return HORIZON + (self.throw if x > FAULT_X else 0.0)
 
+    def footing(self, x: float) -> float:
+        """Return where somebody stands at `x`: on the ground, NaN on the step of the fault."""
+        on_step = 0 <= x - FAULT_X <= FAULT_LEAN * self.throw
+        return float('nan') if self.broken and on_step else self.ground(x)
+
     def _draw_land(self, rng: np.random.Generator) -> None:
         look = self.palette
         sun_x = rng.uniform(260, 1340)
@@ -290,38 +313,39 @@ class Sheet:
                 x, y, wide = rng.uniform(-100, WIDTH), rng.uniform(60, 300), rng.uniform(160, 460)
                 for k in range(5):
                     cx, cr = x + wide * k / 4, wide * (0.16 - 0.03 * abs(k - 2)) + 14
-                    self._parts.append(
-                        f'<ellipse cx="{cx:.1f}" cy="{y:.1f}" rx="{1.5 * cr:.1f}"'
-                        f' ry="{0.5 * cr:.1f}" fill="{look.hills[0]}" opacity=".6"/>'
-                    )
+                    self.ellipse(cx, y, 1.5 * cr, 0.5 * cr, look.hills[0], 0.6)
 
     def draw_weather(self, rng: np.random.Generator) -> None:
         """What falls or lies before everything: rain, snow, fog; and people, for the scale."""
         look, weather = self.palette, self.view.weather
         for _ in range(self.view.people if self.stands else 0):
             x = rng.uniform(120, 1480)
-            self._person(x, self.stands(x), rng.uniform(24, 30), rng)
-        if not self.open_air:
+            y, tall = self.stands(x), rng.uniform(24, 30)
+            if np.isfinite(y):
+                self.person(x, y, tall, rng)
+        low = self.falls_to
+        if low is None:
             return
         if weather == 'rain':
-            for _ in range(240):
-                x, y, long = rng.uniform(0, WIDTH), rng.uniform(-20, HORIZON), rng.uniform(16, 44)
-                self.line([(x, y), (x - 0.22 * long, y + long)], width=1.1, opacity=0.26)
+            drops = rng.uniform((0, -20, 16), (WIDTH, low, 44), (240, 3))
+            self.marks((((x, y), (-0.22 * s, s)) for x, y, s in drops), 1.1, 0.26)
         if weather == 'snow':
             for _ in range(200):
-                x, y = rng.uniform(0, WIDTH), rng.uniform(0, HORIZON)
+                x, y = rng.uniform(0, WIDTH), rng.uniform(0, low)
                 self.disc(x, y, rng.uniform(1.2, 3.2), look.line, rng.uniform(0.25, 0.65))
         if weather == 'fog':
             for k in range(6):
-                self.rect(0, HORIZON - 26 - 30 * k, WIDTH, 34, look.sky[1], 0.3 - 0.035 * k)
+                self.rect(0, low - 26 - 30 * k, WIDTH, 34, look.sky[1], 0.3 - 0.035 * k)
 
-    def _person(self, x: float, y: float, tall: float, rng: np.random.Generator) -> None:
+    def person(self, x: float, y: float, tall: float, rng: np.random.Generator) -> None:
+        """Draw somebody who stands at (x, y)."""
+        width = tall / 27  # of a line that is one wide at a usual size
         colour, lean = self.palette.line, rng.uniform(-0.06, 0.06) * tall
         hip, neck = (x, y - 0.48 * tall), (x + lean, y - 0.8 * tall)
         for foot in (-0.12, 0.12):
-            self.line([(x + foot * tall, y), hip], colour, 2.6)
-        self.line([hip, neck], colour, 4.4)
-        self.line([neck, (x + lean + 0.16 * tall, y - 0.56 * tall)], colour, 2.0)
+            self.line([(x + foot * tall, y), hip], colour, round(2.6 * width, 2))
+        self.line([hip, neck], colour, round(4.4 * width, 2))
+        self.line([neck, (x + lean + 0.16 * tall, y - 0.56 * tall)], colour, round(2 * width, 2))
         self.disc(x + lean, y - 0.9 * tall, 0.1 * tall, colour)
 
     def _halves(self, x: np.ndarray, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -339,18 +363,18 @@ class Sheet:
 
     def _texture(self, rng: np.random.Generator, layer: int, y: float) -> None:
         """Mark a layer as a geologist would: dashes, dots or strokes, faint."""
-        kind = layer % 3
+        dot, dash, stroke = (
+            ((0.0, 0.0), 3.0, 0.16),
+            ((26.0, 0.0), 1.2, 0.13),
+            ((9.0, -14.0), 1.2, 0.13),
+        )
+        step, width, opacity = (dot, dash, stroke)[layer % 3]
+        strokes = []
         for _ in range(46):
             x, dy = rng.uniform(0, WIDTH), rng.uniform(-6, 26)
             drop = self.throw if x > FAULT_X + FAULT_LEAN * (y - HORIZON) else 0.0
-            if kind == 0:
-                self.disc(x, y + dy + drop, 1.5, self.palette.line, 0.16)
-            elif kind == 1:
-                self.line([(x, y + dy + drop), (x + 26, y + dy + drop)], width=1.2, opacity=0.13)
-            else:
-                self.line(
-                    [(x, y + dy + drop + 7), (x + 9, y + dy + drop - 7)], width=1.2, opacity=0.13
-                )
+            strokes.append(((x, y + dy + drop - step[1] / 2), step))
+        self.marks(strokes, width, opacity)
 
     def _seen(self) -> str:
         """The transform by which the drawing fills the sheet as its view has it."""
