@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.machine import tell
 from benchmarks.measure_twins import Blinks, Hung, Image, Pulled
 from eol_ros.core.measure import friction, light, springs
-from eol_ros.core.measure.estimate import Estimate, mean
+from eol_ros.core.measure.estimate import Estimate, SampleMean
 from eol_ros.errors import EolError, UsageError
 from eol_ros.verbs.progress import track
 
@@ -27,6 +27,8 @@ EXAMPLES = [
     'eol bench measure --parts springs --twins 20 --plot docs/img',
     'eol bench measure --rendered 20 --first 7',
 ]
+
+Measured = Estimate | SampleMean
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true')
 
 
-def of_springs(seed: int) -> dict[str, tuple[float, Estimate]]:
+def of_springs(seed: int) -> dict[str, tuple[float, Measured]]:
     """Return the true stiffness of a twin, and the measured one."""
     twin = Hung(seed)
     return {'stiffness': (twin.stiffness, measured_springs(twin).stiffness)}
@@ -56,7 +58,7 @@ def measured_springs(twin: Hung) -> springs.Springs:
     return springs.fit(rests.found, twin.weights_kg, twin.block, twin.natural_m)
 
 
-def of_friction(seed: int) -> dict[str, tuple[float, Estimate]]:
+def of_friction(seed: int) -> dict[str, tuple[float, Measured]]:
     """Return true and measured friction of a twin, and what its nine blocks say, were they known.
 
     The last is what an interval from nine blocks can do at best: its misses are the draw's.
@@ -66,7 +68,7 @@ def of_friction(seed: int) -> dict[str, tuple[float, Estimate]]:
     return {
         'mu_static': (twin.coupling.mu_static, found.static),
         'mu_kinetic': (twin.coupling.mu_kinetic, found.kinetic),
-        'nine, told': (twin.coupling.mu_static, mean(twin.each[friction.INNER, 0])),
+        'nine, told': (twin.coupling.mu_static, SampleMean(twin.each[friction.INNER, 0])),
     }
 
 
@@ -82,7 +84,7 @@ def tracked(images: Iterable[Image]) -> friction.Track:
     return friction.Track(*(np.array(part) for part in zip(*images, strict=True)))
 
 
-def of_light(seed: int) -> dict[str, tuple[float, Estimate]]:
+def of_light(seed: int) -> dict[str, tuple[float, Measured]]:
     """Return true and measured delay of a light, s."""
     blinks = Blinks(seed)
     return {'light_seen_s': (blinks.delay_s, measured_light(blinks).delay)}
@@ -113,7 +115,7 @@ def of_images(seed: int, seconds: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-PARTS: dict[str, Callable[[int], dict[str, tuple[float, Estimate]]]] = {
+PARTS: dict[str, Callable[[int], dict[str, tuple[float, Measured]]]] = {
     'springs': of_springs, 'friction': of_friction, 'light': of_light,
 }  # fmt: skip
 
@@ -142,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
 
 def study(part: str, seeds: range) -> list[dict[str, Any]]:
     """Return a row for each value that `part` measures."""
-    found: dict[str, list[tuple[float, Estimate]]] = {}
+    found: dict[str, list[tuple[float, Measured]]] = {}
     refused, begun = [], time.perf_counter()
     for seed in track(seeds, part):
         try:
@@ -155,7 +157,7 @@ def study(part: str, seeds: range) -> list[dict[str, Any]]:
     return [row(name, pairs) | about for name, pairs in found.items()]
 
 
-def row(name: str, pairs: list[tuple[float, Estimate]]) -> dict[str, Any]:
+def row(name: str, pairs: list[tuple[float, Measured]]) -> dict[str, Any]:
     """Return how far the measured are from the true, and how often their intervals hold them."""
     scale = np.mean([truth for truth, _ in pairs]) if name == 'light_seen_s' else 0.0
     off = np.array([(e.value - truth) / (scale or truth) for truth, e in pairs])

@@ -9,7 +9,7 @@ import pytest
 from benchmarks import measure
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.measure import springs
-from eol_ros.core.measure.estimate import Estimate, mean
+from eol_ros.core.measure.estimate import Estimate
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import from_mapping
@@ -110,7 +110,6 @@ def test_intervals_are_those_of_student():
     estimate = Estimate(10.0, 2.0, 5)
     np.testing.assert_allclose(estimate.interval(0.95), [10 - 5.1412, 10 + 5.1412], atol=1e-3)
     np.testing.assert_allclose(Estimate(0.0, 1.0).interval(0.95), [-1.95996, 1.95996], atol=1e-4)
-    assert mean(np.array([1.0, 2.0, 3.0])) == (2.0, pytest.approx(math.sqrt(1 / 3)), 2)
     # JCGM 100, G.4.1: degrees of freedom grow with the share that is known
     wider = estimate.widened(2.0)
     assert wider.sigma == pytest.approx(math.sqrt(8)) and wider.dof == pytest.approx(20)
