@@ -2,7 +2,8 @@
 """Which hop made a grain late, on its way from a knock or an exposure to the mixer.
 
 Each message bears the time at which its publisher sent it, and the sound node logs when each
-trigger was taken and how long before its time (`sound.trigger_log`). The hops are the spans between:
+trigger was taken and how long before its time (`sound.trigger_log`). The hops are the spans
+between:
 
     felt: knock -> board (block, radio, line) -> motion -> grains -> sound (comes) -> mixer
     seen: exposure -> image (made, and sent) -> tracker -> grains -> sound (comes) -> mixer
@@ -94,7 +95,8 @@ def passages(
         elif not one.felt and one.stamp_ns in images:
             begun = one.stamp_ns, *images[one.stamp_ns]
         if sent_ns is not None and begun is not None:
-            found.append(Passage(one.felt, (*begun, sent_ns, one.came_ns, one.taken_ns), one.spare_s))
+            at_ns = *begun, sent_ns, one.came_ns, one.taken_ns
+            found.append(Passage(one.felt, at_ns, one.spare_s))
     return found
 
 

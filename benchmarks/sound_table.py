@@ -94,9 +94,25 @@ def _rehearsal(r: dict):
                 if seen
                 else ''
             )
+            + ''.join(f'\n  {line}' for line in _hops(r['hops']))
         )
 
     return f'rehearsal, {r["device"]}', text
+
+
+def _hops(hops: dict):
+    for sense, found in hops.items():
+        stood = found['late_while_it_stood']
+        words = 'not watched for' if stood is None else f'{stood} of them in a standstill'
+        yield (
+            f'{sense}: {found["late"]} of {found["triggers"]} late, by {found["latest_ms"]:.1f} ms '
+            f'at most ({words}); '
+            + ', '.join(
+                f'{hop} {one["p50"]:.2f} / {one["p99"]:.2f} / {one["most"]:.1f} ms'
+                + (f' (made {one["made_late"]} late)' if one['made_late'] else '')
+                for hop, one in found['hops'].items()
+            )
+        )
 
 
 def _loss(r: dict):

@@ -524,6 +524,7 @@ class SoundSettings:
     fade_out_s: float = setting(0.5, 'at the end and to a mute', 's', 0, 10)
     wav: str = setting('', 'file where there is no card; empty: sound-DATE.wav beside the bags')
     wav_limit_s: float = setting(3600.0, 'longest such file', 's', 1)
+    trigger_log: str = setting('', 'a CSV of each trigger: when it came, how long before its time')
     meter_hz: float = setting(20.0, 'sound_meter messages', 'Hz', 1, 60)
     osc_out: str = setting('', 'host:port that hears of triggers and slips by OSC')
     osc_in: int = setting(0, 'UDP port that takes settings by OSC; 0 for none', '', 0, 65535)

@@ -11,7 +11,7 @@ from eol_msgs.msg import GrainTrigger
 
 from eol_ros.core.sound.channel_test import ChannelTest
 from eol_ros.core.sound.meter import Meter
-from eol_ros.core.sound.mixer import AHEAD_S
+from eol_ros.core.sound.mixer import AHEAD_S, LOOK_AHEAD_S
 from eol_ros.core.sound.ring import output_names
 from eol_ros.core.sound.senses import FirstSense
 from eol_ros.core.sound.triggers import TRIGGER
@@ -62,6 +62,9 @@ class SoundNode(EolNode):
         self.unheard = 0
         self.first = FirstSense()
         self.felt = self.told_twice = 0
+        self.log = open(s.trigger_log, 'w', buffering=1) if s.trigger_log else None  # noqa: SIM115
+        if self.log:
+            print('felt,stamp_ns,block,grain,came_ns,taken_ns,spare_s', file=self.log)
         self.testing: tuple[Asked, ChannelTest] | None = None
         self.tested_s = 0.0  # when a channel was measured last
         self.asleep = bool(self.resumed.get('asleep'))
@@ -216,6 +219,7 @@ class SoundNode(EolNode):
         self.play(message, to_ns(message.header.stamp), self.felt_latency_s, felt=True)
 
     def play(self, message, stamp_ns: int, latency_s: float, felt: bool = False) -> None:
+        came_ns = time.time_ns()
         by_hand = message.block == triggers.NO_BLOCK
         if not by_hand and not self.first.plays(
             stamp_ns * 1e-9, message.block, message.grain, felt
@@ -234,6 +238,11 @@ class SoundNode(EolNode):
         latency_s = min(latency_s * self.stretch(), AHEAD_S / 2)
         trigger = triggers.to_core(message, since_ns * 1e-9 + latency_s)
         self.mixer.play(np.array([trigger], TRIGGER), bank, self.voicing)
+        if self.log:  # it is late where the frame at which it begins has been mixed already
+            mixed_s = self.mixer.time_of(int(self.mixer.state['frame'][0]))
+            spare_s = since_ns * 1e-9 + latency_s - LOOK_AHEAD_S - mixed_s
+            row = int(felt), stamp_ns, message.block, message.grain, came_ns, now_ns(), spare_s
+            print(*row, sep=',', file=self.log)
 
     def on_timer(self) -> None:
         for error in self.banks.news():
@@ -271,6 +280,8 @@ class SoundNode(EolNode):
                 end.close()
         self.banks.close()
         self.player.close(self.settings.fade_out_s)
+        if self.log:
+            self.log.close()
 
 
 main = runner(SoundNode)

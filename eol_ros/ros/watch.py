@@ -21,7 +21,8 @@ DEPTH = 600  # small messages of ten seconds: it has a low priority
 class Watch:
     """Keeps (stamp, arrival) in nanoseconds of every message of `topics` on `domain`.
 
-    It arrives when DDS has received it, however late this process comes to look at it.
+    It arrives when DDS has received it, however late this process comes to look at it; `sent` keeps
+    when its publisher sent it, ns of the system clock.
 
     Behind a `replay` a stamp is given as the system time at which its moment was played. It runs in
     a thread with a DDS context of its own, so that one program can watch several graphs one after
@@ -45,6 +46,7 @@ class Watch:
         from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class, timed, with_depth
 
         self.seen: dict[str, list[tuple[int, int]]] = defaultdict(list)
+        self.sent: dict[str, list[int]] = defaultdict(list)
         self.raw: dict[str, list[bytes]] = defaultdict(list)
         self._context = rclpy.Context()
         rclpy.init(args=list(NO_LOG_FILES), context=self._context, domain_id=domain)
@@ -70,13 +72,14 @@ class Watch:
         self._thread.start()
 
     def _callback(self, topic: str, keep: bool) -> Callable[[bytes, int, int], None]:
-        seen, raws = self.seen[topic], self.raw[topic]
+        seen, sent, raws = self.seen[topic], self.sent[topic], self.raw[topic]
 
-        def take(raw: bytes, received_ns: int, _sent_ns: int) -> None:
+        def take(raw: bytes, received_ns: int, sent_ns: int) -> None:
             stamp = stamp_ns(raw)
             if self.played is not None and stamp:
                 stamp = self._moments.setdefault(stamp, self.played.wall_ns(stamp) or received_ns)
             seen.append((stamp, received_ns))
+            sent.append(sent_ns)
             if keep:
                 raws.append(raw)
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sound of a corpus in memory, the voices that read it, and how long it must stay there."""
 
+import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -8,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.sound.mixer_layout import FOREVER, GUARD, VOICE
 from eol_ros.core.sound.pan import pan
 from eol_ros.core.sound.projection import rank_shares
 from eol_ros.core.sound.ring import Ring
-from eol_ros.core.sound.triggers import playable
+from eol_ros.core.sound.triggers import MAX_GAIN, MAX_RATE, MIN_RATE, TRIGGER
 
 EDGE_S = 0.002  # the shortest edge: anything steeper is heard as a click
 
@@ -109,6 +111,67 @@ class Bank:
         return bank
 
 
+@njit(cache=True)
+def _playable(t, grains):
+    if not (0 <= t.grain < grains and math.isfinite(t.time_s)):
+        return False
+    if not (0 <= t.gain <= MAX_GAIN and MIN_RATE <= abs(t.rate) <= MAX_RATE and -1 <= t.pan <= 1):
+        return False
+    return 0 <= t.attack_s < math.inf and 0 <= t.release_s < math.inf
+
+
+@njit(cache=True)
+def playable(triggers, grains):
+    """Return which of `triggers` (n,) TRIGGER can be sounded, shape (n,) bool.
+
+    A trigger is refused when a number is not finite, its grain is not in the corpus, its gain is
+    negative or above `MAX_GAIN`, its rate forwards or backwards is outside `MIN_RATE`..`MAX_RATE`,
+    its pan outside -1..1 or an edge of its envelope negative.
+    """
+    good = np.empty(len(triggers), np.bool_)
+    for i in range(len(triggers)):
+        good[i] = _playable(triggers[i], grains)
+    return good
+
+
+@njit(cache=True)
+def _voices(triggers, length, address, backwards, sample_rate, channels, out, number):
+    """Write the voices of those `triggers` (n,) that can play into `out` (n,) VOICE.
+
+    `number` (n,) takes which trigger each is of. Return how many there are.
+    """
+    n = 0
+    least = EDGE_S * sample_rate
+    for i in range(len(triggers)):
+        t = triggers[i]
+        if not (_playable(t, len(length)) and length[t.grain] >= 4):
+            continue
+        rate = abs(np.float64(t.rate))
+        last = int((length[t.grain] - 1) / rate)
+        if last < 3:
+            continue
+        v = out[n]
+        v.time_s, v.rate, v.length, v.steal = t.time_s, rate, last + 1, FOREVER
+        v.source = backwards[t.grain] if t.rate < 0 else address[t.grain]
+        attack = max(np.float64(t.attack_s) * sample_rate, least)
+        release = max(np.float64(t.release_s) * sample_rate, least)
+        squeeze = min(1.0, last / (attack + release))  # edges longer than the grain share it
+        v.attack = max(1, int(attack * squeeze))
+        v.release = max(1, int(release * squeeze))
+        v.channel_a, v.channel_b, a, b = pan(np.float64(t.pan), channels)
+        v.gain_a, v.gain_b = a * t.gain, b * t.gain
+        number[n] = i
+        n += 1
+    return n
+
+
+def warm_up() -> None:
+    """Compile or load what makes voices, before a sound waits for it."""
+    nothing, none = np.zeros(0, TRIGGER), np.zeros(0, np.int64)
+    playable(nothing, 0)
+    _voices(nothing, none, none, none, 48000.0, 2, np.zeros(0, VOICE), none)
+
+
 def voice_rows(
     triggers: np.ndarray,
     bank: Bank,
@@ -134,35 +197,21 @@ def numbered_rows(
     ring: Ring | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return what `voice_rows` does, and the number (m,) of the trigger that each is of."""
-    good = playable(triggers, len(bank))
-    good[good] &= bank.length[triggers['grain'][good]] >= 4
-    t = triggers[good]
-    v = np.zeros(len(t), VOICE)
-    v['time_s'] = t['time_s']
-    v['rate'] = np.abs(t['rate'])
-    v['source'] = bank.address[t['grain']]
-    back = t['rate'] < 0
-    if back.any():
-        v['source'][back] = bank.backwards[t['grain'][back]]
-    v['length'] = ((bank.length[t['grain']] - 1) / v['rate']).astype(np.int64) + 1
-    last = v['length'] - 1
-    least = EDGE_S * bank.sample_rate
-    attack = np.maximum(t['attack_s'].astype(float) * bank.sample_rate, least)
-    release = np.maximum(t['release_s'].astype(float) * bank.sample_rate, least)
-    squeeze = np.minimum(1.0, last / (attack + release))  # edges longer than the grain share it
-    v['attack'] = np.maximum(1, np.floor(attack * squeeze))
-    v['release'] = np.maximum(1, np.floor(release * squeeze))
-    v['steal'] = FOREVER
-    if ring is None:
-        v['channel_a'], v['channel_b'], a, b = pan(t['pan'], channels)
-    else:
-        v['channel_a'], v['channel_b'], a, b = ring.pan(*_places(t, bank))
-    v['gain_a'], v['gain_b'] = a * t['gain'], b * t['gain']
+    t = np.ascontiguousarray(triggers)
+    v, number = np.zeros(len(t), VOICE), np.empty(len(t), np.int64)
+    backwards = bank.backwards if (t['rate'] < 0).any() else bank.address
+    count = _voices(
+        t, bank.length, bank.address, backwards, float(bank.sample_rate), channels, v, number
+    )
+    v, number = v[:count], number[:count]
+    if ring is not None:
+        placed = t[number]
+        v['channel_a'], v['channel_b'], a, b = ring.pan(*_places(placed, bank))
+        v['gain_a'], v['gain_b'] = a * placed['gain'], b * placed['gain']
     if first is not None:
-        v['channel_a'] += first[good]
-        v['channel_b'] += first[good]
-    long = v['length'] >= 4
-    return v[long], np.flatnonzero(good)[long]
+        v['channel_a'] += first[number]
+        v['channel_b'] += first[number]
+    return v, number
 
 
 def _places(triggers: np.ndarray, bank: Bank) -> tuple[np.ndarray, np.ndarray]:

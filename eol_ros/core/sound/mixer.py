@@ -11,7 +11,7 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.sound import clock, grain_filter, room
-from eol_ros.core.sound.bank import Bank, Lent, voice_rows
+from eol_ros.core.sound.bank import Bank, Lent, voice_rows, warm_up
 from eol_ros.core.sound.buses import blend, pole
 from eol_ros.core.sound.envelope import add_edge, add_flat, fade_out
 from eol_ros.core.sound.lanes import WIDTH, prefetch
@@ -329,6 +329,7 @@ class Mixer:
         s['gain'] = s['gain_target']
         self._lent = Lent(round(AHEAD_S * sample_rate))
         publish(s, 0)  # whatever is compiled is so before it is needed
+        warm_up()
         if not render(self.address, np.empty((0, channels), np.float32)):
             raise ConfigError(STALE)
 

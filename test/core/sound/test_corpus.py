@@ -2,8 +2,9 @@
 import numpy as np
 import pytest
 
+from eol_ros.core.sound.bank import playable
 from eol_ros.core.sound.corpus import DESCRIPTORS, GRAIN, Corpus, Source, table_bounds
-from eol_ros.core.sound.triggers import TRIGGER, playable
+from eol_ros.core.sound.triggers import TRIGGER
 
 
 def corpus(n=3):

@@ -180,12 +180,13 @@ def test_fades_reach_exact_silence_and_come_back():
 def test_pan_has_equal_power_on_any_number_of_loudspeakers():
     places = np.linspace(-1, 1, 101)
     for channels in (1, 2, 5, 64):
-        a, b, left, right = pan(places, channels)
+        a, b, left, right = np.array([pan(place, channels) for place in places]).T
         assert np.allclose(left**2 + right**2, 1, atol=1e-6)
         assert a.min() == 0
         assert max(a.max(), (b * (right > 0)).max()) == channels - 1
-    a, b, left, right = pan(np.array([-1.0, 0.0, 1.0]), 3)
-    assert [left[0], (left[1], a[1])[0], right[2]] == [1, 1, 1]
+    wanted = [(0, 1, 1, 0), (1, 2, 1, 0), (1, 2, 0, 1)]
+    assert [pan(place, 3) for place in (-1.0, 0.0, 1.0)] == wanted
+    assert pan(-3.0, 2) == pan(-1.0, 2)
 
 
 @pytest.mark.parametrize('channels', [1, 4])
