@@ -137,6 +137,11 @@ class Graph:
         """Return the state of one node."""
         return next(row for row in self.status()['nodes'] if row['node'] == name)
 
+    def restarts(self) -> list[str]:
+        """Return what bringup said of nodes that it had to start again."""
+        said = self.log.read_text().splitlines()
+        return [line for line in said if 'start again' in line or 'starting again' in line]
+
     def wait_until_ok(self, timeout_s: float = 180.0) -> float:
         """Wait until every node is ok, not counting a compilation; return the seconds it took."""
         deadline = time.monotonic() + timeout_s

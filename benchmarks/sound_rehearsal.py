@@ -73,7 +73,8 @@ def measure(seconds: float, device: str) -> dict[str, Any]:
                     'device': device, 'seconds': seconds, 'output_ms': sound['values']['output_ms'],
                     'load_p99': sound['values']['load'], 'underruns': sound['values']['underruns'],
                     'late': sound['values']['late'], 'taken': sound['values']['triggers'],
-                    'motion': graph.node('motion')['values'], **graph.machine(), **found,
+                    'motion': graph.node('motion')['values'], 'restarts': graph.restarts(),
+                    **graph.machine(), **found,
                 }  # fmt: skip
     except DeviceMissing as error:
         return {'device': device, 'skipped': str(error)}

@@ -94,7 +94,7 @@ def _rehearsal(r: dict):
                 if seen
                 else ''
             )
-            + ''.join(f'\n  {line}' for line in _hops(r['hops']))
+            + ''.join(f'\n  {line}' for line in [*_hops(r['hops']), *r['restarts']])
         )
 
     return f'rehearsal, {r["device"]}', text

@@ -141,7 +141,7 @@ def _names(node: ast.AST) -> Iterator[str]:
 def _binds(statement: ast.stmt) -> set[str]:
     """Return the names that a statement at the top of a module binds; AT_IMPORT if it does more.
 
-    A definition, an import or a plain assignment does no more; all else runs whoever imports.
+    A definition, an import or a plain assignment does no more; all else runs at import.
     """
     names: set[str] = set()
     for node in ast.walk(statement):

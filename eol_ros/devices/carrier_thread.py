@@ -11,6 +11,19 @@ PREFIX = 'eol.'
 """What the kernel calls them begins with; bringup gives these its real-time priority, too."""
 
 
+def aside(work: Callable[[], None]) -> None:
+    """Do `work` that takes long in a thread without priority, and wait for its end."""
+
+    def body() -> None:
+        with contextlib.suppress(OSError):  # it begins with the name of who asks
+            Path(f'/proc/self/task/{threading.get_native_id()}/comm').write_text('aside')
+        work()
+
+    thread = threading.Thread(target=body, daemon=True)
+    thread.start()
+    thread.join()
+
+
 def carrier_thread(name: str, run: Callable[[], None]) -> threading.Thread:
     """Return a daemon thread of `run`, not yet started.
 

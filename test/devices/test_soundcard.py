@@ -313,3 +313,43 @@ def test_where_no_card_is_needed_a_file_is_as_good(tmp_path, needed, level):
         assert str(wav) in player.text
     finally:
         player.close(0.0)
+
+
+PRIORITY = """
+import os, sys, threading, time
+from pathlib import Path
+try:
+    os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(2))
+except PermissionError:
+    sys.exit(3)
+from eol_ros.core.sound.mixer import Mixer
+from eol_ros.devices.audio.soundcard import Player
+from eol_ros.devices.carrier_thread import aside, carrier_thread
+
+def policies():
+    tasks = [(t, (t / 'comm').read_text().strip()) for t in Path('/proc/self/task').iterdir()]
+    return {
+        name: os.sched_getscheduler(int(task.name)) & ~os.SCHED_RESET_ON_FORK
+        for task, name in tasks if name.startswith('eol.') or name == 'aside'
+    }
+
+player = Player(Mixer(48000), 'wav', wav=sys.argv[1], fade_in_s=0.0)
+seen = threading.Event()
+carrier_thread('carries', lambda: aside(seen.wait)).start()
+time.sleep(0.3)
+found = policies()
+seen.set()
+player.close(0.0)
+ahead = {name for name, policy in found.items() if policy == os.SCHED_RR}
+assert ahead == {'eol.wav sink', 'eol.sound watch', 'eol.carries'}, found
+assert found['aside'] == os.SCHED_OTHER, found
+"""
+
+
+def test_what_plays_beside_the_triggers_is_not_put_aside_with_pythons_lock(tmp_path):
+    """A thread without priority that waits for a processor holds up one with it by the lock."""
+    words = [sys.executable, '-c', PRIORITY, str(tmp_path / 'a.wav')]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60)
+    if done.returncode == 3:
+        pytest.skip('no real-time priority here')
+    assert done.returncode == 0, done.stderr

@@ -18,6 +18,7 @@ from eol_ros.devices.audio.callback import OUTPUT_UNDERFLOW, callback, serve
 from eol_ros.devices.audio.outputs import find, portaudio, reason, rescan
 from eol_ros.devices.audio.wav_sink import WavSink
 from eol_ros.devices.backoff import Backoff
+from eol_ros.devices.carrier_thread import aside, carrier_thread
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.streams.said import clauses, said
 
@@ -155,7 +156,8 @@ class Player:
         self.output: Card | WavSink = self._first()
         atexit.register(self.close, 0.0)  # no thread may render when the interpreter goes
         self._stop = threading.Event()
-        self._watcher = threading.Thread(target=self._watch, name='sound watch', daemon=True)
+        # One that is put aside while it has Python's lock holds up those who bring triggers.
+        self._watcher = carrier_thread('sound watch', self._watch)
         self._watcher.start()
 
     @property
@@ -246,9 +248,9 @@ class Player:
                 continue
             if self.on_card:
                 if now_s - moved_s > STILL_S:
-                    self._lost()
+                    aside(self._lost)
             elif self.device != 'wav' and now_s > self._retry_s:
-                self._look()
+                aside(self._look)
 
     def _lost(self) -> None:
         card = self.output

@@ -18,6 +18,7 @@ import numpy as np
 from eol_ros.core.sound.clock import RELOCK_S, set_clock
 from eol_ros.core.sound.mixer import STALE, Mixer
 from eol_ros.devices.audio.callback import turn
+from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.errors import ConfigError
 
 BEHIND_S = 0.5  # further behind than this is not made up for: the samples in between are left out
@@ -40,7 +41,8 @@ class WavSink:
             raise ConfigError(STALE)
         self._file = _open(self.path, mixer) if self.path else None
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='wav sink', daemon=True)
+        # One that is put aside while it has Python's lock holds up those who bring triggers.
+        self._thread = carrier_thread('wav sink', self._run)
         self._thread.start()
 
     @property
