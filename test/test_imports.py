@@ -16,6 +16,7 @@ ALLOWED = {
     'core/vision': BASE | {'scipy', 'numba', 'cv2'},
     'core/compiled.py': {'numba', 'llvmlite'},
     'core/vectors.py': {'numba', 'llvmlite'},
+    'core/physics/event/moments.py': BASE | {'numba', 'llvmlite'},
     'streams': BASE,
     'devices': BASE
     | {

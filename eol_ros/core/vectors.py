@@ -14,12 +14,12 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 WIDTH = 8
-TILE = 2  # rows of a product worked out together
-_F64, _I32, _I64 = ir.DoubleType(), ir.IntType(32), ir.IntType(64)
-_VECTOR = ir.VectorType(_F64, WIDTH)
+TILES = (4, 2)  # rows of a product worked out together, and what is left
+F64, _I32, _I64 = ir.DoubleType(), ir.IntType(32), ir.IntType(64)
+VECTOR = ir.VectorType(F64, WIDTH)
 
 
-class _Code:
+class Code:
     """What the loops are written with."""
 
     def __init__(self, context: Any, builder: Any, signature: Any, values: Any) -> None:
@@ -44,27 +44,34 @@ class _Code:
         return self.builder.load(self._at(i, row, column))
 
     def load(self, i: int, row: Any, column: Any) -> Any:
-        pointer = self.builder.bitcast(self._at(i, row, column), _VECTOR.as_pointer())
+        pointer = self.builder.bitcast(self._at(i, row, column), VECTOR.as_pointer())
         value = self.builder.load(pointer)
         value.align = 8
         return value
 
     def store(self, value: Any, i: int, row: Any, column: Any) -> None:
-        pointer = self.builder.bitcast(self._at(i, row, column), _VECTOR.as_pointer())
+        pointer = self.builder.bitcast(self._at(i, row, column), VECTOR.as_pointer())
         self.builder.store(value, pointer).align = 8
 
     def fma(self, a: Any, b: Any, c: Any) -> Any:
         product = self.builder.fmul(a, b, flags=('contract',))
         return self.builder.fadd(product, c, flags=('contract',))
 
+    def sqrt(self, a: Any) -> Any:
+        kind = ir.FunctionType(VECTOR, [VECTOR])
+        name = f'llvm.sqrt.v{WIDTH}f64'
+        return self.builder.call(
+            cgutils.get_or_insert_function(self.builder.module, kind, name), [a]
+        )
+
     def splat(self, number: Any) -> Any:
-        empty = ir.Constant(_VECTOR, ir.Undefined)
+        empty = ir.Constant(VECTOR, ir.Undefined)
         one = self.builder.insert_element(empty, number, ir.Constant(_I32, 0))
         mask = ir.Constant(ir.VectorType(_I32, WIDTH), [0] * WIDTH)
         return self.builder.shuffle_vector(one, empty, mask)
 
     def sums(self, count: int) -> list[Any]:
-        return [cgutils.alloca_once(self.builder, _VECTOR) for _ in range(count)]
+        return [cgutils.alloca_once(self.builder, VECTOR) for _ in range(count)]
 
     def loop(self, begin: Any, end: Any, step: int = 1) -> Any:
         return cgutils.for_range_slice(self.builder, begin, end, self.constant(step), intp=_I64)
@@ -73,51 +80,66 @@ class _Code:
 def _lane_product(typing: Any, out: Any, table: Any, rows: Any, terms: Any, begin: Any, end: Any):
     """Write out[r, q] = sum of table[r, k] terms[k, q] over begin <= k < end, r < rows.
 
-    `rows` is a multiple of TILE.
+    `rows` is even.
     """
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        code = _Code(context, builder, signature, values)
+        code = Code(context, builder, signature, values)
         rows, begin, end = values[2], values[4], values[5]
-        sums, zero = code.sums(TILE), ir.Constant(_VECTOR, [0.0] * WIDTH)
-        with (
-            code.loop(code.constant(0), rows, TILE) as (r, _),
-            code.loop(code.constant(0), code.columns(0), WIDTH) as (q, _),
-        ):
-            for total in sums:
-                builder.store(zero, total)
-            with code.loop(begin, end) as (k, _):
-                term = code.load(3, k, q)
+        zero = ir.Constant(VECTOR, [0.0] * WIDTH)
+        done = code.constant(0)
+        for tile in TILES:
+            tiled = builder.sub(rows, builder.srem(builder.sub(rows, done), code.constant(tile)))
+            sums = code.sums(tile)
+            with (
+                code.loop(done, tiled, tile) as (r, _),
+                code.loop(code.constant(0), code.columns(0), WIDTH) as (q, _),
+            ):
+                for total in sums:
+                    builder.store(zero, total)
+                with code.loop(begin, end) as (k, _):
+                    term = code.load(3, k, q)
+                    for i, total in enumerate(sums):
+                        share = code.splat(code.number(1, builder.add(r, code.constant(i)), k))
+                        builder.store(code.fma(share, term, builder.load(total)), total)
                 for i, total in enumerate(sums):
-                    share = code.splat(code.number(1, builder.add(r, code.constant(i)), k))
-                    builder.store(code.fma(share, term, builder.load(total)), total)
-            for i, total in enumerate(sums):
-                code.store(builder.load(total), 0, builder.add(r, code.constant(i)), q)
+                    code.store(builder.load(total), 0, builder.add(r, code.constant(i)), q)
+            done = tiled
         return context.get_dummy_value()
 
     return types.void(out, table, rows, terms, begin, end), generate
 
 
-def _direction_sums(typing: Any, k: Any, x: Any, y: Any, square: Any, inverse: Any, out: Any):
-    """Write the sums over 1 <= j < k of `event.taylor.direction_order` into four rows of `out`.
+def _spring_order(
+    typing: Any,
+    k: Any,
+    x: Any,
+    y: Any,
+    square: Any,
+    inverse: Any,
+    law: Any,
+    px: Any,
+    py: Any,
+):
+    """Write order k > 0 of the springs' force; rows of all arrays are orders, lanes springs.
 
-    They are x_j x_(k-j) + y_j y_(k-j), (j / 2k - 1) square_j inverse_(k-j), inverse_(k-j) x_j and
-    inverse_(k-j) y_j.
+    Of vectors (x, y), whose order k is known, the square's and the inverse length's order k, and
+    law[0] (1 - law[1] / length) times the vector (`event.taylor.direction_order` has the same).
     """
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        code = _Code(context, builder, signature, values)
-        order = values[0]
-        half = builder.fdiv(ir.Constant(_F64, 0.5), builder.sitofp(order, _F64))
-        sums, zero = code.sums(4), ir.Constant(_VECTOR, [0.0] * WIDTH)
+        code = Code(context, builder, signature, values)
+        order, first = values[0], code.constant(0)
+        half = builder.fdiv(ir.Constant(F64, 0.5), builder.sitofp(order, F64))
+        sums, zero = code.sums(4), ir.Constant(VECTOR, [0.0] * WIDTH)
         with code.loop(code.constant(0), code.columns(5), WIDTH) as (q, _):
             for total in sums:
                 builder.store(zero, total)
             with code.loop(code.constant(1), order) as (j, _):
                 rest = builder.sub(order, j)
                 x_j, y_j, r = code.load(1, j, q), code.load(2, j, q), code.load(4, rest, q)
-                share = builder.fmul(half, builder.sitofp(j, _F64))
-                share = code.splat(builder.fsub(share, ir.Constant(_F64, 1.0)))
+                share = builder.fmul(half, builder.sitofp(j, F64))
+                share = code.splat(builder.fsub(share, ir.Constant(F64, 1.0)))
                 s, p, nx, ny = (builder.load(total) for total in sums)
                 s = code.fma(x_j, code.load(1, rest, q), s)
                 s = code.fma(y_j, code.load(2, rest, q), s)
@@ -125,11 +147,23 @@ def _direction_sums(typing: Any, k: Any, x: Any, y: Any, square: Any, inverse: A
                 new = (s, p, code.fma(r, x_j, nx), code.fma(r, y_j, ny))
                 for value, total in zip(new, sums, strict=True):
                     builder.store(value, total)
-            for i, total in enumerate(sums):
-                code.store(builder.load(total), 5, code.constant(i), q)
+            s, p, nx, ny = (builder.load(total) for total in sums)
+            x_0, y_0, r = code.load(1, first, q), code.load(2, first, q), code.load(4, first, q)
+            x_k, y_k = code.load(1, order, q), code.load(2, order, q)
+            ends = code.fma(x_0, x_k, builder.fmul(y_0, y_k))
+            s = code.fma(ir.Constant(VECTOR, [2.0] * WIDTH), ends, s)
+            p = code.fma(ir.Constant(VECTOR, [-0.5] * WIDTH), builder.fmul(s, r), p)
+            p = builder.fmul(p, builder.fmul(r, r))
+            code.store(s, 3, order, q)
+            code.store(p, 4, order, q)
+            stiff, natural = code.load(5, first, q), code.load(5, code.constant(1), q)
+            less = builder.fneg(natural)
+            for out, at_0, at_k, n in ((6, x_0, x_k, nx), (7, y_0, y_k, ny)):
+                n = code.fma(r, at_k, code.fma(p, at_0, n))
+                code.store(builder.fmul(stiff, code.fma(less, n, at_k)), out, order, q)
         return context.get_dummy_value()
 
-    return types.void(k, x, y, square, inverse, out), generate
+    return types.void(k, x, y, square, inverse, law, px, py), generate
 
 
 def _lane_response(parts: int) -> Any:
@@ -140,8 +174,8 @@ def _lane_response(parts: int) -> Any:
         """
 
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            code = _Code(context, builder, signature, values)
-            count, zero = values[3], ir.Constant(_VECTOR, [0.0] * WIDTH)
+            code = Code(context, builder, signature, values)
+            count, zero = values[3], ir.Constant(VECTOR, [0.0] * WIDTH)
             sums, shifts = code.sums(parts), (code.constant(0), count)
             with (
                 code.loop(code.constant(0), count) as (r, _),
@@ -167,4 +201,4 @@ def _lane_response(parts: int) -> Any:
 lane_product: Any = intrinsic(_lane_product)
 lane_response: Any = intrinsic(_lane_response(1))
 lane_responses: Any = intrinsic(_lane_response(2))
-direction_sums: Any = intrinsic(_direction_sums)
+spring_order: Any = intrinsic(_spring_order)

@@ -21,6 +21,7 @@ from eol_ros.core.physics.event.lanes import (
     fill_plane,
     make_plane,
 )
+from eol_ros.core.physics.event.moments import tables
 from eol_ros.core.physics.event.step import (
     break_root,
     fastest_rotation,
@@ -42,7 +43,6 @@ from eol_ros.core.physics.event.sweep import (
     sample,
     sweep_step,
     sweep_top,
-    tables,
     would_pay,
 )
 from eol_ros.core.physics.event.taylor import (
@@ -541,7 +541,7 @@ def run(
                 if h < near:
                     sample(o, m, h, sweeping.ab, sweeping.sw)
                 for c in range(m):
-                    energy[1] += at.friction[pl.slots[c]] * h * sweeping.sw.path[c]
+                    energy[1] += at.friction[pl.slots[c]] * h * sweeping.sw.path[0, c]
             planar_ledger(
                 o, m, o != far, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss
             )

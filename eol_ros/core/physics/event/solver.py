@@ -16,9 +16,10 @@ from eol_ros.core.physics.status import GLIDING, STIFF, WORDS
 TIGHTEST, LOOSEST = 1e-15, 1e-3
 SMALL = 0.01  # of tolerance and length scale: the error in place that a step may make
 MISSED = 1e-4  # of the work and the heat: more than any tolerance leaves open
-MORE_IN_SWEEPS = 4  # a sweep has so much work besides the series that longer steps pay
+MORE_IN_SWEEPS = 6  # a sweep has so much work besides the series that longer steps pay
 # Where all blocks are fast, what a sweep's friction misses outweighs a finer series:
-SWEPT, COARSER = 1e-9, 1e3  # the tolerance of its series, and how much coarser than asked at most
+SWEPT = {True: 1e-8, False: 1e-9}  # the tolerance of its series, if springs are geometric, or not
+COARSER = 1e3  # and how much coarser than asked at most
 CAPTURE_MPS = 2e-2  # slower than this, the closed form of a stop is tried
 
 
@@ -122,7 +123,7 @@ def solve(
     if status == STIFF:
         if on_stiff is not None:
             on_stiff('stiff')
-        coarse = max(tolerance, min(SWEPT, COARSER * tolerance))
+        coarse = max(tolerance, min(SWEPT[scene.geometric], COARSER * tolerance))
         far = max(order_for(coarse) + MORE_IN_SWEEPS, rules.order + 1)
         small = rules.small * coarse / tolerance
         status = advance(far, kernel.make_sweeping(model.lattice, far, small))

@@ -11,24 +11,27 @@ moments once more along the better motion (Picard's iteration; it gains a factor
 time, a the acceleration by springs).
 """
 
-import functools
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import Legendre
 
 from eol_ros.core.physics.event.abreast import add_reply, forced_reach, forced_series
-from eol_ros.core.physics.series import inlined, uncounted
-from eol_ros.core.vectors import lane_product
-
-DEGREE = (
-    5  # of the polynomial: of a step w h < 2 the higher moments move nothing by 1e-7 of mu_k g h^2
+from eol_ros.core.physics.event.moments import (
+    DEGREE,
+    PANELS,
+    ROWS,
+    Panels,
+    direction_moments,
+    panel_moments,
 )
-PANELS, NODES = 6, 8
-LOW = 11  # order of the series that the first guess is made from
+from eol_ros.core.physics.series import inlined, uncounted
+from eol_ros.core.vectors import WIDTH, lane_product
+
+LOW = 9  # order of the series that the first guess is made from
 GROWTH = 3.0  # of the panels that lead away from a reversal
 EARLIEST = 1e-9  # of a step: the first of these panels, where v passes zero itself
+SETTLED = 1e-12  # of a step: as near is its nearest approach to zero known
 CLEAR = 6.0  # how many plain steps one by the springs' own reach must be worth to compile sweeps
 APART = 4.0  # how many times friction the springs must pull where a block reverses
 ROUNDS = 4
@@ -41,117 +44,51 @@ REST = 1.7e-7
 FAST = 300.0  # how many times friction springs pull where what friction misses outweighs the series
 
 
-class Panels(NamedTuple):
-    """Quadrature over a step, as tables."""
-
-    rate: np.ndarray  # (q, size): k tau^(k-1)
-    weight: np.ndarray  # (q,)
-    fit: np.ndarray  # (degree + 1, q): Legendre coefficients from values
-    power: np.ndarray  # (degree + 1, degree + 1): coefficient of tau^k in P_r, as [k, r]
-    x: np.ndarray  # (nodes,) on 0..1
-    w: np.ndarray
-
-
 class Sweep(NamedTuple):
     """The friction along a guessed motion; two halves of a row are x and y."""
 
     panels: Panels
     scaled: np.ndarray  # (size, 2 b): a_k h^(k-1)
-    v: np.ndarray  # (q, 2 b)
-    speed: np.ndarray  # (q, b)
-    n: np.ndarray  # (q, 2 b)
-    least: np.ndarray  # (panels, b) squares of speed
+    least: np.ndarray  # (panels, b) speed
     swing: np.ndarray  # (panels, b) squares of the change of velocity
+    mean: np.ndarray  # (panels, 2 b) integral of v/|v| over each plain panel
     coefficient: np.ndarray  # (degree + 1, 2 b) of v/|v|
-    smooth: np.ndarray  # of it what the plain panels give
+    smooth: np.ndarray  # the same as a polynomial
     before: np.ndarray
     friction: np.ndarray  # (2 b,) mu_k g
     change: np.ndarray  # (2 b,)
-    path: np.ndarray  # (b,) m: way along the motion
-    nodes: tuple[np.ndarray, ...]  # of one panel: six arrays (NODES,)
-
-
-@functools.cache
-def tables(size: int) -> Panels:
-    """Return the quadrature for series of rows 0..size - 1."""
-    x, w = np.polynomial.legendre.leggauss(NODES)
-    x, w = 0.5 * (x + 1), 0.5 * w
-    node = ((np.arange(PANELS)[:, None] + x) / PANELS).ravel()
-    weight = np.tile(w / PANELS, PANELS)
-    k = np.arange(size)
-    rate = k * node[:, None] ** np.maximum(k - 1, 0)
-    basis = [Legendre.basis(r, domain=[0, 1]) for r in range(DEGREE + 1)]
-    fit = np.array([(2 * r + 1) * weight * p(node) for r, p in enumerate(basis)])
-    power = np.zeros((DEGREE + 1, DEGREE + 1))
-    for r, p in enumerate(basis):
-        power[: r + 1, r] = p.convert(domain=[-1, 1], kind=np.polynomial.Polynomial).coef
-    return Panels(rate, weight, fit, power, x, w)
+    path: np.ndarray  # (1, b) m: way along the motion
+    column: np.ndarray  # (2, size) series of one block's velocity
+    raw: np.ndarray  # (2 (degree + 1) + 1, WIDTH) its moments
 
 
 def make_sweep(panels: Panels, lanes: int, size: int) -> Sweep:
     """Return arrays for so many lanes (the padding is part of them)."""
-    q = PANELS * NODES
     return Sweep(
         panels,
         np.zeros((size, 2 * lanes)),
-        np.zeros((q, 2 * lanes)),
-        np.zeros((q, lanes)),
-        np.zeros((q, 2 * lanes)),
         np.zeros((PANELS, lanes)),
         np.zeros((PANELS, lanes)),
-        np.zeros((DEGREE + 1, 2 * lanes)),
-        np.zeros((DEGREE + 1, 2 * lanes)),
-        np.zeros((DEGREE + 1, 2 * lanes)),
+        np.zeros((PANELS, 2 * lanes)),
+        np.zeros((ROWS, 2 * lanes)),
+        np.zeros((ROWS, 2 * lanes)),
+        np.zeros((ROWS, 2 * lanes)),
         np.zeros(2 * lanes),
         np.zeros(2 * lanes),
-        np.zeros(lanes),
-        tuple(np.zeros(NODES) for _ in range(6)),
+        np.zeros((1, lanes)),
+        np.zeros((2, size)),
+        np.zeros((2 * ROWS + 1, WIDTH)),
     )
 
 
 @inlined
-def velocity_at(order, c, lanes, scaled, tau):
-    """Return (vx, vy, ax, ay): velocity of lane c at tau and its derivative after tau."""
-    x, y, a, b = order * scaled[order, c], order * scaled[order, lanes + c], 0.0, 0.0
+def velocity_at(order, tau, sw):
+    """Return (vx, vy, ax, ay): velocity of the block in sw.column at tau, its derivative by tau."""
+    x, y, a, b = sw.column[0, order], sw.column[1, order], 0.0, 0.0
     for k in range(order - 1, 0, -1):
         a, b = a * tau + x, b * tau + y
-        x, y = x * tau + k * scaled[k, c], y * tau + k * scaled[k, lanes + c]
+        x, y = x * tau + sw.column[0, k], y * tau + sw.column[1, k]
     return x, y, a, b
-
-
-@inlined
-def add_panel(order, c, lanes, begin, end, more_x, more_y, sw):
-    """Add the moments of lane c's direction over part of the step, all its nodes abreast.
-
-    (more_x, more_y) is added to the velocity.
-    """
-    tau, vx, vy, weight, p0, p1 = sw.nodes
-    x, w = sw.panels.x, sw.panels.w
-    wide = end - begin
-    for g in range(NODES):
-        tau[g] = begin + wide * x[g]
-        vx[g] = vy[g] = 0.0
-    for k in range(order, 0, -1):
-        a, b = k * sw.scaled[k, c], k * sw.scaled[k, lanes + c]
-        for g in range(NODES):
-            vx[g] = vx[g] * tau[g] + a
-            vy[g] = vy[g] * tau[g] + b
-    for g in range(NODES):
-        vx[g] += more_x
-        vy[g] += more_y
-        speed = np.sqrt(vx[g] * vx[g] + vy[g] * vy[g]) + 1e-200
-        sw.path[c] += wide * w[g] * speed
-        weight[g] = wide * w[g] / speed
-        tau[g] = 2.0 * tau[g] - 1.0
-        p0[g], p1[g] = 1.0, tau[g]
-    for r in range(DEGREE + 1):
-        a = b = 0.0
-        for g in range(NODES):
-            a += weight[g] * p0[g] * vx[g]
-            b += weight[g] * p0[g] * vy[g]
-            p0[g], p1[g] = p1[g], ((2 * r + 3) * tau[g] * p1[g] - (r + 1) * p0[g]) / (r + 2)
-        sw.coefficient[r, c] += (2 * r + 1) * a
-        sw.coefficient[r, lanes + c] += (2 * r + 1) * b
 
 
 @uncounted
@@ -162,24 +99,25 @@ def add_reversal(order, c, lanes, panel, h, ab, sw):
     only on the average: the velocity is put right by what the two differ.
     """
     begin, end = panel / PANELS, (panel + 1) / PANELS
-    tau, least = begin, np.inf
-    for g in range(NODES):
-        q = panel * NODES + g
-        if sw.v[q, c] ** 2 + sw.v[q, lanes + c] ** 2 < least:
-            least = sw.v[q, c] ** 2 + sw.v[q, lanes + c] ** 2
-            tau = begin + (end - begin) * sw.panels.x[g]
     path_x, path_y = sw.coefficient[0, c], sw.coefficient[0, lanes + c]
-    for q in range(panel * NODES):
-        path_x += sw.panels.weight[q] * sw.n[q, c]
-        path_y += sw.panels.weight[q] * sw.n[q, lanes + c]
-    x0, y0, _, _ = velocity_at(order, c, lanes, sw.scaled, begin)
+    for p in range(panel + 1, PANELS):
+        path_x -= sw.mean[p, c]
+        path_y -= sw.mean[p, lanes + c]
+    for k in range(1, order + 1):
+        sw.column[0, k], sw.column[1, k] = k * sw.scaled[k, c], k * sw.scaled[k, lanes + c]
+    x0, y0, _, _ = velocity_at(order, begin, sw)
+    x, y, _, _ = velocity_at(order, end, sw)
+    a, b = x - x0, y - y0
+    tau = begin - (end - begin) * (x0 * a + y0 * b) / (a * a + b * b + 1e-200)
+    tau = min(max(tau, begin), end)
     more_x = more_y = x = y = rise = 0.0
     for _ in range(8):  # the nearest approach of v to zero
-        x, y, a, b = velocity_at(order, c, lanes, sw.scaled, tau)
+        x, y, a, b = velocity_at(order, tau, sw)
         x, y = x + more_x, y + more_y
         rise = a * a + b * b
         if rise == 0.0:
             return False
+        before = tau
         tau = min(max(tau - (x * a + y * b) / rise, begin), end)
         size = np.sqrt((x0 + more_x) ** 2 + (y0 + more_y) ** 2) + 1e-200
         wide = tau - begin
@@ -191,64 +129,62 @@ def add_reversal(order, c, lanes, panel, h, ab, sw):
             py -= ab.push[k, lanes + c] * power / (k + 1)
             power *= tau * h
         more_x, more_y = px, py
+        if abs(tau - before) < SETTLED:
+            break
     rise = np.sqrt(rise)
     if rise < APART * sw.friction[c] * h:
         return False
+    for r in range(2 * ROWS + 1):
+        for g in range(WIDTH):
+            sw.raw[r, g] = 0.0
     first = max(np.sqrt(x * x + y * y) / rise, EARLIEST)
     here, wide = tau, first
     while here < end:
         there = here + wide
         if there + 0.5 * wide > end:
             there = end
-        add_panel(order, c, lanes, here, there, more_x, more_y, sw)
+        panel_moments(order, sw.column, sw.panels.node, here, there - here, more_x, more_y, sw.raw)
         here, wide = there, (GROWTH - 1.0) * (there - tau)
     here, wide = tau, first
     while here > begin:
         there = here - wide
         if there - 0.5 * wide < begin:
             there = begin
-        add_panel(order, c, lanes, there, here, more_x, more_y, sw)
+        panel_moments(order, sw.column, sw.panels.node, there, here - there, more_x, more_y, sw.raw)
         here, wide = there, (GROWTH - 1.0) * (tau - there)
+    for r in range(2 * ROWS + 1):
+        for g in range(1, WIDTH):
+            sw.raw[r, 0] += sw.raw[r, g]
+    for r in range(ROWS):
+        for s in range(r + 1):
+            sw.coefficient[r, c] += sw.panels.raw[r, s] * sw.raw[2 * s, 0]
+            sw.coefficient[r, lanes + c] += sw.panels.raw[r, s] * sw.raw[2 * s + 1, 0]
+    sw.path[0, c] += sw.raw[2 * ROWS, 0]
     return True
 
 
 @uncounted
 def sample(order, m, h, ab, sw):
     """Write the Legendre coefficients of v/|v| along the series; False if a block may stop."""
-    lanes, panels = len(ab.inverse_mass), sw.panels
-    wide, q_end = 2 * lanes, PANELS * NODES
-    scaled, v, n, speed = sw.scaled, sw.v, sw.n, sw.speed
+    lanes = len(ab.inverse_mass)
+    wide, scaled, panels = 2 * lanes, sw.scaled, sw.panels
     power = 1.0
     for k in range(1, order + 1):
         for c in range(wide):
             scaled[k, c] = ab.a[k, c] * power
         power *= h
-    lane_product(v, panels.rate, q_end, scaled, 1, order + 1)
-    for q in range(q_end):
-        for c in range(lanes):
-            speed[q, c] = np.sqrt(v[q, c] * v[q, c] + v[q, lanes + c] * v[q, lanes + c])
-        for c in range(lanes):
-            n[q, c] = 1.0 / (speed[q, c] + 1e-200)
-        for c in range(lanes):
-            n[q, lanes + c] = v[q, lanes + c] * n[q, c]
-        for c in range(lanes):
-            n[q, c] *= v[q, c]
-    for c in range(lanes):
-        sw.path[c] = 0.0
-    for r in range(DEGREE + 1):
-        for c in range(wide):
-            sw.coefficient[r, c] = 0.0
+    direction_moments(
+        panels.rate,
+        scaled,
+        order + 1,
+        panels.fit,
+        sw.least,
+        sw.swing,
+        sw.mean,
+        sw.path,
+        sw.coefficient,
+    )
     for p in range(PANELS):
-        a, b = p * NODES, (p + 1) * NODES - 1
-        for c in range(lanes):
-            sw.least[p, c] = speed[a, c]
-        for q in range(a + 1, b + 1):
-            for c in range(lanes):
-                now = speed[q, c]
-                sw.least[p, c] = now if now < sw.least[p, c] else sw.least[p, c]
-        for c in range(lanes):
-            x, y = v[b, c] - v[a, c], v[b, lanes + c] - v[a, lanes + c]
-            sw.swing[p, c] = x * x + y * y
         for c in range(m):
             if sw.friction[c] == 0.0:
                 continue
@@ -256,19 +192,8 @@ def sample(order, m, h, ab, sw):
             if 4.0 * least * least >= sw.swing[p, c]:
                 if least < sw.friction[c] * h:
                     return False
-                continue
-            for q in range(a, b + 1):
-                n[q, c] = n[q, lanes + c] = speed[q, c] = 0.0
-            if not add_reversal(order, c, lanes, p, h, ab, sw):
+            elif not add_reversal(order, c, lanes, p, h, ab, sw):
                 return False
-    for q in range(q_end):
-        weight = panels.weight[q]
-        for c in range(lanes):
-            sw.path[c] += weight * speed[q, c]
-    lane_product(sw.smooth, panels.fit, DEGREE + 1, n, 0, q_end)
-    for r in range(DEGREE + 1):
-        for c in range(wide):
-            sw.coefficient[r, c] += sw.smooth[r, c]
     return True
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.physics.event.abreast import directions_order
+from eol_ros.core.physics.event.abreast import forces_order
 from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.series import inlined, uncounted
 from eol_ros.core.vectors import WIDTH
@@ -45,11 +45,9 @@ class Springs(NamedTuple):
     inverse: np.ndarray
     px: np.ndarray  # (size, s) their force
     py: np.ndarray
-    work: np.ndarray  # (4, s)
     second: np.ndarray  # (s,) row of its second end
     arms: np.ndarray  # (s, 4) to the first end, x and y, and to the second
-    stiff: np.ndarray  # (s,)
-    natural: np.ndarray  # (s,)
+    law: np.ndarray  # (2, s) stiffness and natural length
     co: np.ndarray  # (size, b) cos(theta) - 1
     si: np.ndarray
     across: np.ndarray  # (size, b) of `force`
@@ -77,17 +75,16 @@ def make_springs(at: Lattice, ra: RotationArgs, size: int) -> Springs:
     """Return the lanes of a lattice's springs, their rows 0..size - 1."""
     count, rim = len(at.k), at.second >= at.n
     b, s = _whole(at.n + 1), _whole(count)
-    arms, stiff, natural = np.zeros((count, 4)), np.zeros(s), np.zeros(s)
+    arms, law = np.zeros((count, 4)), np.zeros((2, s))
     arms[:, :2] = ra.arm
     arms[:, 2:] = ra.arm_j
     arms[rim, 2:] = at.anchors[at.second[rim] - at.n]
-    stiff[:count], natural[:count] = at.k, at.natural
+    law[0, :count], law[1, :count] = at.k, at.natural
     dx, dy, square, inverse, px, py = (np.zeros((size, s)) for _ in range(6))
     co, si, across, along = (np.zeros((size, b)) for _ in range(4))
     return Springs(
         np.zeros((at.n + 1, 4)), np.zeros((at.n + 1, 4)), dx, dy, square, inverse, px, py,
-        np.zeros((4, s)), np.minimum(at.second, at.n), arms, stiff, natural,
-        co, si, across, along, np.zeros(b),
+        np.minimum(at.second, at.n), arms, law, co, si, across, along, np.zeros(b),
     )  # fmt: skip
 
 
@@ -134,11 +131,12 @@ def springs_order(k, sliding, at, ra, b, x, y, co, si):
             dx[0, e] += at.rest[e, 0]
             dy[0, e] += at.rest[e, 1]
     if at.geometric:
-        directions_order(k, sp)
-    for e in range(len(sp.stiff)):
-        px[k, e] = sp.stiff[e] * (dx[k, e] - sp.natural[e] * sp.work[2, e])
-    for e in range(len(sp.stiff)):
-        py[k, e] = sp.stiff[e] * (dy[k, e] - sp.natural[e] * sp.work[3, e])
+        forces_order(k, sp)
+    else:
+        for e in range(sp.law.shape[1]):
+            px[k, e] = sp.law[0, e] * dx[k, e]
+        for e in range(sp.law.shape[1]):
+            py[k, e] = sp.law[0, e] * dy[k, e]
     for e in range(len(at.k)):
         i, j, fx, fy = at.first[e], sp.second[e], px[k, e], py[k, e]
         ax, ay, bx, by = arms[e, 0], arms[e, 1], arms[e, 2], arms[e, 3]
