@@ -220,7 +220,7 @@ def test_a_square_of_light_is_sought_as_the_count_of_all_samples_says():
         got = scan.seek(grid, tiles, u, v, theta, half, 40.0, np.zeros(40000, np.float32))
         y, x = np.nonzero(grid > 52)
         near = (np.abs(y - 60) <= 20) & (np.abs(x - 60) <= 20)
-        best = (0.0, 0.0, 0.0)
+        best, most = (0.0, 0.0, 0.0), 0.0
         size, c, s = half / scan.STEP, np.cos(theta), np.sin(theta)
         for dv in range(-6, 7):
             for du in range(-6, 7):
@@ -230,8 +230,10 @@ def test_a_square_of_light_is_sought_as_the_count_of_all_samples_says():
                 rim = ((away > size + 0.4) & (away < size + 1.7)).sum()
                 gain = full / (2 * size - 0.6) ** 2
                 gain -= rim / (4 * ((size + 1.7) ** 2 - (size + 0.4) ** 2))
-                if full > 0.3 * (2 * size - 0.6) ** 2 and gain > best[2]:
-                    best = (du * scan.STEP, dv * scan.STEP, gain)
+                band = ((away >= size - 1.6) & (away < size - 0.3)).sum()
+                edge = gain + band / ((2 * size - 0.6) ** 2 - (2 * size - 3.2) ** 2)
+                if full > 0.3 * (2 * size - 0.6) ** 2 and gain > 0 and edge > most:
+                    best, most = (du * scan.STEP, dv * scan.STEP, gain), edge
         assert got == pytest.approx(best)
         assert best[2] > 0.1
 
@@ -255,3 +257,43 @@ def test_a_dim_block_beside_a_reflection_is_found_where_the_lattice_misses_it():
     finder = BlobFinder(calibration=renderer.calibration)
     finder.find(image, near[others])
     assert np.isnan(paired(finder.find(image, near[others]), truth, 2.0)[12]).all()
+
+
+@pytest.mark.parametrize('turned', range(4))
+def test_half_a_square_of_light_is_sought_by_the_sides_that_it_shows(turned):
+    """What an arm leaves of a block fills any square as well that lies about it."""
+    tiles, whole = np.full((8, 8), 12, np.uint8), np.full((128, 128), 12, np.uint8)
+    whole[55:66, 55:66] = 200
+    row, column = np.mgrid[:128, :128]
+    whole[(column - 60 + 0.35 * (row - 60) < -0.5) & (whole > 100)] = 40  # under an arm
+    grid = np.ascontiguousarray(np.rot90(whole, turned))
+    centre = np.argwhere(np.rot90(np.pad([[1]], ((60, 67), (60, 67))), turned))[0]
+    v, u = centre * scan.STEP + 1.0
+    for off_u, off_v in ((12, 8), (-12, 4), (4, -16), (0, 12)):
+        du, dv, fuller = scan.seek(
+            grid, tiles, u - off_u, v - off_v, 0.0, 23.0, 60.0, np.zeros(4000, np.float32)
+        )
+        assert abs(du - off_u) <= scan.STEP and abs(dv - off_v) <= scan.STEP
+        assert fuller > 0.2
+
+
+@pytest.mark.slow
+def test_whole_blocks_on_glittering_sandpaper_are_whole():
+    """Grains and specks take their part of every edge; what is left is all that can agree."""
+    calibration = clutter_calibration('glittering')
+    renderer = Renderer(RenderOptions(clutter='glittering'), calibration, 4)
+    renderer.clutter.arms = lambda index: (np.zeros((0, 5)), np.zeros(0))
+    finder, rest, yaw = BlobFinder(calibration=calibration), rest_lattice(), np.full(25, 0.05)
+    near = np.column_stack([calibration.to_pixels(rest), yaw])
+    for k in range(40):
+        blobs = finder.find(renderer.render(*rest.T, yaw, k, flash=np.zeros(25)), near)
+    assert len(blobs) == 25
+    assert np.median(blobs['visibility']) > 0.9  # 0.77 of their edges agree
+    arm = np.array([[-0.6, 0.06, 0.6, 0.06, 0.05]])
+    blobs = finder.find(renderer.render(*rest.T, yaw, 41, flash=np.zeros(25), arms=arm), near)
+    share = renderer.visible_share(*rest.T, yaw, 41, arms=arm)
+    off = np.hypot(*(np.array([blobs['u'], blobs['v']])[:, :, None] - near.T[:2, None]))
+    partly = (share > 0.5) & (share < 0.98)
+    assert partly.sum() >= 5
+    shown = blobs['visibility'][off.argmin(axis=0)]
+    assert np.abs(shown[partly] - share[partly]).max() < 0.25

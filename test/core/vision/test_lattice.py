@@ -278,3 +278,45 @@ def test_a_block_that_all_others_turn_about_is_no_lamp(settled):
         xy = turned(rest_lattice(), 0.01 * k)
         settled.lamps.learn(1.0 + k / 60, xy, np.ones(25, bool), light, born)
     assert settled.lamps.count == 0
+
+
+def shown(lattice, stamp_s, xy, sound):
+    lattice.update(stamp_s, xy, np.zeros(len(xy)), np.full(len(xy), 1e-4), sound=sound)
+
+
+@pytest.mark.parametrize(('off_m', 'plain'), [(0.0, 3), (0.03, 5)])
+def test_a_light_that_can_be_nothing_but_a_block_is_believed_at_once(settled, off_m, plain):
+    rest = rest_lattice()
+    without = np.delete(rest, 12, axis=0)
+    back = np.concatenate([without, [rest[12] + [off_m, 0.0]]])
+    for sound, images in ((False, plain), (True, 1)):
+        settled = Lattice()
+        feed(settled, rest, 0.0, 10)
+        feed(settled, without, 0.2, 10)
+        for k in range(images):
+            assert not settled.seen[12]
+            shown(settled, 0.4 + k / 60, back, np.arange(25) < (25 if sound else 24))
+        assert settled.seen[12]
+
+
+def test_a_light_between_two_hidden_blocks_is_not_believed_at_once(settled):
+    rest = rest_lattice()
+    without = np.delete(rest, [12, 13], axis=0)
+    feed(settled, without, 0.2, 10)
+    light = 0.55 * rest[12] + 0.45 * rest[13]
+    for k in range(10):
+        shown(settled, 0.4 + k / 60, np.concatenate([without, [light]]), np.ones(24, bool))
+        assert not settled.seen[[12, 13]].any()
+
+
+@pytest.mark.parametrize('quarters', range(4))
+def test_a_lattice_that_arms_cut_to_pieces_is_read(quarters):
+    cells = [0, 1, 2, 4, 5, 6, 9, 12, 13, 15, 18, 19, 21, 22]  # five pieces, five blocks at most
+    rest = rest_lattice() + np.random.default_rng(3).normal(0, 0.006, (25, 2))
+    xy = turned(rest[[rotate_cell(b, quarters) for b in cells]], 0.1)
+    index, angle, sure = read_lattice(xy, square(0.1, len(xy)), rest, False)
+    assert sure
+    assert angle == pytest.approx(0.1, abs=1e-6)
+    wanted = np.full(N_BLOCKS, -1)
+    wanted[[rotate_cell(b, quarters) for b in cells]] = np.arange(len(cells))
+    assert np.array_equal(index, wanted)

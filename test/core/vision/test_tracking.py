@@ -312,3 +312,32 @@ def test_a_calibration_is_refused_while_blocks_do_not_rest(tracker):
     assert 'not calibrated' in tracker.outcome.text
     assert tracker.calibration is before
     assert tracked.state == TRACKING
+
+
+def half_hidden(images, flash=None, dimmed=1.0):
+    """Return what is made of block 12, hidden for a while and then half in sight again."""
+    calibration, rest = Calibration.ideal(), rest_lattice()
+    tracker = Tracker(TrackerSettings(), calibration)
+    renderer = Renderer(RenderOptions(noise='L2'), calibration, 3)
+    over = np.array([[rest[12, 0] - 0.07, -0.9, rest[12, 0] - 0.07, rest[12, 1], 0.0]])
+    for k in range(images + 20):
+        arm = over.copy()
+        arm[0, 4] = 0.0 if k < images else 0.13 if k < images + 19 else 0.07
+        lit = np.zeros(25) if flash is None or not images - 3 <= k < images else flash
+        image = renderer.render(*rest.T, np.zeros(25), k, flash=lit, arms=arm)
+        if k >= images + 5:
+            image = np.rint(image * dimmed).astype(np.uint8)
+        tracked = tracker.update(k / 60, image)
+        if images + 2 < k < images + 19:
+            assert not tracked.seen[12]
+    share = renderer.visible_share(*rest.T, np.zeros(25), k, arms=arm)[12]
+    assert 0.5 < share < 0.75
+    return tracked
+
+
+def test_a_half_hidden_block_is_known_again_after_a_flash_and_in_another_exposure():
+    rest = rest_lattice()
+    flash = 3.0 * np.eye(25)[12]
+    for tracked in (half_hidden(30), half_hidden(30, flash), half_hidden(30, None, 0.55)):
+        assert tracked.seen[12]
+        assert np.hypot(*(tracked.world[12] - rest[12])) < 2e-4

@@ -145,7 +145,7 @@ class BlobFinder:
             if before or n == before:
                 break
             self._learn(n, 1.0)  # a first look: now look again with the right size
-        search.learn_contrast(known, kept, n)
+        search.learn_usual(known, kept, n)
         if self._calibration is None and (turn % 8 == 0 or not known[search.FIELD]):
             self._learn(n, 0.3)
         blobs = np.zeros(n, BLOB)
@@ -166,6 +166,7 @@ class BlobFinder:
         self._lit = np.zeros(2048, np.float32)
         for what in (search.CONTRASTS, search.TURN, search.REFUSED):
             self._known[what] = 0.0
+        self._known[search.AGREEING] = 1.0
         self._known[search.FIELD :] = 0.0
         self.calibration = self._calibration
 
@@ -239,7 +240,7 @@ class BlobFinder:
     def _learn(self, n: int, share: float) -> None:
         """Renew a share of what is known of the size from the first `n` squares, seen whole."""
         kept, known = self._kept[:n], self._known
-        search.learn_contrast(known, self._kept, n)
+        search.learn_usual(known, self._kept, n)
         whole = kept[(kept[:, edges.VISIBLE] > 0.9) & (kept[:, edges.QUALITY] > 0.7)]
         if len(whole) < 4 or self._calibration is not None:
             return

@@ -21,7 +21,7 @@ SIDE_LINES = 88  # of one side; a wider one is read on every second line
 CORNER = 1.4  # blurs left out at each end of a side, where two edges mix
 UNLIKE = 1.0  # of the variance from line to line, what differs between level zone and edge
 WIDER = 5  # lines than a grain that sparkles is the light of another cover
-OTHER = 0.2  # of the contrast, light that is not the platform's
+OTHER, SOFT_OTHER = 0.1, 0.2  # of the contrast, light that is not the platform's
 FLAT = 2.1  # blurs from the edge at which light counts as inside or outside
 FLAT_TAPS = 6  # pixels at each end of a profile, among which are all that lie so far away
 MIN_CONTRAST = 8.0  # grey levels
@@ -285,7 +285,7 @@ def levels(work, ends, slope, lean, limit, flat, spread, soft):
     contrast, bare = _quantiles(work, wide, np.float32(0.25) * total, np.float32(0.75) * total)
     if contrast < MIN_CONTRAST:
         return 0.0, 0.0
-    bare = np.float32(bare + max(OTHER * contrast, 4.0))
+    bare = np.float32(bare + max((SOFT_OTHER if soft else OTHER) * contrast, 4.0))
     low, high = np.float32(0.45 * contrast), np.float32(2.0 * contrast)
     mean_in = count = zero
     for i in range(wide):

@@ -145,26 +145,30 @@ def seek(grid, tiles, u, v, theta, half, over, lit):
                 lit[n], lit[room + n] = (q - u0) * c - (r - v0) * sn, (q - u0) * sn + (r - v0) * c
                 n += 1
     inside, rim = 4.0 * (size - 0.3) ** 2, 4.0 * ((size + 1.7) ** 2 - (size + 0.4) ** 2)
-    best_u = best_v = best = 0.0
+    within = inside - 4.0 * (size - 1.6) ** 2
+    best_u = best_v = best = fuller = 0.0
     if n <= 0.3 * inside:
-        return best_u, best_v, best
+        return best_u, best_v, fuller
     zero, one = np.float32(0.0), np.float32(1.0)
+    core = np.float32(size - 1.6)
     well, low, high = np.float32(size - 0.3), np.float32(size + 0.4), np.float32(size + 1.7)
     across = lit[room:]  # indices that are plainly not negative: else each would be tested
     for dv in range(-most, most + 1):
         for du in range(-most, most + 1):
             x0, y0 = np.float32(du * c - dv * sn), np.float32(du * sn + dv * c)
-            full = below = near = zero
+            full = below = near = deep = zero
             for i in range(n):
                 x, y = abs(lit[i] - x0), abs(across[i] - y0)
                 away = x if x > y else y
+                deep += one if away < core else zero
                 full += one if away < well else zero
                 below += one if away < high else zero
                 near += one if away <= low else zero
             gain = full / inside - (below - near) / rim
-            if full > 0.3 * inside and gain > best:
-                best_u, best_v, best = du * STEP, dv * STEP, gain
-    return best_u, best_v, best
+            edge = gain + (full - deep) / within
+            if full > 0.3 * inside and gain > 0.0 and edge > best:
+                best_u, best_v, best, fuller = du * STEP, dv * STEP, edge, gain
+    return best_u, best_v, fuller
 
 
 @njit(cache=True)

@@ -44,13 +44,14 @@ FAINTEST = 0.2  # of the usual contrast: less is no block
 LIT = 0.12  # where less of a block's place is lit, none is asked for
 MIN_FILL_GAIN = 0.2  # by this share a square must be fuller of light than its surroundings
 RETRY_IMAGES = 5  # images before a light that was no square is tried again
+ENOUGH, AGREEING_GAIN, LEAST_AGREEING = 12, 0.1, 0.6
 SAME_PX = 10.0
 BESIDE_PX = 20.0
 
 # `known`: contrast of blocks, least light of a cover, edge blur px, whether a calibration gave the
-# sizes, the image's number, lights refused, and then half side and shear over the image, each a
-# quadratic of six terms.
-CONTRASTS, THRESHOLD, BLUR, CALIBRATED, TURN, REFUSED, FIELD = range(7)
+# sizes, the image's number, lights refused, the share of edges that agree where a block is whole,
+# and then half side and shear over the image, each a quadratic of six terms.
+CONTRASTS, THRESHOLD, BLUR, CALIBRATED, TURN, REFUSED, AGREEING, FIELD = range(8)
 KNOWN = FIELD + 18
 
 
@@ -88,10 +89,14 @@ def attempt(image, known, u, v, theta, own, half, search, table, work, ends, squ
     edges.fit_square(
         image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * usual, table, work, ends
     )
+    # grains that sparkle and specks take their part of any block's edge: what is left is all of it
+    square[VISIBLE] /= known[AGREEING]
+    square[WORST] /= known[AGREEING]
+    square[QUALITY] /= known[AGREEING] ** 2
     # a hand may stand where a block should; it is dimmer, or its edges are not all there
     contrast = square[CONTRAST]
     if own > 0:  # a block known by its brightness may have an arm beside it that is as bright
-        dim = contrast < MIN_CONTRAST * own or contrast > MAX_CONTRAST * own
+        dim = contrast < MIN_CONTRAST * own or contrast > MAX_CONTRAST * max(own, usual)
     else:
         dim = contrast < 0.5 * usual
         if missed and square[QUALITY] >= OUTLINE and square[SIGMA] < OUTLINE_PX:
@@ -194,7 +199,19 @@ def at_predictions(
             near[i, 0], near[i, 1] = u + du, v + dv
             _tabulate(known, image.shape, camera, outlines, near, i, table)
             attempt(
-                image, known, u + du, v + dv, theta, own, 0.0, 2, table, work, ends, fits[tried]
+                image,
+                known,
+                u + du,
+                v + dv,
+                theta,
+                own,
+                0.0,
+                2,
+                table,
+                work,
+                ends,
+                fits[tried],
+                True,
             )
             tried += 1
     return keep(fits, tried, kept, n, REGAINED)
@@ -279,8 +296,12 @@ def at_lights(image, known, starts, refused, camera, outlines, table, work, ends
 
 
 @njit(cache=True)
-def learn_contrast(known, kept, n):
-    """Take the usual contrast from squares seen whole, if there are enough of them."""
+def learn_usual(known, kept, n):
+    """Take from squares seen whole, if there are enough of them, what is usual here.
+
+    That is their contrast, and the share of their edges that agrees: a quarter of all squares in
+    sight are taken to be whole.
+    """
     whole = np.empty(n)
     m = 0
     for i in range(n):
@@ -289,6 +310,9 @@ def learn_contrast(known, kept, n):
             m += 1
     if m >= 4:
         known[CONTRASTS] = np.median(whole[:m])
+    if n >= ENOUGH:
+        share = np.quantile(kept[:n, VISIBLE], 0.75) * known[AGREEING]
+        known[AGREEING] += AGREEING_GAIN * (max(min(share, 1.0), LEAST_AGREEING) - known[AGREEING])
 
 
 @njit(cache=True)

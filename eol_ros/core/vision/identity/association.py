@@ -8,6 +8,8 @@ from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
 from eol_ros.core.vision.identity.fitting import MIN_SPACING_M, affine, folds, match, rotate_cell
 
 REACH_CELLS = 0.3  # of the pitch, how near to its place a light beyond a gap must stand
+GAP_CELLS = 2  # over so many a patch is continued, and then again from there
+CORNER = 4  # blocks that say how a patch goes on
 
 
 @njit(cache=True)
@@ -111,27 +113,34 @@ def _reach(p, cell, member):
 
     Sets cell (n, 2) and member (n,) of points that the patch, continued, has a free place for.
     """
-    fit = affine(cell, p, member)
-    det = fit[1, 0] * fit[2, 1] - fit[1, 1] * fit[2, 0]
-    if abs(det) < 0.3 * PITCH_M * PITCH_M:
-        return
-    for i in range(p.shape[0]):
-        if member[i]:
-            continue
-        dx = p[i, 0] - fit[0, 0]
-        dy = p[i, 1] - fit[0, 1]
-        column = (dx * fit[2, 1] - dy * fit[2, 0]) / det
-        row = (dy * fit[1, 0] - dx * fit[1, 1]) / det
-        c = int(np.rint(column))
-        r = int(np.rint(row))
-        free = abs(column - c) < REACH_CELLS and abs(row - r) < REACH_CELLS
-        for j in range(p.shape[0]):
-            if member[j] and cell[j, 0] == c and cell[j, 1] == r:
-                free = False
-        if free:
-            cell[i, 0] = c
-            cell[i, 1] = r
-            member[i] = True
+    grown = True
+    while grown and member.sum() >= CORNER:
+        grown = False
+        fit = affine(cell, p, member)
+        det = fit[1, 0] * fit[2, 1] - fit[1, 1] * fit[2, 0]
+        if abs(det) < 0.3 * PITCH_M * PITCH_M:
+            return
+        near = member.copy()
+        for i in range(p.shape[0]):
+            if member[i]:
+                continue
+            dx = p[i, 0] - fit[0, 0]
+            dy = p[i, 1] - fit[0, 1]
+            column = (dx * fit[2, 1] - dy * fit[2, 0]) / det
+            row = (dy * fit[1, 0] - dx * fit[1, 1]) / det
+            c = int(np.rint(column))
+            r = int(np.rint(row))
+            free = abs(column - c) < REACH_CELLS and abs(row - r) < REACH_CELLS
+            beside = False
+            for j in range(p.shape[0]):
+                if near[j]:
+                    beside |= max(abs(cell[j, 0] - c), abs(cell[j, 1] - r)) <= GAP_CELLS
+                if member[j] and cell[j, 0] == c and cell[j, 1] == r:
+                    free = False
+            if free and beside:
+                cell[i, 0] = c
+                cell[i, 1] = r
+                member[i] = grown = True
 
 
 @njit(cache=True)
@@ -154,9 +163,9 @@ def read_lattice(xy, yaw, expected, trust_expected):
         p[i, 0] = c * xy[i, 0] + s * xy[i, 1]
         p[i, 1] = -s * xy[i, 0] + c * xy[i, 1]
     cell, member = _grow(p)
+    _reach(p, cell, member)
     if member.sum() < 6:
         return index, angle, False
-    _reach(p, cell, member)
     low_c = 10**6
     low_r = 10**6
     high_c = -(10**6)

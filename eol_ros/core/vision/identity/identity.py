@@ -55,13 +55,14 @@ class Identity:
         sigma: np.ndarray,
         faint: np.ndarray | None = None,
         glance: Glance | None = None,
+        sound: np.ndarray | None = None,
     ) -> None:
         """Take the detections of one image; see Lattice.update. glance: looks at covers in it."""
         lattice = self.lattice
         if self.covers is None or glance is None:
-            lattice.update(stamp_s, xy, yaw, sigma, faint)
+            lattice.update(stamp_s, xy, yaw, sigma, faint, None, sound)
         else:
-            lattice.update(stamp_s, xy, yaw, sigma, faint, self._vouches(glance))
+            lattice.update(stamp_s, xy, yaw, sigma, faint, self._vouches(glance), sound)
             self._know_covers(stamp_s, xy, yaw, sigma, glance)
         if lattice.state != TRACKING:
             self.onsets, self.confirmed = None, False

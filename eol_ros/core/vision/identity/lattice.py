@@ -86,6 +86,7 @@ class Lattice:
         self.candidate_seen = np.full(CANDIDATES, -np.inf)
         self.candidate_index = np.full(CANDIDATES, -1)
         self.lamps = Lamps(CANDIDATES)
+        self.renamings = 0  # times that ids may have come to mean other blocks
         self.yaws = Yaws()
 
     def update(
@@ -96,10 +97,12 @@ class Lattice:
         sigma: np.ndarray,
         faint: np.ndarray | None = None,
         vouch: Vouch | None = None,
+        sound: np.ndarray | None = None,
     ) -> None:
         """Take the detections of one image: xy (n, 2) m, yaw (n,) rad modulo 90 deg, sigma (n,) m.
 
         faint (n,) bool: little of the outline is in view, so that it may be something else's.
+        sound (n,) bool: so good an outline that it can be nothing but a block; None for not known.
         vouch: whether the covers of the detections (25,), -1 for none, of blocks turned by (25,)
         rad, are those of a lattice that is known, whichever way round it lies.
         """
@@ -115,8 +118,9 @@ class Lattice:
             if kept is not None:
                 xy, yaw, sigma = xy[kept], yaw[kept], sigma[kept]
                 faint = faint[kept] if faint is not None else None
+                sound = sound[kept] if sound is not None else None
         if self.state == TRACKING:
-            self._follow(stamp_s, step, xy, yaw, sigma, faint)
+            self._follow(stamp_s, step, xy, yaw, sigma, faint, sound)
             self.lamps.learn(stamp_s, self.xy, self.seen, self.candidate_xy, self.candidate_born)
         if self.state != TRACKING:
             self._search(stamp_s, xy, yaw, sigma, vouch, kept)
@@ -133,7 +137,7 @@ class Lattice:
             for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s'):
                 setattr(self, name, getattr(self, name)[order])
             self.swaps[:] = 0.0
-            self.lamps.renamed()
+            self._renamed()
             self.agreed = 0
             self.angle += quarters * QUARTER
             self.yaw += quarters * QUARTER
@@ -141,6 +145,10 @@ class Lattice:
             self.angle -= turns
             self.yaw -= turns
         self.ambiguous = False
+
+    def _renamed(self) -> None:
+        self.lamps.renamed()
+        self.renamings += 1
 
     def _start_angle(self) -> float:
         return 0.0
@@ -153,6 +161,7 @@ class Lattice:
         yaw: np.ndarray,
         sigma: np.ndarray,
         faint: np.ndarray | None,
+        sound: np.ndarray | None,
     ) -> None:
         before = self.xy.copy()
         was = self.seen
@@ -177,6 +186,7 @@ class Lattice:
             back = reacquire(
                 stamp_s, self.xy, self.index, self.sigma, self.seen_s, self.angle,
                 self.candidate_xy, self.candidate_born, self.candidate_seen, self.candidate_index,
+                np.zeros(len(xy), bool) if sound is None else sound,
             )  # fmt: skip
             if back.any():
                 self.xy[back] = xy[self.index[back]]
@@ -235,7 +245,7 @@ class Lattice:
         for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s'):
             array = getattr(self, name)
             array[[a, b]] = array[[b, a]]
-        self.lamps.renamed()
+        self._renamed()
         self.swaps[[a, b], :] = 0.0
         self.swaps[:, [a, b]] = 0.0
 
@@ -393,7 +403,7 @@ class Lattice:
     def _adopt(self, stamp_s: float, index: np.ndarray, xy: np.ndarray, yaw: np.ndarray) -> None:
         """Take a reading of the lattice as the truth; hidden blocks go where their fellows say."""
         self.velocity[index != self.index] = 0.0
-        self.lamps.renamed()
+        self._renamed()
         self.index = index
         self.seen = index >= 0
         self.swaps[:] = 0.0

@@ -18,7 +18,7 @@ NEAR_M = 0.010  # a hidden block this close to where it went is itself
 BEND_M = 0.08  # neighbours stand this close to where the lattice wants them, nearly always
 FAR_M = 0.08  # and beyond this it is not
 SOON_S = 0.025  # a light must last before it can be a block: near its place,
-LATER_S = 0.06  # and elsewhere
+LATER_S = 0.06  # and elsewhere; a sound one need not, up to THROWN_M away
 LONG_S = 0.5  # a light that lasts so long may take the better of two doubtful places
 PATIENCE_S = 0.1  # a swap must be better for so long
 
@@ -225,8 +225,11 @@ def remember(stamp_s, points, index, place, born, last, at):
 
 
 @njit(cache=True)
-def reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, last, at):
-    """Give lights back to hidden blocks; sets `index`, returns which blocks came back (25,)."""
+def reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, last, at, sound):
+    """Give lights back to hidden blocks; sets `index`, returns which blocks came back (25,).
+
+    sound (n,): detections that can be nothing but a block.
+    """
     back = np.zeros(N_BLOCKS, np.bool_)
     seen = index >= 0
     hidden = np.flatnonzero(~seen)
@@ -237,7 +240,9 @@ def reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, last, at):
     lights = np.empty(CANDIDATES, np.int64)
     m = 0
     for k in range(CANDIDATES):
-        if born[k] == np.inf or at[k] < 0 or stamp_s - born[k] < SOON_S:
+        if born[k] == np.inf or at[k] < 0:
+            continue
+        if stamp_s - born[k] < SOON_S and not sound[at[k]]:
             continue
         clear = True
         for i in range(N_BLOCKS):
@@ -259,7 +264,7 @@ def reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, last, at):
             if born[k] < seen_s[i]:  # it shone while the block was elsewhere
                 continue
             off = np.hypot(xy[i, 0] - place[k, 0], xy[i, 1] - place[k, 1])
-            near = off < NEAR_M + min(sigma[i], 0.01)
+            near = off < (THROWN_M if sound[at[k]] else NEAR_M + min(sigma[i], 0.01))
             if off > FAR_M or (stamp_s - born[k] < LATER_S and not near):
                 continue
             if not fits(i, place[k], xy, seen, ca, sa):
