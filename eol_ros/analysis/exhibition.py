@@ -34,6 +34,10 @@ DEAD = 20.0  # slips (or knocks) that a block would have had: none by chance onc
 LEAST_SHARE = 0.5 / N_BLOCKS  # of a block that has never slipped
 FEWEST_SINGLES = 30  # of a day or an hour, for a median
 FEWEST_SPANS = 3
+WAYS = {  # in which a block can be silent, in words
+    'slips': ('slips', 'slipped', 'slip no longer'),
+    'taps': ('knocks', 'told of a knock', 'tell of knocks no longer'),
+}
 ALL_S = 1.0  # a bag shorter than that is none of an exhibition
 
 
@@ -221,9 +225,20 @@ def _days(digests: list[Digest], hours: dict[int, dict], rows: np.ndarray) -> li
             'up_share': min(1.0, up_s / (opened_ns / S_NS)),
             **{name: int(sum(c[name] for _, c in there)) for name in _COUNTED},
             'b_value': law.get('b_value'), 'b_error': law.get('b_error'),
-            'law': law['sentence'],
+            'p_value': law.get('p_value'), 'law': _law_of_day(law),
         })  # fmt: skip
     return found
+
+
+def _law_of_day(law: dict[str, Any]) -> str:
+    """Return what a day says that the law of all days does not, in a few words."""
+    if 'needed' in law:
+        return 'too few'
+    if 'why' in law:
+        return str(law['why'])
+    if law['rejected']:
+        return f'rejected, p {law["p_value"]:.2g}'
+    return f'b = {law["b_value"]:.2f} +- {law["b_error"]:.2f}, p {law["p_value"]:.2g}'
 
 
 def _friction(digests: list[Digest]) -> dict[str, Any]:
@@ -281,14 +296,60 @@ def _dead(digests: list[Digest], what: str) -> list[dict[str, Any]]:
         share = max(len(own) / last if last else 0.0, LEAST_SHARE)
         if after * share < DEAD:
             continue
-        doing = 'slipped' if what == 'slips' else 'told of a knock'
-        since = f' since {_since(digests, int(pairs[last - 1, 0]))}' if last else ''
         found.append({
             'block': block, 'what': what, 'others': int(after), 'expected': float(after * share),
-            'sentence': f'block {block} has {"not" if last else "never"} {doing}{since}: the '
-            f'others {after} times, of which {after * share:.0f} would have been its',
+            'since': _since(digests, int(pairs[last - 1, 0])) if last else None,
         })  # fmt: skip
     return found
+
+
+def _said_of_dead(blocks: list[dict[str, Any]]) -> list[str]:
+    """Return which blocks are silent, for people: what holds for several is said once."""
+    never: dict[tuple[str, ...], list[int]] = {}
+    for number in sorted({b['block'] for b in blocks if b['since'] is None}):
+        ways = tuple(b['what'] for b in blocks if b['block'] == number and b['since'] is None)
+        never.setdefault(ways, []).append(number)
+    said = []
+    for ways, numbers in never.items():
+        due = ', '.join(
+            f'{min(b["expected"] for b in blocks if b["what"] == way):.0f} {WAYS[way][0]}'
+            for way in ways
+        )
+        said.append(
+            f'{_blocks(numbers)} never {" nor ".join(WAYS[way][1] for way in ways)} '
+            f'(half an equal share: {due})'
+        )
+    for way, (events, _, no_longer) in WAYS.items():
+        those = [b for b in blocks if b['what'] == way and b['since'] is not None]
+        if those:
+            each = ', '.join(
+                f'block {b["block"]} since {b["since"]} ({b["expected"]:.0f})' for b in those
+            )
+            said.append(
+                f'{no_longer}: {each}; in brackets: how many of the {events} after that would have '
+                'been its, by its share before'
+            )
+    return said or ['no block has fallen silent']
+
+
+def _blocks(numbers: list[int]) -> str:
+    return f'block {numbers[0]}' if len(numbers) == 1 else f'blocks {", ".join(map(str, numbers))}'
+
+
+def _said_of_days(days: list[dict[str, Any]]) -> list[str]:
+    """Return how the law of the single days differs from that of all, for people."""
+    asked = [day for day in days if day['p_value'] is not None]
+    if len(days) < 2 or not asked:
+        return []
+    rejected = [day for day in asked if day['p_value'] < powerlaw.REJECTED]
+    held = [day['b_value'] for day in asked if day not in rejected]
+    said = (
+        f'day by day: a power law is rejected on {len(rejected)} of {len(asked)} days that have '
+        f'{powerlaw.FEWEST_CASCADES} cascades and more'
+    )
+    if held:
+        said += f'; on the others b is {min(held):.2f} to {max(held):.2f}'
+    return [said]
 
 
 def _since(digests: list[Digest], ns: int) -> str:
@@ -313,10 +374,10 @@ def sentences(found: dict[str, Any]) -> list[str]:
         f'{found["slips"]} slips in {found["visits"]} visits (parted by {VISIT_GAP_S:g} s of '
         f'rest); something slipped in {100 * share:.0f} % of all seconds',
         f'{c["count"]} cascades, up to {c["largest"]} blocks: {c["sentence"]}',
+        *_said_of_days(found['days']),
         found['magnitudes']['sentence'],
         found['friction']['sentence'],
-        *(block['sentence'] for block in found['dead_blocks']),
-        *([] if found['dead_blocks'] else ['no block has fallen silent']),
+        *_said_of_dead(found['dead_blocks']),
         *found['notes'],
         *found['left_out'],
     ]
@@ -362,7 +423,7 @@ def _page(found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
         report.table_of(
             'Day by day, local time',
             ('day', 'starts', 'hours on', '% of open', 'visits', 'active min', 'slips', 'cascades',
-             'law of areas'), days,
+             'power law of areas'), days,
         ),
         *(f'<h2>{html.escape(title)}</h2>{svg}' for title, svg in drawn),
         report.table_of(

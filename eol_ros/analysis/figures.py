@@ -12,6 +12,7 @@ import numpy as np
 
 from eol_ros.analysis.bag import Table, seconds
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
+from eol_ros.core.science import powerlaw
 from eol_ros.core.science.one_over_f import Answer
 from eol_ros.streams.slips import START, STOP
 
@@ -131,16 +132,27 @@ def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
     support = np.arange(1, N_BLOCKS + 1)
     reached = np.array([(areas >= a).sum() for a in support])
     fitted = np.full(N_BLOCKS, np.nan)
-    if 'tau' in law:
+    fits = 'tau' in law and not law['rejected']
+    if fits:
         inside = support >= law['area_min']
         weight = support[inside] ** -law['tau']
         fitted[inside] = law['fitted'] * weight[::-1].cumsum()[::-1] / weight.sum()
     columns = {'area_blocks': support, 'cascades_at_least': reached, 'fit': fitted}
+    try:
+        low, high = powerlaw.band(areas, np.random.default_rng(1))
+        columns |= {'low': low, 'high': high}
+    except powerlaw.FitError:
+        pass  # too few: no band
     if 'from_rest_to_rest' in law:
         columns['from_rest_to_rest'] = np.array(law['from_rest_to_rest']['at_least'])
 
     def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
         some = c['cascades_at_least'] > 0
+        if 'low' in c:
+            axes.fill_between(
+                c['area_blocks'][some], np.maximum(c['low'][some], 0.5), c['high'][some],
+                color=BLUE, alpha=0.2, linewidth=0, label='95 % of catalogues as long',
+            )  # fmt: skip
         axes.loglog(
             c['area_blocks'][some],
             c['cascades_at_least'][some],
@@ -148,14 +160,14 @@ def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
             color=BLUE,
             label=f'{law["count"]} cascades',
         )
-        if 'tau' in law:
+        if fits:
             words = f'b = {law["b_value"]:.2f} ± {law["b_error"]:.2f}, A ≥ {law["area_min"]}'
-            if law['rejected']:
-                words = f'not a power law: KS {law["ks"]:.2f}, p {law["p_value"]:.2g}'
-            style = ':' if law['rejected'] else '-'
-            axes.loglog(c['area_blocks'], c['fit'], style, color=ORANGE, label=words)
+            axes.loglog(c['area_blocks'], c['fit'], color=ORANGE, label=words)
         else:
-            axes.plot([], [], ' ', label=law['why'])
+            words = law.get('why') or (
+                f'not a power law: KS {law["ks"]:.2f}, p {law["p_value"]:.2g}'
+            )
+            axes.plot([], [], ' ', label=words)
         if 'from_rest_to_rest' in c:
             other = c['from_rest_to_rest'] > 0
             axes.loglog(

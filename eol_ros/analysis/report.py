@@ -143,7 +143,7 @@ def law(areas: np.ndarray) -> dict[str, Any]:
     try:
         law_found = powerlaw.cascade_law(areas)
     except powerlaw.FitError as error:
-        return found | {'why': str(error), 'sentence': str(error)}
+        return found | _why_not(error)
     fit = law_found.fit
     others = alternatives.compare(areas, fit, law_found.b_error)
     return found | {
@@ -157,6 +157,12 @@ def law(areas: np.ndarray) -> dict[str, Any]:
             for a in others
         },
     }  # fmt: skip
+
+
+def _why_not(error: powerlaw.FitError) -> dict[str, Any]:
+    """Return why there is no law; `needed`: how many there must be, where there are too few."""
+    found: dict[str, Any] = {'why': str(error), 'sentence': str(error)}
+    return found | ({'needed': error.needed} if isinstance(error, powerlaw.TooFew) else {})
 
 
 def rest_to_rest(stops: Table) -> dict[str, Any]:
@@ -202,7 +208,7 @@ def catalogue_of(bag: Bag, cascades: Table) -> dict[str, Any]:
         try:
             answer = ask()
         except powerlaw.FitError as error:
-            found[name] = {'sentence': f'{name}: {error}'}
+            found[name] = _why_not(error) | {'sentence': f'{name}: {error}'}
         else:
             found[name] = plain(answer)
     return found
@@ -393,6 +399,11 @@ def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
         f'{html.escape(" ".join(bag.about.get("seeds", "not known").split()))}.</p>',
         *(f'<p class="warn">{html.escape(line)}</p>' for line in bag.cut_short),
         _verdict(found),
+        paragraphs('What this bag cannot say', found.get('lacking', [])),
+        paragraphs('Cascades', _said_of_cascades(found)),
+        paragraphs('Patterns of light', found.get('light', {}).get('sentences', [])),
+        paragraphs('Is it 1/f?', _said_of_spectra(found), NOT_ASKED),
+        *(f'<h2>{html.escape(title)}</h2>{svg}' for title, svg in drawn),
         table_of('Received messages', ('topic', 'messages'), found['messages'].items()),
         _latency_rows('From the stamp of the image to the recorder, of light to its bytes on the '
                       'line, ms', found['latency_ms']),
@@ -401,12 +412,6 @@ def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
         table_of('Lost on the way', ('where', 'topic', 'messages'),
               [(where.replace('_', ' '), topic, count) for where, topics in found['gaps'].items()
                if where != 'received' for topic, count in topics.items() if count]),
-        paragraphs('What this bag cannot say', found.get('lacking', [])),
-        paragraphs('Cascades', _said_of_cascades(found)),
-        paragraphs('Patterns of light', found.get('light', {}).get('sentences', [])),
-        paragraphs('Is it 1/f?', [a['sentence'] for a in found.get('one_over_f', {}).values()],
-                   NOT_ASKED),
-        *(f'<h2>{html.escape(title)}</h2>{svg}' for title, svg in drawn),
         '<h2>Versions</h2><pre>', html.escape(bag.about.get('versions', 'not known')), '</pre>',
         '<h2>Scene</h2><pre>', html.escape(bag.about.get('settings', 'not known')), '</pre>',
         '</body></html>',
@@ -450,8 +455,27 @@ def _said_of_cascades(found: dict[str, Any]) -> list[str]:
         whole = f'{c["why"]}; the largest had {c["largest"]} blocks'
     else:
         whole = f'{c["count"]} cascades, up to {c["largest"]} blocks: {c["sentence"]}'
-    other = [c['from_rest_to_rest']['sentence']] if 'from_rest_to_rest' in c else []
-    return [whole, *other, *(part['sentence'] for part in found['catalogue'].values())]
+    parts = {}
+    if (other := c.get('from_rest_to_rest')) is not None:
+        parts[f'cascades from rest to rest of the whole table ({other["count"]})'] = other
+    parts |= {{'waiting': 'waiting times'}.get(n, n): p for n, p in found['catalogue'].items()}
+    few: dict[int, list[str]] = {}
+    for name, part in parts.items():
+        if 'needed' in part:
+            few.setdefault(part['needed'], []).append(name)
+    needs = '; '.join(
+        f'{", ".join(names)} ({needed} needed)' for needed, names in sorted(few.items())[::-1]
+    )
+    lacks = [f'too few for {needs}'] if few else []
+    return [whole, *lacks, *(p['sentence'] for p in parts.values() if 'needed' not in p)]
+
+
+def _said_of_spectra(found: dict[str, Any]) -> list[str]:
+    """Return the verdict on each series for people; what holds for several is said once."""
+    said: dict[str, list[str]] = {}
+    for name, answer in found.get('one_over_f', {}).items():
+        said.setdefault(answer['sentence'].removeprefix(f'{name}: '), []).append(name)
+    return [f'{", ".join(names)}: {words}' for words, names in said.items()]
 
 
 def paragraphs(title: str, said: list[str], last: str = '') -> str:
@@ -493,7 +517,7 @@ def summary(found: dict[str, Any]) -> str:
     if 'cascades' in found:
         lines += _said_of_cascades(found)
     lines += found.get('light', {}).get('sentences', [])
-    lines += [answer['sentence'] for answer in found.get('one_over_f', {}).values()]
+    lines += _said_of_spectra(found)
     for begin, latencies in (
         ('the image', found['latency_ms']),
         ('the onset of the slip', found['onset_latency_ms']),

@@ -2,10 +2,10 @@
 """What a computation rests on: the code that it can reach, and a digest of it.
 
 From a module or function, imports within this repository are followed, those inside functions too.
-Of a module from which single names are imported only their definitions count, what these use, and
-what runs at its import. Comments, docstrings and the words that explain a setting or an option are
-left out: a change of prose makes nothing old. What is imported by a name that the program puts
-together (`importlib`) is not seen: it must be named beside the root.
+Of a module of which single names are imported, or used as `module.name`, only their definitions
+count, what these use, and what runs at its import. Comments, docstrings and the words that explain
+a setting or an option are left out: a change of prose makes nothing old. What is imported by a name
+that the program puts together (`importlib`) is not seen: it must be named beside the root.
 """
 
 import ast
@@ -91,18 +91,18 @@ def _code(module: str, root: Path) -> '_Code':
     file = _file(module, root)
     if file is None:
         raise ImportError(f'{module}: no such module in {root}')
-    return _read(module, file.read_text(encoding='utf-8'))
+    return _read(module, file.read_text(encoding='utf-8'), root)
 
 
 @functools.cache
-def _read(module: str, text: str) -> '_Code':
-    return _Code(module, ast.parse(text))
+def _read(module: str, text: str, root: Path) -> '_Code':
+    return _Code(module, ast.parse(text), root)
 
 
 class _Code:
     """The statements of a module: what each binds, and what it uses of its own and others."""
 
-    def __init__(self, module: str, tree: ast.Module) -> None:
+    def __init__(self, module: str, tree: ast.Module, root: Path) -> None:
         self.module = module
         self.body = [n for n in tree.body if not _is_docstring(n) and not _is_for_types(n)]
         every = set(range(len(self.body)))
@@ -113,17 +113,49 @@ class _Code:
         if DYNAMIC & {n for s in self.body for n in _names(s)} or DYNAMIC & set(self.binds):
             self.binds = dict.fromkeys(self.binds, every)
         self.binds[WHOLE] = every
+        self.aliases = self._aliases(root)
+
+    def _aliases(self, root: Path) -> dict[str, str]:
+        """Return the names that are modules wherever this module uses them, and which modules."""
+        found: dict[str, set[str]] = {}
+        for node in (n for s in self.body for n in ast.walk(s)):
+            if isinstance(node, ast.ImportFrom) and _is_own(node.module or ''):
+                for a in node.names:
+                    module = f'{node.module}.{a.name}'
+                    found.setdefault(a.asname or a.name, set()).add(
+                        module if _file(module, root) else ''
+                    )
+            elif isinstance(node, ast.arg):
+                found.setdefault(node.arg, set()).add('')
+            elif isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
+                found.setdefault(node.id, set()).add('')
+        return {name: of.pop() for name, of in found.items() if len(of) == 1 and '' not in of}
 
     def uses(self, k: int) -> Iterator[Place]:
-        """Yield what a statement uses: names of this module, and what it imports."""
+        """Yield what a statement uses: names of this module, what it imports, names in modules."""
+        inner = set()  # names of modules, as in `module.name`
         for node in ast.walk(self.body[k]):
             if isinstance(node, ast.Import):
                 yield from ((a.name, WHOLE) for a in node.names if _is_own(a.name))
             elif isinstance(node, ast.ImportFrom) and _is_own(node.module or ''):
-                yield from ((str(node.module), a.name) for a in node.names)
-        for name in _names(self.body[k]):
-            if name in self.binds:
-                yield self.module, name
+                for a in node.names:
+                    if (a.asname or a.name) in self.aliases:
+                        yield f'{node.module}.{a.name}', AT_IMPORT
+                    else:
+                        yield str(node.module), a.name
+            elif (
+                isinstance(node, ast.Attribute)
+                and isinstance(node.value, ast.Name)
+                and node.value.id in self.aliases
+                and not node.attr.startswith('__')
+            ):
+                inner.add(node.value)
+                yield self.aliases[node.value.id], node.attr
+        for name in (n for n in ast.walk(self.body[k]) if isinstance(n, ast.Name)):
+            if name.id in self.aliases and name not in inner:
+                yield self.aliases[name.id], WHOLE
+            if name.id in self.binds:
+                yield self.module, name.id
 
     def canonical(self, k: int) -> str:
         """Return a statement without docstrings, comments and layout."""

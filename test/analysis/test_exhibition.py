@@ -133,9 +133,55 @@ def test_a_dead_block_is_named_with_its_last_slip(found):
     dead = [d for d in found['dead_blocks'] if d['what'] == 'slips']
 
     assert [d['block'] for d in dead] == [DEAD]
-    assert f'block {DEAD} has not slipped since 2026-06-03' in dead[0]['sentence']
-    assert dead[0]['expected'] >= exhibition.DEAD
+    assert dead[0]['since'].startswith('2026-06-03') and dead[0]['expected'] >= exhibition.DEAD
+    said = [line for line in exhibition.sentences(found) if 'no longer' in line]
+    assert len(said) == 1
+    assert f'slip no longer: block {DEAD} since {dead[0]["since"]} (' in said[0]
     assert not [d for d in found['dead_blocks'] if d['what'] == 'taps']  # twelve in all
+
+
+def test_blocks_that_are_silent_alike_are_told_of_once(digests):
+    """Four never slipped, of which one tells of knocks; two more stop."""
+    rng = np.random.default_rng(1)
+    blocks = rng.choice([b for b in range(25) if b not in (1, 2, 3, 4)], 4000)
+    times = digests[0].start_ns + np.arange(4000) * S
+    gone = ((blocks == 5) & (np.arange(4000) > 1000)) | ((blocks == 6) & (np.arange(4000) > 2000))
+    slips = np.stack([times, blocks], axis=1)[~gone]
+    taps = slips.copy()
+    taps[::30, 1] = 4
+    one = exhibition.Digest(**{**vars(digests[0]), 'slips': slips, 'taps': taps})
+    dead = exhibition._dead([one], 'slips') + exhibition._dead([one], 'taps')
+    said = exhibition._said_of_dead(dead)
+
+    assert [line.split(' (')[0] for line in said[:2]] == [
+        'blocks 1, 2, 3 never slipped nor told of a knock', 'block 4 never slipped',
+    ]  # fmt: skip
+    assert [line.split(':')[0] for line in said[2:]] == [
+        'slip no longer', 'tell of knocks no longer',
+    ]  # fmt: skip
+    assert said[2].count('since 2026-06-01') == 2 and 'block 5 since' in said[2]
+    assert exhibition._said_of_dead([]) == ['no block has fallen silent']
+
+
+def test_a_day_says_only_what_the_whole_does_not(digests):
+    """Three days of one law, three of another: the verdict stands once, days show their own."""
+    days = []
+    for k, one in enumerate(digests):
+        law = np.random.default_rng(k)
+        rows = np.repeat(one.rows, 4)
+        rows['area'] = powerlaw.sample(1.7, 1, 25, len(rows), law) if k < 3 else (
+            np.minimum(law.geometric(0.2, len(rows)), 25)
+        )  # fmt: skip
+        days.append(exhibition.Digest(**{**vars(one), 'rows': rows}))
+    found = exhibition.numbers(days, [])
+    said = exhibition.sentences(found)
+
+    assert said[2].endswith(found['cascades']['sentence'])
+    assert 'day by day: a power law is rejected on 3 of 6 days' in said[3]
+    assert '; on the others b is 0.' in said[3]
+    for k, day in enumerate(found['days']):
+        assert day['law'].startswith('b = 0.' if k < 3 else 'rejected, p 0.')
+        assert len(day['law']) < 30 and day['law'] not in ' '.join(said)
 
 
 def test_the_law_is_that_of_one_bag_with_all_cascades(found, digests):
@@ -168,7 +214,7 @@ def test_the_catalogue_has_units_and_origin_and_zmap_columns(week, tmp_path, cap
         tzinfo=datetime.timezone.utc).timestamp()) * S) / (DAY_S * S)  # fmt: skip
     np.testing.assert_allclose(days, made, atol=1e-6)
     page = (tmp_path / 'report.html').read_text()
-    assert 'block 7 has not slipped since' in page and '2026-06-06' in page
+    assert 'slip no longer: block 7 since 2026-06-03' in page and '2026-06-06' in page
     assert (tmp_path / 'friction.svg').exists() and (tmp_path / 'hours.svg').exists()
 
 

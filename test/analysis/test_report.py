@@ -12,8 +12,9 @@ from eol_msgs.msg import BlockTap, Cascade, GrainTrigger, LedCommand, Slip
 from rclpy.serialization import serialize_message
 
 from eol_ros import cli
-from eol_ros.analysis import catalogue_file, report
+from eol_ros.analysis import catalogue_file, figures, report, series
 from eol_ros.analysis.bag import open_bag
+from eol_ros.core.science import powerlaw
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.ros.definitions import describe
@@ -81,8 +82,14 @@ def test_too_few_cascades_are_not_fitted(tmp_path):
     words = report.summary(found)
     assert '18 cascades: no fit below 200; the largest had' in words
     for name in ('magnitudes', 'waiting', 'aftershocks', 'productivity'):
-        assert found['catalogue'][name]['sentence'] in words
         assert ' below ' in found['catalogue'][name]['sentence']
+    lacks = [line for line in words.splitlines() if line.startswith('too few for ')]
+    assert lacks == [
+        f'too few for cascades from rest to rest of the whole table '
+        f'({found["cascades"]["from_rest_to_rest"]["count"]}), magnitudes, aftershocks, '
+        'productivity (200 needed); waiting times (50 needed)'
+    ]
+    assert words.count('no fit below') == 1
 
 
 @pytest.mark.parametrize(
@@ -111,7 +118,11 @@ def test_an_empty_or_foreign_bag_says_what_it_cannot_say(tmp_path, capsys, topic
     for line in [said, *lines] if said else lines:
         assert line in page and line in words.splitlines()
     assert said or ('is of eol_ros' not in words and 'is empty' not in words)
-    assert words.count('whether it is 1/f cannot be said') == 5
+    unknown = [line for line in words.splitlines() if 'whether it is 1/f cannot be said' in line]
+    names = [name for line in unknown for name in line.split(':')[0].split(', ')]
+    assert sorted(names) == sorted(series.NAMES)
+    whys = [line.split(': ', 1)[1] for line in unknown]
+    assert len(whys) == len(set(whys)) < 5  # each said once
 
 
 def test_moment_and_energy_need_what_was_measured(big, tmp_path):
@@ -217,6 +228,31 @@ def test_the_page_stands_alone(big, page):
     assert [int(r['cascades_at_least']) for r in rows] == [
         int((areas >= a).sum()) for a in range(1, 26)
     ]
+
+
+@pytest.mark.parametrize('rejected', [False, True])
+def test_a_law_that_is_rejected_has_no_line(rejected):
+    """The band holds the points it is of; the fit is drawn only where it is not ruled out."""
+    from matplotlib import pyplot
+
+    rng = np.random.default_rng(1)
+    areas = powerlaw.sample(1.7, 1, 25, 1000, rng)
+    if rejected:
+        areas[::4] = 25
+    found = report.law(areas)
+    assert found['rejected'] is rejected
+    figure = figures._areas(areas, found, 'note')
+    c = figure.columns
+    assert np.isnan(c['fit']).all() == rejected
+    reached = c['cascades_at_least']
+    assert (c['low'] <= reached).all() and (reached <= c['high']).all()
+    picture, axes = pyplot.subplots()
+    figure.paint(axes, c)
+    drawn = {line.get_label(): len(line.get_xdata()) for line in axes.lines}
+    pyplot.close(picture)
+    law = [length for label, length in drawn.items() if label.startswith(('b = ', 'not a power'))]
+    assert law == [0 if rejected else 25]
+    assert any(label.startswith('not a power law: KS') for label in drawn) is rejected
 
 
 @pytest.mark.slow

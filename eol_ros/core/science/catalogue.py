@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, special
 
-from eol_ros.core.science.powerlaw import BLOCKS, FEWEST_CASCADES, REJECTED, FitError
+from eol_ros.core.science.powerlaw import BLOCKS, FEWEST_CASCADES, REJECTED, FitError, TooFew
 
 BIN = 0.1  # of magnitude, in which completeness is looked for
 CORRECTION = 0.2  # added to the greatest bin (Woessner and Wiemer, BSSA 95 (2005) 684)
@@ -115,7 +115,9 @@ def magnitude_law(
     magnitudes = np.asarray(magnitudes, float)
     magnitudes = magnitudes[np.isfinite(magnitudes)]
     if len(magnitudes) < FEWEST_CASCADES:
-        raise FitError(f'{len(magnitudes)} magnitudes: no fit below {FEWEST_CASCADES}')
+        raise TooFew(
+            f'{len(magnitudes)} magnitudes: no fit below {FEWEST_CASCADES}', FEWEST_CASCADES
+        )
     least = completeness(magnitudes)
     above = magnitudes >= least
     count = int(above.sum())
@@ -182,7 +184,7 @@ def waiting(onsets_s: np.ndarray, rng: np.random.Generator, repeats: int = 200) 
     gaps = np.diff(np.sort(onsets_s))
     gaps = gaps[gaps > 0]
     if len(gaps) < FEWEST:
-        raise FitError(f'{len(gaps)} waiting times: no law below {FEWEST}')
+        raise TooFew(f'{len(gaps)} waiting times: no law below {FEWEST}', FEWEST)
 
     def distance(values: np.ndarray) -> float:
         chance = 1 - np.exp(-np.sort(values) / values.mean())
@@ -282,7 +284,8 @@ def omori(onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int = 10
     order = np.argsort(onsets_s, kind='stable')
     onsets_s, sizes = np.asarray(onsets_s, float)[order], np.asarray(sizes)[order]
     if len(sizes) < FEWEST_CASCADES:
-        raise FitError(f'{len(sizes)} cascades: no aftershocks below {FEWEST_CASCADES}')
+        said = f'{len(sizes)} cascades: no aftershocks below {FEWEST_CASCADES}'
+        raise TooFew(said, FEWEST_CASCADES)
     values, counts = np.unique(sizes, return_counts=True)
     few = values[counts[::-1].cumsum()[::-1] <= max(mains, len(sizes) // 10)]
     if not len(few):
@@ -416,7 +419,8 @@ def productivity(
     order = np.argsort(onsets_s, kind='stable')
     onsets_s, sizes = np.asarray(onsets_s, float)[order], np.asarray(sizes, float)[order]
     if len(onsets_s) < FEWEST_CASCADES:
-        raise FitError(f'{len(onsets_s)} cascades: no productivity below {FEWEST_CASCADES}')
+        said = f'{len(onsets_s)} cascades: no productivity below {FEWEST_CASCADES}'
+        raise TooFew(said, FEWEST_CASCADES)
     window_s = 10 * float(onsets_s[-1] - onsets_s[0]) / (len(onsets_s) - 1)
     whole = onsets_s + window_s <= end_s
     if whole.sum() < FEWEST_CASCADES or np.ptp(sizes[whole]) == 0:

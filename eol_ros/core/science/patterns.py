@@ -211,14 +211,16 @@ class Compared:
         return self.p_holm < REJECTED
 
     @property
-    def words(self) -> str:
-        """The comparison for people."""
-        more = 'more' if self.mean > self.by_chance else 'less'
-        said = f'{more} than by chance' if self.clear else 'as by chance'
-        return (
-            f'{self.name} {said} ({self.mean:.3g} against {self.by_chance:.3g}, p '
-            f'{self.p_holm:.2g})'
-        )
+    def verdict(self) -> str:
+        """How it compares with chance, for people."""
+        if not self.clear:
+            return 'as by chance'
+        return f'{"more" if self.mean > self.by_chance else "less"} than by chance'
+
+    @property
+    def figures(self) -> str:
+        """Both means and the corrected p-value, for people."""
+        return f'{self.mean:.3g} against {self.by_chance:.3g}, p {self.p_holm:.2g}'
 
 
 @dataclass(frozen=True)
@@ -242,12 +244,16 @@ class Patterns:
         head = 'patterns of light are not random' if not self.random else (
             'patterns of light: chance is not ruled out'
         )  # fmt: skip
-        clear = '; '.join(c.words for c in self.static)
+        each = '; '.join(
+            f'{verdict}: {", ".join(f"{c.name} ({c.figures})" for c in of_it)}'
+            for verdict in ('more than by chance', 'less than by chance', 'as by chance')
+            if (of_it := [c for c in self.static if c.verdict == verdict])
+        )
         return [
-            f'{head}: {of} moments, with each block and each moment flashing as often elsewhere, '
-            f'{clear}',
+            f'{head} ({of} moments; chance: each block and each moment flashes as often): {each}',
             'light in time: of two blocks that flash one moment after the other, '
-            f'{self.follows.words}, each block shifted by {SHIFT_S[0]:g} to {SHIFT_S[1]:g} s',
+            f'{self.follows.name} {self.follows.verdict} ({self.follows.figures}; chance: each '
+            f'block shifted by {SHIFT_S[0]:g} to {SHIFT_S[1]:g} s)',
         ]
 
 

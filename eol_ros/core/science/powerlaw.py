@@ -31,6 +31,14 @@ class FitError(EolError):
     """These numbers do not carry a fit."""
 
 
+class TooFew(FitError):
+    """There are fewer than `needed`."""
+
+    def __init__(self, said: str, needed: int = 0) -> None:
+        super().__init__(said)
+        self.needed = needed
+
+
 @dataclass(frozen=True)
 class Fit:
     """A power law on x_min .. x_max (None: without end) through `count` numbers.
@@ -209,7 +217,7 @@ def cascade_law(areas: np.ndarray) -> CascadeLaw:
     """
     areas = np.asarray(areas)
     if len(areas) < FEWEST_CASCADES:
-        raise FitError(f'{len(areas)} cascades: no fit below {FEWEST_CASCADES}')
+        raise TooFew(f'{len(areas)} cascades: no fit below {FEWEST_CASCADES}', FEWEST_CASCADES)
     fits = candidates(histogram(areas), N_BLOCKS)
     found = min(fits, key=lambda f: f.ks)
     tested = goodness(areas, fits, np.random.default_rng(1))
@@ -293,6 +301,51 @@ def goodness(
         nearest[some] = np.minimum(nearest[some], np.abs(off).max(axis=1))
     worse = int((nearest >= best.ks).sum())
     return Goodness(error, (worse + 1) / (repeats + 1))
+
+
+def band(
+    areas: np.ndarray, rng: np.random.Generator, blocks: int = BLOCKS, repeats: int = 400
+) -> np.ndarray:
+    """Return where N(>= A) of as long a catalogue would lie in 95 of 100 cases, for A = 1 to 25.
+
+    Blocks of the catalogue are drawn again, as in `goodness`, so cascades may depend on those
+    before them.
+
+    Parameters
+    ----------
+    areas : ndarray
+        (n,) int, distinct blocks of each cascade, in order of time.
+    rng : Generator
+        Draws the blocks.
+    blocks : int
+        How many a sample has.
+    repeats : int
+        How many samples are drawn.
+
+    Returns
+    -------
+    ndarray
+        (2, 25) float, lower and upper end.
+
+    Raises
+    ------
+    FitError
+        Fewer than 50 cascades.
+
+    Examples
+    --------
+    >>> areas = sample(1.8, 1, 25, 2000, np.random.default_rng(1))
+    >>> low, high = band(areas, np.random.default_rng(2))
+    >>> low[0] == high[0] == 2000.0, bool(low[4] < high[4])
+    (True, True)
+    """
+    areas = np.asarray(areas)
+    drawn = _drawn_histograms(areas, 1, N_BLOCKS, rng, blocks, repeats)
+    at_least = drawn[:, ::-1].cumsum(axis=1)[:, ::-1]
+    # what is left over when blocks of one length are cut is scaled for
+    at_least = at_least * (len(areas) / at_least[:, 0].mean())
+    found: np.ndarray = np.percentile(at_least, [2.5, 97.5], axis=0)
+    return found
 
 
 def _drawn_histograms(

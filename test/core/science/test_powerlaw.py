@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from eol_ros.core.science import powerlaw
 from eol_ros.core.science.powerlaw import FitError, fit, histogram, sample
@@ -168,3 +169,26 @@ def test_what_carries_no_fit_is_refused(numbers, arguments, words):
         return
     with pytest.raises(FitError, match=words):
         fit(histogram(np.array(numbers)), **arguments)
+
+
+def test_the_band_is_that_of_other_catalogues_of_the_law():
+    """Oracle: binomial quantiles of the known law; runs of four spread twice as far."""
+    rng = np.random.default_rng(3)
+    truth = np.arange(1, 26) ** -1.6
+    truth = truth[::-1].cumsum()[::-1] / truth.sum()
+    count, starts = 2000, 40
+    width = stats.binom(count, truth).ppf(0.975) - stats.binom(count, truth).ppf(0.025)
+    covered, ratios, in_runs = [], [], []
+    for _ in range(starts):
+        areas = powerlaw.sample(1.6, 1, 25, count, rng)
+        low, high = powerlaw.band(areas, rng)
+        covered.append((low <= count * truth) & (count * truth <= high))
+        ratios.append((high - low)[1:12] / width[1:12])
+        fours = np.repeat(areas[: count // 4], 4)
+        low, high = powerlaw.band(fours, rng)
+        in_runs.append((high - low)[1:12] / width[1:12])
+    assert 0.85 < np.mean(covered) < 0.99
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(in_runs) == pytest.approx(2.0, abs=0.25)
+    with pytest.raises(powerlaw.FitError, match='too few to draw blocks'):
+        powerlaw.band(areas[:49], rng)
