@@ -17,7 +17,7 @@ SILENT_S = 5.0  # no heartbeat for this long, though it could have run: hung
 STARVED_S = 60.0  # nor for this long, whatever it waited for
 START_S = 180.0  # the first heartbeat may take this long: without a cache a node compiles itself
 START_STARVED_S = 600.0
-UNFED_S = 4.0  # for so long a node may get nothing of what another node gives
+UNFED_S = 3.0  # for so long a node may get nothing of what another node gives
 UNFED_FIRST_S = 15.0  # before all have been well for the first time
 UNFED_MOST_S = 60.0  # and twice as long each time, if that did not help
 QUIET_S = 1.5  # a heartbeat is late: from here on it is looked what the process does
@@ -173,6 +173,7 @@ class Policy:
     silence: Silence = field(default_factory=lambda: Silence(0.0))
     backoff: Backoff = field(default_factory=Backoff)
     restarts: int = 0
+    unfed: bool = False  # it was ended because it got nothing: DDS is to blame
     deaths_s: list[float] = field(default_factory=list)
 
     def start(self, now_s: float) -> None:
@@ -192,12 +193,16 @@ class Policy:
         return self.silence.verdict(SILENT_S, STARVED_S)
 
     def died(self, now_s: float) -> float:
-        """Return how long to wait before the next start, in seconds; 0 for one that was healthy."""
+        """Return how long to wait before the next start, in seconds; 0 for one that was healthy.
+
+        And for one that got nothing: how soon that is said again grows by itself (`Unfed`).
+        """
         wait = 0.0
         if now_s - self.started_s > HEALTHY_S:
             self.backoff.succeeded()
-        else:
+        elif not self.unfed:
             wait = self.backoff.failed()
+        self.unfed = False
         self.restarts += 1
         self.beat_s = None
         self.deaths_s = [t for t in self.deaths_s if now_s - t < 60.0] + [now_s]

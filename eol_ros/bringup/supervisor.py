@@ -311,6 +311,7 @@ class Supervisor:
             self._note(f'{child.process.name} is silent: it is started again')
             self._events.line(f'{child.process.name}: {child.silence.measured()}')
             child.signal(signal.SIGABRT)
+            child.signal(signal.SIGCONT)  # one that was stopped hears nothing else
         elif now - child.hung_s > DUMP_S:
             child.signal(signal.SIGKILL)
 
@@ -329,6 +330,7 @@ class Supervisor:
                     f'{name} gets nothing of the {given:.0f} a second that {well[0]} gives: it is '
                     'started again'
                 )
+                child.policy.unfed = True
                 child.signal(signal.SIGKILL)
 
     def _leave(self, child: Child) -> None:

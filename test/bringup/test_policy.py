@@ -14,6 +14,7 @@ from eol_ros.bringup.policy import (
     STARVED,
     STARVED_S,
     UNFED_FIRST_S,
+    UNFED_MOST_S,
     UNFED_S,
     Look,
     Policy,
@@ -135,16 +136,27 @@ def times(end_s):
 
 def test_who_gets_nothing_of_what_is_given_is_found_after_a_while():
     unfed = Unfed()
-    found = [t for t in times(130) if unfed.look(t, 0.0, 60.0)]
-    assert np.diff([-0.1, *found]) == pytest.approx([UNFED_S * k + 0.1 for k in (1, 2, 4, 8, 15)])
+    found = [t for t in times(160) if unfed.look(t, 0.0, 60.0)]
+    waits = [min(UNFED_S * 2**k, UNFED_MOST_S) + 0.1 for k in range(6)]
+    assert np.diff([-0.1, *found]) == pytest.approx(waits) and waits[-1] > UNFED_MOST_S
 
     for t in times(61):  # a minute in which it gets something
-        assert not unfed.look(130 + t, 60.0, 60.0)
-    found = [t for t in times(10) if unfed.look(191 + t, 0.0, 60.0)]
+        assert not unfed.look(160 + t, 60.0, 60.0)
+    found = [t for t in times(UNFED_S + 1) if unfed.look(221 + t, 0.0, 60.0)]
     assert found == [pytest.approx(UNFED_S)]
 
     unfed = Unfed()
     assert [t for t in times(20) if unfed.look(t, 0.0, 60.0, starting=True)] == [UNFED_FIRST_S]
+
+
+def test_who_got_nothing_is_started_again_at_once_and_who_then_dies_is_not():
+    policy = Policy()
+    policy.start(0.0)
+    policy.unfed = True
+    assert policy.died(10.0) == 0.0
+    policy.start(10.0)
+    assert policy.died(11.0) == 1.0
+    assert policy.restarts == 2
 
 
 @pytest.mark.parametrize(
@@ -157,7 +169,7 @@ def test_who_gets_something_or_is_given_nothing_is_left_alone(gets, given):
 
 def test_one_look_that_finds_something_is_enough_and_who_was_away_begins_again():
     unfed = Unfed()
-    assert not any(unfed.look(t, float(round(10 * t) % 39 == 0), 60.0) for t in times(60))
+    assert not any(unfed.look(t, float(round(10 * t) % (10 * UNFED_S - 1) == 0), 60.0) for t in times(60))
     unfed = Unfed()
     assert not any(unfed.look(t * 10, 0.0, 60.0) for t in times(60))
 

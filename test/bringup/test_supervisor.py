@@ -263,6 +263,7 @@ def test_a_node_that_gets_nothing_of_what_is_given_is_started_again_alone(start,
     assert supervisor.children[0].policy.restarts == 0
     told = 'tracker gets nothing of the 60 a second that twin gives: it is started again'
     assert told in lines
+    assert 'tracker has died (killed by SIGKILL); starting again' in lines
 
 
 def test_nobody_is_to_blame_where_a_camera_is_not_well_or_a_replay_stands(start, monkeypatch):
@@ -685,7 +686,8 @@ def test_a_run_for_a_time_that_never_is_ok_fails(start, monkeypatch):
     assert 'not all OK within 4 s: twin (fine)' in lines
 
 
-def test_a_hung_process_says_where(start, monkeypatch, tmp_path):
+@pytest.mark.parametrize('stopped', [False, True])
+def test_a_hung_process_says_where(start, monkeypatch, tmp_path, stopped):
     monkeypatch.setattr(policy, 'SILENT_S', 0.5)
     script = (
         'import faulthandler; faulthandler.enable()'
@@ -699,6 +701,9 @@ beat('twin'); stuck_in_the_ice()
     supervisor, lines = start(process('twin', script))
 
     def work():
+        if stopped:
+            wait_until(lambda: supervisor.all_ok_s is not None)
+            os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
         wait_until(lambda: supervisor.children[0].policy.restarts == 1)
 
     attended(supervisor, work)
