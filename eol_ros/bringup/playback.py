@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scene with a replay: which bag it is, and which nodes that bag has something for."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import yaml
@@ -9,7 +9,7 @@ import yaml
 from eol_ros.bringup import plan
 from eol_ros.devices.bag.player import complete
 from eol_ros.devices.bag.reader import BagReader
-from eol_ros.scene import Scene
+from eol_ros.scene import Scene, plain
 from eol_ros.settings import by_today
 from eol_ros.streams.graph import NODES
 
@@ -47,10 +47,11 @@ def differences(about: dict[str, str], scene: Scene) -> list[str]:
         for name, values in nodes.items()
         if name in NODES and isinstance(values, dict)
     }
+    here = plain(scene)['nodes']  # as bags have them, lists for tuples
     return [
         f'{name}.{key} is {value!r} here and was {nodes[name][key]!r} in the run: it will differ'
         for name in DECIDING
         if name in scene.nodes and name in nodes
-        for key, value in asdict(scene.nodes[name]).items()
+        for key, value in here[name].items()
         if key in nodes[name] and key not in PASSING and nodes[name][key] != value
     ]

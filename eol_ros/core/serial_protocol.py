@@ -30,7 +30,7 @@ STRENGTH_UNIT = 0.01  # m/s^2 a count of the strength of Tap and Knock on the wi
 BRIDGE = 255  # as the block of a BlockStatus
 BY_ITSELF, LIMITED = 1, 2  # flags of Lighting
 WOKE = 1  # flag of Knock
-LINKED, SENSOR_DEAD, ASLEEP, RADIO_DEAD = 1, 2, 4, 8  # flags of BlockStatus
+LINKED, SENSOR_DEAD, ASLEEP, RADIO_DEAD, TWICE = 1, 2, 4, 8, 16  # flags of BlockStatus
 ANSWERS = 1  # flag of SelfTested
 NOT_LIT = 0xFFFF  # as Knock.lit_us
 FIRMWARE = (2, 2)  # of firmware/: major and minor; from 2.1 on blocks test themselves
@@ -206,7 +206,7 @@ class BlockStatus:
 
     `millivolts` of its battery, 0 where it has none; `celsius`; version of its firmware; `flags`:
     LINKED, the bridge hears it; SENSOR_DEAD, its accelerometer repeats one value; ASLEEP;
-    RADIO_DEAD, that of the bridge does not work.
+    RADIO_DEAD, that of the bridge does not work; TWICE, more than one block has this number.
     """
 
     KIND: ClassVar[int] = 0x89

@@ -54,7 +54,10 @@ static void report(eol_bridge *b, uint64_t now_us, uint8_t number)
     one->body[0] = number;
     one->body[FLAGS] = (uint8_t)(one->linked ? one->body[FLAGS] | EOL_LINKED : one->body[FLAGS] & ~EOL_LINKED);
     one->said_us = now_us;
-    send(b, EOL_BLOCK_STATUS, one->body, sizeof one->body);
+    uint8_t body[sizeof one->body];
+    memcpy(body, one->body, sizeof body);
+    body[FLAGS] = (uint8_t)(body[FLAGS] | (one->twice ? EOL_TWICE : 0));
+    send(b, EOL_BLOCK_STATUS, body, sizeof body);
 }
 
 static void report_self(eol_bridge *b)
@@ -69,6 +72,22 @@ void eol_bridge_radio(eol_bridge *b, uint8_t works)
     if (b->mute == !works) return;
     b->mute = !works;
     report_self(b);
+}
+
+/* A block has said a status. Returns 1 where it is news that others have its number, or no longer. */
+static uint8_t counted(eol_bridge_block *one, uint64_t now_us)
+{
+    uint8_t was = one->twice;
+    if (one->says < UINT8_MAX) one->says++;
+    if (one->says > EOL_BRIDGE_ONE_SAYS) one->twice = 1;
+    if (now_us - one->count_us >= EOL_BRIDGE_COUNT_US) {
+        /* of one that was away, or slept, nothing is known */
+        uint8_t whole = now_us - one->count_us < EOL_BRIDGE_COUNT_US + 2000000;
+        if (whole && one->says <= EOL_BRIDGE_ONE_SAYS) one->twice = 0;
+        one->says = 0;
+        one->count_us = now_us;
+    }
+    return one->twice != was;
 }
 
 /* While a block is silent that was heard and does not sleep, nothing falls: it might flash. */
@@ -155,6 +174,7 @@ void eol_bridge_heard(eol_bridge *b, uint64_t now_us, const uint8_t *frame)
     if (frame[0] == EOL_FRAME_STATUS) {
         uint8_t changed = memcmp(one->body + VERSION, frame + 1 + VERSION, 3) != 0; /* and flags */
         memcpy(one->body, frame + 1, sizeof one->body);
+        changed |= counted(one, now_us);
         if (changed || now_us - one->said_us >= EOL_BRIDGE_SAID_US)
             report(b, now_us, number);
         return;

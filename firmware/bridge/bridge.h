@@ -32,6 +32,8 @@ enum {
     EOL_BRIDGE_ORDER_US = 20000,      /* orders so near to each other are one */
     EOL_BRIDGE_DETECTOR_US = 1000000, /* from one telling of the detector's numbers to the next */
     EOL_BRIDGE_SAID_US = 10000000,    /* a status is told again after that, changed or not */
+    EOL_BRIDGE_COUNT_US = 10000000,   /* statuses are counted for so long */
+    EOL_BRIDGE_ONE_SAYS = 13,         /* a block says one a second, and a few more where it changes; two say 20 */
     EOL_BRIDGE_TEST_US = 10000000     /* so long a block is asked to test itself: one that sleeps looks every 4 s */
 };
 
@@ -41,7 +43,9 @@ typedef struct {
     uint8_t linked;
     uint8_t knocks;  /* number of its last knock */
     uint8_t knocked; /* 1: there was one */
-    uint64_t heard_us, said_us;
+    uint8_t says;    /* statuses since count_us */
+    uint8_t twice;   /* 1: more than one block has this number */
+    uint64_t heard_us, said_us, count_us;
 } eol_bridge_block;
 
 typedef struct {

@@ -139,7 +139,8 @@ def bag_of(folder, settings='', **counts):
 
 def scene_with(folder, replay):
     path = folder / 's.yaml'
-    path.write_text(f'nodes: {{replay: {{{replay}}}, tracker: {{}}, motion: {{}}, leds: {{}}}}')
+    others = 'tracker: {}, motion: {}, leds: {}, grains: {}'
+    path.write_text(f'nodes: {{replay: {{{replay}}}, {others}}}')
     return scenes.load(path)
 
 
@@ -165,7 +166,10 @@ def test_a_tracker_runs_behind_a_replay_only_where_there_are_all_images(
 
 
 def test_settings_that_make_another_run_of_it_are_told(tmp_path):
-    was = 'nodes: {tracker: {threshold: 30.0, preview_hz: 5.0}, motion: {stop_s: 0.1}, leds: off}'
+    was = (
+        'nodes: {tracker: {threshold: 30.0, preview_hz: 5.0}, motion: {stop_s: 0.1}, leds: off,'
+        ' grains: {match: [], weights: []}}'  # as a bag has lists
+    )
     bag_of(tmp_path / 'bags' / 'run', was, images=9, blocks=9)
     _, notes = playback.settle(scene_with(tmp_path, 'bag: bags'))
 

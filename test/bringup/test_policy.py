@@ -169,7 +169,9 @@ def test_who_gets_something_or_is_given_nothing_is_left_alone(gets, given):
 
 def test_one_look_that_finds_something_is_enough_and_who_was_away_begins_again():
     unfed = Unfed()
-    assert not any(unfed.look(t, float(round(10 * t) % (10 * UNFED_S - 1) == 0), 60.0) for t in times(60))
+    assert not any(
+        unfed.look(t, float(round(10 * t) % (10 * UNFED_S - 1) == 0), 60.0) for t in times(60)
+    )
     unfed = Unfed()
     assert not any(unfed.look(t * 10, 0.0, 60.0) for t in times(60))
 

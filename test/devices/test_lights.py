@@ -257,6 +257,19 @@ def test_what_is_wrong_with_a_block_is_a_line(make_lights):
         assert lights.values()['lowest_battery_v'] == 3.0
 
 
+def test_two_blocks_of_one_number_and_a_board_of_fewer_blocks_are_a_line_each(make_lights):
+    with FakeBoard() as fake:
+        fake.count = 24
+        lights = make_lights(port=fake.port)
+        assert wait_until(lambda: len(lights.board.blocks) == 26)
+        (count,) = lights.faults()
+        assert count.startswith('the board drives 24 blocks, and the table has 25')
+        fake.report(6, flags=protocol.LINKED | protocol.TWICE)
+        assert wait_until(lambda: len(lights.faults()) == 2)
+        assert lights.faults()[1].startswith('more than one block says that it is 6: give all but')
+        assert lights.board.ready  # the rest goes on
+
+
 def test_a_bridge_without_its_radio_is_one_line():
     def status(block, flags=0):
         return protocol.BlockStatus(block, 0, 0, *protocol.FIRMWARE, flags)

@@ -84,6 +84,7 @@ class Board:
         self.decoder = protocol.Decoder()
         self.sent = self.dropped = self.connections = self.taps = 0
         self.version = 0  # of the protocol that the board speaks; 0 while that is not known
+        self.count = 0  # of the blocks that it drives, as it says
         self.blocks: dict[int, protocol.BlockStatus] = {}  # as they were last reported
         self.tests: dict[int, protocol.SelfTested] = {}  # the last of each block
         self.reported_bad = 0  # damaged packets that the board itself counted
@@ -219,7 +220,7 @@ class Board:
             self.sync, self.decoder = ClockSync(), protocol.Decoder()
             self._asked.clear()
             welcome = self._shake_hands(path)
-            self.version, self.blocks = welcome.version, {}
+            self.version, self.count, self.blocks = welcome.version, welcome.blocks, {}
             name = welcome.name.rstrip(b'\0').decode('ascii', 'replace')
             self._backoff.succeeded()
             self.connections += 1

@@ -90,6 +90,7 @@ class FakeBoard:
     ):
         self.link, self.version, self.name = link, version, name
         self.log: deque[Arrival] = deque(maxlen=8192)
+        self.count = N_BLOCKS  # of blocks, as it says
         self.infrared_mask = protocol.ALL_BLOCKS
         self.detector = protocol.Detector()  # as the host has set it
         self.firmware = protocol.FIRMWARE
@@ -288,7 +289,7 @@ class FakeBoard:
         if isinstance(message, protocol.Hello):
             if message.version == self.version:
                 name = self.name.encode('ascii')[:16]
-                self._send(protocol.Welcome(self.version, N_BLOCKS, name))
+                self._send(protocol.Welcome(self.version, self.count, name))
             else:
                 self._send(protocol.Refused(self.version, message.version))
         elif isinstance(message, protocol.Infrared):

@@ -101,6 +101,11 @@ def faults(blocks: Mapping[int, protocol.BlockStatus]) -> list[str]:
         name = 'the bridge' if number == protocol.BRIDGE else f'block {number}'
         if not block.flags & protocol.LINKED and not mute:
             found.append(f'{name} is not heard, so all light fades slowly: look at its battery')
+        if block.flags & protocol.TWICE:
+            found.append(
+                f'more than one block says that it is {number}: give all but one their own number'
+                ' (eol board --flash)'
+            )
         if block.flags & protocol.SENSOR_DEAD:
             found.append(f'the accelerometer of {name} repeats one value: exchange it')
         if 0 < block.millivolts <= LOW_MV:
@@ -288,8 +293,12 @@ class Lights:
         return values | (self.twin.late_ms() if self.twin else {})
 
     def faults(self) -> list[str]:
-        """Return what is wrong with single blocks, a sentence each; the others go on."""
-        return faults(dict(self.board.blocks))
+        """Return what is wrong with board and blocks, a sentence each; the others go on."""
+        count = self.board.count
+        wrong = [
+            f'the board drives {count} blocks, and the table has {N_BLOCKS}: those beyond stay dark'
+        ] if count not in (0, N_BLOCKS) else []  # fmt: skip
+        return wrong + faults(dict(self.board.blocks))
 
     def _configure(self) -> None:
         s = self._settings
