@@ -15,6 +15,7 @@ from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import cover_light, outline, scan
 from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
+from eol_ros.core.vision.detect.brightness import Brightness
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.identity import Identity
 from eol_ros.core.vision.image_health import Watch
@@ -37,9 +38,6 @@ if TYPE_CHECKING:
 
 HIDDEN = 0.35  # less of the outline than this in view, and the block counts as hidden
 WHOLE = 0.9
-NEARLY_WHOLE = 0.6  # from here on a block's brightness is taken,
-BRIGHTNESS_S = 2.0  # and averaged over so long: a flash is shorter
-FELLOWS = 4  # blocks that tell how a camera's exposure has changed
 REST_S = 20.0  # for so long a calibration that was asked for waits for the blocks to rest
 SETTLE_S = 0.3  # after a new calibration; longer than any rest that motion compares with
 LAMP_LEVEL = 5  # grey levels
@@ -123,10 +121,7 @@ class Tracker:
         self.identity = Identity(settings.trust_start, blink, settings.know_covers)
         self.lattice = self.identity.lattice
         self.visibility: np.ndarray = np.zeros(N_BLOCKS, np.float32)
-        # of each block seen whole, 0: not known, when `exposure` is 1; over how many images
-        self.contrast, self.exposure = np.zeros(N_BLOCKS), 1.0
-        self.looks: np.ndarray = np.zeros(N_BLOCKS, np.int64)
-        self._renamings = 0
+        self.brightness, self._renamings = Brightness(), 0
         self.last_s = -np.inf
         self._image, self._pose = np.zeros((0, 0), np.uint8), np.zeros((0, 3))  # of the last one
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
@@ -247,7 +242,12 @@ class Tracker:
         seen = lattice.seen
         self.visibility = np.zeros(N_BLOCKS, np.float32)
         self.visibility[seen] = blobs['visibility'][lattice.index[seen]]
-        self._learn_contrast(stamp_s - self.last_s)
+        contrast = np.zeros(N_BLOCKS)
+        contrast[seen] = blobs['contrast'][lattice.index[seen]]
+        if self._renamings != lattice.renamings:
+            self._renamings = lattice.renamings
+            self.brightness.renamed()
+        self.brightness.learn(stamp_s - self.last_s, seen, self.visibility, contrast)
         self.last_s = stamp_s
         why = {SEARCHING: f'{len(blobs)} lights, not yet a lattice', LOST: 'blocks out of sight'}
         if self.learning is not None and lattice.state == TRACKING:
@@ -258,25 +258,6 @@ class Tracker:
         if lattice.state == TRACKING and stamp_s < self.settled_s:
             return self._answer(stamp_s, CALIBRATING, 'metres are new')
         return self._answer(stamp_s, lattice.state, why.get(lattice.state, ''))
-
-    def _learn_contrast(self, step_s: float) -> None:
-        """Take how bright blocks are that are seen whole: a mean, for a flash is soon over.
-
-        A camera's exposure changes all of them alike, the hidden ones too.
-        """
-        seen, visibility = self.lattice.seen, self.visibility
-        now = np.zeros(N_BLOCKS)
-        now[seen] = self.blobs['contrast'][self.lattice.index[seen]]
-        good = seen & (visibility > NEARLY_WHOLE)
-        fellows = good & (self.contrast > 0)
-        if fellows.sum() >= FELLOWS:
-            self.exposure = float(np.median(now[fellows] / self.contrast[fellows]))
-        if self._renamings != self.lattice.renamings:
-            self._renamings, self.looks = self.lattice.renamings, np.zeros(N_BLOCKS, np.int64)
-        self.looks[good] += 1
-        least = min(max(step_s, 0.0), BRIGHTNESS_S) / BRIGHTNESS_S
-        share = np.maximum(least, 1.0 / np.maximum(self.looks, 1))
-        self.contrast[good] += (share * (now / self.exposure - self.contrast))[good]
 
     def _glance(self, detections: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how light is spread over the covers of detections (k,), as Identity asks."""
@@ -372,7 +353,7 @@ class Tracker:
             lattice.xy,
             lattice.velocity,
             lattice.yaw,
-            self.contrast * self.exposure,
+            self.brightness.contrast * self.brightness.exposure,
             ahead if 0 < ahead < 0.1 else 0.0,
             self.predicted,
             mapping.BEND if self.calibration.covers is not None else 0.0,

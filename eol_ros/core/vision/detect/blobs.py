@@ -38,7 +38,10 @@ SIDES_PX = (16.0, 160.0)  # squares that can be blocks while their size is not y
 _BLUR_PX = 1.25  # edges of a lens in focus, pixel included
 _MOST_REGIONS = 96
 _LABELS = 20000
-_GLANCE = 8  # images between looks for more squares while all 25 are in sight
+# images between looks for more squares while all 25 are in sight, and while some are not: those are
+# sought about their places in every image
+_GLANCE, _GLANCE_MISSED = 8, 4
+_MOST_FOUND = 12  # blocks
 
 
 class BlobFinder:
@@ -67,6 +70,7 @@ class BlobFinder:
         self._fits = np.zeros((_MOST_REGIONS, edges.FIELDS))
         self._kept = np.zeros((_MOST_REGIONS, edges.FIELDS))
         self._found = np.zeros((_MOST_REGIONS, 6))
+        self._found_more = False  # in the last image, than where blocks were expected
         self._refused = np.zeros((_MOST_REGIONS, 3))
 
     @property
@@ -121,8 +125,10 @@ class BlobFinder:
                 kept,
                 self._lit,
             )
-        # all blocks of the table found where they were expected: nothing is left to look for
-        for _ in range(0 if n >= N_BLOCKS and turn % _GLANCE else 2):
+        # most blocks found where they were expected: little is left to look for
+        each = 1 if n < _MOST_FOUND or self._found_more else _GLANCE_MISSED
+        expected_n = n
+        for _ in range(0 if turn % (_GLANCE if n >= N_BLOCKS else each) else 2):
             before = n
             if predicted is None:  # nothing is known of where blocks are: try every light
                 known[search.REFUSED] = 0
@@ -145,6 +151,7 @@ class BlobFinder:
             if before or n == before:
                 break
             self._learn(n, 1.0)  # a first look: now look again with the right size
+        self._found_more = n > expected_n
         search.learn_usual(known, kept, n)
         if self._calibration is None and (turn % 8 == 0 or not known[search.FIELD]):
             self._learn(n, 0.3)
@@ -164,6 +171,7 @@ class BlobFinder:
         self._parent = np.zeros(_LABELS, np.int32)
         self._stats = np.zeros((_LABELS, 7))
         self._lit = np.zeros(2048, np.float32)
+        self._found_more = False
         for what in (search.CONTRASTS, search.TURN, search.REFUSED):
             self._known[what] = 0.0
         self._known[search.AGREEING] = 1.0
