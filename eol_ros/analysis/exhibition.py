@@ -38,6 +38,10 @@ WAYS = {  # in which a block can be silent, in words
     'slips': ('slips', 'slipped', 'slip no longer'),
     'taps': ('knocks', 'told of a knock', 'tell of knocks no longer'),
 }
+NOT_TOLD = (
+    'not told of many bags: waiting times, aftershocks, energies, 1/f and patterns of light; `eol '
+    'report BAG` has them of each'
+)
 ALL_S = 1.0  # a bag shorter than that is none of an exhibition
 
 
@@ -378,6 +382,7 @@ def sentences(found: dict[str, Any]) -> list[str]:
         found['magnitudes']['sentence'],
         found['friction']['sentence'],
         *_said_of_dead(found['dead_blocks']),
+        NOT_TOLD,
         *found['notes'],
         *found['left_out'],
     ]

@@ -134,6 +134,7 @@ def test_a_dead_block_is_named_with_its_last_slip(found):
 
     assert [d['block'] for d in dead] == [DEAD]
     assert dead[0]['since'].startswith('2026-06-03') and dead[0]['expected'] >= exhibition.DEAD
+    assert exhibition.NOT_TOLD in exhibition.sentences(found)
     said = [line for line in exhibition.sentences(found) if 'no longer' in line]
     assert len(said) == 1
     assert f'slip no longer: block {DEAD} since {dead[0]["since"]} (' in said[0]

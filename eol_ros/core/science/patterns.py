@@ -196,7 +196,8 @@ def traded(moments: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 class Compared:
     """A mean over all moments, beside that of surrogates.
 
-    p_value: two-sided, alone. p_holm: after Holm's correction for all that were asked.
+    p_value: two-sided, alone. p_holm: after Holm's correction for all that were asked. extreme:
+    it lies beyond all surrogates, so that more of them could make both smaller.
     """
 
     name: str
@@ -204,6 +205,7 @@ class Compared:
     by_chance: float
     p_value: float
     p_holm: float
+    extreme: bool
 
     @property
     def clear(self) -> bool:
@@ -220,7 +222,8 @@ class Compared:
     @property
     def figures(self) -> str:
         """Both means and the corrected p-value, for people."""
-        return f'{self.mean:.3g} against {self.by_chance:.3g}, p {self.p_holm:.2g}'
+        p = f'p {"at most " if self.extreme else ""}{self.p_holm:.2g}'
+        return f'{self.mean:.3g} against {self.by_chance:.3g}, {p}'
 
 
 @dataclass(frozen=True)
@@ -308,12 +311,14 @@ def ask(
     ps = [_two_sided(own[k], drawn[:, k]) for k in range(len(own))]
     ps.append(_two_sided(follows, shifted))
     holm = _holm(np.array(ps))
-    static = [
-        Compared(name, float(own[k]), float(drawn[:, k].mean()), ps[k], float(holm[k]))
-        for k, name in enumerate(MEASURES)
+    least = 2 / (surrogates + 1)
+    compared = [
+        Compared(name, float(mean), float(chance.mean()), p, float(p_holm), p <= least)
+        for name, mean, chance, p, p_holm in zip(
+            (*MEASURES, 'neighbours'), (*own, follows), (*drawn.T, shifted), ps, holm, strict=True
+        )
     ]
-    last = Compared('neighbours', follows, float(shifted.mean()), ps[-1], float(holm[-1]))
-    return Patterns(len(some), len(used), static, last)
+    return Patterns(len(some), len(used), compared[:-1], compared[-1])
 
 
 def _chain(found: np.ndarray, count: int, rng: np.random.Generator) -> list[np.ndarray]:

@@ -132,6 +132,10 @@ def test_light_that_spreads_is_told_from_chance():
     assert by_name['turns'].clear and by_name['turns'].mean < by_name['turns'].by_chance
     assert found.follows.clear and found.follows.mean > 2 * found.follows.by_chance
     assert found.sentences[0].startswith('patterns of light are not random (160 moments; chance: ')
+    assert by_name['turns'].extreme and by_name['turns'].p_value == 2 / 400
+    assert all(
+        c.extreme == ('p at most' in c.figures) == (c.p_value == 2 / 400) for c in found.static
+    )
     less = found.sentences[0].split('less than by chance: ')[1].split(';')[0]
     assert 'turns (' in less and found.sentences[0].count('than by chance') <= 2
     assert 'neighbours more than by chance' in found.sentences[1]
