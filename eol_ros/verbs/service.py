@@ -24,6 +24,8 @@ EXAMPLES = [
 SYSTEM = Path('/etc/systemd/system')
 WORK, WALLS = 'eol.service', 'eol-walls.service'
 # Where each unit and drop-in lies below the root of the file system.
+DISCOVERY = '239.255.0.1'  # where participants of DDS find each other (RTPS 2.3, 9.6.1.4.1)
+FOLDERS = 'EOL_CACHE', 'EOL_STATE'  # of who installs; the unit has them, too
 WORK_PATH = 'etc/systemd/system/eol.service'
 WALLS_PATH = 'etc/systemd/user/eol-walls.service'
 GETTY_PATH = 'etc/systemd/system/getty@tty1.service.d/eol.conf'
@@ -162,7 +164,7 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
     scheme = 'https' if panel and panel.certificate else 'http'
     alone = scene.network == 'local' and (panel is None or _is_loopback(panel.host))
     alone = alone and scene.notify is None and 'projectors' not in scene.nodes
-    kept = ('EOL_CACHE', 'EOL_STATE', 'ROS_DOMAIN_ID')
+    kept = (*FOLDERS, 'ROS_DOMAIN_ID')
     environment = [f'Environment={k}={os.environ[k]}\n' for k in kept if os.environ.get(k)]
     values = {
         'scene': scene.path or scene.name,
@@ -171,7 +173,7 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
         'python': python,
         'environment': ''.join(environment),
         'network': 'this machine' if alone else 'the network',
-        'addresses': 'IPAddressDeny=any\nIPAddressAllow=localhost\n' if alone else '',
+        'addresses': f'IPAddressDeny=any\nIPAddressAllow=localhost {DISCOVERY}\n' if alone else '',
         'writes': ' '.join(f'-{path}' for path in writes(scene, home, folder)),
         'url': f'{scheme}://127.0.0.1:{panel.port if panel else 8080}',
     }
@@ -192,6 +194,7 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
 def writes(scene: scenes.Scene, home: Path, folder: Path) -> list[Path]:
     """Return the folders that the nodes of a scene write to."""
     found = [home / '.cache', home / '.local/state/eol_ros']
+    found += [folder / os.environ[name] for name in FOLDERS if os.environ.get(name)]
     recorder, sound = scene.settings('recorder'), scene.nodes.get('sound')
     found.append(folder / recorder.folder)
     if sound and sound.wav:
@@ -203,6 +206,13 @@ def writes(scene: scenes.Scene, home: Path, folder: Path) -> list[Path]:
         sounds = Path(grains.sound)
         found.append(sounds if sounds.is_dir() else sounds.parent)
     return sorted(set(found))
+
+
+def made(path: Path) -> list[Path]:
+    """Make a folder, and those above it that are not there; return all of these."""
+    new = [there for there in (path, *path.parents) if not there.exists()]
+    path.mkdir(parents=True, exist_ok=True)
+    return new
 
 
 def _is_loopback(host: str) -> bool:
@@ -236,9 +246,8 @@ def _install(args) -> int:
             f'AutomaticLoginEnable=true and AutomaticLogin={person.pw_name}, and leave --log-in out'
         )
     for path in writes(scene, home, folder):
-        if not path.exists():
-            path.mkdir(parents=True)
-            os.chown(path, person.pw_uid, person.pw_gid)
+        for new in made(path):
+            os.chown(new, person.pw_uid, person.pw_gid)
     for place, text in files.items():
         path = Path('/', place)
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -20,7 +20,7 @@ from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.supervisor import Supervisor
-from eol_ros.errors import UsageError
+from eol_ros.errors import ConfigError, UsageError
 
 BEAT = """
 import json, os, signal, sys, time
@@ -709,3 +709,9 @@ beat('twin'); stuck_in_the_ice()
     attended(supervisor, work)
     assert 'stuck_in_the_ice' in (tmp_path / 'eol.log').read_text()
     assert not any('stuck_in_the_ice' in line for line in lines)
+
+
+def test_a_log_that_cannot_be_written_is_one_line(tmp_path):
+    (tmp_path / 'eol.log').mkdir()
+    with pytest.raises(ConfigError, match=r'eol\.log: Is a directory; set EOL_STATE to a folder'):
+        EventLog(tmp_path)

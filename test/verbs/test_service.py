@@ -68,9 +68,22 @@ def test_the_unit_starts_this_scene_with_this_python(written):
     assert unit['Type'] == ['notify'] and float(unit['WatchdogSec'][0]) > 0
     assert f'-{ROOT}/bags' in unit['ReadWritePaths'][0].split()
     assert unit['IPAddressDeny'] == ['any']  # the panel serves this machine alone
+    assert unit['IPAddressAllow'] == ['localhost 239.255.0.1']  # or DDS brings nobody together
     assert walls['ExecStart'] == [f'{sys.executable} -m eol_ros kiosk --url http://127.0.0.1:8080']
     log_in = [folder / place for place in (service.GETTY_PATH, service.LIGHTDM_PATH)]
     assert sum(USER in path.read_text() for path in log_in if path.exists()) == 1
+
+
+def test_folders_of_ones_own_may_be_written_and_all_that_is_made_is_the_users(
+    written, tmp_path, monkeypatch
+):
+    monkeypatch.setenv('EOL_STATE', str(tmp_path / 'a' / 'b'))
+    unit = settings(written('lights') / service.WORK_PATH)
+    assert f'EOL_STATE={tmp_path}/a/b' in unit['Environment']
+    assert f'-{tmp_path}/a/b' in unit['ReadWritePaths'][0].split()
+
+    assert service.made(tmp_path / 'a' / 'b') == [tmp_path / 'a' / 'b', tmp_path / 'a']
+    assert service.made(tmp_path / 'a') == []
 
 
 def test_a_scene_without_walls_opens_none(written):
@@ -89,7 +102,9 @@ def test_what_is_open_to_the_network_is_not_shut_in(tmp_path):
         assert 'IPAddressDeny' not in units[service.WORK_PATH]
 
 
-def test_all_folders_that_a_scene_writes_to_can_be_written(tmp_path):
+def test_all_folders_that_a_scene_writes_to_can_be_written(tmp_path, monkeypatch):
+    for name in service.FOLDERS:
+        monkeypatch.delenv(name, raising=False)
     for name in ('ice.wav', 'dirt.png', 'camera.yaml'):
         (tmp_path / name).touch()
     path = tmp_path / 'scene.yaml'
