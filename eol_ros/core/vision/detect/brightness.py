@@ -24,7 +24,7 @@ class Brightness:
         self.looks: np.ndarray = np.zeros(N_BLOCKS, np.int64)
 
     def renamed(self) -> None:
-        """Learn anew: ids may mean other blocks now."""
+        """Learn again: ids may mean other blocks now."""
         self.looks[:] = 0
 
     def learn(
