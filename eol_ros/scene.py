@@ -231,7 +231,11 @@ class _Reader:
 
     def unknown(self, place: _Place, where: str, key: str, valid: typing.Iterable[str]) -> None:
         near = difflib.get_close_matches(key, list(valid), 1, 0.6)
-        hint = f'. Did you mean {near[0]}?' if near else f'; there are {", ".join(valid)}'
+        owners = [f'nodes.{name}' for name, spec in NODES.items() if key in _names(spec.settings)]
+        if owners:
+            hint = f'; {" and ".join(owners)} {"has" if len(owners) == 1 else "have"} it'
+        else:
+            hint = f'. Did you mean {near[0]}?' if near else f'; there are {", ".join(valid)}'
         kind = 'node' if where.startswith('nodes.') else 'key'
         self.wrong(place.keys[key], where, f'no such {kind}{hint}')
 
@@ -288,6 +292,10 @@ def _bare(place: _Place) -> Any:
     if isinstance(place.value, dict):
         return {key: _bare(item) for key, item in place.value.items()}
     return place.value
+
+
+def _names(kind: type) -> set[str]:
+    return {field.name for field in dataclasses.fields(kind)}
 
 
 def _meant(place: _Place, kind: Any) -> Any:

@@ -307,7 +307,8 @@ class GrainsSettings:
     )
     weights: tuple[str, ...] = setting(
         (), 'lines: the share, 0 to 1, of the grains of that sound that a block can'
-        ' play; 0: none. NAME is that of the file without its ending, or ice', live=True,
+        ' play; 0: none. NAME is that of the file without its ending, of its folder, or ice',
+        live=True,
         form='NAME WEIGHT',
     )  # fmt: skip
     regions: tuple[str, ...] = setting(

@@ -2,23 +2,35 @@
 """A figure of a corpus: what was measured, and the space that the blocks play."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from eol_ros.core.sound.corpus import Corpus
 from eol_ros.errors import ConfigError, DeviceMissing
 
+SHAPES = 'os^DvpP*'  # of the sounds, in turn
+
 
 def draw(corpus: Corpus, path: Path) -> None:
     """Write PNG, SVG or PDF: descriptors as measured on the left, places in the space on the right.
 
-    Colour is loudness, size is duration, a ring marks a grain with a clear pitch.
+    Colour is loudness, size is duration, a ring marks a grain with a clear pitch, the shape says of
+    which sound it is.
     """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
+        from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
     except ImportError:
         raise DeviceMissing('images need matplotlib: pip install matplotlib') from None
+
+    def plain(axis: Any) -> None:
+        """Label 600, 1000, 2000 Hz rather than powers of ten."""
+        axis.set_major_locator(LogLocator(subs=(1, 2, 4, 6)))
+        axis.set_major_formatter(ScalarFormatter())
+        axis.set_minor_formatter(NullFormatter())
+
     grains = corpus.grains[corpus.placed]
     x, y = grains[corpus.x_name], grains[corpus.y_name]
     loud = np.nan_to_num(grains['loudness_lufs'], nan=-70.0)  # of a corpus made elsewhere
@@ -37,22 +49,33 @@ def draw(corpus: Corpus, path: Path) -> None:
     low, high = np.percentile(loud, [2, 98])
     pitched = np.isfinite(grains['pitch_hz'])
     for axes, across, up in ((left, x, y), (right, grains['x'], grains['y'])):
-        dots = axes.scatter(
-            across, up, s=size, c=loud, cmap='viridis', vmin=low, vmax=max(high, low + 1e-9),
-            edgecolors=np.where(pitched, 'white', 'none'), linewidths=0.7,
-        )  # fmt: skip
+        for number, source in enumerate(corpus.sources):
+            of = grains['file'] == number
+            dots = axes.scatter(
+                across[of], up[of], s=size[of], c=loud[of], cmap='viridis',
+                vmin=low, vmax=max(high, low + 1e-9), marker=SHAPES[number % len(SHAPES)],
+                edgecolors=np.where(pitched[of], 'white', 'none'), linewidths=0.7,
+                label=Path(source.path).name,
+            )  # fmt: skip
         axes.set_facecolor('#161c25')
         axes.set_xlabel(corpus.x_name, color='white')
         axes.set_ylabel(corpus.y_name, color='white')
-        axes.tick_params(colors='#9aa7b5')
+        axes.tick_params(which='both', colors='#9aa7b5')
         for edge in axes.spines.values():
             edge.set_color('#3a4654')
     left.set_title('as measured', color='white', fontsize=10)
     if corpus.x_name.endswith('_hz') and len(grains):
         left.set_xscale('log')
+        plain(left.xaxis)
     if corpus.y_name.endswith('_hz') and len(grains):
         left.set_yscale('log')
+        plain(left.yaxis)
     right.set_title('the space, as the blocks reach it', color='white', fontsize=10)
+    if len(corpus.sources) > 1:
+        left.legend(
+            fontsize=8, labelcolor='white', facecolor='#10141a', edgecolor='#3a4654',
+            title='white ring: clear pitch', title_fontproperties={'size': 8},
+        ).get_title().set_color('white')  # fmt: skip
     right.set(xlim=(0, 1), ylim=(0, 1), aspect='equal')
     bar = figure.colorbar(dots, ax=(left, right), shrink=0.8)
     bar.set_label('loudness, LUFS', color='white')

@@ -3,6 +3,7 @@
 
 import json
 import sys
+from pathlib import Path
 
 from eol_msgs.msg import Corpus as CorpusMessage
 from eol_msgs.msg import FeltSlip, GrainTrigger
@@ -65,6 +66,9 @@ class GrainsNode(EolNode):
     def tell_settings(self, new) -> None:
         told = {'radius': new.radius, 'blend': new.blend, 'mode': new.mode}  # for the panel
         told |= {name: json.dumps(getattr(new, name)) for name in ('weights', 'regions')}
+        told['folders'] = json.dumps(
+            [Path(x).name for x in (new.sound, *new.more_sounds) if x and Path(x).is_dir()]
+        )
         if not told.items() <= self.health.values.items():
             self.health.values.update(told)
             self.health.report()

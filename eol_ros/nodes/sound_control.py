@@ -100,7 +100,7 @@ class Instrument:
 
     def _stop(self) -> None:
         if self._glide is not None:
-            self._glide.cancel()
+            self._node.destroy_timer(self._glide)  # cancelled ones stay with the node
             self._glide = None
 
     def _begin(self, start: presets.Preset, goal: presets.Preset, over_s: float) -> None:

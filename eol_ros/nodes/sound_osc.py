@@ -2,13 +2,16 @@
 """The sound node's door to other instruments: triggers and slips out, live settings in.
 
 Out: /eol/grain block grain gain rate pan x y VALUE ..., the place of the grain on the table in m
-and its descriptors; /eol/descriptors NAME ..., what these are, whenever a corpus is told; /eol/slip
-block kind x y (kind as in Slip, metres).
+and its descriptors; /eol/descriptors NAME ..., what these are, whenever a corpus is told, and again
+before a grain every 5 s, for a listener that comes later; /eol/slip block kind x y (kind as in
+Slip, metres).
 In: /eol/set/NAME VALUE for any live setting of the node, such as /eol/set/gain_db -12, and
 /eol/set/NODE/NAME VALUE for one of grains or sound. Lines of a list are values one by one.
 In place of `eol` stands the namespace of the graph.
 """
 
+import math
+import time
 from collections import deque
 from typing import TYPE_CHECKING
 
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
 
 PERIOD_S = 0.02
+AGAIN_S = 5.0  # until the descriptors are named again
 
 
 class Osc:
@@ -37,6 +41,8 @@ class Osc:
         )
         # From which stamp on a corpus counts, and what is told of its grains: this one, the next.
         self._corpora: deque[tuple[int, np.ndarray]] = deque(maxlen=2)
+        self._described: tuple[str, ...] = ()
+        self._described_s = -math.inf  # when last, monotonic
         self._out = OscOut(s.osc_out) if s.osc_out else None
         self.input = OscIn(s.osc_in) if s.osc_in else None
         if self._out:
@@ -53,7 +59,13 @@ class Osc:
             self._corpora.append(
                 (from_ns, np.stack([*corpora.places(message).T, *told.values()], axis=1))
             )
-            self._out.send(self._names, *told)
+            self._described = tuple(told)
+            self._describe()
+
+    def _describe(self) -> None:
+        assert self._out is not None
+        self._out.send(self._names, *self._described)
+        self._described_s = time.monotonic()
 
     def trigger(self, message, stamp_ns: int) -> None:
         """Send one grain trigger."""
@@ -63,6 +75,8 @@ class Osc:
         for from_ns, rows in self._corpora:
             if stamp_ns >= from_ns and message.grain < len(rows):
                 known = rows[message.grain].tolist()
+        if self._described and time.monotonic() > self._described_s + AGAIN_S:
+            self._describe()
         values = (message.gain, message.rate, message.pan, *known)
         self._out.send(self._grain, message.block, message.grain, *values)
 

@@ -103,6 +103,7 @@ def to_json(message: Any) -> dict[str, Any]:
         'x': list(message.x), 'y': list(message.y), 'x_name': message.x_name,
         'y_name': message.y_name, 'start': list(message.start), 'duration': list(message.duration),
         'files': [PurePath(path).stem for path in message.files], 'file': list(message.file),
+        'folders': [PurePath(path).parent.name for path in message.files],
         'descriptors': [name for name in names if name != MOVED], 'values': columns,
         'bounds': list(message.bounds),
         'moved': [grain for grain, yes in enumerate(by_hand) if yes],

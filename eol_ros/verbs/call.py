@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol call: ask the running graph for something, and print what its nodes answer."""
 
+import dataclasses
 import json
 import sys
+from typing import Any
 
 import yaml
 
@@ -50,7 +52,8 @@ def run(args):
     if args.kind == SET and not node:
         raise UsageError('set: whose settings? eol call set NODE NAME=VALUE')
     kind.whom(node)
-    asked = Asked(args.kind, node, kind.check(_values(args.words)), source='eol call')
+    values = _values(args.words, _types(kind, node))
+    asked = Asked(args.kind, node, kind.check(values), source='eol call')
     return answer(asked, args)
 
 
@@ -77,16 +80,36 @@ def answer(asked, args) -> int:
     return 0
 
 
-def _values(words: list[str]) -> dict:
+def value_of(text: str, kind: Any):
+    """Return what a word of the command line says: YAML, but what takes text gets the text.
+
+    So a filter can be `off`, which YAML takes for false, and a name can be empty.
+    """
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return text
+    if kind is str and not isinstance(value, str):
+        return text
+    return float(value) if kind is float and type(value) is int else value
+
+
+def _types(kind, node: str) -> dict[str, Any]:
+    from eol_ros.streams.graph import NODES
+    from eol_ros.streams.requests import SET, Word
+
+    if kind.name == SET:
+        return {f.name: f.type for f in dataclasses.fields(NODES[node].settings)}
+    return {item.name: str for item in kind.takes if isinstance(item, Word)}
+
+
+def _values(words: list[str], types: dict[str, Any]) -> dict:
     found = {}
     for word in words:
         name, equals, text = word.partition('=')
         if not equals or not name:
             raise UsageError(f'{word!r} is not NAME=VALUE')
-        try:
-            found[name] = yaml.safe_load(text)
-        except yaml.YAMLError:
-            found[name] = text
+        found[name] = value_of(text, types.get(name))
     return found
 
 

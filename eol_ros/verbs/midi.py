@@ -2,6 +2,7 @@
 """eol midi: the inputs that there are, what comes from one, and lines for `midi_map` learnt."""
 
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -37,7 +38,10 @@ def run(args):
     if args.action == 'list':
         from eol_ros.devices.audio.midi import inputs
 
-        print(''.join(f'{name}\n' for name in inputs(args.jack)), end='')
+        names = inputs(args.jack)
+        print(''.join(f'{name}\n' for name in names), end='')
+        if not names:
+            print('no MIDI inputs; `midi: virtual` makes one', file=sys.stderr)
         return 0
     if args.action == 'learn' and not args.what:
         raise UsageError('eol midi learn: say what it does, such as sound.filter_hz')

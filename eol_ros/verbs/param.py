@@ -4,8 +4,6 @@
 import dataclasses
 import json
 
-import yaml
-
 from eol_ros.errors import UsageError
 from eol_ros.verbs import reach
 
@@ -43,14 +41,9 @@ def run(args):
         if args.value is None:
             raise UsageError(f'eol param set {args.node} {args.name}: to which value?')
         from eol_ros.streams.requests import SET, Asked
-        from eol_ros.verbs.call import answer
+        from eol_ros.verbs.call import answer, value_of
 
-        try:
-            value = yaml.safe_load(args.value)
-        except yaml.YAMLError:
-            value = args.value
-        if isinstance(value, int) and fields[args.name].type is float:
-            value = float(value)
+        value = value_of(args.value, fields[args.name].type)
         asked = Asked(SET, args.node, {args.name: value}, source='eol param')
         return answer(asked, args)
     from eol_ros.ros.parameters import read

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import dataclasses
+import json
+import shutil
 import subprocess
 import sys
 
@@ -303,6 +305,21 @@ def test_the_node_stays_light(sounds):
 def test_every_setting_is_live():
     for field in dataclasses.fields(GrainsSettings):
         assert field.metadata['live'], field.name
+
+
+def test_a_folder_has_a_region_before_it_has_sounds(stage, sounds, tmp_path):
+    stage, folder = stage(), tmp_path / 'voices'
+    folder.mkdir()
+    both = [
+        Parameter('more_sounds', value=[str(folder)]),
+        Parameter('regions', value=['voices near', 'floe far']),
+    ]
+    assert stage.node.set_parameters_atomically(both).successful
+    assert json.loads(stage.node.health.values['folders']) == ['voices']
+    shutil.copy(sounds[1], folder / 'take-1.wav')
+    stage.until(lambda: stage.probe.corpora[-1].name == 'floe.wav + 1')
+    y, file = np.array(stage.probe.corpora[-1].y), np.array(stage.probe.corpora[-1].file)
+    assert np.nanmax(y[file == 1]) < 0.5 < np.nanmin(y[file == 0])
 
 
 def test_several_sounds_weighed_and_placed_while_it_runs(stage, sounds):

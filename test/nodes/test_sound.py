@@ -295,6 +295,19 @@ def test_samples_are_published_while_somebody_listens(graph, matched, tmp_path):
     assert turn(lambda: node.samples._timer.is_canceled())
 
 
+def test_a_glide_leaves_no_timer_behind(ros, tmp_path):
+    node = SoundNode(SoundSettings(device='wav', wav=str(tmp_path / 'g.wav')))
+    try:
+        before = len([*node.timers])
+        for _ in range(3):
+            node.instrument._begin({'sound': {'gain_db': -6.0}}, {'sound': {'gain_db': -12.0}}, 9.0)
+            assert len([*node.timers]) == before + 1
+            node.instrument._stop()
+        assert len([*node.timers]) == before
+    finally:
+        node.close()
+
+
 @pytest.mark.slow
 def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch):
     ear, port = OscIn(0), OscIn(0)
@@ -319,6 +332,16 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch):
             ('/eol/descriptors', 'flatness', 'pitch_hz'),
             ('/eol/descriptors',),
             ('/eol/grain', 3, 1, 0.5, 1.0, -0.5, *place),
+        ]
+        node.osc.corpus(told, now_ns() + 10**10)
+        ear.take()
+        node.osc._described_s -= 6
+        for _ in range(2):  # named again, once, for a listener that came later
+            node.on_trigger(trigger(now_ns(), grain=1, block=3, pan=-0.5))
+        assert [words[0] for words in ear.take()] == [
+            '/eol/descriptors',
+            '/eol/grain',
+            '/eol/grain',
         ]
         hand = OscOut(f'127.0.0.1:{number}')
         for address, value in (('gain_db', -12), ('latency_s', -5.0), ('channels', 4)):

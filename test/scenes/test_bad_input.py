@@ -56,6 +56,14 @@ def test_scene_mistakes_start_nothing(tmp_path):
     assert result.stderr.rstrip().endswith('2 errors. Nothing was started.')
 
 
+def test_a_setting_of_another_node_is_told_whose_it_is(tmp_path):
+    result = bringup(scene(tmp_path, '  twin: {}\n  tracker: {osc_out: "a:1", pairs: x}\n'))
+
+    assert result.returncode == 78
+    assert 'tracker.osc_out: no such key; nodes.sound has it' in result.stderr
+    assert 'tracker.pairs: no such key; nodes.montage has it' in result.stderr
+
+
 def stopped_by(folder, nodes, *words):
     """Run a scene that cannot start; return its exit code and what it says."""
     result = bringup(scene(folder, nodes), '--for', '1', *words, cwd=folder)

@@ -92,6 +92,11 @@ def test_show_draws_the_space(capsys, floe, tmp_path):
     assert picture.shape[1] > 1000 and len(np.unique(picture.reshape(-1, 3), axis=0)) > 200
     code, _, err = eol(capsys, 'show', tmp_path / 'c.json', '--out', tmp_path / 'no' / 'c.png')
     assert code == 78 and 'cannot be written' in err
+    second = shutil.copy(floe, tmp_path / 'second.wav')
+    eol(capsys, floe, second, '--region', 'second left', '--out', tmp_path / 'c.json')
+    assert eol(capsys, 'show', tmp_path / 'c.json', '--out', tmp_path / 'c.svg')[0] == 0
+    told = (tmp_path / 'c.svg').read_text()  # which names what it draws in comments
+    assert all(f'<!-- {words} -->' in told for words in ('floe.wav', 'second.wav'))
 
 
 def test_move_keeps_the_place_beside_the_sound(capsys, floe, tmp_path):

@@ -186,6 +186,7 @@ def test_corpus_values_become_columns():
     found = corpus.to_json(message)
     assert found['values'] == [[1, 4], [2, 5], [3, 6]]
     assert (found['files'], found['file']) == (['ice', 'low tide'], [0, 1])
+    assert found['folders'] == ['a', 'b']
 
 
 def test_health_takes_the_level_as_ros_gives_it():

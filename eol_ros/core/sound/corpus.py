@@ -51,6 +51,11 @@ class Source:
         stem = name.rpartition('.')[0] or name
         return 'ice' if re.fullmatch(r'ice-\d+-\d+', stem) else stem
 
+    @property
+    def folder(self) -> str:
+        """The name of the folder it lies in, by which they call all sounds in there."""
+        return self.path.rpartition('/')[0].rpartition('/')[2]
+
 
 @dataclass(frozen=True)
 class Corpus:

@@ -319,7 +319,8 @@ class Selector:
         s = self.settings
         if self._weighed != (s.weights, s.seed):
             assert self._corpus is not None  # there are grains
-            share = weights(s.weights, [source.name for source in self._corpus.sources])
+            sources = self._corpus.sources
+            share = weights(s.weights, [x.name for x in sources], [x.folder for x in sources])
             of_grain = share[self._corpus.grains['file'][self._grains]]
             u = chance(s.seed, 0.0, np.arange(N_BLOCKS)[:, None], self._grains, salt=8)
             self._weighed, self._absent = (s.weights, s.seed), u >= of_grain

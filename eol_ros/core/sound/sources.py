@@ -16,35 +16,43 @@ REGIONS = {
 WHOLE = (0.0, 0.0, 1.0, 1.0)
 
 
-def weights(lines: Sequence[str], names: Sequence[str]) -> np.ndarray:
+def weights(lines: Sequence[str], names: Sequence[str], folders: Sequence[str] = ()) -> np.ndarray:
     """Return the weight of each of the sounds `names`, (n,) in 0..1; 1 where nothing is said.
 
-    Lines that name other sounds count when these are there.
+    A line names a sound, or one of `folders`, of each sound the folder it lies in; its own line
+    counts before its folder's. Lines that name others count when these are there.
 
     Examples
     --------
-    >>> weights(['ice 0.25'], ['ice', 'harbour']).tolist()
-    [0.25, 1.0]
+    >>> weights(['ice 0.25', 'voices 0.5'], ['ice', 'take-1'], ['cache', 'voices']).tolist()
+    [0.25, 0.5]
     """
-    said = _by_name(lines)
-    return np.array([float(said.get(name, 1.0)) for name in names])
+    return np.array([float(word or 1.0) for word in _said(lines, names, folders)])
 
 
-def regions(lines: Sequence[str], names: Sequence[str]) -> list[tuple[float, ...]]:
+def regions(
+    lines: Sequence[str],
+    names: Sequence[str],
+    folders: Sequence[str] = (),
+    empty: Sequence[str] = (),
+) -> list[tuple[float, ...]]:
     """Return where in the unit square each of the sounds `names` lies: x min, y min, x max, y max.
 
-    Raises ConfigError for a line that names no sound, or no region.
+    Lines as in `weights`. Raises ConfigError for one that names no sound and no folder, of those of
+    the sounds or of `empty`, which may get some, or no region.
 
     Examples
     --------
     >>> regions(['ice left'], ['ice', 'harbour'])
     [(0.0, 0.0, 0.5, 1.0), (0.0, 0.0, 1.0, 1.0)]
     """
-    found = {}
+    found: dict[str, tuple[float, ...]] = {'': WHOLE}
     for name, word in _by_name(lines).items():
-        if name not in names:
+        if name not in (*names, *folders, *empty):
+            there = [n for n, f in zip(names, folders or names, strict=True) if f not in empty]
             raise ConfigError(
-                f'regions {f"{name} {word}"!r}: no sound of this name; there are {", ".join(names)}'
+                f'regions {f"{name} {word}"!r}: no sound of this name;'
+                f' there are {", ".join([*there, *empty])}'
             )
         try:
             box = REGIONS.get(word) or tuple(float(part) for part in word.split(','))
@@ -55,8 +63,15 @@ def regions(lines: Sequence[str], names: Sequence[str]) -> list[tuple[float, ...
             raise ConfigError(
                 f'regions: {word!r} is no region; x min < x max and y min < y max in 0..1'
             )
-        found[name] = box
-    return [found.get(name, WHOLE) for name in names]
+        found[word] = box
+    return [found[word] for word in _said(lines, names, folders)]
+
+
+def _said(lines: Sequence[str], names: Sequence[str], folders: Sequence[str]) -> list[str]:
+    """Return the word that is said of each sound, '' for none."""
+    said = _by_name(lines)
+    both = zip(names, folders or [''] * len(names), strict=True)
+    return [said.get(name) or said.get(folder, '') for name, folder in both]
 
 
 def _by_name(lines: Sequence[str]) -> dict[str, str]:

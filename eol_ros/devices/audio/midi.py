@@ -19,7 +19,10 @@ def _client(api: int) -> rtmidi.MidiIn:
     try:
         return rtmidi.MidiIn(api, CLIENT, 1024)
     except rtmidi.SystemError as error:
-        raise DeviceMissing(f'midi: there is no such MIDI system here ({error})') from None
+        system, instead = 'JACK', 'start its server'
+        if api != rtmidi.API_UNIX_JACK:
+            system, instead = 'MIDI', 'sudo modprobe snd-seq, or ask JACK: jack:NAME'
+        raise DeviceMissing(f'midi: no {system} here ({error}); {instead}') from None
 
 
 def inputs(jack: bool = False) -> list[str]:

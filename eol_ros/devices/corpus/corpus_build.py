@@ -124,7 +124,10 @@ def build(
             'give a louder sound or another threshold'
         )
     names = (options.x_axis, options.y_axis)
-    boxes = several.regions(options.regions, [source.name for source in sources])
+    boxes = several.regions(
+        options.regions, [source.name for source in sources],
+        [source.folder for source in sources], [Path(more).name for more in options.more_sounds],
+    )  # fmt: skip
     grains = _projected(grains, placed, names)
     for box in dict.fromkeys(boxes):
         files = [i for i, other in enumerate(boxes) if other == box]

@@ -3,6 +3,7 @@
 
 import { descriptor, say, sentence } from './i18n.js';
 import { write } from './paint.js';
+import { soundsOf } from './space.js';
 
 const MODES = ['fence', 'bow', 'beat', 'chain', 'continue'];
 const FILTERS = ['off', 'low-pass', 'band-pass'];
@@ -84,8 +85,9 @@ export class InstrumentView {
       this.sayValue(id, value);
     }
     if (fresh('presets')) this.showPresets(values.presets.split(' ').filter(Boolean));
-    const sounds = fresh('weights') || fresh('regions');
+    const [sounds, folders] = [fresh('weights') || fresh('regions'), fresh('folders')];
     Object.assign(this.told, values);
+    if (folders && this.corpus) this.setCorpus(this.corpus);
     if (sounds) this.showSounds();
   }
 
@@ -101,8 +103,10 @@ export class InstrumentView {
     this.$('morphing').hidden = names.length < 2;
   }
 
-  setCorpus({ files }) {
-    const names = files.map((file) => (/^ice-\d+-\d+$/.test(file) ? 'ice' : file));
+  setCorpus(corpus) {
+    this.corpus = corpus;
+    const known = JSON.parse(this.told.folders ?? '[]');
+    const names = [...new Set([...soundsOf(corpus, known).names, ...known])]; // a folder may get some yet
     if (names.join() === this.sounds.join()) return;
     this.sounds = names;
     this.showSounds();

@@ -89,6 +89,7 @@ link.on('health', (status) => {
   if (status.node === 'grains') {
     showReach(Number(status.values.radius));
     space.showBlend(status.values.blend);
+    space.setFolders(JSON.parse(status.values.folders ?? '[]'));
   }
   if (status.node === 'twin' && status.values.hands) {
     $('ghosts').hidden = false;

@@ -17,6 +17,14 @@ const BY_SOUND = 'by_sound';
 // One of its own for each sound, told apart by those who see few colours, too (Okabe, Ito).
 const SOUNDS = ['#56b4e9', '#e69f00', '#009e73', '#f0e442', '#cc79a7', '#d55e00', '#0072b2', '#bbbbbb'];
 
+// What people know a corpus by: its sounds, those of a folder (`folders` names these) as one.
+// Of each file the number of its sound, and the names of the sounds.
+export function soundsOf({ files, folders = [] }, known) {
+  const of = files.map((file, i) => (known.includes(folders[i]) ? folders[i] : file.replace(/^ice-\d+-\d+$/, 'ice')));
+  const names = [...new Set(of)];
+  return { names, of: of.map((name) => names.indexOf(name)) };
+}
+
 export class SpaceView {
   constructor(card, act) {
     this.canvas = card.querySelector('canvas');
@@ -26,6 +34,7 @@ export class SpaceView {
     this.flashes = new Map();
     this.picked = -1;
     this.reach = 0;
+    this.folders = [];
     this.menus.colour.onchange = () => this.recolour();
     for (const axis of ['x', 'y']) {
       this.menus[axis].onchange = () => act('axes', { x: this.menus.x.value, y: this.menus.y.value });
@@ -50,6 +59,7 @@ export class SpaceView {
   setCorpus(corpus) {
     if (corpus !== this.corpus) this.held = null;
     this.corpus = corpus;
+    this.sounds = soundsOf(corpus, this.folders);
     // What is the same for all grains tells nothing of a place.
     const varied = corpus.descriptors.filter((_, i) => new Set(corpus.values[i]).size > 1);
     const options = (names, chosen) =>
@@ -57,7 +67,7 @@ export class SpaceView {
     for (const axis of ['x', 'y']) {
       this.menus[axis].replaceChildren(...options([...varied, ...FURTHER.filter((name) => !corpus.descriptors.includes(name))], corpus[`${axis}_name`]));
     }
-    const names = corpus.files.length > 1 ? [BY_SOUND, ...varied] : varied;
+    const names = this.sounds.names.length > 1 ? [BY_SOUND, ...varied] : varied;
     const before = this.menus.colour.value;
     this.menus.colour.replaceChildren(...options(names, names.includes(before) ? before : names[0]));
     this.showMoved();
@@ -114,7 +124,7 @@ export class SpaceView {
     this.dirty = true;
     this.still = null;
     if (this.menus.colour.value === BY_SOUND) {
-      this.colours = this.corpus.file.map((file) => SOUNDS[file % SOUNDS.length]);
+      this.colours = this.corpus.file.map((file) => SOUNDS[this.sounds.of[file] % SOUNDS.length]);
       return;
     }
     const column = this.corpus.descriptors.indexOf(this.menus.colour.value);
@@ -344,29 +354,43 @@ export class SpaceView {
     const small = fontPx(0.66);
     brush.font = `300 ${small}px system-ui`;
     const under = Math.min(this.at(0, 0)[1] + 3, h - 3 - size - small);
-    for (const at of TICKS) {
+    const [across, up] = [this.ticks('x'), this.ticks('y')];
+    TICKS.forEach((at, i) => {
       const [px, py] = this.at(at, at);
       brush.textAlign = 'center';
       brush.textBaseline = 'top';
-      brush.fillText(this.tick('x', at), px, under);
+      brush.fillText(across[i], px, under);
       brush.textAlign = 'left';
       brush.textBaseline = 'middle';
-      if (py > size + small && (at || h > 300)) brush.fillText(this.tick('y', at), 4, py);
-    }
+      if (py > size + small && (at || h > 300)) brush.fillText(up[i], 4, py);
+    });
     if (this.menus.colour.value === BY_SOUND) this.drawSounds(brush, w);
   }
 
   // The descriptor's median among the tenth of the grains that lie nearest to a tick: grains are not
   // always where a scale has them, and so this holds in any layout.
+  // Where they do not rise, as over regions that have a scale each, there is none to show.
+  ticks(axis) {
+    const values = TICKS.map((at) => this.tick(axis, at));
+    return values.every((value, i) => !i || value >= values[i - 1]) ? values.map(round) : TICKS.map(() => '');
+  }
+
   tick(axis, at) {
     const { corpus } = this;
     const column = corpus.values[corpus.descriptors.indexOf(corpus[`${axis}_name`])];
-    if (!column) return '';
+    if (!column) return NaN;
     const near = [...column.keys()].filter((i) => Number.isFinite(corpus[axis][i]) && Number.isFinite(column[i]));
     near.sort((a, b) => Math.abs(corpus[axis][a] - at) - Math.abs(corpus[axis][b] - at));
     const values = near.slice(0, Math.max(1, Math.round(near.length / 10))).map((i) => column[i]);
     values.sort((a, b) => a - b);
-    return values.length ? round(values[values.length >> 1]) : '';
+    return values.length ? values[values.length >> 1] : NaN;
+  }
+
+  // Folders whose sounds are one here.
+  setFolders(names) {
+    if (names.join() === this.folders.join()) return;
+    this.folders = names;
+    if (this.corpus) this.setCorpus(this.corpus);
   }
 
   drawSounds(brush, w) {
@@ -374,7 +398,7 @@ export class SpaceView {
     brush.font = `400 ${size}px system-ui`;
     brush.textAlign = 'right';
     brush.textBaseline = 'top';
-    this.corpus.files.slice(0, SOUNDS.length).forEach((name, i) => {
+    this.sounds.names.slice(0, SOUNDS.length).forEach((name, i) => {
       brush.fillStyle = SOUNDS[i];
       brush.fillText(`${name} \u25cf`, w - 6, 4 + i * size * 1.3);
     });

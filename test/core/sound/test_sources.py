@@ -28,6 +28,22 @@ def test_weights_and_regions_by_name():
     assert regions(('low tide far', 'ice 0,0,.5,.25'), NAMES) == [(0, 0, 0.5, 0.25), (0, 0.5, 1, 1)]
 
 
+def test_a_folder_stands_for_its_sounds():
+    takes = (Source('/r/voices/take-1.wav', 48000, 1.0), Source('/r/voices/take-2.wav', 48000, 1.0))
+    sources = (*SOURCES, *takes)
+    names, folders = [x.name for x in sources], [x.folder for x in sources]
+    assert folders == ['a', 'b', 'voices', 'voices']
+    lines = ('voices 0.5', 'take-2 0.25')  # the sound's own counts first
+    assert weights(lines, names, folders).tolist() == [1.0, 1.0, 0.5, 0.25]
+    near, whole = (0.0, 0.0, 1.0, 0.5), (0.0, 0.0, 1.0, 1.0)
+    found = regions(('voices near', 'take-1 left'), names, folders)
+    assert found == [whole, whole, (0.0, 0.0, 0.5, 1.0), near]
+    # one that is empty yet is no mistake; another is, and the takes are not listed one by one
+    assert regions(('voices near',), NAMES, ['a', 'b'], ['voices']) == [whole, whole]
+    with pytest.raises(ConfigError, match='there are ice, low tide, voices$'):
+        regions(('choir near',), names, folders, ['voices'])
+
+
 @pytest.mark.parametrize('line', ['gone left', 'ice 0.5,0,0.5,1', 'ice 0,1,1,0'])
 def test_a_region_that_cannot_be_is_refused(line):
     with pytest.raises(ConfigError, match='regions'):
