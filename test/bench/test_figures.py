@@ -116,7 +116,7 @@ def test_vectors_count_where_bodies_rotate_and_the_settings_of_others_never(tmp_
     first = figures.made_by(table, tmp_path)
     for name, before, after, alike in (
         ('eol_ros/settings.py', 'PanelSettings:\n', 'PanelSettings:\n    more: int = 1\n', True),
-        ('eol_ros/core/vectors.py', 'TILE = 2', 'TILE = 3', False),
+        ('eol_ros/core/vectors.py', '\nWIDTH = 8', '\nWIDTH = 4', False),
     ):  # fmt: skip
         text = (tmp_path / name).read_text()
         assert before in text
