@@ -126,7 +126,8 @@ class BlobFinder:
                 self._lit,
             )
         # most blocks found where they were expected: little is left to look for
-        each = 1 if n < _MOST_FOUND or self._found_more else _GLANCE_MISSED
+        busy = n < _MOST_FOUND or self._found_more or known[search.LEFT]
+        each = 1 if busy else _GLANCE_MISSED
         expected_n = n
         for _ in range(0 if turn % (_GLANCE if n >= N_BLOCKS else each) else 2):
             before = n
@@ -134,6 +135,7 @@ class BlobFinder:
                 known[search.REFUSED] = 0
             scan.erase(self._grid, self._tiles, kept, 0, n, scan.STEP)
             starts = self._unexplained()
+            known[search.LEFT] = 0
             if not len(starts):
                 break
             self._table[0] = 0.0
@@ -142,6 +144,7 @@ class BlobFinder:
                 known,
                 starts,
                 self._refused,
+                search.MOST_AGAIN if before >= _MOST_FOUND else _MOST_REGIONS,
                 *self._relief,
                 *self._scratch,
                 self._fits,
@@ -172,7 +175,7 @@ class BlobFinder:
         self._stats = np.zeros((_LABELS, 7))
         self._lit = np.zeros(2048, np.float32)
         self._found_more = False
-        for what in (search.CONTRASTS, search.TURN, search.REFUSED):
+        for what in (search.CONTRASTS, search.TURN, search.REFUSED, search.LEFT):
             self._known[what] = 0.0
         self._known[search.AGREEING] = 1.0
         self._known[search.FIELD :] = 0.0

@@ -43,15 +43,18 @@ OUTLINE, OUTLINE_PX = 0.25, 0.12
 FAINTEST = 0.2  # of the usual contrast: less is no block
 LIT = 0.12  # where less of a block's place is lit, none is asked for
 MIN_FILL_GAIN = 0.2  # by this share a square must be fuller of light than its surroundings
-RETRY_IMAGES = 5  # images before a light that was no square is tried again
+# Images before a light that was no square is tried again, and before it counts as another one; how
+# many are tried again in one image while the lattice is followed.
+RETRY_IMAGES, FORGET_IMAGES, MOST_AGAIN = 12, 60, 2
 ENOUGH, AGREEING_GAIN, LEAST_AGREEING = 12, 0.1, 0.6
 SAME_PX = 10.0
 BESIDE_PX = 20.0
 
 # `known`: contrast of blocks, least light of a cover, edge blur px, whether a calibration gave the
 # sizes, the image's number, lights refused, the share of edges that agree where a block is whole,
-# and then half side and shear over the image, each a quadratic of six terms.
-CONTRASTS, THRESHOLD, BLUR, CALIBRATED, TURN, REFUSED, AGREEING, FIELD = range(8)
+# how many lights are left to be tried in the next image, and then half side and shear over the
+# image, each a quadratic of six terms.
+CONTRASTS, THRESHOLD, BLUR, CALIBRATED, TURN, REFUSED, AGREEING, LEFT, FIELD = range(9)
 KNOWN = FIELD + 18
 
 
@@ -219,30 +222,42 @@ def at_predictions(
 
 @njit(cache=True)
 def _near(places, n, u, v):
+    """Return which of the first `n` places is near `u`, `v`, or -1."""
     for i in range(n):
         if abs(places[i, 0] - u) <= SAME_PX and abs(places[i, 1] - v) <= SAME_PX:
-            return True
-    return False
+            return i
+    return -1
 
 
 @njit(cache=True)
-def at_lights(image, known, starts, refused, camera, outlines, table, work, ends, fits, kept, n):
+def at_lights(
+    image, known, starts, refused, most, camera, outlines, table, work, ends, fits, kept, n
+):
     """Try squares at lights `starts` (m, 4): u, v, theta, half side or 0 where it is known.
 
-    refused (m, 3), u, v and image number of those that were tried a moment ago: an arm stays an
-    arm. Returns how many are in `kept`, of which there were `n` before. See at_predictions.
+    refused (m, 3), u, v and image number of those that were tried before: an arm stays an arm.
+    most: how many of them to try again now; the others come in the next image. Returns how many are
+    in `kept`, of which there were `n` before. See at_predictions.
     """
     one, other = np.zeros((1, 5)), np.zeros(edges.FIELDS)
     old = 0
     for i in range(int(known[REFUSED])):
-        if known[TURN] - refused[i, 2] < RETRY_IMAGES:
+        if known[TURN] - refused[i, 2] < FORGET_IMAGES:
             refused[old] = refused[i]
             old += 1
-    tried = 0
-    for i in range(min(len(starts), len(fits))):
-        if _near(refused, old, starts[i, 0], starts[i, 1]):
+    tried = again = left = 0
+    many = min(len(starts), len(fits))
+    first = int(known[TURN]) * most % max(many, 1)
+    for k in range(many):
+        i = (first + k) % many
+        row = _near(refused, old, starts[i, 0], starts[i, 1])
+        if row >= 0 and known[TURN] - refused[row, 2] < RETRY_IMAGES:
             starts[i, 0] = np.nan
+        elif row >= 0 and again == most:
+            starts[i, 0] = np.nan
+            left += 1
         else:
+            again += 1 if row >= 0 else 0
             attempt(
                 image,
                 known,
@@ -288,10 +303,15 @@ def at_lights(image, known, starts, refused, camera, outlines, table, work, ends
     n = keep(fits, tried, kept, n, NEW)
     for i in range(min(len(starts), len(fits))):
         u, v = starts[i, 0], starts[i, 1]
-        if not math.isnan(u) and not _near(kept, n, u, v) and old < len(refused):
-            refused[old, 0], refused[old, 1], refused[old, 2] = u, v, known[TURN]
+        if math.isnan(u) or _near(kept, n, u, v) >= 0:
+            continue
+        row = _near(refused, old, u, v)
+        if row < 0 and old < len(refused):
+            row = old
             old += 1
-    known[REFUSED] = old
+        if row >= 0:
+            refused[row, 0], refused[row, 1], refused[row, 2] = u, v, known[TURN]
+    known[REFUSED], known[LEFT] = old, left
     return n
 
 
