@@ -58,6 +58,7 @@ def measure(seconds: float, device: str) -> dict[str, Any]:
                 stalls.start()
                 time.sleep(2.0)
                 graph.mark()
+                late_before = graph.node('sound')['values']['late']
                 time.sleep(seconds)
                 stood = stalls.stop()
                 sound, watch = graph.node('sound'), graph.watch
@@ -73,6 +74,7 @@ def measure(seconds: float, device: str) -> dict[str, Any]:
                     'device': device, 'seconds': seconds, 'output_ms': sound['values']['output_ms'],
                     'load_p99': sound['values']['load'], 'underruns': sound['values']['underruns'],
                     'late': sound['values']['late'], 'taken': sound['values']['triggers'],
+                    'late_before': late_before,  # of these, while the graph was starting
                     'motion': graph.node('motion')['values'], 'restarts': graph.restarts(),
                     **graph.machine(), **found,
                 }  # fmt: skip

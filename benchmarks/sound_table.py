@@ -85,7 +85,8 @@ def _rehearsal(r: dict):
             + ', '.join(f'{r["motion"].get(k, 0)} {k}' for k in ('felt', 'confirmed', 'retracted'))
             + '; '
             f'onset to stamp p99 {onset["p99"]:.1f} ms, stamp to trigger p99 {trigger["p99"]:.1f} '
-            f'ms, late {r["late"]} of {r["taken"]}, {r["underruns"]} underruns, card '
+            f'ms, late {r["late"]} of {r["taken"]} ({r["late_before"]} of them while all was '
+            f'starting), {r["underruns"]} underruns, card '
             f'{r["output_ms"]:.1f} ms more; the processors were {r["idle_percent"]:.0f} % idle, '
             f'{r["stolen_percent"]:.1f} % were withheld by the host'
             + (
