@@ -18,6 +18,7 @@ from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing, new_mixer, set_room
 from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.soundcard import Player
+from eol_ros.devices.files.trigger_log import TriggerLog
 from eol_ros.errors import EolError
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
@@ -62,9 +63,7 @@ class SoundNode(EolNode):
         self.unheard = 0
         self.first = FirstSense()
         self.felt = self.told_twice = 0
-        self.log = open(s.trigger_log, 'w', buffering=1) if s.trigger_log else None  # noqa: SIM115
-        if self.log:
-            print('felt,stamp_ns,block,grain,came_ns,taken_ns,spare_s', file=self.log)
+        self.log = TriggerLog(s.trigger_log) if s.trigger_log else None
         self.testing: tuple[Asked, ChannelTest] | None = None
         self.tested_s = 0.0  # when a channel was measured last
         self.asleep = bool(self.resumed.get('asleep'))
@@ -241,8 +240,10 @@ class SoundNode(EolNode):
         if self.log:  # it is late where the frame at which it begins has been mixed already
             mixed_s = self.mixer.time_of(int(self.mixer.state['frame'][0]))
             spare_s = since_ns * 1e-9 + latency_s - LOOK_AHEAD_S - mixed_s
-            row = int(felt), stamp_ns, message.block, message.grain, came_ns, now_ns(), spare_s
-            print(*row, sep=',', file=self.log)
+            taken_ns = now_ns()
+            self.log.write(
+                int(felt), stamp_ns, message.block, message.grain, came_ns, taken_ns, spare_s
+            )
 
     def on_timer(self) -> None:
         for error in self.banks.news():
@@ -268,8 +269,9 @@ class SoundNode(EolNode):
         )
         silent = said('muted', 'muted') if self.muted else ''
         silent = said('asleep', 'asleep') if self.asleep else silent
-        text = clauses([silent, player.text, self.trouble])
-        level = 'warn' if self.trouble and player.level == 'ok' else player.level
+        trouble = self.trouble or (self.log.trouble if self.log else '')
+        text = clauses([silent, player.text, trouble])
+        level = 'warn' if trouble and player.level == 'ok' else player.level
         getattr(self.health, level)(text)
         if player.stuck:
             raise EolError(f'{text}: only a new process gets it back')
