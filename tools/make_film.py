@@ -313,7 +313,7 @@ def write_sound(bag: Bag, begin_ns: int, length_s: float, path: Path) -> None:
     begin_s = (begin_ns - bag.start_ns) * 1e-9
     blocks = list(sound.rendered(bag, settings, begin_s + length_s))
     rate = settings.sample_rate
-    wave = np.concatenate(blocks)[round(begin_s * rate) :, :2]
+    wave = np.concatenate(blocks)[round(begin_s * rate) :, :2][: round(length_s * rate)]
     ramp = np.minimum(np.arange(len(wave)), np.arange(len(wave))[::-1]) / (0.05 * rate)
     wave = wave * np.minimum(ramp, 1.0)[:, None]
     with soundfile.SoundFile(path, 'w', rate, wave.shape[1], format='OGG', subtype='OPUS') as file:
