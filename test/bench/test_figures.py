@@ -85,7 +85,7 @@ def test_other_sources_another_command_or_a_lost_figure_are_told(places, ran, mo
 
 
 def test_a_figure_is_old_when_what_it_rests_on_has_changed(tmp_path):
-    """Code that is reached, and what files say: not their comments (`test_source_digests.py` has more)."""
+    """Code that is reached, and files: not comments (`test_source_digests.py` has more)."""
     part = figures.Part(('own',), ('own',), '1', 'none', 1.0, ('eol_ros.core.named',), ('sweeps',))
     files = {
         'eol_ros/core/used.py': 'WIDTH = 1\n', 'eol_ros/core/named.py': 'DEEP = 1\n',
