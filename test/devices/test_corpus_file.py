@@ -419,6 +419,20 @@ def test_a_sound_that_goes_away_is_noticed_without_a_fault(sound):
         corpus_file.sha256(sound)
 
 
+def test_what_changes_while_a_corpus_is_made_is_noticed(sound):
+    """A file that came before anybody looked a first time was in no corpus until the next one."""
+    loader = CorpusLoader()
+    spec = (str(sound), Options(), 0)
+    loader.ask(spec)
+    corpus_file.beside(sound, 'moved.csv').write_text('time_s,x,y\n')
+    assert [loader.changed(spec) for _ in range(2)] == [True, False]
+    wait(loader)
+    loader.at_once(spec)
+    corpus_file.beside(sound, 'moved.csv').unlink()
+    assert [loader.changed(spec) for _ in range(2)] == [True, False]
+    loader.close()
+
+
 @pytest.mark.parametrize(
     ('grain', 'x', 'y', 'words'),
     [

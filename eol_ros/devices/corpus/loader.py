@@ -12,6 +12,7 @@ from eol_ros.errors import EolError
 from eol_ros.settings import GrainsSettings
 
 CorpusSpec = tuple[str, Options, int]
+Seen = tuple[CorpusSpec, list[tuple[str, int]]]  # when its files were changed
 
 
 def corpus_spec(settings: GrainsSettings) -> CorpusSpec:
@@ -28,7 +29,7 @@ class CorpusLoader:
         self._outcome: Corpus | EolError | None = None
         self._child: subprocess.Popen | None = None
         self._thread: threading.Thread | None = None
-        self._seen: tuple[CorpusSpec, list[tuple[str, int]]] | None = None
+        self._seen: Seen | None = None
         self._asked = 0
 
     def at_once(self, spec: CorpusSpec) -> Corpus | None:
@@ -36,11 +37,12 @@ class CorpusLoader:
 
         Raises DeviceMissing if its sound is absent, ConfigError if it is no corpus.
         """
-        sound, options, seed = spec
-        return corpus_build.ready(sound, options, seed)
+        self._seen = _look(spec)
+        return corpus_build.ready(*spec)
 
     def ask(self, spec: CorpusSpec) -> None:
         """Begin to load; an older spec is given up."""
+        self._seen = _look(spec)
         with self._lock:
             self._spec, self._outcome = spec, None
             self._asked += 1
@@ -51,8 +53,7 @@ class CorpusLoader:
 
     def changed(self, spec: CorpusSpec) -> bool:
         """Whether a file that the corpus is made of has changed since this was last asked."""
-        sound, options, seed = spec
-        seen = (spec, corpus_file.times(sound, options, seed))
+        seen = _look(spec)
         before, self._seen = self._seen, seen
         return before is not None and before[0] == spec and before[1] != seen[1]
 
@@ -101,3 +102,7 @@ class CorpusLoader:
             return error
         except OSError as error:
             return EolError(f'{folders.cache("corpus")}: {error}')
+
+
+def _look(spec: CorpusSpec) -> Seen:
+    return spec, corpus_file.times(*spec)
