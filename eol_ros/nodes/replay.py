@@ -28,6 +28,7 @@ from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class, with_depth
 from eol_ros.streams.graph import TOPICS, relative_name
 from eol_ros.streams.requests import PEOPLE, Asked, ahead
+from eol_ros.streams.said import said
 
 READY_S = 1.0  # from the last reader found to the first message
 ACKNOWLEDGED_S = 2.0  # longest wait for readers to say that they have all
@@ -199,11 +200,17 @@ class ReplayNode(EolNode):
     def tell(self) -> None:
         if self.fault is not None:
             raise self.fault
-        words = f'{self.player.position_s:.1f} of {self.bag.duration_s:.1f} s of {self.bag.path}'
         if self.state == 'waiting':
             self.health.warn(f'waiting for a reader of {", ".join(self.names)}')
         else:
-            self.health.ok(f'{"paused at" if self.player.paused else self.state} {words}')
+            self.health.ok(
+                said(
+                    'replayed', '{doing} {at} of {all} s of {path}',
+                    doing='paused at' if self.player.paused else self.state,
+                    at=f'{self.player.position_s:.1f}', all=f'{self.bag.duration_s:.1f}',
+                    path=self.bag.path,
+                )
+            )  # fmt: skip
         self.health.values.update(messages=self.player.played, rounds=self.player.rounds)
 
     def close(self) -> None:

@@ -56,7 +56,7 @@ def run(args) -> int:
         for name in wanted:
             if name not in names:
                 raise UsageError(f'--test {name}: there are {", ".join(names)}')
-        _play(settings, [names.index(name) for name in wanted], args)
+        _play(settings, {name: names.index(name) for name in wanted}, args)
     return 0
 
 
@@ -76,8 +76,10 @@ def _line(row: dict) -> str:
     return line.rstrip()
 
 
-def _play(settings, outputs: list[int], args) -> None:
-    """Play noise from each of `outputs` in turn, or write it."""
+def _play(settings, outputs: dict[str, int], args) -> None:
+    """Play noise from each of `outputs`, by name, in turn, and say which; or write it."""
+    import time
+
     import numpy as np
 
     from eol_ros.core.sound.channel_test import pink_noise
@@ -86,7 +88,7 @@ def _play(settings, outputs: list[int], args) -> None:
     noise = pink_noise(rate, args.seconds)
     step = len(noise) + round(GAP_S * rate)
     sound = np.zeros((step * len(outputs), settings.channels), np.float32)
-    for k, output in enumerate(outputs):
+    for k, output in enumerate(outputs.values()):
         sound[k * step : k * step + len(noise), output] = noise
     if args.out:
         from eol_ros.verbs.render import writer
@@ -98,5 +100,9 @@ def _play(settings, outputs: list[int], args) -> None:
 
     device = 'auto' if settings.device == 'wav' else settings.device
     card = find(device, settings.channels)
-    print('playing noise from each in that order', file=sys.stderr)
-    portaudio().play(sound, rate, device=card, blocking=True)
+    player = portaudio()
+    player.play(sound, rate, device=card)
+    for name in outputs:
+        print(f'noise from {name}', file=sys.stderr, flush=True)
+        time.sleep(step / rate)
+    player.wait()

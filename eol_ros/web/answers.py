@@ -12,13 +12,20 @@ import re
 from pathlib import Path
 from typing import Any
 
+from eol_ros.settings import FORMS
 from eol_ros.streams.graph import NODES
 
 LANGUAGE = Path(__file__).parent / 'static' / 'lang' / 'en.json'
 PREFIX = 'said_'
 OF_NODE = 'of_node'
-INNER = ('why', 'day')  # places that hold words with a code of their own
-_PLACES = {'node': '|'.join(NODES), 'day': '[A-Z][a-z]{2}', 'why': '.+?'}
+# Places that hold words with a code of their own.
+INNER = ('why', 'day', 'cause', 'what', 'which', 'part', 'span', 'list', 'doing', 'power')
+_PLACES = {
+    'node': '|'.join(NODES), 'day': '[A-Z][a-z]{2}', 'why': '.+?', 'number': r'\d+',
+    'setting': r'\w+', 'shape': '|'.join(FORMS), 'address': r'\S+',
+    'doing': 'paused at|playing|standing|over',
+    'power': '(?:on|off|cooling down|warming up)(?:, [^;]+)?|(?:was|does|asks|refuses|has) [^;]+',
+}  # fmt: skip
 _CLAUSE = '(?:(?!; ).)+?'
 _PLACE = re.compile(r'\{(\w+)\}')
 
@@ -31,13 +38,38 @@ def recognised(text: str) -> list[Any]:
     >>> recognised('muted; anything else')
     [['muted', {}], 'anything else']
     """
-    if not text:
-        return []
-    whole = _found(text)
-    if whole is not None:
-        return [whole]
-    first, mark, rest = text.partition('; ')
-    return [*recognised(first), *recognised(rest)] if mark else [text]
+    clauses = text.split('; ') if text else []
+    found: list[Any] = []
+    while clauses:
+        for count in range(len(clauses), 0, -1):  # some sentences have a semicolon within
+            one = _found('; '.join(clauses[:count]))
+            if one is not None:
+                break
+        found.append(clauses[0] if one is None else one)
+        del clauses[:count]
+    return found
+
+
+def deepened(parts: list[Any]) -> list[Any]:
+    """Return what a node said with its codes, recognised also where it gave English alone.
+
+    >>> deepened([['not_recording', {'why': 'muted'}], 'asleep'])
+    [['not_recording', {'why': [['muted', {}]]}], ['asleep', {}]]
+    """
+    found: list[Any] = []
+    for part in parts:
+        if isinstance(part, str):
+            found += recognised(part)
+            continue
+        code, places = part
+        inner = {name: places[name] for name in INNER if isinstance(places.get(name), str)}
+        found.append([code, {**places, **{n: _inner(n, text) for n, text in inner.items()}}])
+    return found
+
+
+def _inner(name: str, text: str) -> list[Any]:
+    clauses = text.split(', ') if name == 'power' else [text]  # of a projector are told so
+    return [part for clause in clauses for part in recognised(clause)]
 
 
 def _found(text: str) -> list[Any] | None:
@@ -45,7 +77,7 @@ def _found(text: str) -> list[Any] | None:
         match = pattern.fullmatch(text)
         if match:
             places: dict[str, Any] = match.groupdict()
-            inner = {name: recognised(places[name]) for name in INNER if name in places}
+            inner = {name: _inner(name, places[name]) for name in INNER if name in places}
             return [code, {**places, **inner}]
     return None
 

@@ -16,7 +16,7 @@ from eol_ros.streams.graph import node_of
 from eol_ros.streams.record import seconds
 from eol_ros.streams.requests import Number
 from eol_ros.streams.said import SAID
-from eol_ros.web.answers import recognised
+from eol_ros.web.answers import deepened
 from eol_ros.web.controls import CONTROLS
 
 RECENT = 40
@@ -65,11 +65,7 @@ def health(status: Any) -> dict[str, Any]:
         'level': LEVELS[min(level, 3)], 'text': status.message,
         'rate': float(values.pop('rate_hz', 0.0)), 'values': values,
         'pid': values.pop('pid', ''),
-        'said': [
-            code
-            for part in (json.loads(parts) if parts else [status.message])
-            for code in (recognised(part) if isinstance(part, str) else [part])
-        ],
+        'said': deepened(json.loads(parts) if parts else [status.message]),
     }  # fmt: skip
 
 

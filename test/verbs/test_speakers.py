@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 import json
+import time
 
 import numpy as np
 import pytest
 import soundfile
 
 from eol_ros import cli
+from eol_ros.devices.audio import outputs
 
 RING = """
 scene: ring
@@ -46,6 +48,29 @@ def test_writes_noise_for_each_in_turn(scene, tmp_path, capsys):
     heard = [(np.abs(part).max(axis=0) > 0.1).tolist() for part in (sound[:half], sound[half:])]
     assert (rate, sound.shape[1]) == (48000, 4)
     assert heard == [[False, False, False, True], [False, True, False, False]]
+
+
+def test_says_which_one_plays_while_it_plays(scene, capsys, monkeypatch):
+    done = []
+
+    class PortAudio:
+        def play(self, sound, rate, device):
+            done.append((sound.shape[1], rate, device, (np.abs(sound).max(axis=0) > 0.1).tolist()))
+
+        def wait(self):
+            done.append('waited')
+
+    def sleep(seconds):
+        done.append((capsys.readouterr().err, seconds))
+
+    monkeypatch.setattr(outputs, 'find', lambda device, channels: 5)
+    monkeypatch.setattr(outputs, 'portaudio', PortAudio)
+    monkeypatch.setattr(time, 'sleep', sleep)
+    assert cli.main(['speakers', scene, '--test', 'sub,left', '--seconds', '0.5']) == 0
+    assert done == [
+        (4, 48000, 5, [False, True, False, True]),
+        ('noise from sub\n', 0.7), ('noise from left\n', 0.7), 'waited',
+    ]  # fmt: skip
 
 
 def test_refuses_a_name_that_is_not_there(scene, capsys):

@@ -386,6 +386,13 @@ def test_cascades_in_words_and_by_the_motor_of_a_phone(graph, browser):
                                 f'{line}.textContent.startsWith("{words}")')  # fmt: skip
             assert 'far right' in run(browser, f'return {line}.textContent')
         assert run(browser, 'return eol.shaken') == 520
+        # It can be read before a lesser one takes its place.
+        run(browser, tell, 22, 1)
+        assert run(browser, f'return {line}.textContent').startswith('Rupture: 20')
+        assert run(browser, 'return eol.shaken') == 520
+        run(browser, 'eol.modes.said[2] -= 2500')
+        run(browser, tell, 23, 1)
+        assert run(browser, f'return {line}.textContent').startswith('A single')
         run(browser, 'eol.modes.said[2] -= 6000')
         until_page(browser, f'{line}.hidden')
         visit(browser, address, '/table')
@@ -656,10 +663,16 @@ def test_the_corners_of_a_projection_are_dragged_and_kept(graph, browser):
     until_page(browser, 'eol.view.shows')
     press(browser, 'k')
     until_page(browser, '!document.getElementById("pins").hidden')
+    # Handles lie whole within the window, and a corner goes as far as its handle is dragged.
+    handle = 'const {x, y, right, bottom} = document.querySelector("[data-corner=\\"1\\"]")'
+    handle += '.getBoundingClientRect(); return [x, y, right, bottom]'
+    assert run(browser, handle) == [756, 0, 800, 44]
     for kind, x, y, buttons in (
-        ('mousePressed', 800, 0, 1), ('mouseMoved', 700, 40, 1), ('mouseReleased', 700, 40, 0),
+        ('mousePressed', 770, 30, 1), ('mouseMoved', 600, 300, 1), ('mouseMoved', 670, 70, 1),
+        ('mouseReleased', 670, 70, 0),
     ):  # fmt: skip
-        mouse(browser, kind, min(x, 799), y, buttons)
+        mouse(browser, kind, x, y, buttons)
+    assert run(browser, 'return String(getSelection())') == ''  # no words were selected on the way
     run(browser, 'document.querySelector("[data-corner=\\"3\\"]").focus()')
     stroke = "new KeyboardEvent('keydown', {key: 'ArrowUp', shiftKey: true})"
     run(browser, f'document.activeElement.dispatchEvent({stroke})')
@@ -1057,6 +1070,20 @@ def test_the_space_says_what_lies_where_and_gives_moved_grains_back(graph, brows
     # A tick says the median of what lies there.
     ticks = run(browser, 'return [0, .25, .5, .75, 1].map((at) => Number(eol.space.tick("x", at)))')
     assert ticks == sorted(ticks) and 20 < ticks[0] < ticks[4] / 2
+    # Where the layout is a scale, a tick says what the scale has there, however few grains do.
+    scaled = run(
+        browser,
+        """
+        const {corpus} = eol.space, x = corpus.x.map((_, i) => (i / (corpus.x.length - 1)) ** 0.3);
+        const of = corpus.descriptors.indexOf(corpus.x_name);
+        const values = corpus.values.map((v, i) => (i === of ? x.map((at) => 330 * 25 ** at) : v));
+        eol.space.setCorpus({...corpus, x, values});
+        const ticks = [0, .25, .5, .75, 1].map((at) => eol.space.tick('x', at));
+        eol.space.setCorpus(corpus);
+        return ticks;
+    """,
+    )
+    assert scaled == pytest.approx([330 * 25**at for at in (0, 0.25, 0.5, 0.75, 1)], rel=1e-6)
     # Hearing under the pointer.
     run(browser, 'eol.space.canvas.scrollIntoView({block: "center"})')
     x, y = run(

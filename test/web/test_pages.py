@@ -2,14 +2,21 @@
 """The static pages: both languages whole, nothing from elsewhere, nothing the policy forbids."""
 
 import ast
+import dataclasses
 import datetime
 import json
 import re
 
+import numpy as np
 import pytest
 
+from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.opening_hours import Door, OpeningHours
-from eol_ros.errors import UsageError
+from eol_ros.core.vision import image_health
+from eol_ros.devices import ports
+from eol_ros.devices.audio import outputs
+from eol_ros.devices.board import lights
+from eol_ros.errors import DeviceMissing, UsageError
 from eol_ros.settings import DESCRIPTORS
 from eol_ros.web import answers
 from eol_ros.web.controls import CONTROLS
@@ -106,6 +113,73 @@ def constant(part):
 )  # fmt: skip
 def test_what_nodes_answer_is_known_by_its_words(text, parts):
     assert answers.recognised(text) == parts
+
+
+FILLED = {
+    'node': 'leds', 'day': 'Mon', 'number': '3', 'setting': 'mode', 'shape': 'NAME WEIGHT',
+    'address': '10.0.0.5', 'doing': 'playing', 'power': 'on, lamp 1200 h', 'part': 'block 3',
+    'which': 'fan', 'what': 'images', 'why': 'muted', 'cause': 'muted', 'span': 'half a second',
+    'list': 'eol devices lists them', 'state': 'on',
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('code', [key for key in WORDS['en'] if key.startswith('said_')])
+def test_no_text_is_taken_for_another(code):
+    if code == 'said_of_node':
+        return
+    words = PLACE.sub(lambda place: FILLED.get(place[1], '7'), WORDS['en'][code])
+    said = answers.recognised(words)
+    assert [part[0] for part in said] == [code.removeprefix('said_')]
+    places = said[0][1]
+    for name in set(places) & set(answers.INNER):
+        assert all(isinstance(part, list) for part in places[name]), name
+        assert answers.deepened([[code, {name: FILLED[name]}]])[0][1][name] == places[name], name
+
+
+def spoken(parts):
+    """Return the clauses that stand in the language of the page, and those that do not."""
+    return [p for p in parts if isinstance(p, list)], [p for p in parts if isinstance(p, str)]
+
+
+def board_says(flags, millivolts=0):
+    status = protocol.BlockStatus(*(0 for _ in dataclasses.fields(protocol.BlockStatus)))
+    return lights.faults({
+        3: dataclasses.replace(status, flags=flags, millivolts=millivolts),
+        protocol.BRIDGE: dataclasses.replace(status, flags=protocol.LINKED | flags),
+    })  # fmt: skip
+
+
+def card_says(monkeypatch, wanted, there):
+    monkeypatch.setattr(outputs, 'cards', lambda: there)
+    monkeypatch.setattr(outputs, 'portaudio', lambda: None)
+    with pytest.raises(DeviceMissing) as missing:
+        outputs.find(wanted, 8)
+    return str(missing.value)
+
+
+def port_says(wanted, there):
+    with pytest.raises(DeviceMissing) as missing:
+        ports.find('camera', wanted, [ports.Port(name, name, '') for name in there])
+    return str(missing.value)
+
+
+def test_what_goes_wrong_has_a_code(monkeypatch):
+    card = {'name': 'Scarlett', 'channels': 2, 'index': 0}
+    texts = [
+        *board_says(0), *board_says(protocol.RADIO_DEAD),
+        *board_says(protocol.LINKED | protocol.TWICE | protocol.SENSOR_DEAD, 1000),
+        card_says(monkeypatch, 'auto', []), card_says(monkeypatch, 'USB', [card]),
+        card_says(monkeypatch, 'Scarlett', [card]),
+        port_says('auto', []), port_says('Basler', []), port_says('/dev/eol-none', []),
+    ]  # fmt: skip
+    image = np.zeros((40, 40), np.uint8)
+    for wrong in (image.astype(float), image, image + 255):
+        watch = image_health.Watch(None)
+        texts += filter(None, [watch.fault(k / 60, wrong) for k in range(600)][-1:])
+    assert len(texts) > 10
+    for text in texts:
+        codes, english = spoken(answers.recognised(f'{text}; trying again in 5 s'))
+        assert len(codes) == 2 and not english, text
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.image_health import Sizes
 from eol_ros.core.vision.requests import DARKNESS, Outcome, packed
-from eol_ros.core.vision.states import STATES, TRACKING
+from eol_ros.core.vision.states import CALIBRATING, LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.errors import EolError
 from eol_ros.settings import TrackerSettings
@@ -92,7 +92,7 @@ class TrackerFiles:
     def words(self, tracked: Tracked) -> tuple[bool, str]:
         """Return whether all is well, and one line; what came of a request is said for a while."""
         good = tracked.state == TRACKING
-        text: str = f'{STATES[tracked.state]}: {tracked.why}'
+        text: str = _troubled(tracked)
         if good:
             text = said('seen', '{seen} of 25 blocks seen', seen=int(tracked.seen.sum()))
             if tracked.symmetry_ambiguous:
@@ -134,3 +134,14 @@ class TrackerFiles:
             return f'; kept in {path}'
         except EolError as error:
             return f'; but not kept: {error}'
+
+
+def _troubled(tracked: Tracked) -> str:
+    """Return in words why nothing is tracked."""
+    if tracked.state == SEARCHING:
+        return said('searching', 'searching: {why}', why=tracked.why)
+    if tracked.state == LOST:
+        return said('lost', 'lost: {why}', why=tracked.why)
+    if tracked.state == CALIBRATING:
+        return said('calibrating', 'calibrating: {why}', why=tracked.why)
+    return said('fault', 'fault: {why}', why=tracked.why)

@@ -120,7 +120,8 @@ class Projector:
             return f'{self.address} {reading.trouble}'
         parts = [f'{self.address} {STATES[reading.power]}']
         if reading.lamps_h:
-            parts.append('lamp ' + ' and '.join(f'{hours} h' for hours in reading.lamps_h))
+            hours = ' and '.join(f'{hours} h' for hours in reading.lamps_h)
+            parts.append(f'lamp {hours}')
         parts += [f'{part} has failed' for part in reading.failed]
         parts += [f'{part} warns' for part in reading.warns]
         if reading.trouble:

@@ -5,6 +5,7 @@ import { calm, write } from './paint.js';
 import { say } from './i18n.js';
 
 const CAPTION_MS = 5000;
+const HOLD_MS = 2000; // so long it can be read, unless a greater one comes
 const RUPTURE = 10; // blocks, from here on a cascade is called one
 
 // Which part of the table a block stands in, 0..8 row by row from the near left.
@@ -38,6 +39,7 @@ export class Modes {
   // A phone shakes the longer the more blocks slipped.
   cascade(area, nucleus) {
     if (!this.captions) return;
+    if (this.said && area <= this.said[0] && performance.now() - this.said[2] < HOLD_MS) return;
     this.said = [area, nucleus, performance.now()];
     this.show();
     if (navigator.userActivation?.hasBeenActive) navigator.vibrate?.(Math.min(20 + 25 * area, 600));

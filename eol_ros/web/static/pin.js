@@ -19,8 +19,10 @@ export class Pin {
     this.edges = [...tools.querySelectorAll('input[type=range]')];
     this.words = tools.querySelector('#pin-words');
     this.handles.forEach((handle, i) => {
-      handle.onpointerdown = (event) => handle.setPointerCapture(event.pointerId);
-      handle.onpointermove = ({ pointerId, clientX, clientY }) => handle.hasPointerCapture(pointerId) && this.move(i, clientX, clientY);
+      handle.onpointerdown = (event) => this.grab(event, i);
+      handle.onpointermove = ({ pointerId, clientX, clientY }) => {
+        if (handle.hasPointerCapture(pointerId)) this.move(i, clientX + this.held[0], clientY + this.held[1]);
+      };
       handle.onkeydown = (event) => this.key(event, i);
     });
     this.edges.forEach((slider, i) => (slider.oninput = () => {
@@ -69,6 +71,15 @@ export class Pin {
     this.apply();
   }
 
+  // A corner does not jump to where its handle is taken, so that it can lie at the window's very edge.
+  grab(event, i) {
+    const [x, y] = this.place.corners[i];
+    this.held = [x * innerWidth - event.clientX, y * innerHeight - event.clientY];
+    event.target.setPointerCapture(event.pointerId);
+    event.target.focus();
+    event.preventDefault(); // a drag selects no words
+  }
+
   move(i, x, y) {
     const within = (v) => Math.min(Math.max(v, 0), 1);
     const before = this.place.corners[i];
@@ -100,8 +111,7 @@ export class Pin {
     this.picture.style.maskImage = hard ? '' : `${fade('right', left, right)}, ${fade('bottom', top, bottom)}`;
     this.picture.style.maskComposite = 'intersect';
     this.handles.forEach(({ style }, i) => {
-      style.left = `${100 * corners[i][0]}%`;
-      style.top = `${100 * corners[i][1]}%`;
+      [style.left, style.top] = corners[i].map((share) => `clamp(22px, ${100 * share}%, calc(100% - 22px))`);
     });
     this.edges.forEach((slider, i) => (slider.value = edges[i]));
   }

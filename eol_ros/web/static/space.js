@@ -367,8 +367,9 @@ export class SpaceView {
     if (this.menus.colour.value === BY_SOUND) this.drawSounds(brush, w);
   }
 
-  // The descriptor's median among the tenth of the grains that lie nearest to a tick: grains are not
-  // always where a scale has them, and so this holds in any layout.
+  // What a grain at a tick would have, for any layout: the line through the tenth of the grains nearest
+  // to it, the nearer the heavier (local regression: Cleveland, J. Am. Stat. Assoc. 74 (1979) 829), of
+  // frequencies through their logarithms.
   // Where they do not rise, as over regions that have a scale each, there is none to show.
   ticks(axis) {
     const values = TICKS.map((at) => this.tick(axis, at));
@@ -381,9 +382,19 @@ export class SpaceView {
     if (!column) return NaN;
     const near = [...column.keys()].filter((i) => Number.isFinite(corpus[axis][i]) && Number.isFinite(column[i]));
     near.sort((a, b) => Math.abs(corpus[axis][a] - at) - Math.abs(corpus[axis][b] - at));
-    const values = near.slice(0, Math.max(1, Math.round(near.length / 10))).map((i) => column[i]);
-    values.sort((a, b) => a - b);
-    return values.length ? values[values.length >> 1] : NaN;
+    near.length = Math.min(near.length, Math.max(2, Math.round(near.length / 10)));
+    const octaves = corpus[`${axis}_name`].endsWith('_hz') && near.every((i) => column[i] > 0);
+    const far = 1.001 * Math.abs(corpus[axis][near[near.length - 1]] - at) + 1e-9;
+    let [n, sx, sy, sxx, sxy] = [0, 0, 0, 0, 0];
+    for (const i of near) {
+      const x = corpus[axis][i] - at;
+      const y = octaves ? Math.log(column[i]) : column[i];
+      const weight = (1 - (Math.abs(x) / far) ** 3) ** 3;
+      [n, sx, sy, sxx, sxy] = [n + weight, sx + weight * x, sy + weight * y, sxx + weight * x * x, sxy + weight * x * y];
+    }
+    const spread = n * sxx - sx * sx; // of one column of a lattice: none
+    const level = spread > 1e-9 * n * n ? (sxx * sy - sx * sxy) / spread : sy / n;
+    return octaves ? Math.exp(level) : level;
   }
 
   // Folders whose sounds are one here.

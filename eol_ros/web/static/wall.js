@@ -91,13 +91,16 @@ function drawCard() {
     brush.lineTo(w / 2, h / 2);
   }
   brush.stroke();
-  brush.font = `400 ${h / 48}px system-ui, sans-serif`;
+  brush.font = `400 ${h / 54}px system-ui, sans-serif`;
   brush.textAlign = 'left';
-  brush.fillStyle = '#e8e2d5';
+  brush.textBaseline = 'middle';
   for (const share of OVERSCAN) {
     brush.lineWidth = line;
     brush.strokeRect(share * w, share * h, (1 - 2 * share) * w, (1 - 2 * share) * h);
-    brush.fillText(`${100 * share} %`, share * w + h / 100, (1 - share) * h - h / 100);
+    brush.fillStyle = '#101418'; // words on a line of their own mark, and clear of the diagonals
+    brush.fillRect(w / 4 - h / 100, (1 - share) * h - h / 90, h / 12, h / 45);
+    brush.fillStyle = '#e8e2d5';
+    brush.fillText(`${100 * share} %`, w / 4, (1 - share) * h);
   }
   for (let i = 0; i < GREYS; i++) { // the darkest and the lightest steps must be told apart
     const grey = Math.round((255 * i) / (GREYS - 1));
@@ -106,7 +109,6 @@ function drawCard() {
   }
   const word = side.toUpperCase();
   brush.textAlign = 'center';
-  brush.textBaseline = 'middle';
   let size = h * 0.62;
   brush.font = `700 ${size}px system-ui, sans-serif`;
   size *= Math.min((0.92 * w) / brush.measureText(word).width, 1);
