@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """GenICam cameras: the real protocol on a loopback, from the simulated camera of Aravis."""
 
+import itertools
 import signal
 import subprocess
 import sys
@@ -185,6 +186,17 @@ def test_its_clock_is_carried_over_within_the_error_that_is_told(plugged):
         assert -source.stamp_error_s * 1e9 <= late_ns <= stale_ns + source.stamp_error_s * 1e9
     assert source.odd_stamps == 0
     assert source.values['stamp_error_us'] < 5000
+
+
+def test_an_image_that_is_looked_at_late_came_no_earlier_for_it(monkeypatch):
+    """The machine stands still for a millisecond at each look at a clock."""
+    now = itertools.count(5_000_000, 1_000_000)
+    monkeypatch.setattr(genicam.time, 'monotonic_ns', lambda: next(now))
+    monkeypatch.setattr(genicam.time, 'time_ns', lambda: 10**18 + next(now))
+
+    assert genicam.arrival_ns(10**18 + 3_000_000) in range(3_000_000, 4_000_001)
+    assert genicam.arrival_ns(10**18 + 9_000_000) == 8_000_000  # from the future: the clock was set
+    assert genicam.arrival_ns(0) == 10_000_000
 
 
 def test_without_a_clock_to_ask_images_are_late_by_their_delay_and_it_says_so(plugged):

@@ -43,6 +43,13 @@ def find_camera(wanted: str, cameras: Callable[[], list[Port]] = aravis.list_cam
     return ports.find('GenICam camera', name, cameras()).removeprefix(GENICAM)
 
 
+def arrival_ns(came_ns: int) -> int:
+    """Return when an image came, monotonic ns; `came_ns`: by the system clock, 0 where unknown."""
+    system_ns = time.time_ns()
+    now_ns = time.monotonic_ns()  # read last: a pause between the two makes it late, never early
+    return min(now_ns, now_ns - (system_ns - came_ns)) if came_ns else now_ns
+
+
 class GenicamCamera:
     """A camera of 8-bit grey images whose stamps are its own clock's, carried over to the host's.
 
@@ -300,7 +307,8 @@ class GenicamCamera:
 
     def _picture(self, buffer: int) -> Picture | None:
         """Return the image of a buffer and its stamp; None of one that has holes."""
-        arv, now_ns = self._arv, time.monotonic_ns()
+        arv = self._arv
+        arrived_ns = arrival_ns(arv.call('buffer_get_system_timestamp', buffer))
         number = arv.call('buffer_get_frame_id', buffer)
         if self._is_gige:
             counts = arv.counts('gv_stream_get_statistics', self._stream, kind=ctypes.c_uint64)
@@ -323,8 +331,6 @@ class GenicamCamera:
         image = np.frombuffer(
             ctypes.string_at(data, s.width * s.height), np.uint8
         ).reshape(s.height, s.width)  # fmt: skip
-        came_ns = arv.call('buffer_get_system_timestamp', buffer)
-        arrived_ns = min(now_ns, now_ns - (time.time_ns() - came_ns)) if came_ns else now_ns
         return Picture(self._stamp_ns(arv.call('buffer_get_timestamp', buffer), arrived_ns), image)
 
     def _stamp_ns(self, device_ns: int, arrived_ns: int) -> int:
