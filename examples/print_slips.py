@@ -28,9 +28,7 @@ def main() -> None:
     try:
         rclpy.spin(PrintSlips())
     except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
+        pass  # rclpy's signal handler has shut down; to do it too would be a race with that
 
 
 if __name__ == '__main__':
