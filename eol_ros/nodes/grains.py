@@ -10,6 +10,7 @@ from eol_msgs.msg import FeltSlip, GrainTrigger
 
 from eol_ros.core.sound.corpus import Corpus
 from eol_ros.core.sound.select import Selector
+from eol_ros.core.sound.sources import absent
 from eol_ros.devices.corpus.corpus_file import move, moved, restore
 from eol_ros.devices.corpus.loader import CorpusLoader, corpus_spec
 from eol_ros.errors import EolError
@@ -21,7 +22,7 @@ from eol_ros.ros.stamps import to_ns
 from eol_ros.streams import blocks, triggers
 from eol_ros.streams import corpus as corpora
 from eol_ros.streams.requests import Asked
-from eol_ros.streams.said import said
+from eol_ros.streams.said import clauses, said
 
 LEAD_S = 1.0  # a new corpus is told this long before its grains are, for the sound to be read in
 READ = 50.0  # and a long one longer: this many seconds of sound are read in a second
@@ -41,6 +42,7 @@ class GrainsNode(EolNode):
         self.corpora = self.publisher('corpus')
         self.loader = CorpusLoader()
         self.awaited: list[Asked] = []
+        self.notes: tuple[str, ...] = ()  # on weights
         self.spec = corpus_spec(self.settings)
         self.health.expects('blocks')
         self.tell_settings(self.settings)
@@ -66,12 +68,29 @@ class GrainsNode(EolNode):
     def tell_settings(self, new) -> None:
         told = {'radius': new.radius, 'blend': new.blend, 'mode': new.mode}  # for the panel
         told |= {name: json.dumps(getattr(new, name)) for name in ('weights', 'regions')}
-        told['folders'] = json.dumps(
-            [Path(x).name for x in (new.sound, *new.more_sounds) if x and Path(x).is_dir()]
-        )
+        folders = [Path(x).name for x in (new.sound, *new.more_sounds) if x and Path(x).is_dir()]
+        told['folders'] = json.dumps(folders)
+        self.tell_absent(new.weights, folders)
         if not told.items() <= self.health.values.items():
             self.health.values.update(told)
             self.health.report()
+
+    def tell_absent(self, lines: tuple[str, ...], empty: list[str]) -> None:
+        """Tell of weights of sounds that are not there; they count when these have come."""
+        sources = self.corpus.sources if self.corpus else ()
+        names, folders = [x.name for x in sources], [x.folder for x in sources]
+        found = absent(lines, names, folders, empty) if sources else []
+        notes = tuple(f'weights {line}' for line in found)
+        if notes == self.notes:
+            return
+        for note in set(notes) - set(self.notes):
+            self.get_logger().warning(note)
+        self.notes = notes
+        self.tell()
+
+    def tell(self) -> None:
+        if self.corpus is not None:
+            self.health.ok(clauses([self.words, *self.notes]))
 
     def restart(self) -> None:
         self.selector = Selector(self.settings, self.corpus)
@@ -112,7 +131,7 @@ class GrainsNode(EolNode):
         if isinstance(outcome, Corpus):
             if self.corpus is None or not outcome.same_as(self.corpus):
                 self.show(outcome)
-            self.health.ok(self.words)  # also when a sound that was gone has come back
+            self.tell()  # also when a sound that was gone has come back
             self.answer_awaited(True, self.words)
         elif isinstance(outcome, EolError) and self.corpus is None:
             raise outcome  # nothing to play: the run ends with the line that says why
@@ -131,7 +150,8 @@ class GrainsNode(EolNode):
         self.health.values['grains'] = len(corpus)
         count, name = int(corpus.placed.sum()), corpora.title(corpus)
         self.words = said('grains', '{count} grains of {name}', count=count, name=name)
-        self.health.ok(self.words)
+        self.tell()
+        self.tell_settings(self.settings)  # a weight may name a sound that came, or has gone
 
     def on_blocks(self, raw: bytes) -> None:
         try:

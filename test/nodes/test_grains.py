@@ -337,6 +337,12 @@ def test_several_sounds_weighed_and_placed_while_it_runs(stage, sounds):
     assert put([Parameter('weights', value=['floe 0'])])[0].successful
     assert not put([Parameter('weights', value=['floe'])])[0].successful
     assert stage.node.settings.weights == ('floe 0',)
+    assert 'weights' not in stage.node.health.text
+    assert put([Parameter('weights', value=['floe 0', 'shelve 0.5'])])[0].successful
+    told = "weights 'shelve 0.5': no sound of this name; there are floe, shelf"
+    assert stage.node.health.text.endswith(f' of floe.wav + 1; {told}')
+    assert put([Parameter('weights', value=['floe 0'])])[0].successful
+    assert 'weights' not in stage.node.health.text
     play(stage, range(150))
     heard = {int(file[t.grain]) for t in stage.probe.triggers}
     assert heard == {1}

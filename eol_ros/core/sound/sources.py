@@ -30,6 +30,26 @@ def weights(lines: Sequence[str], names: Sequence[str], folders: Sequence[str] =
     return np.array([float(word or 1.0) for word in _said(lines, names, folders)])
 
 
+def absent(
+    lines: Sequence[str],
+    names: Sequence[str],
+    folders: Sequence[str] = (),
+    empty: Sequence[str] = (),
+) -> list[str]:
+    """Return what is to be told of lines, as in `weights`, that name no sound and no folder.
+
+    Examples
+    --------
+    >>> absent(['ice 0.25', 'harbor 0.5'], ['ice', 'harbour'])
+    ["'harbor 0.5': no sound of this name; there are ice, harbour"]
+    """
+    return [
+        _no_sound(name, word, names, folders, empty)
+        for name, word in _by_name(lines).items()
+        if name not in (*names, *folders, *empty)
+    ]
+
+
 def regions(
     lines: Sequence[str],
     names: Sequence[str],
@@ -49,11 +69,7 @@ def regions(
     found: dict[str, tuple[float, ...]] = {'': WHOLE}
     for name, word in _by_name(lines).items():
         if name not in (*names, *folders, *empty):
-            there = [n for n, f in zip(names, folders or names, strict=True) if f not in empty]
-            raise ConfigError(
-                f'regions {f"{name} {word}"!r}: no sound of this name;'
-                f' there are {", ".join([*there, *empty])}'
-            )
+            raise ConfigError(f'regions {_no_sound(name, word, names, folders, empty)}')
         try:
             box = REGIONS.get(word) or tuple(float(part) for part in word.split(','))
             left, low, right, high = box
@@ -65,6 +81,13 @@ def regions(
             )
         found[word] = box
     return [found[word] for word in _said(lines, names, folders)]
+
+
+def _no_sound(
+    name: str, word: str, names: Sequence[str], folders: Sequence[str], empty: Sequence[str]
+) -> str:
+    there = [n for n, f in zip(names, folders or names, strict=True) if f not in empty]
+    return f'{f"{name} {word}"!r}: no sound of this name; there are {", ".join([*there, *empty])}'
 
 
 def _said(lines: Sequence[str], names: Sequence[str], folders: Sequence[str]) -> list[str]:

@@ -10,7 +10,7 @@ import pytest
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.select import Selector
-from eol_ros.core.sound.sources import regions, weights
+from eol_ros.core.sound.sources import absent, regions, weights
 from eol_ros.errors import ConfigError
 from eol_ros.settings import FORMS, GrainsSettings
 
@@ -42,6 +42,9 @@ def test_a_folder_stands_for_its_sounds():
     assert regions(('voices near',), NAMES, ['a', 'b'], ['voices']) == [whole, whole]
     with pytest.raises(ConfigError, match='there are ice, low tide, voices$'):
         regions(('choir near',), names, folders, ['voices'])
+    told = ["'choir 0.5': no sound of this name; there are ice, low tide, voices"]
+    assert absent(('take-2 0', 'choir 0.5', 'voices 1'), names, folders, ['voices']) == told
+    assert absent(('voices 1',), NAMES, ['a', 'b'], ['voices']) == []
 
 
 @pytest.mark.parametrize('line', ['gone left', 'ice 0.5,0,0.5,1', 'ice 0,1,1,0'])
