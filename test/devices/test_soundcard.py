@@ -18,6 +18,7 @@ from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import render_all
 from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.devices.audio import wav_sink
 from eol_ros.devices.audio.outputs import cards, find
 from eol_ros.devices.audio.soundcard import Card, Player
 from eol_ros.devices.audio.wav_sink import WavSink
@@ -261,6 +262,24 @@ def test_the_file_holds_what_its_triggers_are_rendered_to(tmp_path):
     size = min(len(pcm) - live, len(wanted) - offline)
     assert size > FS
     assert np.array_equal(pcm[live : live + size], wanted[offline : offline + size])
+
+
+@pytest.mark.parametrize('torn', [0, 3, 10])
+def test_a_thread_that_is_put_aside_does_not_take_it_for_a_clock_that_was_set(monkeypatch, torn):
+    now_s, pauses = [100.0], [0.3] * torn
+
+    def monotonic():
+        return now_s[0]
+
+    def system():
+        now_s[0] += pauses.pop() if pauses else 1e-6
+        return now_s[0] + 1000.0
+
+    monkeypatch.setattr(wav_sink.time, 'monotonic', monotonic)
+    monkeypatch.setattr(wav_sink.time, 'time', system)
+    offset_s, unsure_s = wav_sink._clock_offset()
+    assert abs(offset_s - 1000.0) <= unsure_s
+    assert (unsure_s < 1e-3) == (torn < 10)
 
 
 @pytest.mark.slow
