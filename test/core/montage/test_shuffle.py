@@ -76,6 +76,7 @@ def test_a_late_call_keeps_the_beat_and_a_stall_starts_a_new_one():
     assert shuffle.update(3.3).time_s == 3.3
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.tuples(st.floats(0, 8), st.integers(0, 24), st.booleans()), max_size=60),
     st.floats(SAFE_PERIOD_S, 2.0),

@@ -47,6 +47,7 @@ def test_slips_within_ten_seconds_and_still_between(seed):
     assert runs.max() * IMAGE_S > 1.5
 
 
+@pytest.mark.slow
 def test_people_rotate_the_rim_all_the_way_round_and_visitors_take_it_back():
     """Blocks go along and stay apart; the rim stays on the platform though its corners reach it."""
     hands = Counted(Coupling(), 5)

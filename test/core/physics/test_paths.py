@@ -264,6 +264,7 @@ def test_exact_path_against_independent_modes(name, seconds):
     assert run.event_t == pytest.approx([t for t, _, _ in events], abs=1e-10)
 
 
+@pytest.mark.slow
 @settings(
     max_examples=15,
     deadline=None,
@@ -413,6 +414,7 @@ def test_springs_that_pass_zero_head_on_keep_the_ledger_and_are_told():
     assert not aside.notes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('tolerance, error_m', [(1e-9, 1e-7), (1e-11, 1e-9), (1e-13, 1e-9)])
 @pytest.mark.parametrize('scene', ['head-on', 'near miss'])
 def test_springs_through_length_zero_are_those_of_scipy(scene, tolerance, error_m):

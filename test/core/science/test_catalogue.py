@@ -158,6 +158,7 @@ def test_what_carries_no_law_says_so(ask, words):
         ask()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('alpha', [0.0, 0.7])
 def test_productivity_finds_how_many_follow(alpha):
     """Followers of each, 2 A^alpha of them, within the window; and a background."""

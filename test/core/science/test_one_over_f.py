@@ -86,6 +86,7 @@ def test_bouts_at_other_times_are_the_control_of_a_series_that_rests():
     assert found.answer == 'no' and 'bends' in found.sentence
 
 
+@pytest.mark.slow
 def test_a_control_that_has_the_slope_too_refuses_it():
     """The same hands without coupling are such a control."""
     rng = np.random.default_rng(2)

@@ -70,6 +70,7 @@ def test_a_grain_sounds_as_if_its_sound_had_been_filtered_before(band):
     assert snr_db(found, heard(OFF, t, Bank([there.astype('f4')], *cut)).astype(float)) > 115
 
 
+@pytest.mark.slow
 def test_how_output_is_cut_changes_no_bit():
     few = dataclasses.replace(LOW, polyphony=12, filter_by='area', filter_octaves=3.0)
     outs = [heard(few, triggers_of(200), noise_bank(), block=n) for n in (1, 37, 256, 512, 4096)]

@@ -8,6 +8,7 @@ from scipy.stats import kendalltau, rankdata
 from eol_ros.core.sound import layout
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=50)
 @given(st.integers(1, 700))
 def test_lattice_has_one_place_per_grain_and_no_hole(n):

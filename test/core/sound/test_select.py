@@ -253,6 +253,7 @@ def compare(seed, images, n_grains, further=False):
     return count
 
 
+@pytest.mark.slow
 def test_agrees_with_the_oracle():
     assert sum(compare(seed, images=25, n_grains=12) for seed in range(16)) > 80
 

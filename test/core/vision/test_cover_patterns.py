@@ -116,6 +116,7 @@ def test_covers_that_are_alike_or_others_than_learnt_say_nothing():
     assert CoverPatterns().quarters(same, ALL) is None
 
 
+@pytest.mark.slow
 def test_names_are_put_right_where_it_is_clear_and_only_there():
     random = np.random.default_rng(6)
     shown = covers_of(random)
@@ -194,6 +195,7 @@ def watched(shown, images, at=lambda k, tracker: None, turned_from=10**9, rate_h
     return tracker.identity, answers
 
 
+@pytest.mark.slow
 def test_after_darkness_names_are_known_in_the_first_image_without_taps_or_yaws():
     random = np.random.default_rng(9)
     _, answers = watched(covers_of(random), 215, turned_from=200)
@@ -217,6 +219,7 @@ def test_covers_that_a_technician_exchanges_are_told_and_names_stay():
     assert identity.names.changed(60.0 + 600.0) == ()
 
 
+@pytest.mark.slow
 def test_path_traced_covers_are_known_again_with_their_names_turned():
     figures = recoveries.measure(2, 1)
     assert figures['wrong'] == figures['still_open'] == 0
