@@ -64,7 +64,9 @@ def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
     with Graph(path, tmp_path / 'bags', watched=('grain_triggers',)) as graph:
         graph.wait_until_ok()  # nothing may slip before the sound has its corpus
         change(graph.domain, 'twin', hands='visitors')
-        wait_until(lambda: len(graph.watch.seen['grain_triggers']) >= 150)
+        seen = graph.watch.seen['grain_triggers']
+        # hands that pull hard cause so many within a second, which is too short to compare
+        wait_until(lambda: len(seen) >= 150 and seen[-1][0] - seen[0][0] > 3e9)
         time.sleep(1.5)  # the last of them sound
         values, lost = graph.node('sound')['values'], graph.node('recorder')['values']['lost']
     assert lost == 0, 'the bag has not all triggers'
