@@ -635,7 +635,7 @@ class ReplaySettings:
     topics: tuple[str, ...] = setting(
         (), 'topics to play; empty: what the nodes of the scene need and none of them makes'
     )
-    rate: float = setting(1.0, 'speed of the replay', '', 0.01, 100)
+    rate: float = setting(1.0, 'speed of the replay', '', 0.01, 100, live=True)
     fast: bool = setting(False, 'as fast as the readers take it, whatever rate says')
     loop: bool = setting(False, 'begin again at the end')
     start_s: float = setting(0.0, 'where to begin, from the first message', 's', 0)

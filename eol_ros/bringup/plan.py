@@ -99,7 +99,10 @@ def processes(
         nodes = grouped.get(name, (name,))
         done.update(nodes)
         images = any(NODES[node].images for node in nodes)
-        environment = {**_ENVIRONMENT, **network.environment(scene.network, images)}
+        environment = {
+            **_ENVIRONMENT,
+            **network.environment(scene.network, images, 'replay' in nodes),
+        }
         if scene.domain is not None:
             environment['ROS_DOMAIN_ID'] = str(scene.domain)
         command = (sys.executable, '-m', 'eol_ros.nodes', *nodes, '--scene', str(file))

@@ -78,6 +78,9 @@ class ReplayNode(EolNode):
         self._thread.start()
         self.create_timer(0.2, self.tell)
 
+    def on_settings(self, new) -> None:
+        self.player.rate = new.rate
+
     def _publisher(self, name: str):
         recorded = self.bag.topics[name]
         if recorded.type_hash and recorded.type_hash != type_hash(recorded.type):
@@ -211,7 +214,11 @@ class ReplayNode(EolNode):
                     path=self.bag.path,
                 )
             )  # fmt: skip
-        self.health.values.update(messages=self.player.played, rounds=self.player.rounds)
+        self.health.values.update(
+            messages=self.player.played,
+            rounds=self.player.rounds,
+            position_s=round(self.player.position_s, 1),
+        )
 
     def close(self) -> None:
         self._stop.set()

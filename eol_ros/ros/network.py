@@ -46,10 +46,20 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
         </userTransports>
         <useBuiltinTransports>false</useBuiltinTransports>
       </rtps>
-    </participant>
+    </participant>{writers}
   </profiles>
 </dds>
 """
+# A replay waits for its readers. Where a history is full they are asked what they have; where they
+# have told of a part of it meanwhile, only at the next heartbeat: by default once in 3 s.
+_WRITERS = """
+    <data_writer profile_name="eol_asks" is_default_profile="true">
+      <times>
+        <heartbeatPeriod>
+          <nanosec>20000000</nanosec>
+        </heartbeatPeriod>
+      </times>
+    </data_writer>"""
 _WHITELIST = """
         <interfaceWhiteList>{addresses}
         </interfaceWhiteList>"""
@@ -60,14 +70,18 @@ _PEERS = """
         <maxInitialPeersRange>32</maxInitialPeersRange>"""
 
 
-def profile(images: bool, addresses: Sequence[str] = ()) -> str:
-    """Return the Fast DDS profile as XML; it uses these `addresses` alone, or all if none."""
+def profile(images: bool, addresses: Sequence[str] = (), asks: bool = False) -> str:
+    """Return the Fast DDS profile as XML; it uses these `addresses` alone, or all if none.
+
+    `asks`: readers are asked often what they have, for who waits for them.
+    """
     whitelist = _WHITELIST.format(addresses=''.join(map(_ADDRESS.format, addresses)))
     return _PROFILE.format(
         segment=BIG_SEGMENT if images else SMALL_SEGMENT,
         message=MAX_MESSAGE,
         peers=_PEERS if len(addresses) > 1 else '',
         whitelist=whitelist if addresses else '',
+        writers=_WRITERS if asks else '',
     )
 
 
@@ -118,8 +132,10 @@ def addresses() -> frozenset[str]:
     return frozenset(found)
 
 
-def environment(network: str = 'local', images: bool = False) -> dict[str, str]:
+def environment(network: str = 'local', images: bool = False, asks: bool = False) -> dict[str, str]:
     """Return what to add to the environment of a process before it calls rclpy.init.
+
+    `images`: it publishes images; `asks`: it waits for its readers.
 
     A profile that the user has named in FASTRTPS_DEFAULT_PROFILES_FILE is left as it is. Ours lies
     in the cache, as Fast DDS reads nothing but a file with a place on a disk; every process that
@@ -141,8 +157,9 @@ def environment(network: str = 'local', images: bool = False) -> dict[str, str]:
             values['ROS_DOMAIN_ID'] = str(wireguard.READ_ONLY_DOMAIN)
     if network != 'local':
         values['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
-    file = folders.cache('dds') / f'eol-dds-{network}-{"images" if images else "small"}.xml'
-    _keep(file, profile(images, allowed))
+    kind = ('images' if images else 'small') + ('-asks' if asks else '')
+    file = folders.cache('dds') / f'eol-dds-{network}-{kind}.xml'
+    _keep(file, profile(images, allowed, asks))
     return values | {'FASTRTPS_DEFAULT_PROFILES_FILE': str(file)}
 
 
@@ -161,6 +178,6 @@ def _keep(file: Path, text: str) -> None:
         ) from None
 
 
-def configure(network: str = 'local', images: bool = False) -> None:
+def configure(network: str = 'local', images: bool = False, asks: bool = False) -> None:
     """Set the environment of this process; call it before rclpy.init."""
-    os.environ.update(environment(network, images))
+    os.environ.update(environment(network, images, asks))

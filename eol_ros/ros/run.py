@@ -78,7 +78,8 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
     stop = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda n, _frame: stop.append(n))
-    network.configure(scene.network, bool(set(IMAGE_SOURCES) & set(names)))
+    images = bool(set(IMAGE_SOURCES) & set(names))
+    network.configure(scene.network, images, asks='replay' in names)
     if scene.domain is not None:
         os.environ['ROS_DOMAIN_ID'] = str(scene.domain)
 

@@ -28,6 +28,7 @@ def add_arguments(parser):
 
 def run(args):
     """Do it; exit code 1 when the node refuses, 69 when it does not answer."""
+    from eol_ros.ros.requests import REQUESTS
     from eol_ros.streams.graph import NODES
 
     if args.node not in NODES:
@@ -44,6 +45,8 @@ def run(args):
         from eol_ros.verbs.call import answer, value_of
 
         value = value_of(args.value, fields[args.name].type)
+        if REQUESTS not in NODES[args.node].subscribes:
+            return _write(args, value)
         asked = Asked(SET, args.node, {args.name: value}, source='eol param')
         return answer(asked, args)
     from eol_ros.ros.parameters import read
@@ -60,4 +63,15 @@ def run(args):
             live = ' (live)' if meta.get('live') else ''
             unit = f' [{meta["unit"]}]' if meta.get('unit') else ''
             print(f'{name:28} {value!r:16}{live:8} {meta.get("doc", "")}{unit}')
+    return 0
+
+
+def _write(args, value) -> int:
+    """Change a setting of a node that takes no requests; a refusal is an error."""
+    from eol_ros.ros.parameters import write
+
+    write(args.node, {args.name: value}, *reach.of(args))
+    reason = f'{args.name} is {value}'
+    row = {'node': args.node, 'accepted': True, 'reason': reason}
+    print(json.dumps([row]) if args.json else f'{args.node}: done, {reason}')
     return 0

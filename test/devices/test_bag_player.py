@@ -68,6 +68,21 @@ def test_messages_come_at_their_time(bag, rate):
     assert player.position_s == pytest.approx(0.99)
 
 
+def test_another_rate_counts_from_where_it_is(bag):
+    clock, player = play(bag)
+
+    def at_sleep():
+        if clock.now >= 100.5 + LEAD_S:
+            player.rate = 4.0
+
+    clock.at_sleep = at_sleep
+    player.run()
+    assert [m.sequence for _, m in clock.given] == list(range(1, 101))
+    steps = [b[0] - a[0] for a, b in zip(clock.given, clock.given[1:], strict=False)]
+    assert steps[:49] == pytest.approx([0.01] * 49)
+    assert steps[51:] == pytest.approx([0.0025] * 48)
+
+
 def test_bytes_are_untouched(bag):
     clock, player = play(bag, (POINTS, TEXTS), fast=True)
     player.run()

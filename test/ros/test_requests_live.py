@@ -2,6 +2,7 @@
 """Requests over real DDS: who answers, from when it counts, and the tools of the command line."""
 
 import json
+from pathlib import Path
 
 import pytest
 from eol_msgs.msg import Slip
@@ -13,11 +14,13 @@ from support.waiting import wait_until
 from eol_ros.cli import main
 from eol_ros.errors import EolError
 from eol_ros.nodes.motion import MotionNode
+from eol_ros.nodes.replay import ReplayNode
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import expected_of, request_from_msg, request_to_msg
-from eol_ros.settings import MontageSettings, MotionSettings
+from eol_ros.settings import MontageSettings, MotionSettings, ReplaySettings
 from eol_ros.streams.requests import Asked
 
+SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
 NOW_NS = 1_790_000_000_000_000_000
 
 
@@ -152,6 +155,17 @@ def test_the_command_line_asks_and_reads(spinning, capfd):
     assert 'motion: refused, stop_mps: 8 is out of range' in told.out
     assert main(['call', 'mute', '--json']) == 69
     assert 'sound does not run here' in capfd.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_rate_of_a_replay_is_changed_while_it_plays(ros, capfd):
+    settings = ReplaySettings(bag=str(SAMPLE), wait_s=0.0, loop=True)
+    with spinning_in(lambda context: ReplayNode(settings, context=context)) as node:
+        assert main(['param', 'set', 'replay', 'rate', '4']) == 0
+        assert capfd.readouterr().out == 'replay: done, rate is 4.0\n'
+        assert (node.settings.rate, node.player.rate) == (4.0, 4.0)
+        assert main(['param', 'set', 'replay', 'rate', '0']) == 1
+        assert 'replay: refused, Parameter rate out of range' in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

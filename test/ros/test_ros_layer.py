@@ -254,6 +254,19 @@ def test_profile(kind):
     assert PUBLISHER_QOS['images'].depth * 1280 * 800 < network.BIG_SEGMENT
 
 
+def test_who_waits_for_readers_asks_them_often(tmp_path, monkeypatch):
+    monkeypatch.setenv('EOL_CACHE', str(tmp_path))
+    texts = {}
+    for asks in (False, True):
+        found = network.environment('local', images=True, asks=asks)
+        texts[asks] = Path(found['FASTRTPS_DEFAULT_PROFILES_FILE']).read_text()
+    assert 'heartbeatPeriod' not in texts[False]
+    writer = xml.dom.minidom.parseString(texts[True]).getElementsByTagName('data_writer')[0]
+    period = writer.getElementsByTagName('heartbeatPeriod')[0]
+    assert period.getElementsByTagName('nanosec')[0].firstChild.data == '20000000'
+    assert writer.getAttribute('is_default_profile') == 'true'
+
+
 def test_the_profile_is_not_a_cleaners_and_comes_back(tmp_path, monkeypatch):
     monkeypatch.setenv('EOL_CACHE', str(tmp_path / 'cache'))
     monkeypatch.setenv('TMPDIR', str(tmp_path / 'tmp'))

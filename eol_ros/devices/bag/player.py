@@ -85,7 +85,8 @@ class BagPlayer:
         self.late_s = 0.0  # how far the newest message came after its time
         self._bag, self._topics, self._give = bag, frozenset(topics), give
         self._stamped = frozenset(stamped) & self._topics
-        self._rate, self._fast, self._loop, self._begin = rate, fast, loop, begin
+        self.rate = rate  # may be changed while it plays
+        self._fast, self._loop, self._begin = fast, loop, begin
         self._first_ns = bag.start_ns + round(start_s * 1e9)  # of the recorder's clock
         self._clock, self._sleep = clock, sleep
         self._stop = threading.Event()
@@ -149,7 +150,7 @@ class BagPlayer:
             self._give(message)
             self.played += 1
             self.position_s = (message.log_ns - self._bag.start_ns) * 1e-9
-            slack_ns = round(LATE_S * self._rate * 1e9)
+            slack_ns = round(LATE_S * self.rate * 1e9)
             self._pace = self._pace._replace(limit_ns=due_ns + slack_ns)  # while the next is read
         if not self._fast and due_ns > begin_ns:
             self._wait(max(due_ns, self._bag.end_ns - self._delay_ns) + TAIL_NS)
@@ -165,7 +166,7 @@ class BagPlayer:
         self._sleep_for(seconds / 2)  # who follows recorded time has noticed, and begun again
         self._begin()
         self._sleep_for(seconds / 2)
-        self._pace = Pace(self._clock(), at_ns, self._rate, at_ns)
+        self._pace = Pace(self._clock(), at_ns, self.rate, at_ns)
 
     def _sleep_for(self, seconds: float) -> None:
         end_s = self._clock() + seconds
@@ -185,14 +186,14 @@ class BagPlayer:
                 self._pace = Pace(now_s, min(at_ns, due_ns), 0.0, due_ns)
                 self._sleep(NAP_S)
                 continue
-            if not pace.rate:  # it stood still
-                self._pace = Pace(now_s, at_ns, self._rate, due_ns)
+            if pace.rate != self.rate:  # it stood still, or is to go at another pace
+                self._pace = Pace(now_s, at_ns, self.rate, due_ns)
                 continue
-            left_s = (due_ns - at_ns) * 1e-9 / self._rate
+            left_s = (due_ns - at_ns) * 1e-9 / self.rate
             if left_s <= 0:
                 self.late_s = -left_s
                 if self.late_s > LATE_S:
-                    self._pace = Pace(now_s, due_ns, self._rate, due_ns)
+                    self._pace = Pace(now_s, due_ns, self.rate, due_ns)
                 return
             self._sleep(min(left_s, NAP_S))
 
