@@ -2,8 +2,9 @@
 """eol bench soak: days of exhibition at a high rate, and hours of faults.
 
 exhibition: a run of the twin (blocks, knocks, requests; no images) is played round and round,
-several times as fast as it was, through motion, light, grains, sound, walls, panel and recorder,
-until so many hours of recorded time have passed. The recorder keeps to a budget of disk meanwhile.
+as fast as its readers keep up with, through motion, light, grains, sound, walls, panel and
+recorder, until so many hours of recorded time have passed. The recorder keeps to a budget of disk.
+It may be done in several pieces: --for ends one (Ctrl-C, too), --resume begins the next.
 
 faults: the whole rehearsal in real time, with a board on a pty, JACK's dummy driver as sound card,
 images in the bag, a browser before the panel. One process after another is killed (SIGKILL) or
@@ -15,6 +16,9 @@ camera, which is pulled out (benchmarks/soak_camera.py).
 """
 
 import argparse
+import os
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -25,26 +29,40 @@ from benchmarks import soak_camera, soak_faults
 from benchmarks.jack import Jack
 from benchmarks.machine import tell
 from benchmarks.running import Graph, stand_in
-from benchmarks.soak_proof import Held, growth, held, prove
+from benchmarks.soak_pieces import Look, Pieces, Rate, Totals
+from benchmarks.soak_proof import Held, held
 from eol_ros.analysis import open_bag
 from eol_ros.errors import EolError
 from eol_ros.verbs.progress import track
 
 HELP = 'Days of exhibition at a high rate, hours of faults in real time: what was lost, what grows.'
 EXAMPLES = [
-    'eol bench soak --json > soak.json          # 72 hours at eight times, 2 hours of faults',
+    'eol bench soak --json > soak.json          # 72 hours as fast as it goes, 2 hours of faults',
     'eol bench soak --parts faults --faults-hours 0.2',
-    'eol bench soak --parts exhibition --hours 3',
+    'eol bench soak --parts exhibition --keep soak --for 50',
+    'eol bench soak --parts exhibition --keep soak --for 50 --resume',
 ]
 PARTS = ('exhibition', 'faults')
-LOOK_S = 5.0  # between two looks at memory, open files and threads
+FIRST_RATE = 3.0  # where nothing is known of the machine
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('--parts', default=','.join(PARTS), help='which, parted by commas')
     parser.add_argument('--hours', type=float, default=72.0, help='of exhibition, recorded time')
-    parser.add_argument('--rate', type=float, default=8.0, help='of exhibition, times real time')
+    parser.add_argument(
+        '--rate', type=float, help='of exhibition, times real time (default: the highest)'
+    )
+    parser.add_argument(
+        '--for',
+        type=float,
+        dest='minutes',
+        metavar='MINUTES',
+        help='longest that exhibition takes now; the rest with --resume',
+    )
+    parser.add_argument(
+        '--resume', action='store_true', help='go on with the exhibition that is in --keep'
+    )
     parser.add_argument('--faults-hours', type=float, default=2.0, help='of faults, real time')
     parser.add_argument(
         '--run-minutes', type=float, default=10.0, help='how long a run is recorded to be played'
@@ -61,14 +79,17 @@ def run(args: argparse.Namespace) -> int:
     for part in parts:
         if part not in PARTS:
             raise EolError(f'--parts {part}: there are {", ".join(PARTS)}')
+    if (args.resume or args.minutes) and not (args.keep and parts == ['exhibition']):
+        raise EolError('--for and --resume: say --parts exhibition, and --keep its folder')
     found: dict[str, Any] = {}
     with tempfile.TemporaryDirectory(prefix='eol-soak-', ignore_cleanup_errors=True) as place:
         folder = args.keep or Path(place)
         folder.mkdir(parents=True, exist_ok=True)
         if 'exhibition' in parts:
             found['exhibition'] = exhibition(
-                folder, args.hours, args.rate, args.run_minutes, args.bag
-            )
+                folder, args.hours, args.rate, args.run_minutes, args.bag, args.resume,
+                args.minutes,
+            )  # fmt: skip
         if 'faults' in parts:
             found['faults'] = soak_faults.measure(folder, args.faults_hours, args.seed)
             found['camera'] = soak_camera.measure(folder, args.faults_hours)
@@ -79,70 +100,87 @@ def run(args: argparse.Namespace) -> int:
 def exhibition(
     folder: Path,
     hours: float,
-    rate: float = 8.0,
+    rate: float | None = None,
     run_minutes: float = 10.0,
     bag: Path | None = None,
+    resume: bool = False,
+    minutes: float | None = None,
 ) -> dict[str, Any]:
-    """Play a run in a loop until `hours` of recorded time have passed; return the figures."""
-    bag = bag or recorded(folder, run_minutes)
+    """Play a run in a loop until `hours` of recorded time have passed; return the figures.
+
+    rate: None: the highest that the readers keep up with. minutes: longest that this piece takes.
+    """
+    pieces = Pieces(folder / 'exhibition', resume)
+    bag = Path(pieces.kept['bag']) if resume else bag or recorded(folder, run_minutes)
+    pieces.kept['bag'] = str(bag)
     length_s = open_bag(bag).duration_s
-    folder = folder / 'exhibition'
-    folder.mkdir()
+    place = pieces.begin()
+    pace = None if rate else Rate(max(pieces.rate or 0.0, FIRST_RATE))
     changed = {
-        'replay': {'rate': rate, 'loop': True},
+        'replay': {'rate': pace.rate if pace else rate, 'loop': True},
         'leds': {'port': 'pty'},
         'recorder': {'images': 'none', 'keep_gb': 0.5, 'split_minutes': 10.0, 'min_free_gb': 0.5},
     }
     jack = Jack('eol-soak')
-    path = stand_in('playback', folder, film=None, bag=bag, changed=changed)
+    path = stand_in('playback', place, film=None, bag=bag, changed=changed)
     jack.start()
-    looks: list[dict[str, Held]] = []
+    faults: list[str] = []
+    totals = Totals()
     try:
-        with Graph(path, folder / 'bags', watched=(), environment=jack.environment) as graph:
+        bags = pieces.folder / 'bags'
+        with Graph(path, bags, watched=(), environment=jack.environment) as graph:
             graph.wait_until_ok()
-            begun_s = time.monotonic()
-            for _ in track(_steps(graph, length_s, hours, looks), 'exhibition', total=100):
+            looks = pieces.play(
+                lambda: _look(graph, length_s, pace, totals), hours * 3600, minutes and minutes * 60
+            )
+            try:
+                for _ in track(_hundredths(looks, hours * 3600), 'exhibition', total=100):
+                    pass
+                rows = graph.status()['nodes']
+                faults += [f'{row["node"]}: {row["text"]}' for row in rows if row['level']]
+            except KeyboardInterrupt:  # it ends the graph, too
                 pass
-            took_s, played_s = time.monotonic() - begun_s, _played_s(graph, length_s)
-            status = graph.status()
             code = graph.stop()
     finally:
         jack.stop()
-    bags = prove(folder / 'bags')
-    grown = growth(looks)
-    values = {row['node']: row['values'] for row in status['nodes']}
-    faults = [f'{row["node"]}: {row["text"]}' for row in status['nodes'] if row['level']]
     faults += [f'bringup ended with exit code {code}'] if code else []
-    faults += [f'{status["restarts"]} restarts'] if status['restarts'] else []
-    faults += [f'{row["name"]} grows: {row}' for row in grown if not row['flat']]
-    faults += bags['faults']
-    return {
-        'hours': round(played_s / 3600, 2),
-        'run_s': round(length_s, 1),
-        'took_hours': round(took_s / 3600, 3),
-        'times_real_time': round(played_s / took_s, 2),
+    pieces.end(faults)
+    pieces.prove_bags()
+    if pieces.played_s < hours * 3600:
+        print(f'{pieces.played_s / 3600:.2f} of {hours:g} h; --resume goes on', file=sys.stderr)
+    return pieces.figures()
+
+
+def _look(graph: Graph, length_s: float, pace: Rate | None, totals: Totals) -> Look | None:
+    """Return what the graph shows, None where it does not answer; change the rate of its replay."""
+    try:
+        status = graph.status()
+        processes = held(graph)
+    except EolError:
+        return None
+    values = {row['node']: row['values'] for row in status['nodes']}
+    played, sound = values['replay'], values['sound']
+    played_s = played.get('rounds', 0) * length_s + played.get('position_s', 0.0)
+    counts = totals.add({
         'restarts': status['restarts'],
-        'lost': values['recorder']['lost'],
-        'sound': {name: values['sound'][name] for name in ('underruns', 'late')},
-        'growth': grown,
-        'bags': bags,
-        'faults': faults,
-    }
+        'lost': values['recorder'].get('lost', 0),  # of this bag; each round begins another
+        'underruns': sound.get('underruns', 0),
+        'late': sound.get('late', 0),
+    })  # fmt: skip
+    if pace and (rate := pace.look(played_s, counts['lost'])):
+        words = ['-m', 'eol_ros', 'param', 'set', 'replay', 'rate', str(rate)]
+        subprocess.run(
+            [sys.executable, *words], check=False, stdout=subprocess.DEVNULL,
+            env={**os.environ, 'ROS_DOMAIN_ID': str(graph.domain)},
+        )  # fmt: skip
+    return Look(played_s, counts, processes)
 
 
-def _played_s(graph: Graph, length_s: float) -> float:
-    return graph.node('replay')['values'].get('rounds', 0) * length_s
-
-
-def _steps(
-    graph: Graph, length_s: float, hours: float, looks: list[dict[str, Held]]
-) -> Iterator[int]:
-    """Yield once a hundredth of the hours; look at the processes meanwhile."""
+def _hundredths(looks: Iterator[float], until_s: float) -> Iterator[int]:
+    """Yield once a hundredth of the recorded time."""
     done = 0
-    while done < 100:
-        time.sleep(LOOK_S)
-        looks.append(held(graph))
-        now = min(int(100 * _played_s(graph, length_s) / (3600 * hours)), 100)
+    for played_s in looks:
+        now = min(int(100 * played_s / until_s), 100)
         for _ in range(now - done):
             yield now
         done = max(done, now)
@@ -167,10 +205,12 @@ def table(found: dict[str, Any]) -> str:
     """Return the results for people."""
     lines = []
     if part := found.get('exhibition'):
+        rates = ', '.join(f'{times:g}' for times in part['times_real_time'])
         lines += [
-            f'exhibition: {part["hours"]:g} h in {part["took_hours"]:g} h '
-            f'({part["times_real_time"]:g} times real time); {part["restarts"]} restarts; '
-            f'recorder: {part["lost"]} lost; sound {part["sound"]}',
+            f'exhibition: {part["hours"]:g} h in {part["took_hours"]:g} h, {part["pieces"]} pieces '
+            f'({part["cut_off"]} cut off), {rates} times real time; {part["restarts"]} restarts; '
+            f'recorder: {part["lost"]} lost; '
+            f'sound: {part["underruns"]} underruns, {part["late"]} late',
             *_growth(part),
             _bags(part),
         ]
@@ -211,7 +251,8 @@ def _growth(part: dict[str, Any]) -> list[str]:
     lines = [head]
     for row in part['growth']:
         pairs = [f'{a:g} -> {b:g}' for a, b in (row[n] for n in Held._fields)]
-        lines.append(f'{row["name"]:28} {pairs[0]:>15} {pairs[1]:>13} {pairs[2]:>19}')
+        name = f'{row["piece"]}: {row["name"]}' if 'piece' in row else row['name']
+        lines.append(f'{name:28} {pairs[0]:>15} {pairs[1]:>13} {pairs[2]:>19}')
     return lines
 
 

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A soak in pieces counts what one in one piece would, and finds how fast its readers are."""
+
+import json
+
+import pytest
+from test_soak_proof import bag
+
+from benchmarks.soak_pieces import LOOK_S, Look, Pieces, Rate, Totals
+from benchmarks.soak_proof import Held
+from eol_ros.errors import EolError
+
+MB = 100.0
+
+
+class Machine:
+    """A graph that plays at `rate`, and holds `grows_mb` more each hour, by a clock of its own."""
+
+    def __init__(self, rate=6.0, grows_mb=0.0):
+        self.now_s, self.begun_s = 50.0, 50.0
+        self.rate, self.grows_mb, self.dumb = rate, grows_mb, False
+
+    def clock(self):
+        return self.now_s
+
+    def sleep(self, seconds):
+        self.now_s += seconds
+
+    def look(self):
+        if self.dumb:
+            return None
+        since_s = self.now_s - self.begun_s
+        counts = {'lost': int(since_s // 1000), 'restarts': 0, 'underruns': 1, 'late': 2}
+        held = {'motion': Held(20, 8, MB + self.grows_mb * since_s / 3600)}
+        return Look(self.rate * since_s, counts, held)
+
+    def play(self, pieces, until_s, longest_s=None):
+        self.begun_s = self.now_s
+        pieces.begin()
+        return pieces.play(self.look, until_s, longest_s, self.clock, self.sleep)
+
+
+def test_two_pieces_come_to_what_was_asked_for(tmp_path):
+    first, machine = Pieces(tmp_path / 'soak', resume=False), Machine()
+    assert list(machine.play(first, 36_000, 1500))[-1] == pytest.approx(9000)
+    (tmp_path / 'soak' / 'bags').mkdir()
+    bag(tmp_path / 'soak' / 'bags' / 'a', [0, 1, 5], counted=3)
+    first.end(['a fault'])
+    first.prove_bags()
+
+    second = Pieces(tmp_path / 'soak', resume=True)
+    assert second.rate == pytest.approx(6.0)
+    seen = list(machine.play(second, 36_000))
+    assert seen[0] == pytest.approx(9000 + 6 * LOOK_S) and seen[-1] == pytest.approx(36_000)
+    bag(tmp_path / 'soak' / 'bags' / 'b', [0, 1, 4], counted=2)
+    second.end([])
+    second.prove_bags()
+
+    found = Pieces(tmp_path / 'soak', resume=True).figures()
+    assert (found['hours'], found['took_hours'], found['pieces']) == (10.0, 1.667, 2)
+    assert found['times_real_time'] == [6.0, 6.0]
+    assert (found['lost'], found['underruns'], found['late']) == (1 + 4, 2, 4)
+    assert (found['bags']['count'], found['bags']['missing']) == (2, 5)  # each was proved once
+    assert found['faults'] == ['piece 1: a fault']
+
+
+def test_memory_that_grows_in_any_piece_is_told(tmp_path):
+    pieces = Pieces(tmp_path / 'soak', resume=False)
+    for grows_mb in (0.0, 60.0):
+        list(Machine(grows_mb=grows_mb).play(pieces, 1e9, 1800))
+        pieces.end([])
+    rows = pieces.figures()['growth']
+    assert [(row['piece'], row['name'], row['flat']) for row in rows] == [
+        (1, 'motion', True), (2, 'motion', False),
+    ]  # fmt: skip
+    assert pieces.figures()['faults'][0].startswith('piece 2: motion grows')
+
+
+def test_a_piece_that_was_killed_counts_as_far_as_it_was_kept(tmp_path):
+    pieces, machine = Pieces(tmp_path / 'soak', resume=False), Machine()
+    looks = machine.play(pieces, 1e9)
+    for _ in range(40):
+        next(looks)
+    looks.close()
+    with (tmp_path / 'soak' / 'piece-1' / 'looks.jsonl').open('a') as file:
+        file.write('{"motion": [20, 8')  # the line that was being written
+
+    found = Pieces(tmp_path / 'soak', resume=True).figures()
+    assert found['hours'] == pytest.approx(40 * LOOK_S * 6 / 3600, abs=0.005)
+    assert (found['cut_off'], found['faults']) == (1, [])
+    assert found['growth'][0]['pss_mb'] == [MB, MB]
+
+
+def test_a_graph_that_does_not_answer_is_looked_at_again(tmp_path):
+    pieces, machine = Pieces(tmp_path / 'soak', resume=False), Machine()
+    machine.dumb = True
+    assert list(machine.play(pieces, 1e9, 100)) == []
+    machine.dumb = False
+    assert len(list(pieces.play(machine.look, 1e9, 100, machine.clock, machine.sleep))) == 20
+
+
+def test_what_cannot_be_gone_on_with_is_told(tmp_path):
+    with pytest.raises(EolError, match='--resume: .*pieces.json'):
+        Pieces(tmp_path / 'none', resume=True)
+    pieces = Pieces(tmp_path / 'soak', resume=False)
+    pieces.begin()
+    assert json.loads((tmp_path / 'soak' / 'pieces.json').read_text())['pieces']
+    with pytest.raises(EolError, match='say --resume to go on'):
+        Pieces(tmp_path / 'soak', resume=False)
+
+
+def test_what_is_counted_for_each_bag_adds_up():
+    totals = Totals()
+    for lost in (0, 3, 5, 0, 0, 2, 1):
+        found = totals.add({'lost': lost, 'late': 7})
+    assert found == {'lost': 5 + 2 + 1, 'late': 7}
+
+
+def settle(can, loses_above, begin=3.0, minutes=60):
+    """Return the rates that are asked for on a machine that reaches `can`, and what was lost."""
+    machine, played_s, lost = Machine(), 0.0, 0
+    pace, rates = Rate(begin, machine.clock), [begin]
+    for _ in range(int(minutes * 60 / LOOK_S)):
+        machine.sleep(LOOK_S)
+        reached = min(rates[-1], can)
+        played_s += reached * LOOK_S
+        lost += reached > loses_above
+        changed = pace.look(played_s, lost)
+        rates += [changed] if changed else []
+    return rates
+
+
+def test_the_rate_climbs_to_what_the_machine_reaches():
+    rates = settle(can=20.0, loses_above=1e9)
+    assert max(rates) <= 20 * Rate.ABOVE and rates[-1] >= 20
+    assert settle(can=1e9, loses_above=1e9)[-1] == pytest.approx(Rate.MOST, rel=0.05)
+    assert settle(can=2.0, loses_above=1e9, begin=30.0)[-1] == pytest.approx(2.5)
+
+
+def test_the_rate_stays_about_where_nothing_is_lost():
+    rates = settle(can=1e9, loses_above=12.0)
+    assert min(rates[20:]) >= 12 * Rate.LESS and max(rates) <= 12 * Rate.MORE
+    assert settle(can=1e9, loses_above=0.5)[-1] == pytest.approx(Rate.LEAST, rel=0.05)
