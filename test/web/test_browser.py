@@ -988,6 +988,69 @@ def test_the_monitor_is_one_view_without_inner_scrolling(graph, browser, size):
     assert min(w, h) == pytest.approx(min(side, 800), abs=2)
 
 
+def test_who_gave_the_pin_is_asked_no_more(graph, browser):
+    address, _ = graph
+    visit(browser, address, '/')
+    form = 'document.getElementById("pin-form")'
+    run(browser, 'eol.link.emit("hello", {pin: true})')
+    assert not run(browser, f'return {form}.hidden')
+    run(browser, f'{form}.querySelector("button").focus()')
+    run(browser, 'eol.link.emit("trust", {ok: true})')
+    assert run(browser, f'return {form}.hidden')
+    assert run(browser, 'return document.activeElement.dataset.control')
+
+
+DRAWN = """
+// What a view draws: shades of squares with the number on each, boxes of texts.
+const [view] = arguments, brush = view.canvas.getContext('2d'), squares = [], texts = [];
+const {fillRect, fillText} = brush;
+brush.fillRect = () => squares.push([brush.fillStyle]);
+brush.fillText = (text, x, y) => {
+  const m = brush.measureText(text), scale = brush.getTransform().a;
+  texts.push([x - m.actualBoundingBoxLeft, y - m.actualBoundingBoxAscent,
+              x + m.actualBoundingBoxRight, y + m.actualBoundingBoxDescent].map((v) => v * scale));
+  squares[squares.length - 1]?.push(brush.fillStyle);
+};
+view.dirty = true;
+view.draw(performance.now());
+Object.assign(brush, {fillRect, fillText});
+view.dirty = true;
+return {squares, texts, size: [view.canvas.width, view.canvas.height]};
+"""
+
+
+def luminance(colour):
+    if colour.startswith('#'):
+        parts = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+    else:
+        parts = [int(part) for part in colour.strip('rgba()').split(',')[:3]]
+    parts = [p / 255 / 12.92 if p <= 10 else ((p / 255 + 0.055) / 1.055) ** 2.4 for p in parts]
+    return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2]
+
+
+def test_numbers_in_canvases_can_be_read(graph, browser):
+    address, _ = graph
+    visit(browser, address, '/', 1920, 1080)
+    until_page(browser, 'eol.views')
+    view = 'eol.views.lights.levels = Uint8Array.from({length: 25}, (_, i) => i * 10.6);'
+    drawn = run(browser, f'{view} return (function () {{ {DRAWN} }})(eol.views.lights)')
+    assert len(drawn['squares']) == 25
+    for shade, number in drawn['squares']:
+        one, two = sorted([luminance(shade), luminance(number)])
+        assert (two + 0.05) / (one + 0.05) >= 4.5, (shade, number)
+    for total in (3, 900, 40000):
+        day = f'eol.views.cascades.day = {{areas: [0, {total}, ...Array(24).fill(0)], recent: []}};'
+        drawn = run(browser, f'{day} return (function () {{ {DRAWN} }})(eol.views.cascades)')
+        boxes = drawn['texts']
+        width, height = drawn['size']
+        out = [b for b in boxes if b[0] < 0 or b[1] < 0 or b[2] > width or b[3] > height]
+        assert not out, (total, out, width, height)
+        for i, a in enumerate(boxes):
+            for b in boxes[:i]:
+                apart = a[0] >= b[2] or b[0] >= a[2] or a[1] >= b[3] or b[1] >= a[3]
+                assert apart, (total, a, b)
+
+
 def test_states_stand_in_words_and_do_not_outlive_who_said_them(graph, browser):
     address, _ = graph
     visit(browser, address, '/')

@@ -49,11 +49,12 @@ export class CascadeView {
   drawLaw(areas, total) {
     const { brush, w, h } = fit(this.canvas);
     const size = fontPx(0.74);
-    const [left, right, top, low] = [size * 3.4, size, size, h - size * 2.6];
     const decades = Math.max(Math.ceil(Math.log10(Math.max(total, 2))), 1);
+    brush.font = `300 ${size}px system-ui`;
+    const left = brush.measureText(String(10 ** decades)).width + size;
+    const [right, top, low] = [size, size * 2.3, h - size * 2.6];
     const x = (area) => left + ((w - left - right) * Math.log10(area)) / Math.log10(30);
     const y = (count) => low - ((low - top) * Math.log10(count)) / decades;
-    brush.font = `300 ${size}px system-ui`;
     brush.fillStyle = QUIET;
     brush.strokeStyle = EDGE;
     brush.lineWidth = 1;
@@ -70,12 +71,8 @@ export class CascadeView {
       brush.fillText(area, x(area), low + 4);
     }
     brush.fillText(say('law_x'), (left + w - right) / 2, low + 4 + size * 1.15);
-    brush.save();
-    brush.translate(size * 0.9, (top + low) / 2);
-    brush.rotate(-Math.PI / 2);
-    brush.textBaseline = 'middle';
-    brush.fillText('N(\u2265A)', 0, 0);
-    brush.restore();
+    brush.textAlign = 'left';
+    brush.fillText('N(\u2265A)', left, size * 0.2);
     if (!total) return;
     let above = total;
     const points = [];

@@ -42,7 +42,7 @@ export function sentence({ text, said }) {
     const places = Object.entries(part[1]).map(([name, value]) => [name, Array.isArray(value) ? sentence({ said: value }) : value]);
     return say(`said_${part[0]}`, Object.fromEntries(places));
   };
-  return said.map(clause).join('; ');
+  return said.map(clause).join(say('clause_mark'));
 }
 
 // A button for each language; `then` is called when another one is spoken.

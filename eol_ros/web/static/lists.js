@@ -85,7 +85,8 @@ export class LightField {
       const shade = (c) => Math.round(c[0] + (c[1] - c[0]) * level ** 0.6);
       brush.fillStyle = `rgb(${shade([24, 255])},${shade([30, 248])},${shade([36, 228])})`;
       brush.fillRect(x + pitch * 0.06, y + pitch * 0.06, pitch * 0.88, pitch * 0.88);
-      brush.fillStyle = level > 0.35 ? '#14181c' : '#a3aba9';
+      // Black or white, of which one has a contrast of 4.5 on any shade; quieter where it is dark.
+      brush.fillStyle = level > 0.22 ? '#000' : level > 0.04 ? '#fff' : '#a3aba9';
       brush.fillText(id, x + pitch / 2, y + pitch / 2);
     }
     write(this.words, say('light_words', { count: lit }));

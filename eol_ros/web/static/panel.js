@@ -35,7 +35,7 @@ const cascades = new CascadeView($('cascades'));
 const coordinates = new CoordinateList($('coords'));
 const lights = new LightField($('lights'));
 const nodes = new NodeList($('nodes'), $('faults'), $('node-state'));
-Object.assign(window.eol, { nodes, views: { sound, cascades } });
+Object.assign(window.eol, { nodes, views: { sound, cascades, lights } });
 const listener = new Listener(link);
 window.eol.listener = listener;
 
@@ -159,9 +159,14 @@ link.on('limits', ({ radius, network }) => {
   $('open-network').hidden = network !== 'lan';
 });
 link.on('tick', ({ viewers }) => ($('visitors').textContent = say('visitors', { count: viewers })));
-link.on('trust', ({ ok }) => lock(!ok));
+link.on('trust', ({ ok }) => {
+  lock(!ok);
+  const form = $('pin-form');
+  if (ok && form.contains(document.activeElement)) document.querySelector('[data-control]').focus();
+  form.hidden = ok;
+});
 link.on('hello', ({ pin }) => {
-  $('pin-form').hidden = !pin;
+  $('pin-form').hidden = !pin || Boolean(link.pin);
   lock(pin && !link.pin);
 });
 link.on('wall', ({ left, right }) => {
