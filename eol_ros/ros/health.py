@@ -10,6 +10,7 @@ import json
 import os
 import platform
 import time
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -27,8 +28,10 @@ if TYPE_CHECKING:
 OK, WARN, ERROR, STARTING = 0, 1, 2, 3
 WORDS = ('ok', 'WARN', 'ERROR', 'starting')
 PERIOD_S = 1.0
+DONE = object()
 STARTS = said('starting', 'starting')
 SETTLED = 4, 10  # reports in a row that all is well, after which to give back memory
+GIVE_S = 0.05  # between steps of that: no knock waits for more than one
 
 
 class Health:
@@ -49,6 +52,9 @@ class Health:
         self._last_tick_s, self._reported_s = self._now_s(), time.monotonic()
         self._pipe = HealthPipe.inherited()
         node.create_timer(PERIOD_S, self._beat)
+        self._giving: Iterator[None] = iter(())
+        self._gives = node.create_timer(GIVE_S, self._give)
+        self._gives.cancel()
 
     def tick(self, count: int = 1) -> None:
         """Count one unit of work; the rate in the status is of these."""
@@ -121,7 +127,12 @@ class Health:
         self.report()
         self._well = self._well + 1 if self.level == OK else 0
         if self._well in SETTLED:
-            give_back()
+            self._giving = give_back()
+            self._gives.reset()
+
+    def _give(self) -> None:
+        if next(self._giving, DONE) is DONE:
+            self._gives.cancel()
 
     def report(self) -> None:
         """Send the status both ways."""
