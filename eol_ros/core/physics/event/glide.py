@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eol_ros.core.physics.event.averaged import Averaged, ledger_at, make_averaged, rim_at
 from eol_ros.core.physics.event.sweep import fastest
 from eol_ros.core.physics.event.taylor import force_on
 from eol_ros.core.physics.kernel_args import Lattice
@@ -21,6 +22,7 @@ from eol_ros.core.physics.series import uncounted
 from eol_ros.core.vectors import WIDTH, lane_product, lane_response, lane_responses
 
 LONG, SHORT = (20.0, 20), (6.0, 12)  # rad of the fastest vibration in a step, and nodes of it
+NONE = (1.0, 1)  # where there are to be no such steps
 FINE = 40  # nodes of the integrals that a response is made of
 MOST_BLOCKS = 200  # the modes are dense
 ROUNDS = 8
@@ -89,11 +91,17 @@ class Glide(NamedTuple):
 
     long: Stride
     short: Stride
-    due: np.ndarray  # (2,) number of the step at which each is tried again
+    ready: bool  # whether these two are there
+    averaged: Averaged  # of equal blocks
+    due: np.ndarray  # (3,) number of the step at which each is tried again, averaged ones last
 
 
-def make_glide(at: Lattice) -> Glide:
-    """Return the modes of all blocks of a lattice of linear springs, and arrays."""
+def make_glide(at: Lattice, tolerance: float, averaged: bool = True) -> Glide:
+    """Return the modes of all blocks of a lattice of linear springs, and arrays.
+
+    Averaged steps are exact to `tolerance`. With `averaged`, and for equal blocks, what other steps
+    need is left out.
+    """
     n = at.n
     stiffness = np.diag(at.k_sum)
     i = np.repeat(np.arange(n), np.diff(at.lo))
@@ -103,10 +111,14 @@ def make_glide(at: Lattice) -> Glide:
     w = np.sqrt(np.where(square > FREE * square[-1], square, 0.0))
     to_blocks = np.ascontiguousarray((shape / root[:, None]).T)
     to_modes = np.ascontiguousarray(shape * root[:, None])
+    mean = make_averaged(at, w, to_blocks, to_modes, tolerance)
+    ready = not (averaged and mean.possible)
     return Glide(
-        _stride(at, w, to_blocks, to_modes, *LONG),
-        _stride(at, w, to_blocks, to_modes, *SHORT),
-        np.zeros(2, np.int64),
+        _stride(at, w, to_blocks, to_modes, *(LONG if ready else NONE)),
+        _stride(at, w, to_blocks, to_modes, *(SHORT if ready else NONE)),
+        ready,
+        mean,
+        np.zeros(3, np.int64),
     )
 
 
@@ -199,15 +211,6 @@ def would_glide(m, v, plain, h, at, pl):
             return False
     span = SHORT[0] / np.sqrt(square)
     return WORTH * plain < span <= h and fast_enough(m, v, span, at, pl)
-
-
-@uncounted
-def rim_at(s, used, cx, cy, cc, cs):
-    """Return how far the rim's x, y, cos(phi) - 1 and sin(phi) have changed at s."""
-    x = y = c = r = 0.0
-    for k in range(used, 0, -1):
-        x, y, c, r = (x + cx[k]) * s, (y + cy[k]) * s, (c + cc[k]) * s, (r + cs[k]) * s
-    return x, y, c, r
 
 
 @uncounted
@@ -451,21 +454,8 @@ def glide_ledger(u, used, at, gl, cx, cy, cc, cs, energy, here, rate):
     for j in range(len(mo.node)):
         respond_at(j, gl)
         to_state(u, at, gl, here, rate)
-        s, weight = mo.node[j] * mo.span, mo.weight[j] * mo.span
-        x, y, c, r = rim_at(s, used, cx, cy, cc, cs)
-        x, y, c, r = x + cx[0], y + cy[0], c + cc[0], r + cs[0]
-        xr = yr = cr = rr = 0.0
-        for k in range(used, 0, -1):
-            xr, yr = xr * s + k * cx[k], yr * s + k * cy[k]
-            cr, rr = cr * s + k * cc[k], rr * s + k * cs[k]
-        for i in range(at.n):
-            energy[1] += weight * at.friction[i] * np.sqrt(rate[i, 0] ** 2 + rate[i, 1] ** 2)
-            for q in range(at.rim_lo[i], at.rim_lo[i + 1]):
-                e = at.rim_spring[q]
-                bx, by = at.anchors[at.second[e] - at.n, 0], at.anchors[at.second[e] - at.n, 1]
-                dx, dy = x + c * bx - r * by - here[i, 0], y + r * bx + c * by - here[i, 1]
-                power = dx * (xr + cr * bx - rr * by) + dy * (yr + rr * bx + cr * by)
-                energy[0] += weight * at.k[e] * power
+        weight = mo.weight[j] * mo.span
+        ledger_at(mo.node[j] * mo.span, weight, used, at, cx, cy, cc, cs, energy, here, rate)
 
 
 @uncounted

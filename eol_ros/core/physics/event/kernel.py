@@ -8,7 +8,8 @@ import numpy as np
 
 from eol_ros.core.physics.drive import NONE
 from eol_ros.core.physics.event.abreast import Abreast, fill_abreast, into_lanes, make_abreast
-from eol_ros.core.physics.event.glide import WAIT, glide_on, would_glide
+from eol_ros.core.physics.event.averaged import averaged_on
+from eol_ros.core.physics.event.glide import WAIT, WORTH, glide_on, would_glide
 from eol_ros.core.physics.event.lanes import (
     CREEPING,
     LEVEL,
@@ -314,7 +315,36 @@ def run(
                     return GLIDING, Progress(t, left, events, steps, sampled)
             else:
                 span, reached = 0.0, -1
-                for p in range(2):
+                if glide.averaged.possible and steps >= glide.due[2]:
+                    top = max(abs(cx[order]), abs(cy[order]), abs(cc[order]), abs(cs[order]))
+                    span = h
+                    if top > 0.0:
+                        span = min(h, (rules.small / top) ** (1.0 / order))
+                    span, reached = averaged_on(
+                        t,
+                        span,
+                        WORTH * plain,
+                        u,
+                        v,
+                        used,
+                        at,
+                        glide.averaged,
+                        cx,
+                        cy,
+                        cc,
+                        cs,
+                        grid,
+                        sampled,
+                        ledger,
+                        energy,
+                        here,
+                        rate,
+                    )
+                    if reached < 0:
+                        glide.due[2] = steps + WAIT
+                        if not glide.ready and would_glide(m, v, plain, h, at, pl):
+                            return GLIDING, Progress(t, left, events, steps, sampled)
+                for p in range(2 if glide.ready else 0):
                     if reached >= 0 or steps < glide.due[p]:
                         continue
                     gl = glide.long if p == 0 else glide.short

@@ -18,7 +18,7 @@ SMALL = 0.01  # of tolerance and length scale: the error in place that a step ma
 MISSED = 1e-4  # of the work and the heat: more than any tolerance leaves open
 MORE_IN_SWEEPS = 6  # a sweep has so much work besides the series that longer steps pay
 # Where all blocks are fast, what a sweep's friction misses outweighs a finer series:
-SWEPT = {True: 1e-8, False: 1e-9}  # the tolerance of its series, if springs are geometric, or not
+SWEPT = {True: 1e-8, False: 1e-9}  # the tolerance of its series, if springs are geometric, or not,
 COARSER = 1e3  # and how much coarser than asked at most
 CAPTURE_MPS = 2e-2  # slower than this, the closed form of a stop is tried
 
@@ -114,16 +114,19 @@ def solve(
         )
         return status
 
+    coarse = max(tolerance, min(SWEPT[scene.geometric], COARSER * tolerance))
     status, glides = advance(rules.order), False
     if status == GLIDING:
         if on_stiff is not None:
             on_stiff('glide')
         glides = True
-        status = advance(rules.order, modes=glide.make_glide(model.lattice))
+        status = advance(rules.order, modes=glide.make_glide(model.lattice, coarse))
+        if status == GLIDING:  # vibrations are too strong for averages
+            modes = glide.make_glide(model.lattice, coarse, averaged=False)
+            status = advance(rules.order, modes=modes)
     if status == STIFF:
         if on_stiff is not None:
             on_stiff('stiff')
-        coarse = max(tolerance, min(SWEPT[scene.geometric], COARSER * tolerance))
         far = max(order_for(coarse) + MORE_IN_SWEEPS, rules.order + 1)
         small = rules.small * coarse / tolerance
         status = advance(far, kernel.make_sweeping(model.lattice, far, small))
