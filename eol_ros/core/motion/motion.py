@@ -19,7 +19,9 @@ from eol_ros.core.stamp_watch import BACK_S
 from eol_ros.settings import MotionSettings
 
 TAP_LAG_S = VERDICT_S  # a tap counts from the first image this much later than it
-TAP_WINDOW_S = 0.03  # a tap belongs to an onset this near, or within 4 of their joint sigmas
+# A tap belongs to an onset this near, or within 4 of their joint sigmas. Of a slip that follows
+# another at once the images see the onset up to 45 ms late, for they tell of the first one's rest.
+TAP_WINDOW_S = 0.05
 FUSE_SIGMA_S = 1e-4  # no onset is known better
 BEGUN_S = 0.5  # slips are known by their onsets for so long
 

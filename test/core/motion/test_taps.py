@@ -4,7 +4,7 @@ import pytest
 
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.motion.felt import Knock
-from eol_ros.core.motion.motion import Motion
+from eol_ros.core.motion.motion import Motion, _Begun
 from eol_ros.core.motion.slips import START, STOP
 from eol_ros.settings import MotionSettings
 
@@ -59,3 +59,13 @@ def test_tap_of_another_block_or_time_says_nothing(tap):
 def test_arrival_time_of_a_tap_does_not_matter():
     taps = [(2.0004, 7, 2e-4), (2.0007, 7, 3e-4), (2.001, 6, 1e-3)]
     assert run(taps, 0.0) == run(taps, 0.09)
+
+
+@pytest.mark.parametrize(('late_s', 'is_it'), [(0.045, True), (-0.045, True), (0.06, False)])
+def test_an_onset_that_the_images_see_late_is_still_that_of_its_knock(late_s, is_it):
+    """As of a slip that follows another within 0.1 s, whose rest is told after it has begun."""
+    motion = Motion(MotionSettings())
+    motion._begun = [_Begun(slip=9, block=3, onset_s=2.0 + late_s, onset_sigma_s=1e-3)]
+    knock = Knock(2_000_000_000, 3, 2e-4, 1.0)
+    assert motion._fuse(knock) == (9 if is_it else 0)
+    assert motion._fuse(knock) == 0  # it has been given away
