@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from eol_ros.core.vision.calibration import self_calibration
 
 HIDDEN = 0.35  # less of the outline than this in view, and the block counts as hidden
-WHOLE = 0.9
 REST_S = 20.0  # for so long a calibration that was asked for waits for the blocks to rest
 SETTLE_S = 0.3  # after a new calibration; longer than any rest that motion compares with
 LAMP_LEVEL = 5  # grey levels
@@ -232,8 +231,8 @@ class Tracker:
             assert self.calibration is not None
             self.learning = self_calibration.SelfCalibration(self.calibration)
         pose, sigma = mapping.poses(self.packed, blobs, BLOCK_SIDE_M)
-        faint = blobs['visibility'] < FAINT
-        sound = (blobs['visibility'] >= SOUND) & (blobs['sigma_px'] < SOUND_PX)
+        shown = blobs['visibility']
+        faint, sound = shown < FAINT, (shown >= SOUND) & (blobs['sigma_px'] < SOUND_PX)
         self._image, self._pose = image, pose
         self.identity.update(
             stamp_s, pose[:, :2].copy(), pose[:, 2].copy(), sigma, faint, self._glance, sound
@@ -261,9 +260,13 @@ class Tracker:
 
     def _glance(self, detections: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how light is spread over the covers of detections (k,), as Identity asks."""
-        patterns = np.empty((len(detections), cover_light.SIZE))
-        good = self.blobs['visibility'][detections] > WHOLE
-        cover_light.glance(self.packed, self._image, self._pose, detections, yaw, patterns, good)
+        patterns, good = (
+            np.empty((len(detections), cover_light.SIZE)),
+            np.empty(len(detections), bool),
+        )
+        cover_light.glance(
+            self.packed, self._image, self._pose, self.blobs, detections, yaw, patterns, good
+        )
         return patterns, good
 
     def _fulfil(self, stamp_s: float, kind: str, value: Any) -> None:

@@ -20,6 +20,7 @@ REACH_M = 0.4 * BLOCK_SIDE_M  # from the middle: nearer to the edge its blur cou
 SUB = 4  # pixels that are read across a cell
 DARK, BRIGHT = 16.0, 250  # grey levels: a mean below says little, a pixel above nothing
 MOST_BRIGHT = 0.3  # of the pixels
+WHOLE = 0.9  # share of an outline in sight
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -72,12 +73,14 @@ def sample(calibration, image, x, y, yaw, pattern):
 
 
 @njit(cache=True)
-def glance(calibration, image, pose, which, yaw, patterns, good):
+def glance(calibration, image, pose, blobs, which, yaw, patterns, good):
     """Fill patterns (k, SIZE) of squares `which` (k,) of pose (n, 3), turned by yaw (k,).
 
-    good (k,): which of them to look at, and afterwards of which there is a pattern.
+    blobs (n,): the squares, a BLOB array; one that is not whole has no pattern. good (k,): of which
+    there is a pattern.
     """
     for k in range(which.shape[0]):
-        if good[k]:
-            x, y = pose[which[k], 0], pose[which[k], 1]
-            good[k] = sample(calibration, image, x, y, yaw[k], patterns[k])
+        i = which[k]
+        good[k] = blobs[i].visibility > WHOLE and sample(
+            calibration, image, pose[i, 0], pose[i, 1], yaw[k], patterns[k]
+        )

@@ -54,7 +54,7 @@ FIELDS = 11  # of one fitted square
 U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST, ALONE = range(FIELDS)
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _normal_equations(work, n, step, width, a, b):
     """Fill the lower half of `a`, and `b`, with Tukey weights about `step`.
 
@@ -103,7 +103,7 @@ def _normal_equations(work, n, step, width, a, b):
     return spread, total
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
     """Find the step (du, dv, dtheta, dhalf) that most profiles agree on.
 
@@ -157,7 +157,7 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
     return agree / max(ends[ALL], 1), variance
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _solve4(a, b):
     """Solve the symmetric positive system a x = b in place by Cholesky; leave a^-1 in `a`."""
     n = 4
@@ -192,7 +192,7 @@ def _solve4(a, b):
     b[0], b[1], b[2], b[3] = x0, x1, x2, x3
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _follow(work, n, step):
     """Count all distances from the edges where they are after `step`."""
     s0, s1, s2, s3 = (
@@ -205,7 +205,7 @@ def _follow(work, n, step):
         work[FIRST + i] -= work[NU + i] * s0 + work[NV + i] * s1 - work[T + i] * s2 + s3
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _alike(work, ends, step):
     """Return by how much more neighbouring profiles err alike than noise would: >= 1.
 
@@ -244,7 +244,7 @@ def _alike(work, ends, step):
     return min(ratio, RUN) if ratio > CHANCE else 1.0
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _fit(
     image,
     square,
@@ -354,10 +354,17 @@ def _fit(
     square[LEVEL] = level
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(inline='always')
+def scratch():
+    """Return small arrays for fit_square, for all squares of an image."""
+    return np.zeros((4, 4)), np.zeros(4), np.zeros(4), np.zeros(7), np.zeros(FIELDS)
+
+
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def fit_square(
-    image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, table, work, ends
-):
+    image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, table, work, ends,
+    small,
+):  # fmt: skip
     """Fit a square to `image` (h, w) uint8 from `square` (FIELDS,): u, v, theta, half as expected.
 
     shear, table: see profiles.gather. search: rounds of rough search before the fit (0 when the
@@ -368,7 +375,7 @@ def fit_square(
     level inside, agreeing share of the worst side, and how certainly no other cover's light stands
     beside it. A share of 0 means no square there.
     """
-    a, step, shares, spread = np.zeros((4, 4)), np.zeros(4), np.zeros(4), np.zeros(7)
+    a, step, shares, spread, second = small
     shear = (shear_re, shear_im)
     u, v, theta, half = square[U], square[V], square[THETA], square[HALF]
     _fit(
@@ -390,7 +397,6 @@ def fit_square(
         spread,
     )
     if search == 0 and square[VISIBLE] < DOUBTFUL:
-        second = np.zeros(FIELDS)
         second[U], second[V], second[THETA], second[HALF] = u, v, theta, half
         _fit(
             image,

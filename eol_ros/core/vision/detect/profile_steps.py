@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where along its profile each edge stands, and how surely: see profiles for what they are."""
 
+import math
+
 import numpy as np
 
 from eol_ros.core.compiled import njit
@@ -28,6 +30,9 @@ from eol_ros.core.vision.detect.profiles import (
 # that falls towards the edge makes the level one of just these pixels, and what is cut off sharply
 # jumps from pixel to pixel as a block moves: on covers with relief their weight falls to nothing.
 EDGE, SOFT_EDGE = 2.4, (1.6, 3.0)
+REACH = (
+    3.0  # blurs from the edge up to which all pixels are weighed: of the next a hundredth is left
+)
 # Saturated pixels say nothing, and beside them nobody knows the light: its variance is 50^2. So a
 # flash does not move the edges of a cover with relief, which shines more on some sides than others.
 FULL, OPEN = 254.0, 1.0 / 50.0**2
@@ -52,7 +57,40 @@ _E0, _E1, _E2, _E3, _E4, _E5, _E6 = (
 )
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(inline='always')
+def _says(pixel, away, along, outer, gap, across):
+    """Return what one pixel adds to the sums of its profile; see offsets."""
+    f_limit, f_lean, full, scale, v_out, v_more, rough, uneven, t_out, reach, sharp = across
+    zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
+    most = np.float32(3.5)
+    x = away * scale
+    x = x if x < most else most
+    x = x if x > -most else -most
+    q = x * x
+    z = q * np.float32(-0.5 / 8.0)
+    bell = one + z * (
+        one
+        + z * (half + z * (np.float32(1 / 6) + z * (np.float32(1 / 24) + z * np.float32(1 / 120))))
+    )
+    bell *= bell
+    bell *= bell
+    bell *= bell
+    cover = half - x * (_E0 + q * (_E1 + q * (_E2 + q * (_E3 + q * (_E4 + q * (_E5 + q * _E6))))))
+    bare = one - cover
+    rest = pixel - outer - gap * cover
+    texture = rough + uneven * gap * gap
+    w = one / (v_out + cover * (v_more + cover * texture) + bare * bare * t_out)
+    w = w if abs(along + away * f_lean) < f_limit else zero
+    w = w if pixel < full else zero
+    close = (reach - q) * sharp
+    close = close if close < one else one
+    close = w * (close if close > zero else zero)
+    w *= bell
+    close *= cover
+    return w * rest, w * bell, close * bell, close * cover, close * rest
+
+
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def offsets(work, ends, slope, lean, limit, blur, spread, soft):
     """Answer for every profile how far its edge lies outside the present square, and how surely.
 
@@ -60,10 +98,10 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
     weighted by its own variance: noise grows with the share of light from the cover, texture with
     its square, so that a speckled cover is measured by the outer foot of its edge. Bell and its
     integral are polynomials, so that the loop over profiles becomes vector code. Pixels further
-    than 3 px from the edge say nothing of it. soft: whether light inside falls, see SOFT_EDGE.
+    than REACH from the edge say nothing of it. soft: whether light inside falls, see SOFT_EDGE.
     """
     n, taps = ends[LANES], ends[TAPS_USED]
-    used = min(2 * int(3.5 / slope + 0.5) + 2, taps)
+    used = min(2 * int(math.ceil(REACH * blur / slope)), taps)
     first = (taps - used) // 2
     scale = np.float32(1.0 / blur)
     v_out = np.float32(spread[1])
@@ -71,7 +109,7 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
     t_in, t_out = np.float32(spread[2]), np.float32(spread[3])
     rough = np.float32(0.0 if soft else ROUGH) * t_in
     uneven = np.float32(SOFT_ROUGH**2 if soft else 0.0)
-    zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
+    zero, one = np.float32(0.0), np.float32(1.0)
     f_limit, f_lean, f_slope = np.float32(limit), np.float32(lean), np.float32(slope)
     reach, sharp, falls, full = np.float32(EDGE * EDGE), np.float32(1e9), zero, np.float32(1e9)
     if soft:
@@ -79,7 +117,6 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
         reach = np.float32(SOFT_EDGE[1] ** 2)
         sharp = np.float32(1.0 / (SOFT_EDGE[1] ** 2 - SOFT_EDGE[0] ** 2))
     bright = np.float32(0.9) * full
-    most = np.float32(3.5)
     loose = np.float32(1e-3) if soft else max(t_in, np.float32(1e-3))
     looser = np.float32(SOFT_LEVEL**2 if soft else 0.0)
     for i in range(n):
@@ -90,48 +127,25 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
         work[_E + i] = zero
     pixels = work[TAP + first * LINES :]
     start = f_slope * np.float32(first)
-    for k in range(used):
-        at = k * LINES
-        ahead = start + f_slope * np.float32(k)
+    across = f_limit, f_lean, full, scale, v_out, v_more, rough, uneven, t_out, reach, sharp
+    for pair in range(used // 2):  # two at once: sums are read and written half as often
+        one_at, other_at = 2 * pair * LINES, (2 * pair + 1) * LINES
+        one_ahead = start + f_slope * np.float32(2 * pair)
+        other_ahead = start + f_slope * np.float32(2 * pair + 1)
         for i in range(n):
-            away = work[FIRST + i] + ahead
-            x = away * scale
-            x = x if x < most else most
-            x = x if x > -most else -most
-            q = x * x
-            z = q * np.float32(-0.5 / 8.0)
-            bell = one + z * (
-                one
-                + z
-                * (
-                    half
-                    + z * (np.float32(1 / 6) + z * (np.float32(1 / 24) + z * np.float32(1 / 120)))
-                )
-            )
-            bell *= bell
-            bell *= bell
-            bell *= bell
-            cover = half - x * (
-                _E0 + q * (_E1 + q * (_E2 + q * (_E3 + q * (_E4 + q * (_E5 + q * _E6)))))
-            )
-            bare = one - cover
-            outer = work[OUT + i]
+            first, along, outer = work[FIRST + i], work[T + i], work[OUT + i]
             gap = work[IN + i] - outer
-            rest = pixels[at + i] - outer - gap * cover
-            texture = rough + uneven * gap * gap
-            w = one / (v_out + cover * (v_more + cover * texture) + bare * bare * t_out)
-            w = w if abs(work[T + i] + away * f_lean) < f_limit else zero
-            w = w if pixels[at + i] < full else zero
-            close = (reach - q) * sharp
-            close = close if close < one else one
-            close = w * (close if close > zero else zero)
-            w *= bell
-            close *= cover
-            work[_A + i] += w * rest
-            work[_B + i] += w * bell
-            work[_C + i] += close * bell
-            work[_D + i] += close * cover
-            work[_E + i] += close * rest
+            a0, b0, c0, d0, e0 = _says(
+                pixels[one_at + i], first + one_ahead, along, outer, gap, across
+            )
+            a1, b1, c1, d1, e1 = _says(
+                pixels[other_at + i], first + other_ahead, along, outer, gap, across
+            )
+            work[_A + i] += a0 + a1
+            work[_B + i] += b0 + b1
+            work[_C + i] += c0 + c1
+            work[_D + i] += d0 + d1
+            work[_E + i] += e0 + e1
     for i in range(n):
         gap = work[IN + i] - work[OUT + i]
         stiff = one / (loose + looser * gap * gap)
@@ -147,7 +161,7 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
         work[WEIGHT + i] = work[VALID + i] * bottom * safe * safe
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def search(work, ends, slope):
     """Fill the offset of every profile by its steepest step, for a square known only roughly."""
     n, taps = ends[LANES], ends[TAPS_USED]

@@ -22,6 +22,8 @@ CORNER = 1.4  # blurs left out at each end of a side, where two edges mix
 UNLIKE = 1.0  # of the variance from line to line, what differs between level zone and edge
 WIDER = 5  # lines than a grain that sparkles is the light of another cover
 OTHER, SOFT_OTHER = 0.1, 0.2  # of the contrast, light that is not the platform's
+# And of an arm along half a side, of which it leaves hardly a line dark: grains are not so dense.
+ARM, SOFT_ARM, HARDLY = 0.05, 0.1, 0.1
 FLAT = 2.1  # blurs from the edge at which light counts as inside or outside
 FLAT_TAPS = 6  # pixels at each end of a profile, among which are all that lie so far away
 MIN_CONTRAST = 8.0  # grey levels
@@ -160,7 +162,36 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
     ends[LANES], ends[TAPS_USED], ends[ALL], ends[BESIDE] = at, taps, total, beside
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(inline='always')
+def _inside(pixels, i, k, line, cut, falls, sums):
+    """Add pixel `k` of profile `i` to sums; line: distance and place on the side of its first."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    slope, lean, limit, flat = cut
+    away = line[0] + slope * np.float32(k)
+    w = one if abs(line[1] + away * lean) <= limit else zero
+    w = w if away < -flat else zero
+    change = w * (pixels[k * LINES + i] - pixels[max(k - 1, 0) * LINES + i])
+    x = w * (pixels[k * LINES + i] - pixels[i])
+    n, light, rough, fall, square = sums
+    return n + w, light + x, rough + change * change, fall + falls * change, square + x * x
+
+
+@njit(inline='always')
+def _outside(pixels, i, k, line, cut, start, f_both, sums):
+    """As _inside; before the first of these pixels stands one more."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    slope, lean, limit, flat = cut
+    away = line[0] + (start + slope * np.float32(k))
+    w = one if abs(line[1] + away * lean) <= limit else zero
+    w = w if away > flat else zero
+    pixel = pixels[(k + 1) * LINES + i]
+    x = w * (pixel - pixels[FLAT_TAPS * LINES + i])
+    both = w if away > f_both else zero
+    n, light, fall, square = sums
+    return n + w, light + x, fall + both * (pixel - pixels[k * LINES + i]), square + x * x
+
+
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _zones(work, n, taps, slope, lean, limit, flat, soft):
     """Sum each profile's pixels inside and outside: counts to A and C, sums to B and D.
 
@@ -174,48 +205,32 @@ def _zones(work, n, taps, slope, lean, limit, flat, soft):
     zero, one = np.float32(0.0), np.float32(1.0)
     falls = zero if soft else one
     f_both = f_flat + (f_slope if soft else zero)  # without the foot of the edge
-    for i in range(n):
-        work[_A + i] = zero
-        work[_B + i] = zero
-        work[_C + i] = zero
-        work[_D + i] = zero
-        work[_E + i] = zero
-        work[_F + i] = zero
-        work[OFFSET + i] = zero
-        work[WEIGHT + i] = zero
+    # all FLAT_TAPS pixels in one go: sums stay in registers, and loops over profiles vector code
+    cut = f_slope, f_lean, f_limit, f_flat
     inside = work[TAP:]  # indices that are plainly not negative: else each would be tested
-    for k in range(FLAT_TAPS):
-        ahead = f_slope * np.float32(k)
-        at, before = k * LINES, max(k - 1, 0) * LINES
-        for i in range(n):
-            away = work[FIRST + i] + ahead
-            w = one if abs(work[T + i] + away * f_lean) <= f_limit else zero
-            w = w if away < -f_flat else zero
-            change = w * (inside[at + i] - inside[before + i])
-            x = w * (inside[at + i] - inside[i])
-            work[_A + i] += w
-            work[_B + i] += x
-            work[_E + i] += change * change
-            work[_F + i] += falls * change
-            work[OFFSET + i] += x * x
+    for i in range(n):
+        line, sums = (work[FIRST + i], work[T + i]), (zero, zero, zero, zero, zero)
+        sums = _inside(inside, i, 0, line, cut, falls, sums)
+        sums = _inside(inside, i, 1, line, cut, falls, sums)
+        sums = _inside(inside, i, 2, line, cut, falls, sums)
+        sums = _inside(inside, i, 3, line, cut, falls, sums)
+        sums = _inside(inside, i, 4, line, cut, falls, sums)
+        sums = _inside(inside, i, 5, line, cut, falls, sums)
+        work[_A + i], work[_B + i], work[_E + i], work[_F + i], work[OFFSET + i] = sums
     outside = work[TAP + (taps - FLAT_TAPS - 1) * LINES :]
     start = f_slope * np.float32(taps - FLAT_TAPS)
-    for k in range(FLAT_TAPS):
-        ahead = start + f_slope * np.float32(k)
-        at = k * LINES
-        for i in range(n):
-            away = work[FIRST + i] + ahead
-            w = one if abs(work[T + i] + away * f_lean) <= f_limit else zero
-            w = w if away > f_flat else zero
-            x = w * (outside[at + LINES + i] - outside[FLAT_TAPS * LINES + i])
-            work[_C + i] += w
-            work[_D + i] += x
-            work[WEIGHT + i] += x * x
-            both = w if away > f_both else zero
-            work[_F + i] += both * (outside[at + LINES + i] - outside[at + i])
+    for i in range(n):
+        line, beyond = (work[FIRST + i], work[T + i]), (zero, zero, work[_F + i], zero)
+        beyond = _outside(outside, i, 0, line, cut, start, f_both, beyond)
+        beyond = _outside(outside, i, 1, line, cut, start, f_both, beyond)
+        beyond = _outside(outside, i, 2, line, cut, start, f_both, beyond)
+        beyond = _outside(outside, i, 3, line, cut, start, f_both, beyond)
+        beyond = _outside(outside, i, 4, line, cut, start, f_both, beyond)
+        beyond = _outside(outside, i, 5, line, cut, start, f_both, beyond)
+        work[_C + i], work[_D + i], work[_F + i], work[WEIGHT + i] = beyond
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _quantiles(work, n, contrasts, bares):
     """Return the grey levels that so many valid profiles exceed: of IN - OUT, and of OUT.
 
@@ -251,7 +266,24 @@ def _quantiles(work, n, contrasts, bares):
     return float(low + two * step), float(base + two * step)
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
+def _mute_covered(work, ends, dark):
+    """Clear VALID of each half of a side beside which hardly a line is as dark as `dark`."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for half in range(8):
+        begin, n = ends[BEGIN + half // 2], ends[COUNT + half // 2]
+        first, last = (0, n // 2) if half % 2 == 0 else (n // 2, n)
+        lines = work[begin + first :]
+        valid = bare = zero
+        for i in range(last - first):
+            valid += lines[VALID + i]
+            bare += lines[VALID + i] if lines[OUT + i] <= dark else zero
+        keep = one if bare >= np.float32(HARDLY) * valid else zero
+        for i in range(last - first):
+            lines[VALID + i] *= keep
+
+
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def levels(work, ends, slope, lean, limit, flat, spread, soft):
     """Measure the light inside and outside along every profile, and judge which ones show an edge.
 
@@ -285,6 +317,7 @@ def levels(work, ends, slope, lean, limit, flat, spread, soft):
     contrast, bare = _quantiles(work, wide, np.float32(0.25) * total, np.float32(0.75) * total)
     if contrast < MIN_CONTRAST:
         return 0.0, 0.0
+    _mute_covered(work, ends, np.float32(bare + max((SOFT_ARM if soft else ARM) * contrast, 4.0)))
     bare = np.float32(bare + max((SOFT_OTHER if soft else OTHER) * contrast, 4.0))
     low, high = np.float32(0.45 * contrast), np.float32(2.0 * contrast)
     mean_in = count = zero
@@ -382,7 +415,7 @@ def _smooth(work, n, column, taps, variance):
     return max(seen - noise, zero) / count
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def shrink_levels(work, ends, spread):
     """Replace the level of each profile by one that owes no more to noise than it must.
 

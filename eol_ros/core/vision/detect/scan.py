@@ -108,19 +108,25 @@ def erase(grid, tiles, squares, begin, end, margin):
 
 
 @njit(cache=True)
-def lit_share(grid, tiles, u, v, theta, half, over):
-    """Return which share of a square's samples exceeds the background by `over` grey levels."""
+def lit(grid, tiles, u, v, theta, half, over, least):
+    """Return whether more than a share `least` of a square's samples exceeds the background.
+
+    By `over` grey levels. Most squares show it in a few rows.
+    """
     rows, cols = grid.shape
     u, v, half = (u - 1) / STEP, (v - 1) / STEP, half / STEP
     c, sn = math.cos(theta), math.sin(theta)
     reach = half * (abs(c) + abs(sn))
-    lit = all_of_it = 0
+    enough = least * (2.0 * reach + 2.0) ** 2  # as many samples as it can have at most
+    found = all_of_it = 0
     for r in range(max(int(v - reach), 0), min(int(v + reach) + 2, rows)):
         first, last = _columns(r - v, c, sn, half, reach, u, cols)
         for q in range(first, last):
             all_of_it += 1
-            lit += 1 if grid[r, q] > tiles[r // TILE, q // TILE] + over else 0
-    return lit / max(all_of_it, 1)
+            found += 1 if grid[r, q] > tiles[r // TILE, q // TILE] + over else 0
+        if found > enough:
+            return True
+    return found > least * max(all_of_it, 1)
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -194,12 +200,13 @@ def regions(grid, tiles, over, least, most, label, parent, stats, found):
         for tile in range(tiles.shape[1]):
             level = tiles[r // TILE, tile] + over
             begin, end = tile * TILE, min(tile * TILE + TILE, cols)
-            bright = 0
-            for c in range(begin, end):
-                bright += 1 if grid[r, c] > level else 0
-            if bright == 0:  # as nearly all of the image is
-                for c in range(begin, end):
-                    label[r, c] = -1
+            samples, labels = grid[r, begin:end], label[r, begin:end]
+            brightest = np.uint8(0)
+            for c in range(len(samples)):
+                brightest = max(brightest, samples[c])
+            if brightest <= level:  # as nearly all of the image is
+                for c in range(len(labels)):
+                    labels[c] = -1
                 continue
             for c in range(begin, end):
                 if grid[r, c] <= level:

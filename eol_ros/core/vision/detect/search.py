@@ -75,13 +75,15 @@ def expected(known, shape, u, v):
     return _quadratic(known, 0, u, v), _quadratic(known, 1, u, v), _quadratic(known, 2, u, v)
 
 
-@njit(cache=True)
-def attempt(image, known, u, v, theta, own, half, search, table, work, ends, square, missed=False):
+@njit(cache=True, inner=True)
+def attempt(
+    image, known, u, v, theta, own, half, search, table, work, ends, small, square, missed=False
+):
     """Fit a square from `u`, `v`, `theta`; `square` (FIELDS,) says how it went.
 
     own: contrast that it is known to have, or 0. missed: a block of the lattice should be here.
     half: of its side, px; 0 where `known` says it.
-    table: see outline.
+    table: see outline; small: edges.scratch.
     """
     size, re, im = expected(known, image.shape, u, v)
     sure, tight = HALF_SIGMA_PX, TIGHT_PX if known[CALIBRATED] > 0 else 0.0
@@ -90,8 +92,9 @@ def attempt(image, known, u, v, theta, own, half, search, table, work, ends, squ
     square[U], square[V], square[THETA], square[HALF] = u, v, theta, size
     usual = known[CONTRASTS]
     edges.fit_square(
-        image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * usual, table, work, ends
-    )
+        image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * usual, table, work,
+        ends, small,
+    )  # fmt: skip
     # grains that sparkle and specks take their part of any block's edge: what is left is all of it
     square[VISIBLE] /= known[AGREEING]
     square[WORST] /= known[AGREEING]
@@ -119,7 +122,7 @@ def attempt(image, known, u, v, theta, own, half, search, table, work, ends, squ
         square[VISIBLE] = square[QUALITY] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def keep(fits, tried, kept, n, least):
     """Append to `kept`, best first, which of the `tried` fits are good and on their own ground.
 
@@ -149,7 +152,7 @@ def keep(fits, tried, kept, n, least):
     return n
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _tabulate(known, shape, camera, outlines, near, i, table):
     """Fill `table` for the block of row `i` of `near`, without a name one that stands for all."""
     if len(outlines):
@@ -172,6 +175,7 @@ def at_predictions(
     Where one is not, the scan says where about a square of light would fit best. Returns how many
     are in `kept`.
     """
+    small = edges.scratch()
     tried = 0
     for i in range(len(near)):
         u, v, theta, own, _ = near[i]
@@ -179,9 +183,11 @@ def at_predictions(
             continue
         half = expected(known, image.shape, u, v)[0]
         over = max(FAINTEST * known[CONTRASTS], 8.0)
-        if scan.lit_share(grid, tiles, u, v, theta, half, over) > LIT:
+        if scan.lit(grid, tiles, u, v, theta, half, over, LIT):
             _tabulate(known, image.shape, camera, outlines, near, i, table)
-            attempt(image, known, u, v, theta, own, 0.0, 0, table, work, ends, fits[tried], True)
+            attempt(
+                image, known, u, v, theta, own, 0.0, 0, table, work, ends, small, fits[tried], True
+            )
             tried += 1
     n = keep(fits, tried, kept, 0, PREDICTED)
     if n == len(near):
@@ -213,6 +219,7 @@ def at_predictions(
                 table,
                 work,
                 ends,
+                small,
                 fits[tried],
                 True,
             )
@@ -220,7 +227,7 @@ def at_predictions(
     return keep(fits, tried, kept, n, REGAINED)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _near(places, n, u, v):
     """Return which of the first `n` places is near `u`, `v`, or -1."""
     for i in range(n):
@@ -239,7 +246,7 @@ def at_lights(
     most: how many of them to try again now; the others come in the next image. Returns how many are
     in `kept`, of which there were `n` before. See at_predictions.
     """
-    one, other = np.zeros((1, 5)), np.zeros(edges.FIELDS)
+    one, other, small = np.zeros((1, 5)), np.zeros(edges.FIELDS), edges.scratch()
     old = 0
     for i in range(int(known[REFUSED])):
         if known[TURN] - refused[i, 2] < FORGET_IMAGES:
@@ -270,6 +277,7 @@ def at_lights(
                 table,
                 work,
                 ends,
+                small,
                 fits[tried],
             )
             if len(outlines):
@@ -291,6 +299,7 @@ def at_lights(
                         table,
                         work,
                         ends,
+                        small,
                         other,
                     )
                     good = other[QUALITY] >= NEW[2] and other[WORST] >= NEW[1]

@@ -75,6 +75,18 @@ class CoverPatterns:
         _departures(np.ascontiguousarray(patterns), self.mean, self.variance, self.looks, found)
         return found
 
+    def proofs(
+        self, patterns: np.ndarray, good: np.ndarray, names: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far patterns (k, SIZE) are from those of the blocks `names` (k,), squared.
+
+        And how far from that of the nearest block; inf where there is no pattern (`good` (k,)), and
+        0 from a block of which nothing was learnt: there is nothing to prove it by.
+        """
+        own, nearest = np.full((2, len(names)), np.inf)
+        _proofs(patterns, good, names, self.mean, self.variance, self.looks, own, nearest)
+        return own, nearest
+
     def quarters(self, patterns: np.ndarray, names: np.ndarray) -> int | None:
         """Return by how many quarters the names are to be turned, None where it is not clear.
 
@@ -163,6 +175,16 @@ def _departures(patterns, mean, variance, looks, out):
                 off = patterns[i, k] - mean[b, k]
                 total += off * off
             out[i, b] = min(total * per_spread, MOST)
+
+
+@njit(cache=True)
+def _proofs(patterns, good, names, mean, variance, looks, own, nearest):
+    off = np.empty((1, mean.shape[0]))
+    for k in range(names.size):
+        if good[k]:
+            _departures(patterns[k : k + 1], mean, variance, looks, off)
+            own[k] = off[0, names[k]] if looks[names[k]] > 0 else 0.0
+            nearest[k] = off.min()
 
 
 @njit(cache=True)

@@ -170,17 +170,13 @@ class Identity:
         names, covers = self.names, self.covers
         assert covers is not None
         asked = names.asked()
-        patterns, good = self._look(asked, glance)
-        own, other = np.full((2, asked.size), np.inf)
-        off = covers.departures(patterns[good])
-        own[good], other[good] = off[np.arange(len(off)), asked[good]], off.min(axis=1)
-        own[good & (covers.looks[asked] == 0)] = 0.0  # there is nothing to prove it by
-        names.tried(asked[good], own[good] < FIT)
+        own, nearest = covers.proofs(*self._look(asked, glance), asked)
+        disproved = names.tried(asked, own)
         if own.max() < FIT:
             return
-        disproved = bool((own[good] >= FIT).any())  # where nothing is to be seen all may be right
+        # where nothing is to be seen all may be right
         if not (disproved and self._put_right(stamp_s, xy, yaw, sigma, glance)):
-            self._hold_back(asked[own >= ODD], other[own >= ODD] < FIT)
+            self._hold_back(asked[own >= ODD], nearest[own >= ODD] < FIT)
 
     def _put_right(
         self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray, glance: Glance

@@ -16,33 +16,29 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.vision.identity.association import read_lattice
 from eol_ros.core.vision.identity.false_detections import Lamps
-from eol_ros.core.vision.identity.fitting import affine, folds, rotate_cell, turn
+from eol_ros.core.vision.identity.fitting import affine, rotate_cell, turn
 from eol_ros.core.vision.identity.tracking import (
     CANDIDATES,
-    follow,
-    predict_occluded,
-    reacquire,
-    reject_outliers,
-    remember,
+    FEW,
+    QUARTER,
+    advance,
+    conclude,
     suspect_swaps,
+    turn_yaws,
 )
 from eol_ros.core.vision.identity.yaw_signature import Yaws
 from eol_ros.core.vision.states import LOST, SEARCHING, TRACKING
 
-FEW = 4  # fewer seen blocks than this, for a while, and the lattice is lost
-LOST_S = 0.05
+LOST_S = 0.05  # with fewer than FEW blocks in sight for so long, the lattice is lost
 AUDIT_S = 0.1  # how often the whole lattice is fitted again, when there is reason to
-MANY = 3  # lights that wait, and hidden blocks that they may be
 AGREE = 3  # so many readings must say the same before ids change
 COAST_S = 0.7  # for so long a turning rim is thought to turn on in the dark
 TURN_RATE = 2.2  # rad/s, fastest that visitors turn the rim
 JUMP_S = 0.25  # a break in the images longer than this ends all following
-LAMP_S = 0.1  # a light that has been no block for so long is not taken for one on the way
-REST_M, REST_S = 6e-4, 0.1  # a lattice whose blocks stay within this for so long rests
+REST_S = 0.1  # a lattice that has not moved for so long rests
 UNMOVED, UNMOVED_M = 20, 0.001  # so many blocks, so near to where they were in the light
 TELLING = 5.0  # and so much nearer than after a quarter turn
 ORDER_M2 = 1e-3  # two neighbours that have changed places add 2.4e-3 to the misfit of the lattice
-QUARTER = np.pi / 2
 Vouch = Callable[[np.ndarray, np.ndarray], bool]
 
 
@@ -163,50 +159,36 @@ class Lattice:
         faint: np.ndarray | None,
         sound: np.ndarray | None,
     ) -> None:
-        before = self.xy.copy()
-        was = self.seen
-        lamps = self.candidate_xy[stamp_s - self.candidate_born > LAMP_S]
-        self.index = follow(self.xy, self.velocity, was, step, xy, lamps)
-        held = self.index >= 0
-        self.xy[held] = xy[self.index[held]]
-        if faint is not None and faint.any():
-            doubtful = held & faint[self.index]
-            gone = reject_outliers(self.xy, held, doubtful, self.rest, self.angle)
-            self.index[gone] = -1
-            held = self.index >= 0
-        predict_occluded(
-            before, self.xy, held, self.rest, self.angle, self.velocity, self.sigma, step
-        )
-        remember(
-            stamp_s, xy, self.index, self.candidate_xy, self.candidate_born,
-            self.candidate_seen, self.candidate_index,
+        none = np.zeros(len(xy), bool)
+        lights = (
+            self.candidate_xy, self.candidate_born, self.candidate_seen, self.candidate_index
         )  # fmt: skip
-        self.seen = held
-        if not self._whole_audit(stamp_s, xy, yaw):
-            back = reacquire(
-                stamp_s, self.xy, self.index, self.sigma, self.seen_s, self.angle,
-                self.candidate_xy, self.candidate_born, self.candidate_seen, self.candidate_index,
-                np.zeros(len(xy), bool) if sound is None else sound,
-            )  # fmt: skip
-            if back.any():
-                self.xy[back] = xy[self.index[back]]
-                self.velocity[back] = 0.0
-        seen = self.index >= 0
-        same = seen & was
-        if step > 0:
-            moved = (self.xy - before) / step
-            self.velocity[same] += 0.7 * (moved[same] - self.velocity[same])
-        self.seen = seen
-        self.seen_s[seen] = stamp_s
-        self.sigma[seen] = sigma[self.index[seen]]
-        away = np.abs(self.xy - self.rest_xy)[seen]
-        if not (away <= REST_M).all():
-            self.rest_xy, self.rest_s = self.xy.copy(), stamp_s
-        self._swap_audit(stamp_s, step)
-        self._turn_yaws(yaw, step)
-        if not self.ambiguous:
+        was = self.seen
+        before, self.index, many, odd = advance(
+            stamp_s, step, xy, none if faint is None else faint, self.xy, self.velocity, was,
+            self.sigma, self.rest, self.angle, *lights,
+        )  # fmt: skip
+        if many or odd:
+            self.seen = self.index >= 0
+            read = self._whole_audit(stamp_s, xy, yaw, many)
+        else:
+            self.agreed, read = 0, False
+        self.seen, rests, pair = conclude(
+            stamp_s, step, xy, sigma, none if sound is None else sound, not read, before, was,
+            self.index, self.angle, self.xy, self.velocity, self.sigma, self.seen_s, self.rest_xy,
+            self.swaps, *lights,
+        )  # fmt: skip
+        if not rests:
+            self.rest_s = stamp_s
+        while pair >= 0:
+            self._exchange(pair // N_BLOCKS, pair % N_BLOCKS)
+            pair = suspect_swaps(self.xy, self.seen, self.angle, 0.0, self.swaps)
+        self.angle, self.turn_rate, count = turn_yaws(
+            step, yaw, self.xy, self.seen, self.index, self.rest, self.yaw, self.angle,
+            self.turn_rate,
+        )  # fmt: skip
+        if not self.ambiguous and self.yaws.due(stamp_s):
             self.yaws.learn(stamp_s, self.xy, self.yaw_offsets(), self.seen)
-        count = int(self.seen.sum())
         if count:
             self.known_s = stamp_s
         if count >= FEW:
@@ -214,34 +196,12 @@ class Lattice:
         elif stamp_s - self.enough_s > LOST_S:
             self._lose()
 
-    def _turn_yaws(self, yaw: np.ndarray, step: float) -> None:
-        """Unwrap the yaw of the seen blocks; let the hidden ones turn with the lattice."""
-        seen = self.seen
-        if not seen.any():
-            return
-        change = np.asarray(wrap_quarter(yaw[self.index[seen]] - self.yaw[seen]))
-        self.yaw[seen] += change
-        if seen.sum() >= FEW:
-            found = turn(self.rest, self.xy, seen)
-            by = (found - self.angle + np.pi) % (2 * np.pi) - np.pi
-        else:
-            by = float(np.median(change))
-        self.angle += by
-        self.turn_rate += 0.2 * (by / step - self.turn_rate)
-        self.yaw[~seen] += by
-
     def yaw_offsets(self) -> np.ndarray:
         """Return the yaw of each block against the lattice's, modulo 90 degrees, (25,) rad."""
         return np.asarray(wrap_quarter(self.yaw - self.angle))
 
-    def _swap_audit(self, stamp_s: float, step: float) -> None:
-        """Exchange two neighbours when, for long enough, the lattice says they stand crosswise."""
-        pair = suspect_swaps(self.xy, self.seen, self.angle, step, self.swaps)
-        while pair >= 0:
-            self._exchange(pair // N_BLOCKS, pair % N_BLOCKS)
-            pair = suspect_swaps(self.xy, self.seen, self.angle, 0.0, self.swaps)
-
     def _exchange(self, a: int, b: int) -> None:
+        """Exchange two neighbours that, for long enough, have stood crosswise on the lattice."""
         for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s'):
             array = getattr(self, name)
             array[[a, b]] = array[[b, a]]
@@ -249,18 +209,12 @@ class Lattice:
         self.swaps[[a, b], :] = 0.0
         self.swaps[:, [a, b]] = 0.0
 
-    def _whole_audit(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray) -> bool:
+    def _whole_audit(self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, many: bool) -> bool:
         """Read the lattice from nothing and adopt the reading when it keeps explaining more.
 
-        With several lights waiting it is asked on every image, and two answers that leave all that
-        is seen as it is are enough; else now and then, with more patience.
+        With many lights waiting it is asked on every image, and two answers that leave all that is
+        seen as it is are enough; else now and then, with more patience.
         """
-        age = np.where(self.candidate_index >= 0, stamp_s - self.candidate_born, 0.0)
-        hidden = N_BLOCKS - int(self.seen.sum())
-        many = min(int((age > 0.0).sum()), hidden) >= MANY
-        if not (many or (hidden and (age > AUDIT_S).any()) or folds(self.xy, self.seen)):
-            self.agreed = 0
-            return False
         if stamp_s - self.audit_s < AUDIT_S and not many:
             return False
         self.audit_s = stamp_s

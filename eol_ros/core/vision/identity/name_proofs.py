@@ -7,7 +7,7 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.vision.identity.cover_patterns import FIRST, CoverPatterns
+from eol_ros.core.vision.identity.cover_patterns import FIRST, FIT, CoverPatterns
 from eol_ros.core.vision.identity.lattice import Lattice
 
 JUMP_M = 0.03  # a block that is found further than this from where it went is looked at,
@@ -78,10 +78,12 @@ class NameProofs:
         """Return the blocks whose names are to be proved now."""
         return np.flatnonzero(_due(self.waited))
 
-    def tried(self, blocks: np.ndarray, proved: np.ndarray) -> None:
-        """Take that the covers of `blocks` (k,) were looked at, and which names that proved."""
-        self.tries[blocks] += 1
-        self.checked[blocks] = proved
+    def tried(self, blocks: np.ndarray, off: np.ndarray) -> bool:
+        """Take how far the covers of `blocks` (k,) are from theirs, inf where none was to be seen.
+
+        That proves names, or does not. Returns whether one is disproved. off: CoverPatterns.proofs.
+        """
+        return bool(_tried(blocks, off, self.tries, self.checked))
 
     def renamed(self) -> None:
         """Go on from places under new names."""
@@ -92,6 +94,17 @@ class NameProofs:
 @njit(cache=True)
 def _due(waited):
     return (waited > 0) & ((waited <= TRIES) | (waited % RARELY == 0))
+
+
+@njit(cache=True)
+def _tried(blocks, off, tries, checked):
+    disproved = False
+    for k in range(blocks.size):
+        if off[k] < np.inf:
+            tries[blocks[k]] += 1
+            checked[blocks[k]] = off[k] < FIT
+            disproved |= off[k] >= FIT
+    return disproved
 
 
 @njit(cache=True)

@@ -5,7 +5,15 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
-from eol_ros.core.vision.identity.fitting import MIN_SPACING_M, affine, assign, match, strain
+from eol_ros.core.vision.identity.fitting import (
+    MIN_SPACING_M,
+    affine,
+    assign,
+    folds,
+    match,
+    strain,
+    turn,
+)
 
 CANDIDATES = 32  # lights that are remembered without being a block
 STICK_M = 0.014  # mu_s m g / (4 k): friction holds a block this far from where its springs want it
@@ -21,6 +29,108 @@ SOON_S = 0.025  # a light must last before it can be a block: near its place,
 LATER_S = 0.06  # and elsewhere; a sound one need not, up to THROWN_M away
 LONG_S = 0.5  # a light that lasts so long may take the better of two doubtful places
 PATIENCE_S = 0.1  # a swap must be better for so long
+LAMP_S = 0.1  # a light that has been no block for so long is not taken for one on the way
+WAITED_S = 0.1  # a light that waits for so long is reason to read the whole lattice again,
+MANY = 3  # as are at once so many that wait, where as many blocks are hidden that they may be
+REST_M = 6e-4  # a lattice whose blocks stay within this rests
+FEW = 4  # blocks that tell how the lattice is turned
+QUARTER = np.pi / 2
+
+
+@njit(cache=True)
+def advance(
+    stamp_s, step, points, faint, xy, velocity, seen, sigma, rest, angle, place, born, last, at
+):
+    """Follow what was seen, carry what is hidden, and remember the other lights of one image.
+
+    faint (n,): points of which little is in view. Changes xy, velocity and sigma, and what is
+    remembered (see remember). Returns xy (25, 2) as it was, index (25,) or -1, and whether so many
+    lights wait that the whole lattice is to be read, or there is another reason to.
+    """
+    before = xy.copy()
+    index = follow(xy, velocity, seen, step, points, place[stamp_s - born > LAMP_S])
+    held = index >= 0
+    doubtful = np.zeros(N_BLOCKS, np.bool_)
+    for i in range(N_BLOCKS):
+        if held[i]:
+            xy[i] = points[index[i]]
+            doubtful[i] = faint[index[i]]
+    if doubtful.any():
+        gone = reject_outliers(xy, held, doubtful, rest, angle)
+        for i in range(N_BLOCKS):
+            if gone[i]:
+                index[i], held[i] = -1, False
+    predict_occluded(before, xy, held, rest, angle, velocity, sigma, step)
+    remember(stamp_s, points, index, place, born, last, at)
+    hidden = N_BLOCKS - held.sum()
+    waiting = 0
+    long = False
+    for k in range(CANDIDATES):
+        if at[k] >= 0 and stamp_s - born[k] > 0.0:
+            waiting += 1
+            long |= stamp_s - born[k] > WAITED_S
+    many = min(waiting, hidden) >= MANY
+    return before, index, many, (hidden > 0 and long) or folds(xy, held) > 0
+
+
+@njit(cache=True)
+def conclude(
+    stamp_s, step, points, spread, sound, give_back, before, was, index, angle, xy, velocity,
+    sigma, seen_s, rest_xy, swaps, place, born, last, at,
+):  # fmt: skip
+    """Take what one image says of each block, once its names are given; see advance.
+
+    spread (n,) m: of the points. sound (n,): can be nothing but blocks. give_back: lights may still
+    become hidden blocks. Changes index, xy, velocity, sigma, seen_s, and rest_xy where the lattice
+    does not rest. Returns seen (25,), whether it rests, and suspect_swaps.
+    """
+    if give_back:
+        back = reacquire(
+            stamp_s, xy, index, sigma, seen_s, angle, place, born, last, at, sound
+        )  # fmt: skip
+        for i in range(N_BLOCKS):
+            if back[i]:
+                xy[i] = points[index[i]]
+                velocity[i] = 0.0
+    seen = index >= 0
+    rests = True
+    for i in range(N_BLOCKS):
+        if not seen[i]:
+            continue
+        for k in range(2):
+            if was[i] and step > 0:
+                velocity[i, k] += 0.7 * ((xy[i, k] - before[i, k]) / step - velocity[i, k])
+            rests &= abs(xy[i, k] - rest_xy[i, k]) <= REST_M
+        seen_s[i] = stamp_s
+        sigma[i] = spread[index[i]]
+    if not rests:
+        rest_xy[:] = xy
+    return seen, rests, suspect_swaps(xy, seen, angle, step, swaps)
+
+
+@njit(cache=True)
+def turn_yaws(step, yaws, xy, seen, index, rest, yaw, angle, turn_rate):
+    """Unwrap the yaw (25,) of the seen blocks by `yaws` (n,); hidden ones turn with the lattice.
+
+    Returns angle and turn rate of the lattice after `step`, and how many blocks are seen.
+    """
+    change = np.empty(N_BLOCKS)
+    n = 0
+    for i in range(N_BLOCKS):
+        if seen[i]:
+            change[n] = (yaws[index[i]] - yaw[i] + np.pi / 4) % QUARTER - np.pi / 4
+            yaw[i] += change[n]
+            n += 1
+    if n == 0:
+        return angle, turn_rate, n
+    if n >= FEW:
+        by = (turn(rest, xy, seen) - angle + np.pi) % (2 * np.pi) - np.pi
+    else:
+        by = np.median(change[:n])
+    for i in range(N_BLOCKS):
+        if not seen[i]:
+            yaw[i] += by
+    return angle + by, turn_rate + 0.2 * (by / step - turn_rate), n
 
 
 @njit(cache=True)

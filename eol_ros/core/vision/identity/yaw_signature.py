@@ -10,6 +10,7 @@ time, the scatter says so, and nothing is decided.
 
 import numpy as np
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.identity.symmetry import TURNED
 from eol_ros.errors import ConfigError
@@ -32,25 +33,21 @@ class Yaws:
     def __init__(self) -> None:
         self.mean = np.zeros(N_BLOCKS)
         self.variance = np.zeros(N_BLOCKS)
-        self.looks = np.zeros(N_BLOCKS, int)
+        self.looks: np.ndarray = np.zeros(N_BLOCKS, np.int64)
         self.last_s = -np.inf
         self.last_xy = np.full((N_BLOCKS, 2), np.inf)
+
+    def due(self, stamp_s: float) -> bool:
+        """Return whether it is time for another look."""
+        return not 0.0 <= stamp_s - self.last_s < EVERY_S
 
     def learn(
         self, stamp_s: float, xy: np.ndarray, yaw_offsets: np.ndarray, seen: np.ndarray
     ) -> None:
         """Take xy (25, 2) m and the yaw offsets (25,) rad of the blocks seen (25,), well named."""
-        if 0.0 <= stamp_s - self.last_s < EVERY_S or seen.sum() < BLOCKS:
-            return
-        self.last_s = stamp_s
-        if np.abs(xy - self.last_xy)[seen].mean() < MOVED_M:
-            return
-        self.last_xy = xy.copy()
-        off = _apart(yaw_offsets - self.mean, seen)
-        self.looks[seen] += 1
-        share = 1.0 / np.minimum(self.looks, MEMORY)[seen]
-        self.mean[seen] += share * off[seen]
-        self.variance[seen] += share * ((1.0 - share) * off[seen] ** 2 - self.variance[seen])
+        if self.due(stamp_s) and seen.sum() >= BLOCKS:
+            self.last_s = stamp_s
+            _learn(xy, yaw_offsets, seen, self.last_xy, self.mean, self.variance, self.looks)
 
     def packed(self) -> bytes:
         """Return what was learnt, as 75 little-endian float32: means, variances (rad), looks."""
@@ -65,7 +62,7 @@ class Yaws:
         yaws = cls()
         mean, variance, looks = numbers.astype(float).reshape(3, N_BLOCKS)
         yaws.mean, yaws.variance = mean, np.maximum(variance, 0.0)
-        yaws.looks = np.clip(looks, 0, MEMORY).astype(int)
+        yaws.looks = np.clip(looks, 0, MEMORY).astype(np.int64)
         return yaws
 
     def weigh(self, yaw_offsets: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -97,6 +94,28 @@ class Yaws:
         return np.where(
             self.looks[names] >= ENOUGH, self.variance[names] + FLOOR_RAD**2, UNKNOWN_RAD**2
         )
+
+
+@njit(cache=True)
+def _learn(xy, yaw_offsets, seen, last_xy, mean, variance, looks):  # type: ignore[no-untyped-def]
+    moved, count = 0.0, 0
+    off = np.empty(N_BLOCKS)
+    for i in range(N_BLOCKS):
+        if seen[i]:
+            moved += abs(xy[i, 0] - last_xy[i, 0]) + abs(xy[i, 1] - last_xy[i, 1])
+            off[count] = yaw_offsets[i] - mean[i]
+            count += 1
+    if moved < 2 * count * MOVED_M:
+        return
+    last_xy[:] = xy
+    common = np.median(off[:count])
+    for i in range(N_BLOCKS):
+        if seen[i]:
+            rest = yaw_offsets[i] - mean[i] - common
+            looks[i] += 1
+            share = 1.0 / min(looks[i], MEMORY)
+            mean[i] += share * rest
+            variance[i] += share * ((1.0 - share) * rest * rest - variance[i])
 
 
 def _apart(off: np.ndarray, held: np.ndarray) -> np.ndarray:
