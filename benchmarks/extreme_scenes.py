@@ -119,10 +119,12 @@ def _along_a_line() -> list[Case]:
     weak = {'holds': 'a train of one; friction falls to half at this speed'}
     found = [
         row('K_C / K_L = 1e6', lambda: presets.scene('S6a'), EVENTS, 6.2, 'radau'),
-        row('K_C / K_L = 5e10, 7 s', lambda: plate(PULL, 7.0, k_between=1e12, u0=_line(25, 1e-9))),
+        row('K_C / K_L = 5e10, 7 s', lambda: plate(PULL, 7.0, k_between=1e12, u0=_line(25, 1e-9)),
+            EVENTS, 1e-6),
         row('one block, k = 1e12', lambda: single(PULL, 1.0, k=1e12), ONE),
-        row('table, k = 1e12', lambda: table(PULL, 1.0, k=1e12, u0=_line()), steps=60_000_000,
-            long=True, holds='4e7 reversals, each worked out: minutes, and --max-steps 60000000'),
+        row('table, k = 1e12', lambda: table(PULL, 1.0, k=1e12, u0=_line()), EVENTS, 1e-4,
+            steps=60_000_000, long=True,
+            holds='4e7 reversals, each worked out: minutes, and --max-steps 60000000'),
         row('masses 1e-6 to 1e3 kg', lambda: plate(PULL, 3.0, mass=masses(), u0=_line()),
             COARSE, 0.02, 'dop853'),
         row('stiffness 1e-3 to 1e9 N/m', lambda: uneven(plate(PULL, 1.0, u0=_line(25, 1e-9))),
@@ -159,11 +161,12 @@ def _along_a_line() -> list[Case]:
         row('one block, T = 0', lambda: single(PULL, 0.0), REST),
         row('K_C / K_L = 1e6, 400 blocks', lambda: _many(20, plate, 10.0, k_between=2e7), ONE),
         row('mass x 1e-4, g x 1e4, 400 blocks',
-            lambda: _many(20, plate, 10.0, mass=2.5e-5, g=9.81e4, u0=_line(400))),
+            lambda: _many(20, plate, 10.0, mass=2.5e-5, g=9.81e4, u0=_line(400)), EVENTS, 3.0),
         row('K_C / K_L = 1e6, 10000 blocks', lambda: _many(100, plate, 5.6, k_between=2e7), ONE,
             long=True),
         row('mass x 1e-4, g x 1e4, 10000 blocks',
-            lambda: _many(100, plate, 5.6, mass=2.5e-5, g=9.81e4, u0=_line(10_000)), long=True),
+            lambda: _many(100, plate, 5.6, mass=2.5e-5, g=9.81e4, u0=_line(10_000)),
+            EVENTS, 2.0, long=True),
         row('mu = 1e9, 10000 blocks', lambda: _many(100, table, 1e5, mu_s=1e9, mu_k=1e9), REST,
             long=True),
     ]  # fmt: skip
@@ -182,7 +185,7 @@ def _in_the_plane() -> list[Case]:
         row('k = 1e6, linear', lambda: table(PULL, 1.0, k=1e6, u0=_plane()), SLIDE, peer='sliding'),
         row('k = 1e12, geometric',
             lambda: table(PULL, 1.0, k=1e12, geometric=True, u0=_plane(25, 1e-9)),
-            long=True, holds='5e6 steps, minutes'),
+            SLIDE, 1e-5, long=True, holds='5e6 steps, minutes'),
         row('K_C / K_L = 1e6, circled', lambda: plate(CIRCLE, 5.0, k_between=2e7), EVENTS, 2.2,
             'radau'),
         row('masses 1e-6 to 1e3 kg, geometric',
@@ -242,7 +245,7 @@ def _in_the_plane() -> list[Case]:
             'dop853'),
         row('table, 10000 blocks',
             lambda: _many(100, table, 3.0, geometric=True, u0=offsets(10_000, 0.005, 5)),
-            long=True),
+            EVENTS, 2.0, long=True),
     ]  # fmt: skip
 
 
