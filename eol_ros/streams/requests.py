@@ -130,7 +130,12 @@ _TIME = Number('until_ns', 0, 2**63 - 1, whole=True)
 
 _SLEEPERS = ('leds', 'sound', 'montage')
 _FOLLOW = ('hours', 'projectors')
-_LIVE = tuple(name for name, node in NODES.items() if live_fields(node.settings))
+# a replay gives the requests of its bag and heeds none: its rate is a ROS parameter alone
+_LIVE = tuple(
+    name
+    for name, node in NODES.items()
+    if live_fields(node.settings) and 'requests' in node.subscribes
+)
 
 KINDS: dict[str, Kind] = {
     kind.name: kind

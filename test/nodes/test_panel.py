@@ -245,7 +245,7 @@ def test_what_people_ask_reaches_the_graph(rig):
             assert await post(client, 'sleep', {}) == (200, {'ok': True, 'text': '', 'said': []})
             status, answer = await post(client, 'play', {'grain': 12})
             assert (status, answer['error']) == (409, 'sound: no such grain')
-            said = [['is_now', {'name': 'radius', 'value': '0.125'}]]
+            said = [['is_now', {'setting': 'radius', 'value': '0.125'}]]
             told = {'ok': True, 'text': 'radius is 0.125', 'said': said}
             assert await post(client, 'radius', {'value': 0.125}) == (200, told)
             status, answer = await post(client, 'threshold', {'value': 90})

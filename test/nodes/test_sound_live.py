@@ -73,7 +73,6 @@ def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
     assert values['triggers'] >= 150
     assert (values['late'], values['dropped'], values['unheard']) == (0, 0, 0), values
     assert values['underruns'] == 0, 'the machine stood still for half a second'
-    assert values['relocks'] == 1, 'the system clock was set, and the sound with it'
     bag = next((tmp_path / 'bags').iterdir())
     out = tmp_path / 'offline.wav'
     assert cli.main(['render', str(bag), '--scene', str(path), '--out', str(out)]) == 0

@@ -97,7 +97,7 @@ class Yaws:
 
 
 @njit(cache=True)
-def _learn(xy, yaw_offsets, seen, last_xy, mean, variance, looks):  # type: ignore[no-untyped-def]
+def _learn(xy, yaw_offsets, seen, last_xy, mean, variance, looks):  # type: ignore[no-untyped-def]  # compiled
     moved, count = 0.0, 0
     off = np.empty(N_BLOCKS)
     for i in range(N_BLOCKS):
