@@ -12,7 +12,7 @@ from typing import Any
 
 from eol_ros.bringup import priority, processor
 from eol_ros.bringup.plan import Process
-from eol_ros.bringup.policy import STARVED, Look, Policy, Silence
+from eol_ros.bringup.policy import QUIET_S, STARVED, Look, Policy, Silence
 from eol_ros.ros.inherited import AGAIN, HEALTH_FD, KEPT
 
 _PR_SET_PDEATHSIG = 1
@@ -124,6 +124,15 @@ class Child:
     def alive(self) -> bool:
         """Tell whether it runs."""
         return self.popen is not None and self.popen.poll() is None
+
+    def stopped(self) -> bool:
+        """Tell whether somebody has stopped it (SIGSTOP, a debugger)."""
+        states = {t.state for t in processor.threads(self.popen.pid).values()} if self.popen else ()
+        return bool(states) and set(states) <= {'T', 't'}
+
+    def gives(self) -> bool:
+        """Tell whether what its nodes said of themselves last still holds."""
+        return self.alive() and self.policy.silence.silent_s < QUIET_S
 
     def beats(self, now_s: float) -> list[dict[str, Any]]:
         """Return the statuses that have come over the pipe."""

@@ -17,6 +17,8 @@ SILENT_S = 5.0  # no heartbeat for this long, though it could have run: hung
 STARVED_S = 60.0  # nor for this long, whatever it waited for
 START_S = 180.0  # the first heartbeat may take this long: without a cache a node compiles itself
 START_STARVED_S = 600.0
+START_AGAIN_S = 10.0  # and this long, or START_AGAIN times as long as before, where it has run
+START_AGAIN = 4.0
 UNFED_S = 3.0  # for so long a node may get nothing of what another node gives
 UNFED_FIRST_S = 15.0  # before all have been well for the first time
 UNFED_MOST_S = 60.0  # and twice as long each time, if that did not help
@@ -173,6 +175,7 @@ class Policy:
     silence: Silence = field(default_factory=lambda: Silence(0.0))
     backoff: Backoff = field(default_factory=Backoff)
     restarts: int = 0
+    start_took_s: float | None = None  # the longest that it took to its first heartbeat, so far
     unfed: bool = False  # it was ended because it got nothing: DDS is to blame
     deaths_s: list[float] = field(default_factory=list)
 
@@ -183,14 +186,22 @@ class Policy:
 
     def beat(self, now_s: float) -> None:
         """A heartbeat has come."""
+        if self.beat_s is None:
+            self.start_took_s = max(self.start_took_s or 0.0, self.silence.silent_s)
         self.beat_s = now_s
         self.silence = Silence(now_s)
 
     def verdict(self) -> str:
         """Tell how it is: FINE, STARVED or HUNG."""
         if self.beat_s is None:
-            return self.silence.verdict(START_S, START_STARVED_S)
+            return self.silence.verdict(self._start_s(), START_STARVED_S)
         return self.silence.verdict(SILENT_S, STARVED_S)
+
+    def _start_s(self) -> float:
+        """Return how long its first heartbeat may take: what it compiled once it need not again."""
+        if self.start_took_s is None:
+            return START_S
+        return min(max(START_AGAIN_S, START_AGAIN * self.start_took_s), START_S)
 
     def died(self, now_s: float) -> float:
         """Return how long to wait before the next start, in seconds; 0 for one that was healthy.

@@ -5,14 +5,11 @@ import os
 import select
 import signal
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eol_ros.bringup import status
+from eol_ros.bringup import shared_memory, status
 from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.memory import Memory, words
@@ -92,7 +89,7 @@ class Supervisor:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
         signal.signal(signal.SIGCHLD, lambda *_: None)  # only to wake the loop
-        clean_shared_memory()
+        shared_memory.clean()
         self._recall()
         self._began_s = self._clock()
         self._compile()
@@ -107,6 +104,8 @@ class Supervisor:
                     self._look_s = now + LOOK_S
                     if why := self._changed(restarting):
                         self._begin_again(why)
+                    for name in shared_memory.release_unfinished():
+                        self._note(f'{name}, which a killed process left half made, is removed')
                 ended = self._step(now)
                 if ended is not None:
                     code = ended
@@ -305,24 +304,37 @@ class Supervisor:
                 )
 
     def _end_hung(self, child: Child, now: float) -> None:
-        """First let it write down where it hangs (faulthandler, on SIGABRT), then kill it."""
+        """First let it write down where it hangs (faulthandler, on SIGABRT), then kill it.
+
+        One that was stopped hangs nowhere. It would hear SIGABRT only if it went on, and its other
+        threads would with it: for an instant that is too short for what they begin, as a port in
+        shared memory.
+        """
         if child.hung_s is None:
             child.hung_s = now
-            self._note(f'{child.process.name} is silent: it is started again')
+            stopped = child.stopped()
+            self._note(
+                f'{child.process.name} {"was stopped" if stopped else "is silent"}: '
+                'it is started again'
+            )
             self._events.line(f'{child.process.name}: {child.silence.measured()}')
-            child.signal(signal.SIGABRT)
-            child.signal(signal.SIGCONT)  # one that was stopped hears nothing else
+            child.signal(signal.SIGKILL if stopped else signal.SIGABRT)
         elif now - child.hung_s > DUMP_S:
             child.signal(signal.SIGKILL)
 
     def _feed(self, now: float) -> None:
         """Start a node again that gets nothing of what another node gives all the while."""
         rows = {name: (row, child) for child in self.children for name, row in child.status.items()}
+        giving = {
+            name: row.get('rate', 0.0)
+            for name, (row, child) in rows.items()
+            if row['level'] == 0 and child.gives()
+        }
         for name, sources in FED_BY.items():
-            well = [s for s in sources if s in rows and rows[s][0]['level'] == 0]
-            if name not in rows or not well:
+            if name not in rows:
                 continue
-            (row, child), given = rows[name], max(rows[s][0].get('rate', 0.0) for s in well)
+            (row, child), well = rows[name], [source for source in sources if source in giving]
+            given = max((giving[source] for source in well), default=0.0)
             judged = child.alive() and child.policy.beat_s is not None and not child.starved
             gets = row.get('rate', 1.0) if judged else 1.0
             if self._unfed[name].look(now, gets, given, self.all_ok_s is None):
@@ -417,14 +429,3 @@ class Supervisor:
                 self._told_slow.append(child)
                 self._note(f'{child.process.name} is waited for: {child.silence.words()}')
         return any(verdict != HUNG for _, verdict in verdicts)
-
-
-def clean_shared_memory() -> None:
-    """Remove what killed DDS processes have left in shared memory; live segments stay."""
-    try:
-        left = any(name.startswith('fastrtps_') for name in os.listdir('/dev/shm'))
-    except OSError:
-        return
-    tool = Path(sys.executable).with_name('fastdds')
-    if left and tool.exists():
-        subprocess.run([tool, 'shm', 'clean'], capture_output=True, timeout=20, check=False)

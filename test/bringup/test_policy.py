@@ -9,6 +9,8 @@ from eol_ros.bringup.policy import (
     PAUSE_S,
     QUIET_S,
     SILENT_S,
+    START_AGAIN,
+    START_AGAIN_S,
     START_S,
     START_STARVED_S,
     STARVED,
@@ -277,6 +279,21 @@ def test_a_start_takes_as_long_as_it_could_run():
     starved = started('starved', START_STARVED_S + 1)
     assert {v for s, v in starved.items() if SILENT_S < s < START_STARVED_S} == {STARVED}
     assert starved[START_STARVED_S + 1] == HUNG
+
+
+@pytest.mark.parametrize('took_s, allowed_s', [(1.0, START_AGAIN_S), (8.0, 8.0 * START_AGAIN)])
+def test_who_has_run_before_starts_about_as_soon_again(took_s, allowed_s):
+    policy = Policy()
+    policy.start(100.0)
+    for _ in range(round(took_s / PAUSE_S)):
+        policy.silence.pass_until(policy.silence.last_s + PAUSE_S)
+    policy.beat(policy.silence.last_s)
+    policy.died(policy.silence.last_s)
+    policy.start(policy.silence.last_s + 1.0)
+
+    verdicts = dict(silent('blocked', policy, allowed_s + 1))
+    assert {v for s, v in verdicts.items() if s < allowed_s} == {FINE}
+    assert verdicts[allowed_s + 1] == HUNG
 
 
 def test_a_process_in_good_health_is_not_looked_at():

@@ -266,6 +266,55 @@ def test_a_node_that_gets_nothing_of_what_is_given_is_started_again_alone(start,
     assert 'tracker has died (killed by SIGKILL); starting again' in lines
 
 
+def test_what_a_stopped_node_said_it_gives_holds_no_longer(start, monkeypatch):
+    """Else who gets nothing of a node that stands still is started again in its place."""
+    monkeypatch.setattr(policy, 'UNFED_S', 2.0)
+    deaf_later = DEAF.replace('while True:', 'beat(sys.argv[1]); time.sleep(1.0)\nwhile True:')
+    supervisor, _ = start(process('twin', STEADY), process('tracker', deaf_later))
+    twin, tracker = supervisor.children
+
+    def work():
+        wait_until(lambda: supervisor.all_ok_s is not None)
+        os.kill(twin.popen.pid, signal.SIGSTOP)
+        wait_until(lambda: twin.policy.silence.silent_s > 4.0)
+
+    attended(supervisor, work)
+    assert tracker.policy.restarts == 0
+
+
+def test_a_stopped_process_never_goes_on(start, monkeypatch, tmp_path):
+    """It would for an instant, and leave half done what its threads begin in it."""
+    monkeypatch.setattr(policy, 'SILENT_S', 0.5)
+    went_on = tmp_path / 'went_on'
+    script = (
+        BEAT
+        + f"""
+import threading
+signal.signal(signal.SIGABRT, signal.SIG_IGN)
+def note():
+    last = time.monotonic()
+    while True:
+        now = time.monotonic()
+        if now - last > 0.4:
+            open({str(went_on)!r}, 'w').close()
+        last = now
+        time.sleep(0.001)
+threading.Thread(target=note, daemon=True).start()
+while True:
+    beat(sys.argv[1]); time.sleep(0.1)
+"""
+    )
+    supervisor, _ = start(process('twin', script))
+
+    def work():
+        wait_until(lambda: supervisor.all_ok_s is not None)
+        os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
+        wait_until(lambda: supervisor.children[0].policy.restarts == 1)
+
+    attended(supervisor, work)
+    assert not went_on.exists()
+
+
 def test_nobody_is_to_blame_where_a_camera_is_not_well_or_a_replay_stands(start, monkeypatch):
     monkeypatch.setattr(policy, 'UNFED_S', 0.2)
     others = (process('camera', TROUBLED), process('replay', STEADY), process('tracker', DEAF))
@@ -371,7 +420,7 @@ def test_a_hung_process_is_started_again(start, monkeypatch):
         )
 
     attended(supervisor, work)
-    assert 'twin is silent: it is started again' in lines
+    assert 'twin was stopped: it is started again' in lines
 
 
 # `last` goes behind all others on one processor; its session's group too, where there is one.
@@ -686,8 +735,7 @@ def test_a_run_for_a_time_that_never_is_ok_fails(start, monkeypatch):
     assert 'not all OK within 4 s: twin (fine)' in lines
 
 
-@pytest.mark.parametrize('stopped', [False, True])
-def test_a_hung_process_says_where(start, monkeypatch, tmp_path, stopped):
+def test_a_hung_process_says_where(start, monkeypatch, tmp_path):
     monkeypatch.setattr(policy, 'SILENT_S', 0.5)
     script = (
         'import faulthandler; faulthandler.enable()'
@@ -701,12 +749,10 @@ beat('twin'); stuck_in_the_ice()
     supervisor, lines = start(process('twin', script))
 
     def work():
-        if stopped:
-            wait_until(lambda: supervisor.all_ok_s is not None)
-            os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
         wait_until(lambda: supervisor.children[0].policy.restarts == 1)
 
     attended(supervisor, work)
+    assert 'twin is silent: it is started again' in lines
     assert 'stuck_in_the_ice' in (tmp_path / 'eol.log').read_text()
     assert not any('stuck_in_the_ice' in line for line in lines)
 

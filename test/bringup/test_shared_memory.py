@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ports that a killed process left half made, before real participants of Fast DDS."""
+
+import contextlib
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+from support.domains import next_domain
+from support.waiting import wait_until
+
+from eol_ros.bringup import shared_memory
+
+PARTICIPANT = """
+from eol_ros.ros import network
+network.configure('local')
+import rclpy
+rclpy.init()
+rclpy.create_node('one')
+print('up', flush=True)
+"""
+
+
+def port(folder, name, content=b'', age_s=10.0):
+    path = folder / name
+    path.write_bytes(content)
+    return path, time.time() + age_s
+
+
+def test_a_port_without_a_size_is_removed(tmp_path):
+    path, now_s = port(tmp_path, 'fastrtps_port7411')
+    assert shared_memory.release_unfinished(tmp_path, now_s) == ['fastrtps_port7411']
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    'name, content, age_s',
+    [
+        ('fastrtps_port7411', b'x', 10.0),
+        ('fastrtps_port7411', b'', 0.1),
+        ('fastrtps_port7411_el', b'', 10.0),
+        ('fastrtps_a7c60ff415db09f5_el', b'', 10.0),
+        ('sem.fastrtps_port7411_mutex', b'', 10.0),
+        ('other', b'', 10.0),
+    ],
+)
+def test_all_else_stays(tmp_path, name, content, age_s):
+    path, now_s = port(tmp_path, name, content, age_s)
+    assert shared_memory.release_unfinished(tmp_path, now_s) == []
+    assert path.read_bytes() == content
+
+
+def test_a_folder_that_is_not_there_is_no_trouble(tmp_path):
+    assert shared_memory.release_unfinished(tmp_path / 'none') == []
+
+
+@pytest.mark.skipif(not os.access(shared_memory.FOLDER, os.W_OK), reason='no /dev/shm here')
+def test_who_waits_for_a_half_made_port_goes_on_when_it_is_removed():
+    domain = next_domain()
+    # DDSI-RTPS 9.6.1.1: the port of the messages of a domain's first participant
+    path = shared_memory.FOLDER / f'fastrtps_port{7400 + 250 * domain + 11}'
+    path.touch()
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+    words = [sys.executable, '-c', PARTICIPANT]
+    with subprocess.Popen(words, env=environment, stdout=subprocess.PIPE) as process:
+        try:
+            opened = f'/proc/{process.pid}/fd'
+
+            def waits():
+                with contextlib.suppress(OSError):  # one that is closed meanwhile
+                    return str(path) in [os.readlink(f'{opened}/{fd}') for fd in os.listdir(opened)]
+                return False
+
+            wait_until(waits)
+            with pytest.raises(subprocess.TimeoutExpired):
+                process.wait(timeout=1.5)
+            assert path.name in shared_memory.release_unfinished()
+            assert process.stdout.readline() == b'up\n'
+        finally:
+            process.kill()
+            path.unlink(missing_ok=True)
