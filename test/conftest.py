@@ -2,6 +2,7 @@
 """What all tests share: DDS domains and folders of their own, and no silent skip in CI."""
 
 import collections
+import gc
 import itertools
 import json
 import os
@@ -94,6 +95,11 @@ def pytest_collection_modifyitems(items):
         if name in LIVE:
             item.add_marker('live')
     items.sort(key=lambda item: names[item] not in LONGEST)
+
+
+def pytest_collection_finish():
+    """What has been imported stays: no collection of garbage need look at it again."""
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A measured value with its standard error, and the intervals that follow from both."""
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -64,8 +65,8 @@ class SampleMean(NamedTuple):
         is none, below six values for 95 %.
         """
         n = len(self.values)
-        subsets = np.arange(1, 2**n)[:, None] >> np.arange(n) & 1
-        means = np.sort(subsets @ self.values / subsets.sum(axis=1))
+        subsets, sizes = _subsets(n)
+        means = np.sort(subsets @ self.values / sizes)
         out = math.floor(0.5 * (1 - level) * 2**n)
         if not out:
             raise ValueError(f'{n} values have no interval of {100 * level:g} %')
@@ -77,3 +78,13 @@ class SampleMean(NamedTuple):
     def widened(self, sigma: float) -> 'SampleMean':
         """Return it with a further shared error of standard deviation `sigma`."""
         return SampleMean(self.values, math.hypot(self.further, sigma))
+
+
+@functools.cache
+def _subsets(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return which of `n` values are in each subset that is not empty (2^n - 1, n), and how many.
+
+    As floats, for the product with the values.
+    """
+    subsets = (np.arange(1, 2**n)[:, None] >> np.arange(n) & 1).astype(float)
+    return subsets, subsets.sum(axis=1)

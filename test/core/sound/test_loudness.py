@@ -18,9 +18,8 @@ FS = 48000
 
 def tone(levels_db, span_s):
     """1 kHz on both channels, one level after the other, peaks in dBFS."""
-    n = int(span_s * FS)
-    gains = np.repeat(10 ** (np.array(levels_db) / 20), n)
-    sine = gains * np.sin(2 * np.pi * 1000 * np.arange(len(gains)) / FS)
+    second = np.sin(2 * np.pi * 1000 * np.arange(FS) / FS)
+    sine = np.outer(np.repeat(10 ** (np.array(levels_db) / 20), span_s), second).ravel()
     return np.stack([sine, sine], axis=1)
 
 
