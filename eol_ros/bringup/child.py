@@ -125,11 +125,6 @@ class Child:
         """Tell whether it runs."""
         return self.popen is not None and self.popen.poll() is None
 
-    def stopped(self) -> bool:
-        """Tell whether somebody has stopped it (SIGSTOP, a debugger)."""
-        states = {t.state for t in processor.threads(self.popen.pid).values()} if self.popen else ()
-        return bool(states) and set(states) <= {'T', 't'}
-
     def gives(self) -> bool:
         """Tell whether what its nodes said of themselves last still holds."""
         return self.alive() and self.policy.silence.silent_s < QUIET_S

@@ -13,6 +13,7 @@ from eol_ros.bringup.processor import Thread
 from eol_ros.devices.backoff import Backoff
 
 HEALTHY_S = 60.0  # a process that has lived this long starts again at once
+STOPPED_S = 2.5  # no heartbeat for this long from one that is stopped (SIGSTOP): nothing can come
 SILENT_S = 5.0  # no heartbeat for this long, though it could have run: hung
 STARVED_S = 60.0  # nor for this long, whatever it waited for
 START_S = 180.0  # the first heartbeat may take this long: without a cache a node compiles itself
@@ -109,11 +110,19 @@ class Silence:
 
     def verdict(self, allowed_s: float, most_s: float) -> str:
         """Tell whether it may be silent for so long: FINE, STARVED, or HUNG."""
+        if self.stopped and self.silent_s > min(STOPPED_S, allowed_s):
+            return HUNG
         could_run_s = self.silent_s - self.processor_s - self.disk_s
         if could_run_s > allowed_s or self.silent_s > most_s:
             return HUNG
         mostly = self.looked_s > 0 and self.processor_s + self.disk_s >= self.looked_s / 2
         return STARVED if mostly and self.silent_s > min(SILENT_S, allowed_s) else FINE
+
+    @property
+    def stopped(self) -> bool:
+        """Whether somebody had stopped it (SIGSTOP, a debugger) at the last look."""
+        states = {t.state for t in self._look.threads.values()} if self._look else set()
+        return bool(states) and states <= {'T', 't'}
 
     def words(self) -> str:
         """Return what it waits for: "starved: waited 4.3 of the last 5.0 s for a processor"."""

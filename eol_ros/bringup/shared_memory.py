@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What killed DDS processes leave in /dev/shm, and how it is kept from holding up the others.
 
-Fast DDS keeps a port, a queue of what is meant for one participant, in a file that whoever comes
-first makes: reader or writers. A process that is killed between making the file and giving it a
-size leaves it empty, and who opens it then waits for the size: 300 s, in C, deaf to signals
-(Boost.Interprocess, managed_open_or_create_impl.hpp). Its own participants would not start, and
-publishers would stand in `publish`.
+Fast DDS keeps a port, the queue of what is meant for one participant, in a file that its reader or
+its first writer makes. A process that is killed between making the file and giving it a size leaves
+it empty, and a process that opens it then waits for the size: 300 s, in C, deaf to signals
+(Boost.Interprocess, managed_open_or_create_impl.hpp). The reader would not start, and the writers
+would stand in `publish`.
 """
 
 import contextlib

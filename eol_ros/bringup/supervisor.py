@@ -312,7 +312,7 @@ class Supervisor:
         """
         if child.hung_s is None:
             child.hung_s = now
-            stopped = child.stopped()
+            stopped = child.silence.stopped
             self._note(
                 f'{child.process.name} {"was stopped" if stopped else "is silent"}: '
                 'it is started again'

@@ -269,6 +269,7 @@ def test_a_node_that_gets_nothing_of_what_is_given_is_started_again_alone(start,
 def test_what_a_stopped_node_said_it_gives_holds_no_longer(start, monkeypatch):
     """Else who gets nothing of a node that stands still is started again in its place."""
     monkeypatch.setattr(policy, 'UNFED_S', 2.0)
+    monkeypatch.setattr(policy, 'STOPPED_S', 5.0)
     deaf_later = DEAF.replace('while True:', 'beat(sys.argv[1]); time.sleep(1.0)\nwhile True:')
     supervisor, _ = start(process('twin', STEADY), process('tracker', deaf_later))
     twin, tracker = supervisor.children
@@ -407,7 +408,8 @@ def test_what_a_process_kept_it_has_again_after_a_restart(start):
 
 
 def test_a_hung_process_is_started_again(start, monkeypatch):
-    monkeypatch.setattr(policy, 'SILENT_S', 0.5)
+    for name, value in (('SILENT_S', 10.0), ('STOPPED_S', 0.5), ('QUIET_S', 0.2), ('LOOK_S', 0.1)):
+        monkeypatch.setattr(policy, name, value)
     supervisor, lines = start(process('twin', STEADY))
 
     def work():
