@@ -255,6 +255,29 @@ def test_a_light_that_stands_while_blocks_move_is_no_block_ever(settled):
     assert settled.seen.sum() == 24
 
 
+def test_a_light_that_was_given_its_name_late_keeps_it(settled):
+    out = rest_lattice()
+    feed(settled, np.delete(out, 12, axis=0), 10 / 60, 10)
+    out[12] += 0.07  # thrown under an arm, so far that nobody takes it for itself
+    feed(settled, out, 20 / 60, 20)
+    assert settled.index[12] == -1
+    assert settled.rename(39 / 60, np.arange(25), out, np.zeros(25), np.full(25, 1e-4))
+    for k in range(20):
+        feed(settled, out, (40 + k) / 60, 1)
+        assert settled.index[12] == 12
+
+
+def test_a_light_from_before_darkness_is_no_lamp_after_it(settled):
+    rest, between = rest_lattice(), np.array([0.087, 0.087])
+    feed(settled, np.concatenate([rest, [rest[12] + between]]), 10 / 60, 20)
+    for k in range(6):
+        settled.break_off((30 + k) / 60)  # black images
+    assert settled.state == LOST
+    for k in range(20):  # block 12 stands where the light was
+        feed(settled, rest + between, (36 + k) / 60, 1)
+        assert k < 3 or (settled.index == np.arange(25)).all()
+
+
 def test_a_block_over_a_lamp_is_still_a_block(settled):
     settled.lamps._add(0.1, rest_lattice()[12] + [0.0005, 0.0])
     feed(settled, rest_lattice(), 0.2, 60)

@@ -23,6 +23,7 @@ from eol_ros.core.vision.identity.tracking import (
     QUARTER,
     advance,
     conclude,
+    forget_named,
     suspect_swaps,
     turn_yaws,
 )
@@ -362,6 +363,7 @@ class Lattice:
         self.seen = index >= 0
         self.swaps[:] = 0.0
         self.xy[self.seen] = xy[index[self.seen]]
+        forget_named(self.xy, self.seen, self.candidate_xy, self.candidate_born)
         fit = affine(self.rest, self.xy, self.seen)
         self.xy[~self.seen] = fit[0] + self.rest[~self.seen] @ fit[1:]
         self.sigma[~self.seen] = 0.02
@@ -394,4 +396,5 @@ class Lattice:
     def _lose(self) -> None:
         self.state = LOST
         self.agreed = 0
+        self.candidate_born[:] = np.inf
         self.velocity[:] = 0.0

@@ -335,6 +335,17 @@ def remember(stamp_s, points, index, place, born, last, at):
 
 
 @njit(cache=True)
+def forget_named(xy, seen, place, born):
+    """Forget lights that are blocks by now; else `follow` would take those blocks for lamps."""
+    for k in range(CANDIDATES):
+        if born[k] == np.inf:
+            continue
+        for i in range(N_BLOCKS):
+            if seen[i] and np.hypot(xy[i, 0] - place[k, 0], xy[i, 1] - place[k, 1]) < LAMP_M:
+                born[k] = np.inf
+
+
+@njit(cache=True)
 def reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, last, at, sound):
     """Give lights back to hidden blocks; sets `index`, returns which blocks came back (25,).
 
