@@ -57,18 +57,25 @@ def onset(
 
 
 def onsets(
-    times_s: np.ndarray, path_m: np.ndarray, sigma_m: np.ndarray, period_s: float
+    times_s: np.ndarray,
+    path_m: np.ndarray,
+    sigma_m: np.ndarray,
+    period_s: float,
+    latest_s: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return onsets and their standard deviations (b,), in s, on the clock of `times_s`.
 
     times_s: (b, n) rising. path_m: (b, n) displacement from rest along the direction of the slip,
     the first of them still at rest; NaN where there is no sample. sigma_m: (b,) noise of `path_m`,
-    the error of the rest position included.
+    the error of the rest position included. latest_s: (b,) stamps of images that show the motion
+    beyond doubt, after which no onset lies; the newest ones by default.
     """
     absent = np.isnan(path_m)
     path = np.where(absent, 0.0, path_m).T[:, :, None]
     noise2 = np.where(absent, 1e12, (sigma_m * sigma_m)[:, None]).T[:, :, None]
     times, newest = times_s.T[:, :, None], times_s[:, -1:]
+    if latest_s is not None:
+        newest = np.minimum(newest, latest_s[:, None])
     low, high = np.where(absent, np.inf, times_s).min(1, keepdims=True) - period_s, newest
     for _ in range(2):  # a coarse grid finds the place, a fine one the moment
         width = high - low

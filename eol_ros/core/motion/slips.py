@@ -88,6 +88,7 @@ class SlipDetector:
         self.fresh = np.zeros(N_BLOCKS, np.int64)  # images until the onset is looked at again
         self.rest_sigma = np.zeros(N_BLOCKS)
         self.rested_s = np.zeros(N_BLOCKS)  # how long it had been seen at rest before its slip
+        self.started_s = np.zeros(N_BLOCKS)  # stamp of its START
         self.onset_s = np.zeros(N_BLOCKS)
         self.onset_sigma_s = np.zeros(N_BLOCKS)
         self.start = np.zeros((2, N_BLOCKS))
@@ -339,6 +340,7 @@ class SlipDetector:
         self.rested_s[blocks] = n[blocks] * self.period_s
         self.rest_sigma[blocks] = (deviation * np.sqrt(1.0 + 1.0 / np.maximum(n, 1)))[blocks]
         self.fresh[blocks] = LATER_IMAGES
+        self.started_s[blocks] = self.last_s
         self._find_onsets(blocks, BEFORE_IMAGES)
         self.moving |= starting
         self.still[starting] = False  # the place it left is no anchor for where it comes to rest
@@ -380,8 +382,10 @@ class SlipDetector:
             ahead = offset[:, -1]
             times[k, -len(at) :] = self.times[at] - self.last_s
             path[k, -len(at) :] = ahead @ offset / max(math.hypot(*ahead.tolist()), 1e-12)
-        found, spread = onsets(times, path, self.rest_sigma[blocks], self.period_s)
-        self.onset_s[blocks] = np.maximum(self.last_s + found, self.not_before_s[blocks])
+        latest = self.started_s[blocks] - self.last_s
+        found, spread = onsets(times, path, self.rest_sigma[blocks], self.period_s, latest)
+        found = np.maximum(self.last_s + found, self.not_before_s[blocks])
+        self.onset_s[blocks] = np.minimum(found, self.started_s[blocks])
         self.onset_sigma_s[blocks] = spread
 
     def _find_ends(
@@ -397,7 +401,9 @@ class SlipDetector:
             at = at[self.times[at] <= until_s[k]]
             offset = self.place[:, block, at] - rest[:, k, None]
             far = np.hypot(offset[0], offset[1])
-            out = np.flatnonzero(far > 5.0 * sigma_m[k])
+            away = far > 5.0 * sigma_m[k]
+            # The newest may be away because it has begun to leave: it rested where it is not.
+            out = np.flatnonzero(away & ~np.logical_and.accumulate(away))
             if out.size:
                 part = slice(max(out[0] - BEFORE_IMAGES + 1, 0), out[0] + 1)
                 size = part.stop - part.start

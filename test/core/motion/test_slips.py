@@ -200,6 +200,34 @@ def test_a_rest_of_few_images_parts_two_slips(fps, images):
         assert mine[1].stamp_s == mine[2].stamp_s
 
 
+def test_a_block_that_goes_on_as_its_stop_is_told_ended_with_its_rest():
+    """In the image that tells the STOP it has left by 40 to 64 um, which is no START yet."""
+    fps, acceleration = 60, 1.0
+    rests = np.ceil((2.0 + 2 * np.sqrt(0.02 / acceleration)) * fps)
+    end = (rests - 0.5) / fps
+    begin, paths, goes = end - 2 * np.sqrt(0.02 / acceleration), {}, {}
+    for block in range(N_BLOCKS):
+        goes[block] = on = (rests + 4) / fps - np.sqrt(2e-6 * (40 + block) / acceleration)
+        paths[block] = lambda t, on=on: slide(t, begin, acceleration) + slide(t, on, acceleration)
+    events = watch(paths, fps, 9e-6, 3.0)
+    for block, onset in goes.items():
+        _, stop, start, _ = (e for e in events if e.block == block)
+        assert stop.onset_s + stop.duration_s == pytest.approx(end, abs=0.015), block
+        assert start.onset_s == pytest.approx(onset, abs=0.012), block
+
+
+def test_no_onset_lies_after_the_image_that_shows_the_motion():
+    """A block is nudged sideways before it goes: along its way later images alone would tell."""
+    random, detector, events = np.random.default_rng(0), SlipDetector(MotionSettings()), []
+    for k in range(180):
+        place = rest_lattice() + random.normal(0, 4e-6, (N_BLOCKS, 2))
+        place[7] += slide(k / 60, 121.6 / 60), 5e-5 * (k >= 121)
+        events += detector.update(k / 60, place[:, 0], place[:, 1], SEEN)
+    assert [e.stamp_s for e in events if e.kind == START] == [121 / 60]
+    assert [e.onset_s for e in events] == pytest.approx([120.6 / 60] * 2, abs=0.4 / 60)
+    assert all(e.onset_s <= 121 / 60 for e in events)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('fps', [60, 120])
 def test_a_slow_pass_is_no_rest(fps):
@@ -246,6 +274,8 @@ def test_starts_and_stops_of_a_block_alternate(slips, fps, noise_m, seed):
         assert all(a.slip == b.slip for a, b in zip(mine[::2], mine[1::2], strict=False))
         stamps = [e.stamp_s for e in mine]
         assert stamps == sorted(stamps)
+        for start in mine[::2]:
+            assert all(e.onset_s <= start.stamp_s for e in mine if e.slip == start.slip)
         for stop, start in zip(mine[1::2], mine[2::2], strict=False):
             assert stop.onset_s + stop.duration_s <= start.onset_s + 1e-9
 
