@@ -36,7 +36,7 @@ from eol_ros.settings import TrackerSettings
 if TYPE_CHECKING:
     from eol_ros.core.vision.calibration import self_calibration
 
-HIDDEN = 0.35  # less of the outline than this in view, and the block counts as hidden
+HIDDEN = 0.25  # less of the outline than this in view, and the block counts as hidden
 REST_S = 20.0  # for so long a calibration that was asked for waits for the blocks to rest
 SETTLE_S = 0.3  # after a new calibration; longer than any rest that motion compares with
 LAMP_LEVEL = 5  # grey levels
@@ -112,7 +112,7 @@ class Tracker:
         self.settings = settings
         self.watch = Watch(calibration)
         self._take(calibration)
-        self.predicted = np.zeros((N_BLOCKS, 5))
+        self.predicted = np.zeros((N_BLOCKS, 6))
         self.finder = finder if finder is not None else BlobFinder(settings, calibration)
         blink = None
         if settings.blink_block >= 0:
@@ -346,7 +346,7 @@ class Tracker:
             self.asked_s = np.inf
 
     def _predicted(self, stamp_s: float) -> np.ndarray | None:
-        """Where squares are expected, (k, 3) u, v, theta, for the finder."""
+        """Where squares are expected, (25, 6), for the finder; see BlobFinder.find."""
         if self.lattice.state != TRACKING or self.calibration is None:
             return None
         ahead = stamp_s - self.last_s
@@ -361,6 +361,7 @@ class Tracker:
             self.predicted,
             mapping.BEND if self.calibration.covers is not None else 0.0,
         )
+        self.predicted[:, 5] = stamp_s - lattice.seen_s
         if lattice.ambiguous:  # then it is not known which cover is which
             self.predicted[:, 4] = -1.0
         return self.predicted

@@ -297,3 +297,39 @@ def test_whole_blocks_on_glittering_sandpaper_are_whole():
     assert partly.sum() >= 5
     shown = blobs['visibility'][off.argmin(axis=0)]
     assert np.abs(shown[partly] - share[partly]).max() < 0.25
+
+
+def hidden_but_for(rows, columns):
+    """Return a finder that has just seen all blocks, an image, true centres, what is expected.
+
+    In the image an arm as dark as the platform leaves of block 12 what is given, from its centre.
+    """
+    renderer = Renderer(RenderOptions(noise='L2'))
+    xy = rest_lattice()
+    truth = renderer.calibration.to_pixels(xy)
+    seen = np.column_stack([truth, np.zeros(25), np.full(25, 170.0), np.full(25, -1.0)])
+    near = np.column_stack([seen, np.full(25, 1 / 60)])  # s since it was seen
+    image = renderer.render(*xy.T, np.zeros(25), 0).copy()
+    finder = BlobFinder(calibration=renderer.calibration)
+    assert len(finder.find(image, near)) == 25
+    ground = round(float(np.median(image)))
+    u, v = np.rint(truth[12]).astype(int)
+    v_off, u_off = np.mgrid[-40:41, -40:41]
+    shown = (rows[0] <= v_off) & (v_off < rows[1]) & (columns[0] <= u_off) & (u_off < columns[1])
+    image[v - 40 : v + 41, u - 40 : u + 41][~shown] = ground
+    return finder, image, truth, near
+
+
+@pytest.mark.parametrize('rows', [(-19, 1), (-17, 9), (-15, 11), (-13, 13)])
+def test_the_edge_of_a_dark_arm_does_not_draw_a_block_along(rows):
+    finder, image, truth, near = hidden_but_for(rows, (-40, 40))
+    left = paired(finder.find(image, near), truth, 25.0)[12]
+    assert not np.hypot(*left) > 2.0  # right, or hidden
+
+
+def test_a_block_that_was_just_seen_is_followed_to_where_little_of_it_is_left():
+    finder, image, truth, near = hidden_but_for((-40, 2), (-40, 2))
+    left = paired(finder.find(image, near), truth)[12]
+    assert np.hypot(*left) < 0.2
+    near[12, 5] = 0.5  # long ago it might have been anywhere: so little is no proof
+    assert np.isnan(paired(finder.find(image, near), truth)[12]).all()

@@ -88,7 +88,8 @@ class BlobFinder:
         Args:
             predicted: (k, 3) u, v, theta where blocks are expected, good to a few px; a fourth
                 column says their contrast in grey levels, 0 where that is not known; a fifth that
-                row i is block i, and how many right angles lie from theta to its x axis, or -1.
+                row i is block i, and how many right angles lie from theta to its x axis, or -1; a
+                sixth how many seconds ago it was seen.
 
         Raises:
             ConfigError: not an 8-bit grey image.
@@ -111,7 +112,7 @@ class BlobFinder:
         n = 0
         expected = np.zeros((0, 3)) if predicted is None else np.asarray(predicted, float)
         if len(expected) and known[search.FIELD]:
-            near = np.full((len(expected), 5), (0.0, 0.0, 0.0, 0.0, -1.0))
+            near = np.full((len(expected), 6), (0.0, 0.0, 0.0, 0.0, -1.0, np.inf))
             near[:, : expected.shape[1]] = expected
             n = search.at_predictions(
                 image,
@@ -173,7 +174,7 @@ class BlobFinder:
         self._label = np.zeros((rows, cols), np.int32)
         self._parent = np.zeros(_LABELS, np.int32)
         self._stats = np.zeros((_LABELS, 7))
-        self._lit = np.zeros(2048, np.float32)
+        self._lit = np.zeros(4096, np.float32)
         self._found_more = False
         for what in (search.CONTRASTS, search.TURN, search.REFUSED, search.LEFT):
             self._known[what] = 0.0

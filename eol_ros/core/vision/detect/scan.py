@@ -14,6 +14,7 @@ from eol_ros.core.compiled import njit
 STEP = 4  # px between samples
 TILE = 16  # samples along the side of a tile of background
 SEEK_PX = 24.0  # the rim may have led a block that far while an arm hid it
+COARSE, BEST = 2, 3  # samples between places that are tried first, and how many are looked at again
 
 
 def read_only(image: np.ndarray) -> np.ndarray:
@@ -129,6 +130,32 @@ def lit(grid, tiles, u, v, theta, half, over, least):
     return found > least * max(all_of_it, 1)
 
 
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
+def _fit_of(lit, n, room, x0, y0, size, areas):
+    """Return how well a square at x0, y0 fits lit samples (see seek), and how much fuller it is.
+
+    areas: of its inside, of the strip along its sides, and of the rim around it, in samples.
+    """
+    inside, within, rim = areas
+    zero, one = np.float32(0.0), np.float32(1.0)
+    core = np.float32(size - 1.6)
+    well, low, high = np.float32(size - 0.3), np.float32(size + 0.4), np.float32(size + 1.7)
+    f_x, f_y = np.float32(x0), np.float32(y0)
+    across = lit[room:]  # indices that are plainly not negative: else each would be tested
+    full = below = near = deep = zero
+    for i in range(n):
+        x, y = abs(lit[i] - f_x), abs(across[i] - f_y)
+        away = x if x > y else y
+        deep += one if away < core else zero
+        full += one if away < well else zero
+        below += one if away < high else zero
+        near += one if away <= low else zero
+    gain = full / inside - (below - near) / rim
+    if full <= 0.3 * inside or gain <= 0.0:
+        return 0.0, 0.0
+    return gain + (full - deep) / within, gain
+
+
 @njit(cache=True, fastmath=True, error_model='numpy')
 def seek(grid, tiles, u, v, theta, half, over, lit):
     """Look around u, v for where a square of light would fit best.
@@ -152,28 +179,29 @@ def seek(grid, tiles, u, v, theta, half, over, lit):
                 n += 1
     inside, rim = 4.0 * (size - 0.3) ** 2, 4.0 * ((size + 1.7) ** 2 - (size + 0.4) ** 2)
     within = inside - 4.0 * (size - 1.6) ** 2
-    best_u = best_v = best = fuller = 0.0
     if n <= 0.3 * inside:
-        return best_u, best_v, fuller
-    zero, one = np.float32(0.0), np.float32(1.0)
-    core = np.float32(size - 1.6)
-    well, low, high = np.float32(size - 0.3), np.float32(size + 0.4), np.float32(size + 1.7)
-    across = lit[room:]  # indices that are plainly not negative: else each would be tested
-    for dv in range(-most, most + 1):
-        for du in range(-most, most + 1):
-            x0, y0 = np.float32(du * c - dv * sn), np.float32(du * sn + dv * c)
-            full = below = near = deep = zero
-            for i in range(n):
-                x, y = abs(lit[i] - x0), abs(across[i] - y0)
-                away = x if x > y else y
-                deep += one if away < core else zero
-                full += one if away < well else zero
-                below += one if away < high else zero
-                near += one if away <= low else zero
-            gain = full / inside - (below - near) / rim
-            edge = gain + (full - deep) / within
-            if full > 0.3 * inside and gain > 0.0 and edge > best:
-                best_u, best_v, best, fuller = du * STEP, dv * STEP, edge, gain
+        return 0.0, 0.0, 0.0
+    areas = inside, within, rim
+    # on a coarse grid first: where a square of light stands, places beside it hold most of it
+    best = np.zeros((BEST, 3))
+    for dv in range(-most, most + 1, COARSE):
+        for du in range(-most, most + 1, COARSE):
+            edge, _ = _fit_of(lit, n, room, du * c - dv * sn, du * sn + dv * c, size, areas)
+            if edge > best[BEST - 1, 0]:
+                k = BEST - 1
+                while k > 0 and edge > best[k - 1, 0]:
+                    best[k] = best[k - 1]
+                    k -= 1
+                best[k, 0], best[k, 1], best[k, 2] = edge, du, dv
+    best_u = best_v = most_edge = fuller = 0.0
+    for k in range(BEST):
+        if best[k, 0] == 0.0:
+            break
+        for i in range(9):
+            du, dv = best[k, 1] + i % 3 - 1, best[k, 2] + i // 3 - 1
+            edge, gain = _fit_of(lit, n, room, du * c - dv * sn, du * sn + dv * c, size, areas)
+            if edge > most_edge:
+                best_u, best_v, most_edge, fuller = du * STEP, dv * STEP, edge, gain
     return best_u, best_v, fuller
 
 

@@ -32,9 +32,16 @@ TIGHT_PX = 0.05  # and with a calibration
 # it may be an arm's edge or a lamp's that the rest was fitted to.
 MOST_SIGMA_PX, MOST_PARTLY_PX = 0.3, 0.24
 # least share of edges that agree, of the worst side, and least quality
+FOLLOWED = (0.25, 0.0, 0.04)
 PREDICTED = (0.30, 0.0, 0.10)
 NEW = (0.60, 0.30, 0.40)
 REGAINED = (0.35, 0.0, 0.25)
+# An edge of an arm may look like a side. Of a block of which less than POORLY agrees, an outline so
+# far from where it is expected (half sides, and half sides for each second since it was seen), or
+# so turned (rad), is no answer. So near, and seen so lately, it is one if FOLLOWED agrees.
+POORLY = 0.6
+AWAY, AWAY_A_S, TURNED = 0.10, 3.6, 0.15
+CLOSE, LATELY_S = 0.065, 0.1
 # Of the contrast that the block had when it was last seen whole.
 MIN_CONTRAST, MAX_CONTRAST = 0.65, 1.9
 # From this quality on, and so sure, an outline where the lattice misses a block is that block's: if
@@ -77,11 +84,13 @@ def expected(known, shape, u, v):
 
 @njit(cache=True, inner=True)
 def attempt(
-    image, known, u, v, theta, own, half, search, table, work, ends, small, square, missed=False
-):
+    image, known, u, v, theta, own, half, search, table, work, ends, small, square, missed=False,
+    since_s=np.inf,
+):  # fmt: skip
     """Fit a square from `u`, `v`, `theta`; `square` (FIELDS,) says how it went.
 
-    own: contrast that it is known to have, or 0. missed: a block of the lattice should be here.
+    own: contrast that it is known to have, or 0. missed: a block of the lattice should be here,
+    which was seen `since_s` ago.
     half: of its side, px; 0 where `known` says it.
     table: see outline; small: edges.scratch.
     """
@@ -110,8 +119,12 @@ def attempt(
         else:
             square[QUALITY] *= square[ALONE]
     moved = math.hypot(square[U] - u, square[V] - v)
+    close = since_s < LATELY_S and moved < CLOSE * size
+    some = close or (square[VISIBLE] >= PREDICTED[0] and square[QUALITY] >= PREDICTED[2])
+    sure = square[VISIBLE] > edges.WHOLE or close
     if not (
-        square[SIGMA] < (MOST_SIGMA_PX if square[VISIBLE] > edges.WHOLE else MOST_PARTLY_PX)
+        square[SIGMA] < (MOST_SIGMA_PX if sure else MOST_PARTLY_PX)
+        and some
         and moved < size
         and square[LEVEL] >= known[THRESHOLD]
         and abs(square[HALF] / size - 1.0) < (0.25 if half > 0 else 0.06)
@@ -120,6 +133,15 @@ def attempt(
         and square[QUALITY] >= 0.0
     ):
         square[VISIBLE] = square[QUALITY] = 0.0
+
+
+@njit(inline='always')
+def _stray(square, u, v, theta, since_s):
+    """Return whether a fit shows little, and stands where a block can hardly have come."""
+    turned = square[THETA] - theta
+    turned = abs(turned - round(turned / (math.pi / 2)) * (math.pi / 2))
+    far = math.hypot(square[U] - u, square[V] - v) > (AWAY + AWAY_A_S * since_s) * square[HALF]
+    return square[VISIBLE] < POORLY and (far or turned > TURNED)
 
 
 @njit(cache=True, inner=True)
@@ -156,7 +178,7 @@ def keep(fits, tried, kept, n, least):
 def _tabulate(known, shape, camera, outlines, near, i, table):
     """Fill `table` for the block of row `i` of `near`, without a name one that stands for all."""
     if len(outlines):
-        u, v, theta, _, quarter = near[i]
+        u, v, theta, _, quarter, _ = near[i]
         half = expected(known, shape, u, v)[0]
         which = i if quarter >= 0 and i < len(outlines) - 1 else len(outlines) - 1
         outline.tabulate(camera, outlines[which], u, v, theta, half, int(max(quarter, 0.0)), table)
@@ -166,11 +188,12 @@ def _tabulate(known, shape, camera, outlines, near, i, table):
 def at_predictions(
     image, known, grid, tiles, near, camera, outlines, table, work, ends, fits, kept, lit
 ):
-    """Measure blocks where they are expected, `near` (k, 5).
+    """Measure blocks where they are expected, `near` (k, 6).
 
-    Its columns: u, v, theta, contrast or 0, and the right angles from theta to the block's own x
-    axis, -1 where that is not known. camera: Calibration.packed(); outlines: CoverOutlines.over;
-    table (outline.SIZE,) is room for one, 0 where covers are flat.
+    Its columns: u, v, theta, contrast or 0, the right angles from theta to the block's own x axis,
+    -1 where that is not known, and how many seconds ago it was seen, inf for not known. camera:
+    Calibration.packed(); outlines: CoverOutlines.over; table (outline.SIZE,) is room for one, 0
+    where covers are flat.
 
     Where one is not, the scan says where about a square of light would fit best. Returns how many
     are in `kept`.
@@ -178,7 +201,7 @@ def at_predictions(
     small = edges.scratch()
     tried = 0
     for i in range(len(near)):
-        u, v, theta, own, _ = near[i]
+        u, v, theta, own, _, since_s = near[i]
         if not (math.isfinite(u) and math.isfinite(v) and math.isfinite(theta)):
             continue
         half = expected(known, image.shape, u, v)[0]
@@ -186,16 +209,19 @@ def at_predictions(
         if scan.lit(grid, tiles, u, v, theta, half, over, LIT):
             _tabulate(known, image.shape, camera, outlines, near, i, table)
             attempt(
-                image, known, u, v, theta, own, 0.0, 0, table, work, ends, small, fits[tried], True
-            )
+                image, known, u, v, theta, own, 0.0, 0, table, work, ends, small, fits[tried], True,
+                since_s,
+            )  # fmt: skip
+            if _stray(fits[tried], u, v, theta, since_s):
+                fits[tried, VISIBLE] = fits[tried, QUALITY] = 0.0
             tried += 1
-    n = keep(fits, tried, kept, 0, PREDICTED)
+    n = keep(fits, tried, kept, 0, FOLLOWED)
     if n == len(near):
         return n
     scan.erase(grid, tiles, kept, 0, n, scan.STEP)
     tried = 0
     for i in range(len(near)):
-        u, v, theta, own, _ = near[i]
+        u, v, theta, own, _, since_s = near[i]
         there = not (math.isfinite(u) and math.isfinite(v) and math.isfinite(theta))
         for j in range(n):
             there = there or math.hypot(kept[j, U] - u, kept[j, V] - v) <= BESIDE_PX
@@ -223,6 +249,8 @@ def at_predictions(
                 fits[tried],
                 True,
             )
+            if _stray(fits[tried], u, v, theta, since_s):
+                fits[tried, VISIBLE] = fits[tried, QUALITY] = 0.0
             tried += 1
     return keep(fits, tried, kept, n, REGAINED)
 
@@ -246,7 +274,7 @@ def at_lights(
     most: how many of them to try again now; the others come in the next image. Returns how many are
     in `kept`, of which there were `n` before. See at_predictions.
     """
-    one, other, small = np.zeros((1, 5)), np.zeros(edges.FIELDS), edges.scratch()
+    one, other, small = np.zeros((1, 6)), np.zeros(edges.FIELDS), edges.scratch()
     old = 0
     for i in range(int(known[REFUSED])):
         if known[TURN] - refused[i, 2] < FORGET_IMAGES:
