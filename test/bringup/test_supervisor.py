@@ -259,7 +259,7 @@ TROUBLED = STEADY.replace('beat(sys.argv[1])', 'beat(sys.argv[1], 1)')
 def test_a_node_that_gets_nothing_of_what_is_given_is_started_again_alone(start, monkeypatch):
     monkeypatch.setattr(policy, 'UNFED_S', 0.4)
     supervisor, lines = start(process('twin', STEADY), process('tracker', DEAF))
-    attended(supervisor, lambda: wait_until(lambda: supervisor.children[1].policy.restarts == 1))
+    attended(supervisor, lambda: wait_until(lambda: supervisor.children[1].policy.restarts >= 1))
     assert supervisor.children[0].policy.restarts == 0
     told = 'tracker gets nothing of the 60 a second that twin gives: it is started again'
     assert told in lines
@@ -310,7 +310,7 @@ while True:
     def work():
         wait_until(lambda: supervisor.all_ok_s is not None)
         os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
-        wait_until(lambda: supervisor.children[0].policy.restarts == 1)
+        wait_until(lambda: supervisor.children[0].policy.restarts >= 1)
 
     attended(supervisor, work)
     assert not went_on.exists()
@@ -718,7 +718,7 @@ def test_a_fault_shows_its_last_line_and_keeps_the_rest_in_the_log(start, tmp_pa
     supervisor, lines = start(process('twin', 'import time\nraise RuntimeError("no ice")'))
 
     def work():
-        wait_until(lambda: supervisor.children[0].policy.restarts == 1)
+        wait_until(lambda: supervisor.children[0].policy.restarts >= 1)
 
     attended(supervisor, work)
     shown = [line for line in lines if '|' in line]
@@ -751,7 +751,7 @@ beat('twin'); stuck_in_the_ice()
     supervisor, lines = start(process('twin', script))
 
     def work():
-        wait_until(lambda: supervisor.children[0].policy.restarts == 1)
+        wait_until(lambda: supervisor.children[0].policy.restarts >= 1)
 
     attended(supervisor, work)
     assert 'twin is silent: it is started again' in lines

@@ -5,7 +5,9 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import time
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +15,9 @@ import pytest
 from builtin_interfaces.msg import Time
 from eol_msgs.msg import Blocks, LedCommand
 from rclpy.serialization import serialize_message
+from support.waiting import GENEROUS_S
 
-from benchmarks.measure_twins import Blinks, Hung, Pulled
+from benchmarks.measure_twins import FPS, Blinks, Hung, Pulled
 from eol_ros import cli, scene
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.states import TRACKING
@@ -233,24 +236,48 @@ def test_weights_are_no_pull_of_the_rim(hung, mine, capsys):
 
 
 def test_a_person_is_guided_while_the_table_is_measured(hung, mine):
-    """Live: the same images on the graph, as fast as they are heard."""
+    """Live, faster than a camera: a weight hangs once the program has asked for it.
+
+    A busy machine loses images of a stream, so the table stands there until that is said.
+    """
     twin, images, _ = hung
+    asked = [f'Weight {n} of 5: let' for n in range(1, 6)] + ['That was the last']
+    weighed = np.array_split(np.arange(len(images)), len(asked))
     child = subprocess.Popen(
         [sys.executable, '-m', 'eol_ros', 'measure', 'springs', mine, '--weights', grams(twin)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ,
     )  # fmt: skip
-    try:
-        with session() as visit:
-            publisher = visit.node.create_publisher(Blocks, '/eol/blocks', PUBLISHER_QOS['stream'])
-            assert visit.run(lambda: publisher.get_subscription_count() == 1, 60)
-            for _, data in messages(images):
-                publisher.publish(data)
-                time.sleep(0.001)
-            out, err = child.communicate(timeout=60)
-    finally:
-        child.kill()
-    assert child.returncode == 0, err
-    assert 'Weight 1 of 5: let' in err and 'That was the last' in err
+    said = []
+    listening = threading.Thread(target=lambda: said.extend(child.stderr), daemon=True)
+    listening.start()
+
+    def shown():
+        """Yield images, those of each rest for as long as it takes."""
+        count = 0
+        for words, parts in zip(asked, weighed, strict=True):
+            end = time.monotonic() + GENEROUS_S
+            left = deque(parts)
+            while not any(words in line for line in said):
+                assert time.monotonic() < end and child.poll() is None, said
+                _, places, seen = images[left.popleft() if left else parts[-1]]
+                count += 1
+                yield count / FPS, places, seen
+
+    with child:
+        try:
+            with session() as visit:
+                publisher = visit.node.create_publisher(
+                    Blocks, '/eol/blocks', PUBLISHER_QOS['stream']
+                )
+                assert visit.run(lambda: publisher.get_subscription_count() == 1, 60)
+                for _, data in messages(shown()):
+                    publisher.publish(data)
+                    time.sleep(0.002)
+            out = child.stdout.read()
+            listening.join()
+        finally:
+            child.kill()
+    assert child.returncode == 0, said
     assert out.startswith('stiffness ')
     assert scene.load(mine).nodes['twin'].stiffness_error > 0
 
