@@ -126,10 +126,11 @@ def outside():
     return {name: value for name, value in os.environ.items() if name not in gone}
 
 
-def pip(python, environment, cwd, *words):
-    """Run pip install; skip where PyPI cannot be reached."""
+def pip(folder, environment, cwd, *words):
+    """Run pip install for the environment `folder`; skip where PyPI cannot be reached."""
     result = subprocess.run(
-        [python, '-m', 'pip', 'install', '--quiet', '--no-compile', *map(str, words)],
+        [sys.executable, '-m', 'pip', '--python', folder / 'bin' / 'python',
+         'install', '--quiet', '--no-compile', *map(str, words)],
         cwd=cwd, env=environment, capture_output=True, text=True,
     )  # fmt: skip
     if result.returncode and any(word in result.stderr for word in OFFLINE):
@@ -143,8 +144,8 @@ def science(clone, outside, tmp_path_factory):
     section = (clone / 'README.md').read_text().partition('## Reading a bag without ROS')[2]
     what = re.search(r"pip install '(\.\[science\])'", section.partition('\n## ')[0]).group(1)
     folder = tmp_path_factory.mktemp('science')
-    run(sys.executable, '-m', 'venv', folder, environment=outside)
-    pip(folder / 'bin' / 'python', outside, clone, what)
+    run(sys.executable, '-m', 'venv', '--without-pip', folder, environment=outside)
+    pip(folder, outside, clone, what)
     return folder
 
 
@@ -221,7 +222,7 @@ def messages(tmp_path_factory):
 @pytest.fixture(scope='module')
 def installed(science, outside, wheel, messages):
     """Both wheels in one command, in an environment that had no ROS."""
-    pip(science / 'bin' / 'python', outside, '/', wheel, messages)
+    pip(science, outside, '/', wheel, messages)
     return science
 
 
