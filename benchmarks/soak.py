@@ -4,7 +4,8 @@
 exhibition: a run of the twin (blocks, knocks, requests; no images) is played round and round,
 as fast as its readers keep up with, through motion, light, grains, sound, walls, panel and
 recorder, until so many hours of recorded time have passed. The recorder keeps to a budget of disk.
-It may be done in several pieces: --for ends one (Ctrl-C, too), --resume begins the next.
+
+Each may be done in several pieces: --for ends one (Ctrl-C, too), --resume begins the next.
 
 faults: the whole rehearsal in real time, with a board on a pty, JACK's dummy driver as sound card,
 images in the bag, a browser before the panel. One process after another is killed (SIGKILL) or
@@ -32,7 +33,7 @@ from benchmarks.running import Graph, stand_in
 from benchmarks.soak_pieces import Look, Pieces, Rate, Totals
 from benchmarks.soak_proof import Held, held
 from eol_ros.analysis import open_bag
-from eol_ros.errors import EolError
+from eol_ros.errors import EolError, UsageError
 from eol_ros.verbs.progress import track
 
 HELP = 'Days of exhibition at a high rate, hours of faults in real time: what was lost, what grows.'
@@ -41,6 +42,7 @@ EXAMPLES = [
     'eol bench soak --parts faults --faults-hours 0.2',
     'eol bench soak --parts exhibition --keep soak --for 50',
     'eol bench soak --parts exhibition --keep soak --for 50 --resume',
+    'eol bench soak --parts faults --keep soak --for 30   # and --resume, until it is two hours',
 ]
 PARTS = ('exhibition', 'faults')
 FIRST_RATE = 3.0  # where nothing is known of the machine
@@ -58,10 +60,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         dest='minutes',
         metavar='MINUTES',
-        help='longest that exhibition takes now; the rest with --resume',
+        help='longest that the part takes now; the rest with --resume',
     )
     parser.add_argument(
-        '--resume', action='store_true', help='go on with the exhibition that is in --keep'
+        '--resume', action='store_true', help='go on with the part that is in --keep'
     )
     parser.add_argument('--faults-hours', type=float, default=2.0, help='of faults, real time')
     parser.add_argument(
@@ -78,9 +80,9 @@ def run(args: argparse.Namespace) -> int:
     parts = args.parts.split(',')
     for part in parts:
         if part not in PARTS:
-            raise EolError(f'--parts {part}: there are {", ".join(PARTS)}')
-    if (args.resume or args.minutes) and not (args.keep and parts == ['exhibition']):
-        raise EolError('--for and --resume: say --parts exhibition, and --keep its folder')
+            raise UsageError(f'--parts {part}: there are {", ".join(PARTS)}')
+    if (args.resume or args.minutes) and not (args.keep and len(parts) == 1):
+        raise UsageError('--for and --resume: say one of --parts, and --keep its folder')
     found: dict[str, Any] = {}
     with tempfile.TemporaryDirectory(prefix='eol-soak-', ignore_cleanup_errors=True) as place:
         folder = args.keep or Path(place)
@@ -91,8 +93,14 @@ def run(args: argparse.Namespace) -> int:
                 args.minutes,
             )  # fmt: skip
         if 'faults' in parts:
-            found['faults'] = soak_faults.measure(folder, args.faults_hours, args.seed)
-            found['camera'] = soak_camera.measure(folder, args.faults_hours)
+            found['faults'] = done = soak_faults.measure(
+                folder, args.faults_hours, args.seed, args.resume, args.minutes
+            )
+            if args.faults_hours - done['hours'] > soak_faults.LEAST_H:
+                print(f'{done["hours"]:g} of {args.faults_hours:g} h; --resume goes on',
+                      file=sys.stderr)  # fmt: skip
+            else:
+                found['camera'] = soak_camera.measure(folder, args.faults_hours)
     tell(found, args.json, table)
     return int(any(part['faults'] for part in found.values()))
 
@@ -216,7 +224,8 @@ def table(found: dict[str, Any]) -> str:
         ]
     if part := found.get('faults'):
         lines += [
-            f'faults: {part["count"]} in {part["hours"]:g} h; {_well(part)}',
+            f'faults: {part["count"]} ({part["kills"]} kills) in {part["hours"]:g} h, '
+            f'{part["pieces"]} pieces ({part["cut_off"]} cut off); {_well(part)}',
             *(f'not done here: {words}' for words in part['left_out']),
             *_kinds(part), *_growth(part), _bags(part),
         ]  # fmt: skip

@@ -21,6 +21,7 @@ from benchmarks import web_browser
 from benchmarks.fake_clock import FakeClock
 from benchmarks.jack import Jack
 from benchmarks.running import Graph, busy, stand_in
+from benchmarks.soak_pieces import FILE, keep, load
 from benchmarks.soak_proof import Held, growth, held, prove
 from eol_ros.errors import EolError
 from eol_ros.verbs.progress import track
@@ -42,6 +43,7 @@ EXTRAS_IN_2_H = {
     'page reloaded': 20,
     'eight busy processes': 5,
 }
+LEAST_H = 0.002  # what is left of the hours and shorter is not begun
 CLOCK_STEPS_S = (-3600.0, 86400.0 * 30, -86400.0 * 30)
 
 
@@ -277,30 +279,74 @@ class Soak:
             time.sleep(30)
 
 
-def measure(folder: Path, hours: float, seed: int) -> dict[str, Any]:
-    """Break things for so long; return the figures."""
-    folder = folder / 'faults'
-    folder.mkdir()
+def measure(
+    folder: Path, hours: float, seed: int, resume: bool = False, minutes: float | None = None
+) -> dict[str, Any]:
+    """Break things until `hours` are over, `minutes` of them at most; return the figures.
+
+    `resume` goes on with the pieces in `folder`; each piece has processes and an order of its own.
+    Raises EolError where there are none, or some without `resume`.
+    """
+    file = folder / 'faults' / FILE
+    kept = load(file, resume, {'pieces': []})
+    pieces = kept['pieces']
+    left_h = hours - sum(piece['hours'] for piece in pieces)
+    if left_h > LEAST_H:
+        piece = {'hours': 0.0, 'events': [], 'left_out': [], 'growth': [], 'bags': {}, 'faults': []}
+        pieces.append(piece)
+        place = file.parent / f'piece-{len(pieces)}'
+        place.mkdir()
+        _play(place, min(left_h, minutes / 60 if minutes else left_h), seed + len(pieces) - 1,
+              piece, lambda: keep(file, kept))  # fmt: skip
+    return figures(pieces)
+
+
+def _play(
+    folder: Path, hours: float, seed: int, piece: dict[str, Any], keep_it: Callable[[], None]
+) -> None:
+    """Break things for so long, and fill in `piece`."""
     soak = Soak(folder, seed)
-    faults: list[str] = []
+    piece['events'], piece['left_out'] = soak.events, soak.left_out
     begun = time.monotonic()
     try:
-        for _ in track(_steps(soak, hours), 'faults', total=100):
+        for _ in track(_steps(soak, hours, keep_it, piece), 'faults', total=100):
             pass
     except EolError as error:
-        faults.append(str(error))
-    took_h = (time.monotonic() - begun) / 3600
+        piece['faults'].append(str(error))
+    except KeyboardInterrupt:  # it ends the graph, too
+        pass
+    piece['hours'] = round((time.monotonic() - begun) / 3600, 4)
     try:
-        code, bags = soak.prove()
+        code, piece['bags'] = soak.prove()
     finally:
         soak.close()
-    faults += [f'exit code {code}'] if code else []
+    piece['faults'] += [f'exit code {code}'] if code else []
+    piece['faults'] += piece['bags'].pop('faults')
+    piece['growth'] = growth(soak.looks)
+    keep_it()
+
+
+def figures(pieces: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return what all pieces show together; one that was cut off has no bags and no growth."""
+    several = len(pieces) > 1
+    bags: dict[str, Any] = {'count': 0, 'unreadable': 0, 'cut': 0, 'missing': 0, 'uncounted': 0}
+    for piece in pieces:
+        for name, count in piece['bags'].items():
+            bags[name] += count
+    numbered = list(enumerate(pieces, 1))
     return {
-        'hours': round(took_h, 3),
-        'left_out': soak.left_out,
-        'growth': growth(soak.looks),
+        'hours': round(sum(piece['hours'] for piece in pieces), 3),
+        'pieces': len(pieces),
+        'cut_off': sum(not piece['bags'] for piece in pieces),
+        'left_out': sorted({line for piece in pieces for line in piece['left_out']}),
+        'growth': [
+            {**({'piece': k} if several else {}), **row} for k, p in numbered for row in p['growth']
+        ],
         'bags': bags,
-        **summary(soak.events, faults + bags['faults']),
+        **summary(
+            [event for piece in pieces for event in piece['events']],
+            [f'piece {k}: {f}' if several else f for k, p in numbered for f in p['faults']],
+        ),
     }
 
 
@@ -319,8 +365,13 @@ def summary(events: list[dict[str, Any]], faults: list[str]) -> dict[str, Any]:
     }
 
 
-def _steps(soak: Soak, hours: float) -> Iterator[int]:
-    """Yield once a hundredth of the time; faults come one after another meanwhile."""
+def _steps(
+    soak: Soak, hours: float, keep_it: Callable[[], None], piece: dict[str, Any]
+) -> Iterator[int]:
+    """Yield once a hundredth of the time; faults come one after another meanwhile.
+
+    What has come so far is kept after each, for a piece that is cut off.
+    """
     extras = []
     left_out = {words.partition(':')[0] for words in soak.left_out}
     for kind, count in EXTRAS_IN_2_H.items():
@@ -339,6 +390,8 @@ def _steps(soak: Soak, hours: float) -> Iterator[int]:
         else:
             soak.strike(number)
             number = signal.SIGSTOP if number == signal.SIGKILL else signal.SIGKILL
+        piece['hours'] = round((time.monotonic() - begun) / 3600, 4)
+        keep_it()
         if time.monotonic() - looked > LOOK_S:
             soak.looks.append(held(soak.graph))
             looked = time.monotonic()

@@ -74,6 +74,29 @@ class Rate:
         return self.rate
 
 
+def load(file: Path, resume: bool, empty: dict[str, Any]) -> dict[str, Any]:
+    """Return what `file` keeps of the pieces so far, `empty` for the first of them.
+
+    Raises EolError where there is nothing to go on with, or something that was not asked for.
+    """
+    if resume:
+        try:
+            return json.loads(file.read_text())
+        except (OSError, ValueError) as error:
+            raise EolError(f'--resume: {file}: {error}') from None
+    if file.exists():
+        raise EolError(f'{file} is there: say --resume to go on, or name another --keep')
+    file.parent.mkdir(parents=True, exist_ok=True)
+    return empty
+
+
+def keep(file: Path, kept: dict[str, Any]) -> None:
+    """Write it to the disk; a power cut leaves what was there before or this."""
+    part = file.with_suffix('.part')
+    part.write_text(json.dumps(kept, indent=1))
+    part.replace(file)
+
+
 class Pieces:
     """The pieces of a soak in `folder`; `resume` goes on with those that are there.
 
@@ -82,18 +105,11 @@ class Pieces:
 
     def __init__(self, folder: Path, resume: bool):
         self.folder, self._file = folder, folder / FILE
-        self.kept: dict[str, Any] = {'bag': '', 'pieces': [], 'proved': [], 'bags': {}}
-        if resume:
-            try:
-                self.kept = json.loads(self._file.read_text())
-            except (OSError, ValueError) as error:
-                raise EolError(f'--resume: {self._file}: {error}') from None
-            if self.all and self.all[-1]['growth'] is None:  # it was killed
-                self.all[-1]['cut_off'] = True
-                self._close(self.all[-1], [])
-        elif self._file.exists():
-            raise EolError(f'{self._file} is there: say --resume to go on, or name another --keep')
-        folder.mkdir(parents=True, exist_ok=True)
+        empty: dict[str, Any] = {'bag': '', 'pieces': [], 'proved': [], 'bags': {}}
+        self.kept = load(self._file, resume, empty)
+        if self.all and self.all[-1]['growth'] is None:  # it was killed
+            self.all[-1]['cut_off'] = True
+            self._close(self.all[-1], [])
 
     @property
     def all(self) -> list[dict[str, Any]]:
@@ -112,10 +128,8 @@ class Pieces:
         return round(done[-1]['played_s'] / done[-1]['took_s'], 2) if done else None
 
     def keep(self) -> None:
-        """Write them to the disk; a power cut leaves those of before or these."""
-        part = self._file.with_suffix('.part')
-        part.write_text(json.dumps(self.kept, indent=1))
-        part.replace(self._file)
+        """Write them to the disk."""
+        keep(self._file, self.kept)
 
     def begin(self) -> Path:
         """Begin another; return its folder."""

@@ -6,8 +6,10 @@ import json
 import pytest
 from test_soak_proof import bag
 
+from benchmarks import soak_faults
 from benchmarks.soak_pieces import LOOK_S, Look, Pieces, Rate, Totals
 from benchmarks.soak_proof import Held
+from eol_ros import cli
 from eol_ros.errors import EolError
 
 MB = 100.0
@@ -141,3 +143,41 @@ def test_the_rate_stays_about_where_nothing_is_lost():
     rates = settle(can=1e9, loses_above=12.0)
     assert min(rates[20:]) >= 12 * Rate.LESS and max(rates) <= 12 * Rate.MORE
     assert settle(can=1e9, loses_above=0.5)[-1] == pytest.approx(Rate.LEAST, rel=0.05)
+
+
+def broken(hours, kinds, **other):
+    events = [{'kind': kind, 'back_s': back_s, 'others': []} for kind, back_s in kinds]
+    bags = {'count': 2, 'unreadable': 0, 'cut': 1, 'missing': 3, 'uncounted': 0}
+    piece = {'hours': hours, 'events': events, 'left_out': [], 'growth': [], 'bags': bags}
+    return {**piece, 'faults': [], **other}
+
+
+def test_pieces_of_faults_add_up():
+    first = broken(0.5, [('kill -9 leds', 1.0), ('kill -9 leds', 12.0)], left_out=['disk full: no'])
+    second = broken(0.7, [('page reloaded', 0.1)], faults=['exit code 1'])
+    found = soak_faults.figures([first, second])
+    assert (found['hours'], found['pieces'], found['cut_off']) == (1.2, 2, 0)
+    assert (found['count'], found['kills'], found['within_10_s']) == (3, 2, 2)
+    assert (found['bags']['count'], found['bags']['missing']) == (4, 6)
+    assert found['left_out'] == ['disk full: no']
+    assert found['faults'] == ['kill -9 leds: back after 12 s', 'piece 2: exit code 1']
+
+
+def test_a_piece_of_faults_that_was_killed_counts_as_far_as_it_was_kept():
+    found = soak_faults.figures([broken(0.2, [('kill -9 leds', 1.0)], bags={})])
+    assert (found['count'], found['cut_off'], found['bags']['count']) == (1, 1, 0)
+
+
+def test_faults_go_on_only_where_some_are_kept(tmp_path):
+    with pytest.raises(EolError, match=r'--resume: .*pieces\.json'):
+        soak_faults.measure(tmp_path, 1.0, 1, resume=True)
+    (tmp_path / 'faults').mkdir()
+    (tmp_path / 'faults' / 'pieces.json').write_text(json.dumps({'pieces': [broken(2.0, [])]}))
+    with pytest.raises(EolError, match='say --resume to go on'):
+        soak_faults.measure(tmp_path, 2.0, 1)
+    assert soak_faults.measure(tmp_path, 2.0, 1, resume=True)['hours'] == 2.0  # it was over
+
+
+def test_one_part_at_a_time_goes_on(capsys):
+    assert cli.main(['bench', 'soak', '--resume']) == 2
+    assert 'say one of --parts, and --keep its folder' in capsys.readouterr().err
