@@ -162,33 +162,32 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
     ends[LANES], ends[TAPS_USED], ends[ALL], ends[BESIDE] = at, taps, total, beside
 
 
+# What these take are values, not places in `work`: where a number that is known while compiling
+# is part of an index, loops over them do not become vector code.
 @njit(inline='always')
-def _inside(pixels, i, k, line, cut, falls, sums):
-    """Add pixel `k` of profile `i` to sums; line: distance and place on the side of its first."""
+def _inside(pixel, before, first, away, t, cut, falls, sums):
+    """Add `pixel`, `away` from its edge and after `before`, to sums of differences to `first`."""
     one, zero = np.float32(1.0), np.float32(0.0)
-    slope, lean, limit, flat = cut
-    away = line[0] + slope * np.float32(k)
-    w = one if abs(line[1] + away * lean) <= limit else zero
+    lean, limit, flat = cut
+    w = one if abs(t + away * lean) <= limit else zero
     w = w if away < -flat else zero
-    change = w * (pixels[k * LINES + i] - pixels[max(k - 1, 0) * LINES + i])
-    x = w * (pixels[k * LINES + i] - pixels[i])
+    change = w * (pixel - before)
+    x = w * (pixel - first)
     n, light, rough, fall, square = sums
     return n + w, light + x, rough + change * change, fall + falls * change, square + x * x
 
 
 @njit(inline='always')
-def _outside(pixels, i, k, line, cut, start, f_both, sums):
-    """As _inside; before the first of these pixels stands one more."""
+def _outside(pixel, before, last, away, t, cut, f_both, sums):
+    """As _inside, of differences to `last`."""
     one, zero = np.float32(1.0), np.float32(0.0)
-    slope, lean, limit, flat = cut
-    away = line[0] + (start + slope * np.float32(k))
-    w = one if abs(line[1] + away * lean) <= limit else zero
+    lean, limit, flat = cut
+    w = one if abs(t + away * lean) <= limit else zero
     w = w if away > flat else zero
-    pixel = pixels[(k + 1) * LINES + i]
-    x = w * (pixel - pixels[FLAT_TAPS * LINES + i])
+    x = w * (pixel - last)
     both = w if away > f_both else zero
     n, light, fall, square = sums
-    return n + w, light + x, fall + both * (pixel - pixels[k * LINES + i]), square + x * x
+    return n + w, light + x, fall + both * (pixel - before), square + x * x
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
@@ -206,27 +205,35 @@ def _zones(work, n, taps, slope, lean, limit, flat, soft):
     falls = zero if soft else one
     f_both = f_flat + (f_slope if soft else zero)  # without the foot of the edge
     # all FLAT_TAPS pixels in one go: sums stay in registers, and loops over profiles vector code
-    cut = f_slope, f_lean, f_limit, f_flat
-    inside = work[TAP:]  # indices that are plainly not negative: else each would be tested
+    cut = f_lean, f_limit, f_flat
+    d1, d2, d3 = f_slope, f_slope * np.float32(2), f_slope * np.float32(3)
+    d4, d5 = f_slope * np.float32(4), f_slope * np.float32(5)
     for i in range(n):
-        line, sums = (work[FIRST + i], work[T + i]), (zero, zero, zero, zero, zero)
-        sums = _inside(inside, i, 0, line, cut, falls, sums)
-        sums = _inside(inside, i, 1, line, cut, falls, sums)
-        sums = _inside(inside, i, 2, line, cut, falls, sums)
-        sums = _inside(inside, i, 3, line, cut, falls, sums)
-        sums = _inside(inside, i, 4, line, cut, falls, sums)
-        sums = _inside(inside, i, 5, line, cut, falls, sums)
+        d, t, sums = work[FIRST + i], work[T + i], (zero, zero, zero, zero, zero)
+        p0, p1, p2 = work[TAP + i], work[TAP + LINES + i], work[TAP + 2 * LINES + i]
+        p3, p4 = work[TAP + 3 * LINES + i], work[TAP + 4 * LINES + i]
+        p5 = work[TAP + 5 * LINES + i]
+        sums = _inside(p0, p0, p0, d, t, cut, falls, sums)
+        sums = _inside(p1, p0, p0, d + d1, t, cut, falls, sums)
+        sums = _inside(p2, p1, p0, d + d2, t, cut, falls, sums)
+        sums = _inside(p3, p2, p0, d + d3, t, cut, falls, sums)
+        sums = _inside(p4, p3, p0, d + d4, t, cut, falls, sums)
+        sums = _inside(p5, p4, p0, d + d5, t, cut, falls, sums)
         work[_A + i], work[_B + i], work[_E + i], work[_F + i], work[OFFSET + i] = sums
-    outside = work[TAP + (taps - FLAT_TAPS - 1) * LINES :]
+    outside = work[TAP + (taps - FLAT_TAPS - 1) * LINES :]  # one pixel before the first of these
     start = f_slope * np.float32(taps - FLAT_TAPS)
+    d0, d1, d2, d3, d4, d5 = start, start + d1, start + d2, start + d3, start + d4, start + d5
     for i in range(n):
-        line, beyond = (work[FIRST + i], work[T + i]), (zero, zero, work[_F + i], zero)
-        beyond = _outside(outside, i, 0, line, cut, start, f_both, beyond)
-        beyond = _outside(outside, i, 1, line, cut, start, f_both, beyond)
-        beyond = _outside(outside, i, 2, line, cut, start, f_both, beyond)
-        beyond = _outside(outside, i, 3, line, cut, start, f_both, beyond)
-        beyond = _outside(outside, i, 4, line, cut, start, f_both, beyond)
-        beyond = _outside(outside, i, 5, line, cut, start, f_both, beyond)
+        d, t, beyond = work[FIRST + i], work[T + i], (zero, zero, work[_F + i], zero)
+        p0, p1, p2 = outside[i], outside[LINES + i], outside[2 * LINES + i]
+        p3, p4, p5 = outside[3 * LINES + i], outside[4 * LINES + i], outside[5 * LINES + i]
+        p6 = outside[6 * LINES + i]
+        beyond = _outside(p1, p0, p6, d + d0, t, cut, f_both, beyond)
+        beyond = _outside(p2, p1, p6, d + d1, t, cut, f_both, beyond)
+        beyond = _outside(p3, p2, p6, d + d2, t, cut, f_both, beyond)
+        beyond = _outside(p4, p3, p6, d + d3, t, cut, f_both, beyond)
+        beyond = _outside(p5, p4, p6, d + d4, t, cut, f_both, beyond)
+        beyond = _outside(p6, p5, p6, d + d5, t, cut, f_both, beyond)
         work[_C + i], work[_D + i], work[_F + i], work[WEIGHT + i] = beyond
 
 
