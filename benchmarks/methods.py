@@ -137,7 +137,7 @@ def onsets(count: int = 400) -> Curve:
     rng = np.random.default_rng(3)
     period, sigma = 1 / 60, 20e-6
     true = rng.uniform(0.1, 0.1 + period, count)
-    pull = rng.normal(onset.ACCELERATION_MPS2, onset.ACCELERATION_SPREAD, count)
+    pull = onset.ACCELERATION_MPS2 * rng.normal(1.0, onset.ACCELERATION_SPREAD, count)
 
     def paths(after: int) -> tuple[np.ndarray, np.ndarray]:
         times = np.arange(6 + after) * period + 0.1 - 5 * period

@@ -13,7 +13,9 @@ filter in the sensor's noise alone) at 20 false reports an hour in all, from the
 its first 12 ms: nothing can do better.
 
 `told` is what motion makes of the reports at the firmware's threshold: which slips it tells at
-their knocks, how many of these the images retract, and how long before the START of the camera.
+their knocks, how many of these the images retract (and how many of those the twin let go within
+10 ms of the knock), and how long before the START of the camera; `recall` and `precision` of the
+camera's STARTs are those of `eol bench motion`.
 """
 
 import argparse
@@ -27,7 +29,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import tell
-from benchmarks.twin_slips import NOISE_M, wilson
+from benchmarks.twin_slips import LEARN_S, NOISE_M, TAIL_S, TrueSlip, wilson
+from benchmarks.twin_slips import compare as compare_images
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.felt import CONFIRMED, PROVISIONAL, RETRACTED, FeltSlip, Knock
 from eol_ros.core.motion.motion import Motion, NumberedSlip
@@ -38,10 +41,16 @@ from eol_ros.core.physics.twin.play import Play
 from eol_ros.devices.board.block import FELT, TOLD, WINDOW, Detector, defaults
 from eol_ros.devices.board.felt import LEARNT, TRACE, FeltBlocks
 from eol_ros.devices.board.twin import SIGMA_S
+from eol_ros.errors import UsageError
 from eol_ros.settings import MotionSettings, TwinSettings
 
 HELP = 'Knocks felt by the blocks: missed and false per hour over thresholds, by length of slip.'
-EXAMPLES = ['eol bench taps --minutes 10', 'eol bench taps --drops 0.25 --minutes 60 --json']
+EXAMPLES = [
+    'eol bench taps --minutes 10',
+    'eol bench taps --parts told --minutes 10 --seed 11',
+    'eol bench taps --drops 0.25 --minutes 60 --json',
+]
+PARTS = 'curve', 'told', 'sleep', 'cost'
 FPS = 60.0
 NEAR_S = 0.010
 STOP_S = 0.1
@@ -54,6 +63,7 @@ DROP = TwinSettings.mu_static - TwinSettings.mu_kinetic
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
+    parser.add_argument('--parts', default=','.join(PARTS), help='parted by commas (default: all)')
     parser.add_argument('--minutes', type=float, default=10.0, help='of the twin, per table')
     parser.add_argument('--thresholds', default='10,16,24,36', help='mg, parted by commas')
     parser.add_argument(
@@ -78,18 +88,24 @@ def run(args: argparse.Namespace) -> int:
     settings = TwinSettings(
         seed=args.seed, rim_hits_per_min=args.rim_hits, rim_hit_mg=args.rim_hit_mg
     )
-    rows: list[dict[str, Any]] = []
-    for drop in map(float, args.drops.split(',')):
+    parts = args.parts.split(',')
+    for part in parts:
+        if part not in PARTS:
+            raise UsageError(f'--parts {part}: there are {", ".join(PARTS)}')
+    seconds, drops = 60 * args.minutes, [float(drop) for drop in args.drops.split(',')]
+    result: dict[str, Any] = {
+        'default_mg': defaults().threshold / 16, 'curve': [], 'told': [], 'sleep': {}, 'cost': {},
+    }  # fmt: skip
+    for drop in drops:
         print(f'drop {drop:g}, {args.minutes:g} minutes', file=sys.stderr, flush=True)
-        rows += curve(drop, 60 * args.minutes, settings, thresholds)
-    print('sleep, cost', file=sys.stderr, flush=True)
-    result = {
-        'default_mg': defaults().threshold / 16,
-        'curve': rows,
-        'told': [told(float(drop), 60 * args.minutes, settings) for drop in args.drops.split(',')],
-        'sleep': sleeping(60 * args.minutes, args.seed),
-        'cost': cost(args.seed),
-    }
+        if 'curve' in parts:
+            result['curve'] += curve(drop, seconds, settings, thresholds)
+        if 'told' in parts:
+            result['told'].append(told(drop, seconds, settings))
+    if 'sleep' in parts:
+        result['sleep'] = sleeping(seconds, args.seed)
+    if 'cost' in parts:
+        result['cost'] = cost(args.seed)
     tell(result, args.json, _table)
     return 0
 
@@ -282,6 +298,7 @@ def told(drop: float, seconds: float, settings: TwinSettings) -> dict[str, Any]:
     random, seen = np.random.default_rng([settings.seed, 17]), np.ones(N_BLOCKS, bool)
     found: list[FeltSlip] = []
     starts: dict[int, float] = {}  # stamp by number of the slip
+    begun: list[tuple[int, float, float]] = []  # block, onset, stamp of each START
     same = True
     for begin_s, end_s in twin.images(round(seconds * FPS)):
         for k in blocks.advance(begin_s, end_s, twin.table.trace, twin.rim.velocity):
@@ -293,20 +310,42 @@ def told(drop: float, seconds: float, settings: TwinSettings) -> dict[str, Any]:
         by_camera, _ = alone.update(end_s, x, y, seen)
         found += motion.felt_slips()
         starts |= {s.event.slip: end_s for s in with_knocks if s.event.kind == START}
+        begun += [
+            (s.event.block, s.event.onset_s, end_s) for s in by_camera if s.event.kind == START
+        ]
         same &= [_seen(s) for s in with_knocks] == [_seen(s) for s in by_camera]
     first = [one for one in found if one.kind == PROVISIONAL]
-    row = compare(
-        twin.all_slips(), [(f.knock.stamp_s, f.block, f.knock.stamp_s) for f in first], seconds
-    )
-    retracted = sum(one.kind == RETRACTED for one in found)
+    slips = twin.all_slips()
+    row = compare(slips, [(f.knock.stamp_s, f.block, f.knock.stamp_s) for f in first], seconds)
+    onsets = [np.array([s.onset_s for s in slips if s.block == b]) for b in range(N_BLOCKS)]
+    lost = [one for one in found if one.kind == RETRACTED]
+    real = sum(bool((abs(onsets[f.block] - f.knock.stamp_s) < NEAR_S).any()) for f in lost)
+    retracted = len(lost)
     ahead = [1e3 * (starts[f.slip] - f.knock.stamp_s) for f in found if f.kind == CONFIRMED]
     p50, p99 = np.percentile(ahead or [np.nan], [50, 99]).tolist()
     return {
         'drop': drop, 'told': len(first), 'retracted': retracted,
-        'retracted_per_h': retracted / (seconds / 3600), 'over_1mm': row['over_1mm'],
-        'over_2mm': row['over_2mm'], 'onset_rms_ms': row['onset_rms_ms'],
+        'retracted_slips': real, 'retracted_per_h': retracted / (seconds / 3600),
+        'over_1mm': row['over_1mm'], 'over_2mm': row['over_2mm'],
+        'onset_rms_ms': row['onset_rms_ms'],
         'start_after_p50_ms': p50, 'start_after_p99_ms': p99, 'camera_the_same': same,
+        **_by_camera(begun, slips, seconds),
     }  # fmt: skip
+
+
+def _by_camera(
+    begun: list[tuple[int, float, float]], slips: list[Slip], seconds: float
+) -> dict[str, float]:
+    """Return recall, precision and error of STARTs (block, onset, stamp, s) without knocks."""
+    truth = []
+    for slip in sorted(slips, key=lambda s: s.onset_s):
+        images = 10**6
+        if np.isfinite(slip.rest_s):
+            first = np.ceil((slip.onset_s - slip.rest_s) * FPS - 1e-9)
+            images = int(np.floor(slip.onset_s * FPS + 1e-9) - first) + 1
+        truth.append(TrueSlip(slip.onset_s, slip.end_s, slip.block, slip.rest_s, images))
+    row = compare_images(begun, truth, FPS, (LEARN_S, seconds - TAIL_S))
+    return {name: row[name] for name in ('recall', 'precision', 'start_rms_ms')}
 
 
 def _seen(slip: NumberedSlip) -> tuple[float, ...]:
@@ -390,10 +429,13 @@ def _table(result: dict[str, Any]) -> str:
     for row in result['told']:
         lines.append(
             f'drop {row["drop"]:g}: {row["told"]} told at their knocks, {row["retracted"]} '
-            f'retracted ({row["retracted_per_h"]:.0f} an hour); of slips over 1 mm '
+            f'retracted, {row["retracted_slips"]} of them slips ({row["retracted_per_h"]:.0f} an '
+            f'hour, {row["retracted"] / max(row["told"], 1):.2%}); of slips over 1 mm '
             f'{row["over_1mm"]["found"]:.4f}, over 2 mm {row["over_2mm"]["found"]:.4f}; onset RMS '
             f'{row["onset_rms_ms"]:.2f} ms; START {row["start_after_p50_ms"]:.1f} / '
-            f'{row["start_after_p99_ms"]:.1f} ms after the knock; slips of the camera '
+            f'{row["start_after_p99_ms"]:.1f} ms after the knock, recall {row["recall"]:.4f}, '
+            f'precision {row["precision"]:.4f}, {row["start_rms_ms"]:.2f} ms RMS; slips of the '
+            'camera '
             + ('the same without knocks' if row['camera_the_same'] else 'DIFFER without knocks')
         )
     lines += [f'asleep: {key:18} {value:.4g}' for key, value in result['sleep'].items()]

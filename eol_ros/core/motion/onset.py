@@ -11,13 +11,12 @@ times closer. All blocks that begin in one image are answered together, in some 
 import numpy as np
 
 ACCELERATION_MPS2 = 2.5  # what Coulomb friction gives: (mu_s - mu_k) g
-ACCELERATION_SPREAD = 0.6  # m/s^2, standard deviation of that guess
+ACCELERATION_SPREAD = 0.24  # standard deviation of that guess, as a share of it
 # Springs relax as the block goes, or pull harder as the rim and its fellows go on: the path departs
 # from a parabola by a share of itself that grows with time.
 GROWTH_PER_S = 3.0
 DOUBT_PER_S = 5.0
 GRID = 48
-_PRIOR = 1.0 / ACCELERATION_SPREAD**2
 _UNIT = np.linspace(0.0, 1.0, GRID)
 _UNIT_COLUMN, _UNIT2_COLUMN = _UNIT[:, None], _UNIT[:, None] ** 2
 
@@ -62,13 +61,15 @@ def onsets(
     sigma_m: np.ndarray,
     period_s: float,
     latest_s: np.ndarray | None = None,
+    acceleration_mps2: float = ACCELERATION_MPS2,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return onsets and their standard deviations (b,), in s, on the clock of `times_s`.
 
     times_s: (b, n) rising. path_m: (b, n) displacement from rest along the direction of the slip,
     the first of them still at rest; NaN where there is no sample. sigma_m: (b,) noise of `path_m`,
     the error of the rest position included. latest_s: (b,) stamps of images that show the motion
-    beyond doubt, after which no onset lies; the newest ones by default.
+    beyond doubt, after which no onset lies; the newest ones by default. acceleration_mps2: what a
+    block that lets go has on this table.
     """
     absent = np.isnan(path_m)
     path = np.where(absent, 0.0, path_m).T[:, :, None]
@@ -79,7 +80,7 @@ def onsets(
     low, high = np.where(absent, np.inf, times_s).min(1, keepdims=True) - period_s, newest
     for _ in range(2):  # a coarse grid finds the place, a fine one the moment
         width = high - low
-        belief = _belief(low + width * _UNIT, times, path, noise2)
+        belief = _belief(low + width * _UNIT, times, path, noise2, acceleration_mps2)
         centre = belief @ _UNIT_COLUMN
         spread = width * np.sqrt(np.maximum(belief @ _UNIT2_COLUMN - centre * centre, 0.0))
         centre = low + width * centre
@@ -89,20 +90,23 @@ def onsets(
     return centre[:, 0], np.maximum(spread, step * 12**-0.5)[:, 0]
 
 
-def _belief(t0: np.ndarray, times: np.ndarray, path: np.ndarray, noise2: np.ndarray) -> np.ndarray:
+def _belief(
+    t0: np.ndarray, times: np.ndarray, path: np.ndarray, noise2: np.ndarray, acceleration: float
+) -> np.ndarray:
     """Posterior (b, g) of the onset on the grid `t0` (b, g), the acceleration integrated out.
 
     Samples (n, b, 1) come first, so that sums over them are sums of rows.
     With sums over the samples S.., the misfit at the best acceleration (Sps + prior A) / (Sss +
     prior) is Spp - (Sps + prior A)^2 / (Sss + prior), but for a constant.
     """
+    prior = 1.0 / (ACCELERATION_SPREAD * acceleration) ** 2
     since = np.maximum(times - t0, 0.0)
     shape = since * since * (0.5 + 0.5 * GROWTH_PER_S * since)
     doubt = DOUBT_PER_S * since * path
     error = noise2 + doubt * doubt
     seen, form = path / error, shape / error
-    information = (shape * form).sum(0) + _PRIOR
-    pull = (path * form).sum(0) + _PRIOR * ACCELERATION_MPS2
+    information = (shape * form).sum(0) + prior
+    pull = (path * form).sum(0) + prior * acceleration
     misfit = (path * seen).sum(0) - pull * pull / information
     misfit += np.log(error.prod(0) * information) + 50.0 * (pull <= 0.0)
     belief = np.exp(-0.5 * (misfit - misfit.min(1, keepdims=True)))

@@ -12,6 +12,8 @@ slowly through a place, its speed falling and rising without reaching zero. The 
 acceleration: static friction lets go with (mu_s - mu_k) g at once, the force on a block that slides
 grows from nothing. So a run shorter than SURE_S counts as rest when the two images after it show
 that acceleration; a longer one needs no more evidence, for no block stays that slow for that long.
+What the acceleration is on this table is learnt from slips that begin after a long rest: on worn
+grit it is small.
 """
 
 import math
@@ -41,7 +43,12 @@ UNSURE_IMAGES = 2  # that may lie between agreeing and having left before a run 
 # A run this long is a rest at this noise. A block that passes slowly, its acceleration growing in
 # proportion to time, stays within a distance d for a time that grows as the cube root of d.
 SURE_S, SURE_M = 0.04, 1e-5
-PULL_MPS2 = 0.6 * ACCELERATION_MPS2  # of a block that static friction lets go
+# Of what is usual: the least pull on a block that static friction lets go, and after a run of two
+# images, which a block that passes leaves with a greater one than after a longer run.
+PULL, SHORT_PULL = 0.8, 0.9
+PULL_STEP = 0.01  # the median pull is followed by this share for each slip
+LEAST_PULL_MPS2, MOST_PULL_MPS2 = 0.2, 10.0  # else it was hands, not friction
+GROWN = 1.15  # pull over acceleration: springs pull harder as the block's fellows go on
 
 
 @dataclass(frozen=True)
@@ -67,10 +74,11 @@ class SlipDetector:
     def __init__(self, settings: MotionSettings):
         self.settings = settings
         self.count = 0  # slips so far
+        self.pull_mps2 = ACCELERATION_MPS2  # median of those with which slips begin here
         self.reset()
 
     def reset(self) -> None:
-        """Forget positions, noise and running slips, but not the count of slips."""
+        """Forget positions, noise and running slips; keep the count of slips and their pull."""
         self.times = np.full(RING, -np.inf)
         self.place = np.zeros((2, N_BLOCKS, RING))
         self.good = np.zeros((N_BLOCKS, RING), bool)  # seen in that image
@@ -275,8 +283,10 @@ class SlipDetector:
             if early or self._drifts(block, stamp_s, now[:, block], sigma):
                 unsure[block] = self.left[block] < UNSURE_IMAGES  # another image may tell
             else:
-                pull = self._pull(block, stamp_s, now[:, block]) if short else np.inf
-                again[block] = pull > PULL_MPS2
+                rest = self._run_place()[:, block]
+                pull = self._pull(block, stamp_s, now[:, block], rest) if short else np.inf
+                share = PULL if self.run[block] > 2 else SHORT_PULL
+                again[block] = pull > share * self.pull_mps2
         self.clear[seen] = (far & unsure)[seen]
         self.left[unsure] += 1
         self.left[agrees] = 0
@@ -307,15 +317,22 @@ class SlipDetector:
         error = math.sqrt(1.0 + 1.0 / len(at) + ahead * ahead * spread)
         return math.hypot(*(now - led).tolist()) < AGREE_SIGMAS * sigma_m * error
 
-    def _pull(self, block: int, stamp_s: float, now: np.ndarray) -> float:
-        """Acceleration (m/s^2) of `block` from rest, by its last sample and `now`, both (2,) m."""
-        at = self._samples(block, 1, -np.inf)[0]
-        rest = self._run_place()[:, block]
+    def _pull(self, block: int, stamp_s: float, now: np.ndarray, rest: np.ndarray) -> float:
+        """Acceleration (m/s^2) of `block` from `rest`, by the sample before `now`, all (2,) m."""
+        at = next(i for i in self._samples(block, 2, -np.inf) if self.times[i] < stamp_s)
         ahead = now - rest
         far = math.hypot(*ahead.tolist())
         near = max(float(ahead @ (self.place[:, block, at] - rest)) / far, 0.0)
         # s = a/2 (t - t0)^2 twice, t0 eliminated
         return 2.0 * ((math.sqrt(far) - math.sqrt(near)) / (stamp_s - self.times[at])) ** 2
+
+    def _learn_pull(self, block: int, stamp_s: float) -> None:
+        """Learn from the first two images of a slip what pull is usual: on worn grit blocks let go
+        less."""
+        now = self.place[:, block, self.head - 1]
+        more = self._pull(block, stamp_s, now, self.start[:, block]) > self.pull_mps2
+        pull = self.pull_mps2 * math.exp(PULL_STEP if more else -PULL_STEP)
+        self.pull_mps2 = min(max(pull, LEAST_PULL_MPS2), MOST_PULL_MPS2)
 
     def _stop_before(
         self, again: np.ndarray, stamp_s: float, deviation: np.ndarray
@@ -383,7 +400,9 @@ class SlipDetector:
             times[k, -len(at) :] = self.times[at] - self.last_s
             path[k, -len(at) :] = ahead @ offset / max(math.hypot(*ahead.tolist()), 1e-12)
         latest = self.started_s[blocks] - self.last_s
-        found, spread = onsets(times, path, self.rest_sigma[blocks], self.period_s, latest)
+        found, spread = onsets(
+            times, path, self.rest_sigma[blocks], self.period_s, latest, self.pull_mps2 / GROWN
+        )
         found = np.maximum(self.last_s + found, self.not_before_s[blocks])
         self.onset_s[blocks] = np.minimum(found, self.started_s[blocks])
         self.onset_sigma_s[blocks] = spread
@@ -412,7 +431,10 @@ class SlipDetector:
                 path[k, -size:] = direction @ offset[:, part]
         found = np.flatnonzero(np.isfinite(path[:, -1]))
         if found.size:
-            back, _ = onsets(times[found], path[found], sigma_m[found], self.period_s)
+            back, _ = onsets(
+                times[found], path[found], sigma_m[found], self.period_s,
+                acceleration_mps2=self.pull_mps2 / GROWN,
+            )  # fmt: skip
             ends[found] = -back
         return ends
 
@@ -449,6 +471,9 @@ class SlipDetector:
         """Follow the moving blocks: greatest speed, and which of them have come to rest."""
         due = self.moving & ~starting & (self.fresh > 0) & self.good[:, self.head - 1]
         self.fresh[due] -= 1
+        for block in np.flatnonzero(due & (self.fresh == LATER_IMAGES - 1)).tolist():
+            if self.rested_s[block] >= self.settings.stop_s:  # else it may have passed slowly
+                self._learn_pull(block, stamp_s)
         settled = np.flatnonzero(due & (self.fresh == 0))
         if settled.size:
             self._find_onsets(settled, BEFORE_IMAGES + LATER_IMAGES)

@@ -303,3 +303,28 @@ def test_a_block_that_comes_to_rest_starts_no_more_often_than_stated():
         false += event.kind == START and 0.2 < since < 0.3 and event.onset_s > 2.0
     stated = per_hour / 3600 * 58 * 0.1 / again_s
     assert false < 1.5 * stated
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('acceleration', [0.8, 1.5, 5.0])
+def test_how_hard_blocks_are_pulled_is_learnt_from_their_slips(acceleration):
+    """On worn grit onsets are right all the same, and rests of three images part two slips."""
+    fps, random, detector = 60, np.random.default_rng(4), SlipDetector(MotionSettings())
+    onset = 1.0 + random.uniform(0, 0.5, N_BLOCKS)
+    lasts, pairs = 2 * np.sqrt(0.01 / acceleration), 10
+    found = [[] for _ in range(N_BLOCKS)]
+    rests = np.tile([3.5 / fps, 0.4], pairs)  # s, after each slip
+    late = onset[:, None] + np.cumsum(np.r_[0, lasts + rests])[None, :-1]
+    for k in range(round((late.max() + lasts + 0.5) * fps)):
+        t = k / fps
+        far = sum(slide(t, late[:, n], acceleration, 0.01) for n in range(2 * pairs))
+        place = rest_lattice() + random.normal(0, 9e-6, (N_BLOCKS, 2))
+        place[:, 0] += far
+        for event in detector.update(t, place[:, 0], place[:, 1], SEEN):
+            if event.kind == START:
+                found[event.block].append(event.onset_s)
+    truth = late[:, pairs:]  # the first half is for learning
+    known = [[min((f - t for f in found[b]), key=abs) for t in truth[b]] for b in range(N_BLOCKS)]
+    assert detector.pull_mps2 == pytest.approx(acceleration, rel=0.15)
+    assert np.mean(np.abs(known) < 0.02) > 0.99
+    assert np.sqrt(np.mean(np.square(known))) < 0.002
