@@ -145,7 +145,7 @@ class BlobFinder:
                 known,
                 starts,
                 self._refused,
-                search.MOST_AGAIN if before >= _MOST_FOUND else _MOST_REGIONS,
+                search.MOST_TRIED if before >= _MOST_FOUND else _MOST_REGIONS,
                 *self._relief,
                 *self._scratch,
                 self._fits,

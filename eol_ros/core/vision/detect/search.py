@@ -51,8 +51,8 @@ FAINTEST = 0.2  # of the usual contrast: less is no block
 LIT = 0.12  # where less of a block's place is lit, none is asked for
 MIN_FILL_GAIN = 0.2  # by this share a square must be fuller of light than its surroundings
 # Images before a light that was no square is tried again, and before it counts as another one; how
-# many are tried again in one image while the lattice is followed.
-RETRY_IMAGES, FORGET_IMAGES, MOST_AGAIN = 12, 60, 2
+# many lights are tried in one image while the lattice is followed.
+RETRY_IMAGES, FORGET_IMAGES, MOST_TRIED = 12, 60, 2
 ENOUGH, AGREEING_GAIN, LEAST_AGREEING = 12, 0.1, 0.6
 SAME_PX = 10.0
 BESIDE_PX = 20.0
@@ -271,8 +271,9 @@ def at_lights(
     """Try squares at lights `starts` (m, 4): u, v, theta, half side or 0 where it is known.
 
     refused (m, 3), u, v and image number of those that were tried before: an arm stays an arm.
-    most: how many of them to try again now; the others come in the next image. Returns how many are
-    in `kept`, of which there were `n` before. See at_predictions.
+    most: up to how many lights to try now, of flat covers beside all that are new; the others come
+    in the next image. Returns how many are in `kept`, of which there were `n` before. See
+    at_predictions.
     """
     one, other, small = np.zeros((1, 6)), np.zeros(edges.FIELDS), edges.scratch()
     old = 0
@@ -280,19 +281,22 @@ def at_lights(
         if known[TURN] - refused[i, 2] < FORGET_IMAGES:
             refused[old] = refused[i]
             old += 1
-    tried = again = left = 0
+    tried = left = 0
     many = min(len(starts), len(fits))
     first = int(known[TURN]) * most % max(many, 1)
-    for k in range(many):
+    for k in range(2 * many):
         i = (first + k) % many
         row = _near(refused, old, starts[i, 0], starts[i, 1])
+        if (row < 0) != (k < many):  # first the new ones, then the others
+            continue
         if row >= 0 and known[TURN] - refused[row, 2] < RETRY_IMAGES:
             starts[i, 0] = np.nan
-        elif row >= 0 and again == most:
+        elif math.isnan(starts[i, 0]):
+            continue
+        elif tried >= most and (row >= 0 or len(outlines)):  # with relief each costs three fits
             starts[i, 0] = np.nan
             left += 1
         else:
-            again += 1 if row >= 0 else 0
             attempt(
                 image,
                 known,
