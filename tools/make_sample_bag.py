@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes bags/sample, the recording that ships: a rehearsal without images, packed tightly.
 
-    python tools/make_sample_bag.py                 run the rehearsal for 50 s and pack its bag
+    python tools/make_sample_bag.py                 run the rehearsal for 38 s and pack its bag
     python tools/make_sample_bag.py --bag DIR       pack this bag of a rehearsal
 
-Needed again whenever the definition of a recorded message changes (test/devices/test_sample_bag.py
-tells). Physics and visitors of the twin follow from the seed; the times are those of the run.
+Needed again whenever the definition of a recorded message changes, or what is computed from its
+blocks (test/devices/test_sample_bag.py tells). Physics and visitors of the twin follow from the
+seed; the times are those of the run.
 """
 
 import argparse
@@ -86,7 +87,7 @@ def incomplete(bag: BagReader) -> str:
 def main() -> int:
     """Rehearse, pack, say what came of it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--seconds', type=float, default=50.0, help='length of the rehearsal')
+    parser.add_argument('--seconds', type=float, default=38.0, help='length of the rehearsal')
     parser.add_argument('--bag', metavar='DIR', help='pack this bag, run nothing')
     parser.add_argument(
         '--out',
