@@ -10,6 +10,7 @@ EXAMPLES = [
     'eol bench films --out films --images 200 --seed 3',
     'eol bench films --small --out benchmarks/relief/films',
     'eol bench films --turned --out benchmarks/relief/turned',
+    'eol bench films --stirred --out benchmarks/relief/stirred',
 ]
 
 
@@ -19,6 +20,9 @@ def add_arguments(parser):
     parser.add_argument('--small', action='store_true', help='the set that is shipped')
     parser.add_argument(
         '--turned', action='store_true', help='the set by which names are known again, also shipped'
+    )
+    parser.add_argument(
+        '--stirred', action='store_true', help='the set by which cameras calibrate, also shipped'
     )
     parser.add_argument('--images', type=int, default=40, help='how many')
     parser.add_argument('--seed', type=int, default=1, help='of cameras, poses and brightness')
@@ -43,6 +47,8 @@ def run(args) -> int:
         shots = films.small_set()
     elif args.turned:
         shots = films.turned_set()
+    elif args.stirred:
+        shots = films.stirred_set()
     else:
         shots = films.large_set(args.images, args.seed)
     began = time.process_time()

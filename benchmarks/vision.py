@@ -15,6 +15,7 @@ EXAMPLES = [
     'eol bench vision --rest --minutes 60',
     'eol bench vision --hard all --seconds 10 --seeds 3',
     'eol bench vision --hard sleeves --seconds 60 --json',
+    'eol bench vision --calibrating',
     'eol bench vision --videos --seconds 4 --plots docs/img',
     'eol bench vision --levels "" --no-clean --hours 1 --slip-seconds 60 --json',
 ]
@@ -53,6 +54,9 @@ def add_arguments(parser):
     parser.add_argument(
         '--videos', action='store_true', help='only what MJPEG and H.264 cost, against their size'
     )
+    parser.add_argument(
+        '--calibrating', action='store_true', help='only calibrations by three path-traced images'
+    )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 
@@ -90,6 +94,11 @@ def run(args) -> int:
         surfaces = _named('--surfaces', args.surfaces, vision_hard.SURFACES)
         found = vision_hard.measure(kinds, surfaces, args.seconds, args.seeds)
         tell(found, args.json, vision_hard.table)
+        return 0
+    if args.calibrating:
+        from benchmarks import vision_calibrating
+
+        tell(vision_calibrating.measure(), args.json, vision_calibrating.table)
         return 0
     if args.videos:
         from benchmarks import vision_videos

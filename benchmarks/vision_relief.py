@@ -57,10 +57,10 @@ def measure(folder: Path, images: int) -> dict:
 def calibration(film: films.Film, known: bool) -> Calibration:
     """Return the camera's own calibration, for the plane of the lowest land."""
     raised = raise_plane(film.calibration, SKIRT_M)
-    return replace(raised, cover_height_m=SKIRT_M, covers=_covers(film) if known else None)
+    return replace(raised, cover_height_m=SKIRT_M, covers=covers(film) if known else None)
 
 
-def _covers(film: films.Film) -> CoverOutlines:
+def covers(film: films.Film) -> CoverOutlines:
     land = terrain.landscape(film.shot.landscape, cells=scene.CELLS)
     return CoverOutlines.of_landscape(land, film.shot.shape(), 1e3 * scene.GAP_M, scene.CELLS)
 
@@ -155,22 +155,24 @@ def solved(group: list[films.Film], known: bool) -> dict:
             [films.sensed(one.light, 100 + k) for k, one in enumerate(group)],
             Calibration.ideal(width, height),
             SKIRT_M,
-            _covers(film) if known else None,
+            covers(film) if known else None,
         )
     except ConfigError as error:
         return {'refused': str(error), 'error_mm_rms': None, 'error_mm_worst': None}
     # the platform, as far as blocks come, seen by the true camera at the height of the lowest land
     axis = np.linspace(-0.5, 0.5, 11) * (PLATFORM_SIDE_M - 0.4)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    off = solution.calibration.to_table(calibration(film, known).to_pixels(grid)) - grid
+    found = solution.calibration.to_table(calibration(film, known).to_pixels(grid))
     # the lattice gives the frame: how blocks rest together beside it is no error of the camera
-    off -= off.mean(axis=0)
-    across = grid @ [[0, 1], [-1, 0]]
-    off -= across * (off * across).sum() / (across**2).sum()
+    found -= found.mean(axis=0)
+    turn = np.angle((np.conj(grid @ [1, 1j]) * (found @ [1, 1j])).sum())
+    c, s = np.cos(turn), np.sin(turn)
+    off = found @ [[c, -s], [s, c]] - grid
     return {
         'refused': solution.refusal(),
         'note': solution.note,
         'residual_px': solution.calibration.residual_px,
+        'k1': float(solution.calibration.distortion_coefficients[0]),
         'error_mm_rms': _rms(off) * 2**0.5 * 1e3,
         'error_mm_worst': float(np.hypot(*off.T).max()) * 1e3,
     }

@@ -21,6 +21,7 @@ from eol_ros.errors import ConfigError
 
 FOLDER = Path(__file__).parent / 'films'
 TURNED = Path(__file__).parent / 'turned'
+STIRRED = Path(__file__).parent / 'stirred'
 STEPS = 8  # of a grey level
 NOISE = (2.0, 0.10)  # read noise and gain of the flat renderer's L2
 STRAIGHT = View()
@@ -90,6 +91,27 @@ def turned_set() -> list[Shot]:
             poses[:, 2] += angle
             battery = rng.uniform(0.5, 1.3, scene.N_BLOCKS)
             shots.append(Shot(f'tilted-{quarters}-{stir}', TILTED, poses=poses, battery=battery))
+    return shots
+
+
+def stirred_set() -> list[Shot]:
+    """Return the shots by which cameras are calibrated: three a camera, as a technician takes them.
+
+    Between two images the blocks are stirred and the rim is put back to the middle by eye.
+    """
+    shots = []
+    for camera, (name, view) in enumerate(
+        (('straight', STRAIGHT), ('steep', STEEP), ('lens', LENS))
+    ):
+        weak = np.random.default_rng([camera, 13]).uniform(0.8, 1.2, scene.N_BLOCKS)
+        for stir in range(3):
+            rng = np.random.default_rng([camera, stir, 12])
+            poses = scene.stirred(200 + 10 * camera + stir)
+            angle = rng.normal(0, 0.04)
+            c, s = np.cos(angle), np.sin(angle)
+            poses[:, :2] = poses[:, :2] @ [[c, s], [-s, c]] + rng.normal(0, 0.015, 2)
+            poses[:, 2] += angle
+            shots.append(Shot(f'{name}-{stir + 1}', view, poses=poses, battery=weak))
     return shots
 
 

@@ -83,6 +83,7 @@ def run(args) -> int:
     starts: dict[int, Any] = {}
     slips: list[tuple] = []
     cascades, told = [], set()
+    changed: set[int] = set()
     for stamp_s, image in track(source.read(), 'tracking', total=source.count):
         if not rows and tracker.calibration is not None:
             try:
@@ -110,6 +111,14 @@ def run(args) -> int:
             if sizes.fault():
                 print(f'{stamp_s:.3f} s: {sizes.fault()}', file=sys.stderr)
             sizes = None
+        if not changed.issuperset(tracked.changed):
+            blocks = ', '.join(map(str, sorted(set(tracked.changed) - changed)))
+            changed.update(tracked.changed)
+            print(
+                f'{stamp_s:.3f} s: other covers than before on blocks {blocks}: '
+                f'their names stay, and these covers are learnt from now on',
+                file=sys.stderr,
+            )
         x, y = tracked.world.T
         seen = tracked.seen & (tracked.state == TRACKING)
         new, closed = motion.update(stamp_s, x, y, seen, tracked.sigma_m)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks import vision_relief, vision_rest
+from benchmarks import vision_calibrating, vision_relief, vision_rest
 from benchmarks.relief import bound, films, path_tracer, scene
 from benchmarks.relief.scene import Shot
 from benchmarks.vision_bound import position_bound_px
@@ -275,8 +275,21 @@ def test_blocks_calibrate_a_camera_above_printed_covers():
 
     three = [shown[name] for name in ('tilted', 'tilted-stirred-2', 'tilted-stirred-3')]
     stirred = vision_relief.solved(three, True)
-    assert stirred['refused'] == stirred['note'] == ''
+    assert stirred['refused'] == '' and 'k1 is held at 0' in stirred['note']
     assert stirred['error_mm_rms'] < 1.0
+
+
+@pytest.mark.slow
+def test_cameras_calibrate_by_three_images_and_while_the_tracker_runs():
+    shown = {film.name: film for film in films.load(films.STIRRED)}
+    for name, k1 in (('straight', 0.0), ('lens', -0.1)):
+        group = [shown[f'{name}-{k}'] for k in (1, 2, 3)]
+        solved = vision_relief.solved(group, True)
+        assert solved['refused'] == '' and solved['error_mm_rms'] < 1.3
+        assert solved['k1'] == pytest.approx(k1, abs=0.02)
+        assert ('k1 is held at 0' in solved['note']) == (k1 == 0.0)
+    asked = vision_calibrating.asked(next(f for f in films.load() if f.name == 'tilted'))
+    assert asked['refused'] == '' and asked['middle_mm_rms'] < 1.0
 
 
 @pytest.mark.soak

@@ -151,7 +151,7 @@ def test_user_mistakes_get_one_line(picture, tmp_path, capsys):
     lens = tmp_path / 'lens.yaml'
     calibration_file.save(lens, clutter_calibration('clean', 640, 400))
     for words, code, told in (
-        (['blocks', black], 78, '0 squares seen'),
+        (['blocks', black], 78, 'image is black: check lens cap'),
         (['blocks', str(tmp_path / 'none.png')], 69, 'no such file'),
         (['blocks', str(tmp_path / 'text.png')], 78, 'not an image'),
         (['blocks', picture, '--lens', str(lens)], 78, 'is for images of 640x400'),

@@ -13,6 +13,7 @@ from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.devices.files import calibration_file
 
 pytestmark = pytest.mark.slow
@@ -101,3 +102,24 @@ def test_frozen_images_are_one_line(capsys, tmp_path):
     lines = told(capsys, tmp_path / 'frozen.npy', calibration)
 
     assert len(lines) == 1 and 'image is frozen for more than 0.5 s' in lines[0]
+
+
+def test_covers_that_are_others_than_before_are_told_once(
+    relief, relief_stack, capsys, monkeypatch
+):
+    update, images = Tracker.update, []
+
+    def found_other(self, stamp_s, image):
+        tracked = update(self, stamp_s, image)
+        images.append(stamp_s)
+        changed = (3,) * (len(images) > 100) + (8,) * (len(images) > 110)
+        return dataclasses.replace(tracked, changed=changed)
+
+    monkeypatch.setattr(Tracker, 'warm_up', lambda self: None)
+    monkeypatch.setattr(Tracker, 'update', found_other)
+    images += [0.0] * 95  # of a video that begins earlier
+    lines = told(capsys, relief_stack, vision_relief.calibration(relief, True))
+    assert [line.split(': ', 1)[1].split(':')[0] for line in lines] == [
+        'other covers than before on blocks 3',
+        'other covers than before on blocks 8',
+    ]

@@ -13,7 +13,7 @@ import numpy as np
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import cover_light, outline, scan
+from eol_ros.core.vision.detect import cover_light, scan
 from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.detect.brightness import Brightness
 from eol_ros.core.vision.identity.blink import Blink
@@ -296,6 +296,7 @@ class Tracker:
                 start,
                 cover_height_m=self.calibration.cover_height_m,
                 covers=self.calibration.covers,
+                distortion_coefficients=self.calibration.distortion_coefficients,
             )
             self.learning = self_calibration.SelfCalibration(start)
             self.asked_s = stamp_s
@@ -321,11 +322,11 @@ class Tracker:
         assert learning is not None and self.calibration is not None
         good = bool(lattice.seen.all() and self.visibility.min() > 0.8 and lattice.rests())
         blobs = self.blobs[lattice.index] if good else None
-        relief = None
+        quarters = None
         if blobs is not None and self.calibration.covers is not None:
             self._predicted(stamp_s)
-            relief = outline.tables(self.calibration, blobs, self.predicted[:, 4])
-        found = learning.add(image, blobs, relief)
+            quarters = self.predicted[:, 4]
+        found = learning.add(image, blobs, quarters)
         if found is not None:
             lattice.move(found.to_table(self.calibration.to_pixels(lattice.xy)))
             self._take(found)
@@ -333,7 +334,8 @@ class Tracker:
             self._tell(
                 CALIBRATE,
                 f'calibrated by the blocks: {found.residual_px:.3f} px, '
-                f'{found.residual_mm:.2f} mm left',
+                f'{found.residual_mm:.2f} mm left'
+                + (f'; {learning.note}' if learning.note else ''),
                 False,
             )
             self.learning = None

@@ -5,6 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks import vision_relief
+from benchmarks.relief import films
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration import calibrate
 from eol_ros.core.vision.calibration.charuco import Board, from_board
@@ -64,6 +66,33 @@ def test_blocks_alone_give_lens_tilt_and_metres():
     assert (solved.corner_mm > 0).all()
 
 
+def pushed(seed, camera, rim=(0.0, 0.0, 0.0)):
+    """Ids and corners (25, 4, 2) px of blocks that were stirred, in a rim at x, y, yaw."""
+    rng = np.random.default_rng(seed)
+    half = 0.042 * np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]])
+    xy = rest_lattice() + rng.normal(0, 0.003, (25, 2))
+    found = []
+    for place, yaw in zip(xy, rng.normal(0, 0.05, 25), strict=True):
+        c, s = np.cos(yaw), np.sin(yaw)
+        found.append(place + half @ [[c, s], [-s, c]])
+    c, s = np.cos(rim[2]), np.sin(rim[2])
+    table = np.array(found) @ [[c, s], [-s, c]] + rim[:2]
+    px = camera.to_pixels(table.reshape(-1, 2)).reshape(25, 4, 2)
+    return np.arange(25), px + rng.normal(0, 0.03, (25, 4, 2))
+
+
+def test_the_rim_may_be_pushed_and_turned_between_images():
+    truth = clutter_calibration('hard')
+    rims = np.array([[0.05, -0.03, 0.2], [-0.04, 0.05, -0.15], [-0.01, -0.02, -0.05]])
+    views = [pushed(seed, truth, rim) for seed, rim in enumerate(rims)]
+    solved = calibrate.from_blocks(views, calibrate.nominal(1280, 800))
+    assert solved.refusal() == '' and solved.calibration.residual_px < 0.1
+    # the frame is the mean of the rim's places
+    off = solved.calibration.to_table(truth.to_pixels(GRID)) - GRID
+    assert np.sqrt((off**2).mean()) < 1.5e-3
+    assert solved.calibration.distortion_coefficients[0] == pytest.approx(-0.12, abs=0.02)
+
+
 def test_what_is_no_calibration_is_refused():
     ids, found = view(still()[0])
     bent = found + 4 * np.sin(found / 60)  # no camera sees so
@@ -79,11 +108,32 @@ def test_blocks_are_named_by_their_place():
     assert np.hypot(*(truth[ids] - np.column_stack([blobs['u'], blobs['v']])).T).max() < 1
     with pytest.raises(ConfigError, match='24 squares'):
         calibrate.name_blocks(blobs[1:])
+    assert (calibrate.name_blocks(blobs[ids != 12], fewest=20) == ids[ids != 12]).all()
+    with pytest.raises(ConfigError, match='20 squares seen.*row or column is missing'):
+        calibrate.name_blocks(blobs[ids >= 5], fewest=20)
     moved = blobs.copy()
     moved['u'][3] += 300
     moved['v'][3] += 250
     with pytest.raises(ConfigError, match='5 rows of 5'):
         calibrate.name_blocks(moved)
+
+
+def test_a_cover_that_is_refused_at_first_sight_is_looked_for_and_what_is_left_out_is_said():
+    film = next(f for f in films.load(films.TURNED) if f.name == 'tilted-0-1')
+    image = films.sensed(film.light, 1)
+    camera = vision_relief.calibration(film, True)
+    start = replace(
+        calibrate.nominal(1280, 800), cover_height_m=vision_relief.SKIRT_M, covers=camera.covers
+    )
+    blobs = calibrate.all_blocks(image, start, False)
+    truth = camera.to_pixels(film.shot.poses[:, :2])
+    assert np.hypot(*(truth - np.column_stack([blobs['u'], blobs['v']])).T).max() < 3
+    hidden = image.copy()
+    hidden[:, :640] = 4
+    solved = calibrate.from_images(
+        [image, hidden], calibrate.nominal(1280, 800), vision_relief.SKIRT_M, camera.covers
+    )
+    assert '1 of 2 images left out' in solved.note and 'take the arms away' in solved.note
 
 
 def test_points_give_the_table_exactly():

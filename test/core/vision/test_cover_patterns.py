@@ -7,7 +7,7 @@ import pytest
 from benchmarks import recoveries
 from benchmarks.identity import Ours
 from benchmarks.stick_slip import Onlooker, Table
-from eol_ros.core.geometry import BLOCK_SIDE_M
+from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import cover_light
 from eol_ros.core.vision.detect.cover_light import SIZE
@@ -19,7 +19,11 @@ from eol_ros.core.vision.identity.cover_patterns import (
     CoverPatterns,
 )
 from eol_ros.core.vision.identity.symmetry import UNTURNED
+from eol_ros.core.vision.render.clutter import clutter_calibration
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
+from eol_ros.settings import TrackerSettings
 
 ALL = np.arange(25)
 NOISE = 0.009
@@ -217,6 +221,34 @@ def test_covers_that_a_technician_exchanges_are_told_and_names_stay():
     assert all((true == names).all() and not open_ for true, names, open_ in answers[1:])
     assert identity.names.changed(60.0) == (3, 8)
     assert identity.names.changed(60.0 + 600.0) == ()
+
+
+def images_of(at, count, seed):
+    """Return `count` images of textured covers without arms; block i stands where at[i] says."""
+    camera = clutter_calibration('hard')
+    renderer = Renderer(RenderOptions(clutter='hard'), camera, 5)
+    poses = np.column_stack([rest_lattice()[at], np.random.default_rng(seed).normal(0, 0.05, 25)])
+    clear = (
+        k
+        for k in range(0, 9000, 30)
+        if renderer.visible_share(*poses.T, k).min() == 1 and not len(renderer.clutter.arms(k)[0])
+    )
+    flash = np.zeros(25)
+    return [renderer.render(*poses.T, next(clear), flash=flash).copy() for _ in range(count)]
+
+
+@pytest.mark.slow
+def test_a_tracker_that_runs_says_which_covers_were_exchanged():
+    tracker = Tracker(TrackerSettings(), clutter_calibration('hard'))
+    exchanged = ALL.copy()
+    exchanged[[3, 8]] = 8, 3
+    before, after = images_of(ALL, 4, 1), images_of(exchanged, 4, 1)
+    for k in range(240):
+        assert tracker.update(k / 40, before[k % 4]).changed == ()
+    for k in range(240, 1300):
+        found = tracker.update(k / 40, after[k % 4])
+        assert found.seen.sum() == 25 and not found.symmetry_ambiguous
+    assert found.changed == (3, 8)
 
 
 @pytest.mark.slow

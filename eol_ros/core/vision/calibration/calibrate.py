@@ -26,15 +26,19 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import outline
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.detect.corners import corners
+from eol_ros.core.vision.image_health import Watch
 from eol_ros.errors import ConfigError
 
 REST_SIGMA_M = 0.004  # friction leaves blocks this far from the lattice when all is still
 MOST_PX = 0.5  # RMS residual, per axis, above which a calibration is refused
 MOST_CORNER_MM = 8.0  # and the standard deviation at a corner of the platform
+LENS_GAIN = 25.0  # of the misfit, for each number of the lens: five standard deviations
+_FEWEST = 20  # squares that say where the others are
 _RELIEF_ROUNDS = 3
 CORNER_SIGMA_PX = 0.05
 _RELIEF_SIGMA_PX = 0.15  # of lit covers' corners: light that falls moves each side by 0.1 px
 _STEP = 1e-6  # of finite differences, in the solver's own units
+_FRAME_SIGMA = 1e-4  # m and rad: the frame is the mean of the rim's places, by definition
 _SIDE_SIGMA = 0.01  # of the length of lit covers' sides, as a share
 PLATFORM_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * PLATFORM_SIDE_M / 2
 _SQUARE = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
@@ -50,6 +54,8 @@ class Solution:
         names: (n,) what each point is.
         corner_mm: (4,) standard deviation at the platform's corners; NaN where nothing tells.
         note: what a person should know of a calibration that is good.
+        lens: how many of the lens's k1, k2 were solved for.
+        misfit: sum of squared residuals in standard deviations, of all that was fitted.
     """
 
     calibration: Calibration
@@ -58,6 +64,8 @@ class Solution:
     names: list[str]
     corner_mm: np.ndarray
     note: str = ''
+    lens: int = 0
+    misfit: float = 0.0
 
     def by_name(self) -> dict[str, tuple[float, float]]:
         """Return RMS residual per axis in px and mm of each named thing."""
@@ -83,7 +91,8 @@ class Solution:
             return (
                 'the corners of the platform are only known to '
                 f'{np.nanmax(self.corner_mm):.1f} mm (at most {MOST_CORNER_MM:.0f}): '
-                'use more points or images, further out'
+                'use more points or images, further out; of blocks take three images with the '
+                'table stirred in between, and name printed covers with --covers'
             )
         return ''
 
@@ -100,17 +109,17 @@ def nominal(
     return replace(ideal, camera_matrix=camera)
 
 
-def name_blocks(blobs: np.ndarray, mirror: bool = False) -> np.ndarray:
-    """Return the block id (n,) of each of 25 BLOB squares that lie on their lattice.
+def name_blocks(blobs: np.ndarray, mirror: bool = False, fewest: int = N_BLOCKS) -> np.ndarray:
+    """Return the block id (n,) of each of `fewest` to 25 BLOB squares that lie on their lattice.
 
     Walks from square to square by one pitch; the rim is taken to be turned by less than 45 degrees
     and the far edge of the table to be on top of the image. The lattice looks the same in a
     mirror, so `mirror` must be said: columns then run to the left.
 
     Raises:
-        ConfigError: not 25 squares in 5 rows of 5.
+        ConfigError: not so many squares in 5 rows of 5, none of these empty.
     """
-    if len(blobs) != N_BLOCKS:
+    if not fewest <= len(blobs) <= N_BLOCKS:
         raise ConfigError(
             f'{len(blobs)} squares seen, not {N_BLOCKS}: take the arms away, switch '
             'all blocks on, and let the camera see the whole table'
@@ -132,11 +141,17 @@ def name_blocks(blobs: np.ndarray, mirror: bool = False) -> np.ndarray:
             if far[there] < 0.4 * pitch and there not in place:
                 place[there] = (place[here][0] + dc, place[here][1] + dr)
                 queue.append(there)
-    cells = np.array([place.get(i, (99, 99)) for i in range(N_BLOCKS)])
+    cells = np.array([place.get(i, (99, 99)) for i in range(len(blobs))])
     cells -= cells.min(axis=0)
     columns = COLS - 1 - cells[:, 0] if mirror else cells[:, 0]
     ids = cells[:, 1] * COLS + columns
-    if cells.max() >= max(ROWS, COLS) or len(set(ids.tolist())) != N_BLOCKS:
+    spanned = cells.max(axis=0).tolist() == [COLS - 1, ROWS - 1]
+    if len(blobs) < N_BLOCKS and cells.max() < max(ROWS, COLS) and not spanned:
+        raise ConfigError(
+            f'{len(blobs)} squares seen, not {N_BLOCKS}, and a whole row or column is missing: '
+            'take the arms away, switch all blocks on, and let the camera see the whole table'
+        )
+    if not spanned or len(set(ids.tolist())) != len(blobs):
         raise ConfigError(
             'the squares do not lie in 5 rows of 5: centre the rim and bring the '
             'blocks near their places'
@@ -158,7 +173,7 @@ def from_blocks(
     start: Calibration,
     cover_height_m: float = 0.0,
     rest_sigma_m: float = REST_SIGMA_M,
-    lens: bool = True,
+    lens: int = 2,
     side_sigma: float = 0.0,
     corner_sigma_px: float = CORNER_SIGMA_PX,
     relief: tuple[Calibration, Callable[[Calibration], np.ndarray]] | None = None,
@@ -167,13 +182,14 @@ def from_blocks(
 
     Bundle adjustment (Triggs et al. 2000): homography, lens (k1, k2) and the pose of every block in
     every view are solved together from the corners of the covers. The squares give the lengths; the
-    lattice, with `rest_sigma_m` of freedom, gives the frame.
+    lattice, with `rest_sigma_m` of freedom, gives the frame. Between views the rim may have been
+    pushed and turned: each has a place of its own, and the frame is their mean.
 
     Args:
         views: per image the ids (25,) and the corners (25, 4, 2) px (see corners.corners). Ids
             that run to the left, as seen in a mirror, give a calibration with a mirror.
         start: image size and camera matrix.
-        lens: solve for the lens too; else it stays as in `start`.
+        lens: how many of k1 and k2 to solve for; the others stay as in `start`.
         side_sigma: share by which all sides together may seem longer than they are: a lit wall
             shines on the sandpaper beside it. The lattice then gives the lengths. 0: not at all.
         corner_sigma_px: standard deviation of a corner.
@@ -186,6 +202,7 @@ def from_blocks(
     """
     ids = np.concatenate([np.asarray(i) for i, _ in views])
     corners = np.concatenate([c for _, c in views])
+    view = np.repeat(np.arange(len(views)), [len(i) for i, _ in views])
     whole = np.isfinite(corners).all(axis=(1, 2))
     if whole.sum() < 20:
         raise ConfigError(
@@ -194,8 +211,10 @@ def from_blocks(
         )
     ids, corners = ids[whole], corners[whole]
     rest = rest_lattice()[ids]
+    view = np.unique(view[whole], return_inverse=True)[1]
     flat = start.undistort(corners.mean(axis=1))
-    first, _ = cv2.findHomography(rest, flat)
+    rims = _rim_places(rest, flat, view)
+    first, _ = cv2.findHomography(_pushed(rest, rims[view]), flat)
     # poses of the covers under that homography
     there = replace(start, homography=first)
     turn = [1, 0, 3, 2] if there.mirrored else [0, 1, 2, 3]  # round the square, as the table has it
@@ -206,46 +225,52 @@ def from_blocks(
     scale = np.abs(first.ravel()[:8]) + 1e-3 * np.abs(first).max() * np.array(
         [1, 1, 1, 1, 1, 1, 1e-3, 1e-3]
     )
-    n_lens = 2 if lens else 0
+    n_lens = lens
     n_camera = 8 + n_lens + (side_sigma > 0)
     frozen = start.distortion_coefficients
 
     def camera(x: np.ndarray) -> Calibration:
         h = np.append(x[:8] * scale, 1.0).reshape(3, 3)
-        k = np.array([*x[8 : 8 + n_lens], *frozen[n_lens:]]) if lens else frozen
+        k = np.array([*x[8 : 8 + n_lens], *frozen[n_lens:]])
         return replace(start, homography=h, distortion_coefficients=k)
 
     n = len(corners)
     leads = np.zeros((8 + n_lens, n, 4, 2))  # of relief, by each number of the camera
+    n_rim = 3 * len(rims) if len(rims) > 1 else 0  # of one view the rim is the frame
+    n_shared = n_camera + n_rim
 
     def rests(x: np.ndarray) -> np.ndarray:
-        pose, longer = x[n_camera:].reshape(-1, 3), x[8 + n_lens : n_camera]
+        pose, longer = x[n_shared:].reshape(-1, 3), x[8 + n_lens : n_camera]
+        rim = x[n_camera:n_shared].reshape(-1, 3)
         covers = _cover_corners(pose, 1 + longer.sum()).reshape(-1, 2)
         seen = camera(x).to_pixels(covers).reshape(-1, 4, 2)
         seen += np.tensordot(x[: 8 + n_lens] - x0[: 8 + n_lens], leads, 1)
         return np.concatenate(
             [
                 ((seen - corners) / corner_sigma_px).ravel(),
-                ((pose[:, :2] - rest) / rest_sigma_m).ravel(),
+                (
+                    (pose[:, :2] - (_pushed(rest, rim[view]) if n_rim else rest)) / rest_sigma_m
+                ).ravel(),
                 longer / (side_sigma or 1.0),
+                rim.sum(axis=0) / _FRAME_SIGMA if n_rim else [],
             ]
         )
 
     def slopes(x: np.ndarray) -> np.ndarray:
         """Return the Jacobian: a cover's pose moves nothing but its own corners."""
-        found = np.zeros((10 * n + n_camera - 8 - n_lens, len(x)))
         base, cover = rests(x), np.arange(n)
-        for k in range(n_camera):
+        found = np.zeros((len(base), len(x)))
+        for k in range(n_shared):
             there = x.copy()
             there[k] += _STEP
             found[:, k] = (rests(there) - base) / _STEP
         for k in range(3):
             there = x.copy()
-            there[n_camera + k :: 3] += _STEP
+            there[n_shared + k :: 3] += _STEP
             moved = (rests(there) - base) / _STEP
             for begin, size in ((0, 8), (8 * n, 2)):  # its corners, its place on the lattice
                 rows = begin + size * cover[:, None] + np.arange(size)
-                found[rows, (n_camera + 3 * cover + k)[:, None]] = moved[rows]
+                found[rows, (n_shared + 3 * cover + k)[:, None]] = moved[rows]
         return found
 
     x0 = np.concatenate(
@@ -253,6 +278,7 @@ def from_blocks(
             first.ravel()[:8] / first[2, 2] / scale,
             frozen[:n_lens],
             np.zeros(n_camera - 8 - n_lens),
+            rims.ravel()[:n_rim],
             poses.ravel(),
         ]
     )
@@ -270,7 +296,7 @@ def from_blocks(
     left = (done.fun[: 8 * n] * corner_sigma_px).reshape(n, 4, 2).reshape(-1, 2)
     sigma = _corner_sigma(done, camera, n_camera)
     names = [f'block {i}' for i in ids for _ in range(4)]
-    return _solution(
+    solution = _solution(
         solved,
         corners.reshape(-1, 2),
         left,
@@ -279,6 +305,37 @@ def from_blocks(
         cover_height_m,
         freedom=(8 * n + 2 * n - len(x0)) / (8 * n),
     )
+    return replace(solution, lens=n_lens, misfit=2 * float(done.cost))
+
+
+def _pushed(xy: np.ndarray, rim: np.ndarray) -> np.ndarray:
+    """Return points (n, 2) of a rim at rest where that rim at x, y, yaw (n, 3) takes them."""
+    c, s = np.cos(rim[:, 2]), np.sin(rim[:, 2])
+    x, y = xy.T
+    return np.column_stack([rim[:, 0] + c * x - s * y, rim[:, 1] + s * x + c * y])
+
+
+def _rim_places(rest: np.ndarray, flat: np.ndarray, view: np.ndarray) -> np.ndarray:
+    """Return about where the rim stands in each view, (m, 3) x, y, yaw with a mean of zero.
+
+    rest (n, 2): of the blocks, flat (n, 2): undistorted pixels, view (n,): of 0 to m - 1.
+    """
+    most = view == np.argmax(np.bincount(view))
+    there, _ = cv2.findHomography(flat[most], rest[most])
+    table = cv2.perspectiveTransform(flat[None], there)[0]
+    rims = np.zeros((view.max() + 1, 3))
+    for k, rim in enumerate(rims):
+        mine = view == k
+        at, to = rest[mine].mean(axis=0), table[mine].mean(axis=0)
+        x, y = (rest[mine] - at).T
+        u, v = (table[mine] - to).T
+        rim[2] = np.arctan2((x * v - y * u).sum(), (x * u + y * v).sum())
+        rim[:2] = to - _pushed(at[None], np.array([[0.0, 0.0, rim[2]]]))[0]
+    turn = rims[:, 2].mean()  # all are turned back by it: the frame turns with them
+    back = np.array([[0.0, 0.0, -turn]])
+    rims[:, :2] = _pushed(rims[:, :2] - rims[:, :2].mean(axis=0), np.repeat(back, len(rims), 0))
+    rims[:, 2] -= turn
+    return rims
 
 
 def from_images(
@@ -293,66 +350,115 @@ def from_images(
 
     With `covers` the corners are those that flat covers at `cover_height_m` would have; where the
     outlines stand beside them follows from the camera, which is solved again until both agree. The
-    rim is turned by less than 45 degrees.
+    rim is turned by less than 45 degrees; where it stands may differ between images.
 
     Raises:
         ConfigError: no image shows 25 squares on their lattice; or as `from_blocks`.
     """
     start = replace(start, cover_height_m=cover_height_m, covers=covers)
-    seen, reason = [], 'there is none'
+    seen, reasons = [], []
     for image in images:
-        blobs = BlobFinder().find(image)
-        if covers is not None and len(blobs) >= 9:
-            scale = float(np.median(blobs['side_px'])) / BLOCK_SIDE_M
-            straight = Calibration.ideal(start.image_width, start.image_height, scale, mirror)
-            straight = replace(straight, cover_height_m=cover_height_m, covers=covers)
-            blobs = BlobFinder(calibration=straight).find(image)
         try:
-            order = np.argsort(name_blocks(blobs, mirror))
+            seen.append((image, all_blocks(image, start, mirror)))
         except ConfigError as error:
-            reason = str(error)
-        else:
-            seen.append((image, blobs[order]))
+            reasons.append(str(error))
     if not seen:
-        raise ConfigError(f'no image shows all blocks at rest: {reason}')
-    ids = np.arange(N_BLOCKS)
+        said = reasons[-1] if reasons else 'there is none'
+        raise ConfigError(f'no image shows all blocks at rest: {said}')
+    left_out = ''
+    if reasons:
+        left_out = f'{len(reasons)} of {len(seen) + len(reasons)} images left out: {reasons[-1]}'
+    solution = from_squares(seen, start, lens)
+    return replace(solution, note='; '.join(filter(None, [solution.note, left_out])))
 
-    def solved(camera: Calibration | None, lens: bool) -> Solution:
+
+def from_squares(
+    seen: list[tuple[np.ndarray, np.ndarray]],
+    start: Calibration,
+    lens: bool = True,
+    quarters: np.ndarray | None = None,
+) -> Solution:
+    """Calibrate on images (h, w) uint8, each with its squares, a BLOB array (25,) in order of id.
+
+    The lens: as many of k1 and k2 as these images plainly ask for; the others are held at what they
+    are in `start`, and that is said. quarters (25,): right angles from the squares' theta to the
+    blocks' x axes; None for none. Height and relief of the covers are those of `start`.
+
+    Raises:
+        ConfigError: as `from_blocks`.
+    """
+    ids, covers = np.arange(N_BLOCKS), start.covers
+    turns = 0 * ids if quarters is None else quarters
+
+    def solved(camera: Calibration | None, lens: int) -> Solution:
         views = []
         for image, blobs in seen:
-            tables = None if camera is None else outline.tables(camera, blobs, 0 * ids)
+            tables = None if camera is None else outline.tables(camera, blobs, turns)
             views.append((ids, corners(image, blobs, tables=tables)))
         if covers is None:
-            return from_blocks(views, start, cover_height_m, lens=lens)
+            return from_blocks(views, start, start.cover_height_m, lens=lens)
 
         def shifts(camera: Calibration) -> np.ndarray:
             return np.concatenate(
-                [outline.corner_shifts(camera, blobs, 0 * ids) for _, blobs in seen]
+                [outline.corner_shifts(camera, blobs, turns) for _, blobs in seen]
             )
 
         return from_blocks(
             views,
             start,
-            cover_height_m,
+            start.cover_height_m,
             lens=lens,
             side_sigma=_SIDE_SIGMA,
-            corner_sigma_px=_RELIEF_SIGMA_PX,
+            corner_sigma_px=_RELIEF_SIGMA_PX * len(seen) ** 0.5,  # the same in every image
             relief=None if camera is None else (camera, shifts),
         )
 
-    solution = solved(None, lens)
-    for _ in range(_RELIEF_ROUNDS if covers is not None else 0):
-        solution = solved(solution.calibration, lens)
-    if lens and np.nanmax(solution.corner_mm) > MOST_CORNER_MM:
-        held = solved(solution.calibration if covers is not None else None, False)
-        if not held.refusal():
-            k1 = start.distortion_coefficients[0]
-            return replace(
-                held,
-                note=f'these images do not tell the distortion of the lens: k1 is held at {k1:g}; '
-                'take several with the table stirred in between, or give --lens',
-            )
-    return solution
+    best: Solution | None = None
+    for numbers in range(3 if lens else 1):
+        solution = solved(None, numbers)
+        for _ in range(_RELIEF_ROUNDS if covers is not None else 0):
+            solution = solved(solution.calibration, numbers)
+        if best is None or best.misfit - solution.misfit > LENS_GAIN * (numbers - best.lens):
+            best = solution
+    assert best is not None
+    if not lens or best.lens == 2:
+        return best
+    k = start.distortion_coefficients[best.lens : 2]
+    held = ' and '.join(f'k{best.lens + 1 + i} is held at {value:g}' for i, value in enumerate(k))
+    note = (
+        f'these images do not tell all of the distortion of the lens: {held}; '
+        'take several with the table stirred in between, or give --lens'
+    )
+    return replace(best, note=note)
+
+
+def all_blocks(image: np.ndarray, start: Calibration, mirror: bool) -> np.ndarray:
+    """Return the 25 squares in `image` (h, w) as a BLOB array in order of id.
+
+    A cover that is not believed at first sight is looked for where the others say that it is.
+    """
+    fault = Watch(None).fault(0.0, image)
+    if fault:
+        raise ConfigError(fault)
+    finder = BlobFinder()
+    blobs = finder.find(image)
+    if start.covers is not None and len(blobs) >= 9:
+        scale = float(np.median(blobs['side_px'])) / BLOCK_SIDE_M
+        straight = Calibration.ideal(start.image_width, start.image_height, scale, mirror)
+        straight = replace(straight, cover_height_m=start.cover_height_m, covers=start.covers)
+        finder = BlobFinder(calibration=straight)
+        blobs = finder.find(image)
+    ids = name_blocks(blobs, mirror, _FEWEST)
+    if len(blobs) < N_BLOCKS:
+        px = np.column_stack([blobs['u'], blobs['v']])
+        to_px, _ = cv2.findHomography(rest_lattice()[ids], px)
+        expected = np.zeros((N_BLOCKS, 5))
+        expected[:, :2] = cv2.perspectiveTransform(rest_lattice()[None], to_px)[0]
+        expected[:, 2] = np.angle(np.exp(4j * blobs['theta']).mean()) / 4
+        expected[ids, :2], expected[ids, 2] = px, blobs['theta']
+        blobs = finder.find(image, expected)
+        ids = name_blocks(blobs, mirror)
+    return blobs[np.argsort(ids)]
 
 
 def from_points(

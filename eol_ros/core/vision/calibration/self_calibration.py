@@ -8,11 +8,10 @@ covers, and refused where the blocks do not lie on their lattice.
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
-from eol_ros.core.vision.calibration.calibrate import from_blocks
+from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.vision.calibration.calibrate import from_squares
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect.blobs import BLOB
-from eol_ros.core.vision.detect.corners import corners
 from eol_ros.errors import ConfigError
 
 IMAGES = 20  # still ones, all 25 blocks seen
@@ -30,30 +29,36 @@ class SelfCalibration:
 
     def __init__(self, start: Calibration):
         self.start = start
-        self.views: list[np.ndarray] = []
+        self.images = 0
+        self.total = np.zeros((0, 0), np.float32)
+        self.note = ''  # what a person should know of a calibration that is good
         self.wait = 0
         self.refused = False
         self.why = 'metres follow when 25 blocks have rested'
 
     def add(
-        self, image: np.ndarray, blobs: np.ndarray | None, relief: np.ndarray | None = None
+        self, image: np.ndarray, blobs: np.ndarray | None, quarters: np.ndarray | None = None
     ) -> Calibration | None:
         """Take an image (h, w) uint8 with its 25 squares, a BLOB array in order of id.
 
-        relief (25, outline.SIZE): of their covers, where these are not flat. blobs is None when not
-        all of them are seen whole and at rest. Returns the calibration once.
+        quarters (25,): right angles from theta to each block's x axis, where covers have relief.
+        blobs is None when not all blocks are seen whole and at rest. Returns the calibration once.
         """
         self.wait = max(self.wait - 1, 0)
         if blobs is None or self.wait:
-            self.views = []
+            self.images = 0
             return None
-        self.views.append(corners(image, np.ascontiguousarray(blobs, BLOB), tables=relief))
-        if len(self.views) < IMAGES:
+        if not self.images:
+            self.total = np.zeros(image.shape, np.float32)
+        self.total += image
+        self.images += 1
+        if self.images < IMAGES:
             return None
-        view = np.mean(self.views, axis=0)  # NaN where a side was hidden in any of them
-        self.views, self.wait, self.refused = [], RETRY_IMAGES, True
+        mean = np.rint(self.total / IMAGES).astype(np.uint8)
+        self.images, self.wait, self.refused = 0, RETRY_IMAGES, True
+        squares = np.ascontiguousarray(blobs, BLOB)
         try:
-            solution = from_blocks([(np.arange(N_BLOCKS), view)], self.start)
+            solution = from_squares([(mean, squares)], self.start, quarters=quarters)
         except ConfigError as error:
             self.why = str(error)
             return None
@@ -65,6 +70,6 @@ class SelfCalibration:
         elif solution.refusal():
             self.why = solution.refusal()
         else:
-            self.refused = False
+            self.refused, self.note = False, solution.note
             return found
         return None
