@@ -56,13 +56,13 @@ class Motion:
 
     Examples
     --------
-    Block 12 moves 2 cm to the right, beginning at 1 s.
+    Block 12 slips 2 cm to the right, beginning at 1 s, as springs let it.
 
     >>> from eol_ros.core.geometry import rest_lattice
     >>> motion, slips = Motion(MotionSettings()), []
     >>> x, y = rest_lattice().T.copy()
     >>> for k in range(120):
-    ...     x[12] = 0.02 * min(max(k / 60 - 1.0, 0.0) / 0.2, 1.0)
+    ...     x[12] = 0.01 - 0.01 * np.cos(np.pi * np.clip((k / 60 - 1.0) / 0.2, 0.0, 1.0))
     ...     found, _ = motion.update(k / 60, x, y, np.ones(25, bool), np.full(25, 2e-5))
     ...     slips += [one.event for one in found]
     >>> [(slip.block, round(slip.onset_s, 2)) for slip in slips][-1]
