@@ -51,6 +51,7 @@ def add_arguments(parser):
         ' doubled, exposure, focus and sleeves, with commas; --seconds and --seeds of each',
     )
     parser.add_argument('--surfaces', default='flat,relief', help='with --hard')
+    parser.add_argument('--first-seed', type=int, default=41, help='with --hard: of --seeds')
     parser.add_argument(
         '--videos', action='store_true', help='only what MJPEG and H.264 cost, against their size'
     )
@@ -92,7 +93,7 @@ def run(args) -> int:
 
         kinds = _named('--hard', args.hard, vision_hard.KINDS)
         surfaces = _named('--surfaces', args.surfaces, vision_hard.SURFACES)
-        found = vision_hard.measure(kinds, surfaces, args.seconds, args.seeds)
+        found = vision_hard.measure(kinds, surfaces, args.seconds, args.seeds, args.first_seed)
         tell(found, args.json, vision_hard.table)
         return 0
     if args.calibrating:

@@ -194,13 +194,15 @@ def run(tallies: dict[str, HardTally], surface: str, kind: str, images: int, see
             mine.add(ms, left, visible, match(found, truth)[1])
 
 
-def measure(kinds: list[str], surfaces: list[str], seconds: float, seeds: int) -> dict:
+def measure(
+    kinds: list[str], surfaces: list[str], seconds: float, seeds: int, first_seed: int
+) -> dict:
     """Return figures of each surface and kind, all videos of it together."""
     jobs = [(s, k, seed) for s in surfaces for k in kinds for seed in range(seeds)]
     joint: dict[str, dict[str, dict[str, HardTally]]] = {}
     for surface, kind, seed in track(jobs, 'videos'):
         tallies = joint.setdefault(surface, {}).setdefault(kind, {})
-        run(tallies, surface, kind, round(seconds * RATE_HZ), 41 + seed)
+        run(tallies, surface, kind, round(seconds * RATE_HZ), first_seed + seed)
     return {
         'hard': {
             surface: {kind: {n: t.figures() for n, t in two.items()} for kind, two in of.items()}

@@ -215,6 +215,23 @@ def test_noise_keeps_to_the_bound_where_covers_are_half_dark_or_flash():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize('grey', [40, 70, 110, 160, 205, 250])
+def test_all_covers_are_found_in_the_first_image_however_bright_they_are(grey):
+    for film in films.load():
+        if film.name.endswith('-lit'):
+            continue
+        camera = vision_relief.calibration(film, True)
+        centres = camera.to_pixels(film.shot.poses[:, :2])
+        u, v = np.rint(centres).astype(int).T
+        ground, middle = np.median(film.light), np.median(film.light[v, u])
+        light = ground + (film.light - ground) * np.float32((grey - ground) / (middle - ground))
+        blobs = BlobFinder(calibration=camera).find(films.sensed(light, 0))
+        off = np.hypot(*(np.array([blobs['u'], blobs['v']])[:, :, None] - centres.T[:, None]))
+        assert off.min(axis=0).max() < 3.0, film.name  # px; a square is seen beside its lower rim
+        assert len(blobs) == 25
+
+
+@pytest.mark.slow
 def test_great_and_small_deviations_are_measured_alike():
     """Were only the great ones followed to their end, noise would have long tails: false slips."""
     film = next(f for f in films.load() if f.name == 'straight')
