@@ -19,6 +19,7 @@ from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import TrackerSettings
+from eol_ros.web import answers
 
 
 def outline(film, block):
@@ -287,12 +288,13 @@ def test_all_covers_are_found_in_the_first_image():
 def test_blocks_calibrate_a_camera_above_printed_covers():
     shown = {film.name: film for film in films.load()}
     one = vision_relief.solved([shown['straight']], True)
-    assert one['refused'] == '' and 'k1 is held at 0' in one['note']
+    assert one['refused'] == '' and 'held at k1 = 0' in one['note']
+    assert [part[0] for part in answers.recognised(one['note'])] == ['lens_held']
     assert one['error_mm_rms'] < 1.0
 
     three = [shown[name] for name in ('tilted', 'tilted-stirred-2', 'tilted-stirred-3')]
     stirred = vision_relief.solved(three, True)
-    assert stirred['refused'] == '' and 'k1 is held at 0' in stirred['note']
+    assert stirred['refused'] == '' and 'held at k1 = 0' in stirred['note']
     assert stirred['error_mm_rms'] < 1.0
 
 
@@ -304,7 +306,7 @@ def test_cameras_calibrate_by_three_images_and_while_the_tracker_runs():
         solved = vision_relief.solved(group, True)
         assert solved['refused'] == '' and solved['error_mm_rms'] < 1.3
         assert solved['k1'] == pytest.approx(k1, abs=0.02)
-        assert ('k1 is held at 0' in solved['note']) == (k1 == 0.0)
+        assert ('held at k1 = 0' in solved['note']) == (k1 == 0.0)
     asked = vision_calibrating.asked(next(f for f in films.load() if f.name == 'tilted'))
     assert asked['refused'] == '' and asked['middle_mm_rms'] < 1.0
 

@@ -39,6 +39,7 @@ BEFORE_IMAGES = 4  # that the onset of a START rests on, the crossing one includ
 LATER_IMAGES = 2  # more, that the onset of its STOP rests on
 GAP_S = 0.5  # a break in the images longer than this starts everything again
 AGREE_SIGMAS = 3.5  # a sample nearer to the mean of a run belongs to it: 998 of 1000 at rest are
+AWAY_SIGMAS = 5.0  # a sample that is further off is not where the block rests
 UNSURE_IMAGES = 2  # that may lie between agreeing and having left before a run is given up
 # A run this long is a rest at this noise. A block that passes slowly, its acceleration growing in
 # proportion to time, stays within a distance d for a time that grows as the cube root of d.
@@ -403,9 +404,22 @@ class SlipDetector:
         found, spread = onsets(
             times, path, self.rest_sigma[blocks], self.period_s, latest, self.pull_mps2 / GROWN
         )
+        found = np.maximum(found, self._earliest(times, path, self.rest_sigma[blocks]))
         found = np.maximum(self.last_s + found, self.not_before_s[blocks])
         self.onset_s[blocks] = np.minimum(found, self.started_s[blocks])
         self.onset_sigma_s[blocks] = spread
+
+    def _earliest(self, times: np.ndarray, path: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
+        """Return (b,) s before which no block can have gone that is at rest in a later image.
+
+        times, path (b, n): as in `onsets`. A quarter of the usual pull would have moved it out of
+        the noise by then. What a hand pushes off at speed fits no pull, and its onset anything.
+        """
+        rows = np.arange(len(path))
+        rest = (path > AWAY_SIGMAS * sigma_m[:, None]).argmax(1) - 1
+        known = (rest >= 0) & np.isfinite(path[rows, rest])
+        hidden_s = np.sqrt(8.0 * AWAY_SIGMAS * sigma_m / self.pull_mps2)
+        return np.where(known, times[rows, rest] - hidden_s, -np.inf)
 
     def _find_ends(
         self, blocks: np.ndarray, rest: np.ndarray, sigma_m: np.ndarray, until_s: np.ndarray
@@ -420,7 +434,7 @@ class SlipDetector:
             at = at[self.times[at] <= until_s[k]]
             offset = self.place[:, block, at] - rest[:, k, None]
             far = np.hypot(offset[0], offset[1])
-            away = far > 5.0 * sigma_m[k]
+            away = far > AWAY_SIGMAS * sigma_m[k]
             # The newest may be away because it has begun to leave: it rested where it is not.
             out = np.flatnonzero(away & ~np.logical_and.accumulate(away))
             if out.size:

@@ -216,6 +216,13 @@ def test_a_block_that_goes_on_as_its_stop_is_told_ended_with_its_rest():
         assert start.onset_s == pytest.approx(onset, abs=0.012), block
 
 
+@pytest.mark.parametrize('speed_mps', [0.05, 0.1, 0.3])
+def test_what_a_hand_pushes_off_at_speed_did_not_go_before_it_was_seen_at_rest(speed_mps):
+    path = lambda t: speed_mps * np.clip(t - 2.0, 0, 0.2)  # noqa: E731
+    for event in watch({12: path}, 60, 4e-6, 3.0):
+        assert event.onset_s == pytest.approx(2.0, abs=1 / 60)
+
+
 def test_no_onset_lies_after_the_image_that_shows_the_motion():
     """A block is nudged sideways before it goes: along its way later images alone would tell."""
     random, detector, events = np.random.default_rng(0), SlipDetector(MotionSettings()), []

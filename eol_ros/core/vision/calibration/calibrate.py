@@ -424,9 +424,9 @@ def from_squares(
     if not lens or best.lens == 2:
         return best
     k = start.distortion_coefficients[best.lens : 2]
-    held = ' and '.join(f'k{best.lens + 1 + i} is held at {value:g}' for i, value in enumerate(k))
+    held = ', '.join(f'k{best.lens + 1 + i} = {value:g}' for i, value in enumerate(k))
     note = (
-        f'these images do not tell all of the distortion of the lens: {held}; '
+        f'these images do not tell all of the distortion of the lens, held at {held}; '
         'take several with the table stirred in between, or give --lens'
     )
     return replace(best, note=note)
