@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs all tests in their two parts, and says at the end what was not tested and why.
 
-    tools/run_tests.py            everything: three at a time, then what keeps real time, one by one
+    tools/run_tests.py            everything: four at a time, then what keeps real time, one by one
     tools/run_tests.py --quick    the pure core without its slow tests, in two processes
     tools/run_tests.py --bare     what touches devices, pages and scenes, on a machine that has none
                                   of the optional system packages: they are hidden, not removed
@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # start takes all tests of its file along; more than that is no accident.
 MOST_AGAIN = 100
 NOTHING_SELECTED = 5  # pytest's exit code, where a part holds none of what was asked for
-BESIDE = ('-n', '3', '--dist', 'loadfile', '--no-loadscope-reorder')  # many of them wait
+BESIDE = ('-n', '4', '--dist', 'loadfile', '--no-loadscope-reorder')  # many of them wait
 PARTS = {
     'side by side': (*BESIDE, '-m', 'not live and not soak and not firmware'),
     'one by one, in real time': ('-m', 'live and not soak and not firmware'),

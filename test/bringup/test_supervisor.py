@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from support.waiting import wait_until
 
-from eol_ros.bringup import policy, priority, status
+from eol_ros.bringup import child, policy, priority, status
 from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
@@ -268,8 +268,9 @@ def test_a_node_that_gets_nothing_of_what_is_given_is_started_again_alone(start,
 
 def test_what_a_stopped_node_said_it_gives_holds_no_longer(start, monkeypatch):
     """Else who gets nothing of a node that stands still is started again in its place."""
-    monkeypatch.setattr(policy, 'UNFED_S', 2.0)
-    monkeypatch.setattr(policy, 'STOPPED_S', 5.0)
+    monkeypatch.setattr(policy, 'UNFED_S', 0.8)
+    monkeypatch.setattr(policy, 'STOPPED_S', 3.0)
+    monkeypatch.setattr(child, 'QUIET_S', 0.4)
     deaf_later = DEAF.replace('while True:', 'beat(sys.argv[1]); time.sleep(1.0)\nwhile True:')
     supervisor, _ = start(process('twin', STEADY), process('tracker', deaf_later))
     twin, tracker = supervisor.children
@@ -277,7 +278,7 @@ def test_what_a_stopped_node_said_it_gives_holds_no_longer(start, monkeypatch):
     def work():
         wait_until(lambda: supervisor.all_ok_s is not None)
         os.kill(twin.popen.pid, signal.SIGSTOP)
-        wait_until(lambda: twin.policy.silence.silent_s > 4.0)
+        wait_until(lambda: twin.policy.silence.silent_s > 2.0)
 
     attended(supervisor, work)
     assert tracker.policy.restarts == 0
