@@ -23,6 +23,7 @@ from benchmarks.jack import Jack
 from benchmarks.running import Graph, busy, stand_in
 from benchmarks.soak_pieces import FILE, keep, load
 from benchmarks.soak_proof import Held, growth, held, prove
+from eol_ros.bringup.supervisor import FED_BY
 from eol_ros.errors import EolError
 from eol_ros.verbs.progress import track
 
@@ -156,7 +157,7 @@ class Soak:
             return None
 
     def well(self) -> bool:
-        """Whether every node is OK, and blocks are published.
+        """Whether every node is OK and gets what it lives on, and blocks are published.
 
         Two notices do not count. After the camera was gone, which way round the lattice lies may
         stay open, for the board on the pty feels no knocks; that messages were dropped is said for
@@ -165,7 +166,8 @@ class Soak:
         rows, seen = self.rows(), self.graph.watch.seen['blocks']
         for row in (rows or {}).values():
             notice = any(words in row['text'] for words in NOTICES)
-            if (row['level'] and not notice) or row['text'] == 'starting':
+            deaf = row['node'] in FED_BY and not row['rate'] > 0.0
+            if (row['level'] and not notice) or row['text'] == 'starting' or deaf:
                 return False
         fresh = bool(rows and seen) and time.time_ns() - seen[-1][1] < 1e9
         del seen[:-1]  # hours of them are of no use
