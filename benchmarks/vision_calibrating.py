@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.relief import films
-from benchmarks.vision_relief import RATE_HZ, SKIRT_M, calibration, covers
+from benchmarks.vision_relief import RATE_HZ, SKIRT_M, calibration, covers, misplaced
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, PLATFORM_SIDE_M
 from eol_ros.core.vision.calibration.calibrate import all_blocks, from_images, nominal
 from eol_ros.core.vision.calibration.model import Calibration
@@ -82,13 +82,7 @@ def errors(found: Calibration, film: films.Film) -> dict[str, float]:
     """
     result = {}
     for name, side_m in (('middle', 1.0), ('platform', PLATFORM_SIDE_M)):
-        axis = np.linspace(-0.5, 0.5, 15) * side_m
-        grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-        at = found.to_table(calibration(film, True).to_pixels(grid))
-        at = at - at.mean(axis=0)
-        turn = np.angle((np.conj(grid @ [1, 1j]) * (at @ [1, 1j])).sum())
-        c, s = np.cos(turn), np.sin(turn)
-        off = np.hypot(*(at @ [[c, -s], [s, c]] - grid).T)
+        off = np.hypot(*misplaced(found, calibration(film, True), side_m, 15).T)
         result[f'{name}_mm_rms'] = 1e3 * float(np.sqrt((off**2).mean()))
         result[f'{name}_mm_worst'] = 1e3 * float(off.max())
     return result

@@ -159,15 +159,8 @@ def solved(group: list[films.Film], known: bool) -> dict:
         )
     except ConfigError as error:
         return {'refused': str(error), 'error_mm_rms': None, 'error_mm_worst': None}
-    # the platform, as far as blocks come, seen by the true camera at the height of the lowest land
-    axis = np.linspace(-0.5, 0.5, 11) * (PLATFORM_SIDE_M - 0.4)
-    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    found = solution.calibration.to_table(calibration(film, known).to_pixels(grid))
-    # the lattice gives the frame: how blocks rest together beside it is no error of the camera
-    found -= found.mean(axis=0)
-    turn = np.angle((np.conj(grid @ [1, 1j]) * (found @ [1, 1j])).sum())
-    c, s = np.cos(turn), np.sin(turn)
-    off = found @ [[c, -s], [s, c]] - grid
+    # the platform, as far as blocks come
+    off = misplaced(solution.calibration, calibration(film, known), PLATFORM_SIDE_M - 0.4, 11)
     return {
         'refused': solution.refusal(),
         'note': solution.note,
@@ -176,6 +169,21 @@ def solved(group: list[films.Film], known: bool) -> dict:
         'error_mm_rms': _rms(off) * 2**0.5 * 1e3,
         'error_mm_worst': float(np.hypot(*off.T).max()) * 1e3,
     }
+
+
+def misplaced(found: Calibration, true: Calibration, side_m: float, points: int) -> np.ndarray:
+    """Return how far off `found` puts a grid on the middle `side_m` of the table, (points^2, 2) m.
+
+    The grid is seen by the `true` camera at the height of the lowest land. The lattice gives the
+    coordinate frame: how blocks rest together beside it, and turned, is no error of the camera.
+    """
+    axis = np.linspace(-0.5, 0.5, points) * side_m
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    at = found.to_table(true.to_pixels(grid))
+    at = at - at.mean(axis=0)
+    turn = np.angle((np.conj(grid @ [1, 1j]) * (at @ [1, 1j])).sum())
+    c, s = np.cos(turn), np.sin(turn)
+    return at @ [[c, -s], [s, c]] - grid
 
 
 def _rms(values: np.ndarray) -> float:

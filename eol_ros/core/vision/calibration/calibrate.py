@@ -183,7 +183,7 @@ def from_blocks(
     Bundle adjustment (Triggs et al. 2000): homography, lens (k1, k2) and the pose of every block in
     every view are solved together from the corners of the covers. The squares give the lengths; the
     lattice, with `rest_sigma_m` of freedom, gives the frame. Between views the rim may have been
-    pushed and turned: each has a place of its own, and the frame is their mean.
+    pushed and turned: each has a rim pose of its own; the table's origin and axes are their mean.
 
     Args:
         views: per image the ids (25,) and the corners (25, 4, 2) px (see corners.corners). Ids
