@@ -13,6 +13,7 @@ from typing import Any
 from eol_ros.bringup import priority, processor
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import QUIET_S, STARVED, Look, Policy, Silence
+from eol_ros.bringup.shared_memory import Ports
 from eol_ros.ros.inherited import AGAIN, HEALTH_FD, KEPT
 
 _PR_SET_PDEATHSIG = 1
@@ -47,6 +48,7 @@ class Child:
         self.settled = False
         self.silence = self.policy.silence
         self.starved = False
+        self._ports = Ports()
         self._rest = {'health': b'', 'output': b''}
         self._in_traceback = False
 
@@ -110,6 +112,12 @@ class Child:
             allowed = priority.step_ahead(self.popen.pid, self.process.real_time)
         self.settled = True
         return allowed
+
+    def hold_ports(self) -> None:
+        """Take hold of what it reads in shared memory, which is marked when it has ended."""
+        if self.alive() and self.policy.beat_s is not None:
+            assert self.popen is not None
+            self._ports.look(self.popen.pid)
 
     def well(self) -> bool:
         """Tell whether it runs and all its nodes are ok."""
@@ -201,9 +209,10 @@ class Child:
         return lines
 
     def reap(self) -> int:
-        """Take the exit code and close the pipes."""
+        """Take the exit code, tell those who write to it that it is gone, and close the pipes."""
         assert self.popen is not None
         self.code = self.popen.wait()
+        self._ports.end()
         for fd in (self.health_fd, self.output_fd):
             if fd >= 0:
                 os.close(fd)

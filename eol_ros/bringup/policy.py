@@ -145,7 +145,8 @@ class Silence:
 class Unfed:
     """A node that lives and gets nothing, though the one before it gives: DDS has lost the two.
 
-    It was seen once in some seventy kills on a busy machine, for minutes; a new process is found.
+    It was seen once in some seventy kills on a busy machine, for minutes, before ports were marked
+    (see shared_memory); a new process is found.
     Where it is the machine that is slow, a new process would be no sooner: each time it is given
     longer, until it has been well for a minute.
     """

@@ -6,11 +6,18 @@ its first writer makes. A process that is killed between making the file and giv
 it empty, and a process that opens it then waits for the size: 300 s, in C, deaf to signals
 (Boost.Interprocess, managed_open_or_create_impl.hpp). The reader would not start, and the writers
 would stand in `publish`.
+
+A reader that takes the port of a killed one removes its file and makes another, but does not mark
+the old one, into which all writers go on writing (SharedMemGlobal.hpp, open_port_internal). They
+notice after 2 to 3 s that nobody reads there; never, if the killed reader stood between two
+messages, or had been stopped so long that they had made its port again themselves. So the ports of
+a process are marked when it has ended: every writer then opens at its next message what is there.
 """
 
 import contextlib
 import os
 import re
+import struct
 import subprocess
 import sys
 import time
@@ -21,6 +28,11 @@ UNFINISHED_S = 1.0  # making a port takes microseconds
 _PORT = re.compile(r'fastrtps_port\d+')
 _CORRUPTED = (3).to_bytes(4, sys.byteorder)  # Boost.Interprocess: the first word of a segment
 _SIZE = 4096
+# Of the node of a port (SharedMemGlobal.hpp, PortNode, ABI 5): its number, listeners, two timeouts
+# in ms, capacity and who waits; then bits, of which the lowest says that the port is in order.
+_NODE = struct.Struct('=IIIIII')
+_TIMEOUTS = struct.pack('=II', 1000, 333)
+_IN_ORDER = 1
 
 
 def release_unfinished(folder: Path = FOLDER, now_s: float | None = None) -> list[str]:
@@ -44,6 +56,88 @@ def release_unfinished(folder: Path = FOLDER, now_s: float | None = None) -> lis
                 os.unlink(entry.path)
                 released.append(entry.name)
     return sorted(released)
+
+
+class Ports:
+    """The ports that one process reads, kept open, so that they can be marked when it has ended."""
+
+    def __init__(self, folder: Path = FOLDER):
+        self._folder = folder
+        self._held: dict[int, int] = {}  # a descriptor of each port
+
+    def look(self, pid: int) -> None:
+        """Take hold of the ports of process `pid`; again of those that were made again meanwhile."""
+        for port in list(self._held) or _read_by(pid, self._folder):
+            with contextlib.suppress(OSError):
+                path = self._path(port)
+                held = self._held.get(port)
+                if held is None or os.fstat(held).st_ino != os.stat(path).st_ino:
+                    self._held[port] = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+                    if held is not None:
+                        os.close(held)
+
+    def end(self) -> list[int]:
+        """Mark the ports, whose reader has ended; return the numbers of those that were in order.
+
+        One that a living process has taken over since stays as it is.
+        """
+        marked = []
+        for port, held in self._held.items():
+            with contextlib.suppress(OSError), contextlib.ExitStack() as stack:
+                stack.callback(os.close, held)
+                files = {os.fstat(held).st_ino: held}
+                with contextlib.suppress(FileNotFoundError):
+                    named = os.open(self._path(port), os.O_RDWR | os.O_CLOEXEC)
+                    stack.callback(os.close, named)
+                    inode = os.fstat(named).st_ino
+                    files[inode] = named
+                    if _locked(self._path(port, '_el')):
+                        del files[inode]
+                if any([_mark(file, port) for file in files.values()]):
+                    marked.append(port)
+        self._held = {}
+        return marked
+
+    def _path(self, port: int, suffix: str = '') -> Path:
+        return self._folder / f'fastrtps_port{port}{suffix}'
+
+
+def _read_by(pid: int, folder: Path) -> list[int]:
+    """Return the ports that process `pid` reads: it holds a lock on a file beside each."""
+    found = []
+    with contextlib.suppress(OSError):
+        for file in os.listdir(f'/proc/{pid}/fd'):
+            with contextlib.suppress(OSError):
+                path = os.readlink(f'/proc/{pid}/fd/{file}')
+                if lock := re.fullmatch(rf'{folder}/fastrtps_port(\d+)_el', path):
+                    found.append(int(lock[1]))
+    return found
+
+
+def _locked(path: Path) -> bool:
+    """Tell whether a living process holds a lock on a file, without trying to lock it."""
+    try:
+        inode = os.stat(path).st_ino
+        return any(f':{inode} ' in line for line in Path('/proc/locks').read_text().splitlines())
+    except OSError:
+        return False
+
+
+def _mark(file: int, port: int) -> bool:
+    """Mark a port as out of order; return whether it was in order."""
+    content = os.pread(file, os.fstat(file).st_size, 0)
+    places = []
+    at = content.find(_TIMEOUTS)
+    while at >= 0:
+        begin = at - 8
+        if begin >= 0 and content[begin : begin + 4] == port.to_bytes(4, sys.byteorder):
+            places.append(begin + _NODE.size)
+        at = content.find(_TIMEOUTS, at + 1)
+    if len(places) != 1:  # not the Fast DDS that we know: its ports are left alone
+        return False
+    (bits,) = struct.unpack_from('=I', content, places[0])
+    os.pwrite(file, struct.pack('=I', bits & ~_IN_ORDER), places[0])
+    return bool(bits & _IN_ORDER)
 
 
 def clean() -> None:

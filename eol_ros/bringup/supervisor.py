@@ -106,6 +106,8 @@ class Supervisor:
                         self._begin_again(why)
                     for name in shared_memory.release_unfinished():
                         self._note(f'{name}, which a killed process left half made, is removed')
+                    for child in self.children:
+                        child.hold_ports()
                 ended = self._step(now)
                 if ended is not None:
                     code = ended

@@ -23,6 +23,8 @@ OPEN = (
     'keep that network closed, or use network: secure or local'
 )
 
+# Who was not heard when a participant appeared is heard when it announces itself next: 3 s later by
+# default, and a node that was started again got nothing for so long.
 _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
   <profiles>
@@ -45,6 +47,13 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
           <transport_id>eol_udp</transport_id>
         </userTransports>
         <useBuiltinTransports>false</useBuiltinTransports>
+        <builtin>
+          <discovery_config>
+            <leaseAnnouncement>
+              <sec>1</sec>
+            </leaseAnnouncement>
+          </discovery_config>
+        </builtin>
       </rtps>
     </participant>{writers}
   </profiles>

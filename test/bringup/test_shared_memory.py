@@ -3,6 +3,7 @@
 
 import contextlib
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -83,3 +84,101 @@ def test_who_waits_for_a_half_made_port_goes_on_when_it_is_removed():
         finally:
             process.kill()
             path.unlink(missing_ok=True)
+
+
+READER = """
+from eol_ros.ros import network
+network.configure('local')
+import rclpy
+from std_msgs.msg import Header
+rclpy.init()
+node = rclpy.create_node('reader')
+node.create_subscription(Header, 'x', lambda _: print('got', flush=True), 10)
+print('up', flush=True)
+rclpy.spin(node)
+"""
+WRITER = """
+from eol_ros.ros import network
+network.configure('local')
+import time
+import rclpy
+from std_msgs.msg import Header
+rclpy.init()
+publisher = rclpy.create_node('writer').create_publisher(Header, 'x', 10)
+while True:
+    publisher.publish(Header())
+    time.sleep(0.01)
+"""
+
+
+@pytest.fixture
+def python():
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(next_domain())}
+    with contextlib.ExitStack() as stack:
+
+        def run(text):
+            process = subprocess.Popen(
+                [sys.executable, '-c', text], env=environment, stdout=subprocess.PIPE, text=True
+            )
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+            stack.callback(process.stdout.close)
+            return process
+
+        yield run
+
+
+def in_order(port):
+    """Whether Fast DDS takes a port that is open for one; the only bits of that word are 7."""
+    port.seek(0)
+    word = port.read()[276 + 24 :][:4]
+    assert word in (b'\x06\0\0\0', b'\x07\0\0\0')
+    return word == b'\x07\0\0\0'
+
+
+def heard(process):
+    return process.stdout.readline() == 'got\n'
+
+
+@pytest.mark.parametrize('stopped', [False, True])
+def test_a_writer_finds_the_next_reader_once_the_port_of_a_killed_one_is_marked(python, stopped):
+    python(WRITER)
+    reader = python(READER)
+    assert reader.stdout.readline() == 'up\n'
+    assert heard(reader)
+    ports = shared_memory.Ports()
+    ports.look(reader.pid)
+    numbers = shared_memory._read_by(reader.pid, shared_memory.FOLDER)
+    assert len(numbers) == 2
+    with contextlib.ExitStack() as stack:
+        files = [
+            stack.enter_context((shared_memory.FOLDER / f'fastrtps_port{k}').open('rb'))
+            for k in numbers
+        ]
+        assert all(map(in_order, files))
+        if stopped:
+            reader.send_signal(signal.SIGSTOP)
+        reader.kill()
+        reader.wait()
+        assert set(ports.end()) <= set(numbers)  # DDS may have noticed itself by now
+        assert not any(map(in_order, files))
+    following = python(READER)
+    assert following.stdout.readline() == 'up\n'
+    assert heard(following)
+
+
+def test_a_port_that_another_process_reads_is_left_alone(python):
+    reader = python(READER)
+    assert reader.stdout.readline() == 'up\n'
+    ports = shared_memory.Ports()
+    ports.look(reader.pid)
+    assert ports.end() == []
+
+
+def test_a_file_that_is_no_port_as_we_know_it_stays_as_it_is(tmp_path, monkeypatch):
+    path, _ = port(tmp_path, 'fastrtps_port7411', bytes(4096))
+    monkeypatch.setattr(shared_memory, '_read_by', lambda pid, folder: [7411])
+    ports = shared_memory.Ports(tmp_path)
+    ports.look(os.getpid())
+    assert ports.end() == []
+    assert path.read_bytes() == bytes(4096)
