@@ -66,7 +66,7 @@ class Ports:
         self._held: dict[int, int] = {}  # a descriptor of each port
 
     def look(self, pid: int) -> None:
-        """Take hold of the ports of process `pid`; again of those that were made again meanwhile."""
+        """Take hold of the ports of process `pid`; again of those that are others by now."""
         for port in list(self._held) or _read_by(pid, self._folder):
             with contextlib.suppress(OSError):
                 path = self._path(port)
