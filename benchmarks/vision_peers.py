@@ -9,6 +9,8 @@ import warnings
 import cv2
 import numpy as np
 
+from eol_ros.errors import pip_install
+
 _AREA_PX = (700, 4500)  # of a block of 46 px, tilted or partly hidden
 
 
@@ -106,7 +108,7 @@ def peers() -> tuple:
     """Return the peers that are installed; trackpy is named where it is not."""
     found = (SimpleBlobDetector, ConnectedComponents, Contours)
     if importlib.util.find_spec('trackpy') is None:
-        print('trackpy is left out: pip install trackpy', file=sys.stderr)
+        print(f'trackpy is left out: {pip_install("trackpy")}', file=sys.stderr)
         return found
     return (*found, Trackpy)
 

@@ -11,7 +11,7 @@ from benchmarks.vision_peers import timed
 from benchmarks.vision_scenes import RATE_HZ, Film
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.devices.camera.image_sequence import open_source
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import DeviceMissing, pip_install
 from eol_ros.settings import TrackerSettings
 from eol_ros.verbs.progress import track
 
@@ -57,7 +57,7 @@ def _writer(codec: str, pixels: str, **options: str) -> Writer:
         try:
             import av
         except ModuleNotFoundError:
-            raise DeviceMissing('the videos are made by PyAV: pip install av') from None
+            raise DeviceMissing(f'the videos are made by PyAV: {pip_install("av")}') from None
         with av.open(str(path), 'w') as container:
             stream = container.add_stream(codec, rate=round(RATE_HZ), options=options)
             stream.pix_fmt = pixels

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.running import TICK_HZ, summary
-from eol_ros.errors import DeviceMissing, EolError
+from eol_ros.errors import DeviceMissing, EolError, pip_install
 
 FLAGS = (
     'headless=new no-sandbox disable-gpu no-first-run disable-sync mute-audio'
@@ -26,7 +26,7 @@ def start(profile: str | Path) -> Any:
     try:
         from selenium import webdriver
     except ImportError:
-        raise EolError('--browser needs selenium: pip install selenium') from None
+        raise EolError(f'--browser needs selenium: {pip_install("selenium")}') from None
     browser, driver_path = shutil.which('chromium'), shutil.which('chromedriver')
     if not (browser and driver_path):
         raise DeviceMissing('--browser needs chromium and chromedriver (chromium-driver)')

@@ -2,6 +2,8 @@
 """The errors a user can cause or meet: one line that says what, where, and what to do."""
 
 import os
+import shlex
+import sys
 
 
 class EolError(Exception):
@@ -34,6 +36,11 @@ class ConfigError(EolError):
 
 class BagDamaged(UserWarning):
     """Something of a bag cannot be read and was left out; a command ends with exit code 1."""
+
+
+def pip_install(*packages: str) -> str:
+    """Return the command that installs packages where this very Python finds them."""
+    return shlex.join([sys.executable, '-m', 'pip', 'install', *packages])
 
 
 def warning_line(

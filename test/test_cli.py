@@ -14,7 +14,7 @@ import numpy
 import pytest
 
 from eol_ros import cli
-from eol_ros.errors import EolError
+from eol_ros.errors import EolError, pip_install
 from eol_ros.verbs import bench
 
 
@@ -107,3 +107,8 @@ def test_light_verbs_are_light(tmp_path):
     result = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True)
 
     assert result.stderr.splitlines()[-1] == '[]'
+
+
+def test_what_is_missing_is_installed_into_this_very_python():
+    command = pip_install('prometheus-client', 'a b')
+    assert command == f"{shlex.quote(sys.executable)} -m pip install prometheus-client 'a b'"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from eol_ros.core.sound.corpus import Corpus
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.errors import ConfigError, DeviceMissing, pip_install
 
 SHAPES = 'os^DvpP*'  # of the sounds, in turn
 
@@ -23,7 +23,7 @@ def draw(corpus: Corpus, path: Path) -> None:
         from matplotlib.figure import Figure
         from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
     except ImportError:
-        raise DeviceMissing('images need matplotlib: pip install matplotlib') from None
+        raise DeviceMissing(f'images need matplotlib: {pip_install("matplotlib")}') from None
 
     def plain(axis: Any) -> None:
         """Label 600, 1000, 2000 Hz rather than powers of ten."""

@@ -3,11 +3,10 @@
 
 import importlib.util
 import os
-import shlex
 import sys
 from pathlib import Path
 
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import DeviceMissing, pip_install
 
 # What `ros` and `nodes` import beyond the wheel of this package.
 PACKAGES = (
@@ -51,9 +50,9 @@ def command() -> str:
     rclpy = importlib.util.find_spec('rclpy')
     if rclpy and rclpy.origin and not Path(rclpy.origin).is_relative_to(sys.prefix):
         return 'colcon build --packages-select eol_msgs && . install/setup.sh'
-    source = _sources()
-    what = shlex.quote(str(source)) if source else 'eol_msgs-*.whl  (docs/install.md makes it)'
-    return f'{shlex.quote(sys.executable)} -m pip install {what}'
+    if source := _sources():
+        return pip_install(str(source))
+    return f'{pip_install()} eol_msgs-*.whl  (docs/install.md makes it)'
 
 
 def _sources() -> Path | None:

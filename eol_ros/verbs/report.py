@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from eol_ros import folders
-from eol_ros.errors import DeviceMissing, UsageError
+from eol_ros.errors import DeviceMissing, UsageError, pip_install
 
 HELP = 'Figures, numbers and tables from a bag: one HTML page, SVG, PDF and CSV. No ROS needed.'
 EXAMPLES = [
@@ -135,5 +135,6 @@ def _want_matplotlib():
         import matplotlib  # noqa: F401
     except ImportError:
         raise DeviceMissing(
-            'matplotlib is not installed: pip install matplotlib; eol report --csv works without'
+            f'matplotlib is not installed: {pip_install("matplotlib")}; '
+            'eol report --csv works without it'
         ) from None

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from eol_ros.errors import ConfigError, EolError
+from eol_ros.errors import ConfigError, EolError, pip_install
 
 YEARS = 10  # it is trusted because somebody has compared its fingerprint, not because it is young
 
@@ -147,5 +147,5 @@ def _cryptography() -> tuple[Any, Any, Any, Any]:
         from cryptography.hazmat.primitives import hashes, serialization
         from cryptography.hazmat.primitives.asymmetric import ec
     except ModuleNotFoundError:
-        raise EolError("certificates need `pip install 'eol_ros[tls]'`") from None
+        raise EolError(f'certificates need cryptography: {pip_install("cryptography")}') from None
     return x509, hashes, serialization, ec

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state of all nodes for Prometheus, in its text format.
 
-The package `prometheus-client` is an extra (`pip install 'eol_ros[metrics]'`): who does not ask
+The package `prometheus-client` is an extra (`eol_ros[metrics]`): who does not ask
 for `/metrics` needs and loads none of it.
 """
 
 import math
 from typing import Any
 
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import DeviceMissing, pip_install
 from eol_ros.web.notices import LEVELS
 
 CONTENT_TYPE = 'text/plain'
@@ -26,7 +26,7 @@ def text(states: dict[str, dict[str, Any]], namespace: str) -> bytes:
         from prometheus_client.core import GaugeMetricFamily
     except ImportError:
         raise DeviceMissing(
-            "/metrics needs prometheus-client: pip install 'eol_ros[metrics]'"
+            f'/metrics needs prometheus-client: {pip_install("prometheus-client")}'
         ) from None
     labels = ('namespace', 'node')
     level = GaugeMetricFamily(

@@ -654,4 +654,4 @@ def test_without_prometheus_client_metrics_say_what_to_install(serve, monkeypatc
     monkeypatch.setitem(sys.modules, 'prometheus_client', None)
     server = serve()
     status, _, body = ask(server, '/metrics')
-    assert status == 501 and "pip install 'eol_ros[metrics]'" in body
+    assert status == 501 and '-m pip install prometheus-client' in body

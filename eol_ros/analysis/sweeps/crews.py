@@ -14,7 +14,7 @@ from importlib import metadata
 from typing import Any, Protocol
 
 from eol_ros.analysis.sweeps import work
-from eol_ros.errors import DeviceMissing, EolError, UsageError
+from eol_ros.errors import DeviceMissing, EolError, UsageError, pip_install
 
 MOST_DEATHS = 3  # of workers over one batch: then it is the batch
 REACH_S = 10.0
@@ -139,7 +139,7 @@ class Cluster:
             import distributed
         except ModuleNotFoundError:
             raise UsageError(
-                "--scheduler needs Dask: pip install dask distributed (the extra 'cluster')"
+                f'--scheduler needs Dask: {pip_install("dask", "distributed")}'
             ) from None
         self._address = address
         try:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from eol_ros.core.science import sweep
-from eol_ros.errors import ConfigError, UsageError
+from eol_ros.errors import ConfigError, UsageError, pip_install
 
 FLUSH_ROWS, FLUSH_S = 5000, 30.0
 BATCH_ROWS = 256  # of each file, while files are merged
@@ -346,8 +346,8 @@ def _format_of(path: Path) -> type[_Parquet] | type[_Csv]:
         raise UsageError(f'--out {path}: a name that ends in .parquet or .csv is wanted')
     if not has_parquet():
         raise UsageError(
-            f'--out {path}: Parquet needs pyarrow: pip install pyarrow (or the extra science of '
-            'eol_ros), or give a name that ends in .csv'
+            f'--out {path}: Parquet needs pyarrow: {pip_install("pyarrow")}, or give a name that '
+            'ends in .csv'
         )
     return _Parquet
 

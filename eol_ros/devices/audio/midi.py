@@ -4,12 +4,12 @@
 The library has a thread of its own that fills a queue; a node looks there from a timer.
 """
 
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import DeviceMissing, pip_install
 
 try:
     import rtmidi
 except ImportError:
-    raise DeviceMissing('midi needs python-rtmidi: pip install python-rtmidi') from None
+    raise DeviceMissing(f'midi needs python-rtmidi: {pip_install("python-rtmidi")}') from None
 
 CLIENT = 'eol_ros'
 VIRTUAL = 'virtual'

@@ -9,13 +9,15 @@ import logging
 import socket
 import struct
 
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.errors import ConfigError, DeviceMissing, pip_install
 
 try:
     from pythonosc.osc_message_builder import OscMessageBuilder
     from pythonosc.osc_packet import OscPacket, ParseError
 except ImportError:  # in a ROS workspace, where rosdep has no key for it
-    raise DeviceMissing('osc_out and osc_in need python-osc: pip install python-osc') from None
+    raise DeviceMissing(
+        f'osc_out and osc_in need python-osc: {pip_install("python-osc")}'
+    ) from None
 
 LARGEST = 65536  # bytes in a datagram
 DEEPEST = 16  # bundles in bundles; the specification names no limit, Python's stack has one

@@ -4,7 +4,7 @@
 import os
 from typing import Any
 
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import DeviceMissing, pip_install
 
 INSTALL = 'sudo apt install libportaudio2'
 
@@ -17,7 +17,7 @@ def portaudio() -> Any:
     except OSError as error:
         raise DeviceMissing(f'PortAudio is not installed ({error}); {INSTALL}') from None
     except ImportError:
-        raise DeviceMissing('sounddevice is not installed; pip install sounddevice') from None
+        raise DeviceMissing(f'sounddevice is not installed: {pip_install("sounddevice")}') from None
     return sounddevice
 
 

@@ -18,6 +18,8 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, MessageIndex, Metadata, Schema
 
+from eol_ros.errors import pip_install
+
 MAGIC = b'\x89MCAP0\r\n'
 WITHOUT_MESSAGES = (
     Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.MESSAGE_INDEX,
@@ -213,7 +215,7 @@ def _unlz4(data: bytes) -> bytes:
     try:
         import lz4.frame
     except ImportError:
-        raise DamagedRecord('compressed with lz4: pip install lz4') from None
+        raise DamagedRecord(f'compressed with lz4: {pip_install("lz4")}') from None
     try:
         return lz4.frame.decompress(data)
     except RuntimeError:

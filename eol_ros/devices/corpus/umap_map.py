@@ -3,13 +3,13 @@
 
 import numpy as np
 
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.errors import ConfigError, DeviceMissing, pip_install
 
 try:
     from umap import UMAP
 except ImportError:  # an extra
     raise DeviceMissing(
-        'umap_1 and umap_2 need umap-learn: pip install umap-learn, or take pca_1 and pca_2'
+        f'umap_1 and umap_2 need umap-learn: {pip_install("umap-learn")}, or take pca_1 and pca_2'
     ) from None
 
 NEIGHBOURS, SEED = 15, 1

@@ -5,7 +5,7 @@ import difflib
 import zoneinfo
 
 from eol_ros.core.opening_hours import CLOCK_SET_S
-from eol_ros.errors import ConfigError
+from eol_ros.errors import ConfigError, pip_install
 
 
 def load(name: str) -> zoneinfo.ZoneInfo:
@@ -16,7 +16,8 @@ def load(name: str) -> zoneinfo.ZoneInfo:
         known = zoneinfo.available_timezones()
     if not known:
         raise ConfigError(
-            f'{name}: this system knows no time zones: apt install tzdata, or pip install tzdata'
+            f'{name}: this system knows no time zones: apt install tzdata, or '
+            f'{pip_install("tzdata")}'
         )
     if not name:
         raise ConfigError('names no time zone; such as Europe/Vienna')
