@@ -320,6 +320,8 @@ class Supervisor:
                 'it is started again'
             )
             self._events.line(f'{child.process.name}: {child.silence.measured()}')
+            for line in [] if stopped else child.places():
+                self._events.line(f'{child.process.name}: {line}')
             child.signal(signal.SIGKILL if stopped else signal.SIGABRT)
         elif now - child.hung_s > DUMP_S:
             child.signal(signal.SIGKILL)
