@@ -285,6 +285,38 @@ def test_a_block_over_a_lamp_is_still_a_block(settled):
     assert settled.index[12] == 12
 
 
+def test_a_block_that_stops_beside_a_lamp_is_not_taken_for_it(settled):
+    lamp, block = rest_lattice()[12] + [0.0203, 0.0], 12
+    settled.lamps._add(0.1, lamp)
+    for k in range(90):
+        xy = rest_lattice()
+        xy[block, 0] += min(0.0042 * k, 0.021)  # 0.25 m/s, until a neighbour or a hand stops it
+        xy = np.concatenate([xy, [lamp]])  # 0.7 mm from where it stops
+        settled.update(0.2 + k / 60, xy, np.zeros(26), np.full(26, 1e-4))
+        assert settled.index[block] == block
+
+
+def test_a_block_that_stops_over_a_lamp_and_covers_it_is_not_taken_for_it(settled):
+    settled.lamps._add(0.1, rest_lattice()[12] + [0.0203, 0.0])
+    for k in range(90):
+        xy = rest_lattice()
+        xy[12, 0] += min(0.0042 * k, 0.021)
+        feed(settled, xy, 0.2 + k / 60, 1)
+        assert settled.index[12] == 12
+
+
+@pytest.mark.parametrize('sound', [False, True])
+def test_a_block_that_comes_out_over_a_lamp_is_known_by_a_sound_outline(settled, sound):
+    xy = rest_lattice()
+    settled.lamps._add(0.1, xy[12] + [0.006, 0.0])
+    for k in range(20):
+        shown(settled, 0.2 + k / 60, np.delete(xy, 12, axis=0), np.full(24, sound))
+    xy[12, 0] += 0.006  # it has slipped under the arm, and the lamp is below it now
+    for k in range(20, 60):
+        shown(settled, 0.2 + k / 60, xy, np.full(25, sound))
+    assert settled.seen[12] == sound
+
+
 def test_a_block_that_all_others_turn_about_is_no_lamp(settled):
     for k in range(90):
         angle = 0.003 * k

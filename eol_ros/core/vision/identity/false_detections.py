@@ -15,7 +15,10 @@ WITNESSES = 12  # so many blocks must be in sight
 AGE_S = 0.1
 TRAVEL_M = 0.04  # springs and friction let no block stay behind so far when the lattice goes
 STILL_M = 0.002  # a lamp is found within this of where it was
-OVER_M = 0.003  # a block that is followed to this near a lamp, and found nowhere else, is over it
+# A block that is followed to this near a lamp, wherever it may stop on its way, is over it if there
+# is no other light within AROUND_M. So is a hidden one where the light is a sound outline: no lamp
+# shines through what hides a block over it.
+OVER_M, HIDDEN_OVER_M = 0.003, 0.01
 AROUND_M = 0.02
 FORGET_S = 5.0  # a lamp that was not seen for so long is gone
 
@@ -52,15 +55,26 @@ class Lamps:
         self.place[k], self.seen_s[k] = place, stamp_s
         self.count = int(np.isfinite(self.seen_s).sum())
 
-    def others(self, stamp_s: float, points: np.ndarray, expected: np.ndarray) -> np.ndarray | None:
+    def others(
+        self,
+        stamp_s: float,
+        points: np.ndarray,
+        xy: np.ndarray,
+        ahead: np.ndarray,
+        seen: np.ndarray,
+        sound: np.ndarray | None = None,
+    ) -> np.ndarray | None:
         """Return which of `points` (n, 2) are no lamps, as indices, or None for all of them.
 
-        expected (k, 2): where blocks that were seen before should be now.
+        xy (25, 2), seen (25,): blocks in the last image; ahead (25, 2) m: how they moved since.
+        sound (n,): so good an outline that it can be a hidden block's.
         """
         gone = np.flatnonzero(stamp_s - self.seen_s > FORGET_S)
         self.seen_s[gone], self.place[gone] = -np.inf, np.nan
         self.count = int(np.isfinite(self.seen_s).sum())
-        free, lit = apart(points, self.place, expected)
+        if sound is None:
+            sound = np.zeros(len(points), bool)
+        free, lit = apart(points, self.place, xy, ahead, seen, sound)
         self.seen_s[lit] = stamp_s
         return None if free.all() else np.flatnonzero(free)
 
@@ -96,25 +110,40 @@ def stayed(stamp_s, xy, seen, light, born, watched, home, blocks):
 
 
 @njit(cache=True)
-def apart(points, lamps, expected):
-    """Which points are no lamps (n,), and which lamps were seen (m,)."""
+def apart(points, lamps, xy, ahead, seen, sound):
+    """Which points are no lamps (n,), and which lamps were seen (m,).
+
+    Of two lights at one place one is a block beside the lamp: the lamp is the nearer one.
+    """
     free = np.ones(points.shape[0], np.bool_)
     lit = np.zeros(lamps.shape[0], np.bool_)
-    for j in range(points.shape[0]):
-        for k in range(lamps.shape[0]):
-            if np.hypot(points[j, 0] - lamps[k, 0], points[j, 1] - lamps[k, 1]) < STILL_M:
-                free[j] = False
-                lit[k] = True
+    for k in range(lamps.shape[0]):
+        near = STILL_M
+        nearest = -1
+        for j in range(points.shape[0]):
+            away = np.hypot(points[j, 0] - lamps[k, 0], points[j, 1] - lamps[k, 1])
+            if away < near:
+                near, nearest = away, j
+        if nearest >= 0:
+            free[nearest] = False
+            lit[k] = True
     for j in range(points.shape[0]):
         if free[j]:
             continue
-        for i in range(expected.shape[0]):
-            if np.hypot(points[j, 0] - expected[i, 0], points[j, 1] - expected[i, 1]) < OVER_M:
+        for i in range(xy.shape[0]):
+            if not (seen[i] or sound[j]):
+                continue
+            dx, dy = points[j, 0] - xy[i, 0], points[j, 1] - xy[i, 1]
+            way = ahead[i, 0] ** 2 + ahead[i, 1] ** 2
+            along = 1.0
+            if way > 0.0:
+                along = min(max((dx * ahead[i, 0] + dy * ahead[i, 1]) / way, 0.0), 1.0)
+            x, y = xy[i, 0] + along * ahead[i, 0], xy[i, 1] + along * ahead[i, 1]
+            reach = OVER_M if seen[i] else HIDDEN_OVER_M
+            if np.hypot(points[j, 0] - x, points[j, 1] - y) < reach:
                 alone = True
                 for other in range(points.shape[0]):
-                    away = np.hypot(
-                        points[other, 0] - expected[i, 0], points[other, 1] - expected[i, 1]
-                    )
+                    away = np.hypot(points[other, 0] - x, points[other, 1] - y)
                     if other != j and away < AROUND_M:
                         alone = False
                 if alone:

@@ -110,8 +110,8 @@ class Lattice:
         self.last_s = stamp_s
         kept = None
         if self.lamps.count and len(xy):
-            expected = (self.xy + self.velocity * step)[self.seen]
-            kept = self.lamps.others(stamp_s, xy, expected)
+            ahead = self.velocity * step
+            kept = self.lamps.others(stamp_s, xy, self.xy, ahead, self.seen, sound)
             if kept is not None:
                 xy, yaw, sigma = xy[kept], yaw[kept], sigma[kept]
                 faint = faint[kept] if faint is not None else None
