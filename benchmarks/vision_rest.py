@@ -25,6 +25,7 @@ from eol_ros.verbs.progress import track
 
 OFTEN = 300.0  # false alarms an hour, stated: so many that a short run tells whether they are right
 ALLOWED_SCATTERS = 6.5  # as far as a block at rest may seem to move
+HONEST = 1.5  # factor by which sigma may differ from the scatter
 
 
 def measure(minutes: float, shown: list[films.Film] | None = None) -> dict:
@@ -56,6 +57,13 @@ def measure(minutes: float, shown: list[films.Film] | None = None) -> dict:
         'expected_beyond_5': float(2 * stats.norm.sf(5.0) * samples),
         'allowed_scatters': ALLOWED_SCATTERS,
         'coverage': float(np.mean([one['coverage'] for one in places.values()])),
+        'honest_places': sum(not one['dishonest_blocks'] for one in places.values()),
+        'honest_blocks': N_BLOCKS * len(places)
+        - sum(len(one['dishonest_blocks']) for one in places.values()),
+        'error_mm_rms': float(
+            np.sqrt(np.mean([one['error_mm_rms'] ** 2 for one in places.values()]))
+        ),
+        'error_mm_worst': max(one['error_mm_worst'] for one in places.values()),
         'false_slips': slips,
         'false_an_hour': len(slips) / hours,
         'false_an_hour_95': [low / hours, high / hours],
@@ -119,6 +127,7 @@ class _Rest:
         scatters = away / scatter
         worst = np.nanmax(scatters, axis=(0, 2))
         honest = np.nanmedian(self.sigma, axis=0) / scatter.mean(axis=1)
+        far = np.hypot(*(usual - self.film.shot.poses[:, :2]).T) * 1e3
         # how much of a deviation the next image still has
         off = np.nan_to_num((self.places - usual) / scatter)
         kept = (off[1:] * off[:-1]).sum(axis=0) / (off**2).sum(axis=0)
@@ -133,6 +142,9 @@ class _Rest:
                 float(np.median(honest)),
                 float(honest.max()),
             ],
+            'dishonest_blocks': np.flatnonzero(abs(np.log(honest)) > np.log(HONEST)).tolist(),
+            'error_mm_rms': float(np.sqrt(np.mean(far**2))),
+            'error_mm_worst': float(far.max()),
             'kept': [float(kept.min()), float(kept.mean()), float(kept.max())],
         }
 
@@ -153,13 +165,20 @@ def table(f: dict) -> str:
             f' {one["worst_block"]:2d}), {one["beyond_5"]} beyond 5; scatter'
             f' {one["scatter_um"]:.1f} um; sigma/scatter {low:.2f} to {high:.2f}, median'
             f' {middle:.2f}; kept from image to image {one["kept"][1]:.2f}'
-            f' (at most {one["kept"][2]:.2f}); coverage {one["coverage"]:.5f}'
+            f' (at most {one["kept"][2]:.2f}); coverage {one["coverage"]:.5f};'
+            f' {one["error_mm_rms"]:.2f} mm off, at most {one["error_mm_worst"]:.2f}'
         )
     low, high = f['false_an_hour_95']
     lines.append(
         f'worst deviation {f["worst_scatters"]:.2f} scatters (normal noise:'
         f' {f["expected_worst"]:.2f}; allowed: {f["allowed_scatters"]}), {f["beyond_5"]} beyond 5'
         f' (normal noise: {f["expected_beyond_5"]:.1f})'
+    )
+    lines.append(
+        f'sigma within a factor of {HONEST} of the scatter for {f["honest_blocks"]} of'
+        f' {N_BLOCKS * len(f["places"])} blocks, for all of them at {f["honest_places"]} of'
+        f' {len(f["places"])} places; blocks {f["error_mm_rms"]:.2f} mm off (RMS), at most'
+        f' {f["error_mm_worst"]:.2f}'
     )
     lines.append(
         f'{len(f["false_slips"])} false slips, {f["false_an_hour"]:.1f} an hour'

@@ -16,6 +16,7 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import cover_light, scan
 from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.detect.brightness import Brightness
+from eol_ros.core.vision.detect.lasting_misfit import LastingMisfit
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.identity import Identity
 from eol_ros.core.vision.image_health import Watch
@@ -120,7 +121,7 @@ class Tracker:
         self.identity = Identity(settings.trust_start, blink, settings.know_covers)
         self.lattice = self.identity.lattice
         self.visibility: np.ndarray = np.zeros(N_BLOCKS, np.float32)
-        self.brightness, self._renamings = Brightness(), 0
+        self.brightness, self.misfit, self._renamings = Brightness(), LastingMisfit(), 0
         self.last_s = -np.inf
         self._image, self._pose = np.zeros((0, 0), np.uint8), np.zeros((0, 3))  # of the last one
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
@@ -246,7 +247,9 @@ class Tracker:
         if self._renamings != lattice.renamings:
             self._renamings = lattice.renamings
             self.brightness.renamed()
+            self.misfit.renamed()
         self.brightness.learn(stamp_s - self.last_s, seen, self.visibility, contrast)
+        self.misfit.learn(stamp_s - self.last_s, lattice.index, blobs)
         self.last_s = stamp_s
         why = {SEARCHING: f'{len(blobs)} lights, not yet a lattice', LOST: 'blocks out of sight'}
         if self.learning is not None and lattice.state == TRACKING:
@@ -372,7 +375,8 @@ class Tracker:
         lattice = self.lattice
         px, world = np.full((2, N_BLOCKS, 2), np.nan)
         yaw, sigma = np.empty((2, N_BLOCKS))
-        mapping.rounded(lattice.yaw, lattice.sigma, RAD_STEP, SIGMA_STEPS, yaw, sigma)
+        scatter = lattice.sigma / self.misfit.lasting
+        mapping.rounded(lattice.yaw, scatter, RAD_STEP, SIGMA_STEPS, yaw, sigma)
         if state in (SEARCHING, FAULT) or self.calibration is None:
             seen, visibility = np.zeros(N_BLOCKS, bool), np.zeros(N_BLOCKS, np.float32)
         else:

@@ -31,6 +31,7 @@ BLOB = np.dtype(
         ('sigma_px', 'f4'),
         ('quality', 'f4'),
         ('contrast', 'f4'),
+        ('misfit', 'f4'),
     ]
 )
 

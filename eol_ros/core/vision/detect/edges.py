@@ -46,12 +46,14 @@ CHANCE = 1.8  # noise alone makes stretches seldom differ by more
 ALIKE_PX = 1.0  # what is further off is another edge
 DOUBTFUL = 0.65  # share below which a good start is mistrusted, and the edges are searched for
 HOPELESS = 0.1  # share below which no round makes a square of it
-WHOLE = 0.9  # share of the edge in sight from which a block needs no help
+# Share of the edge in sight from which a block needs no help, and below it, over how much of the
+# share help comes gradually: noise moves the share, and a step there would move the block with it.
+WHOLE, GRADUALLY = 0.9, 0.1
 # Share of the contrast by which light may fall in the flats beside an edge, and how fast more makes
 # a lamp of it. Outside of covers with relief it is 0.12 at most, of lamps hardly ever below 0.2.
 GLOW, SOFT_GLOW = (0.15, 2.5), (0.1, 5.0)
-FIELDS = 11  # of one fitted square
-U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST, ALONE = range(FIELDS)
+FIELDS = 12  # of one fitted square
+U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST, ALONE, MISFIT = range(FIELDS)
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
@@ -326,22 +328,32 @@ def _fit(
         if far < 0.2 or (far < 0.7 and share > WHOLE):  # levels were read in the right place
             break
     free_half = half
+    noise = 0.5 * (a[0, 0] + a[1, 1])  # variance of the place, but for that of a profile
     if tight > 0 and share < WHOLE:
         # an arm along one side moves it; what is known of the size speaks for the side across
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
         profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+        help_share = min((WHOLE - share) / GRADUALLY, 1.0)
         share, variance = _agree(work, ends, expected - half, tight, 0.6, 0.05, 4, a, step, shares)
         if share == 0.0:
             return
-        u, v, theta, half = u + step[0], v + step[1], theta + step[2], half + step[3]
+        u, v = u + help_share * step[0], v + help_share * step[1]
+        theta, half = theta + help_share * step[2], half + help_share * step[3]
+        noise += help_share * (0.5 * (a[0, 0] + a[1, 1]) - noise)
     square[U], square[V], square[THETA], square[HALF] = u, v, theta, half
     share = min(share * spread[5], 1.0)
     for side in range(4):
         shares[side] = min(shares[side] * spread[5], 1.0)
     square[VISIBLE] = share
-    # a whole cover's outline is off by the same amounts from image to image: that is no scatter
-    scale = 1.0 if soft and share > WHOLE else variance * _alike(work, ends, step)
-    square[SIGMA] = math.sqrt(scale * 0.5 * (a[0, 0] + a[1, 1]))
+    scale = square[MISFIT] = 1.0
+    if not soft:
+        scale = variance * _alike(work, ends, step)
+    elif share < WHOLE:
+        # what noise alone explains, and how much further an arm may have led it: see MISFIT
+        more = max(variance * _alike(work, ends, step), 1.0) - 1.0
+        scale = 1.0 + min((WHOLE - share) / GRADUALLY, 1.0) * more
+        square[MISFIT] = math.sqrt(scale)
+    square[SIGMA] = math.sqrt(scale * noise)
     both_ways = min(max(shares[0], shares[2]), max(shares[1], shares[3]))
     off = (free_half - expected) / (3.0 * half_sigma + 0.04 * expected)
     sharp = 1.0 - min(max(steep * (spread[4] - flat), 0.0), 1.0)
@@ -372,8 +384,9 @@ def fit_square(
     below which no answer is wanted.
 
     `square` then holds u, v, theta, half, agreeing share of the edges, sigma px, quality, contrast,
-    level inside, agreeing share of the worst side, and how certainly no other cover's light stands
-    beside it. A share of 0 means no square there.
+    level inside, agreeing share of the worst side, how certainly no other cover's light stands
+    beside it, and the misfit: sigma over what noise alone would make of it, for covers with relief.
+    A share of 0 means no square there.
     """
     a, step, shares, spread, second = small
     shear = (shear_re, shear_im)

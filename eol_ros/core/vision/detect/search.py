@@ -16,6 +16,7 @@ from eol_ros.core.vision.detect.edges import (
     CONTRAST,
     HALF,
     LEVEL,
+    MISFIT,
     QUALITY,
     SIGMA,
     THETA,
@@ -384,4 +385,4 @@ def report(kept, blobs):
         blob.u, blob.v, blob.theta = kept[i, U], kept[i, V], kept[i, THETA]
         blob.side_px, blob.visibility = 2 * kept[i, HALF], min(kept[i, VISIBLE], 1.0)
         blob.sigma_px, blob.quality = kept[i, SIGMA], kept[i, QUALITY]
-        blob.contrast = kept[i, CONTRAST]
+        blob.contrast, blob.misfit = kept[i, CONTRAST], kept[i, MISFIT]
