@@ -9,9 +9,11 @@ on. It was declared when the tracker said that the turn is open, or the blocks a
 import argparse
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from benchmarks import cover_library
 from benchmarks.machine import tell
@@ -23,11 +25,16 @@ EXAMPLES = [
     'eol bench identity --hours 0.5 --json',
     'eol bench identity --fps 120 --rough 1.4 --permanent 3',
     'eol bench identity --hours 10 --methods lattice --seed 7',
+    'eol bench identity --hours 1 --seeds 100 --methods lattice --keep names.jsonl',
     'eol bench identity --hours 1 --methods lattice --losses 120 --yaw-offset 0',
     'eol bench identity --recoveries 3000',
     'eol bench identity --hours 0.001 --methods lattice --ties 500 --tap-jitter 1',
 ]
 LASTING_S = 2.0
+# of one seed, on which its figures depend
+SETTINGS = (
+    'hours', 'fps', 'rough', 'permanent', 'losses', 'yaw_offset', 'covers', 'no_taps', 'methods'
+)  # fmt: skip
 METHODS = ('lattice', 'nearest', 'hungarian')
 
 
@@ -36,6 +43,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--hours', type=float, default=0.25, help='simulated')
     parser.add_argument('--fps', type=float, default=60.0)
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--seeds', type=int, default=1, help='so many times, seed after seed')
+    parser.add_argument(
+        '--keep',
+        type=Path,
+        help='file for what each seed has shown: a run that was cut off goes on from there',
+    )
     parser.add_argument('--rough', type=float, default=1.0, help='visitors; 1.4 is very rough')
     parser.add_argument('--permanent', type=int, default=0, help='lamps that never go away')
     parser.add_argument('--losses', type=float, default=6.0, help='times of darkness an hour')
@@ -75,11 +88,25 @@ def run(args: argparse.Namespace) -> int:
         tell(recoveries.measure(args.recoveries, args.seed), args.json, _lines)
         return 0
     covers = None if args.covers == 'unseen' else cover_library.patterns(args.covers)
-    trackers = {name: make(name, covers) for name in args.methods.split(',')}
-    scores = measure(
-        trackers, args.hours, args.fps, args.seed, args.rough, args.permanent, args.losses,
-        not args.no_taps, np.radians(args.yaw_offset),
-    )  # fmt: skip
+
+    def one(seed: int) -> dict[str, dict[str, float]]:
+        trackers = {name: make(name, covers) for name in args.methods.split(',')}
+        return measure(
+            trackers, args.hours, args.fps, seed, args.rough, args.permanent, args.losses,
+            not args.no_taps, np.radians(args.yaw_offset),
+        )  # fmt: skip
+
+    if args.seeds == 1 and args.keep is None:
+        scores = one(args.seed)
+    else:
+        from benchmarks import identity_hours
+
+        scores = identity_hours.measure(
+            one,
+            range(args.seed, args.seed + args.seeds),
+            {name: getattr(args, name) for name in SETTINGS},
+            args.keep,
+        )
     if args.ties:
         from benchmarks import identity_ties
 
@@ -227,31 +254,22 @@ class Score:
 
     def add(self, now: float, true: np.ndarray, index: np.ndarray, declared: bool) -> bool:
         """Take one image: `true` names each detection. Return whether a failure has lasted."""
-        shown = true[true >= 0]
-        blocks = np.flatnonzero(index >= 0)
-        names = true[index[blocks]]
-        got = np.full(N_BLOCKS, -1)
-        got[names[names >= 0]] = blocks[names >= 0]
-        mine = got[shown]
-        bad = (mine >= 0) & (mine != shown)
-        changed = (mine >= 0) & (self.last[shown] >= 0) & (self.last[shown] != mine)
-        self.shown += shown.size
-        self.hidden += N_BLOCKS - shown.size
-        self.missed += int((mine < 0).sum())
-        self.wrong += int(bad.sum())
-        self.ghosts += int((names < 0).sum())
-        self.switches += int(changed.sum())
-        self.sure_wrong += int(bad.sum()) * (not declared)
+        shown, missed, wrong, ghosts, changed = _compare(
+            now, true, index, self.last, self.wrong_since
+        )
+        self.shown += shown
+        self.hidden += N_BLOCKS - shown
+        self.missed += missed
+        self.wrong += wrong
+        self.ghosts += ghosts
+        self.switches += changed
+        self.sure_wrong += wrong * (not declared)
         # the image in which an open turn is settled renames all, as was announced
-        self.sure_switches += int(changed.sum()) * (not declared and not self.was_declared)
+        self.sure_switches += changed * (not declared and not self.was_declared)
         self.was_declared = declared
-        if changed.any():
+        if changed:
             self.switch_times.append(now)
         self.open_images += declared
-        self.last[shown[mine >= 0]] = mine[mine >= 0]
-        poor = np.zeros(N_BLOCKS, bool)
-        poor[shown] = mine != shown
-        self.wrong_since = np.where(poor, np.minimum(self.wrong_since, now), np.inf)
         if now - self.wrong_since.min() <= LASTING_S:
             return False
         self.lasting += 1
@@ -274,6 +292,40 @@ class Score:
             'turn_open_percent': 100 * self.open_images / images,
             'us_per_image': 1e6 * self.spent / images,
         }
+
+
+@njit(cache=True)
+def _compare(now, true, index, last, wrong_since):
+    """Compare names (25,) given to detections with the true ones; renew last and wrong_since (25,).
+
+    Returns how many blocks were shown, missed, under a wrong name, how many names were given to
+    false lights, and how many names changed.
+    """
+    got = np.full(N_BLOCKS, -1)
+    shown = missed = wrong = ghosts = changed = 0
+    for block in range(N_BLOCKS):
+        if index[block] >= 0:
+            name = true[index[block]]
+            if name < 0:
+                ghosts += 1
+            else:
+                got[name] = block
+    poor = np.zeros(N_BLOCKS, np.bool_)
+    for name in true:
+        if name < 0:
+            continue
+        mine = got[name]
+        shown += 1
+        poor[name] = mine != name
+        if mine < 0:
+            missed += 1
+            continue
+        wrong += mine != name
+        changed += last[name] >= 0 and last[name] != mine
+        last[name] = mine
+    for name in range(N_BLOCKS):
+        wrong_since[name] = min(wrong_since[name], now) if poor[name] else np.inf
+    return shown, missed, wrong, ghosts, changed
 
 
 def measure(

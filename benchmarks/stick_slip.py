@@ -99,6 +99,19 @@ def _integrate(xy, v, yaw, stuck, onset, end, mu, rim0, rim1, offsets, now, span
             yaw[i] += turn * (angle + offsets[i] - yaw[i])
 
 
+@njit(cache=True)
+def _push(rim, speed, want, span):
+    """Let hands bring the rim (x, y, yaw) to the speed they want, as far as the table goes."""
+    limit = 8.0 * span
+    for k in range(3):
+        speed[k] += min(max(want[k] - speed[k], -limit), limit)
+        rim[k] += speed[k] * span
+    for k in range(2):
+        if abs(rim[k]) > 0.2:
+            rim[k] = min(max(rim[k], -0.2), 0.2)
+            speed[k] = want[k] = 0.0
+
+
 @dataclass
 class Moment:
     """The truth of one image: xy (25, 2) m, yaw (25,) rad, stuck (25,), rim (3,), stamp_s."""
@@ -182,13 +195,7 @@ class Table:
                 self.want[:2] = speed * np.cos(way), speed * np.sin(way)
             if r.random() < 0.35:
                 self.want[2] = min(self.rough, 1.0) * r.choice([-1, 1]) * r.uniform(0.1, 2.0)
-        limit = 8.0 * span
-        self.rim_speed += np.clip(self.want - self.rim_speed, -limit, limit)
-        self.rim += self.rim_speed * span
-        for k in range(2):
-            if abs(self.rim[k]) > 0.2:
-                self.rim[k] = np.clip(self.rim[k], -0.2, 0.2)
-                self.rim_speed[k] = self.want[k] = 0.0
+        _push(self.rim, self.rim_speed, self.want, span)
 
 
 @dataclass
@@ -281,11 +288,20 @@ class Onlooker:
             if now > until:
                 continue
             hand = hand + speed * step
-            along = hand - shoulder
-            t = np.clip((moment.xy - shoulder) @ along / (along @ along), 0, 1)
-            near = np.hypot(*(moment.xy - shoulder - t[:, None] * along).T)
-            hidden |= near < width + 0.02
-            touched |= near < width + 0.06  # half the diagonal of a cover
+            _cover(moment.xy, shoulder, hand, width, hidden, touched)
             kept.append((until, shoulder, hand, speed, width))
         self.arms = kept
         return hidden, touched
+
+
+@njit(cache=True)
+def _cover(xy, shoulder, hand, width, hidden, touched):
+    """Set which blocks (25,) an arm so wide hides, and of which it covers any part."""
+    ax, ay = hand[0] - shoulder[0], hand[1] - shoulder[1]
+    length2 = ax * ax + ay * ay
+    for i in range(N_BLOCKS):
+        dx, dy = xy[i, 0] - shoulder[0], xy[i, 1] - shoulder[1]
+        t = min(max((dx * ax + dy * ay) / length2, 0.0), 1.0)
+        near = np.hypot(dx - t * ax, dy - t * ay)
+        hidden[i] |= near < width + 0.02
+        touched[i] |= near < width + 0.06  # half the diagonal of a cover

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hours of names in pieces: what was measured is not measured again, and nothing else is taken."""
+
+import numpy as np
+import pytest
+
+from benchmarks import cover_library, identity, identity_hours
+from benchmarks.stick_slip import Onlooker, Table
+from eol_ros.errors import ConfigError
+
+SETTINGS = {'hours': 0.5, 'rough': 1.0}
+
+
+class Hours:
+    """As many lasting failures in half an hour as `lasting` says of a seed."""
+
+    def __init__(self, lasting):
+        self.lasting, self.asked = lasting, []
+
+    def __call__(self, seed):
+        self.asked.append(seed)
+        lasting = self.lasting[seed] / 0.5
+        return {'lattice': {'lasting_failures_per_hour': lasting, 'switches_per_hour': 2.0 * seed}}
+
+
+def test_a_run_that_was_cut_off_goes_on_from_what_is_kept(tmp_path):
+    kept, hours = tmp_path / 'names.jsonl', Hours({3: 0, 4: 2, 5: 1})
+    identity_hours.measure(hours, range(3, 5), SETTINGS, kept)
+    with kept.open('a') as file:
+        file.write('{"seed": 5, "sett')  # the power failed
+    found = identity_hours.measure(hours, range(3, 6), SETTINGS, kept)['lattice']
+
+    assert hours.asked == [3, 4, 5]
+    assert found['hours'] == 1.5 and found['lasting_failures'] == 3
+    assert found['lasting_failures_per_hour'] == pytest.approx(2.0)
+    assert found['switches_per_hour'] == pytest.approx(8.0)
+    assert found['switches_per_hour_most'] == 10.0
+    # of other visitors nothing is known
+    identity_hours.measure(hours, range(3, 4), SETTINGS | {'rough': 1.4}, kept)
+    assert hours.asked == [3, 4, 5, 3]
+
+
+def test_without_a_failure_the_rule_of_three_holds():
+    found = identity_hours.together([Hours({0: 0})(0)] * 200, 0.5)['lattice']
+    assert found['hours'] == 100.0
+    assert found['lasting_per_hour_below_95'] == pytest.approx(0.03, rel=2e-3)
+
+
+def test_another_file_is_not_added_to(tmp_path):
+    kept = tmp_path / 'notes.txt'
+    kept.write_text('buy milk\nand bread\n')
+    with pytest.raises(ConfigError, match='line 1 of .*notes.txt is no result'):
+        identity_hours.measure(Hours({0: 0}), range(1), SETTINGS, kept)
+    assert kept.read_text() == 'buy milk\nand bread\n'
+
+
+def test_an_arm_hides_what_lies_under_it():
+    """By the distance of each block from a thousand points of the arm."""
+    onlooker, moment = Onlooker(3), Table(3, 60.0).step()
+    arm = (9.0, np.array([0.9, 0.1]), np.array([-0.2, -0.1]), np.zeros(2), 0.05)
+    onlooker.arms, onlooker.arm_rate = [arm], 0.0
+    hidden, touched = onlooker._arms(moment)
+    points = arm[1] + np.linspace(0, 1, 1000)[:, None] * (arm[2] - arm[1])
+    near = np.hypot(*(moment.xy[:, None] - points[None]).transpose(2, 0, 1)).min(axis=1)
+
+    assert 2 < hidden.sum() < touched.sum() < 15
+    assert (hidden == (near < 0.07)).all() and (touched == (near < 0.11)).all()
+
+
+def test_names_are_counted_as_they_are():
+    score, true = identity.Score(), np.array([2, -1, 0, 1])
+    index = np.full(25, -1)
+    index[[0, 1, 2]] = [2, 3, 0]
+    assert not score.add(0.0, true, index, False)
+    assert (score.shown, score.hidden, score.missed, score.wrong) == (3, 22, 0, 0)
+    index[[0, 1, 5]] = [3, 2, 1]  # two are exchanged, and a false light has a name
+    assert not score.add(1.0, true, index, True)
+    assert (score.wrong, score.switches, score.ghosts, score.sure_wrong) == (2, 2, 1, 0)
+    index[:] = -1
+    assert not score.add(3.0, true, index, False)
+    assert score.missed == 3 and score.switches == 2
+    assert score.add(3.01, true, index, False)  # 2.01 s without the right name
+    assert score.lasting == score.undeclared == 1
+
+
+@pytest.mark.slow
+def test_the_command_adds_seeds_up(tmp_path, capsys):
+    import argparse
+    import json
+
+    parser = argparse.ArgumentParser()
+    identity.add_arguments(parser)
+    line = f'--hours 0.002 --seeds 2 --methods lattice --json --keep {tmp_path / "kept"}'
+    assert identity.run(parser.parse_args(line.split())) == 0
+    both = json.loads(capsys.readouterr().out)['lattice']
+    alone = [
+        identity.measure(
+            {'lattice': identity.make('lattice', cover_library.patterns('relief'))},
+            0.002, 60.0, seed, askew_rad=np.radians(2.9),
+        )['lattice']
+        for seed in (1, 2)
+    ]  # fmt: skip
+    for key in ('missed_percent', 'hidden_percent', 'switches_per_hour'):
+        assert both[key] == pytest.approx(np.mean([one[key] for one in alone]))
+    assert both['hours'] == 0.004
