@@ -21,6 +21,7 @@ from eol_ros.core.vision.identity.cover_patterns import (
 from eol_ros.core.vision.identity.symmetry import UNTURNED
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.states import TRACKING
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
@@ -107,6 +108,58 @@ def test_covers_tell_the_turn_from_one_image_with_many_hidden(quarters):
         names = np.sort(random.permutation(25)[:BLOCKS])
         assert covers.quarters(present[names], names) == quarters
         assert covers.quarters(present[names[1:]], names[1:]) is None
+
+
+@pytest.mark.parametrize(
+    ('up', 'right', 'quarters'), [(1, 0, 0), (-1, 0, 3), (0, 1, 2), (1, -1, 1)]
+)
+def test_covers_tell_the_side_on_which_a_row_is_hidden(up, right, quarters):
+    random = np.random.default_rng(11)
+    shown = covers_of(random)
+    covers = learnt(random, shown)
+    present = np.empty((25, SIZE))
+    present[UNTURNED[quarters]] = shown[:, TURNED_CELLS[-quarters % 4]]
+    present += random.normal(0, NOISE, present.shape)
+    row, column = np.divmod(ALL, 5)  # blocks in sight, by names that are off by up and right
+    seen = ALL[(abs(row - up - 2) < 3) & (abs(column - right - 2) < 3)]
+    found = seen - 5 * up - right
+    assert covers.quarters(present[seen], found) is None
+    assert covers.placed(present[seen], found, found) == (5 * up + right, quarters)
+    few = slice(0, BLOCKS - 1)
+    assert covers.placed(present[seen][few], found[few], found) is None
+    alike = learnt(random, covers_of(random, alike=1.0))
+    assert alike.placed(alike.mean[seen], found, found) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('row', 'pushed_m'), [(0, 0.12), (4, -0.12), (2, 0.12)])
+def test_after_darkness_with_a_row_hidden_names_are_known_in_the_first_image(row, pushed_m):
+    random = np.random.default_rng(12)
+    shown = covers_of(random)
+    identity, _ = watched(shown, 120)
+    turned = rest_lattice() @ [[0.0, 1.0], [-1.0, 0.0]] + [
+        pushed_m,
+        0.0,
+    ]  # nearer to a place one row off
+    yaw = np.zeros(25)
+
+    def show(stamp_s, blocks):
+        def glance(at, yaw):
+            quarters = np.round((yaw - np.pi / 2) / (np.pi / 2)).astype(int) % 4
+            cells = TURNED_CELLS[quarters]
+            return np.take_along_axis(shown[blocks[at]], cells, axis=1), np.ones(len(at), bool)
+
+        identity.update(
+            stamp_s, turned[blocks], yaw[blocks], np.full(len(blocks), 4e-5), glance=glance
+        )
+
+    for k in range(60):
+        identity.lattice.break_off(2.0 + k / 60)
+    blocks = np.flatnonzero(row != ALL // 5)
+    show(3.0, blocks)
+    lattice = identity.lattice
+    assert lattice.state == TRACKING and not lattice.ambiguous
+    assert (lattice.index[blocks] == np.arange(20)).all() and lattice.seen.sum() == 20
 
 
 def test_covers_that_are_alike_or_others_than_learnt_say_nothing():

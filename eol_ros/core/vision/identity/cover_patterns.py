@@ -9,7 +9,7 @@ them only when names are in doubt. Covers that look alike decide nothing.
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
 from eol_ros.core.vision.detect.cover_light import CELLS, SIZE
 from eol_ros.core.vision.identity.fitting import assign
 from eol_ros.core.vision.identity.symmetry import TURNED
@@ -97,6 +97,31 @@ class CoverPatterns:
         best = int(np.argmax(nats))
         clear = len(names) >= BLOCKS and nats[best] - np.delete(nats, best).max() > MARGIN
         return best if clear and fit[best] < FIT else None
+
+    def placed(
+        self, patterns: np.ndarray, names: np.ndarray, seen: np.ndarray
+    ) -> tuple[int, int] | None:
+        """Return ids to shift the names by, and quarters to turn them by then; None: not clear.
+
+        A row at the border that an arm hides may lie on either side: the lattice alone does not say
+        so. Arguments as of `quarters`; seen (n,): all names in sight, which must stay on the table.
+        """
+        if len(names) < BLOCKS:
+            return None
+        rows, columns = np.divmod(seen, COLS)
+        shifts = [
+            COLS * up + right
+            for up in range(-rows.min(), ROWS - rows.max())
+            for right in range(-columns.min(), COLS - columns.max())
+        ]
+        nats, fit = np.array([self.weigh(patterns, names + shift) for shift in shifts]).swapaxes(
+            0, 1
+        )
+        best = int(np.argmax(nats))
+        clear = nats.flat[best] - np.delete(nats, best).max() > MARGIN
+        if not clear or fit.flat[best] >= FIT:
+            return None
+        return shifts[best // 4], best % 4
 
     def weigh(self, patterns: np.ndarray, names: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how well each of 0 to 3 quarter turns of the names explains the patterns.

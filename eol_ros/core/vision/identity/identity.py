@@ -121,7 +121,9 @@ class Identity:
         def vouch(index: np.ndarray, yaw: np.ndarray) -> bool:
             blocks = np.flatnonzero(index >= 0)
             patterns, good = glance(index[blocks], yaw[blocks])
-            return covers.quarters(patterns[good], blocks[good]) is not None
+            if covers.quarters(patterns[good], blocks[good]) is not None:
+                return True
+            return covers.placed(patterns[good], blocks[good], blocks) is not None
 
         return vouch
 
@@ -146,6 +148,10 @@ class Identity:
             blocks = np.flatnonzero(lattice.seen)
             patterns, good = self._look(blocks, glance)
             quarters = covers.quarters(patterns[good], blocks[good])
+            if quarters is None and lattice.ambiguous:
+                placed = covers.placed(patterns[good], blocks[good], blocks)
+                if placed is not None and self._shift(stamp_s, placed[0], xy, yaw, sigma):
+                    quarters = placed[1]
             if quarters is not None:
                 names.sure = True
                 if quarters:  # the lattice has guessed, and what was learnt stays true
@@ -162,6 +168,15 @@ class Identity:
             x, y = lattice.xy[block]
             if good[0] and covers.learn(stamp_s, block, patterns[0], x, y):
                 names.change(stamp_s, block)
+
+    def _shift(
+        self, stamp_s: float, by: int, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray
+    ) -> bool:
+        """Take all names for those that are `by` ids further; False where order forbids it."""
+        blocks = np.flatnonzero(self.lattice.seen)
+        index = np.full(N_BLOCKS, -1)
+        index[blocks + by] = self.lattice.index[blocks]
+        return self.lattice.rename(stamp_s, index, xy, yaw, sigma)
 
     def _prove(
         self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray, glance: Glance
