@@ -13,7 +13,7 @@ import numpy as np
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import cover_light, scan
+from eol_ros.core.vision.detect import cover_light, scan, search
 from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.detect.brightness import Brightness
 from eol_ros.core.vision.detect.lasting_misfit import LastingMisfit
@@ -123,7 +123,7 @@ class Tracker:
         self.visibility: np.ndarray = np.zeros(N_BLOCKS, np.float32)
         self.brightness, self.misfit, self._renamings = Brightness(), LastingMisfit(), 0
         self.last_s = -np.inf
-        self._image, self._pose = np.zeros((0, 0), np.uint8), np.zeros((0, 3))  # of the last one
+        self._image, self._xy = np.zeros((0, 0), np.uint8), np.zeros((0, 2))  # of the last one
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
         self.learning: self_calibration.SelfCalibration | None = None
         self.requests = Requests()
@@ -220,7 +220,9 @@ class Tracker:
             return self._answer(stamp_s, FAULT, fault)
         lattice = self.lattice
         blobs = self.finder.find(image, self._predicted(stamp_s))
-        self.blobs = blobs = blobs[blobs['visibility'] >= HIDDEN]
+        if len(blobs) and blobs['visibility'].min() < HIDDEN:
+            blobs = blobs[blobs['visibility'] >= HIDDEN]
+        self.blobs = blobs
         if self.calibration is None:
             if len(blobs) < 9:
                 return self._answer(stamp_s, SEARCHING, f'{len(blobs)} squares: no scale yet')
@@ -231,19 +233,15 @@ class Tracker:
             self._take(self_calibration.nominal(image.shape, self.side_px(), self.settings.mirror))
             assert self.calibration is not None
             self.learning = self_calibration.SelfCalibration(self.calibration)
-        pose, sigma = mapping.poses(self.packed, blobs, BLOCK_SIDE_M)
+        xy, yaw, sigma = mapping.poses(self.packed, blobs, BLOCK_SIDE_M)
         shown = blobs['visibility']
         faint, sound = shown < FAINT, (shown >= SOUND) & (blobs['sigma_px'] < SOUND_PX)
-        self._image, self._pose = image, pose
-        self.identity.update(
-            stamp_s, pose[:, :2].copy(), pose[:, 2].copy(), sigma, faint, self._glance, sound
-        )
+        self._image, self._xy = image, xy
+        self.identity.update(stamp_s, xy, yaw, sigma, faint, self._glance, sound)
         self.watch.rests(lattice.state == TRACKING and lattice.rests())
         seen = lattice.seen
-        self.visibility = np.zeros(N_BLOCKS, np.float32)
-        self.visibility[seen] = blobs['visibility'][lattice.index[seen]]
-        contrast = np.zeros(N_BLOCKS)
-        contrast[seen] = blobs['contrast'][lattice.index[seen]]
+        self.visibility, contrast = np.empty(N_BLOCKS, np.float32), np.empty(N_BLOCKS)
+        search.by_block(blobs, seen, lattice.index, self.visibility, contrast)
         if self._renamings != lattice.renamings:
             self._renamings = lattice.renamings
             self.brightness.renamed()
@@ -268,7 +266,7 @@ class Tracker:
             np.empty(len(detections), bool),
         )
         cover_light.glance(
-            self.packed, self._image, self._pose, self.blobs, detections, yaw, patterns, good
+            self.packed, self._image, self._xy, self.blobs, detections, yaw, patterns, good
         )
         return patterns, good
 

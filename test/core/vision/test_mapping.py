@@ -56,11 +56,11 @@ def test_compiled_and_plain_formulas_agree(calibration):
     blobs = np.zeros(25, BLOB)
     blobs['u'], blobs['v'] = calibration.to_pixels(xy).T
     blobs['theta'], blobs['side_px'], blobs['sigma_px'] = yaw, 45.8, 0.01
-    pose, sigma = mapping.poses(calibration.packed(), blobs, BLOCK_SIDE_M)
+    at, turned, sigma = mapping.poses(calibration.packed(), blobs, BLOCK_SIDE_M)
     px = np.column_stack([blobs['u'], blobs['v']])
     plain = calibration.poses_to_table(px, yaw, 45.8)
-    assert np.allclose(pose[:, :2], plain[:, :2], atol=1e-9)
-    assert np.abs(np.sin(pose[:, 2] - plain[:, 2])).max() < 1e-9
+    assert np.allclose(at, plain[:, :2], atol=1e-9)
+    assert np.abs(np.sin(turned - plain[:, 2])).max() < 1e-9
     assert np.allclose(sigma, 0.01 * BLOCK_SIDE_M / 45.8)
 
 

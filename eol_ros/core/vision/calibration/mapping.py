@@ -130,9 +130,9 @@ def expected(calibration, xy, velocity, yaw, contrast, ahead_s, out, bend=0.0):
 
 @njit(cache=True)
 def poses(calibration, blobs, side_m):
-    """Return x, y, yaw (n, 3) and sigma (n,) in m of a BLOB array; see poses_to_table."""
+    """Return xy (n, 2), yaw (n,), sigma (n,) in m and rad of a BLOB array; see poses_to_table."""
     n = blobs.shape[0]
-    pose, sigma = np.empty((n, 3)), np.empty(n)
+    xy, yaw, sigma = np.empty((n, 2)), np.empty(n), np.empty(n)
     for i in range(n):
         u, v, theta = blobs[i].u, blobs[i].v, blobs[i].theta
         c, s = math.cos(theta) * blobs[i].side_px / 2, math.sin(theta) * blobs[i].side_px / 2
@@ -140,11 +140,11 @@ def poses(calibration, blobs, side_m):
         nx, ny = _to_table(calibration, u - s, v - c)
         wx, wy = _to_table(calibration, u - c, v + s)
         sx, sy = _to_table(calibration, u + s, v + c)
-        pose[i, 0], pose[i, 1] = (ex + nx + wx + sx) / 4, (ey + ny + wy + sy) / 4
+        xy[i, 0], xy[i, 1] = (ex + nx + wx + sx) / 4, (ey + ny + wy + sy) / 4
         s = calibration[_SENSE]
-        pose[i, 2] = math.atan2(ey - wy - s * (nx - sx), ex - wx + s * (ny - sy))
+        yaw[i] = math.atan2(ey - wy - s * (nx - sx), ex - wx + s * (ny - sy))
         sigma[i] = blobs[i].sigma_px * side_m / max(blobs[i].side_px, 1.0)
-    return pose, sigma
+    return xy, yaw, sigma
 
 
 @njit(cache=True)

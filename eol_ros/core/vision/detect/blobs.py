@@ -38,11 +38,12 @@ BLOB = np.dtype(
 SIDES_PX = (16.0, 160.0)  # squares that can be blocks while their size is not yet known
 _BLUR_PX = 1.25  # edges of a lens in focus, pixel included
 _MOST_REGIONS = 96
-_LABELS = 20000
+_LABELS = 20000  # int16
 # images between looks for more squares while all 25 are in sight, and while some are not: those are
 # sought about their places in every image
 _GLANCE, _GLANCE_MISSED = 8, 4
 _MOST_FOUND = 12  # blocks
+_UNKNOWN = np.array([0.0, 0.0, 0.0, 0.0, -1.0, np.inf])  # columns of what is expected of a block
 
 
 class BlobFinder:
@@ -113,8 +114,9 @@ class BlobFinder:
         n = 0
         expected = np.zeros((0, 3)) if predicted is None else np.asarray(predicted, float)
         if len(expected) and known[search.FIELD]:
-            near = np.full((len(expected), 6), (0.0, 0.0, 0.0, 0.0, -1.0, np.inf))
+            near = np.empty((len(expected), len(_UNKNOWN)))
             near[:, : expected.shape[1]] = expected
+            near[:, expected.shape[1] :] = _UNKNOWN[expected.shape[1] :]
             n = search.at_predictions(
                 image,
                 known,
@@ -172,7 +174,7 @@ class BlobFinder:
         rows, cols = (shape[0] - 2) // scan.STEP, (shape[1] - 2) // scan.STEP
         self._grid = np.zeros((rows, cols), np.uint8)
         self._tiles = np.zeros((-(-rows // scan.TILE), -(-cols // scan.TILE)), np.uint8)
-        self._label = np.zeros((rows, cols), np.int32)
+        self._label = np.zeros((rows, cols), np.int16)
         self._parent = np.zeros(_LABELS, np.int32)
         self._stats = np.zeros((_LABELS, 7))
         self._lit = np.zeros(4096, np.float32)

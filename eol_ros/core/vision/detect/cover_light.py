@@ -73,8 +73,8 @@ def sample(calibration, image, x, y, yaw, pattern):
 
 
 @njit(cache=True)
-def glance(calibration, image, pose, blobs, which, yaw, patterns, good):
-    """Fill patterns (k, SIZE) of squares `which` (k,) of pose (n, 3), turned by yaw (k,).
+def glance(calibration, image, xy, blobs, which, yaw, patterns, good):
+    """Fill patterns (k, SIZE) of squares `which` (k,) at xy (n, 2) m, turned by yaw (k,).
 
     blobs (n,): the squares, a BLOB array; one that is not whole has no pattern. good (k,): of which
     there is a pattern.
@@ -82,5 +82,5 @@ def glance(calibration, image, pose, blobs, which, yaw, patterns, good):
     for k in range(which.shape[0]):
         i = which[k]
         good[k] = blobs[i].visibility > WHOLE and sample(
-            calibration, image, pose[i, 0], pose[i, 1], yaw[k], patterns[k]
+            calibration, image, xy[i, 0], xy[i, 1], yaw[k], patterns[k]
         )

@@ -146,14 +146,14 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
     d0, d1, d2, d3 = np.float32(b[0]), np.float32(b[1]), np.float32(b[2]), np.float32(b[3])
     near = np.float32(width)
     for side in range(4):
-        begin = ends[BEGIN + side]
+        lines = work[ends[BEGIN + side] :]
         mine = zero
-        for i in range(begin, begin + ends[COUNT + side]):
-            rest = work[OFFSET + i] - (
-                work[NU + i] * d0 + work[NV + i] * d1 - work[T + i] * d2 + d3
+        for i in range(ends[COUNT + side]):
+            rest = lines[OFFSET + i] - (
+                lines[NU + i] * d0 + lines[NV + i] * d1 - lines[T + i] * d2 + d3
             )
             hit = one if abs(rest) < near else zero
-            mine += hit if work[WEIGHT + i] > zero else zero
+            mine += hit if lines[WEIGHT + i] > zero else zero
         agree += float(mine)
         shares[side] = mine / max(ends[COUNT + side], 1)
     return agree / max(ends[ALL], 1), variance

@@ -38,13 +38,13 @@ MIN_CONTRAST = 8.0  # grey levels
 TAP = 15 * LINES  # then the pixels of the profiles, tap after tap
 
 # `ends` holds where each side begins, all lanes, taps, lines of each side, lines of all sides, and
-# of these the ones that cross no outline.
-BEGIN, LANES, TAPS_USED, COUNT, ALL, BESIDE = 0, 4, 5, 6, 10, 11
+# of these the ones that cross no outline; then where in the image the lines of one side begin.
+BEGIN, LANES, TAPS_USED, COUNT, ALL, BESIDE, PLACES = 0, 4, 5, 6, 10, 11, 12
 
 
 def workspace() -> tuple[np.ndarray, np.ndarray]:
     """Return scratch arrays of fit_squares, so that a live image allocates nothing."""
-    return np.zeros((15 + TAPS) * LINES, np.float32), np.zeros(12, np.int64)
+    return np.zeros((15 + TAPS) * LINES, np.float32), np.zeros(PLACES + SIDE_LINES + 1, np.int64)
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -55,12 +55,12 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
     lies `half Re e` further out and leans by `Im e` on t, with e = shear exp(-2 i phi).
     table: of outline, how far outside of the square the outline of a cover with relief stands.
 
-    Fills first (d of the first tap), t, normal and validity of every line, and ends (12,): see
-    BEGIN. All sides cross their rows or columns at the same slant, so that d grows by cos(theta)
+    Fills first (d of the first tap), t, normal and validity of every line, and ends (see
+    BEGIN). All sides cross their rows or columns at the same slant, so that d grows by cos(theta)
     from tap to tap, and t by -tan(theta) with d. The edge lies within half a pixel of the middle.
     """
     height, width = image.shape
-    flat = image.reshape(height * width)
+    flat, places = image.reshape(height * width), ends[PLACES:]
     steep = abs(math.cos(theta))
     taps = min(2 * int(REACH_PX / steep + 0.5) + 2, TAPS)
     at = total = beside = 0
@@ -141,22 +141,22 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
                 lines[FIRST + i] = f_fast * (start - f_middle - edge) - outer
                 lines[T + i] = t
                 lines[_F + i] = start
-        # now the pixels, by unsigned indices: signed ones would be tested for being negative
-        to_tap = np.uint64(LINES)
-        ahead = np.uint64(step if along_row else step * width)
-        for i in range(at, at + n):
-            to = np.uint64(TAP + i)
-            if work[VALID + i] == zero:
-                for _ in range(taps):
-                    work[to] = zero
-                    to += to_tap
-                continue
-            row, pixel = low + (i - at) * stride, int(work[_F + i]) + int(base)
-            place = np.uint64(row * width + pixel if along_row else pixel * width + row)
-            for _ in range(taps):
-                work[to] = flat[place]
-                to += to_tap
-                place += ahead
+        # Now the pixels, tap after tap: one line after the other would write far apart. By unsigned
+        # indices: signed ones would be tested for being negative.
+        ahead = step if along_row else step * width
+        anywhere = 0 if step > 0 else height * width - 1
+        for i in range(n):
+            row, pixel = low + i * stride, int(lines[_F + i]) + int(base)
+            place = row * width + pixel if along_row else pixel * width + row
+            places[i] = place if lines[VALID + i] > zero else anywhere
+        for k in range(taps):
+            pixels, further = lines[TAP + k * LINES :], np.uint64(k * ahead)
+            for i in range(n):
+                pixels[i] = flat[np.uint64(places[i]) + further]
+        for i in range(n):
+            if lines[VALID + i] == zero:
+                for k in range(taps):
+                    lines[TAP + k * LINES + i] = zero
         at += whole
         total += n
     ends[LANES], ends[TAPS_USED], ends[ALL], ends[BESIDE] = at, taps, total, beside
@@ -303,7 +303,7 @@ def levels(work, ends, slope, lean, limit, flat, spread, soft):
     lamp. Returns (contrast, level inside) of the block, or zeros.
     """
     n, wide, taps = ends[ALL], ends[LANES], ends[TAPS_USED]
-    last = (taps - 1) * LINES
+    outermost = work[TAP + (taps - 1) * LINES :]
     _zones(work, wide, taps, slope, lean, limit, flat, soft)
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     total = short = zero
@@ -316,7 +316,7 @@ def levels(work, ends, slope, lean, limit, flat, spread, soft):
         work[VALID + i] = valid
         total += valid
         work[IN + i] = work[TAP + i] + work[_B + i] / (a if a > one else one)
-        work[OUT + i] = work[TAP + last + i] + work[_D + i] / (c if c > one else one)
+        work[OUT + i] = outermost[i] + work[_D + i] / (c if c > one else one)
     if total < 8.0:
         return 0.0, 0.0
     # the contrast that a quarter of all profiles exceeds: right as long as a quarter is in sight;
@@ -343,18 +343,22 @@ def levels(work, ends, slope, lean, limit, flat, spread, soft):
     glare = v_in = v_out = k_in = k_out = changes = trend = zero
     for i in range(wide):
         glow = one if work[OUT + i] > bright else zero
+        glow = glow if work[_C + i] >= two else zero
+        glare += glow
         valid = work[VALID + i] if abs(work[IN + i] - mean_in) <= near else zero
         work[VALID + i] = valid
-        off_in, off_out = work[IN + i] - work[TAP + i], work[OUT + i] - work[TAP + last + i]
+    for i in range(wide):  # apart from what is written: `outermost` might be part of that
+        valid = work[VALID + i]
+        off_in, off_out = work[IN + i] - work[TAP + i], work[OUT + i] - outermost[i]
         v_in += valid * (work[OFFSET + i] - work[_B + i] * off_in)
         v_out += valid * (work[WEIGHT + i] - work[_D + i] * off_out)
         k_in += valid * (work[_A + i] - one)
         changes += valid * work[_E + i]
         trend += valid * work[_F + i]
         k_out += valid * (work[_C + i] - one)
-        glow = glow if work[_C + i] >= two else zero
-        glare += glow
-        work[_F + i] = glow
+    for i in range(wide if soft else 0):
+        glow = one if work[OUT + i] > bright else zero
+        work[_F + i] = glow if work[_C + i] >= two else zero
     if soft:  # these stand among sparkling grains, too
         glare = zero
         for i in range(WIDER, wide - WIDER):

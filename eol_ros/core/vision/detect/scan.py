@@ -217,53 +217,55 @@ def _root(parent, i):
 def regions(grid, tiles, over, least, most, label, parent, stats, found):
     """Join neighbouring samples that exceed their background by `over`, and describe them.
 
-    label (rows, cols) int32, parent (m,) int32 and stats (m, 7) float64 are scratch. Regions of
+    label (rows, cols) int16, parent (m,) int32 and stats (m, 7) float64 are scratch. Regions of
     `least` to `most` samples go to found (k, 6): u, v px, angle of a square of that shape, samples,
     height and width in px. Returns their number.
     """
     rows, cols = grid.shape
     n = 0
     limit = len(parent)
+    levels = np.zeros(cols, np.uint8)
+    bright = np.zeros((cols + 7) // 8 * 8, np.uint8)
+    eights = bright.view(np.uint64)  # of samples: nearly all of them are dark
     for r in range(rows):
-        for tile in range(tiles.shape[1]):
-            level = tiles[r // TILE, tile] + over
-            begin, end = tile * TILE, min(tile * TILE + TILE, cols)
-            samples, labels = grid[r, begin:end], label[r, begin:end]
-            brightest = np.uint8(0)
-            for c in range(len(samples)):
-                brightest = max(brightest, samples[c])
-            if brightest <= level:  # as nearly all of the image is
-                for c in range(len(labels)):
-                    labels[c] = -1
+        if r % TILE == 0:
+            for c in range(cols):
+                levels[c] = min(tiles[r // TILE, c // TILE] + over, 255.0)
+        samples, labels = grid[r], label[r]
+        for c in range(cols):
+            bright[c] = 1 if samples[c] > levels[c] else 0
+            labels[c] = -1
+        c = 0
+        while c < cols:
+            if bright[c] == 0:
+                c += 8 if c % 8 == 0 and eights[c // 8] == 0 else 1
                 continue
-            for c in range(begin, end):
-                if grid[r, c] <= level:
-                    label[r, c] = -1
-                    continue
-                left = label[r, c - 1] if c > 0 else -1
+            begin, i, before = c, -1, -1
+            while c < cols and bright[c] == 1:
                 above = label[r - 1, c] if r > 0 else -1
-                if left < 0 and above < 0:
-                    if n >= limit:
-                        label[r, c] = -1
-                        continue
-                    parent[n] = n
-                    for k in range(3):
-                        stats[n, k] = 0.0
-                    stats[n, 3], stats[n, 4], stats[n, 5], stats[n, 6] = r, r, c, c
-                    i = n
-                    n += 1
-                elif left < 0 or above < 0 or left == above:
-                    i = max(left, above)
-                else:
-                    a, b = _root(parent, left), _root(parent, above)
+                if above >= 0 and above != before:
+                    a = _root(parent, above)
+                    b = a if i < 0 else i
                     i = min(a, b)
                     parent[max(a, b)] = i
-                label[r, c] = i
-                stats[i, 0] += 1.0
-                stats[i, 1] += c
-                stats[i, 2] += r
-                stats[i, 4] = r
-                stats[i, 5], stats[i, 6] = min(stats[i, 5], c), max(stats[i, 6], c)
+                    before = above
+                c += 1
+            if i < 0:
+                if n == limit:
+                    continue
+                i = n
+                n += 1
+                parent[i] = i
+                for k in range(3):
+                    stats[i, k] = 0.0
+                stats[i, 3], stats[i, 5], stats[i, 6] = r, begin, begin
+            for q in range(begin, c):
+                labels[q] = i
+            stats[i, 0] += c - begin
+            stats[i, 1] += (c - begin) * (begin + c - 1) / 2
+            stats[i, 2] += (c - begin) * r
+            stats[i, 4] = r
+            stats[i, 5], stats[i, 6] = min(stats[i, 5], begin), max(stats[i, 6], c - 1)
     for i in range(n - 1, -1, -1):  # a parent always comes before its children
         j = parent[i]
         if j != i:

@@ -386,3 +386,11 @@ def report(kept, blobs):
         blob.side_px, blob.visibility = 2 * kept[i, HALF], min(kept[i, VISIBLE], 1.0)
         blob.sigma_px, blob.quality = kept[i, SIGMA], kept[i, QUALITY]
         blob.contrast, blob.misfit = kept[i, CONTRAST], kept[i, MISFIT]
+
+
+@njit(cache=True)
+def by_block(blobs, seen, index, visibility, contrast):
+    """Fill visibility and contrast (25,) of the blocks `seen` as blobs[index], 0 of the others."""
+    for i in range(len(index)):
+        visibility[i] = blobs[index[i]].visibility if seen[i] else 0.0
+        contrast[i] = blobs[index[i]].contrast if seen[i] else 0.0

@@ -8,9 +8,9 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipDetector
 from eol_ros.core.vision.identity.blink import Blink
-from eol_ros.core.vision.identity.cover_patterns import FIRST, FIT, ODD, CoverPatterns
+from eol_ros.core.vision.identity.cover_patterns import FIT, CoverPatterns
 from eol_ros.core.vision.identity.lattice import Lattice
-from eol_ros.core.vision.identity.name_proofs import FORGET_S, HOLD_S, TRIES, NameProofs
+from eol_ros.core.vision.identity.name_proofs import NameProofs
 from eol_ros.core.vision.identity.symmetry import Coincidence
 from eol_ros.core.vision.states import TRACKING
 from eol_ros.settings import MotionSettings
@@ -160,8 +160,9 @@ class Identity:
                     self._settle(quarters, final=False)
         if lattice.ambiguous:
             return
-        if names.doubtful(lattice):
-            self._prove(stamp_s, xy, yaw, sigma, glance)
+        asked = names.doubtful(lattice)
+        if len(asked):
+            self._prove(asked, stamp_s, xy, yaw, sigma, glance)
         block = names.turn(covers)
         if block >= 0:
             patterns, good = self._look(np.array([block]), glance)
@@ -179,19 +180,27 @@ class Identity:
         return self.lattice.rename(stamp_s, index, xy, yaw, sigma)
 
     def _prove(
-        self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray, glance: Glance
+        self,
+        asked: np.ndarray,
+        stamp_s: float,
+        xy: np.ndarray,
+        yaw: np.ndarray,
+        sigma: np.ndarray,
+        glance: Glance,
     ) -> None:
-        """Look at the covers of blocks that were not simply followed; give them their names."""
+        """Look at the covers of blocks `asked` (k,), not simply followed; give them their names."""
         names, covers = self.names, self.covers
         assert covers is not None
-        asked = names.asked()
         own, nearest = covers.proofs(*self._look(asked, glance), asked)
         disproved = names.tried(asked, own)
         if own.max() < FIT:
             return
         # where nothing is to be seen all may be right
-        if not (disproved and self._put_right(stamp_s, xy, yaw, sigma, glance)):
-            self._hold_back(asked[own >= ODD], nearest[own >= ODD] < FIT)
+        if disproved and self._put_right(stamp_s, xy, yaw, sigma, glance):
+            return
+        for block in names.held_back(self.lattice.last_s, asked, own, nearest, covers.looks):
+            self.lattice.drop(block, names.came[block])
+            names.was[block], names.place[block] = False, names.came[block]
 
     def _put_right(
         self, stamp_s: float, xy: np.ndarray, yaw: np.ndarray, sigma: np.ndarray, glance: Glance
@@ -212,24 +221,6 @@ class Identity:
         if renamed:
             names.renamed()
         return renamed
-
-    def _hold_back(self, blocks: np.ndarray, others: np.ndarray) -> None:
-        """Take names from lights that have others' covers (k,), or are far from where blocks were.
-
-        Not for long: a cover may be of no help for ever.
-        """
-        lattice, names, covers = self.lattice, self.names, self.covers
-        assert covers is not None
-        waited = lattice.last_s - names.held_s[blocks]
-        begun = ~((waited >= 0.0) & (waited < FORGET_S))  # -inf: not yet
-        names.held_s[blocks[begun]] = lattice.last_s
-        late = ~begun & (waited > HOLD_S)
-        wait = others & (names.waited[blocks] <= TRIES)
-        wait |= names.far[blocks] & (names.waited[blocks] == 1)  # a name just given
-        wait &= ~late & (covers.looks[blocks] >= FIRST)
-        for block in blocks[wait]:
-            lattice.drop(block, names.came[block])
-            names.was[block], names.place[block] = False, names.came[block]
 
     def _settle(self, quarters: int, final: bool = True) -> None:
         """Turn the ids; what taps settled first is heard again, and must be surer to be final."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.vision.identity.cover_patterns import FIRST, FIT, CoverPatterns
+from eol_ros.core.vision.identity.cover_patterns import FIRST, FIT, ODD, CoverPatterns
 from eol_ros.core.vision.identity.lattice import Lattice
 
 JUMP_M = 0.03  # a block that is found further than this from where it went is looked at,
@@ -63,20 +63,15 @@ class NameProofs:
         self._next = (block + 1) % N_BLOCKS
         return block if self.checked[block] or self.tries[block] >= TRIES else -1
 
-    def doubtful(self, lattice: Lattice) -> bool:
-        """Take what the lattice says; return whether a name is to be proved now."""
+    def doubtful(self, lattice: Lattice) -> np.ndarray:
+        """Take what the lattice says; return the blocks whose names are to be proved now."""
         step = min(lattice.last_s - self.last_s, 0.1)
         self.last_s = lattice.last_s
-        return bool(
-            _doubtful(
-                lattice.xy, lattice.velocity, lattice.seen, step, self.was, self.place, self.came,
-                self.far, self.held_s, self.checked, self.tries, self.waited,
-            )
+        asked: np.ndarray = _doubtful(
+            lattice.xy, lattice.velocity, lattice.seen, step, self.was, self.place, self.came,
+            self.far, self.held_s, self.checked, self.tries, self.waited,
         )  # fmt: skip
-
-    def asked(self) -> np.ndarray:
-        """Return the blocks whose names are to be proved now."""
-        return np.flatnonzero(_due(self.waited))
+        return asked
 
     def tried(self, blocks: np.ndarray, off: np.ndarray) -> bool:
         """Take how far the covers of `blocks` (k,) are from theirs, inf where none was to be seen.
@@ -85,15 +80,28 @@ class NameProofs:
         """
         return bool(_tried(blocks, off, self.tries, self.checked))
 
+    def held_back(
+        self,
+        stamp_s: float,
+        blocks: np.ndarray,
+        own: np.ndarray,
+        nearest: np.ndarray,
+        looks: np.ndarray,
+    ) -> np.ndarray:
+        """Return which `blocks` (k,) lose their names again, for they have others' covers.
+
+        Or stand far from where they were carried. Not for long: a cover may be of no help for ever.
+        own, nearest (k,): CoverPatterns.proofs; looks (25,): at the covers that were learnt.
+        """
+        held: np.ndarray = _held_back(
+            stamp_s, blocks, own, nearest, looks, self.waited, self.far, self.held_s
+        )
+        return held
+
     def renamed(self) -> None:
         """Go on from places under new names."""
         self.was[:] = False
         self.place[:] = np.nan
-
-
-@njit(cache=True)
-def _due(waited):
-    return (waited > 0) & ((waited <= TRIES) | (waited % RARELY == 0))
 
 
 @njit(cache=True)
@@ -109,7 +117,8 @@ def _tried(blocks, off, tries, checked):
 
 @njit(cache=True)
 def _doubtful(xy, velocity, seen, step, was, place, came, far, held_s, checked, tries, waited):
-    """Note what is not where it should be, and where it should be next; is one to be proved now?"""
+    """Note what is not where it should be, and where it should be next; return what to prove."""
+    due = np.zeros(N_BLOCKS, np.bool_)
     for i in range(N_BLOCKS):
         off = math.hypot(xy[i, 0] - place[i, 0], xy[i, 1] - place[i, 1])
         if not (seen[i] and was[i] and off < JUMP_M):
@@ -121,4 +130,23 @@ def _doubtful(xy, velocity, seen, step, was, place, came, far, held_s, checked, 
         for k in range(2):
             came[i, k] = place[i, k]
             place[i, k] = xy[i, k] + velocity[i, k] * step
-    return _due(waited).any()
+        due[i] = waited[i] > 0 and (waited[i] <= TRIES or waited[i] % RARELY == 0)
+    return np.flatnonzero(due)
+
+
+@njit(cache=True)
+def _held_back(stamp_s, blocks, own, nearest, looks, waited, far, held_s):
+    back = np.zeros(blocks.size, np.bool_)
+    for k in range(blocks.size):
+        if own[k] < ODD:
+            continue
+        block = blocks[k]
+        since = stamp_s - held_s[block]
+        begun = not 0.0 <= since < FORGET_S  # -inf: not yet
+        if begun:
+            held_s[block] = stamp_s
+        wait = nearest[k] < FIT and waited[block] <= TRIES
+        wait |= far[block] and waited[block] == 1  # a name just given
+        late = not begun and since > HOLD_S
+        back[k] = wait and not late and looks[block] >= FIRST
+    return blocks[back]
