@@ -267,12 +267,12 @@ class Soak:
     def _fill(self) -> None:
         filler = self.folder / 'bags' / 'filler'
         space = os.statvfs(self.folder / 'bags')
-        with filler.open('wb') as file, contextlib.suppress(OSError):
+        # Without a buffer, which would be written when the file is closed.
+        with filler.open('wb', buffering=0) as file, contextlib.suppress(OSError):
             os.posix_fallocate(file.fileno(), 0, space.f_bavail * space.f_frsize)
-        with filler.open('ab') as file, contextlib.suppress(OSError):
+        with filler.open('ab', buffering=0) as file, contextlib.suppress(OSError):
             while True:  # what became free meanwhile
                 file.write(bytes(1 << 16))
-                file.flush()
         time.sleep(HELD_S)
         filler.unlink()
 
@@ -310,18 +310,16 @@ def _play(
     soak = Soak(folder, seed)
     piece['events'], piece['left_out'] = soak.events, soak.left_out
     begun = time.monotonic()
-    try:
-        for _ in track(_steps(soak, hours, keep_it, piece), 'faults', total=100):
+    with contextlib.closing(soak):
+        try:
+            for _ in track(_steps(soak, hours, keep_it, piece), 'faults', total=100):
+                pass
+        except EolError as error:
+            piece['faults'].append(str(error))
+        except KeyboardInterrupt:  # it ends the graph, too
             pass
-    except EolError as error:
-        piece['faults'].append(str(error))
-    except KeyboardInterrupt:  # it ends the graph, too
-        pass
-    piece['hours'] = round((time.monotonic() - begun) / 3600, 4)
-    try:
+        piece['hours'] = round((time.monotonic() - begun) / 3600, 4)
         code, piece['bags'] = soak.prove()
-    finally:
-        soak.close()
     piece['faults'] += [f'exit code {code}'] if code else []
     piece['faults'] += piece['bags'].pop('faults')
     piece['growth'] = growth(soak.looks)
