@@ -8,6 +8,62 @@ import numpy as np
 from eol_ros.core.compiled import njit
 from eol_ros.core.vision.detect import outline, profile_steps, profiles, scan
 
+ROUNDS = 8  # at most, of reading all sides again where they were found
+SETTLED_PX = 0.005  # what no further round would change
+
+
+@njit(cache=True, inner=True)
+def _placed(table, half, lines, placed):
+    """Fill `placed` (SIZE,) with `table`, or a flat square's, each side moved to its own line.
+
+    lines (4, 2): how far outside of its place in a square each side lies, and its slope along t.
+    """
+    placed[0] = np.float32(outline.REACH * half)
+    for side in range(4):
+        for b in range(outline.BINS):
+            at = 1 + side * outline.BINS + b
+            beside = table[at] if table[0] > 0.0 else np.float32(0.0)
+            placed[at] = beside
+            if beside != outline.NONE:
+                t = ((b + 0.5) / outline.BINS * 2.0 - 1.0) * outline.REACH * half
+                placed[at] += lines[side, 0] + lines[side, 1] * t
+
+
+@njit(cache=True, inner=True)
+def _line(work, ends, side):
+    """Return the line a + b t through the offsets of one side, and the share that agrees."""
+    begin = ends[profiles.BEGIN + side]
+    end = begin + ends[profiles.COUNT + side]
+    a = b = 0.0
+    width = 1.5
+    share = 0.0
+    for _ in range(5):
+        s0 = s1 = s2 = y0 = y1 = rest2 = total = used = 0.0
+        for i in range(begin, end):
+            t, y = work[profiles.T + i], work[profiles.OFFSET + i]
+            rest = y - a - b * t
+            w = work[profiles.WEIGHT + i]
+            if w <= 0 or abs(rest) >= width:
+                continue
+            tukey = (1 - (rest / width) ** 2) ** 2
+            rest2 += tukey * rest * rest
+            total += tukey
+            used += 1
+            w *= tukey
+            s0 += w
+            s1 += w * t
+            s2 += w * t * t
+            y0 += w * y
+            y1 += w * t * y
+        det = s0 * s2 - s1 * s1
+        if used < 6 or det <= 0:
+            return 0.0, 0.0, 0.0
+        a = (s2 * y0 - s1 * y1) / det
+        b = (s0 * y1 - s1 * y0) / det
+        share = used / max(end - begin, 1)
+        width = max(6 * math.sqrt(rest2 / total), 0.05)
+    return a, b, share
+
 
 @njit(cache=True)
 def side_lines(image, squares, blur, tables, work, ends, out):
@@ -16,58 +72,40 @@ def side_lines(image, squares, blur, tables, work, ends, out):
     tables (n, outline.SIZE): where the outline of a cover with relief stands; the lines are then
     those of a flat one. out (n, 4, 3): distance of the side from the centre in px, its turn against
     the square in rad, and the share of its profiles that agree. A tilted camera makes the four
-    differ.
+    differ, by a px and more. All are read again where they were found until none moves: a step
+    stops short of its end, and light outside of one that stands wrong is the light of an edge.
     """
     spread = np.zeros(7)
-    square = (0.0, 0.0)  # no shear: each side is measured on its own
+    lines, placed = np.zeros((4, 2)), np.zeros(outline.SIZE, np.float32)
+    square = (0.0, 0.0)  # no shear: each side has a line of its own
     for s in range(squares.shape[0]):
         u, v, theta, half = squares[s, 0], squares[s, 1], squares[s, 2], squares[s, 3]
         out[s] = 0.0
-        profiles.gather(image, u, v, theta, half, blur, square, tables[s], work, ends)
+        lines[:] = 0.0
         slope, lean = abs(math.cos(theta)), -math.tan(theta)
         limit = half - profiles.CORNER * blur
         soft = tables[s, 0] > 0.0
         flat = profiles.FLAT * blur
-        contrast, _ = profiles.levels(work, ends, slope, lean, limit, flat, spread, soft)
-        if contrast == 0.0:
-            continue
-        profiles.shrink_levels(work, ends, spread)
-        profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+        for _ in range(ROUNDS):
+            _placed(tables[s], half, lines, placed)
+            profiles.gather(image, u, v, theta, half, blur, square, placed, work, ends)
+            contrast, _ = profiles.levels(work, ends, slope, lean, limit, flat, spread, soft)
+            if contrast == 0.0:
+                out[s, :, 2] = 0.0
+                break
+            profiles.shrink_levels(work, ends, spread)
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+            most = 0.0
+            for side in range(4):
+                a, b, out[s, side, 2] = _line(work, ends, side)
+                lines[side, 0] += a
+                lines[side, 1] += b
+                most = max(most, abs(a) + abs(b) * half)
+            if most < SETTLED_PX:
+                break
         for side in range(4):
-            begin = ends[profiles.BEGIN + side]
-            end = begin + ends[profiles.COUNT + side]
-            a = b = 0.0  # offset = a + b t
-            width = 1.5
-            share = 0.0
-            for _ in range(5):
-                s0 = s1 = s2 = y0 = y1 = rest2 = total = used = 0.0
-                for i in range(begin, end):
-                    t, y = work[profiles.T + i], work[profiles.OFFSET + i]
-                    rest = y - a - b * t
-                    w = work[profiles.WEIGHT + i]
-                    if w <= 0 or abs(rest) >= width:
-                        continue
-                    tukey = (1 - (rest / width) ** 2) ** 2
-                    rest2 += tukey * rest * rest
-                    total += tukey
-                    used += 1
-                    w *= tukey
-                    s0 += w
-                    s1 += w * t
-                    s2 += w * t * t
-                    y0 += w * y
-                    y1 += w * t * y
-                det = s0 * s2 - s1 * s1
-                if used < 6 or det <= 0:
-                    share = 0.0
-                    break
-                a = (s2 * y0 - s1 * y1) / det
-                b = (s0 * y1 - s1 * y0) / det
-                share = used / max(end - begin, 1)
-                width = max(6 * math.sqrt(rest2 / total), 0.05)
-            out[s, side, 0] = half + a
-            out[s, side, 1] = -math.atan(b)
-            out[s, side, 2] = share
+            out[s, side, 0] = half + lines[side, 0]
+            out[s, side, 1] = -math.atan(lines[side, 1])
 
 
 def corners(
@@ -84,11 +122,7 @@ def corners(
         tables = np.zeros((len(blobs), outline.SIZE), np.float32)
     squares = np.column_stack([blobs['u'], blobs['v'], blobs['theta'], blobs['side_px'] / 2])
     lines = np.zeros((len(squares), 4, 3))
-    for _ in range(2):  # the second time from nearer
-        side_lines(scan.read_only(image), squares, blur_px, tables, *profiles.workspace(), lines)
-        squares[:, 3] = np.where(
-            lines[:, :, 2].min(axis=1) > 0.5, lines[:, :, 0].mean(axis=1), squares[:, 3]
-        )
+    side_lines(scan.read_only(image), squares, blur_px, tables, *profiles.workspace(), lines)
     angle = squares[:, 2, None] + np.arange(4) * np.pi / 2 + lines[:, :, 1]
     square_angle = squares[:, 2, None] + np.arange(4) * np.pi / 2
     # a point on each side, and its normal; a line is n . (p - c) = d
