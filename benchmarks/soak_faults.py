@@ -298,6 +298,7 @@ def measure(
         pieces.append(piece)
         place = file.parent / f'piece-{len(pieces)}'
         place.mkdir()
+        keep(file, kept)  # also where nothing begins, so that the next has a folder of its own
         _play(place, min(left_h, minutes / 60 if minutes else left_h), seed + len(pieces) - 1,
               piece, lambda: keep(file, kept))  # fmt: skip
     return figures(pieces)

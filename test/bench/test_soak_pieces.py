@@ -181,3 +181,15 @@ def test_faults_go_on_only_where_some_are_kept(tmp_path):
 def test_one_part_at_a_time_goes_on(capsys):
     assert cli.main(['bench', 'soak', '--resume']) == 2
     assert 'say one of --parts, and --keep its folder' in capsys.readouterr().err
+
+
+def test_faults_that_could_not_begin_are_no_hindrance_to_the_next(tmp_path, monkeypatch):
+    def no_card(folder, seed):
+        raise EolError('jackd does not start')
+
+    monkeypatch.setattr(soak_faults, 'Soak', no_card)
+    for resume in False, True:
+        with pytest.raises(EolError, match='jackd does not start'):
+            soak_faults.measure(tmp_path, 1.0, 1, resume=resume)
+    kept = json.loads((tmp_path / 'faults' / 'pieces.json').read_text())['pieces']
+    assert [piece['hours'] for piece in kept] == [0.0, 0.0]
