@@ -140,13 +140,38 @@ def _blocks(args, images):
     from eol_ros.verbs.progress import track
 
     return from_images(
-        track(images, 'finding blocks'),
+        track(_usable(images), 'finding blocks'),
         _start(args, images[0].shape),
         args.cover_height,
         _covers(args),
         args.mirror,
         lens=not args.lens,
     )
+
+
+def _usable(images):
+    """Return images (h, w) that differ, and say which ones are saturated or frozen."""
+    from eol_ros.core.vision.lens import FULL_SHARE, light
+
+    found: list[np.ndarray] = []
+    for image in images:
+        if not any(np.array_equal(image, other) for other in found):
+            found.append(image)
+    if len(found) < len(images):
+        print(
+            f'{len(images) - len(found)} of {len(images)} images are the same as another to the '
+            'last bit and are left out: a frozen camera, or one file named twice',
+            file=sys.stderr,
+        )
+    seen = [light(image) for image in found]
+    full = [one.saturated for one in seen if one.saturated > FULL_SHARE and one.level > one.dark]
+    if full:
+        print(
+            f'{len(full)} of {len(found)} images are saturated, up to {max(full):.0%} of what is '
+            'bright: blocks look larger than they are, and lengths are wrong; expose less',
+            file=sys.stderr,
+        )
+    return found
 
 
 def _covers(args):

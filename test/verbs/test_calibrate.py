@@ -144,6 +144,19 @@ def test_a_printed_board_is_read_back(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)['residual_px'] < 0.1
 
 
+def test_saturated_and_frozen_images_are_told_in_one_line_each(picture, tmp_path, capsys):
+    image = cv2.imread(picture, cv2.IMREAD_GRAYSCALE)
+    bright = str(tmp_path / 'bright.png')
+    cv2.imwrite(bright, np.clip(image.astype(float) * 3, 0, 255).astype(np.uint8))
+    cli.main(['calibrate', 'blocks', picture])
+    told = capsys.readouterr().err
+    assert 'saturated' not in told and 'the same' not in told
+    cli.main(['calibrate', 'blocks', picture, bright, picture])
+    told = capsys.readouterr().err.splitlines()
+    assert sum('1 of 3 images are the same as another' in line for line in told) == 1
+    assert sum('1 of 2 images are saturated' in line and '% of' in line for line in told) == 1
+
+
 def test_user_mistakes_get_one_line(picture, tmp_path, capsys):
     black = str(tmp_path / 'black.png')
     cv2.imwrite(black, np.zeros((800, 1280), np.uint8))
