@@ -30,8 +30,8 @@ _CORRUPTED = (3).to_bytes(4, sys.byteorder)  # Boost.Interprocess: the first wor
 _SIZE = 4096
 # Of the node of a port (SharedMemGlobal.hpp, PortNode, ABI 5): its number, listeners, two timeouts
 # in ms, capacity and who waits; then bits, of which the lowest says that the port is in order.
-_NODE = struct.Struct('=IIIIII')
 _TIMEOUTS = struct.pack('=II', 1000, 333)
+_BITS = 24  # bytes from its number to these
 _IN_ORDER = 1
 
 
@@ -126,13 +126,9 @@ def _locked(path: Path) -> bool:
 def _mark(file: int, port: int) -> bool:
     """Mark a port as out of order; return whether it was in order."""
     content = os.pread(file, os.fstat(file).st_size, 0)
-    places = []
-    at = content.find(_TIMEOUTS)
-    while at >= 0:
-        begin = at - 8
-        if begin >= 0 and content[begin : begin + 4] == port.to_bytes(4, sys.byteorder):
-            places.append(begin + _NODE.size)
-        at = content.find(_TIMEOUTS, at + 1)
+    number = re.escape(port.to_bytes(4, sys.byteorder))
+    node = re.compile(number + b'.{4}' + re.escape(_TIMEOUTS), re.DOTALL)
+    places = [found.start() + _BITS for found in node.finditer(content)]
     if len(places) != 1:  # not the Fast DDS that we know: its ports are left alone
         return False
     (bits,) = struct.unpack_from('=I', content, places[0])
