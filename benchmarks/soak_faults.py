@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -300,20 +300,22 @@ def measure(
         place.mkdir()
         keep(file, kept)  # also where nothing begins, so that the next has a folder of its own
         _play(place, min(left_h, minutes / 60 if minutes else left_h), seed + len(pieces) - 1,
-              piece, lambda: keep(file, kept))  # fmt: skip
+              pieces, lambda: keep(file, kept))  # fmt: skip
     return figures(pieces)
 
 
 def _play(
-    folder: Path, hours: float, seed: int, piece: dict[str, Any], keep_it: Callable[[], None]
-) -> None:
-    """Break things for so long, and fill in `piece`."""
+    folder: Path, hours: float, seed: int, pieces: list[dict[str, Any]],
+    keep_it: Callable[[], None],
+) -> None:  # fmt: skip
+    """Break things for so long, and fill in the last of `pieces`."""
+    piece = pieces[-1]
     soak = Soak(folder, seed)
     piece['events'], piece['left_out'] = soak.events, soak.left_out
     begun = time.monotonic()
     with contextlib.closing(soak):
         try:
-            for _ in track(_steps(soak, hours, keep_it, piece), 'faults', total=100):
+            for _ in track(_steps(soak, hours, keep_it, pieces), 'faults', total=100):
                 pass
         except EolError as error:
             piece['faults'].append(str(error))
@@ -367,12 +369,14 @@ def summary(events: list[dict[str, Any]], faults: list[str]) -> dict[str, Any]:
 
 
 def _steps(
-    soak: Soak, hours: float, keep_it: Callable[[], None], piece: dict[str, Any]
+    soak: Soak, hours: float, keep_it: Callable[[], None], pieces: list[dict[str, Any]]
 ) -> Iterator[int]:
     """Yield once a hundredth of the time; faults come one after another meanwhile.
 
     What has come so far is kept after each, for a piece that is cut off.
     """
+    piece = pieces[-1]
+    before = Counter(event['kind'] for earlier in pieces[:-1] for event in earlier['events'])
     extras = []
     left_out = {words.partition(':')[0] for words in soak.left_out}
     for kind, count in EXTRAS_IN_2_H.items():
@@ -387,7 +391,7 @@ def _steps(
         now = time.monotonic() - begun
         if extras and extras[0][0] <= now:
             _, kind, count = extras.pop(0)
-            soak.extra(kind, count)
+            soak.extra(kind, before[kind] + count)
         else:
             soak.strike(number)
             number = signal.SIGSTOP if number == signal.SIGKILL else signal.SIGKILL

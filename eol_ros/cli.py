@@ -109,10 +109,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run_verb(module, f'eol {verb}', words[1:])
 
 
+class Parser(argparse.ArgumentParser):
+    """Options are written in full: half of a word may be another one's, as of --seeds."""
+
+    def __init__(self, **kwargs: Any):
+        super().__init__(allow_abbrev=False, **kwargs)
+
+
 def run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
     """Parse `words` for the verb in `module` and run it; an expected error is one line."""
     examples = '\n'.join(f'  {line}' for line in module.EXAMPLES)
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog=prog,
         description=module.HELP,
         epilog=f'examples:\n{examples}',

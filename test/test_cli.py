@@ -8,7 +8,6 @@ import re
 import shlex
 import subprocess
 import sys
-from argparse import ArgumentParser
 
 import numpy
 import pytest
@@ -27,7 +26,7 @@ def test_every_verb_is_there():
 @pytest.mark.parametrize('verb', cli.VERBS)
 def test_examples_parse(verb):
     module = importlib.import_module(f'eol_ros.verbs.{verb}')
-    parser = ArgumentParser()
+    parser = cli.Parser()
     module.add_arguments(parser)
     for example in module.EXAMPLES:
         words = shlex.split(re.split(r' >+ | \| ', example)[0], comments=True)
@@ -50,6 +49,17 @@ def test_every_benchmark_explains_itself(name, capsys):
 def test_unknown_verb(capsys):
     assert cli.main(['replya']) == 2
     assert 'Did you mean replay?' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    'words', [['bench', 'vision', '--seed', '61'], ['bag', 'info', '--js', 'x']]
+)
+def test_half_of_an_option_is_refused(words, capsys):
+    with pytest.raises(SystemExit) as stopped:  # `--seed` is no option of it, but `--seeds` is
+        cli.main(words)
+
+    assert stopped.value.code == 2
+    assert f'unrecognized arguments: {words[2]}' in capsys.readouterr().err
 
 
 def test_overview_names_every_verb(capsys):

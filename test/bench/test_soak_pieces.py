@@ -2,6 +2,8 @@
 """A soak in pieces counts what one in one piece would, and finds how fast its readers are."""
 
 import json
+import random
+from types import SimpleNamespace
 
 import pytest
 from test_soak_proof import bag
@@ -193,3 +195,19 @@ def test_faults_that_could_not_begin_are_no_hindrance_to_the_next(tmp_path, monk
             soak_faults.measure(tmp_path, 1.0, 1, resume=resume)
     kept = json.loads((tmp_path / 'faults' / 'pieces.json').read_text())['pieces']
     assert [piece['hours'] for piece in kept] == [0.0, 0.0]
+
+
+def test_a_later_piece_goes_on_with_the_next_step_of_the_clock():
+    done = []
+    others = soak_faults.EXTRAS_IN_2_H.keys() - {'clock steps'}
+    soak = SimpleNamespace(
+        left_out=[f'{kind}: not here' for kind in others],
+        chance=random.Random(1), looks=[],
+        extra=lambda kind, count: done.append((kind, count)), strike=lambda number: None,
+    )  # fmt: skip
+    earlier = broken(0.7, [('clock steps', 1.0), ('kill -9 leds', 1.0)])
+    pieces = [earlier, broken(0.7, [('clock steps', 1.0)]), broken(0.0, [])]
+
+    list(soak_faults._steps(soak, 1e-4, lambda: None, pieces))  # a third of a second
+
+    assert done == [('clock steps', 2)]
