@@ -241,12 +241,16 @@ def _parts(folder: Path) -> list[Path]:
 
 
 def _file(path: Path) -> list[Stored]:
-    """Return a sound file or a log, which stays for a day after its last change."""
+    """Return a sound file or a log, which stays for a day after its last change.
+
+    The log that lines go to stays whatever its age: it is open, and what is written to a removed
+    file is lost. It is bounded; when it is full it gets a number.
+    """
     try:
         stat = path.stat()
     except OSError:
         return []
-    stays = time.time() - stat.st_mtime < DAY_S
+    stays = path.suffix == '.log' or time.time() - stat.st_mtime < DAY_S
     return [Stored(path, stat.st_size, stat.st_mtime, False, stays)]
 
 
