@@ -15,6 +15,7 @@ EXAMPLES = [
     'eol bench vision --rest --minutes 60',
     'eol bench vision --hard all --seconds 10 --seeds 3',
     'eol bench vision --hard sleeves --seconds 60 --json',
+    'eol bench vision --arms all --seconds 20 --seeds 6 --json',
     'eol bench vision --calibrating',
     'eol bench vision --videos --seconds 4 --plots docs/img',
     'eol bench vision --levels "" --no-clean --hours 1 --slip-seconds 60 --json',
@@ -50,8 +51,15 @@ def add_arguments(parser):
         help='only hard videos, of flat and path-traced covers: `all`, or clutter levels, dropped,'
         ' doubled, exposure, focus and sleeves, with commas; --seconds and --seeds of each',
     )
-    parser.add_argument('--surfaces', default='flat,relief', help='with --hard')
-    parser.add_argument('--first-seed', type=int, default=41, help='with --hard: of --seeds')
+    parser.add_argument(
+        '--arms',
+        metavar='KINDS',
+        help='only arms that sweep over resting covers, and what motion takes for slips: `all`, or'
+        ' none, slow, brisk, rough, bright, dark, sleeves, hard and brutal, with commas; --seconds'
+        ' and --seeds of each',
+    )
+    parser.add_argument('--surfaces', default='flat,relief', help='with --hard and --arms')
+    parser.add_argument('--first-seed', type=int, default=41, help='with those: of --seeds')
     parser.add_argument(
         '--videos', action='store_true', help='only what MJPEG and H.264 cost, against their size'
     )
@@ -95,6 +103,14 @@ def run(args) -> int:
         surfaces = _named('--surfaces', args.surfaces, vision_hard.SURFACES)
         found = vision_hard.measure(kinds, surfaces, args.seconds, args.seeds, args.first_seed)
         tell(found, args.json, vision_hard.table)
+        return 0
+    if args.arms:
+        from benchmarks import vision_arms, vision_hard
+
+        kinds = _named('--arms', args.arms, vision_arms.KINDS)
+        surfaces = _named('--surfaces', args.surfaces, vision_hard.SURFACES)
+        found = vision_arms.measure(kinds, surfaces, args.seconds, args.seeds, args.first_seed)
+        tell(found, args.json, vision_arms.table)
         return 0
     if args.calibrating:
         from benchmarks import vision_calibrating

@@ -46,7 +46,7 @@ def measure(minutes: float, shown: list[films.Film] | None = None) -> dict:
     slips = [slip for run in runs for slip in run.slips]
     often = sum(run.often for run in runs)
     hours = images * len(shown) / RATE_HZ / 3600
-    low, high = _poisson(len(slips))
+    low, high = poisson(len(slips))
     samples = 2 * N_BLOCKS * images * len(shown)
     return {
         'hours': hours,
@@ -69,7 +69,7 @@ def measure(minutes: float, shown: list[films.Film] | None = None) -> dict:
         'false_an_hour_95': [low / hours, high / hours],
         'stated_an_hour': MotionSettings().false_alarms_per_hour,
         'often_an_hour': often / hours,
-        'often_an_hour_95': [count / hours for count in _poisson(often)],
+        'often_an_hour_95': [count / hours for count in poisson(often)],
         'often_stated_an_hour': OFTEN,
     }
 
@@ -149,7 +149,7 @@ class _Rest:
         }
 
 
-def _poisson(count: int) -> tuple[float, float]:
+def poisson(count: int) -> tuple[float, float]:
     """Return the 95 % interval of the mean of a count (Garwood 1936)."""
     low = stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
     return float(low), float(stats.chi2.ppf(0.975, 2 * count + 2) / 2)

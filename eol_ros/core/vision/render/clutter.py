@@ -261,11 +261,14 @@ class Clutter:
         return np.reshape(found, (-1, 5)), np.array(levels)
 
     def arms_and(self, more: ArrayLike | None, image_index: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return those of `arms` and capsules `more` (k, 5) beside them, and all grey levels."""
+        """Return those of `arms` and capsules `more` beside them, and all grey levels.
+
+        more: (k, 5), or (k, 6) with grey levels of their own.
+        """
         capsules, grey = self.arms(image_index)
-        added = np.reshape([] if more is None else more, (-1, 5))
-        levels = np.concatenate([grey, np.full(len(added), _MORE_ARMS_LEVEL)])
-        return np.concatenate([capsules, added]), levels
+        added = np.zeros((0, 5)) if more is None else np.asarray(more, float)
+        levels = added[:, 5] if added.shape[1] > 5 else np.full(len(added), _MORE_ARMS_LEVEL)
+        return np.concatenate([capsules, added[:, :5]]), np.concatenate([grey, levels])
 
     def flashes(self, image_index: int) -> np.ndarray:
         """Return the white light of each block, (n,) in 0..1, that decays after a random start."""

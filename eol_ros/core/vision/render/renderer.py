@@ -159,7 +159,8 @@ class Renderer:
         ir : array_like, optional
             (n,) infrared light of each block in 0..1 (1 when None).
         arms : array_like, optional
-            (k, 5) capsules x0, y0, x1, y1, radius in metres, besides those of the clutter.
+            (k, 5) capsules x0, y0, x1, y1, radius in metres, besides those of the clutter; (k, 6)
+            with their grey levels.
 
         Returns
         -------

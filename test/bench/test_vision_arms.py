@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arms over resting covers: what the bench calls a true slip, and a false one, is told rightly."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks import vision_arms
+from benchmarks.vision_scenes import RATE_HZ
+from eol_ros import cli
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.motion.slips import START, SlipEvent
+
+
+def start(block, onset_s, stamp_s):
+    return SlipEvent(START, 1, block, stamp_s, onset_s, 0.001, 0.0, 0.0, 0.1)
+
+
+def test_a_slip_is_told_once_soon_or_when_it_is_in_sight_again():
+    slip = vision_arms.Slip(7, 3.0, 0.1, np.array([0.002, 0.0]), 1.0, seen_s=3.0)
+    assert not vision_arms._explained(start(8, 3.0, 3.02), [slip])
+    assert not vision_arms._explained(start(7, 2.9, 2.95), [slip])
+    assert vision_arms._explained(start(7, 3.01, 3.03), [slip])
+    assert not vision_arms._explained(start(7, 3.01, 3.03), [slip])  # the same once more
+    unseen = vision_arms.Slip(7, 5.0, 0.1, np.array([0.002, 0.0]), 0.1, seen_s=8.0)
+    assert vision_arms._explained(start(7, 8.05, 8.1), [slip, unseen])
+    late = vision_arms.Slip(7, 9.0, 0.1, np.array([0.002, 0.0]), 1.0, seen_s=9.0)
+    assert not vision_arms._explained(start(7, 9.9, 9.95), [slip, unseen, late])
+
+
+@pytest.mark.parametrize('speed', [0.15, 1.5])
+def test_arms_come_and_go_on_at_their_speed(speed):
+    sweeping = vision_arms.Sweeping(vision_arms.Arms(speed_mps=speed), 20.0, 5)
+    assert not len(sweeping.at(0.0))
+    times = vision_arms.LEARN_S + 2.0 + np.arange(0, 15, 0.01)
+    hands = np.array([sweeping.at(t)[1::2, 2:4] for t in times])
+    steps = np.hypot(*np.moveaxis(np.diff(hands, axis=0), -1, 0)) / 0.01
+    assert steps.mean() == pytest.approx(speed, rel=0.1)
+    assert steps.max() < 1.6 * speed
+    assert np.abs(hands).max() < 0.46  # over the table
+
+
+def test_blocks_slide_as_far_and_as_often_as_they_should():
+    slides = vision_arms.Slides(60.0, 3)
+    shares = np.ones(N_BLOCKS)
+    shares[4] = 0.7
+    for k in range(round(62 * RATE_HZ)):
+        slides.go_on(k / RATE_HZ, shares)
+        assert np.hypot(*slides.at(k / RATE_HZ).T).max() < 1.5 * vision_arms.OFFSET_M
+    assert 40 < len(slides.slips) < 85
+    there = [slip for slip in slides.slips if slip.block == 4]
+    assert len(there) > 5 and all(slip.share == 0.7 for slip in there)
+    assert not slides.at(0.0)[
+        [b for b in range(N_BLOCKS) if all(s.block != b for s in slides.slips)]
+    ].any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('surface', ['flat', 'relief'])
+def test_a_block_that_slides_is_seen_to_slide_as_far(surface, capsys):
+    """Image and truth agree: no arm, nothing but true slips, and all of them."""
+    line = f'bench vision --arms none --surfaces {surface} --seconds 6 --seeds 1 --json'
+    assert cli.main(line.split()) == 0
+    found = json.loads(capsys.readouterr().out)['arms'][surface]['none']
+
+    assert found['false_slips'] == 0
+    assert found['true_whole']['found'] == found['true_whole']['slips'] > 2
+    assert found['true_whole']['size_error_mm'] < (0.03 if surface == 'flat' else 0.15)
+    assert found['rms_px'] < (0.01 if surface == 'flat' else 0.1)
+
+
+def test_a_kind_that_is_not_known_is_refused():
+    assert cli.main(['bench', 'vision', '--arms', 'tentacles']) == 2
