@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.relief import scene
 from eol_ros.core import terrain
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import DeviceMissing, pip_install
 from eol_ros.verbs.progress import track
 
 PSF_PX = 1.2  # of the lens, as the flat renderer has it
@@ -38,8 +38,8 @@ def mitsuba(threads: int = 0) -> Any:
         import mitsuba as mi
     except ImportError:
         raise DeviceMissing(
-            'Mitsuba 3 is not installed, which draws the films: make films, or pip install '
-            '".[render]"'
+            'Mitsuba 3 is not installed, which draws the films: make films, or '
+            f'{pip_install(".[render]")}'
         ) from None
     if mi.variant() is None:
         try:
