@@ -155,9 +155,7 @@ def test_a_twin_above_printed_covers_sees_their_relief(ros, printed):
             for tracked in (t.update(stamp * 1e-9, probe.images[stamp]) for t in (known, flat))
         ]
 
-    # The twin draws no light on the sand beside a cover, and reading a lit wall reckons with it:
-    # 0.18 px, which are 0.4 mm in these small images.
-    assert off[0] < 4.5e-4 and off[1] > 1.8 * off[0]
+    assert off[0] < 4e-4 and off[1] > 3 * off[0]
 
 
 def test_a_calibration_of_other_images_is_refused(printed):

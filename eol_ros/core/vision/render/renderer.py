@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect import outline
 from eol_ros.core.vision.render import kernels
 from eol_ros.core.vision.render.clutter import LEVELS, Clutter
 from eol_ros.errors import ConfigError
@@ -243,7 +244,9 @@ class Renderer:
         """Return image corners (n, 4, 2) of covers at `poses` (n, 3).
 
         Where the calibration knows their heights, each side is the line that its lower rim or its
-        land makes in the image, whichever is further out; blocks (n,) then says whose they are.
+        land makes in the image, whichever is further out, and the rim of a wall in sight stands as
+        far out as its light on the sandpaper moves it (outline.GLOW_PX); blocks (n,) then says
+        whose they are.
         """
         unit = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
@@ -264,8 +267,10 @@ class Renderer:
         outwards = np.stack([along[..., 1], -along[..., 0]], axis=-1)
         middle = low.mean(axis=(1, 2))[:, None]
         outwards *= np.sign(((low.mean(axis=2) - middle) * outwards).sum(-1, keepdims=True))
-        further = ((high - low).mean(axis=2) * outwards).sum(-1) > 0
-        side = np.where(further[:, :, None, None], high, low)
+        outwards /= np.hypot(outwards[..., :1], outwards[..., 1:])
+        wall = -((high - low).mean(axis=2) * outwards).sum(-1, keepdims=True)  # px of it in sight
+        lit = low + (outline.GLOW_PX * np.clip(wall, 0, 1) * outwards)[:, :, None]
+        side = np.where(wall[..., None] < 0, high, lit)
         # a corner is where a side meets the one before it
         one, other = side, np.roll(side, 1, axis=1)
         u, v = one[:, :, 1] - one[:, :, 0], other[:, :, 1] - other[:, :, 0]
