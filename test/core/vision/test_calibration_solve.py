@@ -10,7 +10,7 @@ from benchmarks.relief import films
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration import calibrate
 from eol_ros.core.vision.calibration.charuco import Board, from_board
-from eol_ros.core.vision.detect import outline
+from eol_ros.core.vision.detect import falling_light, outline
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.detect.corners import corners
 from eol_ros.core.vision.render.clutter import clutter_calibration
@@ -63,6 +63,44 @@ def test_sides_that_stand_far_from_a_square_are_read_where_they_are():
     assert np.ptp(narrow[1]) > 0.5
     kept = np.polyfit(narrow[1], narrow[0], 1)[0]
     assert kept == pytest.approx(1.0, abs=0.08)
+
+
+@pytest.mark.parametrize('name', ['straight-0mm', 'aside', 'steep-40mm'])
+def test_sides_are_read_where_they_are_though_light_falls_towards_them(name):
+    film = next(f for f in films.load() if f.name == name)
+    camera = vision_relief.calibration(film, True)
+    image = films.sensed(film.light, 0)
+    blobs = calibrate.all_blocks(image, camera, False)
+    tables = outline.tables(camera, blobs, np.zeros(25, int), falling_light.GLOW_PX)
+    found = corners(image, blobs, tables=tables)
+    truth = camera.to_pixels(calibrate._cover_corners(film.shot.poses).reshape(-1, 2))
+    wide = [
+        np.linalg.norm(c - np.roll(c, 1, axis=1), axis=-1).mean()
+        for c in (found, truth.reshape(25, 4, 2))
+    ]
+    # two sides of a step without a fall: 0.66 to 0.83 px less
+    assert wide[0] - wide[1] == pytest.approx(0.0, abs=2 * 0.03)
+
+
+@pytest.mark.parametrize('fall', [0.0, 6.0])
+@pytest.mark.parametrize('edge', [-0.4, 0.0, 0.7])
+def test_a_blurred_step_is_found_where_it_is(edge, fall):
+    fine = np.arange(-12, 12, 0.005)
+    light = np.where(fine < edge, 60 + fall * (edge - fine), 0.0) + 9
+    bell = np.exp(-0.5 * (np.arange(-6, 6.001, 0.005) / 1.25) ** 2)
+    seen = np.zeros((1, falling_light.BINS, 3))
+    seen[0, :, 0] = 7
+    seen[0, :, 1] = 7 * (0.2 * (np.arange(falling_light.BINS) + 0.5) - falling_light.REACH_PX)
+    blurred = np.convolve(light, bell / bell.sum(), 'same')
+    seen[0, :, 2] = 7 * np.interp(seen[0, :, 1] / 7, fine, blurred)
+    for falls, window in ((True, (-4.0, 3.2)), (False, (-2.4, 2.4))):
+        found = falling_light._fitted(seen, np.zeros(1), 1.25, window, falls)[0]
+        if falls or not fall:
+            assert found == pytest.approx(edge, abs=0.005)
+        else:
+            assert edge - 0.4 < found < edge - 0.1
+    if not fall:  # as the twin draws covers: nothing stands inside of where it seems
+        assert falling_light.edges(seen, 1.25, 45.5)[0] == pytest.approx(edge, abs=0.01)
 
 
 def test_blocks_alone_give_lens_tilt_and_metres():

@@ -26,6 +26,7 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import outline
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.detect.corners import corners
+from eol_ros.core.vision.detect.falling_light import GLOW_PX, side_sigma
 from eol_ros.core.vision.image_health import Watch
 from eol_ros.errors import ConfigError
 
@@ -36,10 +37,9 @@ LENS_GAIN = 25.0  # of the misfit, for each number of the lens: five standard de
 _FEWEST = 20  # squares that say where the others are
 _RELIEF_ROUNDS = 3
 CORNER_SIGMA_PX = 0.05
-_RELIEF_SIGMA_PX = 0.15  # of lit covers' corners: light that falls moves each side by 0.1 px
+_RELIEF_SIGMA_PX = 0.13  # of lit covers' corners: each side is found 0.1 px more or less far out
 _STEP = 1e-6  # of finite differences, in the solver's own units
 _FRAME_SIGMA = 1e-4  # m and rad: the frame is the mean of the rim's places, by definition
-_SIDE_SIGMA = 0.01  # of the length of lit covers' sides, as a share
 PLATFORM_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * PLATFORM_SIDE_M / 2
 _SQUARE = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
 
@@ -190,8 +190,8 @@ def from_blocks(
             that run to the left, as seen in a mirror, give a calibration with a mirror.
         start: image size and camera matrix.
         lens: how many of k1 and k2 to solve for; the others stay as in `start`.
-        side_sigma: share by which all sides together may seem longer than they are: a lit wall
-            shines on the sandpaper beside it. The lattice then gives the lengths. 0: not at all.
+        side_sigma: share by which all sides together may seem longer than they are, as light falls
+            towards them (falling_light). The lattice then has a say in the lengths. 0: not at all.
         corner_sigma_px: standard deviation of a corner.
         relief: the camera that the outlines of covers were found with, and how far (m, 4, 2) px
             corners of all views stand beside those of flat covers under any camera: covers of known
@@ -393,7 +393,7 @@ def from_squares(
     def solved(camera: Calibration | None, lens: int) -> Solution:
         views = []
         for image, blobs in seen:
-            tables = None if camera is None else outline.tables(camera, blobs, turns)
+            tables = None if camera is None else outline.tables(camera, blobs, turns, GLOW_PX)
             views.append((ids, corners(image, blobs, tables=tables)))
         if covers is None:
             return from_blocks(views, start, start.cover_height_m, lens=lens)
@@ -408,7 +408,7 @@ def from_squares(
             start,
             start.cover_height_m,
             lens=lens,
-            side_sigma=_SIDE_SIGMA,
+            side_sigma=side_sigma(float(np.median([b['side_px'] for _, b in seen]))),
             corner_sigma_px=_RELIEF_SIGMA_PX * len(seen) ** 0.5,  # the same in every image
             relief=None if camera is None else (camera, shifts),
         )

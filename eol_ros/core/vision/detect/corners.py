@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.vision.detect import outline, profile_steps, profiles, scan
+from eol_ros.core.vision.detect import falling_light, outline, profile_steps, profiles, scan
 
 ROUNDS = 8  # at most, of reading all sides again where they were found
 SETTLED_PX = 0.005  # what no further round would change
@@ -65,8 +65,33 @@ def _line(work, ends, side):
     return a, b, share
 
 
+@njit(cache=True, inner=True)
+def _gathered(work, ends, slope, lean, limit, seen):
+    """Fill `seen` (4, BINS, 3) with the pixels of the profiles, by their distance from the line.
+
+    How many, and the sums of their distances and of their light.
+    """
+    seen[:] = 0.0
+    bins = seen.shape[1]
+    for side in range(4):
+        begin = ends[profiles.BEGIN + side]
+        for i in range(begin, begin + ends[profiles.COUNT + side]):
+            if work[profiles.VALID + i] == 0.0:
+                continue
+            for k in range(ends[profiles.TAPS_USED]):
+                d = work[profiles.FIRST + i] + slope * k
+                light = work[profiles.TAP + k * profiles.LINES + i]
+                b = int(math.floor((d + falling_light.REACH_PX) / falling_light.BIN_PX))
+                if abs(work[profiles.T + i] + d * lean) > limit or light >= profile_steps.FULL:
+                    continue
+                if 0 <= b < bins:
+                    seen[side, b, 0] += 1.0
+                    seen[side, b, 1] += d
+                    seen[side, b, 2] += light
+
+
 @njit(cache=True)
-def side_lines(image, squares, blur, tables, work, ends, out):
+def side_lines(image, squares, blur, tables, work, ends, out, seen):
     """Fit a line to each side of `squares` (n, >= 4): u, v, theta, half side.
 
     tables (n, outline.SIZE): where the outline of a cover with relief stands; the lines are then
@@ -74,6 +99,8 @@ def side_lines(image, squares, blur, tables, work, ends, out):
     the square in rad, and the share of its profiles that agree. A tilted camera makes the four
     differ, by a px and more. All are read again where they were found until none moves: a step
     stops short of its end, and light outside of one that stands wrong is the light of an edge.
+
+    seen (n, 4, BINS, 3), or empty: what is seen beside these lines, see falling_light.edges.
     """
     spread = np.zeros(7)
     lines, placed = np.zeros((4, 2)), np.zeros(outline.SIZE, np.float32)
@@ -103,6 +130,8 @@ def side_lines(image, squares, blur, tables, work, ends, out):
                 most = max(most, abs(a) + abs(b) * half)
             if most < SETTLED_PX:
                 break
+        if len(seen):
+            _gathered(work, ends, slope, lean, limit, seen[s])
         for side in range(4):
             out[s, side, 0] = half + lines[side, 0]
             out[s, side, 1] = -math.atan(lines[side, 1])
@@ -116,13 +145,20 @@ def corners(
 ) -> np.ndarray:
     """Return the corners (n, 4, 2) in px of `blobs` (BLOB array); NaN where a side is not whole.
 
-    Order as seen from the block's own axes: (+x -y), (+x +y), (-x +y), (-x -y).
+    Order as seen from the block's own axes: (+x -y), (+x +y), (-x +y), (-x -y). With tables of
+    covers with relief sides are where falling_light finds them.
     """
+    covers = len(blobs) if tables is not None else 0
     if tables is None:
         tables = np.zeros((len(blobs), outline.SIZE), np.float32)
     squares = np.column_stack([blobs['u'], blobs['v'], blobs['theta'], blobs['side_px'] / 2])
     lines = np.zeros((len(squares), 4, 3))
-    side_lines(scan.read_only(image), squares, blur_px, tables, *profiles.workspace(), lines)
+    seen = np.zeros((covers, 4, falling_light.BINS, 3))
+    work, ends = profiles.workspace()
+    side_lines(scan.read_only(image), squares, blur_px, tables, work, ends, lines, seen)
+    if covers:
+        wide = float(np.median(blobs['side_px']))
+        lines[..., 0] += falling_light.edges(seen, blur_px, wide)
     angle = squares[:, 2, None] + np.arange(4) * np.pi / 2 + lines[:, :, 1]
     square_angle = squares[:, 2, None] + np.arange(4) * np.pi / 2
     # a point on each side, and its normal; a line is n . (p - c) = d
