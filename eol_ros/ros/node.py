@@ -110,6 +110,19 @@ class EolNode(Node):
             self._looks.cancel()
             self.subscribe(READY, lambda message: None)
 
+    def start_timers(self) -> None:
+        """Let timers that fell due while the node was being made count from now.
+
+        For every timer that rclpy's EventsExecutor is given it calls all that are due, and each of
+        these calls puts off that timer's next by a period: of a node with five timers that took a
+        second to be made the next heartbeat came after 5 s, when bringup had given it up.
+        """
+        due = [timer for timer in self.timers if timer.is_ready()]
+        for timer in due:
+            timer.reset()
+        if due:
+            self.health.report()
+
     def create_timer(
         self,
         timer_period_sec: float,

@@ -103,9 +103,11 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
                 break
             node = node_class(name)(scene.settings(name), scene=scene)
             nodes.append(node)
-            executor.add_node(node)
         gc.collect()
         gc.freeze()  # what lives now lives to the end: keep it out of every later collection
+        for node in nodes:
+            node.start_timers()
+            executor.add_node(node)
         while not stop:
             executor.spin_once(timeout_sec=0.2)
     finally:
