@@ -6,11 +6,15 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks import vision_arms
+from benchmarks import vision_arms, vision_hard
+from benchmarks.relief.films import NOISE
 from benchmarks.vision_scenes import RATE_HZ
 from eol_ros import cli
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipEvent
+from eol_ros.core.vision.render.renderer import Sensor
+from eol_ros.core.vision.tracker import Tracker
+from eol_ros.settings import TrackerSettings
 
 
 def start(block, onset_s, stamp_s):
@@ -68,6 +72,57 @@ def test_a_block_that_slides_is_seen_to_slide_as_far(surface, capsys):
     assert found['true_whole']['found'] == found['true_whole']['slips'] > 2
     assert found['true_whole']['size_error_mm'] < (0.03 if surface == 'flat' else 0.15)
     assert found['rms_px'] < (0.01 if surface == 'flat' else 0.1)
+
+
+def carried_off(arm, images=20):
+    """Return how far the middle block of printed covers is led off its place under an arm, px,
+    and how many sigmas that is; both medians.
+
+    arm: two ends and a radius, m, from the block's own place.
+    """
+    source = vision_hard.ReliefLight('clean', 0)
+    tracker, sensor = Tracker(TrackerSettings(), source.camera), Sensor(*NOISE, (3, 0))
+    image = np.empty(source.light.shape, np.uint8)
+    arm = np.array([arm]) + np.append(np.tile(source.pose[12, :2], 2), 0.0)
+    bare, under = (source.at(0, more)[0].copy() for more in (np.zeros((0, 5)), arm))
+    places, sigma = [], []
+    for k in range(100 + images):
+        sensor.sense(bare if k < 100 else under, k, image)
+        found = tracker.update(k / RATE_HZ, image)
+        assert found.seen[12] or k < 10
+        places.append(found.world[12])
+        sigma.append(found.sigma_m[12])
+    home = np.median(places[40:100], axis=0)
+    off = np.hypot(*(np.array(places[100:]) - home).T)
+    return np.median(off) * source.camera.px_per_m(), np.median(off / sigma[100:])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    'arm',
+    [
+        [-1.0, -0.06, 1.0, -0.06, 0.06],  # over the lower half
+        [0.06, -1.0, 0.06, 1.0, 0.06],  # over the right half
+        [-1.0, 0.09, 1.0, 0.09, 0.045],  # along the upper side, just beside it
+        [0.07, -1.0, 0.07, 0.07, 0.07],
+    ],
+)
+def test_an_arm_leads_no_printed_cover_off_its_place(arm):
+    off_px, sigmas = carried_off(arm)
+    assert off_px < 0.12
+    assert sigmas < 3.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('surface', ['flat', 'relief'])
+def test_rough_arms_over_resting_blocks_hardly_make_them_slip(surface, capsys):
+    line = f'bench vision --arms rough --surfaces {surface} --seconds 4 --seeds 1 --first-seed 43'
+    assert cli.main([*line.split(), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)['arms'][surface]['rough']
+
+    assert found['partly'] > 500
+    assert found['false_slips'] <= 2
+    assert found['coverage_partly'] > 0.95 and found['partly_beyond_2px'] == 0
 
 
 def test_a_kind_that_is_not_known_is_refused():

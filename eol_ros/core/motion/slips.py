@@ -38,6 +38,8 @@ HIDDEN_S = 0.25  # a moving block out of sight for longer has stopped, as far as
 BEFORE_IMAGES = 4  # that the onset of a START rests on, the crossing one included
 LATER_IMAGES = 2  # more, that the onset of its STOP rests on
 GAP_S = 0.5  # a break in the images longer than this starts everything again
+# Times noisier than usual, from which on what makes a sample so leads all of them alike.
+LOOSE = 2.0
 AGREE_SIGMAS = 3.5  # a sample nearer to the mean of a run belongs to it: 998 of 1000 at rest are
 AWAY_SIGMAS = 5.0  # a sample that is further off is not where the block rests
 UNSURE_IMAGES = 2  # that may lie between agreeing and having left before a run is given up
@@ -84,6 +86,7 @@ class SlipDetector:
         self.place = np.zeros((2, N_BLOCKS, RING))
         self.good = np.zeros((N_BLOCKS, RING), bool)  # seen in that image
         self.still = np.zeros((N_BLOCKS, RING), bool)  # and at rest
+        self.loose = np.ones((N_BLOCKS, RING))  # how much noisier than usual: see _looseness
         self.head = 0
         self.last_s = -np.inf
         self.period_s = 0.0
@@ -171,7 +174,7 @@ class SlipDetector:
         age = stamp_s - self.times
         resting = self.still & (age <= self.settings.baseline_s)
         n = resting.sum(1)
-        anchor = (self.place * resting).sum(2) / np.maximum(n, 1)
+        anchor, doubt = self._anchor(resting)
         offset = now - anchor
         x_m, y_m = offset
         square = x_m * x_m + y_m * y_m
@@ -180,12 +183,14 @@ class SlipDetector:
         chance = exceedance(self.settings.false_alarms_per_hour, tests)
         limit = threshold_sigmas(chance, 2.0 * self.samples) * deviation
         again = self._leave(stamp_s, now, seen & self.moving, deviation, limit)
-        limit *= np.sqrt(1.0 + 1.0 / np.maximum(n, 1))
+        # the anchor has an error of its own
+        both = 1.0 + doubt / np.where(loose > LOOSE, loose**2, 1.0)
+        limit *= np.sqrt(both)
         ready = seen & ~self.moving & (n >= 3) & (self.samples >= 3)
         starting = ready & (self._rounded(square, ways) > limit**2)
         quiet = seen & ~self.moving & ~starting
-        self._learn(quiet & (n >= 3), square, ways, n, loose, sigma)
-        self._keep(stamp_s, now, seen, quiet)
+        self._learn(quiet & (n >= 3), square, ways, both, loose, sigma)
+        self._keep(stamp_s, now, seen, quiet, loose)
         events = []
         if again.any():
             anchor, n = np.where(again, self._run_place(), anchor), np.where(again, self.run, n)
@@ -220,6 +225,19 @@ class SlipDetector:
         usual = np.where(self.reported > 0, self.reported, np.inf)
         return np.maximum(np.where(seen, sigma, 0.0) / usual, 1.0)
 
+    def _anchor(self, resting: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mean place (2, 25) of the `resting` samples (25, RING), and its variance (25,)
+        in units of the usual one.
+
+        Samples that are sure count for more. What makes others unsure, an arm that hides a part,
+        leads a block off in all images alike, so the mean of such is no better than one of them.
+        """
+        excess = np.where(self.loose > LOOSE, self.loose**2, 1.0)
+        weight = resting / excess
+        total = np.maximum(weight.sum(1), 1e-12)
+        alike = (weight * np.sqrt(excess - 1.0)).sum(1) / total
+        return (self.place * weight).sum(2) / total, 1.0 / total + alike * alike
+
     def _rounded(self, square: np.ndarray, ways: np.ndarray) -> np.ndarray:
         """Return squared distances (25,), each way in units of its noise, times the mean variance.
 
@@ -235,22 +253,35 @@ class SlipDetector:
         quiet: np.ndarray,
         square: np.ndarray,
         ways: np.ndarray,
-        n: np.ndarray,
+        both: np.ndarray,
         loose: np.ndarray,
         sigma: np.ndarray | None,
     ) -> None:
+        """Learn the noise of blocks (25,) that are `quiet` from how far they are off their anchors.
+
+        both (25,): variance of sample and anchor together, over that of the sample.
+        """
         memory = LEARN_S / max(self.period_s, 1e-4)
         self.samples[quiet] = np.minimum(self.samples[quiet] + 1, memory)
         gain = np.where(quiet, 1.0 / np.maximum(self.samples, 1.0), 0.0)
-        # Two axes, and the anchor has an error of its own.
-        scale = 1.0 / (2.0 * (1.0 + 1.0 / np.maximum(n, 1)) * loose**2)
+        scale = 1.0 / (2.0 * both * loose**2)  # two axes
         self.variance += gain * (scale * square - self.variance)
         self.uneven += gain * (scale * ways - self.uneven)
         if sigma is not None:
-            self.reported += gain * (np.minimum(sigma, 3 * self.reported + 1e-3) - self.reported)
+            # what an arm makes unsure for a moment is not usual
+            usual_sigma = np.minimum(sigma, LOOSE * self.reported)
+            self.reported += gain * (usual_sigma - self.reported)
 
-    def _keep(self, stamp_s: float, now: np.ndarray, seen: np.ndarray, quiet: np.ndarray) -> None:
+    def _keep(
+        self,
+        stamp_s: float,
+        now: np.ndarray,
+        seen: np.ndarray,
+        quiet: np.ndarray,
+        loose: np.ndarray,
+    ) -> None:
         head = self.head
+        self.loose[:, head] = loose
         self.times[head] = stamp_s
         self.place[:, :, head] = now
         self.good[:, head] = seen

@@ -246,6 +246,7 @@ class Tracker:
             self._renamings = lattice.renamings
             self.brightness.renamed()
             self.misfit.renamed()
+            self.finder.renamed()
         self.brightness.learn(stamp_s - self.last_s, seen, self.visibility, contrast)
         self.misfit.learn(stamp_s - self.last_s, lattice.index, blobs)
         self.last_s = stamp_s

@@ -128,6 +128,27 @@ def test_a_sample_that_the_tracker_trusts_less_counts_less():
     assert events == []
 
 
+def test_what_an_arm_led_off_is_no_place_to_slip_from():
+    """An arm comes over a block, leads it off by what sigma says, hides it, and lets it go: five
+    times in a row, which is no slip. Then it slips by a millimetre, half hidden."""
+    random, detector = np.random.default_rng(4), SlipDetector(MotionSettings())
+    rest, events = rest_lattice(), []
+    for k in range(700):
+        step = (k - 240) % 60 if 240 <= k < 540 else 60
+        half = step < 15 or 20 <= step < 26 or k >= 600
+        sigma = np.full(N_BLOCKS, 2e-5)
+        place = rest + random.normal(0, 2e-5, rest.shape)
+        if half:
+            sigma[7] = 6e-5
+            place[7] += random.normal(0, 5e-5, 2) + [2e-4, -1e-4]
+        if k >= 660:
+            place[7, 0] += 1e-3
+        seen = SEEN.copy()
+        seen[7] = not 15 <= step < 20
+        events += [(k, e) for e in detector.update(k / 60, *place.T, seen, sigma)]
+    assert [(k, e.block) for k, e in events if e.kind == START] == [(660, 7)]
+
+
 def test_a_clock_that_stops_or_runs_backwards_makes_no_slips():
     detector = SlipDetector(MotionSettings())
     rest = rest_lattice()

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision.calibration import covers, mapping
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import edges, outline, profiles, scan, search
+from eol_ros.core.vision.detect import edges, outline, profiles, scan, search, usual_outline
 from eol_ros.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -75,6 +75,10 @@ class BlobFinder:
         self._found_more = False  # in the last image, than where blocks were expected
         self._refused = np.zeros((_MOST_REGIONS, 3))
 
+    def renamed(self) -> None:
+        """Learn the outline of each block again: ids may mean other blocks now."""
+        self._usual = usual_outline.rows(N_BLOCKS)
+
     @property
     def threshold(self) -> float:
         """Grey levels that the light of a cover must have at least."""
@@ -124,6 +128,7 @@ class BlobFinder:
                 self._tiles,
                 near,
                 *self._relief,
+                self._usual,
                 *self._scratch,
                 self._fits,
                 kept,
@@ -150,6 +155,7 @@ class BlobFinder:
                 self._refused,
                 search.MOST_TRIED if before >= _MOST_FOUND else _MOST_REGIONS,
                 *self._relief,
+                self._usual,
                 *self._scratch,
                 self._fits,
                 kept,
@@ -193,6 +199,7 @@ class BlobFinder:
     @calibration.setter
     def calibration(self, calibration: Calibration | None) -> None:
         self._calibration = calibration
+        self.renamed()
         self._known[search.CALIBRATED] = calibration is not None
         self._table = np.zeros(outline.SIZE, np.float32)
         outlines, camera = covers.FLAT, np.zeros(mapping.NUMBERS)

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.vision.detect import profile_steps, profiles
+from eol_ros.core.vision.detect import profile_steps, profiles, usual_outline
 from eol_ros.core.vision.detect.profiles import (
     _A,
     _B,
@@ -49,6 +49,11 @@ HOPELESS = 0.1  # share below which no round makes a square of it
 # Share of the edge in sight from which a block needs no help, and below it, over how much of the
 # share help comes gradually: noise moves the share, and a step there would move the block with it.
 WHOLE, GRADUALLY = 0.9, 0.1
+# Where an arm hides some of a block that is known, it is measured so often, until a step is short.
+ROUNDS, NEAR_PX = 2, 0.1
+# By how much a stretch of its edge may then differ from what is known, flat covers and with relief.
+STRETCH_PX, SOFT_STRETCH_PX = 0.02, 0.05
+LED_PX = 0.2  # by so much an arm may lead a block of which hardly a line is as it was
 # Share of the contrast by which light may fall in the flats beside an edge, and how fast more makes
 # a lamp of it. Outside of covers with relief it is 0.12 at most, of lamps hardly ever below 0.2.
 GLOW, SOFT_GLOW = (0.15, 2.5), (0.1, 5.0)
@@ -112,8 +117,8 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
     Iteratively reweighted least squares of offset = n.dc - t dtheta + dhalf with Tukey's weight,
     whose width falls from `wide` px to six robust standard deviations (not below `tight` px).
     half_off, half_sigma: prior on the half side. `shares` (4,) receives the agreeing share of each
-    side. Returns (agreeing share of all profiles, variance of a profile in units of its weight);
-    b holds the step, a its covariance but for that variance.
+    side. Returns (agreeing share of all profiles, variance of a profile in units of its weight, and
+    the last width); b holds the step, a its covariance but for that variance.
     """
     n = ends[LANES]
     b[:] = 0.0
@@ -123,14 +128,14 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
         weight_sum += work[WEIGHT + i]
         weighted += one if work[WEIGHT + i] > zero else zero
     if weighted < 8:
-        return 0.0, 1.0
+        return 0.0, 1.0, wide
     mean_weight = weight_sum / weighted
     width = wide
     variance = 1.0
     for r in range(rounds):
         spread, total = _normal_equations(work, n, b, width, a, b)
         if total < 6.0:
-            return 0.0, 1.0
+            return 0.0, 1.0, wide
         variance = max(spread / max(total - 4.0, 1.0), 1e-12)
         # priors in the same units of weight: the half side, and a step that nothing speaks of is 0
         a[3, 3] += variance / (half_sigma * half_sigma)
@@ -156,7 +161,7 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
             mine += hit if lines[WEIGHT + i] > zero else zero
         agree += float(mine)
         shares[side] = mine / max(ends[COUNT + side], 1)
-    return agree / max(ends[ALL], 1), variance
+    return agree / max(ends[ALL], 1), variance, width
 
 
 @njit(cache=True, inner=True)
@@ -258,6 +263,7 @@ def _fit(
     again,
     least,
     table,
+    usual,
     work,
     ends,
     a,
@@ -273,7 +279,7 @@ def _fit(
     for _ in range(searches):
         profiles.gather(image, u, v, theta, half, blur, shear, table, work, ends)
         profile_steps.search(work, ends, abs(math.cos(theta)))
-        share, variance = _agree(
+        share, variance, width = _agree(
             work, ends, expected - half, max(half_sigma, 0.02 * half), 9.0, 1.5, 5, a, step, shares
         )
         if share < 0.3:
@@ -304,7 +310,7 @@ def _fit(
         for r in range(4):
             profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
             first = r == 0 and gather == 0
-            share, variance = _agree(
+            share, variance, width = _agree(
                 work,
                 ends,
                 expected - half,
@@ -327,38 +333,96 @@ def _fit(
                 break
         if far < 0.2 or (far < 0.7 and share > WHOLE):  # levels were read in the right place
             break
-    free_half = half
+    free_half, free_share, texture = half, share, spread[3]
+    fall, around, beside = spread[4], spread[5], spread[6]
+    touched = usual_outline.touched(usual, share * around, texture) if tight > 0 else 0.0
     noise = 0.5 * (a[0, 0] + a[1, 1])  # variance of the place, but for that of a profile
-    if tight > 0 and share < WHOLE:
-        # an arm along one side moves it; what is known of the size speaks for the side across
-        slope, lean = abs(math.cos(theta)), -math.tan(theta)
-        profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
-        help_share = min((WHOLE - share) / GRADUALLY, 1.0)
-        share, variance = _agree(work, ends, expected - half, tight, 0.6, 0.05, 4, a, step, shares)
-        if share == 0.0:
-            return
-        u, v = u + help_share * step[0], v + help_share * step[1]
-        theta, half = theta + help_share * step[2], half + help_share * step[3]
-        noise += help_share * (0.5 * (a[0, 0] + a[1, 1]) - noise)
+    scatter = part = square[MISFIT] = 1.0
+    if touched < 1.0:
+        if tight > 0 and share < WHOLE:
+            # an arm along one side moves it; what is known of the size speaks for the side across
+            slope, lean = abs(math.cos(theta)), -math.tan(theta)
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+            part = min((WHOLE - share) / GRADUALLY, 1.0)
+            share, variance, width = _agree(
+                work, ends, expected - half, tight, 0.6, 0.05, 4, a, step, shares
+            )
+            if share == 0.0:
+                return
+            u, v = u + part * step[0], v + part * step[1]
+            theta, half = theta + part * step[2], half + part * step[3]
+            noise += part * (0.5 * (a[0, 0] + a[1, 1]) - noise)
+        if not soft:
+            scatter = variance * _alike(work, ends, step)
+        elif min(share * around, 1.0) < WHOLE:
+            # what noise alone explains, and how much further an arm may have led it: see MISFIT
+            more = max(variance * _alike(work, ends, step), 1.0) - 1.0
+            scatter = 1.0 + min((WHOLE - min(share * around, 1.0)) / GRADUALLY, 1.0) * more
+            square[MISFIT] = 1.0 + (1.0 - touched) * (math.sqrt(scatter) - 1.0)
+        usual_outline.learn(
+            work,
+            ends,
+            half,
+            half - expected,
+            step,
+            part,
+            width,
+            free_share * around,
+            texture,
+            usual,
+        )
+    else:
+        usual_outline.forget(usual)
+    scatter *= noise
+    if touched > 0.0:
+        # lines that arms touch are left out, and the others taken for what they usually are
+        s0, s1, s2, s3 = shares[0], shares[1], shares[2], shares[3]
+        u0, v0, theta0, half0, agree = u, v, theta, half, 0.0
+        usual_half = expected + usual[usual_outline.WIDER]
+        for _ in range(ROUNDS):
+            profiles.gather(image, u, v, theta, half, blur, shear, table, work, ends)
+            slope, lean = abs(math.cos(theta)), -math.tan(theta)
+            limit, wide = half - CORNER * blur, FLAT * blur
+            near = profiles.levels(work, ends, slope, lean, limit, wide, spread, soft)[0]
+            if near > 0.0:
+                usual_outline.mute_unlike(work, ends, half, near, usual)
+                near = profiles.levels(work, ends, slope, lean, limit, wide, spread, soft)[0]
+            if near == 0.0:
+                agree = 0.0
+                break
+            profiles.shrink_levels(work, ends, spread)
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+            usual_outline.recall(work, ends, half, usual)
+            agree, variance, width = _agree(
+                work, ends, usual_half - half, tight, 1.0, 0.05, 4, a, step, shares
+            )
+            if agree < HOPELESS:
+                break
+            u, v, theta, half = u + step[0], v + step[1], theta + step[2], half + step[3]
+            if abs(step[0]) + abs(step[1]) < NEAR_PX:  # levels were read in the right place
+                break
+        if agree < HOPELESS:  # hardly a line is as it was
+            u, v, theta, half = u0, v0, theta0, half0
+            scatter += touched * LED_PX * LED_PX
+        else:
+            u, v = u0 + touched * (u - u0), v0 + touched * (v - v0)
+            theta, half = theta0 + touched * (theta - theta0), half0 + touched * (half - half0)
+            unlike = SOFT_STRETCH_PX if soft else STRETCH_PX
+            more = RUN * usual_outline.mean_weight(work, ends) * unlike * unlike
+            more += max(variance * _alike(work, ends, step), 1.0 if soft else 0.0)
+            scatter += touched * (more * 0.5 * (a[0, 0] + a[1, 1]) - scatter)
+        shares[0], shares[1], shares[2], shares[3] = s0, s1, s2, s3
     square[U], square[V], square[THETA], square[HALF] = u, v, theta, half
-    share = min(share * spread[5], 1.0)
+    share = min(share * around, 1.0)
     for side in range(4):
-        shares[side] = min(shares[side] * spread[5], 1.0)
+        shares[side] = min(shares[side] * around, 1.0)
     square[VISIBLE] = share
-    scale = square[MISFIT] = 1.0
-    if not soft:
-        scale = variance * _alike(work, ends, step)
-    elif share < WHOLE:
-        # what noise alone explains, and how much further an arm may have led it: see MISFIT
-        more = max(variance * _alike(work, ends, step), 1.0) - 1.0
-        scale = 1.0 + min((WHOLE - share) / GRADUALLY, 1.0) * more
-        square[MISFIT] = math.sqrt(scale)
-    square[SIGMA] = math.sqrt(scale * noise)
+    square[SIGMA] = math.sqrt(scatter)
     both_ways = min(max(shares[0], shares[2]), max(shares[1], shares[3]))
     off = (free_half - expected) / (3.0 * half_sigma + 0.04 * expected)
-    sharp = 1.0 - min(max(steep * (spread[4] - flat), 0.0), 1.0)
+    sharp = 1.0 - min(max(steep * (fall - flat), 0.0), 1.0)
     # covers do not overlap: light like a cover's just outside says that this is half beside one
-    alone = 1.0 if share > 0.75 else max(1.0 - 5.0 * spread[6], 0.0)
+    alone = 1.0 if share > 0.75 else max(1.0 - 5.0 * beside, 0.0)
     square[QUALITY] = share * both_ways * math.exp(-0.5 * off * off) * sharp
     square[ALONE] = alone
     square[WORST] = min(min(shares[0], shares[1]), min(shares[2], shares[3]))
@@ -374,8 +438,8 @@ def scratch():
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def fit_square(
-    image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, table, work, ends,
-    small,
+    image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, table, usual, work,
+    ends, small,
 ):  # fmt: skip
     """Fit a square to `image` (h, w) uint8 from `square` (FIELDS,): u, v, theta, half as expected.
 
@@ -402,6 +466,7 @@ def fit_square(
         False,
         least,
         table,
+        usual,
         work,
         ends,
         a,
@@ -422,6 +487,7 @@ def fit_square(
             True,
             least,
             table,
+            usual,
             work,
             ends,
             a,

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.vision.detect import edges, outline, scan
+from eol_ros.core.vision.detect import edges, outline, scan, usual_outline
 from eol_ros.core.vision.detect.edges import (
     ALONE,
     CONTRAST,
@@ -85,25 +85,25 @@ def expected(known, shape, u, v):
 
 @njit(cache=True, inner=True)
 def attempt(
-    image, known, u, v, theta, own, half, search, table, work, ends, small, square, missed=False,
-    since_s=np.inf,
+    image, known, u, v, theta, own, half, search, table, usual, work, ends, small, square,
+    missed=False, since_s=np.inf,
 ):  # fmt: skip
     """Fit a square from `u`, `v`, `theta`; `square` (FIELDS,) says how it went.
 
     own: contrast that it is known to have, or 0. missed: a block of the lattice should be here,
     which was seen `since_s` ago.
     half: of its side, px; 0 where `known` says it.
-    table: see outline; small: edges.scratch.
+    table: see outline; usual: see usual_outline; small: edges.scratch.
     """
     size, re, im = expected(known, image.shape, u, v)
     sure, tight = HALF_SIGMA_PX, TIGHT_PX if known[CALIBRATED] > 0 else 0.0
     if half > 0:
         size, sure = half, ROUGHLY * half
     square[U], square[V], square[THETA], square[HALF] = u, v, theta, size
-    usual = known[CONTRASTS]
+    contrasts = known[CONTRASTS]
     edges.fit_square(
-        image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * usual, table, work,
-        ends, small,
+        image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * contrasts, table,
+        usual, work, ends, small,
     )  # fmt: skip
     # grains that sparkle and specks take their part of any block's edge: what is left is all of it
     square[VISIBLE] /= known[AGREEING]
@@ -112,9 +112,9 @@ def attempt(
     # a hand may stand where a block should; it is dimmer, or its edges are not all there
     contrast = square[CONTRAST]
     if own > 0:  # a block known by its brightness may have an arm beside it that is as bright
-        dim = contrast < MIN_CONTRAST * own or contrast > MAX_CONTRAST * max(own, usual)
+        dim = contrast < MIN_CONTRAST * own or contrast > MAX_CONTRAST * max(own, contrasts)
     else:
-        dim = contrast < 0.5 * usual
+        dim = contrast < 0.5 * contrasts
         if missed and square[QUALITY] >= OUTLINE and square[SIGMA] < OUTLINE_PX:
             dim = False
         else:
@@ -129,7 +129,7 @@ def attempt(
         and moved < size
         and square[LEVEL] >= known[THRESHOLD]
         and abs(square[HALF] / size - 1.0) < (0.25 if half > 0 else 0.06)
-        and contrast > FAINTEST * usual
+        and contrast > FAINTEST * contrasts
         and not (dim and square[VISIBLE] < 0.8)
         and square[QUALITY] >= 0.0
     ):
@@ -187,7 +187,7 @@ def _tabulate(known, shape, camera, outlines, near, i, table):
 
 @njit(cache=True)
 def at_predictions(
-    image, known, grid, tiles, near, camera, outlines, table, work, ends, fits, kept, lit
+    image, known, grid, tiles, near, camera, outlines, table, usual, work, ends, fits, kept, lit
 ):
     """Measure blocks where they are expected, `near` (k, 6).
 
@@ -209,9 +209,12 @@ def at_predictions(
         over = max(FAINTEST * known[CONTRASTS], 8.0)
         if scan.lit(grid, tiles, u, v, theta, half, over, LIT):
             _tabulate(known, image.shape, camera, outlines, near, i, table)
+            mine = usual[i if near[i, 4] >= 0 and i < len(usual) - 1 else len(usual) - 1]
+            mine[usual_outline.QUARTER] = near[i, 4]
+            mine[usual_outline.LEARNS] = (int(known[TURN]) + i) % usual_outline.EACH == 0
             attempt(
-                image, known, u, v, theta, own, 0.0, 0, table, work, ends, small, fits[tried], True,
-                since_s,
+                image, known, u, v, theta, own, 0.0, 0, table, mine, work, ends, small, fits[tried],
+                True, since_s,
             )  # fmt: skip
             if _stray(fits[tried], u, v, theta, since_s):
                 fits[tried, VISIBLE] = fits[tried, QUALITY] = 0.0
@@ -234,6 +237,8 @@ def at_predictions(
         if fuller > MIN_FILL_GAIN:
             near[i, 0], near[i, 1] = u + du, v + dv
             _tabulate(known, image.shape, camera, outlines, near, i, table)
+            mine = usual[i if near[i, 4] >= 0 and i < len(usual) - 1 else len(usual) - 1]
+            mine[usual_outline.LEARNS] = 0.0
             attempt(
                 image,
                 known,
@@ -244,6 +249,7 @@ def at_predictions(
                 0.0,
                 2,
                 table,
+                mine,
                 work,
                 ends,
                 small,
@@ -267,7 +273,7 @@ def _near(places, n, u, v):
 
 @njit(cache=True)
 def at_lights(
-    image, known, starts, refused, most, camera, outlines, table, work, ends, fits, kept, n
+    image, known, starts, refused, most, camera, outlines, table, usual, work, ends, fits, kept, n
 ):
     """Try squares at lights `starts` (m, 4): u, v, theta, half side or 0 where it is known.
 
@@ -308,6 +314,7 @@ def at_lights(
                 starts[i, 3],
                 2,
                 table,
+                usual[-1],
                 work,
                 ends,
                 small,
@@ -330,6 +337,7 @@ def at_lights(
                         starts[i, 3],
                         rough,
                         table,
+                        usual[-1],
                         work,
                         ends,
                         small,

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each block's edges look like in full view, by which it is measured when an arm hides some.
+
+Light that falls towards an edge, a wall in sight, or the printed land make one side of a cover seem
+to lie a tenth of a pixel further out than the next, and all of them further in. While all are in
+sight that cancels. When an arm hides some, the others must be taken for what they are, or the block
+seems to go with those that are left. And the edge of an arm beside a side makes it seem to lie
+further in, up to a pixel, long before so much light stands there that it could be no platform: what
+usually stands there tells. Both are learnt for each stretch of each side, of blocks in full view.
+"""
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.vision.detect.profiles import (
+    _F,
+    BEGIN,
+    COUNT,
+    IN,
+    LANES,
+    NU,
+    NV,
+    OFFSET,
+    OUT,
+    VALID,
+    WEIGHT,
+    T,
+)  # fmt: skip
+
+STRETCHES = 8  # of a side
+# One row for each block: of all stretches the edge in px outside of the square, and the light
+# inside and outside; by how many px its half side is more than expected; how unlike those lights
+# are from line to line, squared, and the light outside all along; how often it was learnt, of what
+# share of the edge; how many right angles lie from theta to its own x axis, -1: it is not known
+# which block it is; whether to learn.
+EDGE, INSIDE, OUTSIDE = (k * 4 * STRETCHES for k in range(3))
+WIDER = 12 * STRETCHES
+ROUGH_IN, ROUGH_OUT, TEXTURE, TIMES, SHARE, QUARTER, LEARNS = range(WIDER + 1, WIDER + 8)
+SIZE = WIDER + 8
+IN_VIEW = 0.96  # of the share that is usual, from which on a block is in full view
+FORGETS = 0.001  # of the usual share each time: what stands before a block for ever is usual, too
+# Grey levels^2, and times as much as is usual: an arm stands beside a block about which the light
+# varies by more.
+TOUCHED = 2.0, 2.0
+GRADUALLY = 0.04  # of the share, and for light up to twice as much
+ENOUGH, MOST = 8.0, 60.0  # times after which it is believed, and over which it is averaged
+EACH = 8  # images in which a block is learnt once, when it is known
+# Grey levels, share of the contrast, and times the roughness by which the light of a line may
+# differ from what is usual there, outside and inside; how many lines beside it are left out, too.
+UNLIKE_OUT, UNLIKE_IN = (4.0, 0.03, 3.0), (6.0, 0.15, 3.0)
+BESIDE = 2
+_SPAN = 128  # grey levels, and hundredths
+
+
+def rows(blocks: int) -> np.ndarray:
+    """Return rows (blocks + 1, SIZE) f4 of which nothing is known, the last for no block."""
+    found = np.zeros((blocks + 1, SIZE), np.float32)
+    found[:, QUARTER] = -1.0
+    return found
+
+
+@njit(inline='always')
+def touched(usual, share, texture):
+    """Return how surely an arm stands over or beside a block that is known, 0..1.
+
+    share: of its edge that agrees. texture: how unlike the light outside is from line to line,
+    squared. What is between comes gradually: noise moves both, and must not move the block.
+    """
+    if usual[QUARTER] < 0 or usual[TIMES] < ENOUGH:
+        return 0.0
+    missing = (IN_VIEW * usual[SHARE] - share) / GRADUALLY
+    most = TOUCHED[0] + TOUCHED[1] * usual[TEXTURE]
+    return min(max(missing, texture / most - 1.0, 0.0), 1.0)
+
+
+@njit(inline='always')
+def forget(usual):
+    """Ask for a little less than was seen before."""
+    if usual[LEARNS] > 0:
+        usual[SHARE] *= 1.0 - FORGETS
+
+
+@njit(inline='always')
+def _first(side, usual):
+    return (side + 4 - int(usual[QUARTER])) % 4 * STRETCHES
+
+
+@njit(inline='always')
+def _stretch(t, per_px):
+    k = int(t * per_px + np.float32(0.5 * STRETCHES))
+    return min(max(k, 0), STRETCHES - 1)
+
+
+@njit(cache=True, inner=True, error_model='numpy')
+def recall(work, ends, half, usual):
+    """Take off every OFFSET how far outside of the square its edge usually is."""
+    per_px = np.float32(0.5 * STRETCHES / half)
+    for side in range(4):
+        first, at = EDGE + _first(side, usual), ends[BEGIN + side]
+        for i in range(at, at + ends[COUNT + side]):
+            work[OFFSET + i] -= usual[first + _stretch(work[T + i], per_px)]
+
+
+@njit(cache=True, inner=True, error_model='numpy')
+def mean_weight(work, ends):
+    """Return the mean WEIGHT of lines that have one."""
+    total = count = 0.0
+    for i in range(ends[LANES]):
+        total += work[WEIGHT + i]
+        count += 1.0 if work[WEIGHT + i] > 0 else 0.0
+    return total / max(count, 1.0)
+
+
+@njit(cache=True, inner=True, error_model='numpy')
+def mute_unlike(work, ends, half, contrast, usual):
+    """Clear VALID of lines whose levels are not as usual, and of those beside them.
+
+    What the light of all does in common, exposure, flashes and lamps, is none of it.
+    """
+    per_px = np.float32(0.5 * STRETCHES / half)
+    darker, gains = np.zeros(_SPAN), np.zeros(2 * _SPAN)
+    total = 0.0
+    for side in range(4):
+        first, at = _first(side, usual), ends[BEGIN + side]
+        for i in range(at, at + ends[COUNT + side]):
+            if work[VALID + i] > 0:
+                k = first + _stretch(work[T + i], per_px)
+                off = work[OUT + i] - usual[OUTSIDE + k] + 0.5 * _SPAN
+                darker[min(max(int(off), 0), _SPAN - 1)] += 1
+                step = max(usual[INSIDE + k] - usual[OUTSIDE + k], 1.0)
+                gain = (work[IN + i] - work[OUT + i]) / step * (0.5 * _SPAN)
+                gains[min(max(int(gain), 0), 2 * _SPAN - 1)] += 1
+                total += 1
+    # a quarter of the lines is darker outside; a quarter is brighter by more than that
+    shift, count = 0, 0.0
+    while shift < _SPAN - 1 and count + darker[shift] < 0.25 * total:
+        count += darker[shift]
+        shift += 1
+    more, count = 2 * _SPAN - 1, 0.0
+    while more > 0 and count + gains[more] < 0.25 * total:
+        count += gains[more]
+        more -= 1
+    shade, gain = shift + 0.5 - 0.5 * _SPAN, (more + 0.5) / (0.5 * _SPAN)
+    most = max(UNLIKE_OUT[0], UNLIKE_OUT[1] * contrast) + UNLIKE_OUT[2] * usual[ROUGH_OUT] ** 0.5
+    least = max(UNLIKE_IN[0], UNLIKE_IN[1] * contrast) + UNLIKE_IN[2] * usual[ROUGH_IN] ** 0.5
+    for side in range(4):
+        first, at = _first(side, usual), ends[BEGIN + side]
+        end = at + ends[COUNT + side]
+        for i in range(at, end):
+            k = first + _stretch(work[T + i], per_px)
+            out = work[OUT + i] - usual[OUTSIDE + k] - shade
+            step = (usual[INSIDE + k] - usual[OUTSIDE + k]) * gain
+            bad = out > most or abs(work[IN + i] - work[OUT + i] - step) > least + most
+            work[_F + i] = 1.0 if bad and work[VALID + i] > 0 else 0.0
+        for i in range(at, end):
+            for j in range(max(i - BESIDE, at), min(i + BESIDE + 1, end)):
+                if work[_F + j] > 0:
+                    work[VALID + i] = 0.0
+
+
+@njit(cache=True, inner=True, error_model='numpy')
+def learn(work, ends, half, more, step, part, width, share, texture, usual):
+    """Learn from a fit, if it is of a block in full view.
+
+    half: its side, with `part` of the last `step` (4,) of the fit; by `more` it is over what was
+    expected. width: of Tukey's weights, px. share: of the edge that agrees; texture: see touched.
+    It must have been fitted as if nothing were known of it, so that what is learnt cannot drift
+    with what was learnt before.
+    """
+    if usual[QUARTER] < 0 or (usual[LEARNS] == 0 and usual[TIMES] >= ENOUGH):
+        return
+    forget(usual)
+    if share < IN_VIEW * usual[SHARE] or touched(usual, share, texture) > 0.0:
+        return
+    if usual[TIMES] > 0 and share > usual[SHARE] / IN_VIEW:
+        usual[TIMES] = 0.0  # more than ever is in view
+    usual[TIMES] = min(usual[TIMES] + 1.0, MOST)
+    usual[SHARE] = max(usual[SHARE], min(share, 1.0))
+    gain, per_px = 1.0 / usual[TIMES], np.float32(0.5 * STRETCHES / half)
+    d0, d1, d2, d3 = part * step[0], part * step[1], part * step[2], part * step[3]
+    rough_in = rough_out = lines = 0.0
+    for side in range(4):
+        first, i = _first(side, usual), ends[BEGIN + side]
+        end = i + ends[COUNT + side]
+        while i < end:
+            k = _stretch(work[T + i], per_px)
+            weight = edge = n = light = dark = light2 = dark2 = 0.0
+            while i < end and _stretch(work[T + i], per_px) == k:
+                rest = work[OFFSET + i] - (
+                    work[NU + i] * d0 + work[NV + i] * d1 - work[T + i] * d2 + d3
+                )
+                w = max(1.0 - (rest / width) ** 2, 0.0)
+                w *= work[WEIGHT + i] * w
+                if w > 0.0:
+                    weight += w
+                    edge += w * rest
+                    n += 1.0
+                    light += work[IN + i]
+                    dark += work[OUT + i]
+                    light2 += work[IN + i] ** 2
+                    dark2 += work[OUT + i] ** 2
+                i += 1
+            if n > 0.0:
+                at = first + k
+                usual[EDGE + at] += gain * (edge / weight - usual[EDGE + at])
+                usual[INSIDE + at] += gain * (light / n - usual[INSIDE + at])
+                usual[OUTSIDE + at] += gain * (dark / n - usual[OUTSIDE + at])
+                rough_in += light2 - light * light / n
+                rough_out += dark2 - dark * dark / n
+                lines += n
+    usual[TEXTURE] += gain * (texture - usual[TEXTURE])
+    usual[WIDER] += gain * (more - usual[WIDER])
+    usual[ROUGH_IN] += gain * (rough_in / max(lines, 1.0) - usual[ROUGH_IN])
+    usual[ROUGH_OUT] += gain * (rough_out / max(lines, 1.0) - usual[ROUGH_OUT])
