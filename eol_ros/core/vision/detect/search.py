@@ -32,6 +32,9 @@ TIGHT_PX = 0.05  # and with a calibration
 # A square less sure than this is not reported: whole, and where much of it does not agree, for then
 # it may be an arm's edge or a lamp's that the rest was fitted to.
 MOST_SIGMA_PX, MOST_PARTLY_PX = 0.3, 0.24
+MOST_KNOWN_PX = (
+    0.4  # of one whose usual outline is known: what an arm may lead it by is in its sigma
+)
 # least share of edges that agree, of the worst side, and least quality
 FOLLOWED = (0.25, 0.0, 0.04)
 PREDICTED = (0.30, 0.0, 0.10)
@@ -123,8 +126,11 @@ def attempt(
     close = since_s < LATELY_S and moved < CLOSE * size
     some = close or (square[VISIBLE] >= PREDICTED[0] and square[QUALITY] >= PREDICTED[2])
     sure = square[VISIBLE] > edges.WHOLE or close
+    most = MOST_SIGMA_PX if sure else MOST_PARTLY_PX
+    if usual_outline.trusted(usual):
+        most = MOST_KNOWN_PX
     if not (
-        square[SIGMA] < (MOST_SIGMA_PX if sure else MOST_PARTLY_PX)
+        square[SIGMA] < most
         and some
         and moved < size
         and square[LEVEL] >= known[THRESHOLD]

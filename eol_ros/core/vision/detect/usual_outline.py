@@ -60,13 +60,19 @@ def rows(blocks: int) -> np.ndarray:
 
 
 @njit(inline='always')
+def trusted(usual):
+    """Return whether enough is known of a block."""
+    return usual[QUARTER] >= 0 and usual[TIMES] >= ENOUGH
+
+
+@njit(inline='always')
 def touched(usual, share, texture):
     """Return how surely an arm stands over or beside a block that is known, 0..1.
 
     share: of its edge that agrees. texture: how unlike the light outside is from line to line,
     squared. What is between comes gradually: noise moves both, and must not move the block.
     """
-    if usual[QUARTER] < 0 or usual[TIMES] < ENOUGH:
+    if not trusted(usual):
         return 0.0
     missing = (IN_VIEW * usual[SHARE] - share) / GRADUALLY
     most = TOUCHED[0] + TOUCHED[1] * usual[TEXTURE]
