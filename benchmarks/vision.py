@@ -96,21 +96,14 @@ def run(args) -> int:
 
         tell(vision_rest.measure(args.minutes), args.json, vision_rest.table)
         return 0
-    if args.hard:
-        from benchmarks import vision_hard
-
-        kinds = _named('--hard', args.hard, vision_hard.KINDS)
-        surfaces = _named('--surfaces', args.surfaces, vision_hard.SURFACES)
-        found = vision_hard.measure(kinds, surfaces, args.seconds, args.seeds, args.first_seed)
-        tell(found, args.json, vision_hard.table)
-        return 0
-    if args.arms:
+    if args.hard or args.arms:
         from benchmarks import vision_arms, vision_hard
 
-        kinds = _named('--arms', args.arms, vision_arms.KINDS)
+        videos, option = (vision_hard, '--hard') if args.hard else (vision_arms, '--arms')
+        kinds = _named(option, args.hard or args.arms, videos.KINDS)
         surfaces = _named('--surfaces', args.surfaces, vision_hard.SURFACES)
-        found = vision_arms.measure(kinds, surfaces, args.seconds, args.seeds, args.first_seed)
-        tell(found, args.json, vision_arms.table)
+        found = videos.measure(kinds, surfaces, args.seconds, args.seeds, args.first_seed)
+        tell(found, args.json, videos.table)
         return 0
     if args.calibrating:
         from benchmarks import vision_calibrating
