@@ -220,7 +220,10 @@ class Tracker:
             return self._answer(stamp_s, FAULT, fault)
         lattice = self.lattice
         blobs = self.finder.find(image, self._predicted(stamp_s))
-        if len(blobs) and blobs['visibility'].min() < HIDDEN:
+        if lattice.state != TRACKING:  # no neighbours say yet where a faint one may stand
+            shown = blobs['visibility']
+            blobs = blobs[(shown >= FAINT) | (shown >= SOUND) & (blobs['sigma_px'] < SOUND_PX)]
+        elif len(blobs) and blobs['visibility'].min() < HIDDEN:
             blobs = blobs[blobs['visibility'] >= HIDDEN]
         self.blobs = blobs
         if self.calibration is None:
@@ -350,11 +353,18 @@ class Tracker:
             self.asked_s = np.inf
 
     def _predicted(self, stamp_s: float) -> np.ndarray | None:
-        """Where squares are expected, (25, 6), for the finder; see BlobFinder.find."""
-        if self.lattice.state != TRACKING or self.calibration is None:
-            return None
-        ahead = stamp_s - self.last_s
+        """Where squares are expected, (n, 6), for the finder; see BlobFinder.find."""
         lattice = self.lattice
+        if self.calibration is None:
+            return None
+        bend = mapping.BEND if self.calibration.covers is not None else 0.0
+        if lattice.state != TRACKING:
+            xy, yaw = lattice.around_xy, lattice.around_yaw
+            still, near = np.zeros_like(xy), np.empty((len(xy), 6))
+            mapping.expected(self.packed, xy, still, yaw, still[:, 0].copy(), 0.0, near, bend)
+            near[:, 4:] = -1.0, np.inf
+            return near if len(near) else None
+        ahead = stamp_s - self.last_s
         mapping.expected(
             self.packed,
             lattice.xy,
@@ -363,7 +373,7 @@ class Tracker:
             self.brightness.contrast * self.brightness.exposure,
             ahead if 0 < ahead < 0.1 else 0.0,
             self.predicted,
-            mapping.BEND if self.calibration.covers is not None else 0.0,
+            bend,
         )
         self.predicted[:, 5] = stamp_s - lattice.seen_s
         if lattice.ambiguous:  # then it is not known which cover is which

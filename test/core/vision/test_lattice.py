@@ -5,7 +5,7 @@ from scipy.optimize import linear_sum_assignment
 
 from benchmarks.stick_slip import Onlooker, Table
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
-from eol_ros.core.vision.identity.association import read_lattice
+from eol_ros.core.vision.identity.association import continued, read_lattice
 from eol_ros.core.vision.identity.fitting import affine, assign, folds, match, rotate_cell
 from eol_ros.core.vision.identity.lattice import Lattice
 from eol_ros.core.vision.states import LOST, SEARCHING, TRACKING
@@ -89,6 +89,27 @@ def test_a_hidden_border_row_leaves_the_place_open_unless_it_was_known():
     index, _, sure = read_lattice(xy, np.zeros(20), rest_lattice(), True)
     assert sure
     assert list(index) == [-1] * 5 + list(range(20))
+
+
+@pytest.mark.parametrize(('hidden', 'places'), [(slice(0, 0), 25), (slice(0, 5), 30), ('x', 36)])
+def test_where_blocks_may_stand_about_a_patch(hidden, places):
+    truth = turned(rest_lattice(), 0.3) + [0.07, -0.04]
+    shown = np.ones(25, bool)
+    if hidden == 'x':
+        shown[:5] = shown[::5] = False
+    else:
+        shown[hidden] = False
+    index, _, _ = read_lattice(truth[shown], square(0.3, shown.sum()), rest_lattice(), False)
+    found = continued(truth[shown], index)
+    assert len(found) == places
+    off = np.hypot(*(found[:, None] - truth).transpose(2, 0, 1))
+    assert off.min(0).max() < 1e-9
+
+
+def test_a_line_of_lights_says_nothing_of_where_others_stand():
+    index = np.full(25, -1)
+    index[[5, 6, 8]] = np.arange(3)
+    assert len(continued(rest_lattice()[[5, 6, 8]], index)) == 0
 
 
 def test_starts_with_the_ids_of_the_plan(settled):

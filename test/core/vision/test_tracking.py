@@ -341,3 +341,20 @@ def test_a_half_hidden_block_is_known_again_after_a_flash_and_in_another_exposur
     for tracked in (half_hidden(30), half_hidden(30, flash), half_hidden(30, None, 0.55)):
         assert tracked.seen[12]
         assert np.hypot(*(tracked.world[12] - rest[12])) < 2e-4
+
+
+@pytest.mark.parametrize('shift', [(0.0, 0.0), (0.09, -0.07)])
+def test_a_lattice_is_placed_by_blocks_of_which_arms_hide_half(shift):
+    """A border row and a column are half in sight: without them any of four places would do."""
+    calibration, xy = Calibration.ideal(), rest_lattice() + shift
+    right, bottom = xy[24, 0] + 0.06, xy[0, 1] - 0.06
+    arms = np.array([[right, -0.9, right, 0.9, 0.055], [-0.9, bottom, 0.9, bottom, 0.055]])
+    tracker = Tracker(TrackerSettings(), calibration)
+    renderer = Renderer(RenderOptions(noise='L2'), calibration, 3)
+    share = renderer.visible_share(*xy.T, np.zeros(25), 0, arms=arms)
+    assert (abs(share[[1, 9]] - 0.5) < 0.1).all()
+    for k in range(6):
+        tracked = tracker.update(k / 60, renderer.render(*xy.T, np.zeros(25), k, arms=arms))
+    assert tracked.state == TRACKING
+    assert tracked.seen.sum() >= 24
+    assert np.abs(tracked.world - xy)[tracked.seen].max() < 3e-4

@@ -236,6 +236,36 @@ def read_lattice(xy, yaw, expected, trust_expected):
 
 
 @njit(cache=True)
+def continued(xy, index):
+    """Return where blocks (k, 2) may stand about a patch that was read, wherever its place may be.
+
+    xy (n, 2); index (25,): of the point on each cell or -1, as read_lattice returns it. All cells
+    of all 5x5 windows that hold the patch; none where it is no more than a line.
+    """
+    held = index >= 0
+    low_c, low_r, high_c, high_r = COLS, ROWS, -1, -1
+    at = np.empty((N_BLOCKS, 2))
+    to = np.zeros((N_BLOCKS, 2))
+    for b in range(N_BLOCKS):
+        at[b, 0], at[b, 1] = b % COLS, b // COLS
+        if held[b]:
+            to[b] = xy[index[b]]
+            low_c, high_c = min(low_c, b % COLS), max(high_c, b % COLS)
+            low_r, high_r = min(low_r, b // COLS), max(high_r, b // COLS)
+    if high_c <= low_c or high_r <= low_r:
+        return np.zeros((0, 2))
+    fit = affine(at, to, held)
+    wide, tall = low_c + 2 * COLS - 1 - high_c, low_r + 2 * ROWS - 1 - high_r
+    places = np.empty((wide * tall, 2))
+    for k in range(wide * tall):
+        c, r = high_c - COLS + 1 + k % wide, high_r - ROWS + 1 + k // wide
+        places[k] = fit[0] + c * fit[1] + r * fit[2]
+        if 0 <= c < COLS and 0 <= r < ROWS and held[r * COLS + c]:
+            places[k] = to[r * COLS + c]
+    return places
+
+
+@njit(cache=True)
 def _window_offset(cell, member, xy, expected, oc, orow):
     """How far a placement lies from the believed places, at the best of the four turns."""
     best = np.inf

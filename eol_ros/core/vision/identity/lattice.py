@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
-from eol_ros.core.vision.identity.association import read_lattice
+from eol_ros.core.vision.identity.association import continued, read_lattice
 from eol_ros.core.vision.identity.false_detections import Lamps
 from eol_ros.core.vision.identity.fitting import affine, rotate_cell, turn
 from eol_ros.core.vision.identity.tracking import (
@@ -77,6 +77,8 @@ class Lattice:
         self.rest_s = np.inf
         self.swaps = np.zeros((N_BLOCKS, N_BLOCKS))
         self.opinion = np.full(N_BLOCKS, -1)  # the last audit's reading, as ids of detections
+        self.around_xy = np.zeros((0, 2))  # while it is not placed: where its blocks may stand,
+        self.around_yaw = np.zeros(0)  # and how they are turned there
         self.agreed = 0
         self.candidate_xy = np.full((CANDIDATES, 2), np.nan)
         self.candidate_born = np.full(CANDIDATES, np.inf)
@@ -284,6 +286,8 @@ class Lattice:
         if known:
             self.sigma = np.minimum(self.sigma + 0.005, 0.5)
         index, angle, sure = read_lattice(xy, yaw, np.where(known, self.xy, self.rest), known)
+        self.around_xy = continued(xy, index)
+        self.around_yaw = np.full(len(self.around_xy), angle)
         if not sure:
             self.agreed = 0
             return
@@ -395,6 +399,7 @@ class Lattice:
 
     def _lose(self) -> None:
         self.state = LOST
+        self.around_xy = np.zeros((0, 2))
         self.agreed = 0
         self.candidate_born[:] = np.inf
         self.velocity[:] = 0.0
