@@ -115,14 +115,17 @@ def test_an_arm_leads_no_printed_cover_off_its_place(arm):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('surface', ['flat', 'relief'])
-def test_rough_arms_over_resting_blocks_hardly_make_them_slip(surface, capsys):
-    line = f'bench vision --arms rough --surfaces {surface} --seconds 4 --seeds 1 --first-seed 43'
-    assert cli.main([*line.split(), '--json']) == 0
-    found = json.loads(capsys.readouterr().out)['arms'][surface]['rough']
+@pytest.mark.parametrize(('arms', 'seed'), [('rough', 43), ('dark', 1)])
+def test_arms_over_resting_blocks_hardly_make_them_slip(surface, arms, seed, capsys):
+    """Dark arms made flat ones slip 9 times here, printed ones 23 times, 21 px off at worst."""
+    line = f'bench vision --arms {arms} --surfaces {surface} --seconds 4 --seeds 1'
+    assert cli.main([*line.split(), '--first-seed', str(seed), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)['arms'][surface][arms]
 
     assert found['partly'] > 500
-    assert found['false_slips'] <= 2
-    assert found['coverage_partly'] > 0.95 and found['partly_beyond_2px'] == 0
+    assert found['false_slips'] <= (2 if arms == 'rough' else 8)
+    assert found['coverage_partly'] > 0.95
+    assert found['partly_beyond_2px'] <= (0 if arms == 'rough' else 4)
 
 
 def test_a_kind_that_is_not_known_is_refused():

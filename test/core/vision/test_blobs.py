@@ -327,6 +327,63 @@ def test_the_edge_of_a_dark_arm_does_not_draw_a_block_along(rows):
     assert not np.hypot(*left) > 2.0  # right, or hidden
 
 
+@pytest.fixture(scope='module')
+def known_block():
+    """Return what each of several images says of block 12, of which an arm hides a strip.
+
+    The arm is as dark as the platform and lies along one side of a block that is known well: called
+    with the width of the strip in px and a number of images, it returns how far off each of them
+    puts the block, and sigma, px, both NaN where it is not placed.
+    """
+    renderer = Renderer(RenderOptions(noise='L2'))
+    xy = rest_lattice()
+    truth = renderer.calibration.to_pixels(xy)
+    near = np.column_stack([truth, np.zeros(25), np.full(25, 170.0), np.zeros(25)])
+    near = np.column_stack([near, np.full(25, 1 / 60)])
+    bare = renderer.render(*xy.T, np.zeros(25), 0).astype(float)
+    u, v = np.rint(truth[12]).astype(int)
+    ground, rng = float(np.median(bare)), np.random.default_rng(3)
+
+    def under(strip, images):
+        finder, found = BlobFinder(calibration=renderer.calibration), []
+        for k in range(100 + images):
+            image = bare + rng.normal(0, 1.0, bare.shape)
+            if k >= 100 and strip:
+                edge = u + 20
+                while bare[v, edge] - ground > 0.5 * (bare[v, u + 15] - ground):
+                    edge += 1
+                image[v - 40 : v + 41, edge - strip : u + 45] = ground
+            blobs = finder.find(np.clip(np.rint(image), 0, 255).astype(np.uint8), near)
+            at = np.array([blobs['u'] - truth[12, 0], blobs['v'] - truth[12, 1]])
+            one = np.hypot(*at) < 25.0
+            found.append(
+                [np.hypot(*at[:, one])[0], blobs['sigma_px'][one][0]] if one.any() else [np.nan] * 2
+            )
+        return np.array(found[100:]).T
+
+    return under
+
+
+@pytest.mark.parametrize('strip', [0, 1, 2, 3, 4, 6])
+def test_sigma_says_how_far_a_dark_arm_along_one_side_may_lead_a_block(known_block, strip):
+    off, sigma = known_block(strip, 20)
+    if strip == 0:
+        assert off.max() < 0.05 and sigma.max() < 0.02
+    elif strip == 1:
+        assert off.min() > 0.2  # nobody can tell which side the arm hides
+    placed = np.isfinite(off)
+    assert placed.all() or strip > 2
+    assert (off[placed] < 3.0 * sigma[placed] + 0.03).all()
+    assert (off[placed] < 2.0).all()
+
+
+def test_a_block_that_stays_less_wide_is_known_so_in_the_end(known_block):
+    """An arm goes, but what stands before a cover may stay."""
+    _, sigma = known_block(1, 4000)
+    assert sigma[:20].min() > 0.2
+    assert sigma[-20:].max() < 0.15  # an edge so sharp is no cover's
+
+
 def test_a_block_that_was_just_seen_is_followed_to_where_little_of_it_is_left():
     finder, image, truth, near = hidden_but_for((-40, 2), (-40, 2))
     left = paired(finder.find(image, near), truth)[12]

@@ -57,8 +57,10 @@ LED_PX = 0.2  # by so much an arm may lead a block of which hardly a line is as 
 # Share of the contrast by which light may fall in the flats beside an edge, and how fast more makes
 # a lamp of it. Outside of covers with relief it is 0.12 at most, of lamps hardly ever below 0.2.
 GLOW, SOFT_GLOW = (0.15, 2.5), (0.1, 5.0)
-FIELDS = 12  # of one fitted square
-U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST, ALONE, MISFIT = range(FIELDS)
+FIELDS = 13  # of one fitted square
+(U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST, ALONE, MISFIT, ASIDE) = range(
+    FIELDS
+)
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
@@ -337,6 +339,10 @@ def _fit(
     fall, around, beside = spread[4], spread[5], spread[6]
     touched = usual_outline.touched(usual, share * around, texture) if tight > 0 else 0.0
     noise = 0.5 * (a[0, 0] + a[1, 1])  # variance of the place, but for that of a profile
+    aside = left = 0.0
+    if tight > 0:
+        sigma = math.sqrt(variance * noise)
+        aside = usual_outline.aside(work, ends, half, half - expected, step, sigma, False, usual)
     scatter = part = square[MISFIT] = 1.0
     if touched < 1.0:
         if tight > 0 and share < WHOLE:
@@ -369,12 +375,13 @@ def _fit(
             width,
             free_share * around,
             texture,
+            aside,
             usual,
         )
     else:
         usual_outline.forget(usual)
     scatter *= noise
-    if touched > 0.0:
+    if touched > 0.0 or aside > 0.0:
         # lines that arms touch are left out, and the others taken for what they usually are
         s0, s1, s2, s3 = shares[0], shares[1], shares[2], shares[3]
         u0, v0, theta0, half0, agree = u, v, theta, half, 0.0
@@ -405,6 +412,12 @@ def _fit(
             u, v, theta, half = u0, v0, theta0, half0
             scatter += touched * LED_PX * LED_PX
         else:
+            more, sigma = half - expected, math.sqrt(variance * 0.5 * (a[0, 0] + a[1, 1]))
+            left = usual_outline.aside(work, ends, half, more, step, sigma, True, usual)
+            if aside > left:  # the light has told which side an arm hides
+                told = min(aside / usual_outline.NARROW_PX, 1.0) * (1.0 - left / aside)
+                touched = max(touched, told)
+            aside += touched * (left - aside)
             u, v = u0 + touched * (u - u0), v0 + touched * (v - v0)
             theta, half = theta0 + touched * (theta - theta0), half0 + touched * (half - half0)
             unlike = SOFT_STRETCH_PX if soft else STRETCH_PX
@@ -412,6 +425,8 @@ def _fit(
             more += max(variance * _alike(work, ends, step), 1.0 if soft else 0.0)
             scatter += touched * (more * 0.5 * (a[0, 0] + a[1, 1]) - scatter)
         shares[0], shares[1], shares[2], shares[3] = s0, s1, s2, s3
+        scatter += aside * aside
+    square[ASIDE] = aside
     square[U], square[V], square[THETA], square[HALF] = u, v, theta, half
     share = min(share * around, 1.0)
     for side in range(4):
@@ -449,7 +464,8 @@ def fit_square(
 
     `square` then holds u, v, theta, half, agreeing share of the edges, sigma px, quality, contrast,
     level inside, agreeing share of the worst side, how certainly no other cover's light stands
-    beside it, and the misfit: sigma over what noise alone would make of it, for covers with relief.
+    beside it, the misfit: sigma over what noise alone would make of it, for covers with relief; and
+    by how many px it may stand aside, since an arm hides one of two sides.
     A share of 0 means no square there.
     """
     a, step, shares, spread, second = small

@@ -13,6 +13,7 @@ from eol_ros.core.compiled import njit
 from eol_ros.core.vision.detect import edges, outline, scan, usual_outline
 from eol_ros.core.vision.detect.edges import (
     ALONE,
+    ASIDE,
     CONTRAST,
     HALF,
     LEVEL,
@@ -35,6 +36,8 @@ MOST_SIGMA_PX, MOST_PARTLY_PX = 0.3, 0.24
 MOST_KNOWN_PX = (
     0.4  # of one whose usual outline is known: what an arm may lead it by is in its sigma
 )
+# By so much a block may stand aside at most, half of the strip that an arm hides along one side.
+MOST_ASIDE_PX = 1.0
 # least share of edges that agree, of the worst side, and least quality
 FOLLOWED = (0.25, 0.0, 0.04)
 PREDICTED = (0.30, 0.0, 0.10)
@@ -97,6 +100,8 @@ def attempt(
     which was seen `since_s` ago.
     half: of its side, px; 0 where `known` says it.
     table: see outline; usual: see usual_outline; small: edges.scratch.
+
+    Returns whether a block is here that cannot be placed, since an arm hides one of two sides.
     """
     size, re, im = expected(known, image.shape, u, v)
     sure, tight = HALF_SIGMA_PX, TIGHT_PX if known[CALIBRATED] > 0 else 0.0
@@ -129,17 +134,19 @@ def attempt(
     most = MOST_SIGMA_PX if sure else MOST_PARTLY_PX
     if usual_outline.trusted(usual):
         most = MOST_KNOWN_PX
-    if not (
-        square[SIGMA] < most
-        and some
+    good = (
+        some
         and moved < size
         and square[LEVEL] >= known[THRESHOLD]
         and abs(square[HALF] / size - 1.0) < (0.25 if half > 0 else 0.06)
         and contrast > FAINTEST * contrasts
         and not (dim and square[VISIBLE] < 0.8)
         and square[QUALITY] >= 0.0
-    ):
+    )
+    good = good and square[SIGMA] ** 2 - square[ASIDE] ** 2 < most * most
+    if not good or square[ASIDE] > MOST_ASIDE_PX:
         square[VISIBLE] = square[QUALITY] = 0.0
+    return good and square[ASIDE] > MOST_ASIDE_PX
 
 
 @njit(inline='always')
@@ -218,10 +225,15 @@ def at_predictions(
             mine = usual[i if near[i, 4] >= 0 and i < len(usual) - 1 else len(usual) - 1]
             mine[usual_outline.QUARTER] = near[i, 4]
             mine[usual_outline.LEARNS] = (int(known[TURN]) + i) % usual_outline.EACH == 0
-            attempt(
+            unsure = attempt(
                 image, known, u, v, theta, own, 0.0, 0, table, mine, work, ends, small, fits[tried],
                 True, since_s,
             )  # fmt: skip
+            if unsure:
+                # it is there: if its light were tried once more, edges of arms could pass for its
+                scan.erase(grid, tiles, fits, tried, tried + 1, scan.STEP)
+                near[i, 0] = np.nan
+                continue
             if _stray(fits[tried], u, v, theta, since_s):
                 fits[tried, VISIBLE] = fits[tried, QUALITY] = 0.0
             tried += 1

@@ -7,6 +7,8 @@ sight that cancels. When an arm hides some, the others must be taken for what th
 seems to go with those that are left. And the edge of an arm beside a side makes it seem to lie
 further in, up to a pixel, long before so much light stands there that it could be no platform: what
 usually stands there tells. Both are learnt for each stretch of each side, of blocks in full view.
+An arm as dark as the platform has an edge like a cover's. It takes a strip of one side, so that the
+block is less wide than usual and seems to stand aside by half of the strip, nobody knows which way.
 """
 
 import numpy as np
@@ -49,6 +51,12 @@ EACH = 8  # images in which a block is learnt once, when it is known
 # differ from what is usual there, outside and inside; how many lines beside it are left out, too.
 UNLIKE_OUT, UNLIKE_IN = (4.0, 0.03, 3.0), (6.0, 0.15, 3.0)
 BESIDE = 2
+# By how much less wide, half of it in px, a block may seem by noise alone; which cannot be, if all
+# four sides together are not further in by ALL_IN_PX. Edges further off are none of its own: an arm
+# puts an edge further in, and none further out but by leading the whole outline.
+NARROW_PX, NARROW_SIGMAS, ALL_IN_PX = 0.05, 3.0, 0.02
+IN_PX, OUT_PX = -1.5, 5.0
+SLOWLY = 0.01  # is learnt of a block that seems less wide: as it may for ever, out of focus
 _SPAN = 128  # grey levels, and hundredths
 
 
@@ -105,6 +113,43 @@ def recall(work, ends, half, usual):
         first, at = EDGE + _first(side, usual), ends[BEGIN + side]
         for i in range(at, at + ends[COUNT + side]):
             work[OFFSET + i] -= usual[first + _stretch(work[T + i], per_px)]
+
+
+@njit(cache=True, inner=True, error_model='numpy')
+def aside(work, ends, half, more, step, sigma, recalled, usual):
+    """Return by how many px a block may stand aside, as it is less wide than usual.
+
+    half: its side after the `step` (4,) of a fit, and by how much it is `more` than expected.
+    sigma: of its place, px.
+    recalled: whether the fit was of what differs from the usual.
+    """
+    wider = more - usual[WIDER]
+    if not trusted(usual) or (wider > -ALL_IN_PX and not recalled):
+        return 0.0
+    per_px = np.float32(0.5 * STRETCHES / half)
+    d0, d1, d2, d3 = step[0], step[1], step[2], step[3]
+    most = 0.0
+    for axis in range(2):
+        joint = 0.0
+        seen = 0
+        for side in range(axis, 4, 2):
+            first, at = EDGE + _first(side, usual), ends[BEGIN + side]
+            weight = total = 0.0
+            for i in range(at, at + ends[COUNT + side]):
+                rest = work[OFFSET + i] - (
+                    work[NU + i] * d0 + work[NV + i] * d1 - work[T + i] * d2 + d3
+                )
+                if not recalled:
+                    rest -= usual[first + _stretch(work[T + i], per_px)]
+                if work[WEIGHT + i] > 0 and IN_PX < rest < OUT_PX:
+                    weight += work[WEIGHT + i]
+                    total += work[WEIGHT + i] * rest
+            if weight > 0.0:
+                joint += total / weight
+                seen += 1
+        if seen == 2:
+            most = max(most, -(wider + 0.5 * joint) - max(NARROW_PX, NARROW_SIGMAS * sigma))
+    return most
 
 
 @njit(cache=True, inner=True, error_model='numpy')
@@ -165,11 +210,12 @@ def mute_unlike(work, ends, half, contrast, usual):
 
 
 @njit(cache=True, inner=True, error_model='numpy')
-def learn(work, ends, half, more, step, part, width, share, texture, usual):
+def learn(work, ends, half, more, step, part, width, share, texture, aside, usual):
     """Learn from a fit, if it is of a block in full view.
 
     half: its side, with `part` of the last `step` (4,) of the fit; by `more` it is over what was
     expected. width: of Tukey's weights, px. share: of the edge that agrees; texture: see touched.
+    aside: by so many px it may stand aside.
     It must have been fitted as if nothing were known of it, so that what is learnt cannot drift
     with what was learnt before.
     """
@@ -182,7 +228,8 @@ def learn(work, ends, half, more, step, part, width, share, texture, usual):
         usual[TIMES] = 0.0  # more than ever is in view
     usual[TIMES] = min(usual[TIMES] + 1.0, MOST)
     usual[SHARE] = max(usual[SHARE], min(share, 1.0))
-    gain, per_px = 1.0 / usual[TIMES], np.float32(0.5 * STRETCHES / half)
+    gain = SLOWLY if aside > 0.0 else 1.0 / usual[TIMES]
+    per_px = np.float32(0.5 * STRETCHES / half)
     d0, d1, d2, d3 = part * step[0], part * step[1], part * step[2], part * step[3]
     rough_in = rough_out = lines = 0.0
     for side in range(4):
