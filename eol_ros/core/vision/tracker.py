@@ -5,6 +5,7 @@ Live node, `eol track` and the tests run this same class, so that what is measur
 hangs in the museum, to the bit.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +45,8 @@ LAMP_LEVEL = 5  # grey levels
 FAINT = 0.6  # and below this it must stand where its neighbours allow
 # From here on, and so sure, it is believed at once where its neighbours allow.
 SOUND, SOUND_PX = 0.45, 0.24
+# By more no block goes or turns from image to image: it is another one that has its id now.
+GOES_M, TURNS = 0.02, math.radians(45)
 
 
 # Answers lie on grids far finer than any noise (1 um, 0.001 px, 15 urad; a sigma to 2 %), so that a
@@ -240,6 +243,7 @@ class Tracker:
         shown = blobs['visibility']
         faint, sound = shown < FAINT, (shown >= SOUND) & (blobs['sigma_px'] < SOUND_PX)
         self._image, self._xy = image, xy
+        tracking, stood, turned = lattice.state == TRACKING, lattice.xy.copy(), lattice.yaw.copy()
         self.identity.update(stamp_s, xy, yaw, sigma, faint, self._glance, sound)
         self.watch.rests(lattice.state == TRACKING and lattice.rests())
         seen = lattice.seen
@@ -247,9 +251,12 @@ class Tracker:
         search.by_block(blobs, seen, lattice.index, self.visibility, contrast)
         if self._renamings != lattice.renamings:
             self._renamings = lattice.renamings
-            self.brightness.renamed()
-            self.misfit.renamed()
-            self.finder.renamed()
+            others = np.hypot(*(lattice.xy - stood).T) > GOES_M
+            others |= np.abs(lattice.yaw - turned) > TURNS
+            others |= not tracking  # nobody knows what became of them in the dark
+            self.brightness.renamed(others)
+            self.misfit.renamed(others)
+            self.finder.renamed(others)
         self.brightness.learn(stamp_s - self.last_s, seen, self.visibility, contrast)
         self.misfit.learn(stamp_s - self.last_s, lattice.index, blobs)
         self.last_s = stamp_s

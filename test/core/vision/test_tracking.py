@@ -314,6 +314,25 @@ def test_a_calibration_is_refused_while_blocks_do_not_rest(tracker):
     assert tracked.state == TRACKING
 
 
+def test_only_blocks_that_were_others_are_learnt_again_when_names_change():
+    calibration, rest = Calibration.ideal(), rest_lattice()
+    tracker = Tracker(TrackerSettings(), calibration)
+    renderer = Renderer(RenderOptions(noise='L2'), calibration, 3)
+    image = renderer.render(*rest.T, np.zeros(25), 0)
+    for k in range(40):
+        assert tracker.update(k / 60, image).state == TRACKING or k < 20
+    update, looks = tracker.identity.update, tracker.brightness.looks.copy()
+    assert looks.min() > 10
+
+    def exchanged(*args):
+        update(*args)
+        tracker.lattice._exchange(3, 4)
+
+    tracker.identity.update = exchanged
+    tracker.update(40 / 60, image)
+    assert (np.flatnonzero(tracker.brightness.looks < looks) == [3, 4]).all()
+
+
 def half_hidden(images, flash=None, dimmed=1.0):
     """Return what is made of block 12, hidden for a while and then half in sight again."""
     calibration, rest = Calibration.ideal(), rest_lattice()

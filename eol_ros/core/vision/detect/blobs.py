@@ -75,9 +75,9 @@ class BlobFinder:
         self._found_more = False  # in the last image, than where blocks were expected
         self._refused = np.zeros((_MOST_REGIONS, 3))
 
-    def renamed(self) -> None:
-        """Learn the outline of each block again: ids may mean other blocks now."""
-        self._usual = usual_outline.rows(N_BLOCKS)
+    def renamed(self, others: np.ndarray) -> None:
+        """Learn the outlines of blocks `others` (25,) again: their ids mean other blocks now."""
+        self._usual[:-1][others] = usual_outline.rows(0)
 
     @property
     def threshold(self) -> float:
@@ -199,7 +199,7 @@ class BlobFinder:
     @calibration.setter
     def calibration(self, calibration: Calibration | None) -> None:
         self._calibration = calibration
-        self.renamed()
+        self._usual = usual_outline.rows(N_BLOCKS)
         self._known[search.CALIBRATED] = calibration is not None
         self._table = np.zeros(outline.SIZE, np.float32)
         outlines, camera = covers.FLAT, np.zeros(mapping.NUMBERS)

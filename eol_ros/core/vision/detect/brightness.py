@@ -23,9 +23,9 @@ class Brightness:
         self.contrast, self.exposure = np.zeros(N_BLOCKS), 1.0
         self.looks: np.ndarray = np.zeros(N_BLOCKS, np.int64)
 
-    def renamed(self) -> None:
-        """Learn again: ids may mean other blocks now."""
-        self.looks[:] = 0
+    def renamed(self, others: np.ndarray) -> None:
+        """Learn blocks `others` (25,) again: their ids mean other blocks now."""
+        self.looks[others] = 0
 
     def learn(
         self, step_s: float, seen: np.ndarray, visibility: np.ndarray, contrast: np.ndarray

@@ -26,9 +26,9 @@ class LastingMisfit:
         self.usual: np.ndarray = np.ones(N_BLOCKS)
         self.shown_s = np.zeros(N_BLOCKS)
 
-    def renamed(self) -> None:
-        """Learn again: ids may mean other blocks now."""
-        self.usual[:], self.shown_s[:] = 1.0, 0.0
+    def renamed(self, others: np.ndarray) -> None:
+        """Learn blocks `others` (25,) again: their ids mean other blocks now."""
+        self.usual[others], self.shown_s[others] = 1.0, 0.0
 
     def learn(self, step_s: float, index: np.ndarray, blobs: np.ndarray) -> None:
         """Take `blobs` (n,), a BLOB array, and which of them each block is, (25,) or -1.
