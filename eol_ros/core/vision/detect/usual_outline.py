@@ -119,6 +119,8 @@ def recall(work, ends, half, usual):
 def aside(work, ends, half, more, step, sigma, recalled, usual):
     """Return by how many px a block may stand aside, as it is less wide than usual.
 
+    Or wider, once its lines are taken for what they usually are: then two sides contradict another.
+
     half: its side after the `step` (4,) of a fit, and by how much it is `more` than expected.
     sigma: of its place, px.
     recalled: whether the fit was of what differs from the usual.
@@ -148,7 +150,9 @@ def aside(work, ends, half, more, step, sigma, recalled, usual):
                 joint += total / weight
                 seen += 1
         if seen == 2:
-            most = max(most, -(wider + 0.5 * joint) - max(NARROW_PX, NARROW_SIGMAS * sigma))
+            by = wider + 0.5 * joint
+            by = abs(by) if recalled else -by  # light about a block makes it look wider, too
+            most = max(most, by - max(NARROW_PX, NARROW_SIGMAS * sigma))
     return most
 
 
