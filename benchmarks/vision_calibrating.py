@@ -59,6 +59,7 @@ def _camera(group: list[films.Film]) -> dict:
             'note': solution.note,
             'k1': float(solution.calibration.distortion_coefficients[0]),
             'sigma_mm': float(np.nanmax(solution.corner_mm)),
+            'known_mm': solution.platform_mm,
             **errors(solution.calibration, film),
         }
     result['self'] = asked(film)
@@ -126,5 +127,5 @@ def table(result: dict[str, dict]) -> str:
                 f' platform {one["platform_mm_rms"]:.2f}, {one["platform_mm_worst"]:.2f}'
             )
             if way == 'blocks':
-                lines[-1] += f'; sigma {one["sigma_mm"]:.1f} mm, k1 {one["k1"]:.3f} {one["note"]}'
+                lines[-1] += f'; known to {one["known_mm"]:.2f}, k1 {one["k1"]:.3f} {one["note"]}'
     return '\n'.join(lines)

@@ -326,6 +326,9 @@ def _tell(args, solution) -> None:
                     'corner_sigma_mm': [
                         None if np.isnan(s) else float(s) for s in solution.corner_mm
                     ],
+                    'platform_sigma_mm': (
+                        None if np.isnan(solution.platform_mm) else solution.platform_mm
+                    ),
                     'each': {name: {'px': px, 'mm': mm} for name, (px, mm) in each.items()},
                 }
             )
@@ -343,5 +346,10 @@ def _tell(args, solution) -> None:
             + ', '.join(f'{s:.2f}' for s in solution.corner_mm)
             + ' mm'
         )
+        if np.isfinite(solution.platform_mm):
+            print(
+                f'places on the platform known to {solution.platform_mm:.2f} mm RMS, but for where '
+                'the frame lies and how it is turned'
+            )
     else:
         print('four points fit any table: give more to know how far this can be trusted')

@@ -40,6 +40,10 @@ CORNER_SIGMA_PX = 0.05
 _RELIEF_SIGMA_PX = 0.13  # of lit covers' corners: each side is found 0.1 px more or less far out
 _STEP = 1e-6  # of finite differences, in the solver's own units
 _FRAME_SIGMA = 1e-4  # m and rad: the frame is the mean of the rim's places, by definition
+_SQUARE_SIGMA = 1e-4  # of a camera's pixels
+# How well its focal length is known, and where its axis meets the sensor, in focal lengths. From
+# there on a camera that leans by 5 degrees says less of its plane than 75 covers do.
+_CAMERA_SIGMA = np.array([0.1, 0.01, 0.01])
 PLATFORM_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * PLATFORM_SIDE_M / 2
 _SQUARE = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
 
@@ -53,6 +57,7 @@ class Solution:
         px, rest_px: (n, 2) measured points and what is left of them, px.
         names: (n,) what each point is.
         corner_mm: (4,) standard deviation at the platform's corners; NaN where nothing tells.
+        platform_mm: expected error, RMS over the platform, where the frame lies left out.
         note: what a person should know of a calibration that is good.
         lens: how many of the lens's k1, k2 were solved for.
         misfit: sum of squared residuals in standard deviations, of all that was fitted.
@@ -63,6 +68,7 @@ class Solution:
     rest_px: np.ndarray
     names: list[str]
     corner_mm: np.ndarray
+    platform_mm: float = float('nan')
     note: str = ''
     lens: int = 0
     misfit: float = 0.0
@@ -184,6 +190,8 @@ def from_blocks(
     every view are solved together from the corners of the covers. The squares give the lengths; the
     lattice, with `rest_sigma_m` of freedom, gives the frame. Between views the rim may have been
     pushed and turned: each has a rim pose of its own; the table's origin and axes are their mean.
+    The camera's pixels are square, so it sees a plane's axes at right angles and equally long, as
+    far as its focal length and axis are known.
 
     Args:
         views: per image the ids (25,) and the corners (25, 4, 2) px (see corners.corners). Ids
@@ -226,7 +234,8 @@ def from_blocks(
         [1, 1, 1, 1, 1, 1, 1e-3, 1e-3]
     )
     n_lens = lens
-    n_camera = 8 + n_lens + (side_sigma > 0)
+    n_known = 8 + n_lens + (side_sigma > 0)  # then what is known of the camera
+    n_camera = n_known + len(_CAMERA_SIGMA)
     frozen = start.distortion_coefficients
 
     def camera(x: np.ndarray) -> Calibration:
@@ -240,8 +249,8 @@ def from_blocks(
     n_shared = n_camera + n_rim
 
     def rests(x: np.ndarray) -> np.ndarray:
-        pose, longer = x[n_shared:].reshape(-1, 3), x[8 + n_lens : n_camera]
-        rim = x[n_camera:n_shared].reshape(-1, 3)
+        pose, longer = x[n_shared:].reshape(-1, 3), x[8 + n_lens : n_known]
+        known, rim = x[n_known:n_camera], x[n_camera:n_shared].reshape(-1, 3)
         covers = _cover_corners(pose, 1 + longer.sum()).reshape(-1, 2)
         seen = camera(x).to_pixels(covers).reshape(-1, 4, 2)
         seen += np.tensordot(x[: 8 + n_lens] - x0[: 8 + n_lens], leads, 1)
@@ -252,6 +261,8 @@ def from_blocks(
                     (pose[:, :2] - (_pushed(rest, rim[view]) if n_rim else rest)) / rest_sigma_m
                 ).ravel(),
                 longer / (side_sigma or 1.0),
+                known / _CAMERA_SIGMA,
+                _oblong(camera(x), known) / _SQUARE_SIGMA,
                 rim.sum(axis=0) / _FRAME_SIGMA if n_rim else [],
             ]
         )
@@ -294,7 +305,7 @@ def from_blocks(
     done = least_squares(rests, x0, slopes, method='lm', x_scale='jac', max_nfev=60)
     solved = camera(done.x)
     left = (done.fun[: 8 * n] * corner_sigma_px).reshape(n, 4, 2).reshape(-1, 2)
-    sigma = _corner_sigma(done, camera, n_camera)
+    sigma, platform_mm = _sigmas(done, camera, n_camera, 1.0)
     names = [f'block {i}' for i in ids for _ in range(4)]
     solution = _solution(
         solved,
@@ -303,9 +314,23 @@ def from_blocks(
         names,
         sigma,
         cover_height_m,
-        freedom=(8 * n + 2 * n - len(x0)) / (8 * n),
+        freedom=(10 * n - len(x0) + len(_CAMERA_SIGMA)) / (8 * n),
     )
-    return replace(solution, lens=n_lens, misfit=2 * float(done.cost))
+    return replace(solution, platform_mm=platform_mm, lens=n_lens, misfit=2 * float(done.cost))
+
+
+def _oblong(camera: Calibration, off: np.ndarray) -> np.ndarray:
+    """Return how far (2,) the table's axes are from right angles and from equal lengths.
+
+    off (3,): share by which the focal length is longer, and its axis further right and down, than
+    `camera` says. A plane that a camera with square pixels sees has neither (Zhang 2000).
+    """
+    matrix = camera.camera_matrix.copy()
+    matrix[:2, 2] += off[1:] * matrix[0, 0]
+    matrix[[0, 1], [0, 1]] *= 1 + off[0]
+    x, y = (np.linalg.inv(matrix) @ camera.homography).T[:2]
+    wide, long = np.linalg.norm(x), np.linalg.norm(y)
+    return np.array([x @ y / (wide * long), np.log(wide / long)])
 
 
 def _pushed(xy: np.ndarray, rim: np.ndarray) -> np.ndarray:
@@ -452,6 +477,8 @@ def all_blocks(image: np.ndarray, start: Calibration, mirror: bool) -> np.ndarra
     if len(blobs) < N_BLOCKS:
         px = np.column_stack([blobs['u'], blobs['v']])
         to_px, _ = cv2.findHomography(rest_lattice()[ids], px)
+        if start.covers is not None:  # under a leaning camera some are larger, and seen to one side
+            finder = BlobFinder(calibration=replace(start, homography=to_px))
         expected = np.zeros((N_BLOCKS, 5))
         expected[:, :2] = cv2.perspectiveTransform(rest_lattice()[None], to_px)[0]
         expected[:, 2] = np.angle(np.exp(4j * blobs['theta']).mean()) / 4
@@ -524,10 +551,10 @@ def from_points(
         lambda x: (camera(x).to_pixels(xy) - px).ravel(), first.ravel()[:8] / first[2, 2] / scale
     )
     n = len(px)
-    sigma = _corner_sigma(done, camera, 8) if n > 4 else np.full(4, np.nan)
+    sigma, platform_mm = _sigmas(done, camera, 8) if n > 4 else (np.full(4, np.nan), np.nan)
     solved = raise_plane(camera(done.x), cover_height_m - point_height_m)
     left = done.fun.reshape(-1, 2)
-    return _solution(
+    solution = _solution(
         solved,
         px,
         left,
@@ -536,6 +563,7 @@ def from_points(
         cover_height_m,
         freedom=max(2 * n - 8, 0) / (2 * n),
     )
+    return replace(solution, platform_mm=platform_mm)
 
 
 def raise_plane(calibration: Calibration, height_m: float) -> Calibration:
@@ -554,23 +582,41 @@ def _cover_corners(poses: np.ndarray, size: float = 1.0) -> np.ndarray:
     return np.stack([poses[:, :1] + c * x - s * y, poses[:, 1:2] + s * x + c * y], axis=-1)
 
 
-def _corner_sigma(
-    done: OptimizeResult, camera: Callable[[np.ndarray], Calibration], n_camera: int
-) -> np.ndarray:
-    """Return the standard deviation in mm (4,) at the platform's corners, from the Jacobian."""
+def _sigmas(
+    done: OptimizeResult,
+    camera: Callable[[np.ndarray], Calibration],
+    n_camera: int,
+    least: float = 0.0,
+) -> tuple[np.ndarray, float]:
+    """Return standard deviations in mm, from the Jacobian: (4,) at the platform's corners.
+
+    And of all places on the platform, RMS, where the frame lies and how it is turned left out; of
+    residuals whose variance is at `least` so much.
+    """
     freedom = max(len(done.fun) - len(done.x), 1)
     variance = 2 * done.cost / freedom
-    covariance = np.linalg.pinv(done.jac.T @ done.jac, hermitian=True) * variance
-    at = camera(done.x).to_pixels(PLATFORM_CORNERS)
-    moves = np.zeros((8, n_camera))
+    covariance = np.linalg.pinv(done.jac.T @ done.jac, hermitian=True)[:n_camera, :n_camera]
+    axis = np.linspace(-0.5, 0.5, 9) * PLATFORM_SIDE_M
+    grid = np.stack(np.meshgrid(axis, axis), -1).reshape(-1, 2)
+    places = np.concatenate([PLATFORM_CORNERS, grid])
+    at = camera(done.x).to_pixels(places)
+    moves = np.zeros((len(at), 2, n_camera))
     for k in range(n_camera):
         step = np.zeros(len(done.x))
         step[k] = 1e-4 * max(abs(done.x[k]), 1.0)
         there = camera(done.x + step).to_table(at)
         back = camera(done.x - step).to_table(at)
-        moves[:, k] = ((there - back) / (2 * step[k])).ravel()
-    spread = moves @ covariance[:n_camera, :n_camera] @ moves.T
-    return 1e3 * np.sqrt(np.diag(spread).reshape(4, 2).sum(axis=1))
+        moves[..., k] = (there - back) / (2 * step[k])
+
+    def variances(moves: np.ndarray) -> np.ndarray:
+        return 1e6 * np.einsum('pak,kl,pal->p', moves, covariance, moves)
+
+    corner = np.sqrt(variance * variances(moves[:4]))
+    spread = moves[4:] - moves[4:].mean(axis=0)
+    turned = np.column_stack([-grid[:, 1], grid[:, 0]])
+    turn = np.einsum('pa,pak->k', turned, spread) / (turned**2).sum()
+    left = spread - turned[..., None] * turn
+    return corner, float(np.sqrt(max(variance, least) * variances(left).mean()))
 
 
 def _solution(

@@ -70,6 +70,7 @@ class SelfCalibration:
         elif solution.refusal():
             self.why = solution.refusal()
         else:
-            self.refused, self.note = False, solution.note
+            known = f'the platform is known to {solution.platform_mm:.1f} mm RMS'
+            self.refused, self.note = False, '; '.join(filter(None, [known, solution.note]))
             return found
         return None

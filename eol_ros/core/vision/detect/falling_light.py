@@ -20,9 +20,9 @@ INSIDE_PX = 0.25
 # And further out where a wall is in sight, which shines on the sandpaper; more than of the sides
 # that a tracker reads (outline.GLOW_PX), as this reads what lies nearer to a side.
 GLOW_PX = np.float32(0.27)
-# What is left of it, of all sides together: plastic of which each face lets through 0.75 to 0.97 of
-# the light, walls of 1 to 2.4 mm, boards of 72 to 78 mm, and a blur that is known to 5 %.
-SIGMA_PX = 0.03
+# What is left of it, of all sides together, in images of eight landscapes whose blur is known.
+# Other plastic, walls and boards add 0.02 px by profiles of light; a tenth of blur adds 0.07 px.
+SIGMA_PX = 0.015
 FALL_PX = 0.2  # between the two steps, median of all sides: less than any lit cover shows. Where
 # light falls less (covers that the twin draws shine evenly), sides are less far inside.
 SIDE_PX = 45.5  # of covers in these images. In others (by profiles of the same light, scaled):
