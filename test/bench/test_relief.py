@@ -220,6 +220,18 @@ def test_noise_keeps_to_the_bound_where_covers_are_half_dark_or_flash():
     assert 1 / 1.5 < found['sigma_of_scatter'] < 1.5
 
 
+@pytest.mark.slow
+def test_a_cover_stays_where_it_is_when_it_flashes():
+    shown = {film.name: film for film in films.load()}
+    usual, lit = (vision_relief.rest(shown[name], 60, True) for name in ('tilted', 'tilted-lit'))
+    flashes = shown['tilted-lit'].shot.battery > 1.5 * shown['tilted'].shot.battery
+    off = abs(lit['places'] - usual['places']).max(axis=1)[flashes]
+    sigma = np.hypot(lit['sigmas'], usual['sigmas'])[flashes]
+
+    # 1.90; before, 2.09: the brightest side saturated most, and was found furthest outside
+    assert len(off) == 8 and (off / sigma).max() < 2.0
+
+
 def behind_a_wall(film, block, share):
     """Return `film` with the outer `share` of one cover as dark as the platform."""
     camera = vision_relief.calibration(film, True)

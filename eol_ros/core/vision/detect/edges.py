@@ -307,6 +307,8 @@ def _fit(
         share = 0.0
         if contrast == 0.0 or contrast < least:
             return
+        if soft:
+            profile_steps.saturate_alike(work, ends, slope, blur)
         profiles.shrink_levels(work, ends, spread)
         far = 0.0
         for r in range(4):
@@ -397,6 +399,8 @@ def _fit(
             if near == 0.0:
                 agree = 0.0
                 break
+            if soft:
+                profile_steps.saturate_alike(work, ends, slope, blur)
             profiles.shrink_levels(work, ends, spread)
             profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
             usual_outline.recall(work, ends, half, usual)

@@ -12,6 +12,8 @@ from eol_ros.core.vision.detect.profiles import (
     _C,
     _D,
     _E,
+    BEGIN,
+    COUNT,
     FIRST,
     IN,
     LANES,
@@ -159,6 +161,46 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
         safe = slant if slant > one else one
         work[OFFSET + i] = far / safe
         work[WEIGHT + i] = work[VALID + i] * bottom * safe * safe
+
+
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
+def saturate_alike(work, ends, slope, blur):
+    """Take for saturated on all sides what lies as far inside as saturated pixels of any side do.
+
+    For covers with relief: as light falls towards their edges, an edge is found further outside the
+    less of the light inside is seen. Where it is seen as far on all sides, the block stays.
+    """
+    n, taps = ends[LANES], ends[TAPS_USED]
+    f_slope, full, zero = np.float32(slope), np.float32(FULL), np.float32(0.0)
+    inmost = np.float32(-SOFT_EDGE[1] * blur)
+    bright = zero
+    for i in range(n):
+        bright += work[VALID + i] if work[IN + i] >= np.float32(0.9) * full else zero
+        work[_E + i] = inmost
+    if bright == zero:
+        return
+    pixels = work[TAP:]
+    for k in range(taps):
+        at, ahead = k * LINES, f_slope * np.float32(k)
+        for i in range(n):
+            away = work[FIRST + i] + ahead
+            away = away if pixels[at + i] >= full else inmost
+            work[_E + i] = away if away > work[_E + i] else work[_E + i]
+    end = inmost
+    for side in range(4):
+        lines = work[ends[BEGIN + side] :]
+        total = count = zero
+        for i in range(ends[COUNT + side]):
+            total += lines[VALID + i] * lines[_E + i]
+            count += lines[VALID + i]
+        mean = total / max(count, np.float32(1.0))
+        end = mean if count > zero and mean > end else end
+    end += np.float32(0.5) * f_slope  # half a pixel further out the light comes down to FULL
+    for k in range(taps):
+        at, ahead = k * LINES, f_slope * np.float32(k)
+        for i in range(n):
+            away = work[FIRST + i] + ahead
+            pixels[at + i] = full if away < end else pixels[at + i]
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
