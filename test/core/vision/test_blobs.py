@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.vision_bound import position_bound_px
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.detect import scan
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.render.clutter import clutter_calibration
@@ -257,6 +260,52 @@ def test_a_dim_block_beside_a_reflection_is_found_where_the_lattice_misses_it():
     finder = BlobFinder(calibration=renderer.calibration)
     finder.find(image, near[others])
     assert np.isnan(paired(finder.find(image, near[others]), truth, 2.0)[12]).all()
+
+
+def lit_beside(lamp, arm=None):
+    """Return the blob found where a dim block 12 is expected, and how far off, px; None for none.
+
+    lamp: u, v from its centre, width in px and height in grey levels of a glow. arm: a first and a
+    last column from its centre between which all has one grey level.
+    """
+    renderer = Renderer(RenderOptions(noise='L2'))
+    xy = rest_lattice()
+    image = renderer.render(*xy.T, np.zeros(25), 0).astype(float)
+    truth = renderer.calibration.to_pixels(xy)
+    ground = np.median(image)
+    v, u = np.mgrid[: image.shape[0], : image.shape[1]]
+    u_off, v_off = u - truth[12, 0], v - truth[12, 1]
+    dim = (abs(u_off) < 40) & (abs(v_off) < 40)
+    image[dim] = ground + 0.35 * (image[dim] - ground)
+    away = (u_off - lamp[0]) ** 2 + (v_off - lamp[1]) ** 2
+    image += lamp[3] * np.exp(-0.5 * away / lamp[2] ** 2)
+    if arm is not None:
+        image[(arm[0] < u_off) & (u_off < arm[1]) & (abs(v_off) < 60)] = arm[2]
+    image = np.rint(image.clip(0, 255)).astype(np.uint8)
+    covers = CoverOutlines(15.0, np.full((25, 4, 5), 15.0))  # mm: known, and all in one plane
+    finder = BlobFinder(
+        calibration=replace(renderer.calibration, cover_height_m=0.015, covers=covers)
+    )
+    near = np.column_stack([truth, np.zeros((25, 3))])
+    for _ in range(2):
+        blobs = finder.find(image, near)
+    off = np.hypot(blobs['u'] - truth[12, 0], blobs['v'] - truth[12, 1])
+    i = off.argmin()
+    return (blobs[i], off[i]) if off[i] < 20 else (None, off[i])
+
+
+@pytest.mark.parametrize('lamp', [(22, 12, 11, 190), (-20, -20, 14, 150), (30, 0, 14, 200)])
+def test_a_dim_block_in_the_glow_of_a_lamp_is_whole(lamp):
+    blob, off = lit_beside(lamp)
+    assert blob['visibility'] > 0.9
+    assert off < 0.5
+    assert off < 3 * blob['sigma_px']
+
+
+@pytest.mark.parametrize('grey', [40.0, 90.0, 160.0])
+def test_a_block_in_the_glow_of_a_lamp_and_under_an_arm_is_not_whole(grey):
+    blob, off = lit_beside((-20, -20, 14, 150), (4, 60, grey))
+    assert blob is None or (blob['visibility'] < 0.8 and off < 1.0)
 
 
 @pytest.mark.parametrize('turned', range(4))

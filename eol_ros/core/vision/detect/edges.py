@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.vision.detect import profile_steps, profiles, usual_outline
+from eol_ros.core.vision.detect import glow, profile_steps, profiles, usual_outline
 from eol_ros.core.vision.detect.profiles import (
     _A,
     _B,
@@ -53,6 +53,7 @@ WHOLE, GRADUALLY = 0.9, 0.1
 ROUNDS, NEAR_PX = 2, 0.1
 # By how much a stretch of its edge may then differ from what is known, flat covers and with relief.
 STRETCH_PX, SOFT_STRETCH_PX = 0.02, 0.05
+GLOW_PX = 0.3  # by so much a lamp may lead a block of which all edges stand in its glow
 LED_PX = 0.2  # by so much an arm may lead a block of which hardly a line is as it was
 # Share of the contrast by which light may fall in the flats beside an edge, and how fast more makes
 # a lamp of it. Outside of covers with relief it is 0.12 at most, of lamps hardly ever below 0.2.
@@ -337,12 +338,37 @@ def _fit(
                 break
         if far < 0.2 or (far < 0.7 and share > WHOLE):  # levels were read in the right place
             break
-    free_half, free_share, texture = half, share, spread[3]
-    fall, around, beside = spread[4], spread[5], spread[6]
-    touched = usual_outline.touched(usual, share * around, texture) if tight > 0 else 0.0
+    texture, fall, around, beside = spread[3], spread[4], spread[5], spread[6]
+    lit = 0.0
+    if soft and share < WHOLE and beside > glow.LAMP:
+        lit = glow.admit(work, ends, slope, lean, limit, blur, around, usual, shares)
+    if lit > 0.0:
+        u0, v0, theta0, half0 = u, v, theta, half
+        for _ in range(ROUNDS):
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+            share, variance, width = _agree(
+                work, ends, expected - half, half_sigma, 1.0, 0.05, 4, a, step, shares
+            )
+            _follow(work, ends[LANES], step)
+            u, v, theta, half = u + step[0], v + step[1], theta + step[2], half + step[3]
+        worst = min(min(shares[0], shares[1]), min(shares[2], shares[3])) * around
+        if share < HOPELESS or worst < glow.LEAST:  # they stand elsewhere than the others
+            step[0], step[1], step[2], step[3] = u0 - u, v0 - v, theta0 - theta, half0 - half
+            _follow(work, ends[LANES], step)
+            u, v, theta, half = u0, v0, theta0, half0
+            glow.mute(work, ends)
+            lit = 0.0
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+            share, variance, width = _agree(
+                work, ends, expected - half, half_sigma, 1.0, 0.05, 3, a, step, shares
+            )
+    free_half, free_share = half, share
+    touched = 0.0
+    if tight > 0 and lit == 0.0:
+        touched = usual_outline.touched(usual, share * around, texture)
     noise = 0.5 * (a[0, 0] + a[1, 1])  # variance of the place, but for that of a profile
     aside = left = 0.0
-    if tight > 0:
+    if tight > 0 and lit == 0.0:
         sigma = math.sqrt(variance * noise)
         aside = usual_outline.aside(work, ends, half, half - expected, step, sigma, False, usual)
     scatter = part = square[MISFIT] = 1.0
@@ -378,11 +404,16 @@ def _fit(
             free_share * around,
             texture,
             aside,
+            lit,
             usual,
         )
     else:
         usual_outline.forget(usual)
     scatter *= noise
+    if lit > 0.0:
+        led = lit * GLOW_PX * GLOW_PX
+        square[MISFIT] *= math.sqrt(1.0 + led / scatter)
+        scatter += led
     if touched > 0.0 or aside > 0.0:
         # lines that arms touch are left out, and the others taken for what they usually are
         s0, s1, s2, s3 = shares[0], shares[1], shares[2], shares[3]

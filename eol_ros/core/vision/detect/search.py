@@ -225,6 +225,7 @@ def at_predictions(
             mine = usual[i if near[i, 4] >= 0 and i < len(usual) - 1 else len(usual) - 1]
             mine[usual_outline.QUARTER] = near[i, 4]
             mine[usual_outline.LEARNS] = (int(known[TURN]) + i) % usual_outline.EACH == 0
+            usual_outline.follow(mine, u, v)
             unsure = attempt(
                 image, known, u, v, theta, own, 0.0, 0, table, mine, work, ends, small, fits[tried],
                 True, since_s,

@@ -33,12 +33,15 @@ STRETCHES = 8  # of a side
 # One row for each block: of all stretches the edge in px outside of the square, and the light
 # inside and outside; by how many px its half side is more than expected; how unlike those lights
 # are from line to line, squared, and the light outside all along; how often it was learnt, of what
-# share of the edge; how many right angles lie from theta to its own x axis, -1: it is not known
-# which block it is; whether to learn.
+# share of the edge, and what share of it stood in a lamp's glow; how many right angles lie from
+# theta to its own x axis, -1: it is not known which block it is; whether to learn; where in the
+# image it was when no lamp stood beside it, px.
 EDGE, INSIDE, OUTSIDE = (k * 4 * STRETCHES for k in range(3))
 WIDER = 12 * STRETCHES
-ROUGH_IN, ROUGH_OUT, TEXTURE, TIMES, SHARE, QUARTER, LEARNS = range(WIDER + 1, WIDER + 8)
-SIZE = WIDER + 8
+ROUGH_IN, ROUGH_OUT, TEXTURE, TIMES, SHARE, GLOW, QUARTER, LEARNS, PLACE = range(
+    WIDER + 1, WIDER + 10
+)
+SIZE = WIDER + 11
 IN_VIEW = 0.96  # of the share that is usual, from which on a block is in full view
 FORGETS = 0.001  # of the usual share each time: what stands before a block for ever is usual, too
 # Grey levels^2, and times as much as is usual: an arm stands beside a block about which the light
@@ -46,6 +49,8 @@ FORGETS = 0.001  # of the usual share each time: what stands before a block for 
 TOUCHED = 2.0, 2.0
 GRADUALLY = 0.04  # of the share, and for light up to twice as much
 ENOUGH, MOST = 8.0, 60.0  # times after which it is believed, and over which it is averaged
+GLOWS = 0.05  # of its edge, from which on a lamp stands beside a block that is known
+LEAVES_PX = 3.0  # what was learnt beside a lamp holds only so far
 EACH = 8  # images in which a block is learnt once, when it is known
 # Grey levels, share of the contrast, and times the roughness by which the light of a line may
 # differ from what is usual there, outside and inside; how many lines beside it are left out, too.
@@ -71,6 +76,22 @@ def rows(blocks: int) -> np.ndarray:
 def trusted(usual):
     """Return whether enough is known of a block."""
     return usual[QUARTER] >= 0 and usual[TIMES] >= ENOUGH
+
+
+@njit(inline='always')
+def follow(usual, u, v):
+    """Forget what was learnt of a block beside a lamp that it leaves, for `u`, `v` px."""
+    far = abs(usual[PLACE] - u) + abs(usual[PLACE + 1] - v) > LEAVES_PX
+    if usual[GLOW] >= GLOWS and far:
+        usual[TIMES] = usual[SHARE] = usual[GLOW] = 0.0
+    if usual[GLOW] < GLOWS:
+        usual[PLACE], usual[PLACE + 1] = u, v
+
+
+@njit(inline='always')
+def in_dark(usual, share):
+    """Return whether a block is known to have no lamp beside it; if `share` of it is in view."""
+    return trusted(usual) and usual[GLOW] < GLOWS and share <= usual[SHARE] / IN_VIEW
 
 
 @njit(inline='always')
@@ -214,12 +235,12 @@ def mute_unlike(work, ends, half, contrast, usual):
 
 
 @njit(cache=True, inner=True, error_model='numpy')
-def learn(work, ends, half, more, step, part, width, share, texture, aside, usual):
+def learn(work, ends, half, more, step, part, width, share, texture, aside, lit, usual):
     """Learn from a fit, if it is of a block in full view.
 
     half: its side, with `part` of the last `step` (4,) of the fit; by `more` it is over what was
     expected. width: of Tukey's weights, px. share: of the edge that agrees; texture: see touched.
-    aside: by so many px it may stand aside.
+    aside: by so many px it may stand aside. lit: share of the edge in a lamp's glow.
     It must have been fitted as if nothing were known of it, so that what is learnt cannot drift
     with what was learnt before.
     """
@@ -265,6 +286,7 @@ def learn(work, ends, half, more, step, part, width, share, texture, aside, usua
                 rough_in += light2 - light * light / n
                 rough_out += dark2 - dark * dark / n
                 lines += n
+    usual[GLOW] += gain * (lit - usual[GLOW])
     usual[TEXTURE] += gain * (texture - usual[TEXTURE])
     usual[WIDER] += gain * (more - usual[WIDER])
     usual[ROUGH_IN] += gain * (rough_in / max(lines, 1.0) - usual[ROUGH_IN])
