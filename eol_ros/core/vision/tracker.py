@@ -125,6 +125,7 @@ class Tracker:
         self.lattice = self.identity.lattice
         self.visibility: np.ndarray = np.zeros(N_BLOCKS, np.float32)
         self.brightness, self.misfit, self._renamings = Brightness(), LastingMisfit(), 0
+        self._stood, self._stood_yaw = self.lattice.xy, self.lattice.yaw  # in the last image
         self.last_s = -np.inf
         self._image, self._xy = np.zeros((0, 0), np.uint8), np.zeros((0, 2))  # of the last one
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
@@ -243,7 +244,7 @@ class Tracker:
         shown = blobs['visibility']
         faint, sound = shown < FAINT, (shown >= SOUND) & (blobs['sigma_px'] < SOUND_PX)
         self._image, self._xy = image, xy
-        tracking, stood, turned = lattice.state == TRACKING, lattice.xy.copy(), lattice.yaw.copy()
+        tracking = lattice.state == TRACKING
         self.identity.update(stamp_s, xy, yaw, sigma, faint, self._glance, sound)
         self.watch.rests(lattice.state == TRACKING and lattice.rests())
         seen = lattice.seen
@@ -251,12 +252,13 @@ class Tracker:
         search.by_block(blobs, seen, lattice.index, self.visibility, contrast)
         if self._renamings != lattice.renamings:
             self._renamings = lattice.renamings
-            others = np.hypot(*(lattice.xy - stood).T) > GOES_M
-            others |= np.abs(lattice.yaw - turned) > TURNS
+            others = np.hypot(*(lattice.xy - self._stood).T) > GOES_M
+            others |= np.abs(lattice.yaw - self._stood_yaw) > TURNS
             others |= not tracking  # nobody knows what became of them in the dark
             self.brightness.renamed(others)
             self.misfit.renamed(others)
             self.finder.renamed(others)
+        self._stood, self._stood_yaw = lattice.xy.copy(), lattice.yaw.copy()
         self.brightness.learn(stamp_s - self.last_s, seen, self.visibility, contrast)
         self.misfit.learn(stamp_s - self.last_s, lattice.index, blobs)
         self.last_s = stamp_s

@@ -332,6 +332,13 @@ def test_only_blocks_that_were_others_are_learnt_again_when_names_change():
     tracker.update(40 / 60, image)
     assert (np.flatnonzero(tracker.brightness.looks < looks) == [3, 4]).all()
 
+    tracker.identity.update = update
+    tracker.lattice.turn_ids(1)  # between two images, as taps do; the block in the middle stays
+    tracker.brightness.contrast[20] = 1000.0  # no other block's may be asked for
+    tracker.update(41 / 60, image)
+    assert (tracker.brightness.looks <= 1).all()
+    assert tracker.brightness.contrast.max() < 500.0
+
 
 def half_hidden(images, flash=None, dimmed=1.0):
     """Return what is made of block 12, hidden for a while and then half in sight again."""

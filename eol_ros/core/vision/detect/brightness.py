@@ -25,7 +25,7 @@ class Brightness:
 
     def renamed(self, others: np.ndarray) -> None:
         """Learn blocks `others` (25,) again: their ids mean other blocks now."""
-        self.looks[others] = 0
+        self.contrast[others], self.looks[others] = 0.0, 0
 
     def learn(
         self, step_s: float, seen: np.ndarray, visibility: np.ndarray, contrast: np.ndarray
