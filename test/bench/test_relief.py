@@ -221,15 +221,18 @@ def test_noise_keeps_to_the_bound_where_covers_are_half_dark_or_flash():
 
 
 @pytest.mark.slow
-def test_a_cover_stays_where_it_is_when_it_flashes():
+def test_a_cover_stays_where_it_is_when_it_flashes_or_is_half_dark():
     shown = {film.name: film for film in films.load()}
     usual, lit = (vision_relief.rest(shown[name], 60, True) for name in ('tilted', 'tilted-lit'))
     flashes = shown['tilted-lit'].shot.battery > 1.5 * shown['tilted'].shot.battery
-    off = abs(lit['places'] - usual['places']).max(axis=1)[flashes]
-    sigma = np.hypot(lit['sigmas'], usual['sigmas'])[flashes]
+    half_dark = shown['tilted-lit'].shot.half != shown['tilted'].shot.half
+    off = abs(lit['places'] - usual['places']).max(axis=1)
+    off /= np.hypot(lit['sigmas'], usual['sigmas'])
 
-    # 1.90; before, 2.09: the brightest side saturated most, and was found furthest outside
-    assert len(off) == 8 and (off / sigma).max() < 2.0
+    # 2.09 while the brightest side, which saturated most, was found furthest outside
+    assert flashes.sum() == 8 and off[flashes].max() < 2.0
+    # 3.9 while dim stretches of a side were left out, or read further inside
+    assert half_dark.sum() == 8 and off[half_dark].max() < 2.0
 
 
 def behind_a_wall(film, block, share):

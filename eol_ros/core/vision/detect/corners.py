@@ -120,8 +120,8 @@ def side_lines(image, squares, blur, tables, work, ends, out, seen):
             if contrast == 0.0:
                 out[s, :, 2] = 0.0
                 break
-            profiles.shrink_levels(work, ends, spread)
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+            profiles.shrink_levels(work, ends, spread, soft)
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast)
             most = 0.0
             for side in range(4):
                 a, b, out[s, side, 2] = _line(work, ends, side)

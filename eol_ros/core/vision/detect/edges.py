@@ -310,10 +310,10 @@ def _fit(
             return
         if soft:
             profile_steps.saturate_alike(work, ends, slope, blur)
-        profiles.shrink_levels(work, ends, spread)
+        profiles.shrink_levels(work, ends, spread, soft)
         far = 0.0
         for r in range(4):
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast)
             first = r == 0 and gather == 0
             share, variance, width = _agree(
                 work,
@@ -345,7 +345,7 @@ def _fit(
     if lit > 0.0:
         u0, v0, theta0, half0 = u, v, theta, half
         for _ in range(ROUNDS):
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast)
             share, variance, width = _agree(
                 work, ends, expected - half, half_sigma, 1.0, 0.05, 4, a, step, shares
             )
@@ -358,7 +358,7 @@ def _fit(
             u, v, theta, half = u0, v0, theta0, half0
             glow.mute(work, ends)
             lit = 0.0
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast)
             share, variance, width = _agree(
                 work, ends, expected - half, half_sigma, 1.0, 0.05, 3, a, step, shares
             )
@@ -376,7 +376,7 @@ def _fit(
         if tight > 0 and share < WHOLE:
             # an arm along one side moves it; what is known of the size speaks for the side across
             slope, lean = abs(math.cos(theta)), -math.tan(theta)
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast)
             part = min((WHOLE - share) / GRADUALLY, 1.0)
             share, variance, width = _agree(
                 work, ends, expected - half, tight, 0.6, 0.05, 4, a, step, shares
@@ -432,8 +432,8 @@ def _fit(
                 break
             if soft:
                 profile_steps.saturate_alike(work, ends, slope, blur)
-            profiles.shrink_levels(work, ends, spread)
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft)
+            profiles.shrink_levels(work, ends, spread, soft)
+            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast)
             usual_outline.recall(work, ends, half, usual)
             agree, variance, width = _agree(
                 work, ends, usual_half - half, tight, 1.0, 0.05, 4, a, step, shares

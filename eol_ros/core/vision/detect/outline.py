@@ -23,7 +23,7 @@ NONE = np.float32(99.0)  # px: no edge here that would be the outline
 STEEP = 0.8  # px of parallax a px along the side above which an edge is too slanted to be read
 # px by which a lit wall in sight, a px of it or more, is found further out than other sides are: it
 # shines on the sandpaper beside its lower rim. By path-traced images, of all sides together.
-GLOW_PX = np.float32(0.18)
+GLOW_PX = np.float32(0.2)
 SIZE = 1 + 4 * BINS  # of a table: its reach in px, 0 where there is none, then the sides
 
 

@@ -39,10 +39,15 @@ REACH = (
 # flash does not move the edges of a cover with relief, which shines more on some sides than others.
 FULL, OPEN = 254.0, 1.0 / 50.0**2
 ROUGH = 0.1  # share of the texture's variance that is new from pixel to pixel
-# On covers with relief the light inside falls and rises by more than that. By what share of the
-# contrast it differs from pixel to pixel, and from the level zone to the edge: shares, so that
-# pixels weigh alike in a dim, a half-dark and a flashing cover, and the edge stays where it was.
-SOFT_ROUGH, SOFT_LEVEL = 0.043, 0.2
+# On covers with relief the light inside falls and rises by more than that: from pixel to pixel by
+# SOFT_ROUGH of the contrast of its profile. But where pixels inside weigh more, the edge is found
+# further inside; so they weigh as if they differed by INSIDE of the block's contrast, and the level
+# zone from the edge by SOFT_LEVEL, alike on all sides, though one be half as bright.
+SOFT_ROUGH, INSIDE, SOFT_LEVEL = 0.043, 0.03, 0.2
+# By how much the light of a cover with relief moves the edges of its profiles, px RMS, whatever the
+# noise. Else the half of a side that is half as bright would count half, and the block would follow
+# what the other half's edges have of their own.
+UNEVEN_PX = 0.12
 
 # Half the error function of x / sqrt 2, divided by x, in powers of x^2, to 3e-5 for x up to 3.5.
 _E0, _E1, _E2, _E3, _E4, _E5, _E6 = (
@@ -62,7 +67,7 @@ _E0, _E1, _E2, _E3, _E4, _E5, _E6 = (
 @njit(inline='always')
 def _says(pixel, away, along, outer, gap, across):
     """Return what one pixel adds to the sums of its profile; see offsets."""
-    f_limit, f_lean, full, scale, v_out, v_more, rough, uneven, t_out, reach, sharp = across
+    f_limit, f_lean, full, scale, v_out, v_more, texture, t_out, reach, sharp = across
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     most = np.float32(3.5)
     x = away * scale
@@ -80,7 +85,6 @@ def _says(pixel, away, along, outer, gap, across):
     cover = half - x * (_E0 + q * (_E1 + q * (_E2 + q * (_E3 + q * (_E4 + q * (_E5 + q * _E6))))))
     bare = one - cover
     rest = pixel - outer - gap * cover
-    texture = rough + uneven * gap * gap
     w = one / (v_out + cover * (v_more + cover * texture) + bare * bare * t_out)
     w = w if abs(along + away * f_lean) < f_limit else zero
     w = w if pixel < full else zero
@@ -93,7 +97,7 @@ def _says(pixel, away, along, outer, gap, across):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def offsets(work, ends, slope, lean, limit, blur, spread, soft):
+def offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast):
     """Answer for every profile how far its edge lies outside the present square, and how surely.
 
     One step of maximum likelihood for a Gaussian-blurred step between known levels, each pixel
@@ -101,6 +105,7 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
     its square, so that a speckled cover is measured by the outer foot of its edge. Bell and its
     integral are polynomials, so that the loop over profiles becomes vector code. Pixels further
     than REACH from the edge say nothing of it. soft: whether light inside falls, see SOFT_EDGE.
+    contrast: of the block, grey levels.
     """
     n, taps = ends[LANES], ends[TAPS_USED]
     used = min(2 * int(math.ceil(REACH * blur / slope)), taps)
@@ -109,8 +114,7 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
     v_out = np.float32(spread[1])
     v_more = np.float32(max(spread[0] - spread[2], spread[1]) - spread[1])
     t_in, t_out = np.float32(spread[2]), np.float32(spread[3])
-    rough = np.float32(0.0 if soft else ROUGH) * t_in
-    uneven = np.float32(SOFT_ROUGH**2 if soft else 0.0)
+    texture = np.float32((INSIDE * contrast) ** 2) if soft else np.float32(ROUGH) * t_in
     zero, one = np.float32(0.0), np.float32(1.0)
     f_limit, f_lean, f_slope = np.float32(limit), np.float32(lean), np.float32(slope)
     reach, sharp, falls, full = np.float32(EDGE * EDGE), np.float32(1e9), zero, np.float32(1e9)
@@ -119,8 +123,11 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
         reach = np.float32(SOFT_EDGE[1] ** 2)
         sharp = np.float32(1.0 / (SOFT_EDGE[1] ** 2 - SOFT_EDGE[0] ** 2))
     bright = np.float32(0.9) * full
-    loose = np.float32(1e-3) if soft else max(t_in, np.float32(1e-3))
-    looser = np.float32(SOFT_LEVEL**2 if soft else 0.0)
+    loose = np.float32((SOFT_LEVEL * contrast) ** 2) if soft else t_in
+    stiff = one / max(loose, np.float32(1e-3))
+    # how much a pixel on the edge varies: as it was weighed, and by the light of its own profile
+    noise = v_out + np.float32(0.5) * v_more + np.float32(0.25) * t_out
+    weighed, own = noise + np.float32(0.25) * texture, np.float32(0.25 * SOFT_ROUGH**2)
     for i in range(n):
         work[_A + i] = zero
         work[_B + i] = zero
@@ -129,7 +136,7 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
         work[_E + i] = zero
     pixels = work[TAP + first * LINES :]
     start = f_slope * np.float32(first)
-    across = f_limit, f_lean, full, scale, v_out, v_more, rough, uneven, t_out, reach, sharp
+    across = f_limit, f_lean, full, scale, v_out, v_more, texture, t_out, reach, sharp
     for pair in range(used // 2):  # two at once: sums are read and written half as often
         one_at, other_at = 2 * pair * LINES, (2 * pair + 1) * LINES
         one_ahead = start + f_slope * np.float32(2 * pair)
@@ -150,7 +157,6 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
             work[_E + i] += e0 + e1
     for i in range(n):
         gap = work[IN + i] - work[OUT + i]
-        stiff = one / (loose + looser * gap * gap)
         held = work[_D + i] + (stiff if work[IN + i] < bright else np.float32(OPEN))
         share = work[_C + i] / held
         bottom = work[_B + i] - share * work[_C + i] + np.float32(1e-9)
@@ -160,7 +166,28 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft):
         slant = (work[IN + i] + less - work[OUT + i]) * scale * np.float32(0.39894228)  # grey / px
         safe = slant if slant > one else one
         work[OFFSET + i] = far / safe
-        work[WEIGHT + i] = work[VALID + i] * bottom * safe * safe
+        right = weighed / (noise + own * gap * gap) if soft else one
+        work[WEIGHT + i] = work[VALID + i] * bottom * safe * safe * right
+    if soft:
+        _even(work, n)
+
+
+@njit(inline='always')
+def _even(work, n):
+    """Make profiles weigh alike as far as it is not noise that moves their edges.
+
+    The sum of all weights stays, and so does what they say of the scatter.
+    """
+    off, before, after = np.float32(UNEVEN_PX**2), np.float32(0.0), np.float32(0.0)
+    for i in range(n):
+        weight = work[WEIGHT + i]
+        even = weight / (np.float32(1.0) + weight * off)
+        before += weight
+        after += even
+        work[WEIGHT + i] = even
+    scale = before / max(after, np.float32(1e-9))
+    for i in range(n):
+        work[WEIGHT + i] *= scale
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
