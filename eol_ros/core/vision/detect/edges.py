@@ -267,6 +267,7 @@ def _fit(
     least,
     table,
     usual,
+    missed,
     work,
     ends,
     a,
@@ -340,7 +341,7 @@ def _fit(
             break
     texture, fall, around, beside = spread[3], spread[4], spread[5], spread[6]
     lit = 0.0
-    if soft and share < WHOLE and beside > glow.LAMP:
+    if missed and soft and share < WHOLE and beside > glow.LAMP:
         lit = glow.admit(work, ends, slope, lean, limit, blur, around, usual, shares)
     if lit > 0.0:
         u0, v0, theta0, half0 = u, v, theta, half
@@ -488,14 +489,15 @@ def scratch():
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def fit_square(
-    image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, table, usual, work,
-    ends, small,
+    image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, table, usual,
+    missed, work, ends, small,
 ):  # fmt: skip
     """Fit a square to `image` (h, w) uint8 from `square` (FIELDS,): u, v, theta, half as expected.
 
     shear, table: see profiles.gather. search: rounds of rough search before the fit (0 when the
     start is good to 2 px; a fit that comes out poor then searches once itself). least: contrast
-    below which no answer is wanted.
+    below which no answer is wanted. missed: a block is expected here, so light beside it may be a
+    lamp's (see glow); of a light that nobody expects it may be a lamp alone.
 
     `square` then holds u, v, theta, half, agreeing share of the edges, sigma px, quality, contrast,
     level inside, agreeing share of the worst side, how certainly no other cover's light stands
@@ -518,6 +520,7 @@ def fit_square(
         least,
         table,
         usual,
+        missed,
         work,
         ends,
         a,
@@ -539,6 +542,7 @@ def fit_square(
             least,
             table,
             usual,
+            missed,
             work,
             ends,
             a,

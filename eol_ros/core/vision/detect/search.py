@@ -111,7 +111,7 @@ def attempt(
     contrasts = known[CONTRASTS]
     edges.fit_square(
         image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * contrasts, table,
-        usual, work, ends, small,
+        usual, missed, work, ends, small,
     )  # fmt: skip
     # grains that sparkle and specks take their part of any block's edge: what is left is all of it
     square[VISIBLE] /= known[AGREEING]
