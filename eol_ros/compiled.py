@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Is what numba compiles in its cache? Told in some milliseconds, without numba.
 
-numba keeps machine code by the content of the one file that a function stands in, and does not
-notice a change in a file that this one imports. So `eol compile` writes a stamp beside its cache
-when it has compiled a part: what the sources contained, for which processor and which versions, and
-which files that made. Where the package's own folders cannot be written, numba uses a folder of the
-user's, and so do the stamps.
+Each cached function knows what it was made from (`core/compiled.py`), but to ask it numba must be
+imported, and all that it calls. So `eol compile` writes a stamp beside its cache when it has
+compiled a part: what the sources contained, for which processor and which versions, and which files
+that made. Where the package's own folders cannot be written, numba uses a folder of the user's, and
+so do the stamps.
 """
 
 import contextlib
@@ -97,7 +97,8 @@ def explained(error: RuntimeError) -> ConfigError | None:
 def forget(everything: bool = False) -> None:
     """Remove from the cache what was compiled from sources that have changed, or all of it.
 
-    What no stamp vouches for may have been compiled from anything, and goes too.
+    numba names its files by the lines that functions stand in, and would leave those of earlier
+    versions for good. What no stamp vouches for goes too.
     """
     names = {name for folders in PARTS.values() for name in folders}
     if not everything:

@@ -7,24 +7,34 @@ code (LLVM bitcode) of each function for callers that might be compiled later. I
 compiles nothing that is 30 to 45 MB and half a second. Here both are had when something is
 compiled, and only then. The machine code is the same.
 
+What is in the cache is taken only while all that it was made from is as it was: numba itself looks
+at the file of the function alone, not at those of the functions and numbers in it.
+
 Use `njit` and `cfunc` of this module in place of numba's.
 """
 
 import functools
+import hashlib
+import pickle
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from types import CodeType, ModuleType
 from typing import Any
 
 import llvmlite.binding as llvm
 import numba
+import numpy as np
 from numba import types
 from numba.core import environment, sigutils
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, compile_result
+from numba.core.dispatcher import Dispatcher
 from numba.core.runtime import rtsys
+from numba.extending import _Intrinsic
 
 
 def njit(
@@ -132,10 +142,75 @@ def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
+def made_from(function: Callable[..., Any]) -> str:
+    """Return a digest of what the machine code of `function` is made from.
+
+    That is the content of its file and of the files of all compiled functions that it calls,
+    directly or not, and each global that one of them reads. All that it calls must be defined.
+    """
+    files = set()
+    constants = set()
+    left, seen = [function], set()
+    while left:
+        called = left.pop()
+        files.add(called.__code__.co_filename)
+        for name, value in _read_by(called):
+            if isinstance(value, Dispatcher):
+                if value.py_func not in seen:
+                    seen.add(value.py_func)
+                    left.append(value.py_func)
+            elif isinstance(value, _Intrinsic):
+                files.add(value._defn.__code__.co_filename)
+            elif isinstance(value, type):  # a record, or an exception
+                files.add(getattr(sys.modules[value.__module__], '__file__', ''))
+            elif isinstance(value, _CONSTANT):
+                constants.add((called.__module__, name, pickle.dumps(value)))
+    digest = hashlib.sha256(repr(sorted(constants)).encode())
+    for file in sorted(files - {''}):
+        digest.update(_content(file))
+    return digest.hexdigest()
+
+
+_CONSTANT = (bool, int, float, complex, str, bytes, tuple, np.ndarray, np.generic, np.dtype)
+
+
+def _read_by(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
+    """Yield (name, value) of each global that the code of `function` may read, in modules too.
+
+    Of a module each attribute counts whose name stands anywhere in the code: some too many.
+    """
+    names = set(_names(function.__code__))
+    for name in names & function.__globals__.keys():
+        value = function.__globals__[name]
+        if isinstance(value, ModuleType):
+            for attribute in names & vars(value).keys():
+                yield f'{name}.{attribute}', vars(value)[attribute]
+        else:
+            yield name, value
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        yield name, cell.cell_contents
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for inside in code.co_consts:
+        if isinstance(inside, CodeType):
+            yield from _names(inside)
+
+
+@functools.cache
+def _content(file: str) -> bytes:
+    return hashlib.sha256(Path(file).read_bytes()).digest()
+
+
 class _Cache(FunctionCache):
-    """numba's cache of one function, which asks for the compiler only where it finds nothing."""
+    """numba's cache of one function: it knows what its code was made from (`made_from`).
+
+    It asks for the compiler only where it finds nothing.
+    """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        self._cache_file._source_stamp = made_from(self._py_func)
         rtsys.initialize(target_context)
         with _without_imports():
             found = self._load_overload(sig, target_context)

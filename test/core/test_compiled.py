@@ -75,6 +75,61 @@ def test_what_others_call_has_no_machine_code_and_is_taken_from_the_cache(tmp_pa
     assert told == [['6.0', '0', *code], ['3.0', '1', *code], ['3.0', '0']]
 
 
+FILES = {
+    'caller.py': """
+import above, constants
+from eol_ros.core.compiled import njit
+
+@njit(cache=True)
+def run(x):
+    return above.middle(x) + constants.LAST
+
+print(run(10.0), sum(run.stats.cache_hits.values()))
+""",
+    'above.py': """
+import below
+from eol_ros.core.compiled import njit
+
+@njit(cache=True, inner=True)
+def middle(x):
+    return below.advance(x)
+""",
+    'below.py': """
+from constants import STEP
+from eol_ros.core.compiled import njit
+
+@njit(cache=True, inner=True)
+def advance(x):
+    return x + STEP
+""",
+    'constants.py': 'STEP, LAST, OTHER = 1.0, 100.0, 0',
+}
+
+
+@pytest.mark.slow
+def test_a_cache_is_stale_when_anything_has_changed_that_it_was_made_from(tmp_path):
+    def told():
+        command = [sys.executable, '-B', str(tmp_path / 'caller.py')]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+
+    def edit(name, old, new):
+        text = FILES[name].replace(old, new)
+        assert text != FILES[name]
+        (tmp_path / name).write_text(text)
+
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text)
+    assert [told(), told()] == [['111.0', '0'], ['111.0', '1']]
+    edit('below.py', 'x + STEP', 'x - STEP')  # a function two files away
+    assert [told(), told()] == [['109.0', '0'], ['109.0', '1']]
+    edit('constants.py', 'STEP, LAST, OTHER = 1.0', 'STEP, LAST, OTHER = 2.0')
+    assert [told(), told()] == [['108.0', '0'], ['108.0', '1']]
+    edit('constants.py', '1.0, 100.0', '2.0, 300.0')  # read as an attribute of its module
+    assert [told(), told()] == [['308.0', '0'], ['308.0', '1']]
+    edit('constants.py', '1.0, 100.0, 0', '2.0, 300.0, 7')  # which no compiled function reads
+    assert told() == ['308.0', '1']
+
+
 @pytest.mark.slow
 def test_sweeps_are_compiled_for_stiff_scenes_only():
     """In a process of its own the order of tests would not matter; here signatures are counted."""
