@@ -117,7 +117,7 @@ class Tracker:
         self.watch = Watch(calibration)
         self._take(calibration)
         self.predicted = np.zeros((N_BLOCKS, 6))
-        self.finder = finder if finder is not None else BlobFinder(settings, calibration)
+        self.finder = finder or BlobFinder(calibration, settings.threshold)
         blink = None
         if settings.blink_block >= 0:
             blink = Blink(settings.blink_block, settings.blink_period_s, settings.blink_off_s)

@@ -56,18 +56,18 @@ class BlobFinder:
     every image. So may `threshold`, grey levels that the light of a cover must have at least.
 
     Args:
-        settings: unused by the finder itself except `blur_px`, the edge blur, when it has one.
         calibration: gives the expected size of a block anywhere in the image, and the outlines of
             its cover; None learns the size.
+        threshold: grey levels.
     """
 
-    def __init__(self, settings: object = None, calibration: Calibration | None = None):
+    def __init__(self, calibration: Calibration | None = None, threshold: float = 0.0):
         self._known = np.zeros(search.KNOWN)
-        self._known[search.BLUR] = getattr(settings, 'blur_px', _BLUR_PX)
+        self._known[search.BLUR] = _BLUR_PX
         self._shape = (0, 0)
         self.calibration = calibration
         self.background: BackgroundModel | None = None
-        self.threshold = float(getattr(settings, 'threshold', 0.0))
+        self.threshold = threshold
         self._scratch = profiles.workspace()
         self._fits = np.zeros((_MOST_REGIONS, edges.FIELDS))
         self._kept = np.zeros((_MOST_REGIONS, edges.FIELDS))
