@@ -42,13 +42,11 @@ HIDDEN = 0.25  # less of the outline than this in view, and the block counts as 
 REST_S = 20.0  # for so long a calibration that was asked for waits for the blocks to rest
 SETTLE_S = 0.3  # after a new calibration; longer than any rest that motion compares with
 LAMP_LEVEL = 5  # grey levels
-FAINT = 0.6  # and below this it must stand where its neighbours allow
+FAINT = 0.6  # less of it, and it must stand where its neighbours allow
 # From here on, and so sure, it is believed at once where its neighbours allow.
 SOUND, SOUND_PX = 0.45, 0.24
 # By more no block goes or turns from image to image: it is another one that has its id now.
 GOES_M, TURNS = 0.02, math.radians(45)
-
-
 # Answers lie on grids far finer than any noise (1 um, 0.001 px, 15 urad; a sigma to 2 %), so that a
 # bag packs them well: what is rounded off adds less than 0.1 % to the variance of a still block.
 M_STEP, PX_STEP, RAD_STEP = 2.0**-20, 2.0**-10, 2.0**-16
@@ -223,12 +221,14 @@ class Tracker:
             self.blobs = self.blobs[:0]
             return self._answer(stamp_s, FAULT, fault)
         lattice = self.lattice
+        tracking = lattice.state == TRACKING
         blobs = self.finder.find(image, self._predicted(stamp_s))
-        if lattice.state != TRACKING:  # no neighbours say yet where a faint one may stand
-            shown = blobs['visibility']
-            blobs = blobs[(shown >= FAINT) | (shown >= SOUND) & (blobs['sigma_px'] < SOUND_PX)]
-        elif len(blobs) and blobs['visibility'].min() < HIDDEN:
-            blobs = blobs[blobs['visibility'] >= HIDDEN]
+        shown = blobs['visibility']
+        faint, sound = shown < FAINT, (shown >= SOUND) & (blobs['sigma_px'] < SOUND_PX)
+        # while not tracking, no neighbours say where a faint one may stand
+        good = shown >= HIDDEN if tracking else ~faint | sound
+        if not good.all():
+            blobs, faint, sound = blobs[good], faint[good], sound[good]
         self.blobs = blobs
         if self.calibration is None:
             if len(blobs) < 9:
@@ -241,10 +241,7 @@ class Tracker:
             assert self.calibration is not None
             self.learning = self_calibration.SelfCalibration(self.calibration)
         xy, yaw, sigma = mapping.poses(self.packed, blobs, BLOCK_SIDE_M)
-        shown = blobs['visibility']
-        faint, sound = shown < FAINT, (shown >= SOUND) & (blobs['sigma_px'] < SOUND_PX)
         self._image, self._xy = image, xy
-        tracking = lattice.state == TRACKING
         self.identity.update(stamp_s, xy, yaw, sigma, faint, self._glance, sound)
         self.watch.rests(lattice.state == TRACKING and lattice.rests())
         seen = lattice.seen

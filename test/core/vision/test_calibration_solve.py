@@ -74,7 +74,7 @@ def test_sides_are_read_where_they_are_though_light_falls_towards_them(name, sof
     if softer_px:  # out of focus: blurs of 1.37 and 1.59 px in place of 1.23
         image = films.sensed(cv2.GaussianBlur(film.light, (0, 0), softer_px), 0)
     blobs = calibrate.all_blocks(image, camera, False)
-    tables = outline.tables(camera, blobs, np.zeros(25, int), falling_light.GLOW_PX)
+    tables = outline.tables(camera, blobs, np.zeros(25, int), falling_light.NEAR_SHINE_PX)
     found = corners(image, blobs, tables=tables)
     truth = camera.to_pixels(calibrate._cover_corners(film.shot.poses).reshape(-1, 2))
     wide = [

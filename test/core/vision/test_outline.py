@@ -104,7 +104,7 @@ def test_the_table_is_the_edge_of_all_that_is_seen(pose, k1, mirror):
             e = shear * np.exp(-2j * angle)
             wall = (below - centre[0]) @ normal - half  # in sight, and how wide, in px
             wall *= (covers.land_mm[block].mean() - covers.lower_mm) * 1e-3 / eye[2]
-            glow = outline.GLOW_PX * min(max(wall, 0.0), 1.0)
+            glow = outline.SHINE_PX * min(max(wall, 0.0), 1.0)
             for at in np.linspace(-0.85, 0.85, 35) * half:
                 stands = outline.outside.py_func(table, side, np.float32(at))
                 if stands != outline.NONE:
@@ -160,7 +160,7 @@ def test_corners_stand_where_those_of_the_printed_cover_do(mirror):
             ends = [k for k in range(4) if side in ((3, 0), (0, 1), (1, 2), (2, 3))[k]]
             lower, upper = ((part[ends] @ normals[side]).mean() for part in (rim, top))
             expected = (rim if lower > upper else top)[corner] @ normals[side]
-            glow = outline.GLOW_PX * min(max(lower - upper, 0.0), 1.0)
+            glow = outline.SHINE_PX * min(max(lower - upper, 0.0), 1.0)
             assert shifts[corner] @ normals[side] == pytest.approx(expected + glow, abs=0.03)
 
 
@@ -277,7 +277,7 @@ def test_the_tracker_is_right_about_the_twins_covers(shape, gap_m):
             assert seen.all()
             assert np.abs(np.degrees(found.yaw - yaw)).max() < 0.2
 
-    # the twin's walls shine on nothing: half of GLOW_PX, 0.17 mm here, is the outline's own
+    # the twin's walls shine on nothing: half of SHINE_PX, 0.17 mm here, is the outline's own
     assert error_mm[0] < 0.4 and error_mm[1] > 3 * error_mm[0]
 
 

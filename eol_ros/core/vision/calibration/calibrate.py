@@ -26,7 +26,7 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import outline
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.detect.corners import corners
-from eol_ros.core.vision.detect.falling_light import GLOW_PX, side_sigma
+from eol_ros.core.vision.detect.falling_light import NEAR_SHINE_PX, side_sigma
 from eol_ros.core.vision.image_health import Watch
 from eol_ros.errors import ConfigError
 
@@ -418,7 +418,7 @@ def from_squares(
     def solved(camera: Calibration | None, lens: int) -> Solution:
         views = []
         for image, blobs in seen:
-            tables = None if camera is None else outline.tables(camera, blobs, turns, GLOW_PX)
+            tables = None if camera is None else outline.tables(camera, blobs, turns, NEAR_SHINE_PX)
             views.append((ids, corners(image, blobs, tables=tables)))
         if covers is None:
             return from_blocks(views, start, start.cover_height_m, lens=lens)

@@ -44,6 +44,7 @@ SETTLED_MOST_PX = 0.2  # where the square was expected no further off than this
 RUN = 10  # profiles of one stretch of an edge
 CHANCE = 1.8  # noise alone makes stretches seldom differ by more
 ALIKE_PX = 1.0  # what is further off is another edge
+ALONE_FROM = 0.75  # share from which no light beside a square makes it half of another cover
 DOUBTFUL = 0.65  # share below which a good start is mistrusted, and the edges are searched for
 HOPELESS = 0.1  # share below which no round makes a square of it
 # Share of the edge in sight from which a block needs no help, and below it, over how much of the
@@ -53,11 +54,11 @@ WHOLE, GRADUALLY = 0.9, 0.1
 ROUNDS, NEAR_PX = 2, 0.1
 # By how much a stretch of its edge may then differ from what is known, flat covers and with relief.
 STRETCH_PX, SOFT_STRETCH_PX = 0.02, 0.05
-GLOW_PX = 0.3  # by so much a lamp may lead a block of which all edges stand in its glow
-LED_PX = 0.2  # by so much an arm may lead a block of which hardly a line is as it was
+LAMP_LEADS_PX = 0.3  # by so much a lamp may lead a block of which all edges stand in its glow
+ARM_LEADS_PX = 0.2  # by so much an arm may lead a block of which hardly a line is as it was
 # Share of the contrast by which light may fall in the flats beside an edge, and how fast more makes
 # a lamp of it. Outside of covers with relief it is 0.12 at most, of lamps hardly ever below 0.2.
-GLOW, SOFT_GLOW = (0.15, 2.5), (0.1, 5.0)
+FALL, SOFT_FALL = (0.15, 2.5), (0.1, 5.0)
 FIELDS = 13  # of one fitted square
 (U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST, ALONE, MISFIT, ASIDE) = range(
     FIELDS
@@ -267,7 +268,7 @@ def _fit(
     least,
     table,
     usual,
-    missed,
+    predicted,
     work,
     ends,
     a,
@@ -299,7 +300,7 @@ def _fit(
     variance = 1.0
     contrast = level = 0.0
     soft = table[0] > 0.0
-    flat, steep = SOFT_GLOW if soft else GLOW
+    flat, steep = SOFT_FALL if soft else FALL
     settled = SOFT_SETTLED_SIGMAS if soft else SETTLED_SIGMAS
     for gather in range(4):
         profiles.gather(image, u, v, theta, half, blur, shear, table, work, ends)
@@ -341,7 +342,7 @@ def _fit(
             break
     texture, fall, around, beside = spread[3], spread[4], spread[5], spread[6]
     lit = 0.0
-    if missed and soft and share < WHOLE and beside > glow.LAMP:
+    if predicted and soft and share < WHOLE and beside > glow.LAMP:
         lit = glow.admit(work, ends, slope, lean, limit, blur, around, usual, shares)
     if lit > 0.0:
         u0, v0, theta0, half0 = u, v, theta, half
@@ -368,7 +369,7 @@ def _fit(
     if tight > 0 and lit == 0.0:
         touched = usual_outline.touched(usual, share * around, texture)
     noise = 0.5 * (a[0, 0] + a[1, 1])  # variance of the place, but for that of a profile
-    aside = left = 0.0
+    aside = 0.0
     if tight > 0 and lit == 0.0:
         sigma = math.sqrt(variance * noise)
         aside = usual_outline.aside(work, ends, half, half - expected, step, sigma, False, usual)
@@ -412,7 +413,7 @@ def _fit(
         usual_outline.forget(usual)
     scatter *= noise
     if lit > 0.0:
-        led = lit * GLOW_PX * GLOW_PX
+        led = lit * LAMP_LEADS_PX * LAMP_LEADS_PX
         square[MISFIT] *= math.sqrt(1.0 + led / scatter)
         scatter += led
     if touched > 0.0 or aside > 0.0:
@@ -446,7 +447,7 @@ def _fit(
                 break
         if agree < HOPELESS:  # hardly a line is as it was
             u, v, theta, half = u0, v0, theta0, half0
-            scatter += touched * LED_PX * LED_PX
+            scatter += touched * ARM_LEADS_PX * ARM_LEADS_PX
         else:
             more, sigma = half - expected, math.sqrt(variance * 0.5 * (a[0, 0] + a[1, 1]))
             left = usual_outline.aside(work, ends, half, more, step, sigma, True, usual)
@@ -473,7 +474,7 @@ def _fit(
     off = (free_half - expected) / (3.0 * half_sigma + 0.04 * expected)
     sharp = 1.0 - min(max(steep * (fall - flat), 0.0), 1.0)
     # covers do not overlap: light like a cover's just outside says that this is half beside one
-    alone = 1.0 if share > 0.75 else max(1.0 - 5.0 * beside, 0.0)
+    alone = 1.0 if share > ALONE_FROM else max(1.0 - 5.0 * beside, 0.0)
     square[QUALITY] = share * both_ways * math.exp(-0.5 * off * off) * sharp
     square[ALONE] = alone
     square[WORST] = min(min(shares[0], shares[1]), min(shares[2], shares[3]))
@@ -490,14 +491,14 @@ def scratch():
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def fit_square(
     image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, table, usual,
-    missed, work, ends, small,
+    predicted, work, ends, small,
 ):  # fmt: skip
     """Fit a square to `image` (h, w) uint8 from `square` (FIELDS,): u, v, theta, half as expected.
 
     shear, table: see profiles.gather. search: rounds of rough search before the fit (0 when the
     start is good to 2 px; a fit that comes out poor then searches once itself). least: contrast
-    below which no answer is wanted. missed: a block is expected here, so light beside it may be a
-    lamp's (see glow); of a light that nobody expects it may be a lamp alone.
+    below which no answer is wanted. predicted: a block should be here, so light beside it may be a
+    lamp's (see glow); a light that nobody expects may be a lamp alone.
 
     `square` then holds u, v, theta, half, agreeing share of the edges, sigma px, quality, contrast,
     level inside, agreeing share of the worst side, how certainly no other cover's light stands
@@ -520,7 +521,7 @@ def fit_square(
         least,
         table,
         usual,
-        missed,
+        predicted,
         work,
         ends,
         a,
@@ -542,7 +543,7 @@ def fit_square(
             least,
             table,
             usual,
-            missed,
+            predicted,
             work,
             ends,
             a,

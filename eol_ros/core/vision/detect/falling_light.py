@@ -21,8 +21,8 @@ from scipy.special import erf
 SHARE = 0.55
 INSIDE = 0.2
 # And further out where a wall is in sight, which shines on the sandpaper; more than of the sides
-# that a tracker reads (outline.GLOW_PX), as this reads what lies nearer to a side.
-GLOW_PX = np.float32(0.27)
+# that a tracker reads (outline.SHINE_PX), as this reads what lies nearer to a side.
+NEAR_SHINE_PX = np.float32(0.27)
 # What is left of it, of all sides together, in images of eight landscapes. Other plastic, walls and
 # boards add 0.02 px by profiles of light.
 SIGMA_PX = 0.015

@@ -23,7 +23,7 @@ NONE = np.float32(99.0)  # px: no edge here that would be the outline
 STEEP = 0.8  # px of parallax a px along the side above which an edge is too slanted to be read
 # px by which a lit wall in sight, a px of it or more, is found further out than other sides are: it
 # shines on the sandpaper beside its lower rim. By path-traced images, of all sides together.
-GLOW_PX = np.float32(0.2)
+SHINE_PX = np.float32(0.2)
 SIZE = 1 + 4 * BINS  # of a table: its reach in px, 0 where there is none, then the sides
 
 
@@ -43,12 +43,12 @@ def _draw(table, reach, t0, d0, t1, d1):
 
 
 @njit(cache=True)
-def tabulate(camera, heights, u, v, theta, half, quarter, table, glow=GLOW_PX):
+def tabulate(camera, heights, u, v, theta, half, quarter, table, shine=SHINE_PX):
     """Fill `table` (SIZE,) with how far outside the sides of a flat square the outline stands.
 
     camera: Calibration.packed(). heights (4, 1 + POINTS) m over the calibration's plane. The square
     is at `u`, `v` px, angle `theta`, half side in px as the fit takes it; `quarter` right angles
-    further is the block's own x axis; `glow` is what the light of a wall in sight adds, px.
+    further is the block's own x axis; `shine` is what the light of a wall in sight adds, px.
 
     Rows and columns cross a side at a slant: what they meet further out is further along the side
     by -tan(theta) a px. The table is read where they would cross the flat square.
@@ -119,7 +119,7 @@ def tabulate(camera, heights, u, v, theta, half, quarter, table, glow=GLOW_PX):
                 mine[b] = NONE  # beside the land stands the slanting edge of another side
             elif mine[b] != NONE:
                 wall = mine[b] - upper[b] if upper[b] != NONE else np.float32(1.0)
-                mine[b] += glow * min(wall, np.float32(1.0))
+                mine[b] += shine * min(wall, np.float32(1.0))
         pitch = 2.0 * table[0] / BINS
         for b in range(BINS - 1):  # where the land falls steeply no profile crosses it well
             steep = mine[b] != NONE and mine[b + 1] != NONE
@@ -149,12 +149,12 @@ def tables(
     calibration: Calibration,
     blobs: np.ndarray,
     quarters: np.ndarray,
-    glow: np.float32 = GLOW_PX,
+    shine: np.float32 = SHINE_PX,
 ) -> np.ndarray:
     """Return tables (n, SIZE) of blocks 0 to n - 1, found as `blobs` (n,), a BLOB array.
 
     quarters (n,): right angles from each square's angle in the image to the block's own x axis;
-    glow: as of `tabulate`.
+    shine: as of `tabulate`.
     """
     found = np.zeros((len(blobs), SIZE), np.float32)
     if calibration.covers is None:
@@ -162,7 +162,7 @@ def tables(
     camera, heights = calibration.packed(), calibration.covers.over(calibration.cover_height_m)
     for i, blob in enumerate(blobs):
         u, v, theta, half = (float(blob[k]) for k in ('u', 'v', 'theta', 'side_px'))
-        tabulate(camera, heights[i], u, v, theta, half / 2, int(quarters[i]), found[i], glow)
+        tabulate(camera, heights[i], u, v, theta, half / 2, int(quarters[i]), found[i], shine)
     return found
 
 

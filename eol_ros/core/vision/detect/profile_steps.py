@@ -32,12 +32,12 @@ from eol_ros.core.vision.detect.profiles import (
 # that falls towards the edge makes the level one of just these pixels, and what is cut off sharply
 # jumps from pixel to pixel as a block moves: on covers with relief their weight falls to nothing.
 EDGE, SOFT_EDGE = 2.4, (1.6, 3.0)
-REACH = (
-    3.0  # blurs from the edge up to which all pixels are weighed: of the next a hundredth is left
-)
+# Blurs from the edge up to which all pixels are weighed: of the next a hundredth is left.
+REACH = 3.0
 # Saturated pixels say nothing, and beside them nobody knows the light: its variance is 50^2. So a
 # flash does not move the edges of a cover with relief, which shines more on some sides than others.
 FULL, OPEN = 254.0, 1.0 / 50.0**2
+BRIGHT = 0.9 * FULL  # light inside above this may be saturated at the edge
 ROUGH = 0.1  # share of the texture's variance that is new from pixel to pixel
 # On covers with relief the light inside falls and rises by more than that: from pixel to pixel by
 # SOFT_ROUGH of the contrast of its profile. But where pixels inside weigh more, the edge is found
@@ -117,12 +117,12 @@ def offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast):
     texture = np.float32((INSIDE * contrast) ** 2) if soft else np.float32(ROUGH) * t_in
     zero, one = np.float32(0.0), np.float32(1.0)
     f_limit, f_lean, f_slope = np.float32(limit), np.float32(lean), np.float32(slope)
-    reach, sharp, falls, full = np.float32(EDGE * EDGE), np.float32(1e9), zero, np.float32(1e9)
+    reach, sharp, falls = np.float32(EDGE * EDGE), np.float32(1e9), zero
+    full = bright = np.float32(1e9)
     if soft:
-        falls, full = one, np.float32(FULL)
+        falls, full, bright = one, np.float32(FULL), np.float32(BRIGHT)
         reach = np.float32(SOFT_EDGE[1] ** 2)
         sharp = np.float32(1.0 / (SOFT_EDGE[1] ** 2 - SOFT_EDGE[0] ** 2))
-    bright = np.float32(0.9) * full
     loose = np.float32((SOFT_LEVEL * contrast) ** 2) if soft else t_in
     stiff = one / max(loose, np.float32(1e-3))
     # how much a pixel on the edge varies: as it was weighed, and by the light of its own profile
@@ -202,7 +202,7 @@ def saturate_alike(work, ends, slope, blur):
     inmost = np.float32(-SOFT_EDGE[1] * blur)
     bright = zero
     for i in range(n):
-        bright += work[VALID + i] if work[IN + i] >= np.float32(0.9) * full else zero
+        bright += work[VALID + i] if work[IN + i] >= np.float32(BRIGHT) else zero
         work[_E + i] = inmost
     if bright == zero:
         return

@@ -30,12 +30,10 @@ from eol_ros.core.vision.detect.edges import (
 HALF_SIGMA_PX = 0.25  # how well the size of a block is known beforehand
 ROUGHLY = 0.05  # and, while nothing is known, as a share of the size
 TIGHT_PX = 0.05  # and with a calibration
-# A square less sure than this is not reported: whole, and where much of it does not agree, for then
-# it may be an arm's edge or a lamp's that the rest was fitted to.
-MOST_SIGMA_PX, MOST_PARTLY_PX = 0.3, 0.24
-MOST_KNOWN_PX = (
-    0.4  # of one whose usual outline is known: what an arm may lead it by is in its sigma
-)
+# Sigma above which a square is not reported: of one that is whole; of one of which much does not
+# agree, for it may be an arm's edge or a lamp's that the rest was fitted to; and of one, whole or
+# not, whose usual outline is known, for its sigma holds by how much an arm may lead it.
+MOST_WHOLE_PX, MOST_PARTLY_PX, MOST_KNOWN_PX = 0.3, 0.24, 0.4
 # By so much a block may stand aside at most, half of the strip that an arm hides along one side.
 MOST_ASIDE_PX = 1.0
 # least share of edges that agree, of the worst side, and least quality
@@ -92,12 +90,12 @@ def expected(known, shape, u, v):
 @njit(cache=True, inner=True)
 def attempt(
     image, known, u, v, theta, own, half, search, table, usual, work, ends, small, square,
-    missed=False, since_s=np.inf,
+    predicted=False, since_s=np.inf,
 ):  # fmt: skip
     """Fit a square from `u`, `v`, `theta`; `square` (FIELDS,) says how it went.
 
-    own: contrast that it is known to have, or 0. missed: a block of the lattice should be here,
-    which was seen `since_s` ago.
+    own: contrast that it is known to have, or 0. predicted: a block of the lattice should be
+    here, which was seen `since_s` ago.
     half: of its side, px; 0 where `known` says it.
     table: see outline; usual: see usual_outline; small: edges.scratch.
 
@@ -111,7 +109,7 @@ def attempt(
     contrasts = known[CONTRASTS]
     edges.fit_square(
         image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * contrasts, table,
-        usual, missed, work, ends, small,
+        usual, predicted, work, ends, small,
     )  # fmt: skip
     # grains that sparkle and specks take their part of any block's edge: what is left is all of it
     square[VISIBLE] /= known[AGREEING]
@@ -123,17 +121,15 @@ def attempt(
         dim = contrast < MIN_CONTRAST * own or contrast > MAX_CONTRAST * max(own, contrasts)
     else:
         dim = contrast < 0.5 * contrasts
-        if missed and square[QUALITY] >= OUTLINE and square[SIGMA] < OUTLINE_PX:
+        if predicted and square[QUALITY] >= OUTLINE and square[SIGMA] < OUTLINE_PX:
             dim = False
         else:
             square[QUALITY] *= square[ALONE]
     moved = math.hypot(square[U] - u, square[V] - v)
     close = since_s < LATELY_S and moved < CLOSE * size
     some = close or (square[VISIBLE] >= PREDICTED[0] and square[QUALITY] >= PREDICTED[2])
-    sure = square[VISIBLE] > edges.WHOLE or close
-    most = MOST_SIGMA_PX if sure else MOST_PARTLY_PX
-    if usual_outline.trusted(usual):
-        most = MOST_KNOWN_PX
+    most = MOST_WHOLE_PX if square[VISIBLE] > edges.WHOLE or close else MOST_PARTLY_PX
+    most = MOST_KNOWN_PX if usual_outline.trusted(usual) else most
     good = (
         some
         and moved < size

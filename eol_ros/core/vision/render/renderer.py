@@ -245,7 +245,7 @@ class Renderer:
 
         Where the calibration knows their heights, each side is the line that its lower rim or its
         land makes in the image, whichever is further out, and the rim of a wall in sight stands as
-        far out as its light on the sandpaper moves it (outline.GLOW_PX); blocks (n,) then says
+        far out as its light on the sandpaper moves it (outline.SHINE_PX); blocks (n,) then says
         whose they are.
         """
         unit = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
@@ -269,7 +269,7 @@ class Renderer:
         outwards *= np.sign(((low.mean(axis=2) - middle) * outwards).sum(-1, keepdims=True))
         outwards /= np.hypot(outwards[..., :1], outwards[..., 1:])
         wall = -((high - low).mean(axis=2) * outwards).sum(-1, keepdims=True)  # px of it in sight
-        lit = low + (outline.GLOW_PX * np.clip(wall, 0, 1) * outwards)[:, :, None]
+        lit = low + (outline.SHINE_PX * np.clip(wall, 0, 1) * outwards)[:, :, None]
         side = np.where(wall[..., None] < 0, high, lit)
         # a corner is where a side meets the one before it
         one, other = side, np.roll(side, 1, axis=1)
