@@ -200,7 +200,14 @@ def _names(code: CodeType) -> Iterator[str]:
 
 @functools.cache
 def _content(file: str) -> bytes:
-    return hashlib.sha256(Path(file).read_bytes()).digest()
+    """Return a digest of a file as it was when this was first asked, or of its name if it has none.
+
+    A cell of a notebook has no file; its name is made from what it contains.
+    """
+    try:
+        return hashlib.sha256(Path(file).read_bytes()).digest()
+    except OSError:
+        return file.encode()
 
 
 class _Cache(FunctionCache):
@@ -208,6 +215,10 @@ class _Cache(FunctionCache):
 
     It asks for the compiler only where it finds nothing.
     """
+
+    def __init__(self, function: Callable[..., Any]):
+        super().__init__(function)
+        _content(function.__code__.co_filename)  # an update may come before the first call
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         self._cache_file._source_stamp = made_from(self._py_func)
