@@ -66,11 +66,12 @@ def _line(work, ends, side):
 
 
 @njit(cache=True, inner=True)
-def _gathered(work, ends, slope, lean, limit, seen):
+def _gathered(work, ends, sides, seen):
     """Fill `seen` (4, BINS, 3) with the pixels of the profiles, by their distance from the line.
 
     How many, and the sums of their distances and of their light.
     """
+    slope, lean, limit = sides.slope, sides.lean, sides.limit
     seen[:] = 0.0
     bins = seen.shape[1]
     for side in range(4):
@@ -102,26 +103,24 @@ def side_lines(image, squares, blur, tables, work, ends, out, seen):
 
     seen (n, 4, BINS, 3), or empty: what is seen beside these lines, see falling_light.edges.
     """
-    spread = np.zeros(7)
+    spread = np.zeros(profiles.SPREAD)
     lines, placed = np.zeros((4, 2)), np.zeros(outline.SIZE, np.float32)
     square = (0.0, 0.0)  # no shear: each side has a line of its own
     for s in range(squares.shape[0]):
         u, v, theta, half = squares[s, 0], squares[s, 1], squares[s, 2], squares[s, 3]
         out[s] = 0.0
         lines[:] = 0.0
-        slope, lean = abs(math.cos(theta)), -math.tan(theta)
-        limit = half - profiles.CORNER * blur
         soft = tables[s, 0] > 0.0
-        flat = profiles.FLAT * blur
+        sides = profiles.sides_of(theta, half, blur, soft)
         for _ in range(ROUNDS):
             _placed(tables[s], half, lines, placed)
             profiles.gather(image, u, v, theta, half, blur, square, placed, work, ends)
-            contrast, _ = profiles.levels(work, ends, slope, lean, limit, flat, spread, soft)
+            contrast, _ = profiles.levels(work, ends, sides, spread)
             if contrast == 0.0:
                 out[s, :, 2] = 0.0
                 break
             profiles.shrink_levels(work, ends, spread, soft)
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast)
+            profile_steps.offsets(work, ends, sides, spread, contrast)
             most = 0.0
             for side in range(4):
                 a, b, out[s, side, 2] = _line(work, ends, side)
@@ -131,7 +130,7 @@ def side_lines(image, squares, blur, tables, work, ends, out, seen):
             if most < SETTLED_PX:
                 break
         if len(seen):
-            _gathered(work, ends, slope, lean, limit, seen[s])
+            _gathered(work, ends, sides, seen[s])
         for side in range(4):
             out[s, side, 0] = half + lines[side, 0]
             out[s, side, 1] = -math.atan(lines[side, 1])

@@ -11,6 +11,7 @@ counter-clockwise, `d` is the distance to it, positive outside.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,19 +22,25 @@ from eol_ros.core.vision.detect.profiles import (
     _B,
     _C,
     ALL,
+    AROUND,
     BEGIN,
-    CORNER,
     COUNT,
+    FALL,
     FIRST,
-    FLAT,
+    GLARE,
     LANES,
     NU,
     NV,
     OFFSET,
+    TEXTURE_OUT,
     WEIGHT,
     T,
 )
 
+# Widths of Tukey's weights, px: where steep edges are searched for, at first and least; in the
+# first round about a place, in all others, in one with a known size, at first; and in all, least.
+SEARCH_PX, SEARCH_NARROW_PX = 9.0, 1.5
+FIRST_PX, WIDE_PX, SIZED_PX, NARROW_PX = 3.0, 1.0, 0.6, 0.05
 SETTLED_PX = 0.03  # a last step below this leaves no error that counts,
 SETTLED_SIGMAS = 6.0  # nor one of so many standard deviations: a twentieth of a step is left
 # On covers with relief a step stops short of its end by a quarter, as light inside is weighed from
@@ -46,6 +53,7 @@ CHANCE = 1.8  # noise alone makes stretches seldom differ by more
 ALIKE_PX = 1.0  # what is further off is another edge
 ALONE_FROM = 0.75  # share from which no light beside a square makes it half of another cover
 DOUBTFUL = 0.65  # share below which a good start is mistrusted, and the edges are searched for
+FOUND = 0.3  # share from which steep edges are those of a square
 HOPELESS = 0.1  # share below which no round makes a square of it
 # Share of the edge in sight from which a block needs no help, and below it, over how much of the
 # share help comes gradually: noise moves the share, and a step there would move the block with it.
@@ -58,11 +66,78 @@ LAMP_LEADS_PX = 0.3  # by so much a lamp may lead a block of which all edges sta
 ARM_LEADS_PX = 0.2  # by so much an arm may lead a block of which hardly a line is as it was
 # Share of the contrast by which light may fall in the flats beside an edge, and how fast more makes
 # a lamp of it. Outside of covers with relief it is 0.12 at most, of lamps hardly ever below 0.2.
-FALL, SOFT_FALL = (0.15, 2.5), (0.1, 5.0)
+FALLING, SOFT_FALLING = (0.15, 2.5), (0.1, 5.0)
 FIELDS = 13  # of one fitted square
 (U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST, ALONE, MISFIT, ASIDE) = range(
     FIELDS
 )
+
+
+class Known(NamedTuple):
+    """What is known of a square before it is fitted.
+
+    half: of its side, px, good to half_sigma; tight: how well a calibration says it, px, 0 where
+    there is none. shear: two numbers, see profiles.gather; blur: of edges, px. least: contrast
+    below which no answer is wanted. predicted: a block should be here, so light beside it may be a
+    lamp's (see glow); a light that nobody expects may be a lamp alone. table: see outline; usual:
+    see usual_outline.
+    """
+
+    half: float
+    half_sigma: float
+    tight: float
+    shear: tuple[float, float]
+    blur: float
+    least: float
+    predicted: bool
+    table: np.ndarray
+    usual: np.ndarray
+
+
+class Room(NamedTuple):
+    """Scratch of fits.
+
+    work, ends, spread: see profiles; normal (4, 4), step (4,), shares (4,): a, b and shares of
+    _agree; second (FIELDS,): of a second attempt.
+    """
+
+    work: np.ndarray
+    ends: np.ndarray
+    normal: np.ndarray
+    step: np.ndarray
+    shares: np.ndarray
+    spread: np.ndarray
+    second: np.ndarray
+
+
+@njit(inline='always')
+def room(work, ends):
+    """Return scratch for all fits of an image, with that of profiles.workspace."""
+    spread, second = np.zeros(profiles.SPREAD), np.zeros(FIELDS)
+    return Room(work, ends, np.zeros((4, 4)), np.zeros(4), np.zeros(4), spread, second)
+
+
+class _Place(NamedTuple):
+    u: float
+    v: float
+    theta: float
+    half: float
+
+
+class _Vote(NamedTuple):
+    """Agreeing share of all profiles, variance of one in units of its weight, last width in px."""
+
+    share: float
+    variance: float
+    width: float
+
+
+class _Light(NamedTuple):
+    """Sides as they were read, contrast of the block, and level inside, grey levels."""
+
+    sides: profiles.Sides
+    contrast: float
+    level: float
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
@@ -115,14 +190,13 @@ def _normal_equations(work, n, step, width, a, b):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
+def _agree(work, ends, a, b, shares, half_off, half_sigma, wide, narrow, rounds):
     """Find the step (du, dv, dtheta, dhalf) that most profiles agree on.
 
     Iteratively reweighted least squares of offset = n.dc - t dtheta + dhalf with Tukey's weight,
-    whose width falls from `wide` px to six robust standard deviations (not below `tight` px).
-    half_off, half_sigma: prior on the half side. `shares` (4,) receives the agreeing share of each
-    side. Returns (agreeing share of all profiles, variance of a profile in units of its weight, and
-    the last width); b holds the step, a its covariance but for that variance.
+    whose width falls from `wide` px to six robust standard deviations (not below `narrow` px).
+    half_off, half_sigma: prior on the half side. `shares` (4,) receives the agreeing share of
+    each side, b (4,) the step, and a (4, 4) its covariance but for the variance of a profile.
     """
     n = ends[LANES]
     b[:] = 0.0
@@ -132,14 +206,14 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
         weight_sum += work[WEIGHT + i]
         weighted += one if work[WEIGHT + i] > zero else zero
     if weighted < 8:
-        return 0.0, 1.0, wide
+        return _Vote(0.0, 1.0, wide)
     mean_weight = weight_sum / weighted
     width = wide
     variance = 1.0
     for r in range(rounds):
         spread, total = _normal_equations(work, n, b, width, a, b)
         if total < 6.0:
-            return 0.0, 1.0, wide
+            return _Vote(0.0, 1.0, wide)
         variance = max(spread / max(total - 4.0, 1.0), 1e-12)
         # priors in the same units of weight: the half side, and a step that nothing speaks of is 0
         a[3, 3] += variance / (half_sigma * half_sigma)
@@ -149,8 +223,7 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
         a[2, 2] += variance / 0.04
         _solve4(a, b)
         if r < rounds - 1:
-            narrow = max(6.0 * math.sqrt(variance / mean_weight), tight)
-            width = max(narrow, 0.5 * width)
+            width = max(6.0 * math.sqrt(variance / mean_weight), narrow, 0.5 * width)
     agree = 0.0
     d0, d1, d2, d3 = np.float32(b[0]), np.float32(b[1]), np.float32(b[2]), np.float32(b[3])
     near = np.float32(width)
@@ -165,7 +238,7 @@ def _agree(work, ends, half_off, half_sigma, wide, tight, rounds, a, b, shares):
             mine += hit if lines[WEIGHT + i] > zero else zero
         agree += float(mine)
         shares[side] = mine / max(ends[COUNT + side], 1)
-    return agree / max(ends[ALL], 1), variance, width
+    return _Vote(agree / max(ends[ALL], 1), variance, width)
 
 
 @njit(cache=True, inner=True)
@@ -255,250 +328,272 @@ def _alike(work, ends, step):
     return min(ratio, RUN) if ratio > CHANCE else 1.0
 
 
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _fit(
-    image,
-    square,
-    shear,
-    blur,
-    half_sigma,
-    tight,
-    searches,
-    again,
-    least,
-    table,
-    usual,
-    predicted,
-    work,
-    ends,
-    a,
-    step,
-    shares,
-    spread,
-):
-    """Fit one square from `square` (FIELDS,): u, v, theta, half; fill in the other fields."""
-    u, v, theta, half = square[U], square[V], square[THETA], square[HALF]
-    expected = half
-    for k in range(VISIBLE, FIELDS):
-        square[k] = 0.0
+@njit(inline='always')
+def _vote(room, half_off, half_sigma, wide, narrow, rounds):
+    return _agree(
+        room.work, room.ends, room.normal, room.step, room.shares, half_off, half_sigma, wide,
+        narrow, rounds,
+    )  # fmt: skip
+
+
+@njit(inline='always')
+def _moved(place, step, part):
+    """Return `place` moved by `part` of a step."""
+    return _Place(
+        place.u + part * step[0],
+        place.v + part * step[1],
+        place.theta + part * step[2],
+        place.half + part * step[3],
+    )
+
+
+@njit(inline='always')
+def _place_variance(room):
+    """Return the variance of what _agree found for the place, in units of a profile's."""
+    return 0.5 * (room.normal[0, 0] + room.normal[1, 1])
+
+
+@njit(inline='always')
+def _worst(shares):
+    return min(min(shares[0], shares[1]), min(shares[2], shares[3]))
+
+
+@njit(inline='always')
+def _search(image, place, known, searches, room):
+    """Look for the steepest edges about `place`; return where they agree, and whether they do."""
+    work, ends = room.work, room.ends
     for _ in range(searches):
-        profiles.gather(image, u, v, theta, half, blur, shear, table, work, ends)
+        u, v, theta, half = place
+        profiles.gather(image, u, v, theta, half, known.blur, known.shear, known.table, work, ends)
         profile_steps.search(work, ends, abs(math.cos(theta)))
-        share, variance, width = _agree(
-            work, ends, expected - half, max(half_sigma, 0.02 * half), 9.0, 1.5, 5, a, step, shares
-        )
-        if share < 0.3:
-            if again:
-                return  # nothing better is known than where it was tried before
-            break
-        u, v, theta, half = u + step[0], v + step[1], theta + step[2], half + step[3]
+        sigma = max(known.half_sigma, 0.02 * half)
+        vote = _vote(room, known.half - half, sigma, SEARCH_PX, SEARCH_NARROW_PX, 5)
+        if vote.share < FOUND:
+            return place, False
+        u, v, theta, half = _moved(place, room.step, 1.0)
         if theta > math.pi / 4:  # sides keep their rows and columns
             theta -= math.pi / 2
         elif theta <= -math.pi / 4:
             theta += math.pi / 2
-    share = 0.0
-    variance = 1.0
-    contrast = level = 0.0
-    soft = table[0] > 0.0
-    flat, steep = SOFT_FALL if soft else FALL
-    settled = SOFT_SETTLED_SIGMAS if soft else SETTLED_SIGMAS
-    for gather in range(4):
-        profiles.gather(image, u, v, theta, half, blur, shear, table, work, ends)
-        slope, lean = abs(math.cos(theta)), -math.tan(theta)
-        limit = half - CORNER * blur
-        contrast, level = profiles.levels(work, ends, slope, lean, limit, FLAT * blur, spread, soft)
-        share = 0.0
-        if contrast == 0.0 or contrast < least:
-            return
-        if soft:
-            profile_steps.saturate_alike(work, ends, slope, blur)
-        profiles.shrink_levels(work, ends, spread, soft)
+        place = _Place(u, v, theta, half)
+    return place, True
+
+
+@njit(inline='always')
+def _read(image, place, known, recalled, room):
+    """Read the profiles at `place`, and the light along them; a contrast of 0: no square is here.
+
+    recalled: without those whose light is not as usual.
+    """
+    work, ends, spread = room.work, room.ends, room.spread
+    u, v, theta, half = place
+    profiles.gather(image, u, v, theta, half, known.blur, known.shear, known.table, work, ends)
+    sides = profiles.sides_of(theta, half, known.blur, known.table[0] > 0.0)
+    contrast, level = profiles.levels(work, ends, sides, spread)
+    if recalled and contrast > 0.0:
+        usual_outline.mute_unlike(work, ends, half, contrast, known.usual)
+        contrast, level = profiles.levels(work, ends, sides, spread)
+    least = 0.0 if recalled else known.least
+    if contrast == 0.0 or contrast < least:
+        return _Light(sides, 0.0, 0.0)
+    if sides.soft:
+        profile_steps.saturate_alike(work, ends, sides)
+    profiles.shrink_levels(work, ends, spread, sides.soft)
+    return _Light(sides, contrast, level)
+
+
+@njit(inline='always')
+def _round(place, light, known, sigma, wide, rounds, recalled, room):
+    """Let the profiles as they were read vote by how far their edges lie from `place`; see _agree.
+
+    sigma: px to which the half side is known. recalled: edges are expected where they usually are.
+    """
+    profile_steps.offsets(room.work, room.ends, light.sides, room.spread, light.contrast)
+    half = known.half
+    if recalled:
+        usual_outline.recall(room.work, room.ends, place.half, known.usual)
+        half += known.usual[usual_outline.WIDER]
+    return _vote(room, half - place.half, sigma, wide, NARROW_PX, rounds)
+
+
+@njit(inline='always')
+def _settle(image, place, known, room):
+    """Measure the square at `place` until it stays; a share of 0 means no square there."""
+    step, settled = room.step, SETTLED_SIGMAS
+    if known.table[0] > 0.0:
+        settled = SOFT_SETTLED_SIGMAS
+    none = vote = _Vote(0.0, 1.0, 0.0)
+    light = _Light(profiles.sides_of(place.theta, place.half, known.blur, False), 0.0, 0.0)
+    for reading in range(4):
+        light = _read(image, place, known, False, room)
+        if light.contrast == 0.0:
+            return place, none, light
         far = 0.0
         for r in range(4):
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast)
-            first = r == 0 and gather == 0
-            share, variance, width = _agree(
-                work,
-                ends,
-                expected - half,
-                half_sigma,
-                3.0 if first else 1.0,
-                0.05,
-                4 if first else 3,
-                a,
-                step,
-                shares,
-            )
-            if share < HOPELESS:
-                return
-            _follow(work, ends[LANES], step)
-            u, v, theta, half = u + step[0], v + step[1], theta + step[2], half + step[3]
-            change = max(abs(step[0]) + abs(step[1]), abs(step[2]) * half)
+            wide, rounds = (FIRST_PX, 4) if r == 0 and reading == 0 else (WIDE_PX, 3)
+            vote = _round(place, light, known, known.half_sigma, wide, rounds, False, room)
+            if vote.share < HOPELESS:
+                return place, none, light
+            _follow(room.work, room.ends[LANES], step)
+            place = _moved(place, step, 1.0)
+            change = max(abs(step[0]) + abs(step[1]), abs(step[2]) * place.half)
             far += change
-            sigma = math.sqrt(variance * 0.5 * (a[0, 0] + a[1, 1]))
+            sigma = math.sqrt(vote.variance * _place_variance(room))
             if change < SETTLED_PX or (far < SETTLED_MOST_PX and change < settled * sigma):
                 break
-        if far < 0.2 or (far < 0.7 and share > WHOLE):  # levels were read in the right place
+        if far < 0.2 or (far < 0.7 and vote.share > WHOLE):  # levels were read in the right place
             break
-    texture, fall, around, beside = spread[3], spread[4], spread[5], spread[6]
+    return place, vote, light
+
+
+@njit(inline='always')
+def _in_glow(place, vote, light, known, around, room):
+    """Measure a square once more with its lines in a lamp's glow, if all of it is in sight then.
+
+    Returns its place, the vote, and the share of the lines that were let in.
+    """
+    work, ends, step, shares = room.work, room.ends, room.step, room.shares
+    lit = glow.admit(work, ends, light.sides, around, known.usual, shares)
+    if lit == 0.0:
+        return place, vote, 0.0
+    there = place
+    for _ in range(ROUNDS):
+        vote = _round(there, light, known, known.half_sigma, WIDE_PX, 4, False, room)
+        _follow(work, ends[LANES], step)
+        there = _moved(there, step, 1.0)
+    if vote.share >= HOPELESS and _worst(shares) * around >= glow.LEAST:
+        return there, vote, lit
+    # they stand elsewhere than the others
+    step[0], step[1] = place.u - there.u, place.v - there.v
+    step[2], step[3] = place.theta - there.theta, place.half - there.half
+    _follow(work, ends[LANES], step)
+    glow.mute(work, ends)
+    vote = _round(place, light, known, known.half_sigma, WIDE_PX, 3, False, room)
+    return place, vote, 0.0
+
+
+@njit(inline='always')
+def _recall(image, place, light, known, room):
+    """Measure a square by what is usual of it, without lines that an arm touches."""
+    vote = _Vote(0.0, 1.0, 0.0)
+    for _ in range(ROUNDS):
+        read = _read(image, place, known, True, room)
+        if read.contrast == 0.0:
+            return place, _Vote(0.0, 1.0, 0.0)
+        read = _Light(read.sides, light.contrast, light.level)
+        vote = _round(place, read, known, known.tight, WIDE_PX, 4, True, room)
+        if vote.share < HOPELESS:
+            break
+        place = _moved(place, room.step, 1.0)
+        if abs(room.step[0]) + abs(room.step[1]) < NEAR_PX:  # levels were read in the right place
+            break
+    return place, vote
+
+
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
+def _fit(image, square, known, searches, again, room):
+    """Fit one square; see fit_square. again: once more, from edges found in a search only."""
+    work, ends, step, shares, spread = room.work, room.ends, room.step, room.shares, room.spread
+    usual = known.usual
+    place = _Place(square[U], square[V], square[THETA], known.half)
+    for k in range(VISIBLE, FIELDS):
+        square[k] = 0.0
+    place, found = _search(image, place, known, searches, room)
+    if again and not found:
+        return  # nothing better is known than where it was tried before
+    place, vote, light = _settle(image, place, known, room)
+    if vote.share == 0.0:
+        return
+    soft = light.sides.soft
+    texture, around, glare = spread[TEXTURE_OUT], spread[AROUND], spread[GLARE]
+    flat, steep = SOFT_FALLING if soft else FALLING
+    sharp = 1.0 - min(max(steep * (spread[FALL] - flat), 0.0), 1.0)
     lit = 0.0
-    if predicted and soft and share < WHOLE and beside > glow.LAMP:
-        lit = glow.admit(work, ends, slope, lean, limit, blur, around, usual, shares)
-    if lit > 0.0:
-        u0, v0, theta0, half0 = u, v, theta, half
-        for _ in range(ROUNDS):
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast)
-            share, variance, width = _agree(
-                work, ends, expected - half, half_sigma, 1.0, 0.05, 4, a, step, shares
-            )
-            _follow(work, ends[LANES], step)
-            u, v, theta, half = u + step[0], v + step[1], theta + step[2], half + step[3]
-        worst = min(min(shares[0], shares[1]), min(shares[2], shares[3])) * around
-        if share < HOPELESS or worst < glow.LEAST:  # they stand elsewhere than the others
-            step[0], step[1], step[2], step[3] = u0 - u, v0 - v, theta0 - theta, half0 - half
-            _follow(work, ends[LANES], step)
-            u, v, theta, half = u0, v0, theta0, half0
-            glow.mute(work, ends)
-            lit = 0.0
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast)
-            share, variance, width = _agree(
-                work, ends, expected - half, half_sigma, 1.0, 0.05, 3, a, step, shares
-            )
-    free_half, free_share = half, share
-    touched = 0.0
-    if tight > 0 and lit == 0.0:
-        touched = usual_outline.touched(usual, share * around, texture)
-    noise = 0.5 * (a[0, 0] + a[1, 1])  # variance of the place, but for that of a profile
-    aside = 0.0
-    if tight > 0 and lit == 0.0:
-        sigma = math.sqrt(variance * noise)
-        aside = usual_outline.aside(work, ends, half, half - expected, step, sigma, False, usual)
-    scatter = part = square[MISFIT] = 1.0
+    if known.predicted and soft and vote.share < WHOLE and glare > glow.LAMP:
+        place, vote, lit = _in_glow(place, vote, light, known, around, room)
+    noise = _place_variance(room)
+    free_half, free_share = place.half, vote.share
+    touched = aside = 0.0
+    if known.tight > 0 and lit == 0.0:
+        touched = usual_outline.touched(usual, free_share * around, texture)
+        sigma, more = math.sqrt(vote.variance * noise), free_half - known.half
+        aside = usual_outline.aside(work, ends, free_half, more, step, sigma, False, usual)
+    scatter = part = misfit = 1.0
     if touched < 1.0:
-        if tight > 0 and share < WHOLE:
+        if known.tight > 0 and free_share < WHOLE:
             # an arm along one side moves it; what is known of the size speaks for the side across
-            slope, lean = abs(math.cos(theta)), -math.tan(theta)
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast)
-            part = min((WHOLE - share) / GRADUALLY, 1.0)
-            share, variance, width = _agree(
-                work, ends, expected - half, tight, 0.6, 0.05, 4, a, step, shares
-            )
-            if share == 0.0:
+            slope, lean = abs(math.cos(place.theta)), -math.tan(place.theta)
+            sides = profiles.Sides(slope, lean, light.sides.limit, known.blur, soft)
+            sized = _Light(sides, light.contrast, light.level)
+            vote = _round(place, sized, known, known.tight, SIZED_PX, 4, False, room)
+            if vote.share == 0.0:
                 return
-            u, v = u + part * step[0], v + part * step[1]
-            theta, half = theta + part * step[2], half + part * step[3]
-            noise += part * (0.5 * (a[0, 0] + a[1, 1]) - noise)
+            part = min((WHOLE - free_share) / GRADUALLY, 1.0)
+            place = _moved(place, step, part)
+            noise += part * (_place_variance(room) - noise)
+        partly = min((WHOLE - min(vote.share * around, 1.0)) / GRADUALLY, 1.0)
         if not soft:
-            scatter = variance * _alike(work, ends, step)
-        elif min(share * around, 1.0) < WHOLE:
+            scatter = vote.variance * _alike(work, ends, step)
+        elif partly > 0.0:
             # what noise alone explains, and how much further an arm may have led it: see MISFIT
-            more = max(variance * _alike(work, ends, step), 1.0) - 1.0
-            scatter = 1.0 + min((WHOLE - min(share * around, 1.0)) / GRADUALLY, 1.0) * more
-            square[MISFIT] = 1.0 + (1.0 - touched) * (math.sqrt(scatter) - 1.0)
+            scatter = 1.0 + partly * (max(vote.variance * _alike(work, ends, step), 1.0) - 1.0)
+            misfit = 1.0 + (1.0 - touched) * (math.sqrt(scatter) - 1.0)
         usual_outline.learn(
-            work,
-            ends,
-            half,
-            half - expected,
-            step,
-            part,
-            width,
-            free_share * around,
-            texture,
-            aside,
-            lit,
-            usual,
-        )
+            work, ends, place.half, place.half - known.half, step, part, vote.width,
+            free_share * around, texture, aside, lit, usual,
+        )  # fmt: skip
     else:
         usual_outline.forget(usual)
     scatter *= noise
     if lit > 0.0:
         led = lit * LAMP_LEADS_PX * LAMP_LEADS_PX
-        square[MISFIT] *= math.sqrt(1.0 + led / scatter)
+        misfit *= math.sqrt(1.0 + led / scatter)
         scatter += led
+    s0, s1, s2, s3 = shares[0], shares[1], shares[2], shares[3]
+    share = vote.share
     if touched > 0.0 or aside > 0.0:
         # lines that arms touch are left out, and the others taken for what they usually are
-        s0, s1, s2, s3 = shares[0], shares[1], shares[2], shares[3]
-        u0, v0, theta0, half0, agree = u, v, theta, half, 0.0
-        usual_half = expected + usual[usual_outline.WIDER]
-        for _ in range(ROUNDS):
-            profiles.gather(image, u, v, theta, half, blur, shear, table, work, ends)
-            slope, lean = abs(math.cos(theta)), -math.tan(theta)
-            limit, wide = half - CORNER * blur, FLAT * blur
-            near = profiles.levels(work, ends, slope, lean, limit, wide, spread, soft)[0]
-            if near > 0.0:
-                usual_outline.mute_unlike(work, ends, half, near, usual)
-                near = profiles.levels(work, ends, slope, lean, limit, wide, spread, soft)[0]
-            if near == 0.0:
-                agree = 0.0
-                break
-            if soft:
-                profile_steps.saturate_alike(work, ends, slope, blur)
-            profiles.shrink_levels(work, ends, spread, soft)
-            profile_steps.offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast)
-            usual_outline.recall(work, ends, half, usual)
-            agree, variance, width = _agree(
-                work, ends, usual_half - half, tight, 1.0, 0.05, 4, a, step, shares
-            )
-            if agree < HOPELESS:
-                break
-            u, v, theta, half = u + step[0], v + step[1], theta + step[2], half + step[3]
-            if abs(step[0]) + abs(step[1]) < NEAR_PX:  # levels were read in the right place
-                break
-        if agree < HOPELESS:  # hardly a line is as it was
-            u, v, theta, half = u0, v0, theta0, half0
+        there, vote = _recall(image, place, light, known, room)
+        if vote.share < HOPELESS:  # hardly a line is as it was
             scatter += touched * ARM_LEADS_PX * ARM_LEADS_PX
         else:
-            more, sigma = half - expected, math.sqrt(variance * 0.5 * (a[0, 0] + a[1, 1]))
-            left = usual_outline.aside(work, ends, half, more, step, sigma, True, usual)
+            more, sigma = there.half - known.half, math.sqrt(vote.variance * _place_variance(room))
+            left = usual_outline.aside(work, ends, there.half, more, step, sigma, True, usual)
             if aside > left:  # the light has told which side an arm hides
                 told = min(aside / usual_outline.NARROW_PX, 1.0) * (1.0 - left / aside)
                 touched = max(touched, told)
             aside += touched * (left - aside)
-            u, v = u0 + touched * (u - u0), v0 + touched * (v - v0)
-            theta, half = theta0 + touched * (theta - theta0), half0 + touched * (half - half0)
+            place = _Place(
+                place.u + touched * (there.u - place.u),
+                place.v + touched * (there.v - place.v),
+                place.theta + touched * (there.theta - place.theta),
+                place.half + touched * (there.half - place.half),
+            )
             unlike = SOFT_STRETCH_PX if soft else STRETCH_PX
             more = RUN * usual_outline.mean_weight(work, ends) * unlike * unlike
-            more += max(variance * _alike(work, ends, step), 1.0 if soft else 0.0)
-            scatter += touched * (more * 0.5 * (a[0, 0] + a[1, 1]) - scatter)
-        shares[0], shares[1], shares[2], shares[3] = s0, s1, s2, s3
+            more += max(vote.variance * _alike(work, ends, step), 1.0 if soft else 0.0)
+            scatter += touched * (more * _place_variance(room) - scatter)
         scatter += aside * aside
-    square[ASIDE] = aside
-    square[U], square[V], square[THETA], square[HALF] = u, v, theta, half
     share = min(share * around, 1.0)
-    for side in range(4):
-        shares[side] = min(shares[side] * around, 1.0)
-    square[VISIBLE] = share
-    square[SIGMA] = math.sqrt(scatter)
-    both_ways = min(max(shares[0], shares[2]), max(shares[1], shares[3]))
-    off = (free_half - expected) / (3.0 * half_sigma + 0.04 * expected)
-    sharp = 1.0 - min(max(steep * (fall - flat), 0.0), 1.0)
-    # covers do not overlap: light like a cover's just outside says that this is half beside one
-    alone = 1.0 if share > ALONE_FROM else max(1.0 - 5.0 * beside, 0.0)
+    s0, s1 = min(s0 * around, 1.0), min(s1 * around, 1.0)
+    s2, s3 = min(s2 * around, 1.0), min(s3 * around, 1.0)
+    both_ways = min(max(s0, s2), max(s1, s3))
+    off = (free_half - known.half) / (3.0 * known.half_sigma + 0.04 * known.half)
+    square[U], square[V], square[THETA], square[HALF] = place
+    square[VISIBLE], square[SIGMA], square[MISFIT] = share, math.sqrt(scatter), misfit
     square[QUALITY] = share * both_ways * math.exp(-0.5 * off * off) * sharp
-    square[ALONE] = alone
-    square[WORST] = min(min(shares[0], shares[1]), min(shares[2], shares[3]))
-    square[CONTRAST] = contrast
-    square[LEVEL] = level
-
-
-@njit(inline='always')
-def scratch():
-    """Return small arrays for fit_square, for all squares of an image."""
-    return np.zeros((4, 4)), np.zeros(4), np.zeros(4), np.zeros(7), np.zeros(FIELDS)
+    square[CONTRAST], square[LEVEL], square[ASIDE] = light.contrast, light.level, aside
+    square[WORST] = min(min(s0, s1), min(s2, s3))
+    # covers do not overlap: light like a cover's just outside says that this is half beside one
+    square[ALONE] = 1.0 if share > ALONE_FROM else max(1.0 - 5.0 * glare, 0.0)
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def fit_square(
-    image, square, shear_re, shear_im, blur, half_sigma, tight, search, least, table, usual,
-    predicted, work, ends, small,
-):  # fmt: skip
-    """Fit a square to `image` (h, w) uint8 from `square` (FIELDS,): u, v, theta, half as expected.
+def fit_square(image, square, known, searches, room):
+    """Fit a square to `image` (h, w) uint8 from `square` (FIELDS,): u, v, theta as expected.
 
-    shear, table: see profiles.gather. search: rounds of rough search before the fit (0 when the
-    start is good to 2 px; a fit that comes out poor then searches once itself). least: contrast
-    below which no answer is wanted. predicted: a block should be here, so light beside it may be a
-    lamp's (see glow); a light that nobody expects may be a lamp alone.
+    known: Known; room: Room. searches: rounds of rough search before the fit (0 when the start is
+    good to 2 px; a fit that comes out poor then searches once itself).
 
     `square` then holds u, v, theta, half, agreeing share of the edges, sigma px, quality, contrast,
     level inside, agreeing share of the worst side, how certainly no other cover's light stands
@@ -506,51 +601,11 @@ def fit_square(
     by how many px it may stand aside, since an arm hides one of two sides.
     A share of 0 means no square there.
     """
-    a, step, shares, spread, second = small
-    shear = (shear_re, shear_im)
-    u, v, theta, half = square[U], square[V], square[THETA], square[HALF]
-    _fit(
-        image,
-        square,
-        shear,
-        blur,
-        half_sigma,
-        tight,
-        search,
-        False,
-        least,
-        table,
-        usual,
-        predicted,
-        work,
-        ends,
-        a,
-        step,
-        shares,
-        spread,
-    )
-    if search == 0 and square[VISIBLE] < DOUBTFUL:
-        second[U], second[V], second[THETA], second[HALF] = u, v, theta, half
-        _fit(
-            image,
-            second,
-            shear,
-            blur,
-            half_sigma,
-            tight,
-            2,
-            True,
-            least,
-            table,
-            usual,
-            predicted,
-            work,
-            ends,
-            a,
-            step,
-            shares,
-            spread,
-        )
+    second = room.second
+    second[U], second[V], second[THETA] = square[U], square[V], square[THETA]
+    _fit(image, square, known, searches, False, room)
+    if searches == 0 and square[VISIBLE] < DOUBTFUL:
+        _fit(image, second, known, 2, True, room)
         if second[VISIBLE] > square[VISIBLE] + 0.05:
             square[:] = second
     square[THETA] -= round(square[THETA] / (math.pi / 2)) * math.pi / 2

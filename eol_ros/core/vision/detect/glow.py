@@ -56,21 +56,20 @@ def _height(work, i, slope, taps, near, beside, far):
 
 
 @njit(cache=True, inner=True, error_model='numpy')
-def admit(work, ends, slope, lean, limit, blur, around, usual, shares):
+def admit(work, ends, sides, around, usual, shares):
     """Let lines vote that show an edge in light, if with them all of the square is in sight.
 
     They are judged together over half a side, by the edges of the lines that vote, and have LIT for
     VALID then, and levels as far apart as those: what a lamp adds to one side of the edge more than
     to the other does not move its middle. A block that is known (usual: see usual_outline) has a
-    lamp beside it only if it usually has. For slope, lean, limit and blur see profiles, for around
-    levels. shares (4,): of each side's lines that agree. Returns the share of all lines that are
-    let in.
+    lamp beside it only if it usually has. sides: profiles.Sides; around: spread[AROUND]; shares
+    (4,): of each side's lines that agree. Returns the share of all lines that are let in.
     """
     if min(min(shares[0], shares[1]), min(shares[2], shares[3])) * around >= LEAST:
         return 0.0  # no side needs it
-    taps = ends[TAPS_USED]
-    near, beside, far = NEAR * blur, BESIDE * blur, FAR * blur
-    most = limit - far * abs(lean)  # around the corner stands another edge
+    taps, slope = ends[TAPS_USED], sides.slope
+    near, beside, far = NEAR * sides.blur, BESIDE * sides.blur, FAR * sides.blur
+    most = sides.limit - far * abs(sides.lean)  # around the corner stands another edge
     high = inside = outside = voting = 0.0
     for side in range(4):
         begin = ends[BEGIN + side]

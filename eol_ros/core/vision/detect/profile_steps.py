@@ -23,7 +23,11 @@ from eol_ros.core.vision.detect.profiles import (
     OUT,
     TAP,
     TAPS_USED,
+    TEXTURE_IN,
+    TEXTURE_OUT,
     VALID,
+    VARIANCE_IN,
+    VARIANCE_OUT,
     WEIGHT,
     T,
 )
@@ -97,23 +101,24 @@ def _says(pixel, away, along, outer, gap, across):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def offsets(work, ends, slope, lean, limit, blur, spread, soft, contrast):
+def offsets(work, ends, sides, spread, contrast):
     """Answer for every profile how far its edge lies outside the present square, and how surely.
 
     One step of maximum likelihood for a Gaussian-blurred step between known levels, each pixel
     weighted by its own variance: noise grows with the share of light from the cover, texture with
     its square, so that a speckled cover is measured by the outer foot of its edge. Bell and its
     integral are polynomials, so that the loop over profiles becomes vector code. Pixels further
-    than REACH from the edge say nothing of it. soft: whether light inside falls, see SOFT_EDGE.
-    contrast: of the block, grey levels.
+    than REACH from the edge say nothing of it. contrast: of the block, grey levels.
     """
+    slope, lean, limit, blur, soft = sides
     n, taps = ends[LANES], ends[TAPS_USED]
     used = min(2 * int(math.ceil(REACH * blur / slope)), taps)
     first = (taps - used) // 2
     scale = np.float32(1.0 / blur)
-    v_out = np.float32(spread[1])
-    v_more = np.float32(max(spread[0] - spread[2], spread[1]) - spread[1])
-    t_in, t_out = np.float32(spread[2]), np.float32(spread[3])
+    v_out = np.float32(spread[VARIANCE_OUT])
+    v_in = max(spread[VARIANCE_IN] - spread[TEXTURE_IN], spread[VARIANCE_OUT])
+    v_more = np.float32(v_in - spread[VARIANCE_OUT])
+    t_in, t_out = np.float32(spread[TEXTURE_IN]), np.float32(spread[TEXTURE_OUT])
     texture = np.float32((INSIDE * contrast) ** 2) if soft else np.float32(ROUGH) * t_in
     zero, one = np.float32(0.0), np.float32(1.0)
     f_limit, f_lean, f_slope = np.float32(limit), np.float32(lean), np.float32(slope)
@@ -191,15 +196,15 @@ def _even(work, n):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def saturate_alike(work, ends, slope, blur):
+def saturate_alike(work, ends, sides):
     """Take for saturated on all sides what lies as far inside as saturated pixels of any side do.
 
     For covers with relief: as light falls towards their edges, an edge is found further outside the
     less of the light inside is seen. Where it is seen as far on all sides, the block stays.
     """
     n, taps = ends[LANES], ends[TAPS_USED]
-    f_slope, full, zero = np.float32(slope), np.float32(FULL), np.float32(0.0)
-    inmost = np.float32(-SOFT_EDGE[1] * blur)
+    f_slope, full, zero = np.float32(sides.slope), np.float32(FULL), np.float32(0.0)
+    inmost = np.float32(-SOFT_EDGE[1] * sides.blur)
     bright = zero
     for i in range(n):
         bright += work[VALID + i] if work[IN + i] >= np.float32(BRIGHT) else zero

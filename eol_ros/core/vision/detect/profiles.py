@@ -7,6 +7,7 @@ that stands there inside and outside. For axes and signs see edges.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,6 +47,35 @@ TAP = 15 * LINES  # then the pixels of the profiles, tap after tap
 # `ends` holds where each side begins, all lanes, taps, lines of each side, lines of all sides, and
 # of these the ones that cross no outline; then where in the image the lines of one side begin.
 BEGIN, LANES, TAPS_USED, COUNT, ALL, BESIDE, PLACES = 0, 4, 5, 6, 10, 11, 12
+
+# `spread` holds what levels finds of all profiles together: the variance of one pixel inside and
+# outside; the parts of them that are texture, which unlike noise is alike from pixel to pixel; the
+# fall of light over the width of an edge that the flats beside it show, as a share of the contrast;
+# all lines for each one that is not cut short by a corner; and the share of lines with a cover's
+# light on the wrong side.
+VARIANCE_IN, VARIANCE_OUT, TEXTURE_IN, TEXTURE_OUT, FALL, AROUND, GLARE = range(7)
+SPREAD = 7
+
+
+class Sides(NamedTuple):
+    """How profiles cross the sides of a square, and what these look like.
+
+    slope: by how many px each pixel is further outside than the one before; lean: px along the side
+    for each px outwards; limit: px from the middle of a side, where the edge of another begins;
+    blur: of edges, px; soft: of a cover with relief, whose light falls towards its edges.
+    """
+
+    slope: float
+    lean: float
+    limit: float
+    blur: float
+    soft: bool
+
+
+@njit(inline='always')
+def sides_of(theta, half, blur, soft):
+    """Return the Sides of a square that `gather` has read."""
+    return Sides(abs(math.cos(theta)), -math.tan(theta), half - CORNER * blur, blur, soft)
 
 
 def workspace() -> tuple[np.ndarray, np.ndarray]:
@@ -197,19 +227,19 @@ def _outside(pixel, before, last, away, t, cut, f_both, sums):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _zones(work, n, taps, slope, lean, limit, flat, soft):
+def _zones(work, n, taps, sides):
     """Sum each profile's pixels inside and outside: counts to A and C, sums to B and D.
 
     Sums are of differences to the innermost and the outermost pixel, so that their squares, to
     OFFSET and WEIGHT, keep their digits. To E the squared changes from pixel to pixel inside, to F
-    the changes inside and outside; if `soft`, only those outside, further from the edge by a pixel.
-    Pixels further than `limit` along the side are left out: around the corner stands another edge.
+    the changes inside and outside; of soft sides only those outside, further from the edge by a
+    pixel. Left out is what lies further along the side than its limit.
     """
-    f_slope, f_lean = np.float32(slope), np.float32(lean)
-    f_limit, f_flat = np.float32(limit), np.float32(flat)
+    f_slope, f_lean = np.float32(sides.slope), np.float32(sides.lean)
+    f_limit, f_flat = np.float32(sides.limit), np.float32(FLAT * sides.blur)
     zero, one = np.float32(0.0), np.float32(1.0)
-    falls = zero if soft else one
-    f_both = f_flat + (f_slope if soft else zero)  # without the foot of the edge
+    falls = zero if sides.soft else one
+    f_both = f_flat + (f_slope if sides.soft else zero)  # without the foot of the edge
     # all FLAT_TAPS pixels in one go: sums stay in registers, and loops over profiles vector code
     cut = f_lean, f_limit, f_flat
     d1, d2, d3 = f_slope, f_slope * np.float32(2), f_slope * np.float32(3)
@@ -297,20 +327,17 @@ def _mute_covered(work, ends, dark):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def levels(work, ends, slope, lean, limit, flat, spread, soft):
+def levels(work, ends, sides, spread):
     """Measure the light inside and outside along every profile, and judge which ones show an edge.
 
-    Fills IN and OUT and clears VALID of profiles that show no edge like the others.
-    spread (7,): variance of one pixel inside and outside, the parts of them that are texture, which
-    unlike noise is alike from pixel to pixel; the fall of light over the width of an edge that the
-    flats beside it show, as a share of the contrast; all lines for each one that is not cut short
-    by a corner; the share of lines with a cover's light on the wrong side. soft: a cover with
-    relief, whose light falls towards its edge, so that only what stands outside tells it from a
-    lamp. Returns (contrast, level inside) of the block, or zeros.
+    Fills IN, OUT and `spread` (SPREAD,), and clears VALID of profiles that show no edge like the
+    others. Only what stands outside tells soft sides from a lamp. Returns (contrast, level inside)
+    of the block, or zeros.
     """
+    soft = sides.soft
     n, wide, taps = ends[ALL], ends[LANES], ends[TAPS_USED]
     outermost = work[TAP + (taps - 1) * LINES :]
-    _zones(work, wide, taps, slope, lean, limit, flat, soft)
+    _zones(work, wide, taps, sides)
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     total = short = zero
     for i in range(wide):
@@ -372,16 +399,17 @@ def levels(work, ends, slope, lean, limit, flat, spread, soft):
             before, after = work[_F + i - WIDER], work[_F + i + WIDER]
             glare += work[_F + i] * (before if before > after else after)
     inner, outer = max(float(k_in), 1.0), max(float(k_out), 1.0)
-    spread[0] = max(v_in / inner, 0.25)
-    spread[1] = max(v_out / outer, 0.25)
+    spread[VARIANCE_IN] = max(v_in / inner, 0.25)
+    spread[VARIANCE_OUT] = max(v_out / outer, 0.25)
     # the innermost pixel has no neighbour, so there are as many changes as degrees of freedom
-    spread[2] = max(spread[0] - max(0.55 * changes / inner, spread[1]), 0.0)
-    spread[3] = 0.0
+    noise = max(0.55 * changes / inner, spread[VARIANCE_OUT])
+    spread[TEXTURE_IN] = max(spread[VARIANCE_IN] - noise, 0.0)
+    spread[TEXTURE_OUT] = 0.0
     # a lamp's glow falls on and on, a cover has an edge between two flats
     lines = outer if soft else inner + outer
-    spread[4] = -trend / lines / slope * 2 * flat / contrast
-    spread[5] = n / max(n - ends[BESIDE] - float(short), 1.0)
-    spread[6] = glare / max(n, 1)
+    spread[FALL] = -trend / lines / sides.slope * 2 * (FLAT * sides.blur) / contrast
+    spread[AROUND] = n / max(n - ends[BESIDE] - float(short), 1.0)
+    spread[GLARE] = glare / max(n, 1)
     return contrast, mean_in
 
 
@@ -469,8 +497,8 @@ def shrink_levels(work, ends, spread, soft):
         for i in range(n):
             work[OUT + i] -= work[_F + i]
     # light that differs from line to line differs as well from the level zone to the edge
-    spread[2] += UNLIKE * _smooth(work, n, IN, _A, spread[0])
-    spread[3] += UNLIKE * _smooth(work, n, OUT, _C, spread[1])
+    spread[TEXTURE_IN] += UNLIKE * _smooth(work, n, IN, _A, spread[VARIANCE_IN])
+    spread[TEXTURE_OUT] += UNLIKE * _smooth(work, n, OUT, _C, spread[VARIANCE_OUT])
     if soft:
         for i in range(n):
             work[OUT + i] += work[_F + i]

@@ -89,7 +89,7 @@ def expected(known, shape, u, v):
 
 @njit(cache=True, inner=True)
 def attempt(
-    image, known, u, v, theta, own, half, search, table, usual, work, ends, small, square,
+    image, known, u, v, theta, own, half, searches, table, usual, room, square,
     predicted=False, since_s=np.inf,
 ):  # fmt: skip
     """Fit a square from `u`, `v`, `theta`; `square` (FIELDS,) says how it went.
@@ -97,7 +97,7 @@ def attempt(
     own: contrast that it is known to have, or 0. predicted: a block of the lattice should be
     here, which was seen `since_s` ago.
     half: of its side, px; 0 where `known` says it.
-    table: see outline; usual: see usual_outline; small: edges.scratch.
+    searches: see edges.fit_square; table: see outline; usual: see usual_outline; room: edges.Room.
 
     Returns whether a block is here that cannot be placed, since an arm hides one of two sides.
     """
@@ -105,12 +105,12 @@ def attempt(
     sure, tight = HALF_SIGMA_PX, TIGHT_PX if known[CALIBRATED] > 0 else 0.0
     if half > 0:
         size, sure = half, ROUGHLY * half
-    square[U], square[V], square[THETA], square[HALF] = u, v, theta, size
-    contrasts = known[CONTRASTS]
-    edges.fit_square(
-        image, square, re, im, known[BLUR], sure, tight, search, FAINTEST * contrasts, table,
-        usual, predicted, work, ends, small,
-    )  # fmt: skip
+    square[U], square[V], square[THETA] = u, v, theta
+    contrasts, blur = known[CONTRASTS], known[BLUR]
+    prior = edges.Known(
+        size, sure, tight, (re, im), blur, FAINTEST * contrasts, predicted, table, usual
+    )
+    edges.fit_square(image, square, prior, searches, room)
     # grains that sparkle and specks take their part of any block's edge: what is left is all of it
     square[VISIBLE] /= known[AGREEING]
     square[WORST] /= known[AGREEING]
@@ -208,7 +208,7 @@ def at_predictions(
     Where one is not, the scan says where about a square of light would fit best. Returns how many
     are in `kept`.
     """
-    small = edges.scratch()
+    room = edges.room(work, ends)
     tried = 0
     for i in range(len(near)):
         u, v, theta, own, _, since_s = near[i]
@@ -223,8 +223,8 @@ def at_predictions(
             mine[usual_outline.LEARNS] = (int(known[TURN]) + i) % usual_outline.EACH == 0
             usual_outline.follow(mine, u, v)
             unsure = attempt(
-                image, known, u, v, theta, own, 0.0, 0, table, mine, work, ends, small, fits[tried],
-                True, since_s,
+                image, known, u, v, theta, own, 0.0, 0, table, mine, room, fits[tried], True,
+                since_s,
             )  # fmt: skip
             if unsure:
                 # it is there: if its light were tried once more, edges of arms could pass for its
@@ -265,9 +265,7 @@ def at_predictions(
                 2,
                 table,
                 mine,
-                work,
-                ends,
-                small,
+                room,
                 fits[tried],
                 True,
             )
@@ -297,7 +295,8 @@ def at_lights(
     in the next image. Returns how many are in `kept`, of which there were `n` before. See
     at_predictions.
     """
-    one, other, small = np.zeros((1, 6)), np.zeros(edges.FIELDS), edges.scratch()
+    room = edges.room(work, ends)
+    one, other = np.zeros((1, 6)), np.zeros(edges.FIELDS)
     old = 0
     for i in range(int(known[REFUSED])):
         if known[TURN] - refused[i, 2] < FORGET_IMAGES:
@@ -330,9 +329,7 @@ def at_lights(
                 2,
                 table,
                 usual[-1],
-                work,
-                ends,
-                small,
+                room,
                 fits[tried],
             )
             if len(outlines):
@@ -353,9 +350,7 @@ def at_lights(
                         rough,
                         table,
                         usual[-1],
-                        work,
-                        ends,
-                        small,
+                        room,
                         other,
                     )
                     good = other[QUALITY] >= NEW[2] and other[WORST] >= NEW[1]
