@@ -55,7 +55,8 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps({'tasks': len(spec)}) if args.json else f'{len(spec)} tasks')
         return 0
     out = Path(args.out) if args.out else _default(args.spec)
-    signal.signal(signal.SIGTERM, _interrupt)  # what is done is then kept, as with Ctrl-C
+    # what is done is then kept, as with Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     table = Table(out, spec.model, work.version())
     counts, stopped = Counts(), False
     try:
@@ -120,10 +121,6 @@ def _default(spec: str) -> Path:
         return Path(f'{Path(spec).stem}.parquet')
     print('pyarrow is not installed: the table is a CSV file', file=sys.stderr)
     return Path(f'{Path(spec).stem}.csv')
-
-
-def _interrupt(*_args) -> None:
-    raise KeyboardInterrupt
 
 
 def _parameters(model: str) -> int:
