@@ -392,17 +392,19 @@ def known_block():
     bare = renderer.render(*xy.T, np.zeros(25), 0).astype(float)
     u, v = np.rint(truth[12]).astype(int)
     ground, rng = float(np.median(bare)), np.random.default_rng(3)
+    edge = u + 20
+    while bare[v, edge] - ground > 0.5 * (bare[v, u + 15] - ground):
+        edge += 1
+    noisy = [bare + rng.normal(0, 1.0, bare.shape) for _ in range(60)]  # drawn once: it takes long
+    noisy = [np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in noisy]
 
     def under(strip, images):
         finder, found = BlobFinder(calibration=renderer.calibration), []
         for k in range(100 + images):
-            image = bare + rng.normal(0, 1.0, bare.shape)
+            image = noisy[k % len(noisy)].copy()
             if k >= 100 and strip:
-                edge = u + 20
-                while bare[v, edge] - ground > 0.5 * (bare[v, u + 15] - ground):
-                    edge += 1
-                image[v - 40 : v + 41, edge - strip : u + 45] = ground
-            blobs = finder.find(np.clip(np.rint(image), 0, 255).astype(np.uint8), near)
+                image[v - 40 : v + 41, edge - strip : u + 45] = round(ground)
+            blobs = finder.find(image, near)
             at = np.array([blobs['u'] - truth[12, 0], blobs['v'] - truth[12, 1]])
             one = np.hypot(*at) < 25.0
             found.append(
