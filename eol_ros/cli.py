@@ -4,6 +4,7 @@
 import argparse
 import contextlib
 import difflib
+import errno
 import importlib
 import os
 import sys
@@ -13,9 +14,10 @@ from collections.abc import Sequence
 from typing import Any, TextIO
 
 from eol_ros import folders
-from eol_ros.errors import BagDamaged, EolError, UsageError, warning_line
+from eol_ros.errors import BagDamaged, ConfigError, EolError, UsageError, warning_line
 
 WARNINGS_LOG, WARNINGS_MOST = 'warnings.log', 1_000_000  # bytes: then it begins again
+FULL = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO  # of a disk, at a write
 GROUPS = {
     'run': {
         'run': 'start a scene (= python -m eol_ros.bringup)',
@@ -149,22 +151,29 @@ def run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
     except EolError as error:
         print(f'{prog}: {error}' if '\n' not in str(error) else error, file=sys.stderr)
         return error.exit_code
-    except (ModuleNotFoundError, RuntimeError) as error:
-        known = _explained(error)
-        if known is None:
-            raise
-        print(f'{prog}: {known}', file=sys.stderr)
-        return known.exit_code
     except KeyboardInterrupt:
         print(f'{prog}: stopped', file=sys.stderr)
         return 0
     except BrokenPipeError:  # the reader of our stdout has gone, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except (ModuleNotFoundError, RuntimeError, OSError) as error:
+        known = _explained(error, args)
+        if known is None:
+            raise
+        print(f'{prog}: {known}', file=sys.stderr)
+        return known.exit_code
 
 
-def _explained(error: ModuleNotFoundError | RuntimeError) -> EolError | None:
+def _explained(
+    error: ModuleNotFoundError | RuntimeError | OSError, args: argparse.Namespace
+) -> EolError | None:
     """Return what to do about what others' code has raised; None for a fault of ours."""
+    if isinstance(
+        error, OSError
+    ):  # a full disk is told of no file: it is the one that was asked for
+        where = error.filename or (error.errno in FULL and _output(args))
+        return ConfigError(f'{where}: {error.strerror}') if where else None
     if isinstance(error, ModuleNotFoundError):
         from eol_ros.ros import installed
 
@@ -172,6 +181,10 @@ def _explained(error: ModuleNotFoundError | RuntimeError) -> EolError | None:
     from eol_ros import compiled
 
     return compiled.explained(error)
+
+
+def _output(args: argparse.Namespace) -> str | None:
+    return getattr(args, 'output', None) or getattr(args, 'out', None)
 
 
 def _keep_warning(

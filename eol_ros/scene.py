@@ -434,6 +434,8 @@ def find(name: str) -> Path:
         return path
     if name in ours:
         return ours[name]
+    if path.is_dir():
+        raise ConfigError(f'{name}: is a folder; name the YAML file of a scene in it')
     near = difflib.get_close_matches(path.stem, ours, 1, 0.6)
     hint = f'Did you mean {near[0]}?' if near else f'There ship {", ".join(ours)}.'
     raise ConfigError(f'{name}: no such scene. {hint}')

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every verb explains itself, and its examples are real command lines."""
 
+import argparse
 import importlib
 import importlib.metadata
 import os
@@ -8,6 +9,7 @@ import re
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy
 import pytest
@@ -15,6 +17,8 @@ import pytest
 from eol_ros import cli
 from eol_ros.errors import EolError, pip_install
 from eol_ros.verbs import bench
+
+SAMPLE = str(Path(__file__).parents[1] / 'bags/sample')
 
 
 def test_every_verb_is_there():
@@ -73,6 +77,57 @@ def test_version_names_what_decides_what_a_run_computes(capsys):
     own, *others = capsys.readouterr().out.splitlines()
     assert own.startswith(f'eol_ros {importlib.metadata.version("eol_ros")}')
     assert f'numpy {numpy.__version__}' in others
+
+
+@pytest.mark.parametrize(
+    'words, full',
+    [
+        (['report', SAMPLE, '--csv', 'blocks', '--out'], 'out/blocks.csv'),
+        (['covers', '--out'], 'out/cover-00.stl'),
+        (['bundle', 'museum', '--output'], 'out'),
+    ],
+)
+def test_a_full_disk_is_one_line(words, full, tmp_path, capsys):
+    (tmp_path / full).parent.mkdir(exist_ok=True)
+    (tmp_path / full).symlink_to('/dev/full')
+
+    assert cli.main([*words, str(tmp_path / 'out')]) == 78
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == f'eol {words[0]}: {tmp_path}/out: No space left on device'
+
+
+@pytest.mark.parametrize(
+    'words', [['track', 'broken.mp4'], ['track', 'broken.npy'], ['midi', 'watch', '--input', 'xx']]
+)
+def test_libraries_say_nothing_of_a_fault_beside_our_line(words, tmp_path):
+    for ending in ('mp4', 'npy'):
+        (tmp_path / f'broken.{ending}').write_text('hello')
+    result = subprocess.run(
+        [sys.executable, '-m', 'eol_ros', *words], cwd=tmp_path, capture_output=True, text=True
+    )
+
+    assert result.returncode in (69, 78)
+    [line] = result.stderr.splitlines()
+    assert line.startswith(f'eol {words[0]}: ') and 'pickle' not in line
+
+
+def test_a_place_where_no_file_can_be_is_one_line(capsys):
+    assert cli.main(['bag', 'cut', SAMPLE, '--end', '9', '--output', '/proc/x.mcap']) == 78
+    [line] = capsys.readouterr().err.splitlines()
+    assert line == 'eol bag: /proc/x.mcap: No such file or directory'
+
+
+def test_a_place_that_is_not_there_is_one_line(tmp_path, capsys):
+    (tmp_path / 'file').touch()
+    words = ['service', 'install', 'museum', '--user', 'root', '--output', str(tmp_path / 'file')]
+
+    assert cli.main(words) == 78
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'eol service: {tmp_path}/file') and line.endswith('Not a directory')
+
+
+def test_a_fault_of_a_connection_is_no_fault_of_a_disk():
+    assert cli._explained(ConnectionResetError(104, 'reset'), argparse.Namespace(out='x')) is None
 
 
 @pytest.mark.parametrize('sent', [1, 3])

@@ -38,7 +38,10 @@ def run(args):
     if args.list:
         from eol_ros.devices.audio.microphone import inputs
 
-        print('\n'.join(inputs()))
+        names = inputs()
+        print(''.join(f'{name}\n' for name in names), end='')
+        if not names:
+            print('no sound inputs', file=sys.stderr)
         return 0
     if not args.into:
         raise UsageError('--into: name the folder for the sounds')

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol preset: keep the live settings of grains and sound by name, recall them, glide to them."""
 
+import sys
 import time
 from pathlib import Path
 
@@ -34,7 +35,10 @@ def run(args):
 
     folder = Path(args.folder) if args.folder else presets.folder()
     if args.action == 'list':
-        print(''.join(f'{name}\n' for name in presets.names(folder)), end='')
+        names = presets.names(folder)
+        print(''.join(f'{name}\n' for name in names), end='')
+        if not names:
+            print(f'no presets in {folder}; `eol preset save NAME` keeps one', file=sys.stderr)
         return 0
     path = presets.path_of(args.name or '', folder)
     if not 0 <= args.over <= 3600:

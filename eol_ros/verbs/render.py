@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol render: triggers to a sound file, the samples that a live run gives for them."""
 
+import contextlib
 import json
 import math
 import sys
@@ -143,8 +144,12 @@ def _bank(path: str, sample_rate: int):
     return load_bank(files, file, start, duration, sample_rate, descriptors=told)
 
 
+@contextlib.contextmanager
 def writer(path: str, sample_rate: int, channels: int):
-    """Open the file to write; 32-bit float where the format has it, so that no bit is lost."""
+    """Open the file to write; 32-bit float where the format has it, so that no bit is lost.
+
+    Raises ConfigError where it cannot be opened, or a block not be written.
+    """
     import soundfile
 
     kind = Path(path).suffix.lstrip('.').upper()
@@ -152,6 +157,7 @@ def writer(path: str, sample_rate: int, channels: int):
         raise UsageError(f'{path}: the ending names the format; give .wav, .flac or .ogg')
     subtype = 'FLOAT' if soundfile.check_format(kind, 'FLOAT') else None
     try:
-        return soundfile.SoundFile(path, 'w', sample_rate, channels, subtype=subtype)
-    except (soundfile.LibsndfileError, OSError) as error:
-        raise ConfigError(f'{path}: cannot be written ({error})') from None
+        with soundfile.SoundFile(path, 'w', sample_rate, channels, subtype=subtype) as file:
+            yield file
+    except (soundfile.LibsndfileError, OSError) as error:  # libsndfile calls any a system error
+        raise ConfigError(f'{path}: cannot be written ({error}); is its disk full?') from None

@@ -10,7 +10,7 @@ HELP = 'List the loudspeakers of a scene with delay and trim; play noise from ea
 EXAMPLES = [
     'eol speakers museum',
     'eol speakers museum --test',
-    'eol speakers museum --test left,sub --seconds 5',
+    'eol speakers museum --test left,right --seconds 5',
     'eol speakers museum --test --out test.wav',
 ]
 GAP_S = 0.2

@@ -34,6 +34,7 @@ def scene(folder, nodes):
     [
         (['musuem'], 78, 'Did you mean museum?'),
         (['no/such.yaml'], 78, 'no such scene'),
+        (['/'], 78, '/: is a folder; name the YAML file of a scene in it'),
         (['lights', '--only', 'trakcer'], 2, 'Did you mean tracker?'),
         (['lights', '--only', 'camera', '--bag', '/tmp'], 2, '--only leaves the recorder out'),
         (['--for', '-3'], 2, 'not a time above 0 s'),

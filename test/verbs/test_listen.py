@@ -83,3 +83,10 @@ def test_what_cannot_be_is_one_line(words, code, said, tmp_path, monkeypatch, ca
     assert main(['listen', *words]) == code
     err = [line for line in capfd.readouterr().err.splitlines() if line.startswith('eol')]
     assert said in err[0] and len(err) == 1
+
+
+def test_no_input_is_said(capsys, monkeypatch):
+    monkeypatch.setattr('eol_ros.devices.audio.microphone.inputs', list)
+
+    assert main(['listen', '--list']) == 0
+    assert capsys.readouterr() == ('', 'no sound inputs\n')

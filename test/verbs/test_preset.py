@@ -57,6 +57,14 @@ def test_a_preset_is_kept_recalled_and_glided_to(grains, tmp_path, capfd):
     assert 'grains: 0 of' in capfd.readouterr().out
 
 
+def test_no_preset_is_said(tmp_path, capsys):
+    assert main(['preset', 'list', '--folder', str(tmp_path)]) == 0
+    assert capsys.readouterr() == (
+        '',
+        f'no presets in {tmp_path}; `eol preset save NAME` keeps one\n',
+    )
+
+
 def test_a_preset_can_be_part_of_a_scene(tmp_path):
     (tmp_path / 'calm.yaml').write_text('nodes: {grains: {radius: 0.031}}\n')
     (tmp_path / 's.yaml').write_text('scene: s\ninclude: calm.yaml\nnodes: {twin: , tracker: }\n')

@@ -54,6 +54,17 @@ def eol(capsys, *words):
     return code, *capsys.readouterr()
 
 
+@pytest.mark.parametrize('ending', ['wav', 'flac', 'ogg'])
+def test_a_full_disk_is_one_line(capsys, tmp_path, corpus, triggers, ending):
+    out = tmp_path / f'x.{ending}'
+    out.symlink_to('/dev/full')
+    code, _, err = eol(capsys, triggers, '--corpus', corpus, '--out', out)
+
+    assert code == 78
+    assert err.splitlines()[-1].startswith(f'eol render: {out}: cannot be written (')
+    assert 'is its disk full?' in err
+
+
 @pytest.mark.slow
 def test_a_csv_gives_the_samples_of_a_live_run(capsys, tmp_path, sound, corpus, triggers):
     """Live: a mixer fed as time goes by, in the blocks of a sound card, with latency."""

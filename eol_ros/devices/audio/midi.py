@@ -4,6 +4,9 @@
 The library has a thread of its own that fills a queue; a node looks there from a timer.
 """
 
+import contextlib
+import ctypes
+
 from eol_ros.errors import DeviceMissing, pip_install
 
 try:
@@ -13,9 +16,18 @@ except ImportError:
 
 CLIENT = 'eol_ros'
 VIRTUAL = 'virtual'
+_NOTHING = ctypes.CFUNCTYPE(None)(lambda: None)  # ALSA keeps its address: it lives as long as we
+
+
+def _silence_alsa() -> None:
+    """Keep ALSA from printing what it raises as well; the wheel brings a library of its own."""
+    alsa = ctypes.CDLL(rtmidi._rtmidi.__file__)
+    with contextlib.suppress(AttributeError):  # made without ALSA
+        alsa.snd_lib_error_set_handler(_NOTHING)
 
 
 def _client(api: int) -> rtmidi.MidiIn:
+    _silence_alsa()
     try:
         return rtmidi.MidiIn(api, CLIENT, 1024)
     except rtmidi.SystemError as error:

@@ -157,7 +157,8 @@ def _stack(path: Path, moments: Moments) -> ImageSource:
     try:
         stack = np.load(path, mmap_mode='r', allow_pickle=False)
     except (ValueError, OSError, EOFError) as error:
-        raise ConfigError(f'{path}: not a .npy array, or cut short ({error})') from None
+        why = 'not numbers' if 'pickle' in str(error) else error  # NumPy: read it unsafely
+        raise ConfigError(f'{path}: not a .npy array, or cut short ({why})') from None
     if stack.ndim == 2:
         stack = stack[None]
     if stack.ndim == 4 and stack.shape[3] == 1:
@@ -202,10 +203,10 @@ def _folder(folder: Path, moments: Moments) -> ImageSource:
 def _film(path: str, moments: Moments) -> ImageSource:
     import cv2
 
-    from eol_ros.devices.camera.sources import VideoFile
+    from eol_ros.devices.camera.sources import VideoFile, open_video
     from eol_ros.settings import CameraSettings
 
-    probe = cv2.VideoCapture(path)
+    probe = open_video(path)
     if not probe.isOpened():
         raise ConfigError(f'{path}: OpenCV cannot open it as a video')
     width = int(probe.get(cv2.CAP_PROP_FRAME_WIDTH))

@@ -59,6 +59,19 @@ def is_coloured(image: np.ndarray) -> bool:
     return float((apart > COLOUR_LEVELS).mean()) > COLOUR_SHARE
 
 
+def open_video(path: str, backend: int = 0) -> Any:
+    """Return an OpenCV capture of a video file; neither OpenCV nor FFmpeg prints anything.
+
+    backend: one of cv2's CAP constants; 0 lets OpenCV choose.
+    """
+    os.environ.setdefault('OPENCV_FFMPEG_LOGLEVEL', '-8')  # AV_LOG_QUIET
+    import cv2
+
+    if hasattr(cv2, 'utils'):
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+    return cv2.VideoCapture(path, backend)
+
+
 class VideoFile:
     """The images of a file, one after another, as fast as they can be decoded."""
 
@@ -87,9 +100,7 @@ class VideoFile:
     def _start(self, grey: bool) -> Any:
         import cv2
 
-        if hasattr(cv2, 'utils'):
-            cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
-        capture = cv2.VideoCapture(self.name)
+        capture = open_video(self.name)
         if not capture.isOpened():
             raise ConfigError(f'camera.device: OpenCV cannot open {self.name} as a video')
         capture.set(cv2.CAP_PROP_CONVERT_RGB, 0 if grey else 1)

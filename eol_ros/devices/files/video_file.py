@@ -46,7 +46,9 @@ def fault(path: Path, placed: bool = False) -> str:
 def _undecoded(path: Path) -> str:
     import cv2  # only for videos: the drawn set needs none of its memory
 
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    from eol_ros.devices.camera.sources import open_video
+
+    capture = open_video(str(path), cv2.CAP_FFMPEG)
     try:
         return '' if capture.read()[0] else 'its first image cannot be decoded'
     finally:
