@@ -148,6 +148,19 @@ def test_hidden_block_is_carried_by_its_neighbours_and_trusted_less(settled):
     assert (settled.sigma[settled.seen] < 2e-4).all()
 
 
+@pytest.mark.parametrize(('step_m', 'seen'), [(0.002, True), (0.004, False), (0.036, False)])
+def test_a_faint_block_may_stand_far_from_its_fellows_if_it_was_followed_there(
+    settled, step_m, seen
+):
+    """A faint light that leaps so far, or goes there fast, is an arm's edge."""
+    xy, faint = rest_lattice(), np.zeros(25, bool)
+    for k in range(round(0.036 / step_m)):
+        xy[12, 0] += step_m
+        faint[12] = xy[12, 0] > 0.01
+        settled.update(0.2 + k / 60, xy, np.zeros(25), np.full(25, 1e-4), faint)
+    assert settled.seen[12] == seen
+
+
 def test_a_light_that_flickers_is_no_block(settled):
     xy = np.delete(rest_lattice(), 12, axis=0)
     for k in range(40):

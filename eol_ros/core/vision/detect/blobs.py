@@ -132,7 +132,6 @@ class BlobFinder:
                 *self._scratch,
                 self._fits,
                 kept,
-                self._lit,
             )
         # most blocks found where they were expected: little is left to look for
         busy = n < _MOST_FOUND or self._found_more or known[search.LEFT]
@@ -183,7 +182,6 @@ class BlobFinder:
         self._label = np.zeros((rows, cols), np.int16)
         self._parent = np.zeros(_LABELS, np.int32)
         self._stats = np.zeros((_LABELS, 7))
-        self._lit = np.zeros(4096, np.float32)
         self._found_more = False
         for what in (search.CONTRASTS, search.TURN, search.REFUSED, search.LEFT):
             self._known[what] = 0.0

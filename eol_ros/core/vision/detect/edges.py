@@ -64,6 +64,7 @@ ROUNDS, NEAR_PX = 2, 0.1
 STRETCH_PX, SOFT_STRETCH_PX = 0.02, 0.05
 LAMP_LEADS_PX = 0.3  # by so much a lamp may lead a block of which all edges stand in its glow
 ARM_LEADS_PX = 0.2  # by so much an arm may lead a block of which hardly a line is as it was
+MORE_THAN_AN_ARM = 0.6  # share of an outline that only a block shows
 # Share of the contrast by which light may fall in the flats beside an edge, and how fast more makes
 # a lamp of it. Outside of covers with relief it is 0.12 at most, of lamps hardly ever below 0.2.
 FALLING, SOFT_FALLING = (0.15, 2.5), (0.1, 5.0)
@@ -509,7 +510,7 @@ def _fit(image, square, known, searches, again, room):
     flat, steep = SOFT_FALLING if soft else FALLING
     sharp = 1.0 - min(max(steep * (spread[FALL] - flat), 0.0), 1.0)
     lit = 0.0
-    if known.predicted and soft and vote.share < WHOLE and glare > glow.LAMP:
+    if known.predicted and vote.share < WHOLE and glare > glow.LAMP:
         place, vote, lit = _in_glow(place, vote, light, known, around, room)
     noise = _place_variance(room)
     free_half, free_share = place.half, vote.share
@@ -553,9 +554,17 @@ def _fit(image, square, known, searches, again, room):
     share = vote.share
     if touched > 0.0 or aside > 0.0:
         # lines that arms touch are left out, and the others taken for what they usually are
+        led = max(scatter, vote.variance * noise) + ARM_LEADS_PX * ARM_LEADS_PX
         there, vote = _recall(image, place, light, known, room)
-        if vote.share < HOPELESS:  # hardly a line is as it was
-            scatter += touched * ARM_LEADS_PX * ARM_LEADS_PX
+        recalled = np.inf
+        if vote.share >= HOPELESS:
+            unlike = SOFT_STRETCH_PX if soft else STRETCH_PX
+            recalled = RUN * usual_outline.mean_weight(work, ends) * unlike * unlike
+            recalled += max(vote.variance * _alike(work, ends, step), 1.0 if soft else 0.0)
+            recalled *= _place_variance(room)
+        # too little is as it was, and more is in sight than an arm shows
+        if vote.share < HOPELESS or (recalled > led and share * around > MORE_THAN_AN_ARM):
+            scatter += touched * (led - scatter)
         else:
             more, sigma = there.half - known.half, math.sqrt(vote.variance * _place_variance(room))
             left = usual_outline.aside(work, ends, there.half, more, step, sigma, True, usual)
@@ -569,10 +578,7 @@ def _fit(image, square, known, searches, again, room):
                 place.theta + touched * (there.theta - place.theta),
                 place.half + touched * (there.half - place.half),
             )
-            unlike = SOFT_STRETCH_PX if soft else STRETCH_PX
-            more = RUN * usual_outline.mean_weight(work, ends) * unlike * unlike
-            more += max(vote.variance * _alike(work, ends, step), 1.0 if soft else 0.0)
-            scatter += touched * (more * _place_variance(room) - scatter)
+            scatter += touched * (recalled - scatter)
         scatter += aside * aside
     share = min(share * around, 1.0)
     s0, s1 = min(s0 * around, 1.0), min(s1 * around, 1.0)

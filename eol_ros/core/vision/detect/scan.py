@@ -13,8 +13,14 @@ from eol_ros.core.compiled import njit
 
 STEP = 4  # px between samples
 TILE = 16  # samples along the side of a tile of background
-SEEK_PX = 24.0  # the rim may have led a block that far while an arm hid it
-COARSE, BEST = 2, 3  # samples between places that are tried first, and how many are looked at again
+SEEK_PX = 40.0  # the rim may have led a block that far while an arm hid it
+# A square that is sought shows its sides where light falls at them. So many points of each side are
+# read, on so much of it, so far inside and outside.
+POINTS, ALONG, ACROSS_PX = 6, 0.85, 4.0
+# Outside it is dark: more than the background by less than so much of what light falls by.
+DARK, TILE_PX = 0.7, STEP * TILE
+LEAST_OF_SIDE = 0.3  # so much shows of the better one of either two opposite sides
+APART_PX = 12.0  # two places
 
 
 def read_only(image: np.ndarray) -> np.ndarray:
@@ -130,79 +136,94 @@ def lit(grid, tiles, u, v, theta, half, over, least):
     return found > least * max(all_of_it, 1)
 
 
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _fit_of(lit, n, room, x0, y0, size, areas):
-    """Return how well a square at x0, y0 fits lit samples (see seek), and how much fuller it is.
+@njit(cache=True, inner=True, error_model='numpy')
+def _sides_shown(flat, width, tiles, u, v, outline, over, hits):
+    """Return which share of the sides of a square at u, v shows; see seek.
 
-    areas: of its inside, of the strip along its sides, and of the rim around it, in samples.
+    outline (4 POINTS, 2): by how much further in `flat` (h w,) points inside and outside lie. hits
+    (4,) receives how many of each side show. 0 where an arm may show as much: it has one edge, or
+    two alike.
     """
-    inside, within, rim = areas
-    zero, one = np.float32(0.0), np.float32(1.0)
-    core = np.float32(size - 1.6)
-    well, low, high = np.float32(size - 0.3), np.float32(size + 0.4), np.float32(size + 1.7)
-    f_x, f_y = np.float32(x0), np.float32(y0)
-    across = lit[room:]  # indices that are plainly not negative: else each would be tested
-    full = below = near = deep = zero
-    for i in range(n):
-        x, y = abs(lit[i] - f_x), abs(across[i] - f_y)
-        away = x if x > y else y
-        deep += one if away < core else zero
-        full += one if away < well else zero
-        below += one if away < high else zero
-        near += one if away <= low else zero
-    gain = full / inside - (below - near) / rim
-    if full <= 0.3 * inside or gain <= 0.0:
-        return 0.0, 0.0
-    return gain + (full - deep) / within, gain
+    place = v * width + u
+    bare_most = tiles[v // TILE_PX, u // TILE_PX] + np.int64(DARK * over)
+    for side in (0, 2, 1, 3):
+        hits[side] = 0
+        for i in range(side * POINTS, (side + 1) * POINTS):
+            bare = np.int64(flat[place + outline[i, 1]])
+            falls = np.int64(flat[place + outline[i, 0]]) - bare
+            hits[side] += (falls > over) & (bare <= bare_most)
+        if side == 2 and max(hits[0], hits[2]) < LEAST_OF_SIDE * POINTS:
+            return 0.0
+    if max(hits[1], hits[3]) < LEAST_OF_SIDE * POINTS:
+        return 0.0
+    return (hits[0] + hits[1] + hits[2] + hits[3]) / (4.0 * POINTS)
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
-def seek(grid, tiles, u, v, theta, half, over, lit):
-    """Look around u, v for where a square of light would fit best.
+@njit(cache=True, error_model='numpy')
+def seek(image, tiles, u, v, theta, half, over, taken, n, found):
+    """Look up to SEEK_PX around u, v for where a square of light would show most of its sides.
 
-    half px of its side, over grey levels above the background that count as light, lit (2 m,)
-    float32 scratch. Returns (du, dv) px in whole samples up to SEEK_PX, and how much fuller of
-    light the square is than a rim around it, 0 where it holds little at all.
+    half px of its side; over grey levels by which light falls there. taken (m, >= 2): u, v of the
+    first `n` squares that are there, on whose ground none can stand. found (k, 3) receives up to k
+    places, the best first: u, v, and the share of its sides that shows, 0 where there is none.
     """
-    rows, cols = grid.shape
-    most = int(SEEK_PX / STEP)
+    height, width = image.shape
     c, sn = math.cos(theta), math.sin(theta)
-    size = half / STEP
-    reach = int((size + 2.0) * (abs(c) + abs(sn))) + 1
-    u0, v0 = (u - 1) / STEP, (v - 1) / STEP
-    far = reach + most
-    n, room = 0, len(lit) // 2
-    for r in range(max(int(v0) - far, 0), min(int(v0) + far + 1, rows)):
-        for q in range(max(int(u0) - far, 0), min(int(u0) + far + 1, cols)):
-            if grid[r, q] > tiles[r // TILE, q // TILE] + over and n < room:
-                lit[n], lit[room + n] = (q - u0) * c - (r - v0) * sn, (q - u0) * sn + (r - v0) * c
-                n += 1
-    inside, rim = 4.0 * (size - 0.3) ** 2, 4.0 * ((size + 1.7) ** 2 - (size + 0.4) ** 2)
-    within = inside - 4.0 * (size - 1.6) ** 2
-    if n <= 0.3 * inside:
-        return 0.0, 0.0, 0.0
-    areas = inside, within, rim
-    # on a coarse grid first: where a square of light stands, places beside it hold most of it
-    best = np.zeros((BEST, 3))
-    for dv in range(-most, most + 1, COARSE):
-        for du in range(-most, most + 1, COARSE):
-            edge, _ = _fit_of(lit, n, room, du * c - dv * sn, du * sn + dv * c, size, areas)
-            if edge > best[BEST - 1, 0]:
-                k = BEST - 1
-                while k > 0 and edge > best[k - 1, 0]:
-                    best[k] = best[k - 1]
-                    k -= 1
-                best[k, 0], best[k, 1], best[k, 2] = edge, du, dv
-    best_u = best_v = most_edge = fuller = 0.0
-    for k in range(BEST):
-        if best[k, 0] == 0.0:
-            break
-        for i in range(9):
-            du, dv = best[k, 1] + i % 3 - 1, best[k, 2] + i // 3 - 1
-            edge, gain = _fit_of(lit, n, room, du * c - dv * sn, du * sn + dv * c, size, areas)
-            if edge > most_edge:
-                best_u, best_v, most_edge, fuller = du * STEP, dv * STEP, edge, gain
-    return best_u, best_v, fuller
+    outline = np.empty((4 * POINTS, 2), np.int64)
+    reach = 0
+    for side in range(4):
+        nu, nv = c, -sn
+        for i in range(POINTS):
+            t = (2.0 * i / (POINTS - 1) - 1.0) * ALONG * half
+            for k in range(2):
+                d = half + (ACROSS_PX if k else -ACROSS_PX)
+                du, dv = round(nu * d + nv * t), round(nv * d - nu * t)
+                outline[side * POINTS + i, k] = dv * width + du
+                reach = max(reach, abs(du), abs(dv))
+        c, sn = -sn, c
+    flat, hits = image.reshape(height * width), np.empty(4, np.int64)
+    found[:] = 0.0
+    most = int(SEEK_PX / STEP)
+    ground, near, m = 1.4 * half, np.empty((n, 2)), 0
+    for i in range(n):
+        if max(abs(taken[i, 0] - u), abs(taken[i, 1] - v)) < SEEK_PX + ground:
+            near[m, 0], near[m, 1] = taken[i, 0], taken[i, 1]
+            m += 1
+    for row in range(-most, most + 1):
+        y = round(v) + row * STEP
+        for column in range(-most, most + 1):
+            x = round(u) + column * STEP
+            free = reach < x < width - reach - 1 and reach < y < height - reach - 1
+            for i in range(m):
+                free &= (near[i, 0] - x) ** 2 + (near[i, 1] - y) ** 2 > ground * ground
+            if not free:
+                continue
+            share = _sides_shown(flat, width, tiles, x, y, outline, over, hits)
+            k = len(found) - 1  # in place of one beside it, or of the last
+            for i in range(len(found)):
+                if abs(found[i, 0] - x) + abs(found[i, 1] - y) <= APART_PX:
+                    k = i
+                    break
+            if share <= found[k, 2]:
+                continue
+            while k > 0 and share > found[k - 1, 2]:
+                found[k] = found[k - 1]
+                k -= 1
+            found[k, 0], found[k, 1], found[k, 2] = x, y, share
+    for k in range(len(found)):  # in the middle of the places that show most
+        if found[k, 2] == 0.0:
+            continue
+        x0, y0, x_sum, y_sum, count = int(found[k, 0]), int(found[k, 1]), 0, 0, 0
+        for i in range(25):
+            x, y = x0 + (i % 5 - 2) * STEP // 2, y0 + (i // 5 - 2) * STEP // 2
+            if not (reach <= x < width - reach and reach <= y < height - reach):
+                continue
+            share = _sides_shown(flat, width, tiles, x, y, outline, over, hits)
+            if share > found[k, 2]:
+                found[k, 2], x_sum, y_sum, count = share, 0, 0, 0
+            if share == found[k, 2]:
+                x_sum, y_sum, count = x_sum + x, y_sum + y, count + 1
+        found[k, 0], found[k, 1] = x_sum / count, y_sum / count
 
 
 @njit(cache=True)

@@ -40,7 +40,6 @@ MOST_ASIDE_PX = 1.0
 FOLLOWED = (0.25, 0.0, 0.04)
 PREDICTED = (0.30, 0.0, 0.10)
 NEW = (0.60, 0.30, 0.40)
-REGAINED = (0.35, 0.0, 0.25)
 # An edge of an arm may look like a side. Of a block of which less than POORLY agrees, an outline so
 # far from where it is expected (half sides, and half sides for each second since it was seen), or
 # so turned (rad), is no answer. So near, and seen so lately, it is one if FOLLOWED agrees.
@@ -54,7 +53,9 @@ MIN_CONTRAST, MAX_CONTRAST = 0.65, 1.9
 OUTLINE, OUTLINE_PX = 0.25, 0.12
 FAINTEST = 0.2  # of the usual contrast: less is no block
 LIT = 0.12  # where less of a block's place is lit, none is asked for
-MIN_FILL_GAIN = 0.2  # by this share a square must be fuller of light than its surroundings
+# Share of its contrast by which light falls at each side of a block that is sought, how much of its
+# sides shows at least, and how many places are tried.
+STEEP, LEAST_SHOWN, SOUGHT = 0.5, 0.3, 2
 # Images before a light that was no square is tried again, and before it counts as another one; how
 # many lights are tried in one image while the lattice is followed.
 RETRY_IMAGES, FORGET_IMAGES, MOST_TRIED = 12, 60, 2
@@ -196,7 +197,7 @@ def _tabulate(known, shape, camera, outlines, near, i, table):
 
 @njit(cache=True)
 def at_predictions(
-    image, known, grid, tiles, near, camera, outlines, table, usual, work, ends, fits, kept, lit
+    image, known, grid, tiles, near, camera, outlines, table, usual, work, ends, fits, kept
 ):
     """Measure blocks where they are expected, `near` (k, 6).
 
@@ -205,10 +206,10 @@ def at_predictions(
     Calibration.packed(); outlines: CoverOutlines.over; table (outline.SIZE,) is room for one, 0
     where covers are flat.
 
-    Where one is not, the scan says where about a square of light would fit best. Returns how many
-    are in `kept`.
+    Where one is not, it is fitted where about most of its sides show. Returns how many are in
+    `kept`.
     """
-    room = edges.room(work, ends)
+    room, places = edges.room(work, ends), np.empty((SOUGHT, 3))
     tried = 0
     for i in range(len(near)):
         u, v, theta, own, _, since_s = near[i]
@@ -237,7 +238,6 @@ def at_predictions(
     n = keep(fits, tried, kept, 0, FOLLOWED)
     if n == len(near):
         return n
-    scan.erase(grid, tiles, kept, 0, n, scan.STEP)
     tried = 0
     for i in range(len(near)):
         u, v, theta, own, _, since_s = near[i]
@@ -247,32 +247,31 @@ def at_predictions(
         if there:
             continue
         half = expected(known, image.shape, u, v)[0]
-        over = 0.55 * own if own > 0 else max(0.4 * known[CONTRASTS], 20.0)
-        du, dv, fuller = scan.seek(grid, tiles, u, v, theta, half, over, lit)
-        if fuller > MIN_FILL_GAIN:
-            near[i, 0], near[i, 1] = u + du, v + dv
-            _tabulate(known, image.shape, camera, outlines, near, i, table)
-            mine = usual[i if near[i, 4] >= 0 and i < len(usual) - 1 else len(usual) - 1]
-            mine[usual_outline.LEARNS] = 0.0
-            attempt(
-                image,
-                known,
-                u + du,
-                v + dv,
-                theta,
-                own,
-                0.0,
-                2,
-                table,
-                mine,
-                room,
-                fits[tried],
-                True,
-            )
-            if _stray(fits[tried], u, v, theta, since_s):
-                fits[tried, VISIBLE] = fits[tried, QUALITY] = 0.0
+        over = STEEP * own if own > 0 else max(FAINTEST * known[CONTRASTS], 20.0)
+        scan.seek(image, tiles, u, v, theta, half, over, kept, n, places)
+        mine = usual[i if near[i, 4] >= 0 and i < len(usual) - 1 else len(usual) - 1]
+        mine[usual_outline.LEARNS] = 0.0
+        for k in range(len(places)):
+            if places[k, 2] < LEAST_SHOWN or tried == len(fits):
+                break
+            fit = fits[tried]
+            near[i, 0], near[i, 1], near[i, 2] = places[k, 0], places[k, 1], theta
+            for rough in (2, 0):  # and once more from where it was found
+                _tabulate(known, image.shape, camera, outlines, near, i, table)
+                attempt(
+                    image, known, near[i, 0], near[i, 1], near[i, 2], own, 0.0, rough, table, mine,
+                    room, fit, True,
+                )  # fmt: skip
+                found = fit[VISIBLE] >= PREDICTED[0] and fit[QUALITY] >= PREDICTED[2]
+                found &= fit[SIGMA] < MOST_PARTLY_PX  # whatever is known of this block
+                if not found or _stray(fit, u, v, theta, since_s):
+                    fit[VISIBLE] = fit[QUALITY] = 0.0
+                    break
+                near[i, 0], near[i, 1], near[i, 2] = fit[U], fit[V], fit[THETA]
             tried += 1
-    return keep(fits, tried, kept, n, REGAINED)
+            if fit[QUALITY] > 0.0:
+                break
+    return keep(fits, tried, kept, n, PREDICTED)
 
 
 @njit(cache=True, inner=True)

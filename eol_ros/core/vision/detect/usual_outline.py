@@ -51,6 +51,7 @@ GRADUALLY = 0.04  # of the share, and for light up to twice as much
 ENOUGH, MOST = 8.0, 60.0  # times after which it is believed, and over which it is averaged
 GLOWS = 0.05  # of its edge, from which on a lamp stands beside a block that is known
 LEAVES_PX = 3.0  # what was learnt beside a lamp holds only so far
+MOSTLY = 0.7  # of its edge: of a block that never showed so much, an arm's may have been learnt
 EACH = 8  # images in which a block is learnt once, when it is known
 # Grey levels, share of the contrast, and times the roughness by which the light of a line may
 # differ from what is usual there, outside and inside; how many lines beside it are left out, too.
@@ -75,7 +76,7 @@ def rows(blocks: int) -> np.ndarray:
 @njit(inline='always')
 def trusted(usual):
     """Return whether enough is known of a block."""
-    return usual[QUARTER] >= 0 and usual[TIMES] >= ENOUGH
+    return usual[QUARTER] >= 0 and usual[TIMES] >= ENOUGH and usual[SHARE] >= MOSTLY
 
 
 @njit(inline='always')

@@ -61,7 +61,7 @@ class Lattice:
         self.xy = np.full((N_BLOCKS, 2), np.nan)
         self.velocity = np.zeros((N_BLOCKS, 2))
         self.yaw = np.zeros(N_BLOCKS)
-        self.seen = np.zeros(N_BLOCKS, bool)
+        self.seen, self.firm = np.zeros((2, N_BLOCKS), bool)  # and followed since it was not faint
         self.sigma = np.full(N_BLOCKS, np.inf)
         self.index = np.full(N_BLOCKS, -1)
         self.seen_s = np.full(N_BLOCKS, -np.inf)
@@ -133,7 +133,7 @@ class Lattice:
                 self.yaws = Yaws()
             to = np.array([rotate_cell(b, quarters) for b in range(N_BLOCKS)])
             order = np.argsort(to)
-            for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s'):
+            for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s', 'firm'):
                 setattr(self, name, getattr(self, name)[order])
             self.swaps[:] = 0.0
             self._renamed()
@@ -169,7 +169,7 @@ class Lattice:
         was = self.seen
         before, self.index, many, odd = advance(
             stamp_s, step, xy, none if faint is None else faint, self.xy, self.velocity, was,
-            self.sigma, self.rest, self.angle, *lights,
+            self.sigma, self.firm, self.rest, self.angle, *lights,
         )  # fmt: skip
         if many or odd:
             self.seen = self.index >= 0
@@ -178,8 +178,8 @@ class Lattice:
             self.agreed, read = 0, False
         self.seen, rests, pair = conclude(
             stamp_s, step, xy, sigma, none if sound is None else sound, not read, before, was,
-            self.index, self.angle, self.xy, self.velocity, self.sigma, self.seen_s, self.rest_xy,
-            self.swaps, *lights,
+            self.index, self.angle, self.xy, self.velocity, self.sigma, self.firm, self.seen_s,
+            self.rest_xy, self.swaps, *lights,
         )  # fmt: skip
         if not rests:
             self.rest_s = stamp_s
@@ -205,7 +205,7 @@ class Lattice:
 
     def _exchange(self, a: int, b: int) -> None:
         """Exchange two neighbours that, for long enough, have stood crosswise on the lattice."""
-        for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s'):
+        for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s', 'firm'):
             array = getattr(self, name)
             array[[a, b]] = array[[b, a]]
         self._renamed()
@@ -362,6 +362,7 @@ class Lattice:
     def _adopt(self, stamp_s: float, index: np.ndarray, xy: np.ndarray, yaw: np.ndarray) -> None:
         """Take a reading of the lattice as the truth; hidden blocks go where their fellows say."""
         self.velocity[index != self.index] = 0.0
+        self.firm &= index == self.index
         self._renamed()
         self.index = index
         self.seen = index >= 0

@@ -22,6 +22,7 @@ STRAY_M = 0.03  # and hardly ever so far from it
 FOLLOW_M = 0.012  # a followed block is found within this of its prediction, at rest
 LAMP_M = 0.005  # a light this near to where a lamp was is that lamp
 THROWN_M = 0.04  # and within this when it was hit, if the light is nobody else's
+AWAY_M_S = 0.15  # faster a block of which an arm hides some hardly goes away from its fellows
 NEAR_M = 0.010  # a hidden block this close to where it went is itself
 BEND_M = 0.08  # neighbours stand this close to where the lattice wants them, nearly always
 FAR_M = 0.08  # and beyond this it is not
@@ -39,26 +40,34 @@ QUARTER = np.pi / 2
 
 @njit(cache=True)
 def advance(
-    stamp_s, step, points, faint, xy, velocity, seen, sigma, rest, angle, place, born, last, at
-):
+    stamp_s, step, points, faint, xy, velocity, seen, sigma, firm, rest, angle, place, born, last,
+    at,
+):  # fmt: skip
     """Follow what was seen, carry what is hidden, and remember the other lights of one image.
 
-    faint (n,): points of which little is in view. Changes xy, velocity and sigma, and what is
-    remembered (see remember). Returns xy (25, 2) as it was, index (25,) or -1, and whether so many
-    lights wait that the whole lattice is to be read, or there is another reason to.
+    faint (n,): points of which little is in view. firm (25,): blocks that have gone along with
+    their fellows since they were not faint, or given back: no edge of an arm stands for them.
+    Changes xy, velocity, sigma and firm, and what is remembered (see remember). Returns xy (25, 2)
+    as it was, index (25,) or -1, and whether so many lights wait that the whole lattice is to be
+    read, or there is another reason to.
     """
     before = xy.copy()
     index = follow(xy, velocity, seen, step, points, place[stamp_s - born > LAMP_S])
     held = index >= 0
     doubtful = np.zeros(N_BLOCKS, np.bool_)
     for i in range(N_BLOCKS):
+        firm[i] &= held[i]
         if held[i]:
             xy[i] = points[index[i]]
             doubtful[i] = faint[index[i]]
+            firm[i] |= not doubtful[i]
     if doubtful.any():
         gone = reject_outliers(xy, held, doubtful, rest, angle)
         for i in range(N_BLOCKS):
-            if gone[i]:
+            if doubtful[i]:
+                firm[i] &= _goes_along(i, before, xy, held, step)
+        for i in range(N_BLOCKS):
+            if gone[i] and not firm[i]:
                 index[i], held[i] = -1, False
     predict_occluded(before, xy, held, rest, angle, velocity, sigma, step)
     remember(stamp_s, points, index, place, born, last, at)
@@ -74,15 +83,31 @@ def advance(
 
 
 @njit(cache=True)
+def _goes_along(block, before, xy, held, step):
+    """Whether a block goes as those beside it do, and not away from them as an arm's edge may."""
+    dx = dy = 0.0
+    n = 0
+    for j in range(N_BLOCKS):
+        beside = abs(j // COLS - block // COLS) < 2 and abs(j % COLS - block % COLS) < 2
+        if held[j] and beside and j != block:
+            dx += xy[j, 0] - before[j, 0]
+            dy += xy[j, 1] - before[j, 1]
+            n += 1
+    dx = xy[block, 0] - before[block, 0] - dx / max(n, 1)
+    dy = xy[block, 1] - before[block, 1] - dy / max(n, 1)
+    return n > 0 and np.hypot(dx, dy) < AWAY_M_S * step
+
+
+@njit(cache=True)
 def conclude(
     stamp_s, step, points, spread, sound, give_back, before, was, index, angle, xy, velocity,
-    sigma, seen_s, rest_xy, swaps, place, born, last, at,
+    sigma, firm, seen_s, rest_xy, swaps, place, born, last, at,
 ):  # fmt: skip
     """Take what one image says of each block, once its names are given; see advance.
 
     spread (n,) m: of the points. sound (n,): can be nothing but blocks. give_back: lights may still
-    become hidden blocks. Changes index, xy, velocity, sigma, seen_s, and rest_xy where the lattice
-    does not rest. Returns seen (25,), whether it rests, and suspect_swaps.
+    become hidden blocks. Changes index, xy, velocity, sigma, firm, seen_s, and rest_xy where the
+    lattice does not rest. Returns seen (25,), whether it rests, and suspect_swaps.
     """
     if give_back:
         back = reacquire(
@@ -92,6 +117,7 @@ def conclude(
             if back[i]:
                 xy[i] = points[index[i]]
                 velocity[i] = 0.0
+                firm[i] = True
     seen = index >= 0
     rests = True
     for i in range(N_BLOCKS):
@@ -385,7 +411,7 @@ def reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, last, at, s
             if born[k] < seen_s[i]:  # it shone while the block was elsewhere
                 continue
             off = np.hypot(xy[i, 0] - place[k, 0], xy[i, 1] - place[k, 1])
-            near = off < (THROWN_M if sound[at[k]] else NEAR_M + min(sigma[i], 0.01))
+            near = sound[at[k]] or off < NEAR_M + min(sigma[i], 0.01)
             if off > FAR_M or (stamp_s - born[k] < LATER_S and not near):
                 continue
             if not fits(i, place[k], xy, seen, ca, sa):
