@@ -53,6 +53,7 @@ CHANCE = 1.8  # noise alone makes stretches seldom differ by more
 ALIKE_PX = 1.0  # what is further off is another edge
 ALONE_FROM = 0.75  # share from which no light beside a square makes it half of another cover
 DOUBTFUL = 0.65  # share below which a good start is mistrusted, and the edges are searched for
+BETTER = 0.05  # share by which a second attempt must do better than the first
 FOUND = 0.3  # share from which steep edges are those of a square
 HOPELESS = 0.1  # share below which no round makes a square of it
 # Share of the edge in sight from which a block needs no help, and below it, over how much of the
@@ -492,15 +493,18 @@ def _recall(image, place, light, known, room):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _fit(image, square, known, searches, again, room):
-    """Fit one square; see fit_square. again: once more, from edges found in a search only."""
+def _fit(image, square, known, searches, beats, room):
+    """Fit one square; see fit_square.
+
+    beats: 0, or for a second attempt the share that it must exceed to be of use.
+    """
     work, ends, step, shares, spread = room.work, room.ends, room.step, room.shares, room.spread
     usual = known.usual
     place = _Place(square[U], square[V], square[THETA], known.half)
     for k in range(VISIBLE, FIELDS):
         square[k] = 0.0
     place, found = _search(image, place, known, searches, room)
-    if again and not found:
+    if beats > 0.0 and not found:
         return  # nothing better is known than where it was tried before
     place, vote, light = _settle(image, place, known, room)
     if vote.share == 0.0:
@@ -519,7 +523,7 @@ def _fit(image, square, known, searches, again, room):
         touched = usual_outline.touched(usual, free_share * around, texture)
         sigma, more = math.sqrt(vote.variance * noise), free_half - known.half
         aside = usual_outline.aside(work, ends, free_half, more, step, sigma, False, usual)
-    scatter = part = misfit = 1.0
+    part = 1.0
     if touched < 1.0:
         if known.tight > 0 and free_share < WHOLE:
             # an arm along one side moves it; what is known of the size speaks for the side across
@@ -532,26 +536,29 @@ def _fit(image, square, known, searches, again, room):
             part = min((WHOLE - free_share) / GRADUALLY, 1.0)
             place = _moved(place, step, part)
             noise += part * (_place_variance(room) - noise)
-        partly = min((WHOLE - min(vote.share * around, 1.0)) / GRADUALLY, 1.0)
-        if not soft:
-            scatter = vote.variance * _alike(work, ends, step)
-        elif partly > 0.0:
-            # what noise alone explains, and how much further an arm may have led it: see MISFIT
-            scatter = 1.0 + partly * (max(vote.variance * _alike(work, ends, step), 1.0) - 1.0)
-            misfit = 1.0 + (1.0 - touched) * (math.sqrt(scatter) - 1.0)
         usual_outline.learn(
             work, ends, place.half, place.half - known.half, step, part, vote.width,
             free_share * around, texture, aside, lit, usual,
         )  # fmt: skip
     else:
         usual_outline.forget(usual)
+    share = min(vote.share * around, 1.0)
+    if share <= beats:
+        return
+    scatter = misfit = 1.0
+    if touched < 1.0 and not soft:
+        scatter = vote.variance * _alike(work, ends, step)
+    elif touched < 1.0 and share < WHOLE:
+        # what noise alone explains, and how much further an arm may have led it: see MISFIT
+        partly = min((WHOLE - share) / GRADUALLY, 1.0)
+        scatter = 1.0 + partly * (max(vote.variance * _alike(work, ends, step), 1.0) - 1.0)
+        misfit = 1.0 + (1.0 - touched) * (math.sqrt(scatter) - 1.0)
     scatter *= noise
     if lit > 0.0:
         led = lit * LAMP_LEADS_PX * LAMP_LEADS_PX
         misfit *= math.sqrt(1.0 + led / scatter)
         scatter += led
     s0, s1, s2, s3 = shares[0], shares[1], shares[2], shares[3]
-    share = vote.share
     if touched > 0.0 or aside > 0.0:
         # lines that arms touch are left out, and the others taken for what they usually are
         led = max(scatter, vote.variance * noise) + ARM_LEADS_PX * ARM_LEADS_PX
@@ -580,7 +587,6 @@ def _fit(image, square, known, searches, again, room):
             )
             scatter += touched * (recalled - scatter)
         scatter += aside * aside
-    share = min(share * around, 1.0)
     s0, s1 = min(s0 * around, 1.0), min(s1 * around, 1.0)
     s2, s3 = min(s2 * around, 1.0), min(s3 * around, 1.0)
     both_ways = min(max(s0, s2), max(s1, s3))
@@ -609,9 +615,10 @@ def fit_square(image, square, known, searches, room):
     """
     second = room.second
     second[U], second[V], second[THETA] = square[U], square[V], square[THETA]
-    _fit(image, square, known, searches, False, room)
+    _fit(image, square, known, searches, 0.0, room)
     if searches == 0 and square[VISIBLE] < DOUBTFUL:
-        _fit(image, second, known, 2, True, room)
-        if second[VISIBLE] > square[VISIBLE] + 0.05:
+        beats = square[VISIBLE] + BETTER
+        _fit(image, second, known, 2, beats, room)
+        if second[VISIBLE] > beats:
             square[:] = second
     square[THETA] -= round(square[THETA] / (math.pi / 2)) * math.pi / 2
