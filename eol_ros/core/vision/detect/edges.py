@@ -53,6 +53,7 @@ CHANCE = 1.8  # noise alone makes stretches seldom differ by more
 ALIKE_PX = 1.0  # what is further off is another edge
 ALONE_FROM = 0.75  # share from which no light beside a square makes it half of another cover
 DOUBTFUL = 0.65  # share below which a good start is mistrusted, and the edges are searched for
+AGAIN_PX = 1.0  # from so near to where a first attempt ended, a second one ends there, too
 BETTER = 0.05  # share by which a second attempt must do better than the first
 FOUND = 0.3  # share from which steep edges are those of a square
 HOPELESS = 0.1  # share below which no round makes a square of it
@@ -493,19 +494,12 @@ def _recall(image, place, light, known, room):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _fit(image, square, known, searches, beats, room):
-    """Fit one square; see fit_square.
-
-    beats: 0, or for a second attempt the share that it must exceed to be of use.
-    """
+def _fit(image, square, place, known, beats, room):
+    """Fit one square from `place`; see fit_square. beats: the share that it must exceed."""
     work, ends, step, shares, spread = room.work, room.ends, room.step, room.shares, room.spread
     usual = known.usual
-    place = _Place(square[U], square[V], square[THETA], known.half)
     for k in range(VISIBLE, FIELDS):
         square[k] = 0.0
-    place, found = _search(image, place, known, searches, room)
-    if beats > 0.0 and not found:
-        return  # nothing better is known than where it was tried before
     place, vote, light = _settle(image, place, known, room)
     if vote.share == 0.0:
         return
@@ -600,12 +594,28 @@ def _fit(image, square, known, searches, beats, room):
     square[ALONE] = 1.0 if share > ALONE_FROM else max(1.0 - 5.0 * glare, 0.0)
 
 
+@njit(inline='always')
+def _search_another(image, place, square, known, room):
+    """Search about `place` for edges; return where they agree, and whether `square` is not there.
+
+    From where it is a fit would only find it again.
+    """
+    for _ in range(2):
+        place, found = _search(image, place, known, 1, room)
+        turn = place.theta - square[THETA]
+        turn -= round(turn / (math.pi / 2)) * math.pi / 2
+        far = abs(place.u - square[U]) + abs(place.v - square[V]) + abs(turn) * place.half
+        if not found or (square[VISIBLE] > 0.0 and far < AGAIN_PX):
+            return place, False
+    return place, True
+
+
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def fit_square(image, square, known, searches, room):
     """Fit a square to `image` (h, w) uint8 from `square` (FIELDS,): u, v, theta as expected.
 
     known: Known; room: Room. searches: rounds of rough search before the fit (0 when the start is
-    good to 2 px; a fit that comes out poor then searches once itself).
+    good to 2 px; a block that was predicted and comes out poor is then searched for itself).
 
     `square` then holds u, v, theta, half, agreeing share of the edges, sigma px, quality, contrast,
     level inside, agreeing share of the worst side, how certainly no other cover's light stands
@@ -613,12 +623,15 @@ def fit_square(image, square, known, searches, room):
     by how many px it may stand aside, since an arm hides one of two sides.
     A share of 0 means no square there.
     """
-    second = room.second
-    second[U], second[V], second[THETA] = square[U], square[V], square[THETA]
-    _fit(image, square, known, searches, 0.0, room)
-    if searches == 0 and square[VISIBLE] < DOUBTFUL:
-        beats = square[VISIBLE] + BETTER
-        _fit(image, second, known, 2, beats, room)
-        if second[VISIBLE] > beats:
-            square[:] = second
+    start = place = _Place(square[U], square[V], square[THETA], known.half)
+    if searches > 0:
+        place, _ = _search(image, start, known, searches, room)
+    _fit(image, square, place, known, 0.0, room)
+    if known.predicted and searches == 0 and square[VISIBLE] < DOUBTFUL:
+        place, another = _search_another(image, start, square, known, room)
+        if another:
+            beats, second = square[VISIBLE] + BETTER, room.second
+            _fit(image, second, place, known, beats, room)
+            if second[VISIBLE] > beats:
+                square[:] = second
     square[THETA] -= round(square[THETA] / (math.pi / 2)) * math.pi / 2

@@ -353,9 +353,9 @@ def at_lights(
                         other,
                     )
                     good = other[QUALITY] >= NEW[2] and other[WORST] >= NEW[1]
-                    if good or other[QUALITY] > fits[tried, QUALITY]:
+                    if good and other[QUALITY] > fits[tried, QUALITY]:
                         fits[tried] = other
-                    if good:
+                    if good and other[VISIBLE] >= edges.DOUBTFUL:
                         break
                 table[0] = 0.0
             tried += 1
