@@ -137,6 +137,7 @@ class BlobFinder:
         busy = n < _MOST_FOUND or self._found_more or known[search.LEFT]
         each = 1 if busy else _GLANCE_MISSED
         expected_n = n
+        few = search.SOFT_MOST_TRIED if len(self._relief[1]) else search.MOST_TRIED
         for _ in range(0 if turn % (_GLANCE if n >= N_BLOCKS else each) else 2):
             before = n
             if predicted is None:  # nothing is known of where blocks are: try every light
@@ -152,7 +153,7 @@ class BlobFinder:
                 known,
                 starts,
                 self._refused,
-                search.MOST_TRIED if before >= _MOST_FOUND else _MOST_REGIONS,
+                few if before >= _MOST_FOUND else _MOST_REGIONS,
                 *self._relief,
                 self._usual,
                 *self._scratch,

@@ -57,8 +57,10 @@ LIT = 0.12  # where less of a block's place is lit, none is asked for
 # sides shows at least, and how many places are tried.
 STEEP, LEAST_SHOWN, SOUGHT = 0.5, 0.3, 2
 # Images before a light that was no square is tried again, and before it counts as another one; how
-# many lights are tried in one image while the lattice is followed.
-RETRY_IMAGES, FORGET_IMAGES, MOST_TRIED = 12, 60, 2
+# many lights are tried in one image while the lattice is followed, of covers with relief fewer, as
+# each costs three fits.
+RETRY_IMAGES, FORGET_IMAGES = 12, 60
+MOST_TRIED, SOFT_MOST_TRIED = 2, 1
 ENOUGH, AGREEING_GAIN, LEAST_AGREEING = 12, 0.1, 0.6
 SAME_PX = 10.0
 BESIDE_PX = 20.0
@@ -313,7 +315,7 @@ def at_lights(
             starts[i, 0] = np.nan
         elif math.isnan(starts[i, 0]):
             continue
-        elif tried >= most and (row >= 0 or len(outlines)):  # with relief each costs three fits
+        elif tried >= most and (row >= 0 or len(outlines)):
             starts[i, 0] = np.nan
             left += 1
         else:
