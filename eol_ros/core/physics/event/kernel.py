@@ -214,11 +214,13 @@ def run(
     sweeping,
     glide,
 ):
-    """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, progress).
+    """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, fields of a Progress).
 
-    `begin` is a progress too. `counts` (4,): slips begun, stops at the floor against a pull above
-    mu_k, sweeps or glides, springs that passed length zero. Events are written in the order they
-    are found: a stop may bear a time a little later than a break behind it. Without `sweeping`
+    The fields are a plain tuple: a named one is made by code of Python, in which Ctrl-C raises, and
+    numba does not look whether it did. `begin` is a Progress. `counts` (4,): slips begun, stops at
+    the floor against a pull above mu_k, sweeps or glides, springs that passed length zero. Events
+    are written in the order they are found: a stop may bear a time a little later than a break
+    behind it. Without `sweeping`
     (None) the run ends with STIFF where sweeps would pay, without `glide` too with GLIDING where
     glides would; it goes on from the progress returned.
     """
@@ -258,7 +260,7 @@ def run(
                 x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
                 if math.sqrt(x * x + y * y) >= at.static[i] * (1.0 + ON_LIMIT):
                     if events >= len(log.t):
-                        return EVENT_LIMIT, Progress(t, left, events, steps, sampled)
+                        return EVENT_LIMIT, (t, left, events, steps, sampled)
                     log.t[events], log.block[events], log.start[events] = t, i, 1
                     events += 1
                     counts[0] += 1
@@ -312,7 +314,7 @@ def run(
         if steady and watching == 0 and calm >= PATIENCE and m == n:
             if glide is None:
                 if sweeping is None and would_glide(m, v, plain, h, at, pl):
-                    return GLIDING, Progress(t, left, events, steps, sampled)
+                    return GLIDING, (t, left, events, steps, sampled)
             else:
                 span, reached = 0.0, -1
                 if glide.averaged.possible and steps >= glide.due[2]:
@@ -343,7 +345,7 @@ def run(
                     if reached < 0:
                         glide.due[2] = steps + WAIT
                         if not glide.ready and would_glide(m, v, plain, h, at, pl):
-                            return GLIDING, Progress(t, left, events, steps, sampled)
+                            return GLIDING, (t, left, events, steps, sampled)
                 for p in range(2 if glide.ready else 0):
                     if reached >= 0 or steps < glide.due[p]:
                         continue
@@ -379,9 +381,9 @@ def run(
                     steps += 1
                     counts[2] += 1
                     if not math.isfinite(u[0, 0] + v[0, 0] + u[0, 1]):
-                        return NOT_FINITE, Progress(t, left, events, steps, sampled)
+                        return NOT_FINITE, (t, left, events, steps, sampled)
                     if steps >= max_steps:
-                        return STEP_LIMIT, Progress(t, left, events, steps, sampled)
+                        return STEP_LIMIT, (t, left, events, steps, sampled)
                     continue
         ends = h == t_end - t
         near, o = h, order
@@ -392,7 +394,7 @@ def run(
                 pass
             elif sweeping is None:
                 if would_pay(order, m, plain, rules.small, at, pl):
-                    return STIFF, Progress(t, left, events, steps, sampled)
+                    return STIFF, (t, left, events, steps, sampled)
                 calm, patience = 0, min(2 * patience, MOST_PATIENCE)
             elif sweeps < PROBE:
                 _, used = drive_series(
@@ -476,7 +478,7 @@ def run(
         if near < h:
             h, ends = near, False
         if not h >= 0.0:
-            return NOT_FINITE, Progress(t, left, events, steps, sampled)
+            return NOT_FINITE, (t, left, events, steps, sampled)
         # the first stuck block to break within the step
         top, who, hit_any, through = h, -1, False, 0
         if h > 0.0:
@@ -589,11 +591,11 @@ def run(
         if m > 0:
             i = pl.slots[0]
             if not math.isfinite(u[i, 0] + v[i, 0] + u[i, 1]):
-                return NOT_FINITE, Progress(t, left, events, steps, sampled)
+                return NOT_FINITE, (t, left, events, steps, sampled)
         if ends:
             break
         if steps >= max_steps:
-            return STEP_LIMIT, Progress(t, left, events, steps, sampled)
+            return STEP_LIMIT, (t, left, events, steps, sampled)
         drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs, gx)
         rim_speed = math.sqrt(cx[1] ** 2 + cy[1] ** 2) + math.sqrt(cc[1] ** 2 + cs[1] ** 2)
         for c in range(m):  # blocks that come to rest
@@ -632,7 +634,7 @@ def run(
             for q in range(at.lo[i], at.lo[i + 1]):
                 slack[at.near[q]] = 0.0
             if events >= len(log.t):
-                return EVENT_LIMIT, Progress(t, left, events, steps, sampled)
+                return EVENT_LIMIT, (t, left, events, steps, sampled)
             log.t[events], log.block[events], log.start[events] = t + stop_s, i, 0
             events += 1
             sliding[i] = False
@@ -647,9 +649,9 @@ def run(
                 if j != who and force < at.static[j] * (1.0 - ON_LIMIT):
                     continue
                 if events >= len(log.t):
-                    return EVENT_LIMIT, Progress(t, left, events, steps, sampled)
+                    return EVENT_LIMIT, (t, left, events, steps, sampled)
                 log.t[events], log.block[events], log.start[events] = t, j, 1
                 events += 1
                 counts[0] += 1
                 sliding[j] = fresh[j] = changed = True
-    return OK, Progress(t, left, events, steps, sampled)
+    return OK, (t, left, events, steps, sampled)

@@ -93,11 +93,11 @@ def solve(
         order: int, sweeping: kernel.Sweeping | None = None, modes: glide.Glide | None = None
     ) -> int:
         nonlocal done
-        status, done = kernel.run(
+        status, fields = kernel.run(
             u,
             v,
             sliding,
-            kernel.Progress(*done),
+            done,
             float(scene.duration_s),
             rules,
             model.lattice,
@@ -112,6 +112,7 @@ def solve(
             sweeping,
             modes,
         )
+        done = kernel.Progress(*fields)
         return status
 
     coarse = max(tolerance, min(SWEPT[scene.geometric], COARSER * tolerance))

@@ -246,7 +246,7 @@ class LiveTable:
                 self._counts,
             )  # fmt: skip
         lattice = self._model.lattice
-        status, done = run(
+        status, (_, _, events, _, _) = run(
             u,
             v,
             moving,
@@ -265,7 +265,7 @@ class LiveTable:
             None,
             None,
         )
-        return int(status), int(done.events)
+        return int(status), int(events)
 
     @property
     def slips(self) -> int:
