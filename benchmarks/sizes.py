@@ -117,9 +117,16 @@ def _each(compute: Callable, jobs: list[tuple], workers: int, words: str) -> dic
     from eol_ros.verbs.progress import track
 
     jobs = jobs[::-1]
-    with ProcessPoolExecutor(workers, multiprocessing.get_context('spawn')) as pool:
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context('spawn'))
+    try:
         made = pool.map(compute, *zip(*jobs, strict=True))
         return dict(zip(jobs, track(made, words, total=len(jobs)), strict=True))
+    except BaseException:  # Ctrl-C: a job that has begun would be waited for, minutes long
+        for process in (pool._processes or {}).values():
+            process.kill()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _areas(kind: str, side: int, seed: int, travel_m: float, speed_mps: float):

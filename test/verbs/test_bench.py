@@ -6,6 +6,8 @@ import signal
 import subprocess
 import sys
 
+from eol_ros.verbs import bench
+
 BENCHMARK = """
 import subprocess, sys
 
@@ -47,3 +49,20 @@ def test_a_benchmark_that_is_terminated_ends_what_it_has_started(tmp_path):
 
     assert (it.returncode, said) == (0, 'eol bench waiting: stopped\n')
     assert not os.path.exists(f'/proc/{child}')
+
+
+INTERRUPTED = """
+import os
+from benchmarks import sizes
+
+job = f"(__import__('os').kill({os.getpid()}, 2), __import__('time').sleep(600))"
+sizes._each(eval, [(job,)], 1, 'jobs')
+"""
+
+
+def test_an_interrupt_waits_for_no_job():
+    command = [sys.executable, '-c', INTERRUPTED]
+    result = subprocess.run(command, cwd=bench.ROOT, capture_output=True, text=True, timeout=120)
+
+    assert result.returncode == -signal.SIGINT
+    assert result.stderr.endswith('KeyboardInterrupt\n')
