@@ -141,10 +141,10 @@ def _cut(args) -> int:
 
     bag = BagReader(args.bag)
     end_s = bag.duration_s if args.end is None else args.end
-    if not 0 <= args.start < max(end_s, 1e-9) or args.start > bag.duration_s:
-        raise UsageError(
-            f'--start {args.start:g} --end {end_s:g}: the bag has {bag.duration_s:.1f} s'
-        )
+    if not 0 <= args.start <= bag.duration_s:
+        raise UsageError(f'--start {args.start:g}: the bag has {bag.duration_s:.1f} s')
+    if not args.start < max(end_s, 1e-9):
+        raise UsageError(f'--start {args.start:g} --end {end_s:g}: it ends before it begins')
     names = None
     if args.topics:
         names = [bag.find(name.strip()) for name in args.topics.split(',') if name.strip()]
@@ -163,6 +163,12 @@ def _merge(args) -> int:
     from eol_ros.devices.bag.reader import BagReader
 
     bags = [BagReader(path) for path in args.bags]
+    paths = [bag.path.resolve() for bag in bags]
+    for k, path in enumerate(paths):
+        if path in paths[:k]:
+            raise UsageError(
+                f'{args.bags[k]}: named twice; each of its messages would be there twice'
+            )
     about = {**bags[0].about, edit.FROM: ', '.join(str(bag.path) for bag in bags)}
     count = edit.copy(
         Path(args.output), edit.merged_topics(bags), edit.merged(bags), about,

@@ -121,6 +121,23 @@ def test_every_command_that_meets_damage_says_so(tmp_path):
     assert len(lines) == 1 + len(left)
 
 
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (
+            ['cut', 'bags/sample', '--start', '30', '--end', '10'],
+            '30 --end 10: it ends before it begins',
+        ),
+        (['cut', 'bags/sample', '--start', '300'], '--start 300: the bag has 4'),
+        (['merge', 'bags/sample', './bags/sample'], './bags/sample: named twice'),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(tmp_path, capsys, words, said):
+    assert cli.main(['bag', *words, '-o', str(tmp_path / 'out')]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
+
+
 @pytest.mark.parametrize('out', ['cut', 'cut.mcap'])
 def test_cut_keeps_a_stretch_and_what_holds_in_it(tmp_path, out):
     bag = BagWriter(tmp_path / 'run', [POINT, TEXT, LATCHED], {'scene': 'x'})
