@@ -133,6 +133,8 @@ def attempt(
     some = close or (square[VISIBLE] >= PREDICTED[0] and square[QUALITY] >= PREDICTED[2])
     most = MOST_WHOLE_PX if square[VISIBLE] > edges.WHOLE or close else MOST_PARTLY_PX
     most = MOST_KNOWN_PX if usual_outline.trusted(usual) else most
+    if predicted and moved >= CLOSE * size and square[QUALITY] < OUTLINE:
+        most = OUTLINE_PX  # three sides of a block, of which one may be an arm's
     good = (
         some
         and moved < size
