@@ -41,6 +41,7 @@ from eol_ros.core.vision.detect.profiles import (
 # first round about a place, in all others, in one with a known size, at first; and in all, least.
 SEARCH_PX, SEARCH_NARROW_PX = 9.0, 1.5
 FIRST_PX, WIDE_PX, SIZED_PX, NARROW_PX = 3.0, 1.0, 0.6, 0.05
+WIDEST_PX = 1.5  # in the end: else the round end of an arm agrees with a square
 SETTLED_PX = 0.03  # a last step below this leaves no error that counts,
 SETTLED_SIGMAS = 6.0  # nor one of so many standard deviations: a twentieth of a step is left
 # On covers with relief a step stops short of its end by a quarter, as light inside is weighed from
@@ -193,11 +194,11 @@ def _normal_equations(work, n, step, width, a, b):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _agree(work, ends, a, b, shares, half_off, half_sigma, wide, narrow, rounds):
+def _agree(work, ends, a, b, shares, half_off, half_sigma, wide, narrow, widest, rounds):
     """Find the step (du, dv, dtheta, dhalf) that most profiles agree on.
 
     Iteratively reweighted least squares of offset = n.dc - t dtheta + dhalf with Tukey's weight,
-    whose width falls from `wide` px to six robust standard deviations (not below `narrow` px).
+    whose width falls from `wide` px to six robust standard deviations (but `narrow` to `widest`).
     half_off, half_sigma: prior on the half side. `shares` (4,) receives the agreeing share of
     each side, b (4,) the step, and a (4, 4) its covariance but for the variance of a profile.
     """
@@ -226,7 +227,7 @@ def _agree(work, ends, a, b, shares, half_off, half_sigma, wide, narrow, rounds)
         a[2, 2] += variance / 0.04
         _solve4(a, b)
         if r < rounds - 1:
-            width = max(6.0 * math.sqrt(variance / mean_weight), narrow, 0.5 * width)
+            width = max(min(6.0 * math.sqrt(variance / mean_weight), widest), narrow, 0.5 * width)
     agree = 0.0
     d0, d1, d2, d3 = np.float32(b[0]), np.float32(b[1]), np.float32(b[2]), np.float32(b[3])
     near = np.float32(width)
@@ -332,10 +333,10 @@ def _alike(work, ends, step):
 
 
 @njit(inline='always')
-def _vote(room, half_off, half_sigma, wide, narrow, rounds):
+def _vote(room, half_off, half_sigma, wide, narrow, widest, rounds):
     return _agree(
         room.work, room.ends, room.normal, room.step, room.shares, half_off, half_sigma, wide,
-        narrow, rounds,
+        narrow, widest, rounds,
     )  # fmt: skip
 
 
@@ -370,7 +371,7 @@ def _search(image, place, known, searches, room):
         profiles.gather(image, u, v, theta, half, known.blur, known.shear, known.table, work, ends)
         profile_steps.search(work, ends, abs(math.cos(theta)))
         sigma = max(known.half_sigma, 0.02 * half)
-        vote = _vote(room, known.half - half, sigma, SEARCH_PX, SEARCH_NARROW_PX, 5)
+        vote = _vote(room, known.half - half, sigma, SEARCH_PX, SEARCH_NARROW_PX, math.inf, 5)
         if vote.share < FOUND:
             return place, False
         u, v, theta, half = _moved(place, room.step, 1.0)
@@ -416,7 +417,8 @@ def _round(place, light, known, sigma, wide, rounds, recalled, room):
     if recalled:
         usual_outline.recall(room.work, room.ends, place.half, known.usual)
         half += known.usual[usual_outline.WIDER]
-    return _vote(room, half - place.half, sigma, wide, NARROW_PX, rounds)
+    widest = WIDEST_PX if usual_outline.trusted(known.usual) else math.inf
+    return _vote(room, half - place.half, sigma, wide, NARROW_PX, widest, rounds)
 
 
 @njit(inline='always')
@@ -476,11 +478,11 @@ def _in_glow(place, vote, light, known, around, room):
 
 
 @njit(inline='always')
-def _recall(image, place, light, known, room):
-    """Measure a square by what is usual of it, without lines that an arm touches."""
+def _recall(image, place, light, known, by_light, room):
+    """Measure a square by what is usual of it, `by_light` without lines that an arm touches."""
     vote = _Vote(0.0, 1.0, 0.0)
     for _ in range(ROUNDS):
-        read = _read(image, place, known, True, room)
+        read = _read(image, place, known, by_light, room)
         if read.contrast == 0.0:
             return place, _Vote(0.0, 1.0, 0.0)
         read = _Light(read.sides, light.contrast, light.level)
@@ -556,13 +558,25 @@ def _fit(image, square, place, known, beats, room):
     if touched > 0.0 or aside > 0.0:
         # lines that arms touch are left out, and the others taken for what they usually are
         led = max(scatter, vote.variance * noise) + ARM_LEADS_PX * ARM_LEADS_PX
-        there, vote = _recall(image, place, light, known, room)
+        there, vote = _recall(image, place, light, known, True, room)
+        unlike, unsure = SOFT_STRETCH_PX if soft else STRETCH_PX, 0.0
+        # not of flat covers: on glittering sandpaper no stretch stays like itself
+        if soft and touched == 1.0 and share < MORE_THAN_AN_ARM:
+            doubted = share < MORE_THAN_AN_ARM * usual[usual_outline.SHARE]
+            if vote.share < HOPELESS:  # hardly a line has its usual light: by their places alone
+                there, vote = _recall(image, place, light, known, False, room)
+                doubted, unsure = True, ARM_LEADS_PX * ARM_LEADS_PX
+            if doubted and (
+                vote.share < HOPELESS
+                or usual_outline.evidence(work, ends, there.half, step, vote.width, unlike, usual)
+                < 0.0
+            ):
+                return  # they are edges of an arm, more likely than not
         recalled = np.inf
         if vote.share >= HOPELESS:
-            unlike = SOFT_STRETCH_PX if soft else STRETCH_PX
             recalled = RUN * usual_outline.mean_weight(work, ends) * unlike * unlike
             recalled += max(vote.variance * _alike(work, ends, step), 1.0 if soft else 0.0)
-            recalled *= _place_variance(room)
+            recalled = recalled * _place_variance(room) + unsure
         # too little is as it was, and more is in sight than an arm shows
         if vote.share < HOPELESS or (recalled > led and share * around > MORE_THAN_AN_ARM):
             scatter += touched * (led - scatter)

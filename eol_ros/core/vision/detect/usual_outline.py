@@ -32,16 +32,17 @@ from eol_ros.core.vision.detect.profiles import (
 STRETCHES = 8  # of a side
 # One row for each block: of all stretches the edge in px outside of the square, and the light
 # inside and outside; by how many px its half side is more than expected; how unlike those lights
-# are from line to line, squared, and the light outside all along; how often it was learnt, of what
+# are from line to line, squared, how unlike the edge of a stretch is from time to time, px^2, and
+# how unlike the light outside is all along; how often it was learnt, of what
 # share of the edge, and what share of it stood in a lamp's glow; how many right angles lie from
 # theta to its own x axis, -1: it is not known which block it is; whether to learn; where in the
 # image it was when no lamp stood beside it, px.
 EDGE, INSIDE, OUTSIDE = (k * 4 * STRETCHES for k in range(3))
 WIDER = 12 * STRETCHES
-ROUGH_IN, ROUGH_OUT, TEXTURE, TIMES, SHARE, GLOW, QUARTER, LEARNS, PLACE = range(
-    WIDER + 1, WIDER + 10
+ROUGH_IN, ROUGH_OUT, ROUGH_EDGE, TEXTURE, TIMES, SHARE, GLOW, QUARTER, LEARNS, PLACE = range(
+    WIDER + 1, WIDER + 11
 )
-SIZE = WIDER + 11
+SIZE = WIDER + 12
 IN_VIEW = 0.96  # of the share that is usual, from which on a block is in full view
 FORGETS = 0.001  # of the usual share each time: what stands before a block for ever is usual, too
 # Grey levels^2, and times as much as is usual: an arm stands beside a block about which the light
@@ -62,6 +63,8 @@ BESIDE = 2
 # puts an edge further in, and none further out but by leading the whole outline.
 NARROW_PX, NARROW_SIGMAS, ALL_IN_PX = 0.05, 3.0, 0.02
 IN_PX, OUT_PX = -1.5, 5.0
+ELSEWHERE = 0.1  # of the stretches of a block, beside an arm
+ARM_PX = 0.5  # by which stretches of an arm's edge lie off a square that was fitted to them, RMS
 SLOWLY = 0.01  # is learnt of a block that seems less wide: as it may for ever, out of focus
 _SPAN = 128  # grey levels, and hundredths
 
@@ -189,6 +192,53 @@ def mean_weight(work, ends):
 
 
 @njit(cache=True, inner=True, error_model='numpy')
+def evidence(work, ends, half, step, width, unlike, usual):
+    """Return how much the lines say that they are edges of this block and not of an arm, nats.
+
+    Stretches of the block lie where they usually do, but for `unlike` px, or what was seen of it,
+    and for some that stand ELSEWHERE; those of an arm, which is round, lie off by ARM_PX as well.
+    How unlike the lines of one stretch are is noise, and says neither.
+
+    half: its side after the `step` (4,) of a fit of what differs from the usual; width: of Tukey's
+    weights, px.
+    """
+    per_px = np.float32(0.5 * STRETCHES / half)
+    d0, d1, d2, d3 = step[0], step[1], step[2], step[3]
+    places, weights = np.zeros(4 * STRETCHES), np.zeros(4 * STRETCHES)
+    square = lines = 0.0
+    seen = 0
+    for side in range(4):
+        first, i = _first(side, usual), ends[BEGIN + side]
+        end = i + ends[COUNT + side]
+        while i < end:
+            k = _stretch(work[T + i], per_px)
+            weight = place = 0.0
+            while i < end and _stretch(work[T + i], per_px) == k:
+                rest = work[OFFSET + i] - (
+                    work[NU + i] * d0 + work[NV + i] * d1 - work[T + i] * d2 + d3
+                )
+                if work[WEIGHT + i] > 0 and abs(rest) < width:
+                    weight += work[WEIGHT + i]
+                    place += work[WEIGHT + i] * rest
+                    square += work[WEIGHT + i] * rest * rest
+                    lines += 1.0
+                i += 1
+            if weight > 0.0 and usual[INSIDE + first + k] > 0:  # it was seen before
+                places[seen], weights[seen] = place / weight, weight
+                square -= place * place / weight
+                seen += 1
+    noise = max(square / max(lines - seen, 1.0), 1.0)  # of a line, in units of its weight
+    apart = max(unlike * unlike, usual[ROUGH_EDGE])
+    told = 0.0
+    for k in range(seen):
+        usually = apart + noise / weights[k]
+        arm = usually + ARM_PX * ARM_PX
+        more = 0.5 * (np.log(arm / usually) - places[k] ** 2 * (1.0 / usually - 1.0 / arm))
+        told += np.log(ELSEWHERE + (1.0 - ELSEWHERE) * np.exp(more))
+    return told
+
+
+@njit(cache=True, inner=True, error_model='numpy')
 def mute_unlike(work, ends, half, contrast, usual):
     """Clear VALID of lines whose levels are not as usual, and of those beside them.
 
@@ -257,7 +307,7 @@ def learn(work, ends, half, more, step, part, width, share, texture, aside, lit,
     gain = SLOWLY if aside > 0.0 else 1.0 / usual[TIMES]
     per_px = np.float32(0.5 * STRETCHES / half)
     d0, d1, d2, d3 = part * step[0], part * step[1], part * step[2], part * step[3]
-    rough_in = rough_out = lines = 0.0
+    rough_in = rough_out = rough_edge = lines = stretches = 0.0
     for side in range(4):
         first, i = _first(side, usual), ends[BEGIN + side]
         end = i + ends[COUNT + side]
@@ -281,6 +331,8 @@ def learn(work, ends, half, more, step, part, width, share, texture, aside, lit,
                 i += 1
             if n > 0.0:
                 at = first + k
+                rough_edge += (edge / weight - usual[EDGE + at]) ** 2
+                stretches += 1.0
                 usual[EDGE + at] += gain * (edge / weight - usual[EDGE + at])
                 usual[INSIDE + at] += gain * (light / n - usual[INSIDE + at])
                 usual[OUTSIDE + at] += gain * (dark / n - usual[OUTSIDE + at])
@@ -290,5 +342,7 @@ def learn(work, ends, half, more, step, part, width, share, texture, aside, lit,
     usual[GLOW] += gain * (lit - usual[GLOW])
     usual[TEXTURE] += gain * (texture - usual[TEXTURE])
     usual[WIDER] += gain * (more - usual[WIDER])
+    if usual[TIMES] > 1:
+        usual[ROUGH_EDGE] += gain * (rough_edge / max(stretches, 1.0) - usual[ROUGH_EDGE])
     usual[ROUGH_IN] += gain * (rough_in / max(lines, 1.0) - usual[ROUGH_IN])
     usual[ROUGH_OUT] += gain * (rough_out / max(lines, 1.0) - usual[ROUGH_OUT])
