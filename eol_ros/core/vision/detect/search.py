@@ -120,16 +120,16 @@ def attempt(
     square[QUALITY] /= known[AGREEING] ** 2
     # a hand may stand where a block should; it is dimmer, or its edges are not all there
     contrast = square[CONTRAST]
+    moved = math.hypot(square[U] - u, square[V] - v)
+    close = since_s < LATELY_S and moved < CLOSE * size
     if own > 0:  # a block known by its brightness may have an arm beside it that is as bright
         dim = contrast < MIN_CONTRAST * own or contrast > MAX_CONTRAST * max(own, contrasts)
     else:
         dim = contrast < 0.5 * contrasts
         if predicted and square[QUALITY] >= OUTLINE and square[SIGMA] < OUTLINE_PX:
             dim = False
-        else:
+        elif not close:  # what was a block just now is none half beside one
             square[QUALITY] *= square[ALONE]
-    moved = math.hypot(square[U] - u, square[V] - v)
-    close = since_s < LATELY_S and moved < CLOSE * size
     some = close or (square[VISIBLE] >= PREDICTED[0] and square[QUALITY] >= PREDICTED[2])
     most = MOST_WHOLE_PX if square[VISIBLE] > edges.WHOLE or close else MOST_PARTLY_PX
     most = MOST_KNOWN_PX if usual_outline.trusted(usual) else most
