@@ -28,7 +28,7 @@ import numba
 import numpy as np
 from numba import types
 from numba.core import environment, sigutils
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, compile_result
@@ -210,6 +210,14 @@ def _content(file: str) -> bytes:
         return file.encode()
 
 
+class _CacheFile(IndexDataCacheFile):
+    def _load_index(self) -> Any:
+        try:
+            return super()._load_index()
+        except (AttributeError, ImportError):  # of an argument whose type is no longer there
+            return {}
+
+
 class _Cache(FunctionCache):
     """numba's cache of one function: it knows what its code was made from (`made_from`).
 
@@ -218,6 +226,8 @@ class _Cache(FunctionCache):
 
     def __init__(self, function: Callable[..., Any]):
         super().__init__(function)
+        base = self._impl.filename_base
+        self._cache_file = _CacheFile(self._cache_path, base, self._cache_file._source_stamp)
         _content(function.__code__.co_filename)  # an update may come before the first call
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

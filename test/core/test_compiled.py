@@ -130,6 +130,32 @@ def test_a_cache_is_stale_when_anything_has_changed_that_it_was_made_from(tmp_pa
     assert told() == ['308.0', '1']
 
 
+RECORD = """
+from typing import NamedTuple
+from eol_ros.core.compiled import njit
+
+class Pair(NamedTuple):
+    one: float
+    other: float
+
+@njit(cache=True)
+def total(pair):
+    return pair.one + pair.other
+
+print(total(Pair(1.0, 2.0)))
+"""
+
+
+@pytest.mark.slow
+def test_a_record_that_is_no_longer_there_makes_a_cache_stale(tmp_path):
+    (tmp_path / 'caller.py').write_text('import record')
+    for name in ('Pair', 'Both'):
+        (tmp_path / 'record.py').write_text(RECORD.replace('Pair', name))
+        command = [sys.executable, '-B', str(tmp_path / 'caller.py')]
+        result = subprocess.run(command, capture_output=True, text=True)
+        assert result.stdout == '3.0\n', result.stderr
+
+
 @pytest.mark.slow
 def test_sweeps_are_compiled_for_stiff_scenes_only():
     """In a process of its own the order of tests would not matter; here signatures are counted."""
