@@ -169,9 +169,8 @@ def _explained(
     error: ModuleNotFoundError | RuntimeError | OSError, args: argparse.Namespace
 ) -> EolError | None:
     """Return what to do about what others' code has raised; None for a fault of ours."""
-    if isinstance(
-        error, OSError
-    ):  # a full disk is told of no file: it is the one that was asked for
+    if isinstance(error, OSError):
+        # a full disk is told of no file: it is the one that was asked for
         where = error.filename or (error.errno in FULL and _output(args))
         return ConfigError(f'{where}: {error.strerror}') if where else None
     if isinstance(error, ModuleNotFoundError):

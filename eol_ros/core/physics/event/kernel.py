@@ -220,9 +220,8 @@ def run(
     numba does not look whether it did. `begin` is a Progress. `counts` (4,): slips begun, stops at
     the floor against a pull above mu_k, sweeps or glides, springs that passed length zero. Events
     are written in the order they are found: a stop may bear a time a little later than a break
-    behind it. Without `sweeping`
-    (None) the run ends with STIFF where sweeps would pay, without `glide` too with GLIDING where
-    glides would; it goes on from the progress returned.
+    behind it. Without `sweeping` (None) the run ends with STIFF where sweeps would pay, without
+    `glide` too with GLIDING where glides would; it goes on from the progress returned.
     """
     order, far, n, pl = rules.order, 0, at.n, ws.pl
     cx, cy, cc, cs, gx, gy, work = ws.cx, ws.cy, ws.cc, ws.cs, ws.gx, ws.gy, ws.work

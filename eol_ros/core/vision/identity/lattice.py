@@ -40,6 +40,8 @@ REST_S = 0.1  # a lattice that has not moved for so long rests
 UNMOVED, UNMOVED_M = 20, 0.001  # so many blocks, so near to where they were in the light
 TELLING = 5.0  # and so much nearer than after a quarter turn
 ORDER_M2 = 1e-3  # two neighbours that have changed places add 2.4e-3 to the misfit of the lattice
+# What a lattice keeps of each block, and what goes with it to another id.
+OF_BLOCKS = ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s', 'firm')
 Vouch = Callable[[np.ndarray, np.ndarray], bool]
 
 
@@ -133,7 +135,7 @@ class Lattice:
                 self.yaws = Yaws()
             to = np.array([rotate_cell(b, quarters) for b in range(N_BLOCKS)])
             order = np.argsort(to)
-            for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s', 'firm'):
+            for name in OF_BLOCKS:
                 setattr(self, name, getattr(self, name)[order])
             self.swaps[:] = 0.0
             self._renamed()
@@ -205,7 +207,7 @@ class Lattice:
 
     def _exchange(self, a: int, b: int) -> None:
         """Exchange two neighbours that, for long enough, have stood crosswise on the lattice."""
-        for name in ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s', 'firm'):
+        for name in OF_BLOCKS:
             array = getattr(self, name)
             array[[a, b]] = array[[b, a]]
         self._renamed()
