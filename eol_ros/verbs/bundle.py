@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol bundle: all that somebody far away needs to know to help, in one file and without secrets."""
 
-import contextlib
-import io
+import functools
 import json
 import os
 import shutil
 import subprocess
 import sys
 import time
+import traceback
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -45,11 +45,13 @@ def add_arguments(parser):
 
 def run(args):
     """Write the file; what cannot be gathered is said in it, and stops nothing."""
-    folders.check_writable(args.output, '--output')
+    path = scenes.find(args.scene)  # a name that was mistyped is for the person who typed it
     try:
-        scene = scenes.load(args.scene)
-    except EolError:
-        scene = None  # what is wrong with it is told in check.txt
+        scene = scenes.load(path)
+    except scenes.SceneError:
+        scene = None
+        print(f'eol bundle: {path} has mistakes; check.txt will list them', file=sys.stderr)
+    folders.check_writable(args.output, '--output')
     parts: dict[str, Callable[[], str]] = {
         'about.json': lambda: _json(_about()),
         'scene.json': lambda: _json(_scene(args.scene)),
@@ -59,19 +61,28 @@ def run(args):
         'bags.json': lambda: _json(_bags(args.scene)),
         'journal.txt': _journal,
     }
-    with zipfile.ZipFile(args.output, 'w', zipfile.ZIP_DEFLATED) as bundle:
+    parts |= {f'logs/{path.name}': functools.partial(_end_of, path) for path in _logs()}
+    try:
+        _write(args.output, parts, scene)
+    except BaseException:  # also Ctrl-C: half a bundle would pass for a whole one
+        if (written := Path(args.output)).is_file():
+            written.unlink()
+        raise
+    print(args.output)
+    return 0
+
+
+def _write(output: str, parts: dict[str, Callable[[], str]], scene: scenes.Scene | None) -> None:
+    with zipfile.ZipFile(output, 'w', zipfile.ZIP_DEFLATED) as bundle:
         for name, part in parts.items():
             try:
                 text = part()
             except EolError as error:
                 text = f'{error}\n'
+            except Exception:  # a fault of ours, or a file that may not be read: it helps too
+                text = traceback.format_exc()
             bundle.writestr(name, _without(text, scene))
             print(f'eol bundle: {name}', file=sys.stderr)
-        for path in _logs():
-            bundle.writestr(f'logs/{path.name}', _without(_end_of(path), scene))
-            print(f'eol bundle: logs/{path.name}', file=sys.stderr)
-    print(args.output)
-    return 0
 
 
 def _about() -> dict:
@@ -117,13 +128,9 @@ def _status(args) -> dict:
 
 
 def _output(verb: str, *words: str) -> str:
-    """Return what another verb prints, and what it says."""
-    from eol_ros import cli
-
-    out = io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
-        code = cli.main([verb, *words])
-    return f'{out.getvalue()}' + (f'\nexit code {code}\n' if code else '')
+    """Return what another verb prints, and what it says; a driver that crashes ends it alone."""
+    code, text = _asked([sys.executable, '-m', 'eol_ros', verb, *words])
+    return text + (f'\nexit code {code}\n' if code else '')
 
 
 def _bags(name: str) -> dict:
@@ -157,13 +164,20 @@ def _bags(name: str) -> dict:
 def _journal() -> str:
     if not shutil.which(JOURNAL[0]):
         return 'this machine has no journalctl\n'
+    return _asked(JOURNAL)[1]
+
+
+def _asked(command: list[str]) -> tuple[int, str]:
+    """Return the exit code of a program, and all that it wrote."""
     try:
         done = subprocess.run(
-            JOURNAL, capture_output=True, text=True, timeout=COMMAND_S, check=False
-        )
-    except subprocess.TimeoutExpired:
-        return f'journalctl did not answer within {COMMAND_S:g} s\n'
-    return done.stdout + done.stderr
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
+            encoding='utf-8', errors='replace', timeout=COMMAND_S, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired as late:
+        written = (late.output or b'').decode('utf-8', 'replace')
+        return 1, f'{written}{Path(command[0]).name} did not answer within {COMMAND_S:g} s\n'
+    return done.returncode, done.stdout
 
 
 def _logs() -> Iterator[Path]:

@@ -3,6 +3,9 @@
 
 import json
 import os
+import signal
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -10,6 +13,7 @@ import pytest
 from support.domains import next_domain
 
 from eol_ros import cli, folders
+from eol_ros.verbs import bundle as verb
 
 PIN = 'kept-to-ourselves'
 SCENE = f"""\
@@ -77,3 +81,46 @@ def bag_cut_short(tmp_path):
 def test_a_file_that_cannot_be_written_is_said_before_the_work(bundle, capsys):
     assert cli.main(['bundle', '-o', '/nowhere/out.zip']) == 78
     assert '--output /nowhere/out.zip' in capsys.readouterr().err
+
+
+def test_a_scene_that_is_not_there_is_said_and_nothing_is_written(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+
+    assert cli.main(['bundle', 'musuem', '-o', 'out.zip']) == 78
+    assert capsys.readouterr().err == 'eol bundle: musuem: no such scene. Did you mean museum?\n'
+    assert not Path('out.zip').exists()
+
+
+def test_a_part_that_fails_is_told_in_its_place(bundle, monkeypatch):
+    monkeypatch.setattr(verb, '_bags', lambda _scene: 1 // 0)
+
+    found = bundle()
+
+    assert 'ZeroDivisionError' in found['bags.json']
+    assert found['logs/eol.log'].endswith('the end')
+
+
+def test_a_program_that_hangs_is_named_with_what_it_said(monkeypatch):
+    monkeypatch.setattr(verb, 'COMMAND_S', 0.5)
+    code, text = verb._asked(['sh', '-c', 'echo half; exec sleep 600'])
+
+    assert (code, text) == (1, 'half\nsh did not answer within 0.5 s\n')
+
+
+def test_ctrl_c_stops_it_and_leaves_nothing(bundle):
+    """As a terminal sends it: to the command and to all that it has started."""
+    bundle()
+    child = subprocess.Popen(
+        [sys.executable, '-m', 'eol_ros', 'bundle', 'scene.yaml', '-o', 'stopped.zip'],
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    try:
+        while child.stderr.readline() not in ('eol bundle: scene.json\n', ''):
+            pass
+        os.killpg(child.pid, signal.SIGINT)  # `eol check` runs now, which ends by itself
+        said = child.communicate(timeout=60)[1]
+    finally:
+        child.kill()
+
+    assert said.endswith('eol bundle: stopped\n') and 'journal.txt' not in said
+    assert (child.returncode, Path('stopped.zip').exists()) == (0, False)
