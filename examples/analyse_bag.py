@@ -5,11 +5,13 @@ python examples/analyse_bag.py [BAG]        the bag that ships where none is nam
 """
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
 
 from eol_ros.analysis import open_bag
+from eol_ros.errors import EolError
 from eol_ros.streams.slips import STOP
 
 SAMPLE = Path(__file__).parents[1] / 'bags' / 'sample'
@@ -25,11 +27,15 @@ def main() -> None:
     print(f'{len(slips)} slips in {bag.duration_s:.1f} s; of each block, as seen from above:')
     for row in counts[::-1]:  # row 0 is nearest to the viewer
         print(' '.join(f'{count:4d}' for count in row))
-    together = np.corrcoef(slips['duration'], slips['distance'])[0, 1]
-    print(f'correlation of duration and distance: {together:.2f}')
+    if len(slips) > 1:
+        together = np.corrcoef(slips['duration'], slips['distance'])[0, 1]
+        print(f'correlation of duration and distance: {together:.2f}')
     areas = bag.table('cascades')['area']
-    print(f'{len(areas)} cascades; the widest moved {areas.max()} of 25 blocks')
+    print(f'{len(areas)} cascades; the widest moved {max(areas, default=0)} of 25 blocks')
 
 
 if __name__ == '__main__':
-    main()
+    try:
+        main()
+    except EolError as error:  # what a user can cause or meet: one line
+        sys.exit(str(error))

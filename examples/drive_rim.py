@@ -7,6 +7,7 @@
 """
 
 import argparse
+import sys
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from eol_ros.core.physics import builders
 from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.devices.files import physics_file
+from eol_ros.errors import EolError
 
 POSES = [  # s, m, m, rad; a smooth curve goes through them
     [0.0, 0.00, 0.00, 0.0],
@@ -37,4 +39,7 @@ def main() -> None:
 
 
 if __name__ == '__main__':
-    main()
+    try:
+        main()
+    except EolError as error:  # what a user can cause or meet: one line
+        sys.exit(str(error))

@@ -7,21 +7,22 @@ A scene plays it with `grains: {sound: FOLDER/tones.wav}`; `eol corpus FOLDER/to
 """
 
 import argparse
-from pathlib import Path
+import sys
 
 import numpy as np
 
+from eol_ros import folders
 from eol_ros.devices.audio import audio_file
 from eol_ros.devices.corpus import corpus_build, corpus_file
+from eol_ros.errors import EolError
 
 RATE, SECONDS = 48000, 0.25
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description='Write tones.wav and tones.json.')
-    parser.add_argument('folder', type=Path)
-    folder = parser.parse_args().folder
-    folder.mkdir(parents=True, exist_ok=True)
+    parser.add_argument('folder')
+    folder = folders.made(parser.parse_args().folder, 'FOLDER')
     t = np.arange(int(RATE * SECONDS)) / RATE
     tones = [np.sin(2 * np.pi * hz * t) for hz in np.geomspace(110, 1760, 16)]
     wave = 0.3 * np.concatenate(tones) * np.tile(np.hanning(len(t)), len(tones))
@@ -35,4 +36,7 @@ def main() -> None:
 
 
 if __name__ == '__main__':
-    main()
+    try:
+        main()
+    except EolError as error:  # what a user can cause or meet: one line
+        sys.exit(str(error))

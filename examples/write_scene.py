@@ -11,11 +11,11 @@ from pathlib import Path
 
 import yaml
 
-from eol_ros import scene
+from eol_ros import folders, scene
 from eol_ros.errors import EolError
 
 
-def main() -> int:
+def main() -> None:
     parser = argparse.ArgumentParser(description='Write a scene and check it.')
     parser.add_argument('file', type=Path)
     parser.add_argument('--stop', type=float, default=0.002, help='at rest below, m/s')
@@ -26,15 +26,15 @@ def main() -> int:
         'motion': {'stop_mps': args.stop},
         'leds': {'port': 'twin', 'decay_s': 1.5},
     }
+    folders.check_writable(args.file, 'FILE')
     args.file.write_text(yaml.safe_dump({'scene': 'long light', 'nodes': nodes}, sort_keys=False))
-    try:
-        loaded = scene.load(args.file)
-    except EolError as error:  # one line for each mistake, with its place in the file
-        print(error, file=sys.stderr)
-        return error.exit_code
+    loaded = scene.load(args.file)  # raises all mistakes, each with its place in the file
     print(f'{loaded.name}: {", ".join(loaded.nodes)}')
-    return 0
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    try:
+        main()
+    except EolError as error:  # what a user can cause or meet, in one line
+        print(error, file=sys.stderr)
+        sys.exit(error.exit_code)

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from support.waiting import wait_until
 
-from eol_ros import scene
+from eol_ros import cli, scene
 from eol_ros.devices.corpus import corpus_file
 from eol_ros.devices.files import physics_file
 
@@ -48,7 +48,7 @@ def numbers(text):
 @pytest.mark.parametrize('path', sorted(EXAMPLES.glob('*.py')), ids=lambda path: path.name)
 def test_an_example_is_short_and_says_what_it_shows(path):
     text = path.read_text()
-    assert len(text.splitlines()) <= 40
+    assert len(text.splitlines()) <= 45
     assert re.match(r'# SPDX-License-Identifier: Apache-2.0\n"""[A-Z]', text)
     assert not re.search(r'eol_ros\S* import .*\b_|\._[a-z]', text)  # public names only
     assert path.name in Path(__file__).read_text()
@@ -125,6 +125,34 @@ def test_write_scene(tmp_path):
     assert (refused.returncode, refused.stdout) == (78, '')
     assert f'{path}:8:{place} error motion.stop_mps: 7' in refused.stderr
     assert 'Traceback' not in refused.stderr
+
+
+@pytest.mark.parametrize(
+    'name, words, line',
+    [
+        ('analyse_bag.py', ['no-bag'], 'no-bag: no such bag'),
+        ('write_scene.py', ['no/folder.yaml'], 'FILE no/folder.yaml: No such file or directory'),
+        ('drive_rim.py', ['no/folder.json'], 'no/folder.json: No such file or directory'),
+        ('make_corpus.py', ['a-file'], 'FOLDER a-file: File exists'),
+    ],
+)
+def test_a_mistake_of_the_user_is_one_line(name, words, line, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path('a-file').touch()
+
+    result = run(name, *words)
+
+    assert (result.returncode > 0, result.stdout, result.stderr) == (True, '', f'{line}\n')
+
+
+def test_a_bag_without_a_slip_can_be_analysed(tmp_path):
+    quiet = tmp_path / 'quiet.mcap'
+    sample = str(ROOT / 'bags' / 'sample')
+    assert cli.main(['bag', 'cut', sample, '--end', '0.2', '--output', str(quiet)]) == 0
+    result = run('analyse_bag.py', quiet)
+
+    assert (result.returncode, result.stderr) == (0, '')
+    assert '0 cascades; the widest moved 0 of 25 blocks' in result.stdout
 
 
 @pytest.mark.slow
