@@ -24,7 +24,6 @@ from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 
 RATE_HZ = 60
-DAY_S = 86_400
 FLOOD = 1_000_000
 FAST = (100.0, -100.0, 50.0)  # m/s, m/s, rad/s: what no hand does
 NO_NUMBERS = (np.nan, np.inf, -np.inf)

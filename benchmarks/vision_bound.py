@@ -6,7 +6,6 @@ import math
 import numpy as np
 
 _HALF_PX = 0.084 * 545 / 2
-_UNKNOWNS = 5  # u, v, angle, amplitude, background
 
 
 def position_bound_px(

@@ -153,14 +153,6 @@ class OpeningHours:
         self.zone = time_zone
         self._lines = [line(text) for text in texts]
 
-    def is_open(self, at: datetime.datetime) -> bool:
-        """Tell whether it is open at an instant."""
-        return self.state(at).open
-
-    def next_change(self, at: datetime.datetime) -> datetime.datetime | None:
-        """Return when it opens or closes next after an instant, in UTC."""
-        return self.state(at).until
-
     def state(self, at: datetime.datetime) -> State:
         """Return how it is at an instant (with its zone), with the changes around it in UTC."""
         for reach in (_NEAR, HORIZON):

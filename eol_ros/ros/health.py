@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
 
 OK, WARN, ERROR, STARTING = 0, 1, 2, 3
-WORDS = ('ok', 'WARN', 'ERROR', 'starting')
 PERIOD_S = 1.0
 DONE = object()
 STARTS = said('starting', 'starting')

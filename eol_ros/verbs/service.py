@@ -21,11 +21,10 @@ EXAMPLES = [
     'eol service status',
     'sudo .venv/bin/eol service remove',
 ]
-SYSTEM = Path('/etc/systemd/system')
 WORK, WALLS = 'eol.service', 'eol-walls.service'
-# Where each unit and drop-in lies below the root of the file system.
 DISCOVERY = '239.255.0.1'  # where participants of DDS find each other (RTPS 2.3, 9.6.1.4.1)
 FOLDERS = 'EOL_CACHE', 'EOL_STATE'  # of who installs; the unit has them, too
+# Where each unit and drop-in lies below the root of the file system.
 WORK_PATH = 'etc/systemd/system/eol.service'
 WALLS_PATH = 'etc/systemd/user/eol-walls.service'
 GETTY_PATH = 'etc/systemd/system/getty@tty1.service.d/eol.conf'

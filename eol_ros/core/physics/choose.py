@@ -12,7 +12,6 @@ from eol_ros.core.physics.result import Energy, Limits, Run, cut_short, sample_t
 from eol_ros.core.physics.scene import Scene
 from eol_ros.errors import UsageError
 
-PATHS = ('auto', 'exact', 'event', 'stepping')
 DEFAULT_STEP_S = 1e-4
 
 

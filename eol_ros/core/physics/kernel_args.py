@@ -12,11 +12,6 @@ if TYPE_CHECKING:
 LANES = 4
 
 
-def padded(count: int) -> int:
-    """Return `count` rounded up to whole lanes."""
-    return -(-count // LANES) * LANES
-
-
 class Lattice(NamedTuple):
     """Springs and blocks. Rows lo[i]..lo[i + 1] of near, k_near and spring are the springs of block
     i to other blocks; rows rim_lo[i]..rim_lo[i + 1] of rim_spring those to the rim.

@@ -135,7 +135,7 @@ def fit(counts: np.ndarray, x_min: int = 1, x_max: int | None = None) -> Fit:
 
 
 def candidates(counts: np.ndarray, x_max: int | None = None, largest: int = 100) -> list[Fit]:
-    """Return the fits from every lower end that leaves a factor of four; see `choose_x_min`.
+    """Return the fits from every lower end that leaves a factor of four; see `nearest`.
 
     Raises FitError where there is none.
     """
@@ -152,9 +152,9 @@ def candidates(counts: np.ndarray, x_max: int | None = None, largest: int = 100)
     return fits
 
 
-def choose_x_min(counts: np.ndarray, x_max: int | None = None, largest: int = 100) -> Fit:
+def nearest(fits: list[Fit]) -> Fit:
     """Return the fit whose lower end makes the KS distance least (Clauset et al. 2009, 3.3)."""
-    return min(candidates(counts, x_max, largest), key=lambda f: f.ks)
+    return min(fits, key=lambda f: f.ks)
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ def cascade_law(areas: np.ndarray) -> CascadeLaw:
     if len(areas) < FEWEST_CASCADES:
         raise TooFew(f'{len(areas)} cascades: no fit below {FEWEST_CASCADES}', FEWEST_CASCADES)
     fits = candidates(histogram(areas), N_BLOCKS)
-    found = min(fits, key=lambda f: f.ks)
+    found = nearest(fits)
     tested = goodness(areas, fits, np.random.default_rng(1))
     return CascadeLaw(found, max(tested.error, found.error), tested.p_value, fits)
 
@@ -280,10 +280,10 @@ def goodness(
     top = int(numbers.max()) if x_max is None else x_max
     first = min(f.x_min for f in fits)
     drawn = _drawn_histograms(numbers, first, top, rng, blocks, repeats)
-    best = min(fits, key=lambda f: f.ks)
+    best = nearest(fits)
     counts = histogram(numbers[numbers <= top]).astype(float)
     counts = np.pad(counts, (0, top + 1 - len(counts)))
-    nearest = np.full(repeats, np.inf)
+    least = np.full(repeats, np.inf)
     error = 0.0
     for f in fits:
         law = _Law(f.x_min, x_max)
@@ -298,8 +298,8 @@ def goodness(
         own = counts[f.x_min :].cumsum() / counts[f.x_min :].sum()
         off = inside[some].cumsum(axis=1) / total[some, None] - own
         off -= chance - law.cumulative(f.tau, top)
-        nearest[some] = np.minimum(nearest[some], np.abs(off).max(axis=1))
-    worse = int((nearest >= best.ks).sum())
+        least[some] = np.minimum(least[some], np.abs(off).max(axis=1))
+    worse = int((least >= best.ks).sum())
     return Goodness(error, (worse + 1) / (repeats + 1))
 
 

@@ -68,9 +68,3 @@ def set_clock(state, time_s):
 def frame_at(s, time_s):
     """Return the frame number that sounds at `time_s`, rounded to a whole one."""
     return int(math.floor(s.clock_frame + (time_s - s.clock_time) / s.clock_period + NEAREST))
-
-
-@njit(cache=True)
-def time_of(s, frame):
-    """Return when `frame` sounds, seconds."""
-    return s.clock_time + (frame - s.clock_frame) * s.clock_period

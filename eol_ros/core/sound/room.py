@@ -75,15 +75,6 @@ def coefficients(sample_rate: float, decay_s: float, high_s: float) -> np.ndarra
     return np.concatenate([[gain * (1 - pole), pole], inputs]).astype(np.float32)
 
 
-def decay_at(hz: np.ndarray, sample_rate: float, decay_s: float, high_s: float) -> np.ndarray:
-    """Return the time of a decay by 60 dB at `hz` (n,), s: the mean over the lines."""
-    keep, pole = coefficients(sample_rate, decay_s, high_s).astype(float)[:2]
-    turn = np.exp(-2j * np.pi * np.asarray(hz, float)[:, None] / sample_rate)
-    gain = keep / np.abs(1 - pole * turn)
-    d = delays(sample_rate)
-    return d.sum() / (sample_rate * -np.log10(gain).sum(axis=1) / 3)
-
-
 @njit(cache=True)
 def _asleep(m, frame):
     """Whether the room has decayed by `frame`; if it just has, clear it."""

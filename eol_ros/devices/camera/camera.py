@@ -22,7 +22,6 @@ from eol_ros.streams.said import clauses, said
 
 AHEAD = 6  # images of a file decoded before their time
 WATCHDOG_IMAGES = 3
-LOST_AFTER_S = 2.0
 BEHIND_S = 1.0  # a file that is later than this goes on from now
 NS = 1_000_000_000
 

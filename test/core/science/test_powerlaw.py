@@ -87,7 +87,8 @@ def test_a_fit_that_forgets_the_limit_is_too_steep():
 def test_the_best_lower_end_is_where_the_law_begins():
     numbers = sample(2.0, 8, 2000, 20_000, rng(4))
     noise = rng(5).integers(1, 8, 8000)
-    found = powerlaw.choose_x_min(histogram(np.concatenate([numbers, noise])), 2000)
+    counts = histogram(np.concatenate([numbers, noise]))
+    found = powerlaw.nearest(powerlaw.candidates(counts, 2000))
 
     assert 7 <= found.x_min <= 12
     assert abs(found.tau - 2.0) < 5 * found.error

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from eol_ros.core.sound.clock import frame_at, step_clock, time_of
+from eol_ros.core.sound.clock import frame_at, step_clock
 from eol_ros.core.sound.mixer import Mixer
 
 FS = 48000
@@ -39,7 +39,7 @@ def test_smooths_the_lateness_of_callbacks(block):
     errors, rates = [], []
     for now, true in zip(seen, begun, strict=True):
         step_clock(s, now)
-        errors.append((time_of(s, s['frame']) - true) * FS)
+        errors.append((mixer.time_of(s['frame']) - true) * FS)
         s['frame'] += block
         rates.append(1 / s['clock_period'])
     settled = np.array(errors[count // 4 :])
@@ -54,7 +54,7 @@ def test_maps_times_to_frames_and_back():
     mixer = run(5.0 + np.arange(100) * 256 / FS, 256)
     s = mixer.state[0]
     for frame in (0, 25600, 999_999):
-        assert frame_at(s, time_of(s, frame)) == frame
+        assert frame_at(s, mixer.time_of(frame)) == frame
     assert frame_at(s, 6.0) == FS
 
 

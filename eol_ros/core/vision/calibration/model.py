@@ -239,14 +239,6 @@ class Calibration:
         """
         return self.distort(project(self.homography, np.asarray(xy, float).reshape(-1, 2)))
 
-    def yaw_to_table(self, px: ArrayLike, theta: ArrayLike) -> np.ndarray:
-        """Return yaw (n,) in table axes of squares at `px` (n, 2) with image angle `theta` (n,).
-
-        Both axes of the square are carried over, because tilt shears it; theta is counter-clockwise
-        with u right and v up.
-        """
-        return self.poses_to_table(px, theta, 20.0)[:, 2]
-
     def yaw_to_image(self, px: ArrayLike, yaw: ArrayLike) -> np.ndarray:
         """Return the image angle (n,) of squares at `px` (n, 2) with `yaw` (n,) on the table."""
         kept, _ = self._derivatives(px)
@@ -258,6 +250,7 @@ class Calibration:
 
         The middles of the four edges are carried over, not the centre: under tilt or distortion the
         centre of the image of a square is not the image of its centre (0.05 px at 5 degrees).
+        `theta` is counter-clockwise with u right and v up.
         """
         px = np.asarray(px, float).reshape(-1, 2)
         theta = np.broadcast_to(np.asarray(theta, float), len(px))
