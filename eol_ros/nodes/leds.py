@@ -36,8 +36,7 @@ class LedsNode(EolNode):
         self.commands = self.publisher('led_commands')
         # Behind a replay the taps are those of its bag, and a knock of today does not count.
         self.taps = None if self.sim_time else self.publisher('block_taps')
-        self.frames = self.create_timer(1 / self.settings.frame_hz, self.on_frame)
-        self.frames.cancel()
+        self.frames = self.create_timer(1 / self.settings.frame_hz, self.on_frame, autostart=False)
         self.infrared = Infrared(self, self.lights, self.tell)
         self.create_timer(1.0, self.on_second)
         self.subscribe('slips', self.on_slip)
@@ -72,8 +71,8 @@ class LedsNode(EolNode):
         self.fade()
 
     def fade(self) -> None:
-        if self.lights.glows and self.frames.is_canceled():
-            self.frames.reset()
+        if self.lights.glows:
+            self.resume(self.frames)
 
     def on_frame(self) -> None:
         self.tell(self.lights.frame())

@@ -17,10 +17,8 @@ class Infrared:
     def __init__(self, node, lights, tell):
         s = node.settings
         self.node, self.lights, self.tell = node, lights, tell
-        self.relight = node.create_timer(DARKNESS_S, self.light)
-        self.unblink = node.create_timer(s.blink_off_s, self.light)
-        self.relight.cancel()
-        self.unblink.cancel()
+        self.relight = node.create_timer(DARKNESS_S, self.light, autostart=False)
+        self.unblink = node.create_timer(s.blink_off_s, self.light, autostart=False)
         if s.blink_block >= 0:
             node.create_timer(s.blink_period_s, lambda: self.blink(s.blink_block))
 

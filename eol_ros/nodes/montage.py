@@ -12,7 +12,7 @@ from eol_ros.core.montage.shuffle import Flip, Shuffle
 from eol_ros.devices.files.media_folder import MediaFolder, Pair
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
-from eol_ros.ros.stamps import NS, now_ns, system_ns, to_msg
+from eol_ros.ros.stamps import now_ns, system_ns, to_msg
 from eol_ros.streams.requests import Asked
 from eol_ros.streams.said import said
 
@@ -41,8 +41,7 @@ class MontageNode(EolNode):
         self.pub = self.publisher('wall')
         self.subscribe('slips', self.on_slip)
         self.requests.serve(sleep=self.on_sleep, wake=self.on_sleep)
-        self.beat = self.create_timer(RELOAD_S, self.on_beat)
-        self.beat.cancel()
+        self.beat = self.create_timer(RELOAD_S, self.on_beat, autostart=False)
         self.create_timer(RELOAD_S, self.on_reload)
         self.turn(self.asleep)
         self.report()
@@ -72,13 +71,8 @@ class MontageNode(EolNode):
             self.show(flip)
         elif self.wall.moving != bool(self.shuffle.moving):
             self.send()
-        # It wakes when the next change is due. One that is set is left to fire: with each reset
-        # rclpy's EventsExecutor calls every timer that is due once more, and each of these calls
-        # puts off that timer's next by a period; thirty slips at once silenced the node for 30 s.
-        if self.shuffle.moving and not self.asleep and self.beat.is_canceled():
-            wait_s = self.shuffle.due_s - time.monotonic()
-            self.beat.timer_period_ns = round(max(wait_s, 0.001) * NS)
-            self.beat.reset()
+        if self.shuffle.moving and not self.asleep:  # the next change is due then
+            self.resume(self.beat, max(self.shuffle.due_s - time.monotonic(), 0.001))
 
     def show(self, flip: Flip) -> None:
         pairs, wall = self.folder.pairs, self.wall

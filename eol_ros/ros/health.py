@@ -52,8 +52,7 @@ class Health:
         self._pipe = HealthPipe.inherited()
         node.create_timer(PERIOD_S, self._beat)
         self._giving: Iterator[None] = iter(())
-        self._gives = node.create_timer(GIVE_S, self._give)
-        self._gives.cancel()
+        self._gives = node.create_timer(GIVE_S, self._give, autostart=False)
 
     def tick(self, count: int = 1) -> None:
         """Count one unit of work; the rate in the status is of these."""
@@ -127,7 +126,7 @@ class Health:
         self._well = self._well + 1 if self.level == OK else 0
         if self._well in SETTLED:
             self._giving = give_back()
-            self._gives.reset()
+            self._node.resume(self._gives)
 
     def _give(self) -> None:
         if next(self._giving, DONE) is DONE:

@@ -37,7 +37,7 @@ from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
 from eol_ros.ros.inherited import KEPT
 from eol_ros.ros.requests import REQUESTS, RequestServer, parameters, plain
-from eol_ros.ros.stamps import to_ns
+from eol_ros.ros.stamps import NS, to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
 from eol_ros.ros.topics import (
     CLOCK,
@@ -113,9 +113,8 @@ class EolNode(Node):
     def start_timers(self) -> None:
         """Let timers that fell due while the node was being made count from now.
 
-        For every timer that rclpy's EventsExecutor is given it calls all that are due, and each of
-        these calls puts off that timer's next by a period: of a node with five timers that took a
-        second to be made the next heartbeat came after 5 s, when bringup had given it up.
+        Otherwise, as `resume` says, of a node with five timers that took a second to be made the
+        next heartbeat comes after 5 s, when bringup has given it up.
         """
         due = [timer for timer in self.timers if timer.is_ready()]
         for timer in due:
@@ -134,6 +133,19 @@ class EolNode(Node):
         """Create a timer, of the steady clock where none is named."""
         clock = clock or self._steady
         return super().create_timer(timer_period_sec, callback, callback_group, clock, autostart)
+
+    @staticmethod
+    def resume(timer: Timer, wait_s: float | None = None) -> None:
+        """Start a cancelled timer again, with `wait_s` for its period where given.
+
+        One that runs is left alone. With each reset, and with each timer that it is given, rclpy's
+        EventsExecutor calls every timer that is due once more, and each of these calls puts off
+        that timer's next by a period: thirty resets at once silence a node for 30 s.
+        """
+        if timer.is_canceled():
+            if wait_s is not None:
+                timer.timer_period_ns = round(wait_s * NS)
+            timer.reset()
 
     def now_ns(self) -> int:
         """Return ROS time in nanoseconds: system time, or what a replay tells on /clock."""

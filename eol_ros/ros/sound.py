@@ -46,14 +46,14 @@ class SampleStream:
         self._mixer, self._epoch_ns = mixer, epoch_ns
         self._publisher = node.publisher('sound_samples')
         self._sent = 0
-        self._timer = node.create_timer(1 / SAMPLES_HZ, self._send)
-        self._timer.cancel()
+        self._node = node
+        self._timer = node.create_timer(1 / SAMPLES_HZ, self._send, autostart=False)
 
     def look(self) -> None:
         """Begin if somebody listens; to be called now and then."""
         if self._timer.is_canceled() and self._publisher.get_subscription_count():
             self._sent = int(self._mixer.state['frame'][0])
-            self._timer.reset()
+            self._node.resume(self._timer)
 
     def _send(self) -> None:
         new = int(self._mixer.state['frame'][0]) - self._sent
