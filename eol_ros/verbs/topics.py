@@ -64,10 +64,13 @@ def run(args):
             )
         if args.hz:
             _measure(visit, rows)
-    if not rows and not args.json:
-        raise DeviceMissing('no topics: no graph runs here; start one with `make run`')
+    if not rows and visit.stopped:
+        raise KeyboardInterrupt  # nobody knows yet whether a graph runs
     if args.json:
         print(json.dumps(rows, indent=2))
+    if not rows:
+        raise DeviceMissing('no topics: no graph runs here; start one with `make run`')
+    if args.json:
         return 0
     for row in rows:
         rate = f'{row["rate_hz"]:7.2f} Hz  ' if args.hz else ''

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`eol echo`, `eol topics` and `eol replay` as programs, on one graph."""
 
+import contextlib
 import itertools
 import json
 import os
@@ -16,9 +17,11 @@ from eol_msgs.msg import Cascade, Slip
 from rclpy.serialization import serialize_message
 from support.domains import next_domain
 
+from eol_ros import cli
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.ros.definitions import describe
+from eol_ros.verbs import topics
 
 T0 = 1_700_000_000_000_000_000
 
@@ -136,11 +139,27 @@ def test_topics_are_the_same_each_time(graph):
     assert looks[0][1] == looks[1][1] == looks[2][1]
 
 
-def test_no_graph_has_no_topics(monkeypatch):
+@pytest.mark.parametrize('words, printed', [([], ''), (['--json'], '[]\n')])
+def test_no_graph_has_no_topics(words, printed, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(next_domain()))
-    code, out, err = end(eol('topics', '--seconds', '3'))
-    assert (code, out) == (69, '')
+    code, out, err = end(eol('topics', '--seconds', '3', *words))
+    assert (code, out) == (69, printed)
     assert 'no graph runs here' in err
+
+
+def test_ctrl_c_before_any_topic_was_found_does_not_say_that_none_is_there(monkeypatch, capsys):
+    class Visit:
+        node, stopped = None, True
+
+        def run(self, until, seconds):
+            return False
+
+    monkeypatch.setattr('eol_ros.ros.session.session', lambda **_: contextlib.nullcontext(Visit()))
+    monkeypatch.setattr('eol_ros.ros.echo.on_the_graph', lambda _node: [])
+    monkeypatch.setattr(topics, '_Discovery', lambda _node: None)
+
+    assert cli.main(['topics', '--json']) == 0
+    assert capsys.readouterr() == ('', 'eol topics: stopped\n')
 
 
 @pytest.mark.slow
