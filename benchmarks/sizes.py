@@ -111,22 +111,16 @@ def run(args: argparse.Namespace) -> int:
 
 def _each(compute: Callable, jobs: list[tuple], workers: int, words: str) -> dict[tuple, Any]:
     """Return what `compute` makes of each job, in processes; the last and largest begin first."""
-    import multiprocessing
-    from concurrent.futures import ProcessPoolExecutor
-
+    from eol_ros.analysis.sweeps.crews import end_pool, new_pool
     from eol_ros.verbs.progress import track
 
     jobs = jobs[::-1]
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context('spawn'))
+    pool = new_pool(workers)
     try:
         made = pool.map(compute, *zip(*jobs, strict=True))
         return dict(zip(jobs, track(made, words, total=len(jobs)), strict=True))
-    except BaseException:  # Ctrl-C: a job that has begun would be waited for, minutes long
-        for process in (pool._processes or {}).values():
-            process.kill()
-        raise
     finally:
-        pool.shutdown(cancel_futures=True)
+        end_pool(pool)
 
 
 def _areas(kind: str, side: int, seed: int, travel_m: float, speed_mps: float):

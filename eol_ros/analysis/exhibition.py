@@ -20,7 +20,7 @@ from scipy import stats
 from eol_ros.analysis import catalogue_file, figures, report
 from eol_ros.analysis.bag import Bag, open_bag
 from eol_ros.analysis.sweeps import work
-from eol_ros.analysis.sweeps.crews import Crew
+from eol_ros.analysis.sweeps.crews import Crew, work_through
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import catalogue, powerlaw
 from eol_ros.devices.bag.writer import REPLAY_OF, SAMPLE
@@ -114,17 +114,9 @@ class Reading:
 def read(paths: Iterable[Path], crew: Crew) -> Iterator[Digest | str]:
     """Let a crew read the bags; yield what is kept of each, in the order in which they are done."""
     made_by = work.version(Reading.computes)
-    waiting = iter([Reading(str(path.resolve()), made_by) for path in paths])
-    more = True
-    while more or crew.waiting():
-        while more and crew.waiting() < 2 * max(crew.size(), 1):
-            one = next(waiting, None)
-            more = one is not None
-            if one is not None:
-                crew.give(one)
-        if crew.waiting():
-            for rows, _ in crew.done():
-                yield from rows
+    readings = [Reading(str(path.resolve()), made_by) for path in paths]
+    for rows, _ in work_through(crew, readings, ahead=2):
+        yield from rows
 
 
 def _digest(bag: Bag, zone: datetime.tzinfo | None) -> Digest:

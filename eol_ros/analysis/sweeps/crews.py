@@ -7,7 +7,8 @@ worker had in hand is computed again by another.
 
 import multiprocessing
 import os
-from collections.abc import Iterator
+import signal
+from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from importlib import metadata
@@ -41,6 +42,36 @@ class Crew(Protocol):
         """Let go of the workers, and of what they have in hand."""
 
 
+def work_through(crew: Crew, batches: Iterable[work.Work], ahead: int) -> Iterator[Done]:
+    """Let a crew compute batches; yield what came of them, in the order in which they are done.
+
+    A batch is taken only when some worker is about to need it: each has `ahead` to come.
+    """
+    for batch in batches:
+        crew.give(batch)
+        while crew.waiting() >= ahead * max(crew.size(), 1):
+            yield from crew.done()
+    while crew.waiting():
+        yield from crew.done()
+
+
+def new_pool(workers: int) -> ProcessPoolExecutor:
+    """Return processes that leave it to this one what Ctrl-C means; to be ended by `end_pool`."""
+    # not forked: this process may have threads, and numba's caches are quick to load
+    context = multiprocessing.get_context('spawn')
+    return ProcessPoolExecutor(workers, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+
+
+def end_pool(pool: ProcessPoolExecutor) -> None:
+    """End the processes of a pool now: what they have in hand may take minutes, and is lost."""
+    processes = list((pool._processes or {}).values())
+    pool.shutdown(wait=False, cancel_futures=True)
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        process.join()
+
+
 class Local:
     """Processes of this machine. One that is killed is replaced."""
 
@@ -51,12 +82,7 @@ class Local:
         self._workers = workers
         self._given: dict[Future, work.Work] = {}
         self._deaths: dict[str, int] = {}
-        self._pool = self._new()
-
-    def _new(self) -> ProcessPoolExecutor:
-        # not forked: this process may have threads, and numba's caches are quick to load
-        context = multiprocessing.get_context('spawn')
-        return ProcessPoolExecutor(self._workers, context, _ignore_interrupts)
+        self._pool = new_pool(workers)
 
     def size(self) -> int:
         """How many workers there are."""
@@ -101,7 +127,7 @@ class Local:
             for future, batch in self._given.items()
             if future.cancelled() or isinstance(future.exception(), BrokenProcessPool)
         }
-        self._pool = self._new()
+        self._pool = new_pool(self._workers)
         for place, (future, batch) in enumerate(lost.items()):
             del self._given[future]
             name = batch.title
@@ -116,19 +142,7 @@ class Local:
 
     def close(self) -> None:
         """End the processes."""
-        processes = list((self._pool._processes or {}).values())
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.join()
-
-
-def _ignore_interrupts() -> None:
-    """Let the process that gives the work decide what Ctrl-C means."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+        end_pool(self._pool)
 
 
 class Cluster:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from eol_ros.analysis.sweeps import work
-from eol_ros.analysis.sweeps.crews import Crew
+from eol_ros.analysis.sweeps.crews import Crew, work_through
 from eol_ros.analysis.sweeps.spec import Spec
 from eol_ros.analysis.sweeps.table import Table
 from eol_ros.core.science import sweep
@@ -39,22 +39,18 @@ def run(spec: Spec, table: Table, crew: Crew, counts: Counts) -> Iterator[int]:
 
     Only what the workers are about to need is in memory. The table is left open.
     """
+    for rows, seconds in work_through(crew, _batches(spec, table, counts), AHEAD):
+        table.add(rows)
+        counts.seconds += seconds
+        for _ in rows:
+            counts.done += 1
+            yield counts.done
+
+
+def _batches(spec: Spec, table: Table, counts: Counts) -> Iterator[work.Batch]:
     tasks = _missing(spec, table)
-    more = True
-    while more or crew.waiting():
-        while more and crew.waiting() < AHEAD * max(crew.size(), 1):
-            some = list(itertools.islice(tasks, _batch_size(counts)))
-            more = bool(some)
-            if some:
-                crew.give(work.Batch(spec.model, some, spec.scenes, work.version()))
-        if not crew.waiting():
-            return
-        for rows, seconds in crew.done():
-            table.add(rows)
-            counts.seconds += seconds
-            for _ in rows:
-                counts.done += 1
-                yield counts.done
+    while some := list(itertools.islice(tasks, _batch_size(counts))):
+        yield work.Batch(spec.model, some, spec.scenes, work.version())
 
 
 def _batch_size(counts: Counts) -> int:
