@@ -57,7 +57,7 @@ def run(args) -> int:
     """Track, write, tell."""
     from eol_ros.core.motion.felt import Knock
     from eol_ros.core.motion.motion import Motion
-    from eol_ros.core.vision.states import STATES, TRACKING
+    from eol_ros.core.vision.states import TRACKING
     from eol_ros.core.vision.tracker import Tracker
     from eol_ros.devices.camera.image_sequence import open_source
     from eol_ros.settings import MotionSettings, TrackerSettings
@@ -74,62 +74,23 @@ def run(args) -> int:
     for tap in source.taps:
         tracker.tap(*tap)
         motion.tap(Knock(round(tap[0] * 1e9), *tap[1:]))
-    from eol_ros.core.vision.image_health import Sizes
-    from eol_ros.core.vision.lens import FULL_SHARE, light
-
-    sizes = Sizes(tracker.calibration) if tracker.calibration is not None else None
+    oddities, events = _Oddities(tracker), _Events()
     overlay, spent = None, []
     rows: list[Any] = []
-    starts: dict[int, Any] = {}
-    slips: list[tuple] = []
-    cascades, told = [], set()
-    changed: set[int] = set()
     for stamp_s, image in track(source.read(), 'tracking', total=source.count):
-        if not rows and tracker.calibration is not None:
-            try:
-                tracker.calibration.check_image(image)
-            except ConfigError as error:
-                raise ConfigError(f'{args.frames}: {error}') from None
-        first = light(image) if not rows else None
-        if first and first.saturated > FULL_SHARE and first.level > first.dark:
-            print(
-                f'{stamp_s:.3f} s: {first.saturated:.0%} of what is bright is saturated: blocks '
-                f'look larger, and flashes are lost; expose less',
-                file=sys.stderr,
-            )
+        if not rows:
+            _check_size(tracker, image, args.frames)
+            oddities.first(stamp_s, image)
         begun = time.perf_counter()
         tracked = tracker.update(stamp_s, image)
         spent.append(time.perf_counter() - begun)
         rows.append(tracked)
-        kind = re.sub(r'\d+', '', tracked.why)  # how many lights it sees is no news
-        if kind not in told and tracked.state != TRACKING:
-            told.add(kind)
-            print(f'{stamp_s:.3f} s: {STATES[tracked.state]}: {tracked.why}', file=sys.stderr)
-        named = tracked.state == TRACKING and not tracked.symmetry_ambiguous
-        sides = tracker.sides_px()
-        if named and sizes is not None and sizes.add(tracked.world, sides, tracked.visibility):
-            if sizes.fault():
-                print(f'{stamp_s:.3f} s: {sizes.fault()}', file=sys.stderr)
-            sizes = None
-        if not changed.issuperset(tracked.changed):
-            blocks = ', '.join(map(str, sorted(set(tracked.changed) - changed)))
-            changed.update(tracked.changed)
-            print(
-                f'{stamp_s:.3f} s: other covers than before on blocks {blocks}: '
-                f'their names stay, and these covers are learnt from now on',
-                file=sys.stderr,
-            )
+        oddities.look(tracked)
         x, y = tracked.world.T
         seen = tracked.seen & (tracked.state == TRACKING)
-        new, closed = motion.update(stamp_s, x, y, seen, tracked.sigma_m)
-        for slip in new:
-            _gather(starts, slips, slip)
-        cascades += closed
+        events.add(*motion.update(stamp_s, x, y, seen, tracked.sigma_m))
         if args.overlay:
-            if overlay is None:
-                from eol_ros.devices.camera.overlay import Overlay
-
-                overlay = Overlay(args.overlay, source.fps, image.shape)
+            overlay = overlay or _overlay(args.overlay, source.fps, image)
             overlay.add(
                 image, tracked, motion.detector.moving, tracker.side_px(),
                 tracker.image_angles(tracked),
@@ -140,27 +101,101 @@ def run(args) -> int:
         overlay.close()
     if not rows:
         raise ConfigError(f'{args.frames}: no image in it')
-    cascades += motion.cascades.finish(rows[-1].stamp_s)
-    slips += [_row(start, None) for start in starts.values()]  # still moving when the images ended
-    answer = _answer(rows, slips, cascades, tracker.cover_height_m())
+    events.finish(motion.cascades.finish(rows[-1].stamp_s))
+    answer = _answer(rows, events.slips, events.cascades, tracker.cover_height_m())
     if args.out:
         np.savez_compressed(args.out, **answer)
-    ms = np.array(spent) * 1e3
-    summary = {
-        'frames': len(rows),
-        'ms_median': round(float(np.median(ms)), 4),
-        'ms_p99': round(float(np.percentile(ms, 99)), 4),
-        'coverage': round(float(answer['visible'].mean()), 6),
-        'slips': len(slips),
-        'cascades': len(cascades),
-        'states': {STATES[s]: n for s, n in sorted(Counter(r.state for r in rows).items())},
-        'ambiguous': int(sum(r.symmetry_ambiguous for r in rows)),
-    }
+    summary = _summary(rows, spent, answer)
     if args.json:
         print(json.dumps(summary))
     else:
         print('\n'.join(f'{k:10} {v}' for k, v in summary.items()))
     return 0
+
+
+def _check_size(tracker, image, path) -> None:
+    if tracker.calibration is None:
+        return
+    try:
+        tracker.calibration.check_image(image)
+    except ConfigError as error:
+        raise ConfigError(f'{path}: {error}') from None
+
+
+def _overlay(path, fps, image):
+    from eol_ros.devices.camera.overlay import Overlay
+
+    return Overlay(path, fps, image.shape)
+
+
+def _summary(rows: list, spent: list, answer: dict) -> dict:
+    """Return the figures of a run; `spent`: seconds in the tracker, of each image."""
+    from eol_ros.core.vision.states import STATES
+
+    ms = np.array(spent) * 1e3
+    return {
+        'frames': len(rows),
+        'ms_median': round(float(np.median(ms)), 4),
+        'ms_p99': round(float(np.percentile(ms, 99)), 4),
+        'coverage': round(float(answer['visible'].mean()), 6),
+        'slips': len(answer['slips']),
+        'cascades': len(answer['cascades']),
+        'states': {STATES[s]: n for s, n in sorted(Counter(r.state for r in rows).items())},
+        'ambiguous': int(sum(r.symmetry_ambiguous for r in rows)),
+    }
+
+
+class _Oddities:
+    """What people should know of the images while they are tracked: a line on stderr, once each."""
+
+    def __init__(self, tracker):
+        from eol_ros.core.vision.image_health import Sizes
+
+        self._tracker = tracker
+        self._sizes = Sizes(tracker.calibration) if tracker.calibration is not None else None
+        self._reasons: set[str] = set()  # why nothing was tracked
+        self._changed: set[int] = set()  # blocks with another cover
+
+    def first(self, stamp_s: float, image: np.ndarray) -> None:
+        """Look at the exposure of the first image."""
+        from eol_ros.core.vision.lens import FULL_SHARE, light
+
+        seen = light(image)
+        if seen.saturated > FULL_SHARE and seen.level > seen.dark:
+            _say(
+                stamp_s,
+                f'{seen.saturated:.0%} of what is bright is saturated: blocks look larger, and '
+                'flashes are lost; expose less',
+            )
+
+    def look(self, tracked) -> None:
+        """Look at what the tracker says of an image."""
+        from eol_ros.core.vision.states import STATES, TRACKING
+
+        reason = re.sub(r'\d+', '', tracked.why)  # how many lights it sees is no news
+        if tracked.state != TRACKING and reason not in self._reasons:
+            self._reasons.add(reason)
+            _say(tracked.stamp_s, f'{STATES[tracked.state]}: {tracked.why}')
+        if tracked.state == TRACKING and not tracked.symmetry_ambiguous:
+            self._look_at_sizes(tracked)
+        if new := set(tracked.changed) - self._changed:
+            self._changed |= new
+            _say(
+                tracked.stamp_s,
+                f'other covers than before on blocks {", ".join(map(str, sorted(new)))}: '
+                'their names stay, and these covers are learnt from now on',
+            )
+
+    def _look_at_sizes(self, tracked) -> None:
+        sizes = self._sizes
+        if sizes and sizes.add(tracked.world, self._tracker.sides_px(), tracked.visibility):
+            self._sizes = None
+            if fault := sizes.fault():
+                _say(tracked.stamp_s, fault)
+
+
+def _say(stamp_s: float, text: str) -> None:
+    print(f'{stamp_s:.3f} s: {text}', file=sys.stderr)
 
 
 def _calibration(path, mirror):
@@ -171,14 +206,29 @@ def _calibration(path, mirror):
     return calibration_file.load(path, mirror)
 
 
-def _gather(starts: dict, slips: list, slip) -> None:
-    """Join the START and the STOP of a slip to one row."""
-    from eol_ros.core.motion.slips import START
+class _Events:
+    """Rows of slips, of START and STOP joined, and cascades, as they come."""
 
-    if slip.event.kind == START:
-        starts[slip.event.slip] = slip
-    else:
-        slips.append(_row(starts.pop(slip.event.slip), slip))
+    def __init__(self):
+        self.slips: list[tuple] = []
+        self.cascades: list[Any] = []
+        self._starts: dict[int, Any] = {}  # by slip: those that still move
+
+    def add(self, slips: list, cascades: list) -> None:
+        """Take in what one image has brought."""
+        from eol_ros.core.motion.slips import START
+
+        for slip in slips:
+            if slip.event.kind == START:
+                self._starts[slip.event.slip] = slip
+            else:
+                self.slips.append(_row(self._starts.pop(slip.event.slip), slip))
+        self.cascades += cascades
+
+    def finish(self, cascades: list) -> None:
+        """End with `cascades`, and with what still moved when the images ended."""
+        self.slips += [_row(start, None) for start in self._starts.values()]
+        self.cascades += cascades
 
 
 def _row(start, stop) -> tuple:
