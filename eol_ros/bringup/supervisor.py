@@ -93,45 +93,9 @@ class Supervisor:
         self._recall()
         self._began_s = self._clock()
         self._compile()
-        began_s = last_s = self._clock()
-        could_s = 0.0  # seconds in which all could have become ok
         code = 0
         try:
-            while not self._asked_to_stop:
-                now = self._clock()
-                restarting = any(child.comes_back(now) for child in self.children)
-                if restarting or now >= self._look_s:
-                    self._look_s = now + LOOK_S
-                    if why := self._changed(restarting):
-                        self._begin_again(why)
-                    for name in shared_memory.release_unfinished():
-                        self._note(f'{name}, which a killed process left half made, is removed')
-                    for child in self.children:
-                        child.hold_ports()
-                ended = self._step(now)
-                if ended is not None:
-                    code = ended
-                    break
-                age = now - self._began_s
-                if not any(child.starved for child in self.children):
-                    could_s += min(now - last_s, PAUSE_S)
-                if now - last_s > AWAY_S:
-                    self._note(
-                        f'bringup stood still for {now - last_s:.0f} s; the nodes went on, but '
-                        'lines that they printed meanwhile may be lost'
-                    )
-                last_s = now
-                late = could_s > START_S or now - began_s > START_STARVED_S
-                if seconds is not None and self.all_ok_s is None and late:
-                    self._note(f'not all OK within {START_S:.0f} s: {self._not_ok()}')
-                    code = 1
-                    break
-                if seconds is not None and age - (self.all_ok_s or age) >= seconds:
-                    break
-                self._manager.ready()
-                if self._manager.there:
-                    self._manager.status(self._summary())
-                self._wait()
+            code = self._watch(seconds)
         finally:
             self._manager.stopping()
             self._stop()
@@ -145,6 +109,50 @@ class Supervisor:
             f'stopped, {age // 3600:02d}:{age % 3600 // 60:02d}:{age % 60:02d}, {restarts} restarts'
         )
         return code
+
+    def _watch(self, seconds: float | None) -> int:
+        """Look after the nodes until the run is over; return its exit code."""
+        began_s = last_s = self._clock()
+        could_s = 0.0  # seconds in which all could have become ok
+        while not self._asked_to_stop:
+            now = self._clock()
+            self._tidy(now)
+            ended = self._step(now)
+            if ended is not None:
+                return ended
+            if not any(child.starved for child in self.children):
+                could_s += min(now - last_s, PAUSE_S)
+            if now - last_s > AWAY_S:
+                self._note(
+                    f'bringup stood still for {now - last_s:.0f} s; the nodes went on, but '
+                    'lines that they printed meanwhile may be lost'
+                )
+            last_s = now
+            late = could_s > START_S or now - began_s > START_STARVED_S
+            if seconds is not None and self.all_ok_s is not None:
+                if now - self._began_s - self.all_ok_s >= seconds:
+                    return 0
+            elif seconds is not None and late:
+                self._note(f'not all OK within {START_S:.0f} s: {self._not_ok()}')
+                return 1
+            self._manager.ready()
+            if self._manager.there:
+                self._manager.status(self._summary())
+            self._wait()
+        return 0
+
+    def _tidy(self, now: float) -> None:
+        """Start all again where the machine has changed; take away what killed processes left."""
+        restarting = any(child.comes_back(now) for child in self.children)
+        if not restarting and now < self._look_s:
+            return
+        self._look_s = now + LOOK_S
+        if why := self._changed(restarting):
+            self._begin_again(why)
+        for name in shared_memory.release_unfinished():
+            self._note(f'{name}, which a killed process left half made, is removed')
+        for child in self.children:
+            child.hold_ports()
 
     def _begin_again(self, why: str) -> None:
         """Stop all nodes and start them again; none of them has failed."""
