@@ -23,6 +23,7 @@ from eol_ros.analysis.sweeps import work
 from eol_ros.analysis.sweeps.crews import Crew, work_through
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import catalogue, powerlaw
+from eol_ros.devices.bag.reader import bags_in as bags_of_folder
 from eol_ros.devices.bag.writer import REPLAY_OF, SAMPLE
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.streams.slips import START
@@ -61,20 +62,22 @@ class Digest:
     notes: list[str] = field(default_factory=list)
 
 
-def bags_in(paths: Iterable[str | Path]) -> list[Path]:
-    """Return the bags named, and of folders of bags all that are in them, replays left out.
+def bags_in(paths: Iterable[str | Path]) -> tuple[list[Path], list[str]]:
+    """Return the bags named, and of folders of bags all that are in them; and what is left out.
 
-    Raises ConfigError where a folder has none.
+    Left out are files beside the bags of a folder: most are made of one of these, such as by `eol
+    bag cut`, and what is in them would count twice. Raises ConfigError where a folder has none.
     """
     found: dict[Path, None] = {}
+    beside: list[Path] = []
     for given in map(Path, paths):
-        inner = sorted({p.parent for p in given.glob('*/*.mcap*')}) if given.is_dir() else []
-        if any(given.glob('*.mcap*')) or not given.is_dir():
-            inner = [given]
-        if not inner:
+        inner = bags_of_folder(given)
+        if inner:
+            beside += sorted(given.glob('*.mcap'))
+        elif given.is_dir() and not any(given.glob('*.mcap*')):
             raise ConfigError(f'{given}: no bags in this folder')
-        found |= dict.fromkeys(inner)
-    return list(found)
+        found |= dict.fromkeys(inner or [given])
+    return list(found), [f'{p}: a file beside the bags, left out' for p in beside if p not in found]
 
 
 def digest(path: str | Path, zone: datetime.tzinfo | None = None) -> Digest | str:

@@ -99,8 +99,7 @@ def _exhibition(args):
             raise UsageError(f'--{option} is for one bag: name one, without --all')
     _want_matplotlib()
     digests: list[exhibition.Digest] = []
-    left_out: list[str] = []
-    paths = exhibition.bags_in(args.bag)
+    paths, left_out = exhibition.bags_in(args.bag)
     for one in track(_read(args, paths), 'reading', total=len(paths)):
         if isinstance(one, str):
             left_out.append(one)

@@ -85,7 +85,7 @@ def week(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def digests(week):
-    return [exhibition.digest(path, ZONE) for path in exhibition.bags_in([week])]
+    return [exhibition.digest(path, ZONE) for path in exhibition.bags_in([week])[0]]
 
 
 @pytest.fixture(scope='module')
@@ -240,6 +240,22 @@ def test_what_is_no_bag_is_named_and_left_out(week, tmp_path, capsys):
     assert 'no bag that can be reported' in capsys.readouterr().err
 
 
+def test_files_beside_the_bags_of_a_folder_are_named_and_left_out(tmp_path, capsys):
+    """What was cut out of a bag, or is no bag at all, neither counts nor stands in the way."""
+    write(tmp_path, 1)
+    whole = next(iter((tmp_path / 'day1').glob('*.mcap')))
+    (tmp_path / 'cut.mcap').write_bytes(whole.read_bytes())
+    (tmp_path / 'broken.mcap').write_bytes(b'nonsense')
+
+    assert cli.main(['report', str(tmp_path), '--all', '--out', str(tmp_path / 'out')]) == 0
+    said = capsys.readouterr().out
+    assert '1 bags' in said and f'{SLIPS} slips' in said
+    assert f'{tmp_path}/broken.mcap: a file beside the bags, left out' in said
+    named = [tmp_path, tmp_path / 'cut.mcap']
+    paths, left_out = exhibition.bags_in(named)
+    assert [path.name for path in paths] == ['day1', 'cut.mcap'] and len(left_out) == 1
+
+
 def test_panel_report_and_exhibition_give_one_answer(tmp_path):
     """Cascades that were told in another order than they began: blocks of the bootstrap differ."""
     rng = np.random.default_rng(5)
@@ -285,12 +301,14 @@ def test_two_processes_read_the_same_as_one(week, digests, monkeypatch):
     monkeypatch.setenv(work.THREADS, '1')
     crew = crews.Local(2)
     try:
-        read = list(exhibition.read([*exhibition.bags_in([week]), week / 'none'], crew))
+        read = list(exhibition.read([*exhibition.bags_in([week])[0], week / 'none'], crew))
     finally:
         crew.close()
     left_out = [one for one in read if isinstance(one, str)]
     there = exhibition.numbers([one for one in read if not isinstance(one, str)], left_out)
-    here = exhibition.numbers([exhibition.digest(path) for path in exhibition.bags_in([week])], [])
+    here = exhibition.numbers(
+        [exhibition.digest(path) for path in exhibition.bags_in([week])[0]], []
+    )
 
     assert len(left_out) == 1 and 'no such bag' in left_out[0]
     assert there | {'left_out': []} == here

@@ -8,7 +8,7 @@ import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 from support.bag_samples import POINT, T0, TEXT, point, text, write_bag
 
-from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.reader import BagReader, bags_in
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import BagDamaged, ConfigError, DeviceMissing
 
@@ -112,6 +112,15 @@ def test_a_folder_of_bags_stands_for_its_newest(tmp_path):
     for name, count in (('b', 3), ('a', 7)):
         write_bag(tmp_path / name, count).close()
     assert BagReader(tmp_path).counts['/eol/point'] == 7
+
+
+def test_a_file_beside_them_does_not_make_a_folder_of_bags_a_bag(tmp_path):
+    write_bag(tmp_path / 'run', 7).close()
+    (tmp_path / 'cut.mcap').write_bytes(next((tmp_path / 'run').glob('*.mcap')).read_bytes())
+    (tmp_path / 'broken.mcap').write_bytes(b'hello')
+
+    assert BagReader(tmp_path).path == tmp_path / 'run'
+    assert bags_in(tmp_path) == [tmp_path / 'run'] and bags_in(tmp_path / 'run') == []
 
 
 def test_a_folder_of_bags_does_not_stand_for_the_replay_that_plays_from_it(tmp_path):

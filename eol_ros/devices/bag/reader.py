@@ -8,7 +8,6 @@ through once and each chunk proved (see `scan`).
 
 import heapq
 import itertools
-import re
 import struct
 import time
 import warnings
@@ -620,14 +619,26 @@ class BagReader:
         return {}
 
 
+def bags_in(path: Path) -> list[Path]:
+    """Return the bag folders in `path`; none where that is a bag itself, or a file.
+
+    A file beside them, such as a stretch that was cut out of one, does not make `path` a bag.
+    """
+    if not path.is_dir() or (path / 'metadata.yaml').exists():
+        return []
+    return sorted({p.parent for p in path.glob('*/*') if _is_mcap(p)})
+
+
+def _is_mcap(path: Path) -> bool:
+    return path.name.endswith(('.mcap', '.mcap' + PART))
+
+
 def _newest(path: Path) -> Path:
     """Return the newest run in `path`; a bag is returned as it is.
 
     A replay records too, beside the bag that it plays: it must not find itself.
     """
-    if not path.is_dir() or any(path.glob('*.mcap*')):
-        return path
-    bags = {p.parent for p in path.glob('*/*.mcap*') if p.name.endswith(('.mcap', '.mcap' + PART))}
+    bags = bags_in(path)
     sample = None
     for bag in sorted(bags, key=lambda p: (p.stat().st_mtime_ns, p.name), reverse=True):
         about = _run_metadata(_mcap_files(bag)[0])
@@ -665,7 +676,7 @@ def _mcap_files(path: Path) -> list[Path]:
         raise DeviceMissing(f'{path}: no such bag')
     if path.is_file():
         return [path]
-    files = [p for p in path.iterdir() if re.search(rf'\.mcap({re.escape(PART)})?$', p.name)]
+    files = [p for p in path.iterdir() if _is_mcap(p)]
     names = {p.name for p in files}
     files = [p for p in files if p.name.removesuffix(PART) not in names - {p.name}]
     try:
