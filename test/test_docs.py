@@ -1,17 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The generated docs are up to date, and the docs point at what is there."""
 
+import argparse
+import importlib
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from support.checkout import tracked
 
+from eol_ros import cli
 from eol_ros.streams.graph import NODES
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').rglob('*.md'))]
+each_page = pytest.mark.parametrize('page', PAGES, ids=lambda p: p.name)
 
 
 def test_generated_docs_are_up_to_date():
@@ -33,11 +38,52 @@ def test_the_table_of_nodes_says_what_each_does():
         assert re.match(r'[A-Z][a-z]+s ', says), f'{name}: {says}'
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda p: p.name)
+def anchors(page):
+    """The fragments under which GitHub links the titles of a page."""
+    titles = re.findall(r'^#+ (.*)', page.read_text(), re.M)
+    return {re.sub(r'[^\w\- ]', '', title.lower()).replace(' ', '-') for title in titles}
+
+
+@each_page
 def test_links_lead_somewhere(page):
-    for target in re.findall(r'\]\(([^)#]+)[^)]*\)', page.read_text()):
+    for target, _, anchor in re.findall(r'\]\(([^)#]*)(#([^)]*))?\)', page.read_text()):
         if not target.startswith('http'):
-            assert (page.parent / target).exists(), target
+            there = page.parent / target if target else page
+            assert there.exists(), target
+            assert not anchor or anchor in anchors(there), f'{target}#{anchor}'
+
+
+@each_page
+def test_sources_that_are_named_are_there(page):
+    for name in re.findall(r'`([\w./]+\.(?:py|c|h))`', page.read_text()):
+        if Path(name).stem.lower() != 'name':  # stands for any
+            assert any(f'/{path}'.endswith(f'/{name}') for path in tracked(ROOT)), name
+
+
+def options(module):
+    """The options of a verb or a benchmark, those of its actions too."""
+    parsers = [cli.Parser()]
+    module.add_arguments(parsers[0])
+    for parser in parsers:
+        for action in parser._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                parsers += action.choices.values()
+    return {option for parser in parsers for option in parser._option_string_actions}
+
+
+@each_page
+def test_options_that_are_named_are_understood(page):
+    text = re.sub(r'[ \t]*\n(?=\S)', ' ', page.read_text())  # a command may be broken over lines
+    for verb, words in re.findall(r'(?:\beol|-m eol_ros) (\w+)((?: [^\s`|>#]+)*)', text):
+        words = words.split()
+        if verb == 'bench' and words and re.fullmatch(r'[a-z_]+', words[0]):
+            module = importlib.import_module(f'benchmarks.{words[0]}')
+        elif verb in cli.VERBS and verb not in ('bench', 'run'):  # `run` takes ROS arguments, too
+            module = importlib.import_module(f'eol_ros.verbs.{verb}')
+        else:
+            continue
+        named = {word.partition('=')[0].rstrip('.,;:)') for word in words if word[:2] == '--'}
+        assert named <= options(module), f'eol {verb} {" ".join(words)}'
 
 
 def test_the_snippet_of_the_readme_runs():
