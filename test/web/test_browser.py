@@ -352,6 +352,39 @@ def test_a_phone_is_told_of_fingers_alone_and_has_room_for_them(graph, browser, 
         assert run(browser, overflow) <= 0
 
 
+# Contrast ratio of WCAG 2.2 of each text over pictures, were the picture as bright as can be.
+CONTRASTS = """
+const rgba = (text) => [...text.match(/[\\d.]+/g).map(Number), 1].slice(0, 4);
+const luminance = (rgb) => rgb.map((v) => v / 255)
+  .map((v) => v <= .04045 ? v / 12.92 : ((v + .055) / 1.055) ** 2.4)
+  .reduce((sum, v, i) => sum + v * [.2126, .7152, .0722][i], 0);
+return [...document.querySelectorAll('body :not(canvas, script)')].flatMap((e) => {
+  const own = [...e.childNodes].some((n) => n.nodeType === Node.TEXT_NODE && n.data.trim());
+  if (e.matches('.unseen') || !(own || e.matches('p:empty'))) return [];
+  let below = [255, 255, 255];
+  const above = [];
+  for (let up = e; up !== document.body; up = up.parentElement) {
+    above.unshift(rgba(getComputedStyle(up).backgroundColor));
+  }
+  for (const [r, g, b, a] of above) below = [r, g, b].map((v, i) => v * a + below[i] * (1 - a));
+  const two = [luminance(below), luminance(rgba(getComputedStyle(e).color).slice(0, 3))];
+  return [[e.id || e.textContent, (Math.max(...two) + .05) / (Math.min(...two) + .05)]];
+});
+"""
+
+
+def test_what_lies_over_a_picture_can_be_read_whatever_it_shows(graph, browser):
+    """Pictures of a museum may be white; those that ship are dark."""
+    address, _ = graph
+    with phone(browser):
+        visit(browser, address, '/table', 360, 740, mobile=True)
+        until_page(browser, 'document.querySelector("#languages button") && eol.drawing.hint')
+        contrasts = dict(run(browser, CONTRASTS))
+
+    assert {'help', 'invite', 'sound-why', 'alone', 'limit', 'About'} <= set(contrasts)
+    assert {name: ratio for name, ratio in contrasts.items() if ratio < 4.5} == {}
+
+
 def test_the_table_shows_what_can_be_done_until_somebody_does_it(graph, browser):
     address, _ = graph
     visit(browser, address, '/table')
