@@ -12,7 +12,7 @@ from rclpy.serialization import deserialize_message
 
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.recording import Recording
-from eol_ros.devices.bag.selection import Item, Slipping
+from eol_ros.devices.bag.selection import Item, LogTimes, Slipping
 from eol_ros.devices.bag.writer import CONTINUES, REPLAY_OF
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.message_loss import MessageLoss
@@ -30,7 +30,6 @@ PREVIEW, MARKERS = 'camera/image_raw/compressed', 'markers'
 COUNTERS = {'blocks': 'image', 'grain_triggers': 'sequence'}  # fields that count up by one
 RHYTHM = (IMAGES, 'blocks', 'truth')  # topics with a message for every image
 READER_DEPTH = 600  # small messages of ten seconds: nobody waits for a recorder without a processor
-LATEST_NS = 10_000_000_000  # as late as a reader of READER_DEPTH may be
 EARLY = 1000  # messages kept until a replay tells its time
 DROPS_TOLD_S = 20.0  # after the last; the count stays in the values and in the bag
 
@@ -45,8 +44,7 @@ class RecorderNode(EolNode):
         self.described = {t: BagTopic(self.resolve_topic_name(t), **describe(t)) for t in topics}
         self.recording = self.begin()
         self.latched: dict[str, Item] = {}  # what holds from one round of a replay to the next
-        self._begun_ns = 0  # no message of this bag came before
-        self._logged: dict[str, int] = {}  # topic: when its last message was received
+        self._times = LogTimes()
         self._early: deque[Item] = deque(maxlen=EARLY)  # came before there was a time to give it
         self.losses: dict[str, MessageLoss] = {}
         for topic, bag_topic in self.described.items():
@@ -87,14 +85,14 @@ class RecorderNode(EolNode):
         """In one bag time only goes on: end it with a mark, and begin another that names it."""
         ended = self.recording
         ended.time_jump_s = round(jump_ns * 1e-9, 3)
-        self._begin_again(ended.folder.name if ended.folder else '')
-        self._begun_ns = self.now_ns()
+        self._begin_again(ended.folder.name if ended.folder else '', jumped=True)
 
-    def _begin_again(self, continues: str = '') -> None:
+    def _begin_again(self, continues: str = '', jumped: bool = False) -> None:
         self._count_losses()
         self.recording.close()
         self.recording, self._last, self._dropped = self.begin(continues), 0, 0
-        self._begun_ns, self._logged, now_ns = 0, {}, time.time_ns()
+        self._times = LogTimes(self.now_ns() if jumped else 0)
+        now_ns = time.time_ns()
         for item in self.latched.values():
             self._keep(item, now_ns, now_ns)
 
@@ -135,25 +133,19 @@ class RecorderNode(EolNode):
         """Hand `item` over; return when it was received. Bags of a replay are in its time.
 
         `received_ns` and `sent_ns` are DDS's, for this node may be late without anybody's harm.
-        Where they cannot be, the clock having been set, it is now.
         """
         now_ns = self.now_ns()
         if not now_ns:
             self._early.append(item)
             return 0
         self.stamped(now_ns)
-        log_ns = self._believed(self.recorded_ns(received_ns), now_ns)
-        # What is known of the time of a replay may step back a little, and so may a clock.
-        log_ns = self._logged[item.topic] = max(log_ns, self._logged.get(item.topic, 0) + 1)
-        publish_ns = min(self._believed(self.recorded_ns(sent_ns), log_ns), log_ns)
+        log_ns, publish_ns = self._times.take(
+            item.topic, self.recorded_ns(received_ns), self.recorded_ns(sent_ns), now_ns
+        )
         while self._early:
             self.recording.take(self._early.popleft()._replace(log_ns=log_ns, publish_ns=log_ns))
         self.recording.take(item._replace(log_ns=log_ns, publish_ns=publish_ns))
         return log_ns
-
-    def _believed(self, at_ns: int, by_ns: int) -> int:
-        """Return `at_ns` where it is one of the last moments before `by_ns`, else that."""
-        return at_ns if max(self._begun_ns, by_ns - LATEST_NS) <= at_ns <= by_ns else by_ns
 
     def _count_losses(self, last: bool = False) -> None:
         for name, loss in self.losses.items():

@@ -6,12 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eol_ros.devices.bag.selection import (
+    LATEST_NS,
     NS,
     SLIP_LIMIT_NS,
     AroundSlips,
     Gaps,
     ImagesMissed,
     Item,
+    LogTimes,
     RateLimiter,
     Slipping,
     StampGaps,
@@ -207,3 +209,18 @@ def test_blocks_of_other_images_say_nothing():
         missed.image(NS + 2 * k)
         missed.blocks(NS + 2 * k + 1)
     assert missed.lost == 0
+
+
+def test_times_of_the_middleware_are_taken_where_they_can_be():
+    times, now = LogTimes(), 100 * NS
+    assert times.take('a', now - 3, now - 5, now) == (now - 3, now - 5)
+    assert times.take('a', now + NS, now - 1, now) == (now, now - 1)  # received in times to come
+    assert times.take('b', now - LATEST_NS - 1, now + 1, now) == (now, now)  # too long ago
+    assert times.take('c', now - LATEST_NS, 0, now) == (now - LATEST_NS, now - LATEST_NS)
+
+
+def test_a_topic_never_goes_back_and_a_bag_never_before_its_begin():
+    times, now = LogTimes(begun_ns=50 * NS), 51 * NS
+    assert times.take('a', 50 * NS - 1, 50 * NS, now) == (now, 50 * NS)
+    assert times.take('a', now - 9, now - 9, now) == (now + 1, now - 9)
+    assert times.take('b', now - 9, now - 9, now) == (now - 9, now - 9)

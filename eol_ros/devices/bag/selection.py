@@ -9,6 +9,7 @@ from typing import NamedTuple
 NS = 1_000_000_000
 KNOWN = 5  # so many intervals tell a rhythm
 REMEMBERED = 1200  # stamps of images: ten seconds at 120 a second
+LATEST_NS = 10 * NS  # a message is handed over no later than this: readers keep ten seconds of them
 SLIP_LIMIT_NS = 10 * NS  # a slip whose stop never came is over by then
 
 
@@ -20,6 +21,28 @@ class Item(NamedTuple):
     log_ns: int
     publish_ns: int
     sequence: int
+
+
+class LogTimes:
+    """When messages of one bag were received and sent, in ns: never before one of their own topic.
+
+    What is told of a time may be wrong, where a clock was set or a replay has not told enough of
+    its own: what is not one of the last moments counts as now.
+    """
+
+    def __init__(self, begun_ns: int = 0):
+        self._begun_ns = begun_ns  # no message of this bag came before
+        self._last: dict[str, int] = {}  # topic: when its last message was received
+
+    def take(self, topic: str, received_ns: int, sent_ns: int, now_ns: int) -> tuple[int, int]:
+        """Return reception and sending time of the next message of `topic`, handed over now."""
+        log_ns = max(self._believed(received_ns, now_ns), self._last.get(topic, 0) + 1)
+        self._last[topic] = log_ns
+        return log_ns, self._believed(sent_ns, log_ns)
+
+    def _believed(self, at_ns: int, by_ns: int) -> int:
+        """Return `at_ns` where it is one of the last moments before `by_ns`, else that."""
+        return at_ns if max(self._begun_ns, by_ns - LATEST_NS) <= at_ns <= by_ns else by_ns
 
 
 class Dropped(NamedTuple):
