@@ -104,7 +104,7 @@ def _verify(args) -> int:
 
 def _recover(args) -> int:
     from eol_ros.devices.bag import edit
-    from eol_ros.devices.bag.reader import BagReader
+    from eol_ros.devices.bag.reader import BagReader, metadata_fault
     from eol_ros.devices.bag.recover import repair, rewrite_metadata
     from eol_ros.devices.bag.verify import verify
 
@@ -126,13 +126,18 @@ def _recover(args) -> int:
         print(f'{file.path.name}: {done.message_count} messages saved', file=sys.stderr)
         for line in done.damage:
             print(f'{file.path.name}: damaged at {line}', file=sys.stderr)
-    if bag.path.is_dir() and not cut:
+    if cut:
+        return 1 if lost else 0
+    metadata, count = bag.path / 'metadata.yaml', sum(bag.counts.values())
+    if bag.path.is_dir() and (not metadata.exists() or metadata_fault(bag.path, count)):
         rewrite_metadata(bag.path)
-    if not cut and verify(bag.path)[1]:
+        print(f'{metadata}: written again', file=sys.stderr)
+    if verify(bag.path)[1]:
         raise UsageError(
             f'{bag.path}: is damaged, not cut: --output OUT writes what can be read as a new bag'
         )
-    return 1 if lost else 0
+    print(f'{bag.path}: whole, {count} messages: nothing is left to recover', file=sys.stderr)
+    return 0
 
 
 def _cut(args) -> int:

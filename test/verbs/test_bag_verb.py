@@ -95,6 +95,23 @@ def test_recover_makes_a_cut_bag_whole_in_place(tmp_path):
     assert cli.main(['bag', 'verify', str(tmp_path / 'run')]) == 0
 
 
+def test_recover_says_that_a_bag_is_whole_and_leaves_it_as_it_is(tmp_path, capsys):
+    write_bag(tmp_path / 'run').close()
+    metadata = tmp_path / 'run' / 'metadata.yaml'
+    metadata.write_text('# ours\n' + metadata.read_text())
+    before = {path: path.read_bytes() for path in (tmp_path / 'run').iterdir()}
+    whole = f'{tmp_path}/run: whole, 110 messages: nothing is left to recover\n'
+
+    assert cli.main(['bag', 'recover', str(tmp_path / 'run')]) == 0
+    assert capsys.readouterr().err == whole
+    assert {path: path.read_bytes() for path in (tmp_path / 'run').iterdir()} == before
+
+    metadata.unlink()
+    assert cli.main(['bag', 'recover', str(tmp_path / 'run')]) == 0
+    assert capsys.readouterr().err == f'{metadata}: written again\n{whole}'
+    assert metadata.exists()
+
+
 def test_recover_writes_what_can_be_read_of_a_damaged_bag(tmp_path, capsys):
     left = damaged(tmp_path / 'bad')
     assert cli.main(['bag', 'recover', str(tmp_path / 'bad')]) == 2
