@@ -121,7 +121,12 @@ def _recover(args) -> int:
         raise UsageError(f'{bag.path}: has no chunks: --output OUT writes it as a new bag')
     lost = 0
     for file in cut:
-        done = repair(file.path)
+        try:
+            done = repair(file.path)
+        except BlockingIOError:
+            raise UsageError(
+                f'{file.path}: is being recorded; --output OUT writes what there is of it so far'
+            ) from None
         lost += len(done.damage)
         print(f'{file.path.name}: {done.message_count} messages saved', file=sys.stderr)
         for line in done.damage:

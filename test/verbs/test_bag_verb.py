@@ -112,6 +112,18 @@ def test_recover_says_that_a_bag_is_whole_and_leaves_it_as_it_is(tmp_path, capsy
     assert metadata.exists()
 
 
+def test_recover_leaves_a_bag_alone_that_is_being_recorded(tmp_path, capsys):
+    bag = write_bag(tmp_path / 'run')
+    bag.flush()
+    out = tmp_path / 'so-far.mcap'
+
+    assert cli.main(['bag', 'recover', str(tmp_path / 'run')]) == 2
+    assert 'run_0.mcap.part: is being recorded; --output OUT' in capsys.readouterr().err
+    assert cli.main(['bag', 'recover', str(tmp_path / 'run'), '--output', str(out)]) == 0
+    assert len(rows(out)) == 110
+    bag.close()
+
+
 def test_recover_writes_what_can_be_read_of_a_damaged_bag(tmp_path, capsys):
     left = damaged(tmp_path / 'bad')
     assert cli.main(['bag', 'recover', str(tmp_path / 'bad')]) == 2
