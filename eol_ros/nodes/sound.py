@@ -33,7 +33,6 @@ COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
 FILTER = ('filter', 'filter_hz', 'filter_q', 'filter_by', 'filter_octaves')
 FADES = ('mute', 'unmute', 'sleep', 'wake')
 TEST_IN_S = 0.1
-TEST_PATIENCE_S = 4.0  # a test whose channels come no further has failed
 
 
 class SoundNode(EolNode):
@@ -65,7 +64,6 @@ class SoundNode(EolNode):
         self.felt = self.told_twice = 0
         self.log = TriggerLog(s.trigger_log) if s.trigger_log else None
         self.testing: tuple[Asked, ChannelTest] | None = None
-        self.tested_s = 0.0  # when a channel was measured last
         self.asleep = bool(self.resumed.get('asleep'))
         self.muted = bool(self.resumed.get('muted'))
         self.trouble = 'waiting for the corpus'
@@ -175,26 +173,16 @@ class SoundNode(EolNode):
             raise EolError('the test of before still sounds')
         start_s = (now_ns() - self.epoch_ns) * 1e-9 + self.latency_s + TEST_IN_S
         self.testing = asked, ChannelTest(self.mixer, start_s, output_names(self.settings))
-        self.tested_s = time.monotonic()
         return LATER
 
     def test(self) -> None:
         if self.testing is None:
             return
         asked, test = self.testing
-        measured, done = len(test.levels_db), test.look()
-        if len(test.levels_db) > measured:
-            self.tested_s = time.monotonic()
-        stuck = time.monotonic() - self.tested_s > TEST_PATIENCE_S
-        if not done and not stuck:
-            return
-        self.testing = None
-        silent = test.silent() if done else ['all but ' + (test.words() or 'none')]
-        if silent:
-            text = f'{self.player.text}: nothing came from {", ".join(silent)}'
-            self.requests.answer(asked, False, text)
-        else:
-            self.requests.answer(asked, True, f'{self.player.text}: measured {test.words()}')
+        outcome = test.outcome(time.monotonic())
+        if outcome is not None:
+            self.testing = None
+            self.requests.answer(asked, outcome[0], f'{self.player.text}: {outcome[1]}')
 
     def restart(self) -> None:
         self.first = FirstSense()

@@ -14,6 +14,7 @@ BURST_S = 0.35
 EVERY_S = 0.55
 EDGE_S = 0.01
 PEAK = 0.25  # of the noise, before the master
+PATIENCE_S = 4.0  # where no channel is measured for so long, the output stands still
 
 
 def pink_noise(sample_rate: float, seconds: float = BURST_S, seed: int = 1) -> np.ndarray:
@@ -46,6 +47,7 @@ class ChannelTest:
         rows['pan'] = np.linspace(-1.0, 1.0, channels) if channels > 1 else 0.0
         rows['attack_s'] = rows['release_s'] = EDGE_S
         self._next = 0
+        self._measured_s: float | None = None  # when a channel was measured last
         self._rows, self._bank = rows, bank
 
     def look(self) -> bool:
@@ -70,6 +72,21 @@ class ChannelTest:
             heard = mixer.recent(frames, frame - round(past_s * mixer.sample_rate))[:, channel]
             self.levels_db.append(decibels(float(np.abs(heard).max())))
         return True
+
+    def outcome(self, now_s: float) -> tuple[bool, str] | None:
+        """Look; return whether noise came from every channel, in words too, once that is known.
+
+        `now_s` is of a steady clock: that of the engine stands still with the output.
+        """
+        measured, done = len(self.levels_db), self.look()
+        if self._measured_s is None or len(self.levels_db) > measured:
+            self._measured_s = now_s
+        if not done and now_s - self._measured_s <= PATIENCE_S:
+            return None
+        silent = self.silent() if done else ['all but ' + (self.words() or 'none')]
+        if silent:
+            return False, f'nothing came from {", ".join(silent)}'
+        return True, f'measured {self.words()}'
 
     def silent(self) -> list[str]:
         """Return the names of the channels from which nothing came."""

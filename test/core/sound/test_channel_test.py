@@ -2,7 +2,14 @@
 import numpy as np
 import pytest
 
-from eol_ros.core.sound.channel_test import BURST_S, EVERY_S, PEAK, ChannelTest, pink_noise
+from eol_ros.core.sound.channel_test import (
+    BURST_S,
+    EVERY_S,
+    PATIENCE_S,
+    PEAK,
+    ChannelTest,
+    pink_noise,
+)
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.ring import output_names
 from eol_ros.settings import SoundSettings
@@ -64,6 +71,17 @@ def test_who_looks_too_late_has_not_measured():
     test.look()
     mixer.render(3 * FS)
     assert test.look() and np.isnan(test.levels_db[:1]).all()
+
+
+def test_an_output_that_stands_still_is_given_up():
+    mixer = Mixer(FS, 2)
+    test = ChannelTest(mixer, 0.1, ('left', 'right'))
+    assert test.outcome(1000.0) is None
+    mixer.render(round((0.1 + BURST_S + 0.05) * FS))
+    assert test.outcome(1000.5) is None and len(test.levels_db) == 1
+    assert test.outcome(1000.5 + PATIENCE_S) is None
+    good, words = test.outcome(1000.6 + PATIENCE_S)
+    assert not good and words.startswith('nothing came from all but left -')
 
 
 def test_the_noise_is_as_loud_in_each_octave():
