@@ -24,9 +24,6 @@ from eol_ros.streams import corpus as corpora
 from eol_ros.streams.requests import Asked
 from eol_ros.streams.said import clauses, said
 
-LEAD_S = 1.0  # a new corpus is told this long before its grains are, for the sound to be read in
-READ = 50.0  # and a long one longer: this many seconds of sound are read in a second
-
 
 class GrainsNode(EolNode):
     NAME = 'grains'
@@ -141,8 +138,7 @@ class GrainsNode(EolNode):
 
     def show(self, corpus: Corpus) -> None:
         self.corpus = corpus
-        lead_s = sum(source.duration_s for source in corpus.sources) / READ
-        since_s = self.selector.load(corpus, min(max(lead_s, LEAD_S), 30.0))
+        since_s = self.selector.load(corpus, corpus.reading_s)
         self.since_ns = self.now_ns() if since_s < 0 else round(since_s * 1e9)
         self.corpora.publish(self.message(corpus))
         for note in corpus.notes:

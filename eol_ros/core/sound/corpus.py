@@ -13,6 +13,9 @@ COLUMNS = ('start_s', 'duration_s', *DESCRIPTORS[:-1], 'x', 'y')  # all but the 
 GRAIN = np.dtype([('file', 'i4'), *((name, 'f8') for name in COLUMNS)])
 AXES = ('centroid_mean_hz', 'periodicity_mean')  # of the paper: x, y
 
+READ_PER_S = 50.0  # seconds of sound that are read in a second
+LEAST_READING_S, MOST_READING_S = 1.0, 30.0
+
 
 def grain_dtype(further: Iterable[str] = ()) -> np.dtype:
     """Return the dtype of grains that have `further` descriptors, too."""
@@ -99,6 +102,12 @@ class Corpus:
     def sample_rate(self) -> int:
         """Rate of the first source, Hz."""
         return self.sources[0].sample_rate
+
+    @property
+    def reading_s(self) -> float:
+        """How long the node `sound` is given to read the sounds in, s."""
+        sound_s = sum(source.duration_s for source in self.sources)
+        return min(max(sound_s / READ_PER_S, LEAST_READING_S), MOST_READING_S)
 
     @property
     def placed(self) -> np.ndarray:
