@@ -7,6 +7,7 @@ import math
 import sys
 from pathlib import Path
 
+from eol_ros import folders
 from eol_ros.errors import ConfigError, UsageError
 
 HELP = 'Play the grain triggers of a bag or a CSV into a sound file, faster than real time.'
@@ -148,16 +149,18 @@ def _bank(path: str, sample_rate: int):
 def writer(path: str, sample_rate: int, channels: int):
     """Open the file to write; 32-bit float where the format has it, so that no bit is lost.
 
-    Raises ConfigError where it cannot be opened, or a block not be written.
+    Raises ConfigError where it cannot be opened, or a block not be written; what else the caller
+    meets meanwhile is not its fault.
     """
     import soundfile
 
     kind = Path(path).suffix.lstrip('.').upper()
     if kind not in soundfile.available_formats():
         raise UsageError(f'{path}: the ending names the format; give .wav, .flac or .ogg')
+    folders.check_writable(path, '--out')
     subtype = 'FLOAT' if soundfile.check_format(kind, 'FLOAT') else None
     try:
         with soundfile.SoundFile(path, 'w', sample_rate, channels, subtype=subtype) as file:
             yield file
-    except (soundfile.LibsndfileError, OSError) as error:  # libsndfile calls any a system error
+    except soundfile.LibsndfileError as error:  # it names no reason: any is a system error
         raise ConfigError(f'{path}: cannot be written ({error}); is its disk full?') from None

@@ -17,6 +17,7 @@ from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.devices.files.trigger_file import load_triggers
 from eol_ros.ros.definitions import definition, type_hash
 from eol_ros.ros.stamps import to_msg
+from eol_ros.verbs import render
 
 FS = 48000
 T0 = 1_700_000_000_000_000_000
@@ -63,6 +64,15 @@ def test_a_full_disk_is_one_line(capsys, tmp_path, corpus, triggers, ending):
     assert code == 78
     assert err.splitlines()[-1].startswith(f'eol render: {out}: cannot be written (')
     assert 'is its disk full?' in err
+
+
+def test_a_fault_that_has_nothing_to_do_with_the_file_is_not_told_of_it(tmp_path):
+    with (
+        pytest.raises(ConnectionResetError),
+        render.writer(str(tmp_path / 'x.wav'), 48000, 2) as file,
+    ):
+        file.write(np.zeros((10, 2)))
+        raise ConnectionResetError(104, 'reset')
 
 
 @pytest.mark.slow
@@ -134,7 +144,7 @@ def test_what_a_user_may_get_wrong_is_one_line(capsys, tmp_path, corpus, trigger
     cases = [
         ((triggers, '--out', out), 2, 'add --corpus'),
         ((triggers, '--corpus', corpus, '--out', tmp_path / 'x.xyz'), 2, 'names the format'),
-        ((triggers, '--corpus', corpus, '--out', tmp_path / 'no' / 'x.wav'), 78, 'written'),
+        ((triggers, '--corpus', corpus, '--out', tmp_path / 'no' / 'x.wav'), 78, 'No such file'),
         ((triggers, '--corpus', tmp_path / 'no.json', '--out', out), 69, 'no such corpus'),
         ((tmp_path / 'no.csv', '--corpus', corpus, '--out', out), 69, 'No such file'),
         ((triggers, '--corpus', corpus, '--out', out, '--seconds', '-1'), 2, 'above zero'),
