@@ -63,27 +63,6 @@ LIVE = {
 }
 
 
-def matched(*nodes):
-    """Whether all publishers and subscriptions among `nodes` know each other, both ways.
-
-    What is published before the reader has found the writer is lost, even in one process.
-    """
-    publishers = [p for node in nodes for p in node.publishers]
-    subscriptions = [s for node in nodes for s in node.subscriptions]
-    return all(
-        p.get_subscription_count() >= sum(s.topic_name == p.topic_name for s in subscriptions)
-        for p in publishers
-    ) and all(
-        s.get_publisher_count() >= sum(p.topic_name == s.topic_name for p in publishers)
-        for s in subscriptions
-    )
-
-
-@pytest.fixture(name='matched', scope='session')
-def _matched():
-    return matched
-
-
 # Files of one long test: of two processes, the one that came to them last would run on alone.
 LONGEST = ('scenes/test_cold.py', 'test_colcon.py', 'test_packaging.py')
 

@@ -3,12 +3,10 @@
 
 import argparse
 import dataclasses
-import time
 
 import numpy as np
 import pytest
 import yaml
-from support.waiting import wait_until
 
 from eol_ros.analysis import retrack as retracking
 from eol_ros.analysis.bag import open_bag
@@ -40,11 +38,11 @@ def scene_of_blocks(count=150):
 
 
 @pytest.fixture(scope='module')
-def run(tmp_path_factory, matched):
+def run(tmp_path_factory):
     """A bag of 150 images and all that tracker, motion and grains made of them."""
     import rclpy
-    from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter
+    from support.spinning import Nodes
 
     from eol_ros.core.vision.render.renderer import Renderer
     from eol_ros.nodes.grains import GrainsNode
@@ -68,24 +66,20 @@ def run(tmp_path_factory, matched):
     recorder = RecorderNode(
         RecorderSettings(folder=str(root), images='all', min_free_gb=0.0), scene=scene
     )
-    nodes = [recorder]
-    for kind in (GrainsNode, MotionNode, TrackerNode):
-        nodes.append(kind(scene.settings(kind.NAME), scene=scene))
+    grains, motion, tracker = (
+        kind(scene.settings(kind.NAME), scene=scene)
+        for kind in (GrainsNode, MotionNode, TrackerNode)
+    )
     camera = Camera(MontageSettings())
     publisher = ImagePublisher(camera, 'camera/image_raw')
-    executor = SingleThreadedExecutor()
-    for node in (*nodes, camera):
-        executor.add_node(node)
-
-    def spin(until, seconds=60.0):
-        wait_until(until, seconds, turn=lambda: executor.spin_once(timeout_sec=0.02))
+    nodes = Nodes(recorder, grains, motion, tracker, camera)
 
     def heard(requests):
-        spin(lambda: recorder.recording.received['/eol/requests'] == requests)
+        nodes.until(lambda: recorder.recording.received['/eol/requests'] == requests)
 
-    try:
-        grains = nodes[1]
-        spin(lambda: matched(*nodes, camera) and grains.corpus is not None)
+    with nodes:
+        nodes.meet()
+        nodes.until(lambda: grains.corpus is not None)
         renderer = Renderer(calibration=Calibration.ideal(), seed=5)
         for i, (at, yaw) in enumerate(scene_of_blocks()):
             lit = np.full(25, 0.0 if i in DARK else 1.0)
@@ -94,7 +88,7 @@ def run(tmp_path_factory, matched):
                 heard(requests=1)
             picture = renderer.render(at[:, 0], at[:, 1], yaw, i, ir=lit)
             if i == 98:  # what is asked for while running must not spoil the proof
-                nodes[3].set_parameters([Parameter('threshold', value=60.0)])
+                tracker.set_parameters([Parameter('threshold', value=60.0)])
                 heard(requests=4)
             if i == LIVE:  # and changes how slips are found and grains are chosen
                 grains.set_parameters([Parameter('radius', value=0.2)])
@@ -108,16 +102,9 @@ def run(tmp_path_factory, matched):
                 camera.requests.ask(Asked('darkness', 'tracker', values, from_ns=from_ns))
                 heard(requests=5)
             publisher.publish(T0 + i * STEP_NS, picture)
-            spin(lambda i=i: recorder.recording.received['/eol/blocks'] == i + 1)
-        end = time.monotonic() + 0.3
-        spin(lambda: time.monotonic() > end)
-    finally:
-        for node in nodes:
-            node.close()
-        for node in (*nodes, camera):
-            node.destroy_node()
-        executor.shutdown(timeout_sec=1.0)
-        rclpy.try_shutdown()
+            nodes.until(lambda i=i: recorder.recording.received['/eol/blocks'] == i + 1)
+        nodes.run(0.3)
+    rclpy.try_shutdown()
     return open_bag(root)
 
 

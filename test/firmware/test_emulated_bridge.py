@@ -7,7 +7,6 @@ nRF24L01+, the program that docs/build has written into a "Blue Pill".
 `make firmware` installs the compiler and the emulator, builds and runs this.
 """
 
-import functools
 import os
 import random
 import struct
@@ -247,7 +246,7 @@ def test_the_host_takes_it_for_its_board(bridge):
 
 def test_the_leds_node_opens_it_and_publishes_its_taps(bridge, ros):
     from eol_msgs.msg import BlockTap
-    from rclpy.executors import SingleThreadedExecutor
+    from support.spinning import Nodes
 
     from eol_ros.nodes.leds import LedsNode
     from eol_ros.ros.node import EolNode
@@ -258,10 +257,6 @@ def test_the_leds_node_opens_it_and_publishes_its_taps(bridge, ros):
     leds = LedsNode(LedsSettings(port=bridge.port))
     listener, taps = Listener(MotionSettings()), []
     listener.subscribe('block_taps', taps.append)
-    executor = SingleThreadedExecutor()
-    executor.add_node(leds)
-    executor.add_node(listener)
-    turn = functools.partial(executor.spin_once, timeout_sec=0.02)
     number = iter(range(1, 10**6))
 
     def tapped():
@@ -270,15 +265,10 @@ def test_the_leds_node_opens_it_and_publishes_its_taps(bridge, ros):
             bridge.sent(0.05)
         return taps
 
-    try:
-        tap = wait_until(tapped, turn=turn)[0]
-        assert isinstance(tap, BlockTap)
-        assert tap.block == 4
-    finally:
-        leds.close()
-        executor.shutdown()
-        for node in (leds, listener):
-            node.destroy_node()
+    with Nodes(leds, listener) as nodes:
+        tap = nodes.until(tapped)[0]
+    assert isinstance(tap, BlockTap)
+    assert tap.block == 4
 
 
 def noise(bridge, host, rng, count):

@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The camera node over real DDS, on files from real encoders."""
 
-import functools
 import subprocess
 import sys
 
 import cv2
 import numpy as np
 import pytest
-from rclpy.executors import SingleThreadedExecutor
-from support.waiting import wait_until
+from support.spinning import Nodes
 
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -63,24 +61,16 @@ def settings(path, **more):
 
 @pytest.fixture
 def graph(ros):
-    reader, executor, made = Reader(), SingleThreadedExecutor(), []
-    executor.add_node(reader)
+    reader = Reader()  # there before the first image, as the tracker is in a scene
+    with Nodes() as nodes:
 
-    def run(camera_settings, until, timeout_s=30.0):
-        # A reader that is there before the first image, as the tracker is in a scene.
-        camera = CameraNode(camera_settings)
-        made.append(camera)
-        executor.add_node(camera)
-        turn = functools.partial(executor.spin_once, timeout_sec=0.02)
-        wait_until(lambda: until(reader, camera), timeout_s, turn=turn)
-        return reader, camera
+        def run(camera_settings, until, timeout_s=30.0):
+            camera = nodes.add(CameraNode(camera_settings))
+            nodes.until(lambda: until(reader, camera), timeout_s)
+            return reader, camera
 
-    yield run
-    for camera in made:
-        camera.close()
-    executor.shutdown()
-    for node in [*made, reader]:
-        node.destroy_node()
+        nodes.add(reader)
+        yield run
 
 
 def test_a_lossless_file_arrives_bit_for_bit(graph, tmp_path):

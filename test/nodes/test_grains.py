@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import contextlib
 import dataclasses
 import json
 import shutil
@@ -8,9 +9,9 @@ import sys
 import numpy as np
 import pytest
 from eol_msgs.msg import FeltSlip
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from support.waiting import wait_until
+from support.spinning import Nodes
+from support.waiting import GENEROUS_S
 
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.corpus import DESCRIPTORS
@@ -52,24 +53,16 @@ class Probe(EolNode):
         self.subscribe('corpus', self.corpora.append)
 
 
-class Stage:
-    """A grains node, a probe and an executor."""
-
+class Stage(Nodes):
     def __init__(self, settings):
         self.node, self.probe = GrainsNode(settings), Probe()
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
-        self.executor.add_node(self.probe)
+        super().__init__(self.node, self.probe)
+        self.meet()
+        self.until(lambda: self.probe.corpora)
 
-    def until(self, what, seconds=30.0):
-        self.executor.spin_once(timeout_sec=0.02)
-        wait_until(what, seconds, turn=lambda: self.executor.spin_once(timeout_sec=0.02))
-
-    def close(self):
-        self.node.close()
-        self.executor.shutdown()
-        self.node.destroy_node()
-        self.probe.destroy_node()
+    def until(self, condition, seconds=GENEROUS_S):
+        self.turn()  # what was just asked for is on its way
+        return super().until(condition, seconds)
 
 
 @pytest.fixture
@@ -81,18 +74,14 @@ def sounds(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def stage(ros, sounds, matched):
-    made = []
+def stage(ros, sounds):
+    with contextlib.ExitStack() as stages:
 
-    def make(**settings):
-        made.append(Stage(GrainsSettings(sound=str(sounds[0]), radius=0.1, **settings)))
-        stage = made[-1]
-        stage.until(lambda: stage.probe.corpora and matched(stage.node, stage.probe))
-        return stage
+        def make(**settings):
+            settings = GrainsSettings(sound=str(sounds[0]), radius=0.1, **settings)
+            return stages.enter_context(Stage(settings))
 
-    yield make
-    for one in made:
-        one.close()
+        yield make
 
 
 def image(k):

@@ -6,8 +6,7 @@ import json
 import zoneinfo
 
 import pytest
-from rclpy.executors import SingleThreadedExecutor
-from support.waiting import wait_until
+from support.spinning import Nodes
 
 from eol_ros.errors import ConfigError
 from eol_ros.nodes.hours import HoursNode
@@ -35,15 +34,13 @@ class Around(EolNode):
         self.states += [(s.level[0], s.message) for s in array.status if s.name == 'eol: hours']
 
 
-class Rig:
-    def __init__(self, matched, when):
-        self.matched = matched
+class Rig(Nodes):
+    def __init__(self, when):
+        super().__init__()
         self.set(when)
         self.scene = Scene('test', {'montage': MontageSettings(), 'hours': HOURS})
-        self.executor = SingleThreadedExecutor()
         self.around, self.hours = self.add(Around()), self.new_hours()
-        self.montage = None
-        self.until(lambda: matched(self.around, self.hours))
+        self.meet()
 
     def set(self, when):
         zone = zoneinfo.ZoneInfo('Europe/Vienna')
@@ -52,20 +49,9 @@ class Rig:
     def new_hours(self):
         return self.add(HoursNode(HOURS, clock=lambda: self.now_s, scene=self.scene))
 
-    def add(self, node):
-        self.executor.add_node(node)
-        return node
-
     def start_montage(self):
         self.montage = self.add(MontageNode(MontageSettings(), scene=self.scene))
-        self.until(lambda: self.matched(self.around, self.hours, self.montage))
-
-    def remove(self, node):
-        self.executor.remove_node(node)
-        node.destroy_node()
-
-    def until(self, what):
-        wait_until(what, turn=lambda: self.executor.spin_once(timeout_sec=0.02))
+        self.meet()
 
     def until_text(self, text):
         self.until(lambda: self.hours.health.text == text)
@@ -76,12 +62,9 @@ class Rig:
 
 
 @pytest.fixture
-def rig(ros, matched):
-    made = Rig(matched, '2026-11-27 17:59:59')
-    yield made
-    for node in (made.hours, made.montage, made.around):
-        if node:
-            made.remove(node)
+def rig(ros):
+    with Rig('2026-11-27 17:59:59') as made:
+        yield made
 
 
 def test_a_day_ends_and_the_next_begins(rig, monkeypatch):
@@ -103,9 +86,9 @@ def test_a_day_ends_and_the_next_begins(rig, monkeypatch):
 
     count = len(rig.around.asked)  # the node dies, and comes back as bringup starts it
     monkeypatch.setenv('EOL_KEPT', json.dumps({'hours': rig.hours.health.kept}))
-    rig.remove(rig.hours)
+    rig.end(rig.hours)
     rig.hours = rig.new_hours()
-    rig.until(lambda: rig.matched(rig.around, rig.hours, rig.montage))
+    rig.meet()
     told = len(rig.around.states)
     rig.until(lambda: len(rig.around.states) > told + 2)
     assert rig.hours.health.text == 'closed until Sat 10:00, woken by hand'

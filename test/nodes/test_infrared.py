@@ -3,8 +3,7 @@
 
 import pytest
 from eol_msgs.msg import Blocks
-from rclpy.executors import SingleThreadedExecutor
-from support.waiting import wait_until
+from support.spinning import Nodes
 
 from eol_ros.nodes.leds import LedsNode
 from eol_ros.nodes.tracker import TrackerNode
@@ -35,7 +34,7 @@ class Panel(EolNode):
 
 
 @pytest.fixture
-def show(ros, matched, request):
+def show(ros, request):
     """Nodes over real DDS; the twin's table is at rest."""
     tracker, leds = request.param
     alone = Scene('test', {})
@@ -45,23 +44,12 @@ def show(ros, matched, request):
         TwinNode(TwinSettings(hands='nobody', fps=30.0), scene=alone),
         Panel(),
     ]
-    executor = SingleThreadedExecutor()
-    for node in nodes:
-        executor.add_node(node)
-
-    def until(condition, timeout_s=60.0):
-        return wait_until(condition, timeout_s, turn=lambda: executor.spin_once(timeout_sec=0.02))
-
     panel = nodes[-1]
-    assert until(lambda: matched(*nodes))
-    assert until(lambda: nodes[1].lights.board.ready)
-    assert until(lambda: panel.blocks and panel.blocks[-1].state == Blocks.TRACKING)
-    yield (*nodes, until)
-    for node in nodes:
-        node.close()
-    executor.shutdown()
-    for node in nodes:
-        node.destroy_node()
+    with Nodes(*nodes) as turned:
+        turned.meet()
+        turned.until(lambda: nodes[1].lights.board.ready)
+        turned.until(lambda: panel.blocks and panel.blocks[-1].state == Blocks.TRACKING)
+        yield (*nodes, turned.until)
 
 
 @pytest.mark.slow

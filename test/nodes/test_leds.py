@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The leds node over real DDS, with the twin's board on a real pty."""
 
-import functools
+import contextlib
 import subprocess
 import sys
 import time
@@ -10,8 +10,7 @@ import types
 import numpy as np
 import pytest
 from eol_msgs.msg import BlockTap, LedCommand, Slip
-from rclpy.executors import SingleThreadedExecutor
-from support.waiting import wait_until
+from support.spinning import Nodes
 
 from eol_ros.devices.board.fake import FakeBoard, latency_s
 from eol_ros.devices.board.twin import Felt, Radio
@@ -19,7 +18,7 @@ from eol_ros.errors import ConfigError
 from eol_ros.nodes.leds import LedsNode
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
-from eol_ros.settings import LedsSettings
+from eol_ros.settings import LedsSettings, MotionSettings
 from eol_ros.streams.requests import Asked
 
 
@@ -49,39 +48,17 @@ class Around(EolNode):
         return to_ns(message.header.stamp)
 
 
-class Rig:
-    def __init__(self, matched, **settings):
-        from eol_ros.settings import MotionSettings
-
-        self.leds = LedsNode(LedsSettings(**settings))
-        self.around = Around(MotionSettings())
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.leds)
-        self.executor.add_node(self.around)
-        assert self.until(lambda: matched(self.leds, self.around))
-
-    def until(self, condition, timeout_s=30.0):
-        turn = functools.partial(self.executor.spin_once, timeout_sec=0.02)
-        return wait_until(condition, timeout_s, turn=turn)
-
-    def close(self):
-        self.leds.close()
-        self.executor.shutdown()
-        for node in (self.leds, self.around):
-            node.destroy_node()
+class Rig(Nodes):
+    def __init__(self, **settings):
+        self.leds, self.around = LedsNode(LedsSettings(**settings)), Around(MotionSettings())
+        super().__init__(self.leds, self.around)
+        self.meet()
 
 
 @pytest.fixture
-def make_rig(ros, matched):
-    rigs = []
-
-    def make(**settings):
-        rigs.append(Rig(matched, **settings))
-        return rigs[-1]
-
-    yield make
-    for rig in rigs:
-        rig.close()
+def make_rig(ros):
+    with contextlib.ExitStack() as rigs:
+        yield lambda **settings: rigs.enter_context(Rig(**settings))
 
 
 def heard_by(lights):

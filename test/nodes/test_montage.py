@@ -8,9 +8,9 @@ import time
 
 import pytest
 from eol_msgs.msg import Slip, Wall
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
-from support.waiting import wait_until
+from support.spinning import Nodes
+from support.waiting import GENEROUS_S
 
 from eol_ros.errors import DeviceMissing
 from eol_ros.nodes.montage import MontageNode
@@ -45,26 +45,16 @@ class Around(EolNode):
         self.requests.ask(Asked(command, target))
 
 
-class Rig:
-    def __init__(self, matched, **settings):
-        self.montage = MontageNode(MontageSettings(**settings))
-        self.around = Around()
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.montage)
-        self.executor.add_node(self.around)
-        self.until(lambda: matched(self.montage, self.around) and self.around.walls)
+class Rig(Nodes):
+    def __init__(self, **settings):
+        self.montage, self.around = MontageNode(MontageSettings(**settings)), Around()
+        super().__init__(self.montage, self.around)
+        self.meet()
+        self.until(lambda: self.around.walls)
 
-    def until(self, what, seconds=30.0):
-        self.turn()
-        wait_until(what, seconds, turn=self.turn)
-
-    def turn(self):
-        self.executor.spin_once(timeout_sec=0.01)
-
-    def run(self, seconds):
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self.turn()
+    def until(self, condition, seconds=GENEROUS_S):
+        self.turn()  # what was just asked for is on its way
+        return super().until(condition, seconds)
 
 
 @pytest.fixture
@@ -77,13 +67,9 @@ def folder(tmp_path):
 
 
 @pytest.fixture
-def rig(ros, folder, matched):
-    made = Rig(matched, pairs=str(folder), period_s=0.34, lead_s=0.05)
-    yield made
-    made.montage.close()
-    for node in (made.montage, made.around):  # or its latched walls reach the next test
-        made.executor.remove_node(node)
-        node.destroy_node()
+def rig(ros, folder):
+    with Rig(pairs=str(folder), period_s=0.34, lead_s=0.05) as made:
+        yield made
 
 
 def changes(walls):
@@ -126,14 +112,13 @@ def test_shuffles_while_a_block_moves_and_freezes_with_the_last(rig):
 
 
 @pytest.mark.slow
-def test_a_rupture_damages_the_pair_that_stands_and_calm_heals_it(ros, folder, matched):
+def test_a_rupture_damages_the_pair_that_stands_and_calm_heals_it(ros, folder):
     for i in range(4):
         (folder / f'{i}r.svg').rename(folder / f'{i}r.1.svg')
         for degree in (2, 3, 4):
             (folder / f'{i}r.{degree}.svg').write_text(SVG)
-    rig = Rig(matched, pairs=str(folder), period_s=0.34, lead_s=0.05, heal_s=3.0)
-    around = rig.around
-    try:
+    with Rig(pairs=str(folder), period_s=0.34, lead_s=0.05, heal_s=3.0) as rig:
+        around = rig.around
         assert around.walls[0].right.endswith('r.1.svg') and around.walls[0].left.endswith('l.svg')
         for block in range(25):
             around.slip(block, Slip.START, cascade=9)
@@ -143,11 +128,6 @@ def test_a_rupture_damages_the_pair_that_stands_and_calm_heals_it(ros, folder, m
         rig.until(lambda: not around.walls[-1].moving and around.walls[-1].right[3] > '1')
         broken = len(around.walls)
         rig.until(lambda: around.walls[-1].right.endswith('.1.svg'))
-    finally:
-        rig.montage.close()
-        for node in (rig.montage, around):
-            rig.executor.remove_node(node)
-            node.destroy_node()
     healing = around.walls[broken - 1 :]
     assert len({w.left for w in healing}) == 1  # the pair with which it froze
     degrees = [int(w.right[3]) for w in healing]

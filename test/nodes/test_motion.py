@@ -2,8 +2,7 @@
 import numpy as np
 import pytest
 from eol_msgs.msg import Block, Blocks, BlockTap, Cascade, FeltSlip, Slip
-from rclpy.executors import SingleThreadedExecutor
-from support.waiting import wait_until
+from support.spinning import Nodes
 
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.motion.slips import SlipDetector
@@ -27,7 +26,15 @@ class Probe(EolNode):
         self.subscribe('cascades', self.cascades.append)
 
 
-def track(probe, node, executor, image, stamp_ns, place):
+@pytest.fixture
+def graph(ros):
+    node, probe = MotionNode(MotionSettings()), Probe()
+    with Nodes(node, probe) as nodes:
+        nodes.meet()
+        yield node, probe, nodes
+
+
+def track(nodes, node, probe, image, stamp_ns, place):
     """Publish the blocks of one image as the tracker does; return when the node has had them."""
     message = Blocks(state=Blocks.TRACKING, image=image)
     message.header.stamp = to_msg(stamp_ns)
@@ -37,22 +44,12 @@ def track(probe, node, executor, image, stamp_ns, place):
         for i, (x, y) in enumerate(place.tolist())
     ]
     probe.blocks.publish(message)
-    for _ in range(600):
-        executor.spin_once(timeout_sec=0.05)
-        if node.health.ticks > image:
-            break
+    nodes.until(lambda: node.health.ticks > image)
 
 
 @pytest.mark.slow
-def test_a_slip_goes_through_the_graph(ros, matched):
-    node, probe = MotionNode(MotionSettings()), Probe()
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    executor.add_node(probe)
-    for _ in range(600):
-        executor.spin_once(timeout_sec=0.05)
-        if matched(node, probe):
-            break
+def test_a_slip_goes_through_the_graph(graph):
+    node, probe, nodes = graph
     random = np.random.default_rng(1)
     start_ns = 1_700_000_000_123_456_789
     knock = BlockTap(block=12, strength=2.9, sigma=2e-4)
@@ -67,15 +64,9 @@ def test_a_slip_goes_through_the_graph(ros, matched):
             if t - 1 / 60 <= at_s < t:  # it comes before the image that follows
                 probe.taps.publish(tap)
                 told = len(probe.felt)
-                wait_until(
-                    lambda told=told: len(probe.felt) > told,
-                    turn=lambda: executor.spin_once(timeout_sec=0.02),
-                )
-        track(probe, node, executor, k, start_ns + round(t * 1e9), place)
-    for _ in range(600):
-        executor.spin_once(timeout_sec=0.05)
-        if probe.cascades and len(probe.slips) == 2:
-            break
+                nodes.until(lambda told=told: len(probe.felt) > told)
+        track(nodes, node, probe, k, start_ns + round(t * 1e9), place)
+    nodes.until(lambda: probe.cascades and len(probe.slips) == 2)
     start, stop = probe.slips
     assert (start.kind, stop.kind) == (Slip.START, Slip.STOP)
     assert start.block == stop.block == 12
@@ -104,22 +95,12 @@ def test_a_slip_goes_through_the_graph(ros, matched):
     assert isinstance(node.motion.detector, SlipDetector)
     values = node.health.status()['values']
     assert [values[k] for k in ('slips', 'felt', 'confirmed', 'retracted')] == [1, 2, 1, 1]
-    node.close()
-    node.destroy_node()
-    probe.destroy_node()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('jump_s', [-3600, 3600])
-def test_slips_go_on_when_the_clock_is_set(ros, matched, jump_s):
-    node, probe = MotionNode(MotionSettings()), Probe()
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    executor.add_node(probe)
-    for _ in range(600):
-        executor.spin_once(timeout_sec=0.05)
-        if matched(node, probe):
-            break
+def test_slips_go_on_when_the_clock_is_set(graph, jump_s):
+    node, probe, nodes = graph
     warned = []
     node.get_logger().warning = warned.append
     random, start_ns = np.random.default_rng(1), 1_700_000_000_000_000_000
@@ -129,11 +110,8 @@ def test_slips_go_on_when_the_clock_is_set(ros, matched, jump_s):
         for slip_s in (0.5, 1.5):  # a slip before the jump and one half a second after it
             place[12, 1] += 1.25 * min(max(t - slip_s, 0), 0.12) ** 2
         stamp_ns = start_ns + round((t + (k >= 60) * jump_s) * 1e9)
-        track(probe, node, executor, k, stamp_ns, place)
-    for _ in range(100):
-        executor.spin_once(timeout_sec=0.02)
-        if len(probe.slips) == 4:
-            break
+        track(nodes, node, probe, k, stamp_ns, place)
+    nodes.until(lambda: len(probe.slips) == 4)
     assert [(s.kind, s.slip) for s in probe.slips] == [
         (Slip.START, 1), (Slip.STOP, 1), (Slip.START, 2), (Slip.STOP, 2),
     ]  # fmt: skip
@@ -141,7 +119,3 @@ def test_slips_go_on_when_the_clock_is_set(ros, matched, jump_s):
     way = 'ahead' if jump_s > 0 else 'back'
     assert line.startswith(f'time jumped {way} by 3') and line.endswith(' s: starting again')
     assert node.health.status()['values']['time_jumps'] == 1
-    node.close()
-    for one in (node, probe):
-        one.destroy_node()
-    executor.shutdown()

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from eol_msgs.msg import Cascade, Corpus, RequestResult, SoundMeter, SoundSamples, Wall
-from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import String
+from support.spinning import Nodes, matched
 from support.waiting import wait_until
 
 from eol_ros.core.vision.calibration.model import Calibration
@@ -60,12 +60,12 @@ class Around(EolNode):
             )
 
 
-class Rig:
+class Rig(Nodes):
+    """The test talks to the panel, so a thread turns the nodes."""
+
     def __init__(self):
         self.panel, self.around = PanelNode(PanelSettings(port=0)), Around()
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.panel)
-        self.executor.add_node(self.around)
+        super().__init__(self.panel, self.around)
         self.url = f'http://127.0.0.1:{self.panel.server.port}'
         self.stopping = False
         self.thread = threading.Thread(target=self._spin, daemon=True)
@@ -73,7 +73,7 @@ class Rig:
 
     def _spin(self):
         while not self.stopping:
-            self.executor.spin_once(timeout_sec=0.02)
+            self.turn()
 
     def readers(self, topic):
         return self.around.gives[topic].get_subscription_count()
@@ -81,20 +81,16 @@ class Rig:
     def close(self):
         self.stopping = True
         self.thread.join(5)
-        self.panel.close()
-        for node in (self.panel, self.around):
-            self.executor.remove_node(node)
-            node.destroy_node()
+        super().close()
 
 
 @pytest.fixture
-def rig(ros, matched, tmp_path, monkeypatch):
+def rig(ros, tmp_path, monkeypatch):
     monkeypatch.setenv('EOL_STATE', str(tmp_path))
     monkeypatch.setattr(panel_streams, 'LINGER_S', 0.3)
-    made = Rig()
-    wait_until(lambda: matched(made.panel, made.around))
-    yield made
-    made.close()
+    with Rig() as made:
+        wait_until(lambda: matched(made.panel, made.around))
+        yield made
 
 
 def live(rig, talk):

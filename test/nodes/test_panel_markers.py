@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Markers over real DDS: what RViz would draw, and nothing while it is not there."""
 
-import time
-
 import numpy as np
 import pytest
 from eol_msgs.msg import Slip, Truth
-from rclpy.executors import SingleThreadedExecutor
+from support.spinning import Nodes
 from visualization_msgs.msg import Marker
 
 from eol_ros.core.geometry import rest_lattice, spring_ends
@@ -48,20 +46,8 @@ class Table(EolNode):
 @pytest.fixture
 def both(ros):
     panel, table = Panel(), Table()
-    executor = SingleThreadedExecutor()
-    executor.add_node(panel)
-    executor.add_node(table)
-
-    def until(done, seconds=20.0):
-        end = time.monotonic() + seconds
-        while not done():
-            assert time.monotonic() < end, 'it did not come about'
-            executor.spin_once(timeout_sec=0.02)
-
-    yield panel, table, until
-    executor.shutdown(timeout_sec=1.0)
-    panel.destroy_node()
-    table.destroy_node()
+    with Nodes(panel, table) as nodes:
+        yield panel, table, nodes.until
 
 
 def met(table):

@@ -2,9 +2,8 @@
 """The projectors node over real DDS and real TCP: on, and off when the work has slept a while."""
 
 import pytest
-from rclpy.executors import SingleThreadedExecutor
 from support.fake_projector import FakeProjector
-from support.waiting import wait_until
+from support.spinning import Nodes
 
 from eol_ros.errors import ConfigError
 from eol_ros.nodes.projectors import ProjectorsNode
@@ -24,30 +23,21 @@ class Around(EolNode):
 
 
 @pytest.fixture
-def rig(ros, matched):
-    made, fakes = [], [FakeProjector('one'), FakeProjector('one')]
+def rig(ros):
+    fakes = [FakeProjector('one'), FakeProjector('one')]
     for fake in fakes:
         fake.WARM_S = fake.COOL_S = 0.0
-    executor = SingleThreadedExecutor()
 
-    def turn(until):
-        wait_until(until, turn=lambda: executor.spin_once(timeout_sec=0.02))
-
-    def start(*nodes, **settings):
+    def start(*others, **settings):
         addresses = tuple(fake.address for fake in fakes)
         settings = ProjectorsSettings(addresses, 'one', poll_s=1.0, **settings)
-        scene = Scene('test', {'projectors': settings, **dict(nodes)})
-        made.extend([ProjectorsNode(settings, scene=scene), Around()])
-        for node in made:
-            executor.add_node(node)
-        turn(lambda: matched(*made))
+        scene = Scene('test', {'projectors': settings, **dict(others)})
+        made = nodes.add(ProjectorsNode(settings, scene=scene)), nodes.add(Around())
+        nodes.meet()
         return made
 
-    yield start, fakes, turn
-    for node in made:
-        node.close()
-        executor.remove_node(node)
-        node.destroy_node()
+    with Nodes() as nodes:
+        yield start, fakes, nodes.until
     for fake in fakes:
         fake.unplug()
 

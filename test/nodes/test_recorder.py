@@ -17,6 +17,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
+from support.spinning import Nodes
 from support.waiting import wait_until
 
 from eol_ros.devices.bag.reader import BagReader
@@ -50,32 +51,15 @@ class Source(EolNode):
         publisher.publish(raw)
 
 
-class Rig:
-    def __init__(self, *nodes):
-        self.executor, self.nodes = EventsExecutor(), nodes
-        for node in nodes:
-            self.executor.add_node(node)
-
-    def spin(self, until, seconds=30.0):
-        wait_until(until, seconds, turn=lambda: self.executor.spin_once(timeout_sec=0.02))
-
-    def close(self):
-        for node in self.nodes:
-            node.close()
-            self.executor.remove_node(node)
-            node.destroy_node()
-        self.executor.shutdown(timeout_sec=1.0)
-
-
 def record(tmp_path, **settings):
     return RecorderNode(RecorderSettings(folder=str(tmp_path), min_free_gb=0.0, **settings))
 
 
 @pytest.mark.slow
-def test_the_bag_holds_the_bytes_that_were_published(ros, matched, tmp_path):
+def test_the_bag_holds_the_bytes_that_were_published(ros, tmp_path):
     recorder, source = record(tmp_path, images='all'), Source()
-    rig = Rig(recorder, source)
-    rig.spin(lambda: matched(recorder, source))
+    rig = Nodes(recorder, source, executor=EventsExecutor)
+    rig.meet()
 
     def taken():
         counts = recorder.recording.received
@@ -88,7 +72,7 @@ def test_the_bag_holds_the_bytes_that_were_published(ros, matched, tmp_path):
         source.send(source.slips, Slip(slip=i, kind=1 + i % 2))
         if i not in (7, 8):  # two triggers never reach the recorder
             source.send(source.triggers, GrainTrigger(sequence=i))
-        rig.spin(lambda i=i: taken() >= 4 * (i + 1) - 2)  # no burst beyond the depth of the QoS
+        rig.until(lambda i=i: taken() >= 4 * (i + 1) - 2)  # no burst beyond the depth of the QoS
     rig.close()
     bag = BagReader(tmp_path)
     for topic, sent in source.sent.items():
@@ -100,10 +84,10 @@ def test_the_bag_holds_the_bytes_that_were_published(ros, matched, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_late_recorder_says_when_messages_were_sent_and_received(ros, matched, tmp_path):
+def test_a_late_recorder_says_when_messages_were_sent_and_received(ros, tmp_path):
     recorder, source = record(tmp_path), Source()
-    rig = Rig(recorder, source)
-    rig.spin(lambda: matched(recorder, source))
+    rig = Nodes(recorder, source, executor=EventsExecutor)
+    rig.meet()
     around = []
     for k in range(5):
         before_ns = now_ns()
@@ -111,7 +95,7 @@ def test_a_late_recorder_says_when_messages_were_sent_and_received(ros, matched,
         around.append((before_ns, now_ns()))
     time.sleep(0.5)  # nothing is taken
     looked_ns = now_ns()
-    rig.spin(lambda: recorder.recording.received['/eol/blocks'] == 5)
+    rig.until(lambda: recorder.recording.received['/eol/blocks'] == 5)
     rig.close()
     found = list(BagReader(tmp_path).messages(['/eol/blocks']))
     for (before_ns, after_ns), m in zip(around, found, strict=True):
@@ -121,14 +105,14 @@ def test_a_late_recorder_says_when_messages_were_sent_and_received(ros, matched,
 @pytest.mark.slow
 @pytest.mark.parametrize('jump_s', [-3600, 3600])
 def test_a_set_clock_ends_the_bag_with_a_mark_and_begins_another(
-    ros, matched, tmp_path, monkeypatch, jump_s
+    ros, tmp_path, monkeypatch, jump_s
 ):
     recorder, source = record(tmp_path), Source()
     corpora = source.publisher('corpus')
-    rig = Rig(recorder, source)
-    rig.spin(lambda: matched(recorder, source))
+    rig = Nodes(recorder, source, executor=EventsExecutor)
+    rig.meet()
     corpora.publish(Corpus(name='told once'))
-    rig.spin(lambda: recorder.latched)
+    rig.until(lambda: recorder.latched)
     folders, recordings = [], []
 
     def taken():
@@ -137,14 +121,14 @@ def test_a_set_clock_ends_the_bag_with_a_mark_and_begins_another(
     for part in range(2):
         folders.append(recorder.recording.folder)
         recordings.append(recorder.recording)
-        rig.spin(lambda n=6 * part: taken() == n)
+        rig.until(lambda n=6 * part: taken() == n)
         for k in range(5):
             source.send(source.blocks, Blocks(image=5 * part + k))
-            rig.spin(lambda n=6 * part + k + 1: taken() == n)
+            rig.until(lambda n=6 * part + k + 1: taken() == n)
         if part == 0:
             monkeypatch.setattr(recorder, 'now_ns', lambda: now_ns() + jump_s * 10**9)
             source.send(source.blocks, Blocks(image=99))
-            rig.spin(lambda: recorder.recording.folder != folders[0])
+            rig.until(lambda: recorder.recording.folder != folders[0])
     rig.close()
     before, after = (BagReader(folder) for folder in folders)
     assert json.loads(before.gaps['time_jump_s'])['system clock'] == pytest.approx(jump_s, abs=1)
@@ -157,7 +141,7 @@ def test_a_set_clock_ends_the_bag_with_a_mark_and_begins_another(
 
 
 @pytest.mark.slow
-def test_behind_a_replay_bags_are_in_its_time_and_one_a_round(ros, matched, tmp_path):
+def test_behind_a_replay_bags_are_in_its_time_and_one_a_round(ros, tmp_path):
     sim = [Parameter('use_sim_time', value=True)]
     recorder = RecorderNode(
         RecorderSettings(folder=str(tmp_path), min_free_gb=0.0), parameter_overrides=sim
@@ -165,15 +149,16 @@ def test_behind_a_replay_bags_are_in_its_time_and_one_a_round(ros, matched, tmp_
     source, day_ns = Source(), 1_700_000_000_000_000_000
     clock = source.create_publisher(Clock, CLOCK, CLOCK_QOS)
     corpora = source.publisher('corpus')
-    rig = Rig(recorder, source)
-    rig.spin(lambda: matched(recorder, source) and clock.get_subscription_count() == 2)
+    rig = Nodes(recorder, source, executor=EventsExecutor)
+    rig.meet()
+    rig.until(lambda: clock.get_subscription_count() == 2)
 
     def tell(recorded_ns):
         clock.publish(Clock(clock=to_msg(recorded_ns)))
-        rig.spin(lambda: abs(recorder.now_ns() - recorded_ns) <= 20_000_000)
+        rig.until(lambda: abs(recorder.now_ns() - recorded_ns) <= 20_000_000)
 
     corpora.publish(Corpus(name='early'))  # before there is a time
-    rig.spin(lambda: recorder.latched)
+    rig.until(lambda: recorder.latched)
     folders = []
     for _ in range(2):
         folders.append(recorder.recording.folder)
@@ -181,9 +166,9 @@ def test_behind_a_replay_bags_are_in_its_time_and_one_a_round(ros, matched, tmp_
             tell(day_ns + k * 20_000_000)
             count = recorder.recording.received['/eol/blocks']
             source.send(source.blocks, Blocks(image=k))
-            rig.spin(lambda n=count: recorder.recording.received['/eol/blocks'] > n)
+            rig.until(lambda n=count: recorder.recording.received['/eol/blocks'] > n)
         tell(day_ns)
-        rig.spin(lambda: recorder.recording.folder != folders[-1])
+        rig.until(lambda: recorder.recording.folder != folders[-1])
     rig.close()
     for folder in folders:
         bag = BagReader(folder)
@@ -194,10 +179,10 @@ def test_behind_a_replay_bags_are_in_its_time_and_one_a_round(ros, matched, tmp_
 
 
 @pytest.mark.slow
-def test_without_pictures_the_recorder_does_not_even_take_them(ros, matched, tmp_path):
+def test_without_pictures_the_recorder_does_not_even_take_them(ros, tmp_path):
     recorder, source = record(tmp_path, images='none'), Source()
-    rig = Rig(recorder, source)
-    rig.spin(lambda: matched(recorder, source))
+    rig = Nodes(recorder, source, executor=EventsExecutor)
+    rig.meet()
     assert source.images.subscribers() == 0
     rig.close()
     bag = BagReader(tmp_path)
@@ -206,11 +191,11 @@ def test_without_pictures_the_recorder_does_not_even_take_them(ros, matched, tmp
 
 
 @pytest.mark.slow
-def test_pictures_are_kept_around_a_slip(ros, matched, tmp_path):
+def test_pictures_are_kept_around_a_slip(ros, tmp_path):
     recorder = record(tmp_path, images='around_slips', before_s=0.2, after_s=0.2)
     source = Source()
-    rig = Rig(recorder, source)
-    rig.spin(lambda: matched(recorder, source))
+    rig = Nodes(recorder, source, executor=EventsExecutor)
+    rig.meet()
     image, stamps, slip_ns = np.zeros((80, 100), np.uint8), [], 0
     for i in range(60):
         stamps.append(now_ns())
@@ -219,8 +204,7 @@ def test_pictures_are_kept_around_a_slip(ros, matched, tmp_path):
             slip_ns = stamps[-1]
             source.send(source.slips, Slip(slip=1, kind=Slip.START))
             source.send(source.slips, Slip(slip=1, kind=Slip.STOP))
-        end = time.monotonic() + 0.025
-        rig.spin(lambda end=end: time.monotonic() >= end)
+        rig.run(0.025)
     rig.close()
     bag = BagReader(tmp_path)
     times = [m.log_ns for m in bag.messages(['/eol/camera/image_raw'])]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import soundfile
 from eol_msgs.msg import Corpus, GrainTrigger
-from rclpy.executors import SingleThreadedExecutor
+from support.spinning import Nodes, matched
 from support.waiting import wait_until
 
 from eol_ros.core.played_clock import PlayedClock
@@ -44,27 +44,16 @@ class Probe(EolNode):
 
 
 @pytest.fixture
-def graph(ros, matched, tmp_path):
-    """A sound node that writes a file, a probe, and a function that turns the executor."""
+def graph(ros, tmp_path):
+    """A sound node that writes a file, a probe, how to wait for what they do, how to end it."""
     settings = SoundSettings(
         device='wav', wav=str(tmp_path / 'out.wav'), fade_in_s=0.0, latency_s=0.3
     )
     node, probe = SoundNode(settings), Probe()
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    executor.add_node(probe)
-
-    def turn(until, seconds=30.0):
-        return wait_until(until, seconds, turn=lambda: executor.spin_once(timeout_sec=0.02))
-
-    assert turn(lambda: matched(node, probe) and probe.meters)
-    closed = []
-    yield node, probe, turn, lambda: closed or closed.append(node.close())
-    if not closed:
-        node.close()
-    executor.shutdown()
-    for one in (node, probe):  # else the next test meets their latched corpus
-        one.destroy_node()
+    with Nodes(node, probe) as nodes:
+        nodes.meet()
+        nodes.until(lambda: probe.meters)
+        yield node, probe, nodes.until, lambda: nodes.end(node)
 
 
 def corpus_of(tmp_path, name='tone', hz=440.0):
@@ -273,7 +262,7 @@ def test_a_sound_that_cannot_be_read_is_read_once_it_can(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_samples_are_published_while_somebody_listens(graph, matched, tmp_path):
+def test_samples_are_published_while_somebody_listens(graph, tmp_path):
     node, probe, turn, _ = graph
     assert not probe.samples
     probe.subscribe('sound_samples', probe.samples.append)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 from eol_msgs.msg import Blocks
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from support.spinning import Nodes
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.vision.background.model import BackgroundModel
@@ -46,6 +46,15 @@ class Probe(EolNode):
         self.subscribe('camera/image_raw/compressed', self.pictures.append)
 
 
+@pytest.fixture
+def graph(ros):
+    node, probe = TrackerNode(TrackerSettings()), Probe()
+    with Nodes(node, probe) as nodes:
+        nodes.meet()
+        nodes.until(probe.images.subscribers)
+        yield node, probe, nodes
+
+
 def pictures(count):
     renderer = Renderer(RenderOptions(), Calibration.ideal(), 3)
     rest = rest_lattice()
@@ -55,29 +64,16 @@ def pictures(count):
 
 
 @pytest.mark.slow
-def test_images_become_blocks_as_offline_to_the_bit(ros, matched):
-    node, probe = TrackerNode(TrackerSettings()), Probe()
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    executor.add_node(probe)
-    for _ in range(600):
-        executor.spin_once(timeout_sec=0.05)
-        if probe.images.subscribers() and matched(node, probe):
-            break
+def test_images_become_blocks_as_offline_to_the_bit(graph):
+    _node, probe, nodes = graph
     offline = Tracker(TrackerSettings(), Calibration.ideal())
     wanted = []
     for k, image in enumerate(pictures(12)):
         stamp_ns = START_NS + round(k / 60 * 1e9)
         wanted.append((stamp_ns, offline.update(stamp_ns * 1e-9, image)))
         probe.images.publish(stamp_ns, image)
-        for _ in range(600):
-            executor.spin_once(timeout_sec=0.05)
-            if len(probe.blocks) > k:
-                break
-    for _ in range(600):
-        if probe.pictures:
-            break
-        executor.spin_once(timeout_sec=0.05)
+        nodes.until(lambda k=k: len(probe.blocks) > k)
+    nodes.until(lambda: probe.pictures)
     assert len(probe.blocks) == 12
     (text,) = probe.calibrations
     found = yaml.safe_load(text.data)
@@ -96,9 +92,6 @@ def test_images_become_blocks_as_offline_to_the_bit(ros, matched):
     picture = cv2.imdecode(np.array(probe.pictures[0].data, np.uint8), cv2.IMREAD_UNCHANGED)
     assert picture.shape == (400, 640)
     assert START_NS <= to_ns(probe.pictures[0].header.stamp) <= wanted[-1][0]
-    node.close()
-    node.destroy_node()
-    probe.destroy_node()
 
 
 def test_a_request_counts_from_its_stamp_and_an_own_one_once(ros):
@@ -225,31 +218,17 @@ def test_covers_that_were_changed_are_said_with_a_code(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('jump_s', [-3600, 3600])
-def test_blocks_go_on_when_the_clock_is_set(ros, matched, jump_s):
-    node, probe = TrackerNode(TrackerSettings()), Probe()
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    executor.add_node(probe)
-    for _ in range(200):
-        executor.spin_once(timeout_sec=0.05)
-        if probe.images.subscribers() and matched(node, probe):
-            break
+def test_blocks_go_on_when_the_clock_is_set(graph, jump_s):
+    node, probe, nodes = graph
     ask = Asked('darkness', 'tracker', {'until_ns': START_NS + 10**9}, from_ns=START_NS + 10**9)
     node.requests.take(request_to_msg(ask, START_NS))  # due in a time that never comes
     for k, image in enumerate(pictures(40)):
         stamp_ns = START_NS + round((k / 60 + (k >= 20) * jump_s) * 1e9)
         probe.images.publish(stamp_ns, image)
-        for _ in range(200):
-            executor.spin_once(timeout_sec=0.05)
-            if len(probe.blocks) > k:
-                break
+        nodes.until(lambda k=k: len(probe.blocks) > k)
     states = [message.state for message in probe.blocks]
     assert states[19] == states[-1] == Blocks.TRACKING
     assert all(block.seen for block in probe.blocks[-1].blocks)
     assert [message.image for message in probe.blocks[20:23]] == [0, 1, 2]  # from the beginning
     values = node.health.values
     assert values['time_jumps'] == 1 and values['missing'] == 0
-    node.close()
-    for one in (node, probe):
-        one.destroy_node()
-    executor.shutdown()

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from eol_msgs.msg import RimCommand
-from rclpy.executors import SingleThreadedExecutor
-from support.waiting import wait_until
+from support.spinning import Nodes
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.terrain import CoverShape, landscape
@@ -52,18 +51,8 @@ class Probe(EolNode):
 def graph(ros, request):
     probe = Probe()
     twin = TwinNode(TwinSettings(hands='nobody', fps=30.0, **getattr(request, 'param', {})))
-    executor = SingleThreadedExecutor()
-    executor.add_node(probe)
-    executor.add_node(twin)
-
-    def until(done, seconds=20.0):
-        return wait_until(done, seconds, turn=lambda: executor.spin_once(timeout_sec=0.05))
-
-    yield probe, twin, until
-    twin.close()
-    executor.shutdown()
-    twin.destroy_node()
-    probe.destroy_node()
+    with Nodes(probe, twin) as nodes:
+        yield probe, twin, nodes.until
 
 
 @pytest.mark.slow
@@ -131,20 +120,8 @@ def test_a_twin_above_printed_covers_sees_their_relief(ros, printed):
     probe = Probe()
     settings = TwinSettings(hands='nobody', fps=30.0, width=640, height=400, calibration=printed)
     twin = TwinNode(settings)
-    executor = SingleThreadedExecutor()
-    executor.add_node(probe)
-    executor.add_node(twin)
-    try:
-        wait_until(
-            lambda: min(map(len, (probe.truths, probe.images))) >= 8,
-            20.0,
-            turn=lambda: executor.spin_once(timeout_sec=0.05),
-        )
-    finally:
-        twin.close()
-        executor.shutdown()
-        twin.destroy_node()
-        probe.destroy_node()
+    with Nodes(probe, twin) as nodes:
+        nodes.until(lambda: min(map(len, (probe.truths, probe.images))) >= 8)
     camera = calibration_file.load(printed)
     known = Tracker(TrackerSettings(), camera)
     flat = Tracker(TrackerSettings(), replace(camera, covers=None))

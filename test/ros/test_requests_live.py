@@ -6,10 +6,8 @@ from pathlib import Path
 
 import pytest
 from eol_msgs.msg import Slip
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from support.spinning import spinning_in
-from support.waiting import wait_until
+from support.spinning import Nodes, spinning_in
 
 from eol_ros.cli import main
 from eol_ros.errors import EolError
@@ -35,15 +33,11 @@ class Around(EolNode):
         self.slips: list[Slip] = []
 
 
-class Rig:
+class Rig(Nodes):
     def __init__(self, node):
         self.node, self.around = node, Around()
-        self.executor = SingleThreadedExecutor()
-        for one in (self.node, self.around):
-            self.executor.add_node(one)
-
-    def until(self, what, seconds=30.0):
-        wait_until(what, seconds, turn=lambda: self.executor.spin_once(timeout_sec=0.02))
+        super().__init__(self.node, self.around)
+        self.meet()
 
     def answer(self, *asked, **values):
         before = len(self.around.results)
@@ -53,13 +47,9 @@ class Rig:
 
 
 @pytest.fixture
-def rig(ros, matched):
-    made = Rig(MotionNode(MotionSettings()))
-    made.until(lambda: matched(made.node, made.around))
-    yield made
-    for one in (made.node, made.around):
-        made.executor.remove_node(one)
-        one.destroy_node()
+def rig(ros):
+    with Rig(MotionNode(MotionSettings())) as made:
+        yield made
 
 
 def test_a_message_says_what_was_asked():
@@ -136,7 +126,7 @@ def test_who_must_answer_and_who_does_not_run():
 
 
 @pytest.fixture
-def spinning(ros, matched):
+def spinning(ros):
     """The node motion, for what visits the graph."""
     with spinning_in(lambda context: MotionNode(MotionSettings(), context=context)) as node:
         yield node

@@ -8,7 +8,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-from support.waiting import wait_until
+from support.spinning import Nodes
 
 from eol_ros.errors import ConfigError
 from eol_ros.ros.node import EolNode
@@ -40,26 +40,21 @@ class Mapping(Plain):
     MAPS_TIME = True
 
 
-class Rig:
+class Rig(Nodes):
     def __init__(self, ros, executor, kind):
-        self.node = kind(parameter_overrides=SIM)
+        super().__init__(executor=executor)
+        self.node = self.add(kind(parameter_overrides=SIM))
         self.source = ros.create_node('source')
         self.clock = self.source.create_publisher(Clock, CLOCK, CLOCK_QOS)
-        self.executor = executor()
-        self.executor.add_node(self.node)
         self.until(lambda: self.clock.get_subscription_count() >= 1 + kind.MAPS_TIME)
-
-    def until(self, condition, timeout_s=10.0):
-        wait_until(condition, timeout_s, turn=lambda: self.executor.spin_once(timeout_sec=0.01))
 
     def tell(self, recorded_ns):
         self.clock.publish(Clock(clock=to_msg(recorded_ns)))
         self.until(lambda: self.node.get_clock().now().nanoseconds == recorded_ns)
-        self.executor.spin_once(timeout_sec=0.01)
+        self.turn()
 
     def close(self):
-        self.executor.shutdown()
-        self.node.destroy_node()
+        super().close()
         self.source.destroy_node()
 
 
@@ -67,9 +62,8 @@ class Rig:
     params=[(EventsExecutor, Plain), (EventsExecutor, Mapping), (SingleThreadedExecutor, Mapping)]
 )
 def rig(ros, request):
-    rig = Rig(ros, *request.param)
-    yield rig
-    rig.close()
+    with Rig(ros, *request.param) as made:
+        yield made
 
 
 def test_time_is_what_the_clock_tells_and_timers_go_on_where_it_stands(rig):
