@@ -213,7 +213,7 @@ class Motion:
             who = None
             beyond, _ = self.over(tried, until)
             if beyond > 0:
-                tried, who = self.first(y, tried, length, beyond, until, after)
+                tried, who = self.first(y, length, beyond, until, after)
             self.t = tried[0]
             for c, i in enumerate(self.on):
                 self.u[i], self.v[i] = tried[4 * c + 1 : 4 * c + 3], tried[4 * c + 3 : 4 * c + 5]
@@ -225,7 +225,7 @@ class Motion:
                 self.set_off(who)
 
     def first(
-        self, y: Row, far: Row, length: Any, beyond: Any, until: Any, after: Callable[[Any], Row]
+        self, y: Row, length: Any, beyond: Any, until: Any, after: Callable[[Any], Row]
     ) -> tuple[Row, int]:
         """Return y at the first limit, and whose it is, by regula falsi (Illinois)."""
         low, high = mp.mpf(0), length

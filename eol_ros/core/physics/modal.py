@@ -80,12 +80,11 @@ def solve(scene: Scene, model: Model, times: np.ndarray, ledger: bool) -> Run:
         end = float(times[-1])
         gain_k = model.kinetic_energy(v_out[-1]) - model.kinetic_energy(scene.v0)
         gain_e = model.elastic_energy(u_out[-1], end) - model.elastic_energy(scene.u0, 0.0)
-        run.energy = Energy(_work(scene, model, shape, w, pull, modal, end), gain_k, gain_e, 0.0)
+        run.energy = Energy(_work(model, shape, w, pull, modal, end), gain_k, gain_e, 0.0)
     return run
 
 
 def _work(
-    scene: Scene,
     model: Model,
     shape: np.ndarray,
     w: np.ndarray,

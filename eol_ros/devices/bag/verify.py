@@ -27,21 +27,18 @@ def verify(
         bag = BagReader(path)
         found = []
         for file in through(bag.files):
-            found += _messages(file, bag.start_ns) + _records(file)
+            found += _messages(file) + _records(file)
     found = [*bag.cut_short, *bag.damage, *found]
     fault = metadata_fault(bag.path, sum(bag.counts.values())) if bag.path.is_dir() else ''
     found += [fault] if fault else []
     return bag, list(dict.fromkeys(found))
 
 
-def _messages(file: BagFileReader, bag_start_ns: int) -> list[str]:
+def _messages(file: BagFileReader) -> list[str]:
     """Read all messages, as a user would, and count them."""
     counts = dict.fromkeys(file.counts, 0)
-    before, late = 0, 0
     for message in file.messages(None, 0, None):
         counts[message.topic] += 1
-        late += message.log_ns < before
-        before = message.log_ns
     if file.damage or counts == file.counts:
         return []
     wrong = [f'{t}: {n} of {file.counts[t]}' for t, n in counts.items() if n != file.counts[t]]

@@ -171,24 +171,20 @@ class ExactAutomaton:
         found = np.array([Fraction(int(v), self.one) for v in sites], object)
         return found.reshape(self.side, self.side)
 
+    def _topple(self, part: Events) -> tuple[int, int]:
+        """Fill `part` with the next events of the lattice in 64 bits; return what `topple` does."""
+        return topple(
+            self._whole, self.side, self.one, self.alpha.numerator, self.alpha.denominator, True,
+            part.size, part.area, part.duration, part.first,
+        )  # fmt: skip
+
     def run(self, count: int, full: bool = True) -> Events:
         """Return the next `count` events."""
         parts, left = [Events.empty(0)], count
         while left and self._long is None:
             part = Events.empty(min(left, self.CHUNK))
             before = self._whole.copy()
-            status, done = topple(
-                self._whole,
-                self.side,
-                self.one,
-                self.alpha.numerator,
-                self.alpha.denominator,
-                True,
-                part.size,
-                part.area,
-                part.duration,
-                part.first,
-            )
+            status, done = self._topple(part)
             if status == OK:
                 parts.append(part)
                 left -= len(part.size)
@@ -196,18 +192,7 @@ class ExactAutomaton:
             self._whole = before
             if done:  # as far as it goes
                 part = Events.empty(done)
-                topple(
-                    self._whole,
-                    self.side,
-                    self.one,
-                    self.alpha.numerator,
-                    self.alpha.denominator,
-                    True,
-                    part.size,
-                    part.area,
-                    part.duration,
-                    part.first,
-                )
+                self._topple(part)
                 parts.append(part)
                 left -= done
             self._long = LongLattice(

@@ -232,7 +232,7 @@ def forced_series(order, degree, m, count, u, v, used, at, pl, ab, cx, cy, cc, c
 
 
 @uncounted
-def add_reply(last, m, at, pl, ab):
+def add_reply(last, m, at, ab):
     """Add to rows 2..`last` of the series what ab.extra moves; springs as at the start."""
     lanes, s = len(ab.inverse_mass), ab.law.shape[1]
     reply, force, w = ab.reply, ab.force, ab.work

@@ -87,7 +87,7 @@ class Rules(NamedTuple):
 
 
 @uncounted
-def stop_of(i, speed, x, y, u, v, rim_speed, rules, at):
+def stop_of(i, speed, x, y, v, rim_speed, rules, at):
     """Return (time, dx, dy, now): how slow block i comes to rest; `now` if exact enough."""
     limit = at.friction[i] * at.inverse[i]
     stop_s, dx, dy, will = stop_in_closed_form(
@@ -616,7 +616,7 @@ def run(
             if speed > 0.0:
                 if x * v[i, 0] + y * v[i, 1] >= at.friction[i] * speed:
                     continue  # gains speed
-                stop_s, dx, dy, now = stop_of(i, speed, x, y, u, v, rim_speed, rules, at)
+                stop_s, dx, dy, now = stop_of(i, speed, x, y, v, rim_speed, rules, at)
             if not now:
                 if speed > rules.floor:
                     continue

@@ -323,7 +323,7 @@ def sweep_step(order, m, count, u, v, used, at, pl, ab, sw, cx, cy, cc, cs, smal
             return 0.0, reach
         change = take_push(h, first, ab, sw)
         if not first and LEFT * change <= LATE * small:
-            add_reply(min(order, REPLY), m, at, pl, ab)
+            add_reply(min(order, REPLY), m, at, ab)
             return h, reach
         if not first and change > 0.1 * last:
             return 0.0, reach
