@@ -215,7 +215,6 @@ def _compare_blocks(
             tracker.requests.add(asked.from_ns, kind, value)
     stamps = blocks['stamp'].astype('i8')
     numbers = blocks['image'].astype('i8')
-    row_of = {int(stamp): i for i, stamp in enumerate(stamps)}
     check = Comparison('blocks', len(blocks), 0)
     pictures = images(bag)
     if track:
@@ -223,38 +222,19 @@ def _compare_blocks(
     waiting = _taps(bag)
     mine: list[np.void] = []
     there: list[int] = []  # stamps of the images in the bag
-    unanswered: list[tuple[int, np.ndarray]] = []  # of these, since the last that was answered
-    many, proves = 0, True
 
     def compare() -> None:
         theirs = blocks[check.recomputed - len(mine) : check.recomputed]
         check.compare(np.array(mine, DTYPE), theirs, lambda row: f'image {theirs["image"][row]}')
         mine.clear()
 
-    def see(stamp_ns: int, image: np.ndarray) -> Any:
+    for row, stamp_ns, image in _seen(pictures, stamps, numbers, there):
         while waiting and waiting[0].stamp_ns <= stamp_ns:
             knock = waiting.pop(0)
             tracker.tap(knock.stamp_s, knock.block, knock.sigma_s)
-        return tracker.update(stamp_ns * 1e-9, image)
-
-    for _log_ns, stamp_ns, image in pictures:
-        there.append(stamp_ns)
-        row = row_of.get(stamp_ns)
-        if not proves:
+        tracked = tracker.update(stamp_ns * 1e-9, image)
+        if row is None:
             continue
-        if row is None:  # the tracker never saw it, or its answer is lost
-            many += 1
-            unanswered = [*unanswered, (stamp_ns, image)][-LOST_AT_ONCE:]
-            continue
-        # It saw so many in between, by its own count; the first may be that of a later start.
-        seen = int(numbers[row] - numbers[row - 1]) - 1 if row else 0
-        if row != check.recomputed or seen not in (0, many) or seen > len(unanswered):
-            proves = False  # it saw what is not here, or not known: from there on it knew more
-            continue
-        for one in unanswered if seen else ():
-            see(*one)
-        unanswered, many = [], 0
-        tracked = see(stamp_ns, image)
         check.recomputed += 1
         mine.append(blocks_row(stamp_ns, tracked, blocks['image'][row]))
         if len(mine) == CHUNK:
@@ -269,6 +249,41 @@ def _compare_blocks(
         )
     _name_lost_images(stamps, numbers, np.array(there, 'i8'), result)
     result.topics['blocks'] = check
+
+
+def _seen(
+    pictures: Iterable[tuple[int, int, np.ndarray]],
+    stamps: np.ndarray,
+    numbers: np.ndarray,
+    there: list[int],
+) -> Iterator[tuple[int | None, int, np.ndarray]]:
+    """Yield the images as the tracker saw them: number of the blocks that answer it, stamp, image.
+
+    None stands for an answer that is lost. It ends where the tracker saw what is not here, or not
+    known: from there on it knew more. stamps, numbers: (n,) of the recorded blocks. `there` gets
+    the stamps of all images in the bag.
+    """
+    row_of = {int(stamp): i for i, stamp in enumerate(stamps)}
+    unanswered: list[tuple[int, np.ndarray]] = []  # the last of those since one was answered
+    many, answered, known = 0, 0, True
+    for _log_ns, stamp_ns, image in pictures:
+        there.append(stamp_ns)
+        row = row_of.get(stamp_ns)
+        if not known:
+            continue
+        if row is None:  # the tracker never saw it, or its answer is lost
+            many += 1
+            unanswered = [*unanswered, (stamp_ns, image)][-LOST_AT_ONCE:]
+            continue
+        # It saw so many in between, by its own count; the first may be that of a later start.
+        seen = int(numbers[row] - numbers[row - 1]) - 1 if row else 0
+        if row != answered or seen not in (0, many) or seen > len(unanswered):
+            known = False
+            continue
+        for lost in unanswered if seen else ():
+            yield None, *lost
+        yield row, stamp_ns, image
+        unanswered, many, answered = [], 0, answered + 1
 
 
 def _name_lost_images(

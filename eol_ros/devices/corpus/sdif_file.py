@@ -10,6 +10,7 @@ the format wants it of types that are not its own; which stream is which sound i
 
 import re
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -106,26 +107,14 @@ def _read(path: Path) -> tuple[list[str], list[tuple[float, int, np.ndarray]]]:
         at = 8 + struct.unpack_from('>i', data, 4)[0]
         if at > len(data):
             raise ValueError('its opening is cut short')
-        while at < len(data):
-            _, size, time_s, stream, count = struct.unpack_from('>4sidii', data, at)
-            end, here = at + 8 + size, at + 24
-            if size < 16 or end > len(data):
-                raise ValueError('a frame is cut short')
-            for _ in range(count):
-                kind, form, rows, cols = struct.unpack_from('>4siii', data, here)
-                length = rows * cols * (form & 0xFF)
-                body = data[here + 16 : here + 16 + length]
-                if rows < 0 or cols < 0 or here + 16 + length > end:
-                    raise ValueError('a matrix is cut short')
-                here += 16 + length + -length % 8
-                if kind == b'1TYP':
-                    for name, words in _COLUMNS.findall(body.decode('utf-8', 'replace')):
-                        if name.encode() == SIGNATURE:
-                            columns = [word.strip() for word in words.split(',')]
-                elif kind == SIGNATURE and form in (DOUBLE, SINGLE) and rows == 1:
-                    numbers = np.frombuffer(body, '>f8' if form == DOUBLE else '>f4')
-                    found.append((time_s, stream, numbers.astype(float)))
-            at = end
+        for time_s, stream, kind, form, rows, body in _matrices(data, at):
+            if kind == b'1TYP':
+                for name, words in _COLUMNS.findall(body.decode('utf-8', 'replace')):
+                    if name.encode() == SIGNATURE:
+                        columns = [word.strip() for word in words.split(',')]
+            elif kind == SIGNATURE and form in (DOUBLE, SINGLE) and rows == 1:
+                numbers = np.frombuffer(body, '>f8' if form == DOUBLE else '>f4')
+                found.append((time_s, stream, numbers.astype(float)))
     except (struct.error, ValueError) as error:
         raise ConfigError(f'{path}: not an SDIF file ({error})') from None
     if not found:
@@ -133,3 +122,24 @@ def _read(path: Path) -> tuple[list[str], list[tuple[float, int, np.ndarray]]]:
             f'{path}: an SDIF file without matrices {SIGNATURE.decode()}, as grains are'
         )
     return columns, found
+
+
+def _matrices(data: bytes, at: int) -> Iterator[tuple[float, int, bytes, int, int, bytes]]:
+    """Yield time and stream of its frame, signature, form, rows and body of each matrix from `at`.
+
+    Raises ValueError or struct.error where one is cut short.
+    """
+    while at < len(data):
+        _, size, time_s, stream, count = struct.unpack_from('>4sidii', data, at)
+        end, here = at + 8 + size, at + 24
+        if size < 16 or end > len(data):
+            raise ValueError('a frame is cut short')
+        for _ in range(count):
+            kind, form, rows, columns = struct.unpack_from('>4siii', data, here)
+            length = rows * columns * (form & 0xFF)
+            body = data[here + 16 : here + 16 + length]
+            if rows < 0 or columns < 0 or here + 16 + length > end:
+                raise ValueError('a matrix is cut short')
+            here += 16 + length + -length % 8
+            yield time_s, stream, kind, form, rows, body
+        at = end

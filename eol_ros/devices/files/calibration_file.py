@@ -131,14 +131,10 @@ def loads(text: str, path: str | Path, mirror: bool = False) -> Calibration:
     for name, shape in _MATRICES.items():
         fields[name] = _read_matrix(content, name, shape, wrong)
     for name in _NUMBERS:
-        value = content.get(name, 0.0)
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, (int, float))
-            or not math.isfinite(value)
-        ):
+        value = fields[name] = content.get(name, 0.0)
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not (number and math.isfinite(value)):
             wrong.append(f'{name} is {value!r}, not a number')
-        fields[name] = value
     said = content.get('mirror', False)
     if not isinstance(said, bool):
         wrong.append(f'mirror is {said!r}, not true or false')
@@ -152,22 +148,29 @@ def loads(text: str, path: str | Path, mirror: bool = False) -> Calibration:
         calibration = Calibration(**fields)
     except ConfigError as error:
         raise ConfigError(f'{path}: {error}') from None
-    if calibration.mirrored and not said:
-        raise ConfigError(
-            f'{path}: {LEFT_HANDED} add `mirror: true` to this file; else y was '
+    if fault := _mirror_fault(calibration.mirrored, said, mirror):
+        raise ConfigError(f'{path}: {fault}')
+    return calibration
+
+
+def _mirror_fault(mirrored: bool, said: bool, wanted: bool) -> str:
+    """Return where homography, file and setting contradict each other, or an empty string."""
+    if mirrored and not said:
+        return (
+            f'{LEFT_HANDED} add `mirror: true` to this file; else y was '
             'counted downwards: calibrate again with y pointing away'
         )
-    if said and not calibration.mirrored:
-        raise ConfigError(
-            f'{path}: says `mirror: true`, but its homography is that of a camera '
+    if said and not mirrored:
+        return (
+            'says `mirror: true`, but its homography is that of a camera '
             'without a mirror: take that line out, or calibrate with --mirror'
         )
-    if mirror and not said:
-        raise ConfigError(
-            f'{path}: is the calibration of a camera without a mirror, but `mirror` '
+    if wanted and not said:
+        return (
+            'is the calibration of a camera without a mirror, but `mirror` '
             'is set: leave it out, or calibrate with --mirror'
         )
-    return calibration
+    return ''
 
 
 def _matrix(values: np.ndarray) -> dict:
