@@ -60,6 +60,13 @@ def test_sources_that_are_named_are_there(page):
             assert any(f'/{path}'.endswith(f'/{name}') for path in tracked(ROOT)), name
 
 
+def test_each_decision_has_a_date_and_a_chapter_that_the_page_lists():
+    text = (ROOT / 'docs' / 'decisions.md').read_text()
+    assert re.findall(r'^- \[(.*)\]\(#', text, re.M) == re.findall(r'^## (.*)', text, re.M)
+    for decision in re.split(r'^### ', text, flags=re.M)[1:]:
+        assert re.match(r'.*\n(\*Superseded by\* .*\n\n)?20\d\d-\d\d\. ', decision), decision[:80]
+
+
 def options(module):
     """The options of a verb or a benchmark, those of its actions too."""
     parsers = [cli.Parser()]
