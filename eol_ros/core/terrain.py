@@ -113,7 +113,10 @@ def _noise(rng: np.random.Generator, x: np.ndarray, y: np.ndarray) -> np.ndarray
 
 
 def fit(heights: np.ndarray, rows: int, cols: int, cells: int) -> np.ndarray:
-    """Return a height map (rows top to bottom, as an image) as 0..1 on the covers' grid."""
+    """Return a height map (h, w), rows top to bottom as in an image, as 0..1 on the covers' grid.
+
+    That is (rows * cells + 1, cols * cells + 1). Raises UsageError below 2 x 2.
+    """
     source = np.asarray(heights, float)[::-1]
     if source.ndim != 2 or min(source.shape) < 2:
         raise UsageError(f'a height map is an image of 2 x 2 or more, not {source.shape}')
@@ -180,13 +183,16 @@ def cover_mesh(heights: np.ndarray, shape: CoverShape) -> np.ndarray:
 
 
 def volume_mm3(triangles: np.ndarray) -> float:
-    """Return the volume a closed mesh encloses, by the divergence theorem."""
+    """Return the volume that a closed mesh (n, 3, 3) in mm encloses, by the divergence theorem."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     return float(np.einsum('ij,ij->', a, np.cross(b, c)) / 6)
 
 
 def hillshade(heights: np.ndarray, contours: int = 14) -> np.ndarray:
-    """Return the landscape as an image (rows top to bottom, uint8): light from the upper left."""
+    """Return the landscape (h, w), 0..1, as an image (h, w) uint8: light from the upper left.
+
+    Its rows go from top to bottom.
+    """
     steep_y, steep_x = np.gradient(heights * 22)
     light = (0.62 + 0.55 * (steep_x * 0.7 - steep_y * 0.7)) / np.sqrt(1 + steep_x**2 + steep_y**2)
     grey = np.clip(0.2 + 0.62 * light + 0.2 * heights, 0.05, 1)

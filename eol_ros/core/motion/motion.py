@@ -151,7 +151,8 @@ class Motion:
     ) -> list[NumberedSlip]:
         """Take one image's blocks and return what begins; then `stops` must be called.
 
-        A block that slips again soon after a rest brings its STOP along, before its START.
+        The arguments are those of `update`. A block that slips again soon after a rest brings its
+        STOP along, before its START.
         """
         self._went_back = stamp_s < self.detector.last_s - BACK_S
         if self._went_back:  # what is left of the time before would come due some day

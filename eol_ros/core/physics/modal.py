@@ -29,7 +29,7 @@ def applies(scene: Scene) -> bool:
 
 
 def solve(scene: Scene, model: Model, times: np.ndarray, ledger: bool) -> Run:
-    """Return the run of a scene without friction."""
+    """Return the run of a scene without friction, sampled at `times` (p,), s."""
     n, root = model.n, np.sqrt(model.mass)
     stiffness = np.zeros((n, n))
     rim = model.second >= n

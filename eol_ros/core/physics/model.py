@@ -98,7 +98,7 @@ class Model:
         return total[: self.n]
 
     def elastic_energy(self, u: np.ndarray, t: float, yaw: np.ndarray | None = None) -> float:
-        """Return the energy (J) held in the springs."""
+        """Return the energy (J) held in the springs; u (n, 2) m, yaw (n,) rad, at t."""
         d = self._along(u, t, yaw)
         if not self.geometric:
             if self.rail:

@@ -38,7 +38,7 @@ class Alternative:
 
 
 def compare(numbers: np.ndarray, power: Fit, error: float) -> list[Alternative]:
-    """Return the four alternatives to `power`, fitted to the same `numbers` in order of time.
+    """Return the four alternatives to `power`, fitted to the same `numbers` (n,) in order of time.
 
     error: the standard error of tau that heeds dependence (`powerlaw.goodness`).
     """

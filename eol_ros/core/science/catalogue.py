@@ -57,20 +57,26 @@ class MagnitudeLaw:
 
 
 def completeness(magnitudes: np.ndarray) -> float:
-    """Return the magnitude from which on all are there: greatest bin of 0.1, and 0.2 above it."""
+    """Return the magnitude from which on all of `magnitudes` (n,), n > 0, are there.
+
+    That is the fullest bin of 0.1, and 0.2 above it.
+    """
     lowest = math.floor(magnitudes.min() / BIN)
     counts = np.bincount((np.floor(magnitudes / BIN) - lowest).astype(int))
     return float((lowest + np.argmax(counts) + 0.5) * BIN + CORRECTION)
 
 
 def b_value(magnitudes: np.ndarray, least: float) -> float:
-    """Return b of greatest likelihood of magnitudes from `least` on (Aki 1965), without binning."""
+    """Return b of greatest likelihood of `magnitudes` (n,) from `least` on (Aki 1965), unbinned.
+
+    NaN where none is above `least`.
+    """
     above = magnitudes[magnitudes >= least] - least
     return float(math.log10(math.e) / above.mean()) if len(above) and above.mean() > 0 else math.nan
 
 
 def b_positive(magnitudes: np.ndarray, least: float = BIN) -> float:
-    """Return b of the differences of successive magnitudes that are at least `least` > 0."""
+    """Return b of the differences of successive `magnitudes` (n,), of those from `least` > 0 on."""
     return b_value(np.diff(magnitudes), least)
 
 
@@ -177,7 +183,7 @@ class Waiting:
 
 
 def waiting(onsets_s: np.ndarray, rng: np.random.Generator, repeats: int = 200) -> Waiting:
-    """Return the law of the times between `onsets_s`; the test is that of Lilliefors.
+    """Return the law of the times between `onsets_s` (n,); the test is that of Lilliefors.
 
     Raises FitError with fewer than 50.
     """

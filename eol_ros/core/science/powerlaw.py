@@ -70,7 +70,7 @@ def histogram(numbers: np.ndarray) -> np.ndarray:
 
 
 def exceedance(counts: np.ndarray) -> np.ndarray:
-    """Return P(s >= k) for k = 0 .. len(counts) - 1, from a histogram."""
+    """Return P(s >= k) for k = 0 .. m - 1, (m,), of a histogram (m,); FitError if it is empty."""
     total = counts.sum()
     if total == 0:
         raise FitError('no events: nothing to count')
@@ -135,9 +135,9 @@ def fit(counts: np.ndarray, x_min: int = 1, x_max: int | None = None) -> Fit:
 
 
 def candidates(counts: np.ndarray, x_max: int | None = None, largest: int = 100) -> list[Fit]:
-    """Return the fits from every lower end that leaves a factor of four; see `nearest`.
+    """Return the fits of `counts` (m,) from every lower end that leaves a factor of four.
 
-    Raises FitError where there is none.
+    `nearest` chooses among them. Raises FitError where there is none.
     """
     fits = []
     for x_min in range(1, min(largest, len(counts) - 2) + 1):

@@ -18,7 +18,7 @@ LONGEST = 2048  # values of a series whose stationarity is asked
 
 
 def event_counts(times_s: np.ndarray, duration_s: float, rate_hz: float = 50.0) -> np.ndarray:
-    """Return how many of `times_s` fall into each 1 / `rate_hz` of `duration_s`."""
+    """Return how many of `times_s` (n,) fall into each 1 / `rate_hz` of `duration_s`, (m,)."""
     bins = round(duration_s * rate_hz)
     times_s = np.asarray(times_s)
     inside = times_s[(times_s >= 0) & (times_s <= duration_s)]
@@ -27,18 +27,21 @@ def event_counts(times_s: np.ndarray, duration_s: float, rate_hz: float = 50.0) 
 
 
 def poisson_times(count: int, duration_s: float, rng: np.random.Generator) -> np.ndarray:
-    """Return as many events, each at any time."""
+    """Return the times (count,) of as many events, each at any time, in s and in order."""
     return np.sort(rng.random(count) * duration_s)
 
 
 def shuffled_times(times_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return the same intervals in another order."""
+    """Return times (n,) in s with the intervals of `times_s` (n,) in another order."""
     gaps = np.diff(np.asarray(times_s, float), prepend=0.0)
     return rng.permutation(gaps).cumsum()
 
 
 def gamma_times(times_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return as many events of a renewal process: gamma intervals of the same relative spread."""
+    """Return times (n,) in s of a renewal process as long as `times_s` (n,).
+
+    Its intervals follow a gamma law of the same relative spread.
+    """
     gaps = np.diff(np.asarray(times_s, float), prepend=0.0)
     drawn = _gamma(gaps, rng)
     return drawn.cumsum() * (times_s[-1] / drawn.sum())
@@ -47,7 +50,7 @@ def gamma_times(times_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def of_events(
     kind: str, times_s: np.ndarray, duration_s: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return the times of one control of `kind` (see CONTROLS)."""
+    """Return the times (n,) in s of one control of `kind` (see CONTROLS) of `times_s` (n,)."""
     if kind == 'random times':
         return poisson_times(len(times_s), duration_s, rng)
     if kind == 'shuffled intervals':
@@ -126,9 +129,9 @@ def unevenness(series: np.ndarray) -> float:
 
 
 def stationarity(series: np.ndarray, rng: np.random.Generator, repeats: int = 39) -> float:
-    """Return how often a stationary series of the same spectrum and values is as uneven.
+    """Return how often a stationary series of the spectrum and values of `series` is as uneven.
 
-    Long series are taken as means over some of their values.
+    Long `series` (n,) are taken as means over some of their values.
     """
     series = np.asarray(series, float)
     step = -(-len(series) // LONGEST)

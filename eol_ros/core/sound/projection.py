@@ -13,7 +13,7 @@ def ranked(values: np.ndarray) -> np.ndarray:
 
 
 def rank_shares(values: np.ndarray) -> np.ndarray:
-    """Return `ranked` of what is known; what is missing (NaN) lies in the middle."""
+    """Return `ranked` of what is known of `values` (n,); what is NaN lies in the middle."""
     known = np.isfinite(values)
     found = np.full(len(values), 0.5)
     found[known] = ranked(values[known])

@@ -51,7 +51,8 @@ def gate(
 ) -> np.ndarray:
     """Cut where the sound rises above `on_db` until it has been below `off_db` for `hold_s`.
 
-    Levels are RMS in dBFS over 10 ms. Grains shorter than `min_s` are left out.
+    Levels are RMS in dBFS over 10 ms of `samples` (m,). Grains shorter than `min_s` are left out.
+    Returns (n, 2): first sample of each grain and the one after its last.
     """
     hop = max(1, round(HOP_S * rate))
     level = _level_db(samples, hop)
@@ -162,7 +163,10 @@ def _sharpened(samples: np.ndarray, near: int, rate: int) -> int:
 def onset_cut(
     samples: np.ndarray, rate: int, grain_s: float = 1.0, threshold_db: float = 4.0
 ) -> np.ndarray:
-    """Cut from each onset to the next, at most `grain_s` long; what precedes the first is lost."""
+    """Cut `samples` (m,) from each onset to the next, at most `grain_s` long; return (n, 2).
+
+    What precedes the first onset is lost.
+    """
     starts = onsets(samples, rate, threshold_db)
     ends = np.minimum(np.append(starts[1:], len(samples)), starts + round(grain_s * rate))
     cuts = np.stack([starts, ends], axis=1)
@@ -170,7 +174,7 @@ def onset_cut(
 
 
 def whole(n_samples: int) -> np.ndarray:
-    """Take the recording as one grain."""
+    """Take the recording as one grain; return (1, 2) samples."""
     return np.array([[0, n_samples]], np.int64)
 
 

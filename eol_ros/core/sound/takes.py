@@ -64,7 +64,7 @@ class Takes:
         return found
 
     def end(self) -> list[np.ndarray]:
-        """Return the take that is going on, if it is long enough to be one; begin again."""
+        """Return the take (m,) that is going on, if it is long enough to be one; begin again."""
         long = self._loud - self._quiet >= self._least
         found = [np.concatenate(self._kept)] if long else []
         self._kept, self._loud = [], -1

@@ -123,7 +123,7 @@ def _mean_squares(samples: np.ndarray, size: int, hop: int) -> np.ndarray:
 
 
 def attack_time(samples: np.ndarray, rate: int) -> float:
-    """Return the time in which the envelope rises from 20 to 90 % of its maximum, s."""
+    """Return the time, s, in which the envelope of `samples` (m,) rises from 20 to 90 %."""
     hop = max(1, round(0.0025 * rate))
     envelope = np.sqrt(_mean_squares(samples, 4 * hop, hop))
     top = envelope.max(initial=0.0)
@@ -134,7 +134,7 @@ def attack_time(samples: np.ndarray, rate: int) -> float:
 
 
 def loudness_range(weighted: np.ndarray, rate: int) -> float:
-    """Return the range of the loudness of K-weighted samples, LU."""
+    """Return the range of the loudness of K-weighted samples (m,), LU."""
     hop = max(1, round(0.0125 * rate))
     level = lufs(_mean_squares(weighted, 4 * hop, hop))
     level = level[level > GATE_LUFS]

@@ -18,7 +18,10 @@ TRUNCATION = 2e-17  # of the displacements' scale: below their rounding
 def solve(
     scene: Scene, model: Model, times: np.ndarray, limits: Limits, ledger: bool, order: int = ORDER
 ) -> Run:
-    """Return the run of a scene whose blocks move along x only; y is held at its start."""
+    """Return the run of a scene whose blocks move along x only; y is held at its start.
+
+    times: (p,) s, at which it is sampled.
+    """
     u, v = scene.u0[:, 0].copy(), scene.v0[:, 0].copy()
     small = TRUNCATION * length_scale(scene, model)
     grid = Grid(times, np.zeros((len(times), model.n)), np.zeros((len(times), model.n)))
@@ -72,7 +75,10 @@ def length_scale(scene: Scene, model: Model) -> float:
 def energy_ledger(
     scene: Scene, model: Model, u: np.ndarray, v: np.ndarray, t: float, work_and_heat: np.ndarray
 ) -> Energy:
-    """Return the energy ledger between the start and the state u, v at t."""
+    """Return the energy ledger, J, between the start and the state at t.
+
+    u, v: (n, 2), m and m/s. work_and_heat: (2,), J, of the drive and of friction.
+    """
     return Energy(
         float(work_and_heat[0]),
         model.kinetic_energy(v) - model.kinetic_energy(scene.v0),

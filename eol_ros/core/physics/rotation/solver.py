@@ -42,7 +42,7 @@ def start_of(scene: Scene, ra: RotationArgs) -> tuple[np.ndarray, np.ndarray]:
 def solve(
     scene: Scene, model: Model, times: np.ndarray, limits: Limits, ledger: bool, tolerance: float
 ) -> Run:
-    """Return the run of a scene with rotation."""
+    """Return the run of a scene with rotation, sampled at `times` (p,), s."""
     ra = rotation_args(scene)
     q, v = start_of(scene, ra)
     rules = rules_for(

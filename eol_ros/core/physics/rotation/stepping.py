@@ -52,7 +52,7 @@ def braked(free: np.ndarray, impulse: np.ndarray, mass: np.ndarray) -> np.ndarra
 
 
 def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s: float) -> Run:
-    """Return the run of a scene with rotation in steps of `step_s`, whole between samples."""
+    """Return the run of a scene with rotation in steps of `step_s`, whole between `times` (p,)."""
     ra = rotation_args(scene)
     q, v = start_of(scene, ra)
     moving = np.any(v != 0, axis=1) | (model.static == 0)

@@ -12,7 +12,7 @@ from eol_ros.core.physics.stepping.moreau_jean import place_anchors, step_many
 
 
 def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s: float) -> Run:
-    """Return the run of a scene in steps of `step_s` or a little less, whole between samples."""
+    """Return the run of a scene in steps of `step_s` at most, whole between `times` (p,), s."""
     m = model
     ends = np.concatenate([scene.u0, np.zeros_like(m.anchors)])
     place_anchors(ends, m.n, m.anchors, *scene.drive.pose(0.0))
