@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.flashes import changes
 
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.motion.felt import Knock
@@ -120,18 +121,6 @@ class SetClock:
         return self.steady_ns + self.offset_ns
 
 
-def turns(times_s, luminance):
-    """When the light has turned round by 10 % or more."""
-    found, direction, extreme = [], 0, luminance[0]
-    for t, value in zip(times_s, luminance, strict=True):
-        if (value - extreme) * direction > 0:
-            extreme = value
-        elif abs(value - extreme) >= 0.1:
-            direction, extreme = (1 if value > extreme else -1), value
-            found.append(t)
-    return np.array(found)
-
-
 @pytest.mark.parametrize('version', [1, 2])
 @given(JUMPS, st.integers(3, 60), st.integers(5, 35), st.integers(20, 100))
 @settings(max_examples=25)
@@ -172,7 +161,7 @@ def test_light_goes_on_and_flashes_no_more_than_three_times_a_second(
     if version == 1:
         assert all(level == 255 for _, level in lit)  # each slip is seen
     assert max(shown) == 1.0
-    found = turns(times, shown)
+    found = changes(times, shown)
     assert max(((found >= t) & (found <= t + 1)).sum() // 2 for t in found) <= 3
     dim = 0.5 if version == 1 else 0.75
     assert gap < 40 or min(shown[-100:]) < dim  # light dies away, but for the limit's sake

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from support.flashes import changes
 from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
@@ -79,18 +80,6 @@ def replayed_storm(lights, fake, rate, seconds=2.0):
 def flashes(found):
     """The most pairs of changes in any second."""
     return max(((found >= t) & (found <= t + 1)).sum() // 2 for t in found)
-
-
-def changes(times, level):
-    """When the light has turned round by 10 % or more."""
-    found, direction, extreme = [], 0, level[0]
-    for t, value in zip(times, level, strict=True):
-        if (value - extreme) * direction > 0:
-            extreme = value
-        elif abs(value - extreme) >= 0.1:
-            direction, extreme = (1 if value > extreme else -1), value
-            found.append(t)
-    return np.array(found)
 
 
 FREE = {'flash_limit': False, 'flash_limit_off_because': 'to see the difference'}

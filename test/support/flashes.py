@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Flashes as WCAG 2.2 counts them (success criterion 2.3.1)."""
 
+import numpy as np
+
 
 def count_flashes(luminance):
     """Pairs of opposing changes of 10 % or more, from the samples alone (WCAG 2.2, 2.3.1)."""
@@ -25,3 +27,15 @@ def most_flashes_in_a_second(luminance, rate_hz):
         count_flashes(luminance[at : at + window])
         for at in range(0, max(1, len(luminance) - window), step)
     )
+
+
+def changes(times_s, luminance):
+    """When light that is sampled at any times has turned round by 10 % or more, (n,) s."""
+    found, direction, extreme = [], 0, luminance[0]
+    for t, value in zip(times_s, luminance, strict=True):
+        if (value - extreme) * direction > 0:
+            extreme = value
+        elif abs(value - extreme) >= 0.1:
+            direction, extreme = (1 if value > extreme else -1), value
+            found.append(t)
+    return np.array(found)
