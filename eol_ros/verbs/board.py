@@ -69,16 +69,10 @@ def add_arguments(parser):
 
 def run(args) -> int:
     """Print; 1 where something is wrong with a block."""
-    from eol_ros.core.geometry import N_BLOCKS
     from eol_ros.core.serial_protocol import BY_ITSELF, LIMITED, Detector, Lighting
     from eol_ros.devices.board.board import Board
-    from eol_ros.devices.board.lights import faults
 
-    if args.blink is not None and not 0 <= args.blink < N_BLOCKS:
-        raise UsageError(f'--blink {args.blink}: blocks are 0 to {N_BLOCKS - 1}')
-    ways = [args.blink is not None, args.knocks, args.self_test is not None, args.flash is not None]
-    if sum(ways) > 1:
-        raise UsageError('give one of --blink, --knocks, --self-test and --flash, not both')
+    _check(args)
     if args.flash is not None:
         return _flash(args)
     tested = _tested(args.self_test)
@@ -90,28 +84,56 @@ def run(args) -> int:
     board.configure(Lighting(BY_ITSELF | LIMITED, 255, 350), Detector())
     board.start()
     try:
-        while not board.ready:
-            if board.state.text.count('trying again'):
-                raise DeviceMissing(board.state.text.rpartition(';')[0])
-            time.sleep(0.01)
-        print(board.state.text, file=sys.stderr)
+        _wait(board)
         if args.blink is not None:
             _blink(board, args.blink, seconds)
             return 0
         if args.knocks:
             return _knocks(taps, seconds, args.json)
-        if board.version == 1:
-            print('its protocol version 1 tells nothing of single blocks', file=sys.stderr)
-        end = time.monotonic() + TOLD_S
-        while len(board.blocks) <= N_BLOCKS and board.version > 1 and time.monotonic() < end:
-            time.sleep(0.01)
-        blocks = dict(sorted(board.blocks.items()))
+        blocks = _blocks(board)
         if tested:
             return _self_test(board, blocks, tested, args.json)
     finally:
         board.close()
+    return _list(blocks, args.json)
+
+
+def _check(args) -> None:
+    from eol_ros.core.geometry import N_BLOCKS
+
+    if args.blink is not None and not 0 <= args.blink < N_BLOCKS:
+        raise UsageError(f'--blink {args.blink}: blocks are 0 to {N_BLOCKS - 1}')
+    ways = [args.blink is not None, args.knocks, args.self_test is not None, args.flash is not None]
+    if sum(ways) > 1:
+        raise UsageError('give one of --blink, --knocks, --self-test and --flash, not both')
+
+
+def _wait(board) -> None:
+    """Wait for the bridge; DeviceMissing where it is not there."""
+    while not board.ready:
+        if board.state.text.count('trying again'):
+            raise DeviceMissing(board.state.text.rpartition(';')[0])
+        time.sleep(0.01)
+    print(board.state.text, file=sys.stderr)
+
+
+def _blocks(board) -> dict:
+    """Wait for what the bridge tells of the blocks; return it by block."""
+    from eol_ros.core.geometry import N_BLOCKS
+
+    if board.version == 1:
+        print('its protocol version 1 tells nothing of single blocks', file=sys.stderr)
+    end = time.monotonic() + TOLD_S
+    while len(board.blocks) <= N_BLOCKS and board.version > 1 and time.monotonic() < end:
+        time.sleep(0.01)
+    return dict(sorted(board.blocks.items()))
+
+
+def _list(blocks: dict, as_json: bool) -> int:
+    from eol_ros.devices.board.lights import faults
+
     wrong = faults(blocks)
-    if args.json:
+    if as_json:
         rows = [dataclasses.asdict(block) for block in blocks.values()]
         print(json.dumps({'blocks': rows, 'faults': wrong}))
     else:

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -75,31 +76,19 @@ def run(args: argparse.Namespace) -> int:
 
         view = LiveView(args.view)
         print(f'picture at {view.url}', file=sys.stderr)
-    end = '\r' if sys.stdout.isatty() and not args.json else '\n'
     try:
         camera.start()
         _wait(camera, arrivals)
         print(camera.state.text, file=sys.stderr)
-        begun_s, told, line = time.monotonic(), '', ''
         endless = args.seconds is None and args.show != 'latency'
-        while endless or time.monotonic() < begun_s + seconds:
-            time.sleep(min(EVERY_S, seconds))
-            times, images = arrivals.swap()
-            if arrivals.fault != told:
-                told = arrivals.fault
-                print(told or 'the image is as it should be again', file=sys.stderr)
-            if not times:
-                if camera.state.kind == 'ended':
-                    break
-                if camera.state.kind in FAILED:
-                    raise DeviceMissing(camera.state.text.rpartition(';')[0])
-                continue
-            found = meter.take(times, images)
+        quiet = args.show == 'latency' and args.json
+        end = '\r' if sys.stdout.isatty() and not args.json else '\n'
+        for found, image in _measured(camera, arrivals, meter, math.inf if endless else seconds):
             line = meter.line(found)
-            if args.show != 'latency' or not args.json:
+            if not quiet:
                 print(json.dumps(found) if args.json else f'{line:100}', end=end, flush=True)
             if view:
-                view.show(images[-1], line)
+                view.show(image, line)
         if args.show == 'latency':
             found = meter.summary(camera)
             print(json.dumps(found) if args.json else meter.text(found))
@@ -108,6 +97,28 @@ def run(args: argparse.Namespace) -> int:
         if view:
             view.close()
     return 0
+
+
+def _measured(
+    camera: Any, arrivals: 'Arrivals', meter: Any, seconds: float
+) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
+    """Yield the figures of what has come, and the last image, every EVERY_S for `seconds`.
+
+    Ends where a video ends; DeviceMissing where the camera is lost. Says what is wrong with images.
+    """
+    until_s, told = time.monotonic() + seconds, ''
+    while time.monotonic() < until_s:
+        time.sleep(min(EVERY_S, seconds))
+        times, images = arrivals.swap()
+        if arrivals.fault != told:
+            told = arrivals.fault
+            print(told or 'the image is as it should be again', file=sys.stderr)
+        if times:
+            yield meter.take(times, images), images[-1]
+        elif camera.state.kind == 'ended':
+            return
+        elif camera.state.kind in FAILED:
+            raise DeviceMissing(camera.state.text.rpartition(';')[0])
 
 
 class Arrivals:
