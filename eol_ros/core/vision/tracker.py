@@ -166,7 +166,8 @@ class Tracker:
     def warm_up(self) -> None:
         """Compile or load all compiled code, on throw-away state, before the first image comes.
 
-        A video of the lattice at rest, then moving; a side goes and comes back; all goes and comes.
+        A video of the lattice without a column, then at rest, then moving; a side goes and comes
+        back; all goes and comes.
         """
         import cv2
 
@@ -177,6 +178,8 @@ class Tracker:
         for k in range(90):
             image: np.ndarray = np.full(shape, 12, np.uint8)
             moved = rest_lattice() + max(k - 15, 0) * 4e-4
+            if k < 2:
+                moved = moved[moved[:, 0] > moved[:, 0].min()]
             for corners in moved[:, None] + half if not 60 <= k < 70 else []:
                 outline = np.rint(calibration.to_pixels(corners) * 16).astype(np.int32)
                 cv2.fillConvexPoly(image, outline, 200, cv2.LINE_AA, 4)
@@ -242,7 +245,7 @@ class Tracker:
             self.learning = self_calibration.SelfCalibration(self.calibration)
         xy, yaw, sigma = mapping.poses(self.packed, blobs, BLOCK_SIDE_M)
         self._image, self._xy = image, xy
-        self.identity.update(stamp_s, xy, yaw, sigma, faint, self._glance, sound)
+        self.identity.update(stamp_s, xy, yaw, sigma, faint, self._glance, sound, self._bare)
         self.watch.rests(lattice.state == TRACKING and lattice.rests())
         seen = lattice.seen
         self.visibility, contrast = np.empty(N_BLOCKS, np.float32), np.empty(N_BLOCKS)
@@ -279,6 +282,10 @@ class Tracker:
             self.packed, self._image, self._xy, self.blobs, detections, yaw, patterns, good
         )
         return patterns, good
+
+    def _bare(self, xy: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+        """Return at which places (k, 2) m of blocks turned by yaw (k,) is nothing but platform."""
+        return self.finder.bare(self._image, self._near(xy, yaw))
 
     def _fulfil(self, stamp_s: float, kind: str, value: Any) -> None:
         """Do what was asked for, from this image on."""
@@ -363,12 +370,8 @@ class Tracker:
         lattice = self.lattice
         if self.calibration is None:
             return None
-        bend = mapping.BEND if self.calibration.covers is not None else 0.0
         if lattice.state != TRACKING:
-            xy, yaw = lattice.around_xy, lattice.around_yaw
-            still, near = np.zeros_like(xy), np.empty((len(xy), 6))
-            mapping.expected(self.packed, xy, still, yaw, still[:, 0].copy(), 0.0, near, bend)
-            near[:, 4:] = -1.0, np.inf
+            near = self._near(lattice.around_xy, lattice.around_yaw)
             return near if len(near) else None
         ahead = stamp_s - self.last_s
         mapping.expected(
@@ -379,12 +382,23 @@ class Tracker:
             self.brightness.contrast * self.brightness.exposure,
             ahead if 0 < ahead < 0.1 else 0.0,
             self.predicted,
-            bend,
+            self._bend(),
         )
         self.predicted[:, 5] = stamp_s - lattice.seen_s
         if lattice.ambiguous:  # then it is not known which cover is which
             self.predicted[:, 4] = -1.0
         return self.predicted
+
+    def _near(self, xy: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+        """Return places (k, 2) m of blocks nobody knows as the finder takes them, (k, 6)."""
+        still, near = np.zeros_like(xy), np.empty((len(xy), 6))
+        light = still[:, 0].copy()
+        mapping.expected(self.packed, xy, still, yaw, light, 0.0, near, self._bend())
+        near[:, 4:] = -1.0, np.inf
+        return near
+
+    def _bend(self) -> float:
+        return mapping.BEND if self.calibration and self.calibration.covers is not None else 0.0
 
     def _answer(self, stamp_s: float, state: int, why: str) -> Tracked:
         lattice = self.lattice

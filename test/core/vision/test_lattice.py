@@ -5,7 +5,7 @@ from scipy.optimize import linear_sum_assignment
 
 from benchmarks.stick_slip import Onlooker, Table
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
-from eol_ros.core.vision.identity.association import continued, read_lattice
+from eol_ros.core.vision.identity.association import continued, placed, read_lattice
 from eol_ros.core.vision.identity.fitting import affine, assign, folds, match, rotate_cell
 from eol_ros.core.vision.identity.lattice import Lattice
 from eol_ros.core.vision.states import LOST, SEARCHING, TRACKING
@@ -104,6 +104,66 @@ def test_where_blocks_may_stand_about_a_patch(hidden, places):
     assert len(found) == places
     off = np.hypot(*(found[:, None] - truth).transpose(2, 0, 1))
     assert off.min(0).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ('near', 'far', 'hidden'),  # bare places where the hidden row is, and beyond the one across
+    [(0, 5, 0), (1, 5, 0), (0, 3, 0), (5, 0, 4), (0, 2, None), (2, 5, None), (5, 5, None)],
+)
+def test_a_hidden_border_row_is_not_where_the_platform_is_bare(near, far, hidden):
+    truth = turned(rest_lattice() + np.random.default_rng(2).normal(0, 0.004, (25, 2)), 0.2)
+    xy = truth[5:]
+    index, _, sure = read_lattice(xy, square(0.2, 20), rest_lattice(), False)
+    assert not sure
+    places = continued(xy, index)
+    empty = np.concatenate([truth[:near], 2 * xy[15 : 15 + far] - xy[10 : 10 + far]])
+    bare = (np.hypot(*(places[:, None] - empty).transpose(2, 0, 1)) < 0.05).any(1)
+    assert bare.sum() == near + far
+    moved, only = placed(xy, index, bare)
+    assert only == (hidden is not None)
+    if only:
+        assert np.array_equal(np.delete(moved.reshape(5, 5), hidden, axis=0).ravel(), np.arange(20))
+        assert (moved.reshape(5, 5)[hidden] == -1).all()
+
+
+def test_a_corner_of_the_lattice_is_placed_by_what_is_bare_about_it():
+    truth = turned(rest_lattice(), -0.3)
+    shown = np.flatnonzero((np.arange(25) % 5 < 4) & (np.arange(25) >= 5))
+    index, _, sure = read_lattice(truth[shown], square(-0.3, 16), rest_lattice(), False)
+    assert not sure
+    places = continued(truth[shown], index)
+    bare = np.hypot(*(places[:, None] - truth).transpose(2, 0, 1)).min(1) > 0.05
+    assert bare.sum() == 11
+    moved, only = placed(truth[shown], index, bare)
+    assert only
+    assert np.array_equal(np.flatnonzero(moved >= 0), shown)
+
+
+def beside(truth):
+    """Return what says at which places no block of `truth` (25, 2) is."""
+    return lambda xy, yaw: np.hypot(*(xy[:, None] - truth).transpose(2, 0, 1)).min(1) > 0.05
+
+
+def test_a_row_hidden_at_the_start_is_named_by_bare_platform_in_three_images():
+    truth, lattice = rest_lattice(), Lattice()
+    for k in range(3):
+        assert lattice.state == SEARCHING
+        lattice.update(k / 60, truth[:20], np.zeros(20), np.full(20, 1e-4), bare=beside(truth))
+    assert lattice.state == TRACKING
+    assert np.array_equal(np.flatnonzero(lattice.seen), np.arange(20))
+    assert np.allclose(lattice.xy, truth)
+
+
+def test_bare_platform_is_believed_before_old_places(settled):
+    """In the dark the rim was pushed on by more than half a pitch, and a row is hidden after it."""
+    feed(settled, np.zeros((0, 2)), 0.2, 12)
+    truth = rest_lattice() + [0.0, 0.1]
+    for k in range(3):
+        settled.update(
+            0.4 + k / 60, truth[:20], np.zeros(20), np.full(20, 1e-4), bare=beside(truth)
+        )
+    assert settled.state == TRACKING
+    assert np.allclose(settled.xy, truth)
 
 
 def test_a_line_of_lights_says_nothing_of_where_others_stand():

@@ -9,6 +9,7 @@ from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import scan, search
+from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.render import clutter as renderer_clutter
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING, TRACKING
@@ -384,3 +385,41 @@ def test_a_lattice_is_placed_by_blocks_of_which_arms_hide_half(shift):
     assert tracked.state == TRACKING
     assert tracked.seen.sum() >= 24
     assert np.abs(tracked.world - xy)[tracked.seen].max() < 3e-4
+
+
+@pytest.mark.parametrize(
+    ('grey', 'across', 'state'),
+    [(80.0, None, TRACKING), (14.0, None, SEARCHING), (80.0, 100.0, SEARCHING)],
+)
+def test_a_column_hidden_at_the_start_lies_where_the_platform_is_not_bare(grey, across, state):
+    """Not where a sleeve is as dark as the platform, nor where another arm is across from it."""
+    calibration, xy = Calibration.ideal(), rest_lattice() + [0.05, -0.03]
+    over, other = xy[4, 0], xy[0, 0] - 0.174
+    arms = [[over, -0.9, over, 0.9, 0.08, grey]]
+    if across:
+        arms.append([other, -0.9, other, 0.9, 0.06, across])
+    tracker = Tracker(TrackerSettings(), calibration)
+    renderer = Renderer(RenderOptions(noise='L2'), calibration, 3)
+    for k in range(6):
+        image = renderer.render(*xy.T, np.zeros(25), k, arms=np.array(arms))
+        if k == 3:  # what is known of lamps does not take the platform for something else
+            tracker.finder.background = BackgroundModel(np.full_like(image, 3))
+        tracked = tracker.update(k / 60, image)
+    assert tracked.state == state
+    if state == TRACKING:
+        assert np.array_equal(np.flatnonzero(tracked.seen), np.flatnonzero(np.arange(25) % 5 < 4))
+        assert np.abs(tracked.world - xy)[tracked.seen].max() < 3e-4
+
+
+def test_only_platform_is_bare(stills):
+    """Not a cover, what an arm hides, half of it in the image, or what is not in it."""
+    finder, calibration = BlobFinder(Calibration.ideal()), Calibration.ideal()
+    image = stills[0].copy()
+    xy = rest_lattice()
+    image[:, 640 - 22 : 640 + 22] = 90  # over the column in the middle, and beyond it
+    finder.find(image)
+    places = np.array([xy[0], xy[12], [0.0, 0.522], [0.522, 0.1], [0.6, 0.1], [0.1, 5.0]])
+    px = calibration.to_pixels(places)
+    near = np.column_stack([px, np.zeros(len(px))])
+    near[4, :2] = 700.0, 10.0
+    assert finder.bare(image, near).tolist() == [False, False, False, True, False, False]

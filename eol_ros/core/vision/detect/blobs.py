@@ -172,6 +172,15 @@ class BlobFinder:
         search.report(kept, blobs)
         return blobs
 
+    def bare(self, image: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Return at which `places` (k, 3) u, v, theta of the last image is nothing but platform."""
+        if self.background is not None:
+            image = scan.read_only(self.background.remove(image))
+        scan.sample(image, self._grid)  # squares that were found are erased in it
+        found = np.empty(len(places), bool)
+        search.bare(self._known, image.shape, self._grid, self._tiles, places, found)
+        return found
+
     def _begin(self, shape: tuple[int, int]) -> None:
         """Prepare for images of another size."""
         if min(shape) < 64:

@@ -199,6 +199,38 @@ def _tabulate(known, shape, camera, outlines, near, i, table):
         outline.tabulate(camera, outlines[which], u, v, theta, half, int(max(quarter, 0.0)), table)
 
 
+@njit(inline='always')
+def _lit(known, grid, tiles, u, v, theta, half):
+    """Return whether enough light falls at a place for a block to be asked for."""
+    over = max(FAINTEST * known[CONTRASTS], 8.0)
+    return scan.lit(grid, tiles, u, v, theta, half, over, LIT)
+
+
+@njit(cache=True)
+def bare(known, shape, grid, tiles, places, found):
+    """Fill found (k,) bool: at which `places` (k, >= 3), u, v, theta, lies nothing but platform.
+
+    That is as dark as at the darkest quarter of all places, so that arms over others do not count
+    for the platform. shape: of the image; a place that is not all in it is not bare.
+    """
+    height, width = shape
+    levels, n = np.full(len(places), 255, np.uint8), 0
+    halves = np.empty(len(places))
+    for i in range(len(places)):
+        u, v, theta = places[i, 0], places[i, 1], places[i, 2]
+        halves[i] = expected(known, shape, u, v)[0]
+        reach = halves[i] * (abs(math.cos(theta)) + abs(math.sin(theta)))
+        found[i] = reach < u < width - reach and reach < v < height - reach
+        if found[i]:
+            levels[n] = tiles[int(v) // scan.TILE_PX, int(u) // scan.TILE_PX]
+            n += 1
+    dark = np.minimum(tiles, np.sort(levels)[n // 4])
+    for i in range(len(places)):
+        u, v, theta = places[i, 0], places[i, 1], places[i, 2]
+        if found[i]:
+            found[i] = not _lit(known, grid, dark, u, v, theta, halves[i])
+
+
 @njit(cache=True)
 def at_predictions(
     image, known, grid, tiles, near, camera, outlines, table, usual, work, ends, fits, kept
@@ -220,8 +252,7 @@ def at_predictions(
         if not (math.isfinite(u) and math.isfinite(v) and math.isfinite(theta)):
             continue
         half = expected(known, image.shape, u, v)[0]
-        over = max(FAINTEST * known[CONTRASTS], 8.0)
-        if scan.lit(grid, tiles, u, v, theta, half, over, LIT):
+        if _lit(known, grid, tiles, u, v, theta, half):
             _tabulate(known, image.shape, camera, outlines, near, i, table)
             mine = usual[i if near[i, 4] >= 0 and i < len(usual) - 1 else len(usual) - 1]
             mine[usual_outline.QUARTER] = near[i, 4]

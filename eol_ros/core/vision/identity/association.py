@@ -10,6 +10,11 @@ from eol_ros.core.vision.identity.fitting import MIN_SPACING_M, affine, folds, m
 REACH_CELLS = 0.3  # of the pitch, how near to its place a light beyond a gap must stand
 GAP_CELLS = 2  # over so many a patch is continued, and then again from there
 CORNER = 4  # blocks that say how a patch goes on
+ENOUGH = 12  # blocks that say where the lattice is
+# What is missing is hidden by something. A patch has that one of its possible places at which no
+# more blocks than this would be missing on bare platform (an LED may be dark), if at all others so
+# many would.
+BARE, TOO_BARE = 1, 3
 
 
 @njit(cache=True)
@@ -226,13 +231,35 @@ def read_lattice(xy, yaw, expected, trust_expected):
             b = cell[i, 1] * COLS + cell[i, 0]
             guess[b] = p[i]
     index = match(guess, gate, p)
+    return index, angle, (ties == 1 or trust_expected) and _in_order(xy, index)
+
+
+@njit(cache=True)
+def _in_order(xy, index):
+    """Return whether a reading holds enough blocks, none of which has passed another."""
     held = index >= 0
     seen = np.zeros((N_BLOCKS, 2))
     for b in range(N_BLOCKS):
         if held[b]:
             seen[b] = xy[index[b]]
-    sure = held.sum() >= 12 and (ties == 1 or trust_expected) and folds(seen, held) == 0
-    return index, angle, sure
+    return held.sum() >= ENOUGH and folds(seen, held) == 0
+
+
+@njit(cache=True)
+def _around(index):
+    """Return first column and row of the cells that blocks about a patch may be on, and how many.
+
+    index: see continued; columns and rows as it counts them.
+    """
+    low_c, low_r, high_c, high_r = COLS, ROWS, -1, -1
+    for b in range(N_BLOCKS):
+        if index[b] >= 0:
+            low_c, high_c = min(low_c, b % COLS), max(high_c, b % COLS)
+            low_r, high_r = min(low_r, b // COLS), max(high_r, b // COLS)
+    if high_c <= low_c or high_r <= low_r:
+        return 0, 0, 0, 0
+    wide, tall = low_c + 2 * COLS - 1 - high_c, low_r + 2 * ROWS - 1 - high_r
+    return high_c - COLS + 1, high_r - ROWS + 1, wide, tall
 
 
 @njit(cache=True)
@@ -243,26 +270,45 @@ def continued(xy, index):
     of all 5x5 windows that hold the patch; none where it is no more than a line.
     """
     held = index >= 0
-    low_c, low_r, high_c, high_r = COLS, ROWS, -1, -1
     at = np.empty((N_BLOCKS, 2))
     to = np.zeros((N_BLOCKS, 2))
     for b in range(N_BLOCKS):
         at[b, 0], at[b, 1] = b % COLS, b // COLS
         if held[b]:
             to[b] = xy[index[b]]
-            low_c, high_c = min(low_c, b % COLS), max(high_c, b % COLS)
-            low_r, high_r = min(low_r, b // COLS), max(high_r, b // COLS)
-    if high_c <= low_c or high_r <= low_r:
-        return np.zeros((0, 2))
     fit = affine(at, to, held)
-    wide, tall = low_c + 2 * COLS - 1 - high_c, low_r + 2 * ROWS - 1 - high_r
+    first_c, first_r, wide, tall = _around(index)
     places = np.empty((wide * tall, 2))
     for k in range(wide * tall):
-        c, r = high_c - COLS + 1 + k % wide, high_r - ROWS + 1 + k // wide
+        c, r = first_c + k % wide, first_r + k // wide
         places[k] = fit[0] + c * fit[1] + r * fit[2]
         if 0 <= c < COLS and 0 <= r < ROWS and held[r * COLS + c]:
             places[k] = to[r * COLS + c]
     return places
+
+
+@njit(cache=True)
+def placed(xy, index, bare):
+    """Return a reading where its missing blocks can be hidden, and whether that is one place only.
+
+    xy, index: see continued; bare (k,): at which of its places nothing hides a block. Returns
+    (index (25,), sure) as read_lattice does.
+    """
+    first_c, first_r, wide, tall = _around(index)
+    moved = np.full(N_BLOCKS, -1, np.int64)
+    possible = 0
+    for up in range(tall - ROWS + 1):
+        for right in range(wide - COLS + 1):
+            missing = 0
+            for b in range(N_BLOCKS):
+                missing += bare[(up + b // COLS) * wide + right + b % COLS]
+            possible += missing < TOO_BARE
+            if missing <= BARE:
+                by = (first_r + up) * COLS + first_c + right
+                for b in range(N_BLOCKS):
+                    if index[b] >= 0:
+                        moved[b - by] = index[b]
+    return moved, possible == 1 and _in_order(xy, moved)
 
 
 @njit(cache=True)

@@ -9,7 +9,7 @@ from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipDetector
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.cover_patterns import FIT, CoverPatterns
-from eol_ros.core.vision.identity.lattice import Lattice
+from eol_ros.core.vision.identity.lattice import Bare, Lattice
 from eol_ros.core.vision.identity.name_proofs import NameProofs
 from eol_ros.core.vision.identity.symmetry import Coincidence
 from eol_ros.core.vision.states import TRACKING
@@ -56,13 +56,14 @@ class Identity:
         faint: np.ndarray | None = None,
         glance: Glance | None = None,
         sound: np.ndarray | None = None,
+        bare: Bare | None = None,
     ) -> None:
         """Take the detections of one image; see Lattice.update. glance: looks at covers in it."""
         lattice = self.lattice
         if self.covers is None or glance is None:
-            lattice.update(stamp_s, xy, yaw, sigma, faint, None, sound)
+            lattice.update(stamp_s, xy, yaw, sigma, faint, None, sound, bare)
         else:
-            lattice.update(stamp_s, xy, yaw, sigma, faint, self._vouches(glance), sound)
+            lattice.update(stamp_s, xy, yaw, sigma, faint, self._vouches(glance), sound, bare)
             self._know_covers(stamp_s, xy, yaw, sigma, glance)
         if lattice.state != TRACKING:
             self.onsets, self.confirmed = None, False

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
-from eol_ros.core.vision.identity.association import continued, read_lattice
+from eol_ros.core.vision.identity.association import continued, placed, read_lattice
 from eol_ros.core.vision.identity.false_detections import Lamps
 from eol_ros.core.vision.identity.fitting import affine, rotate_cell, turn
 from eol_ros.core.vision.identity.tracking import (
@@ -43,6 +43,7 @@ ORDER_M2 = 1e-3  # two neighbours that have changed places add 2.4e-3 to the mis
 # What a lattice keeps of each block, and what goes with it to another id.
 OF_BLOCKS = ('xy', 'velocity', 'yaw', 'seen', 'sigma', 'index', 'seen_s', 'firm')
 Vouch = Callable[[np.ndarray, np.ndarray], bool]
+Bare = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def wrap_quarter(angle: np.ndarray | float) -> np.ndarray | float:
@@ -99,6 +100,7 @@ class Lattice:
         faint: np.ndarray | None = None,
         vouch: Vouch | None = None,
         sound: np.ndarray | None = None,
+        bare: Bare | None = None,
     ) -> None:
         """Take the detections of one image: xy (n, 2) m, yaw (n,) rad modulo 90 deg, sigma (n,) m.
 
@@ -106,6 +108,7 @@ class Lattice:
         sound (n,) bool: so good an outline that it can be nothing but a block; None for not known.
         vouch: whether the covers of the detections (25,), -1 for none, of blocks turned by (25,)
         rad, are those of a lattice that is known, whichever way round it lies.
+        bare: at which places (k, 2) m, of blocks turned by (k,) rad, is nothing but platform (k,).
         """
         step = stamp_s - self.last_s
         if not 0.0 < step < JUMP_S:
@@ -124,7 +127,7 @@ class Lattice:
             self._follow(stamp_s, step, xy, yaw, sigma, faint, sound)
             self.lamps.learn(stamp_s, self.xy, self.seen, self.candidate_xy, self.candidate_born)
         if self.state != TRACKING:
-            self._search(stamp_s, xy, yaw, sigma, vouch, kept)
+            self._search(stamp_s, xy, yaw, sigma, vouch, kept, bare)
         if kept is not None:
             self.index = np.where(self.index >= 0, kept[self.index], -1)
 
@@ -281,6 +284,7 @@ class Lattice:
         sigma: np.ndarray,
         vouch: Vouch | None,
         kept: np.ndarray | None,
+        bare: Bare | None,
     ) -> None:
         known = self.state == LOST
         self.index = np.full(N_BLOCKS, -1)
@@ -290,6 +294,10 @@ class Lattice:
         index, angle, sure = read_lattice(xy, yaw, np.where(known, self.xy, self.rest), known)
         self.around_xy = continued(xy, index)
         self.around_yaw = np.full(len(self.around_xy), angle)
+        if bare is not None and len(self.around_xy) > N_BLOCKS:
+            moved, only = placed(xy, index, bare(self.around_xy, self.around_yaw))
+            if only:
+                index, sure = moved, True
         if not sure:
             self.agreed = 0
             return
