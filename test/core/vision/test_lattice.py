@@ -166,6 +166,20 @@ def test_bare_platform_is_believed_before_old_places(settled):
     assert np.allclose(settled.xy, truth)
 
 
+def test_names_that_were_a_row_off_are_right_from_the_image_on_that_heals_them():
+    """A new name says nothing of how fast a block goes: it was not where its name was before."""
+    truth, lattice = rest_lattice(), Lattice()
+    wrong = beside(truth + [0.174, 0.0])
+    right = []
+    for k in range(40):
+        xy = truth[1 + np.arange(20) // 4 + np.arange(20)] if k < 20 else truth
+        lattice.update(k / 60, xy, np.zeros(len(xy)), np.full(len(xy), 1e-4), bare=wrong)
+        right.append(bool(lattice.seen.any() and np.allclose(lattice.xy, truth)))
+    assert lattice.state == TRACKING and not any(right[:20])
+    assert all(right[26:])
+    assert right == sorted(right)
+
+
 def test_a_line_of_lights_says_nothing_of_where_others_stand():
     index = np.full(25, -1)
     index[[5, 6, 8]] = np.arange(3)

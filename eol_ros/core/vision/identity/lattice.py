@@ -177,8 +177,9 @@ class Lattice:
             self.sigma, self.firm, self.rest, self.angle, *lights,
         )  # fmt: skip
         if many or odd:
-            self.seen = self.index >= 0
+            self.seen, followed = self.index >= 0, self.index
             read = self._whole_audit(stamp_s, xy, yaw, many)
+            was = was & (self.index == followed)  # where another block was says nothing of speed
         else:
             self.agreed, read = 0, False
         self.seen, rests, pair = conclude(
