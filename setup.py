@@ -126,5 +126,5 @@ setup(
     description='Echoes of the Land as a ROS 2 node graph',
     license='Apache-2.0',
     # On the PATH only this: names as general as `sound` are for `ros2 run`, in lib/eol_ros.
-    entry_points={'console_scripts': ['eol = eol_ros.cli:main']},
+    entry_points={'console_scripts': ['eol = eol_ros.__main__:main']},
 )

@@ -32,6 +32,7 @@ from benchmarks.machine import tell
 from benchmarks.running import Graph, stand_in
 from benchmarks.soak_pieces import Look, Pieces, Rate, Totals
 from benchmarks.soak_proof import Held, held
+from eol_ros import interrupts
 from eol_ros.analysis import open_bag
 from eol_ros.errors import EolError, UsageError
 from eol_ros.verbs.progress import track
@@ -147,7 +148,7 @@ def exhibition(
                 rows = graph.status()['nodes']
                 faults += [f'{row["node"]}: {row["text"]}' for row in rows if row['level']]
             except KeyboardInterrupt:  # it ends the graph, too
-                pass
+                interrupts.caught()
             code = graph.stop()
     finally:
         jack.stop()

@@ -23,6 +23,7 @@ from benchmarks.jack import Jack
 from benchmarks.running import Graph, busy, stand_in
 from benchmarks.soak_pieces import FILE, keep, load
 from benchmarks.soak_proof import Held, growth, held, prove
+from eol_ros import interrupts
 from eol_ros.bringup.supervisor import FED_BY
 from eol_ros.errors import EolError
 from eol_ros.verbs.progress import track
@@ -320,7 +321,7 @@ def _play(
         except EolError as error:
             piece['faults'].append(str(error))
         except KeyboardInterrupt:  # it ends the graph, too
-            pass
+            interrupts.caught()
         piece['hours'] = round((time.monotonic() - begun) / 3600, 4)
         code, piece['bags'] = soak.prove()
     piece['faults'] += [f'exit code {code}'] if code else []

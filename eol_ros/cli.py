@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Sequence
 from typing import Any, TextIO
 
-from eol_ros import folders
+from eol_ros import folders, interrupts
 from eol_ros.errors import BagDamaged, ConfigError, EolError, UsageError, warning_line
 
 WARNINGS_LOG, WARNINGS_MOST = 'warnings.log', 1_000_000  # bytes: then it begins again
@@ -120,6 +120,15 @@ class Parser(argparse.ArgumentParser):
 
 def run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
     """Parse `words` for the verb in `module` and run it; an expected error is one line."""
+    try:
+        return _run_verb(module, prog, words)
+    except KeyboardInterrupt:
+        interrupts.finish()
+        print(f'{prog}: stopped', file=sys.stderr)
+        return 0
+
+
+def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
     examples = '\n'.join(f'  {line}' for line in module.EXAMPLES)
     parser = Parser(
         prog=prog,
@@ -147,13 +156,11 @@ def run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
 
     warnings.showwarning = show
     try:
+        interrupts.begin()
         return int(module.run(args) or 0) or (1 if damage else 0)
     except EolError as error:
         print(f'{prog}: {error}' if '\n' not in str(error) else error, file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        print(f'{prog}: stopped', file=sys.stderr)
-        return 0
     except BrokenPipeError:  # the reader of our stdout has gone, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -163,6 +170,8 @@ def run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
             raise
         print(f'{prog}: {known}', file=sys.stderr)
         return known.exit_code
+    finally:
+        interrupts.finish()
 
 
 def _explained(

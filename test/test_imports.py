@@ -46,6 +46,7 @@ ALLOWED = {
     'settings.py': set(),
     'errors.py': set(),
     'folders.py': set(),
+    'interrupts.py': set(),
     'compiled.py': set(),
     'cli.py': {'rich'},
 }
@@ -80,6 +81,7 @@ BELOW = {
         'compiled',
         'ros',
         'cli',
+        'interrupts',
     },
     'analysis': {'core', 'devices', 'analysis', 'settings', 'streams', 'errors', 'scene'},
 }

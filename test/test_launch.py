@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from eol_ros import scene as scenes
-from eol_ros.bringup import __main__ as bringup
 from eol_ros.bringup import plan
+from eol_ros.bringup import run as bringup
 
 FILE = Path(__file__).parents[1] / 'launch' / 'eol.launch.py'
 

@@ -103,7 +103,7 @@ def test_only_eol_goes_to_the_path(wheel):
         entries = file.read('eol_ros-0.2.0.dist-info/entry_points.txt').decode().split('\n')
         libexec = {Path(i.filename).name: i.external_attr >> 16 for i in file.infolist()
                    if '/data/lib/eol_ros/' in i.filename}  # fmt: skip
-    assert [line for line in entries if '=' in line] == ['eol = eol_ros.cli:main']
+    assert [line for line in entries if '=' in line] == ['eol = eol_ros.__main__:main']
     assert set(libexec) == {*NODES, 'bringup'}  # `ros2 run eol_ros NAME`
     assert all(mode & stat.S_IXUSR for mode in libexec.values())
 

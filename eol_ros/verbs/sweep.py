@@ -4,9 +4,10 @@
 import argparse
 import json
 import os
-import signal
 import sys
 from pathlib import Path
+
+from eol_ros import interrupts
 
 HELP = """Run a table, plate, automaton or any scene over all combinations of parameters.
 
@@ -55,14 +56,13 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps({'tasks': len(spec)}) if args.json else f'{len(spec)} tasks')
         return 0
     out = Path(args.out) if args.out else _default(args.spec)
-    # what is done is then kept, as with Ctrl-C
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     table = Table(out, spec.model, work.version())
     counts, stopped = Counts(), False
     try:
         lacks = missing(spec, table)
         _compute(args, spec, table, counts, lacks)
     except KeyboardInterrupt:
+        interrupts.caught()
         stopped = True
     finally:
         table.close()

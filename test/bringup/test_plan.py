@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from eol_ros import scene as scenes
-from eol_ros.bringup import __main__ as bringup
 from eol_ros.bringup import plan, playback, status
+from eol_ros.bringup import run as bringup
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import DeviceMissing, UsageError

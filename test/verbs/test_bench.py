@@ -28,9 +28,10 @@ def run(args):
 BENCH = """
 import sys
 from pathlib import Path
-from eol_ros import cli
+from eol_ros import cli, interrupts
 from eol_ros.verbs import bench
 
+interrupts.install()
 bench.ROOT = Path(sys.argv[1])
 bench.FOLDER = bench.ROOT / 'benchmarks'
 sys.exit(cli.main(['bench', 'waiting']))

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`eol run [SCENE]` and `python -m eol_ros.bringup`: bring the installation to life."""
+
+import argparse
+import dataclasses
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+import yaml
+
+from eol_ros import folders
+from eol_ros import scene as scenes
+from eol_ros.bringup import plan, status
+from eol_ros.bringup.event_log import EventLog
+from eol_ros.bringup.memory import Memory
+from eol_ros.bringup.service_manager import ServiceManager
+from eol_ros.bringup.supervisor import Supervisor
+from eol_ros.bringup.terminal import Terminal
+from eol_ros.errors import UsageError
+from eol_ros.ros import installed, network
+
+if TYPE_CHECKING:
+    from eol_ros.bringup.notify import Notifier
+
+HELP = 'Start a scene, watch its nodes, start them again when they die; stop with Ctrl-C.'
+EXAMPLES = [
+    'python -m eol_ros.bringup',
+    'python -m eol_ros.bringup museum',
+    'python -m eol_ros.bringup my/scene.yaml --for 60 --bag /data/bags',
+    'python -m eol_ros.bringup museum --only camera,tracker',
+    'python -m eol_ros.bringup rehearsal --ros-args -r __ns:=/north',
+]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('scene', nargs='?', default='rehearsal', help='file, or one that ships')
+    parser.add_argument(
+        '--for',
+        dest='seconds',
+        type=float,
+        metavar='SECONDS',
+        help='stop this long after all is OK',
+    )
+    parser.add_argument(
+        '--bag', metavar='DIR', help='record into this folder, even if the scene says recorder: off'
+    )
+    parser.add_argument(
+        '--only',
+        metavar='NODES',
+        help='start these alone, parted by commas; the recorder too only if named',
+    )
+    parser.add_argument(
+        '--ros-args',
+        nargs=argparse.REMAINDER,
+        metavar='ARGS',
+        help='-r __ns:=/NAME puts all into this namespace, in place of that of the scene; settings '
+        'of nodes stand in the scene',
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the scene; return the exit code."""
+    if args.seconds is not None and not args.seconds > 0:
+        raise UsageError(f'--for {args.seconds:g}: not a time above 0 s')
+    scene, sim_time = plan.remapped(scenes.load(args.scene), args.ros_args or ()), False
+    notes: list[str] = []
+    if 'replay' in scene.nodes:
+        from eol_ros.bringup import playback
+
+        scene, notes = playback.settle(scene)
+        sim_time = scene.nodes['replay'].clock_hz > 0
+    if args.bag:
+        bag = str(Path(args.bag).expanduser().resolve())
+        recorder = dataclasses.replace(scene.settings('recorder'), folder=bag)
+        scene = dataclasses.replace(scene, nodes={**scene.nodes, 'recorder': recorder})
+    unrecorded = '' if 'recorder' in scene.nodes else 'recorder is off in this scene'
+    if args.only:
+        scene = plan.only(scene, [name for name in args.only.split(',') if name])
+        if 'recorder' not in scene.nodes:
+            if args.bag:
+                raise UsageError(f'--bag {args.bag}: --only leaves the recorder out; name it there')
+            unrecorded = unrecorded or '--only does not name the recorder'
+    installed.require()
+    server = status.listen(plan.domain(scene), scene.namespace)
+    with (
+        _scene_file(scene) as file,
+        server,
+        EventLog(folders.state()) as events,
+        Terminal() as terminal,
+        ServiceManager() as manager,
+    ):
+        say = terminal.say
+        say(f'{scene.name}: {", ".join(scene.nodes)}')
+        events.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
+        for note in (*scene.warnings, *notes, *network.warnings(scene.network)):
+            say(note)
+            events.entry(f'{scene.name}: {note}')
+        if unrecorded:
+            say(f'not recorded: {unrecorded}')
+            events.entry(f'{scene.name}: not recorded: {unrecorded}')
+        supervisor = Supervisor(
+            scene.name,
+            plan.processes(
+                scene, scenes.inherited(file.fileno()), sim_time, inherit=(file.fileno(),)
+            ),
+            server,
+            events,
+            say,
+            namespace=scene.namespace,
+            compiler=plan.compiler(scene),
+            manager=manager,
+            changed=network.changes(scene.network),
+            memory=None
+            if 'replay' in scene.nodes  # which plays what was asked in its run
+            else Memory(scene, plan.domain(scene), always=manager.there),
+            notifier=_notifier(scene),
+        )
+        return supervisor.run(args.seconds)
+
+
+def _notifier(scene: scenes.Scene) -> 'Notifier | None':
+    """Return what tells people; mail and webhooks are loaded for scenes that name somebody."""
+    if scene.notify is None:
+        return None
+    from eol_ros.bringup.notify import Notifier
+
+    return Notifier(scene)
+
+
+def _scene_file(scene: scenes.Scene) -> TextIO:
+    """Return the scene, written out, as an open file in memory for the nodes to inherit.
+
+    It has no place on a disk: no cleaner can take it before a node is started again, no end of a
+    session, and nothing is left of it.
+    """
+    file = os.fdopen(os.memfd_create(f'{scene.name[:60]}.yaml'), 'w', encoding='utf-8')
+    yaml.safe_dump(scenes.plain(scene), file, sort_keys=False)
+    file.flush()
+    return file
