@@ -19,6 +19,7 @@ Every scene has a recorder, named or not; `recorder: off` among the nodes leaves
 
 import dataclasses
 import difflib
+import math
 import os
 import re
 import sys
@@ -180,7 +181,11 @@ class _Reader:
             self.wrong(start, '', f'not YAML: {str(error).splitlines()[0]}')
             return start
         self.texts.append(f'# {Path(name).name}\n{text}')
-        top = self._convert(tree, name) if tree else start
+        try:
+            top = self._convert(tree, name) if tree else start
+        except RecursionError:
+            self.wrong(start, '', 'one value stands within another without end')
+            return start
         if not isinstance(top.value, dict):
             self.wrong(top, '', 'a scene is a mapping with the keys ' + ', '.join(_KEYS))
             return start
@@ -371,6 +376,8 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
         inside = (low is None or value >= low) and (high is None or value <= high)
         if not inside:  # also refuses NaN
             raise ConfigError(f'{value:g} is out of range ({asked})')
+        if math.isinf(value):
+            raise ConfigError(f'{value:g} is not a finite number')
     return value
 
 

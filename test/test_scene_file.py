@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import dataclasses
+import math
 import tempfile
+import typing
 from pathlib import Path
 
 import pytest
@@ -8,6 +10,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eol_ros import cli
 from eol_ros import scene as scenes
 from eol_ros.errors import ConfigError
 from eol_ros.streams.graph import NODES
@@ -359,3 +362,56 @@ def test_every_path_of_a_list_is_resolved_and_every_line_has_its_form(tmp_path):
     assert 'b.wav: no such file or folder' in found
     assert "'a 5' is not NAME WEIGHT" in found
     assert "'flatness 1 moon' is not DESCRIPTOR WEIGHT SOURCE" in found
+
+
+WRONG = {  # of each setting, what it cannot be, where its definition says so
+    'a list': lambda kind, _: [{'a': 1}],
+    'a mapping': lambda kind, _: {'a': 1},
+    'nothing': lambda kind, _: None if type(None) not in typing.get_args(kind) else {},
+    'a word': lambda kind, _: 'abc' if kind in (int, float, bool) else {},
+    'not a number': lambda kind, _: math.nan if kind is float else {},
+    'endless': lambda kind, _: math.inf if kind is float else {},
+    'too small': lambda kind, meta: {} if meta.get('min') is None else meta['min'] - 1,
+    'too large': lambda kind, meta: {} if meta.get('max') is None else meta['max'] + 1,
+    'no choice': lambda kind, meta: 'nonsense' if meta.get('choices') else {},
+}
+
+
+@pytest.mark.parametrize('what', WRONG)
+@pytest.mark.parametrize('node', NODES)
+def test_every_setting_of_every_node_refuses_what_it_cannot_be(node, what, tmp_path):
+    fields = dataclasses.fields(NODES[node].settings)
+    values = {f.name: WRONG[what](f.type, f.metadata) for f in fields}
+    path = write(tmp_path, yaml.safe_dump({'nodes': {node: values}}))
+    told = [where for *_, where, _ in mistakes(path) if where.partition('.')[2] in values]
+
+    assert sorted(told) == sorted(f'{node}.{name}' for name in values)
+
+
+def broken(path):
+    """Yield files that somebody could make of a scene, each with what is to be said of it."""
+    text = path.read_text()
+    node = next(iter(yaml.safe_load(text)['nodes'])) if 'include' not in text else 'twin'
+    include = f'include: {path}\nnodes: {{{node}: {{%s}}}}\n'
+    yield b'', 'names no node'
+    yield b'\n# nothing but a comment\n', 'names no node'
+    yield text.encode() + '# où\n'.encode('latin-1'), 'not a text file in UTF-8'
+    yield text.encode('utf-16'), 'not a text file in UTF-8'
+    yield text.encode() + b'\0', 'not YAML'
+    yield text.encode() + b'nodes: {', 'not YAML'
+    yield (include % 'nonsense: 1').encode(), f'{node}.nonsense: no such key'
+    yield b'scene: &a [*a]\n', 'within another without end'
+    yield None, 'is a folder'
+
+
+@pytest.mark.parametrize('verb', ['check', 'run'])
+@pytest.mark.parametrize('name', scenes.shipped())
+def test_a_broken_scene_is_told_in_a_line_and_nothing_is_started(name, verb, tmp_path, capsys):
+    for k, (data, said) in enumerate(broken(scenes.shipped()[name])):
+        path = tmp_path / f'{k}.yaml'
+        path.mkdir() if data is None else path.write_bytes(data)
+
+        assert cli.main([verb, str(path)]) == 78, said
+        line, *count = capsys.readouterr().err.splitlines()
+        assert said in line and str(path) in line
+        assert count in (['1 error. Nothing was started.'], [])
