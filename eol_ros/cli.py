@@ -89,7 +89,28 @@ def _versions() -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; return its exit code."""
-    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        try:
+            return _main(list(sys.argv[1:] if argv is None else argv))
+        finally:
+            sys.stdout.flush()  # not when Python ends, which tells a fault in its own way
+    except BrokenPipeError:
+        return _unread()
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        _unread()
+        print(f'eol: {error.strerror}', file=sys.stderr)
+        return ConfigError.exit_code
+
+
+def _unread() -> int:
+    """Let nothing be written to stdout any more; the reader has gone, as `| head` does."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def _main(words: list[str]) -> int:
     if not words or words[0] in ('-h', '--help', 'help'):
         print(_overview())
         return 0
@@ -161,9 +182,8 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
     except EolError as error:
         print(f'{prog}: {error}' if '\n' not in str(error) else error, file=sys.stderr)
         return error.exit_code
-    except BrokenPipeError:  # the reader of our stdout has gone, as `| head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except BrokenPipeError:
+        return _unread()
     except (ModuleNotFoundError, RuntimeError, OSError) as error:
         known = _explained(error, args)
         if known is None:

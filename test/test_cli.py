@@ -96,6 +96,27 @@ def test_a_full_disk_is_one_line(words, full, tmp_path, capsys):
     assert last == f'eol {words[0]}: {tmp_path}/out: No space left on device'
 
 
+@pytest.mark.parametrize('buffered', [True, False])
+@pytest.mark.parametrize(
+    'words', [[], ['--version'], ['status', '--help'], ['bag', 'info', SAMPLE], ['call', '--list']]
+)
+def test_a_pipe_without_a_reader_and_a_full_disk_are_no_traceback(words, buffered):
+    environment = {k: v for k, v in os.environ.items() if k != 'PYTHONUNBUFFERED'}
+    environment |= {} if buffered else {'PYTHONUNBUFFERED': '1'}
+    command = [sys.executable, '-m', 'eol_ros', *words]
+    read, written = os.pipe()
+    os.close(read)
+    with open(written, 'w') as pipe, open('/dev/full', 'w') as full:
+        unread, no_room = (
+            subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True, env=environment)
+            for out in (pipe, full)
+        )
+
+    assert (unread.returncode, unread.stderr) == (0, '')
+    if words[1:] != ['--help']:  # which argparse prints, and does not care
+        assert (no_room.returncode, no_room.stderr) == (78, 'eol: No space left on device\n')
+
+
 @pytest.mark.parametrize(
     'words', [['track', 'broken.mp4'], ['track', 'broken.npy'], ['midi', 'watch', '--input', 'xx']]
 )
