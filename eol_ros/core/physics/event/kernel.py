@@ -55,7 +55,7 @@ from eol_ros.core.physics.event.taylor import (
 )
 from eol_ros.core.physics.exact.taylor import GAUSS_W, GAUSS_X, ON_LIMIT
 from eol_ros.core.physics.kernel_args import Lattice
-from eol_ros.core.physics.series import add_exactly, drive_series, entry, uncounted
+from eol_ros.core.physics.series import add_exactly, drive_series, entry, inlined, uncounted
 from eol_ros.core.physics.status import EVENT_LIMIT, GLIDING, NOT_FINITE, OK, STEP_LIMIT, STIFF
 
 AFTER_S = 0.1  # for how long what a stop gets wrong goes on to act on the neighbours
@@ -194,6 +194,226 @@ def make_sweeping(at: Lattice, order: int, small: float) -> Sweeping:
     return Sweeping(order, small, ab, sw)
 
 
+@uncounted
+def begin_blocks(v, sliding, at, ws):
+    """Let slide what moves or has no friction; forget what the run before left in `ws`."""
+    for i in range(at.n):
+        ws.fresh[i] = ws.kicked[i] = ws.crept[i] = False
+        ws.slack[i] = 0.0
+        if v[i, 0] != 0.0 or v[i, 1] != 0.0 or at.static[i] == 0.0:
+            sliding[i] = True
+        elif sliding[i]:
+            ws.fresh[i] = True  # at rest for no time at all
+
+
+@inlined
+def start_slots(m, u, fresh, at, pl, cx, cy, cc, cs):
+    """Write how each slot begins its step; return whether none has just broken loose."""
+    steady = True
+    for c in range(m):
+        i = pl.slots[c]
+        pl.start[c] = MOVING
+        if not fresh[i]:
+            continue
+        steady = fresh[i] = False
+        pl.start[c] = LOOSE
+        x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
+        force = math.sqrt(x * x + y * y)
+        if at.friction[i] == 0.0:
+            pl.start[c] = MOVING
+        elif force - at.friction[i] <= WEAKEST * force:
+            pl.start[c] = LEVEL if force - at.friction[i] <= NOTHING * force else WEAK
+    return steady
+
+
+@inlined
+def kick_level(m, v, kicked, pl):
+    """Push what is level and whose pull does not grow, to tell where it goes; return if any is."""
+    again = False
+    for c in range(m):
+        if pl.start[c] == LEVEL and pl.w.inverse[c, 2] <= 0.0:
+            i, again = pl.slots[c], True
+            force = pl.w.square[c, 0]
+            v[i, 0] = KICK_MPS * pl.past_x[c, 0] / force
+            v[i, 1] = KICK_MPS * pl.past_y[c, 0] / force
+            kicked[i], pl.start[c] = True, MOVING
+    return again
+
+
+@inlined
+def record(log, events, t, block, start):
+    """Write an event; return how many there are now, or -1 where the log is full."""
+    if events >= len(log.t):
+        return -1
+    log.t[events], log.block[events], log.start[events] = t, block, start
+    return events + 1
+
+
+@uncounted
+def break_overloaded(t, events, u, sliding, fresh, at, cx, cy, cc, cs, log, counts):
+    """Let blocks slide whose force is beyond the limit while they rest; return as `record`."""
+    for i in range(at.n):
+        if sliding[i]:
+            continue
+        x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
+        if math.sqrt(x * x + y * y) >= at.static[i] * (1.0 + ON_LIMIT):
+            events = record(log, events, t, i, 1)
+            if events < 0:
+                return events
+            counts[0] += 1
+            sliding[i] = fresh[i] = True
+    return events
+
+
+@inlined
+def watch_stuck(sliding, driven, at, watched):
+    """Write the blocks at rest whose force may change; return how many there are.
+
+    Those are the neighbours of what slides and, where the rim is `driven`, those that it pulls.
+    """
+    watching = 0
+    for i in range(at.n):
+        if sliding[i]:
+            continue
+        watch = driven and at.rim_lo[i] < at.rim_lo[i + 1]
+        for q in range(at.lo[i], at.lo[i + 1]):
+            if sliding[at.near[q]]:
+                watch = True
+        if watch:
+            watched[watching] = i
+            watching += 1
+    return watching
+
+
+@inlined
+def first_break(
+    doubtful,
+    h,
+    top,
+    o,
+    used,
+    count,
+    small,
+    u,
+    at,
+    pl,
+    cx,
+    cy,
+    cc,
+    cs,
+    gx,
+    gy,
+    found,
+    found_x,
+    found_y,
+    push,
+    work,
+):
+    """Return (h, who, hit): the step up to the first of the suspects that breaks in it.
+
+    `who` is -1 where none does; without `hit` the step ends before it is sure that it breaks.
+    """
+    who, hit_any = -1, False
+    for p in range(doubtful):
+        j, x, y = found[p], found_x[p], found_y[p]
+        force = math.sqrt(x * x + y * y) + push[p] * (h / top)
+        if force < at.static[j] * (1.0 - ON_LIMIT):
+            continue
+        x, hit = break_root(
+            j, x, y, o, used, count, h, small, u, at, pl, cx, cy, cc, cs, gx, gy, work
+        )
+        if hit or x < h:
+            h, who, hit_any = x, j, hit
+    return h, who, hit_any
+
+
+@inlined
+def break_together(
+    t, who, watching, watched, events, sliding, fresh, at, found_x, found_y, log, counts
+):
+    """Let `who` slide, and what breaks at the same instant, in the order of the blocks.
+
+    found_x, found_y: (watching,) forces on those watched. Returns as `record`.
+    """
+    for p in range(watching):
+        j = watched[p]
+        force = math.sqrt(found_x[p] ** 2 + found_y[p] ** 2)
+        if j != who and force < at.static[j] * (1.0 - ON_LIMIT):
+            continue
+        events = record(log, events, t, j, 1)
+        if events < 0:
+            return events
+        counts[0] += 1
+        sliding[j] = fresh[j] = True
+    return events
+
+
+@inlined
+def stop_slow(
+    t,
+    rim_speed,
+    events,
+    u,
+    v,
+    m,
+    rules,
+    at,
+    pl,
+    cx,
+    cy,
+    cc,
+    cs,
+    sliding,
+    fresh,
+    kicked,
+    slack,
+    log,
+    energy,
+    counts,
+):
+    """Bring the blocks of the `m` slots to rest that are slow enough; return as `record`."""
+    for c in range(m):
+        i = pl.slots[c]
+        speed = math.sqrt(v[i, 0] ** 2 + v[i, 1] ** 2)
+        if speed >= rules.capture or at.friction[i] == 0.0:
+            kicked[i] = False
+            continue
+        if kicked[i] and speed >= 0.5 * KICK_MPS:
+            continue  # it has yet to gather speed
+        if pl.start[c] == WEAK or pl.start[c] == LEVEL:
+            if speed == 0.0:  # cut short at once
+                fresh[i] = True
+                continue
+            if pl.start[c] == LEVEL:
+                continue
+        x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
+        stop_s, dx, dy, now = 0.0, 0.0, 0.0, True
+        if speed > 0.0:
+            if x * v[i, 0] + y * v[i, 1] >= at.friction[i] * speed:
+                continue  # gains speed
+            stop_s, dx, dy, now = stop_of(i, speed, x, y, v, rim_speed, rules, at)
+        if not now:
+            if speed > rules.floor:
+                continue
+            stop_s = dx = dy = 0.0
+            counts[1] += 1
+        v[i, 0] = v[i, 1] = 0.0
+        if math.sqrt(x * x + y * y) > at.static[i]:
+            fresh[i] = True  # reverses: its speed is zero for no time at all
+            continue
+        energy[1] += 0.5 * at.mass[i] * speed * speed + x * dx + y * dy
+        u[i, 0] += dx
+        u[i, 1] += dy
+        slack[i] = 0.0
+        for q in range(at.lo[i], at.lo[i + 1]):
+            slack[at.near[q]] = 0.0
+        events = record(log, events, t + stop_s, i, 0)
+        if events < 0:
+            return events
+        sliding[i] = False
+    return events
+
+
 @entry
 def run(
     u,
@@ -232,14 +452,7 @@ def run(
     here, rate, gauss = ws.here, ws.rate, ws.gauss
     if sweeping is not None:
         far = sweeping.order
-    driven = rim.kind != NONE
-    for i in range(n):
-        fresh[i] = kicked[i] = crept[i] = False
-        slack[i] = 0.0
-        if v[i, 0] != 0.0 or v[i, 1] != 0.0 or at.static[i] == 0.0:
-            sliding[i] = True
-        elif sliding[i]:
-            fresh[i] = True  # at rest for no time at all
+    begin_blocks(v, sliding, at, ws)
     t, left, events, steps, sampled = begin
     m = count = watching = 0
     changed = settle = by_zero = True
@@ -251,19 +464,12 @@ def run(
         reach, used = drive_series(
             rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, gx
         )
-        if settle:  # blocks whose force is beyond the limit from the start
-            settle = False
-            for i in range(n):
-                if sliding[i]:
-                    continue
-                x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
-                if math.sqrt(x * x + y * y) >= at.static[i] * (1.0 + ON_LIMIT):
-                    if events >= len(log.t):
-                        return EVENT_LIMIT, (t, left, events, steps, sampled)
-                    log.t[events], log.block[events], log.start[events] = t, i, 1
-                    events += 1
-                    counts[0] += 1
-                    sliding[i] = fresh[i] = changed = True
+        if settle:
+            settle, before = False, events
+            events = break_overloaded(t, events, u, sliding, fresh, at, cx, cy, cc, cs, log, counts)
+            if events < 0:
+                return EVENT_LIMIT, (t, left, len(log.t), steps, sampled)
+            changed = changed or events > before
         if changed:
             changed = False
             for i in range(n):
@@ -271,34 +477,12 @@ def run(
             m, count = fill_plane(sliding, at, pl)
             by_zero = at.geometric
             abreast = False
-            calm = watching = 0
-            for i in range(n):
-                if sliding[i]:
-                    continue
-                watch = driven and at.rim_lo[i] < at.rim_lo[i + 1]
-                for q in range(at.lo[i], at.lo[i + 1]):
-                    if sliding[at.near[q]]:
-                        watch = True
-                if watch:
-                    watched[watching] = i
-                    watching += 1
+            calm, watching = 0, watch_stuck(sliding, rim.kind != NONE, at, watched)
         steady = m > 0
         if by_zero:
             passing = pass_zero(count, u, v, rules.relative, rules.small, at, pl, cx, cy, cc, cs)
             steady = steady and passing == 0
-        for c in range(m):
-            i = pl.slots[c]
-            pl.start[c] = MOVING
-            steady = steady and not fresh[i]
-            if fresh[i]:
-                fresh[i] = False
-                pl.start[c] = LOOSE
-                x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
-                force = math.sqrt(x * x + y * y)
-                if at.friction[i] == 0.0:
-                    pl.start[c] = MOVING
-                elif force - at.friction[i] <= WEAKEST * force:
-                    pl.start[c] = LEVEL if force - at.friction[i] <= NOTHING * force else WEAK
+        steady = start_slots(m, u, fresh, at, pl, cx, cy, cc, cs) and steady
         h = min(t_end - t, reach)
         creeping = False
         for c in range(m if len(pl.past_x) > 0 else 0):
@@ -458,15 +642,7 @@ def run(
                             pl.start[c] = MOVING
                     creeping = False
                 blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
-            again = False
-            for c in range(m):  # level, and the pull does not grow: a push must tell where it goes
-                if pl.start[c] == LEVEL and pl.w.inverse[c, 2] <= 0.0:
-                    i, again = pl.slots[c], True
-                    force = pl.w.square[c, 0]
-                    v[i, 0] = KICK_MPS * pl.past_x[c, 0] / force
-                    v[i, 1] = KICK_MPS * pl.past_y[c, 0] / force
-                    kicked[i], pl.start[c] = True, MOVING
-            if again:
+            if kick_level(m, v, kicked, pl):
                 blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
             near = planar_reach(order, m, pl, rules.relative, rules.small, h)
             near = plain = slowing_reach(order, m, pl, near, KEPT, work)
@@ -531,19 +707,14 @@ def run(
             )
             if sweeping is not None and o == far and doubtful > 0 and at.geometric:
                 into_lanes(o, m, count, True, sweeping.ab, pl)
-            for p in range(doubtful):
-                j, x, y = found[p], found_x[p], found_y[p]
-                force = math.sqrt(x * x + y * y) + push[p] * (h / top)
-                if force < at.static[j] * (1.0 - ON_LIMIT):
-                    continue
-                x, hit = break_root(
-                    j,
-                    x,
-                    y,
+            if doubtful > 0:
+                h, who, hit_any = first_break(
+                    doubtful,
+                    h,
+                    top,
                     o,
                     used,
                     count,
-                    h,
                     rules.small,
                     u,
                     at,
@@ -554,10 +725,13 @@ def run(
                     cs,
                     gx,
                     gy,
+                    found,
+                    found_x,
+                    found_y,
+                    push,
                     work,
                 )
-                if hit or x < h:
-                    h, who, hit_any, ends = x, j, hit, False
+                ends = ends and who < 0
             if h < top and not hit_any:
                 h = max(h, 1e-15 * max(1.0, t))  # a near miss: creep past it, steps are counted
         while sampled < len(grid.t) and (grid.t[sampled] <= t + h or ends):
@@ -597,60 +771,40 @@ def run(
             return STEP_LIMIT, (t, left, events, steps, sampled)
         drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs, gx)
         rim_speed = math.sqrt(cx[1] ** 2 + cy[1] ** 2) + math.sqrt(cc[1] ** 2 + cs[1] ** 2)
-        for c in range(m):  # blocks that come to rest
-            i = pl.slots[c]
-            speed = math.sqrt(v[i, 0] ** 2 + v[i, 1] ** 2)
-            if speed >= rules.capture or at.friction[i] == 0.0:
-                kicked[i] = False
-                continue
-            if kicked[i] and speed >= 0.5 * KICK_MPS:
-                continue  # it has yet to gather speed
-            if pl.start[c] == WEAK or pl.start[c] == LEVEL:
-                if speed == 0.0:  # cut short at once
-                    fresh[i] = True
-                    continue
-                if pl.start[c] == LEVEL:
-                    continue
-            x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
-            stop_s, dx, dy, now = 0.0, 0.0, 0.0, True
-            if speed > 0.0:
-                if x * v[i, 0] + y * v[i, 1] >= at.friction[i] * speed:
-                    continue  # gains speed
-                stop_s, dx, dy, now = stop_of(i, speed, x, y, v, rim_speed, rules, at)
-            if not now:
-                if speed > rules.floor:
-                    continue
-                stop_s = dx = dy = 0.0
-                counts[1] += 1
-            v[i, 0] = v[i, 1] = 0.0
-            if math.sqrt(x * x + y * y) > at.static[i]:
-                fresh[i] = True  # reverses: its speed is zero for no time at all
-                continue
-            energy[1] += 0.5 * at.mass[i] * speed * speed + x * dx + y * dy
-            u[i, 0] += dx
-            u[i, 1] += dy
-            slack[i] = 0.0
-            for q in range(at.lo[i], at.lo[i + 1]):
-                slack[at.near[q]] = 0.0
-            if events >= len(log.t):
-                return EVENT_LIMIT, (t, left, events, steps, sampled)
-            log.t[events], log.block[events], log.start[events] = t + stop_s, i, 0
-            events += 1
-            sliding[i] = False
-            changed = True
-        if hit_any:  # and what breaks at the same instant, in the order of the blocks
+        before = events
+        events = stop_slow(
+            t,
+            rim_speed,
+            events,
+            u,
+            v,
+            m,
+            rules,
+            at,
+            pl,
+            cx,
+            cy,
+            cc,
+            cs,
+            sliding,
+            fresh,
+            kicked,
+            slack,
+            log,
+            energy,
+            counts,
+        )
+        if events < 0:
+            return EVENT_LIMIT, (t, left, len(log.t), steps, sampled)
+        changed = changed or events > before
+        if hit_any:
             for p in range(watching):
                 j = watched[p]
                 found_x[p], found_y[p] = force_on(j, u, at, cx[0], cy[0], cc[0], cs[0])
-            for p in range(watching):
-                j = watched[p]
-                force = math.sqrt(found_x[p] ** 2 + found_y[p] ** 2)
-                if j != who and force < at.static[j] * (1.0 - ON_LIMIT):
-                    continue
-                if events >= len(log.t):
-                    return EVENT_LIMIT, (t, left, events, steps, sampled)
-                log.t[events], log.block[events], log.start[events] = t, j, 1
-                events += 1
-                counts[0] += 1
-                sliding[j] = fresh[j] = changed = True
+            events = break_together(
+                t, who, watching, watched, events, sliding, fresh, at, found_x, found_y, log, counts
+            )
+            if events < 0:
+                return EVENT_LIMIT, (t, left, len(log.t), steps, sampled)
+            changed = True
     return OK, (t, left, events, steps, sampled)
