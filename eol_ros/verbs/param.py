@@ -41,6 +41,11 @@ def run(args):
     if args.action == 'set':
         if args.value is None:
             raise UsageError(f'eol param set {args.node} {args.name}: to which value?')
+        if not fields[args.name].metadata.get('live'):
+            raise UsageError(
+                f'{args.node}.{args.name} cannot change while the node runs: write it into the '
+                'scene, and start that again'
+            )
         from eol_ros.streams.requests import SET, Asked
         from eol_ros.verbs.call import answer, value_of
 

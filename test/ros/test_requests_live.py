@@ -171,6 +171,7 @@ def test_the_rate_of_a_replay_is_changed_while_it_plays(ros, capfd):
         (['param', 'get', 'moon'], 'no such node'),
         (['param', 'get', 'grains', 'radios'], 'grains has no setting radios'),
         (['param', 'set', 'grains', 'radius'], 'to which value?'),
+        (['param', 'set', 'twin', 'seed', '3'], 'write it into the scene, and start that again'),
     ],
 )
 def test_a_wrong_command_line_is_one_line(words, said, capfd):
