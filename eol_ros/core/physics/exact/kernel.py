@@ -33,12 +33,14 @@ from eol_ros.core.physics.exact.taylor import (
     weakening_reach,
 )
 from eol_ros.core.physics.kernel_args import LANES
-from eol_ros.core.physics.series import add_exactly, drive_series
+from eol_ros.core.physics.series import UNCOUNTED, add_exactly, drive_series
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 
 FAR = 1e18  # of the truncation error: the distance after which the origin moves along
 STIFF_AFTER = 24  # steps of one segment before its modes pay
 BY_SERIES, BY_ONE, BY_MODES = 0, 1, 2
+# A part of `run`, written into it: handing over its arrays would cost up to 15 % of all.
+PART = {'cache': True, 'inner': True, 'forceinline': True} | UNCOUNTED
 
 
 def make_lanes(n: int, order: int) -> Lanes:
@@ -82,6 +84,103 @@ def modes_ledger(mo, m, h, t, speed, u, at, la, x, d, a, energy):
             c = la.slot[i]
             moved = a[c] if c >= 0 else 0.0
             energy[0] += speed * at.drive[i, 0] * (h * (speed * (t + 0.5 * h) - u[i]) - moved)
+
+
+@njit(**PART)
+def watch_stuck(t, u, speed, plain, at, cx, cc, cs, slot, stale, watch, due, watched, forces):
+    """Write which stuck blocks to watch, and their forces; return how many, and when one is due.
+
+    What is not watched is pulled at a constant rate: it breaks at `due`. Only what is `stale` is
+    looked at anew.
+    """
+    next_due = np.inf
+    count = 0
+    for i in range(at.n):
+        if slot[i] >= 0:
+            continue
+        if stale[i]:
+            stale[i] = False
+            pulled = at.drive[i, 0] != 0.0 or at.drive[i, 1] != 0.0 or at.drive[i, 2] != 0.0
+            watch[i] = not plain and pulled
+            for e in range(at.lo[i], at.lo[i + 1]):
+                if slot[at.near[e]] >= 0:
+                    watch[i] = True
+            due[i] = np.inf
+            if not watch[i]:
+                f = force_now(i, u, at, cx[0], cc[0], cs[0])
+                rate = at.drive[i, 0] * speed
+                if rate > 0.0:
+                    due[i] = t + max(0.0, (at.static[i] - f) / rate)
+                elif rate < 0.0:
+                    due[i] = t + max(0.0, (-at.static[i] - f) / rate)
+        if watch[i]:
+            watched[count] = i
+            forces[count] = force_now(i, u, at, cx[0], cc[0], cs[0])
+            count += 1
+        elif due[i] < next_due:
+            next_due = due[i]
+    return count, next_due
+
+
+@njit(**PART)
+def first_event(order, used, h, m, count, sign, watched, forces, at, la, cx, cc, cs, work):
+    """Return (h, kind, block, found): the first stop (2) or break (3) within the step h.
+
+    Kind 0 ends the step before it is sure that anything happens.
+    """
+    top, kind, block, found = h, 0, -1, False
+    for c in range(m):
+        if la.friction[c] == 0.0:
+            continue
+        s, a, share = sign[la.slots[c]], la.a, h / top
+        tail = la.tail[c] * share * share  # the bound holds for the shortened step too
+        if s * a[1, c] > 0.0:
+            if min(s * a[1, c], s * (a[1, c] + 2.0 * h * a[2, c])) > tail:
+                continue
+        elif s * a[2, c] > 0.0 and 2.0 * s * a[2, c] * h > tail:
+            continue
+        x, hit = stop_root(order, a, c, s, h, work)
+        if hit or x < h:
+            h, kind, block, found = x, 2 if hit else 0, la.slots[c], True
+    for p in range(count):
+        j, share = watched[p], h / top
+        push = 0.0
+        for k in range(used, 0, -1):
+            pull = at.drive[j, 0] * cx[k] + at.drive[j, 1] * cc[k]
+            push = (push + abs(pull - at.drive[j, 2] * cs[k])) * top
+        for e in range(at.lo[j], at.lo[j + 1]):
+            c = la.slot[at.near[e]]
+            if c >= 0:
+                push += at.k_near[e] * la.swing[c]
+        if abs(forces[p]) + share * push < at.static[j] * (1.0 - ON_LIMIT):
+            continue
+        x, hit = break_root(j, forces[p], order, at, cx, cc, cs, used, h, la, work)
+        if hit or x < h:
+            h, kind, block, found = x, 3 if hit else 0, j, True
+    return h, kind, block, found
+
+
+@njit(**PART)
+def close_ranks(m, before, at, slot, slots, stale):
+    """Take out of the lanes what has stopped; return how many slide.
+
+    Blocks beside what stopped, or began (lanes from `before` on), are stale from now on.
+    """
+    kept = 0
+    for c in range(m):
+        i = slots[c]
+        touched = slot[i] == -2 or c >= before
+        if slot[i] == -2:
+            slot[i] = -1
+            stale[i] = True
+        else:
+            slots[kept] = i
+            slot[i] = kept
+            kept += 1
+        if touched:
+            for e in range(at.lo[i], at.lo[i + 1]):
+                stale[at.near[e]] = True
+    return kept
 
 
 @njit(cache=True)
@@ -156,33 +255,9 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
             refill = False
             since = 0
             fill_lanes(m, mp, at, sign, la)
-        # which stuck blocks to watch, and when the others are due
-        next_due = np.inf
-        count = 0
-        for i in range(n):
-            if slot[i] >= 0:
-                continue
-            if stale[i]:
-                stale[i] = False
-                pulled = at.drive[i, 0] != 0.0 or at.drive[i, 1] != 0.0 or at.drive[i, 2] != 0.0
-                watch[i] = not plain and pulled
-                for e in range(at.lo[i], at.lo[i + 1]):
-                    if slot[at.near[e]] >= 0:
-                        watch[i] = True
-                due[i] = np.inf
-                if not watch[i]:
-                    f = force_now(i, u, at, cx[0], cc[0], cs[0])
-                    rate = at.drive[i, 0] * speed
-                    if rate > 0.0:
-                        due[i] = t + max(0.0, (at.static[i] - f) / rate)
-                    elif rate < 0.0:
-                        due[i] = t + max(0.0, (-at.static[i] - f) / rate)
-            if watch[i]:
-                watched[count] = i
-                forces[count] = force_now(i, u, at, cx[0], cc[0], cs[0])
-                count += 1
-            elif due[i] < next_due:
-                next_due = due[i]
+        count, next_due = watch_stuck(
+            t, u, speed, plain, at, cx, cc, cs, slot, stale, watch, due, watched, forces
+        )
         h = min(end - t, reach)
         ends = h == end - t
         if next_due - t < h:
@@ -227,34 +302,11 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
             top = h
             if top > 0.0 and (m > 0 or count > 0):
                 bounds(order, mp, h, la)
-                for c in range(m):
-                    if la.friction[c] == 0.0:
-                        continue
-                    s, a, share = sign[slots[c]], la.a, h / top
-                    tail = la.tail[c] * share * share  # the bound holds for the shortened step too
-                    if s * a[1, c] > 0.0:
-                        if min(s * a[1, c], s * (a[1, c] + 2.0 * h * a[2, c])) > tail:
-                            continue
-                    elif s * a[2, c] > 0.0 and 2.0 * s * a[2, c] * h > tail:
-                        continue
-                    x, hit = stop_root(order, a, c, s, h, work)
-                    if hit or x < h:
-                        h, ends, kind_of, who = x, False, 2 if hit else 0, slots[c]
-                for p in range(count):
-                    j, share = watched[p], h / top
-                    push = 0.0
-                    for k in range(used, 0, -1):
-                        pull = at.drive[j, 0] * cx[k] + at.drive[j, 1] * cc[k]
-                        push = (push + abs(pull - at.drive[j, 2] * cs[k])) * top
-                    for e in range(at.lo[j], at.lo[j + 1]):
-                        c = slot[at.near[e]]
-                        if c >= 0:
-                            push += at.k_near[e] * la.swing[c]
-                    if abs(forces[p]) + share * push < at.static[j] * (1.0 - ON_LIMIT):
-                        continue
-                    x, hit = break_root(j, forces[p], order, at, cx, cc, cs, used, h, la, work)
-                    if hit or x < h:
-                        h, ends, kind_of, who = x, False, 3 if hit else 0, j
+                h, kind, block, found = first_event(
+                    order, used, h, m, count, sign, watched, forces, at, la, cx, cc, cs, work
+                )
+                if found:
+                    ends, kind_of, who = False, kind, block
             if kind_of == 0 and not ends and h < top:
                 h = max(h, 1e-15 * max(t, 1e-3))  # a near miss: creep past it, steps are counted
         due_now = kind_of == 0 and next_due <= t + h
@@ -366,21 +418,7 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
                 events += 1
         if changed:
             refill = True
-            kept = 0
-            for c in range(m):
-                i = slots[c]
-                touched = slot[i] == -2 or c >= before
-                if slot[i] == -2:
-                    slot[i] = -1
-                    stale[i] = True
-                else:
-                    slots[kept] = i
-                    slot[i] = kept
-                    kept += 1
-                if touched:
-                    for e in range(at.lo[i], at.lo[i + 1]):
-                        stale[at.near[e]] = True
-            m = kept
+            m = close_ranks(m, before, at, slot, slots, stale)
         elif kind_of != 2:
             check = True
     for i in range(n):
