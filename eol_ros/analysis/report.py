@@ -507,7 +507,9 @@ def summary(found: dict[str, Any]) -> str:
     lines += found.get('lacking', [])
     if 'slips' in found:
         s = found['slips']
-        lines.append(f'{s["count"]} slips, median {s["median_distance_mm"]} mm')
+        far_mm = s['median_distance_mm']
+        far = '' if far_mm is None else f', median distance {far_mm:.3g} mm'
+        lines.append(f'{s["count"]} slips{far}')
     if 'felt_slips' in found:
         f = found['felt_slips']
         lines.append(
@@ -523,7 +525,8 @@ def summary(found: dict[str, Any]) -> str:
         ('the onset of the slip', found['onset_latency_ms']),
     ):
         for topic, r in latencies.items():
-            lines.append(f'{topic}: {r["p50"]:.1f} ms after {begin} (p99 {r["p99"]:.1f})')
+            ms = f'{r["p50"]:.1f} ms after {begin}'
+            lines.append(f'median delay of {topic}: {ms} (99 % within {r["p99"]:.1f} ms)')
     if proof := found.get('retracked'):
         for topic, c in proof['topics'].items():
             counts = f'{c["recorded"]} recorded, {c["recomputed"]} recomputed'

@@ -74,6 +74,15 @@ def test_numbers(big):
     assert waiting['mean_s'] == pytest.approx(0.2) and 'more evenly' in waiting['sentence']
 
 
+@pytest.mark.parametrize(
+    ('far_mm', 'said'), [(16.1891, '3 slips, median distance 16.2 mm'), (None, '3 slips')]
+)
+def test_slips_are_told_in_digits_that_mean_something(far_mm, said):
+    found = {'bag': 'a', 'duration_s': 1.0, 'latency_ms': {}, 'onset_latency_ms': {}}
+    found |= {'slips': {'count': 3, 'median_distance_mm': far_mm}}
+    assert report.summary(found).splitlines() == ['a: 1.0 s', said]
+
+
 def test_too_few_cascades_are_not_fitted(tmp_path):
     bag, _ = made(tmp_path / 'run', 18)
     found = report.numbers(bag)
@@ -199,7 +208,7 @@ def test_latency_of_light_and_sound(tmp_path, decay_repeats_the_stamp):
     assert onset['first_sample']['p50'] == pytest.approx(55.0, abs=0.01)
     assert onset['first_sample']['max'] == pytest.approx(90.0, abs=0.01)
     words = report.summary(found)
-    assert 'led_commands: 6.0 ms after the image' in words
+    assert 'median delay of led_commands: 6.0 ms after the image (99 % within 6.0 ms)' in words
     assert 'led_commands: 16.0 ms after the onset of the slip' in words
 
 
