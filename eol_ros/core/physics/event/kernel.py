@@ -207,17 +207,17 @@ def begin_blocks(v, sliding, at, ws):
 
 
 @inlined
-def start_slots(m, u, fresh, at, pl, cx, cy, cc, cs):
+def start_slots(m, u, at, ws):
     """Write how each slot begins its step; return whether none has just broken loose."""
-    steady = True
+    steady, pl = True, ws.pl
     for c in range(m):
         i = pl.slots[c]
         pl.start[c] = MOVING
-        if not fresh[i]:
+        if not ws.fresh[i]:
             continue
-        steady = fresh[i] = False
+        steady = ws.fresh[i] = False
         pl.start[c] = LOOSE
-        x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
+        x, y = force_on(i, u, at, ws.cx[0], ws.cy[0], ws.cc[0], ws.cs[0])
         force = math.sqrt(x * x + y * y)
         if at.friction[i] == 0.0:
             pl.start[c] = MOVING
@@ -227,16 +227,16 @@ def start_slots(m, u, fresh, at, pl, cx, cy, cc, cs):
 
 
 @inlined
-def kick_level(m, v, kicked, pl):
+def kick_level(m, v, ws):
     """Push what is level and whose pull does not grow, to tell where it goes; return if any is."""
-    again = False
+    again, pl = False, ws.pl
     for c in range(m):
         if pl.start[c] == LEVEL and pl.w.inverse[c, 2] <= 0.0:
             i, again = pl.slots[c], True
             force = pl.w.square[c, 0]
             v[i, 0] = KICK_MPS * pl.past_x[c, 0] / force
             v[i, 1] = KICK_MPS * pl.past_y[c, 0] / force
-            kicked[i], pl.start[c] = True, MOVING
+            ws.kicked[i], pl.start[c] = True, MOVING
     return again
 
 
@@ -250,18 +250,18 @@ def record(log, events, t, block, start):
 
 
 @uncounted
-def break_overloaded(t, events, u, sliding, fresh, at, cx, cy, cc, cs, log, counts):
+def break_overloaded(t, events, u, sliding, at, ws, log, counts):
     """Let blocks slide whose force is beyond the limit while they rest; return as `record`."""
     for i in range(at.n):
         if sliding[i]:
             continue
-        x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
+        x, y = force_on(i, u, at, ws.cx[0], ws.cy[0], ws.cc[0], ws.cs[0])
         if math.sqrt(x * x + y * y) >= at.static[i] * (1.0 + ON_LIMIT):
             events = record(log, events, t, i, 1)
             if events < 0:
                 return events
             counts[0] += 1
-            sliding[i] = fresh[i] = True
+            sliding[i] = ws.fresh[i] = True
     return events
 
 
@@ -286,92 +286,50 @@ def watch_stuck(sliding, driven, at, watched):
 
 
 @inlined
-def first_break(
-    doubtful,
-    h,
-    top,
-    o,
-    used,
-    count,
-    small,
-    u,
-    at,
-    pl,
-    cx,
-    cy,
-    cc,
-    cs,
-    gx,
-    gy,
-    found,
-    found_x,
-    found_y,
-    push,
-    work,
-):
+def first_break(doubtful, h, top, o, used, count, small, u, at, ws):
     """Return (h, who, hit): the step up to the first of the suspects that breaks in it.
 
     `who` is -1 where none does; without `hit` the step ends before it is sure that it breaks.
     """
     who, hit_any = -1, False
     for p in range(doubtful):
-        j, x, y = found[p], found_x[p], found_y[p]
-        force = math.sqrt(x * x + y * y) + push[p] * (h / top)
+        j, x, y = ws.found[p], ws.found_x[p], ws.found_y[p]
+        force = math.sqrt(x * x + y * y) + ws.push[p] * (h / top)
         if force < at.static[j] * (1.0 - ON_LIMIT):
             continue
         x, hit = break_root(
-            j, x, y, o, used, count, h, small, u, at, pl, cx, cy, cc, cs, gx, gy, work
-        )
+            j, x, y, o, used, count, h, small, u, at, ws.pl, ws.cx, ws.cy, ws.cc, ws.cs, ws.gx,
+            ws.gy, ws.work,
+        )  # fmt: skip
         if hit or x < h:
             h, who, hit_any = x, j, hit
     return h, who, hit_any
 
 
 @inlined
-def break_together(
-    t, who, watching, watched, events, sliding, fresh, at, found_x, found_y, log, counts
-):
-    """Let `who` slide, and what breaks at the same instant, in the order of the blocks.
+def break_together(t, who, watching, events, u, sliding, at, ws, log, counts):
+    """Let `who` slide, and what of the `watching` breaks at the same instant, in their order.
 
-    found_x, found_y: (watching,) forces on those watched. Returns as `record`.
+    Returns as `record`.
     """
     for p in range(watching):
-        j = watched[p]
-        force = math.sqrt(found_x[p] ** 2 + found_y[p] ** 2)
+        j = ws.watched[p]
+        x, y = force_on(j, u, at, ws.cx[0], ws.cy[0], ws.cc[0], ws.cs[0])
+        force = math.sqrt(x**2 + y**2)
         if j != who and force < at.static[j] * (1.0 - ON_LIMIT):
             continue
         events = record(log, events, t, j, 1)
         if events < 0:
             return events
         counts[0] += 1
-        sliding[j] = fresh[j] = True
+        sliding[j] = ws.fresh[j] = True
     return events
 
 
 @inlined
-def stop_slow(
-    t,
-    rim_speed,
-    events,
-    u,
-    v,
-    m,
-    rules,
-    at,
-    pl,
-    cx,
-    cy,
-    cc,
-    cs,
-    sliding,
-    fresh,
-    kicked,
-    slack,
-    log,
-    energy,
-    counts,
-):
+def stop_slow(t, rim_speed, events, u, v, m, rules, at, ws, sliding, log, energy, counts):
     """Bring the blocks of the `m` slots to rest that are slow enough; return as `record`."""
+    pl, kicked, fresh, slack = ws.pl, ws.kicked, ws.fresh, ws.slack
     for c in range(m):
         i = pl.slots[c]
         speed = math.sqrt(v[i, 0] ** 2 + v[i, 1] ** 2)
@@ -386,7 +344,7 @@ def stop_slow(
                 continue
             if pl.start[c] == LEVEL:
                 continue
-        x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
+        x, y = force_on(i, u, at, ws.cx[0], ws.cy[0], ws.cc[0], ws.cs[0])
         stop_s, dx, dy, now = 0.0, 0.0, 0.0, True
         if speed > 0.0:
             if x * v[i, 0] + y * v[i, 1] >= at.friction[i] * speed:
@@ -444,11 +402,11 @@ def run(
     `glide` too with GLIDING where glides would; it goes on from the progress returned.
     """
     order, far, n, pl = rules.order, 0, at.n, ws.pl
-    cx, cy, cc, cs, gx, gy, work = ws.cx, ws.cy, ws.cc, ws.cs, ws.gx, ws.gy, ws.work
+    cx, cy, cc, cs, gx, work = ws.cx, ws.cy, ws.cc, ws.cs, ws.gx, ws.work
     watched, found, push = ws.watched, ws.found, ws.push
     slack, spare = ws.slack, ws.spare
     found_x, found_y = ws.found_x, ws.found_y
-    fresh, kicked, crept = ws.fresh, ws.kicked, ws.crept
+    crept = ws.crept
     here, rate, gauss = ws.here, ws.rate, ws.gauss
     if sweeping is not None:
         far = sweeping.order
@@ -466,7 +424,7 @@ def run(
         )
         if settle:
             settle, before = False, events
-            events = break_overloaded(t, events, u, sliding, fresh, at, cx, cy, cc, cs, log, counts)
+            events = break_overloaded(t, events, u, sliding, at, ws, log, counts)
             if events < 0:
                 return EVENT_LIMIT, (t, left, len(log.t), steps, sampled)
             changed = changed or events > before
@@ -482,7 +440,7 @@ def run(
         if by_zero:
             passing = pass_zero(count, u, v, rules.relative, rules.small, at, pl, cx, cy, cc, cs)
             steady = steady and passing == 0
-        steady = start_slots(m, u, fresh, at, pl, cx, cy, cc, cs) and steady
+        steady = start_slots(m, u, at, ws) and steady
         h = min(t_end - t, reach)
         creeping = False
         for c in range(m if len(pl.past_x) > 0 else 0):
@@ -642,7 +600,7 @@ def run(
                             pl.start[c] = MOVING
                     creeping = False
                 blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
-            if kick_level(m, v, kicked, pl):
+            if kick_level(m, v, ws):
                 blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
             near = planar_reach(order, m, pl, rules.relative, rules.small, h)
             near = plain = slowing_reach(order, m, pl, near, KEPT, work)
@@ -709,27 +667,7 @@ def run(
                 into_lanes(o, m, count, True, sweeping.ab, pl)
             if doubtful > 0:
                 h, who, hit_any = first_break(
-                    doubtful,
-                    h,
-                    top,
-                    o,
-                    used,
-                    count,
-                    rules.small,
-                    u,
-                    at,
-                    pl,
-                    cx,
-                    cy,
-                    cc,
-                    cs,
-                    gx,
-                    gy,
-                    found,
-                    found_x,
-                    found_y,
-                    push,
-                    work,
+                    doubtful, h, top, o, used, count, rules.small, u, at, ws
                 )
                 ends = ends and who < 0
             if h < top and not hit_any:
@@ -773,37 +711,13 @@ def run(
         rim_speed = math.sqrt(cx[1] ** 2 + cy[1] ** 2) + math.sqrt(cc[1] ** 2 + cs[1] ** 2)
         before = events
         events = stop_slow(
-            t,
-            rim_speed,
-            events,
-            u,
-            v,
-            m,
-            rules,
-            at,
-            pl,
-            cx,
-            cy,
-            cc,
-            cs,
-            sliding,
-            fresh,
-            kicked,
-            slack,
-            log,
-            energy,
-            counts,
+            t, rim_speed, events, u, v, m, rules, at, ws, sliding, log, energy, counts
         )
         if events < 0:
             return EVENT_LIMIT, (t, left, len(log.t), steps, sampled)
         changed = changed or events > before
         if hit_any:
-            for p in range(watching):
-                j = watched[p]
-                found_x[p], found_y[p] = force_on(j, u, at, cx[0], cy[0], cc[0], cs[0])
-            events = break_together(
-                t, who, watching, watched, events, sliding, fresh, at, found_x, found_y, log, counts
-            )
+            events = break_together(t, who, watching, events, u, sliding, at, ws, log, counts)
             if events < 0:
                 return EVENT_LIMIT, (t, left, len(log.t), steps, sampled)
             changed = True
