@@ -91,7 +91,7 @@ def watch_stuck(t, u, speed, plain, at, cx, cc, cs, slot, stale, watch, due, wat
     """Write which stuck blocks to watch, and their forces; return how many, and when one is due.
 
     What is not watched is pulled at a constant rate: it breaks at `due`. Only what is `stale` is
-    looked at anew.
+    looked at again.
     """
     next_due = np.inf
     count = 0
