@@ -179,10 +179,10 @@ class SoundNode(EolNode):
         if self.testing is None:
             return
         asked, test = self.testing
-        outcome = test.outcome(time.monotonic())
+        outcome = test.outcome(time.monotonic(), self.player.text)
         if outcome is not None:
             self.testing = None
-            self.requests.answer(asked, outcome[0], f'{self.player.text}: {outcome[1]}')
+            self.requests.answer(asked, *outcome)
 
     def restart(self) -> None:
         self.first = FirstSense()

@@ -73,10 +73,11 @@ class ChannelTest:
             self.levels_db.append(decibels(float(np.abs(heard).max())))
         return True
 
-    def outcome(self, now_s: float) -> tuple[bool, str] | None:
+    def outcome(self, now_s: float, output: str) -> tuple[bool, str] | None:
         """Look; return whether noise came from every channel, in words too, once that is known.
 
-        `now_s` is of a steady clock: that of the engine stands still with the output.
+        `now_s` is of a steady clock: that of the engine stands still with the output, which the
+        words name as `output`.
         """
         measured, done = len(self.levels_db), self.look()
         if self._measured_s is None or len(self.levels_db) > measured:
@@ -85,8 +86,8 @@ class ChannelTest:
             return None
         silent = self.silent() if done else ['all but ' + (self.words() or 'none')]
         if silent:
-            return False, f'nothing came from {", ".join(silent)}'
-        return True, f'measured {self.words()}'
+            return False, f'{output}: nothing came from {", ".join(silent)}'
+        return True, f'{output}: measured {self.words()}'
 
     def silent(self) -> list[str]:
         """Return the names of the channels from which nothing came."""

@@ -76,12 +76,12 @@ def test_who_looks_too_late_has_not_measured():
 def test_an_output_that_stands_still_is_given_up():
     mixer = Mixer(FS, 2)
     test = ChannelTest(mixer, 0.1, ('left', 'right'))
-    assert test.outcome(1000.0) is None
+    assert test.outcome(1000.0, 'card') is None
     mixer.render(round((0.1 + BURST_S + 0.05) * FS))
-    assert test.outcome(1000.5) is None and len(test.levels_db) == 1
-    assert test.outcome(1000.5 + PATIENCE_S) is None
-    good, words = test.outcome(1000.6 + PATIENCE_S)
-    assert not good and words.startswith('nothing came from all but left -')
+    assert test.outcome(1000.5, 'card') is None and len(test.levels_db) == 1
+    assert test.outcome(1000.5 + PATIENCE_S, 'card') is None
+    good, words = test.outcome(1000.6 + PATIENCE_S, 'card')
+    assert not good and words.startswith('card: nothing came from all but left -')
 
 
 def test_the_noise_is_as_loud_in_each_octave():
