@@ -4,6 +4,8 @@
 Simulated detections of a stick-slip table (benchmarks.stick_slip). A failure lasts when a
 block in full view has a wrong name, or none, for 2 s; then the tracker is told the truth and goes
 on. It was declared when the tracker said that the turn is open, or the blocks are lost.
+Of a block that goes out of sight under its right name it is told how far from the truth its
+predicted place is.
 """
 
 import argparse
@@ -31,6 +33,7 @@ EXAMPLES = [
     'eol bench identity --hours 0.001 --methods lattice --ties 500 --tap-jitter 1',
 ]
 LASTING_S = 2.0
+OCCLUDED = (1, 6, 30)  # images out of sight after which a block's place is compared with the truth
 # of one seed, on which its figures depend
 SETTINGS = (
     'hours', 'fps', 'rough', 'permanent', 'losses', 'yaw_offset', 'covers', 'no_taps', 'methods'
@@ -89,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     covers = None if args.covers == 'unseen' else cover_library.patterns(args.covers)
 
-    def one(seed: int) -> dict[str, dict[str, float]]:
+    def one(seed: int) -> dict[str, dict[str, float | None]]:
         trackers = {name: make(name, covers) for name in args.methods.split(',')}
         return measure(
             trackers, args.hours, args.fps, seed, args.rough, args.permanent, args.losses,
@@ -122,12 +125,16 @@ def _lines(figures: dict[str, float]) -> str:
     return '\n'.join(f'{key:34}{value:14.6g}' for key, value in figures.items())
 
 
+def _cell(value: float | None) -> str:
+    return f'{"-":>14}' if value is None else f'{value:14.6g}'
+
+
 def _table(scores: dict[str, dict]) -> str:
     ties_of = {name: figures for name, figures in scores.items() if name.startswith('ties')}
     films = {name: figures for name, figures in scores.items() if name not in ties_of}
     lines = [f'{"":34}' + ''.join(f'{name:>14}' for name in films)]
     for key in next(iter(films.values())):
-        lines.append(f'{key:34}' + ''.join(f'{films[name][key]:14.6g}' for name in films))
+        lines.append(f'{key:34}' + ''.join(_cell(films[name][key]) for name in films))
     for name, figures in ties_of.items():
         lines += [name, *(f'{key:34}{value:14.6g}' for key, value in figures.items())]
     return '\n'.join(lines)
@@ -212,6 +219,10 @@ class Ours:
         lattice = self.identity.lattice
         return bool(lattice.ambiguous or lattice.state != 1)
 
+    @property
+    def xy(self) -> np.ndarray:
+        return self.identity.lattice.xy
+
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
         self.identity.tap(stamp_s, block, sigma_s)
 
@@ -251,6 +262,21 @@ class Score:
         self.wrong_since = np.full(N_BLOCKS, np.inf)
         self.spent = 0.0
         self.switch_times: list[float] = []
+        self.out_of_sight = np.full(N_BLOCKS, -1)  # images; -1: under a wrong name before
+        self.occluded_m: dict[int, list[float]] = {images: [] for images in OCCLUDED}
+
+    def predict_occluded(
+        self, moment: Any, true: np.ndarray, index: np.ndarray, xy: np.ndarray
+    ) -> None:
+        """Take where blocks (25, 2) are believed to be in one image; see add."""
+        held = index >= 0
+        right = held.copy()
+        right[held] = true[index[held]] == np.flatnonzero(held)
+        known = ~held & (self.out_of_sight >= 0)
+        self.out_of_sight = np.where(right, 0, np.where(known, self.out_of_sight + 1, -1))
+        for images, far in self.occluded_m.items():
+            now = self.out_of_sight == images
+            far += np.hypot(*(xy[now] - moment.xy[now]).T).tolist()
 
     def add(self, now: float, true: np.ndarray, index: np.ndarray, declared: bool) -> bool:
         """Take one image: `true` names each detection. Return whether a failure has lasted."""
@@ -278,7 +304,12 @@ class Score:
         self.last[:] = -1
         return True
 
-    def figures(self, hours: float, images: int) -> dict[str, float]:
+    def figures(self, hours: float, images: int) -> dict[str, float | None]:
+        occluded = {
+            f'occluded_{count}_images_{name}_mm': 1e3 * float(np.quantile(far, q)) if far else None
+            for count, far in self.occluded_m.items()
+            for name, q in (('median', 0.5), ('99_percent', 0.99))
+        }
         return {
             'switches_per_hour': self.switches / hours,
             'mislabelled_percent': 100 * self.wrong / self.shown,
@@ -291,6 +322,7 @@ class Score:
             'hidden_percent': 100 * self.hidden / (self.hidden + self.shown),
             'turn_open_percent': 100 * self.open_images / images,
             'us_per_image': 1e6 * self.spent / images,
+            **occluded,
         }
 
 
@@ -339,7 +371,7 @@ def measure(
     taps: bool = True,
     askew_rad: float = 0.05,
     scores: dict[str, Score] | None = None,
-) -> dict[str, dict[str, float]]:
+) -> dict[str, dict[str, float | None]]:
     """Run all `trackers` over the same simulated hours and return their figures."""
     from benchmarks.stick_slip import Onlooker, Table
 
@@ -364,6 +396,7 @@ def measure(
             index = tracker.update(moment, seen)
             score = scores[name]
             score.spent += time.perf_counter() - begun
+            score.predict_occluded(moment, seen.true, index, tracker.xy)
             if score.add(moment.stamp_s, seen.true, index, tracker.ambiguous):
                 tracker.begin(moment.xy)
         if images >= 10 and k % (images // 10) == 0 and k:

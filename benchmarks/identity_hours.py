@@ -12,7 +12,7 @@ from scipy import stats
 
 from eol_ros.errors import ConfigError
 
-Figures = dict[str, dict[str, float]]  # of each method
+Figures = dict[str, dict[str, float | None]]  # of each method
 
 
 def measure(
@@ -46,7 +46,7 @@ def together(pieces: list[Figures], hours: float) -> Figures:
     total, result = hours * len(pieces), {}
     for name in pieces[0]:
         of = [piece[name] for piece in pieces]
-        figures = {key: float(np.mean([one[key] for one in of])) for key in of[0]}
+        figures = {key: _mean([one[key] for one in of]) for key in of[0]}
         lasting = round(figures['lasting_failures_per_hour'] * total)
         result[name] = figures | {
             'hours': total,
@@ -56,6 +56,12 @@ def together(pieces: list[Figures], hours: float) -> Figures:
             'lasting_per_hour_below_95': float(stats.chi2.ppf(0.95, 2 * lasting + 2) / 2 / total),
         }
     return result
+
+
+def _mean(of: list[float | None]) -> float | None:
+    """Return the mean of those that were measured."""
+    known = [one for one in of if one is not None]
+    return float(np.mean(known)) if known else None
 
 
 def _read(file: Path) -> list[dict[str, Any]]:

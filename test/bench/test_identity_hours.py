@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hours of names in pieces: what was measured is not measured again, and nothing else is taken."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -81,6 +83,28 @@ def test_names_are_counted_as_they_are():
     assert score.missed == 3 and score.switches == 2
     assert score.add(3.01, true, index, False)  # 2.01 s without the right name
     assert score.lasting == score.undeclared == 1
+
+
+def test_the_places_of_occluded_blocks_are_compared_while_their_names_were_right():
+    score = identity.Score()
+    xy = np.arange(50.0).reshape(25, 2)
+    moment, believed = SimpleNamespace(xy=xy), xy + (0.003, 0.004)
+    true, index = np.arange(25), np.arange(25)
+    index[[7, 8]] = [8, 7]  # exchanged
+    score.predict_occluded(moment, true, index, believed)
+    index[[3, 7]] = -1
+    for _ in range(6):
+        score.predict_occluded(moment, true, index, believed)
+    assert score.occluded_m[1] == score.occluded_m[6] == [pytest.approx(0.005)]
+    assert score.occluded_m[30] == []
+    score.add(0.0, true, index, False)
+    figures = score.figures(1.0, 7)
+    assert figures['occluded_6_images_median_mm'] == pytest.approx(5.0)
+    assert figures['occluded_30_images_99_percent_mm'] is None
+    pieces = [{'lattice': figures | {'occluded_30_images_median_mm': far}} for far in (None, 4.0)]
+    found = identity_hours.together(pieces, 1.0)['lattice']
+    assert found['occluded_30_images_median_mm'] == 4.0
+    assert found['occluded_30_images_99_percent_mm'] is None
 
 
 @pytest.mark.slow

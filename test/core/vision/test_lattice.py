@@ -222,6 +222,29 @@ def test_hidden_block_is_carried_by_its_neighbours_and_trusted_less(settled):
     assert (settled.sigma[settled.seen] < 2e-4).all()
 
 
+# away from the middle of its fellows; off after one image of 1.7 mm, and after six, of 10 mm
+@pytest.mark.parametrize(('away_m', 'one_m', 'six_m'), [(0.0, 3e-4, 4e-3), (0.03, 1.5e-3, 9e-3)])
+def test_a_block_that_an_arm_hides_on_the_way_goes_on_for_a_while(settled, away_m, one_m, six_m):
+    """Where it was just seen is no matter of what springs and friction are thought to allow."""
+    rest, hidden, speed = rest_lattice(), 12, 0.1
+
+    def at(second):
+        moved = speed * second * np.ones((25, 1)) * [1.0, 0.0]
+        moved[hidden, 1] += min(second / 0.5, 1.0) * away_m
+        return rest + moved
+
+    for k in range(60):
+        settled.update(0.2 + k / 60, at(k / 60), np.zeros(25), np.full(25, 1e-4))
+    assert settled.seen.all()
+    behind = []
+    for k in range(60, 90):
+        xy = np.delete(at(k / 60), hidden, axis=0)
+        settled.update(0.2 + k / 60, xy, np.zeros(24), np.full(24, 1e-4))
+        assert not settled.seen[hidden]
+        behind.append(np.hypot(*(settled.xy[hidden] - at(k / 60)[hidden])))
+    assert behind[0] < one_m and behind[5] < six_m and behind[-1] < 0.04
+
+
 @pytest.mark.parametrize(('step_m', 'seen'), [(0.002, True), (0.004, False), (0.036, False)])
 def test_a_faint_block_may_stand_far_from_its_fellows_if_it_was_followed_there(
     settled, step_m, seen

@@ -34,6 +34,9 @@ LAMP_S = 0.1  # a light that has been no block for so long is not taken for one 
 WAITED_S = 0.1  # a light that waits for so long is reason to read the whole lattice again,
 MANY = 3  # as are at once so many that wait, where as many blocks are hidden that they may be
 REST_M = 6e-4  # a lattice whose blocks stay within this rests
+GAIN = 0.7  # of the filter of a block's velocity
+LASTS_S = 0.2  # how a block moved, and how far it stood from there, when it was last seen
+SWEEPS = 12  # over the hidden blocks, each of which moves where its neighbours let it
 FEW = 4  # blocks that tell how the lattice is turned
 QUARTER = np.pi / 2
 
@@ -69,6 +72,7 @@ def advance(
         for i in range(N_BLOCKS):
             if gone[i] and not firm[i]:
                 index[i], held[i] = -1, False
+    _lose(seen & ~held, velocity, sigma, step)
     predict_occluded(before, xy, held, rest, angle, velocity, sigma, step)
     remember(stamp_s, points, index, place, born, last, at)
     hidden = N_BLOCKS - held.sum()
@@ -80,6 +84,19 @@ def advance(
             long |= stamp_s - born[k] > WAITED_S
     many = min(waiting, hidden) >= MANY
     return before, index, many, (hidden > 0 and long) or folds(xy, held) > 0
+
+
+@njit(cache=True)
+def _lose(lost, velocity, sigma, step):
+    """Leave blocks that are lost now so much of their velocity as is more than the noise of it.
+
+    That noise follows from sigma of the places, through the filter in conclude.
+    """
+    for i in range(N_BLOCKS):
+        if lost[i]:
+            noise = 4.0 * GAIN * GAIN / (2.0 - GAIN) * (sigma[i] / step) ** 2  # of both axes
+            moves = velocity[i, 0] ** 2 + velocity[i, 1] ** 2
+            velocity[i] *= max(1.0 - noise / moves, 0.0) if moves > 0.0 else 0.0
 
 
 @njit(cache=True)
@@ -116,7 +133,6 @@ def conclude(
         for i in range(N_BLOCKS):
             if back[i]:
                 xy[i] = points[index[i]]
-                velocity[i] = 0.0
                 firm[i] = True
     seen = index >= 0
     rests = True
@@ -125,7 +141,7 @@ def conclude(
             continue
         for k in range(2):
             if was[i] and step > 0:
-                velocity[i, k] += 0.7 * ((xy[i, k] - before[i, k]) / step - velocity[i, k])
+                velocity[i, k] += GAIN * ((xy[i, k] - before[i, k]) / step - velocity[i, k])
             rests &= abs(xy[i, k] - rest_xy[i, k]) <= REST_M
         seen_s[i] = stamp_s
         sigma[i] = spread[index[i]]
@@ -214,61 +230,80 @@ def predict_occluded(before, xy, held, rest, angle, velocity, sigma, step):
 
     A block sticks until its springs pull it harder than friction holds it: so it is never further
     than STICK_M from the middle of its four neighbours. Where a neighbour is the rim, the lattice
-    continued (an affine fit of what is seen) stands for it. Changes xy, velocity and sigma of
-    blocks not held.
+    continued (an affine fit of what is seen) stands for it; as that is a guess, a block that was
+    just seen further off comes back to within STICK_M by degrees. It goes on as it was seen to
+    move, for a while. Changes xy, velocity and sigma of blocks not held.
 
     before (25, 2): places in the last image. held (25,): seen in this one. rest (25, 2).
     """
     if held.sum() < 6:
         _drift(before, xy, held, velocity, sigma, step)
         return
-    fit = affine(rest, xy, held)
-    ca = np.cos(angle) * PITCH_M
-    sa = np.sin(angle) * PITCH_M
-    for sweep in range(12):
+    fit, fit_before = affine(rest, xy, held), affine(rest, before, held)
+    every = np.ones(N_BLOCKS, np.bool_)
+    most_m = np.full(N_BLOCKS, STICK_M)
+    lasts = np.exp(-step / LASTS_S)
+    for h in range(N_BLOCKS):
+        if not held[h]:
+            ex, ey = _between(h, before, every, fit_before, angle)
+            far = np.hypot(before[h, 0] - ex, before[h, 1] - ey)
+            most_m[h] = STICK_M + lasts * max(far - STICK_M, 0.0)
+            for k in range(2):
+                xy[h, k] += lasts * velocity[h, k] * step
+    for _ in range(SWEEPS):
         for h in range(N_BLOCKS):
             if held[h]:
                 continue
-            row = h // COLS
-            column = h % COLS
-            ex = ey = doubt = 0.0
-            for k in range(4):
-                dc = 1 if k == 0 else (-1 if k == 1 else 0)
-                dr = 1 if k == 2 else (-1 if k == 3 else 0)
-                c = column + dc
-                r = row + dr
-                if 0 <= c < COLS and 0 <= r < ROWS:
-                    j = r * COLS + c
-                    px = xy[j, 0]
-                    py = xy[j, 1]
-                    if not held[j]:
-                        doubt += sigma[j] ** 2
-                else:
-                    gx = (c - 2) * PITCH_M
-                    gy = (r - 2) * PITCH_M
-                    px = fit[0, 0] + fit[1, 0] * gx + fit[2, 0] * gy
-                    py = fit[0, 1] + fit[1, 1] * gx + fit[2, 1] * gy
-                    doubt += RIM_DOUBT_M**2
-                ex += 0.25 * (px - ca * dc + sa * dr)
-                ey += 0.25 * (py - sa * dc - ca * dr)
-            ox = xy[h, 0] - ex
-            oy = xy[h, 1] - ey
+            ex, ey = _between(h, xy, every, fit, angle)
+            ox, oy = xy[h, 0] - ex, xy[h, 1] - ey
             far = np.hypot(ox, oy)
-            if far > STICK_M:
-                xy[h, 0] = ex + ox * STICK_M / far
-                xy[h, 1] = ey + oy * STICK_M / far
-            if sweep == 11:
-                # Under an arm it may stick or slide whenever its fellows move, unseen.
-                moved = 0.0
-                for j in range(N_BLOCKS):
-                    if held[j] and abs(j // COLS - row) < 2 and abs(j % COLS - column) < 2:
-                        path = np.hypot(xy[j, 0] - before[j, 0], xy[j, 1] - before[j, 1])
-                        moved = max(moved, path)
-                velocity[h, 0] = (xy[h, 0] - before[h, 0]) / step
-                velocity[h, 1] = (xy[h, 1] - before[h, 1]) / step
-                most = np.sqrt((0.8 * STICK_M) ** 2 + doubt / 9.0)
-                grown = sigma[h] + 0.5 * moved + 0.0005 * step
-                sigma[h] = max(min(grown, most), min(sigma[h], 2 * most))
+            if far > most_m[h]:
+                xy[h, 0] = ex + ox * most_m[h] / far
+                xy[h, 1] = ey + oy * most_m[h] / far
+    for h in range(N_BLOCKS):
+        if held[h]:
+            continue
+        row, column = h // COLS, h % COLS
+        # Under an arm it may stick or slide whenever its fellows move, unseen.
+        moved = doubt = 0.0
+        beside = 0
+        for j in range(N_BLOCKS):
+            dr, dc = abs(j // COLS - row), abs(j % COLS - column)
+            if held[j] and dr < 2 and dc < 2:
+                moved = max(moved, np.hypot(xy[j, 0] - before[j, 0], xy[j, 1] - before[j, 1]))
+            if dr + dc == 1:
+                beside += 1
+                doubt += 0.0 if held[j] else sigma[j] ** 2
+        doubt += (4 - beside) * RIM_DOUBT_M**2
+        velocity[h, 0] = (xy[h, 0] - before[h, 0]) / step
+        velocity[h, 1] = (xy[h, 1] - before[h, 1]) / step
+        most = np.sqrt((0.8 * STICK_M) ** 2 + doubt / 9.0)
+        grown = sigma[h] + 0.5 * moved + 0.0005 * step
+        sigma[h] = max(min(grown, most), min(sigma[h], 2 * most))
+
+
+@njit(cache=True)
+def _between(block, xy, use, fit, angle):
+    """Return where the springs of a block to its four neighbours want it, m.
+
+    Where one is the rim, or is not in `use` (25,), the lattice continued by `fit` stands for it.
+    """
+    ca, sa = np.cos(angle) * PITCH_M, np.sin(angle) * PITCH_M
+    ex = ey = 0.0
+    for k in range(4):
+        dc = 1 if k == 0 else (-1 if k == 1 else 0)
+        dr = 1 if k == 2 else (-1 if k == 3 else 0)
+        c, r = block % COLS + dc, block // COLS + dr
+        j = r * COLS + c
+        if 0 <= c < COLS and 0 <= r < ROWS and use[j]:
+            px, py = xy[j, 0], xy[j, 1]
+        else:
+            gx, gy = (c - 2) * PITCH_M, (r - 2) * PITCH_M
+            px = fit[0, 0] + fit[1, 0] * gx + fit[2, 0] * gy
+            py = fit[0, 1] + fit[1, 1] * gx + fit[2, 1] * gy
+        ex += 0.25 * (px - ca * dc + sa * dr)
+        ey += 0.25 * (py - sa * dc - ca * dr)
+    return ex, ey
 
 
 @njit(cache=True)
@@ -280,30 +315,12 @@ def reject_outliers(xy, held, faint, rest, angle):
     away = np.zeros(N_BLOCKS, np.bool_)
     if held.sum() < 12 or not faint.any():
         return away
-    fit = affine(rest, xy, held & ~faint)
-    ca = np.cos(angle) * PITCH_M
-    sa = np.sin(angle) * PITCH_M
+    sure = held & ~faint
+    fit = affine(rest, xy, sure)
     for h in range(N_BLOCKS):
-        if not faint[h]:
-            continue
-        ex = ey = 0.0
-        for k in range(4):
-            dc = 1 if k == 0 else (-1 if k == 1 else 0)
-            dr = 1 if k == 2 else (-1 if k == 3 else 0)
-            c = h % COLS + dc
-            r = h // COLS + dr
-            j = r * COLS + c
-            if 0 <= c < COLS and 0 <= r < ROWS and held[j] and not faint[j]:
-                px = xy[j, 0]
-                py = xy[j, 1]
-            else:
-                gx = (c - 2) * PITCH_M
-                gy = (r - 2) * PITCH_M
-                px = fit[0, 0] + fit[1, 0] * gx + fit[2, 0] * gy
-                py = fit[0, 1] + fit[1, 1] * gx + fit[2, 1] * gy
-            ex += 0.25 * (px - ca * dc + sa * dr)
-            ey += 0.25 * (py - sa * dc - ca * dr)
-        away[h] = np.hypot(xy[h, 0] - ex, xy[h, 1] - ey) > STRAY_M
+        if faint[h]:
+            ex, ey = _between(h, xy, sure, fit, angle)
+            away[h] = np.hypot(xy[h, 0] - ex, xy[h, 1] - ey) > STRAY_M
     return away
 
 
