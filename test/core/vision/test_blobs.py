@@ -341,6 +341,16 @@ def test_what_an_arm_left_of_a_block_does_not_tell_how_it_usually_looks():
         assert usual_outline.trusted(usual) == believed
 
 
+def test_what_was_learnt_beside_an_arm_is_forgotten_once_more_is_in_view():
+    usual = usual_outline.rows(1)[0]
+    usual[usual_outline.QUARTER], usual[usual_outline.TIMES] = 0.0, usual_outline.MOST
+    usual[usual_outline.SHARE] = 0.75
+    usual_outline.outgrow(usual, 0.77)  # noise
+    assert usual_outline.trusted(usual)
+    usual_outline.outgrow(usual, 0.9)
+    assert not usual_outline.trusted(usual)
+
+
 @pytest.mark.slow
 def test_whole_blocks_on_glittering_sandpaper_are_whole():
     """Grains and specks take their part of every edge; what is left is all that can agree."""

@@ -61,6 +61,9 @@ HOPELESS = 0.1  # share below which no round makes a square of it
 # Share of the edge in sight from which a block needs no help, and below it, over how much of the
 # share help comes gradually: noise moves the share, and a step there would move the block with it.
 WHOLE, GRADUALLY = 0.9, 0.1
+# So far from what a calibration says, half a side is not that of a block's own edges; twice as far
+# it is surely not.
+MISSIZED_PX = 0.25
 # Where an arm hides some of a block that is known, it is measured so often, until a step is short.
 ROUNDS, NEAR_PX = 2, 0.1
 # By how much a stretch of its edge may then differ from what is known, flat covers and with relief.
@@ -68,6 +71,10 @@ STRETCH_PX, SOFT_STRETCH_PX = 0.02, 0.05
 LAMP_LEADS_PX = 0.3  # by so much a lamp may lead a block of which all edges stand in its glow
 ARM_LEADS_PX = 0.2  # by so much an arm may lead a block of which hardly a line is as it was
 MORE_THAN_AN_ARM = 0.6  # share of an outline that only a block shows
+ANOTHER_PX = 1.5  # so far from where that is, what is usual of a block finds another thing
+# A block that was seen just now, and of which so much is found where it was expected, is there to
+# so many px, even if what is usual of it tells nothing along one axis.
+SHOWN, SHOWN_PX = 0.33, 0.35
 # Share of the contrast by which light may fall in the flats beside an edge, and how fast more makes
 # a lamp of it. Outside of covers with relief it is 0.12 at most, of lamps hardly ever below 0.2.
 FALLING, SOFT_FALLING = (0.15, 2.5), (0.1, 5.0)
@@ -83,8 +90,9 @@ class Known(NamedTuple):
     half: of its side, px, good to half_sigma; tight: how well a calibration says it, px, 0 where
     there is none. shear: two numbers, see profiles.gather; blur: of edges, px. least: contrast
     below which no answer is wanted. predicted: a block should be here, so light beside it may be a
-    lamp's (see glow); a light that nobody expects may be a lamp alone. table: see outline; usual:
-    see usual_outline.
+    lamp's (see glow); a light that nobody expects may be a lamp alone. u, v: where it is expected,
+    px; within `close` px of it nothing else is, as it was seen there just now. table: see outline;
+    usual: see usual_outline.
     """
 
     half: float
@@ -94,6 +102,9 @@ class Known(NamedTuple):
     blur: float
     least: float
     predicted: bool
+    u: float
+    v: float
+    close: float
     table: np.ndarray
     usual: np.ndarray
 
@@ -515,21 +526,28 @@ def _fit(image, square, place, known, beats, room):
     noise = _place_variance(room)
     free_half, free_share = place.half, vote.share
     touched = aside = 0.0
+    off = math.hypot(place.u - known.u, place.v - known.v)
+    astray = off > known.close > 0.0  # as an arm's edge may lead it that is taken for a side
+    if not astray:
+        usual_outline.outgrow(usual, free_share * around)
     if known.tight > 0 and lit == 0.0:
         touched = usual_outline.touched(usual, free_share * around, texture)
         sigma, more = math.sqrt(vote.variance * noise), free_half - known.half
         aside = usual_outline.aside(work, ends, free_half, more, step, sigma, False, usual)
     part = 1.0
     if touched < 1.0:
-        if known.tight > 0 and free_share < WHOLE:
-            # an arm along one side moves it; what is known of the size speaks for the side across
+        missed = math.fabs(free_half - known.half) / MISSIZED_PX - 1.0
+        missized = min(max(missed, 0.0), 1.0)
+        if known.tight > 0 and (free_share < WHOLE or missized > 0.0):
+            # an arm along one side moves it, or has its edge taken for that side: what is known
+            # of the size speaks for the side across
             slope, lean = abs(math.cos(place.theta)), -math.tan(place.theta)
             sides = profiles.Sides(slope, lean, light.sides.limit, known.blur, soft)
             sized = _Light(sides, light.contrast, light.level)
             vote = _round(place, sized, known, known.tight, SIZED_PX, 4, False, room)
             if vote.share == 0.0:
                 return
-            part = min((WHOLE - free_share) / GRADUALLY, 1.0)
+            part = min(max((WHOLE - free_share) / GRADUALLY, missized), 1.0)
             place = _moved(place, step, part)
             noise += part * (_place_variance(room) - noise)
         usual_outline.learn(
@@ -577,15 +595,19 @@ def _fit(image, square, place, known, beats, room):
             recalled = RUN * usual_outline.mean_weight(work, ends) * unlike * unlike
             recalled += max(vote.variance * _alike(work, ends, step), 1.0 if soft else 0.0)
             recalled = recalled * _place_variance(room) + unsure
-        # too little is as it was, and more is in sight than an arm shows
-        if vote.share < HOPELESS or (recalled > led and share * around > MORE_THAN_AN_ARM):
+        # too little is as it was, and more is in sight than an arm shows, or it is where it was
+        told = share > MORE_THAN_AN_ARM
+        another = math.hypot(there.u - place.u, there.v - place.v) > ANOTHER_PX and not astray
+        if vote.share < HOPELESS or (told and (recalled > led or another)):
             scatter += touched * (led - scatter)
+        elif off < known.close and share > SHOWN and led < SHOWN_PX**2 < recalled:
+            scatter += touched * (SHOWN_PX**2 - scatter)
         else:
             more, sigma = there.half - known.half, math.sqrt(vote.variance * _place_variance(room))
             left = usual_outline.aside(work, ends, there.half, more, step, sigma, True, usual)
             if aside > left:  # the light has told which side an arm hides
-                told = min(aside / usual_outline.NARROW_PX, 1.0) * (1.0 - left / aside)
-                touched = max(touched, told)
+                shown = min(aside / usual_outline.NARROW_PX, 1.0) * (1.0 - left / aside)
+                touched = max(touched, shown)
             aside += touched * (left - aside)
             place = _Place(
                 place.u + touched * (there.u - place.u),

@@ -110,8 +110,9 @@ def attempt(
         size, sure = half, ROUGHLY * half
     square[U], square[V], square[THETA] = u, v, theta
     contrasts, blur = known[CONTRASTS], known[BLUR]
+    near = CLOSE * size if since_s < LATELY_S else 0.0
     prior = edges.Known(
-        size, sure, tight, (re, im), blur, FAINTEST * contrasts, predicted, table, usual
+        size, sure, tight, (re, im), blur, FAINTEST * contrasts, predicted, u, v, near, table, usual
     )
     edges.fit_square(image, square, prior, searches, room)
     # grains that sparkle and specks take their part of any block's edge: what is left is all of it
@@ -121,7 +122,7 @@ def attempt(
     # a hand may stand where a block should; it is dimmer, or its edges are not all there
     contrast = square[CONTRAST]
     moved = math.hypot(square[U] - u, square[V] - v)
-    close = since_s < LATELY_S and moved < CLOSE * size
+    close = moved < near
     if own > 0:  # a block known by its brightness may have an arm beside it that is as bright
         dim = contrast < MIN_CONTRAST * own or contrast > MAX_CONTRAST * max(own, contrasts)
     else:
@@ -298,7 +299,8 @@ def at_predictions(
                     room, fit, True,
                 )  # fmt: skip
                 found = fit[VISIBLE] >= PREDICTED[0] and fit[QUALITY] >= PREDICTED[2]
-                found &= fit[SIGMA] < MOST_PARTLY_PX  # whatever is known of this block
+                whole = fit[VISIBLE] > edges.WHOLE  # whatever is known of this block
+                found &= fit[SIGMA] < (MOST_WHOLE_PX if whole else MOST_PARTLY_PX)
                 if not found or _stray(fit, u, v, theta, since_s):
                     fit[VISIBLE] = fit[QUALITY] = 0.0
                     break

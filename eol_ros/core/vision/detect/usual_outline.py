@@ -93,6 +93,13 @@ def follow(usual, u, v):
 
 
 @njit(inline='always')
+def outgrow(usual, share):
+    """Forget what was learnt of a block if more of its edge than ever agrees, `share`."""
+    if usual[TIMES] > 0 and share > usual[SHARE] / IN_VIEW:
+        usual[TIMES] = 0.0
+
+
+@njit(inline='always')
 def in_dark(usual, share):
     """Return whether a block is known to have no lamp beside it; if `share` of it is in view."""
     return trusted(usual) and usual[GLOW] < GLOWS and share <= usual[SHARE] / IN_VIEW
@@ -300,8 +307,6 @@ def learn(work, ends, half, more, step, part, width, share, texture, aside, lit,
     forget(usual)
     if share < IN_VIEW * usual[SHARE] or touched(usual, share, texture) > 0.0:
         return
-    if usual[TIMES] > 0 and share > usual[SHARE] / IN_VIEW:
-        usual[TIMES] = 0.0  # more than ever is in view
     usual[TIMES] = min(usual[TIMES] + 1.0, MOST)
     usual[SHARE] = max(usual[SHARE], min(share, 1.0))
     gain = SLOWLY if aside > 0.0 else 1.0 / usual[TIMES]
