@@ -252,6 +252,25 @@ def test_no_square_is_sought_along_an_arm(wide):
     assert (sought(image, 150, 150, 0.0, 22.0, 40.0)[:, 2] == 0).all()
 
 
+@pytest.mark.parametrize('bright', [14.0, 40.0, 90.0])
+@pytest.mark.parametrize('strip', [4, 9, 15])
+def test_an_edge_of_an_arm_is_told_from_the_side_across(bright, strip):
+    rng = np.random.default_rng(int(bright) + strip)
+    theta, half, centre = 0.0, 22.0, (150, 150)
+    v, u = np.mgrid[:300, :300] - 150
+    away = np.maximum(np.maximum(abs(u), abs(v)) - half, 0)
+    image = np.maximum(drawn(centre, theta, half), 12.0 + 100.0 * np.exp(-away / 8.0))  # its glow
+    image[:, : 151 - int(half) + strip] = bright  # an arm hides a strip of its left side
+    image = np.rint(np.clip(image + rng.normal(0, 2, image.shape), 0, 255))
+    image = scan.read_only(image.astype(np.uint8))
+
+    def misled(du):
+        return scan.side_within(image, 150.0 + du, 150.0, theta, half, 80.0)
+
+    assert not misled(0.0)
+    assert misled(float(strip))  # the arm's edge as the left side: the right one shows within
+
+
 def test_a_dim_block_beside_a_reflection_is_found_where_the_lattice_misses_it():
     renderer = Renderer(RenderOptions(noise='L2'))
     xy, yaw = rest_lattice(), np.zeros(25)

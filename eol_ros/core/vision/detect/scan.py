@@ -21,6 +21,9 @@ POINTS, ALONG, ACROSS_PX = 6, 0.85, 4.0
 DARK, TILE_PX = 0.7, STEP * TILE
 LEAST_OF_SIDE = 0.3  # so much shows of the better one of either two opposite sides
 APART_PX = 12.0  # two places
+# A side that shows within a square: light falls from so far inside of it to so far outside, and
+# from there to beyond the square by more than so much of that.
+WITHIN_PX, FADES = 2.0, 0.05
 
 
 def read_only(image: np.ndarray) -> np.ndarray:
@@ -224,6 +227,43 @@ def seek(image, tiles, u, v, theta, half, over, taken, n, found):
             if share == found[k, 2]:
                 x_sum, y_sum, count = x_sum + x, y_sum + y, count + 1
         found[k, 0], found[k, 1] = x_sum / count, y_sum / count
+
+
+@njit(cache=True, error_model='numpy')
+def side_within(image, u, v, theta, half, over):
+    """Return whether a side of the block shows within a square, and none at the square's own.
+
+    Then an edge of an arm was taken for the side across. An arm that hides the square's own side
+    has an edge within the square, too, but beyond it the arm is as bright all along; the light
+    beside a cover fades. For the arguments see seek.
+    """
+    height, width = image.shape
+    c, sn = math.cos(theta), math.sin(theta)
+    reach = (half + ACROSS_PX) * (abs(c) + abs(sn)) + 1.0
+    if not (reach < u < width - reach - 1 and reach < v < height - reach - 1):
+        return False
+    points, most, fading = 2 * POINTS, 0, 0.0
+    for _ in range(4):
+        own = 0
+        for into in range(int(half)):
+            shows, fades = 0, np.int64(0)
+            for i in range(points):
+                t = (2.0 * i / (points - 1) - 1.0) * ALONG * half
+                x, y, d = u + sn * t, v + c * t, half - into
+                inside, outside = d - WITHIN_PX, d + WITHIN_PX
+                light = np.int64(image[round(y - sn * inside), round(x + c * inside)])
+                light -= np.int64(image[round(y - sn * outside), round(x + c * outside)])
+                if light > over:
+                    near, far = d + ACROSS_PX, half + ACROSS_PX
+                    shows += 1
+                    fades += np.int64(image[round(y - sn * near), round(x + c * near)])
+                    fades -= np.int64(image[round(y - sn * far), round(x + c * far)])
+            if into <= WITHIN_PX:
+                own = max(own, shows)
+            elif shows - own > most and shows > LEAST_OF_SIDE * points:
+                most, fading = shows - own, fades / shows
+        c, sn = -sn, c
+    return fading > FADES * over
 
 
 @njit(cache=True)

@@ -46,6 +46,7 @@ NEW = (0.60, 0.30, 0.40)
 POORLY = 0.6
 AWAY, AWAY_A_S, TURNED = 0.10, 3.6, 0.15
 CLOSE, LATELY_S = 0.065, 0.1
+THREE_SIDES = 0.75  # share of an outline of which one side is missing
 # Of the contrast that the block had when it was last seen whole.
 MIN_CONTRAST, MAX_CONTRAST = 0.65, 1.9
 # From this quality on, and so sure, an outline where the lattice misses a block is that block's: if
@@ -160,6 +161,15 @@ def _stray(square, u, v, theta, since_s):
     return square[VISIBLE] < POORLY and (far or turned > TURNED)
 
 
+@njit(inline='always')
+def _misled(image, square, since_s):
+    """Return whether a square that was not followed has an arm's edge for a side."""
+    if since_s < LATELY_S or not 0.0 < square[VISIBLE] < THREE_SIDES:
+        return False
+    over = STEEP * square[CONTRAST]
+    return scan.side_within(image, square[U], square[V], square[THETA], square[HALF], over)
+
+
 @njit(cache=True, inner=True)
 def keep(fits, tried, kept, n, least):
     """Append to `kept`, best first, which of the `tried` fits are good and on their own ground.
@@ -263,7 +273,7 @@ def at_predictions(
                 image, known, u, v, theta, own, 0.0, 0, table, mine, room, fits[tried], True,
                 since_s,
             )  # fmt: skip
-            if unsure:
+            if unsure or _misled(image, fits[tried], since_s):
                 # it is there: if its light were tried once more, edges of arms could pass for its
                 scan.erase(grid, tiles, fits, tried, tried + 1, scan.STEP)
                 near[i, 0] = np.nan
@@ -301,12 +311,13 @@ def at_predictions(
                 found = fit[VISIBLE] >= PREDICTED[0] and fit[QUALITY] >= PREDICTED[2]
                 whole = fit[VISIBLE] > edges.WHOLE  # whatever is known of this block
                 found &= fit[SIGMA] < (MOST_WHOLE_PX if whole else MOST_PARTLY_PX)
-                if not found or _stray(fit, u, v, theta, since_s):
+                unsure = found and _misled(image, fit, since_s)
+                if not found or unsure or _stray(fit, u, v, theta, since_s):
                     fit[VISIBLE] = fit[QUALITY] = 0.0
                     break
                 near[i, 0], near[i, 1], near[i, 2] = fit[U], fit[V], fit[THETA]
             tried += 1
-            if fit[QUALITY] > 0.0:
+            if fit[QUALITY] > 0.0 or unsure:
                 break
     return keep(fits, tried, kept, n, PREDICTED)
 
