@@ -547,7 +547,9 @@ def _choice(
 def _nodes(reader: _Reader, top: _Place, elsewhere: tuple[str, ...]) -> dict[str, Any]:
     place = top.value.get('nodes')
     if place is None or not isinstance(place.value, dict) or not place.value:
-        if not reader.mistakes:
+        if place is not None and isinstance(place.value, list) and place.value:
+            reader.wrong(place, 'nodes', 'is a list; write each node as a key: `twin: {}`')
+        elif not reader.mistakes:
             reader.wrong(place or top, 'nodes', 'names no node; a scene needs at least one')
         return {}
     nodes = {}

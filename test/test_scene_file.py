@@ -395,6 +395,7 @@ def broken(path):
     include = f'include: {path}\nnodes: {{{node}: {{%s}}}}\n'
     yield b'', 'names no node'
     yield b'\n# nothing but a comment\n', 'names no node'
+    yield b'nodes: [twin, tracker]\n', 'is a list; write each node as a key'
     yield text.encode() + '# où\n'.encode('latin-1'), 'not a text file in UTF-8'
     yield text.encode('utf-16'), 'not a text file in UTF-8'
     yield text.encode() + b'\0', 'not YAML'

@@ -146,6 +146,7 @@ def _recover(args) -> int:
 
 
 def _cut(args) -> int:
+    from eol_ros.analysis.bag import topic_names
     from eol_ros.devices.bag import edit
     from eol_ros.devices.bag.reader import BagReader
 
@@ -155,9 +156,7 @@ def _cut(args) -> int:
         raise UsageError(f'--start {args.start:g}: the bag has {bag.duration_s:.1f} s')
     if not args.start < max(end_s, 1e-9):
         raise UsageError(f'--start {args.start:g} --end {end_s:g}: it ends before it begins')
-    names = None
-    if args.topics:
-        names = [bag.find(name.strip()) for name in args.topics.split(',') if name.strip()]
+    names = None if args.topics is None else topic_names(bag, args.topics)
     topics = [t for t in bag.topics.values() if names is None or t.name in names]
     start_ns = bag.start_ns + round(args.start * 1e9)
     end_ns = None if args.end is None else bag.start_ns + round(args.end * 1e9)

@@ -59,7 +59,7 @@ def run(args):
     for line in bag.cut_short:
         print(line, file=sys.stderr)
     out = Path(args.out or f'report-{bag.path.stem}')
-    if args.csv:
+    if args.csv is not None:
         names = topic_names(bag, args.csv)
         folders.made(out, '--out')
         for name in track(names, 'writing'):

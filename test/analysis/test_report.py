@@ -283,6 +283,7 @@ def test_csv_and_mistakes(big, tmp_path, capsys):
         ((str(tmp_path / 'absent'),), 69),
         ((str(tmp_path / 'not.txt'),), 78),
         ((path, '--csv', 'walls'), 78),
+        ((path, '--csv', ''), 2),
         ((path, '--retrack'), 78),
         ((path, '--csv', 'slips', '--out', str(tmp_path / 'not.txt' / 'x')), 78),
     ):

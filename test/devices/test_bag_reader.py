@@ -70,7 +70,7 @@ def test_what_is_not_a_bag(tmp_path):
     with pytest.raises(ConfigError, match="not a bag: begins with b'hello th'"):
         BagReader(tmp_path / 'notes.txt')
     (tmp_path / 'empty.mcap').write_bytes(b'')
-    with pytest.raises(ConfigError, match='not a bag'):
+    with pytest.raises(ConfigError, match='not a bag: the file is empty'):
         BagReader(tmp_path / 'empty.mcap')
     (tmp_path / 'folder').mkdir()
     with pytest.raises(ConfigError, match='without .mcap files'):

@@ -6,6 +6,7 @@ import json
 import os
 import struct
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -274,8 +275,9 @@ def test_a_truly_full_device_is_survived(tmp_path):
 
 def test_a_root_that_cannot_be_written_is_said(tmp_path):
     (tmp_path / 'file').write_text('')
-    with pytest.raises(ConfigError, match='cannot be written'):
-        start(tmp_path / 'file' / 'bags')
+    for root in (tmp_path / 'file' / 'bags', Path('/proc/bags')):  # the second refuses root, too
+        with pytest.raises(ConfigError, match='cannot be written.*--bag DIR'):
+            start(root)
 
 
 def test_an_earlier_bag_is_repaired_at_the_start(tmp_path):

@@ -158,6 +158,8 @@ def test_every_command_that_meets_damage_says_so(tmp_path):
             '30 --end 10: it ends before it begins',
         ),
         (['cut', 'bags/sample', '--start', '300'], '--start 300: the bag has 4'),
+        (['cut', 'bags/sample', '--topics', ','], "',': names no topic"),
+        (['cut', 'bags/sample', '--topics', ''], "'': names no topic"),
         (['merge', 'bags/sample', './bags/sample'], './bags/sample: named twice'),
     ],
 )

@@ -210,6 +210,8 @@ class BagFileReader:
             if not near and self.path.name.endswith(PART):
                 self.cut_at = 0  # the power failed before the first bytes were on the disk
                 return
+            if not magic:
+                raise ConfigError(f'{self.path}: not a bag: the file is empty')
             if not near:
                 raise ConfigError(f'{self.path}: not a bag: begins with {magic!r}, not {MAGIC!r}')
             self._damaged(0, len(MAGIC), f'begins with {magic!r}')

@@ -12,7 +12,6 @@ import contextlib
 import errno
 import json
 import math
-import os
 import re
 import shutil
 import threading
@@ -36,7 +35,7 @@ from eol_ros.devices.bag.selection import (
     StampGaps,
 )
 from eol_ros.devices.bag.writer import BagWriter
-from eol_ros.errors import EolError
+from eol_ros.errors import ConfigError, EolError
 from eol_ros.settings import RecorderSettings
 from eol_ros.streams.cdr import stamp_ns
 
@@ -366,21 +365,27 @@ class Recording:
         self.trouble = trouble
 
     def _open(self) -> None:
-        self.root.mkdir(parents=True, exist_ok=True) if _may_make(self.root) else None
+        with contextlib.suppress(OSError):  # making the bag's own folder below says why not
+            self.root.mkdir(parents=True, exist_ok=True)
         if self.root.is_dir():
             free = shutil.disk_usage(self.root).free / GB
             if free < self._settings.min_free_gb * (ROOM if self.trouble else 1.0):
                 self.trouble = self._full(free)
                 return
         folder = _new_folder(self.root, self._name)
-        self._writer = BagWriter(
-            folder,
-            self._topics,
-            self._about,
-            self._settings.split_minutes * 60,
-            round(self._settings.split_gb * GB),
-            self._disk,
-        )
+        try:
+            self._writer = BagWriter(
+                folder,
+                self._topics,
+                self._about,
+                self._settings.split_minutes * 60,
+                round(self._settings.split_gb * GB),
+                self._disk,
+            )
+        except ConfigError as error:
+            raise ConfigError(
+                f'{error}. Choose another with --bag DIR or recorder.folder, or say recorder: off'
+            ) from None
         self.folder, self.trouble = folder, ''
 
     def _reopen(self) -> None:
@@ -415,11 +420,6 @@ class Recording:
         if self._writer:
             self._writer.gaps = self.gaps()
             self._guarded(self._writer.close)
-
-
-def _may_make(root: Path) -> bool:
-    parent = next(p for p in [root, *root.parents] if p.exists())
-    return parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)
 
 
 def _new_folder(root: Path, name: str) -> Path:

@@ -95,10 +95,7 @@ def make_folder(folder: Path) -> None:
         probe.unlink()
     except OSError as error:
         where = folder if folder.exists() else folder.parent
-        raise ConfigError(
-            f'bag folder {where} cannot be written: {error.strerror}. '
-            'Choose another with --bag DIR or recorder.folder, or say recorder: off'
-        ) from None
+        raise ConfigError(f'bag folder {where} cannot be written: {error.strerror}') from None
 
 
 class BagWriter:
