@@ -10,7 +10,6 @@ from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import COLS, PITCH_M, ROWS
 
 MIN_SPACING_M = 0.075  # two 84 mm squares cannot be nearer, but for a measuring error
-MAX_SPACING_M = 0.36  # no spring is pulled longer than twice the pitch
 
 
 @njit(cache=True)

@@ -168,13 +168,11 @@ class Lattice:
         sound: np.ndarray | None,
     ) -> None:
         none = np.zeros(len(xy), bool)
-        lights = (
-            self.candidate_xy, self.candidate_born, self.candidate_seen, self.candidate_index
-        )  # fmt: skip
         was = self.seen
         before, self.index, many, odd = advance(
             stamp_s, step, xy, none if faint is None else faint, self.xy, self.velocity, was,
-            self.sigma, self.firm, self.rest, self.angle, *lights,
+            self.sigma, self.firm, self.rest, self.angle, self.candidate_xy, self.candidate_born,
+            self.candidate_seen, self.candidate_index,
         )  # fmt: skip
         if many or odd:
             self.seen, followed = self.index >= 0, self.index
@@ -185,7 +183,7 @@ class Lattice:
         self.seen, rests, pair = conclude(
             stamp_s, step, xy, sigma, none if sound is None else sound, not read, before, was,
             self.index, self.angle, self.xy, self.velocity, self.sigma, self.firm, self.seen_s,
-            self.rest_xy, self.swaps, *lights,
+            self.rest_xy, self.swaps, self.candidate_xy, self.candidate_born, self.candidate_index,
         )  # fmt: skip
         if not rests:
             self.rest_s = stamp_s

@@ -118,7 +118,7 @@ def _goes_along(block, before, xy, held, step):
 @njit(cache=True)
 def conclude(
     stamp_s, step, points, spread, sound, give_back, before, was, index, angle, xy, velocity,
-    sigma, firm, seen_s, rest_xy, swaps, place, born, last, at,
+    sigma, firm, seen_s, rest_xy, swaps, place, born, at,
 ):  # fmt: skip
     """Take what one image says of each block, once its names are given; see advance.
 
@@ -127,9 +127,7 @@ def conclude(
     lattice does not rest. Returns seen (25,), whether it rests, and suspect_swaps.
     """
     if give_back:
-        back = reacquire(
-            stamp_s, xy, index, sigma, seen_s, angle, place, born, last, at, sound
-        )  # fmt: skip
+        back = reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, at, sound)
         for i in range(N_BLOCKS):
             if back[i]:
                 xy[i] = points[index[i]]
@@ -389,7 +387,7 @@ def forget_named(xy, seen, place, born):
 
 
 @njit(cache=True)
-def reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, last, at, sound):
+def reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, at, sound):
     """Give lights back to hidden blocks; sets `index`, returns which blocks came back (25,).
 
     sound (n,): detections that can be nothing but a block.
