@@ -51,10 +51,10 @@ def run(args):
         mistakes = _refused(scene, _settings(scene))
         if mistakes:
             raise scenes.SceneError(mistakes)
-    except scenes.SceneError as error:
+    except ConfigError as error:
         if not args.json:
             raise
-        told = [dataclasses.asdict(m) for m in error.mistakes]
+        told = [dataclasses.asdict(m) for m in _mistakes(error, args.scene)]
         print(json.dumps({'ok': False, 'mistakes': told}))
         return error.exit_code
     warnings = [*scene.warnings, *_warnings(scene)]
@@ -86,6 +86,13 @@ def run(args):
     also = f', {count} warning{"s" if count > 1 else ""}' if count else ''
     print(f'no mistakes{also}', file=sys.stderr)
     return 0
+
+
+def _mistakes(error: ConfigError, name: str) -> list[Mistake]:
+    """Return the mistakes of a scene; that there is none of this name is one as well."""
+    if isinstance(error, scenes.SceneError):
+        return error.mistakes
+    return [Mistake(name, 1, 1, '', str(error).removeprefix(f'{name}: '))]
 
 
 def _refused(scene: Scene, checks: Iterator[Check]) -> list[Mistake]:

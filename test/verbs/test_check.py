@@ -120,6 +120,16 @@ def test_programs_get_the_mistakes_as_json(check):
     assert (mistake['line'], mistake['column'], mistake['where']) == (2, 17, 'panel.host')
 
 
+def test_programs_are_told_as_json_too_that_there_is_no_such_scene(tmp_path, capsys):
+    for name, what in (('musem', 'no such scene. Did you mean museum?'), (tmp_path, 'is a folder')):
+        code = cli.main(['check', str(name), '--json'])
+        told = json.loads(capsys.readouterr().out)
+
+        assert code == 78 and not told['ok']
+        (mistake,) = told['mistakes']
+        assert mistake['file'] == str(name) and mistake['what'].startswith(what)
+
+
 def test_a_replay_of_what_is_no_bag_or_has_no_such_topic(check, tmp_path):
     (tmp_path / 'run.mcap').write_text('not a bag')
     code, _, words = check('  replay: {bag: run.mcap}\n  tracker: {}\n')
