@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from eol_ros.analysis.bag import Bag, Table
-from eol_ros.core.sound.bank import Bank
+from eol_ros.core.sound.bank import Bank, playable
 from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.senses import FirstSense
 from eol_ros.core.sound.triggers import TRIGGER
@@ -34,8 +34,9 @@ def settings_of(bag: Bag) -> SoundSettings:
 
 def voices(
     bag: Bag, settings: SoundSettings, until_s: float | None = None
-) -> tuple[np.ndarray, int, int, list[Bank]]:
-    """Return the voices (n,) VOICE, how many triggers there were and were refused, and the banks.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Bank]]:
+    """Return the voices (n,) VOICE, the times (m,) in s of the triggers, which were refused (m,),
+    and the banks.
 
     Of triggers received before `until_s`, None: of all. Times count from the start of the bag. Keep
     the banks, which the voices read, until all is played. Raises ConfigError where the bag has no
@@ -48,7 +49,7 @@ def voices(
     digests = [''.join(d) for d in corpora['digest']]
     news = [i for i, d in enumerate(digests) if not i or d != digests[i - 1]]
     begins = corpora['stamp'][news]
-    voicing, rows, banks, refused = Voicing(settings), [], [], 0
+    voicing, rows, banks, refused = Voicing(settings), [], [], np.zeros(len(times), bool)
     for k, i in enumerate(news):  # each trigger speaks of the corpus of its time
         mine = np.ones(len(times), bool)
         if k:
@@ -56,10 +57,9 @@ def voices(
         if k + 1 < len(news):
             mine &= times < begins[k + 1]
         banks.append(_bank(corpora[i : i + 1], settings.sample_rate))
-        made, few = voicing.rows(played[mine], banks[-1])
-        rows.append(made)
-        refused += few
-    return np.concatenate(rows), len(played), refused, banks
+        refused[mine] = ~playable(played[mine], len(banks[-1]))
+        rows.append(voicing.rows(played[mine], banks[-1])[0])
+    return np.concatenate(rows), played['time_s'], refused, banks
 
 
 def bag_triggers(

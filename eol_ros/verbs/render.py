@@ -50,7 +50,9 @@ def run(args) -> int:
     ears = None
     if args.binaural:
         settings, ears = _ears(settings)
-    rows, count, refused, banks = _voices(args, settings)
+    rows, times_s, refused, banks = _voices(args, settings)
+    told = ~(times_s >= (args.seconds or math.inf))  # one without a time is refused
+    count = int(told.sum())
     rate = settings.sample_rate
     end_s = float((rows['time_s'] + rows['length'] / rate).max()) if len(rows) else 0.0
     frames = math.ceil((args.seconds or end_s + TAIL_S + settings.room_s) * rate)
@@ -72,7 +74,7 @@ def run(args) -> int:
         'sample_rate': rate,
         'channels': channels,
         'triggers': count,
-        'dropped': refused + int(state['dropped']),
+        'dropped': int((refused & told).sum()) + int(state['dropped']),
         'stolen': int(state['stolen']),
         'peak_dbfs': _decibels(peak),
         'rms_dbfs': _decibels(math.sqrt(energy / max(1, frames * channels))),
@@ -109,7 +111,8 @@ def _ears(settings):
 
 
 def _voices(args, settings):
-    """Return the voices, how many triggers there were and were refused, and the voices' banks."""
+    """Return the voices, the times of their triggers, which were refused, and the voices' banks."""
+    from eol_ros.core.sound.bank import playable
     from eol_ros.core.sound.voicing import Voicing
 
     if Path(args.source).suffix.lower() == '.csv':
@@ -118,19 +121,17 @@ def _voices(args, settings):
         if not args.corpus:
             raise UsageError(f'{args.source}: a CSV names no sound; add --corpus C.json')
         triggers = load_triggers(args.source)
-        bank = _bank(args.corpus, settings.sample_rate)
-        rows, refused = Voicing(settings).rows(triggers, bank)
-        return rows, len(triggers), refused, [bank]
-    from eol_ros.analysis import sound
-    from eol_ros.analysis.bag import open_bag
+    else:
+        from eol_ros.analysis import sound
+        from eol_ros.analysis.bag import open_bag
 
-    bag = open_bag(args.source)
-    if not args.corpus:
-        return sound.voices(bag, settings)
-    triggers, _ = sound.bag_triggers(bag, settings)
+        bag = open_bag(args.source)
+        if not args.corpus:
+            return sound.voices(bag, settings)
+        triggers, _ = sound.bag_triggers(bag, settings)
     bank = _bank(args.corpus, settings.sample_rate)
-    rows, refused = Voicing(settings).rows(triggers, bank)
-    return rows, len(triggers), refused, [bank]
+    rows, _ = Voicing(settings).rows(triggers, bank)
+    return rows, triggers['time_s'], ~playable(triggers, len(bank)), [bank]
 
 
 def _bank(path: str, sample_rate: int):

@@ -105,18 +105,17 @@ def test_a_csv_gives_the_samples_of_a_live_run(capsys, tmp_path, sound, corpus, 
     assert np.array_equal(live, file)
 
 
-@pytest.mark.slow
-def test_a_bag_brings_its_own_corpus(capsys, tmp_path, sound, triggers, corpus):
-    wanted = load_triggers(triggers)
+def record(path, sound, wanted):
+    """Write a bag of a corpus of `sound` and of the triggers `wanted` (n,) TRIGGER."""
     topics = [
         BagTopic(f'/eol/{name}', kind, definition(kind), type_hash(kind), '')
         for name, kind in (
             ('corpus', 'eol_msgs/msg/Corpus'), ('grain_triggers', 'eol_msgs/msg/GrainTrigger'),
         )
     ]  # fmt: skip
-    bag = BagWriter(tmp_path / 'bag', topics, {})
+    bag = BagWriter(path, topics, {})
     grains = CorpusMessage(
-        name='sea', digest='1', sample_rate=FS, files=[str(sound[0])], file=[0] * 10,
+        name='sea', digest='1', sample_rate=FS, files=[str(sound)], file=[0] * 10,
         start=[0.2 * k for k in range(10)], duration=[0.2] * 10,
     )  # fmt: skip
     bag.write('/eol/corpus', serialize_message(grains), T0, T0, 1)
@@ -129,6 +128,11 @@ def test_a_bag_brings_its_own_corpus(capsys, tmp_path, sound, triggers, corpus):
         message.header.stamp = to_msg(ns)
         bag.write('/eol/grain_triggers', serialize_message(message), ns + 20_000_000, ns, k + 1)
     bag.close()
+
+
+@pytest.mark.slow
+def test_a_bag_brings_its_own_corpus(capsys, tmp_path, sound, triggers, corpus):
+    record(tmp_path / 'bag', sound[0], load_triggers(triggers))
     assert eol(capsys, tmp_path / 'bag', '--out', tmp_path / 'bag.wav')[0] == 0
     assert eol(capsys, triggers, '--corpus', corpus, '--out', tmp_path / 'csv.wav')[0] == 0
     ours, csv = (soundfile.read(tmp_path / f'{n}.wav', dtype='float32')[0] for n in ('bag', 'csv'))
@@ -166,6 +170,19 @@ def test_refused_triggers_are_counted_and_nothing_is_silence(capsys, tmp_path, c
     assert code == 0
     assert json.loads(out)['dropped'] == 3
     assert not soundfile.read(tmp_path / 'x.wav')[0].any()
+
+
+@pytest.mark.slow
+def test_of_the_first_seconds_no_other_trigger_is_counted(capsys, tmp_path, sound, corpus):
+    odd = tmp_path / 'odd.csv'
+    odd.write_text('time_s,grain,gain\n0,1,1\n0.2,999,1\n0.4,2,1\n0.5,3,1\n0.8,999,1\n0.9,3,1\n')
+    record(tmp_path / 'bag', sound[0], load_triggers(odd))
+    own, other = (tmp_path / 'bag',), ('--corpus', corpus)
+    for source in ((odd, *other), (*own, *other), own):
+        for seconds, told in (((), (6, 2)), (('--seconds', '0.5'), (3, 1))):
+            code, out, _ = eol(capsys, *source, '--out', tmp_path / 'x.wav', '--json', *seconds)
+            figures = json.loads(out)
+            assert code == 0 and (figures['triggers'], figures['dropped']) == told
 
 
 def test_columns_may_be_left_out(tmp_path):
