@@ -167,6 +167,8 @@ def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
             words = law.get('why') or (
                 f'not a power law: KS {law["ks"]:.2f}, p {law["p_value"]:.2g}'
             )
+            if 'needed' in law:  # how many there are stands above
+                words = f'too few for a power law: {law["needed"]} are needed'
             axes.plot([], [], ' ', label=words)
         if 'from_rest_to_rest' in c:
             other = c['from_rest_to_rest'] > 0

@@ -466,7 +466,7 @@ def _said_of_cascades(found: dict[str, Any]) -> list[str]:
     needs = '; '.join(
         f'{", ".join(names)} ({needed} needed)' for needed, names in sorted(few.items())[::-1]
     )
-    lacks = [f'too few for {needs}'] if few else []
+    lacks = [f'not fitted, as there are too few: {needs}'] if few else []
     return [whole, *lacks, *(p['sentence'] for p in parts.values() if 'needed' not in p)]
 
 

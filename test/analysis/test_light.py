@@ -86,7 +86,8 @@ def test_the_report_says_and_shows_it(bag, tmp_path):
     found = report.write(bag, tmp_path / 'out')
     page = (tmp_path / 'out' / 'report.html').read_text()
 
-    assert said == {'sentences': ['patterns of light: 3 moments of light: no test below 30']}
+    why = '3 moments are too few for a test: 30 are needed'
+    assert said == {'sentences': [f'patterns of light: {why}']}
     assert found['light'] == said and said['sentences'][0] in page
     assert said['sentences'][0] in report.summary(found)
     assert (tmp_path / 'out' / 'light.svg').read_text().count(' ms</text>') == light.FRAMES

@@ -86,19 +86,20 @@ def test_slips_are_told_in_digits_that_mean_something(far_mm, said):
 def test_too_few_cascades_are_not_fitted(tmp_path):
     bag, _ = made(tmp_path / 'run', 18)
     found = report.numbers(bag)
-    assert found['cascades']['why'] == '18 cascades: no fit below 200'
+    why = '18 cascades are too few for a power law of areas: 200 are needed'
+    assert found['cascades']['why'] == why
     assert 'b_value' not in found['cascades']
     words = report.summary(found)
-    assert '18 cascades: no fit below 200; the largest had' in words
+    assert f'{why}; the largest had' in words
     for name in ('magnitudes', 'waiting', 'aftershocks', 'productivity'):
-        assert ' below ' in found['catalogue'][name]['sentence']
-    lacks = [line for line in words.splitlines() if line.startswith('too few for ')]
+        assert ' too few for ' in found['catalogue'][name]['sentence']
+    lacks = [line for line in words.splitlines() if line.startswith('not fitted')]
     assert lacks == [
-        f'too few for cascades from rest to rest of the whole table '
+        f'not fitted, as there are too few: cascades from rest to rest of the whole table '
         f'({found["cascades"]["from_rest_to_rest"]["count"]}), magnitudes, aftershocks, '
         'productivity (200 needed); waiting times (50 needed)'
     ]
-    assert words.count('no fit below') == 1
+    assert words.count('are needed') == 1
 
 
 @pytest.mark.parametrize(

@@ -127,7 +127,7 @@ def test_a_bag_of_one_message_each_has_a_report(tmp_path):
     words = report.summary(found)
     assert words.count('cannot be said: the bag is of 0.0 s') == 1
     assert f'{", ".join(series.NAMES)}: whether it is 1/f cannot be said: the bag' in words
-    assert '1 cascades: no fit below 200' in words
+    assert '1 cascade is too few for a power law of areas: 200 are needed' in words
 
 
 @pytest.mark.slow

@@ -13,7 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, special
 
-from eol_ros.core.science.powerlaw import BLOCKS, FEWEST_CASCADES, REJECTED, FitError, TooFew
+from eol_ros.core.science.powerlaw import (
+    BLOCKS,
+    FEWEST_CASCADES,
+    REJECTED,
+    FitError,
+    TooFew,
+    too_few,
+)
 
 BIN = 0.1  # of magnitude, in which completeness is looked for
 CORRECTION = 0.2  # added to the greatest bin (Woessner and Wiemer, BSSA 95 (2005) 684)
@@ -121,9 +128,7 @@ def magnitude_law(
     magnitudes = np.asarray(magnitudes, float)
     magnitudes = magnitudes[np.isfinite(magnitudes)]
     if len(magnitudes) < FEWEST_CASCADES:
-        raise TooFew(
-            f'{len(magnitudes)} magnitudes: no fit below {FEWEST_CASCADES}', FEWEST_CASCADES
-        )
+        raise TooFew(len(magnitudes), 'magnitude', 'a Gutenberg-Richter law', FEWEST_CASCADES)
     least = completeness(magnitudes)
     above = magnitudes >= least
     count = int(above.sum())
@@ -190,7 +195,7 @@ def waiting(onsets_s: np.ndarray, rng: np.random.Generator, repeats: int = 200) 
     gaps = np.diff(np.sort(onsets_s))
     gaps = gaps[gaps > 0]
     if len(gaps) < FEWEST:
-        raise TooFew(f'{len(gaps)} waiting times: no law below {FEWEST}', FEWEST)
+        raise TooFew(len(gaps), 'waiting time', 'a law of them', FEWEST)
 
     def distance(values: np.ndarray) -> float:
         chance = 1 - np.exp(-np.sort(values) / values.mean())
@@ -290,8 +295,7 @@ def omori(onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int = 10
     order = np.argsort(onsets_s, kind='stable')
     onsets_s, sizes = np.asarray(onsets_s, float)[order], np.asarray(sizes)[order]
     if len(sizes) < FEWEST_CASCADES:
-        said = f'{len(sizes)} cascades: no aftershocks below {FEWEST_CASCADES}'
-        raise TooFew(said, FEWEST_CASCADES)
+        raise TooFew(len(sizes), 'cascade', 'a law of aftershocks', FEWEST_CASCADES)
     values, counts = np.unique(sizes, return_counts=True)
     few = values[counts[::-1].cumsum()[::-1] <= max(mains, len(sizes) // 10)]
     if not len(few):
@@ -306,9 +310,9 @@ def omori(onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int = 10
     ])  # fmt: skip
     length, times = length[length > 0], times[times > 0]
     if len(length) < FEWEST_MAINS:
-        raise FitError(f'{len(length)} great cascades: no aftershocks below {FEWEST_MAINS}')
+        raise FitError(too_few(len(length), 'mainshock', 'a law of aftershocks', FEWEST_MAINS))
     if len(times) < FEWEST:
-        raise FitError(f'{len(times)} cascades after great ones: no law below {FEWEST}')
+        raise FitError(too_few(len(times), 'aftershock', 'a law of them', FEWEST))
     total = float(length.sum())
     constant = len(times) * math.log(len(times) / total) - len(times)
     middle = float(np.median(times))
@@ -425,8 +429,7 @@ def productivity(
     order = np.argsort(onsets_s, kind='stable')
     onsets_s, sizes = np.asarray(onsets_s, float)[order], np.asarray(sizes, float)[order]
     if len(onsets_s) < FEWEST_CASCADES:
-        said = f'{len(onsets_s)} cascades: no productivity below {FEWEST_CASCADES}'
-        raise TooFew(said, FEWEST_CASCADES)
+        raise TooFew(len(sizes), 'cascade', 'a law of productivity', FEWEST_CASCADES)
     window_s = 10 * float(onsets_s[-1] - onsets_s[0]) / (len(onsets_s) - 1)
     whole = onsets_s + window_s <= end_s
     if whole.sum() < FEWEST_CASCADES or np.ptp(sizes[whole]) == 0:

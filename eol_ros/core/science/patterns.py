@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from eol_ros.core.science.powerlaw import too_few
 from eol_ros.errors import EolError
 
 FEWEST = 30  # moments
@@ -296,7 +297,7 @@ def ask(
     count = flashes.sum(axis=(1, 2))
     some = np.flatnonzero((count > 0) & (count < flashes[0].size)) if len(flashes) else count
     if len(some) < FEWEST:
-        raise TooFew(f'{len(some)} moments of light: no test below {FEWEST}')
+        raise TooFew(too_few(len(some), 'moment', 'a test', FEWEST))
     used = some[np.linspace(0, len(some) - 1, min(len(some), MOST)).astype(int)]
     side = flashes.shape[1]
     found = flashes[used].reshape(len(used), -1)

@@ -34,9 +34,15 @@ class FitError(EolError):
 class TooFew(FitError):
     """There are fewer than `needed`."""
 
-    def __init__(self, said: str, needed: int = 0) -> None:
-        super().__init__(said)
+    def __init__(self, count: int, name: str, law: str, needed: int) -> None:
+        super().__init__(too_few(count, name, law, needed))
         self.needed = needed
+
+
+def too_few(count: int, name: str, law: str, needed: int) -> str:
+    """Return, for people, that `law` takes `needed` and there are `count`; `name` is of one."""
+    there = f'{count} {name} is' if count == 1 else f'{count} {name}s are'
+    return f'{there} too few for {law}: {needed} are needed'
 
 
 @dataclass(frozen=True)
@@ -217,7 +223,7 @@ def cascade_law(areas: np.ndarray) -> CascadeLaw:
     """
     areas = np.asarray(areas)
     if len(areas) < FEWEST_CASCADES:
-        raise TooFew(f'{len(areas)} cascades: no fit below {FEWEST_CASCADES}', FEWEST_CASCADES)
+        raise TooFew(len(areas), 'cascade', 'a power law of areas', FEWEST_CASCADES)
     fits = candidates(histogram(areas), N_BLOCKS)
     found = nearest(fits)
     tested = goodness(areas, fits, np.random.default_rng(1))

@@ -142,14 +142,14 @@ def test_a_rate_that_dies_away_exponentially_is_not_called_omori():
 @pytest.mark.parametrize(
     ('ask', 'words'),
     [
-        (lambda: catalogue.magnitude_law(np.arange(30.0), rng()), '30 magnitudes: no fit below'),
+        (lambda: catalogue.magnitude_law(np.arange(30.0), rng()), '30 magnitudes are too few'),
         (lambda: catalogue.magnitude_law(np.full(300, -np.inf), rng()), '0 magnitudes'),
-        (lambda: catalogue.waiting(np.arange(10.0), rng()), '9 waiting times: no law below 50'),
+        (lambda: catalogue.waiting(np.arange(10.0), rng()), '9 waiting times are too few'),
         (lambda: catalogue.omori(np.arange(9.0), np.ones(9), 9.0), '9 cascades'),
         (lambda: catalogue.omori(np.arange(300.0), np.ones(300), 300.0), 'of the greatest size'),
         (
             lambda: catalogue.omori(np.arange(300.0), np.arange(300) % 100 // 99, 300.0),
-            '3 great cascades: no aftershocks below 10',
+            '3 mainshocks are too few for a law of aftershocks: 10 are needed',
         ),
     ],
 )
@@ -186,7 +186,7 @@ def test_productivity_finds_how_many_follow(alpha):
 def test_a_productivity_needs_cascades_of_different_sizes():
     rng = np.random.default_rng(1)
     times = np.sort(rng.uniform(0, 1000, 400))
-    with pytest.raises(FitError, match='no productivity below 200'):
+    with pytest.raises(FitError, match='productivity: 200 are needed'):
         catalogue.productivity(times[:100], times[:100], 1000.0, rng)
     with pytest.raises(FitError, match='all of one size'):
         catalogue.productivity(times, np.ones(400), 1000.0, rng)

@@ -171,7 +171,7 @@ def test_the_share_that_follows_is_counted_right():
 def test_too_few_moments_are_said_to_be():
     flashes = np.zeros((500, 5, 5), bool)
     flashes[:7, 0, 0] = True
-    with pytest.raises(patterns.TooFew, match='7 moments of light: no test below 30'):
+    with pytest.raises(patterns.TooFew, match='7 moments are too few for a test: 30'):
         patterns.ask(flashes, 5.0, np.random.default_rng(1))
 
 

@@ -141,7 +141,7 @@ def test_the_sentence_of_a_law_has_range_error_test_and_sensitivity():
         found.sentence,
     )
     assert [f.x_min for f in found.others] == [1, 2, 3, 4, 5, 6]
-    with pytest.raises(FitError, match='18 cascades: no fit below 200'):
+    with pytest.raises(FitError, match='18 cascades are too few for a power law'):
         powerlaw.cascade_law(np.ones(18, int))
 
 
