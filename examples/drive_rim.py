@@ -28,10 +28,9 @@ POSES = [  # s, m, m, rad; a smooth curve goes through them
 def main() -> None:
     parser = argparse.ArgumentParser(description='Write a physics scene and solve it.')
     parser.add_argument('file')
-    args = parser.parse_args()
     drive = {'kind': 'poses', 'par': POSES}
     mapping = builders.table(drive, POSES[-1][0], u0=builders.offsets(25, 0.005, seed=1))
-    physics_file.save_scene(args.file, mapping)
+    physics_file.save_scene(parser.parse_args().file, mapping)
     run = simulate(from_mapping(mapping), sample_s=0.5)
     print(f'{run.path} path, {run.status}: {int(run.event_start.sum())} slips')
     for t, u in zip(run.t, run.u, strict=True):
@@ -41,5 +40,6 @@ def main() -> None:
 if __name__ == '__main__':
     try:
         main()
-    except EolError as error:  # what a user can cause or meet: one line
-        sys.exit(str(error))
+    except EolError as error:  # what a user can cause or meet, in one line
+        print(error, file=sys.stderr)
+        sys.exit(error.exit_code)

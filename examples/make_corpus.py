@@ -38,5 +38,6 @@ def main() -> None:
 if __name__ == '__main__':
     try:
         main()
-    except EolError as error:  # what a user can cause or meet: one line
-        sys.exit(str(error))
+    except EolError as error:  # what a user can cause or meet, in one line
+        print(error, file=sys.stderr)
+        sys.exit(error.exit_code)

@@ -128,21 +128,21 @@ def test_write_scene(tmp_path):
 
 
 @pytest.mark.parametrize(
-    'name, words, line',
+    'name, words, code, line',
     [
-        ('analyse_bag.py', ['no-bag'], 'no-bag: no such bag'),
-        ('write_scene.py', ['no/folder.yaml'], 'FILE no/folder.yaml: No such file or directory'),
-        ('drive_rim.py', ['no/folder.json'], 'no/folder.json: No such file or directory'),
-        ('make_corpus.py', ['a-file'], 'FOLDER a-file: File exists'),
+        ('analyse_bag.py', ['no-bag'], 69, 'no-bag: no such bag'),
+        ('write_scene.py', ['no/one.yaml'], 78, 'FILE no/one.yaml: No such file or directory'),
+        ('drive_rim.py', ['no/one.json'], 78, 'no/one.json: No such file or directory'),
+        ('make_corpus.py', ['a-file'], 78, 'FOLDER a-file: File exists'),
     ],
 )
-def test_a_mistake_of_the_user_is_one_line(name, words, line, tmp_path, monkeypatch):
+def test_a_mistake_of_the_user_is_one_line(name, words, code, line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path('a-file').touch()
 
     result = run(name, *words)
 
-    assert (result.returncode > 0, result.stdout, result.stderr) == (True, '', f'{line}\n')
+    assert (result.returncode, result.stdout, result.stderr) == (code, '', f'{line}\n')
 
 
 def test_a_bag_without_a_slip_can_be_analysed(tmp_path):
