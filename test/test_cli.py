@@ -132,6 +132,26 @@ def test_libraries_say_nothing_of_a_fault_beside_our_line(words, tmp_path):
     assert line.startswith(f'eol {words[0]}: ') and 'pickle' not in line
 
 
+@pytest.mark.parametrize('words', [['param', 'get', 'grains'], ['midi', 'learn']])
+def test_a_line_begins_with_the_command_once(words, capsys):
+    assert cli.main(words) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'eol {words[0]}: ') and line.count('eol') == 1
+
+
+def test_a_midi_system_that_is_missing_is_said_once(monkeypatch, capsys):
+    rtmidi = pytest.importorskip('rtmidi')
+
+    def none(*_):
+        raise rtmidi.SystemError('no')
+
+    monkeypatch.setattr(rtmidi, 'MidiIn', none)
+    for words in (['midi', 'list'], ['midi', 'watch', '--input', 'xx']):
+        assert cli.main(words) == 69
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith('eol midi: no MIDI here (no); ')
+
+
 def test_a_place_where_no_file_can_be_is_one_line(capsys):
     assert cli.main(['bag', 'cut', SAMPLE, '--end', '9', '--output', '/proc/x.mcap']) == 78
     [line] = capsys.readouterr().err.splitlines()

@@ -60,7 +60,7 @@ class Midi:
                     self._told = None
                 except DeviceMissing as error:
                     if str(error) != self._told:
-                        self._node.get_logger().warning(f'{error}; looking again')
+                        self._node.get_logger().warning(f'MIDI: {error}; looking again')
                     self._told = str(error)
         elif time.monotonic() - (self._tried_s or 0.0) > RETRY_S:
             self._tried_s = time.monotonic()

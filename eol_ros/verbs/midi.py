@@ -44,7 +44,7 @@ def run(args):
             print('no MIDI inputs; `midi: virtual` makes one', file=sys.stderr)
         return 0
     if args.action == 'learn' and not args.what:
-        raise UsageError('eol midi learn: say what it does, such as sound.filter_hz')
+        raise UsageError('learn: say what it does, such as sound.filter_hz')
     if args.action == 'watch':
         for event in _events(args):
             print(event.words, event.value, flush=True)
@@ -67,7 +67,7 @@ def run(args):
             lines = [*(old for old in before if not old.startswith(same)), line]
             scene_text.write(Path(args.scene), 'sound', {'midi_map': lines})
         return 0
-    raise DeviceMissing('eol midi learn: no controller, key or program came')
+    raise DeviceMissing('no controller, key or program came')
 
 
 def _events(args):

@@ -35,12 +35,12 @@ def run(args):
         raise UsageError(f'{args.node}: no such node; there are {", ".join(NODES)}')
     fields = {f.name: f for f in dataclasses.fields(NODES[args.node].settings)}
     if args.action != 'list' and not args.name:
-        raise UsageError(f'eol param {args.action} {args.node}: name a setting')
+        raise UsageError(f'{args.action} {args.node}: name a setting')
     if args.name and args.name not in fields:
         raise UsageError(f'{args.node} has no setting {args.name}; it has {", ".join(fields)}')
     if args.action == 'set':
         if args.value is None:
-            raise UsageError(f'eol param set {args.node} {args.name}: to which value?')
+            raise UsageError(f'set {args.node} {args.name}: to which value?')
         if not fields[args.name].metadata.get('live'):
             raise UsageError(
                 f'{args.node}.{args.name} cannot change while the node runs: write it into the '

@@ -12,7 +12,7 @@ from eol_ros.errors import DeviceMissing, pip_install
 try:
     import rtmidi
 except ImportError:
-    raise DeviceMissing(f'midi needs python-rtmidi: {pip_install("python-rtmidi")}') from None
+    raise DeviceMissing(f'MIDI needs python-rtmidi: {pip_install("python-rtmidi")}') from None
 
 CLIENT = 'eol_ros'
 VIRTUAL = 'virtual'
@@ -34,7 +34,7 @@ def _client(api: int) -> rtmidi.MidiIn:
         system, instead = 'JACK', 'start its server'
         if api != rtmidi.API_UNIX_JACK:
             system, instead = 'MIDI', 'sudo modprobe snd-seq, or ask JACK: jack:NAME'
-        raise DeviceMissing(f'midi: no {system} here ({error}); {instead}') from None
+        raise DeviceMissing(f'no {system} here ({error}); {instead}') from None
 
 
 def inputs(jack: bool = False) -> list[str]:
@@ -61,7 +61,7 @@ class MidiIn:
             self.name = self._open(name)
         except (rtmidi.SystemError, rtmidi.InvalidPortError, DeviceMissing) as error:
             self._client.delete()
-            raise DeviceMissing(f'midi {wanted!r}: {error}') from None
+            raise DeviceMissing(f'{wanted}: {error}') from None
         self._client.ignore_types(sysex=True, timing=True, active_sense=True)
 
     def _open(self, name: str) -> str:
