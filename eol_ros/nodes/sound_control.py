@@ -17,6 +17,7 @@ from eol_ros.core.sound.presets import STEP_S, Glide, between
 from eol_ros.devices.corpus.corpus_file import REMAKING
 from eol_ros.errors import ConfigError
 from eol_ros.ros import presets
+from eol_ros.ros.parameters import checked_live
 from eol_ros.ros.requests import parameters
 from eol_ros.settings import live_fields
 from eol_ros.streams.graph import INSTRUMENT, NODES
@@ -44,9 +45,10 @@ class Instrument:
         self.set(target, {name: as_setting(NODES[target].settings, name, given)})
 
     def set(self, target: str, values: Mapping[str, Any]) -> None:
-        """Set live settings of a node; raises ConfigError; the other refuses in its own log."""
+        """Set live settings of a node; raises ConfigError; what only the other knows it refuses."""
+        values = checked_live(NODES[target].settings, target, values)
         if target != self._node.NAME:
-            self._node.requests.ask(Asked(SET, target, dict(values)))
+            self._node.requests.ask(Asked(SET, target, values))
             return
         done = self._node.set_parameters_atomically(parameters(values))
         if not done.successful:

@@ -100,4 +100,5 @@ class Osc:
                     raise ConfigError('there is no such live setting')
                 self._instrument.change(node or self._node.NAME, name, values)
             except ConfigError as error:
-                self._node.get_logger().warning(f'OSC {address}: {error}')
+                why = str(error).removeprefix(f'{name}: ')  # which the address ends with
+                self._node.get_logger().warning(f'OSC {address}: {why}')

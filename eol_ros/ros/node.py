@@ -2,7 +2,6 @@
 """What every node of the graph is: settings as parameters, topics from the table, health."""
 
 import dataclasses
-import difflib
 import json
 import os
 import time
@@ -36,6 +35,7 @@ from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
 from eol_ros.ros.inherited import KEPT
+from eol_ros.ros.parameters import checked_live
 from eol_ros.ros.requests import REQUESTS, RequestServer, parameters, plain
 from eol_ros.ros.stamps import NS, to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
@@ -265,32 +265,13 @@ class EolNode(Node):
 
     def _on_set(self, asked: Asked) -> Any:
         """Change live settings as asked; raises ConfigError that names what cannot be."""
-        values = self._checked_live(asked.values)
+        values = checked_live(type(self.settings), self.NAME, asked.values)
         if self.sim_time and asked.source == 'replay':
             for name in values:
                 self._recorded.setdefault(name, getattr(self.settings, name))
         self.live_from_ns = asked.from_ns
         self._set(values)
         return ', '.join(f'{name} is {value}' for name, value in values.items())
-
-    def _checked_live(self, values: dict[str, Any]) -> dict[str, Any]:
-        fields = {f.name: f for f in dataclasses.fields(self.settings)}
-        if not values:
-            raise ConfigError('names no setting')
-        for name in values:
-            if name not in fields:
-                near = difflib.get_close_matches(name, fields, 1, 0.6)
-                hint = f'; did you mean {near[0]}?' if near else ''
-                raise ConfigError(f'{self.NAME} has no setting {name}{hint}')
-            if not fields[name].metadata.get('live'):
-                raise ConfigError(f'{name} is read when {self.NAME} starts: change the scene')
-        found = {}
-        for name, value in values.items():
-            try:
-                found[name] = check_value(fields[name], value)
-            except ConfigError as error:
-                raise ConfigError(f'{name}: {error}') from None
-        return found
 
     def _set(self, values: dict[str, Any]) -> None:
         """Change live settings without telling of it."""

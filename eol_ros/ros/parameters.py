@@ -1,15 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of a running node, read and changed from the command line."""
 
-from collections.abc import Iterator, Sequence
+import dataclasses
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from eol_ros.errors import DeviceMissing, EolError
+from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.ros.session import Session, session
-from eol_ros.streams.graph import NAMESPACE
+from eol_ros.scene import check_value
+from eol_ros.streams.graph import NAMESPACE, NODES
 
 WAIT_S = 5.0
+
+
+def checked_live(settings: type, node: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `values` as the live settings of `node` have them, of the dataclass `settings`.
+
+    Raises ConfigError that names what cannot be, before rcl refuses it in words of its own.
+    """
+    fields = {f.name: f for f in dataclasses.fields(settings)}
+    if not values:
+        raise ConfigError('names no setting')
+    for name in values:
+        if name not in fields:
+            near = difflib.get_close_matches(name, fields, 1, 0.6)
+            hint = f'; did you mean {near[0]}?' if near else ''
+            raise ConfigError(f'{node} has no setting {name}{hint}')
+        if not fields[name].metadata.get('live'):
+            raise ConfigError(f'{name} is read when {node} starts: change the scene')
+    found = {}
+    for name, value in values.items():
+        try:
+            found[name] = check_value(fields[name], value)
+        except ConfigError as error:
+            raise ConfigError(f'{name}: {error}') from None
+    return found
 
 
 def read(node: str, names: Sequence[str], reach: str, namespace: str = NAMESPACE) -> dict[str, Any]:
@@ -32,6 +59,10 @@ def write(
     with _asking(node, reach, namespace) as (visit, client):
         from rclpy.parameter import Parameter
 
+        try:
+            values = checked_live(NODES[node].settings, node, values)
+        except ConfigError as error:
+            raise EolError(f'{node}: refused, {error}') from None
         asked = [Parameter(name, value=value) for name, value in values.items()]
         for result in _answer(node, visit, client.set_parameters(asked)).results:
             if not result.successful:

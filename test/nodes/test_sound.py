@@ -298,7 +298,7 @@ def test_a_glide_leaves_no_timer_behind(ros, tmp_path):
 
 
 @pytest.mark.slow
-def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch):
+def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch, capfd):
     ear, port = OscIn(0), OscIn(0)
     number = port.port
     port.close()
@@ -342,6 +342,9 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch):
         node.osc._settings()
         hand.close()
         assert node.settings == dataclasses.replace(settings, gain_db=-12.0)
+        words = capfd.readouterr().err
+        assert 'OSC /eol/set/latency_s: -5 is out of range (' in words
+        assert 'OSC /eol/set/channels: there is no such live setting' in words
         asked = []
         monkeypatch.setattr(node.requests, 'ask', asked.append)
         hand = OscOut(f'127.0.0.1:{number}')
@@ -358,7 +361,7 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch):
         hand.close()
         expected = [
             {'radius': 1.0}, {'mode': 'chain'}, {'rearm_at_rest': False}, {'k': 4},
-            {'weights': ['ice 0.5', 'sea 0']},
+            {'weights': ('ice 0.5', 'sea 0')},
         ]  # fmt: skip
         found = [(one.kind, one.node, repr(one.values)) for one in asked]  # 1.0, not 1
         own = ('set', 'sound', repr({'gain_db': -20.0}))  # told for the bag
