@@ -104,6 +104,9 @@ class TrackerNode(EolNode):
         """Let the tracker do it, and answer when it is known what came of it."""
         if asked.kind in self.pending:
             raise EolError('it is being done already')
+        # The next image would answer it. A replay asks for what has been done.
+        if not self.sim_time and (silent_s := self.health.overdue_s()):
+            raise EolError(f'no images for {silent_s:.0f} s; eol status says what the camera lacks')
         self.hand_over(asked)
         self.pending[asked.kind] = asked
         return LATER

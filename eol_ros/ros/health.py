@@ -68,6 +68,16 @@ class Health:
         """Behind a replay silence counts in its time: one that stands still owes nothing."""
         return self._node.now_ns() * 1e-9 if self._node.sim_time else time.monotonic()
 
+    def overdue_s(self) -> float:
+        """Return for how long what the node `expects` has not come; 0 while that is not long."""
+        if self._expected is None:
+            return 0.0
+        now_s = self._now_s()
+        if not 0 < self._last_tick_s <= now_s:  # /clock has begun, or begun again
+            self._last_tick_s = now_s
+        silent_s = now_s - self._last_tick_s
+        return silent_s if silent_s > self._expected[1] else 0.0
+
     def ok(self, text: str) -> None:
         """All is well: say what is being done."""
         self._set(OK, text)
@@ -101,17 +111,12 @@ class Health:
             self._rate = (self.ticks - self._reported_ticks) / span
             self._reported_ticks, self._reported_s = self.ticks, now
         level, text = self.level, self.text
-        if self._expected and level == OK:
-            what, within_s = self._expected
-            now_s = self._now_s()
-            if not 0 < self._last_tick_s <= now_s:  # /clock has begun, or begun again
-                self._last_tick_s = now_s
-            silent_s = now_s - self._last_tick_s
-            if silent_s > within_s:
-                level = WARN
-                text = said(
-                    'nothing_of', 'no {what} for {seconds} s', what=what, seconds=f'{silent_s:.0f}'
-                )
+        if self._expected and level == OK and (silent_s := self.overdue_s()):
+            level = WARN
+            text = said(
+                'nothing_of', 'no {what} for {seconds} s', what=self._expected[0],
+                seconds=f'{silent_s:.0f}',
+            )  # fmt: skip
         return {
             'node': self._name,
             'level': level,

@@ -116,6 +116,21 @@ def test_a_request_counts_from_its_stamp_and_an_own_one_once(ros):
     node.destroy_node()
 
 
+def test_without_images_nothing_that_needs_them_is_begun(ros, monkeypatch):
+    node = TrackerNode(TrackerSettings())
+    said = []
+    monkeypatch.setattr(node.requests, 'answer', lambda asked, *what: said.append(what))
+    ask = request_to_msg(Asked('calibrate', 'tracker'), START_NS)
+    node.requests.take(ask)
+    assert not said and node.pending.pop('calibrate')  # it has waited for no image for long
+    node.health._last_tick_s -= 10
+    node.requests.take(ask)
+    ((accepted, why),) = said
+    assert not accepted and why.startswith('no images for 10 s; ') and not node.pending
+    node.close()
+    node.destroy_node()
+
+
 def life(monkeypatch, kept):
     monkeypatch.setenv('EOL_KEPT', json.dumps({'tracker': kept}))
     node = TrackerNode(TrackerSettings())
