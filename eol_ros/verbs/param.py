@@ -57,7 +57,8 @@ def run(args):
     from eol_ros.ros.parameters import read
 
     names = [args.name] if args.name else list(fields)
-    values = read(args.node, names, *reach.of(args))
+    with reach.asking(args.node, args):
+        values = read(args.node, names, *reach.of(args))
     if args.json:
         print(json.dumps(values if args.action == 'list' else values[args.name]))
     elif args.action == 'get':
@@ -75,7 +76,8 @@ def _write(args, value) -> int:
     """Change a setting of a node that takes no requests; a refusal is an error."""
     from eol_ros.ros.parameters import write
 
-    write(args.node, {args.name: value}, *reach.of(args))
+    with reach.asking(args.node, args):
+        write(args.node, {args.name: value}, *reach.of(args))
     reason = f'{args.name} is {value}'
     row = {'node': args.node, 'accepted': True, 'reason': reason}
     print(json.dumps([row]) if args.json else f'{args.node}: done, {reason}')

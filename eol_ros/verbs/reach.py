@@ -2,6 +2,8 @@
 """Which graph a verb means: on this machine or on the network, and in which namespace."""
 
 import argparse
+import contextlib
+from collections.abc import Iterator
 
 NAMESPACE_HELP = 'of the graph; without it that of the one that runs here, else eol'
 
@@ -30,3 +32,28 @@ def of(args: argparse.Namespace) -> tuple[str, str]:
     if args.secure and not (keys := wireguard.read()).up:
         raise DeviceMissing(f'--secure: {keys.address} is not up: {keys.how_up}')
     return 'secure' if args.secure else 'lan' if args.lan else 'local', namespace
+
+
+@contextlib.contextmanager
+def asking(node: str, args: argparse.Namespace) -> Iterator[None]:
+    """Let a DeviceMissing about `node` say what the supervisor knows of it, where one runs here."""
+    from eol_ros.bringup import plan, status
+    from eol_ros.errors import DeviceMissing, EolError
+    from eol_ros.scene import Scene
+
+    try:
+        yield
+    except DeviceMissing as error:
+        if not node or args.lan or args.secure:
+            raise
+        domain = plan.domain(Scene('', {}))
+        try:
+            found = status.ask(domain, namespace=status.namespace_of(args.namespace, domain))
+        except EolError:
+            raise error from None
+        row = next((row for row in found['nodes'] if row['node'] == node), None)
+        if row is None:
+            why = f'{node} is not in the scene {found["scene"]}, which runs here'
+        else:
+            why = f'{node} does not answer; it is {status.WORDS[row["level"]]}: {row["text"]}'
+        raise DeviceMissing(why) from None

@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What words of `eol call` and `eol param` mean."""
 
+import argparse
+
 import pytest
 
+from eol_ros.bringup import status
+from eol_ros.errors import DeviceMissing
 from eol_ros.streams.requests import KINDS
+from eol_ros.verbs import reach
 from eol_ros.verbs.call import _types, _values, value_of
 
 
@@ -31,3 +36,32 @@ def test_the_types_are_those_of_the_settings_and_requests():
     values = _values(['filter=off', 'gain_db=-3', 'filter_q=2'], _types(KINDS['set'], 'sound'))
     assert values == {'filter': 'off', 'gain_db': -3.0, 'filter_q': 2.0}
     assert _values(['preset=on'], _types(KINDS['save_preset'], '')) == {'preset': 'on'}
+
+
+@pytest.mark.parametrize(
+    ('node', 'lan', 'words'),
+    [
+        ('sound', False, 'sound does not answer; it is down: exit code 69; again in 8 s'),
+        ('camera', False, 'camera is not in the scene lights, which runs here'),
+        ('', False, 'they do not run here'),  # more than one is meant
+        ('sound', True, 'they do not run here'),  # on the network there may be another supervisor
+    ],
+)
+def test_of_a_node_that_cannot_be_asked_the_supervisor_tells(monkeypatch, node, lan, words):
+    down = {'node': 'sound', 'level': status.DOWN, 'text': 'exit code 69; again in 8 s'}
+    found = {'scene': 'lights', 'nodes': [down]}
+    monkeypatch.setattr(status, 'ask', lambda domain, namespace: found)
+    args = argparse.Namespace(lan=lan, secure=False, namespace=None)
+    with pytest.raises(DeviceMissing) as told, reach.asking(node, args):
+        raise DeviceMissing('they do not run here')
+    assert str(told.value) == words
+
+
+def test_where_no_supervisor_runs_the_error_stays(monkeypatch):
+    def none(domain, namespace):
+        raise DeviceMissing('no graph runs')
+
+    monkeypatch.setattr(status, 'ask', none)
+    args = argparse.Namespace(lan=False, secure=False, namespace=None)
+    with pytest.raises(DeviceMissing, match='^it does not run$'), reach.asking('sound', args):
+        raise DeviceMissing('it does not run')
