@@ -33,7 +33,7 @@ import yaml
 
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.settings import FORMS, MASK, NotifySettings, masked, renamed, secrets
-from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
+from eol_ros.streams.graph import IMAGE_SOURCES, MAX_DOMAIN, NAMESPACE, NODES, providers
 
 _KEYS = (
     'scene', 'include', 'network', 'domain', 'namespace', 'real_time', 'nodes', 'together',
@@ -484,8 +484,9 @@ def load(name: str | Path) -> Scene:
     network = _choice(reader, values, 'network', ('local', 'secure', 'lan'), 'local')
     real_time = _choice(reader, values, 'real_time', (True, False), True)
     domain = values.get('domain')
-    if domain is not None and (type(domain.value) is not int or not 0 <= domain.value <= 101):
-        reader.wrong(domain, 'domain', f'{domain.value!r} is not a whole number from 0 to 101')
+    if domain and not (type(domain.value) is int and 0 <= domain.value <= MAX_DOMAIN):
+        said = f'{domain.value!r} is not a whole number from 0 to {MAX_DOMAIN}'
+        reader.wrong(domain, 'domain', said)
     namespace = _namespace(reader, values.get('namespace'))
     title = values.get('scene')
     together = _together(reader, values.get('together'), nodes)

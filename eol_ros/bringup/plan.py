@@ -2,7 +2,6 @@
 """Scene to processes: which run, in which order, with which environment. Pure."""
 
 import difflib
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -135,9 +134,4 @@ def compiler(scene: Scene) -> Process | None:
 
 def domain(scene: Scene) -> int:
     """Return the DDS domain that the scene runs on."""
-    if scene.domain is not None:
-        return scene.domain
-    text = os.environ.get('ROS_DOMAIN_ID', '0') or '0'
-    if not text.isdigit():
-        raise UsageError(f'ROS_DOMAIN_ID is {text!r}, not a whole number from 0 to 101')
-    return int(text)
+    return network.domain() if scene.domain is None else scene.domain

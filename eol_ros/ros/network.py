@@ -12,8 +12,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from eol_ros import folders
-from eol_ros.errors import ConfigError
+from eol_ros.errors import ConfigError, UsageError
 from eol_ros.ros import wireguard
+from eol_ros.streams.graph import MAX_DOMAIN
 
 BIG_SEGMENT = 20 << 20  # of a process that publishes images: more than its history
 SMALL_SEGMENT = 2 << 20
@@ -188,5 +189,17 @@ def _keep(file: Path, text: str) -> None:
 
 
 def configure(network: str = 'local', images: bool = False, asks: bool = False) -> None:
-    """Set the environment of this process; call it before rclpy.init."""
+    """Set the environment of this process; call it before rclpy.init.
+
+    Raises UsageError where ROS_DOMAIN_ID is none.
+    """
     os.environ.update(environment(network, images, asks))
+    domain()
+
+
+def domain() -> int:
+    """Return the DDS domain that ROS_DOMAIN_ID names; raise UsageError where it names none."""
+    text = os.environ.get('ROS_DOMAIN_ID') or '0'
+    if not (text.isascii() and text.isdigit() and int(text) <= MAX_DOMAIN):
+        raise UsageError(f'ROS_DOMAIN_ID is {text!r}, not a whole number from 0 to {MAX_DOMAIN}')
+    return int(text)

@@ -35,7 +35,7 @@ from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
 from eol_ros.ros.inherited import KEPT
-from eol_ros.ros.parameters import checked_live
+from eol_ros.ros.parameters import checked, checked_live
 from eol_ros.ros.requests import REQUESTS, RequestServer, parameters, plain
 from eol_ros.ros.stamps import NS, to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
@@ -322,8 +322,8 @@ class EolNode(Node):
         unknown = [n for n in overrides if n not in known and not n.startswith('qos_overrides')]
         if unknown:
             raise ConfigError(f'parameter {unknown[0]}: {self.NAME} has no such setting')
-        checked = {n: check_value(fields[n], v) for n, v in overrides.items() if n in fields}
-        settings = dataclasses.replace(settings, **checked)
+        given = {n: v for n, v in overrides.items() if n in fields}
+        settings = dataclasses.replace(settings, **checked(type(settings), given))
         self._at_start = settings
         settings = dataclasses.replace(settings, **self._resumed_settings(fields))
         shown = masked(settings)

@@ -30,6 +30,12 @@ def checked_live(settings: type, node: str, values: Mapping[str, Any]) -> dict[s
             raise ConfigError(f'{node} has no setting {name}{hint}')
         if not fields[name].metadata.get('live'):
             raise ConfigError(f'{name} is read when {node} starts: change the scene')
+    return checked(settings, values)
+
+
+def checked(settings: type, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `values` as the dataclass `settings` has them; raise ConfigError that names one."""
+    fields = {f.name: f for f in dataclasses.fields(settings)}
     found = {}
     for name, value in values.items():
         try:

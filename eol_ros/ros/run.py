@@ -15,7 +15,7 @@ from typing import Any
 
 from eol_ros import compiled
 from eol_ros import scene as scenes
-from eol_ros.errors import EolError, warning_line
+from eol_ros.errors import EolError, UsageError, warning_line
 from eol_ros.ros import network, shutdown_watchdog
 from eol_ros.ros.session import NO_LOG_FILES
 from eol_ros.streams.graph import IMAGE_SOURCES, NODES
@@ -79,9 +79,9 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda n, _frame: stop.append(n))
     images = bool(set(IMAGE_SOURCES) & set(names))
-    network.configure(scene.network, images, asks='replay' in names)
     if scene.domain is not None:
         os.environ['ROS_DOMAIN_ID'] = str(scene.domain)
+    network.configure(scene.network, images, asks='replay' in names)
 
     # Messages load their types through this package, which brings its generator of message code
     # along, 3 MB with its parsers, wherever that can be imported.
@@ -91,7 +91,15 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
     from rclpy.experimental.events_executor import EventsExecutor
     from rclpy.signals import SignalHandlerOptions
 
-    rclpy.init(args=[*ros_args, *NO_LOG_FILES], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=[*ros_args, *NO_LOG_FILES], signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        said = str(error).removeprefix('failed to initialize rcl: ').split(', at /')[0]
+        if type(error).__name__ == 'UnknownROSArgsError':  # which rclpy does not export
+            said = f'ROS knows no {said}'
+        elif not said.startswith("Couldn't parse"):
+            raise
+        raise UsageError(f'--ros-args: {said}') from None
     logger = rclpy.logging.get_logger(names[0])
     # one line in the log, where people do not meet it
     warnings.showwarning = lambda *what, **_: logger.warning(warning_line(*what[:4]))

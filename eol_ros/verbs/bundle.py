@@ -17,6 +17,7 @@ from eol_ros import folders
 from eol_ros import scene as scenes
 from eol_ros.bringup import status
 from eol_ros.errors import EolError, SupervisorSilent
+from eol_ros.ros import network
 from eol_ros.ros.run_record import versions
 from eol_ros.verbs import reach
 
@@ -39,7 +40,7 @@ def add_arguments(parser):
         '-o', '--output', metavar='FILE', default=time.strftime('eol-bundle-%Y%m%d-%H%M%S.zip'),
         help='the file to write (default: eol-bundle-DATE.zip here)',
     )  # fmt: skip
-    parser.add_argument('--domain', type=int, default=int(os.environ.get('ROS_DOMAIN_ID') or 0))
+    parser.add_argument('--domain', type=int, help='of DDS (default: ROS_DOMAIN_ID, else 0)')
     parser.add_argument('--namespace', metavar='NAME', help=reach.NAMESPACE_HELP)
 
 
@@ -121,8 +122,8 @@ def _without(text: str, scene: scenes.Scene | None) -> str:
 
 def _status(args) -> dict:
     try:
-        namespace = status.namespace_of(args.namespace, args.domain)
-        return status.ask(args.domain, namespace=namespace)
+        domain = network.domain() if args.domain is None else args.domain
+        return status.ask(domain, namespace=status.namespace_of(args.namespace, domain))
     except SupervisorSilent as error:
         return {'silent': str(error)}
 

@@ -2,11 +2,11 @@
 """eol status: how is the running graph?"""
 
 import json
-import os
 import time
 
 from eol_ros.bringup import status
 from eol_ros.errors import EolError
+from eol_ros.ros import network
 from eol_ros.verbs import reach
 
 HELP = (
@@ -20,7 +20,7 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('--watch', action='store_true', help='refresh it every second')
     parser.add_argument('--json', action='store_true', help='as one JSON object')
-    parser.add_argument('--domain', type=int, default=int(os.environ.get('ROS_DOMAIN_ID') or 0))
+    parser.add_argument('--domain', type=int, help='of DDS (default: ROS_DOMAIN_ID, else 0)')
     parser.add_argument('--namespace', metavar='NAME', help=reach.NAMESPACE_HELP)
 
 
@@ -40,5 +40,5 @@ def run(args):
 
 
 def _ask(args):
-    namespace = status.namespace_of(args.namespace, args.domain)
-    return status.ask(args.domain, namespace=namespace)
+    domain = network.domain() if args.domain is None else args.domain
+    return status.ask(domain, namespace=status.namespace_of(args.namespace, domain))

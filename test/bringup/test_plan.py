@@ -118,9 +118,10 @@ def test_domain(monkeypatch):
 
     assert plan.domain(scene) == 7
 
-    monkeypatch.setenv('ROS_DOMAIN_ID', 'seven')
-    with pytest.raises(UsageError, match='seven'):
-        plan.domain(scene)
+    for wrong in ('seven', '-1', '300', '²'):
+        monkeypatch.setenv('ROS_DOMAIN_ID', wrong)
+        with pytest.raises(UsageError, match=f"ROS_DOMAIN_ID is '{wrong}', not a whole number"):
+            plan.domain(scene)
 
 
 def bag_of(folder, settings='', **counts):

@@ -168,3 +168,34 @@ def test_bag_folder_is_a_file(tmp_path):
 
     assert code in (69, 78)
     assert 'bags' in words
+
+
+@pytest.mark.parametrize(
+    'words, domain, said',
+    [
+        (['eol_ros', 'status'], 'abc', "eol status: ROS_DOMAIN_ID is 'abc'"),
+        (['eol_ros', 'echo', 'slips'], '300', "eol echo: ROS_DOMAIN_ID is '300'"),
+        (['eol_ros.bringup', 'lights'], '300', "bringup: ROS_DOMAIN_ID is '300'"),
+        (['eol_ros.nodes.motion'], '300', "motion: ROS_DOMAIN_ID is '300'"),
+        (
+            ['eol_ros.nodes.motion', '--ros-args', '--params-file', 'absent.yaml'], '1',
+            "motion: --ros-args: Couldn't parse params file: '--params-file absent.yaml'",
+        ),
+        (
+            ['eol_ros.nodes.motion', '--ros-args', '-r', '__ns:=/9'], '1',
+            "motion: --ros-args: Couldn't parse remap rule: '-r __ns:=/9'",
+        ),
+        (
+            ['eol_ros.nodes.motion', '--ros-args', '--absent'], '1',
+            "motion: --ros-args: ROS knows no ['--absent']",
+        ),
+    ],
+)  # fmt: skip
+def test_what_ros_itself_would_refuse_is_one_line(words, domain, said):
+    done = subprocess.run(
+        [sys.executable, '-m', *words], env={**os.environ, 'ROS_DOMAIN_ID': domain}, timeout=90,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 2
+    *logged, line = done.stderr.splitlines()  # of rcl; that it keeps to itself there is no asking
+    assert said in line and all('[rcl]' in other for other in logged)
