@@ -506,6 +506,101 @@ def _recall(image, place, light, known, by_light, room):
     return place, vote
 
 
+@njit(inline='always')
+def _by_size(place, vote, light, known, room):
+    """Measure a square once more by the size that a calibration gives, if it needs that.
+
+    An arm along one side moves it, or has its edge taken for that side: what is known of the size
+    speaks for the side across. Returns its place, the vote, how much of this counts, 0..1, and the
+    variance of its place, see _place_variance; a share of 0 means no square there.
+    """
+    noise = _place_variance(room)
+    if known.tight <= 0:
+        return place, vote, 1.0, noise
+    missized = math.fabs(place.half - known.half) / MISSIZED_PX - 1.0
+    part = min(max((WHOLE - vote.share) / GRADUALLY, missized), 1.0)
+    if part <= 0.0:
+        return place, vote, 1.0, noise
+    slope, lean = abs(math.cos(place.theta)), -math.tan(place.theta)
+    sides = profiles.Sides(slope, lean, light.sides.limit, known.blur, light.sides.soft)
+    sized = _Light(sides, light.contrast, light.level)
+    vote = _round(place, sized, known, known.tight, SIZED_PX, 4, False, room)
+    noise += part * (_place_variance(room) - noise)
+    return _moved(place, room.step, part), vote, part, noise
+
+
+@njit(inline='always')
+def _doubt(vote, share, touched, lit, noise, soft, room):
+    """Return the variance of a place, px^2, and by how much more it errs than noise explains."""
+    scatter = misfit = 1.0
+    if touched < 1.0 and not soft:
+        scatter = vote.variance * _alike(room.work, room.ends, room.step)
+    elif touched < 1.0 and share < WHOLE:
+        # what noise alone explains, and how much further an arm may have led it: see MISFIT
+        partly = min((WHOLE - share) / GRADUALLY, 1.0)
+        alike = max(vote.variance * _alike(room.work, room.ends, room.step), 1.0)
+        scatter = 1.0 + partly * (alike - 1.0)
+        misfit = 1.0 + (1.0 - touched) * (math.sqrt(scatter) - 1.0)
+    scatter *= noise
+    if lit > 0.0:
+        led = lit * LAMP_LEADS_PX * LAMP_LEADS_PX
+        misfit *= math.sqrt(1.0 + led / scatter)
+        scatter += led
+    return scatter, misfit
+
+
+@njit(inline='always')
+def _as_usual(image, place, light, known, share, scatter, led, touched, aside, off, room):
+    """Measure a square by what is usual of it, without the lines that arms touch.
+
+    led: variance of its place if that tells nothing, px^2; off: how far it is from where it was
+    expected, px. Returns its place, the variance of that, and by how much it may stand aside, px;
+    a variance of 0: they are edges of an arm, more likely than not.
+    """
+    work, ends, step, usual = room.work, room.ends, room.step, known.usual
+    soft, told = light.sides.soft, share > MORE_THAN_AN_ARM
+    there, vote = _recall(image, place, light, known, True, room)
+    unlike, unsure = SOFT_STRETCH_PX if soft else STRETCH_PX, 0.0
+    # not of flat covers: on glittering sandpaper no stretch stays like itself
+    if soft and touched == 1.0 and share < MORE_THAN_AN_ARM:
+        doubted = share < MORE_THAN_AN_ARM * usual[usual_outline.SHARE]
+        if vote.share < HOPELESS:  # hardly a line has its usual light: by their places alone
+            there, vote = _recall(image, place, light, known, False, room)
+            doubted, unsure = True, ARM_LEADS_PX * ARM_LEADS_PX
+        if doubted and (
+            vote.share < HOPELESS
+            or usual_outline.evidence(work, ends, there.half, step, vote.width, unlike, usual) < 0.0
+        ):
+            return place, 0.0, aside
+    recalled = np.inf
+    if vote.share >= HOPELESS:
+        recalled = RUN * usual_outline.mean_weight(work, ends) * unlike * unlike
+        recalled += max(vote.variance * _alike(work, ends, step), 1.0 if soft else 0.0)
+        recalled = recalled * _place_variance(room) + unsure
+    # too little is as it was, and more is in sight than an arm shows, or it is where it was
+    another = math.hypot(there.u - place.u, there.v - place.v) > ANOTHER_PX
+    another = another and not off > known.close > 0.0
+    if vote.share < HOPELESS or (told and (recalled > led or another)):
+        scatter += touched * (led - scatter)
+    elif off < known.close and share > SHOWN and led < SHOWN_PX**2 < recalled:
+        scatter += touched * (SHOWN_PX**2 - scatter)
+    else:
+        more, sigma = there.half - known.half, math.sqrt(vote.variance * _place_variance(room))
+        left = usual_outline.aside(work, ends, there.half, more, step, sigma, True, usual)
+        if aside > left:  # the light has told which side an arm hides
+            shown = min(aside / usual_outline.NARROW_PX, 1.0) * (1.0 - left / aside)
+            touched = max(touched, shown)
+        aside += touched * (left - aside)
+        place = _Place(
+            place.u + touched * (there.u - place.u),
+            place.v + touched * (there.v - place.v),
+            place.theta + touched * (there.theta - place.theta),
+            place.half + touched * (there.half - place.half),
+        )
+        scatter += touched * (recalled - scatter)
+    return place, scatter + aside * aside, aside
+
+
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _fit(image, square, place, known, beats, room):
     """Fit one square from `place`; see fit_square. beats: the share that it must exceed."""
@@ -527,29 +622,16 @@ def _fit(image, square, place, known, beats, room):
     free_half, free_share = place.half, vote.share
     touched = aside = 0.0
     off = math.hypot(place.u - known.u, place.v - known.v)
-    astray = off > known.close > 0.0  # as an arm's edge may lead it that is taken for a side
-    if not astray:
+    if not off > known.close > 0.0:  # as an arm's edge may lead it that is taken for a side
         usual_outline.outgrow(usual, free_share * around)
     if known.tight > 0 and lit == 0.0:
         touched = usual_outline.touched(usual, free_share * around, texture)
         sigma, more = math.sqrt(vote.variance * noise), free_half - known.half
         aside = usual_outline.aside(work, ends, free_half, more, step, sigma, False, usual)
-    part = 1.0
     if touched < 1.0:
-        missed = math.fabs(free_half - known.half) / MISSIZED_PX - 1.0
-        missized = min(max(missed, 0.0), 1.0)
-        if known.tight > 0 and (free_share < WHOLE or missized > 0.0):
-            # an arm along one side moves it, or has its edge taken for that side: what is known
-            # of the size speaks for the side across
-            slope, lean = abs(math.cos(place.theta)), -math.tan(place.theta)
-            sides = profiles.Sides(slope, lean, light.sides.limit, known.blur, soft)
-            sized = _Light(sides, light.contrast, light.level)
-            vote = _round(place, sized, known, known.tight, SIZED_PX, 4, False, room)
-            if vote.share == 0.0:
-                return
-            part = min(max((WHOLE - free_share) / GRADUALLY, missized), 1.0)
-            place = _moved(place, step, part)
-            noise += part * (_place_variance(room) - noise)
+        place, vote, part, noise = _by_size(place, vote, light, known, room)
+        if vote.share == 0.0:
+            return
         usual_outline.learn(
             work, ends, place.half, place.half - known.half, step, part, vote.width,
             free_share * around, texture, aside, lit, usual,
@@ -559,71 +641,21 @@ def _fit(image, square, place, known, beats, room):
     share = min(vote.share * around, 1.0)
     if share <= beats:
         return
-    scatter = misfit = 1.0
-    if touched < 1.0 and not soft:
-        scatter = vote.variance * _alike(work, ends, step)
-    elif touched < 1.0 and share < WHOLE:
-        # what noise alone explains, and how much further an arm may have led it: see MISFIT
-        partly = min((WHOLE - share) / GRADUALLY, 1.0)
-        scatter = 1.0 + partly * (max(vote.variance * _alike(work, ends, step), 1.0) - 1.0)
-        misfit = 1.0 + (1.0 - touched) * (math.sqrt(scatter) - 1.0)
-    scatter *= noise
-    if lit > 0.0:
-        led = lit * LAMP_LEADS_PX * LAMP_LEADS_PX
-        misfit *= math.sqrt(1.0 + led / scatter)
-        scatter += led
-    s0, s1, s2, s3 = shares[0], shares[1], shares[2], shares[3]
+    s0, s1 = min(shares[0] * around, 1.0), min(shares[1] * around, 1.0)
+    s2, s3 = min(shares[2] * around, 1.0), min(shares[3] * around, 1.0)
+    scatter, misfit = _doubt(vote, share, touched, lit, noise, soft, room)
     if touched > 0.0 or aside > 0.0:
-        # lines that arms touch are left out, and the others taken for what they usually are
         led = max(scatter, vote.variance * noise) + ARM_LEADS_PX * ARM_LEADS_PX
-        there, vote = _recall(image, place, light, known, True, room)
-        unlike, unsure = SOFT_STRETCH_PX if soft else STRETCH_PX, 0.0
-        # not of flat covers: on glittering sandpaper no stretch stays like itself
-        if soft and touched == 1.0 and share < MORE_THAN_AN_ARM:
-            doubted = share < MORE_THAN_AN_ARM * usual[usual_outline.SHARE]
-            if vote.share < HOPELESS:  # hardly a line has its usual light: by their places alone
-                there, vote = _recall(image, place, light, known, False, room)
-                doubted, unsure = True, ARM_LEADS_PX * ARM_LEADS_PX
-            if doubted and (
-                vote.share < HOPELESS
-                or usual_outline.evidence(work, ends, there.half, step, vote.width, unlike, usual)
-                < 0.0
-            ):
-                return  # they are edges of an arm, more likely than not
-        recalled = np.inf
-        if vote.share >= HOPELESS:
-            recalled = RUN * usual_outline.mean_weight(work, ends) * unlike * unlike
-            recalled += max(vote.variance * _alike(work, ends, step), 1.0 if soft else 0.0)
-            recalled = recalled * _place_variance(room) + unsure
-        # too little is as it was, and more is in sight than an arm shows, or it is where it was
-        told = share > MORE_THAN_AN_ARM
-        another = math.hypot(there.u - place.u, there.v - place.v) > ANOTHER_PX and not astray
-        if vote.share < HOPELESS or (told and (recalled > led or another)):
-            scatter += touched * (led - scatter)
-        elif off < known.close and share > SHOWN and led < SHOWN_PX**2 < recalled:
-            scatter += touched * (SHOWN_PX**2 - scatter)
-        else:
-            more, sigma = there.half - known.half, math.sqrt(vote.variance * _place_variance(room))
-            left = usual_outline.aside(work, ends, there.half, more, step, sigma, True, usual)
-            if aside > left:  # the light has told which side an arm hides
-                shown = min(aside / usual_outline.NARROW_PX, 1.0) * (1.0 - left / aside)
-                touched = max(touched, shown)
-            aside += touched * (left - aside)
-            place = _Place(
-                place.u + touched * (there.u - place.u),
-                place.v + touched * (there.v - place.v),
-                place.theta + touched * (there.theta - place.theta),
-                place.half + touched * (there.half - place.half),
-            )
-            scatter += touched * (recalled - scatter)
-        scatter += aside * aside
-    s0, s1 = min(s0 * around, 1.0), min(s1 * around, 1.0)
-    s2, s3 = min(s2 * around, 1.0), min(s3 * around, 1.0)
+        place, scatter, aside = _as_usual(
+            image, place, light, known, share, scatter, led, touched, aside, off, room
+        )
+        if scatter == 0.0:
+            return
     both_ways = min(max(s0, s2), max(s1, s3))
-    off = (free_half - known.half) / (3.0 * known.half_sigma + 0.04 * known.half)
+    missized = (free_half - known.half) / (3.0 * known.half_sigma + 0.04 * known.half)
     square[U], square[V], square[THETA], square[HALF] = place
     square[VISIBLE], square[SIGMA], square[MISFIT] = share, math.sqrt(scatter), misfit
-    square[QUALITY] = share * both_ways * math.exp(-0.5 * off * off) * sharp
+    square[QUALITY] = share * both_ways * math.exp(-0.5 * missized * missized) * sharp
     square[CONTRAST], square[LEVEL], square[ASIDE] = light.contrast, light.level, aside
     square[WORST] = min(min(s0, s1), min(s2, s3))
     # covers do not overlap: light like a cover's just outside says that this is half beside one
