@@ -162,9 +162,11 @@ def _stray(square, u, v, theta, since_s):
 
 
 @njit(inline='always')
-def _misled(image, square, since_s):
-    """Return whether a square that was not followed has an arm's edge for a side."""
-    if since_s < LATELY_S or not 0.0 < square[VISIBLE] < THREE_SIDES:
+def _misled(image, square, u, v, since_s):
+    """Return whether a square has an arm's edge for a side, unless it is where it was just now."""
+    moved = math.hypot(square[U] - u, square[V] - v)
+    close = since_s < LATELY_S and moved < CLOSE * square[HALF]
+    if close or not 0.0 < square[VISIBLE] < THREE_SIDES:
         return False
     over = STEEP * square[CONTRAST]
     return scan.side_within(image, square[U], square[V], square[THETA], square[HALF], over)
@@ -273,7 +275,7 @@ def at_predictions(
                 image, known, u, v, theta, own, 0.0, 0, table, mine, room, fits[tried], True,
                 since_s,
             )  # fmt: skip
-            if unsure or _misled(image, fits[tried], since_s):
+            if unsure or _misled(image, fits[tried], u, v, since_s):
                 # it is there: if its light were tried once more, edges of arms could pass for its
                 scan.erase(grid, tiles, fits, tried, tried + 1, scan.STEP)
                 near[i, 0] = np.nan
@@ -311,7 +313,7 @@ def at_predictions(
                 found = fit[VISIBLE] >= PREDICTED[0] and fit[QUALITY] >= PREDICTED[2]
                 whole = fit[VISIBLE] > edges.WHOLE  # whatever is known of this block
                 found &= fit[SIGMA] < (MOST_WHOLE_PX if whole else MOST_PARTLY_PX)
-                unsure = found and _misled(image, fit, since_s)
+                unsure = found and _misled(image, fit, u, v, since_s)
                 if not found or unsure or _stray(fit, u, v, theta, since_s):
                     fit[VISIBLE] = fit[QUALITY] = 0.0
                     break
