@@ -146,6 +146,7 @@ class ReplayNode(EolNode):
             self._await_readers()
             self.state = 'standing'  # all is well: bringup gives the nodes their priority now
             if not self._stop.wait(READY_S):
+                self._refuse_others()
                 self.state = 'playing'
             self.player.run()
             if not self._stop.is_set():
@@ -179,10 +180,7 @@ class ReplayNode(EolNode):
             (self._unanswered.discard if answered else self._unanswered.add)(publisher)
 
     def _await_readers(self) -> None:
-        """Wait for those whom the scene names, else until there is any reader.
-
-        Raises ConfigError when another node gives the same images or blocks.
-        """
+        """Wait for those whom the scene names, else until there is any reader."""
         if self.barrier.expects:
             while not self._stop.wait(0.05) and not self.barrier.ready():
                 pass
@@ -191,6 +189,11 @@ class ReplayNode(EolNode):
         while time.monotonic() < end and not self._stop.wait(0.05):
             if any(p.get_subscription_count() for p in self.publishers_of.values()):
                 break  # they find us a little later than we them, and each other
+
+    def _refuse_others(self) -> None:
+        """Raise ConfigError when another node gives the same images or blocks."""
+        if self.barrier.expects:
+            return
         for name in () if self.settings.topics else (IMAGES, BLOCKS):
             found = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
             others = sorted({end.node_name for end in found} - {self.get_name()})

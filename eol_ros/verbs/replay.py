@@ -126,6 +126,8 @@ def _play(args, topics) -> int:
             return node.state == 'over'
 
         visit.run(over)
+        if node.fault is not None:
+            raise node.fault
         if sys.stderr.isatty():
             print(file=sys.stderr)
         print(f'{node.player.played} messages played', file=sys.stderr)

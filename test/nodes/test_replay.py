@@ -6,6 +6,7 @@ import json
 import signal
 import struct
 import subprocess
+import sys
 import time
 
 import pytest
@@ -347,6 +348,12 @@ def test_two_givers_of_blocks_are_refused(ros, bag):
     listener.publisher('blocks')
     with pytest.raises(ConfigError, match='motion publishes blocks, and so would the replay'):
         play(listener, path)
+    done = subprocess.run(
+        [sys.executable, '-m', 'eol_ros', 'replay', str(path), '--wait', '2'],
+        timeout=60, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 78
+    assert 'eol replay: motion publishes blocks, and so would the replay' in done.stderr
     listener.destroy_node()
 
 
