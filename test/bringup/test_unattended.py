@@ -3,7 +3,6 @@
 
 import contextlib
 import fcntl
-import itertools
 import os
 import pty
 import select
@@ -15,6 +14,7 @@ import threading
 import time
 
 import pytest
+from support.domains import next_domain
 from support.waiting import wait_until
 
 from eol_ros import cli
@@ -59,14 +59,13 @@ for k in range(10**9):
     rounds.with_suffix('.part').replace(rounds)
     time.sleep(0.02)
 """
-domains = itertools.count(5000 + os.getpid() * 10)
 
 
 class Run:
     """Bringup in a process of its own, with one node."""
 
     def __init__(self, folder, stderr=subprocess.DEVNULL, lines=0):
-        self.domain = next(domains)
+        self.domain = next_domain()
         self.temporary = folder / 'tmp'
         self.temporary.mkdir()
         self.rounds_file = folder / 'rounds'
@@ -189,7 +188,7 @@ def test_status_of_a_stopped_supervisor(start, capsys):
 
 
 def test_status_where_a_supervisor_neither_answers_nor_stands(capsys):
-    domain = next(domains)
+    domain = next_domain()
     with status.listen(domain):
         assert cli.main(['status', '--domain', str(domain)]) == 1
         words = capsys.readouterr().err
@@ -199,7 +198,7 @@ def test_status_where_a_supervisor_neither_answers_nor_stands(capsys):
 
 
 def test_status_of_a_supervisor_that_ends_while_it_is_asked():
-    domain = next(domains)
+    domain = next_domain()
     server = status.listen(domain)
 
     def end():

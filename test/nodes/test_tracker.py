@@ -73,7 +73,7 @@ def test_images_become_blocks_as_offline_to_the_bit(graph):
         wanted.append((stamp_ns, offline.update(stamp_ns * 1e-9, image)))
         probe.images.publish(stamp_ns, image)
         nodes.until(lambda k=k: len(probe.blocks) > k)
-    nodes.until(lambda: probe.pictures)
+    nodes.until(lambda: probe.pictures and probe.calibrations)
     assert len(probe.blocks) == 12
     (text,) = probe.calibrations
     found = yaml.safe_load(text.data)
