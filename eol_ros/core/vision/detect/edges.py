@@ -63,7 +63,7 @@ HOPELESS = 0.1  # share below which no round makes a square of it
 WHOLE, GRADUALLY = 0.9, 0.1
 # So far from what a calibration says, half a side is not that of a block's own edges; twice as far
 # it is surely not.
-MISSIZED_PX = 0.25
+MISSIZED_PX = 0.4
 # Where an arm hides some of a block that is known, it is measured so often, until a step is short.
 ROUNDS, NEAR_PX = 2, 0.1
 # By how much a stretch of its edge may then differ from what is known, flat covers and with relief.
