@@ -15,9 +15,7 @@ from pathlib import Path
 
 from eol_ros import folders
 from eol_ros import scene as scenes
-from eol_ros.bringup import status
 from eol_ros.errors import EolError, SupervisorSilent
-from eol_ros.ros import network
 from eol_ros.ros.run_record import versions
 from eol_ros.verbs import reach
 
@@ -122,8 +120,7 @@ def _without(text: str, scene: scenes.Scene | None) -> str:
 
 def _status(args) -> dict:
     try:
-        domain = network.domain() if args.domain is None else args.domain
-        return status.ask(domain, namespace=status.namespace_of(args.namespace, domain))
+        return reach.status_of(args)
     except SupervisorSilent as error:
         return {'silent': str(error)}
 

@@ -4,6 +4,7 @@
 import argparse
 import contextlib
 from collections.abc import Iterator
+from typing import Any
 
 NAMESPACE_HELP = 'of the graph; without it that of the one that runs here, else eol'
 
@@ -23,32 +24,39 @@ def of(args: argparse.Namespace) -> tuple[str, str]:
 
     Raises ConfigError where this machine has no keys, DeviceMissing where the tunnel is not up.
     """
-    from eol_ros.bringup import plan, status
+    from eol_ros.bringup import status
     from eol_ros.errors import DeviceMissing
-    from eol_ros.ros import wireguard
-    from eol_ros.scene import Scene
+    from eol_ros.ros import network, wireguard
 
-    namespace = status.namespace_of(args.namespace, plan.domain(Scene('', {})))
+    namespace = status.namespace_of(args.namespace, network.domain())
     if args.secure and not (keys := wireguard.read()).up:
         raise DeviceMissing(f'--secure: {keys.address} is not up: {keys.how_up}')
     return 'secure' if args.secure else 'lan' if args.lan else 'local', namespace
 
 
+def status_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Return what the supervisor of the graph on this machine says; see bringup.status.ask."""
+    from eol_ros.bringup import status
+    from eol_ros.ros import network
+
+    asked = getattr(args, 'domain', None)  # which not all verbs take
+    domain = network.domain() if asked is None else asked
+    return status.ask(domain, namespace=status.namespace_of(args.namespace, domain))
+
+
 @contextlib.contextmanager
 def asking(node: str, args: argparse.Namespace) -> Iterator[None]:
     """Let a DeviceMissing about `node` say what the supervisor knows of it, where one runs here."""
-    from eol_ros.bringup import plan, status
+    from eol_ros.bringup import status
     from eol_ros.errors import DeviceMissing, EolError
-    from eol_ros.scene import Scene
 
     try:
         yield
     except DeviceMissing as error:
         if not node or args.lan or args.secure:
             raise
-        domain = plan.domain(Scene('', {}))
         try:
-            found = status.ask(domain, namespace=status.namespace_of(args.namespace, domain))
+            found = status_of(args)
         except EolError:
             raise error from None
         row = next((row for row in found['nodes'] if row['node'] == node), None)

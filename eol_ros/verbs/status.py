@@ -6,7 +6,6 @@ import time
 
 from eol_ros.bringup import status
 from eol_ros.errors import EolError
-from eol_ros.ros import network
 from eol_ros.verbs import reach
 
 HELP = (
@@ -28,17 +27,12 @@ def run(args):
     """Print the table."""
     while args.watch:
         try:
-            text = status.table(_ask(args))
+            text = status.table(reach.status_of(args))
         except EolError as error:
             text = str(error)
         print(f'\033[2J\033[H{text}', flush=True)
         time.sleep(1.0)
-    answer = _ask(args)
+    answer = reach.status_of(args)
     print(json.dumps(answer, indent=2) if args.json else status.table(answer))
     worst = max((row['level'] for row in answer['nodes']), default=0)
     return min(worst, 2)
-
-
-def _ask(args):
-    domain = network.domain() if args.domain is None else args.domain
-    return status.ask(domain, namespace=status.namespace_of(args.namespace, domain))

@@ -108,11 +108,11 @@ class _Discovery:
 
 def _running(namespace: str) -> set[str]:
     """Return the nodes that the supervisor of a graph says run; none where it is not here."""
-    from eol_ros.bringup import plan, status
-    from eol_ros.scene import Scene
+    from eol_ros.bringup import status
+    from eol_ros.ros import network
 
     try:
-        rows = status.ask(plan.domain(Scene('', {})), namespace=namespace)['nodes']
+        rows = status.ask(network.domain(), namespace=namespace)['nodes']
     except (DeviceMissing, SupervisorSilent):
         return set()
     return {row['node'] for row in rows if row['level'] < status.DOWN and row['text'] != 'finished'}
