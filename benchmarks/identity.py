@@ -265,7 +265,7 @@ class Score:
         self.out_of_sight = np.full(N_BLOCKS, -1)  # images; -1: under a wrong name before
         self.occluded_m: dict[int, list[float]] = {images: [] for images in OCCLUDED}
 
-    def predict_occluded(
+    def compare_occluded(
         self, moment: Any, true: np.ndarray, index: np.ndarray, xy: np.ndarray
     ) -> None:
         """Take where blocks (25, 2) are believed to be in one image; see add."""
@@ -396,7 +396,7 @@ def measure(
             index = tracker.update(moment, seen)
             score = scores[name]
             score.spent += time.perf_counter() - begun
-            score.predict_occluded(moment, seen.true, index, tracker.xy)
+            score.compare_occluded(moment, seen.true, index, tracker.xy)
             if score.add(moment.stamp_s, seen.true, index, tracker.ambiguous):
                 tracker.begin(moment.xy)
         if images >= 10 and k % (images // 10) == 0 and k:

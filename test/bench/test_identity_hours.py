@@ -91,10 +91,10 @@ def test_the_places_of_occluded_blocks_are_compared_while_their_names_were_right
     moment, believed = SimpleNamespace(xy=xy), xy + (0.003, 0.004)
     true, index = np.arange(25), np.arange(25)
     index[[7, 8]] = [8, 7]  # exchanged
-    score.predict_occluded(moment, true, index, believed)
+    score.compare_occluded(moment, true, index, believed)
     index[[3, 7]] = -1
     for _ in range(6):
-        score.predict_occluded(moment, true, index, believed)
+        score.compare_occluded(moment, true, index, believed)
     assert score.occluded_m[1] == score.occluded_m[6] == [pytest.approx(0.005)]
     assert score.occluded_m[30] == []
     score.add(0.0, true, index, False)

@@ -550,12 +550,13 @@ def _doubt(vote, share, touched, lit, noise, soft, room):
 
 
 @njit(inline='always')
-def _as_usual(image, place, light, known, share, scatter, led, touched, aside, off, room):
+def _as_usual(image, place, light, known, share, scatter, led, touched, aside, off, astray, room):
     """Measure a square by what is usual of it, without the lines that arms touch.
 
     led: variance of its place if that tells nothing, px^2; off: how far it is from where it was
-    expected, px. Returns its place, the variance of that, and by how much it may stand aside, px;
-    a variance of 0: they are edges of an arm, more likely than not.
+    expected, px; astray: it was seen there just now, and this is elsewhere. Returns its place, the
+    variance of that, and by how much it may stand aside, px; a variance of 0: they are edges of an
+    arm, more likely than not.
     """
     work, ends, step, usual = room.work, room.ends, room.step, known.usual
     soft, told = light.sides.soft, share > MORE_THAN_AN_ARM
@@ -578,8 +579,7 @@ def _as_usual(image, place, light, known, share, scatter, led, touched, aside, o
         recalled += max(vote.variance * _alike(work, ends, step), 1.0 if soft else 0.0)
         recalled = recalled * _place_variance(room) + unsure
     # too little is as it was, and more is in sight than an arm shows, or it is where it was
-    another = math.hypot(there.u - place.u, there.v - place.v) > ANOTHER_PX
-    another = another and not off > known.close > 0.0
+    another = math.hypot(there.u - place.u, there.v - place.v) > ANOTHER_PX and not astray
     if vote.share < HOPELESS or (told and (recalled > led or another)):
         scatter += touched * (led - scatter)
     elif off < known.close and share > SHOWN and led < SHOWN_PX**2 < recalled:
@@ -622,7 +622,8 @@ def _fit(image, square, place, known, beats, room):
     free_half, free_share = place.half, vote.share
     touched = aside = 0.0
     off = math.hypot(place.u - known.u, place.v - known.v)
-    if not off > known.close > 0.0:  # as an arm's edge may lead it that is taken for a side
+    astray = off > known.close > 0.0  # as an arm's edge may lead it that is taken for a side
+    if not astray:
         usual_outline.outgrow(usual, free_share * around)
     if known.tight > 0 and lit == 0.0:
         touched = usual_outline.touched(usual, free_share * around, texture)
@@ -647,7 +648,7 @@ def _fit(image, square, place, known, beats, room):
     if touched > 0.0 or aside > 0.0:
         led = max(scatter, vote.variance * noise) + ARM_LEADS_PX * ARM_LEADS_PX
         place, scatter, aside = _as_usual(
-            image, place, light, known, share, scatter, led, touched, aside, off, room
+            image, place, light, known, share, scatter, led, touched, aside, off, astray, room
         )
         if scatter == 0.0:
             return
