@@ -188,7 +188,7 @@ def test_covers_that_are_not_those_of_the_calibration_are_told():
     tracker.sides_px = lambda: sides * np.linspace(0.99, 1.01, 25)
     for later_s, good in ((30.0, True), (61.0, False)):
         for k in range(20):
-            files.look(tracker, replace(tracked, stamp_s=tracked.stamp_s + later_s + k / 60))
+            files.look(tracker, tracked._replace(stamp_s=tracked.stamp_s + later_s + k / 60))
         told = files.words(tracked)
         assert told[0] is good
     assert 'the calibration is of other covers' in told[1] and '25 of 25' in told[1]

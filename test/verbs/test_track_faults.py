@@ -113,7 +113,7 @@ def test_covers_that_are_others_than_before_are_told_once(
         tracked = update(self, stamp_s, image)
         images.append(stamp_s)
         changed = (3,) * (len(images) > 100) + (8,) * (len(images) > 110)
-        return dataclasses.replace(tracked, changed=changed)
+        return tracked._replace(changed=changed)
 
     monkeypatch.setattr(Tracker, 'warm_up', lambda self: None)
     monkeypatch.setattr(Tracker, 'update', found_other)

@@ -243,20 +243,6 @@ def _convolve(typing_context, row, response) -> Any:
     return lanes(types.int64, types.int64), codegen
 
 
-def _prefetch(typing_context, address) -> Any:
-    """Ask for the cache line at `address`, and do not wait for it."""
-
-    def codegen(context, builder, sig, args):
-        at = _pointer(builder, args[0], _ir.IntType(8))
-        kind = _ir.FunctionType(_ir.VoidType(), [at.type, _I32, _I32, _I32])
-        function = cgutils.get_or_insert_function(builder.module, kind, 'llvm.prefetch.p0')
-        read, keep, data = (_ir.Constant(_I32, k) for k in (0, 3, 1))
-        builder.call(function, [at, read, keep, data])
-        return context.get_dummy_value()
-
-    return types.void(types.int64), codegen
-
-
 splat: Any = intrinsic(_splat)
 load: Any = intrinsic(_load)
 store: Any = intrinsic(_store)
@@ -269,4 +255,3 @@ around: Any = intrinsic(_around)
 butterfly: Any = intrinsic(_butterfly)
 total: Any = intrinsic(_total)
 convolve: Any = intrinsic(_convolve)
-prefetch: Any = intrinsic(_prefetch)

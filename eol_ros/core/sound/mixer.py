@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.prefetch import CACHE_LINE, prefetch
 from eol_ros.core.sound import clock, grain_filter, room
 from eol_ros.core.sound.bank import Bank, Lent, voice_rows, warm_up
 from eol_ros.core.sound.buses import blend, pole
 from eol_ros.core.sound.envelope import add_edge, add_flat, fade_out
-from eol_ros.core.sound.lanes import WIDTH, prefetch
+from eol_ros.core.sound.lanes import WIDTH
 from eol_ros.core.sound.limiter import ONE, align, condition, limit
 from eol_ros.core.sound.loudness import k_weighting
 from eol_ros.core.sound.mixer_layout import (
@@ -39,7 +40,6 @@ LOOK_AHEAD_S = 0.003
 LIMITER_RELEASE_S = 0.08
 DC_HZ = 7.0
 AHEAD_S = 30.0  # a trigger further in the future comes from another clock
-LINE = 64  # bytes that a processor fetches at once
 STALE = 'the sound engine was compiled for another version of itself; run: eol compile --force'
 
 
@@ -47,7 +47,7 @@ STALE = 'the sound engine was compiled for another version of itself; run: eol c
 def _fetch(v, begin, end):
     """Ask for the samples that voice `v` reads in the frames begin..end."""
     at = v.source + 4 * np.int64(v.rate * max(begin - v.start, 0))
-    for line in range(at, at + np.int64(4 * v.rate * (end - begin)), LINE):
+    for line in range(at, at + np.int64(4 * v.rate * (end - begin)), CACHE_LINE):
         prefetch(line)
 
 

@@ -6,8 +6,8 @@ hangs in the museum, to the bit.
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -38,13 +38,9 @@ from eol_ros.settings import TrackerSettings
 if TYPE_CHECKING:
     from eol_ros.core.vision.calibration import self_calibration
 
-HIDDEN = 0.25  # less of the outline than this in view, and the block counts as hidden
 REST_S = 20.0  # for so long a calibration that was asked for waits for the blocks to rest
 SETTLE_S = 0.3  # after a new calibration; longer than any rest that motion compares with
 LAMP_LEVEL = 5  # grey levels
-FAINT = 0.6  # less of it, and it must stand where its neighbours allow
-# From here on, and so sure, it is believed at once where its neighbours allow.
-SOUND, SOUND_PX = 0.45, 0.24
 # By more no block goes or turns from image to image: it is another one that has its id now.
 GOES_M, TURNS = 0.02, math.radians(45)
 # Answers lie on grids far finer than any noise (1 um, 0.001 px, 15 urad; a sigma to 2 %), so that a
@@ -52,10 +48,10 @@ GOES_M, TURNS = 0.02, math.radians(45)
 M_STEP, PX_STEP, RAD_STEP = 2.0**-20, 2.0**-10, 2.0**-16
 SIGMA_STEPS = 64
 STEPS = np.array([M_STEP, PX_STEP])
+NOWHERE = np.full((2, N_BLOCKS, 2), np.nan)
 
 
-@dataclass(frozen=True)
-class Tracked:
+class Tracked(NamedTuple):
     """All blocks in one image, as in eol_msgs/Blocks; arrays by block id.
 
     px (25, 2) and world (25, 2) in m hold for hidden blocks too (`seen` false), carried by their
@@ -226,11 +222,8 @@ class Tracker:
         lattice = self.lattice
         tracking = lattice.state == TRACKING
         blobs = self.finder.find(image, self._predicted(stamp_s))
-        shown = blobs['visibility']
-        faint, sound = shown < FAINT, (shown >= SOUND) & (blobs['sigma_px'] < SOUND_PX)
-        # while not tracking, no neighbours say where a faint one may stand
-        good = shown >= HIDDEN if tracking else ~faint | sound
-        if not good.all():
+        all_good, good, faint, sound = search.judged(blobs, tracking)
+        if not all_good:
             blobs, faint, sound = blobs[good], faint[good], sound[good]
         self.blobs = blobs
         if self.calibration is None:
@@ -402,7 +395,7 @@ class Tracker:
 
     def _answer(self, stamp_s: float, state: int, why: str) -> Tracked:
         lattice = self.lattice
-        px, world = np.full((2, N_BLOCKS, 2), np.nan)
+        px, world = NOWHERE.copy()
         yaw, sigma = np.empty((2, N_BLOCKS))
         scatter = lattice.sigma / self.misfit.lasting
         mapping.rounded(lattice.yaw, scatter, RAD_STEP, SIGMA_STEPS, yaw, sigma)
@@ -410,7 +403,7 @@ class Tracker:
             seen, visibility = np.zeros(N_BLOCKS, bool), np.zeros(N_BLOCKS, np.float32)
         else:
             seen = lattice.seen.copy()
-            visibility = np.where(seen, self.visibility, np.float32(0))
+            visibility = self.visibility * seen
             mapping.answer(
                 self.packed, lattice.xy, seen, lattice.index, self.blobs, STEPS, px, world
             )

@@ -173,13 +173,15 @@ def rounded(yaw, sigma, step, parts, turned, coarse):
 
 @njit(cache=True)
 def glance(image, step, small):
-    """Copy every `step`-th pixel of every `step`-th row to `small`; return (least, most, same)."""
-    low, high, same = 255, 0, True
+    """Copy every `step`-th pixel of every `step`-th row to `small`; return (least, most, same).
+
+    They are among those that `detect.scan.sample` reads, so that these rows are fetched once.
+    """
+    low, high, changed = np.uint8(255), np.uint8(0), np.uint8(0)
     for r in range(small.shape[0]):
         for c in range(small.shape[1]):
-            value = image[r * step, c * step]
+            value = image[r * step + 1, c * step + 1]
             low, high = min(low, value), max(high, value)
-            if value != small[r, c]:
-                same = False
-                small[r, c] = value
-    return low, high, same
+            changed |= value ^ small[r, c]
+            small[r, c] = value
+    return low, high, changed == 0

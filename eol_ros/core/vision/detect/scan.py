@@ -32,6 +32,8 @@ def read_only(image: np.ndarray) -> np.ndarray:
     For another type they would be compiled again, while an image waits, and their fast arithmetic
     might then round differently in the last bit.
     """
+    if image.flags.c_contiguous and not image.flags.writeable:
+        return image
     image = np.ascontiguousarray(image).view()
     image.flags.writeable = False
     return image

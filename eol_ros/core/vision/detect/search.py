@@ -10,7 +10,8 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.vision.detect import edges, outline, scan, usual_outline
+from eol_ros.core.prefetch import CACHE_LINE, prefetch
+from eol_ros.core.vision.detect import edges, outline, profiles, scan, usual_outline
 from eol_ros.core.vision.detect.edges import (
     ALONE,
     ASIDE,
@@ -65,6 +66,11 @@ MOST_TRIED, SOFT_MOST_TRIED = 2, 1
 ENOUGH, AGREEING_GAIN, LEAST_AGREEING = 12, 0.1, 0.6
 SAME_PX = 10.0
 BESIDE_PX = 20.0
+
+HIDDEN = 0.25  # less of the outline than this in view, and the block counts as hidden
+FAINT = 0.6  # less of it, and it must stand where its neighbours allow
+# From here on, and so sure, it is believed at once where its neighbours allow.
+SOUND, SOUND_PX = 0.45, 0.24
 
 # `known`: contrast of blocks, least light of a cover, edge blur px, whether a calibration gave the
 # sizes, the image's number, lights refused, the share of edges that agree where a block is whole,
@@ -244,6 +250,20 @@ def bare(known, shape, grid, tiles, places, found):
             found[i] = not _lit(known, grid, dark, u, v, theta, halves[i])
 
 
+@njit(cache=True, inner=True)
+def _fetch(image, u, v, theta, half):
+    """Ask for the pixels of a block, about so large and so turned, before they are needed."""
+    height, width = image.shape
+    reach = half * (abs(math.cos(theta)) + abs(math.sin(theta))) + profiles.REACH_PX
+    if not (reach < u < width - reach - 1 and reach < v < height - reach - 1):
+        return
+    left, right = int(u - reach), int(u + reach)
+    for row in range(int(v - reach), int(v + reach) + 1):
+        begin = image.ctypes.data + row * width
+        for column in range(left, right + CACHE_LINE, CACHE_LINE):
+            prefetch(begin + column)
+
+
 @njit(cache=True)
 def at_predictions(
     image, known, grid, tiles, near, camera, outlines, table, usual, work, ends, fits, kept
@@ -265,6 +285,8 @@ def at_predictions(
         if not (math.isfinite(u) and math.isfinite(v) and math.isfinite(theta)):
             continue
         half = expected(known, image.shape, u, v)[0]
+        if i + 1 < len(near):
+            _fetch(image, near[i + 1, 0], near[i + 1, 1], theta, half)
         if _lit(known, grid, tiles, u, v, theta, half):
             _tabulate(known, image.shape, camera, outlines, near, i, table)
             mine = usual[i if near[i, 4] >= 0 and i < len(usual) - 1 else len(usual) - 1]
@@ -461,3 +483,18 @@ def by_block(blobs, seen, index, visibility, contrast):
     for i in range(len(index)):
         visibility[i] = blobs[index[i]].visibility if seen[i] else 0.0
         contrast[i] = blobs[index[i]].contrast if seen[i] else 0.0
+
+
+@njit(cache=True)
+def judged(blobs, tracking):
+    """Return whether all blobs (n,) are good, and which are good, faint and sound (n,) bool."""
+    n, all_good = len(blobs), True
+    good, faint, sound = np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n, np.bool_)
+    for i in range(n):
+        shown = blobs[i].visibility
+        faint[i] = shown < FAINT
+        sound[i] = shown >= SOUND and blobs[i].sigma_px < SOUND_PX
+        # while not tracking, no neighbours say where a faint one may stand
+        good[i] = shown >= HIDDEN if tracking else not faint[i] or sound[i]
+        all_good &= good[i]
+    return all_good, good, faint, sound

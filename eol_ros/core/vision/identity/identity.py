@@ -141,7 +141,7 @@ class Identity:
         if lattice.state != TRACKING:
             names.lost()
             return
-        if np.isinf(names.resumed_s):
+        if names.resumed_s == np.inf:
             names.resumed_s = names.ask_s = stamp_s
         resumed = stamp_s - names.resumed_s < RESUMED_S and not names.sure
         if stamp_s >= names.ask_s and (lattice.ambiguous or resumed):

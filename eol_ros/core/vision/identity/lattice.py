@@ -405,7 +405,7 @@ class Lattice:
 
     def rests(self) -> bool:
         """Whether all seen blocks have stayed where they are for REST_S."""
-        return bool(self.seen.any() and self.last_s - self.rest_s > REST_S)
+        return bool(self.last_s - self.rest_s > REST_S and self.seen.any())
 
     def _lose(self) -> None:
         self.state = LOST

@@ -97,6 +97,8 @@ class Coincidence:
         until = now_s - LAG_S
         since, self.judged_s = self.judged_s, max(until, self.judged_s)
         answer = None
+        if not (self.images or self.onsets or self.taps):
+            return None
         if self.images:
             for tap in sorted(t for t in self.taps if since < t[0] <= until):
                 self._judge(tap)
