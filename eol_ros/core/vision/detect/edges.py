@@ -78,6 +78,7 @@ SHOWN, SHOWN_PX = 0.33, 0.35
 # Share of the contrast by which light may fall in the flats beside an edge, and how fast more makes
 # a lamp of it. Outside of covers with relief it is 0.12 at most, of lamps hardly ever below 0.2.
 FALLING, SOFT_FALLING = (0.15, 2.5), (0.1, 5.0)
+TINY = 1e-18  # a pivot below this is none
 FIELDS = 13  # of one fitted square
 (U, V, THETA, HALF, VISIBLE, SIGMA, QUALITY, CONTRAST, LEVEL, WORST, ALONE, MISFIT, ASIDE) = range(
     FIELDS
@@ -211,7 +212,8 @@ def _agree(work, ends, a, b, shares, half_off, half_sigma, wide, narrow, widest,
     Iteratively reweighted least squares of offset = n.dc - t dtheta + dhalf with Tukey's weight,
     whose width falls from `wide` px to six robust standard deviations (but `narrow` to `widest`).
     half_off, half_sigma: prior on the half side. `shares` (4,) receives the agreeing share of
-    each side, b (4,) the step, and a (4, 4) its covariance but for the variance of a profile.
+    each side, b (4,) the step, a[0, 0] and a[1, 1] the variances of du and dv but for that of a
+    profile.
     """
     n = ends[LANES]
     b[:] = 0.0
@@ -236,7 +238,7 @@ def _agree(work, ends, a, b, shares, half_off, half_sigma, wide, narrow, widest,
         a[0, 0] += variance / 9.0
         a[1, 1] += variance / 9.0
         a[2, 2] += variance / 0.04
-        _solve4(a, b)
+        _solve(a, b)
         if r < rounds - 1:
             width = max(min(6.0 * math.sqrt(variance / mean_weight), widest), narrow, 0.5 * width)
     agree = 0.0
@@ -256,39 +258,31 @@ def _agree(work, ends, a, b, shares, half_off, half_sigma, wide, narrow, widest,
     return _Vote(agree / max(ends[ALL], 1), variance, width)
 
 
-@njit(cache=True, inner=True)
-def _solve4(a, b):
-    """Solve the symmetric positive system a x = b in place by Cholesky; leave a^-1 in `a`."""
-    n = 4
-    for j in range(n):
-        for k in range(j):
-            a[j, j] -= a[j, k] * a[j, k]
-        a[j, j] = math.sqrt(max(a[j, j], 1e-18))
-        for i in range(j + 1, n):
-            for k in range(j):
-                a[i, j] -= a[i, k] * a[j, k]
-            a[i, j] /= a[j, j]
-    for j in range(n):  # invert the triangle
-        a[j, j] = 1.0 / a[j, j]
-        for i in range(j + 1, n):
-            total = 0.0
-            for k in range(j, i):
-                total -= a[i, k] * a[k, j]
-            a[i, j] = total / a[i, i]
-    for i in range(n):  # a^-1 = L^-T L^-1, lower half and diagonal first
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(i, n):
-                total += a[k, i] * a[k, j]
-            a[j, i] = total
-    for i in range(n):
-        for j in range(i):
-            a[i, j] = a[j, i]
-    x0 = a[0, 0] * b[0] + a[0, 1] * b[1] + a[0, 2] * b[2] + a[0, 3] * b[3]
-    x1 = a[1, 0] * b[0] + a[1, 1] * b[1] + a[1, 2] * b[2] + a[1, 3] * b[3]
-    x2 = a[2, 0] * b[0] + a[2, 1] * b[1] + a[2, 2] * b[2] + a[2, 3] * b[3]
-    x3 = a[3, 0] * b[0] + a[3, 1] * b[1] + a[3, 2] * b[2] + a[3, 3] * b[3]
-    b[0], b[1], b[2], b[3] = x0, x1, x2, x3
+@njit(inline='always')
+def _solve(a, b):
+    """Solve a x = b for a symmetric positive `a` (4, 4) of which the lower half is given.
+
+    `b` receives x; a[0, 0] and a[1, 1] receive those of the inverse. By L D L' from the last row to
+    the first: what the place needs of the inverse are then the last pivots.
+    """
+    p3 = 1.0 / max(a[3, 3], TINY)
+    l32, l31, l30 = a[3, 2] * p3, a[3, 1] * p3, a[3, 0] * p3
+    p2 = 1.0 / max(a[2, 2] - a[3, 2] * l32, TINY)
+    c21, c20 = a[2, 1] - a[3, 1] * l32, a[2, 0] - a[3, 0] * l32
+    l21, l20 = c21 * p2, c20 * p2
+    p1 = 1.0 / max(a[1, 1] - a[3, 1] * l31 - c21 * l21, TINY)
+    c10 = a[1, 0] - a[3, 0] * l31 - c20 * l21
+    l10 = c10 * p1
+    p0 = 1.0 / max(a[0, 0] - a[3, 0] * l30 - c20 * l20 - c10 * l10, TINY)
+    y2 = b[2] - l32 * b[3]
+    y1 = b[1] - l31 * b[3] - l21 * y2
+    y0 = b[0] - l30 * b[3] - l20 * y2 - l10 * y1
+    x0 = y0 * p0
+    x1 = y1 * p1 - l10 * x0
+    x2 = y2 * p2 - l21 * x1 - l20 * x0
+    b[3] = b[3] * p3 - l32 * x2 - l31 * x1 - l30 * x0
+    b[0], b[1], b[2] = x0, x1, x2
+    a[0, 0], a[1, 1] = p0, p1 + l10 * l10 * p0
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
