@@ -42,6 +42,7 @@ class RecorderNode(EolNode):
         super().__init__(settings, **kwargs)
         topics = [t for t in TOPICS if self._wanted(t)]
         self.described = {t: BagTopic(self.resolve_topic_name(t), **describe(t)) for t in topics}
+        self.stamped(self.now_ns())  # the clock may be set before a first message comes
         self.recording = self.begin()
         self.latched: dict[str, Item] = {}  # what holds from one round of a replay to the next
         self._times = LogTimes()

@@ -43,6 +43,20 @@ def test_all_that_is_taken_is_in_the_bag(tmp_path):
     assert recording.folder.name.startswith('my-scene_2')
 
 
+def test_recorders_that_begin_in_the_same_second_have_a_bag_each(tmp_path, monkeypatch):
+    monkeypatch.setattr(time, 'strftime', lambda _format: '1970-01-01_00-01-00')
+    monkeypatch.setattr(Path, 'exists', lambda _path: False)  # as right before another makes it
+    recordings = [start(tmp_path, threaded=False) for _ in range(3)]
+    for number, recording in enumerate(recordings):
+        feed(recording, 5, first=10 * number)
+        recording.close()
+    monkeypatch.undo()
+    assert len({recording.folder for recording in recordings}) == 3
+    for number, recording in enumerate(recordings):
+        found = [m.data for m in BagReader(recording.folder).messages()]
+        assert found == [point(10 * number + k) for k in range(5)]
+
+
 def test_what_was_lost_is_in_the_metadata(tmp_path):
     recording = start(tmp_path)
     feed(recording, 10)

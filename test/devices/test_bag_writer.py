@@ -142,8 +142,15 @@ def test_an_empty_run_is_a_bag_too(tmp_path):
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path):
     (tmp_path / 'file').write_text('')
-    with pytest.raises(ConfigError, match='cannot be written'):
-        BagWriter(tmp_path / 'file' / 'run', [POINT], {})
+    (tmp_path / 'unplugged').symlink_to(tmp_path / 'nothing' / 'bags')
+    (tmp_path / 'nothing').write_text('')
+    for folder in ('file', 'unplugged'):
+        with pytest.raises(ConfigError, match=f'{folder} cannot be written'):
+            BagWriter(tmp_path / folder / 'run', [POINT], {})
+    (tmp_path / 'nothing').unlink()
+    (tmp_path / 'run').mkdir()
+    with pytest.raises(ConfigError, match='run is there already'):
+        BagWriter(tmp_path / 'run', [POINT], {})
 
 
 def test_pictures_lie_apart_from_the_small_messages(tmp_path):

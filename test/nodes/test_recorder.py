@@ -140,6 +140,21 @@ def test_a_set_clock_ends_the_bag_with_a_mark_and_begins_another(
         assert logged == sorted(logged) and logged[-1] - logged[0] < 60 * 10**9
 
 
+def test_a_clock_that_is_set_before_the_first_message_begins_another_bag(
+    ros, tmp_path, monkeypatch
+):
+    recorder, source, years_ns = record(tmp_path), Source(), 56 * 365 * 86400 * 10**9
+    [first] = tmp_path.glob('*_*')
+    monkeypatch.setattr(recorder, 'now_ns', lambda: now_ns() + years_ns)
+    rig = Nodes(recorder, source, executor=EventsExecutor)
+    rig.until(lambda: recorder.recording.folder != first)
+    rig.close()
+    before, after = BagReader(first), BagReader(recorder.recording.folder)
+    jump_s = json.loads(before.gaps['time_jump_s'])['system clock']
+    assert jump_s == pytest.approx(years_ns * 1e-9, abs=10)
+    assert not sum(before.counts.values()) and after.about['continues'] == first.name
+
+
 @pytest.mark.slow
 def test_behind_a_replay_bags_are_in_its_time_and_one_a_round(ros, tmp_path):
     sim = [Parameter('use_sim_time', value=True)]

@@ -10,6 +10,7 @@ What is deleted, if anything, `retention` says.
 import atexit
 import contextlib
 import errno
+import itertools
 import json
 import math
 import re
@@ -34,7 +35,7 @@ from eol_ros.devices.bag.selection import (
     Slipping,
     StampGaps,
 )
-from eol_ros.devices.bag.writer import BagWriter
+from eol_ros.devices.bag.writer import BagExists, BagWriter
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.settings import RecorderSettings
 from eol_ros.streams.cdr import stamp_ns
@@ -372,21 +373,30 @@ class Recording:
             if free < self._settings.min_free_gb * (ROOM if self.trouble else 1.0):
                 self.trouble = self._full(free)
                 return
-        folder = _new_folder(self.root, self._name)
         try:
-            self._writer = BagWriter(
-                folder,
-                self._topics,
-                self._about,
-                self._settings.split_minutes * 60,
-                round(self._settings.split_gb * GB),
-                self._disk,
-            )
+            self._writer = self._new_bag()
         except ConfigError as error:
             raise ConfigError(
                 f'{error}. Choose another with --bag DIR or recorder.folder, or say recorder: off'
             ) from None
-        self.folder, self.trouble = folder, ''
+        self.folder, self.trouble = self._writer.folder, ''
+
+    def _new_bag(self) -> BagWriter:
+        """Return the writer of a bag whose name no other has: recorders may share a folder."""
+        name = stem = f'{self._name}_{time.strftime("%Y-%m-%d_%H-%M-%S")}'
+        numbers = itertools.count(2)
+        while True:
+            try:
+                return BagWriter(
+                    self.root / name,
+                    self._topics,
+                    self._about,
+                    self._settings.split_minutes * 60,
+                    round(self._settings.split_gb * GB),
+                    self._disk,
+                )
+            except BagExists:
+                name = f'{stem}_{next(numbers)}'
 
     def _reopen(self) -> None:
         try:
@@ -420,12 +430,3 @@ class Recording:
         if self._writer:
             self._writer.gaps = self.gaps()
             self._guarded(self._writer.close)
-
-
-def _new_folder(root: Path, name: str) -> Path:
-    stem = f'{name}_{time.strftime("%Y-%m-%d_%H-%M-%S")}'
-    for count in range(1, 1000):
-        folder = root / (stem if count == 1 else f'{stem}_{count}')
-        if not folder.exists():
-            return folder
-    return folder

@@ -86,16 +86,32 @@ def metadata_text(
     )
 
 
+class BagExists(ConfigError):
+    """A new bag was to have the name of something that is there."""
+
+
 def make_folder(folder: Path) -> None:
     """Make a new bag folder; raise ConfigError in words when it cannot be."""
     try:
-        folder.mkdir(parents=True, exist_ok=False)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _unwritable(folder.parent, error) from None
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        raise BagExists(f'bag folder {folder} is there already') from None
+    except OSError as error:
+        raise _unwritable(folder.parent, error) from None
+    try:
         probe = folder / ('probe' + PART)
         probe.touch()
         probe.unlink()
     except OSError as error:
-        where = folder if folder.exists() else folder.parent
-        raise ConfigError(f'bag folder {where} cannot be written: {error.strerror}') from None
+        raise _unwritable(folder, error) from None
+
+
+def _unwritable(folder: Path, error: OSError) -> ConfigError:
+    return ConfigError(f'bag folder {folder} cannot be written: {error.strerror}')
 
 
 class BagWriter:
