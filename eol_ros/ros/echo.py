@@ -7,6 +7,7 @@ import math
 import statistics
 import time
 from collections import deque
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from eol_ros.errors import DeviceMissing
 from eol_ros.ros.topics import QOS, message_class
-from eol_ros.streams.graph import topic_of
+from eol_ros.streams.graph import OF_ROS, topic_of
 
+DISCOVERY_S = 5.0  # a busy machine needs so long until a publisher is found
+LOOK_S = 1.0
 TRUNCATE = 128  # items of an array and letters of a text, as ros2 topic echo does
 
 
@@ -125,8 +128,9 @@ def type_of(node: Node, topic: str, wait_s: float = 3.0) -> str:
         time.sleep(0.05)
     if ours:
         return ours.type_name
-    known = ', '.join(sorted(name for name, _ in node.get_topic_names_and_types()))
-    raise DeviceMissing(f'{topic}: nobody publishes it; there are {known}')
+    known = sorted({name for name, _ in node.get_topic_names_and_types()} - OF_ROS)
+    there = f'there are {", ".join(known)}' if known else 'no graph runs here'
+    raise DeviceMissing(f'{topic}: nothing publishes it; {there}')
 
 
 def qos_for(node: Node, topic: str) -> QoSProfile:
@@ -152,6 +156,31 @@ def listen(node: Node, topic: str, hear: Any, wait_s: float = 3.0, raw: bool = F
     name = type_of(node, topic, wait_s)
     node.create_subscription(message_class(name), topic, hear, qos_for(node, topic), raw=raw)
     return name
+
+
+class Absence:
+    """Says that nothing publishes any of `topics`, full names: once, each time that this lasts."""
+
+    def __init__(
+        self, node: Node, topics: Collection[str], clock: Callable[[], float] = time.monotonic
+    ):
+        self._node, self._topics, self._clock = node, topics, clock
+        self._since_s = self._looked_s = clock()
+        self._told = False
+
+    def look(self) -> str:
+        """Return a line to tell people, mostly empty; call it about once a second or more often."""
+        now_s = self._clock()
+        if now_s - self._looked_s >= LOOK_S:
+            self._looked_s = now_s
+            if any(self._node.count_publishers(topic) for topic in self._topics):
+                self._since_s, self._told = now_s, False
+        if self._told or now_s - self._since_s <= DISCOVERY_S:
+            return ''
+        self._told = True
+        what = next(iter(self._topics)) if len(self._topics) == 1 else 'its topics'
+        domain = self._node.context.get_domain_id()
+        return f'nothing publishes {what} in domain {domain} now; waiting (Ctrl-C ends it)'
 
 
 def on_the_graph(node: Node) -> list[dict[str, Any]]:

@@ -16,6 +16,7 @@ from eol_ros import settings
 NAMESPACE = 'eol'  # of a graph whose scene names none
 MAX_DOMAIN = 101  # above, DDS takes ports that the system gives to anybody
 EVERY_NODE = 'every node'
+OF_ROS = {'/parameter_events', '/rosout'}  # of every rclpy node, and not in the table
 INSTRUMENT = ('grains', 'sound')  # whose live settings are played, and make a preset
 LONG, SHORT = 1, 2  # real-time priority of what works for milliseconds an image, and of the rest
 

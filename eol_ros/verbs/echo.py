@@ -9,7 +9,6 @@ from collections import deque
 from eol_ros.errors import DeviceMissing, UsageError
 from eol_ros.verbs import reach
 
-DISCOVERY_S = 5.0  # a busy machine needs so long until a publisher is found
 HELP = 'Print the messages of a topic as YAML, as `ros2 topic echo` does, or their rate.'
 EXAMPLES = [
     'eol echo slips',
@@ -42,7 +41,7 @@ def run(args):
         raise UsageError('--once and --hz: a rate needs more than one message')
     if args.timeout is not None and not args.timeout > 0:
         raise UsageError(f'--timeout {args.timeout:g}: not a time above 0 s')
-    from eol_ros.ros.echo import Rate, listen, to_json, to_yaml
+    from eol_ros.ros.echo import Absence, Rate, listen, to_json, to_yaml
     from eol_ros.ros.session import session
     from eol_ros.streams.graph import full_name
 
@@ -71,15 +70,12 @@ def run(args):
 
     with session(reach=network, namespace=namespace) as visit:
         listen(visit.node, topic, hear)
-        before, deadline = 0, _Deadline(args.timeout)
-        begun_s, told = time.monotonic(), False
+        before, deadline, absence = 0, _Deadline(args.timeout), Absence(visit.node, [topic])
         while not visit.stopped and not visit.run(shown, 1.0):
             if args.hz and heard != before and heard > 1:  # one message has no rate
                 print(json.dumps(rate.numbers()) if args.json else rate.text(), flush=True)
-            found = heard or visit.node.count_publishers(topic)
-            if not told and not found and time.monotonic() - begun_s > DISCOVERY_S:
-                told = True
-                print(f'{topic}: nobody publishes it now; waiting', file=sys.stderr)
+            if absent := absence.look():
+                print(absent, file=sys.stderr, flush=True)
             deadline.check(topic, heard)
             before = heard
     return 0

@@ -20,15 +20,20 @@ def add_arguments(parser):
 
 def run(args):
     """Copy, and say what is read when that changes."""
+    from eol_ros.ros.echo import Absence
     from eol_ros.ros.mirror import Mirror
     from eol_ros.ros.session import session
+    from eol_ros.streams.graph import TOPICS, full_name
 
     network, namespace = reach.of(args)
     with session(reach=network, namespace=namespace) as visit:
         mirror = Mirror(visit.node)
+        absence = Absence(visit.node, [full_name(topic, namespace) for topic in TOPICS])
         told = ['']
 
         def tell():
+            if absent := absence.look():
+                print(absent, file=sys.stderr, flush=True)
             now = ', '.join(mirror.read)
             if now != told[0]:
                 told[0] = now

@@ -6,11 +6,11 @@ import sys
 import time
 
 from eol_ros.errors import DeviceMissing, SupervisorSilent, UsageError
+from eol_ros.streams.graph import OF_ROS
 from eol_ros.verbs import reach
 
 DISCOVERED_S = 1.5  # without a new node, topic or end of one: the whole graph has been discovered
 RATE_S = 3.0  # over which rates are measured
-OF_ROS = {'/parameter_events', '/rosout'}  # every rclpy node has these
 HELP = 'List the topics of the running graph, with type, publishers, subscribers and rates.'
 EXAMPLES = [
     'eol topics',

@@ -2,6 +2,7 @@
 """Messages as text."""
 
 import json
+import types
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from eol_msgs.msg import Cascade, SoundMeter, Truth
 
-from eol_ros.ros.echo import Rate, plain, to_json, to_yaml
+from eol_ros.ros.echo import DISCOVERY_S, Absence, Rate, plain, to_json, to_yaml
 from eol_ros.streams.graph import full_name
 
 
@@ -60,3 +61,25 @@ def test_names():
     assert full_name('slips') == '/eol/slips'
     assert full_name('diagnostics') == '/diagnostics'
     assert full_name('/else/where') == '/else/where'
+
+
+def test_a_topic_that_nothing_publishes_is_said_once_each_time():
+    now, publishers = [100.0], {'/eol/slips': 0}
+    context = types.SimpleNamespace(get_domain_id=lambda: 7)
+    node = types.SimpleNamespace(count_publishers=publishers.get, context=context)
+    absence = Absence(node, ['/eol/slips'], lambda: now[0])
+
+    def told(seconds):
+        lines = []
+        for _ in range(round(10 * seconds)):
+            now[0] += 0.1
+            lines.append(absence.look())
+        return [line for line in lines if line]
+
+    assert told(DISCOVERY_S - 0.5) == []
+    [line] = told(60.0)
+    assert line.startswith('nothing publishes /eol/slips in domain 7 now; waiting')
+    publishers['/eol/slips'] = 1
+    assert told(60.0) == []
+    publishers['/eol/slips'] = 0  # the graph has ended
+    assert told(60.0) == [line]

@@ -177,10 +177,26 @@ def test_what_nobody_publishes_is_said(graph):
     code, out, err = end(eol('echo', '/no/such', '--once'))
     assert (code, out) == (69, '')
     assert err.count('\n') == 1
-    assert '/no/such: nobody publishes it; there are' in err
+    assert '/no/such: nothing publishes it; there are /' in err and '/rosout' not in err
     code, out, err = end(eol('echo', 'wall', '--once', '--timeout', '1'))
     assert (code, out) == (69, '')
     assert 'no message for 1 s' in err
+
+
+@pytest.mark.slow
+def test_listening_without_a_graph_says_so_once_and_goes_on(start, monkeypatch):
+    domain = str(next_domain())
+    monkeypatch.setenv('ROS_DOMAIN_ID', domain)
+    children = [start('echo', 'slips'), start('echo', 'slips', '--hz')]
+    for child in children:
+        line = child.stderr.readline()
+        assert line.startswith(f'nothing publishes /eol/slips in domain {domain} now; waiting')
+        assert child.poll() is None
+        child.send_signal(signal.SIGINT)
+        assert end(child) == (0, '', '')
+    code, out, err = end(eol('echo', '/no/such'))
+    assert (code, out) == (69, '')
+    assert err.endswith('/no/such: nothing publishes it; no graph runs here\n')
 
 
 @pytest.mark.slow
