@@ -18,7 +18,7 @@ from eol_ros.ros.inherited import AGAIN, HEALTH_FD, KEPT
 
 _PR_SET_PDEATHSIG = 1
 _LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', '[DEBUG]')
-_INSIDE = (' ', 'Thread 0x', 'Current thread 0x', 'Extension modules:')  # of a traceback
+_INSIDE = (' ', 'Thread 0x', 'Current thread 0x', 'Extension modules:')  # of either
 CHUNKS = 16  # of 64 KB at a time: one child that never stops writing must not keep us from the rest
 _libc = ctypes.CDLL(None, use_errno=True)
 
@@ -50,7 +50,7 @@ class Child:
         self.starved = False
         self._ports = Ports()
         self._rest = {'health': b'', 'output': b''}
-        self._in_traceback = False
+        self._inside = False  # of a log entry or a traceback
 
     def start(self, now_s: float, again: bool = False) -> None:
         """Start it; `again` while the others run."""
@@ -193,11 +193,11 @@ class Child:
 
     def for_people(self, line: str) -> bool:
         """Tell whether a line belongs on the terminal: no log, no traceback but its last line."""
-        if line.startswith(('Traceback (', 'Fatal Python error')):
-            self._in_traceback = True
-        elif self._in_traceback and line and not line.startswith(_INSIDE):
-            self._in_traceback = False
-        return not self._in_traceback and not line.startswith(_LOG_LINES)
+        if line.startswith((*_LOG_LINES, 'Traceback (', 'Fatal Python error')):
+            self._inside = True
+        elif line and not line.startswith(_INSIDE):
+            self._inside = False
+        return not self._inside
 
     def _lines(self, kind: str, fd: int) -> list[bytes]:
         if fd < 0:

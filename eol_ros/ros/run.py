@@ -9,14 +9,19 @@ import importlib
 import os
 import signal
 import sys
+import textwrap
+import traceback
 import warnings
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from eol_ros import compiled
 from eol_ros import scene as scenes
 from eol_ros.errors import EolError, UsageError, warning_line
+from eol_ros.folders import state_path
 from eol_ros.ros import network, shutdown_watchdog
+from eol_ros.ros.inherited import HEALTH_FD
 from eol_ros.ros.session import NO_LOG_FILES
 from eol_ros.streams.graph import IMAGE_SOURCES, NODES
 
@@ -74,6 +79,21 @@ def run(names: Sequence[str], argv: Sequence[str] | None = None) -> int:
         return line.exit_code
 
 
+def _explained(error: Exception) -> EolError:
+    """Return what a callback raised as one line; rclpy has logged its traceback just now."""
+    if error.__cause__ or error.__context__:  # which rclpy leaves out
+        print(textwrap.indent(''.join(traceback.format_exception(error)), '  '), file=sys.stderr)
+    if isinstance(error, RuntimeError) and (line := compiled.explained(error)):
+        return line
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = Path(__file__).parent
+    callback = next((f for f in frames if Path(f.filename).parent != ours), frames[-1])
+    place = f'{Path(frames[-1].filename).name}:{frames[-1].lineno}'
+    log = f'in {state_path() / "eol.log"}' if HEALTH_FD in os.environ else 'above'
+    what = ' '.join(f'{type(error).__name__}: {error}'.split())
+    return EolError(f'{callback.name}() failed with {what} ({place}); its traceback is {log}')
+
+
 def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int:
     stop = []
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -117,7 +137,12 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
             node.start_timers()
             executor.add_node(node)
         while not stop:
-            executor.spin_once(timeout_sec=0.2)
+            try:
+                executor.spin_once(timeout_sec=0.2)
+            except EolError:
+                raise
+            except Exception as error:
+                raise _explained(error) from error
     finally:
         for node in reversed(nodes):
             node.close()
