@@ -2,6 +2,7 @@
 """eol bag: what is in a bag, whether it is whole, and bags out of bags. No ROS needed."""
 
 import json
+import shlex
 import sys
 import warnings
 from pathlib import Path
@@ -18,6 +19,7 @@ EXAMPLES = [
     'eol bag merge monday tuesday --output both',
     'eol bag keep bags/museum_2026-11-21_10-00-00',
 ]
+LONG_BYTES = 1 << 28  # read in a second or two
 ALIASES = {'verify': ['doctor'], 'cut': ['filter']}  # as the program `mcap` calls them
 
 
@@ -35,6 +37,10 @@ def add_arguments(parser):
     info = command('info', 'Say what is in a bag: topics, times, what was lost.')
     info.add_argument('bag', help=source)
     info.add_argument('--json', action='store_true', help='as one JSON object')
+    info.add_argument(
+        '--index', action='store_true',
+        help='believe the index: quick for a bag of many GB, and blind to damage elsewhere',
+    )  # fmt: skip
     check = command('verify', 'Prove every checksum, index and count; exit code 1 if one is wrong.')
     check.add_argument('bag', help=source)
     check.add_argument('--json', action='store_true', help='as one JSON object')
@@ -67,16 +73,20 @@ def run(args):
 
 
 def _info(args) -> int:
-    from eol_ros.devices.bag.reader import BagReader
+    from eol_ros.devices.bag.reader import BagReader, Unreadable
+    from eol_ros.verbs.progress import track
 
     bag = BagReader(args.bag)
     size = sum(f.path.stat().st_size for f in bag.files)
+    through = (lambda files: track(files, 'reading')) if size > LONG_BYTES else iter
+    lost = Unreadable(0, 0.0) if args.index else bag.prove(through)
     rows = {t.name: {'type': t.type, 'messages': bag.counts[t.name]} for t in bag.topics.values()}
     if args.json:
         answer = {
             'bag': str(bag.path), 'start_ns': bag.start_ns, 'duration_s': bag.duration_s,
             'bytes': size, 'files': [f.path.name for f in bag.files], 'topics': rows,
             'about': bag.about, 'gaps': bag.gaps, 'cut_short': bag.cut_short, 'damage': bag.damage,
+            'unreadable': lost._asdict(),
         }  # fmt: skip
         print(json.dumps(answer, indent=2))
     else:
@@ -85,7 +95,37 @@ def _info(args) -> int:
             print(f'{row["messages"]:10}  {name:32} {row["type"]}')
         for name, value in bag.gaps.items():
             print(f'{name}: {value}')
-    return _tell(bag)
+    code = _tell(bag)
+    if advice := _advice(bag, lost):
+        print(advice, file=sys.stderr)
+    return code
+
+
+def _advice(bag, lost) -> str:
+    """Return in one line what a damaged or cut bag has lost, and which command makes it whole."""
+    from eol_ros.devices.bag.recover import in_use
+
+    command = f'`eol bag recover {shlex.quote(str(bag.path))}'
+    if bag.damage:
+        counted = all(file.indexed for file in bag.files if file.damage)
+        total, places = sum(bag.counts.values()), len(bag.damage)
+        if any(d.end_ns for file in bag.files for d in file.damage):
+            count = f'{lost.messages} of {total}' if counted else 'an unknown number of'
+            what = f'{count} messages are lost'
+            what += f', within {lost.seconds:.1f} s' if lost.seconds else ''
+        else:
+            what = 'no message is lost'
+        place = 'one place' if places == 1 else f'{places} places'
+        if any(file.indexed for file in bag.files if file.damage):
+            command += ' --output NEW` writes what is left as a new bag'
+        else:
+            command += '` makes it whole without that'
+        return f'{bag.path}: damaged in {place}: {what}; {command}'
+    if not bag.cut_short:
+        return ''
+    if any(in_use(file.path) for file in bag.files if file.cut_at is not None):
+        return f'{bag.path}: is being recorded'
+    return f'{bag.path}: {command}` makes it whole'
 
 
 def _verify(args) -> int:

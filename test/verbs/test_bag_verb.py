@@ -26,15 +26,15 @@ def rows(path):
     return [(m.topic, m.log_ns, m.data) for m in BagReader(path).messages()]
 
 
-def damaged(folder):
-    """Return a bag of which one chunk has a flipped bit, and what is left of it."""
+def damaged(folder, cut=False):
+    """Write a bag of which one chunk has a flipped bit, maybe without an end; return its rest."""
     bag = BagWriter(folder, [POINT], {'scene': 'x'})
     for i in range(40):
         bag.write('/eol/point', point(i), T0 + i * 10**9, T0, i + 1)
         if i % 10 == 9:
             bag.flush()
-    bag.close()
-    [path] = folder.glob('*.mcap')
+    bag.abandon() if cut else bag.close()
+    [path] = folder.glob('*.mcap*')
     data = bytearray(path.read_bytes())
     place = BagReader(path).files[0].places[1]
     data[(place.offset + place.end) // 2] ^= 1
@@ -83,6 +83,43 @@ def test_info_is_for_people_and_programs(tmp_path, capsys):
     assert cli.main(['bag', 'info', str(tmp_path), '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert found['topics']['/eol/text'] == {'type': 'std_msgs/msg/String', 'messages': 10}
+
+
+def test_info_says_what_damage_has_cost_and_what_to_do(tmp_path, capsys):
+    left = damaged(tmp_path / 'bad')
+    assert cli.main(['bag', 'info', str(tmp_path / 'bad')]) == 1
+    where, cost = capsys.readouterr().err.splitlines()
+    assert 'messages from 10.000 s to 19.000 s may be missing' in where
+    assert 'one place: 10 of 40 messages are lost, within 9.0 s; `eol bag recover' in cost
+    assert cost.endswith('--output NEW` writes what is left as a new bag')
+    words = cost[cost.index('`eol') + 5 : cost.rindex('`')].replace('NEW', str(tmp_path / 'new'))
+    assert cli.main(words.split()) == 1 and len(rows(tmp_path / 'new')) == len(left)
+
+    assert cli.main(['bag', 'info', str(tmp_path / 'bad'), '--json']) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found['unreadable'] == {'messages': 10, 'seconds': pytest.approx(9.0)}
+    assert cli.main(['bag', 'info', str(tmp_path / 'bad'), '--index']) == 0  # which is right
+    assert capsys.readouterr().err == ''
+
+
+def test_info_tells_a_cut_bag_from_one_that_is_being_recorded(tmp_path, capsys):
+    bag = write_bag(tmp_path / 'run')
+    bag.flush()
+    assert cli.main(['bag', 'info', str(tmp_path / 'run')]) == 0
+    assert capsys.readouterr().err.endswith('/run: is being recorded\n')
+    bag.abandon()
+    assert cli.main(['bag', 'info', str(tmp_path / 'run')]) == 0
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.endswith(f'`eol bag recover {tmp_path}/run` makes it whole')
+
+    left = damaged(tmp_path / 'both', cut=True)
+    assert cli.main(['bag', 'info', str(tmp_path / 'both')]) == 1
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert 'one place: an unknown number of messages are lost, within 9.0 s; ' in last
+    assert last.endswith(f'`eol bag recover {tmp_path}/both` makes it whole without that')
+    assert cli.main(['bag', 'recover', str(tmp_path / 'both')]) == 1
+    assert len(rows(tmp_path / 'both')) == len(left)
+    assert cli.main(['bag', 'verify', str(tmp_path / 'both')]) == 0
 
 
 def test_recover_makes_a_cut_bag_whole_in_place(tmp_path):
