@@ -15,19 +15,16 @@ from eol_ros.devices.bag.recording import Recording
 from eol_ros.devices.bag.selection import Item, LogTimes, Slipping
 from eol_ros.devices.bag.writer import CONTINUES, REPLAY_OF
 from eol_ros.ros.definitions import describe
-from eol_ros.ros.message_loss import MessageLoss
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.run_record import about
 from eol_ros.ros.startup_barrier import READY
 from eol_ros.ros.topics import CLOCK
-from eol_ros.streams.cdr import counter
-from eol_ros.streams.graph import TOPICS, node_of
+from eol_ros.streams.graph import TOPICS, counted, node_of
 from eol_ros.streams.said import said
 
 IMAGES, INFO, SAMPLES = 'camera/image_raw', 'camera/camera_info', 'sound_samples'
 PREVIEW, MARKERS = 'camera/image_raw/compressed', 'markers'
-COUNTERS = {'blocks': 'image', 'grain_triggers': 'sequence'}  # fields that count up by one
 RHYTHM = (IMAGES, 'blocks', 'truth')  # topics with a message for every image
 READER_DEPTH = 600  # small messages of ten seconds: nobody waits for a recorder without a processor
 EARLY = 1000  # messages kept until a replay tells its time
@@ -47,12 +44,10 @@ class RecorderNode(EolNode):
         self.latched: dict[str, Item] = {}  # what holds from one round of a replay to the next
         self._times = LogTimes()
         self._early: deque[Item] = deque(maxlen=EARLY)  # came before there was a time to give it
-        self.losses: dict[str, MessageLoss] = {}
         for topic, bag_topic in self.described.items():
             depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None
             callback = self._callback(topic, bag_topic)
-            subscription = self.subscribe(topic, callback, raw=True, depth=depth, with_times=True)
-            self.losses[bag_topic.name] = MessageLoss(self, subscription, bag_topic.name)
+            self.subscribe(topic, callback, raw=True, depth=depth, with_info=True)
         self._last = self._dropped = 0
         self._dropped_s = 0.0
         self.create_timer(1.0, self.tell)
@@ -74,7 +69,6 @@ class RecorderNode(EolNode):
             infos=self.resolve_topic_name(INFO),
             rhythm=[described[t].name for t in RHYTHM if t in described],
             thinned=[described[t].name for t in (PREVIEW, 'sound_meter') if t in described],
-            blocks=described['blocks'].name if {IMAGES, 'blocks'} <= set(described) else '',
             rate_hz=self.scene.image_rate,
         )
 
@@ -89,7 +83,6 @@ class RecorderNode(EolNode):
         self._begin_again(ended.folder.name if ended.folder else '', jumped=True)
 
     def _begin_again(self, continues: str = '', jumped: bool = False) -> None:
-        self._count_losses()
         self.recording.close()
         self.recording, self._last, self._dropped = self.begin(continues), 0, 0
         self._times = LogTimes(self.now_ns() if jumped else 0)
@@ -107,14 +100,12 @@ class RecorderNode(EolNode):
         return topic != PREVIEW or images == 'preview'
 
     def _callback(self, topic, bag_topic):
-        name, latched, sequence = bag_topic.name, TOPICS[topic].qos == 'latched', None
-        if topic in COUNTERS:
-            sequence = counter(bag_topic.type, bag_topic.definition, COUNTERS[topic])
+        name, latched, numbers = bag_topic.name, TOPICS[topic].qos == 'latched', counted(topic)
 
-        def keep(raw: bytes, received_ns: int, sent_ns: int) -> None:
+        def keep(raw: bytes, received_ns: int, sent_ns: int, sequence: int) -> None:
             if topic == '/diagnostics' and self._of_another_graph(raw):
                 return
-            item = Item(name, raw, 0, 0, sequence(raw) if sequence else 0)
+            item = Item(name, raw, 0, 0, sequence if numbers else 0)
             if latched:
                 self.latched[name] = item
             log_ns = self._keep(item, received_ns, sent_ns)
@@ -148,13 +139,8 @@ class RecorderNode(EolNode):
         self.recording.take(item._replace(log_ns=log_ns, publish_ns=publish_ns))
         return log_ns
 
-    def _count_losses(self, last: bool = False) -> None:
-        for name, loss in self.losses.items():
-            self.recording.transport_lost[name] += loss.take(last)
-
     def tell(self) -> None:
         recording, health = self.recording, self.health
-        self._count_losses()
         while recording.repaired:
             self.get_logger().info(recording.repaired.pop(0))
         count = recording.message_count
@@ -189,7 +175,6 @@ class RecorderNode(EolNode):
             health.ok(said('recording', 'recording into {folder}', folder=recording.folder))
 
     def close(self) -> None:
-        self._count_losses(last=True)
         self.recording.close()
 
 

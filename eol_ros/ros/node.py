@@ -44,8 +44,8 @@ from eol_ros.ros.topics import (
     CLOCK_QOS,
     PUBLISHER_QOS,
     QOS,
+    informed,
     message_class,
-    timed,
     with_depth,
 )
 from eol_ros.scene import Scene, check_namespace, check_value
@@ -238,13 +238,13 @@ class EolNode(Node):
         callback: Callable[..., None],
         raw: bool = False,
         depth: int | None = None,
-        with_times: bool = False,
+        with_info: bool = False,
     ) -> Subscription:
         """Subscribe to `topic` with type and QoS of the table; `raw` hands over the CDR bytes.
 
-        `with_times`, for `raw`, hands over after them when DDS received and when the publisher
-        sent them, in ns of the system clock. `depth` keeps more messages, or fewer, than the table
-        says; no writer needs to know.
+        `with_info`, for `raw`, hands over after them when DDS received and when the publisher
+        sent them, in ns of the system clock, and the publisher's number of them. `depth` keeps more
+        messages, or fewer, than the table says; no writer needs to know.
         """
         row = TOPICS[topic]
 
@@ -252,7 +252,7 @@ class EolNode(Node):
             if data:  # DDS hands over nothing where the writer was killed while it gave the message
                 callback(data)
 
-        raw_callback = timed(callback) if with_times else whole
+        raw_callback = informed(callback) if with_info else whole
 
         return self.create_subscription(
             message_class(row.type_name),

@@ -52,18 +52,20 @@ CLOCK, CLOCK_QOS = '/clock', QOS['clock']
 _TWO = inspect.signature(lambda message, info: None)
 
 
-def timed(callback: Callable[[bytes, int, int], None]) -> Callable[..., None]:
+def informed(callback: Callable[[bytes, int, int, int], None]) -> Callable[..., None]:
     """Return a callback for a raw subscription that tells `callback` the bytes, when DDS received
-    and when the publisher sent them; ns of the system clock.
+    and when the publisher sent them (ns of the system clock), and the publisher's number of them.
 
-    Both are as exact when the reader itself is late. rclpy looks at the signature; the default
-    executor then calls with message and information, Jazzy's EventsExecutor with one tuple of both.
+    A publisher counts from 1, one for each message. The times are as exact when the reader itself
+    is late. rclpy looks at the signature; the default executor then calls with message and
+    information, Jazzy's EventsExecutor with one tuple of both.
     """
 
     def take(*taken: Any) -> None:
         data, info = taken if len(taken) == 2 else taken[0]
         if data:  # DDS hands over nothing where the writer was killed while it gave the message
-            callback(data, info['received_timestamp'], info['source_timestamp'])
+            sequence = info['publication_sequence_number']
+            callback(data, info['received_timestamp'], info['source_timestamp'], sequence or 0)
 
     # mypy knows no such attribute of a function; inspect.signature heeds it.
     take.__signature__ = _TWO  # type: ignore[attr-defined]

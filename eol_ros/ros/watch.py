@@ -43,7 +43,7 @@ class Watch:
         from rclpy.node import Node
         from rosgraph_msgs.msg import Clock
 
-        from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class, timed, with_depth
+        from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, informed, message_class, with_depth
 
         self.seen: dict[str, list[tuple[int, int]]] = defaultdict(list)
         self.sent: dict[str, list[int]] = defaultdict(list)
@@ -59,7 +59,7 @@ class Watch:
             self._node.create_subscription(
                 message_class(row.type_name),
                 topic,
-                timed(self._callback(topic, topic in kept)),
+                informed(self._callback(topic, topic in kept)),
                 with_depth(QOS[row.qos], DEPTH if row.qos == 'stream' else None),
                 raw=True,
             )
@@ -71,10 +71,10 @@ class Watch:
         self._thread = threading.Thread(target=self._spin, name='watch', daemon=True)
         self._thread.start()
 
-    def _callback(self, topic: str, keep: bool) -> Callable[[bytes, int, int], None]:
+    def _callback(self, topic: str, keep: bool) -> Callable[[bytes, int, int, int], None]:
         seen, sent, raws = self.seen[topic], self.sent[topic], self.raw[topic]
 
-        def take(raw: bytes, received_ns: int, sent_ns: int) -> None:
+        def take(raw: bytes, received_ns: int, sent_ns: int, _sequence: int) -> None:
             stamp = stamp_ns(raw)
             if self.played is not None and stamp:
                 stamp = self._moments.setdefault(stamp, self.played.wall_ns(stamp) or received_ns)

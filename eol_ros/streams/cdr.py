@@ -149,10 +149,6 @@ class Decoder:
                 columns[field.name] = np.empty(0, slot)[field.name]
         return columns
 
-    def offset(self, name: str, data: bytes) -> int:
-        """Return where the top-level field `name` lies in the message `data`."""
-        return self.layout(data).at(name)[1]
-
     def _groups(self, messages: Sequence[bytes]) -> Iterator[tuple[Layout, np.ndarray, np.ndarray]]:
         sizes = np.array([len(m) for m in messages], int)
         if sizes.min(initial=HEADER) < HEADER:
@@ -387,21 +383,6 @@ def stamp_ns(raw: bytes) -> int:
     """Return the stamp of a message that begins with a std_msgs/Header, in nanoseconds."""
     seconds, nanoseconds = struct.unpack_from('<iI', raw, HEADER)
     return int(seconds * NS + nanoseconds)
-
-
-def counter(type_name: str, definition: str, field: str) -> Callable[[bytes], int]:
-    """Return a function from a message to 1 + its uint32 `field`, so that 0 stays "not known"."""
-    places: dict[bytes, int] = {}  # length of frame_id -> offset: all that moves the field
-    decoder = Decoder(type_name, definition)
-
-    def read(data: bytes) -> int:
-        key = bytes(data[12:16])
-        if key not in places:
-            places[key] = decoder.offset(field, data)
-        (value,) = struct.unpack_from('<I', data, places[key])
-        return int(value) + 1
-
-    return read
 
 
 def _gather(raw: np.ndarray, place: int, kind: str, count: int = 1) -> np.ndarray:

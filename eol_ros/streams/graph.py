@@ -218,6 +218,18 @@ def providers(node: str) -> tuple[str, ...]:
     return TOPICS[topic].sources if topic else ()
 
 
+def counted(topic: str) -> bool:
+    """Return whether the numbers of its messages tell what was lost: they have one source.
+
+    Sources of images, a replay among them, stand for each other; one node more may publish what
+    people ask for.
+    """
+    row = TOPICS[topic]
+    sources = set(row.sources) - set(IMAGE_SOURCES)
+    asked = set(row.publishers) - set(row.sources)
+    return bool(row.sources) and EVERY_NODE not in sources and max(len(sources), len(asked)) <= 1
+
+
 def full_name(topic: str, namespace: str = NAMESPACE) -> str:
     """Return the name of a topic on the graph: `slips` is `/eol/slips`, `diagnostics` no other."""
     if topic.startswith('/'):

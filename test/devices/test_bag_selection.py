@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which images are kept, and how losses are counted."""
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,7 +10,6 @@ from eol_ros.devices.bag.selection import (
     SLIP_LIMIT_NS,
     AroundSlips,
     Gaps,
-    ImagesMissed,
     Item,
     LogTimes,
     RateLimiter,
@@ -129,6 +127,23 @@ def test_a_restarted_publisher_has_lost_nothing():
     assert gaps.lost['u'] == 0
 
 
+@given(
+    st.sets(st.integers(2, 60), max_size=20),
+    st.sets(st.integers(2, 60), max_size=20),
+    st.lists(st.booleans(), min_size=120, max_size=120),
+)
+def test_two_publishers_that_speak_in_turn_are_told_apart(lost_a, lost_b, turns):
+    """One is far ahead of the other, as the triggers of the work are of those of a person."""
+    gaps = Gaps()
+    gaps.take('t', 1000)
+    gaps.take('t', 1)
+    a = iter([1000 + k for k in range(1, 62) if k not in lost_a])
+    b = iter([k for k in range(2, 62) if k not in lost_b])
+    for number in [n for turn in turns if (n := next(a if turn else b, 0))] + [*a, *b]:
+        gaps.take('t', number)
+    assert gaps.lost['t'] == len(lost_a) + len(lost_b)
+
+
 @given(st.sets(st.integers(20, 99), max_size=20), st.integers(0, 3))
 def test_holes_in_the_rhythm_of_stamps_are_counted(missing, seed):
     gaps = StampGaps()
@@ -169,46 +184,6 @@ def test_a_replay_that_loops_has_no_gap():
         for i in range(1, 30):
             gaps.take(i * STEP)
     assert gaps.missing == 0
-
-
-def followed(count, lost_here=(), lost_there=(), first=0, late=1):
-    """Return ImagesMissed after `count` images at 60/s, each followed `late` images later."""
-    missed = ImagesMissed()
-    missed.since_ns = 1_000 * NS + first * NS // 60
-    for k in range(count + late):
-        if k < count and k not in lost_here:
-            missed.image(1_000 * NS + k * NS // 60)
-        if k >= late and k - late not in lost_there:
-            missed.blocks(1_000 * NS + (k - late) * NS // 60)
-    return missed
-
-
-@pytest.mark.parametrize('late', [0, 1, 40])
-def test_images_that_were_followed_and_never_came_are_counted(late):
-    assert followed(659, late=late).lost == 0
-    assert followed(659, lost_here={0, 1, 100, 400}, late=late).lost == 4
-    assert followed(659, lost_there={5, 6, 7}, late=late).lost == 0  # the tracker missed them
-    assert followed(659, lost_here={5, 300}, lost_there={5}, late=late).lost == 1
-    assert followed(5000, lost_here=set(range(0, 5000, 7)), late=late).lost == 715
-
-
-def test_images_from_before_the_recorder_are_not_expected():
-    assert followed(300, lost_here=set(range(50)), first=50).lost == 0
-    assert followed(300, lost_here=set(range(52)), first=50).lost == 2
-
-
-def test_the_last_images_count_when_a_second_has_passed():
-    assert followed(300, lost_here=set(range(290, 300))).lost == 0  # they may be on the way
-    assert followed(300, lost_here=set(range(200, 300))).lost == 300 - 200 - 61
-
-
-def test_blocks_of_other_images_say_nothing():
-    missed = ImagesMissed()
-    missed.since_ns = 0
-    for k in range(100):
-        missed.image(NS + 2 * k)
-        missed.blocks(NS + 2 * k + 1)
-    assert missed.lost == 0
 
 
 def test_times_of_the_middleware_are_taken_where_they_can_be():

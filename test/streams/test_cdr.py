@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eol_ros.errors import ConfigError
-from eol_ros.streams.cdr import NS, Decoder, Fixed, counter, encode, stamp_ns
+from eol_ros.streams.cdr import NS, Decoder, Fixed, encode, stamp_ns
 
 HEADER = """\
 std_msgs/Header header   # of the message
@@ -153,14 +153,6 @@ def test_no_messages_have_columns_all_the_same():
     columns = Decoder('made_msgs/msg/Made', definition(['float64[4] f'])).table([])
     assert columns['f'].shape == (0, 4)
     assert list(columns) == ['stamp', 'frame_id', 'f']
-
-
-def test_counter_reads_one_field_whatever_the_frame_id():
-    read = counter('made_msgs/msg/Made', definition(['bool b', 'uint32 n']), 'n')
-    for frame in (b'table\0', b'\0', b'camera_optical\0'):
-        head = b'\0\1\0\0' + struct.pack('<iII', 1, 2, len(frame)) + frame + b'\1'
-        head += bytes(-(len(head) - 4) % 4)
-        assert read(head + struct.pack('<I', 41)) == 42
 
 
 def test_the_stamp_of_a_serialised_message():

@@ -29,7 +29,6 @@ from eol_ros.devices.bag.selection import (
     AroundSlips,
     Dropped,
     Gaps,
-    ImagesMissed,
     Item,
     RateLimiter,
     Slipping,
@@ -55,8 +54,7 @@ class Recording:
     """Records messages of `topics` into a new folder under `root`.
 
     `images` and `rhythm` name topics: the raw images, and those whose stamps come regularly;
-    `blocks` what carries the stamps of images that were followed, so that images lost on the way
-    are counted; `thinned` those made for the eye, of which one per `settings.display_period_s` is
+    `thinned` those made for the eye, of which one per `settings.display_period_s` is
     enough. Raises ConfigError when `root` cannot be written. `clock` and `disk` are arguments for
     the tests, and with `threaded` off nothing is written but by `pump` and `close`.
     """
@@ -72,7 +70,6 @@ class Recording:
         infos: str = '',
         rhythm: Sequence[str] = (),
         thinned: Sequence[str] = (),
-        blocks: str = '',
         rate_hz: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
         disk: Disk = DISK,
@@ -84,7 +81,6 @@ class Recording:
         self.folder: Path | None = None
         self.trouble = ''  # why nothing is recorded now; empty while all is well
         self.drop_cause = ''  # of the newest messages that were dropped
-        self.transport_lost: Counter[str] = Counter()  # as DDS tells it, per topic
         self.time_jump_s = 0.0  # by which the system clock was set where this bag ends
         self.repaired: list[str] = []
         self.image_bytes = 0  # of raw images, today
@@ -96,7 +92,7 @@ class Recording:
         self._pictures = {images, infos} - {''}
         self._images, self._rhythm = images, {topic: StampGaps(rate_hz) for topic in rhythm}
         self._thinned = frozenset(thinned)
-        self._gaps, self._missed, self._blocks = Gaps(), ImagesMissed(), blocks
+        self._gaps = Gaps()
         self._unwritten: Counter[str] = Counter()  # for which there was no disk
         self._ring = AroundSlips(settings.before_s, settings.after_s)
         self._limiter = RateLimiter(settings.display_period_s)
@@ -169,7 +165,7 @@ class Recording:
     @property
     def lost(self) -> int:
         """Messages that were sent and are not in the bag though they should be."""
-        return sum(self._lost().values()) + sum(self.dropped.values())
+        return Counter(self._gaps.lost).total() + self.dropped.total()
 
     @property
     def dropped(self) -> Counter[str]:
@@ -195,22 +191,16 @@ class Recording:
         """Return what was lost, per topic, as it goes into the metadata of the bag."""
         counts: dict[str, Mapping[str, float]] = {
             'received': self._gaps.received,
-            'lost_before_recorder': self._lost(),
+            'lost_before_recorder': +Counter(self._gaps.lost),
             'dropped_in_recorder': dict(self.dropped),
             'stamp_gaps': {topic: gaps.missing for topic, gaps in self._rhythm.items()},
         }
         if self._images in self._rhythm:  # those that are known to be lost were taken
-            missing = self._rhythm[self._images].missing - self._lost().get(self._images, 0)
+            missing = self._rhythm[self._images].missing - self._gaps.lost[self._images]
             counts['stamp_gaps'] = {**counts['stamp_gaps'], self._images: max(missing, 0)}
         if self.time_jump_s:
             counts['time_jump_s'] = {'system clock': self.time_jump_s}
         return {name: json.dumps(value, sort_keys=True) for name, value in counts.items()}
-
-    def _lost(self) -> dict[str, int]:
-        """Return what was sent and never came: by stamps and counters, or by what DDS tells."""
-        lost = Counter(self._gaps.lost)
-        lost[self._images] = max(lost[self._images], self._missed.lost)
-        return {t: n for t, n in (lost | self.transport_lost).items() if n}
 
     def _run(self) -> None:
         while True:
@@ -293,14 +283,8 @@ class Recording:
         else:
             head = item.data
             self._gaps.take(item.topic, item.sequence)
-            if self._missed.since_ns is None:
-                self._missed.since_ns = item.log_ns
         if item.topic in self._rhythm:
             self._rhythm[item.topic].take(stamp_ns(head))
-        if self._blocks and item.topic == self._images:
-            self._missed.image(stamp_ns(head))
-        elif self._blocks and item.topic == self._blocks:
-            self._missed.blocks(stamp_ns(head))
 
     def _selected(self, item: Item | Slipping) -> Iterator[Item]:
         """Yield what is to be written now that `item` has come."""

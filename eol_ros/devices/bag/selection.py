@@ -2,13 +2,12 @@
 """What of a run is kept, and what was lost on the way. Pure bookkeeping over messages."""
 
 import statistics
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
 NS = 1_000_000_000
 KNOWN = 5  # so many intervals tell a rhythm
-REMEMBERED = 1200  # stamps of images: ten seconds at 120 a second
 LATEST_NS = 10 * NS  # a message is handed over no later than this: readers keep ten seconds of them
 SLIP_LIMIT_NS = 10 * NS  # a slip whose stop never came is over by then
 
@@ -117,28 +116,33 @@ class RateLimiter:
 
 
 class Gaps:
-    """Counts messages that were sent and never came, by the publisher's own sequence numbers.
+    """Counts messages that were sent and never came, by the numbers that publishers give them.
 
-    A number that falls back means another publisher or a restarted one: nothing was lost then.
+    Each publisher of a topic counts up from 1. A message comes next after the highest number below
+    its own; where there is none, it is the first of another publisher or of a restarted one, and
+    nothing was lost.
     """
 
     def __init__(self) -> None:
-        self.lost: dict[str, int] = {}
-        self.received: dict[str, int] = {}
-        self._last: dict[str, int] = {}
+        self.lost: Counter[str] = Counter()
+        self.received: Counter[str] = Counter()
+        self._last: dict[str, set[int]] = {}  # of each publisher
 
     def take(self, topic: str, sequence: int) -> int:
         """Return how many messages are missing right before this one; sequence 0: not known."""
-        self.received[topic] = self.received.get(topic, 0) + 1
+        self.received[topic] += 1
         return self.skip(topic, sequence)
 
     def skip(self, topic: str, sequence: int) -> int:
         """The same for a message that came and was dropped: that is counted elsewhere."""
-        last = self._last.get(topic)
-        missing = sequence - last - 1 if sequence and last and sequence > last else 0
+        missing = 0
         if sequence:
-            self._last[topic] = sequence
-        self.lost[topic] = self.lost.get(topic, 0) + missing
+            last = self._last.setdefault(topic, set())
+            if before := max((n for n in last if n < sequence), default=0):
+                missing = sequence - before - 1
+                last.remove(before)
+            last.add(sequence)
+        self.lost[topic] += missing
         return missing
 
 
@@ -176,52 +180,3 @@ class StampGaps:
                 missing += holes
         self.missing += missing
         return missing
-
-
-class ImagesMissed:
-    """Counts images that were taken and followed and never came here, by the stamps of the blocks.
-
-    What is told of the blocks carries the stamp of its image. A stamp that no image had, though a
-    later image has come, is one of an image that was lost on the way. Images from before `since_ns`
-    (of the recorder's clock) are not expected, and none is where no stamp has ever fitted: the
-    blocks are then of other images.
-    """
-
-    def __init__(self) -> None:
-        self.since_ns: int | None = None
-        self._lost = self._found = 0
-        self._images: deque[int] = deque(maxlen=REMEMBERED)
-        self._known: set[int] = set()
-        self._waiting: deque[int] = deque(maxlen=REMEMBERED)
-
-    def image(self, stamp: int) -> None:
-        """Take note of an image that came, were it dropped later or not."""
-        if len(self._images) == REMEMBERED:
-            self._known.discard(self._images[0])
-        self._images.append(stamp)
-        self._known.add(stamp)
-        self._judge()
-
-    def blocks(self, stamp: int) -> None:
-        """Take note of an image that somebody has followed."""
-        self._waiting.append(stamp)
-        self._judge()
-
-    @property
-    def lost(self) -> int:
-        """How many were lost; a missing last image only where a second has passed since."""
-        if not self._found:
-            return 0
-        newest = self._waiting[-1] if self._waiting else 0
-        return self._lost + sum(newest - s > NS for s in self._waiting if self._expected(s))
-
-    def _judge(self) -> None:
-        while self._waiting and self._images and self._waiting[0] <= self._images[-1]:
-            stamp = self._waiting.popleft()
-            self._found += stamp in self._known
-            self._lost += self._expected(stamp) and stamp not in self._known
-
-    def _expected(self, stamp: int) -> bool:
-        full = len(self._images) == REMEMBERED
-        oldest = self._images[0] if full else stamp
-        return self.since_ns is not None and max(self.since_ns, oldest) <= stamp
