@@ -55,7 +55,7 @@ film: setup-test  ## the film that the README opens with, and its sound (needs C
 
 films: setup-test  ## path-trace printed covers for `eol bench vision --films films` (needs LLVM 19)
 	$(PY) -m pip install -q 'mitsuba>=3.9'
-	$(PY) -m eol_ros bench films --out films $(ARGS)
+	$(PY) -m eol_ros bench films --output films $(ARGS)
 
 figures: setup-test  ## the figures of docs/science.md, as far as they are old (ARGS=--list: tell only)
 	$(PY) -m eol_ros bench figures $(ARGS)

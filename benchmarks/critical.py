@@ -32,7 +32,7 @@ from eol_ros.errors import EolError, UsageError
 HELP = 'Where on the map of springs, friction, size and drive b is that of earthquakes'
 EXAMPLES = [
     'eol bench critical --plot docs/img',
-    'eol bench critical --sweeps my_sweeps --out my_tables --json',
+    'eol bench critical --sweeps my_sweeps --output my_tables --json',
 ]
 SWEEPS = Path(__file__).parents[1] / 'examples/sweeps/critical'
 PARTS = SWEEPS.with_name('parts')
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--sweeps', default=str(SWEEPS), metavar='DIR', help='of *.yaml')
     parser.add_argument('--parts', default=str(PARTS), metavar='DIR', help='of tables to build')
     parser.add_argument(
-        '--out', metavar='DIR',
+        '-o', '--output', metavar='DIR',
         help='for the tables (build/critical/ and a digest of what computes them)',
     )  # fmt: skip
     parser.add_argument('--workers', type=int, default=2, metavar='N', help='processes (2)')
@@ -148,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
     """Sweep, ask, print, draw."""
     if args.workers < 1:
         raise UsageError(f'--workers {args.workers}: 1 or more')
-    out = Path(args.out) if args.out else _own_folder()
+    out = Path(args.output) if args.output else _own_folder()
     with _counted(out):
         rows = _swept('--sweeps', args.sweeps, out, args.workers)
         parts = _swept('--parts', args.parts, out / 'parts', args.workers)
@@ -217,7 +217,7 @@ def _swept(option: str, folder: str, out: Path, workers: int) -> list[Row]:
     rows: list[Row] = []
     for file, one in given.items():
         table = out / f'{file.stem}.csv'
-        words = ['sweep', str(file), '--out', str(table), '--workers', str(workers)]
+        words = ['sweep', str(file), '--output', str(table), '--workers', str(workers)]
         command = [sys.executable, '-m', 'eol_ros', *words]
         if subprocess.run(command, stdout=sys.stderr, check=False).returncode:
             raise EolError(f'{file}: the sweep ended early; the same command goes on with it')

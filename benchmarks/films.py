@@ -6,17 +6,19 @@ import time
 
 HELP = 'Path-trace images of printed covers for `eol bench vision --films`; needs Mitsuba 3.'
 EXAMPLES = [
-    'eol bench films --out films',
-    'eol bench films --out films --images 200 --seed 3',
-    'eol bench films --small --out benchmarks/relief/films',
-    'eol bench films --turned --out benchmarks/relief/turned',
-    'eol bench films --stirred --out benchmarks/relief/stirred',
+    'eol bench films --output films',
+    'eol bench films --output films --images 200 --seed 3',
+    'eol bench films --small --output benchmarks/relief/films',
+    'eol bench films --turned --output benchmarks/relief/turned',
+    'eol bench films --stirred --output benchmarks/relief/stirred',
 ]
 
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--out', metavar='FOLDER', required=True, help='for images and truth')
+    parser.add_argument(
+        '-o', '--output', metavar='FOLDER', required=True, help='for images and truth'
+    )
     parser.add_argument('--small', action='store_true', help='the set that is shipped')
     parser.add_argument(
         '--turned', action='store_true', help='the set by which names are known again, also shipped'
@@ -41,7 +43,7 @@ def run(args) -> int:
     for name, most in (('images', 10000), ('strata', 64), ('samples', 1 << 20), ('threads', 256)):
         if not 1 <= getattr(args, name) <= most:
             raise UsageError(f'--{name} {getattr(args, name)}: 1 to {most}')
-    out = folders.made(args.out, '--out')
+    out = folders.made(args.output, '--output')
     path_tracer.mitsuba(args.threads)
     if args.small:
         shots = films.small_set()

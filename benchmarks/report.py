@@ -120,7 +120,7 @@ def _measured(name: str, words: list[str], folder: Path) -> dict:
         'eol_ros',
         'report',
         *words,
-        '--out',
+        '--output',
         f'{folder}/out',
         '--json',
     ]

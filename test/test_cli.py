@@ -82,8 +82,8 @@ def test_version_names_what_decides_what_a_run_computes(capsys):
 @pytest.mark.parametrize(
     'words, full',
     [
-        (['report', SAMPLE, '--csv', 'blocks', '--out'], 'out/blocks.csv'),
-        (['covers', '--out'], 'out/cover-00.stl'),
+        (['report', SAMPLE, '--csv', 'blocks', '--output'], 'out/blocks.csv'),
+        (['covers', '--output'], 'out/cover-00.stl'),
         (['bundle', 'museum', '--output'], 'out'),
     ],
 )

@@ -331,7 +331,7 @@ def main() -> int:
         '--begin', type=float, help='s from its start (default: the greatest cascade)'
     )
     parser.add_argument('--stills', metavar='DIR', type=Path, help='keep each image here, too')
-    parser.add_argument('--out', metavar='DIR', type=Path, default=ROOT / 'docs' / 'img')
+    parser.add_argument('-o', '--output', metavar='DIR', type=Path, default=ROOT / 'docs' / 'img')
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix='eol-film-') as place:
         try:
@@ -344,14 +344,14 @@ def main() -> int:
                 args.stills.mkdir(parents=True, exist_ok=True)
                 for i, image in enumerate(images):
                     image.save(args.stills / f'{i:04}.png')
-            write_film(images, args.out / 'film.webp')
-            write_sound(bag, begin_ns, args.length, args.out / 'film.ogg')
+            write_film(images, args.output / 'film.webp')
+            write_sound(bag, begin_ns, args.length, args.output / 'film.ogg')
         except (EolError, subprocess.CalledProcessError) as error:
             print(f'no film: {error}', file=sys.stderr)
             return 1
     for name, most in (('film.webp', MOST_FILM), ('film.ogg', MOST_SOUND)):
-        size = (args.out / name).stat().st_size
-        print(f'{args.out / name}: {size / 1e6:.2f} MB, {args.length:g} s')
+        size = (args.output / name).stat().st_size
+        print(f'{args.output / name}: {size / 1e6:.2f} MB, {args.length:g} s')
         if size > most:
             print(f'{name}: more than {most / 1e6:g} MB; lower QUALITY', file=sys.stderr)
             return 1

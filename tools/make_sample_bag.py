@@ -90,7 +90,8 @@ def main() -> int:
     parser.add_argument('--seconds', type=float, default=38.0, help='length of the rehearsal')
     parser.add_argument('--bag', metavar='DIR', help='pack this bag, run nothing')
     parser.add_argument(
-        '--out',
+        '-o',
+        '--output',
         metavar='DIR',
         type=Path,
         default=FOLDER,
@@ -110,7 +111,7 @@ def main() -> int:
                 file=sys.stderr,
             )
             return 1
-        file = pack(bag, args.out)
+        file = pack(bag, args.output)
     print(
         f'{file}: {file.stat().st_size / 1e6:.2f} MB, {bag.duration_s:.1f} s, '
         f'{sum(bag.counts.values())} messages'

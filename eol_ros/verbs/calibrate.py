@@ -12,11 +12,11 @@ from eol_ros.errors import ConfigError, DeviceMissing, UsageError
 
 HELP = 'Calibrate the camera on the resting blocks, on known points, or on a ChArUco board.'
 EXAMPLES = [
-    'eol calibrate blocks still.png --out table.yaml --picture residual.png',
-    'eol calibrate blocks bags/2026-11-21 --lens camera_info.yaml --out table.yaml',
-    'eol calibrate points corners.csv --size 1280x800 --out table.yaml',
-    'eol calibrate board flat.png held1.png held2.png held3.png held4.png --out table.yaml',
-    'eol calibrate blocks still.png --mirror --out table.yaml',
+    'eol calibrate blocks still.png --output table.yaml --picture residual.png',
+    'eol calibrate blocks bags/2026-11-21 --lens camera_info.yaml --output table.yaml',
+    'eol calibrate points corners.csv --size 1280x800 --output table.yaml',
+    'eol calibrate board flat.png held1.png held2.png held3.png held4.png --output table.yaml',
+    'eol calibrate blocks still.png --mirror --output table.yaml',
     'eol calibrate points corners.csv --size 1280x800 --covers covers --cover-height 0.013',
     'eol calibrate print board.pdf --square 0.03 --marker 0.022 --paper A3',
     'eol calibrate print board.svg',
@@ -39,7 +39,7 @@ def add_arguments(parser):
         help='images, a video, a .npy stack, a folder or a bag; for `points` a '
         'CSV of u,v,x,y a line: pixels, then metres (x right, y away)',
     )
-    parser.add_argument('--out', metavar='C.yaml', help='where the calibration goes')
+    parser.add_argument('-o', '--output', metavar='C.yaml', help='where the calibration goes')
     parser.add_argument('--picture', metavar='P.png', help='figure of the residuals')
     parser.add_argument('--lens', metavar='YAML', help='camera_info file, whose lens is kept')
     parser.add_argument(
@@ -127,11 +127,11 @@ def run(args) -> int:
     refusal = solution.refusal()
     if refusal:
         raise ConfigError(f'calibration refused: {refusal}')
-    if args.out:
+    if args.output:
         from eol_ros.devices.files import calibration_file
 
-        calibration_file.save(args.out, solution.calibration)
-        print(f'written to {args.out}', file=sys.stderr)
+        calibration_file.save(args.output, solution.calibration)
+        print(f'written to {args.output}', file=sys.stderr)
     return 0
 
 
@@ -186,7 +186,7 @@ def _covers(args):
     if len(files) != N_BLOCKS:
         raise ConfigError(
             f'--covers {args.covers}: has {len(files)} files cover-*.stl, not {N_BLOCKS}; '
-            f'`eol covers --out {args.covers}` makes them'
+            f'`eol covers --output {args.covers}` makes them'
         )
     return CoverOutlines.of_meshes([stl_file.load(file) for file in files], 1e3 * args.cover_gap)
 

@@ -14,17 +14,17 @@ from eol_ros.settings import FORMS, MAP_AXES
 
 HELP = 'Cut sounds into grains, describe them and lay them out for the blocks to play.'
 EXAMPLES = [
-    'eol corpus iceberg.wav --out iceberg.json',
-    'eol corpus field/*.flac --grain 0.1 --overlap 0.5 --x pitch_hz --y loudness_lufs --out f.json',
-    'eol corpus ice.wav harbour.flac --region "ice left" --region "harbour right" --out two.json',
-    'eol corpus iceberg.wav --more --x pca_1 --y pca_2 --out iceberg.json',
+    'eol corpus iceberg.wav --output iceberg.json',
+    'eol corpus field/*.flac --grain 0.1 --overlap 0.5 --x pitch_hz --y loudness_lufs -o f.json',
+    'eol corpus ice.wav harbour.flac --region "ice left" --region "harbour right" -o two.json',
+    'eol corpus iceberg.wav --more --x pca_1 --y pca_2 --output iceberg.json',
     'eol corpus door.ogg --segment onset --csv door.csv --labels-out door.labels.txt',
-    'eol corpus door.ogg --segment labels --labels door.labels.txt --out door.json',
+    'eol corpus door.ogg --segment labels --labels door.labels.txt --output door.json',
     'eol corpus                               (the procedural ice recording)',
-    'eol corpus show iceberg.json --out iceberg.png',
+    'eol corpus show iceberg.json --output iceberg.png',
     'eol corpus move iceberg.json 17 0.5 0.25',
     'eol corpus export iceberg.json iceberg-flucoma.json',
-    'eol corpus import iceberg.json grid.json --out iceberg-grid.json  # places by FluCoMa',
+    'eol corpus import iceberg.json grid.json --output iceberg-grid.json  # places by FluCoMa',
     'eol corpus export iceberg.json iceberg.sdif',
 ]
 
@@ -56,7 +56,7 @@ def add_arguments(parser):
     add('--layout', choices=('raw', 'rank', 'even'), default='even')
     add('--blend', type=float, default=1.0, metavar='0..1', help='0: as measured, 1: the layout')
     add('--seed', type=int, default=1, help='of the ice recording, where no sound is given')
-    add('--out', metavar='FILE', help='corpus JSON; with show, the image')
+    add('-o', '--output', metavar='FILE', help='corpus JSON; with show, the image')
     add('--csv', metavar='FILE', help='one line per grain')
     add('--labels-out', metavar='FILE', help='the grains as an Audacity label track')
     add('--json', action='store_true', help='the corpus to stdout')
@@ -96,8 +96,8 @@ def _make(args):
     took_s = time.perf_counter() - began
     for note in corpus.notes:
         print(f'eol corpus: {note}', file=sys.stderr)
-    if args.out:
-        corpus_file.save(corpus, Path(args.out))
+    if args.output:
+        corpus_file.save(corpus, Path(args.output))
     if args.csv:
         corpus_file.save_csv(corpus, Path(args.csv))
     if args.labels_out:
@@ -108,8 +108,8 @@ def _make(args):
         _summary(corpus)
     length_s = sum(s.duration_s for s in corpus.sources)
     print(f'{length_s:.1f} s of sound in {took_s:.2f} s', file=sys.stderr)
-    if not (args.out or args.json or args.csv or args.labels_out):
-        print('nothing written; --out FILE keeps the corpus', file=sys.stderr)
+    if not (args.output or args.json or args.csv or args.labels_out):
+        print('nothing written; --output FILE keeps the corpus', file=sys.stderr)
     return 0
 
 
@@ -177,7 +177,7 @@ def _show(args):
         corpus = corpus_build.build_cached(sounds, _options(args), _Progress('describing'))
     from eol_ros.analysis.corpus_space import draw
 
-    out = Path(args.out or f'{Path(corpus.sources[0].path).stem}.png')
+    out = Path(args.output or f'{Path(corpus.sources[0].path).stem}.png')
     draw(corpus, out)
     print(out)
     return 0
@@ -214,12 +214,12 @@ def _export(args):
 def _import(args):
     from eol_ros.devices.corpus import corpus_file
 
-    if len(args.words) != 3 or not args.out:
-        raise UsageError('import takes: CORPUS.json DATASET.json --out NEW.json, or a file.sdif')
+    if len(args.words) != 3 or not args.output:
+        raise UsageError('import takes: CORPUS.json DATASET.json --output NEW.json, or a file.sdif')
     corpus = corpus_file.load(Path(args.words[1]))
     names = [name.strip() for name in args.columns.split(',') if name.strip()]
-    corpus_file.save(_exchanged(args).apply(corpus, Path(args.words[2]), names), Path(args.out))
-    print(args.out)
+    corpus_file.save(_exchanged(args).apply(corpus, Path(args.words[2]), names), Path(args.output))
+    print(args.output)
     return 0
 
 

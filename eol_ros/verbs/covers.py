@@ -13,17 +13,17 @@ from eol_ros.verbs.progress import track
 
 HELP = 'Cut one continuous landscape into covers for the blocks, as STL in mm; and the body below.'
 EXAMPLES = [
-    'eol covers --out covers',
-    'eol covers --out covers --seed 7 --relief 40 --wall 2',
-    'eol covers --out covers --clearance 0.3      # the lip is too tight for the block',
-    'eol covers --out covers --heightmap island.png --json',
+    'eol covers --output covers',
+    'eol covers --output covers --seed 7 --relief 40 --wall 2',
+    'eol covers --output covers --clearance 0.3   # the lip is too tight for the block',
+    'eol covers --output covers --heightmap island.png --json',
 ]
 SIZES = CoverShape(lip_mm=6.0)
 
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--out', metavar='DIR', required=True, help='folder for the files')
+    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='folder for the files')
     parser.add_argument('--seed', type=int, default=1, help="of the landscape; 1 is the panel's")
     parser.add_argument('--rows', type=int, default=5)
     parser.add_argument('--cols', type=int, default=5)
@@ -60,7 +60,7 @@ def run(args):
             raise UsageError(f'--{name} {getattr(args, name)}: 1 to {most}')
     if args.seed < 0:
         raise UsageError(f'--seed {args.seed}: 0 or more')
-    out = folders.made(args.out, '--out')
+    out = folders.made(args.output, '--output')
     if args.heightmap:
         heights = terrain.fit(
             picture_file.load_grey(args.heightmap), args.rows, args.cols, args.cells

@@ -12,7 +12,7 @@ from eol_ros.errors import ConfigError, DeviceMissing, UsageError
 HELP = 'run the earthquake automaton (or a rice pile) and fit the law of its sizes'
 EXAMPLES = [
     'eol lattice --size 64 --alpha 0.2 --events 200000 --warmup 1000000 --json',
-    'eol lattice --size 12 --alpha 1/5 --events 500 --out events.npz',
+    'eol lattice --size 12 --alpha 1/5 --events 500 --output events.npz',
     'eol lattice --model oslo --size 64 --events 100000 --warmup 20000',
 ]
 DENOMINATOR = 100_000  # of the numerators in a --start file
@@ -55,7 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='event queue: the same events, at another speed',
     )
     parser.add_argument('--fit', default='', metavar='FROM:TO', help='sizes that tau is fitted on')
-    parser.add_argument('--out', metavar='FILE.npz', help='write size, area, duration, first')
+    parser.add_argument(
+        '-o', '--output', metavar='FILE.npz', help='write size, area, duration, first'
+    )
     parser.add_argument('--json', action='store_true', help='the result as JSON')
 
 
@@ -69,9 +71,9 @@ def run(args: argparse.Namespace) -> int:
     count = args.events if args.events is not None else (EXACT_EVENTS if exact else FIXED_EVENTS)
     if count < 1 or args.warmup < 0:
         raise UsageError(f'--events {count} --warmup {args.warmup}: at least 1 and 0 are wanted')
-    full = bool(args.out)
+    full = bool(args.output)
     if full:
-        folders.check_writable(args.out, '--out')
+        folders.check_writable(args.output, '--output')
     fit_range = _fit_range(args.fit, lattice.side)
     _smallest(args).run(1, full)  # compiles now, not in the time that is told
     chunk = EXACT_CHUNK if exact else CHUNK
@@ -83,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         else Events(np.concatenate([p.size for p in parts]), *(np.zeros(0, np.int64),) * 3)
     )
     if full:
-        _save(args.out, events)
+        _save(args.output, events)
     report = {
         'model': args.model,
         'size': lattice.side,
@@ -235,7 +237,7 @@ def _save(path: str, events) -> None:
                 first=events.first,
             )
     except OSError as error:
-        raise ConfigError(f'--out {path}: {error.strerror}') from None
+        raise ConfigError(f'--output {path}: {error.strerror}') from None
     print(f'{len(events.size)} events written to {path}', file=sys.stderr)
 
 

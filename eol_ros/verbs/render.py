@@ -12,10 +12,10 @@ from eol_ros.errors import ConfigError, UsageError
 
 HELP = 'Play the grain triggers of a bag or a CSV into a sound file, faster than real time.'
 EXAMPLES = [
-    'eol render bags/2026-11-21 --out afternoon.wav',
-    'eol render triggers.csv --corpus corpus.json --out x.flac --json',
-    'eol render bags --corpus other.json --out other.wav --scene config/museum.yaml',
-    'eol render bags --scene ring.yaml --binaural --out headphones.wav',
+    'eol render bags/2026-11-21 --output afternoon.wav',
+    'eol render triggers.csv --corpus corpus.json --output x.flac --json',
+    'eol render bags --corpus other.json --output other.wav --scene config/museum.yaml',
+    'eol render bags --scene ring.yaml --binaural --output headphones.wav',
 ]
 TAIL_S = 0.5  # after the last grain: the DC block and the limiter come to rest
 
@@ -24,7 +24,7 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('source', metavar='BAG|TRIGGERS.csv', help='what to play')
     parser.add_argument('--corpus', metavar='C.json', help='its grains (default: those of the bag)')
-    parser.add_argument('--out', metavar='X.wav', required=True, help='wav, flac, ogg ...')
+    parser.add_argument('-o', '--output', metavar='X.wav', required=True, help='wav, flac, ogg ...')
     parser.add_argument('--scene', metavar='FILE', help='take the settings of sound from here')
     parser.add_argument('--seconds', type=float, help='length (default: to the end)')
     parser.add_argument(
@@ -59,7 +59,7 @@ def run(args) -> int:
     mixer = new_mixer(settings)
     peak, energy = 0.0, 0.0
     channels = 2 if ears else settings.channels
-    with writer(args.out, settings.sample_rate, channels) as file:
+    with writer(args.output, settings.sample_rate, channels) as file:
         blocks = play(mixer, rows, frames, BLOCK)
         for block in track(blocks, 'rendering', total=math.ceil(frames / BLOCK)):
             block = ears(block) if ears else block
@@ -69,7 +69,7 @@ def run(args) -> int:
     del banks  # the voices read them to the end
     state = mixer.state[0]
     figures = {
-        'out': args.out,
+        'output': args.output,
         'seconds': frames / rate,
         'sample_rate': rate,
         'channels': channels,
@@ -83,7 +83,7 @@ def run(args) -> int:
     if args.json:
         print(json.dumps(figures))
     else:
-        print(f'{args.out}: {figures["seconds"]:.1f} s, {count} grains')
+        print(f'{args.output}: {figures["seconds"]:.1f} s, {count} grains')
         print(
             f'peak {figures["peak_dbfs"]:.1f} dBFS, {figures["dropped"]} dropped, '
             f'{figures["stolen"]} faded early',
@@ -158,7 +158,7 @@ def writer(path: str, sample_rate: int, channels: int):
     kind = Path(path).suffix.lstrip('.').upper()
     if kind not in soundfile.available_formats():
         raise UsageError(f'{path}: the ending names the format; give .wav, .flac or .ogg')
-    folders.check_writable(path, '--out')
+    folders.check_writable(path, '--output')
     subtype = 'FLOAT' if soundfile.check_format(kind, 'FLOAT') else None
     try:
         with soundfile.SoundFile(path, 'w', sample_rate, channels, subtype=subtype) as file:

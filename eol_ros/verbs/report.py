@@ -11,9 +11,9 @@ from eol_ros.errors import DeviceMissing, UsageError, pip_install
 HELP = 'Figures, numbers and tables from a bag: one HTML page, SVG, PDF and CSV. No ROS needed.'
 EXAMPLES = [
     'eol report bags                                # the newest run in bags/',
-    'eol report run_0.mcap --out analysis',
-    'eol report bags --csv slips,blocks --out analysis',
-    'eol report bags --all --out exhibition         # every run in bags/: days, hours, wear',
+    'eol report run_0.mcap --output analysis',
+    'eol report bags --csv slips,blocks --output analysis',
+    'eol report bags --all --output exhibition      # every run in bags/: days, hours, wear',
     'eol report bags --retrack --json               # do the images give the results again?',
 ]
 
@@ -32,7 +32,9 @@ def add_arguments(parser):
         help='read many bags on a Dask cluster, whose workers find them at the same paths',
     )  # fmt: skip
     parser.add_argument('--all', action='store_true', help='all bags of a folder as one report')
-    parser.add_argument('--out', metavar='DIR', help='where it goes (default: report-NAME here)')
+    parser.add_argument(
+        '-o', '--output', metavar='DIR', help='where it goes (default: report-NAME here)'
+    )
     parser.add_argument('--csv', metavar='TOPICS', help='write these topics as CSV, no report')
     parser.add_argument(
         '--retrack',
@@ -58,10 +60,10 @@ def run(args):
     bag = open_bag(args.bag[0])
     for line in bag.cut_short:
         print(line, file=sys.stderr)
-    out = Path(args.out or f'report-{bag.path.stem}')
+    out = Path(args.output or f'report-{bag.path.stem}')
     if args.csv is not None:
         names = topic_names(bag, args.csv)
-        folders.made(out, '--out')
+        folders.made(out, '--output')
         for name in track(names, 'writing'):
             file = out / f'{relative_name(name, bag.namespace).strip("/").replace("/", "_")}.csv'
             bag.table(name).to_csv(file)
@@ -105,7 +107,7 @@ def _exhibition(args):
             left_out.append(one)
         else:
             digests.append(one)
-    out = Path(args.out or 'report-exhibition')
+    out = Path(args.output or 'report-exhibition')
     found = exhibition.write(digests, left_out, out, track)
     print(json.dumps(found, indent=2) if args.json else '\n'.join(exhibition.sentences(found)))
     print(out / 'report.html', file=sys.stderr)

@@ -138,7 +138,10 @@ def add_arguments(parser):
         '--log-in', action='store_true', help='log this user in at boot, for the walls'
     )
     install.add_argument(
-        '--output', metavar='DIR', help='only write the files below this folder, and start nothing'
+        '-o',
+        '--output',
+        metavar='DIR',
+        help='only write the files below this folder, and start nothing',
     )
     install.set_defaults(does=_install)
     status = commands.add_parser('status', help='what systemd says of the work and the walls')

@@ -9,7 +9,7 @@ import time
 HELP = 'simulate a spring-block scene: exact, event-driven, or in time steps'
 EXAMPLES = [
     'eol simulate S3L --json',
-    'eol simulate scene.json --out result.npz --sample 0.1',
+    'eol simulate scene.json --output result.npz --sample 0.1',
     'eol simulate S4G --path event --tol 1e-11 --repeat 5 --json',
     'eol simulate S3G --write-scene s3g.json',
 ]
@@ -17,7 +17,7 @@ EXAMPLES = [
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE', help='a JSON file, or a named scene (S1 ... S6b)')
-    parser.add_argument('--out', metavar='FILE.npz', help='write t, u, v and the events')
+    parser.add_argument('-o', '--output', metavar='FILE.npz', help='write t, u, v and the events')
     parser.add_argument(
         '--sample', type=float, default=0.1, metavar='S', help='time between samples (0.1 s)'
     )
@@ -66,8 +66,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if scene.duration_s / args.sample > 5e6 / scene.n:
         raise UsageError(f'--sample {args.sample:g}: too many samples of {scene.duration_s:g} s')
-    if args.out:
-        folders.check_writable(args.out, '--out')
+    if args.output:
+        folders.check_writable(args.output, '--output')
     compile.ensure(['simulate'])
     model = Model.of(scene)
     options = {
@@ -85,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
         begin = time.perf_counter()
         choose.simulate(scene, ledger=False, **options)
         best = min(best, time.perf_counter() - begin)
-    if args.out:
-        physics_file.save_run(args.out, result)
+    if args.output:
+        physics_file.save_run(args.output, result)
     energy = result.energy
     assert energy is not None  # ledger=True
     report = {

@@ -11,7 +11,7 @@ EXAMPLES = [
     'eol speakers museum',
     'eol speakers museum --test',
     'eol speakers museum --test left,right --seconds 5',
-    'eol speakers museum --test --out test.wav',
+    'eol speakers museum --test --output test.wav',
 ]
 GAP_S = 0.2
 
@@ -23,7 +23,7 @@ def add_arguments(parser):
         '--test', nargs='?', const='', metavar='NAMES', help='play these (default: all), in order'
     )
     parser.add_argument('--seconds', type=float, default=1.0, help='of noise from each')
-    parser.add_argument('--out', metavar='X.wav', help='write the noise here, play none')
+    parser.add_argument('-o', '--output', metavar='X.wav', help='write the noise here, play none')
     parser.add_argument('--json', action='store_true', help='for programs')
 
 
@@ -33,8 +33,8 @@ def run(args) -> int:
     from eol_ros.core.sound.ring import alignment, output_names, parse
 
     settings = scene.load(args.scene).settings('sound')
-    if args.out and args.test is None:
-        raise UsageError('--out takes what --test plays: add --test')
+    if args.output and args.test is None:
+        raise UsageError('--output takes what --test plays: add --test')
     if not 0 < args.seconds <= 600:
         raise UsageError(f'--seconds {args.seconds:g}: give 0 to 600')
     speakers = parse(settings.speakers)
@@ -90,10 +90,10 @@ def _play(settings, outputs: dict[str, int], args) -> None:
     sound = np.zeros((step * len(outputs), settings.channels), np.float32)
     for k, output in enumerate(outputs.values()):
         sound[k * step : k * step + len(noise), output] = noise
-    if args.out:
+    if args.output:
         from eol_ros.verbs.render import writer
 
-        with writer(args.out, rate, settings.channels) as file:
+        with writer(args.output, rate, settings.channels) as file:
             file.write(sound)
         return
     from eol_ros.devices.audio.outputs import find, portaudio

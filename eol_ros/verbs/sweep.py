@@ -15,7 +15,7 @@ The results are a table (Parquet, or CSV). The same command again computes only 
 and a sweep file with more values adds to it. docs/science.md explains the file and the columns."""
 EXAMPLES = [
     'eol sweep examples/sweeps/friction.yaml',
-    'eol sweep examples/sweeps/friction.yaml --out friction.csv --workers 4',
+    'eol sweep examples/sweeps/friction.yaml --output friction.csv --workers 4',
     'eol sweep sweep.yaml --scheduler tcp://host:8786',
     'eol sweep sweep.yaml --count',
     'eol sweep --parameters plate',
@@ -25,7 +25,10 @@ EXAMPLES = [
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('spec', metavar='SPEC.yaml', nargs='?', help='what is to be computed')
     parser.add_argument(
-        '--out', metavar='FILE', help='.parquet or .csv (default: named as the sweep file, here)'
+        '-o',
+        '--output',
+        metavar='FILE',
+        help='.parquet or .csv (default: named as the sweep file, here)',
     )
     parser.add_argument(
         '--workers', type=int, metavar='N', help='processes on this machine (default: its cores)'
@@ -55,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     if args.count:
         print(json.dumps({'tasks': len(spec)}) if args.json else f'{len(spec)} tasks')
         return 0
-    out = Path(args.out) if args.out else _default(args.spec)
+    out = Path(args.output) if args.output else _default(args.spec)
     table = Table(out, spec.model, work.version())
     counts, stopped = Counts(), False
     try:

@@ -15,10 +15,10 @@ from eol_ros.errors import ConfigError
 
 HELP = 'Follow the 25 blocks through a .npy stack, a video, a folder of images or a bag.'
 EXAMPLES = [
-    'eol track images.npy --fps 60 --out answer.npz --json',
-    'eol track film.mp4 --calibration table.yaml --out answer.npz',
-    'eol track film.mkv --stamps film.txt --out answer.npz',
-    'eol track bags/2026-11-21 --out answer.npz --overlay seen.mp4',
+    'eol track images.npy --fps 60 --output answer.npz --json',
+    'eol track film.mp4 --calibration table.yaml --output answer.npz',
+    'eol track film.mkv --stamps film.txt --output answer.npz',
+    'eol track bags/2026-11-21 --output answer.npz --overlay seen.mp4',
 ]
 SLIP = [
     ('slip', 'u4'), ('block', 'u1'), ('onset_s', 'f8'), ('onset_sigma_s', 'f8'),
@@ -48,7 +48,7 @@ def add_arguments(parser):
         '--mirror', action='store_true',
         help='the camera sees the table in a mirror; a calibration file says it by itself',
     )  # fmt: skip
-    parser.add_argument('--out', metavar='ANS.npz', help='where the answer goes')
+    parser.add_argument('-o', '--output', metavar='ANS.npz', help='where the answer goes')
     parser.add_argument('--overlay', metavar='OUT.mp4', help='video, or image, with what was seen')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
@@ -64,8 +64,8 @@ def run(args) -> int:
     from eol_ros.verbs.progress import track
 
     source = open_source(args.frames, args.fps, args.stamps)
-    if args.out and not Path(args.out).absolute().parent.is_dir():
-        raise ConfigError(f'{args.out}: there is no such folder')
+    if args.output and not Path(args.output).absolute().parent.is_dir():
+        raise ConfigError(f'{args.output}: there is no such folder')
     tracker = Tracker(
         TrackerSettings(mirror=args.mirror), _calibration(args.calibration, args.mirror)
     )
@@ -103,8 +103,8 @@ def run(args) -> int:
         raise ConfigError(f'{args.frames}: no image in it')
     events.finish(motion.cascades.finish(rows[-1].stamp_s))
     answer = _answer(rows, events.slips, events.cascades, tracker.cover_height_m())
-    if args.out:
-        np.savez_compressed(args.out, **answer)
+    if args.output:
+        np.savez_compressed(args.output, **answer)
     summary = _summary(rows, spent, answer)
     if args.json:
         print(json.dumps(summary))

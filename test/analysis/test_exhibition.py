@@ -192,7 +192,7 @@ def test_the_law_is_that_of_one_bag_with_all_cascades(found, digests):
 
 
 def test_the_catalogue_has_units_and_origin_and_zmap_columns(week, tmp_path, capsys):
-    assert cli.main(['report', str(week), '--all', '--out', str(tmp_path), '--json']) == 0
+    assert cli.main(['report', str(week), '--all', '--output', str(tmp_path), '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     table = pq.read_table(tmp_path / 'catalogue.parquet')
     provenance = json.loads(table.schema.metadata[b'eol_ros'])
@@ -225,7 +225,7 @@ def test_what_is_no_bag_is_named_and_left_out(week, tmp_path, capsys):
     (tmp_path / 'broken' / 'x_0.mcap').write_bytes(b'nonsense')
     empty = tmp_path / 'empty'
     empty.mkdir()
-    words = [str(week / 'day1'), str(tmp_path), '--out', str(tmp_path / 'out')]
+    words = [str(week / 'day1'), str(tmp_path), '--output', str(tmp_path / 'out')]
 
     assert cli.main(['report', *words]) == 0
     said = capsys.readouterr().out
@@ -235,7 +235,8 @@ def test_what_is_no_bag_is_named_and_left_out(week, tmp_path, capsys):
     assert cli.main(['report', str(empty), '--all']) == os.EX_CONFIG
     assert cli.main(['report', *words, '--csv', 'slips']) == 2
     assert (
-        cli.main(['report', str(tmp_path), '--all', '--out', str(tmp_path / 'o')]) == os.EX_CONFIG
+        cli.main(['report', str(tmp_path), '--all', '--output', str(tmp_path / 'o')])
+        == os.EX_CONFIG
     )
     assert 'no bag that can be reported' in capsys.readouterr().err
 
@@ -247,7 +248,7 @@ def test_files_beside_the_bags_of_a_folder_are_named_and_left_out(tmp_path, caps
     (tmp_path / 'cut.mcap').write_bytes(whole.read_bytes())
     (tmp_path / 'broken.mcap').write_bytes(b'nonsense')
 
-    assert cli.main(['report', str(tmp_path), '--all', '--out', str(tmp_path / 'out')]) == 0
+    assert cli.main(['report', str(tmp_path), '--all', '--output', str(tmp_path / 'out')]) == 0
     said = capsys.readouterr().out
     assert '1 bags' in said and f'{SLIPS} slips' in said
     assert f'{tmp_path}/broken.mcap: a file beside the bags, left out' in said

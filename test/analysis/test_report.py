@@ -117,7 +117,7 @@ def test_an_empty_or_foreign_bag_says_what_it_cannot_say(tmp_path, capsys, topic
         bag.write(topic, slip, T0 + i * 10**9, T0 + i * 10**9)
     bag.close()
 
-    assert cli.main(['report', str(tmp_path / 'run'), '--out', str(tmp_path / 'out')]) == 0
+    assert cli.main(['report', str(tmp_path / 'run'), '--output', str(tmp_path / 'out')]) == 0
     lines = [
         'cascades: law, waiting times, aftershocks and energies cannot be told: no cascades in '
         'this bag',
@@ -267,7 +267,7 @@ def test_a_law_that_is_rejected_has_no_line(rejected):
 
 @pytest.mark.slow
 def test_the_same_bag_gives_the_same_page_by_the_command(big, page, tmp_path, capsys):
-    assert cli.main(['report', str(big[0].path), '--out', str(tmp_path), '--json']) == 0
+    assert cli.main(['report', str(big[0].path), '--output', str(tmp_path), '--json']) == 0
     assert json.loads(capsys.readouterr().out) == page[1]
     for file in page[0].iterdir():
         assert file.read_bytes() == (tmp_path / file.name).read_bytes(), file.name
@@ -275,7 +275,7 @@ def test_the_same_bag_gives_the_same_page_by_the_command(big, page, tmp_path, ca
 
 def test_csv_and_mistakes(big, tmp_path, capsys):
     path = str(big[0].path)
-    assert cli.main(['report', path, '--csv', 'slips', '--out', str(tmp_path / 'c')]) == 0
+    assert cli.main(['report', path, '--csv', 'slips', '--output', str(tmp_path / 'c')]) == 0
     assert capsys.readouterr().out.strip() == str(tmp_path / 'c' / 'slips.csv')
     with open(tmp_path / 'c' / 'slips.csv', newline='') as file:
         assert len(list(csv.DictReader(file))) == 4000
@@ -286,7 +286,7 @@ def test_csv_and_mistakes(big, tmp_path, capsys):
         ((path, '--csv', 'walls'), 78),
         ((path, '--csv', ''), 2),
         ((path, '--retrack'), 78),
-        ((path, '--csv', 'slips', '--out', str(tmp_path / 'not.txt' / 'x')), 78),
+        ((path, '--csv', 'slips', '--output', str(tmp_path / 'not.txt' / 'x')), 78),
     ):
         got = cli.main(['report', *words])
         said = capsys.readouterr()

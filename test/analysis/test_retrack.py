@@ -330,7 +330,7 @@ def test_the_report_says_what_was_proved(run, monkeypatch, tmp_path, capsys):
 
     parser = argparse.ArgumentParser()
     report.add_arguments(parser)
-    args = parser.parse_args([str(run.path), '--out', str(tmp_path), '--retrack'])
+    args = parser.parse_args([str(run.path), '--output', str(tmp_path), '--retrack'])
     monkeypatch.setattr('eol_ros.analysis.bag.open_bag', lambda path: run)
     assert report.run(args) == 0
     assert 'recomputed from the recorded input: equal to the last bit' in capsys.readouterr().out

@@ -105,7 +105,7 @@ def test_a_worker_of_a_cluster_killed_in_mid_task_loses_nothing(cluster, given, 
 
 
 def test_the_command_uses_the_cluster(cluster, given, tmp_path, capsys):
-    words = ['sweep', str(tmp_path / 'sweep.yaml'), '--out', str(tmp_path / 'out.csv'), '--json']
+    words = ['sweep', str(tmp_path / 'sweep.yaml'), '--output', str(tmp_path / 'out.csv'), '--json']
 
     assert cli.main([*words, '--scheduler', cluster.address]) == 0
     assert json.loads(capsys.readouterr().out)['computed'] == 32
@@ -120,7 +120,7 @@ def test_many_bags_are_read_on_the_cluster(cluster, given, tmp_path, capsys):
             more_ns = later_s * 10**9  # of the reception alone
             bag.write(m.topic, m.data, m.log_ns + more_ns, m.publish_ns + more_ns)
         bag.close()
-    words = ['report', str(tmp_path / 'bags'), '--all', '--json', '--out', str(tmp_path / 'out')]
+    words = ['report', str(tmp_path / 'bags'), '--all', '--json', '--output', str(tmp_path / 'out')]
 
     assert cli.main(words) == 0
     here = json.loads(capsys.readouterr().out)
@@ -150,7 +150,7 @@ def test_nobody_at_the_address_is_said(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(crews, 'REACH_S', 0.5)
     path = tmp_path / 'sweep.yaml'
     path.write_text('model: ofc')
-    words = ['sweep', str(path), '--out', str(tmp_path / 'a.csv'), '--scheduler']
+    words = ['sweep', str(path), '--output', str(tmp_path / 'a.csv'), '--scheduler']
 
     assert cli.main([*words, 'tcp://127.0.0.1:9']) == os.EX_UNAVAILABLE
     assert 'no Dask scheduler answers there' in capsys.readouterr().err

@@ -295,7 +295,7 @@ def test_the_command_computes_counts_and_goes_on(write, tmp_path, capsys, monkey
     assert first['computed'] == first['rows'] == 6 and first['missing'] == 0
     assert second['computed'] == 0 and second['rows'] == 6
     assert pq.read_table(tmp_path / 'sweep.parquet').num_rows == 6
-    assert cli.main(['sweep', str(path), '--workers', '0', '--out', 'b.csv']) == 2
+    assert cli.main(['sweep', str(path), '--workers', '0', '--output', 'b.csv']) == 2
     assert cli.main(['sweep', str(write('model: ofc\nfixed: {sze: 3}'))]) == os.EX_CONFIG
     assert 'sweep.yaml:2:9 error fixed.sze' in capsys.readouterr().err
     assert cli.main(['sweep', '--parameters', 'plate']) == 0

@@ -61,7 +61,7 @@ def test_places_of_another_program_are_taken_by_number_and_scaled(corpus, tmp_pa
     places = {'4': [3, 0.25], '0': [-1, 0.5], '2': [1, 1]}
     (tmp_path / 'grid.json').write_text(json.dumps({'cols': 2, 'data': places}))
     out = tmp_path / 'new.json'
-    words = [str(tmp_path / 'a.json'), str(tmp_path / 'grid.json'), '--out', str(out)]
+    words = [str(tmp_path / 'a.json'), str(tmp_path / 'grid.json'), '--output', str(out)]
     assert cli.main(['corpus', 'import', *words]) == 0
     grains = corpus_file.load(out).grains
     assert grains['x'][[0, 2, 4]].tolist() == [0, 0.5, 1]

@@ -51,7 +51,7 @@ def test_a_missing_file_is_a_missing_device(tmp_path):
 
 def test_simulate_writes_what_it_promises(tmp_path, capsys):
     out = tmp_path / 'r.npz'
-    code = cli.main(['simulate', 'S1', '--json', '--out', str(out), '--sample', '0.5'])
+    code = cli.main(['simulate', 'S1', '--json', '--output', str(out), '--sample', '0.5'])
     report = json.loads(capsys.readouterr().out)
     assert code == 0
     assert report['path'] == 'exact'

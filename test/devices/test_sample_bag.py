@@ -83,14 +83,14 @@ def test_a_folder_stands_for_it_only_until_something_is_recorded(tmp_path):
 
 @pytest.mark.slow
 def test_report_and_render_need_nothing_else(tmp_path):
-    assert cli.main(['report', str(SAMPLE), '--out', str(tmp_path / 'report')]) == 0
+    assert cli.main(['report', str(SAMPLE), '--output', str(tmp_path / 'report')]) == 0
     found = json.loads((tmp_path / 'report' / 'report.json').read_text())
     assert found['slips']['count'] >= 200 and found['cascades']['count'] >= 20
 
     # As on a machine where nothing has run yet: not even the recording of ice is there.
     out = tmp_path / 'sample.wav'
     done = subprocess.run(
-        [sys.executable, '-m', 'eol_ros', 'render', str(SAMPLE), '--out', str(out)],
+        [sys.executable, '-m', 'eol_ros', 'render', str(SAMPLE), '--output', str(out)],
         env={**os.environ, 'EOL_CACHE': str(tmp_path / 'cache')},
         capture_output=True,
         text=True,

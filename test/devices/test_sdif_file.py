@@ -80,7 +80,7 @@ def test_there_and_back_is_the_same(corpus, tmp_path, capsys):
     assert cli.main(['corpus', 'export', str(tmp_path / 'a.json'), path]) == 0
     assert '7 points of' in capsys.readouterr().out
     out = str(tmp_path / 'new.json')
-    assert cli.main(['corpus', 'import', str(tmp_path / 'a.json'), path, '--out', out]) == 0
+    assert cli.main(['corpus', 'import', str(tmp_path / 'a.json'), path, '--output', out]) == 0
     back = corpus_file.load(tmp_path / 'new.json')
     there = corpus_file.load(tmp_path / 'a.json')
     for name in there.grains.dtype.names:

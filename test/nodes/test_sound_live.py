@@ -75,7 +75,7 @@ def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
     assert values['underruns'] == 0, 'the machine stood still for half a second'
     bag = next((tmp_path / 'bags').iterdir())
     out = tmp_path / 'offline.wav'
-    assert cli.main(['render', str(bag), '--scene', str(path), '--out', str(out)]) == 0
+    assert cli.main(['render', str(bag), '--scene', str(path), '--output', str(out)]) == 0
     offline, rate = soundfile.read(out, dtype='float32')
     assert rate == FS and np.abs(offline).max() > 0.5
     wanted = np.round(np.clip(offline, -1, 1) * 32767).astype('<i2')

@@ -257,7 +257,7 @@ def test_lights_start_and_import_only_what_they_need(tmp_path):
 
     [bag] = (tmp_path / 'lights.bags').iterdir()
     out = tmp_path / 'report'
-    assert cli.main(['report', str(bag), '--out', str(out)]) == 0
+    assert cli.main(['report', str(bag), '--output', str(out)]) == 0
     found = json.loads((out / 'report.json').read_text())
     assert found['messages']['/eol/blocks'] > 120
     assert found['messages']['/eol/led_commands'] > 0

@@ -179,7 +179,7 @@ def test_every_command_that_meets_damage_says_so(tmp_path):
     left = damaged(tmp_path / 'bad')
     done = subprocess.run(
         [sys.executable, '-m', 'eol_ros', 'report', tmp_path / 'bad', '--csv', 'point',
-         '--out', tmp_path / 'out'], capture_output=True, text=True,
+         '--output', tmp_path / 'out'], capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 1
     assert 'from 10.000 s to 19.000 s may be missing' in done.stderr

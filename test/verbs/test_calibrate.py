@@ -35,7 +35,7 @@ def test_blocks_to_yaml_and_picture(picture, tmp_path, capsys):
                 'calibrate',
                 'blocks',
                 picture,
-                '--out',
+                '--output',
                 str(out),
                 '--picture',
                 str(seen),
@@ -66,13 +66,13 @@ def test_printed_covers_are_kept_with_the_calibration(tmp_path, capsys):
     xy = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]])
     path, out, stl = tmp_path / 'p.csv', tmp_path / 'c.yaml', tmp_path / 'covers'
     np.savetxt(path, np.hstack([truth.to_pixels(xy), xy]), delimiter=',')
-    way = ['calibrate', 'points', str(path), '--size', '1280x800', '--out', str(out)]
+    way = ['calibrate', 'points', str(path), '--size', '1280x800', '--output', str(out)]
     stl.mkdir()
 
     assert cli.main([*way, '--covers', str(stl)]) == 78
     told = capsys.readouterr().err
     assert 'has 0 files cover-*.stl, not 25' in told and '`eol covers' in told
-    assert cli.main(['covers', '--out', str(stl), '--cells', '12', '--relief', '30']) == 0
+    assert cli.main(['covers', '--output', str(stl), '--cells', '12', '--relief', '30']) == 0
     assert cli.main([*way, '--covers', str(stl), '--cover-gap', '0.002']) == 0
     covers = calibration_file.load(out).covers
     assert covers.lower_mm == 2.0
@@ -85,7 +85,7 @@ def test_points_need_a_size_and_four_columns(tmp_path, capsys):
     path = tmp_path / 'p.csv'
     np.savetxt(path, np.hstack([truth.to_pixels(xy), xy]), delimiter=',')
     out = str(tmp_path / 'c.yaml')
-    assert cli.main(['calibrate', 'points', str(path), '--size', '1280x800', '--out', out]) == 0
+    assert cli.main(['calibrate', 'points', str(path), '--size', '1280x800', '--output', out]) == 0
     assert np.abs(calibration_file.load(out).to_table([[639.5, 399.5]])).max() < 1e-6
     assert 'four points fit any table' in capsys.readouterr().out
     assert cli.main(['calibrate', 'points', str(path)]) == 2
@@ -102,7 +102,7 @@ def test_a_mirror_is_said_and_kept(picture, tmp_path, capsys):
     image = cv2.imread(picture, cv2.IMREAD_GRAYSCALE)
     mirrored, out = str(tmp_path / 'mirrored.png'), tmp_path / 'c.yaml'
     cv2.imwrite(mirrored, cv2.flip(image, 1))
-    words = ['calibrate', 'blocks', mirrored, '--mirror', '--out', str(out), '--json']
+    words = ['calibrate', 'blocks', mirrored, '--mirror', '--output', str(out), '--json']
     assert cli.main(words) == 0
     assert json.loads(capsys.readouterr().out)['mirror'] is True
     camera = calibration_file.load(out)
@@ -116,7 +116,7 @@ def test_points_whose_y_runs_down_are_refused(tmp_path, capsys):
     xy = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]])
     path, out = tmp_path / 'p.csv', tmp_path / 'c.yaml'
     np.savetxt(path, np.hstack([truth.to_pixels(xy), xy * [1, -1]]), delimiter=',')
-    words = ['calibrate', 'points', str(path), '--size', '1280x800', '--out', str(out)]
+    words = ['calibrate', 'points', str(path), '--size', '1280x800', '--output', str(out)]
     assert cli.main(words) == 78
     (error,) = capsys.readouterr().err.strip().splitlines()
     assert 'add --mirror' in error
@@ -168,7 +168,7 @@ def test_user_mistakes_get_one_line(picture, tmp_path, capsys):
         (['blocks', str(tmp_path / 'none.png')], 69, 'no such file'),
         (['blocks', str(tmp_path / 'text.png')], 78, 'not an image'),
         (['blocks', picture, '--lens', str(lens)], 78, 'is for images of 640x400'),
-        (['blocks', picture, '--out', str(tmp_path / 'no' / 'c.yaml')], 78, 'cannot write'),
+        (['blocks', picture, '--output', str(tmp_path / 'no' / 'c.yaml')], 78, 'cannot write'),
         (['board', picture], 78, 'first image shows'),
     ):
         assert cli.main(['calibrate', *words]) == code

@@ -37,7 +37,7 @@ def eol(capsys, *words):
 
 def test_makes_json_csv_and_labels(capsys, floe, tmp_path):
     code, out, err = eol(
-        capsys, floe, '--grain', 0.2, '--overlap', 0.5, '--out', tmp_path / 'c.json',
+        capsys, floe, '--grain', 0.2, '--overlap', 0.5, '--output', tmp_path / 'c.json',
         '--csv', tmp_path / 'c.csv', '--labels-out', tmp_path / 'c.txt',
     )  # fmt: skip
     assert code == 0
@@ -83,30 +83,30 @@ def test_labels_in(capsys, floe, tmp_path):
 @pytest.mark.slow
 def test_show_draws_the_space(capsys, floe, tmp_path):
     pytest.importorskip('matplotlib', reason='images: pip install matplotlib')
-    eol(capsys, floe, '--out', tmp_path / 'c.json')
-    code, out, _ = eol(capsys, 'show', tmp_path / 'c.json', '--out', tmp_path / 'c.png')
+    eol(capsys, floe, '--output', tmp_path / 'c.json')
+    code, out, _ = eol(capsys, 'show', tmp_path / 'c.json', '--output', tmp_path / 'c.png')
     assert code == 0 and out.strip() == str(tmp_path / 'c.png')
     import cv2
 
     picture = cv2.imread(str(tmp_path / 'c.png'))
     assert picture.shape[1] > 1000 and len(np.unique(picture.reshape(-1, 3), axis=0)) > 200
-    code, _, err = eol(capsys, 'show', tmp_path / 'c.json', '--out', tmp_path / 'no' / 'c.png')
+    code, _, err = eol(capsys, 'show', tmp_path / 'c.json', '--output', tmp_path / 'no' / 'c.png')
     assert code == 78 and 'cannot be written' in err
     second = shutil.copy(floe, tmp_path / 'second.wav')
-    eol(capsys, floe, second, '--region', 'second left', '--out', tmp_path / 'c.json')
-    assert eol(capsys, 'show', tmp_path / 'c.json', '--out', tmp_path / 'c.svg')[0] == 0
+    eol(capsys, floe, second, '--region', 'second left', '--output', tmp_path / 'c.json')
+    assert eol(capsys, 'show', tmp_path / 'c.json', '--output', tmp_path / 'c.svg')[0] == 0
     told = (tmp_path / 'c.svg').read_text()  # which names what it draws in comments
     assert all(f'<!-- {words} -->' in told for words in ('floe.wav', 'second.wav'))
 
 
 def test_move_keeps_the_place_beside_the_sound(capsys, floe, tmp_path):
-    eol(capsys, floe, '--out', tmp_path / 'c.json')
+    eol(capsys, floe, '--output', tmp_path / 'c.json')
     before = corpus_file.load(tmp_path / 'c.json').digest
     code, out, _ = eol(capsys, 'move', tmp_path / 'c.json', 4, 0.25, 0.75)
     assert code == 0 and json.loads(out)['kept_in'] == str(tmp_path / 'floe.moved.csv')
     moved = corpus_file.load(tmp_path / 'c.json')
     assert tuple(moved.grains[4][['x', 'y']]) == (0.25, 0.75) and moved.digest != before
-    eol(capsys, floe, '--out', tmp_path / 'd.json')  # analysed again: it is still there
+    eol(capsys, floe, '--output', tmp_path / 'd.json')  # analysed again: it is still there
     again = corpus_file.load(tmp_path / 'd.json')
     assert tuple(again.grains[4][['x', 'y']]) == (0.25, 0.75)
 
@@ -133,7 +133,7 @@ def test_no_sound_means_the_ice(capsys, monkeypatch):
         (['{floe}', '--gate-on', '-60'], 2, '--gate-off'),
         (['{floe}', '--segment', 'labels'], 69, 'no such label file'),
         (['{floe}', '--labels', 'x'], 2, 'only with --segment labels'),
-        (['{floe}', '--out', '{dir}/no/c.json'], 78, 'cannot be written'),
+        (['{floe}', '--output', '{dir}/no/c.json'], 78, 'cannot be written'),
         (['{floe}', '{floe}', '--labels-out', 'x'], 2, 'is for one sound'),
         (['show', 'no.json'], 69, 'no such corpus'),
         (['show', 'a', 'b'], 2, 'show takes one'),

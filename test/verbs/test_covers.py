@@ -13,7 +13,7 @@ from eol_ros.devices.files import stl_file
 
 def test_writes_watertight_covers_that_fit(tmp_path, capsys):
     trimesh = pytest.importorskip('trimesh')
-    assert main(['covers', '--out', str(tmp_path), '--cells', '10', '--json']) == 0
+    assert main(['covers', '--output', str(tmp_path), '--cells', '10', '--json']) == 0
     told = capsys.readouterr()
     listed = json.loads(told.out)
     assert f'eol calibrate ... --covers {tmp_path} --cover-gap 0.034' in told.err
@@ -42,7 +42,7 @@ def test_a_height_map_of_ones_own_and_sizes(tmp_path, capsys):
     out = tmp_path / 'out'
     sizes = ['--rows=1', '--cols=2', '--cells=4', '--side=60', '--skirt=5', '--relief=30']
     sizes += ['--lip=0']
-    assert main(['covers', '--out', str(out), '--heightmap', str(picture), *sizes]) == 0
+    assert main(['covers', '--output', str(out), '--heightmap', str(picture), *sizes]) == 0
     names = capsys.readouterr().out.split()
     assert [n.rsplit('/', 1)[1] for n in names] == ['cover-00.stl', 'cover-01.stl', 'covers.png']
     left, right = (stl_file.load(n) for n in names[:2])
@@ -65,12 +65,12 @@ def test_a_height_map_of_ones_own_and_sizes(tmp_path, capsys):
     ],
 )
 def test_mistakes_are_one_line(tmp_path, capsys, words, code, says):
-    assert main(['covers', '--out', str(tmp_path / 'o'), *words]) == code
+    assert main(['covers', '--output', str(tmp_path / 'o'), *words]) == code
     text = capsys.readouterr().err
     assert says in text and text.count('\n') == 1
 
 
 def test_the_folder_cannot_be_made(tmp_path, capsys):
     (tmp_path / 'file').write_text('')
-    assert main(['covers', '--out', str(tmp_path / 'file')]) == 78
-    assert '--out' in capsys.readouterr().err
+    assert main(['covers', '--output', str(tmp_path / 'file')]) == 78
+    assert '--output' in capsys.readouterr().err

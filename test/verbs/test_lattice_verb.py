@@ -46,7 +46,7 @@ def test_the_json_is_what_was_promised(capsys):
 
 def test_a_fraction_is_taken_exactly(capsys, tmp_path):
     out = tmp_path / 'events.npz'
-    words = ('--size', 7, '--alpha', '1/5', '--events', 120, '--seed', 4, '--out', out, '--json')
+    words = ('--size', 7, '--alpha', '1/5', '--events', 120, '--seed', 4, '--output', out, '--json')
     code, text, err = lattice(capsys, *words)
     start = np.random.default_rng(4).integers(0, 100_000, (7, 7))
     expected = ExactAutomaton(start, 100_000, Fraction(1, 5)).run(120)
@@ -63,7 +63,7 @@ def test_a_start_file_is_taken_exactly_and_whole(capsys, tmp_path):
     start = np.random.default_rng(9).integers(0, 100_000, (6, 6))
     np.save(tmp_path / 's.npy', start)
     out = tmp_path / 'e.npz'
-    words = ('--start', tmp_path / 's.npy', '--alpha', 0.2, '--events', 50, '--out', out)
+    words = ('--start', tmp_path / 's.npy', '--alpha', 0.2, '--events', 50, '--output', out)
     code, _, _ = lattice(capsys, *words)
 
     assert code == 0
@@ -76,7 +76,7 @@ def test_warm_up_is_part_of_the_same_run(capsys, tmp_path):
     sizes = []
     for warmup, events in ((0, 3000), (2000, 1000)):
         out = tmp_path / f'{warmup}.npz'
-        lattice(capsys, '--size', 16, '--events', events, '--warmup', warmup, '--out', out)
+        lattice(capsys, '--size', 16, '--events', events, '--warmup', warmup, '--output', out)
         with np.load(out) as found:
             sizes.append(found['size'])
 
@@ -125,7 +125,7 @@ def test_too_few_events_are_told_instead_of_fitted(capsys):
         (('--start', 'none.npy'), 69, 'there is no file none.npy'),
         (('--model', 'oslo', '--arithmetic', 'exact'), 2, 'leave out'),
         # told before the run, which would not end
-        (('--out', '/nowhere/x.npz', '--size', 64, '--events', 10**12), 78, 'No such file'),
+        (('--output', '/nowhere/x.npz', '--size', 64, '--events', 10**12), 78, 'No such file'),
     ],
 )
 def test_mistakes_are_one_line(capsys, words, code, message):

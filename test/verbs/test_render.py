@@ -32,7 +32,9 @@ def sound(tmp_path):
 
 @pytest.fixture
 def corpus(tmp_path, sound):
-    code = cli.main(['corpus', str(sound[0]), '--grain', '0.2', '--out', str(tmp_path / 'c.json')])
+    code = cli.main(
+        ['corpus', str(sound[0]), '--grain', '0.2', '--output', str(tmp_path / 'c.json')]
+    )
     assert code == 0
     return tmp_path / 'c.json'
 
@@ -59,7 +61,7 @@ def eol(capsys, *words):
 def test_a_full_disk_is_one_line(capsys, tmp_path, corpus, triggers, ending):
     out = tmp_path / f'x.{ending}'
     out.symlink_to('/dev/full')
-    code, _, err = eol(capsys, triggers, '--corpus', corpus, '--out', out)
+    code, _, err = eol(capsys, triggers, '--corpus', corpus, '--output', out)
 
     assert code == 78
     assert err.splitlines()[-1].startswith(f'eol render: {out}: cannot be written (')
@@ -78,7 +80,7 @@ def test_a_fault_that_has_nothing_to_do_with_the_file_is_not_told_of_it(tmp_path
 @pytest.mark.slow
 def test_a_csv_gives_the_samples_of_a_live_run(capsys, tmp_path, sound, corpus, triggers):
     """Live: a mixer fed as time goes by, in the blocks of a sound card, with latency."""
-    words = ('--corpus', corpus, '--out', tmp_path / 'x.wav', '--json')
+    words = ('--corpus', corpus, '--output', tmp_path / 'x.wav', '--json')
     code, out, err = eol(capsys, triggers, *words)
     assert code == 0, err
     figures = json.loads(out)
@@ -133,8 +135,8 @@ def record(path, sound, wanted):
 @pytest.mark.slow
 def test_a_bag_brings_its_own_corpus(capsys, tmp_path, sound, triggers, corpus):
     record(tmp_path / 'bag', sound[0], load_triggers(triggers))
-    assert eol(capsys, tmp_path / 'bag', '--out', tmp_path / 'bag.wav')[0] == 0
-    assert eol(capsys, triggers, '--corpus', corpus, '--out', tmp_path / 'csv.wav')[0] == 0
+    assert eol(capsys, tmp_path / 'bag', '--output', tmp_path / 'bag.wav')[0] == 0
+    assert eol(capsys, triggers, '--corpus', corpus, '--output', tmp_path / 'csv.wav')[0] == 0
     ours, csv = (soundfile.read(tmp_path / f'{n}.wav', dtype='float32')[0] for n in ('bag', 'csv'))
     size = min(len(ours), len(csv))
     assert ours[:size].any()
@@ -146,13 +148,13 @@ def test_what_a_user_may_get_wrong_is_one_line(capsys, tmp_path, corpus, trigger
     out = tmp_path / 'x.wav'
     bad = tmp_path / 'bad.csv'
     cases = [
-        ((triggers, '--out', out), 2, 'add --corpus'),
-        ((triggers, '--corpus', corpus, '--out', tmp_path / 'x.xyz'), 2, 'names the format'),
-        ((triggers, '--corpus', corpus, '--out', tmp_path / 'no' / 'x.wav'), 78, 'No such file'),
-        ((triggers, '--corpus', tmp_path / 'no.json', '--out', out), 69, 'no such corpus'),
-        ((tmp_path / 'no.csv', '--corpus', corpus, '--out', out), 69, 'No such file'),
-        ((triggers, '--corpus', corpus, '--out', out, '--seconds', '-1'), 2, 'above zero'),
-        ((bad, '--corpus', corpus, '--out', out), 78, "bad.csv:3 gain is 'loud'"),
+        ((triggers, '--output', out), 2, 'add --corpus'),
+        ((triggers, '--corpus', corpus, '--output', tmp_path / 'x.xyz'), 2, 'names the format'),
+        ((triggers, '--corpus', corpus, '--output', tmp_path / 'no' / 'x.wav'), 78, 'No such file'),
+        ((triggers, '--corpus', tmp_path / 'no.json', '--output', out), 69, 'no such corpus'),
+        ((tmp_path / 'no.csv', '--corpus', corpus, '--output', out), 69, 'No such file'),
+        ((triggers, '--corpus', corpus, '--output', out, '--seconds', '-1'), 2, 'above zero'),
+        ((bad, '--corpus', corpus, '--output', out), 78, "bad.csv:3 gain is 'loud'"),
     ]
     bad.write_text('time_s,grain,gain\n0,1,1\n1,2,loud\n')
     for words, code, text in cases:
@@ -166,7 +168,7 @@ def test_what_a_user_may_get_wrong_is_one_line(capsys, tmp_path, corpus, trigger
 def test_refused_triggers_are_counted_and_nothing_is_silence(capsys, tmp_path, corpus):
     odd = tmp_path / 'odd.csv'
     odd.write_text('time_s,grain,gain\n0,999,1\n0.1,1,nan\n0.2,1,-3\n')
-    code, out, _ = eol(capsys, odd, '--corpus', corpus, '--out', tmp_path / 'x.wav', '--json')
+    code, out, _ = eol(capsys, odd, '--corpus', corpus, '--output', tmp_path / 'x.wav', '--json')
     assert code == 0
     assert json.loads(out)['dropped'] == 3
     assert not soundfile.read(tmp_path / 'x.wav')[0].any()
@@ -180,7 +182,7 @@ def test_of_the_first_seconds_no_other_trigger_is_counted(capsys, tmp_path, soun
     own, other = (tmp_path / 'bag',), ('--corpus', corpus)
     for source in ((odd, *other), (*own, *other), own):
         for seconds, told in (((), (6, 2)), (('--seconds', '0.5'), (3, 1))):
-            code, out, _ = eol(capsys, *source, '--out', tmp_path / 'x.wav', '--json', *seconds)
+            code, out, _ = eol(capsys, *source, '--output', tmp_path / 'x.wav', '--json', *seconds)
             figures = json.loads(out)
             assert code == 0 and (figures['triggers'], figures['dropped']) == told
 

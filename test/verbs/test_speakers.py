@@ -41,7 +41,7 @@ def test_lists_them_with_delay_and_trim(scene, capsys):
 
 def test_writes_noise_for_each_in_turn(scene, tmp_path, capsys):
     out = tmp_path / 'test.wav'
-    words = ['--test', 'sub,left', '--seconds', '0.5', '--out', str(out)]
+    words = ['--test', 'sub,left', '--seconds', '0.5', '--output', str(out)]
     assert cli.main(['speakers', scene, *words]) == 0
     sound, rate = soundfile.read(out)
     half = len(sound) // 2
@@ -76,7 +76,7 @@ def test_says_which_one_plays_while_it_plays(scene, capsys, monkeypatch):
 def test_refuses_a_name_that_is_not_there(scene, capsys):
     assert cli.main(['speakers', scene, '--test', 'middle']) == 2
     assert 'there are front, left, right, sub' in capsys.readouterr().err
-    assert cli.main(['speakers', scene, '--out', 'x.wav']) == 2
+    assert cli.main(['speakers', scene, '--output', 'x.wav']) == 2
 
 
 def test_check_tells_what_does_not_fit(scene, tmp_path, capsys):

@@ -43,7 +43,7 @@ def stack(tmp_path_factory):
 @pytest.fixture(scope='module')
 def answer(stack):
     out = stack.with_name('answer.npz')
-    assert cli.main(['track', str(stack), '--out', str(out), '--fps', '60']) == 0
+    assert cli.main(['track', str(stack), '--output', str(out), '--fps', '60']) == 0
     return np.load(out)
 
 
@@ -104,7 +104,7 @@ def dropped(stack):
 def tracked(images, *words):
     out = images.with_name('dropped.npz')
     table = images.with_name('ideal.yaml')
-    command = ['track', str(images), '--calibration', str(table), '--out', str(out), *words]
+    command = ['track', str(images), '--calibration', str(table), '--output', str(out), *words]
     assert cli.main(command) == 0
     return np.load(out)
 
@@ -166,7 +166,7 @@ def test_a_film_needs_as_many_stamps_as_it_has_images(stack, tmp_path, capsys):
     assert 'has 3 stamps, but' in capsys.readouterr().err
     stamps.write_text('0.5\n0.6\n0.65\n2.0\n')
     out = tmp_path / 'out.npz'
-    assert cli.main(['track', str(film), '--stamps', str(stamps), '--out', str(out)]) == 0
+    assert cli.main(['track', str(film), '--stamps', str(stamps), '--output', str(out)]) == 0
     assert np.load(out)['time'].tolist() == [0.5, 0.6, 0.65, 2.0]
     assert cli.main(['track', str(film), '--stamps', str(stamps), '--fps', '60']) == 2
     assert cli.main(['track', str(film), '--stamps', str(tmp_path / 'none.txt')]) == 69
@@ -203,7 +203,7 @@ def turned_in_a_mirror(tmp_path_factory):
 
 def test_a_film_through_a_mirror(turned_in_a_mirror, tmp_path, capsys):
     out, seen = tmp_path / 'answer.npz', tmp_path / 'seen.png'
-    words = ['track', str(turned_in_a_mirror), '--out', str(out), '--overlay', str(seen)]
+    words = ['track', str(turned_in_a_mirror), '--output', str(out), '--overlay', str(seen)]
     assert cli.main([*words, '--mirror']) == 0
     answer = np.load(out)
     assert np.abs(answer['world'][-1, :, :2] - rest_lattice()).max() < 2e-4
@@ -256,7 +256,7 @@ def test_folder_and_film_give_the_same_ids(stack, tmp_path):
     results = []
     for source in (folder, tmp_path / 'film.avi'):
         out = tmp_path / 'out.npz'
-        assert cli.main(['track', str(source), '--out', str(out)]) == 0
+        assert cli.main(['track', str(source), '--output', str(out)]) == 0
         results.append(np.load(out)['px'])
     assert np.array_equal(results[0], results[1])
 
@@ -287,7 +287,7 @@ def test_a_film_that_ends_in_the_middle_of_an_image(stack, tmp_path, capsys):
     cut = tmp_path / 'cut.avi'
     cut.write_bytes(whole.read_bytes()[: int(whole.stat().st_size * 0.6)])
     out = tmp_path / 'out.npz'
-    code = cli.main(['track', str(cut), '--out', str(out)])
+    code = cli.main(['track', str(cut), '--output', str(out)])
     assert code in (0, 78)
     error = capsys.readouterr().err
     if code == 0:
@@ -298,7 +298,7 @@ def test_a_film_that_ends_in_the_middle_of_an_image(stack, tmp_path, capsys):
 
 def test_other_bad_wishes(stack, tmp_path, capsys):
     assert cli.main(['track', str(stack), '--fps', '0']) == 2
-    assert cli.main(['track', str(stack), '--out', str(tmp_path / 'no' / 'a.npz')]) == 78
+    assert cli.main(['track', str(stack), '--output', str(tmp_path / 'no' / 'a.npz')]) == 78
     empty = tmp_path / 'empty'
     empty.mkdir()
     assert cli.main(['track', str(empty)]) == 69
@@ -365,7 +365,7 @@ def test_a_bag_is_tracked_by_its_own_stamps(stack, tmp_path, capsys, encoding):
     bag.write('/eol/block_taps', serialize_message(tap), stamps[3], stamps[3], 1)
     bag.close()
     out = tmp_path / 'out.npz'
-    code = cli.main(['track', str(tmp_path / 'bag'), '--out', str(out)])
+    code = cli.main(['track', str(tmp_path / 'bag'), '--output', str(out)])
     if encoding != 'mono8':
         assert code == 78
         assert 'not mono8' in capsys.readouterr().err

@@ -53,12 +53,12 @@ class Table:
             self._parts.mkdir(parents=True, exist_ok=True)
             self._lock = os.open(self._parts, os.O_RDONLY)  # held until `close`
         except OSError as error:
-            raise ConfigError(f'--out {self.path}: {error.strerror}') from None
+            raise ConfigError(f'--output {self.path}: {error.strerror}') from None
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             os.close(self._lock)
-            raise ConfigError(f'--out {self.path}: another sweep writes to it') from None
+            raise ConfigError(f'--output {self.path}: another sweep writes to it') from None
         try:
             self._keys = self._known()
         except BaseException:
@@ -122,12 +122,12 @@ class Table:
             what = f'the table of a sweep over {found}' if found else 'not the table of a sweep'
             if found == self.model:
                 what = f'a table of {found} with other columns'
-            raise ConfigError(f'--out {self.path}: {what}; give another file')
+            raise ConfigError(f'--output {self.path}: {what}; give another file')
         for name, value in self._made_by.items():
             there = about['made_by'].get(name)
             if there != value:
                 raise ConfigError(
-                    f'--out {self.path}: computed with {name} {there}, here is {name} {value}: '
+                    f'--output {self.path}: computed with {name} {there}, here is {name} {value}: '
                     'their rows do not belong together; give another file'
                 )
 
@@ -167,7 +167,7 @@ class Table:
                 os.fsync(file.fileno())
             self._format.publish(half, path)
         except OSError as error:
-            raise ConfigError(f'--out {path}: {error.strerror}') from None
+            raise ConfigError(f'--output {path}: {error.strerror}') from None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -343,11 +343,11 @@ def _format_of(path: Path) -> type[_Parquet] | type[_Csv]:
     if path.suffix == '.csv':
         return _Csv
     if path.suffix != '.parquet':
-        raise UsageError(f'--out {path}: a name that ends in .parquet or .csv is wanted')
+        raise UsageError(f'--output {path}: a name that ends in .parquet or .csv is wanted')
     if not has_parquet():
         raise UsageError(
-            f'--out {path}: Parquet needs pyarrow: {pip_install("pyarrow")}, or give a name that '
-            'ends in .csv'
+            f'--output {path}: Parquet needs pyarrow: {pip_install("pyarrow")}, or give a name '
+            'that ends in .csv'
         )
     return _Parquet
 

@@ -215,7 +215,7 @@ def load(path: Path, trusted: bool = False) -> Corpus:
         data = json.loads(text)
     except FileNotFoundError:
         raise DeviceMissing(
-            f'{path}: no such corpus; make it with: eol corpus SOUND --out {path}'
+            f'{path}: no such corpus; make it with: eol corpus SOUND --output {path}'
         ) from None
     except (OSError, ValueError) as error:
         raise ConfigError(f'{path}: not a corpus ({error})') from None
