@@ -53,7 +53,9 @@ RUN = 10  # profiles of one stretch of an edge
 CHANCE = 1.8  # noise alone makes stretches seldom differ by more
 ALIKE_PX = 1.0  # what is further off is another edge
 ALONE_FROM = 0.75  # share from which no light beside a square makes it half of another cover
-DOUBTFUL = 0.65  # share below which a good start is mistrusted, and the edges are searched for
+# Share below which a good start is mistrusted, and the edges are searched for; and one that found
+# the block where it was just now: there a search hardly ever finds more.
+DOUBTFUL, POOR = 0.65, 0.4
 AGAIN_PX = 1.0  # from so near to where a first attempt ended, a second one ends there, too
 BETTER = 0.05  # share by which a second attempt must do better than the first
 FOUND = 0.3  # share from which steep edges are those of a square
@@ -690,7 +692,9 @@ def fit_square(image, square, known, searches, room):
     if searches > 0:
         place, _ = _search(image, start, known, searches, room)
     _fit(image, square, place, known, 0.0, room)
-    if known.predicted and searches == 0 and square[VISIBLE] < DOUBTFUL:
+    near = math.hypot(square[U] - known.u, square[V] - known.v) < known.close
+    doubtful = square[VISIBLE] < (POOR if near else DOUBTFUL)
+    if known.predicted and searches == 0 and doubtful:
         place, another = _search_another(image, start, square, known, room)
         if another:
             beats, second = square[VISIBLE] + BETTER, room.second
