@@ -25,7 +25,7 @@ from eol_ros.devices.camera import aravis
 
 GREY = 20
 NAME = 'EOL01'
-LATCHED, TICKS = 0x0948, 0x0940  # bootstrap registers: time stamp value, tick frequency (low)
+LATCHED = 0x0948  # bootstrap register: time stamp value
 FILL = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
 )

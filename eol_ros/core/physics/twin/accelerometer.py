@@ -27,7 +27,7 @@ from eol_ros.core.physics.twin.live import Trace
 from eol_ros.settings import TwinSettings
 
 MG = 9.80665e-3  # m/s^2
-STEP_MG, SLEEPY_STEP_MG = 4.0, 16.0  # resolution at +-2 g: normal mode, 10 bit; low-power, 8 bit
+STEP_MG = 4.0  # resolution at +-2 g: normal mode, 10 bit
 LEAST, MOST = -32768, 32704  # of 10 bits, left-justified in 16
 # Modes that ring: the platform, a block on its grit, a floor that somebody walks on.
 PLATFORM, GRIT, FLOOR = range(3)
