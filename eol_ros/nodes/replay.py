@@ -25,7 +25,7 @@ from eol_ros.ros.requests import new_id, request_to_msg
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
-from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, message_class, with_depth
+from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, UNKNOWN_NODE, message_class, with_depth
 from eol_ros.streams.graph import TOPICS, relative_name
 from eol_ros.streams.requests import PEOPLE, Asked, ahead
 from eol_ros.streams.said import said
@@ -196,10 +196,11 @@ class ReplayNode(EolNode):
             return
         for name in () if self.settings.topics else (IMAGES, BLOCKS):
             found = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
-            others = sorted({end.node_name for end in found} - {self.get_name()})
+            others = {end.node_name for end in found} - {self.get_name()}
             if others and self.bag.name(name) in self.publishers_of:
+                known = sorted(others - {UNKNOWN_NODE}) or ['another program']
                 raise ConfigError(
-                    f'{others[0]} publishes {name}, and so would the replay: stop it, or say with '
+                    f'{known[0]} publishes {name}, and so would the replay: stop it, or say with '
                     '--only (replay.topics) what to play beside it'
                 )
 

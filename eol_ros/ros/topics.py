@@ -47,6 +47,8 @@ def with_depth(qos: QoSProfile, depth: int | None) -> QoSProfile:
     return qos
 
 
+# The name that DDS gives to the node of an end that it has not learned yet, or that is none of ROS.
+UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 CLOCK, CLOCK_QOS = '/clock', QOS['clock']
 
 _TWO = inspect.signature(lambda message, info: None)

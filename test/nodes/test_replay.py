@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 import time
+import types
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -354,6 +355,19 @@ def test_two_givers_of_blocks_are_refused(ros, bag):
     )  # fmt: skip
     assert done.returncode == 78
     assert 'eol replay: motion publishes blocks, and so would the replay' in done.stderr
+    listener.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('names', 'said'), [(['motion'], 'motion'), ([], 'another program')], ids=['known', 'unknown']
+)
+def test_who_has_no_name_yet_is_another_program(ros, bag, monkeypatch, names, said):
+    """As rmw_fastrtps tells it of a node that it has just met, and of programs without ROS."""
+    ends = [types.SimpleNamespace(node_name=name) for name in ['_NODE_NAME_UNKNOWN_', *names]]
+    monkeypatch.setattr(ReplayNode, 'get_publishers_info_by_topic', lambda *_: ends)
+    listener = Listener()
+    with pytest.raises(ConfigError, match=f'^{said} publishes blocks, and so would the replay'):
+        play(listener, bag[0])
     listener.destroy_node()
 
 
