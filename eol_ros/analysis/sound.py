@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from eol_ros.analysis.bag import Bag, Table
-from eol_ros.core.sound.bank import Bank, playable
+from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.senses import FirstSense
 from eol_ros.core.sound.triggers import TRIGGER
@@ -57,8 +57,8 @@ def voices(
         if k + 1 < len(news):
             mine &= times < begins[k + 1]
         banks.append(_bank(corpora[i : i + 1], settings.sample_rate))
-        refused[mine] = ~playable(played[mine], len(banks[-1]))
-        rows.append(voicing.rows(played[mine], banks[-1])[0])
+        some, refused[mine] = voicing.rows(played[mine], banks[-1])
+        rows.append(some)
     return np.concatenate(rows), played['time_s'], refused, banks
 
 

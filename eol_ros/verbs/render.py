@@ -112,7 +112,6 @@ def _ears(settings):
 
 def _voices(args, settings):
     """Return the voices, the times of their triggers, which were refused, and the voices' banks."""
-    from eol_ros.core.sound.bank import playable
     from eol_ros.core.sound.voicing import Voicing
 
     if Path(args.source).suffix.lower() == '.csv':
@@ -130,8 +129,8 @@ def _voices(args, settings):
             return sound.voices(bag, settings)
         triggers, _ = sound.bag_triggers(bag, settings)
     bank = _bank(args.corpus, settings.sample_rate)
-    rows, _ = Voicing(settings).rows(triggers, bank)
-    return rows, triggers['time_s'], ~playable(triggers, len(bank)), [bank]
+    rows, refused = Voicing(settings).rows(triggers, bank)
+    return rows, triggers['time_s'], refused, [bank]
 
 
 def _bank(path: str, sample_rate: int):

@@ -171,6 +171,12 @@ def test_refused_triggers_are_counted_and_nothing_is_silence(capsys, tmp_path, c
     code, out, _ = eol(capsys, odd, '--corpus', corpus, '--output', tmp_path / 'x.wav', '--json')
     assert code == 0
     assert json.loads(out)['dropped'] == 3
+    told = json.loads(corpus.read_text())
+    told['grains'][1]['duration_s'] = 3 / told['sample_rate']  # too short to sound, as live
+    corpus.write_text(json.dumps(told))
+    odd.write_text('time_s,grain,gain\n0,999,1\n0.1,1,1\n')
+    code, out, _ = eol(capsys, odd, '--corpus', corpus, '--output', tmp_path / 'x.wav', '--json')
+    assert (code, json.loads(out)['dropped']) == (0, 2)
     assert not soundfile.read(tmp_path / 'x.wav')[0].any()
 
 

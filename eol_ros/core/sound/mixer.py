@@ -409,7 +409,8 @@ class Mixer:
             rows = voice_rows(triggers, bank, self.channels)
             refused = len(triggers) - len(rows)
         else:
-            rows, refused = voicing.rows(triggers, bank)
+            rows, mask = voicing.rows(triggers, bank)
+            refused = int(mask.sum())
         self.push(rows)
         s = self.state[0]
         s['dropped'] += refused

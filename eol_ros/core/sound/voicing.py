@@ -114,8 +114,8 @@ class Voicing:
     >>> triggers = np.zeros(2, TRIGGER)
     >>> triggers['gain'], triggers['rate'], triggers['block'] = 1.0, 1.0, (0, 1)
     >>> rows, refused = Voicing(SoundSettings(rate_scaling=1.0)).rows(triggers, bank)
-    >>> rows['rate'].round(4).tolist(), refused
-    ([1.0, 0.7071], 0)
+    >>> rows['rate'].round(4).tolist(), refused.tolist()
+    ([1.0, 0.7071], [False, False])
     """
 
     def __init__(self, settings: SoundSettings):
@@ -135,13 +135,15 @@ class Voicing:
         parts = (s.rate_scaling, s.dynamics_db, s.onset_duck_db, bussed(s))
         return not any(parts) and s.sub_db <= OFF_DB and s.filter == 'off'
 
-    def rows(self, triggers: np.ndarray, bank: Bank) -> tuple[np.ndarray, int]:
-        """Return the voices (m,) VOICE of `triggers` (n,) TRIGGER, and how many were refused."""
-        s = self.settings
+    def rows(self, triggers: np.ndarray, bank: Bank) -> tuple[np.ndarray, np.ndarray]:
+        """Return the voices (m,) VOICE of `triggers` (n,) TRIGGER, and which were refused (n,)."""
+        s, refused = self.settings, np.ones(len(triggers), bool)
         if self.plain:
-            rows = voice_rows(triggers, bank, self.loudspeakers, ring=self._ring)
-            return rows, len(triggers) - len(rows)
-        t = triggers[playable(triggers, len(bank))]
+            rows, number = numbered_rows(triggers, bank, self.loudspeakers, ring=self._ring)
+            refused[number] = False
+            return rows, refused
+        good = np.flatnonzero(playable(triggers, len(bank)))
+        t = triggers[good]
         area, since_s, grew = self._grown(t)
         sub = self._sub(t[grew], area[grew]) if s.sub_db > OFF_DB else None
         speed = np.clip(np.abs(t['rate']) * area ** (-s.rate_scaling / 2), MIN_RATE, MAX_RATE)
@@ -155,7 +157,7 @@ class Voicing:
             # Creaks are no ruptures: they keep their lows.
             first = s.channels * (bus_of(area) + first_bus(s) * (t['block'] >= 0))
         rows, number = numbered_rows(t, bank, self.loudspeakers, first, self._ring)
-        refused = len(triggers) - len(rows)
+        refused[good[number]] = False
         if s.filter != 'off':
             self._filter(rows, t['grain'][number], area[number], bank)
         if sub is not None:  # each behind its grain, as where they come one by one

@@ -28,7 +28,7 @@ def triggers(rates):
 def heard(sounds, start, duration, rates, settings):
     bank = Bank(sounds, FILE, start, duration, RATE)
     rows, refused = Voicing(settings).rows(triggers(rates), bank)
-    assert not refused
+    assert not refused.any()
     mixer = Mixer(RATE)
     return np.concatenate(list(play(mixer, rows, RATE // 2)))
 

@@ -98,7 +98,7 @@ def test_off_is_the_plain_voices():
     plain = voice_rows(t, sound, 2)
     made, _ = Voicing(OFF).rows(t, sound)
     assert made.tobytes() == plain.tobytes()
-    assert (len(rows), refused) == (25, 0)
+    assert len(rows) == 25 and not refused.any()
     assert new_mixer(OFF).memory.mix.shape[0] == 2  # and has no room for what is off
 
 
@@ -178,9 +178,19 @@ def test_one_by_one_and_all_at_once_are_the_same():
     assert len(whole) == 25 + 20 and (grains['rate'][::6] == 1).all()
 
 
-def test_what_cannot_be_played_is_counted_and_part_of_no_rupture():
+def test_what_cannot_be_played_is_told_and_part_of_no_rupture():
     t = spreading(4)
     t['time_s'][1], t['gain'][2] = np.nan, -1
     rows, refused = Voicing(dataclasses.replace(OFF, rate_scaling=1.0)).rows(t, bank())
-    assert refused == 2
+    assert refused.tolist() == [False, True, True, False]
     assert np.allclose(rows['rate'], [1, 1])  # block 3 does not touch block 0
+
+
+@pytest.mark.parametrize('rate_scaling', [0.0, 1.0])
+def test_a_grain_too_short_to_sound_is_refused_with_the_rest(rate_scaling):
+    noise = np.ones(48000, np.float32)
+    grains = Bank([noise], [0, 0], [0.0, 0.5], [0.25, 3 / 48000], 48000)
+    t = spreading(4)
+    t['grain'], t['gain'][0] = (0, 1, 0, 1), -1
+    rows, refused = Voicing(dataclasses.replace(OFF, rate_scaling=rate_scaling)).rows(t, grains)
+    assert refused.tolist() == [True, True, False, True] and len(rows) == 1
