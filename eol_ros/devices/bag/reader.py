@@ -518,7 +518,7 @@ class BagReader:
     def cut_short(self) -> list[str]:
         """One line for each file that has no end: how much of it could be read."""
         return [
-            f'{f.path.name} was cut short: {f.cut_at} of {f.path.stat().st_size} bytes read, '
+            f'{f.path.name} has no end: {f.cut_at} of {f.path.stat().st_size} bytes read, '
             f'{sum(f.counts.values())} messages'
             for f in self.files
             if f.cut_at is not None
