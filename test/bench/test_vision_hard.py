@@ -93,6 +93,18 @@ def test_covers_with_relief_are_found_among_sparkling_grains_and_lamps_are_not(c
     assert found['false_per_image'] < 0.05
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', [1200, 1228])
+def test_no_arm_leads_a_block_that_rests(capsys, seed):
+    line = 'bench vision --hard brutal --surfaces relief --seconds 3 --seeds 1 --no-peers --json'
+    assert cli.main([*line.split(), '--first-seed', str(seed)]) == 0
+    found = json.loads(capsys.readouterr().out)['hard']['relief']['brutal'][OURS]
+
+    # without homes 99 and 8 were up to 10 px off
+    assert found['whole_beyond_2px'] == 0 and found['partly_beyond_2px'] == 0
+    assert found['coverage'] > 0.997
+
+
 def test_an_unknown_kind_is_named(capsys):
     assert cli.main(['bench', 'vision', '--hard', 'foggy']) == 2
     assert 'foggy' in capsys.readouterr().err

@@ -17,6 +17,7 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import cover_light, scan, search
 from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.detect.brightness import Brightness
+from eol_ros.core.vision.detect.homes import Homes
 from eol_ros.core.vision.detect.lasting_misfit import LastingMisfit
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.identity import Identity
@@ -110,7 +111,7 @@ class Tracker:
         self.settings = settings
         self.watch = Watch(calibration)
         self._take(calibration)
-        self.predicted = np.zeros((N_BLOCKS, 6))
+        self.predicted = np.zeros((N_BLOCKS, 8))
         self.finder = finder or BlobFinder(calibration, settings.threshold)
         blink = None
         if settings.blink_block >= 0:
@@ -118,7 +119,8 @@ class Tracker:
         self.identity = Identity(settings.trust_start, blink, settings.know_covers)
         self.lattice = self.identity.lattice
         self.visibility: np.ndarray = np.zeros(N_BLOCKS, np.float32)
-        self.brightness, self.misfit, self._renamings = Brightness(), LastingMisfit(), 0
+        self.brightness, self.misfit, self.homes = Brightness(), LastingMisfit(), Homes()
+        self._renamings = 0
         self._stood, self._stood_yaw = self.lattice.xy, self.lattice.yaw  # in the last image
         self.last_s = -np.inf
         self._image, self._xy = np.zeros((0, 0), np.uint8), np.zeros((0, 2))  # of the last one
@@ -250,10 +252,12 @@ class Tracker:
             others |= not tracking  # nobody knows what became of them in the dark
             self.brightness.renamed(others)
             self.misfit.renamed(others)
+            self.homes.renamed(others)
             self.finder.renamed(others)
         self._stood, self._stood_yaw = lattice.xy.copy(), lattice.yaw.copy()
         self.brightness.learn(stamp_s - self.last_s, seen, self.visibility, contrast)
         self.misfit.learn(stamp_s - self.last_s, lattice.index, blobs)
+        self.homes.learn(stamp_s - self.last_s, lattice.xy, seen, self.visibility)
         self.last_s = stamp_s
         why = {SEARCHING: f'{len(blobs)} lights, not yet a lattice', LOST: 'blocks out of sight'}
         if self.learning is not None and lattice.state == TRACKING:
@@ -378,6 +382,7 @@ class Tracker:
             self._bend(),
         )
         self.predicted[:, 5] = stamp_s - lattice.seen_s
+        self.homes.expected(self.packed, self.predicted[:, 6:])
         if lattice.ambiguous:  # then it is not known which cover is which
             self.predicted[:, 4] = -1.0
         return self.predicted

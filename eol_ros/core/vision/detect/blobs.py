@@ -43,7 +43,8 @@ _LABELS = 20000  # int16
 # sought about their places in every image
 _GLANCE, _GLANCE_MISSED = 8, 4
 _MOST_FOUND = 12  # blocks
-_UNKNOWN = np.array([0.0, 0.0, 0.0, 0.0, -1.0, np.inf])  # columns of what is expected of a block
+# columns of what is expected of a block
+_UNKNOWN = np.array([0.0, 0.0, 0.0, 0.0, -1.0, np.inf, np.nan, np.nan])
 
 
 class BlobFinder:
@@ -95,7 +96,7 @@ class BlobFinder:
             predicted: (k, 3) u, v, theta where blocks are expected, good to a few px; a fourth
                 column says their contrast in grey levels, 0 where that is not known; a fifth that
                 row i is block i, and how many right angles lie from theta to its x axis, or -1; a
-                sixth how many seconds ago it was seen.
+                sixth how many seconds ago it was seen; two more where it rested, NaN for not known.
 
         Raises:
             ConfigError: not an 8-bit grey image.

@@ -59,6 +59,11 @@ DOUBTFUL, POOR = 0.65, 0.4
 AGAIN_PX = 1.0  # from so near to where a first attempt ended, a second one ends there, too
 BETTER = 0.05  # share by which a second attempt must do better than the first
 FOUND = 0.3  # share from which steep edges are those of a square
+CLOSE = 0.065  # half sides: so near to where a block was just now, or rested, nothing else is
+# Of two squares further apart neither is taken, if FOUND of the poorer one agrees, it is known to
+# so many px, and THREE_SIDES do not agree of the better one.
+EITHER_PX = 0.4
+THREE_SIDES = 0.75  # share of an outline of which one side is missing
 HOPELESS = 0.1  # share below which no round makes a square of it
 # Share of the edge in sight from which a block needs no help, and below it, over how much of the
 # share help comes gradually: noise moves the share, and a step there would move the block with it.
@@ -94,8 +99,8 @@ class Known(NamedTuple):
     there is none. shear: two numbers, see profiles.gather; blur: of edges, px. least: contrast
     below which no answer is wanted. predicted: a block should be here, so light beside it may be a
     lamp's (see glow); a light that nobody expects may be a lamp alone. u, v: where it is expected,
-    px; within `close` px of it nothing else is, as it was seen there just now. table: see outline;
-    usual: see usual_outline.
+    px; within `close` px of it nothing else is, as it was seen there just now. home_u, home_v:
+    where it rested, NaN for not known. table: see outline; usual: see usual_outline.
     """
 
     half: float
@@ -108,6 +113,8 @@ class Known(NamedTuple):
     u: float
     v: float
     close: float
+    home_u: float
+    home_v: float
     table: np.ndarray
     usual: np.ndarray
 
@@ -675,6 +682,23 @@ def _search_another(image, place, square, known, room):
     return place, True
 
 
+@njit(inline='always')
+def from_home(square, home_u, home_v):
+    """Return how many half sides a square is from where its block rested; NaN: not known."""
+    return math.hypot(square[U] - home_u, square[V] - home_v) / max(square[HALF], 1.0)
+
+
+@njit(inline='always')
+def either(square, other, rested):
+    """Return whether a block may as well be at an `other` square, of which less shows.
+
+    rested: it is where the block rested, so that it need not be sure.
+    """
+    apart = math.hypot(square[U] - other[U], square[V] - other[V]) > CLOSE * square[HALF]
+    shows = other[VISIBLE] >= FOUND and (rested or other[SIGMA] < EITHER_PX)
+    return shows and apart and square[VISIBLE] < THREE_SIDES
+
+
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def fit_square(image, square, known, searches, room):
     """Fit a square to `image` (h, w) uint8 from `square` (FIELDS,): u, v, theta as expected.
@@ -686,13 +710,14 @@ def fit_square(image, square, known, searches, room):
     level inside, agreeing share of the worst side, how certainly no other cover's light stands
     beside it, the misfit: sigma over what noise alone would make of it, for covers with relief; and
     by how many px it may stand aside, since an arm hides one of two sides.
-    A share of 0 means no square there.
+    A share of 0 means no square there, a quality of 0 none that is to be believed.
     """
     start = place = _Place(square[U], square[V], square[THETA], known.half)
     if searches > 0:
         place, _ = _search(image, start, known, searches, room)
     _fit(image, square, place, known, 0.0, room)
     near = math.hypot(square[U] - known.u, square[V] - known.v) < known.close
+    near = near and not from_home(square, known.home_u, known.home_v) > CLOSE
     doubtful = square[VISIBLE] < (POOR if near else DOUBTFUL)
     if known.predicted and searches == 0 and doubtful:
         place, another = _search_another(image, start, square, known, room)
@@ -700,5 +725,8 @@ def fit_square(image, square, known, searches, room):
             beats, second = square[VISIBLE] + BETTER, room.second
             _fit(image, second, place, known, beats, room)
             if second[VISIBLE] > beats:
-                square[:] = second
+                if either(second, square, False):
+                    square[QUALITY] = 0.0
+                else:
+                    square[:] = second
     square[THETA] -= round(square[THETA] / (math.pi / 2)) * math.pi / 2

@@ -15,6 +15,7 @@ from eol_ros.core.vision.detect import edges, outline, profiles, scan, usual_out
 from eol_ros.core.vision.detect.edges import (
     ALONE,
     ASIDE,
+    CLOSE,
     CONTRAST,
     HALF,
     LEVEL,
@@ -43,11 +44,10 @@ PREDICTED = (0.30, 0.0, 0.10)
 NEW = (0.60, 0.30, 0.40)
 # An edge of an arm may look like a side. Of a block of which less than POORLY agrees, an outline so
 # far from where it is expected (half sides, and half sides for each second since it was seen), or
-# so turned (rad), is no answer. So near, and seen so lately, it is one if FOLLOWED agrees.
+# so turned (rad), is no answer. CLOSE, and seen so lately, it is one if FOLLOWED agrees.
 POORLY = 0.6
 AWAY, AWAY_A_S, TURNED = 0.10, 3.6, 0.15
-CLOSE, LATELY_S = 0.065, 0.1
-THREE_SIDES = 0.75  # share of an outline of which one side is missing
+LATELY_S = 0.1
 # Of the contrast that the block had when it was last seen whole.
 MIN_CONTRAST, MAX_CONTRAST = 0.65, 1.9
 # From this quality on, and so sure, an outline where the lattice misses a block is that block's: if
@@ -100,12 +100,12 @@ def expected(known, shape, u, v):
 @njit(cache=True, inner=True)
 def attempt(
     image, known, u, v, theta, own, half, searches, table, usual, room, square,
-    predicted=False, since_s=np.inf,
+    predicted=False, since_s=np.inf, home_u=np.nan, home_v=np.nan,
 ):  # fmt: skip
     """Fit a square from `u`, `v`, `theta`; `square` (FIELDS,) says how it went.
 
     own: contrast that it is known to have, or 0. predicted: a block of the lattice should be
-    here, which was seen `since_s` ago.
+    here, which was seen `since_s` ago, and rested at `home_u`, `home_v`, NaN: not known.
     half: of its side, px; 0 where `known` says it.
     searches: see edges.fit_square; table: see outline; usual: see usual_outline; room: edges.Room.
 
@@ -119,7 +119,20 @@ def attempt(
     contrasts, blur = known[CONTRASTS], known[BLUR]
     near = CLOSE * size if since_s < LATELY_S else 0.0
     prior = edges.Known(
-        size, sure, tight, (re, im), blur, FAINTEST * contrasts, predicted, u, v, near, table, usual
+        size,
+        sure,
+        tight,
+        (re, im),
+        blur,
+        FAINTEST * contrasts,
+        predicted,
+        u,
+        v,
+        near,
+        home_u,
+        home_v,
+        table,
+        usual,
     )
     edges.fit_square(image, square, prior, searches, room)
     # grains that sparkle and specks take their part of any block's edge: what is left is all of it
@@ -129,7 +142,7 @@ def attempt(
     # a hand may stand where a block should; it is dimmer, or its edges are not all there
     contrast = square[CONTRAST]
     moved = math.hypot(square[U] - u, square[V] - v)
-    close = moved < near
+    close = moved < near and not edges.from_home(square, home_u, home_v) > CLOSE
     if own > 0:  # a block known by its brightness may have an arm beside it that is as bright
         dim = contrast < MIN_CONTRAST * own or contrast > MAX_CONTRAST * max(own, contrasts)
     else:
@@ -154,7 +167,7 @@ def attempt(
     )
     good = good and square[SIGMA] ** 2 - square[ASIDE] ** 2 < most * most
     if not good or square[ASIDE] > MOST_ASIDE_PX:
-        square[VISIBLE] = square[QUALITY] = 0.0
+        square[QUALITY] = 0.0
     return good and square[ASIDE] > MOST_ASIDE_PX
 
 
@@ -168,14 +181,25 @@ def _stray(square, u, v, theta, since_s):
 
 
 @njit(inline='always')
-def _misled(image, square, u, v, since_s):
-    """Return whether a square has an arm's edge for a side, unless it is where it was just now."""
+def _misled(image, square, u, v, since_s, home_u, home_v, usual):
+    """Return whether a square has an arm's edge for a side, unless it is where it was just now.
+
+    A block that an arm led away from where it rested is led until it shows well or is back there.
+    """
+    if square[QUALITY] <= 0.0:
+        return False
     moved = math.hypot(square[U] - u, square[V] - v)
-    close = since_s < LATELY_S and moved < CLOSE * square[HALF]
-    if close or not 0.0 < square[VISIBLE] < THREE_SIDES:
+    left = edges.from_home(square, home_u, home_v) > CLOSE
+    led = left and usual[usual_outline.LED] > 0
+    usual[usual_outline.LED] = 0.0
+    close = since_s < LATELY_S and moved < CLOSE * square[HALF] and not left
+    if close or square[VISIBLE] >= edges.THREE_SIDES:
         return False
     over = STEEP * square[CONTRAST]
-    return scan.side_within(image, square[U], square[V], square[THETA], square[HALF], over)
+    u, v, theta, half = square[U], square[V], square[THETA], square[HALF]
+    led = led or scan.side_within(image, u, v, theta, half, over)
+    usual[usual_outline.LED] = led and left and usual[usual_outline.QUARTER] >= 0
+    return led
 
 
 @njit(cache=True, inner=True)
@@ -212,7 +236,7 @@ def keep(fits, tried, kept, n, least):
 def _tabulate(known, shape, camera, outlines, near, i, table):
     """Fill `table` for the block of row `i` of `near`, without a name one that stands for all."""
     if len(outlines):
-        u, v, theta, _, quarter, _ = near[i]
+        u, v, theta, _, quarter = near[i, :5]
         half = expected(known, shape, u, v)[0]
         which = i if quarter >= 0 and i < len(outlines) - 1 else len(outlines) - 1
         outline.tabulate(camera, outlines[which], u, v, theta, half, int(max(quarter, 0.0)), table)
@@ -268,10 +292,11 @@ def _fetch(image, u, v, theta, half):
 def at_predictions(
     image, known, grid, tiles, near, camera, outlines, table, usual, work, ends, fits, kept
 ):
-    """Measure blocks where they are expected, `near` (k, 6).
+    """Measure blocks where they are expected, `near` (k, 8).
 
     Its columns: u, v, theta, contrast or 0, the right angles from theta to the block's own x axis,
-    -1 where that is not known, and how many seconds ago it was seen, inf for not known. camera:
+    -1 where that is not known, how many seconds ago it was seen, inf for not known, and u, v of
+    where it rested while its fellows did, NaN for not known. camera:
     Calibration.packed(); outlines: CoverOutlines.over; table (outline.SIZE,) is room for one, 0
     where covers are flat.
 
@@ -279,9 +304,10 @@ def at_predictions(
     `kept`.
     """
     room, places = edges.room(work, ends), np.empty((SOUGHT, 3))
+    doubted = np.zeros((len(near), edges.FIELDS))
     tried = 0
     for i in range(len(near)):
-        u, v, theta, own, _, since_s = near[i]
+        u, v, theta, own, _, since_s, home_u, home_v = near[i]
         if not (math.isfinite(u) and math.isfinite(v) and math.isfinite(theta)):
             continue
         half = expected(known, image.shape, u, v)[0]
@@ -295,22 +321,23 @@ def at_predictions(
             usual_outline.follow(mine, u, v)
             unsure = attempt(
                 image, known, u, v, theta, own, 0.0, 0, table, mine, room, fits[tried], True,
-                since_s,
+                since_s, home_u, home_v,
             )  # fmt: skip
-            if unsure or _misled(image, fits[tried], u, v, since_s):
+            if unsure or _misled(image, fits[tried], u, v, since_s, home_u, home_v, mine):
                 # it is there: if its light were tried once more, edges of arms could pass for its
                 scan.erase(grid, tiles, fits, tried, tried + 1, scan.STEP)
                 near[i, 0] = np.nan
                 continue
             if _stray(fits[tried], u, v, theta, since_s):
                 fits[tried, VISIBLE] = fits[tried, QUALITY] = 0.0
+            doubted[i] = fits[tried]
             tried += 1
     n = keep(fits, tried, kept, 0, FOLLOWED)
     if n == len(near):
         return n
     tried = 0
     for i in range(len(near)):
-        u, v, theta, own, _, since_s = near[i]
+        u, v, theta, own, _, since_s, home_u, home_v = near[i]
         there = not (math.isfinite(u) and math.isfinite(v) and math.isfinite(theta))
         for j in range(n):
             there = there or math.hypot(kept[j, U] - u, kept[j, V] - v) <= BESIDE_PX
@@ -335,7 +362,10 @@ def at_predictions(
                 found = fit[VISIBLE] >= PREDICTED[0] and fit[QUALITY] >= PREDICTED[2]
                 whole = fit[VISIBLE] > edges.WHOLE  # whatever is known of this block
                 found &= fit[SIGMA] < (MOST_WHOLE_PX if whole else MOST_PARTLY_PX)
-                unsure = found and _misled(image, fit, u, v, since_s)
+                rested = edges.from_home(doubted[i], home_u, home_v) <= CLOSE
+                unsure = found and edges.either(fit, doubted[i], rested)
+                if found and not unsure:
+                    unsure = _misled(image, fit, u, v, since_s, home_u, home_v, mine)
                 if not found or unsure or _stray(fit, u, v, theta, since_s):
                     fit[VISIBLE] = fit[QUALITY] = 0.0
                     break
@@ -367,7 +397,7 @@ def at_lights(
     at_predictions.
     """
     room = edges.room(work, ends)
-    one, other = np.zeros((1, 6)), np.zeros(edges.FIELDS)
+    one, other = np.zeros((1, 8)), np.zeros(edges.FIELDS)
     old = 0
     for i in range(int(known[REFUSED])):
         if known[TURN] - refused[i, 2] < FORGET_IMAGES:

@@ -35,14 +35,14 @@ STRETCHES = 8  # of a side
 # are from line to line, squared, how unlike the edge of a stretch is from time to time, px^2, and
 # how unlike the light outside is all along; how often it was learnt, of what
 # share of the edge, and what share of it stood in a lamp's glow; how many right angles lie from
-# theta to its own x axis, -1: it is not known which block it is; whether to learn; where in the
-# image it was when no lamp stood beside it, px.
+# theta to its own x axis, -1: it is not known which block it is; whether to learn; whether an arm
+# led it away from where it rested; where in the image it was when no lamp stood beside it, px.
 EDGE, INSIDE, OUTSIDE = (k * 4 * STRETCHES for k in range(3))
 WIDER = 12 * STRETCHES
-ROUGH_IN, ROUGH_OUT, ROUGH_EDGE, TEXTURE, TIMES, SHARE, GLOW, QUARTER, LEARNS, PLACE = range(
-    WIDER + 1, WIDER + 11
+(ROUGH_IN, ROUGH_OUT, ROUGH_EDGE, TEXTURE, TIMES, SHARE, GLOW, QUARTER, LEARNS, LED, PLACE) = range(
+    WIDER + 1, WIDER + 12
 )
-SIZE = WIDER + 12
+SIZE = WIDER + 13
 IN_VIEW = 0.96  # of the share that is usual, from which on a block is in full view
 FORGETS = 0.001  # of the usual share each time: what stands before a block for ever is usual, too
 # Grey levels^2, and times as much as is usual: an arm stands beside a block about which the light
