@@ -105,6 +105,19 @@ def test_no_arm_leads_a_block_that_rests(capsys, seed):
     assert found['coverage'] > 0.997
 
 
+@pytest.mark.slow
+def test_a_dim_block_is_not_given_up_for_a_square_that_is_far_less_sure(capsys):
+    line = (
+        'bench vision --hard glittering --surfaces relief --seconds 3 --seeds 1 --no-peers --json'
+    )
+    assert cli.main(line.split()) == 0
+    found = json.loads(capsys.readouterr().out)['hard']['relief']['glittering'][OURS]
+
+    # it stood 3 px aside, and was missed whole
+    assert found['whole_beyond_2px'] == 0 and found['partly_beyond_2px'] == 0
+    assert found['coverage'] == 1.0
+
+
 def test_an_unknown_kind_is_named(capsys):
     assert cli.main(['bench', 'vision', '--hard', 'foggy']) == 2
     assert 'foggy' in capsys.readouterr().err

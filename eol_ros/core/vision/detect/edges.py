@@ -61,8 +61,8 @@ BETTER = 0.05  # share by which a second attempt must do better than the first
 FOUND = 0.3  # share from which steep edges are those of a square
 CLOSE = 0.065  # half sides: so near to where a block was just now, or rested, nothing else is
 # Of two squares further apart neither is taken, if FOUND of the poorer one agrees, it is known to
-# so many px, and THREE_SIDES do not agree of the better one.
-EITHER_PX = 0.4
+# so many px and so many sigmas of the better one, and THREE_SIDES do not agree of that.
+EITHER_PX, SURER = 0.4, 2.0
 THREE_SIDES = 0.75  # share of an outline of which one side is missing
 HOPELESS = 0.1  # share below which no round makes a square of it
 # Share of the edge in sight from which a block needs no help, and below it, over how much of the
@@ -695,7 +695,8 @@ def either(square, other, rested):
     rested: it is where the block rested, so that it need not be sure.
     """
     apart = math.hypot(square[U] - other[U], square[V] - other[V]) > CLOSE * square[HALF]
-    shows = other[VISIBLE] >= FOUND and (rested or other[SIGMA] < EITHER_PX)
+    most = min(EITHER_PX, SURER * square[SIGMA])
+    shows = other[VISIBLE] >= FOUND and (rested or other[SIGMA] < most)
     return shows and apart and square[VISIBLE] < THREE_SIDES
 
 
