@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 
 import pytest
+from support.attended import attended
 from support.waiting import wait_until
 
 from eol_ros.bringup import child, policy, priority, status
@@ -79,25 +80,6 @@ def start(tmp_path):
             return supervisor, lines
 
         yield go
-
-
-def attended(supervisor, work):
-    """Run `supervisor` while `work()` looks at it from another thread; then stop it."""
-    errors = []
-
-    def look():
-        try:
-            work()
-        except BaseException as error:
-            errors.append(error)
-        finally:
-            supervisor.stop()
-
-    thread = threading.Thread(target=look)
-    thread.start()
-    supervisor.run()
-    thread.join()
-    assert not errors
 
 
 def test_all_ok_then_a_clean_stop(start):

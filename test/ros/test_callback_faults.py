@@ -5,9 +5,9 @@ import os
 import re
 import subprocess
 import sys
-import threading
 
 import pytest
+from support.attended import attended
 from support.domains import next_domain
 from support.waiting import wait_until
 
@@ -87,25 +87,16 @@ def test_bringup_shows_that_line_alone_and_starts_the_node_again(fault, tmp_path
     domain = next_domain()
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setenv('EOL_STATE', str(tmp_path))
-    lines, errors = [], []
+    lines = []
     command = (sys.executable, '-c', script(fault).replace('of\\ntwo', 'of two'))
     with status.listen(domain) as server, EventLog(tmp_path) as events:
         supervisor = Supervisor('test', [Process(('motion',), command, {})], server, events,
                                 lines.append)  # fmt: skip
 
-        def work():
-            try:
-                wait_until(lambda: supervisor.children[0].policy.restarts >= 1)
-            except BaseException as error:
-                errors.append(error)
-            finally:
-                supervisor.stop()
+        def restarted():
+            return supervisor.children[0].policy.restarts >= 1
 
-        thread = threading.Thread(target=work)
-        thread.start()
-        supervisor.run()
-        thread.join()
-    assert not errors
+        attended(supervisor, lambda: wait_until(restarted))
     shown = [line for line in lines if '|' in line]
     assert all(line.startswith('motion | motion: ') for line in shown), shown
     assert shown[0].endswith(f'its traceback is in {tmp_path / "eol.log"}')
