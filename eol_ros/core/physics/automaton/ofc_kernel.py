@@ -58,15 +58,7 @@ def _pop(keys, sites, count):
         sites[uintp(k)] = sites[uintp(down)]
         k = down
         down = 2 * k + 1
-    while k > 0:
-        up = (k - 1) >> 1
-        if keys[uintp(up)] >= key:
-            break
-        keys[uintp(k)] = keys[uintp(up)]
-        sites[uintp(k)] = sites[uintp(up)]
-        k = up
-    keys[uintp(k)] = key
-    sites[uintp(k)] = site
+    _push(keys, sites, k, key, site)
 
 
 @njit(cache=True)
