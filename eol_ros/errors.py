@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The errors a user can cause or meet: one line that says what, where, and what to do."""
 
+import contextlib
 import os
 import shlex
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 
 
 class EolError(Exception):
@@ -36,6 +39,19 @@ class ConfigError(EolError):
 
 class BagDamaged(UserWarning):
     """Something of a bag cannot be read and was left out; a command ends with exit code 1."""
+
+
+@contextlib.contextmanager
+def writing(path: str | Path, option: str = '') -> Iterator[None]:
+    """Raise ConfigError with the name of `path` where the body raises OSError.
+
+    option: the command's word that named the file, for the message.
+    """
+    try:
+        yield
+    except OSError as error:
+        where = f'{option} {path}'.lstrip()
+        raise ConfigError(f'{where}: cannot be written ({error.strerror or error})') from None
 
 
 def pip_install(*packages: str) -> str:

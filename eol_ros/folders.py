@@ -4,7 +4,7 @@
 import os
 from pathlib import Path
 
-from eol_ros.errors import ConfigError
+from eol_ros.errors import ConfigError, writing
 
 
 def cache(name: str) -> Path:
@@ -64,10 +64,8 @@ def made(path: str | Path, option: str) -> Path:
     option: as for `check_writable`.
     """
     path = Path(path)
-    try:
+    with writing(path, option):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f'{option} {path}: {error.strerror}') from None
     return path
 
 
@@ -78,9 +76,7 @@ def check_writable(path: str | Path, option: str) -> None:
     """
     path = Path(path).expanduser()
     there = path.exists()
-    try:
+    with writing(path, option):
         path.open('ab').close()
         if not there:
             path.unlink()
-    except OSError as error:
-        raise ConfigError(f'{option} {path}: {error.strerror}') from None

@@ -22,6 +22,7 @@ from eol_ros.devices.corpus import corpus_file
 from eol_ros.devices.files import physics_file
 
 ROOT = Path(__file__).parents[1]
+NO_FOLDER = 'cannot be written (No such file or directory)'
 EXAMPLES = ROOT / 'examples'
 ENVIRONMENT = os.environ | {
     'PYTHONPATH': os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))
@@ -131,9 +132,9 @@ def test_write_scene(tmp_path):
     'name, words, code, line',
     [
         ('analyse_bag.py', ['no-bag'], 69, 'no-bag: no such bag'),
-        ('write_scene.py', ['no/one.yaml'], 78, 'FILE no/one.yaml: No such file or directory'),
-        ('drive_rim.py', ['no/one.json'], 78, 'no/one.json: No such file or directory'),
-        ('make_corpus.py', ['a-file'], 78, 'FOLDER a-file: File exists'),
+        ('write_scene.py', ['no/one.yaml'], 78, f'FILE no/one.yaml: {NO_FOLDER}'),
+        ('drive_rim.py', ['no/one.json'], 78, f'no/one.json: {NO_FOLDER}'),
+        ('make_corpus.py', ['a-file'], 78, 'FOLDER a-file: cannot be written (File exists)'),
     ],
 )
 def test_a_mistake_of_the_user_is_one_line(name, words, code, line, tmp_path, monkeypatch):

@@ -25,7 +25,7 @@ from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import catalogue, powerlaw
 from eol_ros.devices.bag.reader import bags_in as bags_of_folder
 from eol_ros.devices.bag.writer import REPLAY_OF, SAMPLE
-from eol_ros.errors import ConfigError, EolError
+from eol_ros.errors import ConfigError, EolError, writing
 from eol_ros.streams.slips import START
 
 TOPICS = ('slips', 'cascades', 'block_taps')
@@ -387,10 +387,8 @@ def write(
     digests: list[Digest], left_out: list[str], out: Path, track: Callable[..., Any] | None = None
 ) -> dict[str, Any]:
     """Write report.html, report.json, the figures and the catalogue into `out`."""
-    try:
+    with writing(out):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f'{out}: {error.strerror}') from None
     found = numbers(digests, left_out)
     rows = np.concatenate([d.rows for d in digests])
     catalogue_file.write(out, rows, {

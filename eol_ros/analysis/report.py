@@ -17,7 +17,7 @@ from eol_ros.analysis.retrack import Retracked
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import alternatives, catalogue, powerlaw, quiescent
 from eol_ros.core.science.one_over_f import Answer
-from eol_ros.errors import ConfigError
+from eol_ros.errors import writing
 from eol_ros.settings import TwinSettings
 from eol_ros.streams import felt
 from eol_ros.streams.graph import topic_of
@@ -232,10 +232,8 @@ def write(
 
     Raises ConfigError when `out` cannot be written.
     """
-    try:
+    with writing(out):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f'{out}: {error.strerror}') from None
     energy = series.KineticEnergy(bag.duration_s, bag.start_ns)
     bag.keep(KEPT, {'blocks': (energy.fields, energy.add)}, exposure.topic_of(bag))
     asked = spectra(bag, energy.series())

@@ -14,7 +14,7 @@ import yaml
 
 from eol_ros import folders
 from eol_ros.core.sound.midi import Mapping
-from eol_ros.errors import ConfigError, DeviceMissing, UsageError
+from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 from eol_ros.scene import check_value
 from eol_ros.settings import live_fields
 from eol_ros.streams.graph import INSTRUMENT, NODES
@@ -73,12 +73,10 @@ def save(path: Path, values: Preset) -> None:
         for node, of_node in values.items()
     }
     part = path.with_name(f'.{path.name}')
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         part.write_text(yaml.safe_dump({'nodes': nodes}, sort_keys=False, allow_unicode=True))
         part.replace(path)
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
 
 
 def midi_mapping(lines: Iterable[str]) -> Mapping:

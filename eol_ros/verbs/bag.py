@@ -7,7 +7,7 @@ import sys
 import warnings
 from pathlib import Path
 
-from eol_ros.errors import BagDamaged, ConfigError, UsageError
+from eol_ros.errors import BagDamaged, UsageError, writing
 
 HELP = 'Look at bags, prove them, repair them, cut and merge them. No ROS needed.'
 EXAMPLES = [
@@ -234,10 +234,8 @@ def _keep(args) -> int:
     path = BagReader(args.bag).path
     if not path.is_dir():
         raise UsageError(f'{path}: is a file; the folder of a bag is marked')
-    try:
+    with writing(path):
         mark(path, not args.off)
-    except OSError as error:
-        raise ConfigError(f'{path}: {error.strerror}') from None
     print(f'{path}: {"not marked any more" if args.off else "kept"}', file=sys.stderr)
     return 0
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eol_ros.errors import ConfigError, DeviceMissing, UsageError
+from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 
 HELP = 'Calibrate the camera on the resting blocks, on known points, or on a ChArUco board.'
 EXAMPLES = [
@@ -223,10 +223,8 @@ def _print(args) -> int:
 
     page = board_sheet.sheet(_board_of(args), args.paper)
     data = board_sheet.pdf(page) if kind == '.pdf' else board_sheet.svg(page).encode()
-    try:
+    with writing(path):
         path.write_bytes(data)
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
     print(
         f'print it at 100 % on {page.width:g} x {page.height:g} mm, then measure the ruler',
         file=sys.stderr,

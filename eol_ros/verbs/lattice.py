@@ -7,7 +7,7 @@ import sys
 import time
 
 from eol_ros import folders
-from eol_ros.errors import ConfigError, DeviceMissing, UsageError
+from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 
 HELP = 'run the earthquake automaton (or a rice pile) and fit the law of its sizes'
 EXAMPLES = [
@@ -227,17 +227,9 @@ def _law(sizes, fit_range: tuple[int, int]) -> dict:
 def _save(path: str, events) -> None:
     import numpy as np
 
-    try:
-        with open(path, 'wb') as file:
-            np.savez_compressed(
-                file,
-                size=events.size,
-                area=events.area,
-                duration=events.duration,
-                first=events.first,
-            )
-    except OSError as error:
-        raise ConfigError(f'--output {path}: {error.strerror}') from None
+    columns = ('size', 'area', 'duration', 'first')
+    with writing(path, '--output'), open(path, 'wb') as file:
+        np.savez_compressed(file, **{name: getattr(events, name) for name in columns})
     print(f'{len(events.size)} events written to {path}', file=sys.stderr)
 
 

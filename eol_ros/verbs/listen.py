@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from eol_ros.errors import ConfigError, UsageError
+from eol_ros.errors import UsageError, writing
 
 HELP = 'Record a microphone or contact pickup, sound by sound, into a folder that grains are of.'
 EXAMPLES = [
@@ -53,10 +53,8 @@ def run(args):
         if not low <= value <= high:
             raise UsageError(f'{name} {value:g}: must lie in {low:g}..{high:g}')
     folder = Path(args.into)
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f'{folder}: cannot be made ({error.strerror})') from None
     if args.source:
         from eol_ros.devices.audio.audio_file import read_mono
 
@@ -98,12 +96,10 @@ def _keep(take, rate, folder, most):
 
     path = folder / time.strftime(f'take-%Y%m%d-%H%M%S-{time.time_ns() % 10**9:09d}.wav')
     part = folder / '.parts' / path.name  # of a folder only its own files are the corpus's
-    try:
+    with writing(path):
         part.parent.mkdir(exist_ok=True)
         audio_file.write(part, take, rate, 'PCM_16')
         os.replace(part, path)
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
     print(f'{path} {len(take) / rate:.2f} s', flush=True)
     for old in sorted(folder.glob(TAKE))[:-most]:
         old.unlink(missing_ok=True)

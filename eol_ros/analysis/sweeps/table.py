@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from eol_ros.core.science import sweep
-from eol_ros.errors import ConfigError, UsageError, pip_install
+from eol_ros.errors import ConfigError, UsageError, pip_install, writing
 
 FLUSH_ROWS, FLUSH_S = 5000, 30.0
 BATCH_ROWS = 256  # of each file, while files are merged
@@ -49,11 +49,9 @@ class Table:
         self._rows: list[Row] = []
         self._flushed_s = clock()
         self._number = 0
-        try:
+        with writing(self.path, '--output'):
             self._parts.mkdir(parents=True, exist_ok=True)
             self._lock = os.open(self._parts, os.O_RDONLY)  # held until `close`
-        except OSError as error:
-            raise ConfigError(f'--output {self.path}: {error.strerror}') from None
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -161,13 +159,11 @@ class Table:
             'descriptions': {name: c.text for name, c in self._columns.items()},
         }  # fmt: skip
         half = self._parts / f'.{path.name}'
-        try:
+        with writing(path, '--output'):
             self._format.write(half, rows, self._columns, about)
             with open(half, 'rb') as file:
                 os.fsync(file.fileno())
             self._format.publish(half, path)
-        except OSError as error:
-            raise ConfigError(f'--output {path}: {error.strerror}') from None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -24,7 +24,7 @@ from eol_ros.core.sound import sources as several
 from eol_ros.core.sound.corpus import Corpus, Source, widened
 from eol_ros.devices.corpus import corpus_file
 from eol_ros.devices.corpus.corpus_file import ANALYSIS, Options
-from eol_ros.errors import ConfigError, DeviceMissing, EolError
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, writing
 from eol_ros.settings import DESCRIPTORS, MORE_DESCRIPTORS, PROJECTIONS
 
 ICE_S, ICE_RATE = 120.0, 48000
@@ -262,12 +262,10 @@ def _analysed(sound: Path, options: Options, progress):
         rate, duration_s, notes = heard.rate, heard.duration_s, list(heard.notes)
         kept = {'rate': rate, 'duration_s': duration_s, 'grains': grains, 'silent': silent}
         part = path.with_name(f'.{os.getpid()}-{path.name}')
-        try:
+        with writing(path):
             with open(part, 'wb') as made:
                 np.savez(made, **kept, notes=notes)
             os.replace(part, path)
-        except OSError as error:
-            raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
     progress(1.0)
     return Source(str(sound.resolve()), rate, duration_s, sha), grains, silent, notes
 

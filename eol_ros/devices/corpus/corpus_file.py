@@ -17,7 +17,7 @@ import numpy as np
 
 from eol_ros import folders
 from eol_ros.core.sound.corpus import AXES, COLUMNS, Corpus, Source, grain_dtype
-from eol_ros.errors import ConfigError, DeviceMissing, EolError
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, writing
 from eol_ros.settings import MAP_AXES, MORE_DESCRIPTORS, PROJECTIONS, GrainsSettings
 
 VERSION = 1  # of the JSON
@@ -411,11 +411,9 @@ def _quoted(text: str) -> str:
 def write_text(path: Path, text: str) -> None:
     """Write all or nothing: a reader never meets half a file."""
     part = path.with_name(f'.{path.name}.{os.getpid()}')
-    try:
+    with writing(path):
         part.write_text(text)
         os.replace(part, path)
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot be written ({_why(error)})') from None
 
 
 def _why(error: Exception) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 
 from eol_ros.core.sound.corpus import Corpus
 from eol_ros.devices.corpus.exchange import check_columns, table_of, with_values
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.errors import ConfigError, DeviceMissing, writing
 
 SIGNATURE = b'XGRN'
 OPENING = struct.pack('>4siii', b'SDIF', 8, 3, 1)  # version 3 of the format, 1 of its types
@@ -45,10 +45,8 @@ def save(corpus: Corpus, path: Path) -> list[str]:
         head = struct.pack('>4siii', SIGNATURE, DOUBLE, 1, len(names))
         row = head + table[i].astype('>f8').tobytes()
         parts.append(_frame(SIGNATURE, float(starts[i]), int(files[i]) + 1, row))
-    try:
+    with writing(path):
         path.write_bytes(b''.join(parts))
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
     return names
 
 

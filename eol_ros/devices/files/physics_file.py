@@ -9,7 +9,7 @@ import numpy as np
 
 from eol_ros.core.physics.result import Run
 from eol_ros.core.physics.scene import Scene, from_mapping
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.errors import ConfigError, DeviceMissing, writing
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -41,28 +41,15 @@ def save_run(path: str | Path, run: Run) -> None:
     Where blocks turn, `yaw` and `spin` as well.
     """
     turns: dict[str, Any] = {} if run.yaw is None else {'yaw': run.yaw, 'spin': run.spin}
-    try:
-        with open(path, 'wb') as file:
-            np.savez_compressed(
-                file,
-                t=run.t,
-                u=run.u,
-                v=run.v,
-                event_t=run.event_t,
-                event_block=run.event_block,
-                event_start=run.event_start,
-                **turns,
-            )
-    except OSError as error:
-        raise ConfigError(f'{path}: {error.strerror}') from None
+    columns = ('t', 'u', 'v', 'event_t', 'event_block', 'event_start')
+    with writing(path), open(path, 'wb') as file:
+        np.savez_compressed(file, **{name: getattr(run, name) for name in columns}, **turns)
 
 
 def save_scene(path: str | Path, scene: dict[str, Any]) -> None:
     """Write a scene mapping as JSON; raises ConfigError."""
-    try:
+    with writing(path):
         Path(path).write_text(json.dumps(scene, indent=1) + '\n', encoding='utf-8')
-    except OSError as error:
-        raise ConfigError(f'{path}: {error.strerror}') from None
 
 
 def _no_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
