@@ -51,7 +51,8 @@ def distorted(c, u, v):
 
 
 @njit(cache=True)
-def _to_pixel(c, x, y):
+def to_pixel(c, x, y):
+    """Return the pixel of a point of the plane, m; see Calibration.to_pixels."""
     u, v = _project(c, 0, x, y)
     return distorted(c, u, v)
 
@@ -101,11 +102,11 @@ def _square(c, x, y, yaw, bend):
     The angle (see Calibration.yaw_to_image) is in [-pi/4, pi/4], as edges takes it: there sides 0
     and 2 are crossed by rows; the right angles lead from there to the block's own x axis.
     """
-    u, v = _to_pixel(c, x, y)
-    u0, v0 = _to_pixel(c, x - _STEP_M, y)
-    u1, v1 = _to_pixel(c, x + _STEP_M, y)
-    u2, v2 = _to_pixel(c, x, y - _STEP_M)
-    u3, v3 = _to_pixel(c, x, y + _STEP_M)
+    u, v = to_pixel(c, x, y)
+    u0, v0 = to_pixel(c, x - _STEP_M, y)
+    u1, v1 = to_pixel(c, x + _STEP_M, y)
+    u2, v2 = to_pixel(c, x, y - _STEP_M)
+    u3, v3 = to_pixel(c, x, y + _STEP_M)
     s = c[_SENSE]
     theta = math.atan2(-(v1 - v0) - s * (u3 - u2), u1 - u0 - s * (v3 - v2)) + s * yaw
     quarter = round(theta / (math.pi / 2))
@@ -154,7 +155,7 @@ def answer(calibration, xy, seen, index, blobs, steps, px, world):
     A seen block stands in the image where its square was found, a hidden one where it is carried.
     """
     for i in range(xy.shape[0]):
-        u, v = _to_pixel(calibration, xy[i, 0], xy[i, 1])
+        u, v = to_pixel(calibration, xy[i, 0], xy[i, 1])
         if seen[i]:
             u, v = blobs[index[i]].u, blobs[index[i]].v
         px[i, 0], px[i, 1] = np.rint(u / steps[1]) * steps[1], np.rint(v / steps[1]) * steps[1]

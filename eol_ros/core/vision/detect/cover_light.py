@@ -12,7 +12,7 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import BLOCK_SIDE_M
-from eol_ros.core.vision.calibration.mapping import _to_pixel
+from eol_ros.core.vision.calibration.mapping import to_pixel
 
 CELLS = 8
 SIZE = CELLS * CELLS
@@ -34,11 +34,11 @@ def sample(calibration, image, x, y, yaw, pattern):
     height, width = image.shape
     c, s = math.cos(yaw) * REACH_M, math.sin(yaw) * REACH_M
     # the image of a cover is so small that it is a parallelogram
-    u, v = _to_pixel(calibration, x, y)
-    ue, ve = _to_pixel(calibration, x + c, y + s)
-    uw, vw = _to_pixel(calibration, x - c, y - s)
-    un, vn = _to_pixel(calibration, x - s, y + c)
-    us, vs = _to_pixel(calibration, x + s, y - c)
+    u, v = to_pixel(calibration, x, y)
+    ue, ve = to_pixel(calibration, x + c, y + s)
+    uw, vw = to_pixel(calibration, x - c, y - s)
+    un, vn = to_pixel(calibration, x - s, y + c)
+    us, vs = to_pixel(calibration, x + s, y - c)
     au, av, bu, bv = (ue - uw) / 2, (ve - vw) / 2, (un - us) / 2, (vn - vs) / 2
     reach_u, reach_v = abs(au) + abs(bu), abs(av) + abs(bv)
     if not (reach_u < u < width - 1 - reach_u and reach_v < v < height - 1 - reach_v):

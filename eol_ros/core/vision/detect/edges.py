@@ -689,6 +689,16 @@ def from_home(square, home_u, home_v):
 
 
 @njit(inline='always')
+def near(square, u, v, within, home_u, home_v):
+    """Return whether a square is within `within` px of `u`, `v`, and not away from its home.
+
+    home_u, home_v: where the block rested, NaN: not known.
+    """
+    close = math.hypot(square[U] - u, square[V] - v) < within
+    return close and not from_home(square, home_u, home_v) > CLOSE
+
+
+@njit(inline='always')
 def either(square, other, rested):
     """Return whether a block may as well be at an `other` square, of which less shows.
 
@@ -717,9 +727,8 @@ def fit_square(image, square, known, searches, room):
     if searches > 0:
         place, _ = _search(image, start, known, searches, room)
     _fit(image, square, place, known, 0.0, room)
-    near = math.hypot(square[U] - known.u, square[V] - known.v) < known.close
-    near = near and not from_home(square, known.home_u, known.home_v) > CLOSE
-    doubtful = square[VISIBLE] < (POOR if near else DOUBTFUL)
+    lately = near(square, known.u, known.v, known.close, known.home_u, known.home_v)
+    doubtful = square[VISIBLE] < (POOR if lately else DOUBTFUL)
     if known.predicted and searches == 0 and doubtful:
         place, another = _search_another(image, start, square, known, room)
         if another:

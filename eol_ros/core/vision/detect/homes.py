@@ -11,7 +11,7 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.vision.calibration.mapping import _to_pixel
+from eol_ros.core.vision.calibration.mapping import to_pixel
 
 WELL = 0.75  # share of an outline, from which on no arm leads a block
 MOVES_M, FELLOWS = 1e-3, 2  # where so many that are seen well leave their homes by more, all may
@@ -69,4 +69,4 @@ def _expected(calibration, home, shown_s, found):
     for i in range(N_BLOCKS):
         found[i, 0] = found[i, 1] = math.nan
         if shown_s[i] >= AT_HOME_S:
-            found[i, 0], found[i, 1] = _to_pixel(calibration, home[i, 0], home[i, 1])
+            found[i, 0], found[i, 1] = to_pixel(calibration, home[i, 0], home[i, 1])

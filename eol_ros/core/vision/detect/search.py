@@ -117,23 +117,12 @@ def attempt(
         size, sure = half, ROUGHLY * half
     square[U], square[V], square[THETA] = u, v, theta
     contrasts, blur = known[CONTRASTS], known[BLUR]
-    near = CLOSE * size if since_s < LATELY_S else 0.0
+    lately = CLOSE * size if since_s < LATELY_S else 0.0
     prior = edges.Known(
-        size,
-        sure,
-        tight,
-        (re, im),
-        blur,
-        FAINTEST * contrasts,
-        predicted,
-        u,
-        v,
-        near,
-        home_u,
-        home_v,
-        table,
-        usual,
-    )
+        half=size, half_sigma=sure, tight=tight, shear=(re, im), blur=blur,
+        least=FAINTEST * contrasts, predicted=predicted, u=u, v=v, close=lately, home_u=home_u,
+        home_v=home_v, table=table, usual=usual,
+    )  # fmt: skip
     edges.fit_square(image, square, prior, searches, room)
     # grains that sparkle and specks take their part of any block's edge: what is left is all of it
     square[VISIBLE] /= known[AGREEING]
@@ -142,7 +131,7 @@ def attempt(
     # a hand may stand where a block should; it is dimmer, or its edges are not all there
     contrast = square[CONTRAST]
     moved = math.hypot(square[U] - u, square[V] - v)
-    close = moved < near and not edges.from_home(square, home_u, home_v) > CLOSE
+    close = edges.near(square, u, v, lately, home_u, home_v)
     if own > 0:  # a block known by its brightness may have an arm beside it that is as bright
         dim = contrast < MIN_CONTRAST * own or contrast > MAX_CONTRAST * max(own, contrasts)
     else:
@@ -188,12 +177,11 @@ def _misled(image, square, u, v, since_s, home_u, home_v, usual):
     """
     if square[QUALITY] <= 0.0:
         return False
-    moved = math.hypot(square[U] - u, square[V] - v)
     left = edges.from_home(square, home_u, home_v) > CLOSE
     led = left and usual[usual_outline.LED] > 0
     usual[usual_outline.LED] = 0.0
-    close = since_s < LATELY_S and moved < CLOSE * square[HALF] and not left
-    if close or square[VISIBLE] >= edges.THREE_SIDES:
+    lately = CLOSE * square[HALF] if since_s < LATELY_S else 0.0
+    if edges.near(square, u, v, lately, home_u, home_v) or square[VISIBLE] >= edges.THREE_SIDES:
         return False
     over = STEEP * square[CONTRAST]
     u, v, theta, half = square[U], square[V], square[THETA], square[HALF]
