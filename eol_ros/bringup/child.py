@@ -18,7 +18,6 @@ from eol_ros.ros.inherited import AGAIN, HEALTH_FD, KEPT
 
 _PR_SET_PDEATHSIG = 1
 _LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', '[DEBUG]')
-_INSIDE = (' ', 'Thread 0x', 'Current thread 0x', 'Extension modules:')  # of either
 CHUNKS = 16  # of 64 KB at a time: one child that never stops writing must not keep us from the rest
 _libc = ctypes.CDLL(None, use_errno=True)
 
@@ -50,7 +49,7 @@ class Child:
         self.starved = False
         self._ports = Ports()
         self._rest = {'health': b'', 'output': b''}
-        self._inside = False  # of a log entry or a traceback
+        self._inside = self._raised = False  # in a log entry or a traceback; before its exception
 
     def start(self, now_s: float, again: bool = False) -> None:
         """Start it; `again` while the others run."""
@@ -83,6 +82,7 @@ class Child:
             os.set_blocking(fd, False)
         self.health_fd, self.output_fd = health_out, output_out
         self._rest = {'health': b'', 'output': b''}
+        self._inside = self._raised = False
         self.policy.start(now_s)
         self.start_at_s, self.code, self.hung_s = None, None, None
         self.settled = self.starved = False
@@ -192,11 +192,17 @@ class Child:
         return [line.decode(errors='replace') for line in lines if line]
 
     def for_people(self, line: str) -> bool:
-        """Tell whether a line belongs on the terminal: no log, no traceback but its last line."""
-        if line.startswith((*_LOG_LINES, 'Traceback (', 'Fatal Python error')):
-            self._inside = True
-        elif line and not line.startswith(_INSIDE):
+        """Tell whether a line belongs on the terminal: no log, of a traceback its exception alone.
+
+        What was logged or raised may have more lines: it ends where the process speaks by its name.
+        """
+        if line.startswith((f'{self.process.name}: ', 'eol ')):
             self._inside = False
+        elif line.startswith((*_LOG_LINES, 'Traceback (', 'Fatal Python error')):
+            self._inside, self._raised = True, line.startswith('Traceback (')
+        elif self._raised and line and not line.startswith(' '):
+            self._raised = False
+            return True
         return not self._inside
 
     def _lines(self, kind: str, fd: int) -> list[bytes]:

@@ -700,15 +700,22 @@ def test_status_over_the_socket_and_one_graph_per_domain(start):
 
 
 def test_a_fault_shows_its_last_line_and_keeps_the_rest_in_the_log(start, tmp_path):
-    supervisor, lines = start(process('twin', 'import time\nraise RuntimeError("no ice")'))
+    script = """
+import sys
+print('[WARN] [1.0] [twin]: thin', 'ice', 'twin: cracks', sep='\\n', file=sys.stderr)
+raise RuntimeError("no ice\\nat all\\n\\nhere")
+"""
+    supervisor, lines = start(process('twin', script))
 
     def work():
         wait_until(lambda: supervisor.children[0].policy.restarts >= 1)
 
     attended(supervisor, work)
     shown = [line for line in lines if '|' in line]
-    assert shown[0] == 'twin | RuntimeError: no ice'
-    assert 'Traceback (most recent call last)' in (tmp_path / 'eol.log').read_text()
+    told = ['twin | twin: cracks', 'twin | RuntimeError: no ice']
+    assert shown[:2] == told and set(shown) == set(told)
+    log = (tmp_path / 'eol.log').read_text()
+    assert all(line in log for line in ('Traceback (most recent call last)', 'at all', 'here'))
 
 
 def test_a_run_for_a_time_that_never_is_ok_fails(start, monkeypatch):

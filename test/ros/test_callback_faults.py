@@ -88,7 +88,7 @@ def test_bringup_shows_that_line_alone_and_starts_the_node_again(fault, tmp_path
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setenv('EOL_STATE', str(tmp_path))
     lines = []
-    command = (sys.executable, '-c', script(fault).replace('of\\ntwo', 'of two'))
+    command = (sys.executable, '-c', script(fault))
     with status.listen(domain) as server, EventLog(tmp_path) as events:
         supervisor = Supervisor('test', [Process(('motion',), command, {})], server, events,
                                 lines.append)  # fmt: skip
