@@ -80,7 +80,7 @@ class SoundNode(EolNode):
         self.create_timer(1 / s.meter_hz, self.on_timer)
         self.create_timer(1.0, self.tell_instrument)
         self.subscribe('corpus', self.on_corpus)
-        self.by_hand = self.publisher('grain_triggers')  # those that people ask for
+        self.by_hand, self.asked = self.publisher('grain_triggers'), 0  # those that people ask for
         fade = dict.fromkeys(FADES, self.on_fade)
         self.requests.serve(
             play_grain=self.on_play_grain,
@@ -162,8 +162,9 @@ class SoundNode(EolNode):
             raise EolError(self.trouble or 'there is no corpus yet')
         if grain >= len(bank):
             raise EolError(f'grain {grain}: the corpus has grains 0 to {len(bank) - 1}')
-        row = triggers.of_person(stamp_ns, grain)
+        row = triggers.of_person(stamp_ns, self.asked, grain)
         self.by_hand.publish(triggers.RECORD.fill(GrainTrigger(), row, self.frame_prefix))
+        self.asked += 1
 
     def on_test(self, asked: Asked) -> object:
         """Play noise from each loudspeaker in turn; say how loud it came out of the mixer."""

@@ -30,9 +30,9 @@ def of_knock(stamp_ns: int, sequence: int, trigger: np.void) -> Any:
     return of(stamp_ns + wait_ns, sequence, trigger)
 
 
-def of_person(stamp_ns: int, grain: int) -> Any:
-    """Return the row of a grain that a person wants to hear; the node grains does not count it."""
-    return RECORD.row(stamp_ns, 0, grain, NO_BLOCK, 1.0, 1.0, 0.0, 0.005, 0.02)
+def of_person(stamp_ns: int, sequence: int, grain: int) -> Any:
+    """Return the row of a grain that a person wants to hear; such have a sequence of their own."""
+    return RECORD.row(stamp_ns, sequence, grain, NO_BLOCK, 1.0, 1.0, 0.0, 0.005, 0.02)
 
 
 def to_core(row: Any, time_s: float) -> tuple[float | int, ...]:

@@ -36,7 +36,8 @@ class Probe(EolNode):
         self.felt = self.publisher('felt_triggers')
         self.asks, self.results = self.publisher('requests'), []
         self.subscribe('request_results', self.results.append)
-        self.meters, self.samples = [], []
+        self.meters, self.samples, self.played = [], [], []
+        self.subscribe('grain_triggers', self.played.append)
         self.subscribe('sound_meter', self.meters.append)
 
     def ask(self, kind, **values):
@@ -101,6 +102,18 @@ def test_a_trigger_sounds_and_shows(graph, tmp_path):
     with wave.open(str(tmp_path / 'out.wav')) as file:
         pcm = np.frombuffer(file.readframes(file.getnframes()), '<i2').reshape(-1, 2)
     assert np.abs(pcm).max() > 1000
+
+
+@pytest.mark.slow
+def test_grains_that_people_ask_for_are_counted(graph, tmp_path):
+    node, probe, turn, _ = graph
+    probe.corpus.publish(corpus_of(tmp_path))
+    assert turn(lambda: node.banks.at(now_ns()))
+    for grain in (1, 99_999, 0, 1):  # one of them is refused, and is no trigger
+        probe.ask('play_grain', grain=grain)
+    assert turn(lambda: len(probe.results) == 4 and len(probe.played) == 3)
+    told = [(m.sequence, m.grain, m.block) for m in probe.played]
+    assert told == [(0, 1, triggers.NO_BLOCK), (1, 0, triggers.NO_BLOCK), (2, 1, triggers.NO_BLOCK)]
 
 
 @pytest.mark.slow
