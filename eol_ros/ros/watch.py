@@ -106,10 +106,15 @@ class Watch:
         return [deserialize_message(raw, kind) for raw in self.raw[topic]]
 
     def entities(self) -> dict[str, int]:
-        """Return how many DDS writers and readers each node has; a service or a client is two."""
+        """Return how many DDS writers and readers each node has; a service or a client is two.
+
+        Without this one, and without those whose name DDS has not learned.
+        """
+        from eol_ros.ros.topics import UNKNOWN_NODE
+
         me, found = self._node, {}
         for name, namespace in me.get_node_names_and_namespaces():
-            if name == me.get_name():
+            if name in (me.get_name(), UNKNOWN_NODE):
                 continue
             asked = (
                 (1, me.get_publisher_names_and_types_by_node),
