@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from support import needs
 from support.chromium import (
+    alive,
     complaints,
     healthy,
     mouse,
@@ -37,6 +38,7 @@ from support.chromium import (
 from support.waiting import wait_until
 
 from eol_ros.core.science import powerlaw
+from eol_ros.streams.graph import NODES
 from eol_ros.web import notices
 
 pytestmark = [
@@ -995,6 +997,22 @@ return [...document.querySelectorAll('main *')].filter(shown).filter((e) => {
 """
 
 
+# All nodes that a scene may have, each with a long text at once, and a long refusal. Returns what
+# does not fit, and how high the lines of a text are then.
+CROWD = """
+const [names, words] = arguments, said = `${words} `.repeat(12);
+names.forEach((node) => eol.nodes.take({node, level: 'warn', rate: 60, text: said, values: {}}));
+document.getElementById('answer').textContent = said.slice(0, 300);
+const box = (of) => document.querySelector(of).getBoundingClientRect();
+const low = document.querySelector('footer').getBoundingClientRect().top;
+const out = [...document.querySelectorAll('main > .card, #coords tr')]
+  .filter((e) => e.getBoundingClientRect().bottom > low + 1).map((e) => e.id || e.textContent);
+if (box('#faults').width > 1) out.push('faults');  // for screen readers alone
+const line = parseFloat(getComputedStyle(document.querySelector('#nodes .why')).lineHeight);
+return [out, box('#nodes .why').height / line, box('#coords tr').height];
+"""
+
+
 @pytest.mark.parametrize('size', [(1280, 1500), (1920, 1080), (3840, 2160)])
 def test_the_monitor_is_one_view_without_inner_scrolling(graph, browser, size):
     address, _ = graph
@@ -1012,6 +1030,9 @@ def test_the_monitor_is_one_view_without_inner_scrolling(graph, browser, size):
     for name in ('zh-Hant', 'en'):
         run(browser, f'document.querySelector("#languages [lang={name}]").click()')
         until_page(browser, f'document.documentElement.lang === "{name}"')
+        viewers = 'document.getElementById("visitors").textContent'
+        words = '^viewers: 1$' if name == 'en' else '^1 人觀看$'
+        until_page(browser, f'/{words}/.test({viewers})')
         drawn, meeting = run(browser, LABELS)
         assert {'law', 'spectrum'} <= set(drawn) and meeting == []
         picture(browser, f'monitor-{size[0]}-{name}')
@@ -1019,6 +1040,13 @@ def test_the_monitor_is_one_view_without_inner_scrolling(graph, browser, size):
     cut = 'const {width, height} = eol.camera.canvas, {w, h} = eol.camera.cut(width / height);'
     w, h, side = run(browser, cut + 'return [w, h, eol.camera.part.side]')
     assert min(w, h) == pytest.approx(min(side, 800), abs=2)
+    if size[0] > 1280:
+        names = [name for name in NODES if name not in ('camera', 'replay')]
+        words = 'the card /dev/snd/by-path/pci-0000:00:1f.3 has gone; waiting'
+        out, lines, row = run(browser, CROWD, names, words)
+        picture(browser, f'monitor-{size[0]}-crowd')
+        assert out == [] and lines == pytest.approx(2, abs=0.1) and row > 0.008 * size[1]
+        assert run(browser, INNER) == []
 
 
 def test_who_gave_the_pin_is_asked_no_more(graph, browser):
@@ -1366,6 +1394,7 @@ def test_silence_is_seen_within_three_seconds(graph, browser):
     work.nodes |= {int(s['pid']) for s in status(address).values()}
     work.kill()
     work.wait(10)
+    wait_until(lambda: not alive(work.nodes))  # starved ones go on for a while, and are heard
     until_page(browser, 'document.body.classList.contains("stale")')
     bar = browser.find_element('id', 'stalebar')
     assert bar.is_displayed() and 'no data for' in bar.text

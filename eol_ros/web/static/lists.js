@@ -76,7 +76,7 @@ export class LightField {
     let lit = 0;
     brush.textAlign = 'center';
     brush.textBaseline = 'middle';
-    brush.font = `400 ${fontPx(0.72)}px ui-monospace, monospace`;
+    brush.font = `400 ${Math.min(fontPx(0.72), 0.5 * pitch)}px ui-monospace, monospace`;
     for (let id = 0; id < 25; id++) {
       const [row, column] = [Math.floor(id / 5), id % 5];
       const [x, y] = [left + column * pitch, top + (4 - row) * pitch];

@@ -158,7 +158,12 @@ link.on('limits', ({ radius, network }) => {
   [least, most] = radius;
   $('open-network').hidden = network !== 'lan';
 });
-link.on('tick', ({ viewers }) => ($('visitors').textContent = say('visitors', { count: viewers })));
+let viewers = 0; // of this and the other pages
+const sayViewers = () => viewers && write($('visitors'), say('visitors', { count: viewers }));
+link.on('tick', (tick) => {
+  ({ viewers } = tick);
+  sayViewers();
+});
 link.on('trust', ({ ok }) => {
   lock(!ok);
   const form = $('pin-form');
@@ -239,6 +244,7 @@ function retell() {
   nodes.draw();
   instrument.retell();
   sayState(false);
+  sayViewers();
   nameCorpus();
   if (hours) sayHours(hours);
   sayAnswer();
