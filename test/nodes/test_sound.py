@@ -36,8 +36,8 @@ class Probe(EolNode):
         self.felt = self.publisher('felt_triggers')
         self.asks, self.results = self.publisher('requests'), []
         self.subscribe('request_results', self.results.append)
-        self.meters, self.samples, self.played = [], [], []
-        self.subscribe('grain_triggers', self.played.append)
+        self.meters, self.samples, self.triggered = [], [], []
+        self.subscribe('grain_triggers', self.triggered.append)
         self.subscribe('sound_meter', self.meters.append)
 
     def ask(self, kind, **values):
@@ -111,8 +111,8 @@ def test_grains_that_people_ask_for_are_counted(graph, tmp_path):
     assert turn(lambda: node.banks.at(now_ns()))
     for grain in (1, 99_999, 0, 1):  # one of them is refused, and is no trigger
         probe.ask('play_grain', grain=grain)
-    assert turn(lambda: len(probe.results) == 4 and len(probe.played) == 3)
-    told = [(m.sequence, m.grain, m.block) for m in probe.played]
+    assert turn(lambda: len(probe.results) == 4 and len(probe.triggered) == 3)
+    told = [(m.sequence, m.grain, m.block) for m in probe.triggered]
     assert told == [(0, 1, triggers.NO_BLOCK), (1, 0, triggers.NO_BLOCK), (2, 1, triggers.NO_BLOCK)]
 
 
