@@ -14,6 +14,8 @@ import numpy as np
 from eol_ros.core.geometry import BLOCK_SIDE_M, BODY_WALL_M, COLS, ROWS
 from eol_ros.errors import UsageError
 
+CONTOURS = 14  # steps of height between the lines of `hillshade`
+
 
 @dataclass(frozen=True)
 class CoverShape:
@@ -188,7 +190,7 @@ def volume_mm3(triangles: np.ndarray) -> float:
     return float(np.einsum('ij,ij->', a, np.cross(b, c)) / 6)
 
 
-def hillshade(heights: np.ndarray, contours: int = 14) -> np.ndarray:
+def hillshade(heights: np.ndarray) -> np.ndarray:
     """Return the landscape (h, w), 0..1, as an image (h, w) uint8: light from the upper left.
 
     Its rows go from top to bottom.
@@ -196,7 +198,7 @@ def hillshade(heights: np.ndarray, contours: int = 14) -> np.ndarray:
     steep_y, steep_x = np.gradient(heights * 22)
     light = (0.62 + 0.55 * (steep_x * 0.7 - steep_y * 0.7)) / np.sqrt(1 + steep_x**2 + steep_y**2)
     grey = np.clip(0.2 + 0.62 * light + 0.2 * heights, 0.05, 1)
-    level = np.floor(heights * contours)
+    level = np.floor(heights * CONTOURS)
     line = np.zeros_like(grey, bool)
     line[:-1] |= level[1:] != level[:-1]
     line[:, :-1] |= level[:, 1:] != level[:, :-1]

@@ -8,7 +8,7 @@ from eol_ros.streams.images import FRAME_ID
 
 
 def camera_info(
-    calibration: Calibration | None, shape: tuple[int, ...], frame_prefix: str = ''
+    calibration: Calibration | None, shape: tuple[int, ...], frame_prefix: str
 ) -> CameraInfo:
     """Return the message without a stamp, for images of `shape` (height, width).
 

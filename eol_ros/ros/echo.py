@@ -112,13 +112,13 @@ class Rate:
         )
 
 
-def type_of(node: Node, topic: str, wait_s: float = 3.0) -> str:
+def type_of(node: Node, topic: str) -> str:
     """Return the type of the full name `topic`, from the graph, else from the table of topics.
 
     Raises DeviceMissing when neither knows it.
     """
     ours = topic_of(topic, node.get_namespace()[1:])
-    end = time.monotonic() + (0.0 if ours else wait_s)
+    end = time.monotonic() + (0.0 if ours else DISCOVERY_S)
     while True:
         types = dict(node.get_topic_names_and_types()).get(topic)
         if types:
@@ -148,12 +148,12 @@ def qos_for(node: Node, topic: str) -> QoSProfile:
     )
 
 
-def listen(node: Node, topic: str, hear: Any, wait_s: float = 3.0, raw: bool = False) -> str:
+def listen(node: Node, topic: str, hear: Any, raw: bool = False) -> str:
     """Call `hear(message)` for each message on the full name `topic`; return its type.
 
     `raw` hands over the CDR bytes instead.
     """
-    name = type_of(node, topic, wait_s)
+    name = type_of(node, topic)
     node.create_subscription(message_class(name), topic, hear, qos_for(node, topic), raw=raw)
     return name
 

@@ -35,7 +35,6 @@ class Watch:
         domain: int,
         keep: Iterable[str] = (),
         replay: bool = False,
-        namespace: str = NAMESPACE,
     ):
         network.configure('local')
         import rclpy
@@ -50,7 +49,7 @@ class Watch:
         self.raw: dict[str, list[bytes]] = defaultdict(list)
         self._context = rclpy.Context()
         rclpy.init(args=list(NO_LOG_FILES), context=self._context, domain_id=domain)
-        self._node = Node(f'watch_{os.getpid()}', namespace=namespace, context=self._context)
+        self._node = Node(f'watch_{os.getpid()}', namespace=NAMESPACE, context=self._context)
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
         kept = set(keep)

@@ -352,7 +352,7 @@ def policies():
         for task, name in tasks if name.startswith('eol.') or name == 'aside'
     }
 
-player = Player(Mixer(48000), 'wav', wav=sys.argv[1], fade_in_s=0.0)
+player = Player(Mixer(48000), 'wav', 256, sys.argv[1], fade_in_s=0.0)
 seen = threading.Event()
 carrier_thread('carries', lambda: aside(seen.wait)).start()
 time.sleep(0.3)

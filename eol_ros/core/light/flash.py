@@ -40,8 +40,6 @@ class FlashField:
         Level in 0..1 that a slip sets.
     limited : bool
         Keep to three flashes a second (WCAG 2.3.1).
-    n_blocks : int
-        How many blocks.
 
     Examples
     --------
@@ -51,9 +49,7 @@ class FlashField:
     (1.0, 0.368)
     """
 
-    def __init__(
-        self, decay_s: float, peak: float = 1.0, limited: bool = True, n_blocks: int = N_BLOCKS
-    ):
+    def __init__(self, decay_s: float, peak: float = 1.0, limited: bool = True):
         if not decay_s > 0:
             raise ValueError(f'decay_s is {decay_s}; it must be positive')
         if not 0 <= peak <= 1:
@@ -62,7 +58,7 @@ class FlashField:
         self.peak = peak
         self.limited = limited
         self.lengthened = 0  # falls that had to wait, for the health report
-        self._level = np.zeros(n_blocks)
+        self._level = np.zeros(N_BLOCKS)
         self._now_s = -math.inf
         self._fall_at_s = -math.inf  # when the present fall began, or the next one may
         self._fell_s = -math.inf  # when light was last seen falling
@@ -81,7 +77,7 @@ class FlashField:
         self._fall_at_s = until_s
 
     def levels(self, now_s: float) -> np.ndarray:
-        """Return the light of each block at `now_s`, shape (n_blocks,), 0..1 of full luminance."""
+        """Return the light of each block at `now_s`, (25,), 0..1 of full luminance."""
         self._advance(now_s)
         return self._level.copy()
 

@@ -43,8 +43,8 @@ class Rest(NamedTuple):
 class Rests:
     """Finds the rests of `block` between its motions, image by image."""
 
-    def __init__(self, block: int, rest_s: float = REST_S):
-        self.block, self.rest_s = block, rest_s
+    def __init__(self, block: int):
+        self.block = block
         self.found: list[Rest] = []
         self._needed = [block, *neighbours(block)]
         self._seen: deque[tuple[float, np.ndarray]] = deque()
@@ -61,11 +61,11 @@ class Rests:
         while images and np.hypot(*(places - images[0][1])[self.block, :2]) > STILL_M:
             images.popleft()
         images.append((stamp_s, places.copy()))
-        if stamp_s - images[0][0] < self.rest_s:
+        if stamp_s - images[0][0] < REST_S:
             return None
         middle = np.mean([image[1] for image in images], axis=0)
         begin_s = images[0][0]
-        while stamp_s - images[0][0] >= self.rest_s:
+        while stamp_s - images[0][0] >= REST_S:
             images.popleft()
         if self.found:
             way = middle[self.block, :2] - self.found[-1].places[self.block, :2]

@@ -17,7 +17,7 @@ SEGMENTS = 16
 LONGEST = 2048  # values of a series whose stationarity is asked
 
 
-def event_counts(times_s: np.ndarray, duration_s: float, rate_hz: float = 50.0) -> np.ndarray:
+def event_counts(times_s: np.ndarray, duration_s: float, rate_hz: float) -> np.ndarray:
     """Return how many of `times_s` (n,) fall into each 1 / `rate_hz` of `duration_s`, (m,)."""
     bins = round(duration_s * rate_hz)
     times_s = np.asarray(times_s)

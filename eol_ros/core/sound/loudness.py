@@ -4,6 +4,7 @@
 import numpy as np
 
 ABSOLUTE_LUFS = -70.0  # what is quieter is silence
+STEP_S = 0.1  # from window to window
 # Goes into the filters with the sound, as a tone of half the sample rate: in silence they would
 # decay into subnormal numbers, which take a processor 14 times as long.
 TINY = 1e-25
@@ -78,21 +79,19 @@ def lufs(mean_square: np.ndarray) -> np.ndarray:
     return -0.691 + 10 * np.log10(np.maximum(mean_square, 1e-20))
 
 
-def windows_lufs(
-    sound: np.ndarray, rate: float, window_s: float, step_s: float = 0.1
-) -> np.ndarray:
-    """Return the loudness of windows that begin every `step_s`, (m,) LUFS; channels weigh alike.
+def windows_lufs(sound: np.ndarray, rate: float, window_s: float) -> np.ndarray:
+    """Return the loudness of windows that begin every 0.1 s, (m,) LUFS; channels weigh alike.
 
     0.4 s is momentary loudness, 3 s short-term (EBU Tech 3341). `sound` is (n, channels).
     """
-    step = round(step_s * rate)
+    step = round(STEP_S * rate)
     count = len(sound) // step
     energy = np.zeros(count)
     for channel in sound.T:  # one at a time: ten minutes in double precision are large
         weighted = k_weighted(channel, rate)[0][: count * step]
         energy += np.square(weighted).reshape(count, step).sum(axis=1)
     total = np.concatenate([[0.0], np.cumsum(energy)])
-    width = round(window_s / step_s)
+    width = round(window_s / STEP_S)
     return lufs((total[width:] - total[:-width]) / (width * step))
 
 

@@ -15,22 +15,22 @@ FFT = 8192
 FLOOR_DB = -120.0
 
 
-def waveform(mono: np.ndarray, pairs: int = PAIRS) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the greatest sample of each of `pairs` equal spans of `mono` (n,)."""
-    edges = np.arange(pairs) * len(mono) // pairs
-    if len(mono) < pairs:
-        mono = np.concatenate([np.zeros(pairs - len(mono), np.float32), mono])
-        edges = np.arange(pairs)
+def waveform(mono: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the greatest sample of 1024 equal spans of `mono` (n,)."""
+    edges = np.arange(PAIRS) * len(mono) // PAIRS
+    if len(mono) < PAIRS:
+        mono = np.concatenate([np.zeros(PAIRS - len(mono), np.float32), mono])
+        edges = np.arange(PAIRS)
     return np.minimum.reduceat(mono, edges), np.maximum.reduceat(mono, edges)
 
 
 class Spectrum:
     """Levels in bands of equal width in pitch, from one Hann-windowed transform."""
 
-    def __init__(self, sample_rate: float, bands: int = BANDS):
+    def __init__(self, sample_rate: float):
         self._window = np.hanning(FFT + 1)[:-1].astype(np.float32)
         top = min(HIGH_HZ, sample_rate / 2)
-        self.edges_hz = np.geomspace(LOW_HZ, top, bands + 1)
+        self.edges_hz = np.geomspace(LOW_HZ, top, BANDS + 1)
         self.centres_hz = np.sqrt(self.edges_hz[:-1] * self.edges_hz[1:])
         bin_hz = sample_rate / FFT
         # Every band takes at least the bin nearest its centre: low bands are narrower than a bin.

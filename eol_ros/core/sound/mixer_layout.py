@@ -262,9 +262,9 @@ def allocate(
     capacity: int,
     look_ahead: int,
     history: int,
-    buses: int = 0,
-    line_size: int = 0,
-    align_size: int = 0,
+    buses: int,
+    line_size: int,
+    align_size: int,
 ) -> tuple[Memory, np.ndarray]:
     """Return the zeroed arrays of a mixer and its table, int64: LAYOUT and their addresses."""
     rows = channels * (1 + buses)

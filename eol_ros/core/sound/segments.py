@@ -9,6 +9,8 @@ import numpy as np
 HOP_S = 0.005  # resolution of the loudness and novelty curves
 BANDS = 12  # of the novelty curve
 MIN_S = 0.02  # the shortest grain that a cut may leave
+GATE_HOLD_S = 0.05  # quiet for so long ends a grain of `gate`
+GATE_LEAST_S = 0.05  # shorter grains of `gate` are left out
 
 
 def chop(n_samples: int, rate: int, grain_s: float, overlap: float = 0.0) -> np.ndarray:
@@ -46,17 +48,15 @@ def gate(
     rate: int,
     on_db: float = -40.0,
     off_db: float = -50.0,
-    min_s: float = 0.05,
-    hold_s: float = 0.05,
 ) -> np.ndarray:
-    """Cut where the sound rises above `on_db` until it has been below `off_db` for `hold_s`.
+    """Cut where the sound rises above `on_db` until it has been below `off_db` for 50 ms.
 
-    Levels are RMS in dBFS over 10 ms of `samples` (m,). Grains shorter than `min_s` are left out.
+    Levels are RMS in dBFS over 10 ms of `samples` (m,). Grains shorter than 50 ms are left out.
     Returns (n, 2): first sample of each grain and the one after its last.
     """
     hop = max(1, round(HOP_S * rate))
     level = _level_db(samples, hop)
-    hold = max(1, round(hold_s / HOP_S))
+    hold = max(1, round(GATE_HOLD_S / HOP_S))
     found, begin, quiet = [], -1, 0
     for i, db in enumerate(level):
         if begin < 0:
@@ -73,7 +73,7 @@ def gate(
         found.append((begin, len(level)))
     cuts = np.array(found, np.int64).reshape(-1, 2) * hop
     cuts[:, 1] = np.minimum(cuts[:, 1], len(samples))
-    return cuts[cuts[:, 1] - cuts[:, 0] >= min_s * rate]
+    return cuts[cuts[:, 1] - cuts[:, 0] >= GATE_LEAST_S * rate]
 
 
 def onsets(

@@ -24,7 +24,7 @@ class Microphone:
     Raises DeviceMissing where it cannot be had, with the inputs that there are.
     """
 
-    def __init__(self, device: str = 'auto'):
+    def __init__(self, device: str):
         sd, names = portaudio(), inputs()
         found = [n for n in names if device.lower() in n.lower()] if device != 'auto' else names
         if not found:

@@ -134,12 +134,11 @@ class Player:
     def __init__(
         self,
         mixer: Mixer,
-        device: str = 'auto',
-        block_size: int = 256,
-        wav: str | Path | None = None,
+        device: str,
+        block_size: int,
+        wav: str | Path | None,
         wav_limit_s: float = 3600.0,
         fade_in_s: float = 2.0,
-        compiled: bool = True,
         card_needed: bool = True,
         quiet: bool = False,
     ):
@@ -149,7 +148,7 @@ class Player:
         self.stuck = False
         self.losses = 0
         self._wav, self._wav_limit_s = wav, wav_limit_s
-        self._fade_in_s, self._compiled = fade_in_s, compiled
+        self._fade_in_s = fade_in_s
         self._backoff = Backoff(1.0, RETRY_S)
         self._why = ''
         self._retry_s = 0.0
@@ -224,7 +223,7 @@ class Player:
 
     def _open(self) -> Card:
         try:
-            return Card(self.mixer, self.device, self.block_size, self._compiled)
+            return Card(self.mixer, self.device, self.block_size)
         except (AttributeError, TypeError):  # another sounddevice, without that door
             return Card(self.mixer, self.device, self.block_size, compiled=False)
 

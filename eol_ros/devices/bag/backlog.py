@@ -25,7 +25,7 @@ class Backlog:
     there to be lost. What is dropped leaves a `Dropped` in its place, and is counted in `dropped`.
     """
 
-    def __init__(self, limit: int, images: str = ''):
+    def __init__(self, limit: int, images: str):
         self.bytes = 0  # of what waits, and of what was taken out and is not `done`
         self.dropped: Counter[str] = Counter()
         self._limit, self._images = limit, images

@@ -142,9 +142,9 @@ class Board:
             for message in self._configuration:
                 self._send(message)
 
-    def flash(self, block: int, peak: int, decay_ms: int, stamp_us: int = 0) -> int | None:
+    def flash(self, block: int, peak: int, decay_ms: int) -> int | None:
         """Let the board light one block and fade it by itself; returns as `show` does."""
-        message = protocol.Flash(stamp_us & 0xFFFFFFFF, block, peak, decay_ms)
+        message = protocol.Flash(0, block, peak, decay_ms)  # 0: for no image
         return self._send(message) if self.ready else None
 
     def self_test(self, block: int) -> int | None:

@@ -72,7 +72,7 @@ def read_xrandr(text: str) -> list[Screen]:
     return sorted(rows, key=lambda s: (s.x, s.y))
 
 
-def find_browser(name: str = '') -> str:
+def find_browser(name: str) -> str:
     """Return the path of the browser; raises DeviceMissing."""
     for each in (name,) if name else BROWSERS:
         path = shutil.which(each)

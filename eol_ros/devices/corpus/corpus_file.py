@@ -297,9 +297,9 @@ def save_csv(corpus: Corpus, path: Path) -> None:
     write_text(path, '\n'.join(lines) + '\n')
 
 
-def save_labels(corpus: Corpus, path: Path, source: int = 0) -> None:
-    """Write the grains of one sound as an Audacity label track."""
-    rows = [(i, g) for i, g in enumerate(corpus.grains) if g['file'] == source]
+def save_labels(corpus: Corpus, path: Path) -> None:
+    """Write the grains of the first sound as an Audacity label track."""
+    rows = [(i, g) for i, g in enumerate(corpus.grains) if g['file'] == 0]
     text = [f'{g["start_s"]:.6f}\t{g["start_s"] + g["duration_s"]:.6f}\t{i}' for i, g in rows]
     write_text(path, '\n'.join(text) + '\n')
 

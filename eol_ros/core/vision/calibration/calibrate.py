@@ -103,11 +103,9 @@ class Solution:
         return ''
 
 
-def nominal(
-    width: int, height: int, focal_px: float | None = None, mirror: bool = False
-) -> Calibration:
+def nominal(width: int, height: int, focal_px: float | None = None) -> Calibration:
     """Return a pinhole camera of which nothing is known but its image size."""
-    ideal = Calibration.ideal(width, height, mirror=mirror)
+    ideal = Calibration.ideal(width, height)
     if focal_px is None:
         return ideal
     camera = ideal.camera_matrix.copy()
