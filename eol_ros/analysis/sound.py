@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from eol_ros.analysis.bag import Bag, Table
-from eol_ros.core.sound.bank import Bank
+from eol_ros.core.sound.bank import Bank, playable
 from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.senses import FirstSense
 from eol_ros.core.sound.triggers import TRIGGER
@@ -21,6 +21,7 @@ from eol_ros.settings import SoundSettings
 from eol_ros.streams import corpus, triggers
 
 BLOCK = 1 << 16  # frames
+REFUSALS = '', 'no_such_grain', 'bad_number', 'too_short'  # why a trigger does not sound
 LATE_S = 10.0  # by which a trigger may be received after it was due
 
 
@@ -35,8 +36,8 @@ def settings_of(bag: Bag) -> SoundSettings:
 def voices(
     bag: Bag, settings: SoundSettings, until_s: float | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Bank]]:
-    """Return the voices (n,) VOICE, the times (m,) in s of the triggers, which were refused (m,),
-    and the banks.
+    """Return the voices (n,) VOICE, the times (m,) in s of the triggers, why they were refused (m,)
+    as places in REFUSALS, and the banks.
 
     Of triggers received before `until_s`, None: of all. Times count from the start of the bag. Keep
     the banks, which the voices read, until all is played. Raises ConfigError where the bag has no
@@ -49,7 +50,7 @@ def voices(
     digests = [''.join(d) for d in corpora['digest']]
     news = [i for i, d in enumerate(digests) if not i or d != digests[i - 1]]
     begins = corpora['stamp'][news]
-    voicing, rows, banks, refused = Voicing(settings), [], [], np.zeros(len(times), bool)
+    voicing, rows, banks, refused = Voicing(settings), [], [], np.zeros(len(times), int)
     for k, i in enumerate(news):  # each trigger speaks of the corpus of its time
         mine = np.ones(len(times), bool)
         if k:
@@ -57,9 +58,16 @@ def voices(
         if k + 1 < len(news):
             mine &= times < begins[k + 1]
         banks.append(_bank(corpora[i : i + 1], settings.sample_rate))
-        some, refused[mine] = voicing.rows(played[mine], banks[-1])
+        some, mask = voicing.rows(played[mine], banks[-1])
+        refused[mine] = why_refused(played[mine], mask, banks[-1])
         rows.append(some)
     return np.concatenate(rows), played['time_s'], refused, banks
+
+
+def why_refused(triggers: np.ndarray, refused: np.ndarray, bank: Bank) -> np.ndarray:
+    """Return why those of `triggers` (n,) were `refused` (n,), as places in REFUSALS; 0: not."""
+    unknown = (triggers['grain'] < 0) | (triggers['grain'] >= len(bank))
+    return refused * np.where(unknown, 1, np.where(~playable(triggers, len(bank)), 2, 3))
 
 
 def bag_triggers(

@@ -38,7 +38,7 @@ def run(args) -> int:
     import numpy as np
 
     from eol_ros import scene
-    from eol_ros.analysis.sound import BLOCK
+    from eol_ros.analysis.sound import BLOCK, REFUSALS
     from eol_ros.core.sound.offline import play
     from eol_ros.core.sound.voicing import new_mixer
     from eol_ros.settings import SoundSettings
@@ -51,6 +51,7 @@ def run(args) -> int:
     if args.binaural:
         settings, ears = _ears(settings)
     rows, times_s, refused, banks = _voices(args, settings)
+    grains = max(map(len, banks))
     told = ~(times_s >= (args.seconds or math.inf))  # one without a time is refused
     count = int(told.sum())
     rate = settings.sample_rate
@@ -68,13 +69,16 @@ def run(args) -> int:
             energy += float(np.square(block, dtype=np.float64).sum())
     del banks  # the voices read them to the end
     state = mixer.state[0]
+    why = {name: int(((refused == k) & told).sum()) for k, name in enumerate(REFUSALS) if k}
+    why['too_many'] = int(state['dropped'])
     figures = {
         'output': args.output,
         'seconds': frames / rate,
         'sample_rate': rate,
         'channels': channels,
         'triggers': count,
-        'dropped': int((refused & told).sum()) + int(state['dropped']),
+        'dropped': sum(why.values()),
+        'dropped_why': why,
         'stolen': int(state['stolen']),
         'peak_dbfs': _decibels(peak),
         'rms_dbfs': _decibels(math.sqrt(energy / max(1, frames * channels))),
@@ -89,7 +93,24 @@ def run(args) -> int:
             f'{figures["stolen"]} faded early',
             file=sys.stderr,
         )
+        for name, number in why.items():
+            if number:
+                print(f'dropped: {number} {_remedy(name, args.corpus, grains)}', file=sys.stderr)
     return 0
+
+
+def _remedy(why: str, corpus: str | None, grains: int) -> str:
+    """Return what is wrong with triggers that were dropped, and what to do."""
+    from eol_ros.core.sound.triggers import MAX_GAIN, MAX_RATE, MIN_RATE
+
+    return {
+        'no_such_grain': f'name no grain of {corpus or "the corpus of the bag"}, which has 0 to '
+        f'{grains - 1}: give the corpus that they were made with',
+        'bad_number': f'have a number out of range: gain 0 to {MAX_GAIN:g}, rate {MIN_RATE:g} to '
+        f'{MAX_RATE:g} or backwards, pan -1 to 1, attack and release from 0 s on',
+        'too_short': 'are of grains shorter than 4 samples: cut longer ones with `eol corpus`',
+        'too_many': 'came with thousands of others at once: spread them over time',
+    }[why]
 
 
 def _decibels(amplitude: float) -> float:
@@ -111,7 +132,8 @@ def _ears(settings):
 
 
 def _voices(args, settings):
-    """Return the voices, the times of their triggers, which were refused, and the voices' banks."""
+    """Return the voices, the times of their triggers, why they were refused, and the banks."""
+    from eol_ros.analysis import sound
     from eol_ros.core.sound.voicing import Voicing
 
     if Path(args.source).suffix.lower() == '.csv':
@@ -121,7 +143,6 @@ def _voices(args, settings):
             raise UsageError(f'{args.source}: a CSV names no sound; add --corpus C.json')
         triggers = load_triggers(args.source)
     else:
-        from eol_ros.analysis import sound
         from eol_ros.analysis.bag import open_bag
 
         bag = open_bag(args.source)
@@ -129,8 +150,8 @@ def _voices(args, settings):
             return sound.voices(bag, settings)
         triggers, _ = sound.bag_triggers(bag, settings)
     bank = _bank(args.corpus, settings.sample_rate)
-    rows, refused = Voicing(settings).rows(triggers, bank)
-    return rows, triggers['time_s'], refused, [bank]
+    rows, mask = Voicing(settings).rows(triggers, bank)
+    return rows, triggers['time_s'], sound.why_refused(triggers, mask, bank), [bank]
 
 
 def _bank(path: str, sample_rate: int):

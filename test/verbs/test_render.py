@@ -171,12 +171,22 @@ def test_refused_triggers_are_counted_and_nothing_is_silence(capsys, tmp_path, c
     code, out, _ = eol(capsys, odd, '--corpus', corpus, '--output', tmp_path / 'x.wav', '--json')
     assert code == 0
     assert json.loads(out)['dropped'] == 3
+    why = {'no_such_grain': 1, 'bad_number': 2, 'too_short': 0, 'too_many': 0}
+    assert json.loads(out)['dropped_why'] == why
+    _, _, err = eol(capsys, odd, '--corpus', corpus, '--output', tmp_path / 'x.wav')
+    *_, first, second = err.splitlines()
+    assert first == (
+        f'dropped: 1 name no grain of {corpus}, which has 0 to 9: give the corpus that they were '
+        'made with'
+    )
+    assert second.startswith('dropped: 2 have a number out of range: gain 0 to 16, rate 0.0625 to')
     told = json.loads(corpus.read_text())
     told['grains'][1]['duration_s'] = 3 / told['sample_rate']  # too short to sound, as live
     corpus.write_text(json.dumps(told))
     odd.write_text('time_s,grain,gain\n0,999,1\n0.1,1,1\n')
     code, out, _ = eol(capsys, odd, '--corpus', corpus, '--output', tmp_path / 'x.wav', '--json')
     assert (code, json.loads(out)['dropped']) == (0, 2)
+    assert json.loads(out)['dropped_why']['too_short'] == 1
     assert not soundfile.read(tmp_path / 'x.wav')[0].any()
 
 
