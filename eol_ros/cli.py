@@ -7,11 +7,12 @@ import difflib
 import errno
 import importlib
 import os
+import re
 import sys
 import time
 import warnings
 from collections.abc import Sequence
-from typing import Any, TextIO
+from typing import Any, NoReturn, TextIO
 
 from eol_ros import folders, interrupts
 from eol_ros.errors import BagDamaged, ConfigError, EolError, UsageError, warning_line
@@ -132,11 +133,22 @@ def _main(words: list[str]) -> int:
     return run_verb(module, f'eol {verb}', words[1:])
 
 
+_KINDS = {'float': 'a number', 'int': 'a whole number'}  # of Python, in words
+
+
 class Parser(argparse.ArgumentParser):
     """Options are written in full: half of a word may be another one's, as of --seeds."""
 
     def __init__(self, **kwargs: Any):
         super().__init__(allow_abbrev=False, **kwargs)
+
+    def error(self, message: str) -> NoReturn:
+        """End with one line, in place of the whole usage and the name of a type of Python."""
+        for kind, words in _KINDS.items():
+            message = re.sub(
+                rf'invalid {kind} value: (.*)', rf'\1 is not {words}; units are left out', message
+            )
+        self.exit(UsageError.exit_code, f'{self.prog}: {message} (`{self.prog} --help` helps)\n')
 
 
 def run_verb(module: Any, prog: str, words: Sequence[str]) -> int:

@@ -66,6 +66,34 @@ def test_half_of_an_option_is_refused(words, capsys):
     assert f'unrecognized arguments: {words[2]}' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    'words, said',
+    [
+        (['topics', '--seconds', '5s'], "argument --seconds: '5s' is not a number; units are left"),
+        (
+            ['lattice', '--size', '4m'],
+            "argument --size: '4m' is not a whole number; units are left",
+        ),
+        (['bag', 'cut', 'x'], 'the following arguments are required: -o/--output'),
+        (['simulate'], 'the following arguments are required: SCENE'),
+    ],
+)
+def test_a_command_line_that_is_wrong_is_one_line(words, said, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        cli.main(words)
+
+    assert stopped.value.code == 2
+    out, err = capsys.readouterr()
+    prog = 'eol bag cut' if words[0] == 'bag' else f'eol {words[0]}'
+    assert (out, err.count('\n')) == ('', 1)
+    assert err.startswith(f'{prog}: {said}') and err.endswith(f'(`{prog} --help` helps)\n')
+
+
+def test_a_scene_of_physics_that_is_not_there_names_those_that_are(capsys):
+    assert cli.main(['simulate', 'S77']) == 69
+    assert capsys.readouterr().err.startswith('eol simulate: S77: no such scene; give a JSON file')
+
+
 def test_overview_names_every_verb(capsys):
     assert cli.main([]) == 0
     text = capsys.readouterr().out

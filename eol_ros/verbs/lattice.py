@@ -108,10 +108,12 @@ def _lattice(args):
 
     import numpy as np
 
-    from eol_ros.core.physics.automaton.ofc import Automaton, ExactAutomaton, check
+    from eol_ros.core.physics.automaton.ofc import LARGEST_SIDE, Automaton, ExactAutomaton, check
     from eol_ros.core.physics.automaton.oslo import OsloPile
 
     size = 64 if args.size is None else args.size
+    if not 1 <= size <= LARGEST_SIDE:
+        raise UsageError(f'--size {size}: 1 to {LARGEST_SIDE} are wanted')
     if args.seed < 0:
         raise UsageError(f'--seed {args.seed}: 0 or more')
     if args.model == 'oslo':

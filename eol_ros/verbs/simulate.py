@@ -5,6 +5,7 @@ import argparse
 import json
 import sys
 import time
+from pathlib import Path
 
 HELP = 'simulate a spring-block scene: exact, event-driven, or in time steps'
 EXAMPLES = [
@@ -127,5 +128,10 @@ def _scene(given: str):
     from eol_ros.core.physics.presets import NAMED, scene
     from eol_ros.core.physics.scene import from_mapping
     from eol_ros.devices.files.physics_file import load_scene
+    from eol_ros.errors import DeviceMissing
 
-    return from_mapping(scene(given)) if given in NAMED else load_scene(given)
+    if given in NAMED:
+        return from_mapping(scene(given))
+    if not Path(given).exists():
+        raise DeviceMissing(f'{given}: no such scene; give a JSON file, or {", ".join(NAMED)}')
+    return load_scene(given)

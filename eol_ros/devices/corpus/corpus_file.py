@@ -24,6 +24,7 @@ VERSION = 1  # of the JSON
 ICE_RECIPE = 2  # counts up whenever the same seed gives another ice recording
 ANALYSIS = 2  # counts up whenever the same sound gives other grains or descriptors
 SOUNDS = {'.wav', '.flac', '.ogg', '.oga', '.opus', '.aif', '.aiff', '.mp3', '.caf', '.au', '.w64'}
+_MADE = 'the .json that `eol corpus SOUND --output` writes'
 DIGITS = 9  # significant, in JSON and CSV
 FURTHER = (*MORE_DESCRIPTORS, *PROJECTIONS)  # columns that a corpus may have or not
 
@@ -217,10 +218,12 @@ def load(path: Path, trusted: bool = False) -> Corpus:
         raise DeviceMissing(
             f'{path}: no such corpus; make it with: eol corpus SOUND --output {path}'
         ) from None
-    except (OSError, ValueError) as error:
-        raise ConfigError(f'{path}: not a corpus ({error})') from None
+    except OSError as error:
+        raise ConfigError(f'{path}: {error.strerror}; give {_MADE}') from None
+    except ValueError as error:
+        raise ConfigError(f'{path}: not a corpus ({error}); give {_MADE}') from None
     if not isinstance(data, dict) or 'grains' not in data or 'files' not in data:
-        raise ConfigError(f'{path}: not a corpus (no "files" and "grains" in it)')
+        raise ConfigError(f'{path}: not a corpus (no "files" and "grains" in it); give {_MADE}')
     if data.get('version') != VERSION:
         raise ConfigError(
             f'{path}: corpus of version {data.get("version")!r}, this program reads {VERSION}; '
