@@ -2,7 +2,7 @@
  *
  * One block in emulation, for the tests: simavr runs the firmware, instruction by instruction, and
  * here is what it is wired to: an LIS3DH on I2C that is given samples, an nRF24L01+ on SPI whose
- * frames come and go, the LEDs, a battery. Loaded with ctypes; test/firmware/emulated.py.
+ * frames come and go, the LEDs, a battery. eol_ros/devices/board/firmware.py loads it with ctypes.
  *
  * Each says only what its data sheet says it would to this firmware; what it does not know it counts
  * in `strange`. Where libsimavr is quicker on I2C than the bit rate that was set, the rest is waited.

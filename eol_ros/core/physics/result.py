@@ -123,7 +123,7 @@ def cut_short(run: Run, duration_s: float, limits: Limits) -> Run:
 
 
 def sample_times(duration_s: float, sample_s: float) -> np.ndarray:
-    """Return 0, sample_s, 2 sample_s ... and the end."""
+    """Return 0, sample_s, 2 sample_s ... and the end, (p,), s."""
     if duration_s <= 0:
         return np.zeros(1)
     count = int(np.floor(duration_s / sample_s * (1 + 1e-12)))

@@ -68,7 +68,10 @@ class Fit:
 
 
 def histogram(numbers: np.ndarray) -> np.ndarray:
-    """Return how often each whole number 0, 1, 2 ... stands in `numbers`."""
+    """Return how often each whole number 0, 1 ... m stands in `numbers`, (m + 1,); m: the greatest.
+
+    Raises FitError for anything but whole numbers of 0 or more.
+    """
     numbers = np.asarray(numbers)
     if numbers.size and (numbers.dtype.kind not in 'iub' or numbers.min() < 0):
         raise FitError('a size is a whole number of 0 or more')

@@ -144,7 +144,10 @@ def stationarity(series: np.ndarray, rng: np.random.Generator, repeats: int = 39
 def slopes(
     make: Callable[[str], np.ndarray], of: Callable[[np.ndarray], float], repeats: int = 19
 ) -> dict[str, tuple[float, float]]:
-    """Return least and greatest slope over `repeats` of each control, by its kind."""
+    """Return least and greatest slope over `repeats` of each control, by its kind.
+
+    make: returns a fresh series (n,) of one of CONTROLS. of: returns the slope of a series.
+    """
     found = {}
     for kind in CONTROLS:
         betas = [of(make(kind)) for _ in range(repeats)]

@@ -55,7 +55,7 @@ def floor_speed(tolerance: float) -> float:
 def rules_for(
     tolerance: float, scale_m: float, order: int | None = None, floor: float | None = None
 ) -> kernel.Rules:
-    """Return the kernel's rules for a tolerance and the scene's length scale."""
+    """Return the kernel's rules for a tolerance and the scene's length scale, m; see `solve`."""
     order = order or order_for(tolerance)
     return kernel.Rules(
         order,
@@ -78,6 +78,10 @@ def solve(
     on_stiff: Callable[[str], None] | None = None,
 ) -> Run:
     """Return the run of a scene by power series between events, steps bound by `tolerance`.
+
+    times: (p,) s, at which it is sampled. ledger: keep the energy ledger, which costs time. order,
+    floor: of the series, and the speed (m/s) that counts as none; None: those of `order_for` and
+    `floor_speed`. Where a limit cuts the run short, its `status` says so.
 
     `on_stiff` is called before sweeps or glides begin, which have kernels of their own, with the
     name of what is to be compiled: stiff or glide.

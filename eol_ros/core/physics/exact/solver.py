@@ -20,7 +20,8 @@ def solve(
 ) -> Run:
     """Return the run of a scene whose blocks move along x only; y is held at its start.
 
-    times: (p,) s, at which it is sampled.
+    times: (p,) s, at which it is sampled. ledger: keep the energy ledger, which costs time. Where a
+    limit cuts the run short, its `status` says so.
     """
     u, v = scene.u0[:, 0].copy(), scene.v0[:, 0].copy()
     small = TRUNCATION * length_scale(scene, model)

@@ -63,7 +63,11 @@ class Rotating:
         work_and_heat: np.ndarray,
         counts: np.ndarray,
     ) -> tuple[int, int]:
-        """Advance as `event.kernel.run` does; return status and count of events."""
+        """Advance by `span`, s, as `event.kernel.run` does; return status and count of events.
+
+        u, v: (n, 2), m and m/s, changed in place, as is moving: (n,) bool. `yaw` and `spin` become
+        new arrays.
+        """
         q, w, lever = self._q, self._w, self._args.lever
         gather(u, self.yaw, lever, q)
         gather(v, self.spin, lever, w)
