@@ -561,6 +561,14 @@ def _nodes(reader: _Reader, top: _Place, elsewhere: tuple[str, ...]) -> dict[str
             nodes[name] = reader.settings(name, NODES[name].settings, item)
     if nodes and 'recorder' not in place.value:
         nodes['recorder'] = NODES['recorder'].settings()
+    _check_together(reader, place, nodes, elsewhere)
+    return {name: nodes[name] for name in NODES if name in nodes}  # in data order
+
+
+def _check_together(
+    reader: _Reader, place: _Place, nodes: dict[str, Any], elsewhere: tuple[str, ...]
+) -> None:
+    """Note where nodes that are right by themselves do not make a graph."""
     sources = [name for name in IMAGE_SOURCES if name in nodes]
     for extra in sources[1:]:
         reader.wrong(place.keys[extra], f'nodes.{extra}', f'{sources[0]} gives the images already')
@@ -577,7 +585,6 @@ def _nodes(reader: _Reader, top: _Place, elsewhere: tuple[str, ...]) -> dict[str
             topic, others = NODES[name].requires, ' or '.join(needed)
             what = f'subscribes to {topic}, which no node here publishes: add {others}'
             reader.wrong(place.keys[name], f'nodes.{name}', what)
-    return {name: nodes[name] for name in NODES if name in nodes}  # in data order
 
 
 def _elsewhere(reader: _Reader, top: _Place) -> tuple[str, ...]:

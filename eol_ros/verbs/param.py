@@ -28,7 +28,6 @@ def add_arguments(parser):
 
 def run(args):
     """Do it; exit code 1 when the node refuses, 69 when it does not answer."""
-    from eol_ros.ros.requests import REQUESTS
     from eol_ros.streams.graph import NODES
 
     if args.node not in NODES:
@@ -39,21 +38,7 @@ def run(args):
     if args.name and args.name not in fields:
         raise UsageError(f'{args.node} has no setting {args.name}; it has {", ".join(fields)}')
     if args.action == 'set':
-        if args.value is None:
-            raise UsageError(f'set {args.node} {args.name}: to which value?')
-        if not fields[args.name].metadata.get('live'):
-            raise UsageError(
-                f'{args.node}.{args.name} cannot change while the node runs: write it into the '
-                'scene, and start that again'
-            )
-        from eol_ros.streams.requests import SET, Asked
-        from eol_ros.verbs.call import answer, value_of
-
-        value = value_of(args.value, fields[args.name].type)
-        if REQUESTS not in NODES[args.node].subscribes:
-            return _write(args, value)
-        asked = Asked(SET, args.node, {args.name: value}, source='eol param')
-        return answer(asked, args)
+        return _set(args, fields[args.name])
     from eol_ros.ros.parameters import read
 
     names = [args.name] if args.name else list(fields)
@@ -70,6 +55,25 @@ def run(args):
             unit = f' [{meta["unit"]}]' if meta.get('unit') else ''
             print(f'{name:28} {value!r:16}{live:8} {meta.get("doc", "")}{unit}')
     return 0
+
+
+def _set(args, field) -> int:
+    from eol_ros.ros.requests import REQUESTS
+    from eol_ros.streams.graph import NODES
+    from eol_ros.streams.requests import SET, Asked
+    from eol_ros.verbs.call import answer, value_of
+
+    if args.value is None:
+        raise UsageError(f'set {args.node} {args.name}: to which value?')
+    if not field.metadata.get('live'):
+        raise UsageError(
+            f'{args.node}.{args.name} cannot change while the node runs: write it into the '
+            'scene, and start that again'
+        )
+    value = value_of(args.value, field.type)
+    if REQUESTS not in NODES[args.node].subscribes:
+        return _write(args, value)
+    return answer(Asked(SET, args.node, {args.name: value}, source='eol param'), args)
 
 
 def _write(args, value) -> int:

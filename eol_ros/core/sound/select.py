@@ -198,24 +198,29 @@ class Selector:
             self._in_second[self._second.popleft()[1]] -= 1
         if not len(self._grains):
             return np.zeros(0, TRIGGER)
-        rows, found = np.nonzero(self.moving & seen)[0], np.zeros(0, TRIGGER)
-        if len(rows):
-            far = self._distances(self._at[rows])
-            if s.weights:
-                self._hide(far, rows)
-            like = self._likeness(far, self._at[rows], self.speed[rows], rows) if s.match else far
-            reached = self._reached(far, like)
-            if s.mode == 'fence':
-                touched = self._fence(time_s, rows, far, reached)
-            else:
-                touched = self._sustain(time_s, before_s, rows, reached)
-            blocks = [block for block, _ in touched]
-            found = self._triggers(time_s, touched, self.speed[blocks], self._at[blocks, 0])
-            if s.match or s.mode == 'continue':
-                for block, column in touched:
-                    self._last[block], self._last_s[block] = column, time_s
+        found = self._of_moving(time_s, before_s, np.nonzero(self.moving & seen)[0])
         if s.bed_rate and span_s <= FORGET_S:
             found = np.concatenate([found, self._creaks(time_s, span_s)])
+        return found
+
+    def _of_moving(self, time_s: float, before_s: float, rows: np.ndarray) -> np.ndarray:
+        """Return the triggers (n,) of the blocks `rows` (m,), which move; before_s: last image."""
+        if not len(rows):
+            return np.zeros(0, TRIGGER)
+        s, far = self.settings, self._distances(self._at[rows])
+        if s.weights:
+            self._hide(far, rows)
+        like = self._likeness(far, self._at[rows], self.speed[rows], rows) if s.match else far
+        reached = self._reached(far, like)
+        if s.mode == 'fence':
+            touched = self._fence(time_s, rows, far, reached)
+        else:
+            touched = self._sustain(time_s, before_s, rows, reached)
+        blocks = [block for block, _ in touched]
+        found = self._triggers(time_s, touched, self.speed[blocks], self._at[blocks, 0])
+        if s.match or s.mode == 'continue':
+            for block, column in touched:
+                self._last[block], self._last_s[block] = column, time_s
         return found
 
     def felt(

@@ -333,18 +333,20 @@ class BagFileReader:
                     if self.ours or self._index_wrong:
                         self._damaged(found.end, size, 'the index')
                 break
-        places = self.places
-        if places:
-            self.start_ns = min(p.start_ns for p in places)
-            self.end_ns = max(p.end_ns for p in places)
+        if self.places:
+            self.start_ns = min(p.start_ns for p in self.places)
+            self.end_ns = max(p.end_ns for p in self.places)
         for index, hole in holes:
-            # between the neighbours of many messages, for images lie among them
-            before = [p.end_ns for p in places[:index] if p.start_ns < p.end_ns]
-            after = [p.end_ns for p in places[index:] if p.start_ns < p.end_ns]
-            span = _span(hole, before[-1] if before else 0, after[0] if after else FOREVER)
-            self._damaged(hole.offset, hole.end, hole.why, *span)
-        self.places = sorted(places)
+            self._damaged(hole.offset, hole.end, hole.why, *self._span_of(hole, index))
+        self.places.sort()
         self._count(counts.items())
+
+    def _span_of(self, hole: scan.Found, index: int) -> tuple[int, int]:
+        """Return from when to when messages may be lost in a hole before `places[index]`, ns."""
+        # between the neighbours of many messages, for images lie among them
+        before = [p.end_ns for p in self.places[:index] if p.start_ns < p.end_ns]
+        after = [p.end_ns for p in self.places[index:] if p.start_ns < p.end_ns]
+        return _span(hole, before[-1] if before else 0, after[0] if after else FOREVER)
 
     def _count(self, per_channel: Iterable[tuple[int, int]]) -> None:
         """Add up the messages of each topic, from those of each channel."""

@@ -66,6 +66,23 @@ def _gif(file: BinaryIO) -> tuple[str, bool]:
 
 def _mp4(file: BinaryIO) -> tuple[str, bool]:
     """Return the sample entry of the first video track, and whether it says how long it is."""
+    codec, timed, video = '', False, False
+    for kind, body in _boxes(_movie_box(file)):
+        if kind == b'mvhd':
+            form, place = ('>II', 12) if body[0] == 0 else ('>IQ', 20)
+            units, whole = struct.unpack_from(form, body, place)
+            timed = units > 0 and whole > 0
+        elif kind == b'hdlr':
+            video = body[8:12] == b'vide'
+        elif kind == b'stsd' and video and not codec:
+            codec = body[12:16].decode('latin-1')
+    if not codec:
+        raise ValueError('there is no video in it')
+    return codec, timed
+
+
+def _movie_box(file: BinaryIO) -> bytes:
+    """Return what the box `moov` holds, empty where there is none; raise if the file is cut off."""
     if file.read(8)[4:] != b'ftyp':
         raise ValueError('not an MP4')
     size, at, head = file.seek(0, 2), 0, b''
@@ -85,19 +102,7 @@ def _mp4(file: BinaryIO) -> tuple[str, bool]:
             file.seek(at + start)
             head = file.read(long - start)
         at += long
-    codec, timed, video = '', False, False
-    for kind, body in _boxes(head):
-        if kind == b'mvhd':
-            form, place = ('>II', 12) if body[0] == 0 else ('>IQ', 20)
-            units, whole = struct.unpack_from(form, body, place)
-            timed = units > 0 and whole > 0
-        elif kind == b'hdlr':
-            video = body[8:12] == b'vide'
-        elif kind == b'stsd' and video and not codec:
-            codec = body[12:16].decode('latin-1')
-    if not codec:
-        raise ValueError('there is no video in it')
-    return codec, timed
+    return head
 
 
 def _boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -133,9 +138,7 @@ def _webm(file: BinaryIO) -> tuple[str, bool]:
     codec, timed = '', False
     while file.tell() < size and not (codec and timed):
         name, long = _element(file)
-        if (
-            long < 0
-        ):  # a cluster that is written while it is recorded; what describes it comes before
+        if long < 0:  # a cluster of a live recording; what describes it comes before
             break
         if name in (_INFO, _TRACKS):
             if long > _LARGEST_HEAD:
