@@ -2,9 +2,9 @@
 """What people asked of the nodes, on the disk: a power cut does not unmute the work.
 
 Nodes tell with every heartbeat what they must take up when they are started again: asleep, muted,
-settings changed live. Bringup gives it to a node's next life within a run; this keeps it for the
-next run. A run that ends as it was asked to forgets it, so that the next one begins as its scene
-says; one that a service manager starts at every boot remembers always.
+settings changed live. Bringup gives it to a node that is restarted within a run; this keeps it for
+the next run. A run that ends as it was asked to forgets it, so that the next one begins as its
+scene says; one that a service manager starts at every boot remembers always.
 """
 
 import contextlib

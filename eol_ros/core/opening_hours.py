@@ -285,7 +285,7 @@ class Door:
     hours : OpeningHours
         The calendar.
     heeded_s : float, optional
-        Which time the work has been asked for, as `heeded_s` had it in a life before.
+        Which time the work has been asked for, as `heeded_s` had it before a restart.
     """
 
     def __init__(self, hours: OpeningHours, heeded_s: float | None = None):

@@ -141,7 +141,7 @@ class TrackerNode(EolNode):
             self.preview.take(self.stamp_ns, image)
 
     def _learnt_before(self, kind: str) -> bytes:
-        """Return what the life before had learnt of a kind; nothing where it is damaged."""
+        """Return what was learnt of a kind before a restart; nothing where it is damaged."""
         try:
             learnt = base64.b64decode(self.resumed.get(kind, ''))
             return LEARNT[kind].unpacked(learnt).packed() if learnt else b''
@@ -155,7 +155,7 @@ class TrackerNode(EolNode):
             self.requests.declare(kind, {}, self.stamp_ns, data)
 
     def _learn(self) -> None:
-        """Keep how crooked each block stands, and its cover, for the next life of this node."""
+        """Keep the yaw offset and the cover pattern of each block for a restart of this node."""
         if self.sim_time or abs(self.stamp_ns * 1e-9 - self.learnt_s) < LEARNT_EVERY_S:
             return
         self.learnt_s = self.stamp_ns * 1e-9

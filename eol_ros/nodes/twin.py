@@ -74,7 +74,7 @@ class TwinNode(EolNode):
         self.subscribe('rim_command', self.on_rim_command)
         self.requests.serve(infrared=self.on_infrared)
         self.step(1e-4)  # compiles what is not compiled yet, before the clock runs
-        self.film(0, [self.moment()])
+        self.render(0, [self.moment()])
         self.barrier, self.camera = StartupBarrier(self), None
         self.create_timer(0.1, self.check)
 
@@ -109,11 +109,11 @@ class TwinNode(EolNode):
         return Moment(self.stamp_ns, begin_s, end_s, truth, table.velocity.copy(), lit)
 
     def expose(self, index: int, stamp_ns: int) -> None:
-        """Video the table as it was at `stamp_ns`, and say where it was."""
+        """Render the table as it was at `stamp_ns`, and keep its true places for `deliver`."""
         moments = [self.moments.popleft()]
         while moments[-1].stamp_ns != stamp_ns:  # one whose image was skipped
             moments.append(self.moments.popleft())
-        self.film(index, moments)
+        self.render(index, moments)
         self.packed, self.shown = self.images.packed(stamp_ns, self.image), moments[-1].truth
 
     def step(self, span_s: float) -> None:
@@ -146,7 +146,7 @@ class TwinNode(EolNode):
         if chunks:
             self.radio.feel(chunks)
 
-    def film(self, index: int, moments: list[Moment]) -> None:
+    def render(self, index: int, moments: list[Moment]) -> None:
         """Make the image of the last of `moments`; before it are those that no image has shown."""
         for moment in moments:
             white, detector = self.lamps.advance(moment.begin_s, moment.end_s, moment.lit)

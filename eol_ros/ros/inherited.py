@@ -4,6 +4,6 @@
 HEALTH_FD = 'EOL_HEALTH_FD'
 """The descriptor of the pipe for heartbeats, and for the progress of the compiler."""
 KEPT = 'EOL_KEPT'
-"""JSON by node: what each kept in the life that bringup saw end."""
+"""JSON by node: what each kept in the process that bringup saw end."""
 AGAIN = 'EOL_AGAIN'
 """Set where the others run already: they are met soon, or not at all."""

@@ -82,7 +82,7 @@ class EolNode(Node):
         self.namespace = check_namespace(self.get_namespace())
         self.frame_prefix = frame_prefix(self.namespace)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.resumed = _kept(self.NAME)  # of its life before, if it was started again
+        self.resumed = _kept(self.NAME)  # of the process before, if it was restarted
         self.settings = self._declare(settings)
         self.sim_time = bool(self.get_parameter(SIM_TIME).value)
         self.played: PlayedClock | None = None
@@ -372,7 +372,7 @@ class EolNode(Node):
         self.keep(settings=changed)
 
     def _resumed_settings(self, fields: dict[str, dataclasses.Field[Any]]) -> dict[str, Any]:
-        """Return the live settings that this node had when its life before ended unasked."""
+        """Return the live settings that this node had when the process before ended unasked."""
         found = self.resumed.get('settings', {})
         found = {name: check_value(fields[name], value) for name, value in found.items()}
         if found:
@@ -386,7 +386,7 @@ class EolNode(Node):
 
 
 def _kept(name: str) -> dict[str, Any]:
-    """Return what node `name` kept in the life that bringup saw end."""
+    """Return what node `name` kept in the process that bringup saw end."""
     kept: dict[str, dict[str, Any]] = json.loads(os.environ.get(KEPT, '{}'))
     return kept.get(name, {})
 

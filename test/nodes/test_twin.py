@@ -170,7 +170,7 @@ def test_a_block_that_lights_itself_shines_in_the_images(ros):
             before = twin.image.astype(int)
             twin.play.commands.take(twin.play.time_s, 'test', (0.25, 0.0, 0.0), 0.3)
             twin.step(1 / 60)
-            twin.film(0, [twin.moment()])
+            twin.render(0, [twin.moment()])
             if twin.blocks.lit:
                 break
         lit = sorted({b for _, b in twin.blocks.lit})
@@ -195,7 +195,7 @@ def test_visitors_let_go_at_the_first_touch_of_a_person(ros):
         for _ in range(round(30 * seconds)):
             before = twin.play.rim.pose.copy()
             twin.step(1 / 30)
-            twin.film(0, [twin.moment()])
+            twin.render(0, [twin.moment()])
             ways.append(np.abs(twin.play.rim.pose - before).max())
         return np.array(ways)
 
