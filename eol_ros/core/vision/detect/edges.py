@@ -472,7 +472,7 @@ def _in_glow(place, vote, light, known, around, room):
     Returns its place, the vote, and the share of the lines that were let in.
     """
     work, ends, step, shares = room.work, room.ends, room.step, room.shares
-    lit = glow.admit(work, ends, light.sides, around, known.usual, shares)
+    lit = glow.admit(work, ends, light.sides, place.u, place.v, around, known.usual, shares)
     if lit == 0.0:
         return place, vote, 0.0
     there = place
@@ -619,7 +619,7 @@ def _fit(image, square, place, known, beats, room):
     flat, steep = SOFT_FALLING if soft else FALLING
     sharp = 1.0 - min(max(steep * (spread[FALL] - flat), 0.0), 1.0)
     lit = 0.0
-    if known.predicted and vote.share < WHOLE and glare > glow.LAMP:
+    if known.predicted and vote.share < WHOLE:
         place, vote, lit = _in_glow(place, vote, light, known, around, room)
     noise = _place_variance(room)
     free_half, free_share = place.half, vote.share
@@ -637,8 +637,8 @@ def _fit(image, square, place, known, beats, room):
         if vote.share == 0.0:
             return
         usual_outline.learn(
-            work, ends, place.half, place.half - known.half, step, part, vote.width,
-            free_share * around, texture, aside, lit, usual,
+            work, ends, place.u, place.v, place.half, place.half - known.half, step, part,
+            vote.width, free_share * around, texture, aside, lit, usual,
         )  # fmt: skip
     else:
         usual_outline.forget(usual)

@@ -11,6 +11,7 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.vision.detect import usual_outline
+from eol_ros.core.vision.detect.profile_steps import FULL
 from eol_ros.core.vision.detect.profiles import (
     ALL,
     BEGIN,
@@ -30,9 +31,8 @@ from eol_ros.core.vision.detect.profiles import (
 # Blurs from the edge: from the first to the other side of it light falls, but for what it falls
 # between the others, where it is a lamp's or a relief's.
 NEAR, BESIDE, FAR = 1.2, 2.4, 3.6
-AS_HIGH = 0.5, 2.0  # times as in the dark
+AS_HIGH = 0.5, 2.0  # times as in the dark, as far as that is not above what a pixel can hold
 BOTH = 0.15  # of the light that it adds outside, what a lamp adds inside at least
-LAMP = 0.1  # share of the lines with a cover's light outside, from which on it may be a lamp's
 FEW = 8  # lines
 LIT = np.float32(0.5)  # of the weight of a line in the dark
 LEAST = 0.6  # of each side's lines, of a square that is whole
@@ -56,14 +56,15 @@ def _height(work, i, slope, taps, near, beside, far):
 
 
 @njit(cache=True, inner=True, error_model='numpy')
-def admit(work, ends, sides, around, usual, shares):
+def admit(work, ends, sides, u, v, around, usual, shares):
     """Let lines vote that show an edge in light, if with them all of the square is in sight.
 
     They are judged together over half a side, by the edges of the lines that vote, and have LIT for
     VALID then, and levels as far apart as those: what a lamp adds to one side of the edge more than
     to the other does not move its middle. A block that is known (usual: see usual_outline) has a
-    lamp beside it only if it usually has. sides: profiles.Sides; around: spread[AROUND]; shares
-    (4,): of each side's lines that agree. Returns the share of all lines that are let in.
+    lamp beside it only if it usually has, or if it has come to `u`, `v` since. sides:
+    profiles.Sides; around: spread[AROUND]; shares (4,): of each side's lines that agree. Returns
+    the share of all lines that are let in.
     """
     if min(min(shares[0], shares[1]), min(shares[2], shares[3])) * around >= LEAST:
         return 0.0  # no side needs it
@@ -82,21 +83,22 @@ def admit(work, ends, sides, around, usual, shares):
     if voting < FEW:
         return 0.0
     high, inside, outside = high / voting, inside / voting, outside / voting
-    apart = np.float32(0.5 * (inside - outside))
+    apart, most_high = np.float32(0.5 * (inside - outside)), max(inside - outside, 1.0)
     total = agree = 0.0
     for side in range(4):
         begin, n = ends[BEGIN + side], ends[COUNT + side]
         mine = 0.0
         for half in range(2):
             first, last = (begin + n // 2, begin + n) if half else (begin, begin + n // 2)
-            lines = height = more_in = more_out = 0.0
+            lines = height = room = more_in = more_out = 0.0
             for i in range(first, last):
                 if work[VALID + i] == 0 and abs(work[T + i]) <= most:
                     height += _height(work, i, slope, taps, near, beside, far)
                     more_in += work[IN + i] - inside
                     more_out += work[OUT + i] - outside
+                    room += min((FULL - work[OUT + i]) / most_high, 1.0)
                     lines += 1.0
-            lamp = AS_HIGH[0] * high * lines < height < AS_HIGH[1] * high * lines
+            lamp = AS_HIGH[0] * high * room < height < AS_HIGH[1] * high * lines
             if lamp and more_in > BOTH * more_out:
                 mine += lines
                 for i in range(first, last):
@@ -110,7 +112,7 @@ def admit(work, ends, sides, around, usual, shares):
             mute(work, ends)
             return 0.0
     every = max(ends[ALL], 1)
-    if usual_outline.in_dark(usual, (agree + total) / every * around):
+    if usual_outline.in_dark(usual, (agree + total) / every * around, u, v):
         mute(work, ends)
         return 0.0
     return total / every

@@ -36,7 +36,7 @@ STRETCHES = 8  # of a side
 # how unlike the light outside is all along; how often it was learnt, of what
 # share of the edge, and what share of it stood in a lamp's glow; how many right angles lie from
 # theta to its own x axis, -1: it is not known which block it is; whether to learn; whether an arm
-# led it away from where it rested; where in the image it was when no lamp stood beside it, px.
+# led it away from where it rested; where in the image it was learnt with no lamp beside it, px.
 EDGE, INSIDE, OUTSIDE = (k * 4 * STRETCHES for k in range(3))
 WIDER = 12 * STRETCHES
 (ROUGH_IN, ROUGH_OUT, ROUGH_EDGE, TEXTURE, TIMES, SHARE, GLOW, QUARTER, LEARNS, LED, PLACE) = range(
@@ -51,7 +51,7 @@ TOUCHED = 2.0, 2.0
 GRADUALLY = 0.04  # of the share, and for light up to twice as much
 ENOUGH, MOST = 8.0, 60.0  # times after which it is believed, and over which it is averaged
 GLOWS = 0.05  # of its edge, from which on a lamp stands beside a block that is known
-LEAVES_PX = 3.0  # what was learnt beside a lamp holds only so far
+LEAVES_PX = 3.0  # what was learnt beside a lamp, or of the dark, holds only so far
 MOSTLY = 0.7  # of its edge: of a block that never showed so much, an arm's may have been learnt
 EACH = 8  # images in which a block is learnt once, when it is known
 # Grey levels, share of the contrast, and times the roughness by which the light of a line may
@@ -83,13 +83,15 @@ def trusted(usual):
 
 
 @njit(inline='always')
+def _left(usual, u, v):
+    return abs(usual[PLACE] - u) + abs(usual[PLACE + 1] - v) > LEAVES_PX
+
+
+@njit(inline='always')
 def follow(usual, u, v):
     """Forget what was learnt of a block beside a lamp that it leaves, for `u`, `v` px."""
-    far = abs(usual[PLACE] - u) + abs(usual[PLACE + 1] - v) > LEAVES_PX
-    if usual[GLOW] >= GLOWS and far:
+    if usual[GLOW] >= GLOWS and _left(usual, u, v):
         usual[TIMES] = usual[SHARE] = usual[GLOW] = 0.0
-    if usual[GLOW] < GLOWS:
-        usual[PLACE], usual[PLACE + 1] = u, v
 
 
 @njit(inline='always')
@@ -100,9 +102,13 @@ def outgrow(usual, share):
 
 
 @njit(inline='always')
-def in_dark(usual, share):
-    """Return whether a block is known to have no lamp beside it; if `share` of it is in view."""
-    return trusted(usual) and usual[GLOW] < GLOWS and share <= usual[SHARE] / IN_VIEW
+def in_dark(usual, share, u, v):
+    """Return whether a block at `u`, `v` is known to have no lamp beside it.
+
+    share: what of it is in view, if lines in a lamp's glow are.
+    """
+    known = trusted(usual) and not _left(usual, u, v)
+    return known and usual[GLOW] < GLOWS and share <= usual[SHARE] / IN_VIEW
 
 
 @njit(inline='always')
@@ -293,11 +299,12 @@ def mute_unlike(work, ends, half, contrast, usual):
 
 
 @njit(cache=True, inner=True, error_model='numpy')
-def learn(work, ends, half, more, step, part, width, share, texture, aside, lit, usual):
+def learn(work, ends, u, v, half, more, step, part, width, share, texture, aside, lit, usual):
     """Learn from a fit, if it is of a block in full view.
 
-    half: its side, with `part` of the last `step` (4,) of the fit; by `more` it is over what was
-    expected. width: of Tukey's weights, px. share: of the edge that agrees; texture: see touched.
+    u, v: where it is, px. half: its side, with `part` of the last `step` (4,) of the fit; by `more`
+    it is over what was expected. width: of Tukey's weights, px. share: of the edge that agrees;
+    texture: see touched.
     aside: by so many px it may stand aside. lit: share of the edge in a lamp's glow.
     It must have been fitted as if nothing were known of it, so that what is learnt cannot drift
     with what was learnt before.
@@ -345,6 +352,8 @@ def learn(work, ends, half, more, step, part, width, share, texture, aside, lit,
                 rough_out += dark2 - dark * dark / n
                 lines += n
     usual[GLOW] += gain * (lit - usual[GLOW])
+    if usual[GLOW] < GLOWS:
+        usual[PLACE], usual[PLACE + 1] = u, v
     usual[TEXTURE] += gain * (texture - usual[TEXTURE])
     usual[WIDER] += gain * (more - usual[WIDER])
     if usual[TIMES] > 1:
