@@ -50,7 +50,6 @@ class Mirror:
             for name, row in TOPICS.items()
         }
         self._subscriptions: dict[str, Any] = {}
-        self.copied = 0
         node.create_timer(LOOK_S, self.look)
 
     def look(self) -> None:
@@ -60,18 +59,11 @@ class Mirror:
             if wanted and name not in self._subscriptions:
                 row = TOPICS[name]
                 self._subscriptions[name] = self._node.create_subscription(
-                    message_class(row.type_name), name, self._copier(publisher), QOS[row.qos],
+                    message_class(row.type_name), name, publisher.publish, QOS[row.qos],
                     raw=True,
                 )  # fmt: skip
             elif not wanted and name in self._subscriptions:
                 self._node.destroy_subscription(self._subscriptions.pop(name))
-
-    def _copier(self, publisher: Any) -> Any:
-        def copy(message: bytes) -> None:
-            self.copied += 1
-            publisher.publish(message)
-
-        return copy
 
     @property
     def read(self) -> list[str]:
