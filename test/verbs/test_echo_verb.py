@@ -16,6 +16,7 @@ import yaml
 from eol_msgs.msg import Cascade, Slip
 from rclpy.serialization import serialize_message
 from support.domains import next_domain
+from support.waiting import GENEROUS_S
 
 from eol_ros import cli
 from eol_ros.devices.bag.mcap_file import BagTopic
@@ -33,7 +34,7 @@ def eol(*words):
     )  # fmt: skip
 
 
-def end(child, seconds=20):
+def end(child, seconds=GENEROUS_S):
     out, err = child.communicate(timeout=seconds)
     return child.returncode, out, err
 
@@ -119,7 +120,7 @@ def test_echo_into_a_pipe_that_closes_ends_without_a_word(graph):
 
 @pytest.mark.slow
 def test_topics_with_rates(graph):
-    code, out, err = end(eol('topics', '--hz', '--json'), 40)
+    code, out, err = end(eol('topics', '--hz', '--json'))
     assert code == 0, err
     rates = {row['topic']: row['rate_hz'] for row in json.loads(out)}
     assert rates['/eol/slips'] > 10 * rates['/eol/cascades'] > 0  # a hundred to one in the bag
