@@ -233,23 +233,16 @@ class Notifier:
     ----------
     scene : Scene
         With `notify`.
-    couriers : list of Courier, optional
-        How messages are sent, where not as the settings say.
     wall : callable
         System time in seconds.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        couriers: list[Courier] | None = None,
-        wall: Callable[[], float] = time.time,
-    ):
+    def __init__(self, scene: Scene, wall: Callable[[], float] = time.time):
         settings = scene.notify
         assert settings is not None
         check(settings)
         self._scene, self._settings, self._wall = scene, settings, wall
-        self._couriers = [Courier(way) for way in ways(settings)] if couriers is None else couriers
+        self._couriers = [Courier(way) for way in ways(settings)]
         self._lasting, self._storms = Lasting(settings.pause_s), Storms()
         self._sums, self._looked_s = Sums(), float('-inf')
         self._file = DayFile(f'{scene.name}-{scene.namespace}', 'sums')

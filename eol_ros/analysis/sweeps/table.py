@@ -34,20 +34,14 @@ Row = dict[str, Any]
 class Table:
     """Rows of one model; `has` says which tasks are there. Close it, or lose nothing but order."""
 
-    def __init__(
-        self,
-        path: str | Path,
-        model: str,
-        made_by: dict[str, str],
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, path: str | Path, model: str, made_by: dict[str, str]) -> None:
         self.path = Path(path)
-        self.model, self._made_by, self._clock = model, made_by, clock
+        self.model, self._made_by = model, made_by
         self._columns = columns(model)
         self._format = _format_of(self.path)
         self._parts = self.path.with_name(self.path.name + '.parts')
         self._rows: list[Row] = []
-        self._flushed_s = clock()
+        self._flushed_s = time.monotonic()
         self._number = 0
         with writing(self.path, '--output'):
             self._parts.mkdir(parents=True, exist_ok=True)
@@ -74,12 +68,12 @@ class Table:
         """Take rows in, and write them when there are many or it was long ago."""
         self._rows += rows
         self._keys.update(bytes.fromhex(row[KEY]) for row in rows)
-        if len(self._rows) >= FLUSH_ROWS or self._clock() >= self._flushed_s + FLUSH_S:
+        if len(self._rows) >= FLUSH_ROWS or time.monotonic() >= self._flushed_s + FLUSH_S:
             self.flush()
 
     def flush(self) -> None:
         """Write all rows that are not on the disk yet."""
-        self._flushed_s = self._clock()
+        self._flushed_s = time.monotonic()
         if not self._rows:
             return
         if len(parts := self._part_files()) >= MOST_PARTS:
