@@ -292,11 +292,12 @@ def test_a_dim_block_beside_a_reflection_is_found_where_the_lattice_misses_it():
     assert np.isnan(paired(finder.find(image, near[others]), truth, 2.0)[12]).all()
 
 
-def lit_beside(lamp, arm=None, flat=False):
-    """Return the blob found where a dim block 12 is expected, and how far off, px; None for none.
+def lit_beside(lamp, arm=None, flat=False, shines=0.35):
+    """Return the blob found where block 12 is expected, and how far off, px; None for none.
 
     lamp: u, v from its centre, width in px and height in grey levels of a glow. arm: a first and a
     last column from its centre between which all has one grey level. flat: are the covers.
+    shines: how bright it is, times the others.
     """
     renderer = Renderer(RenderOptions(noise='L2'))
     xy = rest_lattice()
@@ -306,7 +307,7 @@ def lit_beside(lamp, arm=None, flat=False):
     v, u = np.mgrid[: image.shape[0], : image.shape[1]]
     u_off, v_off = u - truth[12, 0], v - truth[12, 1]
     dim = (abs(u_off) < 40) & (abs(v_off) < 40)
-    image[dim] = ground + 0.35 * (image[dim] - ground)
+    image[dim] = ground + shines * (image[dim] - ground)
     away = (u_off - lamp[0]) ** 2 + (v_off - lamp[1]) ** 2
     image += lamp[3] * np.exp(-0.5 * away / lamp[2] ** 2)
     if arm is not None:
@@ -330,6 +331,23 @@ def test_a_dim_block_in_the_glow_of_a_lamp_is_whole(lamp, flat):
     assert blob['visibility'] > 0.9
     assert off < 0.5
     assert off < 3 * blob['sigma_px']
+
+
+@pytest.mark.parametrize(
+    'lamp', [(0, 18, 20, 160), (5, 15, 18, 150), (20, 20, 20, 120), (-20, -20, 18, 110)]
+)
+def test_a_block_that_a_lamp_makes_as_bright_as_a_pixel_can_be_is_whole(lamp):
+    blob, off = lit_beside(lamp, flat=True, shines=1.0)
+    assert blob['visibility'] > 0.9
+    assert off < 0.5
+    assert off < 3 * blob['sigma_px']
+
+
+@pytest.mark.parametrize('flat', [False, True])
+@pytest.mark.parametrize('grey', [40.0, 90.0, 160.0])
+def test_a_bright_block_under_an_arm_is_not_whole(grey, flat):
+    blob, off = lit_beside((0, 22, 14, 140), (4, 60, grey), flat, shines=1.0)
+    assert blob is None or (blob['visibility'] < 0.8 and off < 1.0)
 
 
 @pytest.mark.parametrize('flat', [False, True])
