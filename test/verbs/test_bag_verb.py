@@ -133,6 +133,21 @@ def test_recover_makes_a_cut_bag_whole_in_place(tmp_path):
     assert cli.main(['bag', 'verify', str(tmp_path / 'run')]) == 0
 
 
+def test_recover_takes_a_file_that_lies_among_others_for_itself(tmp_path):
+    bag = write_bag(tmp_path / 'run')
+    bag.flush()
+    before = rows(tmp_path / 'run')
+    bag.abandon()
+    [part] = (tmp_path / 'run').glob('*.mcap.part')
+    folder = tmp_path / 'downloads'
+    folder.mkdir()
+    part.rename(folder / 'cut.mcap')
+    (folder / 'other.mcap').touch()
+    assert cli.main(['bag', 'recover', str(folder / 'cut.mcap')]) == 0
+    assert rows(folder / 'cut.mcap') == before
+    assert sorted(path.name for path in folder.iterdir()) == ['cut.mcap', 'other.mcap']
+
+
 def test_recover_says_that_a_bag_is_whole_and_leaves_it_as_it_is(tmp_path, capsys):
     write_bag(tmp_path / 'run').close()
     metadata = tmp_path / 'run' / 'metadata.yaml'

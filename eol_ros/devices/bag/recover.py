@@ -119,13 +119,14 @@ def repair(
     """Write the index and the end that a file lacks, and bring `metadata.yaml` up to date.
 
     A file without a single readable message is removed, and its folder if nothing else is in it.
-    Raises OSError, NoRoom, BlockingIOError where somebody writes it, and what `breathe` raises.
+    Beside a file that lies in no folder of a bag no `metadata.yaml` is written. Raises OSError,
+    NoRoom, BlockingIOError where somebody writes it, and what `breathe` raises.
     """
     target = path.with_name(path.name.removesuffix(PART))
     state = target.with_name(target.name + STATE)
     if path != target and target.exists():  # cut off before its last step
         path.unlink(missing_ok=True)
-        rewrite_metadata(target.parent)
+        _bring_up_to_date(target)
         state.unlink(missing_ok=True)
         return Repaired(path, target, sum(BagFileReader(target, with_places=False).counts.values()))
     with open(path, 'r+b') as out, open(path, 'rb', buffering=0) as file:
@@ -147,7 +148,7 @@ def repair(
         return Repaired(path, None, 0)
     if path != target:
         DISK.rename(path, target)
-    rewrite_metadata(target.parent)
+    _bring_up_to_date(target)
     state.unlink(missing_ok=True)
     return Repaired(path, target, count, tuple(progress.damage))
 
@@ -159,6 +160,13 @@ def repair_all(
     for part in leftovers(root) if root.is_dir() else []:
         with contextlib.suppress(BlockingIOError, FileNotFoundError):  # somebody else is at it
             yield repair(part, breathe, min_free_gb)
+
+
+def _bring_up_to_date(file: Path) -> None:
+    """Rebuild the `metadata.yaml` of the bag that a file belongs to, if it belongs to one."""
+    folder = file.resolve().parent
+    if (folder / 'metadata.yaml').exists() or file.name.startswith(f'{folder.name}_'):
+        rewrite_metadata(folder)
 
 
 def rewrite_metadata(folder: Path) -> None:
