@@ -208,7 +208,10 @@ def _film(path: str, moments: Moments) -> ImageSource:
 
     probe = open_video(path)
     if not probe.isOpened():
-        raise ConfigError(f'{path}: OpenCV cannot open it as a video')
+        raise ConfigError(
+            f'{path}: OpenCV cannot open it as a video; give a video, a .npy stack, a folder of '
+            'images or a bag'
+        )
     width = int(probe.get(cv2.CAP_PROP_FRAME_WIDTH))
     height = int(probe.get(cv2.CAP_PROP_FRAME_HEIGHT))
     rate = moments.fps or probe.get(cv2.CAP_PROP_FPS) or DEFAULT_FPS

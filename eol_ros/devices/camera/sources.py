@@ -102,7 +102,10 @@ class VideoFile:
 
         capture = open_video(self.name)
         if not capture.isOpened():
-            raise ConfigError(f'camera.device: OpenCV cannot open {self.name} as a video')
+            raise ConfigError(
+                f'camera.device: OpenCV cannot open {self.name} as a video; give a video, '
+                '/dev/videoN or genicam:NAME'
+            )
         capture.set(cv2.CAP_PROP_CONVERT_RGB, 0 if grey else 1)
         return capture
 
