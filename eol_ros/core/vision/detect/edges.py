@@ -619,7 +619,9 @@ def _fit(image, square, place, known, beats, room):
     flat, steep = SOFT_FALLING if soft else FALLING
     sharp = 1.0 - min(max(steep * (spread[FALL] - flat), 0.0), 1.0)
     lit = 0.0
-    if known.predicted and vote.share < THREE_SIDES:  # else what stands in the dark tells better
+    lamp = glare > glow.LAMP or (not soft and light.contrast > glow.BRIGHTER * known.least)
+    # where three sides stand in the dark, these tell better
+    if known.predicted and lamp and vote.share < THREE_SIDES:
         place, vote, lit = _in_glow(place, vote, light, known, around, room)
     noise = _place_variance(room)
     free_half, free_share = place.half, vote.share

@@ -33,6 +33,10 @@ from eol_ros.core.vision.detect.profiles import (
 NEAR, BESIDE, FAR = 1.2, 2.4, 3.6
 AS_HIGH = 0.5, 2.0  # times as in the dark, as far as that is not above what a pixel can hold
 BOTH = 0.15  # of the light that it adds outside, what a lamp adds inside at least
+# An arm passes for a lamp where it is as bright as the cover, and beside relief, whose light falls
+# as well. So share of the lines with a cover's light outside, from which on it may be a lamp's
+# beside any cover; and times the least contrast, from which on a flat one is brighter than arms.
+LAMP, BRIGHTER = 0.1, 3.0
 FEW = 8  # lines
 LIT = np.float32(0.5)  # of the weight of a line in the dark
 LEAST = 0.6  # of each side's lines, of a square that is whole
