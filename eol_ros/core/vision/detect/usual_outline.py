@@ -36,7 +36,7 @@ STRETCHES = 8  # of a side
 # how unlike the light outside is all along; how often it was learnt, of what
 # share of the edge, and what share of it stood in a lamp's glow; how many right angles lie from
 # theta to its own x axis, -1: it is not known which block it is; whether to learn; whether an arm
-# led it away from where it rested; where in the image it was learnt with no lamp beside it, px.
+# led it away from where it rested; where in the image it was learnt, px, beside a lamp at first.
 EDGE, INSIDE, OUTSIDE = (k * 4 * STRETCHES for k in range(3))
 WIDER = 12 * STRETCHES
 (ROUGH_IN, ROUGH_OUT, ROUGH_EDGE, TEXTURE, TIMES, SHARE, GLOW, QUARTER, LEARNS, LED, PLACE) = range(
@@ -352,7 +352,7 @@ def learn(work, ends, u, v, half, more, step, part, width, share, texture, aside
                 rough_out += dark2 - dark * dark / n
                 lines += n
     usual[GLOW] += gain * (lit - usual[GLOW])
-    if usual[GLOW] < GLOWS:
+    if usual[GLOW] < GLOWS or usual[TIMES] == 1.0:  # beside a lamp: where that began
         usual[PLACE], usual[PLACE + 1] = u, v
     usual[TEXTURE] += gain * (texture - usual[TEXTURE])
     usual[WIDER] += gain * (more - usual[WIDER])
