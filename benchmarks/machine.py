@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The machine that figures are of: every benchmark says it before its table and in its JSON.
 
-How wide the vectors are is asked of the compiler, not of the processor, for it may be told to
-compile for another: `NUMBA_CPU_NAME=znver3 NUMBA_CPU_FEATURES= eol bench sound` is AVX2 on a
-machine with AVX-512. (The name alone would not do: the features are then still the processor's.)
+The vector width is asked of the compiler, not of the processor: `core/compiled.py` compiles for one
+target on every machine.
 """
 
 import json
@@ -19,16 +18,16 @@ REGISTERS = (('zmm', 512, 'AVX-512'), ('ymm', 256, 'AVX2'), ('xmm', 128, 'SSE'))
 
 def machine() -> dict[str, Any]:
     """Return processor, vector width in bits as compiled, cores, versions."""
-    import llvmlite.binding
     import numba
     from numba.core.registry import cpu_target
+
+    from eol_ros.core import compiled  # noqa: F401  fixes the target
 
     bits, name = _vectors()
     target = cpu_target.target_context.codegen().magic_tuple()[1]
     return {
         'processor': _processor(),
         'compiled_for': target,
-        'native': target == llvmlite.binding.get_host_cpu_name(),
         'vector_bits': bits,
         'vectors': name,
         'cores': len(os.sched_getaffinity(0)),
@@ -39,10 +38,10 @@ def machine() -> dict[str, Any]:
 
 def line(found: dict[str, Any]) -> str:
     """Return what `machine` found as one line."""
-    target = found['compiled_for'] if found['native'] else f'compiled for {found["compiled_for"]}'
+    made = f'compiled for {found["compiled_for"]}, {found["vectors"]}'
     return (
-        f'{found["processor"]} ({target}), {found["vectors"]}: vectors of {found["vector_bits"]} '
-        f'bits; {found["cores"]} cores; Python {found["python"]}, Numba {found["numba"]}'
+        f'{found["processor"]}, {made}: vectors of {found["vector_bits"]} bits; '
+        f'{found["cores"]} cores; Python {found["python"]}, Numba {found["numba"]}'
     )
 
 

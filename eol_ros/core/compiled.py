@@ -10,6 +10,10 @@ compiled, and only then. The machine code is the same.
 What is in the cache is taken only while all that it was made from is as it was: numba itself looks
 at the file of the function alone, not at those of the functions and numbers in it.
 
+All is compiled for one processor, x86-64 with AVX2 and FMA, on every machine that can run its code:
+the width of vectors decides in which order a loop adds, so code made for each machine's own
+processor gives other last bits. Elsewhere (older x86-64, Arm) it is compiled for the machine.
+
 Use `njit` and `cfunc` of this module in place of numba's.
 """
 
@@ -17,7 +21,7 @@ import functools
 import hashlib
 import pickle
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -27,7 +31,7 @@ import llvmlite.binding as llvm
 import numba
 import numpy as np
 from numba import types
-from numba.core import environment, sigutils
+from numba.core import config, environment, sigutils
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
@@ -35,6 +39,23 @@ from numba.core.compiler import Compiler, compile_result
 from numba.core.dispatcher import Dispatcher
 from numba.core.runtime import rtsys
 from numba.extending import _Intrinsic
+
+TARGET = 'haswell'  # LLVM's name for x86-64 with AVX2, BMI2 and FMA (x86-64-v3)
+NEEDED = ('avx2', 'bmi', 'bmi2', 'f16c', 'fma', 'fsgsbase', 'invpcid', 'lzcnt', 'movbe', 'rdrnd')
+
+
+def fix_target(features: Mapping[str, bool], settings: Any) -> bool:
+    """Let numba (`settings`: its config) compile for TARGET where a processor has all of it.
+
+    Whatever NUMBA_CPU_NAME and NUMBA_CPU_FEATURES say. Returns whether it does.
+    """
+    able = all(features.get(name, False) for name in NEEDED)
+    if able:
+        settings.CPU_NAME, settings.CPU_FEATURES = TARGET, ''
+    return able
+
+
+fix_target(llvm.get_host_cpu_features(), config)
 
 
 def njit(

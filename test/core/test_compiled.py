@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops: no more is compiled than is called."""
 
+import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
+from numba.core import config as settings
 
-from eol_ros.core.compiled import njit
+from eol_ros.core.compiled import NEEDED, TARGET, fix_target, njit
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.event import kernel
@@ -166,3 +169,37 @@ def test_sweeps_are_compiled_for_stiff_scenes_only():
     assert run.swept == run.glided == 0 and len(run.event_t) > 20
     made = [str(s[-2:]) for s in set(kernel.run.signatures) - before]
     assert not [kinds for kinds in made if 'Sweep' in kinds or 'Glide' in kinds]
+
+
+def test_the_target_is_fixed_where_the_processor_can_run_it_and_left_alone_elsewhere():
+    named = SimpleNamespace(CPU_NAME='znver4', CPU_FEATURES='+avx512f')
+    assert fix_target(dict.fromkeys(NEEDED, True), named)
+    assert (named.CPU_NAME, named.CPU_FEATURES) == (TARGET, '')
+    older = SimpleNamespace(CPU_NAME=None, CPU_FEATURES=None)
+    assert not fix_target(dict.fromkeys(NEEDED, True) | {'fma': False}, older)
+    assert older.CPU_NAME is None
+
+
+def test_machine_code_is_the_same_whatever_processor_the_environment_names():
+    """Bits follow from machine code and from nothing else of the processor."""
+    code = (
+        'import numpy as np\n'
+        'from eol_ros.core.compiled import njit\n'
+        '@njit(fastmath=True)\n'
+        'def total(x):\n'
+        '    s = 0.0\n'
+        '    for v in x:\n'
+        '        s += v * v\n'
+        '    return s\n'
+        'total(np.ones(8))\n'
+        'print(next(iter(total.inspect_asm().values())))\n'
+    )
+    named = [{}, {'NUMBA_CPU_NAME': 'znver4'}, {'NUMBA_CPU_NAME': 'nehalem'}]
+    told = [
+        subprocess.run([sys.executable, '-c', code], env={**os.environ, **more}, check=True,
+                       capture_output=True, text=True).stdout
+        for more in named
+    ]  # fmt: skip
+    assert told[0] and set(told) == {told[0]}
+    if settings.CPU_NAME == TARGET:
+        assert 'ymm' in told[0] and 'zmm' not in told[0]
