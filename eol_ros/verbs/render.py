@@ -175,13 +175,16 @@ def writer(path: str, sample_rate: int, channels: int):
     """
     import soundfile
 
+    from eol_ros.devices.audio.audio_file import without_time
+
     kind = Path(path).suffix.lstrip('.').upper()
     if kind not in soundfile.available_formats():
         raise UsageError(f'{path}: the ending names the format; give .wav, .flac or .ogg')
     folders.check_writable(path, '--output')
     subtype = 'FLOAT' if soundfile.check_format(kind, 'FLOAT') else None
     try:
-        with soundfile.SoundFile(path, 'w', sample_rate, channels, subtype=subtype) as file:
+        file = soundfile.SoundFile(path, 'w', sample_rate, channels, subtype=subtype)
+        with without_time(file):
             yield file
     except soundfile.LibsndfileError as error:  # it names no reason: any is a system error
         raise ConfigError(f'{path}: cannot be written ({error}); is its disk full?') from None

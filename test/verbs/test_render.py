@@ -211,3 +211,14 @@ def test_columns_may_be_left_out(tmp_path):
     assert rows['grain'].tolist() == [3, 4]
     assert (rows['gain'] == 1).all()
     assert (rows['block'] == -1).all()
+
+
+def test_two_renders_are_the_same_file_whenever_they_are_made(tmp_path, corpus, triggers, capsys):
+    """libsndfile writes the time of day into files of floats, in seconds."""
+    files = []
+    for name in ('a.wav', 'b.wav'):
+        words = (triggers, '--corpus', corpus, '--output', tmp_path / name)
+        code, _, err = eol(capsys, *words)
+        assert code == 0, err
+        files.append((tmp_path / name).read_bytes())
+    assert files[0] == files[1] and b'PEAK' not in files[0]

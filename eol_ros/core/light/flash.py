@@ -20,12 +20,13 @@ import math
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.geometry import N_BLOCKS
 
 FLASHES_PER_S = 3
 FLASH_DEPTH = 0.1  # of the greatest luminance: what counts as a change (WCAG 2.2)
 MIN_PERIOD_S = 1.001 / FLASHES_PER_S  # the thousandth keeps four falls out of a closed second
-HOLD_RATE = -math.log(1.0 - 0.8 * FLASH_DEPTH) / MIN_PERIOD_S  # 1/s, 8 % in a period
+HOLD_RATE = -elementary.log(1.0 - 0.8 * FLASH_DEPTH) / MIN_PERIOD_S  # 1/s, 8 % in a period
 DARK = 0.5 / 255  # rounds to level 0 on the wire
 
 
@@ -104,10 +105,10 @@ class FlashField:
             held_s = fall_from_s - self._now_s
             fell_s = now_s - fall_from_s
             if held_s > 0:
-                self._level *= math.exp(-HOLD_RATE * held_s)
+                self._level *= elementary.exp(-HOLD_RATE * held_s)
             if fell_s > 0 and self._level.any():
-                visible_s = self.decay_s * math.log(float(np.max(self._level)) / DARK)
+                visible_s = self.decay_s * elementary.log(float(np.max(self._level)) / DARK)
                 self._fell_s = fall_from_s + min(fell_s, visible_s)
-                self._level *= math.exp(-fell_s / self.decay_s)
+                self._level *= elementary.exp(-fell_s / self.decay_s)
             self._level[self._level < DARK] = 0.0
         self._now_s = now_s

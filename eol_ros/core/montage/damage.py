@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How far the walls are broken: the further the greater a cascade, and calm heals it slowly."""
 
-import math
-
+from eol_ros.core import elementary
 from eol_ros.core.geometry import N_BLOCKS
 
 CASCADES = 64  # remembered, so that a slip that comes late still counts for its own
@@ -26,7 +25,7 @@ class Damage:
         blocks.add(block)
         if len(self._blocks) > CASCADES:
             del self._blocks[next(iter(self._blocks))]
-        reached = math.log(len(blocks)) / math.log(N_BLOCKS)
+        reached = elementary.log(float(len(blocks))) / elementary.log(float(N_BLOCKS))
         self._level, self._at_s = max(self.level(now_s), reached), now_s
 
     def level(self, now_s: float) -> float:

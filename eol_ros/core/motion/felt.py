@@ -24,6 +24,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eol_ros.core import elementary
+
 PROVISIONAL = 1
 CONFIRMED = 2
 RETRACTED = 3
@@ -181,7 +183,7 @@ def _octave(knock: Knock) -> int:
     above = knock.strength_mps2 / WEAKEST_MPS2
     if not above > 1.0:
         return 0
-    return int(min(math.log2(above), OCTAVES - 1))
+    return min(math.frexp(above)[1] - 1, OCTAVES - 1)
 
 
 def _moves(images: list[_Image], block: int) -> bool:
@@ -189,7 +191,7 @@ def _moves(images: list[_Image], block: int) -> bool:
     seen = [i for i in images if i.seen[block]]
     last = seen[-1]
     lately = [i for i in seen[:-1] if i.stamp_s >= last.stamp_s - MOVES_S] or seen[-2:-1]
-    far = math.hypot(last.x[block] - lately[0].x[block], last.y[block] - lately[0].y[block])
+    far = elementary.hypot(last.x[block] - lately[0].x[block], last.y[block] - lately[0].y[block])
     return far > MOVES_MPS * (last.stamp_s - lately[0].stamp_s)
 
 

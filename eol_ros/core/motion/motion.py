@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.cascades import CascadeEvent, Cascades
 from eol_ros.core.motion.felt import VERDICT_S, Felt, FeltSlip, Knock
@@ -49,26 +50,27 @@ class _Begun:
 class Motion:
     """Block positions to slips and cascades: what the motion node and `eol track` run.
 
-    Parameters
-    ----------
-    settings : MotionSettings
-        As a scene has them; `set` changes them.
+        Parameters
+        ----------
+        settings : MotionSettings
+            As a scene has them; `set` changes them.
 
-    Examples
-    --------
-    Block 12 slips 2 cm to the right, beginning at 1 s, as springs let it.
+        Examples
+        --------
+        Block 12 slips 2 cm to the right, beginning at 1 s, as springs let it.
 
-    >>> from eol_ros.core.geometry import rest_lattice
-    >>> motion, slips = Motion(MotionSettings()), []
-    >>> x, y = rest_lattice().T.copy()
-    >>> for k in range(120):
-    ...     x[12] = 0.01 - 0.01 * np.cos(np.pi * np.clip((k / 60 - 1.0) / 0.2, 0.0, 1.0))
-    ...     found, _ = motion.update(k / 60, x, y, np.ones(25, bool), np.full(25, 2e-5))
-    ...     slips += [one.event for one in found]
-    >>> [(slip.block, round(slip.onset_s, 2)) for slip in slips][-1]
-    (12, 1.0)
-    >>> round(slips[-1].distance_m, 3)
-    0.02
+        >>> from eol_ros.core import elementary
+    from eol_ros.core.geometry import rest_lattice
+        >>> motion, slips = Motion(MotionSettings()), []
+        >>> x, y = rest_lattice().T.copy()
+        >>> for k in range(120):
+        ...     x[12] = 0.01 - 0.01 * np.cos(np.pi * np.clip((k / 60 - 1.0) / 0.2, 0.0, 1.0))
+        ...     found, _ = motion.update(k / 60, x, y, np.ones(25, bool), np.full(25, 2e-5))
+        ...     slips += [one.event for one in found]
+        >>> [(slip.block, round(slip.onset_s, 2)) for slip in slips][-1]
+        (12, 1.0)
+        >>> round(slips[-1].distance_m, 3)
+        0.02
     """
 
     def __init__(self, settings: MotionSettings):
@@ -201,7 +203,7 @@ class Motion:
             if begun.slip == running:  # known better by now
                 begun.onset_s = detector.onset_s[block]
                 begun.onset_sigma_s = detector.onset_sigma_s[block]
-            joint = np.hypot(begun.onset_sigma_s, knock.sigma_s)
+            joint = elementary.hypot(begun.onset_sigma_s, knock.sigma_s)
             if abs(knock.stamp_s - begun.onset_s) <= max(TAP_WINDOW_S, 4.0 * joint):
                 near.append(begun)
         if not near:
@@ -210,9 +212,10 @@ class Motion:
         begun.felt = True
         if begun.slip == running:
             onset_s, onset_sigma_s = begun.onset_s, begun.onset_sigma_s
-            joint = np.hypot(onset_sigma_s, knock.sigma_s)
+            joint = elementary.hypot(onset_sigma_s, knock.sigma_s)
             # Two independent measurements of one moment: weighted by their variances.
-            weight = onset_sigma_s**2 / joint**2
+            share = onset_sigma_s / joint
+            weight = share * share
             fused = (
                 onset_s + weight * (knock.stamp_s - onset_s),
                 onset_sigma_s * knock.sigma_s / joint,

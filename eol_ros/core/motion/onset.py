@@ -8,7 +8,11 @@ error has a standard deviation of period / sqrt(12) at the least; this estimate 
 times closer. All blocks that begin in one image are answered together, in some 30 array operations.
 """
 
+import math
+
 import numpy as np
+
+from eol_ros.core import elementary
 
 ACCELERATION_MPS2 = 2.5  # what Coulomb friction gives: (mu_s - mu_k) g
 ACCELERATION_SPREAD = 0.24  # standard deviation of that guess, as a share of it
@@ -18,7 +22,7 @@ GROWTH_PER_S = 3.0
 DOUBT_PER_S = 5.0
 GRID = 48
 _UNIT = np.linspace(0.0, 1.0, GRID)
-_UNIT_COLUMN, _UNIT2_COLUMN = _UNIT[:, None], _UNIT[:, None] ** 2
+_UNIT2 = _UNIT * _UNIT
 
 
 def onset(
@@ -81,23 +85,27 @@ def onsets(
     for _ in range(2):  # a coarse grid finds the place, a fine one the moment
         width = high - low
         belief = _belief(low + width * _UNIT, times, path, noise2, acceleration_mps2)
-        centre = belief @ _UNIT_COLUMN
-        spread = width * np.sqrt(np.maximum(belief @ _UNIT2_COLUMN - centre * centre, 0.0))
+        total = np.add.reduce(belief, 1, keepdims=True)
+        centre = np.add.reduce(belief * _UNIT, 1, keepdims=True) / total
+        square = np.add.reduce(belief * _UNIT2, 1, keepdims=True) / total
+        spread = width * np.sqrt(np.maximum(square - centre * centre, 0.0))
         centre = low + width * centre
         step = width / (GRID - 1)
         reach = 4.0 * spread + 2.0 * step
         low, high = centre - reach, np.minimum(centre + reach, newest)
-    return centre[:, 0], np.maximum(spread, step * 12**-0.5)[:, 0]
+    return centre[:, 0], np.maximum(spread, step / math.sqrt(12.0))[:, 0]
 
 
 def _belief(
     t0: np.ndarray, times: np.ndarray, path: np.ndarray, noise2: np.ndarray, acceleration: float
 ) -> np.ndarray:
-    """Posterior (b, g) of the onset on the grid `t0` (b, g), the acceleration integrated out.
+    """Posterior (b, g) of the onset on the grid `t0` (b, g), the acceleration integrated out, not
+    normalised.
 
     Samples (n, b, 1) come first, so that sums over them are sums of rows.
     With sums over the samples S.., the misfit at the best acceleration (Sps + prior A) / (Sss +
-    prior) is Spp - (Sps + prior A)^2 / (Sss + prior), but for a constant.
+    prior) is Spp - (Sps + prior A)^2 / (Sss + prior), but for a constant. Its normalisation, the
+    product of all variances and of the information, is divided by instead of taken as a logarithm.
     """
     prior = 1.0 / (ACCELERATION_SPREAD * acceleration) ** 2
     since = np.maximum(times - t0, 0.0)
@@ -105,9 +113,10 @@ def _belief(
     doubt = DOUBT_PER_S * since * path
     error = noise2 + doubt * doubt
     seen, form = path / error, shape / error
-    information = (shape * form).sum(0) + prior
-    pull = (path * form).sum(0) + prior * acceleration
-    misfit = (path * seen).sum(0) - pull * pull / information
-    misfit += np.log(error.prod(0) * information) + 50.0 * (pull <= 0.0)
-    belief = np.exp(-0.5 * (misfit - misfit.min(1, keepdims=True)))
-    return belief / belief.sum(1, keepdims=True)
+    information = np.add.reduce(shape * form) + prior
+    pull = np.add.reduce(path * form) + prior * acceleration
+    misfit = np.add.reduce(path * seen) - pull * pull / information
+    misfit += 50.0 * (pull <= 0.0)
+    misfit -= np.minimum.reduce(misfit, 1, keepdims=True)
+    misfit *= -0.5
+    return elementary.exp(misfit) / np.sqrt(np.multiply.reduce(error) * information)

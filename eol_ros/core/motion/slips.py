@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.onset import ACCELERATION_MPS2, onsets
 from eol_ros.core.motion.threshold import exceedance, threshold_sigmas
@@ -301,7 +302,7 @@ class SlipDetector:
         limit: (25,) m, for the distance from a place that is known exactly.
         """
         count = np.maximum(self.run, 1)
-        away = np.hypot(*(now - self._run_place()))
+        away = elementary.hypot(*(now - self._run_place()))
         error = np.sqrt(1.0 + 1.0 / count)
         agrees = seen & (self.run > 0) & (away < AGREE_SIGMAS * deviation * error)
         far = seen & (self.run > 1) & (away > limit * error)
@@ -309,7 +310,7 @@ class SlipDetector:
         again = np.zeros(N_BLOCKS, bool)
         for block in np.flatnonzero(far).tolist():
             sigma = float(deviation[block])
-            sure_s = SURE_S * (sigma / SURE_M) ** (1 / 3)
+            sure_s = SURE_S * elementary.power(sigma / SURE_M, 1 / 3)
             short = self.run_to_s[block] - self.run_from_s[block] < sure_s
             early = short and not self.clear[block]
             if early or self._drifts(block, stamp_s, now[:, block], sigma):
@@ -347,23 +348,24 @@ class SlipDetector:
         place = self.place[:, block, at]
         led = place.mean(1) + (place * lever).sum(1) * ahead
         error = math.sqrt(1.0 + 1.0 / len(at) + ahead * ahead * spread)
-        return math.hypot(*(now - led).tolist()) < AGREE_SIGMAS * sigma_m * error
+        return elementary.hypot(*(now - led).tolist()) < AGREE_SIGMAS * sigma_m * error
 
     def _pull(self, block: int, stamp_s: float, now: np.ndarray, rest: np.ndarray) -> float:
         """Acceleration (m/s^2) of `block` from `rest`, by the sample before `now`, all (2,) m."""
         at = next(i for i in self._samples(block, 2, -np.inf) if self.times[i] < stamp_s)
         ahead = now - rest
-        far = math.hypot(*ahead.tolist())
-        near = max(float(ahead @ (self.place[:, block, at] - rest)) / far, 0.0)
+        far = elementary.hypot(*ahead.tolist())
+        near = max(float((ahead * (self.place[:, block, at] - rest)).sum()) / far, 0.0)
         # s = a/2 (t - t0)^2 twice, t0 eliminated
-        return 2.0 * ((math.sqrt(far) - math.sqrt(near)) / (stamp_s - self.times[at])) ** 2
+        rate = (math.sqrt(far) - math.sqrt(near)) / (stamp_s - float(self.times[at]))
+        return 2.0 * rate * rate
 
     def _learn_pull(self, block: int, stamp_s: float) -> None:
         """Learn from the first two images of a slip what pull is usual: on worn grit blocks let go
         less."""
         now = self.place[:, block, self.head - 1]
         more = self._pull(block, stamp_s, now, self.start[:, block]) > self.pull_mps2
-        pull = self.pull_mps2 * math.exp(PULL_STEP if more else -PULL_STEP)
+        pull = self.pull_mps2 * elementary.exp(PULL_STEP if more else -PULL_STEP)
         self.pull_mps2 = min(max(pull, LEAST_PULL_MPS2), MOST_PULL_MPS2)
 
     def _stop_before(
@@ -406,7 +408,7 @@ class SlipDetector:
         if len(at) < 2:
             return 0.0
         dx, dy = (self.place[:, block, at[0]] - self.place[:, block, at[1]]).tolist()
-        return math.hypot(dx, dy) / float(self.times[at[0]] - self.times[at[1]])
+        return elementary.hypot(dx, dy) / float(self.times[at[0]] - self.times[at[1]])
 
     def _samples(self, block: int, most: int, since_s: float) -> list[int]:
         """Return the places in the ring of up to `most` good samples after `since_s`, newest
@@ -429,8 +431,9 @@ class SlipDetector:
             at = self._samples(block, samples, self.last_s - 0.2)[::-1]
             offset = self.place[:, block, at] - self.start[:, block, None]
             ahead = offset[:, -1]
+            along = ahead[0] * offset[0] + ahead[1] * offset[1]
             times[k, -len(at) :] = self.times[at] - self.last_s
-            path[k, -len(at) :] = ahead @ offset / max(math.hypot(*ahead.tolist()), 1e-12)
+            path[k, -len(at) :] = along / max(elementary.hypot(*ahead.tolist()), 1e-12)
         latest = self.started_s[blocks] - self.last_s
         found, spread = onsets(
             times, path, self.rest_sigma[blocks], self.period_s, latest, self.pull_mps2 / GROWN
@@ -464,7 +467,7 @@ class SlipDetector:
             at = np.array(self._samples(block, RING, self.onset_s[block]), int)
             at = at[self.times[at] <= until_s[k]]
             offset = self.place[:, block, at] - rest[:, k, None]
-            far = np.hypot(offset[0], offset[1])
+            far = elementary.hypot(offset[0], offset[1])
             away = far > AWAY_SIGMAS * sigma_m[k]
             # The newest may be away because it has begun to leave: it rested where it is not.
             out = np.flatnonzero(away & ~np.logical_and.accumulate(away))
@@ -473,7 +476,7 @@ class SlipDetector:
                 size = part.stop - part.start
                 direction = offset[:, out[0]] / far[out[0]]
                 times[k, -size:] = -self.times[at[part]]
-                path[k, -size:] = direction @ offset[:, part]
+                path[k, -size:] = direction[0] * offset[0, part] + direction[1] * offset[1, part]
         found = np.flatnonzero(np.isfinite(path[:, -1]))
         if found.size:
             back, _ = onsets(
@@ -506,8 +509,8 @@ class SlipDetector:
         middle = (place * mask).sum(2) / n
         away = np.where(mask, place - middle[:, :, None], 0.0)
         return (
-            np.hypot(slope[0], slope[1]), spread**-0.5, middle,
-            np.hypot(away[0], away[1]).max(1, initial=0.0), n,
+            elementary.hypot(slope[0], slope[1]), 1.0 / np.sqrt(spread), middle,
+            elementary.hypot(away[0], away[1]).max(1, initial=0.0), n,
         )  # fmt: skip
 
     def _watch(
@@ -582,7 +585,7 @@ class SlipDetector:
         if here is None:
             newest = self._samples(block, 1, -np.inf)
             here = self.place[:, block, newest[0]] if newest else self.start[:, block]
-        moved = math.hypot(*(here - self.start[:, block]).tolist()) if kind == STOP else 0.0
+        moved = elementary.hypot(*(here - self.start[:, block]).tolist()) if kind == STOP else 0.0
         lasted = max(float(ended_s - self.onset_s[block]), 0.0) if ended_s is not None else 0.0
         return SlipEvent(
             kind,

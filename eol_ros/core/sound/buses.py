@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
 
 TAIL = 1e-9  # -180 dBFS: below it the tail of a low-pass is cut to zero
@@ -18,7 +19,7 @@ TAIL = 1e-9  # -180 dBFS: below it the tail of a low-pass is cut to zero
 
 def pole(corner_hz: np.ndarray, sample_rate: float) -> np.ndarray:
     """Return the pole of a one-pole low-pass (impulse invariance) of corners (n,), Hz."""
-    return np.exp(-2 * math.pi * np.asarray(corner_hz, np.float64) / sample_rate)
+    return elementary.exp(-2 * math.pi * np.asarray(corner_hz, np.float64) / sample_rate)
 
 
 @njit(cache=True)

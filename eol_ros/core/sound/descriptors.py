@@ -22,6 +22,7 @@ import numpy as np
 from scipy.fft import irfft, rfft
 from scipy.signal import sosfilt
 
+from eol_ros.core import elementary
 from eol_ros.core.sound.corpus import GRAIN
 from eol_ros.core.sound.loudness import k_weighting, lufs
 
@@ -83,7 +84,7 @@ def analyse(
         rolloff,
     )
     grains['periodicity_mean'], grains['pitch_hz'] = _periodic(samples, rate, cuts, half[1])
-    grains['rms_db'] = 10 * np.log10(np.maximum(_mean_square(samples, cuts), 1e-20))
+    grains['rms_db'] = 10 * elementary.log10(np.maximum(_mean_square(samples, cuts), 1e-20))
     grains['loudness_lufs'] = lufs(_mean_square(samples, cuts, k_weighting(rate)))
     progress(1.0)
     return grains, ~sounding | (grains['rms_db'] < silence_db)
@@ -135,15 +136,16 @@ def _spectral(
     owner = frame_starts(cuts, FRAME)[1]
     rows = np.zeros((3, len(owner)))
     heard = np.zeros(len(owner), bool)
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(FRAME) / FRAME)
+    window = 0.5 - 0.5 * elementary.cos(2 * np.pi * np.arange(FRAME) / FRAME)
     hz = np.arange(FRAME // 2 + 1) * rate / FRAME
     for part, frames in _batches(samples, cuts, FRAME, progress):
-        magnitude = np.abs(rfft(frames * window))
+        spectrum = rfft(frames * window)
+        magnitude = elementary.hypot(spectrum.real, spectrum.imag)
         total = magnitude.sum(axis=1)
         heard[part] = total >= SILENT_SUM
-        rows[0, part] = magnitude @ hz / np.maximum(total, SILENT_SUM)
+        rows[0, part] = (magnitude * hz).sum(axis=1) / np.maximum(total, SILENT_SUM)
         power = np.maximum(magnitude**2, 1e-10)
-        rows[1, part] = np.exp(np.log(power).mean(axis=1)) / power.mean(axis=1)
+        rows[1, part] = elementary.exp(elementary.log(power).mean(axis=1)) / power.mean(axis=1)
         within = np.cumsum(magnitude, axis=1) < 0.95 * total[:, None]
         rows[2, part] = hz[np.minimum(within.sum(axis=1), FRAME // 2)]
     count = np.bincount(owner, heard, len(cuts))
@@ -206,7 +208,7 @@ def yin(frames: np.ndarray, rate: int) -> tuple[np.ndarray, np.ndarray]:
     # c(t) = sum_j x_j x_(j+t), j < 1024: a circular transform of 2048 does not wrap up to t = 1024.
     head = np.zeros_like(frames)
     head[:, :YIN_SPAN] = frames[:, :YIN_SPAN]
-    product = irfft(np.conj(rfft(head)) * rfft(frames), YIN_FRAME)[:, : lags + 1]
+    product = irfft(elementary.product(np.conj(rfft(head)), rfft(frames)), YIN_FRAME)[:, : lags + 1]
     energy = np.cumsum(np.pad(frames**2, ((0, 0), (1, 0))), axis=1)
     span = energy[:, YIN_SPAN:] - energy[:, :-YIN_SPAN]  # of x_t .. x_(t+1023)
     difference = np.maximum(span[:, :1] + span - 2 * product, 0)

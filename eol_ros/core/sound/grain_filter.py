@@ -18,6 +18,7 @@ import math
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
 from eol_ros.core.sound.lanes import WIDTH, convolve, fma, load, splat, store, total
 
@@ -35,7 +36,7 @@ _SMALL = np.float32(1e-18)  # a state far below it becomes exactly 0, and never 
 def tuned(cutoff_hz: np.ndarray, sample_rate: float) -> np.ndarray:
     """Return the gain (n,) of the integrators for cutoffs (n,), Hz, within what can be."""
     within = np.clip(cutoff_hz, LEAST_HZ, MOST * sample_rate)
-    return np.tan(math.pi * within / sample_rate)
+    return elementary.tan(math.pi * within / sample_rate)
 
 
 @njit(cache=True)

@@ -4,6 +4,7 @@
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from eol_ros.core import elementary
 from eol_ros.core.sound.projection import ranked
 
 EXACT_UP_TO = 2048  # grains placed in one assignment, which costs n^3; more are halved first
@@ -16,7 +17,7 @@ def scaled(values: np.ndarray, name: str) -> np.ndarray:
     """
     values = np.asarray(values, float)
     if name.endswith('_hz'):
-        values = np.log2(np.maximum(values, 1.0))
+        values = elementary.log2(np.maximum(values, 1.0))
     known = np.isfinite(values)
     if not known.any():
         return np.full(len(values), 0.5)

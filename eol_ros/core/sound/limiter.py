@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, exp, exp10, log10
 
 ONE = 1 << 40  # the gain 1 in the smoothing box: integers add without rounding, so it never drifts
 INAUDIBLE = 1e-7  # a gain so near to its aim is there
@@ -37,9 +38,9 @@ def govern(m):
     length = s.window_fill
     s.window_fill = 0
     mean = m.windows.mean()
-    s.lufs = -0.691 + 10 * math.log10(mean) if mean > 1e-12 else -120.0
+    s.lufs = -0.691 + 10 * log10(mean) if mean > 1e-12 else -120.0
     s.governor_db = min(0.0, max(-s.governor_range, s.loudness - s.lufs))
-    target = 10 ** (s.governor_db / 20)
+    target = exp10(s.governor_db / 20)
     if abs(target - s.governor) < INAUDIBLE:
         s.governor, s.governor_step = target, 0.0
     else:
@@ -52,7 +53,7 @@ def _glide(m, at, n):
     s = m.state[0]
     if s.gain == s.gain_target and s.fade == s.fade_target and s.fade == 1.0:
         return s.gain
-    ease = 1.0 - math.exp(-1.0 / (GAIN_S * s.sample_rate))
+    ease = 1.0 - exp(-1.0 / (GAIN_S * s.sample_rate))
     for k in range(at, at + n):
         if s.gain != s.gain_target:
             s.gain += ease * (s.gain_target - s.gain)
@@ -62,7 +63,7 @@ def _glide(m, at, n):
             s.fade = min(s.fade_target, s.fade + s.fade_step)
         elif s.fade > s.fade_target:
             s.fade = max(s.fade_target, s.fade - s.fade_step)
-        gain = s.gain * (0.5 - 0.5 * math.cos(math.pi * s.fade) if s.fade < 1.0 else 1.0)
+        gain = s.gain * (0.5 - 0.5 * cos(math.pi * s.fade) if s.fade < 1.0 else 1.0)
         for c in range(m.filters.shape[0]):
             m.mix[c, k] = np.float32(gain * m.mix[c, k])
     return 1.0

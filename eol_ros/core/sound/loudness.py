@@ -3,6 +3,8 @@
 
 import numpy as np
 
+from eol_ros.core import elementary
+
 ABSOLUTE_LUFS = -70.0  # what is quieter is silence
 STEP_S = 0.1  # from window to window
 # Goes into the filters with the sound, as a tone of half the sample rate: in silence they would
@@ -17,9 +19,9 @@ def k_weighting(rate: float) -> np.ndarray:
     +4 dB at 1682 Hz, a high-pass at 38 Hz) follow from inverting the bilinear transform, so that
     other rates get the same curve; at 48 kHz the printed figures come out to nine digits.
     """
-    k = np.tan(np.pi * 1681.974450955533 / rate)
-    q, high = 0.7071752369554196, 10 ** (3.999843853973347 / 20)
-    mid = high**0.4996667741545416
+    k = elementary.tan(np.pi * 1681.974450955533 / rate)
+    q, high = 0.7071752369554196, elementary.exp10(3.999843853973347 / 20)
+    mid = elementary.power(high, 0.4996667741545416)
     a0 = 1 + k / q + k * k
     shelf = [
         (high + mid * k / q + k * k) / a0,
@@ -29,7 +31,7 @@ def k_weighting(rate: float) -> np.ndarray:
         2 * (k * k - 1) / a0,
         (1 - k / q + k * k) / a0,
     ]
-    k = np.tan(np.pi * 38.13547087602444 / rate)
+    k = elementary.tan(np.pi * 38.13547087602444 / rate)
     q = 0.5003270373238773
     a0 = 1 + k / q + k * k
     high_pass = [1.0, -2.0, 1.0, 1.0, 2 * (k * k - 1) / a0, (1 - k / q + k * k) / a0]
@@ -76,7 +78,7 @@ def lufs(mean_square: np.ndarray) -> np.ndarray:
     >>> lufs(np.array([0.5])).round(2).tolist()
     [-3.7]
     """
-    return -0.691 + 10 * np.log10(np.maximum(mean_square, 1e-20))
+    return -0.691 + 10 * elementary.log10(np.maximum(mean_square, 1e-20))
 
 
 def windows_lufs(sound: np.ndarray, rate: float, window_s: float) -> np.ndarray:
@@ -125,4 +127,4 @@ def _gated(loudness: np.ndarray, below: float) -> tuple[float, np.ndarray]:
 
 
 def _mean(loudness: np.ndarray) -> float:
-    return float(10 * np.log10(np.mean(10 ** (loudness / 10))))
+    return float(10 * elementary.log10(np.mean(elementary.exp10(loudness / 10))))

@@ -5,10 +5,12 @@
 the next frames. Nothing in it allocates, waits or calls Python, so a sound card may call it.
 """
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
 from eol_ros.core.prefetch import CACHE_LINE, prefetch
 from eol_ros.core.sound import clock, grain_filter, room
@@ -298,7 +300,7 @@ class Mixer:
         latest: int = 0,
     ):
         look_ahead = int(round(LOOK_AHEAD_S * sample_rate))
-        history = 1 << int(np.ceil(np.log2(1.3 * sample_rate)))
+        history = 1 << math.ceil(1.3 * sample_rate - 1).bit_length()
         self.memory: Memory
         lines = room.delays(sample_rate)
         line_size = 1 << int(lines.max() + room.SPAN).bit_length() if room_s else 0
@@ -311,8 +313,8 @@ class Mixer:
         s = self.state = self.memory.state
         s['sample_rate'], s['max_voices'], s['ingest'] = sample_rate, max_voices, RING // 16
         s['steal_frames'] = round(STEAL_S * sample_rate)
-        s['ceiling'] = 10 ** (ceiling_db / 20) * (1 - 1e-6)  # room for the rounding to float32
-        s['release'] = 1 - np.exp(-1 / (LIMITER_RELEASE_S * sample_rate))
+        s['ceiling'] = elementary.exp10(ceiling_db / 20) * (1 - 1e-6)  # float32 rounds
+        s['release'] = 1 - elementary.exp(-1 / (LIMITER_RELEASE_S * sample_rate))
         s['dc_pole'] = 1 - 2 * np.pi * DC_HZ / sample_rate
         if room_s:
             self.memory.room.delays[:] = lines
@@ -350,7 +352,7 @@ class Mixer:
         if cubic is not None:
             s['cubic'] = bool(cubic)
         if gain_db is not None:
-            s['gain_target'] = 10 ** (gain_db / 20)
+            s['gain_target'] = elementary.exp10(gain_db / 20)
         if loudness_lufs is not None:
             s['loudness'] = loudness_lufs
         if governor_db is not None:

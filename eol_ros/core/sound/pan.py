@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, sin
 
 
 @njit(cache=True)
@@ -20,5 +21,5 @@ def pan(place, channels):
     along = (min(max(place, -1.0), 1.0) + 1) / 2 * (channels - 1)
     left = min(int(along), channels - 2)
     angle = (along - left) * math.pi / 2
-    gain = 0.0 if along - left == 1.0 else math.cos(angle)  # cos(pi / 2) is not quite zero
-    return left, left + 1, np.float32(gain), np.float32(math.sin(angle))
+    gain = 0.0 if along - left == 1.0 else cos(angle)  # cos(pi / 2) is not quite zero
+    return left, left + 1, np.float32(gain), np.float32(sin(angle))

@@ -1,7 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Descriptors made comparable: by rank, by deviation, and two numbers for all of them together."""
 
+import itertools
+
 import numpy as np
+
+from eol_ros.core import elementary
+
+SWEEPS = 30  # of Jacobi's rotations; ten descriptors take some seven
+TINY = 1e-15  # covariance that needs no rotation, as a share of the greatest variance
 
 
 def ranked(values: np.ndarray) -> np.ndarray:
@@ -34,7 +41,11 @@ def standardised(columns: list[np.ndarray], names: list[str]) -> np.ndarray:
     """
     found = []
     for values, name in zip(columns, names, strict=True):
-        v = np.log2(np.maximum(values, 1.0)) if name.endswith('_hz') else np.asarray(values, float)
+        v = (
+            elementary.log2(np.maximum(values, 1.0))
+            if name.endswith('_hz')
+            else np.asarray(values, float)
+        )
         known = np.isfinite(v)
         if not known.any() or np.ptp(v[known]) <= 1e-12 * np.abs(v[known]).max():
             continue
@@ -55,9 +66,34 @@ def pca(matrix: np.ndarray) -> np.ndarray:
     [[-1.414, 0.0], [0.0, 0.0], [1.414, 0.0]]
     """
     centred = matrix - matrix.mean(axis=0)
-    axes = np.linalg.svd(centred, full_matrices=False)[2][:2]
+    axes = _principal(centred)[:2]
     axes = np.pad(axes, ((0, 2 - len(axes)), (0, 0)))
     if axes.shape[1]:
         strongest = np.take_along_axis(axes, np.abs(axes).argmax(axis=1)[:, None], axis=1)
         axes = axes * np.where(strongest < 0, -1, 1)
-    return np.round(centred @ axes.T, 12) + 0.0
+    return np.stack([np.round((centred * axis).sum(axis=1), 12) for axis in axes], axis=1) + 0.0
+
+
+def _principal(centred: np.ndarray) -> np.ndarray:
+    """Return the eigenvectors of the covariance of (n, m), (m, m), that of most variance first.
+
+    Jacobi's rotations (Golub and Van Loan, Matrix Computations, 8.5): LAPACK's last bits follow the
+    processor.
+    """
+    m = centred.shape[1]
+    matrix = np.array([[(a * b).sum() for b in centred.T] for a in centred.T]).reshape(m, m)
+    axes, least = np.eye(m), TINY * matrix.diagonal().max(initial=0.0)
+    for _ in range(SWEEPS):
+        for p, q in itertools.combinations(range(m), 2):
+            if abs(matrix[p, q]) <= least:
+                continue
+            slope = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
+            t = np.copysign(1.0 / (abs(slope) + np.sqrt(slope * slope + 1.0)), slope)
+            cosine = 1.0 / np.sqrt(t * t + 1.0)
+            sine = t * cosine
+            for rows in (matrix, matrix.T, axes):
+                rows[p], rows[q] = (
+                    cosine * rows[p] - sine * rows[q],
+                    sine * rows[p] + cosine * rows[q],
+                )
+    return axes[np.argsort(-matrix.diagonal(), kind='stable')]

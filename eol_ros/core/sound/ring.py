@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.errors import ConfigError
 from eol_ros.settings import SoundSettings
 
@@ -88,7 +89,9 @@ def alignment(speakers: Sequence[Speaker], sample_rate: float) -> tuple[np.ndarr
         return np.zeros(0, np.int64), np.zeros(0)
     distance = np.array([s.distance_m for s in speakers])
     delay = np.rint((distance.max() - distance) / SOUND_MPS * sample_rate).astype(np.int64)
-    gain = distance / distance.max() * 10 ** (np.array([s.gain_db for s in speakers]) / 20)
+    gain = (
+        distance / distance.max() * elementary.exp10(np.array([s.gain_db for s in speakers]) / 20)
+    )
     return delay, gain
 
 
@@ -137,7 +140,7 @@ class Ring:
 
     def __init__(self, speakers: Sequence[Speaker]):
         azimuth = np.array([s.azimuth % 360 for s in speakers])
-        self._order = np.argsort(azimuth)
+        self._order = np.argsort(azimuth, kind='stable')
         self._azimuth = azimuth[self._order]
         ends = np.concatenate([self._azimuth[1:], self._azimuth[:1] + 360])
         self._gap = np.radians(ends - self._azimuth)
@@ -146,17 +149,17 @@ class Ring:
         self, x: np.ndarray, y: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return channel_a, channel_b (n,) i8 and gain_a, gain_b (n,) f4 of places (n,), m."""
-        azimuth = np.degrees(np.arctan2(-np.asarray(x, float), np.asarray(y, float))) % 360
+        azimuth = np.degrees(elementary.arctan2(-np.asarray(x, float), np.asarray(y, float))) % 360
         left = (np.searchsorted(self._azimuth, azimuth, side='right') - 1) % len(self._azimuth)
         angle = np.radians((azimuth - self._azimuth[left]) % 360)
         gap = self._gap[left]
         # p = g1 l1 + g2 l2 in two dimensions: g1 : g2 = sin(gap - angle) : sin(angle)
-        gain_a, gain_b = np.sin(gap - angle), np.sin(angle)
+        gain_a, gain_b = elementary.sin(gap - angle), elementary.sin(angle)
         wide = gap >= np.pi - 1e-9
         nearer = angle < gap / 2
         gain_a = np.where(wide, nearer, np.maximum(gain_a, 0.0))
         gain_b = np.where(wide, ~nearer, np.maximum(gain_b, 0.0))
-        norm = np.hypot(gain_a, gain_b)
+        norm = elementary.hypot(gain_a, gain_b)
         return (
             self._order[left],
             self._order[(left + 1) % len(self._order)],

@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
 from eol_ros.core.sound.lanes import WIDTH, butterfly, fma, load, splat, store
 
@@ -34,7 +35,11 @@ def delays(sample_rate: float) -> np.ndarray:
     >>> delays(48000)[[0, -1]].tolist()
     [1489, 4657]
     """
-    wanted = sample_rate * np.geomspace(SHORTEST_S, LONGEST_S, LINES)
+    wanted = (
+        sample_rate
+        * SHORTEST_S
+        * elementary.power(LONGEST_S / SHORTEST_S, np.linspace(0, 1, LINES))
+    )
     return np.array([_prime(round(n)) for n in wanted], np.int64)
 
 
@@ -61,10 +66,10 @@ def coefficients(sample_rate: float, decay_s: float, high_s: float) -> np.ndarra
         The same at HIGH_HZ; not above `decay_s`.
     """
     d = delays(sample_rate)
-    gain = 10 ** (-3 * d / (sample_rate * decay_s))
-    ratio = 10 ** (-3 * d / sample_rate * (1 / min(high_s, decay_s) - 1 / decay_s))
+    gain = elementary.exp10(-3 * d / (sample_rate * decay_s))
+    ratio = elementary.exp10(-3 * d / sample_rate * (1 / min(high_s, decay_s) - 1 / decay_s))
     # (1 - p) / |1 - p e^(-i w)| = ratio at w, a quadratic in the pole p
-    turn = math.cos(2 * math.pi * min(HIGH_HZ, 0.4 * sample_rate) / sample_rate)
+    turn = elementary.cos(2 * math.pi * min(HIGH_HZ, 0.4 * sample_rate) / sample_rate)
     a, b = 1 - ratio**2, 1 - ratio**2 * turn
     pole = a / (b + np.sqrt(b**2 - a**2))
     # The lines hold what enters them over what they lose, and what is heard is what they keep.

@@ -6,6 +6,8 @@ Every cut returns (n, 2) int64: first sample and one past the last of each grain
 
 import numpy as np
 
+from eol_ros.core import elementary
+
 HOP_S = 0.005  # resolution of the loudness and novelty curves
 BANDS = 12  # of the novelty curve
 MIN_S = 0.02  # the shortest grain that a cut may leave
@@ -131,19 +133,24 @@ def onsets(
 
 def _rise_db(samples: np.ndarray, rate: int, hop: int) -> np.ndarray:
     """Mean rise in dB over the bands within two hops; value i belongs to sample i * hop."""
-    size = 1 << max(6, round(np.log2(0.02 * rate)))
+    size = 1 << max(6, round(elementary.log2(0.02 * rate)))
     padded = np.concatenate([np.zeros(size), samples, np.zeros(size)])  # frame i ends at i * hop
     frames = np.lib.stride_tricks.sliding_window_view(padded, size)[::hop][
         : len(samples) // hop + 1
     ]
-    window = np.hanning(size + 2)[1:-1]
-    edges = np.geomspace(4, size // 2 + 1, BANDS).round().astype(int)  # wide: noise averages out
+    window = elementary.hann(size + 2)[1:-1]
+    edges = (
+        (4 * elementary.power((size // 2 + 1) / 4, np.linspace(0, 1, BANDS))).round().astype(int)
+    )  # wide: noise averages out
     band = np.searchsorted(edges, np.arange(size // 2 + 1), side='right')
-    weight = np.eye(BANDS)[np.minimum(band, BANDS - 1)]
+    band = np.minimum(band, BANDS - 1)
     level = np.zeros((len(frames), BANDS))
     for i in range(0, len(frames), 1024):
-        power = np.abs(np.fft.rfft(frames[i : i + 1024] * window)) ** 2
-        level[i : i + 1024] = 10 * np.log10(power @ weight / window.sum() ** 2 + 1e-9)
+        spectrum = np.fft.rfft(frames[i : i + 1024] * window)
+        power = spectrum.real**2 + spectrum.imag**2
+        per_band = np.stack([power[:, band == k].sum(axis=1) for k in range(BANDS)], axis=1)
+        total = window.sum()
+        level[i : i + 1024] = 10 * elementary.log10(per_band / (total * total) + 1e-9)
     return np.maximum(level - np.pad(level, ((2, 0), (0, 0)), 'edge')[:-2], 0).mean(axis=1)
 
 
@@ -188,4 +195,4 @@ def _level_db(samples: np.ndarray, hop: int) -> np.ndarray:
     """RMS in dBFS over two hops, one value per hop."""
     squares = np.add.reduceat(samples.astype(np.float64) ** 2, np.arange(0, len(samples), hop))
     pair = (squares + np.append(squares[1:], squares[-1])) / (2 * hop)
-    return 10 * np.log10(np.maximum(pair, 1e-20))
+    return 10 * elementary.log10(np.maximum(pair, 1e-20))

@@ -30,6 +30,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import ArrayLike
 
+from eol_ros.core import elementary
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.corpus import Corpus, table_bounds
 from eol_ros.core.sound.projection import rank_shares
@@ -291,7 +292,7 @@ class Selector:
         s = self.settings
         dt = time_s - self._seen_s
         known = seen & (dt <= FORGET_S) & np.isfinite(at).all(axis=1)
-        step = np.hypot(*(at - self._at).T)
+        step = elementary.hypot(*(at - self._at).T)
         with np.errstate(invalid='ignore', divide='ignore'):
             speed = np.where(known, step / dt, 0.0)
             clear = step >= NOISE_SIGMAS * np.sqrt(2) * np.asarray(sigma_m, float)
@@ -465,11 +466,11 @@ class Selector:
         block, column = np.array(found).T
         grain = self._grains[column]
         u = 2 * chance(s.seed, time_s, block[:, None], grain[:, None], np.arange(2, 5)) - 1
-        rate = s.playback_rate * 2 ** (s.rate_jitter_st * u[:, 0] / 12)
-        loud = np.clip(speed / s.full_mps, 0, 1) ** s.gain_curve
+        rate = s.playback_rate * elementary.exp2(s.rate_jitter_st * u[:, 0] / 12)
+        loud = elementary.power(np.clip(speed / s.full_mps, 0, 1), s.gain_curve)
         rise = np.clip((time_s - self._swapped_s) / s.crossfade_s, 0, 1) if s.crossfade_s else 1.0
         out['time_s'], out['grain'], out['block'] = time_s, grain, block
-        out['gain'] = s.gain * np.maximum(loud, s.gain_floor) * np.sin(np.pi / 2 * rise)
+        out['gain'] = s.gain * np.maximum(loud, s.gain_floor) * elementary.sin(np.pi / 2 * rise)
         out['rate'] = np.clip(rate, MIN_RATE, MAX_RATE)
         half = self.settings.space_m / 2
         out['pan'] = np.clip(s.pan_width * x / half, -1, 1)
@@ -494,7 +495,7 @@ class Selector:
         s = self.settings
         strain = np.minimum(stress(self._at, s.bed_break_m), 1.0)
         u = chance(s.seed, time_s, np.arange(N_BLOCKS)[:, None], 0, salt=np.arange(5, 8))
-        likely = 1 - np.exp(-s.bed_rate * span_s * np.nan_to_num(strain) ** 2)
+        likely = 1 - elementary.exp(-s.bed_rate * span_s * np.nan_to_num(strain) ** 2)
         rows = np.nonzero(~self.moving & (u[:, 0] < likely))[0]
         if not len(rows):
             return np.zeros(0, TRIGGER)
@@ -507,7 +508,7 @@ class Selector:
         out['time_s'], out['block'] = time_s, -1
         out['grain'] = self._grains[np.argmin(far, axis=1)]
         out['gain'] = s.bed_gain * strain[rows] * (0.5 + 0.5 * u[rows, 1])
-        out['rate'] = np.clip(s.bed_speed * 4 ** (u[rows, 2] - 0.5), MIN_RATE, MAX_RATE)
+        out['rate'] = np.clip(s.bed_speed * elementary.exp2(2 * u[rows, 2] - 1), MIN_RATE, MAX_RATE)
         out['pan'] = np.clip(s.pan_width * self._at[rows, 0] / (s.space_m / 2), -1, 1)
         out['attack_s'] = out['release_s'] = BED_EDGE_S
         return out

@@ -9,6 +9,7 @@ the rim, so what its springs pull at the outer blocks is left out.
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
 
 _IDS = np.arange(N_BLOCKS).reshape(ROWS, COLS)
@@ -37,9 +38,9 @@ def stress(at: np.ndarray, break_m: float) -> np.ndarray:
     [0.0, 0.5, 0.25]
     """
     way = at[SECOND] - at[FIRST]
-    length = np.hypot(*way.T)
+    length = elementary.hypot(*way.T)
     pull = way * ((length - PITCH_M) / np.maximum(length, 1e-9))[:, None]
     total = np.zeros((N_BLOCKS, 2))
     np.add.at(total, FIRST, pull)
     np.subtract.at(total, SECOND, pull)
-    return np.hypot(*total.T) / break_m
+    return elementary.hypot(*total.T) / break_m

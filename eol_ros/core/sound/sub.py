@@ -12,6 +12,7 @@ import functools
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.triggers import TRIGGER
@@ -25,8 +26,8 @@ EDGE_S = 0.25  # of that pulse
 def pulse(sample_rate: float) -> np.ndarray:
     """Return the pulse at PULSE_HZ, (n,) f4, of a peak near 1."""
     periods = np.arange(round(PERIODS / PULSE_HZ * sample_rate)) * PULSE_HZ / sample_rate
-    swell = periods / RISE * np.exp(1 - periods / RISE)
-    return (swell * np.sin(2 * np.pi * periods)).astype(np.float32)
+    swell = periods / RISE * elementary.exp(1 - periods / RISE)
+    return (swell * elementary.sin(2 * np.pi * periods)).astype(np.float32)
 
 
 @functools.cache  # voices know addresses only: it stays for as long as the process does
@@ -54,7 +55,8 @@ def moments(area: np.ndarray) -> np.ndarray:
     >>> moments(np.array([4, 25])).round(3).tolist()
     [0.064, 1.0]
     """
-    return (np.asarray(area, float) / N_BLOCKS) ** 1.5
+    share = np.asarray(area, float) / N_BLOCKS
+    return share * np.sqrt(share)
 
 
 def pulses(triggers: np.ndarray, area: np.ndarray, low_hz: float, high_hz: float) -> np.ndarray:

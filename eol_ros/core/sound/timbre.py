@@ -20,6 +20,7 @@ import numpy as np
 from scipy.fft import dct, rfft
 from scipy.ndimage import median_filter
 
+from eol_ros.core import elementary
 from eol_ros.core.sound.descriptors import FRAME, SILENT_SUM, frames_of
 from eol_ros.core.sound.loudness import k_weighted, lufs
 from eol_ros.settings import MORE_DESCRIPTORS
@@ -64,18 +65,19 @@ def describe(
     (True, True)
     """
     found = {name: np.full(len(cuts), np.nan) for name in MORE_DESCRIPTORS}
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(FRAME) / FRAME)
-    bands = mel_bands(rate).T
+    window = 0.5 - 0.5 * elementary.cos(2 * np.pi * np.arange(FRAME) / FRAME)
+    bands = mel_bands(rate)
     weighted, _ = k_weighted(samples, rate)
     for i, (first, last) in enumerate(cuts.tolist()):
-        magnitude = np.abs(rfft(frames_of(samples, cuts[i], FRAME) * window))
+        spectrum = rfft(frames_of(samples, cuts[i], FRAME) * window)
+        magnitude = elementary.hypot(spectrum.real, spectrum.imag)
         total = magnitude.sum(axis=1)
         heard = total >= SILENT_SUM
         if heard.any():
             share = magnitude[heard] / total[heard, None]
             steps = 0.5 * np.abs(np.diff(share, axis=0)).sum(axis=1)
             found['spectral_flux'][i] = steps.mean() if len(steps) else 0.0
-            level = 10 * np.log10(np.maximum(magnitude**2 @ bands, FLOOR))
+            level = 10 * elementary.log10(np.maximum(_per_band(magnitude**2, bands), FLOOR))
             mean = dct(level, norm='ortho', axis=1)[:, 1 : MFCCS + 1].mean(axis=0)
             for k, value in enumerate(mean.tolist(), 1):
                 found[f'mfcc_{k}'][i] = value
@@ -92,16 +94,21 @@ def mel_bands(rate: int) -> np.ndarray:
     Slaney's scale (Auditory Toolbox, 1998): linear up to 1 kHz, logarithmic above; triangles of
     equal area.
     """
-    knee, per_hz, step = 1000.0, 3 / 200, np.log(6.4) / 27
+    knee, per_hz, step = 1000.0, 3 / 200, elementary.log(6.4) / 27
     top = rate / 2
-    mels = per_hz * top if top < knee else knee * per_hz + np.log(top / knee) / step
+    mels = per_hz * top if top < knee else knee * per_hz + elementary.log(top / knee) / step
     at = np.linspace(0, mels, MELS + 2)
     low = at < knee * per_hz
-    edges = np.where(low, at / per_hz, knee * np.exp(step * (at - knee * per_hz)))
+    edges = np.where(low, at / per_hz, knee * elementary.exp(step * (at - knee * per_hz)))
     hz = np.arange(FRAME // 2 + 1) * rate / FRAME
     rise = (hz - edges[:-2, None]) / np.diff(edges)[:-1, None]
     fall = (edges[2:, None] - hz) / np.diff(edges)[1:, None]
     return np.maximum(0, np.minimum(rise, fall)) * (2 / (edges[2:] - edges[:-2]))[:, None]
+
+
+def _per_band(power: np.ndarray, bands: np.ndarray) -> np.ndarray:
+    """Return the power (frames, bins) of each of `bands` (MELS, bins), (frames, MELS)."""
+    return np.stack([(power * weight).sum(axis=1) for weight in bands], axis=1)
 
 
 def harmonic_ratio(magnitude: np.ndarray) -> float:

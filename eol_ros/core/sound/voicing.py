@@ -16,6 +16,7 @@ a bus is filtered once (`buses.py`), so that the loop over the grains does not k
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank, numbered_rows, playable, voice_rows
 from eol_ros.core.sound.grain_filter import tuned
@@ -30,12 +31,13 @@ from eol_ros.settings import SoundSettings
 
 BUSES = 10  # of areas in steps of half an octave: 1, 1.4, 2, 2.8, 4 ... 22.6; the first is the mix
 OFF_DB = -90.0
-AREA_OF_BUS = 2.0 ** (np.arange(BUSES) / 2)
+AREA_OF_BUS = elementary.exp2(np.arange(BUSES) / 2)
+LOG_BLOCKS = elementary.log(float(N_BLOCKS))
 
 
 def bus_of(area: np.ndarray) -> np.ndarray:
     """Return the bus of areas (n,) 1..25; each is within a quarter of an octave of its area."""
-    return np.rint(2 * np.log2(area)).astype(np.int64)
+    return np.rint(2 * elementary.log2(area)).astype(np.int64)
 
 
 def corners_hz(single_hz: float) -> np.ndarray:
@@ -52,8 +54,8 @@ def corners_hz(single_hz: float) -> np.ndarray:
 def set_room(mixer: Mixer, settings: SoundSettings) -> None:
     """Set what share of each bus the room hears, if there is one; as often as that changes."""
     if settings.room_s:
-        less_db = settings.room_range_db * (1 - np.log(AREA_OF_BUS) / np.log(N_BLOCKS))
-        mixer.set_wets(per_bus(10 ** ((settings.room_db - less_db) / 20), settings))
+        less_db = settings.room_range_db * (1 - elementary.log(AREA_OF_BUS) / LOG_BLOCKS)
+        mixer.set_wets(per_bus(elementary.exp10((settings.room_db - less_db) / 20), settings))
 
 
 def bussed(settings: SoundSettings) -> bool:
@@ -146,12 +148,14 @@ class Voicing:
         t = triggers[good]
         area, since_s, grew = self._grown(t)
         sub = self._sub(t[grew], area[grew]) if s.sub_db > OFF_DB else None
-        speed = np.clip(np.abs(t['rate']) * area ** (-s.rate_scaling / 2), MIN_RATE, MAX_RATE)
+        log_area = elementary.log(area)
+        slower = elementary.exp(-s.rate_scaling / 2 * log_area)
+        speed = np.clip(np.abs(t['rate']) * slower, MIN_RATE, MAX_RATE)
         t['rate'] = np.copysign(speed, t['rate'])
-        level_db = s.dynamics_db * (np.log(area) / np.log(N_BLOCKS) - 1)
+        level_db = s.dynamics_db * (log_area / LOG_BLOCKS - 1)
         if s.onset_duck_db:
             level_db -= s.onset_duck_db * np.maximum(0, 1 - since_s / s.onset_duck_s)
-        t['gain'] = np.minimum(t['gain'] * 10 ** (level_db / 20), MAX_GAIN)
+        t['gain'] = np.minimum(t['gain'] * elementary.exp10(level_db / 20), MAX_GAIN)
         first = None
         if bussed(s):
             # Creaks are no ruptures: they keep their lows.
@@ -172,17 +176,19 @@ class Voicing:
         s = self.settings
         share = np.zeros(len(rows))
         if s.filter_by == 'area':
-            share = np.log(area) / np.log(N_BLOCKS)
+            share = elementary.log(area) / LOG_BLOCKS
         elif s.filter_by != 'nothing':
             share = bank.shares(s.filter_by)[grain]
-        rows['tuning'] = tuned(s.filter_hz * 2.0 ** (s.filter_octaves * share), s.sample_rate)
+        rows['tuning'] = tuned(
+            s.filter_hz * elementary.exp2(s.filter_octaves * share), s.sample_rate
+        )
         rows['damping'], rows['band'] = 1 / s.filter_q, s.filter == 'band-pass'
 
     def _sub(self, triggers: np.ndarray, area: np.ndarray) -> np.ndarray:
         """Return the voices of the sub voice, for grains that let a rupture grow to `area`."""
         s = self.settings
         t = pulses(triggers, area, s.sub_low_hz, s.sub_high_hz)
-        t['gain'] *= 10 ** (s.sub_db / 20)
+        t['gain'] *= elementary.exp10(s.sub_db / 20)
         rows = voice_rows(t, pulse_bank(s.sample_rate), self.loudspeakers, ring=self._ring)
         if s.sub_output:
             rows['channel_a'] = rows['channel_b'] = s.channels - 1

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
@@ -247,7 +248,7 @@ class Tracker:
         search.by_block(blobs, seen, lattice.index, self.visibility, contrast)
         if self._renamings != lattice.renamings:
             self._renamings = lattice.renamings
-            others = np.hypot(*(lattice.xy - self._stood).T) > GOES_M
+            others = elementary.hypot(*(lattice.xy - self._stood).T) > GOES_M
             others |= np.abs(lattice.yaw - self._stood_yaw) > TURNS
             others |= not tracking  # nobody knows what became of them in the dark
             self.brightness.renamed(others)

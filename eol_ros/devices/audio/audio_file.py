@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read and write sound files through libsndfile: any format, rate and number of channels."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import soundfile
 
+from eol_ros.core import elementary
 from eol_ros.errors import ConfigError, DeviceMissing
 
 BLOCK = 1 << 20  # samples read at a time: a long file never needs all its channels in memory
 LAST = 1 << 12  # where a file breaks off, this many samples at most are lost before the break
+KAISER, BESSEL_TERMS = 5.0, 26  # scipy's own shape of the window; its series up to 1e-20
+SET_ADD_PEAK_CHUNK = 0x1050  # command of libsndfile
 SHORTEST_S = 0.01  # shorter than this is no sound to make grains of
 
 
@@ -58,14 +62,38 @@ def resample(samples: np.ndarray, rate_from: int, rate_to: int) -> np.ndarray:
     """Return (n,) float32 at another rate by an anti-aliased polyphase filter."""
     from scipy.signal import resample_poly  # 60 MB, needed only where rates differ
 
-    return resample_poly(samples, rate_to, rate_from).astype(np.float32)
+    most = max(rate_to, rate_from) // math.gcd(rate_to, rate_from)
+    return resample_poly(samples, rate_to, rate_from, window=_low_pass(most)).astype(np.float32)
+
+
+def _low_pass(period: int) -> np.ndarray:
+    """Return scipy's own filter of `resample_poly`, with the same bits on every machine.
+
+    (20 period + 1,), of unit sum: sin(t) / t with a zero every `period`, under Kaiser's window.
+    """
+    t = np.arange(-10 * period, 10 * period + 1) / period
+    angle = np.pi * np.where(t == 0.0, 1.0, t)
+    taps = np.where(t == 0.0, 1.0, elementary.sin(angle) / angle)
+    quarter = 0.25 * KAISER * KAISER * np.maximum(1.0 - (t / 10.0) * (t / 10.0), 0.0)
+    bessel = term = np.ones(len(t))  # I0, by its power series
+    for k in range(1, BESSEL_TERMS):
+        term = term * quarter / (k * k)
+        bessel = bessel + term
+    taps *= bessel
+    return taps / taps.sum()
+
+
+def without_time(file: soundfile.SoundFile) -> soundfile.SoundFile:
+    """Return a file, just opened to write, that tells no time: libsndfile's PEAK chunk has one."""
+    soundfile._snd.sf_command(file._file, SET_ADD_PEAK_CHUNK, soundfile._ffi.NULL, 0)
+    return file
 
 
 def write(path, samples: np.ndarray, rate: int, subtype: str | None = None) -> None:
     """Write (n,) or (n, channels) to a file whose ending names the format."""
     channels = 1 if samples.ndim == 1 else samples.shape[1]
     try:
-        with soundfile.SoundFile(path, 'w', rate, channels, subtype=subtype) as file:
+        with without_time(soundfile.SoundFile(path, 'w', rate, channels, subtype=subtype)) as file:
             for k in range(0, len(samples), LAST):  # libsndfile dies of a long piece of Vorbis
                 file.write(samples[k : k + LAST])
     except (soundfile.LibsndfileError, OSError, ValueError, TypeError) as error:

@@ -13,6 +13,7 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.polynomial import Legendre
 
+from eol_ros.core import algebra
 from eol_ros.core.vectors import VECTOR, WIDTH, Code
 
 DEGREE = (
@@ -53,7 +54,7 @@ def tables(size: int) -> Panels:
 
 def _gauss(nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """Return nodes and weights on 0..1."""
-    x, w = np.polynomial.legendre.leggauss(nodes)
+    x, w = algebra.gauss_legendre(nodes)
     return 0.5 * (x + 1), 0.5 * w
 
 

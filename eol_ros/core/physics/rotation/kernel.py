@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eol_ros.core import algebra
+from eol_ros.core.elementary_kernels import exp
 from eol_ros.core.physics.drive import NONE
 from eol_ros.core.physics.exact.taylor import ON_LIMIT
 from eol_ros.core.physics.kernel_args import Lattice
@@ -128,7 +130,7 @@ def stop_of(i, speed, force, v, rules, at, mass, jerk, out):
     spare = (friction - size) / ((1.0 - STOP_FORCE) * friction)
     rounds = int(STOP_ROUNDS / min(1.0, spare))
     stop_s, h, u = 0.0, -STOP_LOG / rounds, speed
-    middle, end = math.exp(0.5 * h), math.exp(h)
+    middle, end = exp(0.5 * h), exp(h)
     for _ in range(rounds):
         half = 0.5 * h
         x2, y2, z2 = x + half * kx, y + half * ky, z + half * kz
@@ -266,7 +268,7 @@ def gauss_rule(order: int) -> np.ndarray:
 
     They are exact for the rim's, a product of series; the speed is a root of one, and smooth.
     """
-    x, weight = np.polynomial.legendre.leggauss(min(order // 2 + 1, 10))
+    x, weight = algebra.gauss_legendre(min(order // 2 + 1, 10))
     return np.stack((0.5 * (x + 1), 0.5 * weight))
 
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eol_ros.core.elementary_kernels import sin
 from eol_ros.core.physics.event.abreast import forces_order
 from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.series import inlined, uncounted
@@ -272,8 +273,8 @@ def start_series(q, v, sliding, moved, ra, b):
     for i in range(len(q)):
         if sliding[i] or moved[i]:
             theta = q[i, 2] / ra.lever
-            half = math.sin(0.5 * theta)
-            b.springs.co[0, i], b.springs.si[0, i] = -2.0 * half * half, math.sin(theta)
+            half = sin(0.5 * theta)
+            b.springs.co[0, i], b.springs.si[0, i] = -2.0 * half * half, sin(theta)
             for p in range(3):
                 b.a[i, p, 0], b.a[i, p, 1] = q[i, p], v[i, p]
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from eol_ros.core import elementary
+from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_SIDE_M
 from eol_ros.core.physics.series import entry
 
@@ -46,7 +48,7 @@ def reach_m(yaw):
 
     A square of side s rotated by phi spans s (|cos phi| + |sin phi|); at yaw 0 this is RIM_REACH_M.
     """
-    span = RIM_SIDE_M * (abs(math.cos(yaw)) + abs(math.sin(yaw)))
+    span = RIM_SIDE_M * (abs(cos(yaw)) + abs(sin(yaw)))
     return max(0.0, (PLATFORM_SIDE_M - span) / 2)
 
 
@@ -69,9 +71,9 @@ def led(time_s, begin_s, stop_s, move, circle, grip, place, rate):
     radius, heading = circle
     if radius != 0.0:
         angle = heading + 2 * math.pi * s
-        x, y = radius * math.cos(angle), radius * math.sin(angle)
-        place[0] += x - radius * math.cos(heading)
-        place[1] += y - radius * math.sin(heading)
+        x, y = radius * cos(angle), radius * sin(angle)
+        place[0] += x - radius * cos(heading)
+        place[1] += y - radius * sin(heading)
         rate[0] -= 2 * math.pi * fast * y
         rate[1] += 2 * math.pi * fast * x
 
@@ -191,7 +193,7 @@ class Visitors:
 
     def _circle(self, begin_s: float, pose: np.ndarray) -> list[Reach]:
         target = _gently(pose * (0.6, 0.6, 0.5))
-        heading = np.arctan2(pose[1], pose[0])  # it leads back over the middle
+        heading = elementary.arctan2(pose[1], pose[0])  # it leads back over the middle
         radius = self._random.uniform(0.04, 0.08)
         return [self._reach(begin_s, target - pose, CIRCLE_MPS, radius, heading)]
 
@@ -204,10 +206,10 @@ class Visitors:
         """One pushes; the other, at another side, soon pulls another way and rotates the rim."""
         first = self._across(pose, 0.10, 0.18, pose[2]) - pose
         off = self._random.choice((-1.0, 1.0)) * self._random.uniform(np.pi / 3, np.pi)
-        way = np.arctan2(first[1], first[0]) + off
+        way = elementary.arctan2(first[1], first[0]) + off
         far = self._random.uniform(0.05, 0.12)
         yaw = np.sign(off) * self._random.uniform(0.05, 0.15)
-        end = pose + first + np.array([far * np.cos(way), far * np.sin(way), yaw])
+        end = pose + first + np.array([far * elementary.cos(way), far * elementary.sin(way), yaw])
         pushed = self._reach(begin_s, first, PUSH_MPS)
         late_s = begin_s + self._random.uniform(0.2, 0.6) * (pushed.stop_s - begin_s)
         return [pushed, self._reach(late_s, _gently(end) - pose - first, PUSH_MPS)]
@@ -220,16 +222,16 @@ class Visitors:
         radius: float = 0.0,
         heading: float = 0.0,
     ) -> Reach:
-        length = np.hypot(move[0], move[1]) + 0.4 * abs(move[2]) + 2 * np.pi * radius
+        length = elementary.hypot(move[0], move[1]) + 0.4 * abs(move[2]) + 2 * np.pi * radius
         duration = max(SHORTEST_S, float(length) / self._random.uniform(*speed))
         return Reach(begin_s, begin_s + duration, move, radius, heading)
 
     def _way(self, pose: np.ndarray) -> np.ndarray:
         """Return a direction (2,), back over the middle where the rim stands off it."""
-        off = np.hypot(pose[0], pose[1]) > 0.03
-        back = np.arctan2(-pose[1], -pose[0]) if off else 0.0
+        off = elementary.hypot(pose[0], pose[1]) > 0.03
+        back = elementary.arctan2(-pose[1], -pose[0]) if off else 0.0
         angle = back + self._random.uniform(-1, 1) * (np.pi / 3 if off else np.pi)
-        return np.array([np.cos(angle), np.sin(angle)])
+        return np.array([elementary.cos(angle), elementary.sin(angle)])
 
     def _across(self, pose: np.ndarray, near: float, far: float, yaw: float) -> np.ndarray:
         """Return a target across the middle, `near`..`far` from it."""

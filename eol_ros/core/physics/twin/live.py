@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import POSES
@@ -219,7 +220,7 @@ class LiveTable:
                 break
             slope = self._slope(pose, worst)
             light = slope * (1.0, 1.0, GYRATION_M**-2)
-            pose += short[worst] / (slope @ light) * light
+            pose += short[worst] / (slope * light).sum() * light
         else:  # held from all sides
             pose[:] = self.rim_pose
         rate[:] = (pose - self.rim_pose) / span_s
@@ -227,12 +228,13 @@ class LiveTable:
     def _slope(self, pose: np.ndarray, which: int) -> np.ndarray:
         """Return the derivative (3,) of one distance of `_near` after x, y and yaw."""
         block = self._beside[which]
-        rotation = complex(np.cos(pose[2]), np.sin(pose[2]))
+        sine, cosine = elementary.sincos(pose[2])
+        rotation = complex(cosine, sine)
         end, normal = rotation * self._ends[which], rotation * self._inward[which]
         way = complex(pose[0], pose[1]) + end - self._centres[which] - complex(*self._u[block])
         rotated = (1j * end * normal.conjugate()).real + (way * (1j * normal).conjugate()).real
         if self._rotating:  # it reaches further with its corners
-            c, s = np.cos(self.yaw[block] - pose[2]), np.sin(self.yaw[block] - pose[2])
+            s, c = elementary.sincos(self.yaw[block] - pose[2])
             rotated += 0.5 * BLOCK_SIDE_M * (s * np.sign(c) - c * np.sign(s))
         return -np.array([normal.real, normal.imag, rotated])
 
@@ -282,7 +284,7 @@ class LiveTable:
     def _energy(self) -> float:
         m = self._model
         x, y, yaw = self.rim_pose
-        s, c = np.sin(yaw), -2 * np.sin(yaw / 2) ** 2
+        s, c = elementary.sin(yaw), -2 * elementary.sin(yaw / 2) ** 2
         ax, ay = m.anchors[:, 0], m.anchors[:, 1]
         led = np.stack([x + c * ax - s * ay, y + s * ax + c * ay], axis=1)
         ends = np.concatenate([self._u, led])
@@ -291,7 +293,7 @@ class LiveTable:
             inner, own = m.second < m.n, self._rotating.yaw
             d -= rotated(m.rotation.arm, own[m.first])
             d[inner] += rotated(m.rotation.arm_j[inner], own[m.second[inner]])
-        held = 0.5 * np.sum(m.k * (np.hypot(d[:, 0], d[:, 1]) - m.natural) ** 2)
+        held = 0.5 * np.sum(m.k * (elementary.hypot(d[:, 0], d[:, 1]) - m.natural) ** 2)
         spinning = self._rotating.energy() if self._rotating else 0.0
         return float(held + m.kinetic_energy(self._v) + spinning)
 

@@ -3,6 +3,7 @@
 
 import math
 
+from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.physics.series import entry, inlined
 
 
@@ -20,11 +21,11 @@ def way_to_centre(pose, c, s, u, beside, ends, centres, e):
 @entry
 def pull(pose, u, yaw, beside, ends, centres, arms, stiffness, natural, force):
     """Write the force of all springs on the rim at `pose`: N, N, and N m about it."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
+    c, s = cos(pose[2]), sin(pose[2])
     force[0] = force[1] = force[2] = 0.0
     for e in range(len(beside)):
         own = yaw[beside[e]]
-        co, si = math.cos(own), math.sin(own)
+        co, si = cos(own), sin(own)
         wx, wy = way_to_centre(pose, c, s, u, beside, ends, centres, e)
         wx -= co * arms[e].real - si * arms[e].imag
         wy -= si * arms[e].real + co * arms[e].imag
@@ -43,14 +44,14 @@ def gaps(pose, u, yaw, rotates, half, beside, ends, centres, inward, gap):
 
     A block reaches towards the rim by `half` its side, one that `rotates` by its corner.
     """
-    c, s, least = math.cos(pose[2]), math.sin(pose[2]), math.inf
+    c, s, least = cos(pose[2]), sin(pose[2]), math.inf
     for e in range(len(beside)):
         wx, wy = way_to_centre(pose, c, s, u, beside, ends, centres, e)
         nx, ny = c * inward[e].real - s * inward[e].imag, s * inward[e].real + c * inward[e].imag
         reach = half
         if rotates:
             offset = yaw[beside[e]] - pose[2]
-            reach *= abs(math.cos(offset)) + abs(math.sin(offset))
+            reach *= abs(cos(offset)) + abs(sin(offset))
         gap[e] = -(wx * nx + wy * ny) - reach
         least = min(least, gap[e])
     return least

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import arctan2, cos, sin
 from eol_ros.core.geometry import BLOCK_SIDE_M
 
 _INVERSE = 9
@@ -108,7 +109,7 @@ def _square(c, x, y, yaw, bend):
     u2, v2 = to_pixel(c, x, y - _STEP_M)
     u3, v3 = to_pixel(c, x, y + _STEP_M)
     s = c[_SENSE]
-    theta = math.atan2(-(v1 - v0) - s * (u3 - u2), u1 - u0 - s * (v3 - v2)) + s * yaw
+    theta = arctan2(-(v1 - v0) - s * (u3 - u2), u1 - u0 - s * (v3 - v2)) + s * yaw
     quarter = round(theta / (math.pi / 2))
     u += bend * ((u0 + u1 + u2 + u3) / 4 - u)
     v += bend * ((v0 + v1 + v2 + v3) / 4 - v)
@@ -136,14 +137,17 @@ def poses(calibration, blobs, side_m):
     xy, yaw, sigma = np.empty((n, 2)), np.empty(n), np.empty(n)
     for i in range(n):
         u, v, theta = blobs[i].u, blobs[i].v, blobs[i].theta
-        c, s = math.cos(theta) * blobs[i].side_px / 2, math.sin(theta) * blobs[i].side_px / 2
+        c, s = (
+            cos(theta) * blobs[i].side_px / 2,
+            sin(theta) * blobs[i].side_px / 2,
+        )
         ex, ey = _to_table(calibration, u + c, v - s)
         nx, ny = _to_table(calibration, u - s, v - c)
         wx, wy = _to_table(calibration, u - c, v + s)
         sx, sy = _to_table(calibration, u + s, v + c)
         xy[i, 0], xy[i, 1] = (ex + nx + wx + sx) / 4, (ey + ny + wy + sy) / 4
         s = calibration[_SENSE]
-        yaw[i] = math.atan2(ey - wy - s * (nx - sx), ex - wx + s * (ny - sy))
+        yaw[i] = arctan2(ey - wy - s * (nx - sx), ex - wx + s * (ny - sy))
         sigma[i] = blobs[i].sigma_px * side_m / max(blobs[i].side_px, 1.0)
     return xy, yaw, sigma
 

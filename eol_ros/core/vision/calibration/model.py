@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from eol_ros.core import algebra, elementary
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.errors import ConfigError
 
@@ -98,10 +99,10 @@ class Calibration:
             )
         if min(self.camera_matrix[0, 0], self.camera_matrix[1, 1]) <= 0:
             raise ConfigError('calibration: the focal length in camera_matrix must be positive')
-        centre = np.array([0.0, 0.0, 1.0]) @ self.homography.T
-        if abs(np.linalg.det(self.homography)) < 1e-9 or abs(centre[2]) < 1e-9:
+        centre = self.homography[:, 2]
+        if abs(self._determinant()) < 1e-9 or abs(centre[2]) < 1e-9:
             raise ConfigError('calibration: homography has no inverse')
-        object.__setattr__(self, '_inverse', np.linalg.inv(self.homography))
+        object.__setattr__(self, '_inverse', algebra.inverse(self.homography))
 
     @classmethod
     def ideal(
@@ -145,11 +146,15 @@ class Calibration:
         The Jacobian determinant of a homography H at the table's centre is det(H) / H[2, 2]^3. As v
         runs down and y away, it is negative for a camera without a mirror.
         """
-        return bool(np.linalg.det(self.homography) * self.homography[2, 2] > 0)
+        return bool(self._determinant() * self.homography[2, 2] > 0)
+
+    def _determinant(self) -> float:
+        h = self.homography
+        return float((np.cross(h[0], h[1]) * h[2]).sum())
 
     def in_mirror(self) -> 'Calibration':
         """Return the same camera above the table's mirror image, left and right exchanged."""
-        return replace(self, homography=self.homography @ np.diag([-1.0, 1.0, 1.0]))
+        return replace(self, homography=self.homography * [-1.0, 1.0, 1.0])
 
     def check_image(self, image: np.ndarray) -> None:
         """Raise ConfigError unless `image` is 8-bit grey of this calibration's size."""
@@ -243,7 +248,7 @@ class Calibration:
         """Return the image angle (n,) of squares at `px` (n, 2) with `yaw` (n,) on the table."""
         kept, _ = self._derivatives(px)
         yaw = np.asarray(yaw, float)
-        return np.angle(kept) + (-yaw if self.mirrored else yaw)
+        return elementary.arctan2(kept.imag, kept.real) + (-yaw if self.mirrored else yaw)
 
     def poses_to_table(self, px: ArrayLike, theta: ArrayLike, side_px: ArrayLike) -> np.ndarray:
         """Return x, y, yaw, (n, 3), of squares fitted in the image.
@@ -255,8 +260,8 @@ class Calibration:
         px = np.asarray(px, float).reshape(-1, 2)
         theta = np.broadcast_to(np.asarray(theta, float), len(px))
         half = np.broadcast_to(np.asarray(side_px, float), len(px)) / 2
-        right = np.stack([np.cos(theta), -np.sin(theta)], axis=1) * half[:, None]
-        away = np.stack([-np.sin(theta), -np.cos(theta)], axis=1) * half[:, None]
+        right = np.stack([elementary.cos(theta), -elementary.sin(theta)], axis=1) * half[:, None]
+        away = np.stack([-elementary.sin(theta), -elementary.cos(theta)], axis=1) * half[:, None]
         east, north, west, south = self.to_table(
             np.concatenate([px + right, px + away, px - right, px - away])
         ).reshape(4, -1, 2)
@@ -266,7 +271,7 @@ class Calibration:
         # mirror it lies on the other side of the x axis
         back = np.stack([y_axis[:, 1], -y_axis[:, 0]], axis=1)
         both = x_axis + (-back if self.mirrored else back)
-        return np.column_stack([centre, np.arctan2(both[:, 1], both[:, 0])])
+        return np.column_stack([centre, elementary.arctan2(both[:, 1], both[:, 0])])
 
     def side_px(self, px: ArrayLike, side_m: float) -> np.ndarray:
         """Return the image side (n,) of a square of `side_m` centred at `px` (n, 2)."""
@@ -322,12 +327,12 @@ class Calibration:
         to the camera. A mirror turns r1 x r2 away from the camera, while what stands on the plane
         still stands on the camera's side of it.
         """
-        pose = np.linalg.inv(self.camera_matrix) @ self.homography
-        scale = np.sqrt(np.linalg.norm(pose[:, 0]) * np.linalg.norm(pose[:, 1]))
+        pose = algebra.solve(self.camera_matrix, self.homography)
+        scale = np.sqrt(algebra.norm(pose[:, 0]) * algebra.norm(pose[:, 1]))
         up = np.cross(pose[:, 0], pose[:, 1]) * (-1 if self.mirrored else 1)
         if pose[2, 2] < 0:
             scale = -scale
-        return self.camera_matrix @ up * scale / np.linalg.norm(up)
+        return algebra.matmul(self.camera_matrix, up) * scale / algebra.norm(up)
 
     def px_per_m(self) -> float:
         """Return the scale at the table's centre in pixels per metre."""
@@ -336,5 +341,6 @@ class Calibration:
 
 def project(homography: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return `points` (n, 2) mapped by a (3, 3) homography."""
-    w = points @ homography[2, :2] + homography[2, 2]
-    return (points @ homography[:2, :2].T + homography[:2, 2]) / w[:, None]
+    x, y = points[:, 0, None], points[:, 1, None]
+    image = x * homography[:, 0] + y * homography[:, 1] + homography[:, 2]
+    return image[:, :2] / image[:, 2:]

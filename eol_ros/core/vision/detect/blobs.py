@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from eol_ros.core import algebra
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision.calibration import covers, mapping
 from eol_ros.core.vision.calibration.model import Calibration
@@ -223,9 +224,9 @@ class BlobFinder:
         half = calibration.side_px(px, BLOCK_SIDE_M) / 2
         terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
         shear = calibration.shear(px)
-        self._known[search.FIELD :] = np.linalg.lstsq(
-            terms, np.column_stack([half, shear]), rcond=None
-        )[0].T.ravel()
+        self._known[search.FIELD :] = algebra.least_squares(
+            terms, np.column_stack([half, shear])
+        ).T.ravel()
 
     def _unexplained(self) -> np.ndarray:
         """Return starts of squares, (n, 4): u, v, theta, half side or 0 where it is known."""
@@ -283,10 +284,10 @@ class BlobFinder:
         u, v = (whole[alike, :2] / self._shape[::-1] - 0.5).T
         columns = np.column_stack([np.ones(len(u)), u, v])
         # a plane, held flat by a prior so that few blocks in one place cannot tip it
-        normal = columns.T @ columns
+        normal = algebra.matmul(columns.T, columns)
         normal[1, 1] += 0.005 * len(u)
         normal[2, 2] += 0.005 * len(u)
-        plane = np.linalg.solve(normal, columns.T @ (half[alike] - usual))
+        plane = algebra.solve(normal, algebra.matmul(columns.T, half[alike] - usual))
         plane[0] += usual
         size = known[search.FIELD : search.FIELD + 3]
         size += (share if size[0] else 1.0) * (plane - size)

@@ -5,7 +5,9 @@ import math
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import arctan2
 from eol_ros.core.vision.detect import falling_light, outline, profile_steps, profiles, scan
 
 ROUNDS = 8  # at most, of reading all sides again where they were found
@@ -133,7 +135,7 @@ def side_lines(image, squares, blur, tables, work, ends, out, seen):
             _gathered(work, ends, sides, seen[s])
         for side in range(4):
             out[s, side, 0] = half + lines[side, 0]
-            out[s, side, 1] = -math.atan(lines[side, 1])
+            out[s, side, 1] = -arctan2(lines[side, 1], 1.0)
 
 
 def corners(
@@ -161,8 +163,11 @@ def corners(
     angle = squares[:, 2, None] + np.arange(4) * np.pi / 2 + lines[:, :, 1]
     square_angle = squares[:, 2, None] + np.arange(4) * np.pi / 2
     # a point on each side, and its normal; a line is n . (p - c) = d
-    foot = np.stack([np.cos(square_angle), -np.sin(square_angle)], axis=-1) * lines[:, :, :1]
-    normal = np.stack([np.cos(angle), -np.sin(angle)], axis=-1)
+    foot = (
+        np.stack([elementary.cos(square_angle), -elementary.sin(square_angle)], axis=-1)
+        * lines[:, :, :1]
+    )
+    normal = np.stack([elementary.cos(angle), -elementary.sin(angle)], axis=-1)
     reach = (normal * foot).sum(axis=-1)
     found = np.full((len(squares), 4, 2), np.nan)
     for corner, (one, other) in enumerate(((3, 0), (0, 1), (1, 2), (2, 3))):

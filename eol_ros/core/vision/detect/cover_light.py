@@ -6,11 +6,10 @@ result is the same however the block is turned. Less its mean, over its mean, so
 nor battery counts; and less the plane that fits it best, which lens and lamps lay over any cover.
 """
 
-import math
-
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.geometry import BLOCK_SIDE_M
 from eol_ros.core.vision.calibration.mapping import to_pixel
 
@@ -32,7 +31,7 @@ def sample(calibration, image, x, y, yaw, pattern):
     calibration: Calibration.packed(); image (h, w) uint8. Row by row of the block's own y.
     """
     height, width = image.shape
-    c, s = math.cos(yaw) * REACH_M, math.sin(yaw) * REACH_M
+    c, s = cos(yaw) * REACH_M, sin(yaw) * REACH_M
     # the image of a cover is so small that it is a parallelogram
     u, v = to_pixel(calibration, x, y)
     ue, ve = to_pixel(calibration, x + c, y + s)

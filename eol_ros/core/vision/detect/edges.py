@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, exp, hypot, tan
 from eol_ros.core.vision.detect import glow, profile_steps, profiles, usual_outline
 from eol_ros.core.vision.detect.profiles import (
     _A,
@@ -383,7 +384,7 @@ def _search(image, place, known, searches, room):
     for _ in range(searches):
         u, v, theta, half = place
         profiles.gather(image, u, v, theta, half, known.blur, known.shear, known.table, work, ends)
-        profile_steps.search(work, ends, abs(math.cos(theta)))
+        profile_steps.search(work, ends, abs(cos(theta)))
         sigma = max(known.half_sigma, 0.02 * half)
         vote = _vote(room, known.half - half, sigma, SEARCH_PX, SEARCH_NARROW_PX, math.inf, 5)
         if vote.share < FOUND:
@@ -524,7 +525,7 @@ def _by_size(place, vote, light, known, room):
     part = min(max((WHOLE - vote.share) / GRADUALLY, missized), 1.0)
     if part <= 0.0:
         return place, vote, 1.0, noise
-    slope, lean = abs(math.cos(place.theta)), -math.tan(place.theta)
+    slope, lean = abs(cos(place.theta)), -tan(place.theta)
     sides = profiles.Sides(slope, lean, light.sides.limit, known.blur, light.sides.soft)
     sized = _Light(sides, light.contrast, light.level)
     vote = _round(place, sized, known, known.tight, SIZED_PX, 4, False, room)
@@ -582,7 +583,7 @@ def _as_usual(image, place, light, known, share, scatter, led, touched, aside, o
         recalled += max(vote.variance * _alike(work, ends, step), 1.0 if soft else 0.0)
         recalled = recalled * _place_variance(room) + unsure
     # too little is as it was, and more is in sight than an arm shows, or it is where it was
-    another = math.hypot(there.u - place.u, there.v - place.v) > ANOTHER_PX and not astray
+    another = hypot(there.u - place.u, there.v - place.v) > ANOTHER_PX and not astray
     if vote.share < HOPELESS or (told and (recalled > led or another)):
         scatter += touched * (led - scatter)
     elif off < known.close and share > SHOWN and led < SHOWN_PX**2 < recalled:
@@ -626,7 +627,7 @@ def _fit(image, square, place, known, beats, room):
     noise = _place_variance(room)
     free_half, free_share = place.half, vote.share
     touched = aside = 0.0
-    off = math.hypot(place.u - known.u, place.v - known.v)
+    off = hypot(place.u - known.u, place.v - known.v)
     astray = off > known.close > 0.0  # as an arm's edge may lead it that is taken for a side
     if not astray:
         usual_outline.outgrow(usual, free_share * around)
@@ -661,7 +662,7 @@ def _fit(image, square, place, known, beats, room):
     missized = (free_half - known.half) / (3.0 * known.half_sigma + 0.04 * known.half)
     square[U], square[V], square[THETA], square[HALF] = place
     square[VISIBLE], square[SIGMA], square[MISFIT] = share, math.sqrt(scatter), misfit
-    square[QUALITY] = share * both_ways * math.exp(-0.5 * missized * missized) * sharp
+    square[QUALITY] = share * both_ways * exp(-0.5 * missized * missized) * sharp
     square[CONTRAST], square[LEVEL], square[ASIDE] = light.contrast, light.level, aside
     square[WORST] = min(min(s0, s1), min(s2, s3))
     # covers do not overlap: light like a cover's just outside says that this is half beside one
@@ -687,7 +688,7 @@ def _search_another(image, place, square, known, room):
 @njit(inline='always')
 def from_home(square, home_u, home_v):
     """Return how many half sides a square is from where its block rested; NaN: not known."""
-    return math.hypot(square[U] - home_u, square[V] - home_v) / max(square[HALF], 1.0)
+    return hypot(square[U] - home_u, square[V] - home_v) / max(square[HALF], 1.0)
 
 
 @njit(inline='always')
@@ -696,7 +697,7 @@ def near(square, u, v, within, home_u, home_v):
 
     home_u, home_v: where the block rested, NaN: not known.
     """
-    close = math.hypot(square[U] - u, square[V] - v) < within
+    close = hypot(square[U] - u, square[V] - v) < within
     return close and not from_home(square, home_u, home_v) > CLOSE
 
 
@@ -706,7 +707,7 @@ def either(square, other, rested):
 
     rested: it is where the block rested, so that it need not be sure.
     """
-    apart = math.hypot(square[U] - other[U], square[V] - other[V]) > CLOSE * square[HALF]
+    apart = hypot(square[U] - other[U], square[V] - other[V]) > CLOSE * square[HALF]
     most = min(EITHER_PX, SURER * square[SIGMA])
     shows = other[VISIBLE] >= FOUND and (rested or other[SIGMA] < most)
     return shows and apart and square[VISIBLE] < THREE_SIDES

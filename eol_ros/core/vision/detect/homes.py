@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import hypot
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.calibration.mapping import to_pixel
 
@@ -48,7 +49,7 @@ def _learn(step_s, xy, seen, visibility, home, shown_s):
     step = min(max(step_s, 0.0), MEAN_S)
     leave = 0
     for i in range(N_BLOCKS):
-        away = math.hypot(xy[i, 0] - home[i, 0], xy[i, 1] - home[i, 1]) > MOVES_M
+        away = hypot(xy[i, 0] - home[i, 0], xy[i, 1] - home[i, 1]) > MOVES_M
         if seen[i] and visibility[i] >= WELL and away:
             leave += shown_s[i] > 0.0
             shown_s[i] = 0.0

@@ -11,7 +11,9 @@ import math
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, sin, tan
 from eol_ros.core.vision.calibration.covers import POINTS
 from eol_ros.core.vision.calibration.mapping import distorted, lifted, undistorted
 from eol_ros.core.vision.calibration.model import Calibration
@@ -53,7 +55,7 @@ def tabulate(camera, heights, u, v, theta, half, quarter, table, shine=SHINE_PX)
     Rows and columns cross a side at a slant: what they meet further out is further along the side
     by -tan(theta) a px. The table is read where they would cross the flat square.
     """
-    slant = -math.tan(theta)
+    slant = -tan(theta)
     table[0] = REACH * half
     cu, cv = undistorted(camera, u, v)
     low = heights[0, 0]
@@ -66,8 +68,8 @@ def tabulate(camera, heights, u, v, theta, half, quarter, table, shine=SHINE_PX)
     shift = np.empty((4, 3, 2))
     for k in range(4):  # from side k - 1 to side k
         angle = theta + (k - 0.5) * math.pi / 2
-        pu = cu + half * math.sqrt(2.0) * math.cos(angle)
-        pv = cv - half * math.sqrt(2.0) * math.sin(angle)
+        pu = cu + half * math.sqrt(2.0) * cos(angle)
+        pv = cv - half * math.sqrt(2.0) * sin(angle)
         bu, bv = distorted(camera, pu, pv)
         for m in range(3):
             qu, qv = lifted(camera, pu, pv, low + 0.5 * m * span)
@@ -77,8 +79,8 @@ def tabulate(camera, heights, u, v, theta, half, quarter, table, shine=SHINE_PX)
     upper = np.empty(BINS, np.float32)
     for k in range(4):
         angle = theta + k * math.pi / 2
-        nu, nv = math.cos(angle), -math.sin(angle)
-        tu, tv = -math.sin(angle), -math.cos(angle)
+        nu, nv = cos(angle), -sin(angle)
+        tu, tv = -sin(angle), -cos(angle)
         one, other = shift[k], shift[(k + 1) % 4]
         mine = table[1 + k * BINS : 1 + (k + 1) * BINS]
         mine[:] = NONE
@@ -183,7 +185,7 @@ def corner_shifts(calibration: Calibration, blobs: np.ndarray, quarters: np.ndar
     slope = (lever * np.where(there, sides, 0.0)).sum(axis=2) / np.maximum((lever * t).sum(2), 1e-9)
     low, high = mean - slope * (1 + middle), mean + slope * (1 - middle)  # at t = -1 and 1
     angle = blobs['theta'][:, None] + np.arange(4) * np.pi / 2
-    normal = np.stack([np.cos(angle), -np.sin(angle)], axis=-1)
+    normal = np.stack([elementary.cos(angle), -elementary.sin(angle)], axis=-1)
     pairs = ((3, 0), (0, 1), (1, 2), (2, 3))  # each ends where the next begins
     return np.stack(
         [high[:, i, None] * normal[:, i] + low[:, j, None] * normal[:, j] for i, j in pairs], axis=1

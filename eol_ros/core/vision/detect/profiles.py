@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, sin, tan
 from eol_ros.core.vision.detect import outline
 
 REACH_PX = 4.8  # of a profile at least, along the normal, to both sides of its edge
@@ -75,7 +76,13 @@ class Sides(NamedTuple):
 @njit(inline='always')
 def sides_of(theta, half, blur, soft):
     """Return the Sides of a square that `gather` has read."""
-    return Sides(abs(math.cos(theta)), -math.tan(theta), half - CORNER * blur, blur, soft)
+    return Sides(
+        abs(cos(theta)),
+        -tan(theta),
+        half - CORNER * blur,
+        blur,
+        soft,
+    )
 
 
 def workspace() -> tuple[np.ndarray, np.ndarray]:
@@ -97,16 +104,16 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
     """
     height, width = image.shape
     flat, places = image.reshape(height * width), ends[PLACES:]
-    steep = abs(math.cos(theta))
+    steep = abs(cos(theta))
     taps = min(2 * int(REACH_PX / steep + 0.5) + 2, TAPS)
     at = total = beside = 0
     for side in range(4):
         angle = theta + side * math.pi / 2
-        nu, nv = math.cos(angle), -math.sin(angle)
+        nu, nv = cos(angle), -sin(angle)
         twice_c, twice_s = nu * nu - nv * nv, -2 * nu * nv  # cos and sin of twice the angle
         out = half * (shear[0] * twice_c + shear[1] * twice_s)
         lean = shear[1] * twice_c - shear[0] * twice_s
-        tu, tv = -math.sin(angle), -math.cos(angle)
+        tu, tv = -sin(angle), -cos(angle)
         along_row = side % 2 == 0  # sides 0 and 2 are steep: rows cross them
         fast, slow = (nu, nv) if along_row else (nv, nu)
         c_fast, c_slow = (u, v) if along_row else (v, u)
@@ -158,7 +165,7 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
             lines[NV + i] = f_nv
             lines[_F + i] = start
         if table[0] > zero:
-            tilt = np.float32(-math.tan(theta))
+            tilt = np.float32(-tan(theta))
             for i in range(n):
                 line = np.float32(i)
                 along = f_low + line * f_stride

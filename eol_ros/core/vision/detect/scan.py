@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import arctan2, cos, sin
 
 STEP = 4  # px between samples
 TILE = 16  # samples along the side of a tile of background
@@ -111,7 +112,7 @@ def erase(grid, tiles, squares, begin, end, margin):
     for s in range(begin, end):
         u, v = (squares[s, 0] - 1) / STEP, (squares[s, 1] - 1) / STEP
         half = (squares[s, 3] + margin) / STEP
-        c, sn = math.cos(squares[s, 2]), math.sin(squares[s, 2])
+        c, sn = cos(squares[s, 2]), sin(squares[s, 2])
         reach = half * (abs(c) + abs(sn))
         for r in range(max(int(v - reach), 0), min(int(v + reach) + 2, rows)):
             first, last = _columns(r - v, c, sn, half, reach, u, cols)
@@ -127,7 +128,7 @@ def lit(grid, tiles, u, v, theta, half, over, least):
     """
     rows, cols = grid.shape
     u, v, half = (u - 1) / STEP, (v - 1) / STEP, half / STEP
-    c, sn = math.cos(theta), math.sin(theta)
+    c, sn = cos(theta), sin(theta)
     reach = half * (abs(c) + abs(sn))
     enough = least * (2.0 * reach + 2.0) ** 2  # as many samples as it can have at most
     found = all_of_it = 0
@@ -173,7 +174,7 @@ def seek(image, tiles, u, v, theta, half, over, taken, n, found):
     places, the best first: u, v, and the share of its sides that shows, 0 where there is none.
     """
     height, width = image.shape
-    c, sn = math.cos(theta), math.sin(theta)
+    c, sn = cos(theta), sin(theta)
     outline = np.empty((4 * POINTS, 2), np.int64)
     reach = 0
     for side in range(4):
@@ -240,7 +241,7 @@ def side_within(image, u, v, theta, half, over):
     beside a cover fades. For the arguments see seek.
     """
     height, width = image.shape
-    c, sn = math.cos(theta), math.sin(theta)
+    c, sn = cos(theta), sin(theta)
     reach = (half + ACROSS_PX) * (abs(c) + abs(sn)) + 1.0
     if not (reach < u < width - reach - 1 and reach < v < height - reach - 1):
         return False
@@ -350,7 +351,7 @@ def regions(grid, tiles, over, least, most, label, parent, stats, found):
                     im += 4 * x * y * (x * x - y * y)
         found[k, 0], found[k, 1] = column * STEP + 1, row * STEP + 1
         # corners of a square lie at 45 degrees, where cos 4 phi is least
-        found[k, 2] = math.atan2(-im, -re) / 4
+        found[k, 2] = arctan2(-im, -re) / 4
         found[k, 3] = stats[i, 0]
         found[k, 4] = (stats[i, 4] - stats[i, 3] + 1) * STEP
         found[k, 5] = (stats[i, 6] - stats[i, 5] + 1) * STEP

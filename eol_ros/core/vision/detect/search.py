@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, hypot, sin
 from eol_ros.core.prefetch import CACHE_LINE, prefetch
 from eol_ros.core.vision.detect import edges, outline, profiles, scan, usual_outline
 from eol_ros.core.vision.detect.edges import (
@@ -130,7 +131,7 @@ def attempt(
     square[QUALITY] /= known[AGREEING] ** 2
     # a hand may stand where a block should; it is dimmer, or its edges are not all there
     contrast = square[CONTRAST]
-    moved = math.hypot(square[U] - u, square[V] - v)
+    moved = hypot(square[U] - u, square[V] - v)
     close = edges.near(square, u, v, lately, home_u, home_v)
     if own > 0:  # a block known by its brightness may have an arm beside it that is as bright
         dim = contrast < MIN_CONTRAST * own or contrast > MAX_CONTRAST * max(own, contrasts)
@@ -165,7 +166,7 @@ def _stray(square, u, v, theta, since_s):
     """Return whether a fit shows little, and stands where a block can hardly have come."""
     turned = square[THETA] - theta
     turned = abs(turned - round(turned / (math.pi / 2)) * (math.pi / 2))
-    far = math.hypot(square[U] - u, square[V] - v) > (AWAY + AWAY_A_S * since_s) * square[HALF]
+    far = hypot(square[U] - u, square[V] - v) > (AWAY + AWAY_A_S * since_s) * square[HALF]
     return square[VISIBLE] < POORLY and (far or turned > TURNED)
 
 
@@ -250,7 +251,7 @@ def bare(known, shape, grid, tiles, places, found):
     for i in range(len(places)):
         u, v, theta = places[i, 0], places[i, 1], places[i, 2]
         halves[i] = expected(known, shape, u, v)[0]
-        reach = halves[i] * (abs(math.cos(theta)) + abs(math.sin(theta)))
+        reach = halves[i] * (abs(cos(theta)) + abs(sin(theta)))
         found[i] = reach < u < width - reach and reach < v < height - reach
         if found[i]:
             levels[n] = tiles[int(v) // scan.TILE_PX, int(u) // scan.TILE_PX]
@@ -266,7 +267,7 @@ def bare(known, shape, grid, tiles, places, found):
 def _fetch(image, u, v, theta, half):
     """Ask for the pixels of a block, about so large and so turned, before they are needed."""
     height, width = image.shape
-    reach = half * (abs(math.cos(theta)) + abs(math.sin(theta))) + profiles.REACH_PX
+    reach = half * (abs(cos(theta)) + abs(sin(theta))) + profiles.REACH_PX
     if not (reach < u < width - reach - 1 and reach < v < height - reach - 1):
         return
     left, right = int(u - reach), int(u + reach)
@@ -328,7 +329,7 @@ def at_predictions(
         u, v, theta, own, _, since_s, home_u, home_v = near[i]
         there = not (math.isfinite(u) and math.isfinite(v) and math.isfinite(theta))
         for j in range(n):
-            there = there or math.hypot(kept[j, U] - u, kept[j, V] - v) <= BESIDE_PX
+            there = there or hypot(kept[j, U] - u, kept[j, V] - v) <= BESIDE_PX
         if there:
             continue
         half = expected(known, image.shape, u, v)[0]

@@ -11,9 +11,12 @@ An arm as dark as the platform has an edge like a cover's. It takes a strip of o
 block is less wide than usual and seems to stand aside by half of the strip, nobody knows which way.
 """
 
+import math
+
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import exp, log
 from eol_ros.core.vision.detect.profiles import (
     _F,
     BEGIN,
@@ -246,8 +249,8 @@ def evidence(work, ends, half, step, width, unlike, usual):
     for k in range(seen):
         usually = apart + noise / weights[k]
         arm = usually + ARM_PX * ARM_PX
-        more = 0.5 * (np.log(arm / usually) - places[k] ** 2 * (1.0 / usually - 1.0 / arm))
-        told += np.log(ELSEWHERE + (1.0 - ELSEWHERE) * np.exp(more))
+        more = 0.5 * (log(arm / usually) - places[k] ** 2 * (1.0 / usually - 1.0 / arm))
+        told += log(ELSEWHERE + (1.0 - ELSEWHERE) * exp(more))
     return told
 
 
@@ -281,8 +284,10 @@ def mute_unlike(work, ends, half, contrast, usual):
         count += gains[more]
         more -= 1
     shade, gain = shift + 0.5 - 0.5 * _SPAN, (more + 0.5) / (0.5 * _SPAN)
-    most = max(UNLIKE_OUT[0], UNLIKE_OUT[1] * contrast) + UNLIKE_OUT[2] * usual[ROUGH_OUT] ** 0.5
-    least = max(UNLIKE_IN[0], UNLIKE_IN[1] * contrast) + UNLIKE_IN[2] * usual[ROUGH_IN] ** 0.5
+    most = max(UNLIKE_OUT[0], UNLIKE_OUT[1] * contrast) + UNLIKE_OUT[2] * math.sqrt(
+        usual[ROUGH_OUT]
+    )
+    least = max(UNLIKE_IN[0], UNLIKE_IN[1] * contrast) + UNLIKE_IN[2] * math.sqrt(usual[ROUGH_IN])
     for side in range(4):
         first, at = _first(side, usual), ends[BEGIN + side]
         end = at + ends[COUNT + side]

@@ -4,6 +4,7 @@
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import arctan2, cos, sin
 from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
 from eol_ros.core.vision.identity.fitting import MIN_SPACING_M, affine, folds, match, rotate_cell
 
@@ -26,11 +27,11 @@ def common_angle(yaw):
         c = s = 0.0
         for i in range(yaw.size):
             if use[i]:
-                c += np.cos(4 * yaw[i])
-                s += np.sin(4 * yaw[i])
-        angle = np.arctan2(s, c) / 4
+                c += cos(4 * yaw[i])
+                s += sin(4 * yaw[i])
+        angle = arctan2(s, c) / 4
         for i in range(yaw.size):
-            use[i] = np.cos(4 * (yaw[i] - angle)) > 0.0  # within 22.5 degrees
+            use[i] = cos(4 * (yaw[i] - angle)) > 0.0  # within 22.5 degrees
     return angle
 
 
@@ -161,8 +162,8 @@ def read_lattice(xy, yaw, expected, trust_expected):
     if n < 9:
         return index, 0.0, False
     angle = common_angle(yaw)
-    c = np.cos(angle)
-    s = np.sin(angle)
+    c = cos(angle)
+    s = sin(angle)
     p = np.empty((n, 2))
     for i in range(n):
         p[i, 0] = c * xy[i, 0] + s * xy[i, 1]

@@ -7,6 +7,7 @@ again and again on the beat, while its neighbours stay lit, is that block. Image
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.geometry import N_BLOCKS, neighbours
 from eol_ros.core.vision.identity.symmetry import UNTURNED
 
@@ -57,7 +58,7 @@ class Blink:
 
     def _back(self, block: int, stamp_s: float, place: np.ndarray) -> None:
         dark_s = stamp_s - self.lit_s[block]
-        moved = np.hypot(*(place - self.lit_xy[block]))
+        moved = elementary.hypot(*(place - self.lit_xy[block]))
         if not self.off_s - EARLY_S <= dark_s <= self.off_s + LATE_S or moved > MOVED_M:
             return
         since = self.lit_s[block] - self.blink_s[block]

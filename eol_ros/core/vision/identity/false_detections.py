@@ -6,7 +6,9 @@ A map of lamps learnt in the dark takes them off the image; these are the ones t
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import hypot
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.identity.fitting import affine
 
@@ -50,7 +52,7 @@ class Lamps:
             self._add(stamp_s, light[k])
 
     def _add(self, stamp_s: float, place: np.ndarray) -> None:
-        near = np.flatnonzero(np.hypot(*(self.place - place).T) < STILL_M)
+        near = np.flatnonzero(elementary.hypot(*(self.place - place).T) < STILL_M)
         k = int(near[0]) if near.size else int(np.argmin(self.seen_s))
         self.place[k], self.seen_s[k] = place, stamp_s
         self.count = int(np.isfinite(self.seen_s).sum())
@@ -93,7 +95,7 @@ def stayed(stamp_s, xy, seen, light, born, watched, home, blocks):
             continue
         if (
             born[k] != watched[k]
-            or np.hypot(light[k, 0] - home[k, 0], light[k, 1] - home[k, 1]) > STILL_M
+            or hypot(light[k, 0] - home[k, 0], light[k, 1] - home[k, 1]) > STILL_M
         ):
             watched[k] = born[k]
             home[k] = light[k]
@@ -121,7 +123,7 @@ def apart(points, lamps, xy, ahead, seen, sound):
         near = STILL_M
         nearest = -1
         for j in range(points.shape[0]):
-            away = np.hypot(points[j, 0] - lamps[k, 0], points[j, 1] - lamps[k, 1])
+            away = hypot(points[j, 0] - lamps[k, 0], points[j, 1] - lamps[k, 1])
             if away < near:
                 near, nearest = away, j
         if nearest >= 0:
@@ -140,10 +142,10 @@ def apart(points, lamps, xy, ahead, seen, sound):
                 along = min(max((dx * ahead[i, 0] + dy * ahead[i, 1]) / way, 0.0), 1.0)
             x, y = xy[i, 0] + along * ahead[i, 0], xy[i, 1] + along * ahead[i, 1]
             reach = OVER_M if seen[i] else HIDDEN_OVER_M
-            if np.hypot(points[j, 0] - x, points[j, 1] - y) < reach:
+            if hypot(points[j, 0] - x, points[j, 1] - y) < reach:
                 alone = True
                 for other in range(points.shape[0]):
-                    away = np.hypot(points[other, 0] - x, points[other, 1] - y)
+                    away = hypot(points[other, 0] - x, points[other, 1] - y)
                     if other != j and away < AROUND_M:
                         alone = False
                 if alone:

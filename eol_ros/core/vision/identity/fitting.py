@@ -7,6 +7,7 @@ Compiled, because they run on every image. All positions in metres, all angles i
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import arctan2
 from eol_ros.core.geometry import COLS, PITCH_M, ROWS
 
 MIN_SPACING_M = 0.075  # two 84 mm squares cannot be nearer, but for a measuring error
@@ -149,7 +150,7 @@ def turn(rest, xy, use):
             by = xy[i, 1] - py / n
             dot += ax * bx + ay * by
             cross += ax * by - ay * bx
-    return np.arctan2(cross, dot)
+    return arctan2(cross, dot)
 
 
 @njit(cache=True)

@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from eol_ros.core import algebra
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.vision.identity.association import continued, placed, read_lattice
 from eol_ros.core.vision.identity.false_detections import Lamps
@@ -263,7 +264,7 @@ class Lattice:
             return np.inf
         place = xy[index]
         fit = affine(self.rest, place, held)
-        off = (fit[0] + self.rest @ fit[1:] - place)[held]
+        off = (fit[0] + algebra.matmul(self.rest, fit[1:]) - place)[held]
         return float((off**2).sum(1).mean())
 
     @staticmethod
@@ -379,7 +380,7 @@ class Lattice:
         self.xy[self.seen] = xy[index[self.seen]]
         forget_named(self.xy, self.seen, self.candidate_xy, self.candidate_born)
         fit = affine(self.rest, self.xy, self.seen)
-        self.xy[~self.seen] = fit[0] + self.rest[~self.seen] @ fit[1:]
+        self.xy[~self.seen] = fit[0] + algebra.matmul(self.rest[~self.seen], fit[1:])
         self.sigma[~self.seen] = 0.02
         near = self.angle + np.asarray(wrap_quarter(yaw[index[self.seen]] - self.angle))
         self.yaw[self.seen] = near

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which names rest on a look at the cover, and which are only guessed from a place so far."""
 
-import math
-
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import hypot
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.identity.cover_patterns import FIRST, FIT, ODD, CoverPatterns
 from eol_ros.core.vision.identity.lattice import Lattice
@@ -120,7 +119,7 @@ def _doubtful(xy, velocity, seen, step, was, place, came, far, held_s, checked, 
     """Note what is not where it should be, and where it should be next; return what to prove."""
     due = np.zeros(N_BLOCKS, np.bool_)
     for i in range(N_BLOCKS):
-        off = math.hypot(xy[i, 0] - place[i, 0], xy[i, 1] - place[i, 1])
+        off = hypot(xy[i, 0] - place[i, 0], xy[i, 1] - place[i, 1])
         if not (seen[i] and was[i] and off < JUMP_M):
             checked[i], tries[i], waited[i], far[i] = False, 0, 0, off > FAR_M
         waited[i] = 0 if checked[i] or not seen[i] else waited[i] + 1

@@ -15,6 +15,7 @@ from collections import deque
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.geometry import COLS, N_BLOCKS
 
 LAG_S = 0.25  # evidence is judged this long after its stamp, when all of it has arrived
@@ -120,7 +121,7 @@ class Coincidence:
         """Return the quarter turns that the evidence is clear about, or None."""
         best = int(np.argmax(self.belief))
         others = np.delete(self.belief, best) - self.belief[best]
-        if np.exp(others).sum() > (SURE_ERROR if known else ERROR):
+        if elementary.exp(others).sum() > (SURE_ERROR if known else ERROR):
             return None
         return best if self.answered[best] >= max(2.0, ANSWERED * self.telling) else None
 
@@ -145,13 +146,13 @@ class Coincidence:
             )
             answers *= HEARD / (1.0 - HEARD)
             chance = self._chance_hz(tap, place)
-            self.belief[q] += math.log(answers + chance)
+            self.belief[q] += elementary.log(answers + chance)
             self.answered[q] += answers > chance and name != MIDDLE
 
     def _chance_hz(self, tap: tuple[float, int, float], place: int) -> float:
         """How often the block at `place` taps at such a moment without an onset that is seen."""
         stamp_s, _, sigma_s = tap
-        sigma = math.hypot(sigma_s, TIMING_S)
+        sigma = elementary.hypot(sigma_s, TIMING_S)
         about = [t for t in self.taps if abs(t[0] - stamp_s) <= BURST_S]
         twins = sum(abs(t[0] - stamp_s) <= TWIN_S and t[1] in TURNED[1:, tap[1]] for t in about)
         unseen_hz = max(UNSEEN_HZ, len(about) / (2 * BURST_S * N_BLOCKS), twins / (2 * TWIN_S * 3))
@@ -167,7 +168,8 @@ class Coincidence:
 
 def _density(apart_s: float, *sigmas_s: float) -> float:
     sigma = math.sqrt(TIMING_S**2 + sum(s * s for s in sigmas_s))
-    return math.exp(-0.5 * (apart_s / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi))
+    away = apart_s / sigma
+    return elementary.exp(-0.5 * away * away) / (sigma * math.sqrt(2 * math.pi))
 
 
 def _below(sigmas: float) -> float:

@@ -4,6 +4,7 @@
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, exp, hypot, sin
 from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
 from eol_ros.core.vision.identity.fitting import (
     MIN_SPACING_M,
@@ -112,7 +113,7 @@ def _goes_along(block, before, xy, held, step):
             n += 1
     dx = xy[block, 0] - before[block, 0] - dx / max(n, 1)
     dy = xy[block, 1] - before[block, 1] - dy / max(n, 1)
-    return n > 0 and np.hypot(dx, dy) < AWAY_M_S * step
+    return n > 0 and hypot(dx, dy) < AWAY_M_S * step
 
 
 @njit(cache=True)
@@ -182,7 +183,7 @@ def follow(xy, velocity, seen, step, points, lamps):
     free = np.ones(points.shape[0], np.bool_)
     for j in range(points.shape[0]):
         for k in range(lamps.shape[0]):
-            if np.hypot(points[j, 0] - lamps[k, 0], points[j, 1] - lamps[k, 1]) < LAMP_M:
+            if hypot(points[j, 0] - lamps[k, 0], points[j, 1] - lamps[k, 1]) < LAMP_M:
                 free[j] = False
     names = np.flatnonzero(free)
     points = points[names]
@@ -197,7 +198,7 @@ def follow(xy, velocity, seen, step, points, lamps):
             dy = velocity[i, 1] * step
             expected[n, 0] = xy[i, 0] + dx
             expected[n, 1] = xy[i, 1] + dy
-            gate[n] = FOLLOW_M + 0.5 * np.hypot(dx, dy)
+            gate[n] = FOLLOW_M + 0.5 * hypot(dx, dy)
             n += 1
     found = match(expected[:n], gate[:n], points)
     index = np.full(N_BLOCKS, -1, np.int64)
@@ -240,11 +241,11 @@ def predict_occluded(before, xy, held, rest, angle, velocity, sigma, step):
     fit, fit_before = affine(rest, xy, held), affine(rest, before, held)
     every = np.ones(N_BLOCKS, np.bool_)
     most_m = np.full(N_BLOCKS, STICK_M)
-    lasts = np.exp(-step / LASTS_S)
+    lasts = exp(-step / LASTS_S)
     for h in range(N_BLOCKS):
         if not held[h]:
             ex, ey = _between(h, before, every, fit_before, angle)
-            far = np.hypot(before[h, 0] - ex, before[h, 1] - ey)
+            far = hypot(before[h, 0] - ex, before[h, 1] - ey)
             most_m[h] = STICK_M + lasts * max(far - STICK_M, 0.0)
             for k in range(2):
                 xy[h, k] += lasts * velocity[h, k] * step
@@ -254,7 +255,7 @@ def predict_occluded(before, xy, held, rest, angle, velocity, sigma, step):
                 continue
             ex, ey = _between(h, xy, every, fit, angle)
             ox, oy = xy[h, 0] - ex, xy[h, 1] - ey
-            far = np.hypot(ox, oy)
+            far = hypot(ox, oy)
             if far > most_m[h]:
                 xy[h, 0] = ex + ox * most_m[h] / far
                 xy[h, 1] = ey + oy * most_m[h] / far
@@ -268,7 +269,10 @@ def predict_occluded(before, xy, held, rest, angle, velocity, sigma, step):
         for j in range(N_BLOCKS):
             dr, dc = abs(j // COLS - row), abs(j % COLS - column)
             if held[j] and dr < 2 and dc < 2:
-                moved = max(moved, np.hypot(xy[j, 0] - before[j, 0], xy[j, 1] - before[j, 1]))
+                moved = max(
+                    moved,
+                    hypot(xy[j, 0] - before[j, 0], xy[j, 1] - before[j, 1]),
+                )
             if dr + dc == 1:
                 beside += 1
                 doubt += 0.0 if held[j] else sigma[j] ** 2
@@ -286,7 +290,7 @@ def _between(block, xy, use, fit, angle):
 
     Where one is the rim, or is not in `use` (25,), the lattice continued by `fit` stands for it.
     """
-    ca, sa = np.cos(angle) * PITCH_M, np.sin(angle) * PITCH_M
+    ca, sa = cos(angle) * PITCH_M, sin(angle) * PITCH_M
     ex = ey = 0.0
     for k in range(4):
         dc = 1 if k == 0 else (-1 if k == 1 else 0)
@@ -318,7 +322,7 @@ def reject_outliers(xy, held, faint, rest, angle):
     for h in range(N_BLOCKS):
         if faint[h]:
             ex, ey = _between(h, xy, sure, fit, angle)
-            away[h] = np.hypot(xy[h, 0] - ex, xy[h, 1] - ey) > STRAY_M
+            away[h] = hypot(xy[h, 0] - ex, xy[h, 1] - ey) > STRAY_M
     return away
 
 
@@ -336,7 +340,7 @@ def _drift(before, xy, held, velocity, sigma, step):
             xy[h, 0] += mx
             xy[h, 1] += my
             velocity[h] = 0.0
-            sigma[h] = min(sigma[h] + 0.3 * step + 0.5 * np.hypot(mx, my), 0.5)
+            sigma[h] = min(sigma[h] + 0.3 * step + 0.5 * hypot(mx, my), 0.5)
 
 
 @njit(cache=True)
@@ -382,7 +386,7 @@ def forget_named(xy, seen, place, born):
         if born[k] == np.inf:
             continue
         for i in range(N_BLOCKS):
-            if seen[i] and np.hypot(xy[i, 0] - place[k, 0], xy[i, 1] - place[k, 1]) < LAMP_M:
+            if seen[i] and hypot(xy[i, 0] - place[k, 0], xy[i, 1] - place[k, 1]) < LAMP_M:
                 born[k] = np.inf
 
 
@@ -397,8 +401,8 @@ def reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, at, sound):
     hidden = np.flatnonzero(~seen)
     if hidden.size == 0:
         return back
-    ca = np.cos(angle)
-    sa = np.sin(angle)
+    ca = cos(angle)
+    sa = sin(angle)
     lights = np.empty(CANDIDATES, np.int64)
     m = 0
     for k in range(CANDIDATES):
@@ -425,7 +429,7 @@ def reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, at, sound):
             k = lights[b]
             if born[k] < seen_s[i]:  # it shone while the block was elsewhere
                 continue
-            off = np.hypot(xy[i, 0] - place[k, 0], xy[i, 1] - place[k, 1])
+            off = hypot(xy[i, 0] - place[k, 0], xy[i, 1] - place[k, 1])
             near = sound[at[k]] or off < NEAR_M + min(sigma[i], 0.01)
             if off > FAR_M or (stamp_s - born[k] < LATER_S and not near):
                 continue
@@ -447,7 +451,7 @@ def reacquire(stamp_s, xy, index, sigma, seen_s, angle, place, born, at, sound):
         for other in range(h):
             j = hidden[other]
             if j != i:
-                rival = min(rival, np.hypot(xy[j, 0] - place[k, 0], xy[j, 1] - place[k, 1]))
+                rival = min(rival, hypot(xy[j, 0] - place[k, 0], xy[j, 1] - place[k, 1]))
         for other in range(m):
             if other != b:
                 rival = min(rival, price[a, other])
@@ -489,8 +493,8 @@ def suspect_swaps(xy, seen, angle, step, clock):
     A pair is crosswise when the seen neighbours of both, and their own order, fit better the other
     way round. Pairs of one seen and one hidden block count too: the light may be the other's.
     """
-    ca = np.cos(angle)
-    sa = np.sin(angle)
+    ca = cos(angle)
+    sa = sin(angle)
     for a in range(N_BLOCKS):
         row = a // COLS
         column = a % COLS

@@ -10,6 +10,7 @@ time, the scatter says so, and nothing is decided.
 
 import numpy as np
 
+from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.identity.symmetry import TURNED
@@ -76,7 +77,7 @@ class Yaws:
             spread = self._spread(names)
             off = _apart(yaw_offsets - self.mean[names], held)
             squares = np.minimum(off**2 / spread, OUTLIER**2)[held]
-            nats[q] = -0.5 * (squares + np.log(spread[held])).sum()
+            nats[q] = -0.5 * (squares + elementary.log(spread[held])).sum()
             fit[q] = squares.mean()
         return nats, fit
 

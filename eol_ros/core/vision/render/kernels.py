@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import exp
 
 _STEPS = 4096
 _ZERO = np.float32(0.0)
@@ -131,7 +132,7 @@ def draw_blocks(
         share, shine, lit = np.float32(weight[p]), np.float32(level[b]), core[b] > 0
         for i in range(c1 - c0):
             x = (c0 + i - cu) / core_px
-            across[i] = core[b] * math.exp(-0.5 * x * x) if lit else 0.0
+            across[i] = core[b] * exp(-0.5 * x * x) if lit else 0.0
         for r in range(r0, r1):
             for k in range(4):
                 at[k] = inwards[k] + nx[k] * (c0 - cu) + ny[k] * (r - cv)
@@ -148,7 +149,7 @@ def draw_blocks(
             for i in range(len(inner)):
                 inner[i] = 1.0
             row, fall = work[r, c0 + begin : c0 + end], vignette[r, c0 + begin : c0 + end]
-            down = np.float32(math.exp(-0.5 * ((r - cv) / core_px) ** 2)) if lit else _ZERO
+            down = np.float32(exp(-0.5 * ((r - cv) / core_px) ** 2)) if lit else _ZERO
             beam = across[begin:end]
             for i in range(width):
                 row[i] += share * cover[i] * fall[i] * (shine + down * beam[i])
@@ -211,9 +212,9 @@ def draw_halos(work, centres, halo, halo_px, windows, n):
             r0, r1, c0, c1 = windows[n]
             n += 1
             for c in range(c1 - c0):
-                across[c] = halo[b] * math.exp(-0.5 * ((c0 + c - cu) / halo_px) ** 2)
+                across[c] = halo[b] * exp(-0.5 * ((c0 + c - cu) / halo_px) ** 2)
             for r in range(r0, r1):
-                down = np.float32(math.exp(-0.5 * ((r - cv) / halo_px) ** 2))
+                down = np.float32(exp(-0.5 * ((r - cv) / halo_px) ** 2))
                 row = work[r, c0:c1]
                 for c in range(c1 - c0):
                     row[c] += down * across[c]

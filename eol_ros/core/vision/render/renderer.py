@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from eol_ros.core import elementary
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import outline
@@ -249,7 +250,7 @@ class Renderer:
         whose they are.
         """
         unit = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
-        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        c, s = elementary.cos(poses[:, 2]), elementary.sin(poses[:, 2])
         xy = np.stack(
             [
                 poses[:, :1] + np.outer(c, unit[:, 0]) - np.outer(s, unit[:, 1]),
@@ -267,7 +268,7 @@ class Renderer:
         outwards = np.stack([along[..., 1], -along[..., 0]], axis=-1)
         middle = low.mean(axis=(1, 2))[:, None]
         outwards *= np.sign(((low.mean(axis=2) - middle) * outwards).sum(-1, keepdims=True))
-        outwards /= np.hypot(outwards[..., :1], outwards[..., 1:])
+        outwards /= elementary.hypot(outwards[..., :1], outwards[..., 1:])
         wall = -((high - low).mean(axis=2) * outwards).sum(-1, keepdims=True)  # px of it in sight
         lit = low + (outline.SHINE_PX * np.clip(wall, 0, 1) * outwards)[:, :, None]
         side = np.where(wall[..., None] < 0, high, lit)
@@ -283,7 +284,9 @@ class Renderer:
     def _lifted(self, xy: np.ndarray, height_m: np.ndarray) -> np.ndarray:
         """Return pixels (..., 2) of places `xy` (..., 2), `height_m` (...) over the plane."""
         camera = self.calibration
-        image = np.append(xy, np.ones((*xy.shape[:-1], 1)), axis=-1) @ camera.homography.T
+        x, y = xy[..., :1], xy[..., 1:]
+        h = camera.homography
+        image = x * h[:, 0] + y * h[:, 1] + h[:, 2]
         image += height_m[..., None] * camera.upward()
         px = image[..., :2] / image[..., 2:]
         return camera.distort(px.reshape(-1, 2)).reshape(px.shape)
@@ -296,7 +299,7 @@ class Renderer:
         if velocity is not None:
             velocity = np.asarray(velocity, float).reshape(-1, 3)
             speed = (
-                np.hypot(velocity[:, 0], velocity[:, 1])
+                elementary.hypot(velocity[:, 0], velocity[:, 1])
                 + np.abs(velocity[:, 2]) * BLOCK_SIDE_M * 0.71
             )
             path_px = speed * self.options.exposure_s * self.calibration.px_per_m()
@@ -320,5 +323,5 @@ def _land_lines(calibration: Calibration) -> tuple[float, np.ndarray] | None:
     heights = covers.over(calibration.cover_height_m)[:-1]
     at = np.linspace(-1, 1, heights.shape[2] - 1)
     mean = heights[..., 1:].mean(axis=2)
-    slope = (heights[..., 1:] @ at) / (at @ at)
+    slope = (heights[..., 1:] * at).sum(axis=-1) / (at * at).sum()
     return float(heights[0, 0, 0]), np.stack([mean - slope, mean + slope], axis=-1)
