@@ -3,6 +3,7 @@
 
 import argparse
 import importlib.util
+import itertools
 import json
 import math
 import signal
@@ -212,7 +213,7 @@ def run(args: argparse.Namespace) -> int:
     if args.earlier:
         results = [json.loads(Path(file).read_text()) for file in args.earlier]
         merged = {'machine': results[-1]['machine']}
-        merged['rows'] = [row for result in results for row in result['rows']]
+        merged['rows'] = list(itertools.chain.from_iterable(r['rows'] for r in results))
         tell(merged, args.json, markdown if args.markdown else table)
         return 0
     scenes = [
