@@ -1,6 +1,8 @@
-# `make help` lists the targets; each does its own set-up.
+# `make help` lists the targets; each does its own set-up. PYTHON=3.12 runs a target on that
+# version, in an environment of its own (.venv-3.12).
 SHELL := /bin/sh
-PY := .venv/bin/python
+export EOL_VENV := .venv$(patsubst %,-%,$(filter 3.%,$(PYTHON)))
+PY := $(EOL_VENV)/bin/python
 SCENE ?= rehearsal
 .DEFAULT_GOAL := help
 
@@ -19,7 +21,7 @@ test: setup-test  ## all tests, with real DDS, pty, PortAudio and Chromium where
 bare: setup-test  ## tests of devices, pages and scenes, the optional system packages hidden
 	@$(PY) tools/run_tests.py --bare $(ARGS)
 
-quick: setup-test  ## the tests of the pure core, in seconds
+quick: setup-core  ## the tests of the pure core, in seconds
 	@$(PY) tools/run_tests.py --quick $(ARGS)
 
 lint: setup-test  ## ruff, mypy and the terms that are not used
@@ -61,10 +63,13 @@ figures: setup-test  ## the figures of docs/science.md, as far as they are old (
 	$(PY) -m eol_ros bench figures $(ARGS)
 
 clean:  ## remove what was made here, but no bag
-	rm -rf .venv build install log *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf .venv .venv-3.* build install log *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 setup-test:
 	@tools/setup_env.sh test
 
-.PHONY: help setup setup-test run test bare quick lint docs kit firmware soak bench lock film films figures clean
+setup-core:
+	@tools/setup_env.sh core
+
+.PHONY: help setup setup-test setup-core run test bare quick lint docs kit firmware soak bench lock film films figures clean

@@ -50,8 +50,16 @@ COLCON = [  # what a ROS workspace needs to build the messages, as wheels
     'ros-jazzy-ament-cmake-pytest',
     'ros-jazzy-python-cmake-module',
 ]
-# Independent witnesses.
-ORACLES = ['librosa', 'essentia', 'mpmath', 'powerlaw', 'trimesh', 'rosbags', 'pybdm']
+# Independent witnesses. Later versions of essentia have wheels for Python 3.14 alone.
+ORACLES = [
+    'librosa',
+    'essentia<=2.1b6.dev1389',
+    'mpmath',
+    'powerlaw',
+    'trimesh',
+    'rosbags',
+    'pybdm',
+]
 TEST = [
     'pytest>=8',
     'pytest-timeout>=2',
@@ -69,7 +77,7 @@ TEST = [
     *METRICS,
     *TLS,
     *KIT,
-    *MIDI,
+    'python-rtmidi>=1.5; python_version < "3.13"',  # as in MIDI; it has no wheel for 3.13
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo', 'av']  # peers, measured in the same run
 RENDER = ['mitsuba>=3.9']  # path-traced images, see `make films`; nothing that runs imports it

@@ -138,14 +138,15 @@ def _user_cache() -> Path:
 
 
 def _cached(name: str) -> list[str]:
-    """Return what the caches of a package hold, as `package/file`."""
+    """Return what the caches of a package hold for this Python, as `package/file`."""
     found = []
+    version = f'.py{sys.version_info[0]}{sys.version_info[1]}'  # as numba names its files
     for folder in _folders(name):
         try:
             files = os.listdir(cache_folder(folder))
         except OSError:
             continue
-        found += [f'{folder}/{f}' for f in files if f.endswith(('.nbi', '.nbc'))]
+        found += [f'{folder}/{f}' for f in files if f.endswith(('.nbi', '.nbc')) and version in f]
     return found
 
 

@@ -22,12 +22,17 @@ def entries(name):
             yield Requirement(words[0]), words[1:]
 
 
+def environment_of(python):
+    """Return what markers are compared with, for a Python on Linux."""
+    return {'python_version': python, 'python_full_version': f'{python}.9',
+            'sys_platform': 'linux', 'platform_system': 'Linux',
+            'implementation_name': 'cpython', 'platform_python_implementation': 'CPython',
+            'os_name': 'posix', 'platform_machine': 'x86_64'}  # fmt: skip
+
+
 def locked(name, python):
     """Return the versions that a Python on Linux gets, by project."""
-    environment = {'python_version': python, 'python_full_version': f'{python}.9',
-                   'sys_platform': 'linux', 'platform_system': 'Linux',
-                   'implementation_name': 'cpython', 'platform_python_implementation': 'CPython',
-                   'os_name': 'posix', 'platform_machine': 'x86_64'}  # fmt: skip
+    environment = environment_of(python)
     found = {}
     for requirement, _ in entries(name):
         if requirement.marker is None or requirement.marker.evaluate(environment):
@@ -38,11 +43,11 @@ def locked(name, python):
     return found
 
 
-def wanted(extras):
-    """Return what the package says that it needs, as it was installed."""
+def wanted(extras, python):
+    """Return what the package says that it needs on a Python, as it was installed."""
     for line in metadata.requires('eol_ros'):
         requirement = Requirement(line)
-        environments = [{'extra': extra} for extra in ('', *extras)]
+        environments = [environment_of(python) | {'extra': extra} for extra in ('', *extras)]
         if requirement.marker is None or any(map(requirement.marker.evaluate, environments)):
             yield requirement
 
@@ -51,7 +56,7 @@ def wanted(extras):
 @pytest.mark.parametrize(('name', 'extras'), [('run', ['ros']), ('test', ['ros', 'test'])])
 def test_all_that_setup_py_names_is_locked_in_a_version_that_it_allows(name, extras, python):
     found = locked(name, python)
-    for requirement in wanted(extras):
+    for requirement in wanted(extras, python):
         version = found[canonicalize_name(requirement.name)]
         assert requirement.specifier.contains(version), f'{requirement}: {version} is locked'
 

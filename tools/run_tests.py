@@ -96,7 +96,8 @@ def run_quick(words: list[str]) -> int:
     """Run both halves of the quick tests at once; print one after the other."""
     # Without plugins that seconds go into: coverage, processes, what colcon brings along.
     words = ['-q', '-p', 'pytest_timeout', '-p', 'no:cacheprovider', *words]
-    words += ['-m', 'not slow and not soak']
+    # The first test that calls a kernel may compile it.
+    words = ['--timeout=300', *words, '-m', 'not slow and not soak']
     halves = [
         subprocess.Popen(
             [sys.executable, '-m', 'pytest', *words, *half], cwd=ROOT, text=True,

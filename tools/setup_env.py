@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes `.venv` ready: the wheels, the messages, the compiled kernels.
+"""Makes `.venv` (or $EOL_VENV) ready: the wheels, the messages, the compiled kernels.
 
 Called by tools/setup_env.sh, with the system's Python and nothing but its standard library. Wheels
 and messages are made at the same time, and a line says every few seconds how far they are. What is
@@ -20,11 +20,16 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-VENV = ROOT / '.venv'
+VENV = ROOT / os.environ.get('EOL_VENV', '.venv')
 PYTHON = VENV / 'bin' / 'python'
 MESSAGES = ROOT / 'msg_defs' / 'eol_msgs'
 LOCKS = ROOT / 'tools' / 'requirements'
 BROWSER = LOCKS / 'browser'  # what the tests put into a browser: npm's own list and lock
+# What the tests of the pure core do without, of all that the tests use: beginnings of names.
+NOT_CORE = ('ros-', 'colcon-', 'cmake', 'ninja', 'dask', 'distributed', 'mypy', 'pyarrow', 'ruff',
+            'selenium', 'trio')  # fmt: skip
+# Whose wheels are enough for an extra ('' is a run), beside its own.
+ENOUGH = {'': ('test', 'bench'), 'core': ('test', 'bench')}
 TELL_S = 4.0  # between two lines that say how far a step is
 WIDTH = 100
 
@@ -149,14 +154,23 @@ def pip(python: Path, verb: str, *words) -> tuple:
     return (python, '-m', 'pip', *options, *words)
 
 
-def locked(name: str) -> tuple:
+def locked(file: Path) -> tuple:
     """Return what installs the wheels of a list, none but those whose hash stands there."""
-    return ('--no-deps', '--require-hashes', '--requirement', LOCKS / f'{name}.txt')
+    return ('--no-deps', '--require-hashes', '--requirement', file)
+
+
+def core_list() -> Path:
+    """Write the list of what the tests of the pure core need; return its path."""
+    entries = re.findall(r'^\S.*(?:\n .*)*\n', (LOCKS / 'test.txt').read_text(), re.MULTILINE)
+    path = VENV / 'core.txt'
+    path.write_text(''.join(entry for entry in entries if not entry.startswith(NOT_CORE)))
+    return path
 
 
 def install_wheels(step: Step, extra: str) -> None:
     """Install all that this package needs, and the package itself, editable."""
-    step.command(*pip(PYTHON, 'install', *locked('test' if extra else 'run')))
+    wheels = core_list() if extra == 'core' else LOCKS / ('test.txt' if extra else 'run.txt')
+    step.command(*pip(PYTHON, 'install', *locked(wheels)))
     # Without PEP 517 isolation: the build needs nothing but the setuptools just installed.
     step.command(*pip(PYTHON, 'install', '--no-build-isolation', '--no-deps', '--editable', '.'))
     if extra == 'bench':  # the peers are not locked: whatever version there is shall be measured
@@ -203,7 +217,7 @@ def build_messages(step: Step, folder: Path) -> None:
     with tempfile.TemporaryDirectory(dir=folder.parent) as place:
         made, python = Path(place, 'wheels'), Path(place, 'tools', 'bin', 'python')
         step.command(sys.executable, '-m', 'venv', python.parents[1])
-        step.command(*pip(python, 'install', *locked('messages')))
+        step.command(*pip(python, 'install', *locked(LOCKS / 'messages.txt')))
         words = ('--verbose', '--no-deps', '--no-build-isolation', '--wheel-dir', made, MESSAGES)
         step.command(*pip(python, 'wheel', *words))
         if not folder.exists():  # another checkout may have been quicker
@@ -216,9 +230,8 @@ def setup(extra: str) -> None:
     firmware = ROOT / 'firmware'
     block = (firmware / 'link.h', *sorted((firmware / 'block').glob('*.[ch]')))
     key = digest(ROOT / 'setup.py', *block, *sorted(LOCKS.glob('*.txt')), Path(__file__))
-    ready = VENV / f'.ready-{key}-{extra}'
-    if not extra:  # what any extra has installed is enough
-        ready = next(VENV.glob(f'.ready-{key}-*'), ready)
+    stamps = [VENV / f'.ready-{key}-{name}' for name in (extra, *ENOUGH.get(extra, ()))]
+    ready = next((stamp for stamp in stamps if stamp.exists()), stamps[0])
     messages = digest(
         MESSAGES / 'CMakeLists.txt', MESSAGES / 'pyproject.toml', MESSAGES / 'package.xml',
         *sorted((MESSAGES / 'msg').glob('*.msg')),
@@ -232,6 +245,10 @@ def setup(extra: str) -> None:
     if not ready.exists():
         say('installing the wheels (about a minute, once)')
         steps.append(Step('wheels', install_wheels, extra))
+    if extra == 'core':  # its tests compile what they need
+        wait(*steps)
+        ready.touch()
+        return
     browser_ready = VENV / 'browser' / f'.ready-{digest(*sorted(BROWSER.glob("*.json")))}'
     if extra and not browser_ready.exists() and shutil.which('npm'):
         steps.append(Step('browser', install_browser, browser_ready))

@@ -6,6 +6,7 @@
 set -eu
 cd "$(dirname "$0")/.."
 wanted=${1:-run}
+venv=${EOL_VENV:-.venv}
 [ "${EOL_SYSTEM:-yes}" = no ] && exit 0
 
 say() { printf '%s\n' "$*" >&2; }
@@ -15,9 +16,9 @@ there() {  # a probe of the list
         command:*) command -v "${1#*:}" >/dev/null 2>&1 ;;
         library:*) PATH="$PATH:/sbin:/usr/sbin" ldconfig -p 2>/dev/null | grep -q "${1#*:} " ;;
         path:*) [ -e "${1#*:}" ] ;;
-        python:venv) [ -x .venv/bin/python ] || [ -n "$(tools/find_python.sh)" ] ;;
+        python:venv) [ -x "$venv/bin/python" ] || [ -n "$(tools/find_python.sh)" ] ;;
         python:headers)
-            python=.venv/bin/python
+            python=$venv/bin/python
             [ -x "$python" ] || python=$(tools/find_python.sh)
             [ -n "$python" ] && "$python" -S -c 'import os, sys, sysconfig
 sys.exit(not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")))' ;;
@@ -41,12 +42,12 @@ if [ "$(id -u)" = 0 ]; then
 elif command -v sudo >/dev/null 2>&1 && sudo -n true 2>/dev/null; then
     root='sudo -n'
 fi
-told=.venv/.system-packages-told
+told=$venv/.system-packages-told
 if [ "$root" = none ] || ! command -v apt-get >/dev/null 2>&1; then
     if [ "$(cat "$told" 2>/dev/null)" != "$missing" ]; then
         say "these system packages are missing: $missing"
         say "install them with: sudo apt-get install $missing"
-        mkdir -p .venv
+        mkdir -p "$venv"
         printf '%s\n' "$missing" > "$told"
     fi
     exit 0

@@ -4,6 +4,7 @@
 import fcntl
 import re
 import shutil
+import sys
 
 from eol_ros import cli, compiled
 from eol_ros.verbs import compile as verb
@@ -70,9 +71,10 @@ def test_a_change_in_what_is_called_makes_the_caller_cold(tmp_path, monkeypatch)
     assert compiled.cold(['sound']) == []
     kept = compiled.cache_folder('devices/audio')
     kept.mkdir(parents=True)
-    (kept / 'callback.turn.nbi').touch()
+    (kept / f'callback.turn-25.py{sys.version_info[0]}{sys.version_info[1]}.nbi').touch()
+    (kept / 'callback.turn-25.py399.nbi').touch()
     with (tmp_path / 'core' / 'sound' / 'mixer.py').open('a') as file:
         file.write('\n')
     assert compiled.cold(['sound']) == ['sound']
     compiled.forget()
-    assert not list(kept.iterdir())
+    assert [file.name for file in kept.iterdir()] == ['callback.turn-25.py399.nbi']
