@@ -18,13 +18,17 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-# A shared machine can stand still for longer than real time allows: what failed is tried once more
-# when all else is over, in a new process with nothing beside it, and told. A graph that does not
-# start takes all tests of its file along; more than that is no accident.
-MOST_AGAIN = 100
+# A shared machine can stand still for longer than real time allows: up to three tests that failed
+# are tried again when all else is over, in a new process with nothing beside it, and the last lines
+# name each with its reason. More than that is no accident.
+MOST_AGAIN = 3
+# A test that needed it twice in ten runs is a defect: these runs of `make test` are remembered.
+REMEMBERED = 10
+RECORD = ROOT / '.pytest_cache' / 'second-tries.json'
 NOTHING_SELECTED = 5  # pytest's exit code, where a part holds none of what was asked for
 BESIDE = ('-n', '4', '--dist', 'loadfile', '--no-loadscope-reorder')  # many of them wait
 PARTS = {
@@ -123,6 +127,18 @@ def run_part(selection: tuple[str, ...], paths: list[str], words: list[str]) -> 
     return code, found
 
 
+def remember(again: Iterable[str]) -> list[str]:
+    """Note what this run tried again; return the tests of which the last runs did so before."""
+    try:
+        runs = json.loads(RECORD.read_text())
+    except (OSError, ValueError):
+        runs = []
+    runs = [*runs, list(again)][-REMEMBERED:]
+    RECORD.parent.mkdir(exist_ok=True)
+    RECORD.write_text(json.dumps(runs))
+    return [name for name in again if sum(name in run for run in runs) > 1]
+
+
 def main() -> int:
     """Run the parts; return 0 where all that ran has passed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -143,6 +159,7 @@ def main() -> int:
         counts.update(found.get('counts', {}))
         skipped.update(found.get('skipped', {}))
         failed |= found.get('failed', {})
+    again = {}
     if set(codes) <= {0, 1, NOTHING_SELECTED} and 0 < len(failed) <= MOST_AGAIN:
         print('\n=== tests that failed, once more with nothing beside them', flush=True)
         code, found = run_part((), list(failed), words)
@@ -151,11 +168,20 @@ def main() -> int:
             counts['passed'] += found['counts']['passed']
             for name in ('failed', 'error'):
                 counts[name] = found['counts'][name]
+            again, failed = failed, found['failed']
     print('\nnot tested here:' if skipped else '\neverything was tested')
     for reason, count in sorted(skipped.items()):
         print(f'  {count:3} test{"s" if count > 1 else " "}  {reason}')
+    if len(failed) > MOST_AGAIN:
+        print(f'{len(failed)} tests failed: only up to {MOST_AGAIN} are tried again')
     for name, why in failed.items():
-        print(f'  failed at first: {name}: {why}')
+        print(f'failed: {name}: {why}')
+    for name, why in again.items():
+        if name not in failed:
+            print(f'passed only when tried again: {name}: {why}')
+    if not (args.bare or words):
+        for name in remember(again):
+            print(f'a defect, tried again twice in {REMEMBERED} runs: {name}')
     if args.bare and not skipped:
         print('run_tests: nothing was skipped, so nothing was hidden')
         codes.append(1)

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `make test` calls green, and what its last lines say of tests that were tried again."""
+
+import sys
+
+import pytest
+from support.checkout import ROOT
+
+sys.path.insert(0, str(ROOT / 'tools'))
+
+import run_tests
+
+
+@pytest.fixture
+def run(monkeypatch, tmp_path, capsys):
+    """Run the runner on the failures {test: reason} of the first try, and of the second."""
+    monkeypatch.setattr(run_tests, 'RECORD', tmp_path / 'cache' / 'record.json')
+    tried = []
+
+    def of(first, again=None, words=()):
+        def part(selection, paths, given):
+            tried.append(paths)
+            failed = again if not selection else first if 'not live' in selection[-1] else {}
+            left = {'passed': 10, 'failed': len(failed), 'error': 0, 'skipped': 0}
+            return int(bool(failed)), {'counts': left, 'skipped': {}, 'failed': failed}
+
+        monkeypatch.setattr(run_tests, 'run_part', part)
+        monkeypatch.setattr(sys, 'argv', ['run_tests.py', *words])
+        code = run_tests.main()
+        return code, capsys.readouterr().out.split('everything was tested\n')[1].splitlines()
+
+    of.tried = tried
+    return of
+
+
+def test_all_passed(run):
+    assert run({}) == (0, ['20 passed, 0 failed, 0 skipped'])
+    assert len(run.tried) == 2
+
+
+def test_what_passed_when_tried_again_is_named_with_its_reason(run):
+    code, lines = run({'a': 'late by 3 s', 'b': 'x', 'c': 'y'}, {})
+    assert code == 0
+    assert run.tried[-1] == ['a', 'b', 'c']
+    assert lines[0] == 'passed only when tried again: a: late by 3 s'
+    assert len(lines) == 4
+
+
+def test_what_fails_again_is_red(run):
+    code, lines = run({'a': 'late', 'b': 'x'}, {'b': 'y'})
+    assert code == 1
+    assert lines == [
+        'failed: b: y', 'passed only when tried again: a: late', '30 passed, 1 failed, 0 skipped'
+    ]  # fmt: skip
+
+
+def test_more_than_three_are_not_tried_again(run):
+    code, lines = run(dict.fromkeys('abcd', 'late'))
+    assert code == 1
+    assert len(run.tried) == 2
+    assert lines[0] == '4 tests failed: only up to 3 are tried again'
+    assert lines[1] == 'failed: a: late'
+
+
+def test_twice_in_ten_runs_is_a_defect(run):
+    said = 'a defect, tried again twice in 10 runs: a'
+    assert said not in run({'a': 'late'}, {})[1]
+    for _ in range(8):
+        run({})
+        run({'a': 'late'}, {}, words=['-k', 'a'])  # of a few tests: not remembered
+    assert said in run({'a': 'late'}, {})[1]
+    for _ in range(9):
+        run({})
+    assert said not in run({'a': 'late'}, {})[1]
