@@ -10,7 +10,7 @@ import yaml
 
 from eol_ros.analysis import retrack as retracking
 from eol_ros.analysis.bag import open_bag
-from eol_ros.analysis.retrack import images, retrack
+from eol_ros.analysis.retrack import DIFFERENT, Comparison, images, retrack
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
@@ -304,6 +304,22 @@ def test_counts_that_differ_are_never_equal(run, monkeypatch):
         'different',
         'NOT equal',
     )
+
+
+@pytest.mark.parametrize(
+    ('column', 'by', 'rounding'),
+    [('x', 1 + 1e-13, True), ('x', 1 + 1e-3, False), ('x', np.nan, False), ('count', 2, False)],
+)
+def test_last_digits_are_told_from_other_differences(column, by, rounding):
+    """Another processor changes last digits; another code counts, or values."""
+    theirs = np.array([(0.0, 1), (-0.3, 2)], [('x', 'f8'), ('count', 'i4')])
+    mine = theirs.copy()
+    mine[column][1] *= by
+    check = Comparison('slips', 2, 2, proved=2)
+    check.compare(mine, theirs, str)
+    assert (check.different, check.verdict, check.rounding) == (1, DIFFERENT, rounding)
+    assert ('by at most 1e-13 of the value' in check.words()) is rounding
+    assert not dataclasses.replace(check, proved=3).rounding
 
 
 @pytest.mark.slow
