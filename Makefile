@@ -43,6 +43,7 @@ firmware: setup-test  ## build what runs in the blocks, and test it in emulated 
 
 soak: setup-test  ## the long ones: hours of rehearsal, kills, floods, fuzzing
 	@tools/system_packages.sh firmware
+	$(PY) -m pip install -q uv
 	-$(PY) -m pip install -q atheris
 	$(PY) -m pytest -m soak --override-ini addopts= test
 

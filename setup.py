@@ -6,10 +6,10 @@ from glob import glob
 from setuptools import Extension, find_packages, setup
 
 RUNTIME = [
-    'numpy>=1.26',
-    'scipy>=1.11',
+    'numpy>=2.0',
+    'scipy>=1.13',
     'numba>=0.60',
-    'opencv-python-headless>=4.8',
+    'opencv-python-headless>=5',  # before it, undistortPoints takes no criteria
     'pyserial>=3.5',
     'sounddevice>=0.4.6',
     'soundfile>=0.12',
