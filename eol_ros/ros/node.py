@@ -36,7 +36,7 @@ from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
 from eol_ros.ros.inherited import KEPT
 from eol_ros.ros.parameters import checked, checked_live
-from eol_ros.ros.requests import REQUESTS, RequestServer, parameters, plain
+from eol_ros.ros.requests import REQUESTS, RequestServer, parameters
 from eol_ros.ros.stamps import NS, to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
 from eol_ros.ros.topics import (
@@ -326,21 +326,20 @@ class EolNode(Node):
         settings = dataclasses.replace(settings, **checked(type(settings), given))
         self._at_start = settings
         settings = dataclasses.replace(settings, **self._resumed_settings(fields))
-        shown = masked(settings)
+        descriptors = {}
         for name, field in fields.items():
             text = field.metadata.get('doc', '')
             unit = field.metadata.get('unit', '')
-            self.declare_parameter(
-                name,
-                plain(getattr(shown, name)),
-                ParameterDescriptor(
-                    description=f'{text} [{unit}]' if unit else text,
-                    read_only=not field.metadata.get('live'),
-                    dynamic_typing=True,
-                    **_ranges(field),
-                ),
-                ignore_override=True,
+            descriptors[name] = ParameterDescriptor(
+                description=f'{text} [{unit}]' if unit else text,
+                read_only=not field.metadata.get('live'),
+                dynamic_typing=True,
+                **_ranges(field),
             )
+        # `declare_parameters` guesses the type of a value: of an empty list an array of bytes
+        self._declare_parameter_common(
+            parameters(dataclasses.asdict(masked(settings))), descriptors
+        )
         self.add_on_set_parameters_callback(self._on_parameters)
         return settings
 
@@ -397,7 +396,8 @@ def _ranges(field: dataclasses.Field[Any]) -> dict[str, Any]:
     if low is None or high is None:
         return {}
     if field.type is float:
-        return {'floating_point_range': [FloatingPointRange(from_value=low, to_value=high)]}
+        limits = FloatingPointRange(from_value=float(low), to_value=float(high))  # an int: garbage
+        return {'floating_point_range': [limits]}
     if field.type is int:
         return {'integer_range': [IntegerRange(from_value=low, to_value=high)]}
     return {}

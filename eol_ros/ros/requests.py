@@ -61,8 +61,12 @@ def plain(value: Any) -> Any:
 
 
 def parameters(values: Mapping[str, Any]) -> list[Parameter]:
-    """Return values of settings, or of a request, as parameters."""
-    return [Parameter(name, value=plain(value)) for name, value in values.items()]
+    """Return values of settings, or of a request, as parameters; an empty list is one of texts."""
+    texts = Parameter.Type.STRING_ARRAY  # rclpy takes an empty list for an array of bytes
+    return [
+        Parameter(name, texts if value in ((), []) else None, plain(value))
+        for name, value in values.items()
+    ]
 
 
 def _values(asked: Asked) -> list[ParameterValue]:

@@ -7,6 +7,8 @@ import dataclasses
 import fcntl
 import json
 import os
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -15,8 +17,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rcl_interfaces.msg import ParameterType
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter
+from support.spinning import Nodes
 from support.waiting import wait_until
 
 from eol_ros import nodes
@@ -200,14 +204,74 @@ def test_command_line_parameters_are_checked(ros):
         ProbeNode(MontageSettings(), parameter_overrides=[Parameter('period_s', value=0.0)])
 
 
-def test_parameters_tell_their_range(ros):
-    node = ProbeNode(MontageSettings())
-    fields = {f.name: f.metadata for f in dataclasses.fields(MontageSettings)}
-    [of_period] = node.describe_parameter('period_s').floating_point_range
-    assert of_period.from_value == fields['period_s']['min']
-    assert of_period.to_value == fields['period_s']['max']
-    assert not node.describe_parameter('pairs').floating_point_range
-    node.destroy_node()
+# Asks the nodes that it is given for all their parameters, as any ROS tool would.
+DESCRIBE = """
+import json, sys
+import rclpy
+from rcl_interfaces.srv import DescribeParameters, ListParameters
+
+rclpy.init()
+asking, found = rclpy.create_node('asking'), {}
+for name in sys.argv[1:]:
+    def call(kind, service, **request):
+        client = asking.create_client(kind, f'{name}/{service}')
+        client.wait_for_service()
+        future = client.call_async(kind.Request(**request))
+        rclpy.spin_until_future_complete(asking, future)
+        return future.result()
+
+    names = call(ListParameters, 'list_parameters').result.names
+    rows = call(DescribeParameters, 'describe_parameters', names=names).descriptors
+    found[name] = {
+        row.name: [
+            row.type, row.description, row.read_only,
+            [[r.from_value, r.to_value, r.step]
+             for r in (*row.floating_point_range, *row.integer_range)],
+            len(row.floating_point_range),
+        ]
+        for row in rows
+    }
+assert not [module for module in sys.modules if module.startswith('eol')]
+print(json.dumps(found))
+"""
+ROS_TYPES = {
+    bool: ParameterType.PARAMETER_BOOL, int: ParameterType.PARAMETER_INTEGER,
+    float: ParameterType.PARAMETER_DOUBLE, str: ParameterType.PARAMETER_STRING,
+    tuple[str, ...]: ParameterType.PARAMETER_STRING_ARRAY,
+}  # fmt: skip
+
+
+def described(field):
+    """What a ROS tool must be told of a setting: type, text, read-only, ranges, those of floats."""
+    of, ranges = field.metadata, []
+    if None not in (of['min'], of['max']):
+        ranges = [[of['min'], of['max'], 0]]
+    text = f'{of["doc"]} [{of["unit"]}]' if of['unit'] else of['doc']
+    floats = len(ranges) * (field.type is float)
+    return [ROS_TYPES[field.type], text, not of['live'], ranges, floats]
+
+
+def test_a_stock_tool_reads_every_parameter_as_its_setting_describes_it(ros, tmp_path):
+    stock = {k: v for k, v in os.environ.items() if not k.startswith(('FASTRTPS', 'FASTDDS'))}
+    bare = {name: type('Bare', (EolNode,), {'NAME': name}) for name in NODES}
+    made = {name: bare[name](row.settings()) for name, row in NODES.items()}
+    names = {name: node.get_fully_qualified_name() for name, node in made.items()}
+    words = [sys.executable, '-c', DESCRIBE, *names.values()]
+    out = tmp_path / 'found.json'
+    with (
+        Nodes(*made.values()) as turning,
+        out.open('w') as file,
+        subprocess.Popen(words, env=stock, stdout=file) as child,
+    ):
+        try:
+            turning.until(lambda: child.poll() is not None)
+        finally:
+            child.kill()
+
+    found = json.loads(out.read_text())
+    for name, row in NODES.items():
+        told, fields = found[names[name]], dataclasses.fields(row.settings)
+        assert {f.name: told[f.name] for f in fields} == {f.name: described(f) for f in fields}
 
 
 def test_topic_table():
