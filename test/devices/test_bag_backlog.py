@@ -17,7 +17,7 @@ def item(topic, number, size):
 
 
 def test_slips_are_not_dropped_for_pictures():
-    backlog = Backlog(1000, IMAGE)
+    backlog = Backlog(1000, IMAGE, 1000)
     for k in range(30):
         backlog.put(0.0, item(IMAGE, k, 100))
         backlog.put(0.0, item(SLIPS, k, 30))
@@ -32,29 +32,36 @@ def test_slips_are_not_dropped_for_pictures():
     assert backlog.bytes == 0
 
 
+def test_without_images_to_drop_other_messages_are_kept_up_to_a_bound_of_their_own():
+    backlog = Backlog(1000, IMAGE, 3000)
+    backlog.put(0.0, item(IMAGE, 0, 900))
+    for k in range(101):
+        backlog.put(0.0, item(SLIPS, k, 30))
+    backlog.put(0.0, item(IMAGE, 1, 10))
+    assert backlog.dropped == {IMAGE: 2, SLIPS: 1} and backlog.bytes == 3000
+
+
 @pytest.mark.parametrize('seed', range(20))
 def test_random_loads(seed):
     rng, limit = random.Random(seed), 1000
-    backlog = Backlog(limit, IMAGE)
+    backlog = Backlog(limit, IMAGE, 10**9)
     put: list[tuple] = []
     out: list[tuple] = []
     for number in range(400):
         if rng.random() < 0.6:
             picture = rng.random() < 0.5
             new = item(IMAGE if picture else SLIPS, number, rng.randint(50, 200))
-            before = Counter(backlog.dropped)
             backlog.put(float(number), new)
             put.append((new.topic, number))
-            if backlog.dropped[SLIPS] > before[SLIPS]:  # only where no image could make room
-                assert backlog.bytes + len(new.data) > limit
-                assert not any(isinstance(e.item, Item) for e in backlog._pictures)
         elif rng.random() < 0.1:
             backlog.put(float(number), Slipping(number, True, number))
         elif entry := backlog.pop():
             backlog.done(entry)
             if not isinstance(entry.item, Slipping):
                 out.append((entry.item.topic, entry.item.sequence))
-        assert 0 <= backlog.bytes <= limit
+        assert backlog.bytes >= 0 and not backlog.dropped[SLIPS]
+        if backlog.bytes > limit:
+            assert not any(isinstance(e.item, Item) for e in backlog._pictures)
     lost = Counter()
     while entry := backlog.pop():
         backlog.done(entry)

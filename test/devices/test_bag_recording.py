@@ -5,6 +5,7 @@ import errno
 import json
 import os
 import struct
+import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,9 +13,10 @@ from types import SimpleNamespace
 import pytest
 from mcap.reader import make_reader
 from support.bag_samples import POINT, T0, TEXT, point, text, write_bag
-from support.waiting import wait_until
+from support.waiting import GENEROUS_S, wait_until
 
 from eol_ros.devices.bag import recording as bag_recording
+from eol_ros.devices.bag.disk import Disk
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.recording import Recording
 from eol_ros.devices.bag.selection import Item, Slipping
@@ -69,8 +71,8 @@ def test_what_was_lost_is_in_the_metadata(tmp_path):
     assert recording.lost == 3
 
 
-def test_a_disk_that_is_too_slow_drops_and_counts(tmp_path, monkeypatch):
-    monkeypatch.setattr(bag_recording, 'QUEUE_BYTES', 2000)
+def test_a_disk_that_does_not_answer_for_long_drops_and_counts(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_recording, 'MOST_BYTES', 2000)
     recording = start(tmp_path)
     with recording._ready:  # the writing thread stands still
         for i in range(100):
@@ -84,6 +86,48 @@ def test_a_disk_that_is_too_slow_drops_and_counts(tmp_path, monkeypatch):
     gaps = BagReader(recording.folder).gaps
     assert json.loads(gaps['dropped_in_recorder']) == {'/eol/point': 101 - kept}
     assert json.loads(gaps['lost_before_recorder']) == {}
+    assert recording.drop_cause == 'the disk does not answer'
+
+
+class SlowDisk(Disk):
+    """Synchronises nothing of a file that is being written until it is `let`."""
+
+    def __init__(self):
+        self.begun, self.let, self.error = threading.Event(), threading.Event(), None
+
+    def sync(self, file):
+        if file.mode == 'ab':
+            self.begun.set()
+            assert self.let.wait(GENEROUS_S)
+            if self.error:
+                raise self.error
+        super().sync(file)
+
+
+def test_messages_are_written_while_the_disk_synchronises(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_recording, 'QUEUE_BYTES', 300_000)
+    settings = RecorderSettings(images='all', min_free_gb=0.0, sync_s=0.05)
+    disk, picture = SlowDisk(), text('x' * 100_000)
+    recording = start(tmp_path, settings, images='/eol/text', disk=disk)
+    feed(recording, 1)
+    assert disk.begun.wait(GENEROUS_S)
+    for i in range(20):
+        recording.take(Item('/eol/text', picture, T0 + i, T0, i + 1))
+        wait_until(lambda n=i + 2: recording.message_count == n)
+    disk.let.set()
+    recording.close()
+    assert recording.lost == 0 and BagReader(recording.folder).counts['/eol/text'] == 20
+
+
+def test_a_disk_that_refuses_to_synchronise_pauses_the_recording(tmp_path):
+    settings = RecorderSettings(images='all', min_free_gb=0.0, sync_s=0.05)
+    disk = SlowDisk()
+    disk.error = OSError(errno.EIO, os.strerror(errno.EIO))
+    disk.let.set()
+    recording = start(tmp_path, settings, disk=disk)
+    feed(recording, 1)
+    wait_until(lambda: 'Input/output error' in recording.trouble)
+    recording.close()
 
 
 def test_in_a_hurry_pictures_are_stored_uncompressed(tmp_path, monkeypatch):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What waits to be written: bounded, and when it is full images go first. Pure bookkeeping."""
+"""What waits to be written. When it is full, images are dropped. Pure bookkeeping."""
 
 from collections import Counter, deque
 from typing import NamedTuple
@@ -18,17 +18,18 @@ class Waiting(NamedTuple):
 
 
 class Backlog:
-    """At most `limit` bytes of messages, taken out in the order in which they came.
+    """Messages, taken out in the order in which they came.
 
-    Where there is no room an image (a message of topic `images`) is dropped; for any other message
-    those images that wait the longest make room. So nothing else is lost as long as images are
-    there to be lost. What is dropped leaves a `Dropped` in its place, and is counted in `dropped`.
+    An image (a message of topic `images`) is dropped where it would not fit into `limit` bytes.
+    Any other message drops the images that wait the longest, and is kept beyond `limit` when none
+    is left. Only a disk that does not answer fills `most` bytes with those; then they are dropped,
+    too. A dropped message leaves a `Dropped` in its place, and is counted in `dropped`.
     """
 
-    def __init__(self, limit: int, images: str):
+    def __init__(self, limit: int, images: str, most: int):
         self.bytes = 0  # of what waits, and of what was taken out and is not `done`
         self.dropped: Counter[str] = Counter()
-        self._limit, self._images = limit, images
+        self._limit, self._most, self._images = limit, most, images
         self._order = 0
         self._pictures: deque[Waiting] = deque()
         self._rest: deque[Waiting] = deque()
@@ -37,7 +38,7 @@ class Backlog:
         return len(self._pictures) + len(self._rest)
 
     def put(self, came_s: float, item: Item | Slipping) -> None:
-        """Add `item` if there is room for it or room can be made."""
+        """Add `item` if there is room for it."""
         self._order += 1
         entry = Waiting(self._order, came_s, item)
         if not isinstance(item, Item):
@@ -46,7 +47,7 @@ class Backlog:
         picture, size = item.topic == self._images, len(item.data)
         if not picture and self.bytes + size > self._limit:
             self._make_room(self.bytes + size - self._limit)
-        if self.bytes + size > self._limit:
+        if self.bytes + size > (self._limit if picture else self._most):
             entry = self._without_data(entry)
         else:
             self.bytes += size

@@ -6,11 +6,13 @@ level: a 1 MB infrared image takes 8 ms at its level 3 and 1.3 ms at level 1, wh
 becomes smaller.
 """
 
+import os
 import struct
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import zstandard
 from mcap.data_stream import RecordBuilder
@@ -200,6 +202,11 @@ class BagFile:
         """Return when all that was written survives a power cut."""
         self._end_chunk()
         self._disk.sync(self.file)
+
+    def second_handle(self) -> BinaryIO:
+        """Flush, and return another handle of the file, which another thread can synchronise."""
+        self.flush()
+        return open(os.dup(self.file.fileno()), 'ab')
 
     def close(self) -> None:
         """Write the index and the end, and force all of it to the disk."""

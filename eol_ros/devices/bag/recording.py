@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run on its way to the disk: bounded queue in, one writing thread, a bag folder out.
 
-Whoever hands messages over never waits. When disk or processor is too slow the queue fills: first
-images are stored uncompressed, then images are dropped, at last anything; all is counted. When
-the disk is full or gone, recording pauses, says so, and begins a new bag when it can.
+The caller of `take` never waits, and writing does not wait for the disk to synchronise. When disk
+or processor is too slow the queue fills: images are stored uncompressed, then dropped and counted.
+All other messages are kept. When the disk is full or gone, recording pauses, says so, and begins a
+new bag when it can.
 What is deleted, if anything, `retention` says.
 """
 
@@ -20,6 +21,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import BinaryIO
 
 from eol_ros.devices.bag.backlog import Backlog, Waiting
 from eol_ros.devices.bag.disk import DISK, Disk
@@ -43,8 +45,10 @@ FLUSH_S = 1.0
 RETRY_S = 3.0
 ROOM = 1.1  # of `min_free_gb`, before it goes on: else each image that goes makes a bag of its own
 BUDGET = '.pictures-of-today.json'  # beside the bags
-QUEUE_BYTES = 64 << 20
+QUEUE_BYTES = 64 << 20  # above this, images are dropped
+MOST_BYTES = 256 << 20  # of other messages: half an hour of a rehearsal's, measured
 SLOW = 'disk or processor too slow'
+STUCK = 'the disk does not answer'
 CALM_BYTES = 4 << 20  # with more than this waiting, earlier bags are not cared for
 HURRY_BYTES = QUEUE_BYTES // 4  # with more than this waiting, images are not compressed
 GB = 1e9
@@ -96,12 +100,15 @@ class Recording:
         self._unwritten: Counter[str] = Counter()  # for which there was no disk
         self._ring = AroundSlips(settings.before_s, settings.after_s)
         self._limiter = RateLimiter(settings.display_period_s)
-        self._queue = Backlog(QUEUE_BYTES, images)
+        self._queue = Backlog(QUEUE_BYTES, images, MOST_BYTES)
         self._written = 0  # messages of bags already closed
         self._ready = threading.Condition()
         self._closing = False
         self._stop, self._kept = threading.Event(), threading.Event()
         self._writer: BagWriter | None = None
+        self._syncing: threading.Thread | None = None
+        self._sync_ended = False
+        self._sync_error: tuple[BagWriter, OSError] | None = None
         self._clock, self._disk, self._threaded = clock, disk, threaded
         self._next_flush = self._next_try = self._synced_s = clock()
         self._unsaved_s: float | None = None  # since when the oldest message is not on the disk
@@ -127,7 +134,8 @@ class Recording:
             before = self._queue.dropped.total()
             self._queue.put(self._clock(), item)
             if self._queue.dropped.total() > before:
-                self.drop_cause = self.trouble or SLOW
+                stuck = self._queue.dropped.keys() - {self._images}
+                self.drop_cause = self.trouble or (STUCK if stuck else SLOW)
             self._ready.notify()
 
     def slip(self, news: Slipping) -> None:
@@ -243,17 +251,59 @@ class Recording:
 
         A disk that is slower than that is not asked all the time.
         """
+        if self._syncing is not None:
+            return 0.0 if self._sync_ended else math.inf
         every_s = self._settings.sync_s
         if not every_s or self._unsaved_s is None:
             return math.inf
         return max(self._unsaved_s + every_s - self.sync_s, self._synced_s + every_s / 4)
 
     def _sync(self) -> None:
-        begun, self._unsaved_s = self._clock(), None
-        if self._writer:
-            self._guarded(self._writer.sync)
+        """Synchronise what was written, in a thread of its own: a disk may take seconds."""
+        if self._syncing is not None:
+            self._end_sync()
+            return
+        begun_s, self._unsaved_s = self._clock(), None
+        if not self._threaded:
+            if self._writer:
+                self._guarded(self._writer.sync)
+            self._synced(begun_s)
+            return
+        try:
+            handle = self._writer.second_handle() if self._writer else None
+        except OSError as error:
+            self._pause(self._refused(error), whole=False)
+            return
+        if handle is not None:
+            words, self._sync_ended = (self._writer, handle, begun_s), False
+            self._syncing = threading.Thread(target=self._synchronise, args=words, daemon=True)
+            self._syncing.start()
+
+    def _synchronise(self, writer: BagWriter, handle: BinaryIO, begun_s: float) -> None:
+        try:
+            with handle:
+                self._disk.sync(handle)
+        except OSError as error:
+            self._sync_error = writer, error
+        self._synced(begun_s)
+        with self._ready:
+            self._sync_ended = True
+            self._ready.notify()
+
+    def _synced(self, begun_s: float) -> None:
         self._synced_s = self._clock()
-        self.sync_s = self._synced_s - begun
+        self.sync_s = self._synced_s - begun_s
+
+    def _end_sync(self) -> None:
+        """Wait for the end of a sync, if one runs; on a refusing disk go on without its bag."""
+        if self._syncing is None:
+            return
+        self._syncing.join()
+        self._syncing = None
+        if self._sync_error:
+            (writer, error), self._sync_error = self._sync_error, None
+            if writer is self._writer:
+                self._pause(self._refused(error), whole=False)
 
     def _write(self, item: Item | Slipping | Dropped) -> None:
         if not isinstance(item, Slipping):
@@ -410,6 +460,7 @@ class Recording:
                 part.replace(self.root / BUDGET)
 
     def _finish(self) -> None:
+        self._end_sync()
         self._keep_budget()
         if self._writer:
             self._writer.gaps = self.gaps()

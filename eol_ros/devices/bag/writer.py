@@ -10,6 +10,7 @@ import fcntl
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import yaml
 
@@ -174,6 +175,10 @@ class BagWriter:
         """Return when what was written survives a power cut."""
         if self._file:
             self._file.sync()
+
+    def second_handle(self) -> BinaryIO | None:
+        """Flush, and return another handle of the file in the making; None where there is none."""
+        return self._file.second_handle() if self._file else None
 
     def close(self) -> None:
         """Finish the file in the making and write the last `metadata.yaml`."""
