@@ -60,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='FOLDER',
         help='measure the rehearsal again, by the camera alone; write senses.png there',
     )
+    parser.add_argument('--real-time', action='store_true', help='ask for real-time priority')
     parser.add_argument('--json', action='store_true')
 
 
@@ -75,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         bag = None
         for name in args.scenes.split(','):
             print(f'{name}: {args.seconds:g} s', file=sys.stderr, flush=True)
-            scene = stand_in(name, folder, film, bag)
+            scene = stand_in(name, folder, film, bag, real_time=args.real_time)
             results['scenes'][name] = measure(scene, folder / f'bags-{name}', args.seconds)
             late_ms[name] = results['scenes'][name].pop('late_ms')
             if name == 'rehearsal':
@@ -87,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
             results['file_camera'].pop('late_ms')
         if args.plot:
             print('rehearsal, by the camera alone', file=sys.stderr, flush=True)
-            scene = stand_in('rehearsal', folder, film, None, ALONE)
+            scene = stand_in('rehearsal', folder, film, None, ALONE, args.real_time)
             alone = measure(scene, folder / 'bags-alone', args.seconds)
             draw(late_ms['rehearsal'], alone.pop('late_ms'), args.plot)
             results['scenes']['rehearsal, camera alone'] = alone

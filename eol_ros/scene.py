@@ -53,7 +53,7 @@ class Scene:
     together: tuple[tuple[str, ...], ...] = ()
     elsewhere: tuple[str, ...] = ()  # nodes of the graph that run on another machine
     path: Path | None = None
-    real_time: bool = True  # where the system allows it
+    real_time: bool = False  # ask for real-time priority
     text: str = ''  # of the file and its includes, as it goes into a bag
     warnings: tuple[str, ...] = ()  # what is understood, and should be said in another way
     namespace: str = NAMESPACE  # without the slash at its beginning
@@ -404,8 +404,8 @@ def plain(scene: Scene) -> dict[str, Any]:
         data['domain'] = scene.domain
     if scene.namespace != NAMESPACE:
         data['namespace'] = scene.namespace
-    if not scene.real_time:
-        data['real_time'] = False
+    if scene.real_time:
+        data['real_time'] = True
     data['nodes'] = {name: _plain(settings) for name, settings in scene.nodes.items()}
     if 'recorder' not in scene.nodes:
         data['nodes']['recorder'] = False  # as YAML 1.1 reads `off`
@@ -482,7 +482,7 @@ def load(name: str | Path) -> Scene:
     elsewhere = _elsewhere(reader, top)
     nodes = _nodes(reader, top, elsewhere)
     network = _choice(reader, values, 'network', ('local', 'secure', 'lan'), 'local')
-    real_time = _choice(reader, values, 'real_time', (True, False), True)
+    real_time = _choice(reader, values, 'real_time', (True, False), False)
     domain = values.get('domain')
     if domain and not (type(domain.value) is int and 0 <= domain.value <= MAX_DOMAIN):
         said = f'{domain.value!r} is not a whole number from 0 to {MAX_DOMAIN}'

@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who goes first where all want the two cores in the same millisecond: the kernel's side of it.
 
-An image wakes six processes at once. Those between a camera and what people see and hear get
-real-time priority (SCHED_RR, 1 or 2 of 99: below every sound server), so that they run when their
-message is there; those that nobody waits for step back. Both are set when all is up: a start is
-work for everybody alike. A thread of the same level is not put aside for another: what works for
-milliseconds on each image has the lower one, or a knock would wait for it.
+An image wakes six processes at once. In a scene that asks for it (`real_time: true`) those between
+a camera and what people see and hear get real-time priority (SCHED_RR, 1 or 2 of 99: below every
+sound server), so that they run when their message is there. Processes that nobody waits for step
+back. Both are set when all is up: a start is work for everybody alike. A thread of the same level
+is not put aside for another: what works for milliseconds on each image has the lower one, or a
+knock would wait for it.
 """
 
 import contextlib
 import os
+import resource
 from pathlib import Path
 
+from eol_ros.bringup.policy import SILENT_S
 from eol_ros.devices.carrier_thread import PREFIX
 
 CARRIERS = ('dds.', PREFIX)  # what Fast DDS calls its threads, and we those that carry
@@ -39,7 +42,13 @@ def step_ahead(pid: int, level: int, main: bool = True) -> bool:
     That is the `main` thread, where every callback runs, the threads of DDS, and those that carry
     images and knocks; what loads files, compiles or records stays with everybody else, and so does
     whatever these start.
+
+    The kernel ends the process (SIGXCPU, RLIMIT_RTTIME) when one of them has run for SILENT_S
+    without a pause: a node that is silent for so long counts as hung anyway.
     """
+    most_us = round(SILENT_S * 1e6)
+    with contextlib.suppress(ProcessLookupError):
+        resource.prlimit(pid, resource.RLIMIT_RTTIME, (most_us, most_us + 1_000_000))
     with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # it, or a thread, has ended
         for task in Path('/proc', str(pid), 'task').iterdir():
             name = (task / 'comm').read_text()

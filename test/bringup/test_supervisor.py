@@ -7,6 +7,7 @@ import json
 import os
 import platform
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from pathlib import Path
 
 import pytest
 from support.attended import attended
-from support.waiting import wait_until
+from support.waiting import GENEROUS_S, wait_until
 
 from eol_ros.bringup import child, policy, priority, status
 from eol_ros.bringup.child import Child
@@ -170,6 +171,24 @@ def test_a_limit_of_before_gives_the_lower_priority(monkeypatch, may, given):
     monkeypatch.setattr(os, 'sched_setscheduler', set_scheduler)
     assert priority.step_ahead(os.getpid(), 2) == (given is not None)
     assert taken == ({given} if given else set())
+
+
+def test_the_kernel_ends_a_process_that_runs_on_with_real_time_priority(monkeypatch):
+    monkeypatch.setattr(priority, 'SILENT_S', 0.2)
+    code = 'print(flush=True); input()\nwhile True: pass'
+    words = [sys.executable, '-c', code]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        try:
+            assert child.stdout.readline()
+            may = priority.step_ahead(child.pid, 1)
+            limit = resource.prlimit(child.pid, resource.RLIMIT_RTTIME)
+            if may:
+                child.stdin.write(b'\n')
+                child.stdin.flush()
+                assert child.wait(GENEROUS_S) == -signal.SIGXCPU
+        finally:
+            child.kill()
+    assert limit == (200_000, 1_200_000)
 
 
 def test_what_carries_messages_goes_ahead(start, tmp_path):

@@ -55,7 +55,7 @@ def run(tmp_path_factory):
     try:
         for namespace, seed in SEEDS.items():
             scene = {
-                'scene': namespace, 'real_time': False, 'domain': DOMAIN,
+                'scene': namespace, 'domain': DOMAIN,
                 'together': [['tracker', 'motion']],
                 'nodes': {
                     'twin': {'seed': seed, 'accelerometer': False}, 'tracker': {}, 'motion': {},
