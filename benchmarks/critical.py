@@ -26,6 +26,7 @@ import numpy as np
 
 from benchmarks import picture
 from benchmarks.machine import tell
+from eol_ros import parent_death
 from eol_ros.core.science import powerlaw
 from eol_ros.errors import EolError, UsageError
 
@@ -219,7 +220,10 @@ def _swept(option: str, folder: str, out: Path, workers: int) -> list[Row]:
         table = out / f'{file.stem}.csv'
         words = ['sweep', str(file), '--output', str(table), '--workers', str(workers)]
         command = [sys.executable, '-m', 'eol_ros', *words]
-        if subprocess.run(command, stdout=sys.stderr, check=False).returncode:
+        done = subprocess.run(
+            command, stdout=sys.stderr, check=False, preexec_fn=parent_death.following()
+        )
+        if done.returncode:
             raise EolError(f'{file}: the sweep ended early; the same command goes on with it')
         rows += [row | {'model': one.model} for row in rows_of(table)]
     return rows

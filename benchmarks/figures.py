@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.machine import line, machine, tell
+from eol_ros import parent_death
 from eol_ros.analysis import sources
 from eol_ros.analysis.sweeps.work import COMPUTES
 from eol_ros.errors import EolError, UsageError
@@ -216,7 +217,9 @@ def _drawn(name: str, part: Part, places: Places) -> bool:
     words = [sys.executable, '-m', 'eol_ros', 'bench', *part.words, '--plot', str(folder)]
     try:
         with open(folder / 'printed.txt', 'w', encoding='utf-8') as printed:
-            status = subprocess.run(words, cwd=ROOT, stdout=printed, check=False).returncode
+            status = subprocess.run(
+                words, cwd=ROOT, stdout=printed, check=False, preexec_fn=parent_death.following()
+            ).returncode
     finally:
         took_s = before_s + _processor_s() - used_s
         spent.write_text(f'{took_s:.1f}\n')

@@ -3,9 +3,11 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import time
 
+from eol_ros import parent_death
 from eol_ros.errors import DeviceMissing
 
 FS, PERIOD = 48000, 256
@@ -32,8 +34,9 @@ class Jack:
         words += ['-P', str(self.channels)]
         for real_time in (['-R', '-P', '70'], ['-r']):  # the second where that is not allowed
             self.process = subprocess.Popen(
-                ['jackd', *real_time, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-            )
+                ['jackd', *real_time, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                preexec_fn=parent_death.following(signal.SIGTERM),
+            )  # fmt: skip
             deadline = time.monotonic() + PATIENCE_S
             while time.monotonic() < deadline and self.process.poll() is None:
                 time.sleep(0.1)

@@ -19,6 +19,7 @@ from typing import Any
 from benchmarks.lean_list import BRINGUP, OF_A_BAG, VERBS, node_faults, other_faults
 from benchmarks.machine import tell
 from benchmarks.running import Film, Graph, stand_in
+from eol_ros import parent_death
 from eol_ros.errors import EolError, UsageError
 
 HELP = 'processes, memory, modules, threads and DDS entities of each scene and of single verbs'
@@ -67,6 +68,7 @@ def verb_row(words: str) -> dict[str, Any]:
             env={**os.environ, **probed(Path(place))},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
+            preexec_fn=parent_death.following(),
         )
         _, said = process.communicate(timeout=600)
         took = time.monotonic() - begin

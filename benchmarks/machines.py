@@ -12,6 +12,8 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from eol_ros import parent_death
+
 DOMAIN = '61'
 
 
@@ -80,6 +82,7 @@ class Machines:
         return subprocess.Popen(
             ['ip', 'netns', 'exec', self.names[machine], *command],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env,
+            preexec_fn=parent_death.following(),
         )  # fmt: skip
 
     def eol(self, machine: str, *words: str) -> str:

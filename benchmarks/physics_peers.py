@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
+from eol_ros import parent_death
 from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import Scene
@@ -345,6 +346,7 @@ def siconos(scene: Scene, times: np.ndarray, step_s: float) -> tuple[np.ndarray,
         text=True,
         env={**os.environ, 'OMP_NUM_THREADS': '1', 'PYTHONPATH': ''},
         check=True,
+        preexec_fn=parent_death.following(),
     )
     answer = json.loads(done.stdout.splitlines()[-1])  # Siconos prints words of its own before it
     u = np.zeros((len(times), scene.n, 2))

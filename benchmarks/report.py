@@ -9,6 +9,7 @@ thread.
 import argparse
 from pathlib import Path
 
+from eol_ros import parent_death
 from eol_ros.errors import UsageError
 
 HELP = 'Report a day of exhibition made of the sample bag: seconds and memory.'
@@ -125,7 +126,12 @@ def _measured(name: str, words: list[str], folder: Path) -> dict:
         '--json',
     ]
     begin_s = time.perf_counter()
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        command,
+        env=environment,
+        stdout=subprocess.PIPE,
+        preexec_fn=parent_death.following(),
+    ) as process:
         assert process.stdout is not None
         process.stdout.read()
         _, status, used = os.wait4(process.pid, 0)

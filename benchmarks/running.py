@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from eol_ros import parent_death
 from eol_ros import scene as scenes
 from eol_ros.bringup import priority, status
 from eol_ros.devices.board.fake import Arrival, latency_s
@@ -33,7 +34,10 @@ WATCHED = (
 def busy(count):
     """Have `count` processes that never sleep, each in a session, and so in a group, of its own."""
     command = [sys.executable, '-c', 'while True: pass']
-    hogs = [subprocess.Popen(command, start_new_session=True) for _ in range(count)]
+    hogs = [
+        subprocess.Popen(command, start_new_session=True, preexec_fn=parent_death.following())
+        for _ in range(count)
+    ]
     try:
         yield
     finally:
@@ -77,6 +81,7 @@ class Graph:
                 [sys.executable, '-m', 'eol_ros.devices.board.fake', '--log', str(self.board_log)],
                 stdout=subprocess.PIPE,
                 text=True,
+                preexec_fn=parent_death.following(),
             )
             assert self.board.stdout is not None
             leds['port'] = self.board.stdout.readline().strip()
@@ -110,8 +115,9 @@ class Graph:
         """Start its bringup; again, where that has ended."""
         with self.log.open('a') as log:
             self.process = subprocess.Popen(
-                self._command, env=self._environment, stderr=log, stdout=subprocess.DEVNULL
-            )
+                self._command, env=self._environment, stderr=log, stdout=subprocess.DEVNULL,
+                preexec_fn=parent_death.following(signal.SIGTERM),  # it ends its nodes in order
+            )  # fmt: skip
 
     def stop(self) -> int:
         """Stop it as a person would; return its exit code."""

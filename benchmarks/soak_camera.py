@@ -19,6 +19,7 @@ import yaml
 
 from benchmarks.running import Film, Graph, stand_in
 from benchmarks.soak_faults import HELD_S, Soak, summary
+from eol_ros import parent_death
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import calibration_file
 from eol_ros.errors import EolError
@@ -61,6 +62,7 @@ class CameraSoak(Soak):
         camera = subprocess.Popen(
             [sys.executable, '-m', 'benchmarks.gige', str(self._file)],
             stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1],
+            preexec_fn=parent_death.following(),
         )  # fmt: skip
         assert camera.stdout is not None
         if not camera.stdout.readline():

@@ -23,7 +23,7 @@ from benchmarks.jack import Jack
 from benchmarks.running import Graph, busy, stand_in
 from benchmarks.soak_pieces import FILE, keep, load
 from benchmarks.soak_proof import Held, growth, held, prove
-from eol_ros import interrupts
+from eol_ros import interrupts, parent_death
 from eol_ros.bringup.supervisor import FED_BY
 from eol_ros.errors import EolError
 from eol_ros.verbs.progress import track
@@ -139,8 +139,9 @@ class Soak:
         """Put the board in."""
         words = ['-m', 'eol_ros.devices.board.fake', '--link', str(self.board_port)]
         self.board = subprocess.Popen(
-            [sys.executable, *words], stdout=subprocess.PIPE, text=True, stderr=subprocess.DEVNULL
-        )
+            [sys.executable, *words], stdout=subprocess.PIPE, text=True, stderr=subprocess.DEVNULL,
+            preexec_fn=parent_death.following(),
+        )  # fmt: skip
         assert self.board.stdout is not None
         self.board.stdout.readline()
 

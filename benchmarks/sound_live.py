@@ -15,6 +15,7 @@ import numpy as np
 
 from benchmarks.jack import FS, Jack
 from benchmarks.stalls import Stalls, overlap
+from eol_ros import parent_death
 from eol_ros.errors import DeviceMissing, EolError
 
 NOTICE_S = 0.05  # from an underrun to its count: JACK tells of it in a thread of its own
@@ -42,6 +43,7 @@ def measure(case: dict, seconds: float) -> dict:
             [sys.executable, '-m', __name__, json.dumps({**case, 'seconds': seconds})],
             env={**os.environ, **jack.environment},
             capture_output=True, text=True, timeout=seconds + 60,
+            preexec_fn=parent_death.following(),
         )  # fmt: skip
         lines = [line for line in child.stdout.splitlines() if line.startswith('{')]
         if not lines or child.returncode:

@@ -12,12 +12,17 @@ import numpy as np
 import soundfile
 
 from benchmarks.sound_engine import FS, Score
+from eol_ros import parent_death
 
 
 def cpu_of(words: list[str]) -> float:
     """Run a program and return its CPU seconds; raises RuntimeError with what it said."""
     with subprocess.Popen(
-        words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        words,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        preexec_fn=parent_death.following(),
     ) as child:
         said = child.stdout.read() if child.stdout else ''
         _, status, usage = os.wait4(child.pid, 0)

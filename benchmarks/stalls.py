@@ -12,6 +12,8 @@ import subprocess
 import sys
 import time
 
+from eol_ros import parent_death
+
 EVERY_S = 0.001
 LATE_S = 0.0025  # half a block of 256 samples
 REAL_TIME = 90  # above JACK, which has 70
@@ -34,6 +36,7 @@ class Stalls:
             subprocess.Popen(
                 [sys.executable, '-m', __name__, str(processor)],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                preexec_fn=parent_death.following(),
             )
             for processor in sorted(os.sched_getaffinity(0))
         ]  # fmt: skip

@@ -48,6 +48,7 @@ ALLOWED = {
     'errors.py': set(),
     'folders.py': set(),
     'interrupts.py': set(),
+    'parent_death.py': set(),
     'compiled.py': set(),
     'cli.py': {'rich'},
 }
@@ -57,7 +58,7 @@ BELOW = {
     'streams': {'core', 'streams', 'settings', 'errors'},
     'scene.py': {'settings', 'streams', 'errors'},
     'scene_text.py': {'scene', 'errors'},
-    'devices': {'core', 'devices', 'settings', 'streams', 'errors', 'folders'},
+    'devices': {'core', 'devices', 'settings', 'streams', 'errors', 'folders', 'parent_death'},
     'ros': {
         'core',
         'ros',
@@ -79,12 +80,22 @@ BELOW = {
         'streams',
         'errors',
         'folders',
+        'parent_death',
         'compiled',
         'ros',
         'cli',
         'interrupts',
     },
-    'analysis': {'core', 'devices', 'analysis', 'settings', 'streams', 'errors', 'scene'},
+    'analysis': {
+        'core',
+        'devices',
+        'analysis',
+        'settings',
+        'streams',
+        'errors',
+        'scene',
+        'parent_death',
+    },
 }
 MODULES = sorted(ROOT.rglob('*.py'))
 
@@ -328,3 +339,17 @@ def test_bits_of_what_is_recomputed_follow_no_processor(path):
         assert found, f'{name(path)} needs no exception any more'
     else:
         assert found == [], 'take core/elementary.py or core/algebra.py'
+
+
+def test_what_is_started_ends_with_its_parent():
+    """Every Popen has a `preexec_fn`; a corpus is made by a process that calls `follow` itself."""
+    bare = []
+    for path in [*MODULES, *(ROOT.parent / 'benchmarks').glob('*.py')]:
+        for call in ast.walk(ast.parse(path.read_text())):
+            if (
+                isinstance(call, ast.Call)
+                and ast.unparse(call.func) == 'subprocess.Popen'
+                and 'preexec_fn' not in {keyword.arg for keyword in call.keywords}
+            ):
+                bare.append(path.name)
+    assert bare == ['corpus_build.py']

@@ -2,7 +2,6 @@
 """One child process: how it is started so that it never outlives us, and what it tells us."""
 
 import contextlib
-import ctypes
 import json
 import os
 import resource
@@ -10,24 +9,21 @@ import signal
 import subprocess
 from typing import Any
 
+from eol_ros import parent_death
 from eol_ros.bringup import priority, processor
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import QUIET_S, STARVED, Look, Policy, Silence
 from eol_ros.bringup.shared_memory import Ports
 from eol_ros.ros.inherited import AGAIN, HEALTH_FD, KEPT
 
-_PR_SET_PDEATHSIG = 1
 _LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', '[DEBUG]')
 CHUNKS = 16  # of 64 KB at a time: one child that never stops writing must not keep us from the rest
-_libc = ctypes.CDLL(None, use_errno=True)
 
 
 def _prepare(parent: int) -> None:
-    """Run in the child before exec: the kernel sends SIGTERM when the parent is gone."""
+    """Run in the child before exec."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a dump of a stuck node is of no use here
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != parent:  # it died before the call above
-        os._exit(1)
+    parent_death.follow(parent, signal.SIGTERM)
 
 
 class Child:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator, Sequence
 from typing import IO
 
-from eol_ros import compiled
+from eol_ros import compiled, parent_death
 from eol_ros.errors import EolError, UsageError
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.verbs.progress import track
@@ -99,7 +99,10 @@ def _percents(parts: Sequence[str]) -> Iterator[int]:
             while waiting and len(running) < max(len(os.sched_getaffinity(0)), 1):
                 part = waiting.pop(0)
                 command = [sys.executable, '-m', 'eol_ros', 'compile', '--here', '--parts', part]
-                child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, bufsize=1)
+                child = subprocess.Popen(
+                    command, stdout=subprocess.PIPE, text=True, bufsize=1,
+                    preexec_fn=parent_death.following(),
+                )  # fmt: skip
                 assert child.stdout is not None
                 running[child.stdout.fileno()] = part, child, child.stdout
             for fd in select.select(list(running), [], [], 1.0)[0]:

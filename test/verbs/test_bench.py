@@ -5,6 +5,10 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
+from support.waiting import wait_until
 
 from eol_ros.verbs import bench
 
@@ -50,6 +54,39 @@ def test_a_benchmark_that_is_terminated_ends_what_it_has_started(tmp_path):
 
     assert (it.returncode, said) == (0, 'eol bench waiting: stopped\n')
     assert not os.path.exists(f'/proc/{child}')
+
+
+RUNS_A_GRAPH = """
+import sys
+from pathlib import Path
+from benchmarks.running import Graph
+
+graph = Graph(Path(sys.argv[1]), watched=())
+graph.wait_until_ok()
+print(*graph.pids(), flush=True)
+sys.stdin.read()
+"""
+
+
+def runs(pid):
+    """Whether a process is there that has not ended: a zombie has."""
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.slow
+def test_a_graph_ends_with_the_benchmark_that_is_killed(tmp_path):
+    scene = tmp_path / 'small.yaml'
+    scene.write_text('nodes: {panel: {port: 0}, recorder: {min_free_gb: 0.0}}')
+    words = [sys.executable, '-c', RUNS_A_GRAPH, scene]
+    pipes = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE}
+    with subprocess.Popen(words, cwd=bench.ROOT, text=True, **pipes) as child:
+        pids = child.stdout.readline().split()
+        assert len(pids) == 3 and all(map(runs, pids))
+        child.kill()
+    wait_until(lambda: not any(map(runs, pids)))
 
 
 INTERRUPTED = """

@@ -14,6 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from importlib import metadata
 from typing import Any, Protocol
 
+from eol_ros import parent_death
 from eol_ros.analysis.sweeps import work
 from eol_ros.errors import DeviceMissing, EolError, UsageError, pip_install
 
@@ -59,7 +60,12 @@ def new_pool(workers: int) -> ProcessPoolExecutor:
     """Return processes that leave it to this one what Ctrl-C means; to be ended by `end_pool`."""
     # not forked: this process may have threads, and numba's caches are quick to load
     context = multiprocessing.get_context('spawn')
-    return ProcessPoolExecutor(workers, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    return ProcessPoolExecutor(workers, context, _begin, (os.getpid(),))
+
+
+def _begin(parent: int) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent_death.follow(parent)
 
 
 def end_pool(pool: ProcessPoolExecutor) -> None:

@@ -28,6 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eol_ros import parent_death
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.devices.board.block import library
@@ -71,11 +72,6 @@ def needed() -> None:
         raise DeviceMissing('qemu-system-arm is missing: sudo apt-get install qemu-system-arm')
 
 
-def _ends_with_its_parent() -> None:
-    """Have the system kill this process when its parent is gone, however that ended."""
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-
-
 def frame_to_air(frame: bytes, sequence: int) -> bytes:
     """Return the bytes of `frame` on the line of the radio; `sequence` is below 256."""
     packet = bytes([AIR, sequence]) + frame.ljust(FRAME, b'\0')
@@ -115,7 +111,7 @@ class Bridge:
                 *(words or ('-monitor', 'none')),
             ],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, text=True,
-            preexec_fn=_ends_with_its_parent,
+            preexec_fn=parent_death.following(),
         )  # fmt: skip
         assert self._qemu.stdout is not None
         self.port, said = '', ''
@@ -392,7 +388,7 @@ class FirmwareBoard:
         words = ['--namespace', namespace, '--loss', str(loss)]
         self._process = subprocess.Popen(
             [sys.executable, '-m', 'eol_ros.devices.board.firmware', *words],
-            stdout=subprocess.PIPE, text=True, preexec_fn=_ends_with_its_parent,
+            stdout=subprocess.PIPE, text=True, preexec_fn=parent_death.following(),
         )  # fmt: skip
         assert self._process.stdout is not None
         self.port = self._process.stdout.readline().strip()

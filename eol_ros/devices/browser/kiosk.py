@@ -5,6 +5,7 @@ import contextlib
 import os
 import re
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from eol_ros import parent_death
 from eol_ros.devices.backoff import Backoff
 from eol_ros.errors import DeviceMissing, UsageError
 
@@ -132,8 +134,9 @@ class Window:
             self._log.write_bytes(b'')
             with self._log.open('ab') as appended:  # appended to: it may be truncated meanwhile
                 self._process = subprocess.Popen(
-                    self._command, stdin=subprocess.DEVNULL, stdout=appended, stderr=appended
-                )
+                    self._command, stdin=subprocess.DEVNULL, stdout=appended, stderr=appended,
+                    preexec_fn=parent_death.following(signal.SIGTERM),
+                )  # fmt: skip
         except OSError as error:
             raise DeviceMissing(f'{self._command[0]}: {error.strerror}') from None
         self._since_s = now_s

@@ -4,12 +4,10 @@
 `apart` does it in another process, so that a node that only plays never carries scipy.
 """
 
-import ctypes
 import hashlib
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -19,7 +17,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from eol_ros import folders
+from eol_ros import folders, parent_death
 from eol_ros.core.sound import sources as several
 from eol_ros.core.sound.corpus import Corpus, Source, widened
 from eol_ros.devices.corpus import corpus_file
@@ -29,7 +27,6 @@ from eol_ros.settings import DESCRIPTORS, MORE_DESCRIPTORS, PROJECTIONS
 
 ICE_S, ICE_RATE = 120.0, 48000
 FIRST_ICE_S = 40.0  # of recipe 1
-PR_SET_PDEATHSIG = 1
 CUT = (
     'segment',
     'grain_s',
@@ -318,9 +315,7 @@ def _options(words: dict) -> Options:
 def _child() -> int:
     """Make what the order on stdin asks for; the parent's death is ours."""
     order = json.load(sys.stdin)
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != order['parent']:
-        return 1
+    parent_death.follow(order['parent'])
     try:
         if order['ice'] is not None:
             make_ice(order['ice'])
