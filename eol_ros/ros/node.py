@@ -110,17 +110,18 @@ class EolNode(Node):
             self._looks.cancel()
             self.subscribe(READY, lambda message: None)
 
-    def start_timers(self) -> None:
-        """Let timers that fell due while the node was being made count from now.
+    def pull_in_timers(self) -> None:
+        """Reset each timer whose next call is more than a period away; `run` does so all the time.
 
-        Otherwise, as `resume` says, of a node with five timers that took a second to be made the
-        next heartbeat comes after 5 s, when bringup has given it up.
+        rclpy's EventsExecutor looks at all timers with each one that is added or reset, and after
+        each call. Where the machine is busy several looks are queued, each queues a call of every
+        timer that is due, and each of these calls puts off that timer's next by a period. After six
+        heartbeats at once the next one would come six seconds later, when bringup has given the
+        node up: so it was with nodes of six timers whose start was held up.
         """
-        due = [timer for timer in self.timers if timer.is_ready()]
-        for timer in due:
-            timer.reset()
-        if due:
-            self.health.report()
+        for timer in self.timers:
+            if not timer.is_canceled() and timer.time_until_next_call() > timer.timer_period_ns:
+                timer.reset()
 
     def create_timer(
         self,
@@ -138,9 +139,8 @@ class EolNode(Node):
     def resume(timer: Timer, wait_s: float | None = None) -> None:
         """Start a cancelled timer again, with `wait_s` for its period where given.
 
-        One that runs is left alone. With each reset, and with each timer that it is given, rclpy's
-        EventsExecutor calls every timer that is due once more, and each of these calls puts off
-        that timer's next by a period: thirty resets at once silence a node for 30 s.
+        One that runs is left alone: each reset calls every timer that is due once more, as
+        `pull_in_timers` says.
         """
         if timer.is_canceled():
             if wait_s is not None:

@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import textwrap
+import time
 import traceback
 import warnings
 from collections.abc import Callable, Sequence
@@ -24,6 +25,8 @@ from eol_ros.ros import network, shutdown_watchdog
 from eol_ros.ros.inherited import HEALTH_FD
 from eol_ros.ros.session import NO_LOG_FILES
 from eol_ros.streams.graph import IMAGE_SOURCES, NODES
+
+LOOK_S = 0.2  # how often to look for timers that were put off
 
 
 def runner(node_class: Any) -> Callable[..., int]:
@@ -134,15 +137,19 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
         gc.collect()
         gc.freeze()  # what lives now lives to the end: keep it out of every later collection
         for node in nodes:
-            node.start_timers()
             executor.add_node(node)
+        look_s = 0.0
         while not stop:
             try:
-                executor.spin_once(timeout_sec=0.2)
+                executor.spin_once(timeout_sec=LOOK_S)
             except EolError:
                 raise
             except Exception as error:
                 raise _explained(error) from error
+            if time.monotonic() >= look_s:
+                look_s = time.monotonic() + LOOK_S
+                for node in nodes:
+                    node.pull_in_timers()
     finally:
         for node in reversed(nodes):
             node.close()

@@ -18,8 +18,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterType
+from rclpy.clock import ClockType, ROSClock
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter
+from rclpy.time import Time
 from support.spinning import Nodes
 from support.waiting import wait_until
 
@@ -272,6 +274,29 @@ def test_a_stock_tool_reads_every_parameter_as_its_setting_describes_it(ros, tmp
     for name, row in NODES.items():
         told, fields = found[names[name]], dataclasses.fields(row.settings)
         assert {f.name: told[f.name] for f in fields} == {f.name: described(f) for f in fields}
+
+
+def test_a_timer_that_is_called_several_times_at_once_is_not_put_off(ros):
+    """Each change of this clock has the executor look at the timers; they run after the last."""
+    node, clock, calls = ProbeNode(MontageSettings()), ROSClock(), []
+    clock._set_ros_time_is_active(True)
+    clock.set_ros_time_override(Time(seconds=100, clock_type=ClockType.ROS_TIME))
+    timer = node.create_timer(1.0, lambda: calls.append(clock.now()), clock=clock)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    executor.spin_once(timeout_sec=0.05)
+    for k in range(6):
+        now = Time(nanoseconds=101_500_000_000 + k, clock_type=ClockType.ROS_TIME)
+        clock.set_ros_time_override(now)
+    wait_until(lambda: calls, turn=lambda: executor.spin_once(timeout_sec=0.02))
+    for _ in range(20):
+        executor.spin_once(timeout_sec=0.0)
+
+    node.pull_in_timers()
+
+    assert 0 < timer.time_until_next_call() <= 1_000_000_000
+    executor.remove_node(node)
+    node.destroy_node()
 
 
 def test_topic_table():

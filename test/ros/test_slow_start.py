@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node that takes long to be made goes on telling how it is, once a second."""
+"""A node that takes long to be made, or to answer, goes on telling how it is, once a second."""
 
 import itertools
 import json
@@ -21,6 +21,15 @@ class Slow(MontageNode):
         for _ in range(3):
             self.create_timer(0.2, lambda: None)
         time.sleep(1.3)
+        self.other = self.create_timer(100.0, lambda: None)
+        self.once = self.create_timer(0.1, self.stall)
+
+    def stall(self):
+        # the heartbeat is due, and the executor looks at it eight times
+        self.once.cancel()
+        time.sleep(1.1)
+        for _ in range(8):
+            self.other.reset()
 
 run.node_class = lambda name: Slow
 sys.exit(run.run(['montage'], []))
@@ -31,7 +40,7 @@ LONG_S = 5.0
 @pytest.mark.live
 @pytest.mark.slow
 def test_heartbeats_come_each_second_after_a_slow_start():
-    """Six timers that were overdue put the next heartbeat off by six seconds."""
+    """Timers that were overdue, or reset, put the next heartbeat off by seconds."""
     out, into = os.pipe()
     node = subprocess.Popen(
         [sys.executable, '-c', SLOW], pass_fds=[into],
