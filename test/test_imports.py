@@ -49,6 +49,7 @@ ALLOWED = {
     'folders.py': set(),
     'interrupts.py': set(),
     'parent_death.py': set(),
+    'thread_faults.py': {'errors'},
     'compiled.py': set(),
     'cli.py': {'rich'},
 }
@@ -69,6 +70,7 @@ BELOW = {
         'scene',
         'nodes',
         'compiled',
+        'thread_faults',
     },
     'nodes': {'core', 'devices', 'ros', 'nodes', 'web', 'settings', 'streams', 'errors', 'scene'},
     'web': {'core', 'devices', 'web', 'settings', 'streams', 'errors'},
@@ -85,6 +87,7 @@ BELOW = {
         'ros',
         'cli',
         'interrupts',
+        'thread_faults',
     },
     'analysis': {
         'core',

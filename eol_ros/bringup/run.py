@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TextIO
 
 import yaml
 
-from eol_ros import folders
+from eol_ros import folders, thread_faults
 from eol_ros import scene as scenes
 from eol_ros.bringup import plan, status
 from eol_ros.bringup.event_log import EventLog
@@ -83,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
                 raise UsageError(f'--bag {args.bag}: --only leaves the recorder out; name it there')
             unrecorded = unrecorded or '--only does not name the recorder'
     installed.require()
+    thread_faults.install()
     server = status.listen(plan.domain(scene), scene.namespace)
     with (
         _scene_file(scene) as file,

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from eol_ros import thread_faults
 from eol_ros.bringup import shared_memory, status
 from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
@@ -115,6 +116,7 @@ class Supervisor:
         began_s = last_s = self._clock()
         could_s = 0.0  # seconds in which all could have become ok
         while not self._asked_to_stop:
+            thread_faults.check()
             now = self._clock()
             self._tidy(now)
             ended = self._step(now)

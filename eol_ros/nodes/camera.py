@@ -9,6 +9,9 @@ from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 
+DEVICE_S, DEVICE_HUNG_S = 15.0, 60.0  # a camera may take so long to open, or to give an image
+LATE_IMAGES = 5  # periods
+
 
 class CameraNode(EolNode):
     NAME = 'camera'
@@ -23,6 +26,8 @@ class CameraNode(EolNode):
         self.images = ImagePublisher(self, 'camera/image_raw', 'camera/camera_info', calibration)
         source = source_of(self.settings)
         self.camera = Camera(source, self.on_image, self.on_state, self.settings.loop)
+        self.health.watches('reader', self.camera.reading, DEVICE_S, DEVICE_HUNG_S)
+        self.health.watches('hand-over', self.camera.handing_over)
         self.create_timer(1.0, self.tell)
         self.camera.start()
 
@@ -31,6 +36,8 @@ class CameraNode(EolNode):
         self.health.tick()
 
     def on_state(self, state: State) -> None:
+        late_s = max(2.0, LATE_IMAGES / (self.camera.source.fps or 60.0))
+        self.health.expects('images' if state.kind == 'streaming' else '', late_s)
         report = {
             'streaming': self.health.ok,
             'ended': self.health.ok,

@@ -38,6 +38,10 @@ class LedsNode(EolNode):
         self.taps = None if self.sim_time else self.publisher('block_taps')
         self.frames = self.create_timer(1 / self.settings.frame_hz, self.on_frame, autostart=False)
         self.infrared = Infrared(self, self.lights, self.tell)
+        self.health.watches('board', self.lights.board.rounds)
+        if self.lights.twin:
+            self.health.watches('radio', self.lights.twin.rounds)
+            self.health.watches('fake board', self.lights.twin.fake.rounds)
         self.create_timer(1.0, self.on_second)
         self.subscribe('slips', self.on_slip)
         self.subscribe('block_taps', self.on_own_tap)

@@ -57,6 +57,7 @@ class PanelNode(EolNode):
         self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
         self.server.routes.metrics = lambda: metrics.text(self.states.nodes(), self.namespace)
         self.server.start()
+        self.health.watches('web', self.server.rounds)
         self.tell('limits', notices.limits(self.scene.network))
         self.tell('cascades', self.day.notice())
         self.create_timer(1.0, self.report)

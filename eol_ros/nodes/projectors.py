@@ -12,6 +12,7 @@ from eol_ros.ros.run import runner
 from eol_ros.streams.requests import Asked
 
 LOOK_S = 1.0
+NETWORK_S, NETWORK_HUNG_S = 30.0, 120.0  # a round of questions may take so long
 HOURS_S = 10.0  # so long it is waited for what the node `hours` has to say
 
 
@@ -35,6 +36,8 @@ class ProjectorsNode(EolNode):
         wait_s = HOURS_S if 'hours' in self.scene.nodes else 0.0
         self.start_s = time.monotonic() + wait_s
         self.requests.serve(sleep=self.on_sleep, wake=self.on_sleep)
+        for projector in self.all:
+            self.health.watches(projector.address, projector.rounds, NETWORK_S, NETWORK_HUNG_S)
         self.create_timer(LOOK_S, self.look)
         self.look()
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records every topic, as raw bytes, into an MCAP bag; a thread of its own writes."""
 
+import math
 import sys
 import time
 from collections import deque
@@ -27,6 +28,7 @@ IMAGES, INFO, SAMPLES = 'camera/image_raw', 'camera/camera_info', 'sound_samples
 PREVIEW, MARKERS = 'camera/image_raw/compressed', 'markers'
 RHYTHM = (IMAGES, 'blocks', 'truth')  # topics with a message for every image
 READER_DEPTH = 600  # small messages of ten seconds: nobody waits for a recorder without a processor
+DISK_HUNG_S = 60.0  # a slow disk may keep a thread waiting for less
 EARLY = 1000  # messages kept until a replay tells its time
 DROPS_TOLD_S = 20.0  # after the last; the count stays in the values and in the bag
 
@@ -48,6 +50,10 @@ class RecorderNode(EolNode):
             depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None
             callback = self._callback(topic, bag_topic)
             self.subscribe(topic, callback, raw=True, depth=depth, with_info=True)
+        self.health.watches('bag-writer', lambda: self.recording.rounds(), hung_s=DISK_HUNG_S)
+        self.health.watches(
+            'bag-housekeeper', lambda: self.recording.housekeeping(), DISK_HUNG_S, math.inf
+        )
         self._last = self._dropped = 0
         self._dropped_s = 0.0
         self.create_timer(1.0, self.tell)

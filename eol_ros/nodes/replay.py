@@ -17,6 +17,7 @@ from eol_ros.devices.bag.player import BagPlayer, choose, complete
 from eol_ros.devices.bag.reader import BagMessage, BagReader
 from eol_ros.devices.bag.requests import CONTROL, heeded
 from eol_ros.devices.carrier_thread import carrier_thread
+from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError
 from eol_ros.ros.definitions import type_hash
 from eol_ros.ros.node import EolNode
@@ -33,6 +34,7 @@ from eol_ros.streams.said import said
 READY_S = 1.0  # from the last reader found to the first message
 ACKNOWLEDGED_S = 2.0  # longest wait for readers to say that they have all
 LOOK_S = 0.02  # in pieces of this: rclpy keeps Python's lock while it waits
+DISK_S, DISK_HUNG_S = 5.0, 60.0  # a slow disk may take so long for a chunk of the bag
 FAST_DEPTH = 10  # messages given in one go where readers set the pace: well within their queues
 
 
@@ -58,9 +60,11 @@ class ReplayNode(EolNode):
         self._then: dict[int, Asked] = {}
         if self._asked_on and self._asked_for():
             self._prepare_requests()
+        self.rounds = Rounds()
+        self.health.watches('replay', self.rounds, DISK_S, DISK_HUNG_S)
         self.player = BagPlayer(
             self.bag, self.names, self.give, s.rate, s.fast, s.loop, s.start_s,
-            stamped=[recorded(IMAGES), recorded(BLOCKS)], begin=self.begin,
+            stamped=[recorded(IMAGES), recorded(BLOCKS)], begin=self.begin, sleep=self._nap,
         )  # fmt: skip
         self.barrier = StartupBarrier(self)
         self.state, self.fault = 'waiting', None
@@ -140,6 +144,11 @@ class ReplayNode(EolNode):
         publisher.publish(message.data)
         self._keep_pace(publisher)
         self.health.tick()
+        self.rounds.done()
+
+    def _nap(self, seconds: float) -> None:
+        time.sleep(seconds)
+        self.rounds.done()
 
     def _play(self) -> None:
         try:
@@ -154,6 +163,7 @@ class ReplayNode(EolNode):
         except Exception as error:  # the executor's thread ends the node with it
             self.fault = error
         self.state = 'over'
+        self.rounds.rest()
 
     def _keep_pace(self, publisher: Publisher) -> None:
         """Wait for the readers each time the publisher's history is full.
@@ -174,6 +184,7 @@ class ReplayNode(EolNode):
             patience_s = 0.0 if publisher in self._unanswered else ACKNOWLEDGED_S
             end_s = time.monotonic() + patience_s
             while not (answered := publisher.wait_for_all_acked(look)):
+                self.rounds.done()
                 if time.monotonic() >= end_s or self._stop.is_set():
                     break
                 time.sleep(0)  # for those who wait for the lock

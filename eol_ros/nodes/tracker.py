@@ -59,6 +59,7 @@ class TrackerNode(EolNode):
         self.calibrations = self.publisher('calibration')
         self.tell_calibration()
         self.preview = Preview(self._show)
+        self.health.watches('preview', self.preview.rounds)
         self.health.expects('images')
         self.health.values['threshold'] = self.threshold
         self.subscribe('block_taps', self.on_tap)

@@ -176,6 +176,7 @@ class TwinNode(EolNode):
             self.camera = VirtualCamera(
                 s.fps, s.exposure_us * 1e-6, self.expose, self.deliver, move=self.move
             )
+            self.health.watches('camera', self.camera.rounds)
         elif self.camera is not None and self.camera.fault:
             raise self.camera.fault
         if self.camera is not None and self.told != (now := (s.hands, self.play.playing)):

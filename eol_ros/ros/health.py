@@ -3,19 +3,21 @@
 
 The same status goes both ways once a second: as a `DiagnosticStatus` (REP 107), and as one JSON
 line to the pipe inherited from bringup. It is written by the executor, so a node whose executor
-hangs falls silent, and that is how bringup notices.
+hangs falls silent, and that is how bringup notices. A worker thread that completes no round shows
+in the status within seconds; then the line says `hung`, and bringup takes it for silence.
 """
 
 import json
 import os
 import platform
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
+from eol_ros.core.round_watch import HUNG_S, STALLED_S, RoundWatch
 from eol_ros.ros.give_back import give_back
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.stamps import to_msg
@@ -48,6 +50,7 @@ class Health:
         self._rate = 0.0
         self._well = 0
         self._expected: tuple[str, float] | None = None
+        self._workers: dict[str, tuple[Callable[[], int | None], RoundWatch]] = {}
         self._last_tick_s, self._reported_s = self._now_s(), time.monotonic()
         self._pipe = HealthPipe.inherited()
         node.create_timer(PERIOD_S, self._beat)
@@ -60,9 +63,44 @@ class Health:
         self._last_tick_s = self._now_s()
 
     def expects(self, what: str, within_s: float = 2.0) -> None:
-        """Warn by itself whenever no tick has come for `within_s`: "no images for 3 s"."""
-        self._expected = (what, within_s)
+        """Warn by itself whenever no tick has come for `within_s`: "no images for 3 s".
+
+        An empty `what` expects nothing any more.
+        """
+        self._expected = (what, within_s) if what else None
         self._last_tick_s = self._now_s()  # the silence counts from here
+
+    def watches(
+        self,
+        worker: str,
+        rounds: Callable[[], int | None],
+        stalled_s: float = STALLED_S,
+        hung_s: float = HUNG_S,
+    ) -> None:
+        """Report by itself that `worker` stands still, where its count of `rounds` does.
+
+        `rounds` returns None while nothing is due. After `stalled_s` the status is an error, after
+        `hung_s` bringup is given no heartbeat: it starts the process again.
+        """
+        self._workers[worker] = rounds, RoundWatch(stalled_s, hung_s)
+
+    def look_at_workers(self, now_s: float) -> None:
+        """Take the counts of all workers at `now_s` of the steady clock."""
+        for rounds, watch in self._workers.values():
+            watch.look(now_s, rounds())
+
+    @property
+    def hung(self) -> bool:
+        """Whether a worker stands still for so long that the process must be started again."""
+        return any(watch.hung for _, watch in self._workers.values())
+
+    def _stalled(self) -> tuple[str, float]:
+        """Return the worker that has stood still for longest, and how long; ('', 0) if none."""
+        found = [
+            (watch.still_s, name) for name, (_, watch) in self._workers.items() if watch.stalled
+        ]
+        still_s, name = max(found, default=(0.0, ''))
+        return name, still_s
 
     def _now_s(self) -> float:
         """Behind a replay silence counts in its time: one that stands still owes nothing."""
@@ -117,6 +155,13 @@ class Health:
                 'nothing_of', 'no {what} for {seconds} s', what=self._expected[0],
                 seconds=f'{silent_s:.0f}',
             )  # fmt: skip
+        worker, still_s = self._stalled()
+        if worker:
+            level = ERROR
+            text = said(
+                'stands_still', '{what} has stood still for {seconds} s', what=worker,
+                seconds=f'{still_s:.0f}',
+            )  # fmt: skip
         return {
             'node': self._name,
             'level': level,
@@ -127,6 +172,7 @@ class Health:
         }
 
     def _beat(self) -> None:
+        self.look_at_workers(time.monotonic())
         self.report()
         self._well = self._well + 1 if self.level == OK else 0
         if self._well in SETTLED:
@@ -141,7 +187,7 @@ class Health:
         """Send the status both ways."""
         status = self.status()
         if self._pipe is not None:
-            self._pipe.send(status | {'kept': self.kept})
+            self._pipe.send(status | {'kept': self.kept} | ({'hung': True} if self.hung else {}))
         row = DiagnosticStatus(
             # Who starts is not stale (REP 107): that is what others find of one who is silent.
             level=bytes([WARN if status['level'] == STARTING else status['level']]),

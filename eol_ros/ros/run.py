@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from eol_ros import compiled
+from eol_ros import compiled, thread_faults
 from eol_ros import scene as scenes
 from eol_ros.errors import EolError, UsageError, warning_line
 from eol_ros.folders import state_path
@@ -27,6 +27,7 @@ from eol_ros.ros.session import NO_LOG_FILES
 from eol_ros.streams.graph import IMAGE_SOURCES, NODES
 
 LOOK_S = 0.2  # how often to look for timers that were put off
+END_S = 5  # a process whose thread has failed closes its devices in this time, or is ended
 
 
 def runner(node_class: Any) -> Callable[..., int]:
@@ -92,15 +93,20 @@ def _explained(error: Exception) -> EolError:
     ours = Path(__file__).parent
     callback = next((f for f in frames if Path(f.filename).parent != ours), frames[-1])
     place = f'{Path(frames[-1].filename).name}:{frames[-1].lineno}'
-    log = f'in {state_path() / "eol.log"}' if HEALTH_FD in os.environ else 'above'
     what = ' '.join(f'{type(error).__name__}: {error}'.split())
-    return EolError(f'{callback.name}() failed with {what} ({place}); its traceback is {log}')
+    return EolError(f'{callback.name}() failed with {what} ({place}); its traceback is {_log()}')
+
+
+def _log() -> str:
+    """Return in words where the traceback of a fault is."""
+    return f'in {state_path() / "eol.log"}' if HEALTH_FD in os.environ else 'above'
 
 
 def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int:
     stop = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda n, _frame: stop.append(n))
+    thread_faults.install(_log(), lambda: faulthandler.dump_traceback_later(END_S, exit=True))
     images = bool(set(IMAGE_SOURCES) & set(names))
     if scene.domain is not None:
         os.environ['ROS_DOMAIN_ID'] = str(scene.domain)
@@ -140,6 +146,7 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
             executor.add_node(node)
         look_s = 0.0
         while not stop:
+            thread_faults.check()
             try:
                 executor.spin_once(timeout_sec=LOOK_S)
             except EolError:

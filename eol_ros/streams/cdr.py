@@ -380,7 +380,12 @@ def encode(type_name: str, definition: str, values: Mapping[str, Any]) -> bytes:
 
 
 def stamp_ns(raw: bytes) -> int:
-    """Return the stamp of a message that begins with a std_msgs/Header, in nanoseconds."""
+    """Return the stamp of a message that begins with a std_msgs/Header, in nanoseconds.
+
+    0, as of a message without a time, where it is too short to have one.
+    """
+    if len(raw) < HEADER + TIME.itemsize:
+        return 0
     seconds, nanoseconds = struct.unpack_from('<iI', raw, HEADER)
     return int(seconds * NS + nanoseconds)
 

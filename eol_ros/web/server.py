@@ -18,6 +18,7 @@ from typing import Any, Protocol
 
 from aiohttp import web, web_response
 
+from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.streams.requests import Asked
 from eol_ros.web import certificate, guard
@@ -90,6 +91,7 @@ class WebServer:
         self._thread = threading.Thread(target=self._run, name='web', daemon=True)
         self._ready = threading.Event()
         self._failure: BaseException | None = None
+        self.rounds = Rounds()
 
     @property
     def address(self) -> str:
@@ -129,10 +131,13 @@ class WebServer:
             self._loop.run_until_complete(self._serve())
         except BaseException as error:
             self._failure = error
+            if self._ready.is_set():  # it has served: the process ends with it
+                raise
             if not isinstance(error, EolError):
                 self.say(f'web server: {error!r}')
         finally:
             self._ready.set()
+            self.rounds.rest()
             self._loop.close()
 
     async def _serve(self) -> None:
@@ -157,8 +162,11 @@ class WebServer:
         if self._tls:
             ticking.append(self._loop.create_task(self._renew(self._tls)))
         self._ready.set()
-        await self._stopping.wait()
+        stopping = self._loop.create_task(self._stopping.wait())
+        await asyncio.wait([stopping, *ticking], return_when=asyncio.FIRST_COMPLETED)
         for task in ticking:
+            if task.done():
+                task.result()  # raises what has ended it
             task.cancel()
         server.close()
         await self.routes.close()
@@ -167,6 +175,7 @@ class WebServer:
     async def _tick(self) -> None:
         """Tell all viewers that we live, and how old what they look at is."""
         while True:
+            self.rounds.done()
             await asyncio.sleep(TICK_S)
             if self.hub.viewers:
                 tick = {'t': 'tick', 'now': time.time(), 'viewers': len(self.hub.viewers)}

@@ -58,6 +58,15 @@ def play(bag, topics=(POINTS,), **options):
     return clock, player
 
 
+def test_a_message_too_short_for_a_stamp_is_played_like_any_other(tmp_path):
+    writer = write_bag(tmp_path / 'run', 10)
+    writer.write(POINTS, b'\0\1\0\0', T0 + 200_000_000, T0 + 200_000_000, 11)
+    writer.close()
+    clock, player = play(BagReader(tmp_path / 'run'), stamped=[POINTS])
+    player.run()
+    assert [m.sequence for _, m in clock.given] == list(range(1, 12))
+
+
 @pytest.mark.parametrize('rate', [0.5, 1.0, 4.0])
 def test_messages_come_at_their_time(bag, rate):
     clock, player = play(bag, rate=rate)

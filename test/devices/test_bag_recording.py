@@ -330,3 +330,44 @@ def test_an_earlier_bag_is_repaired_at_the_start(tmp_path):
     assert recording.repaired == ['old_0.mcap.part: 110 messages saved']
     recording.close()
     assert (tmp_path / 'old' / 'old_0.mcap').exists()
+
+
+def test_a_message_too_short_for_a_stamp_is_recorded_as_it_came_and_counted(tmp_path):
+    recording = start(tmp_path, rhythm=['/eol/point'])
+    short = [b'', b'\0\1\0\0', b'\0\1\0\0' + b'x' * 7]
+    for k, data in enumerate(short):
+        recording.take(Item('/eol/point', data, T0 + k, T0, k + 1))
+    feed(recording, 10, first=3)
+    wait_until(lambda: recording.message_count == 13)  # the thread lives
+    recording.close()
+    bag = BagReader(recording.folder)
+    assert [m.data for m in bag.messages()][:3] == short and bag.counts['/eol/point'] == 13
+    assert json.loads(bag.gaps['without_stamp']) == {'/eol/point': 3}
+    assert not recording.dropped and not recording.lost
+
+
+def test_a_fault_of_the_writing_thread_ends_the_bag_and_counts_what_it_leaves(
+    tmp_path, monkeypatch
+):
+    import threading
+
+    ended, begin = [], threading.Event()
+    monkeypatch.setattr(threading, 'excepthook', lambda what: ended.append(what.exc_value))
+
+    def broken(recording, entry=None):
+        begin.wait()
+        if entry is not None and recording.message_count == 5:
+            raise RuntimeError('broken')
+        step(recording, entry)
+
+    step = Recording._step
+    monkeypatch.setattr(Recording, '_step', broken)
+    recording = start(tmp_path)
+    feed(recording, 20)
+    begin.set()
+    recording._thread.join(20.0)
+    recording.close()
+    assert [str(error) for error in ended] == ['broken']
+    bag = BagReader(recording.folder)
+    assert bag.counts['/eol/point'] == 5 and not bag.cut_short
+    assert json.loads(bag.gaps['dropped_in_recorder']) == {'/eol/point': 15}

@@ -19,6 +19,7 @@ from eol_ros.devices.audio.outputs import find, portaudio, reason, rescan
 from eol_ros.devices.audio.wav_sink import WavSink
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.carrier_thread import aside, carrier_thread
+from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.streams.said import clauses, said
 
@@ -154,7 +155,7 @@ class Player:
         self._retry_s = 0.0
         self.output: Card | WavSink = self._first()
         atexit.register(self.close, 0.0)  # no thread may render when the interpreter goes
-        self._stop = threading.Event()
+        self._stop, self.watching = threading.Event(), Rounds()
         # One that is put aside while it has Python's lock holds up those who bring triggers.
         self._watcher = carrier_thread('sound watch', self._watch)
         self._watcher.start()
@@ -238,6 +239,7 @@ class Player:
         seen, moved_s = -1, time.monotonic()
         looked_s = moved_s
         while not self._stop.wait(WATCH_S):
+            self.watching.done()
             now_s = time.monotonic()
             frame = int(self.mixer.state['frame'][0])
             if frame != seen or now_s - looked_s > 3 * WATCH_S:  # or nobody ran, not even this
@@ -250,6 +252,7 @@ class Player:
                     aside(self._lost)
             elif self.device != 'wav' and now_s > self._retry_s:
                 aside(self._look)
+        self.watching.rest()
 
     def _lost(self) -> None:
         card = self.output

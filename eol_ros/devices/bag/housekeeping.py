@@ -10,6 +10,7 @@ from pathlib import Path
 
 from eol_ros.devices.bag.recover import Breather, NoRoom, Repaired, Stopped, repair_all
 from eol_ros.devices.bag.retention import MARGIN_BYTES, Folder, Limits, enforce
+from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import EolError
 from eol_ros.settings import RecorderSettings
 
@@ -37,8 +38,9 @@ class Housekeeper(threading.Thread):
     ):
         super().__init__(name='bag-housekeeper', daemon=True)
         self._root, self._settings, self._say = root, settings, say
-        self._begin, self._stopped = begin, stop
-        self._breathe = Breather(stop, busy=busy)
+        self._begin, self._stopped, self._recording_busy = begin, stop, busy
+        self.rounds = Rounds()
+        self._breathe = Breather(stop, busy=self._busy)
         self._folder = Folder(root, images, writing, self._breathe)
         self._told = ''
 
@@ -53,9 +55,16 @@ class Housekeeper(threading.Thread):
             while not self._stopped.is_set():
                 self._round(self._repair)
                 self._round(self._retain)
-                self._stopped.wait(ROUND_S)
+                with self.rounds.waiting():
+                    self._stopped.wait(ROUND_S)
+            self.rounds.rest()
+
+    def _busy(self) -> bool:
+        self.rounds.done()
+        return self._recording_busy()
 
     def _round(self, work: Callable[[], None]) -> None:
+        self.rounds.done()
         self._breathe.begin()
         try:
             work()

@@ -94,8 +94,8 @@ class BagPlayer:
         self._lock = threading.Lock()
         self._delay_ns = 0  # from the stamp of the last stamped message to its recording
         first = next(iter(bag.messages(self._stamped or self._topics, self._first_ns)), None)
-        if first is not None and self._stamped:
-            self._delay_ns = _sent_ns(first) - stamp_ns(first.data)
+        if first is not None and self._stamped and (stamp := stamp_ns(first.data)):
+            self._delay_ns = _sent_ns(first) - stamp
         start_ns = (_sent_ns(first) if first else self._first_ns) - self._delay_ns
         self._start = start_ns - LEAD_NS, self._delay_ns
         self._pace = Pace(clock(), start_ns - LEAD_NS, 0.0, start_ns)
@@ -137,8 +137,8 @@ class BagPlayer:
         self._stand(begin_ns, STAND_S if self.rounds else 0.0)
         due_ns = begin_ns
         for message in self._bag.messages(self._topics, self._first_ns):
-            if message.topic in self._stamped:
-                self._delay_ns = _sent_ns(message) - stamp_ns(message.data)
+            if message.topic in self._stamped and (stamp := stamp_ns(message.data)):
+                self._delay_ns = _sent_ns(message) - stamp
             wish_ns = _sent_ns(message) - self._delay_ns
             if wish_ns < due_ns - BACK_NS:
                 self._stand(wish_ns - LEAD_NS, STAND_S)

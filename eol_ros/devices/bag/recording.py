@@ -37,6 +37,7 @@ from eol_ros.devices.bag.selection import (
     StampGaps,
 )
 from eol_ros.devices.bag.writer import BagExists, BagWriter
+from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.settings import RecorderSettings
 from eol_ros.streams.cdr import stamp_ns
@@ -98,10 +99,12 @@ class Recording:
         self._thinned = frozenset(thinned)
         self._gaps = Gaps()
         self._unwritten: Counter[str] = Counter()  # for which there was no disk
+        self._unstamped: Counter[str] = Counter()  # recorded as they came: too short for a stamp
         self._ring = AroundSlips(settings.before_s, settings.after_s)
         self._limiter = RateLimiter(settings.display_period_s)
         self._queue = Backlog(QUEUE_BYTES, images, MOST_BYTES)
         self._written = 0  # messages of bags already closed
+        self.rounds = Rounds()  # of the writing thread; one ends when its bytes are written
         self._ready = threading.Condition()
         self._closing = False
         self._stop, self._kept = threading.Event(), threading.Event()
@@ -195,6 +198,10 @@ class Recording:
         """Whether `images_max_gb` of raw images were kept today, and no more will be."""
         return self._budget_spent
 
+    def housekeeping(self) -> int | None:
+        """Return the rounds that the care for earlier bags has completed; None: nothing is due."""
+        return self._housekeeper.rounds() if self._threaded else None
+
     def gaps(self) -> dict[str, str]:
         """Return what was lost, per topic, as it goes into the metadata of the bag."""
         counts: dict[str, Mapping[str, float]] = {
@@ -206,11 +213,23 @@ class Recording:
         if self._images in self._rhythm:  # those that are known to be lost were taken
             missing = self._rhythm[self._images].missing - self._gaps.lost[self._images]
             counts['stamp_gaps'] = {**counts['stamp_gaps'], self._images: max(missing, 0)}
+        if self._unstamped:
+            counts['without_stamp'] = dict(self._unstamped)
         if self.time_jump_s:
             counts['time_jump_s'] = {'system clock': self.time_jump_s}
         return {name: json.dumps(value, sort_keys=True) for name, value in counts.items()}
 
     def _run(self) -> None:
+        try:
+            self._write_all()
+        finally:
+            with self._ready:  # empty but after a fault
+                while entry := self._queue.pop():
+                    self._lose(entry)
+            self._finish()
+            self.rounds.rest()
+
+    def _write_all(self) -> None:
         while True:
             with self._ready:
                 if not self._queue and not self._closing:
@@ -218,9 +237,17 @@ class Recording:
                     self._ready.wait(max(0.0, due_s - self._clock()))
                 entry = self._queue.pop()
                 if entry is None and self._closing:
-                    break
-            self._step(entry)
-        self._finish()
+                    return
+            try:
+                self._step(entry)
+            except BaseException:
+                self._lose(entry)
+                raise
+            self.rounds.done()
+
+    def _lose(self, entry: Waiting | None) -> None:
+        if entry and isinstance(entry.item, Item):
+            self._unwritten[entry.item.topic] += 1
 
     def _step(self, entry: Waiting | None = None) -> None:
         """Write what has waited, and do what is due."""
@@ -334,7 +361,10 @@ class Recording:
             head = item.data
             self._gaps.take(item.topic, item.sequence)
         if item.topic in self._rhythm:
-            self._rhythm[item.topic].take(stamp_ns(head))
+            if stamp := stamp_ns(head):
+                self._rhythm[item.topic].take(stamp)
+            else:
+                self._unstamped[item.topic] += 1
 
     def _selected(self, item: Item | Slipping) -> Iterator[Item]:
         """Yield what is to be written now that `item` has come."""

@@ -23,6 +23,7 @@ from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.board.ports import find_port
 from eol_ros.devices.carrier_thread import carrier_thread
+from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import DeviceMissing
 from eol_ros.streams.said import clauses, said
 
@@ -100,6 +101,7 @@ class Board:
         self._configuration: list[protocol.Message] = []
         self._asked: dict[int, float] = {}
         self._stop = threading.Event()
+        self.rounds = Rounds()
         self._thread = carrier_thread('board', self._run)
 
     def start(self) -> None:
@@ -192,7 +194,7 @@ class Board:
             kind = 'lost'
             try:
                 self._talk()
-                return
+                return self.rounds.rest()
             except DeviceMissing as error:
                 kind, text = 'looking', str(error)
             except VersionRefused as error:
@@ -200,10 +202,12 @@ class Board:
             except OSError as error:
                 text = _why(self._port, error)
             if self._stop.is_set():
-                return
+                break
             pause_s = self._backoff.failed()
             self._set_state(kind, f'{text}; trying again in {pause_s:.0f} s')
-            self._stop.wait(pause_s)
+            with self.rounds.waiting():
+                self._stop.wait(pause_s)
+        self.rounds.rest()
 
     def _talk(self) -> None:
         """Open the port and serve it until it fails (OSError) or `close` is called (returns)."""
@@ -305,6 +309,7 @@ class Board:
         while not self._stop.is_set():
             left = until - time.monotonic()
             ready, _, _ = select.select([self._fd], [], [], max(0.0, min(left, 0.2)))
+            self.rounds.done()
             if ready:
                 data = os.read(self._fd, READ_BYTES)
                 if not data:

@@ -29,6 +29,7 @@ from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.light.bridge import Bridge
 from eol_ros.devices.carrier_thread import carrier_thread
+from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import UsageError
 from eol_ros.streams.said import said
 
@@ -109,6 +110,7 @@ class FakeBoard:
         self._decoder = protocol.Decoder()
         self._wake_read, self._wake_write = os.pipe()
         self._stop = threading.Event()
+        self.rounds = Rounds()
         self._thread = carrier_thread('fake', self._run)
 
     def start(self) -> 'FakeBoard':
@@ -260,6 +262,7 @@ class FakeBoard:
 
     def _run(self) -> None:
         while not self._stop.is_set():
+            self.rounds.done()
             fds = self._fds
             watched = [self._wake_read] + ([fds[0]] if fds else [])
             try:
@@ -274,6 +277,7 @@ class FakeBoard:
             now_ns = time.time_ns()
             for received in self._decoder.feed(data):
                 self._take(received, now_ns)
+        self.rounds.rest()
 
     def _take(self, received: protocol.Received, now_ns: int) -> None:
         message = received.message

@@ -24,6 +24,7 @@ from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.light.bridge import Bridge
 from eol_ros.devices.board.fake import Arrival, FakeBoard, latency_s, obey
 from eol_ros.devices.carrier_thread import carrier_thread
+from eol_ros.devices.rounds import Rounds
 from eol_ros.streams.graph import NAMESPACE
 
 KNOCK = struct.Struct('<qBff?f')  # of Felt
@@ -220,6 +221,7 @@ class TwinBoard:
             socket_pair=True,
         ).start()
         self._stop = threading.Event()
+        self.rounds = Rounds()
         self._thread = carrier_thread('radio', self._listen)
         self._thread.start()
 
@@ -236,6 +238,7 @@ class TwinBoard:
         while not self._stop.is_set():
             left_s = waiting[0][0] - time.monotonic() if waiting else BEACON_S
             ready, _, _ = select.select([self._radio], [], [], min(max(left_s, 0.0), BEACON_S))
+            self.rounds.done()
             while ready and (packet := _received(self._radio)):
                 if len(packet) == KNOCK.size:
                     knock = Felt(*KNOCK.unpack(packet))
@@ -250,6 +253,7 @@ class TwinBoard:
                 beacon_s = time.monotonic()
                 for message in list(self._told.values()):
                     self._tell(message)
+        self.rounds.rest()
 
     def _on_message(self, message: protocol.Message) -> None:
         if isinstance(message, protocol.Lighting | protocol.Detector):

@@ -17,6 +17,7 @@ import numpy as np
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.camera.sources import Live, Picture, VideoFile
 from eol_ros.devices.carrier_thread import carrier_thread
+from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.streams.said import clauses, said
 
@@ -66,6 +67,7 @@ class Camera:
         self._room = threading.Condition()
         self._stop = threading.Event()
         self._at_end = False
+        self.reading, self.handing_over = Rounds(), Rounds()
         self._threads = [
             carrier_thread(name, run)
             for name, run in (('reader', self._read), ('hand-over', self._hand_over))
@@ -123,14 +125,17 @@ class Camera:
                     pause_s = self._backoff.failed()
                     kind = 'wrong' if isinstance(error, ConfigError) else 'lost'
                     self._set_state(kind, f'{error}; trying again in {pause_s:.0f} s')
-                    self._stop.wait(pause_s)
+                    with self.reading.waiting():
+                        self._stop.wait(pause_s)
         finally:
+            self.reading.rest()
             self.source.close()
 
     def _read_all(self) -> bool:
         """Read until the camera fails (raises), or the file ends, or `close` is called (True)."""
         while not self._stop.is_set():
             picture = self.source.read()
+            self.reading.done()
             if picture is not None:
                 self._offer(picture)
                 continue
@@ -153,6 +158,7 @@ class Camera:
                 self._waiting.clear()
             while len(self._waiting) >= AHEAD and not self._stop.is_set():
                 self._room.wait(0.5)
+                self.reading.done()
             self._waiting.append(picture)
             self._room.notify_all()
 
@@ -172,17 +178,20 @@ class Camera:
         while not self._stop.is_set():
             period_s = 1 / (self.source.fps or 60.0)
             patience_s = WATCHDOG_IMAGES * period_s
-            picture = self._take(patience_s if self.source.live else max(patience_s, 0.5))
+            with self.handing_over.waiting():
+                picture = self._take(patience_s if self.source.live else max(patience_s, 0.5))
             if picture is None and self._at_end and not self._waiting:
                 self._tell('ended', said('ended', '{name} is at its end', name=self.source.name))
-                return
+                return self.handing_over.rest()
             if picture is None:
                 self._miss()
                 continue
             if picture.monotonic_ns is None:
                 stamp_ns, go_ns = pace.next(time.monotonic_ns(), time.time_ns())
-                if self._stop.wait(max(0, go_ns - time.monotonic_ns()) / NS):
-                    return
+                with self.handing_over.waiting():
+                    self._stop.wait(max(0, go_ns - time.monotonic_ns()) / NS)
+                if self._stop.is_set():
+                    break
                 self.late_ms = max(0.0, (time.time_ns() - stamp_ns) / 1e6)
             else:
                 stamp_ns = time.time_ns() - time.monotonic_ns() + picture.monotonic_ns
@@ -190,6 +199,7 @@ class Camera:
                 self._streams()
             self._deliver(stamp_ns, picture.image)
             self.delivered += 1
+        self.handing_over.rest()
 
     def _miss(self) -> None:
         if self.state.kind == 'streaming' and self.delivered:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 from eol_ros.devices.carrier_thread import carrier_thread
+from eol_ros.devices.rounds import Rounds
 
 NS = 1_000_000_000
 SPARE_NS = 2_000_000
@@ -61,6 +62,7 @@ class VirtualCamera:
         self._expose, self._deliver, self._move = expose, deliver, move
         self._clock = clock or SystemClock()
         self._stop = threading.Event()
+        self.rounds = Rounds()
         self._thread = carrier_thread('camera', self._run)
         self._thread.start()
 
@@ -74,10 +76,12 @@ class VirtualCamera:
             self._loop()
         except Exception as error:
             self.fault = error
+        self.rounds.rest()
 
     def _wait_until(self, at_ns: int) -> bool:
         left_ns = at_ns - self._clock.monotonic_ns()
-        return left_ns > 0 and self._clock.wait(self._stop, left_ns / NS)
+        with self.rounds.waiting():
+            return left_ns > 0 and self._clock.wait(self._stop, left_ns / NS)
 
     def _loop(self) -> None:
         clock, period_ns = self._clock, NS / self._rate_hz

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """JPEG copies of the images, packed in a thread so that nothing waits for them."""
 
+import contextlib
 import queue
 import threading
 from collections.abc import Callable
 
 import cv2
 import numpy as np
+
+from eol_ros.devices.rounds import Rounds
 
 QUALITY = 80
 SCALE = 0.5  # of the image: noise averages out, and an image takes a sixth of the bytes
@@ -23,7 +26,8 @@ class Preview:
         self._give = give
         self._next_ns = 0
         self._waiting: queue.Queue = queue.Queue(maxsize=1)
-        self._thread = threading.Thread(target=self._pack, daemon=True)
+        self.rounds = Rounds()
+        self._thread = threading.Thread(target=self._pack, name='preview', daemon=True)
         self._thread.start()
 
     def due(self, stamp_ns: int, rate_hz: float) -> bool:
@@ -40,11 +44,16 @@ class Preview:
 
     def close(self) -> None:
         """End the thread."""
-        self._waiting.put(None)
+        with contextlib.suppress(queue.Full):  # it stands still, or is gone
+            self._waiting.put(None, timeout=1.0)
         self._thread.join(timeout=2.0)
 
     def _pack(self) -> None:
-        while (item := self._waiting.get()) is not None:
+        while True:
+            with self.rounds.waiting():
+                item = self._waiting.get()
+            if item is None:
+                return self.rounds.rest()
             stamp_ns, image = item
             small = cv2.resize(image, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_AREA)
             done, jpeg = cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])

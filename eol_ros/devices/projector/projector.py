@@ -19,6 +19,7 @@ from eol_ros.devices.projector.pjlink import (
     faults,
     lamp_hours,
 )
+from eol_ros.devices.rounds import Rounds
 
 OBEYS_S = 240.0  # a lamp may take so long to cool down or to warm up
 OK, WARN, ERROR = range(3)
@@ -59,6 +60,7 @@ class Projector:
         self._on, self._since_s = on, clock()
         self._change, self._ended = threading.Event(), False
         self._thread: threading.Thread | None = None
+        self.rounds = Rounds()
 
     def start(self, poll_s: float) -> None:
         """Ask it every `poll_s` seconds from now on, and at once when it should change."""
@@ -136,6 +138,9 @@ class Projector:
 
     def _run(self, poll_s: float) -> None:
         while not self._ended:
+            self.rounds.done()
             self._change.clear()
             self.look()
+            self.rounds.rest()
             self._change.wait(poll_s)
+        self.rounds.rest()
